@@ -1,0 +1,10 @@
+//! Sizes that both sides rely on.
+
+/// Most joints of an arm.
+pub const MAX_JOINTS: usize = 8;
+/// Fixed frames of the longest chain: one before every joint and one to the tool.
+pub const MAX_FRAMES: usize = MAX_JOINTS + 1;
+/// Inputs of the Gaussian process: the joints and the payload.
+pub const MAX_INPUTS: usize = MAX_JOINTS + 1;
+/// Outputs of the task-space Gaussian process: a twist (v, ω).
+pub const OUTPUTS: usize = 6;
