@@ -10,7 +10,10 @@
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
 
+pub mod blob;
+pub mod frame;
 pub mod limits;
+pub mod link;
 
 use serde::{Deserialize, Serialize};
 

@@ -10,11 +10,18 @@
 //!
 //! This crate owns every formula: the trainer fits *by calling it* in `f64`, the device evaluates the very same source
 //! in `f32`. It promises: no heap, no panic, no unsafe code, no unbounded loop, no NaN out; bit-identical results on
-//! every target; an answer for every input, with a [`Status`](model::Status) that says what it is worth. It refuses:
+//! every target; an answer for every input, with a [`Status`](status::Status) that says what it is worth. It refuses:
 //! serialisation (that is `poegp-protocol`), platform mathematics, and units other than radians, metres and kilograms.
 #![no_std]
 #![deny(unsafe_code)]
 #![warn(missing_docs)]
 
+pub mod kernel;
+pub mod load_error;
+pub mod model;
+pub mod poe;
+pub mod posterior;
 pub mod scalar;
 pub mod se3;
+pub mod service;
+pub mod status;

@@ -154,13 +154,21 @@ impl Scalar for f32 {
         let r = ((self - turns * 1.570_312_5) - turns * 4.837_513e-4) - turns * 7.549_79e-8;
         let z = r * r;
         let sin = r + r * z * (-1.666_665_5e-1 + z * (8.332_161e-3 + z * -1.951_529_6e-4));
-        let cos = 1.0 - 0.5 * z + z * z * (4.166_664_6e-2 + z * (-1.388_731_6e-3 + z * 2.443_315_7e-5));
+        let cos =
+            1.0 - 0.5 * z + z * z * (4.166_664_6e-2 + z * (-1.388_731_6e-3 + z * 2.443_315_7e-5));
         let quadrant = shifted.to_bits();
-        let (s, c) = if quadrant & 1 == 0 { (sin, cos) } else { (cos, sin) };
+        let (s, c) = if quadrant & 1 == 0 {
+            (sin, cos)
+        } else {
+            (cos, sin)
+        };
         // The signs as bit operations: quadrants 2, 3 negate the sine, quadrants 1, 2 the cosine.
         let sin_sign = (quadrant & 2) << 30;
         let cos_sign = (quadrant.wrapping_add(1) & 2) << 30;
-        (f32::from_bits(s.to_bits() ^ sin_sign), f32::from_bits(c.to_bits() ^ cos_sign))
+        (
+            f32::from_bits(s.to_bits() ^ sin_sign),
+            f32::from_bits(c.to_bits() ^ cos_sign),
+        )
     }
 
     /// Magic-number rounding, degree-5 minimax polynomial on the fraction, integer addition to the exponent. Clamped at
@@ -175,8 +183,8 @@ impl Scalar for f32 {
         const LOWEST: i32 = ROUND.to_bits() as i32 - 125;
         let shifted = self + ROUND;
         let fraction = self - (shifted - ROUND);
-        let polynomial =
-            1.0 + fraction * (C1 + fraction * (C2 + fraction * (C3 + fraction * (C4 + fraction * C5))));
+        let polynomial = 1.0
+            + fraction * (C1 + fraction * (C2 + fraction * (C3 + fraction * (C4 + fraction * C5))));
         // The low nine bits of ROUND are zero: shifting by 23 leaves the integer alone in the exponent field.
         let bits = shifted.to_bits() as i32;
         let exponent = (if bits < LOWEST { LOWEST } else { bits }) as u32;

@@ -36,7 +36,11 @@ pub type Matrix6<T> = [[T; 6]; 6];
 /// a × b.
 #[inline(always)]
 pub fn cross<T: Scalar>(a: &Vector3<T>, b: &Vector3<T>) -> Vector3<T> {
-    Vector3::new(a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+    Vector3::new(
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    )
 }
 
 /// a · b, summed from the first component.
@@ -76,7 +80,8 @@ pub fn rotate<T: Scalar>(r: &Matrix3<T>, v: &Vector3<T>) -> Vector3<T> {
 /// A·B, each element summed from the first term.
 #[inline(always)]
 pub fn product<T: Scalar>(a: &Matrix3<T>, b: &Matrix3<T>) -> Matrix3<T> {
-    let element = |i: usize, j: usize| a[(i, 0)] * b[(0, j)] + a[(i, 1)] * b[(1, j)] + a[(i, 2)] * b[(2, j)];
+    let element =
+        |i: usize, j: usize| a[(i, 0)] * b[(0, j)] + a[(i, 1)] * b[(1, j)] + a[(i, 2)] * b[(2, j)];
     Matrix3::new(
         element(0, 0),
         element(0, 1),
@@ -150,7 +155,11 @@ impl<T: Scalar> Coefficients<T> {
         let (sin, _) = theta.sin_cos();
         let (sin_half, _) = (theta * T::from_f64(0.5)).sin_cos();
         let a = sin / theta;
-        Self { a, b: T::from_f64(2.0) * sin_half * sin_half / theta_squared, c: (T::ONE - a) / theta_squared }
+        Self {
+            a,
+            b: T::from_f64(2.0) * sin_half * sin_half / theta_squared,
+            c: (T::ONE - a) / theta_squared,
+        }
     }
 }
 
@@ -178,7 +187,10 @@ impl<T: Scalar> Pose<T> {
     /// The identity.
     pub fn identity() -> Self {
         let (i, o) = (T::ONE, T::ZERO);
-        Self { rotation: Matrix3::new(i, o, o, o, i, o, o, o, i), translation: Vector3::new(o, o, o) }
+        Self {
+            rotation: Matrix3::new(i, o, o, o, i, o, o, o, i),
+            translation: Vector3::new(o, o, o),
+        }
     }
 
     /// Exp: se(3) → SE(3), e^{ξ̂} of the paper.
@@ -198,22 +210,37 @@ impl<T: Scalar> Pose<T> {
         let (w, v) = self.quaternion();
         let sine = dot(&v, &v).sqrt();
         // θ = 2 atan2(|v|, w); the ratio θ/|v| tends to 2/w as |v| → 0.
-        let ratio = if sine > T::from_f64(1e-30) { T::from_f64(2.0) * sine.atan2(w) / sine } else { T::from_f64(2.0) / w };
+        let ratio = if sine > T::from_f64(1e-30) {
+            T::from_f64(2.0) * sine.atan2(w) / sine
+        } else {
+            T::from_f64(2.0) / w
+        };
         let angular = scale(ratio, &v);
-        Twist { linear: rotate(&inverse_left_jacobian_so3(&angular), &self.translation), angular }
+        Twist {
+            linear: rotate(&inverse_left_jacobian_so3(&angular), &self.translation),
+            angular,
+        }
     }
 
     /// The unit quaternion (w, (x, y, z)) of the rotation, w ≥ 0.
     pub fn quaternion(&self) -> (T, Vector3<T>) {
         let r = &self.rotation;
-        let (one, half) = (T::ONE, T::from_f64(0.5));
+        let one = T::ONE;
         // Four times the squared components; the largest is at least one.
         let w = one + r[(0, 0)] + r[(1, 1)] + r[(2, 2)];
         let x = one + r[(0, 0)] - r[(1, 1)] - r[(2, 2)];
         let y = one - r[(0, 0)] + r[(1, 1)] - r[(2, 2)];
         let z = one - r[(0, 0)] - r[(1, 1)] + r[(2, 2)];
-        let (a, b, c) = (r[(2, 1)] - r[(1, 2)], r[(0, 2)] - r[(2, 0)], r[(1, 0)] - r[(0, 1)]);
-        let (xy, xz, yz) = (r[(0, 1)] + r[(1, 0)], r[(0, 2)] + r[(2, 0)], r[(1, 2)] + r[(2, 1)]);
+        let (a, b, c) = (
+            r[(2, 1)] - r[(1, 2)],
+            r[(0, 2)] - r[(2, 0)],
+            r[(1, 0)] - r[(0, 1)],
+        );
+        let (xy, xz, yz) = (
+            r[(0, 1)] + r[(1, 0)],
+            r[(0, 2)] + r[(2, 0)],
+            r[(1, 2)] + r[(2, 1)],
+        );
         let (w, v) = if w >= x && w >= y && w >= z {
             (w, Vector3::new(a, b, c))
         } else if x >= y && x >= z {
@@ -226,7 +253,6 @@ impl<T: Scalar> Pose<T> {
         // Proportional to the quaternion: normalise, with the sign that makes w positive.
         let norm = (w * w + dot(&v, &v)).sqrt();
         let factor = if w < T::ZERO { -one / norm } else { one / norm };
-        let _ = half;
         (w * factor, scale(factor, &v))
     }
 
@@ -235,14 +261,20 @@ impl<T: Scalar> Pose<T> {
         let norm = (w * w + dot(v, v)).sqrt();
         let (w, v) = (w / norm, scale(T::ONE / norm, v));
         let two = T::from_f64(2.0);
-        Self { rotation: polynomial_of_skew(&v, two * w, two), translation }
+        Self {
+            rotation: polynomial_of_skew(&v, two * w, two),
+            translation,
+        }
     }
 
     /// T⁻¹.
     pub fn inverse(&self) -> Self {
         let rotation = self.rotation.transpose();
         let t = rotate(&rotation, &self.translation);
-        Self { rotation, translation: Vector3::new(-t[0], -t[1], -t[2]) }
+        Self {
+            rotation,
+            translation: Vector3::new(-t[0], -t[1], -t[2]),
+        }
     }
 
     /// Ad_T = [[R, [p]R], [0, R]], 6×6: `adjoint(T)·ξ` is the twist ξ seen from the other frame.
@@ -254,7 +286,10 @@ impl<T: Scalar> Pose<T> {
     /// Ad_T ξ without forming the matrix.
     pub fn transform_twist(&self, twist: &Twist<T>) -> Twist<T> {
         let angular = rotate(&self.rotation, &twist.angular);
-        let linear = add(&rotate(&self.rotation, &twist.linear), &cross(&self.translation, &angular));
+        let linear = add(
+            &rotate(&self.rotation, &twist.linear),
+            &cross(&self.translation, &angular),
+        );
         Twist { linear, angular }
     }
 
@@ -278,7 +313,10 @@ impl<T: Scalar> Pose<T> {
         let (wp, wv) = (cross(omega, p), cross(omega, v));
         let (wwp, wwv) = (cross(omega, &wp), cross(omega, &wv));
         let step = |i: usize| (k.a * wp[i] + k.b * wwp[i]) + (v[i] + (k.b * wv[i] + k.c * wwv[i]));
-        Self { rotation, translation: Vector3::new(p[0] + step(0), p[1] + step(1), p[2] + step(2)) }
+        Self {
+            rotation,
+            translation: Vector3::new(p[0] + step(0), p[1] + step(1), p[2] + step(2)),
+        }
     }
 
     /// All twelve numbers, row by row: three of the rotation, then the translation's.
@@ -343,7 +381,10 @@ impl<T: Scalar> Twist<T> {
     /// From (v, ω).
     #[inline(always)]
     pub fn from_array(a: &[T; 6]) -> Self {
-        Self { linear: Vector3::new(a[0], a[1], a[2]), angular: Vector3::new(a[3], a[4], a[5]) }
+        Self {
+            linear: Vector3::new(a[0], a[1], a[2]),
+            angular: Vector3::new(a[3], a[4], a[5]),
+        }
     }
 
     /// (v, ω).
@@ -356,7 +397,10 @@ impl<T: Scalar> Twist<T> {
     /// The same motion with its linear part taken at `point` (axes unchanged): v + ω × point.
     #[inline(always)]
     pub fn at_point(&self, point: &Vector3<T>) -> Self {
-        Self { linear: add(&self.linear, &cross(&self.angular, point)), angular: self.angular }
+        Self {
+            linear: add(&self.linear, &cross(&self.angular, point)),
+            angular: self.angular,
+        }
     }
 }
 
@@ -370,10 +414,9 @@ pub fn left_jacobian_so3<T: Scalar>(omega: &Vector3<T>) -> Matrix3<T> {
 pub fn inverse_left_jacobian_so3<T: Scalar>(omega: &Vector3<T>) -> Matrix3<T> {
     let theta_squared = dot(omega, omega);
     let k = Coefficients::new(theta_squared);
-    // d = (1 − a/(2b))/θ² = ((b/2 − c) + … )/…; written with the differences that do not cancel: b − a/2 = θ²·(…).
-    // b − a/2 = Σ_{k≥1} (−1)^{k+1} z^k · k/(2k+2)! · …; the series below is (2b − a)/z.
+    // d = (1 − a/2b)/θ² = (2b − a)/θ² / 2b.
     let difference = if theta_squared <= T::from_f64(4.0) {
-        // 2b − a = Σ (−1)^k z^k (2/(2k+2)! − 1/(2k+1)!) = Σ (−1)^{k+1} z^k 2k/(2k+2)!, its first term is zero.
+        // 2b − a = Σ (−1)^(k+1) z^k 2k/(2k+2)!, whose first term is zero; divided by z it does not cancel.
         alternating_series(theta_squared, 4, |k| (2 * k + 2) as f64)
     } else {
         (k.b + k.b - k.a) / theta_squared
@@ -389,7 +432,10 @@ pub fn left_jacobian<T: Scalar>(twist: &Twist<T>) -> Matrix6<T> {
     let k = Coefficients::new(z);
     let (second, third) = if z <= T::from_f64(4.0) {
         // (θ² + 2 cos θ − 2)/(2θ⁴) = Σ (−1)^k z^k/(2k+4)!; (2θ − 3 sin θ + θ cos θ)/(2θ⁵) = Σ (−1)^k z^k (k+1)/(2k+5)!.
-        (alternating_series(z, 4, |_| 1.0), alternating_series(z, 5, |k| (k + 1) as f64))
+        (
+            alternating_series(z, 4, |_| 1.0),
+            alternating_series(z, 5, |k| (k + 1) as f64),
+        )
     } else {
         let half = T::from_f64(0.5);
         let second = (half - k.b) / z;
@@ -415,7 +461,11 @@ pub fn left_jacobian<T: Scalar>(twist: &Twist<T>) -> Matrix6<T> {
 }
 
 /// [[upper_left, upper_right], [0, lower_right]].
-fn blocks<T: Scalar>(upper_left: &Matrix3<T>, upper_right: &Matrix3<T>, lower_right: &Matrix3<T>) -> Matrix6<T> {
+fn blocks<T: Scalar>(
+    upper_left: &Matrix3<T>,
+    upper_right: &Matrix3<T>,
+    lower_right: &Matrix3<T>,
+) -> Matrix6<T> {
     let mut out = [[T::ZERO; 6]; 6];
     for i in 0..3 {
         for j in 0..3 {

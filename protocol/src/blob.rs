@@ -1,0 +1,383 @@
+//! The model blob: a calibrated arm at rest.
+//!
+//! ```text
+//!  offset  size  field
+//!  ------  ----  -----------------------------------------------------------------
+//!       0     8  magic, the ASCII letters "POEGPARM"
+//!       8     2  format version, u16, little endian
+//!      10     2  reserved, 0
+//!      12     4  length n of the payload in bytes, u32, little endian
+//!      16     4  CRC-32C (Castagnoli) of bytes 0..16 and the payload, little endian
+//!      20     n  payload: the postcard encoding of [`Blob`]
+//! ```
+//!
+//! Whoever reads a blob learns by name what is wrong with it: [`decode`] refuses a foreign file, another version, a
+//! length that does not fit, any changed bit and any byte too few or too many. It does *not* judge the numbers: that is
+//! the checked constructor of the runtime. `docs/blob-format.md` has a worked example in hex.
+//!
+//! What the device would have to precompute is stored ready made: frames are exponentiated, inputs scaled by their
+//! reciprocal length scales, the constant and linear parts of the kernel collapsed into an affine map. All numbers of
+//! the cyclic path are `f32`; the transform to the instrument's frame is `f64`, because the host applies it.
+
+use crc::{CRC_32_ISCSI, Crc};
+use heapless::Vec;
+use serde::{Deserialize, Serialize};
+
+use crate::JointKind;
+use crate::limits::{MAX_FRAMES, MAX_INPUTS, MAX_JOINTS, OUTPUTS};
+
+/// First bytes of every blob.
+pub const MAGIC: [u8; 8] = *b"POEGPARM";
+/// The format that this version writes.
+pub const FORMAT_VERSION: u16 = 1;
+/// Bytes before the payload.
+pub const HEADER_LENGTH: usize = 20;
+/// Most bytes that the payload takes beside the support rows; generous (the largest seen is below 1.6 kB).
+pub const MAX_LENGTH_WITHOUT_ROWS: usize = 2_560;
+
+/// CRC-32C, the checksum of blobs and of link frames.
+pub const CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISCSI);
+
+/// A rigid transform as a 3×4 matrix [R | t], row by row; metres.
+pub type Transform<N> = [N; 12];
+
+/// A calibrated arm. Borrowed from the bytes it was decoded from.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Blob<'a> {
+    /// Which arm this is.
+    #[serde(borrow)]
+    pub robot: Robot<'a>,
+    /// What the numbers are measured in.
+    pub units: Units,
+    /// Where the model comes from.
+    #[serde(borrow)]
+    pub provenance: Provenance<'a>,
+    /// Inputs that the training data covered.
+    pub ranges: Ranges,
+    /// The chain, before and after calibration.
+    pub geometry: Geometry,
+    /// What geometry does not explain.
+    #[serde(borrow)]
+    pub correction: Correction<'a>,
+}
+
+/// Which arm this is.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Robot<'a> {
+    /// Name of the robot model.
+    pub name: &'a str,
+    /// Serial number of this very arm; empty when nobody gave one.
+    pub serial_number: &'a str,
+    /// The controller's joints, base first.
+    pub joints: Vec<Joint, MAX_JOINTS>,
+    /// q_serial = C q, n×n row by row; empty for the identity.
+    pub coupling: Vec<f32, { MAX_JOINTS * MAX_JOINTS }>,
+}
+
+/// One joint of the controller.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Joint {
+    /// Revolute (radians) or prismatic (metres).
+    pub kind: JointKind,
+    /// Mechanical limits, rad or m; absent when the joint turns without end.
+    pub limits: Option<(f32, f32)>,
+}
+
+/// Units of everything in the blob, spelled out so that a reader need not guess.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Units {
+    /// Unit of angles.
+    pub angle: AngleUnit,
+    /// Unit of lengths.
+    pub length: LengthUnit,
+    /// Unit of the payload.
+    pub mass: MassUnit,
+}
+
+impl Units {
+    /// Radian, metre, kilogram: the only units there are.
+    pub const SI: Self = Self {
+        angle: AngleUnit::Radian,
+        length: LengthUnit::Metre,
+        mass: MassUnit::Kilogram,
+    };
+}
+
+/// Unit of angles.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum AngleUnit {
+    /// rad.
+    Radian,
+}
+
+/// Unit of lengths.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum LengthUnit {
+    /// m.
+    Metre,
+}
+
+/// Unit of masses.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum MassUnit {
+    /// kg.
+    Kilogram,
+}
+
+/// Where the model comes from.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Provenance<'a> {
+    /// Name of the calibration method, as given to `--model`.
+    pub model: &'a str,
+    /// Version of the trainer.
+    pub trainer_version: &'a str,
+    /// Day of the calibration, ISO 8601 (`2026-11-20`), UTC.
+    pub date: &'a str,
+    /// SHA-256 of the measurement file.
+    pub data_sha256: [u8; 32],
+    /// Poses that were trained on.
+    pub training_poses: u32,
+}
+
+/// Inputs that the training data covered. Outside them the status says so.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Ranges {
+    /// Smallest and largest value of each of the controller's joints, rad or m.
+    pub joints: Vec<(f32, f32), MAX_JOINTS>,
+    /// Lightest and heaviest payload in kg; absent when the model does not know the payload.
+    pub payload_kg: Option<(f32, f32)>,
+}
+
+/// The chain, before and after calibration: n + 1 frames each, every joint about or along the z axis of its frame.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Geometry {
+    /// `parent_from_joint` of the calibrated chain, e^p̂_i of the paper, already exponentiated. The first starts at the
+    /// base of the base-tool calibration, the last ends at the target.
+    pub calibrated: Vec<Transform<f32>, MAX_FRAMES>,
+    /// The same for the nominal chain with the target of the base-tool calibration.
+    pub nominal: Vec<Transform<f32>, MAX_FRAMES>,
+    /// `instrument_from_base` of the base-tool calibration.
+    pub instrument_from_base: Transform<f64>,
+    /// `flange_from_target` of the base-tool calibration.
+    pub flange_from_target: Transform<f64>,
+}
+
+/// What geometry does not explain.
+// The variants differ in size and nothing can be boxed: there is no heap.
+#[allow(clippy::large_enum_variant)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Correction<'a> {
+    /// Nothing: the model is the chain alone.
+    None,
+    /// The paper's Gaussian process on the residual twist in the base frame (eq. 4–13).
+    #[serde(borrow)]
+    TaskSpace(TaskSpace<'a>),
+}
+
+/// The posterior mean of the paper's Gaussian process, ready to evaluate:
+///
+/// g_c(x) = affine_c · (1, x) + Σ_j weight_jc · 2^(−rate_c · |scale∘x − u_j|²), c = 1…6 in the order (v, ω).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TaskSpace<'a> {
+    /// The correction is scaled back to these.
+    pub bound: CorrectionBound,
+    /// θ₀, θ₁, θ₂, θ₃, noise variance as fitted: one entry when shared, else one for each output. For the reader only.
+    pub hyperparameters: Vec<[f32; 5], OUTPUTS>,
+    /// RMS of each output before scaling, m and rad. For the reader only: it is in the weights.
+    pub output_scale: [f32; OUTPUTS],
+    /// Reciprocal length scale of each input, √(θ₁ log₂e / 2) when shared; its length is the number of inputs D:
+    /// the joints, then the payload if the model knows it.
+    pub input_scale: Vec<f32, MAX_INPUTS>,
+    /// Exponent rate of each output; absent when shared (all 1).
+    pub rates: Option<[f32; OUTPUTS]>,
+    /// Constant and linear part of the posterior mean of each output: first the constant, then D slopes.
+    pub affine: [Vec<f32, { MAX_INPUTS + 1 }>; OUTPUTS],
+    /// Support rows, `f32` little endian, 4·(D + 6) bytes each: D scaled inputs u_j, then six weights.
+    pub rows: &'a [u8],
+}
+
+/// The largest correction that is believed.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CorrectionBound {
+    /// Displacement of the target in metres.
+    pub position_m: f32,
+    /// Rotation in radians.
+    pub angle_rad: f32,
+}
+
+/// Why bytes are not a blob.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum DecodeError {
+    /// Fewer bytes than the header, or than it announces.
+    Truncated {
+        /// Bytes needed.
+        expected: u32,
+        /// Bytes there.
+        found: u32,
+    },
+    /// The first eight bytes are not [`MAGIC`].
+    WrongMagic,
+    /// Written in a format that this version does not know.
+    UnknownVersion {
+        /// Version of the blob.
+        found: u16,
+        /// Newest version that can be read.
+        supported: u16,
+    },
+    /// The reserved bytes are not zero.
+    ReservedBitsSet,
+    /// More bytes than the header announces.
+    TrailingBytes {
+        /// Bytes announced.
+        expected: u32,
+        /// Bytes there.
+        found: u32,
+    },
+    /// Some bit has changed.
+    CrcMismatch {
+        /// CRC that the header has.
+        stored: u32,
+        /// CRC of the bytes.
+        computed: u32,
+    },
+    /// The checksum is right and the payload is not: written by another program.
+    MalformedPayload,
+}
+
+impl core::fmt::Display for DecodeError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::Truncated { expected, found } => {
+                write!(
+                    f,
+                    "blob is truncated: {found} bytes, at least {expected} expected"
+                )
+            }
+            Self::WrongMagic => write!(f, "not a model blob (it does not begin with POEGPARM)"),
+            Self::UnknownVersion { found, supported } => {
+                write!(
+                    f,
+                    "blob format version {found}; this version reads 1 to {supported}"
+                )
+            }
+            Self::ReservedBitsSet => {
+                write!(f, "blob header is damaged (reserved bytes are not zero)")
+            }
+            Self::TrailingBytes { expected, found } => {
+                write!(
+                    f,
+                    "blob has {found} bytes where its header announces {expected}"
+                )
+            }
+            Self::CrcMismatch { stored, computed } => {
+                write!(
+                    f,
+                    "blob is damaged: CRC {computed:08x}, its header says {stored:08x}"
+                )
+            }
+            Self::MalformedPayload => write!(
+                f,
+                "blob has an intact checksum and a payload that cannot be read"
+            ),
+        }
+    }
+}
+
+impl core::error::Error for DecodeError {}
+
+/// The buffer given to [`encode`] is too small.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BufferTooSmall;
+
+impl core::fmt::Display for BufferTooSmall {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        write!(f, "the buffer is too small for the encoded value")
+    }
+}
+
+impl core::error::Error for BufferTooSmall {}
+
+/// The CRC that the header of a blob stores: over the header before it and the payload.
+pub fn blob_crc(header: &[u8], payload: &[u8]) -> u32 {
+    let mut digest = CRC.digest();
+    digest.update(header);
+    digest.update(payload);
+    digest.finalize()
+}
+
+/// Writes `blob` with its envelope to the front of `buffer` and returns the bytes used.
+///
+/// # Errors
+/// [`BufferTooSmall`].
+pub fn encode<'b>(blob: &Blob<'_>, buffer: &'b mut [u8]) -> Result<&'b [u8], BufferTooSmall> {
+    let (header, payload) = buffer
+        .split_at_mut_checked(HEADER_LENGTH)
+        .ok_or(BufferTooSmall)?;
+    let length = postcard::to_slice(blob, payload)
+        .map_err(|_| BufferTooSmall)?
+        .len();
+    let payload = payload.get(..length).ok_or(BufferTooSmall)?;
+    let stored_length = u32::try_from(length).map_err(|_| BufferTooSmall)?;
+    let (before_crc, crc) = header.split_at_mut_checked(16).ok_or(BufferTooSmall)?;
+    let fields = MAGIC
+        .into_iter()
+        .chain(FORMAT_VERSION.to_le_bytes())
+        .chain([0, 0])
+        .chain(stored_length.to_le_bytes());
+    for (byte, field) in before_crc.iter_mut().zip(fields) {
+        *byte = field;
+    }
+    crc.copy_from_slice(&blob_crc(before_crc, payload).to_le_bytes());
+    buffer.get(..HEADER_LENGTH + length).ok_or(BufferTooSmall)
+}
+
+/// The CRC in the header of `bytes`, which identifies a blob; `None` when there is no header.
+pub fn stored_crc(bytes: &[u8]) -> Option<u32> {
+    bytes.get(16..20)?.try_into().ok().map(u32::from_le_bytes)
+}
+
+/// The blob in `bytes`, which must hold it exactly.
+///
+/// # Errors
+/// [`DecodeError`], in the order of its variants: length of the header, magic, version, length, CRC, payload.
+pub fn decode(bytes: &[u8]) -> Result<Blob<'_>, DecodeError> {
+    let found = bytes.len() as u32;
+    let (header, payload) =
+        bytes
+            .split_first_chunk::<HEADER_LENGTH>()
+            .ok_or(DecodeError::Truncated {
+                expected: HEADER_LENGTH as u32,
+                found,
+            })?;
+    let (before_crc, _) = header.split_at(16);
+    if !header.starts_with(&MAGIC) {
+        return Err(DecodeError::WrongMagic);
+    }
+    let field = |at: usize| u32::from(header[at]) | u32::from(header[at + 1]) << 8;
+    let version = field(8) as u16;
+    if version != FORMAT_VERSION {
+        return Err(DecodeError::UnknownVersion {
+            found: version,
+            supported: FORMAT_VERSION,
+        });
+    }
+    if field(10) != 0 {
+        return Err(DecodeError::ReservedBitsSet);
+    }
+    let length = field(12) | field(14) << 16;
+    let expected = length.saturating_add(HEADER_LENGTH as u32);
+    match expected.cmp(&found) {
+        core::cmp::Ordering::Greater => return Err(DecodeError::Truncated { expected, found }),
+        core::cmp::Ordering::Less => return Err(DecodeError::TrailingBytes { expected, found }),
+        core::cmp::Ordering::Equal => {}
+    }
+    let stored = field(16) | field(18) << 16;
+    let computed = blob_crc(before_crc, payload);
+    if stored != computed {
+        return Err(DecodeError::CrcMismatch { stored, computed });
+    }
+    match postcard::take_from_bytes(payload) {
+        Ok((blob, [])) => Ok(blob),
+        _ => Err(DecodeError::MalformedPayload),
+    }
+}

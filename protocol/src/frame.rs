@@ -1,0 +1,181 @@
+//! How one message travels over a serial line.
+//!
+//! ```text
+//!  COBS of:                                                                then
+//!  +---------+--------------+------------------------+--------------+     +------+
+//!  | version | sequence     | message                | CRC-32C      |     | 0x00 |
+//!  | u8      | u16 LE       | postcard               | u32 LE       |     |      |
+//!  +---------+--------------+------------------------+--------------+     +------+
+//! ```
+//!
+//! COBS leaves no zero byte inside a frame, so the zero ends it and a receiver that lost its place finds it again at
+//! the next one. The CRC is over everything before it. An answer repeats the sequence number of its request.
+
+use serde::{Deserialize, Serialize};
+
+use crate::blob::{BufferTooSmall, CRC};
+use crate::link::{MAX_PIECE, PROTOCOL_VERSION};
+
+/// Bytes of a frame beside its message, before COBS: version, sequence number, CRC.
+pub const OVERHEAD: usize = 7;
+/// Most bytes of a frame, COBS and the final zero included.
+pub const MAX_FRAME: usize = {
+    let raw = MAX_PIECE + 16 + OVERHEAD;
+    raw + raw / 254 + 2
+};
+
+/// Why bytes are not a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FrameError {
+    /// COBS or CRC are wrong: damaged on the way.
+    Damaged,
+    /// Another protocol version; the sequence number is that of the frame.
+    Version {
+        /// Version of the frame.
+        found: u8,
+        /// Sequence number of the frame.
+        sequence: u16,
+    },
+    /// An intact frame with a message that cannot be read.
+    UnknownMessage {
+        /// Sequence number of the frame.
+        sequence: u16,
+    },
+}
+
+impl core::fmt::Display for FrameError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::Damaged => write!(f, "the frame was damaged on the way"),
+            Self::Version { found, .. } => {
+                write!(
+                    f,
+                    "the peer speaks link protocol version {found}, this side version {PROTOCOL_VERSION}"
+                )
+            }
+            Self::UnknownMessage { .. } => {
+                write!(f, "an intact frame holds a message that is not known")
+            }
+        }
+    }
+}
+
+impl core::error::Error for FrameError {}
+
+/// Writes one frame, its final zero included, to the front of `out` and returns the bytes used. `scratch` holds the
+/// frame before COBS; both need [`MAX_FRAME`] bytes for the longest message.
+///
+/// # Errors
+/// [`BufferTooSmall`].
+pub fn encode<'b, M: Serialize>(
+    sequence: u16,
+    message: &M,
+    scratch: &mut [u8],
+    out: &'b mut [u8],
+) -> Result<&'b [u8], BufferTooSmall> {
+    let (header, rest) = scratch.split_at_mut_checked(3).ok_or(BufferTooSmall)?;
+    let [low, high] = sequence.to_le_bytes();
+    header.copy_from_slice(&[PROTOCOL_VERSION, low, high]);
+    let length = 3 + postcard::to_slice(message, rest)
+        .map_err(|_| BufferTooSmall)?
+        .len();
+    let (body, tail) = scratch.split_at_mut_checked(length).ok_or(BufferTooSmall)?;
+    tail.get_mut(..4)
+        .ok_or(BufferTooSmall)?
+        .copy_from_slice(&CRC.checksum(body).to_le_bytes());
+    let raw = scratch.get(..length + 4).ok_or(BufferTooSmall)?;
+    let used = cobs::try_encode(raw, out).map_err(|_| BufferTooSmall)?;
+    *out.get_mut(used).ok_or(BufferTooSmall)? = 0;
+    out.get(..=used).ok_or(BufferTooSmall)
+}
+
+/// The sequence number and message of a frame; `frame` is without its final zero and is decoded in place.
+///
+/// # Errors
+/// [`FrameError`].
+pub fn decode<'b, M: Deserialize<'b>>(frame: &'b mut [u8]) -> Result<(u16, M), FrameError> {
+    let length = cobs::decode_in_place(frame).map_err(|_| FrameError::Damaged)?;
+    let raw: &'b [u8] = frame.get(..length).ok_or(FrameError::Damaged)?;
+    let split = length.checked_sub(4).ok_or(FrameError::Damaged)?;
+    let (body, crc) = raw.split_at_checked(split).ok_or(FrameError::Damaged)?;
+    if crc != CRC.checksum(body).to_le_bytes() {
+        return Err(FrameError::Damaged);
+    }
+    let [version, low, high, message @ ..] = body else {
+        return Err(FrameError::Damaged);
+    };
+    let sequence = u16::from_le_bytes([*low, *high]);
+    if *version != PROTOCOL_VERSION {
+        return Err(FrameError::Version {
+            found: *version,
+            sequence,
+        });
+    }
+    match postcard::take_from_bytes(message) {
+        Ok((message, [])) => Ok((sequence, message)),
+        _ => Err(FrameError::UnknownMessage { sequence }),
+    }
+}
+
+/// Collects the bytes of one frame as they arrive.
+#[derive(Debug)]
+pub struct Receiver {
+    buffer: heapless::Vec<u8, MAX_FRAME>,
+    overrun: bool,
+}
+
+/// What a byte did to a [`Receiver`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Received {
+    /// Nothing is complete yet.
+    More,
+    /// A frame is complete: decode [`Receiver::frame`], then call [`Receiver::clear`].
+    Frame,
+    /// A frame longer than any that is sent: dropped.
+    TooLong,
+}
+
+impl Default for Receiver {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Receiver {
+    /// Empty.
+    pub const fn new() -> Self {
+        Self {
+            buffer: heapless::Vec::new(),
+            overrun: false,
+        }
+    }
+
+    /// Takes one byte from the line.
+    pub fn push(&mut self, byte: u8) -> Received {
+        if byte != 0 {
+            self.overrun |= self.buffer.push(byte).is_err();
+            return Received::More;
+        }
+        if self.overrun {
+            self.clear();
+            return Received::TooLong;
+        }
+        // A lone zero separates nothing: senders may put one in front to end what came before.
+        if self.buffer.is_empty() {
+            Received::More
+        } else {
+            Received::Frame
+        }
+    }
+
+    /// The bytes of the complete frame, without the final zero.
+    pub fn frame(&mut self) -> &mut [u8] {
+        &mut self.buffer
+    }
+
+    /// Forgets the frame.
+    pub fn clear(&mut self) {
+        self.buffer.clear();
+        self.overrun = false;
+    }
+}

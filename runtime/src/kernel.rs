@@ -1,0 +1,59 @@
+//! The paper's kernel (eq. 5): θ₀ exp(−θ₁ |x − x′|²/2) + θ₂ + θ₃ xᵀx′.
+//!
+//! Split in two, because a posterior mean needs only the exponential for each support point: constant and linear part
+//! collapse to an affine map ([`crate::posterior`]).
+
+use crate::scalar::Scalar;
+
+/// log₂ e.
+pub const LOG2_E: f64 = core::f64::consts::LOG2_E;
+
+/// Hyperparameters θ₀ … θ₃ of the quadratic kernel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct QuadraticKernel<T> {
+    /// θ₀, signal variance of the exponential part.
+    pub signal_variance: T,
+    /// θ₁ = 1/ℓ², reciprocal of the squared length scale.
+    pub inverse_squared_lengthscale: T,
+    /// θ₂, variance of the constant.
+    pub constant_variance: T,
+    /// θ₃, variance of the slopes.
+    pub linear_variance: T,
+}
+
+/// |a − b|², summed from the first component.
+#[inline(always)]
+pub fn squared_distance<T: Scalar>(a: &[T], b: &[T]) -> T {
+    let mut sum = T::ZERO;
+    for (x, y) in a.iter().zip(b) {
+        let d = *x - *y;
+        sum += d * d;
+    }
+    sum
+}
+
+/// aᵀb, summed from the first component.
+#[inline(always)]
+pub fn inner_product<T: Scalar>(a: &[T], b: &[T]) -> T {
+    let mut sum = T::ZERO;
+    for (x, y) in a.iter().zip(b) {
+        sum += *x * *y;
+    }
+    sum
+}
+
+impl<T: Scalar> QuadraticKernel<T> {
+    /// exp(−θ₁ d²/2) for the squared distance d².
+    #[inline(always)]
+    pub fn correlation(&self, squared_distance: T) -> T {
+        (-(self.inverse_squared_lengthscale * T::from_f64(0.5 * LOG2_E) * squared_distance)).exp2()
+    }
+
+    /// k(x, x′) from |x − x′|² and xᵀx′.
+    #[inline(always)]
+    pub fn value(&self, squared_distance: T, inner_product: T) -> T {
+        self.signal_variance * self.correlation(squared_distance)
+            + self.constant_variance
+            + self.linear_variance * inner_product
+    }
+}

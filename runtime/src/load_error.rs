@@ -1,0 +1,97 @@
+//! Why an intact blob is not a model that a robot may be moved by.
+
+use core::fmt;
+
+/// Why a blob was refused. The model is what it was before.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LoadError {
+    /// No joints, too many, or not one frame more than joints.
+    Chain,
+    /// A fixed frame is not a rigid transform of at most 100 m.
+    Frame {
+        /// Which one, from the base.
+        index: u8,
+    },
+    /// The coupling matrix is not n×n, or an element is not within ±2.
+    Coupling,
+    /// A lower joint limit above the upper one, or NaN.
+    JointLimits,
+    /// A training range is missing, reversed or without bounds.
+    Ranges,
+    /// The correction has another number of inputs than joints and payload make.
+    Inputs {
+        /// Inputs of the correction.
+        found: u8,
+        /// Joints, and one more if the payload is known.
+        expected: u8,
+    },
+    /// A scale, rate or coefficient of the kernel is not usable.
+    Kernel,
+    /// The bound on the correction is negative, above 1 m or 0.5 rad, or NaN.
+    Bound,
+    /// The bytes of the support are not whole rows.
+    PartialRow {
+        /// Bytes there.
+        bytes: u32,
+    },
+    /// More support than fits.
+    SupportTooLarge {
+        /// Words of the blob.
+        words: u32,
+        /// Words that fit.
+        capacity: u32,
+    },
+    /// A number of the support is not finite, or an input beyond ±200 length scales.
+    Row,
+}
+
+impl LoadError {
+    /// The explicit number of the error on the wire. Append-only.
+    pub const fn code(self) -> u8 {
+        match self {
+            Self::Chain => 1,
+            Self::Frame { .. } => 2,
+            Self::Coupling => 3,
+            Self::JointLimits => 4,
+            Self::Ranges => 5,
+            Self::Inputs { .. } => 6,
+            Self::Kernel => 7,
+            Self::Bound => 8,
+            Self::PartialRow { .. } => 9,
+            Self::SupportTooLarge { .. } => 10,
+            Self::Row => 11,
+        }
+    }
+}
+
+impl fmt::Display for LoadError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Chain => {
+                f.write_str("the chain has no joints, too many, or the wrong number of frames")
+            }
+            Self::Frame { index } => write!(f, "frame {index} is not a rigid transform"),
+            Self::Coupling => f.write_str("the joint coupling is not a usable n×n matrix"),
+            Self::JointLimits => f.write_str("joint limits are reversed"),
+            Self::Ranges => f.write_str("a training range is missing, reversed or unbounded"),
+            Self::Inputs { found, expected } => {
+                write!(
+                    f,
+                    "the correction has {found} inputs, joints and payload make {expected}"
+                )
+            }
+            Self::Kernel => f.write_str("a coefficient of the kernel is not usable"),
+            Self::Bound => f.write_str("the bound on the correction is not usable"),
+            Self::PartialRow { bytes } => write!(f, "{bytes} bytes of support are not whole rows"),
+            Self::SupportTooLarge { words, capacity } => {
+                write!(
+                    f,
+                    "the support has {words} words, there is room for {capacity}"
+                )
+            }
+            Self::Row => f.write_str("a number of the support is not usable"),
+        }
+    }
+}
+
+impl core::error::Error for LoadError {}

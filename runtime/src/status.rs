@@ -1,0 +1,81 @@
+//! What an evaluation is worth.
+
+use core::fmt;
+
+/// A set of remarks on one evaluation; empty means that the answer is fully trusted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Status(u8);
+
+/// Remark bits and their names, as they appear in files and on the wire. Append-only.
+const NAMES: [(Status, &str); 5] = [
+    (Status::OUTSIDE_JOINT_RANGE, "outside-joint-range"),
+    (Status::OUTSIDE_PAYLOAD_RANGE, "outside-payload-range"),
+    (Status::CORRECTION_BOUNDED, "correction-bounded"),
+    (Status::NO_MODEL, "no-model"),
+    (Status::BAD_INPUT, "bad-input"),
+];
+
+impl Status {
+    /// Everything as trained.
+    pub const OK: Self = Self(0);
+    /// Some joint is outside the range that was trained; the correction is an extrapolation.
+    pub const OUTSIDE_JOINT_RANGE: Self = Self(1);
+    /// The payload is outside the range that was trained.
+    pub const OUTSIDE_PAYLOAD_RANGE: Self = Self(2);
+    /// The correction exceeded the bound of the blob and was scaled back to it.
+    pub const CORRECTION_BOUNDED: Self = Self(4);
+    /// There is no model: the pose is the identity.
+    pub const NO_MODEL: Self = Self(8);
+    /// Wrong number of joints, a number that is not finite, or one beyond all reason: nothing was corrected.
+    pub const BAD_INPUT: Self = Self(16);
+
+    /// From the bits of [`Status::bits`]; unknown bits are kept.
+    pub const fn from_bits(bits: u8) -> Self {
+        Self(bits)
+    }
+
+    /// The bits, as sent over the link.
+    pub const fn bits(self) -> u8 {
+        self.0
+    }
+
+    /// Both sets together.
+    #[must_use]
+    pub const fn with(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+
+    /// `self`, with `other` added when `condition` holds.
+    #[must_use]
+    pub const fn with_if(self, condition: bool, other: Self) -> Self {
+        if condition { self.with(other) } else { self }
+    }
+
+    /// Whether all remarks of `other` are in `self`.
+    pub const fn contains(self, other: Self) -> bool {
+        self.0 & other.0 == other.0
+    }
+
+    /// Whether there is nothing to remark.
+    pub const fn is_ok(self) -> bool {
+        self.0 == 0
+    }
+}
+
+/// `ok`, or the names of the remarks joined by `+`.
+impl fmt::Display for Status {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.is_ok() {
+            return f.write_str("ok");
+        }
+        let mut separator = "";
+        for (status, name) in NAMES {
+            if self.contains(status) {
+                f.write_str(separator)?;
+                f.write_str(name)?;
+                separator = "+";
+            }
+        }
+        Ok(())
+    }
+}
