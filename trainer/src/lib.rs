@@ -1,6 +1,20 @@
 //! Calibrates a robot arm from tracker measurements and writes the model blob that the runtime evaluates.
+//!
+//! ```text
+//! measurements ──> robot, measurements ──> calibration (base-tool, POE) ──> gp ──> export ──> blob
+//!                                                                                     │
+//!                              statistics <── loaded (f32 runtime on the blob's bytes) <──┘
+//! ```
+//!
+//! Everything up to [`export`] is `f64`, and every formula is the runtime's. Every reported error comes from the bytes of
+//! a blob, through the `f32` runtime, as the device will have it.
 #![warn(missing_docs)]
 
 pub mod calibration;
+pub mod error;
+pub mod export;
 pub mod gp;
+pub mod loaded;
 pub mod minimize;
+pub mod robot;
+pub mod statistics;

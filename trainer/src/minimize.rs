@@ -5,7 +5,9 @@
 
 use std::convert::Infallible;
 
-use basin::{BoxBounds, ConstraintSet, Constraints, CostFunction, Executor, FirstOrderState, Gradient, Lbfgs};
+use basin::{
+    BoxBounds, ConstraintSet, Constraints, CostFunction, Executor, FirstOrderState, Gradient, Lbfgs,
+};
 
 /// A function with its gradient.
 pub trait Objective {
@@ -61,8 +63,17 @@ impl<O: Objective> Gradient for Boxed<'_, O> {
 /// The lowest point found from `start` within `bounds` (lower, upper), in at most `iterations` iterations.
 ///
 /// Deterministic. Falls back to `start` when the search cannot begin there.
-pub fn minimize<O: Objective>(objective: &O, start: &[f64], bounds: &[(f64, f64)], iterations: u64) -> Minimum {
-    let clamped: Vec<f64> = start.iter().zip(bounds).map(|(x, (lower, upper))| x.clamp(*lower, *upper)).collect();
+pub fn minimize<O: Objective>(
+    objective: &O,
+    start: &[f64],
+    bounds: &[(f64, f64)],
+    iterations: u64,
+) -> Minimum {
+    let clamped: Vec<f64> = start
+        .iter()
+        .zip(bounds)
+        .map(|(x, (lower, upper))| x.clamp(*lower, *upper))
+        .collect();
     let problem = Boxed {
         objective,
         lower: bounds.iter().map(|b| b.0).collect(),
@@ -71,10 +82,18 @@ pub fn minimize<O: Objective>(objective: &O, start: &[f64], bounds: &[(f64, f64)
     let solver = Lbfgs::new()
         .with_absolute_projected_gradient_tolerance(1e-4)
         .with_relative_cost_reduction_tolerance(1e-10);
-    let run = Executor::new(problem, solver, FirstOrderState::new(clamped.clone())).max_iter(iterations).run();
+    let run = Executor::new(problem, solver, FirstOrderState::new(clamped.clone()))
+        .max_iter(iterations)
+        .run();
     match run {
-        Ok(result) if result.cost().is_finite() => Minimum { x: result.param().clone(), value: result.cost() },
-        _ => Minimum { value: objective.value_and_gradient(&clamped).0, x: clamped },
+        Ok(result) if result.cost().is_finite() => Minimum {
+            x: result.param().clone(),
+            value: result.cost(),
+        },
+        _ => Minimum {
+            value: objective.value_and_gradient(&clamped).0,
+            x: clamped,
+        },
     }
 }
 
@@ -87,15 +106,24 @@ mod tests {
     impl Objective for Rosenbrock {
         fn value_and_gradient(&self, x: &[f64]) -> (f64, Vec<f64>) {
             let (a, b) = (1.0 - x[0], x[1] - x[0] * x[0]);
-            (a * a + 100.0 * b * b, vec![-2.0 * a - 400.0 * x[0] * b, 200.0 * b])
+            (
+                a * a + 100.0 * b * b,
+                vec![-2.0 * a - 400.0 * x[0] * b, 200.0 * b],
+            )
         }
     }
 
     #[test]
     fn finds_the_minimum_inside_and_on_the_edge_of_the_box() {
         let inside = minimize(&Rosenbrock, &[-1.2, 1.0], &[(-2.0, 2.0); 2], 200);
-        assert!((inside.x[0] - 1.0).abs() < 1e-3 && inside.value < 1e-6, "{inside:?}");
+        assert!(
+            (inside.x[0] - 1.0).abs() < 1e-3 && inside.value < 1e-6,
+            "{inside:?}"
+        );
         let edge = minimize(&Rosenbrock, &[-1.2, 1.0], &[(-2.0, 0.5), (-2.0, 2.0)], 200);
-        assert!((edge.x[0] - 0.5).abs() < 1e-6 && (edge.x[1] - 0.25).abs() < 1e-3, "{edge:?}");
+        assert!(
+            (edge.x[0] - 0.5).abs() < 1e-6 && (edge.x[1] - 0.25).abs() < 1e-3,
+            "{edge:?}"
+        );
     }
 }

@@ -15,7 +15,10 @@ use poegp_runtime::se3::Pose;
 use super::frames::{FrameFit, ResidualKind, Sample, cost, fit_frames};
 
 /// Metres and radians count alike.
-pub const UNWEIGHTED: ResidualKind = ResidualKind::ToolCentred { position_sigma: 1.0, orientation_sigma: 1.0 };
+pub const UNWEIGHTED: ResidualKind = ResidualKind::ToolCentred {
+    position_sigma: 1.0,
+    orientation_sigma: 1.0,
+};
 
 /// Where instrument and target are.
 #[derive(Clone, Copy, Debug)]
@@ -40,8 +43,14 @@ pub fn base_tool(nominal: &Poe<f64>, samples: &[Sample]) -> BaseTool {
             let (base_translation, tool_translation) = translations(samples, &flanges, &base);
             let chain = with_ends(
                 nominal,
-                &Pose { rotation: base, translation: base_translation },
-                &Pose { rotation: tool, translation: tool_translation },
+                &Pose {
+                    rotation: base,
+                    translation: base_translation,
+                },
+                &Pose {
+                    rotation: tool,
+                    translation: tool_translation,
+                },
             );
             (cost(&chain, samples, UNWEIGHTED), chain)
         })
@@ -66,7 +75,11 @@ pub fn base_tool(nominal: &Poe<f64>, samples: &[Sample]) -> BaseTool {
 }
 
 /// The chain from the instrument to the target.
-pub fn with_ends(nominal: &Poe<f64>, instrument_from_base: &Pose<f64>, flange_from_target: &Pose<f64>) -> Poe<f64> {
+pub fn with_ends(
+    nominal: &Poe<f64>,
+    instrument_from_base: &Pose<f64>,
+    flange_from_target: &Pose<f64>,
+) -> Poe<f64> {
     let mut chain = *nominal;
     let last = nominal.kinds().len();
     let frames = chain.frames_mut();
@@ -76,13 +89,19 @@ pub fn with_ends(nominal: &Poe<f64>, instrument_from_base: &Pose<f64>, flange_fr
 }
 
 /// Pairs (base, tool) of rotations to start from.
-fn candidate_rotations(samples: &[Sample], flanges: &[Pose<f64>]) -> Vec<(Matrix3<f64>, Matrix3<f64>)> {
+fn candidate_rotations(
+    samples: &[Sample],
+    flanges: &[Pose<f64>],
+) -> Vec<(Matrix3<f64>, Matrix3<f64>)> {
     let mut out = vec![closed_form(samples, flanges)];
     for tool in cube_rotations() {
         // The base that fits this tool best: the mean of M (A T)ᵀ, projected.
-        let sum = samples.iter().zip(flanges).fold(Matrix3::zeros(), |sum, (sample, flange)| {
-            sum + sample.measured.rotation * (flange.rotation * tool).transpose()
-        });
+        let sum = samples
+            .iter()
+            .zip(flanges)
+            .fold(Matrix3::zeros(), |sum, (sample, flange)| {
+                sum + sample.measured.rotation * (flange.rotation * tool).transpose()
+            });
         out.push((nearest_rotation(&sum), tool));
     }
     out
@@ -115,11 +134,18 @@ fn closed_form(samples: &[Sample], flanges: &[Pose<f64>]) -> (Matrix3<f64>, Matr
     let x = Matrix3::from_fn(|i, j| smallest(3 * i + j));
     let y = Matrix3::from_fn(|i, j| smallest(9 + 3 * i + j));
     let sign = if x.determinant() < 0.0 { -1.0 } else { 1.0 };
-    (nearest_rotation(&(x.transpose() * sign)), nearest_rotation(&(y * sign)))
+    (
+        nearest_rotation(&(x.transpose() * sign)),
+        nearest_rotation(&(y * sign)),
+    )
 }
 
 /// Translations of base and tool by linear least squares, given the base's rotation.
-fn translations(samples: &[Sample], flanges: &[Pose<f64>], base: &Matrix3<f64>) -> (Vector3<f64>, Vector3<f64>) {
+fn translations(
+    samples: &[Sample],
+    flanges: &[Pose<f64>],
+    base: &Matrix3<f64>,
+) -> (Vector3<f64>, Vector3<f64>) {
     let mut a = Mat::<f64>::zeros(3 * samples.len(), 6);
     let mut b = Mat::<f64>::zeros(3 * samples.len(), 1);
     for (k, (sample, flange)) in samples.iter().zip(flanges).enumerate() {
@@ -135,21 +161,35 @@ fn translations(samples: &[Sample], flanges: &[Pose<f64>], base: &Matrix3<f64>) 
     }
     // Column pivoting alone would let a tool that cannot be told from the base run away: a pinch of ridge does not.
     let mut ridge = Mat::<f64>::zeros(a.nrows() + 6, 6);
-    ridge.as_mut().submatrix_mut(0, 0, a.nrows(), 6).copy_from(&a);
+    ridge
+        .as_mut()
+        .submatrix_mut(0, 0, a.nrows(), 6)
+        .copy_from(&a);
     for i in 0..6 {
         ridge[(a.nrows() + i, i)] = 1e-6;
     }
     let mut rest = Mat::<f64>::zeros(a.nrows() + 6, 1);
-    rest.as_mut().submatrix_mut(0, 0, a.nrows(), 1).copy_from(&b);
+    rest.as_mut()
+        .submatrix_mut(0, 0, a.nrows(), 1)
+        .copy_from(&b);
     let x = ridge.qr().solve_lstsq(&rest);
-    (Vector3::new(x[(0, 0)], x[(1, 0)], x[(2, 0)]), Vector3::new(x[(3, 0)], x[(4, 0)], x[(5, 0)]))
+    (
+        Vector3::new(x[(0, 0)], x[(1, 0)], x[(2, 0)]),
+        Vector3::new(x[(3, 0)], x[(4, 0)], x[(5, 0)]),
+    )
 }
 
 /// The rotation nearest to a matrix (Frobenius norm).
 fn nearest_rotation(m: &Matrix3<f64>) -> Matrix3<f64> {
     let svd = m.svd(true, true);
-    let (Some(u), Some(v)) = (svd.u, svd.v_t) else { return Matrix3::identity() };
-    let sign = if (u * v).determinant() < 0.0 { -1.0 } else { 1.0 };
+    let (Some(u), Some(v)) = (svd.u, svd.v_t) else {
+        return Matrix3::identity();
+    };
+    let sign = if (u * v).determinant() < 0.0 {
+        -1.0
+    } else {
+        1.0
+    };
     u * Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, sign)) * v
 }
 

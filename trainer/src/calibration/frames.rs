@@ -59,13 +59,25 @@ const MAX_ITERATIONS: usize = 60;
 const CONVERGED: f64 = 1e-12;
 
 /// The residual of one pose, six components.
-pub fn residual_components(kind: ResidualKind, measured: &Pose<f64>, predicted: &Pose<f64>) -> [f64; 6] {
+pub fn residual_components(
+    kind: ResidualKind,
+    measured: &Pose<f64>,
+    predicted: &Pose<f64>,
+) -> [f64; 6] {
     match kind {
         ResidualKind::Space => residual(measured, predicted).to_array(),
-        ResidualKind::ToolCentred { position_sigma, orientation_sigma } => {
+        ResidualKind::ToolCentred {
+            position_sigma,
+            orientation_sigma,
+        } => {
             let mut turned = *measured * predicted.inverse();
             turned.translation = measured.translation - predicted.translation;
-            let angular = Pose { translation: nalgebra::Vector3::zeros(), ..turned }.log().angular;
+            let angular = Pose {
+                translation: nalgebra::Vector3::zeros(),
+                ..turned
+            }
+            .log()
+            .angular;
             let p = turned.translation / position_sigma;
             let r = angular / orientation_sigma;
             [p[0], p[1], p[2], r[0], r[1], r[2]]
@@ -75,24 +87,41 @@ pub fn residual_components(kind: ResidualKind, measured: &Pose<f64>, predicted: 
 
 /// The rows that [`residual_components`] has for one block of the identification Jacobian.
 fn block_rows(kind: ResidualKind, block: &Matrix6<f64>, predicted: &Pose<f64>) -> Matrix6<f64> {
-    let ResidualKind::ToolCentred { position_sigma, orientation_sigma } = kind else { return *block };
+    let ResidualKind::ToolCentred {
+        position_sigma,
+        orientation_sigma,
+    } = kind
+    else {
+        return *block;
+    };
     let mut out = [[0.0; 6]; 6];
     for column in 0..6 {
         let twist = Twist::from_array(&std::array::from_fn(|row| block[row][column]));
         let at_tool = twist.at_point(&predicted.translation).to_array();
         for row in 0..6 {
-            out[row][column] = at_tool[row] / if row < 3 { position_sigma } else { orientation_sigma };
+            out[row][column] = at_tool[row]
+                / if row < 3 {
+                    position_sigma
+                } else {
+                    orientation_sigma
+                };
         }
     }
     out
 }
 
 /// Residuals (6k) and identification Jacobian (6k × 6·free) at the chain as it is.
-pub fn linearise(poe: &Poe<f64>, samples: &[Sample], free: &[usize], kind: ResidualKind) -> (Mat<f64>, Mat<f64>) {
+pub fn linearise(
+    poe: &Poe<f64>,
+    samples: &[Sample],
+    free: &[usize],
+    kind: ResidualKind,
+) -> (Mat<f64>, Mat<f64>) {
     let mut y = Mat::zeros(6 * samples.len(), 1);
     let mut a = Mat::zeros(6 * samples.len(), 6 * free.len());
     for (k, sample) in samples.iter().enumerate() {
-        let (blocks, predicted): ([Matrix6<f64>; MAX_FRAMES], _) = poe.identification_jacobian(&sample.serial);
+        let (blocks, predicted): ([Matrix6<f64>; MAX_FRAMES], _) =
+            poe.identification_jacobian(&sample.serial);
         let components = residual_components(kind, &sample.measured, &predicted);
         for (row, component) in components.into_iter().enumerate() {
             y[(6 * k + row, 0)] = component;
@@ -111,7 +140,8 @@ pub fn linearise(poe: &Poe<f64>, samples: &[Sample], free: &[usize], kind: Resid
 
 /// Sum of squares of all residual components.
 pub fn cost(poe: &Poe<f64>, samples: &[Sample], kind: ResidualKind) -> f64 {
-    let of = |sample: &Sample| residual_components(kind, &sample.measured, &poe.forward(&sample.serial));
+    let of =
+        |sample: &Sample| residual_components(kind, &sample.measured, &poe.forward(&sample.serial));
     samples.iter().flat_map(of).map(|r| r * r).sum()
 }
 
@@ -127,23 +157,40 @@ fn updated(poe: &Poe<f64>, free: &[usize], step: &Mat<f64>) -> Poe<f64> {
 }
 
 /// Moves the `free` frames of `poe` to the least-squares fit of `samples`.
-pub fn fit_frames(poe: &mut Poe<f64>, samples: &[Sample], free: &[usize], kind: ResidualKind) -> FrameFit {
+pub fn fit_frames(
+    poe: &mut Poe<f64>,
+    samples: &[Sample],
+    free: &[usize],
+    kind: ResidualKind,
+) -> FrameFit {
     let mut current = cost(poe, samples, kind);
-    let mut report = FrameFit { iterations: 0, rms: 0.0, rank: 0, parameters: 6 * free.len() };
+    let mut report = FrameFit {
+        iterations: 0,
+        rms: 0.0,
+        rank: 0,
+        parameters: 6 * free.len(),
+    };
     let mut damping = 0.0;
     while report.iterations < MAX_ITERATIONS {
         let (y, a) = linearise(poe, samples, free, kind);
         let Ok(svd) = a.thin_svd() else { break };
         let values: Vec<f64> = svd.S().column_vector().iter().copied().collect();
         let largest = values.first().copied().unwrap_or(0.0);
-        let kept = values.iter().filter(|s| **s > RELATIVE_RANK_TOLERANCE * largest).count();
+        let kept = values
+            .iter()
+            .filter(|s| **s > RELATIVE_RANK_TOLERANCE * largest)
+            .count();
         report.rank = kept;
         let projected = svd.U().transpose() * &y;
         let mut accepted = None;
         for _ in 0..30 {
             let damped = |i: usize| {
                 let s = values[i];
-                if i < kept { s / (s * s + damping) * projected[(i, 0)] } else { 0.0 }
+                if i < kept {
+                    s / (s * s + damping) * projected[(i, 0)]
+                } else {
+                    0.0
+                }
             };
             let step = svd.V() * Mat::from_fn(values.len(), 1, |i, _| damped(i));
             let candidate = updated(poe, free, &step);
@@ -154,10 +201,16 @@ pub fn fit_frames(poe: &mut Poe<f64>, samples: &[Sample], free: &[usize], kind: 
             }
             damping = (damping * 10.0).max(1e-12 * largest * largest);
         }
-        let Some((candidate, value)) = accepted else { break };
+        let Some((candidate, value)) = accepted else {
+            break;
+        };
         report.iterations += 1;
         *poe = candidate;
-        damping = if damping < 1e-11 * largest * largest { 0.0 } else { damping * 0.1 };
+        damping = if damping < 1e-11 * largest * largest {
+            0.0
+        } else {
+            damping * 0.1
+        };
         let decrease = current - value;
         current = value;
         if decrease <= CONVERGED * current {

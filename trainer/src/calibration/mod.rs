@@ -67,7 +67,13 @@ pub struct Options {
 impl Options {
     /// The paper's settings for `method`.
     pub fn new(method: Method) -> Self {
-        Self { method, sharing: Sharing::Shared, weighted: false, max_correction_m: None, max_correction_rad: None }
+        Self {
+            method,
+            sharing: Sharing::Shared,
+            weighted: false,
+            max_correction_m: None,
+            max_correction_rad: None,
+        }
     }
 }
 
@@ -95,7 +101,9 @@ pub struct Calibration {
 #[derive(Debug, thiserror::Error)]
 pub enum CalibrationError {
     /// Not enough poses for the parameters that are to be found.
-    #[error("{found} poses: `{method}` needs at least {needed} (six equations each, {parameters} unknowns)")]
+    #[error(
+        "{found} poses: `{method}` needs at least {needed} (six equations each, {parameters} unknowns)"
+    )]
     TooFewPoses {
         /// Poses there.
         found: usize,
@@ -122,18 +130,34 @@ pub fn fewest_poses(method: Method, joints: usize) -> (usize, usize) {
         _ => 4 * joints + 6,
     };
     let poses = parameters.div_ceil(6) + 1;
-    (if method.has_gp() { poses.max(6) + 4 } else { poses }, parameters)
+    (
+        if method.has_gp() {
+            poses.max(6) + 4
+        } else {
+            poses
+        },
+        parameters,
+    )
 }
 
 /// Calibrates the nominal chain (base to flange) with samples whose poses are `instrument_from_target`.
 ///
 /// # Errors
 /// [`CalibrationError`].
-pub fn calibrate(nominal: &Poe<f64>, samples: &[Sample], options: &Options) -> Result<Calibration, CalibrationError> {
+pub fn calibrate(
+    nominal: &Poe<f64>,
+    samples: &[Sample],
+    options: &Options,
+) -> Result<Calibration, CalibrationError> {
     let method = options.method;
     let (needed, parameters) = fewest_poses(method, nominal.kinds().len());
     if samples.len() < needed {
-        return Err(CalibrationError::TooFewPoses { found: samples.len(), needed, parameters, method: method.name() });
+        return Err(CalibrationError::TooFewPoses {
+            found: samples.len(),
+            needed,
+            parameters,
+            method: method.name(),
+        });
     }
     if method == Method::PoeGpLoad && samples.iter().any(|s| s.payload_kg.is_none()) {
         return Err(CalibrationError::NoPayload);
@@ -142,10 +166,23 @@ pub fn calibrate(nominal: &Poe<f64>, samples: &[Sample], options: &Options) -> R
     let in_base = in_base_frame(samples, &base_tool.instrument_from_base);
     let nominal = with_ends(nominal, &Pose::identity(), &base_tool.flange_from_target);
     let mut calibrated = nominal;
-    let step1 = (method > Method::BaseTool).then(|| step1(&mut calibrated, &in_base, options.weighted));
-    let gp = method.has_gp().then(|| step2(&calibrated, &in_base, options)).transpose()?;
+    let step1 =
+        (method > Method::BaseTool).then(|| step1(&mut calibrated, &in_base, options.weighted));
+    let gp = method
+        .has_gp()
+        .then(|| step2(&calibrated, &in_base, options))
+        .transpose()?;
     let mean = gp.as_ref().map(TaskSpaceGp::mean);
-    let mut out = Calibration { options: *options, base_tool, nominal, calibrated, step1, gp, bound: (0.0, 0.0), mean };
+    let mut out = Calibration {
+        options: *options,
+        base_tool,
+        nominal,
+        calibrated,
+        step1,
+        gp,
+        bound: (0.0, 0.0),
+        mean,
+    };
     out.bound = out.bound_from(&in_base);
     Ok(out)
 }
@@ -153,7 +190,10 @@ pub fn calibrate(nominal: &Poe<f64>, samples: &[Sample], options: &Options) -> R
 /// The samples with their poses seen from the base.
 pub fn in_base_frame(samples: &[Sample], instrument_from_base: &Pose<f64>) -> Vec<Sample> {
     let base_from_instrument = instrument_from_base.inverse();
-    let moved = |s: &Sample| Sample { measured: base_from_instrument * s.measured, ..s.clone() };
+    let moved = |s: &Sample| Sample {
+        measured: base_from_instrument * s.measured,
+        ..s.clone()
+    };
     samples.iter().map(moved).collect()
 }
 
@@ -180,7 +220,11 @@ const NOISE_ROUNDS: usize = 4;
 fn estimated_noise(poe: &Poe<f64>, samples: &[Sample]) -> ResidualKind {
     let (mut position, mut orientation) = (0.0, 0.0);
     for sample in samples {
-        let r = residual_components(base_tool::UNWEIGHTED, &sample.measured, &poe.forward(&sample.serial));
+        let r = residual_components(
+            base_tool::UNWEIGHTED,
+            &sample.measured,
+            &poe.forward(&sample.serial),
+        );
         position += r[..3].iter().map(|x| x * x).sum::<f64>();
         orientation += r[3..].iter().map(|x| x * x).sum::<f64>();
     }
@@ -192,31 +236,47 @@ fn estimated_noise(poe: &Poe<f64>, samples: &[Sample]) -> ResidualKind {
 }
 
 /// Step 2: the process on the residual twist in the base frame (eq. 8–12).
-fn step2(poe: &Poe<f64>, samples: &[Sample], options: &Options) -> Result<TaskSpaceGp, CalibrationError> {
-    let residuals: Vec<[f64; OUTPUTS]> =
-        samples.iter().map(|s| residual(&s.measured, &poe.forward(&s.serial)).to_array()).collect();
-    let inputs = samples.iter().map(|s| options.inputs(&s.joints, s.payload_kg)).collect();
+fn step2(
+    poe: &Poe<f64>,
+    samples: &[Sample],
+    options: &Options,
+) -> Result<TaskSpaceGp, CalibrationError> {
+    let residuals: Vec<[f64; OUTPUTS]> = samples
+        .iter()
+        .map(|s| residual(&s.measured, &poe.forward(&s.serial)).to_array())
+        .collect();
+    let inputs = samples
+        .iter()
+        .map(|s| options.inputs(&s.joints, s.payload_kg))
+        .collect();
     Ok(fit(inputs, &residuals, options.sharing)?)
 }
 
 impl Options {
     /// x = [q, m] as far as the method uses it.
     pub fn inputs(&self, joints: &[f64], payload_kg: Option<f64>) -> Vec<f64> {
-        gp::input(joints, payload_kg.filter(|_| self.method == Method::PoeGpLoad))
+        gp::input(
+            joints,
+            payload_kg.filter(|_| self.method == Method::PoeGpLoad),
+        )
     }
 }
 
 impl Calibration {
     /// The correction g(q, m) before bounding: a twist of the base frame.
     pub fn correction(&self, joints: &[f64], payload_kg: Option<f64>) -> Twist<f64> {
-        let Some((header, rows)) = &self.mean else { return Twist::zero() };
+        let Some((header, rows)) = &self.mean else {
+            return Twist::zero();
+        };
         let x: [f64; MAX_INPUTS] = gp::padded(&self.options.inputs(joints, payload_kg));
         Twist::from_array(&header.mean(rows, &x, &mut |_| {}))
     }
 
     /// `base_from_target` as the f64 model has it, without bounding.
     pub fn predict(&self, sample: &Sample) -> Pose<f64> {
-        self.calibrated.forward(&sample.serial).corrected(&self.correction(&sample.joints, sample.payload_kg))
+        self.calibrated
+            .forward(&sample.serial)
+            .corrected(&self.correction(&sample.joints, sample.payload_kg))
     }
 
     /// The posterior mean as it is exported.

@@ -20,7 +20,13 @@ pub enum Sharing {
 }
 
 /// Box of θ₀, θ₁ (1/rad² and 1/kg²), θ₂, θ₃, σ_n² for outputs of unit RMS.
-const BOUNDS: [(f64, f64); 5] = [(1e-4, 1e4), (1e-4, 1e2), (1e-8, 1e4), (1e-8, 1e4), (1e-6, 1e1)];
+const BOUNDS: [(f64, f64); 5] = [
+    (1e-4, 1e4),
+    (1e-4, 1e2),
+    (1e-8, 1e4),
+    (1e-8, 1e4),
+    (1e-6, 1e1),
+];
 
 /// Starting points: a long and a short length scale.
 const STARTS: [[f64; 5]; 2] = [[1.0, 0.1, 0.1, 0.01, 0.05], [1.0, 1.0, 0.1, 0.01, 0.3]];
@@ -36,7 +42,11 @@ struct NegativeLogLikelihood<'a> {
 impl Objective for NegativeLogLikelihood<'_> {
     fn value_and_gradient(&self, x: &[f64]) -> (f64, Vec<f64>) {
         let theta: Vec<f64> = x.iter().map(|l| l.exp()).collect();
-        match log_marginal_likelihood(self.pairs, self.outputs, &Hyperparameters::from_array(&theta)) {
+        match log_marginal_likelihood(
+            self.pairs,
+            self.outputs,
+            &Hyperparameters::from_array(&theta),
+        ) {
             Ok(l) => (-l.log_likelihood, l.gradient.iter().map(|g| -g).collect()),
             Err(_) => (f64::INFINITY, vec![0.0; x.len()]),
         }

@@ -30,16 +30,25 @@ pub fn log_marginal_likelihood(
     let theta = h.to_array();
     // The exponential alone is kept: it is what the derivatives by θ₀ and θ₁ need again.
     let correlations = Mat::from_fn(n, n, |i, j| {
-        if i >= j { h.kernel.correlation(pairs.squared_distances[(i, j)]) } else { 0.0 }
+        if i >= j {
+            h.kernel.correlation(pairs.squared_distances[(i, j)])
+        } else {
+            0.0
+        }
     });
     let mut gram = Mat::zeros(n, n);
     for j in 0..n {
         for i in j..n {
-            gram[(i, j)] = theta[0] * correlations[(i, j)] + theta[2] + theta[3] * pairs.inner_products[(i, j)];
+            gram[(i, j)] = theta[0] * correlations[(i, j)]
+                + theta[2]
+                + theta[3] * pairs.inner_products[(i, j)];
         }
         gram[(j, j)] += theta[4];
     }
-    let failed = NotPositiveDefinite { points: n, noise_variance: theta[4] };
+    let failed = NotPositiveDefinite {
+        points: n,
+        noise_variance: theta[4],
+    };
     let factor = gram.llt(faer::Side::Lower).map_err(|_| failed)?;
     let weights = factor.solve(outputs);
     let inverse = factor.inverse();
@@ -51,7 +60,8 @@ pub fn log_marginal_likelihood(
     }
     let half_log_determinant: f64 = (0..n).map(|i| factor.L()[(i, i)].ln()).sum();
     let log_likelihood = -0.5 * fit
-        - columns as f64 * (half_log_determinant + 0.5 * n as f64 * (2.0 * std::f64::consts::PI).ln());
+        - columns as f64
+            * (half_log_determinant + 0.5 * n as f64 * (2.0 * std::f64::consts::PI).ln());
 
     // Σ_c w_c w_cᵀ, whose lower triangle is all that is read.
     let outer = &weights * weights.transpose();
@@ -70,5 +80,8 @@ pub fn log_marginal_likelihood(
     }
     sums[1] *= theta[0];
     let gradient = std::array::from_fn(|k| 0.5 * theta[k] * sums[k]);
-    Ok(Likelihood { log_likelihood, gradient })
+    Ok(Likelihood {
+        log_likelihood,
+        gradient,
+    })
 }

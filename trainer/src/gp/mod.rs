@@ -52,7 +52,9 @@ impl Hyperparameters {
 
 /// A Gram matrix that is not positive definite, with the hyperparameters that made it.
 #[derive(Clone, Copy, Debug, thiserror::Error)]
-#[error("the Gram matrix of {points} points is not positive definite (noise variance {noise_variance:e})")]
+#[error(
+    "the Gram matrix of {points} points is not positive definite (noise variance {noise_variance:e})"
+)]
 pub struct NotPositiveDefinite {
     /// Points.
     pub points: usize,
@@ -83,7 +85,9 @@ impl Pairs {
     pub fn gram(&self, h: &Hyperparameters) -> Mat<f64> {
         let n = self.squared_distances.nrows();
         Mat::from_fn(n, n, |i, j| {
-            let k = h.kernel.value(self.squared_distances[(i, j)], self.inner_products[(i, j)]);
+            let k = h
+                .kernel
+                .value(self.squared_distances[(i, j)], self.inner_products[(i, j)]);
             if i == j { k + h.noise_variance } else { k }
         })
     }
@@ -94,8 +98,10 @@ impl Pairs {
     /// [`NotPositiveDefinite`]; nothing is added to the diagonal behind the caller's back.
     pub fn cholesky(&self, h: &Hyperparameters) -> Result<Llt<f64>, NotPositiveDefinite> {
         let gram = self.gram(h);
-        gram.llt(Side::Lower)
-            .map_err(|_| NotPositiveDefinite { points: gram.nrows(), noise_variance: h.noise_variance })
+        gram.llt(Side::Lower).map_err(|_| NotPositiveDefinite {
+            points: gram.nrows(),
+            noise_variance: h.noise_variance,
+        })
     }
 }
 
@@ -125,7 +131,10 @@ impl TaskSpaceGp {
     ) -> Result<Self, NotPositiveDefinite> {
         let (output_scale, scaled) = scale_outputs(residuals);
         let pairs = Pairs::new(&inputs);
-        let factors = hyperparameters.iter().map(|h| pairs.cholesky(h)).collect::<Result<Vec<_>, _>>()?;
+        let factors = hyperparameters
+            .iter()
+            .map(|h| pairs.cholesky(h))
+            .collect::<Result<Vec<_>, _>>()?;
         let weights = match factors.as_slice() {
             [shared] => shared.solve(&scaled),
             own => {
@@ -136,20 +145,33 @@ impl TaskSpaceGp {
                 weights
             }
         };
-        Ok(Self { hyperparameters, output_scale, inputs, weights, factors })
+        Ok(Self {
+            hyperparameters,
+            output_scale,
+            inputs,
+            weights,
+            factors,
+        })
     }
 
     /// Hyperparameters of output `c`.
     pub fn output(&self, c: usize) -> &Hyperparameters {
-        &self.hyperparameters[if self.hyperparameters.len() == 1 { 0 } else { c }]
+        &self.hyperparameters[if self.hyperparameters.len() == 1 {
+            0
+        } else {
+            c
+        }]
     }
 
     /// The posterior mean in the form that the runtime evaluates: header and support rows.
     pub fn mean(&self) -> (MeanHeader<f64>, Vec<f64>) {
         let dimensions = self.inputs.first().map_or(0, Vec::len);
         let mut header = MeanHeader::zero(dimensions);
-        let fastest =
-            self.hyperparameters.iter().map(|h| h.kernel.inverse_squared_lengthscale).fold(0.0, f64::max);
+        let fastest = self
+            .hyperparameters
+            .iter()
+            .map(|h| h.kernel.inverse_squared_lengthscale)
+            .fold(0.0, f64::max);
         header.input_scale[..dimensions].fill(posterior::input_scale(fastest));
         if self.hyperparameters.len() == OUTPUTS {
             let rate = |c: usize| self.output(c).kernel.inverse_squared_lengthscale / fastest;
@@ -157,7 +179,11 @@ impl TaskSpaceGp {
         }
         let mut rows = Vec::with_capacity(self.inputs.len() * posterior::row_words(dimensions));
         for (j, x) in self.inputs.iter().enumerate() {
-            rows.extend(x.iter().zip(&header.input_scale).map(|(value, scale)| value * scale));
+            rows.extend(
+                x.iter()
+                    .zip(&header.input_scale)
+                    .map(|(value, scale)| value * scale),
+            );
             for c in 0..OUTPUTS {
                 let (kernel, scale) = (&self.output(c).kernel, self.output_scale[c]);
                 let weight = self.weights[(j, c)];
@@ -172,10 +198,15 @@ impl TaskSpaceGp {
     pub fn variance(&self, x: &[f64]) -> [f64; OUTPUTS] {
         let mut unit = Vec::with_capacity(self.factors.len());
         for (h, factor) in self.hyperparameters.iter().zip(&self.factors) {
-            let value = |other: &[f64]| h.kernel.value(squared_distance(x, other), inner_product(x, other));
+            let value = |other: &[f64]| {
+                h.kernel
+                    .value(squared_distance(x, other), inner_product(x, other))
+            };
             let cross = Mat::from_fn(self.inputs.len(), 1, |j, _| value(&self.inputs[j]));
             let solved = factor.solve(&cross);
-            let explained: f64 = (0..self.inputs.len()).map(|j| cross[(j, 0)] * solved[(j, 0)]).sum();
+            let explained: f64 = (0..self.inputs.len())
+                .map(|j| cross[(j, 0)] * solved[(j, 0)])
+                .sum();
             unit.push(value(x) - explained);
         }
         let of = |c: usize| unit[if unit.len() == 1 { 0 } else { c }];
@@ -188,7 +219,11 @@ pub fn scale_outputs(residuals: &[[f64; OUTPUTS]]) -> ([f64; OUTPUTS], Mat<f64>)
     let n = residuals.len();
     let scale: [f64; OUTPUTS] = std::array::from_fn(|c| {
         let mean_square = residuals.iter().map(|r| r[c] * r[c]).sum::<f64>() / n.max(1) as f64;
-        if mean_square > 0.0 { mean_square.sqrt() } else { 1.0 }
+        if mean_square > 0.0 {
+            mean_square.sqrt()
+        } else {
+            1.0
+        }
     });
     let scaled = Mat::from_fn(n, OUTPUTS, |i, c| residuals[i][c] / scale[c]);
     (scale, scaled)
