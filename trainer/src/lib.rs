@@ -11,10 +11,14 @@
 #![warn(missing_docs)]
 
 pub mod calibration;
+pub mod compare;
 pub mod error;
 pub mod export;
+pub mod folds;
 pub mod gp;
 pub mod loaded;
 pub mod minimize;
+pub mod output;
 pub mod robot;
+pub mod samples;
 pub mod statistics;
