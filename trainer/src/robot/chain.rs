@@ -152,3 +152,29 @@ pub(super) fn origin(xyz: [f64; 3], rpy: [f64; 3]) -> Pose<f64> {
         * rotation_about(1, rpy[1])
         * rotation_about(0, rpy[0])
 }
+
+/// Whether a square matrix (rows) is invertible: every pivot of Gaussian elimination above 1e-9 of its largest element.
+pub(super) fn is_invertible(matrix: &[Vec<f64>]) -> bool {
+    let mut m = matrix.to_vec();
+    let n = m.len();
+    let largest = m.iter().flatten().fold(0.0_f64, |max, x| max.max(x.abs()));
+    for column in 0..n {
+        let Some(pivot) =
+            (column..n).max_by(|i, j| m[*i][column].abs().total_cmp(&m[*j][column].abs()))
+        else {
+            return false;
+        };
+        m.swap(column, pivot);
+        let head = m[column].clone();
+        if head[column].abs() <= 1e-9 * largest {
+            return false;
+        }
+        for row in &mut m[column + 1..] {
+            let factor = row[column] / head[column];
+            for (x, h) in row.iter_mut().zip(&head) {
+                *x -= factor * h;
+            }
+        }
+    }
+    true
+}

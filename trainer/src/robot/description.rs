@@ -145,6 +145,8 @@ pub(super) fn parse(file: &Path, text: &str) -> Result<Robot, InputError> {
 
 /// A key with its unit, its factor to SI, and its value where it is given.
 type Unit<'a, T> = (&'static str, f64, &'a Option<Spanned<T>>);
+/// The unit that was chosen, with its value.
+type Given<'a, T> = (&'static str, f64, &'a Spanned<T>);
 
 const METRE: f64 = 1.0;
 const MILLIMETRE: f64 = 1e-3;
@@ -221,10 +223,7 @@ impl Reader<'_> {
     }
 
     /// The one of the `units` that is given; a second one is refused.
-    fn one_unit<'a, T>(
-        &self,
-        units: &[Unit<'a, T>],
-    ) -> Result<Option<(&'static str, f64, &'a Spanned<T>)>, InputError> {
+    fn one_unit<'a, T>(&self, units: &[Unit<'a, T>]) -> Result<Option<Given<'a, T>>, InputError> {
         let mut given = None;
         for (key, factor, value) in units {
             let Some(value) = value.as_ref() else {
@@ -473,7 +472,7 @@ impl Reader<'_> {
             .iter()
             .map(|row| row.get_ref().clone())
             .collect();
-        if !is_invertible(&matrix) {
+        if !chain::is_invertible(&matrix) {
             let expected = "an invertible matrix: every joint of the chain must be reachable";
             return Err(self.error(rows.span(), "coupling", "a singular matrix", expected));
         }
@@ -484,30 +483,4 @@ impl Reader<'_> {
         });
         Ok((!is_identity).then_some(matrix))
     }
-}
-
-/// Gaussian elimination with partial pivoting: whether every pivot is above 1e-9 of the largest element.
-fn is_invertible(matrix: &[Vec<f64>]) -> bool {
-    let mut m = matrix.to_vec();
-    let n = m.len();
-    let largest = m.iter().flatten().fold(0.0_f64, |max, x| max.max(x.abs()));
-    for column in 0..n {
-        let Some(pivot) =
-            (column..n).max_by(|i, j| m[*i][column].abs().total_cmp(&m[*j][column].abs()))
-        else {
-            return false;
-        };
-        m.swap(column, pivot);
-        let head = m[column].clone();
-        if head[column].abs() <= 1e-9 * largest {
-            return false;
-        }
-        for row in &mut m[column + 1..] {
-            let factor = row[column] / head[column];
-            for (x, h) in row.iter_mut().zip(&head) {
-                *x -= factor * h;
-            }
-        }
-    }
-    true
 }
