@@ -11,6 +11,7 @@
 #![warn(missing_docs)]
 
 pub mod calibration;
+pub mod cli;
 pub mod compare;
 pub mod error;
 pub mod export;
