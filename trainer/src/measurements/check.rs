@@ -9,7 +9,7 @@ use std::collections::HashMap;
 use poegp_protocol::JointKind;
 use poegp_runtime::se3::dot;
 
-use super::rows::first_few;
+use super::rows::rows;
 use super::{JointColumn, JointUnit, Measurement, MeasurementSet};
 use crate::error::InputError;
 use crate::robot::{Joint, Robot};
@@ -142,11 +142,10 @@ impl MeasurementSet {
         if beyond.is_empty() {
             return Ok(None);
         }
-        let count = beyond.len();
         Ok(Some(format!(
-            "joint \"{}\" is a little beyond its limits in {count} rows: lines {}",
+            "joint \"{}\" is a little beyond its limits in {}",
             joint.name,
-            first_few(&beyond)
+            rows(&beyond)
         )))
     }
 
@@ -216,19 +215,14 @@ impl MeasurementSet {
                 .map(|value| (value + 0.0).to_bits())
                 .collect();
             match seen.get(&key) {
-                Some(first) => repeats.push(format!("{} (as {first})", measurement.line)),
+                Some(first) => repeats.push(format!("{} as {first}", measurement.line)),
                 None => {
                     seen.insert(key, measurement.line);
                 }
             }
         }
-        (!repeats.is_empty()).then(|| {
-            format!(
-                "{} rows are at the joints of an earlier row: lines {}",
-                repeats.len(),
-                first_few(&repeats)
-            )
-        })
+        (!repeats.is_empty())
+            .then(|| format!("at the joints of an earlier row: {}", rows(&repeats)))
     }
 
     /// One orientation throughout, or a cell of millimetres.

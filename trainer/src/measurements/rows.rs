@@ -57,11 +57,10 @@ pub(super) fn measurements(
             .map(|m| m.line.to_string())
             .collect();
         if !missed.is_empty() {
-            let count = missed.len();
-            let list = first_few(&missed);
             notes.push(format!(
-                "reference point {} was missed in {count} rows: lines {list}",
-                point + 1
+                "reference point {} was missed in {}",
+                point + 1,
+                rows(&missed)
             ));
         }
     }
@@ -74,28 +73,29 @@ fn repeated_rows(table: &Table) -> Vec<String> {
     for (line, fields) in &table.rows {
         let row = fields.iter().collect::<Vec<_>>().join("\u{1f}");
         match seen.get(&row) {
-            Some(first) => repeats.push(format!("{line} (as {first})")),
+            Some(first) => repeats.push(format!("{line} as {first}")),
             None => {
                 seen.insert(row, *line);
             }
         }
     }
-    match repeats.len() {
-        0 => Vec::new(),
-        count => vec![format!(
-            "{count} rows repeat an earlier one to the last digit and were kept: lines {}",
-            first_few(&repeats)
-        )],
+    if repeats.is_empty() {
+        return repeats;
     }
+    vec![format!(
+        "kept, though the same to the last digit as an earlier row: {}",
+        rows(&repeats)
+    )]
 }
 
-/// The first few entries, and "…" for the rest.
-pub(super) fn first_few(entries: &[String]) -> String {
-    let mut list = entries[..entries.len().min(LISTED)].join(", ");
-    if entries.len() > LISTED {
-        list += ", …";
+/// How many rows and which: "1 row (line 4)", "9 rows (lines 83, 104, …)", the first few only.
+pub(super) fn rows(lines: &[String]) -> String {
+    let list = lines[..lines.len().min(LISTED)].join(", ");
+    match lines.len() {
+        1 => format!("1 row (line {list})"),
+        count if count > LISTED => format!("{count} rows (lines {list}, …)"),
+        count => format!("{count} rows (lines {list})"),
     }
-    list
 }
 
 /// Text of a file in double quotes, shortened.

@@ -68,7 +68,11 @@ fn not_urdf(file: &Path, text: &str, error: &urdf_rs::UrdfError) -> InputError {
     }
     let reason = error.to_string();
     let reason = reason.split_whitespace().collect::<Vec<_>>().join(" ");
-    let error = InputError::new(file, reason, "a URDF, XML with the root element <robot>");
+    let reason = reason.strip_prefix("custom: ").unwrap_or(&reason);
+    let error = match reason.split_once(", expected ") {
+        Some((found, expected)) => InputError::new(file, found, expected),
+        None => InputError::new(file, reason, "a URDF, XML with the root element <robot>"),
+    };
     if text.contains("xacro:") {
         return error.with_help(
             "expand the xacro first, for example `xacro robot.urdf.xacro > robot.urdf`",

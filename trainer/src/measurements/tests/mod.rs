@@ -79,7 +79,7 @@ fn everything_is_read() {
     notes_say(
         &set.notes,
         &[
-            "reference point 1 was missed in 1 rows: lines 3",
+            "reference point 1 was missed in 1 row (line 3)",
             "reference point 2",
         ],
     );
@@ -192,7 +192,7 @@ fn repeated_rows_are_kept_with_a_note() {
     let mut text = "q1_deg,x_mm,y_mm,z_mm\n1,2,3,4\n2,2,3,4\n1,2,3,4\n".to_owned();
     notes_say(
         &ok(&text).notes,
-        &["1 rows repeat an earlier one to the last digit and were kept: lines 4 (as 2)"],
+        &["the same to the last digit as an earlier row: 1 row (line 4 as 2)"],
     );
     assert_eq!(ok(&text).measurements.len(), 3);
     // 1.0 is another text: not to the last digit the same.
@@ -202,9 +202,9 @@ fn repeated_rows_are_kept_with_a_note() {
             .is_empty()
     );
     text += &"2,2,3,4\n".repeat(6);
-    notes_say(&ok(&text).notes, &["7 rows repeat an earlier one"]);
+    notes_say(&ok(&text).notes, &["earlier row: 7 rows (lines 4 as 2, "]);
     assert!(
-        ok(&text).notes[0].ends_with("7 (as 3), 8 (as 3), …"),
+        ok(&text).notes[0].ends_with("7 as 3, 8 as 3, …)"),
         "{:?}",
         ok(&text).notes
     );

@@ -93,7 +93,7 @@ fn values_far_beyond_the_limits_are_refused() {
     ));
     notes_say(
         &just_beyond.check(&irb120()).unwrap(),
-        &["\"joint_3\" is a little beyond its limits in 1 rows: lines 3"],
+        &["\"joint_3\" is a little beyond its limits in 1 row (line 3)"],
     );
 }
 
@@ -114,7 +114,7 @@ fn odd_sets_are_noted() {
         format!("{SIX}1,2,3,4,5,6,100,8,9\n-40,50,-60,70,-80,90,300,2,3\n1.0,2,3,4,5,6,101,8,9\n");
     notes_say(
         &notes(repeated),
-        &["1 rows are at the joints of an earlier row: lines 4 (as 2)"],
+        &["at the joints of an earlier row: 1 row (line 4 as 2)"],
     );
     let metres = format!("{SIX}1,2,3,4,5,6,1.2,0.3,-2\n-40,50,-60,70,-80,90,1,2,-2.5\n");
     notes_say(

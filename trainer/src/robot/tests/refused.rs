@@ -125,6 +125,11 @@ fn urdf_is_refused_by_name() {
     );
     urdf_refused(&one("planar", ""), &none, &["of type planar"]);
     urdf_refused(
+        &one("wobbly", ""),
+        &none,
+        &["found unknown variant `wobbly`, expected one of `revolute`"],
+    );
+    urdf_refused(
         &one("revolute", "<axis xyz=\"0 0 0\"/>"),
         &none,
         &["arm.urdf:2:", "axis 0 0 0", "\"j1\""],
