@@ -103,24 +103,46 @@ impl Task<'_> {
     ///
     /// # Errors
     /// [`CompareError`].
-    pub fn run(&self, options: &Options, progress: &mut dyn FnMut()) -> Result<ModelComparison, CompareError> {
+    pub fn run(
+        &self,
+        options: &Options,
+        progress: &mut dyn FnMut(),
+    ) -> Result<ModelComparison, CompareError> {
         let mut sets = Vec::new();
         if !self.tests.is_empty() {
             let blob = self.blob(options, self.train)?;
             progress();
             for test in self.tests {
                 let errors = ErrorSummary::new(&blob.errors(&test.samples));
-                sets.push(SetErrors { name: test.name.clone(), errors });
+                sets.push(SetErrors {
+                    name: test.name.clone(),
+                    errors,
+                });
             }
         }
-        let cross_validation = (self.folds > 0).then(|| self.cross_validate(options, progress)).transpose()?;
-        Ok(ModelComparison { model: options.method.name(), cross_validation, sets })
+        let cross_validation = (self.folds > 0)
+            .then(|| self.cross_validate(options, progress))
+            .transpose()?;
+        Ok(ModelComparison {
+            model: options.method.name(),
+            cross_validation,
+            sets,
+        })
     }
 
-    fn cross_validate(&self, options: &Options, progress: &mut dyn FnMut()) -> Result<CrossValidation, CompareError> {
+    fn cross_validate(
+        &self,
+        options: &Options,
+        progress: &mut dyn FnMut(),
+    ) -> Result<CrossValidation, CompareError> {
         let fold = folds::assign(self.train, self.nominal.kinds(), self.folds, self.seed);
         let part = |wanted: &dyn Fn(usize) -> bool| -> Vec<Sample> {
-            self.train.iter().zip(&fold).filter(|(_, f)| wanted(**f)).map(|(s, _)| s.clone()).collect()
+            self.train
+                .iter()
+                .zip(&fold)
+                .filter(|(_, f)| wanted(**f))
+                .map(|(s, _)| s.clone())
+                .collect()
         };
         let (mut all, mut folds): (Vec<PoseError>, Vec<ErrorSummary>) = (Vec::new(), Vec::new());
         for held_out in 0..self.folds {
@@ -130,20 +152,28 @@ impl Task<'_> {
             folds.push(ErrorSummary::new(&errors));
             all.extend(errors);
         }
-        Ok(CrossValidation { all: ErrorSummary::new(&all), folds })
+        Ok(CrossValidation {
+            all: ErrorSummary::new(&all),
+            folds,
+        })
     }
 
     fn blob(&self, options: &Options, samples: &[Sample]) -> Result<LoadedBlob, CompareError> {
         let model = options.method.name();
-        let calibration =
-            calibrate(self.nominal, samples, options).map_err(|error| CompareError::Calibration { model, error })?;
+        let calibration = calibrate(self.nominal, samples, options)
+            .map_err(|error| CompareError::Calibration { model, error })?;
         let exported = export(&calibration, self.robot, self.origin, samples);
-        exported.map(|(blob, _)| blob).map_err(|error| CompareError::Export { model, error })
+        exported
+            .map(|(blob, _)| blob)
+            .map_err(|error| CompareError::Export { model, error })
     }
 }
 
 /// The methods that the data allow: without payloads no `poe-gp-load`.
 pub fn applicable(samples: &[Sample]) -> Vec<Method> {
     let has_payload = samples.iter().all(|s| s.payload_kg.is_some());
-    Method::ALL.into_iter().filter(|m| *m != Method::PoeGpLoad || has_payload).collect()
+    Method::ALL
+        .into_iter()
+        .filter(|m| *m != Method::PoeGpLoad || has_payload)
+        .collect()
 }

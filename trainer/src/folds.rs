@@ -5,8 +5,8 @@
 //! therefore kept together, also through a chain of neighbours.
 
 use poegp_protocol::JointKind;
-use rand::seq::SliceRandom;
 use rand::SeedableRng;
+use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 
 use crate::calibration::frames::Sample;
@@ -18,16 +18,28 @@ const SAME_LENGTH: f64 = 1e-4;
 /// Index of the group of each sample: groups hold all samples of the same configuration.
 fn groups(samples: &[Sample], kinds: &[JointKind]) -> Vec<usize> {
     let same = |a: &Sample, b: &Sample| {
-        a.joints.iter().zip(&b.joints).zip(kinds).all(|((x, y), kind)| {
-            (x - y).abs() <= if *kind == JointKind::Revolute { SAME_ANGLE } else { SAME_LENGTH }
-        })
+        a.joints
+            .iter()
+            .zip(&b.joints)
+            .zip(kinds)
+            .all(|((x, y), kind)| {
+                (x - y).abs()
+                    <= if *kind == JointKind::Revolute {
+                        SAME_ANGLE
+                    } else {
+                        SAME_LENGTH
+                    }
+            })
     };
     let mut group: Vec<usize> = (0..samples.len()).collect();
     for i in 0..samples.len() {
         for j in 0..i {
             if group[i] != group[j] && same(&samples[i], &samples[j]) {
                 let (from, to) = (group[i].max(group[j]), group[i].min(group[j]));
-                group.iter_mut().filter(|g| **g == from).for_each(|g| *g = to);
+                group
+                    .iter_mut()
+                    .filter(|g| **g == from)
+                    .for_each(|g| *g = to);
             }
         }
     }
@@ -63,7 +75,12 @@ mod tests {
 
     fn sample(joints: [f64; 2]) -> Sample {
         let joints = joints.to_vec();
-        Sample { serial: joints.clone(), joints, payload_kg: None, measured: Pose::identity() }
+        Sample {
+            serial: joints.clone(),
+            joints,
+            payload_kg: None,
+            measured: Pose::identity(),
+        }
     }
 
     #[test]
@@ -80,7 +97,11 @@ mod tests {
             let size = fold.iter().filter(|x| **x == f).count();
             assert!((7..=10).contains(&size), "fold {f} has {size} samples");
         }
-        assert_eq!(fold, assign(&samples, &[JointKind::Revolute; 2], 5, 1), "the draw is seeded");
+        assert_eq!(
+            fold,
+            assign(&samples, &[JointKind::Revolute; 2], 5, 1),
+            "the draw is seeded"
+        );
         assert_ne!(fold, assign(&samples, &[JointKind::Revolute; 2], 5, 2));
     }
 }

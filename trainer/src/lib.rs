@@ -18,6 +18,7 @@ pub mod export;
 pub mod folds;
 pub mod gp;
 pub mod loaded;
+pub mod measurements;
 pub mod minimize;
 pub mod output;
 pub mod robot;

@@ -14,7 +14,11 @@ use crate::error::InputError;
 /// [`InputError`] names the path and what is wrong with it.
 pub fn check(path: &Path) -> Result<(), InputError> {
     if path.as_os_str().is_empty() || path.is_dir() {
-        return Err(InputError::new(path, "a folder", "the path of a file to write"));
+        return Err(InputError::new(
+            path,
+            "a folder",
+            "the path of a file to write",
+        ));
     }
     let folder = folder_of(path);
     if !folder.is_dir() {
@@ -25,7 +29,9 @@ pub fn check(path: &Path) -> Result<(), InputError> {
         )
         .with_help("create the folder first; none is created here"));
     }
-    tempfile::NamedTempFile::new_in(folder).map(drop).map_err(|error| refused(path, &error))
+    tempfile::NamedTempFile::new_in(folder)
+        .map(drop)
+        .map_err(|error| refused(path, &error))
 }
 
 /// Writes `bytes` to `path`, or leaves what is there.
@@ -55,7 +61,11 @@ fn folder_of(path: &Path) -> &Path {
 }
 
 fn refused(path: &Path, error: &std::io::Error) -> InputError {
-    InputError::new(path, format!("a place that cannot be written ({error})"), "a file that can be written")
+    InputError::new(
+        path,
+        format!("a place that cannot be written ({error})"),
+        "a file that can be written",
+    )
 }
 
 /// Readable by all, as a file made by any other program.
@@ -87,9 +97,23 @@ mod tests {
         write(&path, b"two").unwrap();
         assert_eq!(std::fs::read(&path).unwrap(), b"two");
         let missing = folder.path().join("no/such/a.txt");
-        assert!(write(&missing, b"x").unwrap_err().to_string().contains("no folder"));
+        assert!(
+            write(&missing, b"x")
+                .unwrap_err()
+                .to_string()
+                .contains("no folder")
+        );
         assert!(!folder.path().join("no").exists());
-        assert!(write(folder.path(), b"x").unwrap_err().to_string().contains("a folder"));
-        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "no temporary file is left");
+        assert!(
+            write(folder.path(), b"x")
+                .unwrap_err()
+                .to_string()
+                .contains("a folder")
+        );
+        assert_eq!(
+            std::fs::read_dir(folder.path()).unwrap().count(),
+            1,
+            "no temporary file is left"
+        );
     }
 }

@@ -12,7 +12,11 @@ use crate::robot::Robot;
 /// paper do not cover.
 pub fn samples(set: &MeasurementSet, robot: &Robot) -> Result<Vec<Sample>, InputError> {
     if set.has_sessions() {
-        let mut sessions: Vec<_> = set.measurements.iter().map(|m| m.session.as_deref()).collect();
+        let mut sessions: Vec<_> = set
+            .measurements
+            .iter()
+            .map(|m| m.session.as_deref())
+            .collect();
         sessions.sort_unstable();
         sessions.dedup();
         if sessions.len() > 1 {
@@ -26,7 +30,10 @@ pub fn samples(set: &MeasurementSet, robot: &Robot) -> Result<Vec<Sample>, Input
     }
     let serial = |joints: &[f64]| match &robot.coupling {
         None => joints.to_vec(),
-        Some(rows) => rows.iter().map(|row| poegp_runtime::kernel::inner_product(row, joints)).collect(),
+        Some(rows) => rows
+            .iter()
+            .map(|row| poegp_runtime::kernel::inner_product(row, joints))
+            .collect(),
     };
     set.measurements
         .iter()

@@ -9,7 +9,9 @@ use crate::calibration::Method;
 /// Calibrates robot arms from tracker measurements and writes the model that the controller evaluates.
 #[derive(Debug, Parser)]
 #[command(name = "trainer", version, about, max_term_width = 100)]
-#[command(after_help = "Exit codes: 0 done, 1 a quality bound was not met, 2 usage or input error.")]
+#[command(
+    after_help = "Exit codes: 0 done, 1 a quality bound was not met, 2 usage or input error."
+)]
 pub struct Arguments {
     /// What to do.
     #[command(subcommand)]
@@ -86,8 +88,10 @@ impl From<Model> for Method {
 
 /// `trainer simulate`.
 #[derive(Debug, Args)]
-#[command(after_help = "Writes train.csv and test1.csv … into DIR; the tests also have the noiseless truth.\n\n\
-    Example: trainer simulate --robot abb-irb4400-serial --poses 300 --payloads 1,2.5,3.5,5,7.5 --seed 1 --out cell")]
+#[command(
+    after_help = "Writes train.csv and test1.csv … into DIR; the tests also have the noiseless truth.\n\n\
+    Example: trainer simulate --robot abb-irb4400-serial --poses 300 --payloads 1,2.5,3.5,5,7.5 --seed 1 --out cell"
+)]
 pub struct Simulate {
     #[command(flatten)]
     pub robot: RobotArguments,
@@ -129,7 +133,9 @@ pub enum Scenario {
 
 /// `trainer calibrate`.
 #[derive(Debug, Args)]
-#[command(after_help = "Example: trainer calibrate --robot abb-irb120 train.csv --model poe-gp --out arm.blob")]
+#[command(
+    after_help = "Example: trainer calibrate --robot abb-irb120 train.csv --model poe-gp --out arm.blob"
+)]
 pub struct Calibrate {
     #[command(flatten)]
     pub robot: RobotArguments,
@@ -159,7 +165,9 @@ pub struct Calibrate {
 
 /// `trainer evaluate`.
 #[derive(Debug, Args)]
-#[command(after_help = "Example: trainer evaluate arm.blob test.csv --predictions predicted.csv --json -")]
+#[command(
+    after_help = "Example: trainer evaluate arm.blob test.csv --predictions predicted.csv --json -"
+)]
 pub struct Evaluate {
     /// The model.
     pub blob: PathBuf,
@@ -175,7 +183,9 @@ pub struct Evaluate {
 
 /// `trainer compare`.
 #[derive(Debug, Args)]
-#[command(after_help = "Example: trainer compare --robot abb-irb120 train.csv --test test1.csv --test test2.csv --folds 5")]
+#[command(
+    after_help = "Example: trainer compare --robot abb-irb120 train.csv --test test1.csv --test test2.csv --folds 5"
+)]
 pub struct Compare {
     #[command(flatten)]
     pub robot: RobotArguments,

@@ -96,7 +96,10 @@ struct Arm {
 
 impl Arm {
     fn load(a: &arguments::RobotArguments) -> Result<Self, Failure> {
-        let options = crate::robot::LoadOptions { base: a.base.clone(), tip: a.tip.clone() };
+        let options = crate::robot::LoadOptions {
+            base: a.base.clone(),
+            tip: a.tip.clone(),
+        };
         let robot = Robot::load(&a.robot, &options)?;
         let nominal = nominal_chain(&robot).map_err(|e| Failure::Usage(e.to_string()))?;
         Ok(Self { robot, nominal })
@@ -123,7 +126,10 @@ fn enough_poses(path: &Path, found: usize, method: Method, joints: usize) -> Res
     Err(InputError::new(
         path,
         format!("{found} poses"),
-        format!("at least {needed} for `{}`: {parameters} unknowns, six equations a pose", method.name()),
+        format!(
+            "at least {needed} for `{}`: {parameters} unknowns, six equations a pose",
+            method.name()
+        ),
     )
     .with_help("measure more poses, or choose a model with fewer parameters")
     .into())
@@ -132,11 +138,13 @@ fn enough_poses(path: &Path, found: usize, method: Method, joints: usize) -> Res
 /// A calibration error as one of the file.
 fn calibration_failure(path: &Path, error: &CalibrationError) -> Failure {
     match error {
-        CalibrationError::NoPayload => {
-            InputError::new(path, "no payload_kg column", "one: `poe-gp-load` learns the effect of the payload")
-                .with_help("use --model poe-gp for data without payloads")
-                .into()
-        }
+        CalibrationError::NoPayload => InputError::new(
+            path,
+            "no payload_kg column",
+            "one: `poe-gp-load` learns the effect of the payload",
+        )
+        .with_help("use --model poe-gp for data without payloads")
+        .into(),
         _ => InputError::new(path, error.to_string(), "data that can be fitted").into(),
     }
 }
@@ -150,11 +158,17 @@ fn compare_failure(path: &Path, error: CompareError) -> Failure {
 
 /// The origin of a calibration: today, or the day that SOURCE_DATE_EPOCH names, for reproducible builds.
 fn origin(data_sha256: [u8; 32], serial_number: &str) -> Origin {
-    let seconds = std::env::var("SOURCE_DATE_EPOCH").ok().and_then(|s| s.parse().ok());
+    let seconds = std::env::var("SOURCE_DATE_EPOCH")
+        .ok()
+        .and_then(|s| s.parse().ok());
     let now = seconds
         .and_then(|s| time::OffsetDateTime::from_unix_timestamp(s).ok())
         .unwrap_or_else(time::OffsetDateTime::now_utc);
-    Origin { serial_number: serial_number.to_owned(), date: now.date().to_string(), data_sha256 }
+    Origin {
+        serial_number: serial_number.to_owned(),
+        date: now.date().to_string(),
+        data_sha256,
+    }
 }
 
 /// Writes a JSON document (`-` is standard output).
@@ -177,5 +191,8 @@ fn check_outputs<'a>(paths: impl IntoIterator<Item = &'a Option<PathBuf>>) -> Re
 
 /// The last part of a path, for tables.
 fn file_name(path: &Path) -> String {
-    path.file_name().map_or_else(|| path.display().to_string(), |n| n.to_string_lossy().into_owned())
+    path.file_name().map_or_else(
+        || path.display().to_string(),
+        |n| n.to_string_lossy().into_owned(),
+    )
 }
