@@ -23,4 +23,5 @@ pub mod minimize;
 pub mod output;
 pub mod robot;
 pub mod samples;
+pub mod simulate;
 pub mod statistics;

@@ -9,3 +9,10 @@ pub fn bar(steps: usize, label: &str) -> ProgressBar {
         .unwrap_or_else(|_| ProgressStyle::default_bar());
     bar.with_style(style).with_message(label.to_owned())
 }
+
+/// A sign of life for work without countable steps.
+pub fn spinner(label: &str) -> ProgressBar {
+    let spinner = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());
+    spinner.enable_steady_tick(std::time::Duration::from_millis(100));
+    spinner.with_message(label.to_owned())
+}
