@@ -87,7 +87,7 @@ fn every_truncation_and_every_extra_byte_is_damage() {
             let refused = decode::<Request<'_>>(&mut bytes) == Err(FrameError::Damaged);
             assert!(refused, "{length} bytes of {frame:02x?}");
         }
-        for extra in 1..=u8::MAX {
+        for extra in 0..=u8::MAX {
             let mut bytes = frame.clone();
             bytes.push(extra);
             let refused = decode::<Request<'_>>(&mut bytes) == Err(FrameError::Damaged);
