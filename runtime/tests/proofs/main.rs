@@ -1,0 +1,7 @@
+//! What the runtime promises, checked on the workstation: against numbers from elsewhere, and as laws.
+
+mod json;
+mod poe_reference;
+mod posterior_reference;
+mod se3_reference;
+mod se3_truth;
