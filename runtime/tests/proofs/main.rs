@@ -1,7 +1,10 @@
 //! What the runtime promises, checked on the workstation: against numbers from elsewhere, and as laws.
 
 mod json;
+mod poe_laws;
 mod poe_reference;
 mod posterior_reference;
+mod se3_laws;
 mod se3_reference;
 mod se3_truth;
+mod seeded;
