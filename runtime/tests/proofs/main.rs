@@ -4,6 +4,7 @@ mod json;
 mod poe_laws;
 mod poe_reference;
 mod posterior_reference;
+mod scalar;
 mod se3_laws;
 mod se3_reference;
 mod se3_truth;

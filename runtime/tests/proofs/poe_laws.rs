@@ -85,7 +85,7 @@ proptest! {
     fn identification_jacobian_against_differences((kinds, frames, q) in chains()) {
         let (chain, step) = (poe::<f64>(&kinds, &frames), 1e-5);
         let (blocks, target) = chain.identification_jacobian(&q);
-        for frame in 0..=kinds.len() {
+        for (frame, block) in blocks.iter().enumerate().take(kinds.len() + 1) {
             for column in 0..6 {
                 let at = |by: f64| {
                     let mut delta = [0.0; 6];
@@ -98,7 +98,7 @@ proptest! {
                 let (ahead, behind) = (at(step), at(-step));
                 let difference: [f64; 6] =
                     core::array::from_fn(|row| (ahead[row] - behind[row]) / (2.0 * step));
-                let expected = blocks[frame].map(|row| row[column]);
+                let expected = block.map(|row| row[column]);
                 let error = distance(&difference, &expected);
                 prop_assert!(error < 1e-7, "frame {} column {}: {:e}", frame, column, error);
             }
