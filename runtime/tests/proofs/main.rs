@@ -1,6 +1,8 @@
 //! What the runtime promises, checked on the workstation: against numbers from elsewhere, and as laws.
 
+mod arm;
 mod json;
+mod model_answers;
 mod poe_laws;
 mod poe_reference;
 mod posterior_reference;

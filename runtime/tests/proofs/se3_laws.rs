@@ -219,8 +219,8 @@ fn the_ends_of_the_logarithm() {
         let mut rotation = [-1.0; 3];
         rotation[axis] = 1.0;
         let mut pose = Pose::<f64>::identity();
-        for i in 0..3 {
-            pose.rotation[(i, i)] = rotation[i];
+        for (i, sign) in rotation.into_iter().enumerate() {
+            pose.rotation[(i, i)] = sign;
         }
         let log = pose.log();
         for i in 0..3 {
