@@ -399,10 +399,14 @@ fn checked_chain<T: Scalar>(
         let pose = Pose::<f32>::from_rows(frame);
         let square = crate::se3::product(&pose.rotation, &pose.rotation.transpose());
         let identity = Pose::<f32>::identity().rotation;
+        let column = |j: usize| pose.rotation.column(j).into_owned();
+        // A reflection is orthonormal too.
+        let volume = dot(&cross(&column(0), &column(1)), &column(2));
         if !square
             .iter()
             .zip(identity.iter())
             .all(|(a, b)| is_within(a - b, -MAX_ROTATION_ERROR, MAX_ROTATION_ERROR))
+            || !is_within(volume, 0.0, 2.0)
             || !pose
                 .translation
                 .iter()

@@ -3,6 +3,7 @@
 mod arm;
 mod json;
 mod model_answers;
+mod model_refuses;
 mod poe_laws;
 mod poe_reference;
 mod posterior_reference;
