@@ -1,5 +1,6 @@
 //! What a model refuses, and that nothing that gets past it makes a NaN.
 
+use poegp_protocol::blob::Joint;
 use poegp_runtime::load_error::LoadError;
 use poegp_runtime::model::Model;
 use poegp_runtime::status::Status;
@@ -114,6 +115,9 @@ fn wrong_arms() -> Vec<(&'static str, Arm, LoadError)> {
     add("an infinite slope", LoadError::Kernel, |arm| {
         arm.task().affine[4][2] = f32::INFINITY;
     });
+    add("a slope beyond reason", LoadError::Kernel, |arm| {
+        arm.task().affine[4][2] = f32::MAX;
+    });
     add("a negative bound", LoadError::Bound, |arm| {
         arm.task().bound.position_m = -0.001;
     });
@@ -139,6 +143,9 @@ fn wrong_arms() -> Vec<(&'static str, Arm, LoadError)> {
     });
     add("a weight of NaN", LoadError::Row, |arm| {
         arm.task().rows[39] = f32::NAN;
+    });
+    add("a weight beyond reason", LoadError::Row, |arm| {
+        arm.task().rows[9] = f32::MAX;
     });
     out
 }
@@ -256,5 +263,46 @@ proptest! {
         let bad = q.len() != joints || !q.iter().all(good(4_096.0)) || !(0.0..=1e5).contains(&m);
         prop_assert_eq!(answer.status.contains(Status::BAD_INPUT), bad);
         prop_assert!(!bad || answer.correction.to_array() == [0.0; 6]);
+    }
+
+    #[test]
+    fn no_blob_makes_a_nan(
+        joints in 1_usize..=8,
+        per_output: bool,
+        coupled: bool,
+        endless: bool,
+        changes in prop::collection::vec((any::<prop::sample::Index>(), any_f32()), 1..12),
+        q in prop::array::uniform8(prop_oneof![-3.0_f32..3.0, -4_096.0_f32..4_096.0]),
+        m in prop_oneof![0.0_f32..10.0, 0.0_f32..1e5],
+    ) {
+        let mut arm = Arm::sound(joints, 3);
+        if per_output {
+            arm.task().rates = Some([0.5; 6]);
+        }
+        if coupled {
+            arm.coupling = vec![-1.0; joints * joints];
+        }
+        if endless {
+            arm.joints[0] = Joint { limits: None, ..arm.joints[0] };
+        }
+        // Half of the changes go where most numbers are accepted: the correction.
+        let count = arm.numbers().len();
+        for (number, (index, value)) in changes.iter().enumerate() {
+            let tail = count.min(60 + 3 * (joints + 7));
+            let at = if number % 2 == 0 { count - tail + index.index(tail) } else { index.index(count) };
+            *arm.numbers()[at] = *value;
+        }
+        let mut model = Arm::sound(2, 3).model::<f32>();
+        let before = model.evaluate(&[0.5, 0.5], 1.0);
+        if model.load(&arm.blob()).is_err() {
+            prop_assert_eq!(model.evaluate(&[0.5, 0.5], 1.0), before);
+            return Ok(());
+        }
+        let mut seen = Seen::default();
+        let answer = model.evaluate_observed(&q[..joints], m, &mut seen);
+        prop_assert!(seen.is_finite(), "{:?}", seen);
+        prop_assert!(answer.pose.to_rows().iter().all(|x| x.is_finite()), "{:?}", answer);
+        prop_assert!(answer.correction.to_array().iter().all(|x| x.is_finite()), "{:?}", answer);
+        prop_assert!(model.nominal(&q[..joints]).unwrap().to_rows().iter().all(|x| x.is_finite()));
     }
 }
