@@ -12,3 +12,4 @@ mod se3_laws;
 mod se3_reference;
 mod se3_truth;
 mod seeded;
+mod service;
