@@ -95,7 +95,7 @@ pub fn product<T: Scalar>(a: &Matrix3<T>, b: &Matrix3<T>) -> Matrix3<T> {
     )
 }
 
-/// The skew-symmetric matrix [a] with [a] b = a × b.
+/// The skew-symmetric matrix `[a]` with `[a] b` = a × b.
 #[inline(always)]
 pub fn skew<T: Scalar>(a: &Vector3<T>) -> Matrix3<T> {
     let o = T::ZERO;
