@@ -269,3 +269,34 @@ proptest! {
         prop_assert!(moved <= f64::from(position_m) + 0.51 * w * (w * p + v) + rounding + 3e-7 * p);
     }
 }
+
+/// The worked example of `docs/blob-format.md` is a model, and answers what the page says below it.
+#[test]
+fn the_blob_of_the_documentation_is_a_model() {
+    let page = include_str!("../../../docs/blob-format.md");
+    let listing = page
+        .split("```")
+        .find_map(|block| block.strip_prefix("hex\n"));
+    let lines = listing.expect("a listing").lines();
+    let code = lines.filter_map(|line| line.split('#').next());
+    let bytes: Vec<u8> = code
+        .flat_map(|code| code.split_whitespace().skip(1))
+        .map(|word| u8::from_str_radix(word, 16).expect("a byte"))
+        .collect();
+    let mut model = Model::<f32, WORDS>::new();
+    model
+        .load(&poegp_protocol::blob::decode(&bytes).unwrap())
+        .unwrap();
+    let answer = model.evaluate(&[0.0, 0.25], 0.0);
+    assert_eq!(answer.status, Status::OK);
+    // Squared distance of the second support point: 0.5² + 0.0625² + 1.25².
+    let rest = 1.0 - libm::exp2(-1.816_406_25);
+    let constants = [1.0, 2.0, 3.0, 0.0, 0.0, 0.0].map(|factor| factor / 1_024.0);
+    let weights = [9, -10, 11, 13, -13, 14].map(|power: i32| {
+        let size = libm::ldexp(1.0, -power.abs());
+        if power < 0 { -size } else { size }
+    });
+    let found = answer.correction.to_array().map(f64::from);
+    let expected: [f64; 6] = core::array::from_fn(|c| constants[c] + weights[c] * rest);
+    assert!(distance(&found, &expected) < 1e-9, "{found:?} {expected:?}");
+}
