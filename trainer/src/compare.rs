@@ -6,8 +6,8 @@ use poegp_runtime::poe::Poe;
 use serde::Serialize;
 
 use crate::calibration::frames::Sample;
-use crate::calibration::{CalibrationError, Method, Options, calibrate};
-use crate::export::{ExportError, Origin, export};
+use crate::calibration::{Method, Options};
+use crate::export::{DeviceError, Origin, calibrate_for_device};
 use crate::folds;
 use crate::loaded::LoadedBlob;
 use crate::robot::Robot;
@@ -53,25 +53,14 @@ pub struct TestSet {
     pub samples: Vec<Sample>,
 }
 
-/// Why a comparison failed.
+/// A calibration of the comparison failed.
 #[derive(Debug, thiserror::Error)]
-pub enum CompareError {
-    /// A calibration failed.
-    #[error("{model}: {error}")]
-    Calibration {
-        /// Name of the method.
-        model: &'static str,
-        /// Why.
-        error: CalibrationError,
-    },
-    /// A blob could not be made.
-    #[error("{model}: {error}")]
-    Export {
-        /// Name of the method.
-        model: &'static str,
-        /// Why.
-        error: ExportError,
-    },
+#[error("{model}: {error}")]
+pub struct CompareError {
+    /// Name of the method.
+    pub model: &'static str,
+    /// Why.
+    pub error: DeviceError,
 }
 
 /// What a comparison works on.
@@ -159,13 +148,12 @@ impl Task<'_> {
     }
 
     fn blob(&self, options: &Options, samples: &[Sample]) -> Result<LoadedBlob, CompareError> {
-        let model = options.method.name();
-        let calibration = calibrate(self.nominal, samples, options)
-            .map_err(|error| CompareError::Calibration { model, error })?;
-        let exported = export(&calibration, self.robot, self.origin, samples);
-        exported
-            .map(|(blob, _)| blob)
-            .map_err(|error| CompareError::Export { model, error })
+        calibrate_for_device(self.nominal, self.robot, samples, options, self.origin)
+            .map(|found| found.blob)
+            .map_err(|error| CompareError {
+                model: options.method.name(),
+                error,
+            })
     }
 }
 

@@ -11,7 +11,7 @@ use poegp_protocol::limits::{MAX_INPUTS, OUTPUTS};
 use poegp_runtime::poe::Poe;
 use poegp_runtime::se3::{Pose, Twist, residual};
 
-use crate::gp::fit::{Sharing, fit};
+use crate::gp::fit::{MAX_SIGNAL_VARIANCE, Sharing, fit};
 use crate::gp::{self, NotPositiveDefinite, TaskSpaceGp};
 use base_tool::{BaseTool, base_tool, with_ends};
 use frames::{FrameFit, ResidualKind, Sample, fit_frames, residual_components};
@@ -58,6 +58,11 @@ pub struct Options {
     pub sharing: Sharing,
     /// Step 1 weighted by the noise, with the rotation taken at the tool point, instead of the paper's unweighted one.
     pub weighted: bool,
+    /// Largest θ₀ of the process, in units of the outputs' mean square.
+    ///
+    /// A large θ₀ with a long length scale makes large weights that almost cancel, which single precision cannot hold;
+    /// along that ridge the likelihood is nearly flat. [`crate::export::calibrate_for_device`] lowers it when it must.
+    pub max_signal_variance: f64,
     /// Largest displacement of the target by the correction in metres; twice the largest in training when absent.
     pub max_correction_m: Option<f64>,
     /// Largest rotation by the correction in radians; likewise.
@@ -71,6 +76,7 @@ impl Options {
             method,
             sharing: Sharing::Shared,
             weighted: false,
+            max_signal_variance: MAX_SIGNAL_VARIANCE,
             max_correction_m: None,
             max_correction_rad: None,
         }
@@ -249,7 +255,12 @@ fn step2(
         .iter()
         .map(|s| options.inputs(&s.joints, s.payload_kg))
         .collect();
-    Ok(fit(inputs, &residuals, options.sharing)?)
+    Ok(fit(
+        inputs,
+        &residuals,
+        options.sharing,
+        options.max_signal_variance,
+    )?)
 }
 
 impl Options {

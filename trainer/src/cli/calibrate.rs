@@ -4,11 +4,12 @@ use serde::Serialize;
 
 use super::arguments::Calibrate;
 use super::{
-    Arm, Failure, calibration_failure, check_outputs, enough_poses, origin, progress, write_json,
+    Arm, Failure, check_outputs, device_failure, enough_poses, origin, progress, write_json,
 };
 use crate::calibration::frames::FrameFit;
-use crate::calibration::{Calibration, Method, Options, calibrate};
-use crate::export::{Fidelity, export};
+use crate::calibration::{Calibration, Method, Options};
+use crate::export::{DeviceCalibration, Fidelity, calibrate_for_device};
+use crate::gp::fit::MAX_SIGNAL_VARIANCE;
 use crate::loaded::LoadedBlob;
 use crate::statistics::ErrorSummary;
 
@@ -58,19 +59,30 @@ struct BlobFacts {
 pub fn run(a: &Calibrate) -> Result<(), Failure> {
     check_outputs([&Some(a.out.clone()), &a.json])?;
     let mut options = Options {
-        max_correction_m: positive("--max-correction-mm", a.max_correction_mm, 1000.0)?.map(|x| 1e-3 * x),
-        max_correction_rad: positive("--max-correction-mrad", a.max_correction_mrad, 500.0)?.map(|x| 1e-3 * x),
+        max_correction_m: positive("--max-correction-mm", a.max_correction_mm, 1000.0)?
+            .map(|x| 1e-3 * x),
+        max_correction_rad: positive("--max-correction-mrad", a.max_correction_mrad, 500.0)?
+            .map(|x| 1e-3 * x),
         ..a.fit.options(Method::from(a.model))
     };
     options.method = a.model.into();
     let arm = Arm::load(&a.robot)?;
     let (set, samples) = arm.read(&a.train)?;
-    enough_poses(&a.train, samples.len(), options.method, arm.robot.joints.len())?;
+    enough_poses(
+        &a.train,
+        samples.len(),
+        options.method,
+        arm.robot.joints.len(),
+    )?;
     let spinner = progress::spinner("calibrating");
-    let calibration =
-        calibrate(&arm.nominal, &samples, &options).map_err(|e| calibration_failure(&a.train, &e))?;
-    let (blob, fidelity) = export(&calibration, &arm.robot, &origin(set.sha256, &a.serial_number), &samples)?;
+    let origin = origin(set.sha256, &a.serial_number);
+    let found = calibrate_for_device(&arm.nominal, &arm.robot, &samples, &options, &origin);
     spinner.finish_and_clear();
+    let DeviceCalibration {
+        calibration,
+        blob,
+        fidelity,
+    } = found.map_err(|e| device_failure(&a.train, e))?;
     crate::output::write(&a.out, blob.bytes())?;
     let training = ErrorSummary::new(&blob.errors(&samples));
     print(a, &calibration, &blob, &fidelity, &training);
@@ -82,32 +94,65 @@ pub fn run(a: &Calibrate) -> Result<(), Failure> {
 
 fn positive(name: &str, value: Option<f64>, limit: f64) -> Result<Option<f64>, Failure> {
     match value {
-        Some(x) if !(x > 0.0 && x <= limit) => {
-            Err(Failure::Usage(format!("{name} {x}: expected a number above 0 and at most {limit}")))
-        }
+        Some(x) if !(x > 0.0 && x <= limit) => Err(Failure::Usage(format!(
+            "{name} {x}: expected a number above 0 and at most {limit}"
+        ))),
         _ => Ok(value),
     }
 }
 
-fn print(a: &Calibrate, calibration: &Calibration, blob: &LoadedBlob, fidelity: &Fidelity, training: &ErrorSummary) {
+fn print(
+    a: &Calibrate,
+    calibration: &Calibration,
+    blob: &LoadedBlob,
+    fidelity: &Fidelity,
+    training: &ErrorSummary,
+) {
     let p = &training.position_mm;
-    println!("Calibrated {} with `{}` on {} poses.", a.robot.robot, calibration.options.method.name(), training.poses);
+    println!(
+        "Calibrated {} with `{}` on {} poses.",
+        a.robot.robot,
+        calibration.options.method.name(),
+        training.poses
+    );
     if let Some(fit) = &calibration.step1 {
-        println!("  step 1: {} of {} parameters can be identified", fit.rank, fit.parameters);
+        println!(
+            "  step 1: {} of {} parameters can be identified",
+            fit.rank, fit.parameters
+        );
     }
-    println!("  error on the training poses themselves: {:.4} mm mean, {:.4} mm largest", p.mean, p.max);
-    println!("  (they were trained on: for honest figures use `trainer compare` or `trainer evaluate`)");
+    println!(
+        "  error on the training poses themselves: {:.4} mm mean, {:.4} mm largest",
+        p.mean, p.max
+    );
+    println!(
+        "  (they were trained on: for honest figures use `trainer compare` or `trainer evaluate`)"
+    );
     if calibration.gp.is_some() {
         let (m, rad) = calibration.bound;
-        println!("  corrections are bounded to {:.3} mm and {:.3} mrad", 1e3 * m, 1e3 * rad);
+        println!(
+            "  corrections are bounded to {:.3} mm and {:.3} mrad",
+            1e3 * m,
+            1e3 * rad
+        );
     }
     println!(
         "  single precision costs {:.3} µm in the mean, {:.3} µm at most",
         1e6 * fidelity.mean_m,
         1e6 * fidelity.max_m
     );
+    if calibration.options.max_signal_variance < MAX_SIGNAL_VARIANCE {
+        println!(
+            "  note: the signal variance was held below {} for the sake of single precision",
+            calibration.options.max_signal_variance
+        );
+    }
     let support = blob.model().support();
-    println!("Wrote {} ({} bytes, {support} support points).", a.out.display(), blob.bytes().len());
+    println!(
+        "Wrote {} ({} bytes, {support} support points).",
+        a.out.display(),
+        blob.bytes().len()
+    );
 }
 
 fn document(
@@ -123,10 +168,17 @@ fn document(
         iterations: fit.iterations,
         rms: fit.rms,
     };
-    let hyperparameters = calibration.gp.iter().flat_map(|gp| &gp.hyperparameters).map(|h| {
-        let [a, b, c, d, noise_variance] = h.to_array();
-        Hyperparameters { theta: [a, b, c, d], noise_variance }
-    });
+    let hyperparameters = calibration
+        .gp
+        .iter()
+        .flat_map(|gp| &gp.hyperparameters)
+        .map(|h| {
+            let [a, b, c, d, noise_variance] = h.to_array();
+            Hyperparameters {
+                theta: [a, b, c, d],
+                noise_variance,
+            }
+        });
     Document {
         version: env!("CARGO_PKG_VERSION"),
         model: calibration.options.method.name(),
@@ -137,7 +189,10 @@ fn document(
         hyperparameters: hyperparameters.collect(),
         bound_mm: 1e3 * calibration.bound.0,
         bound_mrad: 1e3 * calibration.bound.1,
-        f32_error_um: F32Error { mean: 1e6 * fidelity.mean_m, max: 1e6 * fidelity.max_m },
+        f32_error_um: F32Error {
+            mean: 1e6 * fidelity.mean_m,
+            max: 1e6 * fidelity.max_m,
+        },
         blob: BlobFacts {
             file: a.out.display().to_string(),
             bytes: blob.bytes().len(),

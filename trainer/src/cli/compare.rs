@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use super::arguments::{Compare, FitArguments};
 use super::{
-    Arm, Failure, check_outputs, compare_failure, enough_poses, file_name, origin, progress, table,
+    Arm, Failure, check_outputs, device_failure, enough_poses, file_name, origin, progress, table,
     write_json,
 };
 use crate::calibration::{Method, Options};
@@ -94,7 +94,7 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
     for method in methods {
         bar.set_message(method.name());
         let result = task.run(&a.fit.options(method), &mut || bar.inc(1));
-        models.push(result.map_err(|e| compare_failure(&a.train, e))?);
+        models.push(result.map_err(|e| device_failure(&a.train, e.error))?);
     }
     bar.finish_and_clear();
     print(&models, a);

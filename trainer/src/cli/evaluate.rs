@@ -1,6 +1,185 @@
 //! `trainer evaluate`.
-use super::Failure;
+
+use std::fmt::Write as _;
+
+use poegp_protocol::blob::Blob;
+use poegp_runtime::se3::Pose;
+use poegp_runtime::status::Status;
+use serde::Serialize;
+
 use super::arguments::Evaluate;
-pub fn run(_a: &Evaluate) -> Result<(), Failure> {
+use super::{Failure, check_outputs, file_name, table, write_json};
+use crate::error::InputError;
+use crate::loaded::{LoadedBlob, Prediction};
+use crate::measurements::{self, MeasurementSet};
+use crate::robot::{Joint, Robot};
+use crate::statistics::{ErrorSummary, PoseError};
+
+/// What `--json` writes.
+#[derive(Serialize)]
+struct Document {
+    version: &'static str,
+    model: String,
+    sets: Vec<SetErrors>,
+}
+
+#[derive(Serialize)]
+struct SetErrors {
+    name: String,
+    #[serde(flatten)]
+    errors: ErrorSummary,
+    /// Against the noiseless poses of a simulated set.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    against_truth: Option<ErrorSummary>,
+    /// Poses whose status was not `ok`.
+    flagged: usize,
+}
+
+pub fn run(a: &Evaluate) -> Result<(), Failure> {
+    check_outputs([&a.predictions, &a.json])?;
+    let loaded = LoadedBlob::read(&a.blob)?;
+    let blob = loaded.blob();
+    let set = measurements::read(&a.test)?;
+    let notes = set.check(&robot_of(&blob))?;
+    for note in set.notes.iter().chain(&notes) {
+        eprintln!("note: {}: {note}", a.test.display());
+    }
+    if blob.ranges.payload_kg.is_some() && !set.has_payload() {
+        return Err(InputError::new(
+            &a.test,
+            "no payload_kg column",
+            "one: the model depends on the payload",
+        )
+        .into());
+    }
+    if !set.has_orientation() {
+        return Err(InputError::new(
+            &a.test,
+            "positions without orientations",
+            "the columns qw, qx, qy, qz",
+        )
+        .into());
+    }
+    let predictions: Vec<Prediction> = set
+        .measurements
+        .iter()
+        .map(|m| loaded.predict(&m.joints, m.payload_kg))
+        .collect();
+    let measured = errors(&set, &predictions, |m| m.instrument_from_target());
+    let truth = errors(&set, &predictions, |m| m.truth);
+    let result = SetErrors {
+        name: file_name(&a.test),
+        errors: ErrorSummary::new(&measured),
+        against_truth: set.has_truth().then(|| ErrorSummary::new(&truth)),
+        flagged: predictions.iter().filter(|p| !p.status.is_ok()).count(),
+    };
+    print(&result, blob.provenance.model, &predictions);
+    if let Some(path) = &a.predictions {
+        crate::output::write(path, to_csv(&predictions).as_bytes())?;
+    }
+    if let Some(path) = &a.json {
+        let document = Document {
+            version: env!("CARGO_PKG_VERSION"),
+            model: blob.provenance.model.to_owned(),
+            sets: vec![result],
+        };
+        write_json(path, &document)?;
+    }
     Ok(())
+}
+
+/// The arm of a blob as far as a measurement file is checked against it.
+fn robot_of(blob: &Blob<'_>) -> Robot {
+    let joint = |(i, joint): (usize, &poegp_protocol::blob::Joint)| Joint {
+        name: format!("q{}", i + 1),
+        kind: joint.kind,
+        limits: joint
+            .limits
+            .map(|(lower, upper)| (f64::from(lower), f64::from(upper))),
+    };
+    Robot {
+        name: blob.robot.name.to_owned(),
+        joints: blob.robot.joints.iter().enumerate().map(joint).collect(),
+        parent_from_joint: blob
+            .geometry
+            .nominal
+            .iter()
+            .map(|f| Pose::<f32>::from_rows(f).cast())
+            .collect(),
+        coupling: None,
+    }
+}
+
+fn errors(
+    set: &MeasurementSet,
+    predictions: &[Prediction],
+    pose: impl Fn(&measurements::Measurement) -> Option<Pose<f64>>,
+) -> Vec<PoseError> {
+    let pairs = set.measurements.iter().zip(predictions);
+    pairs
+        .filter_map(|(m, p)| Some(PoseError::between(&pose(m)?, &p.pose)))
+        .collect()
+}
+
+fn print(set: &SetErrors, model: &str, predictions: &[Prediction]) {
+    println!(
+        "Model `{model}` on {} poses: position in mm, orientation in mrad.\n",
+        set.errors.poses
+    );
+    let row = |name: &str, e: &ErrorSummary| {
+        let mut row = vec![name.to_owned()];
+        let p = &e.position_mm;
+        row.extend([p.mean, p.median, p.rms, p.p95, p.max].map(|x| format!("{x:.4}")));
+        row.push(format!("{:.3}", e.orientation_mrad.mean));
+        row
+    };
+    let mut rows = vec![row("measurements", &set.errors)];
+    rows.extend(
+        set.against_truth
+            .as_ref()
+            .map(|e| row("noiseless truth", e)),
+    );
+    table::print(
+        &[
+            "against",
+            "mean",
+            "median",
+            "rms",
+            "p95",
+            "max",
+            "orientation",
+        ],
+        &rows,
+    );
+    for status in [
+        Status::OUTSIDE_JOINT_RANGE,
+        Status::OUTSIDE_PAYLOAD_RANGE,
+        Status::CORRECTION_BOUNDED,
+        Status::BAD_INPUT,
+    ] {
+        let count = predictions
+            .iter()
+            .filter(|p| p.status.contains(status))
+            .count();
+        if count > 0 {
+            println!(
+                "{count} of {} predictions are flagged `{status}`.",
+                predictions.len()
+            );
+        }
+    }
+}
+
+fn to_csv(predictions: &[Prediction]) -> String {
+    let mut out = String::from("x_mm,y_mm,z_mm,qw,qx,qy,qz,status\n");
+    for Prediction { pose, status } in predictions {
+        let t = 1e3 * pose.translation;
+        let (w, v) = pose.quaternion();
+        let _ = writeln!(
+            out,
+            "{:.6},{:.6},{:.6},{w:.12},{:.12},{:.12},{:.12},{status}",
+            t[0], t[1], t[2], v[0], v[1], v[2]
+        );
+    }
+    out
 }

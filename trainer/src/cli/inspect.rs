@@ -1,6 +1,159 @@
 //! `trainer inspect`.
-use super::Failure;
+
+use poegp_protocol::JointKind;
+use poegp_protocol::blob::{Blob, Correction, FORMAT_VERSION, stored_crc};
+use poegp_runtime::se3::Pose;
+use serde_json::{Value, json};
+
 use super::arguments::Inspect;
-pub fn run(_a: &Inspect) -> Result<(), Failure> {
-    Ok(())
+use super::{Failure, check_outputs, table, write_json};
+use crate::loaded::LoadedBlob;
+
+pub fn run(a: &Inspect) -> Result<(), Failure> {
+    check_outputs([&a.json])?;
+    let loaded = LoadedBlob::read(&a.blob)?;
+    let document = document(&loaded);
+    if a.json.as_deref() != Some(std::path::Path::new("-")) {
+        print(&loaded, &document);
+    }
+    match &a.json {
+        Some(path) => write_json(path, &document),
+        None => Ok(()),
+    }
+}
+
+fn document(loaded: &LoadedBlob) -> Value {
+    let blob = loaded.blob();
+    let p = &blob.provenance;
+    let kind = |k: JointKind| {
+        if k == JointKind::Revolute {
+            "revolute"
+        } else {
+            "prismatic"
+        }
+    };
+    let joints = blob.robot.joints.iter().zip(&blob.ranges.joints);
+    let joints: Vec<Value> = joints
+        .map(|(joint, range)| json!({"kind": kind(joint.kind), "limits": joint.limits, "trained": range}))
+        .collect();
+    let correction = match &blob.correction {
+        Correction::None => Value::Null,
+        Correction::TaskSpace(task) => json!({
+            "kind": "task-space Gaussian process",
+            "inputs": task.input_scale.len(),
+            "support_points": loaded.model().support(),
+            "hyperparameters": task.hyperparameters.iter().map(|h| json!({
+                "theta": h[..4], "noise_variance": h[4]
+            })).collect::<Vec<_>>(),
+            "output_rms": task.output_scale,
+            "bound_mm": 1e3 * task.bound.position_m,
+            "bound_mrad": 1e3 * task.bound.angle_rad,
+        }),
+    };
+    json!({
+        "version": env!("CARGO_PKG_VERSION"),
+        "format_version": FORMAT_VERSION,
+        "bytes": loaded.bytes().len(),
+        "crc": format!("{:08x}", stored_crc(loaded.bytes()).unwrap_or(0)),
+        "robot": {"name": blob.robot.name, "serial_number": blob.robot.serial_number, "joints": joints,
+                  "coupling": blob.robot.coupling.as_slice()},
+        "units": {"angle": "rad", "length": "m", "mass": "kg"},
+        "payload_kg": blob.ranges.payload_kg,
+        "model": p.model,
+        "training_poses": p.training_poses,
+        "date": p.date,
+        "trainer_version": p.trainer_version,
+        "data_sha256": p.data_sha256.iter().map(|b| format!("{b:02x}")).collect::<String>(),
+        "instrument_from_base": blob.geometry.instrument_from_base,
+        "flange_from_target": blob.geometry.flange_from_target,
+        "correction": correction,
+    })
+}
+
+fn print(loaded: &LoadedBlob, document: &Value) {
+    let blob = loaded.blob();
+    let text = |key: &str| document[key].as_str().unwrap_or("").to_owned();
+    let serial = match blob.robot.serial_number {
+        "" => String::new(),
+        number => format!(", serial number {number}"),
+    };
+    println!(
+        "{}{serial}: model `{}`",
+        blob.robot.name, blob.provenance.model
+    );
+    println!(
+        "  {} bytes, format {FORMAT_VERSION}, CRC {}; calibrated {} by trainer {} on {} poses",
+        loaded.bytes().len(),
+        text("crc"),
+        text("date"),
+        text("trainer_version"),
+        blob.provenance.training_poses
+    );
+    println!("  data SHA-256 {}", text("data_sha256"));
+    if let Some((light, heavy)) = blob.ranges.payload_kg {
+        println!("  payload trained from {light} to {heavy} kg");
+    }
+    if let Correction::TaskSpace(task) = &blob.correction {
+        println!(
+            "  correction: Gaussian process of {} inputs, {} support points, bounded to {:.3} mm and {:.3} mrad",
+            task.input_scale.len(),
+            loaded.model().support(),
+            1e3 * task.bound.position_m,
+            1e3 * task.bound.angle_rad
+        );
+        for (i, h) in task.hyperparameters.iter().enumerate() {
+            let which = if task.hyperparameters.len() == 1 {
+                "all outputs".to_owned()
+            } else {
+                format!("output {}", i + 1)
+            };
+            println!(
+                "    {which}: θ = {:.4e} {:.4e} {:.4e} {:.4e}, noise {:.4e}",
+                h[0], h[1], h[2], h[3], h[4]
+            );
+        }
+    }
+    println!();
+    print_joints(&blob);
+    for (name, pose) in [
+        ("instrument_from_base", &blob.geometry.instrument_from_base),
+        ("flange_from_target", &blob.geometry.flange_from_target),
+    ] {
+        let pose = Pose::from_rows(pose);
+        let (w, v) = pose.quaternion();
+        let t = 1e3 * pose.translation;
+        println!(
+            "  {name}: {:.3} {:.3} {:.3} mm, quaternion {w:.6} {:.6} {:.6} {:.6}",
+            t[0], t[1], t[2], v[0], v[1], v[2]
+        );
+    }
+}
+
+fn print_joints(blob: &Blob<'_>) {
+    let mut rows = Vec::new();
+    for (i, (joint, (lower, upper))) in blob
+        .robot
+        .joints
+        .iter()
+        .zip(&blob.ranges.joints)
+        .enumerate()
+    {
+        let (unit, factor) = if joint.kind == JointKind::Revolute {
+            ("deg", 180.0 / std::f32::consts::PI)
+        } else {
+            ("mm", 1e3)
+        };
+        let limits = joint.limits.map_or("none".to_owned(), |(a, b)| {
+            format!("{:.1} … {:.1}", a * factor, b * factor)
+        });
+        let trained = format!("{:.2} … {:.2}", lower * factor, upper * factor);
+        rows.push(vec![
+            format!("q{}", i + 1),
+            unit.to_owned(),
+            limits,
+            trained,
+        ]);
+    }
+    table::print(&["joint", "unit", "limits", "trained"], &rows);
+    println!();
 }

@@ -21,9 +21,8 @@ use poegp_runtime::poe::Poe;
 
 use crate::calibration::frames::Sample;
 use crate::calibration::{CalibrationError, Method, fewest_poses};
-use crate::compare::CompareError;
 use crate::error::InputError;
-use crate::export::{ExportError, Origin, nominal_chain};
+use crate::export::{DeviceError, ExportError, Origin, nominal_chain};
 use crate::measurements::{self, MeasurementSet};
 use crate::robot::Robot;
 use arguments::{Arguments, Command};
@@ -149,10 +148,11 @@ fn calibration_failure(path: &Path, error: &CalibrationError) -> Failure {
     }
 }
 
-fn compare_failure(path: &Path, error: CompareError) -> Failure {
+/// A failed calibration or export as an error of the file it came from.
+fn device_failure(path: &Path, error: DeviceError) -> Failure {
     match error {
-        CompareError::Calibration { error, .. } => calibration_failure(path, &error),
-        CompareError::Export { error, .. } => error.into(),
+        DeviceError::Calibration(error) => calibration_failure(path, &error),
+        DeviceError::Export(error) => error.into(),
     }
 }
 

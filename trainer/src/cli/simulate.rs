@@ -20,8 +20,14 @@ impl From<arguments::Scenario> for Scenario {
 }
 
 pub fn run(a: &Simulate) -> Result<(), Failure> {
-    if let Some(bad) = a.payloads.iter().find(|kg| !(**kg >= 0.0 && kg.is_finite())) {
-        return Err(Failure::Usage(format!("--payloads {bad}: expected kilograms, 0 or more")));
+    if let Some(bad) = a
+        .payloads
+        .iter()
+        .find(|kg| !(**kg >= 0.0 && kg.is_finite()))
+    {
+        return Err(Failure::Usage(format!(
+            "--payloads {bad}: expected kilograms, 0 or more"
+        )));
     }
     let arm = Arm::load(&a.robot)?;
     make_folder(&a.out)?;
@@ -46,7 +52,11 @@ pub fn make_folder(path: &Path) -> Result<(), Failure> {
         return Ok(());
     }
     std::fs::create_dir(path).map_err(|error| {
-        InputError::new(path, format!("a folder that cannot be made ({error})"), "a folder, or a new one in a folder that exists")
+        InputError::new(
+            path,
+            format!("a folder that cannot be made ({error})"),
+            "a folder, or a new one in a folder that exists",
+        )
     })?;
     Ok(())
 }
@@ -61,8 +71,15 @@ pub fn write_sets(
     comment: &str,
 ) -> Result<Vec<(String, usize)>, Failure> {
     let mut files = Vec::new();
-    for (number, poses) in std::iter::once(train).chain(std::iter::repeat_n(test_poses, test_sets)).enumerate() {
-        let name = if number == 0 { "train.csv".to_owned() } else { format!("test{number}.csv") };
+    for (number, poses) in std::iter::once(train)
+        .chain(std::iter::repeat_n(test_poses, test_sets))
+        .enumerate()
+    {
+        let name = if number == 0 {
+            "train.csv".to_owned()
+        } else {
+            format!("test{number}.csv")
+        };
         let csv = to_csv(robot, &simulator.measure(poses), number > 0, comment);
         crate::output::write(&folder.join(&name), csv.as_bytes())?;
         files.push((name, poses));

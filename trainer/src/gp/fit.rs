@@ -19,7 +19,7 @@ pub enum Sharing {
     PerOutput,
 }
 
-/// Box of θ₀, θ₁ (1/rad² and 1/kg²), θ₂, θ₃, σ_n² for outputs of unit RMS.
+/// Box of θ₀, θ₁ (1/rad² and 1/kg²), θ₂, θ₃, σ_n² for outputs of unit RMS. The upper end of θ₀ may be lowered.
 const BOUNDS: [(f64, f64); 5] = [
     (1e-4, 1e4),
     (1e-4, 1e2),
@@ -30,6 +30,9 @@ const BOUNDS: [(f64, f64); 5] = [
 
 /// Starting points: a long and a short length scale.
 const STARTS: [[f64; 5]; 2] = [[1.0, 0.1, 0.1, 0.01, 0.05], [1.0, 1.0, 0.1, 0.01, 0.3]];
+
+/// Largest θ₀ unless single precision asks for less.
+pub const MAX_SIGNAL_VARIANCE: f64 = BOUNDS[0].1;
 
 /// Most iterations of one search.
 const ITERATIONS: u64 = 100;
@@ -53,10 +56,16 @@ impl Objective for NegativeLogLikelihood<'_> {
     }
 }
 
-/// The hyperparameters that maximise the likelihood of the columns of `outputs` (unit RMS), and that likelihood.
-pub fn maximise_likelihood(pairs: &Pairs, outputs: &Mat<f64>) -> (Hyperparameters, f64) {
+/// The hyperparameters that maximise the likelihood of the columns of `outputs` (unit RMS) with θ₀ at most
+/// `max_signal_variance`, and that likelihood.
+pub fn maximise_likelihood(
+    pairs: &Pairs,
+    outputs: &Mat<f64>,
+    max_signal_variance: f64,
+) -> (Hyperparameters, f64) {
     let objective = NegativeLogLikelihood { pairs, outputs };
-    let bounds = BOUNDS.map(|(lower, upper)| (lower.ln(), upper.ln()));
+    let mut bounds = BOUNDS.map(|(lower, upper)| (lower.ln(), upper.ln()));
+    bounds[0].1 = max_signal_variance.ln();
     let best = STARTS
         .iter()
         .map(|start| minimize(&objective, &start.map(f64::ln), &bounds, ITERATIONS))
@@ -74,15 +83,16 @@ pub fn fit(
     inputs: Vec<Vec<f64>>,
     residuals: &[[f64; OUTPUTS]],
     sharing: Sharing,
+    max_signal_variance: f64,
 ) -> Result<TaskSpaceGp, NotPositiveDefinite> {
     let pairs = Pairs::new(&inputs);
     let (_, scaled) = scale_outputs(residuals);
     let hyperparameters = match sharing {
-        Sharing::Shared => vec![maximise_likelihood(&pairs, &scaled).0],
+        Sharing::Shared => vec![maximise_likelihood(&pairs, &scaled, max_signal_variance).0],
         Sharing::PerOutput => (0..OUTPUTS)
             .map(|c| {
                 let column = Mat::from_fn(scaled.nrows(), 1, |i, _| scaled[(i, c)]);
-                maximise_likelihood(&pairs, &column).0
+                maximise_likelihood(&pairs, &column, max_signal_variance).0
             })
             .collect(),
     };

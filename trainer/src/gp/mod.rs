@@ -213,14 +213,17 @@ impl TaskSpaceGp {
             let square: f64 = (0..n).map(|j| self.weights[(j, c)].powi(2)).sum();
             if square > 0.0 { square.sqrt() } else { 1.0 }
         });
-        let relative: Vec<[f64; OUTPUTS]> =
-            (0..n).map(|j| std::array::from_fn(|c| self.weights[(j, c)] / norms[c])).collect();
+        let relative: Vec<[f64; OUTPUTS]> = (0..n)
+            .map(|j| std::array::from_fn(|c| self.weights[(j, c)] / norms[c]))
+            .collect();
         let mut left: Vec<usize> = (0..n).collect();
         let mut order = Vec::with_capacity(n);
         let mut sum = [0.0; OUTPUTS];
         while !left.is_empty() {
             let after = |j: usize| -> f64 {
-                (0..OUTPUTS).map(|c| (sum[c] + relative[j][c]).powi(2)).sum()
+                (0..OUTPUTS)
+                    .map(|c| (sum[c] + relative[j][c]).powi(2))
+                    .sum()
             };
             let best = (0..left.len())
                 .min_by(|a, b| after(left[*a]).total_cmp(&after(left[*b])))

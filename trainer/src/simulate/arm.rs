@@ -56,10 +56,16 @@ struct TruePayload {
 
 impl TrueArm {
     /// Draws an arm like `robot`.
-    pub fn draw(robot: &Robot, scenario: Scenario, payloads: &[f64], random: &mut ChaCha8Rng) -> Self {
+    pub fn draw(
+        robot: &Robot,
+        scenario: Scenario,
+        payloads: &[f64],
+        random: &mut ChaCha8Rng,
+    ) -> Self {
         let scale = if scenario == Scenario::Wild { 1.1 } else { 0.9 };
         let kinds: Vec<JointKind> = robot.joints.iter().map(|j| j.kind).collect();
-        let mut chain = Poe::new(&kinds, &robot.parent_from_joint).expect("a loaded robot is a chain");
+        let mut chain =
+            Poe::new(&kinds, &robot.parent_from_joint).expect("a loaded robot is a chain");
         for frame in chain.frames_mut() {
             let error = Twist {
                 linear: normal_vector(FRAME_ERROR, random),
@@ -75,7 +81,8 @@ impl TrueArm {
                 phases: std::array::from_fn(|_| std::f64::consts::TAU * random.random::<f64>()),
             })
             .collect();
-        let payload_centre = Vector3::from(PAYLOAD_CENTRE) + normal_vector(PAYLOAD_CENTRE_SPREAD, random);
+        let payload_centre =
+            Vector3::from(PAYLOAD_CENTRE) + normal_vector(PAYLOAD_CENTRE_SPREAD, random);
         let payloads = payloads
             .iter()
             .map(|kg| {
@@ -107,12 +114,18 @@ impl TrueArm {
     }
 
     /// Where the target is for the controller's joints and a payload as the operator knows it.
-    pub fn instrument_from_target(&self, joints: &[f64], payload_kg: f64, random: &mut ChaCha8Rng) -> Pose<f64> {
+    pub fn instrument_from_target(
+        &self,
+        joints: &[f64],
+        payload_kg: f64,
+        random: &mut ChaCha8Rng,
+    ) -> Pose<f64> {
         let mut serial = match &self.coupling {
             None => joints.to_vec(),
-            Some(rows) => {
-                rows.iter().map(|row| poegp_runtime::kernel::inner_product(row, joints)).collect::<Vec<_>>()
-            }
+            Some(rows) => rows
+                .iter()
+                .map(|row| poegp_runtime::kernel::inner_product(row, joints))
+                .collect::<Vec<_>>(),
         };
         let (mass, centre) = self
             .payloads
@@ -138,19 +151,30 @@ impl TrueArm {
                     deflected[i] += compliance * torque.z + self.backlash(torque.z);
                 }
                 if i < 3 {
-                    bending[i] = joint.compliance * self.bending_share() * Vector3::new(torque.x, torque.y, 0.0);
+                    bending[i] = joint.compliance
+                        * self.bending_share()
+                        * Vector3::new(torque.x, torque.y, 0.0);
                 }
             }
         }
         let mut chain = self.chain;
         for (frame, angular) in chain.frames_mut().iter_mut().zip(bending) {
-            *frame = *frame * Pose::exp(&Twist { linear: Vector3::zeros(), angular });
+            *frame = *frame
+                * Pose::exp(&Twist {
+                    linear: Vector3::zeros(),
+                    angular,
+                });
         }
         self.instrument_from_base * chain.forward(&deflected) * self.flange_from_target
     }
 
     /// Gravity torque about the origin of each joint's frame, in its own axes before it moves, N m.
-    fn torques(&self, serial: &[f64], payload_kg: f64, payload_centre: &Vector3<f64>) -> Vec<Vector3<f64>> {
+    fn torques(
+        &self,
+        serial: &[f64],
+        payload_kg: f64,
+        payload_centre: &Vector3<f64>,
+    ) -> Vec<Vector3<f64>> {
         let (frames, flange) = self.chain.joint_frames(serial);
         let origins: Vec<Vector3<f64>> = frames[..serial.len()]
             .iter()
@@ -164,7 +188,8 @@ impl TrueArm {
                 let mut torque = (payload - origins[i]).cross(&(payload_kg * down));
                 for link in i..serial.len() {
                     let centre = 0.5 * (origins[link] + origins[link + 1]);
-                    torque += LINK_GRAVITY_SHARE * (centre - origins[i]).cross(&(self.link_masses[link] * down));
+                    torque += LINK_GRAVITY_SHARE
+                        * (centre - origins[i]).cross(&(self.link_masses[link] * down));
                 }
                 frames[i].rotation.transpose() * torque
             })
@@ -191,7 +216,10 @@ impl TrueArm {
             let [a, b, c] = joint.phases;
             let repeat: f64 = StandardNormal.sample(random);
             let q = joints[i];
-            serial[i] += 60e-6 * (q + a).sin() + 30e-6 * (2.0 * q + b).sin() + 8e-6 * (60.0 * q + c).sin() + 5e-6 * repeat;
+            serial[i] += 60e-6 * (q + a).sin()
+                + 30e-6 * (2.0 * q + b).sin()
+                + 8e-6 * (60.0 * q + c).sin()
+                + 5e-6 * repeat;
         }
         if self.scenario == Scenario::Wild && serial.len() > 2 {
             serial[2] += 100e-6 * (joints[2] - joints[1] + self.joints[2].phases[0]).sin();
@@ -204,5 +232,9 @@ fn arbitrary_pose(distance: f64, random: &mut ChaCha8Rng) -> Pose<f64> {
     let mut normal = || -> f64 { StandardNormal.sample(random) };
     let quaternion = (normal(), Vector3::new(normal(), normal(), normal()));
     let direction = Vector3::new(normal(), normal(), normal());
-    Pose::from_quaternion(quaternion.0, &quaternion.1, direction.normalize() * distance)
+    Pose::from_quaternion(
+        quaternion.0,
+        &quaternion.1,
+        direction.normalize() * distance,
+    )
 }

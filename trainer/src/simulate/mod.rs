@@ -37,8 +37,15 @@ pub const POSITION_NOISE_M: f64 = 30e-6;
 pub const ORIENTATION_NOISE_RAD: f64 = 50e-6;
 
 /// Joint ranges of a cell in degrees, where a target stays visible: of six joints, and of any beyond.
-const CELL_DEG: [(f64, f64); 7] =
-    [(-60.0, 60.0), (-40.0, 60.0), (-40.0, 45.0), (-60.0, 60.0), (-75.0, 75.0), (-90.0, 90.0), (-90.0, 90.0)];
+const CELL_DEG: [(f64, f64); 7] = [
+    (-60.0, 60.0),
+    (-40.0, 60.0),
+    (-40.0, 45.0),
+    (-60.0, 60.0),
+    (-75.0, 75.0),
+    (-90.0, 90.0),
+    (-90.0, 90.0),
+];
 /// Range of a joint without limits in the `Full` scenario.
 const UNLIMITED_RAD: f64 = std::f64::consts::PI;
 
@@ -78,10 +85,18 @@ impl Simulator {
                 return (limits.0.max(-UNLIMITED_RAD), limits.1.min(UNLIMITED_RAD));
             }
             let (lower, upper) = CELL_DEG[i.min(CELL_DEG.len() - 1)];
-            (limits.0.max(lower.to_radians()), limits.1.min(upper.to_radians()))
+            (
+                limits.0.max(lower.to_radians()),
+                limits.1.min(upper.to_radians()),
+            )
         };
         let ranges = robot.joints.iter().enumerate().map(range).collect();
-        Self { arm, ranges, payloads: payloads.to_vec(), random }
+        Self {
+            arm,
+            ranges,
+            payloads: payloads.to_vec(),
+            random,
+        }
     }
 
     /// Measures `count` random poses.
@@ -91,16 +106,30 @@ impl Simulator {
 
     fn measure_one(&mut self) -> SimulatedPose {
         let random = &mut self.random;
-        let joints: Vec<f64> =
-            self.ranges.iter().map(|(lower, upper)| lower + (upper - lower) * random.random::<f64>()).collect();
-        let payload_kg =
-            if self.payloads.is_empty() { 0.0 } else { self.payloads[random.random_range(0..self.payloads.len())] };
+        let joints: Vec<f64> = self
+            .ranges
+            .iter()
+            .map(|(lower, upper)| lower + (upper - lower) * random.random::<f64>())
+            .collect();
+        let payload_kg = if self.payloads.is_empty() {
+            0.0
+        } else {
+            self.payloads[random.random_range(0..self.payloads.len())]
+        };
         let truth = self.arm.instrument_from_target(&joints, payload_kg, random);
-        let turn = Twist { linear: Vector3::zeros(), angular: normal_vector(ORIENTATION_NOISE_RAD, random) };
+        let turn = Twist {
+            linear: Vector3::zeros(),
+            angular: normal_vector(ORIENTATION_NOISE_RAD, random),
+        };
         let mut measured = truth;
         measured.rotation = Pose::exp(&turn).rotation * truth.rotation;
         measured.translation += normal_vector(POSITION_NOISE_M, random);
-        SimulatedPose { joints, payload_kg, measured, truth }
+        SimulatedPose {
+            joints,
+            payload_kg,
+            measured,
+            truth,
+        }
     }
 }
 
@@ -114,7 +143,11 @@ fn normal_vector(sigma: f64, random: &mut ChaCha8Rng) -> Vector3<f64> {
 pub fn to_csv(robot: &Robot, poses: &[SimulatedPose], with_truth: bool, comment: &str) -> String {
     let mut out = format!("# {comment}\npayload_kg");
     for (i, joint) in robot.joints.iter().enumerate() {
-        let unit = if joint.kind == poegp_protocol::JointKind::Revolute { "deg" } else { "mm" };
+        let unit = if joint.kind == poegp_protocol::JointKind::Revolute {
+            "deg"
+        } else {
+            "mm"
+        };
         let _ = write!(out, ",q{}_{unit}", i + 1);
     }
     out += ",x_mm,y_mm,z_mm,qw,qx,qy,qz";
@@ -125,7 +158,11 @@ pub fn to_csv(robot: &Robot, poses: &[SimulatedPose], with_truth: bool, comment:
     for pose in poses {
         let _ = write!(out, "{}", pose.payload_kg);
         for (joint, q) in robot.joints.iter().zip(&pose.joints) {
-            let value = if joint.kind == poegp_protocol::JointKind::Revolute { q.to_degrees() } else { 1e3 * q };
+            let value = if joint.kind == poegp_protocol::JointKind::Revolute {
+                q.to_degrees()
+            } else {
+                1e3 * q
+            };
             let _ = write!(out, ",{value:.10}");
         }
         write_pose(&mut out, &pose.measured);
