@@ -433,7 +433,8 @@ fn checked_coupling<T: Scalar>(
         return Err(LoadError::Coupling);
     }
     let mut out = [[T::ZERO; MAX_JOINTS]; MAX_JOINTS];
-    for (slots, row) in out.iter_mut().zip(coupling.chunks(joints)) {
+    // Here joints ≥ 1; `max` says so to the compiler, which would link a panic for empty chunks.
+    for (slots, row) in out.iter_mut().zip(coupling.chunks(joints.max(1))) {
         for (slot, value) in slots.iter_mut().zip(row) {
             *slot = T::from_f32(*value);
         }

@@ -22,9 +22,14 @@ use crate::scalar::Scalar;
 /// long before, and 9·(2·200)² stays below 2²².
 pub const MAX_SCALED_INPUT: f64 = 200.0;
 
-/// Words of one support row.
+/// Words of one support row; more inputs than [`MAX_INPUTS`] do not exist and count as so many.
 pub const fn row_words(inputs: usize) -> usize {
-    inputs + OUTPUTS
+    // The bound shows the compiler that a row is never empty: without it the image has panics for division by zero.
+    if inputs < MAX_INPUTS {
+        inputs + OUTPUTS
+    } else {
+        MAX_INPUTS + OUTPUTS
+    }
 }
 
 /// Everything of the posterior mean but its support rows.
