@@ -194,6 +194,8 @@ impl<const WORDS: usize, const BYTES: usize> Service<WORDS, BYTES> {
         Ok(Response::Loading { received: end })
     }
 
+    // Not inlined: the cyclic path must not share its large stack frame.
+    #[inline(never)]
     fn finish_load(&mut self) -> Result<(), Refusal> {
         let announced = match self.announced {
             Some(announced) => announced,
@@ -253,6 +255,8 @@ impl<const WORDS: usize, const BYTES: usize> Service<WORDS, BYTES> {
         }
     }
 
+    // Not inlined: the cyclic path must not share its large stack frame.
+    #[inline(never)]
     fn trace(&mut self, query: &Query, board: &mut impl Board) -> Trace {
         let mut record = Record::new();
         let start = board.ticks();
