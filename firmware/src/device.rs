@@ -5,7 +5,7 @@ use poegp_protocol::blob::{HEADER_LENGTH, MAX_LENGTH_WITHOUT_ROWS};
 use poegp_protocol::frame::{MAX_FRAME, Receiver};
 use poegp_runtime::model::words_for;
 use poegp_runtime::service::{Board, Service};
-use static_cell::{ConstStaticCell, StaticCell};
+use static_cell::ConstStaticCell;
 
 use crate::board::{self, Link};
 use crate::log::Logged;
@@ -15,9 +15,8 @@ const WORDS: usize = words_for(512);
 /// Bytes of a blob with as many rows.
 const BYTES: usize = HEADER_LENGTH + MAX_LENGTH_WITHOUT_ROWS + 4 * WORDS;
 
-// Everything large is static, so that the linker proves that it fits. The service is made in place at run time: one
-// byte of an empty one is not zero, and as a constant it would take its whole size of flash for initial values.
-static SERVICE: StaticCell<Service<WORDS, BYTES>> = StaticCell::new();
+// Everything large is static, so that the linker proves that it fits. All of it is zero at the start and takes no flash.
+static SERVICE: ConstStaticCell<Service<WORDS, BYTES>> = ConstStaticCell::new(Service::new());
 static RECEIVER: ConstStaticCell<Receiver> = ConstStaticCell::new(Receiver::new());
 static SCRATCH: ConstStaticCell<[u8; MAX_FRAME]> = ConstStaticCell::new([0; MAX_FRAME]);
 static ANSWER: ConstStaticCell<[u8; MAX_FRAME]> = ConstStaticCell::new([0; MAX_FRAME]);
@@ -26,7 +25,7 @@ static ANSWER: ConstStaticCell<[u8; MAX_FRAME]> = ConstStaticCell::new([0; MAX_F
 fn main() -> ! {
     // `None` cannot happen: the reset handler calls this once.
     let (Some(service), Some(receiver), Some(scratch), Some(answer), Some((board, link))) = (
-        SERVICE.try_init_with(Service::new),
+        SERVICE.try_take(),
         RECEIVER.try_take(),
         SCRATCH.try_take(),
         ANSWER.try_take(),
