@@ -1,0 +1,85 @@
+//! The device starts, says who it is, and runs a model.
+
+use poegp_protocol::blob::{self, HEADER_LENGTH, MAX_LENGTH_WITHOUT_ROWS};
+use poegp_protocol::link::{ModelIdentity, PROTOCOL_VERSION};
+use poegp_runtime::model::words_for;
+use poegp_runtime::status::Status;
+use poegp_tests::sample::{JOINTS, Sample, Support};
+
+use crate::device;
+
+#[test]
+fn identifies_itself_and_its_capacity() {
+    let identity = device().identify().unwrap();
+    assert_eq!(identity.protocol_version, PROTOCOL_VERSION);
+    assert_eq!(identity.firmware_version, env!("CARGO_PKG_VERSION"));
+    assert_eq!(identity.board, "mps2-an386");
+    assert_eq!(identity.tick_hz, 25_000_000);
+    assert_eq!(identity.capacity_words as usize, words_for(512));
+    assert_eq!(
+        identity.capacity_bytes as usize,
+        HEADER_LENGTH + MAX_LENGTH_WITHOUT_ROWS + 4 * words_for(512)
+    );
+    assert_eq!(identity.model, None);
+}
+
+#[test]
+fn without_a_model_says_so() {
+    let sample = Sample::plain(1, Support::None);
+    let evaluation = device().evaluate(&sample.queries(1)[0]).unwrap();
+    assert_eq!(evaluation.status, Status::NO_MODEL.bits());
+    assert_eq!(evaluation.blob_crc, 0);
+}
+
+#[test]
+fn names_the_model_it_runs_and_counts() {
+    let sample = Sample::plain(2, Support::Shared(50));
+    let bytes = sample.blob();
+    let mut device = device();
+    let identity = device.load(&bytes).unwrap();
+    let expected = ModelIdentity {
+        robot: "Sample IRB 4400".try_into().unwrap(),
+        serial_number: "4400-0001".try_into().unwrap(),
+        blob_crc: blob::stored_crc(&bytes).unwrap(),
+        joints: JOINTS as u8,
+        support: 50,
+    };
+    assert_eq!(identity.model, Some(expected));
+    // The fourth query is outside the trained ranges.
+    for query in sample.queries(4) {
+        device.evaluate(&query).unwrap();
+    }
+    let statistics = device.statistics().unwrap();
+    assert_eq!(statistics.models_loaded, 1);
+    assert_eq!(statistics.evaluations, 4);
+    assert!(statistics.flagged >= 1);
+    assert_eq!(statistics.bad_frames, 0);
+    assert_eq!(statistics.refused, 0);
+    // One line at the start and one for the model, each ended by a zero in defmt's encoding.
+    assert!(
+        device
+            .emulator()
+            .log()
+            .iter()
+            .filter(|byte| **byte == 0)
+            .count()
+            >= 2
+    );
+}
+
+#[test]
+fn holds_the_largest_model_and_no_larger() {
+    let mut device = device();
+    // A row of seven inputs is shorter than the longest: more than 512 points fit.
+    let points = words_for(512) / 13;
+    let identity = device
+        .load(&Sample::plain(3, Support::Shared(points)).blob())
+        .unwrap();
+    assert_eq!(
+        identity.model.map(|model| model.support),
+        Some(points as u32)
+    );
+    let refused = device.load(&Sample::plain(3, Support::Shared(points + 1)).blob());
+    let message = refused.unwrap_err().to_string();
+    assert!(message.contains("Model { code: 10 }"), "{message}");
+}
