@@ -13,6 +13,7 @@ pub mod device;
 pub mod emulator;
 pub mod firmware;
 pub mod image;
+pub mod log;
 pub mod sample;
 pub mod stages;
 

@@ -4,6 +4,8 @@ use poegp_protocol::blob::{self, HEADER_LENGTH, MAX_LENGTH_WITHOUT_ROWS};
 use poegp_protocol::link::{ModelIdentity, PROTOCOL_VERSION};
 use poegp_runtime::model::words_for;
 use poegp_runtime::status::Status;
+use poegp_tests::firmware::firmware;
+use poegp_tests::log;
 use poegp_tests::sample::{JOINTS, Sample, Support};
 
 use crate::device;
@@ -55,16 +57,34 @@ fn names_the_model_it_runs_and_counts() {
     assert!(statistics.flagged >= 1);
     assert_eq!(statistics.bad_frames, 0);
     assert_eq!(statistics.refused, 0);
-    // One line at the start and one for the model, each ended by a zero in defmt's encoding.
-    assert!(
-        device
-            .emulator()
-            .log()
-            .iter()
-            .filter(|byte| **byte == 0)
-            .count()
-            >= 2
-    );
+}
+
+#[test]
+fn logs_its_start_what_it_loads_and_what_it_refuses() {
+    let bytes = Sample::plain(4, Support::Shared(7)).blob();
+    let mut device = device();
+    device.load(&bytes).unwrap();
+    // Nothing new: not logged again.
+    device.identify().unwrap();
+    let mut damaged = bytes.clone();
+    damaged[100] ^= 1;
+    device.load(&damaged).unwrap_err();
+    device.load(&bytes[..50]).unwrap_err();
+    device.send_bytes(b"noise\0").unwrap();
+    device.receive().unwrap();
+    // The line is written before the answer is sent; QEMU writes the file as the bytes come.
+    let lines = log::lines(&firmware().unwrap().elf, &device.emulator().log()).unwrap();
+    let expected = [
+        format!("info: firmware {} on mps2-an386", env!("CARGO_PKG_VERSION")),
+        format!(
+            "info: model {:08x} loaded: 6 joints, 7 support points",
+            blob::stored_crc(&bytes).unwrap()
+        ),
+        "warn: load refused: blob is damaged".to_owned(),
+        "warn: load refused: blob is truncated".to_owned(),
+        "warn: frame refused: damaged".to_owned(),
+    ];
+    assert_eq!(lines, expected);
 }
 
 #[test]
