@@ -141,15 +141,22 @@ fn per_output<T: Scalar>(
     out: &mut [T; OUTPUTS],
     kernel_value: &mut impl FnMut(T),
 ) {
+    let mut sums = *out;
     for row in rows.chunks_exact(row_words(inputs)) {
         let (centre, weights) = row.split_at_checked(inputs).unwrap_or((&[], &[]));
+        let Some(weights) = weights.first_chunk::<OUTPUTS>() else {
+            break;
+        };
         let squared = crate::kernel::squared_distance(u, centre);
-        for ((sum, weight), rate) in out.iter_mut().zip(weights).zip(rates) {
-            let k = (-(*rate * squared)).exp2();
+        let mut c = 0;
+        while c < OUTPUTS {
+            let k = (-(rates[c] * squared)).exp2();
             kernel_value(k);
-            *sum += k * *weight;
+            sums[c] += k * weights[c];
+            c += 1;
         }
     }
+    *out = sums;
 }
 
 /// Factor of an input for hyperparameter θ₁: √(θ₁ log₂e / 2).
