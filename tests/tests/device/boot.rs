@@ -1,9 +1,13 @@
 //! The device starts, says who it is, and runs a model.
 
+use std::io::Read;
+use std::time::Duration;
+
 use poegp_protocol::blob::{self, HEADER_LENGTH, MAX_LENGTH_WITHOUT_ROWS};
 use poegp_protocol::link::{ModelIdentity, PROTOCOL_VERSION};
 use poegp_runtime::model::words_for;
 use poegp_runtime::status::Status;
+use poegp_tests::emulator::{Clock, Emulator};
 use poegp_tests::firmware::firmware;
 use poegp_tests::log;
 use poegp_tests::sample::{JOINTS, Sample, Support};
@@ -102,4 +106,15 @@ fn holds_the_largest_model_and_no_larger() {
     let refused = device.load(&Sample::plain(3, Support::Shared(points + 1)).blob());
     let message = refused.unwrap_err().to_string();
     assert!(message.contains("Model { code: 10 }"), "{message}");
+}
+
+#[test]
+fn the_machine_is_switched_off_when_its_time_is_up() {
+    let elf = &firmware().unwrap().elf;
+    let limit = Duration::from_millis(100);
+    let (_emulator, mut link) = Emulator::start(elf, Clock::Real, limit).unwrap();
+    // Nobody asks, so nothing comes but the end.
+    let mut bytes = Vec::new();
+    link.read_to_end(&mut bytes).unwrap();
+    assert_eq!(bytes, []);
 }

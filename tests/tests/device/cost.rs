@@ -50,5 +50,5 @@ fn instructions_of_one_evaluation() {
     assert!(no_model <= 200.0, "{no_model}");
     assert!(chain <= 3_000.0, "{chain}");
     assert!(shared <= 25_000.0, "{shared}");
-    assert!(per_output <= 100_000.0, "{per_output}");
+    assert!(per_output <= 70_000.0, "{per_output}");
 }
