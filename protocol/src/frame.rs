@@ -94,6 +94,10 @@ pub fn encode<'b, M: Serialize>(
 /// # Errors
 /// [`FrameError`].
 pub fn decode<'b, M: Deserialize<'b>>(frame: &'b mut [u8]) -> Result<(u16, M), FrameError> {
+    // A zero ends a frame: the decoder would stop there and not look at what follows.
+    if frame.contains(&0) {
+        return Err(FrameError::Damaged);
+    }
     let length = cobs::decode_in_place(frame).map_err(|_| FrameError::Damaged)?;
     let raw: &'b [u8] = frame.get(..length).ok_or(FrameError::Damaged)?;
     let split = length.checked_sub(4).ok_or(FrameError::Damaged)?;

@@ -25,7 +25,7 @@ pub enum LoadError {
         /// Joints, and one more if the payload is known.
         expected: u8,
     },
-    /// A scale, rate or coefficient of the kernel is not usable.
+    /// A scale, rate or coefficient of the kernel is not usable: negative, not finite, or beyond 1e30.
     Kernel,
     /// The bound on the correction is negative, above 1 m or 0.5 rad, or NaN.
     Bound,
@@ -41,7 +41,7 @@ pub enum LoadError {
         /// Words that fit.
         capacity: u32,
     },
-    /// A number of the support is not finite, or an input beyond ±200 length scales.
+    /// A weight of the support is not within ±1e30, or an input beyond ±200 length scales.
     Row,
 }
 

@@ -32,6 +32,9 @@ const MAX_ROTATION_ERROR: f32 = 1e-4;
 /// Largest bounds that a blob may ask for.
 const MAX_BOUND_M: f32 = 1.0;
 const MAX_BOUND_RAD: f32 = 0.5;
+/// Largest weight, constant or slope of a correction: with it no sum of the posterior mean can overflow
+/// ((8·4096 + 10⁵)·10³⁰ of the slopes and 10³⁰ for each of a million points stay below f32::MAX).
+const MAX_COEFFICIENT: f32 = 1e30;
 
 /// The answer of [`Model::evaluate`].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -356,7 +359,11 @@ impl<T: Scalar> BoundedMean<T> {
             header.rates = Some(rates.map(T::from_f32));
         }
         for (slots, values) in header.affine.iter_mut().zip(&task.affine) {
-            if values.len() != inputs + 1 || values.iter().any(|value| !value.is_finite()) {
+            if values.len() != inputs + 1
+                || values
+                    .iter()
+                    .any(|value| !is_within(*value, -MAX_COEFFICIENT, MAX_COEFFICIENT))
+            {
                 return Err(LoadError::Kernel);
             }
             for (slot, value) in slots.iter_mut().zip(values) {
@@ -422,10 +429,14 @@ fn checked_chain<T: Scalar>(
         let pose = Pose::<f32>::from_rows(frame);
         let square = crate::se3::product(&pose.rotation, &pose.rotation.transpose());
         let identity = Pose::<f32>::identity().rotation;
+        let column = |j: usize| pose.rotation.column(j).into_owned();
+        // A reflection is orthonormal too.
+        let volume = dot(&cross(&column(0), &column(1)), &column(2));
         if !square
             .iter()
             .zip(identity.iter())
             .all(|(a, b)| is_within(a - b, -MAX_ROTATION_ERROR, MAX_ROTATION_ERROR))
+            || !is_within(volume, 0.0, 2.0)
             || !pose
                 .translation
                 .iter()
@@ -488,7 +499,7 @@ fn checked_rows<'a>(task: &TaskSpace<'a>, capacity: usize) -> Result<&'a [u8], L
             let limit = if index < inputs {
                 MAX_SCALED_INPUT as f32
             } else {
-                f32::MAX
+                MAX_COEFFICIENT
             };
             if !is_within(f32::from_le_bytes(*word), -limit, limit) {
                 return Err(LoadError::Row);

@@ -50,7 +50,7 @@ pub trait Scalar:
     fn abs(self) -> Self;
     /// Square root, correctly rounded.
     fn sqrt(self) -> Self;
-    /// Sine and cosine of an angle in radians, |angle| ≤ [`MAX_ANGLE`]; in `f32` within 7.6e-8.
+    /// Sine and cosine of an angle in radians, |angle| ≤ [`MAX_ANGLE`]; in `f32` within 1e-7.
     fn sin_cos(self) -> (Self, Self);
     /// 2^self for −2²² < self ≤ 0; in `f32` within 1.8e-7 relative, not below 2⁻¹²⁵.
     fn exp2(self) -> Self;

@@ -95,7 +95,7 @@ pub fn product<T: Scalar>(a: &Matrix3<T>, b: &Matrix3<T>) -> Matrix3<T> {
     )
 }
 
-/// The skew-symmetric matrix `[a]` with `[a] b = a × b`.
+/// The skew-symmetric matrix `[a]` with `[a] b` = a × b.
 #[inline(always)]
 pub fn skew<T: Scalar>(a: &Vector3<T>) -> Matrix3<T> {
     let o = T::ZERO;
@@ -163,7 +163,7 @@ impl<T: Scalar> Coefficients<T> {
     }
 }
 
-/// `I + p[ω] + q[ω]²`, the shape that the rotation, the left Jacobian and its inverse all have.
+/// I + p[ω] + q[ω]², the shape that the rotation, the left Jacobian and its inverse all have.
 #[inline(always)]
 fn polynomial_of_skew<T: Scalar>(omega: &Vector3<T>, p: T, q: T) -> Matrix3<T> {
     let (x, y, z) = (omega[0], omega[1], omega[2]);
@@ -277,7 +277,7 @@ impl<T: Scalar> Pose<T> {
         }
     }
 
-    /// `Ad_T = [[R, [p]R], [0, R]]`, 6×6: `adjoint(T)·ξ` is the twist ξ seen from the other frame.
+    /// Ad_T = `[[R, [p]R], [0, R]]`, 6×6: `adjoint(T)·ξ` is the twist ξ seen from the other frame.
     pub fn adjoint(&self) -> Matrix6<T> {
         let pr = product(&skew(&self.translation), &self.rotation);
         blocks(&self.rotation, &pr, &self.rotation)

@@ -1,1 +1,27 @@
-//! trainer
+//! Calibrates a robot arm from tracker measurements and writes the model blob that the runtime evaluates.
+//!
+//! ```text
+//! measurements ──> robot, measurements ──> calibration (base-tool, POE) ──> gp ──> export ──> blob
+//!                                                                                     │
+//!                              statistics <── loaded (f32 runtime on the blob's bytes) <──┘
+//! ```
+//!
+//! Everything up to [`export`] is `f64`, and every formula is the runtime's. Every reported error comes from the bytes of
+//! a blob, through the `f32` runtime, as the device will have it.
+#![warn(missing_docs)]
+
+pub mod calibration;
+pub mod cli;
+pub mod compare;
+pub mod error;
+pub mod export;
+pub mod folds;
+pub mod gp;
+pub mod loaded;
+pub mod measurements;
+pub mod minimize;
+pub mod output;
+pub mod robot;
+pub mod samples;
+pub mod simulate;
+pub mod statistics;

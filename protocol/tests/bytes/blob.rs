@@ -1,0 +1,225 @@
+//! The blob: golden bytes, and every damage refused by name.
+
+use std::collections::BTreeMap;
+
+use poegp_protocol::blob::{
+    BufferTooSmall, Correction, DecodeError, FORMAT_VERSION, HEADER_LENGTH, blob_crc, decode,
+    encode, stored_crc,
+};
+use proptest::prelude::*;
+use proptest::test_runner::RngSeed;
+
+use crate::{listing, sample};
+
+fn golden() -> Vec<u8> {
+    listing::hex_blocks(sample::BLOB_FORMAT)
+        .into_iter()
+        .next()
+        .expect("a listing")
+}
+
+#[test]
+fn value_to_bytes_is_the_listing_of_the_documentation() {
+    let rows = sample::rows();
+    let mut buffer = [0; 2_048];
+    let encoded = encode(&sample::blob(&rows), &mut buffer).unwrap();
+    assert_eq!(encoded, golden());
+}
+
+#[test]
+fn bytes_to_value() {
+    let (bytes, rows) = (golden(), sample::rows());
+    assert_eq!(decode(&bytes), Ok(sample::blob(&rows)));
+    assert_eq!(stored_crc(&bytes), Some(0xd575_90a6));
+}
+
+#[test]
+fn a_blob_without_correction_ends_after_its_number() {
+    let rows = sample::rows();
+    let mut blob = sample::blob(&rows);
+    blob.correction = Correction::None;
+    let mut buffer = [0; 2_048];
+    let encoded = encode(&blob, &mut buffer).unwrap();
+    assert_eq!(encoded.last(), Some(&0));
+    assert_eq!(decode(encoded), Ok(blob));
+}
+
+/// Name of an error without its numbers.
+fn kind(error: DecodeError) -> &'static str {
+    match error {
+        DecodeError::Truncated { .. } => "Truncated",
+        DecodeError::WrongMagic => "WrongMagic",
+        DecodeError::UnknownVersion { .. } => "UnknownVersion",
+        DecodeError::ReservedBitsSet => "ReservedBitsSet",
+        DecodeError::TrailingBytes { .. } => "TrailingBytes",
+        DecodeError::CrcMismatch { .. } => "CrcMismatch",
+        DecodeError::MalformedPayload => "MalformedPayload",
+    }
+}
+
+/// Which field of the header a bit belongs to decides which error names it.
+#[test]
+fn every_single_bit_flip_is_refused_by_name() {
+    let golden = golden();
+    let mut counts = BTreeMap::new();
+    for bit in 0..8 * golden.len() {
+        let mut bytes = golden.clone();
+        bytes[bit / 8] ^= 1 << (bit % 8);
+        let error = decode(&bytes).expect_err("a flipped bit");
+        let expected: &[&str] = match bit / 8 {
+            0..8 => &["WrongMagic"],
+            8..10 => &["UnknownVersion"],
+            10..12 => &["ReservedBitsSet"],
+            12..16 => &["Truncated", "TrailingBytes"],
+            _ => &["CrcMismatch"],
+        };
+        assert!(
+            expected.contains(&kind(error)),
+            "bit {bit}: {error:?}, not {expected:?}"
+        );
+        *counts.entry(kind(error)).or_insert(0) += 1;
+    }
+    for (name, count) in &counts {
+        println!("| {name:<16} | {count:>6} |");
+    }
+    // 847 is 0b11_0100_1111: seven of the 32 length bits are set, and clearing one leaves bytes over.
+    let expected = BTreeMap::from([
+        ("WrongMagic", 64),
+        ("UnknownVersion", 16),
+        ("ReservedBitsSet", 16),
+        ("Truncated", 25),
+        ("TrailingBytes", 7),
+        ("CrcMismatch", 8 * (golden.len() - 16)),
+    ]);
+    assert_eq!(counts, expected);
+}
+
+#[test]
+fn every_truncation_and_every_extra_byte_is_refused_by_name() {
+    let golden = golden();
+    for length in 0..golden.len() {
+        let expected = if length < HEADER_LENGTH {
+            HEADER_LENGTH
+        } else {
+            golden.len()
+        };
+        let error = DecodeError::Truncated {
+            expected: expected as u32,
+            found: length as u32,
+        };
+        assert_eq!(decode(&golden[..length]), Err(error));
+    }
+    for extra in 0..=u8::MAX {
+        let mut bytes = golden.clone();
+        bytes.push(extra);
+        let error = DecodeError::TrailingBytes {
+            expected: golden.len() as u32,
+            found: bytes.len() as u32,
+        };
+        assert_eq!(decode(&bytes), Err(error));
+    }
+}
+
+/// `payload` in an envelope whose length and CRC are right.
+fn sealed(payload: &[u8]) -> Vec<u8> {
+    let mut bytes = golden()[..12].to_vec();
+    bytes.extend((payload.len() as u32).to_le_bytes());
+    bytes.extend(blob_crc(&bytes[..16], payload).to_le_bytes());
+    bytes.extend(payload);
+    bytes
+}
+
+#[test]
+fn an_intact_envelope_around_nonsense_is_malformed() {
+    let golden = golden();
+    let payload = &golden[HEADER_LENGTH..];
+    assert_eq!(
+        sealed(payload),
+        golden,
+        "`sealed` seals as the encoder does"
+    );
+    let patched = |at: usize, value: u8| {
+        let mut bytes = payload.to_vec();
+        bytes[at - HEADER_LENGTH] = value;
+        sealed(&bytes)
+    };
+    // Offsets as in the listing.
+    let cases = [
+        ("a name that is not UTF-8", patched(0x15, 0xff)),
+        ("nine joints", patched(0x1a, 9)),
+        ("a joint kind 2", patched(0x1b, 2)),
+        ("an Option that is neither 0 nor 1", patched(0x1c, 2)),
+        ("a unit that does not exist", patched(0x38, 1)),
+        ("ten frames", patched(0x8e, 10)),
+        ("a payload cut short", sealed(&payload[..payload.len() - 1])),
+        (
+            "a payload with a byte more",
+            sealed(&[payload, &[0]].concat()),
+        ),
+        ("no payload", sealed(&[])),
+    ];
+    for (what, bytes) in cases {
+        assert_eq!(decode(&bytes), Err(DecodeError::MalformedPayload), "{what}");
+    }
+}
+
+#[test]
+fn another_version_is_named_before_its_bytes_are_judged() {
+    let mut bytes = golden();
+    bytes[8..10].copy_from_slice(&0x0102_u16.to_le_bytes());
+    let error = DecodeError::UnknownVersion {
+        found: 0x0102,
+        supported: FORMAT_VERSION,
+    };
+    assert_eq!(decode(&bytes), Err(error));
+}
+
+#[test]
+fn encoding_needs_the_whole_room_and_not_a_byte_more() {
+    let (golden, rows) = (golden(), sample::rows());
+    for room in 0..golden.len() {
+        let mut buffer = vec![0; room];
+        assert_eq!(
+            encode(&sample::blob(&rows), &mut buffer),
+            Err(BufferTooSmall)
+        );
+    }
+    let mut buffer = vec![0; golden.len()];
+    assert_eq!(encode(&sample::blob(&rows), &mut buffer), Ok(&golden[..]));
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig {
+        cases: 2_000,
+        rng_seed: RngSeed::Fixed(1),
+        failure_persistence: None,
+        ..ProptestConfig::default()
+    })]
+
+    #[test]
+    fn arbitrary_bytes_never_panic(bytes in prop::collection::vec(any::<u8>(), 0..400)) {
+        prop_assert!(decode(&bytes).is_err());
+        // The same behind an intact envelope: may be a value, must not panic.
+        let _ = decode(&sealed(&bytes));
+    }
+
+    #[test]
+    fn damaged_payloads_behind_an_intact_envelope_never_panic(
+        changes in prop::collection::vec((0_usize..847, any::<u8>()), 1..20),
+        cut in 0_usize..847,
+    ) {
+        let mut payload = golden()[HEADER_LENGTH..].to_vec();
+        for (at, value) in changes {
+            payload[at] = value;
+        }
+        let whole = sealed(&payload);
+        // What decodes encodes to a value that decodes to the same (varints may have been spelled longer).
+        if let Ok(blob) = decode(&whole) {
+            let mut buffer = [0; 2_048];
+            let again = encode(&blob, &mut buffer).unwrap();
+            let mut second = [0; 2_048];
+            prop_assert_eq!(encode(&decode(again).unwrap(), &mut second).unwrap(), again);
+        }
+        prop_assert!(decode(&sealed(&payload[..cut])).is_err() || cut > 0);
+    }
+}

@@ -1,0 +1,213 @@
+//! Frames: round trip, and no damaged frame is taken for a message.
+
+use poegp_protocol::blob::{BufferTooSmall, CRC};
+use poegp_protocol::frame::{FrameError, decode, encode};
+use poegp_protocol::link::{PROTOCOL_VERSION, Request, Response};
+use proptest::prelude::*;
+use proptest::test_runner::RngSeed;
+use serde::Serialize;
+
+use crate::link::{requests, responses};
+
+/// The frame of a message without its final zero.
+fn framed(sequence: u16, message: &impl Serialize) -> Vec<u8> {
+    let (mut scratch, mut out) = ([0; 2_048], [0; 2_048]);
+    let frame = encode(sequence, message, &mut scratch, &mut out).unwrap();
+    let (last, frame) = frame.split_last().unwrap();
+    assert_eq!(*last, 0, "a frame ends with a zero");
+    assert!(!frame.contains(&0), "and has none inside");
+    frame.to_vec()
+}
+
+/// A piece that needs several COBS blocks: zeros, runs without zeros of 254 bytes and more.
+fn awkward_piece() -> Vec<u8> {
+    let mut bytes = vec![0x55; 253];
+    bytes.extend([0, 0]);
+    bytes.extend([0xff; 254]);
+    bytes.push(0);
+    bytes.extend(1..=255);
+    bytes.extend([7; 200]);
+    bytes
+}
+
+fn all_frames() -> Vec<Vec<u8>> {
+    let piece = awkward_piece();
+    let long = Request::LoadPiece {
+        offset: 0,
+        bytes: &piece,
+    };
+    let mut frames = vec![framed(0, &long)];
+    for sequence in [0, 1, 0x0100, 0xffff] {
+        frames.extend(requests().iter().map(|message| framed(sequence, message)));
+        frames.extend(responses().iter().map(|message| framed(sequence, message)));
+    }
+    frames
+}
+
+#[test]
+fn round_trip() {
+    for sequence in [0, 1, 255, 256, u16::MAX] {
+        for request in requests() {
+            let mut frame = framed(sequence, &request);
+            assert_eq!(decode(&mut frame), Ok((sequence, request)));
+        }
+        for response in responses() {
+            let mut frame = framed(sequence, &response);
+            assert_eq!(decode(&mut frame), Ok((sequence, response)));
+        }
+    }
+    let piece = awkward_piece();
+    let request = Request::LoadPiece {
+        offset: 1,
+        bytes: &piece,
+    };
+    assert_eq!(decode(&mut framed(3, &request)), Ok((3, request)));
+}
+
+#[test]
+fn every_single_bit_flip_is_damage() {
+    let mut flips = 0;
+    for frame in all_frames() {
+        for bit in 0..8 * frame.len() {
+            let mut bytes = frame.clone();
+            bytes[bit / 8] ^= 1 << (bit % 8);
+            let refused = decode::<Request<'_>>(&mut bytes) == Err(FrameError::Damaged);
+            assert!(refused, "bit {bit} of {frame:02x?}");
+            flips += 1;
+        }
+    }
+    println!("{flips} flipped bits, all refused as damage");
+}
+
+#[test]
+fn every_truncation_and_every_extra_byte_is_damage() {
+    for frame in all_frames() {
+        for length in 0..frame.len() {
+            let mut bytes = frame[..length].to_vec();
+            let refused = decode::<Request<'_>>(&mut bytes) == Err(FrameError::Damaged);
+            assert!(refused, "{length} bytes of {frame:02x?}");
+        }
+        for extra in 0..=u8::MAX {
+            let mut bytes = frame.clone();
+            bytes.push(extra);
+            let refused = decode::<Request<'_>>(&mut bytes) == Err(FrameError::Damaged);
+            assert!(refused, "{extra:02x} behind {frame:02x?}");
+        }
+    }
+}
+
+/// COBS of `body` and its CRC.
+fn sealed(body: &[u8]) -> Vec<u8> {
+    let raw = [body, &CRC.checksum(body).to_le_bytes()].concat();
+    let mut out = vec![0; raw.len() + raw.len() / 254 + 2];
+    let used = cobs::try_encode(&raw, &mut out).unwrap();
+    out.truncate(used);
+    out
+}
+
+#[test]
+fn another_version_is_named_with_the_sequence_number() {
+    for found in (0..=u8::MAX).filter(|version| *version != PROTOCOL_VERSION) {
+        let mut frame = sealed(&[found, 0x34, 0x12, 0xaa]);
+        let error = FrameError::Version {
+            found,
+            sequence: 0x1234,
+        };
+        assert_eq!(decode::<Request<'_>>(&mut frame), Err(error));
+    }
+}
+
+#[test]
+fn an_intact_frame_that_cannot_be_read_is_named_with_the_sequence_number() {
+    let unknown: [&[u8]; 6] = [
+        &[],
+        &[7],
+        &[0, 0],
+        &[1, 0xff, 0xff, 0xff, 0xff, 0x1f, 0],
+        &[2, 0, 4, 1, 2, 3],
+        &[4, 9, 0, 0, 0, 0],
+    ];
+    for message in unknown {
+        let mut frame = sealed(&[&[PROTOCOL_VERSION, 9, 0], message].concat());
+        let error = FrameError::UnknownMessage { sequence: 9 };
+        assert_eq!(decode::<Request<'_>>(&mut frame), Err(error), "{message:?}");
+    }
+}
+
+#[test]
+fn an_intact_frame_without_room_for_a_sequence_number_is_damage() {
+    for body in [&[][..], &[1], &[1, 0]] {
+        assert_eq!(
+            decode::<Request<'_>>(&mut sealed(body)),
+            Err(FrameError::Damaged)
+        );
+    }
+}
+
+#[test]
+fn encoding_without_room_says_so() {
+    for message in requests() {
+        let whole = framed(1, &message).len() + 1;
+        let (mut long, mut exact) = (vec![0; 64], vec![0; whole]);
+        assert!(encode(1, &message, &mut long, &mut exact).is_ok());
+        for room in 0..whole {
+            let mut short = vec![0; room];
+            assert_eq!(
+                encode(1, &message, &mut long, &mut short),
+                Err(BufferTooSmall)
+            );
+        }
+        // Before COBS a frame is two bytes shorter: no code byte, no final zero.
+        for room in 0..whole - 2 {
+            let mut short = vec![0; room];
+            assert_eq!(
+                encode(1, &message, &mut short, &mut long),
+                Err(BufferTooSmall)
+            );
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig {
+        cases: 3_000,
+        rng_seed: RngSeed::Fixed(2),
+        failure_persistence: None,
+        ..ProptestConfig::default()
+    })]
+
+    #[test]
+    fn arbitrary_bytes_never_panic(mut bytes in prop::collection::vec(any::<u8>(), 0..300)) {
+        let mut copy = bytes.clone();
+        prop_assert_eq!(decode::<Request<'_>>(&mut copy), Err(FrameError::Damaged));
+        prop_assert_eq!(decode::<Response>(&mut bytes), Err(FrameError::Damaged));
+    }
+
+    #[test]
+    fn arbitrary_messages_in_an_intact_frame_never_panic(
+        sequence: u16,
+        message in prop::collection::vec(any::<u8>(), 0..60),
+    ) {
+        let [low, high] = sequence.to_le_bytes();
+        let frame = sealed(&[&[PROTOCOL_VERSION, low, high], &message[..]].concat());
+        match decode::<Request<'_>>(&mut frame.clone()) {
+            Ok((found, _)) => prop_assert_eq!(found, sequence),
+            Err(error) => prop_assert_eq!(error, FrameError::UnknownMessage { sequence }),
+        }
+        match decode::<Response>(&mut frame.clone()) {
+            Ok((found, _)) => prop_assert_eq!(found, sequence),
+            Err(error) => prop_assert_eq!(error, FrameError::UnknownMessage { sequence }),
+        }
+    }
+
+    #[test]
+    fn pieces_of_any_bytes_survive(
+        sequence: u16,
+        offset: u32,
+        bytes in prop::collection::vec(prop_oneof![Just(0_u8), Just(0xff), any::<u8>()], 0..=1_024),
+    ) {
+        let request = Request::LoadPiece { offset, bytes: &bytes };
+        let mut frame = framed(sequence, &request);
+        prop_assert_eq!(decode(&mut frame), Ok((sequence, request)));
+    }
+}

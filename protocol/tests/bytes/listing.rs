@@ -1,0 +1,40 @@
+//! Reads the hex listings of the documentation, so that what it shows is what the encoder writes.
+
+/// The bytes of every ` ```hex ` block of `markdown`: lines of offset, bytes and a remark after `#`.
+///
+/// # Panics
+/// When an offset is not the number of bytes before it.
+pub fn hex_blocks(markdown: &str) -> Vec<Vec<u8>> {
+    let blocks = markdown.split("```hex\n").skip(1);
+    blocks
+        .map(|rest| hex_lines(rest.split("```").next().unwrap_or("")))
+        .collect()
+}
+
+fn hex_lines(block: &str) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    for line in block.lines() {
+        let code = line.split('#').next().unwrap_or("");
+        let mut words = code.split_whitespace();
+        let Some(offset) = words.next() else { continue };
+        let offset = usize::from_str_radix(offset, 16).expect("an offset");
+        assert_eq!(offset, bytes.len(), "offset of the line {line:?}");
+        bytes.extend(words.map(|word| u8::from_str_radix(word, 16).expect("a byte")));
+    }
+    bytes
+}
+
+/// The cells of every table row of `markdown` whose first cell is a number: what the tables of messages are.
+pub fn numbered_rows(markdown: &str) -> Vec<(u8, Vec<String>)> {
+    let cells = |line: &str| -> Vec<String> {
+        let inner = line.trim().trim_start_matches('|').trim_end_matches('|');
+        inner
+            .split('|')
+            .map(|cell| cell.trim().to_owned())
+            .collect()
+    };
+    let rows = markdown.lines().filter(|line| line.starts_with('|'));
+    rows.map(cells)
+        .filter_map(|row| Some((row.first()?.parse().ok()?, row)))
+        .collect()
+}

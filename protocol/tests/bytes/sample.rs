@@ -1,0 +1,92 @@
+//! The arm of the worked example in `docs/blob-format.md`: one revolute and one prismatic joint, two support points.
+
+use poegp_protocol::JointKind;
+use poegp_protocol::blob::{
+    Blob, Correction, CorrectionBound, Geometry, Joint, Provenance, Ranges, Robot, TaskSpace,
+    Transform, Units,
+};
+
+/// The documentation that has its bytes.
+pub const BLOB_FORMAT: &str = include_str!("../../../docs/blob-format.md");
+
+/// Support rows: three scaled inputs and six weights each.
+pub fn rows() -> Vec<u8> {
+    let powers = [9, 10, 11, 13, 13, 14].map(|exponent| 1.0 / (1_u32 << exponent) as f32);
+    let signs = [1.0, -1.0, 1.0, 1.0, -1.0, 1.0];
+    let weight = |c: usize| powers[c] * signs[c];
+    let first = [0.0, 0.125, 0.0].into_iter().chain((0..6).map(weight));
+    let second = [0.5, 0.0625, 1.25]
+        .into_iter()
+        .chain((0..6).map(|c| -weight(c)));
+    first.chain(second).flat_map(f32::to_le_bytes).collect()
+}
+
+/// The arm.
+pub fn blob(rows: &[u8]) -> Blob<'_> {
+    let constants = [1.0, 2.0, 3.0, 0.0, 0.0, 0.0].map(|factor| factor / 1_024.0);
+    let mut affine = constants.map(|constant| [constant, 0.0, 0.0, 0.0]);
+    affine[0][3] = -1.0 / 8_192.0;
+    Blob {
+        robot: Robot {
+            name: "ARM",
+            serial_number: "7",
+            joints: [
+                Joint {
+                    kind: JointKind::Revolute,
+                    limits: Some((-2.5, 2.5)),
+                },
+                Joint {
+                    kind: JointKind::Prismatic,
+                    limits: None,
+                },
+            ]
+            .into_iter()
+            .collect(),
+            coupling: [1.0, 0.0, -1.0, 1.0].into_iter().collect(),
+        },
+        units: Units::SI,
+        provenance: Provenance {
+            model: "paper",
+            trainer_version: "0.1.0",
+            date: "2026-11-20",
+            data_sha256: core::array::from_fn(|index| index as u8),
+            training_poses: 300,
+        },
+        ranges: Ranges {
+            joints: [(-2.0, 2.0), (0.0, 0.5)].into_iter().collect(),
+            payload_kg: Some((0.0, 10.0)),
+        },
+        geometry: Geometry {
+            calibrated: frames(0.507_812_5).into_iter().collect(),
+            nominal: frames(0.5).into_iter().collect(),
+            instrument_from_base: along([1.0, 2.0, 3.0]),
+            flange_from_target: along([0.0, 0.0, 0.0625]),
+        },
+        correction: Correction::TaskSpace(TaskSpace {
+            bound: CorrectionBound {
+                position_m: 0.015_625,
+                angle_rad: 0.007_812_5,
+            },
+            hyperparameters: [[1.0, 0.5, 0.25, 0.0625, 0.015_625]].into_iter().collect(),
+            output_scale: [1e-3, 1e-3, 1e-3, 1e-4, 1e-4, 1e-4],
+            input_scale: [0.5, 0.5, 0.125].into_iter().collect(),
+            rates: None,
+            affine: affine.map(|values| values.into_iter().collect()),
+            rows,
+        }),
+    }
+}
+
+/// The three fixed frames of the chain, the first at height `z`.
+fn frames(z: f32) -> [Transform<f32>; 3] {
+    let mut quarter_turn = [0.0; 12];
+    (quarter_turn[0], quarter_turn[6], quarter_turn[9]) = (1.0, -1.0, 1.0);
+    quarter_turn[3] = 0.25;
+    [along([0.0, 0.0, z]), quarter_turn, along([0.0, 0.0, 0.125])]
+}
+
+/// A translation.
+fn along<N: Copy + From<f32>>([x, y, z]: [N; 3]) -> Transform<N> {
+    let (i, o) = (N::from(1.0), N::from(0.0));
+    [i, o, o, x, o, i, o, y, o, o, i, z]
+}

@@ -1,0 +1,207 @@
+//! An arm whose numbers a proof can change one by one: the owned counterpart of a blob.
+
+use poegp_protocol::JointKind;
+use poegp_protocol::blob::{
+    Blob, Correction, CorrectionBound, Geometry, Joint, Provenance, Ranges, Robot, TaskSpace, Units,
+};
+use poegp_protocol::limits::OUTPUTS;
+use poegp_runtime::model::{Model, Observer};
+use poegp_runtime::poe::JointMotion;
+use poegp_runtime::scalar::Scalar;
+use poegp_runtime::se3::{Pose, Twist};
+
+/// Room for the support of every arm here.
+pub const WORDS: usize = 1_024;
+
+/// An arm; `blob` borrows it.
+#[derive(Clone, Debug)]
+pub struct Arm {
+    pub joints: Vec<Joint>,
+    pub coupling: Vec<f32>,
+    pub ranges: Vec<(f32, f32)>,
+    pub payload: Option<(f32, f32)>,
+    pub calibrated: Vec<[f32; 12]>,
+    pub nominal: Vec<[f32; 12]>,
+    pub task: Option<Task>,
+    bytes: Vec<u8>,
+}
+
+/// The correction of an [`Arm`].
+#[derive(Clone, Debug)]
+pub struct Task {
+    pub bound: CorrectionBound,
+    pub input_scale: Vec<f32>,
+    pub rates: Option<[f32; OUTPUTS]>,
+    pub affine: [Vec<f32>; OUTPUTS],
+    pub rows: Vec<f32>,
+}
+
+/// Numbers without order and without randomness, in [−1, 1].
+fn scattered(seed: u32) -> impl FnMut() -> f32 {
+    let mut state = seed;
+    move || {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (state >> 8) as f32 / 8_388_608.0 - 1.0
+    }
+}
+
+impl Arm {
+    /// An arm of `joints` joints, every third prismatic, with `points` support points and a payload: sound.
+    pub fn sound(joints: usize, points: usize) -> Self {
+        let mut next = scattered(joints as u32 * 1_000 + points as u32);
+        let mut frame = || {
+            let twist: [f32; 6] = core::array::from_fn(|index| next() * [0.5, 3.0][index / 3]);
+            Pose::exp(&Twist::from_array(&twist)).to_rows()
+        };
+        let calibrated: Vec<[f32; 12]> = (0..=joints).map(|_| frame()).collect();
+        let nominal = calibrated.clone();
+        let mut next = scattered(points as u32);
+        let inputs = joints + 1;
+        let mut rows = Vec::new();
+        for _ in 0..points {
+            rows.extend((0..inputs).map(|_| next()));
+            rows.extend((0..OUTPUTS).map(|c| next() * [1e-3, 1e-4][c / 3]));
+        }
+        let kind = |index: usize| match index % 3 {
+            2 => JointKind::Prismatic,
+            _ => JointKind::Revolute,
+        };
+        let joint = |index| Joint {
+            kind: kind(index),
+            limits: Some((-3.0, 3.0)),
+        };
+        Self {
+            joints: (0..joints).map(joint).collect(),
+            coupling: Vec::new(),
+            ranges: vec![(-2.0, 2.0); joints],
+            payload: Some((0.0, 10.0)),
+            calibrated,
+            nominal,
+            task: Some(Task {
+                bound: CorrectionBound {
+                    position_m: 0.1,
+                    angle_rad: 0.01,
+                },
+                input_scale: vec![0.5; inputs],
+                rates: None,
+                affine: core::array::from_fn(|c| {
+                    (0..=inputs).map(|_| next() * [1e-4, 1e-5][c / 3]).collect()
+                }),
+                rows,
+            }),
+            bytes: Vec::new(),
+        }
+    }
+
+    /// Its correction, to be changed.
+    pub fn task(&mut self) -> &mut Task {
+        self.task.as_mut().expect("a correction")
+    }
+
+    /// Every number that the runtime uses.
+    pub fn numbers(&mut self) -> Vec<&mut f32> {
+        let mut out: Vec<&mut f32> = Vec::new();
+        let limits = self.joints.iter_mut().filter_map(|j| j.limits.as_mut());
+        let pairs = limits.chain(&mut self.ranges).chain(&mut self.payload);
+        out.extend(pairs.flat_map(|(lower, upper)| [lower, upper]));
+        out.extend(self.coupling.iter_mut());
+        out.extend(self.calibrated.iter_mut().flatten());
+        out.extend(self.nominal.iter_mut().flatten());
+        if let Some(task) = &mut self.task {
+            out.extend([&mut task.bound.position_m, &mut task.bound.angle_rad]);
+            out.extend(&mut task.input_scale);
+            out.extend(task.rates.iter_mut().flatten());
+            out.extend(task.affine.iter_mut().flatten());
+            out.extend(&mut task.rows);
+        }
+        out
+    }
+
+    /// The blob of this arm.
+    pub fn blob(&mut self) -> Blob<'_> {
+        let rows = self.task.iter().flat_map(|task| &task.rows);
+        self.bytes = rows.flat_map(|word| word.to_le_bytes()).collect();
+        self.blob_with(&self.bytes)
+    }
+
+    /// The same with these bytes of support.
+    pub fn blob_with<'a>(&'a self, rows: &'a [u8]) -> Blob<'a> {
+        Blob {
+            robot: Robot {
+                name: "arm",
+                serial_number: "",
+                joints: self.joints.iter().copied().collect(),
+                coupling: self.coupling.iter().copied().collect(),
+            },
+            units: Units::SI,
+            provenance: Provenance {
+                model: "paper",
+                trainer_version: "0",
+                date: "2026-11-20",
+                data_sha256: [0; 32],
+                training_poses: 0,
+            },
+            ranges: Ranges {
+                joints: self.ranges.iter().copied().collect(),
+                payload_kg: self.payload,
+            },
+            geometry: Geometry {
+                calibrated: self.calibrated.iter().copied().collect(),
+                nominal: self.nominal.iter().copied().collect(),
+                instrument_from_base: Pose::identity().to_rows(),
+                flange_from_target: Pose::identity().to_rows(),
+            },
+            correction: self.task.as_ref().map_or(Correction::None, |task| {
+                Correction::TaskSpace(TaskSpace {
+                    bound: task.bound,
+                    hyperparameters: heapless::Vec::new(),
+                    output_scale: [1.0; OUTPUTS],
+                    input_scale: task.input_scale.iter().copied().collect(),
+                    rates: task.rates,
+                    affine: core::array::from_fn(|c| task.affine[c].iter().copied().collect()),
+                    rows,
+                })
+            }),
+        }
+    }
+
+    /// The model of this arm.
+    pub fn model<T: Scalar>(&mut self) -> Model<T, WORDS> {
+        let mut model = Model::new();
+        model.load(&self.blob()).expect("a sound arm");
+        model
+    }
+}
+
+/// Every number that an evaluation shows, in order.
+#[derive(Debug, Default)]
+pub struct Seen {
+    pub motions: Vec<f64>,
+    pub chain: Vec<f64>,
+    pub kernel: Vec<f64>,
+    pub mean: Vec<f64>,
+}
+
+impl Seen {
+    /// Whether there is neither NaN nor infinity among them.
+    pub fn is_finite(&self) -> bool {
+        let all = [&self.motions, &self.chain, &self.kernel, &self.mean];
+        all.into_iter().flatten().all(|value| value.is_finite())
+    }
+}
+
+impl<T: Scalar> Observer<T> for Seen {
+    fn motions(&mut self, motions: &[JointMotion<T>]) {
+        let numbers = motions.iter().flat_map(|m| [m.sin, m.cos, m.travel]);
+        self.motions.extend(numbers.map(T::to_f64));
+    }
+    fn chain(&mut self, pose: &Pose<T>) {
+        self.chain.extend(pose.to_rows().map(T::to_f64));
+    }
+    fn kernel(&mut self, value: T) {
+        self.kernel.push(value.to_f64());
+    }
+    fn mean(&mut self, mean: &[T; OUTPUTS]) {
+        self.mean.extend(mean.map(T::to_f64));
+    }
+}

@@ -1,0 +1,15 @@
+//! What the runtime promises, checked on the workstation: against numbers from elsewhere, and as laws.
+
+mod arm;
+mod json;
+mod model_answers;
+mod model_refuses;
+mod poe_laws;
+mod poe_reference;
+mod posterior_reference;
+mod scalar;
+mod se3_laws;
+mod se3_reference;
+mod se3_truth;
+mod seeded;
+mod service;

@@ -1,0 +1,162 @@
+//! The two functions that `f32` has of its own, against `f64`, over all of their range.
+
+use poegp_runtime::scalar::{MAX_ANGLE, Scalar};
+
+/// Every `stride`-th `f32` from `from` away from zero to `to`, by bits; both of one sign.
+fn stride(from: f32, to: f32, stride: usize) -> impl Iterator<Item = f32> {
+    (from.to_bits()..=to.to_bits())
+        .step_by(stride)
+        .map(f32::from_bits)
+}
+
+/// Relative, against `f64` where 2^x is a normal `f32` above the floor.
+#[test]
+fn exp2_is_within_its_bound() {
+    let (mut worst, mut at, mut count) = (0.0, 0.0, 0_u32);
+    for x in stride(-0.0, -125.0, 499) {
+        let value = f64::from(Scalar::exp2(x));
+        let truth = Scalar::exp2(f64::from(x));
+        let error = (value / truth - 1.0).abs();
+        assert!(error.is_finite());
+        if error > worst {
+            (worst, at) = (error, x);
+        }
+        count += 1;
+    }
+    println!("exp2: {worst:.3e} relative at {at}, {count} values");
+    assert!(worst <= 1.8e-7, "{worst:e} at {at}");
+    assert_eq!(Scalar::exp2(0.0_f32), 1.0);
+    assert_eq!(Scalar::exp2(-0.0_f32), 1.0);
+}
+
+/// Below 2⁻¹²⁵ the exponent stays and the fraction goes on: within a factor √2 of the floor, never denormal, never wrong
+/// by more than that.
+#[test]
+fn exp2_has_a_floor() {
+    let floor = f64::from(f32::MIN_POSITIVE) * 2.0;
+    let root = core::f64::consts::SQRT_2;
+    let mut lowest = 1.0_f64;
+    for x in stride(-125.0, -4_194_304.0, 499) {
+        let value = f64::from(Scalar::exp2(x));
+        assert!(value >= floor / root * (1.0 - 2e-7) && value <= floor * root * (1.0 + 2e-7));
+        if value < lowest {
+            lowest = value;
+        }
+    }
+    println!("exp2: never below {lowest:e}");
+    // Further out the result is of no use and still harmless.
+    for x in stride(-4_194_304.0, f32::MIN, 499) {
+        let value = Scalar::exp2(x);
+        assert!(value.is_finite() && value >= 0.0, "2^{x} = {value}");
+    }
+}
+
+/// Powers of two are exact: what a kernel value at its own support point relies on.
+#[test]
+fn exp2_of_whole_numbers_is_exact() {
+    for exponent in 0..=125 {
+        let expected = libm::ldexpf(1.0, -exponent);
+        assert_eq!(Scalar::exp2(-(exponent as f32)), expected);
+    }
+}
+
+/// A larger exponent never gives a smaller power (by more than the rounding at the seams of the reduction).
+#[test]
+fn exp2_is_monotonic_up_to_its_rounding() {
+    let mut previous = 1.0_f32;
+    for x in stride(-0.0, -120.0, 997) {
+        let value = Scalar::exp2(x);
+        assert!(value <= previous * (1.0 + 2.4e-7), "at {x}");
+        previous = value;
+    }
+}
+
+/// Largest error of sine and cosine over ±[0, to], with its angle.
+fn sin_cos_error(from: f32, to: f32, step: usize) -> (f64, f32) {
+    let (mut worst, mut at) = (0.0, 0.0);
+    for magnitude in stride(from, to, step) {
+        for x in [magnitude, -magnitude] {
+            let (sin, cos) = x.sin_cos_scalar();
+            let (s, c) = Scalar::sin_cos(f64::from(x));
+            for error in [(f64::from(sin) - s).abs(), (f64::from(cos) - c).abs()] {
+                assert!(error.is_finite());
+                if error > worst {
+                    (worst, at) = (error, x);
+                }
+            }
+        }
+    }
+    (worst, at)
+}
+
+/// `f32::sin_cos` of the standard library hides the trait's method.
+trait OwnSinCos {
+    fn sin_cos_scalar(self) -> (f32, f32);
+}
+
+impl OwnSinCos for f32 {
+    fn sin_cos_scalar(self) -> (f32, f32) {
+        Scalar::sin_cos(self)
+    }
+}
+
+/// Absolute error allowed up to an angle, and where it was measured.
+const SIN_COS: [(f32, f64); 4] = [
+    (core::f32::consts::FRAC_PI_4, 7.6e-8),
+    (10.0, 1e-7),
+    (1_000.0, 1e-7),
+    (MAX_ANGLE, 1e-7),
+];
+
+#[test]
+fn sin_cos_is_within_its_bounds() {
+    let mut from = 0.0;
+    for (to, allowed) in SIN_COS {
+        let (worst, at) = sin_cos_error(from, to, 97);
+        println!("sin, cos up to {to}: {worst:.3e} at {at}");
+        assert!(worst <= allowed, "{worst:e} at {at}, {allowed:e} allowed");
+        from = to;
+    }
+}
+
+/// A coupling may double and add joints: 2·8·4096 rad is the most that can reach the reduction.
+#[test]
+fn sin_cos_degrades_gently_beyond() {
+    let (worst, at) = sin_cos_error(MAX_ANGLE, 65_536.0, 97);
+    println!("sin, cos up to 65536: {worst:.3e} at {at}");
+    assert!(worst <= 1.1e-6, "{worst:e} at {at}");
+}
+
+#[test]
+fn sin_is_odd_and_cos_even_to_the_bit() {
+    // At zero the sign of the sine's zero is not kept.
+    assert_eq!(Scalar::sin_cos(-0.0_f32), (0.0, 1.0));
+    for x in stride(f32::from_bits(1), MAX_ANGLE, 997) {
+        let (sin, cos) = Scalar::sin_cos(x);
+        let (negative_sin, same_cos) = Scalar::sin_cos(-x);
+        assert_eq!(
+            (negative_sin.to_bits(), same_cos.to_bits()),
+            ((-sin).to_bits(), cos.to_bits()),
+            "at {x}"
+        );
+        assert!(sin.abs() <= 1.000_000_1 && cos.abs() <= 1.000_000_1);
+    }
+}
+
+/// sin² + cos² = 1 within what two errors of 1e-7 make.
+#[test]
+fn sin_cos_is_on_the_circle() {
+    for x in stride(0.0, MAX_ANGLE, 997) {
+        let (sin, cos) = Scalar::sin_cos(x);
+        let norm = f64::from(sin) * f64::from(sin) + f64::from(cos) * f64::from(cos);
+        assert!((norm - 1.0).abs() <= 2.5e-7, "at {x}: {norm}");
+    }
+}
+
+#[test]
+fn square_roots_are_correctly_rounded() {
+    for x in stride(f32::MIN_POSITIVE, f32::MAX, 9_973) {
+        let truth = Scalar::sqrt(f64::from(x)) as f32;
+        assert_eq!(Scalar::sqrt(x), truth);
+    }
+}

@@ -1,0 +1,300 @@
+//! Calibration as in the paper: base-tool, step 1 (POE), step 2 (Gaussian process).
+//!
+//! All measurements are moved into the base frame of the base-tool fit first, and every later step works there: the
+//! device then has small numbers (f32 resolves 0.24 µm at 3 m), and "base" and "flange" keep a meaning for the
+//! controller. A [`Calibration`] is the model in `f64`; [`crate::export`] turns it into a blob.
+
+pub mod base_tool;
+pub mod frames;
+
+use poegp_protocol::limits::{MAX_INPUTS, OUTPUTS};
+use poegp_runtime::poe::Poe;
+use poegp_runtime::se3::{Pose, Twist, residual};
+
+use crate::gp::fit::{Sharing, fit};
+use crate::gp::{self, NotPositiveDefinite, TaskSpaceGp};
+use base_tool::{BaseTool, base_tool, with_ends};
+use frames::{FrameFit, ResidualKind, Sample, fit_frames, residual_components};
+
+/// The calibration methods that the paper compares, simplest first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Method {
+    /// Base and tool frames only.
+    BaseTool,
+    /// All frames of the chain (step 1).
+    Poe,
+    /// The chain and a Gaussian process of the joints.
+    PoeGp,
+    /// The chain and a Gaussian process of joints and payload: the paper's method.
+    PoeGpLoad,
+}
+
+impl Method {
+    /// All of them, simplest first.
+    pub const ALL: [Self; 4] = [Self::BaseTool, Self::Poe, Self::PoeGp, Self::PoeGpLoad];
+
+    /// The name on the command line and in JSON.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::BaseTool => "base-tool",
+            Self::Poe => "poe",
+            Self::PoeGp => "poe-gp",
+            Self::PoeGpLoad => "poe-gp-load",
+        }
+    }
+
+    /// Whether it fits a Gaussian process.
+    pub fn has_gp(self) -> bool {
+        self >= Self::PoeGp
+    }
+}
+
+/// How a calibration is done.
+#[derive(Clone, Copy, Debug)]
+pub struct Options {
+    /// The method.
+    pub method: Method,
+    /// One set of hyperparameters for all outputs, or one for each.
+    pub sharing: Sharing,
+    /// Step 1 weighted by the noise, with the rotation taken at the tool point, instead of the paper's unweighted one.
+    pub weighted: bool,
+    /// Largest displacement of the target by the correction in metres; twice the largest in training when absent.
+    pub max_correction_m: Option<f64>,
+    /// Largest rotation by the correction in radians; likewise.
+    pub max_correction_rad: Option<f64>,
+}
+
+impl Options {
+    /// The paper's settings for `method`.
+    pub fn new(method: Method) -> Self {
+        Self {
+            method,
+            sharing: Sharing::Shared,
+            weighted: false,
+            max_correction_m: None,
+            max_correction_rad: None,
+        }
+    }
+}
+
+/// A calibrated arm in f64.
+#[derive(Clone, Debug)]
+pub struct Calibration {
+    /// How it was made.
+    pub options: Options,
+    /// Base and tool: the gauge.
+    pub base_tool: BaseTool,
+    /// The nominal chain from base to target.
+    pub nominal: Poe<f64>,
+    /// The calibrated chain from base to target.
+    pub calibrated: Poe<f64>,
+    /// What step 1 did.
+    pub step1: Option<FrameFit>,
+    /// Step 2.
+    pub gp: Option<TaskSpaceGp>,
+    /// The bound on the correction: metres and radians.
+    pub bound: (f64, f64),
+    mean: Option<(poegp_runtime::posterior::MeanHeader<f64>, Vec<f64>)>,
+}
+
+/// Why a calibration failed.
+#[derive(Debug, thiserror::Error)]
+pub enum CalibrationError {
+    /// Not enough poses for the parameters that are to be found.
+    #[error(
+        "{found} poses: `{method}` needs at least {needed} (six equations each, {parameters} unknowns)"
+    )]
+    TooFewPoses {
+        /// Poses there.
+        found: usize,
+        /// Poses needed.
+        needed: usize,
+        /// Identifiable parameters.
+        parameters: usize,
+        /// The method asked for.
+        method: &'static str,
+    },
+    /// `poe-gp-load` for data without payloads.
+    #[error("`poe-gp-load` needs a payload_kg column; without one use `poe-gp`")]
+    NoPayload,
+    /// The Gram matrix could not be factored.
+    #[error(transparent)]
+    NotPositiveDefinite(#[from] NotPositiveDefinite),
+}
+
+/// Fewest poses for a method on an arm of `joints` joints: equations for every identifiable parameter (4 for each
+/// revolute joint and 6 for the tool, at most), and for the Gaussian process one pose more than hyperparameters.
+pub fn fewest_poses(method: Method, joints: usize) -> (usize, usize) {
+    let parameters = match method {
+        Method::BaseTool => 12,
+        _ => 4 * joints + 6,
+    };
+    let poses = parameters.div_ceil(6) + 1;
+    (
+        if method.has_gp() {
+            poses.max(6) + 4
+        } else {
+            poses
+        },
+        parameters,
+    )
+}
+
+/// Calibrates the nominal chain (base to flange) with samples whose poses are `instrument_from_target`.
+///
+/// # Errors
+/// [`CalibrationError`].
+pub fn calibrate(
+    nominal: &Poe<f64>,
+    samples: &[Sample],
+    options: &Options,
+) -> Result<Calibration, CalibrationError> {
+    let method = options.method;
+    let (needed, parameters) = fewest_poses(method, nominal.kinds().len());
+    if samples.len() < needed {
+        return Err(CalibrationError::TooFewPoses {
+            found: samples.len(),
+            needed,
+            parameters,
+            method: method.name(),
+        });
+    }
+    if method == Method::PoeGpLoad && samples.iter().any(|s| s.payload_kg.is_none()) {
+        return Err(CalibrationError::NoPayload);
+    }
+    let base_tool = base_tool(nominal, samples);
+    let in_base = in_base_frame(samples, &base_tool.instrument_from_base);
+    let nominal = with_ends(nominal, &Pose::identity(), &base_tool.flange_from_target);
+    let mut calibrated = nominal;
+    let step1 =
+        (method > Method::BaseTool).then(|| step1(&mut calibrated, &in_base, options.weighted));
+    let gp = method
+        .has_gp()
+        .then(|| step2(&calibrated, &in_base, options))
+        .transpose()?;
+    let mean = gp.as_ref().map(TaskSpaceGp::mean);
+    let mut out = Calibration {
+        options: *options,
+        base_tool,
+        nominal,
+        calibrated,
+        step1,
+        gp,
+        bound: (0.0, 0.0),
+        mean,
+    };
+    out.bound = out.bound_from(&in_base);
+    Ok(out)
+}
+
+/// The samples with their poses seen from the base.
+pub fn in_base_frame(samples: &[Sample], instrument_from_base: &Pose<f64>) -> Vec<Sample> {
+    let base_from_instrument = instrument_from_base.inverse();
+    let moved = |s: &Sample| Sample {
+        measured: base_from_instrument * s.measured,
+        ..s.clone()
+    };
+    samples.iter().map(moved).collect()
+}
+
+/// Step 1: all frames, by the paper's unweighted least squares or weighted by the noise.
+fn step1(poe: &mut Poe<f64>, samples: &[Sample], weighted: bool) -> FrameFit {
+    let free: Vec<usize> = (0..poe.frames().len()).collect();
+    if !weighted {
+        return fit_frames(poe, samples, &free, ResidualKind::Space);
+    }
+    // Noise and model error of position and rotation are estimated from the residuals: a few rounds settle.
+    let mut kind = base_tool::UNWEIGHTED;
+    let mut fit = fit_frames(poe, samples, &free, kind);
+    for _ in 0..NOISE_ROUNDS {
+        kind = estimated_noise(poe, samples);
+        fit = fit_frames(poe, samples, &free, kind);
+    }
+    fit
+}
+
+/// Rounds of noise estimation in a weighted step 1.
+const NOISE_ROUNDS: usize = 4;
+
+/// RMS of position and rotation residuals per component, at the tool point.
+fn estimated_noise(poe: &Poe<f64>, samples: &[Sample]) -> ResidualKind {
+    let (mut position, mut orientation) = (0.0, 0.0);
+    for sample in samples {
+        let r = residual_components(
+            base_tool::UNWEIGHTED,
+            &sample.measured,
+            &poe.forward(&sample.serial),
+        );
+        position += r[..3].iter().map(|x| x * x).sum::<f64>();
+        orientation += r[3..].iter().map(|x| x * x).sum::<f64>();
+    }
+    let components = (3 * samples.len()) as f64;
+    ResidualKind::ToolCentred {
+        position_sigma: (position / components).sqrt().max(1e-9),
+        orientation_sigma: (orientation / components).sqrt().max(1e-9),
+    }
+}
+
+/// Step 2: the process on the residual twist in the base frame (eq. 8–12).
+fn step2(
+    poe: &Poe<f64>,
+    samples: &[Sample],
+    options: &Options,
+) -> Result<TaskSpaceGp, CalibrationError> {
+    let residuals: Vec<[f64; OUTPUTS]> = samples
+        .iter()
+        .map(|s| residual(&s.measured, &poe.forward(&s.serial)).to_array())
+        .collect();
+    let inputs = samples
+        .iter()
+        .map(|s| options.inputs(&s.joints, s.payload_kg))
+        .collect();
+    Ok(fit(inputs, &residuals, options.sharing)?)
+}
+
+impl Options {
+    /// x = [q, m] as far as the method uses it.
+    pub fn inputs(&self, joints: &[f64], payload_kg: Option<f64>) -> Vec<f64> {
+        gp::input(
+            joints,
+            payload_kg.filter(|_| self.method == Method::PoeGpLoad),
+        )
+    }
+}
+
+impl Calibration {
+    /// The correction g(q, m) before bounding: a twist of the base frame.
+    pub fn correction(&self, joints: &[f64], payload_kg: Option<f64>) -> Twist<f64> {
+        let Some((header, rows)) = &self.mean else {
+            return Twist::zero();
+        };
+        let x: [f64; MAX_INPUTS] = gp::padded(&self.options.inputs(joints, payload_kg));
+        Twist::from_array(&header.mean(rows, &x, &mut |_| {}))
+    }
+
+    /// `base_from_target` as the f64 model has it, without bounding.
+    pub fn predict(&self, sample: &Sample) -> Pose<f64> {
+        self.calibrated
+            .forward(&sample.serial)
+            .corrected(&self.correction(&sample.joints, sample.payload_kg))
+    }
+
+    /// The posterior mean as it is exported.
+    pub fn mean(&self) -> Option<&(poegp_runtime::posterior::MeanHeader<f64>, Vec<f64>)> {
+        self.mean.as_ref()
+    }
+
+    fn bound_from(&self, samples: &[Sample]) -> (f64, f64) {
+        let (mut displacement, mut angle) = (0.0_f64, 0.0_f64);
+        for sample in samples {
+            let twist = self.correction(&sample.joints, sample.payload_kg);
+            let point = self.calibrated.forward(&sample.serial).translation;
+            displacement = displacement.max(twist.at_point(&point).linear.norm());
+            angle = angle.max(twist.angular.norm());
+        }
+        (
+            self.options.max_correction_m.unwrap_or(2.0 * displacement),
+            self.options.max_correction_rad.unwrap_or(2.0 * angle),
+        )
+    }
+}

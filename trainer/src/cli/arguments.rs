@@ -1,0 +1,233 @@
+//! What can be typed.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+
+use crate::calibration::Method;
+
+/// Calibrates robot arms from tracker measurements and writes the model that the controller evaluates.
+#[derive(Debug, Parser)]
+#[command(name = "trainer", version, about, max_term_width = 100)]
+#[command(
+    after_help = "Exit codes: 0 done, 1 a quality bound was not met, 2 usage or input error."
+)]
+pub struct Arguments {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+/// The commands.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Simulate a loaded arm measured by a laser tracker.
+    Simulate(Simulate),
+    /// Calibrate an arm and write the model blob.
+    Calibrate(Calibrate),
+    /// Evaluate a blob on measurements that it was not trained on.
+    Evaluate(Evaluate),
+    /// Compare calibration methods by cross-validation and on test sets.
+    Compare(Compare),
+    /// Show what is in a blob.
+    Inspect(Inspect),
+    /// Reproduce the paper's simulation from nothing: simulate, calibrate, compare, write a blob, read it back.
+    Demo(Demo),
+}
+
+/// Which robot.
+#[derive(Debug, Args)]
+pub struct RobotArguments {
+    /// A URDF file, a TOML description, or a built-in robot: abb-irb4400, abb-irb4400-serial, abb-irb120, kuka-iiwa7,
+    /// ur5, ur10.
+    #[arg(long)]
+    pub robot: String,
+    /// URDF link where the chain begins (default: the root).
+    #[arg(long, value_name = "LINK")]
+    pub base: Option<String>,
+    /// URDF link where the chain ends, the flange (default: the only leaf, or tool0, flange, ee_link).
+    #[arg(long, value_name = "LINK")]
+    pub tip: Option<String>,
+}
+
+/// How the paper's steps are done.
+#[derive(Debug, Args)]
+pub struct FitArguments {
+    /// Hyperparameters of its own for each of the six outputs: more accurate, six exponentials on the device.
+    #[arg(long)]
+    pub per_output: bool,
+    /// Weight step 1 by the noise, rotation taken at the tool point, instead of the paper's unweighted least squares.
+    #[arg(long)]
+    pub weighted: bool,
+}
+
+/// Names of the methods.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+#[value(rename_all = "kebab-case")]
+pub enum Model {
+    /// Base and tool frames only.
+    BaseTool,
+    /// All frames of the chain (step 1 of the paper).
+    Poe,
+    /// The chain and a Gaussian process of the joints.
+    PoeGp,
+    /// The chain and a Gaussian process of joints and payload: the paper's method.
+    PoeGpLoad,
+}
+
+impl From<Model> for Method {
+    fn from(model: Model) -> Self {
+        match model {
+            Model::BaseTool => Self::BaseTool,
+            Model::Poe => Self::Poe,
+            Model::PoeGp => Self::PoeGp,
+            Model::PoeGpLoad => Self::PoeGpLoad,
+        }
+    }
+}
+
+/// `trainer simulate`.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Writes train.csv and test1.csv … into DIR; the tests also have the noiseless truth.\n\n\
+    Example: trainer simulate --robot abb-irb4400-serial --poses 300 --payloads 1,2.5,3.5,5,7.5 --seed 1 --out cell"
+)]
+pub struct Simulate {
+    #[command(flatten)]
+    pub robot: RobotArguments,
+    /// Training poses.
+    #[arg(long, default_value_t = 300, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    pub poses: u32,
+    /// Test sets.
+    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(0..=100))]
+    pub test_sets: u32,
+    /// Poses of each test set.
+    #[arg(long, default_value_t = 100, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    pub test_poses: u32,
+    /// Payloads in kg, drawn at random for each pose.
+    #[arg(long, value_delimiter = ',', default_values_t = [1.0, 2.5, 3.5, 5.0, 7.5])]
+    pub payloads: Vec<f64>,
+    /// What is wrong with the arm.
+    #[arg(long, value_enum, default_value_t = Scenario::Paper)]
+    pub scenario: Scenario,
+    /// Seed of everything random.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Folder to write into; created if it does not exist (its parent must).
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+}
+
+/// What is wrong with a simulated arm.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Scenario {
+    /// Frames and joint compliance under gravity, as the paper simulates; joints within the cell.
+    Paper,
+    /// Also link bending, transmission error, backlash and repeatability.
+    Rich,
+    /// Also stiffening gears, a centre of mass for each payload and wrong payload masses.
+    Wild,
+    /// As `paper`, over the full joint limits.
+    Full,
+}
+
+/// `trainer calibrate`.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Example: trainer calibrate --robot abb-irb120 train.csv --model poe-gp --out arm.blob"
+)]
+pub struct Calibrate {
+    #[command(flatten)]
+    pub robot: RobotArguments,
+    /// Measurements to train on.
+    pub train: PathBuf,
+    /// Calibration method.
+    #[arg(long, value_enum)]
+    pub model: Model,
+    #[command(flatten)]
+    pub fit: FitArguments,
+    /// Serial number of the arm, kept in the blob.
+    #[arg(long, default_value = "")]
+    pub serial_number: String,
+    /// Largest displacement of the target by the correction (default: twice the largest in training).
+    #[arg(long, value_name = "MM")]
+    pub max_correction_mm: Option<f64>,
+    /// Largest rotation by the correction (default: twice the largest in training).
+    #[arg(long, value_name = "MRAD")]
+    pub max_correction_mrad: Option<f64>,
+    /// Blob to write.
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+    /// Facts of the calibration as JSON (`-`: standard output).
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+/// `trainer evaluate`.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Example: trainer evaluate arm.blob test.csv --predictions predicted.csv --json -"
+)]
+pub struct Evaluate {
+    /// The model.
+    pub blob: PathBuf,
+    /// Measurements that it was not trained on.
+    pub test: PathBuf,
+    /// One row per measurement, in order: x_mm,y_mm,z_mm,qw,qx,qy,qz,status of the predicted instrument_from_target.
+    #[arg(long, value_name = "FILE")]
+    pub predictions: Option<PathBuf>,
+    /// Errors as JSON (`-`: standard output).
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+/// `trainer compare`.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Example: trainer compare --robot abb-irb120 train.csv --test test1.csv --test test2.csv --folds 5"
+)]
+pub struct Compare {
+    #[command(flatten)]
+    pub robot: RobotArguments,
+    /// Measurements to train on, and to cross-validate on.
+    pub train: PathBuf,
+    /// Measurements to test on; may be repeated.
+    #[arg(long = "test", value_name = "FILE")]
+    pub tests: Vec<PathBuf>,
+    /// Methods (default: all that the data allow).
+    #[arg(long, value_enum, value_delimiter = ',')]
+    pub models: Vec<Model>,
+    /// Folds of the cross-validation; 0 for none.
+    #[arg(long, default_value_t = 10)]
+    pub folds: usize,
+    /// Seed of the draw of folds.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    #[command(flatten)]
+    pub fit: FitArguments,
+    /// Errors as JSON (`-`: standard output).
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+/// `trainer inspect`.
+#[derive(Debug, Args)]
+#[command(after_help = "Example: trainer inspect arm.blob")]
+pub struct Inspect {
+    /// The model.
+    pub blob: PathBuf,
+    /// The same as JSON (`-`: standard output).
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+/// `trainer demo`.
+#[derive(Debug, Args)]
+pub struct Demo {
+    /// Seed of the simulated arm.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Folder to write into; created if it does not exist.
+    #[arg(long, value_name = "DIR", default_value = "demo")]
+    pub out: PathBuf,
+}

@@ -1,0 +1,6 @@
+//! `trainer evaluate`.
+use super::Failure;
+use super::arguments::Evaluate;
+pub fn run(_a: &Evaluate) -> Result<(), Failure> {
+    Ok(())
+}

@@ -1,0 +1,198 @@
+//! The command line: what was typed ([`arguments`]) becomes what is done (one file for each command).
+//!
+//! Exit codes: 0 done, 1 a quality bound was not met, 2 usage or input error. Errors are printed once, here.
+
+mod arguments;
+mod calibrate;
+mod compare;
+mod demo;
+mod evaluate;
+mod inspect;
+mod progress;
+mod simulate;
+mod table;
+
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use clap::Parser;
+use poegp_runtime::poe::Poe;
+
+use crate::calibration::frames::Sample;
+use crate::calibration::{CalibrationError, Method, fewest_poses};
+use crate::compare::CompareError;
+use crate::error::InputError;
+use crate::export::{ExportError, Origin, nominal_chain};
+use crate::measurements::{self, MeasurementSet};
+use crate::robot::Robot;
+use arguments::{Arguments, Command};
+
+/// Everything that ends a command early.
+#[derive(Debug, thiserror::Error)]
+enum Failure {
+    /// The user's data or arguments.
+    #[error(transparent)]
+    Input(#[from] InputError),
+    /// The command line itself.
+    #[error("{0}")]
+    Usage(String),
+    /// A quality bound was not met; nothing was written.
+    #[error("{0}")]
+    Quality(String),
+}
+
+impl Failure {
+    fn exit_code(&self) -> ExitCode {
+        match self {
+            Self::Quality(_) => ExitCode::from(1),
+            _ => ExitCode::from(2),
+        }
+    }
+}
+
+impl From<ExportError> for Failure {
+    fn from(error: ExportError) -> Self {
+        match error {
+            ExportError::LosesPrecision(_) => Self::Quality(format!(
+                "{error}\nhelp: the data make a very smooth correction with very little noise; nothing was written"
+            )),
+            _ => Self::Usage(error.to_string()),
+        }
+    }
+}
+
+/// Runs the program and returns its exit code.
+pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
+    let arguments = match Arguments::try_parse_from(arguments) {
+        Ok(arguments) => arguments,
+        Err(error) => {
+            let _ = error.print();
+            return ExitCode::from(if error.use_stderr() { 2 } else { 0 });
+        }
+    };
+    let result = match arguments.command {
+        Command::Simulate(a) => simulate::run(&a),
+        Command::Calibrate(a) => calibrate::run(&a),
+        Command::Evaluate(a) => evaluate::run(&a),
+        Command::Compare(a) => compare::run(&a),
+        Command::Inspect(a) => inspect::run(&a),
+        Command::Demo(a) => demo::run(&a),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            eprintln!("error: {failure}");
+            failure.exit_code()
+        }
+    }
+}
+
+/// A robot with its chain.
+struct Arm {
+    robot: Robot,
+    nominal: Poe<f64>,
+}
+
+impl Arm {
+    fn load(a: &arguments::RobotArguments) -> Result<Self, Failure> {
+        let options = crate::robot::LoadOptions {
+            base: a.base.clone(),
+            tip: a.tip.clone(),
+        };
+        let robot = Robot::load(&a.robot, &options)?;
+        let nominal = nominal_chain(&robot).map_err(|e| Failure::Usage(e.to_string()))?;
+        Ok(Self { robot, nominal })
+    }
+
+    /// Reads and checks a measurement file for this arm; notes go to standard error.
+    fn read(&self, path: &Path) -> Result<(MeasurementSet, Vec<Sample>), Failure> {
+        let set = measurements::read(path)?;
+        let notes = set.check(&self.robot)?;
+        for note in set.notes.iter().chain(&notes) {
+            eprintln!("note: {}: {note}", path.display());
+        }
+        let samples = crate::samples::samples(&set, &self.robot)?;
+        Ok((set, samples))
+    }
+}
+
+/// Refuses a file with too few poses before any work, as an error of the file.
+fn enough_poses(path: &Path, found: usize, method: Method, joints: usize) -> Result<(), Failure> {
+    let (needed, parameters) = fewest_poses(method, joints);
+    if found >= needed {
+        return Ok(());
+    }
+    Err(InputError::new(
+        path,
+        format!("{found} poses"),
+        format!(
+            "at least {needed} for `{}`: {parameters} unknowns, six equations a pose",
+            method.name()
+        ),
+    )
+    .with_help("measure more poses, or choose a model with fewer parameters")
+    .into())
+}
+
+/// A calibration error as one of the file.
+fn calibration_failure(path: &Path, error: &CalibrationError) -> Failure {
+    match error {
+        CalibrationError::NoPayload => InputError::new(
+            path,
+            "no payload_kg column",
+            "one: `poe-gp-load` learns the effect of the payload",
+        )
+        .with_help("use --model poe-gp for data without payloads")
+        .into(),
+        _ => InputError::new(path, error.to_string(), "data that can be fitted").into(),
+    }
+}
+
+fn compare_failure(path: &Path, error: CompareError) -> Failure {
+    match error {
+        CompareError::Calibration { error, .. } => calibration_failure(path, &error),
+        CompareError::Export { error, .. } => error.into(),
+    }
+}
+
+/// The origin of a calibration: today, or the day that SOURCE_DATE_EPOCH names, for reproducible builds.
+fn origin(data_sha256: [u8; 32], serial_number: &str) -> Origin {
+    let seconds = std::env::var("SOURCE_DATE_EPOCH")
+        .ok()
+        .and_then(|s| s.parse().ok());
+    let now = seconds
+        .and_then(|s| time::OffsetDateTime::from_unix_timestamp(s).ok())
+        .unwrap_or_else(time::OffsetDateTime::now_utc);
+    Origin {
+        serial_number: serial_number.to_owned(),
+        date: now.date().to_string(),
+        data_sha256,
+    }
+}
+
+/// Writes a JSON document (`-` is standard output).
+fn write_json(path: &Path, document: &impl serde::Serialize) -> Result<(), Failure> {
+    let text = serde_json::to_string_pretty(document).map_err(|e| Failure::Usage(e.to_string()))?;
+    if path == Path::new("-") {
+        println!("{text}");
+        return Ok(());
+    }
+    Ok(crate::output::write(path, format!("{text}\n").as_bytes())?)
+}
+
+/// Refuses outputs that cannot be written, before the work.
+fn check_outputs<'a>(paths: impl IntoIterator<Item = &'a Option<PathBuf>>) -> Result<(), Failure> {
+    for path in paths.into_iter().flatten().filter(|p| *p != Path::new("-")) {
+        crate::output::check(path)?;
+    }
+    Ok(())
+}
+
+/// The last part of a path, for tables.
+fn file_name(path: &Path) -> String {
+    path.file_name().map_or_else(
+        || path.display().to_string(),
+        |n| n.to_string_lossy().into_owned(),
+    )
+}

@@ -1,0 +1,71 @@
+//! `trainer simulate`.
+
+use std::path::Path;
+
+use super::arguments::{self, Simulate};
+use super::{Arm, Failure};
+use crate::error::InputError;
+use crate::robot::Robot;
+use crate::simulate::{Scenario, Simulator, to_csv};
+
+impl From<arguments::Scenario> for Scenario {
+    fn from(scenario: arguments::Scenario) -> Self {
+        match scenario {
+            arguments::Scenario::Paper => Self::Paper,
+            arguments::Scenario::Rich => Self::Rich,
+            arguments::Scenario::Wild => Self::Wild,
+            arguments::Scenario::Full => Self::Full,
+        }
+    }
+}
+
+pub fn run(a: &Simulate) -> Result<(), Failure> {
+    if let Some(bad) = a.payloads.iter().find(|kg| !(**kg >= 0.0 && kg.is_finite())) {
+        return Err(Failure::Usage(format!("--payloads {bad}: expected kilograms, 0 or more")));
+    }
+    let arm = Arm::load(&a.robot)?;
+    make_folder(&a.out)?;
+    let mut simulator = Simulator::new(&arm.robot, a.scenario.into(), &a.payloads, a.seed);
+    let files = write_sets(
+        &arm.robot,
+        &mut simulator,
+        a.poses as usize,
+        (a.test_sets as usize, a.test_poses as usize),
+        &a.out,
+        &format!("simulated {} (seed {})", arm.robot.name, a.seed),
+    )?;
+    for (file, poses) in files {
+        println!("Wrote {} ({poses} poses).", a.out.join(file).display());
+    }
+    Ok(())
+}
+
+/// Makes a folder if it is not there; its parent must be.
+pub fn make_folder(path: &Path) -> Result<(), Failure> {
+    if path.is_dir() {
+        return Ok(());
+    }
+    std::fs::create_dir(path).map_err(|error| {
+        InputError::new(path, format!("a folder that cannot be made ({error})"), "a folder, or a new one in a folder that exists")
+    })?;
+    Ok(())
+}
+
+/// Writes `train.csv` and the test sets; returns their names and sizes.
+pub fn write_sets(
+    robot: &Robot,
+    simulator: &mut Simulator,
+    train: usize,
+    (test_sets, test_poses): (usize, usize),
+    folder: &Path,
+    comment: &str,
+) -> Result<Vec<(String, usize)>, Failure> {
+    let mut files = Vec::new();
+    for (number, poses) in std::iter::once(train).chain(std::iter::repeat_n(test_poses, test_sets)).enumerate() {
+        let name = if number == 0 { "train.csv".to_owned() } else { format!("test{number}.csv") };
+        let csv = to_csv(robot, &simulator.measure(poses), number > 0, comment);
+        crate::output::write(&folder.join(&name), csv.as_bytes())?;
+        files.push((name, poses));
+    }
+    Ok(files)
+}

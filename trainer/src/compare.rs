@@ -1,0 +1,179 @@
+//! Methods side by side: cross-validation on the training data, and errors on test sets.
+//!
+//! Every number comes from the bytes of a blob, through the f32 runtime, on poses that were not trained on.
+
+use poegp_runtime::poe::Poe;
+use serde::Serialize;
+
+use crate::calibration::frames::Sample;
+use crate::calibration::{CalibrationError, Method, Options, calibrate};
+use crate::export::{ExportError, Origin, export};
+use crate::folds;
+use crate::loaded::LoadedBlob;
+use crate::robot::Robot;
+use crate::statistics::{ErrorSummary, PoseError};
+
+/// Held-out errors of one method.
+#[derive(Clone, Debug, Serialize)]
+pub struct ModelComparison {
+    /// Name of the method.
+    pub model: &'static str,
+    /// Errors of every training pose, each predicted by a model that did not see it; absent when no folds were asked for.
+    pub cross_validation: Option<CrossValidation>,
+    /// Errors on the test sets, by the model of all training poses.
+    pub sets: Vec<SetErrors>,
+}
+
+/// Cross-validation errors, all folds pooled, and of each fold.
+#[derive(Clone, Debug, Serialize)]
+pub struct CrossValidation {
+    /// Of all poses.
+    #[serde(flatten)]
+    pub all: ErrorSummary,
+    /// Of each fold.
+    pub folds: Vec<ErrorSummary>,
+}
+
+/// Errors on one set.
+#[derive(Clone, Debug, Serialize)]
+pub struct SetErrors {
+    /// Name of the set: its file name.
+    pub name: String,
+    /// Errors against the measurements.
+    #[serde(flatten)]
+    pub errors: ErrorSummary,
+}
+
+/// A test set.
+#[derive(Clone, Debug)]
+pub struct TestSet {
+    /// Its name.
+    pub name: String,
+    /// Its poses.
+    pub samples: Vec<Sample>,
+}
+
+/// Why a comparison failed.
+#[derive(Debug, thiserror::Error)]
+pub enum CompareError {
+    /// A calibration failed.
+    #[error("{model}: {error}")]
+    Calibration {
+        /// Name of the method.
+        model: &'static str,
+        /// Why.
+        error: CalibrationError,
+    },
+    /// A blob could not be made.
+    #[error("{model}: {error}")]
+    Export {
+        /// Name of the method.
+        model: &'static str,
+        /// Why.
+        error: ExportError,
+    },
+}
+
+/// What a comparison works on.
+#[derive(Debug)]
+pub struct Task<'a> {
+    /// The arm.
+    pub robot: &'a Robot,
+    /// Its nominal chain, base to flange.
+    pub nominal: &'a Poe<f64>,
+    /// Training data.
+    pub train: &'a [Sample],
+    /// Test sets.
+    pub tests: &'a [TestSet],
+    /// Number of folds; 0 for none.
+    pub folds: usize,
+    /// Seed of the draw of folds.
+    pub seed: u64,
+    /// Where the data come from.
+    pub origin: &'a Origin,
+}
+
+impl Task<'_> {
+    /// Calibrations that [`Task::run`] does for one method.
+    pub fn calibrations(&self) -> usize {
+        self.folds + usize::from(!self.tests.is_empty())
+    }
+
+    /// Held-out errors of the method of `options`. `progress` is called after every calibration.
+    ///
+    /// # Errors
+    /// [`CompareError`].
+    pub fn run(
+        &self,
+        options: &Options,
+        progress: &mut dyn FnMut(),
+    ) -> Result<ModelComparison, CompareError> {
+        let mut sets = Vec::new();
+        if !self.tests.is_empty() {
+            let blob = self.blob(options, self.train)?;
+            progress();
+            for test in self.tests {
+                let errors = ErrorSummary::new(&blob.errors(&test.samples));
+                sets.push(SetErrors {
+                    name: test.name.clone(),
+                    errors,
+                });
+            }
+        }
+        let cross_validation = (self.folds > 0)
+            .then(|| self.cross_validate(options, progress))
+            .transpose()?;
+        Ok(ModelComparison {
+            model: options.method.name(),
+            cross_validation,
+            sets,
+        })
+    }
+
+    fn cross_validate(
+        &self,
+        options: &Options,
+        progress: &mut dyn FnMut(),
+    ) -> Result<CrossValidation, CompareError> {
+        let fold = folds::assign(self.train, self.nominal.kinds(), self.folds, self.seed);
+        let part = |wanted: &dyn Fn(usize) -> bool| -> Vec<Sample> {
+            self.train
+                .iter()
+                .zip(&fold)
+                .filter(|(_, f)| wanted(**f))
+                .map(|(s, _)| s.clone())
+                .collect()
+        };
+        let (mut all, mut folds): (Vec<PoseError>, Vec<ErrorSummary>) = (Vec::new(), Vec::new());
+        for held_out in 0..self.folds {
+            let blob = self.blob(options, &part(&|f| f != held_out))?;
+            progress();
+            let errors = blob.errors(&part(&|f| f == held_out));
+            folds.push(ErrorSummary::new(&errors));
+            all.extend(errors);
+        }
+        Ok(CrossValidation {
+            all: ErrorSummary::new(&all),
+            folds,
+        })
+    }
+
+    fn blob(&self, options: &Options, samples: &[Sample]) -> Result<LoadedBlob, CompareError> {
+        let model = options.method.name();
+        let calibration = calibrate(self.nominal, samples, options)
+            .map_err(|error| CompareError::Calibration { model, error })?;
+        let exported = export(&calibration, self.robot, self.origin, samples);
+        exported
+            .map(|(blob, _)| blob)
+            .map_err(|error| CompareError::Export { model, error })
+    }
+}
+
+/// The methods that the data allow: without payloads no `poe-gp-load`.
+pub fn applicable(samples: &[Sample]) -> Vec<Method> {
+    let has_payload = samples.iter().all(|s| s.payload_kg.is_some());
+    Method::ALL
+        .into_iter()
+        .filter(|m| *m != Method::PoeGpLoad || has_payload)
+        .collect()
+}

@@ -1,0 +1,254 @@
+//! From the f64 calibration to the bytes of a blob: the one place where numbers become `f32`.
+//!
+//! What that costs is measured on all data and refused when it is too much: a kernel that is smooth and a noise that is
+//! small can make weights so large that `f32` cancels (the error is about √N·2⁻²⁴·max|weight|/σ · signal).
+
+use heapless::Vec as FixedVec;
+use poegp_protocol::blob::{
+    self, Blob, Correction, CorrectionBound, Geometry, Joint, Provenance, Ranges,
+    Robot as WireRobot, TaskSpace, Transform, Units,
+};
+use poegp_runtime::poe::Poe;
+use poegp_runtime::se3::Pose;
+
+use crate::calibration::frames::Sample;
+use crate::calibration::{Calibration, Method};
+use crate::loaded::{BlobError, HOST_SUPPORT, LoadedBlob};
+use crate::robot::Robot;
+
+/// Largest position error of the `f32` blob against the f64 model, in metres.
+pub const MAX_F32_ERROR_M: f64 = 2e-6;
+/// Largest mean of it.
+pub const MEAN_F32_ERROR_M: f64 = 0.5e-6;
+
+/// Where a calibration comes from.
+#[derive(Clone, Debug)]
+pub struct Origin {
+    /// Serial number of the arm; empty when unknown.
+    pub serial_number: String,
+    /// Day of the calibration, ISO 8601, UTC.
+    pub date: String,
+    /// SHA-256 of the measurement file.
+    pub data_sha256: [u8; 32],
+}
+
+/// What `f32` costs: the distance of the blob's poses from the f64 model's, on all samples.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Fidelity {
+    /// Mean in metres.
+    pub mean_m: f64,
+    /// Largest in metres.
+    pub max_m: f64,
+}
+
+/// Why no blob was made.
+#[derive(Debug, thiserror::Error)]
+pub enum ExportError {
+    /// More training poses than the runtime holds.
+    #[error("{found} support points: the runtime holds {HOST_SUPPORT}")]
+    TooManyPoints {
+        /// Points of the model.
+        found: usize,
+    },
+    /// Something of the model does not fit into the words of a blob.
+    #[error("the model does not fit into a blob: {0}")]
+    DoesNotFit(&'static str),
+    /// The checked constructor refuses the blob.
+    #[error("the model cannot be run: {0}")]
+    Unusable(#[from] BlobError),
+    /// `f32` loses too much.
+    #[error(
+        "single precision would cost {:.2} µm at most and {:.3} µm in the mean; the limits are {:.0} and {:.1} µm",
+        .0.max_m * 1e6, .0.mean_m * 1e6, MAX_F32_ERROR_M * 1e6, MEAN_F32_ERROR_M * 1e6
+    )]
+    LosesPrecision(Fidelity),
+}
+
+/// Makes the blob of `calibration`, loads it, and compares it with the f64 model on `samples` (poses in the instrument's
+/// frame).
+///
+/// # Errors
+/// [`ExportError`].
+pub fn export(
+    calibration: &Calibration,
+    robot: &Robot,
+    origin: &Origin,
+    samples: &[Sample],
+) -> Result<(LoadedBlob, Fidelity), ExportError> {
+    let loaded = LoadedBlob::from_bytes(to_bytes(calibration, robot, origin, samples)?)?;
+    let fidelity = fidelity(calibration, &loaded, samples);
+    if fidelity.max_m > MAX_F32_ERROR_M || fidelity.mean_m > MEAN_F32_ERROR_M {
+        return Err(ExportError::LosesPrecision(fidelity));
+    }
+    Ok((loaded, fidelity))
+}
+
+/// Distance of the blob's poses from the f64 model's, where the correction is not bounded.
+pub fn fidelity(calibration: &Calibration, loaded: &LoadedBlob, samples: &[Sample]) -> Fidelity {
+    let instrument_from_base = calibration.base_tool.instrument_from_base;
+    let mut out = Fidelity {
+        mean_m: 0.0,
+        max_m: 0.0,
+    };
+    for sample in samples {
+        let exact = instrument_from_base * calibration.predict(sample);
+        let stored = loaded.predict(&sample.joints, sample.payload_kg);
+        if stored
+            .status
+            .contains(poegp_runtime::status::Status::CORRECTION_BOUNDED)
+        {
+            continue;
+        }
+        let distance = (exact.translation - stored.pose.translation).norm();
+        out.mean_m += distance / samples.len() as f64;
+        out.max_m = out.max_m.max(distance);
+    }
+    out
+}
+
+/// A fixed vector of what fits, or the error that names what does not.
+fn fixed<T, const N: usize>(
+    items: impl IntoIterator<Item = T>,
+    what: &'static str,
+) -> Result<FixedVec<T, N>, ExportError> {
+    let mut out = FixedVec::new();
+    for item in items {
+        out.push(item).map_err(|_| ExportError::DoesNotFit(what))?;
+    }
+    Ok(out)
+}
+
+fn chain<const N: usize>(poe: &Poe<f64>) -> Result<FixedVec<Transform<f32>, N>, ExportError> {
+    fixed(
+        poe.frames().iter().map(|f| f.cast::<f32>().to_rows()),
+        "frames",
+    )
+}
+
+fn to_bytes(
+    calibration: &Calibration,
+    robot: &Robot,
+    origin: &Origin,
+    samples: &[Sample],
+) -> Result<Vec<u8>, ExportError> {
+    let knows_payload = calibration.options.method == Method::PoeGpLoad;
+    let (task_space, rows) = task_space(calibration)?;
+    let joints = robot.joints.iter().map(|joint| Joint {
+        kind: joint.kind,
+        limits: joint
+            .limits
+            .map(|(lower, upper)| (lower as f32, upper as f32)),
+    });
+    let range = |value: &dyn Fn(&Sample) -> f64| {
+        let mut bounds = (f64::INFINITY, f64::NEG_INFINITY);
+        for sample in samples {
+            bounds = (bounds.0.min(value(sample)), bounds.1.max(value(sample)));
+        }
+        (bounds.0 as f32, bounds.1 as f32)
+    };
+    let base_tool = &calibration.base_tool;
+    let blob = Blob {
+        robot: WireRobot {
+            name: &robot.name,
+            serial_number: &origin.serial_number,
+            joints: fixed(joints, "joints")?,
+            coupling: fixed(
+                robot.coupling.iter().flatten().flatten().map(|c| *c as f32),
+                "coupling",
+            )?,
+        },
+        units: Units::SI,
+        provenance: Provenance {
+            model: calibration.options.method.name(),
+            trainer_version: env!("CARGO_PKG_VERSION"),
+            date: &origin.date,
+            data_sha256: origin.data_sha256,
+            training_poses: samples.len() as u32,
+        },
+        ranges: Ranges {
+            joints: fixed(
+                (0..robot.joints.len()).map(|i| range(&|s| s.joints[i])),
+                "joint ranges",
+            )?,
+            payload_kg: knows_payload.then(|| range(&|s| s.payload_kg.unwrap_or(0.0))),
+        },
+        geometry: Geometry {
+            calibrated: chain(&calibration.calibrated)?,
+            nominal: chain(&calibration.nominal)?,
+            instrument_from_base: base_tool.instrument_from_base.to_rows(),
+            flange_from_target: base_tool.flange_from_target.to_rows(),
+        },
+        correction: match task_space {
+            None => Correction::None,
+            Some(header) => Correction::TaskSpace(TaskSpace {
+                rows: &rows,
+                ..header
+            }),
+        },
+    };
+    let names = robot.name.len() + origin.serial_number.len() + origin.date.len();
+    let mut buffer =
+        vec![0; blob::HEADER_LENGTH + blob::MAX_LENGTH_WITHOUT_ROWS + names + rows.len()];
+    let length = blob::encode(&blob, &mut buffer)
+        .map_err(|_| ExportError::DoesNotFit("names"))?
+        .len();
+    buffer.truncate(length);
+    Ok(buffer)
+}
+
+/// The correction without its rows, and the bytes of the rows.
+fn task_space(
+    calibration: &Calibration,
+) -> Result<(Option<TaskSpace<'static>>, Vec<u8>), ExportError> {
+    let (Some((header, rows)), Some(gp)) = (calibration.mean(), &calibration.gp) else {
+        return Ok((None, Vec::new()));
+    };
+    if gp.inputs.len() > HOST_SUPPORT {
+        return Err(ExportError::TooManyPoints {
+            found: gp.inputs.len(),
+        });
+    }
+    let inputs = header.inputs;
+    let hyperparameters = gp
+        .hyperparameters
+        .iter()
+        .map(|h| h.to_array().map(|x| x as f32));
+    let mut affine: [FixedVec<f32, 10>; 6] = Default::default();
+    for (slots, values) in affine.iter_mut().zip(&header.affine) {
+        *slots = fixed(
+            values.iter().take(inputs + 1).map(|x| *x as f32),
+            "affine map",
+        )?;
+    }
+    let task_space = TaskSpace {
+        bound: CorrectionBound {
+            position_m: calibration.bound.0 as f32,
+            angle_rad: calibration.bound.1 as f32,
+        },
+        hyperparameters: fixed(hyperparameters, "hyperparameters")?,
+        output_scale: gp.output_scale.map(|x| x as f32),
+        input_scale: fixed(
+            header.input_scale.iter().take(inputs).map(|x| *x as f32),
+            "input scales",
+        )?,
+        rates: header.rates.map(|rates| rates.map(|x| x as f32)),
+        affine,
+        rows: &[],
+    };
+    Ok((
+        Some(task_space),
+        rows.iter()
+            .flat_map(|x| (*x as f32).to_le_bytes())
+            .collect(),
+    ))
+}
+
+/// The chain of `robot` as the runtime has it, from base to flange.
+///
+/// # Errors
+/// Never for a robot that was loaded: it has 1 to 8 joints and one frame more.
+pub fn nominal_chain(robot: &Robot) -> Result<Poe<f64>, poegp_runtime::poe::WrongChain> {
+    let kinds: Vec<_> = robot.joints.iter().map(|j| j.kind).collect();
+    let frames: Vec<Pose<f64>> = robot.parent_from_joint.clone();
+    Poe::new(&kinds, &frames)
+}

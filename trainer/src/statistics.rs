@@ -1,0 +1,102 @@
+//! Errors of a set of poses, summed up.
+
+use poegp_runtime::se3::Pose;
+use serde::Serialize;
+
+/// Mean, median, RMS, 95th percentile and maximum of a list of errors.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Summary {
+    /// Arithmetic mean.
+    pub mean: f64,
+    /// 50th percentile.
+    pub median: f64,
+    /// Root mean square.
+    pub rms: f64,
+    /// 95th percentile.
+    pub p95: f64,
+    /// Largest.
+    pub max: f64,
+}
+
+impl Summary {
+    /// Of `values`; all zero when there are none. Percentiles are interpolated linearly between the order statistics.
+    pub fn new(values: &[f64]) -> Self {
+        if values.is_empty() {
+            return Self::default();
+        }
+        let mut sorted = values.to_vec();
+        sorted.sort_by(f64::total_cmp);
+        let count = sorted.len() as f64;
+        Self {
+            mean: sorted.iter().sum::<f64>() / count,
+            median: percentile(&sorted, 0.5),
+            rms: (sorted.iter().map(|x| x * x).sum::<f64>() / count).sqrt(),
+            p95: percentile(&sorted, 0.95),
+            max: sorted[sorted.len() - 1],
+        }
+    }
+}
+
+fn percentile(sorted: &[f64], share: f64) -> f64 {
+    let position = share * (sorted.len() - 1) as f64;
+    let below = position.floor() as usize;
+    let above = (below + 1).min(sorted.len() - 1);
+    sorted[below] + (position - below as f64) * (sorted[above] - sorted[below])
+}
+
+/// Distance of two poses: millimetres and milliradians.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PoseError {
+    /// Distance of the origins in mm.
+    pub position_mm: f64,
+    /// Angle between the axes in mrad.
+    pub orientation_mrad: f64,
+}
+
+impl PoseError {
+    /// Between a measured and a predicted pose in the same frame.
+    pub fn between(measured: &Pose<f64>, predicted: &Pose<f64>) -> Self {
+        let turned = measured.inverse() * *predicted;
+        Self {
+            position_mm: 1e3 * (measured.translation - predicted.translation).norm(),
+            orientation_mrad: 1e3 * turned.log().angular.norm(),
+        }
+    }
+}
+
+/// The errors of one model on one set of poses, in the shape that `--json` has.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ErrorSummary {
+    /// Number of poses.
+    pub poses: usize,
+    /// Position errors in mm.
+    pub position_mm: Summary,
+    /// Orientation errors in mrad.
+    pub orientation_mrad: Summary,
+}
+
+impl ErrorSummary {
+    /// Of the errors of single poses.
+    pub fn new(errors: &[PoseError]) -> Self {
+        let of = |f: fn(&PoseError) -> f64| Summary::new(&errors.iter().map(f).collect::<Vec<_>>());
+        Self {
+            poses: errors.len(),
+            position_mm: of(|e| e.position_mm),
+            orientation_mrad: of(|e| e.orientation_mrad),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn percentiles_are_those_of_numpy() {
+        let s = Summary::new(&[4.0, 1.0, 3.0, 2.0, 10.0]);
+        assert_eq!((s.mean, s.median, s.max), (4.0, 3.0, 10.0));
+        assert!((s.p95 - 8.8).abs() < 1e-12, "{s:?}");
+        assert!((s.rms - 26.0_f64.sqrt()).abs() < 1e-12);
+        assert_eq!(Summary::new(&[]), Summary::default());
+    }
+}
