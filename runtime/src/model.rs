@@ -67,8 +67,27 @@ impl<T> Observer<T> for Unobserved {}
 /// A calibrated arm.
 #[derive(Debug)]
 pub struct Model<T, const WORDS: usize> {
-    arm: Option<Arm<T>>,
+    arm: Slot<Arm<T>>,
     rows: Vec<T, WORDS>,
+}
+
+/// An `Option` whose empty state is all zeros, so that a static model takes no flash for its initial value: `None`
+/// would be one byte that is not zero, and with it the whole model a copy in flash.
+#[derive(Debug)]
+#[repr(u8)]
+enum Slot<T> {
+    Empty = 0,
+    Full(T) = 1,
+}
+
+impl<T> Slot<T> {
+    #[inline(always)]
+    fn as_ref(&self) -> Option<&T> {
+        match self {
+            Self::Empty => None,
+            Self::Full(value) => Some(value),
+        }
+    }
 }
 
 /// Everything but the support rows.
@@ -100,7 +119,7 @@ impl<T: Scalar, const WORDS: usize> Model<T, WORDS> {
     /// No model: every evaluation answers [`Status::NO_MODEL`].
     pub const fn new() -> Self {
         Self {
-            arm: None,
+            arm: Slot::Empty,
             rows: Vec::new(),
         }
     }
@@ -109,6 +128,8 @@ impl<T: Scalar, const WORDS: usize> Model<T, WORDS> {
     ///
     /// # Errors
     /// [`LoadError`] names the first number that is not one a robot may be moved by.
+    // Inlined, its copies of the arm would lie on the stack beside those of the decoder.
+    #[inline(never)]
     pub fn load(&mut self, blob: &Blob<'_>) -> Result<(), LoadError> {
         let arm = Arm::from_blob(blob)?;
         let bytes = match &blob.correction {
@@ -120,7 +141,7 @@ impl<T: Scalar, const WORDS: usize> Model<T, WORDS> {
             // Cannot fail: `checked_rows` has compared the length with the capacity.
             let _ = self.rows.push(T::from_f32(f32::from_le_bytes(*word)));
         }
-        self.arm = Some(arm);
+        self.arm = Slot::Full(arm);
         Ok(())
     }
 
@@ -139,11 +160,13 @@ impl<T: Scalar, const WORDS: usize> Model<T, WORDS> {
 
     /// Forgets the model.
     pub fn unload(&mut self) {
-        self.arm = None;
+        self.arm = Slot::Empty;
         self.rows.clear();
     }
 
     /// T_gp(q, m)·f(q) for the controller's joints (rad or m) and the payload in kg (0 when the model knows none).
+    // Code generation, and with it the time of a cycle, must not depend on the caller.
+    #[inline(never)]
     pub fn evaluate(&self, joints: &[T], payload_kg: T) -> Evaluation<T> {
         self.evaluate_observed(joints, payload_kg, &mut Unobserved)
     }
@@ -161,7 +184,7 @@ impl<T: Scalar, const WORDS: usize> Model<T, WORDS> {
             correction: Twist::zero(),
             status,
         };
-        let Some(arm) = &self.arm else {
+        let Some(arm) = self.arm.as_ref() else {
             return nothing(Status::NO_MODEL);
         };
         let Some(x) = arm.checked_joints(joints) else {
@@ -444,7 +467,8 @@ fn checked_coupling<T: Scalar>(
         return Err(LoadError::Coupling);
     }
     let mut out = [[T::ZERO; MAX_JOINTS]; MAX_JOINTS];
-    for (slots, row) in out.iter_mut().zip(coupling.chunks(joints)) {
+    // Here joints ≥ 1; `max` says so to the compiler, which would link a panic for empty chunks.
+    for (slots, row) in out.iter_mut().zip(coupling.chunks(joints.max(1))) {
         for (slot, value) in slots.iter_mut().zip(row) {
             *slot = T::from_f32(*value);
         }

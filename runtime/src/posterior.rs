@@ -22,9 +22,14 @@ use crate::scalar::Scalar;
 /// long before, and 9·(2·200)² stays below 2²².
 pub const MAX_SCALED_INPUT: f64 = 200.0;
 
-/// Words of one support row.
+/// Words of one support row; more inputs than [`MAX_INPUTS`] do not exist and count as so many.
 pub const fn row_words(inputs: usize) -> usize {
-    inputs + OUTPUTS
+    // The bound shows the compiler that a row is never empty: without it the image has panics for division by zero.
+    if inputs < MAX_INPUTS {
+        inputs + OUTPUTS
+    } else {
+        MAX_INPUTS + OUTPUTS
+    }
 }
 
 /// Everything of the posterior mean but its support rows.
@@ -97,7 +102,8 @@ impl<T: Scalar> MeanHeader<T> {
 }
 
 /// One exponential per support point, unrolled over D inputs; ROW = D + 6.
-#[inline(always)]
+// A function of its own keeps all sums in registers: inlined, a Cortex-M4F takes 92 instead of 76 instructions a point.
+#[inline(never)]
 fn shared<T: Scalar, const D: usize, const ROW: usize>(
     rows: &[T],
     u: &[T; MAX_INPUTS],
@@ -126,6 +132,7 @@ fn shared<T: Scalar, const D: usize, const ROW: usize>(
 }
 
 /// Six exponentials per support point, each with its own rate.
+#[inline(never)]
 fn per_output<T: Scalar>(
     rows: &[T],
     inputs: usize,
@@ -134,15 +141,22 @@ fn per_output<T: Scalar>(
     out: &mut [T; OUTPUTS],
     kernel_value: &mut impl FnMut(T),
 ) {
+    let mut sums = *out;
     for row in rows.chunks_exact(row_words(inputs)) {
         let (centre, weights) = row.split_at_checked(inputs).unwrap_or((&[], &[]));
+        let Some(weights) = weights.first_chunk::<OUTPUTS>() else {
+            break;
+        };
         let squared = crate::kernel::squared_distance(u, centre);
-        for ((sum, weight), rate) in out.iter_mut().zip(weights).zip(rates) {
-            let k = (-(*rate * squared)).exp2();
+        let mut c = 0;
+        while c < OUTPUTS {
+            let k = (-(rates[c] * squared)).exp2();
             kernel_value(k);
-            *sum += k * *weight;
+            sums[c] += k * weights[c];
+            c += 1;
         }
     }
+    *out = sums;
 }
 
 /// Factor of an input for hyperparameter θ₁: √(θ₁ log₂e / 2).

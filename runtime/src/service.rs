@@ -26,6 +26,8 @@ pub trait Board {
     fn ticks(&mut self) -> u32;
     /// Deepest use of the stack so far, in bytes.
     fn stack_bytes(&mut self) -> u32;
+    /// Shown every answer before it is sent, for a log. Does nothing unless overridden.
+    fn answered(&mut self, _response: &Response) {}
 }
 
 /// The device's side of the link. `WORDS` of support rows and `BYTES` of a blob fit.
@@ -93,6 +95,7 @@ impl<const WORDS: usize, const BYTES: usize> Service<WORDS, BYTES> {
                 answer
             }
         };
+        board.answered(&response);
         // An answer always fits: the longest is shorter than the longest request.
         frame::encode(sequence, &response, scratch, out).map_or(0, <[u8]>::len)
     }
@@ -191,6 +194,8 @@ impl<const WORDS: usize, const BYTES: usize> Service<WORDS, BYTES> {
         Ok(Response::Loading { received: end })
     }
 
+    // Not inlined: the cyclic path must not share its large stack frame.
+    #[inline(never)]
     fn finish_load(&mut self) -> Result<(), Refusal> {
         let announced = match self.announced {
             Some(announced) => announced,
@@ -250,6 +255,8 @@ impl<const WORDS: usize, const BYTES: usize> Service<WORDS, BYTES> {
         }
     }
 
+    // Not inlined: the cyclic path must not share its large stack frame.
+    #[inline(never)]
     fn trace(&mut self, query: &Query, board: &mut impl Board) -> Trace {
         let mut record = Record::new();
         let start = board.ticks();

@@ -1,1 +1,30 @@
-//! tests
+//! What tests need that span more than one crate: the device image, the machine it runs on, and arms to run.
+//!
+//! ```text
+//!  firmware ──> ELF ──> emulator ══ link ══> device ──┐
+//!     └──> image (sizes, symbols)                     ├── stages: the same bits?
+//!  sample ──> blob ──────────────────────> runtime ───┘
+//! ```
+//!
+//! Nothing here is skipped when a tool is missing: the tests fail, and the message names the remedy.
+#![deny(unsafe_code)]
+
+pub mod device;
+pub mod emulator;
+pub mod firmware;
+pub mod image;
+pub mod log;
+pub mod sample;
+pub mod stages;
+
+use std::path::Path;
+
+/// The root of the workspace.
+///
+/// # Panics
+/// When this package was moved out of it.
+pub fn workspace() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .parent()
+        .expect("the package lies in the workspace")
+}

@@ -1,0 +1,66 @@
+//! The committed bits, computed by this crate alone: as `-p poegp-runtime` builds it, with no other crate's features.
+//!
+//! The files are written and described by the `tests` package, which compares the device with them too.
+
+use poegp_protocol::blob;
+use poegp_runtime::model::{Model, words_for};
+use poegp_runtime::service::Record;
+
+/// The groups of one line: hexadecimal words.
+fn groups(line: &str) -> Vec<Vec<u32>> {
+    let words = |group: &str| {
+        group
+            .split_whitespace()
+            .map(|word| u32::from_str_radix(word, 16).unwrap())
+            .collect()
+    };
+    line.split('|').map(words).collect()
+}
+
+fn bits(values: &[f32]) -> Vec<u32> {
+    values.iter().map(|value| value.to_bits()).collect()
+}
+
+fn assert_bits(bytes: &[u8], text: &str) {
+    let mut model = Box::new(Model::<f32, { words_for(64) }>::new());
+    model.load(&blob::decode(bytes).unwrap()).unwrap();
+    let mut compared = 0;
+    for line in text.lines().filter(|line| !line.starts_with('#')) {
+        let expected = groups(line);
+        let asked: Vec<f32> = expected[0].iter().copied().map(f32::from_bits).collect();
+        let (payload_kg, joints) = asked.split_last().unwrap();
+        let mut record = Record::new();
+        let result = model.evaluate_observed(joints, *payload_kg, &mut record);
+        let found = [
+            ("sin_cos", bits(&record.sin_cos)),
+            ("kernel_hash", vec![record.kernel_hash]),
+            ("mean", bits(&record.mean)),
+            ("chain", bits(&record.chain)),
+            ("correction", bits(&result.correction.to_array())),
+            ("pose", bits(&result.pose.to_rows())),
+            ("status", vec![u32::from(result.status.bits())]),
+        ];
+        for ((stage, found), expected) in found.iter().zip(&expected[1..]) {
+            assert_eq!(found, expected, "{stage} of {asked:?}");
+        }
+        assert_eq!(expected.len(), found.len() + 1);
+        compared += 1;
+    }
+    assert_eq!(compared, 100);
+}
+
+#[test]
+fn shared_hyperparameters() {
+    assert_bits(
+        include_bytes!("../../tests/data/golden_shared.blob"),
+        include_str!("../../tests/data/golden_shared_bits.txt"),
+    );
+}
+
+#[test]
+fn hyperparameters_per_output_and_coupled_joints() {
+    assert_bits(
+        include_bytes!("../../tests/data/golden_per_output.blob"),
+        include_str!("../../tests/data/golden_per_output_bits.txt"),
+    );
+}

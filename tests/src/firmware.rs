@@ -1,0 +1,211 @@
+//! Builds the device image with whatever compiler is there, once for each test program.
+//!
+//! Two ways lead to an image, and both give the same bits:
+//!
+//! | way | needs | searched |
+//! |---|---|---|
+//! | prebuilt | a toolchain with the target's `core`: `rustup target add thumbv7em-none-eabihf` | first |
+//! | build-std | a compiler with its library's source and `ld.lld`: Debian's `rustc-web cargo-web rust-web-src lld` | then |
+//!
+//! `POEGP_TOOLCHAIN=prebuilt` or `build-std` asks for one of them. The nested cargo sees nothing of what the outer one
+//! was told: flags for coverage or another processor must not reach the device.
+
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use std::sync::OnceLock;
+use std::{env, fs};
+
+use crate::workspace;
+
+/// The device's target.
+pub const TARGET: &str = "thumbv7em-none-eabihf";
+/// Variable that asks for one of the toolchains.
+pub const TOOLCHAIN_VARIABLE: &str = "POEGP_TOOLCHAIN";
+const PACKAGE: &str = "poegp-firmware";
+const PROFILE: &str = "firmware";
+/// The processor of the board, by `--config` so that no configuration file of the workspace is needed.
+const RUSTFLAGS: &str = r#"target.thumbv7em-none-eabihf.rustflags=["-C","target-cpu=cortex-m4"]"#;
+
+/// A compiler that can build for the device.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Toolchain {
+    /// The `core` of the target is installed.
+    Prebuilt {
+        /// Its compiler.
+        rustc: PathBuf,
+    },
+    /// `core` is built from source.
+    BuildStd {
+        /// Its compiler.
+        rustc: PathBuf,
+    },
+}
+
+impl fmt::Display for Toolchain {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Prebuilt { rustc } => write!(f, "prebuilt core of {}", rustc.display()),
+            Self::BuildStd { rustc } => write!(f, "core built from source by {}", rustc.display()),
+        }
+    }
+}
+
+/// The device image.
+#[derive(Clone, Debug)]
+pub struct Firmware {
+    /// The ELF file.
+    pub elf: PathBuf,
+    /// What built it.
+    pub toolchain: Toolchain,
+}
+
+/// Why there is no image.
+#[derive(Clone, Debug, thiserror::Error)]
+pub enum FirmwareError {
+    /// No compiler can build for the device.
+    #[error(
+        "no compiler can build for {TARGET}{}. Either `rustup target add {TARGET}`, \
+         or `apt-get install rustc-web cargo-web rust-web-src lld` (Debian)",
+        .asked.as_ref().map(|way| format!(" ({TOOLCHAIN_VARIABLE}={way})")).unwrap_or_default()
+    )]
+    NoToolchain {
+        /// The way that was asked for.
+        asked: Option<String>,
+    },
+    /// The variable has another value.
+    #[error("{TOOLCHAIN_VARIABLE} is {0:?}; it can be `prebuilt` or `build-std`")]
+    UnknownToolchain(String),
+    /// The build failed.
+    #[error("the firmware does not build with {toolchain}:\n{output}")]
+    Build {
+        /// What was used.
+        toolchain: String,
+        /// What cargo said.
+        output: String,
+    },
+}
+
+/// The device image, built at the first call. Test programs that run at the same time wait for each other in cargo.
+///
+/// # Errors
+/// [`FirmwareError`].
+pub fn firmware() -> Result<&'static Firmware, FirmwareError> {
+    static FIRMWARE: OnceLock<Result<Firmware, FirmwareError>> = OnceLock::new();
+    FIRMWARE
+        .get_or_init(|| build(find_toolchain()?))
+        .as_ref()
+        .map_err(Clone::clone)
+}
+
+fn find_toolchain() -> Result<Toolchain, FirmwareError> {
+    let asked = env::var(TOOLCHAIN_VARIABLE).ok();
+    let found = match asked.as_deref() {
+        None => prebuilt().or_else(build_std),
+        Some("prebuilt") => prebuilt(),
+        Some("build-std") => build_std(),
+        Some(other) => return Err(FirmwareError::UnknownToolchain(other.to_owned())),
+    };
+    found.ok_or(FirmwareError::NoToolchain { asked })
+}
+
+/// Compilers to try: what the user calls `rustc`, then the distribution's.
+const COMPILERS: [&str; 2] = ["rustc", "/usr/bin/rustc"];
+
+fn prebuilt() -> Option<Toolchain> {
+    COMPILERS.iter().find_map(|rustc| {
+        let directory = printed(rustc, &["--print", "target-libdir", "--target", TARGET])?;
+        fs::read_dir(directory)
+            .ok()?
+            .flatten()
+            .any(|file| file.file_name().to_string_lossy().starts_with("libcore-"))
+            .then(|| Toolchain::Prebuilt {
+                rustc: rustc.into(),
+            })
+    })
+}
+
+fn build_std() -> Option<Toolchain> {
+    // Without rustup's linker in its sysroot the compiler needs this one.
+    succeeds(Command::new("ld.lld").arg("--version"))?;
+    COMPILERS.iter().find_map(|rustc| {
+        let sysroot = printed(rustc, &["--print", "sysroot"])?;
+        Path::new(&sysroot)
+            .join("lib/rustlib/src/rust/library/core/src/lib.rs")
+            .exists()
+            .then(|| Toolchain::BuildStd {
+                rustc: rustc.into(),
+            })
+    })
+}
+
+fn succeeds(command: &mut Command) -> Option<Output> {
+    command
+        .output()
+        .ok()
+        .filter(|output| output.status.success())
+}
+
+fn printed(program: &str, arguments: &[&str]) -> Option<String> {
+    let output = succeeds(clean(&mut Command::new(program)).args(arguments))?;
+    Some(String::from_utf8(output.stdout).ok()?.trim().to_owned())
+}
+
+/// Takes away what the outer cargo or its caller has set.
+fn clean(command: &mut Command) -> &mut Command {
+    const PREFIXES: [&str; 5] = [
+        "CARGO_TARGET_",
+        "CARGO_PROFILE_",
+        "CARGO_BUILD_",
+        "CARGO_ENCODED_",
+        "RUSTC",
+    ];
+    const NAMES: [&str; 3] = ["RUSTFLAGS", "CARGO_INCREMENTAL", "LLVM_PROFILE_FILE"];
+    for (name, _) in env::vars_os() {
+        let text = name.to_string_lossy();
+        if NAMES.contains(&&*text) || PREFIXES.iter().any(|prefix| text.starts_with(prefix)) {
+            command.env_remove(&name);
+        }
+    }
+    command.current_dir(workspace())
+}
+
+fn build(toolchain: Toolchain) -> Result<Firmware, FirmwareError> {
+    let target = env::var_os("CARGO_TARGET_DIR")
+        .map_or_else(|| workspace().join("target"), |dir| workspace().join(dir));
+    let (rustc, directory) = match &toolchain {
+        Toolchain::Prebuilt { rustc } => (rustc, target.join("device")),
+        Toolchain::BuildStd { rustc } => (rustc, target.join("device-build-std")),
+    };
+    // The cargo that belongs to the compiler.
+    let mut command = Command::new(rustc.with_file_name("cargo"));
+    clean(&mut command)
+        .args(["build", "--locked", "--package", PACKAGE])
+        .args(["--profile", PROFILE, "--target", TARGET])
+        .args(["--config", RUSTFLAGS])
+        .arg("--target-dir")
+        .arg(&directory)
+        .env("RUSTC", rustc)
+        // defmt logs nothing but errors unless told when it is compiled.
+        .env("DEFMT_LOG", "info");
+    if let Toolchain::BuildStd { .. } = toolchain {
+        command
+            .arg("-Zbuild-std=core")
+            .env("RUSTC_BOOTSTRAP", "1")
+            .env("CARGO_TARGET_THUMBV7EM_NONE_EABIHF_LINKER", "ld.lld");
+    }
+    let failed = |output| FirmwareError::Build {
+        toolchain: toolchain.to_string(),
+        output,
+    };
+    let output = command
+        .output()
+        .map_err(|error| failed(error.to_string()))?;
+    if !output.status.success() {
+        return Err(failed(String::from_utf8_lossy(&output.stderr).into_owned()));
+    }
+    Ok(Firmware {
+        elf: directory.join(TARGET).join(PROFILE).join(PACKAGE),
+        toolchain,
+    })
+}

@@ -1,0 +1,280 @@
+//! Arms that never were: plausible chains with random corrections, from a seed.
+//!
+//! The chain is that of a six-axis arm of 2 m reach (frames in the manner of an ABB IRB 4400, modified
+//! Denavit–Hartenberg), calibrated by a few millimetres. The correction has random support points and weights, so that
+//! every bit of the arithmetic is exercised without a calibration.
+
+use std::f64::consts::{FRAC_PI_2, PI};
+
+use poegp_protocol::JointKind;
+use poegp_protocol::blob::{
+    self, Blob, Correction, CorrectionBound, Geometry, Joint, Provenance, Ranges, Robot, TaskSpace,
+    Transform, Units,
+};
+use poegp_protocol::limits::{MAX_FRAMES, OUTPUTS};
+use poegp_protocol::link::Query;
+use poegp_runtime::posterior;
+use poegp_runtime::se3::{Pose, Twist};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+/// Joints of the arm.
+pub const JOINTS: usize = 6;
+/// Inputs of the correction: the joints and the payload.
+pub const INPUTS: usize = JOINTS + 1;
+
+/// What arm to make.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Sample {
+    /// Decides every random number.
+    pub seed: u64,
+    /// The correction.
+    pub correction: Support,
+    /// Whether q3 of the serial chain is q3 − q2 of the controller, as in a parallelogram arm.
+    pub coupled: bool,
+    /// Whether joint 3 slides instead of turning.
+    pub prismatic: bool,
+}
+
+/// Support points of the correction.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Support {
+    /// No correction.
+    None,
+    /// So many, one set of hyperparameters.
+    Shared(usize),
+    /// So many, hyperparameters for each output.
+    PerOutput(usize),
+}
+
+impl Sample {
+    /// A six-axis arm with revolute joints and no coupling.
+    pub const fn plain(seed: u64, correction: Support) -> Self {
+        Self {
+            seed,
+            correction,
+            coupled: false,
+            prismatic: false,
+        }
+    }
+
+    fn generator(&self, stream: u64) -> ChaCha8Rng {
+        let mut generator = ChaCha8Rng::seed_from_u64(self.seed);
+        generator.set_stream(stream);
+        generator
+    }
+
+    /// Trained range of a joint in rad or m.
+    fn range(&self, joint: usize) -> (f32, f32) {
+        if self.prismatic && joint == 2 {
+            return (0.0, 0.8);
+        }
+        [
+            (-2.5, 2.5),
+            (-1.2, 1.5),
+            (-1.0, 1.1),
+            (-3.0, 3.0),
+            (-1.9, 1.9),
+            (-3.1, 3.1),
+        ][joint]
+    }
+
+    /// The blob.
+    ///
+    /// # Panics
+    /// With more support points than a blob can describe.
+    pub fn blob(&self) -> Vec<u8> {
+        let (count, shared) = match self.correction {
+            Support::None => (0, true),
+            Support::Shared(count) => (count, true),
+            Support::PerOutput(count) => (count, false),
+        };
+        let mut generator = self.generator(0);
+        let nominal = nominal_frames();
+        let calibrated = nominal.map(|frame| frame * Pose::exp(&error(&mut generator)));
+        let input_scale: [f32; INPUTS] = std::array::from_fn(|d| match d {
+            JOINTS => 0.05,
+            _ => posterior::input_scale(generator.random_range(0.3..1.2)),
+        });
+        let mut rows = Vec::new();
+        for _ in 0..count {
+            for (d, scale) in input_scale.iter().enumerate() {
+                let (lower, upper) = if d == JOINTS {
+                    PAYLOAD_KG
+                } else {
+                    self.range(d)
+                };
+                let u = generator.random_range(lower..upper) * scale;
+                rows.extend(u.to_le_bytes());
+            }
+            for output in 0..OUTPUTS {
+                // Millimetres and milliradians: now and then more than the bound allows.
+                let size: f32 = if output < 3 { 2e-3 } else { 1e-3 };
+                rows.extend(generator.random_range(-size..size).to_le_bytes());
+            }
+        }
+        let task = TaskSpace {
+            bound: CorrectionBound {
+                position_m: 5e-3,
+                angle_rad: 5e-3,
+            },
+            hyperparameters: [[1.0; 5]; OUTPUTS]
+                .into_iter()
+                .take(if shared { 1 } else { 6 })
+                .collect(),
+            output_scale: [1.0; OUTPUTS],
+            input_scale: input_scale.into_iter().collect(),
+            rates: (!shared).then(|| std::array::from_fn(|_| generator.random_range(0.2..1.0))),
+            affine: std::array::from_fn(|_| {
+                (0..=INPUTS)
+                    .map(|_| generator.random_range(-1e-4_f32..1e-4))
+                    .collect()
+            }),
+            rows: &rows,
+        };
+        let blob = Blob {
+            robot: Robot {
+                name: "Sample IRB 4400",
+                serial_number: "4400-0001",
+                joints: (0..JOINTS)
+                    .map(|joint| Joint {
+                        kind: if self.prismatic && joint == 2 {
+                            JointKind::Prismatic
+                        } else {
+                            JointKind::Revolute
+                        },
+                        limits: Some(self.range(joint)),
+                    })
+                    .collect(),
+                coupling: if self.coupled {
+                    (0..JOINTS * JOINTS)
+                        .map(|index| match (index / JOINTS, index % JOINTS) {
+                            (row, column) if row == column => 1.0,
+                            (2, 1) => -1.0,
+                            _ => 0.0,
+                        })
+                        .collect()
+                } else {
+                    heapless::Vec::new()
+                },
+            },
+            units: Units::SI,
+            provenance: Provenance {
+                model: "sample",
+                trainer_version: "0.0.0",
+                date: "2026-11-20",
+                data_sha256: [0x5a; 32],
+                training_poses: count as u32,
+            },
+            ranges: Ranges {
+                joints: (0..JOINTS).map(|joint| self.range(joint)).collect(),
+                payload_kg: Some(PAYLOAD_KG),
+            },
+            geometry: Geometry {
+                calibrated: on_wire(&calibrated),
+                nominal: on_wire(&nominal),
+                instrument_from_base: Pose::<f64>::exp(&Twist::from_array(&[
+                    1.5, -2.5, 0.4, 0.0, 0.0, 0.7,
+                ]))
+                .to_rows(),
+                flange_from_target: Pose::<f64>::identity().to_rows(),
+            },
+            correction: match self.correction {
+                Support::None => Correction::None,
+                _ => Correction::TaskSpace(task),
+            },
+        };
+        let room = blob::HEADER_LENGTH + blob::MAX_LENGTH_WITHOUT_ROWS + rows.len();
+        let mut buffer = vec![0; room];
+        blob::encode(&blob, &mut buffer)
+            .expect("MAX_LENGTH_WITHOUT_ROWS covers everything but the rows")
+            .to_vec()
+    }
+
+    /// So many queries: three of four within the trained ranges, the rest beyond them.
+    pub fn queries(&self, count: usize) -> Vec<Query> {
+        let mut generator = self.generator(1);
+        (0..count)
+            .map(|index| {
+                let stretch = if index % 4 == 3 { 2.5 } else { 1.0 };
+                let mut value = |(lower, upper): (f32, f32)| {
+                    stretch * (lower + generator.random_range(0.0..1.0_f32) * (upper - lower))
+                };
+                Query {
+                    joints: (0..JOINTS).map(|joint| value(self.range(joint))).collect(),
+                    payload_kg: value(PAYLOAD_KG),
+                }
+            })
+            .collect()
+    }
+}
+
+/// Lightest and heaviest payload.
+const PAYLOAD_KG: (f32, f32) = (0.0, 45.0);
+
+/// Queries that are none, or hardly.
+pub fn odd_queries() -> Vec<Query> {
+    let usual = [0.1, -0.2, 0.3, -0.4, 0.5, -0.6];
+    let with = |joint: usize, value: f32| {
+        let mut joints = usual;
+        joints[joint] = value;
+        query(&joints, 10.0)
+    };
+    vec![
+        with(0, f32::NAN),
+        with(1, f32::INFINITY),
+        with(2, f32::NEG_INFINITY),
+        with(3, 1e30),
+        with(4, -1e30),
+        with(5, 4096.0),
+        with(5, 4096.5),
+        with(0, f32::MIN_POSITIVE),
+        with(0, f32::from_bits(1)),
+        with(0, -0.0),
+        query(&usual, f32::NAN),
+        query(&usual, f32::INFINITY),
+        query(&usual, -1.0),
+        query(&usual, 1e30),
+        query(&usual, 100_000.0),
+        query(&usual, -0.0),
+        query(&[0.0; JOINTS], 0.0),
+        query(&usual[..5], 0.0),
+        query(&[], 0.0),
+        query(&[0.0; 8], 0.0),
+    ]
+}
+
+fn query(joints: &[f32], payload_kg: f32) -> Query {
+    Query {
+        joints: joints.iter().copied().collect(),
+        payload_kg,
+    }
+}
+
+/// `parent_from_joint` of the nominal chain: turn about x, shift along x, shift along z.
+fn nominal_frames() -> [Pose<f64>; JOINTS + 1] {
+    [
+        (0.0, 0.0, 0.68),
+        (-FRAC_PI_2, 0.2, 0.0),
+        (0.0, 0.89, 0.0),
+        (-FRAC_PI_2, 0.15, 0.88),
+        (FRAC_PI_2, 0.0, 0.0),
+        (-FRAC_PI_2, 0.0, 0.14),
+        (PI / 6.0, 0.1, 0.2),
+    ]
+    .map(|(turn, along_x, along_z)| {
+        Pose::exp(&Twist::from_array(&[0.0, 0.0, 0.0, turn, 0.0, 0.0]))
+            * Pose::exp(&Twist::from_array(&[along_x, 0.0, along_z, 0.0, 0.0, 0.0]))
+    })
+}
+
+/// A few millimetres and milliradians.
+fn error(generator: &mut ChaCha8Rng) -> Twist<f64> {
+    Twist::from_array(&std::array::from_fn(|_| {
+        generator.random_range(-2e-3..2e-3)
+    }))
+}
+
+fn on_wire(frames: &[Pose<f64>]) -> heapless::Vec<Transform<f32>, MAX_FRAMES> {
+    frames.iter().map(|frame| frame.cast().to_rows()).collect()
+}

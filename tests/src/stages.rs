@@ -1,0 +1,149 @@
+//! The intermediate results of one evaluation as bits, to be compared stage by stage so that a difference names its
+//! place.
+
+use std::fmt::Write;
+
+use poegp_protocol::blob::{self, DecodeError};
+use poegp_protocol::link::{Query, Trace};
+use poegp_runtime::load_error::LoadError;
+use poegp_runtime::model::{Model, words_for};
+use poegp_runtime::service::Record;
+
+/// Room of the host's model: more than any device has, because no result may depend on it.
+const HOST_WORDS: usize = words_for(2048);
+
+/// The runtime on the workstation, with a model.
+#[derive(Debug)]
+pub struct Host(Box<Model<f32, HOST_WORDS>>);
+
+/// Why the host has no model.
+#[derive(Clone, Copy, Debug, thiserror::Error)]
+pub enum HostError {
+    /// Not a blob.
+    #[error(transparent)]
+    Decode(#[from] DecodeError),
+    /// Not a model.
+    #[error(transparent)]
+    Load(#[from] LoadError),
+}
+
+impl Host {
+    /// Loads a blob.
+    ///
+    /// # Errors
+    /// [`HostError`].
+    pub fn load(bytes: &[u8]) -> Result<Self, HostError> {
+        let mut model = Box::new(Model::new());
+        model.load(&blob::decode(bytes)?)?;
+        Ok(Self(model))
+    }
+
+    /// What the device would answer to `Request::Trace`.
+    pub fn stages(&self, query: &Query) -> Stages {
+        let mut record = Record::new();
+        let result = self
+            .0
+            .evaluate_observed(&query.joints, query.payload_kg, &mut record);
+        Stages {
+            values: [
+                bits(&record.sin_cos),
+                vec![record.kernel_hash],
+                bits(&record.mean),
+                bits(&record.chain),
+                bits(&result.correction.to_array()),
+                bits(&result.pose.to_rows()),
+                vec![u32::from(result.status.bits())],
+            ],
+        }
+    }
+}
+
+/// Names of the stages, in the order of the computation.
+pub const NAMES: [&str; 7] = [
+    "sin_cos",
+    "kernel_hash",
+    "mean",
+    "chain",
+    "correction",
+    "pose",
+    "status",
+];
+
+/// One evaluation.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Stages {
+    values: [Vec<u32>; NAMES.len()],
+}
+
+impl From<&Trace> for Stages {
+    fn from(trace: &Trace) -> Self {
+        let evaluation = &trace.evaluation;
+        Self {
+            values: [
+                bits(&trace.sin_cos),
+                vec![trace.kernel_hash],
+                bits(&trace.mean),
+                bits(&trace.chain),
+                bits(&evaluation.correction),
+                bits(&evaluation.pose),
+                vec![u32::from(evaluation.status)],
+            ],
+        }
+    }
+}
+
+fn bits(values: &[f32]) -> Vec<u32> {
+    values.iter().map(|value| value.to_bits()).collect()
+}
+
+impl Stages {
+    /// The first stage in which `self` and `other` differ, with both values.
+    pub fn difference(&self, other: &Self) -> Option<String> {
+        for (name, (left, right)) in NAMES.iter().zip(self.values.iter().zip(&other.values)) {
+            if left.len() != right.len() {
+                return Some(format!(
+                    "{name}: {} words, {} words",
+                    left.len(),
+                    right.len()
+                ));
+            }
+            if let Some(index) = left.iter().zip(right).position(|(l, r)| l != r) {
+                let (l, r) = (left[index], right[index]);
+                return Some(format!(
+                    "{name}[{index}]: {l:08x} ({:e}), {r:08x} ({:e})",
+                    f32::from_bits(l),
+                    f32::from_bits(r)
+                ));
+            }
+        }
+        None
+    }
+
+    /// Bits of the status.
+    pub fn status(&self) -> u8 {
+        self.values[6].first().map_or(0, |bits| *bits as u8)
+    }
+
+    /// Whether some number of the answer is not finite.
+    pub fn has_non_finite_answer(&self) -> bool {
+        self.values[4..6]
+            .iter()
+            .flatten()
+            .any(|bits| !f32::from_bits(*bits).is_finite())
+    }
+
+    /// Query and results on one line: hexadecimal words, groups separated by ` | `, the query (joints, payload) first.
+    pub fn line(&self, query: &Query) -> String {
+        let mut asked = bits(&query.joints);
+        asked.push(query.payload_kg.to_bits());
+        let mut line = String::new();
+        for (index, group) in std::iter::once(&asked).chain(&self.values).enumerate() {
+            line.push_str(if index == 0 { "" } else { " |" });
+            for word in group {
+                let space = if line.is_empty() { "" } else { " " };
+                write!(line, "{space}{word:08x}").expect("strings grow");
+            }
+        }
+        line
+    }
+}

@@ -1,0 +1,120 @@
+//! The device starts, says who it is, and runs a model.
+
+use std::io::Read;
+use std::time::Duration;
+
+use poegp_protocol::blob::{self, HEADER_LENGTH, MAX_LENGTH_WITHOUT_ROWS};
+use poegp_protocol::link::{ModelIdentity, PROTOCOL_VERSION};
+use poegp_runtime::model::words_for;
+use poegp_runtime::status::Status;
+use poegp_tests::emulator::{Clock, Emulator};
+use poegp_tests::firmware::firmware;
+use poegp_tests::log;
+use poegp_tests::sample::{JOINTS, Sample, Support};
+
+use crate::device;
+
+#[test]
+fn identifies_itself_and_its_capacity() {
+    let identity = device().identify().unwrap();
+    assert_eq!(identity.protocol_version, PROTOCOL_VERSION);
+    assert_eq!(identity.firmware_version, env!("CARGO_PKG_VERSION"));
+    assert_eq!(identity.board, "mps2-an386");
+    assert_eq!(identity.tick_hz, 25_000_000);
+    assert_eq!(identity.capacity_words as usize, words_for(512));
+    assert_eq!(
+        identity.capacity_bytes as usize,
+        HEADER_LENGTH + MAX_LENGTH_WITHOUT_ROWS + 4 * words_for(512)
+    );
+    assert_eq!(identity.model, None);
+}
+
+#[test]
+fn without_a_model_says_so() {
+    let sample = Sample::plain(1, Support::None);
+    let evaluation = device().evaluate(&sample.queries(1)[0]).unwrap();
+    assert_eq!(evaluation.status, Status::NO_MODEL.bits());
+    assert_eq!(evaluation.blob_crc, 0);
+}
+
+#[test]
+fn names_the_model_it_runs_and_counts() {
+    let sample = Sample::plain(2, Support::Shared(50));
+    let bytes = sample.blob();
+    let mut device = device();
+    let identity = device.load(&bytes).unwrap();
+    let expected = ModelIdentity {
+        robot: "Sample IRB 4400".try_into().unwrap(),
+        serial_number: "4400-0001".try_into().unwrap(),
+        blob_crc: blob::stored_crc(&bytes).unwrap(),
+        joints: JOINTS as u8,
+        support: 50,
+    };
+    assert_eq!(identity.model, Some(expected));
+    // The fourth query is outside the trained ranges.
+    for query in sample.queries(4) {
+        device.evaluate(&query).unwrap();
+    }
+    let statistics = device.statistics().unwrap();
+    assert_eq!(statistics.models_loaded, 1);
+    assert_eq!(statistics.evaluations, 4);
+    assert!(statistics.flagged >= 1);
+    assert_eq!(statistics.bad_frames, 0);
+    assert_eq!(statistics.refused, 0);
+}
+
+#[test]
+fn logs_its_start_what_it_loads_and_what_it_refuses() {
+    let bytes = Sample::plain(4, Support::Shared(7)).blob();
+    let mut device = device();
+    device.load(&bytes).unwrap();
+    // Nothing new: not logged again.
+    device.identify().unwrap();
+    let mut damaged = bytes.clone();
+    damaged[100] ^= 1;
+    device.load(&damaged).unwrap_err();
+    device.load(&bytes[..50]).unwrap_err();
+    device.send_bytes(b"noise\0").unwrap();
+    device.receive().unwrap();
+    // The line is written before the answer is sent; QEMU writes the file as the bytes come.
+    let lines = log::lines(&firmware().unwrap().elf, &device.emulator().log()).unwrap();
+    let expected = [
+        format!("info: firmware {} on mps2-an386", env!("CARGO_PKG_VERSION")),
+        format!(
+            "info: model {:08x} loaded: 6 joints, 7 support points",
+            blob::stored_crc(&bytes).unwrap()
+        ),
+        "warn: load refused: blob is damaged".to_owned(),
+        "warn: load refused: blob is truncated".to_owned(),
+        "warn: frame refused: damaged".to_owned(),
+    ];
+    assert_eq!(lines, expected);
+}
+
+#[test]
+fn holds_the_largest_model_and_no_larger() {
+    let mut device = device();
+    // A row of seven inputs is shorter than the longest: more than 512 points fit.
+    let points = words_for(512) / 13;
+    let identity = device
+        .load(&Sample::plain(3, Support::Shared(points)).blob())
+        .unwrap();
+    assert_eq!(
+        identity.model.map(|model| model.support),
+        Some(points as u32)
+    );
+    let refused = device.load(&Sample::plain(3, Support::Shared(points + 1)).blob());
+    let message = refused.unwrap_err().to_string();
+    assert!(message.contains("Model { code: 10 }"), "{message}");
+}
+
+#[test]
+fn the_machine_is_switched_off_when_its_time_is_up() {
+    let elf = &firmware().unwrap().elf;
+    let limit = Duration::from_millis(100);
+    let (_emulator, mut link) = Emulator::start(elf, Clock::Real, limit).unwrap();
+    // Nobody asks, so nothing comes but the end.
+    let mut bytes = Vec::new();
+    link.read_to_end(&mut bytes).unwrap();
+    assert_eq!(bytes, []);
+}

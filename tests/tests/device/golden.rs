@@ -1,0 +1,103 @@
+//! The committed bits. Host in debug, host in release and the device each meet the same file, and so each other.
+//!
+//! `POEGP_BLESS=1` writes the files anew. They change when the arithmetic changes, and only then.
+
+use std::path::PathBuf;
+use std::sync::Once;
+use std::{env, fs};
+
+use poegp_protocol::link::Query;
+use poegp_tests::sample::{Sample, Support, odd_queries};
+use poegp_tests::stages::{Host, Stages};
+use poegp_tests::workspace;
+
+use crate::device;
+
+/// Name of the files, and what is in them.
+const CASES: [(&str, Sample); 2] = [
+    ("shared", Sample::plain(20, Support::Shared(24))),
+    (
+        "per_output",
+        Sample {
+            coupled: true,
+            ..Sample::plain(21, Support::PerOutput(24))
+        },
+    ),
+];
+
+fn queries(sample: &Sample) -> Vec<Query> {
+    sample
+        .queries(80)
+        .into_iter()
+        .chain(odd_queries())
+        .collect()
+}
+
+fn text(name: &str, stages: &mut dyn FnMut(&Query) -> Stages, queries: &[Query]) -> String {
+    let head = format!(
+        "# Bits of golden_{name}.blob, written by POEGP_BLESS=1 cargo test -p poegp-tests --test device golden\n\
+         # joints payload | sin_cos | kernel_hash | mean | chain | correction | pose | status\n"
+    );
+    let lines = queries.iter().map(|query| stages(query).line(query) + "\n");
+    std::iter::once(head).chain(lines).collect()
+}
+
+/// The committed blob and its bits; written first when that is asked for.
+fn files(name: &str) -> (PathBuf, PathBuf) {
+    static BLESSED: Once = Once::new();
+    BLESSED.call_once(|| {
+        if env::var_os("POEGP_BLESS").is_some() {
+            for (name, sample) in CASES {
+                let (blob, bits) = paths(name);
+                fs::write(blob, sample.blob()).unwrap();
+                fs::write(bits, on_host(name, &sample)).unwrap();
+            }
+        }
+    });
+    paths(name)
+}
+
+fn paths(name: &str) -> (PathBuf, PathBuf) {
+    let directory = workspace().join("tests/data");
+    (
+        directory.join(format!("golden_{name}.blob")),
+        directory.join(format!("golden_{name}_bits.txt")),
+    )
+}
+
+fn on_host(name: &str, sample: &Sample) -> String {
+    let host = Host::load(&sample.blob()).unwrap();
+    text(name, &mut |query| host.stages(query), &queries(sample))
+}
+
+fn assert_same_lines(name: &str, found: &str, expected: &str) {
+    for (number, (found, expected)) in found.lines().zip(expected.lines()).enumerate() {
+        assert_eq!(found, expected, "{name}_bits.txt, line {}", number + 1);
+    }
+    assert_eq!(found.lines().count(), expected.lines().count());
+}
+
+#[test]
+fn host_computes_the_committed_bits() {
+    for (name, sample) in CASES {
+        let (blob, bits) = files(name);
+        assert!(
+            fs::read(blob).unwrap() == sample.blob(),
+            "the blob of {name} is not the committed one"
+        );
+        let expected = fs::read_to_string(bits).unwrap();
+        assert_same_lines(name, &on_host(name, &sample), &expected);
+    }
+}
+
+#[test]
+fn device_computes_the_committed_bits() {
+    let mut device = device();
+    for (name, sample) in CASES {
+        let (blob, bits) = files(name);
+        device.load(&fs::read(blob).unwrap()).unwrap();
+        let mut on_device = |query: &Query| Stages::from(&device.trace(query).unwrap());
+        let found = text(name, &mut on_device, &queries(&sample));
+        assert_same_lines(name, &found, &fs::read_to_string(bits).unwrap());
+    }
+}

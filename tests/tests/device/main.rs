@@ -1,0 +1,20 @@
+//! The firmware on an emulated Cortex-M4F.
+//!
+//! One program, so that the image is built and linked against once. Needs `qemu-system-arm` and a compiler for the
+//! target; without them these tests fail and say what to install.
+
+mod boot;
+mod cost;
+mod damage;
+mod golden;
+mod image;
+mod link;
+mod same_bits;
+
+use poegp_tests::device::Device;
+use poegp_tests::emulator::Clock;
+
+/// A device on the wall clock.
+fn device() -> Device {
+    Device::start(Clock::Real).unwrap_or_else(|error| panic!("{error}"))
+}
