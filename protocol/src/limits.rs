@@ -8,3 +8,9 @@ pub const MAX_FRAMES: usize = MAX_JOINTS + 1;
 pub const MAX_INPUTS: usize = MAX_JOINTS + 1;
 /// Outputs of the task-space Gaussian process: a twist (v, ω).
 pub const OUTPUTS: usize = 6;
+/// Most gear-ripple terms of an elastic correction.
+pub const MAX_RIPPLE: usize = 16;
+/// Most payload groups of its support points.
+pub const MAX_GROUPS: usize = 16;
+/// Pairs (joint, link at or beyond it) of the longest arm.
+pub const MAX_LINK_TERMS: usize = MAX_JOINTS * (MAX_JOINTS + 1) / 2;

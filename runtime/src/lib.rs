@@ -16,6 +16,7 @@
 #![deny(unsafe_code)]
 #![warn(missing_docs)]
 
+pub mod deflection;
 pub mod kernel;
 pub mod load_error;
 pub mod model;

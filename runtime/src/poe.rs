@@ -135,12 +135,20 @@ impl<T: Scalar> Poe<T> {
 
     /// `base_from_joint` of every joint before it moves (index 0…n−1), and f(q).
     pub fn joint_frames(&self, q: &[T]) -> ([Pose<T>; MAX_JOINTS], Pose<T>) {
-        let motions = self.motions(q);
+        self.joint_frames_with(&self.motions(q))
+    }
+
+    /// The same for sines and cosines that are there already.
+    #[inline(always)]
+    pub fn joint_frames_with(
+        &self,
+        motions: &[JointMotion<T>; MAX_JOINTS],
+    ) -> ([Pose<T>; MAX_JOINTS], Pose<T>) {
         let [first, rest @ ..] = &self.parent_from_joint;
         let mut out = [Pose::identity(); MAX_JOINTS];
         let mut pose = *first;
         for (((slot, motion), kind), frame) in
-            out.iter_mut().zip(&motions).zip(self.kinds()).zip(rest)
+            out.iter_mut().zip(motions).zip(self.kinds()).zip(rest)
         {
             *slot = pose;
             pose = moved(&pose, *kind, motion) * *frame;

@@ -80,6 +80,8 @@ mod tests {
             joints,
             payload_kg: None,
             measured: Pose::identity(),
+            tool: 0,
+            position_only: false,
         }
     }
 

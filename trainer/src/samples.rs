@@ -47,6 +47,8 @@ pub fn samples(set: &MeasurementSet, robot: &Robot) -> Result<Vec<Sample>, Input
                 joints: m.joints.clone(),
                 payload_kg: m.payload_kg,
                 measured,
+                tool: 0,
+                position_only: false,
             })
         })
         .collect()

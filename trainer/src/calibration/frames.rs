@@ -22,6 +22,10 @@ pub struct Sample {
     pub payload_kg: Option<f64>,
     /// The measured pose of the target, in the instrument's frame or in the base frame as the fit requires.
     pub measured: Pose<f64>,
+    /// Which tool it was measured with, from 0: one for each session and target.
+    pub tool: usize,
+    /// Whether only the position was measured; the rotation of `measured` then means nothing.
+    pub position_only: bool,
 }
 
 /// What is compared, and in which frame.

@@ -1,0 +1,595 @@
+//! The elastic correction: what gravity and gears do to the joints, T = POE(C (q + δ(q, m))).
+//!
+//! Most of what geometry does not explain is a *joint* effect: gears and bearings give way under the weight of links and
+//! payload, and gears are not round. Learnt in joint space it needs far fewer measurements than a twist of the tool.
+//!
+//! ```text
+//! δ_c(q, m) =   Σ_j (R_jᵀ w_c)·a_cj + m ((o_t − o_c)·w_c b_c0 + (R_nᵀ w_c)·b_c)     gravity, w_c = g × z_c
+//!             + Σ_t (α_t sin k_t q_c + β_t cos k_t q_c)                              gear ripple
+//!             + Σ_j k_c((q, m), (q_j, m_j)) weight_jc                                Gaussian process
+//!
+//! k_c = (a₀_c + a₁_c m m′) · 2^(Σ_d W_cd (s_d − 1) − W_cm (m − m′)²)
+//! s_d = cos(q_d − q′_d) for a revolute joint, 1 − (q_d − q′_d)²/2 for a prismatic one
+//! ```
+//!
+//! z_c, o_c: axis and origin of joint c; R_j: orientation of link j, taken in the frame that follows it; o_t: the target;
+//! all of the calibrated chain at q, in the base frame. Joints are the controller's. Gravity acts on a prismatic joint as
+//! z_c·g. Support points are sorted by payload, so that what depends on the payload is computed once for each group, and
+//! the sine and cosine of their joints are stored: one kernel value costs no trigonometry.
+
+use heapless::Vec;
+use nalgebra::Vector3;
+use poegp_protocol::JointKind;
+use poegp_protocol::limits::{MAX_GROUPS, MAX_JOINTS, MAX_RIPPLE};
+
+use crate::kernel::LOG2_E;
+use crate::poe::JointMotion;
+use crate::scalar::{MAX_ANGLE, Scalar};
+use crate::se3::{Pose, Twist, cross, dot, subtract};
+
+/// Words of one support row of an arm with `joints` joints: sine and cosine of each, then a weight for each.
+pub const fn row_words(joints: usize) -> usize {
+    // Bounded, so that nobody can divide by zero.
+    3 * if joints == 0 { 1 } else { joints }
+}
+
+/// Joint values as the kernel compares them: (sin q, cos q), or (q, 0) for a prismatic joint.
+pub type Features<T> = [[T; 2]; MAX_JOINTS];
+
+/// One value for each joint.
+pub type PerJoint<T> = [T; MAX_JOINTS];
+
+/// Gravity at one configuration: everything that its regressors are made of.
+#[derive(Clone, Copy, Debug)]
+pub struct GravityRegressors<T> {
+    joints: usize,
+    /// w_c for a revolute joint.
+    moments: [Vector3<T>; MAX_JOINTS],
+    /// z_c·g for a prismatic joint, else 0.
+    forces: PerJoint<T>,
+    /// R_j: link j in the base frame, with the origin of the next frame.
+    links: [Pose<T>; MAX_JOINTS],
+    /// o_c.
+    origins: [Vector3<T>; MAX_JOINTS],
+}
+
+impl<T: Scalar> GravityRegressors<T> {
+    /// From the frames of the joints before they move (see [`crate::poe::Poe::joint_frames`]) and the target.
+    #[inline(always)]
+    pub fn new(
+        kinds: &[JointKind],
+        frames: &[Pose<T>; MAX_JOINTS],
+        target: &Pose<T>,
+        gravity: &Vector3<T>,
+    ) -> Self {
+        let zero = Vector3::new(T::ZERO, T::ZERO, T::ZERO);
+        let mut out = Self {
+            joints: kinds.len(),
+            moments: [zero; MAX_JOINTS],
+            forces: [T::ZERO; MAX_JOINTS],
+            links: [*target; MAX_JOINTS],
+            origins: [zero; MAX_JOINTS],
+        };
+        for (c, (kind, frame)) in kinds.iter().zip(frames).enumerate() {
+            let axis = Vector3::new(
+                frame.rotation[(0, 2)],
+                frame.rotation[(1, 2)],
+                frame.rotation[(2, 2)],
+            );
+            match kind {
+                JointKind::Revolute => {
+                    if let Some(slot) = out.moments.get_mut(c) {
+                        *slot = cross(gravity, &axis);
+                    }
+                }
+                JointKind::Prismatic => {
+                    if let Some(slot) = out.forces.get_mut(c) {
+                        *slot = dot(&axis, gravity);
+                    }
+                }
+            }
+            if let Some(slot) = out.origins.get_mut(c) {
+                *slot = frame.translation;
+            }
+            if let Some(slot) = c
+                .checked_sub(1)
+                .and_then(|before| out.links.get_mut(before))
+            {
+                *slot = *frame;
+            }
+        }
+        out
+    }
+
+    /// The three regressors of joint `c` and link `link` ≥ c in m/s²; of a prismatic joint only the first is not zero.
+    #[inline(always)]
+    pub fn link(&self, c: usize, link: usize) -> Vector3<T> {
+        let (Some(w), Some(frame), Some(force)) = (
+            self.moments.get(c),
+            self.links.get(link),
+            self.forces.get(c),
+        ) else {
+            return Vector3::new(T::ZERO, T::ZERO, T::ZERO);
+        };
+        let r = &frame.rotation;
+        let column = |i: usize| r[(0, i)] * w[0] + r[(1, i)] * w[1] + r[(2, i)] * w[2];
+        Vector3::new(column(0) + *force, column(1), column(2))
+    }
+
+    /// The regressors of joint `c` for a payload of 1 kg: the lever to the target (m²/s²), and three of its offset.
+    #[inline(always)]
+    pub fn payload(&self, c: usize) -> (T, Vector3<T>) {
+        let last = self.joints.saturating_sub(1);
+        let (Some(w), Some(origin), Some(tip)) = (
+            self.moments.get(c),
+            self.origins.get(c),
+            self.links.get(last),
+        ) else {
+            return (T::ZERO, Vector3::new(T::ZERO, T::ZERO, T::ZERO));
+        };
+        (
+            dot(&subtract(&tip.translation, origin), w),
+            self.link(c, last),
+        )
+    }
+}
+
+/// Coefficients of the gravity terms.
+#[derive(Clone, Copy, Debug)]
+pub struct GravityTerms<T> {
+    /// Gravity in the base frame, m/s².
+    pub gravity: Vector3<T>,
+    /// a_cj for c ≤ j; the others are zero.
+    pub links: [[Vector3<T>; MAX_JOINTS]; MAX_JOINTS],
+    /// b_c0.
+    pub payload_lever: PerJoint<T>,
+    /// b_c.
+    pub payload_offset: [Vector3<T>; MAX_JOINTS],
+}
+
+impl<T: Scalar> GravityTerms<T> {
+    /// No effect, with gravity along −z.
+    pub fn zero() -> Self {
+        let zero = Vector3::new(T::ZERO, T::ZERO, T::ZERO);
+        Self {
+            gravity: Vector3::new(T::ZERO, T::ZERO, T::from_f64(-9.81)),
+            links: [[zero; MAX_JOINTS]; MAX_JOINTS],
+            payload_lever: [T::ZERO; MAX_JOINTS],
+            payload_offset: [zero; MAX_JOINTS],
+        }
+    }
+
+    /// What gravity does to every joint, rad or m.
+    #[inline(always)]
+    pub fn deflection(&self, at: &GravityRegressors<T>, payload_kg: T) -> PerJoint<T> {
+        let mut out = [T::ZERO; MAX_JOINTS];
+        let coefficients = self
+            .links
+            .iter()
+            .zip(&self.payload_lever)
+            .zip(&self.payload_offset);
+        for (c, (sum, ((links, lever), offset))) in
+            out.iter_mut().zip(coefficients).enumerate().take(at.joints)
+        {
+            for (link, a) in links.iter().enumerate().take(at.joints).skip(c) {
+                *sum += dot(&at.link(c, link), a);
+            }
+            let (arm, tip) = at.payload(c);
+            *sum += payload_kg * (arm * *lever + dot(&tip, offset));
+        }
+        out
+    }
+}
+
+/// One sine and cosine of gear ripple.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RippleTerm<T> {
+    /// The joint, from 0.
+    pub joint: usize,
+    /// k, cycles per turn of the joint (per 2π metres of a prismatic one).
+    pub cycles: T,
+    /// α in rad or m.
+    pub sin: T,
+    /// β.
+    pub cos: T,
+}
+
+/// sin kq and cos kq. Beyond the range of the reduction the angle is held, where nobody measures anyway.
+#[inline(always)]
+pub fn ripple_regressors<T: Scalar>(cycles: T, q: T) -> (T, T) {
+    let limit = T::from_f32(MAX_ANGLE);
+    let angle = cycles * q;
+    let held = if angle > limit {
+        limit
+    } else if angle < -limit {
+        -limit
+    } else {
+        angle
+    };
+    held.sin_cos()
+}
+
+/// The kernel of one output.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct JointKernel<T> {
+    /// W_cd = w_cd log₂e of each joint; beyond n zero.
+    pub rates: PerJoint<T>,
+    /// W_cm = ½ w_cm log₂e, 1/kg².
+    pub payload_rate: T,
+    /// a₀ in rad² or m².
+    pub amplitude: T,
+    /// a₁ in rad²/kg².
+    pub payload_amplitude: T,
+}
+
+impl<T: Scalar> JointKernel<T> {
+    /// Nothing.
+    pub fn zero() -> Self {
+        Self {
+            rates: [T::ZERO; MAX_JOINTS],
+            payload_rate: T::ZERO,
+            amplitude: T::ZERO,
+            payload_amplitude: T::ZERO,
+        }
+    }
+
+    /// From the natural parameters: w_d, w_m (1/kg²), a₀, a₁.
+    pub fn from_natural(
+        weights: &[T],
+        payload_weight: T,
+        amplitude: T,
+        payload_amplitude: T,
+    ) -> Self {
+        let mut rates = [T::ZERO; MAX_JOINTS];
+        for (rate, weight) in rates.iter_mut().zip(weights) {
+            *rate = *weight * T::from_f64(LOG2_E);
+        }
+        let payload_rate = payload_weight * T::from_f64(0.5 * LOG2_E);
+        Self {
+            rates,
+            payload_rate,
+            amplitude,
+            payload_amplitude,
+        }
+    }
+
+    /// The factor of the joints: 2^(Σ W_d (s_d − 1)).
+    #[inline(always)]
+    pub fn joint_factor(&self, similarities: &[T]) -> T {
+        let mut exponent = self.bias();
+        for (rate, s) in self.rates.iter().zip(similarities) {
+            exponent += *rate * *s;
+        }
+        exponent.exp2()
+    }
+
+    /// The factor of the payloads: (a₀ + a₁ m m′)·2^(−W_m (m − m′)²).
+    #[inline(always)]
+    pub fn payload_factor(&self, payload_kg: T, other_kg: T) -> T {
+        let difference = payload_kg - other_kg;
+        (self.amplitude + self.payload_amplitude * payload_kg * other_kg)
+            * (-(self.payload_rate * difference * difference)).exp2()
+    }
+
+    /// −Σ W_d.
+    #[inline(always)]
+    fn bias(&self) -> T {
+        let mut sum = T::ZERO;
+        for rate in &self.rates {
+            sum += *rate;
+        }
+        -sum
+    }
+}
+
+/// The joints as the kernel compares them.
+pub fn features<T: Scalar>(
+    kinds: &[JointKind],
+    joints: &PerJoint<T>,
+    motions: &[JointMotion<T>],
+) -> Features<T> {
+    let mut out = [[T::ZERO; 2]; MAX_JOINTS];
+    for (((slot, kind), q), motion) in out.iter_mut().zip(kinds).zip(joints).zip(motions) {
+        *slot = match kind {
+            JointKind::Revolute => [motion.sin, motion.cos],
+            JointKind::Prismatic => [*q, T::ZERO],
+        };
+    }
+    out
+}
+
+/// s_d of one joint.
+#[inline(always)]
+pub fn similarity<T: Scalar>(kind: JointKind, a: &[T; 2], b: &[T; 2]) -> T {
+    match kind {
+        JointKind::Revolute => a[0] * b[0] + a[1] * b[1],
+        JointKind::Prismatic => {
+            let difference = a[0] - b[0];
+            T::ONE - T::from_f64(0.5) * difference * difference
+        }
+    }
+}
+
+/// Support points of one payload.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PayloadGroup<T> {
+    /// Their payload in kg.
+    pub payload_kg: T,
+    /// How many rows.
+    pub points: usize,
+}
+
+/// The Gaussian processes of all joints but their support rows.
+#[derive(Clone, Debug)]
+pub struct JointProcesses<T> {
+    /// One kernel for each joint.
+    pub kernels: [JointKernel<T>; MAX_JOINTS],
+    /// Whether all joints have the rates of the first: one exponential for each point.
+    pub tied: bool,
+    /// Rows of one payload, in the order of the rows.
+    pub groups: Vec<PayloadGroup<T>, MAX_GROUPS>,
+}
+
+impl<T: Scalar> JointProcesses<T> {
+    /// The posterior mean of every joint in rad or m, from `rows` of [`row_words`] words. Every joint factor is shown to
+    /// `kernel_value`, in order.
+    #[inline(always)]
+    pub fn mean(
+        &self,
+        kinds: &[JointKind],
+        rows: &[T],
+        features: &Features<T>,
+        payload_kg: T,
+        kernel_value: &mut impl FnMut(T),
+    ) -> PerJoint<T> {
+        let mut out = [T::ZERO; MAX_JOINTS];
+        let mut rest = rows;
+        let turning = kinds.iter().all(|kind| *kind == JointKind::Revolute);
+        let mut biases = [T::ZERO; MAX_JOINTS];
+        for (bias, kernel) in biases.iter_mut().zip(&self.kernels) {
+            *bias = kernel.bias();
+        }
+        for group in &self.groups {
+            let (here, after) = rest
+                .split_at_checked(group.points.saturating_mul(row_words(kinds.len())))
+                .unwrap_or((&[], &[]));
+            rest = after;
+            let mut sums = [T::ZERO; MAX_JOINTS];
+            match (turning, self.tied, kinds.len()) {
+                (true, true, 6) => tied::<T, 6, 18>(
+                    here,
+                    features,
+                    &self.kernels,
+                    &biases,
+                    &mut sums,
+                    kernel_value,
+                ),
+                (true, true, 7) => tied::<T, 7, 21>(
+                    here,
+                    features,
+                    &self.kernels,
+                    &biases,
+                    &mut sums,
+                    kernel_value,
+                ),
+                (true, false, 6) => own::<T, 6, 18>(
+                    here,
+                    features,
+                    &self.kernels,
+                    &biases,
+                    &mut sums,
+                    kernel_value,
+                ),
+                (true, false, 7) => own::<T, 7, 21>(
+                    here,
+                    features,
+                    &self.kernels,
+                    &biases,
+                    &mut sums,
+                    kernel_value,
+                ),
+                _ => any(self, kinds, here, features, &mut sums, kernel_value),
+            }
+            for ((sum, part), kernel) in out
+                .iter_mut()
+                .zip(&sums)
+                .zip(&self.kernels)
+                .take(kinds.len())
+            {
+                *sum += kernel.payload_factor(payload_kg, group.payload_kg) * *part;
+            }
+        }
+        out
+    }
+}
+
+/// Length scales of its own for each of N revolute joints; ROW = 3 N.
+#[inline(never)]
+fn own<T: Scalar, const N: usize, const ROW: usize>(
+    rows: &[T],
+    features: &Features<T>,
+    kernels: &[JointKernel<T>; MAX_JOINTS],
+    biases: &PerJoint<T>,
+    out: &mut PerJoint<T>,
+    kernel_value: &mut impl FnMut(T),
+) {
+    for row in rows.as_chunks::<ROW>().0 {
+        let similarities = similarities::<T, N, ROW>(row, features);
+        let mut c = 0;
+        while c < N {
+            let mut exponent = biases[c];
+            let mut d = 0;
+            while d < N {
+                exponent += kernels[c].rates[d] * similarities[d];
+                d += 1;
+            }
+            let k = exponent.exp2();
+            kernel_value(k);
+            out[c] += k * row[2 * N + c];
+            c += 1;
+        }
+    }
+}
+
+/// One set of length scales for N revolute joints; ROW = 3 N.
+#[inline(never)]
+fn tied<T: Scalar, const N: usize, const ROW: usize>(
+    rows: &[T],
+    features: &Features<T>,
+    kernels: &[JointKernel<T>; MAX_JOINTS],
+    biases: &PerJoint<T>,
+    out: &mut PerJoint<T>,
+    kernel_value: &mut impl FnMut(T),
+) {
+    // The rates go into the query once, instead of into every point.
+    let mut scaled = *features;
+    for (pair, rate) in scaled.iter_mut().zip(&kernels[0].rates) {
+        *pair = [pair[0] * *rate, pair[1] * *rate];
+    }
+    let mut sums = *out;
+    for row in rows.as_chunks::<ROW>().0 {
+        let mut exponent = biases[0];
+        let mut d = 0;
+        while d < N {
+            exponent += scaled[d][0] * row[2 * d] + scaled[d][1] * row[2 * d + 1];
+            d += 1;
+        }
+        let k = exponent.exp2();
+        kernel_value(k);
+        let mut c = 0;
+        while c < N {
+            sums[c] += k * row[2 * N + c];
+            c += 1;
+        }
+    }
+    *out = sums;
+}
+
+#[inline(always)]
+fn similarities<T: Scalar, const N: usize, const ROW: usize>(
+    row: &[T; ROW],
+    features: &Features<T>,
+) -> [T; N] {
+    let mut out = [T::ZERO; N];
+    let mut d = 0;
+    while d < N {
+        out[d] = features[d][0] * row[2 * d] + features[d][1] * row[2 * d + 1];
+        d += 1;
+    }
+    out
+}
+
+/// Any number of joints of any kind.
+#[inline(never)]
+fn any<T: Scalar>(
+    processes: &JointProcesses<T>,
+    kinds: &[JointKind],
+    rows: &[T],
+    features: &Features<T>,
+    out: &mut PerJoint<T>,
+    kernel_value: &mut impl FnMut(T),
+) {
+    let n = kinds.len();
+    for row in rows.chunks_exact(row_words(n)) {
+        let (places, weights) = row.split_at_checked(2 * n).unwrap_or((&[], &[]));
+        let mut s = [T::ZERO; MAX_JOINTS];
+        for (((slot, kind), f), place) in s
+            .iter_mut()
+            .zip(kinds)
+            .zip(features)
+            .zip(places.as_chunks::<2>().0)
+        {
+            *slot = similarity(*kind, f, place);
+        }
+        let mut k = T::ZERO;
+        for (c, ((sum, weight), kernel)) in out
+            .iter_mut()
+            .zip(weights)
+            .zip(&processes.kernels)
+            .enumerate()
+        {
+            if c == 0 || !processes.tied {
+                k = kernel.joint_factor(&s);
+                kernel_value(k);
+            }
+            *sum += k * *weight;
+        }
+    }
+}
+
+/// The elastic correction but its support rows.
+#[derive(Clone, Debug)]
+pub struct Deflection<T> {
+    /// Gravity.
+    pub gravity: GravityTerms<T>,
+    /// Gear ripple.
+    pub ripple: Vec<RippleTerm<T>, MAX_RIPPLE>,
+    /// The rest.
+    pub processes: JointProcesses<T>,
+}
+
+impl<T: Scalar> Deflection<T> {
+    /// What gear ripple does to every joint.
+    #[inline(always)]
+    pub fn ripple(&self, joints: &PerJoint<T>) -> PerJoint<T> {
+        let mut out = [T::ZERO; MAX_JOINTS];
+        for term in &self.ripple {
+            if let (Some(sum), Some(q)) = (out.get_mut(term.joint), joints.get(term.joint)) {
+                let (sin, cos) = ripple_regressors(term.cycles, *q);
+                *sum += term.sin * sin + term.cos * cos;
+            }
+        }
+        out
+    }
+}
+
+/// The twist of the base frame, to first order, that `deflection` of the serial joints makes: Σ ξ_i δ_i.
+#[inline(always)]
+pub fn deflection_twist<T: Scalar>(
+    kinds: &[JointKind],
+    frames: &[Pose<T>; MAX_JOINTS],
+    deflection: &PerJoint<T>,
+) -> Twist<T> {
+    let mut out = Twist::zero();
+    for ((kind, frame), delta) in kinds.iter().zip(frames).zip(deflection) {
+        let axis = Vector3::new(
+            frame.rotation[(0, 2)],
+            frame.rotation[(1, 2)],
+            frame.rotation[(2, 2)],
+        );
+        let (linear, angular) = match kind {
+            JointKind::Revolute => (cross(&frame.translation, &axis), axis),
+            JointKind::Prismatic => (axis, Vector3::new(T::ZERO, T::ZERO, T::ZERO)),
+        };
+        for i in 0..3 {
+            out.linear[i] += linear[i] * *delta;
+            out.angular[i] += angular[i] * *delta;
+        }
+    }
+    out
+}
+
+/// Motions after a small deflection (|δ| ≤ 0.1): the sine and cosine are turned instead of computed anew, which also
+/// keeps the sum q + δ from being rounded.
+#[inline(always)]
+pub fn deflected<T: Scalar>(
+    motions: &[JointMotion<T>; MAX_JOINTS],
+    kinds: &[JointKind],
+    deflection: &PerJoint<T>,
+) -> [JointMotion<T>; MAX_JOINTS] {
+    let mut out = *motions;
+    for ((motion, kind), delta) in out.iter_mut().zip(kinds).zip(deflection) {
+        match kind {
+            JointKind::Revolute => {
+                let square = *delta * *delta;
+                let sin = *delta - *delta * square * T::from_f64(1.0 / 6.0);
+                let versine = square * (T::from_f64(0.5) - square * T::from_f64(1.0 / 24.0));
+                let (s, c) = (motion.sin, motion.cos);
+                motion.sin = s + (c * sin - s * versine);
+                motion.cos = c - (s * sin + c * versine);
+            }
+            JointKind::Prismatic => motion.travel += *delta,
+        }
+    }
+    out
+}

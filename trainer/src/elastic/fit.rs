@@ -1,0 +1,322 @@
+//! The elastic model, fitted: parameters first, then gear ripple, then everything together with the processes.
+
+use faer::linalg::solvers::Solve;
+use faer::{Mat, Side};
+use nalgebra::Vector3;
+use poegp_runtime::poe::Poe;
+use rand::SeedableRng;
+use rand::seq::SliceRandom;
+use rand_chacha::ChaCha8Rng;
+
+use super::likelihood::{Evidence, HyperLayout, Inputs, Solved, prior_variance};
+use super::ripple::{SIGNIFICANT, peaks};
+use super::state::{Group, Layout, ROWS, Scales, State, rms, unweighted};
+use crate::calibration::frames::Sample;
+use crate::minimize::minimize;
+use poegp_protocol::limits::MAX_RIPPLE;
+
+/// How the elastic model is fitted.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ElasticOptions {
+    /// One set of length scales for all joints: one exponential for each support point on the device.
+    pub tied: bool,
+    /// Gravity terms of links and payload.
+    pub gravity_terms: bool,
+    /// Joint-space processes.
+    pub processes: bool,
+    /// Gear ripple.
+    pub ripple: bool,
+    /// Gravity in the base frame, m/s².
+    pub gravity: Vector3<f64>,
+    /// Support points on the device; `None` keeps all.
+    pub support: Option<usize>,
+    /// What the instrument's maker states: position in metres, orientation in radians, per component.
+    pub instrument_noise: Option<(f64, f64)>,
+}
+
+impl Default for ElasticOptions {
+    fn default() -> Self {
+        Self {
+            tied: false,
+            gravity_terms: true,
+            processes: true,
+            ripple: true,
+            gravity: Vector3::new(0.0, 0.0, -9.81),
+            support: Some(100),
+            instrument_noise: None,
+        }
+    }
+}
+
+/// Poses that the hyperparameters are learnt from.
+const HYPERPARAMETER_POSES: usize = 200;
+/// Iterations of that search.
+const ITERATIONS: u64 = 40;
+/// Rounds of the parametric fit.
+const PARAMETRIC_ROUNDS: usize = 12;
+
+/// A fitted elastic model, before it is reduced.
+pub struct ElasticFit {
+    /// Parameters.
+    pub state: State,
+    /// Hyperparameters, as [`HyperLayout`] has them.
+    pub hyperparameters: Vec<f64>,
+    /// What they mean.
+    pub layout: HyperLayout,
+    /// Scales of the rows.
+    pub scales: Scales,
+    /// Inputs of the processes.
+    pub inputs: Inputs,
+    /// The solution with all poses as support.
+    pub solved: Solved,
+}
+
+/// Fits to samples whose poses are seen from the base; `chain` is the nominal one to the target of tool 0.
+pub fn fit(
+    chain: &Poe<f64>,
+    tools: Vec<nalgebra::Vector3<f64>>,
+    coupling: Option<Vec<Vec<f64>>>,
+    samples: &[Sample],
+    options: &ElasticOptions,
+) -> Option<ElasticFit> {
+    let _ = tools;
+    let n = chain.kinds().len();
+    let payload = varies(samples);
+    let last = chain.frames()[n];
+    let layout = Layout {
+        joints: n,
+        tools: 1,
+        gravity: options.gravity_terms,
+        payload,
+        ripple: Vec::new(),
+    };
+    let mut state = State::new(chain, vec![last], coupling, layout, options.gravity);
+    let mut h = HyperLayout {
+        joints: n,
+        payload,
+        tied: options.tied,
+    };
+    let unit = mean_payload(samples);
+    let (mut hyper, bounds) = h.start_and_bounds(unit);
+    let mut scales = parametric_fit(&mut state, samples, &hyper);
+    if options.ripple {
+        scales = add_ripple(&mut state, samples, &hyper, scales);
+    }
+    let inputs = inputs_of(&state, samples);
+    if options.processes {
+        hyper = learn(&state, samples, scales, h, hyper, bounds, options);
+    } else {
+        h.joints = n;
+    }
+    let mut solved = None;
+    let similarities = inputs.similarities();
+    for _ in 0..2 {
+        let linear = state.linearise(samples, scales);
+        let groups = state.layout.groups();
+        let evidence = Evidence {
+            linear: &linear,
+            groups: &groups,
+            inputs: &inputs,
+            similarities: &similarities,
+            layout: h,
+            processes: options.processes,
+        };
+        let solution = evidence.solve(&hyper)?;
+        state.move_to(&solution.parameters);
+        solved = Some(solution);
+    }
+    Some(ElasticFit {
+        state,
+        hyperparameters: hyper,
+        layout: h,
+        scales,
+        inputs,
+        solved: solved?,
+    })
+}
+
+/// Whether there is more than one payload.
+fn varies(samples: &[Sample]) -> bool {
+    let mut payloads = samples.iter().map(|s| s.payload_kg);
+    let first = payloads.next().flatten();
+    first.is_some() && payloads.any(|p| p != first)
+}
+
+/// RMS payload in kg, or 1.
+fn mean_payload(samples: &[Sample]) -> f64 {
+    let square = samples
+        .iter()
+        .map(|s| s.payload_kg.unwrap_or(0.0).powi(2))
+        .sum::<f64>()
+        / samples.len() as f64;
+    if square > 0.0 { square.sqrt() } else { 1.0 }
+}
+
+/// The inputs of the processes.
+pub fn inputs_of(state: &State, samples: &[Sample]) -> Inputs {
+    Inputs {
+        features: samples.iter().map(|s| state.features(s)).collect(),
+        payloads: samples
+            .iter()
+            .map(|s| s.payload_kg.unwrap_or(0.0))
+            .collect(),
+        kinds: state.kinds().to_vec(),
+    }
+}
+
+/// Parameters alone, most probable under their prior; noise is estimated on the way. Returns the residuals' RMS.
+fn parametric_fit(state: &mut State, samples: &[Sample], hyper: &[f64]) -> Scales {
+    let mut scales = residual_scales(state, samples);
+    for _ in 0..PARAMETRIC_ROUNDS {
+        let groups = state.layout.groups();
+        let linear = state.linearise(samples, scales);
+        let Some(x) = most_probable(&linear.a, &linear.y, &groups, hyper) else {
+            break;
+        };
+        let before = objective(state, samples, scales, &groups, hyper);
+        let origin = state.clone();
+        let mut share = 1.0;
+        let mut improved = false;
+        for _ in 0..8 {
+            let mut candidate = origin.clone();
+            let mixed: Vec<f64> = x
+                .iter()
+                .zip(&origin.deviation)
+                .map(|(new, old)| old + share * (new - old))
+                .collect();
+            candidate.move_to(&mixed);
+            if objective(&candidate, samples, scales, &groups, hyper) <= before {
+                *state = candidate;
+                improved = true;
+                break;
+            }
+            share *= 0.5;
+        }
+        let new = residual_scales(state, samples);
+        let settled = (new.position / scales.position - 1.0).abs() < 1e-4
+            && (new.orientation / scales.orientation - 1.0).abs() < 1e-4;
+        scales = new;
+        if settled || !improved {
+            break;
+        }
+    }
+    scales
+}
+
+fn residual_scales(state: &State, samples: &[Sample]) -> Scales {
+    let (position, orientation) = rms(&state.residuals(samples, unweighted()), samples);
+    Scales {
+        position: position.max(1e-7),
+        orientation: if orientation > 0.0 {
+            orientation.max(1e-7)
+        } else {
+            1.0
+        },
+    }
+}
+
+/// Negative log posterior of the parameters, up to a constant.
+fn objective(
+    state: &State,
+    samples: &[Sample],
+    scales: Scales,
+    groups: &[Group],
+    hyper: &[f64],
+) -> f64 {
+    let data: f64 = state
+        .residuals(samples, scales)
+        .iter()
+        .flatten()
+        .map(|r| r * r)
+        .sum();
+    let prior: f64 = state
+        .deviation
+        .iter()
+        .zip(groups)
+        .map(|(x, group)| x * x / prior_variance(*group, hyper))
+        .sum();
+    data + prior
+}
+
+/// argmin |y − A x|² + xᵀΛ⁻¹x.
+fn most_probable(a: &Mat<f64>, y: &Mat<f64>, groups: &[Group], hyper: &[f64]) -> Option<Vec<f64>> {
+    let sd: Vec<f64> = groups
+        .iter()
+        .map(|g| prior_variance(*g, hyper).sqrt())
+        .collect();
+    let scaled = Mat::from_fn(a.nrows(), a.ncols(), |i, j| a[(i, j)] * sd[j]);
+    let mut normal = scaled.transpose() * &scaled;
+    for i in 0..normal.nrows() {
+        normal[(i, i)] += 1.0;
+    }
+    let z = normal.llt(Side::Lower).ok()?.solve(scaled.transpose() * y);
+    Some((0..sd.len()).map(|i| sd[i] * z[(i, 0)]).collect())
+}
+
+/// Finds gear ripple until nothing significant is left.
+fn add_ripple(state: &mut State, samples: &[Sample], hyper: &[f64], mut scales: Scales) -> Scales {
+    for _ in 0..4 {
+        let linear = state.linearise(samples, scales);
+        let residuals = state.residuals(samples, scales);
+        let room = MAX_RIPPLE - state.ripple.len();
+        let found: Vec<(usize, f64)> = peaks(samples, &residuals, &linear.jacobian)
+            .into_iter()
+            .filter(|p| p.drop > SIGNIFICANT)
+            .map(|p| (p.joint, p.cycles))
+            .take(room)
+            .collect();
+        if found.is_empty() {
+            break;
+        }
+        state.add_ripple(&found);
+        scales = parametric_fit(state, samples, hyper);
+    }
+    scales
+}
+
+/// Hyperparameters of the greatest marginal likelihood, from a part of the poses.
+fn learn(
+    state: &State,
+    samples: &[Sample],
+    scales: Scales,
+    layout: HyperLayout,
+    start: Vec<f64>,
+    mut bounds: Vec<(f64, f64)>,
+    options: &ElasticOptions,
+) -> Vec<f64> {
+    let mut order: Vec<usize> = (0..samples.len()).collect();
+    order.shuffle(&mut ChaCha8Rng::seed_from_u64(1));
+    order.truncate(HYPERPARAMETER_POSES);
+    let part: Vec<Sample> = order.iter().map(|i| samples[*i].clone()).collect();
+    let linear = state.linearise(&part, scales);
+    let inputs = inputs_of(state, &part);
+    let similarities = inputs.similarities();
+    let groups = state.layout.groups();
+    // Few poses are explained by anything: the noise is bounded below.
+    let floor = if samples.len() < 60 { 0.25 } else { 0.02 };
+    for (i, (bound, scale)) in bounds
+        .iter_mut()
+        .zip([scales.position, scales.orientation])
+        .take(2)
+        .enumerate()
+    {
+        let sheet = options
+            .instrument_noise
+            .map(|(p, r)| ((if i == 0 { p } else { r }) / scale).powi(2));
+        bound.0 = sheet.unwrap_or(floor).clamp(1e-4, 1.0).ln();
+    }
+    let evidence = Evidence {
+        linear: &linear,
+        groups: &groups,
+        inputs: &inputs,
+        similarities: &similarities,
+        layout,
+        processes: true,
+    };
+    minimize(&evidence, &start, &bounds, ITERATIONS).x
+}
+
+/// Rows of a pose in the stacked system.
+pub fn rows_of(pose: usize) -> std::ops::Range<usize> {
+    ROWS * pose..ROWS * (pose + 1)
+}
