@@ -24,16 +24,18 @@ use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
 use crate::JointKind;
-use crate::limits::{MAX_FRAMES, MAX_INPUTS, MAX_JOINTS, OUTPUTS};
+use crate::limits::{
+    MAX_FRAMES, MAX_GROUPS, MAX_INPUTS, MAX_JOINTS, MAX_LINK_TERMS, MAX_RIPPLE, OUTPUTS,
+};
 
 /// First bytes of every blob.
 pub const MAGIC: [u8; 8] = *b"POEGPARM";
-/// The format that this version writes.
-pub const FORMAT_VERSION: u16 = 1;
+/// The newest format: version 2 added [`Correction::Elastic`]. A blob is written in the oldest format that can hold it.
+pub const FORMAT_VERSION: u16 = 2;
 /// Bytes before the payload.
 pub const HEADER_LENGTH: usize = 20;
-/// Most bytes that the payload takes beside the support rows; generous (the largest seen is below 1.6 kB).
-pub const MAX_LENGTH_WITHOUT_ROWS: usize = 2_560;
+/// Most bytes that the payload takes beside the support rows; generous (the largest seen is below 3 kB).
+pub const MAX_LENGTH_WITHOUT_ROWS: usize = 4_096;
 
 /// CRC-32C, the checksum of blobs and of link frames.
 pub const CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISCSI);
@@ -172,6 +174,9 @@ pub enum Correction<'a> {
     /// The paper's Gaussian process on the residual twist in the base frame (eq. 4–13).
     #[serde(borrow)]
     TaskSpace(TaskSpace<'a>),
+    /// Joints that give way: gravity, gear ripple and a Gaussian process for each joint. From format version 2 on.
+    #[serde(borrow)]
+    Elastic(Elastic<'a>),
 }
 
 /// The posterior mean of the paper's Gaussian process, ready to evaluate:
@@ -194,6 +199,65 @@ pub struct TaskSpace<'a> {
     pub affine: [Vec<f32, { MAX_INPUTS + 1 }>; OUTPUTS],
     /// Support rows, `f32` little endian, 4·(D + 6) bytes each: D scaled inputs u_j, then six weights.
     pub rows: &'a [u8],
+}
+
+/// The elastic correction; the runtime's module `deflection` has its formulas.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Elastic<'a> {
+    /// The correction is scaled back to these.
+    pub bound: CorrectionBound,
+    /// Gravity in the base frame, m/s².
+    pub gravity: [f32; 3],
+    /// Gravity coefficients of joint c and link j ≥ c, joint by joint: n(n + 1)/2 of three; empty when there are none.
+    pub links: Vec<[f32; 3], MAX_LINK_TERMS>,
+    /// Lever and offset coefficients of the payload for each joint; empty when the payload has no such effect.
+    pub payload: Vec<[f32; 4], MAX_JOINTS>,
+    /// Gear ripple.
+    pub ripple: Vec<Ripple, MAX_RIPPLE>,
+    /// The kernel of each joint; empty when there is no process.
+    pub kernels: Vec<JointKernel, MAX_JOINTS>,
+    /// Whether all joints have the rates of the first.
+    pub tied: bool,
+    /// Support rows by payload, in their order.
+    pub groups: Vec<PayloadGroup, MAX_GROUPS>,
+    /// Support rows, `f32` little endian, 12·n bytes each: sine and cosine of each joint (value and 0 of a prismatic
+    /// one), then a weight for each joint.
+    pub rows: &'a [u8],
+}
+
+/// One sine and cosine of gear ripple.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Ripple {
+    /// The joint, from 0.
+    pub joint: u8,
+    /// Cycles per turn.
+    pub cycles: f32,
+    /// Amplitude of the sine, rad or m.
+    pub sin: f32,
+    /// Amplitude of the cosine.
+    pub cos: f32,
+}
+
+/// The kernel of one joint.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct JointKernel {
+    /// Exponent rate of each joint.
+    pub rates: Vec<f32, MAX_JOINTS>,
+    /// Exponent rate of the squared payload difference, 1/kg².
+    pub payload_rate: f32,
+    /// Amplitude.
+    pub amplitude: f32,
+    /// Amplitude by the product of the payloads, 1/kg².
+    pub payload_amplitude: f32,
+}
+
+/// Support points of one payload.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PayloadGroup {
+    /// Their payload in kg.
+    pub payload_kg: f32,
+    /// How many rows.
+    pub points: u16,
 }
 
 /// The largest correction that is believed.
@@ -297,6 +361,14 @@ impl core::fmt::Display for BufferTooSmall {
 
 impl core::error::Error for BufferTooSmall {}
 
+/// The oldest format that holds `blob`.
+pub fn format_version(blob: &Blob<'_>) -> u16 {
+    match blob.correction {
+        Correction::None | Correction::TaskSpace(_) => 1,
+        Correction::Elastic(_) => 2,
+    }
+}
+
 /// The CRC that the header of a blob stores: over the header before it and the payload.
 pub fn blob_crc(header: &[u8], payload: &[u8]) -> u32 {
     let mut digest = CRC.digest();
@@ -321,7 +393,7 @@ pub fn encode<'b>(blob: &Blob<'_>, buffer: &'b mut [u8]) -> Result<&'b [u8], Buf
     let (before_crc, crc) = header.split_at_mut_checked(16).ok_or(BufferTooSmall)?;
     let fields = MAGIC
         .into_iter()
-        .chain(FORMAT_VERSION.to_le_bytes())
+        .chain(format_version(blob).to_le_bytes())
         .chain([0, 0])
         .chain(stored_length.to_le_bytes());
     for (byte, field) in before_crc.iter_mut().zip(fields) {
@@ -355,7 +427,7 @@ pub fn decode(bytes: &[u8]) -> Result<Blob<'_>, DecodeError> {
     }
     let field = |at: usize| u32::from(header[at]) | u32::from(header[at + 1]) << 8;
     let version = field(8) as u16;
-    if version != FORMAT_VERSION {
+    if version == 0 || version > FORMAT_VERSION {
         return Err(DecodeError::UnknownVersion {
             found: version,
             supported: FORMAT_VERSION,
@@ -377,7 +449,7 @@ pub fn decode(bytes: &[u8]) -> Result<Blob<'_>, DecodeError> {
         return Err(DecodeError::CrcMismatch { stored, computed });
     }
     match postcard::take_from_bytes(payload) {
-        Ok((blob, [])) => Ok(blob),
+        Ok((blob, [])) if format_version(&blob) <= version => Ok(blob),
         _ => Err(DecodeError::MalformedPayload),
     }
 }

@@ -22,8 +22,10 @@ use nalgebra::Vector3;
 use poegp_protocol::JointKind;
 use poegp_protocol::limits::{MAX_GROUPS, MAX_JOINTS, MAX_RIPPLE};
 
+use crate::bound::Bound;
 use crate::kernel::LOG2_E;
-use crate::poe::JointMotion;
+use crate::observer::Observer;
+use crate::poe::{JointMotion, Poe};
 use crate::scalar::{MAX_ANGLE, Scalar};
 use crate::se3::{Pose, Twist, cross, dot, subtract};
 
@@ -592,4 +594,113 @@ pub fn deflected<T: Scalar>(
         }
     }
     out
+}
+
+/// n×n in the upper left corner, the rest zero.
+pub type CouplingMatrix<T> = [[T; MAX_JOINTS]; MAX_JOINTS];
+
+/// q_serial = C q; the identity without a matrix.
+#[inline(always)]
+pub fn coupled<T: Scalar>(
+    coupling: Option<&CouplingMatrix<T>>,
+    joints: &PerJoint<T>,
+) -> PerJoint<T> {
+    match coupling {
+        None => *joints,
+        Some(coupling) => coupling.map(|row| crate::kernel::inner_product(&row, joints)),
+    }
+}
+
+/// Where an arm is asked to stand.
+#[derive(Debug)]
+pub struct Configuration<'a, T> {
+    /// The calibrated chain, base to target.
+    pub poe: &'a Poe<T>,
+    /// C.
+    pub coupling: Option<&'a CouplingMatrix<T>>,
+    /// The controller's joints, rad or m.
+    pub joints: &'a PerJoint<T>,
+    /// Motions of the serial joints C q.
+    pub motions: &'a [JointMotion<T>; MAX_JOINTS],
+    /// Payload in kg.
+    pub payload_kg: T,
+}
+
+/// The compensated pose.
+#[derive(Clone, Copy, Debug)]
+pub struct Compensated<T> {
+    /// POE(C (q + δ)).
+    pub pose: Pose<T>,
+    /// T_gp = POE(C (q + δ)) POE(C q)⁻¹ as a twist of the base frame, to first order.
+    pub twist: Twist<T>,
+    /// Whether δ was scaled back.
+    pub bounded: bool,
+}
+
+impl<T: Scalar> Deflection<T> {
+    /// δ(q, m) of the controller's joints before bounding, from the frames of the chain at q.
+    #[inline(always)]
+    fn total(
+        &self,
+        at: &Configuration<'_, T>,
+        frames: &[Pose<T>; MAX_JOINTS],
+        target: &Pose<T>,
+        rows: &[T],
+        observer: &mut impl Observer<T>,
+    ) -> PerJoint<T> {
+        let kinds = at.poe.kinds();
+        let regressors = GravityRegressors::new(kinds, frames, target, &self.gravity.gravity);
+        let gravity = self.gravity.deflection(&regressors, at.payload_kg);
+        let ripple = self.ripple(at.joints);
+        let places = match at.coupling {
+            None => features(kinds, at.joints, at.motions),
+            Some(_) => features(kinds, at.joints, &at.poe.motions(at.joints)),
+        };
+        let mean = self
+            .processes
+            .mean(kinds, rows, &places, at.payload_kg, &mut |k| {
+                observer.kernel(k)
+            });
+        let mut out = [T::ZERO; MAX_JOINTS];
+        for (((sum, a), b), c) in out.iter_mut().zip(&gravity).zip(&ripple).zip(&mean) {
+            *sum = *a + *b + *c;
+        }
+        out
+    }
+
+    /// POE(C (q + δ)), with δ scaled back to `bound`.
+    #[inline(always)]
+    pub fn compensate(
+        &self,
+        at: &Configuration<'_, T>,
+        rows: &[T],
+        bound: Option<&Bound<T>>,
+        observer: &mut impl Observer<T>,
+    ) -> Compensated<T> {
+        let kinds = at.poe.kinds();
+        let (frames, target) = at.poe.joint_frames_with(at.motions);
+        observer.chain(&target);
+        let deflection = self.total(at, &frames, &target, rows, observer);
+        observer.deflection(&deflection);
+        let mut serial = coupled(at.coupling, &deflection);
+        let mut twist = deflection_twist(kinds, &frames, &serial);
+        let (factor, bounded) =
+            bound.map_or((T::ONE, false), |b| b.factor(&twist, &target.translation));
+        if bounded {
+            for delta in &mut serial {
+                *delta = if factor == T::ZERO {
+                    T::ZERO
+                } else {
+                    *delta * factor
+                };
+            }
+            twist = deflection_twist(kinds, &frames, &serial);
+        }
+        let pose = at.poe.forward_with(&deflected(at.motions, kinds, &serial));
+        Compensated {
+            pose,
+            twist,
+            bounded,
+        }
+    }
 }

@@ -16,10 +16,12 @@
 #![deny(unsafe_code)]
 #![warn(missing_docs)]
 
+pub mod bound;
 pub mod deflection;
 pub mod kernel;
 pub mod load_error;
 pub mod model;
+pub mod observer;
 pub mod poe;
 pub mod posterior;
 pub mod scalar;

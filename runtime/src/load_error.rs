@@ -41,6 +41,12 @@ pub enum LoadError {
         /// Words that fit.
         capacity: u32,
     },
+    /// The gravity terms are not those of this many joints.
+    Gravity,
+    /// A ripple term names no joint or too many cycles, or there are too many terms.
+    Ripple,
+    /// The payload groups do not add up to the support rows.
+    Groups,
     /// A weight of the support is not within ±1e30, or an input beyond ±200 length scales.
     Row,
 }
@@ -60,6 +66,9 @@ impl LoadError {
             Self::PartialRow { .. } => 9,
             Self::SupportTooLarge { .. } => 10,
             Self::Row => 11,
+            Self::Gravity => 12,
+            Self::Ripple => 13,
+            Self::Groups => 14,
         }
     }
 }
@@ -89,6 +98,9 @@ impl fmt::Display for LoadError {
                     "the support has {words} words, there is room for {capacity}"
                 )
             }
+            Self::Gravity => f.write_str("the gravity terms do not fit the number of joints"),
+            Self::Ripple => f.write_str("a gear ripple term is not usable"),
+            Self::Groups => f.write_str("the payload groups do not add up to the support"),
             Self::Row => f.write_str("a number of the support is not usable"),
         }
     }

@@ -323,6 +323,11 @@ impl Observer<f32> for Record {
     fn mean(&mut self, mean: &[f32; OUTPUTS]) {
         self.mean = *mean;
     }
+    fn deflection(&mut self, deflection: &[f32; MAX_JOINTS]) {
+        for (slot, value) in self.mean.iter_mut().zip(deflection) {
+            *slot = *value;
+        }
+    }
 }
 
 fn count(counter: &mut u32) {

@@ -6,5 +6,7 @@
 
 pub mod fit;
 pub mod likelihood;
+pub mod model;
 pub mod ripple;
 pub mod state;
+pub mod support;

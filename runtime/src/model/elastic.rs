@@ -1,0 +1,174 @@
+//! The elastic correction of a blob, checked.
+
+use heapless::Vec;
+use nalgebra::Vector3;
+use poegp_protocol::blob::Elastic;
+
+use super::checked::{MAX_COEFFICIENT, checked_bound, is_within};
+use crate::bound::Bound;
+use crate::deflection::{
+    Deflection, GravityTerms, JointKernel, JointProcesses, PayloadGroup, RippleTerm, row_words,
+};
+use crate::load_error::LoadError;
+use crate::scalar::Scalar;
+
+/// Largest Σ_d W_cd: exponents stay within reach of `exp2`.
+const MAX_RATE_SUM: f32 = 100_000.0;
+/// Most cycles per turn of a ripple term.
+const MAX_CYCLES: f32 = 4_096.0;
+/// Payloads are held at this many times the heaviest trained.
+const PAYLOAD_REACH: f32 = 8.0;
+/// Largest W_cm (m − m′)².
+const MAX_PAYLOAD_EXPONENT: f32 = 1_000_000.0;
+
+/// The elastic correction and its bound.
+#[derive(Clone, Debug)]
+pub(super) struct ElasticCorrection<T> {
+    pub(super) deflection: Deflection<T>,
+    pub(super) bound: Bound<T>,
+    /// Heavier payloads are taken for this one.
+    pub(super) heaviest: T,
+}
+
+impl<T: Scalar> ElasticCorrection<T> {
+    pub(super) fn from_wire(
+        wire: &Elastic<'_>,
+        joints: usize,
+        payload: Option<(f32, f32)>,
+    ) -> Result<Self, LoadError> {
+        let heaviest =
+            PAYLOAD_REACH * payload.map_or(0.0, |(_, heavy)| if heavy > 1.0 { heavy } else { 1.0 });
+        let deflection = Deflection {
+            gravity: gravity(wire, joints)?,
+            ripple: ripple(wire, joints)?,
+            processes: processes(wire, joints, heaviest)?,
+        };
+        Ok(Self {
+            deflection,
+            bound: checked_bound(&wire.bound)?,
+            heaviest: T::from_f32(heaviest),
+        })
+    }
+}
+
+fn coefficient<T: Scalar>(value: f32) -> Result<T, LoadError> {
+    if is_within(value, -MAX_COEFFICIENT, MAX_COEFFICIENT) {
+        Ok(T::from_f32(value))
+    } else {
+        Err(LoadError::Kernel)
+    }
+}
+
+fn vector<T: Scalar>(values: &[f32; 3]) -> Result<Vector3<T>, LoadError> {
+    Ok(Vector3::new(
+        coefficient(values[0])?,
+        coefficient(values[1])?,
+        coefficient(values[2])?,
+    ))
+}
+
+fn gravity<T: Scalar>(wire: &Elastic<'_>, joints: usize) -> Result<GravityTerms<T>, LoadError> {
+    let mut out = GravityTerms::zero();
+    out.gravity = vector(&wire.gravity)?;
+    if !wire.links.is_empty() {
+        if wire.links.len() != joints * (joints + 1) / 2 {
+            return Err(LoadError::Gravity);
+        }
+        let mut values = wire.links.iter();
+        for (joint, row) in out.links.iter_mut().enumerate().take(joints) {
+            for slot in row.iter_mut().take(joints).skip(joint) {
+                *slot = vector(values.next().ok_or(LoadError::Gravity)?)?;
+            }
+        }
+    }
+    if !wire.payload.is_empty() {
+        if wire.payload.len() != joints {
+            return Err(LoadError::Gravity);
+        }
+        let slots = out.payload_lever.iter_mut().zip(&mut out.payload_offset);
+        for ((lever, offset), [a, b, c, d]) in slots.zip(&wire.payload) {
+            *lever = coefficient(*a)?;
+            *offset = vector(&[*b, *c, *d])?;
+        }
+    }
+    Ok(out)
+}
+
+fn ripple<T: Scalar, const N: usize>(
+    wire: &Elastic<'_>,
+    joints: usize,
+) -> Result<Vec<RippleTerm<T>, N>, LoadError> {
+    let mut out = Vec::new();
+    for term in &wire.ripple {
+        let joint = usize::from(term.joint);
+        if joint >= joints || !is_within(term.cycles, 0.0, MAX_CYCLES) {
+            return Err(LoadError::Ripple);
+        }
+        let term = RippleTerm {
+            joint,
+            cycles: T::from_f32(term.cycles),
+            sin: coefficient(term.sin)?,
+            cos: coefficient(term.cos)?,
+        };
+        out.push(term).map_err(|_| LoadError::Ripple)?;
+    }
+    Ok(out)
+}
+
+fn processes<T: Scalar>(
+    wire: &Elastic<'_>,
+    joints: usize,
+    heaviest: f32,
+) -> Result<JointProcesses<T>, LoadError> {
+    let mut out = JointProcesses {
+        kernels: [JointKernel::zero(); 8],
+        tied: wire.tied,
+        groups: Vec::new(),
+    };
+    let mut points = 0_usize;
+    for group in &wire.groups {
+        if !is_within(group.payload_kg, 0.0, heaviest) {
+            return Err(LoadError::Groups);
+        }
+        points += usize::from(group.points);
+        let group = PayloadGroup {
+            payload_kg: T::from_f32(group.payload_kg),
+            points: usize::from(group.points),
+        };
+        out.groups.push(group).map_err(|_| LoadError::Groups)?;
+    }
+    if points * row_words(joints) * 4 != wire.rows.len() {
+        return Err(LoadError::Groups);
+    }
+    if points == 0 && wire.kernels.is_empty() {
+        return Ok(out);
+    }
+    if wire.kernels.len() != joints {
+        return Err(LoadError::Kernel);
+    }
+    for (slot, kernel) in out.kernels.iter_mut().zip(&wire.kernels) {
+        let mut sum = 0.0;
+        for rate in &kernel.rates {
+            sum += if is_within(*rate, 0.0, MAX_RATE_SUM) {
+                *rate
+            } else {
+                f32::INFINITY
+            };
+        }
+        let reach = kernel.payload_rate * heaviest * heaviest;
+        if kernel.rates.len() != joints
+            || !is_within(sum, 0.0, MAX_RATE_SUM)
+            || !is_within(kernel.payload_rate, 0.0, MAX_COEFFICIENT)
+            || !is_within(reach, 0.0, MAX_PAYLOAD_EXPONENT)
+        {
+            return Err(LoadError::Kernel);
+        }
+        for (rate, value) in slot.rates.iter_mut().zip(&kernel.rates) {
+            *rate = T::from_f32(*value);
+        }
+        slot.payload_rate = T::from_f32(kernel.payload_rate);
+        slot.amplitude = coefficient(kernel.amplitude)?;
+        slot.payload_amplitude = coefficient(kernel.payload_amplitude)?;
+    }
+    Ok(out)
+}

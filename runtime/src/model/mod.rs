@@ -1,0 +1,362 @@
+//! A calibrated arm in fixed memory: T_gp(q, m)·f(q) (paper, eq. 9) for every input, with a [`Status`].
+//!
+//! [`Model::load`] is the only way from a blob's words to a model. It checks every number first and changes nothing
+//! when one is refused, so that the last good model survives. After it, [`Model::evaluate`] cannot fail: it bounds what
+//! is too large, says what is outside the trained range, and answers the uncorrected pose for input that is none.
+//!
+//! `WORDS` is the room for support rows; no result depends on it.
+
+mod checked;
+mod elastic;
+mod task_space;
+
+use heapless::Vec;
+use poegp_protocol::JointKind;
+use poegp_protocol::blob::{Blob, Correction};
+use poegp_protocol::limits::{MAX_INPUTS, MAX_JOINTS};
+
+use crate::bound::bounded;
+use crate::deflection::{self, CouplingMatrix};
+use crate::load_error::LoadError;
+pub use crate::observer::{Observer, Unobserved};
+use crate::poe::Poe;
+use crate::posterior::{self, MAX_SCALED_INPUT};
+use crate::scalar::{MAX_ANGLE, Scalar};
+use crate::se3::{Pose, Twist};
+use crate::status::Status;
+use checked::{checked_chain, checked_coupling, checked_range, checked_rows, is_within};
+use elastic::ElasticCorrection;
+use task_space::TaskSpaceCorrection;
+
+/// Words of support rows for `points` points of the longest row.
+pub const fn words_for(points: usize) -> usize {
+    points * posterior::row_words(MAX_INPUTS)
+}
+
+/// Largest payload in kilograms that is taken for one.
+pub const MAX_PAYLOAD_KG: f32 = 100_000.0;
+
+/// The answer of [`Model::evaluate`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Evaluation<T> {
+    /// `base_from_target`, compensated.
+    pub pose: Pose<T>,
+    /// The correction g(q, m), a twist of the base frame in m and rad, after bounding.
+    pub correction: Twist<T>,
+    /// What it is worth.
+    pub status: Status,
+}
+
+/// A calibrated arm.
+#[derive(Debug)]
+pub struct Model<T, const WORDS: usize> {
+    arm: Slot<Arm<T>>,
+    rows: Vec<T, WORDS>,
+}
+
+/// An `Option` whose empty state is all zeros, so that a static model takes no flash for its initial value: `None`
+/// would be one byte that is not zero, and with it the whole model a copy in flash.
+#[derive(Debug)]
+#[repr(u8)]
+enum Slot<T> {
+    Empty = 0,
+    Full(T) = 1,
+}
+
+impl<T> Slot<T> {
+    #[inline(always)]
+    fn as_ref(&self) -> Option<&T> {
+        match self {
+            Self::Empty => None,
+            Self::Full(value) => Some(value),
+        }
+    }
+}
+
+/// Everything but the support rows.
+#[derive(Clone, Debug)]
+struct Arm<T> {
+    calibrated: Poe<T>,
+    nominal: Poe<T>,
+    coupling: Option<CouplingMatrix<T>>,
+    joint_ranges: [(T, T); MAX_JOINTS],
+    payload_range: Option<(T, T)>,
+    correction: ArmCorrection<T>,
+}
+
+/// What is done beside the chain.
+#[derive(Clone, Debug)]
+#[allow(clippy::large_enum_variant)] // nothing can be boxed
+enum ArmCorrection<T> {
+    None,
+    TaskSpace(TaskSpaceCorrection<T>),
+    Elastic(ElasticCorrection<T>),
+}
+
+impl<T: Scalar, const WORDS: usize> Default for Model<T, WORDS> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl<T: Scalar, const WORDS: usize> Model<T, WORDS> {
+    /// No model: every evaluation answers [`Status::NO_MODEL`].
+    pub const fn new() -> Self {
+        Self {
+            arm: Slot::Empty,
+            rows: Vec::new(),
+        }
+    }
+
+    /// Takes over the arm of `blob`. All or nothing: after an error the model is what it was.
+    ///
+    /// # Errors
+    /// [`LoadError`] names the first number that is not one a robot may be moved by.
+    // Inlined, its copies of the arm would lie on the stack beside those of the decoder.
+    #[inline(never)]
+    pub fn load(&mut self, blob: &Blob<'_>) -> Result<(), LoadError> {
+        let arm = Arm::from_blob(blob)?;
+        let bytes = match &blob.correction {
+            Correction::None => &[][..],
+            Correction::TaskSpace(task) => {
+                let inputs = task.input_scale.len();
+                checked_rows(
+                    task.rows,
+                    posterior::row_words(inputs),
+                    inputs,
+                    MAX_SCALED_INPUT as f32,
+                    WORDS,
+                )?
+            }
+            Correction::Elastic(elastic) => {
+                let joints = blob.robot.joints.len();
+                checked_rows(
+                    elastic.rows,
+                    deflection::row_words(joints),
+                    2 * joints,
+                    MAX_ANGLE,
+                    WORDS,
+                )?
+            }
+        };
+        self.rows.clear();
+        for word in bytes.as_chunks::<4>().0 {
+            // Cannot fail: `checked_rows` has compared the length with the capacity.
+            let _ = self.rows.push(T::from_f32(f32::from_le_bytes(*word)));
+        }
+        self.arm = Slot::Full(arm);
+        Ok(())
+    }
+
+    /// Number of the controller's joints; 0 without a model.
+    pub fn joints(&self) -> usize {
+        self.arm
+            .as_ref()
+            .map_or(0, |arm| arm.calibrated.kinds().len())
+    }
+
+    /// Number of support points.
+    pub fn support(&self) -> usize {
+        match self.arm.as_ref().map(|arm| &arm.correction) {
+            Some(ArmCorrection::TaskSpace(task)) => {
+                self.rows.len() / posterior::row_words(task.header.inputs)
+            }
+            Some(ArmCorrection::Elastic(_)) => {
+                self.rows.len() / deflection::row_words(self.joints())
+            }
+            _ => 0,
+        }
+    }
+
+    /// Forgets the model.
+    pub fn unload(&mut self) {
+        self.arm = Slot::Empty;
+        self.rows.clear();
+    }
+
+    /// T_gp(q, m)·f(q) for the controller's joints (rad or m) and the payload in kg (0 when the model knows none).
+    // Code generation, and with it the time of a cycle, must not depend on the caller.
+    #[inline(never)]
+    pub fn evaluate(&self, joints: &[T], payload_kg: T) -> Evaluation<T> {
+        self.evaluate_observed(joints, payload_kg, &mut Unobserved)
+    }
+
+    /// The same, with every intermediate result shown to `observer`: one source for product and bit comparison.
+    #[inline(always)]
+    pub fn evaluate_observed(
+        &self,
+        joints: &[T],
+        payload_kg: T,
+        observer: &mut impl Observer<T>,
+    ) -> Evaluation<T> {
+        let nothing = |status| Evaluation {
+            pose: Pose::identity(),
+            correction: Twist::zero(),
+            status,
+        };
+        let Some(arm) = self.arm.as_ref() else {
+            return nothing(Status::NO_MODEL);
+        };
+        let Some(x) = arm.checked_joints(joints) else {
+            return nothing(Status::BAD_INPUT);
+        };
+        let believable = is_within(payload_kg, T::ZERO, T::from_f32(MAX_PAYLOAD_KG));
+        let serial = deflection::coupled(arm.coupling.as_ref(), &x);
+        let motions = arm.calibrated.motions(&serial);
+        observer.motions(motions.get(..joints.len()).unwrap_or(&[]));
+        let status = arm.range_status(&x, payload_kg);
+        let (pose, correction, bounded) = match &arm.correction {
+            ArmCorrection::TaskSpace(task) if believable => {
+                let chain = arm.calibrated.forward_with(&motions);
+                observer.chain(&chain);
+                let x = arm.inputs(&x, payload_kg);
+                let mean = task
+                    .header
+                    .mean(&self.rows, &x, &mut |k| observer.kernel(k));
+                observer.mean(&mean);
+                let (twist, bounded) =
+                    bounded(&task.bound, &Twist::from_array(&mean), &chain.translation);
+                (chain.corrected(&twist), twist, bounded)
+            }
+            ArmCorrection::Elastic(elastic) if believable => {
+                let payload = if payload_kg > elastic.heaviest {
+                    elastic.heaviest
+                } else {
+                    payload_kg
+                };
+                let at = deflection::Configuration {
+                    poe: &arm.calibrated,
+                    coupling: arm.coupling.as_ref(),
+                    joints: &x,
+                    motions: &motions,
+                    payload_kg: payload,
+                };
+                let result =
+                    elastic
+                        .deflection
+                        .compensate(&at, &self.rows, Some(&elastic.bound), observer);
+                (result.pose, result.twist, result.bounded)
+            }
+            _ => {
+                let chain = arm.calibrated.forward_with(&motions);
+                observer.chain(&chain);
+                (chain, Twist::zero(), false)
+            }
+        };
+        let status = if believable {
+            status.with_if(bounded, Status::CORRECTION_BOUNDED)
+        } else {
+            Status::BAD_INPUT
+        };
+        Evaluation {
+            pose,
+            correction,
+            status,
+        }
+    }
+
+    /// `base_from_target` of the nominal chain (base and tool of the base-tool calibration) at the controller's joints,
+    /// or `None` without a model or for bad input.
+    pub fn nominal(&self, joints: &[T]) -> Option<Pose<T>> {
+        let arm = self.arm.as_ref()?;
+        let x = arm.checked_joints(joints)?;
+        Some(
+            arm.nominal
+                .forward(&deflection::coupled(arm.coupling.as_ref(), &x)),
+        )
+    }
+}
+
+impl<T: Scalar> Arm<T> {
+    fn from_blob(blob: &Blob<'_>) -> Result<Self, LoadError> {
+        let joints = blob.robot.joints.len();
+        let mut kinds = [JointKind::Revolute; MAX_JOINTS];
+        for (kind, joint) in kinds.iter_mut().zip(&blob.robot.joints) {
+            *kind = joint.kind;
+            if joint
+                .limits
+                .is_some_and(|(lower, upper)| !is_within(lower, f32::MIN, upper))
+            {
+                return Err(LoadError::JointLimits);
+            }
+        }
+        let kinds = kinds.get(..joints).ok_or(LoadError::Chain)?;
+        let mut joint_ranges = [(T::ZERO, T::ZERO); MAX_JOINTS];
+        if blob.ranges.joints.len() != joints {
+            return Err(LoadError::Ranges);
+        }
+        for (slot, range) in joint_ranges.iter_mut().zip(&blob.ranges.joints) {
+            *slot = checked_range(*range, MAX_ANGLE)?;
+        }
+        Ok(Self {
+            calibrated: checked_chain(kinds, &blob.geometry.calibrated)?,
+            nominal: checked_chain(kinds, &blob.geometry.nominal)?,
+            coupling: checked_coupling(&blob.robot.coupling, joints)?,
+            joint_ranges,
+            payload_range: blob
+                .ranges
+                .payload_kg
+                .map(|range| checked_range(range, MAX_PAYLOAD_KG))
+                .transpose()?,
+            correction: match &blob.correction {
+                Correction::None => ArmCorrection::None,
+                Correction::TaskSpace(task) => {
+                    ArmCorrection::TaskSpace(TaskSpaceCorrection::from_wire(
+                        task,
+                        joints + usize::from(blob.ranges.payload_kg.is_some()),
+                    )?)
+                }
+                Correction::Elastic(elastic) => ArmCorrection::Elastic(
+                    ElasticCorrection::from_wire(elastic, joints, blob.ranges.payload_kg)?,
+                ),
+            },
+        })
+    }
+
+    /// The joints in a fixed array, or `None` unless there are as many as the arm has, all finite and within reason.
+    #[inline(always)]
+    fn checked_joints(&self, joints: &[T]) -> Option<[T; MAX_JOINTS]> {
+        if joints.len() != self.calibrated.kinds().len() {
+            return None;
+        }
+        let limit = T::from_f32(MAX_ANGLE);
+        let mut out = [T::ZERO; MAX_JOINTS];
+        for (slot, value) in out.iter_mut().zip(joints) {
+            if !is_within(*value, -limit, limit) {
+                return None;
+            }
+            *slot = *value;
+        }
+        Some(out)
+    }
+
+    /// x = [q, m].
+    #[inline(always)]
+    fn inputs(&self, joints: &[T; MAX_JOINTS], payload_kg: T) -> [T; MAX_INPUTS] {
+        let mut x = [T::ZERO; MAX_INPUTS];
+        for (slot, value) in x.iter_mut().zip(joints) {
+            *slot = *value;
+        }
+        if let (Some(_), Some(slot)) = (
+            &self.payload_range,
+            x.get_mut(self.calibrated.kinds().len()),
+        ) {
+            *slot = payload_kg;
+        }
+        x
+    }
+
+    #[inline(always)]
+    fn range_status(&self, joints: &[T; MAX_JOINTS], payload_kg: T) -> Status {
+        let mut outside = false;
+        for (value, (lower, upper)) in joints.iter().zip(&self.joint_ranges) {
+            outside |= *value < *lower || *value > *upper;
+        }
+        let payload_outside = self
+            .payload_range
+            .is_some_and(|(lower, upper)| payload_kg < lower || payload_kg > upper);
+        Status::OK
+            .with_if(outside, Status::OUTSIDE_JOINT_RANGE)
+            .with_if(payload_outside, Status::OUTSIDE_PAYLOAD_RANGE)
+    }
+}
