@@ -5,14 +5,15 @@
 
 use heapless::Vec as FixedVec;
 use poegp_protocol::blob::{
-    self, Blob, Correction, CorrectionBound, Geometry, Joint, Provenance, Ranges,
-    Robot as WireRobot, TaskSpace, Transform, Units,
+    self, Blob, Correction, CorrectionBound, Elastic, Geometry, Joint, JointKernel, PayloadGroup,
+    Provenance, Ranges, Ripple, Robot as WireRobot, TaskSpace, Transform, Units,
 };
 use poegp_runtime::poe::Poe;
 use poegp_runtime::se3::Pose;
 
 use crate::calibration::frames::Sample;
 use crate::calibration::{Calibration, CalibrationError, Method, Options, calibrate};
+use crate::elastic::model::ElasticModel;
 use crate::loaded::{BlobError, HOST_SUPPORT, LoadedBlob};
 use crate::robot::Robot;
 
@@ -79,6 +80,7 @@ pub fn calibrate_for_device(
     for max_signal_variance in bounds {
         let calibration = calibrate(
             nominal,
+            robot.coupling.as_ref(),
             samples,
             &Options {
                 max_signal_variance,
@@ -98,7 +100,7 @@ pub fn calibrate_for_device(
                 fidelity,
             });
         }
-        if fidelity.worst_share() <= COMFORTABLE || options.method < Method::PoeGp {
+        if fidelity.worst_share() <= COMFORTABLE || !options.method.has_gp() {
             break;
         }
     }
@@ -198,8 +200,18 @@ fn to_bytes(
     origin: &Origin,
     samples: &[Sample],
 ) -> Result<Vec<u8>, ExportError> {
-    let knows_payload = calibration.options.method == Method::PoeGpLoad;
-    let (task_space, rows) = task_space(calibration)?;
+    let has_payload = samples.iter().all(|s| s.payload_kg.is_some());
+    let method = calibration.options.method;
+    let knows_payload = method == Method::PoeGpLoad || (method == Method::Elastic && has_payload);
+    let (task_space, mut rows) = task_space(calibration)?;
+    let elastic = calibration
+        .elastic
+        .as_ref()
+        .map(|e| elastic_words(e, calibration))
+        .transpose()?;
+    if let Some(elastic) = &calibration.elastic {
+        rows = little_endian(&elastic.rows);
+    }
     let joints = robot.joints.iter().map(|joint| Joint {
         kind: joint.kind,
         limits: joint
@@ -245,12 +257,16 @@ fn to_bytes(
             instrument_from_base: base_tool.instrument_from_base.to_rows(),
             flange_from_target: base_tool.flange_from_target.to_rows(),
         },
-        correction: match task_space {
-            None => Correction::None,
-            Some(header) => Correction::TaskSpace(TaskSpace {
+        correction: match (task_space, elastic) {
+            (Some(header), _) => Correction::TaskSpace(TaskSpace {
                 rows: &rows,
                 ..header
             }),
+            (None, Some(words)) => Correction::Elastic(Elastic {
+                rows: &rows,
+                ..words
+            }),
+            (None, None) => Correction::None,
         },
     };
     let names = robot.name.len() + origin.serial_number.len() + origin.date.len();
@@ -288,10 +304,7 @@ fn task_space(
         )?;
     }
     let task_space = TaskSpace {
-        bound: CorrectionBound {
-            position_m: calibration.bound.0 as f32,
-            angle_rad: calibration.bound.1 as f32,
-        },
+        bound: bound(calibration),
         hyperparameters: fixed(hyperparameters, "hyperparameters")?,
         output_scale: gp.output_scale.map(|x| x as f32),
         input_scale: fixed(
@@ -302,12 +315,76 @@ fn task_space(
         affine,
         rows: &[],
     };
-    Ok((
-        Some(task_space),
-        rows.iter()
-            .flat_map(|x| (*x as f32).to_le_bytes())
-            .collect(),
-    ))
+    Ok((Some(task_space), little_endian(rows)))
+}
+
+fn little_endian(rows: &[f64]) -> Vec<u8> {
+    rows.iter()
+        .flat_map(|x| (*x as f32).to_le_bytes())
+        .collect()
+}
+
+fn bound(calibration: &Calibration) -> CorrectionBound {
+    CorrectionBound {
+        position_m: calibration.bound.0 as f32,
+        angle_rad: calibration.bound.1 as f32,
+    }
+}
+
+/// The elastic correction without its rows.
+fn elastic_words(
+    elastic: &ElasticModel,
+    calibration: &Calibration,
+) -> Result<Elastic<'static>, ExportError> {
+    let n = calibration.calibrated.kinds().len();
+    let d = &elastic.deflection;
+    let (gravity, processes) = (&d.gravity, &d.processes);
+    let single = |v: &nalgebra::Vector3<f64>| [v[0] as f32, v[1] as f32, v[2] as f32];
+    let links = (0..n).flat_map(|c| (c..n).map(move |j| single(&gravity.links[c][j])));
+    let payload = (0..n).map(|c| {
+        let offset = single(&gravity.payload_offset[c]);
+        [
+            gravity.payload_lever[c] as f32,
+            offset[0],
+            offset[1],
+            offset[2],
+        ]
+    });
+    let ripple = d.ripple.iter().map(|t| Ripple {
+        joint: t.joint as u8,
+        cycles: t.cycles as f32,
+        sin: t.sin as f32,
+        cos: t.cos as f32,
+    });
+    let mut kernels = FixedVec::new();
+    if !elastic.rows.is_empty() {
+        for k in &processes.kernels[..n] {
+            let kernel = JointKernel {
+                rates: fixed(k.rates[..n].iter().map(|x| *x as f32), "rates")?,
+                payload_rate: k.payload_rate as f32,
+                amplitude: k.amplitude as f32,
+                payload_amplitude: k.payload_amplitude as f32,
+            };
+            kernels
+                .push(kernel)
+                .map_err(|_| ExportError::DoesNotFit("kernels"))?;
+        }
+    }
+    let groups = processes.groups.iter().map(|g| PayloadGroup {
+        payload_kg: g.payload_kg as f32,
+        points: g.points as u16,
+    });
+    Ok(Elastic {
+        bound: bound(calibration),
+        gravity: single(&gravity.gravity),
+        links: fixed(links, "gravity terms")?,
+        payload: fixed(payload, "payload terms")?,
+        ripple: fixed(ripple, "gear ripple")?,
+        kernels,
+        tied: processes.tied,
+        groups: fixed(groups, "payload groups")?,
+        rows: &[],
+    })
 }
 
 /// The chain of `robot` as the runtime has it, from base to flange.

@@ -11,6 +11,9 @@ use poegp_protocol::limits::{MAX_INPUTS, OUTPUTS};
 use poegp_runtime::poe::Poe;
 use poegp_runtime::se3::{Pose, Twist, residual};
 
+use crate::elastic;
+use crate::elastic::fit::ElasticOptions;
+use crate::elastic::model::ElasticModel;
 use crate::gp::fit::{MAX_SIGNAL_VARIANCE, Sharing, fit};
 use crate::gp::{self, NotPositiveDefinite, TaskSpaceGp};
 use base_tool::{BaseTool, base_tool, with_ends};
@@ -27,11 +30,19 @@ pub enum Method {
     PoeGp,
     /// The chain and a Gaussian process of joints and payload: the paper's method.
     PoeGpLoad,
+    /// The chain, gravity terms, gear ripple and joint-space processes, solved together.
+    Elastic,
 }
 
 impl Method {
     /// All of them, simplest first.
-    pub const ALL: [Self; 4] = [Self::BaseTool, Self::Poe, Self::PoeGp, Self::PoeGpLoad];
+    pub const ALL: [Self; 5] = [
+        Self::BaseTool,
+        Self::Poe,
+        Self::PoeGp,
+        Self::PoeGpLoad,
+        Self::Elastic,
+    ];
 
     /// The name on the command line and in JSON.
     pub fn name(self) -> &'static str {
@@ -40,12 +51,13 @@ impl Method {
             Self::Poe => "poe",
             Self::PoeGp => "poe-gp",
             Self::PoeGpLoad => "poe-gp-load",
+            Self::Elastic => "elastic",
         }
     }
 
-    /// Whether it fits a Gaussian process.
+    /// Whether it fits the paper's Gaussian process on the residual twist.
     pub fn has_gp(self) -> bool {
-        self >= Self::PoeGp
+        matches!(self, Self::PoeGp | Self::PoeGpLoad)
     }
 }
 
@@ -63,6 +75,8 @@ pub struct Options {
     /// A large θ₀ with a long length scale makes large weights that almost cancel, which single precision cannot hold;
     /// along that ridge the likelihood is nearly flat. [`crate::export::calibrate_for_device`] lowers it when it must.
     pub max_signal_variance: f64,
+    /// How the elastic model is fitted.
+    pub elastic: ElasticOptions,
     /// Largest displacement of the target by the correction in metres; twice the largest in training when absent.
     pub max_correction_m: Option<f64>,
     /// Largest rotation by the correction in radians; likewise.
@@ -77,6 +91,7 @@ impl Options {
             sharing: Sharing::Shared,
             weighted: false,
             max_signal_variance: MAX_SIGNAL_VARIANCE,
+            elastic: ElasticOptions::default(),
             max_correction_m: None,
             max_correction_rad: None,
         }
@@ -98,6 +113,8 @@ pub struct Calibration {
     pub step1: Option<FrameFit>,
     /// Step 2.
     pub gp: Option<TaskSpaceGp>,
+    /// The elastic correction.
+    pub elastic: Option<ElasticModel>,
     /// The bound on the correction: metres and radians.
     pub bound: (f64, f64),
     mean: Option<(poegp_runtime::posterior::MeanHeader<f64>, Vec<f64>)>,
@@ -123,6 +140,11 @@ pub enum CalibrationError {
     /// `poe-gp-load` for data without payloads.
     #[error("`poe-gp-load` needs a payload_kg column; without one use `poe-gp`")]
     NoPayload,
+    /// The equations of the elastic model could not be solved.
+    #[error(
+        "the equations of the elastic model cannot be solved: are these measurements of this robot?"
+    )]
+    Unsolvable,
     /// The Gram matrix could not be factored.
     #[error(transparent)]
     NotPositiveDefinite(#[from] NotPositiveDefinite),
@@ -146,12 +168,14 @@ pub fn fewest_poses(method: Method, joints: usize) -> (usize, usize) {
     )
 }
 
-/// Calibrates the nominal chain (base to flange) with samples whose poses are `instrument_from_target`.
+/// Calibrates the nominal chain (base to flange) with samples whose poses are `instrument_from_target`. `coupling` is C of
+/// q_serial = C q; the samples have been through it already.
 ///
 /// # Errors
 /// [`CalibrationError`].
 pub fn calibrate(
     nominal: &Poe<f64>,
+    coupling: Option<&Vec<Vec<f64>>>,
     samples: &[Sample],
     options: &Options,
 ) -> Result<Calibration, CalibrationError> {
@@ -171,24 +195,32 @@ pub fn calibrate(
     let base_tool = base_tool(nominal, samples);
     let in_base = in_base_frame(samples, &base_tool.instrument_from_base);
     let nominal = with_ends(nominal, &Pose::identity(), &base_tool.flange_from_target);
-    let mut calibrated = nominal;
-    let step1 =
-        (method > Method::BaseTool).then(|| step1(&mut calibrated, &in_base, options.weighted));
-    let gp = method
-        .has_gp()
-        .then(|| step2(&calibrated, &in_base, options))
-        .transpose()?;
-    let mean = gp.as_ref().map(TaskSpaceGp::mean);
     let mut out = Calibration {
         options: *options,
         base_tool,
         nominal,
-        calibrated,
-        step1,
-        gp,
+        calibrated: nominal,
+        step1: None,
+        gp: None,
+        elastic: None,
         bound: (0.0, 0.0),
-        mean,
+        mean: None,
     };
+    if method == Method::Elastic {
+        let options = &options.elastic;
+        let mut fit = elastic::fit::fit(&nominal, coupling.cloned(), &in_base, options)
+            .ok_or(CalibrationError::Unsolvable)?;
+        let model = ElasticModel::new(&mut fit, &in_base, coupling, options);
+        out.elastic = Some(model.ok_or(CalibrationError::Unsolvable)?);
+        out.calibrated = fit.state.chain(0);
+    } else if method != Method::BaseTool {
+        out.step1 = Some(step1(&mut out.calibrated, &in_base, options.weighted));
+    }
+    if method.has_gp() {
+        let gp = step2(&out.calibrated, &in_base, options)?;
+        out.mean = Some(gp.mean());
+        out.gp = Some(gp);
+    }
     out.bound = out.bound_from(&in_base);
     Ok(out)
 }
@@ -274,20 +306,24 @@ impl Options {
 }
 
 impl Calibration {
-    /// The correction g(q, m) before bounding: a twist of the base frame.
-    pub fn correction(&self, joints: &[f64], payload_kg: Option<f64>) -> Twist<f64> {
+    /// `base_from_target` as the f64 model has it and its correction, a twist of the base frame, without bounding.
+    pub fn compensate(&self, sample: &Sample) -> (Pose<f64>, Twist<f64>) {
+        if let Some(elastic) = &self.elastic {
+            return elastic.compensate(&self.calibrated, &sample.joints, sample.payload_kg);
+        }
+        let chain = self.calibrated.forward(&sample.serial);
         let Some((header, rows)) = &self.mean else {
-            return Twist::zero();
+            return (chain, Twist::zero());
         };
-        let x: [f64; MAX_INPUTS] = gp::padded(&self.options.inputs(joints, payload_kg));
-        Twist::from_array(&header.mean(rows, &x, &mut |_| {}))
+        let x: [f64; MAX_INPUTS] =
+            gp::padded(&self.options.inputs(&sample.joints, sample.payload_kg));
+        let twist = Twist::from_array(&header.mean(rows, &x, &mut |_| {}));
+        (chain.corrected(&twist), twist)
     }
 
     /// `base_from_target` as the f64 model has it, without bounding.
     pub fn predict(&self, sample: &Sample) -> Pose<f64> {
-        self.calibrated
-            .forward(&sample.serial)
-            .corrected(&self.correction(&sample.joints, sample.payload_kg))
+        self.compensate(sample).0
     }
 
     /// The posterior mean as it is exported.
@@ -298,7 +334,7 @@ impl Calibration {
     fn bound_from(&self, samples: &[Sample]) -> (f64, f64) {
         let (mut displacement, mut angle) = (0.0_f64, 0.0_f64);
         for sample in samples {
-            let twist = self.correction(&sample.joints, sample.payload_kg);
+            let (_, twist) = self.compensate(sample);
             let point = self.calibrated.forward(&sample.serial).translation;
             displacement = displacement.max(twist.at_point(&point).linear.norm());
             angle = angle.max(twist.angular.norm());

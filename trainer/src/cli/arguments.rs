@@ -56,6 +56,15 @@ pub struct FitArguments {
     /// Hyperparameters of its own for each of the six outputs: more accurate, six exponentials on the device.
     #[arg(long)]
     pub per_output: bool,
+    /// One set of length scales for all joints of the elastic model: a sixth of the exponentials, a little less accurate.
+    #[arg(long)]
+    pub tied: bool,
+    /// Support points of the elastic model on the device, or `all`.
+    #[arg(long, value_name = "M", default_value = "100", value_parser = support)]
+    pub support: Support,
+    /// Gravity in the base frame in m/s², for arms on a wall or a ceiling.
+    #[arg(long, value_name = "X,Y,Z", value_delimiter = ',', num_args = 3, allow_hyphen_values = true, default_values_t = [0.0, 0.0, -9.81])]
+    pub gravity: Vec<f64>,
     /// Weight step 1 by the noise, rotation taken at the tool point, instead of the paper's unweighted least squares.
     #[arg(long)]
     pub weighted: bool,
@@ -73,6 +82,8 @@ pub enum Model {
     PoeGp,
     /// The chain and a Gaussian process of joints and payload: the paper's method.
     PoeGpLoad,
+    /// The chain, gravity terms, gear ripple and joint-space processes, solved together.
+    Elastic,
 }
 
 impl From<Model> for Method {
@@ -82,6 +93,7 @@ impl From<Model> for Method {
             Model::Poe => Self::Poe,
             Model::PoeGp => Self::PoeGp,
             Model::PoeGpLoad => Self::PoeGpLoad,
+            Model::Elastic => Self::Elastic,
         }
     }
 }
@@ -142,7 +154,7 @@ pub struct Calibrate {
     /// Measurements to train on.
     pub train: PathBuf,
     /// Calibration method.
-    #[arg(long, value_enum)]
+    #[arg(long, value_enum, default_value_t = Model::Elastic)]
     pub model: Model,
     #[command(flatten)]
     pub fit: FitArguments,
@@ -230,4 +242,18 @@ pub struct Demo {
     /// Folder to write into; created if it does not exist.
     #[arg(long, value_name = "DIR", default_value = "demo")]
     pub out: PathBuf,
+}
+
+/// Number of support points.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Support(pub Option<usize>);
+
+fn support(text: &str) -> Result<Support, String> {
+    match text {
+        "all" => Ok(Support(None)),
+        _ => match text.parse::<usize>() {
+            Ok(count) if count > 0 => Ok(Support(Some(count))),
+            _ => Err("expected a number above 0, or `all`".to_owned()),
+        },
+    }
 }

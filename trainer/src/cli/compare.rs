@@ -9,6 +9,7 @@ use super::{
 };
 use crate::calibration::{Method, Options};
 use crate::compare::{ModelComparison, Task, TestSet, applicable};
+use crate::elastic::fit::ElasticOptions;
 use crate::gp::fit::Sharing;
 
 /// What `--json` writes.
@@ -34,9 +35,16 @@ impl FitArguments {
         } else {
             Sharing::Shared
         };
+        let elastic = ElasticOptions {
+            tied: self.tied,
+            support: self.support.0,
+            gravity: nalgebra::Vector3::from_column_slice(&self.gravity),
+            ..ElasticOptions::default()
+        };
         Options {
             sharing,
             weighted: self.weighted,
+            elastic,
             ..Options::new(method)
         }
     }

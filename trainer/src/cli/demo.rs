@@ -69,8 +69,12 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
         sharing: Sharing::PerOutput,
         ..Options::new(Method::PoeGpLoad)
     };
-    let mut runs: Vec<Options> = Method::ALL.into_iter().map(Options::new).collect();
+    let mut runs: Vec<Options> = PAPER_TABLE_I
+        .iter()
+        .map(|(method, _)| Options::new(*method))
+        .collect();
     runs.push(own);
+    runs.push(Options::new(Method::Elastic));
     let bar = progress::bar(runs.len() * task.calibrations(), "calibrating");
     let mut models = Vec::new();
     for options in &runs {
@@ -98,7 +102,7 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
             seed: a.seed,
             per_output: false,
             weighted: false,
-            models: &models[..Method::ALL.len()],
+            models: &models[..PAPER_TABLE_I.len()],
         },
     )?;
     println!(
@@ -143,6 +147,7 @@ fn print_table(models: &[ModelComparison]) {
         let paper = PAPER_TABLE_I.get(i);
         let mut row = vec![match paper {
             Some((method, _)) => title(*method).to_owned(),
+            None if model.model == Method::Elastic.name() => title(Method::Elastic).to_owned(),
             None => "  with hyperparameters per output".to_owned(),
         }];
         row.push(paper.map_or("–".to_owned(), |(_, m)| {
@@ -189,5 +194,6 @@ fn title(method: Method) -> &'static str {
         Method::Poe => "POE calibration",
         Method::PoeGp => "POE + GP",
         Method::PoeGpLoad => "POE + GP with loading",
+        Method::Elastic => "Elastic joints",
     }
 }

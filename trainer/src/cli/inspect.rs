@@ -38,6 +38,18 @@ fn document(loaded: &LoadedBlob) -> Value {
         .collect();
     let correction = match &blob.correction {
         Correction::None => Value::Null,
+        Correction::Elastic(elastic) => json!({
+            "kind": "elastic",
+            "support_points": loaded.model().support(),
+            "tied": elastic.tied,
+            "gravity": elastic.gravity,
+            "ripple": elastic.ripple.iter().map(|r| json!({
+                "joint": r.joint + 1, "cycles_per_turn": r.cycles, "amplitude_urad": 1e6 * r.sin.hypot(r.cos)
+            })).collect::<Vec<_>>(),
+            "payload_groups_kg": elastic.groups.iter().map(|g| g.payload_kg).collect::<Vec<_>>(),
+            "bound_mm": 1e3 * elastic.bound.position_m,
+            "bound_mrad": 1e3 * elastic.bound.angle_rad,
+        }),
         Correction::TaskSpace(task) => json!({
             "kind": "task-space Gaussian process",
             "inputs": task.input_scale.len(),
@@ -110,6 +122,27 @@ fn print(loaded: &LoadedBlob, document: &Value) {
             println!(
                 "    {which}: θ = {:.4e} {:.4e} {:.4e} {:.4e}, noise {:.4e}",
                 h[0], h[1], h[2], h[3], h[4]
+            );
+        }
+    }
+    if let Correction::Elastic(elastic) = &blob.correction {
+        println!(
+            "  correction: elastic joints, {} support points{}, bounded to {:.3} mm and {:.3} mrad",
+            loaded.model().support(),
+            if elastic.tied {
+                ", tied length scales"
+            } else {
+                ""
+            },
+            1e3 * elastic.bound.position_m,
+            1e3 * elastic.bound.angle_rad
+        );
+        for r in &elastic.ripple {
+            let amplitude = 1e6 * r.sin.hypot(r.cos);
+            println!(
+                "    gear ripple of joint {}: {:.1} cycles per turn, {amplitude:.0} µrad",
+                r.joint + 1,
+                r.cycles
             );
         }
     }

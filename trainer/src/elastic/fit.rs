@@ -74,12 +74,10 @@ pub struct ElasticFit {
 /// Fits to samples whose poses are seen from the base; `chain` is the nominal one to the target of tool 0.
 pub fn fit(
     chain: &Poe<f64>,
-    tools: Vec<nalgebra::Vector3<f64>>,
     coupling: Option<Vec<Vec<f64>>>,
     samples: &[Sample],
     options: &ElasticOptions,
 ) -> Option<ElasticFit> {
-    let _ = tools;
     let n = chain.kinds().len();
     let payload = varies(samples);
     let last = chain.frames()[n];
