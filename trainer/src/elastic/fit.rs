@@ -10,7 +10,7 @@ use rand_chacha::ChaCha8Rng;
 
 use super::likelihood::{Evidence, HyperLayout, Inputs, Solved, prior_variance};
 use super::ripple::{SIGNIFICANT, peaks};
-use super::state::{Group, Layout, ROWS, Scales, State, rms, unweighted};
+use super::state::{Group, Layout, Linearised, ROWS, Scales, State, rms, unweighted};
 use crate::calibration::frames::Sample;
 use crate::minimize::minimize;
 use poegp_protocol::limits::MAX_RIPPLE;
@@ -106,9 +106,8 @@ pub fn fit(
     } else {
         h.joints = n;
     }
-    let mut solved = None;
     let similarities = inputs.similarities();
-    for _ in 0..2 {
+    let solve = |state: &mut State| -> Option<(Solved, Linearised)> {
         let linear = state.linearise(samples, scales);
         let groups = state.layout.groups();
         let evidence = Evidence {
@@ -121,16 +120,47 @@ pub fn fit(
         };
         let solution = evidence.solve(&hyper)?;
         state.move_to(&solution.parameters);
-        solved = Some(solution);
+        Some((solution, linear))
+    };
+    let (first, linear) = solve(&mut state)?;
+    if options.ripple {
+        // What the processes leave is quieter than what the parameters leave: weaker ripple shows.
+        let found = significant(&state, samples, &left_over(&first, &hyper), &linear);
+        state.add_ripple(&found);
     }
+    let (solved, _) = solve(&mut state)?;
     Some(ElasticFit {
         state,
         hyperparameters: hyper,
         layout: h,
         scales,
         inputs,
-        solved: solved?,
+        solved,
     })
+}
+
+/// The residual after everything, in units of its noise: σ S⁻¹y.
+fn left_over(solved: &Solved, hyper: &[f64]) -> Vec<[f64; ROWS]> {
+    let sigma = |row: usize| (0.5 * hyper[usize::from(row >= 3)]).exp();
+    (0..solved.alpha.nrows() / ROWS)
+        .map(|k| std::array::from_fn(|row| sigma(row) * solved.alpha[(ROWS * k + row, 0)]))
+        .collect()
+}
+
+/// New ripple terms that are significant in `residuals`, which are in units of their noise.
+fn significant(
+    state: &State,
+    samples: &[Sample],
+    residuals: &[[f64; ROWS]],
+    linear: &Linearised,
+) -> Vec<(usize, f64)> {
+    let room = MAX_RIPPLE - state.ripple.len();
+    peaks(samples, residuals, &linear.jacobian)
+        .into_iter()
+        .filter(|p| p.drop > SIGNIFICANT)
+        .map(|p| (p.joint, p.cycles))
+        .take(room)
+        .collect()
 }
 
 /// Whether there is more than one payload.
@@ -256,13 +286,7 @@ fn add_ripple(state: &mut State, samples: &[Sample], hyper: &[f64], mut scales: 
     for _ in 0..4 {
         let linear = state.linearise(samples, scales);
         let residuals = state.residuals(samples, scales);
-        let room = MAX_RIPPLE - state.ripple.len();
-        let found: Vec<(usize, f64)> = peaks(samples, &residuals, &linear.jacobian)
-            .into_iter()
-            .filter(|p| p.drop > SIGNIFICANT)
-            .map(|p| (p.joint, p.cycles))
-            .take(room)
-            .collect();
+        let found = significant(state, samples, &residuals, &linear);
         if found.is_empty() {
             break;
         }
