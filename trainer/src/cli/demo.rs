@@ -1,8 +1,9 @@
 //! `trainer demo`: the paper's simulation from nothing, and its Table I beside ours.
 
 use super::arguments::Demo;
+use super::report::Report;
 use super::simulate::{make_folder, write_sets};
-use super::{Failure, device_failure, evaluate, origin, progress, table, write_json};
+use super::{Failure, device_failure, evaluate, json_text, origin, progress};
 use crate::calibration::{Method, Options};
 use crate::cli::arguments::Evaluate;
 use crate::compare::{ModelComparison, Task, TestSet};
@@ -91,15 +92,16 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
     .map_err(|e| device_failure(&train_path, e))?;
     let blob = a.out.join("arm.blob");
     crate::output::write(&blob, found.blob.bytes())?;
-    write_json(
+    let document = super::compare::Document {
+        version: env!("CARGO_PKG_VERSION"),
+        seed: a.seed,
+        per_output: false,
+        weighted: false,
+        models: &models[..Method::ALL.len()],
+    };
+    crate::output::write(
         &a.out.join("compare.json"),
-        &super::compare::Document {
-            version: env!("CARGO_PKG_VERSION"),
-            seed: a.seed,
-            per_output: false,
-            weighted: false,
-            models: &models[..Method::ALL.len()],
-        },
+        json_text(&document)?.as_bytes(),
     )?;
     println!(
         "\n3. Write the blob, read it back, and predict the first test set as the device will (f32):\n"
@@ -159,7 +161,7 @@ fn print_table(models: &[ModelComparison]) {
         }));
         rows.push(row);
     }
-    table::print(&["", "paper", "here", "folds"], &rows);
+    Report::beside(&[]).table(&["", "paper", "here", "folds"], &rows);
     let mean = |m: &ModelComparison| {
         m.sets
             .iter()
