@@ -102,7 +102,6 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
         models.push(result.map_err(|e| device_failure(&a.train, e.error))?);
     }
     bar.finish_and_clear();
-    print(Report::beside(&output), &models, a);
     if let Some(path) = &a.json {
         let document = Document {
             version: env!("CARGO_PKG_VERSION"),
@@ -113,6 +112,7 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
         };
         write_outputs(&[(path, json_text(&document)?.as_bytes())])?;
     }
+    print(Report::beside(&output), &models, a);
     Ok(())
 }
 
