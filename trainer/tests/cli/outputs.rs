@@ -1,5 +1,8 @@
 //! Where outputs go: whole files or nothing, no folder is created, standard output is one document.
 
+use poegp_trainer::export::nominal_chain;
+use poegp_trainer::robot::{LoadOptions, Robot};
+use poegp_trainer::simulate::{Scenario, Simulator, to_csv};
 use serde_json::Value;
 
 use crate::program::{Folder, Outcome, SERIAL, simulated};
@@ -108,6 +111,37 @@ fn simulate_and_demo_need_a_parent() {
             assert_eq!(folder.text(file).lines().count(), lines);
         }
     }
+}
+
+/// Measurements without noise of an arm with decimetres of smooth deflection: more digits than single precision has.
+#[test]
+fn a_blob_that_loses_precision_is_not_written() {
+    let folder = Folder::new();
+    let robot = Robot::load(SERIAL, &LoadOptions::default()).unwrap();
+    let nominal = nominal_chain(&robot).unwrap();
+    let mut poses = Simulator::new(&robot, Scenario::Paper, &[1.0, 3.0], 1).measure(150);
+    for pose in &mut poses {
+        let mut serial = pose.joints.clone();
+        serial[1] += 0.5 * (pose.joints[0] + 0.5 * pose.joints[2]).sin();
+        pose.measured = nominal.forward(&serial);
+    }
+    folder.write("smooth.csv", to_csv(&robot, &poses, false, "no noise"));
+    folder.write("old.blob", "old");
+    let line = format!(
+        "calibrate --robot {SERIAL} smooth.csv --model poe-gp --out old.blob --json new.json"
+    );
+    let outcome = folder.run(&line);
+    assert_eq!(outcome.code, Some(1), "{outcome:#?}");
+    for part in [
+        "single precision would cost",
+        "the limits are 2 and 0.5 µm",
+        "nothing was written",
+    ] {
+        assert!(outcome.stderr.contains(part), "{outcome:#?}");
+    }
+    assert!(outcome.stdout.is_empty());
+    assert_eq!(folder.names(), ["old.blob", "smooth.csv"]);
+    assert_eq!(folder.read("old.blob"), b"old");
 }
 
 /// With `--json -` standard output is the document; what is for people is on standard error.
