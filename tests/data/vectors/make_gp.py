@@ -5,7 +5,7 @@ The kernel is ConstantKernel * RBF + ConstantKernel + ConstantKernel * DotProduc
 the paper is 1/length_scale**2. Outputs are divided by their RMS first. Nothing of this repository is used: the residuals
 of gp_optimum.json come from the base-tool fit and the step 1 below, in numpy, on ../simulated.
 
-    python make_gp.py        # Python 3.11, numpy 2.4.6, scipy 1.17.1, scikit-learn 1.9.1; seeded; about five minutes
+    python make_gp.py        # Python 3.11, numpy 2.4.6, scipy 1.17.1, scikit-learn 1.9.1; seeded; under a minute
 """
 
 import json

@@ -138,9 +138,9 @@ fn print(
         "  error on the training poses themselves: {:.4} mm mean, {:.4} mm largest",
         p.mean, p.max
     ));
-    report.line(format_args!(
-        "  (they were trained on: for honest figures use `trainer compare` or `trainer evaluate`)"
-    ));
+    report.line(
+        "  (they were trained on: for honest figures use `trainer compare` or `trainer evaluate`)",
+    );
     if calibration.gp.is_some() {
         let (m, rad) = calibration.bound;
         report.line(format_args!(

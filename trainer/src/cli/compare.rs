@@ -138,9 +138,7 @@ fn methods(a: &Compare, train: &[Sample], tests: &[TestSet]) -> Result<Vec<Metho
 }
 
 fn print(report: Report, models: &[ModelComparison], a: &Compare) {
-    report.line(format_args!(
-        "Held-out errors: position in mm, orientation in mrad."
-    ));
+    report.line("Held-out errors: position in mm, orientation in mrad.");
     if a.folds > 0 {
         report.line(format_args!(
             "{} folds drawn with seed {}; equal configurations are never split.",

@@ -144,6 +144,28 @@ fn a_blob_that_loses_precision_is_not_written() {
     assert_eq!(folder.read("old.blob"), b"old");
 }
 
+/// A reader that goes away early is no failure of the text, and one of the document.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_reader_that_has_gone_away() {
+    let folder = folder();
+    let run = |line: &str| folder.run_into(line, "/dev/full");
+    for line in [
+        format!("calibrate --robot {SERIAL} train.csv --model poe --out new.blob"),
+        "inspect arm.blob".to_owned(),
+        format!("simulate --robot {SERIAL} --poses 3 --out cell"),
+    ] {
+        let outcome = run(&line);
+        assert_eq!(
+            (outcome.code, outcome.stderr.as_str()),
+            (Some(0), ""),
+            "{line}"
+        );
+    }
+    run("inspect arm.blob --json -")
+        .refused(&["<standard output>: found a place that cannot be written"]);
+}
+
 /// With `--json -` standard output is the document; what is for people is on standard error.
 #[test]
 fn json_on_standard_output_is_alone() {

@@ -95,12 +95,29 @@ impl Folder {
 
     /// The same on the day of `source_date_epoch`.
     pub fn run_dated(&self, line: &str, source_date_epoch: &str) -> Outcome {
-        let output = Command::new(env!("CARGO_BIN_EXE_trainer"))
+        self.finish(
+            self.command(line)
+                .env("SOURCE_DATE_EPOCH", source_date_epoch),
+        )
+    }
+
+    /// The same with standard output going to `device`.
+    #[cfg(target_os = "linux")]
+    pub fn run_into(&self, line: &str, device: &str) -> Outcome {
+        let device = std::fs::OpenOptions::new().write(true).open(device);
+        self.finish(self.command(line).stdout(device.unwrap()))
+    }
+
+    fn command(&self, line: &str) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_trainer"));
+        command
             .args(line.split_whitespace())
-            .current_dir(self.0.path())
-            .env("SOURCE_DATE_EPOCH", source_date_epoch)
-            .output()
-            .unwrap();
+            .current_dir(self.0.path());
+        command
+    }
+
+    fn finish(&self, command: &mut Command) -> Outcome {
+        let output = command.output().unwrap();
         Outcome {
             code: output.status.code(),
             stdout: String::from_utf8(output.stdout).unwrap(),
