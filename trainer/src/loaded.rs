@@ -104,8 +104,12 @@ impl LoadedBlob {
         let answer = self
             .model
             .evaluate(&joints, payload_kg.unwrap_or(0.0) as f32);
+        let pose = self.instrument_from_base * answer.pose.cast::<f64>();
+        // A matrix of f32 is a rotation to seven digits only. The nearest one is what a quaternion in a file says, and
+        // errors recomputed from that file must be the reported ones.
+        let (w, v) = pose.quaternion();
         Prediction {
-            pose: self.instrument_from_base * answer.pose.cast::<f64>(),
+            pose: Pose::from_quaternion(w, &v, pose.translation),
             status: answer.status,
         }
     }

@@ -1,10 +1,14 @@
 //! Files that are written whole or not at all.
 //!
-//! Every output is checked before the work begins (does its folder exist, is it not a folder itself), written to a
-//! temporary file beside its place and renamed: a failure leaves what was there before. No folder is created.
+//! Every output is checked before the work begins (does its folder exist, is it not a folder itself, is it not
+//! protected), written to a temporary file beside its place and renamed: a failure leaves what was there before. Several
+//! outputs of one command are all written before the first is renamed. No folder is created. A link is followed, and
+//! what is no regular file (`/dev/null`, a pipe) is written to, never replaced.
 
 use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
+
+use tempfile::NamedTempFile;
 
 use crate::error::InputError;
 
@@ -20,6 +24,18 @@ pub fn check(path: &Path) -> Result<(), InputError> {
             "the path of a file to write",
         ));
     }
+    match std::fs::metadata(path) {
+        Ok(there) if !there.is_file() => return Ok(()),
+        // Renaming would replace it all the same: its owner has said not to.
+        Ok(there) if there.permissions().readonly() => {
+            return Err(InputError::new(
+                path,
+                "a file that is read-only",
+                "a file that can be written",
+            ));
+        }
+        _ => {}
+    }
     let folder = folder_of(path);
     if !folder.is_dir() {
         return Err(InputError::new(
@@ -29,7 +45,7 @@ pub fn check(path: &Path) -> Result<(), InputError> {
         )
         .with_help("create the folder first; none is created here"));
     }
-    tempfile::NamedTempFile::new_in(folder)
+    NamedTempFile::new_in(folder)
         .map(drop)
         .map_err(|error| refused(path, &error))
 }
@@ -39,18 +55,53 @@ pub fn check(path: &Path) -> Result<(), InputError> {
 /// # Errors
 /// As [`check`].
 pub fn write(path: &Path, bytes: &[u8]) -> Result<(), InputError> {
-    check(path)?;
-    let save = || -> std::io::Result<()> {
-        let mut file = tempfile::Builder::new()
-            .prefix(".poegp-")
-            .permissions_of_a_plain_file()
-            .tempfile_in(folder_of(path))?;
-        file.write_all(bytes)?;
-        file.as_file().sync_all()?;
-        file.persist(path).map_err(|e| e.error)?;
-        Ok(())
-    };
-    save().map_err(|error| refused(path, &error))
+    write_all(&[(path, bytes)])
+}
+
+/// Writes every file, or leaves what is there: all are complete before the first takes its place.
+///
+/// # Errors
+/// As [`check`].
+pub fn write_all(files: &[(&Path, &[u8])]) -> Result<(), InputError> {
+    let staged = files
+        .iter()
+        .map(|(path, bytes)| Staged::new(path, bytes))
+        .collect::<Result<Vec<_>, _>>()?;
+    staged.into_iter().try_for_each(Staged::commit)
+}
+
+/// A file that is complete and not yet in its place; `None` for a device or a pipe, which has no second place.
+struct Staged(Option<(NamedTempFile, PathBuf)>);
+
+impl Staged {
+    fn new(path: &Path, bytes: &[u8]) -> Result<Self, InputError> {
+        check(path)?;
+        let stage = || -> std::io::Result<Self> {
+            if std::fs::metadata(path).is_ok_and(|there| !there.is_file()) {
+                let mut device = std::fs::OpenOptions::new().write(true).open(path)?;
+                device.write_all(bytes)?;
+                return Ok(Self(None));
+            }
+            let place = std::fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf());
+            let mut file = tempfile::Builder::new()
+                .prefix(".poegp-")
+                .permissions_of_a_plain_file()
+                .tempfile_in(folder_of(&place))?;
+            file.write_all(bytes)?;
+            file.as_file().sync_all()?;
+            Ok(Self(Some((file, place))))
+        };
+        stage().map_err(|error| refused(path, &error))
+    }
+
+    fn commit(self) -> Result<(), InputError> {
+        let Some((file, place)) = self.0 else {
+            return Ok(());
+        };
+        file.persist(&place)
+            .map(drop)
+            .map_err(|failed| refused(&place, &failed.error))
+    }
 }
 
 fn folder_of(path: &Path) -> &Path {
@@ -115,5 +166,54 @@ mod tests {
             1,
             "no temporary file is left"
         );
+    }
+
+    #[test]
+    fn all_outputs_or_none() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.txt");
+        write(&path, b"old").unwrap();
+        let other = folder.path().join("no/b.txt");
+        assert!(write_all(&[(&path, b"new"), (&other, b"x")]).is_err());
+        assert_eq!(std::fs::read(&path).unwrap(), b"old");
+        let other = folder.path().join("b.txt");
+        write_all(&[(&path, b"new"), (&other, b"x")]).unwrap();
+        assert_eq!(std::fs::read(&path).unwrap(), b"new");
+        assert_eq!(std::fs::read(&other).unwrap(), b"x");
+    }
+
+    #[test]
+    fn read_only_files_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.txt");
+        write(&path, b"old").unwrap();
+        let mut permissions = std::fs::metadata(&path).unwrap().permissions();
+        permissions.set_readonly(true);
+        std::fs::set_permissions(&path, permissions).unwrap();
+        let error = write(&path, b"new").unwrap_err().to_string();
+        assert!(error.contains("read-only"), "{error}");
+        assert_eq!(std::fs::read(&path).unwrap(), b"old");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn links_are_followed_and_devices_are_not_replaced() {
+        use std::os::unix::fs::FileTypeExt;
+        let folder = tempfile::tempdir().unwrap();
+        let (path, link) = (folder.path().join("a.txt"), folder.path().join("link"));
+        write(&path, b"old").unwrap();
+        std::os::unix::fs::symlink(&path, &link).unwrap();
+        write(&link, b"new").unwrap();
+        assert_eq!(std::fs::read(&path).unwrap(), b"new");
+        assert!(std::fs::symlink_metadata(&link).unwrap().is_symlink());
+
+        // Through links, so that a mistake replaces the link and not the device.
+        for (device, works) in [("/dev/null", true), ("/dev/full", false)] {
+            let link = folder.path().join(device.replace('/', "_"));
+            std::os::unix::fs::symlink(device, &link).unwrap();
+            assert_eq!(write(&link, b"x").is_ok(), works, "{device}");
+            let there = std::fs::metadata(&link).unwrap();
+            assert!(there.file_type().is_char_device(), "{device}");
+        }
     }
 }

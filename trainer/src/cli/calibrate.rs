@@ -1,10 +1,13 @@
 //! `trainer calibrate`.
 
+use std::path::Path;
+
 use serde::Serialize;
 
 use super::arguments::Calibrate;
 use super::{
-    Arm, Failure, check_outputs, device_failure, enough_poses, origin, progress, write_json,
+    Arm, Failure, check_outputs, device_failure, enough_poses, json_text, origin, progress,
+    report::Report, write_outputs,
 };
 use crate::calibration::frames::FrameFit;
 use crate::calibration::{Calibration, Method, Options};
@@ -57,7 +60,8 @@ struct BlobFacts {
 }
 
 pub fn run(a: &Calibrate) -> Result<(), Failure> {
-    check_outputs([&Some(a.out.clone()), &a.json])?;
+    let outputs = [Some(a.out.as_path()), a.json.as_deref()];
+    check_outputs(&outputs, &[&a.train, Path::new(&a.robot.robot)])?;
     let mut options = Options {
         max_correction_m: positive("--max-correction-mm", a.max_correction_mm, 1000.0)?
             .map(|x| 1e-3 * x),
@@ -83,12 +87,20 @@ pub fn run(a: &Calibrate) -> Result<(), Failure> {
         blob,
         fidelity,
     } = found.map_err(|e| device_failure(&a.train, e))?;
-    crate::output::write(&a.out, blob.bytes())?;
     let training = ErrorSummary::new(&blob.errors(&samples));
-    print(a, &calibration, &blob, &fidelity, &training);
-    if let Some(path) = &a.json {
-        write_json(path, &document(a, &calibration, &blob, &fidelity, training))?;
-    }
+    let document = document(a, &calibration, &blob, &fidelity, training.clone());
+    let json = json_text(&document)?;
+    let mut files = vec![(a.out.as_path(), blob.bytes())];
+    files.extend(a.json.as_deref().map(|path| (path, json.as_bytes())));
+    write_outputs(&files)?;
+    print(
+        Report::beside(&outputs),
+        a,
+        &calibration,
+        &blob,
+        &fidelity,
+        &training,
+    );
     Ok(())
 }
 
@@ -102,6 +114,7 @@ fn positive(name: &str, value: Option<f64>, limit: f64) -> Result<Option<f64>, F
 }
 
 fn print(
+    report: Report,
     a: &Calibrate,
     calibration: &Calibration,
     blob: &LoadedBlob,
@@ -109,50 +122,50 @@ fn print(
     training: &ErrorSummary,
 ) {
     let p = &training.position_mm;
-    println!(
+    report.line(format_args!(
         "Calibrated {} with `{}` on {} poses.",
         a.robot.robot,
         calibration.options.method.name(),
         training.poses
-    );
+    ));
     if let Some(fit) = &calibration.step1 {
-        println!(
+        report.line(format_args!(
             "  step 1: {} of {} parameters can be identified",
             fit.rank, fit.parameters
-        );
+        ));
     }
-    println!(
+    report.line(format_args!(
         "  error on the training poses themselves: {:.4} mm mean, {:.4} mm largest",
         p.mean, p.max
-    );
-    println!(
-        "  (they were trained on: for honest figures use `trainer compare` or `trainer evaluate`)"
+    ));
+    report.line(
+        "  (they were trained on: for honest figures use `trainer compare` or `trainer evaluate`)",
     );
     if calibration.gp.is_some() {
         let (m, rad) = calibration.bound;
-        println!(
+        report.line(format_args!(
             "  corrections are bounded to {:.3} mm and {:.3} mrad",
             1e3 * m,
             1e3 * rad
-        );
+        ));
     }
-    println!(
+    report.line(format_args!(
         "  single precision costs {:.3} µm in the mean, {:.3} µm at most",
         1e6 * fidelity.mean_m,
         1e6 * fidelity.max_m
-    );
+    ));
     if calibration.options.max_signal_variance < MAX_SIGNAL_VARIANCE {
-        println!(
+        report.line(format_args!(
             "  note: the signal variance was held below {} for the sake of single precision",
             calibration.options.max_signal_variance
-        );
+        ));
     }
     let support = blob.model().support();
-    println!(
+    report.line(format_args!(
         "Wrote {} ({} bytes, {support} support points).",
         a.out.display(),
         blob.bytes().len()
-    );
+    ));
 }
 
 fn document(

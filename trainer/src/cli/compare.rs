@@ -1,13 +1,16 @@
 //! `trainer compare`.
 
+use std::path::{Path, PathBuf};
+
 use serde::Serialize;
 
 use super::arguments::{Compare, FitArguments};
 use super::{
-    Arm, Failure, check_outputs, device_failure, enough_poses, file_name, origin, progress, table,
-    write_json,
+    Arm, Failure, calibration_failure, check_outputs, device_failure, enough_poses, file_name,
+    json_text, origin, progress, report::Report, write_outputs,
 };
-use crate::calibration::{Method, Options};
+use crate::calibration::frames::Sample;
+use crate::calibration::{CalibrationError, Method, Options};
 use crate::compare::{ModelComparison, Task, TestSet, applicable};
 use crate::elastic::fit::ElasticOptions;
 use crate::gp::fit::Sharing;
@@ -51,7 +54,13 @@ impl FitArguments {
 }
 
 pub fn run(a: &Compare) -> Result<(), Failure> {
-    check_outputs([&a.json])?;
+    let output = [a.json.as_deref()];
+    let inputs = [a.train.as_path(), Path::new(&a.robot.robot)];
+    let inputs: Vec<&Path> = inputs
+        .into_iter()
+        .chain(a.tests.iter().map(PathBuf::as_path))
+        .collect();
+    check_outputs(&output, &inputs)?;
     if a.folds == 1 {
         return Err(Failure::Usage(
             "--folds 1 leaves nothing to train on: use 0 for none, or at least 2".into(),
@@ -59,11 +68,6 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
     }
     let arm = Arm::load(&a.robot)?;
     let (set, train) = arm.read(&a.train)?;
-    let methods: Vec<Method> = if a.models.is_empty() {
-        applicable(&train)
-    } else {
-        a.models.iter().map(|m| Method::from(*m)).collect()
-    };
     if a.folds > train.len() {
         return Err(Failure::Usage(format!(
             "--folds {} for {} poses",
@@ -71,6 +75,14 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
             train.len()
         )));
     }
+    let mut tests = Vec::new();
+    for path in &a.tests {
+        tests.push(TestSet {
+            name: file_name(path),
+            samples: arm.read(path)?.1,
+        });
+    }
+    let methods = methods(a, &train, &tests)?;
     // A fold may be larger than its share by one group of equal configurations; the calibration itself checks again.
     let smallest = if a.folds == 0 {
         train.len()
@@ -79,13 +91,6 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
     };
     for method in &methods {
         enough_poses(&a.train, smallest, *method, arm.robot.joints.len())?;
-    }
-    let mut tests = Vec::new();
-    for path in &a.tests {
-        tests.push(TestSet {
-            name: file_name(path),
-            samples: arm.read(path)?.1,
-        });
     }
     let origin = origin(set.sha256, "");
     let task = Task {
@@ -105,7 +110,6 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
         models.push(result.map_err(|e| device_failure(&a.train, e.error))?);
     }
     bar.finish_and_clear();
-    print(&models, a);
     if let Some(path) = &a.json {
         let document = Document {
             version: env!("CARGO_PKG_VERSION"),
@@ -114,20 +118,42 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
             weighted: a.fit.weighted,
             models: &models,
         };
-        write_json(path, &document)?;
+        write_outputs(&[(path, json_text(&document)?.as_bytes())])?;
     }
+    print(Report::beside(&output), &models, a);
     Ok(())
 }
 
-fn print(models: &[ModelComparison], a: &Compare) {
-    println!("Held-out errors: position in mm, orientation in mrad.");
+/// The methods asked for, or all that the data allow; where a payload is needed every file must have one.
+fn methods(a: &Compare, train: &[Sample], tests: &[TestSet]) -> Result<Vec<Method>, Failure> {
+    let mut methods: Vec<Method> = a.models.iter().map(|m| Method::from(*m)).collect();
+    if methods.is_empty() {
+        methods = applicable(train);
+    }
+    if methods.contains(&Method::PoeGpLoad) {
+        let sets = std::iter::once((&a.train, train)).chain(
+            a.tests
+                .iter()
+                .zip(tests.iter().map(|test| test.samples.as_slice())),
+        );
+        for (path, samples) in sets {
+            if samples.iter().any(|sample| sample.payload_kg.is_none()) {
+                return Err(calibration_failure(path, &CalibrationError::NoPayload));
+            }
+        }
+    }
+    Ok(methods)
+}
+
+fn print(report: Report, models: &[ModelComparison], a: &Compare) {
+    report.line("Held-out errors: position in mm, orientation in mrad.");
     if a.folds > 0 {
-        println!(
+        report.line(format_args!(
             "{} folds drawn with seed {}; equal configurations are never split.",
             a.folds, a.seed
-        );
+        ));
     }
-    println!();
+    report.line("");
     let mut rows = Vec::new();
     for model in models {
         let folds = model
@@ -147,7 +173,7 @@ fn print(models: &[ModelComparison], a: &Compare) {
             rows.push(row);
         }
     }
-    table::print(
+    report.table(
         &[
             "model",
             "set",

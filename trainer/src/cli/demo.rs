@@ -1,8 +1,9 @@
 //! `trainer demo`: the paper's simulation from nothing, and its Table I beside ours.
 
 use super::arguments::Demo;
+use super::report::Report;
 use super::simulate::{make_folder, write_sets};
-use super::{Failure, device_failure, evaluate, origin, progress, table, write_json};
+use super::{Failure, device_failure, evaluate, json_text, origin, progress};
 use crate::calibration::{Method, Options};
 use crate::cli::arguments::Evaluate;
 use crate::compare::{ModelComparison, Task, TestSet};
@@ -25,16 +26,13 @@ const PAYLOADS: [f64; 5] = [1.0, 2.5, 3.5, 5.0, 7.5];
 const FOLDS: usize = 10;
 
 pub fn run(a: &Demo) -> Result<(), Failure> {
+    let report = Report::beside(&[]);
     make_folder(&a.out)?;
     let robot = Robot::load(ROBOT, &crate::robot::LoadOptions::default())?;
     let nominal = nominal_chain(&robot).map_err(|e| Failure::Usage(e.to_string()))?;
 
-    println!(
-        "1. Simulate: an ABB IRB 4400 with imperfect frames and joints that give way under gravity and five"
-    );
-    println!(
-        "   payloads, measured by a tracker with 30 µm of noise. 300 poses to train on, 3 × 100 to test."
-    );
+    report.line("1. Simulate: an ABB IRB 4400 with imperfect frames and joints that give way under gravity and five");
+    report.line("   payloads, measured by a tracker with 30 µm of noise. 300 poses to train on, 3 × 100 to test.");
     let mut simulator = Simulator::new(&robot, Scenario::Paper, &PAYLOADS, a.seed);
     let comment = format!("simulated {ROBOT} (seed {})", a.seed);
     let files = write_sets(&robot, &mut simulator, 300, (3, 100), &a.out, &comment)?;
@@ -53,9 +51,9 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
     }
     let origin = origin(set.sha256, "demo");
 
-    println!(
+    report.line(format_args!(
         "2. Calibrate with the four methods of the paper: {FOLDS} folds on the training data, then all of it.\n"
-    );
+    ));
     let task = Task {
         robot: &robot,
         nominal: &nominal,
@@ -83,7 +81,7 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
         models.push(result.map_err(|e| device_failure(&train_path, e.error))?);
     }
     bar.finish_and_clear();
-    print_table(&models);
+    print_table(report, &models);
 
     let found = calibrate_for_device(
         &nominal,
@@ -95,31 +93,30 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
     .map_err(|e| device_failure(&train_path, e))?;
     let blob = a.out.join("arm.blob");
     crate::output::write(&blob, found.blob.bytes())?;
-    write_json(
+    let document = super::compare::Document {
+        version: env!("CARGO_PKG_VERSION"),
+        seed: a.seed,
+        per_output: false,
+        weighted: false,
+        models: &models[..PAPER_TABLE_I.len()],
+    };
+    crate::output::write(
         &a.out.join("compare.json"),
-        &super::compare::Document {
-            version: env!("CARGO_PKG_VERSION"),
-            seed: a.seed,
-            per_output: false,
-            weighted: false,
-            models: &models[..PAPER_TABLE_I.len()],
-        },
+        json_text(&document)?.as_bytes(),
     )?;
-    println!(
-        "\n3. Write the blob, read it back, and predict the first test set as the device will (f32):\n"
-    );
+    report.line("\n3. Write the blob, read it back, and predict the first test set as the device will (f32):\n");
     evaluate::run(&Evaluate {
         blob: blob.clone(),
         test: a.out.join(&files[1].0),
         predictions: Some(a.out.join("predictions.csv")),
         json: None,
     })?;
-    println!(
+    report.line(format_args!(
         "\nSingle precision costs {:.2} µm in the mean, {:.2} µm at most.",
         1e6 * found.fidelity.mean_m,
         1e6 * found.fidelity.max_m
-    );
-    println!("\nEverything is in {}:", a.out.display());
+    ));
+    report.line(format_args!("\nEverything is in {}:", a.out.display()));
     for (name, what) in [
         ("train.csv", "measurements to train on"),
         (
@@ -133,15 +130,15 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
         ("predictions.csv", "its predictions for test1.csv"),
         ("compare.json", "all errors, for other programs"),
     ] {
-        println!("  {name:30} {what}");
+        report.line(format_args!("  {name:30} {what}"));
     }
     Ok(())
 }
 
-fn print_table(models: &[ModelComparison]) {
-    println!(
+fn print_table(report: Report, models: &[ModelComparison]) {
+    report.line(format_args!(
         "Table I: mean position error in mm on the three test sets, and in {FOLDS}-fold cross-validation\n"
-    );
+    ));
     let mut rows = Vec::new();
     for (i, model) in models.iter().enumerate() {
         let paper = PAPER_TABLE_I.get(i);
@@ -164,7 +161,7 @@ fn print_table(models: &[ModelComparison]) {
         }));
         rows.push(row);
     }
-    table::print(&["", "paper", "here", "folds"], &rows);
+    report.table(&["", "paper", "here", "folds"], &rows);
     let mean = |m: &ModelComparison| {
         m.sets
             .iter()
@@ -179,13 +176,13 @@ fn print_table(models: &[ModelComparison]) {
             .collect();
         percent.join(" / ")
     };
-    println!("\nPOE + GP with loading cuts the error of base-tool / POE / POE + GP by");
-    println!("  87.5 / 71.3 / 63.1 %  in the paper");
-    println!("  {} %  here", cut(&models[3]));
-    println!(
+    report.line("\nPOE + GP with loading cuts the error of base-tool / POE / POE + GP by");
+    report.line("  87.5 / 71.3 / 63.1 %  in the paper");
+    report.line(format_args!("  {} %  here", cut(&models[3])));
+    report.line(format_args!(
         "  {} %  here, with hyperparameters per output",
         cut(&models[4])
-    );
+    ));
 }
 
 fn title(method: Method) -> &'static str {

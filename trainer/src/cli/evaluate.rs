@@ -1,6 +1,7 @@
 //! `trainer evaluate`.
 
 use std::fmt::Write as _;
+use std::path::Path;
 
 use poegp_protocol::blob::Blob;
 use poegp_runtime::se3::Pose;
@@ -8,7 +9,8 @@ use poegp_runtime::status::Status;
 use serde::Serialize;
 
 use super::arguments::Evaluate;
-use super::{Failure, check_outputs, file_name, table, write_json};
+use super::report::Report;
+use super::{Failure, check_outputs, file_name, json_text, write_outputs};
 use crate::error::InputError;
 use crate::loaded::{LoadedBlob, Prediction};
 use crate::measurements::{self, MeasurementSet};
@@ -17,10 +19,10 @@ use crate::statistics::{ErrorSummary, PoseError};
 
 /// What `--json` writes.
 #[derive(Serialize)]
-struct Document {
+struct Document<'a> {
     version: &'static str,
-    model: String,
-    sets: Vec<SetErrors>,
+    model: &'a str,
+    sets: [&'a SetErrors; 1],
 }
 
 #[derive(Serialize)]
@@ -36,7 +38,8 @@ struct SetErrors {
 }
 
 pub fn run(a: &Evaluate) -> Result<(), Failure> {
-    check_outputs([&a.predictions, &a.json])?;
+    let outputs = [a.predictions.as_deref(), a.json.as_deref()];
+    check_outputs(&outputs, &[&a.blob, &a.test])?;
     let loaded = LoadedBlob::read(&a.blob)?;
     let blob = loaded.blob();
     let set = measurements::read(&a.test)?;
@@ -73,18 +76,22 @@ pub fn run(a: &Evaluate) -> Result<(), Failure> {
         against_truth: set.has_truth().then(|| ErrorSummary::new(&truth)),
         flagged: predictions.iter().filter(|p| !p.status.is_ok()).count(),
     };
-    print(&result, blob.provenance.model, &predictions);
-    if let Some(path) = &a.predictions {
-        crate::output::write(path, to_csv(&predictions).as_bytes())?;
-    }
-    if let Some(path) = &a.json {
-        let document = Document {
-            version: env!("CARGO_PKG_VERSION"),
-            model: blob.provenance.model.to_owned(),
-            sets: vec![result],
-        };
-        write_json(path, &document)?;
-    }
+    let document = Document {
+        version: env!("CARGO_PKG_VERSION"),
+        model: blob.provenance.model,
+        sets: [&result],
+    };
+    let (csv, json) = (to_csv(&predictions), json_text(&document)?);
+    let mut files: Vec<(&Path, &[u8])> = Vec::new();
+    files.extend(a.predictions.as_deref().map(|path| (path, csv.as_bytes())));
+    files.extend(a.json.as_deref().map(|path| (path, json.as_bytes())));
+    write_outputs(&files)?;
+    print(
+        Report::beside(&outputs),
+        &result,
+        blob.provenance.model,
+        &predictions,
+    );
     Ok(())
 }
 
@@ -106,7 +113,11 @@ fn robot_of(blob: &Blob<'_>) -> Robot {
             .iter()
             .map(|f| Pose::<f32>::from_rows(f).cast())
             .collect(),
-        coupling: None,
+        coupling: (!blob.robot.coupling.is_empty()).then(|| {
+            let rows = blob.robot.coupling.chunks(blob.robot.joints.len());
+            rows.map(|row| row.iter().map(|c| f64::from(*c)).collect())
+                .collect()
+        }),
     }
 }
 
@@ -121,11 +132,11 @@ fn errors(
         .collect()
 }
 
-fn print(set: &SetErrors, model: &str, predictions: &[Prediction]) {
-    println!(
+fn print(report: Report, set: &SetErrors, model: &str, predictions: &[Prediction]) {
+    report.line(format_args!(
         "Model `{model}` on {} poses: position in mm, orientation in mrad.\n",
         set.errors.poses
-    );
+    ));
     let row = |name: &str, e: &ErrorSummary| {
         let mut row = vec![name.to_owned()];
         let p = &e.position_mm;
@@ -139,7 +150,7 @@ fn print(set: &SetErrors, model: &str, predictions: &[Prediction]) {
             .as_ref()
             .map(|e| row("noiseless truth", e)),
     );
-    table::print(
+    report.table(
         &[
             "against",
             "mean",
@@ -162,10 +173,10 @@ fn print(set: &SetErrors, model: &str, predictions: &[Prediction]) {
             .filter(|p| p.status.contains(status))
             .count();
         if count > 0 {
-            println!(
+            report.line(format_args!(
                 "{count} of {} predictions are flagged `{status}`.",
                 predictions.len()
-            );
+            ));
         }
     }
 }

@@ -6,20 +6,20 @@ use poegp_runtime::se3::Pose;
 use serde_json::{Value, json};
 
 use super::arguments::Inspect;
-use super::{Failure, check_outputs, table, write_json};
+use super::report::Report;
+use super::{Failure, check_outputs, json_text, write_outputs};
 use crate::loaded::LoadedBlob;
 
 pub fn run(a: &Inspect) -> Result<(), Failure> {
-    check_outputs([&a.json])?;
+    let output = [a.json.as_deref()];
+    check_outputs(&output, &[&a.blob])?;
     let loaded = LoadedBlob::read(&a.blob)?;
     let document = document(&loaded);
-    if a.json.as_deref() != Some(std::path::Path::new("-")) {
-        print(&loaded, &document);
+    if let Some(path) = &a.json {
+        write_outputs(&[(path, json_text(&document)?.as_bytes())])?;
     }
-    match &a.json {
-        Some(path) => write_json(path, &document),
-        None => Ok(()),
-    }
+    print(Report::beside(&output), &loaded, &document);
+    Ok(())
 }
 
 fn document(loaded: &LoadedBlob) -> Value {
@@ -82,51 +82,51 @@ fn document(loaded: &LoadedBlob) -> Value {
     })
 }
 
-fn print(loaded: &LoadedBlob, document: &Value) {
+fn print(report: Report, loaded: &LoadedBlob, document: &Value) {
     let blob = loaded.blob();
     let text = |key: &str| document[key].as_str().unwrap_or("").to_owned();
     let serial = match blob.robot.serial_number {
         "" => String::new(),
         number => format!(", serial number {number}"),
     };
-    println!(
+    report.line(format_args!(
         "{}{serial}: model `{}`",
         blob.robot.name, blob.provenance.model
-    );
-    println!(
+    ));
+    report.line(format_args!(
         "  {} bytes, format {FORMAT_VERSION}, CRC {}; calibrated {} by trainer {} on {} poses",
         loaded.bytes().len(),
         text("crc"),
         text("date"),
         text("trainer_version"),
         blob.provenance.training_poses
-    );
-    println!("  data SHA-256 {}", text("data_sha256"));
+    ));
+    report.line(format_args!("  data SHA-256 {}", text("data_sha256")));
     if let Some((light, heavy)) = blob.ranges.payload_kg {
-        println!("  payload trained from {light} to {heavy} kg");
+        report.line(format_args!("  payload trained from {light} to {heavy} kg"));
     }
     if let Correction::TaskSpace(task) = &blob.correction {
-        println!(
+        report.line(format_args!(
             "  correction: Gaussian process of {} inputs, {} support points, bounded to {:.3} mm and {:.3} mrad",
             task.input_scale.len(),
             loaded.model().support(),
             1e3 * task.bound.position_m,
             1e3 * task.bound.angle_rad
-        );
+        ));
         for (i, h) in task.hyperparameters.iter().enumerate() {
             let which = if task.hyperparameters.len() == 1 {
                 "all outputs".to_owned()
             } else {
                 format!("output {}", i + 1)
             };
-            println!(
+            report.line(format_args!(
                 "    {which}: θ = {:.4e} {:.4e} {:.4e} {:.4e}, noise {:.4e}",
                 h[0], h[1], h[2], h[3], h[4]
-            );
+            ));
         }
     }
     if let Correction::Elastic(elastic) = &blob.correction {
-        println!(
+        report.line(format_args!(
             "  correction: elastic joints, {} support points{}, bounded to {:.3} mm and {:.3} mrad",
             loaded.model().support(),
             if elastic.tied {
@@ -136,18 +136,18 @@ fn print(loaded: &LoadedBlob, document: &Value) {
             },
             1e3 * elastic.bound.position_m,
             1e3 * elastic.bound.angle_rad
-        );
+        ));
         for r in &elastic.ripple {
             let amplitude = 1e6 * r.sin.hypot(r.cos);
-            println!(
+            report.line(format_args!(
                 "    gear ripple of joint {}: {:.1} cycles per turn, {amplitude:.0} µrad",
                 r.joint + 1,
                 r.cycles
-            );
+            ));
         }
     }
-    println!();
-    print_joints(&blob);
+    report.line("");
+    print_joints(report, &blob);
     for (name, pose) in [
         ("instrument_from_base", &blob.geometry.instrument_from_base),
         ("flange_from_target", &blob.geometry.flange_from_target),
@@ -155,14 +155,14 @@ fn print(loaded: &LoadedBlob, document: &Value) {
         let pose = Pose::from_rows(pose);
         let (w, v) = pose.quaternion();
         let t = 1e3 * pose.translation;
-        println!(
+        report.line(format_args!(
             "  {name}: {:.3} {:.3} {:.3} mm, quaternion {w:.6} {:.6} {:.6} {:.6}",
             t[0], t[1], t[2], v[0], v[1], v[2]
-        );
+        ));
     }
 }
 
-fn print_joints(blob: &Blob<'_>) {
+fn print_joints(report: Report, blob: &Blob<'_>) {
     let mut rows = Vec::new();
     for (i, (joint, (lower, upper))) in blob
         .robot
@@ -187,6 +187,6 @@ fn print_joints(blob: &Blob<'_>) {
             trained,
         ]);
     }
-    table::print(&["joint", "unit", "limits", "trained"], &rows);
-    println!();
+    report.table(&["joint", "unit", "limits", "trained"], &rows);
+    report.line("");
 }

@@ -9,11 +9,13 @@ mod demo;
 mod evaluate;
 mod inspect;
 mod progress;
+mod report;
 mod simulate;
 mod table;
 
 use std::ffi::OsString;
-use std::path::{Path, PathBuf};
+use std::io::Write;
+use std::path::Path;
 use std::process::ExitCode;
 
 use clap::Parser;
@@ -23,9 +25,11 @@ use crate::calibration::frames::Sample;
 use crate::calibration::{CalibrationError, Method, fewest_poses};
 use crate::error::InputError;
 use crate::export::{DeviceError, ExportError, Origin, nominal_chain};
+use crate::loaded::HOST_SUPPORT;
 use crate::measurements::{self, MeasurementSet};
 use crate::robot::Robot;
 use arguments::{Arguments, Command};
+use report::is_stdout;
 
 /// Everything that ends a command early.
 #[derive(Debug, thiserror::Error)]
@@ -152,6 +156,12 @@ fn calibration_failure(path: &Path, error: &CalibrationError) -> Failure {
 fn device_failure(path: &Path, error: DeviceError) -> Failure {
     match error {
         DeviceError::Calibration(error) => calibration_failure(path, &error),
+        DeviceError::Export(ExportError::TooManyPoints { found }) => InputError::new(
+            path,
+            format!("{found} poses"),
+            format!("at most {HOST_SUPPORT}: every pose is a point of the Gaussian process"),
+        )
+        .into(),
         DeviceError::Export(error) => error.into(),
     }
 }
@@ -171,20 +181,52 @@ fn origin(data_sha256: [u8; 32], serial_number: &str) -> Origin {
     }
 }
 
-/// Writes a JSON document (`-` is standard output).
-fn write_json(path: &Path, document: &impl serde::Serialize) -> Result<(), Failure> {
+/// A JSON document as text.
+fn json_text(document: &impl serde::Serialize) -> Result<String, Failure> {
     let text = serde_json::to_string_pretty(document).map_err(|e| Failure::Usage(e.to_string()))?;
-    if path == Path::new("-") {
-        println!("{text}");
-        return Ok(());
-    }
-    Ok(crate::output::write(path, format!("{text}\n").as_bytes())?)
+    Ok(text + "\n")
 }
 
-/// Refuses outputs that cannot be written, before the work.
-fn check_outputs<'a>(paths: impl IntoIterator<Item = &'a Option<PathBuf>>) -> Result<(), Failure> {
-    for path in paths.into_iter().flatten().filter(|p| *p != Path::new("-")) {
+/// Writes all outputs of a command or none; `-` is standard output.
+fn write_outputs(outputs: &[(&Path, &[u8])]) -> Result<(), Failure> {
+    let (stdout, files): (Vec<_>, Vec<_>) = outputs.iter().partition(|(path, _)| is_stdout(path));
+    crate::output::write_all(&files)?;
+    for (_, bytes) in stdout {
+        let mut out = std::io::stdout();
+        out.write_all(bytes)
+            .and_then(|()| out.flush())
+            .map_err(|error| {
+                InputError::new(
+                    "<standard output>",
+                    format!("a place that cannot be written ({error})"),
+                    "a reader of the JSON document",
+                )
+            })?;
+    }
+    Ok(())
+}
+
+/// Refuses outputs that cannot be written, that are one file, or that would overwrite an input, before the work.
+fn check_outputs(outputs: &[Option<&Path>], inputs: &[&Path]) -> Result<(), Failure> {
+    let outputs: Vec<&Path> = outputs.iter().flatten().copied().collect();
+    for (i, path) in outputs.iter().enumerate() {
+        if outputs[..i].contains(path) {
+            let found = "two outputs in one file";
+            return Err(InputError::new(path, found, "a file for each output").into());
+        }
+        if is_stdout(path) {
+            continue;
+        }
         crate::output::check(path)?;
+        let place = std::fs::canonicalize(path);
+        if place.is_ok_and(|place| {
+            inputs
+                .iter()
+                .any(|input| std::fs::canonicalize(input).is_ok_and(|input| input == place))
+        }) {
+            let found = "an input of this command";
+            return Err(InputError::new(path, found, "another file for the output").into());
+        }
     }
     Ok(())
 }

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use super::arguments::{self, Simulate};
+use super::report::Report;
 use super::{Arm, Failure};
 use crate::error::InputError;
 use crate::robot::Robot;
@@ -40,8 +41,12 @@ pub fn run(a: &Simulate) -> Result<(), Failure> {
         &a.out,
         &format!("simulated {} (seed {})", arm.robot.name, a.seed),
     )?;
+    let report = Report::beside(&[]);
     for (file, poses) in files {
-        println!("Wrote {} ({poses} poses).", a.out.join(file).display());
+        report.line(format_args!(
+            "Wrote {} ({poses} poses).",
+            a.out.join(file).display()
+        ));
     }
     Ok(())
 }

@@ -1,7 +1,7 @@
 //! Plain tables for a terminal: columns aligned, the first to the left.
 
-/// Prints `rows` under `header`.
-pub fn print(header: &[&str], rows: &[Vec<String>]) {
+/// The lines of `rows` under `header`.
+pub fn lines(header: &[&str], rows: &[Vec<String>]) -> Vec<String> {
     let width = |c: usize| {
         let cells = rows
             .iter()
@@ -22,14 +22,13 @@ pub fn print(header: &[&str], rows: &[Vec<String>]) {
             };
             out += " ";
         }
-        println!("{}", out.trim_end());
+        out.trim_end().to_owned()
     };
-    line(&mut header.iter().copied());
-    println!(
-        "  {}",
-        "-".repeat(widths.iter().sum::<usize>() + 2 * (widths.len() - 1))
+    let rule = "-".repeat(widths.iter().sum::<usize>() + 2 * (widths.len() - 1));
+    let mut out = vec![line(&mut header.iter().copied()), format!("  {rule}")];
+    out.extend(
+        rows.iter()
+            .map(|row| line(&mut row.iter().map(String::as_str))),
     );
-    for row in rows {
-        line(&mut row.iter().map(String::as_str));
-    }
+    out
 }

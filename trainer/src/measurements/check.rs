@@ -31,7 +31,8 @@ impl MeasurementSet {
     /// # Errors
     ///
     /// An [`InputError`] where the number of joints is another, the unit of a joint's column does not fit its kind, or a
-    /// value is beyond the joint's limits by more than a tenth of its range and a degree (or a millimetre).
+    /// value is beyond the joint's limits by more than a tenth of its range and a degree (or a millimetre); of a
+    /// coupled joint, both as the controller and as the chain counts it.
     pub fn check(&self, robot: &Robot) -> Result<Vec<String>, InputError> {
         self.check_columns(robot)?;
         let mut notes = Vec::new();
@@ -101,12 +102,17 @@ impl MeasurementSet {
                 JointKind::Prismatic => MARGIN_PRISMATIC,
             };
         let within = |value: f64| lower - margin <= value && value <= upper + margin;
+        // Makers state the limits of a coupled joint now for the controller's value, now for the chain's.
+        let in_chain = |joints: &[f64]| {
+            let row = robot.coupling.as_ref().and_then(|rows| rows.get(i))?;
+            Some(row.iter().zip(joints).map(|(c, q)| c * q).sum::<f64>())
+        };
         let mut beyond = Vec::new();
         for measurement in &self.measurements {
             let Some(value) = measurement.joints.get(i).copied() else {
                 continue;
             };
-            if within(value) {
+            if within(value) || in_chain(&measurement.joints).is_some_and(within) {
                 // Rounding of a description in degrees is no news.
                 if value < lower - 1e-4 || value > upper + 1e-4 {
                     beyond.push(measurement.line.to_string());

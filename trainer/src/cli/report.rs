@@ -1,0 +1,45 @@
+//! What a command says to a person.
+//!
+//! On standard output, unless an output `-` (`--json -`) gives that to another program: then on standard error, so that
+//! standard output is one document and nothing else. A reader that has gone away (`| head`) is no failure.
+
+use std::fmt::Display;
+use std::io::Write;
+use std::path::Path;
+
+use super::table;
+
+/// Where to say it.
+#[derive(Clone, Copy)]
+pub struct Report {
+    on_stderr: bool,
+}
+
+/// Whether `path` is standard output.
+pub fn is_stdout(path: &Path) -> bool {
+    path == Path::new("-") || path == Path::new("/dev/stdout")
+}
+
+impl Report {
+    /// Beside what goes to `outputs`.
+    pub fn beside(outputs: &[Option<&Path>]) -> Self {
+        Self {
+            on_stderr: outputs.iter().flatten().any(|path| is_stdout(path)),
+        }
+    }
+
+    /// Says one line, or several.
+    pub fn line(self, text: impl Display) {
+        // Nobody is left to be told when this fails.
+        let _ = if self.on_stderr {
+            writeln!(std::io::stderr(), "{text}")
+        } else {
+            writeln!(std::io::stdout(), "{text}")
+        };
+    }
+
+    /// Says `rows` under `header`.
+    pub fn table(self, header: &[&str], rows: &[Vec<String>]) {
+        self.line(table::lines(header, rows).join("\n"));
+    }
+}

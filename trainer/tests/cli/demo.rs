@@ -1,0 +1,45 @@
+//! The demonstration, as a stranger runs it.
+
+use serde_json::Value;
+
+use crate::program::Folder;
+
+#[test]
+fn everything_that_it_names_is_written_and_works() {
+    let folder = Folder::new();
+    let outcome = folder.run("demo").ok();
+    for word in ["Table I", "87.5 / 71.3 / 63.1 %", "POE + GP with loading"] {
+        assert!(outcome.stdout.contains(word), "{word}: {outcome:#?}");
+    }
+    let files = [
+        "arm.blob",
+        "compare.json",
+        "predictions.csv",
+        "test1.csv",
+        "test2.csv",
+        "test3.csv",
+        "train.csv",
+    ];
+    for file in files {
+        assert!(outcome.stdout.contains(file), "{file}: {outcome:#?}");
+        assert!(folder.path("demo").join(file).is_file(), "{file}");
+    }
+    assert_eq!(
+        std::fs::read_dir(folder.path("demo")).unwrap().count(),
+        files.len()
+    );
+
+    // The table is what the blob, read back by another run, has.
+    let mean = |set: &Value| set["position_mm"]["mean"].as_f64().unwrap();
+    let compared = folder.json("demo/compare.json");
+    assert_eq!(compared["models"][3]["model"], "poe-gp-load");
+    for (i, test) in ["test1.csv", "test2.csv", "test3.csv"].iter().enumerate() {
+        let set = &compared["models"][3]["sets"][i];
+        assert_eq!(set["name"], *test);
+        let line = format!("evaluate demo/arm.blob demo/{test} --json -");
+        let evaluated = folder.run(&line).ok().json();
+        assert_eq!(mean(&evaluated["sets"][0]), mean(set), "{test}");
+        assert!(outcome.stdout.contains(&format!("{:.2}", mean(set))));
+    }
+    assert_eq!(folder.text("demo/predictions.csv").lines().count(), 101);
+}

@@ -1,0 +1,102 @@
+//! What the program says about itself.
+
+use crate::program::Folder;
+
+const ROBOT: [&str; 3] = ["--robot", "--base", "--tip"];
+const FIT: [&str; 2] = ["--per-output", "--weighted"];
+
+#[test]
+fn every_option_is_in_the_help() {
+    let folder = Folder::new();
+    let commands: [(&str, Vec<&str>); 6] = [
+        (
+            "simulate",
+            [
+                &ROBOT[..],
+                &[
+                    "--poses",
+                    "--test-sets",
+                    "--test-poses",
+                    "--payloads",
+                    "--scenario",
+                    "--seed",
+                    "--out",
+                ],
+            ]
+            .concat(),
+        ),
+        (
+            "calibrate",
+            [
+                &ROBOT[..],
+                &FIT,
+                &[
+                    "<TRAIN>",
+                    "--model",
+                    "--serial-number",
+                    "--max-correction-mm",
+                    "--max-correction-mrad",
+                    "--out",
+                    "--json",
+                ],
+            ]
+            .concat(),
+        ),
+        (
+            "evaluate",
+            vec!["<BLOB>", "<TEST>", "--predictions", "--json"],
+        ),
+        (
+            "compare",
+            [
+                &ROBOT[..],
+                &FIT,
+                &[
+                    "<TRAIN>", "--test", "--models", "--folds", "--seed", "--json",
+                ],
+            ]
+            .concat(),
+        ),
+        ("inspect", vec!["<BLOB>", "--json"]),
+        ("demo", vec!["--seed", "--out"]),
+    ];
+    let overview = folder.run("--help").ok().stdout;
+    assert!(overview.contains("Exit codes: 0 done, 1 a quality bound was not met, 2 usage"));
+    for (command, options) in commands {
+        assert!(overview.contains(command), "{command}");
+        let help = folder.run(&format!("{command} --help")).ok().stdout;
+        for option in options {
+            assert!(help.contains(option), "{command}: {option}\n{help}");
+        }
+    }
+    let models = folder.run("calibrate --help").ok().stdout;
+    for model in ["base-tool", "poe", "poe-gp", "poe-gp-load"] {
+        assert!(models.contains(model), "{model}");
+    }
+    let version = folder.run("--version").ok().stdout;
+    assert_eq!(version, format!("trainer {}\n", env!("CARGO_PKG_VERSION")));
+}
+
+#[test]
+fn what_cannot_be_meant_is_a_usage_error() {
+    let folder = Folder::new();
+    for line in [
+        "",
+        "calibrat",
+        "calibrate",
+        "compare --robot ur5",
+        "compare --robot ur5 train.csv --models gp",
+        "compare --robot ur5 train.csv --folds 1",
+        "compare --robot ur5 train.csv --folds -3",
+        "calibrate --robot ur5 train.csv --model poe --out a.blob --max-correction-mm 0",
+        "calibrate --robot ur5 train.csv --model poe --out a.blob --max-correction-mrad nan",
+        "simulate --robot ur5 --poses 0 --out a",
+        "simulate --robot ur5 --payloads 1,-2 --out a",
+        "simulate --robot ur5 --payloads 1,nan --out a",
+        "inspect a.blob b.blob",
+    ] {
+        let outcome = folder.run(line).refused(&[]);
+        assert!(!outcome.stderr.is_empty(), "{line}");
+        assert!(folder.names().is_empty(), "{line}");
+    }
+}

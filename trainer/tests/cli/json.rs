@@ -1,0 +1,116 @@
+//! The shapes that other programs rely on.
+
+use serde_json::Value;
+
+use crate::program::{Folder, SERIAL, simulated};
+
+/// Names of an object's members, sorted.
+fn keys(value: &Value) -> Vec<&str> {
+    let mut keys: Vec<&str> = value
+        .as_object()
+        .unwrap()
+        .keys()
+        .map(String::as_str)
+        .collect();
+    keys.sort_unstable();
+    keys
+}
+
+/// `poses`, and the five figures of position and orientation, in a sensible order.
+#[track_caller]
+fn check_errors(errors: &Value, poses: usize) {
+    assert_eq!(errors["poses"], poses, "{errors}");
+    for quantity in ["position_mm", "orientation_mrad"] {
+        let figures = &errors[quantity];
+        assert_eq!(keys(figures), ["max", "mean", "median", "p95", "rms"]);
+        let of = |name: &str| figures[name].as_f64().unwrap();
+        assert!(of("mean") > 0.0 && of("mean") <= of("rms"), "{figures}");
+        assert!(of("median") <= of("p95") && of("p95") <= of("max"));
+        assert!(of("rms") <= of("max"));
+    }
+}
+
+#[test]
+fn compare() {
+    let folder = Folder::new();
+    folder.write("train.csv", simulated("train", 40));
+    for set in ["test1", "test2"] {
+        folder.write(&format!("{set}.csv"), simulated(set, 15));
+    }
+    let sets = "--test test1.csv --test test2.csv";
+    let line = format!("compare --robot {SERIAL} train.csv {sets} --folds 4 --json out.json");
+    folder.run(&line).ok();
+    let document = folder.json("out.json");
+    assert_eq!(document["version"], env!("CARGO_PKG_VERSION"));
+    let models = document["models"].as_array().unwrap();
+    let names = ["base-tool", "poe", "poe-gp", "poe-gp-load"];
+    assert_eq!(models.len(), names.len());
+    for (model, name) in models.iter().zip(names) {
+        assert_eq!(model["model"], name);
+        check_errors(&model["cross_validation"], 40);
+        let sets = model["sets"].as_array().unwrap();
+        assert_eq!(sets.len(), 2);
+        for (set, name) in sets.iter().zip(["test1.csv", "test2.csv"]) {
+            assert_eq!(set["name"], name);
+            check_errors(set, 15);
+        }
+    }
+    // The name of a model is what --models takes, whatever the flags.
+    let flags = "--models poe-gp,poe --per-output --weighted --folds 0";
+    let line = format!("compare --robot {SERIAL} train.csv {sets} {flags} --json -");
+    let document = folder.run(&line).ok().json();
+    assert_eq!(document["models"][0]["model"], "poe-gp");
+    assert_eq!(document["models"][1]["model"], "poe");
+    assert_eq!(document["per_output"], true);
+    assert_eq!(document["weighted"], true);
+    assert_eq!(document["models"][0]["sets"][1]["poses"], 15);
+}
+
+#[test]
+fn calibrate_evaluate_and_inspect() {
+    let folder = Folder::new();
+    folder.write("train.csv", simulated("train", 40));
+    folder.write("test.csv", simulated("test1", 15));
+    for (flags, sets) in [("", 1), ("--per-output", 6)] {
+        let line = format!(
+            "calibrate --robot {SERIAL} train.csv --model poe-gp-load {flags} --serial-number A7 \
+             --max-correction-mm 4 --max-correction-mrad 3 --out arm.blob --json -"
+        );
+        let document = folder.run(&line).ok().json();
+        assert_eq!(document["version"], env!("CARGO_PKG_VERSION"));
+        assert_eq!(document["model"], "poe-gp-load");
+        check_errors(&document["training"], 40);
+        assert_eq!(document["step1"]["parameters"], 42);
+        assert_eq!(document["step1"]["identifiable"], 30);
+        assert_eq!(document["hyperparameters"].as_array().unwrap().len(), sets);
+        assert_eq!(
+            (&document["bound_mm"], &document["bound_mrad"]),
+            (&4.0.into(), &3.0.into())
+        );
+
+        let facts = folder.run("inspect arm.blob --json -").ok().json();
+        assert_eq!(facts["version"], env!("CARGO_PKG_VERSION"));
+        assert_eq!(facts["model"], "poe-gp-load");
+        assert_eq!(facts["robot"]["name"], SERIAL);
+        assert_eq!(facts["robot"]["serial_number"], "A7");
+        assert_eq!(facts["robot"]["joints"].as_array().unwrap().len(), 6);
+        assert_eq!(facts["training_poses"], 40);
+        assert_eq!(facts["date"], "2023-11-14");
+        assert_eq!(facts["correction"]["inputs"], 7);
+        assert_eq!(facts["correction"]["support_points"], 40);
+        let text = folder.run("inspect arm.blob").ok().stdout;
+        for word in ["serial number A7", "payload trained", "CRC"] {
+            assert!(text.contains(word), "{text}");
+        }
+
+        let line = "evaluate arm.blob test.csv --json -";
+        let document = folder.run(line).ok().json();
+        assert_eq!(document["version"], env!("CARGO_PKG_VERSION"));
+        assert_eq!(document["model"], "poe-gp-load");
+        let sets = document["sets"].as_array().unwrap();
+        assert_eq!(sets.len(), 1);
+        assert_eq!(sets[0]["name"], "test.csv");
+        check_errors(&sets[0], 15);
+        check_errors(&sets[0]["against_truth"], 15);
+    }
+}

@@ -1,0 +1,186 @@
+//! Runs the program in a folder of its own.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use serde_json::Value;
+use tempfile::TempDir;
+
+/// The plain chain that the simulated sets are of.
+pub const SERIAL: &str = "abb-irb4400-serial";
+
+/// How a run ended.
+#[derive(Debug)]
+pub struct Outcome {
+    pub code: Option<i32>,
+    pub stdout: String,
+    pub stderr: String,
+}
+
+impl Outcome {
+    /// Done.
+    #[track_caller]
+    pub fn ok(self) -> Self {
+        assert_eq!(self.code, Some(0), "{self:#?}");
+        self
+    }
+
+    /// Refused with exit code 2; the message has every one of `parts` and nothing is on standard output.
+    #[track_caller]
+    pub fn refused(self, parts: &[&str]) -> Self {
+        assert_eq!(self.code, Some(2), "{self:#?}");
+        assert!(self.stdout.is_empty(), "{self:#?}");
+        assert!(!self.stderr.contains("panicked"), "{self:#?}");
+        for part in parts {
+            assert!(
+                self.stderr.contains(part),
+                "{part:?} is not in\n{}",
+                self.stderr
+            );
+        }
+        self
+    }
+
+    /// Standard output as JSON: it is that and nothing else.
+    #[track_caller]
+    pub fn json(&self) -> Value {
+        serde_json::from_str(&self.stdout).unwrap_or_else(|e| panic!("{e}: {self:#?}"))
+    }
+}
+
+/// A folder to work in, removed at the end.
+pub struct Folder(TempDir);
+
+impl Folder {
+    pub fn new() -> Self {
+        Self(tempfile::tempdir().unwrap())
+    }
+
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    /// Writes a file and returns its name.
+    pub fn write<'a>(&self, name: &'a str, bytes: impl AsRef<[u8]>) -> &'a str {
+        std::fs::write(self.path(name), bytes).unwrap();
+        name
+    }
+
+    pub fn read(&self, name: &str) -> Vec<u8> {
+        std::fs::read(self.path(name)).unwrap()
+    }
+
+    pub fn text(&self, name: &str) -> String {
+        String::from_utf8(self.read(name)).unwrap()
+    }
+
+    pub fn json(&self, name: &str) -> Value {
+        serde_json::from_slice(&self.read(name)).unwrap()
+    }
+
+    /// The names of everything in the folder, sorted.
+    pub fn names(&self) -> Vec<String> {
+        let mut names: Vec<String> = std::fs::read_dir(self.0.path())
+            .unwrap()
+            .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+            .collect();
+        names.sort();
+        names
+    }
+
+    /// Runs `trainer` here with the words of `line`.
+    pub fn run(&self, line: &str) -> Outcome {
+        self.run_dated(line, "1700000000")
+    }
+
+    /// The same on the day of `source_date_epoch`.
+    pub fn run_dated(&self, line: &str, source_date_epoch: &str) -> Outcome {
+        self.finish(
+            self.command(line)
+                .env("SOURCE_DATE_EPOCH", source_date_epoch),
+        )
+    }
+
+    /// The same with standard output going to `device`.
+    #[cfg(target_os = "linux")]
+    pub fn run_into(&self, line: &str, device: &str) -> Outcome {
+        let device = std::fs::OpenOptions::new().write(true).open(device);
+        self.finish(self.command(line).stdout(device.unwrap()))
+    }
+
+    fn command(&self, line: &str) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_trainer"));
+        command
+            .args(line.split_whitespace())
+            .current_dir(self.0.path());
+        command
+    }
+
+    fn finish(&self, command: &mut Command) -> Outcome {
+        let output = command.output().unwrap();
+        Outcome {
+            code: output.status.code(),
+            stdout: String::from_utf8(output.stdout).unwrap(),
+            stderr: String::from_utf8(output.stderr).unwrap(),
+        }
+    }
+}
+
+/// A file of `tests/data`.
+pub fn data(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../tests/data")
+        .join(name)
+}
+
+/// One of the simulated sets (`train`, `test1`, `test2`, `test3`), its header and first `poses` rows.
+pub fn simulated(set: &str, poses: usize) -> String {
+    let path = data(&format!("simulated/irb4400_paper_s0_{set}.csv"));
+    let text = std::fs::read_to_string(path).unwrap();
+    let lines: Vec<&str> = text.lines().take(1 + poses).collect();
+    lines.join("\n") + "\n"
+}
+
+/// `csv` with every row passed through `change`: the fields, and the names of the columns.
+pub fn changed(csv: &str, mut change: impl FnMut(&[&str], &mut Vec<String>)) -> String {
+    let mut lines = csv.lines();
+    let header = lines.next().unwrap();
+    let names: Vec<&str> = header.split(',').collect();
+    let mut out = header.to_owned() + "\n";
+    for line in lines {
+        let mut fields: Vec<String> = line.split(',').map(str::to_owned).collect();
+        change(&names, &mut fields);
+        out += &fields.join(",");
+        out.push('\n');
+    }
+    out
+}
+
+/// `csv` without the columns `dropped`.
+pub fn without(csv: &str, dropped: &[&str]) -> String {
+    let names: Vec<&str> = csv.lines().next().unwrap().split(',').collect();
+    let mut out = String::new();
+    for line in csv.lines() {
+        let kept: Vec<&str> = line
+            .split(',')
+            .zip(&names)
+            .filter(|(_, name)| !dropped.contains(name))
+            .map(|(field, _)| field)
+            .collect();
+        out += &kept.join(",");
+        out.push('\n');
+    }
+    out
+}
+
+/// `csv` with `field` in column `name` of the row on line `line` (from 1, the header's).
+pub fn with_field(csv: &str, line: usize, name: &str, field: &str) -> String {
+    let mut at = 1;
+    changed(csv, |names, fields| {
+        at += 1;
+        if at == line {
+            let column = names.iter().position(|n| *n == name).unwrap();
+            fields[column] = field.to_owned();
+        }
+    })
+}

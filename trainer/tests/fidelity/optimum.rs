@@ -1,0 +1,64 @@
+//! Base-tool, step 1 and the largest likelihood on a whole training set, against numpy, scipy and scikit-learn.
+
+use faer::Mat;
+use poegp_protocol::limits::OUTPUTS;
+use poegp_runtime::se3::residual;
+use poegp_trainer::calibration::{Method, Options, calibrate, in_base_frame};
+use poegp_trainer::gp::fit::{MAX_SIGNAL_VARIANCE, maximise_likelihood};
+use poegp_trainer::gp::{Pairs, input, scale_outputs};
+
+use crate::json::{array, largest_difference, list, parse};
+use crate::{say, sets};
+
+const OPTIMUM: &str = include_str!("../../../tests/data/vectors/gp_optimum.json");
+/// Nats per pose and output that our optimum may be below scikit-learn's.
+const WORSE: f64 = 1e-3;
+
+#[test]
+fn residuals_after_step_1_are_numpys() {
+    let (robot, nominal) = sets::arm();
+    let train = sets::simulated(&robot, "train");
+    let theirs: Vec<[f64; OUTPUTS]> = list(&parse(OPTIMUM)["residuals"])
+        .iter()
+        .map(array)
+        .collect();
+    let found = calibrate(&nominal, &train, &Options::new(Method::Poe)).unwrap();
+    let ours: Vec<[f64; OUTPUTS]> = in_base_frame(&train, &found.base_tool.instrument_from_base)
+        .iter()
+        .map(|s| residual(&s.measured, &found.calibrated.forward(&s.serial)).to_array())
+        .collect();
+    let worst = largest_difference(ours.as_flattened(), theirs.as_flattened());
+    say(format_args!(
+        "residuals of 300 poses after base-tool and step 1: {worst:.1e} m and rad from numpy's"
+    ));
+    assert!(worst <= 1e-8, "{worst:e}");
+}
+
+#[test]
+fn the_optimum_is_as_likely_as_scikit_learns() {
+    let (robot, _) = sets::arm();
+    let inputs: Vec<Vec<f64>> = sets::simulated(&robot, "train")
+        .iter()
+        .map(|s| input(&s.joints, s.payload_kg))
+        .collect();
+    let file = parse(OPTIMUM);
+    let residuals: Vec<[f64; OUTPUTS]> = list(&file["residuals"]).iter().map(array).collect();
+    let (_, scaled) = scale_outputs(&residuals);
+    let pairs = Pairs::new(&inputs);
+    let check = |name: &str, outputs: &Mat<f64>, reference: &serde_json::Value| {
+        let (found, ours) = maximise_likelihood(&pairs, outputs, MAX_SIGNAL_VARIANCE);
+        let theirs = reference["log_likelihood"].as_f64().unwrap();
+        say(format_args!(
+            "{name}: log likelihood {ours:.4}, scikit-learn's {theirs:.4} at {:.3?}, ours at {:.3?}",
+            array::<5>(&reference["hyperparameters"]),
+            found.to_array()
+        ));
+        let values = (outputs.nrows() * outputs.ncols()) as f64;
+        assert!(ours >= theirs - WORSE * values, "{name}");
+    };
+    check("all outputs", &scaled, &file["shared"]);
+    for (c, reference) in list(&file["per_output"]).iter().enumerate() {
+        let column = Mat::from_fn(scaled.nrows(), 1, |i, _| scaled[(i, c)]);
+        check(&format!("output {}", c + 1), &column, reference);
+    }
+}

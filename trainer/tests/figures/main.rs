@@ -1,0 +1,82 @@
+//! The figures of the README: the paper's Table I, ten simulated arms, and arms that others measured.
+//!
+//! Each test prints what it measured, whether or not it passes.
+
+mod measured;
+mod paper;
+mod ten_seeds;
+
+use std::fmt::Display;
+use std::io::Write;
+use std::path::Path;
+
+use poegp_runtime::poe::Poe;
+use poegp_trainer::calibration::frames::Sample;
+use poegp_trainer::calibration::{Method, Options};
+use poegp_trainer::compare::{ModelComparison, Task, TestSet};
+use poegp_trainer::export::{Origin, nominal_chain};
+use poegp_trainer::gp::fit::Sharing;
+use poegp_trainer::robot::{LoadOptions, Robot};
+
+/// Shows a measured number: to the terminal, past what the test harness captures.
+fn say(text: impl Display) {
+    let _ = writeln!(std::io::stderr(), "{text}");
+}
+
+/// A built-in robot with its chain.
+fn arm(name: &str) -> (Robot, Poe<f64>) {
+    let robot = Robot::load(name, &LoadOptions::default()).unwrap();
+    let nominal = nominal_chain(&robot).unwrap();
+    (robot, nominal)
+}
+
+/// The samples of a measurement file.
+fn samples(path: &Path, robot: &Robot) -> Vec<Sample> {
+    let set = poegp_trainer::measurements::read(path).unwrap_or_else(|e| panic!("{e}"));
+    set.check(robot).unwrap_or_else(|e| panic!("{e}"));
+    poegp_trainer::samples::samples(&set, robot).unwrap_or_else(|e| panic!("{e}"))
+}
+
+/// `method` with hyperparameters per output.
+fn per_output(method: Method) -> Options {
+    Options {
+        sharing: Sharing::PerOutput,
+        ..Options::new(method)
+    }
+}
+
+/// Held-out errors by the way of `trainer compare`.
+fn compare(
+    (robot, nominal): &(Robot, Poe<f64>),
+    train: &[Sample],
+    tests: &[TestSet],
+    folds: usize,
+    options: &Options,
+) -> ModelComparison {
+    let origin = Origin {
+        serial_number: String::new(),
+        date: "2026-11-20".to_owned(),
+        data_sha256: [0; 32],
+    };
+    let task = Task {
+        robot,
+        nominal,
+        train,
+        tests,
+        folds,
+        seed: 1,
+        origin: &origin,
+    };
+    task.run(options, &mut || {})
+        .unwrap_or_else(|e| panic!("{e}"))
+}
+
+/// Mean position error in mm over all sets, pose by pose.
+fn mean(found: &ModelComparison) -> f64 {
+    let (mut sum, mut poses) = (0.0, 0);
+    for set in &found.sets {
+        sum += set.errors.position_mm.mean * set.errors.poses as f64;
+        poses += set.errors.poses;
+    }
+    sum / poses as f64
+}
