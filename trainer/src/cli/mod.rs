@@ -1,4 +1,4 @@
-//! The command line: what was typed ([`arguments`]) becomes what is done (one file for each command).
+//! The command line: what was typed (`arguments`) becomes what is done (one file for each command).
 //!
 //! Exit codes: 0 done, 1 a quality bound was not met, 2 usage or input error. Errors are printed once, here.
 

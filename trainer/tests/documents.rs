@@ -1,0 +1,194 @@
+//! The documents of the workspace: what they tell the reader to type works, and what they link to is there.
+//!
+//! A fenced block after one of these comments, which a browser does not show, is part of the test:
+//!
+//! ```text
+//! <!-- test: file NAME -->       the block is written to NAME
+//! <!-- test: run -->             lines that start with "trainer" or "$ trainer" are run, in order
+//! <!-- test: run, exit 2 -->     the same, and the program must end so; other lines must be part of what it prints
+//! ```
+//!
+//! All blocks of a document share one new folder. There is no shell: no quotes, pipes or variables.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// A fenced block that is part of the test.
+struct Block {
+    /// What the comment says after "test: ".
+    instruction: String,
+    /// Line of the comment, from 1.
+    line: usize,
+    text: String,
+}
+
+fn workspace() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .parent()
+        .expect("the package lies in the workspace")
+}
+
+fn document(name: &str) -> String {
+    fs::read_to_string(workspace().join(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
+}
+
+fn blocks(name: &str) -> Vec<Block> {
+    let text = document(name);
+    let mut lines = text.lines().enumerate();
+    let mut blocks = Vec::new();
+    while let Some((index, line)) = lines.next() {
+        let Some(instruction) = line
+            .strip_prefix("<!-- test: ")
+            .and_then(|rest| rest.strip_suffix(" -->"))
+        else {
+            continue;
+        };
+        let fence = lines.next().map_or("", |(_, line)| line);
+        assert!(fence.starts_with("```"), "{name}:{}: no block", index + 2);
+        let inside = lines.by_ref().take_while(|(_, line)| *line != "```");
+        blocks.push(Block {
+            instruction: instruction.to_owned(),
+            line: index + 1,
+            text: inside.map(|(_, line)| format!("{line}\n")).collect(),
+        });
+    }
+    assert!(!blocks.is_empty(), "{name} has no block to test");
+    blocks
+}
+
+/// Runs every block of a document and returns the folder.
+fn run(name: &str) -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name.replace(['/', '.'], "_"));
+    if folder.exists() {
+        fs::remove_dir_all(&folder).unwrap();
+    }
+    fs::create_dir_all(&folder).unwrap();
+    for block in blocks(name) {
+        let place = format!("{name}:{}", block.line);
+        match block.instruction.split_once(' ') {
+            Some(("file", file)) => fs::write(folder.join(file), &block.text).unwrap(),
+            None if block.instruction == "run" => run_block(&block, &folder, 0, &place),
+            Some(("run,", exit)) => {
+                let code = exit.strip_prefix("exit ").and_then(|c| c.parse().ok());
+                let code = code.unwrap_or_else(|| panic!("{place}: {exit:?}"));
+                run_block(&block, &folder, code, &place);
+            }
+            _ => panic!("{place}: unknown instruction {:?}", block.instruction),
+        }
+    }
+    folder
+}
+
+fn run_block(block: &Block, folder: &Path, exit: i32, place: &str) {
+    let (mut commands, mut printed) = (0, String::new());
+    for line in block.text.replace("\\\n", " ").lines() {
+        let typed = line.strip_prefix("$ ").unwrap_or(line);
+        let Some(arguments) = typed.strip_prefix("trainer ") else {
+            let is_output = !line.is_empty() && !line.starts_with('#');
+            assert!(
+                !is_output || printed.contains(line),
+                "{place}: {line:?} is not in\n{printed}"
+            );
+            continue;
+        };
+        assert!(
+            !typed.contains(['"', '\'', '|', '$', '>']),
+            "{place}: there is no shell for {typed:?}"
+        );
+        let output = Command::new(env!("CARGO_BIN_EXE_trainer"))
+            .args(arguments.split_whitespace())
+            .current_dir(folder)
+            .output()
+            .unwrap();
+        printed = String::from_utf8_lossy(&output.stdout).into_owned()
+            + &String::from_utf8_lossy(&output.stderr);
+        let code = output.status.code();
+        assert_eq!(code, Some(exit), "{place}: {typed}\n{printed}");
+        commands += 1;
+    }
+    assert!(commands > 0, "{place}: no command");
+}
+
+#[test]
+fn the_commands_of_the_readme_work() {
+    let folder = run("README.md");
+    for file in ["arm.blob", "compare.json", "predicted.csv", "errors.json"] {
+        assert!(folder.join(file).is_file(), "{file}");
+    }
+}
+
+/// x, y, z in mm of every row of a file of predictions.
+fn positions(file: &Path) -> Vec<[f64; 3]> {
+    let text = fs::read_to_string(file).unwrap();
+    let row = |line: &str| {
+        let mut fields = line.split(',').map(|field| field.parse().unwrap());
+        std::array::from_fn(|_| fields.next().unwrap())
+    };
+    text.lines().skip(1).map(row).collect()
+}
+
+#[test]
+fn the_examples_of_the_conventions_work_and_describe_one_arm_three_times() {
+    let folder = run("docs/conventions.md");
+    // By base-tool calibration: any other would fit the differences of the descriptions away.
+    let poe = positions(&folder.join("poe.csv"));
+    assert_eq!(poe.len(), 20);
+    for other in ["dh.csv", "modified-dh.csv"] {
+        for (a, b) in poe.iter().zip(positions(&folder.join(other))) {
+            let apart = (0..3).map(|i| (a[i] - b[i]).abs()).fold(0.0, f64::max);
+            assert!(apart < 2e-3, "{other}: {apart} mm apart");
+        }
+    }
+}
+
+/// The anchor that a heading gets: lower case, spaces to hyphens, punctuation gone.
+fn anchor(heading: &str) -> String {
+    let kept: String = heading
+        .trim()
+        .to_lowercase()
+        .chars()
+        .filter(|c| c.is_alphanumeric() || [' ', '-', '_'].contains(c))
+        .collect();
+    kept.replace(' ', "-")
+}
+
+#[test]
+fn links_lead_somewhere() {
+    let mut links = 0;
+    for name in [
+        "README.md",
+        "docs/architecture.md",
+        "docs/blob-format.md",
+        "docs/conventions.md",
+        "docs/link.md",
+    ] {
+        let text = document(name);
+        let path = workspace().join(name);
+        for rest in text.split("](").skip(1) {
+            let link = rest.split(')').next().unwrap_or("");
+            if link.starts_with("http") {
+                continue;
+            }
+            links += 1;
+            let (file, heading) = link.split_once('#').unwrap_or((link, ""));
+            let file = match file {
+                "" => path.clone(),
+                _ => path.parent().unwrap().join(file),
+            };
+            assert!(file.exists(), "{name}: {link} leads nowhere");
+            if heading.is_empty() {
+                continue;
+            }
+            let target = fs::read_to_string(&file).unwrap();
+            let headings = target.lines().filter(|line| line.starts_with('#'));
+            assert!(
+                headings
+                    .map(|line| anchor(line.trim_start_matches('#')))
+                    .any(|found| found == heading),
+                "{name}: no heading for {link}"
+            );
+        }
+    }
+    assert!(links > 10, "only {links} links found");
+}
