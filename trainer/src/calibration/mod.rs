@@ -35,6 +35,8 @@ pub enum Method {
 }
 
 impl Method {
+    /// The four that the paper compares.
+    pub const PAPER: [Self; 4] = [Self::BaseTool, Self::Poe, Self::PoeGp, Self::PoeGpLoad];
     /// All of them, simplest first.
     pub const ALL: [Self; 5] = [
         Self::BaseTool,

@@ -306,33 +306,27 @@ impl State {
                 scales.orientation
             }
         };
-        for frame in 0..=n {
+        let at_tool = |twist: &Twist<f64>| twist.at_point(&pose.translation).to_array();
+        for (frame, block) in blocks.iter().enumerate().take(n + 1) {
             let first = if frame < n {
                 6 * frame
             } else {
                 6 * n + 6 * sample.tool
             };
             for i in 0..6 {
-                let twist = Twist::from_array(&std::array::from_fn(|row| blocks[frame][row][i]));
-                let twist = twist.at_point(&pose.translation).to_array();
-                for row in 0..rows {
-                    out.a[(ROWS * k + row, first + i)] = twist[row] / scale(row);
+                let twist = Twist::from_array(&block.map(|row| row[i]));
+                for (row, value) in at_tool(&twist).into_iter().enumerate().take(rows) {
+                    out.a[(ROWS * k + row, first + i)] = value / scale(row);
                 }
             }
         }
         for c in 0..n {
             let mut unit = [0.0; MAX_JOINTS];
             unit[c] = 1.0;
-            let unit = self.serial(&unit);
-            let mut sum = [0.0; 6];
-            for (column, share) in columns.iter().zip(&unit) {
-                let twist = column.at_point(&pose.translation).to_array();
-                for row in 0..6 {
-                    sum[row] += share * twist[row];
+            for (column, share) in columns.iter().zip(&self.serial(&unit)) {
+                for (row, value) in at_tool(column).into_iter().enumerate().take(rows) {
+                    out.jacobian[(ROWS * k + row, c)] += share * value / scale(row);
                 }
-            }
-            for row in 0..rows {
-                out.jacobian[(ROWS * k + row, c)] = sum[row] / scale(row);
             }
         }
         let mut column = 6 * n + 6 * self.tools.len();

@@ -24,6 +24,8 @@ fn step_1_is_numpys() {
             serial: q,
             payload_kg: None,
             measured,
+            tool: 0,
+            position_only: false,
         })
         .collect();
     let mut poe = Poe::new(&[JointKind::Revolute; 6], &poses("P_start")).unwrap();
