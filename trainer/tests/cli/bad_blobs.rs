@@ -1,5 +1,7 @@
 //! Blobs that are none: refused by name, and nothing is written.
 
+use poegp_protocol::blob::FORMAT_VERSION;
+
 use crate::program::{Folder, SERIAL, simulated};
 
 fn folder() -> (Folder, Vec<u8>) {
@@ -41,11 +43,15 @@ fn truncated_damaged_or_of_another_kind() {
         refused(&folder, &damaged, &["damaged", "CRC"]);
     }
     let mut newer = blob.clone();
-    newer[8] = 2;
+    newer[8..10].copy_from_slice(&(FORMAT_VERSION + 1).to_le_bytes());
     refused(
         &folder,
         &newer,
-        &["version 2", "reads 1", "use the version of the trainer"],
+        &[
+            &format!("version {}", FORMAT_VERSION + 1),
+            "this version reads",
+            "use the version of the trainer",
+        ],
     );
     refused(
         &folder,

@@ -266,7 +266,11 @@ fn payloads_that_are_missing() {
         .iter()
         .map(|model| model["model"].as_str().unwrap())
         .collect();
-    assert_eq!(models, ["base-tool", "poe", "poe-gp"]);
+    assert!(
+        models.starts_with(&["base-tool", "poe", "poe-gp"]),
+        "{models:?}"
+    );
+    assert!(!models.contains(&"poe-gp-load"), "{models:?}");
 }
 
 #[test]
