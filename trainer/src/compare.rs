@@ -157,11 +157,15 @@ impl Task<'_> {
     }
 }
 
-/// The methods that the data allow: without payloads no `poe-gp-load`.
+/// The methods that the data allow: without payloads no `poe-gp-load`, and the paper's process only for whole poses of
+/// one tool.
 pub fn applicable(samples: &[Sample]) -> Vec<Method> {
     let has_payload = samples.iter().all(|s| s.payload_kg.is_some());
-    Method::ALL
-        .into_iter()
-        .filter(|m| *m != Method::PoeGpLoad || has_payload)
-        .collect()
+    let plain = samples.iter().all(|s| s.tool == 0 && !s.position_only);
+    let allowed = |m: &Method| match m {
+        Method::PoeGp => plain,
+        Method::PoeGpLoad => plain && has_payload,
+        _ => true,
+    };
+    Method::ALL.into_iter().filter(allowed).collect()
 }

@@ -26,3 +26,4 @@ pub mod robot;
 pub mod samples;
 pub mod simulate;
 pub mod statistics;
+pub mod tool_fit;

@@ -185,6 +185,10 @@ pub struct Evaluate {
     pub blob: PathBuf,
     /// Measurements that it was not trained on.
     pub test: PathBuf,
+    /// Fit the frame of a tool that the blob does not know (a new session) to so many of its own rows, evenly spread;
+    /// they are not scored.
+    #[arg(long, value_name = "ROWS", value_parser = clap::value_parser!(u32).range(1..))]
+    pub fit_tool: Option<u32>,
     /// One row per measurement, in order: x_mm,y_mm,z_mm,qw,qx,qy,qz,status of the predicted instrument_from_target.
     #[arg(long, value_name = "FILE")]
     pub predictions: Option<PathBuf>,

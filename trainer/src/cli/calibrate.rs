@@ -6,8 +6,8 @@ use serde::Serialize;
 
 use super::arguments::Calibrate;
 use super::{
-    Arm, Failure, check_outputs, device_failure, enough_poses, json_text, origin, progress,
-    report::Report, write_outputs,
+    Arm, Failure, check_outputs, device_failure, enough_poses, equations, json_text, origin,
+    progress, report::Report, write_outputs,
 };
 use crate::calibration::frames::FrameFit;
 use crate::calibration::{Calibration, Method, Options};
@@ -71,15 +71,17 @@ pub fn run(a: &Calibrate) -> Result<(), Failure> {
     };
     options.method = a.model.into();
     let arm = Arm::load(&a.robot)?;
-    let (set, samples) = arm.read(&a.train)?;
+    let mut tools = Vec::new();
+    let (set, samples) = arm.read(&a.train, &mut tools)?;
     enough_poses(
         &a.train,
         samples.len(),
+        equations(&samples),
         options.method,
         arm.robot.joints.len(),
     )?;
     let spinner = progress::spinner("calibrating");
-    let origin = origin(set.sha256, &a.serial_number);
+    let origin = origin(set.sha256, &a.serial_number, tools);
     let found = calibrate_for_device(&arm.nominal, &arm.robot, &samples, &options, &origin);
     spinner.finish_and_clear();
     let DeviceCalibration {

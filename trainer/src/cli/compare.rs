@@ -6,13 +6,14 @@ use serde::Serialize;
 
 use super::arguments::{Compare, FitArguments};
 use super::{
-    Arm, Failure, calibration_failure, check_outputs, device_failure, enough_poses, file_name,
-    json_text, origin, progress, report::Report, write_outputs,
+    Arm, Failure, calibration_failure, check_outputs, device_failure, enough_poses, equations,
+    file_name, json_text, origin, progress, report::Report, write_outputs,
 };
 use crate::calibration::frames::Sample;
 use crate::calibration::{CalibrationError, Method, Options};
 use crate::compare::{ModelComparison, Task, TestSet, applicable};
 use crate::elastic::fit::ElasticOptions;
+use crate::error::InputError;
 use crate::gp::fit::Sharing;
 
 /// What `--json` writes.
@@ -67,7 +68,9 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
         ));
     }
     let arm = Arm::load(&a.robot)?;
-    let (set, train) = arm.read(&a.train)?;
+    let mut tools = Vec::new();
+    let (set, train) = arm.read(&a.train, &mut tools)?;
+    let trained_tools = tools.len();
     if a.folds > train.len() {
         return Err(Failure::Usage(format!(
             "--folds {} for {} poses",
@@ -77,9 +80,19 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
     }
     let mut tests = Vec::new();
     for path in &a.tests {
+        let samples = arm.read(path, &mut tools)?.1;
+        if let Some(unknown) = tools.get(trained_tools) {
+            return Err(InputError::new(
+                path,
+                format!("{unknown}, which the training data do not have"),
+                "tools that were trained",
+            )
+            .with_help("calibrate, then `trainer evaluate --fit-tool ROWS` fits a new tool to some of its rows")
+            .into());
+        }
         tests.push(TestSet {
             name: file_name(path),
-            samples: arm.read(path)?.1,
+            samples,
         });
     }
     let methods = methods(a, &train, &tests)?;
@@ -90,9 +103,15 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
         train.len() - train.len().div_ceil(a.folds)
     };
     for method in &methods {
-        enough_poses(&a.train, smallest, *method, arm.robot.joints.len())?;
+        enough_poses(
+            &a.train,
+            smallest,
+            equations(&train),
+            *method,
+            arm.robot.joints.len(),
+        )?;
     }
-    let origin = origin(set.sha256, "");
+    let origin = origin(set.sha256, "", tools);
     let task = Task {
         robot: &arm.robot,
         nominal: &arm.nominal,
@@ -169,7 +188,7 @@ fn print(report: Report, models: &[ModelComparison], a: &Compare) {
                 errors.poses.to_string(),
             ];
             row.extend([p.mean, p.median, p.p95, p.max].map(|x| format!("{x:.4}")));
-            row.push(format!("{:.3}", errors.orientation_mrad.mean));
+            row.push(errors.orientation_cell());
             rows.push(row);
         }
     }
