@@ -15,6 +15,7 @@ use poegp_runtime::se3::{Pose, Twist, residual};
 use crate::elastic;
 use crate::elastic::fit::ElasticOptions;
 use crate::elastic::model::ElasticModel;
+use crate::elastic::outliers::Outlier;
 use crate::gp::fit::{MAX_SIGNAL_VARIANCE, Sharing, fit};
 use crate::gp::{self, NotPositiveDefinite, TaskSpaceGp};
 use base_tool::with_ends;
@@ -121,6 +122,8 @@ pub struct Calibration {
     pub gp: Option<TaskSpaceGp>,
     /// The elastic correction.
     pub elastic: Option<ElasticModel>,
+    /// Measurements that do not belong, by their index; whether they were left out is in the options.
+    pub outliers: Vec<Outlier>,
     /// The bound on the correction: metres and radians.
     pub bound: (f64, f64),
     mean: Option<(poegp_runtime::posterior::MeanHeader<f64>, Vec<f64>)>,
@@ -231,6 +234,7 @@ pub fn calibrate(
         step1: None,
         gp: None,
         elastic: None,
+        outliers: Vec::new(),
         bound: (0.0, 0.0),
         mean: None,
     };
@@ -246,9 +250,12 @@ pub fn calibrate(
         _ => None,
     };
     if let Some(options) = &elastic {
-        let mut fit = elastic::fit::fit(&nominal, chain_ends, coupling.cloned(), &in_base, options)
+        let robust = elastic::fit::fit_robust(&nominal, &chain_ends, coupling, &in_base, options)
             .ok_or(CalibrationError::Unsolvable)?;
-        let model = ElasticModel::new(&mut fit, &in_base, coupling, options);
+        let mut fit = robust.fit;
+        let kept: Vec<Sample> = robust.kept.iter().map(|i| in_base[*i].clone()).collect();
+        let model = ElasticModel::new(&mut fit, &kept, coupling, options);
+        out.outliers = robust.outliers;
         out.elastic =
             Some(model.ok_or(CalibrationError::Unsolvable)?).filter(|_| method == Method::Elastic);
         out.calibrated = fit.state.chain(0);

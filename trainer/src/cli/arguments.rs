@@ -65,6 +65,9 @@ pub struct FitArguments {
     /// Gravity in the base frame in m/s², for arms on a wall or a ceiling.
     #[arg(long, value_name = "X,Y,Z", value_delimiter = ',', num_args = 3, allow_hyphen_values = true, default_values_t = [0.0, 0.0, -9.81])]
     pub gravity: Vec<f64>,
+    /// What the elastic model does with measurements that do not belong.
+    #[arg(long, value_enum, default_value_t = Outliers::Report)]
+    pub outliers: Outliers,
     /// Weight step 1 by the noise, rotation taken at the tool point, instead of the paper's unweighted least squares.
     #[arg(long)]
     pub weighted: bool,
@@ -260,4 +263,13 @@ fn support(text: &str) -> Result<Support, String> {
             _ => Err("expected a number above 0, or `all`".to_owned()),
         },
     }
+}
+
+/// What is done with outliers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Outliers {
+    /// Report them and keep them.
+    Report,
+    /// Report them and leave them out.
+    Reject,
 }

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
-use super::arguments::{Compare, FitArguments};
+use super::arguments::{Compare, FitArguments, Outliers};
 use super::{
     Arm, Failure, calibration_failure, check_outputs, device_failure, enough_poses, equations,
     file_name, json_text, origin, progress, report::Report, write_outputs,
@@ -13,6 +13,7 @@ use crate::calibration::frames::Sample;
 use crate::calibration::{CalibrationError, Method, Options};
 use crate::compare::{ModelComparison, Task, TestSet, applicable};
 use crate::elastic::fit::ElasticOptions;
+use crate::elastic::outliers::OutlierPolicy;
 use crate::error::InputError;
 use crate::gp::fit::Sharing;
 
@@ -43,6 +44,10 @@ impl FitArguments {
             tied: self.tied,
             support: self.support.0,
             gravity: nalgebra::Vector3::from_column_slice(&self.gravity),
+            outliers: match self.outliers {
+                Outliers::Report => OutlierPolicy::Report,
+                Outliers::Reject => OutlierPolicy::Reject,
+            },
             ..ElasticOptions::default()
         };
         Options {

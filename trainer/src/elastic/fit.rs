@@ -10,6 +10,7 @@ use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 
 use super::likelihood::{Evidence, HyperLayout, Inputs, Solved, prior_variance};
+use super::outliers::{Outlier, OutlierPolicy, gross, left_out};
 use super::ripple::{SIGNIFICANT, peaks};
 use super::state::{Group, Layout, Linearised, ROWS, Scales, State, rms, unweighted};
 use crate::calibration::frames::{FrameFit, Sample};
@@ -31,6 +32,8 @@ pub struct ElasticOptions {
     pub gravity: Vector3<f64>,
     /// Support points on the device; `None` keeps all.
     pub support: Option<usize>,
+    /// What is done with measurements that do not belong.
+    pub outliers: OutlierPolicy,
     /// What the instrument's maker states: position in metres, orientation in radians, per component.
     pub instrument_noise: Option<(f64, f64)>,
 }
@@ -44,6 +47,7 @@ impl Default for ElasticOptions {
             ripple: true,
             gravity: Vector3::new(0.0, 0.0, -9.81),
             support: Some(100),
+            outliers: OutlierPolicy::Report,
             instrument_noise: None,
         }
     }
@@ -70,6 +74,83 @@ pub struct ElasticFit {
     pub inputs: Inputs,
     /// The solution with all poses as support, when there are processes.
     pub solved: Option<Solved>,
+}
+
+/// A fit with the measurements that do not belong.
+pub struct RobustFit {
+    /// The fit to the samples that were kept.
+    pub fit: ElasticFit,
+    /// Outliers by their index among all samples.
+    pub outliers: Vec<Outlier>,
+    /// The samples that were kept, by index.
+    pub kept: Vec<usize>,
+}
+
+/// [`fit`], with outliers found, and left out when `options` says so.
+pub fn fit_robust(
+    chain: &Poe<f64>,
+    tools: &[Pose<f64>],
+    coupling: Option<&Vec<Vec<f64>>>,
+    samples: &[Sample],
+    options: &ElasticOptions,
+) -> Option<RobustFit> {
+    let n = chain.kinds().len();
+    let layout = Layout {
+        joints: n,
+        tools: tools.len(),
+        gravity: options.gravity_terms,
+        payload: varies(samples),
+        ripple: Vec::new(),
+    };
+    let hyper = HyperLayout {
+        joints: n,
+        payload: layout.payload,
+        tied: options.tied,
+    };
+    let hyper = hyper.start_and_bounds(mean_payload(samples)).0;
+    let parameters = |kept: &[Sample]| {
+        let coupling = coupling.cloned();
+        let mut state = State::new(
+            chain,
+            tools.to_vec(),
+            coupling,
+            layout.clone(),
+            options.gravity,
+        );
+        parametric_fit(&mut state, kept, &hyper);
+        state
+    };
+    let mut outliers = gross(samples, &parameters);
+    let reject = options.outliers == OutlierPolicy::Reject;
+    let remaining = |outliers: &[Outlier]| -> Vec<usize> {
+        let bad = |i: &usize| reject && outliers.iter().any(|o| o.sample == *i);
+        (0..samples.len()).filter(|i| !bad(i)).collect()
+    };
+    let run = |kept: &[usize]| {
+        let part: Vec<Sample> = kept.iter().map(|i| samples[*i].clone()).collect();
+        let found = fit(chain, tools.to_vec(), coupling.cloned(), &part, options)?;
+        let strange = left_out(&found, &part);
+        Some((found, strange))
+    };
+    let mut kept = remaining(&outliers);
+    let (mut found, strange) = run(&kept)?;
+    for outlier in strange {
+        let sample = kept[outlier.sample];
+        if !outliers.iter().any(|o| o.sample == sample) {
+            outliers.push(Outlier { sample, ..outlier });
+        }
+    }
+    outliers.sort_by_key(|o| o.sample);
+    if remaining(&outliers).len() < kept.len() {
+        // One pass only: testing again with the quieter noise would never end.
+        kept = remaining(&outliers);
+        found = run(&kept)?.0;
+    }
+    Some(RobustFit {
+        fit: found,
+        outliers,
+        kept,
+    })
 }
 
 /// Fits to samples whose poses are seen from the base; `chain` is the nominal one to the first target, `tools` are
