@@ -5,6 +5,7 @@ use std::path::Path;
 use serde::Serialize;
 
 use super::arguments::Calibrate;
+use super::elastic_facts::ElasticFacts;
 use super::{
     Arm, Failure, check_outputs, device_failure, enough_poses, equations, json_text, origin,
     progress, report::Report, write_outputs,
@@ -26,6 +27,8 @@ struct Document {
     training: ErrorSummary,
     step1: Option<Step1>,
     hyperparameters: Vec<Hyperparameters>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    elastic: Option<ElasticFacts>,
     bound_mm: f64,
     bound_mrad: f64,
     f32_error_um: F32Error,
@@ -90,7 +93,9 @@ pub fn run(a: &Calibrate) -> Result<(), Failure> {
         fidelity,
     } = found.map_err(|e| device_failure(&a.train, e))?;
     let training = ErrorSummary::new(&blob.errors(&samples));
-    let document = document(a, &calibration, &blob, &fidelity, training.clone());
+    let lines: Vec<usize> = set.measurements.iter().map(|m| m.line).collect();
+    let mut document = document(a, &calibration, &blob, &fidelity, training.clone());
+    document.elastic = ElasticFacts::new(&calibration, &lines);
     let json = json_text(&document)?;
     let mut files = vec![(a.out.as_path(), blob.bytes())];
     files.extend(a.json.as_deref().map(|path| (path, json.as_bytes())));
@@ -102,6 +107,7 @@ pub fn run(a: &Calibrate) -> Result<(), Failure> {
         &blob,
         &fidelity,
         &training,
+        document.elastic.as_ref(),
     );
     Ok(())
 }
@@ -122,6 +128,7 @@ fn print(
     blob: &LoadedBlob,
     fidelity: &Fidelity,
     training: &ErrorSummary,
+    elastic: Option<&ElasticFacts>,
 ) {
     let p = &training.position_mm;
     report.line(format_args!(
@@ -143,7 +150,10 @@ fn print(
     report.line(
         "  (they were trained on: for honest figures use `trainer compare` or `trainer evaluate`)",
     );
-    if calibration.gp.is_some() {
+    if let Some(facts) = elastic {
+        facts.print(report);
+    }
+    if calibration.gp.is_some() || calibration.elastic.is_some() {
         let (m, rad) = calibration.bound;
         report.line(format_args!(
             "  corrections are bounded to {:.3} mm and {:.3} mrad",
@@ -202,6 +212,7 @@ fn document(
         training,
         step1: calibration.step1.as_ref().map(step1),
         hyperparameters: hyperparameters.collect(),
+        elastic: None,
         bound_mm: 1e3 * calibration.bound.0,
         bound_mrad: 1e3 * calibration.bound.1,
         f32_error_um: F32Error {
