@@ -16,6 +16,7 @@ fn origin() -> Origin {
         serial_number: String::new(),
         date: "2026-11-20".to_owned(),
         data_sha256: [0; 32],
+        tools: Vec::new(),
     }
 }
 
