@@ -37,7 +37,7 @@ fn the_blob_is_within_two_micrometres_of_the_model() {
         ("poe-gp-load, per output", per_output(Method::PoeGpLoad)),
     ] {
         let found = calibrate_for_device(&nominal, &robot, &sets[0], &options, &origin()).unwrap();
-        let instrument_from_base = found.calibration.base_tool.instrument_from_base;
+        let instrument_from_base = found.calibration.ends.instrument_from_base;
         // Written out, not by `export::fidelity`: the bounded poses are counted, and the rotation is looked at.
         let (mut distances, mut angle, mut bounded) = (Vec::new(), 0.0_f64, 0);
         for sample in sets.iter().flatten() {
