@@ -101,6 +101,38 @@ impl From<Model> for Method {
     }
 }
 
+/// Names of the methods, and the choice by the data.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+#[value(rename_all = "kebab-case")]
+pub enum ModelChoice {
+    /// Base and tool frames only.
+    BaseTool,
+    /// All frames of the chain (step 1 of the paper).
+    Poe,
+    /// The chain and a Gaussian process of the joints.
+    PoeGp,
+    /// The chain and a Gaussian process of joints and payload: the paper's method.
+    PoeGpLoad,
+    /// The chain, gravity terms, gear ripple and joint-space processes, solved together.
+    Elastic,
+    /// The simplest of these that cross-validation of the training data cannot tell from the best.
+    Auto,
+}
+
+impl ModelChoice {
+    /// The method, unless the data are to choose.
+    pub fn method(self) -> Option<Method> {
+        match self {
+            Self::BaseTool => Some(Method::BaseTool),
+            Self::Poe => Some(Method::Poe),
+            Self::PoeGp => Some(Method::PoeGp),
+            Self::PoeGpLoad => Some(Method::PoeGpLoad),
+            Self::Elastic => Some(Method::Elastic),
+            Self::Auto => None,
+        }
+    }
+}
+
 /// `trainer simulate`.
 #[derive(Debug, Args)]
 #[command(
@@ -157,8 +189,8 @@ pub struct Calibrate {
     /// Measurements to train on.
     pub train: PathBuf,
     /// Calibration method.
-    #[arg(long, value_enum, default_value_t = Model::Elastic)]
-    pub model: Model,
+    #[arg(long, value_enum, default_value_t = ModelChoice::Elastic)]
+    pub model: ModelChoice,
     #[command(flatten)]
     pub fit: FitArguments,
     /// Serial number of the arm, kept in the blob.

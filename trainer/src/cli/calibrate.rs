@@ -10,11 +10,13 @@ use super::{
     Arm, Failure, check_outputs, device_failure, enough_poses, equations, json_text, origin,
     progress, report::Report, write_outputs,
 };
-use crate::calibration::frames::FrameFit;
+use crate::calibration::frames::{FrameFit, Sample};
 use crate::calibration::{Calibration, Method, Options};
-use crate::export::{DeviceCalibration, Fidelity, calibrate_for_device};
+use crate::compare::Task;
+use crate::export::{DeviceCalibration, Fidelity, Origin, calibrate_for_device};
 use crate::gp::fit::MAX_SIGNAL_VARIANCE;
 use crate::loaded::LoadedBlob;
+use crate::select::{Choice, FOLDS, Row, candidates, choose};
 use crate::statistics::ErrorSummary;
 
 /// What `--json` writes.
@@ -29,6 +31,9 @@ struct Document {
     hyperparameters: Vec<Hyperparameters>,
     #[serde(skip_serializing_if = "Option::is_none")]
     elastic: Option<ElasticFacts>,
+    /// The table that `--model auto` chose from.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    choice: Option<Vec<Row>>,
     bound_mm: f64,
     bound_mrad: f64,
     f32_error_um: F32Error,
@@ -70,9 +75,8 @@ pub fn run(a: &Calibrate) -> Result<(), Failure> {
             .map(|x| 1e-3 * x),
         max_correction_rad: positive("--max-correction-mrad", a.max_correction_mrad, 500.0)?
             .map(|x| 1e-3 * x),
-        ..a.fit.options(Method::from(a.model))
+        ..a.fit.options(a.model.method().unwrap_or(Method::BaseTool))
     };
-    options.method = a.model.into();
     let arm = Arm::load(&a.robot)?;
     let mut tools = Vec::new();
     let (set, samples) = arm.read(&a.train, &mut tools)?;
@@ -83,8 +87,16 @@ pub fn run(a: &Calibrate) -> Result<(), Failure> {
         options.method,
         arm.robot.joints.len(),
     )?;
-    let spinner = progress::spinner("calibrating");
     let origin = origin(set.sha256, &a.serial_number, tools);
+    let table = match a.model.method() {
+        Some(_) => None,
+        None => {
+            let choice = choose_model(a, &arm, &samples, &options, &origin)?;
+            options = choice.options;
+            Some(choice.table)
+        }
+    };
+    let spinner = progress::spinner("calibrating");
     let found = calibrate_for_device(&arm.nominal, &arm.robot, &samples, &options, &origin);
     spinner.finish_and_clear();
     let DeviceCalibration {
@@ -96,12 +108,17 @@ pub fn run(a: &Calibrate) -> Result<(), Failure> {
     let lines: Vec<usize> = set.measurements.iter().map(|m| m.line).collect();
     let mut document = document(a, &calibration, &blob, &fidelity, training.clone());
     document.elastic = ElasticFacts::new(&calibration, &lines);
+    document.choice = table;
     let json = json_text(&document)?;
     let mut files = vec![(a.out.as_path(), blob.bytes())];
     files.extend(a.json.as_deref().map(|path| (path, json.as_bytes())));
     write_outputs(&files)?;
+    let report = Report::beside(&outputs);
+    if let Some(rows) = &document.choice {
+        print_choice(report, rows);
+    }
     print(
-        Report::beside(&outputs),
+        report,
         a,
         &calibration,
         &blob,
@@ -110,6 +127,47 @@ pub fn run(a: &Calibrate) -> Result<(), Failure> {
         document.elastic.as_ref(),
     );
     Ok(())
+}
+
+/// Lets the training data choose.
+fn choose_model(
+    a: &Calibrate,
+    arm: &Arm,
+    samples: &[Sample],
+    options: &Options,
+    origin: &Origin,
+) -> Result<Choice, Failure> {
+    let task = Task {
+        robot: &arm.robot,
+        nominal: &arm.nominal,
+        train: samples,
+        tests: &[],
+        folds: FOLDS,
+        seed: 1,
+        origin,
+    };
+    let candidates = candidates(samples, arm.robot.joints.len(), options);
+    let bar = progress::bar(candidates.len() * FOLDS, "choosing the model");
+    let choice = choose(&task, &candidates, &mut || bar.inc(1));
+    bar.finish_and_clear();
+    choice.map_err(|e| device_failure(&a.train, e.error))
+}
+
+fn print_choice(report: Report, rows: &[Row]) {
+    report.line(
+        "Chosen by cross-validation (mm): the simplest within one standard error of the best.\n",
+    );
+    let cells = rows.iter().map(|r| {
+        vec![
+            format!("{} {}", if r.chosen { "*" } else { " " }, r.candidate),
+            format!("{:.4}", r.position_mm.mean),
+            format!("{:.4}", r.position_mm.p95),
+            format!("{:.4} ± {:.4}", r.behind_best_mm, r.standard_error_mm),
+        ]
+    });
+    let cells: Vec<Vec<String>> = cells.collect();
+    report.table(&["candidate", "mean", "p95", "behind the best"], &cells);
+    report.line("");
 }
 
 fn positive(name: &str, value: Option<f64>, limit: f64) -> Result<Option<f64>, Failure> {
@@ -213,6 +271,7 @@ fn document(
         step1: calibration.step1.as_ref().map(step1),
         hyperparameters: hyperparameters.collect(),
         elastic: None,
+        choice: None,
         bound_mm: 1e3 * calibration.bound.0,
         bound_mrad: 1e3 * calibration.bound.1,
         f32_error_um: F32Error {
