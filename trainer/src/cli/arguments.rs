@@ -65,6 +65,13 @@ pub struct FitArguments {
     /// Gravity in the base frame in m/s², for arms on a wall or a ceiling.
     #[arg(long, value_name = "X,Y,Z", value_delimiter = ',', num_args = 3, allow_hyphen_values = true, default_values_t = [0.0, 0.0, -9.81])]
     pub gravity: Vec<f64>,
+    /// Standard deviation of one position component as the instrument's maker states it (default: sigma_mm of the file,
+    /// else estimated).
+    #[arg(long, value_name = "MM")]
+    pub position_sigma_mm: Option<f64>,
+    /// The same of one rotation component (default: sigma_mrad of the file, else estimated).
+    #[arg(long, value_name = "MRAD")]
+    pub orientation_sigma_mrad: Option<f64>,
     /// What the elastic model does with measurements that do not belong.
     #[arg(long, value_enum, default_value_t = Outliers::Report)]
     pub outliers: Outliers,

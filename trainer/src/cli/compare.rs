@@ -7,12 +7,12 @@ use serde::Serialize;
 use super::arguments::{Compare, FitArguments, Outliers};
 use super::{
     Arm, Failure, calibration_failure, check_outputs, device_failure, enough_poses, equations,
-    file_name, json_text, origin, progress, report::Report, write_outputs,
+    file_name, instrument_noise, json_text, origin, progress, report::Report, write_outputs,
 };
 use crate::calibration::frames::Sample;
 use crate::calibration::{CalibrationError, Method, Options};
 use crate::compare::{ModelComparison, Task, TestSet, applicable};
-use crate::elastic::fit::ElasticOptions;
+use crate::elastic::fit::{ElasticOptions, InstrumentNoise};
 use crate::elastic::outliers::OutlierPolicy;
 use crate::error::InputError;
 use crate::gp::fit::Sharing;
@@ -57,6 +57,12 @@ impl FitArguments {
             ..Options::new(method)
         }
     }
+}
+
+/// The options with what is known of the instrument.
+pub fn with_noise(mut options: Options, noise: InstrumentNoise) -> Options {
+    options.elastic.instrument_noise = noise;
+    options
 }
 
 pub fn run(a: &Compare) -> Result<(), Failure> {
@@ -126,11 +132,14 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
         seed: a.seed,
         origin: &origin,
     };
+    let noise = instrument_noise(&a.fit, &set)?;
     let bar = progress::bar(methods.len() * task.calibrations(), "comparing");
     let mut models = Vec::new();
     for method in methods {
         bar.set_message(method.name());
-        let result = task.run(&a.fit.options(method), &mut || bar.inc(1));
+        let result = task.run(&with_noise(a.fit.options(method), noise), &mut || {
+            bar.inc(1)
+        });
         models.push(result.map_err(|e| device_failure(&a.train, e.error))?);
     }
     bar.finish_and_clear();
@@ -183,9 +192,12 @@ fn print(report: Report, models: &[ModelComparison], a: &Compare) {
         let folds = model
             .cross_validation
             .iter()
-            .map(|cv| ("cross-validation", &cv.all));
-        let sets = model.sets.iter().map(|s| (s.name.as_str(), &s.errors));
-        for (name, errors) in folds.chain(sets) {
+            .map(|cv| ("cross-validation", &cv.all, cv.coverage));
+        let sets = model
+            .sets
+            .iter()
+            .map(|s| (s.name.as_str(), &s.errors, s.coverage));
+        for (name, errors, coverage) in folds.chain(sets) {
             let p = &errors.position_mm;
             let mut row = vec![
                 model.model.to_owned(),
@@ -194,6 +206,9 @@ fn print(report: Report, models: &[ModelComparison], a: &Compare) {
             ];
             row.extend([p.mean, p.median, p.p95, p.max].map(|x| format!("{x:.4}")));
             row.push(errors.orientation_cell());
+            row.push(coverage.map_or("–".to_owned(), |c| {
+                format!("{:.0} / {:.0} %", 100.0 * c.one_sigma, 100.0 * c.two_sigma)
+            }));
             rows.push(row);
         }
     }
@@ -207,6 +222,7 @@ fn print(report: Report, models: &[ModelComparison], a: &Compare) {
             "p95",
             "max",
             "orientation",
+            "within 1σ / 2σ",
         ],
         &rows,
     );
