@@ -6,11 +6,12 @@ use serde::Serialize;
 
 use super::arguments::Calibrate;
 use super::{
-    Arm, Failure, check_outputs, device_failure, enough_poses, json_text, origin, progress,
+    Arm, Failure, check_outputs, device_failure, drift, enough_poses, json_text, origin, progress,
     report::Report, write_outputs,
 };
 use crate::calibration::frames::FrameFit;
 use crate::calibration::{Calibration, Method, Options};
+use crate::drift::DriftReport;
 use crate::export::{DeviceCalibration, Fidelity, calibrate_for_device};
 use crate::gp::fit::MAX_SIGNAL_VARIANCE;
 use crate::loaded::LoadedBlob;
@@ -29,6 +30,8 @@ struct Document {
     bound_mm: f64,
     bound_mrad: f64,
     f32_error_um: F32Error,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    drift: Option<DriftReport>,
     blob: BlobFacts,
 }
 
@@ -71,7 +74,7 @@ pub fn run(a: &Calibrate) -> Result<(), Failure> {
     };
     options.method = a.model.into();
     let arm = Arm::load(&a.robot)?;
-    let (set, samples) = arm.read(&a.train)?;
+    let (set, samples, drift) = drift::read(&arm, &a.train, a.correct_drift)?;
     enough_poses(
         &a.train,
         samples.len(),
@@ -88,19 +91,18 @@ pub fn run(a: &Calibrate) -> Result<(), Failure> {
         fidelity,
     } = found.map_err(|e| device_failure(&a.train, e))?;
     let training = ErrorSummary::new(&blob.errors(&samples));
-    let document = document(a, &calibration, &blob, &fidelity, training.clone());
+    let mut document = document(a, &calibration, &blob, &fidelity, training.clone());
+    document.drift = drift.map(|d| d.report);
     let json = json_text(&document)?;
     let mut files = vec![(a.out.as_path(), blob.bytes())];
     files.extend(a.json.as_deref().map(|path| (path, json.as_bytes())));
     write_outputs(&files)?;
-    print(
-        Report::beside(&outputs),
-        a,
-        &calibration,
-        &blob,
-        &fidelity,
-        &training,
-    );
+    let report = Report::beside(&outputs);
+    if let Some(drift) = &document.drift {
+        report.line(drift.lines().join("\n"));
+        report.line(drift::NO_LEAK);
+    }
+    print(report, a, &calibration, &blob, &fidelity, &training);
     Ok(())
 }
 
@@ -206,6 +208,7 @@ fn document(
             mean: 1e6 * fidelity.mean_m,
             max: 1e6 * fidelity.max_m,
         },
+        drift: None,
         blob: BlobFacts {
             file: a.out.display().to_string(),
             bytes: blob.bytes().len(),

@@ -6,6 +6,7 @@ mod arguments;
 mod calibrate;
 mod compare;
 mod demo;
+mod drift;
 mod evaluate;
 mod inspect;
 mod progress;
