@@ -19,6 +19,7 @@ pub mod error;
 pub mod export;
 pub mod folds;
 pub mod gp;
+pub mod identify;
 pub mod loaded;
 pub mod measurements;
 pub mod minimize;

@@ -14,6 +14,7 @@ use crate::calibration::{Calibration, Method, Options};
 use crate::drift::DriftReport;
 use crate::export::{DeviceCalibration, Fidelity, calibrate_for_device};
 use crate::gp::fit::MAX_SIGNAL_VARIANCE;
+use crate::identify::{self, IdentifyReport};
 use crate::loaded::LoadedBlob;
 use crate::statistics::ErrorSummary;
 
@@ -32,6 +33,7 @@ struct Document {
     f32_error_um: F32Error,
     #[serde(skip_serializing_if = "Option::is_none")]
     drift: Option<DriftReport>,
+    identifiability: Option<IdentifyReport>,
     blob: BlobFacts,
 }
 
@@ -93,6 +95,7 @@ pub fn run(a: &Calibrate) -> Result<(), Failure> {
     let training = ErrorSummary::new(&blob.errors(&samples));
     let mut document = document(a, &calibration, &blob, &fidelity, training.clone());
     document.drift = drift.map(|d| d.report);
+    document.identifiability = identify::of_calibration(&calibration, &arm.robot, &samples);
     let json = json_text(&document)?;
     let mut files = vec![(a.out.as_path(), blob.bytes())];
     files.extend(a.json.as_deref().map(|path| (path, json.as_bytes())));
@@ -209,6 +212,7 @@ fn document(
             max: 1e6 * fidelity.max_m,
         },
         drift: None,
+        identifiability: None,
         blob: BlobFacts {
             file: a.out.display().to_string(),
             bytes: blob.bytes().len(),
