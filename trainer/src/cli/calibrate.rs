@@ -105,7 +105,8 @@ pub fn run(a: &Calibrate) -> Result<(), Failure> {
         report.line(drift.lines().join("\n"));
         report.line(drift::NO_LEAK);
     }
-    print(report, a, &calibration, &blob, &fidelity, &training);
+    let told = document.identifiability.as_ref();
+    print(report, a, &calibration, told, &blob, &fidelity, &training);
     Ok(())
 }
 
@@ -122,6 +123,7 @@ fn print(
     report: Report,
     a: &Calibrate,
     calibration: &Calibration,
+    told: Option<&IdentifyReport>,
     blob: &LoadedBlob,
     fidelity: &Fidelity,
     training: &ErrorSummary,
@@ -164,6 +166,10 @@ fn print(
             "  note: the signal variance was held below {} for the sake of single precision",
             calibration.options.max_signal_variance
         ));
+    }
+    match told {
+        Some(told) => report.line(told.lines().join("\n")),
+        None => report.line("  what these poses tell about the geometry could not be computed"),
     }
     let support = blob.model().support();
     report.line(format_args!(

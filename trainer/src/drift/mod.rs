@@ -11,8 +11,8 @@
 //! - How far to smooth over neighbouring poses (rows are in the order of measurement; sessions are not mixed) is decided
 //!   for each axis by points left out: the motion that the other points show must predict the one that was not used, as
 //!   it must predict the target. With one point the neighbouring poses predict the one that was left out.
-//! - A study found translation as good as rigid motion. With three points or more a rotation is allowed when it halves the
-//!   RMS that the points of one pose disagree by, degrees of freedom counted.
+//! - A study found translation as good as rigid motion. With three points or more a rotation is allowed when it takes
+//!   away nine tenths of the variance that the points of one pose disagree by, degrees of freedom counted.
 
 mod motion;
 mod outliers;

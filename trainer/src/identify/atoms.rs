@@ -8,10 +8,11 @@ use faer::linalg::solvers::Solve;
 use poegp_protocol::JointKind;
 
 use super::directions::Space;
-use super::{Frame, Part};
+use super::{Frame, Part, ROUNDING};
 
-/// What of a new name must not be made up by earlier ones.
-const NEW: f64 = 1e-6;
+/// Share of a new name that must not be made up by earlier ones. The axes of a fitted arm are a little off parallel, and
+/// names that differ by no more than that would all be correlated; only where there are no better ones are they taken.
+const NEW: [f64; 3] = [0.05, 1e-3, 1e-6];
 /// Coefficients of a circuit below this share of its largest are not named.
 const NAMED: f64 = 0.2;
 /// Links are named only where base, tool and offsets do not do: their share when a name is chosen.
@@ -46,24 +47,29 @@ impl Coordinates {
         let basis = possible.told();
         let mut orthonormal: Vec<Vec<f64>> = Vec::new();
         let mut atoms = Vec::new();
-        for atom in candidates(frames, kinds) {
-            let full: Vec<f64> = (0..basis.ncols())
-                .map(|j| basis[(atom.column, j)])
-                .collect();
-            let mut rest = full.clone();
-            // Twice, so that rounding does not grow.
-            for _ in 0..2 {
-                for q in &orthonormal {
-                    let share: f64 = q.iter().zip(&rest).map(|(a, b)| a * b).sum();
-                    rest.iter_mut().zip(q).for_each(|(r, q)| *r -= share * q);
+        let mut left = candidates(frames, kinds);
+        for new in NEW {
+            left.retain(|atom| {
+                let full: Vec<f64> = (0..basis.ncols())
+                    .map(|j| basis[(atom.column, j)])
+                    .collect();
+                let mut rest = full.clone();
+                // Twice, so that rounding does not grow.
+                for _ in 0..2 {
+                    for q in &orthonormal {
+                        let share: f64 = q.iter().zip(&rest).map(|(a, b)| a * b).sum();
+                        rest.iter_mut().zip(q).for_each(|(r, q)| *r -= share * q);
+                    }
                 }
-            }
-            let norm = |v: &[f64]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
-            let length = norm(&rest);
-            if length > NEW && length > NEW * norm(&full) {
-                orthonormal.push(rest.iter().map(|r| r / length).collect());
-                atoms.push(atom);
-            }
+                let norm = |v: &[f64]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
+                let length = norm(&rest);
+                let is_new = length > ROUNDING && length > new * norm(&full);
+                if is_new {
+                    orthonormal.push(rest.iter().map(|r| r / length).collect());
+                    atoms.push(*atom);
+                }
+                !is_new
+            });
         }
         if atoms.len() != basis.ncols() {
             return None;

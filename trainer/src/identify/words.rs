@@ -84,9 +84,15 @@ pub fn directions(circuits: &[Circuit], most: usize) -> Vec<Finding> {
 
 /// The report for a terminal.
 pub fn report(r: &IdentifyReport) -> Vec<String> {
+    let redundant = match r.redundant {
+        0 => String::new(),
+        count => format!(
+            "; {count} are redundant in any data: frames turned and shifted along their joints"
+        ),
+    };
     let mut out = vec![format!(
-        "  geometry: {} of {} parameters told (condition {:.0}); {} are redundant in any data: frames turned and shifted along their joints",
-        r.rank, r.parameters, r.condition, r.redundant
+        "  geometry: {} of {} parameters told (condition {:.0}){redundant}",
+        r.rank, r.parameters, r.condition
     )];
     let shown = r.findings.len().min(FINDINGS);
     for finding in &r.findings[..shown] {
