@@ -25,7 +25,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::JointKind;
 use crate::limits::{
-    MAX_FRAMES, MAX_GROUPS, MAX_INPUTS, MAX_JOINTS, MAX_LINK_TERMS, MAX_RIPPLE, OUTPUTS,
+    MAX_FRAMES, MAX_GROUPS, MAX_INPUTS, MAX_JOINTS, MAX_LINK_TERMS, MAX_RIPPLE, MAX_TOOLS, OUTPUTS,
 };
 
 /// First bytes of every blob.
@@ -61,6 +61,22 @@ pub struct Blob<'a> {
     /// What geometry does not explain.
     #[serde(borrow)]
     pub correction: Correction<'a>,
+    /// Further tools that were measured with: other sessions, other targets. The chain ends at the first tool, whose name
+    /// comes first here; empty when there was only one without a name. From format version 2 on, where it follows the
+    /// rest of the payload as a postcard sequence of its own.
+    #[serde(skip)]
+    pub tools: Vec<Tool<'a>, MAX_TOOLS>,
+}
+
+/// A tool: where its target sits seen from the target of the first.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Tool<'a> {
+    /// The session in which it was mounted; empty when the data have none.
+    pub session: &'a str,
+    /// The name of the target; empty when the data have none.
+    pub target: &'a str,
+    /// `first_target_from_target`.
+    pub first_from_target: Transform<f32>,
 }
 
 /// Which arm this is.
@@ -364,8 +380,8 @@ impl core::error::Error for BufferTooSmall {}
 /// The oldest format that holds `blob`.
 pub fn format_version(blob: &Blob<'_>) -> u16 {
     match blob.correction {
-        Correction::None | Correction::TaskSpace(_) => 1,
-        Correction::Elastic(_) => 2,
+        Correction::None | Correction::TaskSpace(_) if blob.tools.is_empty() => 1,
+        _ => 2,
     }
 }
 
@@ -385,9 +401,15 @@ pub fn encode<'b>(blob: &Blob<'_>, buffer: &'b mut [u8]) -> Result<&'b [u8], Buf
     let (header, payload) = buffer
         .split_at_mut_checked(HEADER_LENGTH)
         .ok_or(BufferTooSmall)?;
-    let length = postcard::to_slice(blob, payload)
+    let mut length = postcard::to_slice(blob, payload)
         .map_err(|_| BufferTooSmall)?
         .len();
+    if format_version(blob) >= 2 {
+        let rest = payload.get_mut(length..).ok_or(BufferTooSmall)?;
+        length += postcard::to_slice(&blob.tools, rest)
+            .map_err(|_| BufferTooSmall)?
+            .len();
+    }
     let payload = payload.get(..length).ok_or(BufferTooSmall)?;
     let stored_length = u32::try_from(length).map_err(|_| BufferTooSmall)?;
     let (before_crc, crc) = header.split_at_mut_checked(16).ok_or(BufferTooSmall)?;
@@ -448,8 +470,15 @@ pub fn decode(bytes: &[u8]) -> Result<Blob<'_>, DecodeError> {
     if stored != computed {
         return Err(DecodeError::CrcMismatch { stored, computed });
     }
-    match postcard::take_from_bytes(payload) {
-        Ok((blob, [])) if format_version(&blob) <= version => Ok(blob),
-        _ => Err(DecodeError::MalformedPayload),
+    let malformed = |_| DecodeError::MalformedPayload;
+    let (mut blob, mut rest): (Blob<'_>, &[u8]) =
+        postcard::take_from_bytes(payload).map_err(malformed)?;
+    if version >= 2 {
+        (blob.tools, rest) = postcard::take_from_bytes(rest).map_err(malformed)?;
+    }
+    if rest.is_empty() && format_version(&blob) == version {
+        Ok(blob)
+    } else {
+        Err(DecodeError::MalformedPayload)
     }
 }

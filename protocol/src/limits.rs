@@ -14,3 +14,5 @@ pub const MAX_RIPPLE: usize = 16;
 pub const MAX_GROUPS: usize = 16;
 /// Pairs (joint, link at or beyond it) of the longest arm.
 pub const MAX_LINK_TERMS: usize = MAX_JOINTS * (MAX_JOINTS + 1) / 2;
+/// Most tools of a calibration: one for each session and target.
+pub const MAX_TOOLS: usize = 16;

@@ -183,6 +183,7 @@ impl Sample {
                 Support::None => Correction::None,
                 _ => Correction::TaskSpace(task),
             },
+            tools: Default::default(),
         };
         let room = blob::HEADER_LENGTH + blob::MAX_LENGTH_WITHOUT_ROWS + rows.len();
         let mut buffer = vec![0; room];

@@ -124,27 +124,57 @@ impl Task<'_> {
         options: &Options,
         progress: &mut dyn FnMut(),
     ) -> Result<CrossValidation, CompareError> {
-        let fold = folds::assign(self.train, self.nominal.kinds(), self.folds, self.seed);
-        let part = |wanted: &dyn Fn(usize) -> bool| -> Vec<Sample> {
-            self.train
-                .iter()
+        let fold = self.assignment();
+        let all = self.held_out(options, progress)?;
+        let of = |f: usize| -> Vec<PoseError> {
+            all.iter()
                 .zip(&fold)
-                .filter(|(_, f)| wanted(**f))
-                .map(|(s, _)| s.clone())
+                .filter(|(_, g)| **g == f)
+                .map(|(e, _)| *e)
                 .collect()
         };
-        let (mut all, mut folds): (Vec<PoseError>, Vec<ErrorSummary>) = (Vec::new(), Vec::new());
-        for held_out in 0..self.folds {
-            let blob = self.blob(options, &part(&|f| f != held_out))?;
-            progress();
-            let errors = blob.errors(&part(&|f| f == held_out));
-            folds.push(ErrorSummary::new(&errors));
-            all.extend(errors);
-        }
         Ok(CrossValidation {
+            folds: (0..self.folds).map(|f| ErrorSummary::new(&of(f))).collect(),
             all: ErrorSummary::new(&all),
-            folds,
         })
+    }
+
+    fn assignment(&self) -> Vec<usize> {
+        folds::assign(self.train, self.nominal.kinds(), self.folds, self.seed)
+    }
+
+    /// The error of every training pose, in order, each predicted by a model that did not see it.
+    ///
+    /// # Errors
+    /// [`CompareError`].
+    pub fn held_out(
+        &self,
+        options: &Options,
+        progress: &mut dyn FnMut(),
+    ) -> Result<Vec<PoseError>, CompareError> {
+        let fold = self.assignment();
+        let none = PoseError {
+            position_mm: 0.0,
+            orientation_mrad: None,
+        };
+        let mut out = vec![none; self.train.len()];
+        for held_out in 0..self.folds {
+            let part = |inside: bool| -> Vec<Sample> {
+                let wanted = self
+                    .train
+                    .iter()
+                    .zip(&fold)
+                    .filter(|(_, f)| (**f != held_out) == inside);
+                wanted.map(|(s, _)| s.clone()).collect()
+            };
+            let blob = self.blob(options, &part(true))?;
+            progress();
+            let slots = out.iter_mut().zip(&fold).filter(|(_, f)| **f == held_out);
+            for ((slot, _), error) in slots.zip(blob.errors(&part(false))) {
+                *slot = error;
+            }
+        }
+        Ok(out)
     }
 
     fn blob(&self, options: &Options, samples: &[Sample]) -> Result<LoadedBlob, CompareError> {
@@ -157,11 +187,15 @@ impl Task<'_> {
     }
 }
 
-/// The methods that the data allow: without payloads no `poe-gp-load`.
+/// The methods that the data allow: without payloads no `poe-gp-load`, and the paper's process only for whole poses of
+/// one tool.
 pub fn applicable(samples: &[Sample]) -> Vec<Method> {
     let has_payload = samples.iter().all(|s| s.payload_kg.is_some());
-    Method::ALL
-        .into_iter()
-        .filter(|m| *m != Method::PoeGpLoad || has_payload)
-        .collect()
+    let plain = samples.iter().all(|s| s.tool == 0 && !s.position_only);
+    let allowed = |m: &Method| match m {
+        Method::PoeGp => plain,
+        Method::PoeGpLoad => plain && has_payload,
+        _ => true,
+    };
+    Method::ALL.into_iter().filter(allowed).collect()
 }

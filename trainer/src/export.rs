@@ -6,7 +6,7 @@
 use heapless::Vec as FixedVec;
 use poegp_protocol::blob::{
     self, Blob, Correction, CorrectionBound, Elastic, Geometry, Joint, JointKernel, PayloadGroup,
-    Provenance, Ranges, Ripple, Robot as WireRobot, TaskSpace, Transform, Units,
+    Provenance, Ranges, Ripple, Robot as WireRobot, TaskSpace, Tool, Transform, Units,
 };
 use poegp_runtime::poe::Poe;
 use poegp_runtime::se3::Pose;
@@ -16,6 +16,7 @@ use crate::calibration::{Calibration, CalibrationError, Method, Options, calibra
 use crate::elastic::model::ElasticModel;
 use crate::loaded::{BlobError, HOST_SUPPORT, LoadedBlob};
 use crate::robot::Robot;
+use crate::samples::ToolName;
 
 /// Largest position error of the `f32` blob against the f64 model, in metres.
 pub const MAX_F32_ERROR_M: f64 = 2e-6;
@@ -31,6 +32,8 @@ pub struct Origin {
     pub date: String,
     /// SHA-256 of the measurement file.
     pub data_sha256: [u8; 32],
+    /// The tools that samples name by index.
+    pub tools: Vec<ToolName>,
 }
 
 /// What `f32` costs: the distance of the blob's poses from the f64 model's, on all samples.
@@ -154,14 +157,15 @@ pub enum ExportError {
 
 /// Distance of the blob's poses from the f64 model's, where the correction is not bounded.
 pub fn fidelity(calibration: &Calibration, loaded: &LoadedBlob, samples: &[Sample]) -> Fidelity {
-    let instrument_from_base = calibration.base_tool.instrument_from_base;
+    let instrument_from_base = calibration.ends.instrument_from_base;
+    let mut count = 0;
     let mut out = Fidelity {
         mean_m: 0.0,
         max_m: 0.0,
     };
     for sample in samples {
         let exact = instrument_from_base * calibration.predict(sample);
-        let stored = loaded.predict(&sample.joints, sample.payload_kg);
+        let stored = loaded.predict_tool(&sample.joints, sample.payload_kg, sample.tool);
         if stored
             .status
             .contains(poegp_runtime::status::Status::CORRECTION_BOUNDED)
@@ -169,9 +173,11 @@ pub fn fidelity(calibration: &Calibration, loaded: &LoadedBlob, samples: &[Sampl
             continue;
         }
         let distance = (exact.translation - stored.pose.translation).norm();
-        out.mean_m += distance / samples.len() as f64;
+        out.mean_m += distance;
+        count += 1;
         out.max_m = out.max_m.max(distance);
     }
+    out.mean_m /= f64::from(count.max(1));
     out
 }
 
@@ -225,7 +231,6 @@ fn to_bytes(
         }
         (bounds.0 as f32, bounds.1 as f32)
     };
-    let base_tool = &calibration.base_tool;
     let blob = Blob {
         robot: WireRobot {
             name: &robot.name,
@@ -254,8 +259,8 @@ fn to_bytes(
         geometry: Geometry {
             calibrated: chain(&calibration.calibrated)?,
             nominal: chain(&calibration.nominal)?,
-            instrument_from_base: base_tool.instrument_from_base.to_rows(),
-            flange_from_target: base_tool.flange_from_target.to_rows(),
+            instrument_from_base: calibration.ends.instrument_from_base.to_rows(),
+            flange_from_target: calibration.ends.flange_from_targets[0].to_rows(),
         },
         correction: match (task_space, elastic) {
             (Some(header), _) => Correction::TaskSpace(TaskSpace {
@@ -268,8 +273,14 @@ fn to_bytes(
             }),
             (None, None) => Correction::None,
         },
+        tools: fixed(wire_tools(calibration, origin), "tools")?,
     };
-    let names = robot.name.len() + origin.serial_number.len() + origin.date.len();
+    let tools: usize = origin
+        .tools
+        .iter()
+        .map(|t| t.session.len() + t.target.len() + 64)
+        .sum();
+    let names = tools + robot.name.len() + origin.serial_number.len() + origin.date.len();
     let mut buffer =
         vec![0; blob::HEADER_LENGTH + blob::MAX_LENGTH_WITHOUT_ROWS + names + rows.len()];
     let length = blob::encode(&blob, &mut buffer)
@@ -316,6 +327,23 @@ fn task_space(
         rows: &[],
     };
     Ok((Some(task_space), little_endian(rows)))
+}
+
+/// The tools by name, unless there is only one without a name.
+fn wire_tools<'a>(
+    calibration: &'a Calibration,
+    origin: &'a Origin,
+) -> impl Iterator<Item = Tool<'a>> {
+    let named = origin.tools.len() > 1 || origin.tools.iter().any(|t| *t != ToolName::default());
+    let tools = if named { origin.tools.as_slice() } else { &[] };
+    tools
+        .iter()
+        .zip(&calibration.tools)
+        .map(|(name, pose)| Tool {
+            session: &name.session,
+            target: &name.target,
+            first_from_target: pose.cast::<f32>().to_rows(),
+        })
 }
 
 fn little_endian(rows: &[f64]) -> Vec<u8> {

@@ -26,5 +26,7 @@ pub mod minimize;
 pub mod output;
 pub mod robot;
 pub mod samples;
+pub mod select;
 pub mod simulate;
 pub mod statistics;
+pub mod tool_fit;

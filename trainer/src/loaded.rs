@@ -10,6 +10,7 @@ use poegp_runtime::status::Status;
 
 use crate::calibration::frames::Sample;
 use crate::error::InputError;
+use crate::samples::ToolName;
 use crate::statistics::PoseError;
 
 /// Support points that the workstation's instance of the runtime holds. The device's holds 512; no result depends on it.
@@ -34,6 +35,7 @@ pub struct LoadedBlob {
     bytes: Vec<u8>,
     model: Box<HostModel>,
     instrument_from_base: Pose<f64>,
+    tools: Vec<(ToolName, Pose<f64>)>,
 }
 
 /// One prediction.
@@ -51,14 +53,33 @@ impl LoadedBlob {
     /// # Errors
     /// [`BlobError`].
     pub fn from_bytes(bytes: Vec<u8>) -> Result<Self, BlobError> {
+        Ok(Self {
+            bytes: bytes.clone(),
+            ..Self::decoded(&bytes)?
+        })
+    }
+
+    fn decoded(bytes: &[u8]) -> Result<Self, BlobError> {
         let mut model = Box::new(HostModel::new());
-        let decoded = blob::decode(&bytes)?;
+        let decoded = blob::decode(bytes)?;
         model.load(&decoded)?;
         let instrument_from_base = Pose::from_rows(&decoded.geometry.instrument_from_base);
+        let tool = |t: &blob::Tool<'_>| {
+            let name = ToolName {
+                session: t.session.to_owned(),
+                target: t.target.to_owned(),
+            };
+            (
+                name,
+                orthonormal(&Pose::<f32>::from_rows(&t.first_from_target).cast()),
+            )
+        };
+        let tools: Vec<_> = decoded.tools.iter().map(tool).collect();
         Ok(Self {
             model,
             instrument_from_base,
-            bytes,
+            tools,
+            bytes: Vec::new(),
         })
     }
 
@@ -104,13 +125,26 @@ impl LoadedBlob {
         let answer = self
             .model
             .evaluate(&joints, payload_kg.unwrap_or(0.0) as f32);
-        let pose = self.instrument_from_base * answer.pose.cast::<f64>();
-        // A matrix of f32 is a rotation to seven digits only. The nearest one is what a quaternion in a file says, and
-        // errors recomputed from that file must be the reported ones.
-        let (w, v) = pose.quaternion();
         Prediction {
-            pose: Pose::from_quaternion(w, &v, pose.translation),
+            pose: orthonormal(&(self.instrument_from_base * answer.pose.cast::<f64>())),
             status: answer.status,
+        }
+    }
+
+    /// The tools that the blob names; empty when there was only one without a name.
+    pub fn tools(&self) -> &[(ToolName, Pose<f64>)] {
+        &self.tools
+    }
+
+    /// The same as [`LoadedBlob::predict`] for a tool of the blob, by its index.
+    pub fn predict_tool(&self, joints: &[f64], payload_kg: Option<f64>, tool: usize) -> Prediction {
+        let first = self.predict(joints, payload_kg);
+        match self.tools.get(tool) {
+            Some((_, first_from_target)) if tool > 0 => Prediction {
+                pose: first.pose * *first_from_target,
+                ..first
+            },
+            _ => first,
         }
     }
 
@@ -118,7 +152,22 @@ impl LoadedBlob {
     pub fn errors(&self, samples: &[Sample]) -> Vec<PoseError> {
         samples
             .iter()
-            .map(|s| PoseError::between(&s.measured, &self.predict(&s.joints, s.payload_kg).pose))
+            .map(|s| {
+                let predicted = self.predict_tool(&s.joints, s.payload_kg, s.tool).pose;
+                let error = PoseError::between(&s.measured, &predicted);
+                if s.position_only {
+                    error.without_orientation()
+                } else {
+                    error
+                }
+            })
             .collect()
     }
+}
+
+/// The same pose with a rotation that is one to f64: a matrix of f32 is one to seven digits only. The nearest rotation is
+/// what a quaternion in a file says, and errors recomputed from that file must be the reported ones.
+fn orthonormal(pose: &Pose<f64>) -> Pose<f64> {
+    let (w, v) = pose.quaternion();
+    Pose::from_quaternion(w, &v, pose.translation)
 }

@@ -1,33 +1,44 @@
-//! From a measurement file to what a fit needs: joints through the coupling, and one complete pose a row.
+//! From a measurement file to what a fit needs: joints through the coupling, and the tool of every row.
+
+use nalgebra::Matrix3;
+use poegp_protocol::limits::MAX_TOOLS;
+use poegp_runtime::se3::Pose;
 
 use crate::calibration::frames::Sample;
 use crate::error::InputError;
 use crate::measurements::MeasurementSet;
 use crate::robot::Robot;
 
-/// The rows of `set` as samples of `robot`, in order; poses are `instrument_from_target`.
-///
-/// # Errors
-/// [`InputError`] when the file does not fit the robot, or has sessions or no orientation, which the methods of the
-/// paper do not cover.
-pub fn samples(set: &MeasurementSet, robot: &Robot) -> Result<Vec<Sample>, InputError> {
-    if set.has_sessions() {
-        let mut sessions: Vec<_> = set
-            .measurements
-            .iter()
-            .map(|m| m.session.as_deref())
-            .collect();
-        sessions.sort_unstable();
-        sessions.dedup();
-        if sessions.len() > 1 {
-            return Err(InputError::new(
-                &set.path,
-                format!("{} sessions, each with a target mounted anew", sessions.len()),
-                "measurements of one session: base and tool are each one unknown frame",
-            )
-            .with_help("calibrate one session at a time: keep the rows of one value of the `session` column"));
+/// A tool by what a measurement file calls it: the session in which it was mounted and the name of its target.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct ToolName {
+    /// Empty when the file has no sessions.
+    pub session: String,
+    /// Empty when the file names no targets.
+    pub target: String,
+}
+
+impl std::fmt::Display for ToolName {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match (self.session.as_str(), self.target.as_str()) {
+            ("", "") => f.write_str("the tool"),
+            (session, "") => write!(f, "session \"{session}\""),
+            ("", target) => write!(f, "target \"{target}\""),
+            (session, target) => write!(f, "target \"{target}\" of session \"{session}\""),
         }
     }
+}
+
+/// The rows of `set` as samples of `robot`, in order; poses are `instrument_from_target`. Tools that are not in `tools`
+/// yet are added to it.
+///
+/// # Errors
+/// [`InputError`] when there are more tools than a blob holds.
+pub fn samples(
+    set: &MeasurementSet,
+    robot: &Robot,
+    tools: &mut Vec<ToolName>,
+) -> Result<Vec<Sample>, InputError> {
     let serial = |joints: &[f64]| match &robot.coupling {
         None => joints.to_vec(),
         Some(rows) => rows
@@ -35,21 +46,35 @@ pub fn samples(set: &MeasurementSet, robot: &Robot) -> Result<Vec<Sample>, Input
             .map(|row| poegp_runtime::kernel::inner_product(row, joints))
             .collect(),
     };
-    set.measurements
-        .iter()
-        .map(|m| {
-            let measured = m.instrument_from_target().ok_or_else(|| {
-                InputError::new(&set.path, "positions without orientations", "the columns qw, qx, qy, qz")
-                    .with_help("the methods of the paper compare whole poses; measure three targets or a 6-D probe")
-            })?;
-            Ok(Sample {
-                serial: serial(&m.joints),
-                joints: m.joints.clone(),
-                payload_kg: m.payload_kg,
-                measured,
-                tool: 0,
-                position_only: false,
-            })
-        })
-        .collect()
+    let mut out = Vec::with_capacity(set.measurements.len());
+    for m in &set.measurements {
+        let name = ToolName {
+            session: m.session.clone().unwrap_or_default(),
+            target: m.target.clone().unwrap_or_default(),
+        };
+        let tool = tools.iter().position(|t| *t == name).unwrap_or_else(|| {
+            tools.push(name);
+            tools.len() - 1
+        });
+        if tools.len() > MAX_TOOLS {
+            return Err(InputError::new(
+                &set.path,
+                format!("more than {MAX_TOOLS} sessions and targets"),
+                format!("at most {MAX_TOOLS} tools in one calibration"),
+            ));
+        }
+        let position = Pose {
+            rotation: Matrix3::identity(),
+            translation: m.position,
+        };
+        out.push(Sample {
+            serial: serial(&m.joints),
+            joints: m.joints.clone(),
+            payload_kg: m.payload_kg,
+            measured: m.instrument_from_target().unwrap_or(position),
+            tool,
+            position_only: m.orientation.is_none(),
+        });
+    }
+    Ok(out)
 }

@@ -49,8 +49,8 @@ fn percentile(sorted: &[f64], share: f64) -> f64 {
 pub struct PoseError {
     /// Distance of the origins in mm.
     pub position_mm: f64,
-    /// Angle between the axes in mrad.
-    pub orientation_mrad: f64,
+    /// Angle between the axes in mrad; absent where only the position was measured.
+    pub orientation_mrad: Option<f64>,
 }
 
 impl PoseError {
@@ -59,7 +59,16 @@ impl PoseError {
         let turned = measured.inverse() * *predicted;
         Self {
             position_mm: 1e3 * (measured.translation - predicted.translation).norm(),
-            orientation_mrad: 1e3 * turned.log().angular.norm(),
+            orientation_mrad: Some(1e3 * turned.log().angular.norm()),
+        }
+    }
+
+    /// The position error alone.
+    #[must_use]
+    pub fn without_orientation(self) -> Self {
+        Self {
+            orientation_mrad: None,
+            ..self
         }
     }
 }
@@ -71,19 +80,28 @@ pub struct ErrorSummary {
     pub poses: usize,
     /// Position errors in mm.
     pub position_mm: Summary,
-    /// Orientation errors in mrad.
-    pub orientation_mrad: Summary,
+    /// Orientation errors in mrad, of the poses that have one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub orientation_mrad: Option<Summary>,
 }
 
 impl ErrorSummary {
     /// Of the errors of single poses.
     pub fn new(errors: &[PoseError]) -> Self {
-        let of = |f: fn(&PoseError) -> f64| Summary::new(&errors.iter().map(f).collect::<Vec<_>>());
+        let positions: Vec<f64> = errors.iter().map(|e| e.position_mm).collect();
+        let orientations: Vec<f64> = errors.iter().filter_map(|e| e.orientation_mrad).collect();
         Self {
             poses: errors.len(),
-            position_mm: of(|e| e.position_mm),
-            orientation_mrad: of(|e| e.orientation_mrad),
+            position_mm: Summary::new(&positions),
+            orientation_mrad: (!orientations.is_empty()).then(|| Summary::new(&orientations)),
         }
+    }
+
+    /// Mean orientation error for a table.
+    pub fn orientation_cell(&self) -> String {
+        self.orientation_mrad
+            .as_ref()
+            .map_or("–".to_owned(), |o| format!("{:.3}", o.mean))
     }
 }
 

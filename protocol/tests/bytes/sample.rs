@@ -74,6 +74,7 @@ pub fn blob(rows: &[u8]) -> Blob<'_> {
             affine: affine.map(|values| values.into_iter().collect()),
             rows,
         }),
+        tools: Default::default(),
     }
 }
 

@@ -162,6 +162,7 @@ impl Arm {
                     rows,
                 })
             }),
+            tools: Default::default(),
         }
     }
 

@@ -180,7 +180,7 @@ fn translations(
 }
 
 /// The rotation nearest to a matrix (Frobenius norm).
-fn nearest_rotation(m: &Matrix3<f64>) -> Matrix3<f64> {
+pub fn nearest_rotation(m: &Matrix3<f64>) -> Matrix3<f64> {
     let svd = m.svd(true, true);
     let (Some(u), Some(v)) = (svd.u, svd.v_t) else {
         return Matrix3::identity();

@@ -5,6 +5,7 @@
 //! controller. A [`Calibration`] is the model in `f64`; [`crate::export`] turns it into a blob.
 
 pub mod base_tool;
+pub mod ends;
 pub mod frames;
 
 use poegp_protocol::limits::{MAX_INPUTS, OUTPUTS};
@@ -14,9 +15,11 @@ use poegp_runtime::se3::{Pose, Twist, residual};
 use crate::elastic;
 use crate::elastic::fit::ElasticOptions;
 use crate::elastic::model::ElasticModel;
+use crate::elastic::outliers::Outlier;
 use crate::gp::fit::{MAX_SIGNAL_VARIANCE, Sharing, fit};
 use crate::gp::{self, NotPositiveDefinite, TaskSpaceGp};
-use base_tool::{BaseTool, base_tool, with_ends};
+use base_tool::with_ends;
+use ends::{Ends, ends, tool_count};
 use frames::{FrameFit, ResidualKind, Sample, fit_frames, residual_components};
 
 /// The calibration methods that the paper compares, simplest first.
@@ -105,8 +108,10 @@ impl Options {
 pub struct Calibration {
     /// How it was made.
     pub options: Options,
-    /// Base and tool: the gauge.
-    pub base_tool: BaseTool,
+    /// Base and tools on the nominal arm: the gauge.
+    pub ends: Ends,
+    /// `first_target_from_target` of each tool as calibrated.
+    pub tools: Vec<Pose<f64>>,
     /// The nominal chain from base to target.
     pub nominal: Poe<f64>,
     /// The calibrated chain from base to target.
@@ -117,6 +122,8 @@ pub struct Calibration {
     pub gp: Option<TaskSpaceGp>,
     /// The elastic correction.
     pub elastic: Option<ElasticModel>,
+    /// Measurements that do not belong, by their index; whether they were left out is in the options.
+    pub outliers: Vec<Outlier>,
     /// The bound on the correction: metres and radians.
     pub bound: (f64, f64),
     mean: Option<(poegp_runtime::posterior::MeanHeader<f64>, Vec<f64>)>,
@@ -136,6 +143,14 @@ pub enum CalibrationError {
         needed: usize,
         /// Identifiable parameters.
         parameters: usize,
+        /// The method asked for.
+        method: &'static str,
+    },
+    /// The paper's process for data with several tools or positions alone.
+    #[error(
+        "`{method}` compares whole poses of one tool; use base-tool, poe or elastic for several sessions or targets, or positions alone"
+    )]
+    OneToolOnly {
         /// The method asked for.
         method: &'static str,
     },
@@ -191,30 +206,60 @@ pub fn calibrate(
             method: method.name(),
         });
     }
+    let plain_needed = method.has_gp();
+    if plain_needed && (tool_count(samples) > 1 || samples.iter().any(|s| s.position_only)) {
+        return Err(CalibrationError::OneToolOnly {
+            method: method.name(),
+        });
+    }
     if method == Method::PoeGpLoad && samples.iter().any(|s| s.payload_kg.is_none()) {
         return Err(CalibrationError::NoPayload);
     }
-    let base_tool = base_tool(nominal, samples);
-    let in_base = in_base_frame(samples, &base_tool.instrument_from_base);
-    let nominal = with_ends(nominal, &Pose::identity(), &base_tool.flange_from_target);
+    let ends = ends(nominal, samples);
+    let in_base = in_base_frame(samples, &ends.instrument_from_base);
+    let flange = *nominal.frames().last().unwrap_or(&Pose::identity());
+    let chain_ends: Vec<Pose<f64>> = ends
+        .flange_from_targets
+        .iter()
+        .map(|t| flange * *t)
+        .collect();
+    let plain = chain_ends.len() == 1 && samples.iter().all(|s| !s.position_only);
+    let nominal = with_ends(nominal, &Pose::identity(), &ends.flange_from_targets[0]);
     let mut out = Calibration {
         options: *options,
-        base_tool,
+        tools: relative(&chain_ends),
+        ends,
         nominal,
         calibrated: nominal,
         step1: None,
         gp: None,
         elastic: None,
+        outliers: Vec::new(),
         bound: (0.0, 0.0),
         mean: None,
     };
-    if method == Method::Elastic {
-        let options = &options.elastic;
-        let mut fit = elastic::fit::fit(&nominal, coupling.cloned(), &in_base, options)
+    let elastic = match method {
+        Method::Elastic => Some(options.elastic),
+        // The paper's step 1 compares whole poses of one tool; other data get the same parameters by weighted least squares.
+        Method::Poe if !plain => Some(ElasticOptions {
+            gravity_terms: false,
+            processes: false,
+            ripple: false,
+            ..options.elastic
+        }),
+        _ => None,
+    };
+    if let Some(options) = &elastic {
+        let robust = elastic::fit::fit_robust(&nominal, &chain_ends, coupling, &in_base, options)
             .ok_or(CalibrationError::Unsolvable)?;
-        let model = ElasticModel::new(&mut fit, &in_base, coupling, options);
-        out.elastic = Some(model.ok_or(CalibrationError::Unsolvable)?);
+        let mut fit = robust.fit;
+        let kept: Vec<Sample> = robust.kept.iter().map(|i| in_base[*i].clone()).collect();
+        let model = ElasticModel::new(&mut fit, &kept, coupling, options);
+        out.outliers = robust.outliers;
+        out.elastic =
+            Some(model.ok_or(CalibrationError::Unsolvable)?).filter(|_| method == Method::Elastic);
         out.calibrated = fit.state.chain(0);
+        out.tools = relative(&fit.state.tools);
     } else if method != Method::BaseTool {
         out.step1 = Some(step1(&mut out.calibrated, &in_base, options.weighted));
     }
@@ -225,6 +270,11 @@ pub fn calibrate(
     }
     out.bound = out.bound_from(&in_base);
     Ok(out)
+}
+
+/// Every tool seen from the first.
+fn relative(tools: &[Pose<f64>]) -> Vec<Pose<f64>> {
+    tools.iter().map(|t| tools[0].inverse() * *t).collect()
 }
 
 /// The samples with their poses seen from the base.
@@ -323,9 +373,13 @@ impl Calibration {
         (chain.corrected(&twist), twist)
     }
 
-    /// `base_from_target` as the f64 model has it, without bounding.
+    /// `base_from_target` of the sample's tool as the f64 model has it, without bounding.
     pub fn predict(&self, sample: &Sample) -> Pose<f64> {
-        self.compensate(sample).0
+        let first = self.compensate(sample).0;
+        match self.tools.get(sample.tool) {
+            Some(tool) if sample.tool > 0 => first * *tool,
+            _ => first,
+        }
     }
 
     /// The posterior mean as it is exported.

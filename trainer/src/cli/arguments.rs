@@ -65,6 +65,9 @@ pub struct FitArguments {
     /// Gravity in the base frame in m/s², for arms on a wall or a ceiling.
     #[arg(long, value_name = "X,Y,Z", value_delimiter = ',', num_args = 3, allow_hyphen_values = true, default_values_t = [0.0, 0.0, -9.81])]
     pub gravity: Vec<f64>,
+    /// What the elastic model does with measurements that do not belong.
+    #[arg(long, value_enum, default_value_t = Outliers::Report)]
+    pub outliers: Outliers,
     /// Weight step 1 by the noise, rotation taken at the tool point, instead of the paper's unweighted least squares.
     #[arg(long)]
     pub weighted: bool,
@@ -94,6 +97,38 @@ impl From<Model> for Method {
             Model::PoeGp => Self::PoeGp,
             Model::PoeGpLoad => Self::PoeGpLoad,
             Model::Elastic => Self::Elastic,
+        }
+    }
+}
+
+/// Names of the methods, and the choice by the data.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+#[value(rename_all = "kebab-case")]
+pub enum ModelChoice {
+    /// Base and tool frames only.
+    BaseTool,
+    /// All frames of the chain (step 1 of the paper).
+    Poe,
+    /// The chain and a Gaussian process of the joints.
+    PoeGp,
+    /// The chain and a Gaussian process of joints and payload: the paper's method.
+    PoeGpLoad,
+    /// The chain, gravity terms, gear ripple and joint-space processes, solved together.
+    Elastic,
+    /// The simplest of these that cross-validation of the training data cannot tell from the best.
+    Auto,
+}
+
+impl ModelChoice {
+    /// The method, unless the data are to choose.
+    pub fn method(self) -> Option<Method> {
+        match self {
+            Self::BaseTool => Some(Method::BaseTool),
+            Self::Poe => Some(Method::Poe),
+            Self::PoeGp => Some(Method::PoeGp),
+            Self::PoeGpLoad => Some(Method::PoeGpLoad),
+            Self::Elastic => Some(Method::Elastic),
+            Self::Auto => None,
         }
     }
 }
@@ -154,8 +189,8 @@ pub struct Calibrate {
     /// Measurements to train on.
     pub train: PathBuf,
     /// Calibration method.
-    #[arg(long, value_enum, default_value_t = Model::Elastic)]
-    pub model: Model,
+    #[arg(long, value_enum, default_value_t = ModelChoice::Elastic)]
+    pub model: ModelChoice,
     #[command(flatten)]
     pub fit: FitArguments,
     /// Serial number of the arm, kept in the blob.
@@ -188,6 +223,10 @@ pub struct Evaluate {
     pub blob: PathBuf,
     /// Measurements that it was not trained on.
     pub test: PathBuf,
+    /// Fit the frame of a tool that the blob does not know (a new session) to so many of its own rows, evenly spread;
+    /// they are not scored.
+    #[arg(long, value_name = "ROWS", value_parser = clap::value_parser!(u32).range(1..))]
+    pub fit_tool: Option<u32>,
     /// One row per measurement, in order: x_mm,y_mm,z_mm,qw,qx,qy,qz,status of the predicted instrument_from_target.
     #[arg(long, value_name = "FILE")]
     pub predictions: Option<PathBuf>,
@@ -262,4 +301,13 @@ fn support(text: &str) -> Result<Support, String> {
             _ => Err("expected a number above 0, or `all`".to_owned()),
         },
     }
+}
+
+/// What is done with outliers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Outliers {
+    /// Report them and keep them.
+    Report,
+    /// Report them and leave them out.
+    Reject,
 }

@@ -5,17 +5,20 @@ use std::path::Path;
 use serde::Serialize;
 
 use super::arguments::Calibrate;
+use super::elastic_facts::ElasticFacts;
 use super::{
-    Arm, Failure, check_outputs, device_failure, drift, enough_poses, json_text, origin, progress,
-    report::Report, write_outputs,
+    Arm, Failure, check_outputs, device_failure, drift, enough_poses, equations, json_text, origin,
+    progress, report::Report, write_outputs,
 };
-use crate::calibration::frames::FrameFit;
+use crate::calibration::frames::{FrameFit, Sample};
 use crate::calibration::{Calibration, Method, Options};
+use crate::compare::Task;
 use crate::drift::DriftReport;
-use crate::export::{DeviceCalibration, Fidelity, calibrate_for_device};
+use crate::export::{DeviceCalibration, Fidelity, Origin, calibrate_for_device};
 use crate::gp::fit::MAX_SIGNAL_VARIANCE;
 use crate::identify::{self, IdentifyReport};
 use crate::loaded::LoadedBlob;
+use crate::select::{Choice, FOLDS, Row, candidates, choose};
 use crate::statistics::ErrorSummary;
 
 /// What `--json` writes.
@@ -28,6 +31,11 @@ struct Document {
     training: ErrorSummary,
     step1: Option<Step1>,
     hyperparameters: Vec<Hyperparameters>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    elastic: Option<ElasticFacts>,
+    /// The table that `--model auto` chose from.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    choice: Option<Vec<Row>>,
     bound_mm: f64,
     bound_mrad: f64,
     f32_error_um: F32Error,
@@ -72,19 +80,28 @@ pub fn run(a: &Calibrate) -> Result<(), Failure> {
             .map(|x| 1e-3 * x),
         max_correction_rad: positive("--max-correction-mrad", a.max_correction_mrad, 500.0)?
             .map(|x| 1e-3 * x),
-        ..a.fit.options(Method::from(a.model))
+        ..a.fit.options(a.model.method().unwrap_or(Method::BaseTool))
     };
-    options.method = a.model.into();
     let arm = Arm::load(&a.robot)?;
-    let (set, samples, drift) = drift::read(&arm, &a.train, a.correct_drift)?;
+    let mut tools = Vec::new();
+    let (set, samples, drift) = drift::read(&arm, &a.train, &mut tools, a.correct_drift)?;
     enough_poses(
         &a.train,
         samples.len(),
+        equations(&samples),
         options.method,
         arm.robot.joints.len(),
     )?;
+    let origin = origin(set.sha256, &a.serial_number, tools);
+    let table = match a.model.method() {
+        Some(_) => None,
+        None => {
+            let choice = choose_model(a, &arm, &samples, &options, &origin)?;
+            options = choice.options;
+            Some(choice.table)
+        }
+    };
     let spinner = progress::spinner("calibrating");
-    let origin = origin(set.sha256, &a.serial_number);
     let found = calibrate_for_device(&arm.nominal, &arm.robot, &samples, &options, &origin);
     spinner.finish_and_clear();
     let DeviceCalibration {
@@ -93,7 +110,10 @@ pub fn run(a: &Calibrate) -> Result<(), Failure> {
         fidelity,
     } = found.map_err(|e| device_failure(&a.train, e))?;
     let training = ErrorSummary::new(&blob.errors(&samples));
-    let mut document = document(a, &calibration, &blob, &fidelity, training.clone());
+    let lines: Vec<usize> = set.measurements.iter().map(|m| m.line).collect();
+    let mut document = document(a, &calibration, &blob, &fidelity, training);
+    document.elastic = ElasticFacts::new(&calibration, &lines);
+    document.choice = table;
     document.drift = drift.map(|d| d.report);
     document.identifiability = identify::of_calibration(&calibration, &arm.robot, &samples);
     let json = json_text(&document)?;
@@ -101,13 +121,56 @@ pub fn run(a: &Calibrate) -> Result<(), Failure> {
     files.extend(a.json.as_deref().map(|path| (path, json.as_bytes())));
     write_outputs(&files)?;
     let report = Report::beside(&outputs);
+    if let Some(rows) = &document.choice {
+        print_choice(report, rows);
+    }
     if let Some(drift) = &document.drift {
         report.line(drift.lines().join("\n"));
         report.line(drift::NO_LEAK);
     }
-    let told = document.identifiability.as_ref();
-    print(report, a, &calibration, told, &blob, &fidelity, &training);
+    print(report, a, &calibration, &blob, &fidelity, &document);
     Ok(())
+}
+
+/// Lets the training data choose.
+fn choose_model(
+    a: &Calibrate,
+    arm: &Arm,
+    samples: &[Sample],
+    options: &Options,
+    origin: &Origin,
+) -> Result<Choice, Failure> {
+    let task = Task {
+        robot: &arm.robot,
+        nominal: &arm.nominal,
+        train: samples,
+        tests: &[],
+        folds: FOLDS,
+        seed: 1,
+        origin,
+    };
+    let candidates = candidates(samples, arm.robot.joints.len(), options);
+    let bar = progress::bar(candidates.len() * FOLDS, "choosing the model");
+    let choice = choose(&task, &candidates, &mut || bar.inc(1));
+    bar.finish_and_clear();
+    choice.map_err(|e| device_failure(&a.train, e.error))
+}
+
+fn print_choice(report: Report, rows: &[Row]) {
+    report.line(
+        "Chosen by cross-validation (mm): the simplest within one standard error of the best.\n",
+    );
+    let cells = rows.iter().map(|r| {
+        vec![
+            format!("{} {}", if r.chosen { "*" } else { " " }, r.candidate),
+            format!("{:.4}", r.position_mm.mean),
+            format!("{:.4}", r.position_mm.p95),
+            format!("{:.4} ± {:.4}", r.behind_best_mm, r.standard_error_mm),
+        ]
+    });
+    let cells: Vec<Vec<String>> = cells.collect();
+    report.table(&["candidate", "mean", "p95", "behind the best"], &cells);
+    report.line("");
 }
 
 fn positive(name: &str, value: Option<f64>, limit: f64) -> Result<Option<f64>, Failure> {
@@ -123,11 +186,11 @@ fn print(
     report: Report,
     a: &Calibrate,
     calibration: &Calibration,
-    told: Option<&IdentifyReport>,
     blob: &LoadedBlob,
     fidelity: &Fidelity,
-    training: &ErrorSummary,
+    document: &Document,
 ) {
+    let training = &document.training;
     let p = &training.position_mm;
     report.line(format_args!(
         "Calibrated {} with `{}` on {} poses.",
@@ -148,7 +211,10 @@ fn print(
     report.line(
         "  (they were trained on: for honest figures use `trainer compare` or `trainer evaluate`)",
     );
-    if calibration.gp.is_some() {
+    if let Some(facts) = &document.elastic {
+        facts.print(report);
+    }
+    if calibration.gp.is_some() || calibration.elastic.is_some() {
         let (m, rad) = calibration.bound;
         report.line(format_args!(
             "  corrections are bounded to {:.3} mm and {:.3} mrad",
@@ -167,7 +233,7 @@ fn print(
             calibration.options.max_signal_variance
         ));
     }
-    match told {
+    match &document.identifiability {
         Some(told) => report.line(told.lines().join("\n")),
         None => report.line("  what these poses tell about the geometry could not be computed"),
     }
@@ -211,6 +277,8 @@ fn document(
         training,
         step1: calibration.step1.as_ref().map(step1),
         hyperparameters: hyperparameters.collect(),
+        elastic: None,
+        choice: None,
         bound_mm: 1e3 * calibration.bound.0,
         bound_mrad: 1e3 * calibration.bound.1,
         f32_error_um: F32Error {

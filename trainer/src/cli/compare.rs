@@ -4,16 +4,18 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
-use super::arguments::{Compare, FitArguments};
+use super::arguments::{Compare, FitArguments, Outliers};
 use super::{
     Arm, Failure, calibration_failure, check_outputs, device_failure, drift, enough_poses,
-    file_name, json_text, origin, progress, report::Report, write_outputs,
+    equations, file_name, json_text, origin, progress, report::Report, write_outputs,
 };
 use crate::calibration::frames::Sample;
 use crate::calibration::{CalibrationError, Method, Options};
 use crate::compare::{ModelComparison, Task, TestSet, applicable};
 use crate::drift::{Drift, DriftReport};
 use crate::elastic::fit::ElasticOptions;
+use crate::elastic::outliers::OutlierPolicy;
+use crate::error::InputError;
 use crate::gp::fit::Sharing;
 
 /// What `--json` writes.
@@ -49,6 +51,10 @@ impl FitArguments {
             tied: self.tied,
             support: self.support.0,
             gravity: nalgebra::Vector3::from_column_slice(&self.gravity),
+            outliers: match self.outliers {
+                Outliers::Report => OutlierPolicy::Report,
+                Outliers::Reject => OutlierPolicy::Reject,
+            },
             ..ElasticOptions::default()
         };
         Options {
@@ -74,8 +80,10 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
         ));
     }
     let arm = Arm::load(&a.robot)?;
-    let (set, train) = arm.read(&a.train)?;
+    let mut tools = Vec::new();
+    let (set, train) = arm.read(&a.train, &mut tools)?;
     let drift = a.correct_drift.then(|| Drift::estimate(&set)).transpose()?;
+    let trained_tools = tools.len();
     if a.folds > train.len() {
         return Err(Failure::Usage(format!(
             "--folds {} for {} poses",
@@ -85,10 +93,19 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
     }
     let (mut tests, mut corrected_tests) = (Vec::new(), Vec::new());
     for path in &a.tests {
-        let (set, samples) = arm.read(path)?;
+        let (set, samples) = arm.read(path, &mut tools)?;
+        if let Some(unknown) = tools.get(trained_tools) {
+            return Err(InputError::new(
+                path,
+                format!("{unknown}, which the training data do not have"),
+                "tools that were trained",
+            )
+            .with_help("calibrate, then `trainer evaluate --fit-tool ROWS` fits a new tool to some of its rows")
+            .into());
+        }
         let name = file_name(path);
         if let Some(drift) = &drift {
-            let samples = drift::corrected(&arm, &set, drift)?;
+            let samples = drift::corrected(&arm, &set, &mut tools, drift)?;
             let name = name.clone();
             corrected_tests.push(TestSet { name, samples });
         }
@@ -102,9 +119,19 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
         train.len() - train.len().div_ceil(a.folds)
     };
     for method in &methods {
-        enough_poses(&a.train, smallest, *method, arm.robot.joints.len())?;
+        enough_poses(
+            &a.train,
+            smallest,
+            equations(&train),
+            *method,
+            arm.robot.joints.len(),
+        )?;
     }
-    let origin = origin(set.sha256, "");
+    let corrected = drift
+        .as_ref()
+        .map(|drift| crate::samples::samples(&drift.correct(&set), &arm.robot, &mut tools))
+        .transpose()?;
+    let origin = origin(set.sha256, "", tools);
     let task = Task {
         robot: &arm.robot,
         nominal: &arm.nominal,
@@ -114,10 +141,6 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
         seed: a.seed,
         origin: &origin,
     };
-    let corrected = drift
-        .as_ref()
-        .map(|drift| crate::samples::samples(&drift.correct(&set), &arm.robot))
-        .transpose()?;
     let rounds = 1 + usize::from(drift.is_some());
     let bar = progress::bar(rounds * methods.len() * task.calibrations(), "comparing");
     let run = |task: &Task| -> Result<Vec<ModelComparison>, Failure> {
@@ -218,7 +241,7 @@ fn print(report: Report, runs: &[(&Vec<ModelComparison>, &str)], a: &Compare) {
                 errors.poses.to_string(),
             ];
             row.extend([p.mean, p.median, p.p95, p.max].map(|x| format!("{x:.4}")));
-            row.push(format!("{:.3}", errors.orientation_mrad.mean));
+            row.push(errors.orientation_cell());
             rows.push(row);
         }
     }

@@ -40,16 +40,18 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
     // Read back what was written: the demo goes through the same door as real data.
     let train_path = a.out.join(&files[0].0);
     let set = measurements::read(&train_path)?;
-    let train = crate::samples::samples(&set, &robot)?;
+    let mut tools = Vec::new();
+    let train = crate::samples::samples(&set, &robot, &mut tools)?;
     let mut tests = Vec::new();
     for (name, _) in &files[1..] {
-        let samples = crate::samples::samples(&measurements::read(a.out.join(name))?, &robot)?;
+        let samples =
+            crate::samples::samples(&measurements::read(a.out.join(name))?, &robot, &mut tools)?;
         tests.push(TestSet {
             name: name.clone(),
             samples,
         });
     }
-    let origin = origin(set.sha256, "demo");
+    let origin = origin(set.sha256, "demo", tools);
 
     report.line(format_args!(
         "2. Calibrate with the four methods of the paper: {FOLDS} folds on the training data, then all of it.\n"
@@ -110,6 +112,7 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
     evaluate::run(&Evaluate {
         blob: blob.clone(),
         test: a.out.join(&files[1].0),
+        fit_tool: None,
         predictions: Some(a.out.join("predictions.csv")),
         json: None,
     })?;

@@ -6,6 +6,7 @@ use super::{Arm, Failure};
 use crate::calibration::frames::Sample;
 use crate::drift::Drift;
 use crate::measurements::MeasurementSet;
+use crate::samples::ToolName;
 
 /// The same in every report: what the correction may know.
 pub const NO_LEAK: &str =
@@ -15,14 +16,15 @@ pub const NO_LEAK: &str =
 pub fn read(
     arm: &Arm,
     path: &Path,
+    tools: &mut Vec<ToolName>,
     correct: bool,
 ) -> Result<(MeasurementSet, Vec<Sample>, Option<Drift>), Failure> {
-    let (set, samples) = arm.read(path)?;
+    let (set, samples) = arm.read(path, tools)?;
     if !correct {
         return Ok((set, samples, None));
     }
     let drift = Drift::estimate(&set)?;
-    let samples = crate::samples::samples(&drift.correct(&set), &arm.robot)?;
+    let samples = crate::samples::samples(&drift.correct(&set), &arm.robot, tools)?;
     Ok((set, samples, Some(drift)))
 }
 
@@ -30,8 +32,13 @@ pub fn read(
 pub fn corrected(
     arm: &Arm,
     set: &MeasurementSet,
+    tools: &mut Vec<ToolName>,
     training: &Drift,
 ) -> Result<Vec<Sample>, Failure> {
     let drift = Drift::estimate_as(set, training)?;
-    Ok(crate::samples::samples(&drift.correct(set), &arm.robot)?)
+    Ok(crate::samples::samples(
+        &drift.correct(set),
+        &arm.robot,
+        tools,
+    )?)
 }

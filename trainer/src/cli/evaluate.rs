@@ -11,11 +11,14 @@ use serde::Serialize;
 use super::arguments::Evaluate;
 use super::report::Report;
 use super::{Failure, check_outputs, file_name, json_text, write_outputs};
+use crate::calibration::frames::Sample;
 use crate::error::InputError;
 use crate::loaded::{LoadedBlob, Prediction};
-use crate::measurements::{self, MeasurementSet};
+use crate::measurements;
 use crate::robot::{Joint, Robot};
+use crate::samples::ToolName;
 use crate::statistics::{ErrorSummary, PoseError};
+use crate::tool_fit::{fit_tool, spread};
 
 /// What `--json` writes.
 #[derive(Serialize)]
@@ -55,21 +58,43 @@ pub fn run(a: &Evaluate) -> Result<(), Failure> {
         )
         .into());
     }
-    if !set.has_orientation() {
-        return Err(InputError::new(
-            &a.test,
-            "positions without orientations",
-            "the columns qw, qx, qy, qz",
-        )
-        .into());
-    }
-    let predictions: Vec<Prediction> = set
-        .measurements
+    let robot = robot_of(&blob);
+    let mut names: Vec<ToolName> = loaded
+        .tools()
         .iter()
-        .map(|m| loaded.predict(&m.joints, m.payload_kg))
+        .map(|(name, _)| name.clone())
         .collect();
-    let measured = errors(&set, &predictions, |m| m.instrument_from_target());
-    let truth = errors(&set, &predictions, |m| m.truth);
+    let samples = crate::samples::samples(&set, &robot, &mut names)?;
+    let tools = tool_frames(a, &loaded, &names, &samples)?;
+    let predictions: Vec<Prediction> = samples
+        .iter()
+        .map(|s| {
+            let first = loaded.predict(&s.joints, s.payload_kg);
+            Prediction {
+                pose: first.pose * tools.frames[s.tool],
+                ..first
+            }
+        })
+        .collect();
+    let scored = |i: &usize| !tools.fitted_on.contains(i);
+    let measured = (0..samples.len()).filter(scored).map(|i| {
+        let error = PoseError::between(&samples[i].measured, &predictions[i].pose);
+        if samples[i].position_only {
+            error.without_orientation()
+        } else {
+            error
+        }
+    });
+    let measured: Vec<PoseError> = measured.collect();
+    let truth: Vec<PoseError> = (0..samples.len())
+        .filter(scored)
+        .filter_map(|i| {
+            Some(PoseError::between(
+                &set.measurements[i].truth?,
+                &predictions[i].pose,
+            ))
+        })
+        .collect();
     let result = SetErrors {
         name: file_name(&a.test),
         errors: ErrorSummary::new(&measured),
@@ -121,15 +146,54 @@ fn robot_of(blob: &Blob<'_>) -> Robot {
     }
 }
 
-fn errors(
-    set: &MeasurementSet,
-    predictions: &[Prediction],
-    pose: impl Fn(&measurements::Measurement) -> Option<Pose<f64>>,
-) -> Vec<PoseError> {
-    let pairs = set.measurements.iter().zip(predictions);
-    pairs
-        .filter_map(|(m, p)| Some(PoseError::between(&pose(m)?, &p.pose)))
-        .collect()
+/// The frames of all tools of a set, `first_target_from_target`, and the rows that some were fitted on.
+struct ToolFrames {
+    frames: Vec<Pose<f64>>,
+    fitted_on: Vec<usize>,
+}
+
+fn tool_frames(
+    a: &Evaluate,
+    loaded: &LoadedBlob,
+    names: &[ToolName],
+    samples: &[Sample],
+) -> Result<ToolFrames, Failure> {
+    let known = loaded.tools();
+    let mut frames: Vec<Pose<f64>> = known.iter().map(|(_, pose)| *pose).collect();
+    let mut fitted_on = Vec::new();
+    for (tool, name) in names.iter().enumerate().skip(known.len()) {
+        let rows: Vec<usize> = (0..samples.len())
+            .filter(|i| samples[*i].tool == tool)
+            .collect();
+        match a.fit_tool {
+            Some(count) => {
+                let chosen = spread(&rows, count as usize);
+                if chosen.len() == rows.len() {
+                    return Err(InputError::new(
+                        &a.test,
+                        format!("{} rows of {name}", rows.len()),
+                        format!("more than the {count} that its frame is fitted to: something must be left to score"),
+                    )
+                    .into());
+                }
+                let samples: Vec<&Sample> = chosen.iter().map(|i| &samples[*i]).collect();
+                frames.push(fit_tool(loaded, &samples));
+                fitted_on.extend(chosen);
+            }
+            // One tool on both sides: the same, unless the file says otherwise.
+            None if known.is_empty() && names.len() == 1 => frames.push(Pose::identity()),
+            None => {
+                return Err(InputError::new(
+                    &a.test,
+                    format!("{name}, which was mounted after the calibration"),
+                    "a tool that the blob knows",
+                )
+                .with_help("give --fit-tool ROWS to fit its frame to some of its own rows, which are then not scored")
+                .into());
+            }
+        }
+    }
+    Ok(ToolFrames { frames, fitted_on })
 }
 
 fn print(report: Report, set: &SetErrors, model: &str, predictions: &[Prediction]) {
@@ -141,7 +205,7 @@ fn print(report: Report, set: &SetErrors, model: &str, predictions: &[Prediction
         let mut row = vec![name.to_owned()];
         let p = &e.position_mm;
         row.extend([p.mean, p.median, p.rms, p.p95, p.max].map(|x| format!("{x:.4}")));
-        row.push(format!("{:.3}", e.orientation_mrad.mean));
+        row.push(e.orientation_cell());
         row
     };
     let mut rows = vec![row("measurements", &set.errors)];

@@ -7,6 +7,7 @@ mod calibrate;
 mod compare;
 mod demo;
 mod drift;
+mod elastic_facts;
 mod evaluate;
 mod inspect;
 mod progress;
@@ -29,6 +30,7 @@ use crate::export::{DeviceError, ExportError, Origin, nominal_chain};
 use crate::loaded::HOST_SUPPORT;
 use crate::measurements::{self, MeasurementSet};
 use crate::robot::Robot;
+use crate::samples::ToolName;
 use arguments::{Arguments, Command};
 use report::is_stdout;
 
@@ -109,21 +111,32 @@ impl Arm {
         Ok(Self { robot, nominal })
     }
 
-    /// Reads and checks a measurement file for this arm; notes go to standard error.
-    fn read(&self, path: &Path) -> Result<(MeasurementSet, Vec<Sample>), Failure> {
+    /// Reads and checks a measurement file for this arm; notes go to standard error. New tools are added to `tools`.
+    fn read(
+        &self,
+        path: &Path,
+        tools: &mut Vec<ToolName>,
+    ) -> Result<(MeasurementSet, Vec<Sample>), Failure> {
         let set = measurements::read(path)?;
         let notes = set.check(&self.robot)?;
         for note in set.notes.iter().chain(&notes) {
             eprintln!("note: {}: {note}", path.display());
         }
-        let samples = crate::samples::samples(&set, &self.robot)?;
+        let samples = crate::samples::samples(&set, &self.robot, tools)?;
         Ok((set, samples))
     }
 }
 
 /// Refuses a file with too few poses before any work, as an error of the file.
-fn enough_poses(path: &Path, found: usize, method: Method, joints: usize) -> Result<(), Failure> {
+fn enough_poses(
+    path: &Path,
+    found: usize,
+    equations: usize,
+    method: Method,
+    joints: usize,
+) -> Result<(), Failure> {
     let (needed, parameters) = fewest_poses(method, joints);
+    let needed = (6 * needed).div_ceil(equations);
     if found >= needed {
         return Ok(());
     }
@@ -131,17 +144,34 @@ fn enough_poses(path: &Path, found: usize, method: Method, joints: usize) -> Res
         path,
         format!("{found} poses"),
         format!(
-            "at least {needed} for `{}`: {parameters} unknowns, six equations a pose",
-            method.name()
+            "at least {needed} for `{}`: {parameters} unknowns, {} equations a pose",
+            method.name(),
+            if equations == 6 { "six" } else { "three" }
         ),
     )
     .with_help("measure more poses, or choose a model with fewer parameters")
     .into())
 }
 
+/// Equations that a pose gives: six, or three when only positions were measured.
+fn equations(samples: &[Sample]) -> usize {
+    if samples.iter().all(|s| s.position_only) {
+        3
+    } else {
+        6
+    }
+}
+
 /// A calibration error as one of the file.
 fn calibration_failure(path: &Path, error: &CalibrationError) -> Failure {
     match error {
+        CalibrationError::OneToolOnly { method } => InputError::new(
+            path,
+            "several sessions or targets, or positions alone",
+            format!("whole poses of one tool for `{method}`"),
+        )
+        .with_help("use --model elastic, poe or base-tool for such data")
+        .into(),
         CalibrationError::NoPayload => InputError::new(
             path,
             "no payload_kg column",
@@ -168,7 +198,7 @@ fn device_failure(path: &Path, error: DeviceError) -> Failure {
 }
 
 /// The origin of a calibration: today, or the day that SOURCE_DATE_EPOCH names, for reproducible builds.
-fn origin(data_sha256: [u8; 32], serial_number: &str) -> Origin {
+fn origin(data_sha256: [u8; 32], serial_number: &str, tools: Vec<ToolName>) -> Origin {
     let seconds = std::env::var("SOURCE_DATE_EPOCH")
         .ok()
         .and_then(|s| s.parse().ok());
@@ -179,6 +209,7 @@ fn origin(data_sha256: [u8; 32], serial_number: &str) -> Origin {
         serial_number: serial_number.to_owned(),
         date: now.date().to_string(),
         data_sha256,
+        tools,
     }
 }
 

@@ -4,14 +4,16 @@ use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};
 use nalgebra::Vector3;
 use poegp_runtime::poe::Poe;
+use poegp_runtime::se3::Pose;
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 
 use super::likelihood::{Evidence, HyperLayout, Inputs, Solved, prior_variance};
+use super::outliers::{Outlier, OutlierPolicy, gross, left_out};
 use super::ripple::{SIGNIFICANT, peaks};
 use super::state::{Group, Layout, Linearised, ROWS, Scales, State, rms, unweighted};
-use crate::calibration::frames::Sample;
+use crate::calibration::frames::{FrameFit, Sample};
 use crate::minimize::minimize;
 use poegp_protocol::limits::MAX_RIPPLE;
 
@@ -30,6 +32,8 @@ pub struct ElasticOptions {
     pub gravity: Vector3<f64>,
     /// Support points on the device; `None` keeps all.
     pub support: Option<usize>,
+    /// What is done with measurements that do not belong.
+    pub outliers: OutlierPolicy,
     /// What the instrument's maker states: position in metres, orientation in radians, per component.
     pub instrument_noise: Option<(f64, f64)>,
 }
@@ -43,6 +47,7 @@ impl Default for ElasticOptions {
             ripple: true,
             gravity: Vector3::new(0.0, 0.0, -9.81),
             support: Some(100),
+            outliers: OutlierPolicy::Report,
             instrument_noise: None,
         }
     }
@@ -67,45 +72,130 @@ pub struct ElasticFit {
     pub scales: Scales,
     /// Inputs of the processes.
     pub inputs: Inputs,
-    /// The solution with all poses as support.
-    pub solved: Solved,
+    /// The solution with all poses as support, when there are processes.
+    pub solved: Option<Solved>,
 }
 
-/// Fits to samples whose poses are seen from the base; `chain` is the nominal one to the target of tool 0.
+/// A fit with the measurements that do not belong.
+pub struct RobustFit {
+    /// The fit to the samples that were kept.
+    pub fit: ElasticFit,
+    /// Outliers by their index among all samples.
+    pub outliers: Vec<Outlier>,
+    /// The samples that were kept, by index.
+    pub kept: Vec<usize>,
+}
+
+/// [`fit`], with outliers found, and left out when `options` says so.
+pub fn fit_robust(
+    chain: &Poe<f64>,
+    tools: &[Pose<f64>],
+    coupling: Option<&Vec<Vec<f64>>>,
+    samples: &[Sample],
+    options: &ElasticOptions,
+) -> Option<RobustFit> {
+    let n = chain.kinds().len();
+    let layout = Layout {
+        joints: n,
+        tools: tools.len(),
+        gravity: options.gravity_terms,
+        payload: varies(samples),
+        ripple: Vec::new(),
+    };
+    let hyper = HyperLayout {
+        joints: n,
+        payload: layout.payload,
+        tied: options.tied,
+    };
+    let hyper = hyper.start_and_bounds(mean_payload(samples)).0;
+    let parameters = |kept: &[Sample]| {
+        let coupling = coupling.cloned();
+        let mut state = State::new(
+            chain,
+            tools.to_vec(),
+            coupling,
+            layout.clone(),
+            options.gravity,
+        );
+        parametric_fit(&mut state, kept, &hyper);
+        state
+    };
+    let mut outliers = gross(samples, &parameters);
+    let reject = options.outliers == OutlierPolicy::Reject;
+    let remaining = |outliers: &[Outlier]| -> Vec<usize> {
+        let bad = |i: &usize| reject && outliers.iter().any(|o| o.sample == *i);
+        (0..samples.len()).filter(|i| !bad(i)).collect()
+    };
+    let run = |kept: &[usize]| {
+        let part: Vec<Sample> = kept.iter().map(|i| samples[*i].clone()).collect();
+        let found = fit(chain, tools.to_vec(), coupling.cloned(), &part, options)?;
+        let strange = left_out(&found, &part);
+        Some((found, strange))
+    };
+    let mut kept = remaining(&outliers);
+    let (mut found, strange) = run(&kept)?;
+    for outlier in strange {
+        let sample = kept[outlier.sample];
+        if !outliers.iter().any(|o| o.sample == sample) {
+            outliers.push(Outlier { sample, ..outlier });
+        }
+    }
+    outliers.sort_by_key(|o| o.sample);
+    if remaining(&outliers).len() < kept.len() {
+        // One pass only: testing again with the quieter noise would never end.
+        kept = remaining(&outliers);
+        found = run(&kept)?.0;
+    }
+    Some(RobustFit {
+        fit: found,
+        outliers,
+        kept,
+    })
+}
+
+/// Fits to samples whose poses are seen from the base; `chain` is the nominal one to the first target, `tools` are
+/// `joint_n_from_target` of every tool.
 pub fn fit(
     chain: &Poe<f64>,
+    tools: Vec<Pose<f64>>,
     coupling: Option<Vec<Vec<f64>>>,
     samples: &[Sample],
     options: &ElasticOptions,
 ) -> Option<ElasticFit> {
     let n = chain.kinds().len();
     let payload = varies(samples);
-    let last = chain.frames()[n];
     let layout = Layout {
         joints: n,
-        tools: 1,
+        tools: tools.len(),
         gravity: options.gravity_terms,
         payload,
         ripple: Vec::new(),
     };
-    let mut state = State::new(chain, vec![last], coupling, layout, options.gravity);
-    let mut h = HyperLayout {
+    let mut state = State::new(chain, tools, coupling, layout, options.gravity);
+    let h = HyperLayout {
         joints: n,
         payload,
         tied: options.tied,
     };
     let unit = mean_payload(samples);
-    let (mut hyper, bounds) = h.start_and_bounds(unit);
+    let (hyper, bounds) = h.start_and_bounds(unit);
     let mut scales = parametric_fit(&mut state, samples, &hyper);
     if options.ripple {
         scales = add_ripple(&mut state, samples, &hyper, scales);
     }
     let inputs = inputs_of(&state, samples);
-    if options.processes {
-        hyper = learn(&state, samples, scales, h, hyper, bounds, options);
+    let hyper = if options.processes {
+        learn(&state, samples, scales, h, hyper, bounds, options)
     } else {
-        h.joints = n;
-    }
+        return Some(ElasticFit {
+            state,
+            hyperparameters: hyper,
+            layout: h,
+            scales,
+            inputs,
+            solved: None,
+        });
+    };
     let similarities = inputs.similarities();
     let solve = |state: &mut State| -> Option<(Solved, Linearised)> {
         let linear = state.linearise(samples, scales);
@@ -116,7 +206,7 @@ pub fn fit(
             inputs: &inputs,
             similarities: &similarities,
             layout: h,
-            processes: options.processes,
+            processes: true,
         };
         let solution = evidence.solve(&hyper)?;
         state.move_to(&solution.parameters);
@@ -135,7 +225,7 @@ pub fn fit(
         layout: h,
         scales,
         inputs,
-        solved,
+        solved: Some(solved),
     })
 }
 
@@ -342,3 +432,73 @@ fn learn(
 pub fn rows_of(pose: usize) -> std::ops::Range<usize> {
     ROWS * pose..ROWS * (pose + 1)
 }
+
+/// Base and tools alone on the arm as it is, metres and radians unweighted, by damped Gauss–Newton.
+pub fn fit_ends(state: &mut State, samples: &[Sample]) -> FrameFit {
+    let groups = state.layout.groups();
+    let free: Vec<usize> = (0..groups.len())
+        .filter(|i| groups[*i] == Group::Ends)
+        .collect();
+    let scales = unweighted();
+    let cost = |state: &State| -> f64 {
+        state
+            .residuals(samples, scales)
+            .iter()
+            .flatten()
+            .map(|r| r * r)
+            .sum()
+    };
+    let mut current = cost(state);
+    let mut damping = 1e-9;
+    let mut iterations = 0;
+    while iterations < ENDS_ITERATIONS {
+        let linear = state.linearise(samples, scales);
+        let residuals = state.residuals(samples, scales);
+        let y = Mat::from_fn(linear.y.nrows(), 1, |r, _| residuals[r / ROWS][r % ROWS]);
+        let a = Mat::from_fn(linear.a.nrows(), free.len(), |r, j| linear.a[(r, free[j])]);
+        let normal = a.transpose() * &a;
+        let largest = (0..free.len()).map(|i| normal[(i, i)]).fold(0.0, f64::max);
+        let projected = a.transpose() * &y;
+        let mut accepted = false;
+        for _ in 0..20 {
+            let mut damped = normal.clone();
+            for i in 0..free.len() {
+                damped[(i, i)] += damping * largest;
+            }
+            if let Ok(factor) = damped.llt(Side::Lower) {
+                let step = factor.solve(&projected);
+                let mut candidate = state.clone();
+                let mut x = state.deviation.clone();
+                for (j, i) in free.iter().enumerate() {
+                    x[*i] += step[(j, 0)];
+                }
+                candidate.move_to(&x);
+                let value = cost(&candidate);
+                if value <= current {
+                    let settled = current - value <= 1e-12 * current;
+                    (*state, current, accepted) = (candidate, value, !settled);
+                    damping = (damping * 0.1).max(1e-12);
+                    break;
+                }
+            }
+            damping *= 10.0;
+        }
+        iterations += 1;
+        if !accepted {
+            break;
+        }
+    }
+    let rows: usize = samples
+        .iter()
+        .map(|s| if s.position_only { 3 } else { ROWS })
+        .sum();
+    FrameFit {
+        iterations,
+        rms: (current / rows.max(1) as f64).sqrt(),
+        rank: free.len(),
+        parameters: free.len(),
+    }
+}
+
+/// Most steps of [`fit_ends`].
+const ENDS_ITERATIONS: usize = 100;

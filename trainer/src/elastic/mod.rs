@@ -7,6 +7,7 @@
 pub mod fit;
 pub mod likelihood;
 pub mod model;
+pub mod outliers;
 pub mod ripple;
 pub mod state;
 pub mod support;

@@ -60,7 +60,7 @@ impl ElasticModel {
         } else if count < samples.len() || distinct {
             reduce(fit, samples, count)?
         } else {
-            all(fit)
+            all(fit)?
         };
         let n = fit.layout.joints;
         let mut kernels = [JointKernel::zero(); MAX_JOINTS];
@@ -137,15 +137,15 @@ fn matrix(rows: &Vec<Vec<f64>>) -> CouplingMatrix<f64> {
 }
 
 /// All poses as support, with the weights of the generalised least squares.
-fn all(fit: &ElasticFit) -> Support {
-    let weights: &Mat<f64> = &fit.solved.weights;
-    Support {
+fn all(fit: &ElasticFit) -> Option<Support> {
+    let weights: &Mat<f64> = &fit.solved.as_ref()?.weights;
+    Some(Support {
         features: fit.inputs.features.clone(),
         payloads: fit.inputs.payloads.clone(),
         weights: (0..weights.nrows())
             .map(|j| (0..weights.ncols()).map(|c| weights[(j, c)]).collect())
             .collect(),
-    }
+    })
 }
 
 /// Rows sorted by payload, and the groups.

@@ -89,7 +89,7 @@ fn tools(frames: &[Frame]) -> impl Iterator<Item = usize> {
 }
 
 fn positions_only(task: &Task, frames: &[Frame]) -> Option<Cause> {
-    let joint_from_target = task.chain.frames().last()?;
+    let joint_from_first = task.chain.frames().last()?;
     let n = task.chain.kinds().len();
     let without: Vec<usize> = tools(frames)
         .filter(|f| {
@@ -99,6 +99,7 @@ fn positions_only(task: &Task, frames: &[Frame]) -> Option<Cause> {
         })
         .collect();
     let turns = without.iter().flat_map(|f| {
+        let joint_from_target = *joint_from_first * task.tools[frames[*f].position - n];
         (3..6).map(move |axis| vec![(*f, joint_from_target.transform_twist(&unit(axis)))])
     });
     let directions: Vec<_> = turns.collect();

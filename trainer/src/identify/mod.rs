@@ -64,7 +64,9 @@ pub struct Task<'a> {
     pub robot: &'a Robot,
     /// The chain from base to target as it was fitted, or the nominal one.
     pub chain: &'a Poe<f64>,
-    /// Poses as seen from the base; every tool starts where `chain` ends.
+    /// `first_target_from_target` of each tool; `chain` ends at the first target.
+    pub tools: &'a [Pose<f64>],
+    /// Poses as seen from the base.
     pub samples: &'a [Sample],
     /// Noise of one position component in metres, of one rotation component in radians.
     pub noise: Scales,
@@ -109,13 +111,16 @@ pub struct IdentifyReport {
 /// Looks at what `task` can tell; `None` only when nothing can be computed (no samples, numbers that are not finite).
 pub fn identify(task: &Task) -> Option<IdentifyReport> {
     let n = task.chain.kinds().len();
-    let tools = 1 + task.samples.iter().map(|s| s.tool).max()?;
+    let tools = task.tools.len();
+    if task.samples.is_empty() {
+        return None;
+    }
     let frames = frames(n, tools, task.ends_only);
     let columns: Vec<usize> = frames
         .iter()
         .flat_map(|f| 6 * f.position..6 * f.position + 6)
         .collect();
-    let jacobian = |samples: &[Sample]| jacobian(task, samples, tools, &columns);
+    let jacobian = |samples: &[Sample]| jacobian(task, samples, &columns);
     let data = jacobian(task.samples);
     let rich = jacobian(&rich_samples(task, tools));
     if !(0..data.nrows()).all(|i| (0..data.ncols()).all(|j| data[(i, j)].is_finite())) {
@@ -174,19 +179,20 @@ pub fn of_calibration(
     robot: &Robot,
     samples: &[Sample],
 ) -> Option<IdentifyReport> {
-    let samples = in_base_frame(samples, &calibration.base_tool.instrument_from_base);
+    let samples = in_base_frame(samples, &calibration.ends.instrument_from_base);
     let chain = &calibration.calibrated;
     let noise = match &calibration.elastic {
         Some(elastic) => (
             elastic.report.position_noise,
             elastic.report.orientation_noise,
         ),
-        None => residual_rms(chain, &samples),
+        None => residual_rms(chain, &calibration.tools, &samples),
     };
     let positive = |x: f64| if x > QUIETEST { x } else { QUIETEST };
     identify(&Task {
         robot,
         chain,
+        tools: &calibration.tools,
         samples: &samples,
         noise: Scales {
             position: positive(noise.0),
@@ -197,10 +203,10 @@ pub fn of_calibration(
 }
 
 /// RMS residual of a chain per component: metres and radians.
-fn residual_rms(chain: &Poe<f64>, samples: &[Sample]) -> (f64, f64) {
+fn residual_rms(chain: &Poe<f64>, tools: &[Pose<f64>], samples: &[Sample]) -> (f64, f64) {
     let (mut position, mut orientation, mut complete) = (0.0, 0.0, 0);
     for sample in samples {
-        let predicted = chain.forward(&sample.serial);
+        let predicted = chain.forward(&sample.serial) * tools[sample.tool];
         let r = residual_components(UNWEIGHTED, &sample.measured, &predicted);
         let square = |r: &[f64]| r.iter().map(|x| x * x).sum::<f64>();
         position += square(&r[..3]);
@@ -255,16 +261,17 @@ fn frames(n: usize, tools: usize, ends_only: bool) -> Vec<Frame> {
 }
 
 /// The geometric columns of the linearised model, rows in units of the noise.
-fn jacobian(task: &Task, samples: &[Sample], tools: usize, columns: &[usize]) -> Mat<f64> {
+fn jacobian(task: &Task, samples: &[Sample], columns: &[usize]) -> Mat<f64> {
     let n = task.chain.kinds().len();
     let layout = Layout {
         joints: n,
-        tools,
+        tools: task.tools.len(),
         gravity: false,
         payload: false,
         ripple: Vec::new(),
     };
-    let ends = vec![task.chain.frames()[n]; tools];
+    let last = task.chain.frames()[n];
+    let ends = task.tools.iter().map(|tool| last * *tool).collect();
     let state = State::new(task.chain, ends, None, layout, Vector3::zeros());
     let all = state.linearise(samples, task.noise).a;
     Mat::from_fn(ROWS * samples.len(), columns.len(), |row, column| {

@@ -62,6 +62,7 @@ fn report(robot: &Robot, samples: &[Sample]) -> IdentifyReport {
     let task = Task {
         robot,
         chain: &chain,
+        tools: &vec![Pose::identity(); 1 + samples.iter().map(|s| s.tool).max().unwrap()],
         samples,
         noise: noise(),
         ends_only: false,
@@ -221,6 +222,7 @@ fn hardly_any_poses() {
         identify(&Task {
             robot: &robot,
             chain: &nominal_chain(&robot).unwrap(),
+            tools: &[Pose::identity()],
             samples: &[],
             noise: noise(),
             ends_only: false,
@@ -237,6 +239,7 @@ fn base_and_tool_only() {
     let r = identify(&Task {
         robot: &robot,
         chain: &chain,
+        tools: &[Pose::identity()],
         samples: &samples,
         noise: noise(),
         ends_only: true,

@@ -23,7 +23,7 @@ fn residuals_after_step_1_are_numpys() {
         .map(array)
         .collect();
     let found = calibrate(&nominal, None, &train, &Options::new(Method::Poe)).unwrap();
-    let ours: Vec<[f64; OUTPUTS]> = in_base_frame(&train, &found.base_tool.instrument_from_base)
+    let ours: Vec<[f64; OUTPUTS]> = in_base_frame(&train, &found.ends.instrument_from_base)
         .iter()
         .map(|s| residual(&s.measured, &found.calibrated.forward(&s.serial)).to_array())
         .collect();

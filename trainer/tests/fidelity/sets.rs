@@ -21,5 +21,5 @@ pub fn simulated(robot: &Robot, set: &str) -> Vec<Sample> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!(
         "../tests/data/simulated/irb4400_paper_s0_{set}.csv"
     ));
-    samples(&measurements::read(path).unwrap(), robot).unwrap()
+    samples(&measurements::read(path).unwrap(), robot, &mut Vec::new()).unwrap()
 }

@@ -16,6 +16,7 @@ fn origin() -> Origin {
         serial_number: String::new(),
         date: "2026-11-20".to_owned(),
         data_sha256: [0; 32],
+        tools: Vec::new(),
     }
 }
 
@@ -36,7 +37,7 @@ fn the_blob_is_within_two_micrometres_of_the_model() {
         ("poe-gp-load, per output", per_output(Method::PoeGpLoad)),
     ] {
         let found = calibrate_for_device(&nominal, &robot, &sets[0], &options, &origin()).unwrap();
-        let instrument_from_base = found.calibration.base_tool.instrument_from_base;
+        let instrument_from_base = found.calibration.ends.instrument_from_base;
         // Written out, not by `export::fidelity`: the bounded poses are counted, and the rotation is looked at.
         let (mut distances, mut angle, mut bounded) = (Vec::new(), 0.0_f64, 0);
         for sample in sets.iter().flatten() {

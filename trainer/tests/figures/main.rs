@@ -34,7 +34,7 @@ fn arm(name: &str) -> (Robot, Poe<f64>) {
 fn samples(path: &Path, robot: &Robot) -> Vec<Sample> {
     let set = poegp_trainer::measurements::read(path).unwrap_or_else(|e| panic!("{e}"));
     set.check(robot).unwrap_or_else(|e| panic!("{e}"));
-    poegp_trainer::samples::samples(&set, robot).unwrap_or_else(|e| panic!("{e}"))
+    poegp_trainer::samples::samples(&set, robot, &mut Vec::new()).unwrap_or_else(|e| panic!("{e}"))
 }
 
 /// `method` with hyperparameters per output.
@@ -57,6 +57,7 @@ fn compare(
         serial_number: String::new(),
         date: "2026-11-20".to_owned(),
         data_sha256: [0; 32],
+        tools: Vec::new(),
     };
     let task = Task {
         robot,

@@ -29,7 +29,7 @@ fn measure(robot: &Robot, seed: u64) -> [TestSet; 4] {
         let set = measurements::parse(name, csv.as_bytes()).unwrap();
         TestSet {
             name: name.to_owned(),
-            samples: poegp_trainer::samples::samples(&set, robot).unwrap(),
+            samples: poegp_trainer::samples::samples(&set, robot, &mut Vec::new()).unwrap(),
         }
     })
 }

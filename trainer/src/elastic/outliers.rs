@@ -1,0 +1,129 @@
+//! Measurements that do not belong: found by leave-one-out χ² from the fitted model, never dropped silently.
+//!
+//! A gross outlier inflates the noise that it should be judged by. Two stages keep that from happening: parameters alone
+//! are fitted to the poses that a robust scale (the median residual) believes, until that set settles; then the whole
+//! model predicts every remaining pose from all others, χ²_k = α_kᵀ ([S⁻¹]_kk)⁻¹ α_k with S⁻¹ and α = S⁻¹y from the one
+//! factorisation that is there anyway.
+
+use faer::linalg::solvers::{DenseSolveCore, Solve};
+use faer::{Mat, Side};
+
+use super::fit::ElasticFit;
+use super::state::{ROWS, State, unweighted};
+use crate::calibration::frames::Sample;
+
+/// χ² of a pose left out, above which it is an outlier: six degrees of freedom, p < 10⁻⁶.
+pub const LEFT_OUT: f64 = 40.0;
+/// Squared robust distance of a pose from the parameters alone, above which it is gross: ten standard deviations.
+const GROSS: f64 = 100.0;
+/// Median of the norm of three standard normal numbers.
+const MEDIAN_NORM: f64 = 1.5382;
+/// Rounds until the set of believed poses settles.
+const ROUNDS: usize = 6;
+
+/// What is done with outliers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum OutlierPolicy {
+    /// They are reported and kept.
+    Report,
+    /// They are reported and left out.
+    Reject,
+}
+
+/// How an outlier was found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Reason {
+    /// Far from what the parameters alone predict.
+    Gross,
+    /// Far from what all other poses predict.
+    LeftOut,
+}
+
+/// One measurement that does not belong.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Outlier {
+    /// Index of the sample.
+    pub sample: usize,
+    /// How it was found.
+    pub reason: Reason,
+    /// Its χ² or squared robust distance.
+    pub chi_squared: f64,
+}
+
+/// Poses that the parameters alone cannot believe. `fit_parameters` fits a fresh state to some samples.
+pub fn gross(samples: &[Sample], fit_parameters: &dyn Fn(&[Sample]) -> State) -> Vec<Outlier> {
+    let mut distances = vec![0.0; samples.len()];
+    let mut believed = vec![true; samples.len()];
+    for _ in 0..ROUNDS {
+        let kept: Vec<Sample> = samples
+            .iter()
+            .zip(&believed)
+            .filter(|(_, b)| **b)
+            .map(|(s, _)| s.clone())
+            .collect();
+        if kept.len() < samples.len() / 2 {
+            return Vec::new();
+        }
+        let residuals = fit_parameters(&kept).residuals(samples, unweighted());
+        let norm = |r: &[f64]| r.iter().map(|x| x * x).sum::<f64>().sqrt();
+        let scale = |part: fn(&[f64; ROWS]) -> &[f64], complete: bool| {
+            let norms = residuals
+                .iter()
+                .zip(samples)
+                .filter(|(_, s)| !(complete && s.position_only));
+            median(norms.map(|(r, _)| norm(part(r))).collect()) / MEDIAN_NORM
+        };
+        let (position, orientation) = (scale(|r| &r[..3], false), scale(|r| &r[3..], true));
+        for (distance, r) in distances.iter_mut().zip(&residuals) {
+            let turn = if orientation > 0.0 {
+                norm(&r[3..]) / orientation
+            } else {
+                0.0
+            };
+            *distance = (norm(&r[..3]) / position.max(1e-9)).powi(2) + turn * turn;
+        }
+        let now: Vec<bool> = distances.iter().map(|d| *d <= GROSS).collect();
+        let settled = now == believed;
+        believed = now;
+        if settled {
+            break;
+        }
+    }
+    let outlier = |(sample, d): (usize, &f64)| {
+        (*d > GROSS).then_some(Outlier {
+            sample,
+            reason: Reason::Gross,
+            chi_squared: *d,
+        })
+    };
+    distances.iter().enumerate().filter_map(outlier).collect()
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(0.0)
+}
+
+/// Poses that all others do not predict, by their index among the samples of the fit.
+pub fn left_out(fit: &ElasticFit, samples: &[Sample]) -> Vec<Outlier> {
+    let Some(solved) = &fit.solved else {
+        return Vec::new();
+    };
+    let inverse = solved.factor.inverse();
+    let chi_squared = |k: usize| -> Option<f64> {
+        let rows = if samples[k].position_only { 3 } else { ROWS };
+        let block = Mat::from_fn(rows, rows, |i, j| inverse[(ROWS * k + i, ROWS * k + j)]);
+        let alpha = Mat::from_fn(rows, 1, |i, _| solved.alpha[(ROWS * k + i, 0)]);
+        let solution = block.llt(Side::Lower).ok()?.solve(&alpha);
+        Some((0..rows).map(|i| alpha[(i, 0)] * solution[(i, 0)]).sum())
+    };
+    let outlier = |sample: usize| {
+        let chi_squared = chi_squared(sample)?;
+        (chi_squared > LEFT_OUT).then_some(Outlier {
+            sample,
+            reason: Reason::LeftOut,
+            chi_squared,
+        })
+    };
+    (0..samples.len()).filter_map(outlier).collect()
+}
