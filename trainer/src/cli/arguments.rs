@@ -209,6 +209,9 @@ pub struct Calibrate {
     /// Largest rotation by the correction (default: twice the largest in training).
     #[arg(long, value_name = "MRAD")]
     pub max_correction_mrad: Option<f64>,
+    /// Take the instrument's drift out of every pose, from its reference points (columns ref1_x_mm …).
+    #[arg(long)]
+    pub correct_drift: bool,
     /// Blob to write.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
@@ -261,6 +264,9 @@ pub struct Compare {
     /// Seed of the draw of folds.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
+    /// Take the instrument's drift out of every pose, from its reference points (columns ref1_x_mm …).
+    #[arg(long)]
+    pub correct_drift: bool,
     #[command(flatten)]
     pub fit: FitArguments,
     /// Errors as JSON (`-`: standard output).

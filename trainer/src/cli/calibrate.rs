@@ -7,14 +7,16 @@ use serde::Serialize;
 use super::arguments::Calibrate;
 use super::elastic_facts::ElasticFacts;
 use super::{
-    Arm, Failure, check_outputs, device_failure, enough_poses, equations, instrument_noise,
+    Arm, Failure, check_outputs, device_failure, drift, enough_poses, equations, instrument_noise,
     json_text, origin, progress, report::Report, write_outputs,
 };
 use crate::calibration::frames::{FrameFit, Sample};
 use crate::calibration::{Calibration, Method, Options};
 use crate::compare::Task;
+use crate::drift::DriftReport;
 use crate::export::{DeviceCalibration, Fidelity, Origin, calibrate_for_device};
 use crate::gp::fit::MAX_SIGNAL_VARIANCE;
+use crate::identify::{self, IdentifyReport};
 use crate::loaded::LoadedBlob;
 use crate::select::{Choice, FOLDS, Row, candidates, choose};
 use crate::statistics::ErrorSummary;
@@ -37,6 +39,9 @@ struct Document {
     bound_mm: f64,
     bound_mrad: f64,
     f32_error_um: F32Error,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    drift: Option<DriftReport>,
+    identifiability: Option<IdentifyReport>,
     blob: BlobFacts,
 }
 
@@ -79,7 +84,7 @@ pub fn run(a: &Calibrate) -> Result<(), Failure> {
     };
     let arm = Arm::load(&a.robot)?;
     let mut tools = Vec::new();
-    let (set, samples) = arm.read(&a.train, &mut tools)?;
+    let (set, samples, drift) = drift::read(&arm, &a.train, &mut tools, a.correct_drift)?;
     enough_poses(
         &a.train,
         samples.len(),
@@ -107,9 +112,11 @@ pub fn run(a: &Calibrate) -> Result<(), Failure> {
     } = found.map_err(|e| device_failure(&a.train, e))?;
     let training = ErrorSummary::new(&blob.errors(&samples));
     let lines: Vec<usize> = set.measurements.iter().map(|m| m.line).collect();
-    let mut document = document(a, &calibration, &blob, &fidelity, training.clone());
+    let mut document = document(a, &calibration, &blob, &fidelity, training);
     document.elastic = ElasticFacts::new(&calibration, &lines);
     document.choice = table;
+    document.drift = drift.map(|d| d.report);
+    document.identifiability = identify::of_calibration(&calibration, &arm.robot, &samples);
     let json = json_text(&document)?;
     let mut files = vec![(a.out.as_path(), blob.bytes())];
     files.extend(a.json.as_deref().map(|path| (path, json.as_bytes())));
@@ -118,15 +125,11 @@ pub fn run(a: &Calibrate) -> Result<(), Failure> {
     if let Some(rows) = &document.choice {
         print_choice(report, rows);
     }
-    print(
-        report,
-        a,
-        &calibration,
-        &blob,
-        &fidelity,
-        &training,
-        document.elastic.as_ref(),
-    );
+    if let Some(drift) = &document.drift {
+        report.line(drift.lines().join("\n"));
+        report.line(drift::NO_LEAK);
+    }
+    print(report, a, &calibration, &blob, &fidelity, &document);
     Ok(())
 }
 
@@ -186,9 +189,9 @@ fn print(
     calibration: &Calibration,
     blob: &LoadedBlob,
     fidelity: &Fidelity,
-    training: &ErrorSummary,
-    elastic: Option<&ElasticFacts>,
+    document: &Document,
 ) {
+    let training = &document.training;
     let p = &training.position_mm;
     report.line(format_args!(
         "Calibrated {} with `{}` on {} poses.",
@@ -209,7 +212,7 @@ fn print(
     report.line(
         "  (they were trained on: for honest figures use `trainer compare` or `trainer evaluate`)",
     );
-    if let Some(facts) = elastic {
+    if let Some(facts) = &document.elastic {
         facts.print(report);
     }
     if calibration.gp.is_some() || calibration.elastic.is_some() {
@@ -230,6 +233,10 @@ fn print(
             "  note: the signal variance was held below {} for the sake of single precision",
             calibration.options.max_signal_variance
         ));
+    }
+    match &document.identifiability {
+        Some(told) => report.line(told.lines().join("\n")),
+        None => report.line("  what these poses tell about the geometry could not be computed"),
     }
     let support = blob.model().support();
     report.line(format_args!(
@@ -279,6 +286,8 @@ fn document(
             mean: 1e6 * fidelity.mean_m,
             max: 1e6 * fidelity.max_m,
         },
+        drift: None,
+        identifiability: None,
         blob: BlobFacts {
             file: a.out.display().to_string(),
             bytes: blob.bytes().len(),

@@ -6,12 +6,14 @@ use serde::Serialize;
 
 use super::arguments::{Compare, FitArguments, Outliers};
 use super::{
-    Arm, Failure, calibration_failure, check_outputs, device_failure, enough_poses, equations,
-    file_name, instrument_noise, json_text, origin, progress, report::Report, write_outputs,
+    Arm, Failure, calibration_failure, check_outputs, device_failure, drift, enough_poses,
+    equations, file_name, instrument_noise, json_text, origin, progress, report::Report,
+    write_outputs,
 };
 use crate::calibration::frames::Sample;
 use crate::calibration::{CalibrationError, Method, Options};
 use crate::compare::{ModelComparison, Task, TestSet, applicable};
+use crate::drift::{Drift, DriftReport};
 use crate::elastic::fit::{ElasticOptions, InstrumentNoise};
 use crate::elastic::outliers::OutlierPolicy;
 use crate::error::InputError;
@@ -30,6 +32,12 @@ pub struct Document<'a> {
     pub weighted: bool,
     /// One entry for each method.
     pub models: &'a [ModelComparison],
+    /// With `--correct-drift`: what was taken out of the data of `models`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub drift: Option<&'a DriftReport>,
+    /// With `--correct-drift`: the same methods on the data as they were measured.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub models_without_correction: Option<&'a [ModelComparison]>,
 }
 
 impl FitArguments {
@@ -81,6 +89,7 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
     let arm = Arm::load(&a.robot)?;
     let mut tools = Vec::new();
     let (set, train) = arm.read(&a.train, &mut tools)?;
+    let drift = a.correct_drift.then(|| Drift::estimate(&set)).transpose()?;
     let trained_tools = tools.len();
     if a.folds > train.len() {
         return Err(Failure::Usage(format!(
@@ -89,9 +98,9 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
             train.len()
         )));
     }
-    let mut tests = Vec::new();
+    let (mut tests, mut corrected_tests) = (Vec::new(), Vec::new());
     for path in &a.tests {
-        let samples = arm.read(path, &mut tools)?.1;
+        let (set, samples) = arm.read(path, &mut tools)?;
         if let Some(unknown) = tools.get(trained_tools) {
             return Err(InputError::new(
                 path,
@@ -101,10 +110,13 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
             .with_help("calibrate, then `trainer evaluate --fit-tool ROWS` fits a new tool to some of its rows")
             .into());
         }
-        tests.push(TestSet {
-            name: file_name(path),
-            samples,
-        });
+        let name = file_name(path);
+        if let Some(drift) = &drift {
+            let samples = drift::corrected(&arm, &set, &mut tools, drift)?;
+            let name = name.clone();
+            corrected_tests.push(TestSet { name, samples });
+        }
+        tests.push(TestSet { name, samples });
     }
     let methods = methods(a, &train, &tests)?;
     // A fold may be larger than its share by one group of equal configurations; the calibration itself checks again.
@@ -122,6 +134,10 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
             arm.robot.joints.len(),
         )?;
     }
+    let corrected = drift
+        .as_ref()
+        .map(|drift| crate::samples::samples(&drift.correct(&set), &arm.robot, &mut tools))
+        .transpose()?;
     let origin = origin(set.sha256, "", tools);
     let task = Task {
         robot: &arm.robot,
@@ -133,14 +149,28 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
         origin: &origin,
     };
     let noise = instrument_noise(&a.fit, &set)?;
-    let bar = progress::bar(methods.len() * task.calibrations(), "comparing");
-    let mut models = Vec::new();
-    for method in methods {
-        bar.set_message(method.name());
-        let result = task.run(&with_noise(a.fit.options(method), noise), &mut || {
-            bar.inc(1)
-        });
-        models.push(result.map_err(|e| device_failure(&a.train, e.error))?);
+    let rounds = 1 + usize::from(drift.is_some());
+    let bar = progress::bar(rounds * methods.len() * task.calibrations(), "comparing");
+    let run = |task: &Task| -> Result<Vec<ModelComparison>, Failure> {
+        let run_one = |method: &Method| {
+            bar.set_message(method.name());
+            task.run(&with_noise(a.fit.options(*method), noise), &mut || {
+                bar.inc(1)
+            })
+            .map_err(|e| device_failure(&a.train, e.error))
+        };
+        methods.iter().map(run_one).collect()
+    };
+    let mut models = run(&task)?;
+    let mut uncorrected = None;
+    if let Some(train) = &corrected {
+        let tests = &corrected_tests;
+        uncorrected = Some(models);
+        models = run(&Task {
+            train,
+            tests,
+            ..task
+        })?;
     }
     bar.finish_and_clear();
     if let Some(path) = &a.json {
@@ -150,10 +180,25 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
             per_output: a.fit.per_output,
             weighted: a.fit.weighted,
             models: &models,
+            drift: drift.as_ref().map(|d| &d.report),
+            models_without_correction: uncorrected.as_deref(),
         };
         write_outputs(&[(path, json_text(&document)?.as_bytes())])?;
     }
-    print(Report::beside(&output), &models, a);
+    let report = Report::beside(&output);
+    match (&drift, &uncorrected) {
+        (Some(drift), Some(uncorrected)) => {
+            report.line(drift.report.lines().join("\n"));
+            report.line(drift::NO_LEAK);
+            report.line("");
+            print(
+                report,
+                &[(uncorrected, ""), (&models, ", drift corrected")],
+                a,
+            );
+        }
+        _ => print(report, &[(&models, "")], a),
+    }
     Ok(())
 }
 
@@ -178,7 +223,8 @@ fn methods(a: &Compare, train: &[Sample], tests: &[TestSet]) -> Result<Vec<Metho
     Ok(methods)
 }
 
-fn print(report: Report, models: &[ModelComparison], a: &Compare) {
+/// One table of all `runs`, each with what is said after the names of its sets.
+fn print(report: Report, runs: &[(&Vec<ModelComparison>, &str)], a: &Compare) {
     report.line("Held-out errors: position in mm, orientation in mrad.");
     if a.folds > 0 {
         report.line(format_args!(
@@ -188,7 +234,10 @@ fn print(report: Report, models: &[ModelComparison], a: &Compare) {
     }
     report.line("");
     let mut rows = Vec::new();
-    for model in models {
+    let all = runs
+        .iter()
+        .flat_map(|(models, what)| models.iter().map(move |model| (model, *what)));
+    for (model, what) in all {
         let folds = model
             .cross_validation
             .iter()
@@ -201,7 +250,7 @@ fn print(report: Report, models: &[ModelComparison], a: &Compare) {
             let p = &errors.position_mm;
             let mut row = vec![
                 model.model.to_owned(),
-                name.to_owned(),
+                format!("{name}{what}"),
                 errors.poses.to_string(),
             ];
             row.extend([p.mean, p.median, p.p95, p.max].map(|x| format!("{x:.4}")));

@@ -101,6 +101,8 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
         per_output: false,
         weighted: false,
         models: &models[..PAPER_TABLE_I.len()],
+        drift: None,
+        models_without_correction: None,
     };
     crate::output::write(
         &a.out.join("compare.json"),

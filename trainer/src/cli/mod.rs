@@ -6,6 +6,7 @@ mod arguments;
 mod calibrate;
 mod compare;
 mod demo;
+mod drift;
 mod elastic_facts;
 mod evaluate;
 mod inspect;

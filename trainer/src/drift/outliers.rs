@@ -1,0 +1,77 @@
+//! Reference measurements that are not believed.
+//!
+//! A point is compared with the median of its neighbours in time, so that a creep or a step of the instrument is no
+//! outlier. Far is more than 0.5 mm, or ten standard deviations (from the median distance) where the point is quieter.
+//! When all points of a pose, two at least, jump together it is the instrument that was pushed, and they are kept.
+
+use nalgebra::Vector3;
+
+/// Farther than this from its neighbours is gross, metres.
+const GROSS: f64 = 0.5e-3;
+/// Standard deviations that are believed.
+const BELIEVED: f64 = 10.0;
+/// The quietest instrument, metres: fewer digits in a file make a median distance of zero.
+const QUIETEST: f64 = 2e-6;
+/// Neighbours on each side.
+const NEIGHBOURS: usize = 7;
+/// Median length of a vector of three standard normal numbers.
+const MEDIAN_LENGTH: f64 = 1.538;
+
+/// Component-wise median; zero of nothing.
+pub fn median(points: &[Vector3<f64>]) -> Vector3<f64> {
+    Vector3::from_fn(|axis, _| middle(points.iter().map(|p| p[axis]).collect()))
+}
+
+fn middle(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    match values.len() {
+        0 => 0.0,
+        n if n % 2 == 1 => values[n / 2],
+        n => 0.5 * (values[n / 2 - 1] + values[n / 2]),
+    }
+}
+
+/// `[point][pose]`: whether what was seen is not believed.
+pub fn outliers(seen: &[Vec<Option<Vector3<f64>>>], sessions: &[usize]) -> Vec<Vec<bool>> {
+    let deviations: Vec<Vec<Option<Vector3<f64>>>> =
+        seen.iter().map(|p| deviations(p, sessions)).collect();
+    let limits: Vec<f64> = deviations
+        .iter()
+        .map(|d| {
+            let typical = middle(d.iter().flatten().map(|d| d.norm()).collect()) / MEDIAN_LENGTH;
+            (BELIEVED * typical.max(QUIETEST)).min(GROSS)
+        })
+        .collect();
+    let mut out: Vec<Vec<bool>> = seen.iter().map(|p| vec![false; p.len()]).collect();
+    for k in 0..sessions.len() {
+        let at: Vec<(usize, Vector3<f64>)> = (0..seen.len())
+            .filter_map(|i| deviations[i][k].map(|d| (i, d)))
+            .collect();
+        let common = median(&at.iter().map(|(_, d)| *d).collect::<Vec<_>>());
+        if at.len() > 1 && at.iter().all(|(i, d)| (d - common).norm() <= limits[*i]) {
+            continue;
+        }
+        for (i, d) in at {
+            out[i][k] = d.norm() > limits[i];
+        }
+    }
+    out
+}
+
+/// How far each is from the median of its neighbours and itself.
+fn deviations(seen: &[Option<Vector3<f64>>], sessions: &[usize]) -> Vec<Option<Vector3<f64>>> {
+    let mut out = vec![None; seen.len()];
+    let there: Vec<(usize, Vector3<f64>)> = seen
+        .iter()
+        .enumerate()
+        .filter_map(|(k, p)| p.map(|p| (k, p)))
+        .collect();
+    for (at, (k, point)) in there.iter().enumerate() {
+        let same = |other: &&(usize, Vector3<f64>)| sessions[other.0] == sessions[*k];
+        let before = there[..at].iter().rev().filter(same).take(NEIGHBOURS);
+        let after = there[at..].iter().filter(same).take(NEIGHBOURS + 1);
+        let near: Vec<Vector3<f64>> = before.chain(after).map(|(_, p)| *p).collect();
+        out[*k] = Some(point - median(&near));
+    }
+    out
+}

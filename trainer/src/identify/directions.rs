@@ -1,0 +1,120 @@
+//! Subspaces of the parameters: what a set of poses tells, and what is missing.
+
+use faer::Mat;
+
+/// Cosine from which a direction counts as lying within a space. Untold is a matter of degree, so this is not sharp.
+const WITHIN: f64 = 0.9;
+
+/// Singular values below this share do not widen the span of a cause.
+const SPANNED: f64 = 1e-6;
+
+/// The right singular vectors of a Jacobian, told directions first.
+pub struct Space {
+    /// Singular values, largest first.
+    pub values: Vec<f64>,
+    /// How many are told.
+    pub rank: usize,
+    /// All right singular vectors, columns.
+    vectors: Mat<f64>,
+}
+
+impl Space {
+    /// Of a Jacobian with any number of rows; `tells` has a singular value and the largest one.
+    pub fn new(jacobian: &Mat<f64>, tells: impl Fn(f64, f64) -> bool) -> Option<Self> {
+        let (rows, columns) = (jacobian.nrows(), jacobian.ncols());
+        // Rows of zeros where there are fewer equations than unknowns: the null space is wanted whole.
+        let padded = Mat::from_fn(rows.max(columns), columns, |i, j| {
+            if i < rows { jacobian[(i, j)] } else { 0.0 }
+        });
+        let svd = padded.thin_svd().ok()?;
+        let values: Vec<f64> = svd.S().column_vector().iter().copied().collect();
+        let largest = values.first().copied()?;
+        let rank = values.iter().filter(|s| tells(**s, largest)).count();
+        Some(Self {
+            values,
+            rank,
+            vectors: svd.V().to_owned(),
+        })
+    }
+
+    /// Orthonormal columns that span what is told.
+    pub fn told(&self) -> Mat<f64> {
+        Mat::from_fn(self.vectors.nrows(), self.rank, |i, j| self.vectors[(i, j)])
+    }
+
+    fn null(&self) -> Mat<f64> {
+        let count = self.vectors.ncols() - self.rank;
+        Mat::from_fn(self.vectors.nrows(), count, |i, j| {
+            self.vectors[(i, self.rank + j)]
+        })
+    }
+
+    /// Largest singular value by the `rank`-th.
+    pub fn condition(&self, rank: usize) -> f64 {
+        match rank {
+            0 => f64::INFINITY,
+            _ => self.values[0] / self.values[rank - 1],
+        }
+    }
+
+    /// What `possible` tells and this does not: orthonormal columns.
+    pub fn missing_from(&self, possible: &Self) -> Mat<f64> {
+        let told = possible.told();
+        let inside = &told * (told.transpose() * self.null());
+        leading(&inside, possible.rank.saturating_sub(self.rank))
+    }
+}
+
+/// The `count` leading left singular vectors.
+fn leading(a: &Mat<f64>, count: usize) -> Mat<f64> {
+    if a.ncols() == 0 || count == 0 {
+        return Mat::zeros(a.nrows(), 0);
+    }
+    let Ok(svd) = a.thin_svd() else {
+        return Mat::zeros(a.nrows(), 0);
+    };
+    let count = count.min(svd.U().ncols());
+    Mat::from_fn(a.nrows(), count, |i, j| svd.U()[(i, j)])
+}
+
+/// What a cause explains of the untold directions.
+pub struct Explained {
+    /// How many.
+    pub directions: usize,
+    /// What is left.
+    pub rest: Mat<f64>,
+}
+
+/// Takes out of `untold` what lies in the span of `cause`, as far as the data really do not tell it. `all` is what was
+/// untold before earlier causes were heard: what those explained is not explained twice.
+pub fn explain(untold: &Mat<f64>, cause: &Mat<f64>, all: &Mat<f64>, possible: &Space) -> Explained {
+    let nothing = || Explained {
+        directions: 0,
+        rest: untold.clone(),
+    };
+    if untold.ncols() == 0 || cause.ncols() == 0 {
+        return nothing();
+    }
+    let basis = possible.told();
+    let inside = &basis * (basis.transpose() * cause);
+    let explained = all * (all.transpose() * &inside) - untold * (untold.transpose() * &inside);
+    let inside = inside - explained;
+    let Ok(svd) = inside.thin_svd() else {
+        return nothing();
+    };
+    let values: Vec<f64> = svd.S().column_vector().iter().copied().collect();
+    let span = values.iter().filter(|s| **s > SPANNED * values[0]).count();
+    let cause = leading(&inside, span);
+    // Principal angles between the untold and what the cause would hide.
+    let Ok(svd) = (untold.transpose() * &cause).thin_svd() else {
+        return nothing();
+    };
+    let cosines: Vec<f64> = svd.S().column_vector().iter().copied().collect();
+    let directions = cosines.iter().filter(|c| **c > WITHIN).count();
+    let common = Mat::from_fn(untold.ncols(), directions, |i, j| svd.U()[(i, j)]);
+    let outside = untold - untold * (&common * common.transpose());
+    Explained {
+        directions,
+        rest: leading(&outside, untold.ncols() - directions),
+    }
+}
