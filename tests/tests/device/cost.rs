@@ -3,7 +3,7 @@
 use poegp_protocol::link::Query;
 use poegp_tests::device::Device;
 use poegp_tests::emulator::{Clock, instructions};
-use poegp_tests::sample::{Sample, Support};
+use poegp_tests::sample::{Elastic, Sample, Support};
 
 /// Instructions of each evaluation.
 fn costs(device: &mut Device, queries: &[Query]) -> Vec<f64> {
@@ -51,4 +51,28 @@ fn instructions_of_one_evaluation() {
     assert!(chain <= 3_000.0, "{chain}");
     assert!(shared <= 25_000.0, "{shared}");
     assert!(per_output <= 70_000.0, "{per_output}");
+}
+
+#[test]
+fn instructions_of_elastic_models() {
+    let mut device = Device::start(Clock::Counting).unwrap_or_else(|error| panic!("{error}"));
+    for (name, elastic) in [("own", Elastic::OWN), ("tied", Elastic::TIED)] {
+        for joints in 5..=7 {
+            let sample = Sample {
+                joints,
+                ..Sample::plain(31, Support::Elastic(elastic))
+            };
+            for points in [0, 100] {
+                let e = Elastic { points, ..elastic };
+                let none = Elastic { ripple: 0, ..e };
+                let s = |e| Sample {
+                    correction: Support::Elastic(e),
+                    ..sample
+                };
+                let a = cost(&mut device, s(e));
+                let b = cost(&mut device, s(none));
+                println!("{name} {joints} joints {points} points: {a:.0} / no ripple {b:.0}");
+            }
+        }
+    }
 }
