@@ -34,13 +34,12 @@ pub(super) fn checked_bound<T: Scalar>(bound: &CorrectionBound) -> Result<Bound<
     })
 }
 
-/// The bytes of support rows of `words` words each, after every word was looked at: the first `inputs` of a row are
-/// within ±`input_limit`, the others within ±[`MAX_COEFFICIENT`].
+/// The bytes of support rows of `words` words each, after every word was looked at: word i of a row is within
+/// ±`limit(i)`.
 pub(super) fn checked_rows(
     rows: &[u8],
     words: usize,
-    inputs: usize,
-    input_limit: f32,
+    limit: impl Fn(usize) -> f32,
     capacity: usize,
 ) -> Result<&[u8], LoadError> {
     let row_bytes = 4 * words.max(1);
@@ -57,11 +56,7 @@ pub(super) fn checked_rows(
     }
     for row in rows.chunks_exact(row_bytes) {
         for (index, word) in row.as_chunks::<4>().0.iter().enumerate() {
-            let limit = if index < inputs {
-                input_limit
-            } else {
-                MAX_COEFFICIENT
-            };
+            let limit = limit(index);
             if !is_within(f32::from_le_bytes(*word), -limit, limit) {
                 return Err(LoadError::Row);
             }

@@ -64,6 +64,7 @@ impl Elastic {
         let rates: heapless::Vec<f32, _> = (0..joints)
             .map(|_| generator.random_range(0.1..2.0))
             .collect();
+        let payload_rate = generator.random_range(1e-4..1e-2);
         let kernels = (0..joints)
             .map(|_| JointKernel {
                 rates: if self.tied {
@@ -73,7 +74,11 @@ impl Elastic {
                         .map(|_| generator.random_range(0.1..2.0))
                         .collect()
                 },
-                payload_rate: generator.random_range(1e-4..1e-2),
+                payload_rate: if self.tied {
+                    payload_rate
+                } else {
+                    generator.random_range(1e-4..1e-2)
+                },
                 amplitude: generator.random_range(0.5..1.5),
                 payload_amplitude: generator.random_range(0.0..1e-3),
             })
