@@ -372,7 +372,7 @@ impl<T: Scalar> JointProcesses<T> {
     ) -> PerJoint<T> {
         let n = kinds.len();
         let mut biases = [T::ZERO; MAX_JOINTS];
-        let mut fast = kinds.iter().all(|kind| *kind == JointKind::Revolute);
+        let mut fast = matches!(n, 5..=7) && kinds.iter().all(|k| *k == JointKind::Revolute);
         if self.tied {
             let bias = self.kernels[0].bias(n);
             biases = [bias; MAX_JOINTS];

@@ -205,6 +205,9 @@ fn codes_of_load_errors_never_change() {
             capacity: 0,
         },
         LoadError::Row,
+        LoadError::Gravity,
+        LoadError::Ripple,
+        LoadError::Groups,
     ];
     for (code, error) in (1..).zip(errors) {
         assert_eq!(error.code(), code);
