@@ -29,6 +29,9 @@ pub const INPUTS: usize = JOINTS + 1;
 /// Joints of the longest arm here.
 const MAX_SAMPLE_JOINTS: usize = 7;
 
+/// Lengths of its texts: robot name, serial number, model, trainer version, date.
+pub const TEXTS: [usize; 5] = [15, 9, 6, 5, 10];
+
 /// What arm to make.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Sample {
