@@ -142,7 +142,8 @@ impl<T: Scalar> GravityTerms<T> {
 
     /// What gravity does to every joint, rad or m: the regressors times the coefficients, w_c taken out of the sum,
     /// w_c·(Σ_j R_j a_cj + m ((o_t − o_c) b_c0 + R_n b_c)).
-    #[inline(always)]
+    // A function of its own: evaluation and trace share its code.
+    #[inline(never)]
     pub fn deflection(&self, at: &GravityRegressors<'_, T>, payload_kg: T) -> PerJoint<T> {
         let mut out = [T::ZERO; MAX_JOINTS];
         let n = at.kinds.len();
@@ -561,7 +562,7 @@ pub struct Deflection<T> {
 
 impl<T: Scalar> Deflection<T> {
     /// What gear ripple does to every joint.
-    #[inline(always)]
+    #[inline(never)]
     pub fn ripple(&self, joints: &PerJoint<T>) -> PerJoint<T> {
         let mut out = [T::ZERO; MAX_JOINTS];
         for term in &self.ripple {
@@ -703,33 +704,46 @@ impl<T: Scalar> Deflection<T> {
         bound: Option<&Bound<T>>,
         observer: &mut impl Observer<T>,
     ) -> Compensated<T> {
-        let kinds = at.poe.kinds();
         // Zeros, not identities: they are cleared by the word.
         let mut frames = [Pose::from_rows(&[T::ZERO; 12]); MAX_JOINTS];
         let target = at.poe.joint_frames_into(at.motions, &mut frames);
         observer.chain(&target);
         let deflection = self.total(at, &frames, &target, rows, observer);
         observer.deflection(&deflection);
-        let mut serial = coupled(at.coupling, &deflection);
-        let mut twist = deflection_twist(kinds, &frames, &serial);
-        let (factor, bounded) =
-            bound.map_or((T::ONE, false), |b| b.factor(&twist, &target.translation));
-        // Times one, too: the time must not depend on the data.
-        let scaled = |value: T| {
-            if factor == T::ZERO {
-                // It may be infinite.
-                T::ZERO
-            } else {
-                value * factor
-            }
-        };
-        serial = serial.map(scaled);
-        twist = Twist::from_array(&twist.to_array().map(scaled));
-        let pose = at.poe.forward_with(&deflected(at.motions, kinds, &serial));
-        Compensated {
-            pose,
-            twist,
-            bounded,
+        deflect(at, &frames, &target, &deflection, bound)
+    }
+}
+
+/// POE(C (q + δ)) with δ scaled back to `bound`, from the frames of the chain at q.
+// A function of its own: evaluation and trace share its code.
+#[inline(never)]
+fn deflect<T: Scalar>(
+    at: &Configuration<'_, T>,
+    frames: &[Pose<T>; MAX_JOINTS],
+    target: &Pose<T>,
+    deflection: &PerJoint<T>,
+    bound: Option<&Bound<T>>,
+) -> Compensated<T> {
+    let kinds = at.poe.kinds();
+    let mut serial = coupled(at.coupling, deflection);
+    let mut twist = deflection_twist(kinds, frames, &serial);
+    let (factor, bounded) =
+        bound.map_or((T::ONE, false), |b| b.factor(&twist, &target.translation));
+    // Times one, too: the time must not depend on the data.
+    let scaled = |value: T| {
+        if factor == T::ZERO {
+            // It may be infinite.
+            T::ZERO
+        } else {
+            value * factor
         }
+    };
+    serial = serial.map(scaled);
+    twist = Twist::from_array(&twist.to_array().map(scaled));
+    let pose = at.poe.forward_with(&deflected(at.motions, kinds, &serial));
+    Compensated {
+        pose,
+        twist,
+        bounded,
     }
 }

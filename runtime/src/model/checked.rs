@@ -22,6 +22,9 @@ pub(super) const MAX_COEFFICIENT: f32 = 1e30;
 const MAX_BOUND_M: f32 = 1.0;
 const MAX_BOUND_RAD: f32 = 0.5;
 
+/// More words than any support row has.
+const MAX_ROW_WORDS: usize = 64;
+
 pub(super) fn checked_bound<T: Scalar>(bound: &CorrectionBound) -> Result<Bound<T>, LoadError> {
     if !is_within(bound.position_m, 0.0, MAX_BOUND_M)
         || !is_within(bound.angle_rad, 0.0, MAX_BOUND_RAD)
@@ -42,7 +45,8 @@ pub(super) fn checked_rows(
     limit: impl Fn(usize) -> f32,
     capacity: usize,
 ) -> Result<&[u8], LoadError> {
-    let row_bytes = 4 * words.max(1);
+    // Bounded for the compiler, which would link a panic for empty chunks.
+    let row_bytes = 4 * words.clamp(1, MAX_ROW_WORDS);
     if !rows.len().is_multiple_of(row_bytes) {
         return Err(LoadError::PartialRow {
             bytes: rows.len() as u32,
