@@ -448,8 +448,15 @@ pub fn decode(bytes: &[u8]) -> Result<Blob<'_>, DecodeError> {
     if stored != computed {
         return Err(DecodeError::CrcMismatch { stored, computed });
     }
-    match postcard::take_from_bytes(payload) {
-        Ok((blob, [])) if format_version(&blob) <= version => Ok(blob),
+    // Not `postcard::take_from_bytes`, whose pair of blob and rest is one more copy of the blob on the device's stack.
+    let mut deserializer = postcard::Deserializer::from_bytes(payload);
+    match Blob::deserialize(&mut deserializer) {
+        Ok(blob)
+            if deserializer.finalize().is_ok_and(<[u8]>::is_empty)
+                && format_version(&blob) <= version =>
+        {
+            Ok(blob)
+        }
         _ => Err(DecodeError::MalformedPayload),
     }
 }

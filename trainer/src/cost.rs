@@ -36,18 +36,18 @@ pub fn instructions(size: &ElasticSize) -> u64 {
     let n = size.joints as f64;
     let sliding = if size.prismatic > 0 { 1.0 } else { 0.0 };
     // Chain twice, gravity terms, twist, bound.
-    let mut count = 1_181.1 + n * (465.9 + n * 19.9) - 49.4 * sliding * n;
+    let mut count = 1_262.4 + n * (491.5 + n * 17.86) - 46.3 * sliding * n;
     if !size.tied {
-        count += 5.7 * n * n;
+        count += 5.8 * n * n;
     }
-    count += 70.4 * size.ripple as f64;
+    count += 67.5 * size.ripple as f64;
     // The factor of a payload group for each joint.
-    count += size.groups as f64 * (84.7 + n * if size.tied { 22.5 } else { 43.7 });
+    count += size.groups as f64 * (83.9 + n * if size.tied { 21.9 } else { 41.8 });
     let point = match (size.unrolled(), size.tied) {
-        (true, false) => -13.4 + n * (26.6 + n * 3.29),
-        (true, true) => 17.1 + n * 9.55,
-        (false, false) => 12.7 + n * (88.5 - n * 1.1),
-        (false, true) => 93.9 + n * 20.7,
+        (true, false) => -13.1 + n * (26.5 + n * 3.29),
+        (true, true) => 16.4 + n * 9.64,
+        (false, false) => 12.7 + n * (88.6 - n * 1.11),
+        (false, true) => 93.8 + n * 20.75,
     };
     (count + size.support as f64 * point) as u64
 }

@@ -108,7 +108,7 @@ impl Elastic {
         }
         Correction::Elastic(blob::Elastic {
             bound: CorrectionBound {
-                position_m: 1.5e-3,
+                position_m: 1e-3,
                 angle_rad: 5e-3,
             },
             // Not quite along the z axis of the base.
