@@ -13,6 +13,7 @@
 pub mod calibration;
 pub mod cli;
 pub mod compare;
+pub mod cost;
 pub mod coverage;
 pub mod drift;
 pub mod elastic;
