@@ -25,7 +25,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::JointKind;
 use crate::limits::{
-    MAX_FRAMES, MAX_GROUPS, MAX_INPUTS, MAX_JOINTS, MAX_LINK_TERMS, MAX_RIPPLE, MAX_TOOLS, OUTPUTS,
+    MAX_FRAMES, MAX_GROUPS, MAX_INPUTS, MAX_JOINTS, MAX_LINK_TERMS, MAX_RIPPLE, OUTPUTS,
 };
 
 /// First bytes of every blob.
@@ -61,11 +61,12 @@ pub struct Blob<'a> {
     /// What geometry does not explain.
     #[serde(borrow)]
     pub correction: Correction<'a>,
-    /// Further tools that were measured with: other sessions, other targets. The chain ends at the first tool, whose name
-    /// comes first here; empty when there was only one without a name. From format version 2 on, where it follows the
-    /// rest of the payload as a postcard sequence of its own.
+    /// Further tools that were measured with (other sessions, other targets), written by [`encode_tools`] and read by
+    /// [`tools`]: the device needs none of them. The chain ends at the first tool, whose name comes first here; empty
+    /// when there was only one without a name. From format version 2 on, where these bytes follow the rest of the
+    /// payload.
     #[serde(skip)]
-    pub tools: Vec<Tool<'a>, MAX_TOOLS>,
+    pub tools: &'a [u8],
 }
 
 /// A tool: where its target sits seen from the target of the first.
@@ -377,6 +378,40 @@ impl core::fmt::Display for BufferTooSmall {
 
 impl core::error::Error for BufferTooSmall {}
 
+/// Writes `tools` one after the other to the front of `buffer`, for [`Blob::tools`].
+///
+/// # Errors
+/// [`BufferTooSmall`].
+pub fn encode_tools<'b>(
+    tools: &[Tool<'_>],
+    buffer: &'b mut [u8],
+) -> Result<&'b [u8], BufferTooSmall> {
+    let mut used = 0;
+    for tool in tools {
+        let rest = buffer.get_mut(used..).ok_or(BufferTooSmall)?;
+        used += postcard::to_slice(tool, rest)
+            .map_err(|_| BufferTooSmall)?
+            .len();
+    }
+    buffer.get(..used).ok_or(BufferTooSmall)
+}
+
+/// The tools in the bytes of [`Blob::tools`], in order; ends after the first that cannot be read.
+pub fn tools(bytes: &[u8]) -> impl Iterator<Item = Result<Tool<'_>, DecodeError>> {
+    let mut rest = bytes;
+    core::iter::from_fn(move || {
+        if rest.is_empty() {
+            return None;
+        }
+        let read = postcard::take_from_bytes(rest);
+        rest = read.as_ref().map_or(&[], |(_, after)| *after);
+        Some(
+            read.map(|(tool, _)| tool)
+                .map_err(|_| DecodeError::MalformedPayload),
+        )
+    })
+}
+
 /// The oldest format that holds `blob`.
 pub fn format_version(blob: &Blob<'_>) -> u16 {
     match blob.correction {
@@ -406,7 +441,7 @@ pub fn encode<'b>(blob: &Blob<'_>, buffer: &'b mut [u8]) -> Result<&'b [u8], Buf
         .len();
     if format_version(blob) >= 2 {
         let rest = payload.get_mut(length..).ok_or(BufferTooSmall)?;
-        length += postcard::to_slice(&blob.tools, rest)
+        length += postcard::to_slice(blob.tools, rest)
             .map_err(|_| BufferTooSmall)?
             .len();
     }
@@ -470,13 +505,14 @@ pub fn decode(bytes: &[u8]) -> Result<Blob<'_>, DecodeError> {
     if stored != computed {
         return Err(DecodeError::CrcMismatch { stored, computed });
     }
+    // Not `postcard::take_from_bytes`, whose pair of blob and rest is one more copy of the blob on the device's stack.
+    let mut deserializer = postcard::Deserializer::from_bytes(payload);
     let malformed = |_| DecodeError::MalformedPayload;
-    let (mut blob, mut rest): (Blob<'_>, &[u8]) =
-        postcard::take_from_bytes(payload).map_err(malformed)?;
+    let mut blob = Blob::deserialize(&mut deserializer).map_err(malformed)?;
     if version >= 2 {
-        (blob.tools, rest) = postcard::take_from_bytes(rest).map_err(malformed)?;
+        blob.tools = Deserialize::deserialize(&mut deserializer).map_err(malformed)?;
     }
-    if rest.is_empty() && format_version(&blob) == version {
+    if deserializer.finalize().is_ok_and(<[u8]>::is_empty) && format_version(&blob) == version {
         Ok(blob)
     } else {
         Err(DecodeError::MalformedPayload)

@@ -27,7 +27,7 @@ use crate::kernel::LOG2_E;
 use crate::observer::Observer;
 use crate::poe::{JointMotion, Poe};
 use crate::scalar::{MAX_ANGLE, Scalar};
-use crate::se3::{Pose, Twist, cross, dot, subtract};
+use crate::se3::{Pose, Twist, cross, dot, scale, subtract};
 
 /// Words of one support row of an arm with `joints` joints: sine and cosine of each, then a weight for each.
 pub const fn row_words(joints: usize) -> usize {
@@ -43,97 +43,76 @@ pub type PerJoint<T> = [T; MAX_JOINTS];
 
 /// Gravity at one configuration: everything that its regressors are made of.
 #[derive(Clone, Copy, Debug)]
-pub struct GravityRegressors<T> {
-    joints: usize,
-    /// w_c for a revolute joint.
-    moments: [Vector3<T>; MAX_JOINTS],
-    /// z_c·g for a prismatic joint, else 0.
-    forces: PerJoint<T>,
-    /// R_j: link j in the base frame, with the origin of the next frame.
-    links: [Pose<T>; MAX_JOINTS],
-    /// o_c.
-    origins: [Vector3<T>; MAX_JOINTS],
+pub struct GravityRegressors<'a, T> {
+    kinds: &'a [JointKind],
+    /// Frames of the joints before they move; that of joint j + 1 is link j.
+    frames: &'a [Pose<T>; MAX_JOINTS],
+    /// The last link, with the target as its origin.
+    target: &'a Pose<T>,
+    /// g.
+    gravity: &'a Vector3<T>,
 }
 
-impl<T: Scalar> GravityRegressors<T> {
+impl<'a, T: Scalar> GravityRegressors<'a, T> {
     /// From the frames of the joints before they move (see [`crate::poe::Poe::joint_frames`]) and the target.
     #[inline(always)]
     pub fn new(
-        kinds: &[JointKind],
-        frames: &[Pose<T>; MAX_JOINTS],
-        target: &Pose<T>,
-        gravity: &Vector3<T>,
+        kinds: &'a [JointKind],
+        frames: &'a [Pose<T>; MAX_JOINTS],
+        target: &'a Pose<T>,
+        gravity: &'a Vector3<T>,
     ) -> Self {
-        let zero = Vector3::new(T::ZERO, T::ZERO, T::ZERO);
-        let mut out = Self {
-            joints: kinds.len(),
-            moments: [zero; MAX_JOINTS],
-            forces: [T::ZERO; MAX_JOINTS],
-            links: [*target; MAX_JOINTS],
-            origins: [zero; MAX_JOINTS],
-        };
-        for (c, (kind, frame)) in kinds.iter().zip(frames).enumerate() {
-            let axis = Vector3::new(
-                frame.rotation[(0, 2)],
-                frame.rotation[(1, 2)],
-                frame.rotation[(2, 2)],
-            );
-            match kind {
-                JointKind::Revolute => {
-                    if let Some(slot) = out.moments.get_mut(c) {
-                        *slot = cross(gravity, &axis);
-                    }
-                }
-                JointKind::Prismatic => {
-                    if let Some(slot) = out.forces.get_mut(c) {
-                        *slot = dot(&axis, gravity);
-                    }
-                }
-            }
-            if let Some(slot) = out.origins.get_mut(c) {
-                *slot = frame.translation;
-            }
-            if let Some(slot) = c
-                .checked_sub(1)
-                .and_then(|before| out.links.get_mut(before))
-            {
-                *slot = *frame;
-            }
+        Self {
+            kinds,
+            frames,
+            target,
+            gravity,
         }
-        out
     }
 
     /// The three regressors of joint `c` and link `link` ≥ c in m/s²; of a prismatic joint only the first is not zero.
-    #[inline(always)]
     pub fn link(&self, c: usize, link: usize) -> Vector3<T> {
-        let (Some(w), Some(frame), Some(force)) = (
-            self.moments.get(c),
-            self.links.get(link),
-            self.forces.get(c),
-        ) else {
-            return Vector3::new(T::ZERO, T::ZERO, T::ZERO);
+        let zero = Vector3::new(T::ZERO, T::ZERO, T::ZERO);
+        let (Some(kind), Some(frame)) = (self.kinds.get(c), self.frames.get(c)) else {
+            return zero;
         };
-        let r = &frame.rotation;
-        let column = |i: usize| r[(0, i)] * w[0] + r[(1, i)] * w[1] + r[(2, i)] * w[2];
-        Vector3::new(column(0) + *force, column(1), column(2))
+        let last = link + 1 >= self.kinds.len();
+        let rotation = match self.frames.get(link + 1) {
+            Some(next) if !last => &next.rotation,
+            _ => &self.target.rotation,
+        };
+        let axis = third_column(frame);
+        match kind {
+            JointKind::Revolute => {
+                let w = cross(self.gravity, &axis);
+                let component = |i: usize| {
+                    rotation[(0, i)] * w[0] + rotation[(1, i)] * w[1] + rotation[(2, i)] * w[2]
+                };
+                Vector3::new(component(0), component(1), component(2))
+            }
+            JointKind::Prismatic => Vector3::new(dot(&axis, self.gravity), T::ZERO, T::ZERO),
+        }
     }
 
     /// The regressors of joint `c` for a payload of 1 kg: the lever to the target (m²/s²), and three of its offset.
-    #[inline(always)]
     pub fn payload(&self, c: usize) -> (T, Vector3<T>) {
-        let last = self.joints.saturating_sub(1);
-        let (Some(w), Some(origin), Some(tip)) = (
-            self.moments.get(c),
-            self.origins.get(c),
-            self.links.get(last),
-        ) else {
-            return (T::ZERO, Vector3::new(T::ZERO, T::ZERO, T::ZERO));
+        let offset = self.link(c, self.kinds.len().saturating_sub(1));
+        let lever = match (self.kinds.get(c), self.frames.get(c)) {
+            (Some(JointKind::Revolute), Some(frame)) => dot(
+                &subtract(&self.target.translation, &frame.translation),
+                &cross(self.gravity, &third_column(frame)),
+            ),
+            _ => T::ZERO,
         };
-        (
-            dot(&subtract(&tip.translation, origin), w),
-            self.link(c, last),
-        )
+        (lever, offset)
     }
+}
+
+/// z of a frame.
+#[inline(always)]
+fn third_column<T: Scalar>(frame: &Pose<T>) -> Vector3<T> {
+    let r = &frame.rotation;
+    Vector3::new(r[(0, 2)], r[(1, 2)], r[(2, 2)])
 }
 
 /// Coefficients of the gravity terms.
@@ -161,25 +140,61 @@ impl<T: Scalar> GravityTerms<T> {
         }
     }
 
-    /// What gravity does to every joint, rad or m.
-    #[inline(always)]
-    pub fn deflection(&self, at: &GravityRegressors<T>, payload_kg: T) -> PerJoint<T> {
+    /// What gravity does to every joint, rad or m: the regressors times the coefficients, w_c taken out of the sum,
+    /// w_c·(Σ_j R_j a_cj + m ((o_t − o_c) b_c0 + R_n b_c)).
+    // A function of its own: evaluation and trace share its code.
+    #[inline(never)]
+    pub fn deflection(&self, at: &GravityRegressors<'_, T>, payload_kg: T) -> PerJoint<T> {
         let mut out = [T::ZERO; MAX_JOINTS];
-        let coefficients = self
-            .links
-            .iter()
-            .zip(&self.payload_lever)
-            .zip(&self.payload_offset);
-        for (c, (sum, ((links, lever), offset))) in
-            out.iter_mut().zip(coefficients).enumerate().take(at.joints)
+        let n = at.kinds.len();
+        let joints = at.kinds.iter().zip(at.frames).zip(&self.links);
+        let payload = self.payload_lever.iter().zip(&self.payload_offset);
+        for ((c, sum), (((kind, frame), links), (lever, offset))) in
+            out.iter_mut().enumerate().zip(joints.zip(payload))
         {
-            for (link, a) in links.iter().enumerate().take(at.joints).skip(c) {
-                *sum += dot(&at.link(c, link), a);
+            // The payload acts on the last link, at its offset from the target.
+            let mut last = scale(payload_kg, offset);
+            if let Some(a) = links.get(n.wrapping_sub(1)) {
+                add(&mut last, a);
             }
-            let (arm, tip) = at.payload(c);
-            *sum += payload_kg * (arm * *lever + dot(&tip, offset));
+            let inner = links.get(c..n.wrapping_sub(1)).unwrap_or(&[]);
+            let axis = third_column(frame);
+            *sum = match kind {
+                JointKind::Revolute => {
+                    let arm = subtract(&at.target.translation, &frame.translation);
+                    let mut moment = scale(payload_kg * *lever, &arm);
+                    add(&mut moment, &turned(at.target, &last));
+                    let after = at.frames.get(c + 1..).unwrap_or(&[]);
+                    for (a, link) in inner.iter().zip(after) {
+                        add(&mut moment, &turned(link, a));
+                    }
+                    dot(&moment, &cross(at.gravity, &axis))
+                }
+                JointKind::Prismatic => {
+                    let mut weight = last[0];
+                    for a in inner {
+                        weight += a[0];
+                    }
+                    dot(&axis, at.gravity) * weight
+                }
+            };
         }
         out
+    }
+}
+
+/// R v.
+#[inline(always)]
+fn turned<T: Scalar>(frame: &Pose<T>, v: &Vector3<T>) -> Vector3<T> {
+    let r = &frame.rotation;
+    let row = |i: usize| r[(i, 0)] * v[0] + r[(i, 1)] * v[1] + r[(i, 2)] * v[2];
+    Vector3::new(row(0), row(1), row(2))
+}
+
+#[inline(always)]
+fn add<T: Scalar>(sum: &mut Vector3<T>, v: &Vector3<T>) {
+    for i in 0..3 {
+        sum[i] += v[i];
     }
 }
 
@@ -210,6 +225,9 @@ pub fn ripple_regressors<T: Scalar>(cycles: T, q: T) -> (T, T) {
     };
     held.sin_cos()
 }
+
+/// 2 to this is nothing, in f32 and f64.
+const LOWEST_EXPONENT: f64 = -2_000_000.0;
 
 /// The kernel of one output.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -258,9 +276,14 @@ impl<T: Scalar> JointKernel<T> {
     /// The factor of the joints: 2^(Σ W_d (s_d − 1)).
     #[inline(always)]
     pub fn joint_factor(&self, similarities: &[T]) -> T {
-        let mut exponent = self.bias();
+        let mut exponent = self.bias(similarities.len());
         for (rate, s) in self.rates.iter().zip(similarities) {
             exponent += *rate * *s;
+        }
+        // Far along a prismatic joint the exponent leaves the range of `exp2`, long after the factor was zero.
+        let lowest = T::from_f64(LOWEST_EXPONENT);
+        if exponent < lowest {
+            exponent = lowest;
         }
         exponent.exp2()
     }
@@ -269,15 +292,15 @@ impl<T: Scalar> JointKernel<T> {
     #[inline(always)]
     pub fn payload_factor(&self, payload_kg: T, other_kg: T) -> T {
         let difference = payload_kg - other_kg;
-        (self.amplitude + self.payload_amplitude * payload_kg * other_kg)
-            * (-(self.payload_rate * difference * difference)).exp2()
+        (self.amplitude + self.payload_amplitude * (payload_kg * other_kg))
+            * (-(self.payload_rate * (difference * difference))).exp2()
     }
 
-    /// −Σ W_d.
+    /// −Σ W_d over so many joints.
     #[inline(always)]
-    fn bias(&self) -> T {
+    fn bias(&self, joints: usize) -> T {
         let mut sum = T::ZERO;
-        for rate in &self.rates {
+        for rate in self.rates.iter().take(joints) {
             sum += *rate;
         }
         -sum
@@ -332,9 +355,13 @@ pub struct JointProcesses<T> {
     pub groups: Vec<PayloadGroup<T>, MAX_GROUPS>,
 }
 
+/// Largest Σ_d W_cd of the fast kernels: no exponent of theirs leaves the range of [`Scalar::exp2_unclamped`].
+/// Fitted kernels stay below 20.
+const MAX_FAST_RATE_SUM: f64 = 60.0;
+
 impl<T: Scalar> JointProcesses<T> {
-    /// The posterior mean of every joint in rad or m, from `rows` of [`row_words`] words. Every joint factor is shown to
-    /// `kernel_value`, in order.
+    /// The posterior mean of every joint in rad or m, from `rows` of [`row_words`] words. Every exponential of joints is
+    /// shown to `kernel_value`, in the order of the computation.
     #[inline(always)]
     pub fn mean(
         &self,
@@ -344,119 +371,122 @@ impl<T: Scalar> JointProcesses<T> {
         payload_kg: T,
         kernel_value: &mut impl FnMut(T),
     ) -> PerJoint<T> {
+        let n = kinds.len();
+        let mut biases = [T::ZERO; MAX_JOINTS];
+        let mut fast = matches!(n, 5..=7) && kinds.iter().all(|k| *k == JointKind::Revolute);
+        if self.tied {
+            let bias = self.kernels[0].bias(n);
+            biases = [bias; MAX_JOINTS];
+            fast &= bias >= T::from_f64(-MAX_FAST_RATE_SUM);
+        } else {
+            for (bias, kernel) in biases.iter_mut().zip(&self.kernels).take(n) {
+                *bias = kernel.bias(n);
+                fast &= *bias >= T::from_f64(-MAX_FAST_RATE_SUM);
+            }
+        }
+        let mut scaled = *features;
+        if self.tied && fast {
+            // The rates go into the query once, instead of into every point.
+            for (pair, rate) in scaled.iter_mut().zip(&self.kernels[0].rates) {
+                *pair = [pair[0] * *rate, pair[1] * *rate];
+            }
+        }
         let mut out = [T::ZERO; MAX_JOINTS];
         let mut rest = rows;
-        let turning = kinds.iter().all(|kind| *kind == JointKind::Revolute);
-        let mut biases = [T::ZERO; MAX_JOINTS];
-        for (bias, kernel) in biases.iter_mut().zip(&self.kernels) {
-            *bias = kernel.bias();
-        }
         for group in &self.groups {
             let (here, after) = rest
-                .split_at_checked(group.points.saturating_mul(row_words(kinds.len())))
+                .split_at_checked(group.points.saturating_mul(row_words(n)))
                 .unwrap_or((&[], &[]));
             rest = after;
             let mut sums = [T::ZERO; MAX_JOINTS];
-            match (turning, self.tied, kinds.len()) {
-                (true, true, 6) => tied::<T, 6, 18>(
-                    here,
-                    features,
-                    &self.kernels,
-                    &biases,
-                    &mut sums,
-                    kernel_value,
-                ),
-                (true, true, 7) => tied::<T, 7, 21>(
-                    here,
-                    features,
-                    &self.kernels,
-                    &biases,
-                    &mut sums,
-                    kernel_value,
-                ),
-                (true, false, 6) => own::<T, 6, 18>(
-                    here,
-                    features,
-                    &self.kernels,
-                    &biases,
-                    &mut sums,
-                    kernel_value,
-                ),
-                (true, false, 7) => own::<T, 7, 21>(
-                    here,
-                    features,
-                    &self.kernels,
-                    &biases,
-                    &mut sums,
-                    kernel_value,
-                ),
+            match (fast, self.tied, n) {
+                (true, true, 5) => tied::<T, 5, 15>(here, &scaled, &mut sums, kernel_value),
+                (true, true, 6) => tied::<T, 6, 18>(here, &scaled, &mut sums, kernel_value),
+                (true, true, 7) => tied::<T, 7, 21>(here, &scaled, &mut sums, kernel_value),
+                (true, false, 5) => {
+                    own::<T, 5, 15>(here, features, &self.kernels, &mut sums, kernel_value)
+                }
+                (true, false, 6) => {
+                    own::<T, 6, 18>(here, features, &self.kernels, &mut sums, kernel_value)
+                }
+                (true, false, 7) => {
+                    own::<T, 7, 21>(here, features, &self.kernels, &mut sums, kernel_value)
+                }
                 _ => any(self, kinds, here, features, &mut sums, kernel_value),
             }
-            for ((sum, part), kernel) in out
+            let difference = payload_kg - group.payload_kg;
+            let (square, product) = (difference * difference, payload_kg * group.payload_kg);
+            let mut falling = T::ZERO;
+            let mut known = None;
+            for (((sum, part), kernel), bias) in out
                 .iter_mut()
                 .zip(&sums)
                 .zip(&self.kernels)
-                .take(kinds.len())
+                .zip(&biases)
+                .take(n)
             {
-                *sum += kernel.payload_factor(payload_kg, group.payload_kg) * *part;
+                // What the fast kernels leave out of every exponent is made up for here. Tied kernels share it.
+                let bias = if fast { *bias } else { T::ZERO };
+                let exponent = (bias, kernel.payload_rate);
+                if known != Some(exponent) {
+                    known = Some(exponent);
+                    falling = (bias - kernel.payload_rate * square).exp2();
+                }
+                *sum += (kernel.amplitude + kernel.payload_amplitude * product) * falling * *part;
             }
         }
         out
     }
 }
 
-/// Length scales of its own for each of N revolute joints; ROW = 3 N.
+/// Σ_j 2^(Σ_d W_cd s_d) weight_jc with length scales of its own for each of N revolute joints; ROW = 3 N.
 #[inline(never)]
 fn own<T: Scalar, const N: usize, const ROW: usize>(
     rows: &[T],
     features: &Features<T>,
     kernels: &[JointKernel<T>; MAX_JOINTS],
-    biases: &PerJoint<T>,
     out: &mut PerJoint<T>,
     kernel_value: &mut impl FnMut(T),
 ) {
+    let mut sums = *out;
     for row in rows.as_chunks::<ROW>().0 {
         let similarities = similarities::<T, N, ROW>(row, features);
         let mut c = 0;
         while c < N {
-            let mut exponent = biases[c];
-            let mut d = 0;
+            let rates = &kernels[c].rates;
+            let mut exponent = rates[0] * similarities[0];
+            let mut d = 1;
             while d < N {
-                exponent += kernels[c].rates[d] * similarities[d];
+                exponent += rates[d] * similarities[d];
                 d += 1;
             }
-            let k = exponent.exp2();
+            let k = exponent.exp2_unclamped();
             kernel_value(k);
-            out[c] += k * row[2 * N + c];
+            sums[c] += k * row[2 * N + c];
             c += 1;
         }
     }
+    *out = sums;
 }
 
-/// One set of length scales for N revolute joints; ROW = 3 N.
+/// The same with one set of length scales, which are in `scaled`.
 #[inline(never)]
 fn tied<T: Scalar, const N: usize, const ROW: usize>(
     rows: &[T],
-    features: &Features<T>,
-    kernels: &[JointKernel<T>; MAX_JOINTS],
-    biases: &PerJoint<T>,
+    scaled: &Features<T>,
     out: &mut PerJoint<T>,
     kernel_value: &mut impl FnMut(T),
 ) {
-    // The rates go into the query once, instead of into every point.
-    let mut scaled = *features;
-    for (pair, rate) in scaled.iter_mut().zip(&kernels[0].rates) {
-        *pair = [pair[0] * *rate, pair[1] * *rate];
-    }
     let mut sums = *out;
     for row in rows.as_chunks::<ROW>().0 {
-        let mut exponent = biases[0];
-        let mut d = 0;
+        let mut exponent = scaled[0][0] * row[0] + scaled[0][1] * row[1];
+        let mut d = 1;
         while d < N {
-            exponent += scaled[d][0] * row[2 * d] + scaled[d][1] * row[2 * d + 1];
+            exponent += scaled[d][0] * row[2 * d];
+            exponent += scaled[d][1] * row[2 * d + 1];
             d += 1;
         }
-        let k = exponent.exp2();
+        let k = exponent.exp2_unclamped();
         kernel_value(k);
         let mut c = 0;
         while c < N {
@@ -532,7 +562,7 @@ pub struct Deflection<T> {
 
 impl<T: Scalar> Deflection<T> {
     /// What gear ripple does to every joint.
-    #[inline(always)]
+    #[inline(never)]
     pub fn ripple(&self, joints: &PerJoint<T>) -> PerJoint<T> {
         let mut out = [T::ZERO; MAX_JOINTS];
         for term in &self.ripple {
@@ -554,11 +584,7 @@ pub fn deflection_twist<T: Scalar>(
 ) -> Twist<T> {
     let mut out = Twist::zero();
     for ((kind, frame), delta) in kinds.iter().zip(frames).zip(deflection) {
-        let axis = Vector3::new(
-            frame.rotation[(0, 2)],
-            frame.rotation[(1, 2)],
-            frame.rotation[(2, 2)],
-        );
+        let axis = third_column(frame);
         let (linear, angular) = match kind {
             JointKind::Revolute => (cross(&frame.translation, &axis), axis),
             JointKind::Prismatic => (axis, Vector3::new(T::ZERO, T::ZERO, T::ZERO)),
@@ -579,10 +605,10 @@ pub fn deflected<T: Scalar>(
     kinds: &[JointKind],
     deflection: &PerJoint<T>,
 ) -> [JointMotion<T>; MAX_JOINTS] {
-    let mut out = *motions;
-    for ((motion, kind), delta) in out.iter_mut().zip(kinds).zip(deflection) {
-        match kind {
-            JointKind::Revolute => {
+    let mut moving = kinds.iter().zip(deflection);
+    motions.map(|mut motion| {
+        match moving.next() {
+            Some((JointKind::Revolute, delta)) => {
                 let square = *delta * *delta;
                 let sin = *delta - *delta * square * T::from_f64(1.0 / 6.0);
                 let versine = square * (T::from_f64(0.5) - square * T::from_f64(1.0 / 24.0));
@@ -590,10 +616,11 @@ pub fn deflected<T: Scalar>(
                 motion.sin = s + (c * sin - s * versine);
                 motion.cos = c - (s * sin + c * versine);
             }
-            JointKind::Prismatic => motion.travel += *delta,
+            Some((JointKind::Prismatic, delta)) => motion.travel += *delta,
+            None => {}
         }
-    }
-    out
+        motion
+    })
 }
 
 /// n×n in the upper left corner, the rest zero.
@@ -677,30 +704,46 @@ impl<T: Scalar> Deflection<T> {
         bound: Option<&Bound<T>>,
         observer: &mut impl Observer<T>,
     ) -> Compensated<T> {
-        let kinds = at.poe.kinds();
-        let (frames, target) = at.poe.joint_frames_with(at.motions);
+        // Zeros, not identities: they are cleared by the word.
+        let mut frames = [Pose::from_rows(&[T::ZERO; 12]); MAX_JOINTS];
+        let target = at.poe.joint_frames_into(at.motions, &mut frames);
         observer.chain(&target);
         let deflection = self.total(at, &frames, &target, rows, observer);
         observer.deflection(&deflection);
-        let mut serial = coupled(at.coupling, &deflection);
-        let mut twist = deflection_twist(kinds, &frames, &serial);
-        let (factor, bounded) =
-            bound.map_or((T::ONE, false), |b| b.factor(&twist, &target.translation));
-        if bounded {
-            for delta in &mut serial {
-                *delta = if factor == T::ZERO {
-                    T::ZERO
-                } else {
-                    *delta * factor
-                };
-            }
-            twist = deflection_twist(kinds, &frames, &serial);
+        deflect(at, &frames, &target, &deflection, bound)
+    }
+}
+
+/// POE(C (q + δ)) with δ scaled back to `bound`, from the frames of the chain at q.
+// A function of its own: evaluation and trace share its code.
+#[inline(never)]
+fn deflect<T: Scalar>(
+    at: &Configuration<'_, T>,
+    frames: &[Pose<T>; MAX_JOINTS],
+    target: &Pose<T>,
+    deflection: &PerJoint<T>,
+    bound: Option<&Bound<T>>,
+) -> Compensated<T> {
+    let kinds = at.poe.kinds();
+    let mut serial = coupled(at.coupling, deflection);
+    let mut twist = deflection_twist(kinds, frames, &serial);
+    let (factor, bounded) =
+        bound.map_or((T::ONE, false), |b| b.factor(&twist, &target.translation));
+    // Times one, too: the time must not depend on the data.
+    let scaled = |value: T| {
+        if factor == T::ZERO {
+            // It may be infinite.
+            T::ZERO
+        } else {
+            value * factor
         }
-        let pose = at.poe.forward_with(&deflected(at.motions, kinds, &serial));
-        Compensated {
-            pose,
-            twist,
-            bounded,
-        }
+    };
+    serial = serial.map(scaled);
+    twist = Twist::from_array(&twist.to_array().map(scaled));
+    let pose = at.poe.forward_with(&deflected(at.motions, kinds, &serial));
+    Compensated {
+        pose,
+        twist,
+        bounded,
     }
 }

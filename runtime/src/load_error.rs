@@ -47,7 +47,7 @@ pub enum LoadError {
     Ripple,
     /// The payload groups do not add up to the support rows.
     Groups,
-    /// A weight of the support is not within ±1e30, or an input beyond ±200 length scales.
+    /// A weight of the support is not within ±1e30, an input is beyond ±200 length scales, or a sine or cosine beyond ±1.
     Row,
 }
 

@@ -217,17 +217,22 @@ impl<const WORDS: usize, const BYTES: usize> Service<WORDS, BYTES> {
                 computed,
             });
         }
-        let blob = blob::decode(&self.staged).map_err(Refusal::Blob)?;
-        self.model
-            .load(&blob)
-            .map_err(|error| Refusal::Model { code: error.code() })?;
-        self.identity = Some(ModelIdentity {
-            robot: name(blob.robot.name),
-            serial_number: name(blob.robot.serial_number),
-            blob_crc: blob::stored_crc(&self.staged).unwrap_or(0),
-            joints: self.model.joints() as u8,
-            support: self.model.support() as u32,
-        });
+        // By reference: every move would be a copy of the blob on the stack.
+        match &blob::decode(&self.staged) {
+            Err(error) => return Err(Refusal::Blob(*error)),
+            Ok(blob) => {
+                self.model
+                    .load(blob)
+                    .map_err(|error| Refusal::Model { code: error.code() })?;
+                self.identity = Some(ModelIdentity {
+                    robot: name(blob.robot.name),
+                    serial_number: name(blob.robot.serial_number),
+                    blob_crc: blob::stored_crc(&self.staged).unwrap_or(0),
+                    joints: self.model.joints() as u8,
+                    support: self.model.support() as u32,
+                });
+            }
+        }
         self.announced = None;
         count(&mut self.statistics.models_loaded);
         Ok(())

@@ -64,3 +64,19 @@ fn hyperparameters_per_output_and_coupled_joints() {
         include_str!("../../tests/data/golden_per_output_bits.txt"),
     );
 }
+
+#[test]
+fn elastic_with_length_scales_of_each_joint_and_coupled_joints() {
+    assert_bits(
+        include_bytes!("../../tests/data/golden_elastic_own.blob"),
+        include_str!("../../tests/data/golden_elastic_own_bits.txt"),
+    );
+}
+
+#[test]
+fn elastic_with_tied_length_scales() {
+    assert_bits(
+        include_bytes!("../../tests/data/golden_elastic_tied.blob"),
+        include_str!("../../tests/data/golden_elastic_tied_bits.txt"),
+    );
+}

@@ -13,15 +13,24 @@ use poegp_protocol::blob::{
 };
 use poegp_protocol::limits::{MAX_FRAMES, OUTPUTS};
 use poegp_protocol::link::Query;
-use poegp_runtime::posterior;
 use poegp_runtime::se3::{Pose, Twist};
+use poegp_runtime::{deflection, posterior};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// Joints of the arm.
+mod elastic;
+
+pub use elastic::Elastic;
+
+/// Joints of the usual arm, and of every arm with a task-space correction.
 pub const JOINTS: usize = 6;
-/// Inputs of the correction: the joints and the payload.
+/// Inputs of its correction: the joints and the payload.
 pub const INPUTS: usize = JOINTS + 1;
+/// Joints of the longest arm here.
+const MAX_SAMPLE_JOINTS: usize = 7;
+
+/// Lengths of its texts: robot name, serial number, model, trainer version, date.
+pub const TEXTS: [usize; 5] = [15, 9, 6, 5, 10];
 
 /// What arm to make.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -30,6 +39,8 @@ pub struct Sample {
     pub seed: u64,
     /// The correction.
     pub correction: Support,
+    /// Joints, five to seven; six of a task-space correction.
+    pub joints: usize,
     /// Whether q3 of the serial chain is q3 − q2 of the controller, as in a parallelogram arm.
     pub coupled: bool,
     /// Whether joint 3 slides instead of turning.
@@ -45,6 +56,8 @@ pub enum Support {
     Shared(usize),
     /// So many, hyperparameters for each output.
     PerOutput(usize),
+    /// In joint space.
+    Elastic(Elastic),
 }
 
 impl Sample {
@@ -53,6 +66,7 @@ impl Sample {
         Self {
             seed,
             correction,
+            joints: JOINTS,
             coupled: false,
             prismatic: false,
         }
@@ -76,7 +90,34 @@ impl Sample {
             (-3.0, 3.0),
             (-1.9, 1.9),
             (-3.1, 3.1),
+            (-3.1, 3.1),
         ][joint]
+    }
+
+    fn kind(&self, joint: usize) -> JointKind {
+        if self.prismatic && joint == 2 {
+            JointKind::Prismatic
+        } else {
+            JointKind::Revolute
+        }
+    }
+
+    /// Support points.
+    pub fn points(&self) -> usize {
+        match self.correction {
+            Support::None => 0,
+            Support::Shared(points) | Support::PerOutput(points) => points,
+            Support::Elastic(elastic) => elastic.points,
+        }
+    }
+
+    /// Bytes of its support rows.
+    fn row_bytes(&self) -> usize {
+        let words = match self.correction {
+            Support::Elastic(_) => deflection::row_words(self.joints),
+            _ => posterior::row_words(INPUTS),
+        };
+        4 * words * self.points()
     }
 
     /// The blob.
@@ -84,19 +125,84 @@ impl Sample {
     /// # Panics
     /// With more support points than a blob can describe.
     pub fn blob(&self) -> Vec<u8> {
-        let (count, shared) = match self.correction {
-            Support::None => (0, true),
-            Support::Shared(count) => (count, true),
-            Support::PerOutput(count) => (count, false),
-        };
         let mut generator = self.generator(0);
-        let nominal = nominal_frames();
-        let calibrated = nominal.map(|frame| frame * Pose::exp(&error(&mut generator)));
+        let nominal = nominal_frames(self.joints);
+        let calibrated: Vec<_> = nominal
+            .iter()
+            .map(|frame| *frame * Pose::exp(&error(&mut generator)))
+            .collect();
+        let mut rows = Vec::new();
+        let correction = match self.correction {
+            Support::None => Correction::None,
+            Support::Shared(count) => self.task_space(&mut generator, count, true, &mut rows),
+            Support::PerOutput(count) => self.task_space(&mut generator, count, false, &mut rows),
+            Support::Elastic(elastic) => elastic.correction(self, &mut generator, &mut rows),
+        };
+        let blob = Blob {
+            robot: Robot {
+                name: "Sample IRB 4400",
+                serial_number: "4400-0001",
+                joints: (0..self.joints)
+                    .map(|joint| Joint {
+                        kind: self.kind(joint),
+                        limits: Some(self.range(joint)),
+                    })
+                    .collect(),
+                coupling: if self.coupled {
+                    (0..self.joints * self.joints)
+                        .map(|index| match (index / self.joints, index % self.joints) {
+                            (row, column) if row == column => 1.0,
+                            (2, 1) => -1.0,
+                            _ => 0.0,
+                        })
+                        .collect()
+                } else {
+                    heapless::Vec::new()
+                },
+            },
+            units: Units::SI,
+            provenance: Provenance {
+                model: "sample",
+                trainer_version: "0.0.0",
+                date: "2026-11-20",
+                data_sha256: [0x5a; 32],
+                training_poses: self.points() as u32,
+            },
+            ranges: Ranges {
+                joints: (0..self.joints).map(|joint| self.range(joint)).collect(),
+                payload_kg: Some(PAYLOAD_KG),
+            },
+            geometry: Geometry {
+                calibrated: on_wire(&calibrated),
+                nominal: on_wire(&nominal),
+                instrument_from_base: Pose::<f64>::exp(&Twist::from_array(&[
+                    1.5, -2.5, 0.4, 0.0, 0.0, 0.7,
+                ]))
+                .to_rows(),
+                flange_from_target: Pose::<f64>::identity().to_rows(),
+            },
+            correction,
+            tools: &[],
+        };
+        let room = blob::HEADER_LENGTH + blob::MAX_LENGTH_WITHOUT_ROWS + self.row_bytes();
+        let mut buffer = vec![0; room];
+        blob::encode(&blob, &mut buffer)
+            .expect("MAX_LENGTH_WITHOUT_ROWS covers everything but the rows")
+            .to_vec()
+    }
+
+    /// A task-space correction with `count` support points, whose bytes go to `rows`.
+    fn task_space<'a>(
+        &self,
+        generator: &mut ChaCha8Rng,
+        count: usize,
+        shared: bool,
+        rows: &'a mut Vec<u8>,
+    ) -> Correction<'a> {
         let input_scale: [f32; INPUTS] = std::array::from_fn(|d| match d {
             JOINTS => 0.05,
             _ => posterior::input_scale(generator.random_range(0.3..1.2)),
         });
-        let mut rows = Vec::new();
         for _ in 0..count {
             for (d, scale) in input_scale.iter().enumerate() {
                 let (lower, upper) = if d == JOINTS {
@@ -113,7 +219,7 @@ impl Sample {
                 rows.extend(generator.random_range(-size..size).to_le_bytes());
             }
         }
-        let task = TaskSpace {
+        Correction::TaskSpace(TaskSpace {
             bound: CorrectionBound {
                 position_m: 5e-3,
                 angle_rad: 5e-3,
@@ -130,66 +236,8 @@ impl Sample {
                     .map(|_| generator.random_range(-1e-4_f32..1e-4))
                     .collect()
             }),
-            rows: &rows,
-        };
-        let blob = Blob {
-            robot: Robot {
-                name: "Sample IRB 4400",
-                serial_number: "4400-0001",
-                joints: (0..JOINTS)
-                    .map(|joint| Joint {
-                        kind: if self.prismatic && joint == 2 {
-                            JointKind::Prismatic
-                        } else {
-                            JointKind::Revolute
-                        },
-                        limits: Some(self.range(joint)),
-                    })
-                    .collect(),
-                coupling: if self.coupled {
-                    (0..JOINTS * JOINTS)
-                        .map(|index| match (index / JOINTS, index % JOINTS) {
-                            (row, column) if row == column => 1.0,
-                            (2, 1) => -1.0,
-                            _ => 0.0,
-                        })
-                        .collect()
-                } else {
-                    heapless::Vec::new()
-                },
-            },
-            units: Units::SI,
-            provenance: Provenance {
-                model: "sample",
-                trainer_version: "0.0.0",
-                date: "2026-11-20",
-                data_sha256: [0x5a; 32],
-                training_poses: count as u32,
-            },
-            ranges: Ranges {
-                joints: (0..JOINTS).map(|joint| self.range(joint)).collect(),
-                payload_kg: Some(PAYLOAD_KG),
-            },
-            geometry: Geometry {
-                calibrated: on_wire(&calibrated),
-                nominal: on_wire(&nominal),
-                instrument_from_base: Pose::<f64>::exp(&Twist::from_array(&[
-                    1.5, -2.5, 0.4, 0.0, 0.0, 0.7,
-                ]))
-                .to_rows(),
-                flange_from_target: Pose::<f64>::identity().to_rows(),
-            },
-            correction: match self.correction {
-                Support::None => Correction::None,
-                _ => Correction::TaskSpace(task),
-            },
-            tools: Default::default(),
-        };
-        let room = blob::HEADER_LENGTH + blob::MAX_LENGTH_WITHOUT_ROWS + rows.len();
-        let mut buffer = vec![0; room];
-        blob::encode(&blob, &mut buffer)
-            .expect("MAX_LENGTH_WITHOUT_ROWS covers everything but the rows")
-            .to_vec()
+            rows,
+        })
     }
 
     /// So many queries: three of four within the trained ranges, the rest beyond them.
@@ -202,7 +250,9 @@ impl Sample {
                     stretch * (lower + generator.random_range(0.0..1.0_f32) * (upper - lower))
                 };
                 Query {
-                    joints: (0..JOINTS).map(|joint| value(self.range(joint))).collect(),
+                    joints: (0..self.joints)
+                        .map(|joint| value(self.range(joint)))
+                        .collect(),
                     payload_kg: value(PAYLOAD_KG),
                 }
             })
@@ -252,21 +302,25 @@ fn query(joints: &[f32], payload_kg: f32) -> Query {
     }
 }
 
-/// `parent_from_joint` of the nominal chain: turn about x, shift along x, shift along z.
-fn nominal_frames() -> [Pose<f64>; JOINTS + 1] {
-    [
+/// `parent_from_joint` of the nominal chain of the first `joints` joints: turn about x, shift along x, shift along z.
+fn nominal_frames(joints: usize) -> Vec<Pose<f64>> {
+    let chain: [(f64, f64, f64); MAX_SAMPLE_JOINTS] = [
         (0.0, 0.0, 0.68),
         (-FRAC_PI_2, 0.2, 0.0),
         (0.0, 0.89, 0.0),
         (-FRAC_PI_2, 0.15, 0.88),
         (FRAC_PI_2, 0.0, 0.0),
         (-FRAC_PI_2, 0.0, 0.14),
-        (PI / 6.0, 0.1, 0.2),
-    ]
-    .map(|(turn, along_x, along_z)| {
-        Pose::exp(&Twist::from_array(&[0.0, 0.0, 0.0, turn, 0.0, 0.0]))
-            * Pose::exp(&Twist::from_array(&[along_x, 0.0, along_z, 0.0, 0.0, 0.0]))
-    })
+        (FRAC_PI_2, 0.05, 0.1),
+    ];
+    let tool = (PI / 6.0, 0.1, 0.2);
+    let frames = chain.into_iter().take(joints).chain([tool]);
+    frames
+        .map(|(turn, along_x, along_z)| {
+            Pose::exp(&Twist::from_array(&[0.0, 0.0, 0.0, turn, 0.0, 0.0]))
+                * Pose::exp(&Twist::from_array(&[along_x, 0.0, along_z, 0.0, 0.0, 0.0]))
+        })
+        .collect()
 }
 
 /// A few millimetres and milliradians.

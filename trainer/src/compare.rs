@@ -7,9 +7,9 @@ use serde::Serialize;
 
 use crate::calibration::frames::Sample;
 use crate::calibration::{Method, Options};
-use crate::export::{DeviceError, Origin, calibrate_for_device};
+use crate::coverage::{Counter, Coverage};
+use crate::export::{DeviceCalibration, DeviceError, Origin, calibrate_for_device};
 use crate::folds;
-use crate::loaded::LoadedBlob;
 use crate::robot::Robot;
 use crate::statistics::{ErrorSummary, PoseError};
 
@@ -32,6 +32,9 @@ pub struct CrossValidation {
     pub all: ErrorSummary,
     /// Of each fold.
     pub folds: Vec<ErrorSummary>,
+    /// Whether the predicted standard deviations were true.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub coverage: Option<Coverage>,
 }
 
 /// Errors on one set.
@@ -42,6 +45,9 @@ pub struct SetErrors {
     /// Errors against the measurements.
     #[serde(flatten)]
     pub errors: ErrorSummary,
+    /// Whether the predicted standard deviations were true.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub coverage: Option<Coverage>,
 }
 
 /// A test set.
@@ -99,13 +105,16 @@ impl Task<'_> {
     ) -> Result<ModelComparison, CompareError> {
         let mut sets = Vec::new();
         if !self.tests.is_empty() {
-            let blob = self.blob(options, self.train)?;
+            let found = self.calibrated(options, self.train)?;
             progress();
             for test in self.tests {
-                let errors = ErrorSummary::new(&blob.errors(&test.samples));
+                let errors = ErrorSummary::new(&found.blob.errors(&test.samples));
+                let mut counter = Counter::default();
+                counter.add(&found.calibration, &found.blob, &test.samples);
                 sets.push(SetErrors {
                     name: test.name.clone(),
                     errors,
+                    coverage: counter.coverage(),
                 });
             }
         }
@@ -125,7 +134,7 @@ impl Task<'_> {
         progress: &mut dyn FnMut(),
     ) -> Result<CrossValidation, CompareError> {
         let fold = self.assignment();
-        let all = self.held_out(options, progress)?;
+        let (all, counter) = self.held_out(options, progress)?;
         let of = |f: usize| -> Vec<PoseError> {
             all.iter()
                 .zip(&fold)
@@ -136,6 +145,7 @@ impl Task<'_> {
         Ok(CrossValidation {
             folds: (0..self.folds).map(|f| ErrorSummary::new(&of(f))).collect(),
             all: ErrorSummary::new(&all),
+            coverage: counter.coverage(),
         })
     }
 
@@ -143,7 +153,8 @@ impl Task<'_> {
         folds::assign(self.train, self.nominal.kinds(), self.folds, self.seed)
     }
 
-    /// The error of every training pose, in order, each predicted by a model that did not see it.
+    /// The error of every training pose, in order, each predicted by a model that did not see it, and whether the
+    /// predicted standard deviations were true.
     ///
     /// # Errors
     /// [`CompareError`].
@@ -151,13 +162,14 @@ impl Task<'_> {
         &self,
         options: &Options,
         progress: &mut dyn FnMut(),
-    ) -> Result<Vec<PoseError>, CompareError> {
+    ) -> Result<(Vec<PoseError>, Counter), CompareError> {
         let fold = self.assignment();
         let none = PoseError {
             position_mm: 0.0,
             orientation_mrad: None,
         };
         let mut out = vec![none; self.train.len()];
+        let mut counter = Counter::default();
         for held_out in 0..self.folds {
             let part = |inside: bool| -> Vec<Sample> {
                 let wanted = self
@@ -167,23 +179,29 @@ impl Task<'_> {
                     .filter(|(_, f)| (**f != held_out) == inside);
                 wanted.map(|(s, _)| s.clone()).collect()
             };
-            let blob = self.blob(options, &part(true))?;
+            let found = self.calibrated(options, &part(true))?;
             progress();
+            let tests = part(false);
+            counter.add(&found.calibration, &found.blob, &tests);
             let slots = out.iter_mut().zip(&fold).filter(|(_, f)| **f == held_out);
-            for ((slot, _), error) in slots.zip(blob.errors(&part(false))) {
+            for ((slot, _), error) in slots.zip(found.blob.errors(&tests)) {
                 *slot = error;
             }
         }
-        Ok(out)
+        Ok((out, counter))
     }
 
-    fn blob(&self, options: &Options, samples: &[Sample]) -> Result<LoadedBlob, CompareError> {
-        calibrate_for_device(self.nominal, self.robot, samples, options, self.origin)
-            .map(|found| found.blob)
-            .map_err(|error| CompareError {
+    fn calibrated(
+        &self,
+        options: &Options,
+        samples: &[Sample],
+    ) -> Result<DeviceCalibration, CompareError> {
+        calibrate_for_device(self.nominal, self.robot, samples, options, self.origin).map_err(
+            |error| CompareError {
                 model: options.method.name(),
                 error,
-            })
+            },
+        )
     }
 }
 

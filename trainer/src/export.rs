@@ -231,6 +231,14 @@ fn to_bytes(
         }
         (bounds.0 as f32, bounds.1 as f32)
     };
+    let wire_tools: Vec<Tool<'_>> = wire_tools(calibration, origin).collect();
+    let room: usize = wire_tools
+        .iter()
+        .map(|t| t.session.len() + t.target.len() + 64)
+        .sum();
+    let mut tool_bytes = vec![0; room];
+    let tools = blob::encode_tools(&wire_tools, &mut tool_bytes)
+        .map_err(|_| ExportError::DoesNotFit("tools"))?;
     let blob = Blob {
         robot: WireRobot {
             name: &robot.name,
@@ -273,14 +281,9 @@ fn to_bytes(
             }),
             (None, None) => Correction::None,
         },
-        tools: fixed(wire_tools(calibration, origin), "tools")?,
+        tools,
     };
-    let tools: usize = origin
-        .tools
-        .iter()
-        .map(|t| t.session.len() + t.target.len() + 64)
-        .sum();
-    let names = tools + robot.name.len() + origin.serial_number.len() + origin.date.len();
+    let names = room + robot.name.len() + origin.serial_number.len() + origin.date.len();
     let mut buffer =
         vec![0; blob::HEADER_LENGTH + blob::MAX_LENGTH_WITHOUT_ROWS + names + rows.len()];
     let length = blob::encode(&blob, &mut buffer)

@@ -13,6 +13,8 @@
 pub mod calibration;
 pub mod cli;
 pub mod compare;
+pub mod cost;
+pub mod coverage;
 pub mod drift;
 pub mod elastic;
 pub mod error;

@@ -64,17 +64,20 @@ impl LoadedBlob {
         let decoded = blob::decode(bytes)?;
         model.load(&decoded)?;
         let instrument_from_base = Pose::from_rows(&decoded.geometry.instrument_from_base);
-        let tool = |t: &blob::Tool<'_>| {
+        let tool = |t: Result<blob::Tool<'_>, DecodeError>| -> Result<_, DecodeError> {
+            let t = t?;
             let name = ToolName {
                 session: t.session.to_owned(),
                 target: t.target.to_owned(),
             };
-            (
+            Ok((
                 name,
                 orthonormal(&Pose::<f32>::from_rows(&t.first_from_target).cast()),
-            )
+            ))
         };
-        let tools: Vec<_> = decoded.tools.iter().map(tool).collect();
+        let tools = blob::tools(decoded.tools)
+            .map(tool)
+            .collect::<Result<Vec<_>, _>>()?;
         Ok(Self {
             model,
             instrument_from_base,

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use poegp_protocol::blob::{
-    BufferTooSmall, Correction, DecodeError, FORMAT_VERSION, HEADER_LENGTH, blob_crc, decode,
+    Blob, BufferTooSmall, Correction, DecodeError, FORMAT_VERSION, HEADER_LENGTH, blob_crc, decode,
     encode, stored_crc,
 };
 use proptest::prelude::*;
@@ -31,6 +31,93 @@ fn bytes_to_value() {
     let (bytes, rows) = (golden(), sample::rows());
     assert_eq!(decode(&bytes), Ok(sample::blob(&rows)));
     assert_eq!(stored_crc(&bytes), Some(0xd575_90a6));
+}
+
+/// The whole blob of the second listing: the first up to the correction, but for the header, then the listing.
+fn elastic_golden() -> Vec<u8> {
+    let blocks = listing::hex_blocks(sample::BLOB_FORMAT);
+    let [first, header, correction] = blocks.as_slice() else {
+        panic!("three listings, not {}", blocks.len());
+    };
+    // The correction of the first begins at 0x270.
+    [header, &first[HEADER_LENGTH..0x270], correction].concat()
+}
+
+#[test]
+fn an_elastic_blob_is_the_listing_of_the_documentation() {
+    let rows = sample::elastic_rows();
+    let mut buffer = [0; 2_048];
+    let encoded = encode(&sample::elastic_blob(&rows), &mut buffer).unwrap();
+    assert_eq!(encoded, elastic_golden());
+    assert_eq!(decode(encoded), Ok(sample::elastic_blob(&rows)));
+}
+
+/// The oldest format that can hold it: who knows only version 1 goes on reading what it can.
+#[test]
+fn a_blob_is_written_in_the_oldest_version_that_holds_it() {
+    let (rows, elastic_rows) = (sample::rows(), sample::elastic_rows());
+    let task = sample::blob(&rows);
+    let none = Blob {
+        correction: Correction::None,
+        ..task.clone()
+    };
+    let elastic = sample::elastic_blob(&elastic_rows);
+    for (blob, version) in [(none, 1), (task, 1), (elastic, 2)] {
+        let mut buffer = [0; 2_048];
+        let encoded = encode(&blob, &mut buffer).unwrap();
+        assert_eq!(encoded[8..10], [version, 0]);
+    }
+}
+
+/// `bytes` as of another version, with the checksum of that.
+fn restamped(bytes: &[u8], version: u16) -> Vec<u8> {
+    let mut out = bytes.to_vec();
+    out[8..10].copy_from_slice(&version.to_le_bytes());
+    let crc = blob_crc(&out[..16], &out[HEADER_LENGTH..]);
+    out[16..20].copy_from_slice(&crc.to_le_bytes());
+    out
+}
+
+#[test]
+fn what_a_version_does_not_have_is_refused_in_it() {
+    let (task, elastic) = (golden(), elastic_golden());
+    // A newer reader takes an older correction; version 1 has no elastic one.
+    assert!(decode(&restamped(&task, 2)).is_ok());
+    assert_eq!(
+        decode(&restamped(&elastic, 1)),
+        Err(DecodeError::MalformedPayload)
+    );
+    for bytes in [task, elastic] {
+        for found in [0, 3, 4, u16::MAX] {
+            let error = DecodeError::UnknownVersion {
+                found,
+                supported: FORMAT_VERSION,
+            };
+            assert_eq!(decode(&restamped(&bytes, found)), Err(error));
+        }
+    }
+}
+
+#[test]
+fn every_flip_and_every_cut_of_an_elastic_blob_is_refused() {
+    let golden = elastic_golden();
+    for bit in 0..8 * golden.len() {
+        let mut bytes = golden.clone();
+        bytes[bit / 8] ^= 1 << (bit % 8);
+        let error = decode(&bytes).expect_err("a flipped bit");
+        let expected: &[&str] = match bit / 8 {
+            0..8 => &["WrongMagic"],
+            8..10 => &["UnknownVersion"],
+            10..12 => &["ReservedBitsSet"],
+            12..16 => &["Truncated", "TrailingBytes"],
+            _ => &["CrcMismatch"],
+        };
+        assert!(expected.contains(&kind(error)), "bit {bit}: {error:?}");
+    }
+    for length in 0..golden.len() {
+        let error = decode(&golden[..length]).expect_err("a cut blob");
+        assert_eq!(kind(error), "Truncated");
+    }
 }
 
 #[test]

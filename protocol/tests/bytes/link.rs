@@ -169,7 +169,9 @@ fn numbered<'a, V: Serialize + core::fmt::Debug + 'a>(
 
 #[test]
 fn the_numbers_are_those_of_the_documentation() {
-    let documented: Vec<(u8, String)> = listing::numbered_rows(LINK)
+    // The codes of load errors are the runtime's affair, and compared there.
+    let (words, _) = LINK.split_once("Codes of `Model`").expect("codes");
+    let documented: Vec<(u8, String)> = listing::numbered_rows(words)
         .into_iter()
         .map(|(number, cells)| (number, cells[1].clone()))
         .collect();

@@ -3,7 +3,7 @@
 /// The bytes of every ` ```hex ` block of `markdown`: lines of offset, bytes and a remark after `#`.
 ///
 /// # Panics
-/// When an offset is not the number of bytes before it.
+/// When an offset is not that of the first line and the number of bytes since.
 pub fn hex_blocks(markdown: &str) -> Vec<Vec<u8>> {
     let blocks = markdown.split("```hex\n").skip(1);
     blocks
@@ -13,12 +13,14 @@ pub fn hex_blocks(markdown: &str) -> Vec<Vec<u8>> {
 
 fn hex_lines(block: &str) -> Vec<u8> {
     let mut bytes = Vec::new();
+    let mut start = None;
     for line in block.lines() {
         let code = line.split('#').next().unwrap_or("");
         let mut words = code.split_whitespace();
         let Some(offset) = words.next() else { continue };
         let offset = usize::from_str_radix(offset, 16).expect("an offset");
-        assert_eq!(offset, bytes.len(), "offset of the line {line:?}");
+        let start = *start.get_or_insert(offset);
+        assert_eq!(offset, start + bytes.len(), "offset of the line {line:?}");
         bytes.extend(words.map(|word| u8::from_str_radix(word, 16).expect("a byte")));
     }
     bytes

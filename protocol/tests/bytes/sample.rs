@@ -2,8 +2,8 @@
 
 use poegp_protocol::JointKind;
 use poegp_protocol::blob::{
-    Blob, Correction, CorrectionBound, Geometry, Joint, Provenance, Ranges, Robot, TaskSpace,
-    Transform, Units,
+    Blob, Correction, CorrectionBound, Elastic, Geometry, Joint, JointKernel, PayloadGroup,
+    Provenance, Ranges, Ripple, Robot, TaskSpace, Transform, Units,
 };
 
 /// The documentation that has its bytes.
@@ -74,7 +74,59 @@ pub fn blob(rows: &[u8]) -> Blob<'_> {
             affine: affine.map(|values| values.into_iter().collect()),
             rows,
         }),
-        tools: Default::default(),
+        tools: &[],
+    }
+}
+
+/// Support rows of the elastic example: q = (0, 0.25 m) with weights, q = (quarter turn, 0.5 m) with others.
+pub fn elastic_rows() -> Vec<u8> {
+    let first = [0.0, 1.0, 0.25, 0.0, 1.0 / 8_192.0, -1.0 / 16_384.0];
+    let second = [1.0, 0.0, 0.5, 0.0, -1.0 / 8_192.0, 1.0 / 16_384.0];
+    let words = first.into_iter().chain(second);
+    words.flat_map(|word: f32| word.to_le_bytes()).collect()
+}
+
+/// The same arm with an elastic correction.
+pub fn elastic_blob(rows: &[u8]) -> Blob<'_> {
+    let kernel = |rates: [f32; 2]| JointKernel {
+        rates: rates.into_iter().collect(),
+        payload_rate: 0.031_25,
+        amplitude: 1.0,
+        payload_amplitude: 0.015_625,
+    };
+    let small = 1.0 / 1_048_576.0;
+    Blob {
+        correction: Correction::Elastic(Elastic {
+            bound: CorrectionBound {
+                position_m: 0.015_625,
+                angle_rad: 0.007_812_5,
+            },
+            gravity: [0.0, 0.0, -9.8125],
+            links: [[small, 0.0, 0.0], [0.0, small, 0.0], [-small, 0.0, 0.0]]
+                .into_iter()
+                .collect(),
+            payload: [[small, 0.0, 0.0, 0.0], [0.0, small, 0.0, 0.0]]
+                .into_iter()
+                .collect(),
+            ripple: [Ripple {
+                joint: 0,
+                cycles: 100.0,
+                sin: 16.0 * small,
+                cos: 0.0,
+            }]
+            .into_iter()
+            .collect(),
+            kernels: [kernel([1.0, 0.5]), kernel([0.5, 2.0])]
+                .into_iter()
+                .collect(),
+            tied: false,
+            groups: [(0.0, 1), (10.0, 1)]
+                .map(|(payload_kg, points)| PayloadGroup { payload_kg, points })
+                .into_iter()
+                .collect(),
+            rows,
+        }),
+        ..blob(&[])
     }
 }
 

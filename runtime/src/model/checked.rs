@@ -22,6 +22,9 @@ pub(super) const MAX_COEFFICIENT: f32 = 1e30;
 const MAX_BOUND_M: f32 = 1.0;
 const MAX_BOUND_RAD: f32 = 0.5;
 
+/// More words than any support row has.
+const MAX_ROW_WORDS: usize = 64;
+
 pub(super) fn checked_bound<T: Scalar>(bound: &CorrectionBound) -> Result<Bound<T>, LoadError> {
     if !is_within(bound.position_m, 0.0, MAX_BOUND_M)
         || !is_within(bound.angle_rad, 0.0, MAX_BOUND_RAD)
@@ -34,16 +37,16 @@ pub(super) fn checked_bound<T: Scalar>(bound: &CorrectionBound) -> Result<Bound<
     })
 }
 
-/// The bytes of support rows of `words` words each, after every word was looked at: the first `inputs` of a row are
-/// within ±`input_limit`, the others within ±[`MAX_COEFFICIENT`].
+/// The bytes of support rows of `words` words each, after every word was looked at: word i of a row is within
+/// ±`limit(i)`.
 pub(super) fn checked_rows(
     rows: &[u8],
     words: usize,
-    inputs: usize,
-    input_limit: f32,
+    limit: impl Fn(usize) -> f32,
     capacity: usize,
 ) -> Result<&[u8], LoadError> {
-    let row_bytes = 4 * words.max(1);
+    // Bounded for the compiler, which would link a panic for empty chunks.
+    let row_bytes = 4 * words.clamp(1, MAX_ROW_WORDS);
     if !rows.len().is_multiple_of(row_bytes) {
         return Err(LoadError::PartialRow {
             bytes: rows.len() as u32,
@@ -57,11 +60,7 @@ pub(super) fn checked_rows(
     }
     for row in rows.chunks_exact(row_bytes) {
         for (index, word) in row.as_chunks::<4>().0.iter().enumerate() {
-            let limit = if index < inputs {
-                input_limit
-            } else {
-                MAX_COEFFICIENT
-            };
+            let limit = limit(index);
             if !is_within(f32::from_le_bytes(*word), -limit, limit) {
                 return Err(LoadError::Row);
             }

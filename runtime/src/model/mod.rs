@@ -24,7 +24,9 @@ use crate::posterior::{self, MAX_SCALED_INPUT};
 use crate::scalar::{MAX_ANGLE, Scalar};
 use crate::se3::{Pose, Twist};
 use crate::status::Status;
-use checked::{checked_chain, checked_coupling, checked_range, checked_rows, is_within};
+use checked::{
+    MAX_COEFFICIENT, checked_chain, checked_coupling, checked_range, checked_rows, is_within,
+};
 use elastic::ElasticCorrection;
 use task_space::TaskSpaceCorrection;
 
@@ -120,21 +122,27 @@ impl<T: Scalar, const WORDS: usize> Model<T, WORDS> {
             Correction::None => &[][..],
             Correction::TaskSpace(task) => {
                 let inputs = task.input_scale.len();
-                checked_rows(
-                    task.rows,
-                    posterior::row_words(inputs),
-                    inputs,
-                    MAX_SCALED_INPUT as f32,
-                    WORDS,
-                )?
+                let limit = |index: usize| {
+                    if index < inputs {
+                        MAX_SCALED_INPUT as f32
+                    } else {
+                        MAX_COEFFICIENT
+                    }
+                };
+                checked_rows(task.rows, posterior::row_words(inputs), limit, WORDS)?
             }
             Correction::Elastic(elastic) => {
-                let joints = blob.robot.joints.len();
+                let joints = &blob.robot.joints;
+                let limit = |index: usize| match joints.get(index / 2).map(|joint| joint.kind) {
+                    // A sine or cosine, which rounding may have lengthened.
+                    Some(JointKind::Revolute) => 1.000_001,
+                    Some(JointKind::Prismatic) => MAX_ANGLE,
+                    None => MAX_COEFFICIENT,
+                };
                 checked_rows(
                     elastic.rows,
-                    deflection::row_words(joints),
-                    2 * joints,
-                    MAX_ANGLE,
+                    deflection::row_words(joints.len()),
+                    limit,
                     WORDS,
                 )?
             }

@@ -2,9 +2,10 @@
 
 use poegp_protocol::JointKind;
 use poegp_protocol::blob::{
-    Blob, Correction, CorrectionBound, Geometry, Joint, Provenance, Ranges, Robot, TaskSpace, Units,
+    Blob, Correction, CorrectionBound, Elastic, Geometry, Joint, JointKernel, PayloadGroup,
+    Provenance, Ranges, Ripple, Robot, TaskSpace, Units,
 };
-use poegp_protocol::limits::OUTPUTS;
+use poegp_protocol::limits::{MAX_JOINTS, OUTPUTS};
 use poegp_runtime::model::{Model, Observer};
 use poegp_runtime::poe::JointMotion;
 use poegp_runtime::scalar::Scalar;
@@ -23,6 +24,9 @@ pub struct Arm {
     pub calibrated: Vec<[f32; 12]>,
     pub nominal: Vec<[f32; 12]>,
     pub task: Option<Task>,
+    pub elastic: Option<Elastic<'static>>,
+    /// Support rows of the elastic correction.
+    pub rows: Vec<f32>,
     bytes: Vec<u8>,
 }
 
@@ -89,8 +93,83 @@ impl Arm {
                 }),
                 rows,
             }),
+            elastic: None,
+            rows: Vec::new(),
             bytes: Vec::new(),
         }
+    }
+
+    /// An arm with an elastic correction: `points` support points in two payload groups, two ripple terms. Every third
+    /// joint slides if `sliding`.
+    pub fn elastic(joints: usize, points: usize, sliding: bool, tied: bool) -> Self {
+        let mut arm = Self::sound(joints, 0);
+        arm.task = None;
+        if !sliding {
+            for joint in &mut arm.joints {
+                joint.kind = JointKind::Revolute;
+            }
+        }
+        let mut next = scattered(77 + 10 * joints as u32 + points as u32);
+        let mut positive = |size: f32| size * (0.55 + 0.45 * next());
+        let first: heapless::Vec<f32, MAX_JOINTS> = (0..joints).map(|_| positive(2.0)).collect();
+        let kernels = (0..joints)
+            .map(|_| JointKernel {
+                rates: if tied {
+                    first.clone()
+                } else {
+                    (0..joints).map(|_| positive(2.0)).collect()
+                },
+                payload_rate: positive(0.05),
+                amplitude: positive(1.0),
+                payload_amplitude: positive(0.01),
+            })
+            .collect();
+        let mut small = |size: f32| size * next();
+        for _ in 0..points {
+            for joint in &arm.joints {
+                let q = small(3.0);
+                arm.rows.extend(match joint.kind {
+                    JointKind::Revolute => [libm::sinf(q), libm::cosf(q)],
+                    JointKind::Prismatic => [q, 0.0],
+                });
+            }
+            arm.rows.extend((0..joints).map(|_| small(1e-4)));
+        }
+        let half = points as u16 / 2;
+        arm.elastic = Some(Elastic {
+            bound: CorrectionBound {
+                position_m: 0.1,
+                angle_rad: 0.1,
+            },
+            gravity: [0.3, -0.5, -9.7],
+            links: (0..joints * (joints + 1) / 2)
+                .map(|_| core::array::from_fn(|_| small(1e-5)))
+                .collect(),
+            payload: (0..joints)
+                .map(|_| core::array::from_fn(|_| small(1e-6)))
+                .collect(),
+            ripple: (0..2)
+                .map(|term| Ripple {
+                    joint: (term % joints) as u8,
+                    cycles: 60.0 + small(10.0),
+                    sin: small(1e-5),
+                    cos: small(1e-5),
+                })
+                .collect(),
+            kernels,
+            tied,
+            groups: [(1.0, half), (8.0, points as u16 - half)]
+                .map(|(payload_kg, points)| PayloadGroup { payload_kg, points })
+                .into_iter()
+                .collect(),
+            rows: &[],
+        });
+        arm
+    }
+
+    /// Its elastic correction, to be changed.
+    pub fn joint_space(&mut self) -> &mut Elastic<'static> {
+        self.elastic.as_mut().expect("an elastic correction")
     }
 
     /// Its correction, to be changed.
@@ -114,12 +193,32 @@ impl Arm {
             out.extend(task.affine.iter_mut().flatten());
             out.extend(&mut task.rows);
         }
+        if let Some(elastic) = &mut self.elastic {
+            out.extend([&mut elastic.bound.position_m, &mut elastic.bound.angle_rad]);
+            out.extend(&mut elastic.gravity);
+            out.extend(elastic.links.iter_mut().flatten());
+            out.extend(elastic.payload.iter_mut().flatten());
+            for term in &mut elastic.ripple {
+                out.extend([&mut term.cycles, &mut term.sin, &mut term.cos]);
+            }
+            for kernel in &mut elastic.kernels {
+                out.extend(&mut kernel.rates);
+                out.extend([
+                    &mut kernel.payload_rate,
+                    &mut kernel.amplitude,
+                    &mut kernel.payload_amplitude,
+                ]);
+            }
+            out.extend(elastic.groups.iter_mut().map(|g| &mut g.payload_kg));
+            out.extend(&mut self.rows);
+        }
         out
     }
 
     /// The blob of this arm.
     pub fn blob(&mut self) -> Blob<'_> {
         let rows = self.task.iter().flat_map(|task| &task.rows);
+        let rows = rows.chain(&self.rows);
         self.bytes = rows.flat_map(|word| word.to_le_bytes()).collect();
         self.blob_with(&self.bytes)
     }
@@ -151,18 +250,25 @@ impl Arm {
                 instrument_from_base: Pose::identity().to_rows(),
                 flange_from_target: Pose::identity().to_rows(),
             },
-            correction: self.task.as_ref().map_or(Correction::None, |task| {
-                Correction::TaskSpace(TaskSpace {
-                    bound: task.bound,
-                    hyperparameters: heapless::Vec::new(),
-                    output_scale: [1.0; OUTPUTS],
-                    input_scale: task.input_scale.iter().copied().collect(),
-                    rates: task.rates,
-                    affine: core::array::from_fn(|c| task.affine[c].iter().copied().collect()),
+            correction: if let Some(elastic) = &self.elastic {
+                Correction::Elastic(Elastic {
                     rows,
+                    ..elastic.clone()
                 })
-            }),
-            tools: Default::default(),
+            } else {
+                self.task.as_ref().map_or(Correction::None, |task| {
+                    Correction::TaskSpace(TaskSpace {
+                        bound: task.bound,
+                        hyperparameters: heapless::Vec::new(),
+                        output_scale: [1.0; OUTPUTS],
+                        input_scale: task.input_scale.iter().copied().collect(),
+                        rates: task.rates,
+                        affine: core::array::from_fn(|c| task.affine[c].iter().copied().collect()),
+                        rows,
+                    })
+                })
+            },
+            tools: &[],
         }
     }
 
@@ -181,6 +287,7 @@ pub struct Seen {
     pub chain: Vec<f64>,
     pub kernel: Vec<f64>,
     pub mean: Vec<f64>,
+    pub deflection: Vec<f64>,
 }
 
 impl Seen {
@@ -204,5 +311,8 @@ impl<T: Scalar> Observer<T> for Seen {
     }
     fn mean(&mut self, mean: &[T; OUTPUTS]) {
         self.mean.extend(mean.map(T::to_f64));
+    }
+    fn deflection(&mut self, deflection: &[T; MAX_JOINTS]) {
+        self.deflection.extend(deflection.map(T::to_f64));
     }
 }

@@ -1,6 +1,10 @@
 //! What the runtime promises, checked on the workstation: against numbers from elsewhere, and as laws.
 
 mod arm;
+mod deflection_laws;
+mod elastic_model;
+mod elastic_refuses;
+mod gravity_reference;
 mod json;
 mod model_answers;
 mod model_refuses;

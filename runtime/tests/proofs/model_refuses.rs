@@ -205,10 +205,19 @@ fn codes_of_load_errors_never_change() {
             capacity: 0,
         },
         LoadError::Row,
+        LoadError::Gravity,
+        LoadError::Ripple,
+        LoadError::Groups,
     ];
+    let page = include_str!("../../../docs/link.md");
+    let (_, table) = page.split_once("Codes of `Model`").expect("codes");
     for (code, error) in (1..).zip(errors) {
         assert_eq!(error.code(), code);
         assert!(!error.to_string().is_empty());
+        let name = format!("{error:?}");
+        let end = name.find(' ').unwrap_or(name.len());
+        let row = format!("| {code} | `{}` |", &name[..end]);
+        assert!(table.contains(&row), "{row} is not in docs/link.md");
     }
 }
 

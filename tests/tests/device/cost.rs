@@ -1,9 +1,12 @@
 //! What one evaluation costs, in instructions that repeat exactly (QEMU `-icount`, Cortex-M4F). Not cycles.
 
 use poegp_protocol::link::Query;
+use poegp_runtime::status::Status;
 use poegp_tests::device::Device;
 use poegp_tests::emulator::{Clock, instructions};
-use poegp_tests::sample::{Sample, Support};
+use poegp_tests::sample::{self, Elastic, Sample, Support};
+use poegp_tests::stages::Host;
+use poegp_trainer::cost::{ElasticSize, blob_bytes, instructions as instructions_of};
 
 /// Instructions of each evaluation.
 fn costs(device: &mut Device, queries: &[Query]) -> Vec<f64> {
@@ -51,4 +54,103 @@ fn instructions_of_one_evaluation() {
     assert!(chain <= 3_000.0, "{chain}");
     assert!(shared <= 25_000.0, "{shared}");
     assert!(per_output <= 70_000.0, "{per_output}");
+}
+
+/// The limits of the elastic model with 100 support points and four ripple terms; the goals are 32 000 and 11 000.
+#[test]
+fn instructions_of_elastic_models() {
+    let mut device = Device::start(Clock::Counting).unwrap_or_else(|error| panic!("{error}"));
+    println!("instructions of one compensated pose, Cortex-M4F, 6 joints, 100 support points:");
+    for (name, elastic, limit) in [
+        ("own length scales", Elastic::OWN, 34_000.0),
+        ("tied", Elastic::TIED, 14_000.0),
+    ] {
+        let count = cost(&mut device, Sample::plain(31, Support::Elastic(elastic)));
+        println!("  {name:<24}  {count:8.0}");
+        assert!(count <= limit, "{name}: {count}");
+    }
+}
+
+/// Inside and outside the trained range, bounded and not: the smallest and the largest count differ by 1 %.
+#[test]
+fn the_count_of_elastic_models_does_not_depend_on_the_query() {
+    let mut device = Device::start(Clock::Counting).unwrap_or_else(|error| panic!("{error}"));
+    for elastic in [Elastic::OWN, Elastic::TIED] {
+        let sample = Sample::plain(32, Support::Elastic(elastic));
+        device.load(&sample.blob()).unwrap();
+        let queries = sample.queries(1_000);
+        let host = Host::load(&sample.blob()).unwrap();
+        let bounded = queries.iter().filter(|query| {
+            let status = Status::from_bits(host.stages(query).status());
+            status.contains(Status::CORRECTION_BOUNDED)
+        });
+        let bounded = bounded.count();
+        assert!(
+            (50..950).contains(&bounded),
+            "{bounded} corrections were bounded"
+        );
+        let costs = costs(&mut device, &queries);
+        let least = costs.iter().copied().fold(f64::INFINITY, f64::min);
+        let most = costs.iter().copied().fold(0.0, f64::max);
+        println!(
+            "{least:.0} to {most:.0} instructions, Cortex-M4F, tied: {}",
+            elastic.tied
+        );
+        assert!(most <= 1.01 * least, "{least} to {most}");
+        let flagged = device.statistics().unwrap().flagged;
+        assert!(flagged > 200, "{flagged} queries were outside");
+    }
+}
+
+/// The trainer's cost model, which chooses sizes for a budget, against the device.
+#[test]
+fn the_trainer_knows_what_elastic_models_cost() {
+    let mut device = Device::start(Clock::Counting).unwrap_or_else(|error| panic!("{error}"));
+    println!(
+        "| joints | sliding | tied | points | groups | ripple | instructions (Cortex-M4F) | predicted | bytes |"
+    );
+    println!("|---|---|---|---|---|---|---|---|---|");
+    for (joints, prismatic) in [
+        (3, false),
+        (4, true),
+        (5, false),
+        (5, true),
+        (6, false),
+        (7, false),
+    ] {
+        for tied in [false, true] {
+            for (points, groups, ripple) in [(0, 0, 0), (25, 1, 0), (100, 5, 4), (150, 10, 8)] {
+                let elastic = Elastic {
+                    points,
+                    groups,
+                    tied,
+                    ripple,
+                };
+                let sample = Sample {
+                    joints,
+                    prismatic,
+                    ..Sample::plain(33, Support::Elastic(elastic))
+                };
+                let size = ElasticSize {
+                    joints,
+                    prismatic: usize::from(prismatic),
+                    support: points,
+                    groups,
+                    tied,
+                    ripple,
+                };
+                device.load(&sample.blob()).unwrap();
+                let count = costs(&mut device, &sample.queries(1))[0];
+                let predicted = instructions_of(&size) as f64;
+                let bytes = blob_bytes(&size, sample::TEXTS);
+                println!(
+                    "| {joints} | {prismatic} | {tied} | {points} | {groups} | {ripple} | {count:.0} | {predicted:.0} | {bytes} |"
+                );
+                assert!((predicted - count).abs() <= 0.05 * count, "{size:?}");
+                // Beyond 127 poses their number takes a second byte.
+                let longer = usize::from(points > 127);
+                assert_eq!(bytes + longer, sample.blob().len(), "{size:?}");
+            }
+        }
+    }
 }

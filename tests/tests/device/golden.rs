@@ -7,14 +7,14 @@ use std::sync::Once;
 use std::{env, fs};
 
 use poegp_protocol::link::Query;
-use poegp_tests::sample::{Sample, Support, odd_queries};
+use poegp_tests::sample::{Elastic, Sample, Support, odd_queries};
 use poegp_tests::stages::{Host, Stages};
 use poegp_tests::workspace;
 
 use crate::device;
 
 /// Name of the files, and what is in them.
-const CASES: [(&str, Sample); 2] = [
+const CASES: [(&str, Sample); 4] = [
     ("shared", Sample::plain(20, Support::Shared(24))),
     (
         "per_output",
@@ -23,7 +23,25 @@ const CASES: [(&str, Sample); 2] = [
             ..Sample::plain(21, Support::PerOutput(24))
         },
     ),
+    (
+        "elastic_own",
+        Sample {
+            coupled: true,
+            ..Sample::plain(22, Support::Elastic(small(Elastic::OWN)))
+        },
+    ),
+    (
+        "elastic_tied",
+        Sample::plain(23, Support::Elastic(small(Elastic::TIED))),
+    ),
 ];
+
+const fn small(elastic: Elastic) -> Elastic {
+    Elastic {
+        points: 24,
+        ..elastic
+    }
+}
 
 fn queries(sample: &Sample) -> Vec<Query> {
     sample

@@ -2,7 +2,7 @@
 
 use poegp_tests::firmware::firmware;
 use poegp_tests::image::Image;
-use poegp_tests::sample::{Sample, Support};
+use poegp_tests::sample::{Elastic, Sample, Support};
 
 use crate::device;
 
@@ -42,8 +42,20 @@ fn stack_stays_small() {
     device
         .load(&Sample::plain(41, Support::PerOutput(300)).blob())
         .unwrap();
+    let before = device.statistics().unwrap().stack_bytes;
+    for (joints, elastic) in [(7, Elastic::OWN), (6, Elastic::TIED)] {
+        let sample = Sample {
+            joints,
+            ..Sample::plain(42, Support::Elastic(elastic))
+        };
+        device.load(&sample.blob()).unwrap();
+        for query in sample.queries(4) {
+            device.evaluate(&query).unwrap();
+            device.trace(&query).unwrap();
+        }
+    }
     let stack = device.statistics().unwrap().stack_bytes;
-    println!("stack {stack} bytes");
+    println!("stack {stack} bytes, {before} before an elastic model");
     assert!(stack > 1_000, "{stack} bytes: was the stack painted?");
     assert!(u64::from(stack) <= 16 * KIB, "{stack}");
 }

@@ -1,7 +1,9 @@
 //! Host and device compute the same bits, stage by stage, for every kind of model and every input.
 
+use poegp_protocol::blob;
+use poegp_runtime::model::{Model, words_for};
 use poegp_runtime::status::Status;
-use poegp_tests::sample::{Sample, Support, odd_queries};
+use poegp_tests::sample::{Elastic, Sample, Support, odd_queries};
 use poegp_tests::stages::{Host, Stages};
 
 use crate::device;
@@ -57,6 +59,113 @@ fn sliding_joint() {
         ..Sample::plain(14, Support::PerOutput(40))
     };
     compare(sample, 300);
+}
+
+fn elastic(seed: u64, elastic: Elastic) -> Sample {
+    Sample::plain(seed, Support::Elastic(elastic))
+}
+
+#[test]
+fn elastic_with_length_scales_of_each_joint() {
+    let trusted = compare(elastic(16, Elastic::OWN), 1_000);
+    assert!(trusted > 100, "only {trusted} queries were ordinary");
+}
+
+#[test]
+fn elastic_with_tied_length_scales() {
+    let trusted = compare(elastic(17, Elastic::TIED), 1_000);
+    assert!(trusted > 100, "only {trusted} queries were ordinary");
+}
+
+#[test]
+fn elastic_arms_of_five_and_seven_joints() {
+    for joints in [5, 7] {
+        for kind in [Elastic::OWN, Elastic::TIED] {
+            let sample = Sample {
+                joints,
+                ..elastic(18, kind)
+            };
+            compare(sample, 150);
+        }
+    }
+}
+
+/// The loop for any kind of joint.
+#[test]
+fn elastic_arm_with_a_sliding_joint() {
+    for kind in [Elastic::OWN, Elastic::TIED] {
+        let sample = Sample {
+            joints: 5,
+            prismatic: true,
+            ..elastic(19, kind)
+        };
+        compare(sample, 150);
+    }
+}
+
+#[test]
+fn elastic_arm_with_coupled_joints() {
+    let sample = Sample {
+        coupled: true,
+        ..elastic(20, Elastic::OWN)
+    };
+    compare(sample, 300);
+}
+
+#[test]
+fn elastic_without_process_or_ripple() {
+    let bare = Elastic {
+        points: 0,
+        groups: 0,
+        ripple: 0,
+        tied: false,
+    };
+    compare(elastic(21, bare), 100);
+}
+
+/// One blob, both number types on the host: what f32 loses of a position.
+#[test]
+fn f32_is_within_a_micrometre_of_f64() {
+    for (joints, coupled, kind) in [
+        (6, false, Elastic::OWN),
+        (6, false, Elastic::TIED),
+        (7, false, Elastic::OWN),
+        (5, false, Elastic::TIED),
+        (6, true, Elastic::OWN),
+    ] {
+        let sample = Sample {
+            joints,
+            coupled,
+            ..elastic(22, kind)
+        };
+        let bytes = sample.blob();
+        let blob = blob::decode(&bytes).unwrap();
+        let (mut single, mut double) = (
+            Box::new(Model::<f32, { words_for(300) }>::new()),
+            Box::new(Model::<f64, { words_for(300) }>::new()),
+        );
+        single.load(&blob).unwrap();
+        double.load(&blob).unwrap();
+        let (mut sum, mut worst, mut count) = (0.0, 0.0_f64, 0);
+        for query in sample.queries(400) {
+            let wide: Vec<f64> = query.joints.iter().copied().map(f64::from).collect();
+            let here = single.evaluate(&query.joints, query.payload_kg);
+            let there = double.evaluate(&wide, f64::from(query.payload_kg));
+            assert_eq!(here.status, there.status, "{query:?}");
+            if here.status.is_ok() {
+                let off = here.pose.translation.map(f64::from) - there.pose.translation;
+                let off = off.iter().map(|x| x * x).sum::<f64>().sqrt();
+                (sum, worst, count) = (sum + off, worst.max(off), count + 1);
+            }
+        }
+        let mean = 1e6 * sum / f64::from(count);
+        println!(
+            "{joints} joints, {kind:?}: mean {mean:.3}, most {:.3} um",
+            1e6 * worst
+        );
+        assert!(count > 50 && worst < 1e-6, "{count} {worst:e}");
+        assert!(mean < 0.5, "{mean}");
+    }
 }
 
 #[test]

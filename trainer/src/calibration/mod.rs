@@ -16,6 +16,7 @@ use crate::elastic;
 use crate::elastic::fit::ElasticOptions;
 use crate::elastic::model::ElasticModel;
 use crate::elastic::outliers::Outlier;
+use crate::elastic::uncertainty::Uncertainty;
 use crate::gp::fit::{MAX_SIGNAL_VARIANCE, Sharing, fit};
 use crate::gp::{self, NotPositiveDefinite, TaskSpaceGp};
 use base_tool::with_ends;
@@ -104,7 +105,7 @@ impl Options {
 }
 
 /// A calibrated arm in f64.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub struct Calibration {
     /// How it was made.
     pub options: Options,
@@ -124,6 +125,10 @@ pub struct Calibration {
     pub elastic: Option<ElasticModel>,
     /// Measurements that do not belong, by their index; whether they were left out is in the options.
     pub outliers: Vec<Outlier>,
+    /// What the elastic model does not know.
+    pub uncertainty: Option<Uncertainty>,
+    /// RMS of one position and one rotation component of the training residual, m and rad.
+    pub residual_rms: (f64, f64),
     /// The bound on the correction: metres and radians.
     pub bound: (f64, f64),
     mean: Option<(poegp_runtime::posterior::MeanHeader<f64>, Vec<f64>)>,
@@ -235,6 +240,8 @@ pub fn calibrate(
         gp: None,
         elastic: None,
         outliers: Vec::new(),
+        uncertainty: None,
+        residual_rms: (0.0, 0.0),
         bound: (0.0, 0.0),
         mean: None,
     };
@@ -260,6 +267,7 @@ pub fn calibrate(
             Some(model.ok_or(CalibrationError::Unsolvable)?).filter(|_| method == Method::Elastic);
         out.calibrated = fit.state.chain(0);
         out.tools = relative(&fit.state.tools);
+        out.uncertainty = Uncertainty::new(fit, &kept, robust.inflation);
     } else if method != Method::BaseTool {
         out.step1 = Some(step1(&mut out.calibrated, &in_base, options.weighted));
     }
@@ -269,6 +277,7 @@ pub fn calibrate(
         out.gp = Some(gp);
     }
     out.bound = out.bound_from(&in_base);
+    out.residual_rms = out.training_rms(&in_base);
     Ok(out)
 }
 
@@ -380,6 +389,51 @@ impl Calibration {
             Some(tool) if sample.tool > 0 => first * *tool,
             _ => first,
         }
+    }
+
+    /// Predictive standard deviation of a new measurement: position along the axes of the base frame in metres, rotation
+    /// about them in radians. Of the elastic model from parameters, processes and noise; of the paper's process by eq. 7,
+    /// carried to the tool, and its noise; of the chain alone the RMS of its training residual. `None` only when a model
+    /// that should know does not.
+    pub fn standard_deviation(&self, sample: &Sample) -> Option<[f64; OUTPUTS]> {
+        if let Some(uncertainty) = &self.uncertainty {
+            return Some(uncertainty.standard_deviation(sample));
+        }
+        let Some(gp) = &self.gp else {
+            let (p, r) = self.residual_rms;
+            return Some([p, p, p, r, r, r]);
+        };
+        let x = self.options.inputs(&sample.joints, sample.payload_kg);
+        let latent = gp.variance(&x);
+        let variance =
+            |c: usize| latent[c] + gp.output(c).noise_variance * gp.output_scale[c].powi(2);
+        let p = self.calibrated.forward(&sample.serial).translation;
+        // v + ω × p, component by component; the outputs are independent.
+        Some(std::array::from_fn(|i| {
+            let (j, k) = ((i + 1) % 3, (i + 2) % 3);
+            let lever = if i < 3 {
+                p[k].powi(2) * variance(3 + j) + p[j].powi(2) * variance(3 + k)
+            } else {
+                0.0
+            };
+            (variance(i) + lever).sqrt()
+        }))
+    }
+
+    fn training_rms(&self, samples: &[Sample]) -> (f64, f64) {
+        let of =
+            |s: &Sample| residual_components(base_tool::UNWEIGHTED, &s.measured, &self.predict(s));
+        let (mut position, mut orientation, mut whole) = (0.0, 0.0, 0);
+        for sample in samples {
+            let r = of(sample);
+            position += r[..3].iter().map(|x| x * x).sum::<f64>();
+            if !sample.position_only {
+                orientation += r[3..].iter().map(|x| x * x).sum::<f64>();
+                whole += 1;
+            }
+        }
+        let rms = |sum: f64, n: usize| (sum / (3 * n).max(1) as f64).sqrt();
+        (rms(position, samples.len()), rms(orientation, whole))
     }
 
     /// The posterior mean as it is exported.

@@ -7,8 +7,8 @@ use serde::Serialize;
 use super::arguments::Calibrate;
 use super::elastic_facts::ElasticFacts;
 use super::{
-    Arm, Failure, check_outputs, device_failure, drift, enough_poses, equations, json_text, origin,
-    progress, report::Report, write_outputs,
+    Arm, Failure, check_outputs, device_failure, drift, enough_poses, equations, instrument_noise,
+    json_text, origin, progress, report::Report, write_outputs,
 };
 use crate::calibration::frames::{FrameFit, Sample};
 use crate::calibration::{Calibration, Method, Options};
@@ -92,6 +92,7 @@ pub fn run(a: &Calibrate) -> Result<(), Failure> {
         options.method,
         arm.robot.joints.len(),
     )?;
+    options.elastic.instrument_noise = instrument_noise(&a.fit, &set)?;
     let origin = origin(set.sha256, &a.serial_number, tools);
     let table = match a.model.method() {
         Some(_) => None,

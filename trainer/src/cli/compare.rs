@@ -7,13 +7,14 @@ use serde::Serialize;
 use super::arguments::{Compare, FitArguments, Outliers};
 use super::{
     Arm, Failure, calibration_failure, check_outputs, device_failure, drift, enough_poses,
-    equations, file_name, json_text, origin, progress, report::Report, write_outputs,
+    equations, file_name, instrument_noise, json_text, origin, progress, report::Report,
+    write_outputs,
 };
 use crate::calibration::frames::Sample;
 use crate::calibration::{CalibrationError, Method, Options};
 use crate::compare::{ModelComparison, Task, TestSet, applicable};
 use crate::drift::{Drift, DriftReport};
-use crate::elastic::fit::ElasticOptions;
+use crate::elastic::fit::{ElasticOptions, InstrumentNoise};
 use crate::elastic::outliers::OutlierPolicy;
 use crate::error::InputError;
 use crate::gp::fit::Sharing;
@@ -50,7 +51,7 @@ impl FitArguments {
         let elastic = ElasticOptions {
             tied: self.tied,
             support: self.support.0,
-            gravity: nalgebra::Vector3::from_column_slice(&self.gravity),
+            gravity: self.gravity.0.into(),
             outliers: match self.outliers {
                 Outliers::Report => OutlierPolicy::Report,
                 Outliers::Reject => OutlierPolicy::Reject,
@@ -64,6 +65,12 @@ impl FitArguments {
             ..Options::new(method)
         }
     }
+}
+
+/// The options with what is known of the instrument.
+pub fn with_noise(mut options: Options, noise: InstrumentNoise) -> Options {
+    options.elastic.instrument_noise = noise;
+    options
 }
 
 pub fn run(a: &Compare) -> Result<(), Failure> {
@@ -141,13 +148,16 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
         seed: a.seed,
         origin: &origin,
     };
+    let noise = instrument_noise(&a.fit, &set)?;
     let rounds = 1 + usize::from(drift.is_some());
     let bar = progress::bar(rounds * methods.len() * task.calibrations(), "comparing");
     let run = |task: &Task| -> Result<Vec<ModelComparison>, Failure> {
         let run_one = |method: &Method| {
             bar.set_message(method.name());
-            task.run(&a.fit.options(*method), &mut || bar.inc(1))
-                .map_err(|e| device_failure(&a.train, e.error))
+            task.run(&with_noise(a.fit.options(*method), noise), &mut || {
+                bar.inc(1)
+            })
+            .map_err(|e| device_failure(&a.train, e.error))
         };
         methods.iter().map(run_one).collect()
     };
@@ -231,9 +241,12 @@ fn print(report: Report, runs: &[(&Vec<ModelComparison>, &str)], a: &Compare) {
         let folds = model
             .cross_validation
             .iter()
-            .map(|cv| ("cross-validation", &cv.all));
-        let sets = model.sets.iter().map(|s| (s.name.as_str(), &s.errors));
-        for (name, errors) in folds.chain(sets) {
+            .map(|cv| ("cross-validation", &cv.all, cv.coverage));
+        let sets = model
+            .sets
+            .iter()
+            .map(|s| (s.name.as_str(), &s.errors, s.coverage));
+        for (name, errors, coverage) in folds.chain(sets) {
             let p = &errors.position_mm;
             let mut row = vec![
                 model.model.to_owned(),
@@ -242,6 +255,9 @@ fn print(report: Report, runs: &[(&Vec<ModelComparison>, &str)], a: &Compare) {
             ];
             row.extend([p.mean, p.median, p.p95, p.max].map(|x| format!("{x:.4}")));
             row.push(errors.orientation_cell());
+            row.push(coverage.map_or("–".to_owned(), |c| {
+                format!("{:.0} / {:.0} %", 100.0 * c.one_sigma, 100.0 * c.two_sigma)
+            }));
             rows.push(row);
         }
     }
@@ -255,6 +271,7 @@ fn print(report: Report, runs: &[(&Vec<ModelComparison>, &str)], a: &Compare) {
             "p95",
             "max",
             "orientation",
+            "within 1σ / 2σ",
         ],
         &rows,
     );

@@ -11,3 +11,4 @@ pub mod outliers;
 pub mod ripple;
 pub mod state;
 pub mod support;
+pub mod uncertainty;

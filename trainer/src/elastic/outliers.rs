@@ -104,26 +104,57 @@ fn median(mut values: Vec<f64>) -> f64 {
     values.get(values.len() / 2).copied().unwrap_or(0.0)
 }
 
-/// Poses that all others do not predict, by their index among the samples of the fit.
-pub fn left_out(fit: &ElasticFit, samples: &[Sample]) -> Vec<Outlier> {
+/// What leaving every pose out tells.
+#[derive(Clone, Debug)]
+pub struct LeaveOneOut {
+    /// Poses that all others do not predict, by their index among the samples of the fit.
+    pub outliers: Vec<Outlier>,
+    /// What predicted standard deviations of position and rotation must be multiplied with to be true of the poses left
+    /// out: the mean of what the 68 % and the 95 % quantile of their standardised errors ask for.
+    pub inflation: [f64; 2],
+}
+
+/// Predicts every pose of a fit from all others.
+pub fn leave_one_out(fit: &ElasticFit, samples: &[Sample]) -> LeaveOneOut {
+    let mut out = LeaveOneOut {
+        outliers: Vec::new(),
+        inflation: [1.0; 2],
+    };
     let Some(solved) = &fit.solved else {
-        return Vec::new();
+        return out;
     };
     let inverse = solved.factor.inverse();
-    let chi_squared = |k: usize| -> Option<f64> {
-        let rows = if samples[k].position_only { 3 } else { ROWS };
+    let mut standardised: [Vec<f64>; 2] = [Vec::new(), Vec::new()];
+    for (k, sample) in samples.iter().enumerate() {
+        let rows = if sample.position_only { 3 } else { ROWS };
         let block = Mat::from_fn(rows, rows, |i, j| inverse[(ROWS * k + i, ROWS * k + j)]);
         let alpha = Mat::from_fn(rows, 1, |i, _| solved.alpha[(ROWS * k + i, 0)]);
-        let solution = block.llt(Side::Lower).ok()?.solve(&alpha);
-        Some((0..rows).map(|i| alpha[(i, 0)] * solution[(i, 0)]).sum())
-    };
-    let outlier = |sample: usize| {
-        let chi_squared = chi_squared(sample)?;
-        (chi_squared > LEFT_OUT).then_some(Outlier {
-            sample,
-            reason: Reason::LeftOut,
-            chi_squared,
-        })
-    };
-    (0..samples.len()).filter_map(outlier).collect()
+        // The error of the pose left out is the block's inverse times α, and that inverse its covariance.
+        let Ok(factor) = block.llt(Side::Lower) else {
+            continue;
+        };
+        let error = factor.solve(&alpha);
+        let covariance = factor.inverse();
+        let chi_squared: f64 = (0..rows).map(|i| alpha[(i, 0)] * error[(i, 0)]).sum();
+        if chi_squared > LEFT_OUT {
+            out.outliers.push(Outlier {
+                sample: k,
+                reason: Reason::LeftOut,
+                chi_squared,
+            });
+            continue;
+        }
+        for i in 0..rows {
+            standardised[usize::from(i >= 3)]
+                .push((error[(i, 0)] / covariance[(i, i)].sqrt()).abs());
+        }
+    }
+    for (inflation, values) in out.inflation.iter_mut().zip(&mut standardised) {
+        values.sort_by(f64::total_cmp);
+        let quantile = |share: f64| values.get((share * values.len() as f64) as usize).copied();
+        if let (Some(one), Some(two)) = (quantile(0.6827), quantile(0.95)) {
+            *inflation = 0.5 * (one + two / 1.96);
+        }
+    }
+    out
 }

@@ -1,0 +1,370 @@
+//! The formulas of the elastic correction against the same written differently: with angles instead of sines and
+//! cosines, with natural exponentials, with regressors one by one, with general exponentials of se(3).
+
+use nalgebra::Vector3;
+use poegp_protocol::JointKind;
+use poegp_runtime::deflection::{
+    Features, GravityRegressors, GravityTerms, JointKernel, JointProcesses, PayloadGroup, PerJoint,
+    deflected, deflection_twist, features, ripple_regressors, similarity,
+};
+use poegp_runtime::poe::JointMotion;
+use poegp_runtime::scalar::Scalar;
+use poegp_runtime::se3::{dot, residual};
+use proptest::prelude::*;
+
+use crate::seeded::{chains, config, distance, poe};
+
+/// The joints as the kernel compares them, without the runtime.
+fn places<T: Scalar>(kinds: &[JointKind], q: &[f64]) -> Features<T> {
+    let mut out = [[T::ZERO; 2]; 8];
+    for ((slot, kind), q) in out.iter_mut().zip(kinds).zip(q) {
+        *slot = match kind {
+            JointKind::Revolute => [libm::sin(*q), libm::cos(*q)],
+            JointKind::Prismatic => [*q, 0.0],
+        }
+        .map(T::from_f64);
+    }
+    out
+}
+
+/// Natural parameters of one kernel: w_d, w_m, a0, a1.
+type Natural = (Vec<f64>, f64, f64, f64);
+
+/// exp(-1/2 sum w_d d^2), d the chord of a revolute joint and the way of a prismatic one.
+fn direct_joint_factor(kinds: &[JointKind], natural: &Natural, a: &[f64], b: &[f64]) -> f64 {
+    let mut sum = 0.0;
+    for (d, kind) in kinds.iter().enumerate() {
+        let squared = match kind {
+            JointKind::Revolute => 2.0 - 2.0 * libm::cos(a[d] - b[d]),
+            JointKind::Prismatic => (a[d] - b[d]) * (a[d] - b[d]),
+        };
+        sum += natural.0[d] * squared;
+    }
+    libm::exp(-0.5 * sum)
+}
+
+fn direct_payload_factor(natural: &Natural, m: f64, other: f64) -> f64 {
+    let (_, rate, constant, slope) = natural;
+    (constant + slope * m * other) * libm::exp(-0.5 * rate * (m - other) * (m - other))
+}
+
+fn kernel<T: Scalar>(natural: &Natural) -> JointKernel<T> {
+    let rates: Vec<T> = natural.0.iter().map(|w| T::from_f64(*w)).collect();
+    JointKernel::from_natural(
+        &rates,
+        T::from_f64(natural.1),
+        T::from_f64(natural.2),
+        T::from_f64(natural.3),
+    )
+}
+
+fn similarities<T: Scalar>(kinds: &[JointKind], a: &Features<T>, b: &Features<T>) -> Vec<T> {
+    let pairs = a.iter().zip(b);
+    kinds
+        .iter()
+        .zip(pairs)
+        .map(|(kind, (a, b))| similarity(*kind, a, b))
+        .collect()
+}
+
+fn kinds() -> impl Strategy<Value = Vec<JointKind>> {
+    let any = prop_oneof![Just(JointKind::Revolute), Just(JointKind::Prismatic)];
+    let turning = (1_usize..=8).prop_map(|n| vec![JointKind::Revolute; n]);
+    prop_oneof![turning, prop::collection::vec(any, 1..=8)]
+}
+
+/// Eight of each; weights up to `steepest`.
+fn naturals(steepest: f64) -> impl Strategy<Value = Vec<Natural>> {
+    let weights = prop::collection::vec(0.0..steepest, 8);
+    prop::collection::vec((weights, 0.0..0.2_f64, 0.0..2.0_f64, 0.0..0.1_f64), 8)
+}
+
+/// Joint values, payload, weights of a support point.
+type Point = (Vec<f64>, f64, Vec<f64>);
+
+fn points(count: usize) -> impl Strategy<Value = Vec<Point>> {
+    let point = (
+        prop::collection::vec(-3.0..3.0_f64, 8),
+        (0..4_u8).prop_map(|m| 2.5 * f64::from(m)),
+        prop::collection::vec(-1.0..1.0_f64, 8),
+    );
+    prop::collection::vec(point, 0..=count)
+}
+
+/// What the processes give at (q, m) and how many exponentials they took; and the same by the formula.
+fn mean<T: Scalar>(
+    kinds: &[JointKind],
+    naturals: &[Natural],
+    tied: bool,
+    points: &[Point],
+    (q, m): (&[f64], f64),
+) -> (PerJoint<T>, usize, PerJoint<f64>) {
+    let n = kinds.len();
+    let mut points = points.to_vec();
+    points.sort_by(|a, b| a.1.total_cmp(&b.1));
+    let mut processes = JointProcesses {
+        kernels: [JointKernel::zero(); 8],
+        tied,
+        groups: heapless::Vec::new(),
+    };
+    let natural = |c: usize| {
+        let mut natural: Natural = naturals[c].clone();
+        if tied {
+            natural.0.clone_from(&naturals[0].0);
+        }
+        natural
+    };
+    let mut rows = Vec::new();
+    for (slot, c) in processes.kernels.iter_mut().zip(0..n) {
+        let mut natural = natural(c);
+        natural.0.truncate(n);
+        *slot = kernel(&natural);
+    }
+    for (place, payload, weights) in &points {
+        match processes.groups.last_mut() {
+            Some(group) if group.payload_kg == T::from_f64(*payload) => group.points += 1,
+            _ => {
+                let group = PayloadGroup {
+                    payload_kg: T::from_f64(*payload),
+                    points: 1,
+                };
+                processes.groups.push(group).unwrap();
+            }
+        }
+        rows.extend(places::<T>(kinds, place).iter().take(n).flatten());
+        rows.extend(weights.iter().take(n).map(|w| T::from_f64(*w)));
+    }
+    let mut exponentials = 0;
+    let found = processes.mean(kinds, &rows, &places(kinds, q), T::from_f64(m), &mut |_| {
+        exponentials += 1;
+    });
+    let mut expected = [0.0; 8];
+    for (place, payload, weights) in &points {
+        for (c, sum) in expected.iter_mut().enumerate().take(n) {
+            *sum += direct_payload_factor(&natural(c), m, *payload)
+                * direct_joint_factor(kinds, &natural(c), q, place)
+                * weights[c];
+        }
+    }
+    (found, exponentials, expected)
+}
+
+fn mean_is_the_formula(
+    kinds: &[JointKind],
+    naturals: &[Natural],
+    tied: bool,
+    points: &[Point],
+    at: (&[f64], f64),
+) -> Result<(), TestCaseError> {
+    let expected_count = points.len() * if tied { 1 } else { kinds.len() };
+    let (double, count, expected) = mean::<f64>(kinds, naturals, tied, points, at);
+    prop_assert_eq!(count, expected_count);
+    let error = distance(&double, &expected);
+    prop_assert!(error < 1e-11, "f64 {:e}", error);
+    let (single, count, expected) = mean::<f32>(kinds, naturals, tied, points, at);
+    prop_assert_eq!(count, expected_count);
+    // A kernel of rate W has an exponent of W steps of 2^-24 in f32; weights of 1, amplitudes of up to 17.
+    let steepest = naturals
+        .iter()
+        .flat_map(|n| &n.0)
+        .fold(1.0, |a: f64, b| a.max(*b));
+    let tolerance = 2e-5 * steepest * points.len().max(1) as f64;
+    let error = distance(&single.map(f64::from), &expected);
+    prop_assert!(error < tolerance, "f32 {:e}, {:e}", error, tolerance);
+    Ok(())
+}
+
+proptest! {
+    #![proptest_config(config(61, 500))]
+
+    #[test]
+    fn kernel_is_the_formula(
+        kinds in kinds(),
+        natural in naturals(4.0),
+        a in prop::collection::vec(-3.0..3.0_f64, 8),
+        b in prop::collection::vec(-3.0..3.0_f64, 8),
+        (m, other) in (0.0..10.0_f64, 0.0..10.0_f64),
+    ) {
+        let mut natural = natural[0].clone();
+        natural.0.truncate(kinds.len());
+        let (x, y) = (places::<f64>(&kinds, &a), places::<f64>(&kinds, &b));
+        let kernel = kernel::<f64>(&natural);
+        let found = kernel.joint_factor(&similarities(&kinds, &x, &y));
+        let expected = direct_joint_factor(&kinds, &natural, &a, &b);
+        prop_assert!((found - expected).abs() < 1e-13, "{} {}", found, expected);
+        let found = kernel.payload_factor(m, other);
+        let expected = direct_payload_factor(&natural, m, other);
+        prop_assert!((found - expected).abs() < 1e-13, "{} {}", found, expected);
+        // Alike with itself.
+        prop_assert!((kernel.joint_factor(&similarities(&kinds, &x, &x)) - 1.0).abs() < 1e-13);
+    }
+
+    #[test]
+    fn gram_matrix_is_symmetric_and_positive_semidefinite(
+        kinds in kinds(),
+        natural in naturals(2.0),
+        points in points(12),
+    ) {
+        let mut natural = natural[0].clone();
+        natural.0.truncate(kinds.len());
+        let kernel = kernel::<f64>(&natural);
+        let n = points.len();
+        let value = |i: usize, j: usize| {
+            let place = |i: usize| places(&kinds, &points[i].0);
+            kernel.payload_factor(points[i].1, points[j].1)
+                * kernel.joint_factor(&similarities(&kinds, &place(i), &place(j)))
+        };
+        let mut factor = vec![vec![0.0; n]; n];
+        for i in 0..n {
+            for j in 0..=i {
+                prop_assert_eq!(value(i, j), value(j, i));
+                let mut rest = value(i, j) + if i == j { 1e-10 } else { 0.0 };
+                for (a, b) in factor[i].iter().zip(&factor[j]).take(j) {
+                    rest -= a * b;
+                }
+                if i == j {
+                    prop_assert!(rest > 0.0, "pivot {} of {}: {:e}", i, n, rest);
+                    factor[i][i] = libm::sqrt(rest);
+                } else {
+                    factor[i][j] = rest / factor[j][j];
+                }
+            }
+        }
+    }
+
+    /// Unrolled loops for five, six and seven revolute joints, own and tied, and the loop for everything else.
+    #[test]
+    fn posterior_mean_is_the_formula(
+        kinds in kinds(),
+        naturals in naturals(1.5),
+        tied: bool,
+        points in points(12),
+        q in prop::collection::vec(-3.0..3.0_f64, 8),
+        m in 0.0..12.0_f64,
+    ) {
+        mean_is_the_formula(&kinds, &naturals, tied, &points, (&q, m))?;
+    }
+
+    /// Too steep for the exponential without a clamp.
+    #[test]
+    fn posterior_mean_of_steep_kernels(
+        joints in 5_usize..=7,
+        naturals in naturals(100.0),
+        tied: bool,
+        points in points(4),
+        at in prop::sample::select(vec![0_usize, 1, 2, 3]),
+        m in 0.0..12.0_f64,
+    ) {
+        let kinds = vec![JointKind::Revolute; joints];
+        // At a support point, where there is something left.
+        let q = points.get(at).map_or(vec![0.5; 8], |point| point.0.clone());
+        mean_is_the_formula(&kinds, &naturals, tied, &points, (&q, m))?;
+    }
+
+    /// The sum over regressors one by one; a prismatic joint feels the weight alone.
+    #[test]
+    fn gravity_is_regressors_times_coefficients(
+        (kinds, frames, q) in chains(),
+        numbers in prop::collection::vec(-1.0..1.0_f64, 8 * 8 * 3 + 8 * 4 + 3),
+        m in 0.0..10.0_f64,
+    ) {
+        let (chain, n) = (poe::<f64>(&kinds, &frames), kinds.len());
+        let (frames, target) = chain.joint_frames(&q);
+        let mut numbers = numbers.into_iter();
+        let mut vector = || Vector3::from_fn(|_, _| numbers.next().unwrap());
+        let mut terms = GravityTerms::<f64>::zero();
+        terms.gravity = vector() * 9.81;
+        for c in 0..n {
+            for j in c..n {
+                terms.links[c][j] = vector();
+            }
+            terms.payload_offset[c] = vector();
+            terms.payload_lever[c] = vector()[0];
+        }
+        let at = GravityRegressors::new(&kinds, &frames, &target, &terms.gravity);
+        let found = terms.deflection(&at, m);
+        for c in 0..n {
+            let (lever, offset) = at.payload(c);
+            let mut expected =
+                m * (lever * terms.payload_lever[c] + dot(&offset, &terms.payload_offset[c]));
+            for j in c..n {
+                let regressors = at.link(c, j);
+                expected += dot(&regressors, &terms.links[c][j]);
+                if kinds[c] == JointKind::Prismatic {
+                    prop_assert_eq!((regressors[1], regressors[2], lever), (0.0, 0.0, 0.0));
+                }
+            }
+            prop_assert!((found[c] - expected).abs() < 1e-10, "{} {}", found[c], expected);
+        }
+        prop_assert!(found[n..].iter().all(|value| *value == 0.0));
+    }
+
+    /// delta^5/120 is what the series leaves out.
+    #[test]
+    fn a_small_turn_is_the_sine_of_the_sum(q in -4.0..4.0_f64, delta in -0.1..0.1_f64, way in -1.0..1.0_f64) {
+        let mut motions = [JointMotion { sin: 0.0, cos: 1.0, travel: 0.0 }; 8];
+        (motions[0].sin, motions[0].cos) = (libm::sin(q), libm::cos(q));
+        motions[1].travel = way;
+        let kinds = [JointKind::Revolute, JointKind::Prismatic];
+        let mut deflection = [delta; 8];
+        let moved = deflected(&motions, &kinds, &deflection);
+        let left_out = libm::pow(delta.abs(), 5.0) / 100.0 + 3e-16;
+        prop_assert!((moved[0].sin - libm::sin(q + delta)).abs() <= left_out);
+        prop_assert!((moved[0].cos - libm::cos(q + delta)).abs() <= left_out);
+        prop_assert_eq!((moved[1].travel, moved[1].sin, moved[1].cos), (way + delta, 0.0, 1.0));
+        // Beyond the joints nothing moves, and nothing deflected is nothing changed.
+        prop_assert_eq!((moved[2].sin, moved[2].cos, moved[2].travel), (0.0, 1.0, 0.0));
+        deflection.fill(0.0);
+        let still = deflected(&motions, &kinds, &deflection);
+        prop_assert_eq!((still[0].sin, still[0].cos), (motions[0].sin, motions[0].cos));
+    }
+
+    #[test]
+    fn deflection_twist_against_differences(
+        (kinds, frames, q) in chains(),
+        direction in prop::array::uniform8(-1.0..1.0_f64),
+    ) {
+        let chain = poe::<f64>(&kinds, &frames);
+        let (joint_frames, target) = chain.joint_frames(&q);
+        let found = deflection_twist(&kinds, &joint_frames, &direction).to_array();
+        let step = 1e-5;
+        let at = |by: f64| {
+            let moved: Vec<f64> = q.iter().zip(&direction).map(|(q, d)| q + by * d).collect();
+            residual(&chain.forward(&moved), &target).to_array()
+        };
+        let (ahead, behind) = (at(step), at(-step));
+        let expected: [f64; 6] = core::array::from_fn(|i| (ahead[i] - behind[i]) / (2.0 * step));
+        let error = distance(&found, &expected);
+        prop_assert!(error < 1e-6, "{:e}", error);
+    }
+
+    #[test]
+    fn ripple_is_sine_and_cosine(cycles in 0.0..400.0_f64, q in -4.0..4.0_f64) {
+        let (sin, cos) = ripple_regressors(cycles, q);
+        prop_assert_eq!((sin, cos), (libm::sin(cycles * q), libm::cos(cycles * q)));
+    }
+}
+
+#[test]
+fn ripple_is_held_out_of_reach() {
+    for (q, held) in [(2.0_f32, 4_096.0_f32), (-4_096.0, -4_096.0)] {
+        let (sin, cos) = ripple_regressors(4_096.0, q);
+        assert!((sin - libm::sinf(held)).abs() < 1e-6);
+        assert!((cos - libm::cosf(held)).abs() < 1e-6);
+    }
+}
+
+#[test]
+fn features_are_sines_and_cosines_of_revolute_joints_and_values_of_prismatic_ones() {
+    let kinds = [JointKind::Revolute, JointKind::Prismatic];
+    let mut motions = [JointMotion {
+        sin: 0.0,
+        cos: 1.0,
+        travel: 0.0,
+    }; 8];
+    (motions[0].sin, motions[0].cos, motions[1].travel) = (0.6, 0.8, 0.3);
+    let mut joints = [0.0; 8];
+    (joints[0], joints[1]) = (0.643_501, 0.3);
+    let found = features(&kinds, &joints, &motions);
+    assert_eq!(found[..3], [[0.6, 0.8], [0.3, 0.0], [0.0, 0.0]]);
+}

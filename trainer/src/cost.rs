@@ -1,0 +1,90 @@
+//! What an elastic model costs on the device, before it is made.
+//!
+//! Instructions of one evaluation on the Cortex-M4F, fitted to the counts of the emulated device (QEMU `-icount`,
+//! `-C target-cpu=cortex-m4`, opt-level 3, LTO): within 5 % for arms of three to seven joints, which
+//! `tests/tests/device/cost.rs` measures again and prints. Instructions, not cycles. Bytes are exact: the format's own
+//! lengths.
+
+use poegp_protocol::blob::HEADER_LENGTH;
+
+/// An elastic model by its sizes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ElasticSize {
+    /// Joints of the arm.
+    pub joints: usize,
+    /// How many of them slide.
+    pub prismatic: usize,
+    /// Support points.
+    pub support: usize,
+    /// Payload groups.
+    pub groups: usize,
+    /// Whether all joints have one set of length scales.
+    pub tied: bool,
+    /// Terms of gear ripple.
+    pub ripple: usize,
+}
+
+impl ElasticSize {
+    /// Whether the device has an unrolled loop for the support points of this arm.
+    fn unrolled(&self) -> bool {
+        self.prismatic == 0 && matches!(self.joints, 5..=7)
+    }
+}
+
+/// Instructions of one evaluation.
+pub fn instructions(size: &ElasticSize) -> u64 {
+    let n = size.joints as f64;
+    let sliding = if size.prismatic > 0 { 1.0 } else { 0.0 };
+    // Chain twice, gravity terms, twist, bound.
+    let mut count = 1_262.4 + n * (491.5 + n * 17.86) - 46.3 * sliding * n;
+    if !size.tied {
+        count += 5.8 * n * n;
+    }
+    count += 67.5 * size.ripple as f64;
+    // The factor of a payload group for each joint.
+    count += size.groups as f64 * (83.9 + n * if size.tied { 21.9 } else { 41.8 });
+    let point = match (size.unrolled(), size.tied) {
+        (true, false) => -13.1 + n * (26.5 + n * 3.29),
+        (true, true) => 16.4 + n * 9.64,
+        (false, false) => 12.7 + n * (88.6 - n * 1.11),
+        (false, true) => 93.8 + n * 20.75,
+    };
+    (count + size.support as f64 * point) as u64
+}
+
+/// Bytes of a number as postcard writes lengths.
+const fn varint(value: usize) -> usize {
+    let mut bytes = 1;
+    let mut rest = value >> 7;
+    while rest > 0 {
+        bytes += 1;
+        rest >>= 7;
+    }
+    bytes
+}
+
+/// Bytes of the blob of an arm without coupling, all of whose joints have limits, and whose support points are spread
+/// evenly over the groups. `texts` are the lengths of robot name, serial number, model, trainer version and date.
+pub fn blob_bytes(size: &ElasticSize, texts: [usize; 5]) -> usize {
+    let (n, floats) = (size.joints, 4);
+    let text: usize = texts.iter().map(|length| varint(*length) + length).sum();
+    // Kind, `Option` and two limits; the trained range.
+    let joints = 1 + n * 10 + 1 + n * 8;
+    let frames = 2 * (1 + (n + 1) * 12 * floats) + 2 * 12 * 8;
+    // No coupling, units, SHA-256, number of poses (of up to 127), range of the payload.
+    let rest = 1 + 3 + 32 + 1 + 9;
+    // Number of the variant, bound, gravity.
+    let mut elastic = 1 + 2 * floats + 3 * floats;
+    elastic += 1 + n * (n + 1) / 2 * 3 * floats;
+    elastic += 1 + n * 4 * floats;
+    elastic += 1 + size.ripple * (1 + 3 * floats);
+    elastic += 1 + n * (1 + n * floats + 3 * floats);
+    elastic += 1;
+    elastic += 1;
+    for group in 0..size.groups {
+        let upto = |index: usize| size.support * index / size.groups;
+        elastic += floats + varint(upto(group + 1) - upto(group));
+    }
+    let rows = size.support * 3 * n * floats;
+    HEADER_LENGTH + text + joints + frames + rest + elastic + varint(rows) + rows
+}

@@ -1,0 +1,69 @@
+//! Whether predicted standard deviations are true: how many errors lie within one and within 1.96 of them.
+
+use poegp_runtime::se3::Pose;
+use serde::Serialize;
+
+use crate::calibration::Calibration;
+use crate::calibration::base_tool::UNWEIGHTED;
+use crate::calibration::frames::{Sample, residual_components};
+use crate::loaded::LoadedBlob;
+
+/// Shares of single components (three of position, three of rotation) within their intervals.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Coverage {
+    /// Within one standard deviation; 0.68 when it is true.
+    pub one_sigma: f64,
+    /// Within 1.96 standard deviations; 0.95 when it is true.
+    pub two_sigma: f64,
+    /// Mean predicted standard deviation of a position component in mm.
+    pub mean_sigma_mm: f64,
+}
+
+/// Counts, so that folds can be pooled.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Counter {
+    one: usize,
+    two: usize,
+    components: usize,
+    sigma_sum: f64,
+    sigmas: usize,
+}
+
+impl Counter {
+    /// Adds the errors of `samples` (poses in the instrument's frame) as the blob predicts them, against the standard
+    /// deviations of the calibration it was made from.
+    pub fn add(&mut self, calibration: &Calibration, blob: &LoadedBlob, samples: &[Sample]) {
+        let base_from_instrument: Pose<f64> = calibration.ends.instrument_from_base.inverse();
+        for sample in samples {
+            let Some(sigma) = calibration.standard_deviation(sample) else {
+                return;
+            };
+            let predicted = blob
+                .predict_tool(&sample.joints, sample.payload_kg, sample.tool)
+                .pose;
+            let error = residual_components(
+                UNWEIGHTED,
+                &(base_from_instrument * sample.measured),
+                &(base_from_instrument * predicted),
+            );
+            let components = if sample.position_only { 3 } else { 6 };
+            for (e, s) in error.iter().zip(&sigma).take(components) {
+                self.one += usize::from(e.abs() <= *s);
+                self.two += usize::from(e.abs() <= 1.96 * s);
+                self.components += 1;
+            }
+            self.sigma_sum += sigma[..3].iter().sum::<f64>();
+            self.sigmas += 3;
+        }
+    }
+
+    /// The shares; `None` when nothing was counted.
+    pub fn coverage(&self) -> Option<Coverage> {
+        let share = |n: usize| n as f64 / self.components as f64;
+        (self.components > 0).then(|| Coverage {
+            one_sigma: share(self.one),
+            two_sigma: share(self.two),
+            mean_sigma_mm: 1e3 * self.sigma_sum / self.sigmas as f64,
+        })
+    }
+}
