@@ -209,7 +209,7 @@ impl DriftReport {
             .collect();
         let mut out = vec![
             format!(
-                "Drift from {} reference points: {} misses{}, {} outliers{} left out.",
+                "Drift from {} reference points; left out: {} missed{}, {} outliers{}.",
                 self.points,
                 self.misses,
                 listed(self.misses, &self.missed_lines),

@@ -1,7 +1,8 @@
 //! Reference measurements that are not believed.
 //!
-//! A point is compared with the median of its neighbours in time, so that a creep or a step of the instrument is no
-//! outlier. Far is more than 0.5 mm, or ten standard deviations (from the median distance) where the point is quieter.
+//! A point is compared with its neighbours in time, so that a step or a creep of the instrument is no outlier: with their
+//! median (a step leaves it alone) and with Theil and Sen's line through them (a creep does, also where a file begins and
+//! ends); the nearer of the two counts. Far is more than 0.5 mm, or ten standard deviations (from the median distance) where the point is quieter.
 //! When all points of a pose, two at least, jump together it is the instrument that was pushed, and they are kept.
 
 use nalgebra::Vector3;
@@ -58,7 +59,7 @@ pub fn outliers(seen: &[Vec<Option<Vector3<f64>>>], sessions: &[usize]) -> Vec<V
     out
 }
 
-/// How far each is from the median of its neighbours and itself.
+/// How far each is from its neighbours and itself: from their median, or from their line if that is nearer.
 fn deviations(seen: &[Option<Vector3<f64>>], sessions: &[usize]) -> Vec<Option<Vector3<f64>>> {
     let mut out = vec![None; seen.len()];
     let there: Vec<(usize, Vector3<f64>)> = seen
@@ -70,8 +71,30 @@ fn deviations(seen: &[Option<Vector3<f64>>], sessions: &[usize]) -> Vec<Option<V
         let same = |other: &&(usize, Vector3<f64>)| sessions[other.0] == sessions[*k];
         let before = there[..at].iter().rev().filter(same).take(NEIGHBOURS);
         let after = there[at..].iter().filter(same).take(NEIGHBOURS + 1);
-        let near: Vec<Vector3<f64>> = before.chain(after).map(|(_, p)| *p).collect();
-        out[*k] = Some(point - median(&near));
+        let near: Vec<(f64, Vector3<f64>)> = before
+            .chain(after)
+            .map(|(j, p)| (*j as f64 - *k as f64, *p))
+            .collect();
+        let slope = slope(&near);
+        let from = |slope: Vector3<f64>| {
+            let here: Vec<Vector3<f64>> = near.iter().map(|(away, p)| p - slope * *away).collect();
+            point - median(&here)
+        };
+        let (still, creeping) = (from(Vector3::zeros()), from(slope));
+        out[*k] = Some(if creeping.norm() < still.norm() {
+            creeping
+        } else {
+            still
+        });
     }
     out
+}
+
+/// Median of the slopes between all pairs.
+fn slope(near: &[(f64, Vector3<f64>)]) -> Vector3<f64> {
+    let pairs = near
+        .iter()
+        .enumerate()
+        .flat_map(|(i, a)| near[..i].iter().map(move |b| (a.1 - b.1) / (a.0 - b.0)));
+    median(&pairs.collect::<Vec<_>>())
 }

@@ -247,3 +247,21 @@ fn base_and_tool_only() {
     .unwrap();
     assert_eq!((r.rank, r.parameters, r.untold), (12, 12, 0));
 }
+
+#[test]
+fn any_number_of_joints_of_any_kind() {
+    for count in 1..=7 {
+        for slides in [0, 1, count] {
+            let mut robot = robot("kuka-iiwa7");
+            robot.joints.truncate(count);
+            robot.parent_from_joint.truncate(count + 1);
+            for joint in &mut robot.joints[..slides] {
+                joint.kind = JointKind::Prismatic;
+                joint.limits = None;
+            }
+            let r = report(&robot, &poses(&robot, 50, |_, _| {}));
+            assert_eq!(r.untold, 0, "{count} joints, {slides} slides");
+            assert!(r.redundant >= 2 * count + 2 * slides);
+        }
+    }
+}

@@ -36,6 +36,7 @@ fn every_option_is_in_the_help() {
                     "--serial-number",
                     "--max-correction-mm",
                     "--max-correction-mrad",
+                    "--correct-drift",
                     "--out",
                     "--json",
                 ],

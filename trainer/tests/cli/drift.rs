@@ -1,0 +1,97 @@
+//! `--correct-drift`: an instrument that creeps, seen by fixed points.
+
+use std::fmt::Write as _;
+
+use crate::program::{Folder, SERIAL, changed, simulated};
+
+/// The set as an instrument would have measured it that creeps by `creep_mm` along x, with two fixed points; the first is
+/// missed once, the second mistaken once.
+fn drifted(set: &str, poses: usize, creep_mm: f64) -> String {
+    let csv = simulated(set, poses);
+    let mut k = 0;
+    let moved = changed(&csv, |names, fields| {
+        let x = names.iter().position(|n| *n == "x_mm").unwrap();
+        let value: f64 = fields[x].parse().unwrap();
+        fields[x] = format!("{:.6}", value + creep_mm * k as f64 / poses as f64);
+        k += 1;
+    });
+    let mut out = String::new();
+    let mut row = None;
+    for line in moved.lines() {
+        let _ = match (line.starts_with('#'), row) {
+            (true, _) => writeln!(out, "{line}"),
+            (_, None) => {
+                row = Some(0);
+                writeln!(
+                    out,
+                    "{line},ref1_x_mm,ref1_y_mm,ref1_z_mm,ref2_x_mm,ref2_y_mm,ref2_z_mm"
+                )
+            }
+            (_, Some(k)) => {
+                row = Some(k + 1);
+                let creep = creep_mm * f64::from(k) / poses as f64;
+                let first = if k == 3 { 0.0 } else { 1.0 };
+                let mistaken = if k == 7 { 2.0 } else { 0.0 };
+                let noise = 1e-3 * f64::from(k * 7 % 5 - 2);
+                let (a, b) = (900.0 + creep + noise, 1500.0 + creep - noise + mistaken);
+                writeln!(
+                    out,
+                    "{line},{},{},{},{b},300,{noise}",
+                    first * a,
+                    first * noise,
+                    first * 20.0
+                )
+            }
+        };
+    }
+    out
+}
+
+#[test]
+fn compared_without_and_with() {
+    let folder = Folder::new();
+    folder.write("train.csv", drifted("train", 60, 2.0));
+    folder.write("test.csv", drifted("test1", 20, 0.5));
+    let line = format!(
+        "compare --robot {SERIAL} train.csv --test test.csv --models poe --weighted --folds 4 --correct-drift --json out.json"
+    );
+    let out = folder.run(&line).ok();
+    for part in [
+        "1 missed (lines 5)",
+        "1 outliers (lines 9)",
+        "cross-validation, drift corrected",
+        "test.csv, drift corrected",
+        "never from a measured pose",
+    ] {
+        assert!(out.stdout.contains(part), "{part}: {}", out.stdout);
+    }
+    let document = folder.json("out.json");
+    assert_eq!(document["drift"]["motion"], "translation");
+    assert_eq!(document["drift"]["points"], 2);
+    let error = |models: &str| {
+        let model = &document[models][0];
+        assert_eq!(model["model"], "poe");
+        model["cross_validation"]["position_mm"]["mean"]
+            .as_f64()
+            .unwrap()
+    };
+    let (with, without) = (error("models"), error("models_without_correction"));
+    assert!(with < 0.9 * without, "{without} → {with}");
+    let line = format!(
+        "calibrate --robot {SERIAL} train.csv --model poe --correct-drift --out arm.blob --json -"
+    );
+    let document = folder.run(&line).ok().json();
+    let creep = document["drift"]["max_um"][0].as_f64().unwrap();
+    assert!((900.0..1100.0).contains(&creep), "{creep}");
+}
+
+#[test]
+fn refused_without_reference_points() {
+    let folder = Folder::new();
+    folder.write("train.csv", simulated("train", 20));
+    for command in ["calibrate --model poe --out arm.blob", "compare --folds 2"] {
+        let line = format!("{command} --robot {SERIAL} train.csv --correct-drift");
+        let parts = ["train.csv: found no reference points", "ref1_x_mm"];
+        folder.run(&line).refused(&parts);
+    }
+}

@@ -1,0 +1,62 @@
+//! What `calibrate` says about the poses that it was given.
+
+use poegp_trainer::export::nominal_chain;
+use poegp_trainer::robot::{LoadOptions, Robot};
+
+use crate::program::{Folder, SERIAL, changed, simulated};
+
+/// The joints of `csv`, but the third at 10°, with the poses of the nominal arm, rounded to 0.1 mm.
+fn with_joint_3_still(csv: &str) -> String {
+    let robot = Robot::load(SERIAL, &LoadOptions::default()).unwrap();
+    let chain = nominal_chain(&robot).unwrap();
+    changed(csv, |names, fields| {
+        let column = |name: &str| names.iter().position(|n| *n == name).unwrap();
+        fields[column("q3_deg")] = "10".to_owned();
+        let joint = |i: usize| -> f64 { fields[column(&format!("q{i}_deg"))].parse().unwrap() };
+        let joints: Vec<f64> = (1..=6).map(|i| joint(i).to_radians()).collect();
+        let pose = chain.forward(&joints);
+        let (w, v) = pose.quaternion();
+        for (name, value) in ["x_mm", "y_mm", "z_mm"].iter().zip(pose.translation.iter()) {
+            fields[column(name)] = format!("{:.1}", 1e3 * value);
+        }
+        for (name, value) in ["qw", "qx", "qy", "qz"].iter().zip([w, v[0], v[1], v[2]]) {
+            fields[column(name)] = format!("{value:.5}");
+        }
+    })
+}
+
+#[test]
+fn random_poses_and_a_joint_that_never_moves() {
+    let folder = Folder::new();
+    let csv = simulated("train", 40);
+    folder.write("all.csv", &csv);
+    folder.write("still.csv", with_joint_3_still(&csv));
+    for model in ["base-tool", "poe", "elastic"] {
+        let line = format!(
+            "calibrate --robot {SERIAL} all.csv --model {model} --out arm.blob --json arm.json"
+        );
+        let out = folder.run(&line).ok();
+        let (parameters, rank) = if model == "base-tool" {
+            (12, 12)
+        } else {
+            (42, 30)
+        };
+        let told = &folder.json("arm.json")["identifiability"];
+        assert_eq!(told["parameters"], parameters, "{model}");
+        assert_eq!(told["rank"], rank, "{model}");
+        assert_eq!(told["untold"], 0, "{model}");
+        assert!(told["condition"].as_f64().unwrap() > 1.0);
+        assert!(told["expected"]["rms_mm"].as_f64().unwrap() > 0.0);
+        let said = format!("geometry: {rank} of {parameters} parameters told");
+        assert!(out.stdout.contains(&said), "{}", out.stdout);
+        assert!(!out.stdout.contains("not told"), "{}", out.stdout);
+    }
+    let line = format!("calibrate --robot {SERIAL} still.csv --model poe --out arm.blob --json -");
+    let out = folder.run(&line).ok();
+    let told = &out.json()["identifiability"];
+    assert_eq!(told["rank"], 26);
+    assert_eq!(told["untold"], 4);
+    let sentence = told["findings"][0]["sentence"].as_str().unwrap();
+    assert!(sentence.starts_with("joint 3 never moves"), "{sentence}");
+    assert!(out.stderr.contains("not told: joint 3 never moves"));
+}
