@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 
 use poegp_protocol::blob::{
-    Blob, BufferTooSmall, Correction, DecodeError, FORMAT_VERSION, HEADER_LENGTH, blob_crc, decode,
-    encode, stored_crc,
+    Blob, BufferTooSmall, Correction, DecodeError, FORMAT_VERSION, HEADER_LENGTH, Tool, blob_crc,
+    decode, encode, encode_tools, stored_crc, tools,
 };
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
@@ -81,12 +81,11 @@ fn restamped(bytes: &[u8], version: u16) -> Vec<u8> {
 #[test]
 fn what_a_version_does_not_have_is_refused_in_it() {
     let (task, elastic) = (golden(), elastic_golden());
-    // A newer reader takes an older correction; version 1 has no elastic one.
-    assert!(decode(&restamped(&task, 2)).is_ok());
-    assert_eq!(
-        decode(&restamped(&elastic, 1)),
-        Err(DecodeError::MalformedPayload)
-    );
+    // Version 1 has no elastic correction and no tools, version 2 is for nothing that version 1 can hold.
+    for (bytes, version) in [(&task, 2), (&elastic, 1)] {
+        let error = Err(DecodeError::MalformedPayload);
+        assert_eq!(decode(&restamped(bytes, version)), error);
+    }
     for bytes in [task, elastic] {
         for found in [0, 3, 4, u16::MAX] {
             let error = DecodeError::UnknownVersion {
@@ -309,4 +308,30 @@ proptest! {
         }
         prop_assert!(decode(&sealed(&payload[..cut])).is_err() || cut > 0);
     }
+}
+
+/// Tools are bytes to the device and values to the workstation.
+#[test]
+fn tools_follow_the_payload_and_are_read_back() {
+    let tool = |session, shift| Tool {
+        session,
+        target: "reflector",
+        first_from_target: [1.0, 0.0, 0.0, shift, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0],
+    };
+    let all = [tool("monday", 0.0), tool("tuesday", 0.125)];
+    let mut room = [0; 256];
+    let bytes = encode_tools(&all, &mut room).unwrap().to_vec();
+    let rows = sample::rows();
+    let blob = Blob {
+        tools: &bytes,
+        ..sample::blob(&rows)
+    };
+    let mut buffer = [0; 2_048];
+    let encoded = encode(&blob, &mut buffer).unwrap();
+    assert_eq!(encoded[8..10], [2, 0], "tools need version 2");
+    let decoded = decode(encoded).unwrap();
+    let read: Vec<Tool<'_>> = tools(decoded.tools).map(Result::unwrap).collect();
+    assert_eq!(read, all);
+    let cut = tools(&bytes[..bytes.len() - 1]).last().unwrap();
+    assert_eq!(cut, Err(DecodeError::MalformedPayload));
 }
