@@ -63,8 +63,8 @@ pub struct FitArguments {
     #[arg(long, value_name = "M", default_value = "100", value_parser = support)]
     pub support: Support,
     /// Gravity in the base frame in m/s², for arms on a wall or a ceiling.
-    #[arg(long, value_name = "X,Y,Z", value_delimiter = ',', num_args = 3, allow_hyphen_values = true, default_values_t = [0.0, 0.0, -9.81])]
-    pub gravity: Vec<f64>,
+    #[arg(long, value_name = "X,Y,Z", default_value = "0,0,-9.81", allow_hyphen_values = true, value_parser = gravity)]
+    pub gravity: Gravity,
     /// Standard deviation of one position component as the instrument's maker states it (default: sigma_mm of the file,
     /// else estimated).
     #[arg(long, value_name = "MM")]
@@ -307,6 +307,19 @@ fn support(text: &str) -> Result<Support, String> {
             Ok(count) if count > 0 => Ok(Support(Some(count))),
             _ => Err("expected a number above 0, or `all`".to_owned()),
         },
+    }
+}
+
+/// Gravity in the base frame, m/s².
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Gravity(pub [f64; 3]);
+
+fn gravity(text: &str) -> Result<Gravity, String> {
+    let numbers: Result<Vec<f64>, _> = text.split(',').map(|x| x.trim().parse()).collect();
+    let vector = numbers.ok().and_then(|v| <[f64; 3]>::try_from(v).ok());
+    match vector {
+        Some(g) if g.iter().all(|x| x.is_finite()) => Ok(Gravity(g)),
+        _ => Err("expected three numbers in m/s², as 0,0,-9.81".to_owned()),
     }
 }
 

@@ -51,7 +51,7 @@ impl FitArguments {
         let elastic = ElasticOptions {
             tied: self.tied,
             support: self.support.0,
-            gravity: nalgebra::Vector3::from_column_slice(&self.gravity),
+            gravity: self.gravity.0.into(),
             outliers: match self.outliers {
                 Outliers::Report => OutlierPolicy::Report,
                 Outliers::Reject => OutlierPolicy::Reject,
