@@ -2,13 +2,14 @@
 //!
 //! Each test prints what it measured, whether or not it passes.
 
+mod elastic;
 mod measured;
 mod paper;
 mod ten_seeds;
 
 use std::fmt::Display;
 use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use poegp_runtime::poe::Poe;
 use poegp_trainer::calibration::frames::Sample;
@@ -17,6 +18,7 @@ use poegp_trainer::compare::{ModelComparison, Task, TestSet};
 use poegp_trainer::export::{Origin, nominal_chain};
 use poegp_trainer::gp::fit::Sharing;
 use poegp_trainer::robot::{LoadOptions, Robot};
+use poegp_trainer::samples::ToolName;
 
 /// Shows a measured number: to the terminal, past what the test harness captures.
 fn say(text: impl Display) {
@@ -45,6 +47,30 @@ fn per_output(method: Method) -> Options {
     }
 }
 
+/// One of the sets that another implementation simulated, `<scenario>_s<seed>_<set>`.
+fn simulated_path(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join(format!("../tests/data/simulated/irb4400_{name}.csv"))
+}
+
+/// The origin of a calibration with so many tools.
+fn origin(tools: usize) -> Origin {
+    let tool = |i: usize| ToolName {
+        session: if tools > 1 {
+            i.to_string()
+        } else {
+            String::new()
+        },
+        target: String::new(),
+    };
+    Origin {
+        serial_number: String::new(),
+        date: "2026-11-20".to_owned(),
+        data_sha256: [0; 32],
+        tools: (0..tools).map(tool).collect(),
+    }
+}
+
 /// Held-out errors by the way of `trainer compare`.
 fn compare(
     (robot, nominal): &(Robot, Poe<f64>),
@@ -53,12 +79,8 @@ fn compare(
     folds: usize,
     options: &Options,
 ) -> ModelComparison {
-    let origin = Origin {
-        serial_number: String::new(),
-        date: "2026-11-20".to_owned(),
-        data_sha256: [0; 32],
-        tools: Vec::new(),
-    };
+    let tools = train.iter().map(|s| s.tool + 1).max().unwrap_or(1);
+    let origin = origin(tools);
     let task = Task {
         robot,
         nominal,

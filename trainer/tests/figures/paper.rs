@@ -1,11 +1,9 @@
 //! Table I on data that this program did not make, against the means that an independent implementation has there.
 
-use std::path::Path;
-
 use poegp_trainer::calibration::{Method, Options};
 use poegp_trainer::compare::TestSet;
 
-use crate::{arm, compare, mean, per_output, samples, say};
+use crate::{arm, compare, mean, per_output, samples, say, simulated_path};
 
 /// How much larger than the other implementation's our means may be.
 const TOLERANCE: f64 = 0.03;
@@ -13,12 +11,7 @@ const TOLERANCE: f64 = 0.03;
 #[test]
 fn the_means_are_those_of_an_independent_implementation() {
     let arm = arm("abb-irb4400-serial");
-    let set = |name: &str| {
-        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!(
-            "../tests/data/simulated/irb4400_paper_s0_{name}.csv"
-        ));
-        samples(&path, &arm.0)
-    };
+    let set = |name: &str| samples(&simulated_path(&format!("paper_s0_{name}")), &arm.0);
     let train = set("train");
     let tests = ["test1", "test2", "test3"].map(|name| TestSet {
         name: name.to_owned(),
