@@ -1,0 +1,242 @@
+//! Sessions, several targets, positions alone: the tool frames that a file asks for.
+
+use poegp_runtime::se3::{Pose, Twist};
+use poegp_trainer::robot::{LoadOptions, Robot};
+use poegp_trainer::simulate::{Scenario, SimulatedPose, Simulator, to_csv};
+use serde_json::Value;
+
+use crate::program::{Folder, SERIAL, without};
+
+const ORIENTATION: [&str; 4] = ["qw", "qx", "qy", "qz"];
+
+/// `train` and `test` poses of a small cell.
+fn measured(train: usize, test: usize) -> (Robot, Vec<SimulatedPose>, Vec<SimulatedPose>) {
+    let robot = Robot::load(SERIAL, &LoadOptions::default()).unwrap();
+    let mut simulator = Simulator::new(&robot, Scenario::Paper, &[1.0, 3.0, 6.0], 5);
+    let train = simulator.measure(train);
+    let test = simulator.measure(test);
+    (robot, train, test)
+}
+
+/// Where tool `i` is, seen from the first: decimetres and a large turn.
+fn tool(i: usize) -> Pose<f64> {
+    let i = i as f64;
+    Pose::exp(&Twist::from_array(&[
+        0.04 * i,
+        -0.07 * i,
+        0.05 * i,
+        0.3 * i,
+        -0.2 * i,
+        0.4 * i,
+    ]))
+}
+
+/// A file whose rows are of tool `of(row)`, named `names[…]` in a column `column`.
+fn with_tools(
+    robot: &Robot,
+    poses: &[SimulatedPose],
+    column: &str,
+    names: &[&str],
+    of: impl Fn(usize) -> usize,
+) -> String {
+    let moved: Vec<SimulatedPose> = poses
+        .iter()
+        .enumerate()
+        .map(|(i, pose)| SimulatedPose {
+            measured: pose.measured * tool(of(i)),
+            truth: pose.truth * tool(of(i)),
+            ..pose.clone()
+        })
+        .collect();
+    let csv = to_csv(robot, &moved, false, "tools");
+    let mut lines = csv.lines();
+    let mut out = format!(
+        "{}\n{},{column}\n",
+        lines.next().unwrap(),
+        lines.next().unwrap()
+    );
+    for (i, line) in lines.enumerate() {
+        out += &format!("{line},{}\n", names[of(i)]);
+    }
+    out
+}
+
+/// `csv` of `to_csv` without its comment.
+fn positions(csv: &str) -> String {
+    without(csv.split_once('\n').unwrap().1, &ORIENTATION)
+}
+
+fn position(set: &Value) -> f64 {
+    set["position_mm"]["mean"].as_f64().unwrap()
+}
+
+/// Evaluates and returns the one set of the document.
+#[track_caller]
+fn evaluated(folder: &Folder, file: &str, flags: &str) -> Value {
+    let line = format!("evaluate arm.blob {file} {flags} --json -");
+    folder.run(&line).ok().json()["sets"][0].clone()
+}
+
+#[test]
+fn positions_alone() {
+    let folder = Folder::new();
+    let (robot, train, test) = measured(80, 40);
+    for (name, poses) in [("train.csv", &train), ("test.csv", &test)] {
+        folder.write(name, positions(&to_csv(&robot, poses, false, "")));
+    }
+    let mut errors = Vec::new();
+    for model in ["base-tool", "poe", "elastic"] {
+        let line =
+            format!("calibrate --robot {SERIAL} train.csv --model {model} --out arm.blob --json -");
+        let document = folder.run(&line).ok().json();
+        assert!(
+            document["training"].get("orientation_mrad").is_none(),
+            "{model}"
+        );
+        let set = evaluated(&folder, "test.csv", "--predictions out.csv");
+        assert!(set.get("orientation_mrad").is_none(), "{model}: {set}");
+        assert_eq!(set["poses"], 40);
+        assert_eq!(folder.text("out.csv").lines().count(), 41);
+        errors.push(position(&set));
+    }
+    println!("positions alone: base-tool, poe, elastic {errors:.4?} mm");
+    assert!(
+        errors[1] < 0.6 * errors[0] && errors[2] < 0.5 * errors[1],
+        "{errors:?}"
+    );
+    let line = format!("compare --robot {SERIAL} train.csv --models base-tool --folds 2 --json -");
+    let document = folder.run(&line).ok().json();
+    let all = &document["models"][0]["cross_validation"];
+    assert!(position(all) > 0.0 && all.get("orientation_mrad").is_none());
+}
+
+#[test]
+fn several_targets_on_one_tool() {
+    let folder = Folder::new();
+    let (robot, train, test) = measured(90, 45);
+    let file = |poses: &[SimulatedPose]| {
+        let csv = with_tools(&robot, poses, "target", &["left", "right", "top"], |i| {
+            i % 3
+        });
+        positions(&csv)
+    };
+    folder.write("train.csv", file(&train));
+    folder.write("test.csv", file(&test));
+    let line = format!("calibrate --robot {SERIAL} train.csv --out arm.blob");
+    folder.run(&line).ok();
+    let set = evaluated(&folder, "test.csv", "");
+    println!("three targets, positions alone: {:.4} mm", position(&set));
+    assert!(position(&set) < 0.15, "{set}");
+    assert!(set.get("orientation_mrad").is_none());
+}
+
+/// Two sessions in one calibration, and a third that the blob does not know.
+#[test]
+fn sessions() {
+    const ROWS: u64 = 8;
+    let folder = Folder::new();
+    let (robot, train, test) = measured(100, 60);
+    let names = ["monday", "tuesday", "friday"];
+    let file = |poses: &[SimulatedPose], of: &dyn Fn(usize) -> usize| {
+        with_tools(&robot, poses, "session", &names, of)
+    };
+    folder.write("train.csv", file(&train, &|i| usize::from(i >= 50)));
+    for (i, name) in names.iter().enumerate() {
+        folder.write(name, file(&test, &|_| i));
+    }
+    let line = format!("calibrate --robot {SERIAL} train.csv --out arm.blob");
+    folder.run(&line).ok();
+    for known in ["monday", "tuesday"] {
+        let set = evaluated(&folder, known, "");
+        println!("session {known}: {:.4} mm", position(&set));
+        assert_eq!(set["poses"], 60);
+        assert!(position(&set) < 0.15, "{set}");
+        assert!(
+            set["orientation_mrad"]["mean"].as_f64().unwrap() < 0.3,
+            "{set}"
+        );
+        // What the blob knows is not fitted again.
+        let again = evaluated(&folder, known, &format!("--fit-tool {ROWS}"));
+        assert_eq!(again, set);
+    }
+    folder.run("evaluate arm.blob friday --json -").refused(&[
+        "friday: found session \"friday\", which was mounted after the calibration",
+        "expected a tool that the blob knows",
+        "help: give --fit-tool ROWS",
+    ]);
+    let flags = format!("--fit-tool {ROWS} --predictions out.csv");
+    let set = evaluated(&folder, "friday", &flags);
+    println!(
+        "session friday, its tool from {ROWS} rows: {:.4} mm",
+        position(&set)
+    );
+    assert_eq!(set["poses"], 60 - ROWS);
+    assert!(position(&set) < 0.2, "{set}");
+    assert!(
+        set["orientation_mrad"]["mean"].as_f64().unwrap() < 0.4,
+        "{set}"
+    );
+    // Every row is predicted, those that the tool was fitted to as well.
+    assert_eq!(folder.text("out.csv").lines().count(), 61);
+    for rows in ["60", "1000"] {
+        let line = format!("evaluate arm.blob friday --fit-tool {rows} --json -");
+        folder.run(&line).refused(&[
+            "friday: found 60 rows of session \"friday\"",
+            "expected more",
+        ]);
+    }
+    folder
+        .run("evaluate arm.blob friday --fit-tool 0 --json -")
+        .refused(&["--fit-tool"]);
+}
+
+/// A tool that was changed without a word: far off without `--fit-tool`, where the file cannot say so.
+#[test]
+fn a_tool_that_was_changed() {
+    let folder = Folder::new();
+    let (robot, train, test) = measured(60, 40);
+    let moved: Vec<SimulatedPose> = test
+        .into_iter()
+        .map(|pose| SimulatedPose {
+            measured: pose.measured * tool(1),
+            ..pose
+        })
+        .collect();
+    folder.write("train.csv", to_csv(&robot, &train, false, ""));
+    folder.write("test.csv", to_csv(&robot, &moved, false, ""));
+    let line = format!("calibrate --robot {SERIAL} train.csv --out arm.blob");
+    folder.run(&line).ok();
+    let without = evaluated(&folder, "test.csv", "");
+    let with = evaluated(&folder, "test.csv", "--fit-tool 10");
+    println!(
+        "a changed tool: {:.1} mm, fitted to ten rows {:.4} mm",
+        position(&without),
+        position(&with)
+    );
+    assert_eq!(
+        (&without["poses"], &with["poses"]),
+        (&40.into(), &30.into())
+    );
+    assert!(position(&without) > 50.0 && position(&with) < 0.25);
+}
+
+#[test]
+fn too_few_rows() {
+    let folder = Folder::new();
+    let (robot, train, _) = measured(12, 1);
+    let calibrate = |poses: usize, csv: String| {
+        folder.write("few.csv", csv);
+        let line = format!("calibrate --robot {SERIAL} few.csv --out new.blob");
+        let parts = [
+            &format!("few.csv: found {poses} poses") as &str,
+            "expected at least",
+            "for `elastic`",
+            "help: measure more poses",
+        ];
+        folder.run(&line).refused(&parts);
+        assert!(!folder.path("new.blob").exists());
+    };
+    calibrate(5, to_csv(&robot, &train[..5], false, ""));
+    // Three equations a pose instead of six.
+    calibrate(11, positions(&to_csv(&robot, &train[..11], false, "")));
+}
