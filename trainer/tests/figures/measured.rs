@@ -211,7 +211,7 @@ fn gross_outliers_among_poses_of_the_irb_120() {
             .collect();
         (errors.position_mm.mean, at)
     };
-    let (clean, strange) = mean(&clean, OutlierPolicy::Report);
+    let (clean, strange) = mean(&clean, OutlierPolicy::Reject);
     let (rejected, found) = mean(&dirty, OutlierPolicy::Reject);
     let injected: Vec<usize> = (0..9).map(|i| EVERY * i).collect();
     let percent = 100.0 * (rejected / clean - 1.0);
