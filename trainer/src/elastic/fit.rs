@@ -197,9 +197,10 @@ pub fn fit(
         scales = add_ripple(&mut state, samples, &hyper, scales);
     }
     let inputs = inputs_of(&state, samples);
-    let hyper = if options.processes {
-        learn(&state, samples, scales, h, hyper, bounds, options)
-    } else {
+    let hyper = learn(&state, samples, scales, h, hyper, bounds, options);
+    if !options.processes {
+        // The priors that the evidence prefers, and the parameters under them.
+        let scales = parametric_fit(&mut state, samples, &hyper);
         return Some(ElasticFit {
             state,
             hyperparameters: hyper,
@@ -208,7 +209,7 @@ pub fn fit(
             inputs,
             solved: None,
         });
-    };
+    }
     let similarities = inputs.similarities();
     let solve = |state: &mut State| -> Option<(Solved, Linearised)> {
         let linear = state.linearise(samples, scales);
@@ -439,7 +440,7 @@ fn learn(
         inputs: &inputs,
         similarities: &similarities,
         layout,
-        processes: true,
+        processes: options.processes,
     };
     minimize(&evidence, &start, &bounds, ITERATIONS).x
 }
