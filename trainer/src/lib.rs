@@ -10,6 +10,7 @@
 //! a blob, through the `f32` runtime, as the device will have it.
 #![warn(missing_docs)]
 
+pub mod budget;
 pub mod calibration;
 pub mod cli;
 pub mod compare;

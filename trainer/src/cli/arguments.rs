@@ -200,6 +200,13 @@ pub struct Calibrate {
     pub model: ModelChoice,
     #[command(flatten)]
     pub fit: FitArguments,
+    /// Most instructions of one evaluation on a Cortex-M4F: support points and length scales of the elastic model are
+    /// chosen for it.
+    #[arg(long, value_name = "N")]
+    pub max_instructions: Option<u64>,
+    /// Most bytes of the blob; likewise.
+    #[arg(long, value_name = "BYTES")]
+    pub max_flash_bytes: Option<usize>,
     /// Serial number of the arm, kept in the blob.
     #[arg(long, default_value = "")]
     pub serial_number: String,

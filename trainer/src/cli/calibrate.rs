@@ -10,6 +10,7 @@ use super::{
     Arm, Failure, check_outputs, device_failure, drift, enough_poses, equations, instrument_noise,
     json_text, origin, progress, report::Report, write_outputs,
 };
+use crate::budget::{Budget, Fitted, fill};
 use crate::calibration::frames::{FrameFit, Sample};
 use crate::calibration::{Calibration, Method, Options};
 use crate::compare::Task;
@@ -36,6 +37,9 @@ struct Document {
     /// The table that `--model auto` chose from.
     #[serde(skip_serializing_if = "Option::is_none")]
     choice: Option<Vec<Row>>,
+    /// The table that a budget was fitted by; the first row has all support points.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    budget: Option<Vec<Fitted>>,
     bound_mm: f64,
     bound_mrad: f64,
     f32_error_um: F32Error,
@@ -102,6 +106,20 @@ pub fn run(a: &Calibrate) -> Result<(), Failure> {
             Some(choice.table)
         }
     };
+    let budget = Budget {
+        instructions: a.max_instructions,
+        bytes: a.max_flash_bytes,
+    };
+    let mut fitted = None;
+    if !budget.is_unlimited() && options.method == Method::Elastic {
+        let (chosen, rows) = fit_budget(a, &budget, &arm, &samples, &options, &origin)?;
+        options = chosen;
+        fitted = Some(rows);
+    } else if !budget.is_unlimited() {
+        return Err(Failure::Usage(
+            "--max-instructions and --max-flash-bytes choose the size of the elastic model".into(),
+        ));
+    }
     let spinner = progress::spinner("calibrating");
     let found = calibrate_for_device(&arm.nominal, &arm.robot, &samples, &options, &origin);
     spinner.finish_and_clear();
@@ -115,6 +133,7 @@ pub fn run(a: &Calibrate) -> Result<(), Failure> {
     let mut document = document(a, &calibration, &blob, &fidelity, training);
     document.elastic = ElasticFacts::new(&calibration, &lines);
     document.choice = table;
+    document.budget = fitted;
     document.drift = drift.map(|d| d.report);
     document.identifiability = identify::of_calibration(&calibration, &arm.robot, &samples);
     let json = json_text(&document)?;
@@ -124,6 +143,9 @@ pub fn run(a: &Calibrate) -> Result<(), Failure> {
     let report = Report::beside(&outputs);
     if let Some(rows) = &document.choice {
         print_choice(report, rows);
+    }
+    if let Some(rows) = &document.budget {
+        print_budget(report, rows);
     }
     if let Some(drift) = &document.drift {
         report.line(drift.lines().join("\n"));
@@ -155,6 +177,74 @@ fn choose_model(
     let choice = choose(&task, &candidates, &mut || bar.inc(1));
     bar.finish_and_clear();
     choice.map_err(|e| device_failure(&a.train, e.error))
+}
+
+/// Chooses support points and length scales for a budget.
+fn fit_budget(
+    a: &Calibrate,
+    budget: &Budget,
+    arm: &Arm,
+    samples: &[Sample],
+    options: &Options,
+    origin: &Origin,
+) -> Result<(Options, Vec<Fitted>), Failure> {
+    let task = Task {
+        robot: &arm.robot,
+        nominal: &arm.nominal,
+        train: samples,
+        tests: &[],
+        folds: FOLDS,
+        seed: 1,
+        origin,
+    };
+    let bar = progress::bar(3 * FOLDS, "fitting the budget");
+    let filled = fill(budget, &task, options, &mut || bar.inc(1));
+    bar.finish_and_clear();
+    filled
+        .map_err(|e| device_failure(&a.train, e.error))?
+        .ok_or_else(|| {
+            Failure::Quality(
+                "not even one support point fits the budget; nothing was written".into(),
+            )
+        })
+}
+
+fn print_budget(report: Report, rows: &[Fitted]) {
+    report.line("Fitted to the budget; errors held out within the training data, in mm.\n");
+    let cells: Vec<Vec<String>> = rows
+        .iter()
+        .enumerate()
+        .map(|(i, r)| {
+            let scales = if r.tied { "tied" } else { "own" };
+            vec![
+                format!(
+                    "{} {scales}{}",
+                    if r.taken { "*" } else { " " },
+                    if i == 0 { ", all points" } else { "" }
+                ),
+                r.support.to_string(),
+                r.instructions.to_string(),
+                r.bytes.to_string(),
+                format!("{:.4}", r.position_mm.mean),
+                format!(
+                    "{:+.1} %",
+                    100.0 * (r.position_mm.mean / rows[0].position_mm.mean - 1.0)
+                ),
+            ]
+        })
+        .collect();
+    report.table(
+        &[
+            "length scales",
+            "points",
+            "instructions",
+            "bytes",
+            "mean",
+            "loss",
+        ],
+        &cells,
+    );
+    report.line("");
 }
 
 fn print_choice(report: Report, rows: &[Row]) {
@@ -280,6 +370,7 @@ fn document(
         hyperparameters: hyperparameters.collect(),
         elastic: None,
         choice: None,
+        budget: None,
         bound_mm: 1e3 * calibration.bound.0,
         bound_mrad: 1e3 * calibration.bound.1,
         f32_error_um: F32Error {
