@@ -11,7 +11,7 @@ use poegp_runtime::se3::Pose;
 
 use super::base_tool::{base_tool, nearest_rotation};
 use super::frames::{FrameFit, Sample};
-use crate::elastic::fit::fit_ends;
+use crate::elastic::parameters::fit_ends;
 use crate::elastic::state::{Layout, State};
 
 /// Where instrument and targets are.

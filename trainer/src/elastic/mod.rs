@@ -8,6 +8,7 @@ pub mod fit;
 pub mod likelihood;
 pub mod model;
 pub mod outliers;
+pub mod parameters;
 pub mod ripple;
 pub mod state;
 pub mod support;

@@ -1,0 +1,275 @@
+//! The elastic correction: what gravity and gears do to the joints, T = POE(C (q + δ(q, m))).
+//!
+//! Most of what geometry does not explain is a *joint* effect: gears and bearings give way under the weight of links and
+//! payload, and gears are not round. Learnt in joint space it needs far fewer measurements than a twist of the tool.
+//!
+//! ```text
+//! δ_c(q, m) =   Σ_j (R_jᵀ w_c)·a_cj + m ((o_t − o_c)·w_c b_c0 + (R_nᵀ w_c)·b_c)     gravity, w_c = g × z_c
+//!             + Σ_t (α_t sin k_t q_c + β_t cos k_t q_c)                              gear ripple
+//!             + Σ_j k_c((q, m), (q_j, m_j)) weight_jc                                Gaussian process
+//!
+//! k_c = (a₀_c + a₁_c m m′) · 2^(Σ_d W_cd (s_d − 1) − W_cm (m − m′)²)
+//! s_d = cos(q_d − q′_d) for a revolute joint, 1 − (q_d − q′_d)²/2 for a prismatic one
+//! ```
+//!
+//! z_c, o_c: axis and origin of joint c; R_j: orientation of link j, taken in the frame that follows it; o_t: the target;
+//! all of the calibrated chain at q, in the base frame. Joints are the controller's. Gravity acts on a prismatic joint as
+//! z_c·g. Support points are sorted by payload, so that what depends on the payload is computed once for each group, and
+//! the sine and cosine of their joints are stored: one kernel value costs no trigonometry.
+
+mod gravity;
+mod processes;
+
+use heapless::Vec;
+use nalgebra::Vector3;
+use poegp_protocol::JointKind;
+use poegp_protocol::limits::{MAX_JOINTS, MAX_RIPPLE};
+
+pub use gravity::{GravityRegressors, GravityTerms};
+pub use processes::{JointKernel, JointProcesses, PayloadGroup, features, similarity};
+
+use crate::bound::Bound;
+use crate::observer::Observer;
+use crate::poe::{JointMotion, Poe};
+use crate::scalar::{MAX_ANGLE, Scalar};
+use crate::se3::{Pose, Twist, cross};
+use gravity::third_column;
+
+/// Words of one support row of an arm with `joints` joints: sine and cosine of each, then a weight for each.
+pub const fn row_words(joints: usize) -> usize {
+    // Bounded, so that nobody can divide by zero.
+    3 * if joints == 0 { 1 } else { joints }
+}
+
+/// Joint values as the kernel compares them: (sin q, cos q), or (q, 0) for a prismatic joint.
+pub type Features<T> = [[T; 2]; MAX_JOINTS];
+
+/// One value for each joint.
+pub type PerJoint<T> = [T; MAX_JOINTS];
+
+/// One sine and cosine of gear ripple.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RippleTerm<T> {
+    /// The joint, from 0.
+    pub joint: usize,
+    /// k, cycles per turn of the joint (per 2π metres of a prismatic one).
+    pub cycles: T,
+    /// α in rad or m.
+    pub sin: T,
+    /// β.
+    pub cos: T,
+}
+
+/// sin kq and cos kq. Beyond the range of the reduction the angle is held, where nobody measures anyway.
+#[inline(always)]
+pub fn ripple_regressors<T: Scalar>(cycles: T, q: T) -> (T, T) {
+    let limit = T::from_f32(MAX_ANGLE);
+    let angle = cycles * q;
+    let held = if angle > limit {
+        limit
+    } else if angle < -limit {
+        -limit
+    } else {
+        angle
+    };
+    held.sin_cos()
+}
+
+/// The elastic correction but its support rows.
+#[derive(Clone, Debug)]
+pub struct Deflection<T> {
+    /// Gravity.
+    pub gravity: GravityTerms<T>,
+    /// Gear ripple.
+    pub ripple: Vec<RippleTerm<T>, MAX_RIPPLE>,
+    /// The rest.
+    pub processes: JointProcesses<T>,
+}
+
+impl<T: Scalar> Deflection<T> {
+    /// What gear ripple does to every joint.
+    #[inline(never)]
+    pub fn ripple(&self, joints: &PerJoint<T>) -> PerJoint<T> {
+        let mut out = [T::ZERO; MAX_JOINTS];
+        for term in &self.ripple {
+            if let (Some(sum), Some(q)) = (out.get_mut(term.joint), joints.get(term.joint)) {
+                let (sin, cos) = ripple_regressors(term.cycles, *q);
+                *sum += term.sin * sin + term.cos * cos;
+            }
+        }
+        out
+    }
+}
+
+/// The twist of the base frame, to first order, that `deflection` of the serial joints makes: Σ ξ_i δ_i.
+#[inline(always)]
+pub fn deflection_twist<T: Scalar>(
+    kinds: &[JointKind],
+    frames: &[Pose<T>; MAX_JOINTS],
+    deflection: &PerJoint<T>,
+) -> Twist<T> {
+    let mut out = Twist::zero();
+    for ((kind, frame), delta) in kinds.iter().zip(frames).zip(deflection) {
+        let axis = third_column(frame);
+        let (linear, angular) = match kind {
+            JointKind::Revolute => (cross(&frame.translation, &axis), axis),
+            JointKind::Prismatic => (axis, Vector3::new(T::ZERO, T::ZERO, T::ZERO)),
+        };
+        for i in 0..3 {
+            out.linear[i] += linear[i] * *delta;
+            out.angular[i] += angular[i] * *delta;
+        }
+    }
+    out
+}
+
+/// Motions after a small deflection (|δ| ≤ 0.1): the sine and cosine are turned instead of computed anew, which also
+/// keeps the sum q + δ from being rounded.
+#[inline(always)]
+pub fn deflected<T: Scalar>(
+    motions: &[JointMotion<T>; MAX_JOINTS],
+    kinds: &[JointKind],
+    deflection: &PerJoint<T>,
+) -> [JointMotion<T>; MAX_JOINTS] {
+    let mut moving = kinds.iter().zip(deflection);
+    motions.map(|mut motion| {
+        match moving.next() {
+            Some((JointKind::Revolute, delta)) => {
+                let square = *delta * *delta;
+                let sin = *delta - *delta * square * T::from_f64(1.0 / 6.0);
+                let versine = square * (T::from_f64(0.5) - square * T::from_f64(1.0 / 24.0));
+                let (s, c) = (motion.sin, motion.cos);
+                motion.sin = s + (c * sin - s * versine);
+                motion.cos = c - (s * sin + c * versine);
+            }
+            Some((JointKind::Prismatic, delta)) => motion.travel += *delta,
+            None => {}
+        }
+        motion
+    })
+}
+
+/// n×n in the upper left corner, the rest zero.
+pub type CouplingMatrix<T> = [[T; MAX_JOINTS]; MAX_JOINTS];
+
+/// q_serial = C q; the identity without a matrix.
+#[inline(always)]
+pub fn coupled<T: Scalar>(
+    coupling: Option<&CouplingMatrix<T>>,
+    joints: &PerJoint<T>,
+) -> PerJoint<T> {
+    match coupling {
+        None => *joints,
+        Some(coupling) => coupling.map(|row| crate::kernel::inner_product(&row, joints)),
+    }
+}
+
+/// Where an arm is asked to stand.
+#[derive(Debug)]
+pub struct Configuration<'a, T> {
+    /// The calibrated chain, base to target.
+    pub poe: &'a Poe<T>,
+    /// C.
+    pub coupling: Option<&'a CouplingMatrix<T>>,
+    /// The controller's joints, rad or m.
+    pub joints: &'a PerJoint<T>,
+    /// Motions of the serial joints C q.
+    pub motions: &'a [JointMotion<T>; MAX_JOINTS],
+    /// Payload in kg.
+    pub payload_kg: T,
+}
+
+/// The compensated pose.
+#[derive(Clone, Copy, Debug)]
+pub struct Compensated<T> {
+    /// POE(C (q + δ)).
+    pub pose: Pose<T>,
+    /// T_gp = POE(C (q + δ)) POE(C q)⁻¹ as a twist of the base frame, to first order.
+    pub twist: Twist<T>,
+    /// Whether δ was scaled back.
+    pub bounded: bool,
+}
+
+impl<T: Scalar> Deflection<T> {
+    /// δ(q, m) of the controller's joints before bounding, from the frames of the chain at q.
+    #[inline(always)]
+    fn total(
+        &self,
+        at: &Configuration<'_, T>,
+        frames: &[Pose<T>; MAX_JOINTS],
+        target: &Pose<T>,
+        rows: &[T],
+        observer: &mut impl Observer<T>,
+    ) -> PerJoint<T> {
+        let kinds = at.poe.kinds();
+        let regressors = GravityRegressors::new(kinds, frames, target, &self.gravity.gravity);
+        let gravity = self.gravity.deflection(&regressors, at.payload_kg);
+        let ripple = self.ripple(at.joints);
+        let places = match at.coupling {
+            None => features(kinds, at.joints, at.motions),
+            Some(_) => features(kinds, at.joints, &at.poe.motions(at.joints)),
+        };
+        let mean = self
+            .processes
+            .mean(kinds, rows, &places, at.payload_kg, &mut |k| {
+                observer.kernel(k)
+            });
+        let mut out = [T::ZERO; MAX_JOINTS];
+        for (((sum, a), b), c) in out.iter_mut().zip(&gravity).zip(&ripple).zip(&mean) {
+            *sum = *a + *b + *c;
+        }
+        out
+    }
+
+    /// POE(C (q + δ)), with δ scaled back to `bound`.
+    #[inline(always)]
+    pub fn compensate(
+        &self,
+        at: &Configuration<'_, T>,
+        rows: &[T],
+        bound: Option<&Bound<T>>,
+        observer: &mut impl Observer<T>,
+    ) -> Compensated<T> {
+        // Zeros, not identities: they are cleared by the word.
+        let mut frames = [Pose::from_rows(&[T::ZERO; 12]); MAX_JOINTS];
+        let target = at.poe.joint_frames_into(at.motions, &mut frames);
+        observer.chain(&target);
+        let deflection = self.total(at, &frames, &target, rows, observer);
+        observer.deflection(&deflection);
+        deflect(at, &frames, &target, &deflection, bound)
+    }
+}
+
+/// POE(C (q + δ)) with δ scaled back to `bound`, from the frames of the chain at q.
+// A function of its own: evaluation and trace share its code.
+#[inline(never)]
+fn deflect<T: Scalar>(
+    at: &Configuration<'_, T>,
+    frames: &[Pose<T>; MAX_JOINTS],
+    target: &Pose<T>,
+    deflection: &PerJoint<T>,
+    bound: Option<&Bound<T>>,
+) -> Compensated<T> {
+    let kinds = at.poe.kinds();
+    let mut serial = coupled(at.coupling, deflection);
+    let mut twist = deflection_twist(kinds, frames, &serial);
+    let (factor, bounded) =
+        bound.map_or((T::ONE, false), |b| b.factor(&twist, &target.translation));
+    // Times one, too: the time must not depend on the data.
+    let scaled = |value: T| {
+        if factor == T::ZERO {
+            // It may be infinite.
+            T::ZERO
+        } else {
+            value * factor
+        }
+    };
+    serial = serial.map(scaled);
+    twist = Twist::from_array(&twist.to_array().map(scaled));
+    let pose = at.poe.forward_with(&deflected(at.motions, kinds, &serial));
+    Compensated {
+        pose,
+        twist,
+        bounded,
+    }
+}
