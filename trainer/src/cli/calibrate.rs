@@ -155,6 +155,19 @@ pub fn run(a: &Calibrate) -> Result<(), Failure> {
     Ok(())
 }
 
+/// Cross-validation within the training data, for a choice.
+fn selection<'a>(arm: &'a Arm, samples: &'a [Sample], origin: &'a Origin) -> Task<'a> {
+    Task {
+        robot: &arm.robot,
+        nominal: &arm.nominal,
+        train: samples,
+        tests: &[],
+        folds: FOLDS,
+        seed: 1,
+        origin,
+    }
+}
+
 /// Lets the training data choose.
 fn choose_model(
     a: &Calibrate,
@@ -163,15 +176,7 @@ fn choose_model(
     options: &Options,
     origin: &Origin,
 ) -> Result<Choice, Failure> {
-    let task = Task {
-        robot: &arm.robot,
-        nominal: &arm.nominal,
-        train: samples,
-        tests: &[],
-        folds: FOLDS,
-        seed: 1,
-        origin,
-    };
+    let task = selection(arm, samples, origin);
     let candidates = candidates(samples, arm.robot.joints.len(), options);
     let bar = progress::bar(candidates.len() * FOLDS, "choosing the model");
     let choice = choose(&task, &candidates, &mut || bar.inc(1));
@@ -188,15 +193,7 @@ fn fit_budget(
     options: &Options,
     origin: &Origin,
 ) -> Result<(Options, Vec<Fitted>), Failure> {
-    let task = Task {
-        robot: &arm.robot,
-        nominal: &arm.nominal,
-        train: samples,
-        tests: &[],
-        folds: FOLDS,
-        seed: 1,
-        origin,
-    };
+    let task = selection(arm, samples, origin);
     let bar = progress::bar(3 * FOLDS, "fitting the budget");
     let filled = fill(budget, &task, options, &mut || bar.inc(1));
     bar.finish_and_clear();

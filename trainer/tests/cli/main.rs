@@ -5,6 +5,7 @@
 mod bad_blobs;
 mod bad_measurements;
 mod bad_robots;
+mod choice;
 mod demo;
 mod drift;
 mod elastic;

@@ -1,0 +1,55 @@
+//! `--model auto` and budgets: what is chosen within the training data, and the tables that say why.
+
+use crate::program::{Folder, SERIAL, simulated};
+
+#[test]
+fn auto_ships_the_simplest_that_is_not_behind_and_shows_its_table() {
+    let folder = Folder::new();
+    folder.write("train.csv", simulated("train", 40));
+    let line = format!("calibrate --robot {SERIAL} train.csv --model auto --out arm.blob --json -");
+    let document = folder.run(&line).ok().json();
+    let table = document["choice"].as_array().unwrap();
+    let chosen: Vec<_> = table.iter().filter(|r| r["chosen"] == true).collect();
+    assert_eq!(chosen.len(), 1);
+    let chosen = chosen[0];
+    let behind = |r: &serde_json::Value| r["behind_best_mm"].as_f64().unwrap();
+    let error = |r: &serde_json::Value| r["standard_error_mm"].as_f64().unwrap();
+    assert!(behind(chosen) <= error(chosen), "{chosen}");
+    let simpler = table.iter().take_while(|r| r["chosen"] == false);
+    for row in simpler {
+        assert!(behind(row) > error(row), "simpler and not behind: {row}");
+    }
+    // The simulated arm gives way under gravity: neither base and tool nor the chain alone is enough.
+    let name = chosen["candidate"].as_str().unwrap();
+    assert!(name.starts_with("elastic"), "{name}");
+    assert!(folder.path("arm.blob").is_file());
+}
+
+#[test]
+fn a_budget_is_kept_and_its_price_is_told() {
+    let folder = Folder::new();
+    folder.write("train.csv", simulated("train", 60));
+    let calibrate = format!("calibrate --robot {SERIAL} train.csv --out arm.blob");
+    let line = format!("{calibrate} --max-instructions 12000 --json -");
+    let document = folder.run(&line).ok().json();
+    let table = document["budget"].as_array().unwrap();
+    assert_eq!(table.len(), 3, "all points, own and tied length scales");
+    for row in &table[1..] {
+        assert!(row["instructions"].as_u64().unwrap() <= 12_000, "{row}");
+    }
+    let taken = table.iter().find(|r| r["taken"] == true).unwrap();
+    assert_eq!(document["elastic"]["support"], taken["support"]);
+
+    folder
+        .run(&format!("{calibrate} --max-flash-bytes 3000"))
+        .ok();
+    assert!(folder.read("arm.blob").len() <= 3_000);
+
+    // What cannot be met is an error that leaves the old blob.
+    let before = folder.read("arm.blob");
+    let refused = folder.run(&format!("{calibrate} --max-instructions 100"));
+    assert_eq!(refused.code, Some(1), "{refused:?}");
+    assert_eq!(folder.read("arm.blob"), before);
+    let wrong = folder.run(&format!("{calibrate} --model poe --max-instructions 9000"));
+    assert_eq!(wrong.code, Some(2), "{wrong:?}");
+}
