@@ -505,15 +505,26 @@ pub fn decode(bytes: &[u8]) -> Result<Blob<'_>, DecodeError> {
     if stored != computed {
         return Err(DecodeError::CrcMismatch { stored, computed });
     }
-    // Not `postcard::take_from_bytes`, whose pair of blob and rest is one more copy of the blob on the device's stack.
+    // Not `postcard::take_from_bytes`, whose pair of blob and rest is one more copy of the blob on the device's stack; and
+    // what is decoded is completed in place, for the same reason.
     let mut deserializer = postcard::Deserializer::from_bytes(payload);
-    let malformed = |_| DecodeError::MalformedPayload;
-    let mut blob = Blob::deserialize(&mut deserializer).map_err(malformed)?;
-    if version >= 2 {
-        blob.tools = Deserialize::deserialize(&mut deserializer).map_err(malformed)?;
-    }
-    if deserializer.finalize().is_ok_and(<[u8]>::is_empty) && format_version(&blob) == version {
-        Ok(blob)
+    let mut decoded = Blob::deserialize(&mut deserializer);
+    let complete = match &mut decoded {
+        Ok(blob) => {
+            let tools = if version >= 2 {
+                <&[u8]>::deserialize(&mut deserializer).ok()
+            } else {
+                Some(&[][..])
+            };
+            blob.tools = tools.unwrap_or(&[]);
+            tools.is_some()
+                && deserializer.finalize().is_ok_and(<[u8]>::is_empty)
+                && format_version(blob) == version
+        }
+        Err(_) => false,
+    };
+    if complete {
+        decoded.map_err(|_| DecodeError::MalformedPayload)
     } else {
         Err(DecodeError::MalformedPayload)
     }

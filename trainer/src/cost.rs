@@ -86,5 +86,7 @@ pub fn blob_bytes(size: &ElasticSize, texts: [usize; 5]) -> usize {
         elastic += floats + varint(upto(group + 1) - upto(group));
     }
     let rows = size.support * 3 * n * floats;
-    HEADER_LENGTH + text + joints + frames + rest + elastic + varint(rows) + rows
+    // No named tools: a list of 0 bytes.
+    let tools = 1;
+    HEADER_LENGTH + text + joints + frames + rest + elastic + varint(rows) + rows + tools
 }

@@ -117,7 +117,6 @@ impl<T: Scalar, const WORDS: usize> Model<T, WORDS> {
     // Inlined, its copies of the arm would lie on the stack beside those of the decoder.
     #[inline(never)]
     pub fn load(&mut self, blob: &Blob<'_>) -> Result<(), LoadError> {
-        let arm = Arm::from_blob(blob)?;
         let bytes = match &blob.correction {
             Correction::None => &[][..],
             Correction::TaskSpace(task) => {
@@ -147,12 +146,16 @@ impl<T: Scalar, const WORDS: usize> Model<T, WORDS> {
                 )?
             }
         };
+        // Straight from the result into its place: every name in between would be a copy of the arm on the stack.
+        match Arm::from_blob(blob) {
+            Err(error) => return Err(error),
+            Ok(slot) => self.arm = slot,
+        }
         self.rows.clear();
         for word in bytes.as_chunks::<4>().0 {
             // Cannot fail: `checked_rows` has compared the length with the capacity.
             let _ = self.rows.push(T::from_f32(f32::from_le_bytes(*word)));
         }
-        self.arm = Slot::Full(arm);
         Ok(())
     }
 
@@ -276,7 +279,7 @@ impl<T: Scalar, const WORDS: usize> Model<T, WORDS> {
 }
 
 impl<T: Scalar> Arm<T> {
-    fn from_blob(blob: &Blob<'_>) -> Result<Self, LoadError> {
+    fn from_blob(blob: &Blob<'_>) -> Result<Slot<Self>, LoadError> {
         let joints = blob.robot.joints.len();
         let mut kinds = [JointKind::Revolute; MAX_JOINTS];
         for (kind, joint) in kinds.iter_mut().zip(&blob.robot.joints) {
@@ -296,7 +299,7 @@ impl<T: Scalar> Arm<T> {
         for (slot, range) in joint_ranges.iter_mut().zip(&blob.ranges.joints) {
             *slot = checked_range(*range, MAX_ANGLE)?;
         }
-        Ok(Self {
+        Ok(Slot::Full(Self {
             calibrated: checked_chain(kinds, &blob.geometry.calibrated)?,
             nominal: checked_chain(kinds, &blob.geometry.nominal)?,
             coupling: checked_coupling(&blob.robot.coupling, joints)?,
@@ -318,7 +321,7 @@ impl<T: Scalar> Arm<T> {
                     ElasticCorrection::from_wire(elastic, joints, blob.ranges.payload_kg)?,
                 ),
             },
-        })
+        }))
     }
 
     /// The joints in a fixed array, or `None` unless there are as many as the arm has, all finite and within reason.
