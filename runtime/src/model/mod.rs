@@ -117,46 +117,20 @@ impl<T: Scalar, const WORDS: usize> Model<T, WORDS> {
     // Inlined, its copies of the arm would lie on the stack beside those of the decoder.
     #[inline(never)]
     pub fn load(&mut self, blob: &Blob<'_>) -> Result<(), LoadError> {
-        let bytes = match &blob.correction {
-            Correction::None => &[][..],
-            Correction::TaskSpace(task) => {
-                let inputs = task.input_scale.len();
-                let limit = |index: usize| {
-                    if index < inputs {
-                        MAX_SCALED_INPUT as f32
-                    } else {
-                        MAX_COEFFICIENT
-                    }
-                };
-                checked_rows(task.rows, posterior::row_words(inputs), limit, WORDS)?
-            }
-            Correction::Elastic(elastic) => {
-                let joints = &blob.robot.joints;
-                let limit = |index: usize| match joints.get(index / 2).map(|joint| joint.kind) {
-                    // A sine or cosine, which rounding may have lengthened.
-                    Some(JointKind::Revolute) => 1.000_001,
-                    Some(JointKind::Prismatic) => MAX_ANGLE,
-                    None => MAX_COEFFICIENT,
-                };
-                checked_rows(
-                    elastic.rows,
-                    deflection::row_words(joints.len()),
-                    limit,
-                    WORDS,
-                )?
-            }
-        };
         // Straight from the result into its place: every name in between would be a copy of the arm on the stack.
         match Arm::from_blob(blob) {
-            Err(error) => return Err(error),
-            Ok(slot) => self.arm = slot,
+            Err(error) => Err(error),
+            Ok(slot) => {
+                let bytes = checked_support(blob, WORDS)?;
+                self.rows.clear();
+                for word in bytes.as_chunks::<4>().0 {
+                    // Cannot fail: the length was compared with the capacity.
+                    let _ = self.rows.push(T::from_f32(f32::from_le_bytes(*word)));
+                }
+                self.arm = slot;
+                Ok(())
+            }
         }
-        self.rows.clear();
-        for word in bytes.as_chunks::<4>().0 {
-            // Cannot fail: `checked_rows` has compared the length with the capacity.
-            let _ = self.rows.push(T::from_f32(f32::from_le_bytes(*word)));
-        }
-        Ok(())
     }
 
     /// Number of the controller's joints; 0 without a model.
@@ -275,6 +249,39 @@ impl<T: Scalar, const WORDS: usize> Model<T, WORDS> {
             arm.nominal
                 .forward(&deflection::coupled(arm.coupling.as_ref(), &x)),
         )
+    }
+}
+
+/// The bytes of the support rows, after every word was looked at.
+fn checked_support<'a>(blob: &Blob<'a>, capacity: usize) -> Result<&'a [u8], LoadError> {
+    match &blob.correction {
+        Correction::None => Ok(&[]),
+        Correction::TaskSpace(task) => {
+            let inputs = task.input_scale.len();
+            let limit = |index: usize| {
+                if index < inputs {
+                    MAX_SCALED_INPUT as f32
+                } else {
+                    MAX_COEFFICIENT
+                }
+            };
+            checked_rows(task.rows, posterior::row_words(inputs), limit, capacity)
+        }
+        Correction::Elastic(elastic) => {
+            let joints = &blob.robot.joints;
+            let limit = |index: usize| match joints.get(index / 2).map(|joint| joint.kind) {
+                // A sine or cosine, which rounding may have lengthened.
+                Some(JointKind::Revolute) => 1.000_001,
+                Some(JointKind::Prismatic) => MAX_ANGLE,
+                None => MAX_COEFFICIENT,
+            };
+            checked_rows(
+                elastic.rows,
+                deflection::row_words(joints.len()),
+                limit,
+                capacity,
+            )
+        }
     }
 }
 
