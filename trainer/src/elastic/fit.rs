@@ -1,6 +1,7 @@
 //! The elastic model, fitted: parameters first, then gear ripple, then everything together with the processes.
 
 use nalgebra::Vector3;
+use poegp_runtime::deflection::RippleTerm;
 use poegp_runtime::poe::Poe;
 use poegp_runtime::se3::Pose;
 use rand::SeedableRng;
@@ -10,7 +11,7 @@ use rand_chacha::ChaCha8Rng;
 use super::likelihood::{Evidence, HyperLayout, Inputs, Solved};
 use super::outliers::{LeaveOneOut, Outlier, OutlierPolicy, gross, leave_one_out};
 use super::parameters::parametric_fit;
-use super::ripple::{SIGNIFICANT, peaks};
+use super::ripple::{Peak, SIGNIFICANT, peaks};
 use super::state::{Layout, Linearised, ROWS, Scales, State};
 use crate::calibration::frames::Sample;
 use crate::minimize::minimize;
@@ -256,9 +257,14 @@ fn significant(
     linear: &Linearised,
 ) -> Vec<(usize, f64)> {
     let room = MAX_RIPPLE - state.ripple.len();
+    // What is left beside a term that is there is its own shadow, not another gear.
+    let is_new = |p: &Peak| {
+        let same = |r: &RippleTerm<f64>| r.joint == p.joint && (r.cycles - p.cycles).abs() < 1.0;
+        !state.ripple.iter().any(same)
+    };
     peaks(samples, residuals, &linear.jacobian)
         .into_iter()
-        .filter(|p| p.drop > SIGNIFICANT)
+        .filter(|p| p.drop > SIGNIFICANT && is_new(p))
         .map(|p| (p.joint, p.cycles))
         .take(room)
         .collect()

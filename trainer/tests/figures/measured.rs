@@ -147,7 +147,7 @@ fn a_motoman_and_one_reflector() {
     let arm = arm(&urdf.display().to_string());
     let bounds = [
         Bound::new(Method::BaseTool, false, 0.25),
-        Bound::new(Method::Poe, false, 0.15),
+        Bound::new(Method::Poe, false, 0.08),
         Bound::new(Method::Elastic, false, 0.064),
     ];
     check_arm(&folder.join(file), &arm, &bounds);
