@@ -2,8 +2,8 @@
 //!
 //! One [`Request`] is answered by one [`Response`] with the same sequence number; [`crate::frame`] carries both. Every
 //! request may be repeated: a second `BeginLoad` starts anew, a piece that is already there is accepted again, the rest
-//! changes nothing. `docs/link.md` lists the messages with their bytes. Variants are append-only: their order is their
-//! number on the wire.
+//! changes nothing; only a piece that comes after its `FinishLoad` succeeded is refused, and the model stays.
+//! `docs/link.md` lists the messages with their bytes. Variants are append-only: their order is their number on the wire.
 //!
 //! | request | answer | meaning |
 //! |---|---|---|
