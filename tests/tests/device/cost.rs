@@ -4,6 +4,7 @@ use poegp_protocol::link::Query;
 use poegp_runtime::status::Status;
 use poegp_tests::device::Device;
 use poegp_tests::emulator::{Clock, instructions};
+use poegp_tests::firmware::{Toolchain, firmware};
 use poegp_tests::sample::{self, Elastic, Sample, Support};
 use poegp_tests::stages::Host;
 use poegp_trainer::cost::{ElasticSize, blob_bytes, instructions as instructions_of};
@@ -105,6 +106,11 @@ fn the_count_of_elastic_models_does_not_depend_on_the_query() {
 /// The trainer's cost model, which chooses sizes for a budget, against the device.
 #[test]
 fn the_trainer_knows_what_elastic_models_cost() {
+    // The constants are those of one compiler; another one makes other code of the same source.
+    let tolerance = match firmware().unwrap().toolchain {
+        Toolchain::Prebuilt { .. } => 0.05,
+        Toolchain::BuildStd { .. } => 0.10,
+    };
     let mut device = Device::start(Clock::Counting).unwrap_or_else(|error| panic!("{error}"));
     println!(
         "| joints | sliding | tied | points | groups | ripple | instructions (Cortex-M4F) | predicted | bytes |"
@@ -146,7 +152,7 @@ fn the_trainer_knows_what_elastic_models_cost() {
                 println!(
                     "| {joints} | {prismatic} | {tied} | {points} | {groups} | {ripple} | {count:.0} | {predicted:.0} | {bytes} |"
                 );
-                assert!((predicted - count).abs() <= 0.05 * count, "{size:?}");
+                assert!((predicted - count).abs() <= tolerance * count, "{size:?}");
                 // Beyond 127 poses their number takes a second byte.
                 let longer = usize::from(points > 127);
                 assert_eq!(bytes + longer, sample.blob().len(), "{size:?}");
