@@ -1,9 +1,9 @@
 //! What an elastic model costs on the device, before it is made.
 //!
 //! Instructions of one evaluation on the Cortex-M4F, fitted to the counts of the emulated device (QEMU `-icount`,
-//! `-C target-cpu=cortex-m4`, opt-level 3, LTO): within 5 % for arms of three to seven joints, which
-//! `tests/tests/device/cost.rs` measures again and prints (within 10 % when the firmware is built with Debian's compiler). Instructions, not cycles. Bytes are exact: the format's own
-//! lengths.
+//! `-C target-cpu=cortex-m4`, opt-level 3, LTO, rustc 1.95): within 5 % for arms of three to seven joints, within 10 %
+//! when the firmware is built with Debian's 1.96; `tests/tests/device/cost.rs` measures again and prints. Instructions,
+//! not cycles. Bytes are exact: the format's own lengths.
 
 use poegp_protocol::blob::HEADER_LENGTH;
 
