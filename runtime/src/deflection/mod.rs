@@ -60,6 +60,15 @@ pub struct RippleTerm<T> {
     pub cos: T,
 }
 
+impl<T: Scalar> RippleTerm<T> {
+    /// α sin kq + β cos kq of its joint at `q`.
+    #[inline(always)]
+    pub fn deflection(&self, q: T) -> T {
+        let (sin, cos) = ripple_regressors(self.cycles, q);
+        self.sin * sin + self.cos * cos
+    }
+}
+
 /// sin kq and cos kq. Beyond the range of the reduction the angle is held, where nobody measures anyway.
 #[inline(always)]
 pub fn ripple_regressors<T: Scalar>(cycles: T, q: T) -> (T, T) {
@@ -93,8 +102,7 @@ impl<T: Scalar> Deflection<T> {
         let mut out = [T::ZERO; MAX_JOINTS];
         for term in &self.ripple {
             if let (Some(sum), Some(q)) = (out.get_mut(term.joint), joints.get(term.joint)) {
-                let (sin, cos) = ripple_regressors(term.cycles, *q);
-                *sum += term.sin * sin + term.cos * cos;
+                *sum += term.deflection(*q);
             }
         }
         out

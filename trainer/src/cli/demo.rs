@@ -54,7 +54,7 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
     let origin = origin(set.sha256, "demo", tools);
 
     report.line(format_args!(
-        "2. Calibrate with the four methods of the paper: {FOLDS} folds on the training data, then all of it.\n"
+        "2. Calibrate with the four methods of the paper, {FOLDS} folds and then all of it, and with the elastic model.\n"
     ));
     let task = Task {
         robot: &robot,

@@ -202,8 +202,7 @@ impl State {
             .gravity
             .deflection(&at, sample.payload_kg.unwrap_or(0.0));
         for term in &self.ripple {
-            let (sin, cos) = ripple_regressors(term.cycles, sample.joints[term.joint]);
-            out[term.joint] += term.sin * sin + term.cos * cos;
+            out[term.joint] += term.deflection(sample.joints[term.joint]);
         }
         out
     }
