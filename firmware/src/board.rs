@@ -1,16 +1,68 @@
-//! The boards. One is chosen here; the rest of the firmware knows the names below and no address.
+//! The boards. One is chosen here, by feature; the rest of the firmware knows the names below and no address.
 //!
-//! A board is a module with `start`, which may be called once and returns a
-//! [`Board`](poegp_runtime::service::Board) and a [`Link`], after it gave defmt its serial line.
+//! A board of one's own is one more module with an implementation of [`Board`], made of the traits of embedded-io
+//! (serial lines), embedded-storage (flash) and embedded-hal (a pin). `docs/porting.md` goes through the smallest one.
 
-mod mps2_an386;
+use embedded_hal::digital::OutputPin;
+use embedded_io::{Read, ReadReady, Write, WriteReady};
+use embedded_storage::nor_flash::NorFlash;
+use poegp_runtime::store::Layout;
 
-pub use mps2_an386::start;
+#[cfg(feature = "mps2")]
+mod mps2;
 
-/// The serial line to the workstation. Both wait.
-pub trait Link {
-    /// The next byte.
-    fn receive(&self) -> u8;
-    /// Sends one byte.
-    fn send(&self, byte: u8);
+#[cfg(feature = "mps2")]
+pub use mps2::Mps2 as Chosen;
+
+/// A board.
+pub trait Board {
+    /// Its name.
+    const NAME: &'static str;
+    /// Frequency of [`Board::ticks`] in hertz.
+    const TICK_HZ: u32;
+    /// Ticks in which a cyclic request is to be answered.
+    const DEADLINE_TICKS: u32;
+    /// Frequency of the processor's clock, which counts SysTick, in hertz.
+    const CORE_HZ: u32;
+    /// The serial line to controller and workstation.
+    type Link: Link;
+    /// The line that defmt logs on.
+    type Log: Write + WriteReady;
+    /// The flash with the models.
+    type Flash: NorFlash;
+    /// High while a frame is being answered: what an oscilloscope looks at.
+    type Strobe: OutputPin;
+
+    /// Starts everything: clocks, timer, lines and the watchdog. May be called once; `None` when called again.
+    fn start() -> Option<Parts<Self>>
+    where
+        Self: Sized;
+    /// Lets the interrupt of the link through, at a priority above the lowest.
+    fn listen();
+    /// A free-running counter that wraps around at 2³².
+    fn ticks() -> u32;
+    /// Keeps the watchdog from restarting the board.
+    fn feed_watchdog();
+}
+
+/// What a started board hands out.
+pub struct Parts<B: Board> {
+    /// See [`Board::Link`].
+    pub link: B::Link,
+    /// See [`Board::Log`].
+    pub log: B::Log,
+    /// See [`Board::Flash`].
+    pub flash: B::Flash,
+    /// Where the models lie in it.
+    pub layout: Layout,
+    /// See [`Board::Strobe`].
+    pub strobe: B::Strobe,
+}
+
+/// A serial line with an interrupt, whose handler calls [`crate::line::interrupt`]. Reading and writing never wait.
+pub trait Link: Read + ReadReady + Write + WriteReady {
+    /// Called first in the handler: clears what made it run, where reading and writing do not.
+    fn acknowledge(&mut self);
+    /// Whether the interrupt is wanted when a byte can be written.
+    fn notify_writable(&mut self, wanted: bool);
 }

@@ -1,54 +1,176 @@
-//! The device's only loop, and what happens when there is no way on.
+//! Start, and the background: the services, one at a time, and the log.
 
+use cortex_m::peripheral::SCB;
 use cortex_m_rt::entry;
-use poegp_protocol::blob::{HEADER_LENGTH, MAX_LENGTH_WITHOUT_ROWS};
-use poegp_protocol::frame::{MAX_FRAME, Receiver};
-use poegp_runtime::model::words_for;
-use poegp_runtime::service::{Board, Service};
+use embedded_io::{Write, WriteReady};
+use heapless::Vec;
+use poegp_protocol::frame::{self, MAX_FRAME, Receiver};
+use poegp_protocol::link::{Refusal, Request, Response, Statistics};
+use poegp_runtime::service::{Background, Cycle, Device, Facts, Order, Report, Resident};
+use poegp_runtime::store::Store;
 use static_cell::ConstStaticCell;
 
-use crate::board::{self, Link};
-use crate::log::Logged;
-
-/// Words of support rows: 512 points of the longest row, twice what a paper model has.
-const WORDS: usize = words_for(512);
-/// Bytes of a blob with as many rows.
-const BYTES: usize = HEADER_LENGTH + MAX_LENGTH_WITHOUT_ROWS + 4 * WORDS;
+use crate::board::{Board, Chosen};
+use crate::capacity::{BYTES, WORDS};
+use crate::front::{self, Answer, Front};
+use crate::line::{self, LINE, Line};
+use crate::{log, logger, memory};
 
 // Everything large is static, so that the linker proves that it fits. All of it is zero at the start and takes no flash.
-static SERVICE: ConstStaticCell<Service<WORDS, BYTES>> = ConstStaticCell::new(Service::new());
-static RECEIVER: ConstStaticCell<Receiver> = ConstStaticCell::new(Receiver::new());
-static SCRATCH: ConstStaticCell<[u8; MAX_FRAME]> = ConstStaticCell::new([0; MAX_FRAME]);
-static ANSWER: ConstStaticCell<[u8; MAX_FRAME]> = ConstStaticCell::new([0; MAX_FRAME]);
+static MODELS: ConstStaticCell<[Resident<WORDS>; 2]> =
+    ConstStaticCell::new([Resident::new(), Resident::new()]);
+static STAGED: ConstStaticCell<Vec<u8, BYTES>> = ConstStaticCell::new(Vec::new());
+static RECEIVERS: ConstStaticCell<[Receiver; 2]> =
+    ConstStaticCell::new([Receiver::new(), Receiver::new()]);
+static BUFFERS: ConstStaticCell<[[u8; MAX_FRAME]; 4]> = ConstStaticCell::new([[0; MAX_FRAME]; 4]);
+
+type Services =
+    Background<'static, <Chosen as Board>::Flash, WORDS, BYTES>;
 
 #[entry]
 fn main() -> ! {
-    // `None` cannot happen: the reset handler calls this once.
-    let (Some(service), Some(receiver), Some(scratch), Some(answer), Some((board, link))) = (
-        SERVICE.try_take(),
-        RECEIVER.try_take(),
-        SCRATCH.try_take(),
-        ANSWER.try_take(),
-        board::start(),
-    ) else {
-        halt()
+    // `None` cannot happen: the reset handler calls this once, and the layout of the board is right.
+    if let Some((mut services, mut shell)) = start() {
+        shell.boot(&mut services);
+        loop {
+            shell.turn(&mut services);
+        }
+    }
+    halt()
+}
+
+fn start() -> Option<(Services, Shell)> {
+    let [active, spare] = MODELS.try_take()?;
+    let [receiver, other_receiver] = RECEIVERS.try_take()?;
+    let [scratch, out, own_scratch, answer] = BUFFERS.try_take()?;
+    let staged = STAGED.try_take()?;
+    let parts = Chosen::start()?;
+    memory::count_start();
+    let facts = Facts {
+        board: Chosen::NAME,
+        image_crc: memory::image_crc(),
+        tick_hz: Chosen::TICK_HZ,
+        deadline_ticks: Chosen::DEADLINE_TICKS,
     };
-    defmt::info!(
-        "firmware {=str} on {=str}",
-        env!("CARGO_PKG_VERSION"),
-        board.name()
-    );
-    let mut board = Logged::new(board);
-    loop {
-        let byte = link.receive();
-        let length = service.receive(byte, receiver, &mut board, scratch, answer);
-        for byte in answer.get(..length).unwrap_or(&[]) {
-            link.send(*byte);
+    let bypass = memory::retained_bypass();
+    front::START.put(Front {
+        cycle: Cycle::new(active, Chosen::DEADLINE_TICKS, bypass),
+        receiver,
+        other_receiver: Some(other_receiver),
+        scratch,
+        out,
+        strobe: parts.strobe,
+    });
+    front::ANSWERED.put(answer);
+    LINE.put(Line::new(parts.link));
+    memory::start_system_handlers(Chosen::CORE_HZ / 100);
+    Chosen::listen();
+    let store = Store::new(parts.flash, parts.layout).ok()?;
+    let shell = Shell {
+        log: parts.log,
+        scratch: own_scratch,
+        calls: Calls,
+    };
+    Some((Background::new(facts, spare, staged, store), shell))
+}
+
+/// The background's own things.
+struct Shell {
+    log: <Chosen as Board>::Log,
+    scratch: &'static mut [u8; MAX_FRAME],
+    calls: Calls,
+}
+
+impl Shell {
+    fn boot(&mut self, services: &mut Services) {
+        log::start(Chosen::NAME);
+        for refusal in services.boot(&mut self.calls).iter().flatten() {
+            log::not_started(refusal);
+        }
+        log::running(&self.calls.order(Order::Report).model);
+    }
+
+    fn turn(&mut self, services: &mut Services) {
+        if let Some(receiver) = front::WORK.take() {
+            let (sequence, response) = match receiver.message::<Request<'_>>() {
+                Ok((sequence, request)) => {
+                    (sequence, services.handle(&request, &mut self.calls))
+                }
+                // Cannot happen: the cycle has read it.
+                Err(_) => (0, Response::Refused(Refusal::UnknownMessage)),
+            };
+            // Free for the next service before the answer is on the line, so that its sender never finds it busy.
+            receiver.clear();
+            front::WORKED.put(receiver);
+            log::answered(&response);
+            self.answer(sequence, &response);
+            if let Response::Identity(identity) = &response {
+                memory::retain_bypass(identity.bypass);
+            }
+            if response == Response::Restarting {
+                while !line::is_sent() {}
+                memory::restart();
+            }
+        }
+        self.drain_log();
+    }
+
+    fn answer(&mut self, sequence: u16, response: &Response) {
+        loop {
+            if let Some(bytes) = front::ANSWERED.take() {
+                // It always fits: the longest answer is shorter than the longest request.
+                let length = frame::encode(sequence, response, self.scratch, bytes)
+                    .map_or(0, <[u8]>::len);
+                front::ANSWER.put(Answer { bytes, length });
+                SCB::set_pendsv();
+                return;
+            }
+            // The one before it waits for room on the line.
+            SCB::set_pendsv();
+        }
+    }
+
+    /// Writes what was logged; sleeps when there is nothing to write and nothing to do.
+    fn drain_log(&mut self) {
+        while let Ok(true) = self.log.write_ready() {
+            match logger::next() {
+                Some(byte) => {
+                    let _ = self.log.write(&[byte]);
+                }
+                None => {
+                    memory::sleep_unless(|| front::WORK.is_full());
+                    return;
+                }
+            }
         }
     }
 }
 
-/// Stops for good. The peer sees a request without an answer, a watchdog a device to restart.
+/// How the background reaches the cycle.
+struct Calls;
+
+impl Device<'static, WORDS> for Calls {
+    fn order(&mut self, order: Order<'static, WORDS>) -> Report<'static, WORDS> {
+        front::ORDER.put(order);
+        loop {
+            // Pre-empts this at once; its report is there when it is over.
+            SCB::set_pendsv();
+            cortex_m::asm::isb();
+            if let Some(report) = front::REPORT.take() {
+                return report;
+            }
+        }
+    }
+
+    fn complete(&mut self, statistics: &mut Statistics) {
+        statistics.lost_bytes = line::lost();
+        statistics.lost_logs = logger::lost();
+        statistics.restarts = memory::restarts();
+        statistics.stack_bytes = memory::stack_bytes();
+    }
+}
+
+/// Stops for good: the watchdog restarts the board.
 fn halt() -> ! {
     loop {
         cortex_m::asm::nop();

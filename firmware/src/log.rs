@@ -1,82 +1,72 @@
-//! What the device says about itself with defmt: which model became active, and what was refused.
+//! What the device says about itself with defmt: what it runs, and what it refused. Never from the cycle.
 
 use poegp_protocol::blob::DecodeError;
-use poegp_protocol::link::{Refusal, Response};
-use poegp_runtime::service::Board;
+use poegp_protocol::link::{ModelIdentity, Refusal, Response};
 
-/// A board whose answers are logged.
-pub struct Logged<B> {
-    board: B,
-    active_crc: Option<u32>,
+/// The device has started.
+pub fn start(board: &str) {
+    defmt::info!(
+        "firmware {=str} on {=str}",
+        env!("CARGO_PKG_VERSION"),
+        board
+    );
 }
 
-impl<B: Board> Logged<B> {
-    /// Logs on behalf of `board`.
-    pub fn new(board: B) -> Self {
-        Self {
-            board,
-            active_crc: None,
+/// A model runs, or none.
+pub fn running(model: &Option<ModelIdentity>) {
+    match model {
+        None => defmt::warn!("no model: commands are not corrected"),
+        Some(model) => defmt::info!(
+            "model {=u32:08x} runs: {=u8} joints, {=u32} support points",
+            model.blob_crc,
+            model.joints,
+            model.support
+        ),
+    }
+}
+
+/// A stored model was not taken.
+pub fn not_started(refusal: &Refusal) {
+    defmt::error!("a stored model is not taken");
+    refused(refusal);
+}
+
+/// A service was answered.
+pub fn answered(response: &Response) {
+    match response {
+        Response::Verified(model) => {
+            defmt::info!("model {=u32:08x} verified", model.blob_crc);
         }
+        Response::Committed(stored) => defmt::info!(
+            "slot {=u8}: {=u32} bytes, sequence {=u32}",
+            stored.slot,
+            stored.length,
+            stored.sequence
+        ),
+        Response::Restarting => defmt::info!("restarting"),
+        Response::Refused(refusal) => refused(refusal),
+        _ => {}
     }
 }
 
-impl<B: Board> Board for Logged<B> {
-    fn name(&self) -> &str {
-        self.board.name()
-    }
-    fn tick_hz(&self) -> u32 {
-        self.board.tick_hz()
-    }
-    #[inline(always)]
-    fn ticks(&mut self) -> u32 {
-        self.board.ticks()
-    }
-    fn stack_bytes(&mut self) -> u32 {
-        self.board.stack_bytes()
-    }
-    fn answered(&mut self, response: &Response) {
-        match response {
-            Response::Identity(identity) => {
-                let Some(model) = &identity.model else { return };
-                if self.active_crc != Some(model.blob_crc) {
-                    self.active_crc = Some(model.blob_crc);
-                    defmt::info!(
-                        "model {=u32:08x} loaded: {=u8} joints, {=u32} support points",
-                        model.blob_crc,
-                        model.joints,
-                        model.support
-                    );
-                }
-            }
-            Response::Refused(refusal) => log_refusal(refusal),
-            _ => {}
-        }
-    }
-}
-
-fn log_refusal(refusal: &Refusal) {
+fn refused(refusal: &Refusal) {
     match refusal {
-        Refusal::BadFrame => defmt::warn!("frame refused: damaged"),
-        Refusal::ProtocolVersion { found, .. } => {
-            defmt::warn!("frame refused: protocol version {=u8}", *found);
-        }
-        Refusal::UnknownMessage => defmt::warn!("frame refused: unknown message"),
-        Refusal::BlobTooLong { length, capacity } => {
-            defmt::warn!(
-                "load refused: {=u32} bytes, room for {=u32}",
-                *length,
-                *capacity
-            );
-        }
-        Refusal::TransferCrc { stored, computed } => {
-            defmt::warn!(
-                "load refused: transfer CRC {=u32:08x}, announced {=u32:08x}",
-                *computed,
-                *stored
-            );
-        }
-        Refusal::Blob(error) => defmt::warn!("load refused: {=istr}", name(error)),
-        Refusal::Model { code } => defmt::warn!("load refused: model error {=u8}", *code),
+        Refusal::BlobTooLong { length, capacity } => defmt::warn!(
+            "refused: {=u32} bytes, room for {=u32}",
+            *length,
+            *capacity
+        ),
+        Refusal::TransferCrc { stored, computed } => defmt::warn!(
+            "refused: transfer CRC {=u32:08x}, announced {=u32:08x}",
+            *computed,
+            *stored
+        ),
+        Refusal::Blob(error) => defmt::warn!("refused: {=istr}", name(error)),
+        Refusal::Model { code } => defmt::warn!("refused: model error {=u8}", *code),
+        Refusal::Signature { code } => defmt::warn!("refused: signature error {=u8}", *code),
+        Refusal::Store { code } => defmt::error!("flash: store error {=u8}", *code),
+        Refusal::KeyIsFixed => defmt::warn!("refused: another key is provisioned"),
+        Refusal::NoOtherModel => defmt::warn!("refused: there is no other model"),
         // The order of the pieces is the peer's affair, and the answer names it.
         _ => {}
     }

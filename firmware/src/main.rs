@@ -1,17 +1,36 @@
 //! The firmware: bytes from the link to the service of the runtime, and its answers back.
 //!
 //! Wiring only: what is worth a test is in `poegp-runtime`. The device speaks the protocol of `poegp_protocol::link` on
-//! one serial line and logs with defmt on another. It promises: no heap, no interrupt, one loop whose longest turn is
-//! one request. It refuses to run on the workstation, where this program is a stub that lets the workspace build.
+//! one serial line and logs with defmt on another.
+//!
+//! ```text
+//!  priority
+//!  high    line    the UART's interrupt: bytes in and out                 tens of instructions
+//!  low     front   PendSV: frames, and the answers to cyclic requests     one correction
+//!  thread  device  services: verify, flash, roll back; the log            as long as it takes
+//! ```
+//!
+//! It promises: no heap; a correction waits for nothing but the bytes of one other frame. It refuses to run on the
+//! workstation, where this program is a stub that lets the workspace build.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 #![deny(unsafe_code)]
 
 #[cfg(target_os = "none")]
 mod board;
 #[cfg(target_os = "none")]
+mod capacity;
+#[cfg(target_os = "none")]
 mod device;
 #[cfg(target_os = "none")]
+mod front;
+#[cfg(target_os = "none")]
+mod line;
+#[cfg(target_os = "none")]
 mod log;
+#[cfg(target_os = "none")]
+mod logger;
+#[cfg(target_os = "none")]
+mod mailbox;
 #[cfg(target_os = "none")]
 mod memory;
 

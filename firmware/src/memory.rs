@@ -1,10 +1,14 @@
-//! The only unsafe code of the project: device registers and the painted stack.
+//! What cannot be said in safe Rust: registers, memory outside of Rust's, priorities, interrupts.
 //!
-//! Both are safe to use from outside. A [`Register`] can only be made, at compile time, for an aligned address of the
-//! peripheral region of the ARMv7-M memory map, where no Rust object ever lies; no DMA is used. The stack is only read.
+//! All of it is safe to use from outside. A [`Register`] or a [`Region`] can only be made, at compile time, for addresses
+//! where no Rust object ever lies; no DMA is used. The stack and the image are only read.
 #![allow(unsafe_code)]
 
 use core::ptr;
+
+use cortex_m::peripheral::scb::SystemHandler;
+use cortex_m::peripheral::syst::SystClkSource;
+use poegp_protocol::blob::CRC;
 
 /// A 32-bit device register.
 #[derive(Clone, Copy)]
@@ -35,6 +39,46 @@ impl Register {
     }
 }
 
+/// Memory that the linker does not know: an external RAM of the MPS2 boards.
+#[derive(Clone, Copy)]
+pub struct Region {
+    start: usize,
+    words: usize,
+}
+
+impl Region {
+    /// So many words from `start` on, to be evaluated at compile time.
+    pub const fn at(start: usize, words: usize) -> Self {
+        let end = start + 4 * words;
+        assert!(
+            (start >= 0x2100_0000 && end <= 0x2200_0000)
+                || (start >= 0x6000_0000 && end <= 0x6100_0000),
+            "not the external RAM of an MPS2 board"
+        );
+        assert!(start.is_multiple_of(4), "not aligned");
+        Self { start, words }
+    }
+
+    /// One word; `None` beyond the end.
+    #[inline(always)]
+    pub fn read(self, word: usize) -> Option<u32> {
+        (word < self.words).then(|| {
+            // SAFETY: aligned and inside the region (checked in `at` and above), which no Rust object shares.
+            unsafe { ptr::with_exposed_provenance::<u32>(self.start + 4 * word).read_volatile() }
+        })
+    }
+
+    /// Sets one word; nothing happens beyond the end.
+    #[inline(always)]
+    pub fn write(self, word: usize, value: u32) {
+        if word < self.words {
+            let address = self.start + 4 * word;
+            // SAFETY: as in `read`.
+            unsafe { ptr::with_exposed_provenance_mut::<u32>(address).write_volatile(value) }
+        }
+    }
+}
+
 /// Deepest use of the stack since the start, in bytes: from the top down to the lowest word that lost its paint.
 ///
 /// ```text
@@ -57,4 +101,133 @@ pub fn stack_bytes() -> u32 {
         }
     }
     end.addr().wrapping_sub(word.addr()) as u32
+}
+
+/// CRC-32C of the image in flash, from its first byte to the last initial value.
+pub fn image_crc() -> u32 {
+    unsafe extern "C" {
+        static __vector_table: u32;
+        static __sidata: u32;
+        static __sdata: u32;
+        static __edata: u32;
+    }
+    let start = (&raw const __vector_table).cast::<u8>();
+    let data = (&raw const __edata).addr() - (&raw const __sdata).addr();
+    let length = (&raw const __sidata).addr() + data - start.addr();
+    let mut digest = CRC.digest();
+    for offset in 0..length {
+        // SAFETY: between the two symbols lies the image, which nobody writes. Not a slice: on some boards it starts
+        // at address 0, where Rust has no object.
+        let byte = unsafe {
+            ptr::with_exposed_provenance::<u8>(start.addr() + offset).read_volatile()
+        };
+        digest.update(&[byte]);
+    }
+    digest.finalize()
+}
+
+/// Survives a restart, but no power failure: neither loaded nor cleared at the start.
+///
+/// ```text
+///  word 0  marks the rest as valid     word 1  restarts so far     word 2  1: bypass
+/// ```
+#[unsafe(link_section = ".uninit.retained")]
+static mut RETAINED: [u32; 3] = [0; 3];
+
+const VALID: u32 = 0x706f_6567;
+
+fn retained(word: usize) -> u32 {
+    // SAFETY: three words, only touched here and below, from the background; any bits are a number.
+    unsafe { (&raw const RETAINED).cast::<u32>().add(word % 3).read_volatile() }
+}
+
+fn retain(word: usize, value: u32) {
+    // SAFETY: as above.
+    unsafe { (&raw mut RETAINED).cast::<u32>().add(word % 3).write_volatile(value) }
+}
+
+/// Counts this start; the first after a power failure is number 0. Called once.
+pub fn count_start() {
+    if retained(0) == VALID {
+        retain(1, retained(1).saturating_add(1));
+    } else {
+        retain(1, 0);
+        retain(2, 0);
+        retain(0, VALID);
+    }
+}
+
+/// Starts since the power failed, but the first.
+pub fn restarts() -> u32 {
+    retained(1)
+}
+
+/// Whether the bypass was on before the restart.
+pub fn retained_bypass() -> bool {
+    retained(2) == 1
+}
+
+/// Keeps whether the bypass is on.
+pub fn retain_bypass(on: bool) {
+    retain(2, u32::from(on));
+}
+
+/// Puts PendSV and SysTick at the lowest priority and starts SysTick with so many core cycles.
+pub fn start_system_handlers(cycles: u32) {
+    // SAFETY: called once, by `main`, which is the only owner of the core's peripherals; no critical section relies on
+    // priorities.
+    let mut core = unsafe { cortex_m::Peripherals::steal() };
+    unsafe {
+        core.SCB.set_priority(SystemHandler::PendSV, 0xff);
+        core.SCB.set_priority(SystemHandler::SysTick, 0xff);
+    }
+    core.SYST.set_clock_source(SystClkSource::Core);
+    core.SYST.set_reload(cycles.clamp(1, 0x00ff_ffff));
+    core.SYST.clear_current();
+    core.SYST.enable_interrupt();
+    core.SYST.enable_counter();
+}
+
+/// Sleeps until an interrupt comes, unless `there_is_work`, which is asked with interrupts held off.
+pub fn sleep_unless(there_is_work: impl FnOnce() -> bool) {
+    critical_section::with(|_| {
+        if !there_is_work() {
+            // Wakes up for a pending interrupt, which runs when the critical section ends.
+            cortex_m::asm::wfi();
+        }
+    });
+}
+
+/// Starts the processor anew.
+pub fn restart() -> ! {
+    cortex_m::peripheral::SCB::sys_reset()
+}
+
+/// An interrupt of a board whose vector table is that of cortex-m-rt.
+#[cfg(feature = "mps2")]
+#[derive(Clone, Copy)]
+pub struct Interrupt(pub u16);
+
+// SAFETY: the board's modules name interrupts that there are; all lead to `DefaultHandler` below.
+#[cfg(feature = "mps2")]
+unsafe impl cortex_m::interrupt::InterruptNumber for Interrupt {
+    fn number(self) -> u16 {
+        self.0
+    }
+}
+
+#[cfg(feature = "mps2")]
+impl Interrupt {
+    /// Lets it through.
+    pub fn enable(self) {
+        // SAFETY: its handler shares nothing that is not behind a critical section, which is no mask of priorities.
+        unsafe { cortex_m::peripheral::NVIC::unmask(self) }
+    }
+}
+
+// The link's are the only interrupts that are enabled.
+#[cfg(feature = "mps2")]
+#[cortex_m_rt::exception]
+unsafe fn DefaultHandler(_number: i16) {
+    crate::line::interrupt();
 }

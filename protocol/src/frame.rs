@@ -14,14 +14,16 @@
 use serde::{Deserialize, Serialize};
 
 use crate::blob::{BufferTooSmall, CRC};
+use crate::cobs;
 use crate::link::{MAX_PIECE, PROTOCOL_VERSION};
 
 /// Bytes of a frame beside its message, before COBS: version, sequence number, CRC.
 pub const OVERHEAD: usize = 7;
 /// Most bytes of a frame, COBS and the final zero included.
 pub const MAX_FRAME: usize = {
-    let raw = MAX_PIECE + 16 + OVERHEAD;
-    raw + raw / 254 + 2
+    // `UploadPiece` is the longest message: a number, an offset, a length.
+    let raw = MAX_PIECE + 8 + OVERHEAD;
+    cobs::max_encoded(raw) + 1
 };
 
 /// Why bytes are not a frame.
@@ -84,7 +86,7 @@ pub fn encode<'b, M: Serialize>(
         .ok_or(BufferTooSmall)?
         .copy_from_slice(&CRC.checksum(body).to_le_bytes());
     let raw = scratch.get(..length + 4).ok_or(BufferTooSmall)?;
-    let used = cobs::try_encode(raw, out).map_err(|_| BufferTooSmall)?;
+    let used = cobs::encode(raw, out)?;
     *out.get_mut(used).ok_or(BufferTooSmall)? = 0;
     out.get(..=used).ok_or(BufferTooSmall)
 }
@@ -94,18 +96,42 @@ pub fn encode<'b, M: Serialize>(
 /// # Errors
 /// [`FrameError`].
 pub fn decode<'b, M: Deserialize<'b>>(frame: &'b mut [u8]) -> Result<(u16, M), FrameError> {
-    // A zero ends a frame: the decoder would stop there and not look at what follows.
-    if frame.contains(&0) {
-        return Err(FrameError::Damaged);
+    let opened = open(frame)?;
+    let bytes: &'b [u8] = frame.get(MESSAGE..opened.end).ok_or(FrameError::Damaged)?;
+    Ok((opened.sequence, opened.message(bytes)?))
+}
+
+/// Where the message begins in an opened frame.
+const MESSAGE: usize = 3;
+
+/// A frame that is intact and of this version.
+#[derive(Clone, Copy, Debug)]
+struct Opened {
+    sequence: u16,
+    /// Where the message ends.
+    end: usize,
+}
+
+impl Opened {
+    fn message<'b, M: Deserialize<'b>>(&self, bytes: &'b [u8]) -> Result<M, FrameError> {
+        match postcard::take_from_bytes(bytes) {
+            Ok((message, [])) => Ok(message),
+            _ => Err(FrameError::UnknownMessage {
+                sequence: self.sequence,
+            }),
+        }
     }
-    let length = cobs::decode_in_place(frame).map_err(|_| FrameError::Damaged)?;
-    let raw: &'b [u8] = frame.get(..length).ok_or(FrameError::Damaged)?;
-    let split = length.checked_sub(4).ok_or(FrameError::Damaged)?;
-    let (body, crc) = raw.split_at_checked(split).ok_or(FrameError::Damaged)?;
+}
+
+fn open(frame: &mut [u8]) -> Result<Opened, FrameError> {
+    let length = cobs::decode_in_place(frame).ok_or(FrameError::Damaged)?;
+    let raw = frame.get(..length).ok_or(FrameError::Damaged)?;
+    let end = length.checked_sub(4).ok_or(FrameError::Damaged)?;
+    let (body, crc) = raw.split_at_checked(end).ok_or(FrameError::Damaged)?;
     if crc != CRC.checksum(body).to_le_bytes() {
         return Err(FrameError::Damaged);
     }
-    let [version, low, high, message @ ..] = body else {
+    let [version, low, high, ..] = body else {
         return Err(FrameError::Damaged);
     };
     let sequence = u16::from_le_bytes([*low, *high]);
@@ -115,10 +141,7 @@ pub fn decode<'b, M: Deserialize<'b>>(frame: &'b mut [u8]) -> Result<(u16, M), F
             sequence,
         });
     }
-    match postcard::take_from_bytes(message) {
-        Ok((message, [])) => Ok((sequence, message)),
-        _ => Err(FrameError::UnknownMessage { sequence }),
-    }
+    Ok(Opened { sequence, end })
 }
 
 /// Collects the bytes of one frame as they arrive.
@@ -126,6 +149,7 @@ pub fn decode<'b, M: Deserialize<'b>>(frame: &'b mut [u8]) -> Result<(u16, M), F
 pub struct Receiver {
     buffer: heapless::Vec<u8, MAX_FRAME>,
     overrun: bool,
+    opened: Option<Opened>,
 }
 
 /// What a byte did to a [`Receiver`].
@@ -133,7 +157,7 @@ pub struct Receiver {
 pub enum Received {
     /// Nothing is complete yet.
     More,
-    /// A frame is complete: decode [`Receiver::frame`], then call [`Receiver::clear`].
+    /// A frame is complete: [`Receiver::open`] it, read it, then call [`Receiver::clear`].
     Frame,
     /// A frame longer than any that is sent: dropped.
     TooLong,
@@ -151,6 +175,7 @@ impl Receiver {
         Self {
             buffer: heapless::Vec::new(),
             overrun: false,
+            opened: None,
         }
     }
 
@@ -177,9 +202,32 @@ impl Receiver {
         &mut self.buffer
     }
 
+    /// Opens the complete frame and returns its sequence number; once for each frame.
+    ///
+    /// # Errors
+    /// [`FrameError`].
+    pub fn open(&mut self) -> Result<u16, FrameError> {
+        self.opened = None;
+        let opened = open(&mut self.buffer)?;
+        self.opened = Some(opened);
+        Ok(opened.sequence)
+    }
+
+    /// The message of the opened frame, with its sequence number.
+    ///
+    /// # Errors
+    /// [`FrameError::UnknownMessage`]; [`FrameError::Damaged`] when no frame was opened.
+    pub fn message<'b, M: Deserialize<'b>>(&'b self) -> Result<(u16, M), FrameError> {
+        let opened = self.opened.ok_or(FrameError::Damaged)?;
+        let bytes = self.buffer.get(MESSAGE..opened.end);
+        let message = opened.message(bytes.ok_or(FrameError::Damaged)?)?;
+        Ok((opened.sequence, message))
+    }
+
     /// Forgets the frame.
     pub fn clear(&mut self) {
         self.buffer.clear();
         self.overrun = false;
+        self.opened = None;
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! [`blob`] is what a calibrated arm looks like at rest: a drawn, versioned envelope around a postcard payload.
 //! [`link`] is what the workstation and the device say to each other, and [`frame`] how one message travels over a
-//! serial line. [`limits`] has the sizes that both sides rely on.
+//! serial line, in the bytes of [`cobs`]. [`limits`] has the sizes that both sides rely on.
 //!
 //! Nothing here allocates, panics or computes: a value that decodes may still be nonsense, and the checked constructor
 //! of `poegp-runtime` is the only way from these words to numbers that move a robot.
@@ -11,6 +11,7 @@
 #![warn(missing_docs)]
 
 pub mod blob;
+pub mod cobs;
 pub mod frame;
 pub mod limits;
 pub mod link;

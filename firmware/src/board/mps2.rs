@@ -1,0 +1,263 @@
+//! Arm MPS2 with FPGA image AN386 (Cortex-M4F) or AN500 (Cortex-M7), as QEMU emulates them.
+//!
+//! Registers from "Application Note AN386" and the "Cortex-M System Design Kit TRM" (ARM DDI 0479): APB UART, ch. 4.3,
+//! APB timer, ch. 4.1, APB watchdog, ch. 4.5. The system clock, which feeds all of them, is 25 MHz.
+//!
+//! ```text
+//!  0x4000_0000  TIMER0    CTRL +0  VALUE +4  RELOAD +8                       Board::ticks
+//!  0x4000_4000  UART0     DATA +0  STATE +4  CTRL +8  INT +12  BAUDDIV +16   link; interrupts 0 and 1
+//!  0x4000_5000  UART1     the same                                           defmt
+//!  0x4000_8000  WATCHDOG  LOAD +0  CTRL +8  INTCLR +12  LOCK +0xc00
+//!  0x4002_8000  FPGAIO    LED +0                                             strobe
+//!  0x2100_0000  PSRAM     (AN500: 0x6000_0000) stands for NOR flash: QEMU can keep it in a file
+//! ```
+
+use core::convert::Infallible;
+
+use embedded_io::{ErrorType, Read, ReadReady, Write, WriteReady};
+use embedded_storage::nor_flash::{
+    ErrorType as FlashErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,
+};
+use poegp_runtime::store::Layout;
+use static_cell::ConstStaticCell;
+
+use crate::board::{Board, Link, Parts};
+use crate::memory::{Interrupt, Region, Register};
+
+const CLOCK_HZ: u32 = 25_000_000;
+const BAUD: u32 = 115_200;
+/// Without a cycle for this long, and as long again, the board restarts.
+const WATCHDOG_TICKS: u32 = 4 * CLOCK_HZ;
+
+const TIMER_CTRL: Register = Register::at(0x4000_0000);
+const TIMER_VALUE: Register = Register::at(0x4000_0004);
+const TIMER_RELOAD: Register = Register::at(0x4000_0008);
+const TIMER_ENABLE: u32 = 1;
+
+const WATCHDOG_LOAD: Register = Register::at(0x4000_8000);
+const WATCHDOG_CTRL: Register = Register::at(0x4000_8008);
+const WATCHDOG_INTCLR: Register = Register::at(0x4000_800c);
+const WATCHDOG_LOCK: Register = Register::at(0x4000_8c00);
+const WATCHDOG_UNLOCK: u32 = 0x1acc_e551;
+const WATCHDOG_COUNT_AND_RESET: u32 = 3;
+
+const LED: Register = Register::at(0x4002_8000);
+
+const LINK_RECEIVED: Interrupt = Interrupt(0);
+const LINK_SENT: Interrupt = Interrupt(1);
+
+/// One APB UART.
+pub struct Uart {
+    data: Register,
+    state: Register,
+    ctrl: Register,
+    interrupt: Register,
+}
+
+const STATE_TX_FULL: u32 = 1;
+const STATE_RX_FULL: u32 = 2;
+const CTRL_ENABLE: u32 = 0b0011;
+const CTRL_TX_INTERRUPT: u32 = 0b0100;
+const CTRL_RX_INTERRUPT: u32 = 0b1000;
+const ALL_INTERRUPTS: u32 = 0b1111;
+
+macro_rules! uart {
+    ($base:literal) => {
+        Uart {
+            data: const { Register::at($base) },
+            state: const { Register::at($base + 4) },
+            ctrl: const { Register::at($base + 8) },
+            interrupt: const { Register::at($base + 12) },
+        }
+    };
+}
+
+impl ErrorType for Uart {
+    type Error = Infallible;
+}
+
+impl ReadReady for Uart {
+    fn read_ready(&mut self) -> Result<bool, Infallible> {
+        Ok(self.state.read() & STATE_RX_FULL != 0)
+    }
+}
+
+impl Read for Uart {
+    fn read(&mut self, buffer: &mut [u8]) -> Result<usize, Infallible> {
+        Ok(buffer.first_mut().map_or(0, |slot| {
+            *slot = self.data.read() as u8;
+            1
+        }))
+    }
+}
+
+impl WriteReady for Uart {
+    fn write_ready(&mut self) -> Result<bool, Infallible> {
+        Ok(self.state.read() & STATE_TX_FULL == 0)
+    }
+}
+
+impl Write for Uart {
+    fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
+        Ok(bytes.first().map_or(0, |byte| {
+            self.data.write(u32::from(*byte));
+            1
+        }))
+    }
+    fn flush(&mut self) -> Result<(), Infallible> {
+        Ok(())
+    }
+}
+
+impl Link for Uart {
+    fn acknowledge(&mut self) {
+        self.interrupt.write(ALL_INTERRUPTS);
+    }
+    fn notify_writable(&mut self, wanted: bool) {
+        let transmit = if wanted { CTRL_TX_INTERRUPT } else { 0 };
+        self.ctrl.write(CTRL_ENABLE | CTRL_RX_INTERRUPT | transmit);
+    }
+}
+
+/// The external RAM under the rules of NOR flash: bits are only cleared, and set by the page.
+pub struct PsramFlash;
+
+#[cfg(feature = "mps2-an386")]
+const PSRAM: usize = 0x2100_0000;
+#[cfg(feature = "mps2-an500")]
+const PSRAM: usize = 0x6000_0000;
+const PAGE: u32 = 4_096;
+const SLOT: u32 = 16 * PAGE;
+const FLASH_BYTES: u32 = 2 * SLOT + PAGE;
+const FLASH: Region = Region::at(PSRAM, FLASH_BYTES as usize / 4);
+
+/// Not aligned, or beyond the end.
+#[derive(Clone, Copy, Debug)]
+pub struct BadAddress;
+
+impl NorFlashError for BadAddress {
+    fn kind(&self) -> NorFlashErrorKind {
+        NorFlashErrorKind::OutOfBounds
+    }
+}
+
+impl FlashErrorType for PsramFlash {
+    type Error = BadAddress;
+}
+
+impl ReadNorFlash for PsramFlash {
+    const READ_SIZE: usize = 4;
+
+    fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), BadAddress> {
+        for (word, chunk) in (offset as usize / 4..).zip(bytes.chunks_mut(4)) {
+            let value = FLASH.read(word).ok_or(BadAddress)?;
+            for (slot, byte) in chunk.iter_mut().zip(value.to_le_bytes()) {
+                *slot = byte;
+            }
+        }
+        Ok(())
+    }
+
+    fn capacity(&self) -> usize {
+        FLASH_BYTES as usize
+    }
+}
+
+impl NorFlash for PsramFlash {
+    const WRITE_SIZE: usize = 4;
+    const ERASE_SIZE: usize = PAGE as usize;
+
+    fn erase(&mut self, from: u32, to: u32) -> Result<(), BadAddress> {
+        for word in from / 4..to / 4 {
+            FLASH.write(word as usize, u32::MAX);
+        }
+        Ok(())
+    }
+
+    fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), BadAddress> {
+        for (word, chunk) in (offset as usize / 4..).zip(bytes.as_chunks::<4>().0) {
+            let before = FLASH.read(word).ok_or(BadAddress)?;
+            FLASH.write(word, before & u32::from_le_bytes(*chunk));
+        }
+        Ok(())
+    }
+}
+
+/// The first LED.
+pub struct Led;
+
+impl embedded_hal::digital::ErrorType for Led {
+    type Error = Infallible;
+}
+
+impl embedded_hal::digital::OutputPin for Led {
+    fn set_low(&mut self) -> Result<(), Infallible> {
+        LED.write(0);
+        Ok(())
+    }
+    fn set_high(&mut self) -> Result<(), Infallible> {
+        LED.write(1);
+        Ok(())
+    }
+}
+
+/// The board.
+pub struct Mps2;
+
+impl Board for Mps2 {
+    #[cfg(feature = "mps2-an386")]
+    const NAME: &'static str = "mps2-an386";
+    #[cfg(feature = "mps2-an500")]
+    const NAME: &'static str = "mps2-an500";
+    const TICK_HZ: u32 = CLOCK_HZ;
+    // 4 ms: at 25 MHz a correction with 100 support points takes over one.
+    const DEADLINE_TICKS: u32 = CLOCK_HZ / 250;
+    const CORE_HZ: u32 = CLOCK_HZ;
+    type Link = Uart;
+    type Log = Uart;
+    type Flash = PsramFlash;
+    type Strobe = Led;
+
+    fn start() -> Option<Parts<Self>> {
+        static ONCE: ConstStaticCell<()> = ConstStaticCell::new(());
+        ONCE.try_take()?;
+        for divider in [Register::at(0x4000_4010), Register::at(0x4000_5010)] {
+            divider.write(CLOCK_HZ / BAUD);
+        }
+        let (link, log) = (uart!(0x4000_4000), uart!(0x4000_5000));
+        log.ctrl.write(CTRL_ENABLE);
+        link.ctrl.write(CTRL_ENABLE | CTRL_RX_INTERRUPT);
+        TIMER_RELOAD.write(u32::MAX);
+        TIMER_VALUE.write(u32::MAX);
+        TIMER_CTRL.write(TIMER_ENABLE);
+        WATCHDOG_LOCK.write(WATCHDOG_UNLOCK);
+        WATCHDOG_LOAD.write(WATCHDOG_TICKS);
+        WATCHDOG_CTRL.write(WATCHDOG_COUNT_AND_RESET);
+        let layout = Layout {
+            slots: [0..SLOT, SLOT..2 * SLOT],
+            key: 2 * SLOT..FLASH_BYTES,
+        };
+        Some(Parts {
+            link,
+            log,
+            flash: PsramFlash,
+            layout,
+            strobe: Led,
+        })
+    }
+
+    fn listen() {
+        LINK_RECEIVED.enable();
+        LINK_SENT.enable();
+    }
+
+    #[inline(always)]
+    fn ticks() -> u32 {
+        // The timer counts down from 2³² − 1.
+        !TIMER_VALUE.read()
+    }
+
+    fn feed_watchdog() {
+        WATCHDOG_INTCLR.write(1);
+    }
+}

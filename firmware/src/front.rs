@@ -1,0 +1,148 @@
+//! The cycle at work: PendSV, which pre-empts the background and is pre-empted by the line only.
+//!
+//! What passes between the two priorities passes through mailboxes, whole: orders and reports, a model with each, a
+//! receiver with an open frame one way and empty the other, an answer buffer likewise.
+
+use core::sync::atomic::{AtomicBool, Ordering};
+
+use cortex_m_rt::exception;
+use embedded_hal::digital::OutputPin;
+use poegp_protocol::frame::{MAX_FRAME, Received, Receiver};
+use poegp_runtime::service::{Clock, Cycle, Order, Report, Taken};
+
+use crate::board::{Board, Chosen};
+use crate::capacity::WORDS;
+use crate::line::{self, CHUNK};
+use crate::mailbox::Mailbox;
+
+/// An encoded answer of the background.
+pub struct Answer {
+    /// The frame.
+    pub bytes: &'static mut [u8; MAX_FRAME],
+    /// Its length.
+    pub length: usize,
+}
+
+/// The front before its first turn.
+pub static START: Mailbox<Front> = Mailbox::new();
+/// Background to cycle.
+pub static ORDER: Mailbox<Order<'static, WORDS>> = Mailbox::new();
+/// Cycle to background.
+pub static REPORT: Mailbox<Report<'static, WORDS>> = Mailbox::new();
+/// A service for the background.
+pub static WORK: Mailbox<&'static mut Receiver> = Mailbox::new();
+/// The receiver of a service that was carried out.
+pub static WORKED: Mailbox<&'static mut Receiver> = Mailbox::new();
+/// The answer of a service.
+pub static ANSWER: Mailbox<Answer> = Mailbox::new();
+/// Its buffer after it was sent.
+pub static ANSWERED: Mailbox<&'static mut [u8; MAX_FRAME]> = Mailbox::new();
+/// Whether cyclic requests are expected: then only they feed the watchdog.
+static RUNNING: AtomicBool = AtomicBool::new(false);
+
+/// Everything that belongs to the cycle.
+pub struct Front {
+    /// The pure part.
+    pub cycle: Cycle<'static, WORDS>,
+    /// Takes the bytes that come.
+    pub receiver: &'static mut Receiver,
+    /// Takes its place while the background has it.
+    pub other_receiver: Option<&'static mut Receiver>,
+    /// For encoding.
+    pub scratch: &'static mut [u8; MAX_FRAME],
+    /// For encoding.
+    pub out: &'static mut [u8; MAX_FRAME],
+    /// See [`Board::Strobe`].
+    pub strobe: <Chosen as Board>::Strobe,
+}
+
+/// The board's counter.
+struct Ticks;
+
+impl Clock for Ticks {
+    #[inline(always)]
+    fn ticks(&mut self) -> u32 {
+        Chosen::ticks()
+    }
+}
+
+impl Front {
+    fn turn(&mut self) {
+        if let Some(order) = ORDER.take() {
+            REPORT.put(self.cycle.obey(order));
+        }
+        if let Some(receiver) = WORKED.take() {
+            self.other_receiver = Some(receiver);
+        }
+        let mut bytes = [0; CHUNK];
+        loop {
+            let taken = line::take(&mut bytes);
+            if taken == 0 {
+                break;
+            }
+            for byte in bytes.iter().take(taken) {
+                let received = self.receiver.push(*byte);
+                let arrived = if *byte == 0 { line::frame_end() } else { None };
+                match received {
+                    Received::More => {}
+                    Received::Frame => self.frame(arrived.unwrap_or_else(Chosen::ticks)),
+                    Received::TooLong => {
+                        let taken = self.cycle.take_too_long(self.scratch, self.out);
+                        self.send(taken);
+                    }
+                }
+            }
+        }
+        if let Some(length) = ANSWER.with(|answer| answer.length)
+            && line::has_room(length)
+            && let Some(answer) = ANSWER.take()
+        {
+            line::send(answer.bytes.get(..answer.length).unwrap_or(&[]));
+            ANSWERED.put(answer.bytes);
+        }
+    }
+
+    fn frame(&mut self, arrived: u32) {
+        let _ = self.strobe.set_high();
+        let (cycle, receiver) = (&mut self.cycle, &mut *self.receiver);
+        let mut taken = cycle.take(receiver, arrived, &mut Ticks, self.scratch, self.out);
+        if taken == Taken::Service {
+            match self.other_receiver.take() {
+                Some(other) => WORK.put(core::mem::replace(&mut self.receiver, other)),
+                None => taken = cycle.refuse_busy(receiver, self.scratch, self.out),
+            }
+        }
+        self.receiver.clear();
+        RUNNING.store(self.cycle.is_running(), Ordering::Relaxed);
+        self.send(taken);
+        let _ = self.strobe.set_low();
+    }
+
+    fn send(&mut self, taken: Taken) {
+        if let Taken::Answered(length) | Taken::Completed(length) = taken {
+            line::send(self.out.get(..length).unwrap_or(&[]));
+        }
+        if matches!(taken, Taken::Completed(_)) {
+            Chosen::feed_watchdog();
+        }
+    }
+}
+
+#[exception]
+fn PendSV() {
+    static mut FRONT: Option<Front> = None;
+    if FRONT.is_none() {
+        *FRONT = START.take();
+    }
+    if let Some(front) = FRONT {
+        front.turn();
+    }
+}
+
+// At the priority of PendSV: if a cycle does not end, this does not run.
+#[exception]
+fn SysTick() {
+    if !RUNNING.load(Ordering::Relaxed) {
+        Chosen::feed_watchdog();
+    }
+}

@@ -1,0 +1,88 @@
+//! Why the device will not.
+
+use serde::{Deserialize, Serialize};
+
+use crate::blob::DecodeError;
+
+/// Why a request was not carried out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Refusal {
+    /// The frame was damaged; its sequence number is not known and 0 is answered.
+    BadFrame,
+    /// The peer speaks another version.
+    ProtocolVersion {
+        /// Of the frame.
+        found: u8,
+        /// Of this device.
+        expected: u8,
+    },
+    /// The message cannot be read: not one of this version.
+    UnknownMessage,
+    /// Another service is being carried out: ask again.
+    Busy,
+    /// The blob is longer than the device can hold.
+    BlobTooLong {
+        /// Announced.
+        length: u32,
+        /// There is room for.
+        capacity: u32,
+    },
+    /// There is no upload: none was begun, or a roll-back or a restart has ended it.
+    NoUpload,
+    /// A piece that does not continue what is there.
+    UnexpectedOffset {
+        /// Of the piece.
+        found: u32,
+        /// Bytes that are there.
+        expected: u32,
+    },
+    /// A piece that goes beyond the announced length.
+    PieceTooLong {
+        /// Bytes with this piece.
+        end: u32,
+        /// Announced.
+        length: u32,
+    },
+    /// `VerifyUpload` before the last byte.
+    Incomplete {
+        /// Bytes that are there.
+        received: u32,
+        /// Announced.
+        length: u32,
+    },
+    /// The bytes are not those that were announced.
+    TransferCrc {
+        /// Announced.
+        stored: u32,
+        /// Of the bytes.
+        computed: u32,
+    },
+    /// The bytes are not a blob.
+    Blob(DecodeError),
+    /// The blob is not a model that this device can run; the code is `LoadError::code` of the runtime.
+    Model {
+        /// Explicit number, append-only.
+        code: u8,
+    },
+    /// The signature is missing or wrong; the code is `SignatureError::code` of the runtime.
+    Signature {
+        /// Explicit number, append-only.
+        code: u8,
+    },
+    /// The upload was not verified.
+    NotVerified,
+    /// Neither the active nor the verified model has this CRC.
+    UnknownModel {
+        /// Asked for.
+        blob_crc: u32,
+    },
+    /// There is no other stored model to go back to.
+    NoOtherModel,
+    /// The flash did not do what was asked; the code is `StoreError::code` of the runtime.
+    Store {
+        /// Explicit number, append-only.
+        code: u8,
+    },
+    /// A key is provisioned already, and it is another one.
+    KeyIsFixed,
+}

@@ -1,0 +1,185 @@
+//! What the device answers.
+
+use heapless::{String, Vec};
+use serde::{Deserialize, Serialize};
+
+use super::{MAX_NAME, Refusal};
+use crate::blob::Transform;
+use crate::limits::{MAX_JOINTS, OUTPUTS};
+
+/// First bytes of a public key's hash: enough to tell keys apart.
+pub type KeyId = [u8; 8];
+
+/// Answered by the device.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[allow(clippy::large_enum_variant)] // nothing can be boxed
+pub enum Response {
+    /// Who the device is.
+    Identity(Identity),
+    /// The compensated pose.
+    Evaluation(Evaluation),
+    /// The corrected joint command.
+    Corrected(Corrected),
+    /// The compensated pose and how it came about.
+    Trace(Trace),
+    /// The absence of cyclic requests is no fault from now on.
+    StandingDown,
+    /// So many bytes of the announced blob are there.
+    Uploading {
+        /// Bytes received so far.
+        received: u32,
+    },
+    /// The uploaded blob is a model that this device may run.
+    Verified(ModelIdentity),
+    /// The verified blob is in a slot and will be taken at the next start.
+    Committed(StoredModel),
+    /// What was counted.
+    Statistics(Statistics),
+    /// The device starts anew once this answer is on the line.
+    Restarting,
+    /// The request was not carried out; nothing has changed.
+    Refused(Refusal),
+}
+
+/// Who the device is and which model it runs.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Identity {
+    /// [`super::PROTOCOL_VERSION`] of the firmware.
+    pub protocol_version: u8,
+    /// Version of the firmware.
+    pub firmware_version: String<MAX_NAME>,
+    /// CRC-32C of the image in flash: which build it is.
+    pub image_crc: u32,
+    /// Name of the board.
+    pub board: String<MAX_NAME>,
+    /// Words (`f32`) of support rows that fit.
+    pub capacity_words: u32,
+    /// Bytes of a blob that fit.
+    pub capacity_bytes: u32,
+    /// Frequency of the tick counter in hertz.
+    pub tick_hz: u32,
+    /// Ticks in which a cyclic request is to be answered.
+    pub deadline_ticks: u32,
+    /// The public key that models must be signed with; `None`: not provisioned, every intact model is taken.
+    pub key: Option<KeyId>,
+    /// Whether corrections are bypassed.
+    pub bypass: bool,
+    /// The active model.
+    pub model: Option<ModelIdentity>,
+    /// What the two slots hold, by their headers.
+    pub slots: [Option<StoredModel>; 2],
+}
+
+/// A model that runs or may run.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ModelIdentity {
+    /// Name of the robot.
+    pub robot: String<MAX_NAME>,
+    /// Serial number of the arm.
+    pub serial_number: String<MAX_NAME>,
+    /// CRC in the header of its blob.
+    pub blob_crc: u32,
+    /// Joints of the arm.
+    pub joints: u8,
+    /// Support points of its correction.
+    pub support: u32,
+    /// Whether the device has verified its signature.
+    pub signed: bool,
+}
+
+/// What the header of a slot says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct StoredModel {
+    /// 0 or 1.
+    pub slot: u8,
+    /// The newest has the highest.
+    pub sequence: u32,
+    /// Bytes of its blob.
+    pub length: u32,
+    /// CRC-32C of all of them.
+    pub crc: u32,
+}
+
+/// T_gp(q, m)·f(q) as the device computed it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Evaluation {
+    /// CRC in the header of the blob that answered; 0 without a model.
+    pub blob_crc: u32,
+    /// `base_from_target`.
+    pub pose: Transform<f32>,
+    /// The correction twist g (v, ω) in the base frame, after bounding; m and rad.
+    pub correction: [f32; OUTPUTS],
+    /// How much of the prior the training data explain here, 0 to 1.
+    pub trust: f32,
+    /// Standard deviation of the position in m, per axis; `None` when the model has none.
+    pub position_sigma: Option<f32>,
+    /// Bits of the runtime's `Status`.
+    pub status: u8,
+    /// Ticks that the evaluation took.
+    pub ticks: u32,
+}
+
+/// The corrected joint command.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Corrected {
+    /// CRC in the header of the blob that answered; 0 without a model.
+    pub blob_crc: u32,
+    /// The command for the controller's joints, rad or m; those of the request when nothing is corrected.
+    pub joints: Vec<f32, MAX_JOINTS>,
+    /// What remains between the calibrated arm at this command and the nominal one, in m.
+    pub position_error: f32,
+    /// Bits of the runtime's `Status`.
+    pub status: u8,
+    /// Ticks that the correction took.
+    pub ticks: u32,
+}
+
+/// Intermediate results of one evaluation.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Trace {
+    /// Sine and cosine of each revolute joint of the serial chain, in turn; (0, 1) for a prismatic one.
+    pub sin_cos: Vec<f32, { 2 * MAX_JOINTS }>,
+    /// FNV-1a hash of the bits of every kernel value, in order.
+    pub kernel_hash: u32,
+    /// Posterior mean before bounding.
+    pub mean: [f32; OUTPUTS],
+    /// f(q), the calibrated chain alone.
+    pub chain: Transform<f32>,
+    /// The result.
+    pub evaluation: Evaluation,
+}
+
+/// What was counted since the start. Counters saturate.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Statistics {
+    /// Frames that arrived whole.
+    pub frames: u32,
+    /// Frames that were damaged, too long or unreadable.
+    pub bad_frames: u32,
+    /// Bytes that were lost because nobody took them in time.
+    pub lost_bytes: u32,
+    /// Requests that were refused.
+    pub refused: u32,
+    /// Cyclic requests answered, `StandDown` aside.
+    pub cycles: u32,
+    /// Cycles whose status was not `ok`.
+    pub flagged: u32,
+    /// Cycles whose correction was scaled back to its bound.
+    pub bounded: u32,
+    /// Corrections that answered the command as it came.
+    pub uncorrected: u32,
+    /// Cycles that took longer than the deadline.
+    pub missed_deadlines: u32,
+    /// Most ticks that the computation of one cycle took.
+    pub max_ticks: u32,
+    /// Most ticks from the last byte of a cyclic request to its answer being ready to send.
+    pub max_latency_ticks: u32,
+    /// Models that became active.
+    pub activations: u32,
+    /// Starts without a power failure in between: watchdog and `Restart`.
+    pub restarts: u32,
+    /// Log messages that were dropped.
+    pub lost_logs: u32,
+    /// Deepest use of the stack in bytes.
+    pub stack_bytes: u32,
+}

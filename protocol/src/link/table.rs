@@ -1,0 +1,72 @@
+//! Every message of the link in one place. A test compares these rows with the types and with `docs/link.md`.
+
+/// One kind of message.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Message {
+    /// Its variant; the number on the wire is the position in the table.
+    pub name: &'static str,
+    /// Fields in their order, as postcard writes them.
+    pub fields: &'static str,
+    /// Most bytes of the message, number included and frame excluded.
+    pub max_bytes: usize,
+    /// Of a request: the response that is no refusal. Empty for a response.
+    pub answer: &'static str,
+    /// Whether the cycle answers it.
+    pub cyclic: bool,
+}
+
+const fn request(
+    name: &'static str,
+    fields: &'static str,
+    max_bytes: usize,
+    answer: &'static str,
+    cyclic: bool,
+) -> Message {
+    Message {
+        name,
+        fields,
+        max_bytes,
+        answer,
+        cyclic,
+    }
+}
+
+const fn response(name: &'static str, fields: &'static str, max_bytes: usize) -> Message {
+    request(name, fields, max_bytes, "", false)
+}
+
+/// The requests.
+#[rustfmt::skip] // a table
+pub const REQUESTS: [Message; 15] = [
+    request("Identify", "", 1, "Identity", false),
+    request("Evaluate", "joints: list of at most 8 f32, payload_kg: f32", 38, "Evaluation", true),
+    request("Correct", "joints: list of at most 8 f32, payload_kg: f32", 38, "Corrected", true),
+    request("Trace", "joints: list of at most 8 f32, payload_kg: f32", 38, "Trace", true),
+    request("StandDown", "", 1, "StandingDown", true),
+    request("BeginUpload", "length: u32, crc: u32", 11, "Uploading", false),
+    request("UploadPiece", "offset: u32, bytes: list of at most 256 u8", 264, "Uploading", false),
+    request("VerifyUpload", "", 1, "Verified", false),
+    request("CommitUpload", "", 1, "Committed", false),
+    request("Activate", "blob_crc: u32", 6, "Identity", false),
+    request("RollBack", "from_crc: u32", 6, "Identity", false),
+    request("SetBypass", "on: bool", 2, "Identity", false),
+    request("Provision", "public_key: 32 u8", 33, "Identity", false),
+    request("ReadStatistics", "", 1, "Statistics", false),
+    request("Restart", "", 1, "Restarting", false),
+];
+
+/// The responses.
+#[rustfmt::skip] // a table
+pub const RESPONSES: [Message; 11] = [
+    response("Identity", "see below", 256),
+    response("Evaluation", "blob_crc: u32, pose: 12 f32, correction: 6 f32, trust: f32, position_sigma: option of f32, status: u8, ticks: u32", 93),
+    response("Corrected", "blob_crc: u32, joints: list of at most 8 f32, position_error: f32, status: u8, ticks: u32", 49),
+    response("Trace", "sin_cos: list of at most 16 f32, kernel_hash: u32, mean: 6 f32, chain: 12 f32, then an evaluation", 235),
+    response("StandingDown", "", 1),
+    response("Uploading", "received: u32", 6),
+    response("Verified", "a model", 79),
+    response("Committed", "a stored model", 17),
+    response("Statistics", "15 u32: frames, bad_frames, lost_bytes, refused, cycles, flagged, bounded, uncorrected, missed_deadlines, max_ticks, max_latency_ticks, activations, restarts, lost_logs, stack_bytes", 76),
+    response("Restarting", "", 1),
+    response("Refused", "a refusal, see below", 13),
+];

@@ -1,0 +1,284 @@
+//! The services: everything that may take long. Pre-empted by every cycle.
+
+use embedded_storage::nor_flash::NorFlash;
+use heapless::Vec;
+use poegp_protocol::link::{
+    Identity, ModelIdentity, PROTOCOL_VERSION, Refusal, Request, Response, Statistics, StoredModel,
+};
+
+use super::cycle::{Order, Report};
+use super::resident::{Resident, name};
+use super::upload::Upload;
+use crate::signature;
+use crate::store::{Store, StoreError, Stored};
+
+/// What does not change about the device.
+#[derive(Clone, Copy, Debug)]
+pub struct Facts {
+    /// Name of the board.
+    pub board: &'static str,
+    /// CRC-32C of the firmware's image.
+    pub image_crc: u32,
+    /// Frequency of the tick counter in hertz.
+    pub tick_hz: u32,
+    /// Ticks in which a cyclic request is to be answered.
+    pub deadline_ticks: u32,
+}
+
+/// What the background needs of the rest of the device.
+pub trait Device<'m, const WORDS: usize> {
+    /// Has the cycle carry out an order between two frames, and waits for its report: microseconds.
+    fn order(&mut self, order: Order<'m, WORDS>) -> Report<'m, WORDS>;
+    /// Adds what is counted outside the cycle.
+    fn complete(&mut self, statistics: &mut Statistics);
+}
+
+/// The background part of the device. `WORDS` of support rows and `BYTES` of a blob fit.
+#[derive(Debug)]
+pub struct Background<'m, F, const WORDS: usize, const BYTES: usize> {
+    facts: Facts,
+    /// `None` only if the cycle did not give a model back.
+    spare: Option<&'m mut Resident<WORDS>>,
+    upload: Upload<'m, BYTES>,
+    store: Store<F>,
+}
+
+impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, WORDS, BYTES> {
+    /// With a spare model and a staging buffer.
+    pub fn new(
+        facts: Facts,
+        spare: &'m mut Resident<WORDS>,
+        staged: &'m mut Vec<u8, BYTES>,
+        store: Store<F>,
+    ) -> Self {
+        Self {
+            facts,
+            spare: Some(spare),
+            upload: Upload::new(staged),
+            store,
+        }
+    }
+
+    /// Runs the newest stored model that verifies; returns why those before it did not.
+    pub fn boot(&mut self, device: &mut impl Device<'m, WORDS>) -> [Option<Refusal>; 2] {
+        let mut refusals = [None; 2];
+        for (stored, refusal) in self.store.candidates().into_iter().zip(&mut refusals) {
+            let Some(stored) = stored else { continue };
+            match self.load_stored(&stored) {
+                Ok(()) => {
+                    self.run_spare(device);
+                    break;
+                }
+                Err(why) => *refusal = Some(why),
+            }
+        }
+        self.upload.abandon(0);
+        refusals
+    }
+
+    /// Carries out one request. Cyclic ones do not come here; they are answered as unknown.
+    pub fn handle(
+        &mut self,
+        request: &Request<'_>,
+        device: &mut impl Device<'m, WORDS>,
+    ) -> Response {
+        let result = match request {
+            Request::Identify => Ok(self.identify(device)),
+            Request::BeginUpload { length, crc } => {
+                let begun = self.upload.begin(*length, *crc);
+                begun.map(|received| Response::Uploading { received })
+            }
+            Request::UploadPiece { offset, bytes } => {
+                let taken = self.upload.piece(*offset, bytes);
+                taken.map(|received| Response::Uploading { received })
+            }
+            Request::VerifyUpload => self.verify(device).map(Response::Verified),
+            Request::CommitUpload => self.commit(device).map(Response::Committed),
+            Request::Activate { blob_crc } => self
+                .activate(*blob_crc, device)
+                .map(|()| self.identify(device)),
+            Request::RollBack { from_crc } => self
+                .roll_back(*from_crc, device)
+                .map(|()| self.identify(device)),
+            Request::SetBypass { on } => {
+                device.order(Order::Bypass(*on));
+                Ok(self.identify(device))
+            }
+            Request::Provision { public_key } => {
+                self.provision(public_key).map(|()| self.identify(device))
+            }
+            Request::ReadStatistics => {
+                let mut statistics = device.order(Order::Report).statistics;
+                device.complete(&mut statistics);
+                Ok(Response::Statistics(statistics))
+            }
+            Request::Restart => Ok(Response::Restarting),
+            Request::Evaluate(_)
+            | Request::Correct(_)
+            | Request::Trace(_)
+            | Request::StandDown => Err(Refusal::UnknownMessage),
+        };
+        result.unwrap_or_else(|refusal| {
+            device.order(Order::Refused);
+            Response::Refused(refusal)
+        })
+    }
+
+    #[inline(never)]
+    fn identify(&mut self, device: &mut impl Device<'m, WORDS>) -> Response {
+        let report = device.order(Order::Report);
+        let mut slots = [None; 2];
+        for stored in self.store.candidates().iter().flatten() {
+            let stored = on_wire(stored);
+            if let Some(slot) = slots.get_mut(usize::from(stored.slot)) {
+                *slot = Some(stored);
+            }
+        }
+        Response::Identity(Identity {
+            protocol_version: PROTOCOL_VERSION,
+            firmware_version: name(env!("CARGO_PKG_VERSION")),
+            image_crc: self.facts.image_crc,
+            board: name(self.facts.board),
+            capacity_words: WORDS as u32,
+            capacity_bytes: BYTES as u32,
+            tick_hz: self.facts.tick_hz,
+            deadline_ticks: self.facts.deadline_ticks,
+            key: self.key().ok().flatten().map(|key| signature::key_id(&key)),
+            bypass: report.bypass,
+            model: report.model,
+            slots,
+        })
+    }
+
+    fn key(&mut self) -> Result<Option<[u8; 32]>, Refusal> {
+        self.store.public_key().map_err(refused)
+    }
+
+    fn spare_identity(&self) -> Option<ModelIdentity> {
+        self.spare.as_ref().and_then(|spare| spare.identity())
+    }
+
+    fn verify(&mut self, device: &mut impl Device<'m, WORDS>) -> Result<ModelIdentity, Refusal> {
+        if let Some(blob_crc) = self.upload.verified {
+            // Repeated. The model may have become the active one meanwhile.
+            let here = self.spare_identity();
+            let there = device.order(Order::Report).model;
+            let same = |model: &ModelIdentity| model.blob_crc == blob_crc;
+            if let Some(model) = here.filter(same).or(there.filter(same)) {
+                return Ok(model);
+            }
+        }
+        self.upload.check_complete()?;
+        let key = self.key()?;
+        let spare = self.spare.as_deref_mut().ok_or(Refusal::Busy)?;
+        spare.load(self.upload.bytes(), key.as_ref())?;
+        let model = spare.identity().ok_or(Refusal::NotVerified)?;
+        self.upload.verified = Some(model.blob_crc);
+        Ok(model)
+    }
+
+    fn commit(&mut self, device: &mut impl Device<'m, WORDS>) -> Result<StoredModel, Refusal> {
+        let verified = self.upload.verified.ok_or(Refusal::NotVerified)?;
+        if let Some(stored) = self.upload.committed {
+            return Ok(stored);
+        }
+        let active = device.order(Order::Report);
+        let written = self.store.write(self.upload.bytes(), active.slot);
+        let stored = written.map_err(refused)?;
+        if active.model.is_some_and(|model| model.blob_crc == verified) {
+            device.order(Order::Stored(stored.slot));
+        }
+        if let Some(spare) = &mut self.spare {
+            if spare.blob_crc == verified {
+                spare.set_slot(Some(stored.slot));
+            } else if spare.slot() == Some(stored.slot) {
+                spare.set_slot(None);
+            }
+        }
+        let stored = on_wire(&stored);
+        self.upload.committed = Some(stored);
+        Ok(stored)
+    }
+
+    fn activate(
+        &mut self,
+        blob_crc: u32,
+        device: &mut impl Device<'m, WORDS>,
+    ) -> Result<(), Refusal> {
+        let is_asked_for = |model: ModelIdentity| model.blob_crc == blob_crc;
+        if device.order(Order::Report).model.is_some_and(is_asked_for) {
+            return Ok(());
+        }
+        if !self.spare_identity().is_some_and(is_asked_for) {
+            return Err(Refusal::UnknownModel { blob_crc });
+        }
+        self.run_spare(device);
+        Ok(())
+    }
+
+    fn run_spare(&mut self, device: &mut impl Device<'m, WORDS>) {
+        if let Some(spare) = self.spare.take() {
+            self.spare = device.order(Order::Run(spare)).replaced;
+        }
+    }
+
+    fn roll_back(
+        &mut self,
+        from_crc: u32,
+        device: &mut impl Device<'m, WORDS>,
+    ) -> Result<(), Refusal> {
+        let active = device.order(Order::Report);
+        if active.model.is_none_or(|model| model.blob_crc != from_crc) {
+            return Ok(());
+        }
+        let mut refusal = Refusal::NoOtherModel;
+        for stored in self.store.candidates().into_iter().flatten() {
+            if active.slot == Some(stored.slot) {
+                continue;
+            }
+            let promoted = self
+                .load_stored(&stored)
+                .and_then(|()| self.store.promote(&stored).map_err(refused));
+            self.upload.abandon(0);
+            match promoted {
+                Ok(_) => {
+                    self.run_spare(device);
+                    return Ok(());
+                }
+                Err(why) => refusal = why,
+            }
+        }
+        Err(refusal)
+    }
+
+    /// Into the spare model, through the staging buffer: an upload in progress is given up.
+    fn load_stored(&mut self, stored: &Stored) -> Result<(), Refusal> {
+        let key = self.key()?;
+        let buffer = self.upload.abandon(stored.length as usize);
+        let bytes = self.store.read(stored, buffer).map_err(refused)?;
+        let spare = self.spare.as_deref_mut().ok_or(Refusal::Busy)?;
+        spare.load(bytes, key.as_ref())?;
+        spare.set_slot(Some(stored.slot));
+        Ok(())
+    }
+
+    fn provision(&mut self, public_key: &[u8; 32]) -> Result<(), Refusal> {
+        match self.store.provision(public_key) {
+            Err(StoreError::OtherKey) => Err(Refusal::KeyIsFixed),
+            other => other.map_err(refused),
+        }
+    }
+}
+
+fn on_wire(stored: &Stored) -> StoredModel {
+    StoredModel {
+        slot: stored.slot.index() as u8,
+        sequence: stored.sequence,
+        length: stored.length,
+        crc: stored.crc,
+    }
+}
+
+fn refused(error: StoreError) -> Refusal {
+    Refusal::Store { code: error.code() }
+}

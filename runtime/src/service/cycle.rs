@@ -1,0 +1,266 @@
+//! The cycle: a frame in, an answer out, in bounded time.
+
+use poegp_protocol::frame::{self, FrameError, Receiver};
+use poegp_protocol::link::{
+    Corrected, Evaluation, ModelIdentity, PROTOCOL_VERSION, Query, Refusal, Request, Response,
+    Statistics, Trace,
+};
+
+use super::{Record, Resident, count};
+use crate::model;
+use crate::status::Status;
+use crate::store::Slot;
+
+/// A counter of time.
+pub trait Clock {
+    /// Free-running, wraps around at 2³².
+    fn ticks(&mut self) -> u32;
+}
+
+/// The cyclic part of the device.
+#[derive(Debug)]
+pub struct Cycle<'m, const WORDS: usize> {
+    active: &'m mut Resident<WORDS>,
+    statistics: Statistics,
+    deadline_ticks: u32,
+    bypass: bool,
+    running: bool,
+}
+
+/// What became of a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Taken {
+    /// It was answered: so many bytes are to be sent.
+    Answered(usize),
+    /// A cyclic request was answered: so many bytes are to be sent. Only this may feed a watchdog.
+    Completed(usize),
+    /// It is a service: the receiver, with its open frame, goes to the background.
+    Service,
+}
+
+/// What the background wants of the cycle.
+#[derive(Debug)]
+pub enum Order<'m, const WORDS: usize> {
+    /// Nothing but a report.
+    Report,
+    /// Run this model from now on.
+    Run(&'m mut Resident<WORDS>),
+    /// The active model is in this slot now.
+    Stored(Slot),
+    /// Answer commands as they come, or correct them again.
+    Bypass(bool),
+    /// A request was refused: count it.
+    Refused,
+}
+
+/// What the cycle says to an order.
+#[derive(Debug)]
+pub struct Report<'m, const WORDS: usize> {
+    /// The model that was active before [`Order::Run`].
+    pub replaced: Option<&'m mut Resident<WORDS>>,
+    /// The active model.
+    pub model: Option<ModelIdentity>,
+    /// The slot that holds it.
+    pub slot: Option<Slot>,
+    /// Whether corrections are bypassed.
+    pub bypass: bool,
+    /// What the cycle has counted.
+    pub statistics: Statistics,
+}
+
+impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
+    /// Starts with `active`, which is usually empty.
+    pub fn new(active: &'m mut Resident<WORDS>, deadline_ticks: u32, bypass: bool) -> Self {
+        Self {
+            active,
+            statistics: Statistics::default(),
+            deadline_ticks,
+            bypass,
+            running: false,
+        }
+    }
+
+    /// Whether cyclic requests are expected: one has come, and no `StandDown` after it. While it is so, only
+    /// [`Taken::Completed`] may feed a watchdog.
+    pub fn is_running(&self) -> bool {
+        self.running
+    }
+
+    /// Takes a complete frame, whose last byte came at `arrived`. An answer is written to `out`; `scratch` and `out` need
+    /// [`frame::MAX_FRAME`] bytes.
+    pub fn take(
+        &mut self,
+        receiver: &mut Receiver,
+        arrived: u32,
+        clock: &mut impl Clock,
+        scratch: &mut [u8],
+        out: &mut [u8],
+    ) -> Taken {
+        let opened = receiver.open();
+        let (sequence, response) = match opened.and_then(|_| receiver.message::<Request<'_>>()) {
+            Err(error) => self.unreadable(error),
+            Ok((sequence, request)) => {
+                count(&mut self.statistics.frames);
+                match self.answer(&request, clock) {
+                    None => return Taken::Service,
+                    Some(response) => (sequence, response),
+                }
+            }
+        };
+        // An answer always fits: the longest is shorter than the longest request.
+        let length = frame::encode(sequence, &response, scratch, out).map_or(0, <[u8]>::len);
+        if !matches!(
+            response,
+            Response::Evaluation(_) | Response::Corrected(_) | Response::Trace(_)
+        ) {
+            return Taken::Answered(length);
+        }
+        let latency = clock.ticks().wrapping_sub(arrived);
+        if latency > self.deadline_ticks {
+            count(&mut self.statistics.missed_deadlines);
+        }
+        self.statistics.max_latency_ticks = self.statistics.max_latency_ticks.max(latency);
+        Taken::Completed(length)
+    }
+
+    /// Counts a frame that was longer than any that is sent, and answers it as [`Cycle::take`] does.
+    pub fn take_too_long(&mut self, scratch: &mut [u8], out: &mut [u8]) -> Taken {
+        let (sequence, response) = self.unreadable(FrameError::Damaged);
+        Taken::Answered(frame::encode(sequence, &response, scratch, out).map_or(0, <[u8]>::len))
+    }
+
+    /// Refuses a service because another one is being carried out, as [`Cycle::take`] answers.
+    pub fn refuse_busy(&mut self, receiver: &Receiver, scratch: &mut [u8], out: &mut [u8]) -> Taken {
+        let sequence = receiver.message::<Request<'_>>().map_or(0, |(s, _)| s);
+        count(&mut self.statistics.refused);
+        let response = Response::Refused(Refusal::Busy);
+        Taken::Answered(frame::encode(sequence, &response, scratch, out).map_or(0, <[u8]>::len))
+    }
+
+    fn unreadable(&mut self, error: FrameError) -> (u16, Response) {
+        count(&mut self.statistics.bad_frames);
+        let (sequence, refusal) = match error {
+            FrameError::Damaged => (0, Refusal::BadFrame),
+            FrameError::Version { found, sequence } => (
+                sequence,
+                Refusal::ProtocolVersion {
+                    found,
+                    expected: PROTOCOL_VERSION,
+                },
+            ),
+            FrameError::UnknownMessage { sequence } => (sequence, Refusal::UnknownMessage),
+        };
+        (sequence, Response::Refused(refusal))
+    }
+
+    /// The answer to a cyclic request; `None` for a service.
+    fn answer(&mut self, request: &Request<'_>, clock: &mut impl Clock) -> Option<Response> {
+        let response = match request {
+            Request::Evaluate(query) => Response::Evaluation(self.evaluate(query, clock)),
+            Request::Correct(query) => Response::Corrected(self.correct(query, clock)),
+            Request::Trace(query) => Response::Trace(self.trace(query, clock)),
+            Request::StandDown => Response::StandingDown,
+            _ => return None,
+        };
+        self.running = !matches!(response, Response::StandingDown);
+        Some(response)
+    }
+
+    fn completed(&mut self, status: Status, ticks: u32) {
+        count(&mut self.statistics.cycles);
+        if !status.is_ok() {
+            count(&mut self.statistics.flagged);
+        }
+        if status.contains(Status::CORRECTION_BOUNDED) {
+            count(&mut self.statistics.bounded);
+        }
+        self.statistics.max_ticks = self.statistics.max_ticks.max(ticks);
+    }
+
+    fn evaluate(&mut self, query: &Query, clock: &mut impl Clock) -> Evaluation {
+        let start = clock.ticks();
+        let result = self.active.model.evaluate(&query.joints, query.payload_kg);
+        let ticks = clock.ticks().wrapping_sub(start);
+        self.completed(result.status, ticks);
+        self.on_wire(&result, ticks)
+    }
+
+    fn on_wire(&self, result: &model::Evaluation<f32>, ticks: u32) -> Evaluation {
+        Evaluation {
+            blob_crc: self.active.blob_crc,
+            pose: result.pose.to_rows(),
+            correction: result.correction.to_array(),
+            trust: result.trust,
+            position_sigma: result.position_sigma,
+            status: result.status.bits(),
+            ticks,
+        }
+    }
+
+    fn correct(&mut self, query: &Query, clock: &mut impl Clock) -> Corrected {
+        let start = clock.ticks();
+        let mut joints = query.joints.clone();
+        let (status, position_error) = if self.bypass {
+            (Status::BYPASSED, 0.0)
+        } else {
+            let result = self.active.model.correct(&query.joints, query.payload_kg);
+            for (slot, value) in joints.iter_mut().zip(&result.joints) {
+                *slot = *value;
+            }
+            (result.status, result.position_error)
+        };
+        let ticks = clock.ticks().wrapping_sub(start);
+        self.completed(status, ticks);
+        let bits = |value: &f32| value.to_bits();
+        if joints.iter().map(bits).eq(query.joints.iter().map(bits)) {
+            count(&mut self.statistics.uncorrected);
+        }
+        Corrected {
+            blob_crc: self.active.blob_crc,
+            joints,
+            position_error,
+            status: status.bits(),
+            ticks,
+        }
+    }
+
+    // Not inlined: the cyclic path must not share its large stack frame.
+    #[inline(never)]
+    fn trace(&mut self, query: &Query, clock: &mut impl Clock) -> Trace {
+        let mut record = Record::new();
+        let start = clock.ticks();
+        let model = &self.active.model;
+        let result = model.evaluate_observed(&query.joints, query.payload_kg, &mut record);
+        let ticks = clock.ticks().wrapping_sub(start);
+        self.completed(result.status, ticks);
+        Trace {
+            sin_cos: record.sin_cos,
+            kernel_hash: record.kernel_hash,
+            mean: record.mean,
+            chain: record.chain,
+            evaluation: self.on_wire(&result, ticks),
+        }
+    }
+
+    /// Carries out an order of the background, between two frames.
+    pub fn obey(&mut self, order: Order<'m, WORDS>) -> Report<'m, WORDS> {
+        let mut replaced = None;
+        match order {
+            Order::Report => {}
+            Order::Run(model) => {
+                replaced = Some(core::mem::replace(&mut self.active, model));
+                count(&mut self.statistics.activations);
+            }
+            Order::Stored(slot) => self.active.set_slot(Some(slot)),
+            Order::Bypass(on) => self.bypass = on,
+            Order::Refused => count(&mut self.statistics.refused),
+        }
+        Report {
+            replaced,
+            model: self.active.identity(),
+            slot: self.active.slot(),
+            bypass: self.bypass,
+            statistics: self.statistics,
+        }
+    }
+}

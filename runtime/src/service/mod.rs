@@ -1,0 +1,33 @@
+//! What the device does with a request: pure, so that it is tested on a PC. The firmware only moves bytes and time.
+//!
+//! ```text
+//!            bytes                 frames              services
+//!  line ───────────────> Cycle ──────────────────────────────────> Background ──> Store (flash)
+//!       <─────────────── answers cyclic requests      <── orders ── loads the spare model
+//!            answers     with the active model         ── spare ──> verifies, commits, rolls back
+//! ```
+//!
+//! [`Cycle`] runs at high priority and is short and bounded: it finds frames, answers `Evaluate` and `Correct` with the
+//! active model, and passes everything else on. [`Background`] runs when there is nothing else to do, may take long, and
+//! is pre-empted by every cycle. Nothing is shared: a model belongs to one of them at any time, and becomes active by
+//! being handed over whole, between two cycles ([`Order::Run`]).
+//!
+//! A blob arrives in pieces in a staging buffer; nothing of it is believed before `VerifyUpload` has checked the
+//! announced CRC, the envelope, the signature if a key is provisioned, and every number. Until it is activated, and after
+//! any refusal, the active model answers; without one, and whatever else goes wrong, a correction is answered with the
+//! command as it came and a status that says why.
+
+mod background;
+mod cycle;
+mod record;
+mod resident;
+mod upload;
+
+pub use background::{Background, Device, Facts};
+pub use cycle::{Clock, Cycle, Order, Report, Taken};
+pub use record::Record;
+pub use resident::Resident;
+
+fn count(counter: &mut u32) {
+    *counter = counter.saturating_add(1);
+}

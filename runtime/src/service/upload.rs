@@ -1,0 +1,105 @@
+//! A blob that arrives in pieces.
+
+use heapless::Vec;
+use poegp_protocol::blob::CRC;
+use poegp_protocol::link::{Refusal, StoredModel};
+
+/// A blob in transfer, in the staging buffer, and how far it got.
+#[derive(Debug)]
+pub(super) struct Upload<'m, const BYTES: usize> {
+    staged: &'m mut Vec<u8, BYTES>,
+    announced: Option<Announced>,
+    /// CRC in the header of the verified blob.
+    pub(super) verified: Option<u32>,
+    pub(super) committed: Option<StoredModel>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Announced {
+    length: u32,
+    crc: u32,
+}
+
+impl<'m, const BYTES: usize> Upload<'m, BYTES> {
+    pub(super) fn new(staged: &'m mut Vec<u8, BYTES>) -> Self {
+        Self {
+            staged,
+            announced: None,
+            verified: None,
+            committed: None,
+        }
+    }
+
+    /// Forgets it, and lends the staging buffer for something else, as so many zeros.
+    pub(super) fn abandon(&mut self, length: usize) -> &mut [u8] {
+        self.announced = None;
+        self.verified = None;
+        self.committed = None;
+        self.staged.clear();
+        // A length beyond the capacity leaves the buffer empty, and whoever reads into it sees that it is too short.
+        let _ = self.staged.resize_default(length);
+        self.staged
+    }
+
+    pub(super) fn bytes(&self) -> &[u8] {
+        self.staged
+    }
+
+    pub(super) fn begin(&mut self, length: u32, crc: u32) -> Result<u32, Refusal> {
+        if length as usize > BYTES {
+            return Err(Refusal::BlobTooLong {
+                length,
+                capacity: BYTES as u32,
+            });
+        }
+        self.abandon(0);
+        self.announced = Some(Announced { length, crc });
+        Ok(0)
+    }
+
+    /// Returns the bytes that are there.
+    pub(super) fn piece(&mut self, offset: u32, bytes: &[u8]) -> Result<u32, Refusal> {
+        let announced = self.announced.ok_or(Refusal::NoUpload)?;
+        let (received, end) = (
+            self.staged.len() as u32,
+            offset.saturating_add(bytes.len() as u32),
+        );
+        if end > announced.length {
+            return Err(Refusal::PieceTooLong {
+                end,
+                length: announced.length,
+            });
+        }
+        if self.staged.get(offset as usize..end as usize) == Some(bytes) {
+            // A repeated piece, for instance because its answer was lost.
+            return Ok(received);
+        }
+        if offset != received || self.staged.extend_from_slice(bytes).is_err() {
+            return Err(Refusal::UnexpectedOffset {
+                found: offset,
+                expected: received,
+            });
+        }
+        Ok(end)
+    }
+
+    /// Whether all that was announced is there and intact.
+    pub(super) fn check_complete(&self) -> Result<(), Refusal> {
+        let announced = self.announced.ok_or(Refusal::NoUpload)?;
+        let received = self.staged.len() as u32;
+        if received != announced.length {
+            return Err(Refusal::Incomplete {
+                received,
+                length: announced.length,
+            });
+        }
+        let computed = CRC.checksum(self.staged);
+        if computed != announced.crc {
+            return Err(Refusal::TransferCrc {
+                stored: announced.crc,
+                computed,
+            });
+        }
+        Ok(())
+    }
+}
