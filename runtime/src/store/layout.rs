@@ -1,0 +1,113 @@
+//! Where in the flash everything is.
+
+use core::ops::Range;
+
+use embedded_storage::nor_flash::NorFlash;
+
+use super::StoreError;
+use super::journal::RECORD;
+use super::medium::{CHUNK, size};
+
+/// One of the two places for a model.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Slot {
+    /// The first.
+    A,
+    /// The second.
+    B,
+}
+
+impl Slot {
+    /// 0 or 1.
+    pub const fn index(self) -> u8 {
+        match self {
+            Self::A => 0,
+            Self::B => 1,
+        }
+    }
+
+    /// The other one.
+    pub const fn other(self) -> Self {
+        match self {
+            Self::A => Self::B,
+            Self::B => Self::A,
+        }
+    }
+}
+
+/// Where in the flash everything is, in bytes from its beginning. All ranges begin and end with an erase unit.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Layout {
+    /// The slots. Of each, the first erase unit is the head, the others hold a blob.
+    pub slots: [Range<u32>; 2],
+    /// The page of the public key; one erase unit is plenty.
+    pub key: Range<u32>,
+}
+
+impl Layout {
+    /// Whether a flash of these properties can hold the store.
+    ///
+    /// # Errors
+    /// [`StoreError::Unit`], `NotAligned`, `OutOfBounds`, `RangeTooSmall`, `Overlap`.
+    pub(super) fn check<F: NorFlash>(&self, flash: &F) -> Result<(), StoreError> {
+        for unit in [F::READ_SIZE, F::WRITE_SIZE] {
+            if !unit.is_power_of_two() || unit > CHUNK {
+                return Err(StoreError::Unit { size: size(unit) });
+            }
+        }
+        let (erase, unit) = (size(F::ERASE_SIZE), stride_unit::<F>());
+        if erase == 0 || !erase.is_multiple_of(unit) {
+            return Err(StoreError::NotAligned { at: erase, unit });
+        }
+        let [a, b] = &self.slots;
+        // A slot has its head and at least one erase unit for the blob; the key page a record of each kind.
+        let parts = [
+            (a, erase.saturating_mul(2)),
+            (b, erase.saturating_mul(2)),
+            (&self.key, super::key::least_page::<F>()),
+        ];
+        let record = RECORD.next_multiple_of(unit);
+        if erase < record {
+            return Err(StoreError::RangeTooSmall {
+                length: erase,
+                needed: record,
+            });
+        }
+        for (part, needed) in parts {
+            for at in [part.start, part.end] {
+                if !at.is_multiple_of(erase) {
+                    return Err(StoreError::NotAligned { at, unit: erase });
+                }
+            }
+            let (end, capacity) = (part.end, size(flash.capacity()));
+            if end > capacity {
+                return Err(StoreError::OutOfBounds { end, capacity });
+            }
+            let length = part.end.saturating_sub(part.start);
+            if length < needed {
+                return Err(StoreError::RangeTooSmall { length, needed });
+            }
+        }
+        for (one, other) in [(a, b), (a, &self.key), (b, &self.key)] {
+            let at = one.start.max(other.start);
+            if at < one.end.min(other.end) {
+                return Err(StoreError::Overlap { at });
+            }
+        }
+        Ok(())
+    }
+
+    /// The range of a slot.
+    pub(super) const fn slot(&self, slot: Slot) -> &Range<u32> {
+        let [a, b] = &self.slots;
+        match slot {
+            Slot::A => a,
+            Slot::B => b,
+        }
+    }
+}
+
+/// What addresses must be a multiple of, so that they can be read and written.
+pub(super) fn stride_unit<F: NorFlash>() -> u32 {
+    size(F::READ_SIZE.max(F::WRITE_SIZE))
+}

@@ -1,0 +1,254 @@
+//! Models that survive every power cut: two slots and a public key in NOR flash.
+//!
+//! NOR flash is erased to ones in *erase units* (a sector), written in *write units* (a word), and a write unit is
+//! written once between two erases. An operation that power interrupts leaves anything in the units it was at. This
+//! module is generic over `embedded_storage::nor_flash::NorFlash`, has no state beside the flash, and is not on the
+//! cyclic path: it blocks for as long as the flash does, in calls of the driver for one erase unit or 256 bytes.
+//!
+//! ```text
+//!  slot A   | head: record, record, record … | blob A: bytes as they came          … |
+//!  slot B   | head: record …                 | blob B                              … |
+//!           |<------ one erase unit -------->|<---- the other erase units ---------->|
+//!  key page | seal | attempt | attempt …     |                       (module `key`)
+//!
+//!  one record, filled up with ones to whole write units:
+//!   offset  size  field, integers little endian
+//!        0     4  "PGSA" when slot A comes first, "PGSB" when slot B does
+//!        4     4  sequence number, one more than that of the newest record before
+//!        8     4  length of blob A in bytes, 0 when there is none
+//!       12     4  CRC-32C of blob A
+//!       16     4  length of blob B
+//!       20     4  CRC-32C of blob B
+//!       24     4  CRC-32C of bytes 0..24
+//! ```
+//!
+//! A record describes both slots. The valid record with the highest sequence number, in whichever head, is the state;
+//! all others are history. From there:
+//!
+//! * [`Store::write`] never touches the slot that is kept: it sees to it that the newest record is in the head of that
+//!   slot, erases the other, writes the blob, reads it back, and only then writes the record that says so.
+//! * [`Store::promote`] appends one record to a head with room; when both are full, it erases the head that does *not*
+//!   have the newest record. Until the new record is complete the old one is the state.
+//!
+//! So at every moment of either there is a valid record, and the blob that it puts first is whole. Nothing is lost but
+//! the blob that is being overwritten.
+
+mod error;
+mod journal;
+mod key;
+mod layout;
+mod medium;
+
+use embedded_storage::nor_flash::NorFlash;
+use poegp_protocol::blob::CRC;
+
+pub use error::StoreError;
+pub use layout::{Layout, Slot};
+
+use journal::{Journal, State};
+
+/// A blob in flash, as its header announces it. [`Store::read`] tells whether it is there.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Stored {
+    /// Where it is.
+    pub slot: Slot,
+    /// Its length in bytes.
+    pub length: u32,
+    /// CRC-32C of all its bytes.
+    pub crc: u32,
+}
+
+/// Two slots and a key in `flash`.
+#[derive(Debug)]
+pub struct Store<F> {
+    flash: F,
+    layout: Layout,
+}
+
+impl<F: NorFlash> Store<F> {
+    /// The store in `flash`. Nothing is read or written yet.
+    ///
+    /// # Errors
+    /// [`StoreError::Unit`], `NotAligned`, `OutOfBounds`, `RangeTooSmall` or `Overlap`, when `layout` cannot be used.
+    pub fn new(flash: F, layout: Layout) -> Result<Self, StoreError> {
+        layout.check(&flash)?;
+        Ok(Self { flash, layout })
+    }
+
+    /// The longest blob that fits into either slot, in bytes.
+    pub fn capacity(&self) -> u32 {
+        self.room(Slot::A).min(self.room(Slot::B))
+    }
+
+    /// The flash itself.
+    pub fn flash(&mut self) -> &mut F {
+        &mut self.flash
+    }
+
+    /// The blobs that the newest valid record announces, the one to be used first. Their bytes have not been looked at:
+    /// [`Store::read`] them in this order and take the first that is whole.
+    pub fn candidates(&mut self) -> [Option<Stored>; 2] {
+        self.survey().state().map_or([None; 2], |state| {
+            [
+                self.announced(&state, state.first),
+                self.announced(&state, state.first.other()),
+            ]
+        })
+    }
+
+    /// The bytes of a blob, read into the front of `buffer`.
+    ///
+    /// # Errors
+    /// [`StoreError::BufferTooSmall`], `CrcMismatch` when they are not what the header announces, `Flash`.
+    pub fn read<'b>(
+        &mut self,
+        stored: &Stored,
+        buffer: &'b mut [u8],
+    ) -> Result<&'b [u8], StoreError> {
+        let room = medium::size(buffer.len());
+        let bytes = buffer
+            .get_mut(..stored.length as usize)
+            .filter(|_| stored.length <= self.room(stored.slot))
+            .ok_or(StoreError::BufferTooSmall {
+                length: stored.length,
+                room,
+            })?;
+        let start = self.blob_start(stored.slot);
+        medium::read(&mut self.flash, start, bytes)?;
+        let computed = CRC.checksum(bytes);
+        if computed != stored.crc {
+            return Err(StoreError::CrcMismatch {
+                stored: stored.crc,
+                computed,
+            });
+        }
+        Ok(bytes)
+    }
+
+    /// Writes `blob` and makes it the first candidate. `keep` is the slot of the active model, which stays as it is and
+    /// becomes the second; without one, what is the first candidate now is kept. A blob that is already there is not
+    /// written again, in whichever slot it is.
+    ///
+    /// # Errors
+    /// [`StoreError::BlobLength`], `ReadBack`, `Flash`, `SequenceExhausted`. The kept blob is then the first candidate.
+    pub fn write(&mut self, blob: &[u8], keep: Option<Slot>) -> Result<Stored, StoreError> {
+        let (length, capacity) = (medium::size(blob.len()), self.capacity());
+        if blob.is_empty() || length > capacity {
+            return Err(StoreError::BlobLength { length, capacity });
+        }
+        let crc = CRC.checksum(blob);
+        let mut state = self.survey().state();
+        for slot in [Slot::A, Slot::B] {
+            let stored = Stored { slot, length, crc };
+            let announced = state.and_then(|state| self.announced(&state, slot));
+            let start = self.blob_start(slot);
+            if announced == Some(stored) && medium::holds(&mut self.flash, start, blob)? {
+                return self.promote(&stored);
+            }
+        }
+        // A slot that holds nothing is not worth keeping.
+        let kept = state.and_then(|state| {
+            [keep, Some(state.first), Some(state.first.other())]
+                .into_iter()
+                .flatten()
+                .find_map(|slot| self.announced(&state, slot))
+        });
+        let slot = kept.map_or(Slot::A, |kept| kept.slot.other());
+        if let Some(kept) = &kept {
+            state = Some(self.keep_only(kept)?);
+        }
+        let (head, start) = (self.layout.slot(slot).start, self.blob_start(slot));
+        let end = start + length.next_multiple_of(medium::size(F::ERASE_SIZE));
+        // The head first: it has no record that is still needed.
+        medium::erase(&mut self.flash, head, end)?;
+        medium::write(&mut self.flash, start, blob)?;
+        let stored = Stored { slot, length, crc };
+        let state = State::with_first(state.as_ref(), &stored)?;
+        journal::write(&mut self.flash, head, &state)?;
+        Ok(stored)
+    }
+
+    /// Makes `stored` the first candidate: this is how one rolls back. Does nothing when it is already.
+    ///
+    /// # Errors
+    /// [`StoreError::NotStored`] when the slot has another blob by now, `CrcMismatch` when it is damaged, `ReadBack`,
+    /// `Flash`, `SequenceExhausted`. The first candidate is then what it was.
+    pub fn promote(&mut self, stored: &Stored) -> Result<Stored, StoreError> {
+        let slot = stored.slot;
+        let journal = self.survey();
+        let state = journal
+            .state()
+            .filter(|state| self.announced(state, slot) == Some(*stored))
+            .ok_or(StoreError::NotStored { slot })?;
+        let start = self.blob_start(slot);
+        let computed = medium::crc(&mut self.flash, start, stored.length)?;
+        if computed != stored.crc {
+            return Err(StoreError::CrcMismatch {
+                stored: stored.crc,
+                computed,
+            });
+        }
+        if state.first != slot {
+            let head = journal.head_for_next(slot);
+            let next = State::with_first(Some(&state), stored)?;
+            journal::append(&mut self.flash, &self.layout, &journal, head, &next)?;
+        }
+        Ok(*stored)
+    }
+
+    /// The public key that models have to be signed by; `None` when none was ever provisioned.
+    ///
+    /// # Errors
+    /// [`StoreError::KeyUnfinished`], `KeyDamaged`: nothing may be accepted then.
+    pub fn public_key(&mut self) -> Result<Option<[u8; 32]>, StoreError> {
+        key::public_key(&mut self.flash, &self.layout)
+    }
+
+    /// Writes the public key, once and for all. The same key again is fine, and completes what was interrupted.
+    ///
+    /// # Errors
+    /// [`StoreError::KeyProvisioned`] when there is another, `KeyDamaged`, `KeyPageFull`, `ReadBack`, `Flash`.
+    pub fn provision(&mut self, key: &[u8; 32]) -> Result<(), StoreError> {
+        key::provision(&mut self.flash, &self.layout, key)
+    }
+
+    fn survey(&mut self) -> Journal {
+        journal::survey(&mut self.flash, &self.layout)
+    }
+
+    /// What the state says of `slot`, if it can be.
+    fn announced(&self, state: &State, slot: Slot) -> Option<Stored> {
+        state
+            .stored(slot)
+            .filter(|stored| stored.length <= self.room(slot))
+    }
+
+    /// Sees to it that the newest record puts `kept` first and is in the head of its slot, so that the other can be erased.
+    fn keep_only(&mut self, kept: &Stored) -> Result<State, StoreError> {
+        // Two records at most: when the head is full of what is needed, the first goes to the other one.
+        for _ in 0..3 {
+            let journal = self.survey();
+            let head = match journal.newest {
+                Some((state, head)) if head == kept.slot && state.first == kept.slot => {
+                    return Ok(state);
+                }
+                Some((_, head)) if head == kept.slot => journal.head_for_next(kept.slot),
+                _ => kept.slot,
+            };
+            let next = State::with_first(journal.state().as_ref(), kept)?;
+            journal::append(&mut self.flash, &self.layout, &journal, head, &next)?;
+        }
+        let at = self.layout.slot(kept.slot).start;
+        Err(StoreError::ReadBack { at })
+    }
+
+    /// Bytes for a blob in `slot`.
+    fn room(&self, slot: Slot) -> u32 {
+        self.layout.slot(slot).end - self.blob_start(slot)
+    }
+
+    /// Where the blob of `slot` begins.
+    fn blob_start(&self, slot: Slot) -> u32 {
+        self.layout.slot(slot).start + medium::size(F::ERASE_SIZE)
+    }
+}
