@@ -24,8 +24,7 @@ static RECEIVERS: ConstStaticCell<[Receiver; 2]> =
     ConstStaticCell::new([Receiver::new(), Receiver::new()]);
 static BUFFERS: ConstStaticCell<[[u8; MAX_FRAME]; 4]> = ConstStaticCell::new([[0; MAX_FRAME]; 4]);
 
-type Services =
-    Background<'static, <Chosen as Board>::Flash, WORDS, BYTES>;
+type Services = Background<'static, <Chosen as Board>::Flash, WORDS, BYTES>;
 
 #[entry]
 fn main() -> ! {
@@ -93,9 +92,7 @@ impl Shell {
     fn turn(&mut self, services: &mut Services) {
         if let Some(receiver) = front::WORK.take() {
             let (sequence, response) = match receiver.message::<Request<'_>>() {
-                Ok((sequence, request)) => {
-                    (sequence, services.handle(&request, &mut self.calls))
-                }
+                Ok((sequence, request)) => (sequence, services.handle(&request, &mut self.calls)),
                 // Cannot happen: the cycle has read it.
                 Err(_) => (0, Response::Refused(Refusal::UnknownMessage)),
             };
@@ -119,8 +116,8 @@ impl Shell {
         loop {
             if let Some(bytes) = front::ANSWERED.take() {
                 // It always fits: the longest answer is shorter than the longest request.
-                let length = frame::encode(sequence, response, self.scratch, bytes)
-                    .map_or(0, <[u8]>::len);
+                let length =
+                    frame::encode(sequence, response, self.scratch, bytes).map_or(0, <[u8]>::len);
                 front::ANSWER.put(Answer { bytes, length });
                 SCB::set_pendsv();
                 return;

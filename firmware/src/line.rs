@@ -49,7 +49,9 @@ impl Line {
     fn take(&mut self, out: &mut [u8; CHUNK]) -> usize {
         let mut taken = 0;
         for slot in out {
-            let Some(byte) = self.received.pop_front() else { break };
+            let Some(byte) = self.received.pop_front() else {
+                break;
+            };
             *slot = byte;
             taken += 1;
         }

@@ -37,12 +37,9 @@ pub fn answered(response: &Response) {
         Response::Verified(model) => {
             defmt::info!("model {=u32:08x} verified", model.blob_crc);
         }
-        Response::Committed(stored) => defmt::info!(
-            "slot {=u8}: {=u32} bytes, sequence {=u32}",
-            stored.slot,
-            stored.length,
-            stored.sequence
-        ),
+        Response::Committed(stored) => {
+            defmt::info!("slot {=u8} holds {=u32} bytes", stored.slot, stored.length)
+        }
         Response::Restarting => defmt::info!("restarting"),
         Response::Refused(refusal) => refused(refusal),
         _ => {}
@@ -51,11 +48,9 @@ pub fn answered(response: &Response) {
 
 fn refused(refusal: &Refusal) {
     match refusal {
-        Refusal::BlobTooLong { length, capacity } => defmt::warn!(
-            "refused: {=u32} bytes, room for {=u32}",
-            *length,
-            *capacity
-        ),
+        Refusal::BlobTooLong { length, capacity } => {
+            defmt::warn!("refused: {=u32} bytes, room for {=u32}", *length, *capacity)
+        }
         Refusal::TransferCrc { stored, computed } => defmt::warn!(
             "refused: transfer CRC {=u32:08x}, announced {=u32:08x}",
             *computed,

@@ -51,12 +51,25 @@ impl State {
 }
 
 fn with<R>(action: impl FnOnce(&mut State) -> R) -> Option<R> {
-    critical_section::with(|cs| STATE.borrow(cs).try_borrow_mut().ok().map(|mut state| action(&mut state)))
+    critical_section::with(|cs| {
+        STATE
+            .borrow(cs)
+            .try_borrow_mut()
+            .ok()
+            .map(|mut state| action(&mut state))
+    })
 }
 
 /// The next byte for the line.
 pub fn next() -> Option<u8> {
-    with(|state| if state.open { None } else { state.ring.pop_front() }).flatten()
+    with(|state| {
+        if state.open {
+            None
+        } else {
+            state.ring.pop_front()
+        }
+    })
+    .flatten()
 }
 
 /// Messages that were dropped.

@@ -29,7 +29,12 @@ impl<T> Mailbox<T> {
 
     /// Whether there is something in.
     pub fn is_full(&self) -> bool {
-        critical_section::with(|cs| self.0.borrow(cs).try_borrow().is_ok_and(|slot| slot.is_some()))
+        critical_section::with(|cs| {
+            self.0
+                .borrow(cs)
+                .try_borrow()
+                .is_ok_and(|slot| slot.is_some())
+        })
     }
 
     /// Looks at what is in, with interrupts held off: for a few instructions only.

@@ -118,9 +118,8 @@ pub fn image_crc() -> u32 {
     for offset in 0..length {
         // SAFETY: between the two symbols lies the image, which nobody writes. Not a slice: on some boards it starts
         // at address 0, where Rust has no object.
-        let byte = unsafe {
-            ptr::with_exposed_provenance::<u8>(start.addr() + offset).read_volatile()
-        };
+        let byte =
+            unsafe { ptr::with_exposed_provenance::<u8>(start.addr() + offset).read_volatile() };
         digest.update(&[byte]);
     }
     digest.finalize()
@@ -138,12 +137,22 @@ const VALID: u32 = 0x706f_6567;
 
 fn retained(word: usize) -> u32 {
     // SAFETY: three words, only touched here and below, from the background; any bits are a number.
-    unsafe { (&raw const RETAINED).cast::<u32>().add(word % 3).read_volatile() }
+    unsafe {
+        (&raw const RETAINED)
+            .cast::<u32>()
+            .add(word % 3)
+            .read_volatile()
+    }
 }
 
 fn retain(word: usize, value: u32) {
     // SAFETY: as above.
-    unsafe { (&raw mut RETAINED).cast::<u32>().add(word % 3).write_volatile(value) }
+    unsafe {
+        (&raw mut RETAINED)
+            .cast::<u32>()
+            .add(word % 3)
+            .write_volatile(value)
+    }
 }
 
 /// Counts this start; the first after a power failure is number 0. Called once.

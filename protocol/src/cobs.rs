@@ -30,7 +30,11 @@ pub fn encode(data: &[u8], out: &mut [u8]) -> Result<usize, BufferTooSmall> {
     };
     let mut rest = Some(data);
     while let Some(bytes) = rest {
-        let run = bytes.iter().take(254).take_while(|byte| **byte != 0).count();
+        let run = bytes
+            .iter()
+            .take(254)
+            .take_while(|byte| **byte != 0)
+            .count();
         let (block, after) = bytes.split_at_checked(run).unwrap_or((bytes, &[]));
         put(out, &[run as u8 + 1])?;
         put(out, block)?;

@@ -119,7 +119,8 @@ impl Link for Uart {
     }
 }
 
-/// The external RAM under the rules of NOR flash: bits are only cleared, and set by the page.
+/// The external RAM under the rules of NOR flash: bits are only cleared, and set by the page. It holds the complement, so
+/// that RAM which was never written reads as erased.
 pub struct PsramFlash;
 
 #[cfg(feature = "mps2-an386")]
@@ -150,7 +151,7 @@ impl ReadNorFlash for PsramFlash {
 
     fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), BadAddress> {
         for (word, chunk) in (offset as usize / 4..).zip(bytes.chunks_mut(4)) {
-            let value = FLASH.read(word).ok_or(BadAddress)?;
+            let value = !FLASH.read(word).ok_or(BadAddress)?;
             for (slot, byte) in chunk.iter_mut().zip(value.to_le_bytes()) {
                 *slot = byte;
             }
@@ -169,7 +170,7 @@ impl NorFlash for PsramFlash {
 
     fn erase(&mut self, from: u32, to: u32) -> Result<(), BadAddress> {
         for word in from / 4..to / 4 {
-            FLASH.write(word as usize, u32::MAX);
+            FLASH.write(word as usize, 0);
         }
         Ok(())
     }
@@ -177,7 +178,7 @@ impl NorFlash for PsramFlash {
     fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), BadAddress> {
         for (word, chunk) in (offset as usize / 4..).zip(bytes.as_chunks::<4>().0) {
             let before = FLASH.read(word).ok_or(BadAddress)?;
-            FLASH.write(word, before & u32::from_le_bytes(*chunk));
+            FLASH.write(word, before | !u32::from_le_bytes(*chunk));
         }
         Ok(())
     }

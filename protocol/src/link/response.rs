@@ -31,7 +31,7 @@ pub enum Response {
     },
     /// The uploaded blob is a model that this device may run.
     Verified(ModelIdentity),
-    /// The verified blob is in a slot and will be taken at the next start.
+    /// The verified blob is in a slot and will run after the next start.
     Committed(StoredModel),
     /// What was counted.
     Statistics(Statistics),
@@ -92,8 +92,8 @@ pub struct ModelIdentity {
 pub struct StoredModel {
     /// 0 or 1.
     pub slot: u8,
-    /// The newest has the highest.
-    pub sequence: u32,
+    /// Whether it is the one that runs after the next start.
+    pub first: bool,
     /// Bytes of its blob.
     pub length: u32,
     /// CRC-32C of all of them.

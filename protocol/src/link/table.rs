@@ -65,7 +65,7 @@ pub const RESPONSES: [Message; 11] = [
     response("StandingDown", "", 1),
     response("Uploading", "received: u32", 6),
     response("Verified", "a model", 79),
-    response("Committed", "a stored model", 17),
+    response("Committed", "a stored model", 13),
     response("Statistics", "15 u32: frames, bad_frames, lost_bytes, refused, cycles, flagged, bounded, uncorrected, missed_deadlines, max_ticks, max_latency_ticks, activations, restarts, lost_logs, stack_bytes", 76),
     response("Restarting", "", 1),
     response("Refused", "a refusal, see below", 13),

@@ -7,6 +7,7 @@
 //! `WORDS` is the room for support rows; no result depends on it.
 
 mod checked;
+mod correct;
 mod elastic;
 mod task_space;
 

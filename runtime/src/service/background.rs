@@ -113,10 +113,9 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
                 Ok(Response::Statistics(statistics))
             }
             Request::Restart => Ok(Response::Restarting),
-            Request::Evaluate(_)
-            | Request::Correct(_)
-            | Request::Trace(_)
-            | Request::StandDown => Err(Refusal::UnknownMessage),
+            Request::Evaluate(_) | Request::Correct(_) | Request::Trace(_) | Request::StandDown => {
+                Err(Refusal::UnknownMessage)
+            }
         };
         result.unwrap_or_else(|refusal| {
             device.order(Order::Refused);
@@ -128,8 +127,9 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
     fn identify(&mut self, device: &mut impl Device<'m, WORDS>) -> Response {
         let report = device.order(Order::Report);
         let mut slots = [None; 2];
-        for stored in self.store.candidates().iter().flatten() {
-            let stored = on_wire(stored);
+        for (place, stored) in self.store.candidates().iter().enumerate() {
+            let Some(stored) = stored else { continue };
+            let stored = on_wire(stored, place == 0);
             if let Some(slot) = slots.get_mut(usize::from(stored.slot)) {
                 *slot = Some(stored);
             }
@@ -195,7 +195,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
                 spare.set_slot(None);
             }
         }
-        let stored = on_wire(&stored);
+        let stored = on_wire(&stored, true);
         self.upload.committed = Some(stored);
         Ok(stored)
     }
@@ -264,16 +264,16 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
 
     fn provision(&mut self, public_key: &[u8; 32]) -> Result<(), Refusal> {
         match self.store.provision(public_key) {
-            Err(StoreError::OtherKey) => Err(Refusal::KeyIsFixed),
+            Err(StoreError::KeyProvisioned) => Err(Refusal::KeyIsFixed),
             other => other.map_err(refused),
         }
     }
 }
 
-fn on_wire(stored: &Stored) -> StoredModel {
+fn on_wire(stored: &Stored, first: bool) -> StoredModel {
     StoredModel {
-        slot: stored.slot.index() as u8,
-        sequence: stored.sequence,
+        slot: stored.slot.index(),
+        first,
         length: stored.length,
         crc: stored.crc,
     }

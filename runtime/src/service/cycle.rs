@@ -130,7 +130,12 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
     }
 
     /// Refuses a service because another one is being carried out, as [`Cycle::take`] answers.
-    pub fn refuse_busy(&mut self, receiver: &Receiver, scratch: &mut [u8], out: &mut [u8]) -> Taken {
+    pub fn refuse_busy(
+        &mut self,
+        receiver: &Receiver,
+        scratch: &mut [u8],
+        out: &mut [u8],
+    ) -> Taken {
         let sequence = receiver.message::<Request<'_>>().map_or(0, |(s, _)| s);
         count(&mut self.statistics.refused);
         let response = Response::Refused(Refusal::Busy);
@@ -190,8 +195,8 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
             blob_crc: self.active.blob_crc,
             pose: result.pose.to_rows(),
             correction: result.correction.to_array(),
-            trust: result.trust,
-            position_sigma: result.position_sigma,
+            trust: 1.0,
+            position_sigma: None,
             status: result.status.bits(),
             ticks,
         }
