@@ -27,5 +27,6 @@ pub mod posterior;
 pub mod scalar;
 pub mod se3;
 pub mod service;
+pub mod signature;
 pub mod status;
 pub mod store;
