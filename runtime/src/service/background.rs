@@ -2,6 +2,7 @@
 
 use embedded_storage::nor_flash::NorFlash;
 use heapless::Vec;
+use poegp_protocol::envelope::key_id;
 use poegp_protocol::link::{
     Identity, ModelIdentity, PROTOCOL_VERSION, Refusal, Request, Response, Statistics, StoredModel,
 };
@@ -145,7 +146,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
             capacity_bytes: BYTES as u32,
             tick_hz: self.facts.tick_hz,
             deadline_ticks: self.facts.deadline_ticks,
-            key: self.key().ok().flatten().map(|key| signature::key_id(&key)),
+            key: self.key().ok().flatten().map(|key| key_id(&key)),
             bypass: report.bypass,
             model: report.model,
             slots,
@@ -282,6 +283,9 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         public_key: &[u8; 32],
         device: &mut impl Device<'m, WORDS>,
     ) -> Result<(), Refusal> {
+        if !signature::is_public_key(public_key) {
+            return Err(Refusal::NotAKey);
+        }
         self.check_flash(device)?;
         match self.store.provision(public_key) {
             Err(StoreError::KeyProvisioned) => Err(Refusal::KeyIsFixed),
