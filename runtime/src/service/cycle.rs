@@ -64,6 +64,8 @@ pub struct Report<'m, const WORDS: usize> {
     pub slot: Option<Slot>,
     /// Whether corrections are bypassed.
     pub bypass: bool,
+    /// Whether cyclic requests are expected.
+    pub running: bool,
     /// What the cycle has counted.
     pub statistics: Statistics,
 }
@@ -265,6 +267,7 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
             model: self.active.identity(),
             slot: self.active.slot(),
             bypass: self.bypass,
+            running: self.running,
             statistics: self.statistics,
         }
     }
