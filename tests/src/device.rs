@@ -143,7 +143,9 @@ impl Device {
     /// [`DeviceError`]; after [`DeviceError::Refused`] the active model is what it was.
     pub fn load(&mut self, blob: &[u8]) -> Result<Identity, DeviceError> {
         let loaded = load(&mut self.client, blob);
-        loaded.map(|(_, identity)| identity).map_err(|error| self.failed(error))
+        loaded
+            .map(|(_, identity)| identity)
+            .map_err(|error| self.failed(error))
     }
 
     /// T_gp(q, m)·f(q).

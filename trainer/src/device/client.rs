@@ -108,6 +108,11 @@ impl Client {
         }
     }
 
+    /// From now on with other patience or pieces.
+    pub fn set_options(&mut self, options: Options) {
+        self.options = options;
+    }
+
     /// The name of the port.
     pub fn port(&self) -> &str {
         &self.port
@@ -140,10 +145,7 @@ impl Client {
         self.receive_until(Instant::now() + self.options.answer_limit)
     }
 
-    fn receive_until(
-        &mut self,
-        deadline: Instant,
-    ) -> Result<Option<(u16, Response)>, ClientError> {
+    fn receive_until(&mut self, deadline: Instant) -> Result<Option<(u16, Response)>, ClientError> {
         loop {
             if let Some(answer) = self.pending_answer()? {
                 return Ok(Some(answer));
@@ -153,9 +155,7 @@ impl Client {
                 return Ok(None);
             }
             // A timeout of a fraction of a millisecond is none at all for some serial drivers.
-            let limited = self
-                .stream
-                .limit_reads(left.max(Duration::from_millis(1)));
+            let limited = self.stream.limit_reads(left.max(Duration::from_millis(1)));
             limited.map_err(|error| self.lost(error))?;
             let mut buffer = [0; MAX_FRAME];
             match self.stream.read(&mut buffer) {

@@ -47,8 +47,13 @@ pub fn instructions(ticks: u32, tick_hz: u32) -> f64 {
 #[derive(Debug, thiserror::Error)]
 pub enum EmulatorError {
     /// QEMU is not installed.
-    #[error("{PROGRAM} is not installed\nhelp: apt-get install qemu-system-arm (Debian, Ubuntu), or brew install qemu (macOS)")]
+    #[error(
+        "{PROGRAM} is not installed\nhelp: apt-get install qemu-system-arm (Debian, Ubuntu), or brew install qemu (macOS)"
+    )]
     Missing,
+    /// QEMU cannot keep the flash of this board.
+    #[error("QEMU cannot keep the flash of the board {0} in a file\nhelp: take --board mps2-an386")]
+    NoMemory(&'static str),
     /// The system refused.
     #[error("{PROGRAM} does not start: {0}")]
     System(#[from] io::Error),
@@ -76,14 +81,15 @@ pub struct Machine<'a> {
 
 impl Machine<'_> {
     /// QEMU, with standard input for the link; the second serial line is not named yet.
-    fn command(&self, link: &str) -> Command {
-        let mut machine = self.board.name().to_owned();
+    fn command(&self, link: &str) -> Result<Command, EmulatorError> {
+        let mut machine = self.board.machine().to_owned();
         let mut command = Command::new(PROGRAM);
         if let Some(path) = self.memory {
+            let size = self.board.memory_mib();
+            let size = size.ok_or(EmulatorError::NoMemory(self.board.name()))?;
             machine += ",memory-backend=ps";
-            let bytes = self.board.memory_mib();
             command.arg("-object").arg(format!(
-                "memory-backend-file,id=ps,size={bytes}M,share=on,mem-path={}",
+                "memory-backend-file,id=ps,size={size}M,share=on,mem-path={}",
                 escaped(path)
             ));
         }
@@ -95,7 +101,7 @@ impl Machine<'_> {
         if self.clock == Clock::Counting {
             command.args(["-icount", "shift=6"]);
         }
-        command
+        Ok(command)
     }
 }
 
@@ -124,7 +130,7 @@ impl Emulator {
         let directory = tempfile::Builder::new().prefix("poegp-").tempdir()?;
         let (link, inherited) = UnixStream::pair()?;
         let child = machine
-            .command("socket,id=link,fd=0")
+            .command("socket,id=link,fd=0")?
             .arg("-serial")
             .arg(format!("file:{}", escaped(&directory.path().join(LOG))))
             .stdin(OwnedFd::from(inherited))
@@ -222,9 +228,17 @@ impl Listener {
 ///
 /// Returns only when QEMU does not start.
 pub fn serve(machine: &Machine<'_>, link: Listener, log: Listener) -> EmulatorError {
-    let error = machine
-        .command("socket,id=link,fd=0,server=on,wait=off")
-        .args(["-chardev", "socket,id=log,fd=1,server=on,wait=off", "-serial", "chardev:log"])
+    let mut command = match machine.command("socket,id=link,fd=0,server=on,wait=off") {
+        Ok(command) => command,
+        Err(error) => return error,
+    };
+    let error = command
+        .args([
+            "-chardev",
+            "socket,id=log,fd=1,server=on,wait=off",
+            "-serial",
+            "chardev:log",
+        ])
         .stdin(link.socket)
         .stdout(log.socket)
         .exec();

@@ -20,7 +20,9 @@ pub enum ClientError {
         advice: &'static str,
     },
     /// The port was open and is no longer.
-    #[error("the link to the device at {port} ended: {error}\nhelp: was it unplugged or switched off?")]
+    #[error(
+        "the link to the device at {port} ended: {error}\nhelp: was it unplugged or switched off?"
+    )]
     Lost {
         /// Its name.
         port: String,
@@ -28,7 +30,9 @@ pub enum ClientError {
         error: io::Error,
     },
     /// Not one byte came.
-    #[error("nobody answers at {port}\nhelp: is the board powered, and is this its port? Another one may have the log")]
+    #[error(
+        "nobody answers at {port}\nhelp: is the board powered, and is this its port? Another one may have the log"
+    )]
     Nobody {
         /// Its name.
         port: String,
@@ -56,7 +60,9 @@ pub enum ClientError {
         found: u8,
     },
     /// What is sent arrives damaged, every time.
-    #[error("what is sent to the device at {port} arrives damaged, every time\nhelp: check the cable and its ground")]
+    #[error(
+        "what is sent to the device at {port} arrives damaged, every time\nhelp: check the cable and its ground"
+    )]
     Damaged {
         /// Its name.
         port: String,
@@ -84,7 +90,9 @@ pub enum ClientError {
     #[error("the device refused: {}", words::refusal(.0))]
     Refused(Refusal),
     /// The device answered something else.
-    #[error("the device answered {request} with {response}\nhelp: firmware and trainer do not belong together")]
+    #[error(
+        "the device answered {request} with {response}\nhelp: firmware and trainer do not belong together"
+    )]
     Unexpected {
         /// What was asked.
         request: String,

@@ -23,7 +23,7 @@ pub const TOOLCHAIN_VARIABLE: &str = "POEGP_TOOLCHAIN";
 const PACKAGE: &str = "poegp-firmware";
 const PROFILE: &str = "firmware";
 
-/// A board that can be emulated. Its name is the firmware's feature and QEMU's machine.
+/// A board that can be emulated. Its name is the firmware's feature.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Board {
     /// A Cortex-M4F.
@@ -31,31 +31,45 @@ pub enum Board {
     Mps2An386,
     /// A Cortex-M7.
     Mps2An500,
+    /// A Cortex-M4F with peripherals as they can be bought; QEMU has neither its clocks nor its flash controller.
+    Stm32F405,
 }
 
 impl Board {
     /// All of them.
-    pub const ALL: [Self; 2] = [Self::Mps2An386, Self::Mps2An500];
+    pub const ALL: [Self; 3] = [Self::Mps2An386, Self::Mps2An500, Self::Stm32F405];
 
     /// Its name.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Mps2An386 => "mps2-an386",
             Self::Mps2An500 => "mps2-an500",
+            Self::Stm32F405 => "stm32f405",
+        }
+    }
+
+    /// What QEMU calls it.
+    pub const fn machine(self) -> &'static str {
+        match self {
+            Self::Mps2An386 | Self::Mps2An500 => self.name(),
+            Self::Stm32F405 => "netduinoplus2",
         }
     }
 
     /// Its processor.
     pub const fn cpu(self) -> &'static str {
         match self {
-            Self::Mps2An386 => "cortex-m4",
+            Self::Mps2An386 | Self::Stm32F405 => "cortex-m4",
             Self::Mps2An500 => "cortex-m7",
         }
     }
 
-    /// Size of the memory that QEMU can keep in a file, in MiB.
-    pub const fn memory_mib(self) -> u32 {
-        16
+    /// Size in MiB of the memory that stands for its flash, where QEMU can keep that in a file.
+    pub const fn memory_mib(self) -> Option<u32> {
+        match self {
+            Self::Mps2An386 | Self::Mps2An500 => Some(16),
+            Self::Stm32F405 => None,
+        }
     }
 
     /// The image of each board has a place of its own.

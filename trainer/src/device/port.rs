@@ -35,7 +35,9 @@ pub enum Address {
 
 /// Why a text is not an [`Address`].
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{found:?} is not a port; expected /dev/ttyUSB0, /dev/ttyUSB0@BAUD, unix:PATH or tcp:HOST:PORT")]
+#[error(
+    "{found:?} is not a port; expected /dev/ttyUSB0, /dev/ttyUSB0@BAUD, unix:PATH or tcp:HOST:PORT"
+)]
 pub struct AddressError {
     found: String,
 }
@@ -193,7 +195,9 @@ pub fn advice(address: &Address, error: &io::Error) -> &'static str {
             "is the board plugged in? `ls /dev/tty*` before and after shows its name"
         }
         (Address::Serial { .. }, _) => "is another program using it?",
-        _ => "is something listening there? `trainer device emulate` starts a device and prints its port",
+        _ => {
+            "is something listening there? `trainer device emulate` starts a device and prints its port"
+        }
     }
 }
 
@@ -213,7 +217,18 @@ mod tests {
         ] {
             assert_eq!(text.parse::<Address>().unwrap().to_string(), text);
         }
-        for text in ["", "unix:", "tcp:", "tcp:4000", "tcp::4000", "tcp:a:x", "/dev/a@", "/dev/a@0", "/dev/a@x", "@9600"] {
+        for text in [
+            "",
+            "unix:",
+            "tcp:",
+            "tcp:4000",
+            "tcp::4000",
+            "tcp:a:x",
+            "/dev/a@",
+            "/dev/a@0",
+            "/dev/a@x",
+            "@9600",
+        ] {
             assert!(text.parse::<Address>().is_err(), "{text}");
         }
     }

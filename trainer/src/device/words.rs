@@ -30,9 +30,9 @@ pub fn refusal(refusal: &Refusal) -> String {
         Refusal::Incomplete { received, length } => {
             format!("only {received} of {length} bytes of the model are there")
         }
-        Refusal::TransferCrc { stored, computed } => format!(
-            "the model was damaged on the way (CRC {computed:08x}, announced {stored:08x})"
-        ),
+        Refusal::TransferCrc { stored, computed } => {
+            format!("the model was damaged on the way (CRC {computed:08x}, announced {stored:08x})")
+        }
         Refusal::Blob(error) => error.to_string(),
         Refusal::Model { code } => model(*code),
         Refusal::Signature { code } => signature(*code),
@@ -44,6 +44,11 @@ pub fn refusal(refusal: &Refusal) -> String {
         Refusal::Store { code } => store(*code),
         Refusal::KeyIsFixed => {
             "another public key is provisioned, and that cannot be undone".to_owned()
+        }
+        Refusal::CyclesRunning => {
+            "on this board cycles would wait for the flash; stop the controller, which \
+                                   says so with `StandDown`, and try again"
+                .to_owned()
         }
     }
 }
@@ -105,31 +110,86 @@ fn signature(code: u8) -> String {
 /// A flash that did not do what was asked.
 fn store(code: u8) -> String {
     let known = [
-        (StoreError::NotAligned { at: 0, unit: 0 }, "the layout of its flash is wrong"),
-        (StoreError::OutOfBounds { end: 0, capacity: 0 }, "the layout of its flash is wrong"),
-        (StoreError::Overlap { at: 0 }, "the layout of its flash is wrong"),
-        (StoreError::RangeTooSmall { length: 0, needed: 0 }, "the layout of its flash is wrong"),
-        (StoreError::Unit { size: 0 }, "the layout of its flash is wrong"),
-        (StoreError::BlobLength { length: 0, capacity: 0 }, "the model does not fit into a slot of the flash"),
-        (StoreError::BufferTooSmall { length: 0, room: 0 }, "the stored model does not fit into memory"),
         (
-            StoreError::NotStored { slot: poegp_runtime::store::Slot::A },
+            StoreError::NotAligned { at: 0, unit: 0 },
+            "the layout of its flash is wrong",
+        ),
+        (
+            StoreError::OutOfBounds {
+                end: 0,
+                capacity: 0,
+            },
+            "the layout of its flash is wrong",
+        ),
+        (
+            StoreError::Overlap { at: 0 },
+            "the layout of its flash is wrong",
+        ),
+        (
+            StoreError::RangeTooSmall {
+                length: 0,
+                needed: 0,
+            },
+            "the layout of its flash is wrong",
+        ),
+        (
+            StoreError::Unit { size: 0 },
+            "the layout of its flash is wrong",
+        ),
+        (
+            StoreError::BlobLength {
+                length: 0,
+                capacity: 0,
+            },
+            "the model does not fit into a slot of the flash",
+        ),
+        (
+            StoreError::BufferTooSmall { length: 0, room: 0 },
+            "the stored model does not fit into memory",
+        ),
+        (
+            StoreError::NotStored {
+                slot: poegp_runtime::store::Slot::A,
+            },
             "the slot no longer holds that model",
         ),
-        (StoreError::CrcMismatch { stored: 0, computed: 0 }, "the stored model is damaged"),
-        (StoreError::ReadBack { at: 0 }, "the flash does not hold what was written: it may be worn out"),
         (
-            StoreError::Flash { kind: embedded_storage::nor_flash::NorFlashErrorKind::Other },
+            StoreError::CrcMismatch {
+                stored: 0,
+                computed: 0,
+            },
+            "the stored model is damaged",
+        ),
+        (
+            StoreError::ReadBack { at: 0 },
+            "the flash does not hold what was written: it may be worn out",
+        ),
+        (
+            StoreError::Flash {
+                kind: embedded_storage::nor_flash::NorFlashErrorKind::Other,
+            },
             "the driver of the flash failed",
         ),
-        (StoreError::SequenceExhausted, "the flash was written more often than can be counted"),
-        (StoreError::KeyProvisioned, "another public key is provisioned"),
+        (
+            StoreError::SequenceExhausted,
+            "the flash was written more often than can be counted",
+        ),
+        (
+            StoreError::KeyProvisioned,
+            "another public key is provisioned",
+        ),
         (
             StoreError::KeyUnfinished,
             "provisioning the public key was interrupted: repeat it; until then no model is taken",
         ),
-        (StoreError::KeyDamaged, "the page of the public key is damaged: no model is taken"),
-        (StoreError::KeyPageFull, "the page of the public key has no room left"),
+        (
+            StoreError::KeyDamaged,
+            "the page of the public key is damaged: no model is taken",
+        ),
+        (
+            StoreError::KeyPageFull,
+            "the page of the public key has no room left",
+        ),
     ];
     match known.iter().find(|(error, _)| error.code() == code) {
         Some((_, words)) => format!("{words} (store error {code})"),
