@@ -8,6 +8,7 @@ mod known;
 #[path = "../../store/nor.rs"]
 #[allow(dead_code)] // the proofs of the store use the rest
 mod nor;
-
+mod sequences;
 mod slots;
+mod soak;
 mod uploads;
