@@ -15,6 +15,9 @@ fn main() {
     let out = PathBuf::from(env::var_os("OUT_DIR").expect("cargo sets OUT_DIR"));
     fs::copy("../memory.x", out.join("memory.x")).expect("memory.x is in the workspace root");
     println!("cargo:rustc-link-search={}", out.display());
+    if env::var_os("CARGO_FEATURE_STM32F405").is_some() {
+        println!("cargo:rustc-link-arg-bins=--defsym=__board_stm32f405=1");
+    }
     // No page alignment: load addresses are exactly those of memory.x.
     for argument in ["--nmagic", "-Tlink.x", "-Tdefmt.x"] {
         println!("cargo:rustc-link-arg-bins={argument}");

@@ -11,8 +11,16 @@ use poegp_runtime::store::Layout;
 #[cfg(feature = "mps2")]
 mod mps2;
 
+#[cfg(feature = "stm32f405")]
+mod stm32f405;
+
 #[cfg(feature = "mps2")]
 pub use mps2::Mps2 as Chosen;
+#[cfg(feature = "stm32f405")]
+pub use stm32f405::Stm32F405 as Chosen;
+
+#[cfg(not(any(feature = "mps2", feature = "stm32f405")))]
+compile_error!("choose a board by its feature, for instance --features mps2-an386");
 
 /// A board.
 pub trait Board {
@@ -22,8 +30,8 @@ pub trait Board {
     const TICK_HZ: u32;
     /// Ticks in which a cyclic request is to be answered.
     const DEADLINE_TICKS: u32;
-    /// Frequency of the processor's clock, which counts SysTick, in hertz.
-    const CORE_HZ: u32;
+    /// Whether the processor waits while the flash erases or writes. Then it is left alone while cycles run.
+    const FLASH_BLOCKS: bool;
     /// The serial line to controller and workstation.
     type Link: Link;
     /// The line that defmt logs on.
@@ -47,6 +55,8 @@ pub trait Board {
 
 /// What a started board hands out.
 pub struct Parts<B: Board> {
+    /// Frequency of the processor's clock in hertz.
+    pub core_hz: u32,
     /// See [`Board::Link`].
     pub link: B::Link,
     /// See [`Board::Log`].

@@ -50,6 +50,7 @@ fn start() -> Option<(Services, Shell)> {
         image_crc: memory::image_crc(),
         tick_hz: Chosen::TICK_HZ,
         deadline_ticks: Chosen::DEADLINE_TICKS,
+        flash_blocks: Chosen::FLASH_BLOCKS,
     };
     let bypass = memory::retained_bypass();
     front::START.put(Front {
@@ -62,7 +63,7 @@ fn start() -> Option<(Services, Shell)> {
     });
     front::ANSWERED.put(answer);
     LINE.put(Line::new(parts.link));
-    memory::start_system_handlers(Chosen::CORE_HZ / 100);
+    memory::start_system_handlers(parts.core_hz / 100);
     Chosen::listen();
     let store = Store::new(parts.flash, parts.layout).ok()?;
     let shell = Shell {

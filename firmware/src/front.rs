@@ -103,7 +103,7 @@ impl Front {
     }
 
     fn frame(&mut self, arrived: u32) {
-        let _ = self.strobe.set_high();
+        let _ = OutputPin::set_high(&mut self.strobe);
         let (cycle, receiver) = (&mut self.cycle, &mut *self.receiver);
         let mut taken = cycle.take(receiver, arrived, &mut Ticks, self.scratch, self.out);
         if taken == Taken::Service {
@@ -115,7 +115,7 @@ impl Front {
         self.receiver.clear();
         RUNNING.store(self.cycle.is_running(), Ordering::Relaxed);
         self.send(taken);
-        let _ = self.strobe.set_low();
+        let _ = OutputPin::set_low(&mut self.strobe);
     }
 
     fn send(&mut self, taken: Taken) {

@@ -62,6 +62,7 @@ fn refused(refusal: &Refusal) {
         Refusal::Store { code } => defmt::error!("flash: store error {=u8}", *code),
         Refusal::KeyIsFixed => defmt::warn!("refused: another key is provisioned"),
         Refusal::NoOtherModel => defmt::warn!("refused: there is no other model"),
+        Refusal::CyclesRunning => defmt::warn!("refused: cycles are running"),
         // The order of the pieces is the peer's affair, and the answer names it.
         _ => {}
     }

@@ -6,6 +6,7 @@
 
 use core::ptr;
 
+use cortex_m::interrupt::InterruptNumber;
 use cortex_m::peripheral::scb::SystemHandler;
 use cortex_m::peripheral::syst::SystClkSource;
 use poegp_protocol::blob::CRC;
@@ -39,7 +40,7 @@ impl Register {
     }
 }
 
-/// Memory that the linker does not know: an external RAM of the MPS2 boards.
+/// Memory that the linker does not know: the external RAM of the MPS2 boards, the flash of the STM32F405 behind the image.
 #[derive(Clone, Copy)]
 pub struct Region {
     start: usize,
@@ -52,8 +53,9 @@ impl Region {
         let end = start + 4 * words;
         assert!(
             (start >= 0x2100_0000 && end <= 0x2200_0000)
-                || (start >= 0x6000_0000 && end <= 0x6100_0000),
-            "not the external RAM of an MPS2 board"
+                || (start >= 0x6000_0000 && end <= 0x6100_0000)
+                || (start >= 0x0806_0000 && end <= 0x0810_0000),
+            "not memory that the linker leaves alone"
         );
         assert!(start.is_multiple_of(4), "not aligned");
         Self { start, words }
@@ -69,6 +71,7 @@ impl Region {
     }
 
     /// Sets one word; nothing happens beyond the end.
+    #[cfg(feature = "mps2")]
     #[inline(always)]
     pub fn write(self, word: usize, value: u32) {
         if word < self.words {
@@ -212,6 +215,12 @@ pub fn restart() -> ! {
     cortex_m::peripheral::SCB::sys_reset()
 }
 
+/// Lets an interrupt through.
+pub fn enable_interrupt(interrupt: impl InterruptNumber) {
+    // SAFETY: its handler shares nothing that is not behind a critical section, which is no mask of priorities.
+    unsafe { cortex_m::peripheral::NVIC::unmask(interrupt) }
+}
+
 /// An interrupt of a board whose vector table is that of cortex-m-rt.
 #[cfg(feature = "mps2")]
 #[derive(Clone, Copy)]
@@ -219,18 +228,9 @@ pub struct Interrupt(pub u16);
 
 // SAFETY: the board's modules name interrupts that there are; all lead to `DefaultHandler` below.
 #[cfg(feature = "mps2")]
-unsafe impl cortex_m::interrupt::InterruptNumber for Interrupt {
+unsafe impl InterruptNumber for Interrupt {
     fn number(self) -> u16 {
         self.0
-    }
-}
-
-#[cfg(feature = "mps2")]
-impl Interrupt {
-    /// Lets it through.
-    pub fn enable(self) {
-        // SAFETY: its handler shares nothing that is not behind a critical section, which is no mask of priorities.
-        unsafe { cortex_m::peripheral::NVIC::unmask(self) }
     }
 }
 

@@ -22,7 +22,7 @@ use poegp_runtime::store::Layout;
 use static_cell::ConstStaticCell;
 
 use crate::board::{Board, Link, Parts};
-use crate::memory::{Interrupt, Region, Register};
+use crate::memory::{Interrupt, Region, Register, enable_interrupt};
 
 const CLOCK_HZ: u32 = 25_000_000;
 const BAUD: u32 = 115_200;
@@ -213,7 +213,7 @@ impl Board for Mps2 {
     const TICK_HZ: u32 = CLOCK_HZ;
     // 4 ms: at 25 MHz a correction with 100 support points takes over one.
     const DEADLINE_TICKS: u32 = CLOCK_HZ / 250;
-    const CORE_HZ: u32 = CLOCK_HZ;
+    const FLASH_BLOCKS: bool = false;
     type Link = Uart;
     type Log = Uart;
     type Flash = PsramFlash;
@@ -239,6 +239,7 @@ impl Board for Mps2 {
             key: 2 * SLOT..FLASH_BYTES,
         };
         Some(Parts {
+            core_hz: CLOCK_HZ,
             link,
             log,
             flash: PsramFlash,
@@ -248,8 +249,8 @@ impl Board for Mps2 {
     }
 
     fn listen() {
-        LINK_RECEIVED.enable();
-        LINK_SENT.enable();
+        enable_interrupt(LINK_RECEIVED);
+        enable_interrupt(LINK_SENT);
     }
 
     #[inline(always)]

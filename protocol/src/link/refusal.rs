@@ -85,4 +85,6 @@ pub enum Refusal {
     },
     /// A key is provisioned already, and it is another one.
     KeyIsFixed,
+    /// Writing the flash of this board would delay cycles: stop them and say so with `StandDown` first.
+    CyclesRunning,
 }

@@ -23,6 +23,8 @@ pub struct Facts {
     pub tick_hz: u32,
     /// Ticks in which a cyclic request is to be answered.
     pub deadline_ticks: u32,
+    /// Whether the processor waits while the flash erases or writes. Then it is left alone while cycles run.
+    pub flash_blocks: bool,
 }
 
 /// What the background needs of the rest of the device.
@@ -104,9 +106,9 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
                 device.order(Order::Bypass(*on));
                 Ok(self.identify(device))
             }
-            Request::Provision { public_key } => {
-                self.provision(public_key).map(|()| self.identify(device))
-            }
+            Request::Provision { public_key } => self
+                .provision(public_key, device)
+                .map(|()| self.identify(device)),
             Request::ReadStatistics => {
                 let mut statistics = device.order(Order::Report).statistics;
                 device.complete(&mut statistics);
@@ -187,7 +189,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         if let Some(stored) = self.upload.committed {
             return Ok(stored);
         }
-        let active = device.order(Order::Report);
+        let active = self.check_flash(device)?;
         let written = self.store.write(self.upload.bytes(), active.slot);
         let stored = written.map_err(refused)?;
         if active.model.is_some_and(|model| model.blob_crc == verified) {
@@ -232,10 +234,11 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         from_crc: u32,
         device: &mut impl Device<'m, WORDS>,
     ) -> Result<(), Refusal> {
-        let active = device.order(Order::Report);
-        if active.model.is_none_or(|model| model.blob_crc != from_crc) {
+        let report = device.order(Order::Report);
+        if report.model.is_none_or(|model| model.blob_crc != from_crc) {
             return Ok(());
         }
+        let active = self.check_flash(device)?;
         let mut refusal = Refusal::NoOtherModel;
         for stored in self.store.candidates().into_iter().flatten() {
             if active.slot == Some(stored.slot) {
@@ -256,6 +259,18 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         Err(refusal)
     }
 
+    /// Whether the flash may be written now: the deadline comes first.
+    fn check_flash(
+        &self,
+        device: &mut impl Device<'m, WORDS>,
+    ) -> Result<Report<'m, WORDS>, Refusal> {
+        let report = device.order(Order::Report);
+        if self.facts.flash_blocks && report.running {
+            return Err(Refusal::CyclesRunning);
+        }
+        Ok(report)
+    }
+
     /// Into the spare model, through the staging buffer: an upload in progress is given up.
     fn load_stored(&mut self, stored: &Stored) -> Result<(), Refusal> {
         let key = self.key()?;
@@ -267,7 +282,12 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         Ok(())
     }
 
-    fn provision(&mut self, public_key: &[u8; 32]) -> Result<(), Refusal> {
+    fn provision(
+        &mut self,
+        public_key: &[u8; 32],
+        device: &mut impl Device<'m, WORDS>,
+    ) -> Result<(), Refusal> {
+        self.check_flash(device)?;
         let before = self.store.public_key();
         let result = self.store.provision(public_key);
         if result == Err(StoreError::KeyProvisioned) {

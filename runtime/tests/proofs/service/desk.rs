@@ -194,6 +194,11 @@ impl Default for Desk {
 impl Desk {
     /// With power on, and memory that is all zeros.
     pub fn start(flash: Rc<RefCell<Flash>>, bypass: bool) -> Self {
+        Self::start_on(flash, bypass, false)
+    }
+
+    /// The same on a board whose processor may wait for its flash.
+    pub fn start_on(flash: Rc<RefCell<Flash>>, bypass: bool, flash_blocks: bool) -> Self {
         // The firmware has statics for these; a few kilobytes for each start are the price of the same types here.
         let [active, spare] = [Box::leak(Box::default()), Box::leak(Box::default())];
         let active: &'static mut Resident<WORDS> = active;
@@ -222,6 +227,7 @@ impl Desk {
             image_crc: 0x1234_5678,
             tick_hz: 1_000,
             deadline_ticks: DEADLINE_TICKS,
+            flash_blocks,
         };
         let store = Store::new(wired, layout()).expect("a sound layout");
         let staged = Box::leak(Box::default());

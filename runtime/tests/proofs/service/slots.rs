@@ -278,6 +278,38 @@ fn flash_that_fails_is_named() {
     assert_eq!(desk.restarted().active(), Some(new.blob_crc));
 }
 
+/// Where the processor stands still while flash is written, nothing is written while cycles are expected.
+#[test]
+fn flash_that_blocks_waits_until_cycles_stop() {
+    let [old, new, third] = Known::three();
+    let mut desk = Desk::start_on(flash(), false, true);
+    old.install(&mut desk);
+    new.install(&mut desk);
+    desk.ask(&Request::Correct(query(&[0.1, 0.2], 1.0)));
+    let operations = desk.flash.borrow().operations;
+    third.upload(&mut desk);
+    let running = refused(Refusal::CyclesRunning);
+    let key = Request::Provision {
+        public_key: [7; 32],
+    };
+    for request in [&Request::CommitUpload, &new.roll_back(), &key] {
+        assert_eq!(desk.ask_twice(request), running);
+    }
+    // What writes nothing is carried out, and the upload is still there.
+    assert!(matches!(
+        desk.ask_twice(&old.roll_back()),
+        Response::Identity(_)
+    ));
+    desk.ask_twice(&third.activate());
+    assert_eq!(desk.active(), Some(third.blob_crc));
+    assert_eq!(desk.flash.borrow().operations, operations);
+    desk.ask(&Request::StandDown);
+    let committed = desk.ask_twice(&Request::CommitUpload);
+    assert!(matches!(committed, Response::Committed(_)));
+    desk.ask_twice(&third.roll_back());
+    assert_eq!(desk.active(), Some(new.blob_crc));
+}
+
 #[test]
 fn foreign_flash_is_no_model() {
     let foreign = flash();
