@@ -2,8 +2,10 @@
 
 mod blob;
 mod envelope;
+mod cobs;
 mod frame;
 mod link;
 mod listing;
+mod messages;
 mod receiver;
 mod sample;

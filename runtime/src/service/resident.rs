@@ -71,6 +71,14 @@ impl<const WORDS: usize> Resident<WORDS> {
         }
     }
 
+    /// Forgets the model.
+    pub(super) fn unload(&mut self) {
+        self.model.unload();
+        self.blob_crc = 0;
+        self.signed = 0;
+        self.slot = 0;
+    }
+
     /// Its name; `None` when there is no model.
     pub fn identity(&self) -> Option<ModelIdentity> {
         let joints = self.model.joints();
