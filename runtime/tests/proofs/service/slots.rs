@@ -308,9 +308,10 @@ fn flash_that_blocks_waits_until_cycles_stop() {
     let operations = desk.flash.borrow().operations;
     third.upload(&mut desk);
     let running = refused(Refusal::CyclesRunning);
-    let key = Request::Provision {
-        public_key: [7; 32],
-    };
+    // The base point of the curve.
+    let mut public_key = [0x66; 32];
+    public_key[0] = 0x58;
+    let key = Request::Provision { public_key };
     for request in [&Request::CommitUpload, &new.roll_back(), &key] {
         assert_eq!(desk.ask_twice(request), running);
     }
