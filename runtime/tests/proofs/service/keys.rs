@@ -1,41 +1,10 @@
 //! The public key: taken once, and then nothing runs that is not signed.
 
-use ed25519_dalek::{Signer, SigningKey};
-use poegp_protocol::blob;
-use poegp_protocol::envelope::{Trailer, key_id, set_signed};
+use poegp_protocol::envelope::{key_id, set_signed};
 use poegp_protocol::link::{Refusal, Request, Response};
 
 use super::desk::{Desk, layout};
-use super::known::{Known, query, refused, upload};
-
-/// Made here, of a seed that everybody knows.
-fn key(seed: u8) -> SigningKey {
-    SigningKey::from_bytes(&[seed; 32])
-}
-
-fn public(key: &SigningKey) -> [u8; 32] {
-    key.verifying_key().to_bytes()
-}
-
-/// `known` signed by `key`.
-fn signed(known: &Known, key: &SigningKey) -> Known {
-    let mut bytes = known.bytes.clone();
-    set_signed(&mut bytes, true);
-    let trailer = Trailer {
-        key_id: key_id(&public(key)),
-        signature: key.sign(&bytes).to_bytes(),
-    };
-    bytes.extend(trailer.to_bytes());
-    let mut model = poegp_runtime::model::Model::new();
-    let decoded = blob::decode(&bytes).expect("a blob");
-    model.load(&decoded).expect("a model");
-    Known {
-        blob_crc: blob::stored_crc(&bytes).expect("a header"),
-        joints: known.joints,
-        model,
-        bytes,
-    }
-}
+use super::known::{Known, key, public, query, refused, signed, upload};
 
 fn provision(desk: &mut Desk) {
     let public_key = public(&key(1));
