@@ -11,7 +11,7 @@ fn provision(desk: &mut Desk) {
     let Response::Identity(identity) = desk.ask_twice(&Request::Provision { public_key }) else {
         panic!()
     };
-    assert_eq!(identity.key, Some(key_id(&public_key)));
+    assert_eq!(identity.key, Key::Provisioned(key_id(&public_key)));
 }
 
 /// Unsigned.
