@@ -7,12 +7,14 @@ use core::fmt;
 pub struct Status(u8);
 
 /// Remark bits and their names, as they appear in files and on the wire. Append-only.
-const NAMES: [(Status, &str); 5] = [
+const NAMES: [(Status, &str); 7] = [
     (Status::OUTSIDE_JOINT_RANGE, "outside-joint-range"),
     (Status::OUTSIDE_PAYLOAD_RANGE, "outside-payload-range"),
     (Status::CORRECTION_BOUNDED, "correction-bounded"),
     (Status::NO_MODEL, "no-model"),
     (Status::BAD_INPUT, "bad-input"),
+    (Status::CORRECTION_REFUSED, "not-corrected"),
+    (Status::BYPASSED, "bypassed"),
 ];
 
 impl Status {
@@ -28,6 +30,10 @@ impl Status {
     pub const NO_MODEL: Self = Self(8);
     /// Wrong number of joints, a number that is not finite, or one beyond all reason: nothing was corrected.
     pub const BAD_INPUT: Self = Self(16);
+    /// No corrected command was found that is better: the command is uncorrected, or only partly corrected.
+    pub const CORRECTION_REFUSED: Self = Self(32);
+    /// Correction is switched off: the answer is the command as it came.
+    pub const BYPASSED: Self = Self(64);
 
     /// From the bits of [`Status::bits`]; unknown bits are kept.
     pub const fn from_bits(bits: u8) -> Self {
