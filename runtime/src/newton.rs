@@ -99,106 +99,138 @@ pub fn squares<T: Scalar>(error: &[T; 6]) -> (T, T) {
     (dot(&p, &p), dot(&r, &r))
 }
 
-/// The damped step of the first `joints` joints that takes `error` away; zero for the others.
-#[inline(never)]
-pub fn step<T: Scalar>(
-    rows: &Rows<T>,
+/// The damped normal equations at one place, factored: any number of errors can be taken away with them.
+#[derive(Clone, Copy, Debug)]
+pub struct Normal<T> {
     joints: usize,
-    error: &[T; 6],
     rotation_weight: T,
-    damping: T,
-) -> PerJoint<T> {
-    let weight = |row: usize| if row < 3 { T::ONE } else { rotation_weight };
-    let mut gram = [[T::ZERO; EQUATIONS]; EQUATIONS];
-    let mut right = [T::ZERO; EQUATIONS];
-    let many = joints > EQUATIONS;
-    let terms = if many { joints } else { 6 };
-    for term in 0..terms {
-        let mut v = [T::ZERO; EQUATIONS];
-        if many {
-            for (r, (value, row)) in v.iter_mut().zip(rows).enumerate() {
-                *value = row[term % MAX_JOINTS] * weight(r);
-            }
+    /// L below the diagonal.
+    lower: [[T; EQUATIONS]; EQUATIONS],
+    /// Reciprocals of D.
+    reciprocal: [T; EQUATIONS],
+}
+
+impl<T: Scalar> Normal<T> {
+    /// Nothing factored yet, for an arm of so many joints and this w.
+    pub fn new(joints: usize, rotation_weight: T) -> Self {
+        Self {
+            joints,
+            rotation_weight,
+            lower: [[T::ZERO; EQUATIONS]; EQUATIONS],
+            reciprocal: [T::ZERO; EQUATIONS],
+        }
+    }
+
+    #[inline(always)]
+    fn weight(&self, row: usize) -> T {
+        if row < 3 {
+            T::ONE
         } else {
-            let (w, row) = (weight(term), &rows[term % 6]);
-            let e = error[term % 6] * w;
-            for ((value, sum), element) in v.iter_mut().zip(&mut right).zip(row) {
-                *value = *element * w;
-                *sum += *value * e;
+            self.rotation_weight
+        }
+    }
+
+    /// Factors the equations of this Jacobian with this λ.
+    #[inline(never)]
+    pub fn factor(&mut self, rows: &Rows<T>, damping: T) {
+        let mut gram = [[T::ZERO; EQUATIONS]; EQUATIONS];
+        let many = self.joints > EQUATIONS;
+        let terms = if many { self.joints } else { 6 };
+        for term in 0..terms {
+            let mut v = [T::ZERO; EQUATIONS];
+            if many {
+                for (r, (value, row)) in v.iter_mut().zip(rows).enumerate() {
+                    *value = row[term % MAX_JOINTS] * self.weight(r);
+                }
+            } else {
+                for (value, element) in v.iter_mut().zip(&rows[term % 6]) {
+                    *value = *element * self.weight(term);
+                }
+            }
+            let mut i = 0;
+            while i < EQUATIONS {
+                let mut j = 0;
+                while j <= i {
+                    gram[i][j] += v[i] * v[j];
+                    j += 1;
+                }
+                i += 1;
+            }
+        }
+        let mut i = 0;
+        while i < EQUATIONS {
+            // Row i of L D first, then of L.
+            let mut j = 0;
+            while j < i {
+                let mut k = 0;
+                while k < j {
+                    gram[i][j] -= gram[i][k] * gram[j][k];
+                    k += 1;
+                }
+                j += 1;
+            }
+            let mut pivot = gram[i][i] + damping;
+            j = 0;
+            while j < i {
+                let scaled = gram[i][j];
+                gram[i][j] = scaled * self.reciprocal[j];
+                pivot -= scaled * gram[i][j];
+                j += 1;
+            }
+            // Also when it is NaN.
+            self.reciprocal[i] = T::ONE / if pivot > damping { pivot } else { damping };
+            i += 1;
+        }
+        self.lower = gram;
+    }
+
+    /// The step that takes `error` away; zero beyond the last joint.
+    #[inline(never)]
+    pub fn step(&self, rows: &Rows<T>, error: &[T; 6]) -> PerJoint<T> {
+        let many = self.joints > EQUATIONS;
+        let mut right = [T::ZERO; EQUATIONS];
+        for (r, (row, e)) in rows.iter().zip(error).enumerate() {
+            let w = self.weight(r);
+            if many {
+                right[r % EQUATIONS] = *e * w;
+            } else {
+                let e = *e * w * w;
+                for (sum, element) in right.iter_mut().zip(row) {
+                    *sum += *element * e;
+                }
             }
         }
         let mut i = 0;
         while i < EQUATIONS {
             let mut j = 0;
-            while j <= i {
-                gram[i][j] += v[i] * v[j];
+            while j < i {
+                right[i] -= self.lower[i][j] * right[j];
                 j += 1;
             }
             i += 1;
         }
-    }
-    if many {
-        for (r, (value, e)) in right.iter_mut().zip(error).enumerate() {
-            *value = *e * weight(r);
-        }
-    }
-    solve(&mut gram, &mut right, damping);
-    let mut out = [T::ZERO; MAX_JOINTS];
-    if many {
-        for (r, (row, z)) in rows.iter().zip(&right).enumerate() {
-            let z = *z * weight(r);
-            for (sum, element) in out.iter_mut().zip(row).take(joints) {
-                *sum += *element * z;
+        while i > 0 {
+            i -= 1;
+            right[i] = right[i] * self.reciprocal[i];
+            let mut j = i + 1;
+            while j < EQUATIONS {
+                right[i] -= self.lower[j][i] * right[j];
+                j += 1;
             }
         }
-    } else {
-        for (slot, z) in out.iter_mut().zip(&right) {
-            *slot = *z;
-        }
-    }
-    out
-}
-
-/// Solves (G + λI) x = b in place, G by its lower half, by L D Lᵀ with no pivot below λ.
-#[inline(always)]
-fn solve<T: Scalar>(
-    gram: &mut [[T; EQUATIONS]; EQUATIONS],
-    right: &mut [T; EQUATIONS],
-    damping: T,
-) {
-    let mut reciprocal = [T::ZERO; EQUATIONS];
-    let mut i = 0;
-    while i < EQUATIONS {
-        // Row i of L D first, then of L.
-        let mut j = 0;
-        while j < i {
-            let mut k = 0;
-            while k < j {
-                gram[i][j] -= gram[i][k] * gram[j][k];
-                k += 1;
+        let mut out = [T::ZERO; MAX_JOINTS];
+        if many {
+            for (r, (row, z)) in rows.iter().zip(&right).enumerate() {
+                let z = *z * self.weight(r);
+                for (sum, element) in out.iter_mut().zip(row).take(self.joints) {
+                    *sum += *element * z;
+                }
             }
-            j += 1;
+        } else {
+            for (slot, z) in out.iter_mut().zip(&right) {
+                *slot = *z;
+            }
         }
-        let mut pivot = gram[i][i] + damping;
-        j = 0;
-        while j < i {
-            let scaled = gram[i][j];
-            gram[i][j] = scaled * reciprocal[j];
-            pivot -= scaled * gram[i][j];
-            right[i] -= gram[i][j] * right[j];
-            j += 1;
-        }
-        // Also when it is NaN.
-        reciprocal[i] = T::ONE / if pivot > damping { pivot } else { damping };
-        i += 1;
-    }
-    while i > 0 {
-        i -= 1;
-        right[i] = right[i] * reciprocal[i];
-        let mut j = i + 1;
-        while j < EQUATIONS {
-            right[i] -= gram[j][i] * right[j];
-            j += 1;
-        }
+        out
     }
 }

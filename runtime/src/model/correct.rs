@@ -28,7 +28,7 @@ use crate::bound::bounded;
 use crate::deflection::{self, GravityRegressors, PerJoint, coupled, features};
 use crate::model::checked::is_within;
 use crate::model::elastic::ElasticCorrection;
-use crate::newton::{self, Rows, displaced, pose_error, squares};
+use crate::newton::{self, Normal, Rows, displaced, pose_error, squares};
 use crate::poe::JointMotion;
 use crate::scalar::Scalar;
 use crate::se3::{Pose, Twist};
@@ -135,6 +135,8 @@ struct Found<T> {
     after: [T; 6],
     /// Square of the displacement by the deflection, m².
     deflected: T,
+    /// By how much, m, `after` may be wrong because the chain was not evaluated there.
+    unseen: T,
     rotation_weight: T,
     bounded: bool,
 }
@@ -173,12 +175,14 @@ impl<T: Scalar> Search<'_, T> {
             ArmCorrection::TaskSpace(_) => TASK_SPACE_STEPS,
             _ => STEPS,
         };
+        let mut normal = Normal::new(n, rotation_weight);
         let mut change = [T::ZERO; MAX_JOINTS];
         let mut first: Rows<T> = [[T::ZERO; MAX_JOINTS]; 6];
         let mut later = first;
         let mut bounded = false;
         let mut before = [T::ZERO; 6];
         let mut taken = 0;
+        let mut step = change;
         let (mut pose, mut error);
         loop {
             pose = self.chain(&change);
@@ -204,7 +208,8 @@ impl<T: Scalar> Search<'_, T> {
                 arm.coupling.as_ref(),
                 rows,
             );
-            let step = newton::step(rows, n, &error, rotation_weight, T::from_f64(DAMPING));
+            normal.factor(rows, T::from_f64(DAMPING));
+            step = normal.step(rows, &error);
             for (value, delta) in change.iter_mut().zip(&step) {
                 *value += *delta;
             }
@@ -217,11 +222,15 @@ impl<T: Scalar> Search<'_, T> {
             before,
             after: error,
             deflected: T::ZERO,
+            unseen: T::ZERO,
             rotation_weight,
             bounded,
         };
+        if steps == STEPS {
+            found.go_on(&later, &normal, &step);
+        }
         if let ArmCorrection::Elastic(elastic) = &arm.correction {
-            let deflection = self.deflection(elastic, &change, &pose, &mut found.bounded);
+            let deflection = self.deflection(elastic, &found.change, &pose, &mut found.bounded);
             let moved = displaced(&first, &deflection);
             found.deflected = squares(&moved).0;
             for (value, part) in found.before.iter_mut().zip(&moved) {
@@ -339,13 +348,39 @@ fn hold<T: Scalar>(change: &mut PerJoint<T>, serial: &PerJoint<T>) {
 }
 
 impl<T: Scalar> Found<T> {
+    /// One step more by the last equations, `last` after their place, if that is sure to be better.
+    fn go_on(&mut self, rows: &Rows<T>, normal: &Normal<T>, last: &PerJoint<T>) {
+        let step = normal.step(rows, &self.after);
+        let mut after = self.after;
+        for (value, part) in after.iter_mut().zip(&displaced(rows, &step)) {
+            *value -= *part;
+        }
+        // |f(y + s) − f(y) − J s| ≤ reach · Σ|s| · (Σ|s| + Σ|y − place of J|).
+        let mut reach = T::ZERO;
+        for row in rows.iter().take(3) {
+            reach += crate::kernel::inner_product(row, row);
+        }
+        let (mut length, mut away) = (T::ZERO, T::ZERO);
+        for (s, l) in step.iter().zip(last) {
+            length += s.abs();
+            away += l.abs();
+        }
+        let unseen = reach.sqrt() * length * (length + away);
+        if squares(&after).0.sqrt() + unseen < squares(&self.after).0.sqrt() {
+            for (value, delta) in self.change.iter_mut().zip(&step) {
+                *value += *delta;
+            }
+            (self.after, self.unseen) = (after, unseen);
+        }
+    }
+
     /// The corrected command if it is better than `joints`, else these.
     fn judged(&self, joints: &PerJoint<T>, status: Status) -> Corrected<T> {
         let (position, rotation) = squares(&self.after);
         let (position_before, rotation_before) = squares(&self.before);
         let weight = self.rotation_weight * self.rotation_weight;
         let (distance, distance_before) = (position.sqrt(), position_before.sqrt());
-        let margin = T::from_f64(LAG) * self.deflected.sqrt();
+        let margin = T::from_f64(LAG) * self.deflected.sqrt() + self.unseen;
         // Written so that NaN is not better.
         let mut better = distance + margin <= distance_before
             && position + weight * rotation <= position_before + weight * rotation_before;

@@ -170,8 +170,12 @@ fn regular_poses_are_corrected_within_a_micrometre() {
             let m = |v: &[f64], q| 1e6 * quantile(v, q);
             say(format_args!(
                 "  {robot:20} f64 {:.3} {:.3} {:.3}  f32 {:.3} {:.3} {:.3} µm (median, 99.5 %, all)",
-                m(&here, 500), m(&here, 995), m(&here, 1000),
-                m(&here_single, 500), m(&here_single, 995), m(&here_single, 1000),
+                m(&here, 500),
+                m(&here, 995),
+                m(&here, 1000),
+                m(&here_single, 500),
+                m(&here_single, 995),
+                m(&here_single, 1000),
             ));
             double.extend(here);
             single.extend(here_single);
@@ -194,6 +198,46 @@ fn regular_poses_are_corrected_within_a_micrometre() {
         for (values, median) in [(&double, 0.1), (&single, 0.3)] {
             assert!(micro(values, 500) <= median, "{name}");
             assert!(micro(values, 995) <= 1.0, "{name}");
+        }
+    }
+}
+
+#[test]
+fn explore() {
+    let (name, options) = &models()[1];
+    for robot in ["abb-irb4400", "ur10"] {
+        let fitted = fit(robot, Scenario::Wild, options);
+        let mut random = ChaCha8Rng::seed_from_u64(8);
+        let mut bins: Vec<Vec<f64>> = vec![Vec::new(); 6];
+        let edges = [0.0, 0.02, 0.05, 0.1, 0.15, 0.2, 9.0];
+        let mut worse = 0;
+        for _ in 0..6000 {
+            let (joints, payload_kg) = fitted.random_pose(&mut random);
+            let sigma = fitted.smallest_singular_value(&joints);
+            let b = (0..6).find(|b| sigma < edges[b + 1]).unwrap();
+            let start = fitted.error(&joints, &joints, payload_kg).0;
+            let e = fitted.corrected(&fitted.double, &joints, payload_kg).0.0;
+            if e > start * (1.0 + 1e-12) {
+                worse += 1;
+                say(format_args!("{sigma} {start} {e}"));
+            }
+            bins[b].push(e);
+        }
+        say(format_args!("{robot} {name} worse {worse}"));
+        for (b, v) in bins.iter_mut().enumerate() {
+            v.sort_by(f64::total_cmp);
+            if v.is_empty() {
+                continue;
+            }
+            say(format_args!(
+                "  sigma < {}: {} poses, median {:.3} 95% {:.3} 99.5% {:.3} max {:.3}",
+                edges[b + 1],
+                v.len(),
+                1e6 * quantile(v, 500),
+                1e6 * quantile(v, 950),
+                1e6 * quantile(v, 995),
+                1e6 * quantile(v, 1000)
+            ));
         }
     }
 }
