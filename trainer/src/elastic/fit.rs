@@ -82,6 +82,8 @@ pub struct ElasticFit {
     pub inputs: Inputs,
     /// The solution with all poses as support, when there are processes.
     pub solved: Option<Solved>,
+    /// Where the model was linearised for it: `state` has moved on since.
+    pub origin: State,
 }
 
 /// A fit with the measurements that do not belong.
@@ -200,6 +202,7 @@ pub fn fit(
         // The priors that the evidence prefers, and the parameters under them.
         let scales = parametric_fit(&mut state, samples, &hyper);
         return Some(ElasticFit {
+            origin: state.clone(),
             state,
             hyperparameters: hyper,
             layout: h,
@@ -230,8 +233,10 @@ pub fn fit(
         let found = significant(&state, samples, &left_over(&first, &hyper), &linear);
         state.add_ripple(&found);
     }
+    let origin = state.clone();
     let (solved, _) = solve(&mut state)?;
     Some(ElasticFit {
+        origin,
         state,
         hyperparameters: hyper,
         layout: h,

@@ -31,7 +31,7 @@ impl Uncertainty {
     /// Of a fit to `samples`, scaled by what leaving poses out asked for; `None` when it has no processes.
     pub fn new(fit: ElasticFit, samples: &[Sample], inflation: [f64; 2]) -> Option<Self> {
         fit.solved.as_ref()?;
-        let linear = fit.state.linearise(samples, fit.scales);
+        let linear = fit.origin.linearise(samples, fit.scales);
         let kernels = fit.layout.kernels(&fit.hyperparameters);
         Some(Self {
             fit,
@@ -52,8 +52,8 @@ impl Uncertainty {
             position_only: false,
             ..sample.clone()
         };
-        let new = fit.state.linearise(&[whole], fit.scales);
-        let groups = fit.state.layout.groups();
+        let new = fit.origin.linearise(&[whole], fit.scales);
+        let groups = fit.origin.layout.groups();
         let lambda: Vec<f64> = groups
             .iter()
             .map(|g| prior_variance(*g, &fit.hyperparameters))
@@ -61,7 +61,7 @@ impl Uncertainty {
         let scaled = Mat::from_fn(ROWS, lambda.len(), |i, j| new.a[(i, j)] * lambda[j]);
         let mut prior = &scaled * new.a.transpose();
         let mut cross = &scaled * self.linear.a.transpose();
-        let features = fit.state.features(sample);
+        let features = fit.origin.features(sample);
         let payload = sample.payload_kg.unwrap_or(0.0);
         for (c, kernel) in self.kernels.iter().enumerate() {
             let own = kernel.payload_factor(payload, payload);
