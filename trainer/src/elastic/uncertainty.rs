@@ -12,12 +12,15 @@ use super::fit::ElasticFit;
 use super::likelihood::prior_variance;
 use super::state::{Linearised, ROWS};
 use crate::calibration::frames::Sample;
+use crate::calibration::noise::InstrumentNoise;
 
 /// A fit that can say how well it predicts.
 pub struct Uncertainty {
     fit: ElasticFit,
     linear: Linearised,
     kernels: Vec<JointKernel<f64>>,
+    /// Noise of a measurement that states none.
+    typical: InstrumentNoise,
     inflation: [f64; 2],
 }
 
@@ -37,12 +40,13 @@ impl Uncertainty {
             fit,
             linear,
             kernels,
+            typical: InstrumentNoise::typical(samples),
             inflation,
         })
     }
 
     /// Standard deviation of a new measurement about its prediction: position along the axes of the base frame in metres,
-    /// rotation about them in radians.
+    /// rotation about them in radians. A measurement that states no noise of its own has that of a typical training row.
     pub fn standard_deviation(&self, sample: &Sample) -> [f64; ROWS] {
         let fit = &self.fit;
         let Some(solved) = &fit.solved else {
@@ -50,8 +54,10 @@ impl Uncertainty {
         };
         let whole = Sample {
             position_only: false,
+            stated: sample.stated.or(self.typical),
             ..sample.clone()
         };
+        let scales = fit.scales.of(&whole);
         let new = fit.origin.linearise(&[whole], fit.scales);
         let groups = fit.origin.layout.groups();
         let lambda: Vec<f64> = groups
@@ -93,11 +99,12 @@ impl Uncertainty {
         }
         let explained = &cross * solved.factor.solve(cross.transpose());
         std::array::from_fn(|a| {
-            let noise = fit.hyperparameters[usize::from(a >= 3)].exp();
+            let h = fit.hyperparameters[usize::from(a >= 3)];
+            let noise = h.exp() * new.relative_noise(a, h).powi(2);
             let scale = if a < 3 {
-                fit.scales.position
+                scales.position
             } else {
-                fit.scales.orientation
+                scales.orientation
             };
             self.inflation[usize::from(a >= 3)]
                 * scale

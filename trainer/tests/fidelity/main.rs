@@ -8,6 +8,7 @@ mod deviation;
 mod json;
 mod likelihood;
 mod optimum;
+mod row_noise;
 mod sets;
 mod single_precision;
 mod step1;
