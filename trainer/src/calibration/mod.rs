@@ -17,6 +17,7 @@ use crate::elastic;
 use crate::elastic::fit::ElasticOptions;
 use crate::elastic::model::ElasticModel;
 use crate::elastic::outliers::Outlier;
+use crate::elastic::refit::Recipe;
 use crate::elastic::uncertainty::Uncertainty;
 use crate::gp::fit::{MAX_SIGNAL_VARIANCE, Sharing, fit};
 use crate::gp::{self, NotPositiveDefinite, TaskSpaceGp};
@@ -272,7 +273,14 @@ pub fn calibrate(
             Some(model.ok_or(CalibrationError::Unsolvable)?).filter(|_| method == Method::Elastic);
         out.calibrated = fit.state.chain(0);
         out.tools = relative(&fit.state.tools);
-        out.uncertainty = Uncertainty::new(fit, &kept, robust.inflation);
+        out.uncertainty = Uncertainty::new(fit, &kept, robust.inflation).map(|u| {
+            u.with_recipe(Recipe {
+                chain: nominal,
+                tools: chain_ends.clone(),
+                coupling: coupling.cloned(),
+                options: *options,
+            })
+        });
     } else if method != Method::BaseTool {
         out.step1 = Some(step1(&mut out.calibrated, &in_base, options.weighted));
     }

@@ -242,11 +242,11 @@ fn print(report: Report, runs: &[(&Vec<ModelComparison>, &str)], a: &Compare) {
         let folds = model
             .cross_validation
             .iter()
-            .map(|cv| ("cross-validation", &cv.all, cv.coverage));
+            .map(|cv| ("cross-validation", &cv.all, cv.coverage.clone()));
         let sets = model
             .sets
             .iter()
-            .map(|s| (s.name.as_str(), &s.errors, s.coverage));
+            .map(|s| (s.name.as_str(), &s.errors, s.coverage.clone()));
         for (name, errors, coverage) in folds.chain(sets) {
             let p = &errors.position_mm;
             let mut row = vec![

@@ -9,6 +9,7 @@ pub mod likelihood;
 pub mod model;
 pub mod outliers;
 pub mod parameters;
+pub mod refit;
 pub mod ripple;
 pub mod state;
 pub mod support;

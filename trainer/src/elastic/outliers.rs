@@ -9,6 +9,7 @@ use faer::linalg::solvers::{DenseSolveCore, Solve};
 use faer::{Mat, Side};
 
 use super::fit::ElasticFit;
+use super::refit::{Standardised, factor};
 use super::state::{ROWS, State};
 use crate::calibration::frames::Sample;
 use crate::calibration::noise::Scales;
@@ -112,7 +113,7 @@ pub fn leave_one_out(fit: &ElasticFit, samples: &[Sample]) -> LeaveOneOut {
         return out;
     };
     let inverse = solved.factor.inverse();
-    let mut standardised: [Vec<f64>; 2] = [Vec::new(), Vec::new()];
+    let mut standardised: Standardised = [Vec::new(), Vec::new()];
     for (k, sample) in samples.iter().enumerate() {
         let rows = if sample.position_only { 3 } else { ROWS };
         let block = Mat::from_fn(rows, rows, |i, j| inverse[(ROWS * k + i, ROWS * k + j)]);
@@ -137,12 +138,6 @@ pub fn leave_one_out(fit: &ElasticFit, samples: &[Sample]) -> LeaveOneOut {
                 .push((error[(i, 0)] / covariance[(i, i)].sqrt()).abs());
         }
     }
-    for (inflation, values) in out.inflation.iter_mut().zip(&mut standardised) {
-        values.sort_by(f64::total_cmp);
-        let quantile = |share: f64| values.get((share * values.len() as f64) as usize).copied();
-        if let (Some(one), Some(two)) = (quantile(0.6827), quantile(0.95)) {
-            *inflation = 0.5 * (one + two / 1.96);
-        }
-    }
+    out.inflation = factor(&mut standardised);
     out
 }

@@ -4,12 +4,15 @@
 //! covariance with the measurements; both from parameters and processes. What the reduction to fewer support points adds
 //! is below a hundredth and left out.
 
+use std::sync::OnceLock;
+
 use faer::Mat;
 use faer::linalg::solvers::Solve;
 use poegp_runtime::deflection::{JointKernel, similarity};
 
 use super::fit::ElasticFit;
 use super::likelihood::prior_variance;
+use super::refit::{FEW, Recipe};
 use super::state::{Linearised, ROWS};
 use crate::calibration::frames::Sample;
 use crate::calibration::noise::InstrumentNoise;
@@ -21,7 +24,11 @@ pub struct Uncertainty {
     kernels: Vec<JointKernel<f64>>,
     /// Noise of a measurement that states none.
     typical: InstrumentNoise,
-    inflation: [f64; 2],
+    samples: Vec<Sample>,
+    /// How the fit is done again, when poses are few.
+    recipe: Option<Recipe>,
+    left_out: [f64; 2],
+    inflation: OnceLock<[f64; 2]>,
 }
 
 impl std::fmt::Debug for Uncertainty {
@@ -31,8 +38,9 @@ impl std::fmt::Debug for Uncertainty {
 }
 
 impl Uncertainty {
-    /// Of a fit to `samples`, scaled by what leaving poses out asked for; `None` when it has no processes.
-    pub fn new(fit: ElasticFit, samples: &[Sample], inflation: [f64; 2]) -> Option<Self> {
+    /// Of a fit to `samples`, scaled by `left_out`, what leaving single poses out asked for; `None` when it has no
+    /// processes.
+    pub fn new(fit: ElasticFit, samples: &[Sample], left_out: [f64; 2]) -> Option<Self> {
         fit.solved.as_ref()?;
         let linear = fit.origin.linearise(samples, fit.scales);
         let kernels = fit.layout.kernels(&fit.hyperparameters);
@@ -41,7 +49,28 @@ impl Uncertainty {
             linear,
             kernels,
             typical: InstrumentNoise::typical(samples),
-            inflation,
+            samples: samples.to_vec(),
+            recipe: None,
+            left_out,
+            inflation: OnceLock::new(),
+        })
+    }
+
+    /// Scaled by what fits without a fold of the poses ask for, when there are at most [`FEW`] poses.
+    #[must_use]
+    pub fn with_recipe(self, recipe: Recipe) -> Self {
+        Self {
+            recipe: Some(recipe).filter(|_| self.samples.len() <= FEW),
+            ..self
+        }
+    }
+
+    /// What the standard deviations of position and of rotation are multiplied with. From few poses it costs five fits the
+    /// first time it is asked for: a calibration that is only exported does not pay for it.
+    pub fn inflation(&self) -> [f64; 2] {
+        *self.inflation.get_or_init(|| {
+            let refitted = self.recipe.as_ref().and_then(|r| r.factor(&self.samples));
+            refitted.unwrap_or(self.left_out)
         })
     }
 
@@ -97,6 +126,7 @@ impl Uncertainty {
                 }
             }
         }
+        let inflation = self.inflation();
         let explained = &cross * solved.factor.solve(cross.transpose());
         std::array::from_fn(|a| {
             let h = fit.hyperparameters[usize::from(a >= 3)];
@@ -106,7 +136,7 @@ impl Uncertainty {
             } else {
                 scales.orientation
             };
-            self.inflation[usize::from(a >= 3)]
+            inflation[usize::from(a >= 3)]
                 * scale
                 * ((prior[(a, a)] - explained[(a, a)]).max(0.0) + noise).sqrt()
         })
