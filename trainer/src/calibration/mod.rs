@@ -15,9 +15,9 @@ use poegp_runtime::se3::{Pose, Twist, residual};
 
 use crate::elastic;
 use crate::elastic::fit::ElasticOptions;
+use crate::elastic::inflation::Recipe;
 use crate::elastic::model::ElasticModel;
 use crate::elastic::outliers::Outlier;
-use crate::elastic::refit::Recipe;
 use crate::elastic::uncertainty::Uncertainty;
 use crate::gp::fit::{MAX_SIGNAL_VARIANCE, Sharing, fit};
 use crate::gp::{self, NotPositiveDefinite, TaskSpaceGp};

@@ -5,11 +5,11 @@
 //! least-squares solution for all of it, hyperparameters by the marginal likelihood.
 
 pub mod fit;
+pub mod inflation;
 pub mod likelihood;
 pub mod model;
 pub mod outliers;
 pub mod parameters;
-pub mod refit;
 pub mod ripple;
 pub mod state;
 pub mod support;

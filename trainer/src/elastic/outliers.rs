@@ -9,7 +9,7 @@ use faer::linalg::solvers::{DenseSolveCore, Solve};
 use faer::{Mat, Side};
 
 use super::fit::ElasticFit;
-use super::refit::{Standardised, factor};
+use super::inflation::{Standardised, factor};
 use super::state::{ROWS, State};
 use crate::calibration::frames::Sample;
 use crate::calibration::noise::Scales;

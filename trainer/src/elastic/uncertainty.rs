@@ -11,11 +11,14 @@ use faer::linalg::solvers::Solve;
 use poegp_runtime::deflection::{JointKernel, similarity};
 
 use super::fit::ElasticFit;
+use super::inflation::{FEW, Recipe, payloads_left_out};
 use super::likelihood::prior_variance;
-use super::refit::{FEW, Recipe};
 use super::state::{Linearised, ROWS};
 use crate::calibration::frames::Sample;
 use crate::calibration::noise::InstrumentNoise;
+
+/// Payloads that differ by less than this share of the largest are the same.
+const SAME_PAYLOAD: f64 = 0.01;
 
 /// A fit that can say how well it predicts.
 pub struct Uncertainty {
@@ -29,6 +32,8 @@ pub struct Uncertainty {
     recipe: Option<Recipe>,
     left_out: [f64; 2],
     inflation: OnceLock<[f64; 2]>,
+    /// By how much more, where the payload was not trained.
+    other_payload: OnceLock<[f64; 2]>,
 }
 
 impl std::fmt::Debug for Uncertainty {
@@ -53,6 +58,7 @@ impl Uncertainty {
             recipe: None,
             left_out,
             inflation: OnceLock::new(),
+            other_payload: OnceLock::new(),
         })
     }
 
@@ -72,6 +78,24 @@ impl Uncertainty {
             let refitted = self.recipe.as_ref().and_then(|r| r.factor(&self.samples));
             refitted.unwrap_or(self.left_out)
         })
+    }
+
+    /// [`Uncertainty::inflation`] at a payload in kg.
+    fn inflation_at(&self, payload: f64) -> [f64; 2] {
+        let trained = &self.fit.inputs.payloads;
+        let widest = trained.iter().fold(0.0_f64, |w, m| w.max(*m));
+        let same = |m: &f64| (m - payload).abs() <= SAME_PAYLOAD * widest;
+        let inflation = self.inflation();
+        if trained.iter().any(same) {
+            return inflation;
+        }
+        let more = self.other_payload.get_or_init(|| {
+            let solved = self.fit.solved.as_ref();
+            let found = solved.and_then(|s| payloads_left_out(s, &self.samples));
+            let share = |i: usize| found.map_or(1.0, |f| (f[i] / self.left_out[i]).max(1.0));
+            [share(0), share(1)]
+        });
+        [inflation[0] * more[0], inflation[1] * more[1]]
     }
 
     /// Standard deviation of a new measurement about its prediction: position along the axes of the base frame in metres,
@@ -126,7 +150,7 @@ impl Uncertainty {
                 }
             }
         }
-        let inflation = self.inflation();
+        let inflation = self.inflation_at(payload);
         let explained = &cross * solved.factor.solve(cross.transpose());
         std::array::from_fn(|a| {
             let h = fit.hyperparameters[usize::from(a >= 3)];
