@@ -28,3 +28,4 @@ pub mod scalar;
 pub mod se3;
 pub mod service;
 pub mod status;
+pub mod trust;

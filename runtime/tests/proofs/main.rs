@@ -17,3 +17,4 @@ mod se3_reference;
 mod se3_truth;
 mod seeded;
 mod service;
+mod trust;
