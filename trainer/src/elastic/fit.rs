@@ -34,6 +34,8 @@ pub struct ElasticOptions {
     pub support: Option<usize>,
     /// What is done with measurements that do not belong.
     pub outliers: OutlierPolicy,
+    /// Whether a model with tied length scales gets a standard deviation for the device.
+    pub device_sigma: bool,
     /// What the instrument's maker states: position in metres, orientation in radians, per component.
     /// Each may be unknown.
     pub instrument_noise: InstrumentNoise,
@@ -58,6 +60,7 @@ impl Default for ElasticOptions {
             gravity: Vector3::new(0.0, 0.0, -9.81),
             support: Some(100),
             outliers: OutlierPolicy::Report,
+            device_sigma: true,
             instrument_noise: InstrumentNoise::default(),
         }
     }
@@ -82,6 +85,8 @@ pub struct ElasticFit {
     pub inputs: Inputs,
     /// The solution with all poses as support, when there are processes.
     pub solved: Option<Solved>,
+    /// The parameters around which `solved` is linear; those of `state` have moved since.
+    pub solved_around: State,
 }
 
 /// A fit with the measurements that do not belong.
@@ -94,6 +99,8 @@ pub struct RobustFit {
     pub kept: Vec<usize>,
     /// What predicted standard deviations of position and rotation must be multiplied with.
     pub inflation: [f64; 2],
+    /// Position variance of every kept sample as the others predict it, m², not inflated; `None` for outliers.
+    pub left_out: Vec<Option<f64>>,
 }
 
 /// [`fit`], with outliers found, and left out when `options` says so.
@@ -161,6 +168,7 @@ pub fn fit_robust(
         outliers,
         kept,
         inflation: others.inflation,
+        left_out: others.position_variance,
     })
 }
 
@@ -200,6 +208,7 @@ pub fn fit(
         // The priors that the evidence prefers, and the parameters under them.
         let scales = parametric_fit(&mut state, samples, &hyper);
         return Some(ElasticFit {
+            solved_around: state.clone(),
             state,
             hyperparameters: hyper,
             layout: h,
@@ -230,9 +239,11 @@ pub fn fit(
         let found = significant(&state, samples, &left_over(&first, &hyper), &linear);
         state.add_ripple(&found);
     }
+    let solved_around = state.clone();
     let (solved, _) = solve(&mut state)?;
     Some(ElasticFit {
         state,
+        solved_around,
         hyperparameters: hyper,
         layout: h,
         scales,

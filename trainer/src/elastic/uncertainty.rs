@@ -3,6 +3,9 @@
 //! For a new pose y* = A* x + Σ_c J*_c δ_c(q*, m*): cov(y*) = P** − C S⁻¹ Cᵀ, with P** the prior covariance of y* and C its
 //! covariance with the measurements; both from parameters and processes. What the reduction to fewer support points adds
 //! is below a hundredth and left out.
+//!
+//! Everything is linearised around the parameters that S is: base and tool have priors of 60 mm, and where C is linear around
+//! others by a ten-thousandth, P** − C S⁻¹ Cᵀ is noise of the size of what it should be.
 
 use faer::Mat;
 use faer::linalg::solvers::Solve;
@@ -31,7 +34,7 @@ impl Uncertainty {
     /// Of a fit to `samples`, scaled by what leaving poses out asked for; `None` when it has no processes.
     pub fn new(fit: ElasticFit, samples: &[Sample], inflation: [f64; 2]) -> Option<Self> {
         fit.solved.as_ref()?;
-        let linear = fit.state.linearise(samples, fit.scales);
+        let linear = fit.solved_around.linearise(samples, fit.scales);
         let kernels = fit.layout.kernels(&fit.hyperparameters);
         Some(Self {
             fit,
@@ -52,7 +55,7 @@ impl Uncertainty {
             position_only: false,
             ..sample.clone()
         };
-        let new = fit.state.linearise(&[whole], fit.scales);
+        let new = fit.solved_around.linearise(&[whole], fit.scales);
         let groups = fit.state.layout.groups();
         let lambda: Vec<f64> = groups
             .iter()
