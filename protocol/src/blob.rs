@@ -342,9 +342,15 @@ pub fn encode<'b>(blob: &Blob<'_>, buffer: &'b mut [u8]) -> Result<&'b [u8], Buf
 /// # Errors
 /// [`DecodeError`], in the order of its variants: length of the header, magic, version, length, CRC, payload.
 pub fn decode(bytes: &[u8]) -> Result<Blob<'_>, DecodeError> {
-    let envelope::Envelope {
-        version, payload, ..
-    } = envelope::open(bytes)?;
+    match envelope::open(bytes) {
+        Ok(envelope) => decode_payload(envelope.version, envelope.payload),
+        Err(error) => Err(error),
+    }
+}
+
+// Not inlined, and called last: the blob is decoded where the caller wants it.
+#[inline(never)]
+fn decode_payload(version: u16, payload: &[u8]) -> Result<Blob<'_>, DecodeError> {
     // Not `postcard::take_from_bytes`, whose pair of blob and rest is one more copy of the blob on the device's stack; and
     // what is decoded is completed in place, for the same reason.
     let mut deserializer = postcard::Deserializer::from_bytes(payload);
