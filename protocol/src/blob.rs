@@ -370,22 +370,15 @@ pub fn encode<'b>(blob: &Blob<'_>, buffer: &'b mut [u8]) -> Result<&'b [u8], Buf
 /// # Errors
 /// [`DecodeError`], in the order of its variants: length of the header, magic, version, length, CRC, payload.
 pub fn decode(bytes: &[u8]) -> Result<Blob<'_>, DecodeError> {
-    decode_and(bytes, Blob::clone)
+    match envelope::open(bytes) {
+        Ok(envelope) => decode_payload(envelope.version, envelope.payload),
+        Err(error) => Err(error),
+    }
 }
 
-/// The same for a device, which has no room on its stack for the copies that returning a blob makes: `take` looks at it
-/// where it was decoded.
-///
-/// # Errors
-/// As [`decode`].
+// Not inlined, and called last: the blob is decoded where the caller wants it.
 #[inline(never)]
-pub fn decode_and<'b, R>(
-    bytes: &'b [u8],
-    take: impl FnOnce(&Blob<'b>) -> R,
-) -> Result<R, DecodeError> {
-    let envelope::Envelope {
-        version, payload, ..
-    } = envelope::open(bytes)?;
+fn decode_payload(version: u16, payload: &[u8]) -> Result<Blob<'_>, DecodeError> {
     // Not `postcard::take_from_bytes`, whose pair of blob and rest is one more copy of the blob on the device's stack; and
     // what is decoded is completed in place, for the same reason.
     let mut deserializer = postcard::Deserializer::from_bytes(payload);
@@ -408,8 +401,9 @@ pub fn decode_and<'b, R>(
         }
         Err(_) => false,
     };
-    match &decoded {
-        Ok(blob) if complete => Ok(take(blob)),
-        _ => Err(DecodeError::MalformedPayload),
+    if complete {
+        decoded.map_err(|_| DecodeError::MalformedPayload)
+    } else {
+        Err(DecodeError::MalformedPayload)
     }
 }
