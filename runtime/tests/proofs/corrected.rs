@@ -41,7 +41,7 @@ fn arm(shape: Shape) -> Arm {
         arm.task = None;
     }
     for (i, frame) in arm.calibrated.iter_mut().enumerate() {
-        let off = core::array::from_fn(|c| 1e-3 * ((i * 6 + c) as f32 * 0.7).sin());
+        let off = core::array::from_fn(|c| 1e-3 * libm::sinf((i * 6 + c) as f32 * 0.7));
         let moved = Pose::exp(&Twist::from_array(&off)) * Pose::from_rows(frame);
         *frame = moved.to_rows();
     }
