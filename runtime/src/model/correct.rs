@@ -95,8 +95,7 @@ impl<T: Scalar, const WORDS: usize> Model<T, WORDS> {
             return as_it_came(Status::BAD_INPUT);
         };
         let mut motions = [JointMotion::still(); MAX_JOINTS];
-        arm.calibrated
-            .motions_into(&coupled(arm.coupling.as_ref(), &x), &mut motions);
+        arm.motions(&x, &mut motions);
         let mut frames = [Pose::from_rows(&[T::ZERO; 12]); MAX_JOINTS];
         let target = arm.nominal.joint_frames_at(&motions, &mut frames);
         let mut search = Search {
