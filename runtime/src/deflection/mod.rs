@@ -288,7 +288,7 @@ impl<T: Scalar> Deflection<T> {
     ) -> Compensated<T> {
         // Zeros, not identities: they are cleared by the word.
         let mut frames = [Pose::from_rows(&[T::ZERO; 12]); MAX_JOINTS];
-        let target = at.poe.joint_frames_into(at.motions, &mut frames);
+        let target = at.poe.joint_frames_at(at.motions, &mut frames);
         observer.chain(&target);
         let kinds = at.poe.kinds();
         let places = match at.coupling {
@@ -343,7 +343,9 @@ fn deflect<T: Scalar>(
     };
     serial = serial.map(scaled);
     twist = Twist::from_array(&twist.to_array().map(scaled));
-    let pose = at.poe.forward_with(&deflected(at.motions, kinds, &serial));
+    let mut motions = [JointMotion::still(); MAX_JOINTS];
+    deflected_into(at.motions, kinds, &serial, &mut motions);
+    let pose = at.poe.forward_at(&motions);
     Compensated {
         pose,
         twist,

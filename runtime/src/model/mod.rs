@@ -22,7 +22,7 @@ use crate::bound::bounded;
 use crate::deflection::{self, CouplingMatrix};
 use crate::load_error::LoadError;
 pub use crate::observer::{Observer, Stages};
-use crate::poe::Poe;
+use crate::poe::{JointMotion, Poe};
 use crate::posterior::{self, MAX_SCALED_INPUT};
 use crate::scalar::{MAX_ANGLE, Scalar};
 use crate::se3::{Pose, Twist};
@@ -254,14 +254,14 @@ impl<T: Scalar> View<'_, T> {
             return nothing(Status::BAD_INPUT);
         };
         let believable = is_within(payload_kg, T::ZERO, T::from_f32(MAX_PAYLOAD_KG));
-        let serial = deflection::coupled(arm.coupling.as_ref(), &x);
-        let motions = arm.calibrated.motions(&serial);
+        let mut motions = [JointMotion::still(); MAX_JOINTS];
+        arm.motions(&x, &mut motions);
         observer.motions(motions.get(..joints.len()).unwrap_or(&[]));
         let (trust, status) = arm.range(&x, payload_kg);
         let mut position_sigma = None;
         let (pose, correction, bounded) = match &arm.correction {
             ArmCorrection::TaskSpace(task) if believable => {
-                let chain = arm.calibrated.forward_with(&motions);
+                let chain = arm.calibrated.forward_at(&motions);
                 observer.chain(&chain);
                 let x = arm.inputs(&x, payload_kg);
                 let mean = task.header.mean(self.rows, &x);
@@ -287,7 +287,7 @@ impl<T: Scalar> View<'_, T> {
                 (result.pose, result.twist, result.bounded)
             }
             _ => {
-                let chain = arm.calibrated.forward_with(&motions);
+                let chain = arm.calibrated.forward_at(&motions);
                 observer.chain(&chain);
                 (chain, Twist::zero(), false)
             }
@@ -407,6 +407,17 @@ impl<T: Scalar> Arm<T> {
             *slot = *value;
         }
         Some(out)
+    }
+
+    /// What the serial joints do at the controller's joints `x`.
+    #[inline(always)]
+    fn motions(&self, x: &[T; MAX_JOINTS], out: &mut [JointMotion<T>; MAX_JOINTS]) {
+        match &self.coupling {
+            None => self.calibrated.motions_into(x, out),
+            coupling => self
+                .calibrated
+                .motions_into(&deflection::coupled(coupling.as_ref(), x), out),
+        }
     }
 
     /// x = [q, m].
