@@ -139,6 +139,7 @@ pub fn refusals() -> Vec<Refusal> {
         Refusal::Store { code: 16 },
         Refusal::KeyIsFixed,
         Refusal::CyclesRunning,
+        Refusal::NotAKey,
     ]
 }
 

@@ -23,4 +23,5 @@ mod predictions;
 mod program;
 mod reproducible;
 mod robots;
+mod signing;
 mod tools;
