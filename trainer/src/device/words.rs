@@ -2,6 +2,7 @@
 
 use poegp_protocol::link::Refusal;
 use poegp_runtime::load_error::LoadError;
+use poegp_runtime::signature::SignatureError;
 use poegp_runtime::store::StoreError;
 
 /// Why the device will not.
@@ -101,18 +102,29 @@ fn model(code: u8) -> String {
     }
 }
 
-/// A model that nobody the device trusts has signed; the codes are those of the runtime's `SignatureError`.
+/// A model that nobody the device trusts has signed. The key ids in a [`SignatureError`] do not travel.
 fn signature(code: u8) -> String {
-    let words = match code {
-        1 => "the model is damaged",
-        2 => {
-            "the model is not signed, and this device takes only signed ones; `trainer sign` signs it"
-        }
-        3 => "the model is signed by another key than the provisioned one",
-        4 => "the signature does not fit the model and the provisioned key",
-        _ => return format!("signature error {code}, which this trainer does not know"),
-    };
-    words.to_owned()
+    let known = [
+        (SignatureError::Malformed, "the model is damaged"),
+        (
+            SignatureError::Unsigned,
+            "the model is not signed, and this device takes only signed ones; `trainer sign` signs it",
+        ),
+        (
+            SignatureError::WrongKey {
+                id: Default::default(),
+            },
+            "the model is signed by another key than the provisioned one",
+        ),
+        (
+            SignatureError::Invalid,
+            "the signature does not fit the model and the provisioned key",
+        ),
+    ];
+    match known.iter().find(|(error, _)| error.code() == code) {
+        Some((_, words)) => (*words).to_owned(),
+        None => format!("signature error {code}, which this trainer does not know"),
+    }
 }
 
 /// A flash that did not do what was asked.

@@ -154,6 +154,34 @@ fn models_outlive_the_machine_in_its_memory_file() {
     assert_eq!(info["slots"][0]["runs_after_start"], true);
 }
 
+#[test]
+fn a_provisioned_device_takes_only_what_its_key_has_signed() {
+    let folder = folder();
+    let run = |line: &str| folder.run(&format!("device {line} {PORT}"));
+    let _board = Board::start(&folder, "");
+    for keys in ["own", "other"] {
+        folder.run(&format!("keys new {keys}")).ok();
+        let line = format!("sign arm.blob --key {keys}.key --out {keys}.blob");
+        folder.run(&line).ok();
+    }
+    let before = run("info").ok().stdout;
+    assert!(before.contains("every intact model is taken"), "{before}");
+    run("provision own.key").refused(&["own.key: found a secret key"]);
+    run("provision own.pub").ok();
+    run("provision own.pub").ok();
+    run("provision other.pub").refused(&["another public key is provisioned"]);
+    run("flash arm.blob").refused(&["the model is not signed", "nothing was uploaded"]);
+    run("flash other.blob").refused(&["the model is signed by key ", "nothing was uploaded"]);
+    run("flash arm.blob --force").refused(&["the device refused: the model is not signed"]);
+    run("flash other.blob --force").refused(&["signed by another key"]);
+    let flashed = run("flash own.blob").ok().stdout;
+    assert!(flashed.contains(", signed"), "{flashed}");
+    run("restart").ok();
+    let info = run("info --json -").ok().json();
+    assert_eq!(info["model"]["signed"], true);
+    assert_eq!(info["key"].as_str().unwrap().len(), 16);
+}
+
 /// A line has one user at a time, so the numbers are those of another device than the log.
 #[test]
 fn the_monitor_shows_numbers_and_the_decoded_log() {

@@ -1,6 +1,7 @@
 //! `trainer device flash`.
 
 use poegp_protocol::blob::{CRC, Correction, stored_crc};
+use poegp_protocol::envelope;
 use poegp_protocol::link::{Identity, StoredModel};
 use serde_json::json;
 
@@ -11,6 +12,7 @@ use crate::cli::{Failure, check_outputs, json_text, progress, write_outputs};
 use crate::device::client::{Client, Options};
 use crate::device::error::ClientError;
 use crate::loaded::LoadedBlob;
+use crate::signing::id_text;
 
 pub fn run(a: &Flash) -> Result<(), Failure> {
     let outputs = [a.json.as_deref()];
@@ -29,6 +31,7 @@ pub fn run(a: &Flash) -> Result<(), Failure> {
     } else {
         if !a.force {
             check_room(&loaded, &before)?;
+            check_signature(&loaded, &before)?;
         }
         client.set_options(Options {
             piece: usize::from(a.piece),
@@ -101,5 +104,25 @@ fn check_room(loaded: &LoadedBlob, identity: &Identity) -> Result<(), Failure> {
     Err(Failure::Usage(format!(
         "the model does not fit: {found} bytes {what}, the device takes {capacity}\n\
          help: calibrate with less --support, or measure fewer poses for the paper's models; nothing was uploaded"
+    )))
+}
+
+/// Whether the device could believe the model. Whether the signature is right is the device's to say.
+fn check_signature(loaded: &LoadedBlob, identity: &Identity) -> Result<(), Failure> {
+    let Some(key) = identity.key else {
+        return Ok(());
+    };
+    let trailer = envelope::open(loaded.bytes())
+        .ok()
+        .and_then(|envelope| envelope.trailer);
+    let found = match trailer {
+        Some(trailer) if trailer.key_id == key => return Ok(()),
+        Some(trailer) => format!("signed by key {}", id_text(&trailer.key_id)),
+        None => "not signed".to_owned(),
+    };
+    Err(Failure::Usage(format!(
+        "the model is {found}; the device takes only models signed by key {}\n\
+         help: sign it with `trainer sign`; nothing was uploaded",
+        id_text(&key)
     )))
 }

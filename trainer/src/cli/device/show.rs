@@ -4,11 +4,7 @@ use poegp_protocol::link::{Identity, ModelIdentity, Statistics, StoredModel};
 use serde_json::{Value, json};
 
 use crate::cli::report::Report;
-
-/// Bytes as hexadecimal digits.
-pub fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|b| format!("{b:02x}")).collect()
-}
+use crate::signing::id_text;
 
 /// A model in one line.
 pub fn model(model: &ModelIdentity) -> String {
@@ -67,7 +63,7 @@ pub fn identity_json(identity: &Identity) -> Value {
         "capacity_words": identity.capacity_words,
         "tick_hz": identity.tick_hz,
         "deadline_ticks": identity.deadline_ticks,
-        "key": identity.key.map(|key| hex(&key)),
+        "key": identity.key.map(|key| id_text(&key)),
         "bypass": identity.bypass,
         "model": identity.model.as_ref().map(model_json),
         "slots": identity.slots.iter().map(|slot| slot.as_ref().map(stored_json)).collect::<Vec<_>>(),
@@ -109,7 +105,7 @@ pub fn identity(report: Report, identity: &Identity) {
     let key = identity
         .key
         .map_or("none: every intact model is taken".to_owned(), |key| {
-            format!("{}…: only models signed by it are taken", hex(&key))
+            format!("{}: only models signed by it are taken", id_text(&key))
         });
     report.line(format_args!("  key       {key}"));
     report.line(format_args!(
