@@ -138,8 +138,8 @@ pub fn refusals() -> Vec<Refusal> {
         Refusal::NoOtherModel,
         Refusal::Store { code: 16 },
         Refusal::KeyIsFixed,
-        Refusal::CyclesRunning,
         Refusal::NotAKey,
+        Refusal::CyclesRunning,
     ]
 }
 
