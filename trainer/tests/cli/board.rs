@@ -160,7 +160,7 @@ fn a_provisioned_device_takes_only_what_its_key_has_signed() {
     let run = |line: &str| folder.run(&format!("device {line} {PORT}"));
     let _board = Board::start(&folder, "");
     for keys in ["own", "other"] {
-        folder.run(&format!("keys new {keys}")).ok();
+        folder.run(&format!("keys new --out {keys}")).ok();
         let line = format!("sign arm.blob --key {keys}.key --out {keys}.blob");
         folder.run(&line).ok();
     }
