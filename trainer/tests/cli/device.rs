@@ -3,7 +3,9 @@
 use poegp_protocol::blob::stored_crc;
 use poegp_protocol::link::{PROTOCOL_VERSION, Refusal, Request, Response};
 
-use crate::fake_device::{Answer, FakeDevice, PORT, encoded, identity, model, stored};
+use crate::fake_device::{
+    Answer, FakeDevice, PORT, encoded, identity, model, on_a_serial_line, stored,
+};
 use crate::program::{Folder, SERIAL, simulated};
 
 /// A folder with arm.blob and test1.csv.
@@ -74,6 +76,24 @@ fn nobody_answers() {
         .run(&format!("device info {PORT}"))
         .refused(&["nobody answers at unix:link", "is the board powered"]);
     assert_eq!(fake.heard(), ["Identify"; 3]);
+}
+
+/// A pair of pseudo-terminals, which have no speed: that it is set is all that can be seen.
+#[test]
+fn a_serial_line_is_opened_at_its_speed() {
+    let line = on_a_serial_line(|_| Response::Identity(identity()).into());
+    let folder = Folder::new();
+    for port in [
+        line.clone(),
+        format!("{line}@1000000"),
+        format!("{line} --baud 57600"),
+    ] {
+        let outcome = folder.run(&format!("device info --port {port}")).ok();
+        assert!(
+            outcome.stdout.contains("fake: firmware 0.1.0"),
+            "{outcome:#?}"
+        );
+    }
 }
 
 #[test]

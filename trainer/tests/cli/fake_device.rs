@@ -1,14 +1,15 @@
 //! A device that says what a test wants it to say, behind a socket in the folder of the test.
 
-use std::io::{Read, Write};
-use std::os::unix::net::{UnixListener, UnixStream};
+use std::io::{ErrorKind, Read, Write};
+use std::os::unix::net::UnixListener;
 use std::sync::{Arc, Mutex};
 use std::thread;
 
 use poegp_protocol::frame::{self, MAX_FRAME, Received, Receiver};
 use poegp_protocol::link::{
-    Identity, ModelIdentity, PROTOCOL_VERSION, Refusal, Request, Response, StoredModel,
+    Identity, Key, ModelIdentity, PROTOCOL_VERSION, Refusal, Request, Response, StoredModel,
 };
+use serialport::SerialPort;
 
 use crate::program::Folder;
 
@@ -72,14 +73,28 @@ impl FakeDevice {
     }
 }
 
+/// The same on a serial line; returns its name, too.
+pub fn on_a_serial_line(mut answer: impl FnMut(&Request<'_>) -> Answer + Send + 'static) -> String {
+    let (device, mut line) = serialport::TTYPort::pair().unwrap();
+    line.set_exclusive(false).unwrap();
+    let name = line.name().unwrap();
+    thread::spawn(move || {
+        // Open for as long as the device is there.
+        let _line = line;
+        serve(device, &Mutex::new(Vec::new()), &mut answer);
+    });
+    name
+}
+
 fn serve(
-    mut stream: UnixStream,
+    mut stream: impl Read + Write,
     heard: &Mutex<Vec<String>>,
     answer: &mut impl FnMut(&Request<'_>) -> Answer,
 ) {
     let (mut receiver, mut buffer) = (Receiver::new(), [0; MAX_FRAME]);
     loop {
         let length = match stream.read(&mut buffer) {
+            Err(error) if error.kind() == ErrorKind::TimedOut => continue,
             Ok(0) | Err(_) => return,
             Ok(length) => length,
         };
@@ -125,7 +140,7 @@ pub fn identity() -> Identity {
         capacity_bytes: 50_000,
         tick_hz: 1_000_000,
         deadline_ticks: 4_000,
-        key: None,
+        key: Key::None,
         bypass: false,
         model: None,
         slots: [None, None],

@@ -110,10 +110,10 @@ fn restart(a: &Restart) -> Result<(), Failure> {
 fn provision(a: &Provision) -> Result<(), Failure> {
     let key = PublicKey::read(&a.key)?;
     let (mut client, _) = connect(&a.link)?;
-    let identity = client.provision(key.bytes())?;
+    client.provision(key.bytes())?;
     Report::beside(&[]).line(format_args!(
         "The device takes only models signed by key {} from now on.",
-        id_text(&identity.key.unwrap_or(key.id()))
+        id_text(&key.id())
     ));
     Ok(())
 }
