@@ -78,6 +78,20 @@ fn nobody_answers() {
     assert_eq!(fake.heard(), ["Identify"; 3]);
 }
 
+#[test]
+fn a_serial_line_that_somebody_else_uses() {
+    use serialport::SerialPort;
+    let (_device, line) = serialport::TTYPort::pair().unwrap();
+    let name = line.name().unwrap();
+    let locked = serialport::new(&name, 115_200).open_native();
+    // The pair itself has the lock, or now we have it.
+    let folder = Folder::new();
+    folder
+        .run(&format!("device info --port {name}"))
+        .refused(&["does not open", "is another program using it?"]);
+    drop(locked);
+}
+
 /// A pair of pseudo-terminals, which have no speed: that it is set is all that can be seen.
 #[test]
 fn a_serial_line_is_opened_at_its_speed() {

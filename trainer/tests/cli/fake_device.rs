@@ -1,5 +1,6 @@
 //! A device that says what a test wants it to say, behind a socket in the folder of the test.
 
+use std::fs::File;
 use std::io::{ErrorKind, Read, Write};
 use std::os::unix::net::UnixListener;
 use std::sync::{Arc, Mutex};
@@ -78,9 +79,11 @@ pub fn on_a_serial_line(mut answer: impl FnMut(&Request<'_>) -> Answer + Send + 
     let (device, mut line) = serialport::TTYPort::pair().unwrap();
     line.set_exclusive(false).unwrap();
     let name = line.name().unwrap();
+    // Open for as long as the device is there, and unlocked.
+    let held = File::options().read(true).write(true).open(&name).unwrap();
+    drop(line);
     thread::spawn(move || {
-        // Open for as long as the device is there.
-        let _line = line;
+        let _held = held;
         serve(device, &Mutex::new(Vec::new()), &mut answer);
     });
     name
