@@ -18,6 +18,7 @@ use crate::program::Folder;
 pub const PORT: &str = "--port unix:link --answer-limit 200";
 
 /// What a device does with a request.
+#[allow(clippy::large_enum_variant)] // one at a time, in a test
 pub enum Answer {
     /// Answers it.
     With(Response),
