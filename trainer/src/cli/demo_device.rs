@@ -129,12 +129,14 @@ mod board {
                 rows.push(row(&format!("corrected, {name}"), &run.after));
                 notes.push(format!(
                     "  {name}: the device's own pose is {:.3} mm off in the mean, {:.3} at most; a correction takes up to \
-                     {:.2} ms on the emulator; {} of {} are flagged",
+                     {:.2} ms on the emulator; of {} commands {} are flagged and {} of them, near a singularity, left as \
+                     they are",
                     run.predicted.mean,
                     run.predicted.max,
                     show::milliseconds(run.max_ticks, identity.tick_hz),
+                    poses.len(),
                     run.flagged,
-                    poses.len()
+                    run.left
                 ));
             }
             report.table(
@@ -164,7 +166,7 @@ mod board {
         ) -> Result<Run, Failure> {
             let nominal = nominal(loaded)?;
             let (mut before, mut after, mut predicted) = (Vec::new(), Vec::new(), Vec::new());
-            let (mut max_ticks, mut flagged) = (0, 0);
+            let (mut max_ticks, mut flagged, mut left) = (0, 0, 0);
             let bar = progress::bar(poses.len(), "correcting on the device");
             for sample in poses {
                 let payload_kg = sample.payload_kg.unwrap_or(0.0);
@@ -181,7 +183,9 @@ mod board {
                 let stands = arm.stands_at(&joints, payload_kg);
                 after.push(PoseError::between(&wanted, &stands));
                 max_ticks = max_ticks.max(corrected.ticks);
-                flagged += usize::from(!Status::from_bits(corrected.status).is_ok());
+                let status = Status::from_bits(corrected.status);
+                flagged += usize::from(!status.is_ok());
+                left += usize::from(status.contains(Status::CORRECTION_REFUSED));
                 bar.inc(1);
             }
             bar.finish_and_clear();
@@ -191,6 +195,7 @@ mod board {
                 predicted: Summary::new(&predicted),
                 max_ticks,
                 flagged,
+                left,
             })
         }
     }
@@ -203,6 +208,8 @@ mod board {
         predicted: Summary,
         max_ticks: u32,
         flagged: usize,
+        /// Commands that the device did not correct, because that would not have been better.
+        left: usize,
     }
 
     /// The nominal chain of a blob, base to target.
