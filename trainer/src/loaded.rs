@@ -45,6 +45,10 @@ pub struct Prediction {
     pub pose: Pose<f64>,
     /// What it is worth.
     pub status: Status,
+    /// 1 within what was trained, towards 0 far away.
+    pub trust: f32,
+    /// Standard deviation of one position component of a new measurement in metres, of a blob that knows it.
+    pub position_sigma: Option<f32>,
 }
 
 impl LoadedBlob {
@@ -131,6 +135,8 @@ impl LoadedBlob {
         Prediction {
             pose: self.in_instrument(&answer.pose),
             status: answer.status,
+            trust: answer.trust,
+            position_sigma: answer.position_sigma,
         }
     }
 

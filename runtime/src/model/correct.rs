@@ -115,7 +115,7 @@ impl<T: Scalar> View<'_, T> {
             ArmCorrection::TaskSpace(task) => search.by_evaluation(Some(task)),
             ArmCorrection::Elastic(elastic) => search.by_deflection(elastic),
         };
-        let status = arm.range_status(&x, payload_kg);
+        let (_, status) = arm.range(&x, payload_kg);
         let status = status.with_if(found.bounded, Status::CORRECTION_BOUNDED);
         found.judged(&x, &search.equations, status)
     }

@@ -19,3 +19,4 @@ mod seeded;
 mod service;
 mod signature;
 mod signed_blob;
+mod trust;

@@ -68,6 +68,9 @@ pub struct FitArguments {
     /// One set of length scales for all joints of the elastic model: a sixth of the exponentials, a little less accurate.
     #[arg(long)]
     pub tied: bool,
+    /// Leave the standard deviation of the position out of a blob with --tied.
+    #[arg(long)]
+    pub no_device_sigma: bool,
     /// Support points of the elastic model on the device, or `all`.
     #[arg(long, value_name = "M", default_value = "100", value_parser = support)]
     pub support: Support,
@@ -253,6 +256,10 @@ pub struct Evaluate {
     /// One row per measurement, in order: x_mm,y_mm,z_mm,qw,qx,qy,qz,status of the predicted instrument_from_target.
     #[arg(long, value_name = "FILE")]
     pub predictions: Option<PathBuf>,
+    /// Two more columns of the predictions: trust,sigma_mm, what the device says of its own answer (sigma_mm is empty when
+    /// the blob does not know it).
+    #[arg(long, requires = "predictions")]
+    pub trust: bool,
     /// Errors as JSON (`-`: standard output).
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,

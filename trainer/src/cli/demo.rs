@@ -121,6 +121,7 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
         blob: blob.clone(),
         test: a.out.join(&files[1].0),
         fit_tool: None,
+        trust: false,
         predictions: Some(a.out.join("predictions.csv")),
         json: None,
     })?;
