@@ -139,10 +139,21 @@ pub fn deflected<T: Scalar>(
     kinds: &[JointKind],
     deflection: &PerJoint<T>,
 ) -> [JointMotion<T>; MAX_JOINTS] {
-    let mut moving = kinds.iter().zip(deflection);
-    motions.map(|mut motion| {
-        match moving.next() {
-            Some((JointKind::Revolute, delta)) => {
+    let mut out = *motions;
+    deflect_motions(&mut out, kinds, deflection);
+    out
+}
+
+/// The same in place.
+#[inline(never)]
+pub fn deflect_motions<T: Scalar>(
+    motions: &mut [JointMotion<T>; MAX_JOINTS],
+    kinds: &[JointKind],
+    deflection: &PerJoint<T>,
+) {
+    for ((motion, kind), delta) in motions.iter_mut().zip(kinds).zip(deflection) {
+        match kind {
+            JointKind::Revolute => {
                 let square = *delta * *delta;
                 let sin = *delta - *delta * square * T::from_f64(1.0 / 6.0);
                 let versine = square * (T::from_f64(0.5) - square * T::from_f64(1.0 / 24.0));
@@ -150,11 +161,9 @@ pub fn deflected<T: Scalar>(
                 motion.sin = s + (c * sin - s * versine);
                 motion.cos = c - (s * sin + c * versine);
             }
-            Some((JointKind::Prismatic, delta)) => motion.travel += *delta,
-            None => {}
+            JointKind::Prismatic => motion.travel += *delta,
         }
-        motion
-    })
+    }
 }
 
 /// n×n in the upper left corner, the rest zero.

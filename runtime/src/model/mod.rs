@@ -25,6 +25,8 @@ use crate::posterior::{self, MAX_SCALED_INPUT};
 use crate::scalar::{MAX_ANGLE, Scalar};
 use crate::se3::{Pose, Twist};
 use crate::status::Status;
+pub use correct::{CORRECTED_WITHIN, Corrected, MAX_JOINT_CHANGE};
+
 use checked::{
     MAX_COEFFICIENT, checked_chain, checked_coupling, checked_range, checked_rows, is_within,
 };
@@ -205,11 +207,7 @@ impl<T: Scalar, const WORDS: usize> Model<T, WORDS> {
                 (chain.corrected(&twist), twist, bounded)
             }
             ArmCorrection::Elastic(elastic) if believable => {
-                let payload = if payload_kg > elastic.heaviest {
-                    elastic.heaviest
-                } else {
-                    payload_kg
-                };
+                let payload = elastic.held(payload_kg);
                 let at = deflection::Configuration {
                     poe: &arm.calibrated,
                     coupling: arm.coupling.as_ref(),

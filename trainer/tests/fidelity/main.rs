@@ -3,6 +3,7 @@
 //! The vectors are in `tests/data/vectors`; its README says who made them.
 
 mod block_gp;
+mod corrected;
 #[path = "../../../runtime/tests/proofs/json.rs"]
 mod json;
 mod likelihood;
