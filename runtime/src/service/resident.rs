@@ -45,7 +45,7 @@ impl<const WORDS: usize> Resident<WORDS> {
     /// # Errors
     /// [`Refusal::Blob`], [`Refusal::Signature`], [`Refusal::Model`].
     // Not inlined: the large stack frames of the two steps must not lie on top of each other.
-    pub(super) fn load(&mut self, bytes: &[u8], key: Option<&[u8; 32]>) -> Result<(), Refusal> {
+    pub fn load(&mut self, bytes: &[u8], key: Option<&[u8; 32]>) -> Result<(), Refusal> {
         let crc = blob::stored_crc(bytes).unwrap_or(0);
         check_signature(bytes, key)?;
         self.load_blob(bytes)?;
@@ -69,6 +69,11 @@ impl<const WORDS: usize> Resident<WORDS> {
                 Ok(())
             }
         }
+    }
+
+    /// Its arithmetic.
+    pub fn model(&self) -> &Model<f32, WORDS> {
+        &self.model
     }
 
     /// Its name; `None` when there is no model.
