@@ -1,9 +1,11 @@
 //! How much fits.
 
 use poegp_protocol::blob::{HEADER_LENGTH, MAX_LENGTH_WITHOUT_ROWS};
+use poegp_protocol::envelope::TRAILER_LENGTH;
 use poegp_runtime::model::words_for;
 
 /// Words of support rows of one model: 400 points of the longest row; a paper model has 300 shorter ones.
 pub const WORDS: usize = words_for(400);
-/// Bytes of a blob with as many rows, in whole words of the flash.
-pub const BYTES: usize = (HEADER_LENGTH + MAX_LENGTH_WITHOUT_ROWS + 4 * WORDS).next_multiple_of(64);
+/// Bytes of a signed blob with as many rows, rounded up.
+pub const BYTES: usize =
+    (HEADER_LENGTH + MAX_LENGTH_WITHOUT_ROWS + 4 * WORDS + TRAILER_LENGTH).next_multiple_of(64);

@@ -1,6 +1,6 @@
 //! What the device says about itself with defmt: what it runs, and what it refused. Never from the cycle.
 
-use poegp_protocol::blob::DecodeError;
+use poegp_protocol::envelope::DecodeError;
 use poegp_protocol::link::{ModelIdentity, Refusal, Response};
 
 /// The device has started.
@@ -62,6 +62,7 @@ fn refused(refusal: &Refusal) {
         Refusal::Store { code } => defmt::error!("flash: store error {=u8}", *code),
         Refusal::KeyIsFixed => defmt::warn!("refused: another key is provisioned"),
         Refusal::NoOtherModel => defmt::warn!("refused: there is no other model"),
+        Refusal::NotAKey => defmt::warn!("refused: not a public key"),
         Refusal::CyclesRunning => defmt::warn!("refused: cycles are running"),
         // The order of the pieces is the peer's affair, and the answer names it.
         _ => {}

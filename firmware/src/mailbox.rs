@@ -1,44 +1,61 @@
 //! Hands one value from one priority to another.
 
 use core::cell::RefCell;
+use core::mem;
 
 use critical_section::Mutex;
 
 /// Empty, or full with one value. Interrupts are held off for a move, never for a computation.
-pub struct Mailbox<T>(Mutex<RefCell<Option<T>>>);
+pub struct Mailbox<T>(Mutex<RefCell<Slot<T>>>);
+
+/// An `Option` whose empty state is all zeros, so that a static one takes no flash for its initial value.
+#[repr(u8)]
+enum Slot<T> {
+    Empty = 0,
+    Full(T) = 1,
+}
 
 impl<T> Mailbox<T> {
     /// Empty.
     pub const fn new() -> Self {
-        Self(Mutex::new(RefCell::new(None)))
+        Self(Mutex::new(RefCell::new(Slot::Empty)))
+    }
+
+    /// What is in now gives way to `slot`.
+    fn replace(&self, slot: Slot<T>) -> Option<T> {
+        let before = critical_section::with(|cs| {
+            let mut here = self.0.borrow(cs).try_borrow_mut().ok()?;
+            Some(mem::replace(&mut *here, slot))
+        });
+        match before {
+            Some(Slot::Full(value)) => Some(value),
+            _ => None,
+        }
     }
 
     /// Puts `value` in; what was in is gone.
     pub fn put(&self, value: T) {
-        critical_section::with(|cs| {
-            if let Ok(mut slot) = self.0.borrow(cs).try_borrow_mut() {
-                *slot = Some(value);
-            }
-        });
+        self.replace(Slot::Full(value));
     }
 
     /// Takes out what is in.
     pub fn take(&self) -> Option<T> {
-        critical_section::with(|cs| self.0.borrow(cs).try_borrow_mut().ok()?.take())
+        self.replace(Slot::Empty)
     }
 
     /// Whether there is something in.
     pub fn is_full(&self) -> bool {
-        critical_section::with(|cs| {
-            self.0
-                .borrow(cs)
-                .try_borrow()
-                .is_ok_and(|slot| slot.is_some())
-        })
+        self.with(|_| ()).is_some()
     }
 
     /// Looks at what is in, with interrupts held off: for a few instructions only.
     pub fn with<R>(&self, look: impl FnOnce(&mut T) -> R) -> Option<R> {
-        critical_section::with(|cs| self.0.borrow(cs).try_borrow_mut().ok()?.as_mut().map(look))
+        critical_section::with(|cs| {
+            let mut here = self.0.borrow(cs).try_borrow_mut().ok()?;
+            match &mut *here {
+                Slot::Empty => None,
+                Slot::Full(value) => Some(look(value)),
+            }
+        })
     }
 }

@@ -1,15 +1,7 @@
 //! The model blob: a calibrated arm at rest.
 //!
-//! ```text
-//!  offset  size  field
-//!  ------  ----  -----------------------------------------------------------------
-//!       0     8  magic, the ASCII letters "POEGPARM"
-//!       8     2  format version, u16, little endian
-//!      10     2  reserved, 0
-//!      12     4  length n of the payload in bytes, u32, little endian
-//!      16     4  CRC-32C (Castagnoli) of bytes 0..16 and the payload, little endian
-//!      20     n  payload: the postcard encoding of [`Blob`]
-//! ```
+//! This file has the payload, the postcard encoding of [`Blob`]; the [`envelope`](crate::envelope) around it has the
+//! magic, the format version, the length, the checksum and, if somebody signed it, the signature.
 //!
 //! Whoever reads a blob learns by name what is wrong with it: [`decode`] refuses a foreign file, another version, a
 //! length that does not fit, any changed bit and any byte too few or too many. It does *not* judge the numbers: that is
@@ -19,26 +11,23 @@
 //! reciprocal length scales, the constant and linear parts of the kernel collapsed into an affine map. All numbers of
 //! the cyclic path are `f32`; the transform to the instrument's frame is `f64`, because the host applies it.
 
-use crc::{CRC_32_ISCSI, Crc};
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
 use crate::JointKind;
+use crate::envelope;
 use crate::limits::{
     MAX_FRAMES, MAX_GROUPS, MAX_INPUTS, MAX_JOINTS, MAX_LINK_TERMS, MAX_RIPPLE, OUTPUTS,
 };
 
-/// First bytes of every blob.
-pub const MAGIC: [u8; 8] = *b"POEGPARM";
 /// The newest format: version 2 added [`Correction::Elastic`]. A blob is written in the oldest format that can hold it.
 pub const FORMAT_VERSION: u16 = 2;
-/// Bytes before the payload.
-pub const HEADER_LENGTH: usize = 20;
 /// Most bytes that the payload takes beside the support rows; generous (the largest seen is below 3 kB).
 pub const MAX_LENGTH_WITHOUT_ROWS: usize = 4_096;
 
-/// CRC-32C, the checksum of blobs and of link frames.
-pub const CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISCSI);
+pub use crate::envelope::{
+    BufferTooSmall, CRC, DecodeError, HEADER_LENGTH, MAGIC, blob_crc, stored_crc,
+};
 
 /// A rigid transform as a 3×4 matrix [R | t], row by row; metres.
 pub type Transform<N> = [N; 12];
@@ -286,98 +275,6 @@ pub struct CorrectionBound {
     pub angle_rad: f32,
 }
 
-/// Why bytes are not a blob.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum DecodeError {
-    /// Fewer bytes than the header, or than it announces.
-    Truncated {
-        /// Bytes needed.
-        expected: u32,
-        /// Bytes there.
-        found: u32,
-    },
-    /// The first eight bytes are not [`MAGIC`].
-    WrongMagic,
-    /// Written in a format that this version does not know.
-    UnknownVersion {
-        /// Version of the blob.
-        found: u16,
-        /// Newest version that can be read.
-        supported: u16,
-    },
-    /// The reserved bytes are not zero.
-    ReservedBitsSet,
-    /// More bytes than the header announces.
-    TrailingBytes {
-        /// Bytes announced.
-        expected: u32,
-        /// Bytes there.
-        found: u32,
-    },
-    /// Some bit has changed.
-    CrcMismatch {
-        /// CRC that the header has.
-        stored: u32,
-        /// CRC of the bytes.
-        computed: u32,
-    },
-    /// The checksum is right and the payload is not: written by another program.
-    MalformedPayload,
-}
-
-impl core::fmt::Display for DecodeError {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match self {
-            Self::Truncated { expected, found } => {
-                write!(
-                    f,
-                    "blob is truncated: {found} bytes, at least {expected} expected"
-                )
-            }
-            Self::WrongMagic => write!(f, "not a model blob (it does not begin with POEGPARM)"),
-            Self::UnknownVersion { found, supported } => {
-                write!(
-                    f,
-                    "blob format version {found}; this version reads 1 to {supported}"
-                )
-            }
-            Self::ReservedBitsSet => {
-                write!(f, "blob header is damaged (reserved bytes are not zero)")
-            }
-            Self::TrailingBytes { expected, found } => {
-                write!(
-                    f,
-                    "blob has {found} bytes where its header announces {expected}"
-                )
-            }
-            Self::CrcMismatch { stored, computed } => {
-                write!(
-                    f,
-                    "blob is damaged: CRC {computed:08x}, its header says {stored:08x}"
-                )
-            }
-            Self::MalformedPayload => write!(
-                f,
-                "blob has an intact checksum and a payload that cannot be read"
-            ),
-        }
-    }
-}
-
-impl core::error::Error for DecodeError {}
-
-/// The buffer given to [`encode`] is too small.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct BufferTooSmall;
-
-impl core::fmt::Display for BufferTooSmall {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        write!(f, "the buffer is too small for the encoded value")
-    }
-}
-
-impl core::error::Error for BufferTooSmall {}
-
 /// Writes `tools` one after the other to the front of `buffer`, for [`Blob::tools`].
 ///
 /// # Errors
@@ -420,20 +317,12 @@ pub fn format_version(blob: &Blob<'_>) -> u16 {
     }
 }
 
-/// The CRC that the header of a blob stores: over the header before it and the payload.
-pub fn blob_crc(header: &[u8], payload: &[u8]) -> u32 {
-    let mut digest = CRC.digest();
-    digest.update(header);
-    digest.update(payload);
-    digest.finalize()
-}
-
 /// Writes `blob` with its envelope to the front of `buffer` and returns the bytes used.
 ///
 /// # Errors
 /// [`BufferTooSmall`].
 pub fn encode<'b>(blob: &Blob<'_>, buffer: &'b mut [u8]) -> Result<&'b [u8], BufferTooSmall> {
-    let (header, payload) = buffer
+    let (_, payload) = buffer
         .split_at_mut_checked(HEADER_LENGTH)
         .ok_or(BufferTooSmall)?;
     let mut length = postcard::to_slice(blob, payload)
@@ -445,66 +334,17 @@ pub fn encode<'b>(blob: &Blob<'_>, buffer: &'b mut [u8]) -> Result<&'b [u8], Buf
             .map_err(|_| BufferTooSmall)?
             .len();
     }
-    let payload = payload.get(..length).ok_or(BufferTooSmall)?;
-    let stored_length = u32::try_from(length).map_err(|_| BufferTooSmall)?;
-    let (before_crc, crc) = header.split_at_mut_checked(16).ok_or(BufferTooSmall)?;
-    let fields = MAGIC
-        .into_iter()
-        .chain(format_version(blob).to_le_bytes())
-        .chain([0, 0])
-        .chain(stored_length.to_le_bytes());
-    for (byte, field) in before_crc.iter_mut().zip(fields) {
-        *byte = field;
-    }
-    crc.copy_from_slice(&blob_crc(before_crc, payload).to_le_bytes());
-    buffer.get(..HEADER_LENGTH + length).ok_or(BufferTooSmall)
+    envelope::seal(format_version(blob), length, buffer)
 }
 
-/// The CRC in the header of `bytes`, which identifies a blob; `None` when there is no header.
-pub fn stored_crc(bytes: &[u8]) -> Option<u32> {
-    bytes.get(16..20)?.try_into().ok().map(u32::from_le_bytes)
-}
-
-/// The blob in `bytes`, which must hold it exactly.
+/// The blob in `bytes`, which must hold it exactly, signed or not. Who signed it is not looked at.
 ///
 /// # Errors
 /// [`DecodeError`], in the order of its variants: length of the header, magic, version, length, CRC, payload.
 pub fn decode(bytes: &[u8]) -> Result<Blob<'_>, DecodeError> {
-    let found = bytes.len() as u32;
-    let (header, payload) =
-        bytes
-            .split_first_chunk::<HEADER_LENGTH>()
-            .ok_or(DecodeError::Truncated {
-                expected: HEADER_LENGTH as u32,
-                found,
-            })?;
-    let (before_crc, _) = header.split_at(16);
-    if !header.starts_with(&MAGIC) {
-        return Err(DecodeError::WrongMagic);
-    }
-    let field = |at: usize| u32::from(header[at]) | u32::from(header[at + 1]) << 8;
-    let version = field(8) as u16;
-    if version == 0 || version > FORMAT_VERSION {
-        return Err(DecodeError::UnknownVersion {
-            found: version,
-            supported: FORMAT_VERSION,
-        });
-    }
-    if field(10) != 0 {
-        return Err(DecodeError::ReservedBitsSet);
-    }
-    let length = field(12) | field(14) << 16;
-    let expected = length.saturating_add(HEADER_LENGTH as u32);
-    match expected.cmp(&found) {
-        core::cmp::Ordering::Greater => return Err(DecodeError::Truncated { expected, found }),
-        core::cmp::Ordering::Less => return Err(DecodeError::TrailingBytes { expected, found }),
-        core::cmp::Ordering::Equal => {}
-    }
-    let stored = field(16) | field(18) << 16;
-    let computed = blob_crc(before_crc, payload);
-    if stored != computed {
-        return Err(DecodeError::CrcMismatch { stored, computed });
-    }
+    let envelope::Envelope {
+        version, payload, ..
+    } = envelope::open(bytes)?;
     // Not `postcard::take_from_bytes`, whose pair of blob and rest is one more copy of the blob on the device's stack; and
     // what is decoded is completed in place, for the same reason.
     let mut deserializer = postcard::Deserializer::from_bytes(payload);

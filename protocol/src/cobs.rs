@@ -54,6 +54,10 @@ pub fn encode(data: &[u8], out: &mut [u8]) -> Result<usize, BufferTooSmall> {
 
 /// Decodes in place and returns the bytes that are left, or `None` when `frame` is no encoding.
 pub fn decode_in_place(frame: &mut [u8]) -> Option<usize> {
+    // Even of nothing the encoding is one byte.
+    if frame.is_empty() {
+        return None;
+    }
     let (mut from, mut to) = (0, 0);
     while let Some(code) = frame.get(from) {
         let run = usize::from(*code).checked_sub(1)?;

@@ -1,6 +1,7 @@
 //! The words that the trainer and the device share, and no arithmetic.
 //!
-//! [`blob`] is what a calibrated arm looks like at rest: a drawn, versioned envelope around a postcard payload.
+//! [`blob`] is what a calibrated arm looks like at rest, [`envelope`] the drawn, versioned and perhaps signed envelope
+//! around it.
 //! [`link`] is what the workstation and the device say to each other, and [`frame`] how one message travels over a
 //! serial line, in the bytes of [`cobs`]. [`limits`] has the sizes that both sides rely on.
 //!
@@ -12,6 +13,7 @@
 
 pub mod blob;
 pub mod cobs;
+pub mod envelope;
 pub mod frame;
 pub mod limits;
 pub mod link;

@@ -1,27 +1,26 @@
-//! A client of the device link, with a device at the other end.
-//!
-//! Requests carry sequence numbers from 1; every request of the protocol may be repeated, so a lost answer is asked for
-//! again a bounded number of times.
+//! A device to test: an emulated board and the trainer's client of its link.
 
-use std::io::{self, Read, Write};
-use std::os::unix::net::UnixStream;
 use std::time::Duration;
 
-use poegp_protocol::blob::CRC;
-use poegp_protocol::frame::{self, MAX_FRAME, Received, Receiver};
 use poegp_protocol::link::{
-    Evaluation, Identity, MAX_PIECE, Query, Refusal, Request, Response, Statistics, Trace,
+    Corrected, Evaluation, Identity, Query, Refusal, Request, Response, Statistics, StoredModel,
+    Trace,
 };
-
-use crate::emulator::{Clock, Emulator, EmulatorError};
-use crate::firmware::{FirmwareError, firmware};
+use poegp_trainer::device::client::{Client, Options};
+use poegp_trainer::device::emulator::{Clock, Emulator, EmulatorError, Machine};
+use poegp_trainer::device::error::ClientError;
+use poegp_trainer::device::firmware::{Board, FirmwareError, firmware_of};
 
 /// No machine of a test runs longer.
 const TIME_LIMIT: Duration = Duration::from_secs(300);
-/// How long to wait for one answer. An answer takes milliseconds; a loaded machine may take long to get to it.
-const ANSWER_LIMIT: Duration = Duration::from_secs(10);
-/// How often a request is sent at most.
-const ATTEMPTS: usize = 3;
+/// An answer takes milliseconds; a loaded machine may take long to get to it.
+const OPTIONS: Options = Options {
+    answer_limit: Duration::from_secs(10),
+    attempts: 3,
+    busy_limit: Duration::from_secs(60),
+    piece: poegp_protocol::link::MAX_PIECE,
+    uploads: 1,
+};
 
 /// Why there is no answer.
 #[derive(Debug, thiserror::Error)]
@@ -32,36 +31,24 @@ pub enum DeviceError {
     /// There is no machine.
     #[error(transparent)]
     Emulator(#[from] EmulatorError),
-    /// The link has ended: the machine stopped, or its time was up.
-    #[error("the link to the device ended: {error}; {complaints}")]
-    Link {
-        /// What the system says.
-        error: io::Error,
-        /// What QEMU says.
-        complaints: String,
-    },
-    /// Nothing came back.
-    #[error("no answer to {request} after {ATTEMPTS} attempts")]
-    NoAnswer {
-        /// What was asked.
-        request: String,
-    },
     /// The device will not.
     #[error("the device refused: {0:?}")]
     Refused(Refusal),
-    /// The device answered something else.
-    #[error("the device answered {0:?}")]
-    Unexpected(Box<Response>),
+    /// Anything else; the link ends when the machine stops, or when its time is up.
+    #[error("{error}; {complaints}")]
+    Link {
+        /// What went wrong.
+        error: ClientError,
+        /// What QEMU says.
+        complaints: String,
+    },
 }
 
 /// A device and the link to it.
 #[derive(Debug)]
 pub struct Device {
     emulator: Emulator,
-    link: UnixStream,
-    receiver: Receiver,
-    pending: Vec<u8>,
-    sequence: u16,
+    client: Client,
 }
 
 impl Device {
@@ -70,17 +57,23 @@ impl Device {
     /// # Errors
     /// [`DeviceError`].
     pub fn start(clock: Clock) -> Result<Self, DeviceError> {
-        let (emulator, link) = Emulator::start(&firmware()?.elf, clock, TIME_LIMIT)?;
-        let device = Self {
-            emulator,
-            link,
-            receiver: Receiver::new(),
-            pending: Vec::new(),
-            sequence: 0,
-        };
-        let limited = device.link.set_read_timeout(Some(ANSWER_LIMIT));
-        limited.map_err(|error| device.broken(error))?;
-        Ok(device)
+        let board = Board::default();
+        Self::on(&Machine {
+            board,
+            elf: &firmware_of(board)?.elf,
+            clock,
+            memory: None,
+        })
+    }
+
+    /// Switches on a machine of one's own making.
+    ///
+    /// # Errors
+    /// [`DeviceError::Emulator`].
+    pub fn on(machine: &Machine<'_>) -> Result<Self, DeviceError> {
+        let (emulator, link) = Emulator::start(machine, TIME_LIMIT)?;
+        let client = Client::over(Box::new(link), "the emulator".to_owned(), OPTIONS);
+        Ok(Self { emulator, client })
     }
 
     /// The machine.
@@ -88,10 +81,18 @@ impl Device {
         &self.emulator
     }
 
-    fn broken(&self, error: io::Error) -> DeviceError {
-        DeviceError::Link {
-            error,
-            complaints: self.emulator.complaints(),
+    /// The client.
+    pub fn client(&mut self) -> &mut Client {
+        &mut self.client
+    }
+
+    fn failed(&self, error: ClientError) -> DeviceError {
+        match error {
+            ClientError::Refused(refusal) => DeviceError::Refused(refusal),
+            error => DeviceError::Link {
+                error,
+                complaints: self.emulator.complaints(),
+            },
         }
     }
 
@@ -100,8 +101,8 @@ impl Device {
     /// # Errors
     /// [`DeviceError::Link`].
     pub fn send_bytes(&mut self, bytes: &[u8]) -> Result<(), DeviceError> {
-        let sent = self.link.write_all(bytes);
-        sent.map_err(|error| self.broken(error))
+        let sent = self.client.send_bytes(bytes);
+        sent.map_err(|error| self.failed(error))
     }
 
     /// The next intact answer and its sequence number, or `None` when none comes in time.
@@ -109,64 +110,22 @@ impl Device {
     /// # Errors
     /// [`DeviceError::Link`].
     pub fn receive(&mut self) -> Result<Option<(u16, Response)>, DeviceError> {
-        loop {
-            let bytes = std::mem::take(&mut self.pending);
-            for (index, byte) in bytes.iter().enumerate() {
-                if self.receiver.push(*byte) == Received::Frame {
-                    self.pending = bytes.get(index + 1..).unwrap_or(&[]).to_vec();
-                    let decoded = frame::decode(self.receiver.frame());
-                    self.receiver.clear();
-                    if let Ok(answer) = decoded {
-                        return Ok(Some(answer));
-                    }
-                }
-            }
-            let mut buffer = [0; MAX_FRAME];
-            match self.link.read(&mut buffer) {
-                Ok(0) => return Err(self.broken(io::ErrorKind::UnexpectedEof.into())),
-                Ok(length) => self.pending = buffer[..length].to_vec(),
-                Err(error) if error.kind() == io::ErrorKind::WouldBlock => return Ok(None),
-                Err(error) => return Err(self.broken(error)),
-            }
-        }
+        let received = self.client.receive();
+        received.map_err(|error| self.failed(error))
     }
 
     /// The frame of a request, its final zero included, under the next sequence number.
-    ///
-    /// # Panics
-    /// When the request is longer than any that may be sent.
     pub fn frame(&mut self, request: &Request<'_>) -> (u16, Vec<u8>) {
-        self.sequence = if self.sequence == u16::MAX {
-            1
-        } else {
-            self.sequence + 1
-        };
-        let (mut scratch, mut out) = ([0; MAX_FRAME], [0; MAX_FRAME]);
-        let bytes = frame::encode(self.sequence, request, &mut scratch, &mut out)
-            .expect("no request is longer than MAX_FRAME");
-        (self.sequence, bytes.to_vec())
+        self.client.frame(request)
     }
 
     /// Asks, and asks again when the answer does not come.
     ///
     /// # Errors
-    /// [`DeviceError::Link`] and [`DeviceError::NoAnswer`]; a refusal is an answer.
+    /// [`DeviceError`]; a refusal is an answer.
     pub fn request(&mut self, request: &Request<'_>) -> Result<Response, DeviceError> {
-        let (sequence, bytes) = self.frame(request);
-        for _ in 0..ATTEMPTS {
-            self.send_bytes(&bytes)?;
-            while let Some((answered, response)) = self.receive()? {
-                if answered == sequence {
-                    return Ok(response);
-                }
-                if response == Response::Refused(Refusal::BadFrame) {
-                    break;
-                }
-            }
-        }
-        Err(DeviceError::NoAnswer {
-            request: format!("{request:?}"),
-        })
+        let answered = self.client.request(request);
+        answered.map_err(|error| self.failed(error))
     }
 
     /// Who the device is.
@@ -174,38 +133,19 @@ impl Device {
     /// # Errors
     /// [`DeviceError`].
     pub fn identify(&mut self) -> Result<Identity, DeviceError> {
-        match self.request(&Request::Identify)? {
-            Response::Identity(identity) => Ok(identity),
-            other => Err(unexpected(other)),
-        }
+        let identity = self.client.identify();
+        identity.map_err(|error| self.failed(error))
     }
 
-    /// Sends a blob in pieces and makes it the active model.
+    /// Sends a blob in pieces, has it verified and written, and makes it the active model.
     ///
     /// # Errors
-    /// [`DeviceError`]; after [`DeviceError::Refused`] the model is what it was.
+    /// [`DeviceError`]; after [`DeviceError::Refused`] the active model is what it was.
     pub fn load(&mut self, blob: &[u8]) -> Result<Identity, DeviceError> {
-        let begin = Request::BeginLoad {
-            length: u32::try_from(blob.len()).unwrap_or(u32::MAX),
-            crc: CRC.checksum(blob),
-        };
-        self.expect_loading(&begin)?;
-        let mut offset = 0;
-        for bytes in blob.chunks(MAX_PIECE) {
-            self.expect_loading(&Request::LoadPiece { offset, bytes })?;
-            offset += bytes.len() as u32;
-        }
-        match self.request(&Request::FinishLoad)? {
-            Response::Identity(identity) => Ok(identity),
-            other => Err(unexpected(other)),
-        }
-    }
-
-    fn expect_loading(&mut self, request: &Request<'_>) -> Result<(), DeviceError> {
-        match self.request(request)? {
-            Response::Loading { .. } => Ok(()),
-            other => Err(unexpected(other)),
-        }
+        let loaded = load(&mut self.client, blob);
+        loaded
+            .map(|(_, identity)| identity)
+            .map_err(|error| self.failed(error))
     }
 
     /// T_gp(q, m)·f(q).
@@ -213,21 +153,26 @@ impl Device {
     /// # Errors
     /// [`DeviceError`].
     pub fn evaluate(&mut self, query: &Query) -> Result<Evaluation, DeviceError> {
-        match self.request(&Request::Evaluate(query.clone()))? {
-            Response::Evaluation(evaluation) => Ok(evaluation),
-            other => Err(unexpected(other)),
-        }
+        let evaluation = self.client.evaluate(query);
+        evaluation.map_err(|error| self.failed(error))
     }
 
-    /// The same with intermediate results.
+    /// The corrected command.
+    ///
+    /// # Errors
+    /// [`DeviceError`].
+    pub fn correct(&mut self, query: &Query) -> Result<Corrected, DeviceError> {
+        let corrected = self.client.correct(query);
+        corrected.map_err(|error| self.failed(error))
+    }
+
+    /// [`Device::evaluate`] with intermediate results.
     ///
     /// # Errors
     /// [`DeviceError`].
     pub fn trace(&mut self, query: &Query) -> Result<Trace, DeviceError> {
-        match self.request(&Request::Trace(query.clone()))? {
-            Response::Trace(trace) => Ok(trace),
-            other => Err(unexpected(other)),
-        }
+        let trace = self.client.trace(query);
+        trace.map_err(|error| self.failed(error))
     }
 
     /// What the device has counted.
@@ -235,16 +180,13 @@ impl Device {
     /// # Errors
     /// [`DeviceError`].
     pub fn statistics(&mut self) -> Result<Statistics, DeviceError> {
-        match self.request(&Request::ReadStatistics)? {
-            Response::Statistics(statistics) => Ok(statistics),
-            other => Err(unexpected(other)),
-        }
+        let statistics = self.client.statistics();
+        statistics.map_err(|error| self.failed(error))
     }
 }
 
-fn unexpected(response: Response) -> DeviceError {
-    match response {
-        Response::Refused(refusal) => DeviceError::Refused(refusal),
-        other => DeviceError::Unexpected(Box::new(other)),
-    }
+fn load(client: &mut Client, blob: &[u8]) -> Result<(StoredModel, Identity), ClientError> {
+    let model = client.upload(blob, &mut |_| ())?;
+    let stored = client.commit_upload()?;
+    Ok((stored, client.activate(model.blob_crc)?))
 }

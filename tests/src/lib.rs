@@ -10,14 +10,13 @@
 #![deny(unsafe_code)]
 
 pub mod device;
-pub mod emulator;
-pub mod firmware;
 pub mod image;
-pub mod log;
 pub mod sample;
 pub mod stages;
 
 use std::path::Path;
+
+pub use poegp_trainer::device::{emulator, firmware, log};
 
 /// The root of the workspace.
 ///

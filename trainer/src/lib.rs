@@ -16,6 +16,7 @@ pub mod cli;
 pub mod compare;
 pub mod cost;
 pub mod coverage;
+pub mod device;
 pub mod drift;
 pub mod elastic;
 pub mod error;

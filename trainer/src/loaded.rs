@@ -129,9 +129,14 @@ impl LoadedBlob {
             .model
             .evaluate(&joints, payload_kg.unwrap_or(0.0) as f32);
         Prediction {
-            pose: orthonormal(&(self.instrument_from_base * answer.pose.cast::<f64>())),
+            pose: self.in_instrument(&answer.pose),
             status: answer.status,
         }
+    }
+
+    /// A pose in the base frame as the runtime or a device computed it, seen from the instrument.
+    pub fn in_instrument(&self, base_from_target: &Pose<f32>) -> Pose<f64> {
+        orthonormal(&(self.instrument_from_base * base_from_target.cast::<f64>()))
     }
 
     /// The tools that the blob names; empty when there was only one without a name.

@@ -85,6 +85,8 @@ pub enum Refusal {
     },
     /// A key is provisioned already, and it is another one.
     KeyIsFixed,
+    /// The bytes are no public key that could verify anything.
+    NotAKey,
     /// Writing the flash of this board would delay cycles: stop them and say so with `StandDown` first.
     CyclesRunning,
 }

@@ -5,10 +5,11 @@ use serde::{Deserialize, Serialize};
 
 use super::{MAX_NAME, Refusal};
 use crate::blob::Transform;
+use crate::envelope::KEY_ID_LENGTH;
 use crate::limits::{MAX_JOINTS, OUTPUTS};
 
-/// First bytes of a public key's hash: enough to tell keys apart.
-pub type KeyId = [u8; 8];
+/// First bytes of a public key: enough to tell keys apart.
+pub type KeyId = [u8; KEY_ID_LENGTH];
 
 /// Answered by the device.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

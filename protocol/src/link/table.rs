@@ -58,15 +58,15 @@ pub const REQUESTS: [Message; 15] = [
 /// The responses.
 #[rustfmt::skip] // a table
 pub const RESPONSES: [Message; 11] = [
-    response("Identity", "see below", 256),
+    response("Identity", "protocol_version: u8, firmware_version: text, image_crc: u32, board: text, capacity_words: u32, capacity_bytes: u32, tick_hz: u32, deadline_ticks: u32, key: option of 8 u8, bypass: bool, model: option of a model, slots: 2 options of a stored model", 208),
     response("Evaluation", "blob_crc: u32, pose: 12 f32, correction: 6 f32, trust: f32, position_sigma: option of f32, status: u8, ticks: u32", 93),
     response("Corrected", "blob_crc: u32, joints: list of at most 8 f32, position_error: f32, status: u8, ticks: u32", 49),
-    response("Trace", "sin_cos: list of at most 16 f32, kernel_hash: u32, mean: 6 f32, chain: 12 f32, then an evaluation", 235),
+    response("Trace", "sin_cos: list of at most 16 f32, kernel_hash: u32, mean: 6 f32, chain: 12 f32, evaluation: an evaluation", 235),
     response("StandingDown", "", 1),
     response("Uploading", "received: u32", 6),
-    response("Verified", "a model", 79),
-    response("Committed", "a stored model", 13),
-    response("Statistics", "15 u32: frames, bad_frames, lost_bytes, refused, cycles, flagged, bounded, uncorrected, missed_deadlines, max_ticks, max_latency_ticks, activations, restarts, lost_logs, stack_bytes", 76),
+    response("Verified", "robot: text, serial_number: text, blob_crc: u32, joints: u8, support: u32, signed: bool", 79),
+    response("Committed", "slot: u8, first: bool, length: u32, crc: u32", 13),
+    response("Statistics", "frames: u32, bad_frames: u32, lost_bytes: u32, refused: u32, cycles: u32, flagged: u32, bounded: u32, uncorrected: u32, missed_deadlines: u32, max_ticks: u32, max_latency_ticks: u32, activations: u32, restarts: u32, lost_logs: u32, stack_bytes: u32", 76),
     response("Restarting", "", 1),
-    response("Refused", "a refusal, see below", 13),
+    response("Refused", "a refusal", 13),
 ];

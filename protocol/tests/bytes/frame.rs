@@ -2,12 +2,12 @@
 
 use poegp_protocol::blob::{BufferTooSmall, CRC};
 use poegp_protocol::frame::{FrameError, decode, encode};
-use poegp_protocol::link::{PROTOCOL_VERSION, Request, Response};
+use poegp_protocol::link::{MAX_PIECE, PROTOCOL_VERSION, REQUESTS, Request, Response};
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 use serde::Serialize;
 
-use crate::link::{requests, responses};
+use crate::messages::{requests, responses};
 
 /// The frame of a message without its final zero.
 fn framed(sequence: u16, message: &impl Serialize) -> Vec<u8> {
@@ -19,24 +19,16 @@ fn framed(sequence: u16, message: &impl Serialize) -> Vec<u8> {
     frame.to_vec()
 }
 
-/// A piece that needs several COBS blocks: zeros, runs without zeros of 254 bytes and more.
-fn awkward_piece() -> Vec<u8> {
-    let mut bytes = vec![0x55; 253];
-    bytes.extend([0, 0]);
-    bytes.extend([0xff; 254]);
-    bytes.push(0);
-    bytes.extend(1..=255);
-    bytes.extend([7; 200]);
-    bytes
+/// Pieces that need several COBS blocks: zeros inside and at the end, runs without zeros beyond 254 bytes.
+fn awkward_pieces() -> [Vec<u8>; 3] {
+    let mut zeros = vec![0x55; 253];
+    zeros.extend([0, 0, 7]);
+    [zeros, vec![0xff; MAX_PIECE], vec![0; MAX_PIECE]]
 }
 
 fn all_frames() -> Vec<Vec<u8>> {
-    let piece = awkward_piece();
-    let long = Request::LoadPiece {
-        offset: 0,
-        bytes: &piece,
-    };
-    let mut frames = vec![framed(0, &long)];
+    let long = |bytes: &Vec<u8>| framed(0, &Request::UploadPiece { offset: 0, bytes });
+    let mut frames: Vec<Vec<u8>> = awkward_pieces().iter().map(long).collect();
     for sequence in [0, 1, 0x0100, 0xffff] {
         frames.extend(requests().iter().map(|message| framed(sequence, message)));
         frames.extend(responses().iter().map(|message| framed(sequence, message)));
@@ -56,12 +48,10 @@ fn round_trip() {
             assert_eq!(decode(&mut frame), Ok((sequence, response)));
         }
     }
-    let piece = awkward_piece();
-    let request = Request::LoadPiece {
-        offset: 1,
-        bytes: &piece,
-    };
-    assert_eq!(decode(&mut framed(3, &request)), Ok((3, request)));
+    for bytes in &awkward_pieces() {
+        let request = Request::UploadPiece { offset: 1, bytes };
+        assert_eq!(decode(&mut framed(3, &request)), Ok((3, request)));
+    }
 }
 
 #[test]
@@ -100,7 +90,7 @@ fn every_truncation_and_every_extra_byte_is_damage() {
 fn sealed(body: &[u8]) -> Vec<u8> {
     let raw = [body, &CRC.checksum(body).to_le_bytes()].concat();
     let mut out = vec![0; raw.len() + raw.len() / 254 + 2];
-    let used = cobs::try_encode(&raw, &mut out).unwrap();
+    let used = ::cobs::try_encode(&raw, &mut out).unwrap();
     out.truncate(used);
     out
 }
@@ -121,11 +111,11 @@ fn another_version_is_named_with_the_sequence_number() {
 fn an_intact_frame_that_cannot_be_read_is_named_with_the_sequence_number() {
     let unknown: [&[u8]; 6] = [
         &[],
-        &[7],
+        &[REQUESTS.len() as u8],
         &[0, 0],
-        &[1, 0xff, 0xff, 0xff, 0xff, 0x1f, 0],
-        &[2, 0, 4, 1, 2, 3],
-        &[4, 9, 0, 0, 0, 0],
+        &[1, 9, 0, 0, 0, 0],
+        &[5, 0xff, 0xff, 0xff, 0xff, 0x1f, 0],
+        &[6, 0, 4, 1, 2, 3],
     ];
     for message in unknown {
         let mut frame = sealed(&[&[PROTOCOL_VERSION, 9, 0], message].concat());
@@ -204,9 +194,9 @@ proptest! {
     fn pieces_of_any_bytes_survive(
         sequence: u16,
         offset: u32,
-        bytes in prop::collection::vec(prop_oneof![Just(0_u8), Just(0xff), any::<u8>()], 0..=1_024),
+        bytes in prop::collection::vec(prop_oneof![Just(0_u8), Just(0xff), any::<u8>()], 0..=MAX_PIECE),
     ) {
-        let request = Request::LoadPiece { offset, bytes: &bytes };
+        let request = Request::UploadPiece { offset, bytes: &bytes };
         let mut frame = framed(sequence, &request);
         prop_assert_eq!(decode(&mut frame), Ok((sequence, request)));
     }

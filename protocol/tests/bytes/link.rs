@@ -1,151 +1,15 @@
-//! Every message as bytes: the numbers are those of `docs/link.md` and never change.
+//! Every message as bytes, and the tables of the crate and of `docs/link.md`: their numbers never change.
 
-use poegp_protocol::blob::DecodeError;
-use poegp_protocol::frame;
-use poegp_protocol::link::{
-    Evaluation, Identity, MAX_NAME, MAX_PIECE, ModelIdentity, Query, Refusal, Request, Response,
-    Statistics, Trace,
-};
-use serde::{Deserialize, Serialize};
+use poegp_protocol::frame::{self, MAX_FRAME};
+use poegp_protocol::link::{Message, REQUESTS, RESPONSES, Request, Response};
+use serde::Serialize;
 
 use crate::listing;
+use crate::messages::{
+    decode_errors, longest_requests, longest_responses, query, refusals, requests, responses,
+};
 
 const LINK: &str = include_str!("../../../docs/link.md");
-
-/// Two joints and a payload.
-pub fn query() -> Query {
-    Query {
-        joints: [0.5, 0.25].into_iter().collect(),
-        payload_kg: 2.0,
-    }
-}
-
-/// One request of each kind.
-pub fn requests() -> Vec<Request<'static>> {
-    vec![
-        Request::Identify,
-        Request::BeginLoad {
-            length: 300,
-            crc: 0xffff_ffff,
-        },
-        Request::LoadPiece {
-            offset: 128,
-            bytes: &[0, 1, 0xff],
-        },
-        Request::FinishLoad,
-        Request::Evaluate(query()),
-        Request::Trace(query()),
-        Request::ReadStatistics,
-    ]
-}
-
-/// One decode error of each kind.
-fn decode_errors() -> Vec<DecodeError> {
-    vec![
-        DecodeError::Truncated {
-            expected: 20,
-            found: 3,
-        },
-        DecodeError::WrongMagic,
-        DecodeError::UnknownVersion {
-            found: 258,
-            supported: 1,
-        },
-        DecodeError::ReservedBitsSet,
-        DecodeError::TrailingBytes {
-            expected: 20,
-            found: 21,
-        },
-        DecodeError::CrcMismatch {
-            stored: 1,
-            computed: 2,
-        },
-        DecodeError::MalformedPayload,
-    ]
-}
-
-/// One refusal of each kind.
-fn refusals() -> Vec<Refusal> {
-    vec![
-        Refusal::BadFrame,
-        Refusal::ProtocolVersion {
-            found: 2,
-            expected: 1,
-        },
-        Refusal::UnknownMessage,
-        Refusal::BlobTooLong {
-            length: 300,
-            capacity: 200,
-        },
-        Refusal::NoLoadBegun,
-        Refusal::UnexpectedOffset {
-            found: 5,
-            expected: 4,
-        },
-        Refusal::PieceTooLong { end: 9, length: 8 },
-        Refusal::Incomplete {
-            received: 7,
-            length: 8,
-        },
-        Refusal::TransferCrc {
-            stored: 1,
-            computed: 2,
-        },
-        Refusal::Blob(DecodeError::WrongMagic),
-        Refusal::Model { code: 11 },
-    ]
-}
-
-fn evaluation() -> Evaluation {
-    Evaluation {
-        blob_crc: 0x0102_0304,
-        pose: core::array::from_fn(|index| index as f32),
-        correction: [0.5; 6],
-        status: 4,
-        ticks: 200,
-    }
-}
-
-/// One response of each kind.
-pub fn responses() -> Vec<Response> {
-    vec![
-        Response::Identity(Identity {
-            protocol_version: 1,
-            firmware_version: "0.1.0".try_into().unwrap(),
-            board: "mps2".try_into().unwrap(),
-            capacity_words: 1_000,
-            capacity_bytes: 16_384,
-            tick_hz: 25_000_000,
-            model: Some(ModelIdentity {
-                robot: "ARM".try_into().unwrap(),
-                serial_number: "7".try_into().unwrap(),
-                blob_crc: 5,
-                joints: 2,
-                support: 300,
-            }),
-        }),
-        Response::Loading { received: 128 },
-        Response::Evaluation(evaluation()),
-        Response::Trace(Trace {
-            sin_cos: [0.5, 1.0].into_iter().collect(),
-            kernel_hash: 0x811c_9dc5,
-            mean: [0.25; 6],
-            chain: [1.0; 12],
-            evaluation: evaluation(),
-        }),
-        Response::Statistics(Statistics {
-            frames: 1,
-            bad_frames: 2,
-            refused: 3,
-            evaluations: 4,
-            flagged: 5,
-            models_loaded: 6,
-            max_ticks: 127,
-            stack_bytes: 128,
-        }),
-        Response::Refused(Refusal::NoLoadBegun),
-    ]
-}
 
 fn bytes_of(value: &impl Serialize) -> Vec<u8> {
     let mut buffer = [0; 2_048];
@@ -159,7 +23,7 @@ fn numbered<'a, V: Serialize + core::fmt::Debug + 'a>(
     let name = |value: &V| {
         let text = format!("{value:?}");
         let end = text.find([' ', '(']).unwrap_or(text.len());
-        format!("`{}`", &text[..end])
+        text[..end].to_owned()
     };
     values
         .into_iter()
@@ -167,67 +31,232 @@ fn numbered<'a, V: Serialize + core::fmt::Debug + 'a>(
         .collect()
 }
 
-#[test]
-fn the_numbers_are_those_of_the_documentation() {
-    // The codes of load errors are the runtime's affair, and compared there.
-    let (words, _) = LINK.split_once("Codes of `Model`").expect("codes");
-    let documented: Vec<(u8, String)> = listing::numbered_rows(words)
-        .into_iter()
-        .map(|(number, cells)| (number, cells[1].clone()))
+/// The names of the fields of a message, outermost braces only, as `Debug` shows them.
+fn field_names(value: &impl core::fmt::Debug) -> Vec<String> {
+    let (mut names, mut word, mut depth) = (Vec::new(), String::new(), 0);
+    for letter in format!("{value:?}").chars() {
+        match letter {
+            '{' | '[' => depth += 1,
+            '}' | ']' => depth -= 1,
+            ':' if depth == 1 => names.push(word.clone()),
+            _ if letter.is_alphanumeric() || letter == '_' => {
+                word.push(letter);
+                continue;
+            }
+            _ => {}
+        }
+        word.clear();
+    }
+    names
+}
+
+/// The names in a row of a table: what stands before a colon.
+fn declared_names(row: &Message) -> Vec<String> {
+    let fields = row.fields.split(", ").filter(|field| !field.is_empty());
+    let name = |field: &str| field.split(':').next().unwrap_or("").to_owned();
+    fields.map(name).collect()
+}
+
+fn assert_rows<V: Serialize + core::fmt::Debug>(rows: &[Message], values: &[V], longest: &[V]) {
+    let names: Vec<_> = (0..)
+        .zip(rows)
+        .map(|(n, row)| (n, row.name.to_owned()))
         .collect();
-    let mut expected = numbered(&requests());
-    expected.extend(numbered(&responses()));
-    expected.extend(numbered(&refusals()));
-    expected.extend(numbered(&decode_errors()));
-    assert_eq!(documented, expected);
+    assert_eq!(numbered(values), names);
+    assert_eq!(numbered(longest), names);
+    for ((row, value), longest) in rows.iter().zip(values).zip(longest) {
+        assert_eq!(bytes_of(longest).len(), row.max_bytes, "{}", row.name);
+        if row.name != "Refused" {
+            assert_eq!(declared_names(row), field_names(value), "{}", row.name);
+        }
+    }
+}
+
+#[test]
+fn the_tables_are_those_of_the_types() {
+    assert_rows(&REQUESTS, &requests(), &longest_requests());
+    assert_rows(&RESPONSES, &responses(), &longest_responses());
+    for (row, request) in REQUESTS.iter().zip(requests()) {
+        assert_eq!(row.cyclic, request.is_cyclic(), "{}", row.name);
+        let answers = RESPONSES.iter().filter(|answer| answer.name == row.answer);
+        assert_eq!(answers.count(), 1, "{} is answered", row.name);
+    }
+    for answer in RESPONSES {
+        assert!(answer.answer.is_empty() && !answer.cyclic);
+        let asked = REQUESTS
+            .iter()
+            .filter(|row| row.answer == answer.name)
+            .count();
+        assert!(asked > 0 || answer.name == "Refused", "{}", answer.name);
+    }
+}
+
+/// The rows of the section of `docs/link.md` with this heading, quotes taken off.
+fn documented(heading: &str) -> Vec<(u8, Vec<String>)> {
+    let (_, section) = LINK
+        .split_once(&format!("\n## {heading}\n"))
+        .unwrap_or_else(|| panic!("no section {heading}"));
+    let section = section.split("\n## ").next().unwrap_or("");
+    let plain = |cells: Vec<String>| cells.iter().map(|cell| cell.replace('`', "")).collect();
+    listing::numbered_rows(section)
+        .into_iter()
+        .map(|(number, cells)| (number, plain(cells)))
+        .collect()
+}
+
+#[test]
+fn the_tables_are_those_of_the_documentation() {
+    let number = |number: usize| (number as u8, number.to_string());
+    let expected = REQUESTS.iter().enumerate().map(|(n, row)| {
+        let (n, text) = number(n);
+        let by = if row.cyclic { "cycle" } else { "service" };
+        let bytes = row.max_bytes.to_string();
+        let cells = [&text, row.name, row.fields, &bytes, row.answer, by];
+        (n, cells.map(str::to_owned).to_vec())
+    });
+    assert_eq!(documented("Requests"), expected.collect::<Vec<_>>());
+    let expected = RESPONSES.iter().enumerate().map(|(n, row)| {
+        let (n, text) = number(n);
+        let bytes = row.max_bytes.to_string();
+        let cells = [&text, row.name, row.fields, &bytes];
+        (n, cells.map(str::to_owned).to_vec())
+    });
+    assert_eq!(documented("Responses"), expected.collect::<Vec<_>>());
+}
+
+#[test]
+fn the_refusals_are_those_of_the_documentation() {
+    let named = |heading: &str| -> Vec<_> {
+        let rows = documented(heading).into_iter();
+        rows.map(|(number, cells)| (number, cells[1].clone()))
+            .collect()
+    };
+    assert_eq!(named("Refusals"), numbered(&refusals()));
+    assert_eq!(named("Decode errors"), numbered(&decode_errors()));
+    let fields = |row: &[String]| -> Vec<String> {
+        let text = row[2].split(", ").filter(|field| field.contains(": "));
+        text.map(|field| field.split(':').next().unwrap_or("").to_owned())
+            .collect()
+    };
+    for ((_, row), refusal) in documented("Refusals").iter().zip(refusals()) {
+        assert_eq!(fields(row), field_names(&refusal), "{refusal:?}");
+    }
+    for ((_, row), error) in documented("Decode errors").iter().zip(decode_errors()) {
+        assert_eq!(fields(row), field_names(&error), "{error:?}");
+    }
+}
+
+#[test]
+fn the_lengths_are_those_of_the_documentation() {
+    let on_line = |length: usize| {
+        let raw = length + frame::OVERHEAD;
+        poegp_protocol::cobs::max_encoded(raw) + 1
+    };
+    let longest = |rows: &[Message]| rows.iter().map(|row| row.max_bytes).max().unwrap();
+    let service_answer = RESPONSES
+        .iter()
+        .filter(|answer| {
+            REQUESTS
+                .iter()
+                .all(|row| row.answer != answer.name || !row.cyclic)
+        })
+        .map(|row| row.max_bytes)
+        .max()
+        .unwrap();
+    for (what, bytes) in [
+        ("longest frame", MAX_FRAME),
+        ("longest answer", on_line(longest(&RESPONSES))),
+        ("longest answer of a service", on_line(service_answer)),
+        ("longest `Correct`", on_line(38)),
+        ("longest `Corrected`", on_line(49)),
+    ] {
+        let row = format!("| {what} | {bytes} |");
+        assert!(LINK.contains(&row), "{row} is not in docs/link.md");
+    }
+    assert_eq!(on_line(longest(&REQUESTS)), MAX_FRAME);
+    // What the service relies on: an answer is never longer than the longest request.
+    assert!(on_line(longest(&RESPONSES)) < MAX_FRAME);
+}
+
+#[test]
+fn the_longest_messages_fit_a_frame() {
+    fn framed(message: &impl Serialize) -> usize {
+        let (mut scratch, mut out) = ([0; MAX_FRAME], [0; MAX_FRAME]);
+        frame::encode(u16::MAX, message, &mut scratch, &mut out)
+            .expect("fits a frame")
+            .len()
+    }
+    let requests = longest_requests();
+    let longest = requests.iter().map(framed).max();
+    assert!(longest <= Some(MAX_FRAME));
+    for response in longest_responses() {
+        assert!(Some(framed(&response)) < longest, "{response:?}");
+    }
 }
 
 #[test]
 fn the_worked_example_is_what_the_encoder_writes() {
     let [raw, wire] = listing::hex_blocks(LINK).try_into().expect("two listings");
     let (mut scratch, mut out) = ([0; 64], [0; 64]);
-    let encoded = frame::encode(7, &Request::Evaluate(query()), &mut scratch, &mut out).unwrap();
-    assert_eq!(encoded, wire);
-    assert_eq!(scratch[..raw.len()], raw);
+    let request = Request::Correct(query());
+    let encoded = frame::encode(7, &request, &mut scratch, &mut out).unwrap();
+    assert_eq!(encoded, wire, "{encoded:02x?}");
+    assert_eq!(scratch[..raw.len()], raw, "{:02x?}", &scratch[..raw.len()]);
     let mut received = wire[..wire.len() - 1].to_vec();
-    assert_eq!(
-        frame::decode(&mut received),
-        Ok((7, Request::Evaluate(query())))
-    );
+    assert_eq!(frame::decode(&mut received), Ok((7, request)));
 }
 
 #[test]
 fn requests_as_bytes() {
-    let table: [&[u8]; 7] = [
-        &[0],
-        &[1, 0xac, 0x02, 0xff, 0xff, 0xff, 0xff, 0x0f],
-        &[2, 0x80, 0x01, 3, 0, 1, 0xff],
-        &[3],
-        &[4, 2, 0, 0, 0, 0x3f, 0, 0, 0x80, 0x3e, 0, 0, 0, 0x40],
-        &[5, 2, 0, 0, 0, 0x3f, 0, 0, 0x80, 0x3e, 0, 0, 0, 0x40],
-        &[6],
+    let query = |number| vec![number, 2, 0, 0, 0, 0x3f, 0, 0, 0x80, 0x3e, 0, 0, 0, 0x40];
+    let table = [
+        vec![0],
+        query(1),
+        query(2),
+        query(3),
+        vec![4],
+        vec![5, 0xac, 0x02, 0xff, 0xff, 0xff, 0xff, 0x0f],
+        vec![6, 0x80, 0x01, 3, 0, 1, 0xff],
+        vec![7],
+        vec![8],
+        vec![9, 0xac, 0x02],
+        vec![10, 0x80, 0x01],
+        vec![11, 1],
+        [12].into_iter().chain(0..32).collect(),
+        vec![13],
+        vec![14],
     ];
-    for (request, bytes) in requests().iter().zip(table) {
-        assert_eq!(bytes_of(request), bytes, "{request:?}");
+    assert_eq!(table.len(), requests().len());
+    for (request, bytes) in requests().iter().zip(&table) {
+        assert_eq!(bytes_of(request), *bytes, "{request:?}");
         assert_eq!(postcard::from_bytes(bytes), Ok(request.clone()));
     }
 }
 
 #[test]
 fn refusals_as_bytes() {
-    let table: [&[u8]; 11] = [
-        &[5, 0],
-        &[5, 1, 2, 1],
-        &[5, 2],
-        &[5, 3, 0xac, 0x02, 0xc8, 0x01],
-        &[5, 4],
-        &[5, 5, 5, 4],
-        &[5, 6, 9, 8],
-        &[5, 7, 7, 8],
-        &[5, 8, 1, 2],
-        &[5, 9, 1],
-        &[5, 10, 11],
+    let table: [&[u8]; 19] = [
+        &[10, 0],
+        &[10, 1, 1, 2],
+        &[10, 2],
+        &[10, 3],
+        &[10, 4, 0xac, 0x02, 0xc8, 0x01],
+        &[10, 5],
+        &[10, 6, 5, 4],
+        &[10, 7, 9, 8],
+        &[10, 8, 7, 8],
+        &[10, 9, 1, 2],
+        &[10, 10, 1],
+        &[10, 11, 11],
+        &[10, 12, 3],
+        &[10, 13],
+        &[10, 14, 0xac, 0x02],
+        &[10, 15],
+        &[10, 16, 16],
+        &[10, 17],
+        &[10, 18],
     ];
+    assert_eq!(table.len(), refusals().len());
     for (refusal, bytes) in refusals().into_iter().zip(table) {
         let response = Response::Refused(refusal);
         assert_eq!(bytes_of(&response), bytes, "{response:?}");
@@ -249,15 +278,21 @@ fn refusals_as_bytes() {
 
 #[test]
 fn responses_as_bytes() {
-    let mut identity = vec![0, 1, 5];
-    identity.extend(b"0.1.0\x04mps2");
-    identity.extend([0xe8, 0x07, 0x80, 0x80, 0x01, 0xc0, 0xf0, 0xf5, 0x0b, 1, 3]);
-    identity.extend(b"ARM\x017");
-    identity.extend([5, 2, 0xac, 0x02]);
+    let model = [&[3][..], b"ARM\x017", &[5, 2, 0xac, 0x02, 1]].concat();
+    let stored = [1, 1, 0xac, 0x02, 6];
+    let mut identity = vec![0, 2, 5];
+    identity.extend(b"0.1.0\x80\x01\x04mps2");
+    identity.extend([0xe8, 0x07, 0x80, 0x80, 0x01, 0xc0, 0xf0, 0xf5, 0x0b]);
+    identity.extend([0xa8, 0xc3, 0x01, 1, 1, 2, 3, 4, 5, 6, 7, 8, 1, 1]);
+    identity.extend(&model);
+    identity.extend([0, 1]);
+    identity.extend(stored);
     let mut evaluation = vec![0x84, 0x86, 0x88, 0x08];
     evaluation.extend((0..12).flat_map(|index| (index as f32).to_le_bytes()));
     evaluation.extend([0, 0, 0, 0x3f].repeat(6));
-    evaluation.extend([4, 0xc8, 0x01]);
+    evaluation.extend([0, 0, 0x80, 0x3e, 1, 0, 0, 0, 0x40, 4, 0xc8, 0x01]);
+    let mut corrected = vec![2, 0x80, 0x01, 2, 0, 0, 0, 0x3f, 0, 0, 0x80, 0x3e];
+    corrected.extend([0, 0, 0, 0x40, 32, 0xc8, 0x01]);
     let mut trace = vec![3, 2, 0, 0, 0, 0x3f, 0, 0, 0x80, 0x3f];
     trace.extend([0xc5, 0xbb, 0xf2, 0x88, 0x08]);
     trace.extend([0, 0, 0x80, 0x3e].repeat(6));
@@ -265,64 +300,23 @@ fn responses_as_bytes() {
     trace.extend(&evaluation);
     let table = [
         identity,
-        vec![1, 0x80, 0x01],
-        [vec![2], evaluation].concat(),
+        [vec![1], evaluation].concat(),
+        corrected,
         trace,
-        vec![4, 1, 2, 3, 4, 5, 6, 127, 0x80, 0x01],
-        vec![5, 4],
+        vec![4],
+        vec![5, 0x80, 0x01],
+        [vec![6], model].concat(),
+        [&[7][..], &stored].concat(),
+        [8].into_iter()
+            .chain(1..=13)
+            .chain([127, 0x80, 1])
+            .collect(),
+        vec![9],
+        vec![10, 5],
     ];
+    assert_eq!(table.len(), responses().len());
     for (response, bytes) in responses().into_iter().zip(table) {
         assert_eq!(bytes_of(&response), bytes, "{response:?}");
         assert_eq!(postcard::from_bytes(&bytes), Ok(response));
     }
-}
-
-fn fits<'a, M: Serialize + Deserialize<'a>>(message: &M) -> usize {
-    let (mut scratch, mut out) = ([0; frame::MAX_FRAME], [0; frame::MAX_FRAME]);
-    frame::encode(u16::MAX, message, &mut scratch, &mut out)
-        .expect("the longest message fits a frame")
-        .len()
-}
-
-#[test]
-fn the_longest_messages_fit_a_frame() {
-    let bytes = [0xff; MAX_PIECE];
-    let piece = Request::LoadPiece {
-        offset: u32::MAX,
-        bytes: &bytes,
-    };
-    assert!(fits(&piece) <= frame::MAX_FRAME);
-    let longest = Evaluation {
-        blob_crc: u32::MAX,
-        pose: [-1.1; 12],
-        correction: [-1.1; 6],
-        status: u8::MAX,
-        ticks: u32::MAX,
-    };
-    let trace = Response::Trace(Trace {
-        sin_cos: [-1.1; 16].into_iter().collect(),
-        kernel_hash: u32::MAX,
-        mean: [-1.1; 6],
-        chain: [-1.1; 12],
-        evaluation: longest,
-    });
-    let name: heapless::String<MAX_NAME> = "n".repeat(MAX_NAME).as_str().try_into().unwrap();
-    let identity = Response::Identity(Identity {
-        protocol_version: u8::MAX,
-        firmware_version: name.clone(),
-        board: name.clone(),
-        capacity_words: u32::MAX,
-        capacity_bytes: u32::MAX,
-        tick_hz: u32::MAX,
-        model: Some(ModelIdentity {
-            robot: name.clone(),
-            serial_number: name,
-            blob_crc: u32::MAX,
-            joints: u8::MAX,
-            support: u32::MAX,
-        }),
-    });
-    // What the service relies on: an answer is never longer than the longest request.
-    assert!(fits(&trace) < fits(&piece));
-    assert!(fits(&identity) < fits(&piece));
 }

@@ -1,8 +1,11 @@
 //! The bytes of `poegp-protocol`: what values look like at rest and on the wire, and that nothing damaged is believed.
 
 mod blob;
+mod envelope;
+mod cobs;
 mod frame;
 mod link;
 mod listing;
+mod messages;
 mod receiver;
 mod sample;

@@ -1,11 +1,12 @@
 //! The receiver: whatever came before, the next whole frame is found.
 
-use poegp_protocol::frame::{MAX_FRAME, Received, Receiver, decode, encode};
-use poegp_protocol::link::Request;
+use poegp_protocol::blob::CRC;
+use poegp_protocol::frame::{FrameError, MAX_FRAME, Received, Receiver, decode, encode};
+use poegp_protocol::link::{PROTOCOL_VERSION, Request};
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 
-use crate::link::requests;
+use crate::messages::requests;
 
 fn wire(sequence: u16, request: &Request<'_>) -> Vec<u8> {
     let (mut scratch, mut out) = ([0; MAX_FRAME], [0; MAX_FRAME]);
@@ -77,6 +78,59 @@ fn half_a_frame_spoils_only_the_one_it_runs_into() {
         let line = [&whole[..cut], &[0], &whole].concat();
         let mut last = arrivals(&mut receiver, &line).pop().flatten().unwrap();
         assert_eq!(decode(&mut last), Ok((5, Request::ReadStatistics)));
+    }
+}
+
+/// What the device does: open once for the sequence number, read the message as often as wanted, clear.
+#[test]
+fn an_opened_frame_is_read_in_place() {
+    let mut receiver = Receiver::new();
+    let unopened = receiver.message::<Request<'_>>();
+    assert_eq!(unopened, Err(FrameError::Damaged), "nothing was opened");
+    for (sequence, request) in (250..).zip(requests()) {
+        for byte in wire(sequence, &request) {
+            receiver.push(byte);
+        }
+        let unopened = receiver.message::<Request<'_>>();
+        assert_eq!(unopened, Err(FrameError::Damaged), "not opened yet");
+        assert_eq!(receiver.open(), Ok(sequence));
+        for _ in 0..2 {
+            assert_eq!(receiver.message(), Ok((sequence, request.clone())));
+        }
+        receiver.clear();
+        let cleared = receiver.message::<Request<'_>>();
+        assert_eq!(cleared, Err(FrameError::Damaged), "cleared");
+    }
+}
+
+#[test]
+fn a_frame_that_cannot_be_opened_or_read_is_named() {
+    let cases = [
+        (vec![PROTOCOL_VERSION, 3, 4, 200], None, true),
+        (vec![7, 3, 4, 200], Some((7, 0x0403)), false),
+        // Also one without any message.
+        (vec![1, 3, 4], Some((1, 0x0403)), false),
+    ];
+    for (body, version, opens) in cases {
+        let raw = [&body[..], &CRC.checksum(&body).to_le_bytes()].concat();
+        let mut receiver = Receiver::new();
+        let mut stuffed = [0; 32];
+        let used = poegp_protocol::cobs::encode(&raw, &mut stuffed).unwrap();
+        for byte in &stuffed[..used] {
+            receiver.push(*byte);
+        }
+        assert_eq!(receiver.push(0), Received::Frame);
+        let expected = match version {
+            None => Ok(0x0403),
+            Some((found, sequence)) => Err(FrameError::Version { found, sequence }),
+        };
+        assert_eq!(receiver.open(), expected);
+        let error = if opens {
+            FrameError::UnknownMessage { sequence: 0x0403 }
+        } else {
+            FrameError::Damaged
+        };
+        assert_eq!(receiver.message::<Request<'_>>(), Err(error));
     }
 }
 

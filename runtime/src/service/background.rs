@@ -2,6 +2,7 @@
 
 use embedded_storage::nor_flash::NorFlash;
 use heapless::Vec;
+use poegp_protocol::envelope::key_id;
 use poegp_protocol::link::{
     Identity, ModelIdentity, PROTOCOL_VERSION, Refusal, Request, Response, Statistics, StoredModel,
 };
@@ -145,7 +146,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
             capacity_bytes: BYTES as u32,
             tick_hz: self.facts.tick_hz,
             deadline_ticks: self.facts.deadline_ticks,
-            key: self.key().ok().flatten().map(|key| signature::key_id(&key)),
+            key: self.key().ok().flatten().map(|key| key_id(&key)),
             bypass: report.bypass,
             model: report.model,
             slots,
@@ -170,10 +171,15 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
                 return Ok(model);
             }
         }
-        self.upload.check_complete()?;
+        let crc = self.upload.check_complete()?;
         let key = self.key()?;
         let spare = self.spare.as_deref_mut().ok_or(Refusal::Busy)?;
-        spare.load(self.upload.bytes(), key.as_ref())?;
+        let bytes = self.upload.bytes();
+        spare.load(bytes, key.as_ref())?;
+        // A model that is stored already keeps its slot, or a roll back could lead to where one is.
+        let same = |stored: &Stored| stored.crc == crc && stored.length as usize == bytes.len();
+        let stored = self.store.candidates().into_iter().flatten().find(same);
+        spare.set_slot(stored.map(|stored| stored.slot));
         let model = spare.identity().ok_or(Refusal::NotVerified)?;
         self.upload.verified = Some(model.blob_crc);
         Ok(model)
@@ -282,11 +288,24 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         public_key: &[u8; 32],
         device: &mut impl Device<'m, WORDS>,
     ) -> Result<(), Refusal> {
-        self.check_flash(device)?;
-        match self.store.provision(public_key) {
-            Err(StoreError::KeyProvisioned) => Err(Refusal::KeyIsFixed),
-            other => other.map_err(refused),
+        if !signature::is_public_key(public_key) {
+            return Err(Refusal::NotAKey);
         }
+        self.check_flash(device)?;
+        let before = self.store.public_key();
+        let result = self.store.provision(public_key);
+        if result == Err(StoreError::KeyProvisioned) {
+            return Err(Refusal::KeyIsFixed);
+        }
+        if before != Ok(Some(*public_key)) {
+            // What was verified without this key must not become active; also when flash failed, for the key may be there.
+            self.upload.verified = None;
+            self.upload.committed = None;
+            if let Some(spare) = &mut self.spare {
+                spare.unload();
+            }
+        }
+        result.map_err(refused)
     }
 }
 

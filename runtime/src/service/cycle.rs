@@ -218,8 +218,13 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
         };
         let ticks = clock.ticks().wrapping_sub(start);
         self.completed(status, ticks);
-        let bits = |value: &f32| value.to_bits();
-        if joints.iter().map(bits).eq(query.joints.iter().map(bits)) {
+        let as_it_came = [
+            Status::NO_MODEL,
+            Status::BAD_INPUT,
+            Status::CORRECTION_REFUSED,
+            Status::BYPASSED,
+        ];
+        if as_it_came.into_iter().any(|why| status.contains(why)) {
             count(&mut self.statistics.uncorrected);
         }
         Corrected {

@@ -1,8 +1,8 @@
 //! A model in RAM with its name. There are two: the active and the spare.
 
 use heapless::String;
-use poegp_protocol::blob;
 use poegp_protocol::link::{MAX_NAME, ModelIdentity, Refusal};
+use poegp_protocol::{blob, envelope};
 
 use crate::model::Model;
 use crate::signature;
@@ -76,6 +76,14 @@ impl<const WORDS: usize> Resident<WORDS> {
         &self.model
     }
 
+    /// Forgets the model.
+    pub(super) fn unload(&mut self) {
+        self.model.unload();
+        self.blob_crc = 0;
+        self.signed = 0;
+        self.slot = 0;
+    }
+
     /// Its name; `None` when there is no model.
     pub fn identity(&self) -> Option<ModelIdentity> {
         let joints = self.model.joints();
@@ -111,7 +119,7 @@ impl<const WORDS: usize> Resident<WORDS> {
 #[inline(never)]
 fn check_signature(bytes: &[u8], key: Option<&[u8; 32]>) -> Result<(), Refusal> {
     let Some(key) = key else { return Ok(()) };
-    if let Err(error) = blob::decode(bytes) {
+    if let Err(error) = envelope::open(bytes) {
         return Err(Refusal::Blob(error));
     }
     signature::verify(bytes, key).map_err(|error| Refusal::Signature { code: error.code() })

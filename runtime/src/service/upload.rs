@@ -83,8 +83,8 @@ impl<'m, const BYTES: usize> Upload<'m, BYTES> {
         Ok(end)
     }
 
-    /// Whether all that was announced is there and intact.
-    pub(super) fn check_complete(&self) -> Result<(), Refusal> {
+    /// The CRC of all bytes, if all that was announced is there and intact.
+    pub(super) fn check_complete(&self) -> Result<u32, Refusal> {
         let announced = self.announced.ok_or(Refusal::NoUpload)?;
         let received = self.staged.len() as u32;
         if received != announced.length {
@@ -100,6 +100,6 @@ impl<'m, const BYTES: usize> Upload<'m, BYTES> {
                 computed,
             });
         }
-        Ok(())
+        Ok(computed)
     }
 }

@@ -1,9 +1,9 @@
 //! The heads of the slots: a list of records, each of which says all there is to know.
 //!
-//! A record describes *both* slots, so the newest valid one is the whole state, and the next one can go into either
-//! head. That is what makes full heads harmless: when neither has room, the one that does not have the newest record is
-//! erased, and with it nothing that is still needed. A record that was torn by a power cut, damaged, or that the driver
-//! cannot read (flash with error correction reports torn units so) is skipped.
+//! A record describes *both* slots and is in the head of the slot that it puts first. So the newest valid record is the
+//! whole state, and one that puts the other slot first goes into the other head: when that is full it can be erased, and
+//! with it nothing that is still needed. A record that was torn by a power cut, damaged, or that the driver cannot read
+//! (flash with error correction reports torn units so) is skipped.
 
 use embedded_storage::nor_flash::NorFlash;
 use poegp_protocol::blob::CRC;
@@ -15,16 +15,17 @@ use super::{StoreError, Stored};
 /// Bytes of a record before it is filled up to whole units.
 pub const RECORD: u32 = 28;
 const LENGTH: usize = RECORD as usize;
+const MAGIC: [u8; 4] = *b"PGS1";
 
 /// What the slots hold.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct State {
     /// Counts the records.
-    pub sequence: u32,
-    /// The slot that comes first.
+    sequence: u32,
+    /// The slot that comes first: the one whose head has this.
     pub first: Slot,
     /// Length and CRC-32C of the blob in each slot; length 0 when there is none.
-    pub blobs: [(u32, u32); 2],
+    blobs: [(u32, u32); 2],
 }
 
 impl State {
@@ -58,7 +59,7 @@ impl State {
         let [(a_length, a_crc), (b_length, b_crc)] = self.blobs;
         let mut bytes = [0; LENGTH];
         let words = [self.sequence, a_length, a_crc, b_length, b_crc];
-        let fields = magic(self.first)
+        let fields = MAGIC
             .into_iter()
             .chain(words.into_iter().flat_map(u32::to_le_bytes));
         for (byte, field) in bytes.iter_mut().zip(fields) {
@@ -70,15 +71,13 @@ impl State {
         bytes
     }
 
-    fn from_bytes(bytes: &[u8; LENGTH]) -> Option<Self> {
+    /// The record in the head of `first` that has these bytes.
+    fn from_bytes(first: Slot, bytes: &[u8; LENGTH]) -> Option<Self> {
         let (fields, crc) = bytes.split_last_chunk::<4>()?;
         if CRC.checksum(fields) != u32::from_le_bytes(*crc) {
             return None;
         }
-        let (first, mut rest) = fields.split_first_chunk::<4>()?;
-        let first = [Slot::A, Slot::B]
-            .into_iter()
-            .find(|slot| magic(*slot) == *first)?;
+        let mut rest = fields.strip_prefix(&MAGIC)?;
         let mut word = || -> Option<u32> {
             let (word, after) = rest.split_first_chunk()?;
             rest = after;
@@ -92,54 +91,19 @@ impl State {
     }
 }
 
-/// First bytes of a record: "PGS", then which slot comes first.
-const fn magic(first: Slot) -> [u8; 4] {
-    match first {
-        Slot::A => *b"PGSA",
-        Slot::B => *b"PGSB",
-    }
-}
-
 /// What the heads say.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Journal {
-    /// The newest record, and the slot whose head has it.
-    pub newest: Option<(State, Slot)>,
+    /// The newest record.
+    pub state: Option<State>,
     /// Where each head has room for another record.
     room: [Option<u32>; 2],
-}
-
-impl Journal {
-    /// The newest state.
-    pub fn state(&self) -> Option<State> {
-        self.newest.map(|(state, _)| state)
-    }
-
-    fn room(&self, head: Slot) -> Option<u32> {
-        let [a, b] = self.room;
-        match head {
-            Slot::A => a,
-            Slot::B => b,
-        }
-    }
-
-    /// A head that may be given another record: one with room, `wanted` rather than the other; else one that may be
-    /// erased, which is any but that with the newest record.
-    pub fn head_for_next(&self, wanted: Slot) -> Slot {
-        let newest = self.newest.map(|(_, head)| head);
-        for head in [wanted, wanted.other()] {
-            if self.room(head).is_some() {
-                return head;
-            }
-        }
-        newest.map_or(wanted, Slot::other)
-    }
 }
 
 /// Reads both heads.
 pub fn survey<F: NorFlash>(flash: &mut F, layout: &Layout) -> Journal {
     let mut journal = Journal {
-        newest: None,
+        state: None,
         room: [None; 2],
     };
     for (head, room) in [Slot::A, Slot::B].into_iter().zip(&mut journal.room) {
@@ -150,12 +114,12 @@ pub fn survey<F: NorFlash>(flash: &mut F, layout: &Layout) -> Journal {
         while end - at >= stride {
             let mut bytes = [0; LENGTH];
             let read = medium::read(flash, at, &mut bytes).is_ok();
-            let state = State::from_bytes(&bytes).filter(|_| read);
+            let state = State::from_bytes(head, &bytes).filter(|_| read);
             if let Some(state) = state {
                 any = true;
-                let newer = |(newest, _): (State, Slot)| state.sequence > newest.sequence;
-                if journal.newest.is_none_or(newer) {
-                    journal.newest = Some((state, head));
+                let newer = |newest: State| state.sequence > newest.sequence;
+                if journal.state.is_none_or(newer) {
+                    journal.state = Some(state);
                 }
             }
             if !read || !blank(flash, at, stride) {
@@ -169,19 +133,23 @@ pub fn survey<F: NorFlash>(flash: &mut F, layout: &Layout) -> Journal {
     journal
 }
 
-/// Writes `state` into `head`, which is erased first when it has no room. Whoever calls sees to it that the newest record
-/// is elsewhere then.
+/// Writes `state` into the head of the slot that it puts first. That is erased when it has no room: it must not have the
+/// newest record, which is so when that puts the other slot first.
 pub fn append<F: NorFlash>(
     flash: &mut F,
     layout: &Layout,
     journal: &Journal,
-    head: Slot,
     state: &State,
 ) -> Result<(), StoreError> {
-    let at = match journal.room(head) {
+    let [a, b] = journal.room;
+    let room = match state.first {
+        Slot::A => a,
+        Slot::B => b,
+    };
+    let at = match room {
         Some(at) => at,
         None => {
-            let start = layout.slot(head).start;
+            let start = layout.slot(state.first).start;
             medium::erase(flash, start, start + medium::size(F::ERASE_SIZE))?;
             start
         }

@@ -13,7 +13,7 @@
 //!
 //!  one record, filled up with ones to whole write units:
 //!   offset  size  field, integers little endian
-//!        0     4  "PGSA" when slot A comes first, "PGSB" when slot B does
+//!        0     4  "PGS1"
 //!        4     4  sequence number, one more than that of the newest record before
 //!        8     4  length of blob A in bytes, 0 when there is none
 //!       12     4  CRC-32C of blob A
@@ -22,16 +22,18 @@
 //!       24     4  CRC-32C of bytes 0..24
 //! ```
 //!
-//! A record describes both slots. The valid record with the highest sequence number, in whichever head, is the state;
-//! all others are history. From there:
+//! A record describes both slots and puts the slot first in whose head it is. The valid record with the highest sequence
+//! number is the state; all others are history. From there:
 //!
-//! * [`Store::write`] never touches the slot that is kept: it sees to it that the newest record is in the head of that
-//!   slot, erases the other, writes the blob, reads it back, and only then writes the record that says so.
-//! * [`Store::promote`] appends one record to a head with room; when both are full, it erases the head that does *not*
-//!   have the newest record. Until the new record is complete the old one is the state.
+//! * [`Store::promote`] appends one record to the head of the slot that is to come first. When that head is full it is
+//!   erased before; the state is in the other one, and says of both slots where their blobs are.
+//! * [`Store::write`] promotes the slot that is kept, if it is not the first already. So nothing that is needed is in the
+//!   head of the other one, which is erased; then the blob is written and read back, and only then the record that says
+//!   so is.
 //!
-//! So at every moment of either there is a valid record, and the blob that it puts first is whole. Nothing is lost but
-//! the blob that is being overwritten.
+//! At every moment of either there is a valid record, and the blob that it puts first is whole. Nothing is lost but
+//! the blob that is being overwritten. What is not promised: a cell that an interrupted erase left nearly erased reads
+//! as erased. A head without any valid record is erased again before it is used, the place of a blob always.
 
 mod error;
 mod journal;
@@ -88,7 +90,7 @@ impl<F: NorFlash> Store<F> {
     /// The blobs that the newest valid record announces, the one to be used first. Their bytes have not been looked at:
     /// [`Store::read`] them in this order and take the first that is whole.
     pub fn candidates(&mut self) -> [Option<Stored>; 2] {
-        self.survey().state().map_or([None; 2], |state| {
+        self.survey().state.map_or([None; 2], |state| {
             [
                 self.announced(&state, state.first),
                 self.announced(&state, state.first.other()),
@@ -137,7 +139,7 @@ impl<F: NorFlash> Store<F> {
             return Err(StoreError::BlobLength { length, capacity });
         }
         let crc = CRC.checksum(blob);
-        let mut state = self.survey().state();
+        let mut state = self.survey().state;
         for slot in [Slot::A, Slot::B] {
             let stored = Stored { slot, length, crc };
             let announced = state.and_then(|state| self.announced(&state, slot));
@@ -155,11 +157,11 @@ impl<F: NorFlash> Store<F> {
         });
         let slot = kept.map_or(Slot::A, |kept| kept.slot.other());
         if let Some(kept) = &kept {
-            state = Some(self.keep_only(kept)?);
+            state = Some(self.put_first(kept)?);
         }
         let (head, start) = (self.layout.slot(slot).start, self.blob_start(slot));
         let end = start + length.next_multiple_of(medium::size(F::ERASE_SIZE));
-        // The head first: it has no record that is still needed.
+        // The head goes first, so that it never announces a blob that is partly erased.
         medium::erase(&mut self.flash, head, end)?;
         medium::write(&mut self.flash, start, blob)?;
         let stored = Stored { slot, length, crc };
@@ -175,11 +177,10 @@ impl<F: NorFlash> Store<F> {
     /// `Flash`, `SequenceExhausted`. The first candidate is then what it was.
     pub fn promote(&mut self, stored: &Stored) -> Result<Stored, StoreError> {
         let slot = stored.slot;
-        let journal = self.survey();
-        let state = journal
-            .state()
-            .filter(|state| self.announced(state, slot) == Some(*stored))
-            .ok_or(StoreError::NotStored { slot })?;
+        let state = self.survey().state;
+        if state.and_then(|state| self.announced(&state, slot)) != Some(*stored) {
+            return Err(StoreError::NotStored { slot });
+        }
         let start = self.blob_start(slot);
         let computed = medium::crc(&mut self.flash, start, stored.length)?;
         if computed != stored.crc {
@@ -188,11 +189,7 @@ impl<F: NorFlash> Store<F> {
                 computed,
             });
         }
-        if state.first != slot {
-            let head = journal.head_for_next(slot);
-            let next = State::with_first(Some(&state), stored)?;
-            journal::append(&mut self.flash, &self.layout, &journal, head, &next)?;
-        }
+        self.put_first(stored)?;
         Ok(*stored)
     }
 
@@ -223,23 +220,17 @@ impl<F: NorFlash> Store<F> {
             .filter(|stored| stored.length <= self.room(slot))
     }
 
-    /// Sees to it that the newest record puts `kept` first and is in the head of its slot, so that the other can be erased.
-    fn keep_only(&mut self, kept: &Stored) -> Result<State, StoreError> {
-        // Two records at most: when the head is full of what is needed, the first goes to the other one.
-        for _ in 0..3 {
-            let journal = self.survey();
-            let head = match journal.newest {
-                Some((state, head)) if head == kept.slot && state.first == kept.slot => {
-                    return Ok(state);
-                }
-                Some((_, head)) if head == kept.slot => journal.head_for_next(kept.slot),
-                _ => kept.slot,
-            };
-            let next = State::with_first(journal.state().as_ref(), kept)?;
-            journal::append(&mut self.flash, &self.layout, &journal, head, &next)?;
+    /// Sees to it that the state puts `stored` first.
+    fn put_first(&mut self, stored: &Stored) -> Result<State, StoreError> {
+        let journal = self.survey();
+        match journal.state {
+            Some(state) if state.first == stored.slot => Ok(state),
+            before => {
+                let state = State::with_first(before.as_ref(), stored)?;
+                journal::append(&mut self.flash, &self.layout, &journal, &state)?;
+                Ok(state)
+            }
         }
-        let at = self.layout.slot(kept.slot).start;
-        Err(StoreError::ReadBack { at })
     }
 
     /// Bytes for a blob in `slot`.

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
+use super::device::arguments::Device;
 use crate::calibration::Method;
 
 /// Calibrates robot arms from tracker measurements and writes the model that the controller evaluates.
@@ -33,6 +34,8 @@ pub enum Command {
     Inspect(Inspect),
     /// Reproduce the paper's simulation from nothing: simulate, calibrate, compare, write a blob, read it back.
     Demo(Demo),
+    /// Talk to a co-processor: bring a model onto it, check it, watch it, emulate it.
+    Device(Device),
 }
 
 /// Which robot.

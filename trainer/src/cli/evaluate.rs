@@ -14,7 +14,7 @@ use super::{Failure, check_outputs, file_name, json_text, write_outputs};
 use crate::calibration::frames::Sample;
 use crate::error::InputError;
 use crate::loaded::{LoadedBlob, Prediction};
-use crate::measurements;
+use crate::measurements::{self, MeasurementSet};
 use crate::robot::{Joint, Robot};
 use crate::samples::ToolName;
 use crate::statistics::{ErrorSummary, PoseError};
@@ -45,26 +45,11 @@ pub fn run(a: &Evaluate) -> Result<(), Failure> {
     check_outputs(&outputs, &[&a.blob, &a.test])?;
     let loaded = LoadedBlob::read(&a.blob)?;
     let blob = loaded.blob();
-    let set = measurements::read(&a.test)?;
-    let notes = set.check(&robot_of(&blob))?;
-    for note in set.notes.iter().chain(&notes) {
-        eprintln!("note: {}: {note}", a.test.display());
-    }
-    if blob.ranges.payload_kg.is_some() && !set.has_payload() {
-        return Err(InputError::new(
-            &a.test,
-            "no payload_kg column",
-            "one: the model depends on the payload",
-        )
-        .into());
-    }
-    let robot = robot_of(&blob);
-    let mut names: Vec<ToolName> = loaded
-        .tools()
-        .iter()
-        .map(|(name, _)| name.clone())
-        .collect();
-    let samples = crate::samples::samples(&set, &robot, &mut names)?;
+    let TestData {
+        set,
+        samples,
+        names,
+    } = read(&loaded, &a.test)?;
     let tools = tool_frames(a, &loaded, &names, &samples)?;
     let predictions: Vec<Prediction> = samples
         .iter()
@@ -118,6 +103,44 @@ pub fn run(a: &Evaluate) -> Result<(), Failure> {
         &predictions,
     );
     Ok(())
+}
+
+/// A measurement file as the arm of a blob sees it.
+pub(super) struct TestData {
+    pub set: MeasurementSet,
+    pub samples: Vec<Sample>,
+    /// First the tools of the blob, then those that only the file has.
+    pub names: Vec<ToolName>,
+}
+
+/// Reads and checks a measurement file for the arm of a blob; notes go to standard error.
+pub(super) fn read(loaded: &LoadedBlob, path: &Path) -> Result<TestData, Failure> {
+    let blob = loaded.blob();
+    let robot = robot_of(&blob);
+    let set = measurements::read(path)?;
+    let notes = set.check(&robot)?;
+    for note in set.notes.iter().chain(&notes) {
+        eprintln!("note: {}: {note}", path.display());
+    }
+    if blob.ranges.payload_kg.is_some() && !set.has_payload() {
+        return Err(InputError::new(
+            path,
+            "no payload_kg column",
+            "one: the model depends on the payload",
+        )
+        .into());
+    }
+    let mut names: Vec<ToolName> = loaded
+        .tools()
+        .iter()
+        .map(|(name, _)| name.clone())
+        .collect();
+    let samples = crate::samples::samples(&set, &robot, &mut names)?;
+    Ok(TestData {
+        set,
+        samples,
+        names,
+    })
 }
 
 /// The arm of a blob as far as a measurement file is checked against it.

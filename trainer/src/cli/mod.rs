@@ -6,6 +6,7 @@ mod arguments;
 mod calibrate;
 mod compare;
 mod demo;
+mod device;
 mod drift;
 mod elastic_facts;
 mod evaluate;
@@ -25,6 +26,7 @@ use poegp_runtime::poe::Poe;
 
 use crate::calibration::frames::Sample;
 use crate::calibration::{CalibrationError, Method, fewest_poses};
+use crate::device::error::ClientError;
 use crate::elastic::fit::InstrumentNoise;
 use crate::error::InputError;
 use crate::export::{DeviceError, ExportError, Origin, nominal_chain};
@@ -44,6 +46,9 @@ enum Failure {
     /// The command line itself.
     #[error("{0}")]
     Usage(String),
+    /// A device, or the link to it.
+    #[error(transparent)]
+    Device(#[from] ClientError),
     /// A quality bound was not met; nothing was written.
     #[error("{0}")]
     Quality(String),
@@ -85,6 +90,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Compare(a) => compare::run(&a),
         Command::Inspect(a) => inspect::run(&a),
         Command::Demo(a) => demo::run(&a),
+        Command::Device(a) => device::run(&a),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

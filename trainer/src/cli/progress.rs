@@ -16,3 +16,12 @@ pub fn spinner(label: &str) -> ProgressBar {
     spinner.enable_steady_tick(std::time::Duration::from_millis(100));
     spinner.with_message(label.to_owned())
 }
+
+/// A bar of `bytes` bytes on their way, with the time left.
+pub fn transfer(bytes: usize, label: &str) -> ProgressBar {
+    let bar = ProgressBar::with_draw_target(Some(bytes as u64), ProgressDrawTarget::stderr());
+    let style =
+        ProgressStyle::with_template("{msg:28} {wide_bar} {bytes}/{total_bytes} {eta} left")
+            .unwrap_or_else(|_| ProgressStyle::default_bar());
+    bar.with_style(style).with_message(label.to_owned())
+}

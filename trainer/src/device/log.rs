@@ -15,14 +15,15 @@ use std::path::Path;
 
 use object::{Object, ObjectSection, ObjectSymbol};
 
-use crate::image::ImageError;
-
 /// Why a log cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub enum LogError {
-    /// The image that wrote it.
-    #[error(transparent)]
-    Image(#[from] ImageError),
+    /// The image that wrote it cannot be read.
+    #[error("{0}")]
+    File(#[from] std::io::Error),
+    /// The image that wrote it is none.
+    #[error("not an ELF image: {0}")]
+    Image(#[from] object::Error),
     /// The log.
     #[error("frame {frame:02x?} of the log: {problem}")]
     Frame {
@@ -38,21 +39,49 @@ pub enum LogError {
 /// # Errors
 /// [`LogError`].
 pub fn lines(elf: &Path, log: &[u8]) -> Result<Vec<String>, LogError> {
-    let strings = strings(elf)?;
-    let mut frames: Vec<&[u8]> = log.split(|byte| *byte == 0).collect();
-    frames.pop();
-    frames.retain(|frame| !frame.is_empty());
-    let line = |frame: &&[u8]| {
-        let frame = unstuffed(frame);
-        formatted(&strings, &frame).map_err(|problem| LogError::Frame { frame, problem })
-    };
-    frames.iter().map(line).collect()
+    Decoder::new(elf)?.push(log).into_iter().collect()
+}
+
+/// Reads a log while it is being written.
+#[derive(Debug)]
+pub struct Decoder {
+    strings: Strings,
+    /// Bytes since the last zero.
+    begun: Vec<u8>,
+}
+
+impl Decoder {
+    /// Of what the image `elf` writes.
+    ///
+    /// # Errors
+    /// [`LogError::File`], [`LogError::Image`].
+    pub fn new(elf: &Path) -> Result<Self, LogError> {
+        Ok(Self {
+            strings: strings(elf)?,
+            begun: Vec::new(),
+        })
+    }
+
+    /// The lines that these bytes complete.
+    pub fn push(&mut self, bytes: &[u8]) -> Vec<Result<String, LogError>> {
+        let mut lines = Vec::new();
+        for byte in bytes {
+            if *byte != 0 {
+                self.begun.push(*byte);
+            } else if !self.begun.is_empty() {
+                let frame = unstuffed(&std::mem::take(&mut self.begun));
+                let line = formatted(&self.strings, &frame);
+                lines.push(line.map_err(|problem| LogError::Frame { frame, problem }));
+            }
+        }
+        lines
+    }
 }
 
 /// Tag and text of each interned string, by index.
 type Strings = HashMap<u64, (String, String)>;
 
-fn strings(elf: &Path) -> Result<Strings, ImageError> {
+fn strings(elf: &Path) -> Result<Strings, LogError> {
     let bytes = fs::read(elf)?;
     let file = object::File::parse(&*bytes)?;
     let section = file

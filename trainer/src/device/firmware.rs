@@ -1,4 +1,4 @@
-//! Builds the device image with whatever compiler is there, once for each test program.
+//! Builds the device image with whatever compiler is there, once for each program and board.
 //!
 //! Two ways lead to an image, and both give the same bits:
 //!
@@ -16,16 +16,80 @@ use std::process::{Command, Output};
 use std::sync::OnceLock;
 use std::{env, fs};
 
-use crate::workspace;
-
 /// The device's target.
 pub const TARGET: &str = "thumbv7em-none-eabihf";
 /// Variable that asks for one of the toolchains.
 pub const TOOLCHAIN_VARIABLE: &str = "POEGP_TOOLCHAIN";
 const PACKAGE: &str = "poegp-firmware";
 const PROFILE: &str = "firmware";
-/// The processor of the board, by `--config` so that no configuration file of the workspace is needed.
-const RUSTFLAGS: &str = r#"target.thumbv7em-none-eabihf.rustflags=["-C","target-cpu=cortex-m4"]"#;
+
+/// A board that can be emulated. Its name is the firmware's feature.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Board {
+    /// A Cortex-M4F.
+    #[default]
+    Mps2An386,
+    /// A Cortex-M7.
+    Mps2An500,
+    /// A Cortex-M4F with peripherals as they can be bought; QEMU has neither its clocks nor its flash controller.
+    Stm32F405,
+}
+
+impl Board {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Mps2An386, Self::Mps2An500, Self::Stm32F405];
+
+    /// Its name.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Mps2An386 => "mps2-an386",
+            Self::Mps2An500 => "mps2-an500",
+            Self::Stm32F405 => "stm32f405",
+        }
+    }
+
+    /// What QEMU calls it.
+    pub const fn machine(self) -> &'static str {
+        match self {
+            Self::Mps2An386 | Self::Mps2An500 => self.name(),
+            Self::Stm32F405 => "netduinoplus2",
+        }
+    }
+
+    /// Its processor.
+    pub const fn cpu(self) -> &'static str {
+        match self {
+            Self::Mps2An386 | Self::Stm32F405 => "cortex-m4",
+            Self::Mps2An500 => "cortex-m7",
+        }
+    }
+
+    /// Size in MiB of the memory that stands for its flash, where QEMU can keep that in a file.
+    pub const fn memory_mib(self) -> Option<u32> {
+        match self {
+            Self::Mps2An386 | Self::Mps2An500 => Some(16),
+            Self::Stm32F405 => None,
+        }
+    }
+
+    /// The image of each board has a place of its own.
+    fn directory(self, toolchain: &Toolchain) -> String {
+        let way = match toolchain {
+            Toolchain::Prebuilt { .. } => "device",
+            Toolchain::BuildStd { .. } => "device-build-std",
+        };
+        match self {
+            Self::Mps2An386 => way.to_owned(),
+            other => format!("{way}-{}", other.name()),
+        }
+    }
+}
+
+/// The root of the workspace that this program was built in.
+fn workspace() -> &'static Path {
+    let package = Path::new(env!("CARGO_MANIFEST_DIR"));
+    package.parent().unwrap_or(package)
+}
 
 /// A compiler that can build for the device.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -65,7 +129,7 @@ pub struct Firmware {
 pub enum FirmwareError {
     /// No compiler can build for the device.
     #[error(
-        "no compiler can build for {TARGET}{}. Either `rustup target add {TARGET}`, \
+        "no compiler can build for {TARGET}{}\nhelp: either `rustup target add {TARGET}`, \
          or `apt-get install rustc-web cargo-web rust-web-src lld` (Debian)",
         .asked.as_ref().map(|way| format!(" ({TOOLCHAIN_VARIABLE}={way})")).unwrap_or_default()
     )]
@@ -73,6 +137,9 @@ pub enum FirmwareError {
         /// The way that was asked for.
         asked: Option<String>,
     },
+    /// The firmware's source is no longer where this program was built.
+    #[error("the firmware cannot be built: {} is gone\nhelp: give an image with --elf, or build the trainer anew", .0.display())]
+    NoSource(PathBuf),
     /// The variable has another value.
     #[error("{TOOLCHAIN_VARIABLE} is {0:?}; it can be `prebuilt` or `build-std`")]
     UnknownToolchain(String),
@@ -86,16 +153,31 @@ pub enum FirmwareError {
     },
 }
 
-/// The device image, built at the first call. Test programs that run at the same time wait for each other in cargo.
+/// The image of a board, built at the first call. Programs that run at the same time wait for each other in cargo.
+///
+/// # Errors
+/// [`FirmwareError`].
+pub fn firmware_of(board: Board) -> Result<&'static Firmware, FirmwareError> {
+    static BUILT: [OnceLock<Result<Firmware, FirmwareError>>; Board::ALL.len()] =
+        [const { OnceLock::new() }; Board::ALL.len()];
+    BUILT[board as usize]
+        .get_or_init(|| {
+            let source = workspace().join("firmware/Cargo.toml");
+            if !source.is_file() {
+                return Err(FirmwareError::NoSource(source));
+            }
+            build(board, find_toolchain()?)
+        })
+        .as_ref()
+        .map_err(Clone::clone)
+}
+
+/// The image of the default board.
 ///
 /// # Errors
 /// [`FirmwareError`].
 pub fn firmware() -> Result<&'static Firmware, FirmwareError> {
-    static FIRMWARE: OnceLock<Result<Firmware, FirmwareError>> = OnceLock::new();
-    FIRMWARE
-        .get_or_init(|| build(find_toolchain()?))
-        .as_ref()
-        .map_err(Clone::clone)
+    firmware_of(Board::default())
 }
 
 fn find_toolchain() -> Result<Toolchain, FirmwareError> {
@@ -170,19 +252,23 @@ fn clean(command: &mut Command) -> &mut Command {
     command.current_dir(workspace())
 }
 
-fn build(toolchain: Toolchain) -> Result<Firmware, FirmwareError> {
+fn build(board: Board, toolchain: Toolchain) -> Result<Firmware, FirmwareError> {
     let target = env::var_os("CARGO_TARGET_DIR")
         .map_or_else(|| workspace().join("target"), |dir| workspace().join(dir));
-    let (rustc, directory) = match &toolchain {
-        Toolchain::Prebuilt { rustc } => (rustc, target.join("device")),
-        Toolchain::BuildStd { rustc } => (rustc, target.join("device-build-std")),
-    };
+    let directory = target.join(board.directory(&toolchain));
+    let (Toolchain::Prebuilt { rustc } | Toolchain::BuildStd { rustc }) = &toolchain;
     // The cargo that belongs to the compiler.
     let mut command = Command::new(rustc.with_file_name("cargo"));
     clean(&mut command)
         .args(["build", "--locked", "--package", PACKAGE])
         .args(["--profile", PROFILE, "--target", TARGET])
-        .args(["--config", RUSTFLAGS])
+        .args(["--no-default-features", "--features", board.name()])
+        // Here, so that no configuration file of the workspace is needed.
+        .arg("--config")
+        .arg(format!(
+            r#"target.{TARGET}.rustflags=["-C","target-cpu={}"]"#,
+            board.cpu()
+        ))
         .arg("--target-dir")
         .arg(&directory)
         .env("RUSTC", rustc)

@@ -1,0 +1,317 @@
+//! One message of each kind, and the longest one of each kind: in the order of their numbers on the wire.
+
+use poegp_protocol::blob::DecodeError;
+use poegp_protocol::limits::MAX_JOINTS;
+use poegp_protocol::link::{
+    Corrected, Evaluation, Identity, MAX_NAME, MAX_PIECE, ModelIdentity, Query, Refusal, Request,
+    Response, Statistics, StoredModel, Trace,
+};
+
+/// Two joints and a payload.
+pub fn query() -> Query {
+    Query {
+        joints: [0.5, 0.25].into_iter().collect(),
+        payload_kg: 2.0,
+    }
+}
+
+/// One request of each kind.
+pub fn requests() -> Vec<Request<'static>> {
+    vec![
+        Request::Identify,
+        Request::Evaluate(query()),
+        Request::Correct(query()),
+        Request::Trace(query()),
+        Request::StandDown,
+        Request::BeginUpload {
+            length: 300,
+            crc: 0xffff_ffff,
+        },
+        Request::UploadPiece {
+            offset: 128,
+            bytes: &[0, 1, 0xff],
+        },
+        Request::VerifyUpload,
+        Request::CommitUpload,
+        Request::Activate { blob_crc: 300 },
+        Request::RollBack { from_crc: 128 },
+        Request::SetBypass { on: true },
+        Request::Provision {
+            public_key: core::array::from_fn(|index| index as u8),
+        },
+        Request::ReadStatistics,
+        Request::Restart,
+    ]
+}
+
+/// The longest request of each kind.
+pub fn longest_requests() -> Vec<Request<'static>> {
+    let query = || Query {
+        joints: [-1.1; MAX_JOINTS].into_iter().collect(),
+        payload_kg: -1.1,
+    };
+    vec![
+        Request::Identify,
+        Request::Evaluate(query()),
+        Request::Correct(query()),
+        Request::Trace(query()),
+        Request::StandDown,
+        Request::BeginUpload {
+            length: u32::MAX,
+            crc: u32::MAX,
+        },
+        Request::UploadPiece {
+            offset: u32::MAX,
+            bytes: &[0xff; MAX_PIECE],
+        },
+        Request::VerifyUpload,
+        Request::CommitUpload,
+        Request::Activate { blob_crc: u32::MAX },
+        Request::RollBack { from_crc: u32::MAX },
+        Request::SetBypass { on: true },
+        Request::Provision {
+            public_key: [0xff; 32],
+        },
+        Request::ReadStatistics,
+        Request::Restart,
+    ]
+}
+
+/// One decode error of each kind.
+pub fn decode_errors() -> Vec<DecodeError> {
+    vec![
+        DecodeError::Truncated {
+            expected: 20,
+            found: 3,
+        },
+        DecodeError::WrongMagic,
+        DecodeError::UnknownVersion {
+            found: 258,
+            supported: 1,
+        },
+        DecodeError::ReservedBitsSet,
+        DecodeError::TrailingBytes {
+            expected: 20,
+            found: 21,
+        },
+        DecodeError::CrcMismatch {
+            stored: 1,
+            computed: 2,
+        },
+        DecodeError::MalformedPayload,
+    ]
+}
+
+/// One refusal of each kind.
+pub fn refusals() -> Vec<Refusal> {
+    vec![
+        Refusal::BadFrame,
+        Refusal::ProtocolVersion {
+            found: 1,
+            expected: 2,
+        },
+        Refusal::UnknownMessage,
+        Refusal::Busy,
+        Refusal::BlobTooLong {
+            length: 300,
+            capacity: 200,
+        },
+        Refusal::NoUpload,
+        Refusal::UnexpectedOffset {
+            found: 5,
+            expected: 4,
+        },
+        Refusal::PieceTooLong { end: 9, length: 8 },
+        Refusal::Incomplete {
+            received: 7,
+            length: 8,
+        },
+        Refusal::TransferCrc {
+            stored: 1,
+            computed: 2,
+        },
+        Refusal::Blob(DecodeError::WrongMagic),
+        Refusal::Model { code: 11 },
+        Refusal::Signature { code: 3 },
+        Refusal::NotVerified,
+        Refusal::UnknownModel { blob_crc: 300 },
+        Refusal::NoOtherModel,
+        Refusal::Store { code: 16 },
+        Refusal::KeyIsFixed,
+        Refusal::CyclesRunning,
+    ]
+}
+
+fn evaluation() -> Evaluation {
+    Evaluation {
+        blob_crc: 0x0102_0304,
+        pose: core::array::from_fn(|index| index as f32),
+        correction: [0.5; 6],
+        trust: 0.25,
+        position_sigma: Some(2.0),
+        status: 4,
+        ticks: 200,
+    }
+}
+
+fn model() -> ModelIdentity {
+    ModelIdentity {
+        robot: "ARM".try_into().expect("short"),
+        serial_number: "7".try_into().expect("short"),
+        blob_crc: 5,
+        joints: 2,
+        support: 300,
+        signed: true,
+    }
+}
+
+const STORED: StoredModel = StoredModel {
+    slot: 1,
+    first: true,
+    length: 300,
+    crc: 6,
+};
+
+/// One response of each kind.
+pub fn responses() -> Vec<Response> {
+    vec![
+        Response::Identity(Identity {
+            protocol_version: 2,
+            firmware_version: "0.1.0".try_into().expect("short"),
+            image_crc: 128,
+            board: "mps2".try_into().expect("short"),
+            capacity_words: 1_000,
+            capacity_bytes: 16_384,
+            tick_hz: 25_000_000,
+            deadline_ticks: 25_000,
+            key: Some([1, 2, 3, 4, 5, 6, 7, 8]),
+            bypass: true,
+            model: Some(model()),
+            slots: [None, Some(STORED)],
+        }),
+        Response::Evaluation(evaluation()),
+        Response::Corrected(Corrected {
+            blob_crc: 128,
+            joints: [0.5, 0.25].into_iter().collect(),
+            position_error: 2.0,
+            status: 32,
+            ticks: 200,
+        }),
+        Response::Trace(Trace {
+            sin_cos: [0.5, 1.0].into_iter().collect(),
+            kernel_hash: 0x811c_9dc5,
+            mean: [0.25; 6],
+            chain: [1.0; 12],
+            evaluation: evaluation(),
+        }),
+        Response::StandingDown,
+        Response::Uploading { received: 128 },
+        Response::Verified(model()),
+        Response::Committed(STORED),
+        Response::Statistics(Statistics {
+            frames: 1,
+            bad_frames: 2,
+            lost_bytes: 3,
+            refused: 4,
+            cycles: 5,
+            flagged: 6,
+            bounded: 7,
+            uncorrected: 8,
+            missed_deadlines: 9,
+            max_ticks: 10,
+            max_latency_ticks: 11,
+            activations: 12,
+            restarts: 13,
+            lost_logs: 127,
+            stack_bytes: 128,
+        }),
+        Response::Restarting,
+        Response::Refused(Refusal::NoUpload),
+    ]
+}
+
+/// The longest response of each kind.
+pub fn longest_responses() -> Vec<Response> {
+    let name: heapless::String<MAX_NAME> = "n".repeat(MAX_NAME).as_str().try_into().expect("fits");
+    let evaluation = Evaluation {
+        blob_crc: u32::MAX,
+        pose: [-1.1; 12],
+        correction: [-1.1; 6],
+        trust: 1.1,
+        position_sigma: Some(1.1),
+        status: u8::MAX,
+        ticks: u32::MAX,
+    };
+    let model = ModelIdentity {
+        robot: name.clone(),
+        serial_number: name.clone(),
+        blob_crc: u32::MAX,
+        joints: u8::MAX,
+        support: u32::MAX,
+        signed: true,
+    };
+    let stored = StoredModel {
+        slot: u8::MAX,
+        first: true,
+        length: u32::MAX,
+        crc: u32::MAX,
+    };
+    let m = u32::MAX;
+    vec![
+        Response::Identity(Identity {
+            protocol_version: u8::MAX,
+            firmware_version: name.clone(),
+            image_crc: m,
+            board: name.clone(),
+            capacity_words: m,
+            capacity_bytes: m,
+            tick_hz: m,
+            deadline_ticks: m,
+            key: Some([0xff; 8]),
+            bypass: true,
+            model: Some(model.clone()),
+            slots: [Some(stored); 2],
+        }),
+        Response::Evaluation(evaluation.clone()),
+        Response::Corrected(Corrected {
+            blob_crc: m,
+            joints: [-1.1; MAX_JOINTS].into_iter().collect(),
+            position_error: 1.1,
+            status: u8::MAX,
+            ticks: m,
+        }),
+        Response::Trace(Trace {
+            sin_cos: [-1.1; 2 * MAX_JOINTS].into_iter().collect(),
+            kernel_hash: m,
+            mean: [-1.1; 6],
+            chain: [-1.1; 12],
+            evaluation,
+        }),
+        Response::StandingDown,
+        Response::Uploading { received: m },
+        Response::Verified(model),
+        Response::Committed(stored),
+        Response::Statistics(Statistics {
+            frames: m,
+            bad_frames: m,
+            lost_bytes: m,
+            refused: m,
+            cycles: m,
+            flagged: m,
+            bounded: m,
+            uncorrected: m,
+            missed_deadlines: m,
+            max_ticks: m,
+            max_latency_ticks: m,
+            activations: m,
+            restarts: m,
+            lost_logs: m,
+            stack_bytes: m,
+        }),
+        Response::Restarting,
+        Response::Refused(Refusal::Blob(DecodeError::CrcMismatch {
+            stored: m,
+            computed: m,
+        })),
+    ]
+}

@@ -1,0 +1,371 @@
+//! A device on a desk: `Cycle` and `Background` coupled as the firmware couples them, over a flash that knows the rules of
+//! NOR.
+//!
+//! The front takes bytes in bursts. While a service is carried out it is let in at every order and every operation of
+//! the flash, so cyclic requests that wait on the line are answered in the middle of services, as on the device.
+
+use std::cell::RefCell;
+use std::collections::VecDeque;
+use std::rc::Rc;
+
+use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
+use poegp_protocol::frame::{self, MAX_FRAME, Received, Receiver};
+use poegp_protocol::link::{Identity, Refusal, Request, Response, Statistics};
+use poegp_runtime::service::{Background, Clock, Cycle, Device, Facts, Order, Report};
+use poegp_runtime::service::{Resident, Taken};
+use poegp_runtime::store::{Layout, Store};
+
+use super::nor::Nor;
+use crate::arm::WORDS;
+
+/// Bytes of a blob that fit.
+pub const BYTES: usize = 4_096;
+/// The flash: erase units of 256 bytes.
+pub type Flash = Nor<4, 256>;
+/// Ticks in which a cyclic request is to be answered.
+pub const DEADLINE_TICKS: u32 = 1_000;
+
+const SLOT: u32 = BYTES as u32 + 256;
+const UNITS: usize = 2 * SLOT as usize / 256 + 1;
+
+/// Where everything is.
+pub fn layout() -> Layout {
+    Layout {
+        slots: [0..SLOT, SLOT..2 * SLOT],
+        key: 2 * SLOT..2 * SLOT + 256,
+    }
+}
+
+/// An empty flash.
+pub fn flash() -> Rc<RefCell<Flash>> {
+    Rc::new(RefCell::new(Flash::new(UNITS)))
+}
+
+/// Advances at each look and wraps around soon.
+struct Ticker {
+    ticks: u32,
+    step: u32,
+}
+
+impl Clock for Ticker {
+    fn ticks(&mut self) -> u32 {
+        self.ticks = self.ticks.wrapping_add(self.step);
+        self.ticks
+    }
+}
+
+/// What the interrupts of the firmware do.
+struct Front {
+    cycle: Cycle<'static, WORDS>,
+    receiver: Receiver,
+    other_receiver: Option<Receiver>,
+    /// A service for the background.
+    work: Option<Receiver>,
+    ticker: Ticker,
+    incoming: VecDeque<u8>,
+    outgoing: Vec<u8>,
+    /// Bytes that are taken in one turn.
+    burst: usize,
+    /// Whether a service is being carried out.
+    serving: bool,
+    /// Cyclic requests answered, and those of them in the middle of a service.
+    completed: u32,
+    completed_meanwhile: u32,
+}
+
+impl Front {
+    fn turn(&mut self) {
+        let (mut scratch, mut out) = ([0; MAX_FRAME], [0; MAX_FRAME]);
+        for _ in 0..self.burst {
+            let Some(byte) = self.incoming.pop_front() else {
+                break;
+            };
+            let taken = match self.receiver.push(byte) {
+                Received::More => continue,
+                Received::Frame => self.frame(&mut scratch, &mut out),
+                Received::TooLong => self.cycle.take_too_long(&mut scratch, &mut out),
+            };
+            match taken {
+                Taken::Service => {}
+                Taken::Answered(length) => self.outgoing.extend(&out[..length]),
+                Taken::Completed(length) => {
+                    self.outgoing.extend(&out[..length]);
+                    self.completed += 1;
+                    self.completed_meanwhile += u32::from(self.serving);
+                }
+            }
+        }
+    }
+
+    fn frame(&mut self, scratch: &mut [u8], out: &mut [u8]) -> Taken {
+        let arrived = self.ticker.ticks;
+        let receiver = &mut self.receiver;
+        let mut taken = self
+            .cycle
+            .take(receiver, arrived, &mut self.ticker, scratch, out);
+        if taken == Taken::Service {
+            match self.other_receiver.take() {
+                Some(other) => self.work = Some(std::mem::replace(&mut self.receiver, other)),
+                None => taken = self.cycle.refuse_busy(&self.receiver, scratch, out),
+            }
+        }
+        self.receiver.clear();
+        taken
+    }
+}
+
+/// How the background reaches the front.
+struct Calls(Rc<RefCell<Front>>);
+
+impl Device<'static, WORDS> for Calls {
+    fn order(&mut self, order: Order<'static, WORDS>) -> Report<'static, WORDS> {
+        let mut front = self.0.borrow_mut();
+        let report = front.cycle.obey(order);
+        // What came meanwhile is answered before the background sees the report.
+        front.turn();
+        report
+    }
+
+    fn complete(&mut self, statistics: &mut Statistics) {
+        statistics.lost_bytes = 71;
+        statistics.restarts = 72;
+        statistics.lost_logs = 73;
+        statistics.stack_bytes = 74;
+    }
+}
+
+/// The flash, whose every operation lets the front in.
+struct Wired {
+    nor: Rc<RefCell<Flash>>,
+    front: Rc<RefCell<Front>>,
+}
+
+impl ErrorType for Wired {
+    type Error = NorFlashErrorKind;
+}
+
+impl ReadNorFlash for Wired {
+    const READ_SIZE: usize = Flash::READ_SIZE;
+
+    fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), NorFlashErrorKind> {
+        self.front.borrow_mut().turn();
+        self.nor.borrow_mut().read(offset, bytes)
+    }
+
+    fn capacity(&self) -> usize {
+        self.nor.borrow().capacity()
+    }
+}
+
+impl NorFlash for Wired {
+    const WRITE_SIZE: usize = Flash::WRITE_SIZE;
+    const ERASE_SIZE: usize = Flash::ERASE_SIZE;
+
+    fn erase(&mut self, from: u32, to: u32) -> Result<(), NorFlashErrorKind> {
+        self.front.borrow_mut().turn();
+        self.nor.borrow_mut().erase(from, to)
+    }
+
+    fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {
+        self.front.borrow_mut().turn();
+        self.nor.borrow_mut().write(offset, bytes)
+    }
+}
+
+/// The device.
+pub struct Desk {
+    front: Rc<RefCell<Front>>,
+    background: Background<'static, Wired, WORDS, BYTES>,
+    /// Its flash, to look at or to damage.
+    pub flash: Rc<RefCell<Flash>>,
+    /// Why stored models were not started.
+    pub not_started: [Option<Refusal>; 2],
+    /// Whether `Restart` was answered: the device has to be started anew.
+    pub restarting: bool,
+    sequence: u16,
+}
+
+impl Default for Desk {
+    fn default() -> Self {
+        Self::start(flash(), false)
+    }
+}
+
+impl Desk {
+    /// With power on, and memory that is all zeros.
+    pub fn start(flash: Rc<RefCell<Flash>>, bypass: bool) -> Self {
+        Self::start_on(flash, bypass, false)
+    }
+
+    /// The same on a board whose processor may wait for its flash.
+    pub fn start_on(flash: Rc<RefCell<Flash>>, bypass: bool, flash_blocks: bool) -> Self {
+        // The firmware has statics for these; a few kilobytes for each start are the price of the same types here.
+        let [active, spare] = [Box::leak(Box::default()), Box::leak(Box::default())];
+        let active: &'static mut Resident<WORDS> = active;
+        let front = Rc::new(RefCell::new(Front {
+            cycle: Cycle::new(active, DEADLINE_TICKS, bypass),
+            receiver: Receiver::new(),
+            other_receiver: Some(Receiver::new()),
+            work: None,
+            ticker: Ticker {
+                ticks: u32::MAX - 150,
+                step: 100,
+            },
+            incoming: VecDeque::new(),
+            outgoing: Vec::new(),
+            burst: 16,
+            serving: false,
+            completed: 0,
+            completed_meanwhile: 0,
+        }));
+        let wired = Wired {
+            nor: flash.clone(),
+            front: front.clone(),
+        };
+        let facts = Facts {
+            board: "a desk with a name that is longer than thirty-two letters",
+            image_crc: 0x1234_5678,
+            tick_hz: 1_000,
+            deadline_ticks: DEADLINE_TICKS,
+            flash_blocks,
+        };
+        let store = Store::new(wired, layout()).expect("a sound layout");
+        let staged = Box::leak(Box::default());
+        let mut background = Background::new(facts, spare, staged, store);
+        let not_started = background.boot(&mut Calls(front.clone()));
+        Self {
+            front,
+            background,
+            flash,
+            not_started,
+            restarting: false,
+            sequence: 0,
+        }
+    }
+
+    /// The same flash, started anew; the bypass is kept as the firmware keeps it.
+    #[must_use]
+    pub fn restarted(self) -> Self {
+        let bypass = self.front.borrow_mut().cycle.obey(Order::Report).bypass;
+        Self::start(self.flash, bypass)
+    }
+
+    /// Puts bytes on the line; nobody takes them yet.
+    pub fn send(&self, bytes: &[u8]) {
+        self.front.borrow_mut().incoming.extend(bytes);
+    }
+
+    /// Takes what the device has put on the line.
+    pub fn sent(&self) -> Vec<u8> {
+        std::mem::take(&mut self.front.borrow_mut().outgoing)
+    }
+
+    /// Lets the device work until the line is empty and nothing is left to do.
+    pub fn run(&mut self) {
+        loop {
+            self.front.borrow_mut().turn();
+            let work = self.front.borrow_mut().work.take();
+            if let Some(receiver) = work {
+                self.serve(receiver);
+            } else if self.front.borrow().incoming.is_empty() || self.restarting {
+                break;
+            }
+        }
+    }
+
+    fn serve(&mut self, mut receiver: Receiver) {
+        let (sequence, request) = receiver.message::<Request<'_>>().expect("it was read");
+        self.front.borrow_mut().serving = true;
+        let mut calls = Calls(self.front.clone());
+        let response = self.background.handle(&request, &mut calls);
+        receiver.clear();
+        let mut front = self.front.borrow_mut();
+        front.serving = false;
+        front.other_receiver = Some(receiver);
+        let (mut scratch, mut out) = ([0; MAX_FRAME], [0; MAX_FRAME]);
+        let frame = frame::encode(sequence, &response, &mut scratch, &mut out);
+        front.outgoing.extend(&*frame.expect("fits a frame"));
+        self.restarting |= response == Response::Restarting;
+    }
+
+    /// Everything that is answered to these bytes.
+    pub fn answers(&mut self, bytes: &[u8]) -> Vec<(u16, Response)> {
+        self.send(bytes);
+        self.run();
+        decoded(&self.sent())
+    }
+
+    /// The answer to a request.
+    pub fn ask(&mut self, request: &Request<'_>) -> Response {
+        self.sequence = self.sequence.wrapping_add(257);
+        let sequence = self.sequence;
+        let mut answers = self.answers(&wire(sequence, request));
+        let answer = answers.pop().expect("an answer");
+        assert_eq!((answers.len(), answer.0), (0, sequence), "{request:?}");
+        answer.1
+    }
+
+    /// The same answer to a request and to its repetition.
+    pub fn ask_twice(&mut self, request: &Request<'_>) -> Response {
+        let first = self.ask(request);
+        assert_eq!(self.ask(request), first, "{request:?} repeated");
+        first
+    }
+
+    /// Who it is.
+    pub fn identity(&mut self) -> Identity {
+        match self.ask(&Request::Identify) {
+            Response::Identity(identity) => identity,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    /// CRC in the header of the active model's blob.
+    pub fn active(&mut self) -> Option<u32> {
+        self.identity().model.map(|model| model.blob_crc)
+    }
+
+    /// What it has counted.
+    pub fn statistics(&mut self) -> Statistics {
+        match self.ask(&Request::ReadStatistics) {
+            Response::Statistics(statistics) => statistics,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    /// Whether cyclic requests are expected.
+    pub fn is_running(&self) -> bool {
+        self.front.borrow().cycle.is_running()
+    }
+
+    /// Cyclic requests answered: all, and those in the middle of a service.
+    pub fn completed(&self) -> (u32, u32) {
+        let front = self.front.borrow();
+        (front.completed, front.completed_meanwhile)
+    }
+
+    /// Lets the front take so many bytes in one turn.
+    pub fn set_burst(&self, bytes: usize) {
+        self.front.borrow_mut().burst = bytes;
+    }
+
+    /// Lets the clock advance by so much at each look.
+    pub fn set_tick_step(&self, step: u32) {
+        self.front.borrow_mut().ticker.step = step;
+    }
+}
+
+/// The frame of a request.
+pub fn wire(sequence: u16, request: &Request<'_>) -> Vec<u8> {
+    let (mut scratch, mut out) = ([0; MAX_FRAME], [0; MAX_FRAME]);
+    let frame = frame::encode(sequence, request, &mut scratch, &mut out);
+    frame.expect("fits a frame").to_vec()
+}
+
+/// The responses in frames that are all intact.
+pub fn decoded(bytes: &[u8]) -> Vec<(u16, Response)> {
+    let mut frames: Vec<&[u8]> = bytes.split(|byte| *byte == 0).collect();
+    assert_eq!(frames.pop(), Some(&[][..]), "the last frame is complete");
+    let decode = |frame: &&[u8]| frame::decode(&mut frame.to_vec()).expect("an intact frame");
+    frames.iter().map(decode).collect()
+}

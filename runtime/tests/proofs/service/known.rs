@@ -1,0 +1,149 @@
+//! Models whose answers are known, and the requests that bring them onto the device.
+
+use poegp_protocol::blob::{self, CRC};
+use poegp_protocol::link::{Corrected, Evaluation, MAX_PIECE, Query, Refusal, Request, Response};
+use poegp_runtime::model::Model;
+use poegp_runtime::status::Status;
+
+use super::desk::{BYTES, Desk};
+use crate::arm::{Arm, WORDS};
+
+/// A blob with what the runtime says about it.
+pub struct Known {
+    pub bytes: Vec<u8>,
+    /// CRC in its header: its name on the link.
+    pub blob_crc: u32,
+    pub joints: usize,
+    pub model: Model<f32, WORDS>,
+}
+
+impl Known {
+    pub fn new(mut arm: Arm) -> Self {
+        let mut buffer = vec![0; BYTES];
+        let bytes = blob::encode(&arm.blob(), &mut buffer)
+            .expect("fits")
+            .to_vec();
+        Self {
+            blob_crc: blob::stored_crc(&bytes).expect("a header"),
+            bytes,
+            joints: arm.joints.len(),
+            model: arm.model(),
+        }
+    }
+
+    /// Three that differ in joints and kind of correction.
+    pub fn three() -> [Self; 3] {
+        [
+            Self::new(Arm::sound(2, 5)),
+            Self::new(Arm::elastic(2, 6, false, false)),
+            Self::new(Arm::sound(3, 4)),
+        ]
+    }
+
+    /// The announcement of its blob.
+    pub fn begin(&self) -> Request<'static> {
+        begin(&self.bytes)
+    }
+
+    /// Brings it onto the device and has it verified.
+    pub fn upload(&self, desk: &mut Desk) -> Response {
+        upload(desk, &self.bytes)
+    }
+
+    /// Uploads, commits and activates.
+    pub fn install(&self, desk: &mut Desk) {
+        let verified = self.upload(desk);
+        assert!(matches!(verified, Response::Verified(_)), "{verified:?}");
+        let committed = desk.ask(&Request::CommitUpload);
+        assert!(matches!(committed, Response::Committed(_)), "{committed:?}");
+        desk.ask(&self.activate());
+        assert_eq!(desk.active(), Some(self.blob_crc));
+    }
+
+    pub fn activate(&self) -> Request<'static> {
+        Request::Activate {
+            blob_crc: self.blob_crc,
+        }
+    }
+
+    pub fn roll_back(&self) -> Request<'static> {
+        Request::RollBack {
+            from_crc: self.blob_crc,
+        }
+    }
+
+    /// Whether the device has answered `query` with this model, to the bit.
+    pub fn assert_evaluated(&self, query: &Query, answer: &Evaluation) {
+        assert_eq!(answer.blob_crc, self.blob_crc);
+        let expected = self.model.evaluate(&query.joints, query.payload_kg);
+        assert_eq!(bits(&answer.pose), bits(&expected.pose.to_rows()));
+        let correction = expected.correction.to_array();
+        assert_eq!(bits(&answer.correction), bits(&correction));
+        assert_eq!(answer.status, expected.status.bits());
+    }
+
+    /// The same of `Correct`.
+    pub fn assert_corrected(&self, query: &Query, answer: &Corrected) {
+        assert_eq!(answer.blob_crc, self.blob_crc);
+        let expected = self.model.correct(&query.joints, query.payload_kg);
+        let length = query.joints.len();
+        assert_eq!(bits(&answer.joints), bits(&expected.joints[..length]));
+        let (found, error) = (answer.position_error, expected.position_error);
+        assert_eq!(found.to_bits(), error.to_bits());
+        assert_eq!(answer.status, expected.status.bits());
+    }
+}
+
+/// To compare with bits, NaN included.
+pub fn bits(values: &[f32]) -> Vec<u32> {
+    values.iter().map(|value| value.to_bits()).collect()
+}
+
+/// The answer to a command that is not corrected: finite joints as they came.
+pub fn assert_as_it_came(query: &Query, answer: &Corrected, status: Status) {
+    assert_eq!(answer.status, status.bits());
+    assert_eq!(answer.joints.len(), query.joints.len());
+    for (found, asked) in answer.joints.iter().zip(&query.joints) {
+        if asked.is_finite() {
+            assert_eq!(found.to_bits(), asked.to_bits());
+        }
+    }
+    assert_eq!(answer.position_error.to_bits(), 0);
+}
+
+pub fn query(joints: &[f32], payload_kg: f32) -> Query {
+    Query {
+        joints: joints.iter().copied().collect(),
+        payload_kg,
+    }
+}
+
+pub fn begin(bytes: &[u8]) -> Request<'static> {
+    Request::BeginUpload {
+        length: bytes.len() as u32,
+        crc: CRC.checksum(bytes),
+    }
+}
+
+pub fn piece(bytes: &[u8], from: usize, to: usize) -> Request<'_> {
+    Request::UploadPiece {
+        offset: from as u32,
+        bytes: &bytes[from..to],
+    }
+}
+
+/// Brings bytes onto the device and has them verified.
+pub fn upload(desk: &mut Desk, bytes: &[u8]) -> Response {
+    assert_eq!(desk.ask(&begin(bytes)), Response::Uploading { received: 0 });
+    for from in (0..bytes.len()).step_by(MAX_PIECE) {
+        let to = bytes.len().min(from + MAX_PIECE);
+        let received = to as u32;
+        let answer = desk.ask(&piece(bytes, from, to));
+        assert_eq!(answer, Response::Uploading { received });
+    }
+    desk.ask(&Request::VerifyUpload)
+}
+
+pub fn refused(refusal: Refusal) -> Response {
+    Response::Refused(refusal)
+}

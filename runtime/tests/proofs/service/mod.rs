@@ -1,0 +1,14 @@
+//! The device as a whole, as far as it is pure: frames in, frames out, over a flash that knows the rules of NOR.
+
+mod cycles;
+mod desk;
+mod frames;
+mod keys;
+mod known;
+#[path = "../../store/nor.rs"]
+#[allow(dead_code)] // the proofs of the store use the rest
+mod nor;
+mod sequences;
+mod slots;
+mod soak;
+mod uploads;

@@ -1,0 +1,90 @@
+//! Bits that change while nobody writes: what is damaged is not believed, and what is left still works.
+
+use std::collections::BTreeMap;
+
+use poegp_runtime::store::Slot;
+
+use crate::steps::{Step, TestStore, again, blob, carry_out, layout, store, whole};
+
+const UNITS: usize = 3;
+
+/// What a device has after one bit of the slots changed, counted.
+fn every_bit<const WRITE: usize, const ERASE: usize>(
+    before: &mut TestStore<WRITE, ERASE>,
+    counts: &mut BTreeMap<&'static str, u64>,
+) {
+    let there = whole(before);
+    for slot in layout::<ERASE>(UNITS).slots {
+        for bit in 8 * slot.start..8 * slot.end {
+            let mut store = again(before, UNITS);
+            store.flash().bytes_mut()[bit as usize / 8] ^= 1 << (bit % 8);
+            let now = whole(&mut store);
+            assert!(
+                now.iter().all(|model| there.contains(model)),
+                "bit {bit}: a model that never was: {now:02x?}"
+            );
+            assert!(
+                there.is_empty() || there.len() == 1 || !now.is_empty(),
+                "bit {bit}"
+            );
+            *counts
+                .entry(match &now {
+                    now if *now == there => "nothing changes",
+                    now if now.is_empty() => "nothing is left of one",
+                    now if now.len() < there.len() && now.first() == there.first() => {
+                        "the second is refused"
+                    }
+                    now if now.len() < there.len() => "the first is refused",
+                    _ => "an older record: the same models in the other order",
+                })
+                .or_insert(0) += 1;
+            // What comes next works as ever.
+            carry_out(&mut store, Step::Write, 50).unwrap_or_else(|e| panic!("bit {bit}: {e:?}"));
+            assert_eq!(
+                whole(&mut store).first().map(|it| it.1.clone()),
+                Some(blob(50))
+            );
+            assert_eq!(whole(&mut store).len(), 2.min(1 + now.len()), "bit {bit}");
+        }
+    }
+}
+
+#[test]
+fn every_single_bit_of_the_slots() {
+    let mut counts = BTreeMap::new();
+    let mut store = store::<4, 64>(UNITS);
+    every_bit(&mut store, &mut counts);
+    for (number, step) in [
+        Step::Write,
+        Step::Write,
+        Step::PromoteSecond,
+        Step::PromoteSecond,
+        Step::PromoteSecond,
+        Step::WriteBesideSecond,
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        carry_out(&mut store, step, number as u32).unwrap();
+        every_bit(&mut store, &mut counts);
+    }
+    for (what, count) in &counts {
+        println!("| {what:<55} | {count:>6} |");
+    }
+    assert_eq!(counts.values().sum::<u64>(), 7 * 2 * 3 * 64 * 8);
+}
+
+/// A record that says something else with the right checksum cannot come from damage; one that points beyond its slot
+/// is not followed all the same.
+#[test]
+fn a_forged_record_cannot_point_outside_its_slot() {
+    let mut store = store::<4, 64>(UNITS);
+    store.write(&blob(1), None).unwrap();
+    let mut record = store.flash().bytes_mut()[..24].to_vec();
+    record[8..12].copy_from_slice(&u32::MAX.to_le_bytes());
+    record.extend(poegp_protocol::blob::CRC.checksum(&record).to_le_bytes());
+    store.flash().bytes_mut()[..28].copy_from_slice(&record);
+    assert_eq!(store.candidates(), [None; 2]);
+    store.write(&blob(2), None).unwrap();
+    assert_eq!(whole(&mut store), [(Slot::A, blob(2))]);
+}

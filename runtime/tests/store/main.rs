@@ -1,0 +1,8 @@
+//! The store in a flash that loses power: at every operation, in every way, in every sequence of a few steps.
+
+mod cuts;
+mod damage;
+mod key;
+mod laws;
+mod nor;
+mod steps;

@@ -1,0 +1,178 @@
+//! What a device does with its store, as steps that can be tried again after a power cut.
+
+use poegp_runtime::store::{Layout, Slot, Store, StoreError, Stored};
+
+use crate::nor::Nor;
+
+/// A store in the mock.
+pub type TestStore<const WRITE: usize, const ERASE: usize> = Store<Nor<WRITE, ERASE>>;
+
+/// One thing that a device does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Step {
+    /// Writes a blob that was never there, beside the first candidate.
+    Write,
+    /// The same while the second candidate is the active model.
+    WriteBesideSecond,
+    /// Writes what is the second candidate already.
+    WriteSecondAgain,
+    /// Rolls back.
+    PromoteSecond,
+    /// Promotes what is the first candidate already.
+    PromoteFirst,
+}
+
+impl Step {
+    pub const ALL: [Self; 5] = [
+        Self::Write,
+        Self::WriteBesideSecond,
+        Self::WriteSecondAgain,
+        Self::PromoteSecond,
+        Self::PromoteFirst,
+    ];
+}
+
+/// Where the mock has its slots, of `units` erase units each, and a key page between them.
+pub fn layout<const ERASE: usize>(units: usize) -> Layout {
+    let (erase, units) = (ERASE as u32, units as u32);
+    Layout {
+        slots: [
+            0..units * erase,
+            (units + 4) * erase..(2 * units + 4) * erase,
+        ],
+        key: units * erase..(units + 4) * erase,
+    }
+}
+
+/// A store in erased flash with slots of `units` erase units.
+pub fn store<const WRITE: usize, const ERASE: usize>(units: usize) -> TestStore<WRITE, ERASE> {
+    Store::new(Nor::new(2 * units + 4), layout::<ERASE>(units)).expect("a layout")
+}
+
+/// The same store after the power was off.
+pub fn again<const WRITE: usize, const ERASE: usize>(
+    store: &mut TestStore<WRITE, ERASE>,
+    units: usize,
+) -> TestStore<WRITE, ERASE> {
+    let mut flash = store.flash().clone();
+    flash.restart();
+    Store::new(flash, layout::<ERASE>(units)).expect("a layout")
+}
+
+/// The blob with this number: no two have the same length or bytes.
+pub fn blob(number: u32) -> Vec<u8> {
+    let length = 41 + number % 37;
+    let mut state = number.wrapping_mul(0x9e37_79b9) | 1;
+    let mut byte = || {
+        state ^= state << 13;
+        state ^= state >> 17;
+        state ^= state << 5;
+        state as u8
+    };
+    let mut bytes: Vec<u8> = (0..length).map(|_| byte()).collect();
+    // Bytes that look erased, at the end where units are filled up.
+    bytes.extend([0xff; 3]);
+    bytes.extend(number.to_le_bytes());
+    bytes
+}
+
+/// The bytes of a candidate, if they are what its header announces.
+pub fn read<const WRITE: usize, const ERASE: usize>(
+    store: &mut TestStore<WRITE, ERASE>,
+    stored: &Stored,
+) -> Option<Vec<u8>> {
+    let mut buffer = [0; 256];
+    store.read(stored, &mut buffer).ok().map(<[u8]>::to_vec)
+}
+
+/// The whole candidates, the first first: what a device boots with, and what it can roll back to.
+pub fn whole<const WRITE: usize, const ERASE: usize>(
+    store: &mut TestStore<WRITE, ERASE>,
+) -> Vec<(Slot, Vec<u8>)> {
+    let candidates = store.candidates();
+    candidates
+        .iter()
+        .flatten()
+        .filter_map(|stored| Some((stored.slot, read(store, stored)?)))
+        .collect()
+}
+
+/// Carries out `step`; `number` is that of a blob which was never written.
+pub fn carry_out<const WRITE: usize, const ERASE: usize>(
+    store: &mut TestStore<WRITE, ERASE>,
+    step: Step,
+    number: u32,
+) -> Result<(), StoreError> {
+    let there = whole(store);
+    let (first, second) = (there.first(), there.get(1));
+    let stored = |(slot, bytes): &(Slot, Vec<u8>)| Stored {
+        slot: *slot,
+        length: bytes.len() as u32,
+        crc: poegp_protocol::blob::CRC.checksum(bytes),
+    };
+    let slot_of = |it: Option<&(Slot, Vec<u8>)>| it.map(|(slot, _)| *slot);
+    match step {
+        Step::Write => store.write(&blob(number), slot_of(first)).map(drop),
+        Step::WriteBesideSecond => store.write(&blob(number), slot_of(second)).map(drop),
+        Step::WriteSecondAgain => second.map_or(Ok(()), |(_, bytes)| {
+            store.write(bytes, slot_of(first)).map(drop)
+        }),
+        Step::PromoteSecond => second.map_or(Ok(()), |it| store.promote(&stored(it)).map(drop)),
+        Step::PromoteFirst => first.map_or(Ok(()), |it| store.promote(&stored(it)).map(drop)),
+    }
+}
+
+/// What may be there after `step` from `before`: the bytes of the first whole candidate.
+pub fn boots_with(before: &[(Slot, Vec<u8>)], step: Step, number: u32) -> Outcomes {
+    let first = before.first().map(|(_, bytes)| bytes.clone());
+    let second = before.get(1).map(|(_, bytes)| bytes.clone());
+    let (done, kept) = match step {
+        Step::Write => (Some(blob(number)), first.clone()),
+        Step::WriteBesideSecond => (Some(blob(number)), second.clone().or_else(|| first.clone())),
+        Step::WriteSecondAgain | Step::PromoteSecond => {
+            (second.clone().or_else(|| first.clone()), first.clone())
+        }
+        Step::PromoteFirst => (first.clone(), first.clone()),
+    };
+    // A step that overwrites nothing loses nothing.
+    let all = match step {
+        Step::Write | Step::WriteBesideSecond => kept.iter().cloned().collect(),
+        _ => before.iter().map(|(_, bytes)| bytes.clone()).collect(),
+    };
+    Outcomes {
+        interrupted: [first, kept, done.clone()].into(),
+        done,
+        all,
+    }
+}
+
+/// What may be there after a step.
+#[derive(Debug)]
+pub struct Outcomes {
+    /// The first whole candidate when it was interrupted: any of these, but none only if there was none.
+    pub interrupted: Vec<Option<Vec<u8>>>,
+    /// The first whole candidate when it was not.
+    pub done: Option<Vec<u8>>,
+    /// What must be there in any case.
+    pub all: Vec<Vec<u8>>,
+}
+
+impl Outcomes {
+    /// Checks what is there.
+    #[track_caller]
+    pub fn check(&self, there: &[(Slot, Vec<u8>)], interrupted: bool, what: &str) {
+        let first = there.first().map(|(_, bytes)| bytes.clone());
+        if interrupted {
+            assert!(
+                self.interrupted.contains(&first),
+                "{what}: neither old nor new: {there:02x?}, not {self:02x?}"
+            );
+        } else {
+            assert_eq!(first, self.done, "{what}");
+        }
+        for bytes in &self.all {
+            let found = there.iter().any(|(_, found)| found == bytes);
+            assert!(found, "{what}: lost {bytes:02x?}, there is {there:02x?}");
+        }
+    }
+}

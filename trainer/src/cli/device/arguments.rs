@@ -1,0 +1,282 @@
+//! What can be typed after `trainer device`.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use clap::{Args, Subcommand, ValueEnum};
+use poegp_protocol::link::MAX_PIECE;
+
+use crate::device::client::Options;
+use crate::device::firmware::Board;
+use crate::device::port::Address;
+
+/// `trainer device`.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Without hardware: `trainer device emulate` starts the firmware in QEMU and prints its port."
+)]
+pub struct Device {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: DeviceCommand,
+}
+
+/// The commands.
+#[derive(Debug, Subcommand)]
+pub enum DeviceCommand {
+    /// Who the device is and which model it runs.
+    Info(Info),
+    /// Bring a model onto the device: upload, verify, store, run.
+    Flash(Flash),
+    /// Errors of the device's poses on measurements, and whether they are the host's to the bit.
+    Evaluate(Evaluate),
+    /// The corrected joints for the commands of a measurement file, as CSV.
+    Correct(Correct),
+    /// Switch corrections off (commands come back as they are) or on again.
+    Bypass(Bypass),
+    /// Go back to the other stored model.
+    Rollback(Rollback),
+    /// What the device has counted since it started.
+    Statistics(Statistics),
+    /// Watch the statistics and the log.
+    Monitor(Monitor),
+    /// Start the device anew from its stored models.
+    Restart(Restart),
+    /// Give the device the public key that models have to be signed by, once and for all.
+    Provision(Provision),
+    /// Run the firmware in QEMU until Ctrl-C, for the other commands to connect to.
+    Emulate(Emulate),
+}
+
+/// How to reach a device.
+#[derive(Clone, Debug, Args)]
+pub struct Link {
+    /// Where the device is: /dev/ttyUSB0[@BAUD], unix:PATH or tcp:HOST:PORT.
+    #[arg(long)]
+    pub port: Address,
+    /// Speed of a serial line (default: 115200).
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
+    pub baud: Option<u32>,
+    /// Longest wait for one answer, which is asked for three times.
+    #[arg(long, value_name = "MS", default_value_t = 2_000, value_parser = clap::value_parser!(u64).range(1..=600_000))]
+    pub answer_limit: u64,
+}
+
+impl Link {
+    /// The port with its speed.
+    pub fn address(&self) -> Address {
+        self.port.clone().with_baud(self.baud)
+    }
+
+    /// The patience that was asked for.
+    pub fn options(&self) -> Options {
+        Options {
+            answer_limit: Duration::from_millis(self.answer_limit),
+            ..Options::default()
+        }
+    }
+}
+
+/// `trainer device info`.
+#[derive(Debug, Args)]
+#[command(after_help = "Example: trainer device info --port /dev/ttyUSB0")]
+pub struct Info {
+    #[command(flatten)]
+    pub link: Link,
+    /// The same as JSON (`-`: standard output).
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+/// `trainer device flash`.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "The device goes on with its old model until the new one is there, verified and stored.\n\n\
+    Example: trainer device flash arm.blob --port /dev/ttyUSB0"
+)]
+pub struct Flash {
+    /// The model.
+    pub blob: PathBuf,
+    #[command(flatten)]
+    pub link: Link,
+    /// Upload the model even if the device runs it already or says that it has no room.
+    #[arg(long)]
+    pub force: bool,
+    /// Bytes of the model in one message: fewer let corrections through sooner.
+    #[arg(long, value_name = "BYTES", default_value_t = MAX_PIECE as u16,
+          value_parser = clap::value_parser!(u16).range(1..=MAX_PIECE as i64))]
+    pub piece: u16,
+    /// What was done as JSON (`-`: standard output).
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+/// `trainer device evaluate`.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Without --blob the device's base frame is laid onto the measurements by best fit.\n\n\
+    Example: trainer device evaluate test.csv --blob arm.blob --port /dev/ttyUSB0"
+)]
+pub struct Evaluate {
+    /// Measurements that the model was not trained on.
+    pub test: PathBuf,
+    #[command(flatten)]
+    pub link: Link,
+    /// The model that the device runs: for the instrument's frame, and to compare the bits of every answer.
+    #[arg(long, value_name = "FILE")]
+    pub blob: Option<PathBuf>,
+    /// Errors as JSON (`-`: standard output).
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+/// `trainer device correct`.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "One row per command, in order: the joints in the columns and units of TEST, then position_error_um \
+    (what the model says is left) and status.\n\n\
+    Example: trainer device correct test.csv --port /dev/ttyUSB0 --out corrected.csv"
+)]
+pub struct Correct {
+    /// Joint commands (and payloads) in the columns of a measurement file.
+    pub test: PathBuf,
+    #[command(flatten)]
+    pub link: Link,
+    /// The model that the device runs: to compare the bits of every answer.
+    #[arg(long, value_name = "FILE")]
+    pub blob: Option<PathBuf>,
+    /// Where the corrected joints go (`-`: standard output).
+    #[arg(long, value_name = "FILE", default_value = "-")]
+    pub out: PathBuf,
+}
+
+/// Off or on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Switch {
+    /// Commands come back as they are.
+    On,
+    /// Commands are corrected.
+    Off,
+}
+
+/// `trainer device bypass`.
+#[derive(Debug, Args)]
+#[command(after_help = "It lasts until it is switched off or the power fails.")]
+pub struct Bypass {
+    /// Whether corrections are bypassed.
+    #[arg(value_enum)]
+    pub switch: Switch,
+    #[command(flatten)]
+    pub link: Link,
+}
+
+/// `trainer device rollback`.
+#[derive(Debug, Args)]
+pub struct Rollback {
+    #[command(flatten)]
+    pub link: Link,
+}
+
+/// `trainer device statistics`.
+#[derive(Debug, Args)]
+pub struct Statistics {
+    #[command(flatten)]
+    pub link: Link,
+    /// The same as JSON (`-`: standard output).
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+/// `trainer device monitor`.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Example: trainer device monitor --port /dev/ttyUSB0 --log /dev/ttyUSB1 --elf poegp-firmware"
+)]
+pub struct Monitor {
+    #[command(flatten)]
+    pub link: Link,
+    /// One look instead of one every second until Ctrl-C.
+    #[arg(long)]
+    pub once: bool,
+    /// Port of the defmt log.
+    #[arg(long, value_name = "PORT", requires = "elf")]
+    pub log: Option<Address>,
+    /// The image that runs on the device: the texts of its log are in it.
+    #[arg(long, value_name = "FILE", requires = "log")]
+    pub elf: Option<PathBuf>,
+}
+
+/// `trainer device restart`.
+#[derive(Debug, Args)]
+pub struct Restart {
+    #[command(flatten)]
+    pub link: Link,
+}
+
+/// `trainer device provision`.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "It cannot be undone: from then on the device runs only models that `trainer sign` has signed with the \
+    other half of this key."
+)]
+pub struct Provision {
+    /// The public key, as `trainer keys new` has written it.
+    pub key: PathBuf,
+    #[command(flatten)]
+    pub link: Link,
+}
+
+/// `trainer device emulate`.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Needs qemu-system-arm, and without --elf a compiler for the board.\n\n\
+    Example: trainer device emulate --memory flash.bin --listen tcp:127.0.0.1:4000"
+)]
+pub struct Emulate {
+    /// Which board.
+    #[arg(long, value_enum, default_value_t = BoardName::Mps2An386)]
+    pub board: BoardName,
+    /// The firmware for it (default: built from this workspace).
+    #[arg(long, value_name = "FILE")]
+    pub elf: Option<PathBuf>,
+    /// Where to listen: unix:PATH or tcp:HOST:PORT (port 0: any) (default: a socket in the folder for temporary files).
+    #[arg(long, value_name = "PORT")]
+    pub listen: Option<Address>,
+    /// Where the log listens; likewise.
+    #[arg(long, value_name = "PORT")]
+    pub log: Option<Address>,
+    /// Keep the flash in this file; made when it is not there. Without it the models are gone at the end.
+    #[arg(long, value_name = "FILE")]
+    pub memory: Option<PathBuf>,
+    /// 64 ns for each instruction, so that ticks repeat exactly, instead of the time on the wall.
+    #[arg(long)]
+    pub count_instructions: bool,
+    /// The ports as JSON (`-`: standard output).
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+/// Boards that can be emulated.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+#[value(rename_all = "lower")]
+pub enum BoardName {
+    /// Cortex-M4F.
+    #[value(name = "mps2-an386")]
+    Mps2An386,
+    /// Cortex-M7.
+    #[value(name = "mps2-an500")]
+    Mps2An500,
+    /// Cortex-M4F, QEMU's netduinoplus2: without clocks and flash.
+    #[value(name = "stm32f405")]
+    Stm32F405,
+}
+
+impl From<BoardName> for Board {
+    fn from(name: BoardName) -> Self {
+        match name {
+            BoardName::Mps2An386 => Self::Mps2An386,
+            BoardName::Mps2An500 => Self::Mps2An500,
+            BoardName::Stm32F405 => Self::Stm32F405,
+        }
+    }
+}

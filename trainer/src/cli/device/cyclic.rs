@@ -1,0 +1,441 @@
+//! `trainer device evaluate` and `correct`: the requests of a controller, from a measurement file.
+//!
+//! Both end with `StandDown`, whatever happens in between: otherwise the device's watchdog would wait for more cycles.
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use nalgebra::{Matrix3, Vector3};
+use poegp_protocol::blob::stored_crc;
+use poegp_protocol::link::{Evaluation, Identity, Query};
+use poegp_runtime::se3::Pose;
+use poegp_runtime::status::Status;
+use serde::Serialize;
+
+use super::arguments::{Correct, Evaluate, Link};
+use super::{connect, show};
+use crate::calibration::frames::Sample;
+use crate::cli::report::{Report, is_stdout};
+use crate::cli::{
+    Failure, check_outputs, evaluate as host, file_name, json_text, progress, write_outputs,
+};
+use crate::device::client::Client;
+use crate::device::error::ClientError;
+use crate::error::InputError;
+use crate::loaded::LoadedBlob;
+use crate::measurements::{self, JointUnit, MeasurementSet};
+use crate::robot::Robot;
+use crate::statistics::{ErrorSummary, PoseError};
+
+/// What `evaluate --json` writes.
+#[derive(Serialize)]
+struct Document {
+    version: &'static str,
+    model: serde_json::Value,
+    name: String,
+    #[serde(flatten)]
+    errors: ErrorSummary,
+    flagged: usize,
+    max_ticks: u32,
+    tick_hz: u32,
+    /// Answers that were compared with the host's; all were equal.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    same_bits: Option<usize>,
+}
+
+/// A measurement file for the arm of a device, and the model that it runs if the user has it.
+struct Commands {
+    set: MeasurementSet,
+    samples: Vec<Sample>,
+    loaded: Option<LoadedBlob>,
+    identity: Identity,
+    client: Client,
+}
+
+impl Commands {
+    /// Reads the file before the port is opened where it can be checked without the device.
+    fn read(link: &Link, test: &Path, blob: Option<&Path>) -> Result<Self, Failure> {
+        let loaded = blob.map(LoadedBlob::read).transpose()?;
+        let with_blob = match &loaded {
+            None => None,
+            Some(loaded) => {
+                let known = loaded.tools().len().max(1);
+                let data = host::read(loaded, test)?;
+                if data.names.len() > known {
+                    return Err(InputError::new(
+                        test,
+                        format!(
+                            "{}, which was mounted after the calibration",
+                            data.names[known]
+                        ),
+                        "a tool that the blob knows",
+                    )
+                    .with_help("`trainer evaluate --fit-tool` fits its frame first")
+                    .into());
+                }
+                Some((data.set, data.samples))
+            }
+        };
+        let (set, samples) = match with_blob {
+            Some(data) => data,
+            None => read_without_blob(test)?,
+        };
+        let (client, identity) = connect(link)?;
+        let Some(model) = &identity.model else {
+            return Err(Failure::Usage(
+                "the device runs no model\nhelp: bring one onto it with `trainer device flash`"
+                    .to_owned(),
+            ));
+        };
+        if let (Some(loaded), Some(path)) = (&loaded, blob) {
+            let crc = stored_crc(loaded.bytes()).unwrap_or(0);
+            if crc != model.blob_crc {
+                return Err(InputError::new(
+                    path,
+                    format!("model {crc:08x}"),
+                    format!("the model that the device runs, {}", show::model(model)),
+                )
+                .with_help("`trainer device flash` brings this one onto it")
+                .into());
+            }
+        }
+        if set.joint_count() != usize::from(model.joints) {
+            return Err(InputError::new(
+                test,
+                format!("{} joint columns", set.joint_count()),
+                format!("{}, the joints of the model on the device", model.joints),
+            )
+            .into());
+        }
+        Ok(Self {
+            set,
+            samples,
+            loaded,
+            identity,
+            client,
+        })
+    }
+
+    /// Asks the device about every row, then says that no more will come.
+    fn ask<T>(
+        &mut self,
+        label: &str,
+        ask: impl Fn(&mut Client, &Query) -> Result<T, ClientError>,
+    ) -> Result<Vec<T>, Failure> {
+        let bar = progress::bar(self.samples.len(), label);
+        let mut answers = Ok(Vec::new());
+        for query in self.samples.iter().map(query) {
+            let answer = ask(&mut self.client, &query);
+            match (&mut answers, answer) {
+                (Ok(answers), Ok(answer)) => answers.push(answer),
+                (_, Err(error)) => {
+                    answers = Err(error);
+                    break;
+                }
+                (Err(_), _) => break,
+            }
+            bar.inc(1);
+        }
+        bar.finish_and_clear();
+        let stood_down = self.client.stand_down();
+        let answers = answers?;
+        stood_down?;
+        Ok(answers)
+    }
+
+    /// Lines of the file whose answers are not the host's to the bit, told as a failed check.
+    fn refuse_other_bits(&self, other: &[usize]) -> Result<(), Failure> {
+        let Some(first) = other.first() else {
+            return Ok(());
+        };
+        Err(Failure::Quality(format!(
+            "{} of {} answers are not the host's to the bit, the first for line {} of {}\n\
+             help: device and trainer are of different versions, or the device is broken",
+            other.len(),
+            self.samples.len(),
+            self.set.measurements[*first].line,
+            self.set.path.display()
+        )))
+    }
+
+    /// Says which rows were flagged, by remark, and how long the longest answer took.
+    fn report_rows(&self, report: Report, statuses: &[Status], max_ticks: u32) {
+        let mut seen: Vec<Status> = Vec::new();
+        for status in statuses.iter().filter(|status| !status.is_ok()) {
+            if seen.contains(status) {
+                continue;
+            }
+            seen.push(*status);
+            let rows = statuses.iter().zip(&self.set.measurements);
+            let lines: Vec<String> = rows
+                .filter(|(other, _)| *other == status)
+                .map(|(_, m)| m.line.to_string())
+                .collect();
+            let more = if lines.len() > SHOWN { ", …" } else { "" };
+            report.line(format_args!(
+                "{} of {} are flagged `{status}`: lines {}{more}.",
+                lines.len(),
+                statuses.len(),
+                lines[..lines.len().min(SHOWN)].join(", ")
+            ));
+        }
+        report.line(format_args!(
+            "The longest took {max_ticks} ticks, {:.3} ms; the deadline is {:.3} ms.",
+            show::milliseconds(max_ticks, self.identity.tick_hz),
+            show::milliseconds(self.identity.deadline_ticks, self.identity.tick_hz)
+        ));
+    }
+}
+
+/// Line numbers in one remark.
+const SHOWN: usize = 10;
+
+/// What a controller would ask for a sample.
+pub fn query(sample: &Sample) -> Query {
+    Query {
+        // A file has at most as many joints as the protocol.
+        joints: sample.joints.iter().map(|q| *q as f32).collect(),
+        payload_kg: sample.payload_kg.unwrap_or(0.0) as f32,
+    }
+}
+
+/// Without the blob there is no arm to check against but the one on the device.
+fn read_without_blob(test: &Path) -> Result<(MeasurementSet, Vec<Sample>), Failure> {
+    let set = measurements::read(test)?;
+    for note in &set.notes {
+        eprintln!("note: {}: {note}", test.display());
+    }
+    let mut names = Vec::new();
+    let robot = Robot {
+        name: String::new(),
+        joints: Vec::new(),
+        parent_from_joint: Vec::new(),
+        coupling: None,
+    };
+    let samples = crate::samples::samples(&set, &robot, &mut names)?;
+    if names.len() > 1 {
+        return Err(InputError::new(
+            test,
+            format!("{} sessions and targets", names.len()),
+            "one: the device knows one tool",
+        )
+        .with_help("give --blob, which knows the others")
+        .into());
+    }
+    Ok((set, samples))
+}
+
+pub fn evaluate(a: &Evaluate) -> Result<(), Failure> {
+    let outputs = [a.json.as_deref()];
+    let inputs: Vec<&Path> = [Some(a.test.as_path()), a.blob.as_deref()]
+        .into_iter()
+        .flatten()
+        .collect();
+    check_outputs(&outputs, &inputs)?;
+    let mut commands = Commands::read(&a.link, &a.test, a.blob.as_deref())?;
+    let answers = commands.ask("evaluating", Client::evaluate)?;
+    let poses = placed(&commands, &answers);
+    let errors: Vec<PoseError> = poses
+        .iter()
+        .zip(&commands.samples)
+        .map(|(pose, sample)| {
+            let error = PoseError::between(&sample.measured, pose);
+            if sample.position_only {
+                error.without_orientation()
+            } else {
+                error
+            }
+        })
+        .collect();
+    let other = other_poses(&commands, &answers);
+    commands.refuse_other_bits(&other)?;
+    let statuses: Vec<Status> = answers
+        .iter()
+        .map(|a| Status::from_bits(a.status))
+        .collect();
+    let model = commands.identity.model.as_ref();
+    let document = Document {
+        version: env!("CARGO_PKG_VERSION"),
+        model: model.map(show::model_json).into(),
+        name: file_name(&a.test),
+        errors: ErrorSummary::new(&errors),
+        flagged: statuses.iter().filter(|status| !status.is_ok()).count(),
+        max_ticks: answers.iter().map(|a| a.ticks).max().unwrap_or(0),
+        tick_hz: commands.identity.tick_hz,
+        same_bits: commands.loaded.is_some().then_some(answers.len()),
+    };
+    if let Some(path) = &a.json {
+        write_outputs(&[(path, json_text(&document)?.as_bytes())])?;
+    }
+    let report = Report::beside(&outputs);
+    print(report, &document, &show::active(&commands.identity));
+    commands.report_rows(report, &statuses, document.max_ticks);
+    match document.same_bits {
+        Some(count) => report.line(format_args!(
+            "All {count} answers are the host's, bit for bit."
+        )),
+        None => report.line(
+            "The device's base frame was laid onto the measurements by best fit, which flatters the errors a little; \
+             --blob knows where it is.",
+        ),
+    }
+    Ok(())
+}
+
+fn print(report: Report, document: &Document, model: &str) {
+    report.line(format_args!(
+        "The device on {} poses, model {model}: position in mm, orientation in mrad.\n",
+        document.errors.poses
+    ));
+    let row = |name: &str, s: &crate::statistics::Summary| {
+        let mut row = vec![name.to_owned()];
+        row.extend([s.mean, s.p95, s.max].map(|x| format!("{x:.4}")));
+        row
+    };
+    let mut rows = vec![row("position", &document.errors.position_mm)];
+    let orientation = document.errors.orientation_mrad.as_ref();
+    rows.extend(orientation.map(|s| row("orientation", s)));
+    report.table(&["error", "mean", "p95", "max"], &rows);
+}
+
+/// The device's poses as the instrument sees them.
+fn placed(commands: &Commands, answers: &[Evaluation]) -> Vec<Pose<f64>> {
+    let in_base = answers.iter().map(|a| Pose::<f32>::from_rows(&a.pose));
+    let Some(loaded) = &commands.loaded else {
+        let poses: Vec<Pose<f64>> = in_base.map(|pose| pose.cast()).collect();
+        let instrument_from_base = best_fit(&poses, &commands.samples);
+        return poses.iter().map(|p| instrument_from_base * *p).collect();
+    };
+    in_base
+        .zip(&commands.samples)
+        .map(|(pose, sample)| {
+            let first = loaded.in_instrument(&pose);
+            match loaded.tools().get(sample.tool) {
+                Some((_, first_from_target)) if sample.tool > 0 => first * *first_from_target,
+                _ => first,
+            }
+        })
+        .collect()
+}
+
+/// The transform that brings the positions of `poses` nearest to the measured ones (Kabsch). Least squares.
+fn best_fit(poses: &[Pose<f64>], samples: &[Sample]) -> Pose<f64> {
+    let count = poses.len().max(1) as f64;
+    let (mut from, mut to) = (Vector3::zeros(), Vector3::zeros());
+    for (pose, sample) in poses.iter().zip(samples) {
+        from += pose.translation / count;
+        to += sample.measured.translation / count;
+    }
+    let mut moment = Matrix3::zeros();
+    for (pose, sample) in poses.iter().zip(samples) {
+        moment += (sample.measured.translation - to) * (pose.translation - from).transpose();
+    }
+    let svd = moment.svd(true, true);
+    let (Some(u), Some(v)) = (svd.u, svd.v_t) else {
+        return Pose::identity();
+    };
+    let handedness = (u * v).determinant().signum();
+    let rotation = u * Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, handedness)) * v;
+    Pose {
+        rotation,
+        translation: to - rotation * from,
+    }
+}
+
+/// Rows whose pose, correction or status is another one than the host computes.
+fn other_poses(commands: &Commands, answers: &[Evaluation]) -> Vec<usize> {
+    let Some(loaded) = &commands.loaded else {
+        return Vec::new();
+    };
+    let differs = |i: &usize| {
+        let (query, answer) = (query(&commands.samples[*i]), &answers[*i]);
+        let here = loaded.model().evaluate(&query.joints, query.payload_kg);
+        here.pose.to_rows().map(f32::to_bits) != answer.pose.map(f32::to_bits)
+            || here.correction.to_array().map(f32::to_bits) != answer.correction.map(f32::to_bits)
+            || here.status.bits() != answer.status
+    };
+    (0..answers.len()).filter(differs).collect()
+}
+
+pub fn correct(a: &Correct) -> Result<(), Failure> {
+    let inputs: Vec<&Path> = [Some(a.test.as_path()), a.blob.as_deref()]
+        .into_iter()
+        .flatten()
+        .collect();
+    check_outputs(&[Some(&a.out)], &inputs)?;
+    let mut commands = Commands::read(&a.link, &a.test, a.blob.as_deref())?;
+    let answers = commands.ask("correcting", Client::correct)?;
+    let differs = |i: &usize| {
+        let (query, answer) = (query(&commands.samples[*i]), &answers[*i]);
+        let Some(loaded) = &commands.loaded else {
+            return false;
+        };
+        // A bypassed command is not the model's.
+        if Status::from_bits(answer.status).contains(Status::BYPASSED) {
+            return false;
+        }
+        let here = loaded.model().correct(&query.joints, query.payload_kg);
+        let bits = |value: &f32| value.to_bits();
+        let joints = here.joints.iter().take(query.joints.len());
+        !joints.map(bits).eq(answer.joints.iter().map(bits)) || here.status.bits() != answer.status
+    };
+    let other: Vec<usize> = (0..answers.len()).filter(differs).collect();
+    commands.refuse_other_bits(&other)?;
+
+    let names: Vec<&str> = commands
+        .set
+        .joint_columns
+        .iter()
+        .map(|c| c.name.as_str())
+        .collect();
+    let mut csv = names.join(",") + ",position_error_um,status\n";
+    let mut change = 0.0_f64;
+    for (answer, sample) in answers.iter().zip(&commands.samples) {
+        for ((q, column), commanded) in answer
+            .joints
+            .iter()
+            .zip(&commands.set.joint_columns)
+            .zip(query(sample).joints)
+        {
+            change = change.max(f64::from((q - commanded).abs()));
+            let _ = write!(csv, "{:.8},", in_unit(f64::from(*q), column.unit));
+        }
+        let status = Status::from_bits(answer.status);
+        let _ = writeln!(csv, "{:.3},{status}", 1e6 * answer.position_error);
+    }
+    write_outputs(&[(&a.out, csv.as_bytes())])?;
+    let report = Report::beside(&[Some(&a.out)]);
+    if !is_stdout(&a.out) {
+        report.line(format_args!(
+            "Wrote {} ({} commands).",
+            a.out.display(),
+            answers.len()
+        ));
+    }
+    report.line(format_args!(
+        "Model {}; joints changed by at most {:.3} mrad or mm.",
+        show::active(&commands.identity),
+        1e3 * change
+    ));
+    let statuses: Vec<Status> = answers
+        .iter()
+        .map(|a| Status::from_bits(a.status))
+        .collect();
+    let max_ticks = answers.iter().map(|a| a.ticks).max().unwrap_or(0);
+    commands.report_rows(report, &statuses, max_ticks);
+    if commands.loaded.is_some() {
+        report.line(format_args!(
+            "All {} answers are the host's, bit for bit.",
+            answers.len()
+        ));
+    }
+    Ok(())
+}
+
+fn in_unit(value: f64, unit: JointUnit) -> f64 {
+    match unit {
+        JointUnit::Degree => value.to_degrees(),
+        JointUnit::Millimetre => 1e3 * value,
+        JointUnit::Radian | JointUnit::Metre => value,
+    }
+}

@@ -1,0 +1,125 @@
+//! `trainer device emulate`.
+
+use super::arguments::Emulate;
+use crate::cli::Failure;
+
+#[cfg(not(unix))]
+pub fn run(_: &Emulate) -> Result<(), Failure> {
+    Err(Failure::Usage(
+        "the emulator needs a Unix system: QEMU inherits its sockets".to_owned(),
+    ))
+}
+
+#[cfg(unix)]
+pub use unix::run;
+
+#[cfg(unix)]
+mod unix {
+    use std::path::PathBuf;
+    use std::{fs, io};
+
+    use serde_json::json;
+
+    use super::{Emulate, Failure};
+    use crate::cli::report::Report;
+    use crate::cli::{check_outputs, json_text, progress, write_outputs};
+    use crate::device::emulator::{Clock, Listener, Machine, serve};
+    use crate::device::firmware::{Board, firmware_of};
+    use crate::device::port::Address;
+
+    pub fn run(a: &Emulate) -> Result<(), Failure> {
+        check_outputs(&[a.json.as_deref()], &[])?;
+        let board = Board::from(a.board);
+        let elf = match &a.elf {
+            Some(elf) if !elf.is_file() => {
+                return Err(Failure::Usage(format!(
+                    "--elf {}: no such file",
+                    elf.display()
+                )));
+            }
+            Some(elf) => elf.clone(),
+            None => {
+                let spinner = progress::spinner("building the firmware");
+                let built = firmware_of(board);
+                spinner.finish_and_clear();
+                built
+                    .map_err(|error| Failure::Usage(error.to_string()))?
+                    .elf
+                    .clone()
+            }
+        };
+        let link = listen(a.listen.as_ref(), "link")?;
+        let log = listen(a.log.as_ref(), "log")?;
+        let (port, log_port) = (link.address().to_string(), log.address().to_string());
+        let report = Report::beside(&[a.json.as_deref()]);
+        report.line(format_args!("port      {port}"));
+        report.line(format_args!("log       {log_port}"));
+        report.line(format_args!("firmware  {}", elf.display()));
+        report.line(format_args!("{} runs until Ctrl-C.", board.name()));
+        if let Some(path) = &a.json {
+            let document = json!({
+                "version": env!("CARGO_PKG_VERSION"),
+                "board": board.name(),
+                "port": port,
+                "log": log_port,
+                "elf": elf,
+            });
+            write_outputs(&[(path, json_text(&document)?.as_bytes())])?;
+        }
+        let machine = Machine {
+            board,
+            elf: &elf,
+            clock: if a.count_instructions {
+                Clock::Counting
+            } else {
+                Clock::Real
+            },
+            memory: a.memory.as_deref(),
+        };
+        Err(Failure::Usage(serve(&machine, link, log).to_string()))
+    }
+
+    fn listen(asked: Option<&Address>, name: &str) -> Result<Listener, Failure> {
+        let failed = |place: String, error: io::Error| {
+            let why = match error.kind() {
+                io::ErrorKind::Unsupported => "expected unix:PATH or tcp:HOST:PORT".to_owned(),
+                _ => error.to_string(),
+            };
+            Failure::Usage(format!("cannot listen at {place}: {why}"))
+        };
+        let address = match asked {
+            Some(address) => address.clone(),
+            None => {
+                let folder =
+                    own_folder().map_err(|e| failed("a temporary folder".to_owned(), e))?;
+                Address::Unix(folder.join(name))
+            }
+        };
+        Listener::at(&address).map_err(|error| failed(address.to_string(), error))
+    }
+
+    const PREFIX: &str = "poegp-emulated-";
+
+    /// A folder for the sockets, named after this process, which QEMU becomes. Nobody is left to remove it then, so those
+    /// of machines that are gone are removed first.
+    fn own_folder() -> io::Result<PathBuf> {
+        let parent = std::env::temp_dir();
+        for entry in fs::read_dir(&parent)?.flatten() {
+            let folder = entry.path();
+            let name = entry.file_name();
+            if name.to_string_lossy().starts_with(PREFIX) && is_left_over(&folder.join("link")) {
+                let _ = fs::remove_dir_all(folder);
+            }
+        }
+        let folder = parent.join(format!("{PREFIX}{}", std::process::id()));
+        match fs::create_dir(&folder) {
+            Err(error) if error.kind() != io::ErrorKind::AlreadyExists => Err(error),
+            _ => Ok(folder),
+        }
+    }
+
+    fn is_left_over(socket: &std::path::Path) -> bool {
+        std::os::unix::net::UnixStream::connect(socket)
+            .is_err_and(|error| error.kind() == io::ErrorKind::ConnectionRefused)
+    }
+}

@@ -1,0 +1,105 @@
+//! `trainer device flash`.
+
+use poegp_protocol::blob::{CRC, Correction, stored_crc};
+use poegp_protocol::link::{Identity, StoredModel};
+use serde_json::json;
+
+use super::arguments::Flash;
+use super::{connect, show};
+use crate::cli::report::Report;
+use crate::cli::{Failure, check_outputs, json_text, progress, write_outputs};
+use crate::device::client::{Client, Options};
+use crate::device::error::ClientError;
+use crate::loaded::LoadedBlob;
+
+pub fn run(a: &Flash) -> Result<(), Failure> {
+    let outputs = [a.json.as_deref()];
+    check_outputs(&outputs, &[&a.blob])?;
+    // Refuses what is no model, before a port is opened.
+    let loaded = LoadedBlob::read(&a.blob)?;
+    let (mut client, before) = connect(&a.link)?;
+    let report = Report::beside(&outputs);
+    let already = runs(&before, loaded.bytes());
+    let (after, stored) = if let (Some(stored), false) = (already, a.force) {
+        report.line(format_args!(
+            "The device runs this model already, from slot {}; --force uploads it all the same.",
+            stored.slot
+        ));
+        (before.clone(), stored)
+    } else {
+        if !a.force {
+            check_room(&loaded, &before)?;
+        }
+        client.set_options(Options {
+            piece: usize::from(a.piece),
+            ..a.link.options()
+        });
+        let (stored, after) = bring(&mut client, loaded.bytes())?;
+        report.line(format_args!("Before  {}", show::active(&before)));
+        report.line(format_args!("Now     {}", show::active(&after)));
+        report.line(format_args!(
+            "Stored in slot {}: it runs after the next start, too.",
+            stored.slot
+        ));
+        (after, stored)
+    };
+    if let Some(path) = &a.json {
+        let document = json!({
+            "version": env!("CARGO_PKG_VERSION"),
+            "uploaded": a.force || already.is_none(),
+            "before": before.model.as_ref().map(show::model_json),
+            "now": after.model.as_ref().map(show::model_json),
+            "stored": show::stored_json(&stored),
+        });
+        write_outputs(&[(path, json_text(&document)?.as_bytes())])?;
+    }
+    Ok(())
+}
+
+/// Uploads a blob with a progress bar, has it verified and stored, and runs it.
+pub fn bring(client: &mut Client, bytes: &[u8]) -> Result<(StoredModel, Identity), ClientError> {
+    let bar = progress::transfer(bytes.len(), "uploading");
+    let model = client.upload(bytes, &mut |sent| {
+        if sent == bytes.len() {
+            bar.set_message("verifying");
+        }
+        bar.set_position(sent as u64);
+    })?;
+    bar.set_message("storing");
+    let stored = client.commit_upload()?;
+    let identity = client.activate(model.blob_crc)?;
+    bar.finish_and_clear();
+    Ok((stored, identity))
+}
+
+/// The slot from which a device runs this very blob, now and after a start.
+fn runs(identity: &Identity, bytes: &[u8]) -> Option<StoredModel> {
+    let active = identity.model.as_ref().map(|model| model.blob_crc);
+    if active.is_none() || active != stored_crc(bytes) {
+        return None;
+    }
+    let is_this = |slot: &StoredModel| slot.first && slot.crc == CRC.checksum(bytes);
+    identity.slots.iter().flatten().copied().find(is_this)
+}
+
+fn check_room(loaded: &LoadedBlob, identity: &Identity) -> Result<(), Failure> {
+    let rows = match &loaded.blob().correction {
+        Correction::None => 0,
+        Correction::TaskSpace(task) => task.rows.len(),
+        Correction::Elastic(elastic) => elastic.rows.len(),
+    };
+    let room = 4 * identity.capacity_words as usize;
+    let (found, capacity, what) = if rows > room {
+        (rows, room, "of support rows")
+    } else {
+        let capacity = identity.capacity_bytes as usize;
+        (loaded.bytes().len(), capacity, "in all")
+    };
+    if found <= capacity {
+        return Ok(());
+    }
+    Err(Failure::Usage(format!(
+        "the model does not fit: {found} bytes {what}, the device takes {capacity}\n\
+         help: calibrate with less --support, or measure fewer poses for the paper's models; nothing was uploaded"
+    )))
+}

@@ -1,0 +1,149 @@
+//! `trainer device`: one file for each command that is more than a question and its answer.
+
+pub mod arguments;
+mod cyclic;
+mod emulate;
+mod flash;
+mod monitor;
+pub mod show;
+
+use std::path::Path;
+
+use poegp_protocol::link::Identity;
+use serde_json::json;
+
+use super::report::Report;
+use super::{Failure, check_outputs, json_text, write_outputs};
+use crate::device::client::Client;
+use crate::error::InputError;
+use arguments::{Bypass, Device, DeviceCommand, Info, Link, Provision, Restart, Rollback, Switch};
+
+pub fn run(a: &Device) -> Result<(), Failure> {
+    match &a.command {
+        DeviceCommand::Info(a) => info(a),
+        DeviceCommand::Flash(a) => flash::run(a),
+        DeviceCommand::Evaluate(a) => cyclic::evaluate(a),
+        DeviceCommand::Correct(a) => cyclic::correct(a),
+        DeviceCommand::Bypass(a) => bypass(a),
+        DeviceCommand::Rollback(a) => roll_back(a),
+        DeviceCommand::Statistics(a) => statistics(a),
+        DeviceCommand::Monitor(a) => monitor::run(a),
+        DeviceCommand::Restart(a) => restart(a),
+        DeviceCommand::Provision(a) => provision(a),
+        DeviceCommand::Emulate(a) => emulate::run(a),
+    }
+}
+
+/// Opens the port and asks who is there.
+fn connect(link: &Link) -> Result<(Client, Identity), Failure> {
+    let mut client = Client::open(&link.address(), link.options())?;
+    let identity = client.identify()?;
+    Ok((client, identity))
+}
+
+fn info(a: &Info) -> Result<(), Failure> {
+    check_outputs(&[a.json.as_deref()], &[])?;
+    let (client, identity) = connect(&a.link)?;
+    if let Some(path) = &a.json {
+        let mut document = show::identity_json(&identity);
+        document["version"] = env!("CARGO_PKG_VERSION").into();
+        document["port"] = client.port().into();
+        write_outputs(&[(path, json_text(&document)?.as_bytes())])?;
+    }
+    show::identity(Report::beside(&[a.json.as_deref()]), &identity);
+    Ok(())
+}
+
+fn bypass(a: &Bypass) -> Result<(), Failure> {
+    let (mut client, _) = connect(&a.link)?;
+    let identity = client.set_bypass(a.switch == Switch::On)?;
+    Report::beside(&[]).line(if identity.bypass {
+        "The bypass is on: commands come back as they are.".to_owned()
+    } else {
+        format!("The bypass is off. Running: {}.", show::active(&identity))
+    });
+    Ok(())
+}
+
+fn roll_back(a: &Rollback) -> Result<(), Failure> {
+    let (mut client, before) = connect(&a.link)?;
+    let Some(left) = before.model else {
+        return Err(Failure::Usage(
+            "the device runs no model, so there is none to leave\nhelp: bring one onto it with `trainer device flash`"
+                .to_owned(),
+        ));
+    };
+    let after = client.roll_back(left.blob_crc)?;
+    let report = Report::beside(&[]);
+    report.line(format_args!("Left    {}", show::model(&left)));
+    report.line(format_args!(
+        "Runs    {}, also after a restart",
+        show::active(&after)
+    ));
+    Ok(())
+}
+
+fn statistics(a: &arguments::Statistics) -> Result<(), Failure> {
+    check_outputs(&[a.json.as_deref()], &[])?;
+    let (mut client, identity) = connect(&a.link)?;
+    let statistics = client.statistics()?;
+    if let Some(path) = &a.json {
+        let document = json!({
+            "version": env!("CARGO_PKG_VERSION"),
+            "statistics": show::statistics_json(&statistics, identity.tick_hz),
+        });
+        write_outputs(&[(path, json_text(&document)?.as_bytes())])?;
+    }
+    let report = Report::beside(&[a.json.as_deref()]);
+    show::statistics(report, &statistics, identity.tick_hz);
+    Ok(())
+}
+
+fn restart(a: &Restart) -> Result<(), Failure> {
+    let (mut client, _) = connect(&a.link)?;
+    let identity = client.restart()?;
+    Report::beside(&[]).line(format_args!(
+        "Restarted. Running: {}.",
+        show::active(&identity)
+    ));
+    Ok(())
+}
+
+fn provision(a: &Provision) -> Result<(), Failure> {
+    let key = public_key(&a.key)?;
+    let (mut client, _) = connect(&a.link)?;
+    let identity = client.provision(&key)?;
+    Report::beside(&[]).line(format_args!(
+        "The device takes only models signed by key {} from now on.",
+        identity.key.map_or("?".to_owned(), |key| show::hex(&key))
+    ));
+    Ok(())
+}
+
+/// Reads a public key: 64 hexadecimal digits; lines that start with `#` are skipped.
+fn public_key(path: &Path) -> Result<[u8; 32], InputError> {
+    let expected = "a public key written by `trainer keys new`";
+    let text = std::fs::read_to_string(path)
+        .map_err(|error| InputError::unreadable(path, &error, expected))?;
+    let digits: String = text
+        .lines()
+        .filter(|line| !line.starts_with('#'))
+        .flat_map(|line| line.trim().chars())
+        .collect();
+    let mut key = [0; 32];
+    let bad = || {
+        InputError::new(
+            path,
+            format!("{} characters that are no key", digits.len()),
+            expected,
+        )
+    };
+    if digits.len() != 64 || !digits.is_ascii() {
+        return Err(bad());
+    }
+    for (byte, pair) in key.iter_mut().zip(digits.as_bytes().chunks(2)) {
+        let pair = std::str::from_utf8(pair).map_err(|_| bad())?;
+        *byte = u8::from_str_radix(pair, 16).map_err(|_| bad())?;
+    }
+    Ok(key)
+}

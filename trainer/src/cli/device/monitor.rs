@@ -1,0 +1,161 @@
+//! `trainer device monitor`.
+
+use std::io::{self, Write};
+use std::path::Path;
+use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use poegp_protocol::link::{Identity, Statistics};
+
+use super::arguments::Monitor;
+use super::{connect, show};
+use crate::cli::Failure;
+use crate::cli::report::Report;
+use crate::device::client::Client;
+use crate::device::log::Decoder;
+use crate::device::port::{self, Address};
+
+/// Between two looks.
+const INTERVAL: Duration = Duration::from_secs(1);
+/// Lines between two headers.
+const PAGE: usize = 20;
+/// A log is silent most of the time.
+const LOG_READ_LIMIT: Duration = Duration::from_secs(1);
+const HEADER: &str = "     cycles       /s   missed  flagged  bounded  uncorrected  worst ms  latency ms  bad frames  lost bytes";
+
+pub fn run(a: &Monitor) -> Result<(), Failure> {
+    let (sender, log) = mpsc::channel();
+    if let (Some(port), Some(elf)) = (&a.log, &a.elf) {
+        follow_log(port, elf, sender.clone())?;
+    }
+    let (mut client, identity) = connect(&a.link)?;
+    if a.once {
+        let statistics = client.statistics()?;
+        let report = Report::beside(&[]);
+        show::identity(report, &identity);
+        report.line("");
+        show::statistics(report, &statistics, identity.tick_hz);
+        return Ok(());
+    }
+    // Kept, so that the channel outlives a log that ends.
+    let _sender = sender;
+    watch(&mut client, identity, &log)
+}
+
+/// Reads the log in a thread of its own; its lines go to `lines`.
+fn follow_log(address: &Address, elf: &Path, lines: Sender<String>) -> Result<(), Failure> {
+    let usage = |text: String| Failure::Usage(text);
+    let mut decoder =
+        Decoder::new(elf).map_err(|error| usage(format!("--elf {}: {error}", elf.display())))?;
+    let mut stream = port::open(address).map_err(|error| {
+        usage(format!(
+            "{address} does not open: {error}\nhelp: {}",
+            port::advice(address, &error)
+        ))
+    })?;
+    let limited = stream.limit_reads(LOG_READ_LIMIT);
+    limited.map_err(|error| usage(format!("{address}: {error}")))?;
+    thread::spawn(move || {
+        let mut buffer = [0; 256];
+        // The first frame may have begun before this program.
+        let mut is_first = true;
+        loop {
+            let line = |text: String| lines.send(text).is_ok();
+            match stream.read(&mut buffer) {
+                Ok(0) => break,
+                Ok(length) => {
+                    for decoded in decoder.push(&buffer[..length]) {
+                        let goes_on = match decoded {
+                            Ok(text) => line(text),
+                            Err(_) if is_first => true,
+                            Err(error) => line(format!("{error} (is --elf the image that runs?)")),
+                        };
+                        is_first = false;
+                        if !goes_on {
+                            return;
+                        }
+                    }
+                }
+                Err(error)
+                    if matches!(
+                        error.kind(),
+                        io::ErrorKind::WouldBlock
+                            | io::ErrorKind::TimedOut
+                            | io::ErrorKind::Interrupted
+                    ) => {}
+                Err(error) => {
+                    line(format!("the log ended: {error}"));
+                    return;
+                }
+            }
+        }
+        let _ = lines.send("the log ended".to_owned());
+    });
+    Ok(())
+}
+
+/// Prints until the reader of the output goes away.
+fn watch(
+    client: &mut Client,
+    mut identity: Identity,
+    log: &Receiver<String>,
+) -> Result<(), Failure> {
+    let mut before: Option<(Instant, Statistics)> = None;
+    show::identity(Report::beside(&[]), &identity);
+    for number in 0_usize.. {
+        let statistics = client.statistics()?;
+        let now = Instant::now();
+        // Somebody may have changed the model or restarted the device.
+        let changed = before.is_some_and(|(_, s)| {
+            s.activations != statistics.activations || s.restarts != statistics.restarts
+        });
+        if changed {
+            identity = client.identify()?;
+            if !said(&format!("runs {}", show::active(&identity))) {
+                return Ok(());
+            }
+        }
+        let rate = before.map_or(0.0, |(then, s)| {
+            f64::from(statistics.cycles.saturating_sub(s.cycles)) / (now - then).as_secs_f64()
+        });
+        if number % PAGE == 0 && !said(HEADER) {
+            return Ok(());
+        }
+        if !said(&line(&statistics, rate, identity.tick_hz)) {
+            return Ok(());
+        }
+        before = Some((now, statistics));
+        loop {
+            match log.recv_timeout(INTERVAL.saturating_sub(now.elapsed())) {
+                Ok(text) if !said(&format!("log: {text}")) => return Ok(()),
+                // A log that never rests must not hide the numbers.
+                Ok(_) if now.elapsed() >= INTERVAL => break,
+                Ok(_) => {}
+                Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => break,
+            }
+        }
+    }
+    Ok(())
+}
+
+fn line(s: &Statistics, rate: f64, tick_hz: u32) -> String {
+    format!(
+        "{:>11} {rate:>8.0} {:>8} {:>8} {:>8} {:>12} {:>9.3} {:>11.3} {:>11} {:>11}",
+        s.cycles,
+        s.missed_deadlines,
+        s.flagged,
+        s.bounded,
+        s.uncorrected,
+        show::milliseconds(s.max_ticks, tick_hz),
+        show::milliseconds(s.max_latency_ticks, tick_hz),
+        s.bad_frames,
+        s.lost_bytes
+    )
+}
+
+/// Whether somebody still reads.
+fn said(text: &str) -> bool {
+    let mut out = io::stdout();
+    writeln!(out, "{text}").and_then(|()| out.flush()).is_ok()
+}

@@ -1,0 +1,191 @@
+//! What a device says, for a person and for another program.
+
+use poegp_protocol::link::{Identity, ModelIdentity, Statistics, StoredModel};
+use serde_json::{Value, json};
+
+use crate::cli::report::Report;
+
+/// Bytes as hexadecimal digits.
+pub fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|b| format!("{b:02x}")).collect()
+}
+
+/// A model in one line.
+pub fn model(model: &ModelIdentity) -> String {
+    let serial = match model.serial_number.as_str() {
+        "" => String::new(),
+        number => format!(" ({number})"),
+    };
+    format!(
+        "{:08x}, {}{serial}: {} joints, {} support points{}",
+        model.blob_crc,
+        model.robot,
+        model.joints,
+        model.support,
+        if model.signed { ", signed" } else { "" }
+    )
+}
+
+/// The active model in one line.
+pub fn active(identity: &Identity) -> String {
+    identity
+        .model
+        .as_ref()
+        .map_or_else(|| "no model: commands are not corrected".to_owned(), model)
+}
+
+/// A model as JSON.
+pub fn model_json(model: &ModelIdentity) -> Value {
+    json!({
+        "robot": model.robot.as_str(),
+        "serial_number": model.serial_number.as_str(),
+        "crc": format!("{:08x}", model.blob_crc),
+        "joints": model.joints,
+        "support_points": model.support,
+        "signed": model.signed,
+    })
+}
+
+/// What a slot holds as JSON.
+pub fn stored_json(stored: &StoredModel) -> Value {
+    json!({
+        "slot": stored.slot,
+        "runs_after_start": stored.first,
+        "bytes": stored.length,
+        "file_crc": format!("{:08x}", stored.crc),
+    })
+}
+
+/// An identity as JSON.
+pub fn identity_json(identity: &Identity) -> Value {
+    json!({
+        "board": identity.board.as_str(),
+        "firmware_version": identity.firmware_version.as_str(),
+        "protocol_version": identity.protocol_version,
+        "image_crc": format!("{:08x}", identity.image_crc),
+        "capacity_bytes": identity.capacity_bytes,
+        "capacity_words": identity.capacity_words,
+        "tick_hz": identity.tick_hz,
+        "deadline_ticks": identity.deadline_ticks,
+        "key": identity.key.map(|key| hex(&key)),
+        "bypass": identity.bypass,
+        "model": identity.model.as_ref().map(model_json),
+        "slots": identity.slots.iter().map(|slot| slot.as_ref().map(stored_json)).collect::<Vec<_>>(),
+    })
+}
+
+/// Ticks as milliseconds.
+pub fn milliseconds(ticks: u32, tick_hz: u32) -> f64 {
+    1e3 * f64::from(ticks) / f64::from(tick_hz.max(1))
+}
+
+/// Says who a device is.
+pub fn identity(report: Report, identity: &Identity) {
+    report.line(format_args!(
+        "{}: firmware {} (image {:08x}), link protocol {}",
+        identity.board, identity.firmware_version, identity.image_crc, identity.protocol_version
+    ));
+    report.line(format_args!("  runs      {}", active(identity)));
+    let bypass = if identity.bypass {
+        "on: commands come back as they are"
+    } else {
+        "off"
+    };
+    report.line(format_args!("  bypass    {bypass}"));
+    for (number, slot) in identity.slots.iter().enumerate() {
+        let text = slot.as_ref().map_or("empty".to_owned(), |stored| {
+            let first = if stored.first {
+                ", runs after the next start"
+            } else {
+                ""
+            };
+            format!(
+                "{} bytes, file CRC {:08x}{first}",
+                stored.length, stored.crc
+            )
+        });
+        report.line(format_args!("  slot {number}    {text}"));
+    }
+    let key = identity
+        .key
+        .map_or("none: every intact model is taken".to_owned(), |key| {
+            format!("{}…: only models signed by it are taken", hex(&key))
+        });
+    report.line(format_args!("  key       {key}"));
+    report.line(format_args!(
+        "  room      a model of {} bytes, {} of them support rows",
+        identity.capacity_bytes,
+        4 * u64::from(identity.capacity_words)
+    ));
+    report.line(format_args!(
+        "  deadline  {:.2} ms",
+        milliseconds(identity.deadline_ticks, identity.tick_hz)
+    ));
+}
+
+/// The counters with their names in JSON and their meaning, in order.
+pub fn counters(s: &Statistics) -> [(&'static str, u32, &'static str); 15] {
+    [
+        ("cycles", s.cycles, "cyclic requests answered"),
+        (
+            "flagged",
+            s.flagged,
+            "of these with a status that is not ok",
+        ),
+        (
+            "bounded",
+            s.bounded,
+            "of these with a correction scaled back to its bound",
+        ),
+        (
+            "uncorrected",
+            s.uncorrected,
+            "commands answered as they came",
+        ),
+        (
+            "missed_deadlines",
+            s.missed_deadlines,
+            "answers ready after the deadline",
+        ),
+        ("max_ticks", s.max_ticks, "most ticks of one computation"),
+        (
+            "max_latency_ticks",
+            s.max_latency_ticks,
+            "most ticks from the last byte to the answer",
+        ),
+        ("frames", s.frames, "frames that arrived whole"),
+        (
+            "bad_frames",
+            s.bad_frames,
+            "frames damaged, too long or unreadable",
+        ),
+        ("lost_bytes", s.lost_bytes, "bytes nobody took in time"),
+        ("refused", s.refused, "requests refused"),
+        ("activations", s.activations, "models that became active"),
+        ("restarts", s.restarts, "starts without a power failure"),
+        ("lost_logs", s.lost_logs, "log messages dropped"),
+        ("stack_bytes", s.stack_bytes, "deepest use of the stack"),
+    ]
+}
+
+/// Statistics as JSON.
+pub fn statistics_json(statistics: &Statistics, tick_hz: u32) -> Value {
+    let mut out = serde_json::Map::new();
+    for (name, value, _) in counters(statistics) {
+        out.insert(name.to_owned(), value.into());
+    }
+    out.insert("tick_hz".to_owned(), tick_hz.into());
+    out.into()
+}
+
+/// Says what a device has counted.
+pub fn statistics(report: Report, statistics: &Statistics, tick_hz: u32) {
+    for (name, value, meaning) in counters(statistics) {
+        let time = if name.ends_with("_ticks") {
+            format!(" ({:.3} ms)", milliseconds(value, tick_hz))
+        } else {
+            String::new()
+        };
+        report.line(format_args!("  {value:>10}  {meaning}{time}"));
+    }
+}

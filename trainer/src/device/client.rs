@@ -1,0 +1,514 @@
+//! The workstation's side of the device link: one request, one answer, whatever the line does in between.
+//!
+//! Every request of the protocol may be repeated, so a lost, damaged or late answer is asked for again a bounded number
+//! of times, under the same sequence number; answers to other requests are passed over. It promises an end within
+//! [`Options`], and an error that tells apart nobody, noise, another protocol version and a device that will not.
+
+use std::io;
+use std::time::{Duration, Instant};
+
+use poegp_protocol::blob::CRC;
+use poegp_protocol::frame::{self, FrameError, MAX_FRAME, Received, Receiver};
+use poegp_protocol::link::{
+    Corrected, Evaluation, Identity, MAX_PIECE, ModelIdentity, Query, Refusal, Request, Response,
+    Statistics, StoredModel, Trace,
+};
+
+use super::error::ClientError;
+use super::port::{self, Address, Stream};
+
+/// How patient a client is.
+#[derive(Clone, Copy, Debug)]
+pub struct Options {
+    /// Longest wait for one answer.
+    pub answer_limit: Duration,
+    /// How often a request is sent at most.
+    pub attempts: u32,
+    /// How long a device may be busy with something else.
+    pub busy_limit: Duration,
+    /// Bytes of a blob in one request, at most [`MAX_PIECE`]. Small pieces let corrections through sooner.
+    pub piece: usize,
+    /// How often an upload that the device has given up is begun anew.
+    pub uploads: u32,
+}
+
+impl Default for Options {
+    /// Two seconds for an answer: verifying a signature takes the slowest board one tenth of that.
+    fn default() -> Self {
+        Self {
+            answer_limit: Duration::from_secs(2),
+            attempts: 3,
+            busy_limit: Duration::from_secs(10),
+            piece: MAX_PIECE,
+            uploads: 3,
+        }
+    }
+}
+
+/// Between two questions to a busy device.
+const BUSY_PAUSE: Duration = Duration::from_millis(10);
+/// How long a device may take to start anew.
+const RESTART_LIMIT: Duration = Duration::from_secs(10);
+
+/// What has come over the line.
+#[derive(Clone, Copy, Debug, Default)]
+struct Heard {
+    bytes: u64,
+    intact: u64,
+}
+
+/// A link to a device.
+pub struct Client {
+    port: String,
+    stream: Box<dyn Stream>,
+    options: Options,
+    receiver: Receiver,
+    pending: Vec<u8>,
+    sequence: u16,
+    heard: Heard,
+}
+
+impl std::fmt::Debug for Client {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Client")
+            .field("port", &self.port)
+            .field("sequence", &self.sequence)
+            .finish_non_exhaustive()
+    }
+}
+
+impl Client {
+    /// Opens the port of a device. Nothing is asked yet.
+    ///
+    /// # Errors
+    /// [`ClientError::Open`].
+    pub fn open(address: &Address, options: Options) -> Result<Self, ClientError> {
+        let failed = |error: io::Error| ClientError::Open {
+            port: address.to_string(),
+            advice: port::advice(address, &error),
+            error,
+        };
+        let stream = port::open(address).map_err(failed)?;
+        let mut client = Self::over(stream, address.to_string(), options);
+        // Ends what a program before this one may have left half-way.
+        client.send_bytes(&[0])?;
+        Ok(client)
+    }
+
+    /// Over an open stream; `port` is its name in errors.
+    pub fn over(stream: Box<dyn Stream>, port: String, options: Options) -> Self {
+        Self {
+            port,
+            stream,
+            options,
+            receiver: Receiver::new(),
+            pending: Vec::new(),
+            sequence: first_sequence(),
+            heard: Heard::default(),
+        }
+    }
+
+    /// From now on with other patience or pieces.
+    pub fn set_options(&mut self, options: Options) {
+        self.options = options;
+    }
+
+    /// The name of the port.
+    pub fn port(&self) -> &str {
+        &self.port
+    }
+
+    fn lost(&self, error: io::Error) -> ClientError {
+        ClientError::Lost {
+            port: self.port.clone(),
+            error,
+        }
+    }
+
+    /// Sends bytes as they are.
+    ///
+    /// # Errors
+    /// [`ClientError::Lost`].
+    pub fn send_bytes(&mut self, bytes: &[u8]) -> Result<(), ClientError> {
+        let sent = self
+            .stream
+            .write_all(bytes)
+            .and_then(|()| self.stream.flush());
+        sent.map_err(|error| self.lost(error))
+    }
+
+    /// The next intact answer and its sequence number, or `None` when none comes in time.
+    ///
+    /// # Errors
+    /// [`ClientError::Lost`], [`ClientError::Version`].
+    pub fn receive(&mut self) -> Result<Option<(u16, Response)>, ClientError> {
+        self.receive_until(Instant::now() + self.options.answer_limit)
+    }
+
+    fn receive_until(&mut self, deadline: Instant) -> Result<Option<(u16, Response)>, ClientError> {
+        loop {
+            if let Some(answer) = self.pending_answer()? {
+                return Ok(Some(answer));
+            }
+            let left = deadline.saturating_duration_since(Instant::now());
+            if left.is_zero() {
+                return Ok(None);
+            }
+            // A timeout of a fraction of a millisecond is none at all for some serial drivers.
+            let limited = self.stream.limit_reads(left.max(Duration::from_millis(1)));
+            limited.map_err(|error| self.lost(error))?;
+            let mut buffer = [0; MAX_FRAME];
+            match self.stream.read(&mut buffer) {
+                Ok(0) => return Err(self.lost(io::ErrorKind::UnexpectedEof.into())),
+                Ok(length) => {
+                    self.heard.bytes += length as u64;
+                    self.pending = buffer[..length].to_vec();
+                }
+                Err(error) if is_timeout(&error) => {}
+                Err(error) => return Err(self.lost(error)),
+            }
+        }
+    }
+
+    /// The first intact frame of the bytes that are there.
+    fn pending_answer(&mut self) -> Result<Option<(u16, Response)>, ClientError> {
+        let bytes = std::mem::take(&mut self.pending);
+        for (index, byte) in bytes.iter().enumerate() {
+            if self.receiver.push(*byte) != Received::Frame {
+                continue;
+            }
+            self.pending = bytes[index + 1..].to_vec();
+            let decoded = frame::decode::<Response>(self.receiver.frame());
+            self.receiver.clear();
+            match decoded {
+                Ok(answer) => {
+                    self.heard.intact += 1;
+                    return Ok(Some(answer));
+                }
+                Err(FrameError::Version { found, .. }) => {
+                    return Err(ClientError::Version {
+                        port: self.port.clone(),
+                        found,
+                    });
+                }
+                // Damaged on the way: it is asked for again.
+                Err(_) => {
+                    return self.pending_answer();
+                }
+            }
+        }
+        Ok(None)
+    }
+
+    /// The frame of a request, its final zero included, under the next sequence number.
+    ///
+    /// # Panics
+    /// When the request is longer than any that may be sent.
+    pub fn frame(&mut self, request: &Request<'_>) -> (u16, Vec<u8>) {
+        // Never 0: that is answered to damaged frames.
+        self.sequence = self.sequence.checked_add(1).unwrap_or(1);
+        let (mut scratch, mut out) = ([0; MAX_FRAME], [0; MAX_FRAME]);
+        let bytes = frame::encode(self.sequence, request, &mut scratch, &mut out)
+            .expect("no request is longer than MAX_FRAME");
+        (self.sequence, bytes.to_vec())
+    }
+
+    /// Asks, and asks again when the answer does not come, when the frame was damaged, or when the device is busy.
+    ///
+    /// # Errors
+    /// [`ClientError`]; a refusal is an answer.
+    pub fn request(&mut self, request: &Request<'_>) -> Result<Response, ClientError> {
+        let (sequence, bytes) = self.frame(request);
+        let busy_until = Instant::now() + self.options.busy_limit;
+        let (mut attempts, mut damaged) = (0, 0);
+        while attempts < self.options.attempts {
+            attempts += 1;
+            self.send_bytes(&bytes)?;
+            let deadline = Instant::now() + self.options.answer_limit;
+            while let Some((answered, response)) = self.receive_until(deadline)? {
+                if answered == sequence && response == Response::Refused(Refusal::Busy) {
+                    if Instant::now() >= busy_until {
+                        return Err(ClientError::Busy {
+                            port: self.port.clone(),
+                        });
+                    }
+                    // It has heard us: this attempt does not count.
+                    attempts -= 1;
+                    std::thread::sleep(BUSY_PAUSE);
+                    break;
+                }
+                if answered == sequence {
+                    return Ok(response);
+                }
+                if response == Response::Refused(Refusal::BadFrame) {
+                    damaged += 1;
+                    break;
+                }
+            }
+        }
+        Err(self.unanswered(request, damaged))
+    }
+
+    fn unanswered(&self, request: &Request<'_>, damaged: u32) -> ClientError {
+        let port = self.port.clone();
+        if damaged == self.options.attempts {
+            return ClientError::Damaged { port };
+        }
+        match self.heard {
+            Heard { intact: 1.., .. } => ClientError::NoAnswer {
+                port,
+                request: name(request),
+                attempts: self.options.attempts,
+            },
+            Heard { bytes: 1.., .. } => ClientError::Noise {
+                port,
+                bytes: self.heard.bytes,
+            },
+            _ => ClientError::Nobody { port },
+        }
+    }
+
+    /// Who the device is.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn identify(&mut self) -> Result<Identity, ClientError> {
+        self.identity(&Request::Identify)
+    }
+
+    fn identity(&mut self, request: &Request<'_>) -> Result<Identity, ClientError> {
+        match self.request(request)? {
+            Response::Identity(identity) => Ok(identity),
+            other => Err(unexpected(request, other)),
+        }
+    }
+
+    /// Sends a blob and has it verified; `progress` hears how many bytes are there. The active model stays. When the
+    /// device has given the upload up (a restart, a roll-back, another workstation), it is begun anew.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn upload(
+        &mut self,
+        blob: &[u8],
+        progress: &mut dyn FnMut(usize),
+    ) -> Result<ModelIdentity, ClientError> {
+        let mut left = self.options.uploads;
+        loop {
+            match self.upload_once(blob, progress) {
+                Err(ClientError::Refused(
+                    Refusal::NoUpload
+                    | Refusal::UnexpectedOffset { .. }
+                    | Refusal::PieceTooLong { .. }
+                    | Refusal::Incomplete { .. }
+                    | Refusal::TransferCrc { .. },
+                )) if left > 1 => left -= 1,
+                other => return other,
+            }
+        }
+    }
+
+    fn upload_once(
+        &mut self,
+        blob: &[u8],
+        progress: &mut dyn FnMut(usize),
+    ) -> Result<ModelIdentity, ClientError> {
+        self.begin_upload(blob)?;
+        let mut offset = 0;
+        progress(0);
+        for bytes in blob.chunks(self.options.piece.clamp(1, MAX_PIECE)) {
+            self.uploading(&Request::UploadPiece {
+                offset: wire_length(offset),
+                bytes,
+            })?;
+            offset += bytes.len();
+            progress(offset);
+        }
+        self.verify_upload()
+    }
+
+    /// Announces a blob.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn begin_upload(&mut self, blob: &[u8]) -> Result<(), ClientError> {
+        self.uploading(&Request::BeginUpload {
+            length: wire_length(blob.len()),
+            crc: CRC.checksum(blob),
+        })
+    }
+
+    fn uploading(&mut self, request: &Request<'_>) -> Result<(), ClientError> {
+        match self.request(request)? {
+            Response::Uploading { .. } => Ok(()),
+            other => Err(unexpected(request, other)),
+        }
+    }
+
+    /// Has the device look at the uploaded blob in every respect.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn verify_upload(&mut self) -> Result<ModelIdentity, ClientError> {
+        match self.request(&Request::VerifyUpload)? {
+            Response::Verified(model) => Ok(model),
+            other => Err(unexpected(&Request::VerifyUpload, other)),
+        }
+    }
+
+    /// Has the verified blob written to flash; it runs after the next start.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn commit_upload(&mut self) -> Result<StoredModel, ClientError> {
+        match self.request(&Request::CommitUpload)? {
+            Response::Committed(stored) => Ok(stored),
+            other => Err(unexpected(&Request::CommitUpload, other)),
+        }
+    }
+
+    /// Runs the verified model from the next cycle on.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn activate(&mut self, blob_crc: u32) -> Result<Identity, ClientError> {
+        self.identity(&Request::Activate { blob_crc })
+    }
+
+    /// Leaves the active model, if it is the one with `from_crc`, for the other stored one.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn roll_back(&mut self, from_crc: u32) -> Result<Identity, ClientError> {
+        self.identity(&Request::RollBack { from_crc })
+    }
+
+    /// Has commands answered as they come, or corrected again.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn set_bypass(&mut self, on: bool) -> Result<Identity, ClientError> {
+        self.identity(&Request::SetBypass { on })
+    }
+
+    /// Gives the device the public key that models have to be signed by, once and for all.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn provision(&mut self, public_key: &[u8; 32]) -> Result<Identity, ClientError> {
+        self.identity(&Request::Provision {
+            public_key: *public_key,
+        })
+    }
+
+    /// T_gp(q, m)·f(q).
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn evaluate(&mut self, query: &Query) -> Result<Evaluation, ClientError> {
+        let request = Request::Evaluate(query.clone());
+        match self.request(&request)? {
+            Response::Evaluation(evaluation) => Ok(evaluation),
+            other => Err(unexpected(&request, other)),
+        }
+    }
+
+    /// The corrected joint command.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn correct(&mut self, query: &Query) -> Result<Corrected, ClientError> {
+        let request = Request::Correct(query.clone());
+        match self.request(&request)? {
+            Response::Corrected(corrected) => Ok(corrected),
+            other => Err(unexpected(&request, other)),
+        }
+    }
+
+    /// [`Client::evaluate`] with intermediate results.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn trace(&mut self, query: &Query) -> Result<Trace, ClientError> {
+        let request = Request::Trace(query.clone());
+        match self.request(&request)? {
+            Response::Trace(trace) => Ok(trace),
+            other => Err(unexpected(&request, other)),
+        }
+    }
+
+    /// Says that no more cyclic requests will come; without it the device's watchdog waits for them in vain.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn stand_down(&mut self) -> Result<(), ClientError> {
+        match self.request(&Request::StandDown)? {
+            Response::StandingDown => Ok(()),
+            other => Err(unexpected(&Request::StandDown, other)),
+        }
+    }
+
+    /// What the device has counted.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn statistics(&mut self) -> Result<Statistics, ClientError> {
+        match self.request(&Request::ReadStatistics)? {
+            Response::Statistics(statistics) => Ok(statistics),
+            other => Err(unexpected(&Request::ReadStatistics, other)),
+        }
+    }
+
+    /// Starts the device anew and waits until it answers again.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn restart(&mut self) -> Result<Identity, ClientError> {
+        match self.request(&Request::Restart)? {
+            Response::Restarting => {}
+            other => return Err(unexpected(&Request::Restart, other)),
+        }
+        let deadline = Instant::now() + RESTART_LIMIT;
+        loop {
+            match self.identify() {
+                Err(ClientError::NoAnswer { .. } | ClientError::Damaged { .. })
+                    if Instant::now() < deadline => {}
+                other => return other,
+            }
+        }
+    }
+}
+
+fn is_timeout(error: &io::Error) -> bool {
+    matches!(
+        error.kind(),
+        io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut | io::ErrorKind::Interrupted
+    )
+}
+
+/// Another one each time, so that an answer to a program before this one is not taken for an answer to this one.
+fn first_sequence() -> u16 {
+    let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
+    now.map_or(0, |now| (now.as_micros() % 0xffff) as u16)
+}
+
+fn wire_length(length: usize) -> u32 {
+    u32::try_from(length).unwrap_or(u32::MAX)
+}
+
+/// The variant of a request, without its numbers.
+fn name(request: &Request<'_>) -> String {
+    let text = format!("{request:?}");
+    let end = text.find(|c: char| !c.is_alphanumeric());
+    text[..end.unwrap_or(text.len())].to_owned()
+}
+
+fn unexpected(request: &Request<'_>, response: Response) -> ClientError {
+    match response {
+        Response::Refused(refusal) => ClientError::Refused(refusal),
+        other => ClientError::Unexpected {
+            request: name(request),
+            response: format!("{other:?}"),
+        },
+    }
+}
