@@ -134,6 +134,11 @@ impl LoadedBlob {
         }
     }
 
+    /// The base frame of the model, seen from the instrument.
+    pub fn instrument_from_base(&self) -> Pose<f64> {
+        self.instrument_from_base
+    }
+
     /// A pose in the base frame as the runtime or a device computed it, seen from the instrument.
     pub fn in_instrument(&self, base_from_target: &Pose<f32>) -> Pose<f64> {
         orthonormal(&(self.instrument_from_base * base_from_target.cast::<f64>()))

@@ -297,6 +297,7 @@ pub struct Inspect {
 
 /// `trainer demo`.
 #[derive(Debug, Args)]
+#[command(after_help = "With --device it needs qemu-system-arm and a compiler for the board.")]
 pub struct Demo {
     /// Seed of the simulated arm.
     #[arg(long, default_value_t = 1)]
@@ -304,6 +305,9 @@ pub struct Demo {
     /// Folder to write into; created if it does not exist.
     #[arg(long, value_name = "DIR", default_value = "demo")]
     pub out: PathBuf,
+    /// Then bring the model onto an emulated co-processor and have the simulated arm execute the commands it corrects.
+    #[arg(long)]
+    pub device: bool,
 }
 
 /// Number of support points.

@@ -1,9 +1,9 @@
 //! `trainer device`: one file for each command that is more than a question and its answer.
 
 pub mod arguments;
-mod cyclic;
+pub mod cyclic;
 mod emulate;
-mod flash;
+pub mod flash;
 mod monitor;
 pub mod show;
 
