@@ -1,0 +1,5 @@
+//! The C interface.
+#[test]
+fn placeholder() {
+    assert!(poegp_tests::firmware::firmware().is_ok());
+}
