@@ -5,7 +5,7 @@ use cortex_m_rt::entry;
 use embedded_io::{Write, WriteReady};
 use heapless::Vec;
 use poegp_protocol::frame::{self, MAX_FRAME, Receiver};
-use poegp_protocol::link::{Refusal, Request, Response, Statistics};
+use poegp_protocol::link::{ModelIdentity, Refusal, Request, Response, Statistics};
 use poegp_runtime::service::{Background, Cycle, Device, Facts, Order, Report, Resident};
 use poegp_runtime::store::Store;
 use static_cell::ConstStaticCell;
@@ -70,6 +70,7 @@ fn start() -> Option<(Services, Shell)> {
         log: parts.log,
         scratch: own_scratch,
         calls: Calls,
+        logged_crc: None,
     };
     Some((Background::new(facts, spare, staged, store), shell))
 }
@@ -79,6 +80,8 @@ struct Shell {
     log: <Chosen as Board>::Log,
     scratch: &'static mut [u8; MAX_FRAME],
     calls: Calls,
+    /// The model of the last message about one; 0 for none.
+    logged_crc: Option<u32>,
 }
 
 impl Shell {
@@ -87,7 +90,16 @@ impl Shell {
         for refusal in services.boot(&mut self.calls).iter().flatten() {
             log::not_started(refusal);
         }
-        log::running(&self.calls.order(Order::Report).model);
+        let model = self.calls.order(Order::Report).model;
+        self.log_model(&model);
+    }
+
+    fn log_model(&mut self, model: &Option<ModelIdentity>) {
+        let crc = model.as_ref().map_or(0, |model| model.blob_crc);
+        if self.logged_crc != Some(crc) {
+            self.logged_crc = Some(crc);
+            log::running(model);
+        }
     }
 
     fn turn(&mut self, services: &mut Services) {
@@ -104,6 +116,7 @@ impl Shell {
             self.answer(sequence, &response);
             if let Response::Identity(identity) = &response {
                 memory::retain_bypass(identity.bypass);
+                self.log_model(&identity.model);
             }
             if response == Response::Restarting {
                 while !line::is_sent() {}

@@ -106,24 +106,36 @@ pub fn stack_bytes() -> u32 {
     end.addr().wrapping_sub(word.addr()) as u32
 }
 
-/// CRC-32C of the image in flash, from its first byte to the last initial value.
+/// CRC-32C of what the build has put into flash: vectors, code, constants, initial values. Bytes that only align them are
+/// left out, because nobody says what they are.
 pub fn image_crc() -> u32 {
     unsafe extern "C" {
-        static __vector_table: u32;
-        static __sidata: u32;
-        static __sdata: u32;
-        static __edata: u32;
+        static __vector_table: u8;
+        static __etext: u8;
+        static __srodata: u8;
+        static __erodata: u8;
+        static __sidata: u8;
+        static __sdata: u8;
+        static __edata: u8;
     }
-    let start = (&raw const __vector_table).cast::<u8>();
     let data = (&raw const __edata).addr() - (&raw const __sdata).addr();
-    let length = (&raw const __sidata).addr() + data - start.addr();
+    let initial_values = (&raw const __sidata).addr();
+    let parts = [
+        (
+            (&raw const __vector_table).addr(),
+            (&raw const __etext).addr(),
+        ),
+        ((&raw const __srodata).addr(), (&raw const __erodata).addr()),
+        (initial_values, initial_values + data),
+    ];
     let mut digest = CRC.digest();
-    for offset in 0..length {
-        // SAFETY: between the two symbols lies the image, which nobody writes. Not a slice: on some boards it starts
-        // at address 0, where Rust has no object.
-        let byte =
-            unsafe { ptr::with_exposed_provenance::<u8>(start.addr() + offset).read_volatile() };
-        digest.update(&[byte]);
+    for (start, end) in parts {
+        for address in start..end {
+            // SAFETY: between the symbols of the linker lies the image, which nobody writes. Not a slice: on some boards
+            // it starts at address 0, where Rust has no object.
+            let byte = unsafe { ptr::with_exposed_provenance::<u8>(address).read_volatile() };
+            digest.update(&[byte]);
+        }
     }
     digest.finalize()
 }

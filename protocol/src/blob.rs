@@ -1,6 +1,6 @@
 //! The model blob: a calibrated arm at rest.
 //!
-//! This file has the payload, the postcard encoding of [`Blob`]; the [`envelope`](crate::envelope) around it has the
+//! This file has the payload, the postcard encoding of [`Blob`]; the [`envelope`] around it has the
 //! magic, the format version, the length, the checksum and, if somebody signed it, the signature.
 //!
 //! Whoever reads a blob learns by name what is wrong with it: [`decode`] refuses a foreign file, another version, a

@@ -5,6 +5,7 @@ use std::path::Path;
 
 use object::elf::SHF_ALLOC;
 use object::{Object, ObjectSection, ObjectSymbol, SectionFlags, SectionKind, SymbolKind};
+use poegp_protocol::blob::CRC;
 
 /// First address of RAM; everything below is flash.
 const RAM: u64 = 0x2000_0000;
@@ -16,6 +17,8 @@ pub struct Image {
     pub flash: u64,
     /// Bytes of RAM that are always taken: initialised and zeroed variables. The stack is not among them.
     pub static_ram: u64,
+    /// CRC-32C of vectors, code, constants and initial values, as the device computes it of its flash.
+    pub crc: u32,
     /// Every function, sorted by address.
     pub functions: Vec<Function>,
 }
@@ -52,6 +55,7 @@ impl Image {
         let file = object::File::parse(&*bytes)?;
         let (mut flash, mut static_ram) = (0, 0);
         let mut text = (0, &[][..]);
+        let mut crc = CRC.digest();
         for section in file.sections() {
             let SectionFlags::Elf { sh_flags, .. } = section.flags() else {
                 continue;
@@ -62,6 +66,9 @@ impl Image {
             let stored = section.kind() != SectionKind::UninitializedData;
             // Initial values lie in flash and are copied to RAM.
             flash += if stored { section.size() } else { 0 };
+            if stored {
+                crc.update(section.data()?);
+            }
             static_ram += if section.address() >= RAM {
                 section.size()
             } else {
@@ -88,6 +95,7 @@ impl Image {
         Ok(Self {
             flash,
             static_ram,
+            crc: crc.finalize(),
             functions,
         })
     }

@@ -31,6 +31,7 @@ pub mod output;
 pub mod robot;
 pub mod samples;
 pub mod select;
+pub mod signing;
 pub mod simulate;
 pub mod statistics;
 pub mod tool_fit;

@@ -70,6 +70,74 @@ pub fn write_all(files: &[(&Path, &[u8])]) -> Result<(), InputError> {
     staged.into_iter().try_for_each(Staged::commit)
 }
 
+/// Refuses a path that could not be written, or where there is something already.
+///
+/// # Errors
+/// [`InputError`] names the path and what is wrong with it.
+pub fn check_new(path: &Path) -> Result<(), InputError> {
+    if std::fs::symlink_metadata(path).is_ok_and(|there| !there.is_dir()) {
+        return Err(exists(path));
+    }
+    check(path)
+}
+
+/// Who may read a new file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Readers {
+    /// As any file made by any other program.
+    All,
+    /// Its owner only, from the moment that it exists.
+    Owner,
+}
+
+/// Writes every file or none, and overwrites nothing.
+///
+/// # Errors
+/// As [`check_new`].
+pub fn write_new(files: &[(&Path, &[u8], Readers)]) -> Result<(), InputError> {
+    let staged = files
+        .iter()
+        .map(|(path, bytes, readers)| {
+            check_new(path)?;
+            temporary(folder_of(path), bytes, *readers)
+                .map(|file| (file, *path))
+                .map_err(|error| refused(path, &error))
+        })
+        .collect::<Result<Vec<_>, _>>()?;
+    let mut written: Vec<&Path> = Vec::new();
+    for (file, path) in staged {
+        if let Err(failed) = file.persist_noclobber(path) {
+            // Between the check and now. What was written is ours, and of no use alone.
+            for path in written {
+                let _ = std::fs::remove_file(path);
+            }
+            return Err(match failed.error.kind() {
+                std::io::ErrorKind::AlreadyExists => exists(path),
+                _ => refused(path, &failed.error),
+            });
+        }
+        written.push(path);
+    }
+    Ok(())
+}
+
+fn exists(path: &Path) -> InputError {
+    InputError::new(path, "a file that exists", "the name of a new file")
+}
+
+/// A complete file beside its place.
+fn temporary(folder: &Path, bytes: &[u8], readers: Readers) -> std::io::Result<NamedTempFile> {
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(".poegp-");
+    if readers == Readers::All {
+        builder.permissions_of_a_plain_file();
+    }
+    let mut file = builder.tempfile_in(folder)?;
+    file.write_all(bytes)?;
+    file.as_file().sync_all()?;
+    Ok(file)
+}
+
 /// A file that is complete and not yet in its place; `None` for a device or a pipe, which has no second place.
 struct Staged(Option<(NamedTempFile, PathBuf)>);
 
@@ -83,12 +151,7 @@ impl Staged {
                 return Ok(Self(None));
             }
             let place = std::fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf());
-            let mut file = tempfile::Builder::new()
-                .prefix(".poegp-")
-                .permissions_of_a_plain_file()
-                .tempfile_in(folder_of(&place))?;
-            file.write_all(bytes)?;
-            file.as_file().sync_all()?;
+            let file = temporary(folder_of(&place), bytes, Readers::All)?;
             Ok(Self(Some((file, place))))
         };
         stage().map_err(|error| refused(path, &error))
@@ -119,7 +182,7 @@ fn refused(path: &Path, error: &std::io::Error) -> InputError {
     )
 }
 
-/// Readable by all, as a file made by any other program.
+/// Readable by all as the umask allows, as a file made by any other program.
 trait PlainFile {
     fn permissions_of_a_plain_file(&mut self) -> &mut Self;
 }
@@ -193,6 +256,31 @@ mod tests {
         let error = write(&path, b"new").unwrap_err().to_string();
         assert!(error.contains("read-only"), "{error}");
         assert_eq!(std::fs::read(&path).unwrap(), b"old");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn new_files_overwrite_nothing_and_have_their_readers() {
+        use std::os::unix::fs::PermissionsExt;
+        let folder = tempfile::tempdir().unwrap();
+        let (one, two) = (folder.path().join("one"), folder.path().join("two"));
+        let files: [(&Path, &[u8], Readers); 2] =
+            [(&one, b"1", Readers::Owner), (&two, b"2", Readers::All)];
+        write(&two, b"old").unwrap();
+        let error = write_new(&files).unwrap_err().to_string();
+        assert!(error.contains("a file that exists"), "{error}");
+        assert!(!one.exists());
+        std::fs::remove_file(&two).unwrap();
+        std::os::unix::fs::symlink("nowhere", &two).unwrap();
+        assert!(write_new(&files).is_err(), "a link to nothing is something");
+        std::fs::remove_file(&two).unwrap();
+        write_new(&files).unwrap();
+        let mode = |path: &Path| std::fs::metadata(path).unwrap().permissions().mode() & 0o777;
+        assert_eq!(mode(&one), 0o600);
+        assert_ne!(mode(&two) & 0o400, 0);
+        assert!(write_new(&files).is_err());
+        assert_eq!(std::fs::read(&one).unwrap(), b"1");
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2);
     }
 
     #[cfg(unix)]

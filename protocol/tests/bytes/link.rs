@@ -235,7 +235,7 @@ fn requests_as_bytes() {
 
 #[test]
 fn refusals_as_bytes() {
-    let table: [&[u8]; 19] = [
+    let table: [&[u8]; 20] = [
         &[10, 0],
         &[10, 1, 1, 2],
         &[10, 2],
@@ -255,6 +255,7 @@ fn refusals_as_bytes() {
         &[10, 16, 16],
         &[10, 17],
         &[10, 18],
+        &[10, 19],
     ];
     assert_eq!(table.len(), refusals().len());
     for (refusal, bytes) in refusals().into_iter().zip(table) {

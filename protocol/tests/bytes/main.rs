@@ -1,8 +1,8 @@
 //! The bytes of `poegp-protocol`: what values look like at rest and on the wire, and that nothing damaged is believed.
 
 mod blob;
-mod envelope;
 mod cobs;
+mod envelope;
 mod frame;
 mod link;
 mod listing;

@@ -138,6 +138,7 @@ pub fn refusals() -> Vec<Refusal> {
         Refusal::NoOtherModel,
         Refusal::Store { code: 16 },
         Refusal::KeyIsFixed,
+        Refusal::NotAKey,
         Refusal::CyclesRunning,
     ]
 }

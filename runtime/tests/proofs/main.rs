@@ -17,3 +17,5 @@ mod se3_reference;
 mod se3_truth;
 mod seeded;
 mod service;
+mod signature;
+mod signed_blob;

@@ -4,15 +4,20 @@ use std::io::Read;
 use std::time::Duration;
 
 use poegp_protocol::blob::{self, HEADER_LENGTH, MAX_LENGTH_WITHOUT_ROWS};
+use poegp_protocol::envelope::TRAILER_LENGTH;
 use poegp_protocol::link::{ModelIdentity, PROTOCOL_VERSION};
 use poegp_runtime::model::words_for;
 use poegp_runtime::status::Status;
-use poegp_tests::emulator::{Clock, Emulator};
-use poegp_tests::firmware::firmware;
+use poegp_tests::emulator::{Clock, Emulator, Machine};
+use poegp_tests::firmware::{Board, firmware};
+use poegp_tests::image::Image;
 use poegp_tests::log;
 use poegp_tests::sample::{JOINTS, Sample, Support};
 
 use crate::device;
+
+/// The longest rows that fit.
+const POINTS: usize = 400;
 
 #[test]
 fn identifies_itself_and_its_capacity() {
@@ -21,12 +26,15 @@ fn identifies_itself_and_its_capacity() {
     assert_eq!(identity.firmware_version, env!("CARGO_PKG_VERSION"));
     assert_eq!(identity.board, "mps2-an386");
     assert_eq!(identity.tick_hz, 25_000_000);
-    assert_eq!(identity.capacity_words as usize, words_for(512));
-    assert_eq!(
-        identity.capacity_bytes as usize,
-        HEADER_LENGTH + MAX_LENGTH_WITHOUT_ROWS + 4 * words_for(512)
-    );
+    assert_eq!(identity.capacity_words as usize, words_for(POINTS));
+    let needed = HEADER_LENGTH + MAX_LENGTH_WITHOUT_ROWS + 4 * words_for(POINTS) + TRAILER_LENGTH;
+    assert!(identity.capacity_bytes as usize >= needed);
     assert_eq!(identity.model, None);
+    assert_eq!(identity.slots, [None; 2]);
+    assert_eq!(identity.key, None, "no key is provisioned, and it says so");
+    assert!(!identity.bypass);
+    let image = Image::read(&firmware().unwrap().elf).unwrap();
+    assert_eq!(identity.image_crc, image.crc, "the build that was flashed");
 }
 
 #[test]
@@ -49,6 +57,7 @@ fn names_the_model_it_runs_and_counts() {
         blob_crc: blob::stored_crc(&bytes).unwrap(),
         joints: JOINTS as u8,
         support: 50,
+        signed: false,
     };
     assert_eq!(identity.model, Some(expected));
     // The fourth query is outside the trained ranges.
@@ -56,8 +65,8 @@ fn names_the_model_it_runs_and_counts() {
         device.evaluate(&query).unwrap();
     }
     let statistics = device.statistics().unwrap();
-    assert_eq!(statistics.models_loaded, 1);
-    assert_eq!(statistics.evaluations, 4);
+    assert_eq!(statistics.activations, 1);
+    assert_eq!(statistics.cycles, 4);
     assert!(statistics.flagged >= 1);
     assert_eq!(statistics.bad_frames, 0);
     assert_eq!(statistics.refused, 0);
@@ -66,6 +75,7 @@ fn names_the_model_it_runs_and_counts() {
 #[test]
 fn logs_its_start_what_it_loads_and_what_it_refuses() {
     let bytes = Sample::plain(4, Support::Shared(7)).blob();
+    let crc = blob::stored_crc(&bytes).unwrap();
     let mut device = device();
     device.load(&bytes).unwrap();
     // Nothing new: not logged again.
@@ -74,28 +84,34 @@ fn logs_its_start_what_it_loads_and_what_it_refuses() {
     damaged[100] ^= 1;
     device.load(&damaged).unwrap_err();
     device.load(&bytes[..50]).unwrap_err();
-    device.send_bytes(b"noise\0").unwrap();
-    device.receive().unwrap();
-    // The line is written before the answer is sent; QEMU writes the file as the bytes come.
-    let lines = log::lines(&firmware().unwrap().elf, &device.emulator().log()).unwrap();
     let expected = [
         format!("info: firmware {} on mps2-an386", env!("CARGO_PKG_VERSION")),
-        format!(
-            "info: model {:08x} loaded: 6 joints, 7 support points",
-            blob::stored_crc(&bytes).unwrap()
-        ),
-        "warn: load refused: blob is damaged".to_owned(),
-        "warn: load refused: blob is truncated".to_owned(),
-        "warn: frame refused: damaged".to_owned(),
+        "warn: no model: commands are not corrected".to_owned(),
+        format!("info: model {crc:08x} verified"),
+        format!("info: slot 0 holds {} bytes", bytes.len()),
+        format!("info: model {crc:08x} runs: 6 joints, 7 support points"),
+        "warn: refused: blob is damaged".to_owned(),
+        "warn: refused: blob is truncated".to_owned(),
     ];
+    // Logs wait until the device has nothing else to do.
+    let elf = &firmware().unwrap().elf;
+    for _ in 0..100 {
+        let lines = log::lines(elf, &device.emulator().log()).unwrap();
+        if lines == expected {
+            break;
+        }
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    let lines = log::lines(elf, &device.emulator().log()).unwrap();
     assert_eq!(lines, expected);
+    assert_eq!(device.statistics().unwrap().lost_logs, 0);
 }
 
 #[test]
 fn holds_the_largest_model_and_no_larger() {
     let mut device = device();
     // A row of seven inputs is shorter than the longest: more than 512 points fit.
-    let points = words_for(512) / 13;
+    let points = words_for(POINTS) / 13;
     let identity = device
         .load(&Sample::plain(3, Support::Shared(points)).blob())
         .unwrap();
@@ -112,7 +128,13 @@ fn holds_the_largest_model_and_no_larger() {
 fn the_machine_is_switched_off_when_its_time_is_up() {
     let elf = &firmware().unwrap().elf;
     let limit = Duration::from_millis(100);
-    let (_emulator, mut link) = Emulator::start(elf, Clock::Real, limit).unwrap();
+    let machine = Machine {
+        board: Board::default(),
+        elf,
+        clock: Clock::Real,
+        memory: None,
+    };
+    let (_emulator, mut link) = Emulator::start(&machine, limit).unwrap();
     // Nobody asks, so nothing comes but the end.
     let mut bytes = Vec::new();
     link.read_to_end(&mut bytes).unwrap();

@@ -145,12 +145,14 @@ fn the_longest_frame_fits() {
     let bytes = [0xff; MAX_PIECE];
     let crc = CRC.checksum(&bytes);
     let length = MAX_PIECE as u32;
-    device.request(&Request::BeginLoad { length, crc }).unwrap();
-    let answer = device.request(&Request::LoadPiece {
+    device
+        .request(&Request::BeginUpload { length, crc })
+        .unwrap();
+    let answer = device.request(&Request::UploadPiece {
         offset: 0,
         bytes: &bytes,
     });
-    assert_eq!(answer.unwrap(), Response::Loading { received: length });
+    assert_eq!(answer.unwrap(), Response::Uploading { received: length });
 }
 
 #[test]
@@ -158,31 +160,33 @@ fn oversized_blobs_are_refused_before_a_byte_is_sent() {
     let mut device = device();
     let capacity = device.identify().unwrap().capacity_bytes;
     for length in [capacity + 1, u32::MAX] {
-        let refused = refusal(&mut device, &Request::BeginLoad { length, crc: 0 });
+        let refused = refusal(&mut device, &Request::BeginUpload { length, crc: 0 });
         assert_eq!(refused, Refusal::BlobTooLong { length, capacity });
     }
-    let accepted = device.request(&Request::BeginLoad {
+    let accepted = device.request(&Request::BeginUpload {
         length: capacity,
         crc: 0,
     });
-    assert_eq!(accepted.unwrap(), Response::Loading { received: 0 });
+    assert_eq!(accepted.unwrap(), Response::Uploading { received: 0 });
 }
 
 #[test]
 fn pieces_come_in_order_and_may_be_repeated() {
     let blob = Sample::plain(60, Support::Shared(40)).blob();
     let (length, crc) = (blob.len() as u32, CRC.checksum(&blob));
-    let piece = |offset: u32, end: u32| Request::LoadPiece {
+    let piece = |offset: u32, end: u32| Request::UploadPiece {
         offset,
         bytes: &blob[offset as usize..end as usize],
     };
     let mut device = device();
-    assert_eq!(refusal(&mut device, &piece(0, 10)), Refusal::NoLoadBegun);
+    assert_eq!(refusal(&mut device, &piece(0, 10)), Refusal::NoUpload);
     assert_eq!(
-        refusal(&mut device, &Request::FinishLoad),
-        Refusal::NoLoadBegun
+        refusal(&mut device, &Request::VerifyUpload),
+        Refusal::NoUpload
     );
-    device.request(&Request::BeginLoad { length, crc }).unwrap();
+    device
+        .request(&Request::BeginUpload { length, crc })
+        .unwrap();
     device.request(&piece(0, 100)).unwrap();
     // A gap, an overlap with other bytes, and more than was announced.
     assert_eq!(
@@ -192,7 +196,7 @@ fn pieces_come_in_order_and_may_be_repeated() {
             expected: 100
         }
     );
-    let other = Request::LoadPiece {
+    let other = Request::UploadPiece {
         offset: 0,
         bytes: &[0xaa; 50],
     };
@@ -203,7 +207,7 @@ fn pieces_come_in_order_and_may_be_repeated() {
             expected: 100
         }
     );
-    let beyond = Request::LoadPiece {
+    let beyond = Request::UploadPiece {
         offset: length - 1,
         bytes: &[0; 2],
     };
@@ -215,7 +219,7 @@ fn pieces_come_in_order_and_may_be_repeated() {
         }
     );
     assert_eq!(
-        refusal(&mut device, &Request::FinishLoad),
+        refusal(&mut device, &Request::VerifyUpload),
         Refusal::Incomplete {
             received: 100,
             length
@@ -224,24 +228,30 @@ fn pieces_come_in_order_and_may_be_repeated() {
     // The same bytes again, whole or in part.
     for end in [100, 60] {
         let repeated = device.request(&piece(0, end)).unwrap();
-        assert_eq!(repeated, Response::Loading { received: 100 });
+        assert_eq!(repeated, Response::Uploading { received: 100 });
     }
     let mut offset = 100;
     while offset < length {
         let end = (offset + MAX_PIECE as u32).min(length);
         for _ in 0..2 {
             let answer = device.request(&piece(offset, end)).unwrap();
-            assert_eq!(answer, Response::Loading { received: end });
+            assert_eq!(answer, Response::Uploading { received: end });
         }
         offset = end;
     }
     for _ in 0..2 {
-        assert!(matches!(
-            device.request(&Request::FinishLoad).unwrap(),
-            Response::Identity(_)
-        ));
+        let answer = device.request(&Request::VerifyUpload).unwrap();
+        assert!(matches!(answer, Response::Verified(_)), "{answer:?}");
+        // Even now a piece may come once more.
+        let answer = device.request(&piece(0, 60)).unwrap();
+        assert_eq!(answer, Response::Uploading { received: length });
     }
-    assert_eq!(device.statistics().unwrap().models_loaded, 1);
+    let blob_crc = poegp_protocol::blob::stored_crc(&blob).unwrap();
+    for _ in 0..2 {
+        let answer = device.request(&Request::Activate { blob_crc }).unwrap();
+        assert!(matches!(answer, Response::Identity(_)), "{answer:?}");
+    }
+    assert_eq!(device.statistics().unwrap().activations, 1);
 }
 
 #[test]
@@ -252,7 +262,7 @@ fn bytes_other_than_announced_are_refused() {
     let mut device = device();
     let length = blob.len() as u32;
     device
-        .request(&Request::BeginLoad {
+        .request(&Request::BeginUpload {
             length,
             crc: stored,
         })
@@ -260,11 +270,11 @@ fn bytes_other_than_announced_are_refused() {
     for (index, bytes) in blob.chunks(MAX_PIECE).enumerate() {
         let offset = (index * MAX_PIECE) as u32;
         device
-            .request(&Request::LoadPiece { offset, bytes })
+            .request(&Request::UploadPiece { offset, bytes })
             .unwrap();
     }
     assert_eq!(
-        refusal(&mut device, &Request::FinishLoad),
+        refusal(&mut device, &Request::VerifyUpload),
         Refusal::TransferCrc { stored, computed }
     );
     device.load(&blob).unwrap();

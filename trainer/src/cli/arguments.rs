@@ -11,7 +11,7 @@ use crate::calibration::Method;
 #[derive(Debug, Parser)]
 #[command(name = "trainer", version, about, max_term_width = 100)]
 #[command(
-    after_help = "Exit codes: 0 done, 1 a quality bound was not met, 2 usage or input error."
+    after_help = "Exit codes: 0 done, 1 a quality bound was not met or a signature does not fit, 2 usage or input error."
 )]
 pub struct Arguments {
     /// What to do.
@@ -32,6 +32,12 @@ pub enum Command {
     Compare(Compare),
     /// Show what is in a blob.
     Inspect(Inspect),
+    /// Make keys that models are signed with.
+    Keys(Keys),
+    /// Sign a blob.
+    Sign(Sign),
+    /// Verify the signature of a blob as the device does: exit code 0 if it is by this key, 1 if not.
+    Verify(Verify),
     /// Reproduce the paper's simulation from nothing: simulate, calibrate, compare, write a blob, read it back.
     Demo(Demo),
     /// Talk to a co-processor: bring a model onto it, check it, watch it, emulate it.
@@ -293,6 +299,52 @@ pub struct Inspect {
     /// The same as JSON (`-`: standard output).
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
+}
+
+/// `trainer keys`.
+#[derive(Debug, Args)]
+pub struct Keys {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: KeysCommand,
+}
+
+/// The commands of `trainer keys`.
+#[derive(Debug, Subcommand)]
+pub enum KeysCommand {
+    /// Make a new pair of keys; no file is overwritten.
+    New(NewKeys),
+}
+
+/// `trainer keys new`.
+#[derive(Debug, Args)]
+pub struct NewKeys {
+    /// Writes NAME.key, the secret key, for its owner only, and NAME.pub, the public key.
+    #[arg(long, value_name = "NAME")]
+    pub out: PathBuf,
+}
+
+/// `trainer sign`.
+#[derive(Debug, Args)]
+pub struct Sign {
+    /// The blob; a signature that it has is replaced.
+    pub blob: PathBuf,
+    /// The secret key.
+    #[arg(long, value_name = "FILE")]
+    pub key: PathBuf,
+    /// Where to write the signed blob (default: in place of the blob).
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+}
+
+/// `trainer verify`.
+#[derive(Debug, Args)]
+pub struct Verify {
+    /// The blob.
+    pub blob: PathBuf,
+    /// The public key.
+    #[arg(long, value_name = "FILE")]
+    pub public_key: PathBuf,
 }
 
 /// `trainer demo`.

@@ -2,6 +2,7 @@
 
 use poegp_protocol::JointKind;
 use poegp_protocol::blob::{Blob, Correction, FORMAT_VERSION, stored_crc};
+use poegp_protocol::envelope;
 use poegp_runtime::se3::Pose;
 use serde_json::{Value, json};
 
@@ -9,6 +10,7 @@ use super::arguments::Inspect;
 use super::report::Report;
 use super::{Failure, check_outputs, json_text, write_outputs};
 use crate::loaded::LoadedBlob;
+use crate::signing::id_text;
 
 pub fn run(a: &Inspect) -> Result<(), Failure> {
     let output = [a.json.as_deref()];
@@ -67,6 +69,7 @@ fn document(loaded: &LoadedBlob) -> Value {
         "format_version": FORMAT_VERSION,
         "bytes": loaded.bytes().len(),
         "crc": format!("{:08x}", stored_crc(loaded.bytes()).unwrap_or(0)),
+        "signed_by": signed_by(loaded),
         "robot": {"name": blob.robot.name, "serial_number": blob.robot.serial_number, "joints": joints,
                   "coupling": blob.robot.coupling.as_slice()},
         "units": {"angle": "rad", "length": "m", "mass": "kg"},
@@ -80,6 +83,12 @@ fn document(loaded: &LoadedBlob) -> Value {
         "flange_from_target": blob.geometry.flange_from_target,
         "correction": correction,
     })
+}
+
+/// The id of the key that the blob says it is signed by.
+fn signed_by(loaded: &LoadedBlob) -> Option<String> {
+    let trailer = envelope::open(loaded.bytes()).ok()?.trailer?;
+    Some(id_text(&trailer.key_id))
 }
 
 fn print(report: Report, loaded: &LoadedBlob, document: &Value) {
@@ -102,6 +111,10 @@ fn print(report: Report, loaded: &LoadedBlob, document: &Value) {
         blob.provenance.training_poses
     ));
     report.line(format_args!("  data SHA-256 {}", text("data_sha256")));
+    report.line(match signed_by(loaded) {
+        Some(id) => format!("  signed by key {id} (not verified: `trainer verify`)"),
+        None => "  not signed".to_owned(),
+    });
     if let Some((light, heavy)) = blob.ranges.payload_kg {
         report.line(format_args!("  payload trained from {light} to {heavy} kg"));
     }

@@ -1,6 +1,6 @@
 //! The command line: what was typed (`arguments`) becomes what is done (one file for each command).
 //!
-//! Exit codes: 0 done, 1 a quality bound was not met, 2 usage or input error. Errors are printed once, here.
+//! Exit codes: 0 done, 1 a quality bound was not met or a signature does not fit, 2 usage or input error. Errors are printed once, here.
 
 mod arguments;
 mod calibrate;
@@ -14,6 +14,7 @@ mod evaluate;
 mod inspect;
 mod progress;
 mod report;
+mod signing;
 mod simulate;
 mod table;
 
@@ -53,12 +54,15 @@ enum Failure {
     /// A quality bound was not met; nothing was written.
     #[error("{0}")]
     Quality(String),
+    /// A signature does not fit.
+    #[error("{0}")]
+    Refused(String),
 }
 
 impl Failure {
     fn exit_code(&self) -> ExitCode {
         match self {
-            Self::Quality(_) => ExitCode::from(1),
+            Self::Quality(_) | Self::Refused(_) => ExitCode::from(1),
             _ => ExitCode::from(2),
         }
     }
@@ -90,6 +94,9 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Evaluate(a) => evaluate::run(&a),
         Command::Compare(a) => compare::run(&a),
         Command::Inspect(a) => inspect::run(&a),
+        Command::Keys(a) => signing::keys(&a),
+        Command::Sign(a) => signing::sign(&a),
+        Command::Verify(a) => signing::verify(&a),
         Command::Demo(a) => demo::run(&a),
         Command::Device(a) => device::run(&a),
     };

@@ -45,6 +45,7 @@ pub fn refusal(refusal: &Refusal) -> String {
         Refusal::KeyIsFixed => {
             "another public key is provisioned, and that cannot be undone".to_owned()
         }
+        Refusal::NotAKey => "these bytes are no Ed25519 public key".to_owned(),
         Refusal::CyclesRunning => {
             "on this board cycles would wait for the flash; stop the controller, which \
                                    says so with `StandDown`, and try again"

@@ -17,4 +17,5 @@ mod predictions;
 mod program;
 mod reproducible;
 mod robots;
+mod signing;
 mod tools;

@@ -284,7 +284,7 @@ impl Desk {
         front.other_receiver = Some(receiver);
         let (mut scratch, mut out) = ([0; MAX_FRAME], [0; MAX_FRAME]);
         let frame = frame::encode(sequence, &response, &mut scratch, &mut out);
-        front.outgoing.extend(&*frame.expect("fits a frame"));
+        front.outgoing.extend(frame.expect("fits a frame"));
         self.restarting |= response == Response::Restarting;
     }
 

@@ -1,22 +1,96 @@
 //! The public key: taken once, and then nothing runs that is not signed.
 
+use poegp_protocol::envelope::{key_id, set_signed};
 use poegp_protocol::link::{Refusal, Request, Response};
 
 use super::desk::{Desk, layout};
-use super::known::{Known, query, refused};
-
-const KEY: [u8; 32] = [
-    0xd7, 0x5a, 0x98, 0x01, 0x82, 0xb1, 0x0a, 0xb7, 0xd5, 0x4b, 0xfe, 0xd3, 0xc9, 0x64, 0x07, 0x3a,
-    0x0e, 0xe1, 0x72, 0xf3, 0xda, 0xa6, 0x23, 0x25, 0xaf, 0x02, 0x1a, 0x68, 0xf7, 0x07, 0x51, 0x1a,
-];
+use super::known::{Known, key, public, query, refused, signed, upload};
 
 fn provision(desk: &mut Desk) {
-    let answer = desk.ask_twice(&Request::Provision { public_key: KEY });
-    assert!(matches!(answer, Response::Identity(identity) if identity.key.is_some()));
+    let public_key = public(&key(1));
+    let Response::Identity(identity) = desk.ask_twice(&Request::Provision { public_key }) else {
+        panic!()
+    };
+    assert_eq!(identity.key, Some(key_id(&public_key)));
 }
 
+/// Unsigned.
+const UNSIGNED: Refusal = Refusal::Signature { code: 2 };
+
 fn is_unsigned(response: &Response) -> bool {
-    matches!(response, Response::Refused(Refusal::Signature { .. }))
+    *response == Response::Refused(UNSIGNED)
+}
+
+/// Signed by the key: everything works as without one, and the device says that it is signed.
+#[test]
+fn signed_models_come_in() {
+    let [old, new, _] = Known::three();
+    let [old, new] = [&old, &new].map(|known| signed(known, &key(1)));
+    let mut desk = Desk::default();
+    // Also one that came before there was a key, then without a name for it.
+    old.install(&mut desk);
+    assert!(!desk.identity().model.expect("a model").signed);
+    provision(&mut desk);
+    let mut desk = desk.restarted();
+    assert_eq!(desk.active(), Some(old.blob_crc));
+    assert!(desk.identity().model.expect("a model").signed);
+    new.install(&mut desk);
+    assert!(desk.identity().model.expect("a model").signed);
+    desk.ask_twice(&new.roll_back());
+    assert_eq!(desk.active(), Some(old.blob_crc));
+    let question = query(&[0.1, 0.2], 1.0);
+    let Response::Corrected(answer) = desk.ask(&Request::Correct(question.clone())) else {
+        panic!()
+    };
+    old.assert_corrected(&question, &answer);
+    let mut desk = desk.restarted();
+    assert_eq!(desk.not_started, [None, None]);
+    assert_eq!(desk.active(), Some(old.blob_crc));
+}
+
+#[test]
+fn what_is_signed_wrong_is_refused_and_says_why() {
+    let [old, new, _] = Known::three();
+    let mut desk = Desk::default();
+    provision(&mut desk);
+    signed(&old, &key(1)).install(&mut desk);
+    let before = desk.identity();
+    let refusal = |code| refused(Refusal::Signature { code });
+    let other = signed(&new, &key(2));
+    assert_eq!(upload(&mut desk, &new.bytes), refusal(2));
+    assert_eq!(upload(&mut desk, &other.bytes), refusal(3));
+    // Another model under the signature of a good one.
+    let good = signed(&new, &key(1));
+    let mut body = old.bytes.clone();
+    set_signed(&mut body, true);
+    let trailer = good.bytes[new.bytes.len()..].to_vec();
+    let forged = [body, trailer].concat();
+    assert_eq!(upload(&mut desk, &forged), refusal(4));
+    // Damage is called damage, signed or not.
+    for place in [30, good.bytes.len() - 20] {
+        let mut damaged = good.bytes.clone();
+        damaged[place] ^= 1;
+        let answer = upload(&mut desk, &damaged);
+        assert!(matches!(answer, Response::Refused(Refusal::Blob(_))));
+    }
+    let not_verified = refused(Refusal::NotVerified);
+    assert_eq!(desk.ask_twice(&Request::CommitUpload), not_verified);
+    assert_eq!(desk.identity(), before);
+    good.install(&mut desk);
+}
+
+#[test]
+fn what_is_no_key_is_not_taken() {
+    let mut desk = Desk::default();
+    // Not on the curve, of small order, not canonical.
+    let mut not_canonical = [0xff; 32];
+    (not_canonical[0], not_canonical[31]) = (0xee, 0x7f);
+    for public_key in [[7; 32], [0; 32], not_canonical] {
+        let request = Request::Provision { public_key };
+        assert_eq!(desk.ask_twice(&request), refused(Refusal::NotAKey));
+    }
+    assert_eq!(desk.identity().key, None);
+    provision(&mut desk);
 }
 
 #[test]
@@ -25,9 +99,8 @@ fn a_key_is_taken_once() {
     assert_eq!(desk.identity().key, None);
     provision(&mut desk);
     let id = desk.identity().key;
-    for bit in [0, 100, 255] {
-        let mut public_key = KEY;
-        public_key[bit / 8] ^= 1 << (bit % 8);
+    for seed in 2..5 {
+        let public_key = public(&key(seed));
         let answer = desk.ask_twice(&Request::Provision { public_key });
         assert_eq!(answer, refused(Refusal::KeyIsFixed));
     }
@@ -58,8 +131,7 @@ fn nothing_unsigned_comes_in_any_more() {
     new.assert_corrected(&question, &answer);
     assert!(!desk.identity().model.expect("the active one").signed);
     let mut desk = desk.restarted();
-    let unsigned = |refusal: &Option<Refusal>| matches!(refusal, Some(Refusal::Signature { .. }));
-    assert!(desk.not_started.iter().all(unsigned));
+    assert_eq!(desk.not_started, [Some(UNSIGNED); 2]);
     assert_eq!(desk.identity().model, None);
 }
 
@@ -105,7 +177,8 @@ fn a_damaged_key_takes_nothing() {
     // KeyDamaged of the store.
     let damaged = Refusal::Store { code: 15 };
     assert_eq!(new.upload(&mut desk), refused(damaged));
-    let answer = desk.ask_twice(&Request::Provision { public_key: KEY });
+    let public_key = public(&key(1));
+    let answer = desk.ask_twice(&Request::Provision { public_key });
     assert_eq!(answer, refused(damaged));
     let mut desk = desk.restarted();
     assert_eq!(desk.not_started, [Some(damaged), None]);

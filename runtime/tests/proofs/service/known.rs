@@ -1,6 +1,8 @@
 //! Models whose answers are known, and the requests that bring them onto the device.
 
+use ed25519_dalek::{Signer, SigningKey};
 use poegp_protocol::blob::{self, CRC};
+use poegp_protocol::envelope::{Trailer, key_id, set_signed};
 use poegp_protocol::link::{Corrected, Evaluation, MAX_PIECE, Query, Refusal, Request, Response};
 use poegp_runtime::model::Model;
 use poegp_runtime::status::Status;
@@ -146,4 +148,33 @@ pub fn upload(desk: &mut Desk, bytes: &[u8]) -> Response {
 
 pub fn refused(refusal: Refusal) -> Response {
     Response::Refused(refusal)
+}
+
+/// Made here, of a seed that everybody knows.
+pub fn key(seed: u8) -> SigningKey {
+    SigningKey::from_bytes(&[seed; 32])
+}
+
+pub fn public(key: &SigningKey) -> [u8; 32] {
+    key.verifying_key().to_bytes()
+}
+
+/// `known` signed by `key`.
+pub fn signed(known: &Known, key: &SigningKey) -> Known {
+    let mut bytes = known.bytes.clone();
+    set_signed(&mut bytes, true);
+    let trailer = Trailer {
+        key_id: key_id(&public(key)),
+        signature: key.sign(&bytes).to_bytes(),
+    };
+    bytes.extend(trailer.to_bytes());
+    let mut model = Model::new();
+    let decoded = blob::decode(&bytes).expect("a blob");
+    model.load(&decoded).expect("a model");
+    Known {
+        blob_crc: blob::stored_crc(&bytes).expect("a header"),
+        joints: known.joints,
+        model,
+        bytes,
+    }
 }

@@ -1,7 +1,9 @@
 //! The device as a whole, as far as it is pure: frames in, frames out, over a flash that knows the rules of NOR.
 
+mod cuts;
 mod cycles;
 mod desk;
+mod documentation;
 mod frames;
 mod keys;
 mod known;

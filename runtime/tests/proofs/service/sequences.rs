@@ -5,13 +5,17 @@ use poegp_runtime::status::Status;
 use proptest::prelude::*;
 
 use super::desk::Desk;
-use super::known::{Known, assert_as_it_came, begin, piece, query, refused};
+use super::known::{Known, assert_as_it_came, begin, key, piece, public, query, refused, signed};
 use crate::seeded::config;
 
 /// Pieces of a blob in these proofs.
 const PIECES: usize = 6;
 /// The blob that no device takes, behind the three that it does.
 const BROKEN: usize = 3;
+/// The only one that is signed.
+const SIGNED: usize = 2;
+/// What a device with a key says to the others.
+const UNSIGNED: Refusal = Refusal::Signature { code: 2 };
 
 /// What may come.
 #[derive(Clone, Debug)]
@@ -27,6 +31,7 @@ enum Step {
     /// From the active model, when there is one.
     RollBackHere,
     Bypass(bool),
+    Provision,
     Ask(usize),
     Identify,
     Restart,
@@ -44,7 +49,8 @@ fn steps() -> impl Strategy<Value = Vec<(Step, bool)>> {
         4 => (0..3_usize).prop_map(Step::Activate),
         1 => (0..3_usize).prop_map(Step::RollBack),
         2 => Just(Step::RollBackHere),
-        1 => any::<bool>().prop_map(Step::Bypass),
+        2 => any::<bool>().prop_map(Step::Bypass),
+        1 => Just(Step::Provision),
         4 => (0..5_usize).prop_map(Step::Ask),
         1 => Just(Step::Identify),
         1 => Just(Step::Restart),
@@ -67,6 +73,8 @@ struct Expected {
     slots: [Option<usize>; 2],
     first: usize,
     bypass: bool,
+    /// Whether a key is provisioned.
+    key: bool,
     activations: u32,
     refused: u32,
     cycles: u32,
@@ -99,6 +107,10 @@ impl Expected {
         (self.verified, self.committed) = (None, false);
     }
 
+    fn takes(&self, blob: usize) -> bool {
+        !self.key || blob == SIGNED
+    }
+
     fn run(&mut self, blob: usize) {
         self.spare = self.active.replace(blob);
         self.activations += 1;
@@ -115,14 +127,20 @@ impl Expected {
             .find_map(|slot| Some((slot, self.slots[slot]?)));
         let (slot, blob) = other.ok_or(Refusal::NoOtherModel)?;
         self.end_upload();
+        if !self.takes(blob) {
+            return Err(UNSIGNED);
+        }
         self.first = slot;
         self.run(blob);
         Ok(())
     }
 
     fn restart(&mut self) {
+        let stored = [self.slots[self.first], self.slots[1 - self.first]];
+        let mut stored = stored.into_iter().flatten();
         *self = Self {
-            active: self.slots[self.first].or(self.slots[1 - self.first]),
+            active: stored.find(|blob| self.takes(*blob)),
+            key: self.key,
             slots: self.slots,
             first: self.first,
             bypass: self.bypass,
@@ -142,7 +160,8 @@ struct Proof {
 
 impl Proof {
     fn new() -> Self {
-        let known = Known::three();
+        let [first, second, third] = Known::three();
+        let known = [first, second, signed(&third, &key(1))];
         let mut broken = known[1].bytes.clone();
         broken[100] ^= 8;
         let bytes = |index: usize| known[index].bytes.clone();
@@ -171,6 +190,7 @@ impl Proof {
             expected.active.map(|blob| self.known[blob].blob_crc)
         );
         assert_eq!(identity.bypass, expected.bypass);
+        assert_eq!(identity.key.is_some(), expected.key);
         for (place, (found, held)) in identity.slots.iter().zip(expected.slots).enumerate() {
             assert_eq!(
                 found.map(|stored| stored.length as usize),
@@ -218,6 +238,8 @@ impl Proof {
         } else if begun == BROKEN {
             self.expected.refused += 1;
             assert!(matches!(answer, Response::Refused(Refusal::Blob(_))));
+        } else if !self.expected.takes(begun) {
+            assert_eq!(answer, self.refuse(UNSIGNED));
         } else {
             let Response::Verified(model) = answer else {
                 panic!("{answer:?}")
@@ -334,6 +356,17 @@ impl Proof {
             Step::Bypass(on) => {
                 let answer = self.desk.ask(&Request::SetBypass { on: *on });
                 self.expected.bypass = *on;
+                self.check_identity(&answer);
+            }
+            Step::Provision => {
+                let public_key = public(&key(1));
+                let answer = self.desk.ask(&Request::Provision { public_key });
+                if !self.expected.key {
+                    // What was verified without it does not count.
+                    self.expected.key = true;
+                    self.expected.spare = None;
+                    (self.expected.verified, self.expected.committed) = (None, false);
+                }
                 self.check_identity(&answer);
             }
             Step::Ask(which) => {

@@ -255,6 +255,25 @@ fn a_stored_model_that_comes_again_is_known() {
     assert_eq!(slot_of(&mut desk, &old), None);
 }
 
+/// A model that is in memory and whose place in flash was taken is no longer thought to be there.
+#[test]
+fn a_model_that_was_overwritten_has_no_slot() {
+    let [old, new, third] = Known::three();
+    let mut desk = Desk::default();
+    old.install(&mut desk);
+    new.upload(&mut desk);
+    desk.ask(&Request::CommitUpload);
+    // `new` is first and was never active, so it is kept, and `third` takes the place of `old`.
+    third.upload(&mut desk);
+    desk.ask(&third.activate());
+    desk.ask(&Request::CommitUpload);
+    assert_eq!(slot_of(&mut desk, &old), None);
+    desk.ask(&old.activate());
+    // From it one goes back to the newest, which is now where `old` was.
+    desk.ask_twice(&old.roll_back());
+    assert_eq!(desk.active(), Some(third.blob_crc));
+}
+
 /// Power fails in the middle of a commit: the old model runs, before and after the restart.
 #[test]
 fn flash_that_fails_is_named() {
@@ -289,9 +308,10 @@ fn flash_that_blocks_waits_until_cycles_stop() {
     let operations = desk.flash.borrow().operations;
     third.upload(&mut desk);
     let running = refused(Refusal::CyclesRunning);
-    let key = Request::Provision {
-        public_key: [7; 32],
-    };
+    // The base point of the curve.
+    let mut public_key = [0x66; 32];
+    public_key[0] = 0x58;
+    let key = Request::Provision { public_key };
     for request in [&Request::CommitUpload, &new.roll_back(), &key] {
         assert_eq!(desk.ask_twice(request), running);
     }

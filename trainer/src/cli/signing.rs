@@ -1,0 +1,115 @@
+//! `trainer keys new`, `trainer sign` and `trainer verify`.
+
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
+
+use poegp_protocol::envelope;
+use poegp_runtime::signature::{self, SignatureError};
+
+use super::Failure;
+use super::arguments::{Keys, KeysCommand, Sign, Verify};
+use super::report::Report;
+use crate::error::InputError;
+use crate::loaded::LoadedBlob;
+use crate::output::{self, Readers};
+use crate::signing::{PublicKey, SecretKey, id_text};
+
+pub fn keys(a: &Keys) -> Result<(), Failure> {
+    let KeysCommand::New(new) = &a.command;
+    let (secret, public) = (with_suffix(&new.out, ".key"), with_suffix(&new.out, ".pub"));
+    for path in [&secret, &public] {
+        output::check_new(path)?;
+    }
+    let key = SecretKey::generate()
+        .map_err(|e| Failure::Usage(format!("no randomness for a key: {e}")))?;
+    output::write_new(&[
+        (&secret, key.to_text().as_bytes(), Readers::Owner),
+        (&public, key.public().to_text().as_bytes(), Readers::All),
+    ])?;
+    let report = Report::beside(&[]);
+    report.line(format_args!("key {}", id_text(&key.public().id())));
+    report.line(format_args!(
+        "  {}: secret, signs models; keep it where nobody else reads it",
+        secret.display()
+    ));
+    report.line(format_args!(
+        "  {}: public, verifies them; the device gets this one",
+        public.display()
+    ));
+    Ok(())
+}
+
+pub fn sign(a: &Sign) -> Result<(), Failure> {
+    let out = a.out.as_ref().unwrap_or(&a.blob);
+    output::check(out)?;
+    if let (Ok(out_place), Ok(key)) = (std::fs::canonicalize(out), std::fs::canonicalize(&a.key))
+        && out_place == key
+    {
+        let expected = "another file for the signed blob";
+        return Err(InputError::new(out, "the key", expected).into());
+    }
+    let key = SecretKey::read(&a.key)?;
+    note_when_others_read(&a.key);
+    let loaded = LoadedBlob::read(&a.blob)?;
+    let signed = key.sign(loaded.bytes()).map_err(|e| {
+        let expected = "a model blob written by `trainer calibrate`";
+        InputError::new(&a.blob, e.to_string(), expected)
+    })?;
+    output::write(out, &signed)?;
+    let before = match envelope::open(loaded.bytes()).ok().and_then(|e| e.trailer) {
+        Some(trailer) => format!(" instead of key {}", id_text(&trailer.key_id)),
+        None => String::new(),
+    };
+    Report::beside(&[]).line(format_args!(
+        "{}: signed by key {}{before}",
+        out.display(),
+        id_text(&key.public().id())
+    ));
+    Ok(())
+}
+
+pub fn verify(a: &Verify) -> Result<(), Failure> {
+    let key = PublicKey::read(&a.public_key)?;
+    let expected = "a model blob written by `trainer sign`";
+    let bytes =
+        std::fs::read(&a.blob).map_err(|e| InputError::unreadable(&a.blob, &e, expected))?;
+    let id = id_text(&key.id());
+    let refused = |why: &dyn std::fmt::Display| {
+        Failure::Refused(format!(
+            "{}: not verified by key {id}: {why}",
+            a.blob.display()
+        ))
+    };
+    match (
+        signature::verify(&bytes, key.bytes()),
+        envelope::open(&bytes),
+    ) {
+        (Ok(()), _) => {}
+        (Err(SignatureError::Malformed), Err(error)) => return Err(refused(&error)),
+        (Err(error), _) => return Err(refused(&error)),
+    }
+    Report::beside(&[]).line(format_args!("{}: signed by key {id}", a.blob.display()));
+    Ok(())
+}
+
+/// `path` with `suffix` behind its name, which may have dots of its own.
+fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
+    let mut name = OsString::from(path);
+    name.push(suffix);
+    name.into()
+}
+
+/// A copied key has the permissions of any file.
+fn note_when_others_read(path: &Path) {
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        let mode = std::fs::metadata(path).map(|there| there.permissions().mode());
+        if mode.is_ok_and(|mode| mode & 0o077 != 0) {
+            let path = path.display();
+            eprintln!("note: {path}: others may read this secret key (chmod 600 {path})");
+        }
+    }
+    #[cfg(not(unix))]
+    let _ = path;
+}

@@ -1,0 +1,198 @@
+//! Keys and signatures: made, used, refused, and never shown.
+
+use crate::program::{Folder, Outcome, SERIAL, simulated};
+
+/// A blob and two pairs of keys.
+fn folder() -> Folder {
+    let folder = Folder::new();
+    folder.write("train.csv", simulated("train", 12));
+    let line = format!("calibrate --robot {SERIAL} train.csv --model poe --out arm.blob");
+    folder.run(&line).ok();
+    for name in ["ours", "theirs"] {
+        folder.run(&format!("keys new --out {name}")).ok();
+    }
+    folder
+}
+
+/// Ended with exit code 1, and said why.
+#[track_caller]
+fn not_verified(outcome: &Outcome, why: &str) {
+    assert_eq!(outcome.code, Some(1), "{outcome:#?}");
+    assert!(outcome.stdout.is_empty(), "{outcome:#?}");
+    assert!(outcome.stderr.contains(why), "{outcome:#?}");
+}
+
+fn key_id(folder: &Folder, name: &str) -> String {
+    let text = folder.text(&format!("{name}.pub"));
+    text.lines().nth(1).unwrap()[..16].to_owned()
+}
+
+#[test]
+fn keys_are_made_once_and_never_shown() {
+    let folder = Folder::new();
+    let made = folder.run("keys new --out cell.7").ok();
+    assert_eq!(folder.names(), ["cell.7.key", "cell.7.pub"]);
+    let (secret, public) = (folder.text("cell.7.key"), folder.text("cell.7.pub"));
+    for (text, title) in [
+        (&secret, "poegp secret key, "),
+        (&public, "poegp public key, "),
+    ] {
+        let lines: Vec<&str> = text.lines().collect();
+        assert!(lines[0].starts_with(title) && lines.len() == 2, "{title}");
+        assert_eq!(lines[1].len(), 64);
+    }
+    assert!(made.stdout.contains(&key_id(&folder, "cell.7")));
+    let digits = secret.lines().nth(1).unwrap();
+    for text in [&made.stdout, &made.stderr] {
+        assert!(!text.contains(&digits[..8]), "a secret is shown");
+    }
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        let mode = |name| folder.path(name).metadata().unwrap().permissions().mode() & 0o777;
+        assert_eq!(mode("cell.7.key"), 0o600);
+    }
+    // Neither is overwritten, and no half of a pair is made.
+    folder
+        .run("keys new --out cell.7")
+        .refused(&["cell.7.key: found a file that exists"]);
+    std::fs::remove_file(folder.path("cell.7.key")).unwrap();
+    folder
+        .run("keys new --out cell.7")
+        .refused(&["cell.7.pub: found a file that exists"]);
+    assert_eq!(folder.names(), ["cell.7.pub"]);
+    assert_eq!(folder.text("cell.7.pub"), public);
+    folder
+        .run("keys new --out no/folder")
+        .refused(&["no/folder.key: found no folder"]);
+}
+
+#[test]
+fn a_signed_blob_is_verified_and_read_as_before() {
+    let folder = folder();
+    folder
+        .run("sign arm.blob --key ours.key --out signed.blob")
+        .ok();
+    let (plain, signed) = (folder.read("arm.blob"), folder.read("signed.blob"));
+    assert_eq!(signed.len(), plain.len() + 76);
+    let verified = folder.run("verify signed.blob --public-key ours.pub").ok();
+    assert!(verified.stdout.contains(&key_id(&folder, "ours")));
+    // The model is the same for every other command.
+    for blob in ["arm", "signed"] {
+        let line = format!("evaluate {blob}.blob train.csv --predictions {blob}.csv");
+        folder.run(&line).ok();
+    }
+    assert_eq!(folder.read("arm.csv"), folder.read("signed.csv"));
+    let facts = |blob: &str| {
+        folder
+            .run(&format!("inspect {blob}.blob --json -"))
+            .ok()
+            .json()
+    };
+    let (before, after) = (facts("arm"), facts("signed"));
+    assert_eq!(before["signed_by"], serde_json::Value::Null);
+    assert_eq!(after["signed_by"], key_id(&folder, "ours"));
+    assert_eq!(before["correction"], after["correction"]);
+    let text = |blob: &str| folder.run(&format!("inspect {blob}.blob")).ok().stdout;
+    assert!(text("arm").contains("\n  not signed\n"));
+    assert!(text("signed").contains(&format!("signed by key {}", key_id(&folder, "ours"))));
+}
+
+/// In place, again, and by another key: always one signature, and always the same by the same key.
+#[test]
+fn signing_again_replaces_the_signature() {
+    let folder = folder();
+    folder.run("sign arm.blob --key ours.key").ok();
+    let once = folder.read("arm.blob");
+    folder.run("sign arm.blob --key ours.key").ok();
+    assert_eq!(folder.read("arm.blob"), once);
+    let replaced = folder.run("sign arm.blob --key theirs.key").ok().stdout;
+    assert!(replaced.contains(&format!("instead of key {}", key_id(&folder, "ours"))));
+    assert_eq!(folder.read("arm.blob").len(), once.len());
+    folder.run("verify arm.blob --public-key theirs.pub").ok();
+    let outcome = folder.run("verify arm.blob --public-key ours.pub");
+    not_verified(&outcome, "signed by another key");
+}
+
+#[test]
+fn what_is_not_signed_by_the_key_is_not_verified() {
+    let folder = folder();
+    let verify = |blob: &str| folder.run(&format!("verify {blob} --public-key ours.pub"));
+    not_verified(&verify("arm.blob"), "the blob is not signed");
+    folder
+        .run("sign arm.blob --key ours.key --out signed.blob")
+        .ok();
+    let signed = folder.read("signed.blob");
+    for at in [
+        0,
+        9,
+        10,
+        13,
+        17,
+        100,
+        signed.len() - 70,
+        signed.len() - 40,
+        signed.len() - 1,
+    ] {
+        let mut changed = signed.clone();
+        changed[at] ^= 0x10;
+        folder.write("changed.blob", changed);
+        assert_eq!(verify("changed.blob").code, Some(1), "byte {at}");
+    }
+    not_verified(&verify("train.csv"), "not a model blob");
+    // Bad input is something else.
+    verify("none.blob").refused(&["none.blob: found no such file"]);
+    folder
+        .run("verify signed.blob --public-key none.pub")
+        .refused(&["none.pub: found no such file"]);
+    folder
+        .run("verify signed.blob --public-key ours.key")
+        .refused(&["ours.key: found a secret key, expected a public key"]);
+}
+
+#[test]
+fn what_cannot_be_signed_or_written_is_refused() {
+    let folder = folder();
+    let mut damaged = folder.read("arm.blob");
+    damaged[100] ^= 1;
+    folder.write("damaged.blob", damaged);
+    let (names, key) = (folder.names(), folder.read("ours.key"));
+    for (line, found) in [
+        (
+            "damaged.blob --key ours.key",
+            "damaged.blob: found blob is damaged",
+        ),
+        ("none.blob --key ours.key", "none.blob: found no such file"),
+        ("arm.blob --key ours.pub", "ours.pub: found a public key"),
+        ("arm.blob --key arm.blob", "arm.blob: found "),
+        (
+            "arm.blob --key train.csv",
+            "train.csv: found another kind of file",
+        ),
+        (
+            "arm.blob --key ours.key --out ours.key",
+            "ours.key: found the key",
+        ),
+        (
+            "arm.blob --key ours.key --out no/x.blob",
+            "no/x.blob: found no folder",
+        ),
+    ] {
+        folder.run(&format!("sign {line}")).refused(&[found]);
+        assert_eq!(folder.names(), names, "{line}");
+    }
+    assert_eq!(folder.read("ours.key"), key);
+}
+
+#[cfg(unix)]
+#[test]
+fn a_secret_that_others_may_read_is_noted() {
+    use std::os::unix::fs::PermissionsExt;
+    let folder = folder();
+    let quiet = folder.run("sign arm.blob --key ours.key").ok();
+    assert!(quiet.stderr.is_empty(), "{quiet:?}");
+    let permissions = std::fs::Permissions::from_mode(0o644);
+    std::fs::set_permissions(folder.path("ours.key"), permissions).unwrap();
+    let noted = folder.run("sign arm.blob --key ours.key").ok();
+    assert!(noted.stderr.contains("others may read this secret key"));
+}
