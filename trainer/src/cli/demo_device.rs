@@ -138,7 +138,15 @@ mod board {
                 ));
             }
             report.table(
-                &["commands", "mean mm", "p95", "max", "mean mrad", "p95", "max"],
+                &[
+                    "commands",
+                    "mean mm",
+                    "p95",
+                    "max",
+                    "mean mrad",
+                    "p95",
+                    "max",
+                ],
                 &rows,
             );
             report.line("");
@@ -207,8 +215,7 @@ mod board {
             .iter()
             .map(|frame| Pose::<f32>::from_rows(frame).cast())
             .collect();
-        Poe::new(&kinds, &frames)
-            .map_err(|error| Failure::Usage(error.to_string()))
+        Poe::new(&kinds, &frames).map_err(|error| Failure::Usage(error.to_string()))
     }
 
     fn row(name: &str, errors: &[PoseError]) -> Vec<String> {

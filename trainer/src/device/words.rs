@@ -101,11 +101,18 @@ fn model(code: u8) -> String {
     }
 }
 
+/// A model that nobody the device trusts has signed; the codes are those of the runtime's `SignatureError`.
 fn signature(code: u8) -> String {
-    format!(
-        "the signature is missing or not by the provisioned key (code {code}); sign the model with \
-         `trainer sign`"
-    )
+    let words = match code {
+        1 => "the model is damaged",
+        2 => {
+            "the model is not signed, and this device takes only signed ones; `trainer sign` signs it"
+        }
+        3 => "the model is signed by another key than the provisioned one",
+        4 => "the signature does not fit the model and the provisioned key",
+        _ => return format!("signature error {code}, which this trainer does not know"),
+    };
+    words.to_owned()
 }
 
 /// A flash that did not do what was asked.
@@ -206,6 +213,9 @@ mod tests {
     fn every_code_has_words() {
         for code in 1..=14 {
             assert!(!model(code).contains("does not know"), "{code}");
+        }
+        for code in 1..=4 {
+            assert!(!signature(code).contains("does not know"), "{code}");
         }
         for code in 1..=16 {
             assert!(!store(code).contains("does not know"), "{code}");
