@@ -92,8 +92,9 @@ pub unsafe extern "C" fn poegp_load(model: *mut Model, blob: *const u8, length: 
 }
 
 /// As `poegp_load`, and refuses what is not signed by the Ed25519 key `public_key` of 32 bytes.
+/// Takes some kilobytes of stack more, and millions of instructions.
 ///
-/// Errors: as `poegp_load`, and 300 + n for the signature.
+/// Errors: as `poegp_load`, and POEGP_SIGNATURE_ codes.
 ///
 /// # Safety
 /// As `poegp_load`; `public_key` leads to 32 bytes.
@@ -114,7 +115,7 @@ pub unsafe extern "C" fn poegp_load_signed(
 
 /// Whether a blob is intact and signed by `public_key` of 32 bytes, without a model.
 ///
-/// Errors: POEGP_ERROR_ codes, POEGP_BLOB_ codes, 300 + n for the signature.
+/// Errors: POEGP_ERROR_ codes, POEGP_BLOB_ codes, POEGP_SIGNATURE_ codes.
 ///
 /// # Safety
 /// `blob` leads to `length` bytes, `public_key` to 32.

@@ -72,6 +72,15 @@ pub const POEGP_MODEL_RIPPLE: i32 = 213;
 /// The payload groups do not add up to the support.
 pub const POEGP_MODEL_GROUPS: i32 = 214;
 
+/// Signed or not: the envelope is damaged.
+pub const POEGP_SIGNATURE_MALFORMED: i32 = 301;
+/// Nobody has signed the blob.
+pub const POEGP_SIGNATURE_UNSIGNED: i32 = 302;
+/// The blob is signed by another key.
+pub const POEGP_SIGNATURE_WRONG_KEY: i32 = 303;
+/// The signature is not one of these bytes by this key, or the key is none.
+pub const POEGP_SIGNATURE_INVALID: i32 = 304;
+
 /// What the numbers of `LoadError` begin after.
 const MODEL: i32 = 200;
 /// What the numbers of `SignatureError` begin after.

@@ -38,8 +38,12 @@ pub fn of(code: i32) -> &'static CStr {
         POEGP_MODEL_GRAVITY => c"the gravity terms do not fit the number of joints",
         POEGP_MODEL_RIPPLE => c"a gear ripple term is not usable",
         POEGP_MODEL_GROUPS => c"the payload groups do not add up to the support",
+        POEGP_SIGNATURE_MALFORMED => c"the envelope of the signed blob is damaged",
+        POEGP_SIGNATURE_UNSIGNED => c"the blob is not signed",
+        POEGP_SIGNATURE_WRONG_KEY => c"the blob is signed by another key",
+        POEGP_SIGNATURE_INVALID => c"the signature does not fit the blob and the key",
         _ if (201..300).contains(&code) => c"the numbers of the model are not usable",
-        _ if (300..400).contains(&code) => c"the signature is missing, damaged or by another key",
+        _ if (300..400).contains(&code) => c"the signature is not usable",
         _ => c"not a code of this version",
     }
 }

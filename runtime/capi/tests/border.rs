@@ -5,10 +5,11 @@ use std::ffi::{CStr, c_char};
 use std::mem::{MaybeUninit, offset_of};
 use std::ptr::{null, null_mut};
 
+use ed25519_compact::{KeyPair, Seed};
 use poegp_capi::codes::*;
 use poegp_capi::types::*;
 use poegp_capi::*;
-use poegp_protocol::blob;
+use poegp_protocol::{blob, envelope};
 use poegp_runtime::load_error::LoadError;
 use poegp_runtime::model::{Model as Arm, words_for};
 
@@ -325,26 +326,66 @@ fn edited(change: impl Fn(&mut blob::Blob<'_>)) -> Vec<u8> {
     blob::encode(&blob, &mut buffer).unwrap().to_vec()
 }
 
+/// The blob, signed.
+fn signed(keys: &KeyPair) -> Vec<u8> {
+    let mut bytes = BLOB.to_vec();
+    envelope::set_signed(&mut bytes, true);
+    let signature = keys.sk.sign(&bytes, None);
+    let trailer = envelope::Trailer {
+        key_id: envelope::key_id(&keys.pk),
+        signature: *signature,
+    };
+    bytes.extend(trailer.to_bytes());
+    bytes
+}
+
 #[test]
-fn unsigned_blobs_are_refused_where_a_signature_is_asked_for() {
+fn a_signature_is_asked_for_and_verified() {
+    let [ours, theirs] = [7, 8].map(|seed| KeyPair::from_seed(Seed::new([seed; 32])));
     let mut memory = Memory::zeroed();
     let model = memory.init();
-    let key = [7_u8; 32];
-    // SAFETY: lengths are those of the slices.
-    let code = unsafe { poegp_load_signed(model, BLOB.as_ptr(), BLOB.len(), key.as_ptr()) };
-    assert!((301..400).contains(&code), "{code}");
-    // SAFETY: the same.
-    assert_eq!(
-        unsafe { poegp_verify(BLOB.as_ptr(), BLOB.len(), key.as_ptr()) },
-        code
-    );
-    // SAFETY: the same; damage has its own name.
-    let code = unsafe { poegp_verify(BLOB.as_ptr(), BLOB.len() - 1, key.as_ptr()) };
-    assert_eq!(code, POEGP_BLOB_TRUNCATED);
+    let refused = |bytes: &[u8], expected| {
+        let (start, length, key) = (bytes.as_ptr(), bytes.len(), ours.pk.as_ptr());
+        // SAFETY: lengths are those of the slices.
+        assert_eq!(unsafe { poegp_verify(start, length, key) }, expected);
+        // SAFETY: the same.
+        assert_eq!(
+            unsafe { poegp_load_signed(model, start, length, key) },
+            expected
+        );
+    };
+    let good = signed(&ours);
+    let changed = |at: usize, seal: bool| {
+        let mut bytes = good.clone();
+        bytes[at] ^= 1;
+        if seal {
+            let (body, trailer) = bytes.split_at_mut(good.len() - envelope::TRAILER_LENGTH);
+            let crc = blob::blob_crc(&body[..16], &body[blob::HEADER_LENGTH..]);
+            body[16..20].copy_from_slice(&crc.to_le_bytes());
+            let (fields, crc) = trailer.split_at_mut(envelope::TRAILER_LENGTH - 4);
+            crc.copy_from_slice(&blob::CRC.checksum(fields).to_le_bytes());
+        }
+        bytes
+    };
+    refused(BLOB, POEGP_SIGNATURE_UNSIGNED);
+    refused(&signed(&theirs), POEGP_SIGNATURE_WRONG_KEY);
+    refused(&good[..good.len() - 1], POEGP_BLOB_TRUNCATED);
+    refused(&changed(1_000, false), POEGP_BLOB_CRC_MISMATCH);
+    // The last byte of a weight, and a bit of the signature, with checksums that fit.
+    refused(&changed(BLOB.len() - 10, true), POEGP_SIGNATURE_INVALID);
+    refused(&changed(good.len() - 30, true), POEGP_SIGNATURE_INVALID);
     // SAFETY: refused before it is read.
-    let code = unsafe { poegp_load_signed(model, BLOB.as_ptr(), BLOB.len(), null()) };
+    let code = unsafe { poegp_load_signed(model, good.as_ptr(), good.len(), null()) };
     assert_eq!(code, POEGP_ERROR_NULL);
     assert_eq!(identify(model).1.joints, 0);
+    refused(&good, POEGP_OK);
+    assert_eq!(
+        (identify(model).1.joints, identify(model).1.is_signed),
+        (6, 1)
+    );
+    // Without a key the same blob is as good as any.
+    assert_eq!(load(model, &good), POEGP_OK);
+    assert_eq!(identify(model).1.is_signed, 0);
 }
 
 #[test]
@@ -386,10 +427,10 @@ fn every_code_has_words() {
         .chain([99])
         .chain(101..=107)
         .chain(201..=214)
-        .chain([301]);
+        .chain(301..=304);
     let mut seen: Vec<String> = known.map(words).collect();
     assert!(!seen.contains(&unknown));
     seen.sort();
     seen.dedup();
-    assert_eq!(seen.len(), 7 + 1 + 7 + 14 + 1, "{seen:#?}");
+    assert_eq!(seen.len(), 7 + 1 + 7 + 14 + 4, "{seen:#?}");
 }
