@@ -44,7 +44,7 @@ static const struct command commands[] = {
     {0, {0.0f}, 1.0f},
 };
 
-static void print_hex(print_t print, uint32_t word)
+static inline void print_hex(print_t print, uint32_t word)
 {
     char text[10] = " ";
     for (int digit = 0; digit < 8; digit++) {
@@ -53,7 +53,7 @@ static void print_hex(print_t print, uint32_t word)
     print(text);
 }
 
-static void print_number(print_t print, uint32_t number)
+static inline void print_number(print_t print, uint32_t number)
 {
     char text[12];
     int at = sizeof text - 1;
@@ -66,7 +66,7 @@ static void print_number(print_t print, uint32_t number)
     print(&text[at]);
 }
 
-static void print_bits(print_t print, const float *values, size_t count)
+static inline void print_bits(print_t print, const float *values, size_t count)
 {
     for (size_t index = 0; index < count; index++) {
         uint32_t bits;
@@ -75,7 +75,7 @@ static void print_bits(print_t print, const float *values, size_t count)
     }
 }
 
-static void print_answer(print_t print, const char *verb, const struct command *command, int32_t code, uint32_t status)
+static inline void print_answer(print_t print, const char *verb, const struct command *command, int32_t code, uint32_t status)
 {
     print(verb);
     print_bits(print, command->joints, command->count);
@@ -85,7 +85,7 @@ static void print_answer(print_t print, const char *verb, const struct command *
     print_number(print, status);
 }
 
-static void show_answers(const poegp_model_t *model, print_t print)
+static inline void show_answers(const poegp_model_t *model, print_t print)
 {
     for (size_t index = 0; index < sizeof commands / sizeof commands[0]; index++) {
         const struct command *command = &commands[index];
@@ -107,7 +107,7 @@ static void show_answers(const poegp_model_t *model, print_t print)
 }
 
 /* Initialises a model, loads the blob and says whose it is; null when something is wrong, which is printed. */
-static poegp_model_t *load(void *memory, size_t bytes, const uint8_t *blob, size_t length, print_t print)
+static inline poegp_model_t *load(void *memory, size_t bytes, const uint8_t *blob, size_t length, print_t print)
 {
     poegp_model_t *model;
     int32_t code = poegp_api_version() == POEGP_API_VERSION ? POEGP_OK : POEGP_ERROR_OTHER;

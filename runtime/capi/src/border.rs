@@ -7,7 +7,9 @@ use core::ffi::{c_char, c_void};
 
 use poegp_protocol::blob;
 use poegp_protocol::limits::MAX_JOINTS;
+use poegp_protocol::link::Refusal;
 use poegp_runtime::se3::Pose;
+use poegp_runtime::service::Resident;
 use poegp_runtime::signature;
 
 use crate::codes::{
@@ -18,7 +20,7 @@ use crate::memory::{self, Joints, apart, usable};
 use crate::text;
 use crate::types::{
     Corrected, Evaluation, Identity, Model, POEGP_API_VERSION, POEGP_MODEL_ALIGN, POEGP_NAME_BYTES,
-    POEGP_STATUS_BAD_INPUT, POEGP_STATUS_NO_MODEL,
+    POEGP_STATUS_BAD_INPUT, POEGP_STATUS_NO_MODEL, WORDS,
 };
 
 /// Bytes of a model in this build of the library; at most POEGP_MODEL_BYTES.
@@ -87,8 +89,9 @@ pub unsafe extern "C" fn poegp_init(
 /// `model` comes from `poegp_init` and nobody else uses it during the call; `blob` leads to `length` bytes.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn poegp_load(model: *mut Model, blob: *const u8, length: usize) -> i32 {
-    // SAFETY: the same contract; no key.
-    unsafe { load(model, blob, length, None) }
+    // SAFETY: the same contract.
+    unsafe { load(model, blob, length, Resident::load_unverified) }
+}
 }
 
 /// As `poegp_load`, and refuses what is not signed by the Ed25519 key `public_key` of 32 bytes.
@@ -108,7 +111,7 @@ pub unsafe extern "C" fn poegp_load_signed(
     // SAFETY: the same contract.
     match unsafe { key(public_key) } {
         // SAFETY: the same contract.
-        Ok(key) => unsafe { load(model, blob, length, Some(key)) },
+        Ok(key) => unsafe { load(model, blob, length, |resident, bytes| resident.load(bytes, Some(key))) },
         Err(code) => code,
     }
 }
@@ -151,7 +154,12 @@ unsafe fn key<'a>(start: *const u8) -> Result<&'a [u8; 32], i32> {
 
 /// # Safety
 /// As `poegp_load`.
-unsafe fn load(model: *mut Model, start: *const u8, length: usize, key: Option<&[u8; 32]>) -> i32 {
+unsafe fn load(
+    model: *mut Model,
+    start: *const u8,
+    length: usize,
+    take: impl FnOnce(&mut Resident<WORDS>, &[u8]) -> Result<(), Refusal>,
+) -> i32 {
     // SAFETY: the same contract.
     let bytes = match unsafe { memory::bytes(start, length) } {
         Ok(bytes) => bytes,
@@ -162,7 +170,7 @@ unsafe fn load(model: *mut Model, start: *const u8, length: usize, key: Option<&
     }
     // SAFETY: the same contract.
     match unsafe { memory::model_mut(model) } {
-        Ok(model) => match model.resident.load(bytes, key) {
+        Ok(model) => match take(&mut model.resident, bytes) {
             Ok(()) => POEGP_OK,
             Err(refusal) => of_refusal(&refusal),
         },

@@ -38,6 +38,8 @@ pub const POEGP_STATUS_CORRECTION_REFUSED: u32 = 32;
 
 /// Support points of the longest row that fit; a model of six joints has room for half as many again and more.
 const POINTS: usize = 400;
+/// Room for their rows.
+pub(crate) const WORDS: usize = words_for(POINTS);
 
 /// A model in the caller's memory. Made by `poegp_init`; what is in it is of no concern to C.
 ///
@@ -47,7 +49,7 @@ const POINTS: usize = 400;
 pub struct Model {
     /// [`MARK`] once it is a model.
     pub(crate) mark: u32,
-    pub(crate) resident: Resident<{ words_for(POINTS) }>,
+    pub(crate) resident: Resident<WORDS>,
 }
 
 /// What initialised memory begins with: `poegp_load` on a variable that was only zeroed is refused.

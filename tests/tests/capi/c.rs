@@ -138,13 +138,16 @@ pub fn compile(machine: Machine, source: &Path, folders: &[&Path], program: &Pat
                 "-ffunction-sections",
                 "-fdata-sections",
             ])
-            .args(["-nostartfiles", "-Wl,--gc-sections", "-T"])
+            .args(["-nostartfiles", "-Wl,--gc-sections,-z,noexecstack", "-T"])
             .arg(capi().join("examples/device.ld")),
     };
-    command.arg(source).arg(library(machine));
+    command.arg(source);
     match machine {
-        Machine::Host => command.args(["-lpthread", "-ldl", "-lm"]),
-        Machine::Device => command.arg("-lm"),
+        Machine::Host => command
+            .arg(library(machine))
+            .args(["-lpthread", "-ldl", "-lm"]),
+        // newlib first: the Rust library has weak functions of the same names (expf, memcpy, …).
+        Machine::Device => command.arg("-lm").arg(library(machine)),
     };
     finish(command.arg("-o").arg(program), remedy);
 }
