@@ -1,10 +1,11 @@
-//! One damped Newton step towards a pose: what the solver of corrected joints is made of.
+//! Damped Newton steps towards a pose: what the solver of corrected joints is made of.
 //!
 //! Errors and Jacobians are hybrid: the displacement of the target's origin in metres and the rotation in radians, both
-//! along the axes of the base. A step solves min |W (J d − e)|² + λ |d|², W = diag(1, 1, 1, w, w, w), by the factors
-//! L D Lᵀ of a 6×6 matrix: of JᵀW²J + λI for up to six joints, of W J JᵀW + λI for more, where the other one would be
-//! singular but for λ. Both are the same step. No pivot is taken below λ, so that singular arms give finite steps.
+//! along the axes of the base, the rotation times a weight w. A step solves min |J d − e|² + λ |d|² by L D Lᵀ of a 6×6
+//! matrix: JᵀJ + λI for up to six joints, J Jᵀ + λI for more, where the other one would be singular but for λ. Both
+//! give the same step. No pivot is taken below λ, so that the steps of singular arms are finite.
 
+use nalgebra::Vector3;
 use poegp_protocol::JointKind;
 use poegp_protocol::limits::MAX_JOINTS;
 
@@ -12,27 +13,31 @@ use crate::deflection::{CouplingMatrix, PerJoint};
 use crate::scalar::Scalar;
 use crate::se3::{Pose, cross, dot, subtract};
 
-/// Rows of the hybrid Jacobian: three of the position (m per rad or m), three of the rotation; columns are joints.
-pub type Rows<T> = [PerJoint<T>; 6];
+/// Displacement in metres and rotation in radians times w.
+pub type Hybrid<T> = [T; 6];
+
+/// The hybrid Jacobian by columns, one for each of the controller's joints; beyond the last joint zeros.
+pub type Columns<T> = [Hybrid<T>; MAX_JOINTS];
 
 /// Joints up to which the normal equations are those of the joints.
 const EQUATIONS: usize = 6;
 
-/// How `pose` must be displaced (m) and turned (rad) to be `target`, for angles of a few degrees.
-#[inline(always)]
-pub fn pose_error<T: Scalar>(target: &Pose<T>, pose: &Pose<T>) -> [T; 6] {
+/// How `pose` must be displaced and turned to be `target`, for angles of a few degrees.
+#[inline(never)]
+pub fn pose_error<T: Scalar>(target: &Pose<T>, pose: &Pose<T>, rotation_weight: T) -> Hybrid<T> {
     let moved = subtract(&target.translation, &pose.translation);
     // ½ Σ r_k × r′_k over the columns is the axis times sin θ; differences first, which do not cancel.
+    let (from, to) = (&pose.rotation, &target.rotation);
     let mut turned = [T::ZERO; 3];
     for k in 0..3 {
-        let from = pose.rotation.column(k).into_owned();
-        let to = target.rotation.column(k).into_owned();
-        let part = cross(&from, &subtract(&to, &from));
-        for (sum, value) in turned.iter_mut().zip(part.iter()) {
-            *sum += *value;
-        }
+        let r = Vector3::new(from[(0, k)], from[(1, k)], from[(2, k)]);
+        let difference = Vector3::new(to[(0, k)] - r[0], to[(1, k)] - r[1], to[(2, k)] - r[2]);
+        let part = cross(&r, &difference);
+        turned[0] += part[0];
+        turned[1] += part[1];
+        turned[2] += part[2];
     }
-    let half = T::from_f64(0.5);
+    let half = T::from_f64(0.5) * rotation_weight;
     [
         moved[0],
         moved[1],
@@ -43,194 +48,227 @@ pub fn pose_error<T: Scalar>(target: &Pose<T>, pose: &Pose<T>) -> [T; 6] {
     ]
 }
 
-/// The hybrid Jacobian at `point` (m, base frame) by the controller's joints, from the frames of the serial joints;
-/// columns beyond the last joint stay as they are.
-#[inline(never)]
-pub fn jacobian<T: Scalar>(
-    kinds: &[JointKind],
-    frames: &[Pose<T>; MAX_JOINTS],
-    point: &nalgebra::Vector3<T>,
-    coupling: Option<&CouplingMatrix<T>>,
-    out: &mut Rows<T>,
-) {
-    for (i, (kind, frame)) in kinds.iter().zip(frames).enumerate() {
-        let axis = frame.rotation.column(2).into_owned();
-        let arm = subtract(point, &frame.translation);
-        let turning = cross(&axis, &arm);
-        let column = match kind {
-            JointKind::Revolute => [
-                turning[0], turning[1], turning[2], axis[0], axis[1], axis[2],
-            ],
-            JointKind::Prismatic => [axis[0], axis[1], axis[2], T::ZERO, T::ZERO, T::ZERO],
-        };
-        for (row, value) in out.iter_mut().zip(column) {
-            // i < MAX_JOINTS; the remainder says so to the compiler.
-            row[i % MAX_JOINTS] = value;
-        }
-    }
-    if let Some(coupling) = coupling {
-        for row in out {
-            let serial = *row;
-            *row = [T::ZERO; MAX_JOINTS];
-            for (value, weights) in serial.iter().zip(coupling) {
-                for (sum, weight) in row.iter_mut().zip(weights) {
-                    *sum += *value * *weight;
-                }
-            }
-        }
-    }
-}
-
-/// J d: displacement and rotation to first order.
-#[inline(never)]
-pub fn displaced<T: Scalar>(rows: &Rows<T>, d: &PerJoint<T>) -> [T; 6] {
-    let mut out = [T::ZERO; 6];
-    for (sum, row) in out.iter_mut().zip(rows) {
-        *sum = crate::kernel::inner_product(row, d);
-    }
-    out
-}
-
-/// |position|² and |rotation|² of an error.
+/// |displacement|² and |rotation|².
 #[inline(always)]
-pub fn squares<T: Scalar>(error: &[T; 6]) -> (T, T) {
-    let v = |a: usize| nalgebra::Vector3::new(error[a], error[a + 1], error[a + 2]);
+pub fn squares<T: Scalar>(hybrid: &Hybrid<T>) -> (T, T) {
+    let v = |a: usize| Vector3::new(hybrid[a], hybrid[a + 1], hybrid[a + 2]);
     let (p, r) = (v(0), v(3));
     (dot(&p, &p), dot(&r, &r))
 }
 
-/// The damped normal equations at one place, factored: any number of errors can be taken away with them.
-#[derive(Clone, Copy, Debug)]
-pub struct Normal<T> {
-    joints: usize,
-    rotation_weight: T,
-    /// L below the diagonal.
-    lower: [[T; EQUATIONS]; EQUATIONS],
-    /// Reciprocals of D.
-    reciprocal: [T; EQUATIONS],
+/// Σ|d|, which bounds every joint's share.
+#[inline(never)]
+pub fn length<T: Scalar>(d: &PerJoint<T>) -> T {
+    let mut sum = T::ZERO;
+    for value in d {
+        sum += value.abs();
+    }
+    sum
 }
 
-impl<T: Scalar> Normal<T> {
-    /// Nothing factored yet, for an arm of so many joints and this w.
-    pub fn new(joints: usize, rotation_weight: T) -> Self {
+/// The equations of one place, factored: any number of errors can be taken away with them.
+#[derive(Clone, Debug)]
+pub struct Equations<T> {
+    joints: usize,
+    columns: Columns<T>,
+    /// L below the diagonal; D, as reciprocals, on it.
+    factors: [[T; EQUATIONS]; EQUATIONS],
+}
+
+impl<T: Scalar> Equations<T> {
+    /// Nothing yet, for an arm of so many joints.
+    #[inline(always)]
+    pub fn new(joints: usize) -> Self {
         Self {
             joints,
-            rotation_weight,
-            lower: [[T::ZERO; EQUATIONS]; EQUATIONS],
-            reciprocal: [T::ZERO; EQUATIONS],
+            columns: [[T::ZERO; 6]; MAX_JOINTS],
+            factors: [[T::ZERO; EQUATIONS]; EQUATIONS],
         }
     }
 
-    #[inline(always)]
-    fn weight(&self, row: usize) -> T {
-        if row < 3 {
-            T::ONE
-        } else {
-            self.rotation_weight
-        }
-    }
-
-    /// Factors the equations of this Jacobian with this λ.
+    /// Those at `point` (m, base frame), from the frames of the serial joints, with this λ.
     #[inline(never)]
-    pub fn factor(&mut self, rows: &Rows<T>, damping: T) {
-        let mut gram = [[T::ZERO; EQUATIONS]; EQUATIONS];
-        let many = self.joints > EQUATIONS;
-        let terms = if many { self.joints } else { 6 };
-        for term in 0..terms {
-            let mut v = [T::ZERO; EQUATIONS];
-            if many {
-                for (r, (value, row)) in v.iter_mut().zip(rows).enumerate() {
-                    *value = row[term % MAX_JOINTS] * self.weight(r);
+    pub fn form(
+        &mut self,
+        kinds: &[JointKind],
+        frames: &[Pose<T>; MAX_JOINTS],
+        point: &Vector3<T>,
+        coupling: Option<&CouplingMatrix<T>>,
+        rotation_weight: T,
+        damping: T,
+    ) {
+        for ((column, kind), frame) in self.columns.iter_mut().zip(kinds).zip(frames) {
+            let r = &frame.rotation;
+            let axis = Vector3::new(r[(0, 2)], r[(1, 2)], r[(2, 2)]);
+            *column = match kind {
+                JointKind::Revolute => {
+                    let v = cross(&axis, &subtract(point, &frame.translation));
+                    let w = rotation_weight;
+                    [v[0], v[1], v[2], w * axis[0], w * axis[1], w * axis[2]]
                 }
-            } else {
-                for (value, element) in v.iter_mut().zip(&rows[term % 6]) {
-                    *value = *element * self.weight(term);
+                JointKind::Prismatic => [axis[0], axis[1], axis[2], T::ZERO, T::ZERO, T::ZERO],
+            };
+        }
+        if let Some(coupling) = coupling {
+            self.couple(coupling);
+        }
+        if self.joints > EQUATIONS {
+            self.gram_of_rows();
+        } else {
+            self.gram_of_columns();
+        }
+        self.factor(damping);
+    }
+
+    /// Columns of the controller's joints from those of the serial ones: J C.
+    #[inline(never)]
+    fn couple(&mut self, coupling: &CouplingMatrix<T>) {
+        let mut out = [[T::ZERO; 6]; MAX_JOINTS];
+        for (serial, weights) in self.columns.iter().zip(coupling) {
+            for (column, weight) in out.iter_mut().zip(weights) {
+                for (sum, value) in column.iter_mut().zip(serial) {
+                    *sum += *value * *weight;
                 }
-            }
-            let mut i = 0;
-            while i < EQUATIONS {
-                let mut j = 0;
-                while j <= i {
-                    gram[i][j] += v[i] * v[j];
-                    j += 1;
-                }
-                i += 1;
             }
         }
+        self.columns = out;
+    }
+
+    fn gram_of_columns(&mut self) {
+        for (i, (row, a)) in self.factors.iter_mut().zip(&self.columns).enumerate() {
+            for (slot, b) in row.iter_mut().zip(&self.columns).take(i + 1) {
+                *slot = inner(a, b);
+            }
+        }
+    }
+
+    #[inline(never)]
+    fn gram_of_rows(&mut self) {
+        self.factors = [[T::ZERO; EQUATIONS]; EQUATIONS];
+        for column in self.columns.iter().take(self.joints) {
+            for (row, a) in self.factors.iter_mut().zip(column) {
+                for (slot, b) in row.iter_mut().zip(column) {
+                    *slot += *a * *b;
+                }
+            }
+        }
+    }
+
+    /// L D Lᵀ of the lower half of the Gram matrix + λ, in place.
+    #[inline(always)]
+    fn factor(&mut self, damping: T) {
+        let f = &mut self.factors;
         let mut i = 0;
         while i < EQUATIONS {
             // Row i of L D first, then of L.
+            let mut row = f[i];
             let mut j = 0;
             while j < i {
                 let mut k = 0;
                 while k < j {
-                    gram[i][j] -= gram[i][k] * gram[j][k];
+                    row[j] -= row[k] * f[j][k];
                     k += 1;
                 }
                 j += 1;
             }
-            let mut pivot = gram[i][i] + damping;
+            let mut pivot = row[i] + damping;
             j = 0;
             while j < i {
-                let scaled = gram[i][j];
-                gram[i][j] = scaled * self.reciprocal[j];
-                pivot -= scaled * gram[i][j];
+                let scaled = row[j];
+                row[j] = scaled * f[j][j];
+                pivot -= scaled * row[j];
                 j += 1;
             }
             // Also when it is NaN.
-            self.reciprocal[i] = T::ONE / if pivot > damping { pivot } else { damping };
+            row[i] = T::ONE / if pivot > damping { pivot } else { damping };
+            f[i] = row;
             i += 1;
         }
-        self.lower = gram;
     }
 
-    /// The step that takes `error` away; zero beyond the last joint.
+    /// The damped step that takes `error` away; zero beyond the last joint.
     #[inline(never)]
-    pub fn step(&self, rows: &Rows<T>, error: &[T; 6]) -> PerJoint<T> {
+    pub fn step(&self, error: &Hybrid<T>) -> PerJoint<T> {
         let many = self.joints > EQUATIONS;
-        let mut right = [T::ZERO; EQUATIONS];
-        for (r, (row, e)) in rows.iter().zip(error).enumerate() {
-            let w = self.weight(r);
-            if many {
-                right[r % EQUATIONS] = *e * w;
-            } else {
-                let e = *e * w * w;
-                for (sum, element) in right.iter_mut().zip(row) {
-                    *sum += *element * e;
-                }
+        let mut x = *error;
+        if !many {
+            for (slot, column) in x.iter_mut().zip(&self.columns) {
+                *slot = inner(column, error);
             }
         }
-        let mut i = 0;
+        let f = &self.factors;
+        let mut i = 1;
         while i < EQUATIONS {
             let mut j = 0;
             while j < i {
-                right[i] -= self.lower[i][j] * right[j];
+                x[i] -= f[i][j] * x[j];
                 j += 1;
             }
             i += 1;
         }
         while i > 0 {
             i -= 1;
-            right[i] = right[i] * self.reciprocal[i];
+            x[i] = x[i] * f[i][i];
             let mut j = i + 1;
             while j < EQUATIONS {
-                right[i] -= self.lower[j][i] * right[j];
+                x[i] -= f[j][i] * x[j];
                 j += 1;
             }
         }
         let mut out = [T::ZERO; MAX_JOINTS];
         if many {
-            for (r, (row, z)) in rows.iter().zip(&right).enumerate() {
-                let z = *z * self.weight(r);
-                for (sum, element) in out.iter_mut().zip(row).take(self.joints) {
-                    *sum += *element * z;
-                }
+            for (slot, column) in out.iter_mut().zip(&self.columns) {
+                *slot = inner(column, &x);
             }
         } else {
-            for (slot, z) in out.iter_mut().zip(&right) {
-                *slot = *z;
+            for (slot, value) in out.iter_mut().zip(&x) {
+                *slot = *value;
             }
         }
         out
     }
+
+    /// Takes J d, what the joint changes d do to first order, off an error; returns |J d|² of displacement and rotation.
+    #[inline(never)]
+    pub fn take_off(&self, error: &mut Hybrid<T>, d: &PerJoint<T>) -> (T, T) {
+        let mut moved = [T::ZERO; 6];
+        for (column, delta) in self.columns.iter().zip(d).take(self.joints) {
+            let mut r = 0;
+            while r < 6 {
+                moved[r] += column[r] * *delta;
+                r += 1;
+            }
+        }
+        for (value, part) in error.iter_mut().zip(&moved) {
+            *value -= *part;
+        }
+        squares(&moved)
+    }
+
+    /// Whether there are joints enough for every displacement and rotation.
+    pub fn can_turn(&self) -> bool {
+        self.joints >= EQUATIONS
+    }
+
+    /// A length in metres that no joint moves the target by more than, per radian.
+    #[inline(never)]
+    pub fn reach(&self) -> T {
+        let mut sum = T::ZERO;
+        for column in self.columns.iter().take(self.joints) {
+            sum += squares(column).0;
+        }
+        sum.sqrt()
+    }
+}
+
+/// aᵀb.
+#[inline(always)]
+fn inner<T: Scalar>(a: &Hybrid<T>, b: &Hybrid<T>) -> T {
+    let mut sum = a[0] * b[0];
+    let mut r = 1;
+    while r < 6 {
+        sum += a[r] * b[r];
+        r += 1;
+    }
+    sum
 }

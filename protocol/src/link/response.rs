@@ -61,14 +61,25 @@ pub struct Identity {
     pub tick_hz: u32,
     /// Ticks in which a cyclic request is to be answered.
     pub deadline_ticks: u32,
-    /// The public key that models must be signed with; `None`: not provisioned, every intact model is taken.
-    pub key: Option<KeyId>,
+    /// Whose models are taken.
+    pub key: Key,
     /// Whether corrections are bypassed.
     pub bypass: bool,
     /// The active model.
     pub model: Option<ModelIdentity>,
     /// What the two slots hold, by their headers.
     pub slots: [Option<StoredModel>; 2],
+}
+
+/// Whose models a device takes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Key {
+    /// No public key is provisioned: everybody's.
+    None,
+    /// Those that are signed by this key.
+    Provisioned(KeyId),
+    /// Nobody's: the page of the key is damaged, or was not written to its end. Provisioning may be repeated.
+    Unusable,
 }
 
 /// A model that runs or may run.

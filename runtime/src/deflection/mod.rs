@@ -107,6 +107,30 @@ impl<T: Scalar> Deflection<T> {
         }
         out
     }
+
+    /// r(q) at the joints q that ripple brings to `joints`, q + r(q): one Newton step, whose error is some 1e-8 rad.
+    #[inline(never)]
+    pub fn ripple_towards(&self, joints: &PerJoint<T>) -> PerJoint<T> {
+        let mut out = [T::ZERO; MAX_JOINTS];
+        let mut slopes = [T::ONE; MAX_JOINTS];
+        for term in &self.ripple {
+            if let (Some(sum), Some(slope), Some(q)) = (
+                out.get_mut(term.joint),
+                slopes.get_mut(term.joint),
+                joints.get(term.joint),
+            ) {
+                let (sin, cos) = ripple_regressors(term.cycles, *q);
+                *sum += term.sin * sin + term.cos * cos;
+                *slope += term.cycles * (term.sin * cos - term.cos * sin);
+            }
+        }
+        let least = T::from_f64(0.5);
+        for (sum, slope) in out.iter_mut().zip(&slopes) {
+            // Of gears the slope is between 0.9 and 1.1.
+            *sum = *sum / if *slope > least { *slope } else { least };
+        }
+        out
+    }
 }
 
 /// The twist of the base frame, to first order, that `deflection` of the serial joints makes: Σ ξ_i δ_i.
@@ -140,29 +164,37 @@ pub fn deflected<T: Scalar>(
     deflection: &PerJoint<T>,
 ) -> [JointMotion<T>; MAX_JOINTS] {
     let mut out = *motions;
-    deflect_motions(&mut out, kinds, deflection);
+    deflected_into(motions, kinds, deflection, &mut out);
     out
 }
 
-/// The same in place.
+/// The same, written to `out`; beyond the last joint nothing is changed.
 #[inline(never)]
-pub fn deflect_motions<T: Scalar>(
-    motions: &mut [JointMotion<T>; MAX_JOINTS],
+pub fn deflected_into<T: Scalar>(
+    motions: &[JointMotion<T>; MAX_JOINTS],
     kinds: &[JointKind],
     deflection: &PerJoint<T>,
+    out: &mut [JointMotion<T>; MAX_JOINTS],
 ) {
-    for ((motion, kind), delta) in motions.iter_mut().zip(kinds).zip(deflection) {
-        match kind {
+    let deltas = kinds.iter().zip(deflection);
+    for ((slot, motion), (kind, delta)) in out.iter_mut().zip(motions).zip(deltas) {
+        *slot = match kind {
             JointKind::Revolute => {
                 let square = *delta * *delta;
                 let sin = *delta - *delta * square * T::from_f64(1.0 / 6.0);
                 let versine = square * (T::from_f64(0.5) - square * T::from_f64(1.0 / 24.0));
                 let (s, c) = (motion.sin, motion.cos);
-                motion.sin = s + (c * sin - s * versine);
-                motion.cos = c - (s * sin + c * versine);
+                JointMotion {
+                    sin: s + (c * sin - s * versine),
+                    cos: c - (s * sin + c * versine),
+                    travel: motion.travel,
+                }
             }
-            JointKind::Prismatic => motion.travel += *delta,
-        }
+            JointKind::Prismatic => JointMotion {
+                travel: motion.travel + *delta,
+                ..*motion
+            },
+        };
     }
 }
 

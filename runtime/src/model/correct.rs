@@ -24,11 +24,12 @@
 use poegp_protocol::limits::MAX_JOINTS;
 
 use super::{Arm, ArmCorrection, MAX_PAYLOAD_KG, Model};
-use crate::bound::bounded;
-use crate::deflection::{self, GravityRegressors, PerJoint, coupled, features};
+use crate::bound;
+use crate::deflection::{GravityRegressors, PerJoint, coupled, deflected_into, features};
 use crate::model::checked::is_within;
 use crate::model::elastic::ElasticCorrection;
-use crate::newton::{self, Normal, Rows, displaced, pose_error, squares};
+use crate::model::task_space::TaskSpaceCorrection;
+use crate::newton::{Equations, Hybrid, length, pose_error, squares};
 use crate::poe::JointMotion;
 use crate::scalar::Scalar;
 use crate::se3::{Pose, Twist};
@@ -93,19 +94,32 @@ impl<T: Scalar, const WORDS: usize> Model<T, WORDS> {
         arm.calibrated
             .motions_into(&coupled(arm.coupling.as_ref(), &x), &mut motions);
         let mut frames = [Pose::from_rows(&[T::ZERO; 12]); MAX_JOINTS];
+        let target = arm.nominal.joint_frames_at(&motions, &mut frames);
         let mut search = Search {
-            target: arm.nominal.joint_frames_at(&motions, &mut frames),
             arm,
             rows: &self.rows,
             joints: &x,
             payload_kg,
             motions: &motions,
+            turned: &mut [JointMotion::still(); MAX_JOINTS],
+            target: &target,
             frames: &mut frames,
+            equations: Equations::new(joints.len()),
+            rotation_weight: if joints.len() < 6 {
+                T::from_f64(ROTATION_WEIGHT)
+            } else {
+                T::ONE
+            },
+            change: [T::ZERO; MAX_JOINTS],
         };
-        let found = search.run();
+        let mut found = match &arm.correction {
+            ArmCorrection::None => search.by_evaluation(None),
+            ArmCorrection::TaskSpace(task) => search.by_evaluation(Some(task)),
+            ArmCorrection::Elastic(elastic) => search.by_deflection(elastic),
+        };
         let status = arm.range_status(&x, payload_kg);
         let status = status.with_if(found.bounded, Status::CORRECTION_BOUNDED);
-        found.judged(&x, status)
+        found.judged(&x, &search.equations, status)
     }
 }
 
@@ -119,10 +133,18 @@ struct Search<'a, T> {
     /// Motions of the serial joints at the command; all others are turned from these, which keeps q + change from being
     /// rounded.
     motions: &'a [JointMotion<T>; MAX_JOINTS],
+    /// Room for the others.
+    turned: &'a mut [JointMotion<T>; MAX_JOINTS],
     /// Where the nominal arm would stand.
-    target: Pose<T>,
+    target: &'a Pose<T>,
     /// Of the calibrated chain where it was evaluated last.
     frames: &'a mut [Pose<T>; MAX_JOINTS],
+    /// Of the last place.
+    equations: Equations<T>,
+    /// w.
+    rotation_weight: T,
+    /// y − q: what the chain is to be changed by.
+    change: PerJoint<T>,
 }
 
 /// What a search has come to.
@@ -130,276 +152,262 @@ struct Found<T> {
     /// q* − q.
     change: PerJoint<T>,
     /// Error of the uncorrected command.
-    before: [T; 6],
+    before: Hybrid<T>,
     /// Error at q + `change`.
-    after: [T; 6],
-    /// Square of the displacement by the deflection, m².
-    deflected: T,
-    /// By how much, m, `after` may be wrong because the chain was not evaluated there.
-    unseen: T,
-    rotation_weight: T,
+    after: Hybrid<T>,
+    /// By how much, in metres, the comparison of the two may be wrong.
+    margin: T,
     bounded: bool,
 }
 
 impl<T: Scalar> Search<'_, T> {
     /// The calibrated chain after a change of the joints.
+    #[inline(never)]
     fn chain(&mut self, change: &PerJoint<T>) -> Pose<T> {
         let arm = self.arm;
-        let mut motions = *self.motions;
-        deflection::deflect_motions(
-            &mut motions,
+        let coupling = arm.coupling.as_ref();
+        let serial = coupling.map(|_| coupled(coupling, change));
+        deflected_into(
+            self.motions,
             arm.calibrated.kinds(),
-            &coupled(arm.coupling.as_ref(), change),
+            serial.as_ref().unwrap_or(change),
+            self.turned,
         );
-        arm.calibrated.joint_frames_at(&motions, self.frames)
+        arm.calibrated.joint_frames_at(self.turned, self.frames)
     }
 
-    /// q + change.
-    fn moved(&self, change: &PerJoint<T>) -> PerJoint<T> {
-        let mut out = *self.joints;
-        for (value, delta) in out.iter_mut().zip(change) {
+    fn error(&self, pose: &Pose<T>) -> Hybrid<T> {
+        pose_error(self.target, pose, self.rotation_weight)
+    }
+
+    /// The equations where the chain was evaluated last, with the target at `pose`.
+    fn form_equations(&mut self, pose: &Pose<T>) {
+        let arm = self.arm;
+        self.equations.form(
+            arm.calibrated.kinds(),
+            self.frames,
+            &pose.translation,
+            arm.coupling.as_ref(),
+            self.rotation_weight,
+            T::from_f64(DAMPING),
+        );
+    }
+
+    /// Takes a step, as far as the largest change allows.
+    #[inline(never)]
+    fn take_step(&mut self, error: &Hybrid<T>) {
+        let step = self.equations.step(error);
+        for (value, delta) in self.change.iter_mut().zip(&step) {
             *value += *delta;
         }
-        out
+        let bound = T::from_f64(MAX_JOINT_CHANGE);
+        let mut largest = raised(bound, &self.change);
+        let coupling = self.arm.coupling.as_ref();
+        if coupling.is_some() {
+            largest = raised(largest, &coupled(coupling, &self.change));
+        }
+        // At most one; zero, if that should be, for an infinite step.
+        let factor = bound / largest;
+        for value in &mut self.change {
+            *value = *value * factor;
+        }
     }
 
-    fn run(&mut self) -> Found<T> {
-        let arm = self.arm;
-        let n = arm.calibrated.kinds().len();
-        let rotation_weight = if n < 6 {
-            T::from_f64(ROTATION_WEIGHT)
-        } else {
-            T::ONE
-        };
-        let steps = match &arm.correction {
-            ArmCorrection::TaskSpace(_) => TASK_SPACE_STEPS,
-            _ => STEPS,
-        };
-        let mut normal = Normal::new(n, rotation_weight);
-        let mut change = [T::ZERO; MAX_JOINTS];
-        let mut first: Rows<T> = [[T::ZERO; MAX_JOINTS]; 6];
-        let mut later = first;
-        let mut bounded = false;
-        let mut before = [T::ZERO; 6];
-        let mut taken = 0;
-        let mut step = change;
-        let (mut pose, mut error);
-        loop {
-            pose = self.chain(&change);
-            if let ArmCorrection::TaskSpace(task) = &arm.correction {
-                let x = arm.inputs(&self.moved(&change), self.payload_kg);
-                let mean = task.header.mean(self.rows, &x, &mut |_| {});
-                let twist = Twist::from_array(&mean);
-                let (twist, scaled) = bounded_twist(&task.bound, &twist, &pose);
-                (pose, bounded) = (pose.corrected(&twist), scaled);
-            }
-            error = pose_error(&self.target, &pose);
-            if taken == 0 {
-                before = error;
-            }
-            if taken == steps {
-                break;
-            }
-            let rows = if taken == 0 { &mut first } else { &mut later };
-            newton::jacobian(
-                arm.calibrated.kinds(),
-                self.frames,
-                &pose.translation,
-                arm.coupling.as_ref(),
-                rows,
-            );
-            normal.factor(rows, T::from_f64(DAMPING));
-            step = normal.step(rows, &error);
-            for (value, delta) in change.iter_mut().zip(&step) {
+    /// One step more by the equations that are there, if that is sure to be better than the error `after` where the
+    /// chain was evaluated last, `away` (Σ|d|) from the place of the equations. Returns by how much, in metres, the new error
+    /// may be wrong: |f(y + s) − f(y) − J s| ≤ reach · Σ|s| · (Σ|s| + away).
+    #[inline(never)]
+    fn go_on(&mut self, after: &mut Hybrid<T>, away: T) -> T {
+        let step = self.equations.step(after);
+        let mut left = *after;
+        self.equations.take_off(&mut left, &step);
+        let moved = length(&step);
+        let unseen = self.equations.reach() * moved * (moved + away);
+        if squares(&left).0.sqrt() + unseen < squares(after).0.sqrt() {
+            for (value, delta) in self.change.iter_mut().zip(&step) {
                 *value += *delta;
             }
-            let serial = coupled(arm.coupling.as_ref(), &change);
-            hold(&mut change, &serial);
-            taken += 1;
+            *after = left;
+            unseen
+        } else {
+            T::ZERO
         }
-        let mut found = Found {
-            change,
-            before,
-            after: error,
-            deflected: T::ZERO,
-            unseen: T::ZERO,
-            rotation_weight,
-            bounded,
-        };
-        if steps == STEPS {
-            found.go_on(&later, &normal, &step);
-        }
-        if let ArmCorrection::Elastic(elastic) = &arm.correction {
-            let deflection = self.deflection(elastic, &found.change, &pose, &mut found.bounded);
-            let moved = displaced(&first, &deflection);
-            found.deflected = squares(&moved).0;
-            for (value, part) in found.before.iter_mut().zip(&moved) {
-                *value -= *part;
-            }
-            for (value, delta) in found.change.iter_mut().zip(&deflection) {
-                *value -= *delta;
-            }
-        }
-        // The command is a number of type T: what that rounds away is part of its error.
-        let mut rounded = [T::ZERO; MAX_JOINTS];
-        for ((slot, delta), q) in rounded.iter_mut().zip(&found.change).zip(self.joints) {
-            *slot = ((*q + *delta) - *q) - *delta;
-        }
-        for (value, part) in found.after.iter_mut().zip(&displaced(&first, &rounded)) {
-            *value -= *part;
-        }
-        found
     }
 
-    /// The bounded deflection D with q + `change` − D + D = q + `change`: where the arm gives way to where the chain is to be.
-    /// `pose` and the frames are those of the chain there.
-    fn deflection(
-        &mut self,
-        elastic: &ElasticCorrection<T>,
-        change: &PerJoint<T>,
-        pose: &Pose<T>,
-        bounded: &mut bool,
-    ) -> PerJoint<T> {
+    /// Without correction, or with the one in task space at every step.
+    #[inline(never)]
+    fn by_evaluation(&mut self, task: Option<&TaskSpaceCorrection<T>>) -> Found<T> {
+        let steps = if task.is_some() {
+            TASK_SPACE_STEPS
+        } else {
+            STEPS
+        };
+        let (mut before, mut bounded) = ([T::ZERO; 6], false);
+        let mut taken = 0;
+        loop {
+            let change = self.change;
+            let mut pose = self.chain(&change);
+            if let Some(task) = task {
+                let x = self.arm.inputs(&sum(self.joints, &change), self.payload_kg);
+                let mean = task.header.mean(self.rows, &x, &mut |_| {});
+                let twist = Twist::from_array(&mean);
+                let (twist, scaled) = bound::bounded(&task.bound, &twist, &pose.translation);
+                (pose, bounded) = (pose.corrected(&twist), scaled);
+            }
+            let after = self.error(&pose);
+            if taken == 0 {
+                before = after;
+            }
+            if taken == steps {
+                return Found {
+                    change,
+                    before,
+                    after,
+                    margin: T::ZERO,
+                    bounded,
+                };
+            }
+            self.form_equations(&pose);
+            self.take_step(&after);
+            taken += 1;
+        }
+    }
+
+    /// With the deflection D of an elastic model: steps of the chain alone, D taken off.
+    #[inline(never)]
+    fn by_deflection(&mut self, elastic: &ElasticCorrection<T>) -> Found<T> {
         let arm = self.arm;
         let kinds = arm.calibrated.kinds();
         let payload = elastic.held(self.payload_kg);
         let terms = &elastic.deflection;
-        let minus = |a: &PerJoint<T>, b: &PerJoint<T>| {
-            let mut out = *a;
-            for (value, part) in out.iter_mut().zip(b) {
-                *value -= *part;
-            }
-            out
+        let gravity = |frames: &[Pose<T>; MAX_JOINTS], pose: &Pose<T>| {
+            let at = GravityRegressors::new(kinds, frames, pose, &terms.gravity.gravity);
+            terms.gravity.deflection(&at, payload)
         };
-        let regressors = GravityRegressors::new(kinds, self.frames, pose, &terms.gravity.gravity);
-        let gravity = terms.gravity.deflection(&regressors, payload);
-        let near = minus(change, &gravity);
+        // First step, and gravity, at the command.
+        let pose = arm.calibrated.joint_frames_at(self.motions, self.frames);
+        let mut before = self.error(&pose);
+        self.form_equations(&pose);
+        self.take_step(&before);
+        let roughly = gravity(self.frames, &pose);
         // Processes where gravity alone would have it.
-        let places = {
-            let mut motions = *self.motions;
+        let place = difference(&self.change, &roughly);
+        let mean = {
+            let joints = sum(self.joints, &place);
             if arm.coupling.is_some() {
-                arm.calibrated.motions_into(self.joints, &mut motions);
+                arm.calibrated.motions_into(&joints, self.turned);
+            } else {
+                deflected_into(self.motions, kinds, &place, self.turned);
             }
-            deflection::deflect_motions(&mut motions, kinds, &near);
-            features(kinds, &self.moved(&near), &motions)
+            let places = features(kinds, &joints, self.turned);
+            terms
+                .processes
+                .mean(kinds, self.rows, &places, payload, &mut |_| {})
         };
-        let mean = terms
-            .processes
-            .mean(kinds, self.rows, &places, payload, &mut |_| {});
-        let near = minus(&near, &mean);
-        let ripple = terms.ripple(&self.moved(&near));
-        let near = minus(&near, &ripple);
-        // Gravity again, where all of it would have it, and the bound there.
-        let there = self.chain(&near);
-        let regressors = GravityRegressors::new(kinds, self.frames, &there, &terms.gravity.gravity);
-        let mut smooth = terms.gravity.deflection(&regressors, payload);
-        let mut all = [T::ZERO; MAX_JOINTS];
-        for (((sum, value), part), wave) in all.iter_mut().zip(&mut smooth).zip(&mean).zip(&ripple)
-        {
-            *value += *part;
-            *sum = *value + *wave;
-        }
-        let serial = coupled(arm.coupling.as_ref(), &all);
-        let twist = deflection::deflection_twist(kinds, self.frames, &serial);
-        let (factor, scaled) = elastic.bound.factor(&twist, &there.translation);
-        *bounded = scaled;
-        let hold = |value: T| {
-            if factor == T::ZERO {
-                // It may be infinite.
+        // Gravity again and the second step where both would have it: at the corrected command, nearly.
+        let near = difference(&place, &mean);
+        let pose = self.chain(&near);
+        let smooth = sum(&gravity(self.frames, &pose), &mean);
+        self.form_equations(&pose);
+        let mut error = self.error(&pose);
+        let back = difference(&self.change, &near);
+        self.equations.take_off(&mut error, &back);
+        self.take_step(&error);
+        // The check, where the chain is to be, and what it finds.
+        let change = self.change;
+        let pose = self.chain(&change);
+        let mut after = self.error(&pose);
+        let away = length(&difference(&change, &near));
+        let mut margin = self.go_on(&mut after, away);
+        // Ripple last, for it changes quickest.
+        let place = sum(self.joints, &difference(&self.change, &smooth));
+        let mut deflection = sum(&smooth, &terms.ripple_towards(&place));
+        let (position, rotation) = self.equations.take_off(&mut [T::ZERO; 6], &deflection);
+        let weight = self.rotation_weight;
+        let (factor, bounded) = elastic
+            .bound
+            .factor_of(position, rotation / (weight * weight));
+        for value in &mut deflection {
+            // It may be infinite.
+            *value = if factor == T::ZERO {
                 T::ZERO
             } else {
-                value * factor
-            }
-        };
-        // Ripple again; each time it is nearer by cycles times amplitude, 0.04 of a stiff gear.
-        let ripple = terms.ripple(&self.moved(&minus(change, &all.map(hold))));
-        for (value, wave) in smooth.iter_mut().zip(&ripple) {
-            *value = hold(*value + *wave);
+                *value * factor
+            };
         }
-        smooth
+        let (position, _) = self.equations.take_off(&mut before, &deflection);
+        // The deflection was evaluated beside the command, and its effect is that at the corrected one.
+        margin += T::from_f64(LAG) * position.sqrt()
+            + self.equations.reach() * length(&deflection) * length(&self.change);
+        Found {
+            change: difference(&self.change, &deflection),
+            before,
+            after,
+            margin,
+            bounded,
+        }
     }
 }
 
-/// The twist within its bound at the target.
-#[inline(always)]
-fn bounded_twist<T: Scalar>(
-    bound: &crate::bound::Bound<T>,
-    twist: &Twist<T>,
-    pose: &Pose<T>,
-) -> (Twist<T>, bool) {
-    bounded(bound, twist, &pose.translation)
-}
-
-/// Scales the change of the joints, so that neither it nor that of the serial joints is larger than the bound.
-#[inline(always)]
-fn hold<T: Scalar>(change: &mut PerJoint<T>, serial: &PerJoint<T>) {
-    let bound = T::from_f64(MAX_JOINT_CHANGE);
-    let mut largest = bound;
-    for value in change.iter().chain(serial) {
+/// The larger of `least` and the absolute values.
+#[inline(never)]
+fn raised<T: Scalar>(least: T, values: &PerJoint<T>) -> T {
+    let mut largest = least;
+    for value in values {
         if value.abs() > largest {
             largest = value.abs();
         }
     }
-    // At most one; zero, if that should be, for an infinite step.
-    let factor = bound / largest;
-    for value in change.iter_mut() {
-        *value = *value * factor;
+    largest
+}
+
+/// a + b.
+#[inline(never)]
+fn sum<T: Scalar>(a: &PerJoint<T>, b: &PerJoint<T>) -> PerJoint<T> {
+    let mut out = *a;
+    for (value, part) in out.iter_mut().zip(b) {
+        *value += *part;
     }
+    out
+}
+
+/// a − b.
+#[inline(never)]
+fn difference<T: Scalar>(a: &PerJoint<T>, b: &PerJoint<T>) -> PerJoint<T> {
+    let mut out = *a;
+    for (value, part) in out.iter_mut().zip(b) {
+        *value -= *part;
+    }
+    out
 }
 
 impl<T: Scalar> Found<T> {
-    /// One step more by the last equations, `last` after their place, if that is sure to be better.
-    fn go_on(&mut self, rows: &Rows<T>, normal: &Normal<T>, last: &PerJoint<T>) {
-        let step = normal.step(rows, &self.after);
-        let mut after = self.after;
-        for (value, part) in after.iter_mut().zip(&displaced(rows, &step)) {
-            *value -= *part;
-        }
-        // |f(y + s) − f(y) − J s| ≤ reach · Σ|s| · (Σ|s| + Σ|y − place of J|).
-        let mut reach = T::ZERO;
-        for row in rows.iter().take(3) {
-            reach += crate::kernel::inner_product(row, row);
-        }
-        let (mut length, mut away) = (T::ZERO, T::ZERO);
-        for (s, l) in step.iter().zip(last) {
-            length += s.abs();
-            away += l.abs();
-        }
-        let unseen = reach.sqrt() * length * (length + away);
-        if squares(&after).0.sqrt() + unseen < squares(&self.after).0.sqrt() {
-            for (value, delta) in self.change.iter_mut().zip(&step) {
-                *value += *delta;
-            }
-            (self.after, self.unseen) = (after, unseen);
-        }
-    }
-
     /// The corrected command if it is better than `joints`, else these.
-    fn judged(&self, joints: &PerJoint<T>, status: Status) -> Corrected<T> {
+    #[inline(never)]
+    fn judged(
+        &mut self,
+        joints: &PerJoint<T>,
+        equations: &Equations<T>,
+        status: Status,
+    ) -> Corrected<T> {
+        // The command is a number of type T: what that rounds away is part of its error.
+        let command = sum(joints, &self.change);
+        let rounded = difference(&difference(&command, joints), &self.change);
+        equations.take_off(&mut self.after, &rounded);
         let (position, rotation) = squares(&self.after);
         let (position_before, rotation_before) = squares(&self.before);
-        let weight = self.rotation_weight * self.rotation_weight;
         let (distance, distance_before) = (position.sqrt(), position_before.sqrt());
-        let margin = T::from_f64(LAG) * self.deflected.sqrt() + self.unseen;
-        // Written so that NaN is not better.
-        let mut better = distance + margin <= distance_before
-            && position + weight * rotation <= position_before + weight * rotation_before;
         let limit = T::from_f64(MAX_JOINT_CHANGE);
-        for value in &self.change {
-            better &= value.abs() <= limit;
-        }
+        // Written so that NaN is not better.
+        let better = distance + self.margin <= distance_before
+            && position + rotation <= position_before + rotation_before
+            && raised(limit, &self.change) <= limit;
         let tolerance = T::from_f64(CORRECTED_WITHIN * CORRECTED_WITHIN);
-        let reachable = weight == T::ONE;
-        let there = position <= tolerance && (rotation <= tolerance || !reachable);
-        let mut out = *joints;
-        if better {
-            for (value, delta) in out.iter_mut().zip(&self.change) {
-                *value += *delta;
-            }
-        }
+        // Five joints cannot turn the target every way.
+        let there = position <= tolerance && (rotation <= tolerance || !equations.can_turn());
         let position_error = if better { distance } else { distance_before };
         Corrected {
-            joints: out,
+            joints: if better { command } else { *joints },
             position_error: if position_error.is_finite() {
                 position_error
             } else {

@@ -175,9 +175,7 @@ fn processes<T: Scalar>(
         {
             return Err(LoadError::Kernel);
         }
-        for (rate, value) in slot.rates.iter_mut().zip(&kernel.rates) {
-            *rate = T::from_f32(*value);
-        }
+        slot.set_rates(kernel.rates.iter().map(|rate| T::from_f32(*rate)));
         slot.payload_rate = T::from_f32(kernel.payload_rate);
         slot.amplitude = coefficient(kernel.amplitude)?;
         slot.payload_amplitude = coefficient(kernel.payload_amplitude)?;

@@ -208,7 +208,14 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
         let start = clock.ticks();
         let mut joints = query.joints.clone();
         let (status, position_error) = if self.bypass {
-            (Status::BYPASSED, 0.0)
+            let mut status = Status::BYPASSED;
+            for value in &mut joints {
+                if !value.is_finite() {
+                    *value = 0.0;
+                    status = status.with(Status::BAD_INPUT);
+                }
+            }
+            (status, 0.0)
         } else {
             let result = self.active.model.correct(&query.joints, query.payload_kg);
             for (slot, value) in joints.iter_mut().zip(&result.joints) {
