@@ -92,7 +92,6 @@ pub unsafe extern "C" fn poegp_load(model: *mut Model, blob: *const u8, length: 
     // SAFETY: the same contract.
     unsafe { load(model, blob, length, Resident::load_unverified) }
 }
-}
 
 /// As `poegp_load`, and refuses what is not signed by the Ed25519 key `public_key` of 32 bytes.
 /// Takes some kilobytes of stack more, and millions of instructions.
@@ -111,7 +110,11 @@ pub unsafe extern "C" fn poegp_load_signed(
     // SAFETY: the same contract.
     match unsafe { key(public_key) } {
         // SAFETY: the same contract.
-        Ok(key) => unsafe { load(model, blob, length, |resident, bytes| resident.load(bytes, Some(key))) },
+        Ok(key) => unsafe {
+            load(model, blob, length, |resident, bytes| {
+                resident.load(bytes, Some(key))
+            })
+        },
         Err(code) => code,
     }
 }
