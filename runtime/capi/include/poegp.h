@@ -211,6 +211,26 @@
 #define POEGP_MODEL_GROUPS 214
 
 /*
+ Signed or not: the envelope is damaged.
+ */
+#define POEGP_SIGNATURE_MALFORMED 301
+
+/*
+ Nobody has signed the blob.
+ */
+#define POEGP_SIGNATURE_UNSIGNED 302
+
+/*
+ The blob is signed by another key.
+ */
+#define POEGP_SIGNATURE_WRONG_KEY 303
+
+/*
+ The signature is not one of these bytes by this key, or the key is none.
+ */
+#define POEGP_SIGNATURE_INVALID 304
+
+/*
  A model in the caller's memory. Made by `poegp_init`; what is in it is of no concern to C.
 
  `poegp_load` and `poegp_init` need it for themselves; any number of threads or interrupts may evaluate meanwhile
@@ -337,8 +357,9 @@ int32_t poegp_load(struct poegp_model_t *model,
 
 /*
  As `poegp_load`, and refuses what is not signed by the Ed25519 key `public_key` of 32 bytes.
+ Takes some kilobytes of stack more, and millions of instructions.
 
- Errors: as `poegp_load`, and 300 + n for the signature.
+ Errors: as `poegp_load`, and POEGP_SIGNATURE_ codes.
 
  # Safety
  As `poegp_load`; `public_key` leads to 32 bytes.
@@ -351,7 +372,7 @@ int32_t poegp_load_signed(struct poegp_model_t *model,
 /*
  Whether a blob is intact and signed by `public_key` of 32 bytes, without a model.
 
- Errors: POEGP_ERROR_ codes, POEGP_BLOB_ codes, 300 + n for the signature.
+ Errors: POEGP_ERROR_ codes, POEGP_BLOB_ codes, POEGP_SIGNATURE_ codes.
 
  # Safety
  `blob` leads to `length` bytes, `public_key` to 32.

@@ -41,12 +41,13 @@ __attribute__((noinline)) static void peer_mean(const float x[INPUTS], float mea
     for (int d = 0; d < INPUTS; d++) {
         scaled[d] = x[d] * peer.scale[d];
     }
+    /* On the stack of this function alone, so that the compiler may keep them in registers. */
+    float sums[OUTPUTS];
     for (int c = 0; c < OUTPUTS; c++) {
-        float sum = peer.affine[c][0];
+        sums[c] = peer.affine[c][0];
         for (int d = 0; d < INPUTS; d++) {
-            sum += peer.affine[c][1 + d] * x[d];
+            sums[c] += peer.affine[c][1 + d] * x[d];
         }
-        mean[c] = sum;
     }
     for (int j = 0; j < POINTS; j++) {
         float squares = 0.0f;
@@ -56,8 +57,11 @@ __attribute__((noinline)) static void peer_mean(const float x[INPUTS], float mea
         }
         float kernel = expf(-squares);
         for (int c = 0; c < OUTPUTS; c++) {
-            mean[c] += kernel * peer.rows[j].weight[c];
+            sums[c] += kernel * peer.rows[j].weight[c];
         }
+    }
+    for (int c = 0; c < OUTPUTS; c++) {
+        mean[c] = sums[c];
     }
 }
 
