@@ -151,8 +151,6 @@ pub struct Corrected {
 pub struct Trace {
     /// Sine and cosine of each revolute joint of the serial chain, in turn; (0, 1) for a prismatic one.
     pub sin_cos: Vec<f32, { 2 * MAX_JOINTS }>,
-    /// FNV-1a hash of the bits of every kernel value, in order.
-    pub kernel_hash: u32,
     /// Posterior mean before bounding.
     pub mean: [f32; OUTPUTS],
     /// f(q), the calibrated chain alone.

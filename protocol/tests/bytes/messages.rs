@@ -200,7 +200,6 @@ pub fn responses() -> Vec<Response> {
         }),
         Response::Trace(Trace {
             sin_cos: [0.5, 1.0].into_iter().collect(),
-            kernel_hash: 0x811c_9dc5,
             mean: [0.25; 6],
             chain: [1.0; 12],
             evaluation: evaluation(),
@@ -283,7 +282,6 @@ pub fn longest_responses() -> Vec<Response> {
         }),
         Response::Trace(Trace {
             sin_cos: [-1.1; 2 * MAX_JOINTS].into_iter().collect(),
-            kernel_hash: m,
             mean: [-1.1; 6],
             chain: [-1.1; 12],
             evaluation,

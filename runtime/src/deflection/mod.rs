@@ -248,7 +248,6 @@ impl<T: Scalar> Deflection<T> {
         frames: &[Pose<T>; MAX_JOINTS],
         target: &Pose<T>,
         rows: &[T],
-        observer: &mut impl Observer<T>,
     ) -> PerJoint<T> {
         let kinds = at.poe.kinds();
         let regressors = GravityRegressors::new(kinds, frames, target, &self.gravity.gravity);
@@ -258,11 +257,7 @@ impl<T: Scalar> Deflection<T> {
             None => features(kinds, at.joints, at.motions),
             Some(_) => features(kinds, at.joints, &at.poe.motions(at.joints)),
         };
-        let mean = self
-            .processes
-            .mean(kinds, rows, &places, at.payload_kg, &mut |k| {
-                observer.kernel(k)
-            });
+        let mean = self.processes.mean(kinds, rows, &places, at.payload_kg);
         let mut out = [T::ZERO; MAX_JOINTS];
         for (((sum, a), b), c) in out.iter_mut().zip(&gravity).zip(&ripple).zip(&mean) {
             *sum = *a + *b + *c;
@@ -283,7 +278,7 @@ impl<T: Scalar> Deflection<T> {
         let mut frames = [Pose::from_rows(&[T::ZERO; 12]); MAX_JOINTS];
         let target = at.poe.joint_frames_into(at.motions, &mut frames);
         observer.chain(&target);
-        let deflection = self.total(at, &frames, &target, rows, observer);
+        let deflection = self.total(at, &frames, &target, rows);
         observer.deflection(&deflection);
         deflect(at, &frames, &target, &deflection, bound)
     }

@@ -162,8 +162,7 @@ pub struct JointProcesses<T> {
 const MAX_FAST_RATE_SUM: f64 = 60.0;
 
 impl<T: Scalar> JointProcesses<T> {
-    /// The posterior mean of every joint in rad or m, from `rows` of [`row_words`] words. Every exponential of joints is
-    /// shown to `kernel_value`, in the order of the computation.
+    /// The posterior mean of every joint in rad or m, from `rows` of [`row_words`] words.
     #[inline(never)]
     pub fn mean(
         &self,
@@ -171,16 +170,15 @@ impl<T: Scalar> JointProcesses<T> {
         rows: &[T],
         features: &Features<T>,
         payload_kg: T,
-        kernel_value: &mut impl FnMut(T),
     ) -> PerJoint<T> {
         match (self.fast(kinds), self.tied) {
-            (5, true) => self.tied::<5, 15>(rows, features, payload_kg, kernel_value),
-            (6, true) => self.tied::<6, 18>(rows, features, payload_kg, kernel_value),
-            (7, true) => self.tied::<7, 21>(rows, features, payload_kg, kernel_value),
-            (5, false) => self.own::<5, 15>(rows, features, payload_kg, kernel_value),
-            (6, false) => self.own::<6, 18>(rows, features, payload_kg, kernel_value),
-            (7, false) => self.own::<7, 21>(rows, features, payload_kg, kernel_value),
-            _ => self.any(kinds, rows, features, payload_kg, kernel_value),
+            (5, true) => self.tied::<5, 15>(rows, features, payload_kg),
+            (6, true) => self.tied::<6, 18>(rows, features, payload_kg),
+            (7, true) => self.tied::<7, 21>(rows, features, payload_kg),
+            (5, false) => self.own::<5, 15>(rows, features, payload_kg),
+            (6, false) => self.own::<6, 18>(rows, features, payload_kg),
+            (7, false) => self.own::<7, 21>(rows, features, payload_kg),
+            _ => self.any(kinds, rows, features, payload_kg),
         }
     }
 
@@ -205,7 +203,6 @@ impl<T: Scalar> JointProcesses<T> {
         rows: &[T],
         features: &Features<T>,
         payload_kg: T,
-        kernel_value: &mut impl FnMut(T),
     ) -> PerJoint<T> {
         let mut out = [T::ZERO; MAX_JOINTS];
         let mut rest = rows.as_chunks::<ROW>().0;
@@ -225,7 +222,6 @@ impl<T: Scalar> JointProcesses<T> {
                         d += 1;
                     }
                     let k = exponent.exp2_unclamped();
-                    kernel_value(k);
                     sums[c] += k * row[2 * N + c];
                     c += 1;
                 }
@@ -245,7 +241,6 @@ impl<T: Scalar> JointProcesses<T> {
         rows: &[T],
         features: &Features<T>,
         payload_kg: T,
-        kernel_value: &mut impl FnMut(T),
     ) -> PerJoint<T> {
         // The rates go into the query once, instead of into every point.
         let first = &self.kernels[0];
@@ -273,7 +268,6 @@ impl<T: Scalar> JointProcesses<T> {
                     d += 1;
                 }
                 let k = exponent.exp2_unclamped();
-                kernel_value(k);
                 let mut c = 0;
                 while c < N {
                     sums[c] += k * row[2 * N + c];
@@ -296,7 +290,6 @@ impl<T: Scalar> JointProcesses<T> {
         rows: &[T],
         features: &Features<T>,
         payload_kg: T,
-        kernel_value: &mut impl FnMut(T),
     ) -> PerJoint<T> {
         let n = kinds.len();
         let mut out = [T::ZERO; MAX_JOINTS];
@@ -320,7 +313,6 @@ impl<T: Scalar> JointProcesses<T> {
                 {
                     if c == 0 || !self.tied {
                         k = kernel.joint_factor(&s);
-                        kernel_value(k);
                     }
                     *sum += k * *weight;
                 }

@@ -23,7 +23,7 @@
 
 use poegp_protocol::limits::MAX_JOINTS;
 
-use super::{Arm, ArmCorrection, MAX_PAYLOAD_KG, Model};
+use super::{Arm, ArmCorrection, MAX_PAYLOAD_KG, View};
 use crate::bound;
 use crate::deflection::{GravityRegressors, PerJoint, coupled, deflected_into, features};
 use crate::model::checked::is_within;
@@ -64,12 +64,10 @@ pub struct Corrected<T> {
     pub status: Status,
 }
 
-impl<T: Scalar, const WORDS: usize> Model<T, WORDS> {
-    /// The joints at which the calibrated arm stands where the nominal one would at `joints` (rad or m), with a payload
-    /// in kg. No joint is changed by more than [`MAX_JOINT_CHANGE`]. Without a model or for bad input the answer is
-    /// the command as it came, zeros in place of what is not finite.
-    #[inline(never)]
-    pub fn correct(&self, joints: &[T], payload_kg: T) -> Corrected<T> {
+impl<T: Scalar> View<'_, T> {
+    /// [`super::Model::correct`].
+    #[inline(always)]
+    pub(super) fn correct(&self, joints: &[T], payload_kg: T) -> Corrected<T> {
         let as_it_came = |status| {
             let mut out = [T::ZERO; MAX_JOINTS];
             for (slot, value) in out.iter_mut().zip(joints) {
@@ -83,7 +81,7 @@ impl<T: Scalar, const WORDS: usize> Model<T, WORDS> {
                 status,
             }
         };
-        let Some(arm) = self.arm.as_ref() else {
+        let Some(arm) = self.arm else {
             return as_it_came(Status::NO_MODEL);
         };
         let believable = is_within(payload_kg, T::ZERO, T::from_f32(MAX_PAYLOAD_KG));
@@ -97,7 +95,7 @@ impl<T: Scalar, const WORDS: usize> Model<T, WORDS> {
         let target = arm.nominal.joint_frames_at(&motions, &mut frames);
         let mut search = Search {
             arm,
-            rows: &self.rows,
+            rows: self.rows,
             joints: &x,
             payload_kg,
             motions: &motions,
@@ -249,7 +247,7 @@ impl<T: Scalar> Search<'_, T> {
             let mut pose = self.chain(&change);
             if let Some(task) = task {
                 let x = self.arm.inputs(&sum(self.joints, &change), self.payload_kg);
-                let mean = task.header.mean(self.rows, &x, &mut |_| {});
+                let mean = task.header.mean(self.rows, &x);
                 let twist = Twist::from_array(&mean);
                 let (twist, scaled) = bound::bounded(&task.bound, &twist, &pose.translation);
                 (pose, bounded) = (pose.corrected(&twist), scaled);
@@ -300,9 +298,7 @@ impl<T: Scalar> Search<'_, T> {
                 deflected_into(self.motions, kinds, &place, self.turned);
             }
             let places = features(kinds, &joints, self.turned);
-            terms
-                .processes
-                .mean(kinds, self.rows, &places, payload, &mut |_| {})
+            terms.processes.mean(kinds, self.rows, &places, payload)
         };
         // Gravity again and the second step where both would have it: at the corrected command, nearly.
         let near = difference(&place, &mean);

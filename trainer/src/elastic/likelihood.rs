@@ -264,7 +264,8 @@ impl Evidence<'_> {
             }
         }
         for r in 0..rows {
-            s[(r, r)] += h[usize::from(r % ROWS >= 3)].exp();
+            let h = h[usize::from(r % ROWS >= 3)];
+            s[(r, r)] += h.exp() * self.linear.relative_noise(r, h).powi(2);
         }
         (s, kernels)
     }
@@ -318,7 +319,7 @@ impl Objective for Evidence<'_> {
         for r in 0..rows {
             let w = inverse[(r, r)] - alpha[(r, 0)] * alpha[(r, 0)];
             let i = usize::from(r % ROWS >= 3);
-            gradient[i] += 0.5 * w * h[i].exp();
+            gradient[i] += 0.5 * w * h[i].exp() * self.linear.common_share[r];
         }
         self.prior_gradient(h, &inverse, &alpha, &mut gradient);
         let natural = self.layout.kernels(h);

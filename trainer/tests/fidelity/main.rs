@@ -4,10 +4,12 @@
 
 mod block_gp;
 mod corrected;
+mod deviation;
 #[path = "../../../runtime/tests/proofs/json.rs"]
 mod json;
 mod likelihood;
 mod optimum;
+mod row_noise;
 mod sets;
 mod single_precision;
 mod step1;
