@@ -80,7 +80,7 @@ pub unsafe extern "C" fn poegp_init(
 }
 
 /// Verifies a blob in every respect and takes over its model. All or nothing: after an error the last good model stays.
-/// The blob is copied and may go. Takes up to 16 kB of stack, and time that no cycle has: load into a second model
+/// The blob is copied and may go. Takes up to 20 kB of stack, and time that no cycle has: load into a second model
 /// while evaluations of the first go on.
 ///
 /// Errors: POEGP_ERROR_ codes, POEGP_BLOB_ codes, POEGP_MODEL_ codes.
