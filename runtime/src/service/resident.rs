@@ -45,12 +45,21 @@ impl<const WORDS: usize> Resident<WORDS> {
     /// # Errors
     /// [`Refusal::Blob`], [`Refusal::Signature`], [`Refusal::Model`].
     // Not inlined: the large stack frames of the two steps must not lie on top of each other.
-    pub(super) fn load(&mut self, bytes: &[u8], key: Option<&[u8; 32]>) -> Result<(), Refusal> {
-        let crc = blob::stored_crc(bytes).unwrap_or(0);
+    pub fn load(&mut self, bytes: &[u8], key: Option<&[u8; 32]>) -> Result<(), Refusal> {
         check_signature(bytes, key)?;
-        self.load_blob(bytes)?;
-        self.blob_crc = crc;
+        self.load_unverified(bytes)?;
         self.signed = u8::from(key.is_some());
+        Ok(())
+    }
+
+    /// The same without a key. A program that calls nothing else links no cryptography.
+    ///
+    /// # Errors
+    /// [`Refusal::Blob`], [`Refusal::Model`].
+    pub fn load_unverified(&mut self, bytes: &[u8]) -> Result<(), Refusal> {
+        self.load_blob(bytes)?;
+        self.blob_crc = blob::stored_crc(bytes).unwrap_or(0);
+        self.signed = 0;
         self.slot = 0;
         Ok(())
     }
@@ -69,6 +78,11 @@ impl<const WORDS: usize> Resident<WORDS> {
                 Ok(())
             }
         }
+    }
+
+    /// Its arithmetic.
+    pub fn model(&self) -> &Model<f32, WORDS> {
+        &self.model
     }
 
     /// Forgets the model.
