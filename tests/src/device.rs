@@ -76,6 +76,11 @@ impl Device {
         Ok(Self { emulator, client })
     }
 
+    /// The machine and the client apart, for a test that switches one off under the other.
+    pub fn into_parts(self) -> (Emulator, Client) {
+        (self.emulator, self.client)
+    }
+
     /// The machine.
     pub fn emulator(&self) -> &Emulator {
         &self.emulator

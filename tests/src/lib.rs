@@ -9,6 +9,7 @@
 //! Nothing here is skipped when a tool is missing: the tests fail, and the message names the remedy.
 #![deny(unsafe_code)]
 
+pub mod bad_line;
 pub mod device;
 pub mod image;
 pub mod sample;

@@ -5,7 +5,7 @@ use std::fmt::Write;
 
 use poegp_protocol::blob::{self, DecodeError};
 use poegp_protocol::limits::OUTPUTS;
-use poegp_protocol::link::{Query, Trace};
+use poegp_protocol::link::{Corrected, Evaluation, Query, Trace};
 use poegp_runtime::load_error::LoadError;
 use poegp_runtime::model::{self, Model, words_for};
 
@@ -63,13 +63,67 @@ impl Host {
 }
 
 impl Host {
-    /// The bits of trust and standard deviation (`-` when there is none), as the golden file has them.
+    /// The bits of trust and standard deviation, as [`trust_line`] has them.
     pub fn trust_line(&self, query: &Query) -> String {
         let answer = self.0.evaluate(&query.joints, query.payload_kg);
-        let sigma = answer
-            .position_sigma
-            .map_or("-".to_owned(), |s| format!("{:08x}", s.to_bits()));
-        format!("{:08x} {sigma}", answer.trust.to_bits())
+        trust_bits(answer.trust, answer.position_sigma)
+    }
+
+    /// What the device would answer to `Request::Correct`.
+    pub fn command(&self, query: &Query) -> CommandBits {
+        let answer = self.0.correct(&query.joints, query.payload_kg);
+        let joints: Vec<f32> = (0..query.joints.len())
+            .map(|joint| answer.joints.get(joint).copied().unwrap_or(0.0))
+            .collect();
+        CommandBits {
+            joints: bits(&joints),
+            position_error: answer.position_error.to_bits(),
+            status: answer.status.bits(),
+        }
+    }
+}
+
+/// The bits of trust and standard deviation (`-` when there is none) of an answer, as the golden file has them.
+pub fn trust_line(answer: &Evaluation) -> String {
+    trust_bits(answer.trust, answer.position_sigma)
+}
+
+fn trust_bits(trust: f32, sigma: Option<f32>) -> String {
+    let sigma = sigma.map_or("-".to_owned(), |s| format!("{:08x}", s.to_bits()));
+    format!("{:08x} {sigma}", trust.to_bits())
+}
+
+/// A corrected command, to be compared bit by bit.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct CommandBits {
+    joints: Vec<u32>,
+    position_error: u32,
+    /// Bits of the runtime's `Status`.
+    pub status: u8,
+}
+
+impl From<&Corrected> for CommandBits {
+    fn from(answer: &Corrected) -> Self {
+        Self {
+            joints: bits(&answer.joints),
+            position_error: answer.position_error.to_bits(),
+            status: answer.status,
+        }
+    }
+}
+
+impl CommandBits {
+    /// Whether joints or error are not finite.
+    pub fn has_non_finite(&self) -> bool {
+        let words = self.joints.iter().chain([&self.position_error]);
+        words
+            .map(|bits| f32::from_bits(*bits))
+            .any(|value| !value.is_finite())
+    }
+
+    /// Whether these are the joints of the request.
+    pub fn is_the_command_of(&self, query: &Query) -> bool {
+        self.joints == bits(&query.joints)
     }
 }
 

@@ -7,8 +7,9 @@ use std::sync::Once;
 use std::{env, fs};
 
 use poegp_protocol::link::Query;
+use poegp_tests::device::Device;
 use poegp_tests::sample::{Elastic, Sample, Support, odd_queries};
-use poegp_tests::stages::{Host, Stages};
+use poegp_tests::stages::{self, Host, Stages};
 use poegp_tests::workspace;
 
 use crate::device;
@@ -101,18 +102,25 @@ fn trust_path() -> PathBuf {
     workspace().join("tests/data/golden_trust.txt")
 }
 
-/// Trust and standard deviation of every query of every case.
-fn trust_on_host() -> String {
+/// Trust and standard deviation of every query of every case; `answer` is told the name of the case, too.
+fn trust_text(answer: &mut dyn FnMut(&str, &Query) -> String) -> String {
     let mut out = "# Bits of trust and standard deviation for the queries of golden_*_bits.txt, in order; written like them.\n\
          # case trust sigma\n"
         .to_owned();
     for (name, sample) in CASES {
-        let host = Host::load(&sample.blob()).unwrap();
         for query in queries(&sample) {
-            out += &format!("{name} {}\n", host.trust_line(&query));
+            out += &format!("{name} {}\n", answer(name, &query));
         }
     }
     out
+}
+
+fn trust_on_host() -> String {
+    let hosts = CASES.map(|(name, sample)| (name, Host::load(&sample.blob()).unwrap()));
+    trust_text(&mut |name, query| {
+        let (_, host) = hosts.iter().find(|(of, _)| *of == name).unwrap();
+        host.trust_line(query)
+    })
 }
 
 fn assert_same_lines(name: &str, found: &str, expected: &str) {
@@ -142,14 +150,35 @@ fn host_computes_the_committed_trust() {
     assert_same_lines("golden_trust", &trust_on_host(), &expected);
 }
 
-#[test]
-fn device_computes_the_committed_bits() {
-    let mut device = device();
+/// The bits of a board, whatever it takes to `load` a model there.
+pub fn compare_with_committed(device: &mut Device, load: &mut dyn FnMut(&mut Device, &[u8])) {
     for (name, sample) in CASES {
         let (blob, bits) = files(name);
-        device.load(&fs::read(blob).unwrap()).unwrap();
+        load(device, &fs::read(blob).unwrap());
         let mut on_device = |query: &Query| Stages::from(&device.trace(query).unwrap());
         let found = text(name, &mut on_device, &queries(&sample));
         assert_same_lines(name, &found, &fs::read_to_string(bits).unwrap());
     }
+}
+
+#[test]
+fn device_computes_the_committed_bits() {
+    compare_with_committed(&mut device(), &mut |device, blob| {
+        device.load(blob).unwrap();
+    });
+}
+
+#[test]
+fn device_computes_the_committed_trust() {
+    let mut device = device();
+    let mut loaded = String::new();
+    let found = trust_text(&mut |name, query| {
+        if loaded != name {
+            device.load(&fs::read(files(name).0).unwrap()).unwrap();
+            name.clone_into(&mut loaded);
+        }
+        stages::trust_line(&device.evaluate(query).unwrap())
+    });
+    let expected = fs::read_to_string(trust_path()).unwrap();
+    assert_same_lines("golden_trust", &found, &expected);
 }

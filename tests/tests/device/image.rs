@@ -1,8 +1,10 @@
 //! What the image takes, and what is not in it.
 
+use poegp_protocol::link::{Request, Response};
 use poegp_tests::firmware::firmware;
 use poegp_tests::image::Image;
-use poegp_tests::sample::{Elastic, Sample, Support};
+use poegp_tests::sample::{Elastic, Sample, Support, odd_queries};
+use poegp_trainer::signing::SecretKey;
 
 use crate::device;
 
@@ -61,6 +63,72 @@ fn stack_stays_small() {
     assert!(u64::from(stack) <= 20 * KIB, "{stack}");
     let ram = image().static_ram + u64::from(stack);
     println!("RAM with two models and the stack: {ram} bytes");
+    assert!(ram <= 128 * KIB, "{ram}");
+}
+
+/// Everything that goes deep, with cycles on top of it: signatures, flash, corrections and traces of the longest arm.
+#[test]
+fn stack_stays_small_with_signatures() {
+    let mut device = device();
+    let key = SecretKey::generate().unwrap();
+    device.client().provision(key.public().bytes()).unwrap();
+    let seven = |seed, kind| Sample {
+        joints: 7,
+        ..Sample::plain(seed, Support::Elastic(kind))
+    };
+    for sample in [
+        Sample::plain(43, Support::PerOutput(300)),
+        seven(44, Elastic::OWN),
+        seven(45, Elastic::TIED_WITH_SIGMA),
+    ] {
+        device.load(&key.sign(&sample.blob()).unwrap()).unwrap();
+        // A cycle on top of a signature.
+        let signed = key.sign(&sample.blob()).unwrap();
+        device
+            .client()
+            .upload(&signed[..signed.len() - 1], &mut |_| ())
+            .unwrap_err();
+        device.client().begin_upload(&signed).unwrap();
+        for (index, bytes) in signed.chunks(256).enumerate() {
+            let offset = 256 * index as u32;
+            device
+                .request(&Request::UploadPiece { offset, bytes })
+                .unwrap();
+        }
+        let (verify, frame) = device.frame(&Request::VerifyUpload);
+        device.send_bytes(&frame).unwrap();
+        let mut during = 0;
+        for query in sample.queries(20).iter().cycle() {
+            let traced = device.frame(&Request::Trace(query.clone()));
+            let corrected = device.frame(&Request::Correct(query.clone()));
+            let mut verified = false;
+            for (number, frame) in [traced, corrected] {
+                device.send_bytes(&frame).unwrap();
+                loop {
+                    let (answered, response) = device.receive().unwrap().unwrap();
+                    verified |= answered == verify && matches!(response, Response::Verified(_));
+                    if answered == number {
+                        break;
+                    }
+                }
+            }
+            if verified {
+                break;
+            }
+            during += 2;
+        }
+        println!("{during} cycles during a signature");
+        for query in odd_queries() {
+            device.evaluate(&query).unwrap();
+            device.correct(&query).unwrap();
+        }
+        let model = device.identify().unwrap().model.unwrap();
+        device.client().roll_back(model.blob_crc).ok();
+    }
+    let stack = u64::from(device.statistics().unwrap().stack_bytes);
+    let ram = image().static_ram + stack;
+    println!("stack {stack} bytes with signatures; RAM with two models and the stack: {ram} bytes");
+    assert!(stack <= 20 * KIB, "{stack}");
     assert!(ram <= 128 * KIB, "{ram}");
 }
 

@@ -3,13 +3,19 @@
 //! One program, so that the image is built and linked against once. Needs `qemu-system-arm` and a compiler for the
 //! target; without them these tests fail and say what to install.
 
+mod boards;
 mod boot;
+mod corrected;
 mod cost;
 mod damage;
 mod golden;
 mod image;
+mod kills;
 mod link;
 mod same_bits;
+mod soak;
+mod under_load;
+mod watchdog;
 
 use poegp_tests::device::Device;
 use poegp_tests::emulator::Clock;

@@ -4,7 +4,7 @@ use poegp_protocol::blob;
 use poegp_runtime::model::{Model, words_for};
 use poegp_runtime::status::Status;
 use poegp_tests::sample::{Elastic, Sample, Support, odd_queries};
-use poegp_tests::stages::{Host, Stages};
+use poegp_tests::stages::{self, Host, Stages};
 
 use crate::device;
 
@@ -21,6 +21,11 @@ fn compare(sample: Sample, count: usize) -> usize {
         if let Some(difference) = here.difference(&Stages::from(&trace)) {
             panic!("{sample:?} {query:?}: host and device differ in {difference}");
         }
+        assert_eq!(
+            host.trust_line(&query),
+            stages::trust_line(&trace.evaluation),
+            "{sample:?} {query:?}: trust and standard deviation"
+        );
         assert!(!here.has_non_finite_answer(), "{sample:?} {query:?}");
         trusted += usize::from(here.status() == Status::OK.bits());
     }
@@ -75,6 +80,18 @@ fn elastic_with_length_scales_of_each_joint() {
 fn elastic_with_tied_length_scales() {
     let trusted = compare(elastic(17, Elastic::TIED), 1_000);
     assert!(trusted > 100, "only {trusted} queries were ordinary");
+}
+
+#[test]
+fn elastic_with_a_standard_deviation() {
+    for (joints, coupled) in [(5, false), (6, true), (7, false)] {
+        let sample = Sample {
+            joints,
+            coupled,
+            ..elastic(23, Elastic::TIED_WITH_SIGMA)
+        };
+        compare(sample, 300);
+    }
 }
 
 #[test]

@@ -25,6 +25,8 @@ use super::port::Address;
 const PROGRAM: &str = "qemu-system-arm";
 const LOG: &str = "defmt.bin";
 const COMPLAINTS: &str = "stderr.txt";
+/// Flash that was never written: QEMU has zeros there.
+const ERASED: &str = "poegp-erased-flash.bin";
 
 /// How time passes in the machine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -80,8 +82,9 @@ pub struct Machine<'a> {
 }
 
 impl Machine<'_> {
-    /// QEMU, with standard input for the link; the second serial line is not named yet.
-    fn command(&self, link: &str) -> Result<Command, EmulatorError> {
+    /// QEMU, with standard input for the link; the second serial line is not named yet. What QEMU has to read at its
+    /// start goes to `folder`.
+    fn command(&self, link: &str, folder: &Path) -> Result<Command, EmulatorError> {
         let mut machine = self.board.machine().to_owned();
         let mut command = Command::new(PROGRAM);
         if let Some(path) = self.memory {
@@ -98,6 +101,17 @@ impl Machine<'_> {
             .arg(self.elf)
             .args(["-display", "none", "-monitor", "none"])
             .args(["-chardev", link, "-serial", "chardev:link"]);
+        if let Some((address, bytes)) = self.board.erased_flash() {
+            let path = folder.join(ERASED);
+            let erased = vec![0xff; bytes];
+            if fs::read(&path).ok().as_ref() != Some(&erased) {
+                fs::write(&path, erased)?;
+            }
+            command.arg("-device").arg(format!(
+                "loader,file={},addr={address:#x},force-raw=on",
+                escaped(&path)
+            ));
+        }
         if self.clock == Clock::Counting {
             command.args(["-icount", "shift=6"]);
         }
@@ -130,7 +144,7 @@ impl Emulator {
         let directory = tempfile::Builder::new().prefix("poegp-").tempdir()?;
         let (link, inherited) = UnixStream::pair()?;
         let child = machine
-            .command("socket,id=link,fd=0")?
+            .command("socket,id=link,fd=0", directory.path())?
             .arg("-serial")
             .arg(format!("file:{}", escaped(&directory.path().join(LOG))))
             .stdin(OwnedFd::from(inherited))
@@ -229,7 +243,9 @@ impl Listener {
 ///
 /// Returns only when QEMU does not start.
 pub fn serve(machine: &Machine<'_>, link: Listener, log: Listener) -> EmulatorError {
-    let mut command = match machine.command("socket,id=link,fd=0,server=on,wait=off") {
+    // Always the same bytes, so that one file serves all machines and nobody has to remove it.
+    let folder = std::env::temp_dir();
+    let mut command = match machine.command("socket,id=link,fd=0,server=on,wait=off", &folder) {
         Ok(command) => command,
         Err(error) => return error,
     };

@@ -72,6 +72,14 @@ impl Board {
         }
     }
 
+    /// Address and bytes of the flash behind the image, where QEMU has zeros instead of what an erased flash reads as.
+    pub const fn erased_flash(self) -> Option<(u32, usize)> {
+        match self {
+            Self::Mps2An386 | Self::Mps2An500 => None,
+            Self::Stm32F405 => Some((0x0806_0000, 5 * 128 * 1024)),
+        }
+    }
+
     /// The image of each board has a place of its own.
     fn directory(self, toolchain: &Toolchain) -> String {
         let way = match toolchain {

@@ -342,7 +342,7 @@ fn best_fit(poses: &[Pose<f64>], samples: &[Sample]) -> Pose<f64> {
     }
 }
 
-/// Rows whose pose, correction or status is another one than the host computes.
+/// Rows whose pose, correction, status, trust or standard deviation is another one than the host computes.
 fn other_poses(commands: &Commands, answers: &[Evaluation]) -> Vec<usize> {
     let Some(loaded) = &commands.loaded else {
         return Vec::new();
@@ -353,6 +353,8 @@ fn other_poses(commands: &Commands, answers: &[Evaluation]) -> Vec<usize> {
         here.pose.to_rows().map(f32::to_bits) != answer.pose.map(f32::to_bits)
             || here.correction.to_array().map(f32::to_bits) != answer.correction.map(f32::to_bits)
             || here.status.bits() != answer.status
+            || here.trust.to_bits() != answer.trust.to_bits()
+            || here.position_sigma.map(f32::to_bits) != answer.position_sigma.map(f32::to_bits)
     };
     (0..answers.len()).filter(differs).collect()
 }

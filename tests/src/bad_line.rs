@@ -1,0 +1,107 @@
+//! A line that damages, drops or doubles one byte of a hundred, both ways, from a seed.
+
+use std::io::{self, Read, Write};
+use std::os::unix::net::UnixStream;
+use std::time::Duration;
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+/// What has become of the bytes.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Harm {
+    /// Bytes that went in, both ways.
+    pub bytes: u64,
+    /// Came out as others.
+    pub damaged: u64,
+    /// Did not come out.
+    pub dropped: u64,
+    /// Came out twice.
+    pub doubled: u64,
+}
+
+/// The line.
+#[derive(Debug)]
+pub struct BadLine {
+    stream: UnixStream,
+    generator: ChaCha8Rng,
+    harm: Harm,
+}
+
+/// Share of the bytes that something happens to.
+const SHARE: f64 = 0.01;
+
+impl BadLine {
+    /// Over a good one; reading ends after `patience` at the latest.
+    ///
+    /// # Errors
+    /// What the system says.
+    pub fn over(stream: UnixStream, patience: Duration, seed: u64) -> io::Result<Self> {
+        stream.set_read_timeout(Some(patience))?;
+        Ok(Self {
+            stream,
+            generator: ChaCha8Rng::seed_from_u64(seed),
+            harm: Harm::default(),
+        })
+    }
+
+    /// What has become of the bytes so far.
+    pub fn harm(&self) -> Harm {
+        self.harm
+    }
+
+    fn pass(&mut self, bytes: &[u8]) -> Vec<u8> {
+        let mut out = Vec::with_capacity(bytes.len() + 8);
+        for byte in bytes {
+            self.harm.bytes += 1;
+            if !self.generator.random_bool(SHARE) {
+                out.push(*byte);
+                continue;
+            }
+            match self.generator.random_range(0..3) {
+                0 => {
+                    self.harm.damaged += 1;
+                    out.push(byte ^ self.generator.random_range(1..=255_u8));
+                }
+                1 => self.harm.dropped += 1,
+                _ => {
+                    self.harm.doubled += 1;
+                    out.extend([*byte, *byte]);
+                }
+            }
+        }
+        out
+    }
+
+    /// Sends bytes, or what is left of them.
+    ///
+    /// # Errors
+    /// What the system says.
+    pub fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
+        let bytes = self.pass(bytes);
+        self.stream.write_all(&bytes)
+    }
+
+    /// What has come; nothing when nothing came in time.
+    ///
+    /// # Errors
+    /// What the system says; `UnexpectedEof` when nobody is there any more.
+    pub fn receive(&mut self) -> io::Result<Vec<u8>> {
+        let mut buffer = [0; 4096];
+        match self.stream.read(&mut buffer) {
+            Ok(0) => Err(io::ErrorKind::UnexpectedEof.into()),
+            Ok(length) => Ok(self.pass(&buffer[..length])),
+            Err(error)
+                if matches!(
+                    error.kind(),
+                    io::ErrorKind::WouldBlock
+                        | io::ErrorKind::TimedOut
+                        | io::ErrorKind::Interrupted
+                ) =>
+            {
+                Ok(Vec::new())
+            }
+            Err(error) => Err(error),
+        }
+    }
+}

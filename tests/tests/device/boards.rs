@@ -1,0 +1,144 @@
+//! The other boards: a Cortex-M7, and an STM32F405 as far as QEMU's `netduinoplus2` is one.
+//!
+//! QEMU models no flash controller of the STM32: what is written there does not arrive, and the store says so.
+
+use poegp_protocol::link::{Key, PROTOCOL_VERSION, Refusal, Request};
+use poegp_runtime::store::StoreError;
+use poegp_tests::device::{Device, DeviceError};
+use poegp_tests::emulator::{Clock, EmulatorError, Machine};
+use poegp_tests::firmware::{Board, firmware_of};
+use poegp_tests::image::Image;
+use poegp_tests::sample::{Elastic, Sample, Support, odd_queries};
+use poegp_tests::stages::{CommandBits, Host};
+use poegp_trainer::device::error::ClientError;
+
+use crate::golden::compare_with_committed;
+
+fn start(board: Board) -> Device {
+    let machine = Machine {
+        board,
+        elf: &firmware_of(board)
+            .unwrap_or_else(|error| panic!("{error}"))
+            .elf,
+        clock: Clock::Real,
+        memory: None,
+    };
+    Device::on(&machine).unwrap()
+}
+
+fn identifies_itself(device: &mut Device, board: Board) {
+    let identity = device.identify().unwrap();
+    assert_eq!(identity.board, board.name());
+    assert_eq!(identity.protocol_version, PROTOCOL_VERSION);
+    assert_eq!(identity.key, Key::None);
+    assert_eq!((identity.model, identity.slots), (None, [None; 2]));
+    let image = Image::read(&firmware_of(board).unwrap().elf).unwrap();
+    assert_eq!(identity.image_crc, image.crc);
+    println!(
+        "{}: flash {} bytes, static RAM {} bytes",
+        board.name(),
+        image.flash,
+        image.static_ram
+    );
+    assert!(image.flash <= 128 * 1_024, "{}", image.flash);
+}
+
+fn corrects(device: &mut Device, load: &mut dyn FnMut(&mut Device, &[u8])) {
+    for (seed, kind) in [(100, Elastic::OWN), (101, Elastic::TIED_WITH_SIGMA)] {
+        let sample = Sample::plain(seed, Support::Elastic(kind));
+        let bytes = sample.blob();
+        load(device, &bytes);
+        let host = Host::load(&bytes).unwrap();
+        for query in sample.queries(60).into_iter().chain(odd_queries()) {
+            let answer = device.correct(&query).unwrap();
+            assert_eq!(
+                CommandBits::from(&answer),
+                host.command(&query),
+                "{query:?}"
+            );
+        }
+    }
+}
+
+#[test]
+fn cortex_m7_gives_the_committed_bits() {
+    let board = Board::Mps2An500;
+    let mut device = start(board);
+    identifies_itself(&mut device, board);
+    let mut load = |device: &mut Device, blob: &[u8]| {
+        device.load(blob).unwrap();
+    };
+    compare_with_committed(&mut device, &mut load);
+    corrects(&mut device, &mut load);
+}
+
+/// Without flash: verified, and active until the next restart.
+fn activate(device: &mut Device, blob: &[u8]) {
+    let model = device.client().upload(blob, &mut |_| ()).unwrap();
+    device.client().activate(model.blob_crc).unwrap();
+}
+
+fn commit_refused(device: &mut Device) -> Refusal {
+    match device.client().commit_upload() {
+        Err(ClientError::Refused(refusal)) => refusal,
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn stm32f405_gives_the_committed_bits() {
+    let board = Board::Stm32F405;
+    let mut device = start(board);
+    identifies_itself(&mut device, board);
+    compare_with_committed(&mut device, &mut activate);
+    corrects(&mut device, &mut activate);
+}
+
+/// The processor of this board stands still while its flash is written: not while cycles run. In QEMU nothing is written,
+/// which is noticed; the active model goes on either way.
+#[test]
+fn stm32f405_leaves_its_flash_alone_while_cycles_run() {
+    let mut device = start(Board::Stm32F405);
+    let sample = Sample::plain(102, Support::Elastic(Elastic::TIED));
+    let (bytes, query) = (sample.blob(), &sample.queries(1)[0]);
+    let expected = Host::load(&bytes).unwrap().command(query);
+    let answers = |device: &mut Device| {
+        let answer = device.correct(query).unwrap();
+        assert_eq!(CommandBits::from(&answer), expected);
+    };
+    activate(&mut device, &bytes);
+    let not_written = Refusal::Store {
+        code: StoreError::ReadBack { at: 0 }.code(),
+    };
+    assert_eq!(commit_refused(&mut device), not_written);
+    answers(&mut device);
+    assert_eq!(commit_refused(&mut device), Refusal::CyclesRunning);
+    let key = [0x58; 32];
+    let refused = device.request(&Request::Provision { public_key: key });
+    println!("a key while cycles run: {refused:?}");
+    answers(&mut device);
+    device.client().stand_down().unwrap();
+    assert_eq!(commit_refused(&mut device), not_written);
+    answers(&mut device);
+    assert_eq!(device.identify().unwrap().slots, [None; 2]);
+}
+
+#[test]
+fn stm32f405_has_no_flash_that_outlives_qemu() {
+    let board = Board::Stm32F405;
+    let folder = tempfile::tempdir().unwrap();
+    let machine = Machine {
+        board,
+        elf: &firmware_of(board).unwrap().elf,
+        clock: Clock::Real,
+        memory: Some(&folder.path().join("flash.bin")),
+    };
+    let refused = Device::on(&machine).unwrap_err();
+    assert!(
+        matches!(
+            refused,
+            DeviceError::Emulator(EmulatorError::NoMemory("stm32f405"))
+        ),
+        "{refused}"
+    );
+}

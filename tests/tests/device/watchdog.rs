@@ -1,0 +1,109 @@
+//! What ends in a restart, what does not, and what outlives it.
+
+use std::time::{Duration, Instant};
+
+use poegp_protocol::blob;
+use poegp_runtime::status::Status;
+use poegp_tests::device::Device;
+use poegp_tests::emulator::{Clock, Machine};
+use poegp_tests::firmware::{Board, firmware};
+use poegp_tests::sample::{Elastic, Sample, Support};
+use poegp_tests::stages::{CommandBits, Host};
+
+use crate::device;
+
+const SAMPLE: Sample = Sample::plain(120, Support::Elastic(Elastic::TIED));
+/// The watchdog of the board waits for two times four seconds.
+const LIMIT: Duration = Duration::from_secs(40);
+
+/// Starts since the power came, but the first. Asking for them is no cycle.
+fn restarts(device: &mut Device) -> u32 {
+    device.statistics().unwrap().restarts
+}
+
+fn load_and_correct(device: &mut Device) {
+    device.load(&SAMPLE.blob()).unwrap();
+    corrects(device);
+}
+
+/// The stored model answers, and right.
+fn corrects(device: &mut Device) {
+    let bytes = SAMPLE.blob();
+    let host = Host::load(&bytes).unwrap();
+    for query in SAMPLE.queries(3) {
+        let answer = device.correct(&query).unwrap();
+        assert_eq!(CommandBits::from(&answer), host.command(&query));
+        assert_eq!(answer.blob_crc, blob::stored_crc(&bytes).unwrap());
+    }
+}
+
+#[test]
+fn a_controller_that_goes_silent_has_the_device_restarted() {
+    let (mut silent, mut stood_down) = (device(), device());
+    load_and_correct(&mut stood_down);
+    stood_down.client().stand_down().unwrap();
+    // A third has never seen a cyclic request.
+    let mut idle = device();
+    load_and_correct(&mut silent);
+    let start = Instant::now();
+    while restarts(&mut silent) == 0 {
+        assert!(start.elapsed() < LIMIT, "not restarted in {LIMIT:?}");
+        std::thread::sleep(Duration::from_millis(100));
+    }
+    println!(
+        "restarted {:.1} s after the last cycle",
+        start.elapsed().as_secs_f64()
+    );
+    assert_eq!(restarts(&mut stood_down), 0, "it was told");
+    assert_eq!(restarts(&mut idle), 0, "nothing was expected of it");
+    // From the stored model; and once it has said so, silence is no fault again.
+    let identity = silent.identify().unwrap();
+    assert!(identity.model.is_some_and(|model| model.support == 100));
+    assert_eq!(restarts(&mut silent), 1);
+    corrects(&mut silent);
+    corrects(&mut stood_down);
+    assert_eq!(silent.statistics().unwrap().activations, 1);
+}
+
+/// Cycles that go on feed it, for longer than it waits.
+#[test]
+fn cycles_keep_the_watchdog_fed() {
+    let mut device = device();
+    load_and_correct(&mut device);
+    let query = &SAMPLE.queries(1)[0];
+    let start = Instant::now();
+    while start.elapsed() < Duration::from_secs(12) {
+        device.correct(query).unwrap();
+    }
+    assert_eq!(restarts(&mut device), 0);
+}
+
+#[test]
+fn the_bypass_outlives_a_restart_and_no_power_failure() {
+    let folder = tempfile::tempdir().unwrap();
+    let memory = folder.path().join("flash.bin");
+    let machine = Machine {
+        board: Board::default(),
+        elf: &firmware().unwrap_or_else(|error| panic!("{error}")).elf,
+        clock: Clock::Real,
+        memory: Some(&memory),
+    };
+    let query = &SAMPLE.queries(1)[0];
+    let mut device = Device::on(&machine).unwrap();
+    load_and_correct(&mut device);
+    assert!(device.client().set_bypass(true).unwrap().bypass);
+    for count in 1..=2 {
+        let identity = device.client().restart().unwrap();
+        assert!(identity.bypass, "restart {count}");
+        assert_eq!(restarts(&mut device), count);
+        let answer = device.correct(query).unwrap();
+        assert_eq!(answer.joints, query.joints);
+        assert_eq!(answer.status, Status::BYPASSED.bits());
+    }
+    drop(device);
+    let mut device = Device::on(&machine).unwrap();
+    let identity = device.identify().unwrap();
+    assert!(!identity.bypass && identity.model.is_some());
+    assert_eq!(restarts(&mut device), 0);
+    corrects(&mut device);
+}
