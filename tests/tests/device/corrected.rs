@@ -159,6 +159,7 @@ fn instructions_of_one_command() {
     println!("instructions of one corrected command, Cortex-M4F, 100 support points:");
     println!("| model | joints | least | mean | most |");
     println!("|---|---|---|---|---|");
+    let mut beyond = Vec::new();
     for (name, kind, limit) in [
         ("elastic, own length scales", Elastic::OWN, 40_000.0),
         ("elastic, tied", Elastic::TIED, 18_000.0),
@@ -167,7 +168,9 @@ fn instructions_of_one_command() {
             let sample = elastic(joints, kind);
             let most = cost(&mut device, name, sample);
             // The limit is that of six joints; kinematics and solver grow with them.
-            assert!(joints != 6 || most <= limit, "{name}: {most}");
+            if joints == 6 && most > limit {
+                beyond.push(format!("{name}: {most:.0} of {limit:.0}"));
+            }
         }
     }
     for (name, correction) in [
@@ -177,6 +180,7 @@ fn instructions_of_one_command() {
     ] {
         cost(&mut device, name, Sample::plain(70, correction));
     }
+    assert!(beyond.is_empty(), "{beyond:?}");
 }
 
 fn cost(device: &mut Device, name: &str, sample: Sample) -> f64 {

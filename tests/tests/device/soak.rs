@@ -32,10 +32,12 @@ const QUERIES: usize = 256;
 const IN_FLIGHT: usize = 340;
 /// Bytes of a blob in one request. A longer frame hardly ever arrives.
 const PIECE: usize = 48;
-/// After such a silence what is in flight is taken for lost.
-const SILENCE: Duration = Duration::from_millis(20);
-/// A service is asked for again.
-const AGAIN: Duration = Duration::from_millis(25);
+/// After such a silence everything on its way is taken for lost. Rare: any answer says so of what was sent before it.
+const SILENCE: Duration = Duration::from_millis(250);
+/// A service is asked for again after so many answers to others, or a silence.
+const AGAIN: usize = 12;
+/// The same when the device was busy.
+const AGAIN_AFTER_BUSY: usize = 4;
 /// Nothing may take longer: the watchdog would restart the device after eight seconds.
 const DEADLOCK: Duration = Duration::from_secs(30);
 
@@ -106,7 +108,8 @@ fn steps(round: usize, length: usize) -> VecDeque<Step> {
 struct Waiting {
     sequence: u16,
     frame: Vec<u8>,
-    again: Instant,
+    /// When so many answers were heard, or at this time.
+    again: (usize, Instant),
 }
 
 /// Both clients and their line.
@@ -131,8 +134,11 @@ struct Soak {
     activations: usize,
     commits: usize,
     damaged_answers: usize,
+    silences: usize,
     statistics: Option<Statistics>,
+    /// When the last answer came, intact or not, and how many have.
     heard: Instant,
+    heard_frames: usize,
 }
 
 fn encoded(sequence: u16, request: &Request<'_>) -> Vec<u8> {
@@ -165,8 +171,10 @@ impl Soak {
             activations: 0,
             commits: 0,
             damaged_answers: 0,
+            silences: 0,
             statistics: None,
             heard: Instant::now(),
+            heard_frames: 0,
         }
     }
 
@@ -193,8 +201,8 @@ impl Soak {
     /// Sends the next step of the workstation, or the last one again.
     fn send_service(&mut self, now: Instant) {
         if let Some(waiting) = &mut self.waiting {
-            if now >= waiting.again {
-                waiting.again = now + AGAIN;
+            if self.heard_frames >= waiting.again.0 || now >= waiting.again.1 {
+                waiting.again = (self.heard_frames + AGAIN, now + SILENCE);
                 self.line.send(&waiting.frame).unwrap();
             }
             return;
@@ -230,13 +238,18 @@ impl Soak {
         self.waiting = Some(Waiting {
             sequence,
             frame,
-            again: now + AGAIN,
+            again: (self.heard_frames + AGAIN, now + SILENCE),
         });
     }
 
     fn receive(&mut self) {
         for byte in self.line.receive().unwrap() {
-            match self.receiver.push(byte) {
+            let received = self.receiver.push(byte);
+            if received != Received::More {
+                self.heard = Instant::now();
+                self.heard_frames += 1;
+            }
+            match received {
                 Received::More => {}
                 Received::TooLong => self.damaged_answers += 1,
                 Received::Frame => {
@@ -253,8 +266,9 @@ impl Soak {
             }
         }
         let now = Instant::now();
-        if now - self.heard > SILENCE {
+        if now - self.heard > SILENCE && !self.in_flight.is_empty() {
             self.in_flight.clear();
+            self.silences += 1;
         }
         assert!(
             now - self.heard < DEADLOCK,
@@ -264,7 +278,6 @@ impl Soak {
     }
 
     fn take(&mut self, sequence: u16, response: Response) {
-        self.heard = Instant::now();
         match response {
             Response::Refused(Refusal::BadFrame) => {
                 assert_eq!(sequence, 0);
@@ -308,7 +321,7 @@ impl Soak {
             return;
         }
         if response == Response::Refused(Refusal::Busy) {
-            waiting.again = now + Duration::from_millis(2);
+            waiting.again = (self.heard_frames + AGAIN_AFTER_BUSY, now + SILENCE);
             return;
         }
         let step = self.steps.pop_front().unwrap();
