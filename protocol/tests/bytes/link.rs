@@ -295,7 +295,6 @@ fn responses_as_bytes() {
     let mut corrected = vec![2, 0x80, 0x01, 2, 0, 0, 0, 0x3f, 0, 0, 0x80, 0x3e];
     corrected.extend([0, 0, 0, 0x40, 32, 0xc8, 0x01]);
     let mut trace = vec![3, 2, 0, 0, 0, 0x3f, 0, 0, 0x80, 0x3f];
-    trace.extend([0xc5, 0xbb, 0xf2, 0x88, 0x08]);
     trace.extend([0, 0, 0x80, 0x3e].repeat(6));
     trace.extend([0, 0, 0x80, 0x3f].repeat(12));
     trace.extend(&evaluation);
