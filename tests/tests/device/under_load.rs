@@ -109,7 +109,7 @@ fn a_correction_does_not_wait_for_services() {
     let quiet = device.statistics().unwrap();
 
     let mut counts = Vec::new();
-    for bytes in [&blobs[1], &blobs[2], &blobs[0], &blobs[1]] {
+    for bytes in [1, 2, 0, 1, 2, 0, 1].map(|index: usize| &blobs[index]) {
         counts.extend(controller.load(&mut device, bytes));
     }
     let from_crc = blob::stored_crc(&blobs[1]).unwrap();
@@ -135,10 +135,7 @@ fn a_correction_does_not_wait_for_services() {
         named.map(|(_, count)| count).sum()
     };
     assert!(during("verify") >= 20, "{counts:?}");
-    assert!(
-        during("commit") >= 1 && during("roll back") >= 1,
-        "{counts:?}"
-    );
+    assert!(during("commit") + during("roll back") >= 2, "{counts:?}");
     assert!(in_instructions(busy.max_latency_ticks) <= BOUND);
     assert_eq!((busy.missed_deadlines, busy.restarts), (0, 0));
 }
