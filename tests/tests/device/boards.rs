@@ -2,7 +2,7 @@
 //!
 //! QEMU models no flash controller of the STM32: what is written there does not arrive, and the store says so.
 
-use poegp_protocol::link::{Key, PROTOCOL_VERSION, Refusal, Request};
+use poegp_protocol::link::{Key, PROTOCOL_VERSION, Refusal, Request, Response};
 use poegp_runtime::store::StoreError;
 use poegp_tests::device::{Device, DeviceError};
 use poegp_tests::emulator::{Clock, EmulatorError, Machine};
@@ -11,6 +11,7 @@ use poegp_tests::image::Image;
 use poegp_tests::sample::{Elastic, Sample, Support, odd_queries};
 use poegp_tests::stages::{CommandBits, Host};
 use poegp_trainer::device::error::ClientError;
+use poegp_trainer::signing::SecretKey;
 
 use crate::golden::compare_with_committed;
 
@@ -113,9 +114,9 @@ fn stm32f405_leaves_its_flash_alone_while_cycles_run() {
     assert_eq!(commit_refused(&mut device), not_written);
     answers(&mut device);
     assert_eq!(commit_refused(&mut device), Refusal::CyclesRunning);
-    let key = [0x58; 32];
-    let refused = device.request(&Request::Provision { public_key: key });
-    println!("a key while cycles run: {refused:?}");
+    let public_key = *SecretKey::generate().unwrap().public().bytes();
+    let refused = device.request(&Request::Provision { public_key }).unwrap();
+    assert_eq!(refused, Response::Refused(Refusal::CyclesRunning));
     answers(&mut device);
     device.client().stand_down().unwrap();
     assert_eq!(commit_refused(&mut device), not_written);
