@@ -84,6 +84,11 @@ fn stack_stays_small_with_signatures() {
     ] {
         let signed = key.sign(&sample.blob()).unwrap();
         device.load(&signed).unwrap();
+        let mut damaged = signed.clone();
+        damaged[signed.len() / 2] ^= 1;
+        for refused in [&signed[..signed.len() - 1], &damaged] {
+            device.load(refused).unwrap_err();
+        }
         // Where in a signature a cycle comes is chance: often enough to meet its deepest calls.
         let mut cycles = 0;
         for _ in 0..8 {
