@@ -161,10 +161,14 @@ pub struct JointProcesses<T> {
 /// Fitted kernels stay below 20.
 const MAX_FAST_RATE_SUM: f64 = 60.0;
 
+/// Kernel values that are shown together.
+const TILE: usize = 32;
+
 impl<T: Scalar> JointProcesses<T> {
-    /// The posterior mean of every joint in rad or m, from `rows` of [`row_words`] words. Every exponential of joints is
-    /// shown to `kernel_value`, in the order of the computation.
-    #[inline(never)]
+    /// The posterior mean of every joint in rad or m, from `rows` of [`row_words`] words. What the computation goes through
+    /// is shown to `kernel_value` in its order: of tied kernels every exponential of joints, of others the sum over
+    /// each payload group for each joint.
+    #[inline(always)]
     pub fn mean(
         &self,
         kinds: &[JointKind],
@@ -173,14 +177,31 @@ impl<T: Scalar> JointProcesses<T> {
         payload_kg: T,
         kernel_value: &mut impl FnMut(T),
     ) -> PerJoint<T> {
+        self.mean_shown(kinds, rows, features, payload_kg, &mut |values: &[T]| {
+            for value in values {
+                kernel_value(*value);
+            }
+        })
+    }
+
+    /// The same, shown by the slice: one copy of the loops serves whoever looks and whoever does not.
+    #[inline(never)]
+    fn mean_shown(
+        &self,
+        kinds: &[JointKind],
+        rows: &[T],
+        features: &Features<T>,
+        payload_kg: T,
+        show: &mut dyn FnMut(&[T]),
+    ) -> PerJoint<T> {
         match (self.fast(kinds), self.tied) {
-            (5, true) => self.tied::<5, 15>(rows, features, payload_kg, kernel_value),
-            (6, true) => self.tied::<6, 18>(rows, features, payload_kg, kernel_value),
-            (7, true) => self.tied::<7, 21>(rows, features, payload_kg, kernel_value),
-            (5, false) => self.own::<5, 15>(rows, features, payload_kg, kernel_value),
-            (6, false) => self.own::<6, 18>(rows, features, payload_kg, kernel_value),
-            (7, false) => self.own::<7, 21>(rows, features, payload_kg, kernel_value),
-            _ => self.any(kinds, rows, features, payload_kg, kernel_value),
+            (5, true) => self.tied::<5, 15>(rows, features, payload_kg, show),
+            (6, true) => self.tied::<6, 18>(rows, features, payload_kg, show),
+            (7, true) => self.tied::<7, 21>(rows, features, payload_kg, show),
+            (5, false) => self.own::<5, 15>(rows, features, payload_kg, show),
+            (6, false) => self.own::<6, 18>(rows, features, payload_kg, show),
+            (7, false) => self.own::<7, 21>(rows, features, payload_kg, show),
+            _ => self.any(kinds, rows, features, payload_kg, show),
         }
     }
 
@@ -205,31 +226,43 @@ impl<T: Scalar> JointProcesses<T> {
         rows: &[T],
         features: &Features<T>,
         payload_kg: T,
-        kernel_value: &mut impl FnMut(T),
+        show: &mut dyn FnMut(&[T]),
     ) -> PerJoint<T> {
+        let mut cosines = [[T::ZERO; N]; TILE];
         let mut out = [T::ZERO; MAX_JOINTS];
         let mut rest = rows.as_chunks::<ROW>().0;
         for group in &self.groups {
             let (here, after) = rest.split_at_checked(group.points).unwrap_or((rest, &[]));
             rest = after;
             let mut sums = [T::ZERO; N];
-            for row in here {
-                let similarities = similarities::<T, N, ROW>(row, features);
+            for tile in here.chunks(TILE) {
+                for (row, slot) in tile.iter().zip(&mut cosines) {
+                    *slot = similarities::<T, N, ROW>(row, features);
+                }
+                // Two joints in each pass: their rates fit into registers beside the rest. Of an odd number the last one
+                // is computed twice.
                 let mut c = 0;
                 while c < N {
-                    let rates = &self.kernels[c].rates;
-                    let mut exponent = rates[0] * similarities[0];
-                    let mut d = 1;
-                    while d < N {
-                        exponent += rates[d] * similarities[d];
-                        d += 1;
+                    let pair = [c, (c + 1).min(N - 1)];
+                    let [a, b] = pair.map(|c| *self.kernels[c].rates());
+                    let weights = pair.map(|c| (2 * N + c).min(ROW - 1));
+                    let [mut first, mut second] = pair.map(|c| sums[c]);
+                    for (row, s) in tile.iter().zip(&cosines) {
+                        let (mut x, mut y) = (a[0] * s[0], b[0] * s[0]);
+                        let mut d = 1;
+                        while d < N {
+                            x += a[d] * s[d];
+                            y += b[d] * s[d];
+                            d += 1;
+                        }
+                        first += x.exp2_unclamped() * row[weights[0]];
+                        second += y.exp2_unclamped() * row[weights[1]];
                     }
-                    let k = exponent.exp2_unclamped();
-                    kernel_value(k);
-                    sums[c] += k * row[2 * N + c];
-                    c += 1;
+                    (sums[pair[1]], sums[pair[0]]) = (second, first);
+                    c += 2;
                 }
             }
+            show(&sums);
             for ((total, sum), kernel) in out.iter_mut().zip(&sums).zip(&self.kernels) {
                 let falling = kernel.falling(payload_kg, group.payload_kg);
                 *total += kernel.amplitude_at(payload_kg, group.payload_kg) * falling * *sum;
@@ -245,7 +278,7 @@ impl<T: Scalar> JointProcesses<T> {
         rows: &[T],
         features: &Features<T>,
         payload_kg: T,
-        kernel_value: &mut impl FnMut(T),
+        show: &mut dyn FnMut(&[T]),
     ) -> PerJoint<T> {
         // The rates go into the query once, instead of into every point.
         let first = &self.kernels[0];
@@ -258,27 +291,33 @@ impl<T: Scalar> JointProcesses<T> {
             ];
             d += 1;
         }
+        let mut seen = [T::ZERO; TILE];
         let mut out = [T::ZERO; MAX_JOINTS];
         let mut rest = rows.as_chunks::<ROW>().0;
         for group in &self.groups {
             let (here, after) = rest.split_at_checked(group.points).unwrap_or((rest, &[]));
             rest = after;
             let mut sums = [T::ZERO; N];
-            for row in here {
-                let mut exponent = scaled[0][0] * row[0] + scaled[0][1] * row[1];
-                let mut d = 1;
-                while d < N {
-                    exponent += scaled[d][0] * row[2 * d];
-                    exponent += scaled[d][1] * row[2 * d + 1];
-                    d += 1;
+            for tile in here.chunks(TILE) {
+                // Two passes keep the query and then the sums in registers.
+                for (row, seen) in tile.iter().zip(&mut seen) {
+                    let mut exponent = scaled[0][0] * row[0] + scaled[0][1] * row[1];
+                    let mut d = 1;
+                    while d < N {
+                        exponent += scaled[d][0] * row[2 * d];
+                        exponent += scaled[d][1] * row[2 * d + 1];
+                        d += 1;
+                    }
+                    *seen = exponent.exp2_unclamped();
                 }
-                let k = exponent.exp2_unclamped();
-                kernel_value(k);
-                let mut c = 0;
-                while c < N {
-                    sums[c] += k * row[2 * N + c];
-                    c += 1;
+                for (row, k) in tile.iter().zip(&seen) {
+                    let mut c = 0;
+                    while c < N {
+                        sums[c] += *k * row[2 * N + c];
+                        c += 1;
+                    }
                 }
+                show(seen.get(..tile.len()).unwrap_or(&[]));
             }
             let falling = first.falling(payload_kg, group.payload_kg);
             for ((total, sum), kernel) in out.iter_mut().zip(&sums).zip(&self.kernels) {
@@ -296,7 +335,7 @@ impl<T: Scalar> JointProcesses<T> {
         rows: &[T],
         features: &Features<T>,
         payload_kg: T,
-        kernel_value: &mut impl FnMut(T),
+        show: &mut dyn FnMut(&[T]),
     ) -> PerJoint<T> {
         let n = kinds.len();
         let mut out = [T::ZERO; MAX_JOINTS];
@@ -320,10 +359,15 @@ impl<T: Scalar> JointProcesses<T> {
                 {
                     if c == 0 || !self.tied {
                         k = kernel.joint_factor(&s);
-                        kernel_value(k);
+                        if self.tied {
+                            show(&[k]);
+                        }
                     }
                     *sum += k * *weight;
                 }
+            }
+            if !self.tied {
+                show(sums.get(..n).unwrap_or(&[]));
             }
             let joints = out.iter_mut().zip(&sums).zip(&self.kernels).take(n);
             for ((total, sum), kernel) in joints {
