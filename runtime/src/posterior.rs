@@ -79,11 +79,11 @@ impl<T: Scalar> MeanHeader<T> {
             }
         }
         match (self.inputs, &self.rates) {
+            (5, None) => shared::<T, 5, 11>(rows, &u, &mut out),
             (6, None) => shared::<T, 6, 12>(rows, &u, &mut out),
             (7, None) => shared::<T, 7, 13>(rows, &u, &mut out),
             (8, None) => shared::<T, 8, 14>(rows, &u, &mut out),
-            (inputs, Some(rates)) => per_output(rows, inputs, rates, &u, &mut out),
-            (inputs, None) => shared_any(rows, inputs, &u, &mut out),
+            (inputs, rates) => any(rows, inputs, rates.as_ref(), &u, &mut out),
         }
         out
     }
@@ -117,31 +117,19 @@ fn shared<T: Scalar, const D: usize, const ROW: usize>(
     *out = sums;
 }
 
-/// The same for any number of inputs.
+/// One exponential per support point for any number of inputs, or six, each with its own rate.
 #[inline(never)]
-fn shared_any<T: Scalar>(rows: &[T], inputs: usize, u: &[T; MAX_INPUTS], out: &mut [T; OUTPUTS]) {
-    let mut sums = *out;
-    for row in rows.chunks_exact(row_words(inputs)) {
-        let (centre, weights) = row.split_at_checked(inputs).unwrap_or((&[], &[]));
-        let k = (-crate::kernel::squared_distance(u, centre)).exp2();
-        for (sum, weight) in sums.iter_mut().zip(weights) {
-            *sum += k * *weight;
-        }
-    }
-    *out = sums;
-}
-
-/// Six exponentials per support point, each with its own rate.
-#[inline(never)]
-fn per_output<T: Scalar>(
+fn any<T: Scalar>(
     rows: &[T],
     inputs: usize,
-    rates: &[T; OUTPUTS],
+    rates: Option<&[T; OUTPUTS]>,
     u: &[T; MAX_INPUTS],
     out: &mut [T; OUTPUTS],
 ) {
     let mut sums = *out;
-    for row in rows.chunks_exact(row_words(inputs)) {
+    let row_words = row_words(inputs);
+    let factors = rates.copied().unwrap_or([T::ONE; OUTPUTS]);
+    for row in rows.chunks_exact(row_words) {
         let (centre, weights) = row.split_at_checked(inputs).unwrap_or((&[], &[]));
         let Some(weights) = weights.first_chunk::<OUTPUTS>() else {
             break;
@@ -149,7 +137,7 @@ fn per_output<T: Scalar>(
         let squared = crate::kernel::squared_distance(u, centre);
         let mut c = 0;
         while c < OUTPUTS {
-            let k = (-(rates[c] * squared)).exp2();
+            let k = (-(factors[c] * squared)).exp2();
             sums[c] += k * weights[c];
             c += 1;
         }

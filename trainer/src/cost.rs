@@ -39,21 +39,28 @@ pub fn instructions(size: &ElasticSize) -> u64 {
     let n = size.joints as f64;
     let sliding = if size.prismatic > 0 { 1.0 } else { 0.0 };
     // Chain twice, gravity terms, twist, bound.
-    let mut count = 1_262.4 + n * (491.5 + n * 17.86) - 46.3 * sliding * n;
+    let mut count = 865.9 + n * (640.0 + n * 6.58) - 68.7 * sliding * n;
     // Trust.
     count += 30.0 + 37.0 * n;
-    if !size.tied {
-        count += 5.8 * n * n;
-    }
     count += 67.5 * size.ripple as f64;
-    // The factor of a payload group for each joint.
-    count += size.groups as f64 * (83.9 + n * if size.tied { 21.9 } else { 41.8 });
-    let point = match (size.unrolled(), size.tied) {
-        (true, false) => -13.1 + n * (26.5 + n * 3.29),
-        (true, true) => 16.4 + n * 9.64,
-        (false, false) => 12.7 + n * (88.6 - n * 1.11),
-        (false, true) => 93.8 + n * 20.75,
+    // The factor of a payload group for each joint, and the way into its loops.
+    count += size.groups as f64
+        * if size.tied {
+            85.9 + n * 21.6
+        } else {
+            n * 81.4 - 62.5
+        };
+    // Own length scales are two joints in each pass.
+    let passes = size.joints.div_ceil(2) as f64;
+    let (once, point) = match (size.unrolled(), size.tied) {
+        (true, false) => (162.6, 156.7 + n * (passes * 14.7 - 28.67)),
+        (true, true) => (2.3, 21.4 + n * 8.46),
+        (false, false) => (192.4, n * (118.8 - n * 6.05) - 47.0),
+        (false, true) => (192.4, 99.9 + n * 24.19),
     };
+    if size.support > 0 {
+        count += once;
+    }
     if size.landmarks > 0 {
         let l = size.landmarks as f64;
         count += 371.0 + 84.0 * n + l * (106.0 + 8.5 * n + l * 2.2);

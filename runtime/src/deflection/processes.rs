@@ -161,6 +161,9 @@ pub struct JointProcesses<T> {
 /// Fitted kernels stay below 20.
 const MAX_FAST_RATE_SUM: f64 = 60.0;
 
+/// Support points whose cosines or exponentials are kept between two passes.
+const TILE: usize = 32;
+
 impl<T: Scalar> JointProcesses<T> {
     /// The posterior mean of every joint in rad or m, from `rows` of [`row_words`] words.
     #[inline(never)]
@@ -204,26 +207,38 @@ impl<T: Scalar> JointProcesses<T> {
         features: &Features<T>,
         payload_kg: T,
     ) -> PerJoint<T> {
+        let mut cosines = [[T::ZERO; N]; TILE];
         let mut out = [T::ZERO; MAX_JOINTS];
         let mut rest = rows.as_chunks::<ROW>().0;
         for group in &self.groups {
             let (here, after) = rest.split_at_checked(group.points).unwrap_or((rest, &[]));
             rest = after;
             let mut sums = [T::ZERO; N];
-            for row in here {
-                let similarities = similarities::<T, N, ROW>(row, features);
+            for tile in here.chunks(TILE) {
+                for (row, slot) in tile.iter().zip(&mut cosines) {
+                    *slot = similarities::<T, N, ROW>(row, features);
+                }
+                // Two joints in each pass: their rates fit into registers beside the rest. Of an odd number the last one
+                // is computed twice.
                 let mut c = 0;
                 while c < N {
-                    let rates = &self.kernels[c].rates;
-                    let mut exponent = rates[0] * similarities[0];
-                    let mut d = 1;
-                    while d < N {
-                        exponent += rates[d] * similarities[d];
-                        d += 1;
+                    let pair = [c, (c + 1).min(N - 1)];
+                    let [a, b] = pair.map(|c| *self.kernels[c].rates());
+                    let weights = pair.map(|c| (2 * N + c).min(ROW - 1));
+                    let [mut first, mut second] = pair.map(|c| sums[c]);
+                    for (row, s) in tile.iter().zip(&cosines) {
+                        let (mut x, mut y) = (a[0] * s[0], b[0] * s[0]);
+                        let mut d = 1;
+                        while d < N {
+                            x += a[d] * s[d];
+                            y += b[d] * s[d];
+                            d += 1;
+                        }
+                        first += x.exp2_unclamped() * row[weights[0]];
+                        second += y.exp2_unclamped() * row[weights[1]];
                     }
-                    let k = exponent.exp2_unclamped();
-                    sums[c] += k * row[2 * N + c];
-                    c += 1;
+                    (sums[pair[1]], sums[pair[0]]) = (second, first);
+                    c += 2;
                 }
             }
             for ((total, sum), kernel) in out.iter_mut().zip(&sums).zip(&self.kernels) {
@@ -253,25 +268,31 @@ impl<T: Scalar> JointProcesses<T> {
             ];
             d += 1;
         }
+        let mut seen = [T::ZERO; TILE];
         let mut out = [T::ZERO; MAX_JOINTS];
         let mut rest = rows.as_chunks::<ROW>().0;
         for group in &self.groups {
             let (here, after) = rest.split_at_checked(group.points).unwrap_or((rest, &[]));
             rest = after;
             let mut sums = [T::ZERO; N];
-            for row in here {
-                let mut exponent = scaled[0][0] * row[0] + scaled[0][1] * row[1];
-                let mut d = 1;
-                while d < N {
-                    exponent += scaled[d][0] * row[2 * d];
-                    exponent += scaled[d][1] * row[2 * d + 1];
-                    d += 1;
+            for tile in here.chunks(TILE) {
+                // Two passes keep the query and then the sums in registers.
+                for (row, seen) in tile.iter().zip(&mut seen) {
+                    let mut exponent = scaled[0][0] * row[0] + scaled[0][1] * row[1];
+                    let mut d = 1;
+                    while d < N {
+                        exponent += scaled[d][0] * row[2 * d];
+                        exponent += scaled[d][1] * row[2 * d + 1];
+                        d += 1;
+                    }
+                    *seen = exponent.exp2_unclamped();
                 }
-                let k = exponent.exp2_unclamped();
-                let mut c = 0;
-                while c < N {
-                    sums[c] += k * row[2 * N + c];
-                    c += 1;
+                for (row, k) in tile.iter().zip(&seen) {
+                    let mut c = 0;
+                    while c < N {
+                        sums[c] += *k * row[2 * N + c];
+                        c += 1;
+                    }
                 }
             }
             let falling = first.falling(payload_kg, group.payload_kg);

@@ -95,7 +95,7 @@ impl<T: Scalar> View<'_, T> {
         let mut motions = [JointMotion::still(); MAX_JOINTS];
         arm.motions(&x, &mut motions);
         let mut frames = [Pose::from_rows(&[T::ZERO; 12]); MAX_JOINTS];
-        let target = arm.nominal.joint_frames_at(&motions, &mut frames);
+        let target = arm.nominal.forward_at(&motions);
         let mut search = Search {
             arm,
             rows: self.rows,
@@ -163,8 +163,16 @@ struct Found<T> {
 
 impl<T: Scalar> Search<'_, T> {
     /// The calibrated chain after a change of the joints.
-    #[inline(never)]
+    #[inline(always)]
     fn chain(&mut self, change: &PerJoint<T>) -> Pose<T> {
+        self.turn(change);
+        let chain = &self.arm.calibrated;
+        chain.joint_frames_at(self.turned, self.frames)
+    }
+
+    /// The motions of the serial joints after a change of the joints.
+    #[inline(never)]
+    fn turn(&mut self, change: &PerJoint<T>) {
         let arm = self.arm;
         let coupling = arm.coupling.as_ref();
         let serial = coupling.map(|_| coupled(coupling, change));
@@ -174,7 +182,6 @@ impl<T: Scalar> Search<'_, T> {
             serial.as_ref().unwrap_or(change),
             self.turned,
         );
-        arm.calibrated.joint_frames_at(self.turned, self.frames)
     }
 
     fn error(&self, pose: &Pose<T>) -> Hybrid<T> {
@@ -316,8 +323,8 @@ impl<T: Scalar> Search<'_, T> {
         self.take_step(&error);
         // The check, where the chain is to be, and what it finds.
         let change = self.change;
-        let pose = self.chain(&change);
-        let mut after = self.error(&pose);
+        self.turn(&change);
+        let mut after = self.error(&arm.calibrated.forward_at(self.turned));
         let away = length(&difference(&change, &near));
         let reach = self.equations.squared_reach();
         let unseen = self.go_on(&mut after, away, reach);
