@@ -99,7 +99,7 @@ fn steps(round: usize, length: usize) -> VecDeque<Step> {
         _ => steps.push_back(Step::Activate),
     }
     // Two models have to be stored before one can be left for the other.
-    if round >= 2 && round % 2 == 0 {
+    if round >= 2 && round.is_multiple_of(2) {
         steps.push_back(Step::RollBack);
     }
     steps.push_back(Step::Identify);
