@@ -7,6 +7,7 @@ mod boot;
 mod cost;
 mod damage;
 mod golden;
+mod growth;
 mod image;
 mod link;
 mod same_bits;
