@@ -93,8 +93,8 @@ impl Front {
                 }
             }
         }
-        if let Some(length) = ANSWER.with(|answer| answer.length)
-            && line::has_room(length)
+        // On an empty line only: a correction never waits for more than one such answer.
+        if line::is_sent()
             && let Some(answer) = ANSWER.take()
         {
             line::send(answer.bytes.get(..answer.length).unwrap_or(&[]));

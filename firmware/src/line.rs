@@ -58,8 +58,9 @@ impl Line {
         taken
     }
 
-    /// Writes what can be written now.
-    fn pump(&mut self) {
+    /// Writes what can be written now, and tells whether that was the rest.
+    fn pump(&mut self) -> bool {
+        let before = self.outgoing.len();
         while let (Ok(true), Some(byte)) = (self.link.write_ready(), self.outgoing.front()) {
             if self.link.write(&[*byte]).is_err() {
                 break;
@@ -68,6 +69,7 @@ impl Line {
         }
         let waiting = !self.outgoing.is_empty();
         self.link.notify_writable(waiting);
+        before > 0 && !waiting
     }
 
     /// The interrupt: returns whether the cycle has something to do.
@@ -86,8 +88,9 @@ impl Line {
                 _ => self.lost = self.lost.saturating_add(1),
             }
         }
-        self.pump();
-        ended || self.received.len() > RECEIVED / 2
+        // An answer of the background may wait for an empty line.
+        let emptied = self.pump();
+        ended || emptied || self.received.len() > RECEIVED / 2
     }
 }
 
@@ -109,7 +112,7 @@ pub fn frame_end() -> Option<u32> {
 }
 
 /// Whether a frame of so many bytes can be sent.
-pub fn has_room(length: usize) -> bool {
+fn has_room(length: usize) -> bool {
     LINE.with(|line| OUTGOING - line.outgoing.len() >= length) == Some(true)
 }
 

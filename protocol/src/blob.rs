@@ -342,6 +342,19 @@ pub fn encode<'b>(blob: &Blob<'_>, buffer: &'b mut [u8]) -> Result<&'b [u8], Buf
 /// # Errors
 /// [`DecodeError`], in the order of its variants: length of the header, magic, version, length, CRC, payload.
 pub fn decode(bytes: &[u8]) -> Result<Blob<'_>, DecodeError> {
+    decode_and(bytes, Blob::clone)
+}
+
+/// The same for a device, which has no room on its stack for the copies that returning a blob makes: `take` looks at it
+/// where it was decoded.
+///
+/// # Errors
+/// As [`decode`].
+#[inline(never)]
+pub fn decode_and<'b, R>(
+    bytes: &'b [u8],
+    take: impl FnOnce(&Blob<'b>) -> R,
+) -> Result<R, DecodeError> {
     let envelope::Envelope {
         version, payload, ..
     } = envelope::open(bytes)?;
@@ -363,9 +376,8 @@ pub fn decode(bytes: &[u8]) -> Result<Blob<'_>, DecodeError> {
         }
         Err(_) => false,
     };
-    if complete {
-        decoded.map_err(|_| DecodeError::MalformedPayload)
-    } else {
-        Err(DecodeError::MalformedPayload)
+    match &decoded {
+        Ok(blob) if complete => Ok(take(blob)),
+        _ => Err(DecodeError::MalformedPayload),
     }
 }

@@ -20,8 +20,16 @@ impl<T: Scalar> Bound<T> {
     #[inline(always)]
     pub fn factor(&self, twist: &Twist<T>, target: &Vector3<T>) -> (T, bool) {
         let displacement = twist.at_point(target).linear;
-        let distance = dot(&displacement, &displacement).sqrt();
-        let angle = dot(&twist.angular, &twist.angular).sqrt();
+        self.factor_of(
+            dot(&displacement, &displacement),
+            dot(&twist.angular, &twist.angular),
+        )
+    }
+
+    /// The same for the squares of displacement and angle.
+    #[inline(never)]
+    pub fn factor_of(&self, squared_distance: T, squared_angle: T) -> (T, bool) {
+        let (distance, angle) = (squared_distance.sqrt(), squared_angle.sqrt());
         if distance <= self.position && angle <= self.angle {
             return (T::ONE, false);
         }

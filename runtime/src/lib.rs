@@ -21,6 +21,7 @@ pub mod deflection;
 pub mod kernel;
 pub mod load_error;
 pub mod model;
+pub mod newton;
 pub mod observer;
 pub mod poe;
 pub mod posterior;

@@ -53,6 +53,18 @@ pub struct JointMotion<T> {
     pub travel: T,
 }
 
+impl<T: Scalar> JointMotion<T> {
+    /// A joint at zero.
+    #[inline(always)]
+    pub fn still() -> Self {
+        Self {
+            sin: T::ZERO,
+            cos: T::ONE,
+            travel: T::ZERO,
+        }
+    }
+}
+
 impl<T: Scalar> Poe<T> {
     /// The chain with these joints and `parent_from_joint` frames, the last of which leads to the target.
     ///
@@ -103,18 +115,20 @@ impl<T: Scalar> Poe<T> {
     /// What the joints do at `q` (rad or m); missing values count as zero.
     #[inline(always)]
     pub fn motions(&self, q: &[T]) -> [JointMotion<T>; MAX_JOINTS] {
-        let mut out = [JointMotion {
-            sin: T::ZERO,
-            cos: T::ONE,
-            travel: T::ZERO,
-        }; MAX_JOINTS];
+        let mut out = [JointMotion::still(); MAX_JOINTS];
+        self.motions_into(q, &mut out);
+        out
+    }
+
+    /// The same, written to `out`; of joints that there are not, or have no value, nothing is changed.
+    #[inline(never)]
+    pub fn motions_into(&self, q: &[T], out: &mut [JointMotion<T>; MAX_JOINTS]) {
         for ((motion, kind), value) in out.iter_mut().zip(self.kinds()).zip(q) {
             match kind {
                 JointKind::Revolute => (motion.sin, motion.cos) = value.sin_cos(),
                 JointKind::Prismatic => motion.travel = *value,
             }
         }
-        out
     }
 
     /// f(q), `base_from_target` (paper, eq. 3). `q` in rad or m, serial joints.
@@ -166,6 +180,16 @@ impl<T: Scalar> Poe<T> {
             pose = moved(&pose, *kind, motion) * *frame;
         }
         pose
+    }
+
+    /// The same as a function of its own, for whoever needs it more than once.
+    #[inline(never)]
+    pub fn joint_frames_at(
+        &self,
+        motions: &[JointMotion<T>; MAX_JOINTS],
+        frames: &mut [Pose<T>; MAX_JOINTS],
+    ) -> Pose<T> {
+        self.joint_frames_into(motions, frames)
     }
 
     /// The space Jacobian at `q`: column i is the twist (v, ω) of the base frame per rad or m of serial joint i, and

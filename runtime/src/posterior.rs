@@ -56,15 +56,9 @@ impl<T: Scalar> MeanHeader<T> {
         }
     }
 
-    /// The posterior mean at `x` (D values in rad, m, kg; the rest zero) from `rows` of [`row_words`] words each. Every
-    /// kernel value is shown to `kernel_value`, in order.
+    /// The posterior mean at `x` (D values in rad, m, kg; the rest zero) from `rows` of [`row_words`] words each.
     #[inline(always)]
-    pub fn mean(
-        &self,
-        rows: &[T],
-        x: &[T; MAX_INPUTS],
-        kernel_value: &mut impl FnMut(T),
-    ) -> [T; OUTPUTS] {
+    pub fn mean(&self, rows: &[T], x: &[T; MAX_INPUTS]) -> [T; OUTPUTS] {
         let limit = T::from_f64(MAX_SCALED_INPUT);
         let mut u = [T::ZERO; MAX_INPUTS];
         for ((scaled, value), scale) in u.iter_mut().zip(x).zip(&self.input_scale) {
@@ -85,17 +79,11 @@ impl<T: Scalar> MeanHeader<T> {
             }
         }
         match (self.inputs, &self.rates) {
-            (1, None) => shared::<T, 1, 7>(rows, &u, &mut out, kernel_value),
-            (2, None) => shared::<T, 2, 8>(rows, &u, &mut out, kernel_value),
-            (3, None) => shared::<T, 3, 9>(rows, &u, &mut out, kernel_value),
-            (4, None) => shared::<T, 4, 10>(rows, &u, &mut out, kernel_value),
-            (5, None) => shared::<T, 5, 11>(rows, &u, &mut out, kernel_value),
-            (6, None) => shared::<T, 6, 12>(rows, &u, &mut out, kernel_value),
-            (7, None) => shared::<T, 7, 13>(rows, &u, &mut out, kernel_value),
-            (8, None) => shared::<T, 8, 14>(rows, &u, &mut out, kernel_value),
-            (9, None) => shared::<T, 9, 15>(rows, &u, &mut out, kernel_value),
-            (inputs, Some(rates)) => per_output(rows, inputs, rates, &u, &mut out, kernel_value),
-            _ => {}
+            (6, None) => shared::<T, 6, 12>(rows, &u, &mut out),
+            (7, None) => shared::<T, 7, 13>(rows, &u, &mut out),
+            (8, None) => shared::<T, 8, 14>(rows, &u, &mut out),
+            (inputs, Some(rates)) => per_output(rows, inputs, rates, &u, &mut out),
+            (inputs, None) => shared_any(rows, inputs, &u, &mut out),
         }
         out
     }
@@ -108,7 +96,6 @@ fn shared<T: Scalar, const D: usize, const ROW: usize>(
     rows: &[T],
     u: &[T; MAX_INPUTS],
     out: &mut [T; OUTPUTS],
-    kernel_value: &mut impl FnMut(T),
 ) {
     let mut sums = *out;
     for row in rows.as_chunks::<ROW>().0 {
@@ -121,11 +108,24 @@ fn shared<T: Scalar, const D: usize, const ROW: usize>(
             d += 1;
         }
         let k = (-squared).exp2();
-        kernel_value(k);
         let mut c = 0;
         while c < OUTPUTS {
             sums[c] += k * row[D + c];
             c += 1;
+        }
+    }
+    *out = sums;
+}
+
+/// The same for any number of inputs.
+#[inline(never)]
+fn shared_any<T: Scalar>(rows: &[T], inputs: usize, u: &[T; MAX_INPUTS], out: &mut [T; OUTPUTS]) {
+    let mut sums = *out;
+    for row in rows.chunks_exact(row_words(inputs)) {
+        let (centre, weights) = row.split_at_checked(inputs).unwrap_or((&[], &[]));
+        let k = (-crate::kernel::squared_distance(u, centre)).exp2();
+        for (sum, weight) in sums.iter_mut().zip(weights) {
+            *sum += k * *weight;
         }
     }
     *out = sums;
@@ -139,7 +139,6 @@ fn per_output<T: Scalar>(
     rates: &[T; OUTPUTS],
     u: &[T; MAX_INPUTS],
     out: &mut [T; OUTPUTS],
-    kernel_value: &mut impl FnMut(T),
 ) {
     let mut sums = *out;
     for row in rows.chunks_exact(row_words(inputs)) {
@@ -151,7 +150,6 @@ fn per_output<T: Scalar>(
         let mut c = 0;
         while c < OUTPUTS {
             let k = (-(rates[c] * squared)).exp2();
-            kernel_value(k);
             sums[c] += k * weights[c];
             c += 1;
         }

@@ -8,6 +8,8 @@
 use core::fmt::Debug;
 use core::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
+use crate::model::Compiled;
+
 mod sealed {
     pub trait Sealed {}
     impl Sealed for f32 {}
@@ -17,6 +19,7 @@ mod sealed {
 /// A number of the runtime: `f32` on the device, `f64` in the trainer. Sealed.
 pub trait Scalar:
     sealed::Sealed
+    + Compiled
     + Copy
     + Debug
     + Default

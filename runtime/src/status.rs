@@ -30,9 +30,9 @@ impl Status {
     pub const NO_MODEL: Self = Self(8);
     /// Wrong number of joints, a number that is not finite, or one beyond all reason: nothing was corrected.
     pub const BAD_INPUT: Self = Self(16);
-    /// The corrected command was not better.
+    /// No corrected command was found that is better: the command is uncorrected, or only partly corrected.
     pub const CORRECTION_REFUSED: Self = Self(32);
-    /// The bypass is on.
+    /// Correction is switched off: the answer is the command as it came.
     pub const BYPASSED: Self = Self(64);
 
     /// From the bits of [`Status::bits`]; unknown bits are kept.

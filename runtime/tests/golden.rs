@@ -3,8 +3,7 @@
 //! The files are written and described by the `tests` package, which compares the device with them too.
 
 use poegp_protocol::blob;
-use poegp_runtime::model::{Model, words_for};
-use poegp_runtime::service::Record;
+use poegp_runtime::model::{Model, Stages, words_for};
 
 /// The groups of one line: hexadecimal words.
 fn groups(line: &str) -> Vec<Vec<u32>> {
@@ -29,13 +28,13 @@ fn assert_bits(bytes: &[u8], text: &str) {
         let expected = groups(line);
         let asked: Vec<f32> = expected[0].iter().copied().map(f32::from_bits).collect();
         let (payload_kg, joints) = asked.split_last().unwrap();
-        let mut record = Record::new();
-        let result = model.evaluate_observed(joints, *payload_kg, &mut record);
+        let mut stages = Stages::new();
+        let result = model.evaluate_in_stages(joints, *payload_kg, &mut stages);
+        let pairs = stages.motions().iter().flat_map(|m| [m.sin, m.cos]);
         let found = [
-            ("sin_cos", bits(&record.sin_cos)),
-            ("kernel_hash", vec![record.kernel_hash]),
-            ("mean", bits(&record.mean)),
-            ("chain", bits(&record.chain)),
+            ("sin_cos", bits(&pairs.collect::<Vec<f32>>())),
+            ("mean", bits(&stages.mean[..6])),
+            ("chain", bits(&stages.chain.to_rows())),
             ("correction", bits(&result.correction.to_array())),
             ("pose", bits(&result.pose.to_rows())),
             ("status", vec![u32::from(result.status.bits())]),

@@ -4,10 +4,10 @@
 use std::fmt::Write;
 
 use poegp_protocol::blob::{self, DecodeError};
+use poegp_protocol::limits::OUTPUTS;
 use poegp_protocol::link::{Query, Trace};
 use poegp_runtime::load_error::LoadError;
-use poegp_runtime::model::{Model, words_for};
-use poegp_runtime::service::Record;
+use poegp_runtime::model::{self, Model, words_for};
 
 /// Room of the host's model: more than any device has, because no result may depend on it.
 const HOST_WORDS: usize = words_for(2048);
@@ -40,16 +40,20 @@ impl Host {
 
     /// What the device would answer to `Request::Trace`.
     pub fn stages(&self, query: &Query) -> Stages {
-        let mut record = Record::new();
+        let mut kept = model::Stages::new();
         let result = self
             .0
-            .evaluate_observed(&query.joints, query.payload_kg, &mut record);
+            .evaluate_in_stages(&query.joints, query.payload_kg, &mut kept);
+        let pairs = kept.motions().iter().flat_map(|m| [m.sin, m.cos]);
         Stages {
             values: [
-                bits(&record.sin_cos),
-                vec![record.kernel_hash],
-                bits(&record.mean),
-                bits(&record.chain),
+                bits(&pairs.collect::<Vec<f32>>()),
+                bits(
+                    kept.mean
+                        .first_chunk::<OUTPUTS>()
+                        .unwrap_or(&[0.0; OUTPUTS]),
+                ),
+                bits(&kept.chain.to_rows()),
                 bits(&result.correction.to_array()),
                 bits(&result.pose.to_rows()),
                 vec![u32::from(result.status.bits())],
@@ -59,15 +63,7 @@ impl Host {
 }
 
 /// Names of the stages, in the order of the computation.
-pub const NAMES: [&str; 7] = [
-    "sin_cos",
-    "kernel_hash",
-    "mean",
-    "chain",
-    "correction",
-    "pose",
-    "status",
-];
+pub const NAMES: [&str; 6] = ["sin_cos", "mean", "chain", "correction", "pose", "status"];
 
 /// One evaluation.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -81,7 +77,6 @@ impl From<&Trace> for Stages {
         Self {
             values: [
                 bits(&trace.sin_cos),
-                vec![trace.kernel_hash],
                 bits(&trace.mean),
                 bits(&trace.chain),
                 bits(&evaluation.correction),
@@ -121,12 +116,12 @@ impl Stages {
 
     /// Bits of the status.
     pub fn status(&self) -> u8 {
-        self.values[6].first().map_or(0, |bits| *bits as u8)
+        self.values[5].first().map_or(0, |bits| *bits as u8)
     }
 
     /// Whether some number of the answer is not finite.
     pub fn has_non_finite_answer(&self) -> bool {
-        self.values[4..6]
+        self.values[3..5]
             .iter()
             .flatten()
             .any(|bits| !f32::from_bits(*bits).is_finite())

@@ -111,7 +111,7 @@ pub fn fill(
         let mut trial = *options;
         trial.elastic.tied = size.tied;
         trial.elastic.support = Some(size.support);
-        let (errors, _) = task.held_out(&trial, progress)?;
+        let errors = task.held_out(&trial, progress)?;
         let errors: Vec<f64> = errors.iter().map(|e| e.position_mm).collect();
         table.push(Fitted {
             tied: size.tied,

@@ -134,7 +134,8 @@ impl Task<'_> {
         progress: &mut dyn FnMut(),
     ) -> Result<CrossValidation, CompareError> {
         let fold = self.assignment();
-        let (all, counter) = self.held_out(options, progress)?;
+        let mut counter = Counter::default();
+        let all = self.held_out_counted(options, Some(&mut counter), progress)?;
         let of = |f: usize| -> Vec<PoseError> {
             all.iter()
                 .zip(&fold)
@@ -153,8 +154,7 @@ impl Task<'_> {
         folds::assign(self.train, self.nominal.kinds(), self.folds, self.seed)
     }
 
-    /// The error of every training pose, in order, each predicted by a model that did not see it, and whether the
-    /// predicted standard deviations were true.
+    /// The error of every training pose, in order, each predicted by a model that did not see it.
     ///
     /// # Errors
     /// [`CompareError`].
@@ -162,14 +162,23 @@ impl Task<'_> {
         &self,
         options: &Options,
         progress: &mut dyn FnMut(),
-    ) -> Result<(Vec<PoseError>, Counter), CompareError> {
+    ) -> Result<Vec<PoseError>, CompareError> {
+        self.held_out_counted(options, None, progress)
+    }
+
+    /// The same; `counter`, which may cost further fits, learns whether the predicted standard deviations were true.
+    fn held_out_counted(
+        &self,
+        options: &Options,
+        mut counter: Option<&mut Counter>,
+        progress: &mut dyn FnMut(),
+    ) -> Result<Vec<PoseError>, CompareError> {
         let fold = self.assignment();
         let none = PoseError {
             position_mm: 0.0,
             orientation_mrad: None,
         };
         let mut out = vec![none; self.train.len()];
-        let mut counter = Counter::default();
         for held_out in 0..self.folds {
             let part = |inside: bool| -> Vec<Sample> {
                 let wanted = self
@@ -182,13 +191,15 @@ impl Task<'_> {
             let found = self.calibrated(options, &part(true))?;
             progress();
             let tests = part(false);
-            counter.add(&found.calibration, &found.blob, &tests);
+            if let Some(counter) = &mut counter {
+                counter.add(&found.calibration, &found.blob, &tests);
+            }
             let slots = out.iter_mut().zip(&fold).filter(|(_, f)| **f == held_out);
             for ((slot, _), error) in slots.zip(found.blob.errors(&tests)) {
                 *slot = error;
             }
         }
-        Ok((out, counter))
+        Ok(out)
     }
 
     fn calibrated(

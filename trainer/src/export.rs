@@ -391,7 +391,7 @@ fn elastic_words(
     if !elastic.rows.is_empty() {
         for k in &processes.kernels[..n] {
             let kernel = JointKernel {
-                rates: fixed(k.rates[..n].iter().map(|x| *x as f32), "rates")?,
+                rates: fixed(k.rates()[..n].iter().map(|x| *x as f32), "rates")?,
                 payload_rate: k.payload_rate as f32,
                 amplitude: k.amplitude as f32,
                 payload_amplitude: k.payload_amplitude as f32,

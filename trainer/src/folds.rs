@@ -71,6 +71,7 @@ pub fn assign(samples: &[Sample], kinds: &[JointKind], folds: usize, seed: u64) 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::calibration::noise::InstrumentNoise;
     use poegp_runtime::se3::Pose;
 
     fn sample(joints: [f64; 2]) -> Sample {
@@ -82,6 +83,7 @@ mod tests {
             measured: Pose::identity(),
             tool: 0,
             position_only: false,
+            stated: InstrumentNoise::UNKNOWN,
         }
     }
 

@@ -5,6 +5,7 @@ use poegp_protocol::limits::MAX_TOOLS;
 use poegp_runtime::se3::Pose;
 
 use crate::calibration::frames::Sample;
+use crate::calibration::noise::InstrumentNoise;
 use crate::error::InputError;
 use crate::measurements::MeasurementSet;
 use crate::robot::Robot;
@@ -74,6 +75,10 @@ pub fn samples(
             measured: m.instrument_from_target().unwrap_or(position),
             tool,
             position_only: m.orientation.is_none(),
+            stated: InstrumentNoise {
+                position: m.sigma_position,
+                orientation: m.sigma_orientation,
+            },
         });
     }
     Ok(out)

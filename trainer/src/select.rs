@@ -120,7 +120,7 @@ pub fn choose(
 ) -> Result<Choice, CompareError> {
     let mut errors: Vec<Vec<f64>> = Vec::new();
     for candidate in candidates {
-        let (held_out, _) = task.held_out(&candidate.options, progress)?;
+        let held_out = task.held_out(&candidate.options, progress)?;
         errors.push(held_out.iter().map(|e| e.position_mm).collect());
     }
     let mean = |e: &Vec<f64>| e.iter().sum::<f64>() / e.len().max(1) as f64;

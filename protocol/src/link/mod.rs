@@ -20,7 +20,8 @@ mod table;
 pub use refusal::Refusal;
 pub use request::{Query, Request};
 pub use response::{
-    Corrected, Evaluation, Identity, KeyId, ModelIdentity, Response, Statistics, StoredModel, Trace,
+    Corrected, Evaluation, Identity, Key, KeyId, ModelIdentity, Response, Statistics, StoredModel,
+    Trace,
 };
 pub use table::{Message, REQUESTS, RESPONSES};
 

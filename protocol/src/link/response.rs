@@ -61,14 +61,25 @@ pub struct Identity {
     pub tick_hz: u32,
     /// Ticks in which a cyclic request is to be answered.
     pub deadline_ticks: u32,
-    /// The public key that models must be signed with; `None`: not provisioned, every intact model is taken.
-    pub key: Option<KeyId>,
+    /// Whose models are taken.
+    pub key: Key,
     /// Whether corrections are bypassed.
     pub bypass: bool,
     /// The active model.
     pub model: Option<ModelIdentity>,
     /// What the two slots hold, by their headers.
     pub slots: [Option<StoredModel>; 2],
+}
+
+/// Whose models a device takes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Key {
+    /// No public key is provisioned: everybody's.
+    None,
+    /// Those that are signed by this key.
+    Provisioned(KeyId),
+    /// Nobody's: the page of the key is damaged, or was not written to its end. Provisioning may be repeated.
+    Unusable,
 }
 
 /// A model that runs or may run.
@@ -140,8 +151,6 @@ pub struct Corrected {
 pub struct Trace {
     /// Sine and cosine of each revolute joint of the serial chain, in turn; (0, 1) for a prismatic one.
     pub sin_cos: Vec<f32, { 2 * MAX_JOINTS }>,
-    /// FNV-1a hash of the bits of every kernel value, in order.
-    pub kernel_hash: u32,
     /// Posterior mean before bounding.
     pub mean: [f32; OUTPUTS],
     /// f(q), the calibrated chain alone.

@@ -58,10 +58,10 @@ pub const REQUESTS: [Message; 15] = [
 /// The responses.
 #[rustfmt::skip] // a table
 pub const RESPONSES: [Message; 11] = [
-    response("Identity", "protocol_version: u8, firmware_version: text, image_crc: u32, board: text, capacity_words: u32, capacity_bytes: u32, tick_hz: u32, deadline_ticks: u32, key: option of 8 u8, bypass: bool, model: option of a model, slots: 2 options of a stored model", 208),
+    response("Identity", "protocol_version: u8, firmware_version: text, image_crc: u32, board: text, capacity_words: u32, capacity_bytes: u32, tick_hz: u32, deadline_ticks: u32, key: a key, bypass: bool, model: option of a model, slots: 2 options of a stored model", 208),
     response("Evaluation", "blob_crc: u32, pose: 12 f32, correction: 6 f32, trust: f32, position_sigma: option of f32, status: u8, ticks: u32", 93),
     response("Corrected", "blob_crc: u32, joints: list of at most 8 f32, position_error: f32, status: u8, ticks: u32", 49),
-    response("Trace", "sin_cos: list of at most 16 f32, kernel_hash: u32, mean: 6 f32, chain: 12 f32, evaluation: an evaluation", 235),
+    response("Trace", "sin_cos: list of at most 16 f32, mean: 6 f32, chain: 12 f32, evaluation: an evaluation", 230),
     response("StandingDown", "", 1),
     response("Uploading", "received: u32", 6),
     response("Verified", "robot: text, serial_number: text, blob_crc: u32, joints: u8, support: u32, signed: bool", 79),

@@ -3,8 +3,8 @@
 use poegp_protocol::blob::DecodeError;
 use poegp_protocol::limits::MAX_JOINTS;
 use poegp_protocol::link::{
-    Corrected, Evaluation, Identity, MAX_NAME, MAX_PIECE, ModelIdentity, Query, Refusal, Request,
-    Response, Statistics, StoredModel, Trace,
+    Corrected, Evaluation, Identity, Key, MAX_NAME, MAX_PIECE, ModelIdentity, Query, Refusal,
+    Request, Response, Statistics, StoredModel, Trace,
 };
 
 /// Two joints and a payload.
@@ -185,7 +185,7 @@ pub fn responses() -> Vec<Response> {
             capacity_bytes: 16_384,
             tick_hz: 25_000_000,
             deadline_ticks: 25_000,
-            key: Some([1, 2, 3, 4, 5, 6, 7, 8]),
+            key: Key::Provisioned([1, 2, 3, 4, 5, 6, 7, 8]),
             bypass: true,
             model: Some(model()),
             slots: [None, Some(STORED)],
@@ -200,7 +200,6 @@ pub fn responses() -> Vec<Response> {
         }),
         Response::Trace(Trace {
             sin_cos: [0.5, 1.0].into_iter().collect(),
-            kernel_hash: 0x811c_9dc5,
             mean: [0.25; 6],
             chain: [1.0; 12],
             evaluation: evaluation(),
@@ -268,7 +267,7 @@ pub fn longest_responses() -> Vec<Response> {
             capacity_bytes: m,
             tick_hz: m,
             deadline_ticks: m,
-            key: Some([0xff; 8]),
+            key: Key::Provisioned([0xff; 8]),
             bypass: true,
             model: Some(model.clone()),
             slots: [Some(stored); 2],
@@ -283,7 +282,6 @@ pub fn longest_responses() -> Vec<Response> {
         }),
         Response::Trace(Trace {
             sin_cos: [-1.1; 2 * MAX_JOINTS].into_iter().collect(),
-            kernel_hash: m,
             mean: [-1.1; 6],
             chain: [-1.1; 12],
             evaluation,

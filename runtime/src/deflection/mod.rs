@@ -107,6 +107,30 @@ impl<T: Scalar> Deflection<T> {
         }
         out
     }
+
+    /// r(q) at the joints q that ripple brings to `joints`, q + r(q): one Newton step, whose error is some 1e-8 rad.
+    #[inline(never)]
+    pub fn ripple_towards(&self, joints: &PerJoint<T>) -> PerJoint<T> {
+        let mut out = [T::ZERO; MAX_JOINTS];
+        let mut slopes = [T::ONE; MAX_JOINTS];
+        for term in &self.ripple {
+            if let (Some(sum), Some(slope), Some(q)) = (
+                out.get_mut(term.joint),
+                slopes.get_mut(term.joint),
+                joints.get(term.joint),
+            ) {
+                let (sin, cos) = ripple_regressors(term.cycles, *q);
+                *sum += term.sin * sin + term.cos * cos;
+                *slope += term.cycles * (term.sin * cos - term.cos * sin);
+            }
+        }
+        let least = T::from_f64(0.5);
+        for (sum, slope) in out.iter_mut().zip(&slopes) {
+            // Of gears the slope is between 0.9 and 1.1.
+            *sum = *sum / if *slope > least { *slope } else { least };
+        }
+        out
+    }
 }
 
 /// The twist of the base frame, to first order, that `deflection` of the serial joints makes: Σ ξ_i δ_i.
@@ -139,22 +163,39 @@ pub fn deflected<T: Scalar>(
     kinds: &[JointKind],
     deflection: &PerJoint<T>,
 ) -> [JointMotion<T>; MAX_JOINTS] {
-    let mut moving = kinds.iter().zip(deflection);
-    motions.map(|mut motion| {
-        match moving.next() {
-            Some((JointKind::Revolute, delta)) => {
+    let mut out = *motions;
+    deflected_into(motions, kinds, deflection, &mut out);
+    out
+}
+
+/// The same, written to `out`; beyond the last joint nothing is changed.
+#[inline(never)]
+pub fn deflected_into<T: Scalar>(
+    motions: &[JointMotion<T>; MAX_JOINTS],
+    kinds: &[JointKind],
+    deflection: &PerJoint<T>,
+    out: &mut [JointMotion<T>; MAX_JOINTS],
+) {
+    let deltas = kinds.iter().zip(deflection);
+    for ((slot, motion), (kind, delta)) in out.iter_mut().zip(motions).zip(deltas) {
+        *slot = match kind {
+            JointKind::Revolute => {
                 let square = *delta * *delta;
                 let sin = *delta - *delta * square * T::from_f64(1.0 / 6.0);
                 let versine = square * (T::from_f64(0.5) - square * T::from_f64(1.0 / 24.0));
                 let (s, c) = (motion.sin, motion.cos);
-                motion.sin = s + (c * sin - s * versine);
-                motion.cos = c - (s * sin + c * versine);
+                JointMotion {
+                    sin: s + (c * sin - s * versine),
+                    cos: c - (s * sin + c * versine),
+                    travel: motion.travel,
+                }
             }
-            Some((JointKind::Prismatic, delta)) => motion.travel += *delta,
-            None => {}
-        }
-        motion
-    })
+            JointKind::Prismatic => JointMotion {
+                travel: motion.travel + *delta,
+                ..*motion
+            },
+        };
+    }
 }
 
 /// n×n in the upper left corner, the rest zero.
@@ -207,7 +248,6 @@ impl<T: Scalar> Deflection<T> {
         frames: &[Pose<T>; MAX_JOINTS],
         target: &Pose<T>,
         rows: &[T],
-        observer: &mut impl Observer<T>,
     ) -> PerJoint<T> {
         let kinds = at.poe.kinds();
         let regressors = GravityRegressors::new(kinds, frames, target, &self.gravity.gravity);
@@ -217,11 +257,7 @@ impl<T: Scalar> Deflection<T> {
             None => features(kinds, at.joints, at.motions),
             Some(_) => features(kinds, at.joints, &at.poe.motions(at.joints)),
         };
-        let mean = self
-            .processes
-            .mean(kinds, rows, &places, at.payload_kg, &mut |k| {
-                observer.kernel(k)
-            });
+        let mean = self.processes.mean(kinds, rows, &places, at.payload_kg);
         let mut out = [T::ZERO; MAX_JOINTS];
         for (((sum, a), b), c) in out.iter_mut().zip(&gravity).zip(&ripple).zip(&mean) {
             *sum = *a + *b + *c;
@@ -242,7 +278,7 @@ impl<T: Scalar> Deflection<T> {
         let mut frames = [Pose::from_rows(&[T::ZERO; 12]); MAX_JOINTS];
         let target = at.poe.joint_frames_into(at.motions, &mut frames);
         observer.chain(&target);
-        let deflection = self.total(at, &frames, &target, rows, observer);
+        let deflection = self.total(at, &frames, &target, rows);
         observer.deflection(&deflection);
         deflect(at, &frames, &target, &deflection, bound)
     }

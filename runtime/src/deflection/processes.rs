@@ -16,13 +16,15 @@ const LOWEST_EXPONENT: f64 = -2_000_000.0;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct JointKernel<T> {
     /// W_cd = w_cd log₂e of each joint; beyond n zero.
-    pub rates: PerJoint<T>,
+    rates: PerJoint<T>,
     /// W_cm = ½ w_cm log₂e, 1/kg².
     pub payload_rate: T,
     /// a₀ in rad² or m².
     pub amplitude: T,
     /// a₁ in rad²/kg².
     pub payload_amplitude: T,
+    /// −Σ W_cd, see [`JointKernel::set_rates`].
+    bias: T,
 }
 
 impl<T: Scalar> JointKernel<T> {
@@ -33,7 +35,24 @@ impl<T: Scalar> JointKernel<T> {
             payload_rate: T::ZERO,
             amplitude: T::ZERO,
             payload_amplitude: T::ZERO,
+            bias: T::ZERO,
         }
+    }
+
+    /// W_cd of every joint.
+    pub fn rates(&self) -> &PerJoint<T> {
+        &self.rates
+    }
+
+    /// Sets W_cd of the first joints; those of the others are zero.
+    pub fn set_rates(&mut self, rates: impl Iterator<Item = T>) {
+        let mut sum = T::ZERO;
+        self.rates = [T::ZERO; MAX_JOINTS];
+        for (slot, rate) in self.rates.iter_mut().zip(rates) {
+            *slot = rate;
+            sum += rate;
+        }
+        self.bias = -sum;
     }
 
     /// From the natural parameters: w_d, w_m (1/kg²), a₀, a₁.
@@ -43,23 +62,20 @@ impl<T: Scalar> JointKernel<T> {
         amplitude: T,
         payload_amplitude: T,
     ) -> Self {
-        let mut rates = [T::ZERO; MAX_JOINTS];
-        for (rate, weight) in rates.iter_mut().zip(weights) {
-            *rate = *weight * T::from_f64(LOG2_E);
-        }
-        let payload_rate = payload_weight * T::from_f64(0.5 * LOG2_E);
-        Self {
-            rates,
-            payload_rate,
+        let mut out = Self {
+            payload_rate: payload_weight * T::from_f64(0.5 * LOG2_E),
             amplitude,
             payload_amplitude,
-        }
+            ..Self::zero()
+        };
+        out.set_rates(weights.iter().map(|weight| *weight * T::from_f64(LOG2_E)));
+        out
     }
 
     /// The factor of the joints: 2^(Σ W_d (s_d − 1)).
     #[inline(always)]
     pub fn joint_factor(&self, similarities: &[T]) -> T {
-        let mut exponent = self.bias(similarities.len());
+        let mut exponent = self.bias;
         for (rate, s) in self.rates.iter().zip(similarities) {
             exponent += *rate * *s;
         }
@@ -75,18 +91,21 @@ impl<T: Scalar> JointKernel<T> {
     #[inline(always)]
     pub fn payload_factor(&self, payload_kg: T, other_kg: T) -> T {
         let difference = payload_kg - other_kg;
-        (self.amplitude + self.payload_amplitude * (payload_kg * other_kg))
+        self.amplitude_at(payload_kg, other_kg)
             * (-(self.payload_rate * (difference * difference))).exp2()
     }
 
-    /// −Σ W_d over so many joints.
+    /// a₀ + a₁ m m′.
     #[inline(always)]
-    fn bias(&self, joints: usize) -> T {
-        let mut sum = T::ZERO;
-        for rate in self.rates.iter().take(joints) {
-            sum += *rate;
-        }
-        -sum
+    fn amplitude_at(&self, payload_kg: T, other_kg: T) -> T {
+        self.amplitude + self.payload_amplitude * (payload_kg * other_kg)
+    }
+
+    /// 2^(−W_m (m − m′)²), and what the unrolled loops leave out of every exponent, 2^(−Σ W_d).
+    #[inline(always)]
+    fn falling(&self, payload_kg: T, other_kg: T) -> T {
+        let difference = payload_kg - other_kg;
+        (self.bias - self.payload_rate * (difference * difference)).exp2()
     }
 }
 
@@ -143,141 +162,168 @@ pub struct JointProcesses<T> {
 const MAX_FAST_RATE_SUM: f64 = 60.0;
 
 impl<T: Scalar> JointProcesses<T> {
-    /// The posterior mean of every joint in rad or m, from `rows` of [`row_words`] words. Every exponential of joints is
-    /// shown to `kernel_value`, in the order of the computation.
-    #[inline(always)]
+    /// The posterior mean of every joint in rad or m, from `rows` of [`row_words`] words.
+    #[inline(never)]
     pub fn mean(
         &self,
         kinds: &[JointKind],
         rows: &[T],
         features: &Features<T>,
         payload_kg: T,
-        kernel_value: &mut impl FnMut(T),
     ) -> PerJoint<T> {
-        let n = kinds.len();
-        let mut biases = [T::ZERO; MAX_JOINTS];
-        let mut fast = matches!(n, 5..=7) && kinds.iter().all(|k| *k == JointKind::Revolute);
-        if self.tied {
-            let bias = self.kernels[0].bias(n);
-            biases = [bias; MAX_JOINTS];
-            fast &= bias >= T::from_f64(-MAX_FAST_RATE_SUM);
-        } else {
-            for (bias, kernel) in biases.iter_mut().zip(&self.kernels).take(n) {
-                *bias = kernel.bias(n);
-                fast &= *bias >= T::from_f64(-MAX_FAST_RATE_SUM);
-            }
+        match (self.fast(kinds), self.tied) {
+            (5, true) => self.tied::<5, 15>(rows, features, payload_kg),
+            (6, true) => self.tied::<6, 18>(rows, features, payload_kg),
+            (7, true) => self.tied::<7, 21>(rows, features, payload_kg),
+            (5, false) => self.own::<5, 15>(rows, features, payload_kg),
+            (6, false) => self.own::<6, 18>(rows, features, payload_kg),
+            (7, false) => self.own::<7, 21>(rows, features, payload_kg),
+            _ => self.any(kinds, rows, features, payload_kg),
         }
-        let mut scaled = *features;
-        if self.tied && fast {
-            // The rates go into the query once, instead of into every point.
-            for (pair, rate) in scaled.iter_mut().zip(&self.kernels[0].rates) {
-                *pair = [pair[0] * *rate, pair[1] * *rate];
-            }
+    }
+
+    /// How many joints the unrolled loops may take these for: revolute, of usual number and length scales; or none.
+    #[inline(always)]
+    fn fast(&self, kinds: &[JointKind]) -> usize {
+        let first = &self.kernels[0];
+        let mut fast = true;
+        for (kernel, kind) in self.kernels.iter().zip(kinds) {
+            fast &= kernel.bias >= T::from_f64(-MAX_FAST_RATE_SUM)
+                && *kind == JointKind::Revolute
+                && (!self.tied || kernel.payload_rate == first.payload_rate);
         }
+        if fast { kinds.len() } else { 0 }
+    }
+
+    /// Σ_g 2^(−W_m (m − m_g)²) (a₀_c + a₁_c m m_g) Σ_j 2^(Σ_d W_cd (s_d − 1)) weight_jc with length scales of its own for
+    /// each of N revolute joints; ROW = 3 N.
+    #[inline(never)]
+    fn own<const N: usize, const ROW: usize>(
+        &self,
+        rows: &[T],
+        features: &Features<T>,
+        payload_kg: T,
+    ) -> PerJoint<T> {
         let mut out = [T::ZERO; MAX_JOINTS];
-        let mut rest = rows;
+        let mut rest = rows.as_chunks::<ROW>().0;
         for group in &self.groups {
-            let (here, after) = rest
-                .split_at_checked(group.points.saturating_mul(row_words(n)))
-                .unwrap_or((&[], &[]));
+            let (here, after) = rest.split_at_checked(group.points).unwrap_or((rest, &[]));
             rest = after;
-            let mut sums = [T::ZERO; MAX_JOINTS];
-            match (fast, self.tied, n) {
-                (true, true, 5) => tied::<T, 5, 15>(here, &scaled, &mut sums, kernel_value),
-                (true, true, 6) => tied::<T, 6, 18>(here, &scaled, &mut sums, kernel_value),
-                (true, true, 7) => tied::<T, 7, 21>(here, &scaled, &mut sums, kernel_value),
-                (true, false, 5) => {
-                    own::<T, 5, 15>(here, features, &self.kernels, &mut sums, kernel_value)
+            let mut sums = [T::ZERO; N];
+            for row in here {
+                let similarities = similarities::<T, N, ROW>(row, features);
+                let mut c = 0;
+                while c < N {
+                    let rates = &self.kernels[c].rates;
+                    let mut exponent = rates[0] * similarities[0];
+                    let mut d = 1;
+                    while d < N {
+                        exponent += rates[d] * similarities[d];
+                        d += 1;
+                    }
+                    let k = exponent.exp2_unclamped();
+                    sums[c] += k * row[2 * N + c];
+                    c += 1;
                 }
-                (true, false, 6) => {
-                    own::<T, 6, 18>(here, features, &self.kernels, &mut sums, kernel_value)
-                }
-                (true, false, 7) => {
-                    own::<T, 7, 21>(here, features, &self.kernels, &mut sums, kernel_value)
-                }
-                _ => any(self, kinds, here, features, &mut sums, kernel_value),
             }
-            let difference = payload_kg - group.payload_kg;
-            let (square, product) = (difference * difference, payload_kg * group.payload_kg);
-            let mut falling = T::ZERO;
-            let mut known = None;
-            for (((sum, part), kernel), bias) in out
-                .iter_mut()
-                .zip(&sums)
-                .zip(&self.kernels)
-                .zip(&biases)
-                .take(n)
-            {
-                // What the fast kernels leave out of every exponent is made up for here. Tied kernels share it.
-                let bias = if fast { *bias } else { T::ZERO };
-                let exponent = (bias, kernel.payload_rate);
-                if known != Some(exponent) {
-                    known = Some(exponent);
-                    falling = (bias - kernel.payload_rate * square).exp2();
-                }
-                *sum += (kernel.amplitude + kernel.payload_amplitude * product) * falling * *part;
+            for ((total, sum), kernel) in out.iter_mut().zip(&sums).zip(&self.kernels) {
+                let falling = kernel.falling(payload_kg, group.payload_kg);
+                *total += kernel.amplitude_at(payload_kg, group.payload_kg) * falling * *sum;
             }
         }
         out
     }
-}
 
-/// Σ_j 2^(Σ_d W_cd s_d) weight_jc with length scales of its own for each of N revolute joints; ROW = 3 N.
-#[inline(never)]
-fn own<T: Scalar, const N: usize, const ROW: usize>(
-    rows: &[T],
-    features: &Features<T>,
-    kernels: &[JointKernel<T>; MAX_JOINTS],
-    out: &mut PerJoint<T>,
-    kernel_value: &mut impl FnMut(T),
-) {
-    let mut sums = *out;
-    for row in rows.as_chunks::<ROW>().0 {
-        let similarities = similarities::<T, N, ROW>(row, features);
-        let mut c = 0;
-        while c < N {
-            let rates = &kernels[c].rates;
-            let mut exponent = rates[0] * similarities[0];
-            let mut d = 1;
-            while d < N {
-                exponent += rates[d] * similarities[d];
-                d += 1;
-            }
-            let k = exponent.exp2_unclamped();
-            kernel_value(k);
-            sums[c] += k * row[2 * N + c];
-            c += 1;
-        }
-    }
-    *out = sums;
-}
-
-/// The same with one set of length scales, which are in `scaled`.
-#[inline(never)]
-fn tied<T: Scalar, const N: usize, const ROW: usize>(
-    rows: &[T],
-    scaled: &Features<T>,
-    out: &mut PerJoint<T>,
-    kernel_value: &mut impl FnMut(T),
-) {
-    let mut sums = *out;
-    for row in rows.as_chunks::<ROW>().0 {
-        let mut exponent = scaled[0][0] * row[0] + scaled[0][1] * row[1];
-        let mut d = 1;
+    /// The same with one set of length scales.
+    #[inline(never)]
+    fn tied<const N: usize, const ROW: usize>(
+        &self,
+        rows: &[T],
+        features: &Features<T>,
+        payload_kg: T,
+    ) -> PerJoint<T> {
+        // The rates go into the query once, instead of into every point.
+        let first = &self.kernels[0];
+        let mut scaled = [[T::ZERO; 2]; N];
+        let mut d = 0;
         while d < N {
-            exponent += scaled[d][0] * row[2 * d];
-            exponent += scaled[d][1] * row[2 * d + 1];
+            scaled[d] = [
+                features[d][0] * first.rates[d],
+                features[d][1] * first.rates[d],
+            ];
             d += 1;
         }
-        let k = exponent.exp2_unclamped();
-        kernel_value(k);
-        let mut c = 0;
-        while c < N {
-            sums[c] += k * row[2 * N + c];
-            c += 1;
+        let mut out = [T::ZERO; MAX_JOINTS];
+        let mut rest = rows.as_chunks::<ROW>().0;
+        for group in &self.groups {
+            let (here, after) = rest.split_at_checked(group.points).unwrap_or((rest, &[]));
+            rest = after;
+            let mut sums = [T::ZERO; N];
+            for row in here {
+                let mut exponent = scaled[0][0] * row[0] + scaled[0][1] * row[1];
+                let mut d = 1;
+                while d < N {
+                    exponent += scaled[d][0] * row[2 * d];
+                    exponent += scaled[d][1] * row[2 * d + 1];
+                    d += 1;
+                }
+                let k = exponent.exp2_unclamped();
+                let mut c = 0;
+                while c < N {
+                    sums[c] += k * row[2 * N + c];
+                    c += 1;
+                }
+            }
+            let falling = first.falling(payload_kg, group.payload_kg);
+            for ((total, sum), kernel) in out.iter_mut().zip(&sums).zip(&self.kernels) {
+                *total += kernel.amplitude_at(payload_kg, group.payload_kg) * falling * *sum;
+            }
         }
+        out
     }
-    *out = sums;
+
+    /// Any number of joints of any kind.
+    #[inline(never)]
+    fn any(
+        &self,
+        kinds: &[JointKind],
+        rows: &[T],
+        features: &Features<T>,
+        payload_kg: T,
+    ) -> PerJoint<T> {
+        let n = kinds.len();
+        let mut out = [T::ZERO; MAX_JOINTS];
+        let mut rest = rows.chunks_exact(row_words(n));
+        for group in &self.groups {
+            let mut sums = [T::ZERO; MAX_JOINTS];
+            for row in rest.by_ref().take(group.points) {
+                let (places, weights) = row.split_at_checked(2 * n).unwrap_or((&[], &[]));
+                let mut s = [T::ZERO; MAX_JOINTS];
+                for (((slot, kind), f), place) in s
+                    .iter_mut()
+                    .zip(kinds)
+                    .zip(features)
+                    .zip(places.as_chunks::<2>().0)
+                {
+                    *slot = similarity(*kind, f, place);
+                }
+                let mut k = T::ZERO;
+                for (c, ((sum, weight), kernel)) in
+                    sums.iter_mut().zip(weights).zip(&self.kernels).enumerate()
+                {
+                    if c == 0 || !self.tied {
+                        k = kernel.joint_factor(&s);
+                    }
+                    *sum += k * *weight;
+                }
+            }
+            let joints = out.iter_mut().zip(&sums).zip(&self.kernels).take(n);
+            for ((total, sum), kernel) in joints {
+                *total += kernel.payload_factor(payload_kg, group.payload_kg) * *sum;
+            }
+        }
+        out
+    }
 }
 
 #[inline(always)]
@@ -292,42 +338,4 @@ fn similarities<T: Scalar, const N: usize, const ROW: usize>(
         d += 1;
     }
     out
-}
-
-/// Any number of joints of any kind.
-#[inline(never)]
-fn any<T: Scalar>(
-    processes: &JointProcesses<T>,
-    kinds: &[JointKind],
-    rows: &[T],
-    features: &Features<T>,
-    out: &mut PerJoint<T>,
-    kernel_value: &mut impl FnMut(T),
-) {
-    let n = kinds.len();
-    for row in rows.chunks_exact(row_words(n)) {
-        let (places, weights) = row.split_at_checked(2 * n).unwrap_or((&[], &[]));
-        let mut s = [T::ZERO; MAX_JOINTS];
-        for (((slot, kind), f), place) in s
-            .iter_mut()
-            .zip(kinds)
-            .zip(features)
-            .zip(places.as_chunks::<2>().0)
-        {
-            *slot = similarity(*kind, f, place);
-        }
-        let mut k = T::ZERO;
-        for (c, ((sum, weight), kernel)) in out
-            .iter_mut()
-            .zip(weights)
-            .zip(&processes.kernels)
-            .enumerate()
-        {
-            if c == 0 || !processes.tied {
-                k = kernel.joint_factor(&s);
-                kernel_value(k);
-            }
-            *sum += k * *weight;
-        }
-    }
 }

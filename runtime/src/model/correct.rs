@@ -1,24 +1,415 @@
-//! Stub until the branch with the corrected command is merged.
-#![allow(missing_docs)]
-use super::*;
-#[derive(Clone, Copy, Debug)]
+//! Corrected joints: the command at which the calibrated arm stands where the nominal one would.
+//!
+//! For commanded joints q and a payload m, q* with T_gp(q*, m)·f(q*) = nominal(q). A fixed number of damped Newton steps
+//! ([`crate::newton`]); with an elastic model they are of the chain alone, because its deflection is small and smooth:
+//!
+//! ```text
+//! y = q + two steps:  POE(C y) = nominal(C q)               the joints that the arm must have after all deflection
+//! D ≈ φ(y − φ(y) − …) + g(y − φ(y)) + r(…)                  gravity φ twice, processes g once, ripple r twice
+//! q* = y − D
+//! ```
+//!
+//! The correction in task space does not split like that and is evaluated in each of three steps.
+//!
+//! **The check.** Shoulder and wrist singularities are inside ordinary joint ranges, and there a step can lead anywhere.
+//! So the chain is evaluated once more at y (in task space with its correction), and the error there is compared with that
+//! of the uncorrected command, nominal(q) against POE(q + D). Unless it is smaller, in position and altogether, the
+//! answer is the command as it came, with [`Status::CORRECTION_REFUSED`]. A second pass of the processes would cost as
+//! much as everything else; instead, the deflection may change by [`LAG`] of itself between the places where it is
+//! evaluated and where it is used. Fitted deflections change by less than a tenth of that.
+//!
+//! An arm of less than six joints cannot reach every pose: it is brought to the position, and its rotation as near as that
+//! allows.
+
+use poegp_protocol::limits::MAX_JOINTS;
+
+use super::{Arm, ArmCorrection, MAX_PAYLOAD_KG, View};
+use crate::bound;
+use crate::deflection::{GravityRegressors, PerJoint, coupled, deflected_into, features};
+use crate::model::checked::is_within;
+use crate::model::elastic::ElasticCorrection;
+use crate::model::task_space::TaskSpaceCorrection;
+use crate::newton::{Equations, Hybrid, length, pose_error, squares};
+use crate::poe::JointMotion;
+use crate::scalar::Scalar;
+use crate::se3::{Pose, Twist};
+use crate::status::Status;
+
+/// Largest change of a joint, the controller's or a serial one, in rad or m. Corrections of calibrated arms are some
+/// milliradians; up to here the sines of the change are exact to single precision.
+pub const MAX_JOINT_CHANGE: f64 = 0.1;
+/// Remaining error, in metres and radians, from which on a corrected command is called one.
+pub const CORRECTED_WITHIN: f64 = 5e-6;
+/// Part of its effect by which the deflection may be another one at the corrected command than where it was evaluated.
+const LAG: f64 = 0.01;
+/// λ of the damped steps; in a study 1e-7 was as good and 1e-5 worse.
+const DAMPING: f64 = 1e-6;
+/// Radians per metre that an arm of less than six joints may be off to be in the right place: errors of position that
+/// the least squares leave are smaller than those of rotation by the square of it.
+const ROTATION_WEIGHT: f64 = 1.0 / 64.0;
+/// Newton steps.
+const STEPS: usize = 2;
+/// The same with a correction in task space: two leave more than 1 µm at 1 % of the poses.
+const TASK_SPACE_STEPS: usize = 3;
+
+/// The answer of [`Model::correct`].
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Corrected<T> {
+    /// The controller's joints to command, rad or m; beyond the joints of the arm zero.
     pub joints: [T; MAX_JOINTS],
+    /// Distance in metres of the target from where it should be, by the model and at these joints, to the accuracy of T.
+    /// Zero where nothing is known (no model, bad input).
     pub position_error: T,
+    /// What it is worth. The ranges are looked up for the commanded joints.
     pub status: Status,
 }
-impl<T: Scalar, const WORDS: usize> Model<T, WORDS> {
+
+impl<T: Scalar> View<'_, T> {
+    /// [`super::Model::correct`].
+    #[inline(always)]
+    pub(super) fn correct(&self, joints: &[T], payload_kg: T) -> Corrected<T> {
+        let as_it_came = |status| {
+            let mut out = [T::ZERO; MAX_JOINTS];
+            for (slot, value) in out.iter_mut().zip(joints) {
+                if value.is_finite() {
+                    *slot = *value;
+                }
+            }
+            Corrected {
+                joints: out,
+                position_error: T::ZERO,
+                status,
+            }
+        };
+        let Some(arm) = self.arm else {
+            return as_it_came(Status::NO_MODEL);
+        };
+        let believable = is_within(payload_kg, T::ZERO, T::from_f32(MAX_PAYLOAD_KG));
+        let Some(x) = arm.checked_joints(joints).filter(|_| believable) else {
+            return as_it_came(Status::BAD_INPUT);
+        };
+        let mut motions = [JointMotion::still(); MAX_JOINTS];
+        arm.calibrated
+            .motions_into(&coupled(arm.coupling.as_ref(), &x), &mut motions);
+        let mut frames = [Pose::from_rows(&[T::ZERO; 12]); MAX_JOINTS];
+        let target = arm.nominal.joint_frames_at(&motions, &mut frames);
+        let mut search = Search {
+            arm,
+            rows: self.rows,
+            joints: &x,
+            payload_kg,
+            motions: &motions,
+            turned: &mut [JointMotion::still(); MAX_JOINTS],
+            target: &target,
+            frames: &mut frames,
+            equations: Equations::new(joints.len()),
+            rotation_weight: if joints.len() < 6 {
+                T::from_f64(ROTATION_WEIGHT)
+            } else {
+                T::ONE
+            },
+            change: [T::ZERO; MAX_JOINTS],
+        };
+        let mut found = match &arm.correction {
+            ArmCorrection::None => search.by_evaluation(None),
+            ArmCorrection::TaskSpace(task) => search.by_evaluation(Some(task)),
+            ArmCorrection::Elastic(elastic) => search.by_deflection(elastic),
+        };
+        let status = arm.range_status(&x, payload_kg);
+        let status = status.with_if(found.bounded, Status::CORRECTION_BOUNDED);
+        found.judged(&x, &search.equations, status)
+    }
+}
+
+/// One search for corrected joints.
+struct Search<'a, T> {
+    arm: &'a Arm<T>,
+    rows: &'a [T],
+    /// The command.
+    joints: &'a PerJoint<T>,
+    payload_kg: T,
+    /// Motions of the serial joints at the command; all others are turned from these, which keeps q + change from being
+    /// rounded.
+    motions: &'a [JointMotion<T>; MAX_JOINTS],
+    /// Room for the others.
+    turned: &'a mut [JointMotion<T>; MAX_JOINTS],
+    /// Where the nominal arm would stand.
+    target: &'a Pose<T>,
+    /// Of the calibrated chain where it was evaluated last.
+    frames: &'a mut [Pose<T>; MAX_JOINTS],
+    /// Of the last place.
+    equations: Equations<T>,
+    /// w.
+    rotation_weight: T,
+    /// y − q: what the chain is to be changed by.
+    change: PerJoint<T>,
+}
+
+/// What a search has come to.
+struct Found<T> {
+    /// q* − q.
+    change: PerJoint<T>,
+    /// Error of the uncorrected command.
+    before: Hybrid<T>,
+    /// Error at q + `change`.
+    after: Hybrid<T>,
+    /// By how much, in metres, the comparison of the two may be wrong.
+    margin: T,
+    bounded: bool,
+}
+
+impl<T: Scalar> Search<'_, T> {
+    /// The calibrated chain after a change of the joints.
     #[inline(never)]
-    pub fn correct(&self, joints: &[T], payload_kg: T) -> Corrected<T> {
-        let status = self.evaluate(joints, payload_kg).status;
-        let mut out = [T::ZERO; MAX_JOINTS];
-        for (slot, value) in out.iter_mut().zip(joints) {
-            *slot = *value;
+    fn chain(&mut self, change: &PerJoint<T>) -> Pose<T> {
+        let arm = self.arm;
+        let coupling = arm.coupling.as_ref();
+        let serial = coupling.map(|_| coupled(coupling, change));
+        deflected_into(
+            self.motions,
+            arm.calibrated.kinds(),
+            serial.as_ref().unwrap_or(change),
+            self.turned,
+        );
+        arm.calibrated.joint_frames_at(self.turned, self.frames)
+    }
+
+    fn error(&self, pose: &Pose<T>) -> Hybrid<T> {
+        pose_error(self.target, pose, self.rotation_weight)
+    }
+
+    /// The equations where the chain was evaluated last, with the target at `pose`.
+    fn form_equations(&mut self, pose: &Pose<T>) {
+        let arm = self.arm;
+        self.equations.form(
+            arm.calibrated.kinds(),
+            self.frames,
+            &pose.translation,
+            arm.coupling.as_ref(),
+            self.rotation_weight,
+            T::from_f64(DAMPING),
+        );
+    }
+
+    /// Takes a step, as far as the largest change allows.
+    #[inline(never)]
+    fn take_step(&mut self, error: &Hybrid<T>) {
+        let step = self.equations.step(error);
+        for (value, delta) in self.change.iter_mut().zip(&step) {
+            *value += *delta;
         }
+        let bound = T::from_f64(MAX_JOINT_CHANGE);
+        let mut largest = raised(bound, &self.change);
+        let coupling = self.arm.coupling.as_ref();
+        if coupling.is_some() {
+            largest = raised(largest, &coupled(coupling, &self.change));
+        }
+        // At most one; zero, if that should be, for an infinite step.
+        let factor = bound / largest;
+        for value in &mut self.change {
+            *value = *value * factor;
+        }
+    }
+
+    /// One step more by the equations that are there, if that is sure to be better than the error `after` where the
+    /// chain was evaluated last, `away` (Σ|d|) from the place of the equations. Returns by how much, in metres, the new error
+    /// may be wrong: |f(y + s) − f(y) − J s| ≤ reach · Σ|s| · (Σ|s| + away).
+    #[inline(never)]
+    fn go_on(&mut self, after: &mut Hybrid<T>, away: T) -> T {
+        let step = self.equations.step(after);
+        let mut left = *after;
+        self.equations.take_off(&mut left, &step);
+        let moved = length(&step);
+        let unseen = self.equations.reach() * moved * (moved + away);
+        if squares(&left).0.sqrt() + unseen < squares(after).0.sqrt() {
+            for (value, delta) in self.change.iter_mut().zip(&step) {
+                *value += *delta;
+            }
+            *after = left;
+            unseen
+        } else {
+            T::ZERO
+        }
+    }
+
+    /// Without correction, or with the one in task space at every step.
+    #[inline(never)]
+    fn by_evaluation(&mut self, task: Option<&TaskSpaceCorrection<T>>) -> Found<T> {
+        let steps = if task.is_some() {
+            TASK_SPACE_STEPS
+        } else {
+            STEPS
+        };
+        let (mut before, mut bounded) = ([T::ZERO; 6], false);
+        let mut taken = 0;
+        loop {
+            let change = self.change;
+            let mut pose = self.chain(&change);
+            if let Some(task) = task {
+                let x = self.arm.inputs(&sum(self.joints, &change), self.payload_kg);
+                let mean = task.header.mean(self.rows, &x);
+                let twist = Twist::from_array(&mean);
+                let (twist, scaled) = bound::bounded(&task.bound, &twist, &pose.translation);
+                (pose, bounded) = (pose.corrected(&twist), scaled);
+            }
+            let after = self.error(&pose);
+            if taken == 0 {
+                before = after;
+            }
+            if taken == steps {
+                return Found {
+                    change,
+                    before,
+                    after,
+                    margin: T::ZERO,
+                    bounded,
+                };
+            }
+            self.form_equations(&pose);
+            self.take_step(&after);
+            taken += 1;
+        }
+    }
+
+    /// With the deflection D of an elastic model: steps of the chain alone, D taken off.
+    #[inline(never)]
+    fn by_deflection(&mut self, elastic: &ElasticCorrection<T>) -> Found<T> {
+        let arm = self.arm;
+        let kinds = arm.calibrated.kinds();
+        let payload = elastic.held(self.payload_kg);
+        let terms = &elastic.deflection;
+        let gravity = |frames: &[Pose<T>; MAX_JOINTS], pose: &Pose<T>| {
+            let at = GravityRegressors::new(kinds, frames, pose, &terms.gravity.gravity);
+            terms.gravity.deflection(&at, payload)
+        };
+        // First step, and gravity, at the command.
+        let pose = arm.calibrated.joint_frames_at(self.motions, self.frames);
+        let mut before = self.error(&pose);
+        self.form_equations(&pose);
+        self.take_step(&before);
+        let roughly = gravity(self.frames, &pose);
+        // Processes where gravity alone would have it.
+        let place = difference(&self.change, &roughly);
+        let mean = {
+            let joints = sum(self.joints, &place);
+            if arm.coupling.is_some() {
+                arm.calibrated.motions_into(&joints, self.turned);
+            } else {
+                deflected_into(self.motions, kinds, &place, self.turned);
+            }
+            let places = features(kinds, &joints, self.turned);
+            terms.processes.mean(kinds, self.rows, &places, payload)
+        };
+        // Gravity again and the second step where both would have it: at the corrected command, nearly.
+        let near = difference(&place, &mean);
+        let pose = self.chain(&near);
+        let smooth = sum(&gravity(self.frames, &pose), &mean);
+        self.form_equations(&pose);
+        let mut error = self.error(&pose);
+        let back = difference(&self.change, &near);
+        self.equations.take_off(&mut error, &back);
+        self.take_step(&error);
+        // The check, where the chain is to be, and what it finds.
+        let change = self.change;
+        let pose = self.chain(&change);
+        let mut after = self.error(&pose);
+        let away = length(&difference(&change, &near));
+        let mut margin = self.go_on(&mut after, away);
+        // Ripple last, for it changes quickest.
+        let place = sum(self.joints, &difference(&self.change, &smooth));
+        let mut deflection = sum(&smooth, &terms.ripple_towards(&place));
+        let (position, rotation) = self.equations.take_off(&mut [T::ZERO; 6], &deflection);
+        let weight = self.rotation_weight;
+        let (factor, bounded) = elastic
+            .bound
+            .factor_of(position, rotation / (weight * weight));
+        for value in &mut deflection {
+            // It may be infinite.
+            *value = if factor == T::ZERO {
+                T::ZERO
+            } else {
+                *value * factor
+            };
+        }
+        let (position, _) = self.equations.take_off(&mut before, &deflection);
+        // The deflection was evaluated beside the command, and its effect is that at the corrected one.
+        margin += T::from_f64(LAG) * position.sqrt()
+            + self.equations.reach() * length(&deflection) * length(&self.change);
+        Found {
+            change: difference(&self.change, &deflection),
+            before,
+            after,
+            margin,
+            bounded,
+        }
+    }
+}
+
+/// The larger of `least` and the absolute values.
+#[inline(never)]
+fn raised<T: Scalar>(least: T, values: &PerJoint<T>) -> T {
+    let mut largest = least;
+    for value in values {
+        if value.abs() > largest {
+            largest = value.abs();
+        }
+    }
+    largest
+}
+
+/// a + b.
+#[inline(never)]
+fn sum<T: Scalar>(a: &PerJoint<T>, b: &PerJoint<T>) -> PerJoint<T> {
+    let mut out = *a;
+    for (value, part) in out.iter_mut().zip(b) {
+        *value += *part;
+    }
+    out
+}
+
+/// a − b.
+#[inline(never)]
+fn difference<T: Scalar>(a: &PerJoint<T>, b: &PerJoint<T>) -> PerJoint<T> {
+    let mut out = *a;
+    for (value, part) in out.iter_mut().zip(b) {
+        *value -= *part;
+    }
+    out
+}
+
+impl<T: Scalar> Found<T> {
+    /// The corrected command if it is better than `joints`, else these.
+    #[inline(never)]
+    fn judged(
+        &mut self,
+        joints: &PerJoint<T>,
+        equations: &Equations<T>,
+        status: Status,
+    ) -> Corrected<T> {
+        // The command is a number of type T: what that rounds away is part of its error.
+        let command = sum(joints, &self.change);
+        let rounded = difference(&difference(&command, joints), &self.change);
+        equations.take_off(&mut self.after, &rounded);
+        let (position, rotation) = squares(&self.after);
+        let (position_before, rotation_before) = squares(&self.before);
+        let (distance, distance_before) = (position.sqrt(), position_before.sqrt());
+        let limit = T::from_f64(MAX_JOINT_CHANGE);
+        // Written so that NaN is not better.
+        let better = distance + self.margin <= distance_before
+            && position + rotation <= position_before + rotation_before
+            && raised(limit, &self.change) <= limit;
+        let tolerance = T::from_f64(CORRECTED_WITHIN * CORRECTED_WITHIN);
+        // Five joints cannot turn the target every way.
+        let there = position <= tolerance && (rotation <= tolerance || !equations.can_turn());
+        let position_error = if better { distance } else { distance_before };
         Corrected {
-            joints: out,
-            position_error: T::ZERO,
-            status,
+            joints: if better { command } else { *joints },
+            position_error: if position_error.is_finite() {
+                position_error
+            } else {
+                T::ZERO
+            },
+            status: status.with_if(!(better && there), Status::CORRECTION_REFUSED),
         }
     }
 }

@@ -51,6 +51,18 @@ impl<T: Scalar> ElasticCorrection<T> {
     }
 }
 
+impl<T: Scalar> ElasticCorrection<T> {
+    /// The payload in kg, or the heaviest that is one.
+    #[inline(always)]
+    pub(super) fn held(&self, payload_kg: T) -> T {
+        if payload_kg > self.heaviest {
+            self.heaviest
+        } else {
+            payload_kg
+        }
+    }
+}
+
 fn coefficient<T: Scalar>(value: f32) -> Result<T, LoadError> {
     if is_within(value, -MAX_COEFFICIENT, MAX_COEFFICIENT) {
         Ok(T::from_f32(value))
@@ -163,9 +175,7 @@ fn processes<T: Scalar>(
         {
             return Err(LoadError::Kernel);
         }
-        for (rate, value) in slot.rates.iter_mut().zip(&kernel.rates) {
-            *rate = T::from_f32(*value);
-        }
+        slot.set_rates(kernel.rates.iter().map(|rate| T::from_f32(*rate)));
         slot.payload_rate = T::from_f32(kernel.payload_rate);
         slot.amplitude = coefficient(kernel.amplitude)?;
         slot.payload_amplitude = coefficient(kernel.payload_amplitude)?;

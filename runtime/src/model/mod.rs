@@ -10,6 +10,7 @@ mod checked;
 mod correct;
 mod elastic;
 mod task_space;
+mod view;
 
 use heapless::Vec;
 use poegp_protocol::JointKind;
@@ -19,17 +20,20 @@ use poegp_protocol::limits::{MAX_INPUTS, MAX_JOINTS};
 use crate::bound::bounded;
 use crate::deflection::{self, CouplingMatrix};
 use crate::load_error::LoadError;
-pub use crate::observer::{Observer, Unobserved};
+pub use crate::observer::{Observer, Stages};
 use crate::poe::Poe;
 use crate::posterior::{self, MAX_SCALED_INPUT};
 use crate::scalar::{MAX_ANGLE, Scalar};
 use crate::se3::{Pose, Twist};
 use crate::status::Status;
+pub use correct::{CORRECTED_WITHIN, Corrected, MAX_JOINT_CHANGE};
+
 use checked::{
     MAX_COEFFICIENT, checked_chain, checked_coupling, checked_range, checked_rows, is_within,
 };
 use elastic::ElasticCorrection;
 use task_space::TaskSpaceCorrection;
+pub use view::{Compiled, View};
 
 /// Words of support rows for `points` points of the longest row.
 pub const fn words_for(points: usize) -> usize {
@@ -161,10 +165,20 @@ impl<T: Scalar, const WORDS: usize> Model<T, WORDS> {
     }
 
     /// T_gp(q, m)·f(q) for the controller's joints (rad or m) and the payload in kg (0 when the model knows none).
-    // Code generation, and with it the time of a cycle, must not depend on the caller.
-    #[inline(never)]
+    #[inline(always)]
     pub fn evaluate(&self, joints: &[T], payload_kg: T) -> Evaluation<T> {
-        self.evaluate_observed(joints, payload_kg, &mut Unobserved)
+        self.evaluate_in_stages(joints, payload_kg, &mut Stages::new())
+    }
+
+    /// The same, with its intermediate results.
+    #[inline(always)]
+    pub fn evaluate_in_stages(
+        &self,
+        joints: &[T],
+        payload_kg: T,
+        stages: &mut Stages<T>,
+    ) -> Evaluation<T> {
+        T::evaluate(self.view(), joints, payload_kg, stages)
     }
 
     /// The same, with every intermediate result shown to `observer`: one source for product and bit comparison.
@@ -175,12 +189,51 @@ impl<T: Scalar, const WORDS: usize> Model<T, WORDS> {
         payload_kg: T,
         observer: &mut impl Observer<T>,
     ) -> Evaluation<T> {
+        self.view().evaluate_observed(joints, payload_kg, observer)
+    }
+
+    /// The joints at which the calibrated arm stands where the nominal one would at `joints` (rad or m), with a payload
+    /// in kg. No joint is changed by more than [`MAX_JOINT_CHANGE`]. Without a model or for bad input the answer is
+    /// the command as it came, zeros in place of what is not finite.
+    #[inline(always)]
+    pub fn correct(&self, joints: &[T], payload_kg: T) -> Corrected<T> {
+        T::correct(self.view(), joints, payload_kg)
+    }
+
+    #[inline(always)]
+    fn view(&self) -> View<'_, T> {
+        View {
+            arm: self.arm.as_ref(),
+            rows: &self.rows,
+        }
+    }
+
+    /// `base_from_target` of the nominal chain (base and tool of the base-tool calibration) at the controller's joints,
+    /// or `None` without a model or for bad input.
+    pub fn nominal(&self, joints: &[T]) -> Option<Pose<T>> {
+        let arm = self.arm.as_ref()?;
+        let x = arm.checked_joints(joints)?;
+        Some(
+            arm.nominal
+                .forward(&deflection::coupled(arm.coupling.as_ref(), &x)),
+        )
+    }
+}
+
+impl<T: Scalar> View<'_, T> {
+    #[inline(always)]
+    fn evaluate_observed(
+        &self,
+        joints: &[T],
+        payload_kg: T,
+        observer: &mut impl Observer<T>,
+    ) -> Evaluation<T> {
         let nothing = |status| Evaluation {
             pose: Pose::identity(),
             correction: Twist::zero(),
             status,
         };
-        let Some(arm) = self.arm.as_ref() else {
+        let Some(arm) = self.arm else {
             return nothing(Status::NO_MODEL);
         };
         let Some(x) = arm.checked_joints(joints) else {
@@ -196,20 +249,14 @@ impl<T: Scalar, const WORDS: usize> Model<T, WORDS> {
                 let chain = arm.calibrated.forward_with(&motions);
                 observer.chain(&chain);
                 let x = arm.inputs(&x, payload_kg);
-                let mean = task
-                    .header
-                    .mean(&self.rows, &x, &mut |k| observer.kernel(k));
+                let mean = task.header.mean(self.rows, &x);
                 observer.mean(&mean);
                 let (twist, bounded) =
                     bounded(&task.bound, &Twist::from_array(&mean), &chain.translation);
                 (chain.corrected(&twist), twist, bounded)
             }
             ArmCorrection::Elastic(elastic) if believable => {
-                let payload = if payload_kg > elastic.heaviest {
-                    elastic.heaviest
-                } else {
-                    payload_kg
-                };
+                let payload = elastic.held(payload_kg);
                 let at = deflection::Configuration {
                     poe: &arm.calibrated,
                     coupling: arm.coupling.as_ref(),
@@ -220,7 +267,7 @@ impl<T: Scalar, const WORDS: usize> Model<T, WORDS> {
                 let result =
                     elastic
                         .deflection
-                        .compensate(&at, &self.rows, Some(&elastic.bound), observer);
+                        .compensate(&at, self.rows, Some(&elastic.bound), observer);
                 (result.pose, result.twist, result.bounded)
             }
             _ => {
@@ -239,17 +286,6 @@ impl<T: Scalar, const WORDS: usize> Model<T, WORDS> {
             correction,
             status,
         }
-    }
-
-    /// `base_from_target` of the nominal chain (base and tool of the base-tool calibration) at the controller's joints,
-    /// or `None` without a model or for bad input.
-    pub fn nominal(&self, joints: &[T]) -> Option<Pose<T>> {
-        let arm = self.arm.as_ref()?;
-        let x = arm.checked_joints(joints)?;
-        Some(
-            arm.nominal
-                .forward(&deflection::coupled(arm.coupling.as_ref(), &x)),
-        )
     }
 }
 

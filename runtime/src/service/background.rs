@@ -4,7 +4,8 @@ use embedded_storage::nor_flash::NorFlash;
 use heapless::Vec;
 use poegp_protocol::envelope::key_id;
 use poegp_protocol::link::{
-    Identity, ModelIdentity, PROTOCOL_VERSION, Refusal, Request, Response, Statistics, StoredModel,
+    Identity, Key, ModelIdentity, PROTOCOL_VERSION, Refusal, Request, Response, Statistics,
+    StoredModel,
 };
 
 use super::cycle::{Order, Report};
@@ -146,7 +147,11 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
             capacity_bytes: BYTES as u32,
             tick_hz: self.facts.tick_hz,
             deadline_ticks: self.facts.deadline_ticks,
-            key: self.key().ok().flatten().map(|key| key_id(&key)),
+            key: match self.store.public_key() {
+                Ok(None) => Key::None,
+                Ok(Some(key)) => Key::Provisioned(key_id(&key)),
+                Err(_) => Key::Unusable,
+            },
             bypass: report.bypass,
             model: report.model,
             slots,

@@ -1,13 +1,15 @@
 //! The cycle: a frame in, an answer out, in bounded time.
 
+use heapless::Vec;
 use poegp_protocol::frame::{self, FrameError, Receiver};
+use poegp_protocol::limits::{MAX_JOINTS, OUTPUTS};
 use poegp_protocol::link::{
     Corrected, Evaluation, ModelIdentity, PROTOCOL_VERSION, Query, Refusal, Request, Response,
     Statistics, Trace,
 };
 
-use super::{Record, Resident, count};
-use crate::model;
+use super::{Resident, count};
+use crate::model::{self, Stages};
 use crate::status::Status;
 use crate::store::Slot;
 
@@ -25,6 +27,8 @@ pub struct Cycle<'m, const WORDS: usize> {
     deadline_ticks: u32,
     bypass: bool,
     running: bool,
+    /// Of the last evaluation: here, because clearing them each time would cost more than filling them.
+    stages: Stages<f32>,
 }
 
 /// What became of a frame.
@@ -79,6 +83,7 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
             deadline_ticks,
             bypass,
             running: false,
+            stages: Stages::new(),
         }
     }
 
@@ -186,7 +191,8 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
 
     fn evaluate(&mut self, query: &Query, clock: &mut impl Clock) -> Evaluation {
         let start = clock.ticks();
-        let result = self.active.model.evaluate(&query.joints, query.payload_kg);
+        let model = &self.active.model;
+        let result = model.evaluate_in_stages(&query.joints, query.payload_kg, &mut self.stages);
         let ticks = clock.ticks().wrapping_sub(start);
         self.completed(result.status, ticks);
         self.on_wire(&result, ticks)
@@ -208,7 +214,14 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
         let start = clock.ticks();
         let mut joints = query.joints.clone();
         let (status, position_error) = if self.bypass {
-            (Status::BYPASSED, 0.0)
+            let mut status = Status::BYPASSED;
+            for value in &mut joints {
+                if !value.is_finite() {
+                    *value = 0.0;
+                    status = status.with(Status::BAD_INPUT);
+                }
+            }
+            (status, 0.0)
         } else {
             let result = self.active.model.correct(&query.joints, query.payload_kg);
             for (slot, value) in joints.iter_mut().zip(&result.joints) {
@@ -236,17 +249,16 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
     // Not inlined: the cyclic path must not share its large stack frame.
     #[inline(never)]
     fn trace(&mut self, query: &Query, clock: &mut impl Clock) -> Trace {
-        let mut record = Record::new();
+        self.stages = Stages::new();
         let start = clock.ticks();
         let model = &self.active.model;
-        let result = model.evaluate_observed(&query.joints, query.payload_kg, &mut record);
+        let result = model.evaluate_in_stages(&query.joints, query.payload_kg, &mut self.stages);
         let ticks = clock.ticks().wrapping_sub(start);
         self.completed(result.status, ticks);
         Trace {
-            sin_cos: record.sin_cos,
-            kernel_hash: record.kernel_hash,
-            mean: record.mean,
-            chain: record.chain,
+            sin_cos: sines(&self.stages),
+            mean: first(&self.stages.mean),
+            chain: self.stages.chain.to_rows(),
             evaluation: self.on_wire(&result, ticks),
         }
     }
@@ -273,4 +285,22 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
             statistics: self.statistics,
         }
     }
+}
+
+/// Sine and cosine of each joint.
+fn sines(stages: &Stages<f32>) -> Vec<f32, { 2 * MAX_JOINTS }> {
+    let mut out = Vec::new();
+    for motion in stages.motions() {
+        // Room for all joints.
+        let _ = out.extend_from_slice(&[motion.sin, motion.cos]);
+    }
+    out
+}
+
+fn first(values: &[f32; MAX_JOINTS]) -> [f32; OUTPUTS] {
+    let mut out = [0.0; OUTPUTS];
+    for (slot, value) in out.iter_mut().zip(values) {
+        *slot = *value;
+    }
+    out
 }

@@ -19,13 +19,11 @@
 
 mod background;
 mod cycle;
-mod record;
 mod resident;
 mod upload;
 
 pub use background::{Background, Device, Facts};
 pub use cycle::{Clock, Cycle, Order, Report, Taken};
-pub use record::Record;
 pub use resident::Resident;
 
 fn count(counter: &mut u32) {

@@ -4,6 +4,7 @@ use heapless::String;
 use poegp_protocol::link::{MAX_NAME, ModelIdentity, Refusal};
 use poegp_protocol::{blob, envelope};
 
+use crate::load_error::LoadError;
 use crate::model::Model;
 use crate::signature;
 use crate::store::Slot;
@@ -57,17 +58,15 @@ impl<const WORDS: usize> Resident<WORDS> {
 
     #[inline(never)]
     fn load_blob(&mut self, bytes: &[u8]) -> Result<(), Refusal> {
-        // By reference: every move would be a copy of the blob on the stack.
-        match &blob::decode(bytes) {
-            Err(error) => Err(Refusal::Blob(*error)),
-            Ok(blob) => {
-                self.model
-                    .load(blob)
-                    .map_err(|error| Refusal::Model { code: error.code() })?;
-                self.robot = name(blob.robot.name);
-                self.serial_number = name(blob.robot.serial_number);
-                Ok(())
-            }
+        let loaded = blob::decode_and(bytes, |blob| {
+            self.model.load(blob)?;
+            self.robot = name(blob.robot.name);
+            self.serial_number = name(blob.robot.serial_number);
+            Ok(())
+        });
+        match loaded {
+            Err(error) => Err(Refusal::Blob(error)),
+            Ok(result) => result.map_err(|error: LoadError| Refusal::Model { code: error.code() }),
         }
     }
 

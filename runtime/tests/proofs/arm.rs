@@ -285,7 +285,6 @@ impl Arm {
 pub struct Seen {
     pub motions: Vec<f64>,
     pub chain: Vec<f64>,
-    pub kernel: Vec<f64>,
     pub mean: Vec<f64>,
     pub deflection: Vec<f64>,
 }
@@ -293,7 +292,7 @@ pub struct Seen {
 impl Seen {
     /// Whether there is neither NaN nor infinity among them.
     pub fn is_finite(&self) -> bool {
-        let all = [&self.motions, &self.chain, &self.kernel, &self.mean];
+        let all = [&self.motions, &self.chain, &self.mean, &self.deflection];
         all.into_iter().flatten().all(|value| value.is_finite())
     }
 }
@@ -305,9 +304,6 @@ impl<T: Scalar> Observer<T> for Seen {
     }
     fn chain(&mut self, pose: &Pose<T>) {
         self.chain.extend(pose.to_rows().map(T::to_f64));
-    }
-    fn kernel(&mut self, value: T) {
-        self.kernel.push(value.to_f64());
     }
     fn mean(&mut self, mean: &[T; OUTPUTS]) {
         self.mean.extend(mean.map(T::to_f64));

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use poegp_protocol::blob::{self, HEADER_LENGTH, MAX_LENGTH_WITHOUT_ROWS};
 use poegp_protocol::envelope::TRAILER_LENGTH;
-use poegp_protocol::link::{ModelIdentity, PROTOCOL_VERSION};
+use poegp_protocol::link::{Key, ModelIdentity, PROTOCOL_VERSION};
 use poegp_runtime::model::words_for;
 use poegp_runtime::status::Status;
 use poegp_tests::emulator::{Clock, Emulator, Machine};
@@ -31,7 +31,11 @@ fn identifies_itself_and_its_capacity() {
     assert!(identity.capacity_bytes as usize >= needed);
     assert_eq!(identity.model, None);
     assert_eq!(identity.slots, [None; 2]);
-    assert_eq!(identity.key, None, "no key is provisioned, and it says so");
+    assert_eq!(
+        identity.key,
+        Key::None,
+        "no key is provisioned, and it says so"
+    );
     assert!(!identity.bypass);
     let image = Image::read(&firmware().unwrap().elf).unwrap();
     assert_eq!(identity.image_crc, image.crc, "the build that was flashed");

@@ -54,7 +54,7 @@ fn queries(sample: &Sample) -> Vec<Query> {
 fn text(name: &str, stages: &mut dyn FnMut(&Query) -> Stages, queries: &[Query]) -> String {
     let head = format!(
         "# Bits of golden_{name}.blob, written by POEGP_BLESS=1 cargo test -p poegp-tests --test device golden\n\
-         # joints payload | sin_cos | kernel_hash | mean | chain | correction | pose | status\n"
+         # joints payload | sin_cos | mean | chain | correction | pose | status\n"
     );
     let lines = queries.iter().map(|query| stages(query).line(query) + "\n");
     std::iter::once(head).chain(lines).collect()

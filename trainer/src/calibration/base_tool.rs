@@ -13,12 +13,10 @@ use poegp_runtime::poe::Poe;
 use poegp_runtime::se3::Pose;
 
 use super::frames::{FrameFit, ResidualKind, Sample, cost, fit_frames};
+use super::noise::Scales;
 
 /// Metres and radians count alike.
-pub const UNWEIGHTED: ResidualKind = ResidualKind::ToolCentred {
-    position_sigma: 1.0,
-    orientation_sigma: 1.0,
-};
+pub const UNWEIGHTED: ResidualKind = ResidualKind::ToolCentred(Scales::ONE);
 
 /// Where instrument and target are.
 #[derive(Clone, Copy, Debug)]

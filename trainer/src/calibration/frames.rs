@@ -11,6 +11,8 @@ use poegp_protocol::limits::MAX_FRAMES;
 use poegp_runtime::poe::Poe;
 use poegp_runtime::se3::{Matrix6, Pose, Twist, residual};
 
+use super::noise::{InstrumentNoise, Scales};
+
 /// One measured pose with everything a fit needs to know about it.
 #[derive(Clone, Debug)]
 pub struct Sample {
@@ -26,6 +28,8 @@ pub struct Sample {
     pub tool: usize,
     /// Whether only the position was measured; the rotation of `measured` then means nothing.
     pub position_only: bool,
+    /// What the file states of this row's noise.
+    pub stated: InstrumentNoise,
 }
 
 /// What is compared, and in which frame.
@@ -34,12 +38,17 @@ pub enum ResidualKind {
     /// Log(T′T⁻¹) at the origin of the space frame, metres and radians unweighted: the paper's.
     Space,
     /// Displacement and rotation at the tool point, axes of the space frame, divided by the noise of each.
-    ToolCentred {
-        /// Standard deviation of one position component in metres.
-        position_sigma: f64,
-        /// Standard deviation of one rotation component in radians.
-        orientation_sigma: f64,
-    },
+    ToolCentred(Scales),
+}
+
+impl ResidualKind {
+    /// With the scales of one row.
+    fn of(self, sample: &Sample) -> Self {
+        match self {
+            Self::Space => Self::Space,
+            Self::ToolCentred(scales) => Self::ToolCentred(scales.of(sample)),
+        }
+    }
 }
 
 /// What a fit did.
@@ -62,7 +71,7 @@ const MAX_ITERATIONS: usize = 60;
 /// Relative decrease of the cost below which the fit has converged.
 const CONVERGED: f64 = 1e-12;
 
-/// The residual of one pose, six components.
+/// The residual of one pose, six components; in units of the scales as they are, whatever the row's own.
 pub fn residual_components(
     kind: ResidualKind,
     measured: &Pose<f64>,
@@ -70,10 +79,7 @@ pub fn residual_components(
 ) -> [f64; 6] {
     match kind {
         ResidualKind::Space => residual(measured, predicted).to_array(),
-        ResidualKind::ToolCentred {
-            position_sigma,
-            orientation_sigma,
-        } => {
+        ResidualKind::ToolCentred(scales) => {
             let mut turned = *measured * predicted.inverse();
             turned.translation = measured.translation - predicted.translation;
             let angular = Pose {
@@ -82,8 +88,8 @@ pub fn residual_components(
             }
             .log()
             .angular;
-            let p = turned.translation / position_sigma;
-            let r = angular / orientation_sigma;
+            let p = turned.translation / scales.position;
+            let r = angular / scales.orientation;
             [p[0], p[1], p[2], r[0], r[1], r[2]]
         }
     }
@@ -91,11 +97,7 @@ pub fn residual_components(
 
 /// The rows that [`residual_components`] has for one block of the identification Jacobian.
 fn block_rows(kind: ResidualKind, block: &Matrix6<f64>, predicted: &Pose<f64>) -> Matrix6<f64> {
-    let ResidualKind::ToolCentred {
-        position_sigma,
-        orientation_sigma,
-    } = kind
-    else {
+    let ResidualKind::ToolCentred(scales) = kind else {
         return *block;
     };
     let mut out = [[0.0; 6]; 6];
@@ -105,9 +107,9 @@ fn block_rows(kind: ResidualKind, block: &Matrix6<f64>, predicted: &Pose<f64>) -
         for row in 0..6 {
             out[row][column] = at_tool[row]
                 / if row < 3 {
-                    position_sigma
+                    scales.position
                 } else {
-                    orientation_sigma
+                    scales.orientation
                 };
         }
     }
@@ -126,6 +128,7 @@ pub fn linearise(
     for (k, sample) in samples.iter().enumerate() {
         let (blocks, predicted): ([Matrix6<f64>; MAX_FRAMES], _) =
             poe.identification_jacobian(&sample.serial);
+        let kind = kind.of(sample);
         let components = residual_components(kind, &sample.measured, &predicted);
         for (row, component) in components.into_iter().enumerate() {
             y[(6 * k + row, 0)] = component;
@@ -144,8 +147,10 @@ pub fn linearise(
 
 /// Sum of squares of all residual components.
 pub fn cost(poe: &Poe<f64>, samples: &[Sample], kind: ResidualKind) -> f64 {
-    let of =
-        |sample: &Sample| residual_components(kind, &sample.measured, &poe.forward(&sample.serial));
+    let of = |sample: &Sample| {
+        let predicted = poe.forward(&sample.serial);
+        residual_components(kind.of(sample), &sample.measured, &predicted)
+    };
     samples.iter().flat_map(of).map(|r| r * r).sum()
 }
 

@@ -7,6 +7,7 @@
 pub mod base_tool;
 pub mod ends;
 pub mod frames;
+pub mod noise;
 
 use poegp_protocol::limits::{MAX_INPUTS, OUTPUTS};
 use poegp_runtime::poe::Poe;
@@ -14,6 +15,7 @@ use poegp_runtime::se3::{Pose, Twist, residual};
 
 use crate::elastic;
 use crate::elastic::fit::ElasticOptions;
+use crate::elastic::inflation::Recipe;
 use crate::elastic::model::ElasticModel;
 use crate::elastic::outliers::Outlier;
 use crate::elastic::uncertainty::Uncertainty;
@@ -22,6 +24,7 @@ use crate::gp::{self, NotPositiveDefinite, TaskSpaceGp};
 use base_tool::with_ends;
 use ends::{Ends, ends, tool_count};
 use frames::{FrameFit, ResidualKind, Sample, fit_frames, residual_components};
+use noise::{InstrumentNoise, Scales};
 
 /// The calibration methods that the paper compares, simplest first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -83,6 +86,8 @@ pub struct Options {
     pub max_signal_variance: f64,
     /// How the elastic model is fitted.
     pub elastic: ElasticOptions,
+    /// What is known of all measurements; where it is unknown, what each row states of itself counts.
+    pub instrument_noise: InstrumentNoise,
     /// Largest displacement of the target by the correction in metres; twice the largest in training when absent.
     pub max_correction_m: Option<f64>,
     /// Largest rotation by the correction in radians; likewise.
@@ -98,6 +103,7 @@ impl Options {
             weighted: false,
             max_signal_variance: MAX_SIGNAL_VARIANCE,
             elastic: ElasticOptions::default(),
+            instrument_noise: InstrumentNoise::UNKNOWN,
             max_correction_m: None,
             max_correction_rad: None,
         }
@@ -221,7 +227,7 @@ pub fn calibrate(
         return Err(CalibrationError::NoPayload);
     }
     let ends = ends(nominal, samples);
-    let in_base = in_base_frame(samples, &ends.instrument_from_base);
+    let in_base = in_base_frame(&options.stated(samples.iter()), &ends.instrument_from_base);
     let flange = *nominal.frames().last().unwrap_or(&Pose::identity());
     let chain_ends: Vec<Pose<f64>> = ends
         .flange_from_targets
@@ -267,7 +273,14 @@ pub fn calibrate(
             Some(model.ok_or(CalibrationError::Unsolvable)?).filter(|_| method == Method::Elastic);
         out.calibrated = fit.state.chain(0);
         out.tools = relative(&fit.state.tools);
-        out.uncertainty = Uncertainty::new(fit, &kept, robust.inflation);
+        out.uncertainty = Uncertainty::new(fit, &kept, robust.inflation).map(|u| {
+            u.with_recipe(Recipe {
+                chain: nominal,
+                tools: chain_ends.clone(),
+                coupling: coupling.cloned(),
+                options: *options,
+            })
+        });
     } else if method != Method::BaseTool {
         out.step1 = Some(step1(&mut out.calibrated, &in_base, options.weighted));
     }
@@ -315,23 +328,13 @@ fn step1(poe: &mut Poe<f64>, samples: &[Sample], weighted: bool) -> FrameFit {
 /// Rounds of noise estimation in a weighted step 1.
 const NOISE_ROUNDS: usize = 4;
 
-/// RMS of position and rotation residuals per component, at the tool point.
+/// The noise of position and rotation that the residuals ask for, at the tool point; rows of their own noise have theirs.
 fn estimated_noise(poe: &Poe<f64>, samples: &[Sample]) -> ResidualKind {
-    let (mut position, mut orientation) = (0.0, 0.0);
-    for sample in samples {
-        let r = residual_components(
-            base_tool::UNWEIGHTED,
-            &sample.measured,
-            &poe.forward(&sample.serial),
-        );
-        position += r[..3].iter().map(|x| x * x).sum::<f64>();
-        orientation += r[3..].iter().map(|x| x * x).sum::<f64>();
-    }
-    let components = (3 * samples.len()) as f64;
-    ResidualKind::ToolCentred {
-        position_sigma: (position / components).sqrt().max(1e-9),
-        orientation_sigma: (orientation / components).sqrt().max(1e-9),
-    }
+    let residual = |s: &Sample| {
+        residual_components(base_tool::UNWEIGHTED, &s.measured, &poe.forward(&s.serial))
+    };
+    let residuals: Vec<[f64; 6]> = samples.iter().map(residual).collect();
+    ResidualKind::ToolCentred(Scales::estimated(&residuals, samples).at_least(1e-9))
 }
 
 /// Step 2: the process on the residual twist in the base frame (eq. 8–12).
@@ -357,6 +360,15 @@ fn step2(
 }
 
 impl Options {
+    /// The samples with what is known of all measurements in place of what their rows state.
+    pub fn stated<'a>(&self, samples: impl Iterator<Item = &'a Sample>) -> Vec<Sample> {
+        let with_noise = |s: &Sample| Sample {
+            stated: self.instrument_noise.or(s.stated),
+            ..s.clone()
+        };
+        samples.map(with_noise).collect()
+    }
+
     /// x = [q, m] as far as the method uses it.
     pub fn inputs(&self, joints: &[f64], payload_kg: Option<f64>) -> Vec<f64> {
         gp::input(
@@ -378,7 +390,7 @@ impl Calibration {
         };
         let x: [f64; MAX_INPUTS] =
             gp::padded(&self.options.inputs(&sample.joints, sample.payload_kg));
-        let twist = Twist::from_array(&header.mean(rows, &x, &mut |_| {}));
+        let twist = Twist::from_array(&header.mean(rows, &x));
         (chain.corrected(&twist), twist)
     }
 
@@ -397,7 +409,8 @@ impl Calibration {
     /// that should know does not.
     pub fn standard_deviation(&self, sample: &Sample) -> Option<[f64; OUTPUTS]> {
         if let Some(uncertainty) = &self.uncertainty {
-            return Some(uncertainty.standard_deviation(sample));
+            let stated = self.options.stated(std::iter::once(sample));
+            return stated.first().map(|s| uncertainty.standard_deviation(s));
         }
         let Some(gp) = &self.gp else {
             let (p, r) = self.residual_rms;

@@ -96,7 +96,7 @@ pub fn run(a: &Calibrate) -> Result<(), Failure> {
         options.method,
         arm.robot.joints.len(),
     )?;
-    options.elastic.instrument_noise = instrument_noise(&a.fit, &set)?;
+    options.instrument_noise = instrument_noise(&a.fit)?;
     let origin = origin(set.sha256, &a.serial_number, tools);
     let table = match a.model.method() {
         Some(_) => None,

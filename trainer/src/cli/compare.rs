@@ -11,10 +11,11 @@ use super::{
     write_outputs,
 };
 use crate::calibration::frames::Sample;
+use crate::calibration::noise::InstrumentNoise;
 use crate::calibration::{CalibrationError, Method, Options};
 use crate::compare::{ModelComparison, Task, TestSet, applicable};
 use crate::drift::{Drift, DriftReport};
-use crate::elastic::fit::{ElasticOptions, InstrumentNoise};
+use crate::elastic::fit::ElasticOptions;
 use crate::elastic::outliers::OutlierPolicy;
 use crate::error::InputError;
 use crate::gp::fit::Sharing;
@@ -69,7 +70,7 @@ impl FitArguments {
 
 /// The options with what is known of the instrument.
 pub fn with_noise(mut options: Options, noise: InstrumentNoise) -> Options {
-    options.elastic.instrument_noise = noise;
+    options.instrument_noise = noise;
     options
 }
 
@@ -148,7 +149,7 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
         seed: a.seed,
         origin: &origin,
     };
-    let noise = instrument_noise(&a.fit, &set)?;
+    let noise = instrument_noise(&a.fit)?;
     let rounds = 1 + usize::from(drift.is_some());
     let bar = progress::bar(rounds * methods.len() * task.calibrations(), "comparing");
     let run = |task: &Task| -> Result<Vec<ModelComparison>, Failure> {
@@ -241,11 +242,11 @@ fn print(report: Report, runs: &[(&Vec<ModelComparison>, &str)], a: &Compare) {
         let folds = model
             .cross_validation
             .iter()
-            .map(|cv| ("cross-validation", &cv.all, cv.coverage));
+            .map(|cv| ("cross-validation", &cv.all, cv.coverage.clone()));
         let sets = model
             .sets
             .iter()
-            .map(|s| (s.name.as_str(), &s.errors, s.coverage));
+            .map(|s| (s.name.as_str(), &s.errors, s.coverage.clone()));
         for (name, errors, coverage) in folds.chain(sets) {
             let p = &errors.position_mm;
             let mut row = vec![

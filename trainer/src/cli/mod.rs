@@ -26,9 +26,9 @@ use clap::Parser;
 use poegp_runtime::poe::Poe;
 
 use crate::calibration::frames::Sample;
+use crate::calibration::noise::InstrumentNoise;
 use crate::calibration::{CalibrationError, Method, fewest_poses};
 use crate::device::error::ClientError;
-use crate::elastic::fit::InstrumentNoise;
 use crate::error::InputError;
 use crate::export::{DeviceError, ExportError, Origin, nominal_chain};
 use crate::loaded::HOST_SUPPORT;
@@ -167,32 +167,17 @@ fn enough_poses(
     .into())
 }
 
-/// What is known of the instrument: from the command line, else the RMS of what the file states.
-fn instrument_noise(
-    fit: &arguments::FitArguments,
-    set: &MeasurementSet,
-) -> Result<InstrumentNoise, Failure> {
+/// What the command line says of the instrument; where it says nothing, what the rows of the file state counts.
+fn instrument_noise(fit: &arguments::FitArguments) -> Result<InstrumentNoise, Failure> {
     let given = |name: &str, value: Option<f64>| match value {
         Some(x) if !(x > 0.0 && x.is_finite()) => Err(Failure::Usage(format!(
             "{name} {x}: expected a number above 0"
         ))),
         _ => Ok(value.map(|x| 1e-3 * x)),
     };
-    let stated = |of: fn(&measurements::Measurement) -> Option<f64>| {
-        let squares: Option<Vec<f64>> = set
-            .measurements
-            .iter()
-            .map(|m| of(m).map(|s| s * s))
-            .collect();
-        squares
-            .filter(|s| !s.is_empty())
-            .map(|s| (s.iter().sum::<f64>() / s.len() as f64).sqrt())
-    };
-    let position = given("--position-sigma-mm", fit.position_sigma_mm)?;
-    let orientation = given("--orientation-sigma-mrad", fit.orientation_sigma_mrad)?;
     Ok(InstrumentNoise {
-        position: position.or_else(|| stated(|m| m.sigma_position)),
-        orientation: orientation.or_else(|| stated(|m| m.sigma_orientation)),
+        position: given("--position-sigma-mm", fit.position_sigma_mm)?,
+        orientation: given("--orientation-sigma-mrad", fit.orientation_sigma_mrad)?,
     })
 }
 

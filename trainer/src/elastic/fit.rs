@@ -1,5 +1,6 @@
 //! The elastic model, fitted: parameters first, then gear ripple, then everything together with the processes.
 
+use faer::Mat;
 use nalgebra::Vector3;
 use poegp_runtime::deflection::RippleTerm;
 use poegp_runtime::poe::Poe;
@@ -12,8 +13,9 @@ use super::likelihood::{Evidence, HyperLayout, Inputs, Search, Solved};
 use super::outliers::{LeaveOneOut, Outlier, OutlierPolicy, gross, leave_one_out};
 use super::parameters::parametric_fit;
 use super::ripple::{Peak, SIGNIFICANT, peaks};
-use super::state::{Layout, Linearised, ROWS, Scales, State};
+use super::state::{Layout, Linearised, ROWS, State};
 use crate::calibration::frames::Sample;
+use crate::calibration::noise::Scales;
 use crate::minimize::minimize;
 use poegp_protocol::limits::MAX_RIPPLE;
 
@@ -34,18 +36,6 @@ pub struct ElasticOptions {
     pub support: Option<usize>,
     /// What is done with measurements that do not belong.
     pub outliers: OutlierPolicy,
-    /// What the instrument's maker states: position in metres, orientation in radians, per component.
-    /// Each may be unknown.
-    pub instrument_noise: InstrumentNoise,
-}
-
-/// What is known of the instrument, standard deviations of one component.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct InstrumentNoise {
-    /// Of position in metres.
-    pub position: Option<f64>,
-    /// Of rotation in radians.
-    pub orientation: Option<f64>,
 }
 
 impl Default for ElasticOptions {
@@ -58,7 +48,6 @@ impl Default for ElasticOptions {
             gravity: Vector3::new(0.0, 0.0, -9.81),
             support: Some(100),
             outliers: OutlierPolicy::Report,
-            instrument_noise: InstrumentNoise::default(),
         }
     }
 }
@@ -82,6 +71,8 @@ pub struct ElasticFit {
     pub inputs: Inputs,
     /// The solution with all poses as support, when there are processes.
     pub solved: Option<Solved>,
+    /// Where the model was linearised for it: `state` has moved on since.
+    pub origin: State,
 }
 
 /// A fit with the measurements that do not belong.
@@ -200,6 +191,7 @@ pub fn fit(
         // The priors that the evidence prefers, and the parameters under them.
         let scales = parametric_fit(&mut state, samples, &hyper);
         return Some(ElasticFit {
+            origin: state.clone(),
             state,
             hyperparameters: hyper,
             layout: h,
@@ -227,11 +219,14 @@ pub fn fit(
     let (first, linear) = solve(&mut state)?;
     if options.ripple {
         // What the processes leave is quieter than what the parameters leave: weaker ripple shows.
-        let found = significant(&state, samples, &left_over(&first, &hyper), &linear);
+        let (residuals, jacobian) = left_over(&first, &hyper, &linear);
+        let found = significant(&state, samples, &residuals, &jacobian);
         state.add_ripple(&found);
     }
+    let origin = state.clone();
     let (solved, _) = solve(&mut state)?;
     Some(ElasticFit {
+        origin,
         state,
         hyperparameters: hyper,
         layout: h,
@@ -241,12 +236,19 @@ pub fn fit(
     })
 }
 
-/// The residual after everything, in units of its noise: σ S⁻¹y.
-fn left_over(solved: &Solved, hyper: &[f64]) -> Vec<[f64; ROWS]> {
-    let sigma = |row: usize| (0.5 * hyper[usize::from(row >= 3)]).exp();
-    (0..solved.alpha.nrows() / ROWS)
-        .map(|k| std::array::from_fn(|row| sigma(row) * solved.alpha[(ROWS * k + row, 0)]))
-        .collect()
+/// The residual after everything, in units of its noise, σ S⁻¹y, and the Jacobian with the rows' own noise as scale.
+fn left_over(solved: &Solved, hyper: &[f64], linear: &Linearised) -> (Vec<[f64; ROWS]>, Mat<f64>) {
+    let h = |row: usize| hyper[usize::from(row % ROWS >= 3)];
+    let relative = |row: usize| linear.relative_noise(row, h(row));
+    let residual = |row: usize| (0.5 * h(row)).exp() * relative(row) * solved.alpha[(row, 0)];
+    let residuals = (0..solved.alpha.nrows() / ROWS)
+        .map(|k| std::array::from_fn(|i| residual(ROWS * k + i)))
+        .collect();
+    let jacobian = &linear.jacobian;
+    let scaled = Mat::from_fn(jacobian.nrows(), jacobian.ncols(), |row, c| {
+        jacobian[(row, c)] / relative(row)
+    });
+    (residuals, scaled)
 }
 
 /// New ripple terms that are significant in `residuals`, which are in units of their noise.
@@ -254,7 +256,7 @@ fn significant(
     state: &State,
     samples: &[Sample],
     residuals: &[[f64; ROWS]],
-    linear: &Linearised,
+    jacobian: &Mat<f64>,
 ) -> Vec<(usize, f64)> {
     let room = MAX_RIPPLE - state.ripple.len();
     // What is left beside a term that is there is its own shadow, not another gear.
@@ -262,7 +264,7 @@ fn significant(
         let same = |r: &RippleTerm<f64>| r.joint == p.joint && (r.cycles - p.cycles).abs() < 1.0;
         !state.ripple.iter().any(same)
     };
-    peaks(samples, residuals, &linear.jacobian)
+    peaks(samples, residuals, jacobian)
         .into_iter()
         .filter(|p| p.drop > SIGNIFICANT && is_new(p))
         .map(|p| (p.joint, p.cycles))
@@ -304,7 +306,7 @@ fn add_ripple(state: &mut State, samples: &[Sample], hyper: &[f64], mut scales: 
     for _ in 0..4 {
         let linear = state.linearise(samples, scales);
         let residuals = state.residuals(samples, scales);
-        let found = significant(state, samples, &residuals, &linear);
+        let found = significant(state, samples, &residuals, &linear.jacobian);
         if found.is_empty() {
             break;
         }
@@ -332,7 +334,7 @@ fn learn(
     let inputs = inputs_of(state, &part);
     let similarities = inputs.similarities();
     let groups = state.layout.groups();
-    // Processes explain anything when they are let: the noise is bounded below by what the instrument's maker states, or
+    // Processes explain anything when they are let: the noise is bounded below by what is stated of the instrument, or
     // by half of what the parameters leave. (Five folds of a FARO set: 0.0567 mm without the bound, 0.0547 with it.)
     let floor = 0.25;
     for (i, (bound, scale)) in bounds
@@ -341,10 +343,7 @@ fn learn(
         .take(2)
         .enumerate()
     {
-        let stated = [
-            options.instrument_noise.position,
-            options.instrument_noise.orientation,
-        ][i];
+        let stated = [scales.quietest.position, scales.quietest.orientation][i];
         let sheet = stated.map(|sigma| (sigma / scale).powi(2));
         bound.0 = sheet.unwrap_or(floor).clamp(1e-4, 1.0).ln();
     }

@@ -288,7 +288,8 @@ impl Evidence<'_> {
         }
         self.add_processes(kernels, s);
         for r in 0..rows {
-            s[(r, r)] += h[usize::from(r % ROWS >= 3)].exp();
+            let h = h[usize::from(r % ROWS >= 3)];
+            s[(r, r)] += h.exp() * self.linear.relative_noise(r, h).powi(2);
         }
     }
 
@@ -416,7 +417,7 @@ impl Objective for Search<'_> {
         for r in 0..rows {
             let w = inverse[(r, r)] - alpha[(r, 0)] * alpha[(r, 0)];
             let i = usize::from(r % ROWS >= 3);
-            gradient[i] += 0.5 * w * h[i].exp();
+            gradient[i] += 0.5 * w * h[i].exp() * evidence.linear.common_share[r];
         }
         evidence.prior_gradient(h, inverse, &alpha, &mut gradient);
         evidence.kernel_gradients(h, kernels, inverse, &alpha, &mut gradient);

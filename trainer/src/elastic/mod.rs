@@ -5,6 +5,7 @@
 //! least-squares solution for all of it, hyperparameters by the marginal likelihood.
 
 pub mod fit;
+pub mod inflation;
 pub mod likelihood;
 pub mod model;
 pub mod outliers;

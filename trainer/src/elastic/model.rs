@@ -31,9 +31,9 @@ pub struct ElasticModel {
 /// Facts of a fit.
 #[derive(Clone, Debug)]
 pub struct ElasticReport {
-    /// Fitted noise of one position component in metres.
+    /// Fitted noise of one position component in metres, in the quietest row.
     pub position_noise: f64,
-    /// Fitted noise of one rotation component in radians.
+    /// Fitted noise of one rotation component in radians, in the quietest row.
     pub orientation_noise: f64,
     /// Gear ripple: joint from 1, cycles per turn, amplitude in rad.
     pub ripple: Vec<(usize, f64, f64)>,

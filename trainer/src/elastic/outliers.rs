@@ -9,15 +9,15 @@ use faer::linalg::solvers::{DenseSolveCore, Solve};
 use faer::{Mat, Side};
 
 use super::fit::ElasticFit;
-use super::state::{ROWS, State, unweighted};
+use super::inflation::{Standardised, factor};
+use super::state::{ROWS, State};
 use crate::calibration::frames::Sample;
+use crate::calibration::noise::Scales;
 
 /// χ² of a pose left out, above which it is an outlier: six degrees of freedom, p < 10⁻⁶.
 pub const LEFT_OUT: f64 = 40.0;
 /// Squared robust distance of a pose from the parameters alone, above which it is gross: ten standard deviations.
 const GROSS: f64 = 100.0;
-/// Median of the norm of three standard normal numbers.
-const MEDIAN_NORM: f64 = 1.5382;
 /// Rounds until the set of believed poses settles.
 const ROUNDS: usize = 6;
 
@@ -64,23 +64,17 @@ pub fn gross(samples: &[Sample], fit_parameters: &dyn Fn(&[Sample]) -> State) ->
         if kept.len() < samples.len() / 2 {
             return Vec::new();
         }
-        let residuals = fit_parameters(&kept).residuals(samples, unweighted());
+        let residuals = fit_parameters(&kept).residuals(samples, Scales::ONE);
         let norm = |r: &[f64]| r.iter().map(|x| x * x).sum::<f64>().sqrt();
-        let scale = |part: fn(&[f64; ROWS]) -> &[f64], complete: bool| {
-            let norms = residuals
-                .iter()
-                .zip(samples)
-                .filter(|(_, s)| !(complete && s.position_only));
-            median(norms.map(|(r, _)| norm(part(r))).collect()) / MEDIAN_NORM
-        };
-        let (position, orientation) = (scale(|r| &r[..3], false), scale(|r| &r[3..], true));
-        for (distance, r) in distances.iter_mut().zip(&residuals) {
-            let turn = if orientation > 0.0 {
-                norm(&r[3..]) / orientation
+        let scales = Scales::robust(&residuals, samples);
+        for ((distance, r), sample) in distances.iter_mut().zip(&residuals).zip(samples) {
+            let own = scales.of(sample);
+            let turn = if own.orientation > 0.0 {
+                norm(&r[3..]) / own.orientation
             } else {
                 0.0
             };
-            *distance = (norm(&r[..3]) / position.max(1e-9)).powi(2) + turn * turn;
+            *distance = (norm(&r[..3]) / own.position.max(1e-9)).powi(2) + turn * turn;
         }
         let now: Vec<bool> = distances.iter().map(|d| *d <= GROSS).collect();
         let settled = now == believed;
@@ -97,11 +91,6 @@ pub fn gross(samples: &[Sample], fit_parameters: &dyn Fn(&[Sample]) -> State) ->
         })
     };
     distances.iter().enumerate().filter_map(outlier).collect()
-}
-
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(0.0)
 }
 
 /// What leaving every pose out tells.
@@ -124,7 +113,7 @@ pub fn leave_one_out(fit: &ElasticFit, samples: &[Sample]) -> LeaveOneOut {
         return out;
     };
     let inverse = solved.factor.inverse();
-    let mut standardised: [Vec<f64>; 2] = [Vec::new(), Vec::new()];
+    let mut standardised: Standardised = [Vec::new(), Vec::new()];
     for (k, sample) in samples.iter().enumerate() {
         let rows = if sample.position_only { 3 } else { ROWS };
         let block = Mat::from_fn(rows, rows, |i, j| inverse[(ROWS * k + i, ROWS * k + j)]);
@@ -149,12 +138,6 @@ pub fn leave_one_out(fit: &ElasticFit, samples: &[Sample]) -> LeaveOneOut {
                 .push((error[(i, 0)] / covariance[(i, i)].sqrt()).abs());
         }
     }
-    for (inflation, values) in out.inflation.iter_mut().zip(&mut standardised) {
-        values.sort_by(f64::total_cmp);
-        let quantile = |share: f64| values.get((share * values.len() as f64) as usize).copied();
-        if let (Some(one), Some(two)) = (quantile(0.6827), quantile(0.95)) {
-            *inflation = 0.5 * (one + two / 1.96);
-        }
-    }
+    out.inflation = factor(&mut standardised);
     out
 }

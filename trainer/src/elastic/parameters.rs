@@ -4,8 +4,9 @@ use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};
 
 use super::likelihood::prior_variance;
-use super::state::{Group, ROWS, Scales, State, rms, unweighted};
+use super::state::{Group, ROWS, State};
 use crate::calibration::frames::{FrameFit, Sample};
+use crate::calibration::noise::Scales;
 
 /// Rounds of the parametric fit. Positions alone make a curved valley that is crossed slowly: stopping after 12 rounds left
 /// 0.105 mm of a Motoman's 0.071, held out.
@@ -51,15 +52,7 @@ pub fn parametric_fit(state: &mut State, samples: &[Sample], hyper: &[f64]) -> S
 }
 
 fn residual_scales(state: &State, samples: &[Sample]) -> Scales {
-    let (position, orientation) = rms(&state.residuals(samples, unweighted()), samples);
-    Scales {
-        position: position.max(1e-7),
-        orientation: if orientation > 0.0 {
-            orientation.max(1e-7)
-        } else {
-            1.0
-        },
-    }
+    Scales::estimated(&state.residuals(samples, Scales::ONE), samples).at_least(1e-7)
 }
 
 /// Negative log posterior of the parameters, up to a constant.
@@ -106,7 +99,7 @@ pub fn fit_ends(state: &mut State, samples: &[Sample]) -> FrameFit {
     let free: Vec<usize> = (0..groups.len())
         .filter(|i| groups[*i] == Group::Ends)
         .collect();
-    let scales = unweighted();
+    let scales = Scales::ONE;
     let cost = |state: &State| -> f64 {
         state
             .residuals(samples, scales)

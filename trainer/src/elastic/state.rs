@@ -19,8 +19,8 @@ use poegp_runtime::deflection::{
 use poegp_runtime::poe::Poe;
 use poegp_runtime::se3::{Pose, Twist};
 
-use crate::calibration::base_tool::UNWEIGHTED;
 use crate::calibration::frames::{ResidualKind, Sample, residual_components};
+use crate::calibration::noise::Scales;
 
 /// Rows of one pose: displacement and rotation at the tool.
 pub const ROWS: usize = 6;
@@ -120,33 +120,25 @@ pub struct State {
     coupling: Option<Vec<Vec<f64>>>,
 }
 
-/// The model at a state: y = A x + Σ_c J_c δ_c + noise.
+/// The model at a state: y = A x + Σ_c J_c δ_c + noise, every row in units of its own scale.
 #[derive(Clone, Debug)]
 pub struct Linearised {
-    /// Residual at the state plus A·deviation, in units of the scales, 6k.
+    /// Residual at the state plus A·deviation, 6k.
     pub y: Mat<f64>,
     /// Columns by parameter, 6k × p.
     pub a: Mat<f64>,
     /// Columns by the controller's joints, 6k × n, per rad or m.
     pub jacobian: Mat<f64>,
+    /// Share of each row's variance that all rows have in common, 6k: the fitted noise is a factor of that share.
+    pub common_share: Vec<f64>,
 }
 
-/// Scales of the rows: metres and radians that count as one.
-#[derive(Clone, Copy, Debug)]
-pub struct Scales {
-    /// Metres.
-    pub position: f64,
-    /// Radians.
-    pub orientation: f64,
-}
-
-impl Scales {
-    /// As a residual kind.
-    pub fn kind(self) -> ResidualKind {
-        ResidualKind::ToolCentred {
-            position_sigma: self.position,
-            orientation_sigma: self.orientation,
-        }
+impl Linearised {
+    /// Standard deviation of the noise of a row when that of the quietest row is e^(h/2), both in units of their scales,
+    /// divided by e^(h/2); 1 where all rows are alike.
+    pub fn relative_noise(&self, row: usize, h: f64) -> f64 {
+        let common = self.common_share[row];
+        (common + (1.0 - common) * (-h).exp()).sqrt()
     }
 }
 
@@ -235,13 +227,14 @@ impl State {
         features(&self.kinds, &joints, &chain.motions(&joints))
     }
 
-    /// Residuals of the parametric model, rows in units of `scales`; six a pose.
+    /// Residuals of the parametric model, each row in units of its own scale; six a pose.
     pub fn residuals(&self, samples: &[Sample], scales: Scales) -> Vec<[f64; ROWS]> {
         let chains: Vec<Poe<f64>> = (0..self.tools.len()).map(|t| self.chain(t)).collect();
         let of = |s: &Sample| {
             let chain = &chains[s.tool];
             let predicted = self.pose(chain, s, &self.parametric_deflection(chain, s));
-            let mut r = residual_components(scales.kind(), &s.measured, &predicted);
+            let kind = ResidualKind::ToolCentred(scales.of(s));
+            let mut r = residual_components(kind, &s.measured, &predicted);
             if s.position_only {
                 r[3..].fill(0.0);
             }
@@ -258,9 +251,13 @@ impl State {
             y: Mat::zeros(ROWS * samples.len(), 1),
             a: Mat::zeros(ROWS * samples.len(), p),
             jacobian: Mat::zeros(ROWS * samples.len(), n),
+            common_share: Vec::with_capacity(ROWS * samples.len()),
         };
         for (k, sample) in samples.iter().enumerate() {
-            self.linearise_one(&chains[sample.tool], sample, scales, k, &mut out);
+            let [position, orientation] = scales.common_share(sample);
+            out.common_share.extend([position; 3]);
+            out.common_share.extend([orientation; 3]);
+            self.linearise_one(&chains[sample.tool], sample, scales.of(sample), k, &mut out);
         }
         for (row, residual) in self
             .residuals(samples, scales)
@@ -409,39 +406,5 @@ impl State {
             });
             self.deviation.extend([0.0, 0.0]);
         }
-    }
-}
-
-/// RMS of position and orientation residuals per component.
-pub fn rms(residuals: &[[f64; ROWS]], samples: &[Sample]) -> (f64, f64) {
-    let complete = samples.iter().filter(|s| !s.position_only).count();
-    let sum = |from: usize| {
-        residuals
-            .iter()
-            .flat_map(|r| &r[from..from + 3])
-            .map(|x| x * x)
-            .sum::<f64>()
-    };
-    (
-        (sum(0) / (3 * samples.len()).max(1) as f64).sqrt(),
-        (sum(3) / (3 * complete).max(1) as f64).sqrt(),
-    )
-}
-
-/// Unweighted residuals, metres and radians.
-pub fn unweighted() -> Scales {
-    let ResidualKind::ToolCentred {
-        position_sigma,
-        orientation_sigma,
-    } = UNWEIGHTED
-    else {
-        return Scales {
-            position: 1.0,
-            orientation: 1.0,
-        };
-    };
-    Scales {
-        position: position_sigma,
-        orientation: orientation_sigma,
     }
 }

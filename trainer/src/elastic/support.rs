@@ -129,7 +129,10 @@ pub fn reduce(fit: &mut ElasticFit, samples: &[Sample], count: usize) -> Option<
         kernel(&kernels[c], &fit.inputs.kinds, a, b) / (DEFLECTION_UNIT * DEFLECTION_UNIT)
     };
     let (p, m, n) = (linear.a.ncols(), centres.len(), kernels.len());
-    let noise = |row: usize| (-0.5 * fit.hyperparameters[usize::from(row % ROWS >= 3)]).exp();
+    let noise = |row: usize| {
+        let h = fit.hyperparameters[usize::from(row % ROWS >= 3)];
+        (-0.5 * h).exp() / linear.relative_noise(row, h)
+    };
     let mut design = Mat::zeros(linear.y.nrows(), p + n * m);
     let groups = fit.state.layout.groups();
     for (i, group) in groups.iter().enumerate() {

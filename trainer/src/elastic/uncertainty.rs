@@ -4,21 +4,36 @@
 //! covariance with the measurements; both from parameters and processes. What the reduction to fewer support points adds
 //! is below a hundredth and left out.
 
+use std::sync::OnceLock;
+
 use faer::Mat;
 use faer::linalg::solvers::Solve;
 use poegp_runtime::deflection::{JointKernel, similarity};
 
 use super::fit::ElasticFit;
+use super::inflation::{FEW, Recipe, payloads_left_out};
 use super::likelihood::prior_variance;
 use super::state::{Linearised, ROWS};
 use crate::calibration::frames::Sample;
+use crate::calibration::noise::InstrumentNoise;
+
+/// Payloads that differ by less than this share of the largest are the same.
+const SAME_PAYLOAD: f64 = 0.01;
 
 /// A fit that can say how well it predicts.
 pub struct Uncertainty {
     fit: ElasticFit,
     linear: Linearised,
     kernels: Vec<JointKernel<f64>>,
-    inflation: [f64; 2],
+    /// Noise of a measurement that states none.
+    typical: InstrumentNoise,
+    samples: Vec<Sample>,
+    /// How the fit is done again, when poses are few.
+    recipe: Option<Recipe>,
+    left_out: [f64; 2],
+    inflation: OnceLock<[f64; 2]>,
+    /// By how much more, where the payload was not trained.
+    other_payload: OnceLock<[f64; 2]>,
 }
 
 impl std::fmt::Debug for Uncertainty {
@@ -28,21 +43,63 @@ impl std::fmt::Debug for Uncertainty {
 }
 
 impl Uncertainty {
-    /// Of a fit to `samples`, scaled by what leaving poses out asked for; `None` when it has no processes.
-    pub fn new(fit: ElasticFit, samples: &[Sample], inflation: [f64; 2]) -> Option<Self> {
+    /// Of a fit to `samples`, scaled by `left_out`, what leaving single poses out asked for; `None` when it has no
+    /// processes.
+    pub fn new(fit: ElasticFit, samples: &[Sample], left_out: [f64; 2]) -> Option<Self> {
         fit.solved.as_ref()?;
-        let linear = fit.state.linearise(samples, fit.scales);
+        let linear = fit.origin.linearise(samples, fit.scales);
         let kernels = fit.layout.kernels(&fit.hyperparameters);
         Some(Self {
             fit,
             linear,
             kernels,
-            inflation,
+            typical: InstrumentNoise::typical(samples),
+            samples: samples.to_vec(),
+            recipe: None,
+            left_out,
+            inflation: OnceLock::new(),
+            other_payload: OnceLock::new(),
         })
     }
 
+    /// Scaled by what fits without a fold of the poses ask for, when there are at most [`FEW`] poses.
+    #[must_use]
+    pub fn with_recipe(self, recipe: Recipe) -> Self {
+        Self {
+            recipe: Some(recipe).filter(|_| self.samples.len() <= FEW),
+            ..self
+        }
+    }
+
+    /// What the standard deviations of position and of rotation are multiplied with. From few poses it costs five fits the
+    /// first time it is asked for: a calibration that is only exported does not pay for it.
+    pub fn inflation(&self) -> [f64; 2] {
+        *self.inflation.get_or_init(|| {
+            let refitted = self.recipe.as_ref().and_then(|r| r.factor(&self.samples));
+            refitted.unwrap_or(self.left_out)
+        })
+    }
+
+    /// [`Uncertainty::inflation`] at a payload in kg.
+    fn inflation_at(&self, payload: f64) -> [f64; 2] {
+        let trained = &self.fit.inputs.payloads;
+        let widest = trained.iter().fold(0.0_f64, |w, m| w.max(*m));
+        let same = |m: &f64| (m - payload).abs() <= SAME_PAYLOAD * widest;
+        let inflation = self.inflation();
+        if trained.iter().any(same) {
+            return inflation;
+        }
+        let more = self.other_payload.get_or_init(|| {
+            let solved = self.fit.solved.as_ref();
+            let found = solved.and_then(|s| payloads_left_out(s, &self.samples));
+            let share = |i: usize| found.map_or(1.0, |f| (f[i] / self.left_out[i]).max(1.0));
+            [share(0), share(1)]
+        });
+        [inflation[0] * more[0], inflation[1] * more[1]]
+    }
+
     /// Standard deviation of a new measurement about its prediction: position along the axes of the base frame in metres,
-    /// rotation about them in radians.
+    /// rotation about them in radians. A measurement that states no noise of its own has that of a typical training row.
     pub fn standard_deviation(&self, sample: &Sample) -> [f64; ROWS] {
         let fit = &self.fit;
         let Some(solved) = &fit.solved else {
@@ -50,10 +107,12 @@ impl Uncertainty {
         };
         let whole = Sample {
             position_only: false,
+            stated: sample.stated.or(self.typical),
             ..sample.clone()
         };
-        let new = fit.state.linearise(&[whole], fit.scales);
-        let groups = fit.state.layout.groups();
+        let scales = fit.scales.of(&whole);
+        let new = fit.origin.linearise(&[whole], fit.scales);
+        let groups = fit.origin.layout.groups();
         let lambda: Vec<f64> = groups
             .iter()
             .map(|g| prior_variance(*g, &fit.hyperparameters))
@@ -61,7 +120,7 @@ impl Uncertainty {
         let scaled = Mat::from_fn(ROWS, lambda.len(), |i, j| new.a[(i, j)] * lambda[j]);
         let mut prior = &scaled * new.a.transpose();
         let mut cross = &scaled * self.linear.a.transpose();
-        let features = fit.state.features(sample);
+        let features = fit.origin.features(sample);
         let payload = sample.payload_kg.unwrap_or(0.0);
         for (c, kernel) in self.kernels.iter().enumerate() {
             let own = kernel.payload_factor(payload, payload);
@@ -91,15 +150,17 @@ impl Uncertainty {
                 }
             }
         }
+        let inflation = self.inflation_at(payload);
         let explained = &cross * solved.factor.solve(cross.transpose());
         std::array::from_fn(|a| {
-            let noise = fit.hyperparameters[usize::from(a >= 3)].exp();
+            let h = fit.hyperparameters[usize::from(a >= 3)];
+            let noise = h.exp() * new.relative_noise(a, h).powi(2);
             let scale = if a < 3 {
-                fit.scales.position
+                scales.position
             } else {
-                fit.scales.orientation
+                scales.orientation
             };
-            self.inflation[usize::from(a >= 3)]
+            inflation[usize::from(a >= 3)]
                 * scale
                 * ((prior[(a, a)] - explained[(a, a)]).max(0.0) + noise).sqrt()
         })

@@ -33,8 +33,9 @@ use serde::Serialize;
 
 use crate::calibration::base_tool::UNWEIGHTED;
 use crate::calibration::frames::{Sample, residual_components};
+use crate::calibration::noise::{InstrumentNoise, Scales};
 use crate::calibration::{Calibration, Method, in_base_frame};
-use crate::elastic::state::{Group, Layout, ROWS, Scales, State};
+use crate::elastic::state::{Group, Layout, ROWS, State};
 use crate::robot::Robot;
 use atoms::Coordinates;
 use directions::{Explained, Space};
@@ -68,7 +69,7 @@ pub struct Task<'a> {
     pub tools: &'a [Pose<f64>],
     /// Poses as seen from the base.
     pub samples: &'a [Sample],
-    /// Noise of one position component in metres, of one rotation component in radians.
+    /// Noise of one position component in metres, of one rotation component in radians, in the quietest row.
     pub noise: Scales,
     /// Whether only base and tools are calibrated.
     pub ends_only: bool,
@@ -167,7 +168,7 @@ pub fn identify(task: &Task) -> Option<IdentifyReport> {
         findings,
         standard_deviations: covariance.deviations(&frames, &possible),
         correlations: covariance.correlations(&coordinates, &hidden),
-        expected: covariance.expected(&data, task.noise.position),
+        expected: covariance.expected(&data, |k| task.noise.of(&task.samples[k]).position),
         singular_values: told.values,
     })
 }
@@ -179,14 +180,16 @@ pub fn of_calibration(
     robot: &Robot,
     samples: &[Sample],
 ) -> Option<IdentifyReport> {
-    let samples = in_base_frame(samples, &calibration.ends.instrument_from_base);
+    let samples = calibration.options.stated(samples.iter());
+    let samples = in_base_frame(&samples, &calibration.ends.instrument_from_base);
     let chain = &calibration.calibrated;
     let noise = match &calibration.elastic {
-        Some(elastic) => (
-            elastic.report.position_noise,
-            elastic.report.orientation_noise,
-        ),
-        None => residual_rms(chain, &calibration.tools, &samples),
+        Some(elastic) => Scales {
+            position: elastic.report.position_noise,
+            orientation: elastic.report.orientation_noise,
+            quietest: InstrumentNoise::quietest(&samples),
+        },
+        None => residual_scales(chain, &calibration.tools, &samples),
     };
     let positive = |x: f64| if x > QUIETEST { x } else { QUIETEST };
     identify(&Task {
@@ -195,30 +198,22 @@ pub fn of_calibration(
         tools: &calibration.tools,
         samples: &samples,
         noise: Scales {
-            position: positive(noise.0),
-            orientation: positive(noise.1),
+            position: positive(noise.position),
+            orientation: positive(noise.orientation),
+            ..noise
         },
         ends_only: calibration.options.method == Method::BaseTool,
     })
 }
 
-/// RMS residual of a chain per component: metres and radians.
-fn residual_rms(chain: &Poe<f64>, tools: &[Pose<f64>], samples: &[Sample]) -> (f64, f64) {
-    let (mut position, mut orientation, mut complete) = (0.0, 0.0, 0);
-    for sample in samples {
-        let predicted = chain.forward(&sample.serial) * tools[sample.tool];
-        let r = residual_components(UNWEIGHTED, &sample.measured, &predicted);
-        let square = |r: &[f64]| r.iter().map(|x| x * x).sum::<f64>();
-        position += square(&r[..3]);
-        if !sample.position_only {
-            orientation += square(&r[3..]);
-            complete += 3;
-        }
-    }
-    (
-        (position / (3 * samples.len()).max(1) as f64).sqrt(),
-        (orientation / f64::from(complete.max(1))).sqrt(),
-    )
+/// What the residuals of a chain ask for.
+fn residual_scales(chain: &Poe<f64>, tools: &[Pose<f64>], samples: &[Sample]) -> Scales {
+    let residual = |s: &Sample| {
+        let predicted = chain.forward(&s.serial) * tools[s.tool];
+        residual_components(UNWEIGHTED, &s.measured, &predicted)
+    };
+    let residuals: Vec<[f64; ROWS]> = samples.iter().map(residual).collect();
+    Scales::estimated(&residuals, samples)
 }
 
 /// A frame whose six parameters are looked at.
@@ -316,6 +311,7 @@ fn rich_samples(task: &Task, tools: usize) -> Vec<Sample> {
                 measured: Pose::identity(),
                 tool: k % tools,
                 position_only: false,
+                stated: InstrumentNoise::UNKNOWN,
             }
         })
         .collect()

@@ -1,6 +1,7 @@
 use super::*;
 use crate::calibration::base_tool::with_ends;
 use crate::calibration::frames::Sample;
+use crate::calibration::noise::InstrumentNoise;
 use crate::export::nominal_chain;
 use crate::robot::{Joint, LoadOptions};
 use poegp_protocol::JointKind;
@@ -10,10 +11,7 @@ fn robot(name: &str) -> Robot {
 }
 
 fn noise() -> Scales {
-    Scales {
-        position: 50e-6,
-        orientation: 100e-6,
-    }
+    Scales::uniform(50e-6, 100e-6)
 }
 
 /// `count` random poses of `robot` whose joints `change` may alter.
@@ -47,6 +45,7 @@ fn poses(robot: &Robot, count: usize, change: impl Fn(usize, &mut Vec<f64>)) -> 
                 payload_kg: None,
                 tool: 0,
                 position_only: false,
+                stated: InstrumentNoise::UNKNOWN,
             }
         })
         .collect()

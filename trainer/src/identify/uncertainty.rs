@@ -109,8 +109,8 @@ impl Covariance {
         out
     }
 
-    /// From the parameters' uncertainty alone; `position_noise` in metres makes the rows lengths again.
-    pub fn expected(&self, jacobian: &Mat<f64>, position_noise: f64) -> Expected {
+    /// From the parameters' uncertainty alone; `position_noise` of each pose in metres makes its rows lengths again.
+    pub fn expected(&self, jacobian: &Mat<f64>, position_noise: impl Fn(usize) -> f64) -> Expected {
         let spread = jacobian * &self.0;
         let row = |i: usize| -> f64 {
             (0..jacobian.ncols())
@@ -118,12 +118,16 @@ impl Covariance {
                 .sum()
         };
         let poses = jacobian.nrows() / ROWS;
-        let variances = (0..poses).map(|k| (0..3).map(|i| row(ROWS * k + i)).sum::<f64>());
-        let (sum, worst) = variances.fold((0.0, 0.0_f64), |(s, w), v| (s + v, w.max(v)));
-        let mm = 1e3 * position_noise;
+        let variance = |k: usize| {
+            let shares: f64 = (0..3).map(|i| row(ROWS * k + i)).sum();
+            shares * position_noise(k).powi(2)
+        };
+        let (sum, worst) = (0..poses)
+            .map(variance)
+            .fold((0.0, 0.0_f64), |(s, w), v| (s + v, w.max(v)));
         Expected {
-            rms_mm: mm * (sum / poses.max(1) as f64).sqrt(),
-            worst_mm: mm * worst.sqrt(),
+            rms_mm: 1e3 * (sum / poses.max(1) as f64).sqrt(),
+            worst_mm: 1e3 * worst.sqrt(),
         }
     }
 }

@@ -10,9 +10,10 @@ use poegp_runtime::se3::Pose;
 use poegp_trainer::calibration::ends::ends;
 use poegp_trainer::calibration::frames::Sample;
 use poegp_trainer::calibration::in_base_frame;
+use poegp_trainer::calibration::noise::{InstrumentNoise, Scales};
 use poegp_trainer::elastic::fit::inputs_of;
 use poegp_trainer::elastic::likelihood::{COMMON, DEFLECTION_UNIT, Evidence, HyperLayout};
-use poegp_trainer::elastic::state::{Group, Layout, Scales, State};
+use poegp_trainer::elastic::state::{Group, Layout, State};
 use poegp_trainer::minimize::Objective;
 use serde_json::Value;
 
@@ -47,6 +48,7 @@ fn samples(file: &Value, joints: &str, payloads: &str, measured: &str) -> Vec<Sa
             measured,
             tool: 0,
             position_only: false,
+            stated: InstrumentNoise::UNKNOWN,
         })
         .collect()
 }
@@ -117,10 +119,7 @@ fn weights_deflections_and_poses_are_numpys() {
         tied: false,
     };
     let h = hyperparameters(&file, layout);
-    let scales = Scales {
-        position: file["sp"].as_f64().unwrap(),
-        orientation: file["sr"].as_f64().unwrap(),
-    };
+    let scales = Scales::uniform(file["sp"].as_f64().unwrap(), file["sr"].as_f64().unwrap());
     let inputs = inputs_of(&state, &train);
     let similarities = inputs.similarities();
     // There, all frames have the prior that the arm's have here.
@@ -210,12 +209,16 @@ fn in_base(count: usize, payload: bool) -> (Poe<f64>, Vec<Sample>) {
 
 #[test]
 fn the_gradient_is_that_of_differences() {
-    let scales = Scales {
-        position: 2e-4,
-        orientation: 3e-4,
-    };
-    for payload in [false, true] {
-        let (chain, samples) = in_base(20, payload);
+    for (payload, uneven) in [(false, false), (true, false), (true, true)] {
+        let mut scales = Scales::uniform(2e-4, 3e-4);
+        let (chain, mut samples) = in_base(20, payload);
+        if uneven {
+            for (k, sample) in samples.iter_mut().enumerate() {
+                sample.stated.position = Some(1e-4 * (1 + k % 3) as f64);
+                sample.stated.orientation = Some(2e-4 * (1 + k % 2) as f64);
+            }
+            scales.quietest = InstrumentNoise::quietest(&samples);
+        }
         let state = frames_only(&chain, payload, true);
         let linear = state.linearise(&samples, scales);
         let groups = state.layout.groups();
@@ -260,10 +263,11 @@ fn the_gradient_is_that_of_differences() {
             }
             let of = |yes: bool, name: &str| if yes { name.to_owned() } else { String::new() };
             say(format_args!(
-                "marginal likelihood of the elastic model{}{}: gradient of {} hyperparameters {worst:.1e} of its largest \
+                "marginal likelihood of the elastic model{}{}{}: gradient of {} hyperparameters {worst:.1e} of its largest \
                  component against differences",
                 of(tied, ", tied"),
                 of(payload, ", with payload"),
+                of(uneven, ", with rows of their own noise"),
                 h.len()
             ));
             assert!(worst <= 1e-7, "{worst}");

@@ -3,10 +3,13 @@
 //! The vectors are in `tests/data/vectors`; its README says who made them.
 
 mod block_gp;
+mod corrected;
+mod deviation;
 #[path = "../../../runtime/tests/proofs/json.rs"]
 mod json;
 mod likelihood;
 mod optimum;
+mod row_noise;
 mod sets;
 mod single_precision;
 mod step1;

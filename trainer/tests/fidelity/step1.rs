@@ -4,6 +4,7 @@ use poegp_protocol::JointKind;
 use poegp_runtime::poe::Poe;
 use poegp_runtime::se3::{Pose, residual};
 use poegp_trainer::calibration::frames::{ResidualKind, Sample, fit_frames};
+use poegp_trainer::calibration::noise::InstrumentNoise;
 
 use crate::json::{largest_difference, list, numbers, parse, pose_rows};
 use crate::say;
@@ -26,6 +27,7 @@ fn step_1_is_numpys() {
             measured,
             tool: 0,
             position_only: false,
+            stated: InstrumentNoise::UNKNOWN,
         })
         .collect();
     let mut poe = Poe::new(&[JointKind::Revolute; 6], &poses("P_start")).unwrap();

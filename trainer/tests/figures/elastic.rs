@@ -7,12 +7,13 @@ use poegp_runtime::poe::Poe;
 use poegp_runtime::se3::Pose;
 use poegp_trainer::calibration::frames::Sample;
 use poegp_trainer::calibration::{Method, Options};
+use poegp_trainer::coverage::{Counter, Coverage};
 use poegp_trainer::export::{DeviceCalibration, calibrate_for_device, fidelity};
 use poegp_trainer::measurements;
 use poegp_trainer::robot::Robot;
 use poegp_trainer::statistics::{ErrorSummary, PoseError};
 
-use crate::{arm, origin, say, simulated_path};
+use crate::{arm, origin, say, simulated_path, true_deviations};
 
 /// Largest share by which fewer support points may be worse than all.
 const REDUCED: f64 = 1.03;
@@ -68,6 +69,8 @@ impl Cell {
             PoseError::between(truth, &blob.predict(&s.joints, s.payload_kg).pose)
         });
         let rounding = fidelity(&calibration, &blob, &samples);
+        let mut counter = Counter::default();
+        counter.add(&calibration, &blob, &samples);
         Measured {
             poses: train.len(),
             support: blob.model().support(),
@@ -76,6 +79,7 @@ impl Cell {
                 .position_mm
                 .mean,
             rounding_um: (1e6 * rounding.mean_m, 1e6 * rounding.max_m),
+            coverage: counter.coverage().unwrap(),
             seconds,
         }
     }
@@ -90,6 +94,8 @@ struct Measured {
     truth: f64,
     /// Mean and largest distance of the `f32` blob from the f64 model on the test poses.
     rounding_um: (f64, f64),
+    /// Whether the predicted standard deviations were true.
+    coverage: Coverage,
     seconds: f64,
 }
 
@@ -160,6 +166,10 @@ impl Table {
         }
     }
 
+    fn deviations(&mut self, what: &str, found: &Measured) {
+        self.failed.extend(true_deviations(what, &found.coverage));
+    }
+
     fn finish(self) {
         say(self.text.trim_end());
         assert!(self.failed.is_empty(), "{:#?}", self.failed);
@@ -183,6 +193,7 @@ fn a_set(scenario: &str, mean: f64, truth: f64, max: f64) {
     table.most("mean against the truth", reduced.truth, truth);
     table.most("largest", reduced.errors.position_mm.max, max);
     table.most("100 points", reduced.mean(), REDUCED * all.mean());
+    table.deviations(scenario, &reduced);
     for found in [&reduced, &all] {
         table.most("f32 in the mean, µm", found.rounding_um.0, 0.5);
         table.most("f32 at most, µm", found.rounding_um.1, 2.0);
@@ -223,6 +234,7 @@ fn few_poses_of_the_wildest_arm() {
         let found = cell.measure(&cell.train[..poses], Some(100), |_| true);
         table.text += &found.line("wild", &format!("{bound:.3}"));
         table.most(format!("{poses} poses"), found.mean(), bound);
+        table.deviations(&format!("wild, {poses} poses"), &found);
     }
     table.finish();
 }
@@ -237,6 +249,7 @@ fn a_payload_that_was_not_trained() {
         let found = cell.measure(&train, Some(100), five);
         table.text += &found.line(scenario, &format!("{bound:.3}"));
         table.most(scenario, found.mean(), bound);
+        table.deviations(&format!("{scenario} at 5 kg"), &found);
     }
     table.finish();
 }

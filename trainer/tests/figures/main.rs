@@ -15,6 +15,7 @@ use poegp_runtime::poe::Poe;
 use poegp_trainer::calibration::frames::Sample;
 use poegp_trainer::calibration::{Method, Options};
 use poegp_trainer::compare::{ModelComparison, Task, TestSet};
+use poegp_trainer::coverage::Coverage;
 use poegp_trainer::export::{Origin, nominal_chain};
 use poegp_trainer::gp::fit::Sharing;
 use poegp_trainer::robot::{LoadOptions, Robot};
@@ -92,6 +93,33 @@ fn compare(
     };
     task.run(options, &mut || {})
         .unwrap_or_else(|e| panic!("{e}"))
+}
+
+/// Shares of the components that are to lie within one and within 1.96 predicted standard deviations.
+const WITHIN: [(f64, f64); 2] = [(0.60, 0.76), (0.90, 0.98)];
+
+/// Says how true the predicted standard deviations were, of all components and by axis, and what is outside of
+/// [`WITHIN`] of all components.
+fn true_deviations(what: &str, found: &Coverage) -> Vec<String> {
+    let percent = |share: f64| 100.0 * share;
+    let axes: Vec<String> = found
+        .axes
+        .iter()
+        .map(|a| format!("{:.0}/{:.0}", percent(a.one_sigma), percent(a.two_sigma)))
+        .collect();
+    let (one, two) = (found.one_sigma, found.two_sigma);
+    say(format_args!(
+        "  {what}: {:.1} and {:.1} % within 1 and 1.96 standard deviations (60–76, 90–98), by axis {}",
+        percent(one),
+        percent(two),
+        axes.join(" ")
+    ));
+    [one, two]
+        .into_iter()
+        .zip(WITHIN)
+        .filter(|(share, (least, most))| !(least..=most).contains(&share))
+        .map(|(share, _)| format!("{what}: {share:.3} of the components"))
+        .collect()
 }
 
 /// Mean position error in mm over all sets, pose by pose.

@@ -1,7 +1,7 @@
 //! The public key: taken once, and then nothing runs that is not signed.
 
 use poegp_protocol::envelope::{key_id, set_signed};
-use poegp_protocol::link::{Refusal, Request, Response};
+use poegp_protocol::link::{Key, Refusal, Request, Response};
 
 use super::desk::{Desk, layout};
 use super::known::{Known, key, public, query, refused, signed, upload};
@@ -11,7 +11,7 @@ fn provision(desk: &mut Desk) {
     let Response::Identity(identity) = desk.ask_twice(&Request::Provision { public_key }) else {
         panic!()
     };
-    assert_eq!(identity.key, Some(key_id(&public_key)));
+    assert_eq!(identity.key, Key::Provisioned(key_id(&public_key)));
 }
 
 /// Unsigned.
@@ -89,14 +89,14 @@ fn what_is_no_key_is_not_taken() {
         let request = Request::Provision { public_key };
         assert_eq!(desk.ask_twice(&request), refused(Refusal::NotAKey));
     }
-    assert_eq!(desk.identity().key, None);
+    assert_eq!(desk.identity().key, Key::None);
     provision(&mut desk);
 }
 
 #[test]
 fn a_key_is_taken_once() {
     let mut desk = Desk::default();
-    assert_eq!(desk.identity().key, None);
+    assert_eq!(desk.identity().key, Key::None);
     provision(&mut desk);
     let id = desk.identity().key;
     for seed in 2..5 {

@@ -1,6 +1,6 @@
 //! Any sequence of requests against a simple model of what the device should say.
 
-use poegp_protocol::link::{Query, Refusal, Request, Response};
+use poegp_protocol::link::{Key, Query, Refusal, Request, Response};
 use poegp_runtime::status::Status;
 use proptest::prelude::*;
 
@@ -190,7 +190,7 @@ impl Proof {
             expected.active.map(|blob| self.known[blob].blob_crc)
         );
         assert_eq!(identity.bypass, expected.bypass);
-        assert_eq!(identity.key.is_some(), expected.key);
+        assert_eq!(identity.key != Key::None, expected.key);
         for (place, (found, held)) in identity.slots.iter().zip(expected.slots).enumerate() {
             assert_eq!(
                 found.map(|stored| stored.length as usize),

@@ -1,7 +1,7 @@
 //! A blob comes in: every refusal by name, every repetition, and the old model until the last moment.
 
 use poegp_protocol::blob::{self, CRC, DecodeError};
-use poegp_protocol::link::{MAX_PIECE, PROTOCOL_VERSION, Refusal, Request, Response};
+use poegp_protocol::link::{Key, MAX_PIECE, PROTOCOL_VERSION, Refusal, Request, Response};
 
 use super::desk::{BYTES, Desk};
 use super::known::{Known, begin, piece, query, refused, upload};
@@ -18,7 +18,7 @@ fn identify_without_and_with_a_model() {
     assert_eq!(capacity, (WORDS as u32, BYTES as u32));
     assert_eq!((identity.tick_hz, identity.deadline_ticks), (1_000, 1_000));
     assert_eq!(identity.image_crc, 0x1234_5678);
-    assert_eq!((identity.key, identity.bypass), (None, false));
+    assert_eq!((identity.key, identity.bypass), (Key::None, false));
     assert_eq!((identity.model, identity.slots), (None, [None, None]));
 
     let known = Known::new(Arm::sound(3, 7));

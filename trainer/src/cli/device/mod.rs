@@ -9,6 +9,7 @@ pub mod show;
 
 use std::path::Path;
 
+use poegp_protocol::envelope::key_id;
 use poegp_protocol::link::Identity;
 use serde_json::json;
 
@@ -112,10 +113,10 @@ fn restart(a: &Restart) -> Result<(), Failure> {
 fn provision(a: &Provision) -> Result<(), Failure> {
     let key = public_key(&a.key)?;
     let (mut client, _) = connect(&a.link)?;
-    let identity = client.provision(&key)?;
+    client.provision(&key)?;
     Report::beside(&[]).line(format_args!(
         "The device takes only models signed by key {} from now on.",
-        identity.key.map_or("?".to_owned(), |key| show::hex(&key))
+        show::hex(&key_id(&key))
     ));
     Ok(())
 }

@@ -1,6 +1,6 @@
 //! What a device says, for a person and for another program.
 
-use poegp_protocol::link::{Identity, ModelIdentity, Statistics, StoredModel};
+use poegp_protocol::link::{Identity, Key, ModelIdentity, Statistics, StoredModel};
 use serde_json::{Value, json};
 
 use crate::cli::report::Report;
@@ -67,7 +67,11 @@ pub fn identity_json(identity: &Identity) -> Value {
         "capacity_words": identity.capacity_words,
         "tick_hz": identity.tick_hz,
         "deadline_ticks": identity.deadline_ticks,
-        "key": identity.key.map(|key| hex(&key)),
+        "key": match &identity.key {
+            Key::None => serde_json::Value::Null,
+            Key::Provisioned(key) => hex(key).into(),
+            Key::Unusable => "unusable".into(),
+        },
         "bypass": identity.bypass,
         "model": identity.model.as_ref().map(model_json),
         "slots": identity.slots.iter().map(|slot| slot.as_ref().map(stored_json)).collect::<Vec<_>>(),
@@ -106,11 +110,13 @@ pub fn identity(report: Report, identity: &Identity) {
         });
         report.line(format_args!("  slot {number}    {text}"));
     }
-    let key = identity
-        .key
-        .map_or("none: every intact model is taken".to_owned(), |key| {
-            format!("{}…: only models signed by it are taken", hex(&key))
-        });
+    let key = match &identity.key {
+        Key::None => "none: every intact model is taken".to_owned(),
+        Key::Provisioned(key) => format!("{}…: only models signed by it are taken", hex(key)),
+        Key::Unusable => {
+            "damaged or half written: no model is taken; provision it again".to_owned()
+        }
+    };
     report.line(format_args!("  key       {key}"));
     report.line(format_args!(
         "  room      a model of {} bytes, {} of them support rows",

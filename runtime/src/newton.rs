@@ -1,0 +1,274 @@
+//! Damped Newton steps towards a pose: what the solver of corrected joints is made of.
+//!
+//! Errors and Jacobians are hybrid: the displacement of the target's origin in metres and the rotation in radians, both
+//! along the axes of the base, the rotation times a weight w. A step solves min |J d − e|² + λ |d|² by L D Lᵀ of a 6×6
+//! matrix: JᵀJ + λI for up to six joints, J Jᵀ + λI for more, where the other one would be singular but for λ. Both
+//! give the same step. No pivot is taken below λ, so that the steps of singular arms are finite.
+
+use nalgebra::Vector3;
+use poegp_protocol::JointKind;
+use poegp_protocol::limits::MAX_JOINTS;
+
+use crate::deflection::{CouplingMatrix, PerJoint};
+use crate::scalar::Scalar;
+use crate::se3::{Pose, cross, dot, subtract};
+
+/// Displacement in metres and rotation in radians times w.
+pub type Hybrid<T> = [T; 6];
+
+/// The hybrid Jacobian by columns, one for each of the controller's joints; beyond the last joint zeros.
+pub type Columns<T> = [Hybrid<T>; MAX_JOINTS];
+
+/// Joints up to which the normal equations are those of the joints.
+const EQUATIONS: usize = 6;
+
+/// How `pose` must be displaced and turned to be `target`, for angles of a few degrees.
+#[inline(never)]
+pub fn pose_error<T: Scalar>(target: &Pose<T>, pose: &Pose<T>, rotation_weight: T) -> Hybrid<T> {
+    let moved = subtract(&target.translation, &pose.translation);
+    // ½ Σ r_k × r′_k over the columns is the axis times sin θ; differences first, which do not cancel.
+    let (from, to) = (&pose.rotation, &target.rotation);
+    let mut turned = [T::ZERO; 3];
+    for k in 0..3 {
+        let r = Vector3::new(from[(0, k)], from[(1, k)], from[(2, k)]);
+        let difference = Vector3::new(to[(0, k)] - r[0], to[(1, k)] - r[1], to[(2, k)] - r[2]);
+        let part = cross(&r, &difference);
+        turned[0] += part[0];
+        turned[1] += part[1];
+        turned[2] += part[2];
+    }
+    let half = T::from_f64(0.5) * rotation_weight;
+    [
+        moved[0],
+        moved[1],
+        moved[2],
+        half * turned[0],
+        half * turned[1],
+        half * turned[2],
+    ]
+}
+
+/// |displacement|² and |rotation|².
+#[inline(always)]
+pub fn squares<T: Scalar>(hybrid: &Hybrid<T>) -> (T, T) {
+    let v = |a: usize| Vector3::new(hybrid[a], hybrid[a + 1], hybrid[a + 2]);
+    let (p, r) = (v(0), v(3));
+    (dot(&p, &p), dot(&r, &r))
+}
+
+/// Σ|d|, which bounds every joint's share.
+#[inline(never)]
+pub fn length<T: Scalar>(d: &PerJoint<T>) -> T {
+    let mut sum = T::ZERO;
+    for value in d {
+        sum += value.abs();
+    }
+    sum
+}
+
+/// The equations of one place, factored: any number of errors can be taken away with them.
+#[derive(Clone, Debug)]
+pub struct Equations<T> {
+    joints: usize,
+    columns: Columns<T>,
+    /// L below the diagonal; D, as reciprocals, on it.
+    factors: [[T; EQUATIONS]; EQUATIONS],
+}
+
+impl<T: Scalar> Equations<T> {
+    /// Nothing yet, for an arm of so many joints.
+    #[inline(always)]
+    pub fn new(joints: usize) -> Self {
+        Self {
+            joints,
+            columns: [[T::ZERO; 6]; MAX_JOINTS],
+            factors: [[T::ZERO; EQUATIONS]; EQUATIONS],
+        }
+    }
+
+    /// Those at `point` (m, base frame), from the frames of the serial joints, with this λ.
+    #[inline(never)]
+    pub fn form(
+        &mut self,
+        kinds: &[JointKind],
+        frames: &[Pose<T>; MAX_JOINTS],
+        point: &Vector3<T>,
+        coupling: Option<&CouplingMatrix<T>>,
+        rotation_weight: T,
+        damping: T,
+    ) {
+        for ((column, kind), frame) in self.columns.iter_mut().zip(kinds).zip(frames) {
+            let r = &frame.rotation;
+            let axis = Vector3::new(r[(0, 2)], r[(1, 2)], r[(2, 2)]);
+            *column = match kind {
+                JointKind::Revolute => {
+                    let v = cross(&axis, &subtract(point, &frame.translation));
+                    let w = rotation_weight;
+                    [v[0], v[1], v[2], w * axis[0], w * axis[1], w * axis[2]]
+                }
+                JointKind::Prismatic => [axis[0], axis[1], axis[2], T::ZERO, T::ZERO, T::ZERO],
+            };
+        }
+        if let Some(coupling) = coupling {
+            self.couple(coupling);
+        }
+        if self.joints > EQUATIONS {
+            self.gram_of_rows();
+        } else {
+            self.gram_of_columns();
+        }
+        self.factor(damping);
+    }
+
+    /// Columns of the controller's joints from those of the serial ones: J C.
+    #[inline(never)]
+    fn couple(&mut self, coupling: &CouplingMatrix<T>) {
+        let mut out = [[T::ZERO; 6]; MAX_JOINTS];
+        for (serial, weights) in self.columns.iter().zip(coupling) {
+            for (column, weight) in out.iter_mut().zip(weights) {
+                for (sum, value) in column.iter_mut().zip(serial) {
+                    *sum += *value * *weight;
+                }
+            }
+        }
+        self.columns = out;
+    }
+
+    fn gram_of_columns(&mut self) {
+        for (i, (row, a)) in self.factors.iter_mut().zip(&self.columns).enumerate() {
+            for (slot, b) in row.iter_mut().zip(&self.columns).take(i + 1) {
+                *slot = inner(a, b);
+            }
+        }
+    }
+
+    #[inline(never)]
+    fn gram_of_rows(&mut self) {
+        self.factors = [[T::ZERO; EQUATIONS]; EQUATIONS];
+        for column in self.columns.iter().take(self.joints) {
+            for (row, a) in self.factors.iter_mut().zip(column) {
+                for (slot, b) in row.iter_mut().zip(column) {
+                    *slot += *a * *b;
+                }
+            }
+        }
+    }
+
+    /// L D Lᵀ of the lower half of the Gram matrix + λ, in place.
+    #[inline(always)]
+    fn factor(&mut self, damping: T) {
+        let f = &mut self.factors;
+        let mut i = 0;
+        while i < EQUATIONS {
+            // Row i of L D first, then of L.
+            let mut row = f[i];
+            let mut j = 0;
+            while j < i {
+                let mut k = 0;
+                while k < j {
+                    row[j] -= row[k] * f[j][k];
+                    k += 1;
+                }
+                j += 1;
+            }
+            let mut pivot = row[i] + damping;
+            j = 0;
+            while j < i {
+                let scaled = row[j];
+                row[j] = scaled * f[j][j];
+                pivot -= scaled * row[j];
+                j += 1;
+            }
+            // Also when it is NaN.
+            row[i] = T::ONE / if pivot > damping { pivot } else { damping };
+            f[i] = row;
+            i += 1;
+        }
+    }
+
+    /// The damped step that takes `error` away; zero beyond the last joint.
+    #[inline(never)]
+    pub fn step(&self, error: &Hybrid<T>) -> PerJoint<T> {
+        let many = self.joints > EQUATIONS;
+        let mut x = *error;
+        if !many {
+            for (slot, column) in x.iter_mut().zip(&self.columns) {
+                *slot = inner(column, error);
+            }
+        }
+        let f = &self.factors;
+        let mut i = 1;
+        while i < EQUATIONS {
+            let mut j = 0;
+            while j < i {
+                x[i] -= f[i][j] * x[j];
+                j += 1;
+            }
+            i += 1;
+        }
+        while i > 0 {
+            i -= 1;
+            x[i] = x[i] * f[i][i];
+            let mut j = i + 1;
+            while j < EQUATIONS {
+                x[i] -= f[j][i] * x[j];
+                j += 1;
+            }
+        }
+        let mut out = [T::ZERO; MAX_JOINTS];
+        if many {
+            for (slot, column) in out.iter_mut().zip(&self.columns) {
+                *slot = inner(column, &x);
+            }
+        } else {
+            for (slot, value) in out.iter_mut().zip(&x) {
+                *slot = *value;
+            }
+        }
+        out
+    }
+
+    /// Takes J d, what the joint changes d do to first order, off an error; returns |J d|² of displacement and rotation.
+    #[inline(never)]
+    pub fn take_off(&self, error: &mut Hybrid<T>, d: &PerJoint<T>) -> (T, T) {
+        let mut moved = [T::ZERO; 6];
+        for (column, delta) in self.columns.iter().zip(d).take(self.joints) {
+            let mut r = 0;
+            while r < 6 {
+                moved[r] += column[r] * *delta;
+                r += 1;
+            }
+        }
+        for (value, part) in error.iter_mut().zip(&moved) {
+            *value -= *part;
+        }
+        squares(&moved)
+    }
+
+    /// Whether there are joints enough for every displacement and rotation.
+    pub fn can_turn(&self) -> bool {
+        self.joints >= EQUATIONS
+    }
+
+    /// A length in metres that no joint moves the target by more than, per radian.
+    #[inline(never)]
+    pub fn reach(&self) -> T {
+        let mut sum = T::ZERO;
+        for column in self.columns.iter().take(self.joints) {
+            sum += squares(column).0;
+        }
+        sum.sqrt()
+    }
+}
+
+/// aᵀb.
+#[inline(always)]
+fn inner<T: Scalar>(a: &Hybrid<T>, b: &Hybrid<T>) -> T {
+    let mut sum = a[0] * b[0];
+    let mut r = 1;
+    while r < 6 {
+        sum += a[r] * b[r];
+        r += 1;
+    }
+    sum
+}

@@ -1,0 +1,243 @@
+//! Corrected joints of fitted arms: the f64 model of the same blob says what is left.
+
+use poegp_protocol::blob;
+use poegp_runtime::model::{Model, words_for};
+use poegp_runtime::scalar::Scalar;
+use poegp_runtime::se3::Pose;
+use poegp_runtime::status::Status;
+use poegp_trainer::calibration::{Method, Options};
+use poegp_trainer::export::{Origin, calibrate_for_device, nominal_chain};
+use poegp_trainer::measurements;
+use poegp_trainer::robot::{LoadOptions, Robot};
+use poegp_trainer::simulate::{Scenario, Simulator, to_csv};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use crate::say;
+
+const PAYLOADS_KG: [f64; 5] = [1.0, 2.5, 3.5, 5.0, 7.5];
+/// The built-in arms with six joints.
+const SIX_AXES: [&str; 5] = [
+    "abb-irb120",
+    "abb-irb4400",
+    "abb-irb4400-serial",
+    "ur5",
+    "ur10",
+];
+/// Poses of these arms in all.
+const POSES: usize = 5_000;
+/// Smallest singular value of the Jacobian (m and rad) of poses that are not singular.
+const REGULAR: f64 = 0.05;
+
+type Arm<T> = Model<T, { words_for(512) }>;
+
+/// One fitted arm in both number types.
+struct Fitted {
+    robot: Robot,
+    single: Box<Arm<f32>>,
+    double: Box<Arm<f64>>,
+    /// Of the training.
+    ranges: Vec<(f64, f64)>,
+}
+
+fn fit(robot: &str, scenario: Scenario, options: &Options) -> Fitted {
+    let robot = Robot::load(robot, &LoadOptions::default()).unwrap();
+    let nominal = nominal_chain(&robot).unwrap();
+    let mut simulator = Simulator::new(&robot, scenario, &PAYLOADS_KG, 1);
+    let csv = to_csv(&robot, &simulator.measure(300), false, "train");
+    let set = measurements::parse("train", csv.as_bytes()).unwrap();
+    let mut tools = Vec::new();
+    let train = poegp_trainer::samples::samples(&set, &robot, &mut tools).unwrap();
+    let origin = Origin {
+        serial_number: String::new(),
+        date: "2026-11-20".to_owned(),
+        data_sha256: [0; 32],
+        tools,
+    };
+    let found = calibrate_for_device(&nominal, &robot, &train, options, &origin).unwrap();
+    let blob = blob::decode(found.blob.bytes()).unwrap();
+    let (mut single, mut double) = (Box::new(Arm::new()), Box::new(Arm::new()));
+    single.load(&blob).unwrap();
+    double.load(&blob).unwrap();
+    let wide = |(lower, upper): &(f32, f32)| (f64::from(*lower), f64::from(*upper));
+    let ranges = blob.ranges.joints.iter().map(wide).collect();
+    Fitted {
+        robot,
+        single,
+        double,
+        ranges,
+    }
+}
+
+impl Fitted {
+    /// Distance (m) and angle (rad) between where the calibrated arm stands at `command` and where the nominal one would
+    /// at `joints`.
+    fn error(&self, joints: &[f64], command: &[f64], payload_kg: f64) -> (f64, f64) {
+        let nominal = self.double.nominal(joints).unwrap();
+        let pose = self.double.evaluate(command, payload_kg).pose;
+        let turned: Pose<f64> = pose.inverse() * nominal;
+        (
+            (nominal.translation - pose.translation).norm(),
+            turned.log().angular.norm(),
+        )
+    }
+
+    /// The same at the corrected command of number type T, with its status and what it says of the distance itself.
+    fn corrected<T: Scalar>(
+        &self,
+        model: &Arm<T>,
+        joints: &[f64],
+        payload_kg: f64,
+    ) -> ((f64, f64), Status, f64) {
+        let query: Vec<T> = joints.iter().map(|q| T::from_f64(*q)).collect();
+        let found = model.correct(&query, T::from_f64(payload_kg));
+        let command: Vec<f64> = found.joints[..joints.len()]
+            .iter()
+            .map(|q| q.to_f64())
+            .collect();
+        assert!(command.iter().all(|q| q.is_finite()));
+        let error = self.error(joints, &command, payload_kg);
+        (error, found.status, found.position_error.to_f64())
+    }
+
+    /// Smallest singular value of the nominal arm's Jacobian at the target, by differences.
+    fn smallest_singular_value(&self, joints: &[f64]) -> f64 {
+        let step = 1e-6;
+        let here = self.double.nominal(joints).unwrap();
+        let columns: Vec<[f64; 6]> = (0..joints.len())
+            .map(|i| {
+                let mut moved = joints.to_vec();
+                moved[i] += step;
+                let there = self.double.nominal(&moved).unwrap();
+                let turn = (there * here.inverse()).log().angular;
+                let v = there.translation - here.translation;
+                [v[0], v[1], v[2], turn[0], turn[1], turn[2]].map(|x| x / step)
+            })
+            .collect();
+        let jacobian = faer::Mat::from_fn(6, joints.len(), |r, c| columns[c][r]);
+        let values = jacobian.singular_values().unwrap();
+        values.iter().copied().fold(f64::INFINITY, f64::min)
+    }
+
+    fn random_pose(&self, random: &mut ChaCha8Rng) -> (Vec<f64>, f64) {
+        let joints = self
+            .ranges
+            .iter()
+            // As single precision has it: both models must be asked the same.
+            .map(|(lower, upper)| f64::from(random.random_range(*lower..*upper) as f32))
+            .collect();
+        (joints, f64::from(random.random_range(0.0..7.5_f32)))
+    }
+}
+
+/// The value below which so many of a thousand are.
+fn quantile(sorted: &[f64], thousandths: usize) -> f64 {
+    sorted[(sorted.len() * thousandths).div_ceil(1000) - 1]
+}
+
+fn models() -> [(&'static str, Options); 3] {
+    let mut tied = Options::new(Method::Elastic);
+    tied.elastic.tied = true;
+    [
+        ("poe-gp-load", Options::new(Method::PoeGpLoad)),
+        ("elastic", Options::new(Method::Elastic)),
+        ("elastic, tied", tied),
+    ]
+}
+
+#[test]
+fn regular_poses_are_corrected_within_a_micrometre() {
+    for (name, options) in models() {
+        let (mut start, mut double, mut single) = (Vec::new(), Vec::new(), Vec::new());
+        let mut refused = 0;
+        for robot in SIX_AXES {
+            let fitted = fit(robot, Scenario::Wild, &options);
+            let mut random = ChaCha8Rng::seed_from_u64(7);
+            let (mut here, mut here_single) = (Vec::new(), Vec::new());
+            while here.len() < POSES / SIX_AXES.len() {
+                let (joints, payload_kg) = fitted.random_pose(&mut random);
+                if fitted.smallest_singular_value(&joints) < REGULAR {
+                    continue;
+                }
+                start.push(fitted.error(&joints, &joints, payload_kg).0);
+                here.push(fitted.corrected(&fitted.double, &joints, payload_kg).0.0);
+                let (error, status, _) = fitted.corrected(&fitted.single, &joints, payload_kg);
+                here_single.push(error.0);
+                refused += usize::from(status.contains(Status::CORRECTION_REFUSED));
+            }
+            here.sort_by(f64::total_cmp);
+            here_single.sort_by(f64::total_cmp);
+            let m = |v: &[f64], q| 1e6 * quantile(v, q);
+            say(format_args!(
+                "  {robot:20} f64 {:.3} {:.3} {:.3}  f32 {:.3} {:.3} {:.3} µm (median, 99.5 %, all)",
+                m(&here, 500),
+                m(&here, 995),
+                m(&here, 1000),
+                m(&here_single, 500),
+                m(&here_single, 995),
+                m(&here_single, 1000),
+            ));
+            double.extend(here);
+            single.extend(here_single);
+        }
+        for values in [&mut start, &mut double, &mut single] {
+            values.sort_by(f64::total_cmp);
+        }
+        let micro = |v: &[f64], thousandths| 1e6 * quantile(v, thousandths);
+        say(format_args!(
+            "corrected joints, {name}: {:.0} µm before; f64 median {:.3}, 99.5 % {:.3}, all {:.3} µm; \
+             f32 median {:.3}, 99.5 % {:.3}, all {:.3} µm; {refused} refused",
+            micro(&start, 500),
+            micro(&double, 500),
+            micro(&double, 995),
+            micro(&double, 1000),
+            micro(&single, 500),
+            micro(&single, 995),
+            micro(&single, 1000),
+        ));
+        for (values, median) in [(&double, 0.1), (&single, 0.3)] {
+            assert!(micro(values, 500) <= median, "{name}");
+            assert!(micro(values, 995) <= 1.0, "{name}");
+        }
+    }
+}
+
+#[test]
+fn explore() {
+    let (name, options) = &models()[1];
+    for robot in ["abb-irb4400", "ur10"] {
+        let fitted = fit(robot, Scenario::Wild, options);
+        let mut random = ChaCha8Rng::seed_from_u64(8);
+        let mut bins: Vec<Vec<f64>> = vec![Vec::new(); 6];
+        let edges = [0.0, 0.02, 0.05, 0.1, 0.15, 0.2, 9.0];
+        let mut worse = 0;
+        for _ in 0..6000 {
+            let (joints, payload_kg) = fitted.random_pose(&mut random);
+            let sigma = fitted.smallest_singular_value(&joints);
+            let b = (0..6).find(|b| sigma < edges[b + 1]).unwrap();
+            let start = fitted.error(&joints, &joints, payload_kg).0;
+            let e = fitted.corrected(&fitted.double, &joints, payload_kg).0.0;
+            if e > start * (1.0 + 1e-12) {
+                worse += 1;
+                say(format_args!("{sigma} {start} {e}"));
+            }
+            bins[b].push(e);
+        }
+        say(format_args!("{robot} {name} worse {worse}"));
+        for (b, v) in bins.iter_mut().enumerate() {
+            v.sort_by(f64::total_cmp);
+            if v.is_empty() {
+                continue;
+            }
+            say(format_args!(
+                "  sigma < {}: {} poses, median {:.3} 95% {:.3} 99.5% {:.3} max {:.3}",
+                edges[b + 1],
+                v.len(),
+                1e6 * quantile(v, 500),
+                1e6 * quantile(v, 950),
+                1e6 * quantile(v, 995),
+                1e6 * quantile(v, 1000)
+            ));
+        }
+    }
+}
