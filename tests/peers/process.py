@@ -48,6 +48,11 @@ def fit(inputs, outputs):
     return process.fit(inputs, outputs)
 
 
+def fit_one(inputs, outputs):
+    """One process for all outputs."""
+    return [fit(inputs, outputs)]
+
+
 def fit_each(inputs, outputs):
     """A process for each output."""
     return [fit(inputs, outputs[:, c]) for c in range(outputs.shape[1])]

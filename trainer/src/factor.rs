@@ -74,10 +74,16 @@ impl FactorWorkspace {
         llt::solve::solve_in_place(self.matrix.as_ref(), right, Par::Seq, stack);
     }
 
-    /// The inverse, both triangles, from the factor.
-    pub fn inverse(&mut self) -> &Mat<f64> {
+    /// The inverse from the factor, its lower triangle; what is above the diagonal means nothing.
+    pub fn lower_inverse(&mut self) -> &Mat<f64> {
         let stack = MemStack::new(&mut self.scratch);
         llt::inverse::inverse(self.inverse.as_mut(), self.matrix.as_ref(), Par::Seq, stack);
+        &self.inverse
+    }
+
+    /// The same with both triangles.
+    pub fn inverse(&mut self) -> &Mat<f64> {
+        self.lower_inverse();
         for j in 0..self.inverse.nrows() {
             for i in 0..j {
                 self.inverse[(i, j)] = self.inverse[(j, i)];

@@ -24,7 +24,7 @@ pub struct LikelihoodWorkspace {
     /// exp(−θ₁|x_i − x_j|²/2), lower triangle: it is what the derivatives by θ₀ and θ₁ need again.
     correlations: Mat<f64>,
     factor: FactorWorkspace,
-    /// Σ_c w_c w_cᵀ.
+    /// Σ_c w_c w_cᵀ, of which the lower triangle is read.
     outer: Mat<f64>,
 }
 
@@ -97,15 +97,25 @@ pub fn log_marginal_likelihood_in(
         - columns as f64
             * (factor.half_log_determinant() + 0.5 * n as f64 * (2.0 * std::f64::consts::PI).ln());
 
-    matmul(
-        outer.as_mut(),
-        Accum::Replace,
-        &weights,
-        weights.transpose(),
-        1.0,
-        Par::Seq,
-    );
-    let inverse = factor.inverse();
+    if columns == 1 {
+        // One product for each element, and only for those that are read.
+        let weights = weights.col_as_slice(0);
+        for (j, weight) in weights.iter().enumerate() {
+            for (slot, other) in lower_mut(outer, j).iter_mut().zip(&weights[j..]) {
+                *slot = other * weight;
+            }
+        }
+    } else {
+        matmul(
+            outer.as_mut(),
+            Accum::Replace,
+            &weights,
+            weights.transpose(),
+            1.0,
+            Par::Seq,
+        );
+    }
+    let inverse = factor.lower_inverse();
     let mut sums = [0.0; 5];
     for j in 0..n {
         let columns = columns as f64;
