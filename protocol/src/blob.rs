@@ -20,8 +20,9 @@ use crate::limits::{
     MAX_FRAMES, MAX_GROUPS, MAX_INPUTS, MAX_JOINTS, MAX_LINK_TERMS, MAX_RIPPLE, OUTPUTS,
 };
 
-/// The newest format: version 2 added [`Correction::Elastic`]. A blob is written in the oldest format that can hold it.
-pub const FORMAT_VERSION: u16 = 2;
+/// The newest format: version 2 added [`Correction::Elastic`] and tools, version 3 [`Blob::variance`]. A blob is written in
+/// the oldest format that can hold it.
+pub const FORMAT_VERSION: u16 = 3;
 /// Most bytes that the payload takes beside the support rows; generous (the largest seen is below 3 kB).
 pub const MAX_LENGTH_WITHOUT_ROWS: usize = 4_096;
 
@@ -56,6 +57,10 @@ pub struct Blob<'a> {
     /// payload.
     #[serde(skip)]
     pub tools: &'a [u8],
+    /// How well the position is known, of an elastic correction whose length scales are tied. From format version 3 on,
+    /// where it follows the tools.
+    #[serde(skip)]
+    pub variance: Option<Variance<'a>>,
 }
 
 /// A tool: where its target sits seen from the target of the first.
@@ -266,6 +271,22 @@ pub struct PayloadGroup {
     pub points: u16,
 }
 
+/// How well the position of the target is known; the runtime's module `deflection::variance` has its formula.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Variance<'a> {
+    /// Variance of one position component where the processes are known, m²: parameters and noise.
+    pub floor_m2: f32,
+    /// The share of it that is the noise of the measurements, m². For the reader only.
+    pub noise_m2: f32,
+    /// Factor of what the processes do not know; has the third that makes a mean of three axes.
+    pub gain: f32,
+    /// Number of landmarks.
+    pub landmarks: u8,
+    /// Landmark j = 0, 1, …, `f32` little endian: two words of each joint (sine and cosine; of a prismatic one its value q
+    /// and −q²/2), the payload in kg, then j + 1 words of the triangular factor: 4·(2n + 2 + j) bytes.
+    pub rows: &'a [u8],
+}
+
 /// The largest correction that is believed.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CorrectionBound {
@@ -312,6 +333,7 @@ pub fn tools(bytes: &[u8]) -> impl Iterator<Item = Result<Tool<'_>, DecodeError>
 /// The oldest format that holds `blob`.
 pub fn format_version(blob: &Blob<'_>) -> u16 {
     match blob.correction {
+        _ if blob.variance.is_some() => 3,
         Correction::None | Correction::TaskSpace(_) if blob.tools.is_empty() => 1,
         _ => 2,
     }
@@ -334,6 +356,12 @@ pub fn encode<'b>(blob: &Blob<'_>, buffer: &'b mut [u8]) -> Result<&'b [u8], Buf
             .map_err(|_| BufferTooSmall)?
             .len();
     }
+    if let Some(variance) = &blob.variance {
+        let rest = payload.get_mut(length..).ok_or(BufferTooSmall)?;
+        length += postcard::to_slice(variance, rest)
+            .map_err(|_| BufferTooSmall)?
+            .len();
+    }
     envelope::seal(format_version(blob), length, buffer)
 }
 
@@ -342,22 +370,15 @@ pub fn encode<'b>(blob: &Blob<'_>, buffer: &'b mut [u8]) -> Result<&'b [u8], Buf
 /// # Errors
 /// [`DecodeError`], in the order of its variants: length of the header, magic, version, length, CRC, payload.
 pub fn decode(bytes: &[u8]) -> Result<Blob<'_>, DecodeError> {
-    decode_and(bytes, Blob::clone)
+    match envelope::open(bytes) {
+        Ok(envelope) => decode_payload(envelope.version, envelope.payload),
+        Err(error) => Err(error),
+    }
 }
 
-/// The same for a device, which has no room on its stack for the copies that returning a blob makes: `take` looks at it
-/// where it was decoded.
-///
-/// # Errors
-/// As [`decode`].
+// Not inlined, and called last: the blob is decoded where the caller wants it.
 #[inline(never)]
-pub fn decode_and<'b, R>(
-    bytes: &'b [u8],
-    take: impl FnOnce(&Blob<'b>) -> R,
-) -> Result<R, DecodeError> {
-    let envelope::Envelope {
-        version, payload, ..
-    } = envelope::open(bytes)?;
+fn decode_payload(version: u16, payload: &[u8]) -> Result<Blob<'_>, DecodeError> {
     // Not `postcard::take_from_bytes`, whose pair of blob and rest is one more copy of the blob on the device's stack; and
     // what is decoded is completed in place, for the same reason.
     let mut deserializer = postcard::Deserializer::from_bytes(payload);
@@ -370,14 +391,19 @@ pub fn decode_and<'b, R>(
                 Some(&[][..])
             };
             blob.tools = tools.unwrap_or(&[]);
+            if version >= 3 {
+                // Without it the blob is not one of version 3, and refused below.
+                blob.variance = Variance::deserialize(&mut deserializer).ok();
+            }
             tools.is_some()
                 && deserializer.finalize().is_ok_and(<[u8]>::is_empty)
                 && format_version(blob) == version
         }
         Err(_) => false,
     };
-    match &decoded {
-        Ok(blob) if complete => Ok(take(blob)),
-        _ => Err(DecodeError::MalformedPayload),
+    if complete {
+        decoded.map_err(|_| DecodeError::MalformedPayload)
+    } else {
+        Err(DecodeError::MalformedPayload)
     }
 }

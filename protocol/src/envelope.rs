@@ -276,6 +276,8 @@ impl Header {
 /// # Errors
 /// [`DecodeError`], in the order of its variants: length of the header, magic, version, flags, length, CRC of header and
 /// payload, CRC of the trailer. Never `MalformedPayload`.
+// Not inlined: what decodes the payload needs a large stack frame and must not share this one.
+#[inline(never)]
 pub fn open(bytes: &[u8]) -> Result<Envelope<'_>, DecodeError> {
     let found = bytes.len() as u32;
     let (header, rest) =

@@ -16,3 +16,5 @@ pub const MAX_GROUPS: usize = 16;
 pub const MAX_LINK_TERMS: usize = MAX_JOINTS * (MAX_JOINTS + 1) / 2;
 /// Most tools of a calibration: one for each session and target.
 pub const MAX_TOOLS: usize = 16;
+/// Most landmarks of the variance of an elastic correction.
+pub const MAX_LANDMARKS: usize = 16;

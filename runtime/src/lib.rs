@@ -31,3 +31,4 @@ pub mod service;
 pub mod signature;
 pub mod status;
 pub mod store;
+pub mod trust;

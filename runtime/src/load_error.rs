@@ -49,6 +49,8 @@ pub enum LoadError {
     Groups,
     /// A weight of the support is not within ±1e30, an input is beyond ±200 length scales, or a sine or cosine beyond ±1.
     Row,
+    /// The variance is not of a tied elastic model, or its landmarks are too many, not whole or not usable.
+    Variance,
 }
 
 impl LoadError {
@@ -69,6 +71,7 @@ impl LoadError {
             Self::Gravity => 12,
             Self::Ripple => 13,
             Self::Groups => 14,
+            Self::Variance => 15,
         }
     }
 }
@@ -101,6 +104,7 @@ impl fmt::Display for LoadError {
             Self::Gravity => f.write_str("the gravity terms do not fit the number of joints"),
             Self::Ripple => f.write_str("a gear ripple term is not usable"),
             Self::Groups => f.write_str("the payload groups do not add up to the support"),
+            Self::Variance => f.write_str("the variance of the position is not usable"),
             Self::Row => f.write_str("a number of the support is not usable"),
         }
     }

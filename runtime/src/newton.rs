@@ -156,34 +156,31 @@ impl<T: Scalar> Equations<T> {
 
     /// L D Lᵀ of the lower half of the Gram matrix + λ, in place.
     #[inline(always)]
+    #[allow(unused_mut)] // of the first row
     fn factor(&mut self, damping: T) {
         let f = &mut self.factors;
-        let mut i = 0;
-        while i < EQUATIONS {
-            // Row i of L D first, then of L.
-            let mut row = f[i];
-            let mut j = 0;
-            while j < i {
-                let mut k = 0;
-                while k < j {
-                    row[j] -= row[k] * f[j][k];
-                    k += 1;
-                }
-                j += 1;
-            }
-            let mut pivot = row[i] + damping;
-            j = 0;
-            while j < i {
-                let scaled = row[j];
-                row[j] = scaled * f[j][j];
-                pivot -= scaled * row[j];
-                j += 1;
-            }
-            // Also when it is NaN.
-            row[i] = T::ONE / if pivot > damping { pivot } else { damping };
-            f[i] = row;
-            i += 1;
+        // Row i of L D first, then of L. Written out, for compilers leave triangular loops as they are.
+        macro_rules! row {
+            ($i:literal, $($j:literal: [$($k:literal)*])*) => {
+                let mut row = f[$i];
+                $($(row[$j] -= row[$k] * f[$j][$k];)*)*
+                let mut pivot = row[$i] + damping;
+                $(
+                    let scaled = row[$j];
+                    row[$j] = scaled * f[$j][$j];
+                    pivot -= scaled * row[$j];
+                )*
+                // Also when it is NaN.
+                row[$i] = T::ONE / if pivot > damping { pivot } else { damping };
+                f[$i] = row;
+            };
         }
+        row!(0,);
+        row!(1, 0: []);
+        row!(2, 0: [] 1: [0]);
+        row!(3, 0: [] 1: [0] 2: [0 1]);
+        row!(4, 0: [] 1: [0] 2: [0 1] 3: [0 1 2]);
+        row!(5, 0: [] 1: [0] 2: [0 1] 3: [0 1 2] 4: [0 1 2 3]);
     }
 
     /// The damped step that takes `error` away; zero beyond the last joint.
@@ -228,9 +225,9 @@ impl<T: Scalar> Equations<T> {
         out
     }
 
-    /// Takes J d, what the joint changes d do to first order, off an error; returns |J d|² of displacement and rotation.
+    /// J d: what the joint changes d do to first order.
     #[inline(never)]
-    pub fn take_off(&self, error: &mut Hybrid<T>, d: &PerJoint<T>) -> (T, T) {
+    pub fn moved(&self, d: &PerJoint<T>) -> Hybrid<T> {
         let mut moved = [T::ZERO; 6];
         for (column, delta) in self.columns.iter().zip(d).take(self.joints) {
             let mut r = 0;
@@ -239,10 +236,7 @@ impl<T: Scalar> Equations<T> {
                 r += 1;
             }
         }
-        for (value, part) in error.iter_mut().zip(&moved) {
-            *value -= *part;
-        }
-        squares(&moved)
+        moved
     }
 
     /// Whether there are joints enough for every displacement and rotation.
@@ -250,15 +244,25 @@ impl<T: Scalar> Equations<T> {
         self.joints >= EQUATIONS
     }
 
-    /// A length in metres that no joint moves the target by more than, per radian.
+    /// The square of a length in metres that no joint moves the target by more than, per radian.
     #[inline(never)]
-    pub fn reach(&self) -> T {
+    pub fn squared_reach(&self) -> T {
         let mut sum = T::ZERO;
         for column in self.columns.iter().take(self.joints) {
             sum += squares(column).0;
         }
-        sum.sqrt()
+        sum
     }
+}
+
+/// a − s b.
+#[inline(always)]
+pub fn less<T: Scalar>(a: &Hybrid<T>, s: T, b: &Hybrid<T>) -> Hybrid<T> {
+    let mut out = *a;
+    for (value, part) in out.iter_mut().zip(b) {
+        *value -= s * *part;
+    }
+    out
 }
 
 /// aᵀb.

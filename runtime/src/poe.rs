@@ -147,6 +147,12 @@ impl<T: Scalar> Poe<T> {
         pose
     }
 
+    /// The same as a function of its own, for whoever needs it more than once.
+    #[inline(never)]
+    pub fn forward_at(&self, motions: &[JointMotion<T>; MAX_JOINTS]) -> Pose<T> {
+        self.forward_with(motions)
+    }
+
     /// `base_from_joint` of every joint before it moves (index 0…n−1; beyond them zeros), and f(q).
     pub fn joint_frames(&self, q: &[T]) -> ([Pose<T>; MAX_JOINTS], Pose<T>) {
         self.joint_frames_with(&self.motions(q))

@@ -20,7 +20,11 @@ fn bits(values: &[f32]) -> Vec<u32> {
     values.iter().map(|value| value.to_bits()).collect()
 }
 
-fn assert_bits(bytes: &[u8], text: &str) {
+fn assert_bits(name: &str, bytes: &[u8], text: &str) {
+    let trust = include_str!("../../tests/data/golden_trust.txt");
+    let mut trust = trust
+        .lines()
+        .filter_map(|line| line.strip_prefix(name)?.strip_prefix(' '));
     let mut model = Box::new(Model::<f32, { words_for(64) }>::new());
     model.load(&blob::decode(bytes).unwrap()).unwrap();
     let mut compared = 0;
@@ -43,6 +47,11 @@ fn assert_bits(bytes: &[u8], text: &str) {
             assert_eq!(found, expected, "{stage} of {asked:?}");
         }
         assert_eq!(expected.len(), found.len() + 1);
+        let sigma = result
+            .position_sigma
+            .map_or("-".to_owned(), |s| format!("{:08x}", s.to_bits()));
+        let found = format!("{:08x} {sigma}", result.trust.to_bits());
+        assert_eq!(Some(found.as_str()), trust.next(), "trust of {asked:?}");
         compared += 1;
     }
     assert_eq!(compared, 100);
@@ -51,6 +60,7 @@ fn assert_bits(bytes: &[u8], text: &str) {
 #[test]
 fn shared_hyperparameters() {
     assert_bits(
+        "shared",
         include_bytes!("../../tests/data/golden_shared.blob"),
         include_str!("../../tests/data/golden_shared_bits.txt"),
     );
@@ -59,6 +69,7 @@ fn shared_hyperparameters() {
 #[test]
 fn hyperparameters_per_output_and_coupled_joints() {
     assert_bits(
+        "per_output",
         include_bytes!("../../tests/data/golden_per_output.blob"),
         include_str!("../../tests/data/golden_per_output_bits.txt"),
     );
@@ -67,6 +78,7 @@ fn hyperparameters_per_output_and_coupled_joints() {
 #[test]
 fn elastic_with_length_scales_of_each_joint_and_coupled_joints() {
     assert_bits(
+        "elastic_own",
         include_bytes!("../../tests/data/golden_elastic_own.blob"),
         include_str!("../../tests/data/golden_elastic_own_bits.txt"),
     );
@@ -75,7 +87,17 @@ fn elastic_with_length_scales_of_each_joint_and_coupled_joints() {
 #[test]
 fn elastic_with_tied_length_scales() {
     assert_bits(
+        "elastic_tied",
         include_bytes!("../../tests/data/golden_elastic_tied.blob"),
         include_str!("../../tests/data/golden_elastic_tied_bits.txt"),
+    );
+}
+
+#[test]
+fn elastic_with_a_standard_deviation_a_slide_and_coupled_joints() {
+    assert_bits(
+        "elastic_sigma",
+        include_bytes!("../../tests/data/golden_elastic_sigma.blob"),
+        include_str!("../../tests/data/golden_elastic_sigma_bits.txt"),
     );
 }

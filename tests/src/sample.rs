@@ -138,6 +138,7 @@ impl Sample {
             Support::PerOutput(count) => self.task_space(&mut generator, count, false, &mut rows),
             Support::Elastic(elastic) => elastic.correction(self, &mut generator, &mut rows),
         };
+        let mut landmarks = Vec::new();
         let blob = Blob {
             robot: Robot {
                 name: "Sample IRB 4400",
@@ -183,6 +184,12 @@ impl Sample {
             },
             correction,
             tools: &[],
+            variance: match self.correction {
+                Support::Elastic(elastic) => {
+                    elastic.variance(self, &mut self.generator(2), &mut landmarks)
+                }
+                _ => None,
+            },
         };
         let room = blob::HEADER_LENGTH + blob::MAX_LENGTH_WITHOUT_ROWS + self.row_bytes();
         let mut buffer = vec![0; room];

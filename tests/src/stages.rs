@@ -62,6 +62,17 @@ impl Host {
     }
 }
 
+impl Host {
+    /// The bits of trust and standard deviation (`-` when there is none), as the golden file has them.
+    pub fn trust_line(&self, query: &Query) -> String {
+        let answer = self.0.evaluate(&query.joints, query.payload_kg);
+        let sigma = answer
+            .position_sigma
+            .map_or("-".to_owned(), |s| format!("{:08x}", s.to_bits()));
+        format!("{:08x} {sigma}", answer.trust.to_bits())
+    }
+}
+
 /// Names of the stages, in the order of the computation.
 pub const NAMES: [&str; 6] = ["sin_cos", "mean", "chain", "correction", "pose", "status"];
 

@@ -3,7 +3,7 @@
 //! Own length scales cost an exponential for each joint and point, tied ones one for each point but lose some accuracy:
 //! for a tight budget many tied points can beat few own ones. Both are filled to the budget by the cost model and
 //! cross-validated within the training data; the better one is taken, and what the budget costs against all support
-//! points is said.
+//! points is said. The standard deviation of a tied model is written when there is room left for it.
 
 use poegp_protocol::limits::MAX_GROUPS;
 use serde::Serialize;
@@ -12,6 +12,7 @@ use crate::calibration::Options;
 use crate::calibration::frames::Sample;
 use crate::compare::{CompareError, Task};
 use crate::cost::{ElasticSize, blob_bytes, instructions};
+use crate::elastic::device_sigma::LANDMARKS;
 use crate::robot::Robot;
 use crate::statistics::Summary;
 
@@ -77,6 +78,7 @@ impl Budget {
             groups: payloads.len().clamp(1, MAX_GROUPS),
             tied,
             ripple: RIPPLE_PER_JOINT * robot.joints.len(),
+            landmarks: 0,
         };
         (1..=samples.len()).rev().map(size).find(|s| self.allows(s))
     }
@@ -101,6 +103,15 @@ pub fn fill(
     let Some(first) = sizes.first() else {
         return Ok(None);
     };
+    let sizes = sizes.iter().map(|size| {
+        let with_sigma = ElasticSize {
+            landmarks: LANDMARKS,
+            ..*size
+        };
+        let wanted = size.tied && options.elastic.device_sigma && budget.allows(&with_sigma);
+        if wanted { with_sigma } else { *size }
+    });
+    let sizes: Vec<ElasticSize> = sizes.collect();
     let whole = ElasticSize {
         support: task.train.len(),
         tied: false,
@@ -110,6 +121,7 @@ pub fn fill(
     for size in std::iter::once(&whole).chain(&sizes) {
         let mut trial = *options;
         trial.elastic.tied = size.tied;
+        trial.elastic.device_sigma = size.landmarks > 0;
         trial.elastic.support = Some(size.support);
         let errors = task.held_out(&trial, progress)?;
         let errors: Vec<f64> = errors.iter().map(|e| e.position_mm).collect();
@@ -133,6 +145,7 @@ pub fn fill(
     table[best].taken = true;
     let mut chosen = *options;
     chosen.elastic.tied = table[best].tied;
+    chosen.elastic.device_sigma = sizes[best - 1].landmarks > 0;
     chosen.elastic.support = Some(table[best].support);
     Ok(Some((chosen, table)))
 }

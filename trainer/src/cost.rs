@@ -6,6 +6,7 @@
 //! not cycles. Bytes are exact: the format's own lengths.
 
 use poegp_protocol::blob::HEADER_LENGTH;
+use poegp_runtime::deflection::landmark_words;
 
 /// An elastic model by its sizes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -22,6 +23,8 @@ pub struct ElasticSize {
     pub tied: bool,
     /// Terms of gear ripple.
     pub ripple: usize,
+    /// Landmarks of the standard deviation; 0 for none.
+    pub landmarks: usize,
 }
 
 impl ElasticSize {
@@ -37,6 +40,8 @@ pub fn instructions(size: &ElasticSize) -> u64 {
     let sliding = if size.prismatic > 0 { 1.0 } else { 0.0 };
     // Chain twice, gravity terms, twist, bound.
     let mut count = 1_262.4 + n * (491.5 + n * 17.86) - 46.3 * sliding * n;
+    // Trust.
+    count += 30.0 + 37.0 * n;
     if !size.tied {
         count += 5.8 * n * n;
     }
@@ -49,6 +54,10 @@ pub fn instructions(size: &ElasticSize) -> u64 {
         (false, false) => 12.7 + n * (88.6 - n * 1.11),
         (false, true) => 93.8 + n * 20.75,
     };
+    if size.landmarks > 0 {
+        let l = size.landmarks as f64;
+        count += 371.0 + 84.0 * n + l * (106.0 + 8.5 * n + l * 2.2);
+    }
     (count + size.support as f64 * point) as u64
 }
 
@@ -88,5 +97,10 @@ pub fn blob_bytes(size: &ElasticSize, texts: [usize; 5]) -> usize {
     let rows = size.support * 3 * n * floats;
     // No named tools: a list of 0 bytes.
     let tools = 1;
-    HEADER_LENGTH + text + joints + frames + rest + elastic + varint(rows) + rows + tools
+    let mut variance = 0;
+    if size.landmarks > 0 {
+        let words: usize = (0..size.landmarks).map(|l| landmark_words(n, l)).sum();
+        variance = 3 * floats + 1 + varint(floats * words) + floats * words;
+    }
+    HEADER_LENGTH + text + joints + frames + rest + elastic + varint(rows) + rows + tools + variance
 }

@@ -6,7 +6,7 @@
 use heapless::Vec as FixedVec;
 use poegp_protocol::blob::{
     self, Blob, Correction, CorrectionBound, Elastic, Geometry, Joint, JointKernel, PayloadGroup,
-    Provenance, Ranges, Ripple, Robot as WireRobot, TaskSpace, Tool, Transform, Units,
+    Provenance, Ranges, Ripple, Robot as WireRobot, TaskSpace, Tool, Transform, Units, Variance,
 };
 use poegp_runtime::poe::Poe;
 use poegp_runtime::se3::Pose;
@@ -218,6 +218,8 @@ fn to_bytes(
     if let Some(elastic) = &calibration.elastic {
         rows = little_endian(&elastic.rows);
     }
+    let sigma = calibration.elastic.as_ref().and_then(|e| e.sigma.as_ref());
+    let landmarks = sigma.map_or(Vec::new(), |s| little_endian(&s.rows));
     let joints = robot.joints.iter().map(|joint| Joint {
         kind: joint.kind,
         limits: joint
@@ -282,10 +284,23 @@ fn to_bytes(
             (None, None) => Correction::None,
         },
         tools,
+        variance: sigma.map(|s| Variance {
+            floor_m2: s.header.floor as f32,
+            noise_m2: s.noise as f32,
+            gain: s.header.gain as f32,
+            landmarks: s.header.landmarks as u8,
+            rows: &landmarks,
+        }),
     };
     let names = room + robot.name.len() + origin.serial_number.len() + origin.date.len();
-    let mut buffer =
-        vec![0; blob::HEADER_LENGTH + blob::MAX_LENGTH_WITHOUT_ROWS + names + rows.len()];
+    let mut buffer = vec![
+        0;
+        blob::HEADER_LENGTH
+            + blob::MAX_LENGTH_WITHOUT_ROWS
+            + names
+            + rows.len()
+            + landmarks.len()
+    ];
     let length = blob::encode(&blob, &mut buffer)
         .map_err(|_| ExportError::DoesNotFit("names"))?
         .len();

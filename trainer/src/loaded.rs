@@ -45,6 +45,10 @@ pub struct Prediction {
     pub pose: Pose<f64>,
     /// What it is worth.
     pub status: Status,
+    /// 1 within what was trained, towards 0 far away.
+    pub trust: f32,
+    /// Standard deviation of one position component of a new measurement in metres, of a blob that knows it.
+    pub position_sigma: Option<f32>,
 }
 
 impl LoadedBlob {
@@ -131,7 +135,14 @@ impl LoadedBlob {
         Prediction {
             pose: self.in_instrument(&answer.pose),
             status: answer.status,
+            trust: answer.trust,
+            position_sigma: answer.position_sigma,
         }
+    }
+
+    /// The base frame of the model, seen from the instrument.
+    pub fn instrument_from_base(&self) -> Pose<f64> {
+        self.instrument_from_base
     }
 
     /// A pose in the base frame as the runtime or a device computed it, seen from the instrument.

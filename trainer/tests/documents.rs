@@ -8,11 +8,13 @@
 //! <!-- test: run, exit 2 -->     the same, and the program must end so; other lines must be part of what it prints
 //! ```
 //!
-//! All blocks of a document share one new folder. There is no shell: no quotes, pipes or variables.
+//! All blocks of a document share one new folder. There is no shell: no quotes, pipes or variables. A line that ends with
+//! `&` goes on in the background until the end of the document; the next waits until it has printed what it has to say.
 
 use std::fs;
+use std::io::Read;
 use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::process::{Child, Command, Stdio};
 
 /// A fenced block that is part of the test.
 struct Block {
@@ -64,15 +66,18 @@ fn run(name: &str) -> PathBuf {
         fs::remove_dir_all(&folder).unwrap();
     }
     fs::create_dir_all(&folder).unwrap();
+    let mut background = Background(Vec::new());
     for block in blocks(name) {
         let place = format!("{name}:{}", block.line);
         match block.instruction.split_once(' ') {
             Some(("file", file)) => fs::write(folder.join(file), &block.text).unwrap(),
-            None if block.instruction == "run" => run_block(&block, &folder, 0, &place),
+            None if block.instruction == "run" => {
+                run_block(&block, &folder, 0, &place, &mut background)
+            }
             Some(("run,", exit)) => {
                 let code = exit.strip_prefix("exit ").and_then(|c| c.parse().ok());
                 let code = code.unwrap_or_else(|| panic!("{place}: {exit:?}"));
-                run_block(&block, &folder, code, &place);
+                run_block(&block, &folder, code, &place, &mut background);
             }
             _ => panic!("{place}: unknown instruction {:?}", block.instruction),
         }
@@ -80,7 +85,32 @@ fn run(name: &str) -> PathBuf {
     folder
 }
 
-fn run_block(block: &Block, folder: &Path, exit: i32, place: &str) {
+/// Programs that go on; ended with this.
+struct Background(Vec<Child>);
+
+impl Background {
+    /// Starts a program and waits until it has closed its standard output, which `device emulate` gives away once it is
+    /// ready.
+    fn start(&mut self, mut command: Command) -> String {
+        let mut child = command.stdout(Stdio::piped()).spawn().unwrap();
+        let mut printed = String::new();
+        let mut stdout = child.stdout.take().unwrap();
+        stdout.read_to_string(&mut printed).unwrap();
+        self.0.push(child);
+        printed
+    }
+}
+
+impl Drop for Background {
+    fn drop(&mut self) {
+        for child in &mut self.0 {
+            let _ = child.kill();
+            let _ = child.wait();
+        }
+    }
+}
+
+fn run_block(block: &Block, folder: &Path, exit: i32, place: &str, background: &mut Background) {
     let (mut commands, mut printed) = (0, String::new());
     for line in block.text.replace("\\\n", " ").lines() {
         let typed = line.strip_prefix("$ ").unwrap_or(line);
@@ -96,16 +126,19 @@ fn run_block(block: &Block, folder: &Path, exit: i32, place: &str) {
             !typed.contains(['"', '\'', '|', '$', '>']),
             "{place}: there is no shell for {typed:?}"
         );
-        let output = Command::new(env!("CARGO_BIN_EXE_trainer"))
-            .args(arguments.split_whitespace())
-            .current_dir(folder)
-            .output()
-            .unwrap();
+        commands += 1;
+        let mut command = Command::new(env!("CARGO_BIN_EXE_trainer"));
+        command.current_dir(folder);
+        if let Some(arguments) = arguments.strip_suffix('&') {
+            command.args(arguments.split_whitespace());
+            printed = background.start(command);
+            continue;
+        }
+        let output = command.args(arguments.split_whitespace()).output().unwrap();
         printed = String::from_utf8_lossy(&output.stdout).into_owned()
             + &String::from_utf8_lossy(&output.stderr);
         let code = output.status.code();
         assert_eq!(code, Some(exit), "{place}: {typed}\n{printed}");
-        commands += 1;
     }
     assert!(commands > 0, "{place}: no command");
 }
@@ -113,7 +146,13 @@ fn run_block(block: &Block, folder: &Path, exit: i32, place: &str) {
 #[test]
 fn the_commands_of_the_readme_work() {
     let folder = run("README.md");
-    for file in ["arm.blob", "compare.json", "predicted.csv", "errors.json"] {
+    for file in [
+        "arm.blob",
+        "compare.json",
+        "predicted.csv",
+        "errors.json",
+        "corrected.csv",
+    ] {
         assert!(folder.join(file).is_file(), "{file}");
     }
 }
@@ -162,6 +201,7 @@ fn links_lead_somewhere() {
         "docs/blob-format.md",
         "docs/conventions.md",
         "docs/link.md",
+        "docs/porting.md",
     ] {
         let text = document(name);
         let path = workspace().join(name);

@@ -36,11 +36,27 @@ fn bytes_to_value() {
 /// The whole blob of the second listing: the first up to the correction, but for the header, then the listing.
 fn elastic_golden() -> Vec<u8> {
     let blocks = listing::hex_blocks(sample::BLOB_FORMAT);
-    let [first, header, correction] = blocks.as_slice() else {
-        panic!("three listings, not {}", blocks.len());
+    let [first, header, correction, _, _] = blocks.as_slice() else {
+        panic!("five listings, not {}", blocks.len());
     };
     // The correction of the first begins at 0x270.
     [header, &first[HEADER_LENGTH..0x270], correction].concat()
+}
+
+/// The whole blob of the third listing: the second but for the header, then the listing.
+fn variance_golden() -> Vec<u8> {
+    let blocks = listing::hex_blocks(sample::BLOB_FORMAT);
+    [&blocks[3], &elastic_golden()[HEADER_LENGTH..], &blocks[4]].concat()
+}
+
+#[test]
+fn a_blob_with_a_variance_is_the_listing_of_the_documentation() {
+    let (rows, landmark) = (sample::elastic_rows(), sample::landmark());
+    let mut buffer = [0; 2_048];
+    let blob = sample::variance_blob(&rows, &landmark);
+    let encoded = encode(&blob, &mut buffer).unwrap();
+    assert_eq!(encoded, variance_golden());
+    assert_eq!(decode(encoded), Ok(blob));
 }
 
 #[test]
@@ -62,7 +78,9 @@ fn a_blob_is_written_in_the_oldest_version_that_holds_it() {
         ..task.clone()
     };
     let elastic = sample::elastic_blob(&elastic_rows);
-    for (blob, version) in [(none, 1), (task, 1), (elastic, 2)] {
+    let landmark = sample::landmark();
+    let variance = sample::variance_blob(&elastic_rows, &landmark);
+    for (blob, version) in [(none, 1), (task, 1), (elastic, 2), (variance, 3)] {
         let mut buffer = [0; 2_048];
         let encoded = encode(&blob, &mut buffer).unwrap();
         assert_eq!(encoded[8..10], [version, 0]);
@@ -80,14 +98,21 @@ fn restamped(bytes: &[u8], version: u16) -> Vec<u8> {
 
 #[test]
 fn what_a_version_does_not_have_is_refused_in_it() {
-    let (task, elastic) = (golden(), elastic_golden());
-    // Version 1 has no elastic correction and no tools, version 2 is for nothing that version 1 can hold.
-    for (bytes, version) in [(&task, 2), (&elastic, 1)] {
+    let (task, elastic, variance) = (golden(), elastic_golden(), variance_golden());
+    // Version 1 has no elastic correction and no tools, version 2 no variance; and no version is for what an older one holds.
+    for (bytes, version) in [
+        (&task, 2),
+        (&task, 3),
+        (&elastic, 1),
+        (&elastic, 3),
+        (&variance, 1),
+        (&variance, 2),
+    ] {
         let error = Err(DecodeError::MalformedPayload);
         assert_eq!(decode(&restamped(bytes, version)), error);
     }
-    for bytes in [task, elastic] {
-        for found in [0, 3, 4, u16::MAX] {
+    for bytes in [task, elastic, variance] {
+        for found in [0, 4, 5, u16::MAX] {
             let error = DecodeError::UnknownVersion {
                 found,
                 supported: FORMAT_VERSION,
@@ -97,22 +122,39 @@ fn what_a_version_does_not_have_is_refused_in_it() {
     }
 }
 
+/// Names of the errors that a flipped bit of the damaged `bytes` may have: its field of the header decides.
+fn refused_as(bit: usize, bytes: &[u8]) -> &'static [&'static str] {
+    match bit / 8 {
+        0..8 => &["WrongMagic"],
+        // Between two versions that are known there may be one bit.
+        8..10 if (1..=FORMAT_VERSION).contains(&u16::from_le_bytes([bytes[8], bytes[9]])) => {
+            &["CrcMismatch"]
+        }
+        8..10 => &["UnknownVersion"],
+        // The flag of a signed blob: its trailer is missing.
+        10 if bit == 80 => &["Truncated"],
+        10..12 => &["ReservedBitsSet"],
+        12..16 => &["Truncated", "TrailingBytes"],
+        _ => &["CrcMismatch"],
+    }
+}
+
 #[test]
 fn every_flip_and_every_cut_of_an_elastic_blob_is_refused() {
-    let golden = elastic_golden();
+    every_damage_is_refused(&elastic_golden());
+}
+
+#[test]
+fn every_flip_and_every_cut_of_a_blob_with_a_variance_is_refused() {
+    every_damage_is_refused(&variance_golden());
+}
+
+fn every_damage_is_refused(golden: &[u8]) {
     for bit in 0..8 * golden.len() {
-        let mut bytes = golden.clone();
+        let mut bytes = golden.to_vec();
         bytes[bit / 8] ^= 1 << (bit % 8);
         let error = decode(&bytes).expect_err("a flipped bit");
-        let expected: &[&str] = match bit / 8 {
-            // The flag of a signed blob: its trailer is missing.
-            10 if bit == 80 => &["Truncated"],
-            0..8 => &["WrongMagic"],
-            8..10 => &["UnknownVersion"],
-            10..12 => &["ReservedBitsSet"],
-            12..16 => &["Truncated", "TrailingBytes"],
-            _ => &["CrcMismatch"],
-        };
+        let expected = refused_as(bit, &bytes);
         assert!(expected.contains(&kind(error)), "bit {bit}: {error:?}");
     }
     for length in 0..golden.len() {
@@ -154,15 +196,7 @@ fn every_single_bit_flip_is_refused_by_name() {
         let mut bytes = golden.clone();
         bytes[bit / 8] ^= 1 << (bit % 8);
         let error = decode(&bytes).expect_err("a flipped bit");
-        let expected: &[&str] = match bit / 8 {
-            // The flag of a signed blob: its trailer is missing.
-            10 if bit == 80 => &["Truncated"],
-            0..8 => &["WrongMagic"],
-            8..10 => &["UnknownVersion"],
-            10..12 => &["ReservedBitsSet"],
-            12..16 => &["Truncated", "TrailingBytes"],
-            _ => &["CrcMismatch"],
-        };
+        let expected = refused_as(bit, &bytes);
         assert!(
             expected.contains(&kind(error)),
             "bit {bit}: {error:?}, not {expected:?}"
@@ -176,11 +210,12 @@ fn every_single_bit_flip_is_refused_by_name() {
     // announces a trailer.
     let expected = BTreeMap::from([
         ("WrongMagic", 64),
-        ("UnknownVersion", 16),
+        ("UnknownVersion", 15),
         ("ReservedBitsSet", 15),
         ("Truncated", 26),
         ("TrailingBytes", 7),
-        ("CrcMismatch", 8 * (golden.len() - 16)),
+        // One bit makes version 3 of version 1.
+        ("CrcMismatch", 8 * (golden.len() - 16) + 1),
     ]);
     assert_eq!(counts, expected);
 }

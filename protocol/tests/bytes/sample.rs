@@ -3,7 +3,7 @@
 use poegp_protocol::JointKind;
 use poegp_protocol::blob::{
     Blob, Correction, CorrectionBound, Elastic, Geometry, Joint, JointKernel, PayloadGroup,
-    Provenance, Ranges, Ripple, Robot, TaskSpace, Transform, Units,
+    Provenance, Ranges, Ripple, Robot, TaskSpace, Transform, Units, Variance,
 };
 
 /// The documentation that has its bytes.
@@ -75,6 +75,7 @@ pub fn blob(rows: &[u8]) -> Blob<'_> {
             rows,
         }),
         tools: &[],
+        variance: None,
     }
 }
 
@@ -127,6 +128,27 @@ pub fn elastic_blob(rows: &[u8]) -> Blob<'_> {
             rows,
         }),
         ..blob(&[])
+    }
+}
+
+/// One landmark of the variance example: q = (0, 0.25 m), 10 kg and the one word of its factor.
+pub fn landmark() -> Vec<u8> {
+    let words = [0.0, 1.0, 0.25, -0.031_25, 10.0, 0.5];
+    words.into_iter().flat_map(f32::to_le_bytes).collect()
+}
+
+/// The elastic arm with a variance.
+pub fn variance_blob<'a>(rows: &'a [u8], landmark: &'a [u8]) -> Blob<'a> {
+    let small = 1.0 / 1_073_741_824.0;
+    Blob {
+        variance: Some(Variance {
+            floor_m2: small,
+            noise_m2: 0.5 * small,
+            gain: 0.375,
+            landmarks: 1,
+            rows: landmark,
+        }),
+        ..elastic_blob(rows)
     }
 }
 

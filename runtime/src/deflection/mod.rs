@@ -19,6 +19,7 @@
 
 mod gravity;
 mod processes;
+mod variance;
 
 use heapless::Vec;
 use nalgebra::Vector3;
@@ -27,6 +28,7 @@ use poegp_protocol::limits::{MAX_JOINTS, MAX_RIPPLE};
 
 pub use gravity::{GravityRegressors, GravityTerms};
 pub use processes::{JointKernel, JointProcesses, PayloadGroup, features, similarity};
+pub use variance::{PositionVariance, landmark_place, landmark_words, prior};
 
 use crate::bound::Bound;
 use crate::observer::Observer;
@@ -93,6 +95,8 @@ pub struct Deflection<T> {
     pub ripple: Vec<RippleTerm<T>, MAX_RIPPLE>,
     /// The rest.
     pub processes: JointProcesses<T>,
+    /// How well the position is known; its landmarks are behind the support rows.
+    pub variance: Option<PositionVariance<T>>,
 }
 
 impl<T: Scalar> Deflection<T> {
@@ -237,6 +241,8 @@ pub struct Compensated<T> {
     pub twist: Twist<T>,
     /// Whether δ was scaled back.
     pub bounded: bool,
+    /// Standard deviation of one position component in metres before bounding, if the model knows it.
+    pub position_sigma: Option<T>,
 }
 
 impl<T: Scalar> Deflection<T> {
@@ -247,22 +253,28 @@ impl<T: Scalar> Deflection<T> {
         at: &Configuration<'_, T>,
         frames: &[Pose<T>; MAX_JOINTS],
         target: &Pose<T>,
+        places: &Features<T>,
         rows: &[T],
     ) -> PerJoint<T> {
         let kinds = at.poe.kinds();
         let regressors = GravityRegressors::new(kinds, frames, target, &self.gravity.gravity);
         let gravity = self.gravity.deflection(&regressors, at.payload_kg);
         let ripple = self.ripple(at.joints);
-        let places = match at.coupling {
-            None => features(kinds, at.joints, at.motions),
-            Some(_) => features(kinds, at.joints, &at.poe.motions(at.joints)),
-        };
-        let mean = self.processes.mean(kinds, rows, &places, at.payload_kg);
+        let mean = self.processes.mean(kinds, rows, places, at.payload_kg);
         let mut out = [T::ZERO; MAX_JOINTS];
         for (((sum, a), b), c) in out.iter_mut().zip(&gravity).zip(&ripple).zip(&mean) {
             *sum = *a + *b + *c;
         }
         out
+    }
+
+    /// Words of the support rows of an arm with so many joints.
+    pub fn support_words(&self, joints: usize) -> usize {
+        let mut points = 0;
+        for group in &self.processes.groups {
+            points += group.points;
+        }
+        points * row_words(joints)
     }
 
     /// POE(C (q + δ)), with δ scaled back to `bound`.
@@ -276,11 +288,32 @@ impl<T: Scalar> Deflection<T> {
     ) -> Compensated<T> {
         // Zeros, not identities: they are cleared by the word.
         let mut frames = [Pose::from_rows(&[T::ZERO; 12]); MAX_JOINTS];
-        let target = at.poe.joint_frames_into(at.motions, &mut frames);
+        let target = at.poe.joint_frames_at(at.motions, &mut frames);
         observer.chain(&target);
-        let deflection = self.total(at, &frames, &target, rows);
+        let kinds = at.poe.kinds();
+        let places = match at.coupling {
+            None => features(kinds, at.joints, at.motions),
+            Some(_) => features(kinds, at.joints, &at.poe.motions(at.joints)),
+        };
+        let deflection = self.total(at, &frames, &target, &places, rows);
         observer.deflection(&deflection);
-        deflect(at, &frames, &target, &deflection, bound)
+        let mut out = deflect(at, &frames, &target, &deflection, bound);
+        if let Some(variance) = &self.variance {
+            let landmarks = rows.get(self.support_words(kinds.len())..);
+            let kernels = &self.processes.kernels;
+            let unexplained = variance.unexplained(
+                kinds,
+                kernels,
+                landmarks.unwrap_or(&[]),
+                &places,
+                at.payload_kg,
+            );
+            let known = (kernels.get(..kinds.len()), frames.get(..kinds.len()));
+            let (kernels, frames) = (known.0.unwrap_or(&[]), known.1.unwrap_or(&[]));
+            let prior = prior(at, kernels, frames, &target);
+            out.position_sigma = Some(variance.standard_deviation(prior, unexplained));
+        }
+        out
     }
 }
 
@@ -310,10 +343,13 @@ fn deflect<T: Scalar>(
     };
     serial = serial.map(scaled);
     twist = Twist::from_array(&twist.to_array().map(scaled));
-    let pose = at.poe.forward_with(&deflected(at.motions, kinds, &serial));
+    let mut motions = [JointMotion::still(); MAX_JOINTS];
+    deflected_into(at.motions, kinds, &serial, &mut motions);
+    let pose = at.poe.forward_at(&motions);
     Compensated {
         pose,
         twist,
         bounded,
+        position_sigma: None,
     }
 }

@@ -4,8 +4,11 @@
 //! ([`crate::newton`]); with an elastic model they are of the chain alone, because its deflection is small and smooth:
 //!
 //! ```text
-//! y = q + two steps:  POE(C y) = nominal(C q)               the joints that the arm must have after all deflection
-//! D ≈ φ(y − φ(y) − …) + g(y − φ(y)) + r(…)                  gravity φ twice, processes g once, ripple r twice
+//! y₁ = q + a step at q                      POE(C y) = nominal(C q): where the chain must be after all deflection
+//! g  = processes at y₁ − φ(q)               φ: gravity
+//! n  = y₁ − φ(q) − g                        where the command will be, nearly
+//! y  = y₁ + a step at n + one more by the same equations, after the check
+//! D  = φ(n) + g + r(y − φ(n) − g)           r: ripple, which changes quickest, last
 //! q* = y − D
 //! ```
 //!
@@ -13,10 +16,11 @@
 //!
 //! **The check.** Shoulder and wrist singularities are inside ordinary joint ranges, and there a step can lead anywhere.
 //! So the chain is evaluated once more at y (in task space with its correction), and the error there is compared with that
-//! of the uncorrected command, nominal(q) against POE(q + D). Unless it is smaller, in position and altogether, the
-//! answer is the command as it came, with [`Status::CORRECTION_REFUSED`]. A second pass of the processes would cost as
-//! much as everything else; instead, the deflection may change by [`LAG`] of itself between the places where it is
-//! evaluated and where it is used. Fitted deflections change by less than a tenth of that.
+//! of the uncorrected command, nominal(q) against POE(q + D). Unless it is smaller, in position and altogether, by more
+//! than this comparison can be wrong, the answer is the command as it came, with [`Status::CORRECTION_REFUSED`]. A second
+//! pass of the processes would cost as much as everything else; instead, the deflection may change by [`LAG`] of itself
+//! between the places where it is evaluated and where it is used. Everything else that is neglected is bounded by the
+//! second derivative of a chain, |f(y + d) − f(y) − J d| ≤ reach · (Σ|d|)².
 //!
 //! An arm of less than six joints cannot reach every pose: it is brought to the position, and its rotation as near as that
 //! allows.
@@ -29,7 +33,7 @@ use crate::deflection::{GravityRegressors, PerJoint, coupled, deflected_into, fe
 use crate::model::checked::is_within;
 use crate::model::elastic::ElasticCorrection;
 use crate::model::task_space::TaskSpaceCorrection;
-use crate::newton::{Equations, Hybrid, length, pose_error, squares};
+use crate::newton::{Equations, Hybrid, length, less, pose_error, squares};
 use crate::poe::JointMotion;
 use crate::scalar::Scalar;
 use crate::se3::{Pose, Twist};
@@ -44,9 +48,9 @@ pub const CORRECTED_WITHIN: f64 = 5e-6;
 const LAG: f64 = 0.01;
 /// λ of the damped steps; in a study 1e-7 was as good and 1e-5 worse.
 const DAMPING: f64 = 1e-6;
-/// Radians per metre that an arm of less than six joints may be off to be in the right place: errors of position that
-/// the least squares leave are smaller than those of rotation by the square of it.
-const ROTATION_WEIGHT: f64 = 1.0 / 64.0;
+/// Metres that a radian counts for an arm of less than six joints: what the least squares leave of the position is smaller
+/// than what they leave of the rotation, by the square of it.
+const ROTATION_WEIGHT: f64 = 1.0 / 256.0;
 /// Newton steps.
 const STEPS: usize = 2;
 /// The same with a correction in task space: two leave more than 1 µm at 1 % of the poses.
@@ -89,8 +93,7 @@ impl<T: Scalar> View<'_, T> {
             return as_it_came(Status::BAD_INPUT);
         };
         let mut motions = [JointMotion::still(); MAX_JOINTS];
-        arm.calibrated
-            .motions_into(&coupled(arm.coupling.as_ref(), &x), &mut motions);
+        arm.motions(&x, &mut motions);
         let mut frames = [Pose::from_rows(&[T::ZERO; 12]); MAX_JOINTS];
         let target = arm.nominal.joint_frames_at(&motions, &mut frames);
         let mut search = Search {
@@ -115,7 +118,7 @@ impl<T: Scalar> View<'_, T> {
             ArmCorrection::TaskSpace(task) => search.by_evaluation(Some(task)),
             ArmCorrection::Elastic(elastic) => search.by_deflection(elastic),
         };
-        let status = arm.range_status(&x, payload_kg);
+        let (_, status) = arm.range(&x, payload_kg);
         let status = status.with_if(found.bounded, Status::CORRECTION_BOUNDED);
         found.judged(&x, &search.equations, status)
     }
@@ -212,16 +215,17 @@ impl<T: Scalar> Search<'_, T> {
     }
 
     /// One step more by the equations that are there, if that is sure to be better than the error `after` where the
-    /// chain was evaluated last, `away` (Σ|d|) from the place of the equations. Returns by how much, in metres, the new error
-    /// may be wrong: |f(y + s) − f(y) − J s| ≤ reach · Σ|s| · (Σ|s| + away).
+    /// chain was evaluated last, `away` (Σ|d|) from the place of the equations. Returns by how much the new error may be
+    /// wrong: the square of |f(y + s) − f(y) − J s| ≤ reach · Σ|s| · (Σ|s| + away), `reach` being squared.
     #[inline(never)]
-    fn go_on(&mut self, after: &mut Hybrid<T>, away: T) -> T {
+    fn go_on(&mut self, after: &mut Hybrid<T>, away: T, reach: T) -> T {
         let step = self.equations.step(after);
-        let mut left = *after;
-        self.equations.take_off(&mut left, &step);
+        let left = less(after, T::ONE, &self.equations.moved(&step));
         let moved = length(&step);
-        let unseen = self.equations.reach() * moved * (moved + away);
-        if squares(&left).0.sqrt() + unseen < squares(after).0.sqrt() {
+        let unseen = moved * (moved + away);
+        let unseen = reach * unseen * unseen;
+        // Both below half of it, in squares: (a + b)² ≤ 2 (a² + b²).
+        if T::from_f64(2.0) * (squares(&left).0 + unseen) < squares(after).0 {
             for (value, delta) in self.change.iter_mut().zip(&step) {
                 *value += *delta;
             }
@@ -284,9 +288,9 @@ impl<T: Scalar> Search<'_, T> {
         };
         // First step, and gravity, at the command.
         let pose = arm.calibrated.joint_frames_at(self.motions, self.frames);
-        let mut before = self.error(&pose);
+        let plain = self.error(&pose);
         self.form_equations(&pose);
-        self.take_step(&before);
+        self.take_step(&plain);
         let roughly = gravity(self.frames, &pose);
         // Processes where gravity alone would have it.
         let place = difference(&self.change, &roughly);
@@ -302,23 +306,26 @@ impl<T: Scalar> Search<'_, T> {
         };
         // Gravity again and the second step where both would have it: at the corrected command, nearly.
         let near = difference(&place, &mean);
+        let expected = difference(&self.change, &near);
+        let at_command = self.equations.moved(&expected);
         let pose = self.chain(&near);
         let smooth = sum(&gravity(self.frames, &pose), &mean);
         self.form_equations(&pose);
-        let mut error = self.error(&pose);
-        let back = difference(&self.change, &near);
-        self.equations.take_off(&mut error, &back);
+        let at_corrected = self.equations.moved(&expected);
+        let error = less(&self.error(&pose), T::ONE, &at_corrected);
         self.take_step(&error);
         // The check, where the chain is to be, and what it finds.
         let change = self.change;
         let pose = self.chain(&change);
         let mut after = self.error(&pose);
         let away = length(&difference(&change, &near));
-        let mut margin = self.go_on(&mut after, away);
+        let reach = self.equations.squared_reach();
+        let unseen = self.go_on(&mut after, away, reach);
         // Ripple last, for it changes quickest.
         let place = sum(self.joints, &difference(&self.change, &smooth));
         let mut deflection = sum(&smooth, &terms.ripple_towards(&place));
-        let (position, rotation) = self.equations.take_off(&mut [T::ZERO; 6], &deflection);
+        let effect = self.equations.moved(&deflection);
+        let (position, rotation) = squares(&effect);
         let weight = self.rotation_weight;
         let (factor, bounded) = elastic
             .bound
@@ -331,15 +338,18 @@ impl<T: Scalar> Search<'_, T> {
                 *value * factor
             };
         }
-        let (position, _) = self.equations.take_off(&mut before, &deflection);
-        // The deflection was evaluated beside the command, and its effect is that at the corrected one.
-        margin += T::from_f64(LAG) * position.sqrt()
-            + self.equations.reach() * length(&deflection) * length(&self.change);
+        // The error of the command, with what it deflects the arm by there: nearly all of it by the Jacobian there.
+        let mut before = less(&plain, factor, &at_command);
+        before = less(&before, factor, &less(&effect, T::ONE, &at_corrected));
+        let rest = length(&difference(&deflection, &expected)) * length(&self.change);
+        let bent = length(&deflection);
+        let elsewhere = rest + bent * bent;
+        let margin = T::from_f64(LAG * LAG) * position + reach * elsewhere * elsewhere + unseen;
         Found {
             change: difference(&self.change, &deflection),
             before,
             after,
-            margin,
+            margin: (T::from_f64(3.0) * margin).sqrt(),
             bounded,
         }
     }
@@ -389,7 +399,7 @@ impl<T: Scalar> Found<T> {
         // The command is a number of type T: what that rounds away is part of its error.
         let command = sum(joints, &self.change);
         let rounded = difference(&difference(&command, joints), &self.change);
-        equations.take_off(&mut self.after, &rounded);
+        self.after = less(&self.after, T::ONE, &equations.moved(&rounded));
         let (position, rotation) = squares(&self.after);
         let (position_before, rotation_before) = squares(&self.before);
         let (distance, distance_before) = (position.sqrt(), position_before.sqrt());

@@ -2,7 +2,7 @@
 
 use heapless::Vec;
 use nalgebra::Vector3;
-use poegp_protocol::blob::Elastic;
+use poegp_protocol::blob::{Elastic, Variance};
 
 use super::checked::{MAX_COEFFICIENT, checked_bound, is_within};
 use crate::bound::Bound;
@@ -33,6 +33,7 @@ pub(super) struct ElasticCorrection<T> {
 impl<T: Scalar> ElasticCorrection<T> {
     pub(super) fn from_wire(
         wire: &Elastic<'_>,
+        variance: Option<&Variance<'_>>,
         joints: usize,
         payload: Option<(f32, f32)>,
     ) -> Result<Self, LoadError> {
@@ -42,6 +43,7 @@ impl<T: Scalar> ElasticCorrection<T> {
             gravity: gravity(wire, joints)?,
             ripple: ripple(wire, joints)?,
             processes: processes(wire, joints, heaviest)?,
+            variance: variance.map(super::variance::header),
         };
         Ok(Self {
             deflection,

@@ -10,6 +10,7 @@ mod checked;
 mod correct;
 mod elastic;
 mod task_space;
+mod variance;
 mod view;
 
 use heapless::Vec;
@@ -21,13 +22,14 @@ use crate::bound::bounded;
 use crate::deflection::{self, CouplingMatrix};
 use crate::load_error::LoadError;
 pub use crate::observer::{Observer, Stages};
-use crate::poe::Poe;
+use crate::poe::{JointMotion, Poe};
 use crate::posterior::{self, MAX_SCALED_INPUT};
 use crate::scalar::{MAX_ANGLE, Scalar};
 use crate::se3::{Pose, Twist};
 use crate::status::Status;
 pub use correct::{CORRECTED_WITHIN, Corrected, MAX_JOINT_CHANGE};
 
+use crate::trust::Trust;
 use checked::{
     MAX_COEFFICIENT, checked_chain, checked_coupling, checked_range, checked_rows, is_within,
 };
@@ -52,6 +54,13 @@ pub struct Evaluation<T> {
     pub correction: Twist<T>,
     /// What it is worth.
     pub status: Status,
+    /// How much of the correction's prior the trained ranges explain at this input, from 1 within them to 0 far away;
+    /// see [`crate::trust`]. 0 for input that is none.
+    pub trust: T,
+    /// Standard deviation of one position component of a new measurement about this pose, metres, root mean square over
+    /// the three axes: of an elastic model with a variance (see [`crate::deflection::PositionVariance`]), for input
+    /// that is one.
+    pub position_sigma: Option<T>,
 }
 
 /// A calibrated arm.
@@ -88,6 +97,7 @@ struct Arm<T> {
     coupling: Option<CouplingMatrix<T>>,
     joint_ranges: [(T, T); MAX_JOINTS],
     payload_range: Option<(T, T)>,
+    trust: Trust<T>,
     correction: ArmCorrection<T>,
 }
 
@@ -127,8 +137,9 @@ impl<T: Scalar, const WORDS: usize> Model<T, WORDS> {
             Err(error) => Err(error),
             Ok(slot) => {
                 let bytes = checked_support(blob, WORDS)?;
+                let landmarks = variance::checked(blob, WORDS - bytes.len() / 4)?;
                 self.rows.clear();
-                for word in bytes.as_chunks::<4>().0 {
+                for word in [bytes, landmarks].iter().flat_map(|b| b.as_chunks::<4>().0) {
                     // Cannot fail: the length was compared with the capacity.
                     let _ = self.rows.push(T::from_f32(f32::from_le_bytes(*word)));
                 }
@@ -151,8 +162,9 @@ impl<T: Scalar, const WORDS: usize> Model<T, WORDS> {
             Some(ArmCorrection::TaskSpace(task)) => {
                 self.rows.len() / posterior::row_words(task.header.inputs)
             }
-            Some(ArmCorrection::Elastic(_)) => {
-                self.rows.len() / deflection::row_words(self.joints())
+            Some(ArmCorrection::Elastic(elastic)) => {
+                let joints = self.joints();
+                elastic.deflection.support_words(joints) / deflection::row_words(joints)
             }
             _ => 0,
         }
@@ -232,6 +244,8 @@ impl<T: Scalar> View<'_, T> {
             pose: Pose::identity(),
             correction: Twist::zero(),
             status,
+            trust: T::ZERO,
+            position_sigma: None,
         };
         let Some(arm) = self.arm else {
             return nothing(Status::NO_MODEL);
@@ -240,13 +254,14 @@ impl<T: Scalar> View<'_, T> {
             return nothing(Status::BAD_INPUT);
         };
         let believable = is_within(payload_kg, T::ZERO, T::from_f32(MAX_PAYLOAD_KG));
-        let serial = deflection::coupled(arm.coupling.as_ref(), &x);
-        let motions = arm.calibrated.motions(&serial);
+        let mut motions = [JointMotion::still(); MAX_JOINTS];
+        arm.motions(&x, &mut motions);
         observer.motions(motions.get(..joints.len()).unwrap_or(&[]));
-        let status = arm.range_status(&x, payload_kg);
+        let (trust, status) = arm.range(&x, payload_kg);
+        let mut position_sigma = None;
         let (pose, correction, bounded) = match &arm.correction {
             ArmCorrection::TaskSpace(task) if believable => {
-                let chain = arm.calibrated.forward_with(&motions);
+                let chain = arm.calibrated.forward_at(&motions);
                 observer.chain(&chain);
                 let x = arm.inputs(&x, payload_kg);
                 let mean = task.header.mean(self.rows, &x);
@@ -268,23 +283,26 @@ impl<T: Scalar> View<'_, T> {
                     elastic
                         .deflection
                         .compensate(&at, self.rows, Some(&elastic.bound), observer);
+                position_sigma = result.position_sigma;
                 (result.pose, result.twist, result.bounded)
             }
             _ => {
-                let chain = arm.calibrated.forward_with(&motions);
+                let chain = arm.calibrated.forward_at(&motions);
                 observer.chain(&chain);
                 (chain, Twist::zero(), false)
             }
         };
-        let status = if believable {
-            status.with_if(bounded, Status::CORRECTION_BOUNDED)
+        let (status, trust) = if believable {
+            (status.with_if(bounded, Status::CORRECTION_BOUNDED), trust)
         } else {
-            Status::BAD_INPUT
+            (Status::BAD_INPUT, T::ZERO)
         };
         Evaluation {
             pose,
             correction,
             status,
+            trust,
+            position_sigma,
         }
     }
 }
@@ -353,6 +371,7 @@ impl<T: Scalar> Arm<T> {
                 .payload_kg
                 .map(|range| checked_range(range, MAX_PAYLOAD_KG))
                 .transpose()?,
+            trust: Trust::of(blob),
             correction: match &blob.correction {
                 Correction::None => ArmCorrection::None,
                 Correction::TaskSpace(task) => {
@@ -361,9 +380,14 @@ impl<T: Scalar> Arm<T> {
                         joints + usize::from(blob.ranges.payload_kg.is_some()),
                     )?)
                 }
-                Correction::Elastic(elastic) => ArmCorrection::Elastic(
-                    ElasticCorrection::from_wire(elastic, joints, blob.ranges.payload_kg)?,
-                ),
+                Correction::Elastic(elastic) => {
+                    ArmCorrection::Elastic(ElasticCorrection::from_wire(
+                        elastic,
+                        blob.variance.as_ref(),
+                        joints,
+                        blob.ranges.payload_kg,
+                    )?)
+                }
             },
         }))
     }
@@ -385,6 +409,17 @@ impl<T: Scalar> Arm<T> {
         Some(out)
     }
 
+    /// What the serial joints do at the controller's joints `x`.
+    #[inline(always)]
+    fn motions(&self, x: &[T; MAX_JOINTS], out: &mut [JointMotion<T>; MAX_JOINTS]) {
+        match &self.coupling {
+            None => self.calibrated.motions_into(x, out),
+            coupling => self
+                .calibrated
+                .motions_into(&deflection::coupled(coupling.as_ref(), x), out),
+        }
+    }
+
     /// x = [q, m].
     #[inline(always)]
     fn inputs(&self, joints: &[T; MAX_JOINTS], payload_kg: T) -> [T; MAX_INPUTS] {
@@ -401,17 +436,15 @@ impl<T: Scalar> Arm<T> {
         x
     }
 
+    /// Trust in finite joints and payload, and which of them are outside the trained ranges.
     #[inline(always)]
-    fn range_status(&self, joints: &[T; MAX_JOINTS], payload_kg: T) -> Status {
-        let mut outside = false;
-        for (value, (lower, upper)) in joints.iter().zip(&self.joint_ranges) {
-            outside |= *value < *lower || *value > *upper;
-        }
-        let payload_outside = self
-            .payload_range
-            .is_some_and(|(lower, upper)| payload_kg < lower || payload_kg > upper);
-        Status::OK
-            .with_if(outside, Status::OUTSIDE_JOINT_RANGE)
-            .with_if(payload_outside, Status::OUTSIDE_PAYLOAD_RANGE)
+    fn range(&self, joints: &[T; MAX_JOINTS], payload_kg: T) -> (T, Status) {
+        let joints = joints.get(..self.calibrated.kinds().len());
+        self.trust.at(
+            joints.unwrap_or(&[]),
+            &self.joint_ranges,
+            payload_kg,
+            self.payload_range,
+        )
     }
 }

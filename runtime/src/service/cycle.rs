@@ -203,8 +203,8 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
             blob_crc: self.active.blob_crc,
             pose: result.pose.to_rows(),
             correction: result.correction.to_array(),
-            trust: 1.0,
-            position_sigma: None,
+            trust: result.trust,
+            position_sigma: result.position_sigma,
             status: result.status.bits(),
             ticks,
         }

@@ -4,7 +4,6 @@ use heapless::String;
 use poegp_protocol::link::{MAX_NAME, ModelIdentity, Refusal};
 use poegp_protocol::{blob, envelope};
 
-use crate::load_error::LoadError;
 use crate::model::Model;
 use crate::signature;
 use crate::store::Slot;
@@ -46,28 +45,44 @@ impl<const WORDS: usize> Resident<WORDS> {
     /// # Errors
     /// [`Refusal::Blob`], [`Refusal::Signature`], [`Refusal::Model`].
     // Not inlined: the large stack frames of the two steps must not lie on top of each other.
-    pub(super) fn load(&mut self, bytes: &[u8], key: Option<&[u8; 32]>) -> Result<(), Refusal> {
-        let crc = blob::stored_crc(bytes).unwrap_or(0);
+    pub fn load(&mut self, bytes: &[u8], key: Option<&[u8; 32]>) -> Result<(), Refusal> {
         check_signature(bytes, key)?;
-        self.load_blob(bytes)?;
-        self.blob_crc = crc;
+        self.load_unverified(bytes)?;
         self.signed = u8::from(key.is_some());
+        Ok(())
+    }
+
+    /// The same without a key. A program that calls nothing else links no cryptography.
+    ///
+    /// # Errors
+    /// [`Refusal::Blob`], [`Refusal::Model`].
+    pub fn load_unverified(&mut self, bytes: &[u8]) -> Result<(), Refusal> {
+        self.load_blob(bytes)?;
+        self.blob_crc = blob::stored_crc(bytes).unwrap_or(0);
+        self.signed = 0;
         self.slot = 0;
         Ok(())
     }
 
     #[inline(never)]
     fn load_blob(&mut self, bytes: &[u8]) -> Result<(), Refusal> {
-        let loaded = blob::decode_and(bytes, |blob| {
-            self.model.load(blob)?;
-            self.robot = name(blob.robot.name);
-            self.serial_number = name(blob.robot.serial_number);
-            Ok(())
-        });
-        match loaded {
-            Err(error) => Err(Refusal::Blob(error)),
-            Ok(result) => result.map_err(|error: LoadError| Refusal::Model { code: error.code() }),
+        // By reference: every move would be a copy of the blob on the stack.
+        match &blob::decode(bytes) {
+            Err(error) => Err(Refusal::Blob(*error)),
+            Ok(blob) => {
+                self.model
+                    .load(blob)
+                    .map_err(|error| Refusal::Model { code: error.code() })?;
+                self.robot = name(blob.robot.name);
+                self.serial_number = name(blob.robot.serial_number);
+                Ok(())
+            }
         }
+    }
+
+    /// Its arithmetic.
+    pub fn model(&self) -> &Model<f32, WORDS> {
+        &self.model
     }
 
     /// Forgets the model.

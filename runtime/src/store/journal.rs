@@ -6,7 +6,6 @@
 //! (flash with error correction reports torn units so) is skipped.
 
 use embedded_storage::nor_flash::NorFlash;
-use poegp_protocol::blob::CRC;
 
 use super::layout::{Layout, Slot, stride_unit};
 use super::medium;
@@ -15,7 +14,7 @@ use super::{StoreError, Stored};
 /// Bytes of a record before it is filled up to whole units.
 pub const RECORD: u32 = 28;
 const LENGTH: usize = RECORD as usize;
-const MAGIC: [u8; 4] = *b"PGS1";
+const MAGIC: u32 = u32::from_le_bytes(*b"PGS1");
 
 /// What the slots hold.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -57,16 +56,13 @@ impl State {
 
     fn to_bytes(self) -> [u8; LENGTH] {
         let [(a_length, a_crc), (b_length, b_crc)] = self.blobs;
+        let words = [MAGIC, self.sequence, a_length, a_crc, b_length, b_crc];
         let mut bytes = [0; LENGTH];
-        let words = [self.sequence, a_length, a_crc, b_length, b_crc];
-        let fields = MAGIC
-            .into_iter()
-            .chain(words.into_iter().flat_map(u32::to_le_bytes));
-        for (byte, field) in bytes.iter_mut().zip(fields) {
-            *byte = field;
-        }
         if let Some((fields, crc)) = bytes.split_last_chunk_mut::<4>() {
-            *crc = CRC.checksum(fields).to_le_bytes();
+            for (field, word) in fields.as_chunks_mut().0.iter_mut().zip(words) {
+                *field = word.to_le_bytes();
+            }
+            *crc = medium::checksum(fields).to_le_bytes();
         }
         bytes
     }
@@ -74,15 +70,11 @@ impl State {
     /// The record in the head of `first` that has these bytes.
     fn from_bytes(first: Slot, bytes: &[u8; LENGTH]) -> Option<Self> {
         let (fields, crc) = bytes.split_last_chunk::<4>()?;
-        if CRC.checksum(fields) != u32::from_le_bytes(*crc) {
+        let mut words = fields.as_chunks().0.iter().copied().map(u32::from_le_bytes);
+        let mut word = || words.next();
+        if medium::checksum(fields) != u32::from_le_bytes(*crc) || word()? != MAGIC {
             return None;
         }
-        let mut rest = fields.strip_prefix(&MAGIC)?;
-        let mut word = || -> Option<u32> {
-            let (word, after) = rest.split_first_chunk()?;
-            rest = after;
-            Some(u32::from_le_bytes(*word))
-        };
         Some(Self {
             sequence: word()?,
             first,

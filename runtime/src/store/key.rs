@@ -28,7 +28,6 @@
 //! provisioning refuses, too, until it is repeated.
 
 use embedded_storage::nor_flash::NorFlash;
-use poegp_protocol::blob::CRC;
 
 use super::journal::blank;
 use super::layout::{Layout, stride_unit};
@@ -71,17 +70,20 @@ fn position<F: NorFlash>(flash: &mut F, at: u32, magic: [u8; 4]) -> Position {
 fn key_of(bytes: &[u8; LENGTH], magic: [u8; 4]) -> Option<[u8; 32]> {
     let (fields, crc) = bytes.split_last_chunk::<4>()?;
     let (found, key) = fields.split_first_chunk::<4>()?;
-    let intact = CRC.checksum(fields) == u32::from_le_bytes(*crc) && *found == magic;
+    let intact = medium::checksum(fields) == u32::from_le_bytes(*crc) && *found == magic;
     key.try_into().ok().filter(|_| intact)
 }
 
 fn record(magic: [u8; 4], key: &[u8; 32]) -> [u8; LENGTH] {
     let mut bytes = [0; LENGTH];
-    for (byte, field) in bytes.iter_mut().zip(magic.iter().chain(key)) {
-        *byte = *field;
-    }
     if let Some((fields, crc)) = bytes.split_last_chunk_mut::<4>() {
-        *crc = CRC.checksum(fields).to_le_bytes();
+        if let Some((first, rest)) = fields.split_first_chunk_mut() {
+            *first = magic;
+            if let Some(rest) = rest.first_chunk_mut() {
+                *rest = *key;
+            }
+        }
+        *crc = medium::checksum(fields).to_le_bytes();
     }
     bytes
 }

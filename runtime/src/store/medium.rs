@@ -96,6 +96,12 @@ pub fn holds<F: NorFlash>(flash: &mut F, at: u32, bytes: &[u8]) -> Result<bool, 
     Ok(same)
 }
 
+/// CRC-32C. Not inlined: one copy is enough for all that is not in a hurry.
+#[inline(never)]
+pub fn checksum(bytes: &[u8]) -> u32 {
+    CRC.checksum(bytes)
+}
+
 /// CRC-32C of `length` bytes from `at` on.
 pub fn crc<F: NorFlash>(flash: &mut F, at: u32, length: u32) -> Result<u32, StoreError> {
     let mut digest = CRC.digest();

@@ -42,7 +42,6 @@ mod layout;
 mod medium;
 
 use embedded_storage::nor_flash::NorFlash;
-use poegp_protocol::blob::CRC;
 
 pub use error::StoreError;
 pub use layout::{Layout, Slot};
@@ -117,7 +116,7 @@ impl<F: NorFlash> Store<F> {
             })?;
         let start = self.blob_start(stored.slot);
         medium::read(&mut self.flash, start, bytes)?;
-        let computed = CRC.checksum(bytes);
+        let computed = medium::checksum(bytes);
         if computed != stored.crc {
             return Err(StoreError::CrcMismatch {
                 stored: stored.crc,
@@ -138,7 +137,7 @@ impl<F: NorFlash> Store<F> {
         if blob.is_empty() || length > capacity {
             return Err(StoreError::BlobLength { length, capacity });
         }
-        let crc = CRC.checksum(blob);
+        let crc = medium::checksum(blob);
         let mut state = self.survey().state;
         for slot in [Slot::A, Slot::B] {
             let stored = Stored { slot, length, crc };

@@ -269,6 +269,7 @@ impl Arm {
                 })
             },
             tools: &[],
+            variance: None,
         }
     }
 

@@ -1,6 +1,7 @@
 //! What the runtime promises, checked on the workstation: against numbers from elsewhere, and as laws.
 
 mod arm;
+mod corrected;
 mod deflection_laws;
 mod elastic_model;
 mod elastic_refuses;
@@ -19,3 +20,4 @@ mod seeded;
 mod service;
 mod signature;
 mod signed_blob;
+mod trust;

@@ -1,7 +1,10 @@
 //! Elastic corrections with random numbers of the size that real arms have.
 
 use poegp_protocol::JointKind;
-use poegp_protocol::blob::{self, Correction, CorrectionBound, JointKernel, PayloadGroup, Ripple};
+use poegp_protocol::blob::{
+    self, Correction, CorrectionBound, JointKernel, PayloadGroup, Ripple, Variance,
+};
+use poegp_runtime::deflection;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
@@ -18,6 +21,8 @@ pub struct Elastic {
     pub tied: bool,
     /// Terms of gear ripple.
     pub ripple: usize,
+    /// Landmarks of the variance, which only a tied correction has; 0 for none.
+    pub landmarks: usize,
 }
 
 /// Support points unless a sample says otherwise.
@@ -30,12 +35,52 @@ impl Elastic {
         groups: 5,
         tied: false,
         ripple: 4,
+        landmarks: 0,
     };
     /// The same with one set of length scales for all joints.
     pub const TIED: Self = Self {
         tied: true,
         ..Self::OWN
     };
+
+    /// The same with a standard deviation.
+    pub const TIED_WITH_SIGMA: Self = Self {
+        landmarks: 12,
+        ..Self::TIED
+    };
+
+    /// The variance, with the bytes of its landmarks in `rows`; `None` without landmarks.
+    pub(super) fn variance<'a>(
+        &self,
+        sample: &Sample,
+        generator: &mut ChaCha8Rng,
+        rows: &'a mut Vec<u8>,
+    ) -> Option<Variance<'a>> {
+        for landmark in 0..self.landmarks {
+            for joint in 0..sample.joints {
+                let (lower, upper) = sample.range(joint);
+                let q = generator.random_range(lower..upper);
+                let (sin, cos) = poegp_runtime::scalar::Scalar::sin_cos(q);
+                let feature = match sample.kind(joint) {
+                    JointKind::Revolute => [sin, cos],
+                    JointKind::Prismatic => [q, 0.0],
+                };
+                let place = deflection::landmark_place(sample.kind(joint), &feature);
+                rows.extend(place.into_iter().flat_map(f32::to_le_bytes));
+            }
+            rows.extend(generator.random_range(0.0..PAYLOAD_KG.1).to_le_bytes());
+            for _ in 0..=landmark {
+                rows.extend(generator.random_range(-1.0_f32..1.0).to_le_bytes());
+            }
+        }
+        (self.landmarks > 0).then_some(Variance {
+            floor_m2: 1e-9,
+            noise_m2: 5e-10,
+            gain: 1e-8,
+            landmarks: self.landmarks as u8,
+            rows,
+        })
+    }
 
     /// The correction, with the bytes of its support in `rows`.
     pub(super) fn correction<'a>(

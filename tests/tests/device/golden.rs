@@ -14,7 +14,7 @@ use poegp_tests::workspace;
 use crate::device;
 
 /// Name of the files, and what is in them.
-const CASES: [(&str, Sample); 4] = [
+const CASES: [(&str, Sample); 5] = [
     ("shared", Sample::plain(20, Support::Shared(24))),
     (
         "per_output",
@@ -33,6 +33,14 @@ const CASES: [(&str, Sample); 4] = [
     (
         "elastic_tied",
         Sample::plain(23, Support::Elastic(small(Elastic::TIED))),
+    ),
+    (
+        "elastic_sigma",
+        Sample {
+            coupled: true,
+            prismatic: true,
+            ..Sample::plain(24, Support::Elastic(small(Elastic::TIED_WITH_SIGMA)))
+        },
     ),
 ];
 
@@ -70,6 +78,7 @@ fn files(name: &str) -> (PathBuf, PathBuf) {
                 fs::write(blob, sample.blob()).unwrap();
                 fs::write(bits, on_host(name, &sample)).unwrap();
             }
+            fs::write(trust_path(), trust_on_host()).unwrap();
         }
     });
     paths(name)
@@ -88,9 +97,27 @@ fn on_host(name: &str, sample: &Sample) -> String {
     text(name, &mut |query| host.stages(query), &queries(sample))
 }
 
+fn trust_path() -> PathBuf {
+    workspace().join("tests/data/golden_trust.txt")
+}
+
+/// Trust and standard deviation of every query of every case.
+fn trust_on_host() -> String {
+    let mut out = "# Bits of trust and standard deviation for the queries of golden_*_bits.txt, in order; written like them.\n\
+         # case trust sigma\n"
+        .to_owned();
+    for (name, sample) in CASES {
+        let host = Host::load(&sample.blob()).unwrap();
+        for query in queries(&sample) {
+            out += &format!("{name} {}\n", host.trust_line(&query));
+        }
+    }
+    out
+}
+
 fn assert_same_lines(name: &str, found: &str, expected: &str) {
     for (number, (found, expected)) in found.lines().zip(expected.lines()).enumerate() {
-        assert_eq!(found, expected, "{name}_bits.txt, line {}", number + 1);
+        assert_eq!(found, expected, "{name}, line {}", number + 1);
     }
     assert_eq!(found.lines().count(), expected.lines().count());
 }
@@ -106,6 +133,13 @@ fn host_computes_the_committed_bits() {
         let expected = fs::read_to_string(bits).unwrap();
         assert_same_lines(name, &on_host(name, &sample), &expected);
     }
+}
+
+#[test]
+fn host_computes_the_committed_trust() {
+    files("shared");
+    let expected = fs::read_to_string(trust_path()).unwrap();
+    assert_same_lines("golden_trust", &trust_on_host(), &expected);
 }
 
 #[test]

@@ -119,6 +119,7 @@ fn elastic_without_process_or_ripple() {
         groups: 0,
         ripple: 0,
         tied: false,
+        landmarks: 0,
     };
     compare(elastic(21, bare), 100);
 }
@@ -132,6 +133,7 @@ fn f32_is_within_a_micrometre_of_f64() {
         (7, false, Elastic::OWN),
         (5, false, Elastic::TIED),
         (6, true, Elastic::OWN),
+        (7, true, Elastic::TIED_WITH_SIGMA),
     ] {
         let sample = Sample {
             joints,
@@ -156,6 +158,12 @@ fn f32_is_within_a_micrometre_of_f64() {
                 let off = here.pose.translation.map(f64::from) - there.pose.translation;
                 let off = off.iter().map(|x| x * x).sum::<f64>().sqrt();
                 (sum, worst, count) = (sum + off, worst.max(off), count + 1);
+                assert_eq!((here.trust, there.trust), (1.0, 1.0));
+                if let (Some(single), Some(double)) = (here.position_sigma, there.position_sigma) {
+                    let off = f64::from(single) / double - 1.0;
+                    assert!(off.abs() < 1e-4, "sigma {single} instead of {double}");
+                }
+                assert_eq!(here.position_sigma.is_some(), kind.landmarks > 0);
             }
         }
         let mean = 1e6 * sum / f64::from(count);

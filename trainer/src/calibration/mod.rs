@@ -14,6 +14,7 @@ use poegp_runtime::poe::Poe;
 use poegp_runtime::se3::{Pose, Twist, residual};
 
 use crate::elastic;
+use crate::elastic::device_sigma::device_sigma;
 use crate::elastic::fit::ElasticOptions;
 use crate::elastic::inflation::Recipe;
 use crate::elastic::model::ElasticModel;
@@ -263,17 +264,20 @@ pub fn calibrate(
         _ => None,
     };
     if let Some(options) = &elastic {
-        let robust = elastic::fit::fit_robust(&nominal, &chain_ends, coupling, &in_base, options)
-            .ok_or(CalibrationError::Unsolvable)?;
-        let mut fit = robust.fit;
+        let mut robust =
+            elastic::fit::fit_robust(&nominal, &chain_ends, coupling, &in_base, options)
+                .ok_or(CalibrationError::Unsolvable)?;
         let kept: Vec<Sample> = robust.kept.iter().map(|i| in_base[*i].clone()).collect();
-        let model = ElasticModel::new(&mut fit, &kept, coupling, options);
+        let model = ElasticModel::new(&mut robust.fit, &kept, coupling, options);
+        let mut model = model.ok_or(CalibrationError::Unsolvable)?;
+        if options.device_sigma && options.tied && options.processes {
+            model.sigma = device_sigma(&robust, &kept, model.coupling.as_ref());
+        }
         out.outliers = robust.outliers;
-        out.elastic =
-            Some(model.ok_or(CalibrationError::Unsolvable)?).filter(|_| method == Method::Elastic);
-        out.calibrated = fit.state.chain(0);
-        out.tools = relative(&fit.state.tools);
-        out.uncertainty = Uncertainty::new(fit, &kept, robust.inflation).map(|u| {
+        out.elastic = Some(model).filter(|_| method == Method::Elastic);
+        out.calibrated = robust.fit.state.chain(0);
+        out.tools = relative(&robust.fit.state.tools);
+        out.uncertainty = Uncertainty::new(robust.fit, &kept, robust.inflation).map(|u| {
             u.with_recipe(Recipe {
                 chain: nominal,
                 tools: chain_ends.clone(),

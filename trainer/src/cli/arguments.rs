@@ -68,6 +68,9 @@ pub struct FitArguments {
     /// One set of length scales for all joints of the elastic model: a sixth of the exponentials, a little less accurate.
     #[arg(long)]
     pub tied: bool,
+    /// Leave the standard deviation of the position out of a blob with --tied.
+    #[arg(long)]
+    pub no_device_sigma: bool,
     /// Support points of the elastic model on the device, or `all`.
     #[arg(long, value_name = "M", default_value = "100", value_parser = support)]
     pub support: Support,
@@ -253,6 +256,10 @@ pub struct Evaluate {
     /// One row per measurement, in order: x_mm,y_mm,z_mm,qw,qx,qy,qz,status of the predicted instrument_from_target.
     #[arg(long, value_name = "FILE")]
     pub predictions: Option<PathBuf>,
+    /// Two more columns of the predictions: trust,sigma_mm, what the device says of its own answer (sigma_mm is empty when
+    /// the blob does not know it).
+    #[arg(long, requires = "predictions")]
+    pub trust: bool,
     /// Errors as JSON (`-`: standard output).
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
@@ -349,6 +356,7 @@ pub struct Verify {
 
 /// `trainer demo`.
 #[derive(Debug, Args)]
+#[command(after_help = "With --device it needs qemu-system-arm and a compiler for the board.")]
 pub struct Demo {
     /// Seed of the simulated arm.
     #[arg(long, default_value_t = 1)]
@@ -356,6 +364,9 @@ pub struct Demo {
     /// Folder to write into; created if it does not exist.
     #[arg(long, value_name = "DIR", default_value = "demo")]
     pub out: PathBuf,
+    /// Then bring the model onto an emulated co-processor and have the simulated arm execute the commands it corrects.
+    #[arg(long)]
+    pub device: bool,
 }
 
 /// Number of support points.

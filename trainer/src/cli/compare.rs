@@ -51,6 +51,7 @@ impl FitArguments {
         };
         let elastic = ElasticOptions {
             tied: self.tied,
+            device_sigma: !self.no_device_sigma,
             support: self.support.0,
             gravity: self.gravity.0.into(),
             outliers: match self.outliers {

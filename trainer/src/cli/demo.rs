@@ -1,9 +1,11 @@
 //! `trainer demo`: the paper's simulation from nothing, and its Table I beside ours.
 
 use super::arguments::Demo;
+use super::demo_device::DemoDevice;
 use super::report::Report;
 use super::simulate::{make_folder, write_sets};
 use super::{Failure, device_failure, evaluate, json_text, origin, progress};
+use crate::calibration::frames::Sample;
 use crate::calibration::{Method, Options};
 use crate::cli::arguments::Evaluate;
 use crate::compare::{ModelComparison, Task, TestSet};
@@ -27,6 +29,8 @@ const FOLDS: usize = 10;
 
 pub fn run(a: &Demo) -> Result<(), Failure> {
     let report = Report::beside(&[]);
+    // First, so that what is missing on this machine is said before a minute of work.
+    let mut board = a.device.then(|| DemoDevice::start(report)).transpose()?;
     make_folder(&a.out)?;
     let robot = Robot::load(ROBOT, &crate::robot::LoadOptions::default())?;
     let nominal = nominal_chain(&robot).map_err(|e| Failure::Usage(e.to_string()))?;
@@ -117,6 +121,7 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
         blob: blob.clone(),
         test: a.out.join(&files[1].0),
         fit_tool: None,
+        trust: false,
         predictions: Some(a.out.join("predictions.csv")),
         json: None,
     })?;
@@ -125,8 +130,7 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
         1e6 * found.fidelity.mean_m,
         1e6 * found.fidelity.max_m
     ));
-    report.line(format_args!("\nEverything is in {}:", a.out.display()));
-    for (name, what) in [
+    let mut written = vec![
         ("train.csv", "measurements to train on"),
         (
             "test1.csv test2.csv test3.csv",
@@ -138,7 +142,26 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
         ),
         ("predictions.csv", "its predictions for test1.csv"),
         ("compare.json", "all errors, for other programs"),
-    ] {
+    ];
+    if let Some(board) = &mut board {
+        let elastic = Options::new(Method::Elastic);
+        let elastic = calibrate_for_device(&nominal, &robot, &train, &elastic, &origin)
+            .map_err(|e| device_failure(&train_path, e))?;
+        crate::output::write(&a.out.join("elastic.blob"), elastic.blob.bytes())?;
+        written.insert(3, ("elastic.blob", "the elastic model"));
+        let poses: Vec<&Sample> = tests.iter().flat_map(|set| &set.samples).collect();
+        board.run(
+            report,
+            &[
+                (title(Method::PoeGpLoad), found.blob.bytes()),
+                (title(Method::Elastic), elastic.blob.bytes()),
+            ],
+            &poses,
+            &mut simulator,
+        )?;
+    }
+    report.line(format_args!("\nEverything is in {}:", a.out.display()));
+    for (name, what) in written {
         report.line(format_args!("  {name:30} {what}"));
     }
     Ok(())

@@ -14,6 +14,19 @@ pub struct ElasticFacts {
     support: usize,
     ripple: Vec<RippleFacts>,
     outliers: Vec<OutlierFacts>,
+    /// Of a blob that says how well it knows the position.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    device_sigma: Option<SigmaFacts>,
+    /// Whether one was wanted: tied length scales, and not left out.
+    #[serde(skip)]
+    device_sigma_wanted: bool,
+}
+
+#[derive(Serialize)]
+struct SigmaFacts {
+    landmarks: usize,
+    floor_mm: f64,
+    noise_mm: f64,
 }
 
 #[derive(Serialize)]
@@ -34,7 +47,14 @@ struct OutlierFacts {
 impl ElasticFacts {
     /// Of a calibration; `lines` are the lines of the samples in their file.
     pub fn new(calibration: &Calibration, lines: &[usize]) -> Option<Self> {
-        let report = &calibration.elastic.as_ref()?.report;
+        let elastic = calibration.elastic.as_ref()?;
+        let report = &elastic.report;
+        let options = &calibration.options.elastic;
+        let sigma = elastic.sigma.as_ref().map(|sigma| SigmaFacts {
+            landmarks: sigma.header.landmarks,
+            floor_mm: 1e3 * sigma.header.floor.sqrt(),
+            noise_mm: 1e3 * sigma.noise.sqrt(),
+        });
         let rejected = calibration.options.elastic.outliers == OutlierPolicy::Reject;
         let ripple = report
             .ripple
@@ -59,6 +79,8 @@ impl ElasticFacts {
             support: report.support,
             ripple: ripple.collect(),
             outliers: outliers.collect(),
+            device_sigma: sigma,
+            device_sigma_wanted: options.tied && options.device_sigma && options.processes,
         })
     }
 
@@ -68,6 +90,16 @@ impl ElasticFacts {
             "  fitted noise of one component: {:.4} mm, {:.4} mrad",
             self.noise_mm, self.noise_mrad
         ));
+        if let Some(sigma) = &self.device_sigma {
+            report.line(format_args!(
+                "  the device's standard deviation is {:.4} mm at least, of which the noise is {:.4} mm",
+                sigma.floor_mm, sigma.noise_mm
+            ));
+        } else if self.device_sigma_wanted {
+            report.line(
+                "  note: no standard deviation for the device: its equations cannot be solved",
+            );
+        }
         for r in &self.ripple {
             report.line(format_args!(
                 "  gear ripple of joint {}: {:.1} cycles per turn, {:.0} µrad",

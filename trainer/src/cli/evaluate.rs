@@ -38,6 +38,52 @@ struct SetErrors {
     against_truth: Option<ErrorSummary>,
     /// Poses whose status was not `ok`.
     flagged: usize,
+    trust: TrustFacts,
+    /// What the device says of its own error, of a blob that knows it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    position_sigma: Option<SigmaFacts>,
+}
+
+/// The device's trust in its inputs, 1 within what was trained.
+#[derive(Serialize)]
+struct TrustFacts {
+    mean: f32,
+    least: f32,
+}
+
+/// The device's standard deviation of position, and the shares of single components of the errors within it.
+#[derive(Serialize)]
+struct SigmaFacts {
+    mean_mm: f64,
+    /// Within one standard deviation; 0.68 when it is true.
+    one_sigma: f64,
+    /// Within 1.96 standard deviations; 0.95 when it is true.
+    two_sigma: f64,
+}
+
+impl SigmaFacts {
+    /// Of the scored samples; `None` when the blob does not know it.
+    fn new(samples: &[Sample], predictions: &[Prediction], scored: &[usize]) -> Option<Self> {
+        let (mut one, mut two, mut sum, mut known) = (0, 0, 0.0, 0);
+        for i in scored {
+            let Some(sigma) = predictions[*i].position_sigma.map(f64::from) else {
+                continue;
+            };
+            let error = samples[*i].measured.translation - predictions[*i].pose.translation;
+            for component in error.iter() {
+                one += usize::from(component.abs() <= sigma);
+                two += usize::from(component.abs() <= 1.96 * sigma);
+            }
+            sum += sigma;
+            known += 1;
+        }
+        let share = |count: usize| count as f64 / f64::from(3 * known);
+        (known > 0).then(|| Self {
+            mean_mm: 1e3 * sum / f64::from(known),
+            one_sigma: share(one),
+            two_sigma: share(two),
+        })
+    }
 }
 
 pub fn run(a: &Evaluate) -> Result<(), Failure> {
@@ -85,13 +131,22 @@ pub fn run(a: &Evaluate) -> Result<(), Failure> {
         errors: ErrorSummary::new(&measured),
         against_truth: set.has_truth().then(|| ErrorSummary::new(&truth)),
         flagged: predictions.iter().filter(|p| !p.status.is_ok()).count(),
+        trust: TrustFacts {
+            mean: predictions.iter().map(|p| p.trust).sum::<f32>() / predictions.len() as f32,
+            least: predictions.iter().map(|p| p.trust).fold(1.0, f32::min),
+        },
+        position_sigma: SigmaFacts::new(
+            &samples,
+            &predictions,
+            &(0..samples.len()).filter(scored).collect::<Vec<_>>(),
+        ),
     };
     let document = Document {
         version: env!("CARGO_PKG_VERSION"),
         model: blob.provenance.model,
         sets: [&result],
     };
-    let (csv, json) = (to_csv(&predictions), json_text(&document)?);
+    let (csv, json) = (to_csv(&predictions, a.trust), json_text(&document)?);
     let mut files: Vec<(&Path, &[u8])> = Vec::new();
     files.extend(a.predictions.as_deref().map(|path| (path, csv.as_bytes())));
     files.extend(a.json.as_deref().map(|path| (path, json.as_bytes())));
@@ -249,6 +304,20 @@ fn print(report: Report, set: &SetErrors, model: &str, predictions: &[Prediction
         ],
         &rows,
     );
+    if let Some(sigma) = &set.position_sigma {
+        report.line(format_args!(
+            "The device's standard deviation is {:.4} mm in the mean; {:.0} % of the components lie within one, {:.0} % within 1.96.",
+            sigma.mean_mm,
+            100.0 * sigma.one_sigma,
+            100.0 * sigma.two_sigma
+        ));
+    }
+    if set.trust.least < 1.0 {
+        report.line(format_args!(
+            "The device's trust in its inputs is {:.3} in the mean, {:.3} at least.",
+            set.trust.mean, set.trust.least
+        ));
+    }
     for status in [
         Status::OUTSIDE_JOINT_RANGE,
         Status::OUTSIDE_PAYLOAD_RANGE,
@@ -268,16 +337,29 @@ fn print(report: Report, set: &SetErrors, model: &str, predictions: &[Prediction
     }
 }
 
-fn to_csv(predictions: &[Prediction]) -> String {
-    let mut out = String::from("x_mm,y_mm,z_mm,qw,qx,qy,qz,status\n");
-    for Prediction { pose, status } in predictions {
+fn to_csv(predictions: &[Prediction], with_trust: bool) -> String {
+    let mut out = String::from("x_mm,y_mm,z_mm,qw,qx,qy,qz,status");
+    out += if with_trust {
+        ",trust,sigma_mm\n"
+    } else {
+        "\n"
+    };
+    for prediction in predictions {
+        let Prediction { pose, status, .. } = prediction;
         let t = 1e3 * pose.translation;
         let (w, v) = pose.quaternion();
-        let _ = writeln!(
+        let _ = write!(
             out,
             "{:.6},{:.6},{:.6},{w:.12},{:.12},{:.12},{:.12},{status}",
             t[0], t[1], t[2], v[0], v[1], v[2]
         );
+        if with_trust {
+            let _ = write!(out, ",{:.6},", prediction.trust);
+            if let Some(sigma) = prediction.position_sigma {
+                let _ = write!(out, "{:.6}", 1e3 * sigma);
+            }
+        }
+        out.push('\n');
     }
     out
 }

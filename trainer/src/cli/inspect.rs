@@ -1,9 +1,10 @@
 //! `trainer inspect`.
 
 use poegp_protocol::JointKind;
-use poegp_protocol::blob::{Blob, Correction, FORMAT_VERSION, stored_crc};
+use poegp_protocol::blob::{Blob, Correction, Variance, format_version, stored_crc};
 use poegp_protocol::envelope;
 use poegp_runtime::se3::Pose;
+use poegp_runtime::trust::Trust;
 use serde_json::{Value, json};
 
 use super::arguments::Inspect;
@@ -34,9 +35,13 @@ fn document(loaded: &LoadedBlob) -> Value {
             "prismatic"
         }
     };
+    let trust = Trust::<f32>::of(&blob);
     let joints = blob.robot.joints.iter().zip(&blob.ranges.joints);
     let joints: Vec<Value> = joints
-        .map(|(joint, range)| json!({"kind": kind(joint.kind), "limits": joint.limits, "trained": range}))
+        .enumerate()
+        .map(|(i, (joint, range))| {
+            json!({"kind": kind(joint.kind), "limits": joint.limits, "trained": range, "half_trust_beyond": trust.half(i)})
+        })
         .collect();
     let correction = match &blob.correction {
         Correction::None => Value::Null,
@@ -51,6 +56,7 @@ fn document(loaded: &LoadedBlob) -> Value {
             "payload_groups_kg": elastic.groups.iter().map(|g| g.payload_kg).collect::<Vec<_>>(),
             "bound_mm": 1e3 * elastic.bound.position_m,
             "bound_mrad": 1e3 * elastic.bound.angle_rad,
+            "sigma": blob.variance.as_ref().map(sigma),
         }),
         Correction::TaskSpace(task) => json!({
             "kind": "task-space Gaussian process",
@@ -66,7 +72,7 @@ fn document(loaded: &LoadedBlob) -> Value {
     };
     json!({
         "version": env!("CARGO_PKG_VERSION"),
-        "format_version": FORMAT_VERSION,
+        "format_version": format_version(&blob),
         "bytes": loaded.bytes().len(),
         "crc": format!("{:08x}", stored_crc(loaded.bytes()).unwrap_or(0)),
         "signed_by": signed_by(loaded),
@@ -91,6 +97,15 @@ fn signed_by(loaded: &LoadedBlob) -> Option<String> {
     Some(id_text(&trailer.key_id))
 }
 
+fn sigma(v: &Variance<'_>) -> Value {
+    json!({
+        "landmarks": v.landmarks,
+        "bytes": v.rows.len(),
+        "floor_mm": 1e3 * v.floor_m2.sqrt(),
+        "noise_mm": 1e3 * v.noise_m2.sqrt(),
+    })
+}
+
 fn print(report: Report, loaded: &LoadedBlob, document: &Value) {
     let blob = loaded.blob();
     let text = |key: &str| document[key].as_str().unwrap_or("").to_owned();
@@ -103,8 +118,9 @@ fn print(report: Report, loaded: &LoadedBlob, document: &Value) {
         blob.robot.name, blob.provenance.model
     ));
     report.line(format_args!(
-        "  {} bytes, format {FORMAT_VERSION}, CRC {}; calibrated {} by trainer {} on {} poses",
+        "  {} bytes, format {}, CRC {}; calibrated {} by trainer {} on {} poses",
         loaded.bytes().len(),
+        format_version(&blob),
         text("crc"),
         text("date"),
         text("trainer_version"),
@@ -150,6 +166,15 @@ fn print(report: Report, loaded: &LoadedBlob, document: &Value) {
             1e3 * elastic.bound.position_m,
             1e3 * elastic.bound.angle_rad
         ));
+        match &blob.variance {
+            Some(v) => report.line(format_args!(
+                "    standard deviation from {} landmarks: {:.4} mm at least, of which the noise of a measurement is {:.4} mm",
+                v.landmarks,
+                1e3 * v.floor_m2.sqrt(),
+                1e3 * v.noise_m2.sqrt()
+            )),
+            None => report.line("    no standard deviation"),
+        }
         for r in &elastic.ripple {
             let amplitude = 1e6 * r.sin.hypot(r.cos);
             report.line(format_args!(
@@ -176,6 +201,7 @@ fn print(report: Report, loaded: &LoadedBlob, document: &Value) {
 }
 
 fn print_joints(report: Report, blob: &Blob<'_>) {
+    let trust = Trust::<f32>::of(blob);
     let mut rows = Vec::new();
     for (i, (joint, (lower, upper))) in blob
         .robot
@@ -198,8 +224,12 @@ fn print_joints(report: Report, blob: &Blob<'_>) {
             unit.to_owned(),
             limits,
             trained,
+            format!("{:.1}", trust.half(i).unwrap_or(0.0) * factor),
         ]);
     }
-    report.table(&["joint", "unit", "limits", "trained"], &rows);
+    report.table(
+        &["joint", "unit", "limits", "trained", "half trust beyond"],
+        &rows,
+    );
     report.line("");
 }

@@ -6,6 +6,7 @@ mod arguments;
 mod calibrate;
 mod compare;
 mod demo;
+mod demo_device;
 mod device;
 mod drift;
 mod elastic_facts;

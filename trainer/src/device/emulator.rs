@@ -204,8 +204,9 @@ impl Listener {
                 {
                     fs::remove_file(path)?;
                 }
-                let path = std::path::absolute(path)?;
-                (UnixListener::bind(&path)?.into(), Address::Unix(path))
+                // By the name that was given: a socket's may not be longer than a hundred letters.
+                let socket = UnixListener::bind(path)?;
+                (socket.into(), Address::Unix(std::path::absolute(path)?))
             }
             Address::Tcp(place) => {
                 let listener = TcpListener::bind(place)?;

@@ -10,7 +10,7 @@
 use std::fmt;
 use std::io::{self, Read, Write};
 use std::net::TcpStream;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::time::Duration;
 
@@ -191,7 +191,8 @@ pub fn advice(address: &Address, error: &io::Error) -> &'static str {
         (Address::Serial { .. }, io::ErrorKind::PermissionDenied) => {
             "your user may not use it: join its group (dialout on Debian), log in again"
         }
-        (Address::Serial { .. }, io::ErrorKind::NotFound) => {
+        // A line that is locked is reported like one that is missing.
+        (Address::Serial { path, .. }, io::ErrorKind::NotFound) if !Path::new(path).exists() => {
             "is the board plugged in? `ls /dev/tty*` before and after shows its name"
         }
         (Address::Serial { .. }, _) => "is another program using it?",

@@ -2,6 +2,7 @@
 
 use poegp_protocol::link::Refusal;
 use poegp_runtime::load_error::LoadError;
+use poegp_runtime::signature::SignatureError;
 use poegp_runtime::store::StoreError;
 
 /// Why the device will not.
@@ -101,11 +102,29 @@ fn model(code: u8) -> String {
     }
 }
 
+/// A model that nobody the device trusts has signed. The key ids in a [`SignatureError`] do not travel.
 fn signature(code: u8) -> String {
-    format!(
-        "the signature is missing or not by the provisioned key (code {code}); sign the model with \
-         `trainer sign`"
-    )
+    let known = [
+        (SignatureError::Malformed, "the model is damaged"),
+        (
+            SignatureError::Unsigned,
+            "the model is not signed, and this device takes only signed ones; `trainer sign` signs it",
+        ),
+        (
+            SignatureError::WrongKey {
+                id: Default::default(),
+            },
+            "the model is signed by another key than the provisioned one",
+        ),
+        (
+            SignatureError::Invalid,
+            "the signature does not fit the model and the provisioned key",
+        ),
+    ];
+    match known.iter().find(|(error, _)| error.code() == code) {
+        Some((_, words)) => (*words).to_owned(),
+        None => format!("signature error {code}, which this trainer does not know"),
+    }
 }
 
 /// A flash that did not do what was asked.
@@ -206,6 +225,9 @@ mod tests {
     fn every_code_has_words() {
         for code in 1..=14 {
             assert!(!model(code).contains("does not know"), "{code}");
+        }
+        for code in 1..=4 {
+            assert!(!signature(code).contains("does not know"), "{code}");
         }
         for code in 1..=16 {
             assert!(!store(code).contains("does not know"), "{code}");

@@ -36,6 +36,8 @@ pub struct ElasticOptions {
     pub support: Option<usize>,
     /// What is done with measurements that do not belong.
     pub outliers: OutlierPolicy,
+    /// Whether a model with tied length scales gets a standard deviation for the device.
+    pub device_sigma: bool,
 }
 
 impl Default for ElasticOptions {
@@ -48,6 +50,7 @@ impl Default for ElasticOptions {
             gravity: Vector3::new(0.0, 0.0, -9.81),
             support: Some(100),
             outliers: OutlierPolicy::Report,
+            device_sigma: true,
         }
     }
 }
@@ -85,6 +88,8 @@ pub struct RobustFit {
     pub kept: Vec<usize>,
     /// What predicted standard deviations of position and rotation must be multiplied with.
     pub inflation: [f64; 2],
+    /// Position variance of every kept sample as the others predict it, m², not inflated; `None` for outliers.
+    pub left_out: Vec<Option<f64>>,
 }
 
 /// [`fit`], with outliers found, and left out when `options` says so.
@@ -152,6 +157,7 @@ pub fn fit_robust(
         outliers,
         kept,
         inflation: others.inflation,
+        left_out: others.position_variance,
     })
 }
 

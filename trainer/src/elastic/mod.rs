@@ -4,6 +4,7 @@
 //! gravity coefficients and ripple x under a Gaussian prior, δ_c Gaussian processes of joints and payload. One generalised
 //! least-squares solution for all of it, hyperparameters by the marginal likelihood.
 
+pub mod device_sigma;
 pub mod fit;
 pub mod inflation;
 pub mod likelihood;

@@ -11,6 +11,7 @@ use poegp_runtime::observer::Unobserved;
 use poegp_runtime::poe::Poe;
 use poegp_runtime::se3::{Pose, Twist};
 
+use super::device_sigma::DeviceSigma;
 use super::fit::{ElasticFit, ElasticOptions};
 use super::support::{Support, gathered, reduce};
 use crate::calibration::frames::Sample;
@@ -26,6 +27,8 @@ pub struct ElasticModel {
     pub coupling: Option<CouplingMatrix<f64>>,
     /// Facts of the fit.
     pub report: ElasticReport,
+    /// What the device gets to say how well it knows the position.
+    pub sigma: Option<DeviceSigma>,
 }
 
 /// Facts of a fit.
@@ -95,12 +98,14 @@ impl ElasticModel {
             gravity: fit.state.gravity,
             ripple,
             processes,
+            variance: None,
         };
         Some(Self {
             deflection,
             rows,
             coupling: coupling.map(matrix),
             report,
+            sigma: None,
         })
     }
 

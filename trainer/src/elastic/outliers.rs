@@ -101,6 +101,9 @@ pub struct LeaveOneOut {
     /// What predicted standard deviations of position and rotation must be multiplied with to be true of the poses left
     /// out: the mean of what the 68 % and the 95 % quantile of their standardised errors ask for.
     pub inflation: [f64; 2],
+    /// Variance of one position component of every pose as the others predict it, m²: the mean of three, with noise, not
+    /// inflated. `None` for outliers.
+    pub position_variance: Vec<Option<f64>>,
 }
 
 /// Predicts every pose of a fit from all others.
@@ -108,6 +111,7 @@ pub fn leave_one_out(fit: &ElasticFit, samples: &[Sample]) -> LeaveOneOut {
     let mut out = LeaveOneOut {
         outliers: Vec::new(),
         inflation: [1.0; 2],
+        position_variance: vec![None; samples.len()],
     };
     let Some(solved) = &fit.solved else {
         return out;
@@ -133,6 +137,8 @@ pub fn leave_one_out(fit: &ElasticFit, samples: &[Sample]) -> LeaveOneOut {
             });
             continue;
         }
+        let mean = (0..3).map(|i| covariance[(i, i)]).sum::<f64>() / 3.0;
+        out.position_variance[k] = Some(fit.scales.position.powi(2) * mean);
         for i in 0..rows {
             standardised[usize::from(i >= 3)]
                 .push((error[(i, 0)] / covariance[(i, i)].sqrt()).abs());

@@ -104,6 +104,12 @@ impl Simulator {
         (0..count).map(|_| self.measure_one()).collect()
     }
 
+    /// `instrument_from_target`, without the tracker's noise, of the arm at joints of the controller (rad or m).
+    pub fn stands_at(&mut self, joints: &[f64], payload_kg: f64) -> Pose<f64> {
+        self.arm
+            .instrument_from_target(joints, payload_kg, &mut self.random)
+    }
+
     fn measure_one(&mut self) -> SimulatedPose {
         let random = &mut self.random;
         let joints: Vec<f64> = self

@@ -78,6 +78,60 @@ fn options_are_in_the_blob() {
     }
 }
 
+/// A tied blob says how well it knows the position, unless that is left out; every blob says how far it is trusted.
+#[test]
+fn what_the_device_knows_of_its_own_error() {
+    let folder = Folder::new();
+    folder.write("train.csv", simulated("train", 80));
+    folder.write("test.csv", simulated("test1", 100));
+    let calibrate = |flags: &str| {
+        let line = format!("calibrate --robot {SERIAL} train.csv {flags} --out arm.blob --json -");
+        let told = folder.run(&line).ok().json()["elastic"]["device_sigma"].clone();
+        let facts = inspected(&folder, "arm.blob");
+        let line = "evaluate arm.blob test.csv --predictions out.csv --trust --json -";
+        let set = folder.run(line).ok().json()["sets"][0].clone();
+        (told, facts, set, folder.text("out.csv"))
+    };
+    let (told, facts, set, csv) = calibrate("--tied");
+    assert_eq!(facts["format_version"], 3);
+    let sigma = &facts["correction"]["sigma"];
+    assert_eq!(sigma["landmarks"], 12);
+    let (stored, found) = (
+        sigma["floor_mm"].as_f64().unwrap(),
+        told["floor_mm"].as_f64().unwrap(),
+    );
+    assert!((stored / found - 1.0).abs() < 1e-5);
+    assert!(sigma["noise_mm"].as_f64().unwrap() <= stored);
+    let coverage = &set["position_sigma"];
+    let (one, two) = (&coverage["one_sigma"], &coverage["two_sigma"]);
+    assert!((0.55..0.8).contains(&one.as_f64().unwrap()), "{coverage}");
+    assert!((0.85..0.99).contains(&two.as_f64().unwrap()), "{coverage}");
+    let mut lines = csv.lines();
+    assert_eq!(
+        lines.next(),
+        Some("x_mm,y_mm,z_mm,qw,qx,qy,qz,status,trust,sigma_mm")
+    );
+    let (mut sum, mut least) = (0.0, 1.0_f64);
+    for line in lines {
+        let mut fields = line.rsplit(',').map(|x| x.parse::<f64>());
+        sum += fields.next().unwrap().unwrap();
+        let trust = fields.next().unwrap().unwrap();
+        assert_eq!(trust == 1.0, line.contains(",ok,"), "{line}");
+        least = least.min(trust);
+    }
+    assert!((sum / 100.0 - coverage["mean_mm"].as_f64().unwrap()).abs() < 1e-4);
+    assert!((least - set["trust"]["least"].as_f64().unwrap()).abs() < 1e-6);
+
+    for flags in ["", "--tied --no-device-sigma"] {
+        let (told, facts, set, csv) = calibrate(flags);
+        assert_eq!(facts["format_version"], 2);
+        assert!(told.is_null() && facts["correction"]["sigma"].is_null());
+        assert!(set["position_sigma"].is_null());
+        assert!(csv.lines().skip(1).all(|line| line.ends_with(',')));
+        assert!(set["trust"]["mean"].as_f64().unwrap() > 0.5);
+    }
+}
+
 /// Three rows shifted by 3.5 mm, as by a touched target.
 #[test]
 fn outliers_are_named_and_left_out_only_when_asked() {

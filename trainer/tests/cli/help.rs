@@ -62,7 +62,7 @@ fn every_option_is_in_the_help() {
         ("keys new", vec!["--out <NAME>"]),
         ("sign", vec!["<BLOB>", "--key", "--out"]),
         ("verify", vec!["<BLOB>", "--public-key"]),
-        ("demo", vec!["--seed", "--out"]),
+        ("demo", vec!["--seed", "--out", "--device"]),
     ];
     let overview = folder.run("--help").ok().stdout;
     assert!(overview.contains(
@@ -105,5 +105,43 @@ fn what_cannot_be_meant_is_a_usage_error() {
         let outcome = folder.run(line).refused(&[]);
         assert!(!outcome.stderr.is_empty(), "{line}");
         assert!(folder.names().is_empty(), "{line}");
+    }
+}
+
+#[test]
+fn every_option_of_the_device_commands_is_in_the_help() {
+    const LINK: [&str; 3] = ["--port", "--baud", "--answer-limit"];
+    let folder = Folder::new();
+    let overview = folder.run("device --help").ok().stdout;
+    for (command, options) in [
+        ("info", &["--json"][..]),
+        ("flash", &["<BLOB>", "--force", "--piece", "--json"]),
+        ("evaluate", &["<TEST>", "--blob", "--json"]),
+        ("correct", &["<TEST>", "--blob", "--out"]),
+        ("bypass", &["<SWITCH>", "on", "off"]),
+        ("rollback", &[]),
+        ("statistics", &["--json"]),
+        ("monitor", &["--once", "--log", "--elf"]),
+        ("restart", &[]),
+        ("provision", &["<KEY>", "cannot be undone"]),
+        (
+            "emulate",
+            &[
+                "--board",
+                "mps2-an500",
+                "--elf",
+                "--listen",
+                "--log",
+                "--memory",
+                "--json",
+            ],
+        ),
+    ] {
+        assert!(overview.contains(command), "{command}");
+        let help = folder.run(&format!("device {command} --help")).ok().stdout;
+        let link = if command == "emulate" { &[][..] } else { &LINK };
+        for option in options.iter().chain(link) {
+            assert!(help.contains(option), "{command}: {option}\n{help}");
+        }
     }
 }

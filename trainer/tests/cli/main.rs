@@ -5,10 +5,16 @@
 mod bad_blobs;
 mod bad_measurements;
 mod bad_robots;
+#[cfg(unix)]
+mod board;
 mod choice;
 mod demo;
+#[cfg(unix)]
+mod device;
 mod drift;
 mod elastic;
+#[cfg(unix)]
+mod fake_device;
 mod help;
 mod identifiability;
 mod json;

@@ -41,6 +41,16 @@ impl Outcome {
         self
     }
 
+    /// The same, after something was printed.
+    #[track_caller]
+    pub fn refused_after_output(self, parts: &[&str]) -> Self {
+        Self {
+            stdout: String::new(),
+            ..self
+        }
+        .refused(parts)
+    }
+
     /// Standard output as JSON: it is that and nothing else.
     #[track_caller]
     pub fn json(&self) -> Value {
@@ -108,7 +118,8 @@ impl Folder {
         self.finish(self.command(line).stdout(device.unwrap()))
     }
 
-    fn command(&self, line: &str) -> Command {
+    /// The command for the words of `line`, to be run here.
+    pub fn command(&self, line: &str) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_trainer"));
         command
             .args(line.split_whitespace())
@@ -116,7 +127,8 @@ impl Folder {
         command
     }
 
-    fn finish(&self, command: &mut Command) -> Outcome {
+    /// Runs a command to its end.
+    pub fn finish(&self, command: &mut Command) -> Outcome {
         let output = command.output().unwrap();
         Outcome {
             code: output.status.code(),

@@ -99,7 +99,7 @@ pub struct Flash {
     pub blob: PathBuf,
     #[command(flatten)]
     pub link: Link,
-    /// Upload the model even if the device runs it already or says that it has no room.
+    /// Upload the model even if the device runs it already, has no room for it or does not know who signed it.
     #[arg(long)]
     pub force: bool,
     /// Bytes of the model in one message: fewer let corrections through sooner.

@@ -1,7 +1,9 @@
 //! `trainer device flash`.
 
+use indicatif::ProgressBar;
 use poegp_protocol::blob::{CRC, Correction, stored_crc};
-use poegp_protocol::link::{Identity, StoredModel};
+use poegp_protocol::envelope;
+use poegp_protocol::link::{Identity, Key, StoredModel};
 use serde_json::json;
 
 use super::arguments::Flash;
@@ -11,6 +13,7 @@ use crate::cli::{Failure, check_outputs, json_text, progress, write_outputs};
 use crate::device::client::{Client, Options};
 use crate::device::error::ClientError;
 use crate::loaded::LoadedBlob;
+use crate::signing::id_text;
 
 pub fn run(a: &Flash) -> Result<(), Failure> {
     let outputs = [a.json.as_deref()];
@@ -29,6 +32,7 @@ pub fn run(a: &Flash) -> Result<(), Failure> {
     } else {
         if !a.force {
             check_room(&loaded, &before)?;
+            check_signature(&loaded, &before)?;
         }
         client.set_options(Options {
             piece: usize::from(a.piece),
@@ -59,6 +63,16 @@ pub fn run(a: &Flash) -> Result<(), Failure> {
 /// Uploads a blob with a progress bar, has it verified and stored, and runs it.
 pub fn bring(client: &mut Client, bytes: &[u8]) -> Result<(StoredModel, Identity), ClientError> {
     let bar = progress::transfer(bytes.len(), "uploading");
+    let brought = bring_with(client, bytes, &bar);
+    bar.finish_and_clear();
+    brought
+}
+
+fn bring_with(
+    client: &mut Client,
+    bytes: &[u8],
+    bar: &ProgressBar,
+) -> Result<(StoredModel, Identity), ClientError> {
     let model = client.upload(bytes, &mut |sent| {
         if sent == bytes.len() {
             bar.set_message("verifying");
@@ -67,9 +81,7 @@ pub fn bring(client: &mut Client, bytes: &[u8]) -> Result<(StoredModel, Identity
     })?;
     bar.set_message("storing");
     let stored = client.commit_upload()?;
-    let identity = client.activate(model.blob_crc)?;
-    bar.finish_and_clear();
-    Ok((stored, identity))
+    Ok((stored, client.activate(model.blob_crc)?))
 }
 
 /// The slot from which a device runs this very blob, now and after a start.
@@ -101,5 +113,33 @@ fn check_room(loaded: &LoadedBlob, identity: &Identity) -> Result<(), Failure> {
     Err(Failure::Usage(format!(
         "the model does not fit: {found} bytes {what}, the device takes {capacity}\n\
          help: calibrate with less --support, or measure fewer poses for the paper's models; nothing was uploaded"
+    )))
+}
+
+/// Whether the device could believe the model. Whether the signature is right is the device's to say.
+fn check_signature(loaded: &LoadedBlob, identity: &Identity) -> Result<(), Failure> {
+    let key = match identity.key {
+        Key::None => return Ok(()),
+        Key::Provisioned(key) => key,
+        Key::Unusable => {
+            return Err(Failure::Usage(
+                "the device takes no model: the page of its public key is damaged or half written\n\
+                 help: `trainer device provision` may complete it; nothing was uploaded"
+                    .to_owned(),
+            ));
+        }
+    };
+    let trailer = envelope::open(loaded.bytes())
+        .ok()
+        .and_then(|envelope| envelope.trailer);
+    let found = match trailer {
+        Some(trailer) if trailer.key_id == key => return Ok(()),
+        Some(trailer) => format!("signed by key {}", id_text(&trailer.key_id)),
+        None => "not signed".to_owned(),
+    };
+    Err(Failure::Usage(format!(
+        "the model is {found}; the device takes only models signed by key {}\n\
+         help: sign it with `trainer sign`; nothing was uploaded",
+        id_text(&key)
     )))
 }

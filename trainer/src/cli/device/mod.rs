@@ -1,22 +1,19 @@
 //! `trainer device`: one file for each command that is more than a question and its answer.
 
 pub mod arguments;
-mod cyclic;
+pub mod cyclic;
 mod emulate;
-mod flash;
+pub mod flash;
 mod monitor;
 pub mod show;
 
-use std::path::Path;
-
-use poegp_protocol::envelope::key_id;
 use poegp_protocol::link::Identity;
 use serde_json::json;
 
 use super::report::Report;
 use super::{Failure, check_outputs, json_text, write_outputs};
 use crate::device::client::Client;
-use crate::error::InputError;
+use crate::signing::{PublicKey, id_text};
 use arguments::{Bypass, Device, DeviceCommand, Info, Link, Provision, Restart, Rollback, Switch};
 
 pub fn run(a: &Device) -> Result<(), Failure> {
@@ -111,40 +108,12 @@ fn restart(a: &Restart) -> Result<(), Failure> {
 }
 
 fn provision(a: &Provision) -> Result<(), Failure> {
-    let key = public_key(&a.key)?;
+    let key = PublicKey::read(&a.key)?;
     let (mut client, _) = connect(&a.link)?;
-    client.provision(&key)?;
+    client.provision(key.bytes())?;
     Report::beside(&[]).line(format_args!(
         "The device takes only models signed by key {} from now on.",
-        show::hex(&key_id(&key))
+        id_text(&key.id())
     ));
     Ok(())
-}
-
-/// Reads a public key: 64 hexadecimal digits; lines that start with `#` are skipped.
-fn public_key(path: &Path) -> Result<[u8; 32], InputError> {
-    let expected = "a public key written by `trainer keys new`";
-    let text = std::fs::read_to_string(path)
-        .map_err(|error| InputError::unreadable(path, &error, expected))?;
-    let digits: String = text
-        .lines()
-        .filter(|line| !line.starts_with('#'))
-        .flat_map(|line| line.trim().chars())
-        .collect();
-    let mut key = [0; 32];
-    let bad = || {
-        InputError::new(
-            path,
-            format!("{} characters that are no key", digits.len()),
-            expected,
-        )
-    };
-    if digits.len() != 64 || !digits.is_ascii() {
-        return Err(bad());
-    }
-    for (byte, pair) in key.iter_mut().zip(digits.as_bytes().chunks(2)) {
-        let pair = std::str::from_utf8(pair).map_err(|_| bad())?;
-        *byte = u8::from_str_radix(pair, 16).map_err(|_| bad())?;
-    }
-    Ok(key)
 }

@@ -4,11 +4,7 @@ use poegp_protocol::link::{Identity, Key, ModelIdentity, Statistics, StoredModel
 use serde_json::{Value, json};
 
 use crate::cli::report::Report;
-
-/// Bytes as hexadecimal digits.
-pub fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|b| format!("{b:02x}")).collect()
-}
+use crate::signing::id_text;
 
 /// A model in one line.
 pub fn model(model: &ModelIdentity) -> String {
@@ -69,7 +65,7 @@ pub fn identity_json(identity: &Identity) -> Value {
         "deadline_ticks": identity.deadline_ticks,
         "key": match &identity.key {
             Key::None => serde_json::Value::Null,
-            Key::Provisioned(key) => hex(key).into(),
+            Key::Provisioned(key) => id_text(key).into(),
             Key::Unusable => "unusable".into(),
         },
         "bypass": identity.bypass,
@@ -112,7 +108,7 @@ pub fn identity(report: Report, identity: &Identity) {
     }
     let key = match &identity.key {
         Key::None => "none: every intact model is taken".to_owned(),
-        Key::Provisioned(key) => format!("{}…: only models signed by it are taken", hex(key)),
+        Key::Provisioned(key) => format!("{}: only models signed by it are taken", id_text(key)),
         Key::Unusable => {
             "damaged or half written: no model is taken; provision it again".to_owned()
         }

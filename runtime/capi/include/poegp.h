@@ -1,0 +1,440 @@
+/* Calibrated robot arms for programs in C. README.md beside this folder says how to link and how to use it.
+
+   Generated from the Rust sources; do not edit (tests/header.rs). Units are radians, metres and kilograms. Of every
+   pointer the library refuses what it can see (null, misaligned, overlapping); that as much memory is there as is
+   said (# Safety) is the promise of the caller. */
+
+#ifndef POEGP_H
+#define POEGP_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+/*
+ Changes when a function, a structure or the meaning of a code does; see `poegp_api_version`.
+ */
+#define POEGP_API_VERSION 1
+
+/*
+ Most joints of an arm.
+ */
+#define POEGP_MAX_JOINTS 8
+
+/*
+ Bytes of a name in `poegp_identity_t`, its final zero included.
+ */
+#define POEGP_NAME_BYTES 36
+
+/*
+ Bytes of memory for one model, enough on 32-bit and 64-bit machines.
+ */
+#define POEGP_MODEL_BYTES 27648
+
+/*
+ Alignment of that memory in bytes.
+ */
+#define POEGP_MODEL_ALIGN 8
+
+/*
+ Status bit: some joint is outside the range that was trained; the correction is an extrapolation.
+ */
+#define POEGP_STATUS_OUTSIDE_JOINT_RANGE 1
+
+/*
+ Status bit: the payload is outside the range that was trained.
+ */
+#define POEGP_STATUS_OUTSIDE_PAYLOAD_RANGE 2
+
+/*
+ Status bit: the correction exceeded the bound of the blob and was scaled back to it.
+ */
+#define POEGP_STATUS_CORRECTION_BOUNDED 4
+
+/*
+ Status bit: there is no model. The pose is the identity, the joints are those of the command.
+ */
+#define POEGP_STATUS_NO_MODEL 8
+
+/*
+ Status bit: wrong number of joints, a number that is not finite, or one beyond all reason: nothing was corrected.
+ */
+#define POEGP_STATUS_BAD_INPUT 16
+
+/*
+ Status bit: no corrected command was found that is better; the joints are uncorrected, or only partly corrected.
+ */
+#define POEGP_STATUS_CORRECTION_REFUSED 32
+
+/*
+ Done.
+ */
+#define POEGP_OK 0
+
+/*
+ A pointer is null.
+ */
+#define POEGP_ERROR_NULL 1
+
+/*
+ A pointer is not aligned for what it points to.
+ */
+#define POEGP_ERROR_MISALIGNED 2
+
+/*
+ The memory is smaller than a model.
+ */
+#define POEGP_ERROR_TOO_SMALL 3
+
+/*
+ The memory was not initialised by `poegp_init`.
+ */
+#define POEGP_ERROR_NOT_INITIALISED 4
+
+/*
+ Two arguments share memory that must not.
+ */
+#define POEGP_ERROR_OVERLAP 5
+
+/*
+ A length is larger than the memory of the machine.
+ */
+#define POEGP_ERROR_LENGTH 6
+
+/*
+ Something else; later versions of the runtime may have reasons that this one has no number for.
+ */
+#define POEGP_ERROR_OTHER 99
+
+/*
+ Fewer bytes than the blob announces.
+ */
+#define POEGP_BLOB_TRUNCATED 101
+
+/*
+ Not a model blob: it does not begin with POEGPARM.
+ */
+#define POEGP_BLOB_WRONG_MAGIC 102
+
+/*
+ Written in a format that this version does not know.
+ */
+#define POEGP_BLOB_UNKNOWN_VERSION 103
+
+/*
+ The header is damaged.
+ */
+#define POEGP_BLOB_RESERVED_BITS 104
+
+/*
+ More bytes than the blob announces.
+ */
+#define POEGP_BLOB_TRAILING_BYTES 105
+
+/*
+ Some bit has changed.
+ */
+#define POEGP_BLOB_CRC_MISMATCH 106
+
+/*
+ The checksum is right and the payload cannot be read: written by another program.
+ */
+#define POEGP_BLOB_MALFORMED 107
+
+/*
+ The chain has no joints, too many, or the wrong number of frames.
+ */
+#define POEGP_MODEL_CHAIN 201
+
+/*
+ A fixed frame is not a rigid transform of at most 100 m.
+ */
+#define POEGP_MODEL_FRAME 202
+
+/*
+ The coupling of the joints is not a usable matrix.
+ */
+#define POEGP_MODEL_COUPLING 203
+
+/*
+ Joint limits are reversed.
+ */
+#define POEGP_MODEL_JOINT_LIMITS 204
+
+/*
+ A training range is missing, reversed or without bounds.
+ */
+#define POEGP_MODEL_RANGES 205
+
+/*
+ The correction has another number of inputs than joints and payload make.
+ */
+#define POEGP_MODEL_INPUTS 206
+
+/*
+ A coefficient of the kernel is not usable.
+ */
+#define POEGP_MODEL_KERNEL 207
+
+/*
+ The bound on the correction is not usable.
+ */
+#define POEGP_MODEL_BOUND 208
+
+/*
+ The bytes of the support are not whole rows.
+ */
+#define POEGP_MODEL_PARTIAL_ROW 209
+
+/*
+ More support than fits.
+ */
+#define POEGP_MODEL_SUPPORT_TOO_LARGE 210
+
+/*
+ A number of the support is not usable.
+ */
+#define POEGP_MODEL_ROW 211
+
+/*
+ The gravity terms do not fit the number of joints.
+ */
+#define POEGP_MODEL_GRAVITY 212
+
+/*
+ A gear ripple term is not usable.
+ */
+#define POEGP_MODEL_RIPPLE 213
+
+/*
+ The payload groups do not add up to the support.
+ */
+#define POEGP_MODEL_GROUPS 214
+
+/*
+ Signed or not: the envelope is damaged.
+ */
+#define POEGP_SIGNATURE_MALFORMED 301
+
+/*
+ Nobody has signed the blob.
+ */
+#define POEGP_SIGNATURE_UNSIGNED 302
+
+/*
+ The blob is signed by another key.
+ */
+#define POEGP_SIGNATURE_WRONG_KEY 303
+
+/*
+ The signature is not one of these bytes by this key, or the key is none.
+ */
+#define POEGP_SIGNATURE_INVALID 304
+
+/*
+ A model in the caller's memory. Made by `poegp_init`; what is in it is of no concern to C.
+
+ `poegp_load` and `poegp_init` need it for themselves; any number of threads or interrupts may evaluate meanwhile
+ another one, or evaluate this one at the same time.
+ */
+typedef struct poegp_model_t poegp_model_t;
+
+/*
+ The answer of `poegp_evaluate`.
+ */
+typedef struct poegp_evaluation_t {
+  /*
+   Compensated transform from the target to the base, a 3x4 matrix [R | t] row by row; metres.
+   */
+  float base_from_target[12];
+  /*
+   The correction as a twist of the base frame after bounding: v in metres, then omega in radians.
+   */
+  float correction[6];
+  /*
+   What it is worth: a sum of POEGP_STATUS_ bits, 0 when there is nothing to remark.
+   */
+  uint32_t status;
+} poegp_evaluation_t;
+
+/*
+ The answer of `poegp_correct`.
+ */
+typedef struct poegp_corrected_t {
+  /*
+   Joints to command, rad or m, as many as the command had; zero beyond. The command itself when nothing was
+   corrected, with zero for what is not finite.
+   */
+  float joints[POEGP_MAX_JOINTS];
+  /*
+   Distance in metres that remains between the calibrated arm at these joints and the nominal one at the command.
+   */
+  float position_error;
+  /*
+   What it is worth: a sum of POEGP_STATUS_ bits, 0 when there is nothing to remark.
+   */
+  uint32_t status;
+} poegp_corrected_t;
+
+/*
+ The answer of `poegp_identify`.
+ */
+typedef struct poegp_identity_t {
+  /*
+   Version of the library, as text that ends with a zero.
+   */
+  char version[POEGP_NAME_BYTES];
+  /*
+   Name of the robot, UTF-8 that ends with a zero; empty without a model. At most 32 bytes of the blob's name.
+   */
+  char robot[POEGP_NAME_BYTES];
+  /*
+   Serial number of the arm, the same.
+   */
+  char serial_number[POEGP_NAME_BYTES];
+  /*
+   CRC in the header of the blob; 0 without a model.
+   */
+  uint32_t blob_crc;
+  /*
+   Joints of the arm; 0 without a model.
+   */
+  uint32_t joints;
+  /*
+   Support points of the correction.
+   */
+  uint32_t support;
+  /*
+   1 when the signature of the blob was verified, else 0.
+   */
+  uint32_t is_signed;
+} poegp_identity_t;
+
+#ifdef __cplusplus
+extern "C" {
+#endif // __cplusplus
+
+/*
+ Bytes of a model in this build of the library; at most POEGP_MODEL_BYTES.
+ */
+size_t poegp_model_size(void);
+
+/*
+ Alignment of a model in bytes; POEGP_MODEL_ALIGN.
+ */
+size_t poegp_model_align(void);
+
+/*
+ The POEGP_API_VERSION that the library was built with. When it is another than that of the header, do not go on.
+ */
+uint32_t poegp_api_version(void);
+
+/*
+ Makes an empty model in `bytes` bytes at `memory`, aligned to POEGP_MODEL_ALIGN, and stores its address in `*model`:
+ null when it returns an error. The memory belongs to the model until it is no longer used; nothing has to be freed.
+
+ Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_TOO_SMALL, POEGP_ERROR_OVERLAP.
+
+ # Safety
+ `memory` leads to `bytes` bytes that nobody else uses, `model` to a pointer.
+ */
+int32_t poegp_init(void *memory,
+                   size_t bytes,
+                   struct poegp_model_t **model);
+
+/*
+ Verifies a blob in every respect and takes over its model. All or nothing: after an error the last good model stays.
+ The blob is copied and may go. Takes up to 20 kB of stack, and time that no cycle has: load into a second model
+ while evaluations of the first go on.
+
+ Errors: POEGP_ERROR_ codes, POEGP_BLOB_ codes, POEGP_MODEL_ codes.
+
+ # Safety
+ `model` comes from `poegp_init` and nobody else uses it during the call; `blob` leads to `length` bytes.
+ */
+int32_t poegp_load(struct poegp_model_t *model,
+                   const uint8_t *blob,
+                   size_t length);
+
+/*
+ As `poegp_load`, and refuses what is not signed by the Ed25519 key `public_key` of 32 bytes.
+ Takes some kilobytes of stack more, and millions of instructions.
+
+ Errors: as `poegp_load`, and POEGP_SIGNATURE_ codes.
+
+ # Safety
+ As `poegp_load`; `public_key` leads to 32 bytes.
+ */
+int32_t poegp_load_signed(struct poegp_model_t *model,
+                          const uint8_t *blob,
+                          size_t length,
+                          const uint8_t *public_key);
+
+/*
+ Whether a blob is intact and signed by `public_key` of 32 bytes, without a model.
+
+ Errors: POEGP_ERROR_ codes, POEGP_BLOB_ codes, POEGP_SIGNATURE_ codes.
+
+ # Safety
+ `blob` leads to `length` bytes, `public_key` to 32.
+ */
+int32_t poegp_verify(const uint8_t *blob, size_t length, const uint8_t *public_key);
+
+/*
+ Where the target really is, for `count` joints in rad or m and a payload in kg (0 when the model knows none). The
+ time does not depend on the numbers. `joints` may lie in `*out`.
+
+ Returns POEGP_OK for every number that C can hold: what the answer is worth is in `out->status`. With an error code
+ the answer is the identity and its status says POEGP_STATUS_NO_MODEL or POEGP_STATUS_BAD_INPUT, unless `out` itself
+ cannot be used.
+
+ Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED, POEGP_ERROR_OVERLAP.
+
+ # Safety
+ `model` comes from `poegp_init` and is not loaded during the call; `joints` leads to `count` numbers; `out` is the
+ caller's.
+ */
+int32_t poegp_evaluate(const struct poegp_model_t *model,
+                       const float *joints,
+                       size_t count,
+                       float payload_kg,
+                       struct poegp_evaluation_t *out);
+
+/*
+ The joints to command so that the real arm stands where the nominal one would at `joints` (rad or m), with a payload
+ in kg. No joint changes by more than 0.1 rad or m. `joints` may lie in `*out`.
+
+ Returns POEGP_OK for every number that C can hold: what the answer is worth is in `out->status`. With an error code
+ the answer is the command as it came, as far as it could be read, and its status says POEGP_STATUS_NO_MODEL or
+ POEGP_STATUS_BAD_INPUT, unless `out` itself cannot be used.
+
+ Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED, POEGP_ERROR_OVERLAP.
+
+ # Safety
+ As `poegp_evaluate`.
+ */
+int32_t poegp_correct(const struct poegp_model_t *model,
+                      const float *joints,
+                      size_t count,
+                      float payload_kg,
+                      struct poegp_corrected_t *out);
+
+/*
+ Which arm the model is of. Without a model the names are empty and the numbers zero.
+
+ Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED, POEGP_ERROR_OVERLAP.
+
+ # Safety
+ `model` comes from `poegp_init` and is not loaded during the call; `out` is the caller's.
+ */
+int32_t poegp_identify(const struct poegp_model_t *model, struct poegp_identity_t *out);
+
+/*
+ A code in words, as text that ends with a zero and need not be freed. Never null.
+ */
+const char *poegp_error_text(int32_t code);
+
+#ifdef __cplusplus
+}  // extern "C"
+#endif  // __cplusplus
+
+#endif  /* POEGP_H */

@@ -1,0 +1,115 @@
+//! The numbers that functions return. Append-only; a number never changes its meaning.
+//!
+//! | numbers | say |
+//! |---|---|
+//! | 0 | done |
+//! | 1 to 99 | what is wrong with an argument |
+//! | 100 + n | the blob is damaged or foreign |
+//! | 200 + n | the blob is intact, and no robot may be moved by its numbers; n is the wire code of `LoadError` |
+//! | 300 + n | the signature; n is the wire code of `SignatureError` |
+
+use poegp_protocol::blob::DecodeError;
+use poegp_protocol::link::Refusal;
+
+/// Done.
+pub const POEGP_OK: i32 = 0;
+/// A pointer is null.
+pub const POEGP_ERROR_NULL: i32 = 1;
+/// A pointer is not aligned for what it points to.
+pub const POEGP_ERROR_MISALIGNED: i32 = 2;
+/// The memory is smaller than a model.
+pub const POEGP_ERROR_TOO_SMALL: i32 = 3;
+/// The memory was not initialised by `poegp_init`.
+pub const POEGP_ERROR_NOT_INITIALISED: i32 = 4;
+/// Two arguments share memory that must not.
+pub const POEGP_ERROR_OVERLAP: i32 = 5;
+/// A length is larger than the memory of the machine.
+pub const POEGP_ERROR_LENGTH: i32 = 6;
+/// Something else; later versions of the runtime may have reasons that this one has no number for.
+pub const POEGP_ERROR_OTHER: i32 = 99;
+
+/// Fewer bytes than the blob announces.
+pub const POEGP_BLOB_TRUNCATED: i32 = 101;
+/// Not a model blob: it does not begin with POEGPARM.
+pub const POEGP_BLOB_WRONG_MAGIC: i32 = 102;
+/// Written in a format that this version does not know.
+pub const POEGP_BLOB_UNKNOWN_VERSION: i32 = 103;
+/// The header is damaged.
+pub const POEGP_BLOB_RESERVED_BITS: i32 = 104;
+/// More bytes than the blob announces.
+pub const POEGP_BLOB_TRAILING_BYTES: i32 = 105;
+/// Some bit has changed.
+pub const POEGP_BLOB_CRC_MISMATCH: i32 = 106;
+/// The checksum is right and the payload cannot be read: written by another program.
+pub const POEGP_BLOB_MALFORMED: i32 = 107;
+
+/// The chain has no joints, too many, or the wrong number of frames.
+pub const POEGP_MODEL_CHAIN: i32 = 201;
+/// A fixed frame is not a rigid transform of at most 100 m.
+pub const POEGP_MODEL_FRAME: i32 = 202;
+/// The coupling of the joints is not a usable matrix.
+pub const POEGP_MODEL_COUPLING: i32 = 203;
+/// Joint limits are reversed.
+pub const POEGP_MODEL_JOINT_LIMITS: i32 = 204;
+/// A training range is missing, reversed or without bounds.
+pub const POEGP_MODEL_RANGES: i32 = 205;
+/// The correction has another number of inputs than joints and payload make.
+pub const POEGP_MODEL_INPUTS: i32 = 206;
+/// A coefficient of the kernel is not usable.
+pub const POEGP_MODEL_KERNEL: i32 = 207;
+/// The bound on the correction is not usable.
+pub const POEGP_MODEL_BOUND: i32 = 208;
+/// The bytes of the support are not whole rows.
+pub const POEGP_MODEL_PARTIAL_ROW: i32 = 209;
+/// More support than fits.
+pub const POEGP_MODEL_SUPPORT_TOO_LARGE: i32 = 210;
+/// A number of the support is not usable.
+pub const POEGP_MODEL_ROW: i32 = 211;
+/// The gravity terms do not fit the number of joints.
+pub const POEGP_MODEL_GRAVITY: i32 = 212;
+/// A gear ripple term is not usable.
+pub const POEGP_MODEL_RIPPLE: i32 = 213;
+/// The payload groups do not add up to the support.
+pub const POEGP_MODEL_GROUPS: i32 = 214;
+
+/// Signed or not: the envelope is damaged.
+pub const POEGP_SIGNATURE_MALFORMED: i32 = 301;
+/// Nobody has signed the blob.
+pub const POEGP_SIGNATURE_UNSIGNED: i32 = 302;
+/// The blob is signed by another key.
+pub const POEGP_SIGNATURE_WRONG_KEY: i32 = 303;
+/// The signature is not one of these bytes by this key, or the key is none.
+pub const POEGP_SIGNATURE_INVALID: i32 = 304;
+
+/// What the numbers of `LoadError` begin after.
+const MODEL: i32 = 200;
+/// What the numbers of `SignatureError` begin after.
+const SIGNATURE: i32 = 300;
+
+/// The number of what is wrong with bytes.
+pub(crate) fn of_decoding(error: DecodeError) -> i32 {
+    match error {
+        DecodeError::Truncated { .. } => POEGP_BLOB_TRUNCATED,
+        DecodeError::WrongMagic => POEGP_BLOB_WRONG_MAGIC,
+        DecodeError::UnknownVersion { .. } => POEGP_BLOB_UNKNOWN_VERSION,
+        DecodeError::ReservedBitsSet => POEGP_BLOB_RESERVED_BITS,
+        DecodeError::TrailingBytes { .. } => POEGP_BLOB_TRAILING_BYTES,
+        DecodeError::CrcMismatch { .. } => POEGP_BLOB_CRC_MISMATCH,
+        DecodeError::MalformedPayload => POEGP_BLOB_MALFORMED,
+    }
+}
+
+/// The number of why a load was refused.
+pub(crate) fn of_refusal(refusal: &Refusal) -> i32 {
+    match refusal {
+        Refusal::Blob(error) => of_decoding(*error),
+        Refusal::Model { code } => MODEL + i32::from(*code),
+        Refusal::Signature { code } => of_signature(*code),
+        _ => POEGP_ERROR_OTHER,
+    }
+}
+
+/// The number of what is wrong with a signature.
+pub(crate) fn of_signature(code: u8) -> i32 {
+    SIGNATURE + i32::from(code)
+}

@@ -1,0 +1,123 @@
+//! Pointers of C, looked at before they are used.
+//!
+//! Seen here: null, misaligned, too long, overlapping, not initialised. Not to be seen by any callee: whether as much
+//! memory is there as the caller says. That is the one condition of every unsafe function below.
+
+use poegp_protocol::limits::MAX_JOINTS;
+
+use crate::codes::{
+    POEGP_ERROR_LENGTH, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED, POEGP_ERROR_NULL,
+    POEGP_ERROR_OVERLAP,
+};
+use crate::types::{MARK, Model};
+
+/// Refuses null and misaligned pointers.
+#[inline(always)]
+pub(crate) fn usable<T>(pointer: *const T) -> Result<(), i32> {
+    if pointer.is_null() {
+        Err(POEGP_ERROR_NULL)
+    } else if !pointer.is_aligned() {
+        Err(POEGP_ERROR_MISALIGNED)
+    } else {
+        Ok(())
+    }
+}
+
+/// Refuses two pieces of memory, by address and length in bytes, that share a byte.
+#[inline(always)]
+pub(crate) fn apart<A, B>(
+    (a, a_bytes): (*const A, usize),
+    (b, b_bytes): (*const B, usize),
+) -> Result<(), i32> {
+    let (a, b) = (a.addr(), b.addr());
+    let shared = if a <= b {
+        b - a < a_bytes
+    } else {
+        a - b < b_bytes
+    };
+    if shared {
+        Err(POEGP_ERROR_OVERLAP)
+    } else {
+        Ok(())
+    }
+}
+
+/// The model behind a pointer.
+///
+/// # Safety
+/// If `model` is neither null nor misaligned, it leads to `POEGP_MODEL_BYTES` that were written once and that nobody
+/// changes during `'a`.
+#[inline(always)]
+pub(crate) unsafe fn model<'a>(model: *const Model) -> Result<&'a Model, i32> {
+    usable(model)?;
+    // SAFETY: not null, aligned; inside the memory of the caller's promise. A pointer, since it may be no model yet.
+    let mark = unsafe { &raw const (*model).mark };
+    // SAFETY: as above, and a word that was written by the caller's promise.
+    let mark = unsafe { mark.read() };
+    if mark != MARK {
+        return Err(POEGP_ERROR_NOT_INITIALISED);
+    }
+    // SAFETY: as above, and marked: `poegp_init` has written a whole model here.
+    Ok(unsafe { &*model })
+}
+
+/// The same, to be changed.
+///
+/// # Safety
+/// As [`model`], and nobody reads it during `'a` either.
+pub(crate) unsafe fn model_mut<'a>(pointer: *mut Model) -> Result<&'a mut Model, i32> {
+    // SAFETY: the caller's promise is the same; the shared reference ends here.
+    unsafe { model(pointer) }?;
+    // SAFETY: looked at above; alone by the caller's promise.
+    Ok(unsafe { &mut *pointer })
+}
+
+/// `length` bytes.
+///
+/// # Safety
+/// If `start` is not null, it leads to `length` readable bytes that nobody changes during `'a`.
+pub(crate) unsafe fn bytes<'a>(start: *const u8, length: usize) -> Result<&'a [u8], i32> {
+    usable(start)?;
+    if length > isize::MAX as usize || start.addr().checked_add(length).is_none() {
+        return Err(POEGP_ERROR_LENGTH);
+    }
+    // SAFETY: not null, no longer than memory; readable by the caller's promise.
+    Ok(unsafe { core::slice::from_raw_parts(start, length) })
+}
+
+/// Joints, copied so that they may lie in the memory of the answer.
+pub(crate) struct Joints {
+    values: [f32; MAX_JOINTS + 1],
+    count: usize,
+}
+
+impl Joints {
+    /// `count` numbers, or one more than any arm has joints: which is as wrong, and the runtime says so.
+    ///
+    /// # Safety
+    /// If `start` is neither null nor misaligned, it leads to `count` readable numbers.
+    #[inline(always)]
+    pub(crate) unsafe fn read(start: *const f32, count: usize) -> Result<Self, i32> {
+        let mut joints = Self {
+            values: [0.0; MAX_JOINTS + 1],
+            count: 0,
+        };
+        if count == 0 {
+            return Ok(joints);
+        }
+        usable(start)?;
+        joints.count = count.min(MAX_JOINTS + 1);
+        // SAFETY: not null, aligned; `count` numbers are readable by the caller's promise, and no more are taken.
+        let given = unsafe { core::slice::from_raw_parts(start, joints.count) };
+        for (slot, value) in joints.values.iter_mut().zip(given) {
+            *slot = *value;
+        }
+        Ok(joints)
+    }
+
+    /// The numbers.
+    #[inline(always)]
+    pub(crate) fn as_slice(&self) -> &[f32] {
+        self.values.get(..self.count).unwrap_or(&[])
+    }
+}

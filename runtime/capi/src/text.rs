@@ -1,0 +1,49 @@
+//! Codes in words.
+
+use core::ffi::CStr;
+
+use crate::codes::*;
+
+/// What a code says; a sentence of its own for numbers that this version does not know.
+pub fn of(code: i32) -> &'static CStr {
+    match code {
+        POEGP_OK => c"done",
+        POEGP_ERROR_NULL => c"a pointer is null",
+        POEGP_ERROR_MISALIGNED => c"a pointer is misaligned",
+        POEGP_ERROR_TOO_SMALL => c"the memory is smaller than a model",
+        POEGP_ERROR_NOT_INITIALISED => c"the memory was not initialised by poegp_init",
+        POEGP_ERROR_OVERLAP => c"two arguments share memory that must not",
+        POEGP_ERROR_LENGTH => c"a length is larger than memory",
+        POEGP_ERROR_OTHER => c"refused for a reason that has no number in this version",
+        POEGP_BLOB_TRUNCATED => c"the blob is truncated",
+        POEGP_BLOB_WRONG_MAGIC => c"not a model blob",
+        POEGP_BLOB_UNKNOWN_VERSION => c"a blob in a format that this version does not know",
+        POEGP_BLOB_RESERVED_BITS => c"the header of the blob is damaged",
+        POEGP_BLOB_TRAILING_BYTES => c"the blob has more bytes than it announces",
+        POEGP_BLOB_CRC_MISMATCH => c"the blob is damaged",
+        POEGP_BLOB_MALFORMED => c"the blob has an intact checksum and cannot be read",
+        POEGP_MODEL_CHAIN => c"the chain has no joints, too many, or the wrong number of frames",
+        POEGP_MODEL_FRAME => c"a frame is not a rigid transform",
+        POEGP_MODEL_COUPLING => c"the coupling of the joints is not usable",
+        POEGP_MODEL_JOINT_LIMITS => c"joint limits are reversed",
+        POEGP_MODEL_RANGES => c"a training range is missing, reversed or unbounded",
+        POEGP_MODEL_INPUTS => {
+            c"the correction has another number of inputs than joints and payload"
+        }
+        POEGP_MODEL_KERNEL => c"a coefficient of the kernel is not usable",
+        POEGP_MODEL_BOUND => c"the bound on the correction is not usable",
+        POEGP_MODEL_PARTIAL_ROW => c"the bytes of the support are not whole rows",
+        POEGP_MODEL_SUPPORT_TOO_LARGE => c"the support is larger than the library has room for",
+        POEGP_MODEL_ROW => c"a number of the support is not usable",
+        POEGP_MODEL_GRAVITY => c"the gravity terms do not fit the number of joints",
+        POEGP_MODEL_RIPPLE => c"a gear ripple term is not usable",
+        POEGP_MODEL_GROUPS => c"the payload groups do not add up to the support",
+        POEGP_SIGNATURE_MALFORMED => c"the envelope of the signed blob is damaged",
+        POEGP_SIGNATURE_UNSIGNED => c"the blob is not signed",
+        POEGP_SIGNATURE_WRONG_KEY => c"the blob is signed by another key",
+        POEGP_SIGNATURE_INVALID => c"the signature does not fit the blob and the key",
+        _ if (201..300).contains(&code) => c"the numbers of the model are not usable",
+        _ if (300..400).contains(&code) => c"the signature is not usable",
+        _ => c"not a code of this version",
+    }
+}

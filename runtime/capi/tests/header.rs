@@ -1,0 +1,66 @@
+//! `include/poegp.h` is what cbindgen makes of the sources: a function or a comment that changes here and not there fails.
+//!
+//! `POEGP_BLESS=1 cargo test -p poegp-capi --test header` writes it anew.
+
+use std::path::Path;
+use std::{env, fs};
+
+use cbindgen::{Builder, Config, DocumentationStyle, Language, LineEndingStyle, Style};
+
+const HEAD: &str = "\
+/* Calibrated robot arms for programs in C. README.md beside this folder says how to link and how to use it.
+
+   Generated from the Rust sources; do not edit (tests/header.rs). Units are radians, metres and kilograms. Of every
+   pointer the library refuses what it can see (null, misaligned, overlapping); that as much memory is there as is
+   said (# Safety) is the promise of the caller. */";
+
+#[test]
+fn the_committed_header_is_the_generated_one() {
+    let package = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let mut config = Config {
+        language: Language::C,
+        cpp_compat: true,
+        include_guard: Some("POEGP_H".to_owned()),
+        header: Some(HEAD.to_owned()),
+        no_includes: true,
+        sys_includes: vec!["stddef.h".to_owned(), "stdint.h".to_owned()],
+        style: Style::Both,
+        usize_is_size_t: true,
+        documentation_style: DocumentationStyle::C,
+        line_endings: LineEndingStyle::LF,
+        line_length: 110,
+        ..Config::default()
+    };
+    for (rust, c) in [
+        ("Model", "poegp_model_t"),
+        ("Evaluation", "poegp_evaluation_t"),
+        ("Corrected", "poegp_corrected_t"),
+        ("Identity", "poegp_identity_t"),
+    ] {
+        config.export.rename.insert(rust.to_owned(), c.to_owned());
+    }
+    let sources = ["types.rs", "codes.rs", "border.rs"];
+    let builder = sources
+        .iter()
+        .fold(Builder::new().with_config(config), |builder, source| {
+            builder.with_src(package.join("src").join(source))
+        });
+    let mut generated = Vec::new();
+    builder.generate().unwrap().write(&mut generated);
+    let generated = String::from_utf8(generated).unwrap();
+    let path = package.join("include/poegp.h");
+    if env::var_os("POEGP_BLESS").is_some() {
+        fs::write(&path, &generated).unwrap();
+    }
+    let committed = fs::read_to_string(&path).unwrap();
+    for (number, (found, expected)) in committed.lines().zip(generated.lines()).enumerate() {
+        assert_eq!(
+            found,
+            expected,
+            "poegp.h, line {}: see the top of tests/header.rs",
+            number + 1
+        );
+    }
+    assert!(committed == generated, "poegp.h has another length");
+    assert!(generated.contains("int32_t poegp_evaluate("), "{generated}");
+}

@@ -1,0 +1,145 @@
+//! `runtime/capi/examples`: the same bits from C on the workstation, from C on the device, and from Rust.
+
+use std::fmt::Write;
+use std::fs;
+use std::path::PathBuf;
+
+use poegp_protocol::blob;
+use poegp_runtime::model::{Model, words_for};
+use poegp_tests::image::Image;
+
+use crate::c::{Machine, capi, compile, run_on_device, run_on_host};
+
+/// Questions of each kind in `answers.h`.
+const QUESTIONS: usize = 19;
+const KIB: u64 = 1_024;
+
+struct Program {
+    path: PathBuf,
+    _directory: tempfile::TempDir,
+}
+
+fn example(machine: Machine, name: &str) -> Program {
+    let directory = tempfile::Builder::new().prefix("poegp-").tempdir().unwrap();
+    let path = directory.path().join(name);
+    let folder = capi().join("examples");
+    compile(
+        machine,
+        &folder.join(name).with_extension("c"),
+        &[&folder],
+        &path,
+    );
+    Program {
+        path,
+        _directory: directory,
+    }
+}
+
+/// Compares every line with what the runtime answers to the question in it.
+fn assert_answers(said: &str) {
+    let bytes = fs::read(capi().join("examples/arm.blob")).unwrap();
+    let decoded = blob::decode(&bytes).unwrap();
+    let mut model = Box::new(Model::<f32, { words_for(64) }>::new());
+    model.load(&decoded).unwrap();
+    let mut lines = said.lines();
+    let crc = blob::stored_crc(&bytes).unwrap();
+    assert_eq!(
+        lines.next(),
+        Some(&*format!(
+            "robot {}, crc {crc:08x}, joints 6, support 25",
+            decoded.robot.name
+        ))
+    );
+    let (mut evaluated, mut corrected, mut trusted) = (0, 0, 0);
+    for line in lines.filter(|line| !line.starts_with("stack")) {
+        let question = line.split(" |").next().unwrap();
+        let mut words = question.split(' ');
+        let verb = words.next().unwrap();
+        let mut values: Vec<f32> = words
+            .map(|word| f32::from_bits(u32::from_str_radix(word, 16).unwrap()))
+            .collect();
+        let payload = values.pop().unwrap();
+        let (status, answer) = if verb == "evaluate" {
+            evaluated += 1;
+            let result = model.evaluate(&values, payload);
+            let mut answer = result.pose.to_rows().to_vec();
+            answer.extend(result.correction.to_array());
+            (result.status, answer)
+        } else {
+            corrected += 1;
+            let result = model.correct(&values, payload);
+            let mut answer = result.joints.to_vec();
+            answer.push(result.position_error);
+            (result.status, answer)
+        };
+        trusted += usize::from(status.is_ok());
+        let mut expected = format!("{question} | 0 {}", status.bits());
+        for value in answer {
+            assert!(value.is_finite(), "{line}");
+            write!(expected, " {:08x}", value.to_bits()).unwrap();
+        }
+        assert_eq!(line, expected);
+    }
+    assert_eq!((evaluated, corrected), (QUESTIONS, QUESTIONS));
+    assert!(
+        trusted >= 4,
+        "{trusted} answers are within what was trained"
+    );
+}
+
+#[test]
+fn c_on_the_workstation_answers_as_the_runtime() {
+    let program = example(Machine::Host, "host");
+    assert_answers(&run_on_host(
+        &program.path,
+        &capi().join("examples/arm.blob"),
+    ));
+}
+
+#[test]
+fn c_on_the_device_answers_as_the_runtime() {
+    let program = example(Machine::Device, "device");
+    let said = run_on_device(&program.path, false);
+    assert_answers(&said);
+    let stack = said.lines().last().unwrap().strip_prefix("stack ").unwrap();
+    let stack: Vec<u64> = stack.split(' ').map(|word| word.parse().unwrap()).collect();
+    println!(
+        "stack from main on: {} bytes to load, {} to evaluate and correct",
+        stack[0], stack[1]
+    );
+    assert!(stack[0] <= 20 * KIB, "{}", stack[0]);
+    assert!((500..6 * KIB).contains(&stack[1]), "{}", stack[1]);
+}
+
+/// Symbols that a linked program must not have, in the whole of it: C code calls every function but those of signatures,
+/// and what it does not call the linker leaves out.
+#[test]
+fn a_program_in_c_has_no_panic_no_heap_and_no_software_f64() {
+    let program = example(Machine::Device, "device");
+    let image = Image::read(&program.path).unwrap();
+    println!(
+        "example: flash {} bytes with a blob of 3.5 kB, static RAM {} bytes",
+        image.flash, image.static_ram
+    );
+    assert!(image.flash <= 128 * KIB, "{}", image.flash);
+    let ours = image.named(&["poegp_evaluate", "poegp_correct", "poegp_load"]);
+    assert_eq!(ours.len(), 3, "the search finds symbols: {ours:?}");
+    for part in [
+        "panic",
+        "unwrap_failed",
+        "core3fmt",
+        "core..fmt",
+        "__rust_alloc",
+        "malloc",
+        "__aeabi_d",
+        "__aeabi_f2d",
+        "__aeabi_i2d",
+        "__aeabi_ui2d",
+        "__adddf3",
+        "__muldf3",
+        "__divdf3",
+    ] {
+        let found = image.named(&[part]);
+        assert!(found.is_empty(), "{found:?}");
+    }
+}

@@ -1,0 +1,220 @@
+//! `trainer device` with the firmware on an emulated board. Needs QEMU and a compiler for the board; without them these
+//! tests fail and say what to install.
+
+use std::io::{BufRead, BufReader};
+use std::process::{Child, Stdio};
+
+use poegp_protocol::link::{Request, Response, Statistics};
+
+use crate::fake_device::{FakeDevice, identity};
+use crate::program::{Folder, SERIAL, simulated};
+
+/// `trainer device emulate`, switched off at the end.
+struct Board(Child);
+
+impl Board {
+    /// Starts it in `folder` with the words of `options`, and waits until it listens.
+    fn start(folder: &Folder, options: &str) -> Self {
+        let line = format!("device emulate --listen unix:link --log unix:log {options}");
+        let mut child = folder
+            .command(&line)
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut printed = String::new();
+        for line in BufReader::new(child.stdout.take().unwrap()).lines() {
+            printed += &line.unwrap();
+            printed.push('\n');
+        }
+        assert!(printed.contains("runs until Ctrl-C"), "{printed}");
+        Self(child)
+    }
+}
+
+impl Drop for Board {
+    fn drop(&mut self) {
+        // The program has become QEMU: nothing else is left to end.
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// On a loaded machine an answer takes its time.
+const PORT: &str = "--port unix:link --answer-limit 20000";
+
+/// Two models and a test set.
+fn folder() -> Folder {
+    let folder = Folder::new();
+    folder.write("train.csv", simulated("train", 40));
+    folder.write("test.csv", simulated("test1", 20));
+    for (model, file) in [
+        ("poe-gp-load", "paper.blob"),
+        ("elastic --support 20", "arm.blob"),
+    ] {
+        let line = format!("calibrate --robot {SERIAL} train.csv --model {model} --out {file}");
+        folder.run(&line).ok();
+    }
+    folder
+}
+
+#[test]
+fn a_model_comes_onto_the_device_is_used_and_left_again() {
+    let folder = folder();
+    let run = |line: &str| folder.run(&format!("device {line} {PORT}"));
+    let _board = Board::start(&folder, "");
+
+    let info = run("info --json -").ok().json();
+    assert_eq!(info["board"], "mps2-an386");
+    assert!(info["model"].is_null());
+
+    let first = run("flash paper.blob --json -").ok();
+    assert!(first.stderr.contains("Before  no model"), "{first:#?}");
+    let second = run("flash arm.blob --piece 64 --json -").ok().json();
+    let crc = |blob: &str| {
+        let inspected = folder.run(&format!("inspect {blob} --json -")).ok().json();
+        inspected["crc"].as_str().unwrap().to_owned()
+    };
+    assert_eq!(second["before"]["crc"], crc("paper.blob"));
+    assert_eq!(second["now"]["crc"], crc("arm.blob"));
+    assert_eq!(
+        run("flash arm.blob --json -").ok().json()["uploaded"],
+        false
+    );
+
+    // The same errors as the host has, and the same bits.
+    let on_device = run("evaluate test.csv --blob arm.blob --json -").ok();
+    assert!(on_device.stderr.contains("bit for bit"), "{on_device:#?}");
+    let on_device = on_device.json();
+    let on_host = folder
+        .run("evaluate arm.blob test.csv --json -")
+        .ok()
+        .json();
+    assert_eq!(on_device["same_bits"], 20);
+    assert_eq!(on_device["position_mm"], on_host["sets"][0]["position_mm"]);
+    assert_eq!(on_device["flagged"], on_host["sets"][0]["flagged"]);
+    // Laid onto the measurements the errors are not larger in the least squares.
+    let fitted = run("evaluate test.csv --json -").ok().json();
+    let rms = |document: &serde_json::Value| document["position_mm"]["rms"].as_f64().unwrap();
+    assert!(rms(&fitted) <= rms(&on_device), "{fitted} {on_device}");
+
+    run("correct test.csv --blob arm.blob --out corrected.csv").ok();
+    let corrected = folder.text("corrected.csv");
+    assert_eq!(corrected.lines().count(), 21);
+    assert!(
+        corrected
+            .starts_with("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,position_error_um,status\n"),
+        "{corrected}"
+    );
+    let to_stdout = run("correct test.csv").ok();
+    assert_eq!(to_stdout.stdout, corrected);
+
+    let on = run("bypass on").ok();
+    assert!(on.stdout.contains("bypass is on"), "{on:#?}");
+    let bypassed = run("correct test.csv").ok().stdout;
+    assert!(
+        bypassed
+            .lines()
+            .skip(1)
+            .all(|line| line.ends_with(",0.000,bypassed")),
+        "{bypassed}"
+    );
+    run("bypass off").ok();
+
+    let left = run("rollback").ok().stdout;
+    assert!(
+        left.contains(&format!("Left    {}", crc("arm.blob"))),
+        "{left}"
+    );
+    assert!(
+        left.contains(&format!("Runs    {}", crc("paper.blob"))),
+        "{left}"
+    );
+    let restarted = run("restart").ok().stdout;
+    assert!(restarted.contains(&crc("paper.blob")), "{restarted}");
+
+    let statistics = run("statistics --json -").ok().json();
+    assert_eq!(statistics["statistics"]["restarts"], 1);
+    assert_eq!(statistics["statistics"]["cycles"], 0);
+    let once = run("monitor --once").ok().stdout;
+    assert!(once.contains("cyclic requests answered"), "{once}");
+}
+
+#[test]
+fn models_outlive_the_machine_in_its_memory_file() {
+    let folder = folder();
+    let board = Board::start(&folder, "--memory flash.bin");
+    folder.run(&format!("device flash arm.blob {PORT}")).ok();
+    drop(board);
+    let _board = Board::start(&folder, "--memory flash.bin");
+    let info = folder
+        .run(&format!("device info {PORT} --json -"))
+        .ok()
+        .json();
+    assert_eq!(info["model"]["support_points"], 20);
+    assert_eq!(info["slots"][0]["runs_after_start"], true);
+}
+
+#[test]
+fn a_provisioned_device_takes_only_what_its_key_has_signed() {
+    let folder = folder();
+    let run = |line: &str| folder.run(&format!("device {line} {PORT}"));
+    let _board = Board::start(&folder, "");
+    for keys in ["own", "other"] {
+        folder.run(&format!("keys new --out {keys}")).ok();
+        let line = format!("sign arm.blob --key {keys}.key --out {keys}.blob");
+        folder.run(&line).ok();
+    }
+    let before = run("info").ok().stdout;
+    assert!(before.contains("every intact model is taken"), "{before}");
+    run("provision own.key").refused(&["own.key: found a secret key"]);
+    run("provision own.pub").ok();
+    run("provision own.pub").ok();
+    run("provision other.pub").refused(&["another public key is provisioned"]);
+    run("flash arm.blob").refused(&["the model is not signed", "nothing was uploaded"]);
+    run("flash other.blob").refused(&["the model is signed by key ", "nothing was uploaded"]);
+    run("flash arm.blob --force").refused(&["the device refused: the model is not signed"]);
+    run("flash other.blob --force").refused(&["signed by another key"]);
+    let flashed = run("flash own.blob").ok().stdout;
+    assert!(flashed.contains(", signed"), "{flashed}");
+    run("restart").ok();
+    let info = run("info --json -").ok().json();
+    assert_eq!(info["model"]["signed"], true);
+    assert_eq!(info["key"].as_str().unwrap().len(), 16);
+}
+
+/// A line has one user at a time, so the numbers are those of another device than the log.
+#[test]
+fn the_monitor_shows_numbers_and_the_decoded_log() {
+    let (folder, other) = (folder(), Folder::new());
+    let _board = Board::start(&folder, "--json ports.json");
+    let ports = folder.json("ports.json");
+    let elf = ports["elf"].as_str().unwrap();
+    let _fake = FakeDevice::start(&other, |request| match request {
+        Request::Identify => Response::Identity(identity()).into(),
+        _ => Response::Statistics(Statistics::default()).into(),
+    });
+    let line = format!(
+        "device monitor --port unix:{} --log unix:log --elf {elf}",
+        other.path("link").display()
+    );
+    let mut monitor = folder
+        .command(&line)
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut lines = BufReader::new(monitor.stdout.take().unwrap()).lines();
+    let mut wait_for = |text: &str| {
+        let mut read = lines.by_ref().map_while(Result::ok).take(100);
+        assert!(
+            read.any(|line| line.contains(text)),
+            "{text:?} did not come"
+        );
+    };
+    wait_for("fake: firmware");
+    wait_for("worst ms");
+    folder.run(&format!("device flash arm.blob {PORT}")).ok();
+    wait_for("log: info: model ");
+    wait_for("log: info: slot ");
+    monitor.kill().unwrap();
+    monitor.wait().unwrap();
+}

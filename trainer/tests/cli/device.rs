@@ -1,0 +1,406 @@
+//! `trainer device` without a device, and with one that misbehaves.
+
+use poegp_protocol::blob::stored_crc;
+use poegp_protocol::link::{PROTOCOL_VERSION, Refusal, Request, Response};
+
+use crate::fake_device::{
+    Answer, FakeDevice, PORT, encoded, identity, model, on_a_serial_line, stored,
+};
+use crate::program::{Folder, SERIAL, simulated};
+
+/// A folder with arm.blob and test1.csv.
+fn folder() -> (Folder, Vec<u8>) {
+    let folder = Folder::new();
+    folder.write("train.csv", simulated("train", 20));
+    folder.write("test1.csv", simulated("test1", 5));
+    let line = format!("calibrate --robot {SERIAL} train.csv --model poe-gp-load --out arm.blob");
+    folder.run(&line).ok();
+    let blob = folder.read("arm.blob");
+    (folder, blob)
+}
+
+/// Every command that talks to a device, with the files of [`folder`].
+const COMMANDS: [&str; 9] = [
+    "info",
+    "flash arm.blob",
+    "evaluate test1.csv",
+    "correct test1.csv",
+    "bypass on",
+    "rollback",
+    "statistics",
+    "monitor --once",
+    "restart",
+];
+
+#[test]
+fn a_port_that_is_not_there() {
+    let (folder, _) = folder();
+    for command in COMMANDS {
+        folder
+            .run(&format!("device {command} {PORT}"))
+            .refused(&["unix:link does not open", "trainer device emulate"]);
+    }
+    folder
+        .run("device info --port /dev/no-such-line")
+        .refused(&["/dev/no-such-line does not open", "plugged in"]);
+    folder
+        .run("device info --port /dev/no-such-line --baud 9600")
+        .refused(&["/dev/no-such-line@9600 does not open"]);
+    folder
+        .run("device info --port tcp:127.0.0.1:1")
+        .refused(&["tcp:127.0.0.1:1 does not open"]);
+}
+
+#[test]
+fn ports_that_cannot_be_meant() {
+    let folder = Folder::new();
+    for port in ["unix:", "tcp:4000", "tcp:host:http", "/dev/ttyUSB0@fast"] {
+        folder
+            .run(&format!("device info --port {port}"))
+            .refused(&[port, "expected /dev/ttyUSB0"]);
+    }
+    folder.run("device info").refused(&["--port"]);
+    folder
+        .run("device monitor --port unix:link --log unix:log")
+        .refused(&["--elf"]);
+    folder
+        .run("device flash arm.blob --port unix:link --piece 0")
+        .refused(&["--piece"]);
+}
+
+#[test]
+fn nobody_answers() {
+    let (folder, _) = folder();
+    let fake = FakeDevice::start(&folder, |_| Answer::Nothing);
+    folder
+        .run(&format!("device info {PORT}"))
+        .refused(&["nobody answers at unix:link", "is the board powered"]);
+    assert_eq!(fake.heard(), ["Identify"; 3]);
+}
+
+#[test]
+fn a_serial_line_that_somebody_else_uses() {
+    use serialport::SerialPort;
+    let (_device, line) = serialport::TTYPort::pair().unwrap();
+    let name = line.name().unwrap();
+    let locked = serialport::new(&name, 115_200).open_native();
+    // The pair itself has the lock, or now we have it.
+    let folder = Folder::new();
+    folder
+        .run(&format!("device info --port {name}"))
+        .refused(&["does not open", "is another program using it?"]);
+    drop(locked);
+}
+
+/// A pair of pseudo-terminals, which have no speed: that it is set is all that can be seen.
+#[test]
+fn a_serial_line_is_opened_at_its_speed() {
+    let line = on_a_serial_line(|_| Response::Identity(identity()).into());
+    let folder = Folder::new();
+    for port in [
+        line.clone(),
+        format!("{line}@1000000"),
+        format!("{line} --baud 57600"),
+    ] {
+        let outcome = folder.run(&format!("device info --port {port}")).ok();
+        assert!(
+            outcome.stdout.contains("fake: firmware 0.1.0"),
+            "{outcome:#?}"
+        );
+    }
+}
+
+#[test]
+fn noise_is_told_from_silence() {
+    let (folder, _) = folder();
+    let noise: Vec<u8> = (0..=255).rev().collect();
+    FakeDevice::start(&folder, move |_| Answer::Bytes(noise.clone()));
+    folder
+        .run(&format!("device info {PORT}"))
+        .refused(&["no intact frame", "wrong baud rate"]);
+}
+
+#[test]
+fn another_version_is_named_with_our_own() {
+    let (folder, _) = folder();
+    let newer = PROTOCOL_VERSION + 1;
+    // A frame of the other version: the same layout, its version and CRC.
+    let mut raw = vec![newer, 1, 0, 0xff];
+    raw.extend(poegp_protocol::blob::CRC.checksum(&raw).to_le_bytes());
+    let mut bytes = vec![3, newer, 1];
+    bytes.extend([1 + raw[3..].len() as u8]);
+    bytes.extend(&raw[3..]);
+    bytes.push(0);
+    assert!(!raw[3..].contains(&0), "the frame was made by hand");
+    FakeDevice::start(&folder, move |_| Answer::Bytes(bytes.clone()));
+    folder.run(&format!("device info {PORT}")).refused(&[
+        &format!("speaks link protocol version {newer}"),
+        &format!("this trainer version {PROTOCOL_VERSION}"),
+        "use the trainer that belongs to the firmware",
+    ]);
+}
+
+#[test]
+fn frames_that_always_arrive_damaged() {
+    let (folder, _) = folder();
+    FakeDevice::start(&folder, |_| Answer::BadFrame);
+    folder
+        .run(&format!("device info {PORT}"))
+        .refused(&["arrives damaged, every time"]);
+}
+
+#[test]
+fn a_device_that_falls_silent() {
+    let (folder, _) = folder();
+    FakeDevice::start(&folder, |request| match request {
+        Request::Identify => Response::Identity(identity()).into(),
+        _ => Answer::Nothing,
+    });
+    folder
+        .run(&format!("device statistics {PORT}"))
+        .refused(&["has answered before, and not to ReadStatistics"]);
+}
+
+/// A device that takes every model until it is asked `at`.
+fn flashed(folder: &Folder, at: &'static str, refusal: Refusal) -> FakeDevice {
+    FakeDevice::start(folder, move |request| {
+        let name = format!("{request:?}");
+        if name.starts_with(at) {
+            return refusal.into();
+        }
+        match request {
+            Request::Identify => Response::Identity(identity()).into(),
+            Request::BeginUpload { .. } | Request::UploadPiece { .. } => {
+                Response::Uploading { received: 0 }.into()
+            }
+            Request::VerifyUpload => Response::Verified(model(1)).into(),
+            _ => Answer::Nothing,
+        }
+    })
+}
+
+#[test]
+fn refused_models_are_refused_in_words() {
+    for (at, refusal, words) in [
+        (
+            "VerifyUpload",
+            Refusal::Model { code: 13 },
+            "a gear ripple term is not usable",
+        ),
+        (
+            "VerifyUpload",
+            Refusal::Model { code: 10 },
+            "more support than fits",
+        ),
+        ("VerifyUpload", Refusal::Signature { code: 2 }, "not signed"),
+        (
+            "CommitUpload",
+            Refusal::Store { code: 10 },
+            "may be worn out",
+        ),
+        (
+            "CommitUpload",
+            Refusal::CyclesRunning,
+            "stop the controller",
+        ),
+        ("VerifyUpload", Refusal::Model { code: 99 }, "code 99"),
+    ] {
+        let (folder, _) = folder();
+        let fake = flashed(&folder, at, refusal);
+        folder
+            .run(&format!("device flash arm.blob {PORT}"))
+            .refused(&["the device refused: ", words]);
+        assert_eq!(fake.count("Activate"), 0, "{refusal:?}");
+    }
+}
+
+#[test]
+fn what_is_not_a_model_never_reaches_the_port() {
+    let (folder, mut blob) = folder();
+    blob[100] ^= 1;
+    folder.write("bad.blob", &blob);
+    // The port does not exist, and nobody notices.
+    folder
+        .run(&format!("device flash bad.blob {PORT}"))
+        .refused(&["bad.blob: found ", "damaged"]);
+    folder
+        .run(&format!("device evaluate none.csv {PORT}"))
+        .refused(&["none.csv: found no such file"]);
+    folder
+        .run(&format!("device provision none.pub {PORT}"))
+        .refused(&["none.pub: found no such file"]);
+}
+
+#[test]
+fn models_without_room_are_refused_before_a_byte_is_sent() {
+    for (bytes, words) in [(1_000, 10_000), (50_000, 10)] {
+        let (folder, _) = folder();
+        let fake = FakeDevice::start(&folder, move |_| {
+            let mut identity = identity();
+            (identity.capacity_bytes, identity.capacity_words) = (bytes, words);
+            Response::Identity(identity).into()
+        });
+        folder
+            .run(&format!("device flash arm.blob {PORT}"))
+            .refused(&["does not fit", "--support"]);
+        assert_eq!(fake.heard(), ["Identify"]);
+    }
+}
+
+#[test]
+fn a_model_that_runs_already_is_not_sent_again() {
+    let (folder, blob) = folder();
+    let crc = stored_crc(&blob).unwrap();
+    let slot = stored(&blob);
+    let fake = FakeDevice::start(&folder, move |_| {
+        let mut identity = identity();
+        identity.model = Some(model(crc));
+        identity.slots[0] = Some(slot);
+        Response::Identity(identity).into()
+    });
+    let outcome = folder.run(&format!("device flash arm.blob {PORT} --json -"));
+    let outcome = outcome.ok();
+    assert!(
+        outcome.stderr.contains("runs this model already"),
+        "{outcome:#?}"
+    );
+    assert_eq!(outcome.json()["uploaded"], false);
+    assert_eq!(fake.heard(), ["Identify"]);
+}
+
+/// Loses, damages and delays, restarts in the middle of the upload, and gets the model all the same.
+#[test]
+fn a_bad_line_and_a_restart_do_not_keep_a_model_from_the_device() {
+    let (folder, blob) = folder();
+    let crc = stored_crc(&blob).unwrap();
+    let sent = blob.clone();
+    let (mut asked, mut received, mut has_restarted) = (0, Vec::new(), false);
+    let fake = FakeDevice::start(&folder, move |request| {
+        asked += 1;
+        match asked % 7 {
+            2 => return Answer::Nothing,
+            3 => return Answer::BadFrame,
+            5 => return Refusal::Busy.into(),
+            // An answer to somebody else, and then none.
+            6 => return Answer::Bytes(encoded(0, &Response::Restarting)),
+            _ => {}
+        }
+        match request {
+            Request::Identify | Request::Activate { .. } => {
+                let mut identity = identity();
+                identity.model = matches!(request, Request::Activate { .. }).then(|| model(crc));
+                Response::Identity(identity).into()
+            }
+            Request::BeginUpload { .. } => {
+                received.clear();
+                Response::Uploading { received: 0 }.into()
+            }
+            Request::UploadPiece { .. } if received.len() > 700 && !has_restarted => {
+                has_restarted = true;
+                Refusal::NoUpload.into()
+            }
+            Request::UploadPiece { offset, bytes } => {
+                assert_eq!(*offset as usize, received.len());
+                received.extend_from_slice(bytes);
+                Response::Uploading {
+                    received: received.len() as u32,
+                }
+                .into()
+            }
+            Request::VerifyUpload => {
+                assert_eq!(received, sent);
+                Response::Verified(model(crc)).into()
+            }
+            Request::CommitUpload => Response::Committed(stored(&sent)).into(),
+            other => panic!("{other:?}"),
+        }
+    });
+    let line = "device flash arm.blob --port unix:link --answer-limit 50";
+    let outcome = folder.run(line).ok();
+    assert!(outcome.stdout.contains("Before  no model"), "{outcome:#?}");
+    assert!(
+        outcome.stdout.contains(&format!("Now     {crc:08x}")),
+        "{outcome:#?}"
+    );
+    assert!(fake.count("BeginUpload") >= 2, "{:?}", fake.heard());
+}
+
+#[test]
+fn measurements_and_models_that_are_not_the_device_s() {
+    let (folder, _) = folder();
+    FakeDevice::start(&folder, |_| {
+        let mut identity = identity();
+        identity.model = Some(model(7));
+        Response::Identity(identity).into()
+    });
+    folder
+        .run(&format!("device evaluate test1.csv --blob arm.blob {PORT}"))
+        .refused(&[
+            "arm.blob: found model",
+            "expected the model that the device runs, 00000007",
+        ]);
+    folder
+        .run("simulate --robot kuka-iiwa7 --poses 2 --test-sets 0 --out iiwa")
+        .ok();
+    folder
+        .run(&format!("device correct iiwa/train.csv {PORT}"))
+        .refused(&["train.csv: found 7 joint columns", "expected 6"]);
+}
+
+#[test]
+fn a_device_without_a_model_has_nothing_to_evaluate_or_leave() {
+    let (folder, _) = folder();
+    FakeDevice::start(&folder, |_| Response::Identity(identity()).into());
+    for command in ["evaluate test1.csv", "correct test1.csv", "rollback"] {
+        folder
+            .run(&format!("device {command} {PORT}"))
+            .refused(&["the device runs no model", "trainer device flash"]);
+    }
+}
+
+/// Whatever happens in between: the watchdog must not wait for cycles that will not come.
+#[test]
+fn a_failed_evaluation_stands_down() {
+    let (folder, _) = folder();
+    let fake = FakeDevice::start(&folder, |request| match request {
+        Request::Identify => {
+            let mut identity = identity();
+            identity.model = Some(model(7));
+            Response::Identity(identity).into()
+        }
+        Request::StandDown => Response::StandingDown.into(),
+        _ => Refusal::UnknownMessage.into(),
+    });
+    folder
+        .run(&format!("device evaluate test1.csv {PORT}"))
+        .refused(&["it does not know this message"]);
+    assert_eq!(fake.heard(), ["Identify", "Evaluate", "StandDown"]);
+}
+
+#[test]
+fn without_qemu_the_emulator_says_what_to_install() {
+    let folder = Folder::new();
+    folder.write("image.elf", b"");
+    let mut command =
+        folder.command("device emulate --elf image.elf --listen unix:link --log unix:log");
+    folder
+        .finish(command.env("PATH", ""))
+        .refused_after_output(&["qemu-system-arm is not installed", "apt-get install"]);
+    folder
+        .run("device emulate --elf none.elf")
+        .refused(&["--elf none.elf: no such file"]);
+    folder
+        .run("device emulate --elf image.elf --listen /dev/ttyUSB0")
+        .refused(&["cannot listen at /dev/ttyUSB0", "unix:PATH"]);
+}
+
+/// Before any work: nothing is written.
+#[test]
+fn without_a_compiler_the_demo_on_a_device_says_what_to_install() {
+    let folder = Folder::new();
+    let mut command = folder.command("demo --device");
+    folder
+        .finish(command.env("POEGP_TOOLCHAIN", "none-such"))
+        .refused(&["POEGP_TOOLCHAIN is \"none-such\""]);
+    assert!(folder.names().is_empty());
+}

@@ -1,0 +1,174 @@
+//! A device that says what a test wants it to say, behind a socket in the folder of the test.
+
+use std::fs::File;
+use std::io::{ErrorKind, Read, Write};
+use std::os::unix::net::UnixListener;
+use std::sync::{Arc, Mutex};
+use std::thread;
+
+use poegp_protocol::frame::{self, MAX_FRAME, Received, Receiver};
+use poegp_protocol::link::{
+    Identity, Key, ModelIdentity, PROTOCOL_VERSION, Refusal, Request, Response, StoredModel,
+};
+use serialport::SerialPort;
+
+use crate::program::Folder;
+
+/// Its port, for a command that is run in the folder.
+pub const PORT: &str = "--port unix:link --answer-limit 200";
+
+/// What a device does with a request.
+#[allow(clippy::large_enum_variant)] // one at a time, in a test
+pub enum Answer {
+    /// Answers it.
+    With(Response),
+    /// Answers it under the sequence number of damaged frames.
+    BadFrame,
+    /// Nothing, as if the answer was lost.
+    Nothing,
+    /// These bytes, whatever they are.
+    Bytes(Vec<u8>),
+}
+
+impl From<Response> for Answer {
+    fn from(response: Response) -> Self {
+        Self::With(response)
+    }
+}
+
+impl From<Refusal> for Answer {
+    fn from(refusal: Refusal) -> Self {
+        Self::With(Response::Refused(refusal))
+    }
+}
+
+/// A device; it ends with the test program.
+pub struct FakeDevice {
+    heard: Arc<Mutex<Vec<String>>>,
+}
+
+impl FakeDevice {
+    /// Listens at `link` in `folder`.
+    pub fn start(
+        folder: &Folder,
+        mut answer: impl FnMut(&Request<'_>) -> Answer + Send + 'static,
+    ) -> Self {
+        let listener = UnixListener::bind(folder.path("link")).unwrap();
+        let heard = Arc::new(Mutex::new(Vec::new()));
+        let log = Arc::clone(&heard);
+        thread::spawn(move || {
+            for stream in listener.incoming() {
+                serve(stream.unwrap(), &log, &mut answer);
+            }
+        });
+        Self { heard }
+    }
+
+    /// The names of the requests that have come, in order.
+    pub fn heard(&self) -> Vec<String> {
+        self.heard.lock().unwrap().clone()
+    }
+
+    /// How many requests of this name have come.
+    pub fn count(&self, name: &str) -> usize {
+        self.heard().iter().filter(|heard| *heard == name).count()
+    }
+}
+
+/// The same on a serial line; returns its name, too.
+pub fn on_a_serial_line(mut answer: impl FnMut(&Request<'_>) -> Answer + Send + 'static) -> String {
+    let (device, mut line) = serialport::TTYPort::pair().unwrap();
+    line.set_exclusive(false).unwrap();
+    let name = line.name().unwrap();
+    // Open for as long as the device is there, and unlocked.
+    let held = File::options().read(true).write(true).open(&name).unwrap();
+    drop(line);
+    thread::spawn(move || {
+        let _held = held;
+        serve(device, &Mutex::new(Vec::new()), &mut answer);
+    });
+    name
+}
+
+fn serve(
+    mut stream: impl Read + Write,
+    heard: &Mutex<Vec<String>>,
+    answer: &mut impl FnMut(&Request<'_>) -> Answer,
+) {
+    let (mut receiver, mut buffer) = (Receiver::new(), [0; MAX_FRAME]);
+    loop {
+        let length = match stream.read(&mut buffer) {
+            Err(error) if error.kind() == ErrorKind::TimedOut => continue,
+            Ok(0) | Err(_) => return,
+            Ok(length) => length,
+        };
+        for byte in &buffer[..length] {
+            if receiver.push(*byte) != Received::Frame {
+                continue;
+            }
+            receiver.open().unwrap();
+            let (sequence, request) = receiver.message::<Request<'_>>().unwrap();
+            let text = format!("{request:?}");
+            let name = text.split([' ', '(']).next().unwrap().to_owned();
+            heard.lock().unwrap().push(name);
+            let bytes = match answer(&request) {
+                Answer::With(response) => encoded(sequence, &response),
+                Answer::BadFrame => encoded(0, &Response::Refused(Refusal::BadFrame)),
+                Answer::Nothing => Vec::new(),
+                Answer::Bytes(bytes) => bytes,
+            };
+            receiver.clear();
+            if stream.write_all(&bytes).is_err() {
+                return;
+            }
+        }
+    }
+}
+
+/// The frame of an answer.
+pub fn encoded(sequence: u16, response: &Response) -> Vec<u8> {
+    let (mut scratch, mut out) = ([0; MAX_FRAME], [0; MAX_FRAME]);
+    frame::encode(sequence, response, &mut scratch, &mut out)
+        .unwrap()
+        .to_vec()
+}
+
+/// A device without a model, with room for any.
+pub fn identity() -> Identity {
+    Identity {
+        protocol_version: PROTOCOL_VERSION,
+        firmware_version: "0.1.0".try_into().unwrap(),
+        image_crc: 0x1234_5678,
+        board: "fake".try_into().unwrap(),
+        capacity_words: 10_000,
+        capacity_bytes: 50_000,
+        tick_hz: 1_000_000,
+        deadline_ticks: 4_000,
+        key: Key::None,
+        bypass: false,
+        model: None,
+        slots: [None, None],
+    }
+}
+
+/// A model by its CRC.
+pub fn model(blob_crc: u32) -> ModelIdentity {
+    ModelIdentity {
+        robot: "arm".try_into().unwrap(),
+        serial_number: "17".try_into().unwrap(),
+        blob_crc,
+        joints: 6,
+        support: 20,
+        signed: false,
+    }
+}
+
+/// A blob in the first slot.
+pub fn stored(bytes: &[u8]) -> StoredModel {
+    StoredModel {
+        slot: 0,
+        first: true,
+        length: bytes.len() as u32,
+        crc: poegp_protocol::blob::CRC.checksum(bytes),
+    }
+}
