@@ -19,7 +19,9 @@ ROWS = [
     ("nominal", "as drawn, base and tool fitted"),
     ("dh", "DH calibration, pybotics"),
     ("poe", "POE, ours"),
+    ("poe_weighted", "POE `--weighted`, ours"),
     ("network", "POE + network, scikit-learn's `MLPRegressor`"),
+    ("network_sines", "the same, with sines and cosines"),
     ("their_gp", "POE + GP, scikit-learn"),
     ("gp", "POE + GP, ours"),
     ("gp_per_output", "POE + GP per output, ours"),
@@ -68,11 +70,13 @@ def errors(fold):
     scale = np.sqrt(np.mean(twists**2, axis=0))
     their_gp = process.fit(inputs, twists / scale).predict(unseen) * scale
     net = network.fit(inputs, twists / scale)(unseen) * scale
+    net_sines = network.fit(inputs, twists / scale, network.with_sines)(unseen) * scale
     return {
         **fold["errors_mm"],
         "nominal": position_error(poses(test["nominal"]), measured),
         "their_gp": position_error(corrected(chain, their_gp), measured),
         "network": position_error(corrected(chain, net), measured),
+        "network_sines": position_error(corrected(chain, net_sines), measured),
         "dh": dh.error_mm(fold),
     }
 

@@ -1,7 +1,7 @@
 """A neural network on the residual of the chain: scikit-learn's `MLPRegressor`, chosen on a part of the training data.
 
-Inputs are standardised, and turned into sine and cosine beside the angles, so that the network has what a periodic
-arm offers. Size and weight decay are chosen for every training set anew, on the quarter of it that is kept back."""
+Inputs are those of the process, standardised; or beside them sine and cosine of the joints, which a periodic arm
+offers and the paper's process does not have. Size and weight decay are chosen for every training set anew, on the quarter of it that is kept back."""
 
 import warnings
 
@@ -16,12 +16,12 @@ ITERATIONS = 400
 warnings.simplefilter("ignore", ConvergenceWarning)
 
 
-def features(inputs):
+def with_sines(inputs):
     joints = inputs[:, :6]
     return np.hstack([inputs, np.sin(joints), np.cos(joints)])
 
 
-def fit(inputs, outputs):
+def fit(inputs, outputs, features=lambda inputs: inputs):
     """A function from inputs to outputs. L-BFGS: for so few data better than Adam, and without a learning rate."""
     x = features(inputs)
     mean, spread = x.mean(axis=0), x.std(axis=0)
@@ -31,7 +31,7 @@ def fit(inputs, outputs):
 
     def network(layers, decay, rows):
         model = MLPRegressor(
-            layers, activation="tanh", solver="lbfgs", alpha=decay, max_iter=ITERATIONS, random_state=0
+            hidden_layer_sizes=layers, activation="tanh", solver="lbfgs", alpha=decay, max_iter=ITERATIONS, random_state=0
         )
         return model.fit(x[rows], outputs[rows])
 

@@ -220,6 +220,13 @@ fn one_fold(data: &Data, fold: usize, train: &[Sample], test: &[Sample], weighte
     };
     for (name, options) in [
         ("poe", options(Method::Poe)),
+        (
+            "poe_weighted",
+            Options {
+                weighted: true,
+                ..options(Method::Poe)
+            },
+        ),
         ("gp", gp),
         ("gp_per_output", per_output),
         ("elastic", options(Method::Elastic)),
