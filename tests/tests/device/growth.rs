@@ -63,6 +63,7 @@ fn instructions_grow_with_the_support_points_and_no_faster() {
                 groups: elastic.groups,
                 tied: elastic.tied,
                 ripple: elastic.ripple,
+                landmarks: 0,
             };
             counts.push(found);
             cells.push(format!("{found:.0} ({})", predicted(&size)));
