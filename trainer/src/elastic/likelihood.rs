@@ -497,9 +497,10 @@ impl Evidence<'_> {
                 .iter()
                 .map(|m| m.col_as_slice(j))
                 .collect();
-            for i in j..self.poses() {
-                let block: [[f64; ROWS]; ROWS] = std::array::from_fn(|b| blocks[b][i]);
-                let payloads = (self.inputs.payloads[i], self.inputs.payloads[j]);
+            let other = self.inputs.payloads[j];
+            for (i, payload) in self.inputs.payloads.iter().enumerate().skip(j) {
+                let block: [[f64; ROWS]; ROWS] = blocks.map(|column| column[i]);
+                let payloads = (*payload, other);
                 for output in &mut outputs {
                     output.add((i, j), &block, &similarities, payloads);
                 }
