@@ -21,6 +21,7 @@ pub mod drift;
 pub mod elastic;
 pub mod error;
 pub mod export;
+pub mod factor;
 pub mod folds;
 pub mod gp;
 pub mod identify;

@@ -201,6 +201,7 @@ fn links_lead_somewhere() {
         "docs/blob-format.md",
         "docs/conventions.md",
         "docs/link.md",
+        "docs/performance.md",
         "docs/porting.md",
     ] {
         let text = document(name);

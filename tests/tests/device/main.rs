@@ -9,6 +9,7 @@ mod corrected;
 mod cost;
 mod damage;
 mod golden;
+mod growth;
 mod image;
 mod kills;
 mod link;

@@ -9,7 +9,7 @@ use rand::SeedableRng;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 
-use super::likelihood::{Evidence, HyperLayout, Inputs, Solved};
+use super::likelihood::{Evidence, HyperLayout, Inputs, Search, Solved};
 use super::outliers::{LeaveOneOut, Outlier, OutlierPolicy, gross, leave_one_out};
 use super::parameters::parametric_fit;
 use super::ripple::{Peak, SIGNIFICANT, peaks};
@@ -361,5 +361,5 @@ fn learn(
         layout,
         processes: options.processes,
     };
-    minimize(&evidence, &start, &bounds, ITERATIONS).x
+    minimize(&Search::new(&evidence), &start, &bounds, ITERATIONS).x
 }

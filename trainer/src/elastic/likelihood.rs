@@ -4,13 +4,17 @@
 //! −log p = ½ yᵀS⁻¹y + ½ log|S| by anything is ½ Σ W ∘ ∂S. For a kernel that contracts to an N×N matrix,
 //! G_c(i,j) = J_icᵀ W_ij J_jc, against ∂K_c. Kernels are the runtime's.
 
-use faer::linalg::solvers::{DenseSolveCore, Llt, Solve};
+use std::cell::RefCell;
+
+use faer::linalg::solvers::{Llt, Solve};
 use faer::{Mat, Side};
 use poegp_runtime::deflection::{Features, JointKernel, similarity};
 
 use super::state::{Group, Linearised, ROWS};
+use crate::factor::FactorWorkspace;
 use crate::minimize::Objective;
 use poegp_protocol::JointKind;
+use poegp_protocol::limits::MAX_JOINTS;
 
 /// One radian or metre of deflection in units of the processes: amplitudes are of order one.
 pub const DEFLECTION_UNIT: f64 = 1e-4;
@@ -157,6 +161,33 @@ impl Inputs {
     }
 }
 
+/// The payloads that occur: poses are many, payloads few, and their factor of the kernel has an exponential.
+struct DistinctPayloads {
+    kilograms: Vec<f64>,
+    /// Of each pose.
+    index: Vec<usize>,
+}
+
+impl DistinctPayloads {
+    fn new(payloads: &[f64]) -> Self {
+        let mut kilograms = payloads.to_vec();
+        kilograms.sort_by(f64::total_cmp);
+        kilograms.dedup_by(|a, b| a.to_bits() == b.to_bits());
+        let place = |m: &f64| kilograms.partition_point(|other| other.total_cmp(m).is_lt());
+        let index = payloads.iter().map(place).collect();
+        Self { kilograms, index }
+    }
+
+    /// Row by the second payload, column by the first.
+    fn factors(&self, kernel: &JointKernel<f64>) -> Vec<Vec<f64>> {
+        let row = |other: &f64| {
+            let factor = |m: &f64| kernel.payload_factor(*m, *other);
+            self.kilograms.iter().map(factor).collect()
+        };
+        self.kilograms.iter().map(row).collect()
+    }
+}
+
 /// The data of the likelihood.
 #[derive(Debug)]
 pub struct Evidence<'a> {
@@ -203,31 +234,43 @@ impl Evidence<'_> {
     }
 
     /// K_c, lower triangle, in units of the processes.
-    fn kernel_matrix(&self, kernel: &JointKernel<f64>) -> Mat<f64> {
-        let n = self.poses();
+    fn kernel_matrix(
+        &self,
+        kernel: &JointKernel<f64>,
+        payloads: &DistinctPayloads,
+        out: &mut Mat<f64>,
+    ) {
         let unit = 1.0 / (DEFLECTION_UNIT * DEFLECTION_UNIT);
-        let mut s = vec![0.0; self.inputs.kinds.len()];
-        let mut out = Mat::zeros(n, n);
-        for j in 0..n {
-            for i in j..n {
-                for (slot, matrix) in s.iter_mut().zip(self.similarities) {
-                    *slot = matrix[(i, j)];
+        let factors = payloads.factors(kernel);
+        let mut s = [0.0; MAX_JOINTS];
+        let s = &mut s[..self.inputs.kinds.len()];
+        for j in 0..self.poses() {
+            let columns: Vec<&[f64]> = self
+                .similarities
+                .iter()
+                .map(|matrix| matrix.col_as_slice(j))
+                .collect();
+            let out = out.col_as_slice_mut(j);
+            let factors = &factors[payloads.index[j]];
+            for i in j..self.poses() {
+                for (slot, column) in s.iter_mut().zip(&columns) {
+                    *slot = column[i];
                 }
-                let factor =
-                    kernel.payload_factor(self.inputs.payloads[i], self.inputs.payloads[j]);
-                out[(i, j)] = unit * factor * kernel.joint_factor(&s);
+                let factor = factors[payloads.index[i]];
+                out[i] = unit * factor * kernel.joint_factor(s);
             }
         }
-        out
     }
 
-    /// S, lower triangle, and K_c.
-    fn covariance(&self, h: &[f64]) -> (Mat<f64>, Vec<Mat<f64>>) {
+    /// S, lower triangle, and K_c; beyond it nothing means anything.
+    fn covariance(&self, h: &[f64], s: &mut Mat<f64>, kernels: &mut [Mat<f64>]) {
         let rows = self.linear.y.nrows();
-        let scaled = Mat::from_fn(rows, self.groups.len(), |i, j| {
-            self.linear.a[(i, j)] * prior_variance(self.groups[j], h).sqrt()
-        });
-        let mut s = Mat::zeros(rows, rows);
+        let sd: Vec<f64> = self
+            .groups
+            .iter()
+            .map(|group| prior_variance(*group, h).sqrt())
+            .collect();
+        let scaled = Mat::from_fn(rows, sd.len(), |i, j| self.linear.a[(i, j)] * sd[j]);
         faer::linalg::matmul::triangular::matmul(
             s.as_mut(),
             faer::linalg::matmul::triangular::BlockStructure::TriangularLower,
@@ -239,43 +282,72 @@ impl Evidence<'_> {
             1.0,
             faer::Par::Seq,
         );
-        let kernels: Vec<Mat<f64>> = if self.processes {
-            self.layout
-                .kernels(h)
-                .iter()
-                .map(|k| self.kernel_matrix(k))
-                .collect()
-        } else {
-            Vec::new()
-        };
-        let jac = &self.linear.jacobian;
-        for (c, kernel) in kernels.iter().enumerate() {
-            let column: Vec<f64> = (0..rows).map(|r| DEFLECTION_UNIT * jac[(r, c)]).collect();
-            for j in 0..self.poses() {
-                for b in 0..ROWS {
-                    let jb = column[ROWS * j + b];
-                    for i in j..self.poses() {
-                        let factor = kernel[(i, j)] * jb;
-                        for a in 0..ROWS {
-                            s[(ROWS * i + a, ROWS * j + b)] += column[ROWS * i + a] * factor;
+        let payloads = DistinctPayloads::new(&self.inputs.payloads);
+        for (kernel, matrix) in self.layout.kernels(h).iter().zip(&mut *kernels) {
+            self.kernel_matrix(kernel, &payloads, matrix);
+        }
+        self.add_processes(kernels, s);
+        for r in 0..rows {
+            let h = h[usize::from(r % ROWS >= 3)];
+            s[(r, r)] += h.exp() * self.linear.relative_noise(r, h).powi(2);
+        }
+    }
+
+    /// Adds Σ_c (J_c J_cᵀ) ∘ K_c, all outputs in one pass over S.
+    fn add_processes(&self, kernels: &[Mat<f64>], s: &mut Mat<f64>) {
+        let columns = self.columns();
+        for j in 0..self.poses() {
+            let values: Vec<&[f64]> = kernels.iter().map(|k| k.col_as_slice(j)).collect();
+            for r in ROWS * j..ROWS * (j + 1) {
+                let blocks = s.col_as_slice_mut(r).as_chunks_mut::<ROWS>().0;
+                for (i, block) in blocks.iter_mut().enumerate().skip(j) {
+                    for (column, value) in columns.iter().zip(&values) {
+                        let factor = value[i] * column[j][r % ROWS];
+                        for (slot, moved) in block.iter_mut().zip(&column[i]) {
+                            *slot += moved * factor;
                         }
                     }
                 }
             }
         }
-        for r in 0..rows {
-            let h = h[usize::from(r % ROWS >= 3)];
-            s[(r, r)] += h.exp() * self.linear.relative_noise(r, h).powi(2);
+    }
+
+    /// J_c in units of the processes, pose by pose; none when there are no processes.
+    fn columns(&self) -> Vec<Vec<[f64; ROWS]>> {
+        let jacobian = &self.linear.jacobian;
+        let at = |k: usize, c: usize| -> [f64; ROWS] {
+            std::array::from_fn(|b| DEFLECTION_UNIT * jacobian[(ROWS * k + b, c)])
+        };
+        (0..self.outputs())
+            .map(|c| (0..self.poses()).map(|k| at(k, c)).collect())
+            .collect()
+    }
+
+    /// Processes.
+    fn outputs(&self) -> usize {
+        if self.processes {
+            self.layout.joints
+        } else {
+            0
         }
-        (s, kernels)
+    }
+
+    /// Empty K_c.
+    fn no_kernels(&self) -> Vec<Mat<f64>> {
+        (0..self.outputs())
+            .map(|_| Mat::zeros(self.poses(), self.poses()))
+            .collect()
     }
 
     /// Solves for everything at fixed hyperparameters; `None` when S cannot be factored.
     pub fn solve(&self, h: &[f64]) -> Option<Solved> {
-        let (s, _) = self.covariance(h);
-        let factor = s.llt(Side::Lower).ok()?;
-        let alpha = factor.solve(&self.linear.y);
         let rows = self.linear.y.nrows();
+        let factor = {
+            let mut s = Mat::zeros(rows, rows);
+            self.covariance(h, &mut s, &mut self.no_kernels());
+            s.llt(Side::Lower).ok()?
+        };
+        let alpha = factor.solve(&self.linear.y);
         let parameters = self.groups.iter().enumerate().map(|(i, group)| {
             let projected: f64 = (0..rows)
                 .map(|r| self.linear.a[(r, i)] * alpha[(r, 0)])
@@ -300,17 +372,43 @@ impl Evidence<'_> {
 
 impl Objective for Evidence<'_> {
     fn value_and_gradient(&self, h: &[f64]) -> (f64, Vec<f64>) {
-        let (s, kernels) = self.covariance(h);
-        let rows = s.nrows();
+        Search::new(self).value_and_gradient(h)
+    }
+}
+
+/// The same as the [`Evidence`], in memory that is kept from one evaluation to the next.
+#[derive(Debug)]
+pub struct Search<'a> {
+    evidence: &'a Evidence<'a>,
+    workspace: RefCell<(FactorWorkspace, Vec<Mat<f64>>)>,
+}
+
+impl<'a> Search<'a> {
+    /// Of this evidence.
+    pub fn new(evidence: &'a Evidence<'a>) -> Self {
+        let factor = FactorWorkspace::new(evidence.linear.y.nrows());
+        Self {
+            evidence,
+            workspace: RefCell::new((factor, evidence.no_kernels())),
+        }
+    }
+}
+
+impl Objective for Search<'_> {
+    fn value_and_gradient(&self, h: &[f64]) -> (f64, Vec<f64>) {
+        let evidence = self.evidence;
+        let (factor, kernels) = &mut *self.workspace.borrow_mut();
+        evidence.covariance(h, &mut factor.matrix, kernels);
         let rejected = (f64::INFINITY, vec![0.0; h.len()]);
-        let Ok(factor) = s.llt(Side::Lower) else {
+        if factor.factor().is_err() {
             return rejected;
-        };
-        let y = &self.linear.y;
-        let alpha = factor.solve(y);
+        }
+        let y = &evidence.linear.y;
+        let rows = y.nrows();
+        let mut alpha = y.clone();
+        factor.solve_in_place(alpha.as_mut());
         let fit: f64 = (0..rows).map(|r| y[(r, 0)] * alpha[(r, 0)]).sum();
-        let half_log_determinant: f64 = (0..rows).map(|r| factor.L()[(r, r)].ln()).sum();
-        let value = 0.5 * fit + half_log_determinant;
+        let value = 0.5 * fit + factor.half_log_determinant();
         if !value.is_finite() {
             return rejected;
         }
@@ -319,13 +417,10 @@ impl Objective for Evidence<'_> {
         for r in 0..rows {
             let w = inverse[(r, r)] - alpha[(r, 0)] * alpha[(r, 0)];
             let i = usize::from(r % ROWS >= 3);
-            gradient[i] += 0.5 * w * h[i].exp() * self.linear.common_share[r];
+            gradient[i] += 0.5 * w * h[i].exp() * evidence.linear.common_share[r];
         }
-        self.prior_gradient(h, &inverse, &alpha, &mut gradient);
-        let natural = self.layout.kernels(h);
-        for (c, kernel) in kernels.iter().enumerate() {
-            self.kernel_gradient(h, c, &natural[c], kernel, &inverse, &alpha, &mut gradient);
-        }
+        evidence.prior_gradient(h, inverse, &alpha, &mut gradient);
+        evidence.kernel_gradients(h, kernels, inverse, &alpha, &mut gradient);
         (value, gradient)
     }
 }
@@ -361,62 +456,109 @@ impl Evidence<'_> {
         }
     }
 
-    #[allow(clippy::too_many_arguments)]
-    fn kernel_gradient(
+    /// ½ Σ W ∘ ∂S by what the kernels are made of, all outputs in one pass over S⁻¹.
+    fn kernel_gradients(
         &self,
         h: &[f64],
-        c: usize,
-        natural: &JointKernel<f64>,
-        kernel: &Mat<f64>,
+        kernels: &[Mat<f64>],
         inverse: &Mat<f64>,
         alpha: &Mat<f64>,
         gradient: &mut [f64],
     ) {
-        let n = self.inputs.kinds.len();
-        let rows = alpha.nrows();
-        let column: Vec<f64> = (0..rows)
-            .map(|r| DEFLECTION_UNIT * self.linear.jacobian[(r, c)])
-            .collect();
-        let projected: Vec<f64> = (0..self.poses())
-            .map(|k| {
-                (0..ROWS)
-                    .map(|b| column[ROWS * k + b] * alpha[(ROWS * k + b, 0)])
-                    .sum()
+        let natural = self.layout.kernels(h);
+        let columns = self.columns();
+        let project = |(k, part): (usize, &[f64; ROWS])| {
+            let mut sum = 0.0;
+            for (b, value) in part.iter().enumerate() {
+                sum += value * alpha[(ROWS * k + b, 0)];
+            }
+            sum
+        };
+        let mut outputs: Vec<KernelSums<'_>> = natural
+            .iter()
+            .zip(kernels)
+            .zip(&columns)
+            .map(|((natural, kernel), column)| KernelSums {
+                natural,
+                kernel,
+                column,
+                projected: column.iter().enumerate().map(project).collect(),
+                scales: [0.0; MAX_JOINTS],
+                payload_scale: 0.0,
+                constant: 0.0,
+                slope: 0.0,
             })
             .collect();
-        let mut scales = vec![0.0; n];
-        let (mut payload_scale, mut constant, mut slope) = (0.0, 0.0, 0.0);
         for j in 0..self.poses() {
-            for i in j..self.poses() {
-                let mut g = -projected[i] * projected[j];
-                for b in 0..ROWS {
-                    let jb = column[ROWS * j + b];
-                    let mut sum = 0.0;
-                    for a in 0..ROWS {
-                        sum += column[ROWS * i + a] * inverse[(ROWS * i + a, ROWS * j + b)];
-                    }
-                    g += sum * jb;
+            let blocks: [&[[f64; ROWS]]; ROWS] =
+                std::array::from_fn(|b| inverse.col_as_slice(ROWS * j + b).as_chunks::<ROWS>().0);
+            let similarities: Vec<&[f64]> = self
+                .similarities
+                .iter()
+                .map(|m| m.col_as_slice(j))
+                .collect();
+            let other = self.inputs.payloads[j];
+            for (i, payload) in self.inputs.payloads.iter().enumerate().skip(j) {
+                let block: [[f64; ROWS]; ROWS] = blocks.map(|column| column[i]);
+                let payloads = (*payload, other);
+                for output in &mut outputs {
+                    output.add((i, j), &block, &similarities, payloads);
                 }
-                let weight = if i == j { 0.5 } else { 1.0 } * g * kernel[(i, j)];
-                for (sum, s) in scales.iter_mut().zip(self.similarities) {
-                    *sum += weight * (s[(i, j)] - 1.0);
-                }
-                let (m, other) = (self.inputs.payloads[i], self.inputs.payloads[j]);
-                payload_scale -= weight * (m - other) * (m - other);
-                let amplitude = natural.amplitude + natural.payload_amplitude * m * other;
-                constant += weight * natural.amplitude / amplitude;
-                slope += weight * natural.payload_amplitude * m * other / amplitude;
             }
         }
-        for (d, sum) in scales.iter().enumerate() {
-            let i = self.layout.scale(c, d);
-            gradient[i] += sum * h[i].exp();
+        for (c, sums) in outputs.iter().enumerate() {
+            for (d, sum) in sums.scales.iter().take(self.layout.joints).enumerate() {
+                let i = self.layout.scale(c, d);
+                gradient[i] += sum * h[i].exp();
+            }
+            gradient[self.layout.amplitude(c, 0)] += sums.constant;
+            if self.layout.payload {
+                let i = self.layout.scale(c, self.layout.joints);
+                gradient[i] += 0.5 * sums.payload_scale * h[i].exp();
+                gradient[self.layout.amplitude(c, 1)] += sums.slope;
+            }
         }
-        gradient[self.layout.amplitude(c, 0)] += constant;
-        if self.layout.payload {
-            let i = self.layout.scale(c, n);
-            gradient[i] += 0.5 * payload_scale * h[i].exp();
-            gradient[self.layout.amplitude(c, 1)] += slope;
+    }
+}
+
+/// What one output gathers over all pairs of poses.
+struct KernelSums<'a> {
+    natural: &'a JointKernel<f64>,
+    kernel: &'a Mat<f64>,
+    /// J_c of each pose.
+    column: &'a [[f64; ROWS]],
+    /// J_cᵀ α of each pose.
+    projected: Vec<f64>,
+    scales: [f64; MAX_JOINTS],
+    payload_scale: f64,
+    constant: f64,
+    slope: f64,
+}
+
+impl KernelSums<'_> {
+    /// Adds the pair (i, j), `block` its part of S⁻¹ by columns.
+    fn add(
+        &mut self,
+        (i, j): (usize, usize),
+        block: &[[f64; ROWS]; ROWS],
+        similarities: &[&[f64]],
+        (m, other): (f64, f64),
+    ) {
+        let mut g = -self.projected[i] * self.projected[j];
+        for (part, jb) in block.iter().zip(&self.column[j]) {
+            let mut sum = 0.0;
+            for (entry, moved) in part.iter().zip(&self.column[i]) {
+                sum += moved * entry;
+            }
+            g += sum * jb;
         }
+        let weight = if i == j { 0.5 } else { 1.0 } * g * self.kernel[(i, j)];
+        for (sum, s) in self.scales.iter_mut().zip(similarities) {
+            *sum += weight * (s[i] - 1.0);
+        }
+        self.payload_scale -= weight * (m - other) * (m - other);
+        let amplitude = self.natural.amplitude + self.natural.payload_amplitude * m * other;
+        self.constant += weight * self.natural.amplitude / amplitude;
+        self.slope += weight * self.natural.payload_amplitude * m * other / amplitude;
     }
 }

@@ -63,8 +63,10 @@ pub fn gathered(payloads: &[f64]) -> Vec<f64> {
     payloads.iter().map(|m| nearest(*m)).collect()
 }
 
-/// The `count` points that leave the least unexplained, by pivoted Cholesky of Σ_c s_c K_c.
-fn choose(fit: &ElasticFit, payloads: &[f64], jacobian: &Mat<f64>, count: usize) -> Vec<usize> {
+/// The `count` points that leave the least unexplained, by pivoted Cholesky of Σ_c s_c K_c: indices of poses, in the
+/// order of the choice. `payloads` are in kg, one for each pose; `jacobian` (6k × n) says how much each joint moves the
+/// tool.
+pub fn choose(fit: &ElasticFit, payloads: &[f64], jacobian: &Mat<f64>, count: usize) -> Vec<usize> {
     let kernels = fit.layout.kernels(&fit.hyperparameters);
     let n = payloads.len();
     let share = |c: usize| {

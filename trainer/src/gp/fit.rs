@@ -3,10 +3,12 @@
 //! L-BFGS-B over natural logarithms with the analytic gradient, from a few fixed starts that differ in length scale and
 //! noise: the same data give the same hyperparameters, to the last bit, on one machine.
 
+use std::cell::RefCell;
+
 use faer::Mat;
 use poegp_protocol::limits::OUTPUTS;
 
-use super::likelihood::log_marginal_likelihood;
+use super::likelihood::{LikelihoodWorkspace, log_marginal_likelihood_in};
 use super::{Hyperparameters, NotPositiveDefinite, Pairs, TaskSpaceGp, scale_outputs};
 use crate::minimize::{Objective, minimize};
 
@@ -40,12 +42,14 @@ const ITERATIONS: u64 = 100;
 struct NegativeLogLikelihood<'a> {
     pairs: &'a Pairs,
     outputs: &'a Mat<f64>,
+    workspace: RefCell<LikelihoodWorkspace>,
 }
 
 impl Objective for NegativeLogLikelihood<'_> {
     fn value_and_gradient(&self, x: &[f64]) -> (f64, Vec<f64>) {
         let theta: Vec<f64> = x.iter().map(|l| l.exp()).collect();
-        match log_marginal_likelihood(
+        match log_marginal_likelihood_in(
+            &mut self.workspace.borrow_mut(),
             self.pairs,
             self.outputs,
             &Hyperparameters::from_array(&theta),
@@ -63,7 +67,11 @@ pub fn maximise_likelihood(
     outputs: &Mat<f64>,
     max_signal_variance: f64,
 ) -> (Hyperparameters, f64) {
-    let objective = NegativeLogLikelihood { pairs, outputs };
+    let objective = NegativeLogLikelihood {
+        pairs,
+        outputs,
+        workspace: RefCell::new(LikelihoodWorkspace::new(outputs.nrows())),
+    };
     let mut bounds = BOUNDS.map(|(lower, upper)| (lower.ln(), upper.ln()));
     bounds[0].1 = max_signal_variance.ln();
     let best = STARTS

@@ -1,0 +1,106 @@
+//! What a support point more costs on the device: instructions of one evaluation for M = 25 … 400.
+
+use poegp_protocol::link::Refusal;
+use poegp_tests::device::{Device, DeviceError};
+use poegp_tests::emulator::{Clock, instructions};
+use poegp_tests::sample::{Elastic, Sample, Support};
+use poegp_trainer::cost::{ElasticSize, instructions as predicted};
+
+const POINTS: [usize; 5] = [25, 50, 100, 200, 400];
+
+/// Instructions of one evaluation within the trained ranges; `None` when the device has no room for the blob.
+fn count(device: &mut Device, support: Support) -> Option<f64> {
+    let sample = Sample::plain(40, support);
+    match device.load(&sample.blob()) {
+        Ok(_) => {}
+        Err(DeviceError::Refused(Refusal::BlobTooLong { length, capacity })) => {
+            println!("{support:?}: a blob of {length} bytes, the device takes {capacity}");
+            return None;
+        }
+        Err(error) => panic!("{support:?}: {error}"),
+    }
+    let tick_hz = device.identify().unwrap().tick_hz;
+    let ticks = device.evaluate(&sample.queries(1)[0]).unwrap().ticks;
+    Some(instructions(ticks, tick_hz))
+}
+
+/// Slope of log count over log M, least squares.
+fn exponent(sizes: &[usize], counts: &[f64]) -> f64 {
+    let points: Vec<(f64, f64)> = sizes
+        .iter()
+        .zip(counts)
+        .map(|(m, count)| ((*m as f64).ln(), count.ln()))
+        .collect();
+    let n = points.len() as f64;
+    let mean_x = points.iter().map(|p| p.0).sum::<f64>() / n;
+    let mean_y = points.iter().map(|p| p.1).sum::<f64>() / n;
+    let product: f64 = points.iter().map(|p| (p.0 - mean_x) * (p.1 - mean_y)).sum();
+    let square: f64 = points.iter().map(|p| (p.0 - mean_x).powi(2)).sum();
+    product / square
+}
+
+#[test]
+fn instructions_grow_with_the_support_points_and_no_faster() {
+    let mut device = Device::start(Clock::Counting).unwrap_or_else(|error| panic!("{error}"));
+    let mut lines = Vec::new();
+    for name in [
+        "paper, shared",
+        "elastic, own length scales",
+        "elastic, tied",
+    ] {
+        let (mut counts, mut cells) = (Vec::new(), Vec::new());
+        for points in POINTS {
+            if name == "paper, shared" {
+                let found = count(&mut device, Support::Shared(points)).expect("512 points fit");
+                cells.push(format!("{found:.0}"));
+                counts.push(found);
+                continue;
+            }
+            let elastic = Elastic {
+                points,
+                tied: name == "elastic, tied",
+                ..Elastic::OWN
+            };
+            let size = ElasticSize {
+                joints: 6,
+                prismatic: 0,
+                support: points,
+                groups: elastic.groups,
+                tied: elastic.tied,
+                ripple: elastic.ripple,
+                landmarks: 0,
+            };
+            match count(&mut device, Support::Elastic(elastic)) {
+                Some(found) => {
+                    cells.push(format!("{found:.0} ({})", predicted(&size)));
+                    counts.push(found);
+                }
+                None => cells.push(format!("does not fit ({})", predicted(&size))),
+            }
+        }
+        let sizes = &POINTS[..counts.len()];
+        assert!(sizes.len() >= 4, "{name}: 200 points fit into the device");
+        let exponent = exponent(sizes, &counts);
+        lines.push(format!(
+            "| {name} | {} | {exponent:.2} |",
+            cells.join(" | ")
+        ));
+        // A constant and a cost for each point: never more than proportional.
+        assert!((0.1..=1.0).contains(&exponent), "{name}: {exponent}");
+        let each: Vec<f64> = (1..sizes.len())
+            .map(|i| (counts[i] - counts[i - 1]) / (sizes[i] - sizes[i - 1]) as f64)
+            .collect();
+        for cost in &each {
+            assert!(
+                (cost / each[0] - 1.0).abs() < 0.05,
+                "{name}: {each:?} instructions a point"
+            );
+        }
+    }
+    println!("instructions of one evaluation (predicted by trainer/src/cost.rs), Cortex-M4F:");
+    println!("| | M = 25 | 50 | 100 | 200 | 400 | exponent |");
+    println!("|---|---|---|---|---|---|---|");
+    for line in lines {
+        println!("{line}");
+    }
+}
