@@ -6,7 +6,7 @@ use poegp_protocol::limits::MAX_JOINTS;
 
 use super::PerJoint;
 use crate::scalar::Scalar;
-use crate::se3::{Pose, cross, dot, scale, subtract};
+use crate::se3::{Pose, cross, dot, subtract};
 
 /// Gravity at one configuration: everything that its regressors are made of.
 #[derive(Clone, Copy, Debug)]
@@ -112,55 +112,84 @@ impl<T: Scalar> GravityTerms<T> {
     // A function of its own: evaluation and trace share its code.
     #[inline(never)]
     pub fn deflection(&self, at: &GravityRegressors<'_, T>, payload_kg: T) -> PerJoint<T> {
-        let mut out = [T::ZERO; MAX_JOINTS];
         let n = at.kinds.len();
-        let joints = at.kinds.iter().zip(at.frames).zip(&self.links);
-        let payload = self.payload_lever.iter().zip(&self.payload_offset);
-        for ((c, sum), (((kind, frame), links), (lever, offset))) in
-            out.iter_mut().enumerate().zip(joints.zip(payload))
+        let mut moments = [[T::ZERO; 3]; MAX_JOINTS];
+        // The payload acts on the last link, at its offset from the target.
+        let to = &at.target.translation;
+        let turn = rows(at.target);
+        let terms = self
+            .links
+            .iter()
+            .zip(&self.payload_lever)
+            .zip(&self.payload_offset);
+        for ((moment, frame), ((links, lever), offset)) in
+            moments.iter_mut().zip(at.frames).zip(terms).take(n)
         {
-            // The payload acts on the last link, at its offset from the target.
-            let mut last = scale(payload_kg, offset);
-            if let Some(a) = links.get(n.wrapping_sub(1)) {
-                add(&mut last, a);
+            let Some(a) = links.get(n.wrapping_sub(1)) else {
+                break;
+            };
+            let pull = payload_kg * *lever;
+            let from = &frame.translation;
+            let last = [0, 1, 2].map(|i| payload_kg * offset[i] + a[i]);
+            *moment = [0, 1, 2].map(|i| pull * (to[i] - from[i]));
+            add_turned(moment, &turn, &last);
+        }
+        // Link by link, so that each rotation is read once.
+        for (link, frame) in at
+            .frames
+            .iter()
+            .skip(1)
+            .enumerate()
+            .take(n.saturating_sub(1))
+        {
+            let turn = rows(frame);
+            for (moment, links) in moments.iter_mut().zip(&self.links).take(link + 1) {
+                if let Some(a) = links.get(link) {
+                    add_turned(moment, &turn, &[a[0], a[1], a[2]]);
+                }
             }
-            let inner = links.get(c..n.wrapping_sub(1)).unwrap_or(&[]);
+        }
+        let mut out = [T::ZERO; MAX_JOINTS];
+        let joints = at.kinds.iter().zip(at.frames).zip(&moments);
+        for ((c, sum), ((kind, frame), moment)) in out.iter_mut().enumerate().zip(joints) {
             let axis = third_column(frame);
             *sum = match kind {
                 JointKind::Revolute => {
-                    let arm = subtract(&at.target.translation, &frame.translation);
-                    let mut moment = scale(payload_kg * *lever, &arm);
-                    add(&mut moment, &turned(at.target, &last));
-                    let after = at.frames.get(c + 1..).unwrap_or(&[]);
-                    for (a, link) in inner.iter().zip(after) {
-                        add(&mut moment, &turned(link, a));
-                    }
-                    dot(&moment, &cross(at.gravity, &axis))
+                    let w = cross(at.gravity, &axis);
+                    moment[0] * w[0] + moment[1] * w[1] + moment[2] * w[2]
                 }
-                JointKind::Prismatic => {
-                    let mut weight = last[0];
-                    for a in inner {
-                        weight += a[0];
-                    }
-                    dot(&axis, at.gravity) * weight
-                }
+                JointKind::Prismatic => dot(&axis, at.gravity) * self.weight(c, n, payload_kg),
             };
         }
         out
     }
+
+    /// Σ_j a_cj of a prismatic joint, with the payload on the last link.
+    #[inline(never)]
+    fn weight(&self, c: usize, n: usize, payload_kg: T) -> T {
+        let (Some(links), Some(offset)) = (self.links.get(c), self.payload_offset.get(c)) else {
+            return T::ZERO;
+        };
+        let last = links.get(n.wrapping_sub(1)).map_or(T::ZERO, |a| a[0]);
+        let mut weight = payload_kg * offset[0] + last;
+        for a in links.get(c..n.wrapping_sub(1)).unwrap_or(&[]) {
+            weight += a[0];
+        }
+        weight
+    }
 }
 
-/// R v.
+/// The rotation of a frame, row by row.
 #[inline(always)]
-fn turned<T: Scalar>(frame: &Pose<T>, v: &Vector3<T>) -> Vector3<T> {
+fn rows<T: Scalar>(frame: &Pose<T>) -> [[T; 3]; 3] {
     let r = &frame.rotation;
-    let row = |i: usize| r[(i, 0)] * v[0] + r[(i, 1)] * v[1] + r[(i, 2)] * v[2];
-    Vector3::new(row(0), row(1), row(2))
+    [0, 1, 2].map(|i| [r[(i, 0)], r[(i, 1)], r[(i, 2)]])
 }
 
+/// sum + R v.
 #[inline(always)]
-fn add<T: Scalar>(sum: &mut Vector3<T>, v: &Vector3<T>) {
-    for i in 0..3 {
-        sum[i] += v[i];
+fn add_turned<T: Scalar>(sum: &mut [T; 3], turn: &[[T; 3]; 3], v: &[T; 3]) {
+    for (slot, row) in sum.iter_mut().zip(turn) {
+        *slot += row[0] * v[0] + row[1] * v[1] + row[2] * v[2];
     }
 }

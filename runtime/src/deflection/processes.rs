@@ -268,31 +268,25 @@ impl<T: Scalar> JointProcesses<T> {
             ];
             d += 1;
         }
-        let mut seen = [T::ZERO; TILE];
         let mut out = [T::ZERO; MAX_JOINTS];
         let mut rest = rows.as_chunks::<ROW>().0;
         for group in &self.groups {
             let (here, after) = rest.split_at_checked(group.points).unwrap_or((rest, &[]));
             rest = after;
             let mut sums = [T::ZERO; N];
-            for tile in here.chunks(TILE) {
-                // Two passes keep the query and then the sums in registers.
-                for (row, seen) in tile.iter().zip(&mut seen) {
-                    let mut exponent = scaled[0][0] * row[0] + scaled[0][1] * row[1];
-                    let mut d = 1;
-                    while d < N {
-                        exponent += scaled[d][0] * row[2 * d];
-                        exponent += scaled[d][1] * row[2 * d + 1];
-                        d += 1;
-                    }
-                    *seen = exponent.exp2_unclamped();
+            for row in here {
+                let mut exponent = scaled[0][0] * row[0] + scaled[0][1] * row[1];
+                let mut d = 1;
+                while d < N {
+                    exponent += scaled[d][0] * row[2 * d];
+                    exponent += scaled[d][1] * row[2 * d + 1];
+                    d += 1;
                 }
-                for (row, k) in tile.iter().zip(&seen) {
-                    let mut c = 0;
-                    while c < N {
-                        sums[c] += *k * row[2 * N + c];
-                        c += 1;
-                    }
+                let k = exponent.exp2_unclamped();
+                let mut c = 0;
+                while c < N {
+                    sums[c] += k * row[2 * N + c];
+                    c += 1;
                 }
             }
             let falling = first.falling(payload_kg, group.payload_kg);
