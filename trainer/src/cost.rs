@@ -39,31 +39,35 @@ pub fn instructions(size: &ElasticSize) -> u64 {
     let n = size.joints as f64;
     let sliding = if size.prismatic > 0 { 1.0 } else { 0.0 };
     // Chain twice, gravity terms, twist, bound.
-    let mut count = 865.9 + n * (640.0 + n * 6.58) - 68.7 * sliding * n;
+    let mut count = 1_260.0 + n * (490.5 + n * 16.5) - 13.0 * sliding * n;
     // Trust.
     count += 30.0 + 37.0 * n;
+    if size.unrolled() && !size.tied {
+        count += 45.5 * n;
+    }
     count += 67.5 * size.ripple as f64;
-    // The factor of a payload group for each joint, and the way into its loops.
-    count += size.groups as f64
-        * if size.tied {
-            85.9 + n * 21.6
-        } else {
-            n * 81.4 - 62.5
-        };
     // Own length scales are two joints in each pass.
     let passes = size.joints.div_ceil(2) as f64;
-    let (once, point) = match (size.unrolled(), size.tied) {
-        (true, false) => (162.6, 156.7 + n * (passes * 14.7 - 28.67)),
-        (true, true) => (2.3, 21.4 + n * 8.46),
-        (false, false) => (192.4, n * (118.8 - n * 6.05) - 47.0),
-        (false, true) => (192.4, 99.9 + n * 24.19),
+    // The factor of a payload group for each joint, and the way into its loops.
+    count += size.groups as f64
+        * match (size.unrolled(), size.tied) {
+            (true, false) => 125.0 * passes,
+            (true, true) => 38.0 + 12.2 * n,
+            (false, false) => 14.0 + 42.5 * n,
+            (false, true) => 45.0 * n - 4.0,
+        };
+    let point = match (size.unrolled(), size.tied) {
+        (true, false) => 168.7 + n * (13.07 * passes - 23.7),
+        (true, true) => 18.9 + 9.27 * n,
+        (false, false) => 29.3 + 79.7 * n,
+        (false, true) => 82.5 + 27.5 * n,
     };
     if size.support > 0 {
-        count += once;
+        count += 65.0;
     }
     if size.landmarks > 0 {
         let l = size.landmarks as f64;
-        count += 371.0 + 84.0 * n + l * (106.0 + 8.5 * n + l * 2.2);
+        count += 363.0 + 84.0 * n + l * (92.0 + 16.0 * n + l * 4.0);
     }
     (count + size.support as f64 * point) as u64
 }

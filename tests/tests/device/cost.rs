@@ -77,7 +77,7 @@ fn instructions_of_elastic_models() {
 fn instructions_of_a_standard_deviation() {
     let mut device = Device::start(Clock::Counting).unwrap_or_else(|error| panic!("{error}"));
     println!("instructions beside those of a tied model, Cortex-M4F:");
-    let mut missed = Vec::new();
+    let (mut missed, mut beyond) = (Vec::new(), Vec::new());
     for (joints, prismatic, coupled) in [
         (6, false, false),
         (7, false, false),
@@ -121,13 +121,16 @@ fn instructions_of_a_standard_deviation() {
                 most - least
             );
             // A column of a coupled joint is made of all of the chain.
-            let limit = if coupled { 5_500.0 } else { 4_500.0 };
-            assert!(count <= limit, "{count}");
+            let limit = if coupled { 6_000.0 } else { 5_500.0 };
+            if count > limit {
+                beyond.push(count);
+            }
             if !coupled && (most - least - count).abs() > 0.1 * count {
                 missed.push(sample);
             }
         }
     }
+    assert!(beyond.is_empty(), "{beyond:?}");
     assert!(missed.is_empty(), "{missed:#?}");
 }
 
