@@ -56,7 +56,7 @@ const STEPS: usize = 2;
 /// The same with a correction in task space: two leave more than 1 µm at 1 % of the poses.
 const TASK_SPACE_STEPS: usize = 3;
 
-/// The answer of [`Model::correct`].
+/// The answer of [`super::Model::correct`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Corrected<T> {
     /// The controller's joints to command, rad or m; beyond the joints of the arm zero.
