@@ -19,7 +19,7 @@
 //! of the uncorrected command, nominal(q) against POE(q + D). Unless it is smaller, in position and altogether, by more
 //! than this comparison can be wrong, the answer is the command as it came, with [`Status::CORRECTION_REFUSED`]. A second
 //! pass of the processes would cost as much as everything else; instead, the deflection may change by [`LAG`] of itself
-//! between the places where it is evaluated and where it is used. Everything else that is neglected is bounded by the
+//! between the places where it is evaluated and where it is used. That is assumed, not proven. Everything else that is neglected is bounded by the
 //! second derivative of a chain, |f(y + d) − f(y) − J d| ≤ reach · (Σ|d|)².
 //!
 //! An arm of less than six joints cannot reach every pose: it is brought to the position, and its rotation as near as that
