@@ -41,6 +41,15 @@ pub struct Row {
     pub chosen: bool,
 }
 
+/// A candidate that cannot be used on these data.
+#[derive(Clone, Debug)]
+pub struct LeftOut {
+    /// Name of the candidate.
+    pub candidate: &'static str,
+    /// Why a model of it could not be made of some folds.
+    pub reason: String,
+}
+
 /// A choice with its reasons.
 #[derive(Clone, Debug)]
 pub struct Choice {
@@ -48,6 +57,8 @@ pub struct Choice {
     pub options: Options,
     /// The table, simplest first.
     pub table: Vec<Row>,
+    /// Candidates that are not in it.
+    pub left_out: Vec<LeftOut>,
 }
 
 /// All candidates that the data allow, simplest first; `base` has the options that they share.
@@ -109,20 +120,37 @@ pub fn candidates(samples: &[Sample], joints: usize, base: &Options) -> Vec<Cand
     out
 }
 
-/// Cross-validates the candidates on `task.train` and chooses. `progress` is called after every calibration.
+/// Cross-validates the candidates on `task.train` and chooses. `progress` is called after every calibration. A candidate
+/// that cannot be calibrated, or not for a device, on some of the folds would not be a safe choice: it is left out.
 ///
 /// # Errors
-/// [`CompareError`] when a candidate cannot be calibrated.
+/// [`CompareError`] of the first one when no candidate can be calibrated.
 pub fn choose(
     task: &Task<'_>,
     candidates: &[Candidate],
     progress: &mut dyn FnMut(),
 ) -> Result<Choice, CompareError> {
     let mut errors: Vec<Vec<f64>> = Vec::new();
+    let (mut usable, mut left_out, mut first) = (Vec::new(), Vec::new(), None);
     for candidate in candidates {
-        let held_out = task.held_out(&candidate.options, progress)?;
-        errors.push(held_out.iter().map(|e| e.position_mm).collect());
+        match task.held_out(&candidate.options, progress) {
+            Ok(held_out) => {
+                errors.push(held_out.iter().map(|e| e.position_mm).collect());
+                usable.push(candidate);
+            }
+            Err(error) => {
+                left_out.push(LeftOut {
+                    candidate: candidate.name,
+                    reason: error.error.to_string(),
+                });
+                first.get_or_insert(error);
+            }
+        }
     }
+    if let (true, Some(error)) = (usable.is_empty(), first) {
+        return Err(error);
+    }
+    let candidates = usable;
     let mean = |e: &Vec<f64>| e.iter().sum::<f64>() / e.len().max(1) as f64;
     let best = (0..errors.len())
         .min_by(|a, b| mean(&errors[*a]).total_cmp(&mean(&errors[*b])))
@@ -159,5 +187,6 @@ pub fn choose(
     Ok(Choice {
         table: table.collect(),
         options: candidates[chosen].options,
+        left_out,
     })
 }
