@@ -89,10 +89,13 @@ fn stack_stays_small_with_signatures() {
         for refused in [&signed[..signed.len() - 1], &damaged] {
             device.load(refused).unwrap_err();
         }
-        // Where in a signature a cycle comes is chance: often enough to meet its deepest calls.
+        // Where in a signature a cycle comes is chance: often enough to meet its deepest calls, also on a busy machine.
         let mut cycles = 0;
-        for _ in 0..8 {
+        for _ in 0..100 {
             cycles += cycles_during_a_signature(&mut device, &signed, &sample.queries(20));
+            if cycles >= 8 {
+                break;
+            }
         }
         println!("{cycles} cycles during signatures");
         assert!(cycles >= 8, "{cycles}");

@@ -108,14 +108,24 @@ fn a_correction_does_not_wait_for_services() {
     let tick_hz = device.identify().unwrap().tick_hz;
     let quiet = device.statistics().unwrap();
 
-    let mut counts = Vec::new();
-    for bytes in [1, 2, 0, 1, 2, 0, 1].map(|index: usize| &blobs[index]) {
-        counts.extend(controller.load(&mut device, bytes));
+    // How many corrections meet a service is chance: on a busy machine it takes more services.
+    let mut counts: Vec<(&str, usize)> = Vec::new();
+    let during = |counts: &[(&str, usize)], names: &[&str]| -> usize {
+        let named = counts.iter().filter(|(of, _)| names.contains(of));
+        named.map(|(_, count)| count).sum()
+    };
+    for _ in 0..30 {
+        for bytes in [1, 2, 0, 1].map(|index: usize| &blobs[index]) {
+            counts.extend(controller.load(&mut device, bytes));
+        }
+        let from_crc = blob::stored_crc(&blobs[1]).unwrap();
+        let (answer, count) = controller.during(&mut device, &Request::RollBack { from_crc });
+        assert!(matches!(answer, Response::Identity(_)), "{answer:?}");
+        counts.push(("roll back", count));
+        if during(&counts, &["verify"]) >= 20 && during(&counts, &["commit", "roll back"]) >= 2 {
+            break;
+        }
     }
-    let from_crc = blob::stored_crc(&blobs[1]).unwrap();
-    let (answer, count) = controller.during(&mut device, &Request::RollBack { from_crc });
-    assert!(matches!(answer, Response::Identity(_)), "{answer:?}");
-    counts.push(("roll back", count));
 
     let busy = device.statistics().unwrap();
     println!(
@@ -130,12 +140,8 @@ fn a_correction_does_not_wait_for_services() {
         in_instructions(busy.max_latency_ticks),
         in_instructions(busy.max_ticks)
     );
-    let during = |name: &str| -> usize {
-        let named = counts.iter().filter(|(of, _)| *of == name);
-        named.map(|(_, count)| count).sum()
-    };
-    assert!(during("verify") >= 20, "{counts:?}");
-    assert!(during("commit") + during("roll back") >= 2, "{counts:?}");
+    assert!(during(&counts, &["verify"]) >= 20, "{counts:?}");
+    assert!(during(&counts, &["commit", "roll back"]) >= 2, "{counts:?}");
     assert!(in_instructions(busy.max_latency_ticks) <= BOUND);
     assert_eq!((busy.missed_deadlines, busy.restarts), (0, 0));
 }
