@@ -24,6 +24,7 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use clap::Parser;
+use poegp_runtime::load_error::LoadError;
 use poegp_runtime::poe::Poe;
 
 use crate::calibration::frames::Sample;
@@ -32,7 +33,7 @@ use crate::calibration::{CalibrationError, Method, fewest_poses};
 use crate::device::error::ClientError;
 use crate::error::InputError;
 use crate::export::{DeviceError, ExportError, Origin, nominal_chain};
-use crate::loaded::HOST_SUPPORT;
+use crate::loaded::{BlobError, HOST_SUPPORT};
 use crate::measurements::{self, MeasurementSet};
 use crate::robot::Robot;
 use crate::samples::ToolName;
@@ -73,6 +74,10 @@ impl From<ExportError> for Failure {
         match error {
             ExportError::LosesPrecision(_) => Self::Quality(format!(
                 "{error}\nhelp: the data make a very smooth correction with very little noise; nothing was written"
+            )),
+            ExportError::Unusable(BlobError::Load(LoadError::Bound)) => Self::Usage(format!(
+                "{error}\nhelp: the poses are a metre or half a radian from what the robot should do: is it this robot, with \
+                 these joints (as the controller counts them, or serial), and this order of columns?"
             )),
             _ => Self::Usage(error.to_string()),
         }

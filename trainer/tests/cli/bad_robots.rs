@@ -57,6 +57,18 @@ fn unknown_robots() {
 }
 
 #[test]
+fn joints_counted_otherwise_than_by_the_robot() {
+    let folder = Folder::new();
+    folder.write("train.csv", simulated("train", 100));
+    // Measured with serial joints; the controller of this one counts the third otherwise.
+    let line = "calibrate --robot abb-irb4400 --model poe-gp-load train.csv --out arm.blob";
+    let outcome = folder.run(line);
+    assert_eq!(outcome.code, Some(2), "{outcome:?}");
+    assert!(outcome.stderr.contains("is it this robot"), "{outcome:?}");
+    assert!(!folder.path("arm.blob").exists());
+}
+
+#[test]
 fn urdf_files() {
     let folder = Folder::new();
     let chain = [

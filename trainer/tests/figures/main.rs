@@ -2,6 +2,7 @@
 //!
 //! Each test prints what it measured, whether or not it passes.
 
+mod choice;
 mod device_sigma;
 mod elastic;
 mod measured;
