@@ -169,8 +169,7 @@ impl<T: Scalar> Poe<T> {
         (out, target)
     }
 
-    /// The same, written to `frames`: on a Cortex-M4F a returned array costs 400 instructions of copying. Frames beyond
-    /// the last joint stay as they are.
+    /// The same, written to `frames`; frames beyond the last joint stay as they are.
     #[inline(always)]
     pub fn joint_frames_into(
         &self,
@@ -188,14 +187,24 @@ impl<T: Scalar> Poe<T> {
         pose
     }
 
-    /// The same as a function of its own, for whoever needs it more than once.
+    /// `base_from_joint` of every joint after it moved, to `frames`, and f(q): on a Cortex-M4F a returned array costs 400
+    /// instructions of copying. Frames beyond the last joint stay as they are.
+    // A function of its own, for whoever needs it more than once.
     #[inline(never)]
-    pub fn joint_frames_at(
+    pub fn moved_frames_at(
         &self,
         motions: &[JointMotion<T>; MAX_JOINTS],
         frames: &mut [Pose<T>; MAX_JOINTS],
     ) -> Pose<T> {
-        self.joint_frames_into(motions, frames)
+        let [first, rest @ ..] = &self.parent_from_joint;
+        let mut pose = *first;
+        for (((slot, motion), kind), frame) in
+            frames.iter_mut().zip(motions).zip(self.kinds()).zip(rest)
+        {
+            *slot = moved(&pose, *kind, motion);
+            pose = *slot * *frame;
+        }
+        pose
     }
 
     /// The space Jacobian at `q`: column i is the twist (v, ω) of the base frame per rad or m of serial joint i, and

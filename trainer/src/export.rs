@@ -384,7 +384,7 @@ fn elastic_words(
 ) -> Result<Elastic<'static>, ExportError> {
     let n = calibration.calibrated.kinds().len();
     let d = &elastic.deflection;
-    let (gravity, processes) = (&d.gravity, &d.processes);
+    let (gravity, processes) = (&elastic.gravity, &d.processes);
     let single = |v: &nalgebra::Vector3<f64>| [v[0] as f32, v[1] as f32, v[2] as f32];
     let links = (0..n).flat_map(|c| (c..n).map(move |j| single(&gravity.links[c][j])));
     let payload = (0..n).map(|c| {

@@ -5,6 +5,7 @@ use poegp_protocol::JointKind;
 use poegp_protocol::limits::MAX_JOINTS;
 
 use super::PerJoint;
+use crate::poe::Poe;
 use crate::scalar::Scalar;
 use crate::se3::{Pose, cross, dot, subtract};
 
@@ -107,76 +108,222 @@ impl<T: Scalar> GravityTerms<T> {
         }
     }
 
-    /// What gravity does to every joint, rad or m: the regressors times the coefficients, w_c taken out of the sum,
-    /// w_c·(Σ_j R_j a_cj + m ((o_t − o_c) b_c0 + R_n b_c)).
-    // A function of its own: evaluation and trace share its code.
-    #[inline(never)]
+    /// What gravity does to every joint, rad or m: the regressors times the coefficients. [`Gravity`] is the same, faster.
     pub fn deflection(&self, at: &GravityRegressors<'_, T>, payload_kg: T) -> PerJoint<T> {
         let n = at.kinds.len();
-        let mut moments = [[T::ZERO; 3]; MAX_JOINTS];
-        // The payload acts on the last link, at its offset from the target.
-        let to = &at.target.translation;
-        let turn = rows(at.target);
-        let terms = self
-            .links
-            .iter()
-            .zip(&self.payload_lever)
-            .zip(&self.payload_offset);
-        for ((moment, frame), ((links, lever), offset)) in
-            moments.iter_mut().zip(at.frames).zip(terms).take(n)
-        {
-            let Some(a) = links.get(n.wrapping_sub(1)) else {
-                break;
-            };
-            let pull = payload_kg * *lever;
-            let from = &frame.translation;
-            let last = [0, 1, 2].map(|i| payload_kg * offset[i] + a[i]);
-            *moment = [0, 1, 2].map(|i| pull * (to[i] - from[i]));
-            add_turned(moment, &turn, &last);
-        }
-        // Link by link, so that each rotation is read once.
-        for (link, frame) in at
-            .frames
-            .iter()
-            .skip(1)
-            .enumerate()
-            .take(n.saturating_sub(1))
-        {
-            let turn = rows(frame);
-            for (moment, links) in moments.iter_mut().zip(&self.links).take(link + 1) {
-                if let Some(a) = links.get(link) {
-                    add_turned(moment, &turn, &[a[0], a[1], a[2]]);
-                }
-            }
-        }
         let mut out = [T::ZERO; MAX_JOINTS];
-        let joints = at.kinds.iter().zip(at.frames).zip(&moments);
-        for ((c, sum), ((kind, frame), moment)) in out.iter_mut().enumerate().zip(joints) {
-            let axis = third_column(frame);
-            *sum = match kind {
-                JointKind::Revolute => {
-                    let w = cross(at.gravity, &axis);
-                    moment[0] * w[0] + moment[1] * w[1] + moment[2] * w[2]
-                }
-                JointKind::Prismatic => dot(&axis, at.gravity) * self.weight(c, n, payload_kg),
-            };
+        let payload = self.payload_lever.iter().zip(&self.payload_offset);
+        let joints = out.iter_mut().zip(&self.links).zip(payload);
+        for (c, ((sum, links), (lever, offset))) in joints.enumerate().take(n) {
+            for (link, a) in links.iter().enumerate().take(n).skip(c) {
+                *sum += dot(&at.link(c, link), a);
+            }
+            let (to_target, of_offset) = at.payload(c);
+            *sum += payload_kg * (to_target * *lever + dot(&of_offset, offset));
         }
         out
     }
 
-    /// Σ_j a_cj of a prismatic joint, with the payload on the last link.
-    #[inline(never)]
-    fn weight(&self, c: usize, n: usize, payload_kg: T) -> T {
-        let (Some(links), Some(offset)) = (self.links.get(c), self.payload_offset.get(c)) else {
-            return T::ZERO;
-        };
-        let last = links.get(n.wrapping_sub(1)).map_or(T::ZERO, |a| a[0]);
-        let mut weight = payload_kg * offset[0] + last;
-        for a in links.get(c..n.wrapping_sub(1)).unwrap_or(&[]) {
-            weight += a[0];
-        }
-        weight
+    /// Whether nothing acts on this joint.
+    fn is_idle(&self, c: usize) -> bool {
+        let zero = |v: &Vector3<T>| v.iter().all(|x| *x == T::ZERO);
+        self.links.get(c).is_none_or(|links| links.iter().all(zero))
+            && self.payload_lever.get(c).is_none_or(|b| *b == T::ZERO)
+            && self.payload_offset.get(c).is_none_or(zero)
     }
+}
+
+/// [`GravityTerms`] of one chain, arranged for a controller's cycle.
+///
+/// Of a link only two components are left for each joint: along the axis of the link's own joint j, z_j, its vector stands
+/// still on the link before it, R_j a = M_j (α, β, 0) + M_{j−1} F_j (0, 0, γ), where M_j is the frame of joint j after it
+/// moved and F_j the fixed one before it. So γ joins the coefficients of link j − 1, and those of joint c's own axis nothing
+/// reads, z_c·(g × z_c) = 0. The last link keeps three components in the frame of the target, where the payload is.
+#[derive(Clone, Debug)]
+pub struct Gravity<T> {
+    gravity: Vector3<T>,
+    /// Joints at the base on which nothing acts: an upright arm's first. The lists below begin with the next one.
+    idle: usize,
+    /// For each link but the last the (α, β) of every joint before and at it.
+    links: [[[T; 2]; MAX_JOINTS]; MAX_JOINTS],
+    /// The last link and the payload for each joint.
+    last: [LastLink<T>; MAX_JOINTS],
+}
+
+/// What acts on one joint from the last link.
+#[derive(Clone, Copy, Debug)]
+struct LastLink<T> {
+    /// a_cn.
+    link: [T; 3],
+    /// b_c.
+    payload: [T; 3],
+    /// b_c0.
+    lever: T,
+    /// Σ_j a_cj of a prismatic joint.
+    weight: T,
+}
+
+impl<T: Scalar> Gravity<T> {
+    /// From the coefficients, for the calibrated chain.
+    pub fn new(terms: &GravityTerms<T>, poe: &Poe<T>) -> Self {
+        let (kinds, fixed) = (poe.kinds(), poe.frames());
+        let n = kinds.len();
+        let mut out = Self {
+            gravity: terms.gravity,
+            idle: (0..n).take_while(|c| terms.is_idle(*c)).count(),
+            links: [[[T::ZERO; 2]; MAX_JOINTS]; MAX_JOINTS],
+            last: [LastLink {
+                link: [T::ZERO; 3],
+                payload: [T::ZERO; 3],
+                lever: T::ZERO,
+                weight: T::ZERO,
+            }; MAX_JOINTS],
+        };
+        for c in out.idle..n {
+            let (Some(slot), Some(links), Some(lever), Some(offset)) = (
+                out.last.get_mut(c - out.idle),
+                terms.links.get(c),
+                terms.payload_lever.get(c),
+                terms.payload_offset.get(c),
+            ) else {
+                break;
+            };
+            let a = |j: usize| links.get(j).map_or([T::ZERO; 3], |a| [a[0], a[1], a[2]]);
+            slot.link = a(n - 1);
+            slot.payload = [offset[0], offset[1], offset[2]];
+            slot.lever = *lever;
+            for j in c..n {
+                slot.weight += a(j)[0];
+            }
+            // From the outermost link inwards, what stands still on the link before handed on.
+            let mut handed = [T::ZERO; 3];
+            for j in (c..n - 1).rev() {
+                let Some(next) = fixed.get(j + 1) else { break };
+                let mut vector = [T::ZERO; 3];
+                add_turned(&mut vector, &rows(next), &a(j));
+                // The frame of joint j after it moved is where the next fixed frame begins.
+                for (sum, value) in vector.iter_mut().zip(&handed) {
+                    *sum += *value;
+                }
+                if let Some(pair) = out.links.get_mut(j).and_then(|l| l.get_mut(c - out.idle)) {
+                    *pair = [vector[0], vector[1]];
+                }
+                let axis = fixed.get(j).map_or([T::ZERO; 3], |frame| {
+                    let z = third_column(frame);
+                    [z[0], z[1], z[2]]
+                });
+                handed = axis.map(|z| z * vector[2]);
+            }
+        }
+        out
+    }
+
+    /// g in m/s².
+    pub fn acceleration(&self) -> &Vector3<T> {
+        &self.gravity
+    }
+
+    /// What gravity does to every joint, rad or m, from the frames of the joints after they moved.
+    // A function of its own: evaluation and trace share its code.
+    #[inline(never)]
+    pub fn deflection(
+        &self,
+        kinds: &[JointKind],
+        frames: &[Pose<T>; MAX_JOINTS],
+        target: &Pose<T>,
+        payload_kg: T,
+    ) -> PerJoint<T> {
+        let mut out = [T::ZERO; MAX_JOINTS];
+        if self.gravity[0] == T::ZERO && self.gravity[1] == T::ZERO {
+            // Of an upright arm the pull has no moment about the vertical: two rows are enough.
+            self.add::<2>(kinds, frames, target, payload_kg, &mut out);
+        } else {
+            self.add::<3>(kinds, frames, target, payload_kg, &mut out);
+        }
+        out
+    }
+
+    /// w_c·(Σ_j R_j a_cj + m ((o_t − o_c) b_c0 + R_n b_c)) from the first ROWS components of both vectors.
+    #[inline(always)]
+    fn add<const ROWS: usize>(
+        &self,
+        kinds: &[JointKind],
+        frames: &[Pose<T>; MAX_JOINTS],
+        target: &Pose<T>,
+        payload_kg: T,
+        out: &mut PerJoint<T>,
+    ) {
+        let mut moments = [[T::ZERO; ROWS]; MAX_JOINTS];
+        let n = kinds.len();
+        let kinds = kinds.get(self.idle..).unwrap_or(&[]);
+        let joints = frames.get(self.idle..n).unwrap_or(&[]);
+        let turn = rows(target);
+        for ((moment, frame), last) in moments.iter_mut().zip(joints).zip(&self.last) {
+            let pull = payload_kg * last.lever;
+            let mut v = [T::ZERO; 3];
+            let mut i = 0;
+            while i < 3 {
+                v[i] = payload_kg * last.payload[i] + last.link[i];
+                i += 1;
+            }
+            let mut r = 0;
+            while r < ROWS {
+                let row = &turn[r];
+                moment[r] = pull * (target.translation[r] - frame.translation[r])
+                    + (row[0] * v[0] + row[1] * v[1] + row[2] * v[2]);
+                r += 1;
+            }
+        }
+        // Link by link, so that each of its columns is read once.
+        let links = joints.split_last().map_or(joints, |(_, links)| links);
+        let coefficients = self.links.get(self.idle..).unwrap_or(&[]);
+        for (j, (link, pairs)) in links.iter().zip(coefficients).enumerate() {
+            let r = &link.rotation;
+            for (moment, [a, b]) in moments.iter_mut().zip(pairs).take(j + 1) {
+                let mut i = 0;
+                while i < ROWS {
+                    moment[i] += r[(i, 0)] * *a + r[(i, 1)] * *b;
+                    i += 1;
+                }
+            }
+        }
+        let out = out.get_mut(self.idle..).unwrap_or(&mut []);
+        let joints = kinds.iter().zip(joints).zip(&moments).zip(&self.last);
+        for (sum, (((kind, frame), moment), last)) in out.iter_mut().zip(joints) {
+            let axis = third_column(frame);
+            *sum = match kind {
+                JointKind::Revolute => {
+                    let w = pull::<T, ROWS>(&self.gravity, &axis);
+                    let mut sum = moment[0] * w[0];
+                    let mut i = 1;
+                    while i < ROWS {
+                        sum += moment[i] * w[i];
+                        i += 1;
+                    }
+                    sum
+                }
+                JointKind::Prismatic => {
+                    dot(&axis, &self.gravity) * (payload_kg * last.payload[0] + last.weight)
+                }
+            };
+        }
+    }
+}
+
+/// The first components of g × z; of two g is vertical.
+#[inline(always)]
+fn pull<T: Scalar, const ROWS: usize>(gravity: &Vector3<T>, axis: &Vector3<T>) -> [T; ROWS] {
+    let mut out = [T::ZERO; ROWS];
+    if ROWS == 2 {
+        out[0] = -(gravity[2] * axis[1]);
+        out[1] = gravity[2] * axis[0];
+    } else {
+        let w = cross(gravity, axis);
+        for (slot, value) in out.iter_mut().zip(w.iter()) {
+            *slot = *value;
+        }
+    }
+    out
 }
 
 /// The rotation of a frame, row by row.

@@ -26,7 +26,7 @@ use nalgebra::Vector3;
 use poegp_protocol::JointKind;
 use poegp_protocol::limits::{MAX_JOINTS, MAX_RIPPLE};
 
-pub use gravity::{GravityRegressors, GravityTerms};
+pub use gravity::{Gravity, GravityRegressors, GravityTerms};
 pub use processes::{JointKernel, JointProcesses, PayloadGroup, features, similarity};
 pub use variance::{PositionVariance, landmark_place, landmark_words, prior};
 
@@ -90,7 +90,7 @@ pub fn ripple_regressors<T: Scalar>(cycles: T, q: T) -> (T, T) {
 #[derive(Clone, Debug)]
 pub struct Deflection<T> {
     /// Gravity.
-    pub gravity: GravityTerms<T>,
+    pub gravity: Gravity<T>,
     /// Gear ripple.
     pub ripple: Vec<RippleTerm<T>, MAX_RIPPLE>,
     /// The rest.
@@ -246,7 +246,7 @@ pub struct Compensated<T> {
 }
 
 impl<T: Scalar> Deflection<T> {
-    /// δ(q, m) of the controller's joints before bounding, from the frames of the chain at q.
+    /// δ(q, m) of the controller's joints before bounding, from the moved frames of the chain at q.
     #[inline(always)]
     fn total(
         &self,
@@ -257,8 +257,7 @@ impl<T: Scalar> Deflection<T> {
         rows: &[T],
     ) -> PerJoint<T> {
         let kinds = at.poe.kinds();
-        let regressors = GravityRegressors::new(kinds, frames, target, &self.gravity.gravity);
-        let gravity = self.gravity.deflection(&regressors, at.payload_kg);
+        let gravity = self.gravity.deflection(kinds, frames, target, at.payload_kg);
         let ripple = self.ripple(at.joints);
         let mean = self.processes.mean(kinds, rows, places, at.payload_kg);
         let mut out = [T::ZERO; MAX_JOINTS];
@@ -288,7 +287,7 @@ impl<T: Scalar> Deflection<T> {
     ) -> Compensated<T> {
         // Zeros, not identities: they are cleared by the word.
         let mut frames = [Pose::from_rows(&[T::ZERO; 12]); MAX_JOINTS];
-        let target = at.poe.joint_frames_at(at.motions, &mut frames);
+        let target = at.poe.moved_frames_at(at.motions, &mut frames);
         observer.chain(&target);
         let kinds = at.poe.kinds();
         let places = match at.coupling {

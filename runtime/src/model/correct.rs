@@ -29,7 +29,7 @@ use poegp_protocol::limits::MAX_JOINTS;
 
 use super::{Arm, ArmCorrection, MAX_PAYLOAD_KG, View};
 use crate::bound;
-use crate::deflection::{GravityRegressors, PerJoint, coupled, deflected_into, features};
+use crate::deflection::{PerJoint, coupled, deflected_into, features};
 use crate::model::checked::is_within;
 use crate::model::elastic::ElasticCorrection;
 use crate::model::task_space::TaskSpaceCorrection;
@@ -167,7 +167,7 @@ impl<T: Scalar> Search<'_, T> {
     fn chain(&mut self, change: &PerJoint<T>) -> Pose<T> {
         self.turn(change);
         let chain = &self.arm.calibrated;
-        chain.joint_frames_at(self.turned, self.frames)
+        chain.moved_frames_at(self.turned, self.frames)
     }
 
     /// The motions of the serial joints after a change of the joints.
@@ -290,11 +290,10 @@ impl<T: Scalar> Search<'_, T> {
         let payload = elastic.held(self.payload_kg);
         let terms = &elastic.deflection;
         let gravity = |frames: &[Pose<T>; MAX_JOINTS], pose: &Pose<T>| {
-            let at = GravityRegressors::new(kinds, frames, pose, &terms.gravity.gravity);
-            terms.gravity.deflection(&at, payload)
+            terms.gravity.deflection(kinds, frames, pose, payload)
         };
         // First step, and gravity, at the command.
-        let pose = arm.calibrated.joint_frames_at(self.motions, self.frames);
+        let pose = arm.calibrated.moved_frames_at(self.motions, self.frames);
         let plain = self.error(&pose);
         self.form_equations(&pose);
         self.take_step(&plain);

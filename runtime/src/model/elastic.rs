@@ -7,9 +7,10 @@ use poegp_protocol::blob::{Elastic, Variance};
 use super::checked::{MAX_COEFFICIENT, checked_bound, is_within};
 use crate::bound::Bound;
 use crate::deflection::{
-    Deflection, GravityTerms, JointKernel, JointProcesses, PayloadGroup, RippleTerm, row_words,
+    Deflection, Gravity, GravityTerms, JointKernel, JointProcesses, PayloadGroup, RippleTerm, row_words,
 };
 use crate::load_error::LoadError;
+use crate::poe::Poe;
 use crate::scalar::Scalar;
 
 /// Largest Σ_d W_cd: exponents stay within reach of `exp2`.
@@ -34,13 +35,14 @@ impl<T: Scalar> ElasticCorrection<T> {
     pub(super) fn from_wire(
         wire: &Elastic<'_>,
         variance: Option<&Variance<'_>>,
-        joints: usize,
+        calibrated: &Poe<T>,
         payload: Option<(f32, f32)>,
     ) -> Result<Self, LoadError> {
+        let joints = calibrated.kinds().len();
         let heaviest =
             PAYLOAD_REACH * payload.map_or(0.0, |(_, heavy)| if heavy > 1.0 { heavy } else { 1.0 });
         let deflection = Deflection {
-            gravity: gravity(wire, joints)?,
+            gravity: Gravity::new(&gravity(wire, joints)?, calibrated),
             ripple: ripple(wire, joints)?,
             processes: processes(wire, joints, heaviest)?,
             variance: variance.map(super::variance::header),

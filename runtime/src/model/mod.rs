@@ -361,8 +361,8 @@ impl<T: Scalar> Arm<T> {
         for (slot, range) in joint_ranges.iter_mut().zip(&blob.ranges.joints) {
             *slot = checked_range(*range, MAX_ANGLE)?;
         }
+        let calibrated = checked_chain(kinds, &blob.geometry.calibrated)?;
         Ok(Slot::Full(Self {
-            calibrated: checked_chain(kinds, &blob.geometry.calibrated)?,
             nominal: checked_chain(kinds, &blob.geometry.nominal)?,
             coupling: checked_coupling(&blob.robot.coupling, joints)?,
             joint_ranges,
@@ -384,11 +384,12 @@ impl<T: Scalar> Arm<T> {
                     ArmCorrection::Elastic(ElasticCorrection::from_wire(
                         elastic,
                         blob.variance.as_ref(),
-                        joints,
+                        &calibrated,
                         blob.ranges.payload_kg,
                     )?)
                 }
             },
+            calibrated,
         }))
     }
 

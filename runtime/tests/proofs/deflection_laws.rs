@@ -4,7 +4,7 @@
 use nalgebra::Vector3;
 use poegp_protocol::JointKind;
 use poegp_runtime::deflection::{
-    Features, GravityRegressors, GravityTerms, JointKernel, JointProcesses, PayloadGroup, PerJoint,
+    Features, Gravity, GravityRegressors, GravityTerms, JointKernel, JointProcesses, PayloadGroup, PerJoint,
     deflected, deflection_twist, features, ripple_regressors, similarity,
 };
 use poegp_runtime::poe::JointMotion;
@@ -261,14 +261,21 @@ proptest! {
         (kinds, frames, q) in chains(),
         numbers in prop::collection::vec(-1.0..1.0_f64, 8 * 8 * 3 + 8 * 4 + 3),
         m in 0.0..10.0_f64,
+        upright in any::<bool>(),
+        idle in 0..3_usize,
     ) {
         let (chain, n) = (poe::<f64>(&kinds, &frames), kinds.len());
         let (frames, target) = chain.joint_frames(&q);
+        let mut moved = [Pose::identity(); 8];
+        chain.moved_frames_at(&chain.motions(&q), &mut moved);
         let mut numbers = numbers.into_iter();
         let mut vector = || Vector3::from_fn(|_, _| numbers.next().unwrap());
         let mut terms = GravityTerms::<f64>::zero();
         terms.gravity = vector() * 9.81;
-        for c in 0..n {
+        if upright {
+            terms.gravity = Vector3::new(0.0, 0.0, -9.81);
+        }
+        for c in idle.min(n)..n {
             for j in c..n {
                 terms.links[c][j] = vector();
             }
@@ -277,6 +284,7 @@ proptest! {
         }
         let at = GravityRegressors::new(&kinds, &frames, &target, &terms.gravity);
         let found = terms.deflection(&at, m);
+        let fast = Gravity::new(&terms, &chain).deflection(&kinds, &moved, &target, m);
         for c in 0..n {
             let (lever, offset) = at.payload(c);
             let mut expected =
@@ -289,8 +297,9 @@ proptest! {
                 }
             }
             prop_assert!((found[c] - expected).abs() < 1e-10, "{} {}", found[c], expected);
+            prop_assert!((fast[c] - expected).abs() < 1e-10, "{} {}", fast[c], expected);
         }
-        prop_assert!(found[n..].iter().all(|value| *value == 0.0));
+        prop_assert!(found[n..].iter().chain(&fast[n..]).all(|value| *value == 0.0));
     }
 
     /// delta^5/120 is what the series leaves out.
