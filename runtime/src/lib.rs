@@ -17,6 +17,7 @@
 #![warn(missing_docs)]
 
 pub mod bound;
+pub mod chain;
 pub mod deflection;
 pub mod kernel;
 pub mod load_error;

@@ -91,7 +91,7 @@ impl<T: Scalar> Equations<T> {
     pub fn form(
         &mut self,
         kinds: &[JointKind],
-        frames: &[Pose<T>; MAX_JOINTS],
+        frames: &[Pose<T>],
         point: &Vector3<T>,
         coupling: Option<&CouplingMatrix<T>>,
         rotation_weight: T,

@@ -44,7 +44,7 @@ impl<T: Scalar> Stages<T> {
     /// Nothing seen yet.
     pub fn new() -> Self {
         Self {
-            motions: [JointMotion::still(); MAX_JOINTS],
+            motions: [JointMotion::unset(); MAX_JOINTS],
             joints: 0,
             chain: Pose::from_rows(&[T::ZERO; 12]),
             mean: [T::ZERO; MAX_JOINTS],

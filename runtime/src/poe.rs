@@ -45,21 +45,21 @@ impl core::error::Error for WrongChain {}
 /// Sine and cosine of a revolute joint, or the travel of a prismatic one.
 #[derive(Clone, Copy, Debug)]
 pub struct JointMotion<T> {
-    /// sin q; 0 for a prismatic joint.
+    /// sin q; not looked at of a prismatic joint.
     pub sin: T,
-    /// cos q; 1 for a prismatic joint.
+    /// cos q; not looked at of a prismatic joint.
     pub cos: T,
-    /// q in metres; 0 for a revolute joint.
+    /// q in metres; not looked at of a revolute joint.
     pub travel: T,
 }
 
 impl<T: Scalar> JointMotion<T> {
-    /// A joint at zero.
+    /// Of no joint. All zeros, which are cleared by the word; anything else is copied from flash.
     #[inline(always)]
-    pub fn still() -> Self {
+    pub fn unset() -> Self {
         Self {
             sin: T::ZERO,
-            cos: T::ONE,
+            cos: T::ZERO,
             travel: T::ZERO,
         }
     }
@@ -115,20 +115,15 @@ impl<T: Scalar> Poe<T> {
     /// What the joints do at `q` (rad or m); missing values count as zero.
     #[inline(always)]
     pub fn motions(&self, q: &[T]) -> [JointMotion<T>; MAX_JOINTS] {
-        let mut out = [JointMotion::still(); MAX_JOINTS];
+        let mut out = [JointMotion::unset(); MAX_JOINTS];
         self.motions_into(q, &mut out);
         out
     }
 
     /// The same, written to `out`; of joints that there are not, or have no value, nothing is changed.
-    #[inline(never)]
+    #[inline(always)]
     pub fn motions_into(&self, q: &[T], out: &mut [JointMotion<T>; MAX_JOINTS]) {
-        for ((motion, kind), value) in out.iter_mut().zip(self.kinds()).zip(q) {
-            match kind {
-                JointKind::Revolute => (motion.sin, motion.cos) = value.sin_cos(),
-                JointKind::Prismatic => motion.travel = *value,
-            }
-        }
+        motions_into(self.kinds(), q, out);
     }
 
     /// f(q), `base_from_target` (paper, eq. 3). `q` in rad or m, serial joints.
@@ -145,12 +140,6 @@ impl<T: Scalar> Poe<T> {
             pose = moved(&pose, *kind, motion) * *frame;
         }
         pose
-    }
-
-    /// The same as a function of its own, for whoever needs it more than once.
-    #[inline(never)]
-    pub fn forward_at(&self, motions: &[JointMotion<T>; MAX_JOINTS]) -> Pose<T> {
-        self.forward_with(motions)
     }
 
     /// `base_from_joint` of every joint before it moves (index 0…n−1; beyond them zeros), and f(q).
@@ -183,26 +172,6 @@ impl<T: Scalar> Poe<T> {
         {
             *slot = pose;
             pose = moved(&pose, *kind, motion) * *frame;
-        }
-        pose
-    }
-
-    /// `base_from_joint` of every joint after it moved, to `frames`, and f(q): on a Cortex-M4F a returned array costs 400
-    /// instructions of copying. Frames beyond the last joint stay as they are.
-    // A function of its own, for whoever needs it more than once.
-    #[inline(never)]
-    pub fn moved_frames_at(
-        &self,
-        motions: &[JointMotion<T>; MAX_JOINTS],
-        frames: &mut [Pose<T>; MAX_JOINTS],
-    ) -> Pose<T> {
-        let [first, rest @ ..] = &self.parent_from_joint;
-        let mut pose = *first;
-        for (((slot, motion), kind), frame) in
-            frames.iter_mut().zip(motions).zip(self.kinds()).zip(rest)
-        {
-            *slot = moved(&pose, *kind, motion);
-            pose = *slot * *frame;
         }
         pose
     }
@@ -242,6 +211,21 @@ impl<T: Scalar> Poe<T> {
             joints: self.joints,
             kinds: self.kinds,
             parent_from_joint: self.parent_from_joint.map(|f| f.cast()),
+        }
+    }
+}
+
+/// [`Poe::motions_into`] for joints of these kinds.
+#[inline(never)]
+pub(crate) fn motions_into<T: Scalar>(
+    kinds: &[JointKind],
+    q: &[T],
+    out: &mut [JointMotion<T>; MAX_JOINTS],
+) {
+    for ((motion, kind), value) in out.iter_mut().zip(kinds).zip(q) {
+        match kind {
+            JointKind::Revolute => (motion.sin, motion.cos) = value.sin_cos(),
+            JointKind::Prismatic => motion.travel = *value,
         }
     }
 }

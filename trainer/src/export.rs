@@ -8,6 +8,7 @@ use poegp_protocol::blob::{
     self, Blob, Correction, CorrectionBound, Elastic, Geometry, Joint, JointKernel, PayloadGroup,
     Provenance, Ranges, Ripple, Robot as WireRobot, TaskSpace, Tool, Transform, Units, Variance,
 };
+use poegp_runtime::chain::NormalForm;
 use poegp_runtime::poe::Poe;
 use poegp_runtime::se3::Pose;
 
@@ -195,7 +196,11 @@ fn fixed<T, const N: usize>(
 
 fn chain<const N: usize>(poe: &Poe<f64>) -> Result<FixedVec<Transform<f32>, N>, ExportError> {
     fixed(
-        poe.frames().iter().map(|f| f.cast::<f32>().to_rows()),
+        NormalForm::new(poe)
+            .poe
+            .frames()
+            .iter()
+            .map(|f| f.cast::<f32>().to_rows()),
         "frames",
     )
 }
@@ -384,7 +389,8 @@ fn elastic_words(
 ) -> Result<Elastic<'static>, ExportError> {
     let n = calibration.calibrated.kinds().len();
     let d = &elastic.deflection;
-    let (gravity, processes) = (&elastic.gravity, &d.processes);
+    let form = NormalForm::new(&calibration.calibrated);
+    let (gravity, processes) = (&elastic.gravity.in_form(&form), &d.processes);
     let single = |v: &nalgebra::Vector3<f64>| [v[0] as f32, v[1] as f32, v[2] as f32];
     let links = (0..n).flat_map(|c| (c..n).map(move |j| single(&gravity.links[c][j])));
     let payload = (0..n).map(|c| {

@@ -5,7 +5,7 @@ use poegp_protocol::JointKind;
 use poegp_protocol::limits::MAX_JOINTS;
 
 use super::PerJoint;
-use crate::poe::Poe;
+use crate::chain::NormalForm;
 use crate::scalar::Scalar;
 use crate::se3::{Pose, cross, dot, subtract};
 
@@ -124,6 +124,20 @@ impl<T: Scalar> GravityTerms<T> {
         out
     }
 
+    /// The same for the frames of `form`, whose axes are turned about those of the joints.
+    pub fn in_form(&self, form: &NormalForm<T>) -> Self {
+        let mut out = *self;
+        // The last link's frame is that of the target.
+        let inner = form.poe.kinds().len().saturating_sub(1);
+        for links in &mut out.links {
+            for (link, a) in links.iter_mut().enumerate().take(inner) {
+                let [s, c] = form.turn_of(link + 1);
+                *a = Vector3::new(c * a[0] + s * a[1], c * a[1] - s * a[0], a[2]);
+            }
+        }
+        out
+    }
+
     /// Whether nothing acts on this joint.
     fn is_idle(&self, c: usize) -> bool {
         let zero = |v: &Vector3<T>| v.iter().all(|x| *x == T::ZERO);
@@ -164,9 +178,10 @@ struct LastLink<T> {
 }
 
 impl<T: Scalar> Gravity<T> {
-    /// From the coefficients, for the calibrated chain.
-    pub fn new(terms: &GravityTerms<T>, poe: &Poe<T>) -> Self {
-        let (kinds, fixed) = (poe.kinds(), poe.frames());
+    /// From the coefficients for the frames that `form` was made of.
+    pub fn new(terms: &GravityTerms<T>, form: &NormalForm<T>) -> Self {
+        let terms = terms.in_form(form);
+        let (kinds, fixed) = (form.poe.kinds(), form.poe.frames());
         let n = kinds.len();
         let mut out = Self {
             gravity: terms.gravity,
@@ -229,7 +244,7 @@ impl<T: Scalar> Gravity<T> {
     pub fn deflection(
         &self,
         kinds: &[JointKind],
-        frames: &[Pose<T>; MAX_JOINTS],
+        frames: &[Pose<T>],
         target: &Pose<T>,
         payload_kg: T,
     ) -> PerJoint<T> {
@@ -248,7 +263,7 @@ impl<T: Scalar> Gravity<T> {
     fn add<const ROWS: usize>(
         &self,
         kinds: &[JointKind],
-        frames: &[Pose<T>; MAX_JOINTS],
+        frames: &[Pose<T>],
         target: &Pose<T>,
         payload_kg: T,
         out: &mut PerJoint<T>,

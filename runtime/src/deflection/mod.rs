@@ -32,7 +32,8 @@ pub use variance::{PositionVariance, landmark_place, landmark_words, prior};
 
 use crate::bound::Bound;
 use crate::observer::Observer;
-use crate::poe::{JointMotion, Poe};
+use crate::chain::{Chain, MovedFrames};
+use crate::poe::JointMotion;
 use crate::scalar::{MAX_ANGLE, Scalar};
 use crate::se3::{Pose, Twist, cross};
 use gravity::third_column;
@@ -141,7 +142,7 @@ impl<T: Scalar> Deflection<T> {
 #[inline(always)]
 pub fn deflection_twist<T: Scalar>(
     kinds: &[JointKind],
-    frames: &[Pose<T>; MAX_JOINTS],
+    frames: &[Pose<T>],
     deflection: &PerJoint<T>,
 ) -> Twist<T> {
     let mut out = Twist::zero();
@@ -221,7 +222,7 @@ pub fn coupled<T: Scalar>(
 #[derive(Debug)]
 pub struct Configuration<'a, T> {
     /// The calibrated chain, base to target.
-    pub poe: &'a Poe<T>,
+    pub chain: &'a Chain<T>,
     /// C.
     pub coupling: Option<&'a CouplingMatrix<T>>,
     /// The controller's joints, rad or m.
@@ -251,12 +252,12 @@ impl<T: Scalar> Deflection<T> {
     fn total(
         &self,
         at: &Configuration<'_, T>,
-        frames: &[Pose<T>; MAX_JOINTS],
+        frames: &[Pose<T>],
         target: &Pose<T>,
         places: &Features<T>,
         rows: &[T],
     ) -> PerJoint<T> {
-        let kinds = at.poe.kinds();
+        let kinds = at.chain.kinds();
         let gravity = self.gravity.deflection(kinds, frames, target, at.payload_kg);
         let ripple = self.ripple(at.joints);
         let mean = self.processes.mean(kinds, rows, places, at.payload_kg);
@@ -285,14 +286,17 @@ impl<T: Scalar> Deflection<T> {
         bound: Option<&Bound<T>>,
         observer: &mut impl Observer<T>,
     ) -> Compensated<T> {
-        // Zeros, not identities: they are cleared by the word.
-        let mut frames = [Pose::from_rows(&[T::ZERO; 12]); MAX_JOINTS];
-        let target = at.poe.moved_frames_at(at.motions, &mut frames);
+        let mut frames = MovedFrames::new();
+        let target = at.chain.moved_frames_at(at.motions, &mut frames);
         observer.chain(&target);
-        let kinds = at.poe.kinds();
+        let kinds = at.chain.kinds();
         let places = match at.coupling {
             None => features(kinds, at.joints, at.motions),
-            Some(_) => features(kinds, at.joints, &at.poe.motions(at.joints)),
+            Some(_) => {
+                let mut motions = [JointMotion::unset(); MAX_JOINTS];
+                at.chain.motions_into(at.joints, &mut motions);
+                features(kinds, at.joints, &motions)
+            }
         };
         let deflection = self.total(at, &frames, &target, &places, rows);
         observer.deflection(&deflection);
@@ -307,9 +311,8 @@ impl<T: Scalar> Deflection<T> {
                 &places,
                 at.payload_kg,
             );
-            let known = (kernels.get(..kinds.len()), frames.get(..kinds.len()));
-            let (kernels, frames) = (known.0.unwrap_or(&[]), known.1.unwrap_or(&[]));
-            let prior = prior(at, kernels, frames, &target);
+            let kernels = kernels.get(..kinds.len()).unwrap_or(&[]);
+            let prior = prior(at, kernels, &frames, &target);
             out.position_sigma = Some(variance.standard_deviation(prior, unexplained));
         }
         out
@@ -321,12 +324,12 @@ impl<T: Scalar> Deflection<T> {
 #[inline(never)]
 fn deflect<T: Scalar>(
     at: &Configuration<'_, T>,
-    frames: &[Pose<T>; MAX_JOINTS],
+    frames: &[Pose<T>],
     target: &Pose<T>,
     deflection: &PerJoint<T>,
     bound: Option<&Bound<T>>,
 ) -> Compensated<T> {
-    let kinds = at.poe.kinds();
+    let kinds = at.chain.kinds();
     let mut serial = coupled(at.coupling, deflection);
     let mut twist = deflection_twist(kinds, frames, &serial);
     let (factor, bounded) =
@@ -342,9 +345,9 @@ fn deflect<T: Scalar>(
     };
     serial = serial.map(scaled);
     twist = Twist::from_array(&twist.to_array().map(scaled));
-    let mut motions = [JointMotion::still(); MAX_JOINTS];
+    let mut motions = [JointMotion::unset(); MAX_JOINTS];
     deflected_into(at.motions, kinds, &serial, &mut motions);
-    let pose = at.poe.forward_at(&motions);
+    let pose = at.chain.forward_at(&motions);
     Compensated {
         pose,
         twist,

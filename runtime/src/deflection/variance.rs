@@ -160,7 +160,7 @@ pub fn prior<T: Scalar>(
     frames: &[Pose<T>],
     target: &Pose<T>,
 ) -> T {
-    let kinds = at.poe.kinds();
+    let kinds = at.chain.kinds();
     let square = at.payload_kg * at.payload_kg;
     let mut sum = T::ZERO;
     let joints = black_box(kernels).iter().zip(black_box(kinds));

@@ -29,6 +29,7 @@ use poegp_protocol::limits::MAX_JOINTS;
 
 use super::{Arm, ArmCorrection, MAX_PAYLOAD_KG, View};
 use crate::bound;
+use crate::chain::MovedFrames;
 use crate::deflection::{PerJoint, coupled, deflected_into, features};
 use crate::model::checked::is_within;
 use crate::model::elastic::ElasticCorrection;
@@ -92,9 +93,9 @@ impl<T: Scalar> View<'_, T> {
         let Some(x) = arm.checked_joints(joints).filter(|_| believable) else {
             return as_it_came(Status::BAD_INPUT);
         };
-        let mut motions = [JointMotion::still(); MAX_JOINTS];
+        let mut motions = [JointMotion::unset(); MAX_JOINTS];
         arm.motions(&x, &mut motions);
-        let mut frames = [Pose::from_rows(&[T::ZERO; 12]); MAX_JOINTS];
+        let mut frames = MovedFrames::new();
         let target = arm.nominal.forward_at(&motions);
         let mut search = Search {
             arm,
@@ -102,7 +103,7 @@ impl<T: Scalar> View<'_, T> {
             joints: &x,
             payload_kg,
             motions: &motions,
-            turned: &mut [JointMotion::still(); MAX_JOINTS],
+            turned: &mut [JointMotion::unset(); MAX_JOINTS],
             target: &target,
             frames: &mut frames,
             equations: Equations::new(joints.len()),
@@ -139,7 +140,7 @@ struct Search<'a, T> {
     /// Where the nominal arm would stand.
     target: &'a Pose<T>,
     /// Of the calibrated chain where it was evaluated last.
-    frames: &'a mut [Pose<T>; MAX_JOINTS],
+    frames: &'a mut MovedFrames<T>,
     /// Of the last place.
     equations: Equations<T>,
     /// w.
@@ -289,7 +290,7 @@ impl<T: Scalar> Search<'_, T> {
         let kinds = arm.calibrated.kinds();
         let payload = elastic.held(self.payload_kg);
         let terms = &elastic.deflection;
-        let gravity = |frames: &[Pose<T>; MAX_JOINTS], pose: &Pose<T>| {
+        let gravity = |frames: &[Pose<T>], pose: &Pose<T>| {
             terms.gravity.deflection(kinds, frames, pose, payload)
         };
         // First step, and gravity, at the command.

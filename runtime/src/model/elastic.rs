@@ -6,11 +6,11 @@ use poegp_protocol::blob::{Elastic, Variance};
 
 use super::checked::{MAX_COEFFICIENT, checked_bound, is_within};
 use crate::bound::Bound;
+use crate::chain::NormalForm;
 use crate::deflection::{
     Deflection, Gravity, GravityTerms, JointKernel, JointProcesses, PayloadGroup, RippleTerm, row_words,
 };
 use crate::load_error::LoadError;
-use crate::poe::Poe;
 use crate::scalar::Scalar;
 
 /// Largest Σ_d W_cd: exponents stay within reach of `exp2`.
@@ -35,10 +35,10 @@ impl<T: Scalar> ElasticCorrection<T> {
     pub(super) fn from_wire(
         wire: &Elastic<'_>,
         variance: Option<&Variance<'_>>,
-        calibrated: &Poe<T>,
+        calibrated: &NormalForm<T>,
         payload: Option<(f32, f32)>,
     ) -> Result<Self, LoadError> {
-        let joints = calibrated.kinds().len();
+        let joints = calibrated.poe.kinds().len();
         let heaviest =
             PAYLOAD_REACH * payload.map_or(0.0, |(_, heavy)| if heavy > 1.0 { heavy } else { 1.0 });
         let deflection = Deflection {

@@ -19,10 +19,11 @@ use poegp_protocol::blob::{Blob, Correction};
 use poegp_protocol::limits::{MAX_INPUTS, MAX_JOINTS};
 
 use crate::bound::bounded;
+use crate::chain::{Chain, NormalForm};
 use crate::deflection::{self, CouplingMatrix};
 use crate::load_error::LoadError;
 pub use crate::observer::{Observer, Stages};
-use crate::poe::{JointMotion, Poe};
+use crate::poe::JointMotion;
 use crate::posterior::{self, MAX_SCALED_INPUT};
 use crate::scalar::{MAX_ANGLE, Scalar};
 use crate::se3::{Pose, Twist};
@@ -92,8 +93,8 @@ impl<T> Slot<T> {
 /// Everything but the support rows.
 #[derive(Clone, Debug)]
 struct Arm<T> {
-    calibrated: Poe<T>,
-    nominal: Poe<T>,
+    calibrated: Chain<T>,
+    nominal: Chain<T>,
     coupling: Option<CouplingMatrix<T>>,
     joint_ranges: [(T, T); MAX_JOINTS],
     payload_range: Option<(T, T)>,
@@ -225,10 +226,9 @@ impl<T: Scalar, const WORDS: usize> Model<T, WORDS> {
     pub fn nominal(&self, joints: &[T]) -> Option<Pose<T>> {
         let arm = self.arm.as_ref()?;
         let x = arm.checked_joints(joints)?;
-        Some(
-            arm.nominal
-                .forward(&deflection::coupled(arm.coupling.as_ref(), &x)),
-        )
+        let mut motions = [JointMotion::unset(); MAX_JOINTS];
+        arm.motions(&x, &mut motions);
+        Some(arm.nominal.forward_at(&motions))
     }
 }
 
@@ -254,7 +254,7 @@ impl<T: Scalar> View<'_, T> {
             return nothing(Status::BAD_INPUT);
         };
         let believable = is_within(payload_kg, T::ZERO, T::from_f32(MAX_PAYLOAD_KG));
-        let mut motions = [JointMotion::still(); MAX_JOINTS];
+        let mut motions = [JointMotion::unset(); MAX_JOINTS];
         arm.motions(&x, &mut motions);
         observer.motions(motions.get(..joints.len()).unwrap_or(&[]));
         let (trust, status) = arm.range(&x, payload_kg);
@@ -273,7 +273,7 @@ impl<T: Scalar> View<'_, T> {
             ArmCorrection::Elastic(elastic) if believable => {
                 let payload = elastic.held(payload_kg);
                 let at = deflection::Configuration {
-                    poe: &arm.calibrated,
+                    chain: &arm.calibrated,
                     coupling: arm.coupling.as_ref(),
                     joints: &x,
                     motions: &motions,
@@ -361,9 +361,12 @@ impl<T: Scalar> Arm<T> {
         for (slot, range) in joint_ranges.iter_mut().zip(&blob.ranges.joints) {
             *slot = checked_range(*range, MAX_ANGLE)?;
         }
-        let calibrated = checked_chain(kinds, &blob.geometry.calibrated)?;
+        let calibrated = NormalForm::new(&checked_chain(kinds, &blob.geometry.calibrated)?);
         Ok(Slot::Full(Self {
-            nominal: checked_chain(kinds, &blob.geometry.nominal)?,
+            nominal: Chain::new(&NormalForm::new(&checked_chain(
+                kinds,
+                &blob.geometry.nominal,
+            )?)),
             coupling: checked_coupling(&blob.robot.coupling, joints)?,
             joint_ranges,
             payload_range: blob
@@ -389,7 +392,7 @@ impl<T: Scalar> Arm<T> {
                     )?)
                 }
             },
-            calibrated,
+            calibrated: Chain::new(&calibrated),
         }))
     }
 

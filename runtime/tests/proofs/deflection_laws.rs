@@ -7,6 +7,7 @@ use poegp_runtime::deflection::{
     Features, Gravity, GravityRegressors, GravityTerms, JointKernel, JointProcesses, PayloadGroup, PerJoint,
     deflected, deflection_twist, features, ripple_regressors, similarity,
 };
+use poegp_runtime::chain::{Chain, MovedFrames, NormalForm};
 use poegp_runtime::poe::JointMotion;
 use poegp_runtime::scalar::Scalar;
 use poegp_runtime::se3::{dot, residual};
@@ -266,8 +267,9 @@ proptest! {
     ) {
         let (chain, n) = (poe::<f64>(&kinds, &frames), kinds.len());
         let (frames, target) = chain.joint_frames(&q);
-        let mut moved = [Pose::identity(); 8];
-        chain.moved_frames_at(&chain.motions(&q), &mut moved);
+        let mut moved = MovedFrames::new();
+        let form = NormalForm::new(&chain);
+        Chain::new(&form).moved_frames_at(&chain.motions(&q), &mut moved);
         let mut numbers = numbers.into_iter();
         let mut vector = || Vector3::from_fn(|_, _| numbers.next().unwrap());
         let mut terms = GravityTerms::<f64>::zero();
@@ -284,7 +286,7 @@ proptest! {
         }
         let at = GravityRegressors::new(&kinds, &frames, &target, &terms.gravity);
         let found = terms.deflection(&at, m);
-        let fast = Gravity::new(&terms, &chain).deflection(&kinds, &moved, &target, m);
+        let fast = Gravity::new(&terms, &form).deflection(&kinds, &moved, &target, m);
         for c in 0..n {
             let (lever, offset) = at.payload(c);
             let mut expected =

@@ -14,6 +14,7 @@
 
 use faer::{Mat, Side};
 use poegp_protocol::limits::MAX_LANDMARKS;
+use poegp_runtime::chain::{Chain, NormalForm};
 use poegp_runtime::deflection::{
     Configuration, CouplingMatrix, JointKernel, PositionVariance, landmark_place, prior,
 };
@@ -170,7 +171,7 @@ fn priors(
         let mut joints = [0.0; 8];
         joints[..sample.joints.len()].copy_from_slice(&sample.joints);
         let at = Configuration {
-            poe: &poe,
+            chain: &Chain::new(&NormalForm::new(&poe)),
             coupling,
             joints: &joints,
             motions: &motions,

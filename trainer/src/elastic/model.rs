@@ -9,6 +9,7 @@ use poegp_runtime::deflection::{
     Configuration, CouplingMatrix, Deflection, Gravity, GravityTerms, JointKernel, JointProcesses, PayloadGroup,
     RippleTerm, coupled, row_words,
 };
+use poegp_runtime::chain::{Chain, NormalForm};
 use poegp_runtime::observer::Unobserved;
 use poegp_runtime::poe::Poe;
 use poegp_runtime::se3::{Pose, Twist};
@@ -101,7 +102,7 @@ impl ElasticModel {
         };
         let gravity = without_upright_axis(&fit.state, samples);
         let deflection = Deflection {
-            gravity: Gravity::new(&gravity, &fit.state.chain(0)),
+            gravity: Gravity::new(&gravity, &NormalForm::new(&fit.state.chain(0))),
             ripple,
             processes,
             variance: None,
@@ -127,7 +128,7 @@ impl ElasticModel {
         padded[..joints.len()].copy_from_slice(joints);
         let serial = coupled(self.coupling.as_ref(), &padded);
         let at = Configuration {
-            poe,
+            chain: &Chain::new(&NormalForm::new(poe)),
             coupling: self.coupling.as_ref(),
             joints: &padded,
             motions: &poe.motions(&serial),
