@@ -272,10 +272,7 @@ fn moved<T: Scalar>(
     match kind {
         JointKind::Revolute => {
             let (s, c) = (motion.sin, motion.cos);
-            turned(
-                pose,
-                [s * cos_b + c * sin_b, c * cos_b - s * sin_b],
-            )
+            turned(pose, [s * cos_b + c * sin_b, c * cos_b - s * sin_b])
         }
         JointKind::Prismatic => {
             let mut out = turned(pose, [sin_b, cos_b]);

@@ -129,7 +129,11 @@ impl<T: Scalar> GravityTerms<T> {
         let mut out = *self;
         // The last link's frame is that of the target.
         let inner = form.poe.kinds().len().saturating_sub(1);
-        for links in &mut out.links {
+        for (links, kind) in out.links.iter_mut().zip(form.poe.kinds()) {
+            if *kind == JointKind::Prismatic {
+                // It feels the weight alone.
+                continue;
+            }
             for (link, a) in links.iter_mut().enumerate().take(inner) {
                 let [s, c] = form.turn_of(link + 1);
                 *a = Vector3::new(c * a[0] + s * a[1], c * a[1] - s * a[0], a[2]);

@@ -31,8 +31,8 @@ pub use processes::{JointKernel, JointProcesses, PayloadGroup, features, similar
 pub use variance::{PositionVariance, landmark_place, landmark_words, prior};
 
 use crate::bound::Bound;
-use crate::observer::Observer;
 use crate::chain::{Chain, MovedFrames};
+use crate::observer::Observer;
 use crate::poe::JointMotion;
 use crate::scalar::{MAX_ANGLE, Scalar};
 use crate::se3::{Pose, Twist, cross};
@@ -258,7 +258,9 @@ impl<T: Scalar> Deflection<T> {
         rows: &[T],
     ) -> PerJoint<T> {
         let kinds = at.chain.kinds();
-        let gravity = self.gravity.deflection(kinds, frames, target, at.payload_kg);
+        let gravity = self
+            .gravity
+            .deflection(kinds, frames, target, at.payload_kg);
         let ripple = self.ripple(at.joints);
         let mean = self.processes.mean(kinds, rows, places, at.payload_kg);
         let mut out = [T::ZERO; MAX_JOINTS];

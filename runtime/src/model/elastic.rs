@@ -8,7 +8,8 @@ use super::checked::{MAX_COEFFICIENT, checked_bound, is_within};
 use crate::bound::Bound;
 use crate::chain::NormalForm;
 use crate::deflection::{
-    Deflection, Gravity, GravityTerms, JointKernel, JointProcesses, PayloadGroup, RippleTerm, row_words,
+    Deflection, Gravity, GravityTerms, JointKernel, JointProcesses, PayloadGroup, RippleTerm,
+    row_words,
 };
 use crate::load_error::LoadError;
 use crate::scalar::Scalar;

@@ -3,11 +3,11 @@
 
 use nalgebra::Vector3;
 use poegp_protocol::JointKind;
-use poegp_runtime::deflection::{
-    Features, Gravity, GravityRegressors, GravityTerms, JointKernel, JointProcesses, PayloadGroup, PerJoint,
-    deflected, deflection_twist, features, ripple_regressors, similarity,
-};
 use poegp_runtime::chain::{Chain, MovedFrames, NormalForm};
+use poegp_runtime::deflection::{
+    Features, Gravity, GravityRegressors, GravityTerms, JointKernel, JointProcesses, PayloadGroup,
+    PerJoint, deflected, deflection_twist, features, ripple_regressors, similarity,
+};
 use poegp_runtime::poe::JointMotion;
 use poegp_runtime::scalar::Scalar;
 use poegp_runtime::se3::{dot, residual};

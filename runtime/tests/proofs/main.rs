@@ -1,6 +1,7 @@
 //! What the runtime promises, checked on the workstation: against numbers from elsewhere, and as laws.
 
 mod arm;
+mod chain_laws;
 mod corrected;
 mod deflection_laws;
 mod elastic_model;

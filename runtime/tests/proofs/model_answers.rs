@@ -1,7 +1,8 @@
 //! What a sound model answers: statuses, bound, and independence of everything that must not matter.
 
+use poegp_runtime::chain::{Chain, NormalForm};
 use poegp_runtime::model::{MAX_PAYLOAD_KG, Model, words_for};
-use poegp_runtime::poe::Poe;
+use poegp_runtime::poe::{JointMotion, Poe};
 use poegp_runtime::scalar::{MAX_ANGLE, Scalar};
 use poegp_runtime::se3::{Pose, Twist, cross};
 use poegp_runtime::status::Status;
@@ -18,7 +19,10 @@ fn chain<T: Scalar>(arm: &Arm, q: &[T]) -> Pose<T> {
         .iter()
         .map(|rows| Pose::from_rows(rows).cast())
         .collect();
-    Poe::new(&kinds, &frames).unwrap().forward(q)
+    let chain = Chain::new(&NormalForm::new(&Poe::new(&kinds, &frames).unwrap()));
+    let mut motions = [JointMotion::unset(); 8];
+    chain.motions_into(q, &mut motions);
+    chain.forward_at(&motions)
 }
 
 #[test]

@@ -5,11 +5,11 @@ use heapless::Vec as FixedVec;
 use nalgebra::Vector3;
 use poegp_protocol::JointKind;
 use poegp_protocol::limits::MAX_JOINTS;
-use poegp_runtime::deflection::{
-    Configuration, CouplingMatrix, Deflection, Gravity, GravityTerms, JointKernel, JointProcesses, PayloadGroup,
-    RippleTerm, coupled, row_words,
-};
 use poegp_runtime::chain::{Chain, NormalForm};
+use poegp_runtime::deflection::{
+    Configuration, CouplingMatrix, Deflection, Gravity, GravityTerms, JointKernel, JointProcesses,
+    PayloadGroup, RippleTerm, coupled, row_words,
+};
 use poegp_runtime::observer::Unobserved;
 use poegp_runtime::poe::Poe;
 use poegp_runtime::se3::{Pose, Twist};
@@ -149,7 +149,10 @@ const LONGEST_LEVER_M: f64 = 5.0;
 /// The coefficients of gravity without those of the first joint, if its axis is so upright that they cannot move it: the
 /// device need not compute them in every cycle.
 fn without_upright_axis(state: &State, samples: &[Sample]) -> GravityTerms<f64> {
-    let heaviest = samples.iter().filter_map(|s| s.payload_kg).fold(0.0, f64::max);
+    let heaviest = samples
+        .iter()
+        .filter_map(|s| s.payload_kg)
+        .fold(0.0, f64::max);
     let mut terms = state.gravity;
     let axis = state.frames[0].rotation.column(2).into_owned();
     let pull = terms.gravity.cross(&axis).norm();

@@ -1,0 +1,71 @@
+//! The normal form of a chain: the same poses, the same axes, and nothing left to change in it.
+
+use poegp_runtime::chain::{Chain, MovedFrames, NormalForm};
+use poegp_runtime::poe::{JointMotion, Poe};
+use poegp_runtime::scalar::Scalar;
+use poegp_runtime::se3::Pose;
+use proptest::prelude::*;
+
+use crate::seeded::{chains, config, distance, poe};
+
+fn walk<T: Scalar>(poe: &Poe<T>, q: &[T]) -> (MovedFrames<T>, Pose<T>) {
+    let chain = Chain::new(&NormalForm::new(poe));
+    let mut motions = [JointMotion::unset(); 8];
+    chain.motions_into(q, &mut motions);
+    let mut frames = MovedFrames::new();
+    let target = chain.moved_frames_at(&motions, &mut frames);
+    // Both ways to f(q) give the same bits.
+    assert_eq!(chain.forward_at(&motions), target);
+    (frames, target)
+}
+
+fn is_the_same_chain(poe: &Poe<f64>, q: &[f64], tolerance: f64) -> Result<(), TestCaseError> {
+    let (moved, target) = walk(poe, q);
+    let (frames, expected) = poe.joint_frames(q);
+    let error = distance(&target.to_rows(), &expected.to_rows());
+    prop_assert!(error <= tolerance, "{error:e}");
+    prop_assert_eq!(moved.len(), q.len());
+    for (after, before) in moved.iter().zip(&frames) {
+        // Axes are the same lines in the same direction.
+        let (z, old) = (after.rotation.column(2), before.rotation.column(2));
+        prop_assert!((z - old).norm() <= tolerance);
+        let across = (after.translation - before.translation).cross(&z);
+        prop_assert!(across.norm() <= tolerance, "{:e}", across.norm());
+    }
+    Ok(())
+}
+
+proptest! {
+    #![proptest_config(config(91, 400))]
+
+    #[test]
+    fn normal_form_is_the_same_chain((kinds, frames, q) in chains()) {
+        is_the_same_chain(&poe(&kinds, &frames), &q, 1e-12)?;
+    }
+
+    /// Axes that are parallel, and such that are not quite.
+    #[test]
+    fn parallel_axes_are_nothing_special(
+        (kinds, mut frames, q) in chains(),
+        tilt in prop_oneof![Just(0.0), 1e-12..1e-3_f64],
+    ) {
+        let inner = frames.len() - 1;
+        for frame in &mut frames[1..inner] {
+            (frame[3], frame[4], frame[5]) = (tilt, -0.5 * tilt, 0.0);
+        }
+        is_the_same_chain(&poe(&kinds, &frames), &q, 1e-12)?;
+    }
+
+    /// What is stored in this form is what the device computes with.
+    #[test]
+    fn normal_form_stays_as_it_is((kinds, frames, _) in chains()) {
+        let stored = NormalForm::new(&poe::<f64>(&kinds, &frames)).poe.cast::<f32>();
+        let again = NormalForm::new(&stored);
+        for (one, other) in stored.frames().iter().zip(again.poe.frames()) {
+            prop_assert_eq!(one, other);
+        }
+        for joint in 0..kinds.len() {
+            prop_assert_eq!(again.turn_of(joint), [0.0, 1.0]);
+        }
+    }
+}
