@@ -63,8 +63,8 @@ fn exp2_of_whole_numbers_is_exact() {
 /// Many at once, for whole matrices: against libm's in `f64`, at every place of a slice; the bits of `exp2` in `f32`.
 #[test]
 fn exp2_of_many_is_that_of_each() {
-    let exponents: Vec<f64> = (0..200_001).map(|i| f64::from(i) * -0.005_1).collect();
-    for (length, skip) in [(200_001, 0), (7, 3), (1, 11), (0, 0)] {
+    let exponents: Vec<f64> = (0..200_000).map(|i| f64::from(i) * -0.005_1).collect();
+    for (length, skip) in [(200_000, 0), (7, 3), (1, 11), (0, 0)] {
         let part = &exponents[skip..skip + length];
         let mut values = part.to_vec();
         Scalar::exp2_each(&mut values);
