@@ -123,7 +123,7 @@ impl Scalar for f64 {
         const ROUND: f64 = 6_755_399_441_055_744.0;
         const LOWEST: f64 = -1020.0;
         const C: [f64; 11] = [
-            0.693_147_180_559_945_3,
+            core::f64::consts::LN_2,
             0.240_226_506_959_100_97,
             0.055_504_108_664_821_6,
             0.009_618_129_107_606_888,
@@ -236,7 +236,7 @@ impl Scalar for f32 {
     #[inline(always)]
     fn exp2_each(values: &mut [Self]) {
         for value in values {
-            *value = value.exp2();
+            *value = Scalar::exp2(*value);
         }
     }
 
