@@ -1,9 +1,9 @@
 //! What an evaluation spends its instructions on, from a recording of a device and the debug information of its image.
 //!
 //! Most of the runtime is inlined into two functions, so symbols alone say little. For every address `addr2line` has the
-//! chain of functions that were inlined there; the innermost that [`RULES`] know decides which part it belongs to. What
+//! chain of functions that were inlined there; the innermost that `RULES` know decides which part it belongs to. What
 //! they do not know, like a product of rotations, belongs to the part that uses it, and what was called to the part that
-//! called. A new file of the runtime needs a line in [`RULES`] and nothing else; without one it is shown under its name.
+//! called. A new file of the runtime needs a line in `RULES` and nothing else; without one it is shown under its name.
 
 use std::collections::{HashMap, HashSet};
 use std::fs;
