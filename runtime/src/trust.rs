@@ -154,16 +154,11 @@ fn distance<T: Scalar>(joints: &[T], ranges: &[(T, T)], rates: &[T]) -> (T, bool
     (sum, most > T::ZERO)
 }
 
-/// How far a value is beyond a range.
+/// How far a value is beyond a range. Both ends are always looked at: the time does not depend on the value.
 #[inline(never)]
 fn excess<T: Scalar>(value: T, (lower, upper): &(T, T)) -> T {
-    if value > *upper {
-        value - *upper
-    } else if value < *lower {
-        *lower - value
-    } else {
-        T::ZERO
-    }
+    let positive = |x: T| if x > T::ZERO { x } else { T::ZERO };
+    positive(value - *upper) + positive(*lower - value)
 }
 
 /// The mean of `rate` over the kernels, weighted by their variance with the heaviest payload.

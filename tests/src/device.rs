@@ -71,7 +71,15 @@ impl Device {
     /// # Errors
     /// [`DeviceError::Emulator`].
     pub fn on(machine: &Machine<'_>) -> Result<Self, DeviceError> {
-        let (emulator, link) = Emulator::start(machine, TIME_LIMIT)?;
+        Self::watched(machine, &[])
+    }
+
+    /// The same with further arguments for QEMU.
+    ///
+    /// # Errors
+    /// [`DeviceError::Emulator`].
+    pub fn watched(machine: &Machine<'_>, arguments: &[String]) -> Result<Self, DeviceError> {
+        let (emulator, link) = Emulator::start_with(machine, TIME_LIMIT, arguments)?;
         let client = Client::over(Box::new(link), "the emulator".to_owned(), OPTIONS);
         Ok(Self { emulator, client })
     }

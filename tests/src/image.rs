@@ -30,7 +30,8 @@ pub struct Function {
     pub name: String,
     /// Its size in bytes.
     pub size: u64,
-    address: u64,
+    /// Where it begins.
+    pub address: u64,
     calls: Vec<u64>,
 }
 

@@ -3,6 +3,7 @@
 //! ```text
 //!  firmware ──> ELF ──> emulator ══ link ══> device ──┐
 //!     └──> image (sizes, symbols)                     ├── stages: the same bits?
+//!     └──> execution (every instruction) ──> parts    │
 //!  sample ──> blob ──────────────────────> runtime ───┘
 //! ```
 //!
@@ -11,7 +12,9 @@
 
 pub mod bad_line;
 pub mod device;
+pub mod execution;
 pub mod image;
+pub mod parts;
 pub mod sample;
 pub mod stages;
 

@@ -136,7 +136,13 @@ fn process(data: &Data, per_output: bool, weighted: bool) -> Answer {
     // What scikit-learn's `fit` does, distances and posterior weights included.
     let fitted = |sharing| -> Result<(TaskSpaceGp, f64), Box<dyn std::error::Error>> {
         let start = cpu_seconds()?;
-        let gp = fit(inputs.clone(), &residuals, sharing, MAX_SIGNAL_VARIANCE)?;
+        let gp = fit(
+            inputs.clone(),
+            &residuals,
+            sharing,
+            MAX_SIGNAL_VARIANCE,
+            None,
+        )?;
         Ok((gp, cpu_seconds()? - start))
     };
     // The better of three: short runs are noisy.

@@ -81,6 +81,7 @@ pub fn calibrate_for_device(
             .filter(|v| *v < options.max_signal_variance),
     );
     let mut best: Option<DeviceCalibration> = None;
+    let mut larger = options.larger;
     for max_signal_variance in bounds {
         let calibration = calibrate(
             nominal,
@@ -88,9 +89,11 @@ pub fn calibrate_for_device(
             samples,
             &Options {
                 max_signal_variance,
+                larger,
                 ..*options
             },
         )?;
+        larger = (calibration.gp.as_ref()).map(|gp| std::array::from_fn(|c| *gp.output(c)));
         let blob = to_bytes(&calibration, robot, origin, samples)?;
         let blob = LoadedBlob::from_bytes(blob).map_err(ExportError::Unusable)?;
         let fidelity = fidelity(&calibration, &blob, samples);

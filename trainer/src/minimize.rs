@@ -6,7 +6,8 @@
 use std::convert::Infallible;
 
 use basin::{
-    BoxBounds, ConstraintSet, Constraints, CostFunction, Executor, FirstOrderState, Gradient, Lbfgs,
+    ApplicationStop, BoxBounds, ConstraintSet, Constraints, CostFunction, Executor,
+    FirstOrderState, Gradient, Lbfgs, State,
 };
 
 /// A function with its gradient.
@@ -60,14 +61,40 @@ impl<O: Objective> Gradient for Boxed<'_, O> {
     }
 }
 
-/// The lowest point found from `start` within `bounds` (lower, upper), in at most `iterations` iterations.
+/// When a search ends.
+#[derive(Clone, Copy, Debug)]
+pub struct Ending {
+    /// Most iterations.
+    pub iterations: u64,
+    /// A step that lowers the value by no more than this part of it is the last.
+    pub reduction: f64,
+    /// A value that is known already: a search that has come within `distance` of it from above, by a step that was no
+    /// longer than that, goes where somebody has been, and ends.
+    pub known: f64,
+    /// In units of the value.
+    pub distance: f64,
+}
+
+impl Ending {
+    /// Nothing is known yet.
+    pub const fn after(iterations: u64, reduction: f64) -> Self {
+        Self {
+            iterations,
+            reduction,
+            known: f64::NEG_INFINITY,
+            distance: 0.0,
+        }
+    }
+}
+
+/// The lowest point found from `start` within `bounds` (lower, upper).
 ///
 /// Deterministic. Falls back to `start` when the search cannot begin there.
 pub fn minimize<O: Objective>(
     objective: &O,
     start: &[f64],
     bounds: &[(f64, f64)],
-    iterations: u64,
+    ending: &Ending,
 ) -> Minimum {
     let clamped: Vec<f64> = start
         .iter()
@@ -81,9 +108,20 @@ pub fn minimize<O: Objective>(
     };
     let solver = Lbfgs::new()
         .with_absolute_projected_gradient_tolerance(1e-4)
-        .with_relative_cost_reduction_tolerance(1e-10);
+        .with_relative_cost_reduction_tolerance(ending.reduction);
+    let Ending {
+        known, distance, ..
+    } = *ending;
+    let mut before = f64::INFINITY;
+    let repeats = move |state: &FirstOrderState<Vec<f64>>| {
+        let (value, last) = (state.cost(), before);
+        before = value;
+        let within = |gap: f64| (0.0..=distance).contains(&gap);
+        (within(value - known) && within(last - value)).then(|| ApplicationStop::new("known"))
+    };
     let run = Executor::new(problem, solver, FirstOrderState::new(clamped.clone()))
-        .max_iter(iterations)
+        .max_iter(ending.iterations)
+        .stop_when(repeats)
         .run();
     match run {
         Ok(result) if result.cost().is_finite() => Minimum {
@@ -101,6 +139,8 @@ pub fn minimize<O: Objective>(
 mod tests {
     use super::*;
 
+    const ENDING: Ending = Ending::after(200, 1e-10);
+
     struct Rosenbrock;
 
     impl Objective for Rosenbrock {
@@ -115,15 +155,37 @@ mod tests {
 
     #[test]
     fn finds_the_minimum_inside_and_on_the_edge_of_the_box() {
-        let inside = minimize(&Rosenbrock, &[-1.2, 1.0], &[(-2.0, 2.0); 2], 200);
+        let inside = minimize(&Rosenbrock, &[-1.2, 1.0], &[(-2.0, 2.0); 2], &ENDING);
         assert!(
             (inside.x[0] - 1.0).abs() < 1e-3 && inside.value < 1e-6,
             "{inside:?}"
         );
-        let edge = minimize(&Rosenbrock, &[-1.2, 1.0], &[(-2.0, 0.5), (-2.0, 2.0)], 200);
+        let edge = minimize(
+            &Rosenbrock,
+            &[-1.2, 1.0],
+            &[(-2.0, 0.5), (-2.0, 2.0)],
+            &ENDING,
+        );
         assert!(
             (edge.x[0] - 0.5).abs() < 1e-6 && (edge.x[1] - 0.25).abs() < 1e-3,
             "{edge:?}"
         );
+    }
+    #[test]
+    fn ends_where_somebody_has_been_and_not_far_above_or_below() {
+        let from = |known: f64| {
+            let ending = Ending {
+                known,
+                distance: 0.01,
+                ..ENDING
+            };
+            minimize(&Rosenbrock, &[-1.2, 1.0], &[(-2.0, 2.0); 2], &ending).value
+        };
+        let known = from(0.0);
+        assert!((1e-6..0.01).contains(&known), "{known}");
+        for other in [0.5, -0.5] {
+            let value = from(other);
+            assert!(value < 1e-6, "{other}: {value}");
+        }
     }
 }

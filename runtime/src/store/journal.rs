@@ -72,7 +72,8 @@ impl State {
         let (fields, crc) = bytes.split_last_chunk::<4>()?;
         let mut words = fields.as_chunks().0.iter().copied().map(u32::from_le_bytes);
         let mut word = || words.next();
-        if medium::checksum(fields) != u32::from_le_bytes(*crc) || word()? != MAGIC {
+        // The checksum last: most of a head is erased, and all of it is looked at whenever a model is verified.
+        if word()? != MAGIC || medium::checksum(fields) != u32::from_le_bytes(*crc) {
             return None;
         }
         Some(Self {

@@ -70,7 +70,7 @@ fn position<F: NorFlash>(flash: &mut F, at: u32, magic: [u8; 4]) -> Position {
 fn key_of(bytes: &[u8; LENGTH], magic: [u8; 4]) -> Option<[u8; 32]> {
     let (fields, crc) = bytes.split_last_chunk::<4>()?;
     let (found, key) = fields.split_first_chunk::<4>()?;
-    let intact = medium::checksum(fields) == u32::from_le_bytes(*crc) && *found == magic;
+    let intact = *found == magic && medium::checksum(fields) == u32::from_le_bytes(*crc);
     key.try_into().ok().filter(|_| intact)
 }
 

@@ -60,6 +60,31 @@ fn exp2_of_whole_numbers_is_exact() {
     }
 }
 
+/// Many at once, for whole matrices: against libm's in `f64`, at every place of a slice; the bits of `exp2` in `f32`.
+#[test]
+fn exp2_of_many_is_that_of_each() {
+    let exponents: Vec<f64> = (0..200_000).map(|i| f64::from(i) * -0.005_1).collect();
+    for (length, skip) in [(200_000, 0), (7, 3), (1, 11), (0, 0)] {
+        let part = &exponents[skip..skip + length];
+        let mut values = part.to_vec();
+        Scalar::exp2_each(&mut values);
+        for (value, x) in values.iter().zip(part) {
+            let error = (value / libm::exp2(*x) - 1.0).abs();
+            assert!(error <= f64::EPSILON, "2^{x}: {error:e}");
+        }
+    }
+    let mut odd = [0.0, -0.0, -1.0, -1020.0, -1021.0, -1e6, f64::MIN];
+    Scalar::exp2_each(&mut odd);
+    let least = libm::exp2(-1020.0);
+    assert_eq!(odd, [1.0, 1.0, 0.5, least, least, least, least]);
+    let exponents: Vec<f32> = stride(-0.0, -200.0, 4_999).collect();
+    let mut values = exponents.clone();
+    Scalar::exp2_each(&mut values);
+    for (value, x) in values.iter().zip(&exponents) {
+        assert_eq!(value.to_bits(), Scalar::exp2(*x).to_bits());
+    }
+}
+
 /// A larger exponent never gives a smaller power (by more than the rounding at the seams of the reduction).
 #[test]
 fn exp2_is_monotonic_up_to_its_rounding() {

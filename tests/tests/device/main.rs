@@ -5,6 +5,7 @@
 
 mod boards;
 mod boot;
+mod constant;
 mod corrected;
 mod cost;
 mod damage;
@@ -13,6 +14,7 @@ mod growth;
 mod image;
 mod kills;
 mod link;
+mod parts;
 mod same_bits;
 mod soak;
 mod under_load;

@@ -21,7 +21,7 @@ use crate::elastic::model::ElasticModel;
 use crate::elastic::outliers::Outlier;
 use crate::elastic::uncertainty::Uncertainty;
 use crate::gp::fit::{MAX_SIGNAL_VARIANCE, Sharing, fit};
-use crate::gp::{self, NotPositiveDefinite, TaskSpaceGp};
+use crate::gp::{self, Hyperparameters, NotPositiveDefinite, TaskSpaceGp};
 use base_tool::with_ends;
 use ends::{Ends, ends, tool_count};
 use frames::{FrameFit, ResidualKind, Sample, fit_frames, residual_components};
@@ -85,6 +85,8 @@ pub struct Options {
     /// A large θ₀ with a long length scale makes large weights that almost cancel, which single precision cannot hold;
     /// along that ridge the likelihood is nearly flat. [`crate::export::calibrate_for_device`] lowers it when it must.
     pub max_signal_variance: f64,
+    /// What was found for the same data with a larger bound on θ₀: saves most of the search.
+    pub larger: Option<[Hyperparameters; OUTPUTS]>,
     /// How the elastic model is fitted.
     pub elastic: ElasticOptions,
     /// What is known of all measurements; where it is unknown, what each row states of itself counts.
@@ -103,6 +105,7 @@ impl Options {
             sharing: Sharing::Shared,
             weighted: false,
             max_signal_variance: MAX_SIGNAL_VARIANCE,
+            larger: None,
             elastic: ElasticOptions::default(),
             instrument_noise: InstrumentNoise::UNKNOWN,
             max_correction_m: None,
@@ -360,6 +363,7 @@ fn step2(
         &residuals,
         options.sharing,
         options.max_signal_variance,
+        options.larger.as_ref(),
     )?)
 }
 

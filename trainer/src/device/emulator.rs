@@ -141,12 +141,25 @@ impl Emulator {
         machine: &Machine<'_>,
         time_limit: Duration,
     ) -> Result<(Self, UnixStream), EmulatorError> {
+        Self::start_with(machine, time_limit, &[])
+    }
+
+    /// The same with further arguments for QEMU, which watch the machine and do not change it.
+    ///
+    /// # Errors
+    /// [`EmulatorError`].
+    pub fn start_with(
+        machine: &Machine<'_>,
+        time_limit: Duration,
+        arguments: &[String],
+    ) -> Result<(Self, UnixStream), EmulatorError> {
         let directory = tempfile::Builder::new().prefix("poegp-").tempdir()?;
         let (link, inherited) = UnixStream::pair()?;
         let child = machine
             .command("socket,id=link,fd=0", directory.path())?
             .arg("-serial")
             .arg(format!("file:{}", escaped(&directory.path().join(LOG))))
+            .args(arguments)
             .stdin(OwnedFd::from(inherited))
             .stdout(Stdio::null())
             .stderr(fs::File::create(directory.path().join(COMPLAINTS))?)

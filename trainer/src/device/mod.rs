@@ -15,4 +15,5 @@ pub mod error;
 pub mod firmware;
 pub mod log;
 pub mod port;
+mod requests;
 pub mod words;

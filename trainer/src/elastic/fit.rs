@@ -9,14 +9,15 @@ use rand::SeedableRng;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 
-use super::likelihood::{Evidence, HyperLayout, Inputs, Search, Solved};
+use super::hyperparameters::HyperLayout;
+use super::likelihood::{Evidence, Inputs, Search, Solved};
 use super::outliers::{LeaveOneOut, Outlier, OutlierPolicy, gross, leave_one_out};
 use super::parameters::parametric_fit;
 use super::ripple::{Peak, SIGNIFICANT, peaks};
 use super::state::{Layout, Linearised, ROWS, State};
 use crate::calibration::frames::Sample;
 use crate::calibration::noise::Scales;
-use crate::minimize::minimize;
+use crate::minimize::{Ending, minimize};
 use poegp_protocol::limits::MAX_RIPPLE;
 
 /// How the elastic model is fitted.
@@ -57,8 +58,8 @@ impl Default for ElasticOptions {
 
 /// Poses that the hyperparameters are learnt from.
 const HYPERPARAMETER_POSES: usize = 200;
-/// Iterations of that search.
-const ITERATIONS: u64 = 40;
+/// When that search ends.
+const ENDING: Ending = Ending::after(40, 1e-10);
 
 /// A fitted elastic model, before it is reduced.
 pub struct ElasticFit {
@@ -361,5 +362,5 @@ fn learn(
         layout,
         processes: options.processes,
     };
-    minimize(&Search::new(&evidence), &start, &bounds, ITERATIONS).x
+    minimize(&Search::new(&evidence), &start, &bounds, &ENDING).x
 }

@@ -6,6 +6,7 @@
 
 pub mod device_sigma;
 pub mod fit;
+pub mod hyperparameters;
 pub mod inflation;
 pub mod likelihood;
 pub mod model;

@@ -13,7 +13,8 @@ use poegp_protocol::limits::MAX_GROUPS;
 use poegp_runtime::deflection::{Features, JointKernel, similarity};
 
 use super::fit::ElasticFit;
-use super::likelihood::{DEFLECTION_UNIT, prior_variance};
+use super::hyperparameters::DEFLECTION_UNIT;
+use super::likelihood::prior_variance;
 use super::state::{Linearised, ROWS};
 use crate::calibration::frames::Sample;
 

@@ -1,7 +1,8 @@
 //! Hyperparameters by maximising the log marginal likelihood.
 //!
 //! L-BFGS-B over natural logarithms with the analytic gradient, from a few fixed starts that differ in length scale and
-//! noise: the same data give the same hyperparameters, to the last bit, on one machine.
+//! noise: the same data give the same hyperparameters, to the last bit, on one machine. Most often all starts lead to one
+//! optimum; a search that comes to where another one has been ends there.
 
 use std::cell::RefCell;
 
@@ -10,7 +11,7 @@ use poegp_protocol::limits::OUTPUTS;
 
 use super::likelihood::{LikelihoodWorkspace, log_marginal_likelihood_in};
 use super::{Hyperparameters, NotPositiveDefinite, Pairs, TaskSpaceGp, scale_outputs};
-use crate::minimize::{Objective, minimize};
+use crate::minimize::{Ending, Minimum, Objective, minimize};
 
 /// How the outputs share their hyperparameters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -36,8 +37,11 @@ const STARTS: [[f64; 5]; 2] = [[1.0, 0.1, 0.1, 0.01, 0.05], [1.0, 1.0, 0.1, 0.01
 /// Largest θ₀ unless single precision asks for less.
 pub const MAX_SIGNAL_VARIANCE: f64 = BOUNDS[0].1;
 
-/// Most iterations of one search.
-const ITERATIONS: u64 = 100;
+/// When a search ends: the last step lowers the value by as little as scipy asks for, whose search scikit-learn uses.
+const ENDING: Ending = Ending::after(100, 2.2e-9);
+
+/// Nats for each value of the data from a known optimum at which a search ends: far less than a standard error of anything.
+const SAME_OPTIMUM: f64 = 3e-5;
 
 struct NegativeLogLikelihood<'a> {
     pairs: &'a Pairs,
@@ -67,6 +71,15 @@ pub fn maximise_likelihood(
     outputs: &Mat<f64>,
     max_signal_variance: f64,
 ) -> (Hyperparameters, f64) {
+    maximise_from(&STARTS, pairs, outputs, max_signal_variance)
+}
+
+fn maximise_from(
+    starts: &[[f64; 5]],
+    pairs: &Pairs,
+    outputs: &Mat<f64>,
+    max_signal_variance: f64,
+) -> (Hyperparameters, f64) {
     let objective = NegativeLogLikelihood {
         pairs,
         outputs,
@@ -74,16 +87,27 @@ pub fn maximise_likelihood(
     };
     let mut bounds = BOUNDS.map(|(lower, upper)| (lower.ln(), upper.ln()));
     bounds[0].1 = max_signal_variance.ln();
-    let best = STARTS
-        .iter()
-        .map(|start| minimize(&objective, &start.map(f64::ln), &bounds, ITERATIONS))
-        .reduce(|a, b| if b.value < a.value { b } else { a })
-        .expect("there are starting points");
+    let mut best: Option<Minimum> = None;
+    for start in starts {
+        let ending = Ending {
+            known: best.as_ref().map_or(f64::NEG_INFINITY, |b| b.value),
+            distance: SAME_OPTIMUM * (outputs.nrows() * outputs.ncols()) as f64,
+            ..ENDING
+        };
+        let found = minimize(&objective, &start.map(f64::ln), &bounds, &ending);
+        if best.as_ref().is_none_or(|b| found.value < b.value) {
+            best = Some(found);
+        }
+    }
+    let best = best.expect("there are starting points");
     let theta: Vec<f64> = best.x.iter().map(|l| l.exp()).collect();
     (Hyperparameters::from_array(&theta), -best.value)
 }
 
-/// Fits the process to `residuals` (twists (v, ω), m and rad) at `inputs`.
+/// Fits the process to `residuals` (twists (v, ω), m and rad) at `inputs`, with θ₀ at most `max_signal_variance`.
+///
+/// `larger` is what was found for the same data under a larger bound: where that respects this one, it is the optimum
+/// here, too, and elsewhere the search begins there.
 ///
 /// # Errors
 /// [`NotPositiveDefinite`].
@@ -92,15 +116,24 @@ pub fn fit(
     residuals: &[[f64; OUTPUTS]],
     sharing: Sharing,
     max_signal_variance: f64,
+    larger: Option<&[Hyperparameters; OUTPUTS]>,
 ) -> Result<TaskSpaceGp, NotPositiveDefinite> {
     let pairs = Pairs::new(&inputs);
     let (_, scaled) = scale_outputs(residuals);
+    let optimum = |outputs: &Mat<f64>, c: usize| match larger.map(|known| known[c]) {
+        None => maximise_likelihood(&pairs, outputs, max_signal_variance).0,
+        Some(known) if known.kernel.signal_variance < max_signal_variance => known,
+        Some(known) => {
+            let starts = [known.to_array()];
+            maximise_from(&starts, &pairs, outputs, max_signal_variance).0
+        }
+    };
     let hyperparameters = match sharing {
-        Sharing::Shared => vec![maximise_likelihood(&pairs, &scaled, max_signal_variance).0],
+        Sharing::Shared => vec![optimum(&scaled, 0)],
         Sharing::PerOutput => (0..OUTPUTS)
             .map(|c| {
                 let column = Mat::from_fn(scaled.nrows(), 1, |i, _| scaled[(i, c)]);
-                maximise_likelihood(&pairs, &column, max_signal_variance).0
+                optimum(&column, c)
             })
             .collect(),
     };

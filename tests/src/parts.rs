@@ -1,0 +1,236 @@
+//! What an evaluation spends its instructions on, from a recording of a device and the debug information of its image.
+//!
+//! Most of the runtime is inlined into two functions, so symbols alone say little. For every address `addr2line` has the
+//! chain of functions that were inlined there; the innermost that `RULES` know decides which part it belongs to. What
+//! they do not know, like a product of rotations, belongs to the part that uses it, and what was called to the part that
+//! called. A new file of the runtime needs a line in `RULES` and nothing else; without one it is shown under its name.
+
+use std::collections::{HashMap, HashSet};
+use std::fs;
+use std::io;
+use std::path::Path;
+use std::process::Command;
+
+use crate::image::{Image, ImageError};
+
+const PROGRAM: &str = "arm-none-eabi-addr2line";
+
+/// Part, end of the file's path, part of the function's name. The first that fits counts.
+const RULES: [(&str, &str, &str); 18] = [
+    ("sines and cosines", "scalar.rs", "sin_cos"),
+    (
+        "sines and cosines, turned by small changes",
+        "deflection/mod.rs",
+        "deflected_into",
+    ),
+    ("ripple", "deflection/mod.rs", "ripple"),
+    ("kernels and outputs", "deflection/processes.rs", ""),
+    ("kernels and outputs", "posterior.rs", ""),
+    ("torque terms", "deflection/gravity.rs", ""),
+    ("standard deviation", "deflection/variance.rs", ""),
+    ("chains, forward kinematics", "poe.rs", ""),
+    ("Newton steps", "newton.rs", ""),
+    ("trust and ranges", "trust.rs", ""),
+    ("bound, corrected pose", "bound.rs", ""),
+    ("bound, corrected pose", "se3.rs", "corrected"),
+    (
+        "search for the command, and its check",
+        "model/correct.rs",
+        "",
+    ),
+    ("elastic correction, the rest", "deflection/mod.rs", ""),
+    ("checks of the input, status", "model/mod.rs", ""),
+    ("checks of the input, status", "model/checked.rs", ""),
+    ("checks of the input, status", "model/elastic.rs", ""),
+    ("checks of the input, status", "model/view.rs", ""),
+];
+
+/// Functions of the compiler's library.
+const COPYING: &str = "copying and clearing";
+const LIBRARY: [&str; 3] = ["memcpy", "memset", "memclr"];
+const INTERRUPTS: &str = "interrupts";
+
+/// Instructions of each part.
+#[derive(Clone, Debug, Default)]
+pub struct Parts {
+    /// In the order in which they were met first.
+    pub counts: Vec<(String, usize)>,
+}
+
+/// Why a recording cannot be attributed.
+#[derive(Debug, thiserror::Error)]
+pub enum PartsError {
+    /// The image.
+    #[error(transparent)]
+    Image(#[from] ImageError),
+    /// The program that reads debug information.
+    #[error("{PROGRAM}: {0}\nhelp: apt-get install binutils-arm-none-eabi")]
+    Program(#[from] io::Error),
+    /// The function does not occur.
+    #[error("no function that contains {0:?} was executed from its beginning to its end")]
+    NotThere(String),
+}
+
+impl Parts {
+    /// Instructions of all parts.
+    pub fn whole(&self) -> usize {
+        self.counts.iter().map(|(_, count)| count).sum()
+    }
+
+    /// Instructions of one part; 0 when it does not occur.
+    pub fn count(&self, part: &str) -> usize {
+        let found = self.counts.iter().find(|(name, _)| name == part);
+        found.map_or(0, |(_, count)| *count)
+    }
+
+    fn add(&mut self, part: &str) {
+        match self.counts.iter_mut().find(|(name, _)| name == part) {
+            Some((_, count)) => *count += 1,
+            None => self.counts.push((part.to_owned(), 1)),
+        }
+    }
+
+    /// Of the last execution of the function whose mangled name contains all of `function`, everything that it calls
+    /// included.
+    ///
+    /// # Errors
+    /// [`PartsError`].
+    pub fn of(executed: &[u32], elf: &Path, function: &[&str]) -> Result<Self, PartsError> {
+        let image = Image::read(elf)?;
+        let missing = || PartsError::NotThere(function.join(" … "));
+        let entries: HashSet<u32> = image
+            .functions
+            .iter()
+            .filter(|f| function.iter().all(|part| f.name.contains(part)))
+            .map(|f| f.address as u32)
+            .collect();
+        let begin = executed
+            .iter()
+            .rposition(|address| entries.contains(address))
+            .filter(|begin| *begin > 0)
+            .ok_or_else(missing)?;
+        let back = executed[begin - 1];
+        let length = executed[begin..]
+            .iter()
+            .position(|address| returns_to(*address, back))
+            .ok_or_else(missing)?;
+        let executed = &executed[begin..begin + length];
+        let places = Places::of(executed, elf)?;
+        let starts: HashMap<u32, &str> = image
+            .functions
+            .iter()
+            .map(|f| (f.address as u32, &*f.name))
+            .collect();
+        let mut parts = Self::default();
+        let mut callers: Vec<(u32, String)> = Vec::new();
+        let mut current = "the function itself".to_owned();
+        let mut before = back;
+        for (index, address) in executed.iter().enumerate() {
+            if callers
+                .last()
+                .is_some_and(|(from, _)| returns_to(*address, *from))
+            {
+                callers.pop();
+            } else if let Some(name) = starts.get(address)
+                && index > 0
+                && !is_next(*address, before)
+            {
+                let inherited = if LIBRARY.iter().any(|part| name.contains(part)) {
+                    COPYING.to_owned()
+                } else if name.contains("PendSV") || name.contains("UART") {
+                    INTERRUPTS.to_owned()
+                } else {
+                    current.clone()
+                };
+                callers.push((before, inherited));
+            }
+            let inherited = callers.last().map(|(_, part)| part.as_str());
+            let part = match inherited {
+                Some(part) if part == COPYING || part == INTERRUPTS => part.to_owned(),
+                _ => {
+                    let known = places.part(*address);
+                    known
+                        .or(inherited)
+                        .unwrap_or("the function itself")
+                        .to_owned()
+                }
+            };
+            parts.add(&part);
+            current = part;
+            before = *address;
+        }
+        Ok(parts)
+    }
+}
+
+/// Whether `address` follows a call at `from`, which has two or four bytes.
+fn returns_to(address: u32, from: u32) -> bool {
+    is_next(address, from)
+}
+
+fn is_next(address: u32, before: u32) -> bool {
+    address == before + 2 || address == before + 4
+}
+
+/// Which part every address belongs to by itself.
+struct Places(HashMap<u32, Option<String>>);
+
+impl Places {
+    fn of(executed: &[u32], elf: &Path) -> io::Result<Self> {
+        let unique: HashSet<u32> = executed.iter().copied().collect();
+        let file = tempfile::NamedTempFile::new()?;
+        let list: Vec<String> = unique.iter().map(|a| format!("{a:#x}")).collect();
+        fs::write(file.path(), list.join("\n"))?;
+        let done = Command::new(PROGRAM)
+            .args(["-a", "-i", "-f", "-e"])
+            .arg(elf)
+            .arg(format!("@{}", file.path().display()))
+            .output()?;
+        if !done.status.success() {
+            let said = String::from_utf8_lossy(&done.stderr).into_owned();
+            return Err(io::Error::other(said));
+        }
+        let text = String::from_utf8_lossy(&done.stdout);
+        let mut places = HashMap::new();
+        let mut lines = text.lines().peekable();
+        while let Some(line) = lines.next() {
+            let Some(address) = line.strip_prefix("0x") else {
+                continue;
+            };
+            let address = u32::from_str_radix(address, 16).map_err(io::Error::other)?;
+            let mut part = None;
+            while let Some(name) = lines.next_if(|line| !line.starts_with("0x")) {
+                let place = lines.next().unwrap_or("");
+                let path = place.split(':').next().unwrap_or("");
+                part = part.or_else(|| rule(name, path));
+            }
+            places.insert(address, part);
+        }
+        Ok(Self(places))
+    }
+
+    fn part(&self, address: u32) -> Option<&str> {
+        self.0.get(&address)?.as_deref()
+    }
+}
+
+/// Files of the runtime that serve others: the part is that of their user.
+const SERVING: [&str; 5] = [
+    "scalar.rs",
+    "se3.rs",
+    "kernel.rs",
+    "observer.rs",
+    "status.rs",
+];
+
+fn rule(name: &str, path: &str) -> Option<String> {
+    let file = path.split_once("runtime/src/")?.1;
+    let known = RULES
+        .iter()
+        .find(|(_, end, function)| file.ends_with(end) && name.contains(function));
+    match known {
+        Some((part, _, _)) => Some((*part).to_owned()),
+        None if SERVING.contains(&file) => None,
+        None => Some(file.to_owned()),
+    }
+}

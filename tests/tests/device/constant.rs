@@ -1,0 +1,86 @@
+//! How long an answer takes does not depend on what is asked, for poses and commands of every kind of model.
+
+use poegp_protocol::link::Query;
+use poegp_runtime::status::Status;
+use poegp_tests::device::Device;
+use poegp_tests::emulator::{Clock, instructions};
+use poegp_tests::sample::{Elastic, Sample, Support};
+use poegp_tests::stages::Host;
+
+const QUERIES: usize = 1_000;
+
+const SHAPES: [(&str, Support); 6] = [
+    ("chain alone", Support::None),
+    ("paper, shared, 300", Support::Shared(300)),
+    ("paper, per output, 300", Support::PerOutput(300)),
+    ("elastic, own, 100", Support::Elastic(Elastic::OWN)),
+    ("elastic, tied, 100", Support::Elastic(Elastic::TIED)),
+    (
+        "elastic, tied, with a deviation",
+        Support::Elastic(Elastic::TIED_WITH_SIGMA),
+    ),
+];
+
+/// Fewest and most instructions of `ask` over all queries.
+fn range(
+    device: &mut Device,
+    queries: &[Query],
+    ask: impl Fn(&mut Device, &Query) -> u32,
+) -> (f64, f64) {
+    let tick_hz = device.identify().unwrap().tick_hz;
+    let counts = queries
+        .iter()
+        .map(|query| instructions(ask(device, query), tick_hz));
+    counts.fold((f64::INFINITY, 0.0), |(least, most), count| {
+        (count.min(least), count.max(most))
+    })
+}
+
+/// Inside and outside the trained ranges, bounded and not, refused and not: the largest count is at most 1 % above the
+/// smallest.
+#[test]
+fn a_thousand_inputs_take_the_same_time() {
+    let mut device = Device::start(Clock::Counting).unwrap_or_else(|error| panic!("{error}"));
+    println!("instructions over {QUERIES} inputs, Cortex-M4F, six joints, fewest and most:");
+    let mut beyond = Vec::new();
+    for (name, support) in SHAPES {
+        let sample = Sample::plain(35, support);
+        let blob = sample.blob();
+        device.load(&blob).unwrap();
+        let queries = sample.queries(QUERIES);
+        // They are what they should be: a quarter outside, and of a correction some bounded.
+        let host = Host::load(&blob).unwrap();
+        let with = |status: Status| {
+            let has =
+                |query: &&Query| Status::from_bits(host.stages(query).status()).contains(status);
+            queries.iter().filter(has).count()
+        };
+        let outside = with(Status::OUTSIDE_JOINT_RANGE);
+        let bounded = with(Status::CORRECTION_BOUNDED);
+        assert!((100..500).contains(&outside), "{name}: {outside}");
+        assert!(bounded < QUERIES, "{name}: {bounded}");
+        for (what, (least, most)) in [
+            (
+                "pose",
+                range(&mut device, &queries, |device, query| {
+                    device.evaluate(query).unwrap().ticks
+                }),
+            ),
+            (
+                "command",
+                range(&mut device, &queries, |device, query| {
+                    device.correct(query).unwrap().ticks
+                }),
+            ),
+        ] {
+            let spread = 100.0 * (most / least - 1.0);
+            println!(
+                "| {name} | {what} | {least:.0} | {most:.0} | {spread:.2} % | {outside} outside, {bounded} bounded |"
+            );
+            if most > 1.01 * least {
+                beyond.push(format!("{name}, {what}: {least:.0} to {most:.0}"));
+            }
+        }
+    }
+    assert!(beyond.is_empty(), "{beyond:#?}");
+}

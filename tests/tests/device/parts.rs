@@ -1,0 +1,168 @@
+//! What an evaluation and a corrected command spend their instructions on, part by part, and what loading a blob costs.
+//!
+//! ```sh
+//! cargo test --release -p poegp-tests --test device -- --nocapture parts
+//! ```
+
+use poegp_protocol::link::{MAX_PIECE, Request};
+use poegp_tests::device::Device;
+use poegp_tests::emulator::instructions;
+use poegp_tests::execution::Recorder;
+use poegp_tests::firmware::firmware;
+use poegp_tests::parts::Parts;
+use poegp_tests::sample::{Elastic, Sample, Support};
+
+/// The shapes of the table.
+const SHAPES: [(&str, Support); 4] = [
+    ("paper, 300", Support::Shared(300)),
+    ("paper per output, 300", Support::PerOutput(300)),
+    ("own, 100", Support::Elastic(Elastic::OWN)),
+    ("tied, 100", Support::Elastic(Elastic::TIED)),
+];
+
+/// One column: instructions of a pose or of a command, and what the device's own counter says.
+fn column(
+    device: &mut Device,
+    recorder: &mut Recorder,
+    support: Support,
+    command: bool,
+) -> (Parts, f64) {
+    let sample = Sample::plain(36, support);
+    let tick_hz = device.load(&sample.blob()).unwrap().tick_hz;
+    let query = &sample.queries(1)[0];
+    let mut ticks = 0;
+    let executed = recorder
+        .record(|| {
+            ticks = if command {
+                device.correct(query).unwrap().ticks
+            } else {
+                device.evaluate(query).unwrap().ticks
+            };
+        })
+        .unwrap_or_else(|error| panic!("{error}"));
+    let function = if command { "correct" } else { "evaluate" };
+    let parts = Parts::of(
+        &executed,
+        &firmware().unwrap().elf,
+        &["f32", "Compiled", function],
+    )
+    .unwrap_or_else(|error| panic!("{error}"));
+    (parts, instructions(ticks, tick_hz))
+}
+
+/// The parts sum to the whole, and the whole is what the device measures of itself.
+#[test]
+fn the_parts_of_an_evaluation() {
+    let (mut device, mut recorder) = Recorder::start().unwrap_or_else(|error| panic!("{error}"));
+    let mut columns = Vec::new();
+    for (name, support) in SHAPES {
+        for command in [false, true] {
+            let (parts, counted) = column(&mut device, &mut recorder, support, command);
+            let what = if command { "command" } else { "pose" };
+            columns.push((format!("{name}, {what}"), parts, counted));
+        }
+    }
+    let mut names: Vec<String> = Vec::new();
+    for (_, parts, _) in &columns {
+        for (name, _) in &parts.counts {
+            if !names.contains(name) {
+                names.push(name.clone());
+            }
+        }
+    }
+    let largest = |name: &str| columns.iter().map(|(_, parts, _)| parts.count(name)).max();
+    names.sort_by_key(|name| std::cmp::Reverse(largest(name)));
+    println!("instructions of each part, Cortex-M4F, six joints:");
+    let heads: Vec<&str> = columns.iter().map(|(name, _, _)| &**name).collect();
+    println!("| | {} |", heads.join(" | "));
+    println!("|---|{}", "---|".repeat(columns.len()));
+    for name in &names {
+        let cells = columns.iter().map(|(_, parts, _)| match parts.count(name) {
+            0 => "–".to_owned(),
+            count => count.to_string(),
+        });
+        println!("| {name} | {} |", cells.collect::<Vec<_>>().join(" | "));
+    }
+    let cells = columns
+        .iter()
+        .map(|(_, parts, _)| parts.whole().to_string());
+    println!("| **whole** | {} |", cells.collect::<Vec<_>>().join(" | "));
+    let cells = columns
+        .iter()
+        .map(|(_, _, counted)| format!("{counted:.0}"));
+    println!(
+        "| by the device's counter | {} |",
+        cells.collect::<Vec<_>>().join(" | ")
+    );
+    for (name, parts, counted) in &columns {
+        // Beside the function itself the counter sees who calls it and copies its answer.
+        let beside = counted - parts.whole() as f64;
+        assert!(
+            (-20.0..=0.02 * counted + 300.0).contains(&beside),
+            "{name}: {} of {counted}",
+            parts.whole()
+        );
+    }
+}
+
+/// Instructions of [`Resident::load_unverified`](poegp_runtime::service) and of the whole request that verifies an
+/// uploaded blob, and the length of the blob.
+fn load(device: &mut Device, recorder: &mut Recorder, support: Support) -> [usize; 3] {
+    let blob = Sample::plain(37, support).blob();
+    device.client().begin_upload(&blob).unwrap();
+    for (index, bytes) in blob.chunks(MAX_PIECE).enumerate() {
+        let offset = (MAX_PIECE * index) as u32;
+        let piece = Request::UploadPiece { offset, bytes };
+        device.request(&piece).unwrap();
+    }
+    let executed = recorder
+        .record(|| {
+            device.client().verify_upload().unwrap();
+        })
+        .unwrap_or_else(|error| panic!("{error}"));
+    let loading = Parts::of(
+        &executed,
+        &firmware().unwrap().elf,
+        &["Resident", "load_blob"],
+    )
+    .unwrap_or_else(|error| panic!("{error}"));
+    [loading.whole(), executed.len(), blob.len()]
+}
+
+/// Checksum, decoding, every number looked at, and the model taken over: at most 40 instructions a byte. With what the
+/// request does beside that (the checksum of the transfer; journals and key of the flash, which do not depend on the blob)
+/// at most as many for every byte more.
+#[test]
+fn the_parts_of_loading() {
+    let (mut device, mut recorder) = Recorder::start().unwrap_or_else(|error| panic!("{error}"));
+    println!("instructions of loading a blob without a signature, Cortex-M4F:");
+    println!("| | bytes | loading | each byte | whole request | each byte more |");
+    println!("|---|---|---|---|---|---|");
+    let mut beyond = Vec::new();
+    for (name, small, large) in [
+        ("paper", Support::Shared(100), Support::Shared(300)),
+        (
+            "paper per output",
+            Support::PerOutput(100),
+            Support::PerOutput(300),
+        ),
+        ("own", with_points(50), Support::Elastic(Elastic::OWN)),
+    ] {
+        let [_, before, short] = load(&mut device, &mut recorder, small);
+        let [loading, whole, bytes] = load(&mut device, &mut recorder, large);
+        let each = loading as f64 / bytes as f64;
+        let more = (whole - before) as f64 / (bytes - short) as f64;
+        println!("| {name} | {bytes} | {loading} | {each:.1} | {whole} | {more:.1} |");
+        if each > 40.0 || more > 40.0 {
+            beyond.push(format!("{name}: {each:.1}, {more:.1}"));
+        }
+    }
+    assert!(beyond.is_empty(), "{beyond:?}");
+}
+
+fn with_points(points: usize) -> Support {
+    Support::Elastic(Elastic {
+        points,
+        ..Elastic::OWN
+    })
+}

@@ -1,0 +1,241 @@
+//! What can be asked of a device, request by request: each with the answer that belongs to it, and an error for any other.
+
+use std::time::{Duration, Instant};
+
+use poegp_protocol::blob::CRC;
+use poegp_protocol::link::{
+    Corrected, Evaluation, Identity, MAX_PIECE, ModelIdentity, Query, Refusal, Request, Response,
+    Statistics, StoredModel, Trace,
+};
+
+use super::client::{Client, name};
+use super::error::ClientError;
+
+/// How long a device may take to start anew.
+const RESTART_LIMIT: Duration = Duration::from_secs(10);
+
+impl Client {
+    /// Who the device is.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn identify(&mut self) -> Result<Identity, ClientError> {
+        self.identity(&Request::Identify)
+    }
+
+    fn identity(&mut self, request: &Request<'_>) -> Result<Identity, ClientError> {
+        match self.request(request)? {
+            Response::Identity(identity) => Ok(identity),
+            other => Err(unexpected(request, other)),
+        }
+    }
+
+    /// Sends a blob and has it verified; `progress` hears how many bytes are there. The active model stays. When the
+    /// device has given the upload up (a restart, a roll-back, another workstation), it is begun anew.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn upload(
+        &mut self,
+        blob: &[u8],
+        progress: &mut dyn FnMut(usize),
+    ) -> Result<ModelIdentity, ClientError> {
+        let mut left = self.options.uploads;
+        loop {
+            match self.upload_once(blob, progress) {
+                Err(ClientError::Refused(
+                    Refusal::NoUpload
+                    | Refusal::UnexpectedOffset { .. }
+                    | Refusal::PieceTooLong { .. }
+                    | Refusal::Incomplete { .. }
+                    | Refusal::TransferCrc { .. },
+                )) if left > 1 => left -= 1,
+                other => return other,
+            }
+        }
+    }
+
+    fn upload_once(
+        &mut self,
+        blob: &[u8],
+        progress: &mut dyn FnMut(usize),
+    ) -> Result<ModelIdentity, ClientError> {
+        self.begin_upload(blob)?;
+        let mut offset = 0;
+        progress(0);
+        for bytes in blob.chunks(self.options.piece.clamp(1, MAX_PIECE)) {
+            self.uploading(&Request::UploadPiece {
+                offset: wire_length(offset),
+                bytes,
+            })?;
+            offset += bytes.len();
+            progress(offset);
+        }
+        self.verify_upload()
+    }
+
+    /// Announces a blob.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn begin_upload(&mut self, blob: &[u8]) -> Result<(), ClientError> {
+        self.uploading(&Request::BeginUpload {
+            length: wire_length(blob.len()),
+            crc: CRC.checksum(blob),
+        })
+    }
+
+    fn uploading(&mut self, request: &Request<'_>) -> Result<(), ClientError> {
+        match self.request(request)? {
+            Response::Uploading { .. } => Ok(()),
+            other => Err(unexpected(request, other)),
+        }
+    }
+
+    /// Has the device look at the uploaded blob in every respect.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn verify_upload(&mut self) -> Result<ModelIdentity, ClientError> {
+        match self.request(&Request::VerifyUpload)? {
+            Response::Verified(model) => Ok(model),
+            other => Err(unexpected(&Request::VerifyUpload, other)),
+        }
+    }
+
+    /// Has the verified blob written to flash; it runs after the next start.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn commit_upload(&mut self) -> Result<StoredModel, ClientError> {
+        match self.request(&Request::CommitUpload)? {
+            Response::Committed(stored) => Ok(stored),
+            other => Err(unexpected(&Request::CommitUpload, other)),
+        }
+    }
+
+    /// Runs the verified model from the next cycle on.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn activate(&mut self, blob_crc: u32) -> Result<Identity, ClientError> {
+        self.identity(&Request::Activate { blob_crc })
+    }
+
+    /// Leaves the active model, if it is the one with `from_crc`, for the other stored one.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn roll_back(&mut self, from_crc: u32) -> Result<Identity, ClientError> {
+        self.identity(&Request::RollBack { from_crc })
+    }
+
+    /// Has commands answered as they come, or corrected again.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn set_bypass(&mut self, on: bool) -> Result<Identity, ClientError> {
+        self.identity(&Request::SetBypass { on })
+    }
+
+    /// Gives the device the public key that models have to be signed by, once and for all.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn provision(&mut self, public_key: &[u8; 32]) -> Result<Identity, ClientError> {
+        self.identity(&Request::Provision {
+            public_key: *public_key,
+        })
+    }
+
+    /// T_gp(q, m)·f(q).
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn evaluate(&mut self, query: &Query) -> Result<Evaluation, ClientError> {
+        let request = Request::Evaluate(query.clone());
+        match self.request(&request)? {
+            Response::Evaluation(evaluation) => Ok(evaluation),
+            other => Err(unexpected(&request, other)),
+        }
+    }
+
+    /// The corrected joint command.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn correct(&mut self, query: &Query) -> Result<Corrected, ClientError> {
+        let request = Request::Correct(query.clone());
+        match self.request(&request)? {
+            Response::Corrected(corrected) => Ok(corrected),
+            other => Err(unexpected(&request, other)),
+        }
+    }
+
+    /// [`Client::evaluate`] with intermediate results.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn trace(&mut self, query: &Query) -> Result<Trace, ClientError> {
+        let request = Request::Trace(query.clone());
+        match self.request(&request)? {
+            Response::Trace(trace) => Ok(trace),
+            other => Err(unexpected(&request, other)),
+        }
+    }
+
+    /// Says that no more cyclic requests will come; without it the device's watchdog waits for them in vain.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn stand_down(&mut self) -> Result<(), ClientError> {
+        match self.request(&Request::StandDown)? {
+            Response::StandingDown => Ok(()),
+            other => Err(unexpected(&Request::StandDown, other)),
+        }
+    }
+
+    /// What the device has counted.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn statistics(&mut self) -> Result<Statistics, ClientError> {
+        match self.request(&Request::ReadStatistics)? {
+            Response::Statistics(statistics) => Ok(statistics),
+            other => Err(unexpected(&Request::ReadStatistics, other)),
+        }
+    }
+
+    /// Starts the device anew and waits until it answers again.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn restart(&mut self) -> Result<Identity, ClientError> {
+        match self.request(&Request::Restart)? {
+            Response::Restarting => {}
+            other => return Err(unexpected(&Request::Restart, other)),
+        }
+        let deadline = Instant::now() + RESTART_LIMIT;
+        loop {
+            match self.identify() {
+                Err(ClientError::NoAnswer { .. } | ClientError::Damaged { .. })
+                    if Instant::now() < deadline => {}
+                other => return other,
+            }
+        }
+    }
+}
+
+fn wire_length(length: usize) -> u32 {
+    u32::try_from(length).unwrap_or(u32::MAX)
+}
+
+fn unexpected(request: &Request<'_>, response: Response) -> ClientError {
+    match response {
+        Response::Refused(refusal) => ClientError::Refused(refusal),
+        other => ClientError::Unexpected {
+            request: name(request),
+            response: format!("{other:?}"),
+        },
+    }
+}

@@ -1,0 +1,120 @@
+//! What the elastic model's hyperparameters mean: their places in one flat vector of logarithms, where a search begins and
+//! what bounds it, and the kernels that they make.
+
+use poegp_runtime::deflection::JointKernel;
+
+/// One radian or metre of deflection in units of the processes: amplitudes are of order one.
+pub const DEFLECTION_UNIT: f64 = 1e-4;
+
+/// Hyperparameters as natural logarithms, one flat vector:
+/// noise (position, orientation), priors (frames, links, payload), then for each output w_d…, w_m, a₀, a₁.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct HyperLayout {
+    /// Outputs: the joints.
+    pub joints: usize,
+    /// Whether the payload is an input.
+    pub payload: bool,
+    /// Whether all outputs have the length scales of the first.
+    pub tied: bool,
+}
+
+/// Noise and prior hyperparameters before those of the kernels.
+pub const COMMON: usize = 5;
+
+impl HyperLayout {
+    /// Number of hyperparameters.
+    pub fn len(&self) -> usize {
+        COMMON
+            + self.scales_len() * if self.tied { 1 } else { self.joints }
+            + self.amplitudes_len() * self.joints
+    }
+
+    /// Never empty.
+    pub fn is_empty(&self) -> bool {
+        false
+    }
+
+    fn scales_len(&self) -> usize {
+        self.joints + usize::from(self.payload)
+    }
+
+    fn amplitudes_len(&self) -> usize {
+        1 + usize::from(self.payload)
+    }
+
+    /// Index of w_d of output c (`d == joints`: w_m).
+    pub fn scale(&self, c: usize, d: usize) -> usize {
+        COMMON
+            + if self.tied {
+                d
+            } else {
+                c * self.scales_len() + d
+            }
+    }
+
+    /// Index of a₀ (`i == 0`) or a₁ of output c.
+    pub fn amplitude(&self, c: usize, i: usize) -> usize {
+        let scales = self.scales_len() * if self.tied { 1 } else { self.joints };
+        COMMON + scales + c * self.amplitudes_len() + i
+    }
+
+    /// Where the search begins, and within which bounds.
+    pub fn start_and_bounds(&self, payload_unit: f64) -> (Vec<f64>, Vec<(f64, f64)>) {
+        let mut start = vec![0.0; self.len()];
+        let mut bounds = vec![(0.0, 0.0); self.len()];
+        let mut set = |i: usize, value: f64, lower: f64, upper: f64| {
+            start[i] = value.ln();
+            bounds[i] = (lower.ln(), upper.ln());
+        };
+        for i in 0..2 {
+            set(i, 0.5, 1e-4, 1e2);
+        }
+        for i in 2..COMMON {
+            // Variances relative to the prior's.
+            set(i, 1.0, 1e-4, 1e2);
+        }
+        let unit = payload_unit * payload_unit;
+        for c in 0..self.joints {
+            for d in 0..self.joints {
+                set(self.scale(c, d), 0.3, 1e-3, 1e2);
+            }
+            set(self.amplitude(c, 0), 0.3, 1e-6, 1e4);
+            if self.payload {
+                set(
+                    self.scale(c, self.joints),
+                    0.3 / unit,
+                    1e-3 / unit,
+                    1e2 / unit,
+                );
+                set(self.amplitude(c, 1), 0.3 / unit, 1e-6 / unit, 1e4 / unit);
+            }
+        }
+        (start, bounds)
+    }
+
+    /// The kernels, with amplitudes in rad² (m²).
+    pub fn kernels(&self, h: &[f64]) -> Vec<JointKernel<f64>> {
+        let unit = DEFLECTION_UNIT * DEFLECTION_UNIT;
+        (0..self.joints)
+            .map(|c| {
+                let weights: Vec<f64> = (0..self.joints)
+                    .map(|d| h[self.scale(c, d)].exp())
+                    .collect();
+                let (wm, a1) = if self.payload {
+                    (
+                        h[self.scale(c, self.joints)].exp(),
+                        h[self.amplitude(c, 1)].exp(),
+                    )
+                } else {
+                    (0.0, 0.0)
+                };
+                JointKernel::from_natural(
+                    &weights,
+                    wm,
+                    unit * h[self.amplitude(c, 0)].exp(),
+                    unit * a1,
+                )
+            })
+            .collect()
+    }
+}
