@@ -79,6 +79,7 @@ impl Budget {
             tied,
             ripple: RIPPLE_PER_JOINT * robot.joints.len(),
             landmarks: 0,
+            sets: None,
         };
         (1..=samples.len()).rev().map(size).find(|s| self.allows(s))
     }

@@ -15,7 +15,7 @@ pub struct ElasticSize {
     pub joints: usize,
     /// How many of them slide.
     pub prismatic: usize,
-    /// Support points.
+    /// Support points, of all sets together where each joint has its own.
     pub support: usize,
     /// Payload groups.
     pub groups: usize,
@@ -25,6 +25,30 @@ pub struct ElasticSize {
     pub ripple: usize,
     /// Landmarks of the standard deviation; 0 for none.
     pub landmarks: usize,
+    /// Of support sets of its own for each joint.
+    pub sets: Option<SetSizes>,
+}
+
+/// Support sets of all joints by their sizes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SetSizes {
+    /// Words of the rows.
+    pub words: usize,
+    /// Payload groups that have rows, counted in every set.
+    pub blocks: usize,
+    /// Joints that the kernels look at, counted in every set.
+    pub looked_at: usize,
+}
+
+impl SetSizes {
+    /// Of kernels that look at all joints, with points of every payload in every set.
+    pub fn largest(joints: usize, points: usize, groups: usize) -> Self {
+        Self {
+            words: points * (2 * joints + 1),
+            blocks: (joints * groups).min(points),
+            looked_at: joints * joints,
+        }
+    }
 }
 
 impl ElasticSize {

@@ -428,6 +428,7 @@ fn elastic_words(
         ripple: fixed(ripple, "gear ripple")?,
         kernels,
         tied: processes.tied,
+        sets: FixedVec::new(),
         groups: fixed(groups, "payload groups")?,
         rows: &[],
     })

@@ -126,6 +126,7 @@ pub fn elastic_blob(rows: &[u8]) -> Blob<'_> {
                 .into_iter()
                 .collect(),
             rows,
+            sets: heapless::Vec::new(),
         }),
         ..blob(&[])
     }

@@ -163,6 +163,7 @@ impl Arm {
                 .into_iter()
                 .collect(),
             rows: &[],
+            sets: heapless::Vec::new(),
         });
         arm
     }

@@ -106,6 +106,7 @@ fn mean<T: Scalar>(
         kernels: [JointKernel::zero(); 8],
         tied,
         groups: heapless::Vec::new(),
+        sets: heapless::Vec::new(),
     };
     let natural = |c: usize| {
         let mut natural: Natural = naturals[c].clone();

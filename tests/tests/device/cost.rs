@@ -104,6 +104,7 @@ fn instructions_of_a_standard_deviation() {
                     tied: true,
                     ripple: elastic.ripple,
                     landmarks,
+                    sets: None,
                 };
                 if !coupled {
                     assert_eq!(
@@ -195,6 +196,7 @@ fn the_trainer_knows_what_elastic_models_cost() {
                     tied,
                     ripple,
                     landmarks: 0,
+                    looks_at: 0,
                 };
                 let sample = Sample {
                     joints,
@@ -209,6 +211,7 @@ fn the_trainer_knows_what_elastic_models_cost() {
                     tied,
                     ripple,
                     landmarks: 0,
+                    sets: None,
                 };
                 device.load(&sample.blob()).unwrap();
                 let count = costs(&mut device, &sample.queries(1))[0];
@@ -227,4 +230,20 @@ fn the_trainer_knows_what_elastic_models_cost() {
         }
     }
     assert!(missed.is_empty(), "{missed:#?}");
+}
+
+#[test]
+fn zz() {
+    let mut device = Device::start(Clock::Counting).unwrap_or_else(|error| panic!("{error}"));
+    println!("joints sliding points groups looks_at count words blocks looked");
+    for (joints, prismatic) in [(6, false), (5, false), (7, false), (3, false), (4, true), (5, true)] {
+        for (points, groups, looks_at) in [(0, 0, 0), (200, 5, 6), (200, 5, 5), (200, 5, 4), (200, 5, 3), (200, 5, 2),(200, 5, 1), (100, 5, 5), (100, 1, 5), (100, 10, 5), (400,5,4)] {
+            let elastic = Elastic { points, groups, looks_at, ..Elastic::OWN };
+            let sample = Sample { joints, prismatic, ..Sample::plain(33, Support::Elastic(elastic)) };
+            device.load(&sample.blob()).unwrap();
+            let count = costs(&mut device, &sample.queries(1))[0];
+            let s = elastic.set_sizes(joints);
+            println!("R {joints} {prismatic} {points} {groups} {looks_at} {count:.0} {s:?}");
+        }
+    }
 }

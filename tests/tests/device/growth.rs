@@ -69,6 +69,7 @@ fn instructions_grow_with_the_support_points_and_no_faster() {
                 tied: elastic.tied,
                 ripple: elastic.ripple,
                 landmarks: 0,
+                sets: None,
             };
             match count(&mut device, Support::Elastic(elastic)) {
                 Some(found) => {

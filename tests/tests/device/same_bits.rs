@@ -137,6 +137,7 @@ fn elastic_without_process_or_ripple() {
         ripple: 0,
         tied: false,
         landmarks: 0,
+        looks_at: 0,
     };
     compare(elastic(21, bare), 100);
 }

@@ -93,6 +93,7 @@ impl ElasticModel {
             kernels,
             tied: fit.layout.tied,
             groups,
+            sets: FixedVec::new(),
         };
         let deflection = Deflection {
             gravity: fit.state.gravity,
@@ -107,6 +108,40 @@ impl ElasticModel {
             report,
             sigma: None,
         })
+    }
+
+    /// Takes sets in place of the rows.
+    pub fn set_sets(&mut self, sets: &super::sets::Sets) {
+        let p = &mut self.deflection.processes;
+        for (slot, k) in p.kernels.iter_mut().zip(&sets.kernels) {
+            *slot = *k;
+        }
+        let mut payloads: Vec<f64> = sets.points.iter().flatten().map(|x| x.1).collect();
+        payloads.sort_by(f64::total_cmp);
+        payloads.dedup();
+        p.groups.clear();
+        for m in &payloads {
+            let points = sets.points.iter().flatten().filter(|x| x.1 == *m).count();
+            let _ = p.groups.push(PayloadGroup { payload_kg: *m, points });
+        }
+        p.sets.clear();
+        self.rows.clear();
+        for (k, points) in sets.kernels.iter().zip(&sets.points) {
+            let counts: Vec<u16> = payloads
+                .iter()
+                .map(|m| points.iter().filter(|x| x.1 == *m).count() as u16)
+                .collect();
+            let set = poegp_runtime::deflection::SupportSet::new(k, &counts);
+            let mut sorted: Vec<_> = points.iter().collect();
+            sorted.sort_by(|a, b| a.1.total_cmp(&b.1));
+            for (f, _, w) in sorted {
+                for j in set.joints() {
+                    self.rows.extend(f[usize::from(*j)]);
+                }
+                self.rows.push(*w);
+            }
+            let _ = p.sets.push(set);
+        }
     }
 
     /// The compensated pose and its correction as a twist, without bounding. `base_from_target`.
