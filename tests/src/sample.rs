@@ -13,8 +13,8 @@ use poegp_protocol::blob::{
 };
 use poegp_protocol::limits::{MAX_FRAMES, OUTPUTS};
 use poegp_protocol::link::Query;
-use poegp_runtime::se3::{Pose, Twist};
 use poegp_runtime::posterior;
+use poegp_runtime::se3::{Pose, Twist};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 

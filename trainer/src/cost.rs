@@ -6,7 +6,7 @@
 //! not cycles. Bytes are exact: the format's own lengths.
 
 use poegp_protocol::blob::HEADER_LENGTH;
-use poegp_runtime::deflection::landmark_words;
+use poegp_runtime::deflection::{JointProcesses, landmark_words};
 
 /// An elastic model by its sizes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -36,17 +36,27 @@ pub struct SetSizes {
     pub words: usize,
     /// Payload groups that have rows, counted in every set.
     pub blocks: usize,
-    /// Joints that the kernels look at, counted in every set.
-    pub looked_at: usize,
 }
 
 impl SetSizes {
+    /// Of a model with support sets; `None` without them.
+    pub fn of(processes: &JointProcesses<f64>) -> Option<Self> {
+        let mut out = Self {
+            words: 0,
+            blocks: 0,
+        };
+        for set in &processes.sets {
+            out.words += set.words();
+            out.blocks += set.points().iter().filter(|points| **points > 0).count();
+        }
+        (!processes.sets.is_empty()).then_some(out)
+    }
+
     /// Of kernels that look at all joints, with points of every payload in every set.
     pub fn largest(joints: usize, points: usize, groups: usize) -> Self {
         Self {
             words: points * (2 * joints + 1),
             blocks: (joints * groups).min(points),
-            looked_at: joints * joints,
         }
     }
 }
@@ -58,6 +68,29 @@ impl ElasticSize {
     }
 }
 
+/// Instructions of one row of a support set of so many words, of revolute joints.
+pub fn set_row_instructions(words: usize) -> f64 {
+    18.8 + 3.14 * words as f64
+}
+
+/// Instructions of one payload group of a support set beside its rows.
+pub fn set_block_instructions() -> f64 {
+    55.0
+}
+
+/// Instructions of support sets.
+fn set_instructions(size: &ElasticSize, sets: &SetSizes) -> f64 {
+    let (points, words) = (size.support as f64, sets.words as f64);
+    let blocks = sets.blocks as f64 * set_block_instructions();
+    let each = 47.5 * size.joints as f64;
+    if size.prismatic > 0 {
+        return each + blocks + 27.0 * points + 11.4 * words;
+    }
+    each + blocks
+        + points * set_row_instructions(0)
+        + words * (set_row_instructions(1) - set_row_instructions(0))
+}
+
 /// Instructions of one evaluation.
 pub fn instructions(size: &ElasticSize) -> u64 {
     let n = size.joints as f64;
@@ -66,10 +99,13 @@ pub fn instructions(size: &ElasticSize) -> u64 {
     let mut count = 1_260.0 + n * (490.5 + n * 16.5) - 13.0 * sliding * n;
     // Trust.
     count += 30.0 + 37.0 * n;
-    if size.unrolled() && !size.tied {
+    if size.unrolled() && !size.tied && size.sets.is_none() {
         count += 45.5 * n;
     }
     count += 67.5 * size.ripple as f64;
+    if let Some(sets) = &size.sets {
+        return (count + set_instructions(size, sets)) as u64;
+    }
     // Own length scales are two joints in each pass.
     let passes = size.joints.div_ceil(2) as f64;
     // The factor of a payload group for each joint, and the way into its loops.
@@ -129,7 +165,7 @@ pub fn blob_bytes(size: &ElasticSize, texts: [usize; 5]) -> usize {
         let upto = |index: usize| size.support * index / size.groups;
         elastic += floats + varint(upto(group + 1) - upto(group));
     }
-    let rows = size.support * 3 * n * floats;
+    let rows = floats * size.sets.map_or(size.support * 3 * n, |sets| sets.words);
     // No named tools: a list of 0 bytes.
     let tools = 1;
     let mut variance = 0;
@@ -137,5 +173,8 @@ pub fn blob_bytes(size: &ElasticSize, texts: [usize; 5]) -> usize {
         let words: usize = (0..size.landmarks).map(|l| landmark_words(n, l)).sum();
         variance = 3 * floats + 1 + varint(floats * words) + floats * words;
     }
-    HEADER_LENGTH + text + joints + frames + rest + elastic + varint(rows) + rows + tools + variance
+    // No variance; a number for each group of each set, all below 128.
+    let sets = size.sets.map_or(0, |_| 2 + n * (1 + size.groups));
+    let correction = elastic + varint(rows) + rows;
+    HEADER_LENGTH + text + joints + frames + rest + correction + tools + variance + sets
 }

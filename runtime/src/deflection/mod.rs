@@ -27,9 +27,7 @@ use poegp_protocol::JointKind;
 use poegp_protocol::limits::{MAX_JOINTS, MAX_RIPPLE};
 
 pub use gravity::{GravityRegressors, GravityTerms};
-pub use processes::{
-    JointKernel, JointProcesses, PayloadGroup, SupportSet, features, similarity,
-};
+pub use processes::{JointKernel, JointProcesses, PayloadGroup, SupportSet, features, similarity};
 pub use variance::{PositionVariance, landmark_place, landmark_words, prior};
 
 use crate::bound::Bound;

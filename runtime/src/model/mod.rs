@@ -163,9 +163,7 @@ impl<T: Scalar, const WORDS: usize> Model<T, WORDS> {
             Some(ArmCorrection::TaskSpace(task)) => {
                 self.rows.len() / posterior::row_words(task.header.inputs)
             }
-            Some(ArmCorrection::Elastic(elastic)) => {
-                elastic.deflection.processes.points()
-            }
+            Some(ArmCorrection::Elastic(elastic)) => elastic.deflection.processes.points(),
             _ => 0,
         }
     }

@@ -5,6 +5,7 @@ use poegp_protocol::blob::{
     self, Correction, CorrectionBound, JointKernel, PayloadGroup, Ripple, Variance,
 };
 use poegp_runtime::deflection;
+use poegp_trainer::cost::SetSizes;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
@@ -77,14 +78,16 @@ impl Elastic {
         upto(index + 1) - upto(index)
     }
 
-    /// Words, groups with rows and joints looked at of all sets together.
-    pub fn set_sizes(&self, joints: usize) -> (usize, usize, usize) {
+    /// What the trainer's cost model knows of the sets; `None` of one support.
+    pub fn set_sizes(&self, joints: usize) -> Option<SetSizes> {
         let blocks = (0..joints)
             .flat_map(|c| (0..self.groups).map(move |group| (c, group)))
             .filter(|(c, group)| self.set_points(*c, joints, *group) > 0)
             .count();
-        let looked_at = (0..joints).map(|c| self.joints_of(c, joints).len()).sum();
-        (self.row_words(joints), blocks, looked_at)
+        (self.looks_at > 0).then(|| SetSizes {
+            words: self.row_words(joints),
+            blocks,
+        })
     }
 
     /// Words of the support rows.

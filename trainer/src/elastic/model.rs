@@ -5,7 +5,7 @@ use heapless::Vec as FixedVec;
 use poegp_protocol::limits::MAX_JOINTS;
 use poegp_runtime::deflection::{
     Configuration, CouplingMatrix, Deflection, JointKernel, JointProcesses, PayloadGroup,
-    RippleTerm, coupled, row_words,
+    RippleTerm, SupportSet, coupled, row_words,
 };
 use poegp_runtime::observer::Unobserved;
 use poegp_runtime::poe::Poe;
@@ -13,6 +13,7 @@ use poegp_runtime::se3::{Pose, Twist};
 
 use super::device_sigma::DeviceSigma;
 use super::fit::{ElasticFit, ElasticOptions};
+use super::sets::{Sets, choose};
 use super::support::{Support, gathered, reduce};
 use crate::calibration::frames::Sample;
 
@@ -45,7 +46,7 @@ pub struct ElasticReport {
 }
 
 impl ElasticModel {
-    /// From a fit; reduced to `options.support` points. The calibrated chain is that of `fit.state` afterwards.
+    /// From a fit; reduced to `options.support` points, or to the sets that `options.sets` asks for. The calibrated chain is that of `fit.state` afterwards.
     pub fn new(
         fit: &mut ElasticFit,
         samples: &[Sample],
@@ -54,7 +55,11 @@ impl ElasticModel {
     ) -> Option<Self> {
         let distinct = gathered(&fit.inputs.payloads) != fit.inputs.payloads;
         let count = options.support.unwrap_or(samples.len()).min(samples.len());
-        let support = if !options.processes {
+        let chosen = match options.sets.filter(|_| options.processes) {
+            Some(limits) => Some(choose(fit, samples, limits)?),
+            None => None,
+        };
+        let support = if !options.processes || chosen.is_some() {
             Support {
                 features: Vec::new(),
                 payloads: Vec::new(),
@@ -95,6 +100,14 @@ impl ElasticModel {
             groups,
             sets: FixedVec::new(),
         };
+        let (processes, rows) = match chosen {
+            Some(sets) => of_sets(&sets)?,
+            None => (processes, rows),
+        };
+        let report = ElasticReport {
+            support: processes.points(),
+            ..report
+        };
         let deflection = Deflection {
             gravity: fit.state.gravity,
             ripple,
@@ -108,40 +121,6 @@ impl ElasticModel {
             report,
             sigma: None,
         })
-    }
-
-    /// Takes sets in place of the rows.
-    pub fn set_sets(&mut self, sets: &super::sets::Sets) {
-        let p = &mut self.deflection.processes;
-        for (slot, k) in p.kernels.iter_mut().zip(&sets.kernels) {
-            *slot = *k;
-        }
-        let mut payloads: Vec<f64> = sets.points.iter().flatten().map(|x| x.1).collect();
-        payloads.sort_by(f64::total_cmp);
-        payloads.dedup();
-        p.groups.clear();
-        for m in &payloads {
-            let points = sets.points.iter().flatten().filter(|x| x.1 == *m).count();
-            let _ = p.groups.push(PayloadGroup { payload_kg: *m, points });
-        }
-        p.sets.clear();
-        self.rows.clear();
-        for (k, points) in sets.kernels.iter().zip(&sets.points) {
-            let counts: Vec<u16> = payloads
-                .iter()
-                .map(|m| points.iter().filter(|x| x.1 == *m).count() as u16)
-                .collect();
-            let set = poegp_runtime::deflection::SupportSet::new(k, &counts);
-            let mut sorted: Vec<_> = points.iter().collect();
-            sorted.sort_by(|a, b| a.1.total_cmp(&b.1));
-            for (f, _, w) in sorted {
-                for j in set.joints() {
-                    self.rows.extend(f[usize::from(*j)]);
-                }
-                self.rows.push(*w);
-            }
-            let _ = p.sets.push(set);
-        }
     }
 
     /// The compensated pose and its correction as a twist, without bounding. `base_from_target`.
@@ -186,6 +165,54 @@ fn all(fit: &ElasticFit) -> Option<Support> {
             .map(|j| (0..weights.ncols()).map(|c| weights[(j, c)]).collect())
             .collect(),
     })
+}
+
+/// The processes with these sets, and their rows.
+fn of_sets(sets: &Sets) -> Option<(JointProcesses<f64>, Vec<f64>)> {
+    let mut payloads: Vec<f64> = sets
+        .functions
+        .iter()
+        .flatten()
+        .map(|function| function.payload_kg)
+        .collect();
+    payloads.sort_by(f64::total_cmp);
+    payloads.dedup();
+    let mut out = JointProcesses {
+        kernels: [JointKernel::zero(); MAX_JOINTS],
+        tied: false,
+        groups: FixedVec::new(),
+        sets: FixedVec::new(),
+    };
+    for payload_kg in &payloads {
+        let group = PayloadGroup {
+            payload_kg: *payload_kg,
+            points: 0,
+        };
+        out.groups.push(group).ok()?;
+    }
+    let mut rows = Vec::new();
+    let slots = out.kernels.iter_mut().zip(&sets.kernels);
+    for ((slot, kernel), functions) in slots.zip(&sets.functions) {
+        *slot = *kernel;
+        let of = |payload: &f64| {
+            functions
+                .iter()
+                .filter(|f| f.payload_kg == *payload)
+                .count()
+        };
+        let points: Vec<u16> = payloads.iter().map(|m| of(m) as u16).collect();
+        for (group, points) in out.groups.iter_mut().zip(&points) {
+            group.points += usize::from(*points);
+        }
+        let set = SupportSet::new(kernel, &points);
+        for function in functions {
+            let looked_at = set.joints().iter();
+            rows.extend(looked_at.flat_map(|joint| function.features[usize::from(*joint)]));
+            rows.push(function.weight);
+        }
+        out.sets.push(set).ok()?;
+    }
+    Some((out, rows))
 }
 
 /// Rows sorted by payload, and the groups.

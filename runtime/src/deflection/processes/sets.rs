@@ -140,21 +140,24 @@ impl<T: Scalar> Place<'_, T> {
             scaled[k] = [self.features[d][0] * rate, self.features[d][1] * rate];
             k += 1;
         }
+        let kernel = self.kernel;
+        let all = rows.as_chunks::<ROW>().0;
         let mut total = T::ZERO;
-        let mut rest = rows;
+        let mut rest = all;
         for (group, points) in self.processes.groups.iter().zip(&self.set.points) {
             if *points == 0 {
                 continue;
             }
-            let words = usize::from(*points) * ROW;
-            let (here, after) = rest.split_at_checked(words).unwrap_or((rest, &[]));
+            let (here, after) = rest
+                .split_at_checked(usize::from(*points))
+                .unwrap_or((rest, &[]));
             rest = after;
-            let kernel = self.kernel;
             let factor = kernel.amplitude_at(self.payload_kg, group.payload_kg)
                 * kernel.falling(self.payload_kg, group.payload_kg);
-            total += factor * sum(here.as_chunks::<ROW>().0, &scaled);
+            total += factor * sum(here, &scaled);
         }
-        (total, rest)
+        let used = ROW * (all.len() - rest.len());
+        (total, rows.get(used..).unwrap_or(&[]))
     }
 
     /// The same for any number of joints of any kind.
@@ -193,10 +196,7 @@ impl<T: Scalar> Place<'_, T> {
 
 /// Σ_j 2^(Σ_d W_d s_d) weight_j over rows of one payload, from the query times the rates.
 #[inline(always)]
-fn sum<T: Scalar, const D: usize, const ROW: usize>(
-    rows: &[[T; ROW]],
-    scaled: &[[T; 2]; D],
-) -> T {
+fn sum<T: Scalar, const D: usize, const ROW: usize>(rows: &[[T; ROW]], scaled: &[[T; 2]; D]) -> T {
     let mut sum = T::ZERO;
     for row in rows {
         let mut exponent = scaled[0][0] * row[0] + scaled[0][1] * row[1];
