@@ -42,10 +42,11 @@ impl Elastic {
         landmarks: 0,
         looks_at: 0,
     };
-    /// A support set for each joint, 200 points in all.
+    /// A support set for each joint, 200 points in all; of arms simulated in the paper's way 200 have 1 200 to 1 500 words
+    /// in about 20 groups, these 1 600 in 30.
     pub const SETS: Self = Self {
         points: 200,
-        looks_at: 5,
+        looks_at: 4,
         ..Self::OWN
     };
     /// [`Elastic::OWN`] with one set of length scales for all joints.
