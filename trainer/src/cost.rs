@@ -70,23 +70,24 @@ impl ElasticSize {
 
 /// Instructions of one row of a support set of so many words, of revolute joints.
 pub fn set_row_instructions(words: usize) -> f64 {
-    18.8 + 3.14 * words as f64
+    18.7 + 3.2 * words as f64
 }
 
 /// Instructions of one payload group of a support set beside its rows.
 pub fn set_block_instructions() -> f64 {
-    55.0
+    74.3
 }
 
 /// Instructions of support sets.
 fn set_instructions(size: &ElasticSize, sets: &SetSizes) -> f64 {
     let (points, words) = (size.support as f64, sets.words as f64);
-    let blocks = sets.blocks as f64 * set_block_instructions();
-    let each = 47.5 * size.joints as f64;
+    let n = size.joints as f64;
     if size.prismatic > 0 {
-        return each + blocks + 27.0 * points + 11.4 * words;
+        return 75.0 * n + 51.0 * sets.blocks as f64 + 37.7 * points + 11.5 * words;
     }
-    each + blocks
+    287.0
+        + 5.0 * n
+        + sets.blocks as f64 * set_block_instructions()
         + points * set_row_instructions(0)
         + words * (set_row_instructions(1) - set_row_instructions(0))
 }

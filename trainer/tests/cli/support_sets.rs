@@ -26,15 +26,20 @@ fn a_support_set_for_each_joint_is_fitted_told_and_evaluated() {
         ("--support-per-output 60", 60),
     ] {
         let (told, facts, error) = calibrate(flags);
-        assert_eq!(told["elastic"]["support"], functions, "{flags}");
+        let support = told["elastic"]["support"].as_u64().unwrap();
+        // Fewer only when nothing is left that a further one could say.
+        assert!(
+            (functions.min(100)..=functions).contains(&support),
+            "{support}"
+        );
         assert_eq!(facts["format_version"], 4);
-        assert_eq!(facts["correction"]["support_points"], functions);
+        assert_eq!(facts["correction"]["support_points"], support);
         let sets = facts["correction"]["support_per_output"]
             .as_array()
             .unwrap();
         assert_eq!(sets.len(), 6);
         let sum: u64 = sets.iter().map(|points| points.as_u64().unwrap()).sum();
-        assert_eq!(sum, functions);
+        assert_eq!(sum, support);
         assert!(error < 1.05 * shared, "{flags}: {error} of {shared}");
     }
     let text = folder.run("inspect arm.blob").ok().stdout;
