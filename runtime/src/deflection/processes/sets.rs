@@ -144,19 +144,13 @@ impl<T: Scalar> Place<'_, T> {
         let all = rows.as_chunks::<ROW>().0;
         let mut total = T::ZERO;
         let mut rest = all;
-        let mut groups = self.processes.groups.as_slice();
-        // Slices taken apart instead of iterators: the loops have fewer instructions.
-        for points in &self.set.points {
-            let [group, others @ ..] = groups else {
-                break;
-            };
-            groups = others;
-            let Some((here, after)) = rest.split_at_checked(usize::from(*points)) else {
-                break;
-            };
-            if here.is_empty() {
+        for (group, points) in self.processes.groups.iter().zip(&self.set.points) {
+            if *points == 0 {
                 continue;
             }
+            let (here, after) = rest
+                .split_at_checked(usize::from(*points))
+                .unwrap_or((rest, &[]));
             rest = after;
             let factor = kernel.amplitude_at(self.payload_kg, group.payload_kg)
                 * kernel.falling(self.payload_kg, group.payload_kg);
@@ -204,9 +198,7 @@ impl<T: Scalar> Place<'_, T> {
 #[inline(always)]
 fn sum<T: Scalar, const D: usize, const ROW: usize>(rows: &[[T; ROW]], scaled: &[[T; 2]; D]) -> T {
     let mut sum = T::ZERO;
-    let mut rest = rows;
-    while let [row, others @ ..] = rest {
-        rest = others;
+    for row in rows {
         let mut exponent = scaled[0][0] * row[0] + scaled[0][1] * row[1];
         let mut d = 1;
         while d < D {
