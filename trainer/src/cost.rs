@@ -70,12 +70,12 @@ impl ElasticSize {
 
 /// Instructions of one row of a support set of so many words, of revolute joints.
 pub fn set_row_instructions(words: usize) -> f64 {
-    18.7 + 3.2 * words as f64
+    18.7 + 3.21 * words as f64
 }
 
 /// Instructions of one payload group of a support set beside its rows.
 pub fn set_block_instructions() -> f64 {
-    74.3
+    74.0
 }
 
 /// Instructions of support sets.
@@ -83,10 +83,9 @@ fn set_instructions(size: &ElasticSize, sets: &SetSizes) -> f64 {
     let (points, words) = (size.support as f64, sets.words as f64);
     let n = size.joints as f64;
     if size.prismatic > 0 {
-        return 75.0 * n + 51.0 * sets.blocks as f64 + 37.7 * points + 11.5 * words;
+        return 74.5 * n + 51.4 * sets.blocks as f64 + 37.6 * points + 11.49 * words;
     }
-    287.0
-        + 5.0 * n
+    24.5 + 96.4 * n
         + sets.blocks as f64 * set_block_instructions()
         + points * set_row_instructions(0)
         + words * (set_row_instructions(1) - set_row_instructions(0))
