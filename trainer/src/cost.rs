@@ -68,27 +68,29 @@ impl ElasticSize {
     }
 }
 
-/// Instructions of one row of a support set of so many words, of revolute joints.
-pub fn set_row_instructions(words: usize) -> f64 {
-    18.7 + 3.21 * words as f64
+/// Instructions of one row of a support set of so many words; more when a joint of the arm slides.
+pub fn set_row_instructions(words: usize, sliding: bool) -> f64 {
+    if sliding {
+        37.6 + 11.49 * words as f64
+    } else {
+        18.7 + 3.21 * words as f64
+    }
 }
 
 /// Instructions of one payload group of a support set beside its rows.
-pub fn set_block_instructions() -> f64 {
-    74.0
+pub fn set_block_instructions(sliding: bool) -> f64 {
+    if sliding { 51.4 } else { 74.0 }
 }
 
 /// Instructions of support sets.
 fn set_instructions(size: &ElasticSize, sets: &SetSizes) -> f64 {
-    let (points, words) = (size.support as f64, sets.words as f64);
-    let n = size.joints as f64;
-    if size.prismatic > 0 {
-        return 74.5 * n + 51.4 * sets.blocks as f64 + 37.6 * points + 11.49 * words;
-    }
-    24.5 + 96.4 * n
-        + sets.blocks as f64 * set_block_instructions()
-        + points * set_row_instructions(0)
-        + words * (set_row_instructions(1) - set_row_instructions(0))
+    let (sliding, n) = (size.prismatic > 0, size.joints as f64);
+    let each = if sliding { 74.5 * n } else { 24.5 + 96.4 * n };
+    let row = set_row_instructions(0, sliding);
+    let word = set_row_instructions(1, sliding) - row;
+    each + sets.blocks as f64 * set_block_instructions(sliding)
+        + size.support as f64 * row
+        + sets.words as f64 * word
 }
 
 /// Instructions of one evaluation.

@@ -11,6 +11,7 @@
 //! A joint's kernel does not look at joints that hardly matter to it: those whose rate leaves less than [`NEGLIGIBLE`] of
 //! the noise's variance unexplained. Their words are not stored.
 
+use poegp_protocol::JointKind;
 use poegp_protocol::limits::MAX_GROUPS;
 use poegp_runtime::deflection::{Features, JointKernel};
 use rand::seq::SliceRandom;
@@ -99,6 +100,7 @@ pub fn choose(fit: &mut ElasticFit, samples: &[Sample], limits: SetLimits) -> Op
         .iter()
         .map(|i| (fit.inputs.features[*i], centre_payloads[*i]))
         .collect();
+    let sliding = kinds.contains(&JointKind::Prismatic);
     let mut joints = Vec::new();
     for (c, share) in shares.iter().enumerate() {
         let posterior = |(features, payload): &Place| {
@@ -116,8 +118,9 @@ pub fn choose(fit: &mut ElasticFit, samples: &[Sample], limits: SetLimits) -> Op
         };
         let columns = centres.iter().map(column).collect();
         let looked_at = kernels[c].rates().iter().filter(|rate| **rate > 0.0);
-        let row = set_row_instructions(2 * looked_at.count() + 1);
-        joints.push(Approach::new(columns, target, *share, row));
+        let row = set_row_instructions(2 * looked_at.count() + 1, sliding);
+        let block = set_block_instructions(sliding);
+        joints.push(Approach::new(columns, target, *share, (row, block)));
     }
     spend(&mut joints, &centres, limits);
     let chosen = joints.iter().enumerate();
@@ -243,8 +246,9 @@ struct Approach {
     columns: Vec<Vec<f64>>,
     /// By how much a squared difference counts.
     share: f64,
-    /// Instructions of a row.
+    /// Instructions of a row, and of a payload group.
     row: f64,
+    block: f64,
     ridge: f64,
     chosen: Vec<usize>,
     /// Orthonormal, of the chosen columns.
@@ -259,7 +263,7 @@ struct Approach {
 }
 
 impl Approach {
-    fn new(columns: Vec<Vec<f64>>, target: Vec<f64>, share: f64, row: f64) -> Self {
+    fn new(columns: Vec<Vec<f64>>, target: Vec<f64>, share: f64, (row, block): (f64, f64)) -> Self {
         let whole: Vec<f64> = columns.iter().map(|c| product(c, c)).collect();
         Self {
             ridge: RIDGE * whole.iter().sum::<f64>() / whole.len().max(1) as f64,
@@ -272,6 +276,7 @@ impl Approach {
             columns,
             share,
             row,
+            block,
         }
     }
 
@@ -281,7 +286,7 @@ impl Approach {
             let block = if self.chosen.iter().any(group) {
                 0.0
             } else {
-                set_block_instructions()
+                self.block
             };
             let instructions = self.row + block;
             let gain = self.along[index].powi(2) / (self.left[index] + self.ridge);
