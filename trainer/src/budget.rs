@@ -79,7 +79,7 @@ impl Budget {
     }
 
     /// The largest model of the arm in this shape that fits, or `None`. The kernels of support sets are taken to look at
-    /// all joints; the fit leaves some out, and [`Budget::sets`] spends on functions what that saves.
+    /// all joints; the fit leaves some out, and what that saves is spent on functions.
     pub fn largest(&self, robot: &Robot, samples: &[Sample], shape: Shape) -> Option<ElasticSize> {
         let mut payloads: Vec<f64> = samples
             .iter()

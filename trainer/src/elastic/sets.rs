@@ -8,7 +8,7 @@
 //! measurements, as for one support of all joints: where few poses are over-fitted by the whole posterior, that is better
 //! (Motoman, five folds: the whole posterior 0.041 mm, the functions brought to it 0.042, solved anew 0.036).
 //!
-//! A joint's kernel does not look at joints that hardly matter to it: those whose rate leaves less than [`NEGLIGIBLE`] of
+//! A joint's kernel does not look at joints that hardly matter to it: those whose rate leaves less than `NEGLIGIBLE` of
 //! the noise's variance unexplained. Their words are not stored.
 
 use poegp_protocol::JointKind;
