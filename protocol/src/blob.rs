@@ -20,9 +20,9 @@ use crate::limits::{
     MAX_FRAMES, MAX_GROUPS, MAX_INPUTS, MAX_JOINTS, MAX_LINK_TERMS, MAX_RIPPLE, OUTPUTS,
 };
 
-/// The newest format: version 2 added [`Correction::Elastic`] and tools, version 3 [`Blob::variance`]. A blob is written in
-/// the oldest format that can hold it.
-pub const FORMAT_VERSION: u16 = 3;
+/// The newest format: version 2 added [`Correction::Elastic`] and tools, version 3 [`Blob::variance`], version 4
+/// [`Elastic::sets`]. A blob is written in the oldest format that can hold it.
+pub const FORMAT_VERSION: u16 = 4;
 /// Most bytes that the payload takes beside the support rows; generous (the largest seen is below 3 kB).
 pub const MAX_LENGTH_WITHOUT_ROWS: usize = 4_096;
 
@@ -232,8 +232,13 @@ pub struct Elastic<'a> {
     /// Support rows by payload, in their order.
     pub groups: Vec<PayloadGroup, MAX_GROUPS>,
     /// Support rows, `f32` little endian, 12·n bytes each: sine and cosine of each joint (value and 0 of a prismatic
-    /// one), then a weight for each joint.
+    /// one), then a weight for each joint. With [`Elastic::sets`] set by set, sorted by group in each, and of the set of
+    /// joint c 4·(2D + 1) bytes each: two words of each of the D joints whose rate in kernel c is not zero, then the weight.
     pub rows: &'a [u8],
+    /// A support set for each joint; empty when all joints share the rows. From format version 4 on, where it follows the
+    /// variance.
+    #[serde(skip)]
+    pub sets: Vec<SetPoints, MAX_JOINTS>,
 }
 
 /// One sine and cosine of gear ripple.
@@ -267,9 +272,12 @@ pub struct JointKernel {
 pub struct PayloadGroup {
     /// Their payload in kg.
     pub payload_kg: f32,
-    /// How many rows.
+    /// How many rows; where each joint has a set of its own, of all sets together.
     pub points: u16,
 }
+
+/// Rows of each payload group in the support set of one joint.
+pub type SetPoints = Vec<u16, MAX_GROUPS>;
 
 /// How well the position of the target is known; the runtime's module `deflection::variance` has its formula.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -332,7 +340,8 @@ pub fn tools(bytes: &[u8]) -> impl Iterator<Item = Result<Tool<'_>, DecodeError>
 
 /// The oldest format that holds `blob`.
 pub fn format_version(blob: &Blob<'_>) -> u16 {
-    match blob.correction {
+    match &blob.correction {
+        Correction::Elastic(elastic) if !elastic.sets.is_empty() => 4,
         _ if blob.variance.is_some() => 3,
         Correction::None | Correction::TaskSpace(_) if blob.tools.is_empty() => 1,
         _ => 2,
@@ -356,12 +365,15 @@ pub fn encode<'b>(blob: &Blob<'_>, buffer: &'b mut [u8]) -> Result<&'b [u8], Buf
             .map_err(|_| BufferTooSmall)?
             .len();
     }
-    if let Some(variance) = &blob.variance {
-        let rest = payload.get_mut(length..).ok_or(BufferTooSmall)?;
-        length += postcard::to_slice(variance, rest)
-            .map_err(|_| BufferTooSmall)?
-            .len();
-    }
+    let rest = payload.get_mut(length..).ok_or(BufferTooSmall)?;
+    let tail = match (&blob.correction, &blob.variance) {
+        (Correction::Elastic(elastic), variance) if !elastic.sets.is_empty() => {
+            postcard::to_slice(&(variance, &elastic.sets), rest)
+        }
+        (_, Some(variance)) => postcard::to_slice(variance, rest),
+        (_, None) => Ok(&mut [][..]),
+    };
+    length += tail.map_err(|_| BufferTooSmall)?.len();
     envelope::seal(format_version(blob), length, buffer)
 }
 
@@ -391,11 +403,22 @@ fn decode_payload(version: u16, payload: &[u8]) -> Result<Blob<'_>, DecodeError>
                 Some(&[][..])
             };
             blob.tools = tools.unwrap_or(&[]);
-            if version >= 3 {
-                // Without it the blob is not one of version 3, and refused below.
-                blob.variance = Variance::deserialize(&mut deserializer).ok();
+            // Without what its version added the blob is not one of that version, and refused below.
+            let mut whole = true;
+            match (version, &mut blob.correction) {
+                (3, _) => blob.variance = Variance::deserialize(&mut deserializer).ok(),
+                (4.., Correction::Elastic(elastic)) => {
+                    let variance = Option::<Variance<'_>>::deserialize(&mut deserializer);
+                    whole = variance.is_ok();
+                    blob.variance = variance.unwrap_or(None);
+                    if let Ok(sets) = Vec::deserialize(&mut deserializer) {
+                        elastic.sets = sets;
+                    }
+                }
+                _ => {}
             }
-            tools.is_some()
+            whole
+                && tools.is_some()
                 && deserializer.finalize().is_ok_and(<[u8]>::is_empty)
                 && format_version(blob) == version
         }

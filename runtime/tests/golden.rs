@@ -101,3 +101,12 @@ fn elastic_with_a_standard_deviation_a_slide_and_coupled_joints() {
         include_str!("../../tests/data/golden_elastic_sigma_bits.txt"),
     );
 }
+
+#[test]
+fn elastic_sets_alone() {
+    assert_bits(
+        "elastic_sets",
+        include_bytes!("../../tests/data/golden_elastic_sets.blob"),
+        include_str!("../../tests/data/golden_elastic_sets_bits.txt"),
+    );
+}

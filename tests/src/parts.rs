@@ -16,7 +16,7 @@ use crate::image::{Image, ImageError};
 const PROGRAM: &str = "arm-none-eabi-addr2line";
 
 /// Part, end of the file's path, part of the function's name. The first that fits counts.
-const RULES: [(&str, &str, &str); 18] = [
+const RULES: [(&str, &str, &str); 22] = [
     ("sines and cosines", "scalar.rs", "sin_cos"),
     (
         "sines and cosines, turned by small changes",
@@ -24,11 +24,14 @@ const RULES: [(&str, &str, &str); 18] = [
         "deflected_into",
     ),
     ("ripple", "deflection/mod.rs", "ripple"),
-    ("kernels and outputs", "deflection/processes.rs", ""),
+    ("kernels and outputs", "processes/mod.rs", ""),
+    ("kernels and outputs", "processes/sets.rs", ""),
+    ("kernels and outputs", "cortex_m4.rs", ""),
     ("kernels and outputs", "posterior.rs", ""),
     ("torque terms", "deflection/gravity.rs", ""),
     ("standard deviation", "deflection/variance.rs", ""),
     ("chains, forward kinematics", "poe.rs", ""),
+    ("chains, forward kinematics", "chain.rs", ""),
     ("Newton steps", "newton.rs", ""),
     ("trust and ranges", "trust.rs", ""),
     ("bound, corrected pose", "bound.rs", ""),

@@ -13,8 +13,8 @@ use poegp_protocol::blob::{
 };
 use poegp_protocol::limits::{MAX_FRAMES, OUTPUTS};
 use poegp_protocol::link::Query;
+use poegp_runtime::posterior;
 use poegp_runtime::se3::{Pose, Twist};
-use poegp_runtime::{deflection, posterior};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -113,11 +113,10 @@ impl Sample {
 
     /// Bytes of its support rows.
     fn row_bytes(&self) -> usize {
-        let words = match self.correction {
-            Support::Elastic(_) => deflection::row_words(self.joints),
-            _ => posterior::row_words(INPUTS),
-        };
-        4 * words * self.points()
+        4 * match self.correction {
+            Support::Elastic(elastic) => elastic.row_words(self.joints),
+            _ => posterior::row_words(INPUTS) * self.points(),
+        }
     }
 
     /// The blob.

@@ -1,9 +1,9 @@
 //! An elastic model that fits a controller: support points and length scales for a budget of instructions or bytes.
 //!
-//! Own length scales cost an exponential for each joint and point, tied ones one for each point but lose some accuracy:
-//! for a tight budget many tied points can beat few own ones. Both are filled to the budget by the cost model and
-//! cross-validated within the training data; the better one is taken, and what the budget costs against all support
-//! points is said. The standard deviation of a tied model is written when there is room left for it.
+//! Own length scales cost an exponential for each joint and point, tied ones one for each point but lose some accuracy,
+//! and a support set for each joint has both, few exponentials and own length scales. Each of them is filled to the budget
+//! by the cost model and cross-validated within the training data; the best one is taken, and what the budget costs
+//! against all support points is said. The standard deviation of a tied model is written when there is room left for it.
 
 use poegp_protocol::limits::MAX_GROUPS;
 use serde::Serialize;
@@ -11,8 +11,9 @@ use serde::Serialize;
 use crate::calibration::Options;
 use crate::calibration::frames::Sample;
 use crate::compare::{CompareError, Task};
-use crate::cost::{ElasticSize, blob_bytes, instructions};
+use crate::cost::{ElasticSize, SetSizes, blob_bytes, instructions};
 use crate::elastic::device_sigma::LANDMARKS;
+use crate::elastic::sets::{MAX_PAYLOADS, SetLimits};
 use crate::robot::Robot;
 use crate::statistics::Summary;
 
@@ -25,12 +26,25 @@ pub struct Budget {
     pub bytes: Option<usize>,
 }
 
+/// How the support is laid out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Shape {
+    /// One support, own length scales for each joint.
+    Own,
+    /// One support, one set of length scales.
+    Tied,
+    /// A support set and own length scales for each joint.
+    Sets,
+}
+
 /// One way to use a budget.
 #[derive(Clone, Debug, Serialize)]
 pub struct Fitted {
     /// Whether length scales are tied.
     pub tied: bool,
-    /// Support points.
+    /// Whether each joint has a support set of its own.
+    pub per_output: bool,
+    /// Support points, of all sets together.
     pub support: usize,
     /// Instructions of one evaluation, by the cost model.
     pub instructions: u64,
@@ -46,6 +60,8 @@ pub struct Fitted {
 const TEXTS: [usize; 5] = [32, 32, 16, 16, 10];
 /// Ripple terms that are provided for on each joint.
 const RIPPLE_PER_JOINT: usize = 1;
+/// Most functions of support sets: what the device has room for when kernels look at six joints.
+const MAX_FUNCTIONS: usize = 460;
 
 impl Budget {
     /// Whether nothing is asked for.
@@ -62,8 +78,9 @@ impl Budget {
                 .is_none_or(|limit| blob_bytes(size, TEXTS) <= limit)
     }
 
-    /// The largest model of the arm with this kind of length scales that fits, or `None`.
-    pub fn largest(&self, robot: &Robot, samples: &[Sample], tied: bool) -> Option<ElasticSize> {
+    /// The largest model of the arm in this shape that fits, or `None`. The kernels of support sets are taken to look at
+    /// all joints; the fit leaves some out, and what that saves is spent on functions.
+    pub fn largest(&self, robot: &Robot, samples: &[Sample], shape: Shape) -> Option<ElasticSize> {
         let mut payloads: Vec<f64> = samples
             .iter()
             .map(|s| s.payload_kg.unwrap_or(0.0))
@@ -71,22 +88,67 @@ impl Budget {
         payloads.sort_by(f64::total_cmp);
         payloads.dedup();
         let sliding = |j: &&crate::robot::Joint| j.kind == poegp_protocol::JointKind::Prismatic;
+        let joints = robot.joints.len();
+        let sets = shape == Shape::Sets;
+        let groups = payloads
+            .len()
+            .clamp(1, if sets { MAX_PAYLOADS } else { MAX_GROUPS });
         let size = |support| ElasticSize {
-            joints: robot.joints.len(),
+            joints,
             prismatic: robot.joints.iter().filter(sliding).count(),
             support,
-            groups: payloads.len().clamp(1, MAX_GROUPS),
-            tied,
-            ripple: RIPPLE_PER_JOINT * robot.joints.len(),
+            groups,
+            tied: shape == Shape::Tied,
+            ripple: RIPPLE_PER_JOINT * joints,
             landmarks: 0,
+            sets: sets.then(|| SetSizes::largest(joints, support, groups)),
         };
-        (1..=samples.len()).rev().map(size).find(|s| self.allows(s))
+        let most = if sets { MAX_FUNCTIONS } else { samples.len() };
+        (1..=most).rev().map(size).find(|s| self.allows(s))
+    }
+
+    /// The limits of support sets for a model whose largest is `size`.
+    fn sets(&self, size: &ElasticSize) -> SetLimits {
+        let empty = ElasticSize {
+            support: 0,
+            sets: size
+                .sets
+                .map(|_| SetSizes::largest(size.joints, 0, size.groups)),
+            ..*size
+        };
+        let bytes_alone = Self {
+            instructions: None,
+            ..*self
+        };
+        let within = |functions: &usize| {
+            bytes_alone.allows(&ElasticSize {
+                support: *functions,
+                sets: Some(SetSizes::largest(size.joints, *functions, size.groups)),
+                ..*size
+            })
+        };
+        SetLimits {
+            functions: (1..=MAX_FUNCTIONS).rev().find(within).unwrap_or(1),
+            instructions: self
+                .instructions
+                .map(|limit| limit.saturating_sub(instructions(&empty))),
+        }
     }
 }
 
-/// Fills the budget both ways, cross-validates both and all support points for comparison (first in the table), and
-/// returns the options of the better one. `None` when not even one support point fits. `progress` is called after every
-/// calibration.
+/// The options of `size`.
+fn options_of(size: &ElasticSize, budget: &Budget, options: &Options) -> Options {
+    let mut out = *options;
+    out.elastic.tied = size.tied;
+    out.elastic.device_sigma = size.landmarks > 0;
+    out.elastic.support = Some(size.support);
+    out.elastic.sets = size.sets.map(|_| budget.sets(size));
+    out
+}
+
+/// Fills the budget in every shape, cross-validates each and all support points for comparison (first in the table), and
+/// returns the options of the best one. `None` when not even one support point fits. `progress` is called after every
+/// calibration of the cross-validation, [`TRIALS`] times the folds at most.
 ///
 /// # Errors
 /// [`CompareError`].
@@ -96,9 +158,9 @@ pub fn fill(
     options: &Options,
     progress: &mut dyn FnMut(),
 ) -> Result<Option<(Options, Vec<Fitted>)>, CompareError> {
-    let sizes: Vec<ElasticSize> = [false, true]
+    let sizes: Vec<ElasticSize> = [Shape::Own, Shape::Tied, Shape::Sets]
         .into_iter()
-        .filter_map(|tied| budget.largest(task.robot, task.train, tied))
+        .filter_map(|shape| budget.largest(task.robot, task.train, shape))
         .collect();
     let Some(first) = sizes.first() else {
         return Ok(None);
@@ -115,21 +177,25 @@ pub fn fill(
     let whole = ElasticSize {
         support: task.train.len(),
         tied: false,
+        sets: None,
         ..*first
     };
     let mut table = Vec::new();
     for size in std::iter::once(&whole).chain(&sizes) {
-        let mut trial = *options;
-        trial.elastic.tied = size.tied;
-        trial.elastic.device_sigma = size.landmarks > 0;
-        trial.elastic.support = Some(size.support);
+        let trial = options_of(size, budget, options);
         let errors = task.held_out(&trial, progress)?;
         let errors: Vec<f64> = errors.iter().map(|e| e.position_mm).collect();
+        let mut size = *size;
+        if size.sets.is_some() {
+            // How many functions fit shows when they are chosen.
+            size = sizes_of_sets(task, &trial, &size)?;
+        }
         table.push(Fitted {
             tied: size.tied,
+            per_output: size.sets.is_some(),
             support: size.support,
-            instructions: instructions(size),
-            bytes: blob_bytes(size, TEXTS),
+            instructions: instructions(&size),
+            bytes: blob_bytes(&size, TEXTS),
             position_mm: Summary::new(&errors),
             taken: false,
         });
@@ -143,9 +209,28 @@ pub fn fill(
         })
         .unwrap_or(1);
     table[best].taken = true;
-    let mut chosen = *options;
-    chosen.elastic.tied = table[best].tied;
-    chosen.elastic.device_sigma = sizes[best - 1].landmarks > 0;
-    chosen.elastic.support = Some(table[best].support);
+    let chosen = options_of(&sizes[best - 1], budget, options);
     Ok(Some((chosen, table)))
+}
+
+/// Models that [`fill`] cross-validates at most.
+pub const TRIALS: usize = 4;
+
+/// What a calibration of all training poses comes to.
+fn sizes_of_sets(
+    task: &Task<'_>,
+    options: &Options,
+    size: &ElasticSize,
+) -> Result<ElasticSize, CompareError> {
+    let found = task.calibrated(options, task.train)?;
+    let elastic = found.calibration.elastic.as_ref();
+    Ok(elastic.map_or(*size, |elastic| {
+        let processes = &elastic.deflection.processes;
+        ElasticSize {
+            support: processes.points(),
+            groups: processes.groups.len(),
+            sets: SetSizes::of(processes),
+            ..*size
+        }
+    }))
 }

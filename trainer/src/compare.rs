@@ -202,7 +202,7 @@ impl Task<'_> {
         Ok(out)
     }
 
-    fn calibrated(
+    pub(crate) fn calibrated(
         &self,
         options: &Options,
         samples: &[Sample],

@@ -6,7 +6,7 @@
 //! not cycles. Bytes are exact: the format's own lengths.
 
 use poegp_protocol::blob::HEADER_LENGTH;
-use poegp_runtime::deflection::landmark_words;
+use poegp_runtime::deflection::{JointProcesses, landmark_words};
 
 /// An elastic model by its sizes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -15,7 +15,7 @@ pub struct ElasticSize {
     pub joints: usize,
     /// How many of them slide.
     pub prismatic: usize,
-    /// Support points.
+    /// Support points, of all sets together where each joint has its own.
     pub support: usize,
     /// Payload groups.
     pub groups: usize,
@@ -25,6 +25,40 @@ pub struct ElasticSize {
     pub ripple: usize,
     /// Landmarks of the standard deviation; 0 for none.
     pub landmarks: usize,
+    /// Of support sets of its own for each joint.
+    pub sets: Option<SetSizes>,
+}
+
+/// Support sets of all joints by their sizes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SetSizes {
+    /// Words of the rows.
+    pub words: usize,
+    /// Payload groups that have rows, counted in every set.
+    pub blocks: usize,
+}
+
+impl SetSizes {
+    /// Of a model with support sets; `None` without them.
+    pub fn of(processes: &JointProcesses<f64>) -> Option<Self> {
+        let mut out = Self {
+            words: 0,
+            blocks: 0,
+        };
+        for set in &processes.sets {
+            out.words += set.words();
+            out.blocks += set.points().iter().filter(|points| **points > 0).count();
+        }
+        (!processes.sets.is_empty()).then_some(out)
+    }
+
+    /// Of kernels that look at all joints, with points of every payload in every set.
+    pub fn largest(joints: usize, points: usize, groups: usize) -> Self {
+        Self {
+            words: points * (2 * joints + 1),
+            blocks: (joints * groups).min(points),
+        }
+    }
 }
 
 impl ElasticSize {
@@ -32,6 +66,31 @@ impl ElasticSize {
     fn unrolled(&self) -> bool {
         self.prismatic == 0 && matches!(self.joints, 5..=7)
     }
+}
+
+/// Instructions of one row of a support set of so many words; more when a joint of the arm slides.
+pub fn set_row_instructions(words: usize, sliding: bool) -> f64 {
+    if sliding {
+        37.6 + 11.49 * words as f64
+    } else {
+        18.7 + 3.21 * words as f64
+    }
+}
+
+/// Instructions of one payload group of a support set beside its rows.
+pub fn set_block_instructions(sliding: bool) -> f64 {
+    if sliding { 51.4 } else { 74.0 }
+}
+
+/// Instructions of support sets.
+fn set_instructions(size: &ElasticSize, sets: &SetSizes) -> f64 {
+    let (sliding, n) = (size.prismatic > 0, size.joints as f64);
+    let each = if sliding { 74.5 * n } else { 24.5 + 96.4 * n };
+    let row = set_row_instructions(0, sliding);
+    let word = set_row_instructions(1, sliding) - row;
+    each + sets.blocks as f64 * set_block_instructions(sliding)
+        + size.support as f64 * row
+        + sets.words as f64 * word
 }
 
 /// Instructions of one evaluation.
@@ -42,10 +101,13 @@ pub fn instructions(size: &ElasticSize) -> u64 {
     let mut count = 1_260.0 + n * (490.5 + n * 16.5) - 13.0 * sliding * n;
     // Trust.
     count += 30.0 + 37.0 * n;
-    if size.unrolled() && !size.tied {
+    if size.unrolled() && !size.tied && size.sets.is_none() {
         count += 45.5 * n;
     }
     count += 67.5 * size.ripple as f64;
+    if let Some(sets) = &size.sets {
+        return (count + set_instructions(size, sets)) as u64;
+    }
     // Own length scales are two joints in each pass.
     let passes = size.joints.div_ceil(2) as f64;
     // The factor of a payload group for each joint, and the way into its loops.
@@ -105,7 +167,7 @@ pub fn blob_bytes(size: &ElasticSize, texts: [usize; 5]) -> usize {
         let upto = |index: usize| size.support * index / size.groups;
         elastic += floats + varint(upto(group + 1) - upto(group));
     }
-    let rows = size.support * 3 * n * floats;
+    let rows = floats * size.sets.map_or(size.support * 3 * n, |sets| sets.words);
     // No named tools: a list of 0 bytes.
     let tools = 1;
     let mut variance = 0;
@@ -113,5 +175,8 @@ pub fn blob_bytes(size: &ElasticSize, texts: [usize; 5]) -> usize {
         let words: usize = (0..size.landmarks).map(|l| landmark_words(n, l)).sum();
         variance = 3 * floats + 1 + varint(floats * words) + floats * words;
     }
-    HEADER_LENGTH + text + joints + frames + rest + elastic + varint(rows) + rows + tools + variance
+    // No variance; a number for each group of each set, all below 128.
+    let sets = size.sets.map_or(0, |_| 2 + n * (1 + size.groups));
+    let correction = elastic + varint(rows) + rows;
+    HEADER_LENGTH + text + joints + frames + rest + correction + tools + variance + sets
 }

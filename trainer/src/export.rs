@@ -429,6 +429,12 @@ fn elastic_words(
         payload_kg: g.payload_kg as f32,
         points: g.points as u16,
     });
+    let count = processes.groups.len();
+    let sets = processes
+        .sets
+        .iter()
+        .map(|set| fixed(set.points()[..count].iter().copied(), "support sets"));
+    let sets: Vec<_> = sets.collect::<Result<_, _>>()?;
     Ok(Elastic {
         bound: bound(calibration),
         gravity: single(&gravity.gravity),
@@ -437,6 +443,7 @@ fn elastic_words(
         ripple: fixed(ripple, "gear ripple")?,
         kernels,
         tied: processes.tied,
+        sets: fixed(sets, "support sets")?,
         groups: fixed(groups, "payload groups")?,
         rows: &[],
     })

@@ -36,8 +36,8 @@ fn bytes_to_value() {
 /// The whole blob of the second listing: the first up to the correction, but for the header, then the listing.
 fn elastic_golden() -> Vec<u8> {
     let blocks = listing::hex_blocks(sample::BLOB_FORMAT);
-    let [first, header, correction, _, _] = blocks.as_slice() else {
-        panic!("five listings, not {}", blocks.len());
+    let [first, header, correction, _, _, _, _] = blocks.as_slice() else {
+        panic!("seven listings, not {}", blocks.len());
     };
     // The correction of the first begins at 0x270.
     [header, &first[HEADER_LENGTH..0x270], correction].concat()
@@ -47,6 +47,38 @@ fn elastic_golden() -> Vec<u8> {
 fn variance_golden() -> Vec<u8> {
     let blocks = listing::hex_blocks(sample::BLOB_FORMAT);
     [&blocks[3], &elastic_golden()[HEADER_LENGTH..], &blocks[4]].concat()
+}
+
+/// The whole blob of the fourth listing: the second up to the kernel of joint 2, but for the header, then the listing.
+fn sets_golden() -> Vec<u8> {
+    let blocks = listing::hex_blocks(sample::BLOB_FORMAT);
+    let same = &elastic_golden()[HEADER_LENGTH..0x2ef];
+    [&blocks[5], same, &blocks[6]].concat()
+}
+
+#[test]
+fn a_blob_with_support_sets_is_the_listing_of_the_documentation() {
+    let rows = sample::set_rows();
+    let mut buffer = [0; 2_048];
+    let blob = sample::sets_blob(&rows);
+    let encoded = encode(&blob, &mut buffer).unwrap();
+    assert_eq!(encoded, sets_golden());
+    assert_eq!(decode(encoded), Ok(blob));
+}
+
+/// The format has room for both, whoever will need it.
+#[test]
+fn a_blob_with_support_sets_may_have_a_variance() {
+    let (rows, landmark) = (sample::set_rows(), sample::landmark());
+    let variance = sample::variance_blob(&rows, &landmark).variance;
+    let blob = Blob {
+        variance,
+        ..sample::sets_blob(&rows)
+    };
+    let mut buffer = [0; 2_048];
+    let encoded = encode(&blob, &mut buffer).unwrap();
+    assert_eq!(encoded[8..10], [4, 0]);
+    assert_eq!(decode(encoded), Ok(blob));
 }
 
 #[test]
@@ -80,7 +112,9 @@ fn a_blob_is_written_in_the_oldest_version_that_holds_it() {
     let elastic = sample::elastic_blob(&elastic_rows);
     let landmark = sample::landmark();
     let variance = sample::variance_blob(&elastic_rows, &landmark);
-    for (blob, version) in [(none, 1), (task, 1), (elastic, 2), (variance, 3)] {
+    let set_rows = sample::set_rows();
+    let sets = sample::sets_blob(&set_rows);
+    for (blob, version) in [(none, 1), (task, 1), (elastic, 2), (variance, 3), (sets, 4)] {
         let mut buffer = [0; 2_048];
         let encoded = encode(&blob, &mut buffer).unwrap();
         assert_eq!(encoded[8..10], [version, 0]);
@@ -99,7 +133,8 @@ fn restamped(bytes: &[u8], version: u16) -> Vec<u8> {
 #[test]
 fn what_a_version_does_not_have_is_refused_in_it() {
     let (task, elastic, variance) = (golden(), elastic_golden(), variance_golden());
-    // Version 1 has no elastic correction and no tools, version 2 no variance; and no version is for what an older one holds.
+    let sets = sets_golden();
+    // Version 1 has no elastic correction and no tools, version 2 no variance, version 3 no sets; and no version is for what an older one holds.
     for (bytes, version) in [
         (&task, 2),
         (&task, 3),
@@ -107,12 +142,18 @@ fn what_a_version_does_not_have_is_refused_in_it() {
         (&elastic, 3),
         (&variance, 1),
         (&variance, 2),
+        (&task, 4),
+        (&elastic, 4),
+        (&variance, 4),
+        (&sets, 1),
+        (&sets, 2),
+        (&sets, 3),
     ] {
         let error = Err(DecodeError::MalformedPayload);
         assert_eq!(decode(&restamped(bytes, version)), error);
     }
-    for bytes in [task, elastic, variance] {
-        for found in [0, 4, 5, u16::MAX] {
+    for bytes in [task, elastic, variance, sets] {
+        for found in [0, 5, 6, u16::MAX] {
             let error = DecodeError::UnknownVersion {
                 found,
                 supported: FORMAT_VERSION,
@@ -142,6 +183,11 @@ fn refused_as(bit: usize, bytes: &[u8]) -> &'static [&'static str] {
 #[test]
 fn every_flip_and_every_cut_of_an_elastic_blob_is_refused() {
     every_damage_is_refused(&elastic_golden());
+}
+
+#[test]
+fn every_flip_and_every_cut_of_a_blob_with_support_sets_is_refused() {
+    every_damage_is_refused(&sets_golden());
 }
 
 #[test]

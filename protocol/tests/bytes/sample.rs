@@ -126,9 +126,32 @@ pub fn elastic_blob(rows: &[u8]) -> Blob<'_> {
                 .into_iter()
                 .collect(),
             rows,
+            sets: heapless::Vec::new(),
         }),
         ..blob(&[])
     }
+}
+
+/// Rows of the support sets: joint 1 looks at both joints, joint 2 at itself alone.
+pub fn set_rows() -> Vec<u8> {
+    let first = [0.0, 1.0, 0.25, 0.0, 1.0 / 8_192.0];
+    let second = [0.25, 0.0, -1.0 / 16_384.0, 0.5, 0.0, 1.0 / 16_384.0];
+    let words = first.into_iter().chain(second);
+    words.flat_map(|word: f32| word.to_le_bytes()).collect()
+}
+
+/// The elastic arm with a support set for each joint.
+pub fn sets_blob(rows: &[u8]) -> Blob<'_> {
+    let mut blob = elastic_blob(rows);
+    if let Correction::Elastic(elastic) = &mut blob.correction {
+        elastic.kernels[1].rates[0] = 0.0;
+        elastic.groups[0].points = 2;
+        elastic.sets = [[1, 0], [1, 1]]
+            .into_iter()
+            .map(|points| points.into_iter().collect())
+            .collect();
+    }
+    blob
 }
 
 /// One landmark of the variance example: q = (0, 0.25 m), 10 kg and the one word of its factor.

@@ -27,7 +27,7 @@ use poegp_protocol::JointKind;
 use poegp_protocol::limits::{MAX_JOINTS, MAX_RIPPLE};
 
 pub use gravity::{Gravity, GravityRegressors, GravityTerms};
-pub use processes::{JointKernel, JointProcesses, PayloadGroup, features, similarity};
+pub use processes::{JointKernel, JointProcesses, PayloadGroup, SupportSet, features, similarity};
 pub use variance::{PositionVariance, landmark_place, landmark_words, prior};
 
 use crate::bound::Bound;
@@ -272,11 +272,7 @@ impl<T: Scalar> Deflection<T> {
 
     /// Words of the support rows of an arm with so many joints.
     pub fn support_words(&self, joints: usize) -> usize {
-        let mut points = 0;
-        for group in &self.processes.groups {
-            points += group.points;
-        }
-        points * row_words(joints)
+        self.processes.words(joints)
     }
 
     /// POE(C (q + δ)), with δ scaled back to `bound`.

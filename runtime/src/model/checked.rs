@@ -8,7 +8,7 @@ use crate::bound::Bound;
 use crate::deflection::CouplingMatrix;
 use crate::load_error::LoadError;
 use crate::poe::Poe;
-use crate::scalar::Scalar;
+use crate::scalar::{MAX_ANGLE, Scalar};
 use crate::se3::{Pose, cross, dot};
 
 /// Longest fixed frame of a chain in metres.
@@ -67,6 +67,15 @@ pub(super) fn checked_rows(
         }
     }
     Ok(rows)
+}
+
+/// The largest word of a joint in a support row.
+pub(super) fn feature_limit(kind: JointKind) -> f32 {
+    match kind {
+        // A sine or cosine, which rounding may have lengthened.
+        JointKind::Revolute => 1.000_001,
+        JointKind::Prismatic => MAX_ANGLE,
+    }
 }
 
 /// lower ≤ value ≤ upper; false for NaN.

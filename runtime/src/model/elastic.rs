@@ -2,14 +2,16 @@
 
 use heapless::Vec;
 use nalgebra::Vector3;
-use poegp_protocol::blob::{Elastic, Variance};
+use poegp_protocol::JointKind;
+use poegp_protocol::blob::{Elastic, Joint, Variance};
+use poegp_protocol::limits::{MAX_GROUPS, MAX_JOINTS};
 
-use super::checked::{MAX_COEFFICIENT, checked_bound, is_within};
+use super::checked::{MAX_COEFFICIENT, checked_bound, checked_rows, feature_limit, is_within};
 use crate::bound::Bound;
 use crate::chain::NormalForm;
 use crate::deflection::{
     Deflection, Gravity, GravityTerms, JointKernel, JointProcesses, PayloadGroup, RippleTerm,
-    row_words,
+    SupportSet, row_words,
 };
 use crate::load_error::LoadError;
 use crate::scalar::Scalar;
@@ -141,6 +143,7 @@ fn processes<T: Scalar>(
         kernels: [JointKernel::zero(); 8],
         tied: wire.tied,
         groups: Vec::new(),
+        sets: Vec::new(),
     };
     let mut points = 0_usize;
     for group in &wire.groups {
@@ -154,10 +157,11 @@ fn processes<T: Scalar>(
         };
         out.groups.push(group).map_err(|_| LoadError::Groups)?;
     }
-    if points * row_words(joints) * 4 != wire.rows.len() {
+    let shared = wire.sets.is_empty();
+    if shared && points * row_words(joints) * 4 != wire.rows.len() {
         return Err(LoadError::Groups);
     }
-    if points == 0 && wire.kernels.is_empty() {
+    if shared && points == 0 && wire.kernels.is_empty() {
         return Ok(out);
     }
     if wire.kernels.len() != joints {
@@ -185,5 +189,84 @@ fn processes<T: Scalar>(
         slot.amplitude = coefficient(kernel.amplitude)?;
         slot.payload_amplitude = coefficient(kernel.payload_amplitude)?;
     }
+    if !shared {
+        sets(wire, joints, &mut out)?;
+    }
     Ok(out)
+}
+
+/// The support sets, whose rows are those of the blob: one set for each joint, whose rows of each group make its number.
+fn sets<T: Scalar>(
+    wire: &Elastic<'_>,
+    joints: usize,
+    out: &mut JointProcesses<T>,
+) -> Result<(), LoadError> {
+    if wire.tied || wire.sets.len() != joints {
+        return Err(LoadError::Groups);
+    }
+    let mut left = [0_usize; MAX_GROUPS];
+    for (slot, group) in left.iter_mut().zip(&wire.groups) {
+        *slot = usize::from(group.points);
+    }
+    for (points, kernel) in wire.sets.iter().zip(&out.kernels) {
+        if points.len() != wire.groups.len() {
+            return Err(LoadError::Groups);
+        }
+        for (slot, points) in left.iter_mut().zip(points) {
+            *slot = slot
+                .checked_sub(usize::from(*points))
+                .ok_or(LoadError::Groups)?;
+        }
+        let set = SupportSet::new(kernel, points);
+        out.sets.push(set).map_err(|_| LoadError::Groups)?;
+    }
+    if left.iter().any(|left| *left != 0) || 4 * out.words(joints) != wire.rows.len() {
+        return Err(LoadError::Groups);
+    }
+    Ok(())
+}
+
+/// The bytes of the rows of support sets, after every word was looked at.
+pub(super) fn checked_sets<'a>(
+    wire: &Elastic<'a>,
+    joints: &[Joint],
+    capacity: usize,
+) -> Result<&'a [u8], LoadError> {
+    let words = wire.rows.len() / 4;
+    if words > capacity {
+        return Err(LoadError::SupportTooLarge {
+            words: words as u32,
+            capacity: capacity as u32,
+        });
+    }
+    let mut rest = wire.rows;
+    for (points, kernel) in wire.sets.iter().zip(&wire.kernels) {
+        let mut active = [JointKind::Revolute; MAX_JOINTS];
+        let mut slots = active.iter_mut();
+        let mut count = 0;
+        for (joint, rate) in joints.iter().zip(&kernel.rates) {
+            if *rate > 0.0
+                && let Some(slot) = slots.next()
+            {
+                *slot = joint.kind;
+                count += 1;
+            }
+        }
+        let limit = |index: usize| match active.get(index / 2) {
+            Some(kind) if index / 2 < count => feature_limit(*kind),
+            _ => MAX_COEFFICIENT,
+        };
+        let mut rows = 0;
+        for group in points {
+            rows += usize::from(*group);
+        }
+        let row_words = 2 * count + 1;
+        // The bytes were counted with the sets.
+        let (here, after) = rest
+            .split_at_checked(4 * rows * row_words)
+            .ok_or(LoadError::Groups)?;
+        rest = after;
+        checked_rows(here, row_words, limit, capacity)?;
+    }
+    Ok(wire.rows)
 }

@@ -32,7 +32,8 @@ pub use correct::{CORRECTED_WITHIN, Corrected, MAX_JOINT_CHANGE};
 
 use crate::trust::Trust;
 use checked::{
-    MAX_COEFFICIENT, checked_chain, checked_coupling, checked_range, checked_rows, is_within,
+    MAX_COEFFICIENT, checked_chain, checked_coupling, checked_range, checked_rows, feature_limit,
+    is_within,
 };
 use elastic::ElasticCorrection;
 use task_space::TaskSpaceCorrection;
@@ -163,10 +164,7 @@ impl<T: Scalar, const WORDS: usize> Model<T, WORDS> {
             Some(ArmCorrection::TaskSpace(task)) => {
                 self.rows.len() / posterior::row_words(task.header.inputs)
             }
-            Some(ArmCorrection::Elastic(elastic)) => {
-                let joints = self.joints();
-                elastic.deflection.support_words(joints) / deflection::row_words(joints)
-            }
+            Some(ArmCorrection::Elastic(elastic)) => elastic.deflection.processes.points(),
             _ => 0,
         }
     }
@@ -322,13 +320,14 @@ fn checked_support<'a>(blob: &Blob<'a>, capacity: usize) -> Result<&'a [u8], Loa
             };
             checked_rows(task.rows, posterior::row_words(inputs), limit, capacity)
         }
+        Correction::Elastic(elastic) if !elastic.sets.is_empty() => {
+            elastic::checked_sets(elastic, &blob.robot.joints, capacity)
+        }
         Correction::Elastic(elastic) => {
             let joints = &blob.robot.joints;
-            let limit = |index: usize| match joints.get(index / 2).map(|joint| joint.kind) {
-                // A sine or cosine, which rounding may have lengthened.
-                Some(JointKind::Revolute) => 1.000_001,
-                Some(JointKind::Prismatic) => MAX_ANGLE,
-                None => MAX_COEFFICIENT,
+            let limit = |index: usize| {
+                let joint = joints.get(index / 2);
+                joint.map_or(MAX_COEFFICIENT, |joint| feature_limit(joint.kind))
             };
             checked_rows(
                 elastic.rows,

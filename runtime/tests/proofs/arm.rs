@@ -163,7 +163,44 @@ impl Arm {
                 .into_iter()
                 .collect(),
             rows: &[],
+            sets: heapless::Vec::new(),
         });
+        arm
+    }
+
+    /// The same with a support set for each joint: `points` rows for each in two payload groups, whose kernels look at one
+    /// joint, two joints, … up to all of them and from one again.
+    pub fn with_sets(joints: usize, points: usize, sliding: bool) -> Self {
+        let mut arm = Self::elastic(joints, 0, sliding, false);
+        let mut next = scattered(99 + 10 * joints as u32 + points as u32);
+        let kinds: Vec<JointKind> = arm.joints.iter().map(|joint| joint.kind).collect();
+        let elastic = arm.elastic.as_mut().expect("an elastic correction");
+        let half = points / 2;
+        for (c, kernel) in elastic.kernels.iter_mut().enumerate() {
+            for (joint, rate) in kernel.rates.iter_mut().enumerate() {
+                // Joint c first, then those that follow.
+                if (joint + joints - c) % joints > c {
+                    *rate = 0.0;
+                }
+            }
+            for _ in 0..points {
+                for (kind, rate) in kinds.iter().zip(&kernel.rates) {
+                    let q = 3.0 * next();
+                    if *rate > 0.0 {
+                        arm.rows.extend(match kind {
+                            JointKind::Revolute => [libm::sinf(q), libm::cosf(q)],
+                            JointKind::Prismatic => [q, 0.0],
+                        });
+                    }
+                }
+                arm.rows.push(1e-4 * next());
+            }
+        }
+        elastic.sets = (0..joints)
+            .map(|_| [half as u16, (points - half) as u16].into_iter().collect())
+            .collect();
+        elastic.groups[0].points = (joints * half) as u16;
+        elastic.groups[1].points = (joints * (points - half)) as u16;
         arm
     }
 

@@ -6,7 +6,7 @@ use poegp_protocol::JointKind;
 use poegp_runtime::chain::{Chain, MovedFrames, NormalForm};
 use poegp_runtime::deflection::{
     Features, Gravity, GravityRegressors, GravityTerms, JointKernel, JointProcesses, PayloadGroup,
-    PerJoint, deflected, deflection_twist, features, ripple_regressors, similarity,
+    PerJoint, SupportSet, deflected, deflection_twist, features, ripple_regressors, similarity,
 };
 use poegp_runtime::poe::JointMotion;
 use poegp_runtime::scalar::Scalar;
@@ -107,6 +107,7 @@ fn mean<T: Scalar>(
         kernels: [JointKernel::zero(); 8],
         tied,
         groups: heapless::Vec::new(),
+        sets: heapless::Vec::new(),
     };
     let natural = |c: usize| {
         let mut natural: Natural = naturals[c].clone();
@@ -144,6 +145,56 @@ fn mean<T: Scalar>(
                 * weights[c];
         }
     }
+    (found, expected)
+}
+
+/// What support sets give at (q, m), and the same by the formula. Point j is in the set of joint c unless j + c is a
+/// multiple of three.
+fn mean_of_sets<T: Scalar>(
+    kinds: &[JointKind],
+    naturals: &[Natural],
+    points: &[Point],
+    (q, m): (&[f64], f64),
+) -> (PerJoint<T>, PerJoint<f64>) {
+    let n = kinds.len();
+    let mut points: Vec<(usize, &Point)> = points.iter().enumerate().collect();
+    points.sort_by(|a, b| a.1.1.total_cmp(&b.1.1));
+    let mut payloads: Vec<f64> = points.iter().map(|(_, point)| point.1).collect();
+    payloads.dedup();
+    let mut processes = JointProcesses {
+        kernels: [JointKernel::zero(); 8],
+        tied: false,
+        groups: payloads
+            .iter()
+            .map(|payload| PayloadGroup {
+                payload_kg: T::from_f64(*payload),
+                points: 0,
+            })
+            .collect(),
+        sets: heapless::Vec::new(),
+    };
+    let (mut rows, mut expected) = (Vec::new(), [0.0; 8]);
+    for c in 0..n {
+        let mut natural = naturals[c].clone();
+        natural.0.truncate(n);
+        processes.kernels[c] = kernel(&natural);
+        let members = points.iter().filter(|(j, _)| (j + c) % 3 != 0);
+        let members: Vec<&Point> = members.map(|(_, point)| *point).collect();
+        let of = |payload: &f64| members.iter().filter(|point| point.1 == *payload).count();
+        let counts: Vec<u16> = payloads.iter().map(|payload| of(payload) as u16).collect();
+        let set = SupportSet::new(&processes.kernels[c], &counts);
+        for (place, payload, weights) in &members {
+            let all = places::<T>(kinds, place);
+            rows.extend(set.joints().iter().flat_map(|d| all[usize::from(*d)]));
+            rows.push(T::from_f64(weights[c]));
+            expected[c] += direct_payload_factor(&naturals[c], m, *payload)
+                * direct_joint_factor(kinds, &naturals[c], q, place)
+                * weights[c];
+        }
+        processes.sets.push(set).unwrap();
+    }
+    assert_eq!(processes.words(n), rows.len());
+    let found = processes.mean(kinds, &rows, &places(kinds, q), T::from_f64(m));
     (found, expected)
 }
 
@@ -238,6 +289,33 @@ proptest! {
         m in 0.0..12.0_f64,
     ) {
         mean_is_the_formula(&kinds, &naturals, tied, &points, (&q, m))?;
+    }
+
+    /// Each joint's process from rows of its own, with joints left out whose rate is zero: the formula with rows for all.
+    #[test]
+    fn mean_of_support_sets_is_the_formula(
+        kinds in kinds(),
+        naturals in naturals(1.5),
+        left_out in prop::collection::vec(any::<u8>(), 8),
+        points in points(12),
+        q in prop::collection::vec(-3.0..3.0_f64, 8),
+        m in 0.0..12.0_f64,
+    ) {
+        let mut naturals = naturals;
+        for (natural, left_out) in naturals.iter_mut().zip(&left_out) {
+            for (d, rate) in natural.0.iter_mut().enumerate() {
+                if left_out & (1 << d) != 0 {
+                    *rate = 0.0;
+                }
+            }
+        }
+        let (double, expected) = mean_of_sets::<f64>(&kinds, &naturals, &points, (&q, m));
+        let error = distance(&double, &expected);
+        prop_assert!(error < 1e-11, "f64 {:e}", error);
+        let (single, expected) = mean_of_sets::<f32>(&kinds, &naturals, &points, (&q, m));
+        let tolerance = 2e-5 * 1.5 * points.len().max(1) as f64;
+        let error = distance(&single.map(f64::from), &expected);
+        prop_assert!(error < tolerance, "f32 {:e}, {:e}", error, tolerance);
     }
 
     /// Too steep for the exponential without a clamp.

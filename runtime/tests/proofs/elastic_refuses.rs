@@ -147,6 +147,90 @@ fn what_is_wrong_is_named_and_the_old_model_goes_on() {
     assert!(missed.is_empty(), "{missed:#?}");
 }
 
+/// What is wrong with support sets, with the name of the refusal.
+fn wrong_sets() -> Vec<(&'static str, Arm, LoadError)> {
+    let mut out = Vec::new();
+    let mut add = |what, expected, change: &dyn Fn(&mut Arm)| {
+        let mut arm = Arm::with_sets(6, 4, true);
+        change(&mut arm);
+        out.push((what, arm, expected));
+    };
+    add("sets and one support", LoadError::Groups, &|arm| {
+        arm.joint_space().tied = true;
+    });
+    add("a set too few", LoadError::Groups, &|arm| {
+        arm.joint_space().sets.pop();
+    });
+    add("a set too many", LoadError::Groups, &|arm| {
+        let more = arm.joint_space().sets[0].clone();
+        arm.joint_space().sets.push(more).unwrap();
+    });
+    add("a group that no set knows", LoadError::Groups, &|arm| {
+        arm.joint_space().sets[2].pop();
+    });
+    add("a group that is not there", LoadError::Groups, &|arm| {
+        arm.joint_space().sets[2].push(0).unwrap();
+    });
+    add("rows that no set has", LoadError::Groups, &|arm| {
+        arm.joint_space().groups[1].points += 1;
+    });
+    add("rows that no group has", LoadError::Groups, &|arm| {
+        arm.joint_space().sets[0][1] += 1;
+    });
+    add("all rows there are", LoadError::Groups, &|arm| {
+        for set in &mut arm.joint_space().sets {
+            set[0] = u16::MAX;
+        }
+        arm.joint_space().groups[0].points = u16::MAX;
+    });
+    add("a row of one joint more", LoadError::Groups, &|arm| {
+        arm.joint_space().kernels[0].rates[3] = 0.1;
+    });
+    add("no kernels", LoadError::Kernel, &|arm| {
+        arm.joint_space().kernels.clear();
+    });
+    add("a rate of NaN", LoadError::Kernel, &|arm| {
+        arm.joint_space().kernels[4].rates[0] = f32::NAN;
+    });
+    add("a sine of 2", LoadError::Row, &|arm| arm.rows[0] = 2.0);
+    add("a weight beyond reason", LoadError::Row, &|arm| {
+        arm.rows[2] = f32::MAX;
+    });
+    add("a last weight of NaN", LoadError::Row, &|arm| {
+        *arm.rows.last_mut().unwrap() = f32::NAN;
+    });
+    add("a word less", LoadError::Groups, &|arm| {
+        arm.rows.pop();
+    });
+    add("a word more", LoadError::Groups, &|arm| arm.rows.push(0.0));
+    out
+}
+
+#[test]
+fn what_is_wrong_with_support_sets_is_named_and_the_old_model_goes_on() {
+    let mut model = Arm::with_sets(6, 4, true).model::<f32>();
+    assert_eq!((model.joints(), model.support()), (6, 24));
+    let q = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6];
+    let before = model.evaluate(&q, 2.0);
+    let mut missed = Vec::new();
+    for (what, mut arm, expected) in wrong_sets() {
+        let found = model.load(&arm.blob());
+        if found != Err(expected) {
+            missed.push((what, found));
+            model = Arm::with_sets(6, 4, true).model::<f32>();
+        }
+        assert_eq!(model.evaluate(&q, 2.0), before, "after {what}");
+    }
+    assert!(missed.is_empty(), "{missed:#?}");
+    let mut large = Arm::with_sets(6, 40, false);
+    let words = large.rows.len() as u32;
+    let capacity = WORDS as u32;
+    assert_eq!(
+        model.load(&large.blob()),
+        Err(LoadError::SupportTooLarge { words, capacity })
+    );
+}
+
 /// Half a row has no group that could describe it.
 #[test]
 fn rows_are_whole() {

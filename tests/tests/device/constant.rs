@@ -9,7 +9,7 @@ use poegp_tests::stages::Host;
 
 const QUERIES: usize = 1_000;
 
-const SHAPES: [(&str, Support); 6] = [
+const SHAPES: [(&str, Support); 7] = [
     ("chain alone", Support::None),
     ("paper, shared, 300", Support::Shared(300)),
     ("paper, per output, 300", Support::PerOutput(300)),
@@ -18,6 +18,10 @@ const SHAPES: [(&str, Support); 6] = [
     (
         "elastic, tied, with a deviation",
         Support::Elastic(Elastic::TIED_WITH_SIGMA),
+    ),
+    (
+        "elastic, a set for each joint",
+        Support::Elastic(Elastic::SETS),
     ),
 ];
 

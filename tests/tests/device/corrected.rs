@@ -79,7 +79,7 @@ fn elastic(joints: usize, kind: Elastic) -> Sample {
 
 #[test]
 fn elastic_arms() {
-    for kind in [Elastic::OWN, Elastic::TIED] {
+    for kind in [Elastic::OWN, Elastic::TIED, Elastic::SETS] {
         for joints in [5, 6, 7] {
             compare(elastic(joints, kind), 300);
         }
@@ -88,7 +88,7 @@ fn elastic_arms() {
 
 #[test]
 fn coupled_and_sliding_joints() {
-    for kind in [Elastic::OWN, Elastic::TIED_WITH_SIGMA] {
+    for kind in [Elastic::OWN, Elastic::TIED_WITH_SIGMA, Elastic::SETS] {
         for (joints, coupled, prismatic) in [(6, true, false), (5, false, true), (7, true, true)] {
             let sample = Sample {
                 coupled,
@@ -152,12 +152,14 @@ fn uncorrected_when_there_is_no_model_or_a_bypass() {
     assert!(statistics.uncorrected >= 16, "{statistics:?}");
 }
 
-/// For the largest of all commands, whatever becomes of them. The goals of 40 000 and 18 000 are not reached
+/// For the largest of all commands, whatever becomes of them. The goals of 40 000, 18 000 and 19 000 are not reached
 /// (docs/performance.md); the limits keep what is.
 #[test]
 fn instructions_of_one_command() {
     let mut device = Device::start(Clock::Counting).unwrap_or_else(|error| panic!("{error}"));
-    println!("instructions of one corrected command, Cortex-M4F, 100 support points:");
+    println!(
+        "instructions of one corrected command, Cortex-M4F, 100 support points or 200 in sets:"
+    );
     println!("| model | joints | least | mean | most |");
     println!("|---|---|---|---|---|");
     let mut beyond = Vec::new();
@@ -169,6 +171,12 @@ fn instructions_of_one_command() {
             42_000.0,
         ),
         ("elastic, tied", Elastic::TIED, 18_000.0, 21_600.0),
+        (
+            "elastic, a support set for each joint",
+            Elastic::SETS,
+            19_000.0,
+            26_000.0,
+        ),
     ] {
         for joints in [6, 5, 7] {
             let sample = elastic(joints, kind);

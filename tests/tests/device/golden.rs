@@ -15,7 +15,7 @@ use poegp_tests::workspace;
 use crate::device;
 
 /// Name of the files, and what is in them.
-const CASES: [(&str, Sample); 5] = [
+const CASES: [(&str, Sample); 6] = [
     ("shared", Sample::plain(20, Support::Shared(24))),
     (
         "per_output",
@@ -43,7 +43,20 @@ const CASES: [(&str, Sample); 5] = [
             ..Sample::plain(24, Support::Elastic(small(Elastic::TIED_WITH_SIGMA)))
         },
     ),
+    (
+        "elastic_sets",
+        Sample {
+            coupled: true,
+            ..Sample::plain(25, Support::Elastic(SETS))
+        },
+    ),
 ];
+
+/// Groups without rows, too.
+const SETS: Elastic = Elastic {
+    looks_at: 4,
+    ..small(Elastic::SETS)
+};
 
 const fn small(elastic: Elastic) -> Elastic {
     Elastic {

@@ -47,6 +47,7 @@ fn instructions_grow_with_the_support_points_and_no_faster() {
         "paper, shared",
         "elastic, own length scales",
         "elastic, tied",
+        "elastic, sets",
     ] {
         let (mut counts, mut cells) = (Vec::new(), Vec::new());
         for points in POINTS {
@@ -56,11 +57,16 @@ fn instructions_grow_with_the_support_points_and_no_faster() {
                 counts.push(found);
                 continue;
             }
-            let elastic = Elastic {
-                points,
-                tied: name == "elastic, tied",
-                ..Elastic::OWN
+            // Of several groups in sets a few points fill some only.
+            let shape = match name {
+                "elastic, tied" => Elastic::TIED,
+                "elastic, sets" => Elastic {
+                    groups: 1,
+                    ..Elastic::SETS
+                },
+                _ => Elastic::OWN,
             };
+            let elastic = Elastic { points, ..shape };
             let size = ElasticSize {
                 joints: 6,
                 prismatic: 0,
@@ -69,6 +75,7 @@ fn instructions_grow_with_the_support_points_and_no_faster() {
                 tied: elastic.tied,
                 ripple: elastic.ripple,
                 landmarks: 0,
+                sets: elastic.set_sizes(6),
             };
             match count(&mut device, Support::Elastic(elastic)) {
                 Some(found) => {

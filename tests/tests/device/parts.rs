@@ -13,11 +13,12 @@ use poegp_tests::parts::Parts;
 use poegp_tests::sample::{Elastic, Sample, Support};
 
 /// The shapes of the table.
-const SHAPES: [(&str, Support); 4] = [
+const SHAPES: [(&str, Support); 5] = [
     ("paper, 300", Support::Shared(300)),
     ("paper per output, 300", Support::PerOutput(300)),
     ("own, 100", Support::Elastic(Elastic::OWN)),
     ("tied, 100", Support::Elastic(Elastic::TIED)),
+    ("a set for each joint, 200", Support::Elastic(Elastic::SETS)),
 ];
 
 /// One column: instructions of a pose or of a command, and what the device's own counter says.

@@ -120,6 +120,30 @@ fn elastic_arm_with_a_sliding_joint() {
     }
 }
 
+/// A loop for every number of joints that a kernel may look at, and the one for any kind of joint.
+#[test]
+fn elastic_arms_with_a_support_set_for_each_joint() {
+    for (joints, looks_at, prismatic) in [
+        (6, 6, false),
+        (6, 2, false),
+        (7, 7, false),
+        (7, 5, false),
+        (5, 3, false),
+        (5, 4, true),
+    ] {
+        let kind = Elastic {
+            looks_at,
+            ..Elastic::SETS
+        };
+        let sample = Sample {
+            joints,
+            prismatic,
+            ..elastic(25, kind)
+        };
+        compare(sample, 100);
+    }
+}
+
 #[test]
 fn elastic_arm_with_coupled_joints() {
     let sample = Sample {
@@ -137,6 +161,7 @@ fn elastic_without_process_or_ripple() {
         ripple: 0,
         tied: false,
         landmarks: 0,
+        looks_at: 0,
     };
     compare(elastic(21, bare), 100);
 }
@@ -151,6 +176,7 @@ fn f32_is_within_a_micrometre_of_f64() {
         (5, false, Elastic::TIED),
         (6, true, Elastic::OWN),
         (7, true, Elastic::TIED_WITH_SIGMA),
+        (6, true, Elastic::SETS),
     ] {
         let sample = Sample {
             joints,

@@ -10,7 +10,7 @@ use super::{
     Arm, Failure, check_outputs, device_failure, drift, enough_poses, equations, instrument_noise,
     json_text, origin, progress, report::Report, write_outputs,
 };
-use crate::budget::{Budget, Fitted, fill};
+use crate::budget::{Budget, Fitted, TRIALS, fill};
 use crate::calibration::frames::{FrameFit, Sample};
 use crate::calibration::{Calibration, Method, Options};
 use crate::compare::Task;
@@ -200,7 +200,7 @@ fn fit_budget(
     origin: &Origin,
 ) -> Result<(Options, Vec<Fitted>), Failure> {
     let task = selection(arm, samples, origin);
-    let bar = progress::bar(3 * FOLDS, "fitting the budget");
+    let bar = progress::bar(TRIALS * FOLDS, "fitting the budget");
     let filled = fill(budget, &task, options, &mut || bar.inc(1));
     bar.finish_and_clear();
     filled
@@ -223,7 +223,11 @@ fn print_budget(report: Report, rows: &[Fitted]) {
                 format!(
                     "{} {scales}{}",
                     if r.taken { "*" } else { " " },
-                    if i == 0 { ", all points" } else { "" }
+                    match (i, r.per_output) {
+                        (0, _) => ", all points",
+                        (_, true) => ", a set for each joint",
+                        (_, false) => "",
+                    }
                 ),
                 r.support.to_string(),
                 r.instructions.to_string(),

@@ -17,6 +17,7 @@ use crate::compare::{ModelComparison, Task, TestSet, applicable};
 use crate::drift::{Drift, DriftReport};
 use crate::elastic::fit::ElasticOptions;
 use crate::elastic::outliers::OutlierPolicy;
+use crate::elastic::sets::SetLimits;
 use crate::error::InputError;
 use crate::gp::fit::Sharing;
 
@@ -53,6 +54,10 @@ impl FitArguments {
             tied: self.tied,
             device_sigma: !self.no_device_sigma,
             support: self.support.0,
+            sets: self.support_per_output.map(|functions| SetLimits {
+                functions: functions as usize,
+                instructions: None,
+            }),
             gravity: self.gravity.0.into(),
             outliers: match self.outliers {
                 Outliers::Report => OutlierPolicy::Report,

@@ -1,7 +1,9 @@
 //! `trainer inspect`.
 
 use poegp_protocol::JointKind;
-use poegp_protocol::blob::{Blob, Correction, Variance, format_version, stored_crc};
+use poegp_protocol::blob::{
+    Blob, Correction, Elastic, SetPoints, Variance, format_version, stored_crc,
+};
 use poegp_protocol::envelope;
 use poegp_runtime::se3::Pose;
 use poegp_runtime::trust::Trust;
@@ -49,6 +51,7 @@ fn document(loaded: &LoadedBlob) -> Value {
             "kind": "elastic",
             "support_points": loaded.model().support(),
             "tied": elastic.tied,
+            "support_per_output": (!elastic.sets.is_empty()).then(|| functions(elastic)),
             "gravity": elastic.gravity,
             "ripple": elastic.ripple.iter().map(|r| json!({
                 "joint": r.joint + 1, "cycles_per_turn": r.cycles, "amplitude_urad": 1e6 * r.sin.hypot(r.cos)
@@ -166,6 +169,13 @@ fn print(report: Report, loaded: &LoadedBlob, document: &Value) {
             1e3 * elastic.bound.position_m,
             1e3 * elastic.bound.angle_rad
         ));
+        if !elastic.sets.is_empty() {
+            let sets: Vec<String> = functions(elastic).iter().map(u32::to_string).collect();
+            report.line(format_args!(
+                "    a support set for each joint: {} functions",
+                sets.join(", ")
+            ));
+        }
         match &blob.variance {
             Some(v) => report.line(format_args!(
                 "    standard deviation from {} landmarks: {:.4} mm at least, of which the noise of a measurement is {:.4} mm",
@@ -232,4 +242,10 @@ fn print_joints(report: Report, blob: &Blob<'_>) {
         &rows,
     );
     report.line("");
+}
+
+/// Functions of the support set of each joint.
+fn functions(elastic: &Elastic<'_>) -> Vec<u32> {
+    let sum = |points: &SetPoints| points.iter().map(|points| u32::from(*points)).sum();
+    elastic.sets.iter().map(sum).collect()
 }

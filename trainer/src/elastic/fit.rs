@@ -14,6 +14,7 @@ use super::likelihood::{Evidence, Inputs, Search, Solved};
 use super::outliers::{LeaveOneOut, Outlier, OutlierPolicy, gross, leave_one_out};
 use super::parameters::parametric_fit;
 use super::ripple::{Peak, SIGNIFICANT, peaks};
+use super::sets::SetLimits;
 use super::state::{Layout, Linearised, ROWS, State};
 use crate::calibration::frames::Sample;
 use crate::calibration::noise::Scales;
@@ -35,6 +36,8 @@ pub struct ElasticOptions {
     pub gravity: Vector3<f64>,
     /// Support points on the device; `None` keeps all.
     pub support: Option<usize>,
+    /// A support set for each joint in their place, of a model with own length scales.
+    pub sets: Option<SetLimits>,
     /// What is done with measurements that do not belong.
     pub outliers: OutlierPolicy,
     /// Whether a model with tied length scales gets a standard deviation for the device.
@@ -50,6 +53,7 @@ impl Default for ElasticOptions {
             ripple: true,
             gravity: Vector3::new(0.0, 0.0, -9.81),
             support: Some(100),
+            sets: None,
             outliers: OutlierPolicy::Report,
             device_sigma: true,
         }

@@ -12,7 +12,9 @@ pub mod likelihood;
 pub mod model;
 pub mod outliers;
 pub mod parameters;
+
 pub mod ripple;
+pub mod sets;
 pub mod state;
 pub mod support;
 pub mod uncertainty;

@@ -8,7 +8,7 @@ use poegp_protocol::limits::MAX_JOINTS;
 use poegp_runtime::chain::{Chain, NormalForm};
 use poegp_runtime::deflection::{
     Configuration, CouplingMatrix, Deflection, Gravity, GravityTerms, JointKernel, JointProcesses,
-    PayloadGroup, RippleTerm, coupled, row_words,
+    PayloadGroup, RippleTerm, SupportSet, coupled, row_words,
 };
 use poegp_runtime::observer::Unobserved;
 use poegp_runtime::poe::Poe;
@@ -16,6 +16,7 @@ use poegp_runtime::se3::{Pose, Twist};
 
 use super::device_sigma::DeviceSigma;
 use super::fit::{ElasticFit, ElasticOptions};
+use super::sets::{Sets, choose};
 use super::state::State;
 use super::support::{Support, gathered, reduce};
 use crate::calibration::frames::Sample;
@@ -51,7 +52,7 @@ pub struct ElasticReport {
 }
 
 impl ElasticModel {
-    /// From a fit; reduced to `options.support` points. The calibrated chain is that of `fit.state` afterwards.
+    /// From a fit; reduced to `options.support` points, or to the sets that `options.sets` asks for. The calibrated chain is that of `fit.state` afterwards.
     pub fn new(
         fit: &mut ElasticFit,
         samples: &[Sample],
@@ -60,7 +61,11 @@ impl ElasticModel {
     ) -> Option<Self> {
         let distinct = gathered(&fit.inputs.payloads) != fit.inputs.payloads;
         let count = options.support.unwrap_or(samples.len()).min(samples.len());
-        let support = if !options.processes {
+        let chosen = match options.sets.filter(|_| options.processes) {
+            Some(limits) => Some(choose(fit, samples, limits)?),
+            None => None,
+        };
+        let support = if !options.processes || chosen.is_some() {
             Support {
                 features: Vec::new(),
                 payloads: Vec::new(),
@@ -99,6 +104,15 @@ impl ElasticModel {
             kernels,
             tied: fit.layout.tied,
             groups,
+            sets: FixedVec::new(),
+        };
+        let (processes, rows) = match chosen {
+            Some(sets) => of_sets(&sets)?,
+            None => (processes, rows),
+        };
+        let report = ElasticReport {
+            support: processes.points(),
+            ..report
         };
         let gravity = without_upright_axis(&fit.state, samples);
         let deflection = Deflection {
@@ -185,6 +199,54 @@ fn all(fit: &ElasticFit) -> Option<Support> {
             .map(|j| (0..weights.ncols()).map(|c| weights[(j, c)]).collect())
             .collect(),
     })
+}
+
+/// The processes with these sets, and their rows.
+fn of_sets(sets: &Sets) -> Option<(JointProcesses<f64>, Vec<f64>)> {
+    let mut payloads: Vec<f64> = sets
+        .functions
+        .iter()
+        .flatten()
+        .map(|function| function.payload_kg)
+        .collect();
+    payloads.sort_by(f64::total_cmp);
+    payloads.dedup();
+    let mut out = JointProcesses {
+        kernels: [JointKernel::zero(); MAX_JOINTS],
+        tied: false,
+        groups: FixedVec::new(),
+        sets: FixedVec::new(),
+    };
+    for payload_kg in &payloads {
+        let group = PayloadGroup {
+            payload_kg: *payload_kg,
+            points: 0,
+        };
+        out.groups.push(group).ok()?;
+    }
+    let mut rows = Vec::new();
+    let slots = out.kernels.iter_mut().zip(&sets.kernels);
+    for ((slot, kernel), functions) in slots.zip(&sets.functions) {
+        *slot = *kernel;
+        let of = |payload: &f64| {
+            functions
+                .iter()
+                .filter(|f| f.payload_kg == *payload)
+                .count()
+        };
+        let points: Vec<u16> = payloads.iter().map(|m| of(m) as u16).collect();
+        for (group, points) in out.groups.iter_mut().zip(&points) {
+            group.points += usize::from(*points);
+        }
+        let set = SupportSet::new(kernel, &points);
+        for function in functions {
+            let looked_at = set.joints().iter();
+            rows.extend(looked_at.flat_map(|joint| function.features[usize::from(*joint)]));
+            rows.push(function.weight);
+        }
+        out.sets.push(set).ok()?;
+    }
+    Some((out, rows))
 }
 
 /// Rows sorted by payload, and the groups.

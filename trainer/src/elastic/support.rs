@@ -4,7 +4,7 @@
 //! whose variance the others explain least, weighted by how much each joint moves the tool. The weights β of the chosen
 //! points and all parameters x are then solved anew, min |y − A x − Σ_c J_c K_c β_c|² with priors x ~ N(0, Λ) and
 //! β_c ~ N(0, K_c⁻¹) (subset of regressors). The payloads of the points are gathered to a few values, which the device
-//! sorts by; a centre need not be a measurement.
+//! sorts by; a centre need not be a measurement. One support for all joints; `sets.rs` chooses one for each.
 
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};
@@ -45,14 +45,17 @@ pub(super) fn kernel(
 
 /// Each payload replaced by the nearest of at most [`MAX_GROUPS`] quantiles.
 pub fn gathered(payloads: &[f64]) -> Vec<f64> {
+    gathered_to(payloads, MAX_GROUPS)
+}
+
+/// Each payload replaced by the nearest of at most `most` quantiles, two or more.
+pub(super) fn gathered_to(payloads: &[f64], most: usize) -> Vec<f64> {
     let mut sorted = payloads.to_vec();
     sorted.sort_by(f64::total_cmp);
     sorted.dedup();
-    if sorted.len() > MAX_GROUPS {
+    if sorted.len() > most {
         let last = sorted.len() - 1;
-        sorted = (0..MAX_GROUPS)
-            .map(|i| sorted[i * last / (MAX_GROUPS - 1)])
-            .collect();
+        sorted = (0..most).map(|i| sorted[i * last / (most - 1)]).collect();
     }
     let nearest = |m: f64| {
         sorted
@@ -117,6 +120,9 @@ pub fn choose(fit: &ElasticFit, payloads: &[f64], jacobian: &Mat<f64>, count: us
     chosen
 }
 
+/// A function of a reduced model: the joint whose process it is part of, and its centre.
+pub(super) type Centred = (usize, (Features<f64>, f64));
+
 /// Chooses `count` support points and solves for their weights and all parameters; the parameters of `fit` move.
 /// `None` when the system cannot be solved.
 pub fn reduce(fit: &mut ElasticFit, samples: &[Sample], count: usize) -> Option<Support> {
@@ -126,15 +132,36 @@ pub fn reduce(fit: &mut ElasticFit, samples: &[Sample], count: usize) -> Option<
     let chosen = choose(fit, &payloads, &linear.jacobian, count);
     let centre = |i: &usize| (fit.inputs.features[*i], payloads[*i]);
     let centres: Vec<(Features<f64>, f64)> = chosen.iter().map(centre).collect();
+    let (m, n) = (centres.len(), kernels.len());
+    let functions: Vec<Centred> = (0..n)
+        .flat_map(|c| centres.iter().map(move |centre| (c, *centre)))
+        .collect();
+    let weights = solve(fit, &linear, &kernels, &functions)?;
+    Some(Support {
+        weights: (0..m)
+            .map(|j| (0..n).map(|c| weights[c * m + j]).collect())
+            .collect(),
+        features: centres.iter().map(|c| c.0).collect(),
+        payloads: centres.iter().map(|c| c.1).collect(),
+    })
+}
+
+/// The weights of `functions`, sorted by joint, together with all parameters, which move in `fit`.
+pub(super) fn solve(
+    fit: &mut ElasticFit,
+    linear: &Linearised,
+    kernels: &[JointKernel<f64>],
+    functions: &[Centred],
+) -> Option<Vec<f64>> {
     let between = |c: usize, a: (&Features<f64>, f64), b: (&Features<f64>, f64)| {
         kernel(&kernels[c], &fit.inputs.kinds, a, b) / (DEFLECTION_UNIT * DEFLECTION_UNIT)
     };
-    let (p, m, n) = (linear.a.ncols(), centres.len(), kernels.len());
+    let (p, m) = (linear.a.ncols(), functions.len());
     let noise = |row: usize| {
         let h = fit.hyperparameters[usize::from(row % ROWS >= 3)];
         (-0.5 * h).exp() / linear.relative_noise(row, h)
     };
-    let mut design = Mat::zeros(linear.y.nrows(), p + n * m);
+    let mut design = Mat::zeros(linear.y.nrows(), p + m);
     let groups = fit.state.layout.groups();
     for (i, group) in groups.iter().enumerate() {
         let sd = prior_variance(*group, &fit.hyperparameters).sqrt();
@@ -142,22 +169,27 @@ pub fn reduce(fit: &mut ElasticFit, samples: &[Sample], count: usize) -> Option<
             design[(row, i)] = noise(row) * sd * linear.a[(row, i)];
         }
     }
-    fill_processes(&mut design, &linear, fit, &centres, p, &between, &noise);
+    let inputs = fit.inputs.features.iter().zip(&fit.inputs.payloads);
+    for (k, (features, payload)) in inputs.enumerate() {
+        for (j, (c, (centre, other))) in functions.iter().enumerate() {
+            let value = DEFLECTION_UNIT * between(*c, (features, *payload), (centre, *other));
+            for row in ROWS * k..ROWS * (k + 1) {
+                design[(row, p + j)] = noise(row) * linear.jacobian[(row, *c)] * value;
+            }
+        }
+    }
     let mut normal = design.transpose() * &design;
     for i in 0..p {
         normal[(i, i)] += 1.0;
     }
-    for c in 0..n {
-        for i in 0..m {
-            for j in 0..m {
-                let k = between(
-                    c,
-                    (&centres[i].0, centres[i].1),
-                    (&centres[j].0, centres[j].1),
-                );
-                // A pinch of jitter: chosen points may be near neighbours in one joint's kernel.
-                normal[(p + c * m + i, p + c * m + j)] += if i == j { k * (1.0 + 1e-8) } else { k };
+    for (i, (c, (features, payload))) in functions.iter().enumerate() {
+        for (j, (other, (place, mass))) in functions.iter().enumerate() {
+            if c != other {
+                continue;
             }
+            let k = between(*c, (features, *payload), (place, *mass));
+            // A pinch of jitter: chosen points may be near neighbours in one joint's kernel.
+            normal[(p + i, p + j)] += if i == j { k * (1.0 + 1e-8) } else { k };
         }
     }
     let y = Mat::from_fn(linear.y.nrows(), 1, |row, _| {
@@ -168,41 +200,9 @@ pub fn reduce(fit: &mut ElasticFit, samples: &[Sample], count: usize) -> Option<
     let parameters: Vec<f64> = (0..p).map(|i| sd(i) * solution[(i, 0)]).collect();
     fit.state.move_to(&parameters);
     // k is in rad² on the device, in units of the processes here; deflections come in those units, too.
-    let weight = |c: usize, j: usize| solution[(p + c * m + j, 0)] / DEFLECTION_UNIT;
-    Some(Support {
-        weights: (0..m)
-            .map(|j| (0..n).map(|c| weight(c, j)).collect())
+    Some(
+        (0..m)
+            .map(|j| solution[(p + j, 0)] / DEFLECTION_UNIT)
             .collect(),
-        features: centres.iter().map(|c| c.0).collect(),
-        payloads: centres.iter().map(|c| c.1).collect(),
-    })
-}
-
-fn fill_processes(
-    design: &mut Mat<f64>,
-    linear: &Linearised,
-    fit: &ElasticFit,
-    centres: &[(Features<f64>, f64)],
-    first: usize,
-    between: &impl Fn(usize, (&Features<f64>, f64), (&Features<f64>, f64)) -> f64,
-    noise: &impl Fn(usize) -> f64,
-) {
-    let m = centres.len();
-    for (k, (features, payload)) in fit
-        .inputs
-        .features
-        .iter()
-        .zip(&fit.inputs.payloads)
-        .enumerate()
-    {
-        for c in 0..fit.inputs.kinds.len() {
-            for (j, (centre, other)) in centres.iter().enumerate() {
-                let value = DEFLECTION_UNIT * between(c, (features, *payload), (centre, *other));
-                for row in ROWS * k..ROWS * (k + 1) {
-                    design[(row, first + c * m + j)] =
-                        noise(row) * linear.jacobian[(row, c)] * value;
-                }
-            }
-        }
-    }
+    )
 }

@@ -33,7 +33,13 @@ fn a_budget_is_kept_and_its_price_is_told() {
     let line = format!("{calibrate} --max-instructions 12000 --json -");
     let document = folder.run(&line).ok().json();
     let table = document["budget"].as_array().unwrap();
-    assert_eq!(table.len(), 3, "all points, own and tied length scales");
+    assert_eq!(
+        table.len(),
+        4,
+        "all points, own, tied, a set for each joint"
+    );
+    assert_eq!(table[3]["per_output"], true);
+    assert!(table[3]["support"].as_u64().unwrap() > table[1]["support"].as_u64().unwrap());
     for row in &table[1..] {
         assert!(row["instructions"].as_u64().unwrap() <= 12_000, "{row}");
     }

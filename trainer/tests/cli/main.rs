@@ -24,4 +24,5 @@ mod program;
 mod reproducible;
 mod robots;
 mod signing;
+mod support_sets;
 mod tools;

@@ -4,6 +4,7 @@ use poegp_runtime::poe::Poe;
 use poegp_runtime::status::Status;
 use poegp_trainer::calibration::frames::Sample;
 use poegp_trainer::calibration::{Method, Options};
+use poegp_trainer::elastic::sets::SetLimits;
 use poegp_trainer::export::{
     DeviceError, ExportError, MAX_F32_ERROR_M, MEAN_F32_ERROR_M, Origin, calibrate_for_device,
 };
@@ -18,6 +19,16 @@ fn origin() -> Origin {
         data_sha256: [0; 32],
         tools: Vec::new(),
     }
+}
+
+/// The elastic model with a support set for each joint.
+fn support_sets() -> Options {
+    let mut options = Options::new(Method::Elastic);
+    options.elastic.sets = Some(SetLimits {
+        functions: 200,
+        instructions: None,
+    });
+    options
 }
 
 #[test]
@@ -35,6 +46,8 @@ fn the_blob_is_within_two_micrometres_of_the_model() {
         ("poe-gp-load", Options::new(Method::PoeGpLoad)),
         ("poe-gp, per output", per_output(Method::PoeGp)),
         ("poe-gp-load, per output", per_output(Method::PoeGpLoad)),
+        ("elastic", Options::new(Method::Elastic)),
+        ("elastic, support sets", support_sets()),
     ] {
         let found = calibrate_for_device(&nominal, &robot, &sets[0], &options, &origin()).unwrap();
         let instrument_from_base = found.calibration.ends.instrument_from_base;

@@ -7,6 +7,7 @@ mod device_sigma;
 mod elastic;
 mod measured;
 mod paper;
+mod support_sets;
 mod ten_seeds;
 
 use std::fmt::Display;

@@ -1,5 +1,7 @@
 //! The Gaussian processes of the joints: kernels, and the posterior mean over the support rows.
 
+mod sets;
+
 use heapless::Vec;
 use poegp_protocol::JointKind;
 use poegp_protocol::limits::{MAX_GROUPS, MAX_JOINTS};
@@ -8,6 +10,8 @@ use super::{Features, PerJoint, row_words};
 use crate::kernel::LOG2_E;
 use crate::poe::JointMotion;
 use crate::scalar::Scalar;
+
+pub use sets::SupportSet;
 
 /// 2 to this is nothing, in f32 and f64.
 const LOWEST_EXPONENT: f64 = -2_000_000.0;
@@ -153,8 +157,10 @@ pub struct JointProcesses<T> {
     pub kernels: [JointKernel<T>; MAX_JOINTS],
     /// Whether all joints have the rates of the first: one exponential for each point.
     pub tied: bool,
-    /// Rows of one payload, in the order of the rows.
+    /// Rows of one payload, in the order of the rows; with `sets` of all sets together.
     pub groups: Vec<PayloadGroup<T>, MAX_GROUPS>,
+    /// A support set for each joint; empty when all joints share the rows.
+    pub sets: Vec<SupportSet, MAX_JOINTS>,
 }
 
 /// Largest Σ_d W_cd of the fast kernels: no exponent of theirs leaves the range of [`Scalar::exp2_unclamped`].
@@ -165,7 +171,29 @@ const MAX_FAST_RATE_SUM: f64 = 60.0;
 const TILE: usize = 32;
 
 impl<T: Scalar> JointProcesses<T> {
-    /// The posterior mean of every joint in rad or m, from `rows` of [`row_words`] words.
+    /// Rows of the support; where each joint has a set of its own, of all sets together.
+    pub fn points(&self) -> usize {
+        let mut points = 0;
+        for group in &self.groups {
+            points += group.points;
+        }
+        points
+    }
+
+    /// Words of these rows, of an arm with so many joints.
+    pub fn words(&self, joints: usize) -> usize {
+        let mut words = 0;
+        for set in &self.sets {
+            words += set.words();
+        }
+        if self.sets.is_empty() {
+            self.points() * row_words(joints)
+        } else {
+            words
+        }
+    }
+
+    /// The posterior mean of every joint in rad or m, from `rows` of [`row_words`] words or set by set.
     #[inline(never)]
     pub fn mean(
         &self,
@@ -174,6 +202,9 @@ impl<T: Scalar> JointProcesses<T> {
         features: &Features<T>,
         payload_kg: T,
     ) -> PerJoint<T> {
+        if !self.sets.is_empty() {
+            return self.of_sets(kinds, rows, features, payload_kg);
+        }
         match (self.fast(kinds), self.tied) {
             (5, true) => self.tied::<5, 15>(rows, features, payload_kg),
             (6, true) => self.tied::<6, 18>(rows, features, payload_kg),

@@ -1,0 +1,212 @@
+//! Support sets: every joint's process has support points of its own.
+//!
+//! Fitted length scales of one joint are short for few joints and long for the others, and for other ones with every
+//! joint: points that all joints share are many more kernel values than the same accuracy needs. The rows of joint 1 come
+//! first, sorted by payload group, then those of joint 2, …; and joints that a kernel does not look at, whose rate is
+//! zero, are not in its rows:
+//!
+//! ```text
+//! one row of the set of joint c:  | sin | cos | … of each of D joints whose W_cd > 0 … | weight |   2D + 1 words
+//! ```
+
+use core::hint::black_box;
+
+use poegp_protocol::JointKind;
+use poegp_protocol::limits::{MAX_GROUPS, MAX_JOINTS};
+
+use super::{JointKernel, JointProcesses, LOWEST_EXPONENT, MAX_FAST_RATE_SUM, similarity};
+use crate::deflection::{Features, PerJoint};
+use crate::scalar::Scalar;
+
+/// The support set of one joint but its rows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SupportSet {
+    /// The joints that the kernel looks at come first.
+    joints: [u8; MAX_JOINTS],
+    /// How many these are.
+    count: u8,
+    /// Rows of each payload group.
+    points: [u16; MAX_GROUPS],
+}
+
+impl SupportSet {
+    /// Of a joint with this kernel, with so many rows of each payload group. Groups beyond the largest number are left out.
+    pub fn new<T: Scalar>(kernel: &JointKernel<T>, points: &[u16]) -> Self {
+        let mut out = Self {
+            joints: [0; MAX_JOINTS],
+            count: 0,
+            points: [0; MAX_GROUPS],
+        };
+        for (joint, rate) in kernel.rates().iter().enumerate() {
+            if *rate > T::ZERO
+                && let Some(slot) = out.joints.get_mut(usize::from(out.count))
+            {
+                *slot = joint as u8;
+                out.count += 1;
+            }
+        }
+        for (slot, points) in out.points.iter_mut().zip(points) {
+            *slot = *points;
+        }
+        out
+    }
+
+    /// The joints that the kernel looks at, from 0.
+    pub fn joints(&self) -> &[u8] {
+        self.joints.get(..usize::from(self.count)).unwrap_or(&[])
+    }
+
+    /// Rows of each payload group; beyond the last group zero.
+    pub fn points(&self) -> &[u16; MAX_GROUPS] {
+        &self.points
+    }
+
+    /// Words of one row.
+    pub fn row_words(&self) -> usize {
+        2 * usize::from(self.count) + 1
+    }
+
+    /// Words of all rows.
+    pub fn words(&self) -> usize {
+        let mut points = 0;
+        for group in &self.points {
+            points += usize::from(*group);
+        }
+        points * self.row_words()
+    }
+}
+
+impl<T: Scalar> JointProcesses<T> {
+    /// The posterior mean of every joint from `rows`, set by set.
+    #[inline(never)]
+    pub(super) fn of_sets(
+        &self,
+        kinds: &[JointKind],
+        rows: &[T],
+        features: &Features<T>,
+        payload_kg: T,
+    ) -> PerJoint<T> {
+        let mut unrolled = true;
+        for kind in black_box(kinds) {
+            unrolled &= *kind == JointKind::Revolute;
+        }
+        let mut out = [T::ZERO; MAX_JOINTS];
+        let mut rest = rows;
+        let sets = self.sets.iter().zip(&self.kernels);
+        for (slot, (set, kernel)) in out.iter_mut().zip(sets) {
+            let at = Place {
+                processes: self,
+                kernel,
+                set,
+                features,
+                payload_kg,
+            };
+            let fast = unrolled && kernel.bias >= T::from_f64(-MAX_FAST_RATE_SUM);
+            (*slot, rest) = match set.count {
+                1 if fast => at.unrolled::<1, 3>(rest),
+                2 if fast => at.unrolled::<2, 5>(rest),
+                3 if fast => at.unrolled::<3, 7>(rest),
+                4 if fast => at.unrolled::<4, 9>(rest),
+                5 if fast => at.unrolled::<5, 11>(rest),
+                6 if fast => at.unrolled::<6, 13>(rest),
+                7 if fast => at.unrolled::<7, 15>(rest),
+                _ => at.any(kinds, rest),
+            };
+        }
+        out
+    }
+}
+
+/// Where the process of one joint is evaluated.
+struct Place<'a, T> {
+    processes: &'a JointProcesses<T>,
+    kernel: &'a JointKernel<T>,
+    set: &'a SupportSet,
+    features: &'a Features<T>,
+    payload_kg: T,
+}
+
+impl<T: Scalar> Place<'_, T> {
+    /// The mean of a process of D revolute joints from the first of `rows`, and the rows that follow; ROW = 2 D + 1.
+    #[inline(never)]
+    fn unrolled<'r, const D: usize, const ROW: usize>(&self, rows: &'r [T]) -> (T, &'r [T]) {
+        // The rates go into the query once, instead of into every point.
+        let mut scaled = [[T::ZERO; 2]; D];
+        let mut k = 0;
+        while k < D {
+            // The mask is for the compiler: there are no other joints.
+            let d = usize::from(self.set.joints[k]) % MAX_JOINTS;
+            let rate = self.kernel.rates[d];
+            scaled[k] = [self.features[d][0] * rate, self.features[d][1] * rate];
+            k += 1;
+        }
+        let kernel = self.kernel;
+        let all = rows.as_chunks::<ROW>().0;
+        let mut total = T::ZERO;
+        let mut rest = all;
+        for (group, points) in self.processes.groups.iter().zip(&self.set.points) {
+            if *points == 0 {
+                continue;
+            }
+            let (here, after) = rest
+                .split_at_checked(usize::from(*points))
+                .unwrap_or((rest, &[]));
+            rest = after;
+            let factor = kernel.amplitude_at(self.payload_kg, group.payload_kg)
+                * kernel.falling(self.payload_kg, group.payload_kg);
+            total += factor * sum(here, &scaled);
+        }
+        let used = ROW * (all.len() - rest.len());
+        (total, rows.get(used..).unwrap_or(&[]))
+    }
+
+    /// The same for any number of joints of any kind.
+    #[inline(never)]
+    fn any<'r>(&self, kinds: &[JointKind], rows: &'r [T]) -> (T, &'r [T]) {
+        let words = self.set.row_words();
+        let mut total = T::ZERO;
+        let mut rest = rows;
+        for (group, points) in self.processes.groups.iter().zip(&self.set.points) {
+            let mut sum = T::ZERO;
+            for _ in 0..*points {
+                let (row, after) = rest.split_at_checked(words).unwrap_or((&[], &[]));
+                rest = after;
+                let Some((weight, places)) = row.split_last() else {
+                    break;
+                };
+                let mut exponent = self.kernel.bias;
+                for (joint, place) in self.set.joints().iter().zip(places.as_chunks::<2>().0) {
+                    let d = usize::from(*joint) % MAX_JOINTS;
+                    let kind = kinds.get(d).copied().unwrap_or(JointKind::Revolute);
+                    let s = similarity(kind, &self.features[d], place);
+                    exponent += self.kernel.rates[d] * s;
+                }
+                let lowest = T::from_f64(LOWEST_EXPONENT);
+                let held = if exponent < lowest { lowest } else { exponent };
+                sum += held.exp2() * *weight;
+            }
+            total += self
+                .kernel
+                .payload_factor(self.payload_kg, group.payload_kg)
+                * sum;
+        }
+        (total, rest)
+    }
+}
+
+/// Σ_j 2^(Σ_d W_d s_d) weight_j over rows of one payload, from the query times the rates.
+#[inline(always)]
+fn sum<T: Scalar, const D: usize, const ROW: usize>(rows: &[[T; ROW]], scaled: &[[T; 2]; D]) -> T {
+    let mut sum = T::ZERO;
+    for row in rows {
+        let mut exponent = scaled[0][0] * row[0] + scaled[0][1] * row[1];
+        let mut d = 1;
+        while d < D {
+            exponent += scaled[d][0] * row[2 * d];
+            exponent += scaled[d][1] * row[2 * d + 1];
+            d += 1;
+        }
+        sum += exponent.exp2_unclamped() * row[2 * D];
+    }
+    sum
+}
