@@ -17,7 +17,14 @@
 #![warn(missing_docs)]
 
 pub mod bound;
+#[cfg(all(
+    target_arch = "arm",
+    target_abi = "eabihf",
+    not(feature = "portable-kernels")
+))]
+mod cortex_m4;
 pub mod deflection;
+mod inner_loops;
 pub mod kernel;
 pub mod load_error;
 pub mod model;
