@@ -20,9 +20,9 @@ use crate::limits::{
     MAX_FRAMES, MAX_GROUPS, MAX_INPUTS, MAX_JOINTS, MAX_LINK_TERMS, MAX_RIPPLE, OUTPUTS,
 };
 
-/// The newest format: version 2 added [`Correction::Elastic`] and tools, version 3 [`Blob::variance`]. A blob is written in
-/// the oldest format that can hold it.
-pub const FORMAT_VERSION: u16 = 3;
+/// The newest format: version 2 added [`Correction::Elastic`] and tools, version 3 [`Blob::variance`], version 4
+/// [`TaskSpace::centre`]. A blob is written in the oldest format that can hold it.
+pub const FORMAT_VERSION: u16 = 4;
 /// Most bytes that the payload takes beside the support rows; generous (the largest seen is below 3 kB).
 pub const MAX_LENGTH_WITHOUT_ROWS: usize = 4_096;
 
@@ -208,8 +208,15 @@ pub struct TaskSpace<'a> {
     pub rates: Option<[f32; OUTPUTS]>,
     /// Constant and linear part of the posterior mean of each output: first the constant, then D slopes.
     pub affine: [Vec<f32, { MAX_INPUTS + 1 }>; OUTPUTS],
-    /// Support rows, `f32` little endian, 4·(D + 6) bytes each: D scaled inputs u_j, then six weights.
+    /// Support rows, `f32` little endian, 4·(D + 6) bytes each: D scaled inputs u_j, then six weights; folded ones with
+    /// [`TaskSpace::centre`].
     pub rows: &'a [u8],
+    /// Centre of a folded mean in the units of the inputs, rad, m and kg; empty unless it is folded. From format version 4 on,
+    /// where it follows the tools:
+    ///
+    /// g_c(x) = affine_c · (1, x) + 2^(−|v|²) Σ_j weight_jc · 2^(2 v · v_j) with v = scale ∘ (x − centre), v_j in the rows.
+    #[serde(skip)]
+    pub centre: Vec<f32, MAX_INPUTS>,
 }
 
 /// The elastic correction; the runtime's module `deflection` has its formulas.
@@ -332,7 +339,8 @@ pub fn tools(bytes: &[u8]) -> impl Iterator<Item = Result<Tool<'_>, DecodeError>
 
 /// The oldest format that holds `blob`.
 pub fn format_version(blob: &Blob<'_>) -> u16 {
-    match blob.correction {
+    match &blob.correction {
+        Correction::TaskSpace(task) if !task.centre.is_empty() => 4,
         _ if blob.variance.is_some() => 3,
         Correction::None | Correction::TaskSpace(_) if blob.tools.is_empty() => 1,
         _ => 2,
@@ -356,12 +364,15 @@ pub fn encode<'b>(blob: &Blob<'_>, buffer: &'b mut [u8]) -> Result<&'b [u8], Buf
             .map_err(|_| BufferTooSmall)?
             .len();
     }
-    if let Some(variance) = &blob.variance {
-        let rest = payload.get_mut(length..).ok_or(BufferTooSmall)?;
-        length += postcard::to_slice(variance, rest)
-            .map_err(|_| BufferTooSmall)?
-            .len();
-    }
+    let rest = payload.get_mut(length..).ok_or(BufferTooSmall)?;
+    let tail = match (&blob.correction, &blob.variance) {
+        (Correction::TaskSpace(task), _) if !task.centre.is_empty() => {
+            postcard::to_slice(&task.centre, rest)
+        }
+        (_, Some(variance)) => postcard::to_slice(variance, rest),
+        (_, None) => Ok(&mut [][..]),
+    };
+    length += tail.map_err(|_| BufferTooSmall)?.len();
     envelope::seal(format_version(blob), length, buffer)
 }
 
@@ -391,9 +402,13 @@ fn decode_payload(version: u16, payload: &[u8]) -> Result<Blob<'_>, DecodeError>
                 Some(&[][..])
             };
             blob.tools = tools.unwrap_or(&[]);
-            if version >= 3 {
-                // Without it the blob is not one of version 3, and refused below.
-                blob.variance = Variance::deserialize(&mut deserializer).ok();
+            // Without what its version added the blob is not one of that version, and refused below.
+            match (version, &mut blob.correction) {
+                (3, _) => blob.variance = Variance::deserialize(&mut deserializer).ok(),
+                (4.., Correction::TaskSpace(task)) => {
+                    task.centre = Vec::deserialize(&mut deserializer).unwrap_or_default();
+                }
+                _ => {}
             }
             tools.is_some()
                 && deserializer.finalize().is_ok_and(<[u8]>::is_empty)

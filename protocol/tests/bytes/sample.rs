@@ -73,6 +73,7 @@ pub fn blob(rows: &[u8]) -> Blob<'_> {
             rates: None,
             affine: affine.map(|values| values.into_iter().collect()),
             rows,
+            centre: heapless::Vec::new(),
         }),
         tools: &[],
         variance: None,

@@ -23,7 +23,7 @@ use crate::deflection::{self, CouplingMatrix};
 use crate::load_error::LoadError;
 pub use crate::observer::{Observer, Stages};
 use crate::poe::{JointMotion, Poe};
-use crate::posterior::{self, MAX_SCALED_INPUT};
+use crate::posterior;
 use crate::scalar::{MAX_ANGLE, Scalar};
 use crate::se3::{Pose, Twist};
 use crate::status::Status;
@@ -311,17 +311,7 @@ impl<T: Scalar> View<'_, T> {
 fn checked_support<'a>(blob: &Blob<'a>, capacity: usize) -> Result<&'a [u8], LoadError> {
     match &blob.correction {
         Correction::None => Ok(&[]),
-        Correction::TaskSpace(task) => {
-            let inputs = task.input_scale.len();
-            let limit = |index: usize| {
-                if index < inputs {
-                    MAX_SCALED_INPUT as f32
-                } else {
-                    MAX_COEFFICIENT
-                }
-            };
-            checked_rows(task.rows, posterior::row_words(inputs), limit, capacity)
-        }
+        Correction::TaskSpace(task) => task_space::checked_support(task, capacity),
         Correction::Elastic(elastic) => {
             let joints = &blob.robot.joints;
             let limit = |index: usize| match joints.get(index / 2).map(|joint| joint.kind) {

@@ -35,6 +35,7 @@ pub struct Arm {
 pub struct Task {
     pub bound: CorrectionBound,
     pub input_scale: Vec<f32>,
+    pub centre: Vec<f32>,
     pub rates: Option<[f32; OUTPUTS]>,
     pub affine: [Vec<f32>; OUTPUTS],
     pub rows: Vec<f32>,
@@ -88,6 +89,7 @@ impl Arm {
                 },
                 input_scale: vec![0.5; inputs],
                 rates: None,
+                centre: Vec::new(),
                 affine: core::array::from_fn(|c| {
                     (0..=inputs).map(|_| next() * [1e-4, 1e-5][c / 3]).collect()
                 }),
@@ -263,6 +265,7 @@ impl Arm {
                         output_scale: [1.0; OUTPUTS],
                         input_scale: task.input_scale.iter().copied().collect(),
                         rates: task.rates,
+                        centre: task.centre.iter().copied().collect(),
                         affine: core::array::from_fn(|c| task.affine[c].iter().copied().collect()),
                         rows,
                     })

@@ -51,7 +51,7 @@ fn instructions_grow_with_the_support_points_and_no_faster() {
         let (mut counts, mut cells) = (Vec::new(), Vec::new());
         for points in POINTS {
             if name == "paper, shared" {
-                let found = count(&mut device, Support::Shared(points)).expect("512 points fit");
+                let found = count(&mut device, Support::Folded(points)).expect("512 points fit");
                 cells.push(format!("{found:.0}"));
                 counts.push(found);
                 continue;

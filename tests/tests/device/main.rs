@@ -11,6 +11,7 @@ mod damage;
 mod golden;
 mod growth;
 mod image;
+mod kernels;
 mod kills;
 mod link;
 mod same_bits;
