@@ -26,8 +26,8 @@ use core::arch::asm;
 use poegp_protocol::limits::{MAX_JOINTS, OUTPUTS};
 
 use crate::inner_loops::{
-    InnerLoops, TILE, portable_cosines, portable_folded_sums, portable_last_sum, portable_pair_sums,
-    portable_tied_sums,
+    InnerLoops, TILE, portable_cosines, portable_folded_sums, portable_last_sum,
+    portable_pair_sums, portable_tied_sums,
 };
 use crate::scalar::EXP2_SCALED;
 
@@ -467,12 +467,36 @@ own!(own7, 7, 21, weights 14, 84, 28, features 18 31, places 13,
     concat!(mul!(0 11 2), mul!(1 18 2), two_products!(12 19 3, 13 20 4, 14 21 5, 15 22 6, 16 23 7, 17 24 8)),
     dot!(0 = 11 2 12 3 13 4 14 5 15 6 16 7 17 8));
 
+/// The processor's own square root, which libm (52 instructions) does not use on this target.
+#[inline(always)]
+pub(crate) fn square_root(value: f32) -> f32 {
+    let mut bits = value.to_bits();
+    // SAFETY: changes the registers that it names and nothing else.
+    unsafe {
+        asm!(
+            "vmov s0, {bits}",
+            "vsqrt.f32 s0, s0",
+            "vmov {bits}, s0",
+            bits = inout(reg) bits,
+            out("s0") _,
+            options(pure, nomem, nostack, preserves_flags)
+        );
+    }
+    f32::from_bits(bits)
+}
+
 /// Views of arrays whose length the caller knows as a parameter N as arrays whose length is a number; nothing when N is
 /// another one.
 macro_rules! with_numbers {
     ($rows:ident: $row:literal, $query:ident: $query_words:literal, $sums:ident: $outputs:literal, $call:expr) => {
-        if let (Some(query), Some(sums)) = ($query.first_chunk::<$query_words>(), $sums.first_chunk_mut::<$outputs>()) {
-            $call($rows.as_flattened().as_chunks::<$row>().0, query, sums).as_flattened().as_chunks::<ROW>().0
+        if let (Some(query), Some(sums)) = (
+            $query.first_chunk::<$query_words>(),
+            $sums.first_chunk_mut::<$outputs>(),
+        ) {
+            $call($rows.as_flattened().as_chunks::<$row>().0, query, sums)
+                .as_flattened()
+                .as_chunks::<ROW>()
+                .0
         } else {
             $rows
         }
@@ -482,7 +506,14 @@ macro_rules! with_numbers {
 /// The same for a tile of cosines.
 macro_rules! own_with_numbers {
     ($cosines:expr, $sums:ident: $joints:literal) => {
-        ($cosines.as_flattened().as_chunks::<$joints>().0.first_chunk::<TILE>(), $sums.first_chunk_mut::<$joints>())
+        (
+            $cosines
+                .as_flattened()
+                .as_chunks::<$joints>()
+                .0
+                .first_chunk::<TILE>(),
+            $sums.first_chunk_mut::<$joints>(),
+        )
     };
 }
 

@@ -93,11 +93,21 @@ impl<T: Scalar> MeanHeader<T> {
             return false;
         }
         let mut centre = [T::ZERO; MAX_INPUTS];
-        for (d, (slot, scale)) in centre.iter_mut().zip(&self.input_scale).enumerate().take(inputs) {
-            let mut column = rows.chunks_exact(row_words(inputs)).filter_map(|row| row.get(d));
+        for (d, (slot, scale)) in centre
+            .iter_mut()
+            .zip(&self.input_scale)
+            .enumerate()
+            .take(inputs)
+        {
+            let mut column = rows
+                .chunks_exact(row_words(inputs))
+                .filter_map(|row| row.get(d));
             let first = column.next().copied().unwrap_or(T::ZERO);
             let (lower, upper) = column.fold((first, first), |(lower, upper), u| {
-                (if *u < lower { *u } else { lower }, if *u > upper { *u } else { upper })
+                (
+                    if *u < lower { *u } else { lower },
+                    if *u > upper { *u } else { upper },
+                )
             });
             // As the device will have it.
             let middle = (lower + upper) * T::from_f64(0.5) / *scale;
@@ -108,7 +118,9 @@ impl<T: Scalar> MeanHeader<T> {
         let mut folds = true;
         for write in [false, true] {
             for row in rows.chunks_exact_mut(row_words(inputs)) {
-                let (places, weights) = row.split_at_mut_checked(inputs).unwrap_or((&mut [], &mut []));
+                let (places, weights) = row
+                    .split_at_mut_checked(inputs)
+                    .unwrap_or((&mut [], &mut []));
                 let mut squared = T::ZERO;
                 for ((place, c), scale) in places.iter_mut().zip(&centre).zip(&self.input_scale) {
                     let v = *place - *c * *scale;
@@ -169,7 +181,10 @@ impl<T: Scalar> MeanHeader<T> {
         }
         let within = squared <= T::from_f64(FOLDED_REACH * FOLDED_REACH);
         let (twice, factor) = if within {
-            (T::ONE + T::ONE, (-squared).exp2_unclamped() * T::EXP2_FACTOR)
+            (
+                T::ONE + T::ONE,
+                (-squared).exp2_unclamped() * T::EXP2_FACTOR,
+            )
         } else {
             (T::ZERO, T::ZERO)
         };

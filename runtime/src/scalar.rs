@@ -165,6 +165,18 @@ impl Scalar for f32 {
     }
     #[inline(always)]
     fn sqrt(self) -> Self {
+        // Correctly rounded both ways, hence the same bits.
+        #[cfg(all(
+            target_arch = "arm",
+            target_abi = "eabihf",
+            not(feature = "portable-kernels")
+        ))]
+        return crate::cortex_m4::square_root(self);
+        #[cfg(not(all(
+            target_arch = "arm",
+            target_abi = "eabihf",
+            not(feature = "portable-kernels")
+        )))]
         libm::sqrtf(self)
     }
 
@@ -216,14 +228,9 @@ impl Scalar for f32 {
         let [round, d4, d3, d2, d1, d0] = EXP2_SCALED;
         let shifted = self + round;
         let fraction = self - (shifted - round);
-        let polynomial = ((((fraction + d4) * fraction + d3) * fraction + d2) * fraction + d1)
-            * fraction
-            + d0;
-        f32::from_bits(
-            polynomial
-                .to_bits()
-                .wrapping_add(shifted.to_bits() << 23),
-        )
+        let polynomial =
+            ((((fraction + d4) * fraction + d3) * fraction + d2) * fraction + d1) * fraction + d0;
+        f32::from_bits(polynomial.to_bits().wrapping_add(shifted.to_bits() << 23))
     }
 
     #[inline(always)]

@@ -301,7 +301,11 @@ fn fold(input_scale: &[f32], rows: &mut [u8]) -> heapless::Vec<f32, MAX_INPUTS> 
         *word = (value as f32).to_le_bytes();
     }
     let centre = header.centre.unwrap_or_default();
-    centre.iter().take(input_scale.len()).map(|c| *c as f32).collect()
+    centre
+        .iter()
+        .take(input_scale.len())
+        .map(|c| *c as f32)
+        .collect()
 }
 
 /// Lightest and heaviest payload.

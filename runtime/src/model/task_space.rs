@@ -7,9 +7,7 @@ use super::MAX_PAYLOAD_KG;
 use super::checked::{MAX_COEFFICIENT, checked_bound, checked_rows, is_within};
 use crate::bound::Bound;
 use crate::load_error::LoadError;
-use crate::posterior::{
-    FOLDED_RADIUS, MAX_FOLDED_WEIGHT, MAX_SCALED_INPUT, MeanHeader, row_words,
-};
+use crate::posterior::{FOLDED_RADIUS, MAX_FOLDED_WEIGHT, MAX_SCALED_INPUT, MeanHeader, row_words};
 use crate::scalar::Scalar;
 
 /// The task-space correction and its bound.

@@ -42,7 +42,7 @@ pub struct Task {
 }
 
 /// Numbers without order and without randomness, in [−1, 1].
-fn scattered(seed: u32) -> impl FnMut() -> f32 {
+pub fn scattered(seed: u32) -> impl FnMut() -> f32 {
     let mut state = seed;
     move || {
         state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
@@ -194,6 +194,7 @@ impl Arm {
             out.extend(task.rates.iter_mut().flatten());
             out.extend(task.affine.iter_mut().flatten());
             out.extend(&mut task.rows);
+            out.extend(&mut task.centre);
         }
         if let Some(elastic) = &mut self.elastic {
             out.extend([&mut elastic.bound.position_m, &mut elastic.bound.angle_rad]);

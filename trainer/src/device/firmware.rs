@@ -192,10 +192,7 @@ pub fn firmware_of(board: Board) -> Result<&'static Firmware, FirmwareError> {
 ///
 /// # Errors
 /// [`FirmwareError`].
-pub fn firmware_with(
-    board: Board,
-    kernels: Kernels,
-) -> Result<&'static Firmware, FirmwareError> {
+pub fn firmware_with(board: Board, kernels: Kernels) -> Result<&'static Firmware, FirmwareError> {
     static BUILT: [[OnceLock<Result<Firmware, FirmwareError>>; Board::ALL.len()];
         Kernels::ALL.len()] =
         [const { [const { OnceLock::new() }; Board::ALL.len()] }; Kernels::ALL.len()];
