@@ -1,7 +1,8 @@
-//! The loops of `inner_loops.rs` for a Cortex-M4F, in its assembly: the same bits, a fifth to a quarter fewer instructions.
+//! The loops of `inner_loops.rs` for a Cortex-M4F, in its assembly: the same bits, a quarter fewer instructions.
 //!
 //! Compiled where the target passes floats in VFP registers (`thumbv7em-none-eabihf`: M4F and M7; the M33's, too) unless the
-//! feature `portable-kernels` asks for the portable loops. What the compiler does not do by itself: one VLDM instead of a
+//! feature `portable-kernels` asks for the portable loops. Interrupts and FPU contexts are nothing special: to the compiler
+//! this is code that uses all floating-point registers. What the compiler does not do by itself: one VLDM instead of a
 //! VLDR for every word, all 32 registers, and two exponentials side by side, so that no instruction waits for the one
 //! before it. Multiply, then add, as everywhere; an addition of integers sets the exponent.
 //!
@@ -11,7 +12,8 @@
 //! | loop | query or rates | sums | constants of exp2 |
 //! |---|---|---|---|
 //! | `folded`, D inputs | s(20−D) – s19 | s20 – s25 | s26 – s31 |
-//! | `tied`, 5 and 6 joints | s(21−2N)+… – s20 or s19 | up to s25 | s26 – s31 |
+//! | `tied`, 5 joints | s11 – s20 | s21 – s25 | s26 – s31 |
+//! | `tied`, 6 joints | s8 – s19 | s20 – s25 | s26 – s31 |
 //! | `tied`, 7 joints | s11 – s24 | s25 – s31 | loaded into s4 – s9 in every step |
 //! | `pair_sums`, N joints | s11 – s(10+N), s18 – s(17+N) | s9, s10 | s26 – s31 |
 //!

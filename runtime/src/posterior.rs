@@ -18,10 +18,13 @@
 //! row j of the support:  | v_j1 … v_jD | weight′_j1 … weight′_j6 |             weight′_jc = weight_jc · 2^(−|v_j|²)
 //! ```
 //!
-//! which is a sixth less to do. It asks for |v_j| ≤ [`FOLDED_RADIUS`] of every support point, so that no exponent leaves the
-//! range of exp2 and none is large enough to lose digits; beyond |v| = [`FOLDED_REACH`] the sum counts as zero, as it is. The
-//! blob says which form it has, and the loader checks that it may; the query never decides. No early-out on small values: the time must not depend on the data. [`input_scale`], [`stored_weight`],
-//! [`accumulate_affine`] and [`MeanHeader::fold`] are the only place where these constants are computed; the trainer calls them before export.
+//! which is a fifth less to do. It asks for |v_j| ≤ [`FOLDED_RADIUS`] of every support point, so that no exponent leaves
+//! the range of exp2 and none is large enough to lose digits; beyond |v| = [`FOLDED_REACH`] the sum counts as zero. The blob
+//! says which form it has, and the loader checks that it may; the query never decides.
+//!
+//! No early-out on small values: the time must not depend on the data. [`input_scale`], [`stored_weight`],
+//! [`accumulate_affine`] and [`MeanHeader::fold`] are the only place where these constants are computed; the trainer calls
+//! them before export.
 
 use poegp_protocol::limits::{MAX_INPUTS, OUTPUTS};
 
@@ -32,8 +35,8 @@ use crate::scalar::Scalar;
 /// long before, and 9·(2·200)² stays below 2²².
 pub const MAX_SCALED_INPUT: f64 = 200.0;
 
-/// Largest distance of a support point from the centre of a folded mean, in scaled units, of which
-/// one is 1.18 length scales 1/√θ₁. Fitted ones reach 1.2 to 3.0. With [`FOLDED_REACH`] no exponent is beyond ±2 · 5 · 10.
+/// Largest distance of a support point from the centre of a folded mean, in scaled units, of which one is 1.18
+/// length scales 1/√θ₁. Fitted ones reach 1.2 to 3.0. With [`FOLDED_REACH`] no exponent is beyond ±2 · 5 · 10.
 pub const FOLDED_RADIUS: f64 = 5.0;
 /// From this distance on the sum of a folded mean is zero: every support point is at least 5 away, and of its kernel less
 /// than 2⁻²⁵ is left, half an ulp of it.

@@ -80,6 +80,15 @@ pub fn blob(rows: &[u8]) -> Blob<'_> {
     }
 }
 
+/// The example with its rows taken for folded ones.
+pub fn folded_blob(rows: &[u8]) -> Blob<'_> {
+    let mut out = blob(rows);
+    if let Correction::TaskSpace(task) = &mut out.correction {
+        task.centre = [0.5, 0.25, 8.0].into_iter().collect();
+    }
+    out
+}
+
 /// Support rows of the elastic example: q = (0, 0.25 m) with weights, q = (quarter turn, 0.5 m) with others.
 pub fn elastic_rows() -> Vec<u8> {
     let first = [0.0, 1.0, 0.25, 0.0, 1.0 / 8_192.0, -1.0 / 16_384.0];
