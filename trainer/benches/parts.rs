@@ -100,7 +100,7 @@ fn means(c: &mut Criterion) {
         centre: None,
     };
     let rows32: Vec<f32> = rows.iter().map(|x| *x as f32).collect();
-    let (mut folded, mut folded_rows) = (single.clone(), rows32.clone());
+    let (mut folded, mut folded_rows) = (single, rows32.clone());
     assert!(folded.fold(&mut folded_rows));
     let sample = &bench.samples[7];
     let x = padded(&found.options.inputs(&sample.joints, sample.payload_kg));

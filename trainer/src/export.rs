@@ -321,7 +321,7 @@ fn task_space(
         });
     }
     // The form that takes the device less time, where the support allows it.
-    let (mut header, mut rows) = (header.clone(), rows.clone());
+    let (mut header, mut rows) = (*header, rows.clone());
     header.fold(&mut rows);
     let inputs = header.inputs;
     let hyperparameters = gp

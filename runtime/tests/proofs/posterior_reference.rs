@@ -83,7 +83,7 @@ fn posterior_mean_agrees() {
     let (mut worst, mut worst_folded, mut folds_of_cases) = (0.0_f64, 0.0_f64, 0);
     for case in list(&file["cases"]) {
         let (header, rows) = posterior(&file, case);
-        let (mut folded, mut folded_rows) = (header.clone(), rows.clone());
+        let (mut folded, mut folded_rows) = (header, rows.clone());
         let folds = folded.fold(&mut folded_rows);
         folds_of_cases += u32::from(folds);
         for name in ["mean", "sklearn_mean"] {
