@@ -75,13 +75,17 @@ fn the_same_bits_for_a_thousand_queries() {
 #[test]
 fn the_same_bits_for_every_shape_of_rows() {
     let mut devices = both(Clock::Real);
-    let counts = [0, 1, 2, 3, 4, 5, 31, 32, 33, 34, 63, 64, 65, 97];
+    let counts = [0, 1, 2, 3, 4, 31, 32, 33, 34, 65, 97];
     for (index, points) in counts.into_iter().enumerate() {
         for joints in [4, 5, 6, 7] {
             let seed = 50 + 10 * index as u64 + joints as u64;
             let mut shapes = vec![Support::Folded(points)];
             for tied in [false, true] {
-                for groups in [1, 3, 16] {
+                for groups in [1, 7] {
+                    // Of four joints there is no loop but the folded mean's.
+                    if joints == 4 {
+                        continue;
+                    }
                     shapes.push(Support::Elastic(Elastic {
                         points,
                         groups,
