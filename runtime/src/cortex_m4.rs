@@ -17,7 +17,7 @@
 //! | `tied`, 7 joints | s11 – s24 | s25 – s31 | loaded into s4 – s9 in every step |
 //! | `pair_sums`, N joints | s11 – s(10+N), s18 – s(17+N) | s9, s10 | s26 – s31 |
 //!
-//! Every step takes two points (or two outputs of one), and a point that is left over goes through the portable loop.
+//! Every step takes two points (or two outputs of one), and a point that is left over goes through portable code.
 //!
 //! This is the only module of the crate with unsafe code. Every block reads whole rows of slices whose length was counted
 //! by `as_chunks`, and writes the sums that it is given.
@@ -28,10 +28,9 @@ use core::arch::asm;
 use poegp_protocol::limits::{MAX_JOINTS, OUTPUTS};
 
 use crate::inner_loops::{
-    InnerLoops, TILE, portable_cosines, portable_folded_sums, portable_last_sum,
-    portable_pair_sums, portable_tied_sums,
+    InnerLoops, TILE, portable_cosines, portable_last_sum, portable_pair_sums, portable_tied_sums,
 };
-use crate::scalar::EXP2_SCALED;
+use crate::scalar::{EXP2_SCALED, Scalar};
 
 /// `d = a · b`
 macro_rules! mul {
@@ -629,6 +628,23 @@ impl InnerLoops for f32 {
             (8, 14) => with_numbers!(rows: 14, query: 8, sums: 6, folded8),
             _ => rows,
         };
-        portable_folded_sums(rest, query, sums);
+        for row in rest {
+            one_more(row, query, sums);
+        }
+    }
+}
+
+/// `portable_folded_sums` of one row of any length: at most once in an evaluation, so one for all lengths.
+#[inline(never)]
+fn one_more(row: &[f32], query: &[f32], sums: &mut [f32; OUTPUTS]) {
+    let (places, weights) = row.split_at_checked(query.len()).unwrap_or((&[], &[]));
+    let mut products = query.iter().zip(places).map(|(q, place)| *q * *place);
+    let mut exponent = products.next().unwrap_or(0.0);
+    for product in products {
+        exponent += product;
+    }
+    let k = exponent.exp2_scaled();
+    for (sum, weight) in sums.iter_mut().zip(weights) {
+        *sum += k * *weight;
     }
 }
