@@ -102,11 +102,11 @@ impl<T: Scalar> JointKernel<T> {
         self.amplitude + self.payload_amplitude * (payload_kg * other_kg)
     }
 
-    /// 2^(−W_m (m − m′)²), and what the unrolled loops leave out of every exponential, 2^(−Σ W_d) and its factor.
+    /// 2^(−W_m (m − m′)²), and what the unrolled loops leave out of every exponent, 2^(−Σ W_d).
     #[inline(always)]
     fn falling(&self, payload_kg: T, other_kg: T) -> T {
         let difference = payload_kg - other_kg;
-        (self.bias - self.payload_rate * (difference * difference)).exp2() * T::EXP2_FACTOR
+        (self.bias - self.payload_rate * (difference * difference)).exp2()
     }
 }
 
@@ -226,7 +226,7 @@ impl<T: Scalar> JointProcesses<T> {
                 }
             }
             for ((total, sum), kernel) in out.iter_mut().zip(&sums).zip(&self.kernels) {
-                let falling = kernel.falling(payload_kg, group.payload_kg);
+                let falling = kernel.falling(payload_kg, group.payload_kg) * T::EXP2_FACTOR;
                 *total += kernel.amplitude_at(payload_kg, group.payload_kg) * falling * *sum;
             }
         }
@@ -259,7 +259,7 @@ impl<T: Scalar> JointProcesses<T> {
             rest = after;
             let mut sums = [T::ZERO; N];
             T::tied_sums(here, &scaled, &mut sums);
-            let falling = first.falling(payload_kg, group.payload_kg);
+            let falling = first.falling(payload_kg, group.payload_kg) * T::EXP2_FACTOR;
             for ((total, sum), kernel) in out.iter_mut().zip(&sums).zip(&self.kernels) {
                 *total += kernel.amplitude_at(payload_kg, group.payload_kg) * falling * *sum;
             }
