@@ -21,7 +21,7 @@ use crate::limits::{
 };
 
 /// The newest format: version 2 added [`Correction::Elastic`] and tools, version 3 [`Blob::variance`], version 4
-/// [`Elastic::sets`]. A blob is written in the oldest format that can hold it.
+/// [`Elastic::sets`] and [`TaskSpace::centre`]. A blob is written in the oldest format that can hold it.
 pub const FORMAT_VERSION: u16 = 4;
 /// Most bytes that the payload takes beside the support rows; generous (the largest seen is below 3 kB).
 pub const MAX_LENGTH_WITHOUT_ROWS: usize = 4_096;
@@ -208,8 +208,15 @@ pub struct TaskSpace<'a> {
     pub rates: Option<[f32; OUTPUTS]>,
     /// Constant and linear part of the posterior mean of each output: first the constant, then D slopes.
     pub affine: [Vec<f32, { MAX_INPUTS + 1 }>; OUTPUTS],
-    /// Support rows, `f32` little endian, 4·(D + 6) bytes each: D scaled inputs u_j, then six weights.
+    /// Support rows, `f32` little endian, 4·(D + 6) bytes each: D scaled inputs u_j, then six weights; folded ones with
+    /// [`TaskSpace::centre`].
     pub rows: &'a [u8],
+    /// Centre of a folded mean in the units of the inputs, rad, m and kg; empty unless it is folded. From format version 4 on,
+    /// where it follows the tools:
+    ///
+    /// g_c(x) = affine_c · (1, x) + 2^(−|v|²) Σ_j weight_jc · 2^(2 v · v_j) with v = scale ∘ (x − centre), v_j in the rows.
+    #[serde(skip)]
+    pub centre: Vec<f32, MAX_INPUTS>,
 }
 
 /// The elastic correction; the runtime's module `deflection` has its formulas.
@@ -342,6 +349,7 @@ pub fn tools(bytes: &[u8]) -> impl Iterator<Item = Result<Tool<'_>, DecodeError>
 pub fn format_version(blob: &Blob<'_>) -> u16 {
     match &blob.correction {
         Correction::Elastic(elastic) if !elastic.sets.is_empty() => 4,
+        Correction::TaskSpace(task) if !task.centre.is_empty() => 4,
         _ if blob.variance.is_some() => 3,
         Correction::None | Correction::TaskSpace(_) if blob.tools.is_empty() => 1,
         _ => 2,
@@ -369,6 +377,9 @@ pub fn encode<'b>(blob: &Blob<'_>, buffer: &'b mut [u8]) -> Result<&'b [u8], Buf
     let tail = match (&blob.correction, &blob.variance) {
         (Correction::Elastic(elastic), variance) if !elastic.sets.is_empty() => {
             postcard::to_slice(&(variance, &elastic.sets), rest)
+        }
+        (Correction::TaskSpace(task), _) if !task.centre.is_empty() => {
+            postcard::to_slice(&task.centre, rest)
         }
         (_, Some(variance)) => postcard::to_slice(variance, rest),
         (_, None) => Ok(&mut [][..]),
@@ -414,6 +425,9 @@ fn decode_payload(version: u16, payload: &[u8]) -> Result<Blob<'_>, DecodeError>
                     if let Ok(sets) = Vec::deserialize(&mut deserializer) {
                         elastic.sets = sets;
                     }
+                }
+                (4.., Correction::TaskSpace(task)) => {
+                    task.centre = Vec::deserialize(&mut deserializer).unwrap_or_default();
                 }
                 _ => {}
             }

@@ -9,16 +9,24 @@
 //! ```
 //!
 //! This crate owns every formula: the trainer fits *by calling it* in `f64`, the device evaluates the very same source
-//! in `f32`. It promises: no heap, no panic, no unsafe code, no unbounded loop, no NaN out; bit-identical results on
-//! every target; an answer for every input, with a [`Status`](status::Status) that says what it is worth. It refuses:
-//! serialisation (that is `poegp-protocol`), platform mathematics, and units other than radians, metres and kilograms.
+//! in `f32`. It promises: no heap, no panic, no unsafe code (but for the innermost loops in a Cortex-M4F's assembly), no
+//! unbounded loop, no NaN out; bit-identical results on every target; an answer for every input, with a
+//! [`Status`](status::Status) that says what it is worth. It refuses: serialisation (that is `poegp-protocol`), platform
+//! mathematics, and units other than radians, metres and kilograms.
 #![no_std]
 #![deny(unsafe_code)]
 #![warn(missing_docs)]
 
 pub mod bound;
 pub mod chain;
+#[cfg(all(
+    target_arch = "arm",
+    target_abi = "eabihf",
+    not(feature = "portable-kernels")
+))]
+mod cortex_m4;
 pub mod deflection;
+mod inner_loops;
 pub mod kernel;
 pub mod load_error;
 pub mod model;

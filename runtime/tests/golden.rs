@@ -67,6 +67,15 @@ fn shared_hyperparameters() {
 }
 
 #[test]
+fn shared_hyperparameters_folded() {
+    assert_bits(
+        "folded",
+        include_bytes!("../../tests/data/golden_folded.blob"),
+        include_str!("../../tests/data/golden_folded_bits.txt"),
+    );
+}
+
+#[test]
 fn hyperparameters_per_output_and_coupled_joints() {
     assert_bits(
         "per_output",

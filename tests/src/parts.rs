@@ -27,6 +27,7 @@ const RULES: [(&str, &str, &str); 22] = [
     ("kernels and outputs", "processes/mod.rs", ""),
     ("kernels and outputs", "processes/sets.rs", ""),
     ("kernels and outputs", "cortex_m4.rs", ""),
+    ("kernels and outputs", "inner_loops.rs", ""),
     ("kernels and outputs", "posterior.rs", ""),
     ("torque terms", "deflection/gravity.rs", ""),
     ("standard deviation", "deflection/variance.rs", ""),

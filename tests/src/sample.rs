@@ -11,9 +11,9 @@ use poegp_protocol::blob::{
     self, Blob, Correction, CorrectionBound, Geometry, Joint, Provenance, Ranges, Robot, TaskSpace,
     Transform, Units,
 };
-use poegp_protocol::limits::{MAX_FRAMES, OUTPUTS};
+use poegp_protocol::limits::{MAX_FRAMES, MAX_INPUTS, OUTPUTS};
 use poegp_protocol::link::Query;
-use poegp_runtime::posterior;
+use poegp_runtime::posterior::{self, MeanHeader};
 use poegp_runtime::se3::{Pose, Twist};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -39,7 +39,7 @@ pub struct Sample {
     pub seed: u64,
     /// The correction.
     pub correction: Support,
-    /// Joints, five to seven; six of a task-space correction.
+    /// Joints, three to seven.
     pub joints: usize,
     /// Whether q3 of the serial chain is q3 − q2 of the controller, as in a parallelogram arm.
     pub coupled: bool,
@@ -52,8 +52,10 @@ pub struct Sample {
 pub enum Support {
     /// No correction.
     None,
-    /// So many, one set of hyperparameters.
+    /// So many, one set of hyperparameters, in the difference form.
     Shared(usize),
+    /// The same mean in the folded form.
+    Folded(usize),
     /// So many, hyperparameters for each output.
     PerOutput(usize),
     /// In joint space.
@@ -106,7 +108,9 @@ impl Sample {
     pub fn points(&self) -> usize {
         match self.correction {
             Support::None => 0,
-            Support::Shared(points) | Support::PerOutput(points) => points,
+            Support::Shared(points) | Support::Folded(points) | Support::PerOutput(points) => {
+                points
+            }
             Support::Elastic(elastic) => elastic.points,
         }
     }
@@ -115,7 +119,7 @@ impl Sample {
     fn row_bytes(&self) -> usize {
         4 * match self.correction {
             Support::Elastic(elastic) => elastic.row_words(self.joints),
-            _ => posterior::row_words(INPUTS) * self.points(),
+            _ => posterior::row_words(self.joints + 1) * self.points(),
         }
     }
 
@@ -133,7 +137,9 @@ impl Sample {
         let mut rows = Vec::new();
         let correction = match self.correction {
             Support::None => Correction::None,
-            Support::Shared(count) => self.task_space(&mut generator, count, true, &mut rows),
+            Support::Shared(count) | Support::Folded(count) => {
+                self.task_space(&mut generator, count, true, &mut rows)
+            }
             Support::PerOutput(count) => self.task_space(&mut generator, count, false, &mut rows),
             Support::Elastic(elastic) => elastic.correction(self, &mut generator, &mut rows),
         };
@@ -205,13 +211,19 @@ impl Sample {
         shared: bool,
         rows: &'a mut Vec<u8>,
     ) -> Correction<'a> {
-        let input_scale: [f32; INPUTS] = std::array::from_fn(|d| match d {
-            JOINTS => 0.05,
-            _ => posterior::input_scale(generator.random_range(0.3..1.2)),
-        });
+        let inputs = self.joints + 1;
+        let input_scale: heapless::Vec<f32, _> = (0..inputs)
+            .map(|d| {
+                if d == self.joints {
+                    0.05
+                } else {
+                    posterior::input_scale(generator.random_range(0.3..1.2))
+                }
+            })
+            .collect();
         for _ in 0..count {
             for (d, scale) in input_scale.iter().enumerate() {
-                let (lower, upper) = if d == JOINTS {
+                let (lower, upper) = if d == self.joints {
                     PAYLOAD_KG
                 } else {
                     self.range(d)
@@ -225,6 +237,11 @@ impl Sample {
                 rows.extend(generator.random_range(-size..size).to_le_bytes());
             }
         }
+        let centre = if matches!(self.correction, Support::Folded(_)) {
+            fold(&input_scale, rows)
+        } else {
+            heapless::Vec::new()
+        };
         Correction::TaskSpace(TaskSpace {
             bound: CorrectionBound {
                 position_m: 5e-3,
@@ -235,14 +252,15 @@ impl Sample {
                 .take(if shared { 1 } else { 6 })
                 .collect(),
             output_scale: [1.0; OUTPUTS],
-            input_scale: input_scale.into_iter().collect(),
+            input_scale,
             rates: (!shared).then(|| std::array::from_fn(|_| generator.random_range(0.2..1.0))),
             affine: std::array::from_fn(|_| {
-                (0..=INPUTS)
+                (0..=inputs)
                     .map(|_| generator.random_range(-1e-4_f32..1e-4))
                     .collect()
             }),
             rows,
+            centre,
         })
     }
 
@@ -264,6 +282,28 @@ impl Sample {
             })
             .collect()
     }
+}
+
+/// Folds the mean in `rows`; its centre.
+fn fold(input_scale: &[f32], rows: &mut [u8]) -> heapless::Vec<f32, MAX_INPUTS> {
+    let words = rows.as_chunks::<4>().0.iter();
+    let mut values: Vec<f64> = words
+        .map(|word| f64::from(f32::from_le_bytes(*word)))
+        .collect();
+    let mut header = MeanHeader::<f64>::zero(input_scale.len());
+    for (slot, scale) in header.input_scale.iter_mut().zip(input_scale) {
+        *slot = f64::from(*scale);
+    }
+    assert!(header.fold(&mut values), "the support is too wide");
+    for (word, value) in rows.as_chunks_mut::<4>().0.iter_mut().zip(values) {
+        *word = (value as f32).to_le_bytes();
+    }
+    let centre = header.centre.unwrap_or_default();
+    centre
+        .iter()
+        .take(input_scale.len())
+        .map(|c| *c as f32)
+        .collect()
 }
 
 /// Lightest and heaviest payload.

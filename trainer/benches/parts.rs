@@ -97,14 +97,20 @@ fn means(c: &mut Criterion) {
         input_scale: header.input_scale.map(|x| x as f32),
         rates: header.rates.map(|rates| rates.map(|x| x as f32)),
         affine: header.affine.map(|output| output.map(|x| x as f32)),
+        centre: None,
     };
     let rows32: Vec<f32> = rows.iter().map(|x| *x as f32).collect();
+    let (mut folded, mut folded_rows) = (single, rows32.clone());
+    assert!(folded.fold(&mut folded_rows));
     let sample = &bench.samples[7];
     let x = padded(&found.options.inputs(&sample.joints, sample.payload_kg));
     let x32 = x.map(|value| value as f32);
     let mut group = c.benchmark_group("mean of 300 points, 6 outputs");
     group.bench_function("f64", |b| b.iter(|| header.mean(rows, black_box(&x))));
     group.bench_function("f32", |b| b.iter(|| single.mean(&rows32, black_box(&x32))));
+    group.bench_function("f32, folded", |b| {
+        b.iter(|| folded.mean(&folded_rows, black_box(&x32)))
+    });
     group.finish();
 }
 

@@ -1,7 +1,7 @@
 //! What an elastic model costs on the device, before it is made.
 //!
 //! Instructions of one evaluation on the Cortex-M4F, fitted to the counts of the emulated device (QEMU `-icount`,
-//! `-C target-cpu=cortex-m4`, opt-level 3, LTO, rustc 1.95): within 5 % for arms of three to seven joints, within 10 %
+//! `-C target-cpu=cortex-m4`, opt-level 3, LTO, rustc 1.95, innermost loops in assembly): within 5 % for arms of three to seven joints, within 10 %
 //! when the firmware is built with Debian's 1.96; `tests/tests/device/cost.rs` measures again and prints. Instructions,
 //! not cycles. Bytes are exact: the format's own lengths.
 
@@ -98,7 +98,7 @@ pub fn instructions(size: &ElasticSize) -> u64 {
     let n = size.joints as f64;
     let sliding = if size.prismatic > 0 { 1.0 } else { 0.0 };
     // Chain twice, gravity terms, twist, bound.
-    let mut count = 1_260.0 + n * (490.5 + n * 16.5) - 13.0 * sliding * n;
+    let mut count = 1_165.0 + n * (490.5 + n * 16.5) - 13.0 * sliding * n;
     // Trust.
     count += 30.0 + 37.0 * n;
     if size.unrolled() && !size.tied && size.sets.is_none() {
@@ -108,19 +108,20 @@ pub fn instructions(size: &ElasticSize) -> u64 {
     if let Some(sets) = &size.sets {
         return (count + set_instructions(size, sets)) as u64;
     }
-    // Own length scales are two joints in each pass.
-    let passes = size.joints.div_ceil(2) as f64;
+    // Own length scales are two joints in each pass, and the last of an odd number in one of its own.
+    let (pairs, last) = ((size.joints / 2) as f64, (size.joints % 2) as f64);
     // The factor of a payload group for each joint, and the way into its loops.
     count += size.groups as f64
         * match (size.unrolled(), size.tied) {
-            (true, false) => 125.0 * passes,
-            (true, true) => 38.0 + 12.2 * n,
+            (true, false) => 69.0 + 43.5 * n,
+            // With half of the cost of an odd number of points.
+            (true, true) => 99.0 + 14.0 * n,
             (false, false) => 14.0 + 42.5 * n,
             (false, true) => 45.0 * n - 4.0,
         };
     let point = match (size.unrolled(), size.tied) {
-        (true, false) => 168.7 + n * (13.07 * passes - 23.7),
-        (true, true) => 18.9 + 9.27 * n,
+        (true, false) => 5.0 + 3.0 * n + pairs * (35.0 + 4.0 * n) + last * (22.0 + 2.0 * n),
+        (true, true) => 13.75 + 6.75 * n,
         (false, false) => 29.3 + 79.7 * n,
         (false, true) => 82.5 + 27.5 * n,
     };

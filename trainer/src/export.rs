@@ -328,6 +328,9 @@ fn task_space(
             found: gp.inputs.len(),
         });
     }
+    // The form that takes the device less time, where the support allows it.
+    let (mut header, mut rows) = (*header, rows.clone());
+    header.fold(&mut rows);
     let inputs = header.inputs;
     let hyperparameters = gp
         .hyperparameters
@@ -351,8 +354,12 @@ fn task_space(
         rates: header.rates.map(|rates| rates.map(|x| x as f32)),
         affine,
         rows: &[],
+        centre: match &header.centre {
+            Some(centre) => fixed(centre.iter().take(inputs).map(|x| *x as f32), "centre")?,
+            None => FixedVec::new(),
+        },
     };
-    Ok((Some(task_space), little_endian(rows)))
+    Ok((Some(task_space), little_endian(&rows)))
 }
 
 /// The tools by name, unless there is only one without a name.

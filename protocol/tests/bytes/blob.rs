@@ -36,8 +36,8 @@ fn bytes_to_value() {
 /// The whole blob of the second listing: the first up to the correction, but for the header, then the listing.
 fn elastic_golden() -> Vec<u8> {
     let blocks = listing::hex_blocks(sample::BLOB_FORMAT);
-    let [first, header, correction, _, _, _, _] = blocks.as_slice() else {
-        panic!("seven listings, not {}", blocks.len());
+    let [first, header, correction, ..] = blocks.as_slice() else {
+        panic!("only {} listings", blocks.len());
     };
     // The correction of the first begins at 0x270.
     [header, &first[HEADER_LENGTH..0x270], correction].concat()
@@ -81,6 +81,25 @@ fn a_blob_with_support_sets_may_have_a_variance() {
     assert_eq!(decode(encoded), Ok(blob));
 }
 
+/// The whole blob of the last two listings: the first but for the header, then the listing.
+fn folded_golden() -> Vec<u8> {
+    let blocks = listing::hex_blocks(sample::BLOB_FORMAT);
+    let [.., header, centre] = blocks.as_slice() else {
+        panic!("only {} listings", blocks.len());
+    };
+    [header, &golden()[HEADER_LENGTH..], centre].concat()
+}
+
+#[test]
+fn a_folded_blob_is_the_listing_of_the_documentation() {
+    let rows = sample::rows();
+    let mut buffer = [0; 2_048];
+    let blob = sample::folded_blob(&rows);
+    let encoded = encode(&blob, &mut buffer).unwrap();
+    assert_eq!(encoded, folded_golden());
+    assert_eq!(decode(encoded), Ok(blob));
+}
+
 #[test]
 fn a_blob_with_a_variance_is_the_listing_of_the_documentation() {
     let (rows, landmark) = (sample::elastic_rows(), sample::landmark());
@@ -114,7 +133,15 @@ fn a_blob_is_written_in_the_oldest_version_that_holds_it() {
     let variance = sample::variance_blob(&elastic_rows, &landmark);
     let set_rows = sample::set_rows();
     let sets = sample::sets_blob(&set_rows);
-    for (blob, version) in [(none, 1), (task, 1), (elastic, 2), (variance, 3), (sets, 4)] {
+    let folded = sample::folded_blob(&rows);
+    for (blob, version) in [
+        (none, 1),
+        (task, 1),
+        (elastic, 2),
+        (variance, 3),
+        (sets, 4),
+        (folded, 4),
+    ] {
         let mut buffer = [0; 2_048];
         let encoded = encode(&blob, &mut buffer).unwrap();
         assert_eq!(encoded[8..10], [version, 0]);
@@ -133,17 +160,21 @@ fn restamped(bytes: &[u8], version: u16) -> Vec<u8> {
 #[test]
 fn what_a_version_does_not_have_is_refused_in_it() {
     let (task, elastic, variance) = (golden(), elastic_golden(), variance_golden());
-    let sets = sets_golden();
-    // Version 1 has no elastic correction and no tools, version 2 no variance, version 3 no sets; and no version is for what an older one holds.
+    let (sets, folded) = (sets_golden(), folded_golden());
+    // Version 1 has no elastic correction and no tools, version 2 no variance, version 3 no sets and no centre; and no version
+    // is for what an older one holds.
     for (bytes, version) in [
         (&task, 2),
         (&task, 3),
+        (&task, 4),
+        (&folded, 1),
+        (&folded, 2),
+        (&folded, 3),
         (&elastic, 1),
         (&elastic, 3),
+        (&elastic, 4),
         (&variance, 1),
         (&variance, 2),
-        (&task, 4),
-        (&elastic, 4),
         (&variance, 4),
         (&sets, 1),
         (&sets, 2),
@@ -152,7 +183,7 @@ fn what_a_version_does_not_have_is_refused_in_it() {
         let error = Err(DecodeError::MalformedPayload);
         assert_eq!(decode(&restamped(bytes, version)), error);
     }
-    for bytes in [task, elastic, variance, sets] {
+    for bytes in [task, elastic, variance, sets, folded] {
         for found in [0, 5, 6, u16::MAX] {
             let error = DecodeError::UnknownVersion {
                 found,
@@ -193,6 +224,11 @@ fn every_flip_and_every_cut_of_a_blob_with_support_sets_is_refused() {
 #[test]
 fn every_flip_and_every_cut_of_a_blob_with_a_variance_is_refused() {
     every_damage_is_refused(&variance_golden());
+}
+
+#[test]
+fn every_flip_and_every_cut_of_a_folded_blob_is_refused() {
+    every_damage_is_refused(&folded_golden());
 }
 
 fn every_damage_is_refused(golden: &[u8]) {

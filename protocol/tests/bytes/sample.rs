@@ -73,10 +73,20 @@ pub fn blob(rows: &[u8]) -> Blob<'_> {
             rates: None,
             affine: affine.map(|values| values.into_iter().collect()),
             rows,
+            centre: heapless::Vec::new(),
         }),
         tools: &[],
         variance: None,
     }
+}
+
+/// The example with its rows taken for folded ones.
+pub fn folded_blob(rows: &[u8]) -> Blob<'_> {
+    let mut out = blob(rows);
+    if let Correction::TaskSpace(task) = &mut out.correction {
+        task.centre = [0.5, 0.25, 8.0].into_iter().collect();
+    }
+    out
 }
 
 /// Support rows of the elastic example: q = (0, 0.25 m) with weights, q = (quarter turn, 0.5 m) with others.

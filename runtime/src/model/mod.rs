@@ -24,7 +24,7 @@ use crate::deflection::{self, CouplingMatrix};
 use crate::load_error::LoadError;
 pub use crate::observer::{Observer, Stages};
 use crate::poe::JointMotion;
-use crate::posterior::{self, MAX_SCALED_INPUT};
+use crate::posterior;
 use crate::scalar::{MAX_ANGLE, Scalar};
 use crate::se3::{Pose, Twist};
 use crate::status::Status;
@@ -309,17 +309,7 @@ impl<T: Scalar> View<'_, T> {
 fn checked_support<'a>(blob: &Blob<'a>, capacity: usize) -> Result<&'a [u8], LoadError> {
     match &blob.correction {
         Correction::None => Ok(&[]),
-        Correction::TaskSpace(task) => {
-            let inputs = task.input_scale.len();
-            let limit = |index: usize| {
-                if index < inputs {
-                    MAX_SCALED_INPUT as f32
-                } else {
-                    MAX_COEFFICIENT
-                }
-            };
-            checked_rows(task.rows, posterior::row_words(inputs), limit, capacity)
-        }
+        Correction::TaskSpace(task) => task_space::checked_support(task, capacity),
         Correction::Elastic(elastic) if !elastic.sets.is_empty() => {
             elastic::checked_sets(elastic, &blob.robot.joints, capacity)
         }

@@ -3,10 +3,11 @@
 use poegp_protocol::blob::TaskSpace;
 use poegp_protocol::limits::MAX_INPUTS;
 
-use super::checked::{MAX_COEFFICIENT, checked_bound, is_within};
+use super::MAX_PAYLOAD_KG;
+use super::checked::{MAX_COEFFICIENT, checked_bound, checked_rows, is_within};
 use crate::bound::Bound;
 use crate::load_error::LoadError;
-use crate::posterior::MeanHeader;
+use crate::posterior::{FOLDED_RADIUS, MAX_FOLDED_WEIGHT, MAX_SCALED_INPUT, MeanHeader, row_words};
 use crate::scalar::Scalar;
 
 /// The task-space correction and its bound.
@@ -38,6 +39,23 @@ impl<T: Scalar> TaskSpaceCorrection<T> {
             }
             header.rates = Some(rates.map(T::from_f32));
         }
+        if !task.centre.is_empty() {
+            // Only what there are loops for.
+            if task.centre.len() != inputs
+                || task.rates.is_some()
+                || !MeanHeader::<T>::folds(inputs)
+            {
+                return Err(LoadError::Kernel);
+            }
+            let mut centre = [T::ZERO; MAX_INPUTS];
+            for (slot, value) in centre.iter_mut().zip(&task.centre) {
+                if !is_within(*value, -MAX_PAYLOAD_KG, MAX_PAYLOAD_KG) {
+                    return Err(LoadError::Kernel);
+                }
+                *slot = T::from_f32(*value);
+            }
+            header.centre = Some(centre);
+        }
         for (slots, values) in header.affine.iter_mut().zip(&task.affine) {
             if values.len() != inputs + 1
                 || values
@@ -55,4 +73,33 @@ impl<T: Scalar> TaskSpaceCorrection<T> {
             bound: checked_bound(&task.bound)?,
         })
     }
+}
+
+/// The bytes of the support rows, after every word was looked at.
+pub(super) fn checked_support<'a>(
+    task: &TaskSpace<'a>,
+    capacity: usize,
+) -> Result<&'a [u8], LoadError> {
+    let inputs = task.input_scale.len();
+    let folded = !task.centre.is_empty();
+    let (place, weight) = if folded {
+        (FOLDED_RADIUS as f32, MAX_FOLDED_WEIGHT as f32)
+    } else {
+        (MAX_SCALED_INPUT as f32, MAX_COEFFICIENT)
+    };
+    let limit = |index: usize| if index < inputs { place } else { weight };
+    let rows = checked_rows(task.rows, row_words(inputs), limit, capacity)?;
+    if folded {
+        for row in rows.chunks_exact(4 * row_words(inputs)) {
+            let mut squared = 0.0;
+            for word in row.as_chunks::<4>().0.iter().take(inputs) {
+                let value = f32::from_le_bytes(*word);
+                squared += value * value;
+            }
+            if squared > (FOLDED_RADIUS * FOLDED_RADIUS) as f32 {
+                return Err(LoadError::Row);
+            }
+        }
+    }
+    Ok(rows)
 }

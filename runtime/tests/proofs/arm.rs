@@ -35,13 +35,14 @@ pub struct Arm {
 pub struct Task {
     pub bound: CorrectionBound,
     pub input_scale: Vec<f32>,
+    pub centre: Vec<f32>,
     pub rates: Option<[f32; OUTPUTS]>,
     pub affine: [Vec<f32>; OUTPUTS],
     pub rows: Vec<f32>,
 }
 
 /// Numbers without order and without randomness, in [−1, 1].
-fn scattered(seed: u32) -> impl FnMut() -> f32 {
+pub fn scattered(seed: u32) -> impl FnMut() -> f32 {
     let mut state = seed;
     move || {
         state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
@@ -88,6 +89,7 @@ impl Arm {
                 },
                 input_scale: vec![0.5; inputs],
                 rates: None,
+                centre: Vec::new(),
                 affine: core::array::from_fn(|c| {
                     (0..=inputs).map(|_| next() * [1e-4, 1e-5][c / 3]).collect()
                 }),
@@ -229,6 +231,7 @@ impl Arm {
             out.extend(task.rates.iter_mut().flatten());
             out.extend(task.affine.iter_mut().flatten());
             out.extend(&mut task.rows);
+            out.extend(&mut task.centre);
         }
         if let Some(elastic) = &mut self.elastic {
             out.extend([&mut elastic.bound.position_m, &mut elastic.bound.angle_rad]);
@@ -300,6 +303,7 @@ impl Arm {
                         output_scale: [1.0; OUTPUTS],
                         input_scale: task.input_scale.iter().copied().collect(),
                         rates: task.rates,
+                        centre: task.centre.iter().copied().collect(),
                         affine: core::array::from_fn(|c| task.affine[c].iter().copied().collect()),
                         rows,
                     })

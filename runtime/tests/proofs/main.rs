@@ -6,6 +6,7 @@ mod corrected;
 mod deflection_laws;
 mod elastic_model;
 mod elastic_refuses;
+mod folded;
 mod gravity_reference;
 mod json;
 mod model_answers;

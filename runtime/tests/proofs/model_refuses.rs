@@ -147,6 +147,34 @@ fn wrong_arms() -> Vec<(&'static str, Arm, LoadError)> {
     add("a weight beyond reason", LoadError::Row, |arm| {
         arm.task().rows[9] = f32::MAX;
     });
+    // Folded: five to eight inputs, so an arm of three joints has one too few.
+    let mut folded = |what, error, change: fn(&mut Arm)| {
+        let mut arm = Arm::sound(6, 4);
+        arm.task().centre = vec![0.5; 7];
+        change(&mut arm);
+        out.push((what, arm, error));
+    };
+    folded("a centre of NaN", LoadError::Kernel, |arm| {
+        arm.task().centre[3] = f32::NAN;
+    });
+    folded("a centre too short", LoadError::Kernel, |arm| {
+        arm.task().centre.pop();
+    });
+    folded("a centre and rates", LoadError::Kernel, |arm| {
+        arm.task().rates = Some([0.5; 6]);
+    });
+    folded("a place too far out", LoadError::Row, |arm| {
+        arm.task().rows[13] = -5.1;
+    });
+    folded("places too far out together", LoadError::Row, |arm| {
+        arm.task().rows[13..20].fill(2.0);
+    });
+    folded("a folded weight beyond reason", LoadError::Row, |arm| {
+        arm.task().rows[8] = 11.0;
+    });
+    let mut three = Arm::sound(3, 4);
+    three.task().centre = vec![0.5; 4];
+    out.push(("a centre of four inputs", three, LoadError::Kernel));
     out
 }
 
@@ -255,10 +283,14 @@ proptest! {
     fn no_input_makes_a_nan(
         joints in 1_usize..=8,
         coupled: bool,
+        folded: bool,
         q in prop::collection::vec(any_f32(), 0..10),
         m in any_f32(),
     ) {
         let mut arm = Arm::sound(joints, 3);
+        if folded && (4..8).contains(&joints) {
+            arm.task().centre = vec![0.25; joints + 1];
+        }
         if coupled {
             arm.coupling = vec![-2.0; joints * joints];
         }
@@ -279,13 +311,16 @@ proptest! {
         joints in 1_usize..=8,
         per_output: bool,
         coupled: bool,
+        folded: bool,
         endless: bool,
         changes in prop::collection::vec((any::<prop::sample::Index>(), any_f32()), 1..12),
         q in prop::array::uniform8(prop_oneof![-3.0_f32..3.0, -4_096.0_f32..4_096.0]),
         m in prop_oneof![0.0_f32..10.0, 0.0_f32..1e5],
     ) {
         let mut arm = Arm::sound(joints, 3);
-        if per_output {
+        if folded && (4..8).contains(&joints) {
+            arm.task().centre = vec![0.25; joints + 1];
+        } else if per_output {
             arm.task().rates = Some([0.5; 6]);
         }
         if coupled {

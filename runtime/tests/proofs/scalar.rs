@@ -29,6 +29,27 @@ fn exp2_is_within_its_bound() {
     assert_eq!(Scalar::exp2(-0.0_f32), 1.0);
 }
 
+/// The same of the scaled one, which has no floor, on both sides of zero.
+#[test]
+fn exp2_scaled_is_within_its_bound() {
+    let (mut worst, mut at, mut count) = (0.0, 0.0, 0_u32);
+    let factor = f64::from(<f32 as Scalar>::EXP2_FACTOR);
+    for magnitude in stride(0.0, 125.0, 499) {
+        for x in [magnitude, -magnitude] {
+            let value = factor * f64::from(x.exp2_scaled());
+            let truth = Scalar::exp2(f64::from(x));
+            let error = (value / truth - 1.0).abs();
+            assert!(error.is_finite());
+            if error > worst {
+                (worst, at) = (error, x);
+            }
+            count += 1;
+        }
+    }
+    println!("exp2_scaled: {worst:.3e} relative at {at}, {count} values");
+    assert!(worst <= 1.9e-7, "{worst:e} at {at}");
+}
+
 /// Below 2⁻¹²⁵ the exponent stays and the fraction goes on: within a factor √2 of the floor, never denormal, never wrong
 /// by more than that.
 #[test]

@@ -43,11 +43,15 @@ fn peer_model(blob: &[u8]) -> Vec<u8> {
 
 #[test]
 fn peer_in_c() {
-    let sample = Sample::plain(30, Support::Shared(POINTS));
-    let blob = sample.blob();
+    // The same mean in two forms: the peer has the difference form.
+    let sample = Sample::plain(30, Support::Folded(POINTS));
+    let (blob, of_peer) = (
+        sample.blob(),
+        Sample::plain(30, Support::Shared(POINTS)).blob(),
+    );
     let directory = tempfile::Builder::new().prefix("poegp-").tempdir().unwrap();
     let folder = directory.path();
-    fs::write(folder.join("peer.bin"), peer_model(&blob)).unwrap();
+    fs::write(folder.join("peer.bin"), peer_model(&of_peer)).unwrap();
     fs::write(folder.join("model.blob"), &blob).unwrap();
     let queries = sample.queries(24);
     let questions = queries

@@ -152,7 +152,7 @@ fn uncorrected_when_there_is_no_model_or_a_bypass() {
     assert!(statistics.uncorrected >= 16, "{statistics:?}");
 }
 
-/// For the largest of all commands, whatever becomes of them. The goals of 40 000, 18 000 and 19 000 are not reached
+/// For the largest of all commands, whatever becomes of them.
 /// (docs/performance.md); the limits keep what is.
 #[test]
 fn instructions_of_one_command() {
@@ -168,7 +168,7 @@ fn instructions_of_one_command() {
             "elastic, own length scales",
             Elastic::OWN,
             40_000.0,
-            42_000.0,
+            36_000.0,
         ),
         ("elastic, tied", Elastic::TIED, 18_000.0, 21_600.0),
         (

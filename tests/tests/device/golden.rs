@@ -15,8 +15,9 @@ use poegp_tests::workspace;
 use crate::device;
 
 /// Name of the files, and what is in them.
-const CASES: [(&str, Sample); 6] = [
+const CASES: [(&str, Sample); 7] = [
     ("shared", Sample::plain(20, Support::Shared(24))),
+    ("folded", Sample::plain(25, Support::Folded(24))),
     (
         "per_output",
         Sample {

@@ -52,7 +52,7 @@ fn instructions_grow_with_the_support_points_and_no_faster() {
         let (mut counts, mut cells) = (Vec::new(), Vec::new());
         for points in POINTS {
             if name == "paper, shared" {
-                let found = count(&mut device, Support::Shared(points)).expect("512 points fit");
+                let found = count(&mut device, Support::Folded(points)).expect("512 points fit");
                 cells.push(format!("{found:.0}"));
                 counts.push(found);
                 continue;
@@ -97,12 +97,19 @@ fn instructions_grow_with_the_support_points_and_no_faster() {
         let each: Vec<f64> = (1..sizes.len())
             .map(|i| (counts[i] - counts[i - 1]) / (sizes[i] - sizes[i - 1]) as f64)
             .collect();
-        for cost in &each {
+        // The assembly takes two points in a step and the last of an odd number, as of 25 and of groups of 5, costs more: from
+        // there to 50 less is added.
+        for cost in &each[1..] {
             assert!(
-                (cost / each[0] - 1.0).abs() < 0.05,
+                (cost / each[1] - 1.0).abs() < 0.05,
                 "{name}: {each:?} instructions a point"
             );
         }
+        let odd = (each[1] - each[0]) * (sizes[1] - sizes[0]) as f64;
+        assert!(
+            (-0.05 * each[1]..=5.0 * 150.0).contains(&odd),
+            "{name}: {odd} instructions for odd numbers"
+        );
     }
     println!("instructions of one evaluation (predicted by trainer/src/cost.rs), Cortex-M4F:");
     println!("| | M = 25 | 50 | 100 | 200 | 400 | exponent |");

@@ -12,6 +12,7 @@ mod damage;
 mod golden;
 mod growth;
 mod image;
+mod kernels;
 mod kills;
 mod link;
 mod parts;

@@ -81,16 +81,35 @@ impl Board {
     }
 
     /// The image of each board has a place of its own.
-    fn directory(self, toolchain: &Toolchain) -> String {
+    fn directory(self, kernels: Kernels, toolchain: &Toolchain) -> String {
         let way = match toolchain {
             Toolchain::Prebuilt { .. } => "device",
             Toolchain::BuildStd { .. } => "device-build-std",
         };
-        match self {
+        let of_board = match self {
             Self::Mps2An386 => way.to_owned(),
             other => format!("{way}-{}", other.name()),
+        };
+        match kernels {
+            Kernels::Assembly => of_board,
+            Kernels::Portable => format!("{of_board}-portable"),
         }
     }
+}
+
+/// The innermost loops of an image; both give the same bits.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Kernels {
+    /// In assembly for a Cortex-M4F.
+    #[default]
+    Assembly,
+    /// From portable source: the firmware's feature `portable-kernels`.
+    Portable,
+}
+
+impl Kernels {
+    /// Both of them.
+    pub const ALL: [Self; 2] = [Self::Assembly, Self::Portable];
 }
 
 /// The root of the workspace that this program was built in.
@@ -166,15 +185,24 @@ pub enum FirmwareError {
 /// # Errors
 /// [`FirmwareError`].
 pub fn firmware_of(board: Board) -> Result<&'static Firmware, FirmwareError> {
-    static BUILT: [OnceLock<Result<Firmware, FirmwareError>>; Board::ALL.len()] =
-        [const { OnceLock::new() }; Board::ALL.len()];
-    BUILT[board as usize]
+    firmware_with(board, Kernels::default())
+}
+
+/// The same with a choice of the innermost loops.
+///
+/// # Errors
+/// [`FirmwareError`].
+pub fn firmware_with(board: Board, kernels: Kernels) -> Result<&'static Firmware, FirmwareError> {
+    static BUILT: [[OnceLock<Result<Firmware, FirmwareError>>; Board::ALL.len()];
+        Kernels::ALL.len()] =
+        [const { [const { OnceLock::new() }; Board::ALL.len()] }; Kernels::ALL.len()];
+    BUILT[kernels as usize][board as usize]
         .get_or_init(|| {
             let source = workspace().join("firmware/Cargo.toml");
             if !source.is_file() {
                 return Err(FirmwareError::NoSource(source));
             }
-            build(board, find_toolchain()?)
+            build(board, kernels, find_toolchain()?)
         })
         .as_ref()
         .map_err(Clone::clone)
@@ -260,10 +288,10 @@ fn clean(command: &mut Command) -> &mut Command {
     command.current_dir(workspace())
 }
 
-fn build(board: Board, toolchain: Toolchain) -> Result<Firmware, FirmwareError> {
+fn build(board: Board, kernels: Kernels, toolchain: Toolchain) -> Result<Firmware, FirmwareError> {
     let target = env::var_os("CARGO_TARGET_DIR")
         .map_or_else(|| workspace().join("target"), |dir| workspace().join(dir));
-    let directory = target.join(board.directory(&toolchain));
+    let directory = target.join(board.directory(kernels, &toolchain));
     let (Toolchain::Prebuilt { rustc } | Toolchain::BuildStd { rustc }) = &toolchain;
     // The cargo that belongs to the compiler.
     let mut command = Command::new(rustc.with_file_name("cargo"));
@@ -282,6 +310,9 @@ fn build(board: Board, toolchain: Toolchain) -> Result<Firmware, FirmwareError> 
         .env("RUSTC", rustc)
         // defmt logs nothing but errors unless told when it is compiled.
         .env("DEFMT_LOG", "info");
+    if kernels == Kernels::Portable {
+        command.args(["--features", "portable-kernels"]);
+    }
     if let Toolchain::BuildStd { .. } = toolchain {
         command
             .arg("-Zbuild-std=core")

@@ -7,6 +7,7 @@ use poegp_protocol::JointKind;
 use poegp_protocol::limits::{MAX_GROUPS, MAX_JOINTS};
 
 use super::{Features, PerJoint, row_words};
+use crate::inner_loops::TILE;
 use crate::kernel::LOG2_E;
 use crate::poe::JointMotion;
 use crate::scalar::Scalar;
@@ -163,12 +164,9 @@ pub struct JointProcesses<T> {
     pub sets: Vec<SupportSet, MAX_JOINTS>,
 }
 
-/// Largest Σ_d W_cd of the fast kernels: no exponent of theirs leaves the range of [`Scalar::exp2_unclamped`].
+/// Largest Σ_d W_cd of the fast kernels: no exponent of theirs leaves the range of [`Scalar::exp2_scaled`].
 /// Fitted kernels stay below 20.
 const MAX_FAST_RATE_SUM: f64 = 60.0;
-
-/// Support points whose cosines or exponentials are kept between two passes.
-const TILE: usize = 32;
 
 impl<T: Scalar> JointProcesses<T> {
     /// Rows of the support; where each joint has a set of its own, of all sets together.
@@ -246,34 +244,20 @@ impl<T: Scalar> JointProcesses<T> {
             rest = after;
             let mut sums = [T::ZERO; N];
             for tile in here.chunks(TILE) {
-                for (row, slot) in tile.iter().zip(&mut cosines) {
-                    *slot = similarities::<T, N, ROW>(row, features);
-                }
-                // Two joints in each pass: their rates fit into registers beside the rest. Of an odd number the last one
-                // is computed twice.
+                T::cosines(tile, features, &mut cosines);
+                // Two joints in each pass: their rates fit into registers beside the rest.
                 let mut c = 0;
-                while c < N {
-                    let pair = [c, (c + 1).min(N - 1)];
-                    let [a, b] = pair.map(|c| *self.kernels[c].rates());
-                    let weights = pair.map(|c| (2 * N + c).min(ROW - 1));
-                    let [mut first, mut second] = pair.map(|c| sums[c]);
-                    for (row, s) in tile.iter().zip(&cosines) {
-                        let (mut x, mut y) = (a[0] * s[0], b[0] * s[0]);
-                        let mut d = 1;
-                        while d < N {
-                            x += a[d] * s[d];
-                            y += b[d] * s[d];
-                            d += 1;
-                        }
-                        first += x.exp2_unclamped() * row[weights[0]];
-                        second += y.exp2_unclamped() * row[weights[1]];
-                    }
-                    (sums[pair[1]], sums[pair[0]]) = (second, first);
+                while c + 1 < N {
+                    let rates = [self.kernels[c].rates(), self.kernels[c + 1].rates()];
+                    T::pair_sums(tile, &cosines, rates, c, &mut sums);
                     c += 2;
+                }
+                if c < N {
+                    T::last_sum(tile, &cosines, self.kernels[c].rates(), &mut sums);
                 }
             }
             for ((total, sum), kernel) in out.iter_mut().zip(&sums).zip(&self.kernels) {
-                let falling = kernel.falling(payload_kg, group.payload_kg);
+                let falling = kernel.falling(payload_kg, group.payload_kg) * T::EXP2_FACTOR;
                 *total += kernel.amplitude_at(payload_kg, group.payload_kg) * falling * *sum;
             }
         }
@@ -305,22 +289,8 @@ impl<T: Scalar> JointProcesses<T> {
             let (here, after) = rest.split_at_checked(group.points).unwrap_or((rest, &[]));
             rest = after;
             let mut sums = [T::ZERO; N];
-            for row in here {
-                let mut exponent = scaled[0][0] * row[0] + scaled[0][1] * row[1];
-                let mut d = 1;
-                while d < N {
-                    exponent += scaled[d][0] * row[2 * d];
-                    exponent += scaled[d][1] * row[2 * d + 1];
-                    d += 1;
-                }
-                let k = exponent.exp2_unclamped();
-                let mut c = 0;
-                while c < N {
-                    sums[c] += k * row[2 * N + c];
-                    c += 1;
-                }
-            }
-            let falling = first.falling(payload_kg, group.payload_kg);
+            T::tied_sums(here, &scaled, &mut sums);
+            let falling = first.falling(payload_kg, group.payload_kg) * T::EXP2_FACTOR;
             for ((total, sum), kernel) in out.iter_mut().zip(&sums).zip(&self.kernels) {
                 *total += kernel.amplitude_at(payload_kg, group.payload_kg) * falling * *sum;
             }
@@ -370,18 +340,4 @@ impl<T: Scalar> JointProcesses<T> {
         }
         out
     }
-}
-
-#[inline(always)]
-fn similarities<T: Scalar, const N: usize, const ROW: usize>(
-    row: &[T; ROW],
-    features: &Features<T>,
-) -> [T; N] {
-    let mut out = [T::ZERO; N];
-    let mut d = 0;
-    while d < N {
-        out[d] = features[d][0] * row[2 * d] + features[d][1] * row[2 * d + 1];
-        d += 1;
-    }
-    out
 }

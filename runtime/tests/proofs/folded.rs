@@ -1,0 +1,153 @@
+//! The folded form of the paper's mean against the difference form: the same number, and hardly worse in `f32`.
+
+use poegp_protocol::limits::{MAX_INPUTS, OUTPUTS};
+use poegp_runtime::posterior::{FOLDED_RADIUS, FOLDED_REACH, MeanHeader, row_words};
+
+use crate::arm::scattered;
+
+/// A mean of `points` points in the difference form, whose places fill a box of so many scaled units about a middle away from
+/// zero, and the half-widths of that box in units of the inputs.
+fn mean(inputs: usize, points: usize, half: f32) -> (MeanHeader<f64>, Vec<f64>) {
+    let mut next = scattered(100 * inputs as u32 + points as u32);
+    let mut header = MeanHeader::zero(inputs);
+    header.input_scale[..inputs].fill(0.625);
+    for output in &mut header.affine {
+        output[..=inputs].fill_with(|| f64::from(next() * 1e-4));
+    }
+    let mut rows = Vec::new();
+    for _ in 0..points {
+        rows.extend((0..inputs).map(|d| 0.25 * d as f64 + f64::from(half * next())));
+        rows.extend((0..OUTPUTS).map(|_| f64::from(next() * 1e-2)));
+    }
+    (header, rows)
+}
+
+/// Queries in a box so many times as wide.
+fn queries(inputs: usize, half: f32, stretch: f32) -> impl Iterator<Item = [f64; MAX_INPUTS]> {
+    let mut next = scattered(inputs as u32 + 7);
+    (0..400).map(move |_| {
+        let mut x = [0.0; MAX_INPUTS];
+        for (d, slot) in x.iter_mut().enumerate().take(inputs) {
+            // As an `f32`: the query is the same for both number types.
+            let value = (0.25 * d as f32 + stretch * half * next()) / 0.625;
+            *slot = f64::from(value);
+        }
+        x
+    })
+}
+
+/// Σ |weight| of each output.
+fn weights(inputs: usize, rows: &[f64]) -> [f64; OUTPUTS] {
+    let mut out = [0.0; OUTPUTS];
+    for row in rows.chunks_exact(row_words(inputs)) {
+        for (sum, weight) in out.iter_mut().zip(&row[inputs..]) {
+            *sum += weight.abs();
+        }
+    }
+    out
+}
+
+fn single(header: &MeanHeader<f64>, rows: &[f64]) -> (MeanHeader<f32>, Vec<f32>) {
+    let header = MeanHeader {
+        inputs: header.inputs,
+        input_scale: header.input_scale.map(|x| x as f32),
+        rates: None,
+        centre: header.centre.map(|centre| centre.map(|x| x as f32)),
+        affine: header.affine.map(|output| output.map(|x| x as f32)),
+    };
+    (header, rows.iter().map(|x| *x as f32).collect())
+}
+
+#[test]
+fn both_forms_are_one_function() {
+    for inputs in 5..=8 {
+        for (half, stretch) in [(0.4, 1.0), (0.9, 1.0), (1.6, 1.0), (1.6, 4.0)] {
+            let (header, rows) = mean(inputs, 60, half);
+            let (mut folded, mut folded_rows) = (header, rows.clone());
+            assert!(folded.fold(&mut folded_rows), "{inputs} {half}");
+            let size = weights(inputs, &rows);
+            let mut worst = 0.0_f64;
+            for x in queries(inputs, half, stretch) {
+                let (a, b) = (header.mean(&rows, &x), folded.mean(&folded_rows, &x));
+                for c in 0..OUTPUTS {
+                    worst = worst.max((a[c] - b[c]).abs() / size[c]);
+                }
+            }
+            // What is left of a kernel where the folded form has none.
+            let reach = FOLDED_REACH - FOLDED_RADIUS;
+            let bound = if stretch > 1.0 {
+                libm::exp2(-reach * reach)
+            } else {
+                1e-14
+            };
+            println!("{inputs} inputs, half-width {half}, queries x {stretch}: {worst:.1e}");
+            assert!(worst <= bound, "{inputs} {half} {stretch}: {worst:e}");
+        }
+    }
+}
+
+/// Root mean square over queries within the support and beyond, against the difference form in `f64`, in units of Σ |weight|.
+#[test]
+fn single_precision_loses_little_by_folding() {
+    for inputs in 5..=8 {
+        for half in [0.3_f32, 0.6, 1.0, 1.6] {
+            let (header, rows) = mean(inputs, 60, half);
+            let (mut folded, mut folded_rows) = (header, rows.clone());
+            assert!(folded.fold(&mut folded_rows));
+            let size = weights(inputs, &rows);
+            let (difference, difference_rows) = single(&header, &rows);
+            let (folded, folded_rows) = single(&folded, &folded_rows);
+            let mut squares = [0.0, 0.0];
+            for x in queries(inputs, half, 1.2) {
+                let truth = header.mean(&rows, &x);
+                let x32 = x.map(|value| value as f32);
+                let found = [
+                    difference.mean(&difference_rows, &x32),
+                    folded.mean(&folded_rows, &x32),
+                ];
+                for (square, found) in squares.iter_mut().zip(found) {
+                    for c in 0..OUTPUTS {
+                        let error = (f64::from(found[c]) - truth[c]) / size[c];
+                        *square += error * error;
+                    }
+                }
+            }
+            let [a, b] = squares.map(|square| libm::sqrt(square / (400.0 * OUTPUTS as f64)));
+            println!("{inputs} inputs, half-width {half}: differences {a:.1e}, folded {b:.1e}");
+            assert!(b <= 1.5 * a + 1e-9, "{inputs} {half}: {b:e} for {a:e}");
+        }
+    }
+}
+
+#[test]
+fn what_does_not_fold_is_left_as_it_is() {
+    let unchanged = |mut header: MeanHeader<f64>, rows: &[f64], why: &str| {
+        let mut after = rows.to_vec();
+        assert!(!header.fold(&mut after), "{why}");
+        assert!(header.centre.is_none() && after == rows, "{why}");
+    };
+    let (header, rows) = mean(7, 40, 3.0);
+    unchanged(header, &rows, "support too wide");
+    for inputs in [1, 4, 9] {
+        let (header, rows) = mean(inputs, 40, 0.5);
+        unchanged(header, &rows, "no loop for so many inputs");
+    }
+    let (mut header, rows) = mean(6, 40, 0.5);
+    header.rates = Some([0.5; OUTPUTS]);
+    unchanged(header, &rows, "rates of each output");
+    let (mut header, rows) = mean(6, 40, 0.5);
+    header.input_scale = [0.0; MAX_INPUTS];
+    unchanged(header, &rows, "no length scale");
+    let (header, mut rows) = mean(6, 40, 0.5);
+    rows[8] = 1e3;
+    unchanged(header, &rows, "a weight beyond reason");
+}
+
+#[test]
+fn a_mean_without_support_is_its_affine_part() {
+    let (mut header, _) = mean(7, 0, 1.0);
+    let x = queries(7, 1.0, 1.0).next().unwrap();
+    let before = header.mean(&[], &x);
+    assert!(header.fold(&mut []));
+    assert_eq!(header.mean(&[], &x), before);
+}

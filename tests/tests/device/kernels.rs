@@ -1,0 +1,188 @@
+//! The innermost loops in assembly against those from portable source: the same bits, and what each costs.
+//!
+//! Two images of the same firmware, with and without its feature `portable-kernels`, are asked the same.
+
+use poegp_protocol::link::Query;
+use poegp_tests::device::Device;
+use poegp_tests::emulator::{Clock, Machine, instructions};
+use poegp_tests::firmware::{Board, Kernels, firmware_with};
+use poegp_tests::sample::{Elastic, Sample, Support, odd_queries};
+use poegp_tests::stages::{Host, Stages};
+
+use crate::golden::compare_with_committed;
+
+fn start(kernels: Kernels, clock: Clock) -> Device {
+    let board = Board::default();
+    let machine = Machine {
+        board,
+        elf: &firmware_with(board, kernels)
+            .unwrap_or_else(|error| panic!("{error}"))
+            .elf,
+        clock,
+        memory: None,
+    };
+    Device::on(&machine).unwrap()
+}
+
+fn both(clock: Clock) -> [Device; 2] {
+    Kernels::ALL.map(|kernels| start(kernels, clock))
+}
+
+fn compare(devices: &mut [Device; 2], sample: Sample, queries: &[Query]) {
+    let bytes = sample.blob();
+    let host = Host::load(&bytes).unwrap();
+    for (device, kernels) in devices.iter_mut().zip(Kernels::ALL) {
+        device.load(&bytes).unwrap();
+        for query in queries {
+            let found = Stages::from(&device.trace(query).unwrap());
+            if let Some(difference) = host.stages(query).difference(&found) {
+                panic!("{kernels:?}, {sample:?}, {query:?}: the host differs in {difference}");
+            }
+        }
+        // While the other one is asked no cycles come: its watchdog must not take that for a stuck device.
+        device.client().stand_down().unwrap();
+    }
+}
+
+#[test]
+fn portable_kernels_give_the_committed_bits() {
+    let mut device = start(Kernels::Portable, Clock::Real);
+    compare_with_committed(&mut device, &mut |device, blob| {
+        device.load(blob).unwrap();
+    });
+}
+
+#[test]
+fn the_same_bits_for_a_thousand_queries() {
+    let mut devices = both(Clock::Real);
+    for (seed, support) in [
+        (40, Support::Folded(300)),
+        (41, Support::Shared(300)),
+        (42, Support::Elastic(Elastic::OWN)),
+        (43, Support::Elastic(Elastic::TIED)),
+    ] {
+        let sample = Sample::plain(seed, support);
+        let queries: Vec<Query> = sample
+            .queries(1_000)
+            .into_iter()
+            .chain(odd_queries())
+            .collect();
+        compare(&mut devices, sample, &queries);
+    }
+}
+
+/// Loop by loop on random rows: every length of a row, and numbers of rows about the steps and tiles of the loops.
+#[test]
+fn the_same_bits_for_every_shape_of_rows() {
+    let mut devices = both(Clock::Real);
+    let counts = [0, 1, 2, 3, 4, 31, 32, 33, 34, 65, 97];
+    for (index, points) in counts.into_iter().enumerate() {
+        for joints in [4, 5, 6, 7] {
+            let seed = 50 + 10 * index as u64 + joints as u64;
+            let mut shapes = vec![Support::Folded(points)];
+            for tied in [false, true] {
+                for groups in [1, 7] {
+                    // Of four joints there is no loop but the folded mean's.
+                    if joints == 4 {
+                        continue;
+                    }
+                    shapes.push(Support::Elastic(Elastic {
+                        points,
+                        groups,
+                        ripple: 0,
+                        tied,
+                        ..Elastic::OWN
+                    }));
+                }
+            }
+            for support in shapes {
+                let sample = Sample {
+                    joints,
+                    ..Sample::plain(seed, support)
+                };
+                compare(&mut devices, sample, &sample.queries(4));
+            }
+        }
+    }
+}
+
+/// Mean of what queries within the trained ranges cost.
+fn cost(device: &mut Device, sample: Sample) -> f64 {
+    device.load(&sample.blob()).unwrap();
+    let tick_hz = device.identify().unwrap().tick_hz;
+    let queries = sample.queries(9);
+    let ticks = queries
+        .iter()
+        .map(|query| device.evaluate(query).unwrap().ticks);
+    ticks.map(|ticks| instructions(ticks, tick_hz)).sum::<f64>() / queries.len() as f64
+}
+
+#[test]
+fn instructions_of_both_kernels() {
+    let mut devices = both(Clock::Counting);
+    let elastic = |joints, elastic| Sample {
+        joints,
+        ..Sample::plain(31, Support::Elastic(elastic))
+    };
+    // Limits of one whole evaluation, assembly then portable.
+    let cases = [
+        (
+            "paper, 300 points, folded",
+            Sample::plain(30, Support::Folded(300)),
+            [15_500.0, 20_000.0],
+        ),
+        (
+            "paper, 300 points, differences",
+            Sample::plain(30, Support::Shared(300)),
+            [25_000.0; 2],
+        ),
+        (
+            "elastic, 100 points, tied",
+            elastic(6, Elastic::TIED),
+            [12_000.0, 13_500.0],
+        ),
+        (
+            "elastic, 100 points, own",
+            elastic(6, Elastic::OWN),
+            [28_000.0, 34_000.0],
+        ),
+        (
+            "five joints, tied",
+            elastic(5, Elastic::TIED),
+            [f64::INFINITY; 2],
+        ),
+        (
+            "five joints, own",
+            elastic(5, Elastic::OWN),
+            [f64::INFINITY; 2],
+        ),
+        (
+            "seven joints, tied",
+            elastic(7, Elastic::TIED),
+            [f64::INFINITY; 2],
+        ),
+        (
+            "seven joints, own",
+            elastic(7, Elastic::OWN),
+            [f64::INFINITY; 2],
+        ),
+    ];
+    println!(
+        "instructions of one evaluation, Cortex-M4F:       assembly (limit)   portable (limit)"
+    );
+    for (name, sample, limits) in cases {
+        let [assembly, portable] = [0, 1].map(|index| cost(&mut devices[index], sample));
+        println!(
+            "  {name:<40} {assembly:8.0} ({:6.0})  {portable:8.0} ({:6.0})",
+            limits[0], limits[1]
+        );
+        for (count, limit) in [assembly, portable].into_iter().zip(limits) {
+            assert!(
+                count <= limit,
+                "{name}: {count} instructions, limit {limit}"
+            );
+        }
+        // What has no loop in assembly costs the same, but for where a tick begins.
+        assert!(assembly <= portable + 10.0, "{name}: {assembly} {portable}");
+    }
+}
