@@ -138,6 +138,27 @@ impl<T: Scalar> Trust<T> {
     }
 }
 
+/// What is outside the trained ranges, without saying how far: a part of what [`Trust::at`] answers.
+#[inline(never)]
+pub fn outside<T: Scalar>(
+    joints: &[T],
+    ranges: &[(T, T)],
+    payload_kg: T,
+    payload_range: Option<(T, T)>,
+) -> Status {
+    let mut beyond = false;
+    for (q, (lower, upper)) in joints.iter().zip(ranges) {
+        beyond |= *q < *lower || *q > *upper;
+    }
+    let (light, heavy) = payload_range.unwrap_or((payload_kg, payload_kg));
+    Status::OK
+        .with_if(beyond, Status::OUTSIDE_JOINT_RANGE)
+        .with_if(
+            payload_kg < light || payload_kg > heavy,
+            Status::OUTSIDE_PAYLOAD_RANGE,
+        )
+}
+
 /// Σ_d rate_d e_d², and whether any e_d is not zero.
 // The compiler unrolls what it knows to be at most eight rounds, or rounds without a call: 800 bytes more.
 #[inline(never)]

@@ -162,7 +162,7 @@ pub struct Gravity<T> {
     gravity: Vector3<T>,
     /// Joints at the base on which nothing acts: an upright arm's first. The lists below begin with the next one.
     idle: usize,
-    /// For each link but the last the (α, β) of every joint before and at it.
+    /// The (α, β) of each joint for its own link and all that follow, but the last.
     links: [[[T; 2]; MAX_JOINTS]; MAX_JOINTS],
     /// The last link and the payload for each joint.
     last: [LastLink<T>; MAX_JOINTS],
@@ -224,7 +224,7 @@ impl<T: Scalar> Gravity<T> {
                 for (sum, value) in vector.iter_mut().zip(&handed) {
                     *sum += *value;
                 }
-                if let Some(pair) = out.links.get_mut(j).and_then(|l| l.get_mut(c - out.idle)) {
+                if let Some(pair) = out.links.get_mut(c - out.idle).and_then(|l| l.get_mut(j - c)) {
                     *pair = [vector[0], vector[1]];
                 }
                 let axis = fixed.get(j).map_or([T::ZERO; 3], |frame| {
@@ -272,59 +272,53 @@ impl<T: Scalar> Gravity<T> {
         payload_kg: T,
         out: &mut PerJoint<T>,
     ) {
-        let mut moments = [[T::ZERO; ROWS]; MAX_JOINTS];
         let n = kinds.len();
         let kinds = kinds.get(self.idle..).unwrap_or(&[]);
         let joints = frames.get(self.idle..n).unwrap_or(&[]);
+        // All links but the last.
+        let links = joints.split_last().map_or(joints, |(_, links)| links);
         let turn = rows(target);
-        for ((moment, frame), last) in moments.iter_mut().zip(joints).zip(&self.last) {
-            let pull = payload_kg * last.lever;
+        let out = out.get_mut(self.idle..).unwrap_or(&mut []);
+        let terms = self.links.iter().zip(&self.last);
+        let joints = kinds.iter().zip(joints).zip(terms);
+        for (c, (sum, ((kind, frame), (pairs, last)))) in out.iter_mut().zip(joints).enumerate() {
+            let axis = third_column(frame);
+            if *kind == JointKind::Prismatic {
+                let weight = payload_kg * last.payload[0] + last.weight;
+                *sum = dot(&axis, &self.gravity) * weight;
+                continue;
+            }
+            let lever = payload_kg * last.lever;
             let mut v = [T::ZERO; 3];
             let mut i = 0;
             while i < 3 {
                 v[i] = payload_kg * last.payload[i] + last.link[i];
                 i += 1;
             }
+            let mut moment = [T::ZERO; ROWS];
             let mut r = 0;
             while r < ROWS {
                 let row = &turn[r];
-                moment[r] = pull * (target.translation[r] - frame.translation[r])
+                moment[r] = lever * (target.translation[r] - frame.translation[r])
                     + (row[0] * v[0] + row[1] * v[1] + row[2] * v[2]);
                 r += 1;
             }
-        }
-        // Link by link, so that each of its columns is read once.
-        let links = joints.split_last().map_or(joints, |(_, links)| links);
-        let coefficients = self.links.get(self.idle..).unwrap_or(&[]);
-        for (j, (link, pairs)) in links.iter().zip(coefficients).enumerate() {
-            let r = &link.rotation;
-            for (moment, [a, b]) in moments.iter_mut().zip(pairs).take(j + 1) {
-                let mut i = 0;
-                while i < ROWS {
-                    moment[i] += r[(i, 0)] * *a + r[(i, 1)] * *b;
-                    i += 1;
+            let outwards = links.get(c..).unwrap_or(&[]);
+            for (link, [a, b]) in outwards.iter().zip(pairs) {
+                let turn = &link.rotation;
+                let mut r = 0;
+                while r < ROWS {
+                    moment[r] += turn[(r, 0)] * *a + turn[(r, 1)] * *b;
+                    r += 1;
                 }
             }
-        }
-        let out = out.get_mut(self.idle..).unwrap_or(&mut []);
-        let joints = kinds.iter().zip(joints).zip(&moments).zip(&self.last);
-        for (sum, (((kind, frame), moment), last)) in out.iter_mut().zip(joints) {
-            let axis = third_column(frame);
-            *sum = match kind {
-                JointKind::Revolute => {
-                    let w = pull::<T, ROWS>(&self.gravity, &axis);
-                    let mut sum = moment[0] * w[0];
-                    let mut i = 1;
-                    while i < ROWS {
-                        sum += moment[i] * w[i];
-                        i += 1;
-                    }
-                    sum
-                }
-                JointKind::Prismatic => {
-                    dot(&axis, &self.gravity) * (payload_kg * last.payload[0] + last.weight)
-                }
-            };
+            let w = pull::<T, ROWS>(&self.gravity, &axis);
+            *sum = moment[0] * w[0];
+            let mut r = 1;
+            while r < ROWS {
+                *sum += moment[r] * w[r];
+                r += 1;
+            }
         }
     }
 }

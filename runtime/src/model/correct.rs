@@ -39,6 +39,7 @@ use crate::poe::JointMotion;
 use crate::scalar::Scalar;
 use crate::se3::{Pose, Twist};
 use crate::status::Status;
+use crate::trust::outside;
 
 /// Largest change of a joint, the controller's or a serial one, in rad or m. Corrections of calibrated arms are some
 /// milliradians; up to here the sines of the change are exact to single precision.
@@ -119,7 +120,12 @@ impl<T: Scalar> View<'_, T> {
             ArmCorrection::TaskSpace(task) => search.by_evaluation(Some(task)),
             ArmCorrection::Elastic(elastic) => search.by_deflection(elastic),
         };
-        let (_, status) = arm.range(&x, payload_kg);
+        let status = outside(
+            x.get(..joints.len()).unwrap_or(&[]),
+            &arm.joint_ranges,
+            payload_kg,
+            arm.payload_range,
+        );
         let status = status.with_if(found.bounded, Status::CORRECTION_BOUNDED);
         found.judged(&x, &search.equations, status)
     }
@@ -403,10 +409,8 @@ impl<T: Scalar> Found<T> {
         equations: &Equations<T>,
         status: Status,
     ) -> Corrected<T> {
-        // The command is a number of type T: what that rounds away is part of its error.
+        // The command is a number of type T: what that rounds away is less than this answer can tell.
         let command = sum(joints, &self.change);
-        let rounded = difference(&difference(&command, joints), &self.change);
-        self.after = less(&self.after, T::ONE, &equations.moved(&rounded));
         let (position, rotation) = squares(&self.after);
         let (position_before, rotation_before) = squares(&self.before);
         let (distance, distance_before) = (position.sqrt(), position_before.sqrt());

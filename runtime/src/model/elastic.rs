@@ -44,10 +44,12 @@ impl<T: Scalar> ElasticCorrection<T> {
         let joints = calibrated.poe.kinds().len();
         let heaviest =
             PAYLOAD_REACH * payload.map_or(0.0, |(_, heavy)| if heavy > 1.0 { heavy } else { 1.0 });
+        let mut processes = processes(wire, joints, heaviest)?;
+        processes.choose_loops(calibrated.poe.kinds());
         let deflection = Deflection {
             gravity: Gravity::new(&gravity(wire, joints)?, calibrated),
             ripple: ripple(wire, joints)?,
-            processes: processes(wire, joints, heaviest)?,
+            processes,
             variance: variance.map(super::variance::header),
         };
         Ok(Self {
@@ -144,6 +146,7 @@ fn processes<T: Scalar>(
         tied: wire.tied,
         groups: Vec::new(),
         sets: Vec::new(),
+        unrolled: false,
     };
     let mut points = 0_usize;
     for group in &wire.groups {

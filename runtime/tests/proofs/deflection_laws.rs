@@ -108,6 +108,7 @@ fn mean<T: Scalar>(
         tied,
         groups: heapless::Vec::new(),
         sets: heapless::Vec::new(),
+        unrolled: false,
     };
     let natural = |c: usize| {
         let mut natural: Natural = naturals[c].clone();
@@ -136,6 +137,7 @@ fn mean<T: Scalar>(
         rows.extend(places::<T>(kinds, place).iter().take(n).flatten());
         rows.extend(weights.iter().take(n).map(|w| T::from_f64(*w)));
     }
+    processes.choose_loops(kinds);
     let found = processes.mean(kinds, &rows, &places(kinds, q), T::from_f64(m));
     let mut expected = [0.0; 8];
     for (place, payload, weights) in &points {
@@ -172,6 +174,7 @@ fn mean_of_sets<T: Scalar>(
             })
             .collect(),
         sets: heapless::Vec::new(),
+        unrolled: false,
     };
     let (mut rows, mut expected) = (Vec::new(), [0.0; 8]);
     for c in 0..n {
@@ -194,6 +197,7 @@ fn mean_of_sets<T: Scalar>(
         processes.sets.push(set).unwrap();
     }
     assert_eq!(processes.words(n), rows.len());
+    processes.choose_loops(kinds);
     let found = processes.mean(kinds, &rows, &places(kinds, q), T::from_f64(m));
     (found, expected)
 }

@@ -105,11 +105,13 @@ impl ElasticModel {
             tied: fit.layout.tied,
             groups,
             sets: FixedVec::new(),
+            unrolled: false,
         };
-        let (processes, rows) = match chosen {
+        let (mut processes, rows) = match chosen {
             Some(sets) => of_sets(&sets)?,
             None => (processes, rows),
         };
+        processes.choose_loops(fit.state.kinds());
         let report = ElasticReport {
             support: processes.points(),
             ..report
@@ -216,6 +218,7 @@ fn of_sets(sets: &Sets) -> Option<(JointProcesses<f64>, Vec<f64>)> {
         tied: false,
         groups: FixedVec::new(),
         sets: FixedVec::new(),
+        unrolled: false,
     };
     for payload_kg in &payloads {
         let group = PayloadGroup {

@@ -162,6 +162,8 @@ pub struct JointProcesses<T> {
     pub groups: Vec<PayloadGroup<T>, MAX_GROUPS>,
     /// A support set for each joint; empty when all joints share the rows.
     pub sets: Vec<SupportSet, MAX_JOINTS>,
+    /// Whether the unrolled loops may be taken, see [`JointProcesses::choose_loops`]; `false` is always right.
+    pub unrolled: bool,
 }
 
 /// Largest Σ_d W_cd of the fast kernels: no exponent of theirs leaves the range of [`Scalar::exp2_scaled`].
@@ -203,7 +205,7 @@ impl<T: Scalar> JointProcesses<T> {
         if !self.sets.is_empty() {
             return self.of_sets(kinds, rows, features, payload_kg);
         }
-        match (self.fast(kinds), self.tied) {
+        match (if self.unrolled { kinds.len() } else { 0 }, self.tied) {
             (5, true) => self.tied::<5, 15>(rows, features, payload_kg),
             (6, true) => self.tied::<6, 18>(rows, features, payload_kg),
             (7, true) => self.tied::<7, 21>(rows, features, payload_kg),
@@ -214,9 +216,9 @@ impl<T: Scalar> JointProcesses<T> {
         }
     }
 
-    /// How many joints the unrolled loops may take these for: revolute, of usual number and length scales; or none.
-    #[inline(always)]
-    fn fast(&self, kinds: &[JointKind]) -> usize {
+    /// Looks whether the unrolled loops are for these joints, revolute and of usual length scales. Once, when everything
+    /// else is known.
+    pub fn choose_loops(&mut self, kinds: &[JointKind]) {
         let first = &self.kernels[0];
         let mut fast = true;
         for (kernel, kind) in self.kernels.iter().zip(kinds) {
@@ -224,7 +226,7 @@ impl<T: Scalar> JointProcesses<T> {
                 && *kind == JointKind::Revolute
                 && (!self.tied || kernel.payload_rate == first.payload_rate);
         }
-        if fast { kinds.len() } else { 0 }
+        self.unrolled = fast;
     }
 
     /// Σ_g 2^(−W_m (m − m_g)²) (a₀_c + a₁_c m m_g) Σ_j 2^(Σ_d W_cd (s_d − 1)) weight_jc with length scales of its own for

@@ -14,7 +14,7 @@ use core::hint::black_box;
 use poegp_protocol::JointKind;
 use poegp_protocol::limits::{MAX_GROUPS, MAX_JOINTS};
 
-use super::{JointKernel, JointProcesses, LOWEST_EXPONENT, MAX_FAST_RATE_SUM, similarity};
+use super::{JointKernel, JointProcesses, LOWEST_EXPONENT, similarity};
 use crate::deflection::{Features, PerJoint};
 use crate::scalar::Scalar;
 
@@ -86,10 +86,6 @@ impl<T: Scalar> JointProcesses<T> {
         features: &Features<T>,
         payload_kg: T,
     ) -> PerJoint<T> {
-        let mut unrolled = true;
-        for kind in black_box(kinds) {
-            unrolled &= *kind == JointKind::Revolute;
-        }
         let mut out = [T::ZERO; MAX_JOINTS];
         let mut rest = rows;
         let sets = self.sets.iter().zip(&self.kernels);
@@ -101,7 +97,7 @@ impl<T: Scalar> JointProcesses<T> {
                 features,
                 payload_kg,
             };
-            let fast = unrolled && kernel.bias >= T::from_f64(-MAX_FAST_RATE_SUM);
+            let fast = self.unrolled;
             (*slot, rest) = match set.count {
                 1 if fast => at.unrolled::<1, 3>(rest),
                 2 if fast => at.unrolled::<2, 5>(rest),
