@@ -247,11 +247,14 @@ impl<T: Scalar> Equations<T> {
     /// The square of a length in metres that no joint moves the target by more than, per radian.
     #[inline(never)]
     pub fn squared_reach(&self) -> T {
-        let mut sum = T::ZERO;
+        let mut largest = T::ZERO;
         for column in self.columns.iter().take(self.joints) {
-            sum += squares(column).0;
+            let square = squares(column).0;
+            if square > largest {
+                largest = square;
+            }
         }
-        sum
+        largest
     }
 }
 

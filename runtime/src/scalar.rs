@@ -39,6 +39,8 @@ pub trait Scalar:
     const ZERO: Self;
     /// 1.
     const ONE: Self;
+    /// Largest relative error of one operation.
+    const ROUNDING: Self;
     /// Terms after which the power series of the SE(3) coefficients is below half an ulp for θ² ≤ 4.
     const SERIES_TERMS: usize;
     /// The nearest number of this type. Meant for constants: on an `f32` target it must fold at compile time.
@@ -80,6 +82,7 @@ pub const MAX_ANGLE: f32 = 4096.0;
 impl Scalar for f64 {
     const ZERO: Self = 0.0;
     const ONE: Self = 1.0;
+    const ROUNDING: Self = 0.5 * f64::EPSILON;
     const SERIES_TERMS: usize = 13;
     const EXP2_FACTOR: Self = 1.0;
 
@@ -171,6 +174,7 @@ const ROUND: f32 = 12_582_912.0;
 impl Scalar for f32 {
     const ZERO: Self = 0.0;
     const ONE: Self = 1.0;
+    const ROUNDING: Self = 0.5 * f32::EPSILON;
     const SERIES_TERMS: usize = 8;
     // The leading coefficient of the polynomial of `exp2`, times 2¹⁰.
     const EXP2_FACTOR: Self = f32::from_bits(0x3fad_ed2c);
