@@ -224,7 +224,11 @@ impl<T: Scalar> Gravity<T> {
                 for (sum, value) in vector.iter_mut().zip(&handed) {
                     *sum += *value;
                 }
-                if let Some(pair) = out.links.get_mut(c - out.idle).and_then(|l| l.get_mut(j - c)) {
+                if let Some(pair) = out
+                    .links
+                    .get_mut(c - out.idle)
+                    .and_then(|l| l.get_mut(j - c))
+                {
                     *pair = [vector[0], vector[1]];
                 }
                 let axis = fixed.get(j).map_or([T::ZERO; 3], |frame| {

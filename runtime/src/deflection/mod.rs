@@ -27,7 +27,9 @@ use poegp_protocol::JointKind;
 use poegp_protocol::limits::{MAX_JOINTS, MAX_RIPPLE};
 
 pub use gravity::{Gravity, GravityRegressors, GravityTerms};
-pub use processes::{JointKernel, JointProcesses, PayloadGroup, SupportSet, features, similarity};
+pub use processes::{
+    JointKernel, JointProcesses, PayloadGroup, SupportSet, features, features_after, similarity,
+};
 pub use variance::{PositionVariance, landmark_place, landmark_words, prior};
 
 use crate::bound::Bound;
@@ -183,23 +185,17 @@ pub fn deflected_into<T: Scalar>(
 ) {
     let deltas = kinds.iter().zip(deflection);
     for ((slot, motion), (kind, delta)) in out.iter_mut().zip(motions).zip(deltas) {
-        *slot = match kind {
+        match kind {
             JointKind::Revolute => {
                 let square = *delta * *delta;
                 let sin = *delta - *delta * square * T::from_f64(1.0 / 6.0);
                 let versine = square * (T::from_f64(0.5) - square * T::from_f64(1.0 / 24.0));
                 let (s, c) = (motion.sin, motion.cos);
-                JointMotion {
-                    sin: s + (c * sin - s * versine),
-                    cos: c - (s * sin + c * versine),
-                    travel: motion.travel,
-                }
+                slot.sin = s + (c * sin - s * versine);
+                slot.cos = c - (s * sin + c * versine);
             }
-            JointKind::Prismatic => JointMotion {
-                travel: motion.travel + *delta,
-                ..*motion
-            },
-        };
+            JointKind::Prismatic => slot.travel = motion.travel + *delta,
+        }
     }
 }
 

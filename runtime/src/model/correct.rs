@@ -30,7 +30,7 @@ use poegp_protocol::limits::MAX_JOINTS;
 use super::{Arm, ArmCorrection, MAX_PAYLOAD_KG, View};
 use crate::bound;
 use crate::chain::MovedFrames;
-use crate::deflection::{PerJoint, coupled, deflected_into, features};
+use crate::deflection::{PerJoint, coupled, deflected_into, features_after};
 use crate::model::checked::is_within;
 use crate::model::elastic::ElasticCorrection;
 use crate::model::task_space::TaskSpaceCorrection;
@@ -163,7 +163,11 @@ struct Found<T> {
     before: Hybrid<T>,
     /// Error at q + `change`.
     after: Hybrid<T>,
-    /// Squares of what the comparison of the two may be wrong by, in metres.
+    /// Square of the largest movement of the target in metres by a radian of any joint.
+    reach: T,
+    /// Square of what `after` may be wrong by, in metres.
+    unseen: T,
+    /// The same of the comparison of the two, but for `unseen`.
     unsure: T,
     bounded: bool,
 }
@@ -279,6 +283,8 @@ impl<T: Scalar> Search<'_, T> {
                     change,
                     before,
                     after,
+                    reach: self.equations.squared_reach(),
+                    unseen: T::ZERO,
                     unsure: T::ZERO,
                     bounded,
                 };
@@ -308,13 +314,13 @@ impl<T: Scalar> Search<'_, T> {
         // Processes where gravity alone would have it.
         let place = difference(&self.change, &roughly);
         let mean = {
-            let joints = sum(self.joints, &place);
             if arm.coupling.is_some() {
+                let joints = sum(self.joints, &place);
                 arm.calibrated.motions_into(&joints, self.turned);
             } else {
                 deflected_into(self.motions, kinds, &place, self.turned);
             }
-            let places = features(kinds, &joints, self.turned);
+            let places = features_after(kinds, self.joints, &place, self.turned);
             terms.processes.mean(kinds, self.rows, &places, payload)
         };
         // Gravity again where both would have it: at the corrected command, nearly.
@@ -352,11 +358,13 @@ impl<T: Scalar> Search<'_, T> {
         let before = less(&plain, factor, &effect);
         let bent = length(&deflection);
         let elsewhere = bent * bent + length(&rest) * length(&self.change);
-        let unsure = T::from_f64(LAG * LAG) * position + reach * elsewhere * elsewhere + unseen;
+        let unsure = T::from_f64(LAG * LAG) * position + reach * elsewhere * elsewhere;
         Found {
             change: difference(&self.change, &deflection),
             before,
             after,
+            reach,
+            unseen,
             unsure,
             bounded,
         }
@@ -407,7 +415,7 @@ impl<T: Scalar> Found<T> {
         let command = sum(joints, &self.change);
         // The command is a number of type T: of every joint that rounds away at most so much.
         let rounded = length(&command) * T::ROUNDING;
-        let unsure = self.unsure + equations.squared_reach() * rounded * rounded;
+        let unsure = self.unsure + self.unseen + self.reach * rounded * rounded;
         // (a + b + c + d)² ≤ 4 (a² + b² + c² + d²).
         let margin = (T::from_f64(4.0) * unsure).sqrt();
         let (position, rotation) = squares(&self.after);
@@ -419,8 +427,10 @@ impl<T: Scalar> Found<T> {
             && position + rotation <= position_before + rotation_before
             && raised(limit, &self.change) <= limit;
         let tolerance = T::from_f64(CORRECTED_WITHIN * CORRECTED_WITHIN);
+        let distance = distance + self.unseen.sqrt();
         // Five joints cannot turn the target every way.
-        let there = position <= tolerance && (rotation <= tolerance || !equations.can_turn());
+        let there =
+            distance * distance <= tolerance && (rotation <= tolerance || !equations.can_turn());
         let position_error = if better { distance } else { distance_before };
         Corrected {
             joints: if better { command } else { *joints },

@@ -22,6 +22,8 @@ pub struct Elastic {
     pub tied: bool,
     /// Terms of gear ripple.
     pub ripple: usize,
+    /// Whether the arm stands upright, as most do: gravity along its first axis, on which then nothing acts.
+    pub upright: bool,
     /// Landmarks of the variance, which only a tied correction has; 0 for none.
     pub landmarks: usize,
     /// 0 for one support for all joints. Else every joint has a set of its own and a kernel that looks at so many joints,
@@ -39,6 +41,7 @@ impl Elastic {
         groups: 5,
         tied: false,
         ripple: 4,
+        upright: true,
         landmarks: 0,
         looks_at: 0,
     };
@@ -148,12 +151,16 @@ impl Elastic {
         let joints = sample.joints;
         // Microradians per metre of moment arm at 9.81 m/s², and per kilogram.
         let mut small = |size: f32| generator.random_range(-size..size);
-        let links = (0..joints * (joints + 1) / 2)
+        let mut links: heapless::Vec<[f32; 3], _> = (0..joints * (joints + 1) / 2)
             .map(|_| std::array::from_fn(|_| small(2e-5)))
             .collect();
-        let payload = (0..joints)
+        let mut payload: heapless::Vec<[f32; 4], _> = (0..joints)
             .map(|_| std::array::from_fn(|_| small(1e-6)))
             .collect();
+        if self.upright {
+            links[..joints].fill([0.0; 3]);
+            payload[0] = [0.0; 4];
+        }
         let ripple = (0..self.ripple)
             .map(|term| Ripple {
                 joint: (term % joints) as u8,
@@ -237,8 +244,12 @@ impl Elastic {
                 position_m: 1e-3,
                 angle_rad: 5e-3,
             },
-            // Not quite along the z axis of the base.
-            gravity: [0.1, -0.2, -9.8],
+            gravity: if self.upright {
+                [0.0, 0.0, -9.8]
+            } else {
+                // Not quite along the z axis of the base.
+                [0.1, -0.2, -9.8]
+            },
             links,
             payload,
             ripple,

@@ -169,6 +169,7 @@ fn the_trainer_knows_what_elastic_models_cost() {
                     groups,
                     tied,
                     ripple,
+                    upright: true,
                     landmarks: 0,
                     looks_at: if points == 0 { 0 } else { looks_at },
                 };

@@ -62,6 +62,8 @@ const SETS: Elastic = Elastic {
 const fn small(elastic: Elastic) -> Elastic {
     Elastic {
         points: 24,
+        // Both ways to stand.
+        upright: elastic.tied && elastic.landmarks == 0,
         ..elastic
     }
 }

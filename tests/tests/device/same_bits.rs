@@ -161,6 +161,7 @@ fn elastic_without_process_or_ripple() {
         ripple: 0,
         tied: false,
         landmarks: 0,
+        upright: true,
         looks_at: 0,
     };
     compare(elastic(21, bare), 100);

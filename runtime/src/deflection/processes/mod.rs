@@ -120,11 +120,23 @@ pub fn features<T: Scalar>(
     joints: &PerJoint<T>,
     motions: &[JointMotion<T>],
 ) -> Features<T> {
+    features_after(kinds, joints, &[T::ZERO; MAX_JOINTS], motions)
+}
+
+/// The same after a change of the joints, which the motions know already.
+#[inline(always)]
+pub fn features_after<T: Scalar>(
+    kinds: &[JointKind],
+    joints: &PerJoint<T>,
+    change: &PerJoint<T>,
+    motions: &[JointMotion<T>],
+) -> Features<T> {
     let mut out = [[T::ZERO; 2]; MAX_JOINTS];
-    for (((slot, kind), q), motion) in out.iter_mut().zip(kinds).zip(joints).zip(motions) {
+    let places = joints.iter().zip(change).zip(motions);
+    for ((slot, kind), ((q, delta), motion)) in out.iter_mut().zip(kinds).zip(places) {
         *slot = match kind {
             JointKind::Revolute => [motion.sin, motion.cos],
-            JointKind::Prismatic => [*q, T::ZERO],
+            JointKind::Prismatic => [*q + *delta, T::ZERO],
         };
     }
     out

@@ -9,8 +9,6 @@
 //! one row of the set of joint c:  | sin | cos | … of each of D joints whose W_cd > 0 … | weight |   2D + 1 words
 //! ```
 
-use core::hint::black_box;
-
 use poegp_protocol::JointKind;
 use poegp_protocol::limits::{MAX_GROUPS, MAX_JOINTS};
 
