@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
+use super::correct::Correct;
 use super::device::arguments::Device;
 use crate::calibration::Method;
 
@@ -30,6 +31,8 @@ pub enum Command {
     Evaluate(Evaluate),
     /// Compare calibration methods by cross-validation and on test sets.
     Compare(Compare),
+    /// Correct a file of joint targets as the device would.
+    Correct(Correct),
     /// Show what is in a blob.
     Inspect(Inspect),
     /// Make keys that models are signed with.

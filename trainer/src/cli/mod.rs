@@ -5,6 +5,7 @@
 mod arguments;
 mod calibrate;
 mod compare;
+mod correct;
 mod demo;
 mod demo_device;
 mod device;
@@ -98,6 +99,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Calibrate(a) => calibrate::run(&a),
         Command::Evaluate(a) => evaluate::run(&a),
         Command::Compare(a) => compare::run(&a),
+        Command::Correct(a) => correct::run(&a),
         Command::Inspect(a) => inspect::run(&a),
         Command::Keys(a) => signing::keys(&a),
         Command::Sign(a) => signing::sign(&a),
