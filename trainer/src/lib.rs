@@ -12,6 +12,7 @@
 
 pub mod budget;
 pub mod calibration;
+pub mod check;
 pub mod cli;
 pub mod compare;
 pub mod cost;

@@ -31,6 +31,22 @@ pub enum Scenario {
     Full,
 }
 
+/// What may happen to an arm after it was calibrated.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Disturbance {
+    /// The base moves, metres along its axes.
+    Base(Vector3<f64>),
+    /// The target moves at the flange, metres along its own axes.
+    Tool(Vector3<f64>),
+    /// A joint of the controller (from 0) stands elsewhere than it says, rad or m.
+    Joint {
+        /// Which.
+        joint: usize,
+        /// By how much.
+        offset: f64,
+    },
+}
+
 /// Standard deviation of one position component of the tracker in metres.
 pub const POSITION_NOISE_M: f64 = 30e-6;
 /// Standard deviation of one rotation component in radians.
@@ -63,7 +79,7 @@ pub struct SimulatedPose {
 }
 
 /// A simulated arm in its cell.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Simulator {
     arm: TrueArm,
     ranges: Vec<(f64, f64)>,
@@ -97,6 +113,11 @@ impl Simulator {
             payloads: payloads.to_vec(),
             random,
         }
+    }
+
+    /// Something happens to the arm, for good.
+    pub fn disturb(&mut self, disturbance: Disturbance) {
+        self.arm.disturb(disturbance);
     }
 
     /// Measures `count` random poses.
