@@ -177,10 +177,10 @@ pub fn sensitivity(test: &Test, all: &[Hypothesis], false_alarms: f64) -> Vec<Se
         if out.iter().any(|s| s.part == hypothesis.part) {
             continue;
         }
-        let unit = match hypothesis.part {
-            Part::Joint(_) if hypothesis.turns => 1_f64.to_degrees(),
-            Part::Payload => 1.0,
-            _ => 1e3,
+        let (factor, unit) = match hypothesis.part {
+            Part::Joint(_) if hypothesis.turns => (1_f64.to_degrees(), "deg"),
+            Part::Payload => (1.0, "kg"),
+            _ => (1e3, "mm"),
         };
         let hidden = |other: &&usize| {
             let (effect, own) = test.visible(h, **other);
@@ -188,7 +188,8 @@ pub fn sensitivity(test: &Test, all: &[Hypothesis], false_alarms: f64) -> Vec<Se
         };
         out.push(Sensitivity {
             part: hypothesis.part,
-            smallest: unit * test.smallest(h, false_alarms, critical),
+            smallest: factor * test.smallest(h, false_alarms, critical),
+            unit,
             looks_like: whole.iter().find(hidden).map(|other| all[*other].part),
         });
     }

@@ -51,8 +51,10 @@ pub struct Change {
 pub struct Sensitivity {
     /// Which part.
     pub part: Part,
-    /// In mm (shifts, prismatic joints), degrees (revolute joints) or kg.
+    /// The smallest such change.
     pub smallest: f64,
+    /// Its unit: `mm` (shifts, prismatic joints), `deg` (revolute joints) or `kg`.
+    pub unit: &'static str,
     /// The part that looks the same at these poses.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub looks_like: Option<Part>,

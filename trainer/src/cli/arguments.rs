@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
+use super::check::Check;
 use super::correct::Correct;
 use super::device::arguments::Device;
 use crate::calibration::Method;
@@ -31,6 +32,8 @@ pub enum Command {
     Evaluate(Evaluate),
     /// Compare calibration methods by cross-validation and on test sets.
     Compare(Compare),
+    /// Check by a few fresh measurements whether a calibration still holds: exit code 0 if it does, 1 if not.
+    Check(Check),
     /// Correct a file of joint targets as the device would.
     Correct(Correct),
     /// Show what is in a blob.

@@ -96,7 +96,8 @@ pub fn run(a: &Calibrate) -> Result<(), Failure> {
         options.method,
         arm.robot.joints.len(),
     )?;
-    options.instrument_noise = instrument_noise(&a.fit)?;
+    options.instrument_noise =
+        instrument_noise(a.fit.position_sigma_mm, a.fit.orientation_sigma_mrad)?;
     let origin = origin(set.sha256, &a.serial_number, tools);
     let table = match a.model.method() {
         Some(_) => None,

@@ -150,7 +150,7 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
         seed: a.seed,
         origin: &origin,
     };
-    let noise = instrument_noise(&a.fit)?;
+    let noise = instrument_noise(a.fit.position_sigma_mm, a.fit.orientation_sigma_mrad)?;
     let rounds = 1 + usize::from(drift.is_some());
     let bar = progress::bar(rounds * methods.len() * task.calibrations(), "comparing");
     let run = |task: &Task| -> Result<Vec<ModelComparison>, Failure> {

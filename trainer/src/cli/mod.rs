@@ -4,6 +4,8 @@
 
 mod arguments;
 mod calibrate;
+mod check;
+mod check_words;
 mod compare;
 mod correct;
 mod demo;
@@ -100,6 +102,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Evaluate(a) => evaluate::run(&a),
         Command::Compare(a) => compare::run(&a),
         Command::Correct(a) => correct::run(&a),
+        Command::Check(a) => check::run(&a),
         Command::Inspect(a) => inspect::run(&a),
         Command::Keys(a) => signing::keys(&a),
         Command::Sign(a) => signing::sign(&a),
@@ -176,7 +179,10 @@ fn enough_poses(
 }
 
 /// What the command line says of the instrument; where it says nothing, what the rows of the file state counts.
-fn instrument_noise(fit: &arguments::FitArguments) -> Result<InstrumentNoise, Failure> {
+fn instrument_noise(
+    position_sigma_mm: Option<f64>,
+    orientation_sigma_mrad: Option<f64>,
+) -> Result<InstrumentNoise, Failure> {
     let given = |name: &str, value: Option<f64>| match value {
         Some(x) if !(x > 0.0 && x.is_finite()) => Err(Failure::Usage(format!(
             "{name} {x}: expected a number above 0"
@@ -184,8 +190,8 @@ fn instrument_noise(fit: &arguments::FitArguments) -> Result<InstrumentNoise, Fa
         _ => Ok(value.map(|x| 1e-3 * x)),
     };
     Ok(InstrumentNoise {
-        position: given("--position-sigma-mm", fit.position_sigma_mm)?,
-        orientation: given("--orientation-sigma-mrad", fit.orientation_sigma_mrad)?,
+        position: given("--position-sigma-mm", position_sigma_mm)?,
+        orientation: given("--orientation-sigma-mrad", orientation_sigma_mrad)?,
     })
 }
 

@@ -30,6 +30,7 @@ use poegp_runtime::se3::Pose;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
+pub use words::list;
 
 use crate::calibration::base_tool::UNWEIGHTED;
 use crate::calibration::frames::{Sample, residual_components};
