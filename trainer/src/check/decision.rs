@@ -164,12 +164,16 @@ impl Test {
             || projected(&q, &self.seen) / self.variance() <= self.quantile(&q, false_alarms)
     }
 
-    /// How many units of noise one unit of the effect of a joint makes, and how many of them base, tool or whatever
-    /// `hidden_by` is do not make just as well.
+    /// How many units of noise a hypothesis makes, one unit of each component, and how many of them `hidden_by` does not
+    /// make just as well.
     pub fn visible(&self, hypothesis: usize, hidden_by: usize) -> (f64, f64) {
-        let column = &self.effects[hypothesis][0];
-        let left = without(column, &basis(&self.effects[hidden_by], &[]));
-        (inner(column, column).sqrt(), inner(&left, &left).sqrt())
+        let other = basis(&self.effects[hidden_by], &[]);
+        let norms = self.effects[hypothesis].iter().map(|column| {
+            let left = without(column, &other);
+            (inner(column, column), inner(&left, &left))
+        });
+        let (effect, own) = norms.fold((0.0, 0.0), |sum, n| (sum.0 + n.0, sum.1 + n.1));
+        (effect.sqrt(), own.sqrt())
     }
 
     /// The smallest change that this hypothesis finds nine times in ten, in its worst direction, in units of its

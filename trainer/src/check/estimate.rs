@@ -184,7 +184,7 @@ pub fn sensitivity(test: &Test, all: &[Hypothesis], false_alarms: f64) -> Vec<Se
         };
         let hidden = |other: &&usize| {
             let (effect, own) = test.visible(h, **other);
-            matches!(hypothesis.part, Part::Joint(_)) && own < OWN_SHARE * effect
+            all[**other].part != hypothesis.part && own < OWN_SHARE * effect
         };
         out.push(Sensitivity {
             part: hypothesis.part,

@@ -147,6 +147,7 @@ pub fn check(
             .any(|s| !s.position_only)
             .then_some(1e3 * scales.orientation * weighed.factors[1].sqrt()),
         model_mm: weighed.model_mm,
+        model_knows_its_error: arm.knows_its_error,
         sensitivity: sensitivity(&test, &all, options.false_alarms),
         odd_lines: odd(&left, samples, scales, lines),
     })

@@ -79,6 +79,9 @@ pub struct Report {
     /// The same of rotation in mrad, where it was measured.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub noise_mrad: Option<f64>,
+    /// Whether the model knows how wrong it is; without processes of the joints it does not, and false alarms are more frequent
+    /// than stated.
+    pub model_knows_its_error: bool,
     /// Root mean square of what the calibration is expected not to know of one position component, mm.
     pub model_mm: f64,
     /// What this check can find.

@@ -7,7 +7,9 @@ mod bad_measurements;
 mod bad_robots;
 #[cfg(unix)]
 mod board;
+mod check;
 mod choice;
+mod correct;
 mod demo;
 #[cfg(unix)]
 mod device;
