@@ -157,6 +157,12 @@ fn the_commands_of_the_readme_work() {
     }
 }
 
+#[test]
+fn the_commands_of_the_check_work() {
+    let folder = run("docs/check.md");
+    assert!(folder.join("check.json").is_file());
+}
+
 /// x, y, z in mm of every row of a file of predictions.
 fn positions(file: &Path) -> Vec<[f64; 3]> {
     let text = fs::read_to_string(file).unwrap();
@@ -199,6 +205,7 @@ fn links_lead_somewhere() {
         "README.md",
         "docs/architecture.md",
         "docs/blob-format.md",
+        "docs/check.md",
         "docs/conventions.md",
         "docs/link.md",
         "docs/performance.md",

@@ -8,4 +8,5 @@
 //! POEGP_CHECK_TRIALS=100 cargo test --release -p poegp-trainer --test check -- --nocapture
 //! ```
 
+mod draws;
 mod study;

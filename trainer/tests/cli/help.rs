@@ -8,7 +8,7 @@ const FIT: [&str; 2] = ["--per-output", "--weighted"];
 #[test]
 fn every_option_is_in_the_help() {
     let folder = Folder::new();
-    let commands: [(&str, Vec<&str>); 9] = [
+    let commands: [(&str, Vec<&str>); 11] = [
         (
             "simulate",
             [
@@ -57,6 +57,24 @@ fn every_option_is_in_the_help() {
                 ],
             ]
             .concat(),
+        ),
+        (
+            "correct",
+            vec!["<BLOB>", "<TARGETS>", "--payload-kg", "--out", "--json"],
+        ),
+        (
+            "check",
+            vec![
+                "<MEASUREMENTS>",
+                "--max-mm",
+                "--statistic",
+                "--max-drift-mm",
+                "--false-alarms",
+                "--refit-base",
+                "--refit-tool",
+                "--correct-drift",
+                "--json",
+            ],
         ),
         ("inspect", vec!["<BLOB>", "--json"]),
         ("keys new", vec!["--out <NAME>"]),
