@@ -52,7 +52,7 @@ pub type Columns = Vec<Vec<f64>>;
 pub struct Choice {
     /// Its number.
     pub hypothesis: usize,
-    /// Share of draws with an alarm as loud as this; at least one in [`DRAWS`].
+    /// Share of draws with an alarm as loud as this; at least one in all of them.
     pub p_value: f64,
 }
 

@@ -22,6 +22,7 @@ pub mod report;
 use faer::{Mat, Side};
 use poegp_runtime::se3::Pose;
 
+use crate::calibration::ends::tool_count;
 use crate::calibration::frames::Sample;
 use crate::calibration::noise::{InstrumentNoise, Scales};
 use crate::elastic::outliers::LEFT_OUT;
@@ -100,7 +101,7 @@ pub fn check(
     options: &Options,
 ) -> Result<Report, CheckError> {
     let samples = &stated(samples, &options.instrument);
-    enough(loaded, samples)?;
+    enough(loaded, samples, options)?;
     let placed = Placed::new(loaded, samples, tools, options);
     let arm = BlobArm::new(loaded, &placed.tools);
     let weighed = Weighed::new(&placed, &arm)?;
@@ -162,14 +163,20 @@ fn stated(samples: &[Sample], instrument: &InstrumentNoise) -> Vec<Sample> {
     samples.iter().map(of).collect()
 }
 
-fn enough(loaded: &LoadedBlob, samples: &[Sample]) -> Result<(), CheckError> {
+fn enough(loaded: &LoadedBlob, samples: &[Sample], options: &Options) -> Result<(), CheckError> {
     let each = if samples.iter().all(|s| s.position_only) {
         3
     } else {
         6
     };
+    // Each tool that is mounted anew is an unknown of its own.
+    let tools = if options.refit_tool {
+        tool_count(samples)
+    } else {
+        1
+    };
     // Base, tool (of positions alone, where its target is), joints and payload.
-    let unknowns = 6 + each + loaded.model().joints() + 1 + FEWEST_FREEDOM;
+    let unknowns = 6 + each * tools + loaded.model().joints() + 1 + FEWEST_FREEDOM;
     let needed = unknowns.div_ceil(each);
     if samples.len() < needed {
         return Err(CheckError::TooFew {

@@ -2,7 +2,6 @@
 
 use faer::Mat;
 use poegp_protocol::JointKind;
-use poegp_runtime::poe::Poe;
 use poegp_runtime::se3::Twist;
 use serde::Serialize;
 
@@ -108,9 +107,4 @@ pub fn tool_effect(arm: &BlobArm, at: &Linearised, samples: &[Sample]) -> Mat<f6
         }
     }
     out
-}
-
-/// The chain of the first tool.
-pub fn chain(arm: &BlobArm) -> Poe<f64> {
-    arm.state.chain(0)
 }
