@@ -1,176 +1,170 @@
-//! Which poses tell most: the prior of the elastic model, and the poses that leave least of it.
+//! Which poses tell most about the parameters: exchange of poses under the prior of the elastic model.
 //!
-//! Before anything is measured the elastic model is a Gaussian prior over frames, gravity terms and joint-space processes
-//! (`elastic/state.rs`, `elastic/likelihood.rs`; kernels are the runtime's). A measurement of a candidate pose takes a part
-//! of that prior away, whatever it will read: which poses are best can be computed beforehand. Poses are taken one after
-//! the other, each the one that leaves least: of the parameters' entropy (D-optimal, log-determinant), or of the variance
-//! of the position at reference poses all over the planned region (what held-out errors are made of).
+//! Before anything is measured the parameters of the elastic model (frames, gravity terms of links and payload) are a
+//! Gaussian prior (`elastic/state.rs`). A pose with the whitened Jacobian B (rows by the noise, columns by the prior)
+//! turns the information M into M + BᵀB, whatever will be read there, so that plans can be compared before anyone
+//! measures: by log|M| (D-optimal), or by the variance of the position that M leaves, on average over the candidates
+//! (I-optimal). From a plan to begin with, every pose in turn is exchanged for the candidate of the same payload that
+//! is best with all the others, until a round changes nothing (Fedorov, "Theory of Optimal Experiments", 1972).
 
 use faer::linalg::matmul::matmul;
-use faer::{Accum, Mat, Par};
-use nalgebra::{SMatrix, SVector};
-use poegp_runtime::deflection::similarity;
+use faer::linalg::solvers::{DenseSolveCore, Llt};
+use faer::{Accum, Mat, Par, Side};
+use nalgebra::{SMatrix, Vector3};
 use poegp_runtime::poe::Poe;
 
 use crate::calibration::frames::Sample;
 use crate::calibration::noise::Scales;
-use crate::elastic::likelihood::{HyperLayout, prior_variance};
 use crate::elastic::state::{Layout, ROWS, State};
 
-/// The prior over candidates and reference poses, as far as the chosen poses have left it.
-pub struct Belief {
-    /// Covariance of the rows of candidates, then of reference positions, with the rows of candidates.
-    covariance: Mat<f64>,
-    candidates: usize,
-}
-
-/// Rows of a reference pose: its position.
+type Block = SMatrix<f64, ROWS, ROWS>;
+/// Rows of a pose that are its position.
 const POSITION: usize = 3;
 
-impl Belief {
-    /// Before the first measurement.
+/// What a plan is good at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Criterion {
+    /// Largest log|M|.
+    Parameters,
+    /// Smallest mean variance of the position.
+    Prediction,
+}
+
+/// Candidates as the exchange sees them.
+pub struct Design {
+    /// Whitened Jacobians, ROWS a candidate.
+    rows: Mat<f64>,
+    /// Σ of the position rows' outer products, divided by their number.
+    weight: Mat<f64>,
+    /// First candidate of each payload, and the number of all.
+    payload_starts: Vec<usize>,
+}
+
+impl Design {
+    /// Of candidates, ordered by payload; `chain` leads to the target.
     pub fn new(
         chain: &Poe<f64>,
         coupling: Option<&Vec<Vec<f64>>>,
-        gravity: nalgebra::Vector3<f64>,
+        gravity: Vector3<f64>,
         candidates: &[Sample],
-        reference: &[Sample],
         noise: Scales,
-        processes: bool,
     ) -> Self {
+        let payload = |s: &Sample| s.payload_kg.unwrap_or(0.0);
+        let mut payload_starts: Vec<usize> = (0..candidates.len())
+            .filter(|i| *i == 0 || payload(&candidates[*i]) != payload(&candidates[i - 1]))
+            .collect();
+        payload_starts.push(candidates.len());
         let n = chain.kinds().len();
-        let payloads: Vec<f64> = candidates.iter().map(|s| s.payload_kg.unwrap_or(0.0)).collect();
-        let varies = payloads.iter().any(|m| *m != payloads[0]);
         let layout = Layout {
             joints: n,
             tools: 1,
             gravity: true,
-            payload: varies,
+            payload: payload_starts.len() > 2,
             ripple: Vec::new(),
         };
-        let groups = layout.groups();
-        let hyper = HyperLayout {
-            joints: n,
-            payload: varies,
-            tied: false,
-        };
-        let mean_payload = (payloads.iter().sum::<f64>() / payloads.len() as f64).max(1e-3);
-        let h = hyper.start_and_bounds(mean_payload).0;
-        let kernels = hyper.kernels(&h);
-        let state = State::new(chain, vec![chain.frames()[n]], coupling.cloned(), layout, gravity);
-        let all: Vec<Sample> = candidates.iter().chain(reference).cloned().collect();
-        let linear = state.linearise(&all, noise);
-        let columns = ROWS * candidates.len();
-        let rows = columns + POSITION * reference.len();
-        // The row of the linear model that a row here is.
-        let source = |row: usize| {
-            if row < columns {
-                row
-            } else {
-                let k = row - columns;
-                columns + ROWS * (k / POSITION) + k % POSITION
+        let sd: Vec<f64> = layout.groups().iter().map(|g| g.prior_sd()).collect();
+        let tool = vec![chain.frames()[n]];
+        let state = State::new(chain, tool, coupling.cloned(), layout, gravity);
+        let mut rows = state.linearise(candidates, noise).a;
+        for (j, sd) in sd.iter().enumerate() {
+            for i in 0..rows.nrows() {
+                rows[(i, j)] *= sd;
             }
-        };
-        let sd: Vec<f64> = groups.iter().map(|g| prior_variance(*g, &h).sqrt()).collect();
-        let whitened = Mat::from_fn(rows, groups.len(), |i, j| linear.a[(source(i), j)] * sd[j]);
-        let mut covariance = Mat::zeros(rows, columns);
+        }
+        let p = rows.ncols();
+        let positions = Mat::from_fn(POSITION * candidates.len(), p, |i, j| {
+            rows[(ROWS * (i / POSITION) + i % POSITION, j)]
+        });
+        let mut weight = Mat::zeros(p, p);
+        let share = 1.0 / candidates.len() as f64;
         matmul(
-            covariance.as_mut(),
+            weight.as_mut(),
             Accum::Replace,
-            whitened.as_ref(),
-            whitened.as_ref().subrows(0, columns).transpose(),
-            1.0,
+            positions.as_ref().transpose(),
+            positions.as_ref(),
+            share,
             Par::Seq,
         );
-        if processes {
-            let features: Vec<_> = all.iter().map(|s| state.features(s)).collect();
-            let kinds = chain.kinds();
-            for j in 0..candidates.len() {
-                for i in 0..all.len() {
-                    let mut s = [0.0; poegp_protocol::limits::MAX_JOINTS];
-                    for d in 0..n {
-                        s[d] = similarity(kinds[d], &features[i][d], &features[j][d]);
-                    }
-                    let (mi, mj) = (
-                        all[i].payload_kg.unwrap_or(0.0),
-                        all[j].payload_kg.unwrap_or(0.0),
-                    );
-                    let (first, count) = if i < candidates.len() {
-                        (ROWS * i, ROWS)
-                    } else {
-                        (columns + POSITION * (i - candidates.len()), POSITION)
-                    };
-                    for (c, kernel) in kernels.iter().enumerate() {
-                        let k = kernel.joint_factor(&s) * kernel.payload_factor(mi, mj);
-                        for b in 0..ROWS {
-                            let right = k * linear.jacobian[(ROWS * j + b, c)];
-                            for a in 0..count {
-                                covariance[(first + a, ROWS * j + b)] +=
-                                    linear.jacobian[(ROWS * i + a, c)] * right;
-                            }
-                        }
-                    }
-                }
-            }
-        }
         Self {
-            covariance,
-            candidates: candidates.len(),
+            rows,
+            weight,
+            payload_starts,
         }
     }
 
-    /// Covariance of a measurement of candidate `i`, noise included, factored.
-    fn factor(&self, i: usize) -> SMatrix<f64, ROWS, ROWS> {
-        let mut s = SMatrix::<f64, ROWS, ROWS>::from_fn(|a, b| {
-            self.covariance[(ROWS * i + a, ROWS * i + b)]
-        });
-        for a in 0..ROWS {
-            s[(a, a)] += 1.0;
-        }
-        s.cholesky().map_or_else(SMatrix::identity, |c| c.l())
+    fn block(&self, i: usize) -> faer::MatRef<'_, f64> {
+        self.rows.as_ref().subrows(ROWS * i, ROWS)
     }
 
-    /// log det of it: what is learnt, in nats, twice.
-    pub fn information(&self, i: usize) -> f64 {
-        let l = self.factor(i);
-        (0..ROWS).map(|a| 2.0 * l[(a, a)].ln()).sum()
+    /// M⁻¹ of some poses.
+    fn covariance(&self, chosen: &[usize]) -> Option<Mat<f64>> {
+        let p = self.rows.ncols();
+        let mut information = Mat::<f64>::identity(p, p);
+        for i in chosen {
+            let b = self.block(*i);
+            matmul(information.as_mut(), Accum::Add, b.transpose(), b, 1.0, Par::Seq);
+        }
+        Some(Llt::new(information.as_ref(), Side::Lower).ok()?.inverse())
     }
 
-    /// By how much candidate `i` lowers the variance of the reference positions, summed.
-    pub fn reduction(&self, i: usize) -> f64 {
-        let l = self.factor(i);
-        let first = ROWS * self.candidates;
-        let mut sum = 0.0;
-        for row in first..self.covariance.nrows() {
-            let mut x = SVector::<f64, ROWS>::from_fn(|b, _| self.covariance[(row, ROWS * i + b)]);
-            l.solve_lower_triangular_mut(&mut x);
-            sum += x.norm_squared();
-        }
-        sum
+    /// Mean variance of the position, in units of the noise.
+    pub fn variance(&self, chosen: &[usize]) -> f64 {
+        let Some(c) = self.covariance(chosen) else { return f64::NAN };
+        let p = c.nrows();
+        (0..p).map(|i| (0..p).map(|j| c[(i, j)] * self.weight[(j, i)]).sum::<f64>()).sum()
+    }
+
+    /// Adds (`sign` 1) or takes away (−1) the information of a pose.
+    fn update(&self, c: &mut Mat<f64>, i: usize, sign: f64) {
+        let b = self.block(i);
+        let cb = &*c * b.transpose();
+        let bcb = b * &cb;
+        let s = Block::from_fn(|a, k| bcb[(a, k)] * sign + if a == k { 1.0 } else { 0.0 });
+        let Some(inverse) = s.try_inverse() else { return };
+        let inverse = Mat::from_fn(ROWS, ROWS, |a, k| inverse[(a, k)]);
+        let left = &cb * &inverse;
+        matmul(c.as_mut(), Accum::Add, left.as_ref(), cb.as_ref().transpose(), -sign, Par::Seq);
     }
 
     /// x
-    pub fn variance(&self, row: usize) -> f64 { self.covariance[(row, row)] }
-
-    /// Measures candidate `i`.
-    pub fn measure(&mut self, i: usize) {
-        let l = self.factor(i);
-        let mut u = Mat::<f64>::zeros(self.covariance.nrows(), ROWS);
-        for row in 0..u.nrows() {
-            let mut x = SVector::<f64, ROWS>::from_fn(|b, _| self.covariance[(row, ROWS * i + b)]);
-            l.solve_lower_triangular_mut(&mut x);
-            for b in 0..ROWS {
-                u[(row, b)] = x[b];
+    pub fn exchange(&self, start: &[usize], criterion: Criterion, rounds: usize) -> Vec<usize> {
+        let mut chosen = start.to_vec();
+        let Some(mut c) = self.covariance(&chosen) else { return chosen };
+        for _ in 0..rounds {
+            let mut changed = false;
+            for slot in 0..chosen.len() {
+                let old = chosen[slot];
+                self.update(&mut c, old, -1.0);
+                let group = self.payload_starts.partition_point(|s| *s <= old) - 1;
+                let (first, end) = (self.payload_starts[group], self.payload_starts[group + 1]);
+                let b = self.rows.as_ref().subrows(ROWS * first, ROWS * (end - first));
+                let u = b * &c;
+                let uw = (criterion == Criterion::Prediction).then(|| &u * &self.weight);
+                let dot = |x: faer::MatRef<'_, f64>, i: usize, y: faer::MatRef<'_, f64>, j: usize| {
+                    (0..x.ncols()).map(|k| x[(i, k)] * y[(j, k)]).sum::<f64>()
+                };
+                let score = |i: usize| {
+                    let r = ROWS * (i - first);
+                    let s = Block::from_fn(|a, k| dot(u.as_ref(), r + a, b, r + k) + if a == k { 1.0 } else { 0.0 });
+                    match &uw {
+                        None => s.determinant(),
+                        Some(uw) => {
+                            let t = Block::from_fn(|a, k| dot(uw.as_ref(), r + a, u.as_ref(), r + k));
+                            s.try_inverse().map_or(0.0, |inv| (inv * t).trace())
+                        }
+                    }
+                };
+                let best = (first..end)
+                    .filter(|i| *i == old || !chosen.contains(i))
+                    .map(|i| (i, score(i)))
+                    .max_by(|a, b| a.1.total_cmp(&b.1));
+                let best = best.map_or(old, |b| b.0);
+                changed |= best != old;
+                chosen[slot] = best;
+                self.update(&mut c, best, 1.0);
             }
+            if !changed { break; }
         }
-        let columns = ROWS * self.candidates;
-        matmul(
-            self.covariance.as_mut(),
-            Accum::Add,
-            u.as_ref(),
-            u.as_ref().subrows(0, columns).transpose(),
-            -1.0,
-            Par::Seq,
-        );
+        chosen
     }
 }

@@ -3,7 +3,7 @@ use poegp_trainer::calibration::frames::Sample;
 use poegp_trainer::calibration::noise::{InstrumentNoise, Scales};
 use poegp_trainer::calibration::{Method, Options};
 use poegp_trainer::export::{Origin, calibrate_for_device, nominal_chain};
-use poegp_trainer::plan::design::Belief;
+use poegp_trainer::plan::design::*;
 use poegp_trainer::robot::{LoadOptions, Robot};
 use poegp_trainer::samples::ToolName;
 use poegp_trainer::simulate::*;
@@ -47,41 +47,36 @@ fn study() {
                 let mut random = ChaCha8Rng::seed_from_u64(seed + 1000);
                 let mut draw = |k: usize| { let joints: Vec<f64> = ranges.iter().map(|(a, b)| a + (b - a) * random.random::<f64>()).collect();
                     Sample { serial: joints.clone(), joints, payload_kg: Some(PAY[k % 5]), measured: Pose::identity(), tool: 0, position_only: false, stated: InstrumentNoise::UNKNOWN } };
-                let pool: Vec<Sample> = (0..pool_n).map(&mut draw).collect();
-                let reference: Vec<Sample> = (0..100).map(&mut draw).collect();
+                let mut pool: Vec<Sample> = (0..pool_n).map(&mut draw).collect(); pool.sort_by(|a, b| a.payload_kg.unwrap().total_cmp(&b.payload_kg.unwrap())); let pidx = |i: usize| i / (pool_n / 5);
+                
                 for &count in &counts {
                     let mut sd = 0.0;
                     let pick: Vec<usize> = match kind {
                         "random" => vec![],
-                        "mm" => {
-                            let f = |s: &Sample| -> Vec<f64> { s.joints.iter().zip(&ranges).map(|(q, (a, b))| (q - a) / (b - a)).chain([s.payload_kg.unwrap() / 7.5 * 0.5]).collect() };
+                        k if k.starts_with("mm") => {
+                            // mm:weight:quota:angular
+                            let o: Vec<f64> = k.split(':').skip(1).map(|x| x.parse().unwrap()).collect();
+                            let (w, quota, mode) = (o[0], o[1] > 0.0, o[2]);
+                            let f = |s: &Sample| -> Vec<f64> { s.joints.iter().zip(&ranges).flat_map(|(q, (a, b))| if mode == 0.0 { vec![(q - a) / (b - a)] } else { vec![q.sin(), q.cos()] }).chain([s.payload_kg.unwrap() / 7.5 * w]).collect() };
                             let fs: Vec<Vec<f64>> = pool.iter().map(f).collect();
                             let d = |a: &Vec<f64>, b: &Vec<f64>| a.iter().zip(b).map(|(x, y)| (x - y).powi(2)).sum::<f64>();
-                            let mut out = vec![0usize];
+                            let mut near = vec![f64::MAX; fs.len()];
+                            let mut left: Vec<usize> = vec![if quota {count / 5} else {count}; 5];
+                            let mut out: Vec<usize> = vec![];
                             while out.len() < count {
-                                let i = (0..pool.len()).max_by(|i, j| {
-                                    let m = |k: usize| out.iter().map(|o| d(&fs[*o], &fs[k])).fold(f64::MAX, f64::min);
-                                    m(*i).total_cmp(&m(*j))
-                                }).unwrap();
+                                let i = (0..pool.len()).filter(|i| left[pidx(*i)] > 0).max_by(|i, j| near[*i].total_cmp(&near[*j])).unwrap();
+                                left[pidx(i)] -= 1;
+                                for k in 0..fs.len() { near[k] = near[k].min(d(&fs[i], &fs[k])); }
                                 out.push(i);
                             }
                             out
                         }
-                        _ => {
-                            let mut belief = Belief::new(&chain, None, Vector3::new(0., 0., -9.81), &pool, &reference, Scales::uniform(30e-6, 50e-6), !kind.contains('p'));
-                            let mut left: Vec<usize> = vec![count / 5; 5];
-                            let mut out: Vec<usize> = vec![];
-                            while out.len() < count {
-                                let score = |i: usize| if kind.starts_with('v') { belief.reduction(i) } else if kind.starts_with('r') { -(i as f64) } else { belief.information(i) };
-                                let best = (0..pool.len()).filter(|i| left[i % 5] > 0 && !out.contains(i)).map(|i| (i, score(i))).max_by(|a, b| a.1.total_cmp(&b.1)).unwrap().0;
-                                belief.measure(best);
-                                left[best % 5] -= 1;
-                                out.push(best);
-                            }
-                            // expected sd at reference: by pool positions left
-                            let mut sum = 0.0; let mut num = 0.0;
-                            for i in 0..pool.len() { if out.contains(&i) { continue; } for a in 0..3 { sum += belief.variance(6 * i + a); } num += 1.0; }
-                            sd = 30e-3 * (sum / num).sqrt();
+                        k => {
+                            let o: Vec<&str> = k.split(':').collect();
+                            let design = Design::new(&chain, None, Vector3::new(0., 0., -9.81), &pool, Scales::uniform(30e-6, 50e-6));
+                            let start: Vec<usize> = (0..count).map(|k| (k % 5) * (pool_n / 5) + k / 5).collect();
+                            let out = design.exchange(&start, if o[0] == "D" { Criterion::Parameters } else { Criterion::Prediction }, o[1].parse().unwrap());
+                            sd = 30e-3 * design.variance(&out).sqrt();
                             out
                         }
                     };
