@@ -13,7 +13,7 @@ use crate::calibration::{Method, fewest_poses};
 use crate::error::InputError;
 use crate::plan::candidates::Candidates;
 use crate::plan::constraints::Constraints;
-use crate::plan::forecast::{ARMS, Row};
+use crate::plan::forecast::{ARMS, COUNTS, Row};
 use crate::plan::programs::{Language, program};
 use crate::plan::table::to_csv;
 use crate::plan::{CHOICE, Plan, Planner, Strategy, Task, TooTight};
@@ -59,8 +59,11 @@ pub struct PlanArguments {
     /// Gravity in the base frame in m/s², for arms on a wall or a ceiling.
     #[arg(long, value_name = "X,Y,Z", default_value = "0,0,-9.81", allow_hyphen_values = true, value_parser = gravity)]
     gravity: Gravity,
-    /// Leave out the simulation of what so many poses are worth.
-    #[arg(long)]
+    /// Numbers of poses whose worth is simulated beside that of the plan.
+    #[arg(long, value_name = "N,N", value_delimiter = ',', default_values_t = COUNTS, value_parser = forecast_count)]
+    forecast: Vec<usize>,
+    /// Leave that simulation out; with the default numbers it takes half a minute on two cores.
+    #[arg(long, conflicts_with = "forecast")]
     no_forecast: bool,
     /// The plan as CSV, in the columns of a measurement file without the measurements.
     #[arg(long, value_name = "FILE")]
@@ -120,7 +123,11 @@ struct Forecast {
 
 pub fn run(a: &PlanArguments) -> Result<(), Failure> {
     let programs = [&a.rapid, &a.krl, &a.urscript, &a.fanuc];
-    let mut outputs = vec![Some(a.out.as_path()), a.check_out.as_deref(), a.json.as_deref()];
+    let mut outputs = vec![
+        Some(a.out.as_path()),
+        a.check_out.as_deref(),
+        a.json.as_deref(),
+    ];
     outputs.extend(programs.iter().map(|p| p.as_deref()));
     let mut inputs = vec![Path::new(&a.robot.robot)];
     inputs.extend(a.constraints.as_deref());
@@ -151,24 +158,35 @@ pub fn run(a: &PlanArguments) -> Result<(), Failure> {
     let plan = planner.plan(count, checks, asked.unwrap_or(Strategy::usual(count)));
     spinner.finish_and_clear();
     let plan = plan.map_err(|e| too_tight(&constraints, &e))?;
-    let written = [Language::Rapid, Language::Krl, Language::UrScript, Language::Fanuc]
-        .into_iter()
-        .zip(programs)
-        .filter_map(|(language, path)| path.as_deref().map(|path| (language, path)))
-        .map(|(language, path)| {
-            let name = path.file_stem().map_or("plan".into(), |s| s.to_string_lossy());
-            let text = program(language, &name, &arm.robot, &plan)
-                .map_err(|e| InputError::new(path, e.to_string(), "a robot that fits"))?;
-            Ok((path, text))
-        })
-        .collect::<Result<Vec<_>, InputError>>()?;
-    let forecast = (!a.no_forecast).then(|| forecast(&planner, count, asked));
+    let written = [
+        Language::Rapid,
+        Language::Krl,
+        Language::UrScript,
+        Language::Fanuc,
+    ]
+    .into_iter()
+    .zip(programs)
+    .filter_map(|(language, path)| path.as_deref().map(|path| (language, path)))
+    .map(|(language, path)| {
+        let name = path
+            .file_stem()
+            .map_or("plan".into(), |s| s.to_string_lossy());
+        let text = program(language, &name, &arm.robot, &plan)
+            .map_err(|e| InputError::new(path, e.to_string(), "a robot that fits"))?;
+        Ok((path, text))
+    })
+    .collect::<Result<Vec<_>, InputError>>()?;
+    let forecast = (!a.no_forecast).then(|| forecast(&planner, &a.forecast, count, asked));
     let document = document(a, &arm, &plan, &planner, &constraints, forecast);
     let json = json_text(&document)?;
     let csv = to_csv(&arm.robot, &plan, false);
     let check_csv = to_csv(&arm.robot, &plan, true);
     let mut files = vec![(a.out.as_path(), csv.as_bytes())];
-    files.extend(a.check_out.as_deref().map(|path| (path, check_csv.as_bytes())));
+    files.extend(
+        a.check_out
+            .as_deref()
+            .map(|path| (path, check_csv.as_bytes())),
+    );
     files.extend(a.json.as_deref().map(|path| (path, json.as_bytes())));
     files.extend(written.iter().map(|(path, text)| (*path, text.as_bytes())));
     write_outputs(&files)?;
@@ -180,6 +198,13 @@ pub fn run(a: &PlanArguments) -> Result<(), Failure> {
         }
     }
     Ok(())
+}
+
+fn forecast_count(text: &str) -> Result<usize, String> {
+    match text.parse() {
+        Ok(count @ 1..=1000) => Ok(count),
+        _ => Err("expected a number of poses, to 1000".to_owned()),
+    }
 }
 
 /// Payloads in kg, sorted, each once.
@@ -247,9 +272,14 @@ fn too_tight(constraints: &Constraints, error: &TooTight) -> Failure {
         .into()
 }
 
-fn forecast(planner: &Planner, count: usize, asked: Option<Strategy>) -> Forecast {
+fn forecast(
+    planner: &Planner,
+    counts: &[usize],
+    planned: usize,
+    asked: Option<Strategy>,
+) -> Forecast {
     let begun = Instant::now();
-    let counts = planner.forecast_counts(count);
+    let counts = planner.forecast_counts(counts.iter().copied().chain([planned]));
     let bar = progress::bar(Planner::forecast_steps(&counts), "simulating");
     let rows = planner.forecast(&counts, asked, &|| bar.inc(1));
     bar.finish_and_clear();
@@ -329,7 +359,9 @@ fn print(report: Report, a: &PlanArguments, d: &Document, plan: &Plan, candidate
         );
     }
     if d.payloads_kg.len() == 1 || d.payloads_kg.is_empty() {
-        eprintln!("note: one payload tells nothing about others; --payloads 0,5,10 spreads the poses over three");
+        eprintln!(
+            "note: one payload tells nothing about others; --payloads 0,5,10 spreads the poses over three"
+        );
     }
     report.line(format_args!(
         "  The slowest joint moves {:.0} times through its range, {:.2} ranges a move.",

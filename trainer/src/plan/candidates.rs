@@ -44,11 +44,25 @@ pub fn in_file_units(kind: JointKind, joint: f64) -> f64 {
     }
 }
 
+/// A value of a plan as text: the three decimals that it has.
+pub fn decimals(value: f64) -> String {
+    let text = format!("{value:.3}");
+    // A rounded −0.0004 is 0.
+    if text == "-0.000" {
+        "0.000".to_owned()
+    } else {
+        text
+    }
+}
+
 /// The nearest joint within a range that three decimals hold, rad or m.
 fn on_grid(kind: JointKind, joint: f64, (lower, upper): (f64, f64)) -> f64 {
     let [least, steps, most] = [lower, joint, upper].map(|x| STEPS * in_file_units(kind, x));
     // A range narrower than a step has no grid point: its middle is as good.
-    let value = steps.round().clamp(least.ceil().min(most.floor()), most.floor()) / STEPS;
+    let value = steps
+        .round()
+        .clamp(least.ceil().min(most.floor()), most.floor())
+        / STEPS;
     match kind {
         JointKind::Revolute => value.to_radians(),
         JointKind::Prismatic => value / 1e3,

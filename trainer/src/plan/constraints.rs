@@ -149,13 +149,19 @@ impl Constraints {
     pub fn read(path: &Path, robot: &Robot) -> Result<Self, InputError> {
         let text = std::fs::read_to_string(path)
             .map_err(|e| InputError::unreadable(path, &e, "the constraints of a plan in TOML"))?;
-        let reader = Reader { file: path, text: &text };
+        let reader = Reader {
+            file: path,
+            text: &text,
+        };
         let file: File = toml::from_str(&text).map_err(|error| reader.not_constraints(&error))?;
         Self::of(robot, Some(path), &file, &text)
     }
 
     fn of(robot: &Robot, path: Option<&Path>, file: &File, text: &str) -> Result<Self, InputError> {
-        let reader = Reader { file: path.unwrap_or(Path::new("<no constraints>")), text };
+        let reader = Reader {
+            file: path.unwrap_or(Path::new("<no constraints>")),
+            text,
+        };
         let mut rules = Vec::new();
         if let Some(zone) = &file.workspace {
             let line = reader.line(zone.span().start);
@@ -164,7 +170,11 @@ impl Constraints {
         }
         for (number, table) in (1..).zip(&file.keep_out) {
             let line = reader.line(table.span().start);
-            let name = table.get_ref().name.clone().unwrap_or_else(|| number.to_string());
+            let name = table
+                .get_ref()
+                .name
+                .clone()
+                .unwrap_or_else(|| number.to_string());
             let rule = Rule::KeepOut(name, reader.zone(table)?);
             rules.push(Constraint { rule, line });
         }
@@ -210,7 +220,9 @@ impl Constraints {
             .chain([&flange])
             .map(|frame| frame.translation)
             .collect();
-        self.rules.iter().position(|rule| !rule.allows(&target, &points))
+        self.rules
+            .iter()
+            .position(|rule| !rule.allows(&target, &points))
     }
 }
 
@@ -284,7 +296,12 @@ struct Reader<'a> {
 
 impl Reader<'_> {
     fn line(&self, at: usize) -> usize {
-        1 + self.text.get(..at).unwrap_or(self.text).matches('\n').count()
+        1 + self
+            .text
+            .get(..at)
+            .unwrap_or(self.text)
+            .matches('\n')
+            .count()
     }
 
     /// An error at the start of `span`.
@@ -326,7 +343,9 @@ impl Reader<'_> {
     ) -> Result<Option<(&'static str, f64, &'a Spanned<T>)>, InputError> {
         let mut given: Option<(&'static str, f64, &'a Spanned<T>)> = None;
         for (key, factor, value) in units {
-            let Some(value) = value.as_ref() else { continue };
+            let Some(value) = value.as_ref() else {
+                continue;
+            };
             if let Some((other, _, _)) = given {
                 let found = format!("{key} beside {other}");
                 return Err(self.error(value.span(), key, found, "the quantity once, in one unit"));
@@ -368,15 +387,26 @@ impl Reader<'_> {
         let zone = table.get_ref();
         let corner = |units: [Unit<'_, [f64; 3]>; 2], keys: &str| {
             self.vector(&units)?.ok_or_else(|| {
-                self.error(table.span(), "", format!("no {keys}"), "both corners of the box")
+                self.error(
+                    table.span(),
+                    "",
+                    format!("no {keys}"),
+                    "both corners of the box",
+                )
             })
         };
         let lower = corner(
-            [("min_mm", MILLIMETRE, &zone.min_mm), ("min_m", 1.0, &zone.min_m)],
+            [
+                ("min_mm", MILLIMETRE, &zone.min_mm),
+                ("min_m", 1.0, &zone.min_m),
+            ],
             "min_mm",
         )?;
         let upper = corner(
-            [("max_mm", MILLIMETRE, &zone.max_mm), ("max_m", 1.0, &zone.max_m)],
+            [
+                ("max_mm", MILLIMETRE, &zone.max_mm),
+                ("max_m", 1.0, &zone.max_m),
+            ],
             "max_mm",
         )?;
         if let Some(axis) = (0..3).find(|i| lower[*i] >= upper[*i]) {
@@ -460,7 +490,10 @@ impl Reader<'_> {
                 (None, None, JointKind::Revolute) => Ok((-WIDEST, WIDEST)),
                 (None, None, JointKind::Prismatic) => Err(InputError::new(
                     self.file,
-                    format!("no range of the slide \"{}\", which has no limits", joint.name),
+                    format!(
+                        "no range of the slide \"{}\", which has no limits",
+                        joint.name
+                    ),
                     "a [[joint]] table with its name and range_mm",
                 )
                 .with_help("write one into a file for --constraints")),
@@ -475,8 +508,14 @@ impl Reader<'_> {
     ) -> Result<(f64, f64), InputError> {
         let t = table.get_ref();
         let units = match joint.kind {
-            JointKind::Revolute => [("range_deg", DEGREE, &t.range_deg), ("range_rad", 1.0, &t.range_rad)],
-            JointKind::Prismatic => [("range_mm", MILLIMETRE, &t.range_mm), ("range_m", 1.0, &t.range_m)],
+            JointKind::Revolute => [
+                ("range_deg", DEGREE, &t.range_deg),
+                ("range_rad", 1.0, &t.range_rad),
+            ],
+            JointKind::Prismatic => [
+                ("range_mm", MILLIMETRE, &t.range_mm),
+                ("range_m", 1.0, &t.range_m),
+            ],
         };
         let Some((key, factor, value)) = self.one_unit(&units)? else {
             let found = format!("no {} of joint \"{}\"", units[0].0, joint.name);

@@ -7,20 +7,45 @@
 //! candidate of the same payload that is best beside all the others, until a round changes nothing (V. V. Fedorov, "Theory
 //! of Optimal Experiments", 1972).
 //!
+//! Beside the parameters there may be terms that no arm is drawn with: a sine and a cosine of every joint in the deflection
+//! of every joint. They stand for what the model has to learn by its processes, and keep the poses apart.
+//!
 //! Jacobians are the runtime's, by way of [`State::linearise`].
 
 use faer::linalg::matmul::matmul;
 use faer::linalg::solvers::{DenseSolveCore, Llt};
 use faer::{Accum, Mat, MatRef, Par, Side};
 use nalgebra::{SMatrix, Vector3};
+use poegp_runtime::deflection::ripple_regressors;
 use poegp_runtime::poe::Poe;
 
 use crate::calibration::frames::Sample;
 use crate::calibration::noise::Scales;
-use crate::elastic::state::{Layout, ROWS, State};
+use crate::elastic::state::{Group, Layout, ROWS, State};
 
 /// Rounds of exchange: the third changes few poses, the fourth next to none.
 const ROUNDS: usize = 4;
+
+/// Standard deviations of the prior that a plan is made for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Prior {
+    /// Of the links' gravity terms, rad/(m/s²).
+    pub links: f64,
+    /// Of the payload's, rad/(N m) and rad/N.
+    pub payload: f64,
+    /// Of each sine and cosine, rad; 0 leaves them out.
+    pub smooth: f64,
+}
+
+impl Default for Prior {
+    fn default() -> Self {
+        Self {
+            links: Group::Links.prior_sd(),
+            payload: Group::Payload.prior_sd(),
+            smooth: 0.0,
+        }
+    }
+}
 
 type Block = SMatrix<f64, ROWS, ROWS>;
 
@@ -42,6 +67,7 @@ impl Design {
         candidates: &[Sample],
         of_a_payload: usize,
         noise: Scales,
+        prior: Prior,
     ) -> Self {
         let n = chain.kinds().len();
         let layout = Layout {
@@ -54,10 +80,26 @@ impl Design {
         let groups = layout.groups();
         let tool = vec![chain.frames()[n]];
         let state = State::new(chain, tool, coupling.cloned(), layout, gravity);
-        let mut rows = state.linearise(candidates, noise).a;
+        let linear = state.linearise(candidates, noise);
+        let smooth = if prior.smooth > 0.0 { 2 * n * n } else { 0 };
+        let p = groups.len();
+        let mut rows = Mat::zeros(linear.a.nrows(), p + smooth);
         for (j, group) in groups.iter().enumerate() {
+            let sd = match group {
+                Group::Links => prior.links,
+                Group::Payload => prior.payload,
+                _ => group.prior_sd(),
+            };
             for i in 0..rows.nrows() {
-                rows[(i, j)] *= group.prior_sd();
+                rows[(i, j)] = sd * linear.a[(i, j)];
+            }
+        }
+        for j in 0..smooth {
+            let (deflected, of) = (j / 2 / n, j / 2 % n);
+            for i in 0..rows.nrows() {
+                let (sin, cos) = ripple_regressors(1.0, candidates[i / ROWS].joints[of]);
+                let wave = if j % 2 == 0 { sin } else { cos };
+                rows[(i, p + j)] = prior.smooth * wave * linear.jacobian[(i, deflected)];
             }
         }
         Self { rows, of_a_payload }

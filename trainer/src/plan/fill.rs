@@ -4,7 +4,7 @@
 //! weight: the model knows how a payload acts through gravity, and only what is left has to be interpolated.
 
 /// Weight of the whole range of payloads beside that of one joint.
-const PAYLOAD_WEIGHT: f64 = 0.5;
+pub const PAYLOAD_WEIGHT: f64 = 0.5;
 
 /// A candidate by the joints' and the payload's index.
 pub type Choice = (usize, usize);
@@ -16,6 +16,7 @@ pub fn fill(
     ranges: &[(f64, f64)],
     payloads: &[f64],
     quotas: &[usize],
+    payload_weight: f64,
 ) -> Vec<Choice> {
     let share = |x: f64, (lower, upper): (f64, f64)| {
         if upper > lower {
@@ -30,14 +31,15 @@ pub fn fill(
         .collect();
     let extremes = payloads
         .iter()
-        .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), m| (a.min(*m), b.max(*m)));
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), m| {
+            (a.min(*m), b.max(*m))
+        });
     let heights: Vec<f64> = payloads
         .iter()
-        .map(|m| PAYLOAD_WEIGHT * share(*m, extremes))
+        .map(|m| payload_weight * share(*m, extremes))
         .collect();
-    let square = |a: &[f64], b: &[f64]| -> f64 {
-        a.iter().zip(b).map(|(x, y)| (x - y) * (x - y)).sum()
-    };
+    let square =
+        |a: &[f64], b: &[f64]| -> f64 { a.iter().zip(b).map(|(x, y)| (x - y) * (x - y)).sum() };
     let middle = vec![0.5; ranges.len()];
     // Squared distance of each candidate from what was taken; before the first from far off, the middle least.
     let mut nearest: Vec<Vec<f64>> = places
@@ -86,7 +88,7 @@ mod tests {
         let grid: Vec<Vec<f64>> = (0..25)
             .map(|i| vec![f64::from(i % 5), f64::from(i / 5)])
             .collect();
-        let taken = fill(&grid, &[(0.0, 4.0); 2], &[0.0], &[5]);
+        let taken = fill(&grid, &[(0.0, 4.0); 2], &[0.0], &[5], 0.5);
         let mut at: Vec<usize> = taken.iter().map(|(i, _)| *i).collect();
         assert_eq!(at[0], 12);
         at.sort_unstable();
@@ -99,7 +101,7 @@ mod tests {
         assert_eq!(quotas(32, 5), [6, 6, 7, 6, 7]);
         assert_eq!(quotas(2, 3), [0, 1, 1]);
         let joints: Vec<Vec<f64>> = (0..40).map(|i| vec![f64::from(i)]).collect();
-        let taken = fill(&joints, &[(0.0, 39.0)], &[0.0, 5.0], &[3, 4]);
+        let taken = fill(&joints, &[(0.0, 39.0)], &[0.0, 5.0], &[3, 4], 0.5);
         assert_eq!(taken.iter().filter(|(_, k)| *k == 0).count(), 3);
         assert_eq!(taken.iter().filter(|(_, k)| *k == 1).count(), 4);
         let mut at: Vec<usize> = taken.iter().map(|(i, _)| *i).collect();

@@ -18,7 +18,7 @@ use crate::samples::ToolName;
 use crate::simulate::{Scenario, SimulatedPose, Simulator};
 use crate::statistics::ErrorSummary;
 
-/// Numbers of poses that are looked at.
+/// Numbers of poses that are usually looked at.
 pub const COUNTS: [usize; 7] = [25, 50, 75, 100, 150, 200, 300];
 /// Simulated arms of each kind.
 pub const ARMS: u64 = 2;
@@ -45,7 +45,11 @@ pub struct Row {
 }
 
 /// A simulated measurement as a sample, seen by the instrument.
-pub fn sample(robot: &crate::robot::Robot, pose: &SimulatedPose, payload_kg: Option<f64>) -> Sample {
+pub fn sample(
+    robot: &crate::robot::Robot,
+    pose: &SimulatedPose,
+    payload_kg: Option<f64>,
+) -> Sample {
     Sample {
         serial: serial(robot, &pose.joints),
         joints: pose.joints.clone(),
@@ -58,10 +62,10 @@ pub fn sample(robot: &crate::robot::Robot, pose: &SimulatedPose, payload_kg: Opt
 }
 
 impl Planner<'_> {
-    /// The numbers of poses that a forecast has: the usual ones, and `count`, as far as the cell and the model allow them.
-    pub fn forecast_counts(&self, count: usize) -> Vec<usize> {
+    /// Numbers of poses, sorted, as far as the cell and the model allow them.
+    pub fn forecast_counts(&self, counts: impl Iterator<Item = usize>) -> Vec<usize> {
         let fewest = fewest_poses(Method::Elastic, self.task.robot.joints.len()).0;
-        let mut counts: Vec<usize> = COUNTS.into_iter().chain([count]).collect();
+        let mut counts: Vec<usize> = counts.collect();
         counts.sort_unstable();
         counts.dedup();
         counts.retain(|n| (fewest..=self.candidates.joints.len()).contains(n));

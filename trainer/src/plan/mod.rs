@@ -29,8 +29,8 @@ use crate::calibration::noise::{InstrumentNoise, Scales};
 use crate::robot::Robot;
 use candidates::{Candidates, draw, serial};
 use constraints::Constraints;
-use design::Design;
-use fill::{Choice, fill, quotas};
+use design::{Design, Prior};
+use fill::{Choice, PAYLOAD_WEIGHT, fill, quotas};
 
 /// Up to so many poses a plan is D-optimal unless it is told otherwise.
 pub const FEW: usize = 40;
@@ -65,6 +65,30 @@ impl Strategy {
         match self {
             Self::SpaceFilling => "space-filling",
             Self::DOptimal => "D-optimal",
+        }
+    }
+}
+
+/// What the study of `tests/plans` varies; everyone else takes the default.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tuning {
+    /// Configurations that the exchange chooses from.
+    pub exchange_pool: usize,
+    /// Configurations that are filled from.
+    pub fill_pool: usize,
+    /// Weight of the payloads' range beside a joint's.
+    pub payload_weight: f64,
+    /// The prior of the exchange.
+    pub prior: Prior,
+}
+
+impl Default for Tuning {
+    fn default() -> Self {
+        Self {
+            exchange_pool: EXCHANGE_POOL,
+            fill_pool: POOL,
+            payload_weight: PAYLOAD_WEIGHT,
+            prior: Prior::default(),
         }
     }
 }
@@ -117,6 +141,7 @@ pub struct Planner<'a> {
     /// The chain to the target.
     chain: Poe<f64>,
     candidates: Candidates,
+    tuning: Tuning,
 }
 
 /// The cell leaves too few configurations.
@@ -136,12 +161,18 @@ pub struct TooTight {
 impl<'a> Planner<'a> {
     /// Draws the candidates.
     pub fn new(task: Task<'a>) -> Self {
+        Self::tuned(task, Tuning::default())
+    }
+
+    /// The same, to be studied.
+    pub fn tuned(task: Task<'a>, tuning: Tuning) -> Self {
         let chain = task.constraints.chain(task.nominal);
         let candidates = draw(task.robot, &chain, task.constraints, POOL, task.seed);
         Self {
             task,
             chain,
             candidates,
+            tuning,
         }
     }
 
@@ -218,10 +249,13 @@ impl<'a> Planner<'a> {
         };
         let ranges = &task.constraints.ranges;
         if strategy == Strategy::SpaceFilling {
-            return fill(joints, ranges, payloads, &quotas);
+            let pool = &joints[..joints.len().min(self.tuning.fill_pool.max(CHOICE * count))];
+            return fill(pool, ranges, payloads, &quotas, self.tuning.payload_weight);
         }
-        let pool = &joints[..joints.len().min(EXCHANGE_POOL.max(CHOICE * count))];
-        let start = fill(pool, ranges, payloads, &quotas);
+        let pool = &joints[..joints
+            .len()
+            .min(self.tuning.exchange_pool.max(CHOICE * count))];
+        let start = fill(pool, ranges, payloads, &quotas, self.tuning.payload_weight);
         let sample = |q: &Vec<f64>, payload_kg: f64| Sample {
             serial: serial(task.robot, q),
             joints: q.clone(),
@@ -242,10 +276,14 @@ impl<'a> Planner<'a> {
             &samples,
             pool.len(),
             Scales::uniform(task.noise.0, task.noise.1),
+            self.tuning.prior,
         );
         let start: Vec<usize> = start.iter().map(|(i, k)| k * pool.len() + i).collect();
         let chosen = design.exchange(&start);
-        chosen.iter().map(|c| (c % pool.len(), c / pool.len())).collect()
+        chosen
+            .iter()
+            .map(|c| (c % pool.len(), c / pool.len()))
+            .collect()
     }
 
     /// Payload by payload, in each those for the calibration and then the checks, each on a short way.

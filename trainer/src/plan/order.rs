@@ -14,12 +14,11 @@ fn distance(a: &[f64], b: &[f64], ranges: &[(f64, f64)]) -> f64 {
 }
 
 /// Length of a way.
-pub fn length<'a>(
-    poses: impl IntoIterator<Item = &'a Vec<f64>>,
-    ranges: &[(f64, f64)],
-) -> f64 {
+pub fn length<'a>(poses: impl IntoIterator<Item = &'a Vec<f64>>, ranges: &[(f64, f64)]) -> f64 {
     let mut poses = poses.into_iter();
-    let Some(mut last) = poses.next() else { return 0.0 };
+    let Some(mut last) = poses.next() else {
+        return 0.0;
+    };
     let mut sum = 0.0;
     for pose in poses {
         sum += distance(last, pose, ranges);

@@ -5,13 +5,17 @@ use std::fmt::Write as _;
 use poegp_protocol::JointKind;
 
 use super::Plan;
-use super::candidates::in_file_units;
+use super::candidates::{decimals, in_file_units};
 use crate::robot::Robot;
 
 /// The poses of a plan that are for the calibration (`check` false) or to check it. Comments say which poses of the
 /// program they are; without payloads there is no such column.
 pub fn to_csv(robot: &Robot, plan: &Plan, check: bool) -> String {
-    let purpose = if check { "to check the calibration" } else { "for the calibration" };
+    let purpose = if check {
+        "to check the calibration"
+    } else {
+        "for the calibration"
+    };
     let mut out = format!(
         "# {}: planned poses {purpose}, in the order of the program; add x_mm,y_mm,z_mm,qw,qx,qy,qz as measured\n",
         robot.name
@@ -49,8 +53,7 @@ pub fn to_csv(robot: &Robot, plan: &Plan, check: bool) -> String {
             .joints
             .iter()
             .zip(&pose.joints)
-            .map(|(joint, q)| format!("{:.3}", in_file_units(joint.kind, *q)))
-            .map(|text| if text == "-0.000" { "0.000".to_owned() } else { text })
+            .map(|(joint, q)| decimals(in_file_units(joint.kind, *q)))
             .collect();
         let _ = writeln!(out, "{}", values.join(","));
     }

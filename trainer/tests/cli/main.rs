@@ -19,6 +19,7 @@ mod help;
 mod identifiability;
 mod json;
 mod outputs;
+mod plan;
 mod predictions;
 mod program;
 mod reproducible;

@@ -19,7 +19,7 @@ use poegp_trainer::calibration::{Method, Options};
 use poegp_trainer::export::{Origin, calibrate_for_device, nominal_chain};
 use poegp_trainer::plan::constraints::Constraints;
 use poegp_trainer::plan::forecast::sample;
-use poegp_trainer::plan::{Planner, Strategy, Task};
+use poegp_trainer::plan::{Planner, Strategy, Task, Tuning};
 use poegp_trainer::robot::{LoadOptions, Robot};
 use poegp_trainer::samples::ToolName;
 use poegp_trainer::simulate::{
@@ -38,7 +38,47 @@ fn say(text: impl Display) {
 
 fn seeds() -> u64 {
     let given = std::env::var("POEGP_PLAN_SEEDS").ok();
-    given.map_or(5, |s| s.parse().expect("POEGP_PLAN_SEEDS is a number of arms"))
+    given.map_or(5, |s| {
+        s.parse().expect("POEGP_PLAN_SEEDS is a number of arms")
+    })
+}
+
+fn tuning() -> Tuning {
+    let mut t = Tuning::default();
+    if let Ok(text) = std::env::var("POEGP_TUNING") {
+        let v: Vec<f64> = text.split(',').map(|x| x.parse().unwrap()).collect();
+        t.exchange_pool = v[0] as usize;
+        t.fill_pool = v[1] as usize;
+        t.payload_weight = v[2];
+        t.prior.links = v[3];
+        t.prior.payload = v[4];
+        t.prior.smooth = v[5];
+    }
+    t
+}
+
+#[test]
+fn variants() {
+    let Ok(all) = std::env::var("POEGP_VARIANTS") else {
+        return;
+    };
+    let arm = Arm::load();
+    for v in all.split_whitespace() {
+        let o: Vec<&str> = v.split(':').collect();
+        unsafe { std::env::set_var("POEGP_TUNING", o[3]) };
+        let sc = if o[0] == "p" {
+            Scenario::Paper
+        } else {
+            Scenario::Wild
+        };
+        let how = match o[2] {
+            "r" => Poses::Random,
+            "d" => Poses::Planned(Some(Strategy::DOptimal)),
+            _ => Poses::Planned(Some(Strategy::SpaceFilling)),
+        };
+        let (e, se) = arm.mean(sc, o[1].parse().unwrap(), how);
+        say(format_args!("{v}: {:.4} ± {se:.4} ({:.4})", e[0], e[1]));
+    }
 }
 
 /// How the poses were found.
@@ -73,15 +113,18 @@ impl Arm {
             Poses::Planned(strategy) => {
                 let mut constraints = Constraints::none(&self.robot).unwrap();
                 constraints.ranges = simulator.ranges().to_vec();
-                let planner = Planner::new(Task {
-                    robot: &self.robot,
-                    nominal: &self.nominal,
-                    constraints: &constraints,
-                    payloads: &PAYLOADS_KG,
-                    gravity: Vector3::new(0.0, 0.0, -9.81),
-                    noise: (POSITION_NOISE_M, ORIENTATION_NOISE_RAD),
-                    seed,
-                });
+                let planner = Planner::tuned(
+                    Task {
+                        robot: &self.robot,
+                        nominal: &self.nominal,
+                        constraints: &constraints,
+                        payloads: &PAYLOADS_KG,
+                        gravity: Vector3::new(0.0, 0.0, -9.81),
+                        noise: (POSITION_NOISE_M, ORIENTATION_NOISE_RAD),
+                        seed,
+                    },
+                    tuning(),
+                );
                 let strategy = strategy.unwrap_or(Strategy::usual(count));
                 let plan = planner.plan(count, 0, strategy).unwrap();
                 let measured = plan.poses.iter();
@@ -139,7 +182,10 @@ impl Arm {
         let mean = |k: usize| found.iter().map(|(_, e)| e[k]).sum::<f64>() / n;
         let (measured, truth) = (mean(0), mean(1));
         let square: f64 = found.iter().map(|(_, e)| (e[0] - measured).powi(2)).sum();
-        ([measured, truth], (square / (n * (n - 1.0).max(1.0))).sqrt())
+        (
+            [measured, truth],
+            (square / (n * (n - 1.0).max(1.0))).sqrt(),
+        )
     }
 }
 

@@ -29,7 +29,10 @@ pub(super) fn write(script: &Script) -> String {
     .to_vec();
     for stop in &stops {
         if let Some(kg) = stop.mount_kg {
-            lines.push(format!("  !{} ;", comment(&format!("Mount {kg} kg, set its PAYLOAD"))));
+            lines.push(format!(
+                "  !{} ;",
+                comment(&format!("Mount {kg} kg, set its PAYLOAD"))
+            ));
             lines.push("  PAUSE ;".to_owned());
         }
         lines.push(format!("J P[{}] 20% FINE    ;", stop.number));
@@ -67,6 +70,9 @@ fn position(out: &mut String, stop: &Stop) {
     };
     let all = [axes('J', &stop.arm, "deg"), axes('E', &stop.slides, " mm")].concat();
     let _ = write!(out, "P[{}]{{\n   GP1:\n\tUF : 0, UT : 1,\t\n", stop.number);
-    let lines: Vec<String> = all.chunks(JOINTS_A_LINE).map(|l| format!("\t{}", l.join(",\t"))).collect();
+    let lines: Vec<String> = all
+        .chunks(JOINTS_A_LINE)
+        .map(|l| format!("\t{}", l.join(",\t")))
+        .collect();
     let _ = write!(out, "{}\n}};\n", lines.join(",\n"));
 }

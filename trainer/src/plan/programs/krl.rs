@@ -22,20 +22,33 @@ pub(super) fn write(script: &Script) -> String {
     out += "    GLOBAL INTERRUPT DECL 3 WHEN $STOPMESS==TRUE DO IR_STOPM ( )\n";
     out += "    INTERRUPT ON 3\n    BAS (#INITMOV,0 )\n";
     out += "  ;ENDFOLD (BASISTECH INI)\n;ENDFOLD (INI)\n";
-    let _ = writeln!(out, "BAS (#VEL_PTP,{SPEED_PERCENT} )\nBAS (#ACC_PTP,{SPEED_PERCENT} )");
+    let _ = writeln!(
+        out,
+        "BAS (#VEL_PTP,{SPEED_PERCENT} )\nBAS (#ACC_PTP,{SPEED_PERCENT} )"
+    );
     for stop in script.stops() {
         if let Some(kg) = stop.mount_kg {
-            let _ = writeln!(out, "; Mount {kg} kg and set its load, then press start.\nHALT");
+            let _ = writeln!(
+                out,
+                "; Mount {kg} kg and set its load, then press start.\nHALT"
+            );
         }
         let axes = |letter: char, values: &[f64]| -> Vec<String> {
             let numbered = (1..).zip(decimals(values));
-            numbered.map(|(i, v): (usize, String)| format!("{letter}{i} {v}")).collect()
+            numbered
+                .map(|(i, v): (usize, String)| format!("{letter}{i} {v}"))
+                .collect()
         };
         let all = [axes('A', &stop.arm), axes('E', &stop.slides)].concat();
-        let _ = writeln!(out, "PTP {{{}}}\nMEASURE_POSE ({})", all.join(","), stop.number);
+        let _ = writeln!(
+            out,
+            "PTP {{{}}}\nMEASURE_POSE ({})",
+            all.join(","),
+            stop.number
+        );
     }
     out += "END\n\n";
     out += "; Trigger the measurement here, for example by an output.\n";
-    out += "DEF MEASURE_POSE (POSE :IN )\nINT POSE\nWAIT SEC 2.0\nEND\n";
+    out += "DEF MEASURE_POSE (NUMBER :IN )\nINT NUMBER\nWAIT SEC 2.0\nEND\n";
     out
 }

@@ -126,7 +126,11 @@ impl Script<'_> {
     /// What every program says of itself.
     fn header(&self) -> [String; 4] {
         [
-            format!("{} poses of {} planned for calibration.", self.plan.poses.len(), ascii(&self.robot.name)),
+            format!(
+                "{} poses of {} planned for calibration.",
+                self.plan.poses.len(),
+                ascii(&self.robot.name)
+            ),
             "Joints as the controller counts them, at rest before every measurement.".to_owned(),
             "Planned without the links of the arm, cables, and the ways between poses:".to_owned(),
             "run it first at reduced speed with a hand on the stop.".to_owned(),
@@ -144,18 +148,30 @@ pub fn program(
     robot: &Robot,
     plan: &Plan,
 ) -> Result<String, NoProgram> {
-    let revolute = robot.joints.iter().filter(|j| j.kind == JointKind::Revolute);
+    let revolute = robot
+        .joints
+        .iter()
+        .filter(|j| j.kind == JointKind::Revolute);
     let (revolute, joints) = (revolute.count(), robot.joints.len());
     let (fits, expected) = match language {
-        Language::UrScript => (joints == ARM_AXES && revolute == joints, "six revolute joints"),
-        _ => (revolute <= ARM_AXES, "at most six revolute joints, and slides as external axes"),
+        Language::UrScript => (
+            joints == ARM_AXES && revolute == joints,
+            "six revolute joints",
+        ),
+        _ => (
+            revolute <= ARM_AXES,
+            "at most six revolute joints, and slides as external axes",
+        ),
     };
     if !fits {
         return Err(NoProgram {
             language: language.name(),
             expected,
             robot: robot.name.clone(),
-            found: format!("{revolute} revolute joints and {} slides", joints - revolute),
+            found: format!(
+                "{revolute} revolute joints and {} slides",
+                joints - revolute
+            ),
         });
     }
     let script = Script {
@@ -165,9 +181,10 @@ pub fn program(
     };
     Ok(match language {
         Language::Rapid => rapid::write(&script),
-        Language::Krl => krl::write(&script),
+        // Controllers that run on Windows, or write such files, end lines as it does.
+        Language::Krl => krl::write(&script).replace('\n', "\r\n"),
         Language::UrScript => urscript::write(&script),
-        Language::Fanuc => fanuc::write(&script),
+        Language::Fanuc => fanuc::write(&script).replace('\n', "\r\n"),
     })
 }
 
@@ -199,10 +216,6 @@ fn ascii(text: &str) -> String {
 fn decimals(values: &[f64]) -> Vec<String> {
     values
         .iter()
-        .map(|v| {
-            let text = format!("{v:.3}");
-            // A rounded −0.0004 is 0.
-            if text == "-0.000" { "0.000".to_owned() } else { text }
-        })
+        .map(|v| super::candidates::decimals(*v))
         .collect()
 }

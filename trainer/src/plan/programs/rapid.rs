@@ -17,11 +17,18 @@ pub(super) fn write(script: &Script) -> String {
     for line in script.header() {
         let _ = writeln!(out, "    ! {line}");
     }
-    let _ = writeln!(out, "    PERS speeddata calibration_speed := v200;\n");
-    let _ = writeln!(out, "    PROC {}_run()", &script.name[..script.name.len().min(28)]);
+    out.push('\n');
+    let _ = writeln!(
+        out,
+        "    PROC {}_run()",
+        &script.name[..script.name.len().min(28)]
+    );
     for stop in script.stops() {
         if let Some(kg) = stop.mount_kg {
-            let _ = writeln!(out, "        TPWrite \"Mount {kg} kg, set its load, then continue.\";");
+            let _ = writeln!(
+                out,
+                "        TPWrite \"Mount {kg} kg, set its load, then continue.\";"
+            );
             let _ = writeln!(out, "        Stop;");
         }
         let mut robax = decimals(&stop.arm);
@@ -31,7 +38,7 @@ pub(super) fn write(script: &Script) -> String {
         let (robax, extax) = (robax.join(","), extax.join(","));
         let _ = writeln!(
             out,
-            "        MoveAbsJ [[{robax}],[{extax}]]\\NoEOffs, calibration_speed, fine, tool0;"
+            "        MoveAbsJ [[{robax}],[{extax}]]\\NoEOffs, v200, fine, tool0;"
         );
         let _ = writeln!(out, "        measure_pose {};", stop.number);
     }

@@ -36,7 +36,9 @@ fn small_plan() -> Plan {
 /// Compares with a file; `POEGP_WRITE_GOLDEN=1` writes it, to be looked at before it is committed.
 #[track_caller]
 fn golden(file: &str, text: &str) {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/plan").join(file);
+    let path = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("tests/golden/plan")
+        .join(file);
     if std::env::var_os("POEGP_WRITE_GOLDEN").is_some() {
         std::fs::write(&path, text).unwrap();
     }
@@ -53,7 +55,10 @@ fn programs_are_those_of_the_files() {
         (Language::UrScript, "small.script"),
         (Language::Fanuc, "small.ls"),
     ] {
-        golden(file, &program(language, "small", &robot, &small_plan()).unwrap());
+        golden(
+            file,
+            &program(language, "small", &robot, &small_plan()).unwrap(),
+        );
     }
 }
 
@@ -80,9 +85,14 @@ fn arms_that_a_controller_does_not_move_are_refused_by_name() {
     let iiwa = robot("kuka-iiwa7");
     let plan = plan(&[(&[0.0; 7], None)]);
     for language in Language::ALL {
-        let refused = program(language, "iiwa", &iiwa, &plan).unwrap_err().to_string();
+        let refused = program(language, "iiwa", &iiwa, &plan)
+            .unwrap_err()
+            .to_string();
         assert!(refused.contains(language.name()), "{refused}");
-        assert!(refused.contains("7 revolute joints and 0 slides"), "{refused}");
+        assert!(
+            refused.contains("7 revolute joints and 0 slides"),
+            "{refused}"
+        );
     }
 }
 
