@@ -47,10 +47,10 @@ pub struct PlanArguments {
     /// Where to write those: they are for `evaluate`, not for `calibrate`.
     #[arg(long, value_name = "FILE", requires = "check_poses")]
     check_out: Option<PathBuf>,
-    /// Choose the poses that tell most about the parameters (default up to 40 poses).
+    /// Choose the poses that tell most about the parameters (default up to 20 poses).
     #[arg(long, conflicts_with = "space_filling")]
     d_optimal: bool,
-    /// Choose poses as far apart as possible (default beyond 40 poses).
+    /// Choose poses as far apart as possible (default beyond 20 poses).
     #[arg(long)]
     space_filling: bool,
     /// Seed of everything random; the same seed makes the same plan.
@@ -284,8 +284,8 @@ fn forecast(
     let rows = planner.forecast(&counts, asked, &|| bar.inc(1));
     bar.finish_and_clear();
     Forecast {
-        position_noise_mm: 1e3 * POSITION_NOISE_M,
-        orientation_noise_mrad: 1e3 * ORIENTATION_NOISE_RAD,
+        position_noise_mm: (1e6 * POSITION_NOISE_M).round() / 1e3,
+        orientation_noise_mrad: (1e6 * ORIENTATION_NOISE_RAD).round() / 1e3,
         seconds: (10.0 * begun.elapsed().as_secs_f64()).round() / 10.0,
         rows,
     }

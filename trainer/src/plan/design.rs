@@ -23,8 +23,8 @@ use crate::calibration::frames::Sample;
 use crate::calibration::noise::Scales;
 use crate::elastic::state::{Group, Layout, ROWS, State};
 
-/// Rounds of exchange: the third changes few poses, the fourth next to none.
-const ROUNDS: usize = 4;
+/// Rounds of exchange at most: the fourth changes few poses, the sixth next to none.
+const ROUNDS: usize = 6;
 
 /// Standard deviations of the prior that a plan is made for.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -38,11 +38,14 @@ pub struct Prior {
 }
 
 impl Default for Prior {
+    /// Joints of 10⁵ N m/rad, and links whose weight the controller mostly compensates. The fit begins with wider priors
+    /// and learns them; a plan for those would spend its poses on terms that are small in the end: on ten simulated arms
+    /// and 30 poses 0.0376 mm against the truth, to 0.0425 on five of them.
     fn default() -> Self {
         Self {
-            links: Group::Links.prior_sd(),
-            payload: Group::Payload.prior_sd(),
-            smooth: 0.0,
+            links: 3e-5,
+            payload: 1e-5,
+            smooth: 2e-5,
         }
     }
 }
@@ -190,5 +193,74 @@ impl Design {
             }
         }
         chosen
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    use super::*;
+    use crate::calibration::noise::InstrumentNoise;
+    use crate::export::nominal_chain;
+    use crate::robot::{LoadOptions, Robot};
+    use poegp_runtime::se3::Pose;
+
+    const JOINTS: usize = 60;
+    const PAYLOADS_KG: [f64; 2] = [0.0, 3.0];
+
+    fn design() -> Design {
+        let robot = Robot::load("abb-irb120", &LoadOptions::default()).unwrap();
+        let mut random = ChaCha8Rng::seed_from_u64(3);
+        let joints: Vec<Vec<f64>> = (0..JOINTS)
+            .map(|_| (0..6).map(|_| 3.0 * random.random::<f64>() - 1.5).collect())
+            .collect();
+        let sample = |q: &Vec<f64>, kg: f64| Sample {
+            joints: q.clone(),
+            serial: q.clone(),
+            payload_kg: Some(kg),
+            measured: Pose::identity(),
+            tool: 0,
+            position_only: false,
+            stated: InstrumentNoise::UNKNOWN,
+        };
+        let candidates: Vec<Sample> = PAYLOADS_KG
+            .iter()
+            .flat_map(|kg| joints.iter().map(|q| sample(q, *kg)))
+            .collect();
+        Design::new(
+            &nominal_chain(&robot).unwrap(),
+            None,
+            Vector3::new(0.0, 0.0, -9.81),
+            &candidates,
+            JOINTS,
+            Scales::uniform(30e-6, 50e-6),
+            Prior::default(),
+        )
+    }
+
+    /// No exchange of one pose for any other of its payload tells more, by the determinant computed anew.
+    #[test]
+    fn no_single_exchange_is_left_that_tells_more() {
+        let design = design();
+        let start: Vec<usize> = (0..10).map(|k| JOINTS * (k % 2) + k).collect();
+        let chosen = design.exchange(&start);
+        let best = design.information(&chosen).unwrap();
+        assert!(best > design.information(&start).unwrap() + 1.0);
+        let payload = |i: &usize| i / JOINTS;
+        assert!(chosen.iter().map(payload).eq(start.iter().map(payload)));
+        let free = |i: usize| chosen.iter().all(|c| c % JOINTS != i % JOINTS);
+        for slot in 0..chosen.len() {
+            let first = JOINTS * payload(&chosen[slot]);
+            for other in (first..first + JOINTS).filter(|i| free(*i)) {
+                let mut changed = chosen.clone();
+                changed[slot] = other;
+                assert!(
+                    design.information(&changed).unwrap() <= best + 1e-6,
+                    "{slot}"
+                );
+            }
+        }
     }
 }

@@ -6,8 +6,9 @@
 //! should be worth is found by measuring simulated arms with it (`forecast`), and it is written as CSV (`table`) and as
 //! programs of controllers (`programs`).
 //!
-//! **When which.** Few poses must tell the parameters apart, many must be near to where the arm will be used: up to
-//! [`FEW`] poses the D-optimal ones are better, beyond that those that fill the space (study: `tests/plans`).
+//! **When which.** Poses that fill the space, unless there are so few ([`FEW`]) that the parameters can hardly be told
+//! apart. With 30 poses the two are level in the study of `tests/plans`; D-optimal ones help an arm that is as it was
+//! modelled, and poses that fill the space one that is not.
 //!
 //! A plan knows nothing of the links' shapes and of the ways between poses: collisions are the user's to exclude.
 
@@ -33,7 +34,7 @@ use design::{Design, Prior};
 use fill::{Choice, PAYLOAD_WEIGHT, fill, quotas};
 
 /// Up to so many poses a plan is D-optimal unless it is told otherwise.
-pub const FEW: usize = 40;
+pub const FEW: usize = 20;
 /// Configurations to choose from.
 const POOL: usize = 4000;
 /// Of them for the exchange, whose time grows with them.
@@ -65,30 +66,6 @@ impl Strategy {
         match self {
             Self::SpaceFilling => "space-filling",
             Self::DOptimal => "D-optimal",
-        }
-    }
-}
-
-/// What the study of `tests/plans` varies; everyone else takes the default.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Tuning {
-    /// Configurations that the exchange chooses from.
-    pub exchange_pool: usize,
-    /// Configurations that are filled from.
-    pub fill_pool: usize,
-    /// Weight of the payloads' range beside a joint's.
-    pub payload_weight: f64,
-    /// The prior of the exchange.
-    pub prior: Prior,
-}
-
-impl Default for Tuning {
-    fn default() -> Self {
-        Self {
-            exchange_pool: EXCHANGE_POOL,
-            fill_pool: POOL,
-            payload_weight: PAYLOAD_WEIGHT,
-            prior: Prior::default(),
         }
     }
 }
@@ -141,7 +118,6 @@ pub struct Planner<'a> {
     /// The chain to the target.
     chain: Poe<f64>,
     candidates: Candidates,
-    tuning: Tuning,
 }
 
 /// The cell leaves too few configurations.
@@ -161,18 +137,12 @@ pub struct TooTight {
 impl<'a> Planner<'a> {
     /// Draws the candidates.
     pub fn new(task: Task<'a>) -> Self {
-        Self::tuned(task, Tuning::default())
-    }
-
-    /// The same, to be studied.
-    pub fn tuned(task: Task<'a>, tuning: Tuning) -> Self {
         let chain = task.constraints.chain(task.nominal);
         let candidates = draw(task.robot, &chain, task.constraints, POOL, task.seed);
         Self {
             task,
             chain,
             candidates,
-            tuning,
         }
     }
 
@@ -249,13 +219,10 @@ impl<'a> Planner<'a> {
         };
         let ranges = &task.constraints.ranges;
         if strategy == Strategy::SpaceFilling {
-            let pool = &joints[..joints.len().min(self.tuning.fill_pool.max(CHOICE * count))];
-            return fill(pool, ranges, payloads, &quotas, self.tuning.payload_weight);
+            return fill(joints, ranges, payloads, &quotas, PAYLOAD_WEIGHT);
         }
-        let pool = &joints[..joints
-            .len()
-            .min(self.tuning.exchange_pool.max(CHOICE * count))];
-        let start = fill(pool, ranges, payloads, &quotas, self.tuning.payload_weight);
+        let pool = &joints[..joints.len().min(EXCHANGE_POOL.max(CHOICE * count))];
+        let start = fill(pool, ranges, payloads, &quotas, PAYLOAD_WEIGHT);
         let sample = |q: &Vec<f64>, payload_kg: f64| Sample {
             serial: serial(task.robot, q),
             joints: q.clone(),
@@ -276,7 +243,7 @@ impl<'a> Planner<'a> {
             &samples,
             pool.len(),
             Scales::uniform(task.noise.0, task.noise.1),
-            self.tuning.prior,
+            Prior::default(),
         );
         let start: Vec<usize> = start.iter().map(|(i, k)| k * pool.len() + i).collect();
         let chosen = design.exchange(&start);

@@ -84,7 +84,7 @@ fn a_plan_keeps_to_the_limits_and_spreads_over_the_payloads() {
     let folder = Folder::new();
     let line = format!(
         "plan --robot {SERIAL} --count 32 --payloads 5,0,10 --out plan.csv --check-poses 6 --check-out check.csv \
-         --no-forecast --json plan.json"
+         --d-optimal --no-forecast --json plan.json"
     );
     let said = folder.run(&line).ok().stdout;
     assert!(

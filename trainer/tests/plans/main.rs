@@ -19,7 +19,7 @@ use poegp_trainer::calibration::{Method, Options};
 use poegp_trainer::export::{Origin, calibrate_for_device, nominal_chain};
 use poegp_trainer::plan::constraints::Constraints;
 use poegp_trainer::plan::forecast::sample;
-use poegp_trainer::plan::{Planner, Strategy, Task, Tuning};
+use poegp_trainer::plan::{Planner, Strategy, Task};
 use poegp_trainer::robot::{LoadOptions, Robot};
 use poegp_trainer::samples::ToolName;
 use poegp_trainer::simulate::{
@@ -41,44 +41,6 @@ fn seeds() -> u64 {
     given.map_or(5, |s| {
         s.parse().expect("POEGP_PLAN_SEEDS is a number of arms")
     })
-}
-
-fn tuning() -> Tuning {
-    let mut t = Tuning::default();
-    if let Ok(text) = std::env::var("POEGP_TUNING") {
-        let v: Vec<f64> = text.split(',').map(|x| x.parse().unwrap()).collect();
-        t.exchange_pool = v[0] as usize;
-        t.fill_pool = v[1] as usize;
-        t.payload_weight = v[2];
-        t.prior.links = v[3];
-        t.prior.payload = v[4];
-        t.prior.smooth = v[5];
-    }
-    t
-}
-
-#[test]
-fn variants() {
-    let Ok(all) = std::env::var("POEGP_VARIANTS") else {
-        return;
-    };
-    let arm = Arm::load();
-    for v in all.split_whitespace() {
-        let o: Vec<&str> = v.split(':').collect();
-        unsafe { std::env::set_var("POEGP_TUNING", o[3]) };
-        let sc = if o[0] == "p" {
-            Scenario::Paper
-        } else {
-            Scenario::Wild
-        };
-        let how = match o[2] {
-            "r" => Poses::Random,
-            "d" => Poses::Planned(Some(Strategy::DOptimal)),
-            _ => Poses::Planned(Some(Strategy::SpaceFilling)),
-        };
-        let (e, se) = arm.mean(sc, o[1].parse().unwrap(), how);
-        say(format_args!("{v}: {:.4} ± {se:.4} ({:.4})", e[0], e[1]));
-    }
 }
 
 /// How the poses were found.
@@ -113,18 +75,15 @@ impl Arm {
             Poses::Planned(strategy) => {
                 let mut constraints = Constraints::none(&self.robot).unwrap();
                 constraints.ranges = simulator.ranges().to_vec();
-                let planner = Planner::tuned(
-                    Task {
-                        robot: &self.robot,
-                        nominal: &self.nominal,
-                        constraints: &constraints,
-                        payloads: &PAYLOADS_KG,
-                        gravity: Vector3::new(0.0, 0.0, -9.81),
-                        noise: (POSITION_NOISE_M, ORIENTATION_NOISE_RAD),
-                        seed,
-                    },
-                    tuning(),
-                );
+                let planner = Planner::new(Task {
+                    robot: &self.robot,
+                    nominal: &self.nominal,
+                    constraints: &constraints,
+                    payloads: &PAYLOADS_KG,
+                    gravity: Vector3::new(0.0, 0.0, -9.81),
+                    noise: (POSITION_NOISE_M, ORIENTATION_NOISE_RAD),
+                    seed,
+                });
                 let strategy = strategy.unwrap_or(Strategy::usual(count));
                 let plan = planner.plan(count, 0, strategy).unwrap();
                 let measured = plan.poses.iter();
@@ -203,13 +162,14 @@ fn planned_poses_are_worth_more_than_random_ones() {
             let random = row(Poses::Random);
             let planned = row(Poses::Planned(None));
             let cell = |(e, se): &(Errors, f64)| format!("{:.4} ± {se:.4} ({:.4})", e[0], e[1]);
-            let ratio = planned.0[0] / random.0[0];
+            let percent = |k: usize| 100.0 * (planned.0[k] / random.0[k] - 1.0);
             let mut line = format!(
-                "  {name:5} {count:3} poses: random {}, planned {} ({}), {:+.1} %",
+                "  {name:5} {count:3} poses: random {}, planned {} ({}), {:+.1} % ({:+.1} %)",
                 cell(&random),
                 cell(&planned),
                 Strategy::usual(count).name(),
-                100.0 * (ratio - 1.0)
+                percent(0),
+                percent(1)
             );
             if std::env::var_os("POEGP_PLAN_SEEDS").is_some() {
                 let other = match Strategy::usual(count) {
@@ -220,12 +180,14 @@ fn planned_poses_are_worth_more_than_random_ones() {
                 line += &format!("; {} {}", other.name(), cell(&found));
             }
             say(line);
-            let most = match (scenario, count) {
-                (Scenario::Paper, 30) => 0.9,
-                (_, 50) => 1.0,
-                _ => f64::INFINITY,
+            // At 50 poses against measurements; at 30 of the paper-like arm by a tenth, against the truth: of what
+            // measurements show there, three quarters are their own noise.
+            let (k, most) = match (scenario, count) {
+                (Scenario::Paper, 30) => (1, 0.9),
+                _ => (0, 1.0),
             };
-            if ratio > most {
+            let ratio = planned.0[k] / random.0[k];
+            if ratio.is_nan() || ratio > most {
                 failed.push(format!("{name}, {count} poses: {ratio:.3} > {most}"));
             }
         }
