@@ -285,6 +285,8 @@ struct SightTable {
 
 /// A key, its factor to SI, and its value where it is given.
 type Unit<'a, T> = (&'static str, f64, &'a Option<Spanned<T>>);
+/// The unit that was chosen, with its value.
+type Given<'a, T> = (&'static str, f64, &'a Spanned<T>);
 
 const DEGREE: f64 = std::f64::consts::PI / 180.0;
 const MILLIMETRE: f64 = 1e-3;
@@ -337,11 +339,8 @@ impl Reader<'_> {
     }
 
     /// The one of the `units` that is given, with its factor; a second one is refused.
-    fn one_unit<'a, T>(
-        &self,
-        units: &[Unit<'a, T>],
-    ) -> Result<Option<(&'static str, f64, &'a Spanned<T>)>, InputError> {
-        let mut given: Option<(&'static str, f64, &'a Spanned<T>)> = None;
+    fn one_unit<'a, T>(&self, units: &[Unit<'a, T>]) -> Result<Option<Given<'a, T>>, InputError> {
+        let mut given: Option<Given<'a, T>> = None;
         for (key, factor, value) in units {
             let Some(value) = value.as_ref() else {
                 continue;
