@@ -23,8 +23,8 @@ use crate::calibration::frames::Sample;
 use crate::calibration::noise::Scales;
 use crate::elastic::state::{Group, Layout, ROWS, State};
 
-/// Rounds of exchange at most: the fourth changes few poses, the sixth next to none.
-const ROUNDS: usize = 6;
+/// Rounds of exchange at most: usually the fifth changes nothing.
+const ROUNDS: usize = 20;
 
 /// Standard deviations of the prior that a plan is made for.
 #[derive(Clone, Copy, Debug, PartialEq)]
