@@ -23,7 +23,7 @@ use crate::calibration::frames::Sample;
 use crate::calibration::noise::Scales;
 use crate::elastic::state::{Group, Layout, ROWS, State};
 
-/// Rounds of exchange at most: usually the fifth changes nothing.
+/// Rounds of exchange at most; it ends with the first that changes nothing.
 const ROUNDS: usize = 20;
 
 /// Standard deviations of the prior that a plan is made for.
