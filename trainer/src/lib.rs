@@ -30,6 +30,7 @@ pub mod loaded;
 pub mod measurements;
 pub mod minimize;
 pub mod output;
+pub mod plan;
 pub mod robot;
 pub mod samples;
 pub mod select;

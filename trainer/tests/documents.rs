@@ -187,6 +187,14 @@ fn the_examples_of_the_conventions_work_and_describe_one_arm_three_times() {
     }
 }
 
+#[test]
+fn the_examples_of_planning_work() {
+    let folder = run("docs/planning.md");
+    for file in ["plan.csv", "check.csv", "plan.mod"] {
+        assert!(folder.join(file).is_file(), "{file}");
+    }
+}
+
 /// The anchor that a heading gets: lower case, spaces to hyphens, punctuation gone.
 fn anchor(heading: &str) -> String {
     let kept: String = heading
@@ -209,6 +217,7 @@ fn links_lead_somewhere() {
         "docs/conventions.md",
         "docs/link.md",
         "docs/performance.md",
+        "docs/planning.md",
         "docs/porting.md",
     ] {
         let text = document(name);

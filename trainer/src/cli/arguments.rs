@@ -7,6 +7,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use super::check::Check;
 use super::correct::Correct;
 use super::device::arguments::Device;
+use super::plan::PlanArguments;
 use crate::calibration::Method;
 
 /// Calibrates robot arms from tracker measurements and writes the model that the controller evaluates.
@@ -24,6 +25,8 @@ pub struct Arguments {
 /// The commands.
 #[derive(Debug, Subcommand)]
 pub enum Command {
+    /// Plan which poses to measure, as CSV and as programs of robot controllers.
+    Plan(PlanArguments),
     /// Simulate a loaded arm measured by a laser tracker.
     Simulate(Simulate),
     /// Calibrate an arm and write the model blob.
@@ -393,7 +396,8 @@ fn support(text: &str) -> Result<Support, String> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Gravity(pub [f64; 3]);
 
-fn gravity(text: &str) -> Result<Gravity, String> {
+/// Three numbers.
+pub fn gravity(text: &str) -> Result<Gravity, String> {
     let numbers: Result<Vec<f64>, _> = text.split(',').map(|x| x.trim().parse()).collect();
     let vector = numbers.ok().and_then(|v| <[f64; 3]>::try_from(v).ok());
     match vector {

@@ -15,6 +15,7 @@ mod drift;
 mod elastic_facts;
 mod evaluate;
 mod inspect;
+mod plan;
 mod progress;
 mod report;
 mod signing;
@@ -97,6 +98,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         }
     };
     let result = match arguments.command {
+        Command::Plan(a) => plan::run(&a),
         Command::Simulate(a) => simulate::run(&a),
         Command::Calibrate(a) => calibrate::run(&a),
         Command::Evaluate(a) => evaluate::run(&a),

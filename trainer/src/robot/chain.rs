@@ -146,7 +146,7 @@ pub(super) fn translation(x: f64, y: f64, z: f64) -> Pose<f64> {
 
 /// A URDF origin: translation in metres, then roll, pitch and yaw in radians about the fixed x, y and z axes,
 /// R = R_z(yaw) R_y(pitch) R_x(roll).
-pub(super) fn origin(xyz: [f64; 3], rpy: [f64; 3]) -> Pose<f64> {
+pub(crate) fn origin(xyz: [f64; 3], rpy: [f64; 3]) -> Pose<f64> {
     translation(xyz[0], xyz[1], xyz[2])
         * rotation_about(2, rpy[2])
         * rotation_about(1, rpy[1])

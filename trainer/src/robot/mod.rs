@@ -28,6 +28,7 @@ use poegp_protocol::JointKind;
 use poegp_runtime::se3::Pose;
 
 pub use builtin::BUILT_IN;
+pub(crate) use chain::origin;
 
 use crate::error::InputError;
 

@@ -120,6 +120,11 @@ impl Simulator {
         self.arm.disturb(disturbance);
     }
 
+    /// The ranges that joints are drawn from, rad or m.
+    pub fn ranges(&self) -> &[(f64, f64)] {
+        &self.ranges
+    }
+
     /// Measures `count` random poses.
     pub fn measure(&mut self, count: usize) -> Vec<SimulatedPose> {
         (0..count).map(|_| self.measure_one()).collect()
@@ -143,7 +148,13 @@ impl Simulator {
         } else {
             self.payloads[random.random_range(0..self.payloads.len())]
         };
-        let truth = self.arm.instrument_from_target(&joints, payload_kg, random);
+        self.measure_at(&joints, payload_kg)
+    }
+
+    /// Measures at joints of the controller (rad or m) with one of the payloads, or with any other.
+    pub fn measure_at(&mut self, joints: &[f64], payload_kg: f64) -> SimulatedPose {
+        let random = &mut self.random;
+        let truth = self.arm.instrument_from_target(joints, payload_kg, random);
         let turn = Twist {
             linear: Vector3::zeros(),
             angular: normal_vector(ORIENTATION_NOISE_RAD, random),
@@ -152,7 +163,7 @@ impl Simulator {
         measured.rotation = Pose::exp(&turn).rotation * truth.rotation;
         measured.translation += normal_vector(POSITION_NOISE_M, random);
         SimulatedPose {
-            joints,
+            joints: joints.to_vec(),
             payload_kg,
             measured,
             truth,

@@ -8,7 +8,33 @@ const FIT: [&str; 2] = ["--per-output", "--weighted"];
 #[test]
 fn every_option_is_in_the_help() {
     let folder = Folder::new();
-    let commands: [(&str, Vec<&str>); 11] = [
+    let commands: [(&str, Vec<&str>); 12] = [
+        (
+            "plan",
+            [
+                &ROBOT[..],
+                &[
+                    "--count",
+                    "--payloads",
+                    "--constraints",
+                    "--check-poses",
+                    "--check-out",
+                    "--d-optimal",
+                    "--space-filling",
+                    "--seed",
+                    "--gravity",
+                    "--forecast",
+                    "--no-forecast",
+                    "--out",
+                    "--rapid",
+                    "--krl",
+                    "--urscript",
+                    "--fanuc",
+                    "--json",
+                ],
+            ]
+            .concat(),
+        ),
         (
             "simulate",
             [

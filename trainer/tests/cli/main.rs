@@ -21,6 +21,7 @@ mod help;
 mod identifiability;
 mod json;
 mod outputs;
+mod plan;
 mod predictions;
 mod program;
 mod reproducible;
