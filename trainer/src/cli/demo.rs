@@ -109,6 +109,8 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
         per_output: false,
         weighted: false,
         models: &models[..PAPER_TABLE_I.len()],
+        held_out: None,
+        provenance: None,
         drift: None,
         models_without_correction: None,
     };

@@ -12,6 +12,7 @@ mod drift;
 mod elastic_facts;
 mod evaluate;
 mod inspect;
+mod page;
 mod progress;
 mod report;
 mod signing;

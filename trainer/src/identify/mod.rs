@@ -16,6 +16,7 @@
 
 mod atoms;
 mod causes;
+mod changes;
 mod directions;
 mod uncertainty;
 mod words;
@@ -40,6 +41,7 @@ use crate::robot::Robot;
 use atoms::Coordinates;
 use directions::{Explained, Space};
 
+pub use changes::{FrameChange, changes};
 pub use uncertainty::{Correlation, Expected, FrameDeviation};
 
 /// A direction that shows less than this share of the most visible one is untold.

@@ -1,0 +1,82 @@
+//! Where a result comes from, so that it can be made again.
+
+use serde::Serialize;
+use sha2::{Digest, Sha256};
+
+use crate::measurements::MeasurementSet;
+
+/// A file that was read or written.
+#[derive(Clone, Debug, Serialize)]
+pub struct FileFacts {
+    /// What it was used for.
+    pub role: &'static str,
+    /// Its path as it was typed.
+    pub file: String,
+    /// SHA-256 of its bytes.
+    pub sha256: String,
+    /// Rows of a measurement file.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rows: Option<usize>,
+}
+
+impl FileFacts {
+    /// Of a measurement file.
+    pub fn of_set(role: &'static str, set: &MeasurementSet) -> Self {
+        Self {
+            role,
+            file: set.path.display().to_string(),
+            sha256: hex(&set.sha256),
+            rows: Some(set.measurements.len()),
+        }
+    }
+
+    /// Of bytes.
+    pub fn of_bytes(role: &'static str, file: impl Into<String>, bytes: &[u8]) -> Self {
+        Self {
+            role,
+            file: file.into(),
+            sha256: hex(&Sha256::digest(bytes)),
+            rows: None,
+        }
+    }
+}
+
+/// The part `provenance` of a JSON document.
+#[derive(Clone, Debug, Serialize)]
+pub struct Provenance {
+    /// The command line.
+    pub command: String,
+    /// Version of the trainer.
+    pub version: &'static str,
+    /// Day, as the blob has it.
+    pub date: String,
+    /// Seed of everything that was drawn.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub seed: Option<u64>,
+    /// Name of the robot.
+    pub robot: String,
+    /// Serial number of the arm, perhaps empty.
+    pub serial_number: String,
+    /// What was read and written.
+    pub files: Vec<FileFacts>,
+}
+
+/// The command line of this process as a shell would take it, its program called `trainer`.
+pub fn command_line() -> String {
+    let quoted = |word: String| {
+        let plain = |c: char| c.is_alphanumeric() || "-_./=,:@+%".contains(c);
+        if !word.is_empty() && word.chars().all(plain) {
+            word
+        } else {
+            format!("'{}'", word.replace('\'', r"'\''"))
+        }
+    };
+    let words = std::env::args_os().skip(1);
+    let words = words.map(|word| quoted(word.to_string_lossy().into_owned()));
+    let all: Vec<String> = std::iter::once("trainer".to_owned()).chain(words).collect();
+    all.join(" ")
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|b| format!("{b:02x}")).collect()
+}
