@@ -40,7 +40,7 @@ impl Number {
     pub fn new(value: f64, decimals: usize, pointer: impl Into<String>) -> Self {
         Self {
             value,
-            text: format!("{value:.decimals$}"),
+            text: rounded(value, decimals),
             pointer: pointer.into(),
         }
     }
@@ -67,6 +67,15 @@ impl Number {
 impl maud::Render for Number {
     fn render(&self) -> Markup {
         html! { data value=(self.value) data-json=(self.pointer) { (self.text) } }
+    }
+}
+
+/// A number with so many decimals; what rounds to zero has no sign.
+pub fn rounded(value: f64, decimals: usize) -> String {
+    let text = format!("{value:.decimals$}");
+    match text.strip_prefix('-') {
+        Some(rest) if rest.chars().all(|c| c == '0' || c == '.') => rest.to_owned(),
+        _ => text,
     }
 }
 
@@ -133,12 +142,14 @@ impl Section {
     #[must_use]
     pub fn table(mut self, header: &[&str], rows: Vec<Vec<Markup>>) -> Self {
         self.close_figures();
-        self.blocks.push(html! {
-            div class="scroll" { table {
-                thead { tr { @for cell in header { th { (cell) } } } }
-                tbody { @for row in rows { tr { @for cell in row { td { (cell) } } } } }
-            } }
-        });
+        self.blocks.push(table(header, rows));
+        self
+    }
+
+    /// With a table of a few columns beside the plots before it.
+    #[must_use]
+    pub fn table_beside(mut self, header: &[&str], rows: Vec<Vec<Markup>>) -> Self {
+        self.figures.push(table(header, rows));
         self
     }
 
@@ -161,6 +172,15 @@ impl Section {
             self.blocks
                 .push(html! { div class=(class) { @for figure in &figures { (figure) } } });
         }
+    }
+}
+
+fn table(header: &[&str], rows: Vec<Vec<Markup>>) -> Markup {
+    html! {
+        div class="scroll" { table {
+            thead { tr { @for cell in header { th { (cell) } } } }
+            tbody { @for row in rows { tr { @for cell in row { td { (cell) } } } } }
+        } }
     }
 }
 

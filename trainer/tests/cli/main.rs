@@ -21,6 +21,7 @@ mod json;
 mod outputs;
 mod predictions;
 mod program;
+mod report;
 mod reproducible;
 mod robots;
 mod signing;

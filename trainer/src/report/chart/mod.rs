@@ -70,7 +70,7 @@ impl BoxOf {
 const RIGHT: f64 = 12.0;
 const TOP: f64 = 10.0;
 const BOTTOM: f64 = 40.0;
-const LEFT: f64 = 50.0;
+const LEFT: f64 = 54.0;
 /// Width of a character of the labels, about.
 const CHARACTER: f64 = 6.3;
 /// Characters of a name beside a box.
@@ -310,11 +310,7 @@ pub fn boxes(label: &str, boxes: &[BoxOf], told: &str) -> Markup {
             y = short(y)
         );
         let mean = at(b.mean).0;
-        let name: String = if b.name.chars().count() > NAME {
-            b.name.chars().take(NAME - 1).chain(['…']).collect()
-        } else {
-            b.name.clone()
-        };
+        let name = shortened(&b.name);
         let drawn = html! {
             g class=(class) {
                 title { (b.name) }
@@ -329,6 +325,16 @@ pub fn boxes(label: &str, boxes: &[BoxOf], told: &str) -> Markup {
         plot.marks.push(drawn);
     }
     plot.render(told)
+}
+
+/// A name of at most [`NAME`] characters; what tells names apart is mostly at their ends.
+fn shortened(name: &str) -> String {
+    let all: Vec<char> = name.chars().collect();
+    if all.len() <= NAME {
+        return name.to_owned();
+    }
+    let (head, tail) = (&all[..7], &all[all.len() - (NAME - 8)..]);
+    head.iter().chain(['…'].iter()).chain(tail).collect()
 }
 
 /// A coordinate with one decimal, none when it is 0.

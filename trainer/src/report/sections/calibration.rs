@@ -100,8 +100,9 @@ pub fn parameters(
             "about z (mrad)",
         ];
         section = section.table(&header, rows).text(html! {
-            "By how much each frame differs from the drawing, in its own axes, ± one standard deviation; bold where it is "
-            "certain. A link's frame stands behind the joint of its number, z along the joint's axis."
+            "By how much each frame differs from the drawing, ± one standard deviation; bold where that is certain. A link is what "
+            "is behind the joint of its number, in the axes of that joint, z along it; base and tool are in the axes of the "
+            "base and of the last joint. What could as well be said of the next frame is divided between the two."
         });
     }
     if !told.correlations.is_empty() {

@@ -134,6 +134,16 @@ pub fn payloads(evidence: &Evidence, facts: &HeldOutFacts) -> Section {
         .collect();
     let distinct = high - low > 2.0 * spread[worst].hypot(spread[least]);
     let at = |i: usize| format!("/held_out/payloads/{i}/position_mm/mean");
+    let row = |(i, part): (usize, &crate::report::evidence::PartFacts)| {
+        let p = &part.errors.position_mm;
+        let at = |name: &str| format!("/held_out/payloads/{i}/{name}");
+        vec![
+            html! { (part.name) " kg" },
+            html! { (Number::count(part.errors.poses, at("poses"))) },
+            html! { (Number::mm(p.mean, at("position_mm/mean"))) },
+            html! { (Number::mm(p.p95, at("position_mm/p95"))) },
+        ]
+    };
     section.figure(
         html! {
             @if distinct {
@@ -146,5 +156,9 @@ pub fn payloads(evidence: &Evidence, facts: &HeldOutFacts) -> Section {
         },
         boxes("position error (mm), held out", &drawn, "Box plots of the position error by payload"),
         "Box: the middle half of the poses, with the median. Whiskers: 5 and 95 %. Diamond: mean. Dot: largest.",
+    )
+    .table_beside(
+        &["payload", "poses", "mean (mm)", "95 % (mm)"],
+        facts.payloads.iter().enumerate().map(row).collect(),
     )
 }

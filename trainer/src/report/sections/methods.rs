@@ -31,11 +31,11 @@ pub fn methods(evidence: &Evidence, facts: &HeldOutFacts) -> Section {
     );
     let finding = html! {
         @if evidence.methods.len() > 1 && evidence.before != evidence.after {
-            "The correction by `" (facts.after.model) "` takes the mean error from "
+            "The correction by " code { (facts.after.model) } " takes the mean error from "
             (Number::mm(b.mean, "/held_out/before/position_mm/mean")) " to "
             (Number::mm(a.mean, "/held_out/after/position_mm/mean")) " mm"
         } @else {
-            "`" (facts.after.model) "` has a mean error of " (Number::mm(a.mean, "/held_out/after/position_mm/mean")) " mm"
+            code { (facts.after.model) } " has a mean error of " (Number::mm(a.mean, "/held_out/after/position_mm/mean")) " mm"
         }
     };
     let row = |(i, m): (usize, &crate::report::evidence::MethodFacts)| -> Vec<Markup> {
@@ -55,7 +55,6 @@ pub fn methods(evidence: &Evidence, facts: &HeldOutFacts) -> Section {
         vec![
             name,
             html! { (Number::mm(p.mean, at("mean"))) },
-            html! { (Number::mm(p.median, at("median"))) },
             html! { (Number::mm(p.p95, at("p95"))) },
             html! { (Number::mm(p.max, at("max"))) },
             html! { @match orientation { Some(o) => { (o) } None => { "–" } } },
@@ -67,14 +66,15 @@ pub fn methods(evidence: &Evidence, facts: &HeldOutFacts) -> Section {
             boxes("position error (mm), held out", &drawn, "Box plots of the position error of each model"),
             "Box: the middle half of the poses, with the median. Whiskers: 5 and 95 %. Diamond: mean. Dot: largest.",
         )
-        .table(
-            &["model", "mean (mm)", "median (mm)", "95 % (mm)", "largest (mm)", "orientation, mean (mrad)"],
+        .table_beside(
+            &["model", "mean (mm)", "95 % (mm)", "largest (mm)", "mean (mrad)"],
             facts.methods.iter().enumerate().map(row).collect(),
         )
         .text(html! {
-            "`base-tool` fits where base and tool are and believes the drawing of the arm; `poe` fits the whole geometry; "
-            "`poe-gp` and `poe-gp-load` add what geometry cannot explain as a smooth function of the joints (and payload); "
-            "`elastic` models joints that give way, gears and payload."
+            code { "base-tool" } " fits where base and tool are and believes the drawing of the arm; " code { "poe" }
+            " fits the whole geometry; " code { "poe-gp" } " and " code { "poe-gp-load" }
+            " add what geometry cannot explain as a smooth function of the joints (and payload); " code { "elastic" }
+            " models joints that give way, gears and payload."
         })
 }
 
@@ -216,7 +216,7 @@ pub fn learning(facts: &HeldOutFacts) -> Section {
             plot.render("Held-out error by the number of training poses"),
             "Blue: mean. Grey: 95 % of the poses. All sizes were tested on the same held-out poses.",
         )
-        .table(
+        .table_beside(
             &["training poses", "mean (mm)", "95 % (mm)"],
             curve.iter().enumerate().map(row).collect(),
         )
