@@ -149,10 +149,19 @@ fn the_commands_of_the_readme_work() {
     for file in [
         "arm.blob",
         "compare.json",
+        "report.html",
         "predicted.csv",
         "errors.json",
         "corrected.csv",
     ] {
+        assert!(folder.join(file).is_file(), "{file}");
+    }
+}
+
+#[test]
+fn the_commands_of_the_page_on_the_report_work() {
+    let folder = run("docs/report.md");
+    for file in ["arm.blob", "report.html", "compare.html", "compare.json"] {
         assert!(folder.join(file).is_file(), "{file}");
     }
 }
@@ -203,6 +212,7 @@ fn links_lead_somewhere() {
         "docs/link.md",
         "docs/performance.md",
         "docs/porting.md",
+        "docs/report.md",
     ] {
         let text = document(name);
         let path = workspace().join(name);

@@ -113,7 +113,7 @@ pub fn run(a: &Calibrate) -> Result<(), Failure> {
         options.method,
         arm.robot.joints.len(),
     )?;
-    let tests = Tests::read(&arm, &a.tests, &tools, drift.as_ref())?;
+    let tests = Tests::read(&arm, &a.tests, &set, &tools, drift.as_ref())?;
     page::check(a, &samples, options.method, arm.robot.joints.len())?;
     options.instrument_noise = instrument_noise(&a.fit)?;
     let origin = origin(set.sha256, &a.serial_number, tools);

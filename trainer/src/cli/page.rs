@@ -51,10 +51,11 @@ pub struct Tests {
 }
 
 impl Tests {
-    /// Reads them all.
+    /// Reads them all; the training file itself is refused.
     pub fn read(
         arm: &Arm,
         paths: &[PathBuf],
+        train: &MeasurementSet,
         tools: &[ToolName],
         drift: Option<&Drift>,
     ) -> Result<Self, Failure> {
@@ -62,6 +63,10 @@ impl Tests {
         let mut names = tools.to_vec();
         for path in paths {
             let (set, mut samples) = read_test(arm, path, &mut names, tools.len())?;
+            if set.sha256 == train.sha256 {
+                let found = "the measurements that are trained on";
+                return Err(InputError::new(path, found, "poses that are held out").into());
+            }
             if let Some(drift) = drift {
                 samples = drift::corrected(arm, &set, &mut names, drift)?;
             }

@@ -258,6 +258,26 @@ fn hostile_names_stay_text() {
     }
 }
 
+/// One pose, one payload, joints that do not move: sentences instead of plots, and nothing that breaks.
+#[test]
+fn a_single_held_out_pose_has_a_page() {
+    let folder = Folder::new();
+    folder.write("train.csv", simulated("train", 40));
+    folder.write("test.csv", simulated("test1", 1));
+    calibrate(&folder, "--model poe-gp-load --test test.csv").ok();
+    let (page, document) = (folder.text("report.html"), folder.json("report.json"));
+    check_page(&page);
+    check_numbers(&page, &document);
+    for sentence in [
+        "Joint 1 did not move",
+        "1 poses are too few",
+        "all poses are at one place",
+        "with one payload",
+    ] {
+        assert!(page.contains(sentence), "{sentence}");
+    }
+}
+
 #[test]
 fn what_cannot_be_reported_is_refused_before_the_work() {
     let folder = Folder::new();
@@ -273,9 +293,15 @@ fn what_cannot_be_reported_is_refused_before_the_work() {
     folder
         .run(&format!("{line} --report no/such.html"))
         .refused(&["no folder"]);
+    folder.write("again.csv", simulated("train", 7));
+    folder.run(&format!("{line} --test again.csv")).refused(&[
+        "again.csv",
+        "trained on",
+        "held out",
+    ]);
     folder.write("test.csv", "q1_deg\n1\n");
     folder
         .run(&format!("{line} --test test.csv"))
         .refused(&["test.csv"]);
-    assert_eq!(folder.names(), ["test.csv", "train.csv"]);
+    assert_eq!(folder.names(), ["again.csv", "test.csv", "train.csv"]);
 }

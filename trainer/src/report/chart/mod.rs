@@ -194,13 +194,13 @@ impl Plot {
         });
     }
 
-    /// A line across the plane at `y`, with a few words above its right end.
+    /// A line across the plane at `y`, with a few words below its left end.
     pub fn level(&mut self, series: Series, y: f64, words: &str) {
         let ((left, y), (right, _)) = (self.at(self.x.lower, y), self.at(self.x.upper, y));
         let class = format!("rule {}", series.class());
         self.marks.push(html! {
             path class=(class) d=(format!("M{} {}H{}", short(left), short(y), short(right))) {}
-            text class="note" x=(short(right - 3.0)) y=(short(y - 4.0)) text-anchor="end" { (words) }
+            text class="note" x=(short(left + 4.0)) y=(short(y + 13.0)) { (words) }
         });
     }
 

@@ -150,20 +150,21 @@ pub fn outliers(
             let row = |(i, o): (usize, &ListedOutlier)| {
                 let at = |name: &str| format!("/elastic/outliers/{i}/{name}");
                 vec![
-                    html! { "line " (Number::count(o.line, at("line"))) },
+                    html! { "line " (Number::count(o.line, at("line"))) ": " (o.reason) },
                     html! { (Number::new(o.chi_squared, 0, at("chi_squared"))) },
-                    html! { (o.reason) },
                     html! { @if o.rejected { "left out" } @else { "kept" } },
                 ]
             };
             let rejected = found.iter().filter(|o| o.rejected).count();
             section
                 .text(html! {
-                    (found.len()) " training poses contradict what the others say; " (rejected) " were left out. "
-                    "Measure them again, or calibrate with --outliers reject."
+                    (found.len()) @if found.len() == 1 { " training pose contradicts" } @else { " training poses contradict" }
+                    " what the others say"
+                    @if rejected > 0 { " and did not take part in the calibration." }
+                    @else { ". Measure them again, or calibrate with --outliers reject." }
                 })
                 .table(
-                    &["training file", "χ²", "why", "done"],
+                    &["training file", "χ²", ""],
                     found.iter().enumerate().map(row).collect(),
                 )
         }

@@ -48,7 +48,7 @@ pub fn headline(evidence: &Evidence, facts: &HeldOutFacts) -> Section {
         },
     };
     let before_means = html! {
-        p { (how) " “Before” is the arm as it is drawn, with base and tool frames fitted to the same measurements. Every error is
+        p { (how) " “Before” is the arm as it is drawn, with base and tool frames fitted to the same training poses. Every error is
             the distance from what the instrument saw, its noise included, to what the file for the controller answers, in the
             controller's own single precision." }
     };

@@ -13,8 +13,8 @@ const BINS: usize = 8;
 /// Poses of a bin that has a mean.
 const FEWEST: usize = 3;
 
-/// Means over bins of `x`: middle of the bin and mean of `y`.
-fn binned(x: &[f64], y: &[f64]) -> Vec<(f64, f64)> {
+/// Means over bins of `x`: middle of the bin, mean of `y` and how many poses it is of.
+fn binned(x: &[f64], y: &[f64]) -> Vec<(f64, f64, usize)> {
     let low = x.iter().copied().fold(f64::INFINITY, f64::min);
     let high = x.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let width = (high - low) / BINS as f64;
@@ -25,8 +25,20 @@ fn binned(x: &[f64], y: &[f64]) -> Vec<(f64, f64)> {
     }
     let filled = sums.iter().filter(|s| s.2 >= FEWEST);
     filled
-        .map(|(x, y, n)| (x / *n as f64, y / *n as f64))
+        .map(|(x, y, n)| (x / *n as f64, y / *n as f64, *n))
         .collect()
+}
+
+/// Whether the means of bins differ by more than errors at random do: χ² beyond three standard deviations of itself.
+fn depends(bins: &[(f64, f64, usize)], y: &[f64]) -> bool {
+    let (mean, standard_error) = mean_and_error(y);
+    let variance = standard_error.powi(2) * y.len() as f64;
+    let chi_squared: f64 = bins
+        .iter()
+        .map(|(_, m, n)| *n as f64 * (m - mean).powi(2) / variance)
+        .sum();
+    let freedom = bins.len().saturating_sub(1) as f64;
+    variance > 0.0 && chi_squared > freedom + 3.0 * (2.0 * freedom).sqrt()
 }
 
 /// One plot for each joint, with dots and the means of bins, before and after.
@@ -69,7 +81,10 @@ pub fn joints(evidence: &Evidence) -> Section {
         );
         let label = format!("joint {} ({unit})", joint + 1);
         let mut plot = Plot::new(Axis::linear(label, low, high), y).sized(300.0, 220.0);
-        let (means_before, means) = (binned(&x, &before), binned(&x, &after));
+        let means = binned(&x, &after);
+        let line = |bins: &[(f64, f64, usize)]| -> Vec<(f64, f64)> {
+            bins.iter().map(|(x, y, _)| (*x, *y)).collect()
+        };
         if both {
             plot.dots(
                 Series::Before,
@@ -78,16 +93,17 @@ pub fn joints(evidence: &Evidence) -> Section {
         }
         plot.dots(Series::After, x.iter().copied().zip(after.iter().copied()));
         if both {
-            plot.line(Series::Before, &means_before, false);
+            plot.line(Series::Before, &line(&binned(&x, &before)), false);
         }
-        plot.line(Series::After, &means, false);
+        plot.line(Series::After, &line(&means), false);
         let smallest = means.iter().map(|m| m.1).fold(f64::INFINITY, f64::min);
         let largest = means.iter().map(|m| m.1).fold(0.0, f64::max);
         section = section.figure(
             html! {
                 "Joint " (joint + 1)
                 @if means.len() > 1 {
-                    ": means from " (format!("{smallest:.3}")) " to " (format!("{largest:.3}")) " mm"
+                    @if depends(&means, &after) { " still shows: " } @else { " hardly shows: " }
+                    (format!("{smallest:.3}")) " to " (format!("{largest:.3}")) " mm"
                 }
             },
             plot.render(&format!("Error against joint {}", joint + 1)),

@@ -56,14 +56,16 @@ pub fn time(evidence: &Evidence, facts: &HeldOutFacts) -> Section {
     let steady = change.abs() < 2.5 * first.1.hypot(last.1);
     section = section.figure(
         html! {
-            @if steady { "The errors stay level: " } @else if change > 0.0 { "The errors grow: " } @else { "The errors shrink: " }
-            "the first third of the rows has " (format!("{:.3}", first.0)) " mm in the mean, the last third "
-            (format!("{:.3}", last.0)) " mm"
+            @if steady { "The errors stay level: " } @else if change > 0.0 { "The rows at the end are worse: " }
+            @else { "The rows at the beginning are worse: " }
+            (format!("{:.3}", first.0)) " mm in the mean of the first third, " (format!("{:.3}", last.0))
+            " mm of the last"
         },
         plot.render("Position errors in the order of the rows"),
         &format!(
-            "Dashed: running median of {window} poses. Point at a dot for its line in the file. Errors that grow mean that \
-             instrument, target or arm moved or warmed up."
+            "Dashed: running median of {window} poses. Point at a dot for its line in the file. A slope means that instrument, \
+             target or arm moved or warmed up; with reference points in the file --correct-drift takes out the instrument's \
+             part."
         ),
     );
     let (parts, of, name, known) = if facts.tools.len() > 1 {
