@@ -161,7 +161,7 @@ pub fn run(a: &Calibrate) -> Result<(), Failure> {
     let seed = evidence.is_some().then_some(page::SEED);
     let mut provenance = page::provenance(&a.robot.robot, &arm, &origin, seed, &set, &tests.files);
     let file = a.out.display().to_string();
-    let written = FileFacts::of_bytes("for the controller", file, blob.bytes());
+    let written = FileFacts::of_bytes("result", file, blob.bytes());
     provenance.files.push(written);
     let mut document = document(a, &calibration, &blob, &fidelity, training, provenance);
     document.held_out = evidence.as_ref().map(Evidence::facts);

@@ -19,6 +19,8 @@ pub mod chart;
 pub mod evidence;
 pub mod provenance;
 pub mod sections;
+#[cfg(test)]
+mod tests;
 
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 

@@ -315,8 +315,8 @@ pub fn device(facts: &DeviceFacts) -> Section {
 pub fn provenance(provenance: &Provenance) -> Section {
     let row = |f: &crate::report::FileFacts| {
         vec![
-            html! { (f.role) },
             html! { (f.file) },
+            html! { (f.role) },
             html! { @match f.rows { Some(rows) => { (rows) } None => { "" } } },
             html! { span class="hash" { (f.sha256) } },
         ]
@@ -333,7 +333,7 @@ pub fn provenance(provenance: &Provenance) -> Section {
             }
         })
         .table(
-            &["", "file", "rows", "SHA-256"],
+            &["file", "used as", "rows", "SHA-256"],
             provenance.files.iter().map(row).collect(),
         )
 }

@@ -9,6 +9,8 @@ use crate::report::{Evidence, HeldOutFacts, Number, Section};
 /// Rows of the running median, at least, and as a share of all.
 const WINDOW: usize = 7;
 const WINDOW_SHARE: usize = 15;
+/// Sessions and files that are separated by lines, at most.
+const SEPARATED: usize = 8;
 
 /// Errors in row order with a running median, and boxes by session, target or file.
 pub fn time(evidence: &Evidence, facts: &HeldOutFacts) -> Section {
@@ -42,8 +44,9 @@ pub fn time(evidence: &Evidence, facts: &HeldOutFacts) -> Section {
         .collect();
     plot.line(Series::Reference, &line, false);
     let part = |row: &crate::report::Row| format!("{}\n{}", row.file, row.tool);
+    let few = evidence.parts(part).len() <= SEPARATED;
     for (i, pair) in evidence.rows.windows(2).enumerate() {
-        if part(&pair[0]) != part(&pair[1]) && evidence.parts(part).len() <= 8 {
+        if few && part(&pair[0]) != part(&pair[1]) {
             plot.upright(Series::Other, (i + 1) as f64, "");
         }
     }
