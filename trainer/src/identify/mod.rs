@@ -41,6 +41,7 @@ use crate::robot::Robot;
 use atoms::Coordinates;
 use directions::{Explained, Space};
 
+pub use causes::{STILL_PRISMATIC, STILL_REVOLUTE};
 pub use changes::{FrameChange, changes};
 pub use uncertainty::{Correlation, Expected, FrameDeviation};
 

@@ -269,7 +269,7 @@ fn a_single_held_out_pose_has_a_page() {
     check_page(&page);
     check_numbers(&page, &document);
     for sentence in [
-        "Joint 1 did not move",
+        "Joints 1, 2, 3, 4, 5, 6 did not move",
         "1 poses are too few",
         "all poses are at one place",
         "with one payload",

@@ -5,6 +5,7 @@ use poegp_protocol::JointKind;
 
 use super::mean_and_error;
 use super::methods::keys;
+use crate::identify::{STILL_PRISMATIC, STILL_REVOLUTE};
 use crate::report::chart::{Axis, BoxOf, Plot, Series, boxes};
 use crate::report::{Evidence, HeldOutFacts, Number, Section};
 
@@ -59,19 +60,17 @@ pub fn joints(evidence: &Evidence) -> Section {
             .map(|row| row.joints.get(joint).copied().unwrap_or(0.0) * factor)
             .collect()
     };
+    let mut unmoved = Vec::new();
     for (joint, kind) in evidence.kinds.iter().enumerate() {
-        let (unit, factor) = match kind {
-            JointKind::Revolute => ("deg", 180.0 / std::f64::consts::PI),
-            JointKind::Prismatic => ("mm", 1e3),
+        let (unit, factor, still) = match kind {
+            JointKind::Revolute => ("deg", 180.0 / std::f64::consts::PI, STILL_REVOLUTE),
+            JointKind::Prismatic => ("mm", 1e3, STILL_PRISMATIC),
         };
         let x = value(joint, factor);
         let low = x.iter().copied().fold(f64::INFINITY, f64::min);
         let high = x.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        if high - low < 1e-6 {
-            section = section.missing(format!(
-                "Joint {} did not move in these poses: nothing can be said about it.",
-                joint + 1
-            ));
+        if high - low <= still * factor {
+            unmoved.push(joint + 1);
             continue;
         }
         let y = Axis::log(
@@ -110,7 +109,17 @@ pub fn joints(evidence: &Evidence) -> Section {
             "",
         );
     }
-    section
+    let names: Vec<String> = unmoved.iter().map(ToString::to_string).collect();
+    match names.as_slice() {
+        [] => section,
+        [one] => section.missing(format!(
+            "Joint {one} did not move in these poses: nothing can be said about it."
+        )),
+        names => section.missing(format!(
+            "Joints {} did not move in these poses: nothing can be said about them.",
+            names.join(", ")
+        )),
+    }
 }
 
 /// Boxes for each payload.
