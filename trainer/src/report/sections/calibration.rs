@@ -226,7 +226,8 @@ pub fn choice(candidates: Option<&[select::Row]>, budget: Option<&[Fitted]>) -> 
             section = section
                 .text(html! {
                     "“" (chosen) "” is the simplest model that is not behind the best by more than one standard error, in "
-                    "five-fold cross-validation of the training data."
+                    "five-fold cross-validation of the training data. Held-out errors of this page that are by the same "
+                    "folds flatter it a little; those of test files do not."
                 })
                 .table(
                     &["candidate", "mean (mm)", "95 % (mm)", "behind the best (mm)"],
