@@ -83,8 +83,10 @@ impl Axis {
             Scale::Linear => (value - self.lower) / (self.upper - self.lower),
             Scale::Log => (value / self.lower).ln() / (self.upper / self.lower).ln(),
         };
-        // NaN, of a logarithm of 0 divided, is at the lower end too.
-        share.max(0.0).min(1.0)
+        if share.is_nan() {
+            return 0.0;
+        }
+        share.clamp(0.0, 1.0)
     }
 
     /// Values that get a line, and what is written there.
