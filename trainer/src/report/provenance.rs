@@ -61,22 +61,48 @@ pub struct Provenance {
     pub files: Vec<FileFacts>,
 }
 
-/// The command line of this process as a shell would take it, its program called `trainer`.
+/// The command line of this process as a shell would take it, its program called `trainer`, without `--json`, which says
+/// where the same facts go and changes none.
 pub fn command_line() -> String {
-    let quoted = |word: String| {
+    let words = std::env::args_os().skip(1);
+    command(words.map(|word| word.to_string_lossy().into_owned()))
+}
+
+fn command(words: impl Iterator<Item = String>) -> String {
+    let quoted = |word: &str| {
         let plain = |c: char| c.is_alphanumeric() || "-_./=,:@+%".contains(c);
         if !word.is_empty() && word.chars().all(plain) {
-            word
+            word.to_owned()
         } else {
             format!("'{}'", word.replace('\'', r"'\''"))
         }
     };
-    let words = std::env::args_os().skip(1);
-    let words = words.map(|word| quoted(word.to_string_lossy().into_owned()));
-    let all: Vec<String> = std::iter::once("trainer".to_owned()).chain(words).collect();
+    let mut all = vec!["trainer".to_owned()];
+    let mut is_destination = false;
+    for word in words {
+        let dropped = is_destination || word.starts_with("--json=");
+        is_destination = !is_destination && word == "--json";
+        if !dropped && !is_destination {
+            all.push(quoted(&word));
+        }
+    }
     all.join(" ")
 }
 
 fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|b| format!("{b:02x}")).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_command_can_be_typed_again() {
+        let of = |words: &[&str]| command(words.iter().map(ToString::to_string));
+        let words = ["compare", "--json", "--json", "a b.csv", "--json=x", "it's"];
+        assert_eq!(of(&words), r"trainer compare 'a b.csv' 'it'\''s'");
+        assert_eq!(of(&["calibrate", "--json", "-"]), "trainer calibrate");
+        assert_eq!(of(&["demo", ""]), "trainer demo ''");
+    }
 }
