@@ -25,8 +25,8 @@ fn plots_stand_where_they_were_put_and_tables_beside_them() {
         .missing("not <shown>");
     let page = Page::new("Title <1>", "sub").with(section).render();
     let place = |word: &str| page.find(word).unwrap_or_else(|| panic!("{word}: {page}"));
-    assert!(place("One &amp; two") < place("first"));
-    assert!(place("first") < place("<figcaption>finding"));
+    assert!(place("One &amp; two") < place("<p>first</p>"));
+    assert!(place("<p>first</p>") < place("<figcaption>finding"));
     assert!(place("<figcaption>finding") < place("<th>&lt;b&gt;"));
     assert!(place("<th>&lt;b&gt;") < place("not &lt;shown&gt;"));
     assert!(place("<title>Title &lt;1&gt;</title>") < place("<h1>Title &lt;1&gt;"));
