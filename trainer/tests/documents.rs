@@ -149,6 +149,7 @@ fn the_commands_of_the_readme_work() {
     for file in [
         "arm.blob",
         "compare.json",
+        "report.html",
         "predicted.csv",
         "errors.json",
         "corrected.csv",
@@ -161,6 +162,14 @@ fn the_commands_of_the_readme_work() {
 fn the_commands_of_the_check_work() {
     let folder = run("docs/check.md");
     assert!(folder.join("check.json").is_file());
+}
+
+#[test]
+fn the_commands_of_the_page_on_the_report_work() {
+    let folder = run("docs/report.md");
+    for file in ["arm.blob", "report.html", "compare.html", "compare.json"] {
+        assert!(folder.join(file).is_file(), "{file}");
+    }
 }
 
 /// x, y, z in mm of every row of a file of predictions.
@@ -219,6 +228,7 @@ fn links_lead_somewhere() {
         "docs/performance.md",
         "docs/planning.md",
         "docs/porting.md",
+        "docs/report.md",
     ] {
         let text = document(name);
         let path = workspace().join(name);

@@ -209,7 +209,7 @@ pub enum Scenario {
 /// `trainer calibrate`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Example: trainer calibrate --robot abb-irb120 train.csv --model poe-gp --out arm.blob"
+    after_help = "Example: trainer calibrate --robot abb-irb120 train.csv --out arm.blob --report report.html"
 )]
 pub struct Calibrate {
     #[command(flatten)]
@@ -243,6 +243,13 @@ pub struct Calibrate {
     /// Blob to write.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
+    /// Measurements that are held out: the errors on them are reported; may be repeated.
+    #[arg(long = "test", value_name = "FILE")]
+    pub tests: Vec<PathBuf>,
+    /// A page with held-out errors, plots, parameters and provenance as HTML; without --test it cross-validates, which
+    /// takes some five calibrations more.
+    #[arg(long, value_name = "FILE")]
+    pub report: Option<PathBuf>,
     /// Facts of the calibration as JSON (`-`: standard output).
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
@@ -301,6 +308,9 @@ pub struct Compare {
     pub correct_drift: bool,
     #[command(flatten)]
     pub fit: FitArguments,
+    /// A page with the errors and plots of them as HTML: of the test sets, or of the folds when there are none.
+    #[arg(long, value_name = "FILE")]
+    pub report: Option<PathBuf>,
     /// Errors as JSON (`-`: standard output).
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,

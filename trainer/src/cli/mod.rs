@@ -15,6 +15,7 @@ mod drift;
 mod elastic_facts;
 mod evaluate;
 mod inspect;
+mod page;
 mod plan;
 mod progress;
 mod report;

@@ -16,6 +16,7 @@
 
 mod atoms;
 mod causes;
+mod changes;
 mod directions;
 mod uncertainty;
 mod words;
@@ -41,6 +42,8 @@ use crate::robot::Robot;
 use atoms::Coordinates;
 use directions::{Explained, Space};
 
+pub use causes::{STILL_PRISMATIC, STILL_REVOLUTE};
+pub use changes::{FrameChange, changes};
 pub use uncertainty::{Correlation, Expected, FrameDeviation};
 
 /// A direction that shows less than this share of the most visible one is untold.

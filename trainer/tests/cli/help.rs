@@ -63,6 +63,8 @@ fn every_option_is_in_the_help() {
                     "--max-correction-mm",
                     "--max-correction-mrad",
                     "--correct-drift",
+                    "--test",
+                    "--report",
                     "--out",
                     "--json",
                 ],
@@ -79,7 +81,7 @@ fn every_option_is_in_the_help() {
                 &ROBOT[..],
                 &FIT,
                 &[
-                    "<TRAIN>", "--test", "--models", "--folds", "--seed", "--json",
+                    "<TRAIN>", "--test", "--models", "--folds", "--seed", "--report", "--json",
                 ],
             ]
             .concat(),

@@ -24,6 +24,7 @@ mod outputs;
 mod plan;
 mod predictions;
 mod program;
+mod report;
 mod reproducible;
 mod robots;
 mod signing;
