@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
 use super::device::arguments::Device;
+use super::export::Export;
 use crate::calibration::Method;
 
 /// Calibrates robot arms from tracker measurements and writes the model that the controller evaluates.
@@ -32,6 +33,8 @@ pub enum Command {
     Compare(Compare),
     /// Show what is in a blob.
     Inspect(Inspect),
+    /// Write the calibrated arm for other programs: URDF, UR driver, tables, C header.
+    Export(Export),
     /// Make keys that models are signed with.
     Keys(Keys),
     /// Sign a blob.

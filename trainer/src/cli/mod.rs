@@ -11,6 +11,7 @@ mod device;
 mod drift;
 mod elastic_facts;
 mod evaluate;
+mod export;
 mod inspect;
 mod progress;
 mod report;
@@ -99,6 +100,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Evaluate(a) => evaluate::run(&a),
         Command::Compare(a) => compare::run(&a),
         Command::Inspect(a) => inspect::run(&a),
+        Command::Export(a) => export::run(&a),
         Command::Keys(a) => signing::keys(&a),
         Command::Sign(a) => signing::sign(&a),
         Command::Verify(a) => signing::verify(&a),
