@@ -25,6 +25,7 @@ pub mod factor;
 pub mod folds;
 pub mod gp;
 pub mod identify;
+pub mod import;
 pub mod interchange;
 pub mod loaded;
 pub mod measurements;

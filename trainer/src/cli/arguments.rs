@@ -6,6 +6,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 
 use super::device::arguments::Device;
 use super::export::Export;
+use super::import::Import;
 use crate::calibration::Method;
 
 /// Calibrates robot arms from tracker measurements and writes the model that the controller evaluates.
@@ -35,6 +36,8 @@ pub enum Command {
     Inspect(Inspect),
     /// Write the calibrated arm for other programs: URDF, UR driver, tables, C header.
     Export(Export),
+    /// Bring measurements of other programs into the shape of the measurement file.
+    Import(Import),
     /// Make keys that models are signed with.
     Keys(Keys),
     /// Sign a blob.

@@ -12,6 +12,7 @@ mod drift;
 mod elastic_facts;
 mod evaluate;
 mod export;
+mod import;
 mod inspect;
 mod progress;
 mod report;
@@ -101,6 +102,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Compare(a) => compare::run(&a),
         Command::Inspect(a) => inspect::run(&a),
         Command::Export(a) => export::run(&a),
+        Command::Import(a) => import::run(&a),
         Command::Keys(a) => signing::keys(&a),
         Command::Sign(a) => signing::sign(&a),
         Command::Verify(a) => signing::verify(&a),
