@@ -25,6 +25,8 @@ pub struct Table {
     pub thousands: Option<char>,
     /// The header: its line and its names.
     pub header: Option<Line>,
+    /// The second line of the header, which has units perhaps.
+    pub units: Vec<String>,
     /// The rows, all as wide as the header or the first of them.
     pub rows: Vec<Line>,
 }
@@ -48,6 +50,7 @@ impl Table {
                         .any(|c| !c.is_empty() && line.starts_with(c.as_str()))
             });
         let mut header = None;
+        let mut units = Vec::new();
         for i in 0..layout.header_lines {
             let Some((index, line)) = kept.next() else {
                 return Err(InputError::new(
@@ -57,11 +60,16 @@ impl Table {
                 )
                 .with_help("is skip_lines too large? A file without header has header_lines = 0"));
             };
-            if i == 0 {
-                header = Some(Line {
-                    number: index + 1,
-                    cells: cells(path, index + 1, line, layout)?,
-                });
+            let row = cells(path, index + 1, line, layout)?;
+            match i {
+                0 => {
+                    header = Some(Line {
+                        number: index + 1,
+                        cells: row,
+                    });
+                }
+                1 => units = row,
+                _ => {}
             }
         }
         let mut rows = Vec::new();
@@ -118,6 +126,7 @@ impl Table {
             decimal: layout.decimal,
             thousands: layout.thousands,
             header,
+            units,
             rows,
         })
     }

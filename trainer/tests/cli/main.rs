@@ -17,6 +17,7 @@ mod elastic;
 mod fake_device;
 mod help;
 mod identifiability;
+mod import;
 mod json;
 mod outputs;
 mod predictions;

@@ -27,12 +27,33 @@ struct Block {
 
 /// Whether a cell is a number with this decimal point.
 pub fn is_number(cell: &str, decimal: Decimal) -> bool {
-    let numeric = |c: char| c.is_ascii_digit() || "+-.,eE".contains(c);
-    let (point, other) = match decimal {
-        Decimal::Point => (cell.to_owned(), ','),
-        Decimal::Comma => (cell.replace(',', "."), '.'),
+    let (point, other) = marks(decimal);
+    let plain = match is_grouped(cell, decimal) {
+        true => cell.replace(other, ""),
+        false => cell.to_owned(),
     };
-    cell.chars().all(numeric) && !cell.contains(other) && point.parse::<f64>().is_ok()
+    let numeric = |c: char| c.is_ascii_digit() || "+-eE".contains(c) || c == point;
+    plain.chars().all(numeric) && plain.replace(point, ".").parse::<f64>().is_ok()
+}
+
+/// The decimal point, and what may group thousands beside it.
+fn marks(decimal: Decimal) -> (char, char) {
+    match decimal {
+        Decimal::Point => ('.', ','),
+        Decimal::Comma => (',', '.'),
+    }
+}
+
+/// Whether a number has its thousands grouped: 1.234,5. Without the decimal point after it, a mark is not taken for one.
+fn is_grouped(cell: &str, decimal: Decimal) -> bool {
+    let (point, other) = marks(decimal);
+    let Some((whole, _)) = cell.split_once(point) else {
+        return false;
+    };
+    let mut groups = whole.trim_start_matches(['-', '+']).split(other);
+    let first = groups.next().map_or(0, str::len);
+    let mut rest = groups.peekable();
+    (1..=3).contains(&first) && rest.peek().is_some() && rest.all(|group| group.len() == 3)
 }
 
 /// The layout that makes most lines rows of numbers of one width.
@@ -95,6 +116,11 @@ pub fn found(path: &Path, bytes: &[u8]) -> Result<Found, InputError> {
     };
     let (header_lines, hints) = header(path, &lines, &layout, &block, &is_comment);
     layout.header_lines = header_lines.len();
+    let rows = lines[block.first..=block.last].iter();
+    let mut cells = rows.flat_map(|line| cells(path, 0, line, &layout).unwrap_or_default());
+    if layout.separator != Separator::Comma && cells.any(|cell| is_grouped(&cell, layout.decimal)) {
+        layout.thousands = Some(marks(layout.decimal).1);
+    }
     let start = header_lines.first().copied().unwrap_or(block.first);
     let is_nothing = |line: &&str| line.trim().is_empty() || is_comment(line);
     if !lines[..start].iter().all(|line| is_nothing(line)) {

@@ -101,6 +101,9 @@ impl Writer {
             Decimal::Point => "decimal = \".\"",
             Decimal::Comma => "decimal = \",\"",
         });
+        if let Some(mark) = l.thousands {
+            self.line(&format!("thousands = \"{mark}\""));
+        }
         match l.encoding {
             Encoding::Utf8 => {}
             Encoding::Latin1 => self.line("encoding = \"latin-1\""),
@@ -183,7 +186,7 @@ impl Writer {
             }
             Rotation::Vector => {
                 self.line(&format!(
-                    "unit = \"{unit}\"{why}   # check: or Euler angles, kind = \"euler\""
+                    "unit = \"{unit}\"   # check: or Euler angles, kind = \"euler\""
                 ));
             }
             Rotation::Matrix => {}

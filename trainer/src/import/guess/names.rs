@@ -57,9 +57,16 @@ pub struct Columns {
 const JOINTS: [&str; 9] = [
     "q", "j", "a", "axis", "achse", "joint", "jnt", "rax", "theta",
 ];
-/// What may stand before x, y, z.
-const BEFORE: [&str; 10] = [
-    "", "pos", "position", "p", "t", "tcp", "meas", "measured", "trans", "point",
+/// What stands before x, y, z of something else than a position.
+const NO_POSITION: [&str; 8] = [
+    "q",
+    "quat",
+    "quaternion",
+    "orient",
+    "r",
+    "rot",
+    "rv",
+    "true",
 ];
 
 impl Columns {
@@ -75,7 +82,11 @@ impl Columns {
         for i in 0..width {
             let (name, unit) = taken_apart(given(i));
             names.push(name);
-            out.units.push(unit);
+            let below = table
+                .units
+                .get(i)
+                .map(|text| text.trim_matches(['[', ']', '(', ')']));
+            out.units.push(unit.or(below.and_then(unit_of)));
             let once = (0..width)
                 .filter(|j| table.name(*j) == table.name(i))
                 .count()
@@ -111,9 +122,15 @@ impl Columns {
                 .map(|letter| format!("{before}{letter}"))
                 .collect()
         };
-        out.position = BEFORE
+        // The shortest stem: x, y, z before tcp_x, tcp_y, tcp_z.
+        let stems = names.iter().filter_map(|name| name.strip_suffix('x'));
+        let mut stems: Vec<&str> = stems
+            .filter(|stem| !NO_POSITION.contains(stem) && !stem.starts_with("ref"))
+            .collect();
+        stems.sort_by_key(|stem| stem.chars().count());
+        out.position = stems
             .iter()
-            .find_map(|before| group(&with(before, &["x", "y", "z"])));
+            .find_map(|stem| group(&with(stem, &["x", "y", "z"])));
         out.pose = ["m", "t", "r", "h"]
             .iter()
             .find_map(|stem| matrix(&at, stem, 4));
@@ -163,20 +180,27 @@ impl Columns {
                     .is_some_and(|cell| !cell.is_empty() && !is_number(cell, table.decimal))
             })
         };
-        if self.label.is_none() {
-            let taken = [self.session, self.target];
-            self.label = (0..table.width()).find(|i| is_text(*i) && !taken.contains(&Some(*i)));
-        }
+        let width = table.width();
+        let texts: Vec<usize> = (0..width)
+            .filter(|i| is_text(*i) && ![self.session, self.target].contains(&Some(*i)))
+            .collect();
         let nameless = self
             .names
             .iter()
             .all(|name| matches!(name, ColumnName::Number(_)));
-        if !nameless || !self.joints.is_empty() || self.position.is_some() {
+        let unknown = self.joints.is_empty() && self.position.is_none();
+        // A list of points: SpatialAnalyzer's collection, group and target, or one name, and x, y, z.
+        if nameless && unknown && !texts.is_empty() && width == texts.len() + 3 {
+            self.position = Some((0..width).filter(|i| !texts.contains(i)).collect());
+            if let [.., pose, target] = texts.as_slice() {
+                (self.label, self.target) = (Some(*pose), Some(*target));
+            } else {
+                self.label = texts.first().copied();
+            }
             return;
         }
-        let width = table.width();
-        if self.label.is_some() && width == 4 {
-            self.position = Some((0..width).filter(|i| Some(*i) != self.label).collect());
+        self.label = self.label.or(texts.first().copied());
+        if self.rotation.is_some() || self.pose.is_some() {
             return;
         }
         let norm = |row: &[String], start: usize| -> f64 {
@@ -185,24 +209,32 @@ impl Columns {
                 .map(|cell| number(cell, table.decimal).powi(2))
                 .sum::<f64>()
         };
-        let first = self.label.map_or(0, |label| usize::from(label == 0));
-        for start in (first + 4)..=width.saturating_sub(4) {
-            let unit = table
-                .rows
-                .iter()
-                .all(|row| (norm(&row.cells, start) - 1.0).abs() < 2e-3);
-            if unit {
-                self.rotation = Some((
-                    Rotation::Quaternion {
-                        w_first: true,
-                        sure: false,
-                    },
-                    (start..start + 4).collect(),
-                ));
-                self.position = Some((start - 3..start).collect());
-                self.joints = (first..start - 3).take(8).collect();
-                return;
-            }
+        let taken = |i: usize| {
+            self.joints.contains(&i) || self.position.as_ref().is_some_and(|p| p.contains(&i))
+        };
+        let start = (0..=width.saturating_sub(4)).find(|start| {
+            width >= 4
+                && !(*start..start + 4).any(taken)
+                && table
+                    .rows
+                    .iter()
+                    .all(|row| (norm(&row.cells, *start) - 1.0).abs() < 2e-3)
+        });
+        let Some(start) = start else { return };
+        let last = self.names.get(start + 3);
+        let w_last =
+            matches!(last, Some(ColumnName::Name(name)) if taken_apart(name).0.ends_with('w'));
+        self.rotation = Some((
+            Rotation::Quaternion {
+                w_first: !w_last,
+                sure: false,
+            },
+            (start..start + 4).collect(),
+        ));
+        let first = usize::from(self.label == Some(0));
+        if nameless && unknown && start >= first + 4 {
+            self.position = Some((start - 3..start).collect());
+            self.joints = (first..start - 3).take(8).collect();
         }
     }
 
