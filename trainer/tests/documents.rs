@@ -181,6 +181,14 @@ fn the_examples_of_the_conventions_work_and_describe_one_arm_three_times() {
     }
 }
 
+#[test]
+fn the_examples_of_importing_work() {
+    let folder = run("docs/import.md");
+    for file in ["measured.csv", "angles.csv", "vectors.csv", "points.csv"] {
+        assert!(folder.join(file).is_file(), "{file}");
+    }
+}
+
 /// The anchor that a heading gets: lower case, spaces to hyphens, punctuation gone.
 fn anchor(heading: &str) -> String {
     let kept: String = heading
@@ -200,6 +208,7 @@ fn links_lead_somewhere() {
         "docs/architecture.md",
         "docs/blob-format.md",
         "docs/conventions.md",
+        "docs/import.md",
         "docs/link.md",
         "docs/performance.md",
         "docs/porting.md",

@@ -29,16 +29,17 @@ pub fn text(loaded: &LoadedBlob, chain: &CalibratedChain, stem: &str) -> String 
         " *\n * Written by `trainer export --c-header`. {name}_blob is the whole model: give it to poegp_load of poegp.h.\n \
          * {name}_parent_from_joint is its calibrated chain alone, without correction.\n */\n\
          #ifndef {upper}_MODEL_H\n#define {upper}_MODEL_H\n\n\
-         #if defined(__cplusplus)\n#define {upper}_ALIGNED alignas(8)\n\
-         #elif defined(__STDC_VERSION__) && __STDC_VERSION__ >= 201112L\n#define {upper}_ALIGNED _Alignas(8)\n\
-         #elif defined(__GNUC__)\n#define {upper}_ALIGNED __attribute__((aligned(8)))\n\
-         #else\n#define {upper}_ALIGNED\n#endif\n\n"
+         #if defined(__cplusplus)\n#define {upper}_ALIGNED alignas(8) static const\n\
+         #elif defined(__STDC_VERSION__) && __STDC_VERSION__ >= 201112L\n\
+         #define {upper}_ALIGNED static const _Alignas(8)\n\
+         #elif defined(__GNUC__)\n#define {upper}_ALIGNED static const __attribute__((aligned(8)))\n\
+         #else\n#define {upper}_ALIGNED static const\n#endif\n\n"
     );
     let bytes = loaded.bytes();
     let _ = writeln!(
         out,
         "/* Bytes of the blob. */\n#define {upper}_BLOB_BYTES {}u\n\
-         static const {upper}_ALIGNED unsigned char {name}_blob[{upper}_BLOB_BYTES] = {{",
+         {upper}_ALIGNED unsigned char {name}_blob[{upper}_BLOB_BYTES] = {{",
         bytes.len()
     );
     for line in bytes.chunks(BYTES) {

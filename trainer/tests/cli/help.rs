@@ -8,7 +8,7 @@ const FIT: [&str; 2] = ["--per-output", "--weighted"];
 #[test]
 fn every_option_is_in_the_help() {
     let folder = Folder::new();
-    let commands: [(&str, Vec<&str>); 9] = [
+    let commands: [(&str, Vec<&str>); 11] = [
         (
             "simulate",
             [
@@ -59,6 +59,22 @@ fn every_option_is_in_the_help() {
             .concat(),
         ),
         ("inspect", vec!["<BLOB>", "--json"]),
+        (
+            "export",
+            vec![
+                "<BLOB>",
+                "--out",
+                "--urdf",
+                "--base",
+                "--tip",
+                "--target-link",
+                "--ur-kinematics",
+                "--dh",
+                "--poe",
+                "--c-header",
+            ],
+        ),
+        ("import", vec!["<RAWS>", "--map", "--guess", "--out"]),
         ("keys new", vec!["--out <NAME>"]),
         ("sign", vec!["<BLOB>", "--key", "--out"]),
         ("verify", vec!["<BLOB>", "--public-key"]),

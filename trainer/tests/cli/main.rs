@@ -13,6 +13,7 @@ mod demo;
 mod device;
 mod drift;
 mod elastic;
+mod export;
 #[cfg(unix)]
 mod fake_device;
 mod help;
