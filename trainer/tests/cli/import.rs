@@ -273,7 +273,11 @@ fn bad_cells_are_named_where_they_stand() {
 #[test]
 fn bad_maps_are_named_where_they_are_wrong() {
     for (from, to, parts) in [
-        ("unit = \"deg\"", "unit = \"degrees\"", &["map.toml:3:"][..]),
+        (
+            "unit = \"deg\"",
+            "unit = \"degrees\"",
+            &["map.toml:3:", "found another unit, expected \"deg\""][..],
+        ),
         (
             "unit = \"deg\"",
             "unit = [\"deg\"]",
