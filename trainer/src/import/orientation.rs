@@ -102,7 +102,7 @@ fn quaternion(
     };
     let norm = (w * w + x * x + y * y + z * z).sqrt();
     let off = (norm - 1.0).abs();
-    if !(off <= TOLERANCE) {
+    if off.is_nan() || off > TOLERANCE {
         let found = format!("a quaternion of norm {norm:.6}");
         return Err(cells
             .error(
@@ -122,7 +122,7 @@ fn quaternion(
 /// The rotation nearest to a matrix of a file; `column` is where it begins.
 pub fn matrix(cells: &Cells<'_>, column: usize, m: &Matrix3<f64>) -> Result<Found, InputError> {
     let off = (m * m.transpose() - Matrix3::identity()).amax();
-    if !(off <= TOLERANCE) || m.determinant() < 0.0 {
+    if off.is_nan() || off > TOLERANCE || m.determinant() < 0.0 {
         let found = match m.determinant() < 0.0 && off <= TOLERANCE {
             true => "a matrix that mirrors (determinant −1)".to_owned(),
             false => format!("a matrix whose rows are off orthonormal by {off:.1e}"),

@@ -326,13 +326,12 @@ fn fitted(
         return Ok(None);
     }
     let count = pairs.len() as f64;
-    let mean = |pick: &dyn Fn(&(Vector3<f64>, Vector3<f64>, usize)) -> Vector3<f64>| {
-        pairs
-            .iter()
-            .fold(Vector3::zeros(), |sum, pair| sum + pick(pair))
-            / count
-    };
-    let (seen, drawn) = (mean(&|p| p.0), mean(&|p| p.1));
+    let mut seen = Vector3::zeros();
+    let mut drawn = Vector3::zeros();
+    for (p, t, _) in &pairs {
+        seen += p / count;
+        drawn += t / count;
+    }
     let correlation = pairs.iter().fold(Matrix3::zeros(), |sum, (p, t, _)| {
         sum + (p - seen) * (t - drawn).transpose()
     });

@@ -67,7 +67,7 @@ pub fn rewritten(
     }
     let mut added = String::new();
     for new in &changes.added {
-        if places.links.iter().any(|link| *link == new.link) {
+        if places.links.contains(&new.link) {
             let found = format!("a link \"{}\" already", new.link);
             return Err(
                 InputError::new(file, found, "a new name for the link that is added").with_help(

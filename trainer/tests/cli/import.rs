@@ -571,7 +571,10 @@ fn points_that_do_not_belong_together_are_named() {
         "join = \"name\"",
         "join = \"order\"",
     ))
-    .ok();
+    .refused(&[
+        "points.toml:11:",
+        "(joints.name): found joints.name, and points.join = \"order\"",
+    ]);
     run(&replace("points.toml", "name = \"name\"\n", ""))
         .refused(&["points.join = \"name\" without joints.name"]);
 }

@@ -122,11 +122,14 @@ pub fn found(path: &Path, bytes: &[u8]) -> Result<Found, InputError> {
         layout.thousands = Some(marks(layout.decimal).1);
     }
     let start = header_lines.first().copied().unwrap_or(block.first);
-    let is_nothing = |line: &&str| line.trim().is_empty() || is_comment(line);
-    if !lines[..start].iter().all(|line| is_nothing(line)) {
+    let nothing = |lines: &[&str]| {
+        let mut lines = lines.iter();
+        lines.all(|line| line.trim().is_empty() || is_comment(line))
+    };
+    if !nothing(&lines[..start]) {
         layout.skip_lines = start;
     }
-    if !lines[block.last + 1..].iter().all(|line| is_nothing(line)) {
+    if !nothing(&lines[block.last + 1..]) {
         layout.skip_last_lines = lines.len() - block.last - 1;
     }
     let used = lines[layout.skip_lines..lines.len() - layout.skip_last_lines].iter();

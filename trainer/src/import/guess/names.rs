@@ -53,9 +53,9 @@ pub struct Columns {
     pub label: Option<usize>,
 }
 
-/// Beginnings of names of joints.
+/// Beginnings of names of joints; q last, as q1 to q4 may be a quaternion.
 const JOINTS: [&str; 9] = [
-    "q", "j", "a", "axis", "achse", "joint", "jnt", "rax", "theta",
+    "j", "a", "axis", "achse", "joint", "jnt", "rax", "theta", "q",
 ];
 /// What stands before x, y, z of something else than a position.
 const NO_POSITION: [&str; 8] = [

@@ -323,6 +323,15 @@ impl Map {
                 "joints.name, the column of the joints' file that has the pose's name",
             ));
         }
+        if let (Join::Order, Some(name)) = (points.join, &self.joints.name) {
+            let found = "joints.name, and points.join = \"order\"";
+            return Err(self.error(
+                name.span(),
+                "joints.name",
+                found,
+                "join = \"name\", or no name",
+            ));
+        }
         if self.target.is_some() {
             return Err(InputError::new(
                 &self.path,
@@ -331,7 +340,7 @@ impl Map {
             ));
         }
         if let Some(limit) = &points.max_residual_mm
-            && !(*limit.get_ref() > 0.0)
+            && (limit.get_ref().is_nan() || *limit.get_ref() <= 0.0)
         {
             let found = limit.get_ref().to_string();
             return Err(self.error(
