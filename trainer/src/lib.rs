@@ -27,6 +27,8 @@ pub mod folds;
 pub mod gp;
 pub mod held_out;
 pub mod identify;
+pub mod import;
+pub mod interchange;
 pub mod learning;
 pub mod loaded;
 pub mod measurements;

@@ -204,6 +204,14 @@ fn the_examples_of_planning_work() {
     }
 }
 
+#[test]
+fn the_examples_of_importing_work() {
+    let folder = run("docs/import.md");
+    for file in ["measured.csv", "angles.csv", "vectors.csv", "points.csv"] {
+        assert!(folder.join(file).is_file(), "{file}");
+    }
+}
+
 /// The anchor that a heading gets: lower case, spaces to hyphens, punctuation gone.
 fn anchor(heading: &str) -> String {
     let kept: String = heading
@@ -224,6 +232,7 @@ fn links_lead_somewhere() {
         "docs/blob-format.md",
         "docs/check.md",
         "docs/conventions.md",
+        "docs/import.md",
         "docs/link.md",
         "docs/performance.md",
         "docs/planning.md",

@@ -7,6 +7,8 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use super::check::Check;
 use super::correct::Correct;
 use super::device::arguments::Device;
+use super::export::Export;
+use super::import::Import;
 use super::plan::PlanArguments;
 use crate::calibration::Method;
 
@@ -41,6 +43,10 @@ pub enum Command {
     Correct(Correct),
     /// Show what is in a blob.
     Inspect(Inspect),
+    /// Write the calibrated arm for other programs: URDF, UR driver, tables, C header.
+    Export(Export),
+    /// Bring measurements of other programs into the shape of the measurement file.
+    Import(Import),
     /// Make keys that models are signed with.
     Keys(Keys),
     /// Sign a blob.

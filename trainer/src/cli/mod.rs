@@ -14,6 +14,8 @@ mod device;
 mod drift;
 mod elastic_facts;
 mod evaluate;
+mod export;
+mod import;
 mod inspect;
 mod page;
 mod plan;
@@ -107,6 +109,8 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Correct(a) => correct::run(&a),
         Command::Check(a) => check::run(&a),
         Command::Inspect(a) => inspect::run(&a),
+        Command::Export(a) => export::run(&a),
+        Command::Import(a) => import::run(&a),
         Command::Keys(a) => signing::keys(&a),
         Command::Sign(a) => signing::sign(&a),
         Command::Verify(a) => signing::verify(&a),

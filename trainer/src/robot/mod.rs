@@ -15,9 +15,9 @@
 //! Refused, by name: anything that is not one serial chain of 1 to 8 revolute or prismatic joints.
 
 mod builtin;
-mod chain;
+pub(crate) mod chain;
 mod description;
-mod urdf;
+pub(crate) mod urdf;
 
 #[cfg(test)]
 mod tests;

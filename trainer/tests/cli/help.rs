@@ -8,7 +8,7 @@ const FIT: [&str; 2] = ["--per-output", "--weighted"];
 #[test]
 fn every_option_is_in_the_help() {
     let folder = Folder::new();
-    let commands: [(&str, Vec<&str>); 12] = [
+    let commands: [(&str, Vec<&str>); 14] = [
         (
             "plan",
             [
@@ -105,6 +105,22 @@ fn every_option_is_in_the_help() {
             ],
         ),
         ("inspect", vec!["<BLOB>", "--json"]),
+        (
+            "export",
+            vec![
+                "<BLOB>",
+                "--out",
+                "--urdf",
+                "--base",
+                "--tip",
+                "--target-link",
+                "--ur-kinematics",
+                "--dh",
+                "--poe",
+                "--c-header",
+            ],
+        ),
+        ("import", vec!["<RAWS>", "--map", "--guess", "--out"]),
         ("keys new", vec!["--out <NAME>"]),
         ("sign", vec!["<BLOB>", "--key", "--out"]),
         ("verify", vec!["<BLOB>", "--public-key"]),

@@ -15,10 +15,12 @@ mod demo;
 mod device;
 mod drift;
 mod elastic;
+mod export;
 #[cfg(unix)]
 mod fake_device;
 mod help;
 mod identifiability;
+mod import;
 mod json;
 mod outputs;
 mod plan;
