@@ -7,9 +7,10 @@ use serde::Serialize;
 
 use crate::calibration::frames::Sample;
 use crate::calibration::{Method, Options};
-use crate::coverage::{Counter, Coverage};
+use crate::coverage::Coverage;
 use crate::export::{DeviceCalibration, DeviceError, Origin, calibrate_for_device};
 use crate::folds;
+use crate::held_out::{HeldOutPose, coverage, held_out, summary};
 use crate::robot::Robot;
 use crate::statistics::{ErrorSummary, PoseError};
 
@@ -35,6 +36,9 @@ pub struct CrossValidation {
     /// Whether the predicted standard deviations were true.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub coverage: Option<Coverage>,
+    /// Every training pose, in order.
+    #[serde(skip)]
+    pub poses: Vec<HeldOutPose>,
 }
 
 /// Errors on one set.
@@ -48,6 +52,21 @@ pub struct SetErrors {
     /// Whether the predicted standard deviations were true.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub coverage: Option<Coverage>,
+    /// Every pose of the set, in order.
+    #[serde(skip)]
+    pub poses: Vec<HeldOutPose>,
+}
+
+impl SetErrors {
+    /// What a model made of a set.
+    pub fn new(name: &str, poses: Vec<HeldOutPose>) -> Self {
+        Self {
+            name: name.to_owned(),
+            errors: summary(&poses),
+            coverage: coverage(&poses),
+            poses,
+        }
+    }
 }
 
 /// A test set.
@@ -108,14 +127,7 @@ impl Task<'_> {
             let found = self.calibrated(options, self.train)?;
             progress();
             for test in self.tests {
-                let errors = ErrorSummary::new(&found.blob.errors(&test.samples));
-                let mut counter = Counter::default();
-                counter.add(&found.calibration, &found.blob, &test.samples);
-                sets.push(SetErrors {
-                    name: test.name.clone(),
-                    errors,
-                    coverage: counter.coverage(),
-                });
+                sets.push(SetErrors::new(&test.name, found.held_out(&test.samples)));
             }
         }
         let cross_validation = (self.folds > 0)
@@ -134,23 +146,21 @@ impl Task<'_> {
         progress: &mut dyn FnMut(),
     ) -> Result<CrossValidation, CompareError> {
         let fold = self.assignment();
-        let mut counter = Counter::default();
-        let all = self.held_out_counted(options, Some(&mut counter), progress)?;
-        let of = |f: usize| -> Vec<PoseError> {
-            all.iter()
-                .zip(&fold)
-                .filter(|(_, g)| **g == f)
-                .map(|(e, _)| *e)
-                .collect()
+        let poses = self.held_out_poses(options, true, progress)?;
+        let of = |f: usize| {
+            let inside = poses.iter().zip(&fold).filter(move |(_, g)| **g == f);
+            summary(inside.map(|(pose, _)| pose))
         };
         Ok(CrossValidation {
-            folds: (0..self.folds).map(|f| ErrorSummary::new(&of(f))).collect(),
-            all: ErrorSummary::new(&all),
-            coverage: counter.coverage(),
+            folds: (0..self.folds).map(of).collect(),
+            all: summary(&poses),
+            coverage: coverage(&poses),
+            poses,
         })
     }
 
-    fn assignment(&self) -> Vec<usize> {
+    /// The fold of every training pose.
+    pub fn assignment(&self) -> Vec<usize> {
         folds::assign(self.train, self.nominal.kinds(), self.folds, self.seed)
     }
 
@@ -163,46 +173,52 @@ impl Task<'_> {
         options: &Options,
         progress: &mut dyn FnMut(),
     ) -> Result<Vec<PoseError>, CompareError> {
-        self.held_out_counted(options, None, progress)
+        let poses = self.held_out_poses(options, false, progress)?;
+        Ok(poses.iter().map(|pose| pose.error).collect())
     }
 
-    /// The same; `counter`, which may cost further fits, learns whether the predicted standard deviations were true.
-    fn held_out_counted(
+    /// The same with all that is known of each; `with_sigma` asks for predicted standard deviations, too, which may cost
+    /// further fits.
+    ///
+    /// # Errors
+    /// [`CompareError`].
+    pub fn held_out_poses(
         &self,
         options: &Options,
-        mut counter: Option<&mut Counter>,
+        with_sigma: bool,
         progress: &mut dyn FnMut(),
-    ) -> Result<Vec<PoseError>, CompareError> {
+    ) -> Result<Vec<HeldOutPose>, CompareError> {
         let fold = self.assignment();
-        let none = PoseError {
-            position_mm: 0.0,
-            orientation_mrad: None,
-        };
-        let mut out = vec![none; self.train.len()];
-        for held_out in 0..self.folds {
+        let mut out: Vec<Option<HeldOutPose>> = vec![None; self.train.len()];
+        for left_out in 0..self.folds {
             let part = |inside: bool| -> Vec<Sample> {
                 let wanted = self
                     .train
                     .iter()
                     .zip(&fold)
-                    .filter(|(_, f)| (**f != held_out) == inside);
+                    .filter(|(_, f)| (**f != left_out) == inside);
                 wanted.map(|(s, _)| s.clone()).collect()
             };
             let found = self.calibrated(options, &part(true))?;
             progress();
             let tests = part(false);
-            if let Some(counter) = &mut counter {
-                counter.add(&found.calibration, &found.blob, &tests);
-            }
-            let slots = out.iter_mut().zip(&fold).filter(|(_, f)| **f == held_out);
-            for ((slot, _), error) in slots.zip(found.blob.errors(&tests)) {
-                *slot = error;
+            let base = &found.calibration.ends.instrument_from_base;
+            let with_sigma = with_sigma.then_some(&found.calibration);
+            let poses = held_out(&found.blob, base, &tests, with_sigma);
+            let slots = out.iter_mut().zip(&fold).filter(|(_, f)| **f == left_out);
+            for ((slot, _), pose) in slots.zip(poses) {
+                *slot = Some(pose);
             }
         }
-        Ok(out)
+        // Every sample is in one of the folds.
+        Ok(out.into_iter().flatten().collect())
     }
 
-    pub(crate) fn calibrated(
+    /// The model of `options` from some of the training poses.
+    ///
+    /// # Errors
+    /// [`CompareError`].
+    pub fn calibrated(
         &self,
         options: &Options,
         samples: &[Sample],

@@ -5,7 +5,8 @@
 //! when the firmware is built with Debian's 1.96; `tests/tests/device/cost.rs` measures again and prints. Instructions,
 //! not cycles. Bytes are exact: the format's own lengths.
 
-use poegp_protocol::blob::HEADER_LENGTH;
+use poegp_protocol::JointKind;
+use poegp_protocol::blob::{Blob, Correction, HEADER_LENGTH};
 use poegp_runtime::deflection::{JointProcesses, landmark_words};
 
 /// An elastic model by its sizes.
@@ -62,6 +63,30 @@ impl SetSizes {
 }
 
 impl ElasticSize {
+    /// That of a blob with `support` points; `None` when it has no elastic correction.
+    pub fn of_blob(blob: &Blob<'_>, support: usize) -> Option<Self> {
+        let Correction::Elastic(elastic) = &blob.correction else {
+            return None;
+        };
+        let sliding = |j: &&poegp_protocol::blob::Joint| j.kind == JointKind::Prismatic;
+        Some(Self {
+            joints: blob.robot.joints.len(),
+            prismatic: blob.robot.joints.iter().filter(sliding).count(),
+            support,
+            groups: elastic.groups.len(),
+            tied: elastic.tied,
+            ripple: elastic.ripple.len(),
+            landmarks: blob
+                .variance
+                .as_ref()
+                .map_or(0, |v| usize::from(v.landmarks)),
+            sets: (!elastic.sets.is_empty()).then(|| SetSizes {
+                words: elastic.rows.len() / 4,
+                blocks: elastic.sets.iter().flatten().filter(|p| **p > 0).count(),
+            }),
+        })
+    }
+
     /// Whether the device has an unrolled loop for the support points of this arm.
     fn unrolled(&self) -> bool {
         self.prismatic == 0 && matches!(self.joints, 5..=7)

@@ -1,11 +1,10 @@
 //! Whether predicted standard deviations are true: how many errors lie within one and within 1.96 of them.
 
-use poegp_runtime::se3::Pose;
 use serde::Serialize;
 
 use crate::calibration::Calibration;
-use crate::calibration::base_tool::UNWEIGHTED;
-use crate::calibration::frames::{Sample, residual_components};
+use crate::calibration::frames::Sample;
+use crate::held_out::{HeldOutPose, held_out};
 use crate::loaded::LoadedBlob;
 
 /// Shares of the errors along or about one axis of the base frame that are within their intervals.
@@ -45,28 +44,25 @@ impl Counter {
     /// Adds the errors of `samples` (poses in the instrument's frame) as the blob predicts them, against the standard
     /// deviations of the calibration it was made from.
     pub fn add(&mut self, calibration: &Calibration, blob: &LoadedBlob, samples: &[Sample]) {
-        let base_from_instrument: Pose<f64> = calibration.ends.instrument_from_base.inverse();
-        for sample in samples {
-            let Some(sigma) = calibration.standard_deviation(sample) else {
-                return;
-            };
-            let predicted = blob
-                .predict_tool(&sample.joints, sample.payload_kg, sample.tool)
-                .pose;
-            let error = residual_components(
-                UNWEIGHTED,
-                &(base_from_instrument * sample.measured),
-                &(base_from_instrument * predicted),
-            );
-            let components = if sample.position_only { 3 } else { 6 };
-            for (i, (e, s)) in error.iter().zip(&sigma).take(components).enumerate() {
-                self.one[i] += usize::from(e.abs() <= *s);
-                self.two[i] += usize::from(e.abs() <= 1.96 * s);
-                self.all[i] += 1;
-            }
-            self.sigma_sum += sigma[..3].iter().sum::<f64>();
-            self.sigmas += 3;
+        let base = &calibration.ends.instrument_from_base;
+        for pose in held_out(blob, base, samples, Some(calibration)) {
+            self.add_pose(&pose);
         }
+    }
+
+    /// Adds one pose; without a predicted standard deviation it does not count.
+    pub fn add_pose(&mut self, pose: &HeldOutPose) {
+        let Some(sigma) = &pose.sigma else {
+            return;
+        };
+        let components = pose.residual.iter().zip(sigma).take(pose.components());
+        for (i, (e, s)) in components.enumerate() {
+            self.one[i] += usize::from(e.abs() <= *s);
+            self.two[i] += usize::from(e.abs() <= 1.96 * s);
+            self.all[i] += 1;
+        }
+        self.sigma_sum += sigma[..3].iter().sum::<f64>();
+        self.sigmas += 3;
     }
 
     /// The shares; `None` when nothing was counted.

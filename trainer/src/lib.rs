@@ -12,6 +12,7 @@
 
 pub mod budget;
 pub mod calibration;
+pub mod check;
 pub mod cli;
 pub mod compare;
 pub mod cost;
@@ -24,11 +25,17 @@ pub mod export;
 pub mod factor;
 pub mod folds;
 pub mod gp;
+pub mod held_out;
 pub mod identify;
+pub mod import;
+pub mod interchange;
+pub mod learning;
 pub mod loaded;
 pub mod measurements;
 pub mod minimize;
 pub mod output;
+pub mod plan;
+pub mod report;
 pub mod robot;
 pub mod samples;
 pub mod select;

@@ -37,7 +37,8 @@ impl Summary {
     }
 }
 
-fn percentile(sorted: &[f64], share: f64) -> f64 {
+/// The value below which a share (0…1) of `sorted` lies, interpolated linearly; `sorted` is ascending and not empty.
+pub fn percentile(sorted: &[f64], share: f64) -> f64 {
     let position = share * (sorted.len() - 1) as f64;
     let below = position.floor() as usize;
     let above = (below + 1).min(sorted.len() - 1);

@@ -149,10 +149,25 @@ fn the_commands_of_the_readme_work() {
     for file in [
         "arm.blob",
         "compare.json",
+        "report.html",
         "predicted.csv",
         "errors.json",
         "corrected.csv",
     ] {
+        assert!(folder.join(file).is_file(), "{file}");
+    }
+}
+
+#[test]
+fn the_commands_of_the_check_work() {
+    let folder = run("docs/check.md");
+    assert!(folder.join("check.json").is_file());
+}
+
+#[test]
+fn the_commands_of_the_page_on_the_report_work() {
+    let folder = run("docs/report.md");
+    for file in ["arm.blob", "report.html", "compare.html", "compare.json"] {
         assert!(folder.join(file).is_file(), "{file}");
     }
 }
@@ -181,6 +196,22 @@ fn the_examples_of_the_conventions_work_and_describe_one_arm_three_times() {
     }
 }
 
+#[test]
+fn the_examples_of_planning_work() {
+    let folder = run("docs/planning.md");
+    for file in ["plan.csv", "check.csv", "plan.mod"] {
+        assert!(folder.join(file).is_file(), "{file}");
+    }
+}
+
+#[test]
+fn the_examples_of_importing_work() {
+    let folder = run("docs/import.md");
+    for file in ["measured.csv", "angles.csv", "vectors.csv", "points.csv"] {
+        assert!(folder.join(file).is_file(), "{file}");
+    }
+}
+
 /// The anchor that a heading gets: lower case, spaces to hyphens, punctuation gone.
 fn anchor(heading: &str) -> String {
     let kept: String = heading
@@ -199,10 +230,14 @@ fn links_lead_somewhere() {
         "README.md",
         "docs/architecture.md",
         "docs/blob-format.md",
+        "docs/check.md",
         "docs/conventions.md",
+        "docs/import.md",
         "docs/link.md",
         "docs/performance.md",
+        "docs/planning.md",
         "docs/porting.md",
+        "docs/report.md",
     ] {
         let text = document(name);
         let path = workspace().join(name);

@@ -5,4 +5,5 @@
 
 mod c;
 mod examples;
+mod exported;
 mod peer;

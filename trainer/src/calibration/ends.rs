@@ -89,7 +89,7 @@ fn start_of_base(nominal: &Poe<f64>, samples: &[Sample]) -> Pose<f64> {
 }
 
 /// The rigid transform that takes `from` to `to` best (Umeyama).
-fn aligned(from: &[Vector3<f64>], to: &[Vector3<f64>]) -> Pose<f64> {
+pub fn aligned(from: &[Vector3<f64>], to: &[Vector3<f64>]) -> Pose<f64> {
     let mean = |v: &[Vector3<f64>]| v.iter().sum::<Vector3<f64>>() / v.len().max(1) as f64;
     let (a, b) = (mean(from), mean(to));
     let sum = from.iter().zip(to).fold(Matrix3::zeros(), |sum, (x, y)| {

@@ -4,7 +4,12 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
+use super::check::Check;
+use super::correct::Correct;
 use super::device::arguments::Device;
+use super::export::Export;
+use super::import::Import;
+use super::plan::PlanArguments;
 use crate::calibration::Method;
 
 /// Calibrates robot arms from tracker measurements and writes the model that the controller evaluates.
@@ -22,6 +27,8 @@ pub struct Arguments {
 /// The commands.
 #[derive(Debug, Subcommand)]
 pub enum Command {
+    /// Plan which poses to measure, as CSV and as programs of robot controllers.
+    Plan(PlanArguments),
     /// Simulate a loaded arm measured by a laser tracker.
     Simulate(Simulate),
     /// Calibrate an arm and write the model blob.
@@ -30,8 +37,16 @@ pub enum Command {
     Evaluate(Evaluate),
     /// Compare calibration methods by cross-validation and on test sets.
     Compare(Compare),
+    /// Check by a few fresh measurements whether a calibration still holds: exit code 0 if it does, 1 if not.
+    Check(Check),
+    /// Correct a file of joint targets as the device would.
+    Correct(Correct),
     /// Show what is in a blob.
     Inspect(Inspect),
+    /// Write the calibrated arm for other programs: URDF, UR driver, tables, C header.
+    Export(Export),
+    /// Bring measurements of other programs into the shape of the measurement file.
+    Import(Import),
     /// Make keys that models are signed with.
     Keys(Keys),
     /// Sign a blob.
@@ -205,7 +220,7 @@ pub enum Scenario {
 /// `trainer calibrate`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Example: trainer calibrate --robot abb-irb120 train.csv --model poe-gp --out arm.blob"
+    after_help = "Example: trainer calibrate --robot abb-irb120 train.csv --out arm.blob --report report.html"
 )]
 pub struct Calibrate {
     #[command(flatten)]
@@ -239,6 +254,13 @@ pub struct Calibrate {
     /// Blob to write.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
+    /// Measurements that are held out: the errors on them are reported; may be repeated.
+    #[arg(long = "test", value_name = "FILE")]
+    pub tests: Vec<PathBuf>,
+    /// A page with held-out errors, plots, parameters and provenance as HTML; without --test it cross-validates, which
+    /// takes some five calibrations more.
+    #[arg(long, value_name = "FILE")]
+    pub report: Option<PathBuf>,
     /// Facts of the calibration as JSON (`-`: standard output).
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
@@ -297,6 +319,9 @@ pub struct Compare {
     pub correct_drift: bool,
     #[command(flatten)]
     pub fit: FitArguments,
+    /// A page with the errors and plots of them as HTML: of the test sets, or of the folds when there are none.
+    #[arg(long, value_name = "FILE")]
+    pub report: Option<PathBuf>,
     /// Errors as JSON (`-`: standard output).
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
@@ -392,7 +417,8 @@ fn support(text: &str) -> Result<Support, String> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Gravity(pub [f64; 3]);
 
-fn gravity(text: &str) -> Result<Gravity, String> {
+/// Three numbers.
+pub fn gravity(text: &str) -> Result<Gravity, String> {
     let numbers: Result<Vec<f64>, _> = text.split(',').map(|x| x.trim().parse()).collect();
     let vector = numbers.ok().and_then(|v| <[f64; 3]>::try_from(v).ok());
     match vector {

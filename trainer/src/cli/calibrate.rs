@@ -1,11 +1,12 @@
 //! `trainer calibrate`.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
 use super::arguments::Calibrate;
 use super::elastic_facts::ElasticFacts;
+use super::page::{self, Tests};
 use super::{
     Arm, Failure, check_outputs, device_failure, drift, enough_poses, equations, instrument_noise,
     json_text, origin, progress, report::Report, write_outputs,
@@ -14,39 +15,47 @@ use crate::budget::{Budget, Fitted, TRIALS, fill};
 use crate::calibration::frames::{FrameFit, Sample};
 use crate::calibration::{Calibration, Method, Options};
 use crate::compare::Task;
+use crate::cost::{ElasticSize, instructions};
 use crate::drift::DriftReport;
 use crate::export::{DeviceCalibration, Fidelity, Origin, calibrate_for_device};
 use crate::gp::fit::MAX_SIGNAL_VARIANCE;
-use crate::identify::{self, IdentifyReport};
+use crate::identify::{self, FrameChange, IdentifyReport};
 use crate::loaded::LoadedBlob;
+use crate::report::{Evidence, FileFacts, HeldOutFacts, Provenance};
 use crate::select::{Choice, FOLDS, Row, candidates, choose};
 use crate::statistics::ErrorSummary;
 
 /// What `--json` writes.
 #[derive(Serialize)]
-struct Document {
+pub struct Document {
     version: &'static str,
     model: &'static str,
     robot: String,
     training_poses: usize,
     training: ErrorSummary,
+    /// Errors on poses that were not trained on, where some were asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    held_out: Option<HeldOutFacts>,
     step1: Option<Step1>,
     hyperparameters: Vec<Hyperparameters>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    elastic: Option<ElasticFacts>,
+    pub elastic: Option<ElasticFacts>,
     /// The table that `--model auto` chose from.
     #[serde(skip_serializing_if = "Option::is_none")]
-    choice: Option<Vec<Row>>,
+    pub choice: Option<Vec<Row>>,
     /// The table that a budget was fitted by; the first row has all support points.
     #[serde(skip_serializing_if = "Option::is_none")]
-    budget: Option<Vec<Fitted>>,
-    bound_mm: f64,
-    bound_mrad: f64,
-    f32_error_um: F32Error,
+    pub budget: Option<Vec<Fitted>>,
+    pub bound_mm: f64,
+    pub bound_mrad: f64,
+    pub f32_error_um: F32Error,
     #[serde(skip_serializing_if = "Option::is_none")]
     drift: Option<DriftReport>,
-    identifiability: Option<IdentifyReport>,
-    blob: BlobFacts,
+    pub identifiability: Option<IdentifyReport>,
+    /// By how much the frames differ from the drawing.
+    pub frames: Vec<FrameChange>,
+    pub blob: BlobFacts,
+    pub provenance: Provenance,
 }
 
 #[derive(Serialize)]
@@ -64,21 +73,29 @@ struct Hyperparameters {
 }
 
 #[derive(Serialize)]
-struct F32Error {
-    mean: f64,
-    max: f64,
+pub struct F32Error {
+    pub mean: f64,
+    pub max: f64,
 }
 
 #[derive(Serialize)]
-struct BlobFacts {
-    file: String,
-    bytes: usize,
-    support: usize,
+pub struct BlobFacts {
+    pub file: String,
+    pub bytes: usize,
+    pub support: usize,
+    /// Of one evaluation on a Cortex-M4F, by the cost model of the elastic model.
+    pub instructions: Option<u64>,
 }
 
 pub fn run(a: &Calibrate) -> Result<(), Failure> {
-    let outputs = [Some(a.out.as_path()), a.json.as_deref()];
-    check_outputs(&outputs, &[&a.train, Path::new(&a.robot.robot)])?;
+    let outputs = [
+        Some(a.out.as_path()),
+        a.json.as_deref(),
+        a.report.as_deref(),
+    ];
+    let mut inputs = vec![a.train.as_path(), Path::new(&a.robot.robot)];
+    inputs.extend(a.tests.iter().map(PathBuf::as_path));
+    check_outputs(&outputs, &inputs)?;
     let mut options = Options {
         max_correction_m: positive("--max-correction-mm", a.max_correction_mm, 1000.0)?
             .map(|x| 1e-3 * x),
@@ -96,7 +113,10 @@ pub fn run(a: &Calibrate) -> Result<(), Failure> {
         options.method,
         arm.robot.joints.len(),
     )?;
-    options.instrument_noise = instrument_noise(&a.fit)?;
+    let tests = Tests::read(&arm, &a.tests, &set, &tools, drift.as_ref())?;
+    page::check(a, &samples, options.method, arm.robot.joints.len())?;
+    options.instrument_noise =
+        instrument_noise(a.fit.position_sigma_mm, a.fit.orientation_sigma_mrad)?;
     let origin = origin(set.sha256, &a.serial_number, tools);
     let table = match a.model.method() {
         Some(_) => None,
@@ -129,21 +149,34 @@ pub fn run(a: &Calibrate) -> Result<(), Failure> {
     let spinner = progress::spinner("calibrating");
     let found = calibrate_for_device(&arm.nominal, &arm.robot, &samples, &options, &origin);
     spinner.finish_and_clear();
+    let found = found.map_err(|e| device_failure(&a.train, e))?;
+    let train = (&set, samples.as_slice());
+    let evidence = page::held_out(a, &arm, train, &tests, &options, &origin, &found)?;
     let DeviceCalibration {
         calibration,
         blob,
         fidelity,
-    } = found.map_err(|e| device_failure(&a.train, e))?;
+    } = found;
     let training = ErrorSummary::new(&blob.errors(&samples));
     let lines: Vec<usize> = set.measurements.iter().map(|m| m.line).collect();
-    let mut document = document(a, &calibration, &blob, &fidelity, training);
+    let seed = evidence.is_some().then_some(page::SEED);
+    let mut provenance = page::provenance(&a.robot.robot, &arm, &origin, seed, &set, &tests.files);
+    let file = a.out.display().to_string();
+    let written = FileFacts::of_bytes("result", file, blob.bytes());
+    provenance.files.push(written);
+    let mut document = document(a, &calibration, &blob, &fidelity, training, provenance);
+    document.held_out = evidence.as_ref().map(Evidence::facts);
     document.elastic = ElasticFacts::new(&calibration, &lines);
     document.choice = table;
     document.budget = fitted;
     document.drift = drift.map(|d| d.report);
     document.identifiability = identify::of_calibration(&calibration, &arm.robot, &samples);
     let json = json_text(&document)?;
+    let shown = evidence.as_ref().zip(document.held_out.as_ref());
+    let shown = shown.map(|(evidence, facts)| page::of_calibration(&document, evidence, facts));
     let mut files = vec![(a.out.as_path(), blob.bytes())];
+    let html = a.report.as_deref().zip(shown.as_deref());
+    files.extend(html.map(|(path, html)| (path, html.as_bytes())));
     files.extend(a.json.as_deref().map(|path| (path, json.as_bytes())));
     write_outputs(&files)?;
     let report = Report::beside(&outputs);
@@ -306,9 +339,23 @@ fn print(
         "  error on the training poses themselves: {:.4} mm mean, {:.4} mm largest",
         p.mean, p.max
     ));
-    report.line(
-        "  (they were trained on: for honest figures use `trainer compare` or `trainer evaluate`)",
-    );
+    match &document.held_out {
+        None => report.line(
+            "  (they were trained on: for honest figures use --report, `trainer compare` or `trainer evaluate`)",
+        ),
+        Some(held_out) => {
+            let (before, after) = (&held_out.before.errors, &held_out.after.errors);
+            report.line(format_args!(
+                "  error on {} held-out poses ({}): {:.4} mm mean, 95 % within {:.4} mm; before {:.4} and {:.4} mm",
+                after.poses,
+                held_out.how,
+                after.position_mm.mean,
+                after.position_mm.p95,
+                before.position_mm.mean,
+                before.position_mm.p95
+            ));
+        }
+    }
     if let Some(facts) = &document.elastic {
         facts.print(report);
     }
@@ -341,6 +388,12 @@ fn print(
         a.out.display(),
         blob.bytes().len()
     ));
+    if let Some(path) = &a.report {
+        report.line(format_args!(
+            "Wrote {}: open it in a browser.",
+            path.display()
+        ));
+    }
 }
 
 fn document(
@@ -349,6 +402,7 @@ fn document(
     blob: &LoadedBlob,
     fidelity: &Fidelity,
     training: ErrorSummary,
+    provenance: Provenance,
 ) -> Document {
     let step1 = |fit: &FrameFit| Step1 {
         parameters: fit.parameters,
@@ -373,6 +427,7 @@ fn document(
         robot: blob.blob().robot.name.to_owned(),
         training_poses: training.poses,
         training,
+        held_out: None,
         step1: calibration.step1.as_ref().map(step1),
         hyperparameters: hyperparameters.collect(),
         elastic: None,
@@ -386,10 +441,14 @@ fn document(
         },
         drift: None,
         identifiability: None,
+        frames: identify::changes(calibration),
         blob: BlobFacts {
             file: a.out.display().to_string(),
             bytes: blob.bytes().len(),
             support: blob.model().support(),
+            instructions: ElasticSize::of_blob(&blob.blob(), blob.model().support())
+                .map(|size| instructions(&size)),
         },
+        provenance,
     }
 }

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 
 use super::arguments::{Compare, FitArguments, Outliers};
+use super::page::{self, read_test};
 use super::{
     Arm, Failure, calibration_failure, check_outputs, device_failure, drift, enough_poses,
     equations, file_name, instrument_noise, json_text, origin, progress, report::Report,
@@ -18,8 +19,10 @@ use crate::drift::{Drift, DriftReport};
 use crate::elastic::fit::ElasticOptions;
 use crate::elastic::outliers::OutlierPolicy;
 use crate::elastic::sets::SetLimits;
-use crate::error::InputError;
 use crate::gp::fit::Sharing;
+use crate::learning;
+use crate::measurements::MeasurementSet;
+use crate::report::{Evidence, HeldOutFacts, How, Provenance};
 
 /// What `--json` writes.
 #[derive(Serialize)]
@@ -34,6 +37,12 @@ pub struct Document<'a> {
     pub weighted: bool,
     /// One entry for each method.
     pub models: &'a [ModelComparison],
+    /// With `--report`: what it shows, of the test sets or of the folds.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub held_out: Option<HeldOutFacts>,
+    /// Where this comes from.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub provenance: Option<Provenance>,
     /// With `--correct-drift`: what was taken out of the data of `models`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub drift: Option<&'a DriftReport>,
@@ -81,7 +90,7 @@ pub fn with_noise(mut options: Options, noise: InstrumentNoise) -> Options {
 }
 
 pub fn run(a: &Compare) -> Result<(), Failure> {
-    let output = [a.json.as_deref()];
+    let output = [a.json.as_deref(), a.report.as_deref()];
     let inputs = [a.train.as_path(), Path::new(&a.robot.robot)];
     let inputs: Vec<&Path> = inputs
         .into_iter()
@@ -91,6 +100,11 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
     if a.folds == 1 {
         return Err(Failure::Usage(
             "--folds 1 leaves nothing to train on: use 0 for none, or at least 2".into(),
+        ));
+    }
+    if a.report.is_some() && a.folds == 0 && a.tests.is_empty() {
+        return Err(Failure::Usage(
+            "--folds 0 without --test holds nothing out: the report would be empty".into(),
         ));
     }
     let arm = Arm::load(&a.robot)?;
@@ -105,18 +119,9 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
             train.len()
         )));
     }
-    let (mut tests, mut corrected_tests) = (Vec::new(), Vec::new());
+    let (mut tests, mut corrected_tests, mut test_files) = (Vec::new(), Vec::new(), Vec::new());
     for path in &a.tests {
-        let (set, samples) = arm.read(path, &mut tools)?;
-        if let Some(unknown) = tools.get(trained_tools) {
-            return Err(InputError::new(
-                path,
-                format!("{unknown}, which the training data do not have"),
-                "tools that were trained",
-            )
-            .with_help("calibrate, then `trainer evaluate --fit-tool ROWS` fits a new tool to some of its rows")
-            .into());
-        }
+        let (set, samples) = read_test(&arm, path, &mut tools, trained_tools)?;
         let name = file_name(path);
         if let Some(drift) = &drift {
             let samples = drift::corrected(&arm, &set, &mut tools, drift)?;
@@ -124,6 +129,7 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
             corrected_tests.push(TestSet { name, samples });
         }
         tests.push(TestSet { name, samples });
+        test_files.push(set);
     }
     let methods = methods(a, &train, &tests)?;
     // A fold may be larger than its share by one group of equal configurations; the calibration itself checks again.
@@ -155,7 +161,7 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
         seed: a.seed,
         origin: &origin,
     };
-    let noise = instrument_noise(&a.fit)?;
+    let noise = instrument_noise(a.fit.position_sigma_mm, a.fit.orientation_sigma_mrad)?;
     let rounds = 1 + usize::from(drift.is_some());
     let bar = progress::bar(rounds * methods.len() * task.calibrations(), "comparing");
     let run = |task: &Task| -> Result<Vec<ModelComparison>, Failure> {
@@ -170,28 +176,57 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
     };
     let mut models = run(&task)?;
     let mut uncorrected = None;
+    let mut last_task = task;
     if let Some(train) = &corrected {
         let tests = &corrected_tests;
         uncorrected = Some(models);
-        models = run(&Task {
+        last_task = Task {
             train,
             tests,
-            ..task
-        })?;
+            ..last_task
+        };
+        models = run(&last_task)?;
     }
     bar.finish_and_clear();
-    if let Some(path) = &a.json {
+    let mut shown = None;
+    if a.report.is_some() {
+        let sets = if a.tests.is_empty() {
+            vec![&set]
+        } else {
+            test_files.iter().collect()
+        };
+        let evidence = evidence(a, &last_task, noise, &models, &sets)?;
+        let from = &a.robot.robot;
+        let seed = Some(a.seed);
+        let provenance = page::provenance(from, &arm, &origin, seed, &set, &test_files);
+        let facts = evidence.facts();
+        let html = page::of_comparison(&provenance, &evidence, &facts);
+        shown = Some((facts, provenance, html));
+    }
+    let (facts, provenance, html) = shown.map_or((None, None, None), |(facts, from, html)| {
+        (Some(facts), Some(from), Some(html))
+    });
+    let mut json = None;
+    if a.json.is_some() {
         let document = Document {
             version: env!("CARGO_PKG_VERSION"),
             seed: a.seed,
             per_output: a.fit.per_output,
             weighted: a.fit.weighted,
             models: &models,
+            held_out: facts,
+            provenance,
             drift: drift.as_ref().map(|d| &d.report),
             models_without_correction: uncorrected.as_deref(),
         };
-        write_outputs(&[(path, json_text(&document)?.as_bytes())])?;
+        json = Some(json_text(&document)?);
     }
+    let texts = [(&a.json, &json), (&a.report, &html)];
+    let texts = texts
+        .iter()
+        .filter_map(|(path, text)| path.as_deref().zip(text.as_deref()));
+    let files: Vec<(&Path, &[u8])> = texts.map(|(path, text)| (path, text.as_bytes())).collect();
+    write_outputs(&files)?;
     let report = Report::beside(&output);
     match (&drift, &uncorrected) {
         (Some(drift), Some(uncorrected)) => {
@@ -206,7 +241,50 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
         }
         _ => print(report, &[(&models, "")], a),
     }
+    if let Some(path) = &a.report {
+        report.line(format_args!(
+            "\nWrote {}: open it in a browser.",
+            path.display()
+        ));
+    }
     Ok(())
+}
+
+/// What the report shows: `models`, with base and tool alone for comparison when that was not asked for, and the learning
+/// curve of the best one.
+fn evidence(
+    a: &Compare,
+    task: &Task,
+    noise: InstrumentNoise,
+    models: &[ModelComparison],
+    sets: &[&MeasurementSet],
+) -> Result<Evidence, Failure> {
+    let options = |method: Method| with_noise(a.fit.options(method), noise);
+    let mut all = models.to_vec();
+    if !models.iter().any(|m| m.model == Method::BaseTool.name()) {
+        let first = task.run(&options(Method::BaseTool), &mut || ());
+        all.insert(0, first.map_err(|e| device_failure(&a.train, e.error))?);
+    }
+    let how = if a.tests.is_empty() {
+        How::CrossValidation {
+            folds: a.folds,
+            seed: a.seed,
+        }
+    } else {
+        How::TestSets
+    };
+    let kinds = task.nominal.kinds();
+    let nothing = || Failure::Usage("the report has no held-out pose to show".into());
+    let mut evidence = Evidence::new(how, sets, &all, kinds, false).ok_or_else(nothing)?;
+    let best = evidence.after().name.clone();
+    if let Some(method) = Method::ALL.into_iter().find(|m| m.name() == best) {
+        let options = options(method);
+        let bar = progress::bar(learning::sizes(task, &options).len(), "learning curve");
+        let poses = evidence.after().poses.clone();
+        evidence.learning = learning::curve(task, &options, &poses, &mut || bar.inc(1));
+        bar.finish_and_clear();
+    }
+    Ok(evidence)
 }
 
 /// The methods asked for, or all that the data allow; where a payload is needed every file must have one.

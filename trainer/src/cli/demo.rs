@@ -1,6 +1,11 @@
 //! `trainer demo`: the paper's simulation from nothing, and its Table I beside ours.
 
-use super::arguments::Demo;
+use std::ffi::OsString;
+use std::path::Path;
+
+use clap::Parser;
+
+use super::arguments::{Arguments, Command, Demo};
 use super::demo_device::DemoDevice;
 use super::report::Report;
 use super::simulate::{make_folder, write_sets};
@@ -11,6 +16,7 @@ use crate::cli::arguments::Evaluate;
 use crate::compare::{ModelComparison, Task, TestSet};
 use crate::export::{calibrate_for_device, nominal_chain};
 use crate::gp::fit::Sharing;
+use crate::loaded::LoadedBlob;
 use crate::measurements;
 use crate::robot::Robot;
 use crate::simulate::{Scenario, Simulator};
@@ -109,6 +115,8 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
         per_output: false,
         weighted: false,
         models: &models[..PAPER_TABLE_I.len()],
+        held_out: None,
+        provenance: None,
         drift: None,
         models_without_correction: None,
     };
@@ -130,7 +138,12 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
         1e6 * found.fidelity.mean_m,
         1e6 * found.fidelity.max_m
     ));
-    let mut written = vec![
+    report.line(
+        "\n4. Calibrate with the default model, elastic joints, hold out the test sets, and write a report:\n",
+    );
+    let elastic_path = a.out.join("elastic.blob");
+    calibrate_with_report(a, &train_path, &files[1..], &elastic_path)?;
+    let written = [
         ("train.csv", "measurements to train on"),
         (
             "test1.csv test2.csv test3.csv",
@@ -141,20 +154,22 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
             "the model for the controller (`trainer inspect` shows it)",
         ),
         ("predictions.csv", "its predictions for test1.csv"),
+        ("elastic.blob", "the elastic model"),
+        (
+            "report.html",
+            "what it is worth, with plots: open it in a browser",
+        ),
+        ("report.json", "the numbers of the report"),
         ("compare.json", "all errors, for other programs"),
     ];
     if let Some(board) = &mut board {
-        let elastic = Options::new(Method::Elastic);
-        let elastic = calibrate_for_device(&nominal, &robot, &train, &elastic, &origin)
-            .map_err(|e| device_failure(&train_path, e))?;
-        crate::output::write(&a.out.join("elastic.blob"), elastic.blob.bytes())?;
-        written.insert(3, ("elastic.blob", "the elastic model"));
+        let elastic = LoadedBlob::read(&elastic_path)?;
         let poses: Vec<&Sample> = tests.iter().flat_map(|set| &set.samples).collect();
         board.run(
             report,
             &[
                 (title(Method::PoeGpLoad), found.blob.bytes()),
-                (title(Method::Elastic), elastic.blob.bytes()),
+                (title(Method::Elastic), elastic.bytes()),
             ],
             &poses,
             &mut simulator,
@@ -165,6 +180,35 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
         report.line(format_args!("  {name:30} {what}"));
     }
     Ok(())
+}
+
+/// The command `calibrate` as a user would type it.
+fn calibrate_with_report(
+    a: &Demo,
+    train: &Path,
+    tests: &[(String, usize)],
+    out: &Path,
+) -> Result<(), Failure> {
+    let mut typed: Vec<OsString> = ["trainer", "calibrate", "--robot", ROBOT]
+        .map(OsString::from)
+        .into();
+    typed.push(train.into());
+    for (name, _) in tests {
+        typed.extend(["--test".into(), a.out.join(name).into()]);
+    }
+    for (option, file) in [
+        ("--out", out.to_owned()),
+        ("--report", a.out.join("report.html")),
+        ("--json", a.out.join("report.json")),
+    ] {
+        typed.extend([option.into(), file.into()]);
+    }
+    typed.extend(["--serial-number", "demo"].map(OsString::from));
+    let parsed = Arguments::try_parse_from(typed).map_err(|e| Failure::Usage(e.to_string()))?;
+    match parsed.command {
+        Command::Calibrate(calibrate) => super::calibrate::run(&calibrate),
+        _ => Ok(()),
+    }
 }
 
 fn print_table(report: Report, models: &[ModelComparison]) {

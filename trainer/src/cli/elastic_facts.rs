@@ -5,6 +5,7 @@ use serde::Serialize;
 use super::report::Report;
 use crate::calibration::Calibration;
 use crate::elastic::outliers::{OutlierPolicy, Reason};
+use crate::report::sections::{ListedOutlier, Ripple};
 
 /// The part of `--json`.
 #[derive(Serialize)]
@@ -82,6 +83,27 @@ impl ElasticFacts {
             device_sigma: sigma,
             device_sigma_wanted: options.tied && options.device_sigma && options.processes,
         })
+    }
+
+    /// The outliers for a page.
+    pub fn listed_outliers(&self) -> Vec<ListedOutlier> {
+        let listed = |o: &OutlierFacts| ListedOutlier {
+            line: o.line,
+            reason: o.reason,
+            chi_squared: o.chi_squared,
+            rejected: o.rejected,
+        };
+        self.outliers.iter().map(listed).collect()
+    }
+
+    /// The gear ripple for a page.
+    pub fn listed_ripple(&self) -> Vec<Ripple> {
+        let listed = |r: &RippleFacts| Ripple {
+            joint: r.joint,
+            cycles_per_turn: r.cycles_per_turn,
+            amplitude_urad: r.amplitude_urad,
+        };
+        self.ripple.iter().map(listed).collect()
     }
 
     /// The same for a reader.

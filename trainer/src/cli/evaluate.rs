@@ -199,7 +199,7 @@ pub(super) fn read(loaded: &LoadedBlob, path: &Path) -> Result<TestData, Failure
 }
 
 /// The arm of a blob as far as a measurement file is checked against it.
-fn robot_of(blob: &Blob<'_>) -> Robot {
+pub(super) fn robot_of(blob: &Blob<'_>) -> Robot {
     let joint = |(i, joint): (usize, &poegp_protocol::blob::Joint)| Joint {
         name: format!("q{}", i + 1),
         kind: joint.kind,

@@ -4,14 +4,21 @@
 
 mod arguments;
 mod calibrate;
+mod check;
+mod check_words;
 mod compare;
+mod correct;
 mod demo;
 mod demo_device;
 mod device;
 mod drift;
 mod elastic_facts;
 mod evaluate;
+mod export;
+mod import;
 mod inspect;
+mod page;
+mod plan;
 mod progress;
 mod report;
 mod signing;
@@ -94,11 +101,16 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         }
     };
     let result = match arguments.command {
+        Command::Plan(a) => plan::run(&a),
         Command::Simulate(a) => simulate::run(&a),
         Command::Calibrate(a) => calibrate::run(&a),
         Command::Evaluate(a) => evaluate::run(&a),
         Command::Compare(a) => compare::run(&a),
+        Command::Correct(a) => correct::run(&a),
+        Command::Check(a) => check::run(&a),
         Command::Inspect(a) => inspect::run(&a),
+        Command::Export(a) => export::run(&a),
+        Command::Import(a) => import::run(&a),
         Command::Keys(a) => signing::keys(&a),
         Command::Sign(a) => signing::sign(&a),
         Command::Verify(a) => signing::verify(&a),
@@ -174,7 +186,10 @@ fn enough_poses(
 }
 
 /// What the command line says of the instrument; where it says nothing, what the rows of the file state counts.
-fn instrument_noise(fit: &arguments::FitArguments) -> Result<InstrumentNoise, Failure> {
+fn instrument_noise(
+    position_sigma_mm: Option<f64>,
+    orientation_sigma_mrad: Option<f64>,
+) -> Result<InstrumentNoise, Failure> {
     let given = |name: &str, value: Option<f64>| match value {
         Some(x) if !(x > 0.0 && x.is_finite()) => Err(Failure::Usage(format!(
             "{name} {x}: expected a number above 0"
@@ -182,8 +197,8 @@ fn instrument_noise(fit: &arguments::FitArguments) -> Result<InstrumentNoise, Fa
         _ => Ok(value.map(|x| 1e-3 * x)),
     };
     Ok(InstrumentNoise {
-        position: given("--position-sigma-mm", fit.position_sigma_mm)?,
-        orientation: given("--orientation-sigma-mrad", fit.orientation_sigma_mrad)?,
+        position: given("--position-sigma-mm", position_sigma_mm)?,
+        orientation: given("--orientation-sigma-mrad", orientation_sigma_mrad)?,
     })
 }
 

@@ -30,7 +30,7 @@ pub struct Support {
 }
 
 /// k_c between two points, rad².
-pub(super) fn kernel(
+pub(crate) fn kernel(
     kernel: &JointKernel<f64>,
     kinds: &[JointKind],
     (a, m): (&Features<f64>, f64),

@@ -10,9 +10,10 @@ use crate::calibration::frames::Sample;
 use super::words::{list, numbers};
 use super::{Frame, Part, Task};
 
-/// A joint that spans less stands still: half a degree in rad, a millimetre in m (as in the notes of the reader).
-const STILL_REVOLUTE: f64 = 0.5 * std::f64::consts::PI / 180.0;
-const STILL_PRISMATIC: f64 = 1e-3;
+/// A revolute joint that spans less stands still: half a degree in rad (as in the notes of the reader).
+pub const STILL_REVOLUTE: f64 = 0.5 * std::f64::consts::PI / 180.0;
+/// A slide that spans less stands still: a millimetre in m.
+pub const STILL_PRISMATIC: f64 = 1e-3;
 /// Orientations within this of the first are one, rad.
 const ONE_ORIENTATION: f64 = 0.5 * std::f64::consts::PI / 180.0;
 /// A payload that is so much correlated with a joint changes with it.

@@ -16,6 +16,7 @@
 
 mod atoms;
 mod causes;
+mod changes;
 mod directions;
 mod uncertainty;
 mod words;
@@ -30,6 +31,7 @@ use poegp_runtime::se3::Pose;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
+pub use words::list;
 
 use crate::calibration::base_tool::UNWEIGHTED;
 use crate::calibration::frames::{Sample, residual_components};
@@ -40,6 +42,8 @@ use crate::robot::Robot;
 use atoms::Coordinates;
 use directions::{Explained, Space};
 
+pub use causes::{STILL_PRISMATIC, STILL_REVOLUTE};
+pub use changes::{FrameChange, changes};
 pub use uncertainty::{Correlation, Expected, FrameDeviation};
 
 /// A direction that shows less than this share of the most visible one is untold.

@@ -34,15 +34,21 @@ impl MeasurementSet {
     /// value is beyond the joint's limits by more than a tenth of its range and a degree (or a millimetre); of a
     /// coupled joint, both as the controller and as the chain counts it.
     pub fn check(&self, robot: &Robot) -> Result<Vec<String>, InputError> {
+        let mut notes = self.check_joints(robot)?;
+        notes.extend(self.note_still_joints(robot));
+        notes.extend(self.note_repeated_joints());
+        notes.extend(self.note_poses());
+        Ok(notes)
+    }
+
+    /// The same of the joints alone, of rows that may stand still or repeat.
+    pub(super) fn check_joints(&self, robot: &Robot) -> Result<Vec<String>, InputError> {
         self.check_columns(robot)?;
         let mut notes = Vec::new();
         for (i, (joint, column)) in robot.joints.iter().zip(&self.joint_columns).enumerate() {
             notes.extend(self.check_limits(robot, i, joint, column)?);
         }
         notes.extend(self.note_tiny_joints(robot));
-        notes.extend(self.note_still_joints(robot));
-        notes.extend(self.note_repeated_joints());
-        notes.extend(self.note_poses());
         Ok(notes)
     }
 

@@ -86,34 +86,7 @@ const QUATERNION: [&str; 4] = ["qw", "qx", "qy", "qz"];
 impl Columns {
     /// The columns of a table; `file` is for messages.
     pub(super) fn parse(file: &Path, table: &Table) -> Result<Self, InputError> {
-        let mut known: BTreeMap<Quantity, Column> = BTreeMap::new();
-        let mut unknown = Vec::new();
-        for (index, name) in table.header.iter().enumerate() {
-            let Some((quantity, unit)) = meaning(name) else {
-                unknown.push(name.to_owned());
-                continue;
-            };
-            let column = Column {
-                index,
-                name: name.to_owned(),
-                unit,
-            };
-            if let Some(other) = known.insert(quantity, column) {
-                let found = if other.name == name {
-                    format!(
-                        "the column {name} a second time, first as column {}",
-                        other.index + 1
-                    )
-                } else {
-                    format!("{name} beside {} in column {}", other.name, other.index + 1)
-                };
-                return Err(
-                    InputError::new(file, found, "every quantity once, in one unit")
-                        .at_line(table.header_line)
-                        .at_column(index + 1, name),
-                );
-            }
-        }
+        let (known, unknown) = named(file, table)?;
         let mut header = Header {
             file,
             line: table.header_line,
@@ -157,6 +130,27 @@ impl Columns {
         })
     }
 
+    /// The columns of a file of joint targets: the joints and, where there is one, the payload.
+    pub(super) fn of_targets(
+        file: &Path,
+        table: &Table,
+    ) -> Result<(Vec<Column>, Option<Column>), InputError> {
+        let (known, unknown) = named(file, table)?;
+        let mut header = Header {
+            file,
+            line: table.header_line,
+            known,
+            unknown: &unknown,
+        };
+        if !header.known.contains_key(&Quantity::Joint(1)) {
+            return Err(header.error(
+                "no column q1_deg".to_owned(),
+                "joint targets in columns q1_deg, q2_deg …",
+            ));
+        }
+        Ok((header.joints()?, header.known.remove(&Quantity::Payload)))
+    }
+
     /// The note about ignored columns.
     pub(super) fn notes(&self) -> Vec<String> {
         match self.unknown.len() {
@@ -174,18 +168,59 @@ impl Columns {
 
     /// The joints' columns, as the set keeps them.
     pub(super) fn joint_columns(&self) -> Vec<JointColumn> {
-        let joint = |column: &Column| JointColumn {
-            column: column.index + 1,
-            name: column.name.clone(),
-            unit: match column.unit {
-                Unit::Degree => JointUnit::Degree,
-                Unit::Millimetre => JointUnit::Millimetre,
-                Unit::Metre => JointUnit::Metre,
-                _ => JointUnit::Radian,
-            },
-        };
-        self.joints.iter().map(joint).collect()
+        joint_columns(&self.joints)
     }
+}
+
+/// Columns of joints, as a set keeps them.
+pub(super) fn joint_columns(joints: &[Column]) -> Vec<JointColumn> {
+    let joint = |column: &Column| JointColumn {
+        column: column.index + 1,
+        name: column.name.clone(),
+        unit: match column.unit {
+            Unit::Degree => JointUnit::Degree,
+            Unit::Millimetre => JointUnit::Millimetre,
+            Unit::Metre => JointUnit::Metre,
+            _ => JointUnit::Radian,
+        },
+    };
+    joints.iter().map(joint).collect()
+}
+
+/// What the names of a table's columns mean, and the names that mean nothing here.
+fn named(
+    file: &Path,
+    table: &Table,
+) -> Result<(BTreeMap<Quantity, Column>, Vec<String>), InputError> {
+    let mut known: BTreeMap<Quantity, Column> = BTreeMap::new();
+    let mut unknown = Vec::new();
+    for (index, name) in table.header.iter().enumerate() {
+        let Some((quantity, unit)) = meaning(name) else {
+            unknown.push(name.to_owned());
+            continue;
+        };
+        let column = Column {
+            index,
+            name: name.to_owned(),
+            unit,
+        };
+        if let Some(other) = known.insert(quantity, column) {
+            let found = if other.name == name {
+                format!(
+                    "the column {name} a second time, first as column {}",
+                    other.index + 1
+                )
+            } else {
+                format!("{name} beside {} in column {}", other.name, other.index + 1)
+            };
+            return Err(
+                InputError::new(file, found, "every quantity once, in one unit")
+                    .at_line(table.header_line)
+                    .at_column(index + 1, name),
+            );
+        }
+    }
+    Ok((known, unknown))
 }
 
 /// The columns that are known but not yet taken.

@@ -25,6 +25,7 @@ mod check;
 mod columns;
 mod rows;
 mod table;
+pub mod targets;
 
 #[cfg(test)]
 mod tests;
@@ -83,6 +84,17 @@ pub enum JointUnit {
     Millimetre,
     /// `_m`.
     Metre,
+}
+
+impl JointUnit {
+    /// A value in rad or m in this unit.
+    pub fn from_si(self, value: f64) -> f64 {
+        match self {
+            Self::Degree => value.to_degrees(),
+            Self::Millimetre => 1e3 * value,
+            Self::Radian | Self::Metre => value,
+        }
+    }
 }
 
 /// Where the values of a joint stand in the file.

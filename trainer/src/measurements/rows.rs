@@ -109,10 +109,11 @@ pub(super) fn quoted(text: &str) -> String {
     }
 }
 
-struct Row<'a> {
-    file: &'a Path,
-    line: usize,
-    fields: &'a StringRecord,
+/// One row of a file.
+pub(super) struct Row<'a> {
+    pub file: &'a Path,
+    pub line: usize,
+    pub fields: &'a StringRecord,
 }
 
 impl Row<'_> {
@@ -163,6 +164,19 @@ impl Row<'_> {
             truth,
         };
         Ok((measurement, off_unit))
+    }
+
+    /// Joints and payload of a row that has no pose.
+    pub(super) fn target(
+        &self,
+        joints: &[Column],
+        payload: &Option<Column>,
+    ) -> Result<(Vec<f64>, Option<f64>), InputError> {
+        let joints = joints.iter().map(|column| self.number(column));
+        Ok((
+            joints.collect::<Result<_, _>>()?,
+            self.optional(payload, |column| self.payload(column))?,
+        ))
     }
 
     fn field(&self, column: &Column) -> &str {

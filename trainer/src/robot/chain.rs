@@ -87,7 +87,7 @@ impl Chain {
 }
 
 /// The rotation by the smallest angle that takes z to `axis`; half a turn about x where the axis is −z.
-fn rotation_to_axis(axis: &Vector3<f64>) -> Pose<f64> {
+pub(crate) fn rotation_to_axis(axis: &Vector3<f64>) -> Pose<f64> {
     let a = axis / norm(axis);
     if a[2] < 0.0 {
         // The formula below divides by 1 + a_z: take z to the mirrored axis, then turn by half a turn about x.
@@ -123,7 +123,7 @@ pub(super) fn norm(v: &Vector3<f64>) -> f64 {
 }
 
 /// Rotation by `angle` (rad) about the coordinate axis 0, 1 or 2.
-pub(super) fn rotation_about(axis: usize, angle: f64) -> Pose<f64> {
+pub(crate) fn rotation_about(axis: usize, angle: f64) -> Pose<f64> {
     let (s, c) = angle.sin_cos();
     let rotation = match axis {
         0 => Matrix3::new(1.0, 0.0, 0.0, 0.0, c, -s, 0.0, s, c),
@@ -137,7 +137,7 @@ pub(super) fn rotation_about(axis: usize, angle: f64) -> Pose<f64> {
 }
 
 /// Translation in metres.
-pub(super) fn translation(x: f64, y: f64, z: f64) -> Pose<f64> {
+pub(crate) fn translation(x: f64, y: f64, z: f64) -> Pose<f64> {
     Pose {
         rotation: Matrix3::identity(),
         translation: Vector3::new(x, y, z),
@@ -146,11 +146,26 @@ pub(super) fn translation(x: f64, y: f64, z: f64) -> Pose<f64> {
 
 /// A URDF origin: translation in metres, then roll, pitch and yaw in radians about the fixed x, y and z axes,
 /// R = R_z(yaw) R_y(pitch) R_x(roll).
-pub(super) fn origin(xyz: [f64; 3], rpy: [f64; 3]) -> Pose<f64> {
+pub(crate) fn origin(xyz: [f64; 3], rpy: [f64; 3]) -> Pose<f64> {
     translation(xyz[0], xyz[1], xyz[2])
         * rotation_about(2, rpy[2])
         * rotation_about(1, rpy[1])
         * rotation_about(0, rpy[0])
+}
+
+/// The inverse of [`origin`]: roll, pitch and yaw in radians of a rotation, pitch within ±π/2.
+///
+/// In gimbal lock (pitch ±π/2) roll and yaw cannot be told apart. Yaw is read first, and pitch and roll from what is left
+/// once it is taken out, so that whatever it was found to be the three give the rotation back to the last digits.
+pub(crate) fn roll_pitch_yaw(rotation: &Matrix3<f64>) -> [f64; 3] {
+    let r = rotation;
+    let yaw = r[(1, 0)].atan2(r[(0, 0)]);
+    let (s, c) = yaw.sin_cos();
+    let across = |column: usize| c * r[(1, column)] - s * r[(0, column)];
+    let along = c * r[(0, 0)] + s * r[(1, 0)];
+    let pitch = (-r[(2, 0)]).atan2(along);
+    let roll = (-across(2)).atan2(across(1));
+    [roll, pitch, yaw]
 }
 
 /// Whether a square matrix (rows) is invertible: every pivot of Gaussian elimination above 1e-9 of its largest element.

@@ -15,15 +15,17 @@
 //! origin = { xyz_mm = [0, 0, 290], rpy_deg = [0, 0, 0] }  # poe: frame in the one before, as in a URDF
 //! axis = [0, 0, 1]                  # poe: in the joint's own frame
 //! # dh, modified-dh instead: a_m | a_mm, d_m | d_mm, alpha_deg | alpha_rad, and where it is not 0
-//! # theta_offset_deg | theta_offset_rad
+//! # theta_offset_deg | theta_offset_rad; dh only, where it is not 0: beta_deg | beta_rad
 //!
 //! [flange]                          # optional frame after the last joint
 //! origin = { xyz_m = [0, 0, 0.1] }
+//!
+//! [calibration]                     # optional: what `trainer export` knows beside the arm; not read here
 //! ```
 //!
-//! `dh` is the distal convention, R_z(q + θ) T_z(d) T_x(a) R_x(α); `modified-dh` is Craig's,
-//! R_x(α) T_x(a) R_z(q + θ) T_z(d), where a row's a and α are those *before* its joint. Along a prismatic joint q adds to
-//! d. Every number with a unit carries the unit in its key, and unknown keys are refused.
+//! `dh` is the distal convention, R_z(q + θ) T_z(d) T_x(a) R_x(α) R_y(β), with β for axes that are parallel but for an
+//! error (Hayati); `modified-dh` is Craig's, R_x(α) T_x(a) R_z(q + θ) T_z(d), where a row's a and α are those *before*
+//! its joint. Along a prismatic joint q adds to d. Every number with a unit carries the unit in its key, and unknown keys are refused.
 
 use std::ops::Range;
 use std::path::Path;
@@ -44,6 +46,9 @@ struct Description {
     convention: Convention,
     base: Option<Fixed>,
     flange: Option<Fixed>,
+    /// What `trainer export` says of a calibration, for other programs; nothing in it describes the arm.
+    #[serde(rename = "calibration")]
+    _calibration: Option<toml::Table>,
     coupling: Option<Spanned<Vec<Spanned<Vec<f64>>>>>,
     #[serde(default)]
     joint: Vec<Spanned<JointTable>>,
@@ -99,6 +104,8 @@ struct JointTable {
     alpha_rad: Option<Spanned<f64>>,
     theta_offset_deg: Option<Spanned<f64>>,
     theta_offset_rad: Option<Spanned<f64>>,
+    beta_deg: Option<Spanned<f64>>,
+    beta_rad: Option<Spanned<f64>>,
 }
 
 /// The robot of a TOML text; `file` is for messages.
@@ -201,7 +208,16 @@ impl Reader<'_> {
         let key = found
             .strip_prefix("unknown field `")
             .and_then(|rest| rest.strip_suffix('`'));
-        let without_unit = ["limits", "xyz", "rpy", "a", "d", "alpha", "theta_offset"];
+        let without_unit = [
+            "limits",
+            "xyz",
+            "rpy",
+            "a",
+            "d",
+            "alpha",
+            "theta_offset",
+            "beta",
+        ];
         let help = key.filter(|key| without_unit.contains(key)).map(|key| {
             let (length, angle) = (
                 format!("{key}_m or {key}_mm"),
@@ -209,7 +225,7 @@ impl Reader<'_> {
             );
             let keys = match key {
                 "limits" => format!("{angle}, or {length}"),
-                "rpy" | "alpha" | "theta_offset" => angle,
+                "rpy" | "alpha" | "theta_offset" | "beta" => angle,
                 _ => length,
             };
             format!("the unit is part of the key: {keys}")
@@ -334,7 +350,7 @@ impl Reader<'_> {
             chain.push_joint(element, &axis);
             return Ok(());
         }
-        let [a, d, alpha, theta] = self.dh_row(table)?;
+        let [a, d, alpha, theta, beta] = self.dh_row(convention, table)?;
         let z = Vector3::new(0.0, 0.0, 1.0);
         let along_x = chain::translation(a, 0.0, 0.0) * chain::rotation_about(0, alpha);
         let along_z = chain::rotation_about(2, theta) * chain::translation(0.0, 0.0, d);
@@ -342,6 +358,7 @@ impl Reader<'_> {
             chain.push_joint(element, &z);
             chain.push_fixed(along_z);
             chain.push_fixed(along_x);
+            chain.push_fixed(chain::rotation_about(1, beta));
         } else {
             chain.push_fixed(along_x);
             chain.push_fixed(along_z);
@@ -362,6 +379,8 @@ impl Reader<'_> {
             ("alpha_rad", &joint.alpha_rad),
             ("theta_offset_deg", &joint.theta_offset_deg),
             ("theta_offset_rad", &joint.theta_offset_rad),
+            ("beta_deg", &joint.beta_deg),
+            ("beta_rad", &joint.beta_rad),
         ];
         for (key, value) in keys {
             if let Some(value) = value {
@@ -396,9 +415,20 @@ impl Reader<'_> {
         Ok(vector)
     }
 
-    /// (a, d, α, θ offset) of a joint in metres and radians; the keys of the "poe" convention are refused.
-    fn dh_row(&self, table: &Spanned<JointTable>) -> Result<[f64; 4], InputError> {
+    /// (a, d, α, θ offset, β) of a joint in metres and radians; the keys of the "poe" convention are refused, and β in
+    /// any but "dh".
+    fn dh_row(
+        &self,
+        convention: Convention,
+        table: &Spanned<JointTable>,
+    ) -> Result<[f64; 5], InputError> {
         let joint = table.get_ref();
+        for (key, value) in [("beta_deg", &joint.beta_deg), ("beta_rad", &joint.beta_rad)] {
+            if let (Some(value), Convention::ModifiedDh) = (value, convention) {
+                let expected = "a, d, alpha and theta_offset, or the convention \"dh\"";
+                return Err(self.error(value.span(), key, key, expected));
+            }
+        }
         let poe_key = match (&joint.origin, &joint.axis) {
             (Some(origin), _) => Some(("origin", origin.span())),
             (None, Some(axis)) => Some(("axis", axis.span())),
@@ -439,11 +469,16 @@ impl Reader<'_> {
             ("theta_offset_rad", RADIAN, &joint.theta_offset_rad),
             ("theta_offset_deg", DEGREE, &joint.theta_offset_deg),
         ])?;
+        let beta = self.number(&[
+            ("beta_rad", RADIAN, &joint.beta_rad),
+            ("beta_deg", DEGREE, &joint.beta_deg),
+        ])?;
         Ok([
             required(a, "a_m or a_mm")?,
             required(d, "d_m or d_mm")?,
             required(alpha, "alpha_deg or alpha_rad")?,
             theta.unwrap_or(0.0),
+            beta.unwrap_or(0.0),
         ])
     }
 

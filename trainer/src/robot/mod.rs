@@ -15,9 +15,9 @@
 //! Refused, by name: anything that is not one serial chain of 1 to 8 revolute or prismatic joints.
 
 mod builtin;
-mod chain;
+pub(crate) mod chain;
 mod description;
-mod urdf;
+pub(crate) mod urdf;
 
 #[cfg(test)]
 mod tests;
@@ -28,6 +28,7 @@ use poegp_protocol::JointKind;
 use poegp_runtime::se3::Pose;
 
 pub use builtin::BUILT_IN;
+pub(crate) use chain::origin;
 
 use crate::error::InputError;
 

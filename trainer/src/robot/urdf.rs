@@ -27,11 +27,7 @@ pub(super) fn parse(file: &Path, text: &str, options: &LoadOptions) -> Result<Ro
         text,
         joints: &document.joints,
     };
-    reader.check_names(&document.links)?;
-    let tree = reader.tree(&document.links)?;
-    let base = reader.base(&tree, options)?;
-    let tip = reader.tip(&tree, base, options)?;
-    let path = reader.path(&tree, base, tip)?;
+    let (base, tip, path) = reader.chosen(&document.links, options)?;
 
     let mut chain = Chain::new();
     for joint in path {
@@ -52,6 +48,23 @@ pub(super) fn parse(file: &Path, text: &str, options: &LoadOptions) -> Result<Ro
         )
         .with_help("another base or tip link chooses another part of the arm")
     })
+}
+
+/// The joints between base and tip of a URDF text, fixed ones too, base first; `file` is for messages. For writing the
+/// file anew: what they mean is [`parse`]'s.
+pub(crate) fn joints_of_chain(
+    file: &Path,
+    text: &str,
+    options: &LoadOptions,
+) -> Result<Vec<urdf_rs::Joint>, InputError> {
+    let document = urdf_rs::read_from_string(text).map_err(|error| not_urdf(file, text, &error))?;
+    let reader = Reader {
+        file,
+        text,
+        joints: &document.joints,
+    };
+    let (_, _, path) = reader.chosen(&document.links, options)?;
+    Ok(path.into_iter().cloned().collect())
 }
 
 fn not_urdf(file: &Path, text: &str, error: &urdf_rs::UrdfError) -> InputError {
@@ -116,6 +129,19 @@ struct Reader<'a> {
 }
 
 impl<'a> Reader<'a> {
+    /// Base, tip and the joints between them, of a file that is a tree.
+    fn chosen(
+        &self,
+        links: &'a [urdf_rs::Link],
+        options: &LoadOptions,
+    ) -> Result<(&'a str, &'a str, Vec<&'a urdf_rs::Joint>), InputError> {
+        self.check_names(links)?;
+        let tree = self.tree(links)?;
+        let base = self.base(&tree, options)?;
+        let tip = self.tip(&tree, base, options)?;
+        Ok((base, tip, self.path(&tree, base, tip)?))
+    }
+
     fn error(&self, found: impl Into<String>, expected: impl Into<String>) -> InputError {
         InputError::new(self.file, found, expected)
     }

@@ -8,7 +8,7 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-use super::{Scenario, normal_vector};
+use super::{Disturbance, Scenario, normal_vector};
 use crate::robot::Robot;
 
 /// Error of each fixed frame, metres and radians per component.
@@ -37,6 +37,8 @@ pub struct TrueArm {
     payload_centre: Vector3<f64>,
     payloads: Vec<TruePayload>,
     scenario: Scenario,
+    /// What happened to it since.
+    happened: Vec<Disturbance>,
 }
 
 #[derive(Clone, Debug)]
@@ -110,7 +112,24 @@ impl TrueArm {
             payload_centre,
             payloads,
             scenario,
+            happened: Vec::new(),
         }
+    }
+
+    /// Something happens to the arm, for good.
+    pub fn disturb(&mut self, disturbance: Disturbance) {
+        let shift = |translation: Vector3<f64>| Pose {
+            translation,
+            ..Pose::identity()
+        };
+        match disturbance {
+            Disturbance::Base(d) => {
+                self.instrument_from_base = self.instrument_from_base * shift(d)
+            }
+            Disturbance::Tool(d) => self.flange_from_target = self.flange_from_target * shift(d),
+            Disturbance::Joint { .. } => {}
+        }
+        self.happened.push(disturbance);
     }
 
     /// Where the target is for the controller's joints and a payload as the operator knows it.
@@ -120,6 +139,13 @@ impl TrueArm {
         payload_kg: f64,
         random: &mut ChaCha8Rng,
     ) -> Pose<f64> {
+        let mut joints = joints.to_vec();
+        for disturbance in &self.happened {
+            if let Disturbance::Joint { joint, offset } = disturbance {
+                joints[*joint] += offset;
+            }
+        }
+        let joints = joints.as_slice();
         let mut serial = match &self.coupling {
             None => joints.to_vec(),
             Some(rows) => rows

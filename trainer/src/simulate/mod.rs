@@ -31,6 +31,22 @@ pub enum Scenario {
     Full,
 }
 
+/// What may happen to an arm after it was calibrated.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Disturbance {
+    /// The base moves, metres along its axes.
+    Base(Vector3<f64>),
+    /// The target moves at the flange, metres along its own axes.
+    Tool(Vector3<f64>),
+    /// A joint of the controller (from 0) stands elsewhere than it says, rad or m.
+    Joint {
+        /// Which.
+        joint: usize,
+        /// By how much.
+        offset: f64,
+    },
+}
+
 /// Standard deviation of one position component of the tracker in metres.
 pub const POSITION_NOISE_M: f64 = 30e-6;
 /// Standard deviation of one rotation component in radians.
@@ -63,7 +79,7 @@ pub struct SimulatedPose {
 }
 
 /// A simulated arm in its cell.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Simulator {
     arm: TrueArm,
     ranges: Vec<(f64, f64)>,
@@ -99,6 +115,16 @@ impl Simulator {
         }
     }
 
+    /// Something happens to the arm, for good.
+    pub fn disturb(&mut self, disturbance: Disturbance) {
+        self.arm.disturb(disturbance);
+    }
+
+    /// The ranges that joints are drawn from, rad or m.
+    pub fn ranges(&self) -> &[(f64, f64)] {
+        &self.ranges
+    }
+
     /// Measures `count` random poses.
     pub fn measure(&mut self, count: usize) -> Vec<SimulatedPose> {
         (0..count).map(|_| self.measure_one()).collect()
@@ -122,7 +148,13 @@ impl Simulator {
         } else {
             self.payloads[random.random_range(0..self.payloads.len())]
         };
-        let truth = self.arm.instrument_from_target(&joints, payload_kg, random);
+        self.measure_at(&joints, payload_kg)
+    }
+
+    /// Measures at joints of the controller (rad or m) with one of the payloads, or with any other.
+    pub fn measure_at(&mut self, joints: &[f64], payload_kg: f64) -> SimulatedPose {
+        let random = &mut self.random;
+        let truth = self.arm.instrument_from_target(joints, payload_kg, random);
         let turn = Twist {
             linear: Vector3::zeros(),
             angular: normal_vector(ORIENTATION_NOISE_RAD, random),
@@ -131,7 +163,7 @@ impl Simulator {
         measured.rotation = Pose::exp(&turn).rotation * truth.rotation;
         measured.translation += normal_vector(POSITION_NOISE_M, random);
         SimulatedPose {
-            joints,
+            joints: joints.to_vec(),
             payload_kg,
             measured,
             truth,

@@ -27,6 +27,8 @@ fn everything_that_it_names_is_written_and_works() {
         "compare.json",
         "elastic.blob",
         "predictions.csv",
+        "report.html",
+        "report.json",
         "test1.csv",
         "test2.csv",
         "test3.csv",

@@ -8,7 +8,33 @@ const FIT: [&str; 2] = ["--per-output", "--weighted"];
 #[test]
 fn every_option_is_in_the_help() {
     let folder = Folder::new();
-    let commands: [(&str, Vec<&str>); 9] = [
+    let commands: [(&str, Vec<&str>); 14] = [
+        (
+            "plan",
+            [
+                &ROBOT[..],
+                &[
+                    "--count",
+                    "--payloads",
+                    "--constraints",
+                    "--check-poses",
+                    "--check-out",
+                    "--d-optimal",
+                    "--space-filling",
+                    "--seed",
+                    "--gravity",
+                    "--forecast",
+                    "--no-forecast",
+                    "--out",
+                    "--rapid",
+                    "--krl",
+                    "--urscript",
+                    "--fanuc",
+                    "--json",
+                ],
+            ]
+            .concat(),
+        ),
         (
             "simulate",
             [
@@ -37,6 +63,8 @@ fn every_option_is_in_the_help() {
                     "--max-correction-mm",
                     "--max-correction-mrad",
                     "--correct-drift",
+                    "--test",
+                    "--report",
                     "--out",
                     "--json",
                 ],
@@ -53,12 +81,46 @@ fn every_option_is_in_the_help() {
                 &ROBOT[..],
                 &FIT,
                 &[
-                    "<TRAIN>", "--test", "--models", "--folds", "--seed", "--json",
+                    "<TRAIN>", "--test", "--models", "--folds", "--seed", "--report", "--json",
                 ],
             ]
             .concat(),
         ),
+        (
+            "correct",
+            vec!["<BLOB>", "<TARGETS>", "--payload-kg", "--out", "--json"],
+        ),
+        (
+            "check",
+            vec![
+                "<MEASUREMENTS>",
+                "--max-mm",
+                "--statistic",
+                "--max-drift-mm",
+                "--false-alarms",
+                "--refit-base",
+                "--refit-tool",
+                "--correct-drift",
+                "--json",
+            ],
+        ),
         ("inspect", vec!["<BLOB>", "--json"]),
+        (
+            "export",
+            vec![
+                "<BLOB>",
+                "--out",
+                "--urdf",
+                "--base",
+                "--tip",
+                "--target-link",
+                "--ur-kinematics",
+                "--dh",
+                "--poe",
+                "--c-header",
+            ],
+        ),
+        ("import", vec!["<RAWS>", "--map", "--guess", "--out"]),
         ("keys new", vec!["--out <NAME>"]),
         ("sign", vec!["<BLOB>", "--key", "--out"]),
         ("verify", vec!["<BLOB>", "--public-key"]),

@@ -7,20 +7,26 @@ mod bad_measurements;
 mod bad_robots;
 #[cfg(unix)]
 mod board;
+mod check;
 mod choice;
+mod correct;
 mod demo;
 #[cfg(unix)]
 mod device;
 mod drift;
 mod elastic;
+mod export;
 #[cfg(unix)]
 mod fake_device;
 mod help;
 mod identifiability;
+mod import;
 mod json;
 mod outputs;
+mod plan;
 mod predictions;
 mod program;
+mod report;
 mod reproducible;
 mod robots;
 mod signing;

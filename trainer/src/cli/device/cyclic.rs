@@ -23,7 +23,7 @@ use crate::device::client::Client;
 use crate::device::error::ClientError;
 use crate::error::InputError;
 use crate::loaded::LoadedBlob;
-use crate::measurements::{self, JointUnit, MeasurementSet};
+use crate::measurements::{self, MeasurementSet};
 use crate::robot::Robot;
 use crate::statistics::{ErrorSummary, PoseError};
 
@@ -400,7 +400,7 @@ pub fn correct(a: &Correct) -> Result<(), Failure> {
             .zip(query(sample).joints)
         {
             change = change.max(f64::from((q - commanded).abs()));
-            let _ = write!(csv, "{:.8},", in_unit(f64::from(*q), column.unit));
+            let _ = write!(csv, "{:.8},", column.unit.from_si(f64::from(*q)));
         }
         let status = Status::from_bits(answer.status);
         let _ = writeln!(csv, "{:.3},{status}", 1e6 * answer.position_error);
@@ -432,12 +432,4 @@ pub fn correct(a: &Correct) -> Result<(), Failure> {
         ));
     }
     Ok(())
-}
-
-fn in_unit(value: f64, unit: JointUnit) -> f64 {
-    match unit {
-        JointUnit::Degree => value.to_degrees(),
-        JointUnit::Millimetre => 1e3 * value,
-        JointUnit::Radian | JointUnit::Metre => value,
-    }
 }

@@ -1,0 +1,209 @@
+"""Exports of calibrated arms, read by programs that are not ours, against the product of exponentials by scipy."""
+
+import json
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pinocchio
+import yaml
+import yourdfpy
+from scipy.linalg import expm
+from scipy.spatial.transform import Rotation
+
+LIMIT_M = 1e-9
+LIMIT_RAD = 1e-9
+BUILT_IN = ["abb-irb120", "abb-irb4400", "abb-irb4400-serial", "kuka-iiwa7", "ur5", "ur10"]
+
+
+def pose(rotation, translation):
+    out = np.eye(4)
+    out[:3, :3] = rotation
+    out[:3, 3] = translation
+    return out
+
+
+def from_rpy(xyz, rpy):
+    """About the fixed axes x, y, z: scipy's lower case is extrinsic."""
+    return pose(Rotation.from_euler("xyz", rpy).as_matrix(), xyz)
+
+
+def numbers(header, name):
+    body = re.search(rf"\b\w*{name}\b[^=]*= \{{(.*?)\}};", header, re.S).group(1)
+    # A float of C is the nearest single, not the decimal number that is written.
+    number = lambda x: float(np.float32(x[:-1])) if x.endswith("f") else float(x)
+    return np.array([number(x) for x in re.findall(r"-?\d[\w.+-]*", body)])
+
+
+class Chain:
+    """The chain of a C header: fixed frames with a motion about or along z between them."""
+
+    def __init__(self, header):
+        frames = numbers(header, "parent_from_joint").reshape(-1, 3, 4)
+        self.frames = []
+        for frame in frames:
+            u, _, v = np.linalg.svd(frame[:, :3])
+            self.frames.append(pose(u @ v, frame[:, 3]))
+        self.prismatic = numbers(header, "is_prismatic").astype(int)
+        self.flange_from_target = pose(*self.split(numbers(header, "flange_from_target")))
+        has_coupling = "_coupling[" in header
+        n = len(self.prismatic)
+        self.coupling = numbers(header, "coupling").reshape(n, n) if has_coupling else np.eye(n)
+
+    @staticmethod
+    def split(rows):
+        rows = rows.reshape(3, 4)
+        return rows[:, :3], rows[:, 3]
+
+    def forward(self, q):
+        """base_from_target; q of the chain."""
+        out = self.frames[0]
+        for value, prismatic, frame in zip(q, self.prismatic, self.frames[1:]):
+            twist = np.zeros((4, 4))
+            if prismatic:
+                twist[2, 3] = 1
+            else:
+                twist[0, 1], twist[1, 0] = -1, 1
+            out = out @ expm(twist * value) @ frame
+        return out
+
+
+def by_pinocchio(path, joints, base, tip):
+    model = pinocchio.buildModelFromUrdf(str(path))
+    data = model.createData()
+    base, tip = model.getFrameId(base), model.getFrameId(tip)
+
+    def forward(q):
+        configuration = pinocchio.neutral(model)
+        for name, value in zip(joints, q):
+            joint = model.joints[model.getJointId(name)]
+            configuration[joint.idx_q : joint.idx_q + joint.nq] = (
+                [np.cos(value), np.sin(value)] if joint.nq == 2 else [value]
+            )
+        pinocchio.framesForwardKinematics(model, data, configuration)
+        return (data.oMf[base].inverse() * data.oMf[tip]).homogeneous
+
+    return forward
+
+
+def by_yourdfpy(path, joints, base, tip):
+    robot = yourdfpy.URDF.load(str(path), load_meshes=False, build_scene_graph=True)
+
+    def forward(q):
+        robot.update_cfg(dict(zip(joints, q)))
+        return robot.get_transform(tip, base)
+
+    return forward
+
+
+def by_table(table):
+    """A DH or POE table as read from JSON or TOML."""
+
+    def frame(origin):
+        return from_rpy(origin["xyz_m"], origin["rpy_rad"])
+
+    joints = table.get("joints") or table["joint"]
+    target = table.get("flange_from_target") or table["calibration"]["flange_from_target"]
+
+    def forward(q):
+        out = frame(table["base"]["origin"]) if table.get("base") else np.eye(4)
+        for joint, value in zip(joints, q):
+            z = np.array([0, 0, 1])
+            along = joint["kind"] == "prismatic"
+            move = pose(np.eye(3), value * z) if along else pose(Rotation.from_rotvec(value * z).as_matrix(), 0 * z)
+            if table["convention"] == "poe":
+                out = out @ frame(joint["origin"]) @ move
+            else:
+                out = out @ move
+                out = out @ pose(Rotation.from_euler("z", joint["theta_offset_rad"]).as_matrix(), [0, 0, joint["d_m"]])
+                turned = Rotation.from_euler("XY", [joint["alpha_rad"], joint.get("beta_rad", 0.0)])
+                out = out @ pose(turned.as_matrix(), [joint["a_m"], 0, 0])
+        return out @ frame(table["flange"]["origin"]) @ frame(target)
+
+    return forward
+
+
+def by_ur(path, tool0_from_target):
+    """As ur_description's macro does it: six origins with axis z, tool0 where wrist_3 is."""
+    with open(path) as file:
+        kinematics = yaml.safe_load(file)["kinematics"]
+    assert re.fullmatch(r"calib_\d+", kinematics["hash"])
+    names = ["shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3"]
+
+    def forward(q):
+        out = np.eye(4)
+        for name, value in zip(names, q):
+            k = kinematics[name]
+            out = out @ from_rpy([k["x"], k["y"], k["z"]], [k["roll"], k["pitch"], k["yaw"]])
+            out = out @ pose(Rotation.from_rotvec([0, 0, value]).as_matrix(), np.zeros(3))
+        return out @ tool0_from_target
+
+    return forward
+
+
+def apart(a, b):
+    angle = np.linalg.norm(a[:3, :3] - b[:3, :3]) / np.sqrt(2)
+    return np.linalg.norm(a[:3, 3] - b[:3, 3]), angle
+
+
+def main():
+    trainer, urdfs, folder = sys.argv[1], Path(sys.argv[2]), Path(sys.argv[3])
+
+    def run(*words):
+        done = subprocess.run([trainer, *map(str, words)], cwd=folder, capture_output=True, text=True)
+        if done.returncode != 0:
+            sys.exit(f"{words}: {done.stdout}{done.stderr}")
+        return done.stdout
+
+    rng = np.random.default_rng(1)
+    worst = (0.0, 0.0)
+    rows = []
+    for name in BUILT_IN + sorted(urdfs.glob("*.urdf")):
+        robot, name = str(name), Path(name).stem
+        run("simulate", "--robot", robot, "--poses", 60, "--test-sets", 0, "--seed", 3, "--out", name)
+        run("calibrate", "--robot", robot, f"{name}/train.csv", "--model", "poe", "--out", f"{name}.blob")
+        nominal = ["--urdf", robot] if robot.endswith(".urdf") else []
+        urdf = folder / f"{name}.urdf"
+        for kind in ["json", "toml"]:
+            tables = ["--dh", f"{name}-dh.{kind}", "--poe", f"{name}-poe.{kind}"]
+            run("export", f"{name}.blob", *nominal, "--out", urdf, "--target-link", "probe", *tables)
+        run("export", f"{name}.blob", "--c-header", f"{name}.h")
+        chain = Chain((folder / f"{name}.h").read_text())
+        joints = [j["name"] for j in json.loads((folder / f"{name}-poe.json").read_text())["joints"]]
+        base = {"workbench": "table", "no_tool0": "base"}.get(name, "base_link")
+        readers = {
+            "Pinocchio": by_pinocchio(urdf, joints, base, "probe"),
+            "yourdfpy": by_yourdfpy(urdf, joints, base, "probe"),
+        }
+        for kind in ["dh", "poe"]:
+            readers[f"{kind}, JSON"] = by_table(json.loads((folder / f"{name}-{kind}.json").read_text()))
+            readers[f"{kind}, TOML"] = by_table(tomllib.loads((folder / f"{name}-{kind}.toml").read_text()))
+        if name.startswith("ur"):
+            said = run("export", f"{name}.blob", "--ur-kinematics", f"{name}.yaml")
+            told = re.search(r"tool0 to target: (\S+) (\S+) (\S+) mm, roll pitch yaw (\S+) (\S+) (\S+)°", said).groups()
+            told = [float(x) for x in told]
+            near = from_rpy(np.array(told[:3]) / 1e3, np.radians(told[3:]))
+            # The TCP is printed to 0.1 µm: the exact one is what is left at one pose, and must fit all others.
+            zero = np.zeros(6)
+            exact = np.linalg.inv(by_ur(folder / f"{name}.yaml", np.eye(4))(zero)) @ chain.forward(zero)
+            assert apart(near, exact)[0] < 1e-6
+            readers["UR kinematics"] = by_ur(folder / f"{name}.yaml", exact)
+        poses = rng.uniform(-2.5, 2.5, (300, len(joints)))
+        wanted = [chain.forward(q) for q in poses]
+        for reader, forward in readers.items():
+            errors = np.array([apart(forward(q), w) for q, w in zip(poses, wanted)])
+            largest = errors.max(axis=0)
+            rows.append((name, reader, *largest))
+            worst = np.maximum(worst, largest)
+    print("| arm | read by | largest error, nm | nrad |\n|---|---|---|---|")
+    for name, reader, position, angle in rows:
+        print(f"| {name} | {reader} | {1e9 * position:.6f} | {1e9 * angle:.6f} |")
+    if worst[0] > LIMIT_M or worst[1] > LIMIT_RAD:
+        sys.exit(f"beyond a nanometre: {1e9 * worst[0]:.3f} nm, {1e9 * worst[1]:.3f} nrad")
+    print(f"\nall within {1e9 * worst[0]:.6f} nm and {1e9 * worst[1]:.6f} nrad over 300 poses each")
+
+
+main()

@@ -1,0 +1,304 @@
+//! Which of the hypotheses the residuals ask for, at a stated rate of false alarms.
+//!
+//! In units of their covariance (y and X multiplied by L⁻¹, V = L Lᵀ) the residuals of an arm that has not changed are
+//! independent normal numbers. With Q a basis of everything that is looked for and ν = m − rank,
+//!
+//! ```text
+//! T_h = |Q_hᵀ y|² / (|y − Q Qᵀ y|² / ν)      s_h = T_h / (its own 1 − α quantile)      alarm: max_h s_h > c
+//! ```
+//!
+//! c is the 1 − α quantile of the largest s of all hypotheses together. Both quantiles come from draws of the same
+//! numbers, in which nothing has moved: no table of a distribution that several overlapping tests do not have, and one rate for
+//! all of them. What is told is the hypothesis with the largest T_h − r_h ln m (Schwarz): six components explain what one
+//! does, and a little noise besides. Then the same is asked of what it leaves.
+
+use faer::Mat;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{ChiSquared, Distribution, StandardNormal};
+
+/// Draws of an arm that has not changed: at a rate of 1 % the critical value is known to 1 % of itself.
+const DRAWS: usize = 20_000;
+const SEED: u64 = 20_261_120;
+/// Part of a column that must be left beside others for it to be one of its own.
+const INDEPENDENT: f64 = 1e-6;
+/// An effect of less than so many standard deviations for a whole metre, radian or kilogram is rounding.
+const VISIBLE: f64 = 1e-3;
+/// Parts that may have moved at once.
+const MOST: usize = 3;
+
+/// Residuals and effects in units of their covariance, within the space of everything that is looked for.
+pub struct Test {
+    /// Qᵀ y.
+    seen: Vec<f64>,
+    /// |y − Q Qᵀ y|².
+    rest: f64,
+    /// ν.
+    pub freedom: usize,
+    /// m.
+    rows: usize,
+    /// Qᵀ X_h of every hypothesis, each column a vector.
+    effects: Vec<Columns>,
+    /// Hypotheses that are one part, which can move once.
+    parts: Vec<usize>,
+    draws: Vec<(Vec<f64>, f64)>,
+}
+
+/// Columns of a matrix.
+pub type Columns = Vec<Vec<f64>>;
+
+/// A hypothesis that was taken.
+#[derive(Clone, Debug)]
+pub struct Choice {
+    /// Its number.
+    pub hypothesis: usize,
+    /// Share of draws with an alarm as loud as this; at least one in all of them.
+    pub p_value: f64,
+}
+
+impl Test {
+    /// From whitened residuals and effects, `nuisance` being free in any case; `parts` numbers the part of each hypothesis.
+    ///
+    /// `absent` rows of `y` are zeros that stand for nothing.
+    pub fn new(
+        y: &Mat<f64>,
+        nuisance: &Columns,
+        effects: &[Columns],
+        parts: Vec<usize>,
+        absent: usize,
+    ) -> Self {
+        let nuisance = basis(nuisance, &[]);
+        let clean = |column: &Vec<f64>| without(column, &nuisance);
+        let y = clean(&(0..y.nrows()).map(|i| y[(i, 0)]).collect());
+        let effects: Vec<Columns> = effects
+            .iter()
+            .map(|columns| columns.iter().map(clean).collect())
+            .collect();
+        let all = basis(&effects.concat(), &[]);
+        let inside = |column: &Vec<f64>| all.iter().map(|q| inner(q, column)).collect();
+        let seen: Vec<f64> = inside(&y);
+        let rest = (inner(&y, &y) - inner(&seen, &seen)).max(0.0);
+        let rows = y.len() - nuisance.len() - absent;
+        let freedom = rows.saturating_sub(all.len());
+        let mut random = ChaCha8Rng::seed_from_u64(SEED);
+        let chi_squared = ChiSquared::new(freedom.max(1) as f64).expect("a positive number");
+        let draws = (0..DRAWS).map(|_| {
+            let seen = all.iter().map(|_| StandardNormal.sample(&mut random));
+            (seen.collect(), chi_squared.sample(&mut random))
+        });
+        Self {
+            draws: draws.collect(),
+            effects: effects
+                .iter()
+                .map(|columns| columns.iter().map(inside).collect())
+                .collect(),
+            seen,
+            rest,
+            freedom,
+            rows,
+            parts,
+        }
+    }
+
+    /// Variance of what is left, 1 when the covariance is true.
+    pub fn variance(&self) -> f64 {
+        self.rest / self.freedom.max(1) as f64
+    }
+
+    /// What has moved, in the order in which it was found.
+    pub fn choose(&self, false_alarms: f64) -> Vec<Choice> {
+        let mut chosen: Vec<Choice> = Vec::new();
+        while chosen.len() < MOST {
+            let taken: Vec<usize> = chosen.iter().map(|c| c.hypothesis).collect();
+            let Some(next) = self.next(&taken, false_alarms) else {
+                break;
+            };
+            chosen.push(next);
+        }
+        chosen
+    }
+
+    /// The best hypothesis beside those that were taken, if it is significant.
+    fn next(&self, taken: &[usize], false_alarms: f64) -> Option<Choice> {
+        let known = self.columns(taken);
+        let candidates: Vec<(usize, Columns)> = (0..self.effects.len())
+            .filter(|h| taken.iter().all(|t| self.parts[*t] != self.parts[*h]))
+            .map(|h| (h, self.beside(h, &known)))
+            .filter(|(_, q)| !q.is_empty())
+            .collect();
+        let own: Vec<f64> = candidates
+            .iter()
+            .map(|(_, q)| self.quantile(q, false_alarms))
+            .collect();
+        let loudest = |seen: &[f64], variance: f64| {
+            let of = |((_, q), own): (&(usize, Columns), &f64)| projected(q, seen) / variance / own;
+            candidates.iter().zip(&own).map(of).fold(0.0, f64::max)
+        };
+        let found = loudest(&self.seen, self.variance());
+        let freedom = self.freedom.max(1) as f64;
+        let louder = self
+            .draws
+            .iter()
+            .filter(|(seen, rest)| loudest(seen, rest / freedom) >= found)
+            .count();
+        let p_value = (louder + 1) as f64 / (DRAWS + 1) as f64;
+        if p_value > false_alarms {
+            return None;
+        }
+        let score = |q: &Columns| {
+            projected(q, &self.seen) / self.variance() - q.len() as f64 * (self.rows as f64).ln()
+        };
+        let best = candidates
+            .iter()
+            .max_by(|a, b| score(&a.1).total_cmp(&score(&b.1)))?;
+        Some(Choice {
+            hypothesis: best.0,
+            p_value,
+        })
+    }
+
+    /// Whether these hypotheses leave nothing that `other` would explain, at its own rate of false alarms.
+    pub fn explain(&self, taken: &[usize], other: usize, false_alarms: f64) -> bool {
+        let q = self.beside(other, &self.columns(taken));
+        q.is_empty()
+            || projected(&q, &self.seen) / self.variance() <= self.quantile(&q, false_alarms)
+    }
+
+    /// How many units of noise a hypothesis makes, one unit of each component, and how many of them `hidden_by` does not
+    /// make just as well.
+    pub fn visible(&self, hypothesis: usize, hidden_by: usize) -> (f64, f64) {
+        let other = basis(&self.effects[hidden_by], &[]);
+        let norms = self.effects[hypothesis].iter().map(|column| {
+            let left = without(column, &other);
+            (inner(column, column), inner(&left, &left))
+        });
+        let (effect, own) = norms.fold((0.0, 0.0), |sum, n| (sum.0 + n.0, sum.1 + n.1));
+        (effect.sqrt(), own.sqrt())
+    }
+
+    /// The smallest change that this hypothesis finds nine times in ten, in its worst direction, in units of its
+    /// components (metres, radians or kilograms), with the `critical` value of [`Test::critical`].
+    pub fn smallest(&self, hypothesis: usize, false_alarms: f64, critical: f64) -> f64 {
+        let q = self.beside(hypothesis, &Vec::new());
+        let critical = critical * self.quantile(&q, false_alarms);
+        let freedom = self.freedom.max(1) as f64;
+        let found = |shift: f64| {
+            let alarms = self.draws.iter().take(DRAWS / 10).filter(|(seen, rest)| {
+                let mut along: Vec<f64> = q.iter().map(|q| inner(q, seen)).collect();
+                if let Some(first) = along.first_mut() {
+                    *first += shift;
+                }
+                inner(&along, &along) / (rest / freedom) > critical
+            });
+            alarms.count() as f64 / (DRAWS / 10) as f64
+        };
+        let (mut low, mut high) = (0.0, 100.0);
+        for _ in 0..30 {
+            let middle = 0.5 * (low + high);
+            if found(middle) < 0.9 {
+                low = middle;
+            } else {
+                high = middle;
+            }
+        }
+        let columns = &self.effects[hypothesis];
+        let gram = Mat::from_fn(columns.len(), columns.len(), |i, j| {
+            inner(&columns[i], &columns[j])
+        });
+        let weakest = gram
+            .self_adjoint_eigenvalues(faer::Side::Lower)
+            .map_or(0.0, |values| {
+                values.into_iter().fold(f64::INFINITY, f64::min)
+            });
+        high / weakest.max(0.0).sqrt()
+    }
+
+    /// The critical value c before anything was taken.
+    pub fn critical(&self, false_alarms: f64) -> f64 {
+        let spaces: Vec<Columns> = (0..self.effects.len())
+            .map(|h| self.beside(h, &Vec::new()))
+            .collect();
+        let own: Vec<f64> = spaces
+            .iter()
+            .map(|q| self.quantile(q, false_alarms))
+            .collect();
+        let freedom = self.freedom.max(1) as f64;
+        let loudest = self.draws.iter().map(|(seen, rest)| {
+            let of = |(q, own): (&Columns, &f64)| projected(q, seen) / (rest / freedom) / own;
+            spaces.iter().zip(&own).map(of).fold(0.0, f64::max)
+        });
+        quantile(loudest.collect(), 1.0 - false_alarms)
+    }
+
+    /// 1 − α quantile of T of one hypothesis alone.
+    fn quantile(&self, q: &Columns, false_alarms: f64) -> f64 {
+        let freedom = self.freedom.max(1) as f64;
+        let of = |(seen, rest): &(Vec<f64>, f64)| projected(q, seen) / (rest / freedom);
+        quantile(self.draws.iter().map(of).collect(), 1.0 - false_alarms)
+    }
+
+    /// Half the width of an interval that holds 95 % of the estimates of one number, in its standard deviations.
+    pub fn reach(&self) -> f64 {
+        let freedom = self.freedom.max(1) as f64;
+        let of = |(seen, rest): &(Vec<f64>, f64)| {
+            seen.first()
+                .map_or(0.0, |z| z.abs() / (rest / freedom).sqrt())
+        };
+        quantile(self.draws.iter().map(of).collect(), 0.95)
+    }
+
+    fn columns(&self, taken: &[usize]) -> Columns {
+        let known: Vec<Columns> = taken.iter().map(|h| self.effects[*h].clone()).collect();
+        basis(&known.concat(), &[])
+    }
+
+    /// A basis of what a hypothesis does beside `known`.
+    fn beside(&self, hypothesis: usize, known: &Columns) -> Columns {
+        basis(&self.effects[hypothesis], known)
+    }
+}
+
+fn inner(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(x, y)| x * y).sum()
+}
+
+/// |Qᵀ y|².
+fn projected(q: &Columns, seen: &[f64]) -> f64 {
+    q.iter().map(|column| inner(column, seen).powi(2)).sum()
+}
+
+/// A column without what an orthonormal basis has of it.
+fn without(column: &[f64], basis: &[Vec<f64>]) -> Vec<f64> {
+    let mut out = column.to_vec();
+    // Twice is enough (Kahan).
+    for _ in 0..2 {
+        for q in basis {
+            let along = inner(q, &out);
+            for (value, part) in out.iter_mut().zip(q) {
+                *value -= along * part;
+            }
+        }
+    }
+    out
+}
+
+/// An orthonormal basis of the columns beside an orthonormal `known`.
+pub fn basis(columns: &[Vec<f64>], known: &[Vec<f64>]) -> Columns {
+    let mut all = known.to_vec();
+    for column in columns {
+        let mut left = without(column, &all);
+        let length = inner(&left, &left).sqrt();
+        let norm = inner(column, column).sqrt();
+        if norm > VISIBLE && length > INDEPENDENT * norm {
+            left.iter_mut().for_each(|x| *x /= length);
+            all.push(left);
+        }
+    }
+    all.split_off(known.len())
+}
+
+fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
+    let at = ((values.len() as f64 * share) as usize).min(values.len() - 1);
+    let (_, value, _) = values.select_nth_unstable_by(at, f64::total_cmp);
+    *value
+}

@@ -1,0 +1,293 @@
+//! `--report`: held-out errors for the page, and the pages of `calibrate` and `compare`.
+
+use std::path::{Path, PathBuf};
+
+use super::arguments::Calibrate;
+use super::calibrate::Document;
+use super::compare::with_noise;
+use super::{Arm, Failure, device_failure, drift, enough_poses, equations, file_name, progress};
+use crate::calibration::frames::Sample;
+use crate::calibration::{CalibrationError, Method, Options};
+use crate::compare::{ModelComparison, SetErrors, Task, TestSet, applicable};
+use crate::drift::Drift;
+use crate::error::InputError;
+use crate::export::{DeviceCalibration, Origin};
+use crate::learning;
+use crate::measurements::MeasurementSet;
+use crate::report::sections::{self, DeviceFacts};
+use crate::report::{Evidence, FileFacts, HeldOutFacts, How, Page, Provenance, Section};
+use crate::samples::ToolName;
+use crate::select::FOLDS;
+
+/// Seed of the folds of `calibrate`, which has no option for it.
+pub const SEED: u64 = 1;
+
+/// A test file of the same arm, whose tools have to be among the first `trained_tools`.
+pub fn read_test(
+    arm: &Arm,
+    path: &Path,
+    tools: &mut Vec<ToolName>,
+    trained_tools: usize,
+) -> Result<(MeasurementSet, Vec<Sample>), Failure> {
+    let (set, samples) = arm.read(path, tools)?;
+    if let Some(unknown) = tools.get(trained_tools) {
+        return Err(InputError::new(
+            path,
+            format!("{unknown}, which the training data do not have"),
+            "tools that were trained",
+        )
+        .with_help("calibrate, then `trainer evaluate --fit-tool ROWS` fits a new tool to some of its rows")
+        .into());
+    }
+    Ok((set, samples))
+}
+
+/// Test files, with the drift taken out when the training data have it taken out.
+pub struct Tests {
+    /// As they were read.
+    pub files: Vec<MeasurementSet>,
+    /// As they are predicted.
+    pub sets: Vec<TestSet>,
+}
+
+impl Tests {
+    /// Reads them all; the training file itself is refused.
+    pub fn read(
+        arm: &Arm,
+        paths: &[PathBuf],
+        train: &MeasurementSet,
+        tools: &[ToolName],
+        drift: Option<&Drift>,
+    ) -> Result<Self, Failure> {
+        let (mut files, mut sets) = (Vec::new(), Vec::new());
+        let mut names = tools.to_vec();
+        for path in paths {
+            let (set, mut samples) = read_test(arm, path, &mut names, tools.len())?;
+            if set.sha256 == train.sha256 {
+                let found = "the measurements that are trained on";
+                return Err(InputError::new(path, found, "poses that are held out").into());
+            }
+            if let Some(drift) = drift {
+                samples = drift::corrected(arm, &set, &mut names, drift)?;
+            }
+            let name = file_name(path);
+            files.push(set);
+            sets.push(TestSet { name, samples });
+        }
+        Ok(Self { files, sets })
+    }
+}
+
+/// Refuses before the work what could not be held out.
+pub fn check(
+    a: &Calibrate,
+    samples: &[Sample],
+    method: Method,
+    joints: usize,
+) -> Result<(), Failure> {
+    if a.report.is_none() || !a.tests.is_empty() {
+        return Ok(());
+    }
+    let smallest = samples.len() - samples.len().div_ceil(FOLDS);
+    enough_poses(&a.train, smallest, equations(samples), method, joints).map_err(|_| {
+        InputError::new(
+            &a.train,
+            format!("{} poses", samples.len()),
+            format!(
+                "more of them: the report holds out a fifth, and `{}` cannot be calibrated on the others",
+                method.name()
+            ),
+        )
+        .with_help("name a file of fresh poses with --test FILE, measure more, or leave --report out")
+        .into()
+    })
+}
+
+/// Held-out errors of a calibration: on test sets by the blob that was made, else by cross-validation. Without a report
+/// only what `--test` asks for.
+pub fn held_out(
+    a: &Calibrate,
+    arm: &Arm,
+    (set, samples): (&MeasurementSet, &[Sample]),
+    tests: &Tests,
+    options: &Options,
+    origin: &Origin,
+    found: &DeviceCalibration,
+) -> Result<Option<Evidence>, Failure> {
+    if a.report.is_none() && tests.sets.is_empty() {
+        return Ok(None);
+    }
+    let task = Task {
+        robot: &arm.robot,
+        nominal: &arm.nominal,
+        train: samples,
+        tests: &tests.sets,
+        folds: if tests.sets.is_empty() { FOLDS } else { 0 },
+        seed: SEED,
+        origin,
+    };
+    let loaded = |samples: &[Sample]| samples.iter().all(|s| s.payload_kg.is_some());
+    if options.method == Method::PoeGpLoad
+        && let Some(file) = a
+            .tests
+            .iter()
+            .zip(&tests.sets)
+            .find(|(_, set)| !loaded(&set.samples))
+    {
+        return Err(super::calibration_failure(
+            file.0,
+            &CalibrationError::NoPayload,
+        ));
+    }
+    let whole = |samples: &[Sample]| samples.iter().all(|s| !s.position_only);
+    let simpler = |method: &Method| {
+        *method < options.method
+            && (a.report.is_some() || *method == Method::BaseTool)
+            && (*method != Method::PoeGpLoad || tests.sets.iter().all(|t| loaded(&t.samples)))
+            && (!method.has_gp() || tests.sets.iter().all(|t| whole(&t.samples)))
+    };
+    let mut methods = applicable(samples);
+    methods.retain(simpler);
+    let sizes = if a.report.is_some() {
+        learning::sizes(&task, options).len()
+    } else {
+        0
+    };
+    let own = if tests.sets.is_empty() { FOLDS } else { 0 };
+    let bar = progress::bar(
+        methods.len() * task.calibrations() + own + sizes,
+        "held-out errors",
+    );
+    let mut models: Vec<ModelComparison> = Vec::new();
+    for method in methods {
+        let options = with_noise(a.fit.options(method), options.instrument_noise);
+        match task.run(&options, &mut || bar.inc(1)) {
+            Ok(model) => models.push(model),
+            // What the calibration is compared with need not be possible.
+            Err(error) => bar
+                .suspend(|| eprintln!("note: `{}` is not compared: {}", error.model, error.error)),
+        }
+    }
+    let last = if tests.sets.is_empty() {
+        task.run(options, &mut || bar.inc(1))
+            .map_err(|e| device_failure(&a.train, e.error))?
+    } else {
+        let of = |test: &TestSet| SetErrors::new(&test.name, found.held_out(&test.samples));
+        ModelComparison {
+            model: options.method.name(),
+            cross_validation: None,
+            sets: tests.sets.iter().map(of).collect(),
+        }
+    };
+    models.push(last);
+    let (how, sets) = if tests.sets.is_empty() {
+        let how = How::CrossValidation {
+            folds: FOLDS,
+            seed: SEED,
+        };
+        (how, vec![set])
+    } else {
+        (How::TestSets, tests.files.iter().collect())
+    };
+    let mut evidence = Evidence::new(how, &sets, &models, arm.nominal.kinds(), true);
+    if let (Some(evidence), true) = (&mut evidence, sizes > 0) {
+        bar.set_message("learning curve");
+        let poses = evidence.after().poses.clone();
+        evidence.learning = learning::curve(&task, options, &poses, &mut || bar.inc(1));
+    }
+    bar.finish_and_clear();
+    Ok(evidence)
+}
+
+/// Where a result comes from: what was read.
+pub fn provenance(
+    robot: &str,
+    arm: &Arm,
+    origin: &Origin,
+    seed: Option<u64>,
+    train: &MeasurementSet,
+    tests: &[MeasurementSet],
+) -> Provenance {
+    let mut files = vec![FileFacts::of_set("training", train)];
+    files.extend(tests.iter().map(|set| FileFacts::of_set("test", set)));
+    // A built-in robot has no file; its name and the version say it all.
+    if let Ok(bytes) = std::fs::read(robot) {
+        files.push(FileFacts::of_bytes("robot", robot, &bytes));
+    }
+    Provenance {
+        command: crate::report::provenance::command_line(),
+        version: env!("CARGO_PKG_VERSION"),
+        date: origin.date.clone(),
+        seed,
+        robot: arm.robot.name.clone(),
+        serial_number: origin.serial_number.clone(),
+        files,
+    }
+}
+
+/// Title and line below it.
+fn page(what: &str, provenance: &Provenance) -> Page {
+    let serial = match provenance.serial_number.as_str() {
+        "" => String::new(),
+        number => format!(", serial number {number}"),
+    };
+    Page::new(
+        format!("{what} {}{serial}", provenance.robot),
+        format!("{}, poegp trainer {}", provenance.date, provenance.version),
+    )
+}
+
+/// The page of `calibrate`.
+pub fn of_calibration(document: &Document, evidence: &Evidence, facts: &HeldOutFacts) -> String {
+    let elastic = document.elastic.as_ref();
+    let listed = elastic.map(super::elastic_facts::ElasticFacts::listed_outliers);
+    let ripple = elastic.map(super::elastic_facts::ElasticFacts::listed_ripple);
+    let device = DeviceFacts {
+        file: document.blob.file.clone(),
+        bytes: document.blob.bytes,
+        support: document.blob.support,
+        instructions: document.blob.instructions,
+        bound: (document.bound_mm, document.bound_mrad),
+        f32_error_um: (document.f32_error_um.mean, document.f32_error_um.max),
+    };
+    let page =
+        page("Calibration of", &document.provenance).with(sections::headline(evidence, facts));
+    sections::held_out(page, evidence, facts)
+        .with(sections::parameters(
+            document.identifiability.as_ref(),
+            &document.frames,
+            &ripple.unwrap_or_default(),
+        ))
+        .with(sections::outliers(
+            evidence,
+            facts,
+            listed
+                .as_deref()
+                .ok_or("Only the elastic model looks for outliers among its training poses."),
+        ))
+        .with(sections::choice(
+            document.choice.as_deref(),
+            document.budget.as_deref(),
+        ))
+        .with(sections::device(&device))
+        .with(sections::provenance(&document.provenance))
+        .render()
+}
+
+/// The page of `compare`.
+pub fn of_comparison(provenance: &Provenance, evidence: &Evidence, facts: &HeldOutFacts) -> String {
+    let page =
+        page("Comparison of models for", provenance).with(sections::headline(evidence, facts));
+    sections::held_out(page, evidence, facts)
+        .with(sections::outliers(
+            evidence,
+            facts,
+            Err("Outliers among the training poses are in the report of `trainer calibrate`."),
+        ))
+        .with(Section::new("parameters", "What is not here").missing(
+            "A comparison makes models to compare them and keeps none. The parameters of the arm, the choice of the model \
+             and the file for the controller are in the report of `trainer calibrate --report`.",
+        ))
+        .with(sections::provenance(provenance))
+        .render()
+}

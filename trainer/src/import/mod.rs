@@ -1,0 +1,100 @@
+//! Measurement files as they come, by a map of their columns, into the measurement file of this project.
+//!
+//! ```text
+//! raw files ──> text (encoding, separator, header) ──> cells by the map ──> rows ──> CSV of crate::measurements
+//!                                                       points, joints ──> rigid fit ──┘
+//! ```
+//!
+//! `docs/import.md` has the map's keys and an example of every shape. Nothing is dropped in silence: a cell that is not
+//! what the map says is refused with file, line and column, a row without a measurement is refused unless the map says
+//! `incomplete = "leave-out"` and then listed, and columns that the map does not name are listed.
+//!
+//! **Rounding.** Whatever the shape, what is written is rounded once, at the end: positions to 1e-6 mm, joints to 1e-10
+//! degrees (1e-6 mm), quaternions to 1e-10, all below a nanometre at the tool. Two shapes of one measurement give the same
+//! rows to the last character as long as the raw file has the digits for it.
+
+mod cell;
+pub mod guess;
+
+pub mod map;
+mod orientation;
+mod points;
+mod rows;
+mod text;
+mod write;
+
+use std::path::{Path, PathBuf};
+
+use sha2::{Digest, Sha256};
+
+use crate::error::InputError;
+use crate::measurements;
+use map::Map;
+use text::Table;
+
+pub use write::Row;
+
+/// What came out of an import.
+#[derive(Debug)]
+pub struct Imported {
+    /// The measurement file.
+    pub csv: String,
+    /// The rows in it.
+    pub rows: Vec<Row>,
+    /// What its user should see.
+    pub notes: Vec<String>,
+}
+
+/// Reads `raws` as `map` says: one file of rows, or points and then joints.
+///
+/// # Errors
+/// [`InputError`] names file, line and column of the first thing that is not as the map says.
+pub fn import(raws: &[PathBuf], map: &Map) -> Result<Imported, InputError> {
+    let read = |path: &Path| {
+        std::fs::read(path)
+            .map_err(|error| InputError::unreadable(path, &error, "a measurement file"))
+    };
+    let bytes = raws
+        .iter()
+        .map(|path| read(path))
+        .collect::<Result<Vec<_>, _>>()?;
+    let (rows, mut notes) = match (map.points.is_some(), raws, bytes.as_slice()) {
+        (false, [path], [bytes]) => rows::rows(&Table::parse(path, bytes, &map.file)?, map)?,
+        (true, [points, joints], [point_bytes, joint_bytes]) => {
+            let layout = map.joints_file.as_ref().unwrap_or(&map.file);
+            points::rows(
+                &Table::parse(points, point_bytes, &map.file)?,
+                &Table::parse(joints, joint_bytes, layout)?,
+                map,
+            )?
+        }
+        (points, ..) => {
+            let expected = if points {
+                "two, the points and then the joints, as the map has [points]"
+            } else {
+                "one, as the map has no [points]"
+            };
+            let found = format!("{} files to import", raws.len());
+            return Err(InputError::new(&map.path, found, expected));
+        }
+    };
+    let sources: Vec<String> = raws
+        .iter()
+        .zip(&bytes)
+        .map(|(path, bytes)| {
+            let name = path
+                .file_name()
+                .map_or_else(String::new, |n| n.to_string_lossy().into_owned());
+            let digest: String = Sha256::digest(bytes)
+                .iter()
+                .map(|b| format!("{b:02x}"))
+                .collect();
+            format!("{name} (SHA-256 {digest})")
+        })
+        .collect();
+    let csv = write::csv(&rows, map, &sources);
+    // What is written is read again: a file that no other command takes is no import.
+    let set = measurements::parse(Path::new("<imported>"), csv.as_bytes())?;
+    notes.extend(set.notes);
+    Ok(Imported { csv, rows, notes })
+}

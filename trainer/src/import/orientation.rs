@@ -1,0 +1,167 @@
+//! Rotations as files have them: quaternions, Euler angles, rotation vectors, matrices.
+
+use nalgebra::{Matrix3, Vector3};
+use poegp_runtime::se3::{Pose, Twist};
+
+use super::cell::Cells;
+use super::map::{AngleUnit, EulerAxes, MatrixLayout, QuaternionOrder};
+use crate::calibration::base_tool::nearest_rotation;
+use crate::error::InputError;
+use crate::robot::chain::rotation_about;
+
+/// How far a quaternion's norm or a matrix may be off what it should be; [`crate::measurements`] has the same.
+const TOLERANCE: f64 = 1e-3;
+
+/// A rotation, and how far what stood in the file was off one.
+pub struct Found {
+    pub rotation: Matrix3<f64>,
+    pub off: f64,
+}
+
+/// Where the columns of an orientation are, and how they are to be read.
+pub enum Reader {
+    Quaternion([usize; 4], QuaternionOrder),
+    Euler([usize; 3], [usize; 3], EulerAxes, AngleUnit),
+    RotationVector([usize; 3], AngleUnit),
+    Matrix([usize; 9], MatrixLayout),
+}
+
+impl Reader {
+    /// The columns that it reads.
+    pub fn columns(&self) -> &[usize] {
+        match self {
+            Self::Quaternion(columns, _) => columns,
+            Self::Euler(columns, ..) | Self::RotationVector(columns, _) => columns,
+            Self::Matrix(columns, _) => columns,
+        }
+    }
+
+    pub fn read(&self, cells: &Cells<'_>) -> Result<Found, InputError> {
+        match self {
+            Self::Quaternion(columns, order) => quaternion(cells, columns, *order),
+            Self::Euler(columns, axes, how, unit) => {
+                let mut rotation = Matrix3::identity();
+                for (column, axis) in columns.iter().zip(axes) {
+                    let turn = rotation_about(*axis, cells.radians(*column, *unit)?).rotation;
+                    rotation = match how {
+                        EulerAxes::Intrinsic => rotation * turn,
+                        EulerAxes::Extrinsic => turn * rotation,
+                    };
+                }
+                Ok(Found { rotation, off: 0.0 })
+            }
+            Self::RotationVector(columns, unit) => {
+                let mut angular = Vector3::zeros();
+                for (x, column) in angular.iter_mut().zip(columns) {
+                    *x = cells.radians(*column, *unit)?;
+                }
+                let twist = Twist {
+                    linear: Vector3::zeros(),
+                    angular,
+                };
+                Ok(Found {
+                    rotation: Pose::exp(&twist).rotation,
+                    off: 0.0,
+                })
+            }
+            Self::Matrix(columns, layout) => {
+                let mut m = Matrix3::zeros();
+                for (i, column) in columns.iter().enumerate() {
+                    let place = match layout {
+                        MatrixLayout::Rows => (i / 3, i % 3),
+                        MatrixLayout::Columns => (i % 3, i / 3),
+                    };
+                    m[place] = cells.number(*column, "an element of a rotation matrix")?;
+                }
+                matrix(cells, columns[0], &m)
+            }
+        }
+    }
+}
+
+/// The axes of a stated order, as 0 to 2.
+pub fn axes(order: &str) -> Option<[usize; 3]> {
+    let axis = |c: char| "xyz".find(c.to_ascii_lowercase());
+    let axes: Vec<usize> = order.chars().map(axis).collect::<Option<_>>()?;
+    let axes = <[usize; 3]>::try_from(axes).ok()?;
+    (axes[0] != axes[1] && axes[1] != axes[2]).then_some(axes)
+}
+
+fn quaternion(
+    cells: &Cells<'_>,
+    columns: &[usize; 4],
+    order: QuaternionOrder,
+) -> Result<Found, InputError> {
+    let mut numbers = [0.0; 4];
+    for (x, column) in numbers.iter_mut().zip(columns) {
+        *x = cells.number(*column, "a component of a quaternion")?;
+    }
+    let [w, x, y, z] = match order {
+        QuaternionOrder::Wxyz => numbers,
+        QuaternionOrder::Xyzw => [numbers[3], numbers[0], numbers[1], numbers[2]],
+    };
+    let norm = (w * w + x * x + y * y + z * z).sqrt();
+    let off = (norm - 1.0).abs();
+    if off.is_nan() || off > TOLERANCE {
+        let found = format!("a quaternion of norm {norm:.6}");
+        return Err(cells
+            .error(
+                columns[0],
+                found,
+                format!("a unit quaternion (norm within {TOLERANCE} of 1)"),
+            )
+            .with_help("are these the four columns of one quaternion?"));
+    }
+    let pose = Pose::from_quaternion(w, &Vector3::new(x, y, z), Vector3::zeros());
+    Ok(Found {
+        rotation: pose.rotation,
+        off,
+    })
+}
+
+/// The rotation nearest to a matrix of a file; `column` is where it begins.
+pub fn matrix(cells: &Cells<'_>, column: usize, m: &Matrix3<f64>) -> Result<Found, InputError> {
+    let off = (m * m.transpose() - Matrix3::identity()).amax();
+    if off.is_nan() || off > TOLERANCE || m.determinant() < 0.0 {
+        let found = match m.determinant() < 0.0 && off <= TOLERANCE {
+            true => "a matrix that mirrors (determinant −1)".to_owned(),
+            false => format!("a matrix whose rows are off orthonormal by {off:.1e}"),
+        };
+        return Err(cells
+            .error(
+                column,
+                found,
+                format!("a rotation matrix, orthonormal within {TOLERANCE}"),
+            )
+            .with_help(
+                "are the columns in the order of the map (layout = \"rows\" or \"columns\")?",
+            ));
+    }
+    Ok(Found {
+        rotation: nearest_rotation(m),
+        off,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::axes;
+
+    #[test]
+    fn there_are_twelve_orders() {
+        let letters = ["x", "Y", "z"];
+        let mut count = 0;
+        for a in letters {
+            for b in letters {
+                for c in letters {
+                    count += usize::from(axes(&format!("{a}{b}{c}")).is_some());
+                }
+            }
+        }
+        assert_eq!(count, 12);
+        assert_eq!(axes("ZYX"), Some([2, 1, 0]));
+        for wrong in ["", "XY", "XXY", "XYZX", "ABC"] {
+            assert_eq!(axes(wrong), None, "{wrong}");
+        }
+    }
+}

@@ -1,0 +1,401 @@
+//! A list of points as Leica's programs and SpatialAnalyzer write it, with the joints in another file.
+//!
+//! Points that belong to one pose are joined by their names. Where the map knows the places of the targets on the tool,
+//! three or more points give the whole pose: the rigid motion that takes the places to the points, in least squares. Else
+//! every point is a measurement of a position.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::cell::Cells;
+use super::map::{Incomplete, Join, LengthUnit, Map, Points};
+use super::rows::{
+    Beside, columns, joint_columns, joint_values, left_out_note, one, twice_or_unused,
+};
+use super::text::{Line, Table};
+use super::write::Row;
+use crate::calibration::base_tool::nearest_rotation;
+use crate::error::InputError;
+
+/// A point farther from where the fit puts it is no noise, unless the map says more.
+const MAX_RESIDUAL_MM: f64 = 1.0;
+/// Targets that lie within this share of their extent of a line do not span a plane.
+const FLAT: f64 = 1e-3;
+
+/// One point.
+struct Point<'a> {
+    line: &'a Line,
+    target: String,
+    place: Vector3<f64>,
+}
+
+/// The points of a pose, in the order of the file.
+struct Group<'a> {
+    pose: String,
+    points: Vec<Point<'a>>,
+}
+
+/// The rows of two files, and what their user should see.
+pub fn rows(
+    points: &Table,
+    joints: &Table,
+    map: &Map,
+) -> Result<(Vec<Row>, Vec<String>), InputError> {
+    let Some(how) = &map.points else {
+        return Ok((Vec::new(), Vec::new()));
+    };
+    let mut notes = Vec::new();
+    let mut left_out = Vec::new();
+    let groups = groups(points, map, how, &mut notes, &mut left_out)?;
+
+    let joint_places = joint_columns(map, joints)?;
+    let beside = Beside::find(map, joints)?;
+    let name = map
+        .joints
+        .name
+        .as_ref()
+        .map(|name| one(map, joints, name, "joints.name"))
+        .transpose()?;
+    let mut used = joint_places.clone();
+    used.extend(beside.columns());
+    used.extend(name);
+    notes.extend(twice_or_unused(map, joints, &used)?);
+
+    let found = joined(&points.path, &groups, joints, map, how, name, &mut left_out)?;
+    let mut out = Vec::new();
+    let mut worst = (0.0_f64, 0, String::new());
+    for (group, line) in groups.iter().zip(found) {
+        let Some(line) = line else { continue };
+        let cells = Cells {
+            table: joints,
+            line,
+        };
+        let mut row = Row {
+            joints: joint_values(map, &cells, &joint_places)?,
+            ..Row::default()
+        };
+        beside.read(&cells, &mut row)?;
+        let Some(targets) = &how.targets else {
+            for point in &group.points {
+                let mut row = row.clone();
+                row.position_mm = point.place;
+                row.target =
+                    (how.target.is_some() || how.split.is_some()).then(|| point.target.clone());
+                out.push(row);
+            }
+            continue;
+        };
+        let places = in_millimetres(targets.get_ref(), how.targets_unit);
+        match fitted(points, group, &places, how)? {
+            Some(fit) => {
+                if fit.residual > worst.0 {
+                    worst = (fit.residual, fit.line, group.pose.clone());
+                }
+                row.position_mm = fit.translation;
+                row.orientation = Some(fit.rotation);
+                out.push(row);
+            }
+            None if map.incomplete == Incomplete::LeaveOut => {
+                left_out.extend(group.points.iter().map(|p| p.line.number.to_string()));
+            }
+            None => {
+                let names: Vec<&str> = group.points.iter().map(|p| p.target.as_str()).collect();
+                let found = format!(
+                    "pose {:?} with the targets {}",
+                    group.pose,
+                    names.join(", ")
+                );
+                return Err(InputError::new(
+                    &points.path,
+                    found,
+                    "three targets or more that are not on one line",
+                )
+                .at_line(group.points[0].line.number)
+                .with_help(
+                    "incomplete = \"leave-out\" in the map leaves such poses out and lists them",
+                ));
+            }
+        }
+    }
+    if worst.1 > 0 {
+        notes.push(format!(
+            "points of one pose fit the targets within {:.4} mm (pose {:?}, line {})",
+            worst.0, worst.2, worst.1
+        ));
+    }
+    notes.extend(left_out_note(&left_out));
+    if out.is_empty() {
+        return Err(InputError::new(
+            &points.path,
+            "no pose with joints and points",
+            "one at least",
+        ));
+    }
+    Ok((out, notes))
+}
+
+fn groups<'a>(
+    table: &'a Table,
+    map: &Map,
+    how: &Points,
+    notes: &mut Vec<String>,
+    left_out: &mut Vec<String>,
+) -> Result<Vec<Group<'a>>, InputError> {
+    let name = one(map, table, &how.name, "points.name")?;
+    let target = how
+        .target
+        .as_ref()
+        .map(|t| one(map, table, t, "points.target"))
+        .transpose()?;
+    let xyz: [usize; 3] = columns(map, table, &how.columns, "points.columns")?;
+    let mut used = vec![name];
+    used.extend(target);
+    used.extend(xyz);
+    notes.extend(twice_or_unused(map, table, &used)?);
+    let mut out: Vec<Group<'a>> = Vec::new();
+    let mut index: BTreeMap<String, usize> = BTreeMap::new();
+    for line in &table.rows {
+        let cells = Cells { table, line };
+        let text = cells.label(name)?;
+        let (pose, target) = match (target, &how.split) {
+            (Some(column), _) => (text, cells.label(column)?),
+            (None, Some(split)) => match text.rsplit_once(split.get_ref().as_str()) {
+                Some((pose, target)) if !pose.is_empty() && !target.is_empty() => {
+                    (pose.to_owned(), target.to_owned())
+                }
+                _ => {
+                    let expected =
+                        format!("pose and target with {:?} between them", split.get_ref());
+                    return Err(cells.error(name, format!("{text:?}"), expected));
+                }
+            },
+            (None, None) => (text, String::new()),
+        };
+        let empty = xyz.iter().any(|column| cells.text(*column).is_empty());
+        let mut place = Vector3::zeros();
+        if !(empty && map.incomplete == Incomplete::LeaveOut) {
+            for (x, column) in place.iter_mut().zip(xyz) {
+                *x = cells.millimetres(column, how.unit)?;
+            }
+        }
+        if place == Vector3::zeros() {
+            if map.incomplete == Incomplete::LeaveOut {
+                left_out.push(line.number.to_string());
+                continue;
+            }
+            return Err(cells
+                .error(xyz[0], "the point 0 0 0", "a measured point")
+                .with_help("an instrument writes 0 0 0 where it missed; incomplete = \"leave-out\" in the map leaves such points out and lists them"));
+        }
+        if let Some(targets) = &how.targets
+            && !targets.get_ref().contains_key(&target)
+        {
+            let known: Vec<String> = targets.get_ref().keys().map(|k| format!("{k:?}")).collect();
+            let expected = format!("one of points.targets of the map: {}", known.join(", "));
+            return Err(cells.error(name, format!("the target {target:?}"), expected));
+        }
+        let at = *index.entry(pose.clone()).or_insert_with(|| {
+            out.push(Group {
+                pose,
+                points: Vec::new(),
+            });
+            out.len() - 1
+        });
+        let group = &mut out[at];
+        if let Some(other) = group.points.iter().find(|p| p.target == target) {
+            let found = format!(
+                "target {target:?} of pose {:?} again, first on line {}",
+                group.pose, other.line.number
+            );
+            return Err(cells.error(name, found, "every point of a pose once"));
+        }
+        group.points.push(Point {
+            line,
+            target,
+            place,
+        });
+    }
+    Ok(out)
+}
+
+/// The row of joints of every pose; `None` where it is left out.
+fn joined<'a>(
+    points: &Path,
+    groups: &[Group<'_>],
+    joints: &'a Table,
+    map: &Map,
+    how: &Points,
+    name: Option<usize>,
+    left_out: &mut Vec<String>,
+) -> Result<Vec<Option<&'a Line>>, InputError> {
+    if how.join == Join::Order {
+        if groups.len() != joints.rows.len() {
+            let found = format!(
+                "{} rows of joints for {} poses of points",
+                joints.rows.len(),
+                groups.len()
+            );
+            return Err(
+                InputError::new(&joints.path, found, "as many, to be joined by order")
+                    .with_help("give the poses names and use join = \"name\""),
+            );
+        }
+        return Ok(joints.rows.iter().map(Some).collect());
+    }
+    let mut by_name: BTreeMap<&str, &Line> = BTreeMap::new();
+    let column = name.unwrap_or(0);
+    for line in &joints.rows {
+        let cells = Cells {
+            table: joints,
+            line,
+        };
+        cells.label(column)?;
+        if let Some(other) = by_name.insert(cells.text(column), line) {
+            let found = format!(
+                "pose {:?} again, first on line {}",
+                cells.text(column),
+                other.number
+            );
+            return Err(cells.error(column, found, "every pose once"));
+        }
+    }
+    let mut out = Vec::new();
+    for group in groups {
+        let line = by_name.remove(group.pose.as_str());
+        if line.is_none() {
+            let first = &group.points[0];
+            if map.incomplete == Incomplete::Refuse {
+                let found = format!(
+                    "pose {:?}, which has no joints in {}",
+                    group.pose,
+                    joints.path.display()
+                );
+                return Err(InputError::new(points, found, "a pose of both files")
+                .at_line(first.line.number)
+                .with_help("incomplete = \"leave-out\" in the map leaves such poses out and lists them"));
+            }
+            left_out.extend(group.points.iter().map(|p| p.line.number.to_string()));
+        }
+        out.push(line);
+    }
+    if let Some((pose, line)) = by_name.first_key_value() {
+        if map.incomplete == Incomplete::Refuse {
+            let found = format!("pose {pose:?}, which has no points");
+            return Err(InputError::new(&joints.path, found, "a pose of both files")
+                .at_line(line.number)
+                .with_help(
+                    "incomplete = \"leave-out\" in the map leaves such poses out and lists them",
+                ));
+        }
+        left_out.extend(
+            by_name
+                .values()
+                .map(|line| format!("{} of {}", line.number, joints.path.display())),
+        );
+    }
+    Ok(out)
+}
+
+/// Where a rigid motion puts the targets.
+struct Fit {
+    translation: Vector3<f64>,
+    rotation: Matrix3<f64>,
+    /// Largest distance in mm, and the line of its point.
+    residual: f64,
+    line: usize,
+}
+
+/// `instrument_from_tool` from the points of a pose: the rotation nearest to the correlation of points and places (K. S.
+/// Arun, T. S. Huang and S. D. Blostein, "Least-squares fitting of two 3-D point sets", 1987; the sign by S. Umeyama).
+/// `None` when they do not span a plane.
+fn fitted(
+    table: &Table,
+    group: &Group<'_>,
+    places: &BTreeMap<&str, Vector3<f64>>,
+    how: &Points,
+) -> Result<Option<Fit>, InputError> {
+    let pairs: Vec<(Vector3<f64>, Vector3<f64>, usize)> = group
+        .points
+        .iter()
+        .filter_map(|p| Some((p.place, *places.get(p.target.as_str())?, p.line.number)))
+        .collect();
+    let there: Vec<[f64; 3]> = pairs.iter().map(|(_, t, _)| [t[0], t[1], t[2]]).collect();
+    if !spans_a_plane(&there) {
+        return Ok(None);
+    }
+    let count = pairs.len() as f64;
+    let mut seen = Vector3::zeros();
+    let mut drawn = Vector3::zeros();
+    for (p, t, _) in &pairs {
+        seen += p / count;
+        drawn += t / count;
+    }
+    let correlation = pairs.iter().fold(Matrix3::zeros(), |sum, (p, t, _)| {
+        sum + (p - seen) * (t - drawn).transpose()
+    });
+    let rotation = nearest_rotation(&correlation);
+    let translation = seen - rotation * drawn;
+    let (residual, line) = pairs
+        .iter()
+        .map(|(p, t, line)| ((p - (rotation * t + translation)).norm(), *line))
+        .fold((0.0, pairs[0].2), |worst, next| {
+            if next.0 > worst.0 { next } else { worst }
+        });
+    let limit = how
+        .max_residual_mm
+        .as_ref()
+        .map_or(MAX_RESIDUAL_MM, |limit| *limit.get_ref());
+    if residual > limit {
+        let found = format!(
+            "points of pose {:?} that fit the targets to {residual:.3} mm only, this one worst",
+            group.pose
+        );
+        return Err(InputError::new(&table.path, found, format!("points within {limit} mm of the targets' places"))
+            .at_line(line)
+            .with_help("are names of points exchanged, or the targets' places another tool's? points.max_residual_mm is the limit"));
+    }
+    Ok(Some(Fit {
+        translation,
+        rotation,
+        residual,
+        line,
+    }))
+}
+
+/// Whether points are three or more and not on one line.
+pub fn spans_a_plane(points: &[[f64; 3]]) -> bool {
+    let Some(first) = points.first() else {
+        return false;
+    };
+    let from_first: Vec<Vector3<f64>> = points
+        .iter()
+        .map(|p| Vector3::from(*p) - Vector3::from(*first))
+        .collect();
+    let far = from_first
+        .iter()
+        .copied()
+        .fold(Vector3::zeros(), |far: Vector3<f64>, v| {
+            if v.norm() > far.norm() { v } else { far }
+        });
+    let length = far.norm();
+    from_first
+        .iter()
+        .any(|v| v.cross(&far).norm() > FLAT * length * length)
+}
+
+fn in_millimetres(
+    targets: &BTreeMap<String, [f64; 3]>,
+    unit: Option<LengthUnit>,
+) -> BTreeMap<&str, Vector3<f64>> {
+    let factor = match unit {
+        Some(LengthUnit::M) => 1e3,
+        Some(LengthUnit::Um) => 1e-3,
+        Some(LengthUnit::Mm) | None => 1.0,
+    };
+    targets
+        .iter()
+        .map(|(name, t)| (name.as_str(), factor * Vector3::from(*t)))
+        .collect()
+}

@@ -1,0 +1,298 @@
+//! From bytes to cells: letters, lines that are skipped, a header, rows of its width.
+
+use std::path::{Path, PathBuf};
+
+use super::map::{ColumnName, Decimal, Encoding, Layout, Separator};
+use crate::error::InputError;
+
+/// A row of cells, trimmed.
+#[derive(Clone, Debug)]
+pub struct Line {
+    /// Number in the file, from 1.
+    pub number: usize,
+    /// Its cells.
+    pub cells: Vec<String>,
+}
+
+/// The cells of a file.
+#[derive(Debug)]
+pub struct Table {
+    /// The file, for messages.
+    pub path: PathBuf,
+    /// The decimal point of its numbers.
+    pub decimal: Decimal,
+    /// What groups their digits.
+    pub thousands: Option<char>,
+    /// The header: its line and its names.
+    pub header: Option<Line>,
+    /// The second line of the header, which has units perhaps.
+    pub units: Vec<String>,
+    /// The rows, all as wide as the header or the first of them.
+    pub rows: Vec<Line>,
+}
+
+impl Table {
+    /// Takes a file apart; `path` is for messages.
+    pub fn parse(path: &Path, bytes: &[u8], layout: &Layout) -> Result<Self, InputError> {
+        let text = decoded(path, bytes, layout.encoding)?;
+        let lines: Vec<&str> = text.lines().collect();
+        let end = lines.len().saturating_sub(layout.skip_last_lines);
+        let mut kept = lines[..end]
+            .iter()
+            .enumerate()
+            .skip(layout.skip_lines)
+            .filter(|(_, line)| {
+                let line = line.trim();
+                !line.is_empty()
+                    && !layout
+                        .comments
+                        .iter()
+                        .any(|c| !c.is_empty() && line.starts_with(c.as_str()))
+            });
+        let mut header = None;
+        let mut units = Vec::new();
+        for i in 0..layout.header_lines {
+            let Some((index, line)) = kept.next() else {
+                return Err(InputError::new(
+                    path,
+                    "no header",
+                    "a header row and one measurement a row",
+                )
+                .with_help("is skip_lines too large? A file without header has header_lines = 0"));
+            };
+            let row = cells(path, index + 1, line, layout)?;
+            match i {
+                0 => {
+                    header = Some(Line {
+                        number: index + 1,
+                        cells: row,
+                    });
+                }
+                1 => units = row,
+                _ => {}
+            }
+        }
+        let mut rows = Vec::new();
+        for (index, line) in kept {
+            rows.push(Line {
+                number: index + 1,
+                cells: cells(path, index + 1, line, layout)?,
+            });
+        }
+        let Some(first) = rows.first() else {
+            return Err(InputError::new(
+                path,
+                "no rows",
+                "one measurement a row after the header",
+            ));
+        };
+        // A separator at the end of every row makes a cell that is none.
+        if let Some(header) = &mut header {
+            while header.cells.len() > 1 && header.cells.last().is_some_and(String::is_empty) {
+                header.cells.pop();
+            }
+        }
+        let width = header
+            .as_ref()
+            .map_or(first.cells.len(), |header| header.cells.len());
+        for row in &mut rows {
+            while row.cells.len() > width && row.cells.last().is_some_and(String::is_empty) {
+                row.cells.pop();
+            }
+            if row.cells.len() != width {
+                let found = format!("{} cells", row.cells.len());
+                let expected = match &header {
+                    Some(_) => format!("{width}, as the header has"),
+                    None => format!("{width}, as the first row has"),
+                };
+                let help = match (layout.separator, width, layout.decimal) {
+                    (_, 1, _) => "is the separator another one?",
+                    (Separator::Comma, _, Decimal::Point) if row.cells.len() > width => {
+                        "is the comma the decimal point?"
+                    }
+                    _ if row.cells.len() < width => {
+                        "was the file cut off here? Lines that are no rows are skipped by skip_lines, skip_last_lines \
+                         or comments"
+                    }
+                    _ => "does a text hold the separator? Then it has to be in double quotes",
+                };
+                return Err(InputError::new(path, found, expected)
+                    .at_line(row.number)
+                    .with_help(help));
+            }
+        }
+        Ok(Self {
+            path: path.to_path_buf(),
+            decimal: layout.decimal,
+            thousands: layout.thousands,
+            header,
+            units,
+            rows,
+        })
+    }
+
+    /// Number of columns.
+    pub fn width(&self) -> usize {
+        self.header
+            .as_ref()
+            .or(self.rows.first())
+            .map_or(0, |line| line.cells.len())
+    }
+
+    /// The name of column `index` (from 0), or "".
+    pub fn name(&self, index: usize) -> &str {
+        let cells = self
+            .header
+            .as_ref()
+            .map(|header| header.cells.as_slice())
+            .unwrap_or(&[]);
+        cells.get(index).map_or("", String::as_str)
+    }
+
+    /// Where a column is, from 0; else what was found and expected.
+    pub fn find(&self, column: &ColumnName) -> Result<usize, (String, String)> {
+        let width = self.width();
+        let name = match column {
+            ColumnName::Number(number) if (1..=width).contains(number) => return Ok(number - 1),
+            ColumnName::Number(number) => {
+                let path = self.path.display();
+                return Err((
+                    format!("column {number}"),
+                    format!("a column from 1 to {width} of {path}"),
+                ));
+            }
+            ColumnName::Name(name) => name.trim(),
+        };
+        let Some(header) = &self.header else {
+            return Err((
+                format!("the column {name:?}"),
+                "numbers of columns, as header_lines is 0".to_owned(),
+            ));
+        };
+        let mut there = header
+            .cells
+            .iter()
+            .enumerate()
+            .filter(|(_, cell)| cell.as_str() == name);
+        match (there.next(), there.next()) {
+            (Some((index, _)), None) => Ok(index),
+            (Some((one, _)), Some((other, _))) => Err((
+                format!(
+                    "the column {name:?}, which is twice in the header, as {} and {}",
+                    one + 1,
+                    other + 1
+                ),
+                "the number of the column".to_owned(),
+            )),
+            _ => {
+                let names: Vec<String> = header
+                    .cells
+                    .iter()
+                    .map(|name| format!("{name:?}"))
+                    .collect();
+                Err((
+                    format!("the column {name:?}"),
+                    format!(
+                        "one of those of {}: {}",
+                        self.path.display(),
+                        names.join(", ")
+                    ),
+                ))
+            }
+        }
+    }
+}
+
+/// The letters of a file.
+pub fn decoded(path: &Path, bytes: &[u8], encoding: Encoding) -> Result<String, InputError> {
+    if bytes.starts_with(b"PK\x03\x04") {
+        return Err(InputError::new(path, "a spreadsheet or zip file", "text")
+            .with_help("export the table as CSV"));
+    }
+    let is_utf16 = bytes.starts_with(&[0xff, 0xfe]) || bytes.starts_with(&[0xfe, 0xff]);
+    if is_utf16 != (encoding == Encoding::Utf16) {
+        let (found, help) = match is_utf16 {
+            true => (
+                "UTF-16 text",
+                "say so in the map: encoding = \"utf-16\" in [file]",
+            ),
+            false => (
+                "no byte order mark",
+                "without one UTF-16 cannot be told from anything else",
+            ),
+        };
+        let expected = if is_utf16 {
+            "text as the map says"
+        } else {
+            "UTF-16 with its byte order mark"
+        };
+        return Err(InputError::new(path, found, expected).with_help(help));
+    }
+    match encoding {
+        Encoding::Utf8 => {
+            let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+            let line = |at: usize| 1 + bytes[..at].iter().filter(|byte| **byte == b'\n').count();
+            if let Some(zero) = bytes.iter().position(|byte| *byte == 0) {
+                return Err(InputError::new(path, "a binary file (a zero byte)", "text")
+                    .at_line(line(zero)));
+            }
+            match std::str::from_utf8(bytes) {
+                Ok(text) => Ok(text.to_owned()),
+                Err(error) => Err(InputError::new(path, "bytes that are not UTF-8", "UTF-8 text")
+                    .at_line(line(error.valid_up_to()))
+                    .with_help("older programs write Latin-1: encoding = \"latin-1\" in [file] of the map")),
+            }
+        }
+        Encoding::Latin1 => Ok(bytes.iter().map(|byte| char::from(*byte)).collect()),
+        Encoding::Utf16 => {
+            let little = bytes.starts_with(&[0xff, 0xfe]);
+            let units = bytes[2..].chunks_exact(2).map(|pair| match little {
+                true => u16::from_le_bytes([pair[0], pair[1]]),
+                false => u16::from_be_bytes([pair[0], pair[1]]),
+            });
+            let text: Result<String, _> = char::decode_utf16(units).collect();
+            match text {
+                Ok(text) if bytes.len().is_multiple_of(2) => Ok(text),
+                _ => Err(
+                    InputError::new(path, "bytes that are not UTF-16", "UTF-16 text")
+                        .with_help("was the file cut off?"),
+                ),
+            }
+        }
+    }
+}
+
+/// The cells of a line, trimmed.
+pub fn cells(
+    path: &Path,
+    number: usize,
+    line: &str,
+    layout: &Layout,
+) -> Result<Vec<String>, InputError> {
+    let delimiter = match layout.separator {
+        Separator::Comma => b',',
+        Separator::Semicolon => b';',
+        Separator::Tab => b'\t',
+        Separator::Space => return Ok(line.split_whitespace().map(str::to_owned).collect()),
+    };
+    if line.matches('"').count() % 2 == 1 {
+        return Err(InputError::new(
+            path,
+            "a quotation mark that is not closed",
+            "texts in pairs of quotation marks",
+        )
+        .at_line(number));
+    }
+    let mut reader = csv::ReaderBuilder::new()
+        .has_headers(false)
+        .delimiter(delimiter)
+        .trim(csv::Trim::All)
+        .from_reader(line.as_bytes());
+    match reader.records().next() {
+        Some(Ok(record)) => Ok(record.iter().map(str::to_owned).collect()),
+        Some(Err(error)) => {
+            Err(InputError::new(path, error.to_string(), "a row of cells").at_line(number))
+        }
+        None => Ok(Vec::new()),
+    }
+}

@@ -1,0 +1,348 @@
+//! Plots as inline SVG.
+//!
+//! What is drawn has a class and no colour: colours, also of dark pages and of paper, are the style sheet's. Marks are one
+//! `path` for each series, not an element for each point, so that a thousand poses stay small. Coordinates have one
+//! decimal of a unit that is about a pixel.
+
+mod axis;
+
+use maud::{Markup, html};
+
+pub use axis::{Axis, Scale, plain, round_125};
+
+/// What a mark belongs to: its colour.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Series {
+    /// Before the calibration.
+    Before,
+    /// After the calibration.
+    After,
+    /// What is neither.
+    Other,
+    /// What the others are compared with.
+    Reference,
+}
+
+impl Series {
+    fn class(self) -> &'static str {
+        match self {
+            Self::Before => "before",
+            Self::After => "after",
+            Self::Other => "other",
+            Self::Reference => "reference",
+        }
+    }
+}
+
+/// Five numbers of a box plot.
+#[derive(Clone, Debug)]
+pub struct BoxOf {
+    /// What is written beside it.
+    pub name: String,
+    /// Its colour.
+    pub series: Series,
+    /// 5, 25, 50, 75 and 95 % of the values lie below.
+    pub quantiles: [f64; 5],
+    /// Arithmetic mean.
+    pub mean: f64,
+    /// Largest value.
+    pub max: f64,
+}
+
+impl BoxOf {
+    /// Of values; `None` when there are none.
+    pub fn new(name: impl Into<String>, series: Series, values: &[f64]) -> Option<Self> {
+        let mut sorted = values.to_vec();
+        sorted.sort_by(f64::total_cmp);
+        let max = *sorted.last()?;
+        let share = |p| crate::statistics::percentile(&sorted, p);
+        Some(Self {
+            name: name.into(),
+            series,
+            quantiles: [0.05, 0.25, 0.5, 0.75, 0.95].map(share),
+            mean: sorted.iter().sum::<f64>() / sorted.len() as f64,
+            max,
+        })
+    }
+}
+
+/// Room around the plane, in units of the drawing.
+const RIGHT: f64 = 12.0;
+const TOP: f64 = 10.0;
+const BOTTOM: f64 = 40.0;
+const LEFT: f64 = 54.0;
+/// Width of a character of the labels, about.
+const CHARACTER: f64 = 6.3;
+/// Characters of a name beside a box.
+const NAME: usize = 20;
+
+/// A plane with two axes, and what is drawn on it.
+#[derive(Debug)]
+pub struct Plot {
+    x: Axis,
+    y: Axis,
+    width: f64,
+    height: f64,
+    left: f64,
+    y_ticks: bool,
+    marks: Vec<Markup>,
+}
+
+impl Plot {
+    /// An empty plane of the usual size.
+    pub fn new(x: Axis, y: Axis) -> Self {
+        Self {
+            x,
+            y,
+            width: 440.0,
+            height: 270.0,
+            left: LEFT,
+            y_ticks: true,
+            marks: Vec::new(),
+        }
+    }
+
+    /// The same of another size.
+    #[must_use]
+    pub fn sized(mut self, width: f64, height: f64) -> Self {
+        (self.width, self.height) = (width, height);
+        self
+    }
+
+    fn plane(&self) -> (f64, f64) {
+        (self.width - self.left - RIGHT, self.height - TOP - BOTTOM)
+    }
+
+    fn at(&self, x: f64, y: f64) -> (f64, f64) {
+        let (width, height) = self.plane();
+        (
+            self.left + width * self.x.place(x),
+            TOP + height * (1.0 - self.y.place(y)),
+        )
+    }
+
+    /// A dot for each point.
+    pub fn dots(&mut self, series: Series, points: impl IntoIterator<Item = (f64, f64)>) {
+        let mut d = String::new();
+        for (x, y) in points {
+            let (x, y) = self.at(x, y);
+            d += &format!("M{} {}h0", short(x), short(y));
+        }
+        let class = format!("dots {}", series.class());
+        self.marks.push(html! { path class=(class) d=(d) {} });
+    }
+
+    /// A dot for one point that says something when it is pointed at.
+    pub fn told_dot(&mut self, series: Series, point: (f64, f64), told: &str) {
+        let (x, y) = self.at(point.0, point.1);
+        let class = format!("told {}", series.class());
+        self.marks.push(html! {
+            circle class=(class) cx=(short(x)) cy=(short(y)) r="3" { title { (told) } }
+        });
+    }
+
+    /// A line through the points, with a dot at each when `dotted`.
+    pub fn line(&mut self, series: Series, points: &[(f64, f64)], dotted: bool) {
+        let mut d = String::new();
+        for (i, (x, y)) in points.iter().enumerate() {
+            let (x, y) = self.at(*x, *y);
+            d += &format!(
+                "{}{} {}",
+                if i == 0 { 'M' } else { 'L' },
+                short(x),
+                short(y)
+            );
+        }
+        let class = format!("line {}", series.class());
+        self.marks.push(html! { path class=(class) d=(d) {} });
+        if dotted {
+            self.dots(series, points.iter().copied());
+        }
+    }
+
+    /// Bars from the lower end of the y axis: left, right, height.
+    pub fn bars(&mut self, series: Series, bars: &[(f64, f64, f64)]) {
+        let mut d = String::new();
+        for (from, to, height) in bars.iter().filter(|b| b.2 > 0.0) {
+            let ((left, top), (right, bottom)) =
+                (self.at(*from, *height), self.at(*to, self.y.lower));
+            d += &format!(
+                "M{} {}V{}H{}V{}z",
+                short(left),
+                short(bottom),
+                short(top),
+                short(right),
+                short(bottom)
+            );
+        }
+        let class = format!("bar {}", series.class());
+        self.marks.push(html! { path class=(class) d=(d) {} });
+    }
+
+    /// A line across the plane at `x`, with a few words at its upper end.
+    pub fn upright(&mut self, series: Series, x: f64, words: &str) {
+        let ((x, top), (_, bottom)) = (self.at(x, self.y.upper), self.at(x, self.y.lower));
+        let class = format!("rule {}", series.class());
+        let (end, anchor) = if x > self.width * 0.6 {
+            (x - 4.0, "end")
+        } else {
+            (x + 4.0, "start")
+        };
+        self.marks.push(html! {
+            path class=(class) d=(format!("M{} {}V{}", short(x), short(top), short(bottom))) {}
+            text class="note" x=(short(end)) y=(short(top + 11.0)) text-anchor=(anchor) { (words) }
+        });
+    }
+
+    /// A line across the plane at `y`, with a few words below its left end.
+    pub fn level(&mut self, series: Series, y: f64, words: &str) {
+        let ((left, y), (right, _)) = (self.at(self.x.lower, y), self.at(self.x.upper, y));
+        let class = format!("rule {}", series.class());
+        self.marks.push(html! {
+            path class=(class) d=(format!("M{} {}H{}", short(left), short(y), short(right))) {}
+            text class="note" x=(short(left + 4.0)) y=(short(y + 13.0)) { (words) }
+        });
+    }
+
+    /// An arrow from each point by a displacement in the units of the axes.
+    pub fn arrows(&mut self, series: Series, arrows: impl IntoIterator<Item = [f64; 4]>) {
+        let mut d = String::new();
+        for [x, y, dx, dy] in arrows {
+            let ((x, y), (u, v)) = (self.at(x, y), self.at(x + dx, y + dy));
+            d += &format!("M{} {}L{} {}", short(x), short(y), short(u), short(v));
+            let (length, angle) = ((u - x).hypot(v - y), (v - y).atan2(u - x));
+            let head = (0.35 * length).min(4.0);
+            if head >= 0.8 {
+                let side = |turn: f64| {
+                    let a = angle + turn;
+                    (short(u + head * a.cos()), short(v + head * a.sin()))
+                };
+                let ((a, b), (c, e)) = (side(2.6), side(-2.6));
+                d += &format!("M{a} {b}L{} {}L{c} {e}", short(u), short(v));
+            }
+        }
+        let class = format!("arrows {}", series.class());
+        self.marks.push(html! { path class=(class) d=(d) {} });
+    }
+
+    /// The drawing; `told` is what it shows for those who cannot see it.
+    pub fn render(&self, told: &str) -> Markup {
+        let (width, height) = self.plane();
+        let (right, bottom) = (self.left + width, TOP + height);
+        let places_x = self
+            .x
+            .ticks()
+            .into_iter()
+            .map(|(value, text)| (self.left + width * self.x.place(value), text));
+        let places_y = self
+            .y
+            .ticks()
+            .into_iter()
+            .map(|(value, text)| (TOP + height * (1.0 - self.y.place(value)), text));
+        let (places_x, places_y): (Vec<_>, Vec<_>) = (places_x.collect(), places_y.collect());
+        let mut grid = String::new();
+        for (x, _) in &places_x {
+            grid += &format!("M{} {}V{}", short(*x), short(TOP), short(bottom));
+        }
+        for (y, _) in places_y.iter().filter(|_| self.y_ticks) {
+            grid += &format!("M{} {}H{}", short(self.left), short(*y), short(right));
+        }
+        let middle = TOP + height / 2.0;
+        html! {
+            svg viewBox=(format!("0 0 {} {}", short(self.width), short(self.height))) role="img" aria-label=(told) {
+                path class="grid" d=(grid) {}
+                @for (x, text) in &places_x {
+                    text class="tick" x=(short(*x)) y=(short(bottom + 15.0)) text-anchor="middle" { (text) }
+                }
+                @if self.y_ticks {
+                    @for (y, text) in &places_y {
+                        text class="tick" x=(short(self.left - 6.0)) y=(short(y + 4.0)) text-anchor="end" { (text) }
+                    }
+                    text class="label" x="12" y=(short(middle)) text-anchor="middle"
+                        transform=(format!("rotate(-90 12 {})", short(middle))) { (self.y.label) }
+                }
+                @for mark in &self.marks { (mark) }
+                path class="axis" d=(format!("M{} {}V{}H{}", short(self.left), short(TOP), short(bottom), short(right))) {}
+                text class="label" x=(short(self.left + width / 2.0)) y=(short(self.height - 5.0)) text-anchor="middle" {
+                    (self.x.label)
+                }
+            }
+        }
+    }
+}
+
+/// Boxes lying on one axis, one below the other: quartiles, whiskers at 5 and 95 %, a diamond at the mean, a dot at the
+/// largest.
+pub fn boxes(label: &str, boxes: &[BoxOf], told: &str) -> Markup {
+    let ends = boxes.iter().flat_map(|b| [b.quantiles[0], b.max]);
+    let largest = ends.clone().fold(0.0, f64::max);
+    let medians = boxes.iter().map(|b| b.quantiles[2]);
+    let smallest = medians.fold(f64::INFINITY, f64::min);
+    let x = if largest > 12.0 * smallest {
+        Axis::log(label, ends.fold(f64::INFINITY, f64::min), largest)
+    } else {
+        Axis::linear(label, 0.0, 1.04 * largest)
+    };
+    let row = if boxes.len() > 7 { 24.0 } else { 32.0 };
+    let longest = boxes.iter().map(|b| b.name.chars().count().min(NAME)).max();
+    let mut plot = Plot::new(x, Axis::linear("", 0.0, boxes.len() as f64));
+    plot.height = TOP + BOTTOM + row * boxes.len() as f64;
+    plot.left = 14.0 + CHARACTER * longest.unwrap_or(0) as f64;
+    plot.y_ticks = false;
+    for (i, b) in boxes.iter().enumerate() {
+        let middle = boxes.len() as f64 - i as f64 - 0.5;
+        let at = |x: f64| plot.at(x, middle);
+        let [(a, y), (q1, _), (m, _), (q3, _), (z, _)] = b.quantiles.map(at);
+        let half = 0.3 * row;
+        let class = format!("box {}", b.series.class());
+        let whiskers = format!(
+            "M{} {y}H{}M{} {y}H{}M{} {}v{}M{} {}v{}",
+            short(a),
+            short(q1),
+            short(q3),
+            short(z),
+            short(a),
+            short(y - half / 2.0),
+            short(half),
+            short(z),
+            short(y - half / 2.0),
+            short(half),
+            y = short(y)
+        );
+        let mean = at(b.mean).0;
+        let name = shortened(&b.name);
+        let drawn = html! {
+            g class=(class) {
+                title { (b.name) }
+                path class="whisker" d=(whiskers) {}
+                rect x=(short(q1)) y=(short(y - half)) width=(short((q3 - q1).max(0.5))) height=(short(2.0 * half)) {}
+                path class="median" d=(format!("M{} {}v{}", short(m), short(y - half), short(2.0 * half))) {}
+                path class="mean" d=(format!("M{} {}l4 4l-4 4l-4 -4z", short(mean), short(y - 4.0))) {}
+                circle cx=(short(at(b.max).0)) cy=(short(y)) r="2.5" {}
+                text class="tick name" x=(short(plot.left - 8.0)) y=(short(y + 4.0)) text-anchor="end" { (name) }
+            }
+        };
+        plot.marks.push(drawn);
+    }
+    plot.render(told)
+}
+
+/// A name of at most [`NAME`] characters; what tells names apart is mostly at their ends.
+fn shortened(name: &str) -> String {
+    let all: Vec<char> = name.chars().collect();
+    if all.len() <= NAME {
+        return name.to_owned();
+    }
+    let (head, tail) = (&all[..7], &all[all.len() - (NAME - 8)..]);
+    head.iter().chain(['…'].iter()).chain(tail).collect()
+}
+
+/// A coordinate with one decimal, none when it is 0.
+fn short(x: f64) -> String {
+    let text = format!("{x:.1}");
+    match text.strip_suffix(".0") {
+        Some("-0") => "0".to_owned(),
+        Some(whole) => whole.to_owned(),
+        None => text,
+    }
+}

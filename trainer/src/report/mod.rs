@@ -1,0 +1,260 @@
+//! Reports: one self-contained HTML page about a calibration.
+//!
+//! A [`Page`] is a title and sections; a [`Section`] is text, figures and tables, or a sentence that says why there is
+//! nothing to show. The sections that several commands share are in [`sections`]; they are made of [`Evidence`], held-out
+//! errors pose by pose, so `trainer check` or another command needs an [`Evidence`] and picks its sections:
+//!
+//! ```text
+//! Evidence ──> facts (the part `held_out` of --json) ──┐
+//!     └───────────────────────────────────────────> sections::* ──> Page ──> bytes
+//! ```
+//!
+//! The page asks for nothing from a network and has no scripts. Colours are CSS variables, also inside the SVG, so that
+//! it follows the reader's light or dark scheme and prints in light. Everything that a user named (files, sessions,
+//! robots) goes through the escaping of `maud`. A number that is in the JSON document, too, is a `data` element with its
+//! exact value and its place there (a JSON pointer): [`Number`]; a test compares them all. The same input gives
+//! the same bytes.
+
+pub mod chart;
+pub mod evidence;
+pub mod provenance;
+pub mod sections;
+#[cfg(test)]
+mod tests;
+
+use maud::{DOCTYPE, Markup, PreEscaped, html};
+
+pub use evidence::{Evidence, HeldOutFacts, How, Method, Row};
+pub use provenance::{FileFacts, Provenance};
+
+const STYLE: &str = include_str!("style.css");
+
+/// A number of the JSON document.
+#[derive(Clone, Debug)]
+pub struct Number {
+    value: f64,
+    text: String,
+    pointer: String,
+}
+
+impl Number {
+    /// `value` with so many decimals; `pointer` (RFC 6901) is its place in the document that `--json` writes.
+    pub fn new(value: f64, decimals: usize, pointer: impl Into<String>) -> Self {
+        Self {
+            value,
+            text: rounded(value, decimals),
+            pointer: pointer.into(),
+        }
+    }
+
+    /// A length in mm, to the micrometre.
+    pub fn mm(value: f64, pointer: impl Into<String>) -> Self {
+        Self::new(value, 3, pointer)
+    }
+
+    /// A count.
+    pub fn count(value: usize, pointer: impl Into<String>) -> Self {
+        Self::new(value as f64, 0, pointer)
+    }
+
+    /// A share in per cent, without its sign.
+    pub fn percent(share: f64, pointer: impl Into<String>) -> Self {
+        Self {
+            text: format!("{:.0}", 100.0 * share),
+            ..Self::new(share, 0, pointer)
+        }
+    }
+}
+
+impl maud::Render for Number {
+    fn render(&self) -> Markup {
+        html! { data value=(self.value) data-json=(self.pointer) { (self.text) } }
+    }
+}
+
+/// A number with so many decimals; what rounds to zero has no sign.
+pub fn rounded(value: f64, decimals: usize) -> String {
+    let text = format!("{value:.decimals$}");
+    match text.strip_prefix('-') {
+        Some(rest) if rest.chars().all(|c| c == '0' || c == '.') => rest.to_owned(),
+        _ => text,
+    }
+}
+
+/// A part of the page under a heading.
+#[derive(Debug)]
+pub struct Section {
+    id: &'static str,
+    heading: String,
+    blocks: Vec<Markup>,
+    figures: Vec<Markup>,
+    small: bool,
+}
+
+impl Section {
+    /// An empty section; `id` is its anchor.
+    pub fn new(id: &'static str, heading: impl Into<String>) -> Self {
+        Self {
+            id,
+            heading: heading.into(),
+            blocks: Vec::new(),
+            figures: Vec::new(),
+            small: false,
+        }
+    }
+
+    /// With a paragraph.
+    #[must_use]
+    pub fn text(mut self, text: Markup) -> Self {
+        self.close_figures();
+        self.blocks.push(html! { p { (text) } });
+        self
+    }
+
+    /// With a sentence that says why something is not shown.
+    #[must_use]
+    pub fn missing(mut self, why: impl AsRef<str>) -> Self {
+        self.close_figures();
+        self.blocks
+            .push(html! { p class="missing" { (why.as_ref()) } });
+        self
+    }
+
+    /// With a plot. `finding` is its title, what it shows in one sentence; `note` explains its marks.
+    #[must_use]
+    pub fn figure(mut self, finding: Markup, svg: Markup, note: &str) -> Self {
+        self.figures.push(html! {
+            figure {
+                figcaption { (finding) }
+                (svg)
+                @if !note.is_empty() { p class="note" { (note) } }
+            }
+        });
+        self
+    }
+
+    /// With plots in three columns where there is room, instead of two.
+    #[must_use]
+    pub fn small_figures(mut self) -> Self {
+        self.small = true;
+        self
+    }
+
+    /// With a table: the first column is of words, the others are of numbers.
+    #[must_use]
+    pub fn table(mut self, header: &[&str], rows: Vec<Vec<Markup>>) -> Self {
+        self.close_figures();
+        self.blocks.push(table(header, rows));
+        self
+    }
+
+    /// With a table of a few columns beside the plots before it.
+    #[must_use]
+    pub fn table_beside(mut self, header: &[&str], rows: Vec<Vec<Markup>>) -> Self {
+        self.figures.push(table(header, rows));
+        self
+    }
+
+    /// With anything else.
+    #[must_use]
+    pub fn block(mut self, block: Markup) -> Self {
+        self.close_figures();
+        self.blocks.push(block);
+        self
+    }
+
+    fn close_figures(&mut self) {
+        if !self.figures.is_empty() {
+            let figures = std::mem::take(&mut self.figures);
+            let class = if self.small {
+                "figures small"
+            } else {
+                "figures"
+            };
+            self.blocks
+                .push(html! { div class=(class) { @for figure in &figures { (figure) } } });
+        }
+    }
+}
+
+fn table(header: &[&str], rows: Vec<Vec<Markup>>) -> Markup {
+    html! {
+        div class="scroll" { table {
+            thead { tr { @for cell in header { th { (cell) } } } }
+            tbody { @for row in rows { tr { @for cell in row { td { (cell) } } } } }
+        } }
+    }
+}
+
+/// A page.
+#[derive(Debug)]
+pub struct Page {
+    title: String,
+    subtitle: String,
+    sections: Vec<Section>,
+}
+
+impl Page {
+    /// An empty page.
+    pub fn new(title: impl Into<String>, subtitle: impl Into<String>) -> Self {
+        Self {
+            title: title.into(),
+            subtitle: subtitle.into(),
+            sections: Vec::new(),
+        }
+    }
+
+    /// With one more section.
+    #[must_use]
+    pub fn with(mut self, mut section: Section) -> Self {
+        section.close_figures();
+        self.sections.push(section);
+        self
+    }
+
+    /// The bytes of the HTML file.
+    pub fn render(&self) -> String {
+        let page = html! {
+            (DOCTYPE)
+            html lang="en" {
+                head {
+                    meta charset="utf-8";
+                    meta name="viewport" content="width=device-width, initial-scale=1";
+                    meta name="color-scheme" content="light dark";
+                    meta name="generator" content=(concat!("poegp trainer ", env!("CARGO_PKG_VERSION")));
+                    // Without one a browser asks the server for its icon.
+                    link rel="icon" href="data:,";
+                    title { (self.title) }
+                    style { (PreEscaped(STYLE)) }
+                }
+                body {
+                    header { h1 { (self.title) } p { (self.subtitle) } }
+                    main {
+                        @for (i, section) in self.sections.iter().enumerate() {
+                            section id=(section.id) {
+                                @if !section.heading.is_empty() { h2 { (section.heading) } }
+                                @for block in &section.blocks { (block) }
+                            }
+                            // Behind the headline: what else there is.
+                            @if i == 0 && self.sections.len() > 3 { (self.contents()) }
+                        }
+                    }
+                    footer {
+                        p { "Made by poegp trainer " (env!("CARGO_PKG_VERSION")) ". This page needs no network and no scripts." }
+                    }
+                }
+            }
+        };
+        page.into_string() + "\n"
+    }
+
+    fn contents(&self) -> Markup {
+        html! {
+            nav aria-label="Contents" { ul {
+                @for section in self.sections.iter().filter(|s| !s.heading.is_empty()) {
+                    li { a href=(format!("#{}", section.id)) { (section.heading) } }
+                }
+            } }
+        }
+    }
+}

@@ -1,0 +1,108 @@
+//! Where a result comes from, so that it can be made again.
+
+use serde::Serialize;
+use sha2::{Digest, Sha256};
+
+use crate::measurements::MeasurementSet;
+
+/// A file that was read or written.
+#[derive(Clone, Debug, Serialize)]
+pub struct FileFacts {
+    /// What it was used for.
+    pub role: &'static str,
+    /// Its path as it was typed.
+    pub file: String,
+    /// SHA-256 of its bytes.
+    pub sha256: String,
+    /// Rows of a measurement file.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rows: Option<usize>,
+}
+
+impl FileFacts {
+    /// Of a measurement file.
+    pub fn of_set(role: &'static str, set: &MeasurementSet) -> Self {
+        Self {
+            role,
+            file: set.path.display().to_string(),
+            sha256: hex(&set.sha256),
+            rows: Some(set.measurements.len()),
+        }
+    }
+
+    /// Of bytes.
+    pub fn of_bytes(role: &'static str, file: impl Into<String>, bytes: &[u8]) -> Self {
+        Self {
+            role,
+            file: file.into(),
+            sha256: hex(&Sha256::digest(bytes)),
+            rows: None,
+        }
+    }
+}
+
+/// The part `provenance` of a JSON document.
+#[derive(Clone, Debug, Serialize)]
+pub struct Provenance {
+    /// The command line.
+    pub command: String,
+    /// Version of the trainer.
+    pub version: &'static str,
+    /// Day, as the blob has it.
+    pub date: String,
+    /// Seed of everything that was drawn.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub seed: Option<u64>,
+    /// Name of the robot.
+    pub robot: String,
+    /// Serial number of the arm, perhaps empty.
+    pub serial_number: String,
+    /// What was read and written.
+    pub files: Vec<FileFacts>,
+}
+
+/// The command line of this process as a shell would take it, its program called `trainer`, without `--json`, which says
+/// where the same facts go and changes none.
+pub fn command_line() -> String {
+    let words = std::env::args_os().skip(1);
+    command(words.map(|word| word.to_string_lossy().into_owned()))
+}
+
+fn command(words: impl Iterator<Item = String>) -> String {
+    let quoted = |word: &str| {
+        let plain = |c: char| c.is_alphanumeric() || "-_./=,:@+%".contains(c);
+        if !word.is_empty() && word.chars().all(plain) {
+            word.to_owned()
+        } else {
+            format!("'{}'", word.replace('\'', r"'\''"))
+        }
+    };
+    let mut all = vec!["trainer".to_owned()];
+    let mut is_destination = false;
+    for word in words {
+        let dropped = is_destination || word.starts_with("--json=");
+        is_destination = !is_destination && word == "--json";
+        if !dropped && !is_destination {
+            all.push(quoted(&word));
+        }
+    }
+    all.join(" ")
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|b| format!("{b:02x}")).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_command_can_be_typed_again() {
+        let of = |words: &[&str]| command(words.iter().map(ToString::to_string));
+        let words = ["compare", "--json", "--json", "a b.csv", "--json=x", "it's"];
+        assert_eq!(of(&words), r"trainer compare 'a b.csv' 'it'\''s'");
+        assert_eq!(of(&["calibrate", "--json", "-"]), "trainer calibrate");
+        assert_eq!(of(&["demo", ""]), "trainer demo ''");
+    }
+}

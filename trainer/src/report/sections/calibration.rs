@@ -1,0 +1,340 @@
+//! What the calibration itself found and made: parameters, outliers, the choice of the model, the file for the controller,
+//! and where all of it comes from.
+
+use maud::{Markup, html};
+
+use crate::budget::Fitted;
+use crate::identify::{FrameChange, IdentifyReport};
+use crate::report::{Evidence, HeldOutFacts, Number, Provenance, Section};
+use crate::select;
+
+/// Held-out poses that are listed.
+const WORST: usize = 10;
+/// Standard deviations beyond which a change is called certain.
+const CERTAIN: f64 = 3.0;
+
+/// A measurement that does not belong, in the order of the JSON document's `elastic.outliers`.
+#[derive(Clone, Debug)]
+pub struct ListedOutlier {
+    /// Line in the training file.
+    pub line: usize,
+    /// How it was found.
+    pub reason: &'static str,
+    /// How far it is.
+    pub chi_squared: f64,
+    /// Whether it was left out.
+    pub rejected: bool,
+}
+
+/// Gear ripple of one joint, in the order of the JSON document's `elastic.ripple`.
+#[derive(Clone, Copy, Debug)]
+pub struct Ripple {
+    /// Joint from 1.
+    pub joint: usize,
+    /// Cycles per turn of the joint.
+    pub cycles_per_turn: f64,
+    /// Amplitude in µrad.
+    pub amplitude_urad: f64,
+}
+
+/// Deviations of the frames from the drawing with their uncertainty, what the poses could not tell, and gear ripple.
+pub fn parameters(
+    told: Option<&IdentifyReport>,
+    changes: &[FrameChange],
+    ripple: &[Ripple],
+) -> Section {
+    let mut section = Section::new("parameters", "What was wrong with the arm");
+    let Some(told) = told else {
+        return section
+            .missing("Not shown: what these poses tell about the geometry could not be computed.");
+    };
+    section = section.text(html! {
+        "Of " (Number::count(told.parameters, "/identifiability/parameters")) " geometric parameters these poses tell "
+        (Number::count(told.rank, "/identifiability/rank")) ". "
+        @if told.redundant > 0 {
+            (Number::count(told.redundant, "/identifiability/redundant"))
+            " are redundant in any data: turning or shifting a frame along its joint changes nothing. "
+        }
+        @if told.untold > 0 {
+            b { (Number::count(told.untold, "/identifiability/untold")) " could have been told by other poses and were not:" }
+        } @else {
+            "All that poses can tell was told."
+        }
+    });
+    if !told.findings.is_empty() {
+        section = section.block(html! {
+            ul class="plain" { @for finding in &told.findings { li { (finding.sentence) "." } } }
+        });
+    }
+    let rows = told.standard_deviations.iter().enumerate();
+    let rows = rows.filter_map(|(i, deviation)| {
+        let at = changes.iter().position(|c| c.frame == deviation.frame)?;
+        let change = &changes[at];
+        let cell = |value: f64, sd: f64, kind: &str, axis: usize| {
+            let changed = Number::new(value, 3, format!("/frames/{at}/{kind}/{axis}"));
+            let pointer = format!("/identifiability/standard_deviations/{i}/{kind}/{axis}");
+            let sd_shown = Number::new(sd, 3, pointer);
+            html! {
+                @if value.abs() > CERTAIN * sd && value.abs() >= 5e-4 { b { (changed) } } @else { (changed) }
+                " ± " (sd_shown)
+            }
+        };
+        let lengths = (0..3).map(|a| cell(change.mm[a], deviation.mm[a], "mm", a));
+        let angles = (0..3).map(|a| cell(change.mrad[a], deviation.mrad[a], "mrad", a));
+        let name = html! { (change.frame) };
+        Some(std::iter::once(name).chain(lengths).chain(angles).collect())
+    });
+    let rows: Vec<Vec<Markup>> = rows.collect();
+    if rows.is_empty() || changes.iter().all(|c| c.is_zero()) {
+        section = section.missing(
+            "This model believes the drawing of the arm: it has no parameters but base and tool frames.",
+        );
+    } else {
+        let header = [
+            "frame",
+            "x (mm)",
+            "y (mm)",
+            "z (mm)",
+            "about x (mrad)",
+            "about y (mrad)",
+            "about z (mrad)",
+        ];
+        section = section.table(&header, rows).text(html! {
+            "By how much each frame differs from the drawing, ± one standard deviation; bold where that is certain. A link is what "
+            "is behind the joint of its number, in the axes of that joint, z along it; base and tool are in the axes of the "
+            "base and of the last joint. What could as well be said of the next frame is divided between the two."
+        });
+    }
+    if !told.correlations.is_empty() {
+        let pairs = told.correlations.iter().enumerate().map(|(i, c)| {
+            let r = Number::new(c.r, 3, format!("/identifiability/correlations/{i}/r"));
+            vec![html! { (c.first) " and " (c.second) }, html! { (r) }]
+        });
+        section = section
+            .text(html! { "Hard to tell apart, because they move the tool almost alike:" })
+            .table(&["pair", "correlation"], pairs.collect());
+    }
+    if !ripple.is_empty() {
+        let rows = ripple.iter().enumerate().map(|(i, r)| {
+            let at = |name: &str| format!("/elastic/ripple/{i}/{name}");
+            vec![
+                html! { "joint " (Number::count(r.joint, at("joint"))) },
+                html! { (Number::new(r.cycles_per_turn, 1, at("cycles_per_turn"))) },
+                html! { (Number::new(r.amplitude_urad, 0, at("amplitude_urad"))) },
+            ]
+        });
+        section = section
+            .text(
+                html! { "Gear ripple: what the gears add to the joint, and the model takes away." },
+            )
+            .table(
+                &["joint", "cycles per turn", "amplitude (µrad)"],
+                rows.collect(),
+            );
+    }
+    section
+}
+
+/// Outliers of the training with their lines, and the largest held-out errors. `found` is an error where
+/// none were looked for, with the sentence that says why.
+pub fn outliers(
+    evidence: &Evidence,
+    facts: &HeldOutFacts,
+    found: Result<&[ListedOutlier], &str>,
+) -> Section {
+    let mut section = Section::new("outliers", "Measurements that stand out");
+    section = match found {
+        Err(why) => section.missing(why),
+        Ok([]) => section.text(html! { "No training pose contradicts all others." }),
+        Ok(found) => {
+            let row = |(i, o): (usize, &ListedOutlier)| {
+                let at = |name: &str| format!("/elastic/outliers/{i}/{name}");
+                vec![
+                    html! { "line " (Number::count(o.line, at("line"))) ": " (o.reason) },
+                    html! { (Number::new(o.chi_squared, 0, at("chi_squared"))) },
+                    html! { @if o.rejected { "left out" } @else { "kept" } },
+                ]
+            };
+            let rejected = found.iter().filter(|o| o.rejected).count();
+            section
+                .text(html! {
+                    (found.len()) @if found.len() == 1 { " training pose contradicts" } @else { " training poses contradict" }
+                    " what the others say"
+                    @if rejected > 0 { " and did not take part in the calibration." }
+                    @else { ". Measure them again, or calibrate with --outliers reject." }
+                })
+                .table(
+                    &["training file", "χ²", ""],
+                    found.iter().enumerate().map(row).collect(),
+                )
+        }
+    };
+    let errors = evidence.after().errors();
+    let mut order: Vec<usize> = (0..errors.len()).collect();
+    order.sort_by(|a, b| errors[*b].total_cmp(&errors[*a]).then(a.cmp(b)));
+    let several = facts.files.len() > 1;
+    let p95 = facts.after.errors.position_mm.p95;
+    let row = |i: &usize| {
+        let row = &evidence.rows[*i];
+        let error = if *i == order[0] {
+            let largest = Number::mm(errors[*i], "/held_out/after/position_mm/max");
+            html! { (largest) }
+        } else {
+            html! { (format!("{:.3}", errors[*i])) }
+        };
+        vec![
+            html! { @if several { (row.file) " " } "line " (row.line) },
+            error,
+            html! { (format!("{:.1}", errors[*i] / p95)) },
+            html! { (format!("{:.3}", evidence.before().errors()[*i])) },
+        ]
+    };
+    section
+        .text(html! {
+            "The largest held-out errors; 95 of 100 poses are within "
+            (Number::mm(p95, "/held_out/after/position_mm/p95")) " mm:"
+        })
+        .table(
+            &["row", "error (mm)", "in units of the 95 %", "before (mm)"],
+            order.iter().take(WORST).map(row).collect(),
+        )
+}
+
+/// What `--model auto` and a budget were decided by.
+pub fn choice(candidates: Option<&[select::Row]>, budget: Option<&[Fitted]>) -> Section {
+    let mut section = Section::new("choice", "How the model was chosen");
+    match candidates {
+        None => {
+            section = section.missing(
+                "The model was named on the command line (or is the default); --model auto lets the data choose.",
+            );
+        }
+        Some(rows) => {
+            let row = |(i, r): (usize, &select::Row)| {
+                let at = |name: &str| format!("/choice/{i}/{name}");
+                vec![
+                    html! { @if r.chosen { b { (r.candidate) } } @else { (r.candidate) } },
+                    html! { (Number::mm(r.position_mm.mean, at("position_mm/mean"))) },
+                    html! { (Number::mm(r.position_mm.p95, at("position_mm/p95"))) },
+                    html! {
+                        (Number::new(r.behind_best_mm, 4, at("behind_best_mm"))) " ± "
+                        (Number::new(r.standard_error_mm, 4, at("standard_error_mm")))
+                    },
+                ]
+            };
+            let chosen = rows.iter().find(|r| r.chosen).map_or("", |r| r.candidate);
+            section = section
+                .text(html! {
+                    "“" (chosen) "” is the simplest model that is not behind the best by more than one standard error, in "
+                    "five-fold cross-validation of the training data. Held-out errors of this page that are by the same "
+                    "folds flatter it a little; those of test files do not."
+                })
+                .table(
+                    &["candidate", "mean (mm)", "95 % (mm)", "behind the best (mm)"],
+                    rows.iter().enumerate().map(row).collect(),
+                );
+        }
+    }
+    if let Some(rows) = budget {
+        let row = |(i, r): (usize, &Fitted)| {
+            let at = |name: &str| format!("/budget/{i}/{name}");
+            let name = format!(
+                "{} length scales{}",
+                if r.tied { "tied" } else { "own" },
+                if i == 0 { ", all points" } else { "" }
+            );
+            vec![
+                html! { @if r.taken { b { (name) } } @else { (name) } },
+                html! { (Number::count(r.support, at("support"))) },
+                html! { (Number::new(r.instructions as f64, 0, at("instructions"))) },
+                html! { (Number::count(r.bytes, at("bytes"))) },
+                html! { (Number::mm(r.position_mm.mean, at("position_mm/mean"))) },
+            ]
+        };
+        section = section
+            .text(html! { "Fitted to the budget of the controller; bold is what was taken:" })
+            .table(
+                &[
+                    "model",
+                    "support points",
+                    "instructions",
+                    "bytes",
+                    "mean (mm)",
+                ],
+                rows.iter().enumerate().map(row).collect(),
+            );
+    }
+    section
+}
+
+/// What the controller gets.
+#[derive(Clone, Debug)]
+pub struct DeviceFacts {
+    /// Name of the file.
+    pub file: String,
+    /// Its bytes, which it takes of flash, too.
+    pub bytes: usize,
+    /// Support points.
+    pub support: usize,
+    /// Instructions of one evaluation on a Cortex-M4F by the cost model; unknown for the paper's process.
+    pub instructions: Option<u64>,
+    /// Bound of the correction in mm and mrad.
+    pub bound: (f64, f64),
+    /// What single precision costs, mean and largest, µm.
+    pub f32_error_um: (f64, f64),
+}
+
+/// The file for the controller, and what it costs there.
+pub fn device(facts: &DeviceFacts) -> Section {
+    let (mm, mrad) = facts.bound;
+    let (mean, max) = facts.f32_error_um;
+    Section::new("device", "The file for the controller").block(html! {
+        dl {
+            dt { "file" } dd { (facts.file) }
+            dt { "size, also in flash" } dd { (Number::count(facts.bytes, "/blob/bytes")) " bytes" }
+            dt { "support points" } dd { (Number::count(facts.support, "/blob/support")) }
+            dt { "one evaluation" } dd {
+                @match facts.instructions {
+                    Some(n) => { "about " (Number::new(n as f64, 0, "/blob/instructions")) " instructions of a Cortex-M4F" }
+                    None => { "not estimated: the cost model is that of the elastic model" }
+                }
+            }
+            dt { "largest correction" } dd {
+                @if mm > 0.0 || mrad > 0.0 {
+                    (Number::mm(mm, "/bound_mm")) " mm and " (Number::mm(mrad, "/bound_mrad")) " mrad; beyond it is scaled back"
+                } @else { "none: this model corrects the geometry only" }
+            }
+            dt { "single precision costs" } dd {
+                (Number::new(mean, 3, "/f32_error_um/mean")) " µm in the mean, "
+                (Number::new(max, 3, "/f32_error_um/max")) " µm at most"
+            }
+        }
+    })
+}
+
+/// Files with their checksums, command, version, seed and date.
+pub fn provenance(provenance: &Provenance) -> Section {
+    let row = |f: &crate::report::FileFacts| {
+        vec![
+            html! { (f.file) },
+            html! { (f.role) },
+            html! { @match f.rows { Some(rows) => { (rows) } None => { "" } } },
+            html! { span class="hash" { (f.sha256) } },
+        ]
+    };
+    Section::new("provenance", "Where this comes from")
+        .block(html! {
+            dl {
+                dt { "robot" } dd { (provenance.robot) }
+                @if !provenance.serial_number.is_empty() { dt { "serial number" } dd { (provenance.serial_number) } }
+                dt { "date" } dd { (provenance.date) }
+                dt { "program" } dd { "poegp trainer " (provenance.version) }
+                @if let Some(seed) = provenance.seed { dt { "seed of all draws" } dd { (seed) } }
+                dt { "command" } dd { code { (provenance.command) } }
+            }
+        })
+        .table(
+            &["file", "used as", "rows", "SHA-256"],
+            provenance.files.iter().map(row).collect(),
+        )
+}

@@ -1,0 +1,88 @@
+//! What a customer reads: one sentence and a few numbers.
+
+use maud::{Markup, html};
+
+use crate::report::{Evidence, HeldOutFacts, How, Number, Section};
+use crate::statistics::ErrorSummary;
+
+/// The sentence, and tiles with mean and 95 % of position and orientation, before and after.
+pub fn headline(evidence: &Evidence, facts: &HeldOutFacts) -> Section {
+    let (before, after) = (&facts.before.errors, &facts.after.errors);
+    let mean = |which: &str| format!("/held_out/{which}/position_mm/mean");
+    let p95 = |which: &str| format!("/held_out/{which}/position_mm/p95");
+    let calibrated = evidence.before != evidence.after;
+    let (b, a) = (&before.position_mm, &after.position_mm);
+    let lead = html! {
+        p class="lead" {
+            "On " (Number::count(after.poses, "/held_out/after/poses"))
+            " poses that it had not seen, the calibrated model says where the tool is to within "
+            b class="after" { (Number::mm(a.mean, mean("after"))) " mm" } " in the mean and "
+            (Number::mm(a.p95, p95("after"))) " mm for 95 of 100 poses"
+            @if calibrated {
+                "; before the calibration it was " b class="before" { (Number::mm(b.mean, mean("before"))) " mm" }
+                " and " (Number::mm(b.p95, p95("before"))) " mm."
+            } @else {
+                ". Only base and tool were fitted: there is nothing simpler to compare it with."
+            }
+        }
+    };
+    let tiles = html! {
+        div class="tiles" {
+            (tile("Mean position error", "mm", 3, before, after, |e| Some(e.position_mm.mean), &mean, calibrated))
+            (tile("95 % of poses are within", "mm", 3, before, after, |e| Some(e.position_mm.p95), &p95, calibrated))
+            @if after.orientation_mrad.is_some() {
+                (tile("Mean orientation error", "mrad", 3, before, after, |e| e.orientation_mrad.map(|o| o.mean),
+                    &|which| format!("/held_out/{which}/orientation_mrad/mean"), calibrated))
+            }
+            (tile("Largest position error", "mm", 3, before, after, |e| Some(e.position_mm.max),
+                &|which| format!("/held_out/{which}/position_mm/max"), calibrated))
+        }
+    };
+    let how = match evidence.how {
+        How::CrossValidation { folds, .. } => html! {
+            "Held out: the rows were divided into " (Number::count(folds, "/held_out/folds"))
+            " folds, and each pose was predicted by a model that was calibrated without its fold; equal poses stay together."
+        },
+        How::TestSets => html! {
+            "Held out: these poses are in files of their own that no model was calibrated with."
+        },
+    };
+    let before_means = html! {
+        p { (how) " “Before” is the arm as it is drawn, with base and tool frames fitted to the same training poses. Every error is
+            the distance from what the instrument saw, its noise included, to what the file for the controller answers, in the
+            controller's own single precision." }
+    };
+    Section::new("result", "")
+        .block(lead)
+        .block(tiles)
+        .block(before_means)
+}
+
+#[expect(clippy::too_many_arguments, reason = "one line for each tile")]
+fn tile(
+    name: &str,
+    unit: &str,
+    decimals: usize,
+    before: &ErrorSummary,
+    after: &ErrorSummary,
+    of: impl Fn(&ErrorSummary) -> Option<f64>,
+    pointer: &dyn Fn(&str) -> String,
+    calibrated: bool,
+) -> Markup {
+    let (before, after) = (of(before), of(after));
+    let times = before.zip(after).filter(|(b, a)| *a > 0.0 && b > a);
+    html! {
+        div class="tile" {
+            h3 { (name) }
+            @if let Some(after) = after {
+                div class="value" { (Number::new(after, decimals, pointer("after"))) " " span { (unit) } }
+            }
+            @if let (true, Some(b)) = (calibrated, before) {
+                p {
+                    "was " (Number::new(b, decimals, pointer("before"))) " " (unit)
+                    @if let Some((b, a)) = times { ", " (format!("{:.1}", b / a)) " times as much" }
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,189 @@
+//! Errors against each joint, and against the payload.
+
+use maud::html;
+use poegp_protocol::JointKind;
+
+use super::mean_and_error;
+use super::methods::keys;
+use crate::identify::{STILL_PRISMATIC, STILL_REVOLUTE};
+use crate::report::chart::{Axis, BoxOf, Plot, Series, boxes};
+use crate::report::{Evidence, HeldOutFacts, Number, Section};
+
+/// Bins of a joint's range.
+const BINS: usize = 8;
+/// Poses of a bin that has a mean.
+const FEWEST: usize = 3;
+
+/// Means over bins of `x`: middle of the bin, mean of `y` and how many poses it is of.
+fn binned(x: &[f64], y: &[f64]) -> Vec<(f64, f64, usize)> {
+    let low = x.iter().copied().fold(f64::INFINITY, f64::min);
+    let high = x.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let width = (high - low) / BINS as f64;
+    let mut sums = [(0.0, 0.0, 0_usize); BINS];
+    for (x, y) in x.iter().zip(y) {
+        let bin = (((x - low) / width) as usize).min(BINS - 1);
+        sums[bin] = (sums[bin].0 + x, sums[bin].1 + y, sums[bin].2 + 1);
+    }
+    let filled = sums.iter().filter(|s| s.2 >= FEWEST);
+    filled
+        .map(|(x, y, n)| (x / *n as f64, y / *n as f64, *n))
+        .collect()
+}
+
+/// Whether the means of bins differ by more than errors at random do: χ² beyond three standard deviations of itself.
+fn depends(bins: &[(f64, f64, usize)], y: &[f64]) -> bool {
+    let (mean, standard_error) = mean_and_error(y);
+    let variance = standard_error.powi(2) * y.len() as f64;
+    let chi_squared: f64 = bins
+        .iter()
+        .map(|(_, m, n)| *n as f64 * (m - mean).powi(2) / variance)
+        .sum();
+    let freedom = bins.len().saturating_sub(1) as f64;
+    variance > 0.0 && chi_squared > freedom + 3.0 * (2.0 * freedom).sqrt()
+}
+
+/// One plot for each joint, with dots and the means of bins, before and after.
+pub fn joints(evidence: &Evidence) -> Section {
+    let both = evidence.before != evidence.after;
+    let (before, after) = (evidence.before().errors(), evidence.after().errors());
+    let all = || before.iter().chain(&after).copied();
+    let mut section = Section::new("joints", "Against each joint")
+        .small_figures()
+        .text(html! {
+            (keys(both)) ". Dots are held-out poses, lines the means over an eighth of the joint's range. A line that rises "
+            "and falls with a joint is an effect of that joint that is left."
+        });
+    let value = |joint: usize, factor: f64| -> Vec<f64> {
+        evidence
+            .rows
+            .iter()
+            .map(|row| row.joints.get(joint).copied().unwrap_or(0.0) * factor)
+            .collect()
+    };
+    let mut unmoved = Vec::new();
+    for (joint, kind) in evidence.kinds.iter().enumerate() {
+        let (unit, factor, still) = match kind {
+            JointKind::Revolute => ("deg", 180.0 / std::f64::consts::PI, STILL_REVOLUTE),
+            JointKind::Prismatic => ("mm", 1e3, STILL_PRISMATIC),
+        };
+        let x = value(joint, factor);
+        let low = x.iter().copied().fold(f64::INFINITY, f64::min);
+        let high = x.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        if high - low <= still * factor {
+            unmoved.push(joint + 1);
+            continue;
+        }
+        let y = Axis::log(
+            "error (mm)",
+            all().fold(f64::INFINITY, f64::min),
+            all().fold(0.0, f64::max),
+        );
+        let label = format!("joint {} ({unit})", joint + 1);
+        let mut plot = Plot::new(Axis::linear(label, low, high), y).sized(300.0, 220.0);
+        let means = binned(&x, &after);
+        let line = |bins: &[(f64, f64, usize)]| -> Vec<(f64, f64)> {
+            bins.iter().map(|(x, y, _)| (*x, *y)).collect()
+        };
+        if both {
+            plot.dots(
+                Series::Before,
+                x.iter().copied().zip(before.iter().copied()),
+            );
+        }
+        plot.dots(Series::After, x.iter().copied().zip(after.iter().copied()));
+        if both {
+            plot.line(Series::Before, &line(&binned(&x, &before)), false);
+        }
+        plot.line(Series::After, &line(&means), false);
+        let smallest = means.iter().map(|m| m.1).fold(f64::INFINITY, f64::min);
+        let largest = means.iter().map(|m| m.1).fold(0.0, f64::max);
+        section = section.figure(
+            html! {
+                "Joint " (joint + 1)
+                @if means.len() > 1 {
+                    @if depends(&means, &after) { " still shows: " } @else { " hardly shows: " }
+                    (format!("{smallest:.3}")) " to " (format!("{largest:.3}")) " mm"
+                }
+            },
+            plot.render(&format!("Error against joint {}", joint + 1)),
+            "",
+        );
+    }
+    let names: Vec<String> = unmoved.iter().map(ToString::to_string).collect();
+    match names.as_slice() {
+        [] => section,
+        [one] => section.missing(format!(
+            "Joint {one} did not move in these poses: nothing can be said about it."
+        )),
+        names => section.missing(format!(
+            "Joints {} did not move in these poses: nothing can be said about them.",
+            names.join(", ")
+        )),
+    }
+}
+
+/// Boxes for each payload.
+pub fn payloads(evidence: &Evidence, facts: &HeldOutFacts) -> Section {
+    let section = Section::new("payload", "Against the payload");
+    let parts = evidence.payloads();
+    if parts.is_empty() {
+        return section.missing(
+            "Not shown: the measurements have no payload_kg column, so the model knows one load only, the one that was on.",
+        );
+    }
+    if parts.len() == 1 {
+        return section.missing(format!(
+            "Not shown: all poses were measured with one payload, {} kg. The model is good for that one.",
+            parts[0].0
+        ));
+    }
+    let errors = evidence.after().errors();
+    let drawn = parts.iter().filter_map(|(name, members)| {
+        let values: Vec<f64> = members.iter().map(|i| errors[*i]).collect();
+        BoxOf::new(format!("{name} kg"), Series::After, &values)
+    });
+    let drawn: Vec<BoxOf> = drawn.collect();
+    let means = || facts.payloads.iter().map(|p| p.errors.position_mm.mean);
+    let (low, high) = (
+        means().fold(f64::INFINITY, f64::min),
+        means().fold(0.0, f64::max),
+    );
+    let worst = means().position(|m| m == high).unwrap_or(0);
+    let least = means().position(|m| m == low).unwrap_or(0);
+    let spread: Vec<f64> = parts
+        .iter()
+        .map(|(_, members)| {
+            let values: Vec<f64> = members.iter().map(|i| errors[*i]).collect();
+            mean_and_error(&values).1
+        })
+        .collect();
+    let distinct = high - low > 2.0 * spread[worst].hypot(spread[least]);
+    let at = |i: usize| format!("/held_out/payloads/{i}/position_mm/mean");
+    let row = |(i, part): (usize, &crate::report::evidence::PartFacts)| {
+        let p = &part.errors.position_mm;
+        let at = |name: &str| format!("/held_out/payloads/{i}/{name}");
+        vec![
+            html! { (part.name) " kg" },
+            html! { (Number::count(part.errors.poses, at("poses"))) },
+            html! { (Number::mm(p.mean, at("position_mm/mean"))) },
+            html! { (Number::mm(p.p95, at("position_mm/p95"))) },
+        ]
+    };
+    section.figure(
+        html! {
+            @if distinct {
+                "The mean error depends on the payload: from " (Number::mm(low, at(least))) " mm at " (parts[least].0)
+                " kg to " (Number::mm(high, at(worst))) " mm at " (parts[worst].0) " kg"
+            } @else {
+                "No payload stands out: the mean error is between " (Number::mm(low, at(least))) " and "
+                (Number::mm(high, at(worst))) " mm"
+            }
+        },
+        boxes("position error (mm), held out", &drawn, "Box plots of the position error by payload"),
+        "Box: the middle half of the poses, with the median. Whiskers: 5 and 95 %. Diamond: mean. Dot: largest.",
+    )
+    .table_beside(
+        &["payload", "poses", "mean (mm)", "95 % (mm)"],
+        facts.payloads.iter().enumerate().map(row).collect(),
+    )
+}

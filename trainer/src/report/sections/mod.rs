@@ -1,0 +1,45 @@
+//! The sections of a report; each is one function from what is known to a [`Section`](super::Section).
+//!
+//! Those of held-out errors take an [`Evidence`] and its [`HeldOutFacts`], which the JSON document has as `held_out`, so
+//! that a number and its place there are written side by side. What a run does not know is said in a sentence.
+
+mod calibration;
+mod headline;
+mod joints;
+mod methods;
+mod time;
+mod uncertainty;
+mod workspace;
+
+pub use calibration::{
+    DeviceFacts, ListedOutlier, Ripple, choice, device, outliers, parameters, provenance,
+};
+pub use headline::headline;
+pub use joints::{joints, payloads};
+pub use methods::{distribution, learning, methods};
+pub use time::time;
+pub use uncertainty::uncertainty;
+pub use workspace::workspace;
+
+use super::{Evidence, HeldOutFacts, Page};
+
+/// The sections about held-out errors alone, in their order.
+#[must_use]
+pub fn held_out(page: Page, evidence: &Evidence, facts: &HeldOutFacts) -> Page {
+    page.with(methods(evidence, facts))
+        .with(distribution(evidence, facts))
+        .with(workspace(evidence, facts))
+        .with(joints(evidence))
+        .with(payloads(evidence, facts))
+        .with(time(evidence, facts))
+        .with(learning(facts))
+        .with(uncertainty(evidence, facts))
+}
+
+/// Mean and the standard error of it.
+fn mean_and_error(values: &[f64]) -> (f64, f64) {
+    let n = values.len().max(1) as f64;
+    let mean = values.iter().sum::<f64>() / n;
+    let variance = values.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
+    (mean, (variance / n).sqrt())
+}

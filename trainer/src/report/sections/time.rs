@@ -1,0 +1,102 @@
+//! Errors in the order of the rows, and by session.
+
+use maud::html;
+
+use super::mean_and_error;
+use crate::report::chart::{Axis, BoxOf, Plot, Series, boxes};
+use crate::report::{Evidence, HeldOutFacts, Number, Section};
+
+/// Rows of the running median, at least, and as a share of all.
+const WINDOW: usize = 7;
+const WINDOW_SHARE: usize = 15;
+/// Sessions and files that are separated by lines, at most.
+const SEPARATED: usize = 8;
+
+/// Errors in row order with a running median, and boxes by session, target or file.
+pub fn time(evidence: &Evidence, facts: &HeldOutFacts) -> Section {
+    let errors = evidence.after().errors();
+    let n = errors.len();
+    let mut section = Section::new("time", "Over the measurement");
+    if n < 3 * WINDOW {
+        return section.missing(format!(
+            "Not shown: {n} poses are too few to see a trend over the measurement."
+        ));
+    }
+    let mut plot = Plot::new(
+        Axis::linear("held-out pose, in the order of the rows", 0.0, n as f64),
+        Axis::errors("position error (mm)", &errors),
+    );
+    for (i, (row, error)) in evidence.rows.iter().zip(&errors).enumerate() {
+        let told = format!("{} line {}: {error:.3} mm", row.file, row.line);
+        plot.told_dot(Series::After, (i as f64 + 0.5, *error), &told);
+    }
+    let window = WINDOW.max(n / WINDOW_SHARE);
+    let middle = |i: usize| {
+        let from = i.saturating_sub(window / 2).min(n - window);
+        let mut part = errors[from..from + window].to_vec();
+        part.sort_by(f64::total_cmp);
+        crate::statistics::percentile(&part, 0.5)
+    };
+    let step = (n / 150).max(1);
+    let line: Vec<(f64, f64)> = (0..n)
+        .step_by(step)
+        .map(|i| (i as f64 + 0.5, middle(i)))
+        .collect();
+    plot.line(Series::Reference, &line, false);
+    let part = |row: &crate::report::Row| format!("{}\n{}", row.file, row.tool);
+    let few = evidence.parts(part).len() <= SEPARATED;
+    for (i, pair) in evidence.rows.windows(2).enumerate() {
+        if few && part(&pair[0]) != part(&pair[1]) {
+            plot.upright(Series::Other, (i + 1) as f64, "");
+        }
+    }
+    let third = n / 3;
+    let (first, last) = (
+        mean_and_error(&errors[..third]),
+        mean_and_error(&errors[n - third..]),
+    );
+    let change = last.0 - first.0;
+    let steady = change.abs() < 2.5 * first.1.hypot(last.1);
+    section = section.figure(
+        html! {
+            @if steady { "The errors stay level: " } @else if change > 0.0 { "The rows at the end are worse: " }
+            @else { "The rows at the beginning are worse: " }
+            (format!("{:.3}", first.0)) " mm in the mean of the first third, " (format!("{:.3}", last.0))
+            " mm of the last"
+        },
+        plot.render("Position errors in the order of the rows"),
+        &format!(
+            "Dashed: running median of {window} poses. Point at a dot for its line in the file. A slope means that instrument, \
+             target or arm moved or warmed up; with reference points in the file --correct-drift takes out the instrument's \
+             part."
+        ),
+    );
+    let (parts, of, name, known) = if facts.tools.len() > 1 {
+        let parts = evidence.parts(|row| row.tool.clone());
+        (parts, "tools", "session or target", &facts.tools)
+    } else if facts.files.len() > 1 {
+        let parts = evidence.parts(|row| row.file.clone());
+        (parts, "files", "file", &facts.files)
+    } else {
+        return section.missing(
+            "There is one session only: whether a new mounting of the target changes anything cannot be seen in these data.",
+        );
+    };
+    let drawn = parts.iter().filter_map(|(name, members)| {
+        let values: Vec<f64> = members.iter().map(|i| errors[*i]).collect();
+        BoxOf::new(name.as_str(), Series::After, &values)
+    });
+    let drawn: Vec<BoxOf> = drawn.collect();
+    let mean = |i: usize| known[i].errors.position_mm.mean;
+    let worst = (0..known.len()).max_by(|a, b| mean(*a).total_cmp(&mean(*b)));
+    let best = (0..known.len()).min_by(|a, b| mean(*a).total_cmp(&mean(*b)));
+    let (worst, best) = (worst.unwrap_or(0), best.unwrap_or(0));
+    let at = |i: usize| format!("/held_out/{of}/{i}/position_mm/mean");
+    section.figure(
+        html! {
+            "By " (name) ": mean errors from " (Number::mm(mean(best), at(best))) " to " (Number::mm(mean(worst), at(worst))) " mm"
+        },
+        boxes("position error (mm), held out", &drawn, "Box plots of the position error by session"),
+        "Box: the middle half of the poses, with the median. Whiskers: 5 and 95 %. Diamond: mean. Dot: largest.",
+    )
+}

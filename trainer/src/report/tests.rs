@@ -1,0 +1,35 @@
+//! The parts of a page.
+
+use maud::{Render, html};
+
+use super::*;
+
+#[test]
+fn numbers_carry_their_value_and_their_place() {
+    let number = Number::mm(0.054_71, "/held_out/after/position_mm/mean");
+    let expected =
+        r#"<data value="0.05471" data-json="/held_out/after/position_mm/mean">0.055</data>"#;
+    assert_eq!(number.render().into_string(), expected);
+    assert_eq!(rounded(-0.000_4, 3), "0.000");
+    assert_eq!(rounded(-0.000_6, 3), "-0.001");
+    let share = Number::percent(0.684, "/x").render().into_string();
+    assert_eq!(share, r#"<data value="0.684" data-json="/x">68</data>"#);
+}
+
+#[test]
+fn plots_stand_where_they_were_put_and_tables_beside_them() {
+    let section = Section::new("one", "One & two")
+        .text(html! { "first" })
+        .figure(html! { "finding" }, html! { svg {} }, "note")
+        .table_beside(&["a", "<b>"], vec![vec![html! { "1" }, html! { "2" }]])
+        .missing("not <shown>");
+    let page = Page::new("Title <1>", "sub").with(section).render();
+    let place = |word: &str| page.find(word).unwrap_or_else(|| panic!("{word}: {page}"));
+    assert!(place("One &amp; two") < place("<p>first</p>"));
+    assert!(place("<p>first</p>") < place("<figcaption>finding"));
+    assert!(place("<figcaption>finding") < place("<th>&lt;b&gt;"));
+    assert!(place("<th>&lt;b&gt;") < place("not &lt;shown&gt;"));
+    assert!(place("<title>Title &lt;1&gt;</title>") < place("<h1>Title &lt;1&gt;"));
+    // A page of one section needs no list of contents.
+    assert!(!page.contains("<nav"));
+}

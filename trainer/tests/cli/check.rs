@@ -1,0 +1,189 @@
+//! `trainer check`: the exit code, what is said, and bad input.
+
+use crate::program::{Folder, Outcome, SERIAL, changed, simulated, without};
+
+/// A folder with an elastic model of 150 poses and 20 fresh ones.
+fn folder() -> Folder {
+    let folder = Folder::new();
+    folder.write("train.csv", simulated("train", 150));
+    folder.write("fresh.csv", simulated("test2", 20));
+    folder
+        .run(&format!(
+            "calibrate --robot {SERIAL} train.csv --out arm.blob"
+        ))
+        .ok();
+    folder
+}
+
+/// The fresh poses with something added to a column.
+fn moved(column: &str, by: f64) -> String {
+    changed(&simulated("test2", 20), |names, fields| {
+        let at = names.iter().position(|n| *n == column).unwrap();
+        fields[at] = format!("{:.9}", fields[at].parse::<f64>().unwrap() + by);
+    })
+}
+
+fn does_not_hold(outcome: Outcome, parts: &[&str]) -> Outcome {
+    assert_eq!(outcome.code, Some(1), "{outcome:#?}");
+    assert!(outcome.stderr.contains("the calibration does not hold"));
+    for part in parts {
+        let said = outcome.stdout.contains(part) || outcome.stderr.contains(part);
+        assert!(said, "{part}: {outcome:#?}");
+    }
+    outcome
+}
+
+#[test]
+fn it_holds_until_something_moves() {
+    let folder = folder();
+    let run = |line: &str| folder.run(&format!("check arm.blob {line} --json out.json"));
+    let held = run("fresh.csv --max-mm 0.15").ok();
+    for part in [
+        "The calibration holds",
+        "Drift: none found",
+        "nine times in ten",
+    ] {
+        assert!(held.stdout.contains(part), "{part}: {}", held.stdout);
+    }
+    let document = folder.json("out.json");
+    assert_eq!(document["holds"], true);
+    assert_eq!(document["changes"].as_array().unwrap().len(), 0);
+    assert_eq!(document["poses"], 20);
+
+    folder.write("base.csv", moved("x_mm", 0.2));
+    does_not_hold(
+        run("base.csv --max-mm 0.15"),
+        &["the base has moved", "measure the base frame anew"],
+    );
+    let document = folder.json("out.json");
+    let change = &document["changes"][0];
+    assert_eq!(change["part"], "base");
+    let (size, reach) = (
+        &change["shift_mm"]["value"],
+        &change["shift_mm"]["plus_minus"],
+    );
+    let (size, reach) = (size.as_f64().unwrap(), reach.as_f64().unwrap());
+    assert!((size - 0.2).abs() < 2.0 * reach && reach < 0.05, "{change}");
+
+    // What the controller shows is 0.02° more than where the joint is.
+    folder.write("joint.csv", moved("q2_deg", 0.02));
+    does_not_hold(run("joint.csv --max-mm 0.15"), &["joint 2 stands -0.0"]);
+    let document = folder.json("out.json");
+    assert_eq!(document["changes"][0]["part"]["joint"], 2);
+    let offset = document["changes"][0]["offset_deg"]["value"]
+        .as_f64()
+        .unwrap();
+    assert!((offset + 0.02).abs() < 0.002, "{offset}");
+
+    // A drift that is found, and does not matter.
+    let line = "base.csv --max-mm 0.5 --max-drift-mm 0.4";
+    assert!(run(line).ok().stdout.contains("the base has moved"));
+    does_not_hold(
+        run("base.csv --max-mm 0.5 --max-drift-mm 0.1"),
+        &["a drift moves"],
+    );
+    does_not_hold(
+        run("fresh.csv --max-mm 0.05 --statistic max"),
+        &["largest position error"],
+    );
+}
+
+#[test]
+fn base_and_tool_that_were_set_up_anew() {
+    let folder = folder();
+    let turned = changed(&moved("q3_deg", 0.02), |names, fields| {
+        let at = |name: &str| names.iter().position(|n| *n == name).unwrap();
+        // The instrument a quarter turn about its z further, and two metres away.
+        let number = |fields: &[String], name: &str| fields[at(name)].parse::<f64>().unwrap();
+        let (x, y) = (number(fields, "x_mm"), number(fields, "y_mm"));
+        fields[at("x_mm")] = format!("{:.6}", 2000.0 - y);
+        fields[at("y_mm")] = format!("{x:.6}");
+        let q = ["qw", "qx", "qy", "qz"].map(|name| number(fields, name));
+        let s = 0.5_f64.sqrt();
+        let new = [q[0] - q[3], q[1] - q[2], q[2] + q[1], q[3] + q[0]];
+        for (name, value) in ["qw", "qx", "qy", "qz"].iter().zip(new) {
+            fields[at(name)] = format!("{:.12}", s * value);
+        }
+    });
+    folder.write("anew.csv", turned);
+    folder
+        .run("check arm.blob anew.csv --max-mm 0.15")
+        .refused(&["mm from what the model predicts", "--refit-base"]);
+    for options in ["--refit-base", "--refit-base --refit-tool"] {
+        let line = format!("check arm.blob anew.csv --max-mm 0.15 {options} --json out.json");
+        does_not_hold(
+            folder.run(&line),
+            &["joint 3 stands -0.0", "flatters the errors"],
+        );
+        assert_eq!(
+            folder.json("out.json")["changes"].as_array().unwrap().len(),
+            1
+        );
+    }
+    let session = format!(
+        "session,{}",
+        simulated("test2", 20).replace('\n', "\nmonday,")
+    );
+    folder.write("session.csv", session.trim_end_matches("monday,"));
+    let line = "check arm.blob session.csv --max-mm 0.15 --refit-tool";
+    assert!(
+        folder
+            .run(line)
+            .ok()
+            .stdout
+            .contains("The tool frames were fitted")
+    );
+}
+
+#[test]
+fn positions_alone_and_other_models() {
+    let folder = folder();
+    let positions = without(&moved("y_mm", -0.2), &["qw", "qx", "qy", "qz"]);
+    let truth: Vec<&str> = positions.lines().next().unwrap().split(',').collect();
+    let truth: Vec<&str> = truth
+        .into_iter()
+        .filter(|n| n.starts_with("true_"))
+        .collect();
+    folder.write("positions.csv", without(&positions, &truth));
+    does_not_hold(
+        folder.run("check arm.blob positions.csv --max-mm 0.15"),
+        &["the base has moved"],
+    );
+    let line =
+        format!("calibrate --robot {SERIAL} train.csv --model poe --weighted --out poe.blob");
+    folder.run(&line).ok();
+    let outcome = folder
+        .run("check poe.blob fresh.csv --max-mm 5 --max-drift-mm 5")
+        .ok();
+    assert!(
+        outcome.stdout.contains("does not know its own error"),
+        "{outcome:#?}"
+    );
+}
+
+#[test]
+fn what_cannot_be_checked_is_refused() {
+    let folder = folder();
+    folder.write("three.csv", simulated("test2", 3));
+    folder
+        .run("check arm.blob three.csv --max-mm 0.15")
+        .refused(&["three.csv: found 3 poses (18 equations), expected at least 5"]);
+    folder.write(
+        "bare.csv",
+        without(&simulated("test2", 20), &["payload_kg"]),
+    );
+    folder
+        .run("check arm.blob bare.csv --max-mm 0.15")
+        .refused(&["no payload_kg column"]);
+    for (options, said) in [
+        ("", "--max-mm"),
+        ("--max-mm 0", "--max-mm 0"),
+        ("--max-mm 1 --max-drift-mm nan", "--max-drift-mm NaN"),
+        ("--max-mm 1 --false-alarms 0", "--false-alarms 0"),
+        ("--max-mm 1 --position-sigma-mm 0", "--position-sigma-mm 0"),
+        ("--max-mm 1 --correct-drift", "no reference points"),
+    ] {
+        let line = format!("check arm.blob fresh.csv {options}");
+        folder.run(&line).refused(&[said]);
+    }
+}

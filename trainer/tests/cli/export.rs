@@ -1,0 +1,291 @@
+//! What other programs get of a calibrated arm, read back by the trainer's own readers. `tests/peers/exports/run` has it
+//! read by Pinocchio, yourdfpy and Python.
+
+use poegp_protocol::blob;
+use poegp_runtime::poe::Poe;
+use poegp_runtime::se3::Pose;
+use poegp_trainer::export::nominal_chain;
+use poegp_trainer::interchange::CalibratedChain;
+use poegp_trainer::loaded::LoadedBlob;
+use poegp_trainer::robot::{LoadOptions, Robot};
+
+use crate::program::{Folder, data};
+
+/// A folder with `arm.blob`, calibrated from few poses; `robot` is a name or a file of `tests/data/urdf`.
+fn calibrated(robot: &str, model: &str) -> Folder {
+    let folder = Folder::new();
+    if robot.ends_with(".urdf") {
+        folder.write(
+            robot,
+            std::fs::read(data(&format!("urdf/{robot}"))).unwrap(),
+        );
+    }
+    folder
+        .run(&format!(
+            "simulate --robot {robot} --poses 30 --test-sets 0 --seed 5 --out cell"
+        ))
+        .ok();
+    folder
+        .run(&format!(
+            "calibrate --robot {robot} cell/train.csv --model {model} --out arm.blob"
+        ))
+        .ok();
+    folder
+}
+
+fn chain(folder: &Folder) -> CalibratedChain {
+    CalibratedChain::of(&LoadedBlob::read(&folder.path("arm.blob")).unwrap())
+}
+
+/// The chain of a description, whose end is the flange.
+fn described(folder: &Folder, file: &str, tip: Option<&str>) -> Robot {
+    let options = LoadOptions {
+        base: None,
+        tip: tip.map(str::to_owned),
+    };
+    Robot::load(folder.path(file).to_str().unwrap(), &options).unwrap()
+}
+
+/// Largest distances in metres and of rotation elements over joint values that reach everything.
+fn apart(a: &Poe<f64>, b: &Poe<f64>, b_end: &Pose<f64>) -> (f64, f64) {
+    let mut worst = (0.0_f64, 0.0_f64);
+    for k in 0..200 {
+        let q: Vec<f64> = (0..a.kinds().len())
+            .map(|i| 2.5 * (0.37 * f64::from(k * k) + 1.9 * i as f64).sin())
+            .collect();
+        let (one, other) = (a.forward(&q), b.forward(&q) * *b_end);
+        worst.0 = worst.0.max((one.translation - other.translation).norm());
+        worst.1 = worst.1.max((one.rotation - other.rotation).amax());
+    }
+    worst
+}
+
+#[track_caller]
+fn same(folder: &Folder, file: &str, tip: Option<&str>, target: &Pose<f64>) {
+    let robot = described(folder, file, tip);
+    let (position, rotation) = apart(
+        &chain(folder).poe(),
+        &nominal_chain(&robot).unwrap(),
+        target,
+    );
+    assert!(
+        position < 1e-12 && rotation < 1e-12,
+        "{file}: {position:e} m, {rotation:e}"
+    );
+}
+
+#[test]
+fn every_description_has_the_poses_of_the_chain() {
+    for robot in [
+        "abb-irb4400",
+        "kuka-iiwa7",
+        "ur5",
+        "workbench.urdf",
+        "no_tool0.urdf",
+    ] {
+        let folder = calibrated(robot, "poe");
+        let nominal = if robot.ends_with(".urdf") {
+            format!("--urdf {robot}")
+        } else {
+            String::new()
+        };
+        let line = format!(
+            "export arm.blob {nominal} --out new.urdf --target-link probe --dh dh.toml --poe poe.toml"
+        );
+        let said = folder.run(&line).ok();
+        assert!(said.stdout.contains("Wrote new.urdf"), "{said:#?}");
+        same(&folder, "new.urdf", Some("probe"), &Pose::identity());
+        let flange_from_target = chain(&folder).flange_from_target;
+        for table in ["dh.toml", "poe.toml"] {
+            same(&folder, table, None, &flange_from_target);
+        }
+        if robot == "abb-irb4400" {
+            assert!(
+                said.stdout.contains("the coupling of the joints"),
+                "{said:#?}"
+            );
+            let coupling = described(&folder, "dh.toml", None).coupling;
+            assert_eq!(
+                coupling,
+                Robot::load(robot, &LoadOptions::default())
+                    .unwrap()
+                    .coupling
+            );
+        }
+        folder
+            .run("export arm.blob --dh dh.json --poe -")
+            .ok()
+            .json();
+        assert_eq!(folder.json("dh.json")["convention"], "dh");
+    }
+}
+
+/// The frames are those of the blob: its `f32` poses are tenths of a micrometre away.
+#[test]
+fn the_chain_is_the_devices() {
+    let folder = calibrated("abb-irb120", "poe");
+    let bytes = folder.read("arm.blob");
+    let decoded = blob::decode(&bytes).unwrap();
+    let kinds: Vec<_> = decoded.robot.joints.iter().map(|j| j.kind).collect();
+    let frames: Vec<Pose<f32>> = decoded
+        .geometry
+        .calibrated
+        .iter()
+        .map(Pose::from_rows)
+        .collect();
+    let device = Poe::new(&kinds, &frames).unwrap();
+    let exported = chain(&folder).poe();
+    for k in 0..100 {
+        let q: Vec<f64> = (0..6)
+            .map(|i| f64::from(((0.3 * f64::from(k) + i as f64).sin()) as f32))
+            .collect();
+        let single: Vec<f32> = q.iter().map(|x| *x as f32).collect();
+        let apart =
+            device.forward(&single).cast::<f64>().translation - exported.forward(&q).translation;
+        assert!(apart.norm() < 1e-6, "{:e} m", apart.norm());
+    }
+}
+
+/// Outside of the corrected origins, what is added and the comment, every line is the nominal file's.
+#[test]
+fn everything_else_of_a_urdf_is_kept() {
+    let folder = calibrated("workbench.urdf", "poe");
+    folder
+        .run("export arm.blob --urdf workbench.urdf --out new.urdf")
+        .ok();
+    let (nominal, new) = (folder.text("workbench.urdf"), folder.text("new.urdf"));
+    let mut lines: Vec<&str> = new.lines().collect();
+    let mut changed = 0;
+    for line in nominal.lines() {
+        match lines.iter().position(|other| *other == line) {
+            Some(at) => drop(lines.remove(at)),
+            None => {
+                assert!(line.contains("<origin"), "{line}");
+                changed += 1;
+            }
+        }
+    }
+    // Seven are corrected; the joint "lift" had none.
+    assert_eq!(changed, 6);
+    assert_eq!(
+        lines.iter().filter(|line| line.contains("<origin")).count(),
+        7
+    );
+    let comment = lines.iter().filter(|line| !line.contains("<origin"));
+    assert_eq!(comment.count(), 5, "{lines:#?}");
+    // Links are where they were, but for the errors of the arm: meshes fit.
+    let (old, new) = (
+        described(&folder, "workbench.urdf", None),
+        described(&folder, "new.urdf", None),
+    );
+    for (a, b) in old.parent_from_joint.iter().zip(&new.parent_from_joint) {
+        assert!((a.translation - b.translation).norm() < 5e-3);
+    }
+}
+
+#[test]
+fn what_a_chain_cannot_hold_is_said() {
+    let folder = calibrated("ur5", "elastic");
+    let said = folder
+        .run("export arm.blob --out a.urdf --poe a.toml --ur-kinematics a.yaml --c-header a.h")
+        .ok();
+    for part in [
+        "Not in these files",
+        "the deflection under gravity",
+        "the C header has the whole model",
+        "TCP to be set",
+    ] {
+        assert!(said.stdout.contains(part), "{part}: {said:#?}");
+    }
+    for file in ["a.urdf", "a.toml", "a.yaml"] {
+        assert!(
+            folder.text(file).contains("the deflection under gravity"),
+            "{file}"
+        );
+    }
+    let yaml = folder.text("a.yaml");
+    for part in [
+        "kinematics:\n  shoulder:\n    x: ",
+        "  wrist_3:\n",
+        "    yaw: ",
+        "  hash: calib_",
+    ] {
+        assert!(yaml.contains(part), "{part}: {yaml}");
+    }
+    // The same bytes in the header.
+    let header = folder.text("a.h");
+    let body = header
+        .split("a_blob[A_BLOB_BYTES] = {")
+        .nth(1)
+        .unwrap()
+        .split('}')
+        .next()
+        .unwrap();
+    let bytes: Vec<u8> = body
+        .split(',')
+        .filter_map(|text| u8::from_str_radix(text.trim().strip_prefix("0x")?, 16).ok())
+        .collect();
+    assert_eq!(bytes, folder.read("arm.blob"));
+}
+
+#[test]
+fn what_does_not_fit_is_refused() {
+    let folder = calibrated("workbench.urdf", "poe");
+    folder.write(
+        "no_tool0.urdf",
+        std::fs::read(data("urdf/no_tool0.urdf")).unwrap(),
+    );
+    let names = folder.names();
+    for (line, parts) in [
+        ("export arm.blob", &["nothing to write"][..]),
+        ("export arm.blob --urdf workbench.urdf", &["--out"]),
+        (
+            "export arm.blob --urdf no_tool0.urdf --out a.urdf",
+            &[
+                "no_tool0.urdf: found 3 moving joints",
+                "the 6 joints of workbench",
+            ],
+        ),
+        (
+            "export arm.blob --urdf workbench.urdf --tip flange --out a.urdf",
+            &[
+                "workbench.urdf: found a chain whose flange is up to",
+                "same --base and --tip",
+            ],
+        ),
+        (
+            "export arm.blob --urdf no.urdf --out a.urdf",
+            &["no.urdf: found no such file"],
+        ),
+        (
+            "export arm.blob --urdf arm.blob --out a.urdf",
+            &["does not end with .urdf"],
+        ),
+        (
+            "export arm.blob --urdf workbench.urdf --out workbench.urdf",
+            &["an input of this command"],
+        ),
+        (
+            "export arm.blob --urdf workbench.urdf --out a.urdf --target-link camera",
+            &["workbench.urdf: found a link \"camera\" already"],
+        ),
+        (
+            "export arm.blob --dh a.txt",
+            &["a.txt: found a name that says no format", ".toml or .json"],
+        ),
+        (
+            "export arm.blob --ur-kinematics a.yaml",
+            &[
+                "arm.blob: found nominal axes of another layout: joint 2",
+                "Universal Robots' layout",
+            ],
+        ),
+        (
+            "export workbench.urdf --dh a.toml",
+            &["workbench.urdf:", "a model blob"],
+        ),
+    ] {
+        folder.run(line).refused(parts);
+    }
+    assert_eq!(folder.names(), names);
+}

@@ -1,0 +1,413 @@
+//! Plans: what is chosen, what a cell forbids, what is written, and what is refused.
+
+use poegp_trainer::robot::{LoadOptions, Robot};
+
+use crate::program::{Folder, SERIAL};
+
+/// The rows of a plan as numbers.
+fn rows(csv: &str) -> Vec<Vec<f64>> {
+    csv.lines()
+        .filter(|line| !line.starts_with('#'))
+        .skip(1)
+        .map(|line| line.split(',').map(|x| x.parse().unwrap()).collect())
+        .collect()
+}
+
+/// A cell in which an arm of this size still finds poses.
+const CELL: &str = r#"
+[[joint]]
+name = "joint_1"
+range_deg = [-60, 45]
+
+[target]
+origin = { xyz_mm = [30, 0, 150] }
+
+[workspace]
+min_mm = [0, -1500, 300]
+max_mm = [2300, 1500, 2500]
+
+[[keep_out]]
+name = "table"
+min_mm = [600, -300, 0]
+max_mm = [1500, 300, 800]
+
+[line_of_sight]
+instrument_mm = [4000, 500, 1500]
+normal = [0, 0, 1]
+max_angle_deg = 60
+"#;
+
+/// The target at joints in degrees, by plain trigonometry: the IRB 4400's links as its description draws them.
+fn irb4400_target(q: &[f64], tool: [f64; 3]) -> ([f64; 3], [f64; 3]) {
+    type M = [[f64; 3]; 3];
+    let rotation = |axis: usize, degrees: f64| -> M {
+        let (s, c) = degrees.to_radians().sin_cos();
+        match axis {
+            0 => [[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]],
+            1 => [[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]],
+            _ => [[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]],
+        }
+    };
+    let apply = |m: &M, v: [f64; 3]| -> [f64; 3] {
+        std::array::from_fn(|i| (0..3).map(|k| m[i][k] * v[k]).sum())
+    };
+    let product = |a: &M, b: &M| -> M {
+        std::array::from_fn(|i| std::array::from_fn(|j| (0..3).map(|k| a[i][k] * b[k][j]).sum()))
+    };
+    let steps: [(usize, [f64; 3]); 6] = [
+        (2, [0.0, 0.0, 0.0]),
+        (1, [0.2, 0.0, 0.68]),
+        (1, [0.0, 0.0, 0.89]),
+        (0, [0.0, 0.0, 0.15]),
+        (1, [0.88, 0.0, 0.0]),
+        (0, [0.0, 0.0, 0.0]),
+    ];
+    let mut at = [0.0; 3];
+    let mut turned = rotation(2, 0.0);
+    for ((axis, offset), angle) in steps.into_iter().zip(q) {
+        let moved = apply(&turned, offset);
+        at = std::array::from_fn(|i| at[i] + moved[i]);
+        turned = product(&turned, &rotation(axis, *angle));
+    }
+    let moved = apply(&turned, [0.14, 0.0, 0.0]);
+    at = std::array::from_fn(|i| at[i] + moved[i]);
+    turned = product(&turned, &rotation(1, 90.0));
+    let moved = apply(&turned, tool);
+    (
+        std::array::from_fn(|i| at[i] + moved[i]),
+        apply(&turned, [0.0, 0.0, 1.0]),
+    )
+}
+
+#[test]
+fn a_plan_keeps_to_the_limits_and_spreads_over_the_payloads() {
+    let folder = Folder::new();
+    let line = format!(
+        "plan --robot {SERIAL} --count 32 --payloads 5,0,10 --out plan.csv --check-poses 6 --check-out check.csv \
+         --d-optimal --no-forecast --json plan.json"
+    );
+    let said = folder.run(&line).ok().stdout;
+    assert!(
+        said.contains("Planned 32 D-optimal poses and 6 to check with"),
+        "{said}"
+    );
+    let robot = Robot::load(SERIAL, &LoadOptions::default()).unwrap();
+    let (plan, check) = (
+        rows(&folder.text("plan.csv")),
+        rows(&folder.text("check.csv")),
+    );
+    assert_eq!((plan.len(), check.len()), (32, 6));
+    for row in plan.iter().chain(&check) {
+        for (q, joint) in row[1..].iter().zip(&robot.joints) {
+            let (lower, upper) = joint.limits.unwrap();
+            assert!(
+                (lower..=upper).contains(&q.to_radians()) && q.abs() <= 180.0,
+                "{row:?}"
+            );
+        }
+    }
+    // One block for each payload, as equal as possible.
+    let payloads: Vec<f64> = plan.iter().map(|r| r[0]).collect();
+    assert!(payloads.is_sorted(), "{payloads:?}");
+    for kg in [0.0, 5.0, 10.0] {
+        let count = payloads.iter().filter(|p| **p == kg).count();
+        assert!((10..=11).contains(&count), "{kg}: {count}");
+        assert_eq!(check.iter().filter(|r| r[0] == kg).count(), 2);
+    }
+    assert!(check.iter().all(|c| plan.iter().all(|p| p[1..] != c[1..])));
+    let json = folder.json("plan.json");
+    assert_eq!(json["poses"], 32);
+    assert_eq!(json["strategy"], "D-optimal");
+    assert!(json["forecast"].is_null());
+    let many =
+        format!("plan --robot {SERIAL} --count 60 --payloads 5 --out many.csv --no-forecast");
+    assert!(
+        folder
+            .run(&many)
+            .ok()
+            .stdout
+            .contains("60 space-filling poses, all with 5 kg")
+    );
+}
+
+#[test]
+fn the_same_seed_makes_the_same_plan() {
+    let folder = Folder::new();
+    let plan = |out: &str, seed: u64| {
+        let line = format!("plan --robot ur10 --count 30 --seed {seed} --out {out} --no-forecast");
+        folder.run(&line).ok();
+        folder.text(out)
+    };
+    let first = plan("a.csv", 4);
+    assert_eq!(first, plan("b.csv", 4));
+    assert_ne!(first, plan("c.csv", 5));
+    assert!(
+        first.contains("\nq1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n"),
+        "{first}"
+    );
+}
+
+/// Every pose is where the cell allows it, by kinematics that are not the program's.
+#[test]
+fn a_plan_keeps_to_what_the_cell_allows() {
+    let folder = Folder::new();
+    folder.write("cell.toml", CELL);
+    let line = format!(
+        "plan --robot {SERIAL} --constraints cell.toml --count 45 --payloads 0,5 --out plan.csv --no-forecast"
+    );
+    let said = folder.run(&line).ok().stdout;
+    assert!(
+        said.contains("taken away by workspace") && said.contains("keep_out \"table\""),
+        "{said}"
+    );
+    for row in rows(&folder.text("plan.csv")) {
+        let (at, normal) = irb4400_target(&row[1..], [0.03, 0.0, 0.15]);
+        assert!((-60.0..=45.0).contains(&row[1]), "{row:?}");
+        let workspace = [(0.0, 2.3), (-1.5, 1.5), (0.3, 2.5)];
+        assert!(
+            (0..3).all(|i| (workspace[i].0..=workspace[i].1).contains(&at[i])),
+            "{at:?}"
+        );
+        let table = [(0.6, 1.5), (-0.3, 0.3), (0.0, 0.8)];
+        assert!(
+            !(0..3).all(|i| (table[i].0..=table[i].1).contains(&at[i])),
+            "{at:?}"
+        );
+        let to: [f64; 3] = std::array::from_fn(|i| [4.0, 0.5, 1.5][i] - at[i]);
+        let length = to.iter().map(|x| x * x).sum::<f64>().sqrt();
+        let cosine = (0..3).map(|i| to[i] * normal[i]).sum::<f64>() / length;
+        assert!(cosine.acos().to_degrees() <= 60.0, "{row:?}: {cosine}");
+    }
+}
+
+#[test]
+fn a_cell_that_allows_too_little_is_told_what_takes_most() {
+    let folder = Folder::new();
+    let tight = CELL.replace("max_angle_deg = 60", "max_angle_deg = 0.5");
+    folder.write("cell.toml", &tight);
+    let line = format!(
+        "plan --robot {SERIAL} --constraints cell.toml --count 50 --out plan.csv --no-forecast"
+    );
+    folder.run(&line).refused(&[
+        "cell.toml:",
+        "of 300000 random configurations allowed",
+        "expected at least 50 to plan with",
+        "line_of_sight took away",
+        "keep_out \"table\" took away",
+    ]);
+    assert_eq!(folder.names(), ["cell.toml"]);
+}
+
+#[test]
+fn constraints_that_cannot_be_meant_are_refused_with_their_line() {
+    let folder = Folder::new();
+    let line = format!(
+        "plan --robot {SERIAL} --constraints cell.toml --count 50 --out plan.csv --no-forecast"
+    );
+    for (text, parts) in [
+        (
+            "[workspace]\nmin_mm = [0, 0, 0]\n",
+            &["cell.toml:1", "no max_mm"][..],
+        ),
+        (
+            "[workspace]\nmin_mm = [0, 0, 9]\nmax_mm = [1, 1, 8]\n",
+            &["cell.toml:1", "without room along z"],
+        ),
+        (
+            "[[joint]]\nname = \"elbow\"\nrange_deg = [0, 1]\n",
+            &["cell.toml:2", "\"elbow\"", "joint_1, joint_2"],
+        ),
+        (
+            "[[joint]]\nname = \"joint_2\"\nrange_deg = [-90, 0]\n",
+            &[
+                "cell.toml:3",
+                "(range_deg)",
+                "[-90, 0]",
+                "within the limits of joint \"joint_2\"",
+            ],
+        ),
+        (
+            "[[joint]]\nname = \"joint_2\"\nrange_mm = [-90, 0]\n",
+            &["cell.toml:1", "no range_deg of joint \"joint_2\""],
+        ),
+        (
+            "[[joint]]\nname = \"joint_2\"\nrange_deg = [5, -5]\n",
+            &["cell.toml:3", "a smaller and a larger number"],
+        ),
+        (
+            "[line_of_sight]\ninstrument_mm = [1, 2, 3]\nnormal = [0, 0, 0]\nmax_angle_deg = 30\n",
+            &["cell.toml:3", "(normal)", "a direction"],
+        ),
+        (
+            "[line_of_sight]\ninstrument_mm = [1, 2, 3]\nnormal = [0, 0, 1]\nmax_angle_deg = 0\n",
+            &["cell.toml:4", "(max_angle_deg)"],
+        ),
+        (
+            "[instrument]\n",
+            &["cell.toml:1", "unknown field `instrument`"],
+        ),
+        ("workspace = 3\n", &["cell.toml:1"]),
+        (
+            "[workspace]\nmin_mm = [0, 0, 0]\nmin_m = [0, 0, 0]\nmax_mm = [1, 1, 8]\n",
+            &["cell.toml:3", "min_m beside min_mm"],
+        ),
+    ] {
+        folder.write("cell.toml", text);
+        folder.run(&line).refused(parts);
+    }
+    let missing = line.replace("cell.toml", "none.toml");
+    folder
+        .run(&missing)
+        .refused(&["none.toml: found no such file"]);
+}
+
+#[test]
+fn what_cannot_be_planned_is_refused() {
+    let folder = Folder::new();
+    for (line, parts) in [
+        (
+            "--robot ur10 --count 5",
+            &["--count 5: expected at least 6", "30 unknowns"][..],
+        ),
+        ("--robot ur10 --payloads 1,-2", &["--payloads -2"]),
+        (
+            "--robot ur10 --payloads 1,5,1",
+            &["--payloads 1: given twice"],
+        ),
+        (
+            "--robot ur10 --d-optimal --space-filling",
+            &["cannot be used with"],
+        ),
+        ("--robot ur10 --check-poses 5", &["--check-out"]),
+        (
+            "--robot kuka-iiwa7 --krl a.src",
+            &["a.src:", "KUKA KRL", "7 revolute joints"],
+        ),
+        (
+            "--robot ur10 --rapid plan.csv",
+            &["plan.csv: found two outputs in one file"],
+        ),
+    ] {
+        let line = format!("plan {line} --out plan.csv --no-forecast");
+        folder.run(&line).refused(parts);
+        assert!(folder.names().is_empty(), "{line}: {:?}", folder.names());
+    }
+}
+
+/// The programs have the joints of the CSV file, to the last digit.
+#[test]
+fn programs_and_table_have_the_same_joints() {
+    let folder = Folder::new();
+    let line = "plan --robot abb-irb120 --count 30 --payloads 0,1 --out plan.csv --rapid p.mod --krl p.src --fanuc p.ls \
+                --urscript p.script --no-forecast";
+    folder.run(line).ok();
+    let csv = folder.text("plan.csv");
+    let [rapid, krl, fanuc, urscript] =
+        ["p.mod", "p.src", "p.ls", "p.script"].map(|name| folder.text(name));
+    for (number, line) in (1..).zip(
+        csv.lines()
+            .filter(|l| l.starts_with("0,") || l.starts_with("1,")),
+    ) {
+        let joints: Vec<&str> = line.split(',').skip(1).collect();
+        assert!(
+            rapid.contains(&format!("[[{}],", joints.join(","))),
+            "{line}"
+        );
+        let axes: Vec<String> = (1..)
+            .zip(&joints)
+            .map(|(i, q): (usize, _)| format!("A{i} {q}"))
+            .collect();
+        assert!(krl.contains(&format!("{{{}}}", axes.join(","))), "{line}");
+        let position = fanuc.split(&format!("P[{number}]{{")).nth(1).unwrap();
+        let position = position.split('}').next().unwrap();
+        assert!(
+            joints
+                .iter()
+                .all(|q| position.contains(&format!(" {q} deg"))),
+            "{position}"
+        );
+        let radians: Vec<String> = joints
+            .iter()
+            .map(|q| format!("{:.9}", q.parse::<f64>().unwrap().to_radians()))
+            .collect();
+        assert!(
+            urscript.contains(&format!("movej([{}]", radians.join(", "))),
+            "{line}"
+        );
+    }
+    assert_eq!(rapid.matches("MoveAbsJ").count(), 30);
+    assert_eq!(krl.matches("PTP {").count(), 30);
+    assert_eq!(fanuc.matches("FINE").count(), 30);
+    assert_eq!(urscript.matches("movej(").count(), 30);
+    // A stop for the operator before each of the two payloads.
+    assert_eq!(
+        (rapid.matches("Stop;").count(), krl.matches("HALT").count()),
+        (2, 2)
+    );
+    assert_eq!(
+        (
+            fanuc.matches("PAUSE").count(),
+            urscript.matches("popup(").count()
+        ),
+        (2, 2)
+    );
+}
+
+/// A plan with measurements added is a measurement file.
+#[test]
+fn a_plan_with_poses_added_calibrates() {
+    let folder = Folder::new();
+    let line =
+        format!("plan --robot {SERIAL} --count 30 --payloads 0,5 --out plan.csv --no-forecast");
+    folder.run(&line).ok();
+    let mut measured = String::new();
+    for line in folder.text("plan.csv").lines() {
+        measured += line;
+        if line.starts_with("payload_kg") {
+            measured += ",x_mm,y_mm,z_mm";
+        } else if !line.starts_with('#') {
+            let joints: Vec<f64> = line
+                .split(',')
+                .skip(1)
+                .map(|x| x.parse().unwrap())
+                .collect();
+            let (at, _) = irb4400_target(&joints, [0.05, 0.0, 0.1]);
+            measured += &format!(",{:.4},{:.4},{:.4}", 1e3 * at[0], 1e3 * at[1], 1e3 * at[2]);
+        }
+        measured.push('\n');
+    }
+    folder.write("measured.csv", measured);
+    let line = format!(
+        "calibrate --robot {SERIAL} measured.csv --model base-tool --out arm.blob --json -"
+    );
+    let json = folder.run(&line).ok().json();
+    assert_eq!(json["training_poses"], 30);
+    // Measured by the description's own kinematics: nothing is left but the file's last digit.
+    assert!(
+        json["training"]["position_mm"]["max"].as_f64().unwrap() < 2e-3,
+        "{json}"
+    );
+}
+
+#[test]
+fn a_forecast_says_what_more_poses_are_worth() {
+    let folder = Folder::new();
+    let line = format!(
+        "plan --robot {SERIAL} --count 30 --payloads 0,5 --out plan.csv --forecast 60 --json plan.json"
+    );
+    let said = folder.run(&line).ok().stdout;
+    assert!(
+        said.contains("noise of 0.03 mm") && said.contains("* 30"),
+        "{said}"
+    );
+    let json = folder.json("plan.json");
+    let rows = json["forecast"]["rows"].as_array().unwrap();
+    let poses: Vec<u64> = rows.iter().map(|r| r["poses"].as_u64().unwrap()).collect();
+    assert_eq!(poses, [30, 60]);
+    for row in rows {
+        for error in ["paper_mm", "wild_mm"] {
+            // The noise alone makes 0.048.
+            assert!((0.04..0.5).contains(&row[error].as_f64().unwrap()), "{row}");
+        }
+    }
+}

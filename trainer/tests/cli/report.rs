@@ -1,0 +1,307 @@
+//! The report: its numbers are those of the JSON document, it needs nothing but itself, and no name breaks out of it.
+
+use serde_json::Value;
+
+use crate::program::{Folder, Outcome, SERIAL, changed, simulated, without};
+
+/// The `data` elements of a page: value, place in the JSON document, text.
+fn numbers(page: &str) -> Vec<(f64, String, String)> {
+    let attribute = |tag: &str, name: &str| -> String {
+        let begin = format!("{name}=\"");
+        let rest = &tag[tag.find(&begin).unwrap_or_else(|| panic!("{tag}")) + begin.len()..];
+        rest[..rest.find('"').unwrap()].to_owned()
+    };
+    let mut out = Vec::new();
+    for part in page.split("<data ").skip(1) {
+        let (tag, rest) = part.split_once('>').unwrap();
+        let text = rest[..rest.find("</data>").unwrap()].to_owned();
+        let value = attribute(tag, "value").parse().unwrap();
+        out.push((value, attribute(tag, "data-json"), text));
+    }
+    out
+}
+
+/// Every number of the page is the one of the document, rounded; returns how many there are.
+#[track_caller]
+fn check_numbers(page: &str, document: &Value) -> usize {
+    let numbers = numbers(page);
+    for (value, pointer, text) in &numbers {
+        let there = document.pointer(pointer).and_then(Value::as_f64);
+        assert_eq!(there, Some(*value), "{pointer}: the page has {text}");
+        let decimals = text.split_once('.').map_or(0, |(_, d)| d.len());
+        let shown: f64 = text.parse().unwrap();
+        let half = 0.5001 * 10f64.powi(-(decimals as i32));
+        // Shares are shown in per cent.
+        let fits = (shown - value).abs() <= half || (shown - 100.0 * value).abs() <= half;
+        assert!(fits, "{pointer}: {value} is shown as {text}");
+    }
+    numbers.len()
+}
+
+/// Complete, small, without network and scripts, every element closed, no number that is none.
+#[track_caller]
+fn check_page(page: &str) {
+    assert!(page.starts_with("<!DOCTYPE html><html lang=\"en\">"));
+    assert!(page.ends_with("</body></html>\n"));
+    assert!(page.len() < 2_000_000, "{} bytes", page.len());
+    for word in [
+        "<script",
+        "http://",
+        "https://",
+        "url(",
+        "@import",
+        "NaN",
+        "inf\"",
+        "javascript:",
+    ] {
+        assert!(!page.contains(word), "{word}");
+    }
+    for word in ["prefers-color-scheme: dark", "@media print", "viewport"] {
+        assert!(page.contains(word), "{word}");
+    }
+    let mut open: Vec<&str> = Vec::new();
+    for part in page.split('<').skip(2) {
+        let tag = &part[..part.find('>').unwrap_or_else(|| panic!("{part}"))];
+        let name = tag.split([' ', '/']).find(|n| !n.is_empty()).unwrap();
+        match (tag.starts_with('/'), name) {
+            (true, _) => assert_eq!(open.pop(), Some(name), "</{name}>"),
+            (false, "meta" | "link") => {}
+            _ => open.push(name),
+        }
+    }
+    assert!(open.is_empty(), "{open:?}");
+    for part in page.split("href=\"#").skip(1) {
+        let id = &part[..part.find('"').unwrap()];
+        assert!(page.contains(&format!("id=\"{id}\"")), "{id}");
+    }
+}
+
+fn calibrate(folder: &Folder, flags: &str) -> Outcome {
+    let line = format!(
+        "calibrate --robot {SERIAL} train.csv {flags} --out arm.blob --report report.html --json report.json"
+    );
+    folder.run(&line)
+}
+
+#[test]
+fn the_numbers_of_calibrate_are_those_of_the_document() {
+    let folder = Folder::new();
+    folder.write("train.csv", simulated("train", 60));
+    folder.write("test.csv", simulated("test1", 30));
+    let outcome = calibrate(&folder, "--model poe-gp-load --test test.csv").ok();
+    assert!(outcome.stdout.contains("Wrote report.html"), "{outcome:#?}");
+    let (page, document) = (folder.text("report.html"), folder.json("report.json"));
+    check_page(&page);
+    assert!(check_numbers(&page, &document) > 60);
+
+    // The errors are those of the blob that was written, as another command finds them.
+    let evaluated = folder
+        .run("evaluate arm.blob test.csv --json -")
+        .ok()
+        .json();
+    let held_out = &document["held_out"];
+    assert_eq!(held_out["how"], "test sets");
+    assert_eq!(
+        held_out["after"]["position_mm"],
+        evaluated["sets"][0]["position_mm"]
+    );
+    let mean = held_out["after"]["position_mm"]["mean"].as_f64().unwrap();
+    assert!(
+        outcome.stdout.contains(&format!("{mean:.4} mm mean")),
+        "{outcome:#?}"
+    );
+    let methods = held_out["methods"].as_array().unwrap();
+    let names: Vec<&str> = methods
+        .iter()
+        .map(|m| m["model"].as_str().unwrap())
+        .collect();
+    assert_eq!(names, ["base-tool", "poe", "poe-gp", "poe-gp-load"]);
+    assert_eq!(methods[0], held_out["before"]);
+    assert_eq!(held_out["payloads"].as_array().unwrap().len(), 5);
+    assert!(held_out["learning_curve"].as_array().unwrap().len() >= 2);
+    let files = document["provenance"]["files"].as_array().unwrap();
+    assert_eq!(files.len(), 3);
+    for file in files {
+        assert!(page.contains(file["sha256"].as_str().unwrap()), "{file}");
+    }
+
+    // The same bytes again.
+    calibrate(&folder, "--model poe-gp-load --test test.csv").ok();
+    assert_eq!(page, folder.text("report.html"));
+}
+
+/// The default model by cross-validation, with outliers, sessions and positions alone; what is unknown is said.
+#[test]
+fn cross_validation_is_held_out_and_what_is_unknown_is_said() {
+    let folder = Folder::new();
+    let mut row = 0;
+    let csv = simulated("train", 60);
+    let csv = changed(&csv, |names, fields| {
+        row += 1;
+        let x = names.iter().position(|n| *n == "x_mm").unwrap();
+        if row == 7 {
+            fields[x] = format!("{}", fields[x].parse::<f64>().unwrap() + 25.0);
+        }
+    });
+    let csv = without(&csv, &["payload_kg", "qw", "qx", "qy", "qz"]);
+    folder.write("train.csv", &csv);
+    let outcome = calibrate(&folder, "--outliers reject").ok();
+    let (page, document) = (folder.text("report.html"), folder.json("report.json"));
+    check_page(&page);
+    assert!(check_numbers(&page, &document) > 60);
+    let held_out = &document["held_out"];
+    assert_eq!(held_out["how"], "cross-validation");
+    assert_eq!(
+        (&held_out["folds"], &held_out["after"]["poses"]),
+        (&5.into(), &60.into())
+    );
+    // Errors of the training would be smaller.
+    let mean = |errors: &Value| errors["position_mm"]["mean"].as_f64().unwrap();
+    assert!(mean(&held_out["after"]) > mean(&document["training"]));
+    let line = format!(
+        "compare --robot {SERIAL} train.csv --models elastic --folds 5 --outliers reject --json -"
+    );
+    let compared = folder.run(&line).ok().json();
+    let cross_validation = &compared["models"][0]["cross_validation"]["position_mm"];
+    assert_eq!(&held_out["after"]["position_mm"], cross_validation);
+    assert_eq!(document["elastic"]["outliers"][0]["line"], 8);
+    for sentence in [
+        "no payload_kg column",
+        "There is one session only",
+        "line 8",
+        "left out",
+    ] {
+        assert!(page.contains(sentence), "{sentence}: {outcome:#?}");
+    }
+    assert!(!page.contains("mrad in the mean"));
+}
+
+#[test]
+fn the_numbers_of_compare_are_those_of_the_document() {
+    let folder = Folder::new();
+    folder.write("train.csv", simulated("train", 50));
+    for set in ["test1", "test2"] {
+        folder.write(&format!("{set}.csv"), simulated(set, 20));
+    }
+    let sets = "--test test1.csv --test test2.csv --folds 0";
+    for (flags, how) in [(sets, "test sets"), ("--folds 4", "cross-validation")] {
+        let line = format!(
+            "compare --robot {SERIAL} train.csv {flags} --models poe-gp,poe --report report.html --json report.json"
+        );
+        folder.run(&line).ok();
+        let (page, document) = (folder.text("report.html"), folder.json("report.json"));
+        check_page(&page);
+        assert!(check_numbers(&page, &document) > 50);
+        let held_out = &document["held_out"];
+        assert_eq!(held_out["how"], how);
+        // Base and tool alone are there for comparison, and the page is about the best.
+        assert_eq!(held_out["before"]["model"], "base-tool");
+        assert_eq!(held_out["after"]["model"], "poe-gp");
+        if how == "cross-validation" {
+            let asked = &document["models"][0]["cross_validation"]["position_mm"];
+            assert_eq!(&held_out["after"]["position_mm"], asked);
+        }
+    }
+    let line = format!("compare --robot {SERIAL} train.csv --folds 0 --report report.html");
+    folder.run(&line).refused(&["--folds 0", "--test", "empty"]);
+}
+
+/// Names that would break out of text, attributes and the SVG, in sessions, files, robot and serial number.
+#[test]
+fn hostile_names_stay_text() {
+    let folder = Folder::new();
+    let hostile = [
+        "<script>alert(1)</script>",
+        "\"><img src=x onerror=alert(2)>",
+        "'&amp;</title></svg>",
+    ];
+    let mut row = 0;
+    let csv = changed(&simulated("train", 60), |_, fields| {
+        fields.push(format!("\"{}\"", hostile[row % 3].replace('"', "\"\"")));
+        row += 1;
+    });
+    let csv = csv.replacen('\n', ",session\n", 1);
+    let train = "a<b>&'\"c.csv";
+    folder.write(train, &csv);
+    let robot = std::fs::read_to_string(concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/robots/abb-irb4400-serial.toml"
+    ))
+    .unwrap()
+    .replacen(
+        "name = \"abb-irb4400-serial\"",
+        "name = '</h1><svg onload=alert(3)>'",
+        1,
+    );
+    folder.write("robot.toml", robot);
+    let mut command = folder.command(
+        "calibrate --robot robot.toml --model poe --out arm.blob --report report.html --json report.json",
+    );
+    command.arg(train).args(["--serial-number", "<b>7</b>"]);
+    folder.finish(&mut command).ok();
+    let (page, document) = (folder.text("report.html"), folder.json("report.json"));
+    check_page(&page);
+    check_numbers(&page, &document);
+    assert_eq!(document["held_out"]["tools"].as_array().unwrap().len(), 3);
+    for word in [
+        "<script",
+        "<img",
+        "<svg onload",
+        "<b>7",
+        "</title></svg>",
+        "<b>&'",
+    ] {
+        assert!(!page.contains(word), "{word}");
+    }
+    for word in ["&lt;script&gt;", "&lt;img", "&lt;svg onload", "&lt;b&gt;7"] {
+        assert!(page.contains(word), "{word}");
+    }
+}
+
+/// One pose, one payload, joints that do not move: sentences instead of plots, and nothing that breaks.
+#[test]
+fn a_single_held_out_pose_has_a_page() {
+    let folder = Folder::new();
+    folder.write("train.csv", simulated("train", 40));
+    folder.write("test.csv", simulated("test1", 1));
+    calibrate(&folder, "--model poe-gp-load --test test.csv").ok();
+    let (page, document) = (folder.text("report.html"), folder.json("report.json"));
+    check_page(&page);
+    check_numbers(&page, &document);
+    for sentence in [
+        "Joints 1, 2, 3, 4, 5, 6 did not move",
+        "1 poses are too few",
+        "all poses are at one place",
+        "with one payload",
+    ] {
+        assert!(page.contains(sentence), "{sentence}");
+    }
+}
+
+#[test]
+fn what_cannot_be_reported_is_refused_before_the_work() {
+    let folder = Folder::new();
+    folder.write("train.csv", simulated("train", 7));
+    calibrate(&folder, "--model poe").refused(&["train.csv", "7 poses", "--test FILE"]);
+    let line = format!("calibrate --robot {SERIAL} train.csv --model base-tool --out arm.blob");
+    folder
+        .run(&format!("{line} --report train.csv"))
+        .refused(&["train.csv", "an input of this command"]);
+    folder
+        .run(&format!("{line} --report arm.blob"))
+        .refused(&["arm.blob", "two outputs in one file"]);
+    folder
+        .run(&format!("{line} --report no/such.html"))
+        .refused(&["no folder"]);
+    folder.write("again.csv", simulated("train", 7));
+    folder.run(&format!("{line} --test again.csv")).refused(&[
+        "again.csv",
+        "trained on",
+        "held out",
+    ]);
+    folder.write("test.csv", "q1_deg\n1\n");
+    folder
+        .run(&format!("{line} --test test.csv"))
+        .refused(&["test.csv"]);
+    assert_eq!(folder.names(), ["again.csv", "test.csv", "train.csv"]);
+}

@@ -1,0 +1,26 @@
+MODULE small
+    ! 3 poses of ur10 planned for calibration.
+    ! Joints as the controller counts them, at rest before every measurement.
+    ! Planned without the links of the arm, cables, and the ways between poses:
+    ! run it first at reduced speed with a hand on the stop.
+
+    PROC small_run()
+        TPWrite "Mount 0 kg, set its load, then continue.";
+        Stop;
+        MoveAbsJ [[10.000,-20.500,30.125,0.000,45.000,170.000],[9E9,9E9,9E9,9E9,9E9,9E9]]\NoEOffs, v200, fine, tool0;
+        measure_pose 1;
+        TPWrite "Mount 2.5 kg, set its load, then continue.";
+        Stop;
+        MoveAbsJ [[-15.250,0.000,12.500,60.000,-30.001,90.000],[9E9,9E9,9E9,9E9,9E9,9E9]]\NoEOffs, v200, fine, tool0;
+        measure_pose 2;
+        MoveAbsJ [[0.000,5.000,-7.000,8.000,9.000,-110.999],[9E9,9E9,9E9,9E9,9E9,9E9]]\NoEOffs, v200, fine, tool0;
+        measure_pose 3;
+        TPWrite "All poses measured.";
+    ENDPROC
+
+    ! Trigger the measurement here, for example by a digital output.
+    PROC measure_pose(num pose)
+        WaitTime \InPos, 2;
+        TPWrite "Pose " \Num:=pose;
+    ENDPROC
+ENDMODULE
