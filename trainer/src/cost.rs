@@ -122,8 +122,8 @@ fn set_instructions(size: &ElasticSize, sets: &SetSizes) -> f64 {
 pub fn instructions(size: &ElasticSize) -> u64 {
     let n = size.joints as f64;
     let sliding = if size.prismatic > 0 { 1.0 } else { 0.0 };
-    // Chain twice, gravity terms, twist, bound.
-    let mut count = 1_165.0 + n * (490.5 + n * 16.5) - 13.0 * sliding * n;
+    // Chain twice, gravity terms of an upright arm (any other takes some 200 more), twist, bound.
+    let mut count = 1_067.0 + n * (364.0 + n * 8.0) - 34.0 * sliding * n;
     // Trust.
     count += 30.0 + 37.0 * n;
     if size.unrolled() && !size.tied && size.sets.is_none() {
@@ -155,7 +155,7 @@ pub fn instructions(size: &ElasticSize) -> u64 {
     }
     if size.landmarks > 0 {
         let l = size.landmarks as f64;
-        count += 363.0 + 84.0 * n + l * (92.0 + 16.0 * n + l * 4.0);
+        count += 318.0 + 84.0 * n + l * (92.0 + 16.0 * n + l * 4.0);
     }
     (count + size.support as f64 * point) as u64
 }
