@@ -5,7 +5,7 @@ use poegp_protocol::JointKind;
 use poegp_protocol::limits::MAX_JOINTS;
 
 use super::PerJoint;
-use crate::chain::NormalForm;
+use crate::chain::MinimalForm;
 use crate::scalar::Scalar;
 use crate::se3::{Pose, cross, dot, subtract};
 
@@ -125,7 +125,7 @@ impl<T: Scalar> GravityTerms<T> {
     }
 
     /// The same for the frames of `form`, whose axes are turned about those of the joints.
-    pub fn in_form(&self, form: &NormalForm<T>) -> Self {
+    pub fn in_form(&self, form: &MinimalForm<T>) -> Self {
         let mut out = *self;
         // The last link's frame is that of the target.
         let inner = form.poe.kinds().len().saturating_sub(1);
@@ -183,7 +183,7 @@ struct LastLink<T> {
 
 impl<T: Scalar> Gravity<T> {
     /// From the coefficients for the frames that `form` was made of.
-    pub fn new(terms: &GravityTerms<T>, form: &NormalForm<T>) -> Self {
+    pub fn new(terms: &GravityTerms<T>, form: &MinimalForm<T>) -> Self {
         let terms = terms.in_form(form);
         let (kinds, fixed) = (form.poe.kinds(), form.poe.frames());
         let n = kinds.len();

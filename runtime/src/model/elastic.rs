@@ -8,7 +8,7 @@ use poegp_protocol::limits::{MAX_GROUPS, MAX_JOINTS};
 
 use super::checked::{MAX_COEFFICIENT, checked_bound, checked_rows, feature_limit, is_within};
 use crate::bound::Bound;
-use crate::chain::NormalForm;
+use crate::chain::MinimalForm;
 use crate::deflection::{
     Deflection, Gravity, GravityTerms, JointKernel, JointProcesses, PayloadGroup, RippleTerm,
     SupportSet, row_words,
@@ -38,7 +38,7 @@ impl<T: Scalar> ElasticCorrection<T> {
     pub(super) fn from_wire(
         wire: &Elastic<'_>,
         variance: Option<&Variance<'_>>,
-        calibrated: &NormalForm<T>,
+        calibrated: &MinimalForm<T>,
         payload: Option<(f32, f32)>,
     ) -> Result<Self, LoadError> {
         let joints = calibrated.poe.kinds().len();

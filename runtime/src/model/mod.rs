@@ -19,7 +19,7 @@ use poegp_protocol::blob::{Blob, Correction};
 use poegp_protocol::limits::{MAX_INPUTS, MAX_JOINTS};
 
 use crate::bound::bounded;
-use crate::chain::{Chain, NormalForm};
+use crate::chain::{Chain, MinimalForm};
 use crate::deflection::{self, CouplingMatrix};
 use crate::load_error::LoadError;
 pub use crate::observer::{Observer, Stages};
@@ -350,9 +350,9 @@ impl<T: Scalar> Arm<T> {
         for (slot, range) in joint_ranges.iter_mut().zip(&blob.ranges.joints) {
             *slot = checked_range(*range, MAX_ANGLE)?;
         }
-        let calibrated = NormalForm::new(&checked_chain(kinds, &blob.geometry.calibrated)?);
+        let calibrated = MinimalForm::new(&checked_chain(kinds, &blob.geometry.calibrated)?);
         Ok(Slot::Full(Self {
-            nominal: Chain::new(&NormalForm::new(&checked_chain(
+            nominal: Chain::new(&MinimalForm::new(&checked_chain(
                 kinds,
                 &blob.geometry.nominal,
             )?)),
