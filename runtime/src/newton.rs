@@ -5,6 +5,8 @@
 //! matrix: JᵀJ + λI for up to six joints, J Jᵀ + λI for more, where the other one would be singular but for λ. Both
 //! give the same step. No pivot is taken below λ, so that the steps of singular arms are finite.
 
+use core::hint::black_box;
+
 use nalgebra::Vector3;
 use poegp_protocol::JointKind;
 use poegp_protocol::limits::MAX_JOINTS;
@@ -124,11 +126,10 @@ impl<T: Scalar> Equations<T> {
     #[inline(never)]
     fn couple(&mut self, coupling: &CouplingMatrix<T>) {
         let mut out = [[T::ZERO; 6]; MAX_JOINTS];
-        for (serial, weights) in self.columns.iter().zip(coupling) {
-            for (column, weight) in out.iter_mut().zip(weights) {
-                for (sum, value) in column.iter_mut().zip(serial) {
-                    *sum += *value * *weight;
-                }
+        // Loops of which the compiler does not know the length: unrolled they are 1.3 kB.
+        for (serial, weights) in self.columns.iter().zip(black_box(coupling)) {
+            for (column, weight) in black_box(out.as_mut_slice()).iter_mut().zip(weights) {
+                add_scaled(column, serial, *weight);
             }
         }
         self.columns = out;
@@ -255,6 +256,14 @@ impl<T: Scalar> Equations<T> {
             }
         }
         largest
+    }
+}
+
+/// a + s b.
+#[inline(never)]
+fn add_scaled<T: Scalar>(a: &mut Hybrid<T>, b: &Hybrid<T>, s: T) {
+    for (value, part) in a.iter_mut().zip(b) {
+        *value += *part * s;
     }
 }
 

@@ -346,8 +346,13 @@ fn pull<T: Scalar, const ROWS: usize>(gravity: &Vector3<T>, axis: &Vector3<T>) -
 /// The rotation of a frame, row by row.
 #[inline(always)]
 fn rows<T: Scalar>(frame: &Pose<T>) -> [[T; 3]; 3] {
+    // Written out: a loop that the compiler does not unroll keeps the check of its index, and with it a panic.
     let r = &frame.rotation;
-    [0, 1, 2].map(|i| [r[(i, 0)], r[(i, 1)], r[(i, 2)]])
+    [
+        [r[(0, 0)], r[(0, 1)], r[(0, 2)]],
+        [r[(1, 0)], r[(1, 1)], r[(1, 2)]],
+        [r[(2, 0)], r[(2, 1)], r[(2, 2)]],
+    ]
 }
 
 /// sum + R v.
