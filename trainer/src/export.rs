@@ -399,8 +399,9 @@ fn elastic_words(
 ) -> Result<Elastic<'static>, ExportError> {
     let n = calibration.calibrated.kinds().len();
     let d = &elastic.deflection;
-    let form = MinimalForm::new(&calibration.calibrated);
-    let (gravity, processes) = (&elastic.gravity.in_form(&form), &d.processes);
+    let mut gravity = elastic.gravity;
+    gravity.turn_into(&MinimalForm::new(&calibration.calibrated));
+    let (gravity, processes) = (&gravity, &d.processes);
     let single = |v: &nalgebra::Vector3<f64>| [v[0] as f32, v[1] as f32, v[2] as f32];
     let links = (0..n).flat_map(|c| (c..n).map(move |j| single(&gravity.links[c][j])));
     let payload = (0..n).map(|c| {

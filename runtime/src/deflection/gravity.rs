@@ -124,12 +124,11 @@ impl<T: Scalar> GravityTerms<T> {
         out
     }
 
-    /// The same for the frames of `form`, whose axes are turned about those of the joints.
-    pub fn in_form(&self, form: &MinimalForm<T>) -> Self {
-        let mut out = *self;
+    /// Makes them those for the frames of `form`, whose axes are turned about those of the joints.
+    pub fn turn_into(&mut self, form: &MinimalForm<T>) {
         // The last link's frame is that of the target.
         let inner = form.poe.kinds().len().saturating_sub(1);
-        for (links, kind) in out.links.iter_mut().zip(form.poe.kinds()) {
+        for (links, kind) in self.links.iter_mut().zip(form.poe.kinds()) {
             if *kind == JointKind::Prismatic {
                 // It feels the weight alone.
                 continue;
@@ -139,7 +138,6 @@ impl<T: Scalar> GravityTerms<T> {
                 *a = Vector3::new(c * a[0] + s * a[1], c * a[1] - s * a[0], a[2]);
             }
         }
-        out
     }
 
     /// Whether nothing acts on this joint.
@@ -182,9 +180,9 @@ struct LastLink<T> {
 }
 
 impl<T: Scalar> Gravity<T> {
-    /// From the coefficients for the frames that `form` was made of.
+    /// From the coefficients for the frames of `form`, see [`GravityTerms::turn_into`].
+    #[inline(never)]
     pub fn new(terms: &GravityTerms<T>, form: &MinimalForm<T>) -> Self {
-        let terms = terms.in_form(form);
         let (kinds, fixed) = (form.poe.kinds(), form.poe.frames());
         let n = kinds.len();
         let mut out = Self {

@@ -47,7 +47,7 @@ impl<T: Scalar> ElasticCorrection<T> {
         let mut processes = processes(wire, joints, heaviest)?;
         processes.choose_loops(calibrated.poe.kinds());
         let deflection = Deflection {
-            gravity: Gravity::new(&gravity(wire, joints)?, calibrated),
+            gravity: gravity(wire, calibrated)?,
             ripple: ripple(wire, joints)?,
             processes,
             variance: variance.map(super::variance::header),
@@ -88,7 +88,10 @@ fn vector<T: Scalar>(values: &[f32; 3]) -> Result<Vector3<T>, LoadError> {
     ))
 }
 
-fn gravity<T: Scalar>(wire: &Elastic<'_>, joints: usize) -> Result<GravityTerms<T>, LoadError> {
+// A function of its own: the coefficients as they are stored are on the stack no longer than it runs.
+#[inline(never)]
+fn gravity<T: Scalar>(wire: &Elastic<'_>, form: &MinimalForm<T>) -> Result<Gravity<T>, LoadError> {
+    let joints = form.poe.kinds().len();
     let mut out = GravityTerms::zero();
     out.gravity = vector(&wire.gravity)?;
     if !wire.links.is_empty() {
@@ -112,7 +115,8 @@ fn gravity<T: Scalar>(wire: &Elastic<'_>, joints: usize) -> Result<GravityTerms<
             *offset = vector(&[*b, *c, *d])?;
         }
     }
-    Ok(out)
+    out.turn_into(form);
+    Ok(Gravity::new(&out, form))
 }
 
 fn ripple<T: Scalar, const N: usize>(

@@ -15,7 +15,7 @@ mod view;
 
 use heapless::Vec;
 use poegp_protocol::JointKind;
-use poegp_protocol::blob::{Blob, Correction};
+use poegp_protocol::blob::{Blob, Correction, Transform};
 use poegp_protocol::limits::{MAX_INPUTS, MAX_JOINTS};
 
 use crate::bound::bounded;
@@ -329,6 +329,16 @@ fn checked_support<'a>(blob: &Blob<'a>, capacity: usize) -> Result<&'a [u8], Loa
     }
 }
 
+/// The chain of these frames.
+// A function of its own, and once: its copies of the frames are on the stack no longer than it runs.
+#[inline(never)]
+fn minimal<T: Scalar>(
+    kinds: &[JointKind],
+    frames: &[Transform<f32>],
+) -> Result<MinimalForm<T>, LoadError> {
+    Ok(MinimalForm::new(&checked_chain(kinds, frames)?))
+}
+
 impl<T: Scalar> Arm<T> {
     fn from_blob(blob: &Blob<'_>) -> Result<Slot<Self>, LoadError> {
         let joints = blob.robot.joints.len();
@@ -350,12 +360,9 @@ impl<T: Scalar> Arm<T> {
         for (slot, range) in joint_ranges.iter_mut().zip(&blob.ranges.joints) {
             *slot = checked_range(*range, MAX_ANGLE)?;
         }
-        let calibrated = MinimalForm::new(&checked_chain(kinds, &blob.geometry.calibrated)?);
+        let calibrated = minimal(kinds, &blob.geometry.calibrated)?;
         Ok(Slot::Full(Self {
-            nominal: Chain::new(&MinimalForm::new(&checked_chain(
-                kinds,
-                &blob.geometry.nominal,
-            )?)),
+            nominal: Chain::new(&minimal(kinds, &blob.geometry.nominal)?),
             coupling: checked_coupling(&blob.robot.coupling, joints)?,
             joint_ranges,
             payload_range: blob

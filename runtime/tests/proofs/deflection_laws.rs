@@ -368,7 +368,9 @@ proptest! {
         }
         let at = GravityRegressors::new(&kinds, &frames, &target, &terms.gravity);
         let found = terms.deflection(&at, m);
-        let fast = Gravity::new(&terms, &form).deflection(&kinds, &moved, &target, m);
+        let mut turned = terms;
+        turned.turn_into(&form);
+        let fast = Gravity::new(&turned, &form).deflection(&kinds, &moved, &target, m);
         for c in 0..n {
             let (lever, offset) = at.payload(c);
             let mut expected =

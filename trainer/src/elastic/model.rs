@@ -117,8 +117,11 @@ impl ElasticModel {
             ..report
         };
         let gravity = without_upright_axis(&fit.state, samples);
+        let form = MinimalForm::new(&fit.state.chain(0));
+        let mut turned = gravity;
+        turned.turn_into(&form);
         let deflection = Deflection {
-            gravity: Gravity::new(&gravity, &MinimalForm::new(&fit.state.chain(0))),
+            gravity: Gravity::new(&turned, &form),
             ripple,
             processes,
             variance: None,
