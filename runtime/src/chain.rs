@@ -160,6 +160,27 @@ pub struct Chain<T> {
 }
 
 impl<T: Scalar> Chain<T> {
+    /// No joints; all zeros.
+    #[inline(always)]
+    pub fn empty() -> Self {
+        let nothing = Pose::from_rows(&[T::ZERO; 12]);
+        let none = Link {
+            x: T::ZERO,
+            y: T::ZERO,
+            sin_alpha: T::ZERO,
+            cos_alpha: T::ZERO,
+            sin_b: T::ZERO,
+            cos_b: T::ZERO,
+        };
+        Self {
+            joints: 0,
+            kinds: [JointKind::Revolute; MAX_JOINTS],
+            base: nothing,
+            links: [none; MAX_JOINTS],
+            target: nothing,
+        }
+    }
+
     /// From the minimal form of a chain.
     pub fn new(form: &MinimalForm<T>) -> Self {
         let none = Link {

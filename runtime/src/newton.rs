@@ -148,7 +148,10 @@ impl<T: Scalar> Equations<T> {
         self.factors = [[T::ZERO; EQUATIONS]; EQUATIONS];
         for column in self.columns.iter().take(self.joints) {
             // In slices of which the compiler does not know the length: unrolled it is a kilobyte.
-            for (row, a) in black_box(self.factors.as_mut_slice()).iter_mut().zip(column) {
+            for (row, a) in black_box(self.factors.as_mut_slice())
+                .iter_mut()
+                .zip(column)
+            {
                 add_scaled(row, column, *a);
             }
         }

@@ -43,6 +43,15 @@ pub struct Trust<T> {
 }
 
 impl<T: Scalar> Trust<T> {
+    /// Of nothing.
+    #[inline(always)]
+    pub(crate) fn none() -> Self {
+        Self {
+            joints: [T::ZERO; MAX_JOINTS],
+            payload: T::ZERO,
+        }
+    }
+
     /// Of a model.
     pub fn of(blob: &Blob<'_>) -> Self {
         let payload = blob.ranges.payload_kg;

@@ -181,13 +181,18 @@ struct LastLink<T> {
 
 impl<T: Scalar> Gravity<T> {
     /// From the coefficients for the frames of `form`, see [`GravityTerms::turn_into`].
-    #[inline(never)]
     pub fn new(terms: &GravityTerms<T>, form: &MinimalForm<T>) -> Self {
-        let (kinds, fixed) = (form.poe.kinds(), form.poe.frames());
-        let n = kinds.len();
-        let mut out = Self {
-            gravity: terms.gravity,
-            idle: (0..n).take_while(|c| terms.is_idle(*c)).count(),
+        let mut out = Self::zero();
+        out.set(terms, form);
+        out
+    }
+
+    /// No effect.
+    #[inline(always)]
+    pub fn zero() -> Self {
+        Self {
+            gravity: Vector3::new(T::ZERO, T::ZERO, T::ZERO),
+            idle: 0,
             links: [[[T::ZERO; 2]; MAX_JOINTS]; MAX_JOINTS],
             last: [LastLink {
                 link: [T::ZERO; 3],
@@ -195,7 +200,17 @@ impl<T: Scalar> Gravity<T> {
                 lever: T::ZERO,
                 weight: T::ZERO,
             }; MAX_JOINTS],
-        };
+        }
+    }
+
+    /// The same in place of no effect.
+    #[inline(never)]
+    pub fn set(&mut self, terms: &GravityTerms<T>, form: &MinimalForm<T>) {
+        let (kinds, fixed) = (form.poe.kinds(), form.poe.frames());
+        let n = kinds.len();
+        let out = self;
+        out.gravity = terms.gravity;
+        out.idle = (0..n).take_while(|c| terms.is_idle(*c)).count();
         for c in out.idle..n {
             let (Some(slot), Some(links), Some(lever), Some(offset)) = (
                 out.last.get_mut(c - out.idle),
@@ -236,7 +251,6 @@ impl<T: Scalar> Gravity<T> {
                 handed = axis.map(|z| z * vector[2]);
             }
         }
-        out
     }
 
     /// g in m/s².

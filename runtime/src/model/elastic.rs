@@ -35,28 +35,51 @@ pub(super) struct ElasticCorrection<T> {
 }
 
 impl<T: Scalar> ElasticCorrection<T> {
-    pub(super) fn from_wire(
+    /// No correction.
+    #[inline(always)]
+    pub(super) fn empty() -> Self {
+        Self {
+            deflection: Deflection {
+                gravity: Gravity::zero(),
+                ripple: Vec::new(),
+                processes: JointProcesses {
+                    kernels: [JointKernel::zero(); MAX_JOINTS],
+                    tied: false,
+                    groups: Vec::new(),
+                    sets: Vec::new(),
+                    unrolled: false,
+                },
+                variance: None,
+            },
+            bound: Bound {
+                position: T::ZERO,
+                angle: T::ZERO,
+            },
+            heaviest: T::ZERO,
+        }
+    }
+
+    /// That of a blob, to where it stays: returned, it would be on the stack once more. After an error it is none.
+    #[inline(never)]
+    pub(super) fn fill(
+        &mut self,
         wire: &Elastic<'_>,
         variance: Option<&Variance<'_>>,
         calibrated: &MinimalForm<T>,
         payload: Option<(f32, f32)>,
-    ) -> Result<Self, LoadError> {
+    ) -> Result<(), LoadError> {
         let joints = calibrated.poe.kinds().len();
         let heaviest =
             PAYLOAD_REACH * payload.map_or(0.0, |(_, heavy)| if heavy > 1.0 { heavy } else { 1.0 });
-        let mut processes = processes(wire, joints, heaviest)?;
-        processes.choose_loops(calibrated.poe.kinds());
-        let deflection = Deflection {
-            gravity: gravity(wire, calibrated)?,
-            ripple: ripple(wire, joints)?,
-            processes,
-            variance: variance.map(super::variance::header),
-        };
-        Ok(Self {
-            deflection,
-            bound: checked_bound(&wire.bound)?,
-            heaviest: T::from_f32(heaviest),
-        })
+        let out = &mut self.deflection;
+        processes(wire, joints, heaviest, &mut out.processes)?;
+        out.processes.choose_loops(calibrated.poe.kinds());
+        gravity(wire, calibrated, &mut out.gravity)?;
+        out.ripple = ripple(wire, joints)?;
+        out.variance = variance.map(super::variance::header);
+        self.bound = checked_bound(&wire.bound)?;
+        self.heaviest = T::from_f32(heaviest);
+        Ok(())
     }
 }
 
@@ -90,7 +113,11 @@ fn vector<T: Scalar>(values: &[f32; 3]) -> Result<Vector3<T>, LoadError> {
 
 // A function of its own: the coefficients as they are stored are on the stack no longer than it runs.
 #[inline(never)]
-fn gravity<T: Scalar>(wire: &Elastic<'_>, form: &MinimalForm<T>) -> Result<Gravity<T>, LoadError> {
+fn gravity<T: Scalar>(
+    wire: &Elastic<'_>,
+    form: &MinimalForm<T>,
+    found: &mut Gravity<T>,
+) -> Result<(), LoadError> {
     let joints = form.poe.kinds().len();
     let mut out = GravityTerms::zero();
     out.gravity = vector(&wire.gravity)?;
@@ -116,7 +143,8 @@ fn gravity<T: Scalar>(wire: &Elastic<'_>, form: &MinimalForm<T>) -> Result<Gravi
         }
     }
     out.turn_into(form);
-    Ok(Gravity::new(&out, form))
+    found.set(&out, form);
+    Ok(())
 }
 
 fn ripple<T: Scalar, const N: usize>(
@@ -144,14 +172,9 @@ fn processes<T: Scalar>(
     wire: &Elastic<'_>,
     joints: usize,
     heaviest: f32,
-) -> Result<JointProcesses<T>, LoadError> {
-    let mut out = JointProcesses {
-        kernels: [JointKernel::zero(); 8],
-        tied: wire.tied,
-        groups: Vec::new(),
-        sets: Vec::new(),
-        unrolled: false,
-    };
+    out: &mut JointProcesses<T>,
+) -> Result<(), LoadError> {
+    out.tied = wire.tied;
     let mut points = 0_usize;
     for group in &wire.groups {
         if !is_within(group.payload_kg, 0.0, heaviest) {
@@ -169,7 +192,7 @@ fn processes<T: Scalar>(
         return Err(LoadError::Groups);
     }
     if shared && points == 0 && wire.kernels.is_empty() {
-        return Ok(out);
+        return Ok(());
     }
     if wire.kernels.len() != joints {
         return Err(LoadError::Kernel);
@@ -197,9 +220,9 @@ fn processes<T: Scalar>(
         slot.payload_amplitude = coefficient(kernel.payload_amplitude)?;
     }
     if !shared {
-        sets(wire, joints, &mut out)?;
+        sets(wire, joints, out)?;
     }
-    Ok(out)
+    Ok(())
 }
 
 /// The support sets, whose rows are those of the blob: one set for each joint, whose rows of each group make its number.
