@@ -241,15 +241,15 @@ impl<T: Scalar> Search<'_, T> {
         let unseen = moved * (T::from_f64(0.6) * moved + away);
         let unseen = reach * unseen * unseen;
         // Both below half of it, in squares: (a + b)² ≤ 2 (a² + b²).
-        if T::from_f64(2.0) * (squares(&left).0 + unseen) < squares(after).0 {
-            for (value, delta) in self.change.iter_mut().zip(&step) {
-                *value += *delta;
-            }
-            *after = left;
-            unseen
-        } else {
-            T::ZERO
+        let better = T::from_f64(2.0) * (squares(&left).0 + unseen) < squares(after).0;
+        // Either way, for the time must not depend on the data; and a step that is not taken may be infinite.
+        for (value, delta) in self.change.iter_mut().zip(&step) {
+            *value += if better { *delta } else { T::ZERO };
         }
+        for (value, left) in after.iter_mut().zip(&left) {
+            *value = if better { *left } else { *value };
+        }
+        if better { unseen } else { T::ZERO }
     }
 
     /// Without correction, or with the one in task space at every step.
