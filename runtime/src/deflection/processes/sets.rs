@@ -14,6 +14,7 @@ use poegp_protocol::limits::{MAX_GROUPS, MAX_JOINTS};
 
 use super::{JointKernel, JointProcesses, LOWEST_EXPONENT, similarity};
 use crate::deflection::{Features, PerJoint};
+use crate::inner_loops::Blocks;
 use crate::scalar::Scalar;
 
 /// The support set of one joint but its rows.
@@ -135,23 +136,16 @@ impl<T: Scalar> Place<'_, T> {
             k += 1;
         }
         let kernel = self.kernel;
-        let all = rows.as_chunks::<ROW>().0;
-        let mut total = T::ZERO;
-        let mut rest = all;
+        let mut blocks = Blocks::new();
         for (group, points) in self.processes.groups.iter().zip(&self.set.points) {
-            if *points == 0 {
-                continue;
-            }
-            let (here, after) = rest
-                .split_at_checked(usize::from(*points))
-                .unwrap_or((rest, &[]));
-            rest = after;
             let factor = kernel.amplitude_at(self.payload_kg, group.payload_kg)
                 * kernel.falling(self.payload_kg, group.payload_kg);
-            total += factor * sum(here, &scaled);
+            blocks.push(*points, factor);
         }
-        let used = ROW * (all.len() - rest.len());
-        (total, rows.get(used..).unwrap_or(&[]))
+        let mut total = T::ZERO;
+        T::set_mean(rows.as_chunks::<ROW>().0, &scaled, &blocks, &mut total);
+        let after = rows.get(ROW * blocks.rows()..).unwrap_or(&[]);
+        (total * T::EXP2_FACTOR, after)
     }
 
     /// The same for any number of joints of any kind.
@@ -186,21 +180,4 @@ impl<T: Scalar> Place<'_, T> {
         }
         (total, rest)
     }
-}
-
-/// Σ_j 2^(Σ_d W_d s_d) weight_j over rows of one payload, from the query times the rates.
-#[inline(always)]
-fn sum<T: Scalar, const D: usize, const ROW: usize>(rows: &[[T; ROW]], scaled: &[[T; 2]; D]) -> T {
-    let mut sum = T::ZERO;
-    for row in rows {
-        let mut exponent = scaled[0][0] * row[0] + scaled[0][1] * row[1];
-        let mut d = 1;
-        while d < D {
-            exponent += scaled[d][0] * row[2 * d];
-            exponent += scaled[d][1] * row[2 * d + 1];
-            d += 1;
-        }
-        sum += exponent.exp2_unclamped() * row[2 * D];
-    }
-    sum
 }
