@@ -39,17 +39,22 @@ impl<T: Scalar> Blocks<T> {
         }
     }
 
-    /// So many rows more, whose sum is multiplied by `factor`; nothing when these are 0 rows, or a block more than
-    /// [`MAX_GROUPS`].
+    /// These numbers of rows instead, each with the factor of its sum; without those of 0 rows and any beyond
+    /// [`MAX_GROUPS`]. In place: making and moving a list costs more than filling it.
     #[inline(always)]
-    pub(crate) fn push(&mut self, rows: u16, factor: T) {
-        let block = Block {
-            rows: u32::from(rows),
-            factor,
-        };
-        if rows > 0 && self.list.push(block).is_ok() {
-            self.rows += usize::from(rows);
+    pub(crate) fn refill(&mut self, blocks: impl Iterator<Item = (u16, T)>) {
+        self.list.clear();
+        let mut sum = 0;
+        for (rows, factor) in blocks {
+            let block = Block {
+                rows: u32::from(rows),
+                factor,
+            };
+            if rows > 0 && self.list.push(block).is_ok() {
+                sum += usize::from(rows);
+            }
         }
+        self.rows = sum;
     }
 
     /// The blocks in the order of the rows.

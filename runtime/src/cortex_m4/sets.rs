@@ -25,8 +25,8 @@ macro_rules! over_blocks {
             let list = blocks.list();
             if blocks.rows() <= rows.len() && !list.is_empty() {
                 // SAFETY: reads `query`, the six constants, `list.len()` > 0 blocks of two words, and for each of them as
-                // many rows as it says: at least one, and all together at most `rows.len()` (`Blocks` has both from its only
-                // constructor). Reads and writes `total`. Only `lsrs` and `subs` change the flags, so those of an odd
+                // many rows as it says: at least one, and all together at most `rows.len()` (`Blocks` sees
+                // to both). Reads and writes `total`. Only `lsrs` and `subs` change the flags, so those of an odd
                 // number are still there behind its row. No stack.
                 unsafe {
                     with_all_registers!(

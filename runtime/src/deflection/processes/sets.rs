@@ -86,6 +86,8 @@ impl<T: Scalar> JointProcesses<T> {
         payload_kg: T,
     ) -> PerJoint<T> {
         let mut out = [T::ZERO; MAX_JOINTS];
+        let mut query = [[T::ZERO; 2]; MAX_JOINTS];
+        let mut blocks = Blocks::new();
         let mut rest = rows;
         let sets = self.sets.iter().zip(&self.kernels);
         for (slot, (set, kernel)) in out.iter_mut().zip(sets) {
@@ -96,19 +98,41 @@ impl<T: Scalar> JointProcesses<T> {
                 features,
                 payload_kg,
             };
-            let fast = self.unrolled;
-            (*slot, rest) = match set.count {
-                1 if fast => at.unrolled::<1, 3>(rest),
-                2 if fast => at.unrolled::<2, 5>(rest),
-                3 if fast => at.unrolled::<3, 7>(rest),
-                4 if fast => at.unrolled::<4, 9>(rest),
-                5 if fast => at.unrolled::<5, 11>(rest),
-                6 if fast => at.unrolled::<6, 13>(rest),
-                7 if fast => at.unrolled::<7, 15>(rest),
-                _ => at.any(kinds, rest),
-            };
+            if !self.unrolled || !(1..=7).contains(&set.count) {
+                (*slot, rest) = at.any(kinds, rest);
+                continue;
+            }
+            at.scale_into(&mut query);
+            at.fill(&mut blocks);
+            let mut total = T::ZERO;
+            match set.count {
+                1 => add_mean::<T, 1, 3>(rest, &query, &blocks, &mut total),
+                2 => add_mean::<T, 2, 5>(rest, &query, &blocks, &mut total),
+                3 => add_mean::<T, 3, 7>(rest, &query, &blocks, &mut total),
+                4 => add_mean::<T, 4, 9>(rest, &query, &blocks, &mut total),
+                5 => add_mean::<T, 5, 11>(rest, &query, &blocks, &mut total),
+                6 => add_mean::<T, 6, 13>(rest, &query, &blocks, &mut total),
+                _ => add_mean::<T, 7, 15>(rest, &query, &blocks, &mut total),
+            }
+            *slot = total * T::EXP2_FACTOR;
+            let used = set.row_words() * blocks.rows();
+            rest = rest.get(used..).unwrap_or(&[]);
         }
         out
+    }
+}
+
+/// [`InnerLoops::set_mean`](crate::inner_loops::InnerLoops::set_mean) of D joints, from the first of `rows` and `query`;
+/// ROW = 2 D + 1.
+#[inline(always)]
+fn add_mean<T: Scalar, const D: usize, const ROW: usize>(
+    rows: &[T],
+    query: &Features<T>,
+    blocks: &Blocks<T>,
+    total: &mut T,
+) {
+    if let Some(query) = query.first_chunk::<D>() {
+        T::set_mean(rows.as_chunks::<ROW>().0, query, blocks, total);
     }
 }
 
@@ -122,33 +146,37 @@ struct Place<'a, T> {
 }
 
 impl<T: Scalar> Place<'_, T> {
-    /// The mean of a process of D revolute joints from the first of `rows`, and the rows that follow; ROW = 2 D + 1.
-    #[inline(never)]
-    fn unrolled<'r, const D: usize, const ROW: usize>(&self, rows: &'r [T]) -> (T, &'r [T]) {
-        // The rates go into the query once, instead of into every point.
-        let mut scaled = [[T::ZERO; 2]; D];
-        let mut k = 0;
-        while k < D {
-            // The mask is for the compiler: there are no other joints.
-            let d = usize::from(self.set.joints[k]) % MAX_JOINTS;
-            let rate = self.kernel.rates[d];
-            scaled[k] = [self.features[d][0] * rate, self.features[d][1] * rate];
-            k += 1;
+    /// The rates go into the query once, instead of into every point.
+    #[inline(always)]
+    fn scale_into(&self, query: &mut Features<T>) {
+        for (slot, joint) in query.iter_mut().zip(self.set.joints()) {
+            let d = usize::from(*joint);
+            if let (Some([sin, cos]), Some(rate)) = (self.features.get(d), self.kernel.rates.get(d))
+            {
+                *slot = [*sin * *rate, *cos * *rate];
+            }
         }
-        let kernel = self.kernel;
-        let mut blocks = Blocks::new();
-        for (group, points) in self.processes.groups.iter().zip(&self.set.points) {
-            let factor = kernel.amplitude_at(self.payload_kg, group.payload_kg)
-                * kernel.falling(self.payload_kg, group.payload_kg);
-            blocks.push(*points, factor);
-        }
-        let mut total = T::ZERO;
-        T::set_mean(rows.as_chunks::<ROW>().0, &scaled, &blocks, &mut total);
-        let after = rows.get(ROW * blocks.rows()..).unwrap_or(&[]);
-        (total * T::EXP2_FACTOR, after)
     }
 
-    /// The same for any number of joints of any kind.
+    /// The payload groups that have rows, each with its factor and what the loops leave out of every exponent.
+    #[inline(always)]
+    fn fill(&self, blocks: &mut Blocks<T>) {
+        // A copy: what is stored into the blocks cannot change it, so it is loaded once.
+        let kernel = *self.kernel;
+        let payload_kg = self.payload_kg;
+        let groups = self.processes.groups.iter().zip(&self.set.points);
+        blocks.refill(
+            groups
+                .filter(|(_, points)| **points > 0)
+                .map(|(group, points)| {
+                    let falling = kernel.falling(payload_kg, group.payload_kg);
+                    let factor = kernel.amplitude_at(payload_kg, group.payload_kg) * falling;
+                    (*points, factor)
+                }),
+        );
+    }
+
+    /// The mean of a process that looks at any number of joints of any kind, and the rows that follow.
     #[inline(never)]
     fn any<'r>(&self, kinds: &[JointKind], rows: &'r [T]) -> (T, &'r [T]) {
         let words = self.set.row_words();
