@@ -102,8 +102,7 @@ impl<T: Scalar> JointProcesses<T> {
                 (*slot, rest) = at.any(kinds, rest);
                 continue;
             }
-            at.scale_into(&mut query);
-            at.fill(&mut blocks);
+            at.prepare(&mut query, &mut blocks);
             let mut total = T::ZERO;
             match set.count {
                 1 => add_mean::<T, 1, 3>(rest, &query, &blocks, &mut total),
@@ -146,34 +145,26 @@ struct Place<'a, T> {
 }
 
 impl<T: Scalar> Place<'_, T> {
-    /// The rates go into the query once, instead of into every point.
-    #[inline(always)]
-    fn scale_into(&self, query: &mut Features<T>) {
-        for (slot, joint) in query.iter_mut().zip(self.set.joints()) {
-            let d = usize::from(*joint);
-            if let (Some([sin, cos]), Some(rate)) = (self.features.get(d), self.kernel.rates.get(d))
-            {
-                *slot = [*sin * *rate, *cos * *rate];
-            }
-        }
-    }
-
-    /// The payload groups that have rows, each with its factor and what the loops leave out of every exponent.
-    #[inline(always)]
-    fn fill(&self, blocks: &mut Blocks<T>) {
-        // A copy: what is stored into the blocks cannot change it, so it is loaded once.
+    /// The query times the rates, once instead of in every row; and the payload groups that have rows, each with its factor
+    /// and what the loops leave out of every exponent.
+    // Beside a loop in assembly, which wants all registers, the constants in here would be loaded for every group.
+    #[inline(never)]
+    fn prepare(&self, query: &mut Features<T>, blocks: &mut Blocks<T>) {
+        // A copy: what is stored below cannot change it, so it is loaded once.
         let kernel = *self.kernel;
         let payload_kg = self.payload_kg;
+        for (slot, joint) in query.iter_mut().zip(self.set.joints()) {
+            // The mask is for the compiler: there are no other joints.
+            let d = usize::from(*joint) % MAX_JOINTS;
+            let rate = self.kernel.rates[d];
+            *slot = [self.features[d][0] * rate, self.features[d][1] * rate];
+        }
         let groups = self.processes.groups.iter().zip(&self.set.points);
-        blocks.refill(
-            groups
-                .filter(|(_, points)| **points > 0)
-                .map(|(group, points)| {
-                    let falling = kernel.falling(payload_kg, group.payload_kg);
-                    let factor = kernel.amplitude_at(payload_kg, group.payload_kg) * falling;
-                    (*points, factor)
-                }),
-        );
+        blocks.refill(groups.map(|(group, points)| {
+            let falling = kernel.falling(payload_kg, group.payload_kg);
+            let factor = kernel.amplitude_at(payload_kg, group.payload_kg) * falling;
+            (*points, factor)
+        }));
     }
 
     /// The mean of a process that looks at any number of joints of any kind, and the rows that follow.
