@@ -1,4 +1,4 @@
-"""Cells of a fleet that does not exist, to try the workflow on: different arms, errors and seeds, 150 poses and 50 held out."""
+"""Cells of a fleet that does not exist, to try the workflow on: different arms, errors and seeds, 80 poses and 50 held out."""
 
 import argparse
 import pathlib
@@ -12,7 +12,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--trainer", default="trainer")
     parser.add_argument("--robots", type=int, default=50)
-    parser.add_argument("--poses", type=int, default=150)
+    parser.add_argument("--poses", type=int, default=80)
     parser.add_argument("--payloads", default="0,1,2.5", help="in kg")
     parser.add_argument("--broken", action="store_true", help="one more, whose file has a word where a number belongs")
     parser.add_argument("folder", type=pathlib.Path)
