@@ -154,8 +154,8 @@ fn run_block(block: &Block, folder: &Path, exit: i32, place: &str, background: &
 }
 
 #[test]
-fn the_commands_of_the_readme_work() {
-    let folder = run("README.md");
+fn the_commands_work() {
+    let folder = run("docs/commands.md");
     for file in [
         "arm.blob",
         "compare.json",
@@ -293,6 +293,7 @@ fn links_lead_somewhere() {
         "docs/architecture.md",
         "docs/blob-format.md",
         "docs/check.md",
+        "docs/commands.md",
         "docs/conventions.md",
         "docs/fleet.md",
         "docs/glossary.md",
