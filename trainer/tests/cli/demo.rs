@@ -23,7 +23,9 @@ fn the_page_on_the_paper_is_right(folder: &Folder, outcome: &Outcome) {
         assert!(outcome.stdout.contains(line), "{line:?}: {outcome:#?}");
     }
     assert!(quoted.lines().count() > 8);
-    let command = page.lines().find_map(|line| line.strip_prefix("trainer compare"));
+    let command = page
+        .lines()
+        .find_map(|line| line.strip_prefix("trainer compare"));
     folder.run(&format!("compare{}", command.unwrap())).ok();
     assert!(folder.path("figure1.html").is_file());
 }
