@@ -228,7 +228,9 @@ fn links_lead_somewhere() {
     let mut links = 0;
     for name in [
         "README.md",
+        "SECURITY.md",
         "docs/architecture.md",
+        "docs/assurance.md",
         "docs/blob-format.md",
         "docs/check.md",
         "docs/conventions.md",
@@ -238,6 +240,7 @@ fn links_lead_somewhere() {
         "docs/planning.md",
         "docs/porting.md",
         "docs/report.md",
+        "docs/supply-chain.md",
     ] {
         let text = document(name);
         let path = workspace().join(name);
