@@ -13,7 +13,6 @@
 pub mod bad_line;
 pub mod device;
 pub mod execution;
-pub mod fuzzing;
 pub mod image;
 pub mod parts;
 pub mod sample;
