@@ -17,6 +17,7 @@ mod kills;
 mod link;
 mod packages;
 mod parts;
+mod reproducible;
 mod same_bits;
 mod soak;
 mod under_load;

@@ -10,8 +10,8 @@
 //! `POEGP_TOOLCHAIN=prebuilt` or `build-std` asks for one of them. The nested cargo sees nothing of what the outer one
 //! was told: flags for coverage or another processor must not reach the device.
 //!
-//! The folders of the sources, of the crates and of the build have fixed names in the image, which should not depend on
-//! where it was built.
+//! The image does not depend on where it was built: the folders of the sources, of the crates and of the build have
+//! fixed names in it (`tests/tests/device/reproducible.rs` compares two).
 
 use std::fmt;
 use std::path::{Path, PathBuf};
