@@ -291,7 +291,9 @@ fn links_lead_somewhere() {
     let mut links = 0;
     for name in [
         "README.md",
+        "SECURITY.md",
         "docs/architecture.md",
+        "docs/assurance.md",
         "docs/blob-format.md",
         "docs/check.md",
         "docs/commands.md",
@@ -306,6 +308,7 @@ fn links_lead_somewhere() {
         "docs/planning.md",
         "docs/porting.md",
         "docs/report.md",
+        "docs/supply-chain.md",
         "docs/tutorial.md",
     ] {
         let text = document(name);
