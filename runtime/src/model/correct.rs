@@ -338,7 +338,7 @@ impl<T: Scalar> Search<'_, T> {
         let reach = self.equations.squared_reach();
         let unseen = self.go_on(&mut after, away, reach);
         // Ripple last, for it changes quickest.
-        let place = sum(self.joints, &difference(&self.change, &smooth));
+        let place = shifted(self.joints, &self.change, &smooth);
         let mut deflection = sum(&smooth, &terms.ripple_towards(&place));
         let effect = self.equations.moved(&deflection);
         let (position, rotation) = squares(&effect);
@@ -377,9 +377,12 @@ impl<T: Scalar> Search<'_, T> {
 fn raised<T: Scalar>(least: T, values: &PerJoint<T>) -> T {
     let mut largest = least;
     for value in values {
-        if value.abs() > largest {
-            largest = value.abs();
-        }
+        let magnitude = value.abs();
+        largest = if magnitude > largest {
+            magnitude
+        } else {
+            largest
+        };
     }
     largest
 }
@@ -390,6 +393,16 @@ fn sum<T: Scalar>(a: &PerJoint<T>, b: &PerJoint<T>) -> PerJoint<T> {
     let mut out = *a;
     for (value, part) in out.iter_mut().zip(b) {
         *value += *part;
+    }
+    out
+}
+
+/// a + (b − c).
+#[inline(never)]
+fn shifted<T: Scalar>(a: &PerJoint<T>, b: &PerJoint<T>, c: &PerJoint<T>) -> PerJoint<T> {
+    let mut out = *a;
+    for (value, (more, less)) in out.iter_mut().zip(b.iter().zip(c)) {
+        *value += *more - *less;
     }
     out
 }
@@ -424,15 +437,20 @@ impl<T: Scalar> Found<T> {
         let (distance, distance_before) = (position.sqrt(), position_before.sqrt());
         let limit = T::from_f64(MAX_JOINT_CHANGE);
         // Written so that NaN is not better.
-        let better = distance + margin <= distance_before
-            && position + rotation <= position_before + rotation_before
-            && raised(limit, &self.change) <= limit;
+        let better = (distance + margin <= distance_before)
+            & (position + rotation <= position_before + rotation_before)
+            & (raised(limit, &self.change) <= limit);
         let tolerance = T::from_f64(CORRECTED_WITHIN * CORRECTED_WITHIN);
         // Five joints cannot turn the target every way.
-        let there = position <= tolerance && (rotation <= tolerance || !equations.can_turn());
+        let there = (position <= tolerance) & ((rotation <= tolerance) | !equations.can_turn());
         let position_error = if better { distance } else { distance_before };
+        // One by one: of two whole arrays one is copied by another routine than the other, which takes another time.
+        let mut answer = command;
+        for (slot, q) in answer.iter_mut().zip(joints) {
+            *slot = if better { *slot } else { *q };
+        }
         Corrected {
-            joints: if better { command } else { *joints },
+            joints: answer,
             position_error: if position_error.is_finite() {
                 position_error
             } else {

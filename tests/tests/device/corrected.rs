@@ -174,7 +174,7 @@ fn instructions_of_one_command() {
             "elastic, a support set for each joint",
             Elastic::SETS,
             19_000.0,
-            19_000.0,
+            19_800.0,
         ),
     ] {
         for joints in [6, 5, 7] {
