@@ -19,8 +19,8 @@
 //! of the uncorrected command, nominal(q) against POE(q + D). Unless it is smaller, in position and altogether, by more
 //! than this comparison can be wrong, the answer is the command as it came, with [`Status::CORRECTION_REFUSED`]. A second
 //! pass of the processes would cost as much as everything else; instead, the deflection may change by [`LAG`] of itself
-//! between the places where it is evaluated and where it is used. That is assumed, not proven. Everything else that is neglected is bounded by the
-//! second derivative of a chain, |f(y + d) − f(y) − J d| ≤ reach · (Σ|d|)².
+//! between the places where it is evaluated and where it is used. That is assumed, not proven. Everything else that is
+//! neglected is bounded by the second derivative of a chain ([`Equations::squared_reach`]).
 //!
 //! An arm of less than six joints cannot reach every pose: it is brought to the position, and its rotation as near as that
 //! allows.
@@ -163,7 +163,7 @@ struct Found<T> {
     before: Hybrid<T>,
     /// Error at q + `change`.
     after: Hybrid<T>,
-    /// Square of the largest movement of the target in metres by a radian of any joint.
+    /// [`Equations::squared_reach`].
     reach: T,
     /// Squares of what the comparison of the two may be wrong by, in metres.
     unsure: T,
@@ -232,7 +232,8 @@ impl<T: Scalar> Search<'_, T> {
 
     /// One step more by the equations that are there, if that is sure to be better than the error `after` where the
     /// chain was evaluated last, `away` (Σ|d|) from the place of the equations. Returns by how much the new error may be
-    /// wrong: the square of |f(y + s) − f(y) − J s| ≤ reach · Σ|s| · (Σ|s| + away), `reach` being squared.
+    /// wrong: the square of |f(y + s) − f(y) − J s| ≤ reach · Σ|s| · (½ Σ|s| + away), `reach` being squared; a fifth of the half
+    /// is for its change on the way.
     #[inline(never)]
     fn go_on(&mut self, after: &mut Hybrid<T>, away: T, reach: T) -> T {
         let step = self.equations.step(after);
