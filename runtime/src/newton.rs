@@ -75,8 +75,8 @@ pub struct Equations<T> {
     columns: Columns<T>,
     /// L below the diagonal; D, as reciprocals, on it.
     factors: [[T; EQUATIONS]; EQUATIONS],
-    /// [`Equations::squared_reach`] of joints that are coupled.
-    coupled_reach: Option<T>,
+    /// [`Equations::squared_reach`] where the columns are no longer those of the serial joints.
+    serial_reach: Option<T>,
 }
 
 impl<T: Scalar> Equations<T> {
@@ -87,7 +87,7 @@ impl<T: Scalar> Equations<T> {
             joints,
             columns: [[T::ZERO; 6]; MAX_JOINTS],
             factors: [[T::ZERO; EQUATIONS]; EQUATIONS],
-            coupled_reach: None,
+            serial_reach: None,
         }
     }
 
@@ -128,19 +128,8 @@ impl<T: Scalar> Equations<T> {
     /// Columns of the controller's joints from those of the serial ones: J C.
     #[inline(never)]
     fn couple(&mut self, coupling: &CouplingMatrix<T>) {
-        // Σ|C s| ≤ spread · Σ|s|. Of columns that are coupled parts may cancel, of second derivatives not.
-        let mut spread = T::ZERO;
-        for joint in 0..self.joints {
-            let mut sum = T::ZERO;
-            for weights in coupling {
-                sum += weights.get(joint).map_or(T::ZERO, |weight| weight.abs());
-            }
-            if sum > spread {
-                spread = sum;
-            }
-        }
-        let squared = spread * spread;
-        self.coupled_reach = Some(self.longest_column() * (squared * squared));
+        // Of columns that are coupled parts may cancel, of second derivatives not.
+        self.serial_reach = Some(self.squared_lever());
         let mut out = [[T::ZERO; 6]; MAX_JOINTS];
         // Loops of which the compiler does not know the length: unrolled they are 1.3 kB.
         for (serial, weights) in self.columns.iter().zip(black_box(coupling)) {
@@ -263,20 +252,21 @@ impl<T: Scalar> Equations<T> {
         self.joints >= EQUATIONS
     }
 
-    /// The square of a length L in metres with which |f(c + s) − f(c) − J s| ≤ ½ L (Σ|s|)² for small changes s of the
-    /// controller's joints. Of serial joints no second derivative of the target's place, z_k × (z_l × r_l), is longer than
-    /// the longest column of the Jacobian; the controller's move them by a factor of C more.
-    #[inline(never)]
+    /// The square of a length L in metres with which |f(y + s) − f(y) − J s| ≤ ½ L (Σ|s|)² for small changes s of the
+    /// serial joints: no second derivative of the target's place, z_k × (z_l × r_l), is longer than the longest column of
+    /// their Jacobian.
+    #[inline(always)]
     pub fn squared_reach(&self) -> T {
-        if let Some(coupled) = self.coupled_reach {
-            return coupled;
+        match self.serial_reach {
+            Some(reach) => reach,
+            None => self.squared_lever(),
         }
-        self.longest_column()
     }
 
-    /// The square of the farthest that one of the joints moves the target, metres per radian.
-    #[inline(always)]
-    fn longest_column(&self) -> T {
+    /// The square of the farthest that a radian of one of the controller's joints moves the target, m²: to first order,
+    /// changes d move it by no more than its root times Σ|d|.
+    #[inline(never)]
+    pub fn squared_lever(&self) -> T {
         let mut largest = T::ZERO;
         for column in self.columns.iter().take(self.joints) {
             let square = squares(column).0;

@@ -163,8 +163,8 @@ struct Found<T> {
     before: Hybrid<T>,
     /// Error at q + `change`.
     after: Hybrid<T>,
-    /// [`Equations::squared_reach`].
-    reach: T,
+    /// [`Equations::squared_lever`].
+    lever: T,
     /// Squares of what the comparison of the two may be wrong by, in metres.
     unsure: T,
     bounded: bool,
@@ -230,15 +230,24 @@ impl<T: Scalar> Search<'_, T> {
         }
     }
 
+    /// Σ|C d|, which bounds every serial joint's share in a change of the joints.
+    #[inline(never)]
+    fn serial_length(&self, change: &PerJoint<T>) -> T {
+        match &self.arm.coupling {
+            None => length(change),
+            coupling => length(&coupled(coupling.as_ref(), change)),
+        }
+    }
+
     /// One step more by the equations that are there, if that is sure to be better than the error `after` where the
-    /// chain was evaluated last, `away` (Σ|d|) from the place of the equations. Returns by how much the new error may be
-    /// wrong: the square of |f(y + s) − f(y) − J s| ≤ reach · Σ|s| · (½ Σ|s| + away), `reach` being squared; a fifth of the half
-    /// is for its change on the way.
+    /// chain was evaluated last, `away` (Σ|C d|) from the place of the equations. Returns by how much the new error may be
+    /// wrong: the square of |f(y + s) − f(y) − J s| ≤ reach · Σ|C s| · (½ Σ|C s| + away), `reach` being squared; a fifth of
+    /// the half is for its change on the way.
     #[inline(never)]
     fn go_on(&mut self, after: &mut Hybrid<T>, away: T, reach: T) -> T {
         let step = self.equations.step(after);
         let left = less(after, T::ONE, &self.equations.moved(&step));
-        let moved = length(&step);
+        let moved = self.serial_length(&step);
         let unseen = moved * (T::from_f64(0.6) * moved + away);
         let unseen = reach * unseen * unseen;
         // Both below half of it, in squares: (a + b)² ≤ 2 (a² + b²).
@@ -282,7 +291,7 @@ impl<T: Scalar> Search<'_, T> {
                     change,
                     before,
                     after,
-                    reach: self.equations.squared_reach(),
+                    lever: self.equations.squared_lever(),
                     unsure: T::ZERO,
                     bounded,
                 };
@@ -335,7 +344,7 @@ impl<T: Scalar> Search<'_, T> {
         let change = self.change;
         self.turn(&change);
         let mut after = self.error(&arm.calibrated.forward_at(self.turned));
-        let away = length(&difference(&change, &near));
+        let away = self.serial_length(&difference(&change, &near));
         let reach = self.equations.squared_reach();
         let unseen = self.go_on(&mut after, away, reach);
         // Ripple last, for it changes quickest.
@@ -358,15 +367,19 @@ impl<T: Scalar> Search<'_, T> {
         // The error of the command, with what it deflects the arm by there: nearly all of it by the Jacobian there.
         let mut before = less(&plain, factor, &at_command);
         before = less(&before, factor, &less(&effect, T::ONE, &at_corrected));
-        let rest = length(&difference(&deflection, &expected)) * length(&self.change);
-        let bent = length(&deflection);
+        let unexpected = self.serial_length(&difference(&deflection, &expected));
+        let rest = unexpected * self.serial_length(&self.change);
+        let bent = self.serial_length(&deflection);
         let elsewhere = rest + bent * bent;
         let unsure = T::from_f64(LAG * LAG) * position + reach * elsewhere * elsewhere + unseen;
         Found {
             change: difference(&self.change, &deflection),
             before,
             after,
-            reach,
+            lever: match &arm.coupling {
+                None => reach,
+                Some(_) => self.equations.squared_lever(),
+            },
             unsure,
             bounded,
         }
@@ -430,7 +443,7 @@ impl<T: Scalar> Found<T> {
         let command = sum(joints, &self.change);
         // The command is a number of type T: of every joint that rounds away at most so much.
         let rounded = length(&command) * T::ROUNDING;
-        let unsure = self.unsure + self.reach * rounded * rounded;
+        let unsure = self.unsure + self.lever * rounded * rounded;
         // (a + b + c + d)² ≤ 4 (a² + b² + c² + d²).
         let margin = (T::from_f64(4.0) * unsure).sqrt();
         let (position, rotation) = squares(&self.after);

@@ -12,7 +12,7 @@ use crate::seeded::{chains, config, poe};
 proptest! {
     #![proptest_config(config(92, 2_000))]
 
-    /// |f(c + s) − f(c) − J s| ≤ ½ L (Σ|s|)², a fifth more for its change on the way; of coupled joints, too, whose columns
+    /// |f(y + s) − f(y) − J s| ≤ ½ L (Σ|C s|)², a fifth more for its change on the way; of coupled joints, too, whose columns
     /// may cancel where second derivatives do not.
     #[test]
     fn a_step_goes_no_further_astray_than_its_bound(
@@ -60,7 +60,7 @@ proptest! {
         let astray: f64 = (0..3)
             .map(|i| (there.translation[i] - here.translation[i] - moved[i]).powi(2))
             .sum();
-        let length: f64 = s.iter().map(|value| value.abs()).sum();
+        let length: f64 = coupled(coupling, &s).iter().map(|value| value.abs()).sum();
         let bound = 0.6 * equations.squared_reach().sqrt() * length * length;
         prop_assert!(astray.sqrt() <= bound + 1e-12, "{:e} of {bound:e}", astray.sqrt());
     }
