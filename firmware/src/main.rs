@@ -20,6 +20,8 @@ mod board;
 #[cfg(target_os = "none")]
 mod capacity;
 #[cfg(target_os = "none")]
+mod copies;
+#[cfg(target_os = "none")]
 mod device;
 #[cfg(target_os = "none")]
 mod front;

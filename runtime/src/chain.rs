@@ -19,7 +19,7 @@ use heapless::Vec;
 use poegp_protocol::JointKind;
 use poegp_protocol::limits::MAX_JOINTS;
 
-use crate::poe::{JointMotion, Poe, motions_into};
+use crate::poe::{Motions, Poe, motions_into};
 use crate::scalar::Scalar;
 use crate::se3::Pose;
 
@@ -225,25 +225,21 @@ impl<T: Scalar> Chain<T> {
 
     /// What the joints do at `q`, see [`Poe::motions_into`].
     #[inline(always)]
-    pub fn motions_into(&self, q: &[T], out: &mut [JointMotion<T>; MAX_JOINTS]) {
+    pub fn motions_into(&self, q: &[T], out: &mut Motions<T>) {
         motions_into(self.kinds(), q, out);
     }
 
     /// f(q), `base_from_target`.
     // A function of its own, for whoever needs it more than once.
     #[inline(never)]
-    pub fn forward_at(&self, motions: &[JointMotion<T>; MAX_JOINTS]) -> Pose<T> {
+    pub fn forward_at(&self, motions: &Motions<T>) -> Pose<T> {
         self.walk(motions, |_| {})
     }
 
     /// The frames of the joints, in place of what is in `frames`, and f(q): on a Cortex-M4F a returned array costs 400
     /// instructions of copying, and one that must be cleared first 160.
     #[inline(never)]
-    pub fn moved_frames_at(
-        &self,
-        motions: &[JointMotion<T>; MAX_JOINTS],
-        frames: &mut MovedFrames<T>,
-    ) -> Pose<T> {
+    pub fn moved_frames_at(&self, motions: &Motions<T>, frames: &mut MovedFrames<T>) -> Pose<T> {
         frames.clear();
         self.walk(motions, |frame| {
             // There are never more joints than fit.
@@ -252,11 +248,7 @@ impl<T: Scalar> Chain<T> {
     }
 
     #[inline(always)]
-    fn walk(
-        &self,
-        motions: &[JointMotion<T>; MAX_JOINTS],
-        mut visit: impl FnMut(&Pose<T>),
-    ) -> Pose<T> {
+    fn walk(&self, motions: &Motions<T>, mut visit: impl FnMut(&Pose<T>)) -> Pose<T> {
         let mut joints = motions.iter().zip(self.kinds());
         let mut pose = self.base;
         if let Some((motion, kind)) = joints.next() {
@@ -287,18 +279,18 @@ impl<T: Scalar> Chain<T> {
 fn moved<T: Scalar>(
     pose: &Pose<T>,
     kind: JointKind,
-    motion: &JointMotion<T>,
+    motion: &[T; 2],
     [sin_b, cos_b]: Turn<T>,
 ) -> Pose<T> {
     match kind {
         JointKind::Revolute => {
-            let (s, c) = (motion.sin, motion.cos);
+            let [s, c] = *motion;
             turned(pose, [s * cos_b + c * sin_b, c * cos_b - s * sin_b])
         }
         JointKind::Prismatic => {
             let mut out = turned(pose, [sin_b, cos_b]);
             for k in 0..3 {
-                out.translation[k] += pose.rotation[(k, 2)] * motion.travel;
+                out.translation[k] += pose.rotation[(k, 2)] * motion[0];
             }
             out
         }

@@ -103,7 +103,7 @@ inner_loops! {
     /// [`InnerLoops::tied_sums`] has them.
     portable_cosines => fn cosines<const N, const ROW>(
         rows: &[[Self; ROW]],
-        features: &[[Self; 2]; MAX_JOINTS],
+        motions: &[[Self; 2]; MAX_JOINTS],
         cosines: &mut [[Self; N]; TILE],
     );
 
@@ -178,13 +178,13 @@ pub(crate) fn portable_tied_sums<T: Scalar, const N: usize, const ROW: usize>(
 #[inline(always)]
 pub(crate) fn portable_cosines<T: Scalar, const N: usize, const ROW: usize>(
     rows: &[[T; ROW]],
-    features: &[[T; 2]; MAX_JOINTS],
+    motions: &[[T; 2]; MAX_JOINTS],
     cosines: &mut [[T; N]; TILE],
 ) {
     for (row, slot) in rows.iter().zip(cosines) {
         let mut d = 0;
         while d < N {
-            slot[d] = features[d][0] * row[2 * d] + features[d][1] * row[2 * d + 1];
+            slot[d] = motions[d][0] * row[2 * d] + motions[d][1] * row[2 * d + 1];
             d += 1;
         }
     }

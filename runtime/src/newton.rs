@@ -11,7 +11,7 @@ use nalgebra::Vector3;
 use poegp_protocol::JointKind;
 use poegp_protocol::limits::MAX_JOINTS;
 
-use crate::deflection::{CouplingMatrix, PerJoint};
+use crate::deflection::{CouplingMatrix, PerJoint, third_column};
 use crate::scalar::Scalar;
 use crate::se3::{Pose, cross, dot, subtract};
 
@@ -79,42 +79,45 @@ pub struct Equations<T> {
     serial_reach: Option<T>,
 }
 
+/// Where equations are formed.
+#[derive(Clone, Copy, Debug)]
+pub struct Place<'a, T> {
+    /// Kinds of the serial joints.
+    pub kinds: &'a [JointKind],
+    /// Their frames after they moved.
+    pub frames: &'a [Pose<T>],
+    /// The target, in m, base frame.
+    pub point: &'a Vector3<T>,
+    /// C.
+    pub coupling: Option<&'a CouplingMatrix<T>>,
+}
+
+impl<T: Scalar> Default for Equations<T> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 impl<T: Scalar> Equations<T> {
-    /// Nothing yet, for an arm of so many joints.
+    /// Nothing yet.
     #[inline(always)]
-    pub fn new(joints: usize) -> Self {
+    pub fn new() -> Self {
         Self {
-            joints,
+            joints: 0,
             columns: [[T::ZERO; 6]; MAX_JOINTS],
             factors: [[T::ZERO; EQUATIONS]; EQUATIONS],
             serial_reach: None,
         }
     }
 
-    /// Those at `point` (m, base frame), from the frames of the serial joints, with this λ.
+    /// Those of this place, with this λ.
     #[inline(never)]
-    pub fn form(
-        &mut self,
-        kinds: &[JointKind],
-        frames: &[Pose<T>],
-        point: &Vector3<T>,
-        coupling: Option<&CouplingMatrix<T>>,
-        rotation_weight: T,
-        damping: T,
-    ) {
-        for ((column, kind), frame) in self.columns.iter_mut().zip(kinds).zip(frames) {
-            let r = &frame.rotation;
-            let axis = Vector3::new(r[(0, 2)], r[(1, 2)], r[(2, 2)]);
-            *column = match kind {
-                JointKind::Revolute => {
-                    let v = cross(&axis, &subtract(point, &frame.translation));
-                    let w = rotation_weight;
-                    [v[0], v[1], v[2], w * axis[0], w * axis[1], w * axis[2]]
-                }
-                JointKind::Prismatic => [axis[0], axis[1], axis[2], T::ZERO, T::ZERO, T::ZERO],
-            };
+    pub fn form(&mut self, at: &Place<'_, T>, rotation_weight: T, damping: T) {
+        self.joints = at.kinds.len();
+        for ((column, kind), frame) in self.columns.iter_mut().zip(at.kinds).zip(at.frames) {
+            *column = column_of(*kind, frame, at.point, rotation_weight);
         }
-        if let Some(coupling) = coupling {
+        if let Some(coupling) = at.coupling {
             self.couple(coupling);
         }
         if self.joints > EQUATIONS {
@@ -247,11 +250,6 @@ impl<T: Scalar> Equations<T> {
         moved
     }
 
-    /// Whether there are joints enough for every displacement and rotation.
-    pub fn can_turn(&self) -> bool {
-        self.joints >= EQUATIONS
-    }
-
     /// The square of a length L in metres with which |f(y + s) − f(y) − J s| ≤ ½ L (Σ|s|)² for small changes s of the
     /// serial joints: no second derivative of the target's place, z_k × (z_l × r_l), is longer than the longest column of
     /// their Jacobian.
@@ -275,6 +273,25 @@ impl<T: Scalar> Equations<T> {
             }
         }
         largest
+    }
+}
+
+/// What a serial joint does to the target.
+#[inline(always)]
+fn column_of<T: Scalar>(
+    kind: JointKind,
+    frame: &Pose<T>,
+    point: &Vector3<T>,
+    rotation_weight: T,
+) -> Hybrid<T> {
+    let axis = third_column(frame);
+    match kind {
+        JointKind::Revolute => {
+            let v = cross(&axis, &subtract(point, &frame.translation));
+            let w = rotation_weight;
+            [v[0], v[1], v[2], w * axis[0], w * axis[1], w * axis[2]]
+        }
+        JointKind::Prismatic => [axis[0], axis[1], axis[2], T::ZERO, T::ZERO, T::ZERO],
     }
 }
 

@@ -2,14 +2,14 @@
 
 use poegp_protocol::limits::{MAX_JOINTS, OUTPUTS};
 
-use crate::poe::JointMotion;
+use crate::poe::{Motions, no_motions};
 use crate::scalar::Scalar;
 use crate::se3::Pose;
 
 /// Intermediate results, shown as they arise. All methods do nothing unless overridden, and cost nothing then.
 pub trait Observer<T> {
-    /// Sines, cosines and travels of the serial joints.
-    fn motions(&mut self, _motions: &[JointMotion<T>]) {}
+    /// Of the serial joints.
+    fn motions(&mut self, _motions: &[[T; 2]]) {}
     /// f(q).
     fn chain(&mut self, _pose: &Pose<T>) {}
     /// The posterior mean before bounding.
@@ -26,7 +26,7 @@ impl<T> Observer<T> for Unobserved {}
 /// Keeps all of them. Cheap enough to be kept always: an evaluation and a trace on the device are the same code, once.
 #[derive(Clone, Copy, Debug)]
 pub struct Stages<T> {
-    motions: [JointMotion<T>; MAX_JOINTS],
+    motions: Motions<T>,
     joints: usize,
     /// f(q); all zeros when nothing was evaluated.
     pub chain: Pose<T>,
@@ -44,22 +44,22 @@ impl<T: Scalar> Stages<T> {
     /// Nothing seen yet.
     pub fn new() -> Self {
         Self {
-            motions: [JointMotion::unset(); MAX_JOINTS],
+            motions: no_motions(),
             joints: 0,
             chain: Pose::from_rows(&[T::ZERO; 12]),
             mean: [T::ZERO; MAX_JOINTS],
         }
     }
 
-    /// Sines, cosines and travels of the serial joints.
-    pub fn motions(&self) -> &[JointMotion<T>] {
+    /// Of the serial joints.
+    pub fn motions(&self) -> &[[T; 2]] {
         self.motions.get(..self.joints).unwrap_or(&[])
     }
 }
 
 impl<T: Scalar> Observer<T> for Stages<T> {
     #[inline(always)]
-    fn motions(&mut self, motions: &[JointMotion<T>]) {
+    fn motions(&mut self, motions: &[[T; 2]]) {
         self.joints = motions.len();
         for (slot, motion) in self.motions.iter_mut().zip(motions) {
             *slot = *motion;

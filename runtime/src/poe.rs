@@ -42,27 +42,14 @@ impl core::fmt::Display for WrongChain {
 
 impl core::error::Error for WrongChain {}
 
-/// Sine and cosine of a revolute joint, or the travel of a prismatic one.
-#[derive(Clone, Copy, Debug)]
-pub struct JointMotion<T> {
-    /// sin q; not looked at of a prismatic joint.
-    pub sin: T,
-    /// cos q; not looked at of a prismatic joint.
-    pub cos: T,
-    /// q in metres; not looked at of a revolute joint.
-    pub travel: T,
-}
+/// Where each joint is, as chains and kernels need it: (sin q, cos q) of a revolute one, (q, 0) of a prismatic one with q in
+/// metres, (0, 0) beyond the last.
+pub type Motions<T> = [[T; 2]; MAX_JOINTS];
 
-impl<T: Scalar> JointMotion<T> {
-    /// Of no joint. All zeros, which are cleared by the word; anything else is copied from flash.
-    #[inline(always)]
-    pub fn unset() -> Self {
-        Self {
-            sin: T::ZERO,
-            cos: T::ZERO,
-            travel: T::ZERO,
-        }
-    }
+/// Of no joint.
+#[inline(always)]
+pub fn no_motions<T: Scalar>() -> Motions<T> {
+    [[T::ZERO; 2]; MAX_JOINTS]
 }
 
 impl<T: Scalar> Poe<T> {
@@ -114,15 +101,15 @@ impl<T: Scalar> Poe<T> {
 
     /// What the joints do at `q` (rad or m); missing values count as zero.
     #[inline(always)]
-    pub fn motions(&self, q: &[T]) -> [JointMotion<T>; MAX_JOINTS] {
-        let mut out = [JointMotion::unset(); MAX_JOINTS];
+    pub fn motions(&self, q: &[T]) -> Motions<T> {
+        let mut out = no_motions();
         self.motions_into(q, &mut out);
         out
     }
 
     /// The same, written to `out`; of joints that there are not, or have no value, nothing is changed.
     #[inline(always)]
-    pub fn motions_into(&self, q: &[T], out: &mut [JointMotion<T>; MAX_JOINTS]) {
+    pub fn motions_into(&self, q: &[T], out: &mut Motions<T>) {
         motions_into(self.kinds(), q, out);
     }
 
@@ -133,7 +120,7 @@ impl<T: Scalar> Poe<T> {
 
     /// f(q) for sines and cosines that are there already.
     #[inline(always)]
-    pub fn forward_with(&self, motions: &[JointMotion<T>; MAX_JOINTS]) -> Pose<T> {
+    pub fn forward_with(&self, motions: &Motions<T>) -> Pose<T> {
         let [first, rest @ ..] = &self.parent_from_joint;
         let mut pose = *first;
         for ((motion, kind), frame) in motions.iter().zip(self.kinds()).zip(rest) {
@@ -149,10 +136,7 @@ impl<T: Scalar> Poe<T> {
 
     /// The same for sines and cosines that are there already.
     #[inline(always)]
-    pub fn joint_frames_with(
-        &self,
-        motions: &[JointMotion<T>; MAX_JOINTS],
-    ) -> ([Pose<T>; MAX_JOINTS], Pose<T>) {
+    pub fn joint_frames_with(&self, motions: &Motions<T>) -> ([Pose<T>; MAX_JOINTS], Pose<T>) {
         let mut out = [Pose::from_rows(&[T::ZERO; 12]); MAX_JOINTS];
         let target = self.joint_frames_into(motions, &mut out);
         (out, target)
@@ -162,7 +146,7 @@ impl<T: Scalar> Poe<T> {
     #[inline(always)]
     pub fn joint_frames_into(
         &self,
-        motions: &[JointMotion<T>; MAX_JOINTS],
+        motions: &Motions<T>,
         frames: &mut [Pose<T>; MAX_JOINTS],
     ) -> Pose<T> {
         let [first, rest @ ..] = &self.parent_from_joint;
@@ -217,15 +201,14 @@ impl<T: Scalar> Poe<T> {
 
 /// [`Poe::motions_into`] for joints of these kinds.
 #[inline(never)]
-pub(crate) fn motions_into<T: Scalar>(
-    kinds: &[JointKind],
-    q: &[T],
-    out: &mut [JointMotion<T>; MAX_JOINTS],
-) {
+pub(crate) fn motions_into<T: Scalar>(kinds: &[JointKind], q: &[T], out: &mut Motions<T>) {
     for ((motion, kind), value) in out.iter_mut().zip(kinds).zip(q) {
         match kind {
-            JointKind::Revolute => (motion.sin, motion.cos) = value.sin_cos(),
-            JointKind::Prismatic => motion.travel = *value,
+            JointKind::Revolute => {
+                let (sin, cos) = value.sin_cos();
+                *motion = [sin, cos];
+            }
+            JointKind::Prismatic => *motion = [*value, T::ZERO],
         }
     }
 }
@@ -250,11 +233,11 @@ fn axis<T: Scalar>(kind: JointKind) -> Twist<T> {
 
 /// T · e^ẑ q: the first two columns turn, or the origin moves along the third.
 #[inline(always)]
-fn moved<T: Scalar>(pose: &Pose<T>, kind: JointKind, motion: &JointMotion<T>) -> Pose<T> {
+fn moved<T: Scalar>(pose: &Pose<T>, kind: JointKind, motion: &[T; 2]) -> Pose<T> {
     let (r, t) = (&pose.rotation, &pose.translation);
     match kind {
         JointKind::Revolute => {
-            let (s, c) = (motion.sin, motion.cos);
+            let [s, c] = *motion;
             let x = |i: usize| r[(i, 0)] * c + r[(i, 1)] * s;
             let y = |i: usize| r[(i, 1)] * c - r[(i, 0)] * s;
             let rotation = Matrix3::new(
@@ -274,7 +257,7 @@ fn moved<T: Scalar>(pose: &Pose<T>, kind: JointKind, motion: &JointMotion<T>) ->
             }
         }
         JointKind::Prismatic => {
-            let along = |i: usize| t[i] + r[(i, 2)] * motion.travel;
+            let along = |i: usize| t[i] + r[(i, 2)] * motion[0];
             Pose {
                 rotation: *r,
                 translation: Vector3::new(along(0), along(1), along(2)),

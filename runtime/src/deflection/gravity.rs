@@ -78,7 +78,7 @@ impl<'a, T: Scalar> GravityRegressors<'a, T> {
 
 /// z of a frame.
 #[inline(always)]
-pub(super) fn third_column<T: Scalar>(frame: &Pose<T>) -> Vector3<T> {
+pub(crate) fn third_column<T: Scalar>(frame: &Pose<T>) -> Vector3<T> {
     let r = &frame.rotation;
     Vector3::new(r[(0, 2)], r[(1, 2)], r[(2, 2)])
 }

@@ -27,27 +27,22 @@ use poegp_protocol::JointKind;
 use poegp_protocol::limits::{MAX_JOINTS, MAX_RIPPLE};
 
 pub use gravity::{Gravity, GravityRegressors, GravityTerms};
-pub use processes::{
-    JointKernel, JointProcesses, PayloadGroup, SupportSet, features, features_after, similarity,
-};
+pub use processes::{JointKernel, JointProcesses, PayloadGroup, SupportSet, similarity};
 pub use variance::{PositionVariance, landmark_place, landmark_words, prior};
 
 use crate::bound::Bound;
 use crate::chain::{Chain, MovedFrames};
 use crate::observer::Observer;
-use crate::poe::JointMotion;
+use crate::poe::{Motions, no_motions};
 use crate::scalar::{MAX_ANGLE, Scalar};
 use crate::se3::{Pose, Twist, cross};
-use gravity::third_column;
+pub(crate) use gravity::third_column;
 
 /// Words of one support row of an arm with `joints` joints: sine and cosine of each, then a weight for each.
 pub const fn row_words(joints: usize) -> usize {
     // Bounded, so that nobody can divide by zero.
     3 * if joints == 0 { 1 } else { joints }
 }
-
-/// Joint values as the kernel compares them: (sin q, cos q), or (q, 0) for a prismatic joint.
-pub type Features<T> = [[T; 2]; MAX_JOINTS];
 
 /// One value for each joint.
 pub type PerJoint<T> = [T; MAX_JOINTS];
@@ -166,10 +161,10 @@ pub fn deflection_twist<T: Scalar>(
 /// keeps the sum q + δ from being rounded.
 #[inline(always)]
 pub fn deflected<T: Scalar>(
-    motions: &[JointMotion<T>; MAX_JOINTS],
+    motions: &Motions<T>,
     kinds: &[JointKind],
     deflection: &PerJoint<T>,
-) -> [JointMotion<T>; MAX_JOINTS] {
+) -> Motions<T> {
     let mut out = *motions;
     deflected_into(motions, kinds, deflection, &mut out);
     out
@@ -178,10 +173,10 @@ pub fn deflected<T: Scalar>(
 /// The same, written to `out`; beyond the last joint nothing is changed.
 #[inline(never)]
 pub fn deflected_into<T: Scalar>(
-    motions: &[JointMotion<T>; MAX_JOINTS],
+    motions: &Motions<T>,
     kinds: &[JointKind],
     deflection: &PerJoint<T>,
-    out: &mut [JointMotion<T>; MAX_JOINTS],
+    out: &mut Motions<T>,
 ) {
     let deltas = kinds.iter().zip(deflection);
     for ((slot, motion), (kind, delta)) in out.iter_mut().zip(motions).zip(deltas) {
@@ -190,11 +185,10 @@ pub fn deflected_into<T: Scalar>(
                 let square = *delta * *delta;
                 let sin = *delta - *delta * square * T::from_f64(1.0 / 6.0);
                 let versine = square * (T::from_f64(0.5) - square * T::from_f64(1.0 / 24.0));
-                let (s, c) = (motion.sin, motion.cos);
-                slot.sin = s + (c * sin - s * versine);
-                slot.cos = c - (s * sin + c * versine);
+                let [s, c] = *motion;
+                *slot = [s + (c * sin - s * versine), c - (s * sin + c * versine)];
             }
-            JointKind::Prismatic => slot.travel = motion.travel + *delta,
+            JointKind::Prismatic => *slot = [motion[0] + *delta, T::ZERO],
         }
     }
 }
@@ -237,7 +231,7 @@ pub struct Configuration<'a, T> {
     /// The controller's joints, rad or m.
     pub joints: &'a PerJoint<T>,
     /// Motions of the serial joints C q.
-    pub motions: &'a [JointMotion<T>; MAX_JOINTS],
+    pub motions: &'a Motions<T>,
     /// Payload in kg.
     pub payload_kg: T,
 }
@@ -263,7 +257,7 @@ impl<T: Scalar> Deflection<T> {
         at: &Configuration<'_, T>,
         frames: &[Pose<T>],
         target: &Pose<T>,
-        places: &Features<T>,
+        places: &Motions<T>,
         rows: &[T],
     ) -> PerJoint<T> {
         let kinds = at.chain.kinds();
@@ -297,15 +291,15 @@ impl<T: Scalar> Deflection<T> {
         let target = at.chain.moved_frames_at(at.motions, &mut frames);
         observer.chain(&target);
         let kinds = at.chain.kinds();
-        let places = match at.coupling {
-            None => features(kinds, at.joints, at.motions),
-            Some(_) => {
-                let mut motions = [JointMotion::unset(); MAX_JOINTS];
-                at.chain.motions_into(at.joints, &mut motions);
-                features(kinds, at.joints, &motions)
-            }
+        let mut uncoupled;
+        let places = if at.coupling.is_some() {
+            uncoupled = no_motions();
+            at.chain.motions_into(at.joints, &mut uncoupled);
+            &uncoupled
+        } else {
+            at.motions
         };
-        let deflection = self.total(at, &frames, &target, &places, rows);
+        let deflection = self.total(at, &frames, &target, places, rows);
         observer.deflection(&deflection);
         let mut out = deflect(at, &frames, &target, &deflection, bound);
         if let Some(variance) = &self.variance {
@@ -315,7 +309,7 @@ impl<T: Scalar> Deflection<T> {
                 kinds,
                 kernels,
                 landmarks.unwrap_or(&[]),
-                &places,
+                places,
                 at.payload_kg,
             );
             let kernels = kernels.get(..kinds.len()).unwrap_or(&[]);
@@ -352,7 +346,7 @@ fn deflect<T: Scalar>(
     };
     serial = serial.map(scaled);
     twist = Twist::from_array(&twist.to_array().map(scaled));
-    let mut motions = [JointMotion::unset(); MAX_JOINTS];
+    let mut motions = no_motions();
     deflected_into(at.motions, kinds, &serial, &mut motions);
     let pose = at.chain.forward_at(&motions);
     Compensated {

@@ -30,12 +30,12 @@ use poegp_protocol::limits::MAX_JOINTS;
 use super::{Arm, ArmCorrection, MAX_PAYLOAD_KG, View};
 use crate::bound;
 use crate::chain::MovedFrames;
-use crate::deflection::{PerJoint, coupled, deflected_into, features_after};
+use crate::deflection::{PerJoint, coupled, deflected_into};
 use crate::model::checked::is_within;
 use crate::model::elastic::ElasticCorrection;
 use crate::model::task_space::TaskSpaceCorrection;
-use crate::newton::{Equations, Hybrid, length, less, pose_error, squares};
-use crate::poe::JointMotion;
+use crate::newton::{Equations, Hybrid, Place, length, less, pose_error, squares};
+use crate::poe::{Motions, no_motions};
 use crate::scalar::Scalar;
 use crate::se3::{Pose, Twist};
 use crate::status::Status;
@@ -94,7 +94,7 @@ impl<T: Scalar> View<'_, T> {
         let Some(x) = arm.checked_joints(joints).filter(|_| believable) else {
             return as_it_came(Status::BAD_INPUT);
         };
-        let mut motions = [JointMotion::unset(); MAX_JOINTS];
+        let mut motions = no_motions();
         arm.motions(&x, &mut motions);
         let mut frames = MovedFrames::new();
         let target = arm.nominal.forward_at(&motions);
@@ -104,10 +104,9 @@ impl<T: Scalar> View<'_, T> {
             joints: &x,
             payload_kg,
             motions: &motions,
-            turned: &mut [JointMotion::unset(); MAX_JOINTS],
+            turned: &mut no_motions(),
             target: &target,
             frames: &mut frames,
-            equations: Equations::new(joints.len()),
             rotation_weight: if joints.len() < 6 {
                 T::from_f64(ROTATION_WEIGHT)
             } else {
@@ -127,7 +126,7 @@ impl<T: Scalar> View<'_, T> {
             arm.payload_range,
         );
         let status = status.with_if(found.bounded, Status::CORRECTION_BOUNDED);
-        found.judged(&x, &search.equations, status)
+        found.judged(&x, joints.len() >= 6, status)
     }
 }
 
@@ -140,15 +139,13 @@ struct Search<'a, T> {
     payload_kg: T,
     /// Motions of the serial joints at the command; all others are turned from these, which keeps q + change from being
     /// rounded.
-    motions: &'a [JointMotion<T>; MAX_JOINTS],
+    motions: &'a Motions<T>,
     /// Room for the others.
-    turned: &'a mut [JointMotion<T>; MAX_JOINTS],
+    turned: &'a mut Motions<T>,
     /// Where the nominal arm would stand.
     target: &'a Pose<T>,
     /// Of the calibrated chain where it was evaluated last.
     frames: &'a mut MovedFrames<T>,
-    /// Of the last place.
-    equations: Equations<T>,
     /// w.
     rotation_weight: T,
     /// y − q: what the chain is to be changed by.
@@ -198,22 +195,22 @@ impl<T: Scalar> Search<'_, T> {
     }
 
     /// The equations where the chain was evaluated last, with the target at `pose`.
-    fn form_equations(&mut self, pose: &Pose<T>) {
+    #[inline(always)]
+    fn form(&self, equations: &mut Equations<T>, pose: &Pose<T>) {
         let arm = self.arm;
-        self.equations.form(
-            arm.calibrated.kinds(),
-            self.frames,
-            &pose.translation,
-            arm.coupling.as_ref(),
-            self.rotation_weight,
-            T::from_f64(DAMPING),
-        );
+        let place = Place {
+            kinds: arm.calibrated.kinds(),
+            frames: self.frames,
+            point: &pose.translation,
+            coupling: arm.coupling.as_ref(),
+        };
+        equations.form(&place, self.rotation_weight, T::from_f64(DAMPING));
     }
 
     /// Takes a step, as far as the largest change allows.
     #[inline(never)]
-    fn take_step(&mut self, error: &Hybrid<T>) {
-        let step = self.equations.step(error);
+    fn take_step(&mut self, equations: &Equations<T>, error: &Hybrid<T>) {
+        let step = equations.step(error);
         for (value, delta) in self.change.iter_mut().zip(&step) {
             *value += *delta;
         }
@@ -244,9 +241,9 @@ impl<T: Scalar> Search<'_, T> {
     /// wrong: the square of |f(y + s) − f(y) − J s| ≤ reach · Σ|C s| · (½ Σ|C s| + away), `reach` being squared; a fifth of
     /// the half is for its change on the way.
     #[inline(never)]
-    fn go_on(&mut self, after: &mut Hybrid<T>, away: T, reach: T) -> T {
-        let step = self.equations.step(after);
-        let left = less(after, T::ONE, &self.equations.moved(&step));
+    fn go_on(&mut self, equations: &Equations<T>, after: &mut Hybrid<T>, away: T, reach: T) -> T {
+        let step = equations.step(after);
+        let left = less(after, T::ONE, &equations.moved(&step));
         let moved = self.serial_length(&step);
         let unseen = moved * (T::from_f64(0.6) * moved + away);
         let unseen = reach * unseen * unseen;
@@ -271,6 +268,7 @@ impl<T: Scalar> Search<'_, T> {
             STEPS
         };
         let (mut before, mut bounded) = ([T::ZERO; 6], false);
+        let mut lever = T::ZERO;
         let mut taken = 0;
         loop {
             let change = self.change;
@@ -291,13 +289,15 @@ impl<T: Scalar> Search<'_, T> {
                     change,
                     before,
                     after,
-                    lever: self.equations.squared_lever(),
+                    lever,
                     unsure: T::ZERO,
                     bounded,
                 };
             }
-            self.form_equations(&pose);
-            self.take_step(&after);
+            let mut equations = Equations::new();
+            self.form(&mut equations, &pose);
+            lever = equations.squared_lever();
+            self.take_step(&equations, &after);
             taken += 1;
         }
     }
@@ -315,8 +315,9 @@ impl<T: Scalar> Search<'_, T> {
         // First step, and gravity, at the command.
         let pose = arm.calibrated.moved_frames_at(self.motions, self.frames);
         let plain = self.error(&pose);
-        self.form_equations(&pose);
-        self.take_step(&plain);
+        let mut at_command = Equations::new();
+        self.form(&mut at_command, &pose);
+        self.take_step(&at_command, &plain);
         let roughly = gravity(self.frames, &pose);
         // Processes where gravity alone would have it.
         let place = difference(&self.change, &roughly);
@@ -327,30 +328,28 @@ impl<T: Scalar> Search<'_, T> {
             } else {
                 deflected_into(self.motions, kinds, &place, self.turned);
             }
-            let places = features_after(kinds, self.joints, &place, self.turned);
-            terms.processes.mean(kinds, self.rows, &places, payload)
+            terms.processes.mean(kinds, self.rows, self.turned, payload)
         };
         // Gravity again and the second step where both would have it: at the corrected command, nearly.
         let near = difference(&place, &mean);
         let expected = difference(&self.change, &near);
-        let at_command = self.equations.moved(&expected);
         let pose = self.chain(&near);
         let smooth = sum(&gravity(self.frames, &pose), &mean);
-        self.form_equations(&pose);
-        let at_corrected = self.equations.moved(&expected);
-        let error = less(&self.error(&pose), T::ONE, &at_corrected);
-        self.take_step(&error);
+        let mut at_corrected = Equations::new();
+        self.form(&mut at_corrected, &pose);
+        let error = less(&self.error(&pose), T::ONE, &at_corrected.moved(&expected));
+        self.take_step(&at_corrected, &error);
         // The check, where the chain is to be, and what it finds.
         let change = self.change;
         self.turn(&change);
         let mut after = self.error(&arm.calibrated.forward_at(self.turned));
         let away = self.serial_length(&difference(&change, &near));
-        let reach = self.equations.squared_reach();
-        let unseen = self.go_on(&mut after, away, reach);
+        let reach = at_corrected.squared_reach();
+        let unseen = self.go_on(&at_corrected, &mut after, away, reach);
         // Ripple last, for it changes quickest.
         let place = shifted(self.joints, &self.change, &smooth);
         let mut deflection = sum(&smooth, &terms.ripple_towards(&place));
-        let effect = self.equations.moved(&deflection);
+        let effect = at_corrected.moved(&deflection);
         let (position, rotation) = squares(&effect);
         let weight = self.rotation_weight;
         let (factor, bounded) = elastic
@@ -364,13 +363,10 @@ impl<T: Scalar> Search<'_, T> {
                 *value * factor
             };
         }
-        // The error of the command, with what it deflects the arm by there: nearly all of it by the Jacobian there.
-        let mut before = less(&plain, factor, &at_command);
-        before = less(&before, factor, &less(&effect, T::ONE, &at_corrected));
-        let unexpected = self.serial_length(&difference(&deflection, &expected));
-        let rest = unexpected * self.serial_length(&self.change);
+        // The error of the command, with what it deflects the arm by there.
+        let before = less(&plain, T::ONE, &at_command.moved(&deflection));
         let bent = self.serial_length(&deflection);
-        let elsewhere = rest + bent * bent;
+        let elsewhere = bent * bent;
         let unsure = T::from_f64(LAG * LAG) * position + reach * elsewhere * elsewhere + unseen;
         Found {
             change: difference(&self.change, &deflection),
@@ -378,7 +374,7 @@ impl<T: Scalar> Search<'_, T> {
             after,
             lever: match &arm.coupling {
                 None => reach,
-                Some(_) => self.equations.squared_lever(),
+                Some(_) => at_corrected.squared_lever(),
             },
             unsure,
             bounded,
@@ -434,12 +430,7 @@ fn difference<T: Scalar>(a: &PerJoint<T>, b: &PerJoint<T>) -> PerJoint<T> {
 impl<T: Scalar> Found<T> {
     /// The corrected command if it is better than `joints`, else these.
     #[inline(never)]
-    fn judged(
-        &mut self,
-        joints: &PerJoint<T>,
-        equations: &Equations<T>,
-        status: Status,
-    ) -> Corrected<T> {
+    fn judged(&mut self, joints: &PerJoint<T>, can_turn: bool, status: Status) -> Corrected<T> {
         let command = sum(joints, &self.change);
         // The command is a number of type T: of every joint that rounds away at most so much.
         let rounded = length(&command) * T::ROUNDING;
@@ -456,7 +447,7 @@ impl<T: Scalar> Found<T> {
             & (raised(limit, &self.change) <= limit);
         let tolerance = T::from_f64(CORRECTED_WITHIN * CORRECTED_WITHIN);
         // Five joints cannot turn the target every way.
-        let there = (position <= tolerance) & ((rotation <= tolerance) | !equations.can_turn());
+        let there = (position <= tolerance) & ((rotation <= tolerance) | !can_turn);
         let position_error = if better { distance } else { distance_before };
         // One by one: of two whole arrays one is copied by another routine than the other, which takes another time.
         let mut answer = command;

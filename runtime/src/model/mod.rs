@@ -23,7 +23,7 @@ use crate::chain::{Chain, MinimalForm};
 use crate::deflection::{self, CouplingMatrix};
 use crate::load_error::LoadError;
 pub use crate::observer::{Observer, Stages};
-use crate::poe::JointMotion;
+use crate::poe::{Motions, no_motions};
 use crate::posterior;
 use crate::scalar::{MAX_ANGLE, Scalar};
 use crate::se3::{Pose, Twist};
@@ -223,7 +223,7 @@ impl<T: Scalar, const WORDS: usize> Model<T, WORDS> {
     pub fn nominal(&self, joints: &[T]) -> Option<Pose<T>> {
         let arm = self.arm.as_ref()?;
         let x = arm.checked_joints(joints)?;
-        let mut motions = [JointMotion::unset(); MAX_JOINTS];
+        let mut motions = no_motions();
         arm.motions(&x, &mut motions);
         Some(arm.nominal.forward_at(&motions))
     }
@@ -251,7 +251,7 @@ impl<T: Scalar> View<'_, T> {
             return nothing(Status::BAD_INPUT);
         };
         let believable = is_within(payload_kg, T::ZERO, T::from_f32(MAX_PAYLOAD_KG));
-        let mut motions = [JointMotion::unset(); MAX_JOINTS];
+        let mut motions = no_motions();
         arm.motions(&x, &mut motions);
         observer.motions(motions.get(..joints.len()).unwrap_or(&[]));
         let (trust, status) = arm.range(&x, payload_kg);
@@ -421,7 +421,7 @@ impl<T: Scalar> Arm<T> {
 
     /// What the serial joints do at the controller's joints `x`.
     #[inline(always)]
-    fn motions(&self, x: &[T; MAX_JOINTS], out: &mut [JointMotion<T>; MAX_JOINTS]) {
+    fn motions(&self, x: &[T; MAX_JOINTS], out: &mut Motions<T>) {
         match &self.coupling {
             None => self.calibrated.motions_into(x, out),
             coupling => self

@@ -292,7 +292,7 @@ fn sines(stages: &Stages<f32>) -> Vec<f32, { 2 * MAX_JOINTS }> {
     let mut out = Vec::new();
     for motion in stages.motions() {
         // Room for all joints.
-        let _ = out.extend_from_slice(&[motion.sin, motion.cos]);
+        let _ = out.extend_from_slice(motion);
     }
     out
 }

@@ -8,7 +8,8 @@ use std::cell::RefCell;
 
 use faer::linalg::solvers::{Llt, Solve};
 use faer::{Mat, Side};
-use poegp_runtime::deflection::{Features, JointKernel, similarity};
+use poegp_runtime::deflection::{JointKernel, similarity};
+use poegp_runtime::poe::Motions;
 
 use super::hyperparameters::{DEFLECTION_UNIT, HyperLayout};
 use super::state::{Group, Linearised, ROWS};
@@ -21,7 +22,7 @@ use poegp_protocol::limits::MAX_JOINTS;
 #[derive(Clone, Debug)]
 pub struct Inputs {
     /// The joints of each pose.
-    pub features: Vec<Features<f64>>,
+    pub features: Vec<Motions<f64>>,
     /// Payload of each pose in kg; 0 where there is none.
     pub payloads: Vec<f64>,
     /// Kinds of the joints.

@@ -13,7 +13,8 @@
 
 use poegp_protocol::JointKind;
 use poegp_protocol::limits::MAX_GROUPS;
-use poegp_runtime::deflection::{Features, JointKernel};
+use poegp_runtime::deflection::JointKernel;
+use poegp_runtime::poe::Motions;
 use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -54,7 +55,7 @@ pub struct SetLimits {
 #[derive(Clone, Copy, Debug)]
 pub struct Function {
     /// The joints where it stands.
-    pub features: Features<f64>,
+    pub features: Motions<f64>,
     /// Its payload in kg, one of at most [`MAX_GROUPS`].
     pub payload_kg: f64,
     /// Its weight.
@@ -71,7 +72,7 @@ pub struct Sets {
 }
 
 /// Where kernels are evaluated: joints and payload.
-type Place = (Features<f64>, f64);
+type Place = (Motions<f64>, f64);
 
 /// Chooses support sets for a fit to `samples` and solves for their weights and all parameters; the parameters of `fit`
 /// move. `None` when there are no processes or the system cannot be solved.

@@ -13,10 +13,9 @@ use nalgebra::Vector3;
 use poegp_protocol::JointKind;
 use poegp_protocol::limits::MAX_JOINTS;
 use poegp_runtime::deflection::{
-    Features, GravityRegressors, GravityTerms, PerJoint, RippleTerm, deflected, features,
-    ripple_regressors,
+    GravityRegressors, GravityTerms, PerJoint, RippleTerm, deflected, ripple_regressors,
 };
-use poegp_runtime::poe::Poe;
+use poegp_runtime::poe::{Motions, Poe};
 use poegp_runtime::se3::{Pose, Twist};
 
 use crate::calibration::frames::{ResidualKind, Sample, residual_components};
@@ -220,11 +219,10 @@ impl State {
     }
 
     /// The joints as the kernel compares them.
-    pub fn features(&self, sample: &Sample) -> Features<f64> {
+    pub fn features(&self, sample: &Sample) -> Motions<f64> {
         let mut joints = [0.0; MAX_JOINTS];
         joints[..sample.joints.len()].copy_from_slice(&sample.joints);
-        let chain = self.chain(0);
-        features(&self.kinds, &joints, &chain.motions(&joints))
+        self.chain(0).motions(&joints)
     }
 
     /// Residuals of the parametric model, each row in units of its own scale; six a pose.

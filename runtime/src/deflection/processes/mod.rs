@@ -6,10 +6,10 @@ use heapless::Vec;
 use poegp_protocol::JointKind;
 use poegp_protocol::limits::{MAX_GROUPS, MAX_JOINTS};
 
-use super::{Features, PerJoint, row_words};
+use super::{PerJoint, row_words};
 use crate::inner_loops::TILE;
 use crate::kernel::LOG2_E;
-use crate::poe::JointMotion;
+use crate::poe::Motions;
 use crate::scalar::Scalar;
 
 pub use sets::SupportSet;
@@ -114,34 +114,6 @@ impl<T: Scalar> JointKernel<T> {
     }
 }
 
-/// The joints as the kernel compares them.
-pub fn features<T: Scalar>(
-    kinds: &[JointKind],
-    joints: &PerJoint<T>,
-    motions: &[JointMotion<T>],
-) -> Features<T> {
-    features_after(kinds, joints, &[T::ZERO; MAX_JOINTS], motions)
-}
-
-/// The same after a change of the joints, which the motions know already.
-#[inline(always)]
-pub fn features_after<T: Scalar>(
-    kinds: &[JointKind],
-    joints: &PerJoint<T>,
-    change: &PerJoint<T>,
-    motions: &[JointMotion<T>],
-) -> Features<T> {
-    let mut out = [[T::ZERO; 2]; MAX_JOINTS];
-    let places = joints.iter().zip(change).zip(motions);
-    for ((slot, kind), ((q, delta), motion)) in out.iter_mut().zip(kinds).zip(places) {
-        *slot = match kind {
-            JointKind::Revolute => [motion.sin, motion.cos],
-            JointKind::Prismatic => [*q + *delta, T::ZERO],
-        };
-    }
-    out
-}
-
 /// s_d of one joint.
 #[inline(always)]
 pub fn similarity<T: Scalar>(kind: JointKind, a: &[T; 2], b: &[T; 2]) -> T {
@@ -211,20 +183,20 @@ impl<T: Scalar> JointProcesses<T> {
         &self,
         kinds: &[JointKind],
         rows: &[T],
-        features: &Features<T>,
+        motions: &Motions<T>,
         payload_kg: T,
     ) -> PerJoint<T> {
         if !self.sets.is_empty() {
-            return self.of_sets(kinds, rows, features, payload_kg);
+            return self.of_sets(kinds, rows, motions, payload_kg);
         }
         match (if self.unrolled { kinds.len() } else { 0 }, self.tied) {
-            (5, true) => self.tied::<5, 15>(rows, features, payload_kg),
-            (6, true) => self.tied::<6, 18>(rows, features, payload_kg),
-            (7, true) => self.tied::<7, 21>(rows, features, payload_kg),
-            (5, false) => self.own::<5, 15>(rows, features, payload_kg),
-            (6, false) => self.own::<6, 18>(rows, features, payload_kg),
-            (7, false) => self.own::<7, 21>(rows, features, payload_kg),
-            _ => self.any(kinds, rows, features, payload_kg),
+            (5, true) => self.tied::<5, 15>(rows, motions, payload_kg),
+            (6, true) => self.tied::<6, 18>(rows, motions, payload_kg),
+            (7, true) => self.tied::<7, 21>(rows, motions, payload_kg),
+            (5, false) => self.own::<5, 15>(rows, motions, payload_kg),
+            (6, false) => self.own::<6, 18>(rows, motions, payload_kg),
+            (7, false) => self.own::<7, 21>(rows, motions, payload_kg),
+            _ => self.any(kinds, rows, motions, payload_kg),
         }
     }
 
@@ -247,7 +219,7 @@ impl<T: Scalar> JointProcesses<T> {
     fn own<const N: usize, const ROW: usize>(
         &self,
         rows: &[T],
-        features: &Features<T>,
+        motions: &Motions<T>,
         payload_kg: T,
     ) -> PerJoint<T> {
         let mut cosines = [[T::ZERO; N]; TILE];
@@ -258,7 +230,7 @@ impl<T: Scalar> JointProcesses<T> {
             rest = after;
             let mut sums = [T::ZERO; N];
             for tile in here.chunks(TILE) {
-                T::cosines(tile, features, &mut cosines);
+                T::cosines(tile, motions, &mut cosines);
                 // Two joints in each pass: their rates fit into registers beside the rest.
                 let mut c = 0;
                 while c + 1 < N {
@@ -283,7 +255,7 @@ impl<T: Scalar> JointProcesses<T> {
     fn tied<const N: usize, const ROW: usize>(
         &self,
         rows: &[T],
-        features: &Features<T>,
+        motions: &Motions<T>,
         payload_kg: T,
     ) -> PerJoint<T> {
         // The rates go into the query once, instead of into every point.
@@ -292,8 +264,8 @@ impl<T: Scalar> JointProcesses<T> {
         let mut d = 0;
         while d < N {
             scaled[d] = [
-                features[d][0] * first.rates[d],
-                features[d][1] * first.rates[d],
+                motions[d][0] * first.rates[d],
+                motions[d][1] * first.rates[d],
             ];
             d += 1;
         }
@@ -318,7 +290,7 @@ impl<T: Scalar> JointProcesses<T> {
         &self,
         kinds: &[JointKind],
         rows: &[T],
-        features: &Features<T>,
+        motions: &Motions<T>,
         payload_kg: T,
     ) -> PerJoint<T> {
         let n = kinds.len();
@@ -332,7 +304,7 @@ impl<T: Scalar> JointProcesses<T> {
                 for (((slot, kind), f), place) in s
                     .iter_mut()
                     .zip(kinds)
-                    .zip(features)
+                    .zip(motions)
                     .zip(places.as_chunks::<2>().0)
                 {
                     *slot = similarity(*kind, f, place);

@@ -13,8 +13,9 @@ use poegp_protocol::JointKind;
 use poegp_protocol::limits::{MAX_GROUPS, MAX_JOINTS};
 
 use super::{JointKernel, JointProcesses, LOWEST_EXPONENT, similarity};
-use crate::deflection::{Features, PerJoint};
+use crate::deflection::PerJoint;
 use crate::inner_loops::Blocks;
+use crate::poe::Motions;
 use crate::scalar::Scalar;
 
 /// The support set of one joint but its rows.
@@ -82,7 +83,7 @@ impl<T: Scalar> JointProcesses<T> {
         &self,
         kinds: &[JointKind],
         rows: &[T],
-        features: &Features<T>,
+        motions: &Motions<T>,
         payload_kg: T,
     ) -> PerJoint<T> {
         let mut out = [T::ZERO; MAX_JOINTS];
@@ -95,7 +96,7 @@ impl<T: Scalar> JointProcesses<T> {
                 processes: self,
                 kernel,
                 set,
-                features,
+                motions,
                 payload_kg,
             };
             if !self.unrolled || !(1..=7).contains(&set.count) {
@@ -126,7 +127,7 @@ impl<T: Scalar> JointProcesses<T> {
 #[inline(always)]
 fn add_mean<T: Scalar, const D: usize, const ROW: usize>(
     rows: &[T],
-    query: &Features<T>,
+    query: &Motions<T>,
     blocks: &Blocks<T>,
     total: &mut T,
 ) {
@@ -140,7 +141,7 @@ struct Place<'a, T> {
     processes: &'a JointProcesses<T>,
     kernel: &'a JointKernel<T>,
     set: &'a SupportSet,
-    features: &'a Features<T>,
+    motions: &'a Motions<T>,
     payload_kg: T,
 }
 
@@ -149,7 +150,7 @@ impl<T: Scalar> Place<'_, T> {
     /// and what the loops leave out of every exponent.
     // Beside a loop in assembly, which wants all registers, the constants in here would be loaded for every group.
     #[inline(never)]
-    fn prepare(&self, query: &mut Features<T>, blocks: &mut Blocks<T>) {
+    fn prepare(&self, query: &mut Motions<T>, blocks: &mut Blocks<T>) {
         // A copy: what is stored below cannot change it, so it is loaded once.
         let kernel = *self.kernel;
         let payload_kg = self.payload_kg;
@@ -157,7 +158,7 @@ impl<T: Scalar> Place<'_, T> {
             // The mask is for the compiler: there are no other joints.
             let d = usize::from(*joint) % MAX_JOINTS;
             let rate = self.kernel.rates[d];
-            *slot = [self.features[d][0] * rate, self.features[d][1] * rate];
+            *slot = [self.motions[d][0] * rate, self.motions[d][1] * rate];
         }
         let groups = self.processes.groups.iter().zip(&self.set.points);
         blocks.refill(groups.map(|(group, points)| {
@@ -185,7 +186,7 @@ impl<T: Scalar> Place<'_, T> {
                 for (joint, place) in self.set.joints().iter().zip(places.as_chunks::<2>().0) {
                     let d = usize::from(*joint) % MAX_JOINTS;
                     let kind = kinds.get(d).copied().unwrap_or(JointKind::Revolute);
-                    let s = similarity(kind, &self.features[d], place);
+                    let s = similarity(kind, &self.motions[d], place);
                     exponent += self.kernel.rates[d] * s;
                 }
                 let lowest = T::from_f64(LOWEST_EXPONENT);
