@@ -236,16 +236,15 @@ impl<T: Scalar> Search<'_, T> {
         }
     }
 
-    /// One step more by the equations that are there, if that is sure to be better than the error `after` where the
-    /// chain was evaluated last, `away` (Σ|C d|) from the place of the equations. Returns by how much the new error may be
-    /// wrong: the square of |f(y + s) − f(y) − J s| ≤ reach · Σ|C s| · (½ Σ|C s| + away), `reach` being squared; a fifth of
-    /// the half is for its change on the way.
+    /// One step more, if that is sure to be better than the error `after` where the chain was evaluated last and the equations
+    /// are. Returns by how much the new error may be wrong: the square of |f(y + s) − f(y) − J s| ≤ ½ reach · (Σ|C s|)²,
+    /// `reach` being squared; a fifth more is for its change on the way.
     #[inline(never)]
-    fn go_on(&mut self, equations: &Equations<T>, after: &mut Hybrid<T>, away: T, reach: T) -> T {
+    fn go_on(&mut self, equations: &Equations<T>, after: &mut Hybrid<T>, reach: T) -> T {
         let step = equations.step(after);
         let left = less(after, T::ONE, &equations.moved(&step));
         let moved = self.serial_length(&step);
-        let unseen = moved * (T::from_f64(0.6) * moved + away);
+        let unseen = T::from_f64(0.6) * moved * moved;
         let unseen = reach * unseen * unseen;
         // Both below half of it, in squares: (a + b)² ≤ 2 (a² + b²).
         let better = T::from_f64(2.0) * (squares(&left).0 + unseen) < squares(after).0;
@@ -312,14 +311,30 @@ impl<T: Scalar> Search<'_, T> {
         let gravity = |frames: &[Pose<T>], pose: &Pose<T>| {
             terms.gravity.deflection(kinds, frames, pose, payload)
         };
-        // First step, and gravity, at the command.
+        // The chain: a step at the command, and gravity there.
         let pose = arm.calibrated.moved_frames_at(self.motions, self.frames);
         let plain = self.error(&pose);
-        let mut at_command = Equations::new();
-        self.form(&mut at_command, &pose);
-        self.take_step(&at_command, &plain);
+        let mut equations = Equations::new();
+        self.form(&mut equations, &pose);
+        self.take_step(&equations, &plain);
         let roughly = gravity(self.frames, &pose);
-        // Processes where gravity alone would have it.
+        // The check, and a step more from there. Five joints approach a pose that they cannot reach more slowly.
+        let mut rounds = if kinds.len() < 6 { 2 } else { 1 };
+        let mut after;
+        loop {
+            let change = self.change;
+            let pose = self.chain(&change);
+            after = self.error(&pose);
+            self.form(&mut equations, &pose);
+            rounds -= 1;
+            if rounds == 0 {
+                break;
+            }
+            self.take_step(&equations, &after);
+        }
+        let reach = equations.squared_reach();
+        let unseen = self.go_on(&equations, &mut after, reach);
+        // The deflection: processes where gravity alone would have the command, gravity where both would.
         let place = difference(&self.change, &roughly);
         let mean = {
             if arm.coupling.is_some() {
@@ -330,26 +345,13 @@ impl<T: Scalar> Search<'_, T> {
             }
             terms.processes.mean(kinds, self.rows, self.turned, payload)
         };
-        // Gravity again and the second step where both would have it: at the corrected command, nearly.
         let near = difference(&place, &mean);
-        let expected = difference(&self.change, &near);
         let pose = self.chain(&near);
         let smooth = sum(&gravity(self.frames, &pose), &mean);
-        let mut at_corrected = Equations::new();
-        self.form(&mut at_corrected, &pose);
-        let error = less(&self.error(&pose), T::ONE, &at_corrected.moved(&expected));
-        self.take_step(&at_corrected, &error);
-        // The check, where the chain is to be, and what it finds.
-        let change = self.change;
-        self.turn(&change);
-        let mut after = self.error(&arm.calibrated.forward_at(self.turned));
-        let away = self.serial_length(&difference(&change, &near));
-        let reach = at_corrected.squared_reach();
-        let unseen = self.go_on(&at_corrected, &mut after, away, reach);
         // Ripple last, for it changes quickest.
         let place = shifted(self.joints, &self.change, &smooth);
         let mut deflection = sum(&smooth, &terms.ripple_towards(&place));
-        let effect = at_corrected.moved(&deflection);
+        let effect = equations.moved(&deflection);
         let (position, rotation) = squares(&effect);
         let weight = self.rotation_weight;
         let (factor, bounded) = elastic
@@ -363,10 +365,11 @@ impl<T: Scalar> Search<'_, T> {
                 *value * factor
             };
         }
-        // The error of the command, with what it deflects the arm by there.
-        let before = less(&plain, T::ONE, &at_command.moved(&deflection));
+        // The error of the command, with what it deflects the arm by. Both the deflection and its effect are another there, by
+        // the way from here to there of themselves each.
+        let before = less(&plain, factor, &effect);
         let bent = self.serial_length(&deflection);
-        let elsewhere = bent * bent;
+        let elsewhere = bent * (bent + T::from_f64(2.0) * self.serial_length(&self.change));
         let unsure = T::from_f64(LAG * LAG) * position + reach * elsewhere * elsewhere + unseen;
         Found {
             change: difference(&self.change, &deflection),
@@ -374,7 +377,7 @@ impl<T: Scalar> Search<'_, T> {
             after,
             lever: match &arm.coupling {
                 None => reach,
-                Some(_) => at_corrected.squared_lever(),
+                Some(_) => equations.squared_lever(),
             },
             unsure,
             bounded,

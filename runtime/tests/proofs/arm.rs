@@ -7,7 +7,6 @@ use poegp_protocol::blob::{
 };
 use poegp_protocol::limits::{MAX_JOINTS, OUTPUTS};
 use poegp_runtime::model::{Model, Observer};
-use poegp_runtime::poe::JointMotion;
 use poegp_runtime::scalar::Scalar;
 use poegp_runtime::se3::{Pose, Twist};
 
@@ -340,8 +339,8 @@ impl Seen {
 }
 
 impl<T: Scalar> Observer<T> for Seen {
-    fn motions(&mut self, motions: &[JointMotion<T>]) {
-        let numbers = motions.iter().flat_map(|m| [m.sin, m.cos, m.travel]);
+    fn motions(&mut self, motions: &[[T; 2]]) {
+        let numbers = motions.iter().flatten().copied();
         self.motions.extend(numbers.map(T::to_f64));
     }
     fn chain(&mut self, pose: &Pose<T>) {

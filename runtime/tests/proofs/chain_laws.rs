@@ -1,7 +1,7 @@
 //! The minimal form of a chain: the same poses, the same axes, and nothing left to change in it.
 
 use poegp_runtime::chain::{Chain, MinimalForm, MovedFrames};
-use poegp_runtime::poe::{JointMotion, Poe};
+use poegp_runtime::poe::{Poe, no_motions};
 use poegp_runtime::scalar::Scalar;
 use poegp_runtime::se3::Pose;
 use proptest::prelude::*;
@@ -10,7 +10,7 @@ use crate::seeded::{chains, config, distance, poe};
 
 fn walk<T: Scalar>(poe: &Poe<T>, q: &[T]) -> (MovedFrames<T>, Pose<T>) {
     let chain = Chain::new(&MinimalForm::new(poe));
-    let mut motions = [JointMotion::unset(); 8];
+    let mut motions = no_motions();
     chain.motions_into(q, &mut motions);
     let mut frames = MovedFrames::new();
     let target = chain.moved_frames_at(&motions, &mut frames);

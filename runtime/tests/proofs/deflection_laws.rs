@@ -5,10 +5,10 @@ use nalgebra::Vector3;
 use poegp_protocol::JointKind;
 use poegp_runtime::chain::{Chain, MinimalForm, MovedFrames};
 use poegp_runtime::deflection::{
-    Features, Gravity, GravityRegressors, GravityTerms, JointKernel, JointProcesses, PayloadGroup,
-    PerJoint, SupportSet, deflected, deflection_twist, features, ripple_regressors, similarity,
+    Gravity, GravityRegressors, GravityTerms, JointKernel, JointProcesses, PayloadGroup, PerJoint,
+    SupportSet, deflected, deflection_twist, ripple_regressors, similarity,
 };
-use poegp_runtime::poe::JointMotion;
+use poegp_runtime::poe::{Motions, no_motions};
 use poegp_runtime::scalar::Scalar;
 use poegp_runtime::se3::{dot, residual};
 use proptest::prelude::*;
@@ -16,7 +16,7 @@ use proptest::prelude::*;
 use crate::seeded::{chains, config, distance, poe};
 
 /// The joints as the kernel compares them, without the runtime.
-fn places<T: Scalar>(kinds: &[JointKind], q: &[f64]) -> Features<T> {
+fn places<T: Scalar>(kinds: &[JointKind], q: &[f64]) -> Motions<T> {
     let mut out = [[T::ZERO; 2]; 8];
     for ((slot, kind), q) in out.iter_mut().zip(kinds).zip(q) {
         *slot = match kind {
@@ -59,7 +59,7 @@ fn kernel<T: Scalar>(natural: &Natural) -> JointKernel<T> {
     )
 }
 
-fn similarities<T: Scalar>(kinds: &[JointKind], a: &Features<T>, b: &Features<T>) -> Vec<T> {
+fn similarities<T: Scalar>(kinds: &[JointKind], a: &Motions<T>, b: &Motions<T>) -> Vec<T> {
     let pairs = a.iter().zip(b);
     kinds
         .iter()
@@ -391,21 +391,21 @@ proptest! {
     /// delta^5/120 is what the series leaves out.
     #[test]
     fn a_small_turn_is_the_sine_of_the_sum(q in -4.0..4.0_f64, delta in -0.1..0.1_f64, way in -1.0..1.0_f64) {
-        let mut motions = [JointMotion { sin: 0.0, cos: 1.0, travel: 0.0 }; 8];
-        (motions[0].sin, motions[0].cos) = (libm::sin(q), libm::cos(q));
-        motions[1].travel = way;
+        let mut motions = no_motions();
+        motions[0] = [libm::sin(q), libm::cos(q)];
+        motions[1][0] = way;
         let kinds = [JointKind::Revolute, JointKind::Prismatic];
         let mut deflection = [delta; 8];
         let moved = deflected(&motions, &kinds, &deflection);
         let left_out = libm::pow(delta.abs(), 5.0) / 100.0 + 3e-16;
-        prop_assert!((moved[0].sin - libm::sin(q + delta)).abs() <= left_out);
-        prop_assert!((moved[0].cos - libm::cos(q + delta)).abs() <= left_out);
-        prop_assert_eq!((moved[1].travel, moved[1].sin, moved[1].cos), (way + delta, 0.0, 1.0));
+        prop_assert!((moved[0][0] - libm::sin(q + delta)).abs() <= left_out);
+        prop_assert!((moved[0][1] - libm::cos(q + delta)).abs() <= left_out);
+        prop_assert_eq!(moved[1], [way + delta, 0.0]);
         // Beyond the joints nothing moves, and nothing deflected is nothing changed.
-        prop_assert_eq!((moved[2].sin, moved[2].cos, moved[2].travel), (0.0, 1.0, 0.0));
+        prop_assert_eq!(moved[2], [0.0; 2]);
         deflection.fill(0.0);
         let still = deflected(&motions, &kinds, &deflection);
-        prop_assert_eq!((still[0].sin, still[0].cos), (motions[0].sin, motions[0].cos));
+        prop_assert_eq!(still[0], motions[0]);
     }
 
     #[test]
@@ -444,16 +444,12 @@ fn ripple_is_held_out_of_reach() {
 }
 
 #[test]
-fn features_are_sines_and_cosines_of_revolute_joints_and_values_of_prismatic_ones() {
+fn motions_are_sines_and_cosines_of_revolute_joints_and_values_of_prismatic_ones() {
     let kinds = [JointKind::Revolute, JointKind::Prismatic];
-    let mut motions = [JointMotion {
-        sin: 0.0,
-        cos: 1.0,
-        travel: 0.0,
-    }; 8];
-    (motions[0].sin, motions[0].cos, motions[1].travel) = (0.6, 0.8, 0.3);
-    let mut joints = [0.0; 8];
-    (joints[0], joints[1]) = (0.643_501, 0.3);
-    let found = features(&kinds, &joints, &motions);
-    assert_eq!(found[..3], [[0.6, 0.8], [0.3, 0.0], [0.0, 0.0]]);
+    let frames = [[0.0; 6]; 3];
+    let found = poe::<f64>(&kinds, &frames).motions(&[0.7, 0.3]);
+    assert_eq!(
+        found[..3],
+        [[libm::sin(0.7), libm::cos(0.7)], [0.3, 0.0], [0.0, 0.0]]
+    );
 }

@@ -2,7 +2,7 @@
 
 use poegp_runtime::chain::{Chain, MinimalForm};
 use poegp_runtime::model::{MAX_PAYLOAD_KG, Model, words_for};
-use poegp_runtime::poe::{JointMotion, Poe};
+use poegp_runtime::poe::{Poe, no_motions};
 use poegp_runtime::scalar::{MAX_ANGLE, Scalar};
 use poegp_runtime::se3::{Pose, Twist, cross};
 use poegp_runtime::status::Status;
@@ -20,7 +20,7 @@ fn chain<T: Scalar>(arm: &Arm, q: &[T]) -> Pose<T> {
         .map(|rows| Pose::from_rows(rows).cast())
         .collect();
     let chain = Chain::new(&MinimalForm::new(&Poe::new(&kinds, &frames).unwrap()));
-    let mut motions = [JointMotion::unset(); 8];
+    let mut motions = no_motions();
     chain.motions_into(q, &mut motions);
     chain.forward_at(&motions)
 }

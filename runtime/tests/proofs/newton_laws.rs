@@ -2,8 +2,8 @@
 
 use poegp_runtime::chain::{Chain, MinimalForm, MovedFrames};
 use poegp_runtime::deflection::{PerJoint, coupled};
-use poegp_runtime::newton::Equations;
-use poegp_runtime::poe::JointMotion;
+use poegp_runtime::newton::{Equations, Place};
+use poegp_runtime::poe::no_motions;
 use poegp_runtime::se3::Pose;
 use proptest::prelude::*;
 
@@ -47,14 +47,18 @@ proptest! {
             }
         }
         let at = |joints: &PerJoint<f64>, found: &mut MovedFrames<f64>| -> Pose<f64> {
-            let mut motions = [JointMotion::unset(); 8];
+            let mut motions = no_motions();
             chain.motions_into(&coupled(coupling, joints)[..n], &mut motions);
             chain.moved_frames_at(&motions, found)
         };
         let mut found = MovedFrames::new();
         let here = at(&controller, &mut found);
-        let mut equations = Equations::new(n);
-        equations.form(&kinds, &found, &here.translation, coupling, 1.0, 1e-6);
+        let mut equations = Equations::new();
+        equations.form(
+            &Place { kinds: &kinds, frames: &found, point: &here.translation, coupling },
+            1.0,
+            1e-6,
+        );
         let moved = equations.moved(&s);
         let there = at(&core::array::from_fn(|i| controller[i] + s[i]), &mut found);
         let astray: f64 = (0..3)
