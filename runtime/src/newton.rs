@@ -266,7 +266,7 @@ impl<T: Scalar> Equations<T> {
     #[inline(never)]
     pub fn squared_lever(&self) -> T {
         let mut largest = T::ZERO;
-        for column in self.columns.iter().take(self.joints) {
+        for column in self.columns.get(..self.joints).unwrap_or(&[]) {
             let square = squares(column).0;
             if square > largest {
                 largest = square;

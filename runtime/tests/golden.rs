@@ -34,7 +34,7 @@ fn assert_bits(name: &str, bytes: &[u8], text: &str) {
         let (payload_kg, joints) = asked.split_last().unwrap();
         let mut stages = Stages::new();
         let result = model.evaluate_in_stages(joints, *payload_kg, &mut stages);
-        let pairs = stages.motions().iter().flat_map(|m| [m.sin, m.cos]);
+        let pairs = stages.motions().iter().flatten().copied();
         let found = [
             ("sin_cos", bits(&pairs.collect::<Vec<f32>>())),
             ("mean", bits(&stages.mean[..6])),

@@ -44,7 +44,7 @@ impl Host {
         let result = self
             .0
             .evaluate_in_stages(&query.joints, query.payload_kg, &mut kept);
-        let pairs = kept.motions().iter().flat_map(|m| [m.sin, m.cos]);
+        let pairs = kept.motions().iter().flatten().copied();
         Stages {
             values: [
                 bits(&pairs.collect::<Vec<f32>>()),

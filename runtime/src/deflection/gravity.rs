@@ -160,15 +160,14 @@ pub struct Gravity<T> {
     gravity: Vector3<T>,
     /// Joints at the base on which nothing acts: an upright arm's first. The lists below begin with the next one.
     idle: usize,
-    /// The (α, β) of each joint for its own link and all that follow, but the last.
-    links: [[[T; 2]; MAX_JOINTS]; MAX_JOINTS],
-    /// The last link and the payload for each joint.
-    last: [LastLink<T>; MAX_JOINTS],
+    joints: [JointTerms<T>; MAX_JOINTS],
 }
 
-/// What acts on one joint from the last link.
+/// What acts on one joint.
 #[derive(Clone, Copy, Debug)]
-struct LastLink<T> {
+struct JointTerms<T> {
+    /// (α, β) of its own link and all that follow, but the last.
+    pairs: [[T; 2]; MAX_JOINTS],
     /// a_cn.
     link: [T; 3],
     /// b_c.
@@ -193,8 +192,8 @@ impl<T: Scalar> Gravity<T> {
         Self {
             gravity: Vector3::new(T::ZERO, T::ZERO, T::ZERO),
             idle: 0,
-            links: [[[T::ZERO; 2]; MAX_JOINTS]; MAX_JOINTS],
-            last: [LastLink {
+            joints: [JointTerms {
+                pairs: [[T::ZERO; 2]; MAX_JOINTS],
                 link: [T::ZERO; 3],
                 payload: [T::ZERO; 3],
                 lever: T::ZERO,
@@ -213,7 +212,7 @@ impl<T: Scalar> Gravity<T> {
         out.idle = (0..n).take_while(|c| terms.is_idle(*c)).count();
         for c in out.idle..n {
             let (Some(slot), Some(links), Some(lever), Some(offset)) = (
-                out.last.get_mut(c - out.idle),
+                out.joints.get_mut(c - out.idle),
                 terms.links.get(c),
                 terms.payload_lever.get(c),
                 terms.payload_offset.get(c),
@@ -237,11 +236,7 @@ impl<T: Scalar> Gravity<T> {
                 for (sum, value) in vector.iter_mut().zip(&handed) {
                     *sum += *value;
                 }
-                if let Some(pair) = out
-                    .links
-                    .get_mut(c - out.idle)
-                    .and_then(|l| l.get_mut(j - c))
-                {
+                if let Some(pair) = slot.pairs.get_mut(j - c) {
                     *pair = [vector[0], vector[1]];
                 }
                 let axis = fixed.get(j).map_or([T::ZERO; 3], |frame| {
@@ -290,25 +285,26 @@ impl<T: Scalar> Gravity<T> {
     ) {
         let n = kinds.len();
         let kinds = kinds.get(self.idle..).unwrap_or(&[]);
-        let joints = frames.get(self.idle..n).unwrap_or(&[]);
-        // All links but the last.
-        let links = joints.split_last().map_or(joints, |(_, links)| links);
-        let turn = rows(target);
+        let frames = frames.get(self.idle..n).unwrap_or(&[]);
         let out = out.get_mut(self.idle..).unwrap_or(&mut []);
-        let terms = self.links.iter().zip(&self.last);
-        let joints = kinds.iter().zip(joints).zip(terms);
-        for (c, (sum, ((kind, frame), (pairs, last)))) in out.iter_mut().zip(joints).enumerate() {
+        // All links from the joint's own on, but the last.
+        let mut links = frames.split_last().map_or(frames, |(_, links)| links);
+        let turn = rows(target);
+        let joints = self.joints.iter().zip(out);
+        for ((terms, sum), (kind, frame)) in joints.zip(kinds.iter().zip(frames)) {
+            let outwards = links;
+            links = links.get(1..).unwrap_or(&[]);
             let axis = third_column(frame);
             if *kind == JointKind::Prismatic {
-                let weight = payload_kg * last.payload[0] + last.weight;
+                let weight = payload_kg * terms.payload[0] + terms.weight;
                 *sum = dot(&axis, &self.gravity) * weight;
                 continue;
             }
-            let lever = payload_kg * last.lever;
+            let lever = payload_kg * terms.lever;
             let mut v = [T::ZERO; 3];
             let mut i = 0;
             while i < 3 {
-                v[i] = payload_kg * last.payload[i] + last.link[i];
+                v[i] = payload_kg * terms.payload[i] + terms.link[i];
                 i += 1;
             }
             let mut moment = [T::ZERO; ROWS];
@@ -319,8 +315,7 @@ impl<T: Scalar> Gravity<T> {
                     + (row[0] * v[0] + row[1] * v[1] + row[2] * v[2]);
                 r += 1;
             }
-            let outwards = links.get(c..).unwrap_or(&[]);
-            for (link, [a, b]) in outwards.iter().zip(pairs) {
+            for (link, [a, b]) in outwards.iter().zip(&terms.pairs) {
                 let turn = &link.rotation;
                 let mut r = 0;
                 while r < ROWS {

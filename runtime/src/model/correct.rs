@@ -5,22 +5,23 @@
 //!
 //! ```text
 //! y₁ = q + a step at q                      POE(C y) = nominal(C q): where the chain must be after all deflection
-//! g  = processes at y₁ − φ(q)               φ: gravity
-//! n  = y₁ − φ(q) − g                        where the command will be, nearly
-//! y  = y₁ + a step at n + one more by the same equations, after the check
-//! D  = φ(n) + g + r(y − φ(n) − g)           r: ripple, which changes quickest, last
+//! y  = y₁ + a step at y₁, after the check
+//! g  = processes at y − φ(q)                φ: gravity
+//! n  = y − φ(q) − g                         where the command will be, nearly
+//! D  = φ(n) + g + r(n)                      r: ripple, which changes quickest, at y − D
 //! q* = y − D
 //! ```
 //!
 //! The correction in task space does not split like that and is evaluated in each of three steps.
 //!
 //! **The check.** Shoulder and wrist singularities are inside ordinary joint ranges, and there a step can lead anywhere.
-//! So the chain is evaluated once more at y (in task space with its correction), and the error there is compared with that
-//! of the uncorrected command, nominal(q) against POE(q + D). Unless it is smaller, in position and altogether, by more
-//! than this comparison can be wrong, the answer is the command as it came, with [`Status::CORRECTION_REFUSED`]. A second
-//! pass of the processes would cost as much as everything else; instead, the deflection may change by [`LAG`] of itself
-//! between the places where it is evaluated and where it is used. That is assumed, not proven. Everything else that is
-//! neglected is bounded by the second derivative of a chain ([`Equations::squared_reach`]).
+//! So the chain is evaluated once more at y₁ (in task space with its correction), and the last step is taken only if what
+//! is left of the error there is sure to be less. It is compared with the error of the uncorrected command, nominal(q)
+//! against POE(q + D(q)). Unless it is smaller, in position and altogether, by more than this comparison can be wrong, the
+//! answer is the command as it came, with [`Status::CORRECTION_REFUSED`]. The deflection is evaluated once: between q and q*
+//! it may change by as much of itself as the joints do in radians, and by [`LAG`] between q* and where it was evaluated. That
+//! is assumed, not proven. Everything else that is neglected is bounded by the second derivative of a chain
+//! ([`Equations::squared_reach`]).
 //!
 //! An arm of less than six joints cannot reach every pose: it is brought to the position, and its rotation as near as that
 //! allows.

@@ -287,7 +287,7 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
     }
 }
 
-/// Sine and cosine of each joint.
+/// Sine and cosine of each joint, or place and zero.
 fn sines(stages: &Stages<f32>) -> Vec<f32, { 2 * MAX_JOINTS }> {
     let mut out = Vec::new();
     for motion in stages.motions() {
