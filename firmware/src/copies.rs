@@ -2,8 +2,8 @@
 //!
 //! What the compiler does not write out itself it leaves to four routines of the Arm run-time ABI. The compiler's own
 //! library has them in portable source, a word at a time: clearing the 344 bytes of a Newton step's equations takes 150
-//! instructions. These take 60, and a corrected command some hundred less. They are linked in place of the library's, which
-//! are weak; byte for byte they do the same (`copies` in `tests/tests/device/image.rs` looks that they are there).
+//! instructions. These take 60, and a pose or a corrected command some hundred less. They are linked in place of the
+//! library's, which are weak (`tests/tests/device/image.rs`), and do the same byte for byte (`tests/tests/capi/copies.rs`).
 //!
 //! It promises nothing about data that overlap, as the ABI does not. It refuses nothing: its callers are compilers.
 #![allow(unsafe_code)]

@@ -11,9 +11,9 @@ use nalgebra::Vector3;
 use poegp_protocol::JointKind;
 use poegp_protocol::limits::MAX_JOINTS;
 
-use crate::deflection::{CouplingMatrix, PerJoint, third_column};
+use crate::deflection::{CouplingMatrix, PerJoint};
 use crate::scalar::Scalar;
-use crate::se3::{Pose, cross, dot, subtract};
+use crate::se3::{Pose, cross, dot, subtract, third_column};
 
 /// Displacement in metres and rotation in radians times w.
 pub type Hybrid<T> = [T; 6];

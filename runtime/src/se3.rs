@@ -33,6 +33,13 @@ pub struct Twist<T> {
 /// A 6×6 matrix in 3×3 blocks that acts on twists (v, ω): `[[upper_left, upper_right], [lower_left, lower_right]]`.
 pub type Matrix6<T> = [[T; 6]; 6];
 
+/// z of a frame: the axis of the joint that it stands in.
+#[inline(always)]
+pub fn third_column<T: Scalar>(frame: &Pose<T>) -> Vector3<T> {
+    let r = &frame.rotation;
+    Vector3::new(r[(0, 2)], r[(1, 2)], r[(2, 2)])
+}
+
 /// a × b.
 #[inline(always)]
 pub fn cross<T: Scalar>(a: &Vector3<T>, b: &Vector3<T>) -> Vector3<T> {

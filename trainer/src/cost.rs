@@ -129,11 +129,11 @@ pub fn instructions(size: &ElasticSize) -> u64 {
     let n = size.joints as f64;
     let sliding = if size.prismatic > 0 { 1.0 } else { 0.0 };
     // Chain twice, gravity terms of an upright arm (any other takes some 200 more), twist, bound.
-    let mut count = 1_067.0 + n * (364.0 + n * 8.0) - 34.0 * sliding * n;
+    let mut count = 947.0 + n * (347.5 + n * 8.0) - 34.0 * sliding * n;
     // Trust.
     count += 30.0 + 37.0 * n;
     if size.unrolled() && !size.tied && size.sets.is_none() {
-        count += 45.5 * n;
+        count += 80.0;
     }
     count += 67.5 * size.ripple as f64;
     if let Some(sets) = &size.sets {

@@ -7,7 +7,7 @@ use poegp_protocol::limits::MAX_JOINTS;
 use super::PerJoint;
 use crate::chain::MinimalForm;
 use crate::scalar::Scalar;
-use crate::se3::{Pose, cross, dot, subtract};
+use crate::se3::{Pose, cross, dot, subtract, third_column};
 
 /// Gravity at one configuration: everything that its regressors are made of.
 #[derive(Clone, Copy, Debug)]
@@ -74,13 +74,6 @@ impl<'a, T: Scalar> GravityRegressors<'a, T> {
         };
         (lever, offset)
     }
-}
-
-/// z of a frame.
-#[inline(always)]
-pub(crate) fn third_column<T: Scalar>(frame: &Pose<T>) -> Vector3<T> {
-    let r = &frame.rotation;
-    Vector3::new(r[(0, 2)], r[(1, 2)], r[(2, 2)])
 }
 
 /// Coefficients of the gravity terms.

@@ -35,8 +35,7 @@ use crate::chain::{Chain, MovedFrames};
 use crate::observer::Observer;
 use crate::poe::{Motions, no_motions};
 use crate::scalar::{MAX_ANGLE, Scalar};
-use crate::se3::{Pose, Twist, cross};
-pub(crate) use gravity::third_column;
+use crate::se3::{Pose, Twist, cross, third_column};
 
 /// Words of one support row of an arm with `joints` joints: sine and cosine of each, then a weight for each.
 pub const fn row_words(joints: usize) -> usize {

@@ -26,11 +26,10 @@ use nalgebra::Vector3;
 use poegp_protocol::JointKind;
 use poegp_protocol::limits::{MAX_JOINTS, MAX_LANDMARKS};
 
-use super::gravity::third_column;
 use super::{Configuration, JointKernel};
 use crate::kernel::inner_product;
 use crate::scalar::Scalar;
-use crate::se3::{Pose, cross, dot, subtract};
+use crate::se3::{Pose, cross, dot, subtract, third_column};
 
 /// Correlations are not looked at below 2 to this.
 const LOWEST_EXPONENT: f64 = -1_000.0;

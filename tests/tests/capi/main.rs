@@ -4,6 +4,7 @@
 //! target; without them these tests fail and say what to install.
 
 mod c;
+mod copies;
 mod examples;
 mod exported;
 mod peer;

@@ -152,7 +152,7 @@ fn uncorrected_when_there_is_no_model_or_a_bypass() {
     assert!(statistics.uncorrected >= 16, "{statistics:?}");
 }
 
-/// For the largest of all commands, whatever becomes of them. Where a goal is not reached it is said (docs/performance.md); the limits keep what is.
+/// For the largest of all commands, whatever becomes of them.
 #[test]
 fn instructions_of_one_command() {
     let mut device = Device::start(Clock::Counting).unwrap_or_else(|error| panic!("{error}"));
@@ -162,28 +162,19 @@ fn instructions_of_one_command() {
     println!("| model | joints | least | mean | most |");
     println!("|---|---|---|---|---|");
     let mut beyond = Vec::new();
-    for (name, kind, goal, limit) in [
-        (
-            "elastic, own length scales",
-            Elastic::OWN,
-            37_000.0,
-            33_000.0,
-        ),
-        ("elastic, tied", Elastic::TIED, 16_000.0, 17_000.0),
+    for (name, kind, limit) in [
+        ("elastic, own length scales", Elastic::OWN, 32_000.0),
+        ("elastic, tied", Elastic::TIED, 16_000.0),
         (
             "elastic, a support set for each joint",
             Elastic::SETS,
             19_000.0,
-            19_800.0,
         ),
     ] {
         for joints in [6, 5, 7] {
             let sample = elastic(joints, kind);
             let most = cost(&mut device, name, sample);
             // The limit is that of six joints; kinematics and solver grow with them.
-            if joints == 6 && most > goal {
-                println!("  goal {goal:.0}: NOT REACHED");
-            }
             if joints == 6 && most > limit {
                 beyond.push(format!("{name}: {most:.0} of {limit:.0}"));
             }

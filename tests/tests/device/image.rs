@@ -190,3 +190,18 @@ fn nothing_of_the_runtime_can_panic() {
         "the search for callers finds nothing at all"
     );
 }
+
+/// `firmware/src/copies.rs` and not the weak ones of the compiler's library, which have another size.
+#[test]
+fn copies_by_many_registers() {
+    let image = image();
+    for (name, bytes) in [("__aeabi_memclr4", 60), ("__aeabi_memcpy4", 76)] {
+        let sizes: Vec<u64> = image
+            .functions
+            .iter()
+            .filter(|function| function.name == name)
+            .map(|function| function.size)
+            .collect();
+        assert_eq!(sizes, [bytes], "{name}");
+    }
+}
