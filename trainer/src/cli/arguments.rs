@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
 use super::check::Check;
+use super::completions::{Completions, Manual};
 use super::correct::Correct;
 use super::device::arguments::Device;
 use super::export::Export;
@@ -16,9 +17,17 @@ use crate::calibration::Method;
 #[derive(Debug, Parser)]
 #[command(name = "trainer", version, about, max_term_width = 100)]
 #[command(
-    after_help = "Exit codes: 0 done, 1 a quality bound was not met or a signature does not fit, 2 usage or input error."
+    after_help = "Examples:\n  \
+    trainer demo\n  \
+    trainer calibrate --robot abb-irb120 train.csv --out arm.blob --report report.html\n  \
+    trainer calibrate cell.toml\n  \
+    trainer COMMAND --help   (each command has examples of its own)\n\n\
+    NO_COLOR and TERM=dumb are respected. SOURCE_DATE_EPOCH sets the date that is kept in a blob."
 )]
 pub struct Arguments {
+    /// Say nothing but errors: no results for people, no notes, no progress. Files and `--json -` are written as ever.
+    #[arg(long, short, global = true)]
+    pub quiet: bool,
     /// What to do.
     #[command(subcommand)]
     pub command: Command,
@@ -57,6 +66,10 @@ pub enum Command {
     Demo(Demo),
     /// Talk to a co-processor: bring a model onto it, check it, watch it, emulate it.
     Device(Device),
+    /// Print a script that completes the commands and options of this program in a shell.
+    Completions(Completions),
+    /// Write the manual pages, one for each command.
+    Manual(Manual),
 }
 
 /// Which robot.
@@ -202,6 +215,9 @@ pub struct Simulate {
     /// Folder to write into; created if it does not exist (its parent must).
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
+    /// What was written as JSON (`-`: standard output).
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
 }
 
 /// What is wrong with a simulated arm.
@@ -340,6 +356,7 @@ pub struct Inspect {
 
 /// `trainer keys`.
 #[derive(Debug, Args)]
+#[command(after_help = "Example: trainer keys new --out cell7")]
 pub struct Keys {
     /// What to do.
     #[command(subcommand)]
@@ -355,14 +372,25 @@ pub enum KeysCommand {
 
 /// `trainer keys new`.
 #[derive(Debug, Args)]
+#[command(
+    after_help = "Keep NAME.key where nobody else reads it; the device gets NAME.pub.\n\n\
+    Example: trainer keys new --out cell7"
+)]
 pub struct NewKeys {
     /// Writes NAME.key, the secret key, for its owner only, and NAME.pub, the public key.
     #[arg(long, value_name = "NAME")]
     pub out: PathBuf,
+    /// The key's number and its files as JSON, nothing secret (`-`: standard output).
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
 }
 
 /// `trainer sign`.
 #[derive(Debug, Args)]
+#[command(
+    after_help = "Examples:\n  trainer sign arm.blob --key cell7.key\n  \
+    trainer sign arm.blob --key cell7.key --out signed.blob"
+)]
 pub struct Sign {
     /// The blob; a signature that it has is replaced.
     pub blob: PathBuf,
@@ -372,21 +400,31 @@ pub struct Sign {
     /// Where to write the signed blob (default: in place of the blob).
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
+    /// What was done as JSON (`-`: standard output).
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
 }
 
 /// `trainer verify`.
 #[derive(Debug, Args)]
+#[command(after_help = "Example: trainer verify arm.blob --public-key cell7.pub")]
 pub struct Verify {
     /// The blob.
     pub blob: PathBuf,
     /// The public key.
     #[arg(long, value_name = "FILE")]
     pub public_key: PathBuf,
+    /// The verdict as JSON, also when it is no (`-`: standard output).
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
 }
 
 /// `trainer demo`.
 #[derive(Debug, Args)]
-#[command(after_help = "With --device it needs qemu-system-arm and a compiler for the board.")]
+#[command(
+    after_help = "With --device it needs qemu-system-arm and a compiler for the board.\n\n\
+    Examples:\n  trainer demo\n  trainer demo --seed 2 --out demo2 --device"
+)]
 pub struct Demo {
     /// Seed of the simulated arm.
     #[arg(long, default_value_t = 1)]

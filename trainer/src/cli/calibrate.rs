@@ -124,10 +124,10 @@ pub fn run(a: &Calibrate) -> Result<(), Failure> {
             let choice = choose_model(a, &arm, &samples, &options, &origin)?;
             options = choice.options;
             for out in &choice.left_out {
-                eprintln!(
-                    "note: `{}` is left out of the choice: {}",
+                crate::cli::report::remark(format_args!(
+                    "`{}` is left out of the choice: {}",
                     out.candidate, out.reason
-                );
+                ));
             }
             Some(choice.table)
         }

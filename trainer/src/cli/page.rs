@@ -165,7 +165,7 @@ pub fn held_out(
             Ok(model) => models.push(model),
             // What the calibration is compared with need not be possible.
             Err(error) => bar
-                .suspend(|| eprintln!("note: `{}` is not compared: {}", error.model, error.error)),
+                .suspend(|| crate::cli::report::remark(format_args!("`{}` is not compared: {}", error.model, error.error))),
         }
     }
     let last = if tests.sets.is_empty() {

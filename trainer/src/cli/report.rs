@@ -6,8 +6,29 @@
 use std::fmt::Display;
 use std::io::Write;
 use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::table;
+
+/// `--quiet`: nothing is said but errors.
+static QUIET: AtomicBool = AtomicBool::new(false);
+
+/// Says nothing but errors from now on.
+pub fn be_quiet() {
+    QUIET.store(true, Ordering::Relaxed);
+}
+
+/// Whether nothing is said but errors.
+pub fn is_quiet() -> bool {
+    QUIET.load(Ordering::Relaxed)
+}
+
+/// Says on standard error what was noticed and is no error.
+pub fn remark(text: impl Display) {
+    if !is_quiet() {
+        let _ = writeln!(std::io::stderr(), "note: {text}");
+    }
+}
 
 /// Where to say it.
 #[derive(Clone, Copy)]
@@ -30,6 +51,9 @@ impl Report {
 
     /// Says one line, or several.
     pub fn line(self, text: impl Display) {
+        if is_quiet() {
+            return;
+        }
         // Nobody is left to be told when this fails.
         let _ = if self.on_stderr {
             writeln!(std::io::stderr(), "{text}")

@@ -5,8 +5,9 @@ use std::path::{Path, PathBuf};
 
 use poegp_protocol::envelope;
 use poegp_runtime::signature::{self, SignatureError};
+use serde_json::json;
 
-use super::Failure;
+use super::{Failure, check_outputs, facts_text, write_facts, write_outputs};
 use super::arguments::{Keys, KeysCommand, Sign, Verify};
 use super::report::Report;
 use crate::error::InputError;
@@ -19,14 +20,23 @@ pub fn keys(a: &Keys) -> Result<(), Failure> {
     let (secret, public) = (with_suffix(&new.out, ".key"), with_suffix(&new.out, ".pub"));
     for path in [&secret, &public] {
         output::check_new(path)?;
+        if new.json.as_ref() == Some(path) {
+            let found = "two outputs in one file";
+            return Err(InputError::new(path, found, "a file for each output").into());
+        }
     }
+    check_outputs(&[new.json.as_deref()], &[])?;
     let key = SecretKey::generate()
         .map_err(|e| Failure::Usage(format!("no randomness for a key: {e}")))?;
     output::write_new(&[
         (&secret, key.to_text().as_bytes(), Readers::Owner),
         (&public, key.public().to_text().as_bytes(), Readers::All),
     ])?;
-    let report = Report::beside(&[]);
+    write_facts(
+        new.json.as_deref(),
+        json!({ "key": id_text(&key.public().id()), "secret_key_file": secret, "public_key_file": public }),
+    )?;
+    let report = Report::beside(&[new.json.as_deref()]);
     report.line(format_args!("key {}", id_text(&key.public().id())));
     report.line(format_args!(
         "  {}: secret, signs models; keep it where nobody else reads it",
@@ -41,6 +51,11 @@ pub fn keys(a: &Keys) -> Result<(), Failure> {
 
 pub fn sign(a: &Sign) -> Result<(), Failure> {
     let out = a.out.as_ref().unwrap_or(&a.blob);
+    check_outputs(&[a.json.as_deref()], &[&a.blob, &a.key, out])?;
+    if a.json.as_ref() == Some(out) {
+        let found = "two outputs in one file";
+        return Err(InputError::new(out, found, "a file for each output").into());
+    }
     output::check(out)?;
     if let (Ok(out_place), Ok(key)) = (std::fs::canonicalize(out), std::fs::canonicalize(&a.key))
         && out_place == key
@@ -55,12 +70,21 @@ pub fn sign(a: &Sign) -> Result<(), Failure> {
         let expected = "a model blob written by `trainer calibrate`";
         InputError::new(&a.blob, e.to_string(), expected)
     })?;
-    output::write(out, &signed)?;
-    let before = match envelope::open(loaded.bytes()).ok().and_then(|e| e.trailer) {
-        Some(trailer) => format!(" instead of key {}", id_text(&trailer.key_id)),
-        None => String::new(),
-    };
-    Report::beside(&[]).line(format_args!(
+    let replaced = envelope::open(loaded.bytes())
+        .ok()
+        .and_then(|e| e.trailer)
+        .map(|trailer| id_text(&trailer.key_id));
+    let facts = facts_text(json!({
+        "file": out,
+        "bytes": signed.len(),
+        "key": id_text(&key.public().id()),
+        "replaced_key": replaced,
+    }))?;
+    let mut files: Vec<(&Path, &[u8])> = vec![(out, &signed)];
+    files.extend(a.json.as_deref().map(|path| (path, facts.as_bytes())));
+    write_outputs(&files)?;
+    let before = replaced.map_or_else(String::new, |key| format!(" instead of key {key}"));
+    Report::beside(&[a.json.as_deref()]).line(format_args!(
         "{}: signed by key {}{before}",
         out.display(),
         id_text(&key.public().id())
@@ -69,16 +93,23 @@ pub fn sign(a: &Sign) -> Result<(), Failure> {
 }
 
 pub fn verify(a: &Verify) -> Result<(), Failure> {
+    check_outputs(&[a.json.as_deref()], &[&a.blob, &a.public_key])?;
     let key = PublicKey::read(&a.public_key)?;
     let expected = "a model blob written by `trainer sign`";
     let bytes =
         std::fs::read(&a.blob).map_err(|e| InputError::unreadable(&a.blob, &e, expected))?;
     let id = id_text(&key.id());
+    let verdict = |why: Option<String>| {
+        json!({ "file": a.blob, "key": id, "verified": why.is_none(), "why": why })
+    };
     let refused = |why: &dyn std::fmt::Display| {
-        Failure::Refused(format!(
-            "{}: not verified by key {id}: {why}",
-            a.blob.display()
-        ))
+        match write_facts(a.json.as_deref(), verdict(Some(why.to_string()))) {
+            Ok(()) => Failure::Refused(format!(
+                "{}: not verified by key {id}: {why}",
+                a.blob.display()
+            )),
+            Err(failure) => failure,
+        }
     };
     match (
         signature::verify(&bytes, key.bytes()),
@@ -88,7 +119,9 @@ pub fn verify(a: &Verify) -> Result<(), Failure> {
         (Err(SignatureError::Malformed), Err(error)) => return Err(refused(&error)),
         (Err(error), _) => return Err(refused(&error)),
     }
-    Report::beside(&[]).line(format_args!("{}: signed by key {id}", a.blob.display()));
+    write_facts(a.json.as_deref(), verdict(None))?;
+    Report::beside(&[a.json.as_deref()])
+        .line(format_args!("{}: signed by key {id}", a.blob.display()));
     Ok(())
 }
 
@@ -107,7 +140,7 @@ fn note_when_others_read(path: &Path) {
         let mode = std::fs::metadata(path).map(|there| there.permissions().mode());
         if mode.is_ok_and(|mode| mode & 0o077 != 0) {
             let path = path.display();
-            eprintln!("note: {path}: others may read this secret key (chmod 600 {path})");
+            crate::cli::report::remark(format_args!("{path}: others may read this secret key (chmod 600 {path})"));
         }
     }
     #[cfg(not(unix))]

@@ -203,7 +203,7 @@ pub fn query(sample: &Sample) -> Query {
 fn read_without_blob(test: &Path) -> Result<(MeasurementSet, Vec<Sample>), Failure> {
     let set = measurements::read(test)?;
     for note in &set.notes {
-        eprintln!("note: {}: {note}", test.display());
+        crate::cli::report::remark(format_args!("{}: {note}", test.display()));
     }
     let mut names = Vec::new();
     let robot = Robot {
