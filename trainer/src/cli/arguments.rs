@@ -16,14 +16,12 @@ use crate::calibration::Method;
 /// Calibrates robot arms from tracker measurements and writes the model that the controller evaluates.
 #[derive(Debug, Parser)]
 #[command(name = "trainer", version, about, max_term_width = 100)]
-#[command(
-    after_help = "Examples:\n  \
+#[command(after_help = "Examples:\n  \
     trainer demo\n  \
     trainer calibrate --robot abb-irb120 train.csv --out arm.blob --report report.html\n  \
     trainer calibrate cell.toml\n  \
     trainer COMMAND --help   (each command has examples of its own)\n\n\
-    NO_COLOR and TERM=dumb are respected. SOURCE_DATE_EPOCH sets the date that is kept in a blob."
-)]
+    NO_COLOR and TERM=dumb are respected. SOURCE_DATE_EPOCH sets the date that is kept in a blob.")]
 pub struct Arguments {
     /// Say nothing but errors: no results for people, no notes, no progress. Files and `--json -` are written as ever.
     #[arg(long, short, global = true)]
@@ -387,10 +385,8 @@ pub struct NewKeys {
 
 /// `trainer sign`.
 #[derive(Debug, Args)]
-#[command(
-    after_help = "Examples:\n  trainer sign arm.blob --key cell7.key\n  \
-    trainer sign arm.blob --key cell7.key --out signed.blob"
-)]
+#[command(after_help = "Examples:\n  trainer sign arm.blob --key cell7.key\n  \
+    trainer sign arm.blob --key cell7.key --out signed.blob")]
 pub struct Sign {
     /// The blob; a signature that it has is replaced.
     pub blob: PathBuf,

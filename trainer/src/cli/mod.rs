@@ -150,9 +150,7 @@ fn command() -> clap::Command {
             Some(help) => format!("{help}\n\n{EXIT_CODES}"),
             None => EXIT_CODES.to_owned(),
         };
-        command
-            .after_help(help)
-            .mut_subcommands(with_exit_codes)
+        command.after_help(help).mut_subcommands(with_exit_codes)
     }
     with_exit_codes(Arguments::command())
 }
