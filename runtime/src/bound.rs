@@ -30,20 +30,21 @@ impl<T: Scalar> Bound<T> {
     #[inline(never)]
     pub fn factor_of(&self, squared_distance: T, squared_angle: T) -> (T, bool) {
         let (distance, angle) = (squared_distance.sqrt(), squared_angle.sqrt());
-        if distance <= self.position && angle <= self.angle {
-            return (T::ONE, false);
-        }
-        if !(distance.is_finite() && angle.is_finite()) {
-            return (T::ZERO, true);
-        }
-        let mut factor = T::ONE;
-        if distance > self.position {
-            factor = self.position / distance;
-        }
-        if angle * factor > self.angle {
-            factor = self.angle / angle;
-        }
-        (factor, true)
+        // Both quotients always, for the time must not depend on the data.
+        let (by_distance, by_angle) = (self.position / distance, self.angle / angle);
+        let mut factor = if distance > self.position {
+            by_distance
+        } else {
+            T::ONE
+        };
+        factor = if angle * factor > self.angle {
+            by_angle
+        } else {
+            factor
+        };
+        let finite = distance.is_finite() & angle.is_finite();
+        let bounded = !((distance <= self.position) & (angle <= self.angle));
+        (if finite { factor } else { T::ZERO }, bounded | !finite)
     }
 }
 

@@ -12,7 +12,7 @@
 //! chain can tell of a joint; unlike Denavit and Hartenberg's they stay small for parallel axes, of which a is any angle.
 //! A joint then costs 54 multiplications and additions instead of 81 ([`Poe::forward_with`]).
 //!
-//! [`NormalForm`] does the handing over for a [`Poe`]; the trainer stores frames in that form, so that the constants of the
+//! [`MinimalForm`] does the handing over for a [`Poe`]; the trainer stores frames in that form, so that the constants of the
 //! device are the stored numbers. Frames in any other form are brought into it when a model is loaded.
 
 use heapless::Vec;
@@ -31,14 +31,14 @@ type Turn<T> = [T; 2];
 
 /// A chain whose frames between joints are T(x, y, 0) Rx(α) Rz(b).
 #[derive(Clone, Copy, Debug)]
-pub struct NormalForm<T> {
+pub struct MinimalForm<T> {
     /// The same chain.
     pub poe: Poe<T>,
     /// Sine and cosine of a_i: the frame before joint i moves was turned by a_i+1 about its axis.
     turns: [Turn<T>; MAX_JOINTS],
 }
 
-impl<T: Scalar> NormalForm<T> {
+impl<T: Scalar> MinimalForm<T> {
     /// Of any chain. Frames that have the form stay as they are, to the bit.
     pub fn new(poe: &Poe<T>) -> Self {
         let mut out = Self {
@@ -51,11 +51,11 @@ impl<T: Scalar> NormalForm<T> {
             let (Some(frame), Some(turn)) = (frames.get(i).copied(), turns.get_mut(i)) else {
                 break;
             };
-            let (left, normal) = normal(&frame);
+            let (left, rest) = minimal(&frame);
             *turn = left;
             let along = frame.translation[2];
             if let Some(slot) = frames.get_mut(i) {
-                *slot = normal;
+                *slot = rest;
             }
             if let Some(before) = frames.get_mut(i - 1)
                 && (left != [T::ZERO, T::ONE] || along != T::ZERO)
@@ -80,7 +80,7 @@ impl<T: Scalar> NormalForm<T> {
 }
 
 /// a of Rz(a) Tz(z) · T(x, y, 0) Rx(α) Rz(b), and what follows it.
-fn normal<T: Scalar>(frame: &Pose<T>) -> (Turn<T>, Pose<T>) {
+fn minimal<T: Scalar>(frame: &Pose<T>) -> (Turn<T>, Pose<T>) {
     let (r, t) = (&frame.rotation, &frame.translation);
     if r[(0, 2)] == T::ZERO && t[2] == T::ZERO {
         return ([T::ZERO, T::ONE], *frame);
@@ -98,7 +98,7 @@ fn normal<T: Scalar>(frame: &Pose<T>) -> (Turn<T>, Pose<T>) {
     let [sin_b, cos_b] = unit([-minus_sin_b, cos_b]);
     let [x, y] = back(t[0], t[1]);
     let zero = T::ZERO;
-    let normal = Pose::from_rows(&[
+    let rest = Pose::from_rows(&[
         cos_b,
         -sin_b,
         zero,
@@ -112,7 +112,7 @@ fn normal<T: Scalar>(frame: &Pose<T>) -> (Turn<T>, Pose<T>) {
         cos_alpha,
         zero,
     ]);
-    (a, normal)
+    (a, rest)
 }
 
 /// The pair divided by its length.
@@ -148,7 +148,7 @@ struct Link<T> {
     cos_b: T,
 }
 
-/// A chain of up to [`MAX_JOINTS`] joints in normal form.
+/// A chain of up to [`MAX_JOINTS`] joints in minimal form.
 #[derive(Clone, Copy, Debug)]
 pub struct Chain<T> {
     joints: usize,
@@ -160,8 +160,29 @@ pub struct Chain<T> {
 }
 
 impl<T: Scalar> Chain<T> {
-    /// From the normal form of a chain.
-    pub fn new(form: &NormalForm<T>) -> Self {
+    /// No joints; all zeros.
+    #[inline(always)]
+    pub fn empty() -> Self {
+        let nothing = Pose::from_rows(&[T::ZERO; 12]);
+        let none = Link {
+            x: T::ZERO,
+            y: T::ZERO,
+            sin_alpha: T::ZERO,
+            cos_alpha: T::ZERO,
+            sin_b: T::ZERO,
+            cos_b: T::ZERO,
+        };
+        Self {
+            joints: 0,
+            kinds: [JointKind::Revolute; MAX_JOINTS],
+            base: nothing,
+            links: [none; MAX_JOINTS],
+            target: nothing,
+        }
+    }
+
+    /// From the minimal form of a chain.
+    pub fn new(form: &MinimalForm<T>) -> Self {
         let none = Link {
             x: T::ZERO,
             y: T::ZERO,

@@ -2,15 +2,73 @@
 //!
 //! One exponential, or one for each output, for every support point, unrolled over the number of joints or inputs. The
 //! functions here are the portable source and the definition of every bit: multiply, then add, in the order of the rows.
-//! `cortex_m4.rs` has the same loops for `f32` on a Cortex-M4F, without a bit of difference; [`InnerLoops`] chooses. What
+//! `cortex_m4/` has the same loops for `f32` on a Cortex-M4F, without a bit of difference; [`InnerLoops`] chooses. What
 //! is around the loops (payload groups, scales, the range of the exponents) is their callers' business.
 
-use poegp_protocol::limits::{MAX_JOINTS, OUTPUTS};
+use heapless::Vec;
+use poegp_protocol::limits::{MAX_GROUPS, MAX_JOINTS, OUTPUTS};
 
 use crate::scalar::Scalar;
 
 /// Support points whose cosines are kept between two passes.
 pub(crate) const TILE: usize = 32;
+
+/// The first rows of a support set, block by block. No block is empty, and [`Blocks::rows`] is their sum: assembly relies on
+/// both.
+#[derive(Debug)]
+pub struct Blocks<T> {
+    list: Vec<Block<T>, MAX_GROUPS>,
+    rows: usize,
+}
+
+/// Rows of one payload, and what their sum is multiplied by. Its layout is that of two words, which assembly reads.
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+pub struct Block<T> {
+    rows: u32,
+    factor: T,
+}
+
+impl<T: Scalar> Blocks<T> {
+    /// None.
+    #[inline(always)]
+    pub(crate) fn new() -> Self {
+        Self {
+            list: Vec::new(),
+            rows: 0,
+        }
+    }
+
+    /// These numbers of rows instead, each with the factor of its sum; without those of 0 rows and any beyond
+    /// [`MAX_GROUPS`]. In place: making and moving a list costs more than filling it.
+    #[inline(always)]
+    pub(crate) fn refill(&mut self, blocks: impl Iterator<Item = (u16, T)>) {
+        self.list.clear();
+        let mut sum = 0;
+        for (rows, factor) in blocks {
+            let block = Block {
+                rows: u32::from(rows),
+                factor,
+            };
+            if rows > 0 && self.list.push(block).is_ok() {
+                sum += usize::from(rows);
+            }
+        }
+        self.rows = sum;
+    }
+
+    /// The blocks in the order of the rows.
+    #[inline(always)]
+    pub(crate) fn list(&self) -> &[Block<T>] {
+        &self.list
+    }
+
+    /// Rows of all blocks.
+    #[inline(always)]
+    pub(crate) fn rows(&self) -> usize {
+        self.rows
+    }
+}
 
 /// Declares the loops as methods that are the portable functions unless a number type has its own.
 macro_rules! inner_loops {
@@ -71,6 +129,15 @@ inner_loops! {
         rows: &[[Self; ROW]],
         query: &[Self; D],
         sums: &mut [Self; OUTPUTS],
+    );
+
+    /// total += Σ factor_b Σ_j 2^(query · place_j) / [`Scalar::EXP2_FACTOR`] · weight_j over the blocks and their rows of D
+    /// places (sine, cosine) and one weight; nothing when the blocks have more rows than there are.
+    portable_set_mean => fn set_mean<const D, const ROW>(
+        rows: &[[Self; ROW]],
+        query: &[[Self; 2]; D],
+        blocks: &Blocks<Self>,
+        total: &mut Self,
     );
 }
 
@@ -193,4 +260,35 @@ pub(crate) fn portable_folded_sums<T: Scalar, const D: usize, const ROW: usize>(
         }
     }
     *sums = totals;
+}
+
+#[inline(always)]
+pub(crate) fn portable_set_mean<T: Scalar, const D: usize, const ROW: usize>(
+    rows: &[[T; ROW]],
+    query: &[[T; 2]; D],
+    blocks: &Blocks<T>,
+    total: &mut T,
+) {
+    if blocks.rows() > rows.len() {
+        return;
+    }
+    let mut rest = rows;
+    for block in blocks.list() {
+        let (here, after) = rest
+            .split_at_checked(block.rows as usize)
+            .unwrap_or((rest, &[]));
+        rest = after;
+        let mut sum = T::ZERO;
+        for row in here {
+            let mut exponent = query[0][0] * row[0] + query[0][1] * row[1];
+            let mut d = 1;
+            while d < D {
+                exponent += query[d][0] * row[2 * d];
+                exponent += query[d][1] * row[2 * d + 1];
+                d += 1;
+            }
+            sum += exponent.exp2_scaled() * row[2 * D];
+        }
+        *total += block.factor * sum;
+    }
 }

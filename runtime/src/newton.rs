@@ -5,6 +5,8 @@
 //! matrix: JᵀJ + λI for up to six joints, J Jᵀ + λI for more, where the other one would be singular but for λ. Both
 //! give the same step. No pivot is taken below λ, so that the steps of singular arms are finite.
 
+use core::hint::black_box;
+
 use nalgebra::Vector3;
 use poegp_protocol::JointKind;
 use poegp_protocol::limits::MAX_JOINTS;
@@ -73,6 +75,8 @@ pub struct Equations<T> {
     columns: Columns<T>,
     /// L below the diagonal; D, as reciprocals, on it.
     factors: [[T; EQUATIONS]; EQUATIONS],
+    /// [`Equations::squared_reach`] of joints that are coupled.
+    coupled_reach: Option<T>,
 }
 
 impl<T: Scalar> Equations<T> {
@@ -83,6 +87,7 @@ impl<T: Scalar> Equations<T> {
             joints,
             columns: [[T::ZERO; 6]; MAX_JOINTS],
             factors: [[T::ZERO; EQUATIONS]; EQUATIONS],
+            coupled_reach: None,
         }
     }
 
@@ -123,12 +128,24 @@ impl<T: Scalar> Equations<T> {
     /// Columns of the controller's joints from those of the serial ones: J C.
     #[inline(never)]
     fn couple(&mut self, coupling: &CouplingMatrix<T>) {
+        // Σ|C s| ≤ spread · Σ|s|. Of columns that are coupled parts may cancel, of second derivatives not.
+        let mut spread = T::ZERO;
+        for joint in 0..self.joints {
+            let mut sum = T::ZERO;
+            for weights in coupling {
+                sum += weights.get(joint).map_or(T::ZERO, |weight| weight.abs());
+            }
+            if sum > spread {
+                spread = sum;
+            }
+        }
+        let squared = spread * spread;
+        self.coupled_reach = Some(self.longest_column() * (squared * squared));
         let mut out = [[T::ZERO; 6]; MAX_JOINTS];
-        for (serial, weights) in self.columns.iter().zip(coupling) {
-            for (column, weight) in out.iter_mut().zip(weights) {
-                for (sum, value) in column.iter_mut().zip(serial) {
-                    *sum += *value * *weight;
-                }
+        // Loops of which the compiler does not know the length: unrolled they are 1.3 kB.
+        for (serial, weights) in self.columns.iter().zip(black_box(coupling)) {
+            for (column, weight) in black_box(out.as_mut_slice()).iter_mut().zip(weights) {
+                add_scaled(column, serial, *weight);
             }
         }
         self.columns = out;
@@ -146,10 +163,12 @@ impl<T: Scalar> Equations<T> {
     fn gram_of_rows(&mut self) {
         self.factors = [[T::ZERO; EQUATIONS]; EQUATIONS];
         for column in self.columns.iter().take(self.joints) {
-            for (row, a) in self.factors.iter_mut().zip(column) {
-                for (slot, b) in row.iter_mut().zip(column) {
-                    *slot += *a * *b;
-                }
+            // In slices of which the compiler does not know the length: unrolled it is a kilobyte.
+            for (row, a) in black_box(self.factors.as_mut_slice())
+                .iter_mut()
+                .zip(column)
+            {
+                add_scaled(row, column, *a);
             }
         }
     }
@@ -244,9 +263,20 @@ impl<T: Scalar> Equations<T> {
         self.joints >= EQUATIONS
     }
 
-    /// The square of a length in metres that no joint moves the target by more than, per radian.
+    /// The square of a length L in metres with which |f(c + s) − f(c) − J s| ≤ ½ L (Σ|s|)² for small changes s of the
+    /// controller's joints. Of serial joints no second derivative of the target's place, z_k × (z_l × r_l), is longer than
+    /// the longest column of the Jacobian; the controller's move them by a factor of C more.
     #[inline(never)]
     pub fn squared_reach(&self) -> T {
+        if let Some(coupled) = self.coupled_reach {
+            return coupled;
+        }
+        self.longest_column()
+    }
+
+    /// The square of the farthest that one of the joints moves the target, metres per radian.
+    #[inline(always)]
+    fn longest_column(&self) -> T {
         let mut largest = T::ZERO;
         for column in self.columns.iter().take(self.joints) {
             let square = squares(column).0;
@@ -255,6 +285,14 @@ impl<T: Scalar> Equations<T> {
             }
         }
         largest
+    }
+}
+
+/// a + s b.
+#[inline(never)]
+fn add_scaled<T: Scalar>(a: &mut Hybrid<T>, b: &Hybrid<T>, s: T) {
+    for (value, part) in a.iter_mut().zip(b) {
+        *value += *part * s;
     }
 }
 

@@ -43,6 +43,15 @@ pub struct Trust<T> {
 }
 
 impl<T: Scalar> Trust<T> {
+    /// Of nothing.
+    #[inline(always)]
+    pub(crate) fn none() -> Self {
+        Self {
+            joints: [T::ZERO; MAX_JOINTS],
+            payload: T::ZERO,
+        }
+    }
+
     /// Of a model.
     pub fn of(blob: &Blob<'_>) -> Self {
         let payload = blob.ranges.payload_kg;
@@ -148,13 +157,14 @@ pub fn outside<T: Scalar>(
 ) -> Status {
     let mut beyond = false;
     for (q, (lower, upper)) in joints.iter().zip(ranges) {
-        beyond |= *q < *lower || *q > *upper;
+        // Both comparisons always: the time must not depend on the data.
+        beyond |= (*q < *lower) | (*q > *upper);
     }
     let (light, heavy) = payload_range.unwrap_or((payload_kg, payload_kg));
     Status::OK
         .with_if(beyond, Status::OUTSIDE_JOINT_RANGE)
         .with_if(
-            payload_kg < light || payload_kg > heavy,
+            (payload_kg < light) | (payload_kg > heavy),
             Status::OUTSIDE_PAYLOAD_RANGE,
         )
 }

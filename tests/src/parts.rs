@@ -16,7 +16,7 @@ use crate::image::{Image, ImageError};
 const PROGRAM: &str = "arm-none-eabi-addr2line";
 
 /// Part, end of the file's path, part of the function's name. The first that fits counts.
-const RULES: [(&str, &str, &str); 22] = [
+const RULES: [(&str, &str, &str); 26] = [
     ("sines and cosines", "scalar.rs", "sin_cos"),
     (
         "sines and cosines, turned by small changes",
@@ -26,7 +26,11 @@ const RULES: [(&str, &str, &str); 22] = [
     ("ripple", "deflection/mod.rs", "ripple"),
     ("kernels and outputs", "processes/mod.rs", ""),
     ("kernels and outputs", "processes/sets.rs", ""),
-    ("kernels and outputs", "cortex_m4.rs", ""),
+    ("kernels and outputs", "cortex_m4/mod.rs", ""),
+    ("kernels and outputs", "cortex_m4/instructions.rs", ""),
+    ("kernels and outputs", "cortex_m4/own.rs", ""),
+    ("kernels and outputs", "cortex_m4/pairs.rs", ""),
+    ("kernels and outputs", "cortex_m4/sets.rs", ""),
     ("kernels and outputs", "inner_loops.rs", ""),
     ("kernels and outputs", "posterior.rs", ""),
     ("torque terms", "deflection/gravity.rs", ""),

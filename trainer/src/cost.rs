@@ -98,19 +98,25 @@ pub fn set_row_instructions(words: usize, sliding: bool) -> f64 {
     if sliding {
         37.6 + 11.49 * words as f64
     } else {
-        18.7 + 3.21 * words as f64
+        14.5 + 2.1 * words as f64
     }
 }
 
 /// Instructions of one payload group of a support set beside its rows.
 pub fn set_block_instructions(sliding: bool) -> f64 {
-    if sliding { 51.4 } else { 74.0 }
+    if sliding { 51.4 } else { 56.0 }
 }
 
 /// Instructions of support sets.
 fn set_instructions(size: &ElasticSize, sets: &SetSizes) -> f64 {
     let (sliding, n) = (size.prismatic > 0, size.joints as f64);
-    let each = if sliding { 74.5 * n } else { 24.5 + 96.4 * n };
+    // Every joint scales the query by the rates of the joints that it looks at.
+    let mean_words = sets.words as f64 / size.support.max(1) as f64;
+    let each = if sliding {
+        172.0 + 74.5 * n
+    } else {
+        164.0 + n * (97.0 + 7.6 * mean_words)
+    };
     let row = set_row_instructions(0, sliding);
     let word = set_row_instructions(1, sliding) - row;
     each + sets.blocks as f64 * set_block_instructions(sliding)
@@ -122,8 +128,8 @@ fn set_instructions(size: &ElasticSize, sets: &SetSizes) -> f64 {
 pub fn instructions(size: &ElasticSize) -> u64 {
     let n = size.joints as f64;
     let sliding = if size.prismatic > 0 { 1.0 } else { 0.0 };
-    // Chain twice, gravity terms, twist, bound.
-    let mut count = 1_165.0 + n * (490.5 + n * 16.5) - 13.0 * sliding * n;
+    // Chain twice, gravity terms of an upright arm (any other takes some 200 more), twist, bound.
+    let mut count = 1_067.0 + n * (364.0 + n * 8.0) - 34.0 * sliding * n;
     // Trust.
     count += 30.0 + 37.0 * n;
     if size.unrolled() && !size.tied && size.sets.is_none() {
@@ -155,7 +161,7 @@ pub fn instructions(size: &ElasticSize) -> u64 {
     }
     if size.landmarks > 0 {
         let l = size.landmarks as f64;
-        count += 363.0 + 84.0 * n + l * (92.0 + 16.0 * n + l * 4.0);
+        count += 318.0 + 84.0 * n + l * (92.0 + 16.0 * n + l * 4.0);
     }
     (count + size.support as f64 * point) as u64
 }

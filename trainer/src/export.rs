@@ -8,7 +8,7 @@ use poegp_protocol::blob::{
     self, Blob, Correction, CorrectionBound, Elastic, Geometry, Joint, JointKernel, PayloadGroup,
     Provenance, Ranges, Ripple, Robot as WireRobot, TaskSpace, Tool, Transform, Units, Variance,
 };
-use poegp_runtime::chain::NormalForm;
+use poegp_runtime::chain::MinimalForm;
 use poegp_runtime::poe::Poe;
 use poegp_runtime::se3::Pose;
 
@@ -199,7 +199,7 @@ fn fixed<T, const N: usize>(
 
 fn chain<const N: usize>(poe: &Poe<f64>) -> Result<FixedVec<Transform<f32>, N>, ExportError> {
     fixed(
-        NormalForm::new(poe)
+        MinimalForm::new(poe)
             .poe
             .frames()
             .iter()
@@ -399,8 +399,9 @@ fn elastic_words(
 ) -> Result<Elastic<'static>, ExportError> {
     let n = calibration.calibrated.kinds().len();
     let d = &elastic.deflection;
-    let form = NormalForm::new(&calibration.calibrated);
-    let (gravity, processes) = (&elastic.gravity.in_form(&form), &d.processes);
+    let mut gravity = elastic.gravity;
+    gravity.turn_into(&MinimalForm::new(&calibration.calibrated));
+    let (gravity, processes) = (&gravity, &d.processes);
     let single = |v: &nalgebra::Vector3<f64>| [v[0] as f32, v[1] as f32, v[2] as f32];
     let links = (0..n).flat_map(|c| (c..n).map(move |j| single(&gravity.links[c][j])));
     let payload = (0..n).map(|c| {

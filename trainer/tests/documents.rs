@@ -6,6 +6,7 @@
 //! <!-- test: file NAME -->       the block is written to NAME
 //! <!-- test: run -->             lines that start with "trainer" or "$ trainer" are run, in order
 //! <!-- test: run, exit 2 -->     the same, and the program must end so; other lines must be part of what it prints
+//! <!-- test: first -->           run by a test of its own
 //! ```
 //!
 //! All blocks of a document share one new folder. There is no shell: no quotes, pipes or variables. A line that ends with
@@ -15,6 +16,9 @@ use std::fs;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
+
+/// Instruction of the README's way from a clone to a report.
+const FIRST: &str = "first";
 
 /// A fenced block that is part of the test.
 struct Block {
@@ -59,13 +63,18 @@ fn blocks(name: &str) -> Vec<Block> {
     blocks
 }
 
-/// Runs every block of a document and returns the folder.
-fn run(name: &str) -> PathBuf {
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name.replace(['/', '.'], "_"));
+fn new_folder(name: &str) -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
     if folder.exists() {
         fs::remove_dir_all(&folder).unwrap();
     }
     fs::create_dir_all(&folder).unwrap();
+    folder
+}
+
+/// Runs every block of a document and returns the folder.
+fn run(name: &str) -> PathBuf {
+    let folder = new_folder(&name.replace(['/', '.'], "_"));
     let mut background = Background(Vec::new());
     for block in blocks(name) {
         let place = format!("{name}:{}", block.line);
@@ -74,6 +83,7 @@ fn run(name: &str) -> PathBuf {
             None if block.instruction == "run" => {
                 run_block(&block, &folder, 0, &place, &mut background)
             }
+            None if block.instruction == FIRST => {}
             Some(("run,", exit)) => {
                 let code = exit.strip_prefix("exit ").and_then(|c| c.parse().ok());
                 let code = code.unwrap_or_else(|| panic!("{place}: {exit:?}"));
@@ -144,8 +154,8 @@ fn run_block(block: &Block, folder: &Path, exit: i32, place: &str, background: &
 }
 
 #[test]
-fn the_commands_of_the_readme_work() {
-    let folder = run("README.md");
+fn the_commands_work() {
+    let folder = run("docs/commands.md");
     for file in [
         "arm.blob",
         "compare.json",
@@ -155,6 +165,59 @@ fn the_commands_of_the_readme_work() {
         "corrected.csv",
     ] {
         assert!(folder.join(file).is_file(), "{file}");
+    }
+}
+
+/// The README's four commands, on simulated poses of the arm that they name. Cloning and installing are looked at only.
+#[test]
+fn four_commands_lead_from_a_clone_to_a_report() {
+    let folder = new_folder("first");
+    let block = blocks("README.md")
+        .into_iter()
+        .find(|block| block.instruction == FIRST)
+        .expect("the README has a block for new users");
+    let lines: Vec<&str> = block.text.lines().collect();
+    let [clone, enter, install, calibrate] = lines[..] else {
+        panic!("four commands, not {lines:#?}");
+    };
+    assert!(clone.starts_with("git clone ") && enter.starts_with("cd "));
+    let package = install.rsplit(' ').next().unwrap();
+    assert!(install.starts_with("cargo install "), "{install}");
+    assert!(workspace().join(package).join("Cargo.toml").is_file());
+
+    let words: Vec<&str> = calibrate.split_whitespace().collect();
+    let robot = words.iter().position(|word| *word == "--robot").unwrap();
+    let simulate = format!(
+        "trainer simulate --robot {} --poses 60 --test-sets 0 --out cell\n",
+        words[robot + 1]
+    );
+    let background = &mut Background(Vec::new());
+    for (text, place) in [(simulate.as_str(), "simulate"), (calibrate, "README.md")] {
+        if text == calibrate {
+            fs::copy(folder.join("cell/train.csv"), folder.join("measured.csv")).unwrap();
+        }
+        let block = Block {
+            instruction: "run".to_owned(),
+            line: block.line,
+            text: text.to_owned(),
+        };
+        run_block(&block, &folder, 0, place, background);
+    }
+    for file in ["arm.blob", "report.html"] {
+        assert!(folder.join(file).is_file(), "{file}");
+    }
+}
+
+#[test]
+fn the_commands_of_the_tutorial_work() {
+    let folder = run("docs/tutorial.md");
+    for file in ["plan.mod", "first.csv", "report.html", "check.json"] {
+        assert!(folder.join(file).is_file(), "{file}");
+    }
+    for file in ["program.csv", "from-device.csv"] {
+        let text = fs::read_to_string(folder.join(file)).unwrap();
+        let rows = text.lines().filter(|line| !line.starts_with('#'));
+        assert_eq!(rows.count(), 101, "{file}");
     }
 }
 
@@ -228,16 +291,25 @@ fn links_lead_somewhere() {
     let mut links = 0;
     for name in [
         "README.md",
+        "SECURITY.md",
         "docs/architecture.md",
+        "docs/assurance.md",
         "docs/blob-format.md",
         "docs/check.md",
+        "docs/commands.md",
         "docs/conventions.md",
+        "docs/fleet.md",
+        "docs/glossary.md",
         "docs/import.md",
         "docs/link.md",
+        "docs/measuring.md",
+        "docs/paper.md",
         "docs/performance.md",
         "docs/planning.md",
         "docs/porting.md",
         "docs/report.md",
+        "docs/supply-chain.md",
+        "docs/tutorial.md",
     ] {
         let text = document(name);
         let path = workspace().join(name);

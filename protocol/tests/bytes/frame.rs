@@ -1,13 +1,19 @@
 //! Frames: round trip, and no damaged frame is taken for a message.
 
+use std::collections::BTreeMap;
+
 use poegp_protocol::blob::{BufferTooSmall, CRC};
-use poegp_protocol::frame::{FrameError, decode, encode};
-use poegp_protocol::link::{MAX_PIECE, PROTOCOL_VERSION, REQUESTS, Request, Response};
+use poegp_protocol::frame::{FrameError, Received, Receiver, decode, encode};
+use poegp_protocol::link::{
+    MAX_PIECE, PROTOCOL_VERSION, REQUESTS, RESPONSES, Refusal, Request, Response,
+};
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 use serde::Serialize;
 
-use crate::messages::{requests, responses};
+use crate::messages::{
+    decode_errors, longest_requests, longest_responses, refusals, requests, responses,
+};
 
 /// The frame of a message without its final zero.
 fn framed(sequence: u16, message: &impl Serialize) -> Vec<u8> {
@@ -54,19 +60,96 @@ fn round_trip() {
     }
 }
 
+/// Every message, the longest one of each kind and every refusal included, with its name.
+fn all_messages() -> Vec<(String, Vec<u8>)> {
+    let mut frames = Vec::new();
+    let pieces = awkward_pieces();
+    let long = |bytes: &Vec<u8>| framed(0, &Request::UploadPiece { offset: 0, bytes });
+    frames.extend(
+        pieces
+            .iter()
+            .map(|bytes| ("UploadPiece".to_owned(), long(bytes))),
+    );
+    let refused = refusals().into_iter().map(Response::Refused);
+    let blobs = decode_errors()
+        .into_iter()
+        .map(|error| Response::Refused(Refusal::Blob(error)));
+    let responses = responses()
+        .into_iter()
+        .chain(longest_responses())
+        .chain(refused)
+        .chain(blobs);
+    let responses: Vec<_> = responses.collect();
+    for sequence in [0, 1, 0x0100, 0xffff] {
+        for message in requests().iter().chain(&longest_requests()) {
+            let number = postcard::to_slice(message, &mut [0; 512]).unwrap()[0];
+            let name = REQUESTS[usize::from(number)].name;
+            frames.push((name.to_owned(), framed(sequence, message)));
+        }
+        for message in &responses {
+            let number = postcard::to_slice(message, &mut [0; 512]).unwrap()[0];
+            let name = RESPONSES[usize::from(number)].name;
+            frames.push((format!("{name}, answer"), framed(sequence, message)));
+        }
+    }
+    frames
+}
+
+/// Also through the receiver, which a flip to zero makes see two frames and one of the final zero none.
 #[test]
 fn every_single_bit_flip_is_damage() {
-    let mut flips = 0;
-    for frame in all_frames() {
+    let mut counts = BTreeMap::new();
+    for (name, frame) in all_messages() {
         for bit in 0..8 * frame.len() {
             let mut bytes = frame.clone();
             bytes[bit / 8] ^= 1 << (bit % 8);
-            let refused = decode::<Request<'_>>(&mut bytes) == Err(FrameError::Damaged);
+            let mut copy = bytes.clone();
+            let refused = decode::<Request<'_>>(&mut copy) == Err(FrameError::Damaged);
             assert!(refused, "bit {bit} of {frame:02x?}");
-            flips += 1;
+            let mut receiver = Receiver::new();
+            bytes.push(0);
+            for byte in bytes {
+                match receiver.push(byte) {
+                    Received::More => {}
+                    Received::Frame => {
+                        let opened = receiver.open();
+                        assert_eq!(
+                            opened,
+                            Err(FrameError::Damaged),
+                            "bit {bit} of {frame:02x?}"
+                        );
+                        receiver.clear();
+                    }
+                    Received::TooLong => panic!("bit {bit} of {frame:02x?}"),
+                }
+            }
+            *counts.entry(name.clone()).or_insert(0) += 1;
+        }
+        // The zero that ends it: the frame goes on into the next, which is lost with it, and no further.
+        for bit in 0..8 {
+            let mut receiver = Receiver::new();
+            let line = [&frame[..], &[1 << bit], &frame, &[0], &frame, &[0]].concat();
+            let mut intact = 0;
+            for byte in line {
+                match receiver.push(byte) {
+                    Received::More => {}
+                    Received::Frame => {
+                        intact += usize::from(receiver.open().is_ok());
+                        receiver.clear();
+                    }
+                    Received::TooLong => {}
+                }
+            }
+            assert_eq!(intact, 1, "bit {bit} of the zero behind {frame:02x?}");
+            *counts.entry(name.clone()).or_insert(0) += 1;
         }
     }
-    println!("{flips} flipped bits, all refused as damage");
+    println!("| message | flipped bits, all refused |");
+    for (name, count) in &counts {
+        println!("| `{name}` | {count} |");
+    }
+    println!("| all | {} |", counts.values().sum::<usize>());
+    assert_eq!(counts.len(), REQUESTS.len() + RESPONSES.len());
 }
 
 #[test]

@@ -19,8 +19,8 @@ use crate::codes::{
 use crate::memory::{self, Joints, apart, usable};
 use crate::text;
 use crate::types::{
-    Corrected, Evaluation, Identity, Model, POEGP_API_VERSION, POEGP_MODEL_ALIGN, POEGP_NAME_BYTES,
-    POEGP_STATUS_BAD_INPUT, POEGP_STATUS_NO_MODEL, WORDS,
+    Corrected, Evaluation, Identity, MARK, Model, POEGP_API_VERSION, POEGP_MODEL_ALIGN,
+    POEGP_NAME_BYTES, POEGP_STATUS_BAD_INPUT, POEGP_STATUS_NO_MODEL, WORDS,
 };
 
 /// Bytes of a model in this build of the library; at most POEGP_MODEL_BYTES.
@@ -65,8 +65,13 @@ pub unsafe extern "C" fn poegp_init(
     } else if bytes < size_of::<Model>() {
         POEGP_ERROR_TOO_SMALL
     } else {
-        // SAFETY: not null, aligned, large enough, the caller's by the contract of this function.
-        unsafe { place.write(Model::new()) };
+        // Cleared where it is: `write(Model::new())` may lay 27 kB on the stack first, and does when built for size.
+        // SAFETY: not null, aligned, large enough, the caller's by the contract of this function. All zeros are a resident
+        // without a model: an empty slot (its discriminant is 0 by `repr(u8)`), vectors and texts of length 0, numbers; a
+        // test compares it with `Model::new()`.
+        unsafe { place.write_bytes(0, 1) };
+        // SAFETY: it is a model now, but for its mark; nobody else has it.
+        unsafe { &mut *place }.mark = MARK;
         POEGP_OK
     };
     let made = if code == POEGP_OK {

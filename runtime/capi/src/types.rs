@@ -55,13 +55,25 @@ pub struct Model {
 /// What initialised memory begins with: `poegp_load` on a variable that was only zeroed is refused.
 pub(crate) const MARK: u32 = 0x4d47_4550;
 
-impl Model {
-    /// Without a model.
-    pub(crate) const fn new() -> Self {
-        Self {
+#[cfg(test)]
+mod tests {
+    extern crate std;
+
+    use core::mem::MaybeUninit;
+
+    use super::{MARK, Model, Resident};
+
+    /// What `poegp_init` makes.
+    #[test]
+    fn zeros_with_the_mark_are_a_model_without_a_blob() {
+        // SAFETY: what this test is about.
+        let mut cleared: Model = unsafe { MaybeUninit::zeroed().assume_init() };
+        cleared.mark = MARK;
+        let made = Model {
             mark: MARK,
             resident: Resident::new(),
-        }
+        };
+        assert_eq!(std::format!("{cleared:?}"), std::format!("{made:?}"));
     }
 }
 

@@ -5,7 +5,7 @@ use poegp_protocol::JointKind;
 use poegp_protocol::limits::MAX_JOINTS;
 
 use super::PerJoint;
-use crate::chain::NormalForm;
+use crate::chain::MinimalForm;
 use crate::scalar::Scalar;
 use crate::se3::{Pose, cross, dot, subtract};
 
@@ -124,12 +124,11 @@ impl<T: Scalar> GravityTerms<T> {
         out
     }
 
-    /// The same for the frames of `form`, whose axes are turned about those of the joints.
-    pub fn in_form(&self, form: &NormalForm<T>) -> Self {
-        let mut out = *self;
+    /// Makes them those for the frames of `form`, whose axes are turned about those of the joints.
+    pub fn turn_into(&mut self, form: &MinimalForm<T>) {
         // The last link's frame is that of the target.
         let inner = form.poe.kinds().len().saturating_sub(1);
-        for (links, kind) in out.links.iter_mut().zip(form.poe.kinds()) {
+        for (links, kind) in self.links.iter_mut().zip(form.poe.kinds()) {
             if *kind == JointKind::Prismatic {
                 // It feels the weight alone.
                 continue;
@@ -139,7 +138,6 @@ impl<T: Scalar> GravityTerms<T> {
                 *a = Vector3::new(c * a[0] + s * a[1], c * a[1] - s * a[0], a[2]);
             }
         }
-        out
     }
 
     /// Whether nothing acts on this joint.
@@ -182,14 +180,19 @@ struct LastLink<T> {
 }
 
 impl<T: Scalar> Gravity<T> {
-    /// From the coefficients for the frames that `form` was made of.
-    pub fn new(terms: &GravityTerms<T>, form: &NormalForm<T>) -> Self {
-        let terms = terms.in_form(form);
-        let (kinds, fixed) = (form.poe.kinds(), form.poe.frames());
-        let n = kinds.len();
-        let mut out = Self {
-            gravity: terms.gravity,
-            idle: (0..n).take_while(|c| terms.is_idle(*c)).count(),
+    /// From the coefficients for the frames of `form`, see [`GravityTerms::turn_into`].
+    pub fn new(terms: &GravityTerms<T>, form: &MinimalForm<T>) -> Self {
+        let mut out = Self::zero();
+        out.set(terms, form);
+        out
+    }
+
+    /// No effect.
+    #[inline(always)]
+    pub fn zero() -> Self {
+        Self {
+            gravity: Vector3::new(T::ZERO, T::ZERO, T::ZERO),
+            idle: 0,
             links: [[[T::ZERO; 2]; MAX_JOINTS]; MAX_JOINTS],
             last: [LastLink {
                 link: [T::ZERO; 3],
@@ -197,7 +200,17 @@ impl<T: Scalar> Gravity<T> {
                 lever: T::ZERO,
                 weight: T::ZERO,
             }; MAX_JOINTS],
-        };
+        }
+    }
+
+    /// The same in place of no effect.
+    #[inline(never)]
+    pub fn set(&mut self, terms: &GravityTerms<T>, form: &MinimalForm<T>) {
+        let (kinds, fixed) = (form.poe.kinds(), form.poe.frames());
+        let n = kinds.len();
+        let out = self;
+        out.gravity = terms.gravity;
+        out.idle = (0..n).take_while(|c| terms.is_idle(*c)).count();
         for c in out.idle..n {
             let (Some(slot), Some(links), Some(lever), Some(offset)) = (
                 out.last.get_mut(c - out.idle),
@@ -238,7 +251,6 @@ impl<T: Scalar> Gravity<T> {
                 handed = axis.map(|z| z * vector[2]);
             }
         }
-        out
     }
 
     /// g in m/s².
@@ -346,8 +358,13 @@ fn pull<T: Scalar, const ROWS: usize>(gravity: &Vector3<T>, axis: &Vector3<T>) -
 /// The rotation of a frame, row by row.
 #[inline(always)]
 fn rows<T: Scalar>(frame: &Pose<T>) -> [[T; 3]; 3] {
+    // Written out: a loop that the compiler does not unroll keeps the check of its index, and with it a panic.
     let r = &frame.rotation;
-    [0, 1, 2].map(|i| [r[(i, 0)], r[(i, 1)], r[(i, 2)]])
+    [
+        [r[(0, 0)], r[(0, 1)], r[(0, 2)]],
+        [r[(1, 0)], r[(1, 1)], r[(1, 2)]],
+        [r[(2, 0)], r[(2, 1)], r[(2, 2)]],
+    ]
 }
 
 /// sum + R v.

@@ -19,8 +19,8 @@
 //! of the uncorrected command, nominal(q) against POE(q + D). Unless it is smaller, in position and altogether, by more
 //! than this comparison can be wrong, the answer is the command as it came, with [`Status::CORRECTION_REFUSED`]. A second
 //! pass of the processes would cost as much as everything else; instead, the deflection may change by [`LAG`] of itself
-//! between the places where it is evaluated and where it is used. That is assumed, not proven. Everything else that is neglected is bounded by the
-//! second derivative of a chain, |f(y + d) − f(y) − J d| ≤ reach · (Σ|d|)².
+//! between the places where it is evaluated and where it is used. That is assumed, not proven. Everything else that is
+//! neglected is bounded by the second derivative of a chain ([`Equations::squared_reach`]).
 //!
 //! An arm of less than six joints cannot reach every pose: it is brought to the position, and its rotation as near as that
 //! allows.
@@ -163,11 +163,9 @@ struct Found<T> {
     before: Hybrid<T>,
     /// Error at q + `change`.
     after: Hybrid<T>,
-    /// Square of the largest movement of the target in metres by a radian of any joint.
+    /// [`Equations::squared_reach`].
     reach: T,
-    /// Square of what `after` may be wrong by, in metres.
-    unseen: T,
-    /// The same of the comparison of the two, but for `unseen`.
+    /// Squares of what the comparison of the two may be wrong by, in metres.
     unsure: T,
     bounded: bool,
 }
@@ -232,26 +230,27 @@ impl<T: Scalar> Search<'_, T> {
         }
     }
 
-    /// A step by the equations of the place where the chain was evaluated last, if that is sure to be better than the error
-    /// `after` there. Returns by how much the new error may be wrong: the square of |f(y + s) − f(y) − J s| ≤ reach · (Σ|s|)²,
-    /// `reach` being squared.
+    /// One step more by the equations that are there, if that is sure to be better than the error `after` where the
+    /// chain was evaluated last, `away` (Σ|d|) from the place of the equations. Returns by how much the new error may be
+    /// wrong: the square of |f(y + s) − f(y) − J s| ≤ reach · Σ|s| · (½ Σ|s| + away), `reach` being squared; a fifth of the half
+    /// is for its change on the way.
     #[inline(never)]
-    fn go_on(&mut self, after: &mut Hybrid<T>, reach: T) -> T {
+    fn go_on(&mut self, after: &mut Hybrid<T>, away: T, reach: T) -> T {
         let step = self.equations.step(after);
         let left = less(after, T::ONE, &self.equations.moved(&step));
         let moved = length(&step);
-        let unseen = T::from_f64(0.6) * moved * moved;
+        let unseen = moved * (T::from_f64(0.6) * moved + away);
         let unseen = reach * unseen * unseen;
         // Both below half of it, in squares: (a + b)² ≤ 2 (a² + b²).
-        if T::from_f64(2.0) * (squares(&left).0 + unseen) < squares(after).0 {
-            for (value, delta) in self.change.iter_mut().zip(&step) {
-                *value += *delta;
-            }
-            *after = left;
-            unseen
-        } else {
-            T::ZERO
+        let better = T::from_f64(2.0) * (squares(&left).0 + unseen) < squares(after).0;
+        // Either way, for the time must not depend on the data; and a step that is not taken may be infinite.
+        for (value, delta) in self.change.iter_mut().zip(&step) {
+            *value += if better { *delta } else { T::ZERO };
         }
+        for (value, left) in after.iter_mut().zip(&left) {
+            *value = if better { *left } else { *value };
+        }
+        if better { unseen } else { T::ZERO }
     }
 
     /// Without correction, or with the one in task space at every step.
@@ -284,7 +283,6 @@ impl<T: Scalar> Search<'_, T> {
                     before,
                     after,
                     reach: self.equations.squared_reach(),
-                    unseen: T::ZERO,
                     unsure: T::ZERO,
                     bounded,
                 };
@@ -323,25 +321,27 @@ impl<T: Scalar> Search<'_, T> {
             let places = features_after(kinds, self.joints, &place, self.turned);
             terms.processes.mean(kinds, self.rows, &places, payload)
         };
-        // Gravity again where both would have it: at the corrected command, nearly.
+        // Gravity again and the second step where both would have it: at the corrected command, nearly.
         let near = difference(&place, &mean);
         let expected = difference(&self.change, &near);
         let at_command = self.equations.moved(&expected);
         let pose = self.chain(&near);
         let smooth = sum(&gravity(self.frames, &pose), &mean);
-        // The check, where the chain is to be, and the second step by what it finds.
-        let change = self.change;
-        let pose = self.chain(&change);
-        let mut after = self.error(&pose);
         self.form_equations(&pose);
+        let at_corrected = self.equations.moved(&expected);
+        let error = less(&self.error(&pose), T::ONE, &at_corrected);
+        self.take_step(&error);
+        // The check, where the chain is to be, and what it finds.
+        let change = self.change;
+        self.turn(&change);
+        let mut after = self.error(&arm.calibrated.forward_at(self.turned));
+        let away = length(&difference(&change, &near));
         let reach = self.equations.squared_reach();
-        let unseen = self.go_on(&mut after, reach);
+        let unseen = self.go_on(&mut after, away, reach);
         // Ripple last, for it changes quickest.
-        let place = sum(self.joints, &difference(&self.change, &smooth));
+        let place = shifted(self.joints, &self.change, &smooth);
         let mut deflection = sum(&smooth, &terms.ripple_towards(&place));
-        // What it does at the command, nearly all of it by the Jacobian there.
-        let rest = difference(&deflection, &expected);
-        let effect = less(&at_command, -T::ONE, &self.equations.moved(&rest));
+        let effect = self.equations.moved(&deflection);
         let (position, rotation) = squares(&effect);
         let weight = self.rotation_weight;
         let (factor, bounded) = elastic
@@ -355,16 +355,18 @@ impl<T: Scalar> Search<'_, T> {
                 *value * factor
             };
         }
-        let before = less(&plain, factor, &effect);
+        // The error of the command, with what it deflects the arm by there: nearly all of it by the Jacobian there.
+        let mut before = less(&plain, factor, &at_command);
+        before = less(&before, factor, &less(&effect, T::ONE, &at_corrected));
+        let rest = length(&difference(&deflection, &expected)) * length(&self.change);
         let bent = length(&deflection);
-        let elsewhere = bent * bent + length(&rest) * length(&self.change);
-        let unsure = T::from_f64(LAG * LAG) * position + reach * elsewhere * elsewhere;
+        let elsewhere = rest + bent * bent;
+        let unsure = T::from_f64(LAG * LAG) * position + reach * elsewhere * elsewhere + unseen;
         Found {
             change: difference(&self.change, &deflection),
             before,
             after,
             reach,
-            unseen,
             unsure,
             bounded,
         }
@@ -376,9 +378,12 @@ impl<T: Scalar> Search<'_, T> {
 fn raised<T: Scalar>(least: T, values: &PerJoint<T>) -> T {
     let mut largest = least;
     for value in values {
-        if value.abs() > largest {
-            largest = value.abs();
-        }
+        let magnitude = value.abs();
+        largest = if magnitude > largest {
+            magnitude
+        } else {
+            largest
+        };
     }
     largest
 }
@@ -389,6 +394,16 @@ fn sum<T: Scalar>(a: &PerJoint<T>, b: &PerJoint<T>) -> PerJoint<T> {
     let mut out = *a;
     for (value, part) in out.iter_mut().zip(b) {
         *value += *part;
+    }
+    out
+}
+
+/// a + (b − c).
+#[inline(never)]
+fn shifted<T: Scalar>(a: &PerJoint<T>, b: &PerJoint<T>, c: &PerJoint<T>) -> PerJoint<T> {
+    let mut out = *a;
+    for (value, (more, less)) in out.iter_mut().zip(b.iter().zip(c)) {
+        *value += *more - *less;
     }
     out
 }
@@ -415,7 +430,7 @@ impl<T: Scalar> Found<T> {
         let command = sum(joints, &self.change);
         // The command is a number of type T: of every joint that rounds away at most so much.
         let rounded = length(&command) * T::ROUNDING;
-        let unsure = self.unsure + self.unseen + self.reach * rounded * rounded;
+        let unsure = self.unsure + self.reach * rounded * rounded;
         // (a + b + c + d)² ≤ 4 (a² + b² + c² + d²).
         let margin = (T::from_f64(4.0) * unsure).sqrt();
         let (position, rotation) = squares(&self.after);
@@ -423,17 +438,20 @@ impl<T: Scalar> Found<T> {
         let (distance, distance_before) = (position.sqrt(), position_before.sqrt());
         let limit = T::from_f64(MAX_JOINT_CHANGE);
         // Written so that NaN is not better.
-        let better = distance + margin <= distance_before
-            && position + rotation <= position_before + rotation_before
-            && raised(limit, &self.change) <= limit;
+        let better = (distance + margin <= distance_before)
+            & (position + rotation <= position_before + rotation_before)
+            & (raised(limit, &self.change) <= limit);
         let tolerance = T::from_f64(CORRECTED_WITHIN * CORRECTED_WITHIN);
-        let distance = distance + self.unseen.sqrt();
         // Five joints cannot turn the target every way.
-        let there =
-            distance * distance <= tolerance && (rotation <= tolerance || !equations.can_turn());
+        let there = (position <= tolerance) & ((rotation <= tolerance) | !equations.can_turn());
         let position_error = if better { distance } else { distance_before };
+        // One by one: of two whole arrays one is copied by another routine than the other, which takes another time.
+        let mut answer = command;
+        for (slot, q) in answer.iter_mut().zip(joints) {
+            *slot = if better { *slot } else { *q };
+        }
         Corrected {
-            joints: if better { command } else { *joints },
+            joints: answer,
             position_error: if position_error.is_finite() {
                 position_error
             } else {

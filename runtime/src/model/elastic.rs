@@ -8,7 +8,7 @@ use poegp_protocol::limits::{MAX_GROUPS, MAX_JOINTS};
 
 use super::checked::{MAX_COEFFICIENT, checked_bound, checked_rows, feature_limit, is_within};
 use crate::bound::Bound;
-use crate::chain::NormalForm;
+use crate::chain::MinimalForm;
 use crate::deflection::{
     Deflection, Gravity, GravityTerms, JointKernel, JointProcesses, PayloadGroup, RippleTerm,
     SupportSet, row_words,
@@ -35,28 +35,51 @@ pub(super) struct ElasticCorrection<T> {
 }
 
 impl<T: Scalar> ElasticCorrection<T> {
-    pub(super) fn from_wire(
+    /// No correction.
+    #[inline(always)]
+    pub(super) fn empty() -> Self {
+        Self {
+            deflection: Deflection {
+                gravity: Gravity::zero(),
+                ripple: Vec::new(),
+                processes: JointProcesses {
+                    kernels: [JointKernel::zero(); MAX_JOINTS],
+                    tied: false,
+                    groups: Vec::new(),
+                    sets: Vec::new(),
+                    unrolled: false,
+                },
+                variance: None,
+            },
+            bound: Bound {
+                position: T::ZERO,
+                angle: T::ZERO,
+            },
+            heaviest: T::ZERO,
+        }
+    }
+
+    /// That of a blob, to where it stays: returned, it would be on the stack once more. After an error it is none.
+    #[inline(never)]
+    pub(super) fn fill(
+        &mut self,
         wire: &Elastic<'_>,
         variance: Option<&Variance<'_>>,
-        calibrated: &NormalForm<T>,
+        calibrated: &MinimalForm<T>,
         payload: Option<(f32, f32)>,
-    ) -> Result<Self, LoadError> {
+    ) -> Result<(), LoadError> {
         let joints = calibrated.poe.kinds().len();
         let heaviest =
             PAYLOAD_REACH * payload.map_or(0.0, |(_, heavy)| if heavy > 1.0 { heavy } else { 1.0 });
-        let mut processes = processes(wire, joints, heaviest)?;
-        processes.choose_loops(calibrated.poe.kinds());
-        let deflection = Deflection {
-            gravity: Gravity::new(&gravity(wire, joints)?, calibrated),
-            ripple: ripple(wire, joints)?,
-            processes,
-            variance: variance.map(super::variance::header),
-        };
-        Ok(Self {
-            deflection,
-            bound: checked_bound(&wire.bound)?,
-            heaviest: T::from_f32(heaviest),
-        })
+        let out = &mut self.deflection;
+        processes(wire, joints, heaviest, &mut out.processes)?;
+        out.processes.choose_loops(calibrated.poe.kinds());
+        gravity(wire, calibrated, &mut out.gravity)?;
+        out.ripple = ripple(wire, joints)?;
+        out.variance = variance.map(super::variance::header);
+        self.bound = checked_bound(&wire.bound)?;
+        self.heaviest = T::from_f32(heaviest);
+        Ok(())
     }
 }
 
@@ -88,7 +111,14 @@ fn vector<T: Scalar>(values: &[f32; 3]) -> Result<Vector3<T>, LoadError> {
     ))
 }
 
-fn gravity<T: Scalar>(wire: &Elastic<'_>, joints: usize) -> Result<GravityTerms<T>, LoadError> {
+// A function of its own: the coefficients as they are stored are on the stack no longer than it runs.
+#[inline(never)]
+fn gravity<T: Scalar>(
+    wire: &Elastic<'_>,
+    form: &MinimalForm<T>,
+    found: &mut Gravity<T>,
+) -> Result<(), LoadError> {
+    let joints = form.poe.kinds().len();
     let mut out = GravityTerms::zero();
     out.gravity = vector(&wire.gravity)?;
     if !wire.links.is_empty() {
@@ -112,7 +142,9 @@ fn gravity<T: Scalar>(wire: &Elastic<'_>, joints: usize) -> Result<GravityTerms<
             *offset = vector(&[*b, *c, *d])?;
         }
     }
-    Ok(out)
+    out.turn_into(form);
+    found.set(&out, form);
+    Ok(())
 }
 
 fn ripple<T: Scalar, const N: usize>(
@@ -140,14 +172,9 @@ fn processes<T: Scalar>(
     wire: &Elastic<'_>,
     joints: usize,
     heaviest: f32,
-) -> Result<JointProcesses<T>, LoadError> {
-    let mut out = JointProcesses {
-        kernels: [JointKernel::zero(); 8],
-        tied: wire.tied,
-        groups: Vec::new(),
-        sets: Vec::new(),
-        unrolled: false,
-    };
+    out: &mut JointProcesses<T>,
+) -> Result<(), LoadError> {
+    out.tied = wire.tied;
     let mut points = 0_usize;
     for group in &wire.groups {
         if !is_within(group.payload_kg, 0.0, heaviest) {
@@ -165,7 +192,7 @@ fn processes<T: Scalar>(
         return Err(LoadError::Groups);
     }
     if shared && points == 0 && wire.kernels.is_empty() {
-        return Ok(out);
+        return Ok(());
     }
     if wire.kernels.len() != joints {
         return Err(LoadError::Kernel);
@@ -193,9 +220,9 @@ fn processes<T: Scalar>(
         slot.payload_amplitude = coefficient(kernel.payload_amplitude)?;
     }
     if !shared {
-        sets(wire, joints, &mut out)?;
+        sets(wire, joints, out)?;
     }
-    Ok(out)
+    Ok(())
 }
 
 /// The support sets, whose rows are those of the blob: one set for each joint, whose rows of each group make its number.

@@ -15,11 +15,11 @@ mod view;
 
 use heapless::Vec;
 use poegp_protocol::JointKind;
-use poegp_protocol::blob::{Blob, Correction};
+use poegp_protocol::blob::{Blob, Correction, Transform};
 use poegp_protocol::limits::{MAX_INPUTS, MAX_JOINTS};
 
 use crate::bound::bounded;
-use crate::chain::{Chain, NormalForm};
+use crate::chain::{Chain, MinimalForm};
 use crate::deflection::{self, CouplingMatrix};
 use crate::load_error::LoadError;
 pub use crate::observer::{Observer, Stages};
@@ -134,21 +134,20 @@ impl<T: Scalar, const WORDS: usize> Model<T, WORDS> {
     // Inlined, its copies of the arm would lie on the stack beside those of the decoder.
     #[inline(never)]
     pub fn load(&mut self, blob: &Blob<'_>) -> Result<(), LoadError> {
-        // Straight from the result into its place: every name in between would be a copy of the arm on the stack.
-        match Arm::from_blob(blob) {
-            Err(error) => Err(error),
-            Ok(slot) => {
-                let bytes = checked_support(blob, WORDS)?;
-                let landmarks = variance::checked(blob, WORDS - bytes.len() / 4)?;
-                self.rows.clear();
-                for word in [bytes, landmarks].iter().flat_map(|b| b.as_chunks::<4>().0) {
-                    // Cannot fail: the length was compared with the capacity.
-                    let _ = self.rows.push(T::from_f32(f32::from_le_bytes(*word)));
-                }
-                self.arm = slot;
-                Ok(())
-            }
+        // Once on the stack, filled in place: every name in between would be a copy of the arm.
+        let mut slot = Slot::Full(Arm::empty());
+        if let Slot::Full(arm) = &mut slot {
+            arm.fill(blob)?;
         }
+        let bytes = checked_support(blob, WORDS)?;
+        let landmarks = variance::checked(blob, WORDS - bytes.len() / 4)?;
+        self.rows.clear();
+        for word in [bytes, landmarks].iter().flat_map(|b| b.as_chunks::<4>().0) {
+            // Cannot fail: the length was compared with the capacity.
+            let _ = self.rows.push(T::from_f32(f32::from_le_bytes(*word)));
+        }
+        self.arm = slot;
+        Ok(())
     }
 
     /// Number of the controller's joints; 0 without a model.
@@ -329,8 +328,34 @@ fn checked_support<'a>(blob: &Blob<'a>, capacity: usize) -> Result<&'a [u8], Loa
     }
 }
 
+/// The chain of these frames.
+// A function of its own, and once: its copies of the frames are on the stack no longer than it runs.
+#[inline(never)]
+fn minimal<T: Scalar>(
+    kinds: &[JointKind],
+    frames: &[Transform<f32>],
+) -> Result<MinimalForm<T>, LoadError> {
+    Ok(MinimalForm::new(&checked_chain(kinds, frames)?))
+}
+
 impl<T: Scalar> Arm<T> {
-    fn from_blob(blob: &Blob<'_>) -> Result<Slot<Self>, LoadError> {
+    /// One without joints.
+    #[inline(always)]
+    fn empty() -> Self {
+        Self {
+            calibrated: Chain::empty(),
+            nominal: Chain::empty(),
+            coupling: None,
+            joint_ranges: [(T::ZERO, T::ZERO); MAX_JOINTS],
+            payload_range: None,
+            trust: Trust::none(),
+            correction: ArmCorrection::None,
+        }
+    }
+
+    /// The arm of `blob` in place of an empty one, which after an error is nothing.
+    #[inline(never)]
+    fn fill(&mut self, blob: &Blob<'_>) -> Result<(), LoadError> {
         let joints = blob.robot.joints.len();
         let mut kinds = [JointKind::Revolute; MAX_JOINTS];
         for (kind, joint) in kinds.iter_mut().zip(&blob.robot.joints) {
@@ -343,46 +368,38 @@ impl<T: Scalar> Arm<T> {
             }
         }
         let kinds = kinds.get(..joints).ok_or(LoadError::Chain)?;
-        let mut joint_ranges = [(T::ZERO, T::ZERO); MAX_JOINTS];
         if blob.ranges.joints.len() != joints {
             return Err(LoadError::Ranges);
         }
-        for (slot, range) in joint_ranges.iter_mut().zip(&blob.ranges.joints) {
+        for (slot, range) in self.joint_ranges.iter_mut().zip(&blob.ranges.joints) {
             *slot = checked_range(*range, MAX_ANGLE)?;
         }
-        let calibrated = NormalForm::new(&checked_chain(kinds, &blob.geometry.calibrated)?);
-        Ok(Slot::Full(Self {
-            nominal: Chain::new(&NormalForm::new(&checked_chain(
-                kinds,
-                &blob.geometry.nominal,
-            )?)),
-            coupling: checked_coupling(&blob.robot.coupling, joints)?,
-            joint_ranges,
-            payload_range: blob
-                .ranges
-                .payload_kg
-                .map(|range| checked_range(range, MAX_PAYLOAD_KG))
-                .transpose()?,
-            trust: Trust::of(blob),
-            correction: match &blob.correction {
-                Correction::None => ArmCorrection::None,
-                Correction::TaskSpace(task) => {
-                    ArmCorrection::TaskSpace(TaskSpaceCorrection::from_wire(
-                        task,
-                        joints + usize::from(blob.ranges.payload_kg.is_some()),
-                    )?)
+        self.nominal = Chain::new(&minimal(kinds, &blob.geometry.nominal)?);
+        self.coupling = checked_coupling(&blob.robot.coupling, joints)?;
+        self.payload_range = blob
+            .ranges
+            .payload_kg
+            .map(|range| checked_range(range, MAX_PAYLOAD_KG))
+            .transpose()?;
+        self.trust = Trust::of(blob);
+        let calibrated = minimal(kinds, &blob.geometry.calibrated)?;
+        self.calibrated = Chain::new(&calibrated);
+        match &blob.correction {
+            Correction::None => {}
+            Correction::TaskSpace(task) => {
+                let inputs = joints + usize::from(blob.ranges.payload_kg.is_some());
+                let task = TaskSpaceCorrection::from_wire(task, inputs)?;
+                self.correction = ArmCorrection::TaskSpace(task);
+            }
+            Correction::Elastic(elastic) => {
+                self.correction = ArmCorrection::Elastic(ElasticCorrection::empty());
+                if let ArmCorrection::Elastic(found) = &mut self.correction {
+                    let variance = blob.variance.as_ref();
+                    found.fill(elastic, variance, &calibrated, blob.ranges.payload_kg)?;
                 }
-                Correction::Elastic(elastic) => {
-                    ArmCorrection::Elastic(ElasticCorrection::from_wire(
-                        elastic,
-                        blob.variance.as_ref(),
-                        &calibrated,
-                        blob.ranges.payload_kg,
-                    )?)
-                }
-            },
-            calibrated: Chain::new(&calibrated),
-        }))
+            }
+        }
+        Ok(())
     }
 
     /// The joints in a fixed array, or `None` unless there are as many as the arm has, all finite and within reason.

@@ -1,6 +1,6 @@
-//! The normal form of a chain: the same poses, the same axes, and nothing left to change in it.
+//! The minimal form of a chain: the same poses, the same axes, and nothing left to change in it.
 
-use poegp_runtime::chain::{Chain, MovedFrames, NormalForm};
+use poegp_runtime::chain::{Chain, MinimalForm, MovedFrames};
 use poegp_runtime::poe::{JointMotion, Poe};
 use poegp_runtime::scalar::Scalar;
 use poegp_runtime::se3::Pose;
@@ -9,7 +9,7 @@ use proptest::prelude::*;
 use crate::seeded::{chains, config, distance, poe};
 
 fn walk<T: Scalar>(poe: &Poe<T>, q: &[T]) -> (MovedFrames<T>, Pose<T>) {
-    let chain = Chain::new(&NormalForm::new(poe));
+    let chain = Chain::new(&MinimalForm::new(poe));
     let mut motions = [JointMotion::unset(); 8];
     chain.motions_into(q, &mut motions);
     let mut frames = MovedFrames::new();
@@ -39,7 +39,7 @@ proptest! {
     #![proptest_config(config(91, 400))]
 
     #[test]
-    fn normal_form_is_the_same_chain((kinds, frames, q) in chains()) {
+    fn minimal_form_is_the_same_chain((kinds, frames, q) in chains()) {
         is_the_same_chain(&poe(&kinds, &frames), &q, 1e-12)?;
     }
 
@@ -58,9 +58,9 @@ proptest! {
 
     /// What is stored in this form is what the device computes with.
     #[test]
-    fn normal_form_stays_as_it_is((kinds, frames, _) in chains()) {
-        let stored = NormalForm::new(&poe::<f64>(&kinds, &frames)).poe.cast::<f32>();
-        let again = NormalForm::new(&stored);
+    fn minimal_form_stays_as_it_is((kinds, frames, _) in chains()) {
+        let stored = MinimalForm::new(&poe::<f64>(&kinds, &frames)).poe.cast::<f32>();
+        let again = MinimalForm::new(&stored);
         for (one, other) in stored.frames().iter().zip(again.poe.frames()) {
             prop_assert_eq!(one, other);
         }

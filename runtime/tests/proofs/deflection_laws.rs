@@ -3,7 +3,7 @@
 
 use nalgebra::Vector3;
 use poegp_protocol::JointKind;
-use poegp_runtime::chain::{Chain, MovedFrames, NormalForm};
+use poegp_runtime::chain::{Chain, MinimalForm, MovedFrames};
 use poegp_runtime::deflection::{
     Features, Gravity, GravityRegressors, GravityTerms, JointKernel, JointProcesses, PayloadGroup,
     PerJoint, SupportSet, deflected, deflection_twist, features, ripple_regressors, similarity,
@@ -350,7 +350,7 @@ proptest! {
         let (chain, n) = (poe::<f64>(&kinds, &frames), kinds.len());
         let (frames, target) = chain.joint_frames(&q);
         let mut moved = MovedFrames::new();
-        let form = NormalForm::new(&chain);
+        let form = MinimalForm::new(&chain);
         Chain::new(&form).moved_frames_at(&chain.motions(&q), &mut moved);
         let mut numbers = numbers.into_iter();
         let mut vector = || Vector3::from_fn(|_, _| numbers.next().unwrap());
@@ -368,7 +368,9 @@ proptest! {
         }
         let at = GravityRegressors::new(&kinds, &frames, &target, &terms.gravity);
         let found = terms.deflection(&at, m);
-        let fast = Gravity::new(&terms, &form).deflection(&kinds, &moved, &target, m);
+        let mut turned = terms;
+        turned.turn_into(&form);
+        let fast = Gravity::new(&turned, &form).deflection(&kinds, &moved, &target, m);
         for c in 0..n {
             let (lever, offset) = at.payload(c);
             let mut expected =

@@ -1,7 +1,7 @@
 //! What a model with an elastic correction answers.
 
 use poegp_protocol::JointKind;
-use poegp_runtime::chain::NormalForm;
+use poegp_runtime::chain::MinimalForm;
 use poegp_runtime::model::MAX_PAYLOAD_KG;
 use poegp_runtime::poe::Poe;
 use poegp_runtime::scalar::MAX_ANGLE;
@@ -23,7 +23,7 @@ fn chain(arm: &Arm) -> Poe<f64> {
         .map(|rows| Pose::<f32>::from_rows(rows).cast())
         .collect();
     // Exactly orthonormal, as the model takes them.
-    NormalForm::new(&Poe::new(&kinds(arm), &frames).unwrap()).poe
+    MinimalForm::new(&Poe::new(&kinds(arm), &frames).unwrap()).poe
 }
 
 /// q3 of the chain is q3 − q2.

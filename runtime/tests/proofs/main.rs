@@ -11,6 +11,7 @@ mod gravity_reference;
 mod json;
 mod model_answers;
 mod model_refuses;
+mod newton_laws;
 mod poe_laws;
 mod poe_reference;
 mod posterior_reference;

@@ -1,6 +1,6 @@
 //! What a sound model answers: statuses, bound, and independence of everything that must not matter.
 
-use poegp_runtime::chain::{Chain, NormalForm};
+use poegp_runtime::chain::{Chain, MinimalForm};
 use poegp_runtime::model::{MAX_PAYLOAD_KG, Model, words_for};
 use poegp_runtime::poe::{JointMotion, Poe};
 use poegp_runtime::scalar::{MAX_ANGLE, Scalar};
@@ -19,7 +19,7 @@ fn chain<T: Scalar>(arm: &Arm, q: &[T]) -> Pose<T> {
         .iter()
         .map(|rows| Pose::from_rows(rows).cast())
         .collect();
-    let chain = Chain::new(&NormalForm::new(&Poe::new(&kinds, &frames).unwrap()));
+    let chain = Chain::new(&MinimalForm::new(&Poe::new(&kinds, &frames).unwrap()));
     let mut motions = [JointMotion::unset(); 8];
     chain.motions_into(q, &mut motions);
     chain.forward_at(&motions)

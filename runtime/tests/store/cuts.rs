@@ -1,7 +1,7 @@
 //! Power cuts at every operation of `write` and `promote`.
 
 use crate::nor::Cut;
-use crate::steps::{Step, TestStore, again, boots_with, carry_out, store, whole};
+use crate::steps::{Step, TestStore, again, boots_with, carry_out, read, store, whole};
 
 /// Slots of a head and erase units for the blobs, which have at most 85 bytes.
 fn units(erase: usize) -> usize {
@@ -204,4 +204,37 @@ fn long_lives() {
         println!("erase unit {unit}: {cuts} cuts in 150 lives of 60 steps");
         assert!(cuts > 1_500);
     }
+}
+
+/// The record of a blob is written last: nothing announces a blob as the first that is not whole, so nobody has to find
+/// out by reading it.
+#[test]
+fn the_first_candidate_is_whole_whenever_power_fails() {
+    let mut cuts = 0;
+    for cut in Cut::ALL {
+        for operation in 0.. {
+            let mut store = store::<4, 64>(3);
+            for number in 1..=2 {
+                carry_out(&mut store, Step::Write, number).unwrap();
+            }
+            store.flash().cut_at(operation, cut);
+            let result = carry_out(&mut store, Step::Write, 3);
+            if !store.flash().is_off() {
+                result.unwrap();
+                break;
+            }
+            let mut store = again(&mut store, 3);
+            let [Some(first), _] = store.candidates() else {
+                panic!("{cut:?} at {operation}: nothing is announced")
+            };
+            let bytes = read(&mut store, &first);
+            assert!(
+                bytes.is_some(),
+                "{cut:?} at {operation}: {first:?} is not whole"
+            );
+            cuts += 1;
+        }
+    }
+    println!("{cuts} cuts of a write");
+    assert!(cuts > 100);
 }

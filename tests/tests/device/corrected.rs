@@ -152,8 +152,7 @@ fn uncorrected_when_there_is_no_model_or_a_bypass() {
     assert!(statistics.uncorrected >= 16, "{statistics:?}");
 }
 
-/// For the largest of all commands, whatever becomes of them.
-/// (docs/performance.md); the limits keep what is.
+/// For the largest of all commands, whatever becomes of them. Where a goal is not reached it is said (docs/performance.md); the limits keep what is.
 #[test]
 fn instructions_of_one_command() {
     let mut device = Device::start(Clock::Counting).unwrap_or_else(|error| panic!("{error}"));
@@ -167,15 +166,15 @@ fn instructions_of_one_command() {
         (
             "elastic, own length scales",
             Elastic::OWN,
-            40_000.0,
-            36_000.0,
+            37_000.0,
+            33_000.0,
         ),
-        ("elastic, tied", Elastic::TIED, 18_000.0, 21_600.0),
+        ("elastic, tied", Elastic::TIED, 16_000.0, 17_000.0),
         (
             "elastic, a support set for each joint",
             Elastic::SETS,
             19_000.0,
-            26_000.0,
+            19_800.0,
         ),
     ] {
         for joints in [6, 5, 7] {

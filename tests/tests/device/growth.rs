@@ -98,7 +98,8 @@ fn instructions_grow_with_the_support_points_and_no_faster() {
             .map(|i| (counts[i] - counts[i - 1]) / (sizes[i] - sizes[i - 1]) as f64)
             .collect();
         // The assembly takes two points in a step and the last of an odd number, as of 25 and of groups of 5, costs more: from
-        // there to 50 less is added.
+        // there to 50 less is added. The first odd row of a set has instructions of its own and costs a few more than half a
+        // step: one of six sets has one with 25 points, two with 50, four with more.
         for cost in &each[1..] {
             assert!(
                 (cost / each[1] - 1.0).abs() < 0.05,
@@ -106,8 +107,13 @@ fn instructions_grow_with_the_support_points_and_no_faster() {
             );
         }
         let odd = (each[1] - each[0]) * (sizes[1] - sizes[0]) as f64;
+        let allowed = if name == "elastic, sets" {
+            -6.0 * 10.0..=6.0 * 10.0
+        } else {
+            -0.05 * each[1]..=5.0 * 150.0
+        };
         assert!(
-            (-0.05 * each[1]..=5.0 * 150.0).contains(&odd),
+            allowed.contains(&odd),
             "{name}: {odd} instructions for odd numbers"
         );
     }

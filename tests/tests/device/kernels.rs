@@ -60,6 +60,7 @@ fn the_same_bits_for_a_thousand_queries() {
         (41, Support::Shared(300)),
         (42, Support::Elastic(Elastic::OWN)),
         (43, Support::Elastic(Elastic::TIED)),
+        (44, Support::Elastic(Elastic::SETS)),
     ] {
         let sample = Sample::plain(seed, support);
         let queries: Vec<Query> = sample
@@ -96,6 +97,38 @@ fn the_same_bits_for_every_shape_of_rows() {
                 }
             }
             for support in shapes {
+                let sample = Sample {
+                    joints,
+                    ..Sample::plain(seed, support)
+                };
+                compare(&mut devices, sample, &sample.queries(4));
+            }
+        }
+    }
+}
+
+/// Support sets, whose kernels look at one joint or more: no rows, one, an odd and an even number in each payload group.
+#[test]
+fn the_same_bits_for_every_shape_of_sets() {
+    let mut devices = both(Clock::Real);
+    for joints in [4, 5, 6, 7] {
+        for looks_at in 1..=joints {
+            // Rows of a group: about 0 or 1, 1, 2, 3, 5 or 6.
+            for (points, groups) in [
+                (3, 2),
+                (joints, 1),
+                (2 * joints, 1),
+                (6 * joints, 2),
+                (joints * 11, 2),
+            ] {
+                let seed = 900 + (100 * joints + 10 * looks_at) as u64;
+                let support = Support::Elastic(Elastic {
+                    points,
+                    groups,
+                    ripple: 0,
+                    looks_at,
+                    ..Elastic::SETS
+                });
                 let sample = Sample {
                     joints,
                     ..Sample::plain(seed, support)
@@ -145,6 +178,11 @@ fn instructions_of_both_kernels() {
             "elastic, 100 points, own",
             elastic(6, Elastic::OWN),
             [28_000.0, 34_000.0],
+        ),
+        (
+            "elastic, 200 functions in sets",
+            elastic(6, Elastic::SETS),
+            [14_000.0, 17_500.0],
         ),
         (
             "five joints, tied",

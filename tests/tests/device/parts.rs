@@ -14,7 +14,7 @@ use poegp_tests::sample::{Elastic, Sample, Support};
 
 /// The shapes of the table.
 const SHAPES: [(&str, Support); 5] = [
-    ("paper, 300", Support::Shared(300)),
+    ("paper, 300", Support::Folded(300)),
     ("paper per output, 300", Support::PerOutput(300)),
     ("own, 100", Support::Elastic(Elastic::OWN)),
     ("tied, 100", Support::Elastic(Elastic::TIED)),

@@ -9,6 +9,9 @@
 //!
 //! `POEGP_TOOLCHAIN=prebuilt` or `build-std` asks for one of them. The nested cargo sees nothing of what the outer one
 //! was told: flags for coverage or another processor must not reach the device.
+//!
+//! The image does not depend on where it was built: the folders of the sources, of the crates and of the build have
+//! fixed names in it (`tests/tests/device/reproducible.rs` compares two).
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -202,7 +205,9 @@ pub fn firmware_with(board: Board, kernels: Kernels) -> Result<&'static Firmware
             if !source.is_file() {
                 return Err(FirmwareError::NoSource(source));
             }
-            build(board, kernels, find_toolchain()?)
+            let target = env::var_os("CARGO_TARGET_DIR")
+                .map_or_else(|| workspace().join("target"), |dir| workspace().join(dir));
+            build(workspace(), &target, board, kernels, find_toolchain()?)
         })
         .as_ref()
         .map_err(Clone::clone)
@@ -214,6 +219,20 @@ pub fn firmware_with(board: Board, kernels: Kernels) -> Result<&'static Firmware
 /// [`FirmwareError`].
 pub fn firmware() -> Result<&'static Firmware, FirmwareError> {
     firmware_of(Board::default())
+}
+
+/// The image of the default board from a copy of the sources in `source`, built below `target`, which may be new.
+///
+/// # Errors
+/// [`FirmwareError`].
+pub fn firmware_from(source: &Path, target: &Path) -> Result<Firmware, FirmwareError> {
+    build(
+        source,
+        target,
+        Board::default(),
+        Kernels::default(),
+        find_toolchain()?,
+    )
 }
 
 fn find_toolchain() -> Result<Toolchain, FirmwareError> {
@@ -288,23 +307,61 @@ fn clean(command: &mut Command) -> &mut Command {
     command.current_dir(workspace())
 }
 
-fn build(board: Board, kernels: Kernels, toolchain: Toolchain) -> Result<Firmware, FirmwareError> {
-    let target = env::var_os("CARGO_TARGET_DIR")
-        .map_or_else(|| workspace().join("target"), |dir| workspace().join(dir));
+/// What the compiler calls the folders of this machine, so that nothing of them is in the image. Of two that fit a path
+/// the compiler takes the last.
+fn renamed_folders(source: &Path, target: &Path, rustc: &Path) -> Vec<(PathBuf, &'static str)> {
+    let mut renamed = vec![(source.to_owned(), "/poegp")];
+    let cargo = env::var_os("CARGO_HOME")
+        .map(PathBuf::from)
+        .or_else(|| env::home_dir().map(|home| home.join(".cargo")));
+    if let Some(cargo) = cargo {
+        // The folder below is named after the registry's address, and that may be a mirror.
+        let registries = fs::read_dir(cargo.join("registry/src"));
+        let mut folders: Vec<_> = registries
+            .into_iter()
+            .flatten()
+            .flatten()
+            .map(|entry| (entry.path(), "/crates"))
+            .collect();
+        folders.sort();
+        renamed.push((cargo, "/cargo"));
+        renamed.extend(folders);
+    }
+    if let Some(sysroot) = printed(&rustc.to_string_lossy(), &["--print", "sysroot"]) {
+        renamed.push((Path::new(&sysroot).join("lib/rustlib/src/rust"), "/rust"));
+    }
+    renamed.push((target.to_owned(), "/target"));
+    renamed
+}
+
+fn build(
+    source: &Path,
+    target: &Path,
+    board: Board,
+    kernels: Kernels,
+    toolchain: Toolchain,
+) -> Result<Firmware, FirmwareError> {
     let directory = target.join(board.directory(kernels, &toolchain));
     let (Toolchain::Prebuilt { rustc } | Toolchain::BuildStd { rustc }) = &toolchain;
     // The cargo that belongs to the compiler.
     let mut command = Command::new(rustc.with_file_name("cargo"));
+    let flags: Vec<String> = ["-C".to_owned(), format!("target-cpu={}", board.cpu())]
+        .into_iter()
+        .chain(
+            renamed_folders(source, &directory, rustc)
+                .iter()
+                .map(|(folder, name)| format!("--remap-path-prefix={}={name}", folder.display())),
+        )
+        .collect();
     clean(&mut command)
+        .current_dir(source)
         .args(["build", "--locked", "--package", PACKAGE])
         .args(["--profile", PROFILE, "--target", TARGET])
         .args(["--no-default-features", "--features", board.name()])
         // Here, so that no configuration file of the workspace is needed.
         .arg("--config")
-        .arg(format!(
-            r#"target.{TARGET}.rustflags=["-C","target-cpu={}"]"#,
-            board.cpu()
-        ))
+        // A list of strings is written alike in Rust and in TOML.
+        .arg(format!("target.{TARGET}.rustflags={flags:?}"))
         .arg("--target-dir")
         .arg(&directory)
         .env("RUSTC", rustc)

@@ -14,7 +14,7 @@
 
 use faer::{Mat, Side};
 use poegp_protocol::limits::MAX_LANDMARKS;
-use poegp_runtime::chain::{Chain, NormalForm};
+use poegp_runtime::chain::{Chain, MinimalForm};
 use poegp_runtime::deflection::{
     Configuration, CouplingMatrix, JointKernel, PositionVariance, landmark_place, prior,
 };
@@ -171,7 +171,7 @@ fn priors(
         let mut joints = [0.0; 8];
         joints[..sample.joints.len()].copy_from_slice(&sample.joints);
         let at = Configuration {
-            chain: &Chain::new(&NormalForm::new(&poe)),
+            chain: &Chain::new(&MinimalForm::new(&poe)),
             coupling,
             joints: &joints,
             motions: &motions,

@@ -5,7 +5,7 @@ use heapless::Vec as FixedVec;
 use nalgebra::Vector3;
 use poegp_protocol::JointKind;
 use poegp_protocol::limits::MAX_JOINTS;
-use poegp_runtime::chain::{Chain, NormalForm};
+use poegp_runtime::chain::{Chain, MinimalForm};
 use poegp_runtime::deflection::{
     Configuration, CouplingMatrix, Deflection, Gravity, GravityTerms, JointKernel, JointProcesses,
     PayloadGroup, RippleTerm, SupportSet, coupled, row_words,
@@ -117,8 +117,11 @@ impl ElasticModel {
             ..report
         };
         let gravity = without_upright_axis(&fit.state, samples);
+        let form = MinimalForm::new(&fit.state.chain(0));
+        let mut turned = gravity;
+        turned.turn_into(&form);
         let deflection = Deflection {
-            gravity: Gravity::new(&gravity, &NormalForm::new(&fit.state.chain(0))),
+            gravity: Gravity::new(&turned, &form),
             ripple,
             processes,
             variance: None,
@@ -144,7 +147,7 @@ impl ElasticModel {
         padded[..joints.len()].copy_from_slice(joints);
         let serial = coupled(self.coupling.as_ref(), &padded);
         let at = Configuration {
-            chain: &Chain::new(&NormalForm::new(poe)),
+            chain: &Chain::new(&MinimalForm::new(poe)),
             coupling: self.coupling.as_ref(),
             joints: &padded,
             motions: &poe.motions(&serial),

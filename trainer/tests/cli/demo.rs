@@ -14,6 +14,22 @@ fn mean_mm(outcome: &Outcome, row: &str) -> f64 {
     mean.unwrap_or_else(|| panic!("{row}: {outcome:#?}"))
 }
 
+/// `docs/paper.md` quotes the output, and plots the folds by another command.
+fn the_page_on_the_paper_is_right(folder: &Folder, outcome: &Outcome) {
+    let page = include_str!("../../../docs/paper.md");
+    let block = page.split("```console\n$ trainer demo --out demo\n").nth(1);
+    let quoted = block.unwrap().split("\n```").next().unwrap();
+    for line in quoted.lines() {
+        assert!(outcome.stdout.contains(line), "{line:?}: {outcome:#?}");
+    }
+    assert!(quoted.lines().count() > 8);
+    let command = page
+        .lines()
+        .find_map(|line| line.strip_prefix("trainer compare"));
+    folder.run(&format!("compare{}", command.unwrap())).ok();
+    assert!(folder.path("figure1.html").is_file());
+}
+
 /// With `--device`, which does all that the demonstration does without, and needs QEMU and a compiler for the board.
 #[test]
 fn everything_that_it_names_is_written_and_works() {
@@ -22,6 +38,7 @@ fn everything_that_it_names_is_written_and_works() {
     for word in ["Table I", "87.5 / 71.3 / 63.1 %", "POE + GP with loading"] {
         assert!(outcome.stdout.contains(word), "{word}: {outcome:#?}");
     }
+    the_page_on_the_paper_is_right(&folder, &outcome);
     let files = [
         "arm.blob",
         "compare.json",

@@ -14,6 +14,7 @@ use poegp_protocol::limits::{MAX_GROUPS, MAX_JOINTS};
 
 use super::{JointKernel, JointProcesses, LOWEST_EXPONENT, similarity};
 use crate::deflection::{Features, PerJoint};
+use crate::inner_loops::Blocks;
 use crate::scalar::Scalar;
 
 /// The support set of one joint but its rows.
@@ -85,6 +86,8 @@ impl<T: Scalar> JointProcesses<T> {
         payload_kg: T,
     ) -> PerJoint<T> {
         let mut out = [T::ZERO; MAX_JOINTS];
+        let mut query = [[T::ZERO; 2]; MAX_JOINTS];
+        let mut blocks = Blocks::new();
         let mut rest = rows;
         let sets = self.sets.iter().zip(&self.kernels);
         for (slot, (set, kernel)) in out.iter_mut().zip(sets) {
@@ -95,19 +98,40 @@ impl<T: Scalar> JointProcesses<T> {
                 features,
                 payload_kg,
             };
-            let fast = self.unrolled;
-            (*slot, rest) = match set.count {
-                1 if fast => at.unrolled::<1, 3>(rest),
-                2 if fast => at.unrolled::<2, 5>(rest),
-                3 if fast => at.unrolled::<3, 7>(rest),
-                4 if fast => at.unrolled::<4, 9>(rest),
-                5 if fast => at.unrolled::<5, 11>(rest),
-                6 if fast => at.unrolled::<6, 13>(rest),
-                7 if fast => at.unrolled::<7, 15>(rest),
-                _ => at.any(kinds, rest),
-            };
+            if !self.unrolled || !(1..=7).contains(&set.count) {
+                (*slot, rest) = at.any(kinds, rest);
+                continue;
+            }
+            at.prepare(&mut query, &mut blocks);
+            let mut total = T::ZERO;
+            match set.count {
+                1 => add_mean::<T, 1, 3>(rest, &query, &blocks, &mut total),
+                2 => add_mean::<T, 2, 5>(rest, &query, &blocks, &mut total),
+                3 => add_mean::<T, 3, 7>(rest, &query, &blocks, &mut total),
+                4 => add_mean::<T, 4, 9>(rest, &query, &blocks, &mut total),
+                5 => add_mean::<T, 5, 11>(rest, &query, &blocks, &mut total),
+                6 => add_mean::<T, 6, 13>(rest, &query, &blocks, &mut total),
+                _ => add_mean::<T, 7, 15>(rest, &query, &blocks, &mut total),
+            }
+            *slot = total * T::EXP2_FACTOR;
+            let used = set.row_words() * blocks.rows();
+            rest = rest.get(used..).unwrap_or(&[]);
         }
         out
+    }
+}
+
+/// [`InnerLoops::set_mean`](crate::inner_loops::InnerLoops::set_mean) of D joints, from the first of `rows` and `query`;
+/// ROW = 2 D + 1.
+#[inline(always)]
+fn add_mean<T: Scalar, const D: usize, const ROW: usize>(
+    rows: &[T],
+    query: &Features<T>,
+    blocks: &Blocks<T>,
+    total: &mut T,
+) {
+    if let Some(query) = query.first_chunk::<D>() {
+        T::set_mean(rows.as_chunks::<ROW>().0, query, blocks, total);
     }
 }
 
@@ -121,40 +145,29 @@ struct Place<'a, T> {
 }
 
 impl<T: Scalar> Place<'_, T> {
-    /// The mean of a process of D revolute joints from the first of `rows`, and the rows that follow; ROW = 2 D + 1.
+    /// The query times the rates, once instead of in every row; and the payload groups that have rows, each with its factor
+    /// and what the loops leave out of every exponent.
+    // Beside a loop in assembly, which wants all registers, the constants in here would be loaded for every group.
     #[inline(never)]
-    fn unrolled<'r, const D: usize, const ROW: usize>(&self, rows: &'r [T]) -> (T, &'r [T]) {
-        // The rates go into the query once, instead of into every point.
-        let mut scaled = [[T::ZERO; 2]; D];
-        let mut k = 0;
-        while k < D {
+    fn prepare(&self, query: &mut Features<T>, blocks: &mut Blocks<T>) {
+        // A copy: what is stored below cannot change it, so it is loaded once.
+        let kernel = *self.kernel;
+        let payload_kg = self.payload_kg;
+        for (slot, joint) in query.iter_mut().zip(self.set.joints()) {
             // The mask is for the compiler: there are no other joints.
-            let d = usize::from(self.set.joints[k]) % MAX_JOINTS;
+            let d = usize::from(*joint) % MAX_JOINTS;
             let rate = self.kernel.rates[d];
-            scaled[k] = [self.features[d][0] * rate, self.features[d][1] * rate];
-            k += 1;
+            *slot = [self.features[d][0] * rate, self.features[d][1] * rate];
         }
-        let kernel = self.kernel;
-        let all = rows.as_chunks::<ROW>().0;
-        let mut total = T::ZERO;
-        let mut rest = all;
-        for (group, points) in self.processes.groups.iter().zip(&self.set.points) {
-            if *points == 0 {
-                continue;
-            }
-            let (here, after) = rest
-                .split_at_checked(usize::from(*points))
-                .unwrap_or((rest, &[]));
-            rest = after;
-            let factor = kernel.amplitude_at(self.payload_kg, group.payload_kg)
-                * kernel.falling(self.payload_kg, group.payload_kg);
-            total += factor * sum(here, &scaled);
-        }
-        let used = ROW * (all.len() - rest.len());
-        (total, rows.get(used..).unwrap_or(&[]))
+        let groups = self.processes.groups.iter().zip(&self.set.points);
+        blocks.refill(groups.map(|(group, points)| {
+            let falling = kernel.falling(payload_kg, group.payload_kg);
+            let factor = kernel.amplitude_at(payload_kg, group.payload_kg) * falling;
+            (*points, factor)
+        }));
     }
 
-    /// The same for any number of joints of any kind.
+    /// The mean of a process that looks at any number of joints of any kind, and the rows that follow.
     #[inline(never)]
     fn any<'r>(&self, kinds: &[JointKind], rows: &'r [T]) -> (T, &'r [T]) {
         let words = self.set.row_words();
@@ -186,21 +199,4 @@ impl<T: Scalar> Place<'_, T> {
         }
         (total, rest)
     }
-}
-
-/// Σ_j 2^(Σ_d W_d s_d) weight_j over rows of one payload, from the query times the rates.
-#[inline(always)]
-fn sum<T: Scalar, const D: usize, const ROW: usize>(rows: &[[T; ROW]], scaled: &[[T; 2]; D]) -> T {
-    let mut sum = T::ZERO;
-    for row in rows {
-        let mut exponent = scaled[0][0] * row[0] + scaled[0][1] * row[1];
-        let mut d = 1;
-        while d < D {
-            exponent += scaled[d][0] * row[2 * d];
-            exponent += scaled[d][1] * row[2 * d + 1];
-            d += 1;
-        }
-        sum += exponent.exp2_unclamped() * row[2 * D];
-    }
-    sum
 }

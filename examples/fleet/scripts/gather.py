@@ -1,0 +1,146 @@
+"""One table (CSV) and one page (HTML) of a fleet, from the folders that calibrate.py wrote: failed robots first, then by the
+95th percentile of the held-out error after calibration, the worst first."""
+
+import argparse
+import csv
+import html
+import json
+import os
+import pathlib
+import statistics
+
+COLUMNS = [
+    "name",
+    "state",
+    "robot",
+    "poses",
+    "held_out_poses",
+    "before_mean_mm",
+    "before_p95_mm",
+    "after_mean_mm",
+    "after_p95_mm",
+    "after_max_mm",
+    "blob_bytes",
+    "seconds",
+    "cpu_seconds",
+    "message",
+]
+
+STYLE = """
+:root { color-scheme: light dark; --ink: #1b1f24; --paper: #fff; --faint: #5f6873; --rule: #d5dae0; --bad: #a3271c; --bar: #2f6fb2; }
+@media (prefers-color-scheme: dark) { :root { --ink: #e4e8ec; --paper: #14181d; --faint: #98a2ad; --rule: #363d45; --bad: #ff9183; --bar: #6ea8e0; } }
+body { font: 15px/1.5 system-ui, sans-serif; color: var(--ink); background: var(--paper); max-width: 70em; margin: 2em auto; padding: 0 1em; }
+.scroll { overflow-x: auto; }
+table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; }
+th, td { padding: .3em .7em; border-bottom: 1px solid var(--rule); text-align: right; white-space: nowrap; }
+th:nth-child(-n+2), td:nth-child(-n+2) { text-align: left; }
+th { color: var(--faint); font-weight: 600; } a { color: var(--bar); }
+.failed { color: var(--bad); white-space: pre-wrap; text-align: left; overflow-wrap: anywhere; }
+.bar { display: inline-block; height: .7em; background: var(--bar); } .p { color: var(--faint); }
+"""
+
+
+def row(folder: pathlib.Path) -> dict:
+    """What is known of one robot, errors in mm."""
+    outcome = json.loads((folder / "outcome.json").read_text(encoding="utf-8"))
+    found = {"name": folder.name, **{key: outcome[key] for key in ("state", "robot", "seconds", "cpu_seconds", "message")}}
+    if outcome["state"] == "calibrated":
+        facts = json.loads((folder / "calibrate.json").read_text(encoding="utf-8"))
+        held_out = facts["held_out"]
+        found |= {
+            "poses": facts["training_poses"],
+            "held_out_poses": held_out["after"]["poses"],
+            "blob_bytes": facts["blob"]["bytes"],
+            "after_max_mm": held_out["after"]["position_mm"]["max"],
+        }
+        for when in ("before", "after"):
+            for statistic in ("mean", "p95"):
+                found[f"{when}_{statistic}_mm"] = held_out[when]["position_mm"][statistic]
+    return found
+
+
+def order(found: dict) -> tuple:
+    """Failed first, then the worst."""
+    return (found["state"] != "failed", -found.get("after_p95_mm", 0.0), found["name"])
+
+
+def write(file: pathlib.Path, text: str) -> None:
+    """The whole file or none."""
+    beside = file.with_name(f".{file.name}.new")
+    beside.write_text(text, encoding="utf-8")
+    os.replace(beside, file)
+
+
+def table(file: pathlib.Path, rows: list[dict]) -> None:
+    """Numbers as they are in calibrate.json, empty where there is none."""
+    beside = file.with_name(f".{file.name}.new")
+    with beside.open("w", encoding="utf-8", newline="") as out:
+        writer = csv.DictWriter(out, COLUMNS, restval="", lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+    os.replace(beside, file)
+
+
+def page_row(found: dict, largest: float, place: str) -> str:
+    name, robot = html.escape(found["name"]), html.escape(found["robot"] or "–")
+    if found["state"] == "failed":
+        message = html.escape(found["message"])
+        return f'<tr><td>{name}</td><td>{robot}</td><td colspan="7" class="failed">{message}</td></tr>'
+    report = html.escape(f"{place}{found['name']}/report.html")
+    numbers = "".join(
+        f"<td>{found[key]:.3f}</td>"
+        for key in ("before_mean_mm", "before_p95_mm", "after_mean_mm", "after_p95_mm", "after_max_mm")
+    )
+    width = 100 * found["after_p95_mm"] / largest if largest > 0 else 0
+    bar = f'<td style="text-align:left"><span class="bar" style="width:{width:.0f}px"></span></td>'
+    return (
+        f'<tr><td><a href="{report}">{name}</a></td><td>{robot}</td><td>{found["poses"]} / {found["held_out_poses"]}</td>'
+        f"{numbers}{bar}</tr>"
+    )
+
+
+def page(rows: list[dict], place: str) -> str:
+    good = [found for found in rows if found["state"] == "calibrated"]
+    failed = len(rows) - len(good)
+    said = f"{len(good)} of {len(rows)} robots are calibrated."
+    if good:
+        means = {when: statistics.median(found[f"{when}_p95_mm"] for found in good) for when in ("before", "after")}
+        worst = good[0]
+        said += (
+            f" In the median robot 95 % of the held-out poses were within {means['before']:.3f} mm before and are within"
+            f" {means['after']:.3f} mm now; the worst is {worst['name']} with {worst['after_p95_mm']:.3f} mm."
+        )
+    if failed:
+        said += f" {failed} failed: see the first rows."
+    largest = max((found["after_p95_mm"] for found in good), default=0.0)
+    body = "\n".join(page_row(found, largest, place) for found in rows)
+    return f"""<!doctype html>
+<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
+<title>Calibration of {len(rows)} robots</title><style>{STYLE}</style></head><body>
+<h1>Calibration of {len(rows)} robots</h1>
+<p>{html.escape(said)}</p>
+<div class="scroll"><table><thead><tr><th>robot</th><th>kind</th><th>poses / held out</th><th>before: mean, mm</th><th>95 %</th>
+<th>after: mean, mm</th><th>95 %</th><th>largest</th><th></th></tr></thead><tbody>
+{body}
+</tbody></table></div>
+<p class="p">Position errors of poses that were not trained on; they contain the instrument's noise. “Before” is the arm as
+drawn with base and tool fitted. Names lead to the report of each robot; bars are the 95 % after.</p>
+</body></html>
+"""
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--table", type=pathlib.Path, required=True)
+    parser.add_argument("--page", type=pathlib.Path, required=True)
+    parser.add_argument("folders", type=pathlib.Path, nargs="+")
+    arguments = parser.parse_args()
+    rows = sorted((row(folder) for folder in arguments.folders), key=order)
+    table(arguments.table, rows)
+    # The page leads to the reports from where it lies.
+    beside = os.path.relpath(arguments.folders[0].parent, arguments.page.parent)
+    write(arguments.page, page(rows, "" if beside == "." else f"{beside}/"))
+
+
+if __name__ == "__main__":
+    main()

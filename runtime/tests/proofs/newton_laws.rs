@@ -1,0 +1,67 @@
+//! What one step of the chain cannot see is bounded: the search for corrected joints believes it.
+
+use poegp_runtime::chain::{Chain, MinimalForm, MovedFrames};
+use poegp_runtime::deflection::{PerJoint, coupled};
+use poegp_runtime::newton::Equations;
+use poegp_runtime::poe::JointMotion;
+use poegp_runtime::se3::Pose;
+use proptest::prelude::*;
+
+use crate::seeded::{chains, config, poe};
+
+proptest! {
+    #![proptest_config(config(92, 2_000))]
+
+    /// |f(c + s) − f(c) − J s| ≤ ½ L (Σ|s|)², a fifth more for its change on the way; of coupled joints, too, whose columns
+    /// may cancel where second derivatives do not.
+    #[test]
+    fn a_step_goes_no_further_astray_than_its_bound(
+        (kinds, frames, q) in chains(),
+        weights in prop::collection::vec(-1.0..1.0_f64, 64),
+        (is_coupled, opposed) in any::<(bool, bool)>(),
+        step in prop::array::uniform8(-0.01..0.01_f64),
+        alone in prop::option::of(0..8_usize),
+    ) {
+        let n = kinds.len();
+        let chain = Chain::new(&MinimalForm::new(&poe::<f64>(&kinds, &frames)));
+        let mut coupling = [[0.0; 8]; 8];
+        for row in 0..n {
+            for column in 0..n {
+                coupling[row][column] = if row == column {
+                    1.0
+                } else if opposed {
+                    // As the third joint of a parallelogram, which the second one takes back.
+                    if row == column + 1 { -1.0 } else { 0.0 }
+                } else {
+                    weights[8 * row + column]
+                };
+            }
+        }
+        let coupling = is_coupled.then_some(&coupling);
+        let mut controller: PerJoint<f64> = [0.0; 8];
+        controller[..n].copy_from_slice(&q);
+        let mut s: PerJoint<f64> = [0.0; 8];
+        for joint in 0..n {
+            if alone.is_none_or(|only| only % n == joint) {
+                s[joint] = step[joint];
+            }
+        }
+        let at = |joints: &PerJoint<f64>, found: &mut MovedFrames<f64>| -> Pose<f64> {
+            let mut motions = [JointMotion::unset(); 8];
+            chain.motions_into(&coupled(coupling, joints)[..n], &mut motions);
+            chain.moved_frames_at(&motions, found)
+        };
+        let mut found = MovedFrames::new();
+        let here = at(&controller, &mut found);
+        let mut equations = Equations::new(n);
+        equations.form(&kinds, &found, &here.translation, coupling, 1.0, 1e-6);
+        let moved = equations.moved(&s);
+        let there = at(&core::array::from_fn(|i| controller[i] + s[i]), &mut found);
+        let astray: f64 = (0..3)
+            .map(|i| (there.translation[i] - here.translation[i] - moved[i]).powi(2))
+            .sum();
+        let length: f64 = s.iter().map(|value| value.abs()).sum();
+        let bound = 0.6 * equations.squared_reach().sqrt() * length * length;
+        prop_assert!(astray.sqrt() <= bound + 1e-12, "{:e} of {bound:e}", astray.sqrt());
+    }
+}

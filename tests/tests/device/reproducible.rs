@@ -1,0 +1,79 @@
+//! The image does not depend on where it was built: two folders, one hash.
+
+use std::fs;
+use std::path::Path;
+
+use poegp_tests::firmware::{firmware, firmware_from};
+use poegp_tests::image::Image;
+use poegp_tests::workspace;
+use sha2::{Digest, Sha256};
+
+/// What a build of the firmware needs of the workspace.
+const SOURCES: [&str; 8] = [
+    "Cargo.toml",
+    "Cargo.lock",
+    "memory.x",
+    "protocol",
+    "runtime",
+    "trainer",
+    "firmware",
+    "tests/Cargo.toml",
+];
+
+fn copy(from: &Path, to: &Path) {
+    if from.is_dir() {
+        fs::create_dir_all(to).unwrap();
+        for entry in fs::read_dir(from).unwrap() {
+            let entry = entry.unwrap();
+            if entry.file_name() != "target" {
+                copy(&entry.path(), &to.join(entry.file_name()));
+            }
+        }
+    } else {
+        fs::create_dir_all(to.parent().unwrap()).unwrap();
+        fs::copy(from, to).unwrap();
+    }
+}
+
+fn hash(bytes: &[u8]) -> String {
+    let digest = Sha256::digest(bytes);
+    digest.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// Where `needle` is in `bytes`.
+fn contains(bytes: &[u8], needle: &str) -> bool {
+    !needle.is_empty()
+        && bytes
+            .windows(needle.len())
+            .any(|window| window == needle.as_bytes())
+}
+
+/// The whole file is compared: what is loaded, symbols, texts of the log and debug information.
+#[test]
+fn two_folders_give_one_image() {
+    let here = firmware().unwrap_or_else(|error| panic!("{error}"));
+    let elsewhere = tempfile::tempdir().unwrap();
+    let source = elsewhere.path().join("a copy").join("of the sources");
+    for part in SOURCES {
+        copy(&workspace().join(part), &source.join(part));
+    }
+    // A member of the workspace has a library; this one is empty.
+    fs::create_dir_all(source.join("tests/src")).unwrap();
+    fs::write(source.join("tests/src/lib.rs"), "//! Not here.\n").unwrap();
+    let there = firmware_from(&source, &elsewhere.path().join("build"))
+        .unwrap_or_else(|error| panic!("{error}"));
+    let (one, other) = (fs::read(&here.elf).unwrap(), fs::read(&there.elf).unwrap());
+    println!(
+        "image of {}: SHA-256 of the ELF file {} and {}",
+        here.toolchain,
+        hash(&one),
+        hash(&other)
+    );
+    let images = [&here.elf, &there.elf].map(|elf| Image::read(elf).unwrap().crc);
+    assert_eq!(images[0], images[1], "what is loaded differs");
+    assert_eq!(hash(&one), hash(&other));
+    for folder in [workspace(), &source] {
+        let folder = folder.to_string_lossy();
+        assert!(!contains(&one, &folder), "{folder} is in the image");
+    }
+}
