@@ -165,6 +165,12 @@ fn the_commands_of_the_check_work() {
 }
 
 #[test]
+fn the_commands_of_the_project_file_work() {
+    let folder = run("docs/cell.md");
+    assert!(folder.join("other.blob").is_file());
+}
+
+#[test]
 fn the_commands_of_the_page_on_the_report_work() {
     let folder = run("docs/report.md");
     for file in ["arm.blob", "report.html", "compare.html", "compare.json"] {
@@ -230,6 +236,7 @@ fn links_lead_somewhere() {
         "README.md",
         "docs/architecture.md",
         "docs/blob-format.md",
+        "docs/cell.md",
         "docs/check.md",
         "docs/conventions.md",
         "docs/import.md",

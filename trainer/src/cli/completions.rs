@@ -12,13 +12,11 @@ use super::{Failure, check_outputs, command, facts_text, write_outputs};
 
 /// `trainer completions`.
 #[derive(Debug, Args)]
-#[command(
-    after_help = "Examples:\n  \
+#[command(after_help = "Examples:\n  \
     trainer completions bash --out ~/.local/share/bash-completion/completions/trainer\n  \
     trainer completions zsh --out ~/.zfunc/_trainer   (with ~/.zfunc in fpath)\n  \
     trainer completions fish --out ~/.config/fish/completions/trainer.fish\n  \
-    trainer completions powershell   (add its output to $PROFILE)"
-)]
+    trainer completions powershell   (add its output to $PROFILE)")]
 pub struct Completions {
     /// Which shell.
     #[arg(value_enum)]
@@ -30,9 +28,7 @@ pub struct Completions {
 
 /// `trainer manual`.
 #[derive(Debug, Args)]
-#[command(
-    after_help = "Examples:\n  trainer manual --out man1\n  man man1/trainer-calibrate.1"
-)]
+#[command(after_help = "Examples:\n  trainer manual --out man1\n  man man1/trainer-calibrate.1")]
 pub struct Manual {
     /// Folder to write into, created if it does not exist (its parent must): trainer.1, trainer-calibrate.1 and so on.
     #[arg(long, value_name = "FOLDER")]

@@ -21,7 +21,11 @@ pub fn install() {
         let _ = writeln!(
             std::io::stderr(),
             "\nstopped{}",
-            if written { "" } else { "; an output may be missing" }
+            if written {
+                ""
+            } else {
+                "; an output may be missing"
+            }
         );
         std::process::exit(EXIT_CODE);
     });

@@ -89,7 +89,11 @@ fn is_word(c: char) -> bool {
 }
 
 fn starts_with(line: &[char], word: &str) -> bool {
-    !word.is_empty() && word.chars().enumerate().all(|(i, c)| line.get(i) == Some(&c))
+    !word.is_empty()
+        && word
+            .chars()
+            .enumerate()
+            .all(|(i, c)| line.get(i) == Some(&c))
 }
 
 /// What is between double quotes, which is text of the file.
@@ -127,7 +131,10 @@ fn trimmed(line: &[char], field: Range<usize>) -> Range<usize> {
     let Some(first) = inside.iter().position(|c| !c.is_whitespace()) else {
         return field;
     };
-    let last = inside.iter().rposition(|c| !c.is_whitespace()).unwrap_or(first);
+    let last = inside
+        .iter()
+        .rposition(|c| !c.is_whitespace())
+        .unwrap_or(first);
     field.start + first..field.start + last + 1
 }
 
@@ -210,10 +217,16 @@ mod tests {
         let text = format!("header\n{}\n", fields.join(","));
         let out = shown("a.csv", &text, 51, "", "\"field50\"");
         let lines: Vec<&str> = out.lines().collect();
-        assert!(lines.iter().all(|line| line.chars().count() < WIDTH + 10), "{out}");
+        assert!(
+            lines.iter().all(|line| line.chars().count() < WIDTH + 10),
+            "{out}"
+        );
         let at = lines[2].find('^').unwrap();
         let below: String = lines[1].chars().skip(at).take(7).collect();
         assert_eq!(below, "field50", "{out}");
-        assert!(lines[2].ends_with("^^^^^^^") && !lines[2].ends_with("^^^^^^^^"), "{out}");
+        assert!(
+            lines[2].ends_with("^^^^^^^") && !lines[2].ends_with("^^^^^^^^"),
+            "{out}"
+        );
     }
 }

@@ -7,9 +7,9 @@ use poegp_protocol::envelope;
 use poegp_runtime::signature::{self, SignatureError};
 use serde_json::json;
 
-use super::{Failure, check_outputs, facts_text, write_facts, write_outputs};
 use super::arguments::{Keys, KeysCommand, Sign, Verify};
 use super::report::Report;
+use super::{Failure, check_outputs, facts_text, write_facts, write_outputs};
 use crate::error::InputError;
 use crate::loaded::LoadedBlob;
 use crate::output::{self, Readers};
@@ -99,17 +99,16 @@ pub fn verify(a: &Verify) -> Result<(), Failure> {
     let bytes =
         std::fs::read(&a.blob).map_err(|e| InputError::unreadable(&a.blob, &e, expected))?;
     let id = id_text(&key.id());
-    let verdict = |why: Option<String>| {
-        json!({ "file": a.blob, "key": id, "verified": why.is_none(), "why": why })
-    };
-    let refused = |why: &dyn std::fmt::Display| {
-        match write_facts(a.json.as_deref(), verdict(Some(why.to_string()))) {
-            Ok(()) => Failure::Refused(format!(
-                "{}: not verified by key {id}: {why}",
-                a.blob.display()
-            )),
-            Err(failure) => failure,
-        }
+    let verdict = |why: Option<String>| json!({ "file": a.blob, "key": id, "verified": why.is_none(), "why": why });
+    let refused = |why: &dyn std::fmt::Display| match write_facts(
+        a.json.as_deref(),
+        verdict(Some(why.to_string())),
+    ) {
+        Ok(()) => Failure::Refused(format!(
+            "{}: not verified by key {id}: {why}",
+            a.blob.display()
+        )),
+        Err(failure) => failure,
     };
     match (
         signature::verify(&bytes, key.bytes()),
@@ -140,7 +139,9 @@ fn note_when_others_read(path: &Path) {
         let mode = std::fs::metadata(path).map(|there| there.permissions().mode());
         if mode.is_ok_and(|mode| mode & 0o077 != 0) {
             let path = path.display();
-            crate::cli::report::remark(format_args!("{path}: others may read this secret key (chmod 600 {path})"));
+            crate::cli::report::remark(format_args!(
+                "{path}: others may read this secret key (chmod 600 {path})"
+            ));
         }
     }
     #[cfg(not(unix))]
