@@ -228,6 +228,12 @@ fn the_commands_of_the_check_work() {
 }
 
 #[test]
+fn the_commands_of_the_project_file_work() {
+    let folder = run("docs/cell.md");
+    assert!(folder.join("other.blob").is_file());
+}
+
+#[test]
 fn the_commands_of_the_page_on_the_report_work() {
     let folder = run("docs/report.md");
     for file in ["arm.blob", "report.html", "compare.html", "compare.json"] {
@@ -295,6 +301,7 @@ fn links_lead_somewhere() {
         "docs/architecture.md",
         "docs/assurance.md",
         "docs/blob-format.md",
+        "docs/cell.md",
         "docs/check.md",
         "docs/commands.md",
         "docs/conventions.md",

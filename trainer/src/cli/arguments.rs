@@ -234,13 +234,29 @@ pub enum Scenario {
 /// `trainer calibrate`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Example: trainer calibrate --robot abb-irb120 train.csv --out arm.blob --report report.html"
+    after_help = "A project file (cell.toml) holds robot, instrument, data with their checksums, model and outputs, with paths \
+    relative to itself, so that the same calibration, to the bit, can be made again years later. Options of the command line \
+    go before those of the file, and that is said. docs/cell.md has its keys.\n\n\
+    Examples:\n  \
+    trainer calibrate --robot abb-irb120 train.csv --out arm.blob --report report.html\n  \
+    trainer calibrate --robot abb-irb120 train.csv --out arm.blob --write-cell cell.toml\n  \
+    trainer calibrate cell.toml\n  \
+    trainer calibrate cell.toml --out again.blob"
 )]
 pub struct Calibrate {
     #[command(flatten)]
     pub robot: RobotArguments,
-    /// Measurements to train on.
+    /// Measurements to train on, or a project file (.toml) that names them and everything else.
     pub train: PathBuf,
+    /// The measurements that a project file names, put here by its reader; after that, the project file.
+    #[arg(long, hide = true, value_name = "FILE")]
+    pub of_cell: Option<PathBuf>,
+    /// Project file to write: `trainer calibrate FILE` does the same again.
+    #[arg(long, value_name = "FILE")]
+    pub write_cell: Option<PathBuf>,
+    /// Day of the calibration, kept in the blob (default: SOURCE_DATE_EPOCH, else today).
+    #[arg(long, value_name = "YYYY-MM-DD", value_parser = date)]
+    pub date: Option<String>,
     /// Calibration method.
     #[arg(long, value_enum, default_value_t = ModelChoice::Elastic)]
     pub model: ModelChoice,
@@ -278,6 +294,32 @@ pub struct Calibrate {
     /// Facts of the calibration as JSON (`-`: standard output).
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
+}
+
+impl Calibrate {
+    /// Puts the measurements that a project file names where they belong, and the project file aside.
+    pub fn swap_cell(&mut self) {
+        if let Some(train) = &mut self.of_cell {
+            std::mem::swap(train, &mut self.train);
+        }
+    }
+}
+
+/// A day of the calendar.
+fn date(text: &str) -> Result<String, String> {
+    let numbers: Option<Vec<u16>> = text.split('-').map(|part| part.parse().ok()).collect();
+    let day = match numbers.as_deref() {
+        Some([year, month, day]) if text.len() == 10 => u8::try_from(*month)
+            .ok()
+            .and_then(|month| time::Month::try_from(month).ok())
+            .zip(u8::try_from(*day).ok())
+            .and_then(|(month, day)| {
+                time::Date::from_calendar_date(i32::from(*year), month, day).ok()
+            }),
+        _ => None,
+    };
+    day.map(|day| day.to_string())
+        .ok_or_else(|| "expected a day as 2026-11-20".to_owned())
 }
 
 /// `trainer evaluate`.

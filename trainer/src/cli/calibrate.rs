@@ -8,8 +8,8 @@ use super::arguments::Calibrate;
 use super::elastic_facts::ElasticFacts;
 use super::page::{self, Tests};
 use super::{
-    Arm, Failure, check_outputs, device_failure, drift, enough_poses, equations, instrument_noise,
-    json_text, origin, progress, report::Report, write_outputs,
+    Arm, Failure, cell, check_outputs, device_failure, drift, enough_poses, equations,
+    instrument_noise, json_text, origin, progress, report::Report, write_outputs,
 };
 use crate::budget::{Budget, Fitted, TRIALS, fill};
 use crate::calibration::frames::{FrameFit, Sample};
@@ -92,9 +92,11 @@ pub fn run(a: &Calibrate) -> Result<(), Failure> {
         Some(a.out.as_path()),
         a.json.as_deref(),
         a.report.as_deref(),
+        a.write_cell.as_deref(),
     ];
     let mut inputs = vec![a.train.as_path(), Path::new(&a.robot.robot)];
     inputs.extend(a.tests.iter().map(PathBuf::as_path));
+    inputs.extend(a.of_cell.as_deref());
     check_outputs(&outputs, &inputs)?;
     let mut options = Options {
         max_correction_m: positive("--max-correction-mm", a.max_correction_mm, 1000.0)?
@@ -117,7 +119,14 @@ pub fn run(a: &Calibrate) -> Result<(), Failure> {
     page::check(a, &samples, options.method, arm.robot.joints.len())?;
     options.instrument_noise =
         instrument_noise(a.fit.position_sigma_mm, a.fit.orientation_sigma_mrad)?;
-    let origin = origin(set.sha256, &a.serial_number, tools);
+    let mut origin = origin(set.sha256, &a.serial_number, tools);
+    if let Some(date) = &a.date {
+        origin.date.clone_from(date);
+    }
+    let cell = a
+        .write_cell
+        .as_deref()
+        .map(|path| (path, cell::text(a, path, &set, &tests.files, &origin)));
     let table = match a.model.method() {
         Some(_) => None,
         None => {
@@ -178,6 +187,7 @@ pub fn run(a: &Calibrate) -> Result<(), Failure> {
     let html = a.report.as_deref().zip(shown.as_deref());
     files.extend(html.map(|(path, html)| (path, html.as_bytes())));
     files.extend(a.json.as_deref().map(|path| (path, json.as_bytes())));
+    files.extend(cell.iter().map(|(path, text)| (*path, text.as_bytes())));
     write_outputs(&files)?;
     let report = Report::beside(&outputs);
     if let Some(rows) = &document.choice {
@@ -388,6 +398,13 @@ fn print(
         a.out.display(),
         blob.bytes().len()
     ));
+    if let Some(path) = &a.write_cell {
+        report.line(format_args!(
+            "Wrote {}: `trainer calibrate {}` does the same again.",
+            path.display(),
+            path.display()
+        ));
+    }
     if let Some(path) = &a.report {
         report.line(format_args!(
             "Wrote {}: open it in a browser.",

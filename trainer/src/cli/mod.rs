@@ -5,7 +5,9 @@
 
 mod arguments;
 mod calibrate;
+mod cell;
 mod check;
+mod check_page;
 mod check_words;
 mod compare;
 mod completions;
@@ -98,7 +100,11 @@ impl From<ExportError> for Failure {
 /// Runs the program and returns its exit code.
 pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     interrupt::install();
-    let arguments = match typed(arguments.into_iter().collect()) {
+    let (words, notes) = match cell::expanded(arguments.into_iter().collect()) {
+        Ok(expanded) => expanded,
+        Err(failure) => return failed(&failure),
+    };
+    let arguments = match typed(words) {
         Ok(arguments) => arguments,
         Err(error) => {
             let _ = error.print();
@@ -108,6 +114,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     if arguments.quiet {
         report::be_quiet();
     }
+    notes.iter().for_each(report::remark);
     let result = match arguments.command {
         Command::Plan(a) => plan::run(&a),
         Command::Simulate(a) => simulate::run(&a),
@@ -129,14 +136,17 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
-        Err(failure) => {
-            match &failure {
-                Failure::Input(error) => eprintln!("error: {}", pointer::told(error)),
-                _ => eprintln!("error: {failure}"),
-            }
-            failure.exit_code()
-        }
+        Err(failure) => failed(&failure),
     }
+}
+
+/// Says why, and gives the exit code.
+fn failed(failure: &Failure) -> ExitCode {
+    match failure {
+        Failure::Input(error) => eprintln!("error: {}", pointer::told(error)),
+        _ => eprintln!("error: {failure}"),
+    }
+    failure.exit_code()
 }
 
 /// What every help ends with.
@@ -158,7 +168,11 @@ fn command() -> clap::Command {
 /// What was typed.
 fn typed(words: Vec<OsString>) -> Result<Arguments, clap::Error> {
     let matches = command().try_get_matches_from(words)?;
-    Arguments::from_arg_matches(&matches)
+    let mut arguments = Arguments::from_arg_matches(&matches)?;
+    if let Command::Calibrate(a) = &mut arguments.command {
+        a.swap_cell();
+    }
+    Ok(arguments)
 }
 
 /// A robot with its chain.

@@ -7,6 +7,7 @@ mod bad_measurements;
 mod bad_robots;
 #[cfg(unix)]
 mod board;
+mod cell;
 mod check;
 mod choice;
 mod correct;
@@ -22,6 +23,7 @@ mod help;
 mod identifiability;
 mod import;
 mod json;
+mod manners;
 mod outputs;
 mod plan;
 mod predictions;
