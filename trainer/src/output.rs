@@ -21,8 +21,15 @@ fn writing() -> MutexGuard<'static, ()> {
     WRITING.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
+/// Temporary files of this process, those that are gone included.
+static TEMPORARY: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
+
+fn temporary_files() -> MutexGuard<'static, Vec<PathBuf>> {
+    TEMPORARY.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
 /// Before the end of the process: waits until nothing is half-written and lets nothing begin any more. Whether that came
-/// to be within `patience`; a write into a pipe may take for ever.
+/// to be within `patience`; a write into a pipe may take for ever, and then the temporary files beside it are removed.
 pub fn hold(patience: Duration) -> bool {
     let begin = Instant::now();
     while begin.elapsed() < patience {
@@ -32,6 +39,12 @@ pub fn hold(patience: Duration) -> bool {
         }
         std::thread::sleep(Duration::from_millis(5));
     }
+    // Kept locked: nothing new is made.
+    let files = temporary_files();
+    for file in files.iter() {
+        let _ = std::fs::remove_file(file);
+    }
+    std::mem::forget(files);
     false
 }
 
@@ -169,7 +182,12 @@ fn temporary(folder: &Path, bytes: &[u8], readers: Readers) -> std::io::Result<N
     if readers == Readers::All {
         builder.permissions_of_a_plain_file();
     }
-    let mut file = builder.tempfile_in(folder)?;
+    let mut file = {
+        let mut known = temporary_files();
+        let file = builder.tempfile_in(folder)?;
+        known.push(file.path().to_path_buf());
+        file
+    };
     file.write_all(bytes)?;
     file.as_file().sync_all()?;
     Ok(file)

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
+use super::cell::Project;
 use super::check::Check;
 use super::completions::{Completions, Manual};
 use super::correct::Correct;
@@ -234,6 +235,8 @@ pub enum Scenario {
 /// `trainer calibrate`.
 #[derive(Debug, Args)]
 #[command(
+    override_usage = "trainer calibrate [OPTIONS] --robot <ROBOT> --out <FILE> <TRAIN>\n       \
+    trainer calibrate [OPTIONS] <CELL.toml>",
     after_help = "A project file (cell.toml) holds robot, instrument, data with their checksums, model and outputs, with paths \
     relative to itself, so that the same calibration, to the bit, can be made again years later. Options of the command line \
     go before those of the file, and that is said. docs/cell.md has its keys.\n\n\
@@ -248,9 +251,9 @@ pub struct Calibrate {
     pub robot: RobotArguments,
     /// Measurements to train on, or a project file (.toml) that names them and everything else.
     pub train: PathBuf,
-    /// The measurements that a project file names, put here by its reader; after that, the project file.
-    #[arg(long, hide = true, value_name = "FILE")]
-    pub of_cell: Option<PathBuf>,
+    /// The project file that was given in their place.
+    #[arg(skip)]
+    pub project: Option<Project>,
     /// Project file to write: `trainer calibrate FILE` does the same again.
     #[arg(long, value_name = "FILE")]
     pub write_cell: Option<PathBuf>,
@@ -294,15 +297,6 @@ pub struct Calibrate {
     /// Facts of the calibration as JSON (`-`: standard output).
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
-}
-
-impl Calibrate {
-    /// Puts the measurements that a project file names where they belong, and the project file aside.
-    pub fn swap_cell(&mut self) {
-        if let Some(train) = &mut self.of_cell {
-            std::mem::swap(train, &mut self.train);
-        }
-    }
 }
 
 /// A day of the calendar.
@@ -473,6 +467,9 @@ pub struct Demo {
     /// Then bring the model onto an emulated co-processor and have the simulated arm execute the commands it corrects.
     #[arg(long)]
     pub device: bool,
+    /// Errors of all models and the names of the files as JSON (`-`: standard output).
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
 }
 
 /// Number of support points.

@@ -15,6 +15,7 @@ use clap::error::{ContextKind, ContextValue};
 use clap::parser::ValueSource;
 use sha2::{Digest, Sha256};
 
+use super::arguments::Calibrate;
 use super::{Failure, command};
 use crate::error::InputError;
 use crate::samples::ToolName;
@@ -28,38 +29,108 @@ const APART: [(&str, &[&str]); 3] = [
     ("tied", &["support-per-output"]),
 ];
 
-/// The command line with a project file taken apart into options, and what there is to say of it.
-pub fn expanded(words: Vec<OsString>) -> Result<(Vec<OsString>, Vec<String>), Failure> {
+/// Typed beside a project file, these change nothing in the blob.
+const BESIDE: [&str; 5] = ["out", "report", "json", "write_cell", "quiet"];
+
+const VERSION: &str = env!("CARGO_PKG_VERSION");
+
+/// What the command line calls an option inside.
+fn id(option: &str) -> String {
+    match option {
+        "test" => "tests".to_owned(),
+        _ => option.replace('-', "_"),
+    }
+}
+
+/// The project file of a calibration.
+#[derive(Clone, Debug)]
+pub struct Project {
+    /// Where it is.
+    pub file: PathBuf,
+    /// The measurements that it names.
+    train: PathBuf,
+    /// SHA-256 of the blob that it states, when nothing was typed that makes another one.
+    pub blob_sha256: Option<String>,
+}
+
+/// A command line with its project file, if it has one, taken apart into options.
+pub struct Expanded {
+    /// What clap shall read.
+    pub words: Vec<OsString>,
+    /// What there is to say of it.
+    pub notes: Vec<String>,
+    project: Option<Project>,
+}
+
+impl Expanded {
+    /// Without a project file.
+    fn plain(words: Vec<OsString>) -> Self {
+        Self {
+            words,
+            notes: Vec::new(),
+            project: None,
+        }
+    }
+
+    /// Puts the measurements where the project file was typed, and that aside.
+    pub fn complete(self, a: &mut Calibrate) {
+        if let Some(project) = self.project {
+            a.train.clone_from(&project.train);
+            a.project = Some(project);
+        }
+    }
+}
+
+/// The options that a project file stands for, before those that were typed.
+pub fn expanded(words: Vec<OsString>) -> Result<Expanded, Failure> {
     // What the file may have need not be typed.
     let lenient = command().mut_subcommand("calibrate", |c| {
         c.mut_arg("robot", |a| a.required(false))
             .mut_arg("out", |a| a.required(false))
     });
     let Ok(matches) = lenient.try_get_matches_from(&words) else {
-        return Ok((words, Vec::new()));
+        return Ok(Expanded::plain(words));
     };
     let Some(("calibrate", typed)) = matches.subcommand() else {
-        return Ok((words, Vec::new()));
+        return Ok(Expanded::plain(words));
     };
     let Some(path) = typed
         .get_one::<PathBuf>("train")
         .filter(|path| is_cell(path))
     else {
-        return Ok((words, Vec::new()));
+        return Ok(Expanded::plain(words));
     };
     let cell = Cell::read(path)?;
     let folder = path.parent().unwrap_or(Path::new(""));
     check_data(&cell, folder)?;
-    let is_typed = |option: &str| {
-        let id = match option {
-            "test" => "tests".to_owned(),
-            _ => option.replace('-', "_"),
-        };
-        typed.value_source(&id) == Some(ValueSource::CommandLine)
-    };
+    let all_typed: Vec<&str> = typed
+        .ids()
+        .map(clap::Id::as_str)
+        .filter(|id| typed.value_source(id) == Some(ValueSource::CommandLine))
+        .collect();
+    let is_typed = |option: &str| all_typed.contains(&id(option).as_str());
+    if cell.output().blob.is_none() && !is_typed("out") {
+        return Err(
+            InputError::new(path, "no output.blob", "where the blob goes")
+                .with_help("add `blob = \"arm.blob\"` under [output], or type --out FILE")
+                .into(),
+        );
+    }
     let mut notes = Vec::new();
+    if let Some(then) = cell.trainer().filter(|then| *then != VERSION) {
+        notes.push(format!(
+            "{} was written by trainer {then}, this is {VERSION}: results may differ, and the bytes of the blob do, which names \
+             its trainer; install that version to repeat them",
+            path.display()
+        ));
+    }
     let mut options = Vec::new();
-    for given in cell.options(folder) {
+    let mut known = Vec::from(BESIDE);
+    known.push("train");
+    let given = cell.options(folder);
+    let ids: Vec<String> = given.iter().map(|given| id(given.option)).collect();
+    known.extend(ids.iter().map(String::as_str));
+    for given in given {
         let apart = APART
             .iter()
             .any(|(first, others)| is_typed(first) && others.contains(&given.option));
@@ -69,23 +140,39 @@ pub fn expanded(words: Vec<OsString>) -> Result<(Vec<OsString>, Vec<String>), Fa
                 given.key,
                 path.display()
             ));
-        } else {
+        } else if given.typed {
             options.push(given);
         }
     }
     notes.dedup();
-    let at = words.iter().position(|word| word == "calibrate");
-    let at = at.map_or(words.len(), |at| at + 1);
+    for id in all_typed.iter().filter(|id| !known.contains(id)) {
+        let option = id.replace('_', "-");
+        notes.push(format!("--{option} is not in {}", path.display()));
+    }
+    let as_written = all_typed
+        .iter()
+        .all(|id| BESIDE.contains(id) || *id == "train");
+    let stated = cell.output().blob_sha256.as_ref().filter(|_| as_written);
+    let project = Project {
+        file: path.clone(),
+        train: folder.join(cell.data().train.get_ref()),
+        blob_sha256: stated.map(|sum| sum.get_ref().clone()),
+    };
+    let at = words.iter().skip(1).position(|word| word == "calibrate");
+    let at = at.map_or(words.len(), |at| at + 2);
     let mut all = words;
     let new: Vec<OsString> = options.iter().map(Given::word).collect();
     all.splice(at..at, new);
-    match command().try_get_matches_from(&all) {
-        Err(error) => match blamed(&cell, &options, &error) {
-            Some(error) => Err(error.into()),
-            None => Ok((all, notes)),
-        },
-        Ok(_) => Ok((all, notes)),
+    if let Err(error) = command().try_get_matches_from(&all)
+        && let Some(error) = blamed(&cell, &options, &error)
+    {
+        return Err(error.into());
     }
+    Ok(Expanded {
+        words: all,
+        notes,
+        project: Some(project),
+    })
 }
 
 /// Measurements are CSV; a TOML file is a project.
@@ -161,7 +248,7 @@ fn check_data(cell: &Cell, folder: &Path) -> Result<(), InputError> {
         return Ok(());
     }
     // A file that cannot be read is told by the command itself.
-    let Ok(set) = crate::measurements::read(&folder.join(data.train.get_ref())) else {
+    let Ok(set) = crate::measurements::read(folder.join(data.train.get_ref())) else {
         return Ok(());
     };
     let (payloads, tools) = stated(&set);

@@ -8,7 +8,7 @@ use super::check::Document;
 use super::check_words as words;
 use crate::check::report::{Change, Estimate, Sensitivity};
 use crate::report::chart::{Axis, Plot, Series};
-use crate::report::{Number, Page, Section, rounded, sections};
+use crate::report::{Number, Page, Section, sections};
 use crate::statistics::Summary;
 
 /// The page of a check; `date` is the day of the calibration.
@@ -141,7 +141,8 @@ fn errors(d: &Document<'_>) -> Section {
         lines => {
             let lines: Vec<String> = lines.iter().map(ToString::to_string).collect();
             section.text(html! {
-                "Measurements that stand out from the others: lines " (lines.join(", ")) ". Measure them again."
+                "Measurements that stand out from the others: line" @if lines.len() > 1 { "s" } " " (lines.join(", "))
+                ". Measure again."
             })
         }
     }
@@ -174,7 +175,10 @@ fn moved(d: &Document<'_>) -> Section {
                     (Number::new(estimate.value, decimals, format!("{place}/value"))) " ± "
                     (Number::new(estimate.plus_minus, decimals, format!("{place}/plus_minus"))) " " (unit)
                 },
-                html! { (Number::new(change.p_value, 4, format!("/changes/{i}/p_value"))) },
+                html! {
+                    @if change.p_value < words::LEAST_P { "< " (words::LEAST_P) }
+                    @else { (Number::new(change.p_value, 4, format!("/changes/{i}/p_value"))) }
+                },
             ]);
         }
     }
@@ -228,11 +232,11 @@ fn sensitivity(d: &Document<'_>) -> Section {
         ]
     };
     let f = d.findings;
-    let noise = rounded(f.noise_mm, 4);
     Section::new("sensitivity", "What this check can see")
         .text(html! {
             "The smallest changes, in the worst direction, that these poses show nine times in ten. Noise of these measurements: "
-            (noise) " mm per axis; the model is expected to be off by " (rounded(f.model_mm, 4)) " mm per axis."
+            (Number::new(f.noise_mm, 4, "/noise_mm")) " mm per axis; the model is expected to be off by "
+            (Number::new(f.model_mm, 4, "/model_mm")) " mm per axis."
         })
         .table(
             &["part", "smallest change", "looks the same as"],

@@ -2,7 +2,7 @@
 //!
 //! Outputs are written to temporary files and renamed (`output.rs`). A signal that comes in the middle of that waits until
 //! it is over, so that there are all outputs of a command or none, and no temporary file. A write that does not end, into
-//! a pipe that nobody reads, is waited for a little and no longer.
+//! a pipe that nobody reads, is waited for a little and no longer; the temporary files beside it are removed.
 
 use std::io::Write;
 use std::time::Duration;
@@ -24,7 +24,7 @@ pub fn install() {
             if written {
                 ""
             } else {
-                "; an output may be missing"
+                ": an output that nobody reads was given up, and the others with it"
             }
         );
         std::process::exit(EXIT_CODE);

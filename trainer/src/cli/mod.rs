@@ -100,11 +100,11 @@ impl From<ExportError> for Failure {
 /// Runs the program and returns its exit code.
 pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     interrupt::install();
-    let (words, notes) = match cell::expanded(arguments.into_iter().collect()) {
+    let expanded = match cell::expanded(arguments.into_iter().collect()) {
         Ok(expanded) => expanded,
         Err(failure) => return failed(&failure),
     };
-    let arguments = match typed(words) {
+    let mut arguments = match typed(&expanded.words) {
         Ok(arguments) => arguments,
         Err(error) => {
             let _ = error.print();
@@ -114,7 +114,10 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     if arguments.quiet {
         report::be_quiet();
     }
-    notes.iter().for_each(report::remark);
+    expanded.notes.iter().for_each(report::remark);
+    if let Command::Calibrate(a) = &mut arguments.command {
+        expanded.complete(a);
+    }
     let result = match arguments.command {
         Command::Plan(a) => plan::run(&a),
         Command::Simulate(a) => simulate::run(&a),
@@ -166,13 +169,8 @@ fn command() -> clap::Command {
 }
 
 /// What was typed.
-fn typed(words: Vec<OsString>) -> Result<Arguments, clap::Error> {
-    let matches = command().try_get_matches_from(words)?;
-    let mut arguments = Arguments::from_arg_matches(&matches)?;
-    if let Command::Calibrate(a) = &mut arguments.command {
-        a.swap_cell();
-    }
-    Ok(arguments)
+fn typed(words: &[OsString]) -> Result<Arguments, clap::Error> {
+    Arguments::from_arg_matches(&command().try_get_matches_from(words)?)
 }
 
 /// A robot with its chain.

@@ -10,6 +10,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::table;
 
+/// Once standard output is a document, nothing else goes there, whichever part of the program says it.
+static STDOUT_TAKEN: AtomicBool = AtomicBool::new(false);
+
 /// `--quiet`: nothing is said but errors.
 static QUIET: AtomicBool = AtomicBool::new(false);
 
@@ -44,8 +47,11 @@ pub fn is_stdout(path: &Path) -> bool {
 impl Report {
     /// Beside what goes to `outputs`.
     pub fn beside(outputs: &[Option<&Path>]) -> Self {
+        if outputs.iter().flatten().any(|path| is_stdout(path)) {
+            STDOUT_TAKEN.store(true, Ordering::Relaxed);
+        }
         Self {
-            on_stderr: outputs.iter().flatten().any(|path| is_stdout(path)),
+            on_stderr: STDOUT_TAKEN.load(Ordering::Relaxed),
         }
     }
 

@@ -35,6 +35,14 @@ fn every_help_has_an_example_and_exit_codes() {
         assert!(examples.contains(&word), "{command}\n{help}");
         assert!(help.contains("130 stopped by Ctrl-C"), "{command}");
         assert!(help.contains("--quiet"), "{command}");
+        // A group of commands has none itself, and a script is all that `completions` gives.
+        let is_group = help.contains("\nCommands:\n");
+        let reports = !is_group && command != "completions";
+        assert_eq!(
+            help.contains("\n      --json <FILE>\n"),
+            reports,
+            "{command}"
+        );
     }
 }
 
@@ -135,32 +143,76 @@ fn every_report_is_there_as_json() {
     assert_eq!(guess["measurements"], 12);
 }
 
+/// Starts the command, waits until `begun`, sends SIGINT and waits for the end.
+#[cfg(unix)]
+fn interrupted(
+    folder: &Folder,
+    line: &str,
+    begun: impl Fn(&mut std::process::Child) -> bool,
+) -> std::process::Output {
+    use std::process::{Command, Stdio};
+    let mut command = folder.command(line);
+    let child = command.stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut child = child.spawn().unwrap();
+    while !begun(&mut child) {
+        assert!(child.try_wait().unwrap().is_none(), "it ended: {line}");
+        std::thread::yield_now();
+    }
+    let kill = Command::new("kill")
+        .args(["-INT", &child.id().to_string()])
+        .status();
+    assert!(kill.unwrap().success());
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(130), "{output:?}");
+    output
+}
+
 /// SIGINT in the middle of a calibration: 130, and nothing new in the folder.
 #[cfg(unix)]
 #[test]
 fn ctrl_c_leaves_nothing() {
-    use std::process::{Command, Stdio};
+    use std::io::Read;
     let folder = Folder::new();
-    folder.write("train.csv", simulated("train", 300));
+    // A column that nobody knows: its note comes just before the work.
+    let csv = simulated("train", 300);
+    let rows = csv.lines().enumerate();
+    let rows = rows.map(|(i, row)| row.to_owned() + if i == 0 { ",operator\n" } else { ",me\n" });
+    folder.write("train.csv", rows.collect::<String>());
     folder.write("a.blob", "old");
-    for milliseconds in [100, 400, 900] {
-        let line = format!(
-            "calibrate --robot {SERIAL} train.csv --out a.blob --json a.json --report a.html"
-        );
-        let mut command = folder.command(&line);
-        let child = command
-            .stdout(Stdio::piped())
-            .stderr(Stdio::piped())
-            .spawn();
-        let child = child.unwrap();
-        std::thread::sleep(std::time::Duration::from_millis(milliseconds));
-        let killed = Command::new("kill")
-            .args(["-INT", &child.id().to_string()])
-            .status();
-        assert!(killed.unwrap().success());
-        let output = child.wait_with_output().unwrap();
-        assert_eq!(output.status.code(), Some(130), "{output:?}");
-        assert_eq!(folder.names(), ["a.blob", "train.csv"]);
-        assert_eq!(folder.read("a.blob"), b"old");
-    }
+    let line = format!(
+        "calibrate --robot {SERIAL} train.csv --out a.blob --json a.json --report a.html --write-cell a.toml"
+    );
+    let output = interrupted(&folder, &line, |child| {
+        let mut byte = [0; 1];
+        child.stderr.as_mut().unwrap().read_exact(&mut byte).is_ok()
+    });
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(said.ends_with("\nstopped\n"), "{said}");
+    assert_eq!(folder.names(), ["a.blob", "train.csv"]);
+    assert_eq!(folder.read("a.blob"), b"old");
+}
+
+/// SIGINT while outputs are being written into a pipe that nobody reads: the same.
+#[cfg(unix)]
+#[test]
+fn ctrl_c_while_writing_leaves_nothing() {
+    let folder = Folder::new();
+    folder.write("train.csv", simulated("train", 40));
+    let pipe = std::process::Command::new("mkfifo")
+        .arg(folder.path("pipe"))
+        .status();
+    assert!(pipe.unwrap().success());
+    let line = format!("calibrate --robot {SERIAL} train.csv --model poe --out a.blob --json pipe");
+    let output = interrupted(&folder, &line, |_| {
+        folder
+            .names()
+            .iter()
+            .any(|name| name.starts_with(".poegp-"))
+    });
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(
+        said.contains("stopped: an output that nobody reads"),
+        "{said}"
+    );
+    assert_eq!(folder.names(), ["pipe", "train.csv"]);
 }

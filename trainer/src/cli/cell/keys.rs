@@ -23,6 +23,7 @@ type Flag = Option<Spanned<bool>>;
 #[serde(deny_unknown_fields)]
 struct File {
     version: Spanned<u32>,
+    trainer: Option<Spanned<String>>,
     date: Any,
     robot: RobotTable,
     #[serde(default)]
@@ -30,6 +31,7 @@ struct File {
     data: DataTable,
     #[serde(default)]
     model: ModelTable,
+    #[serde(default)]
     output: OutputTable,
 }
 
@@ -84,10 +86,14 @@ struct ModelTable {
     max_correction_mrad: Any,
 }
 
-#[derive(Deserialize)]
+/// The table `output`.
+#[derive(Default, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct OutputTable {
-    blob: Spanned<String>,
+pub struct OutputTable {
+    /// Where the blob goes.
+    pub blob: Option<Spanned<String>>,
+    /// SHA-256 of the blob that was made when the file was written.
+    pub blob_sha256: Option<Spanned<String>>,
     report: Option<Spanned<String>>,
     json: Option<Spanned<String>>,
 }
@@ -107,6 +113,8 @@ pub struct Given {
     pub key: String,
     /// None for a flag.
     pub value: Option<OsString>,
+    /// Whether it has to be typed to have this effect: a flag that is false has no option.
+    pub typed: bool,
     /// Bytes of the value in the file.
     pub place: Range<usize>,
 }
@@ -147,6 +155,16 @@ impl<'a> Cell<'a> {
             .at_column(column, key)
     }
 
+    /// The version of the trainer that the file names.
+    pub fn trainer(&self) -> Option<&str> {
+        self.file.trainer.as_ref().map(|v| v.get_ref().as_str())
+    }
+
+    /// The table `output`.
+    pub fn output(&self) -> &OutputTable {
+        &self.file.output
+    }
+
     /// The table `data`.
     pub fn data(&self) -> &DataTable {
         &self.file.data
@@ -175,6 +193,7 @@ impl<'a> Cell<'a> {
             option,
             key: key.to_owned(),
             value: Some(folder.join(name.get_ref()).into_os_string()),
+            typed: true,
             place: name.span(),
         };
         let description = &robot.description;
@@ -182,18 +201,21 @@ impl<'a> Cell<'a> {
         if BUILT_IN.contains(&description.get_ref().as_str()) {
             out[0].value = Some(description.get_ref().into());
         }
-        out.push(path("of-cell", "data.train", &data.train));
         out.extend(
             data.tests
                 .iter()
                 .map(|name| path("test", "data.tests", name)),
         );
-        out.push(path("out", "output.blob", &output.blob));
-        let optional = [("report", &output.report), ("json", &output.json)];
-        out.extend(optional.into_iter().filter_map(|(option, name)| {
-            let name = name.as_ref()?;
-            Some(path(option, &format!("output.{option}"), name))
-        }));
+        let outputs = [
+            ("out", "output.blob", &output.blob),
+            ("report", "output.report", &output.report),
+            ("json", "output.json", &output.json),
+        ];
+        out.extend(
+            outputs
+                .into_iter()
+                .filter_map(|(option, key, name)| Some(path(option, key, name.as_ref()?))),
+        );
         let values: [(&str, &'static str, &Any); 15] = [
             ("", "date", &self.file.date),
             ("robot.", "base", &robot.base),
@@ -230,6 +252,7 @@ impl<'a> Cell<'a> {
                 option,
                 key: format!("{table}{name}"),
                 value: Some(words(value.get_ref()).into()),
+                typed: true,
                 place: value.span(),
             });
         }
@@ -241,14 +264,14 @@ impl<'a> Cell<'a> {
             ("model.", "weighted", &model.weighted),
         ];
         for (table, option, flag) in flags {
-            if let Some(flag) = flag.as_ref().filter(|flag| *flag.get_ref()) {
-                out.push(Given {
-                    option,
-                    key: format!("{table}{}", option.replace('-', "_")),
-                    value: None,
-                    place: flag.span(),
-                });
-            }
+            let Some(flag) = flag else { continue };
+            out.push(Given {
+                option,
+                key: format!("{table}{}", option.replace('-', "_")),
+                value: None,
+                typed: *flag.get_ref(),
+                place: flag.span(),
+            });
         }
         out
     }

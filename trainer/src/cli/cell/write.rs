@@ -13,14 +13,16 @@ use crate::export::Origin;
 use crate::measurements::MeasurementSet;
 use crate::report::FileFacts;
 use crate::robot::BUILT_IN;
+use crate::samples::ToolName;
 
-/// The project file at `path` that does again what `a` asks for.
+/// The project file at `path` that does again what `a` asks for, and made `blob`.
 pub fn text(
     a: &Calibrate,
     path: &Path,
     set: &MeasurementSet,
     tests: &[MeasurementSet],
     origin: &Origin,
+    blob: &[u8],
 ) -> String {
     let folder = match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,
@@ -73,7 +75,9 @@ pub fn text(
         "payloads_kg",
         (!payloads.is_empty()).then_some(payloads),
     );
-    put(&mut data, "tools", Some(tools));
+    // One tool without a name says nothing.
+    let named = tools.len() > 1 || tools != [ToolName::default().to_string()];
+    put(&mut data, "tools", named.then_some(tools));
     data.insert("sha256".into(), sums.into());
 
     let mut model = Table::new();
@@ -105,6 +109,8 @@ pub fn text(
 
     let mut output = Table::new();
     output.insert("blob".into(), name(&a.out));
+    let sum = FileFacts::of_bytes("", "", blob).sha256;
+    put(&mut output, "blob_sha256", Some(sum));
     put(&mut output, "report", a.report.as_deref().map(name));
     let json = a
         .json
@@ -113,9 +119,8 @@ pub fn text(
     put(&mut output, "json", json.map(name));
 
     let mut file = format!(
-        "# Project file of a calibration, written by poegp trainer {}: `trainer calibrate` does the same again with it.\n\
-         # Paths are relative to this file.\n\
-         version = 1\ndate = \"{}\"\n",
+        "# A calibration: `trainer calibrate` does the same again with this file. Paths are relative to it.\n\
+         version = 1\ntrainer = \"{}\"\ndate = \"{}\"\n",
         env!("CARGO_PKG_VERSION"),
         origin.date
     );

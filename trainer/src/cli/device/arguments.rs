@@ -150,6 +150,9 @@ pub struct Correct {
     /// Where the corrected joints go (`-`: standard output).
     #[arg(long, value_name = "FILE", default_value = "-")]
     pub out: PathBuf,
+    /// The summary as JSON (`-`: standard output, with --out elsewhere).
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
 }
 
 /// Off or on.
@@ -211,6 +214,10 @@ pub struct Monitor {
     /// One look instead of one every second until Ctrl-C.
     #[arg(long)]
     pub once: bool,
+    /// Standard output (`-`) as JSON: a document in each line, what was counted or a line of the log. With --once one
+    /// document, which may also go to a file.
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
     /// Port of the defmt log.
     #[arg(long, value_name = "PORT", requires = "elf")]
     pub log: Option<Address>,
