@@ -35,6 +35,7 @@ pub mod measurements;
 pub mod minimize;
 pub mod output;
 pub mod plan;
+pub mod progress;
 pub mod report;
 pub mod robot;
 pub mod samples;

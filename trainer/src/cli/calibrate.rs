@@ -156,9 +156,9 @@ pub fn run(a: &Calibrate) -> Result<(), Failure> {
             "--max-instructions and --max-flash-bytes choose the size of the elastic model".into(),
         ));
     }
-    let spinner = progress::spinner("calibrating");
-    let found = calibrate_for_device(&arm.nominal, &arm.robot, &samples, &options, &origin);
-    spinner.finish_and_clear();
+    let found = progress::calibrating(|| {
+        calibrate_for_device(&arm.nominal, &arm.robot, &samples, &options, &origin)
+    });
     let found = found.map_err(|e| device_failure(&a.train, e))?;
     let train = (&set, samples.as_slice());
     let evidence = page::held_out(a, &arm, train, &tests, &options, &origin, &found)?;

@@ -22,6 +22,28 @@ pub fn bar(steps: usize, label: &str) -> ProgressBar {
     bar.with_style(style).with_message(label.to_owned())
 }
 
+/// A calibration with a sign of life, and with the time left as soon as that can be told.
+pub fn calibrating<R>(work: impl FnOnce() -> R) -> R {
+    let spinner = spinner("calibrating");
+    let bar = spinner.clone();
+    let mut is_bar = false;
+    let out = crate::progress::watched(
+        move |done, expected| {
+            if !is_bar {
+                let style =
+                    ProgressStyle::with_template("{msg:28} {wide_bar} {percent:>3} % {eta} left");
+                bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+                is_bar = true;
+            }
+            bar.set_length(expected);
+            bar.set_position(done);
+        },
+        work,
+    );
+    spinner.finish_and_clear();
+    out
+}
+
 /// A sign of life, with the time so far, for work without countable steps.
 pub fn spinner(label: &str) -> ProgressBar {
     let spinner = ProgressBar::with_draw_target(None, target());

@@ -2,7 +2,7 @@
 
 use std::io::{self, Write};
 use std::path::Path;
-use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender};
+use std::sync::mpsc::{self, Receiver, Sender};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -155,23 +155,18 @@ fn watch(
             return Ok(());
         }
         before = Some((now, statistics));
-        loop {
-            match log.recv_timeout(INTERVAL.saturating_sub(now.elapsed())) {
-                Ok(text) => {
-                    let text = if as_json {
-                        json!({ "log": text }).to_string()
-                    } else {
-                        format!("log: {text}")
-                    };
-                    if !said(&text) {
-                        return Ok(());
-                    }
-                    // A log that never rests must not hide the numbers.
-                    if now.elapsed() >= INTERVAL {
-                        break;
-                    }
-                }
-                Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => break,
+        while let Ok(text) = log.recv_timeout(INTERVAL.saturating_sub(now.elapsed())) {
+            let text = if as_json {
+                json!({ "log": text }).to_string()
+            } else {
+                format!("log: {text}")
+            };
+            if !said(&text) {
+                return Ok(());
+            }
+            // A log that never rests must not hide the numbers.
+            if now.elapsed() >= INTERVAL {
+                break;
             }
         }
     }
