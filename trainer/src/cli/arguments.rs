@@ -12,6 +12,7 @@ use super::device::arguments::Device;
 use super::export::Export;
 use super::import::Import;
 use super::plan::PlanArguments;
+use super::signing::{Keys, Sign, Verify};
 use crate::calibration::Method;
 
 /// Calibrates robot arms from tracker measurements and writes the model that the controller evaluates.
@@ -384,69 +385,6 @@ pub struct Inspect {
     /// The model.
     pub blob: PathBuf,
     /// The same as JSON (`-`: standard output).
-    #[arg(long, value_name = "FILE")]
-    pub json: Option<PathBuf>,
-}
-
-/// `trainer keys`.
-#[derive(Debug, Args)]
-#[command(after_help = "Example: trainer keys new --out cell7")]
-pub struct Keys {
-    /// What to do.
-    #[command(subcommand)]
-    pub command: KeysCommand,
-}
-
-/// The commands of `trainer keys`.
-#[derive(Debug, Subcommand)]
-pub enum KeysCommand {
-    /// Make a new pair of keys; no file is overwritten.
-    New(NewKeys),
-}
-
-/// `trainer keys new`.
-#[derive(Debug, Args)]
-#[command(
-    after_help = "Keep NAME.key where nobody else reads it; the device gets NAME.pub.\n\n\
-    Example: trainer keys new --out cell7"
-)]
-pub struct NewKeys {
-    /// Writes NAME.key, the secret key, for its owner only, and NAME.pub, the public key.
-    #[arg(long, value_name = "NAME")]
-    pub out: PathBuf,
-    /// The key's number and its files as JSON, nothing secret (`-`: standard output).
-    #[arg(long, value_name = "FILE")]
-    pub json: Option<PathBuf>,
-}
-
-/// `trainer sign`.
-#[derive(Debug, Args)]
-#[command(after_help = "Examples:\n  trainer sign arm.blob --key cell7.key\n  \
-    trainer sign arm.blob --key cell7.key --out signed.blob")]
-pub struct Sign {
-    /// The blob; a signature that it has is replaced.
-    pub blob: PathBuf,
-    /// The secret key.
-    #[arg(long, value_name = "FILE")]
-    pub key: PathBuf,
-    /// Where to write the signed blob (default: in place of the blob).
-    #[arg(long, value_name = "FILE")]
-    pub out: Option<PathBuf>,
-    /// What was done as JSON (`-`: standard output).
-    #[arg(long, value_name = "FILE")]
-    pub json: Option<PathBuf>,
-}
-
-/// `trainer verify`.
-#[derive(Debug, Args)]
-#[command(after_help = "Example: trainer verify arm.blob --public-key cell7.pub")]
-pub struct Verify {
-    /// The blob.
-    pub blob: PathBuf,
-    /// The public key.
-    #[arg(long, value_name = "FILE")]
-    pub public_key: PathBuf,
-    /// The verdict as JSON, also when it is no (`-`: standard output).
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
 }

@@ -3,17 +3,80 @@
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
+use clap::{Args, Subcommand};
 use poegp_protocol::envelope;
 use poegp_runtime::signature::{self, SignatureError};
 use serde_json::json;
 
-use super::arguments::{Keys, KeysCommand, Sign, Verify};
 use super::report::Report;
 use super::{Failure, check_outputs, facts_text, write_facts, write_outputs};
 use crate::error::InputError;
 use crate::loaded::LoadedBlob;
 use crate::output::{self, Readers};
 use crate::signing::{PublicKey, SecretKey, id_text};
+
+/// `trainer keys`.
+#[derive(Debug, Args)]
+#[command(after_help = "Example: trainer keys new --out cell7")]
+pub struct Keys {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: KeysCommand,
+}
+
+/// The commands of `trainer keys`.
+#[derive(Debug, Subcommand)]
+pub enum KeysCommand {
+    /// Make a new pair of keys; no file is overwritten.
+    New(NewKeys),
+}
+
+/// `trainer keys new`.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Keep NAME.key where nobody else reads it; the device gets NAME.pub.\n\n\
+    Example: trainer keys new --out cell7"
+)]
+pub struct NewKeys {
+    /// Writes NAME.key, the secret key, for its owner only, and NAME.pub, the public key.
+    #[arg(long, value_name = "NAME")]
+    pub out: PathBuf,
+    /// The key's number and its files as JSON, nothing secret (`-`: standard output).
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+/// `trainer sign`.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  trainer sign arm.blob --key cell7.key\n  \
+    trainer sign arm.blob --key cell7.key --out signed.blob")]
+pub struct Sign {
+    /// The blob; a signature that it has is replaced.
+    pub blob: PathBuf,
+    /// The secret key.
+    #[arg(long, value_name = "FILE")]
+    pub key: PathBuf,
+    /// Where to write the signed blob (default: in place of the blob).
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    /// What was done as JSON (`-`: standard output).
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+/// `trainer verify`.
+#[derive(Debug, Args)]
+#[command(after_help = "Example: trainer verify arm.blob --public-key cell7.pub")]
+pub struct Verify {
+    /// The blob.
+    pub blob: PathBuf,
+    /// The public key.
+    #[arg(long, value_name = "FILE")]
+    pub public_key: PathBuf,
+    /// The verdict as JSON, also when it is no (`-`: standard output).
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
 
 pub fn keys(a: &Keys) -> Result<(), Failure> {
     let KeysCommand::New(new) = &a.command;

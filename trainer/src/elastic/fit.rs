@@ -75,6 +75,11 @@ pub fn solve_units(poses: usize) -> u64 {
     1 + poses.saturating_mul(poses) as u64 / 36_000
 }
 
+/// The parameters alone and their gear ripple, likewise.
+fn setup_units(poses: usize) -> u64 {
+    1 + poses as u64 / 50
+}
+
 /// A fitted elastic model, before it is reduced.
 pub struct ElasticFit {
     /// Parameters.
@@ -141,7 +146,10 @@ pub fn fit_robust(
         parametric_fit(&mut state, kept, &hyper);
         state
     };
-    let mut outliers = gross(samples, &parameters);
+    let setup = setup_units(samples.len());
+    let units_of_a_fit = SEARCH_UNITS + setup + 3 * solve_units(samples.len());
+    progress::expect(setup + units_of_a_fit + solve_units(samples.len()));
+    let mut outliers = progress::phase(setup, || gross(samples, &parameters));
     let reject = options.outliers == OutlierPolicy::Reject;
     let remaining = |outliers: &[Outlier]| -> Vec<usize> {
         let bad = |i: &usize| reject && outliers.iter().any(|o| o.sample == *i);
@@ -165,6 +173,7 @@ pub fn fit_robust(
     if remaining(&outliers).len() < kept.len() {
         // One pass only: testing again with the quieter noise would never end.
         kept = remaining(&outliers);
+        progress::expect(units_of_a_fit);
         (found, others) = run(&kept)?;
     }
     Some(RobustFit {
@@ -186,7 +195,6 @@ pub fn fit(
     options: &ElasticOptions,
 ) -> Option<ElasticFit> {
     let units = solve_units(samples.len());
-    progress::expect(SEARCH_UNITS + 4 * units);
     let n = chain.kinds().len();
     let payload = varies(samples);
     let layout = Layout {
@@ -204,10 +212,14 @@ pub fn fit(
     };
     let unit = mean_payload(samples);
     let (hyper, bounds) = h.start_and_bounds(unit);
-    let mut scales = parametric_fit(&mut state, samples, &hyper);
-    if options.ripple {
-        scales = add_ripple(&mut state, samples, &hyper, scales);
-    }
+    let scales = progress::phase(setup_units(samples.len()), || {
+        let scales = parametric_fit(&mut state, samples, &hyper);
+        if options.ripple {
+            add_ripple(&mut state, samples, &hyper, scales)
+        } else {
+            scales
+        }
+    });
     let inputs = inputs_of(&state, samples);
     let hyper = progress::phase(SEARCH_UNITS, || {
         learn(&state, samples, scales, h, hyper, bounds, options)
