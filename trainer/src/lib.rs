@@ -43,4 +43,5 @@ pub mod select;
 pub mod signing;
 pub mod simulate;
 pub mod statistics;
+mod toml_text;
 pub mod tool_fit;

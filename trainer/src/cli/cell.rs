@@ -8,7 +8,6 @@ mod keys;
 mod write;
 
 use std::ffi::OsString;
-use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use clap::error::{ContextKind, ContextValue};
@@ -30,7 +29,7 @@ const APART: [(&str, &[&str]); 3] = [
 ];
 
 /// Typed beside a project file, these change nothing in the blob.
-const BESIDE: [&str; 5] = ["out", "report", "json", "write_cell", "quiet"];
+const BESIDE: [&str; 4] = ["out", "report", "json", "write_cell"];
 
 const VERSION: &str = env!("CARGO_PKG_VERSION");
 
@@ -103,9 +102,13 @@ pub fn expanded(words: Vec<OsString>) -> Result<Expanded, Failure> {
     let cell = Cell::read(path)?;
     let folder = path.parent().unwrap_or(Path::new(""));
     check_data(&cell, folder)?;
-    let all_typed: Vec<&str> = typed
-        .ids()
-        .map(clap::Id::as_str)
+    // Groups of options have ids, too.
+    let options = command();
+    let options = options.find_subcommand("calibrate");
+    let all_typed: Vec<&str> = options
+        .into_iter()
+        .flat_map(clap::Command::get_arguments)
+        .map(|option| option.get_id().as_str())
         .filter(|id| typed.value_source(id) == Some(ValueSource::CommandLine))
         .collect();
     let is_typed = |option: &str| all_typed.contains(&id(option).as_str());
@@ -302,11 +305,4 @@ impl Given {
         }
         word
     }
-}
-
-/// A place in a text, from 1.
-fn line_and_column(text: &str, span: &Range<usize>) -> (usize, usize) {
-    let before = text.get(..span.start).unwrap_or(text);
-    let column = 1 + before.rsplit('\n').next().unwrap_or("").chars().count();
-    (1 + before.matches('\n').count(), column)
 }

@@ -49,6 +49,9 @@ fn the_same_bytes_years_later() {
         assert!(outcome.stderr.contains(said), "{outcome:#?}");
     }
     assert!(outcome.json()["repeats"].is_null());
+    let notes = outcome.stderr.matches("note: ").count();
+    // The two, the method, and the blob's place.
+    assert_eq!(notes, 4, "{outcome:#?}");
     assert_eq!(folder.read("arm.blob"), blob);
     // A file written from a file is the same file.
     folder
@@ -102,6 +105,11 @@ fn a_small_file_is_enough() {
     let line = format!("calibrate --robot {SERIAL} train.csv --model poe --out b.blob");
     folder.run(&line).ok();
     assert_eq!(folder.read("a.blob"), folder.read("b.blob"));
+    folder.write("cell.toml", "version = 1\nrobot = \"x\"\n");
+    folder.run("calibrate cell.toml --out a.blob").refused(&[
+        "cell.toml:2: column 9: ",
+        "expected a table [robot] with its keys",
+    ]);
     folder.write("cell.toml", "version = 1\n");
     folder
         .run("calibrate cell.toml --out a.blob")

@@ -3,6 +3,7 @@
 //! Everything runs the real binary; data are the simulated sets of `tests/data` or changed copies of them.
 
 mod bad_blobs;
+mod bad_imports;
 mod bad_measurements;
 mod bad_robots;
 #[cfg(unix)]

@@ -8,9 +8,9 @@ use std::path::Path;
 use serde::Deserialize;
 use toml::{Spanned, Value};
 
-use super::line_and_column;
 use crate::error::InputError;
 use crate::robot::BUILT_IN;
+use crate::toml_text::TomlText;
 
 /// Of the shape that is read here.
 const VERSION: u32 = 1;
@@ -36,7 +36,7 @@ struct File {
 }
 
 #[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, expecting = "a table [robot] with its keys")]
 struct RobotTable {
     description: Spanned<String>,
     base: Any,
@@ -46,7 +46,7 @@ struct RobotTable {
 }
 
 #[derive(Default, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, expecting = "a table [instrument] with its keys")]
 struct InstrumentTable {
     position_sigma_mm: Any,
     orientation_sigma_mrad: Any,
@@ -55,7 +55,7 @@ struct InstrumentTable {
 
 /// The table `data`.
 #[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, expecting = "a table [data] with its keys")]
 pub struct DataTable {
     pub train: Spanned<String>,
     #[serde(default)]
@@ -70,7 +70,7 @@ pub struct DataTable {
 }
 
 #[derive(Default, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, expecting = "a table [model] with its keys")]
 struct ModelTable {
     method: Any,
     per_output: Flag,
@@ -88,7 +88,7 @@ struct ModelTable {
 
 /// The table `output`.
 #[derive(Default, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, expecting = "a table [output] with its keys")]
 pub struct OutputTable {
     /// Where the blob goes.
     pub blob: Option<Spanned<String>>,
@@ -124,7 +124,15 @@ impl<'a> Cell<'a> {
     pub fn read(path: &'a Path) -> Result<Self, InputError> {
         let text = std::fs::read_to_string(path)
             .map_err(|error| InputError::unreadable(path, &error, "a project file"))?;
-        let file: File = toml::from_str(&text).map_err(|error| refused(path, &text, &error))?;
+        let file: File = toml::from_str(&text).map_err(|error| {
+            let toml = TomlText {
+                file: path,
+                text: &text,
+            };
+            toml.refused(&error, "a project file in TOML").with_help(
+                "docs/cell.md has all keys; `trainer calibrate … --write-cell FILE` writes a complete one",
+            )
+        })?;
         let cell = Self { path, text, file };
         let version = &cell.file.version;
         if *version.get_ref() != VERSION {
@@ -149,10 +157,11 @@ impl<'a> Cell<'a> {
         found: impl Into<String>,
         expected: impl Into<String>,
     ) -> InputError {
-        let (line, column) = line_and_column(&self.text, &place);
-        InputError::new(self.path, found, expected)
-            .at_line(line)
-            .at_column(column, key)
+        let toml = TomlText {
+            file: self.path,
+            text: &self.text,
+        };
+        toml.error(place, key, found, expected)
     }
 
     /// The version of the trainer that the file names.
@@ -284,29 +293,4 @@ fn words(value: &Value) -> String {
         Value::Array(values) => values.iter().map(words).collect::<Vec<_>>().join(","),
         other => other.to_string(),
     }
-}
-
-/// What toml or serde say, taken apart into found and expected.
-fn refused(path: &Path, text: &str, error: &toml::de::Error) -> InputError {
-    let message: Vec<&str> = error.message().split_whitespace().collect();
-    let message = message.join(" ");
-    let (found, expected) = match message.split_once(", expected ") {
-        Some((found, expected)) => (found.to_owned(), expected.to_owned()),
-        None => match message.strip_prefix("missing field ") {
-            Some(key) => (format!("no {key}"), format!("the key {key}")),
-            None => (message, "a project file in TOML".to_owned()),
-        },
-    };
-    let error = match error.span() {
-        Some(span) => {
-            let (line, column) = line_and_column(text, &span);
-            InputError::new(path, found, expected)
-                .at_line(line)
-                .at_column(column, "")
-        }
-        None => InputError::new(path, found, expected),
-    };
-    error.with_help(
-        "docs/cell.md has all keys; `trainer calibrate … --write-cell FILE` writes a complete one",
-    )
 }
