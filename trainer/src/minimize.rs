@@ -57,6 +57,7 @@ impl<O: Objective> Gradient for Boxed<'_, O> {
     }
 
     fn cost_and_gradient(&self, x: &Vec<f64>) -> Result<(f64, Vec<f64>), Infallible> {
+        crate::progress::step();
         Ok(self.objective.value_and_gradient(x))
     }
 }

@@ -7,16 +7,58 @@
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
 
 use tempfile::NamedTempFile;
 
 use crate::error::InputError;
+
+/// Held while there are temporary files.
+static WRITING: Mutex<()> = Mutex::new(());
+
+fn writing() -> MutexGuard<'static, ()> {
+    WRITING.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Temporary files of this process, those that are gone included.
+static TEMPORARY: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
+
+fn temporary_files() -> MutexGuard<'static, Vec<PathBuf>> {
+    TEMPORARY.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Before the end of the process: waits until nothing is half-written and lets nothing begin any more. Whether that came
+/// to be within `patience`; a write into a pipe may take for ever, and then the temporary files beside it are removed.
+pub fn hold(patience: Duration) -> bool {
+    let begin = Instant::now();
+    while begin.elapsed() < patience {
+        if let Ok(guard) = WRITING.try_lock() {
+            std::mem::forget(guard);
+            return true;
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    // Kept locked: nothing new is made.
+    let files = temporary_files();
+    for file in files.iter() {
+        let _ = std::fs::remove_file(file);
+    }
+    std::mem::forget(files);
+    false
+}
 
 /// Refuses a path that could not be written, before the work that would be lost.
 ///
 /// # Errors
 /// [`InputError`] names the path and what is wrong with it.
 pub fn check(path: &Path) -> Result<(), InputError> {
+    let _writing = writing();
+    could_be_written(path)
+}
+
+/// The same while `WRITING` is held: a temporary file is made.
+fn could_be_written(path: &Path) -> Result<(), InputError> {
     if path.as_os_str().is_empty() || path.is_dir() {
         return Err(InputError::new(
             path,
@@ -63,6 +105,7 @@ pub fn write(path: &Path, bytes: &[u8]) -> Result<(), InputError> {
 /// # Errors
 /// As [`check`].
 pub fn write_all(files: &[(&Path, &[u8])]) -> Result<(), InputError> {
+    let _writing = writing();
     let staged = files
         .iter()
         .map(|(path, bytes)| Staged::new(path, bytes))
@@ -75,10 +118,16 @@ pub fn write_all(files: &[(&Path, &[u8])]) -> Result<(), InputError> {
 /// # Errors
 /// [`InputError`] names the path and what is wrong with it.
 pub fn check_new(path: &Path) -> Result<(), InputError> {
+    let _writing = writing();
+    could_be_new(path)
+}
+
+/// The same while `WRITING` is held.
+fn could_be_new(path: &Path) -> Result<(), InputError> {
     if std::fs::symlink_metadata(path).is_ok_and(|there| !there.is_dir()) {
         return Err(exists(path));
     }
-    check(path)
+    could_be_written(path)
 }
 
 /// Who may read a new file.
@@ -95,10 +144,11 @@ pub enum Readers {
 /// # Errors
 /// As [`check_new`].
 pub fn write_new(files: &[(&Path, &[u8], Readers)]) -> Result<(), InputError> {
+    let _writing = writing();
     let staged = files
         .iter()
         .map(|(path, bytes, readers)| {
-            check_new(path)?;
+            could_be_new(path)?;
             temporary(folder_of(path), bytes, *readers)
                 .map(|file| (file, *path))
                 .map_err(|error| refused(path, &error))
@@ -132,7 +182,12 @@ fn temporary(folder: &Path, bytes: &[u8], readers: Readers) -> std::io::Result<N
     if readers == Readers::All {
         builder.permissions_of_a_plain_file();
     }
-    let mut file = builder.tempfile_in(folder)?;
+    let mut file = {
+        let mut known = temporary_files();
+        let file = builder.tempfile_in(folder)?;
+        known.push(file.path().to_path_buf());
+        file
+    };
     file.write_all(bytes)?;
     file.as_file().sync_all()?;
     Ok(file)
@@ -143,7 +198,7 @@ struct Staged(Option<(NamedTempFile, PathBuf)>);
 
 impl Staged {
     fn new(path: &Path, bytes: &[u8]) -> Result<Self, InputError> {
-        check(path)?;
+        could_be_written(path)?;
         let stage = || -> std::io::Result<Self> {
             if std::fs::metadata(path).is_ok_and(|there| !there.is_file()) {
                 let mut device = std::fs::OpenOptions::new().write(true).open(path)?;

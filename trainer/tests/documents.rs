@@ -228,6 +228,32 @@ fn the_commands_of_the_check_work() {
 }
 
 #[test]
+fn the_commands_of_the_project_file_work() {
+    let folder = run("docs/cell.md");
+    assert!(folder.join("other.blob").is_file());
+}
+
+/// The fleet's example of a project file, on simulated poses of the arm that it names.
+#[test]
+fn the_cell_of_the_fleet_works() {
+    let folder = run("docs/fleet.md");
+    let text = "trainer simulate --robot abb-irb120 --poses 60 --test-sets 1 --out .\n\
+                trainer calibrate fleet.toml --model poe --out arm.blob\n";
+    let background = &mut Background(Vec::new());
+    for (number, line) in text.lines().enumerate() {
+        let block = Block {
+            instruction: "run".to_owned(),
+            line: number,
+            text: format!("{line}\n"),
+        };
+        run_block(&block, &folder, 0, "docs/fleet.md", background);
+        let _ = fs::rename(folder.join("train.csv"), folder.join("measured.csv"));
+        let _ = fs::rename(folder.join("test1.csv"), folder.join("test.csv"));
+    }
+    assert!(folder.join("arm.blob").is_file());
+}
+
+#[test]
 fn the_commands_of_the_page_on_the_report_work() {
     let folder = run("docs/report.md");
     for file in ["arm.blob", "report.html", "compare.html", "compare.json"] {
@@ -295,6 +321,7 @@ fn links_lead_somewhere() {
         "docs/architecture.md",
         "docs/assurance.md",
         "docs/blob-format.md",
+        "docs/cell.md",
         "docs/check.md",
         "docs/commands.md",
         "docs/conventions.md",

@@ -30,8 +30,9 @@ def main() -> None:
             check=True,
             stdout=subprocess.DEVNULL,
         )
-        (cell / "robot.toml").write_text(
-            f'robot = "{arm}"\nmeasurements = "train.csv"\ntests = ["test1.csv"]\n', encoding="utf-8"
+        (cell / "cell.toml").write_text(
+            f'version = 1\nrobot.description = "{arm}"\n\n[data]\ntrain = "train.csv"\ntests = ["test1.csv"]\n',
+            encoding="utf-8",
         )
         if seed > arguments.robots:
             text = (cell / "train.csv").read_text(encoding="utf-8")

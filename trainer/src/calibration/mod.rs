@@ -271,7 +271,10 @@ pub fn calibrate(
             elastic::fit::fit_robust(&nominal, &chain_ends, coupling, &in_base, options)
                 .ok_or(CalibrationError::Unsolvable)?;
         let kept: Vec<Sample> = robust.kept.iter().map(|i| in_base[*i].clone()).collect();
-        let model = ElasticModel::new(&mut robust.fit, &kept, coupling, options);
+        let units = elastic::fit::solve_units(kept.len());
+        let model = crate::progress::phase(units, || {
+            ElasticModel::new(&mut robust.fit, &kept, coupling, options)
+        });
         let mut model = model.ok_or(CalibrationError::Unsolvable)?;
         if options.device_sigma && options.tied && options.processes {
             model.sigma = device_sigma(&robust, &kept, model.coupling.as_ref());

@@ -35,7 +35,7 @@ use estimate::{Fit, alternatives, change, lengths, sensitivity};
 use noise::{Factors, Parts};
 use parts::{Hypothesis, Part, base_effect, hypotheses, tool_effect};
 use placed::Placed;
-use report::{Change, Report};
+use report::{Change, Report, RowError};
 
 /// Noise to begin with where nothing is stated: a tracker's, m and rad.
 const FIRST_GUESS: (f64, f64) = (30e-6, 50e-6);
@@ -138,6 +138,14 @@ pub fn check(
     let errors = placed.errors();
     Ok(Report {
         errors: ErrorSummary::new(&errors),
+        rows: errors
+            .iter()
+            .enumerate()
+            .map(|(k, error)| RowError {
+                line: lines.get(k).copied().unwrap_or(0),
+                position_mm: error.position_mm,
+            })
+            .collect(),
         false_alarm_rate: options.false_alarms,
         changes: changes.collect(),
         effect_mm: lengths(&effect, samples, scales),

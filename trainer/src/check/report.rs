@@ -60,12 +60,23 @@ pub struct Sensitivity {
     pub looks_like: Option<Part>,
 }
 
+/// The error of one pose.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct RowError {
+    /// Line of the file.
+    pub line: usize,
+    /// Position error in mm.
+    pub position_mm: f64,
+}
+
 /// The answer.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Report {
     /// Errors now.
     #[serde(flatten)]
     pub errors: ErrorSummary,
+    /// The same of every pose, in the order of the file.
+    pub rows: Vec<RowError>,
     /// Rate of false alarms of the whole test.
     pub false_alarm_rate: f64,
     /// What has moved; empty when nothing has.

@@ -4,21 +4,30 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
+use super::cell::Project;
 use super::check::Check;
+use super::completions::{Completions, Manual};
 use super::correct::Correct;
 use super::device::arguments::Device;
 use super::export::Export;
 use super::import::Import;
 use super::plan::PlanArguments;
+use super::signing::{Keys, Sign, Verify};
 use crate::calibration::Method;
 
 /// Calibrates robot arms from tracker measurements and writes the model that the controller evaluates.
 #[derive(Debug, Parser)]
 #[command(name = "trainer", version, about, max_term_width = 100)]
-#[command(
-    after_help = "Exit codes: 0 done, 1 a quality bound was not met or a signature does not fit, 2 usage or input error."
-)]
+#[command(after_help = "Examples:\n  \
+    trainer demo\n  \
+    trainer calibrate --robot abb-irb120 train.csv --out arm.blob --report report.html\n  \
+    trainer calibrate cell.toml\n  \
+    trainer COMMAND --help   (each command has examples of its own)\n\n\
+    NO_COLOR and TERM=dumb are respected. SOURCE_DATE_EPOCH sets the date that is kept in a blob.")]
 pub struct Arguments {
+    /// Say nothing but errors: no results for people, no notes, no progress. Files and `--json -` are written as ever.
+    #[arg(long, short, global = true)]
+    pub quiet: bool,
     /// What to do.
     #[command(subcommand)]
     pub command: Command,
@@ -57,6 +66,10 @@ pub enum Command {
     Demo(Demo),
     /// Talk to a co-processor: bring a model onto it, check it, watch it, emulate it.
     Device(Device),
+    /// Print a script that completes the commands and options of this program in a shell.
+    Completions(Completions),
+    /// Write the manual pages, one for each command.
+    Manual(Manual),
 }
 
 /// Which robot.
@@ -202,6 +215,9 @@ pub struct Simulate {
     /// Folder to write into; created if it does not exist (its parent must).
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
+    /// What was written as JSON (`-`: standard output).
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
 }
 
 /// What is wrong with a simulated arm.
@@ -220,13 +236,31 @@ pub enum Scenario {
 /// `trainer calibrate`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Example: trainer calibrate --robot abb-irb120 train.csv --out arm.blob --report report.html"
+    override_usage = "trainer calibrate [OPTIONS] --robot <ROBOT> --out <FILE> <TRAIN>\n       \
+    trainer calibrate [OPTIONS] <CELL.toml>",
+    after_help = "A project file (cell.toml) holds robot, instrument, data with their checksums, model and outputs, with paths \
+    relative to itself, so that the same calibration, to the bit, can be made again years later. Options of the command line \
+    go before those of the file, and that is said. docs/cell.md has its keys.\n\n\
+    Examples:\n  \
+    trainer calibrate --robot abb-irb120 train.csv --out arm.blob --report report.html\n  \
+    trainer calibrate --robot abb-irb120 train.csv --out arm.blob --write-cell cell.toml\n  \
+    trainer calibrate cell.toml\n  \
+    trainer calibrate cell.toml --out again.blob"
 )]
 pub struct Calibrate {
     #[command(flatten)]
     pub robot: RobotArguments,
-    /// Measurements to train on.
+    /// Measurements to train on, or a project file (.toml) that names them and everything else.
     pub train: PathBuf,
+    /// The project file that was given in their place.
+    #[arg(skip)]
+    pub project: Option<Project>,
+    /// Project file to write: `trainer calibrate FILE` does the same again.
+    #[arg(long, value_name = "FILE")]
+    pub write_cell: Option<PathBuf>,
+    /// Day of the calibration, kept in the blob (default: SOURCE_DATE_EPOCH, else today).
+    #[arg(long, value_name = "YYYY-MM-DD", value_parser = date)]
+    pub date: Option<String>,
     /// Calibration method.
     #[arg(long, value_enum, default_value_t = ModelChoice::Elastic)]
     pub model: ModelChoice,
@@ -264,6 +298,23 @@ pub struct Calibrate {
     /// Facts of the calibration as JSON (`-`: standard output).
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
+}
+
+/// A day of the calendar.
+fn date(text: &str) -> Result<String, String> {
+    let numbers: Option<Vec<u16>> = text.split('-').map(|part| part.parse().ok()).collect();
+    let day = match numbers.as_deref() {
+        Some([year, month, day]) if text.len() == 10 => u8::try_from(*month)
+            .ok()
+            .and_then(|month| time::Month::try_from(month).ok())
+            .zip(u8::try_from(*day).ok())
+            .and_then(|(month, day)| {
+                time::Date::from_calendar_date(i32::from(*year), month, day).ok()
+            }),
+        _ => None,
+    };
+    day.map(|day| day.to_string())
+        .ok_or_else(|| "expected a day as 2026-11-20".to_owned())
 }
 
 /// `trainer evaluate`.
@@ -338,55 +389,12 @@ pub struct Inspect {
     pub json: Option<PathBuf>,
 }
 
-/// `trainer keys`.
-#[derive(Debug, Args)]
-pub struct Keys {
-    /// What to do.
-    #[command(subcommand)]
-    pub command: KeysCommand,
-}
-
-/// The commands of `trainer keys`.
-#[derive(Debug, Subcommand)]
-pub enum KeysCommand {
-    /// Make a new pair of keys; no file is overwritten.
-    New(NewKeys),
-}
-
-/// `trainer keys new`.
-#[derive(Debug, Args)]
-pub struct NewKeys {
-    /// Writes NAME.key, the secret key, for its owner only, and NAME.pub, the public key.
-    #[arg(long, value_name = "NAME")]
-    pub out: PathBuf,
-}
-
-/// `trainer sign`.
-#[derive(Debug, Args)]
-pub struct Sign {
-    /// The blob; a signature that it has is replaced.
-    pub blob: PathBuf,
-    /// The secret key.
-    #[arg(long, value_name = "FILE")]
-    pub key: PathBuf,
-    /// Where to write the signed blob (default: in place of the blob).
-    #[arg(long, value_name = "FILE")]
-    pub out: Option<PathBuf>,
-}
-
-/// `trainer verify`.
-#[derive(Debug, Args)]
-pub struct Verify {
-    /// The blob.
-    pub blob: PathBuf,
-    /// The public key.
-    #[arg(long, value_name = "FILE")]
-    pub public_key: PathBuf,
-}
-
 /// `trainer demo`.
 #[derive(Debug, Args)]
-#[command(after_help = "With --device it needs qemu-system-arm and a compiler for the board.")]
+#[command(
+    after_help = "With --device it needs qemu-system-arm and a compiler for the board.\n\n\
+    Examples:\n  trainer demo\n  trainer demo --seed 2 --out demo2 --device"
+)]
 pub struct Demo {
     /// Seed of the simulated arm.
     #[arg(long, default_value_t = 1)]
@@ -397,6 +405,9 @@ pub struct Demo {
     /// Then bring the model onto an emulated co-processor and have the simulated arm execute the commands it corrects.
     #[arg(long)]
     pub device: bool,
+    /// Errors of all models and the names of the files as JSON (`-`: standard output).
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
 }
 
 /// Number of support points.

@@ -8,8 +8,10 @@ use super::arguments::Calibrate;
 use super::elastic_facts::ElasticFacts;
 use super::page::{self, Tests};
 use super::{
-    Arm, Failure, check_outputs, device_failure, drift, enough_poses, equations, instrument_noise,
-    json_text, origin, progress, report::Report, write_outputs,
+    Arm, Failure, cell, check_outputs, device_failure, drift, enough_poses, equations,
+    instrument_noise, json_text, origin, progress,
+    report::{Report, remark},
+    write_outputs,
 };
 use crate::budget::{Budget, Fitted, TRIALS, fill};
 use crate::calibration::frames::{FrameFit, Sample};
@@ -55,6 +57,9 @@ pub struct Document {
     /// By how much the frames differ from the drawing.
     pub frames: Vec<FrameChange>,
     pub blob: BlobFacts,
+    /// Whether the blob is, to the byte, the one that a project file states.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    repeats: Option<bool>,
     pub provenance: Provenance,
 }
 
@@ -92,9 +97,11 @@ pub fn run(a: &Calibrate) -> Result<(), Failure> {
         Some(a.out.as_path()),
         a.json.as_deref(),
         a.report.as_deref(),
+        a.write_cell.as_deref(),
     ];
     let mut inputs = vec![a.train.as_path(), Path::new(&a.robot.robot)];
     inputs.extend(a.tests.iter().map(PathBuf::as_path));
+    inputs.extend(a.project.as_ref().map(|project| project.file.as_path()));
     check_outputs(&outputs, &inputs)?;
     let mut options = Options {
         max_correction_m: positive("--max-correction-mm", a.max_correction_mm, 1000.0)?
@@ -117,17 +124,20 @@ pub fn run(a: &Calibrate) -> Result<(), Failure> {
     page::check(a, &samples, options.method, arm.robot.joints.len())?;
     options.instrument_noise =
         instrument_noise(a.fit.position_sigma_mm, a.fit.orientation_sigma_mrad)?;
-    let origin = origin(set.sha256, &a.serial_number, tools);
+    let mut origin = origin(set.sha256, &a.serial_number, tools);
+    if let Some(date) = &a.date {
+        origin.date.clone_from(date);
+    }
     let table = match a.model.method() {
         Some(_) => None,
         None => {
             let choice = choose_model(a, &arm, &samples, &options, &origin)?;
             options = choice.options;
             for out in &choice.left_out {
-                eprintln!(
-                    "note: `{}` is left out of the choice: {}",
+                remark(format_args!(
+                    "`{}` is left out of the choice: {}",
                     out.candidate, out.reason
-                );
+                ));
             }
             Some(choice.table)
         }
@@ -146,9 +156,9 @@ pub fn run(a: &Calibrate) -> Result<(), Failure> {
             "--max-instructions and --max-flash-bytes choose the size of the elastic model".into(),
         ));
     }
-    let spinner = progress::spinner("calibrating");
-    let found = calibrate_for_device(&arm.nominal, &arm.robot, &samples, &options, &origin);
-    spinner.finish_and_clear();
+    let found = progress::calibrating(|| {
+        calibrate_for_device(&arm.nominal, &arm.robot, &samples, &options, &origin)
+    });
     let found = found.map_err(|e| device_failure(&a.train, e))?;
     let train = (&set, samples.as_slice());
     let evidence = page::held_out(a, &arm, train, &tests, &options, &origin, &found)?;
@@ -171,6 +181,15 @@ pub fn run(a: &Calibrate) -> Result<(), Failure> {
     document.budget = fitted;
     document.drift = drift.map(|d| d.report);
     document.identifiability = identify::of_calibration(&calibration, &arm.robot, &samples);
+    let stated = a.project.as_ref().and_then(|p| p.blob_sha256.as_ref());
+    document.repeats = stated.map(|stated| {
+        let sum = FileFacts::of_bytes("", "", blob.bytes()).sha256;
+        stated.eq_ignore_ascii_case(&sum)
+    });
+    let cell = a.write_cell.as_deref().map(|path| {
+        let text = cell::text(a, path, &set, &tests.files, &origin, blob.bytes());
+        (path, text)
+    });
     let json = json_text(&document)?;
     let shown = evidence.as_ref().zip(document.held_out.as_ref());
     let shown = shown.map(|(evidence, facts)| page::of_calibration(&document, evidence, facts));
@@ -178,6 +197,7 @@ pub fn run(a: &Calibrate) -> Result<(), Failure> {
     let html = a.report.as_deref().zip(shown.as_deref());
     files.extend(html.map(|(path, html)| (path, html.as_bytes())));
     files.extend(a.json.as_deref().map(|path| (path, json.as_bytes())));
+    files.extend(cell.iter().map(|(path, text)| (*path, text.as_bytes())));
     write_outputs(&files)?;
     let report = Report::beside(&outputs);
     if let Some(rows) = &document.choice {
@@ -388,6 +408,26 @@ fn print(
         a.out.display(),
         blob.bytes().len()
     ));
+    match document.repeats {
+        Some(true) => {
+            report.line(
+                "It is to the byte the blob that was made when the project file was written.",
+            );
+        }
+        Some(false) => remark(format_args!(
+            "{} is not to the byte the blob that the project file states (output.blob_sha256): another trainer, or another \
+             kind of processor; `trainer evaluate` on held-out poses tells whether it matters",
+            a.out.display()
+        )),
+        None => {}
+    }
+    if let Some(path) = &a.write_cell {
+        report.line(format_args!(
+            "Wrote {}: `trainer calibrate {}` does the same again.",
+            path.display(),
+            path.display()
+        ));
+    }
     if let Some(path) = &a.report {
         report.line(format_args!(
             "Wrote {}: open it in a browser.",
@@ -449,6 +489,7 @@ fn document(
             instructions: ElasticSize::of_blob(&blob.blob(), blob.model().support())
                 .map(|size| instructions(&size)),
         },
+        repeats: None,
         provenance,
     }
 }

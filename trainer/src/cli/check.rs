@@ -9,12 +9,13 @@ use serde::Serialize;
 use super::check_words as words;
 use super::evaluate::{self, TestData};
 use super::report::Report;
-use super::{Failure, check_outputs, file_name, json_text, write_outputs};
+use super::{Failure, check_outputs, check_page, file_name, json_text, origin, write_outputs};
 use crate::check::report::Report as Findings;
 use crate::check::{self, CheckError};
 use crate::drift::Drift;
 use crate::error::InputError;
 use crate::loaded::LoadedBlob;
+use crate::report::{FileFacts, Provenance};
 use crate::statistics::Summary;
 
 /// Farther apart than this, mm, measurements and predictions are not of the same frame.
@@ -30,6 +31,7 @@ const RATES: (f64, f64) = (0.001, 0.2);
     after_help = "Ten to twenty poses, spread over the joints as in training. The calibration does not hold (exit code 1) when \
     --max-mm is not met, or when a drift was found that moves the target by more than --max-drift-mm in the mean.\n\n\
     Example: trainer check arm.blob monday.csv --max-mm 0.15\n\
+    Example: trainer check arm.blob monday.csv --max-mm 0.15 --report monday.html\n\
     Example: trainer check arm.blob monday.csv --max-mm 0.15 --refit-base   (the tracker was set up anew)"
 )]
 pub struct Check {
@@ -64,6 +66,9 @@ pub struct Check {
     /// The same of one rotation component (default: sigma_mrad of the file, else none).
     #[arg(long, value_name = "MRAD")]
     pub orientation_sigma_mrad: Option<f64>,
+    /// A page for whoever asks: holds or not, errors against the bound, what has moved, as HTML.
+    #[arg(long, value_name = "FILE")]
+    pub report: Option<PathBuf>,
     /// The findings as JSON (`-`: standard output).
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
@@ -82,7 +87,7 @@ pub enum Statistic {
 }
 
 impl Statistic {
-    fn of(self, summary: &Summary) -> f64 {
+    pub fn of(self, summary: &Summary) -> f64 {
         match self {
             Self::Mean => summary.mean,
             Self::P95 => summary.p95,
@@ -90,7 +95,7 @@ impl Statistic {
         }
     }
 
-    fn name(self) -> &'static str {
+    pub fn name(self) -> &'static str {
         match self {
             Self::Mean => "mean",
             Self::P95 => "95 %",
@@ -101,28 +106,29 @@ impl Statistic {
 
 /// What `--json` writes.
 #[derive(Serialize)]
-struct Document<'a> {
+pub struct Document<'a> {
     version: &'static str,
-    model: &'a str,
-    name: String,
+    pub model: &'a str,
+    pub name: String,
     /// Whether the calibration holds: the exit code.
-    holds: bool,
-    statistic: Statistic,
-    max_mm: f64,
-    bound_met: bool,
-    max_drift_mm: f64,
+    pub holds: bool,
+    pub statistic: Statistic,
+    pub max_mm: f64,
+    pub bound_met: bool,
+    pub max_drift_mm: f64,
     /// Whether a drift was found that moves the target by more than that.
-    drift_matters: bool,
-    base_refitted: bool,
-    tool_refitted: bool,
+    pub drift_matters: bool,
+    pub base_refitted: bool,
+    pub tool_refitted: bool,
     #[serde(flatten)]
-    findings: &'a Findings,
+    pub findings: &'a Findings,
     /// What to do next.
-    advice: Vec<String>,
+    pub advice: Vec<String>,
+    pub provenance: Provenance,
 }
 
 pub fn run(a: &Check) -> Result<(), Failure> {
-    let outputs = [a.json.as_deref()];
+    let outputs = [a.json.as_deref(), a.report.as_deref()];
     check_outputs(&outputs, &[&a.blob, &a.measurements])?;
     let options = options(a)?;
     let loaded = LoadedBlob::read(&a.blob)?;
@@ -156,10 +162,28 @@ pub fn run(a: &Check) -> Result<(), Failure> {
         tool_refitted: a.refit_tool,
         findings: &findings,
         advice: words::advice(&findings, bound_met, drift_matters, a.max_mm),
+        provenance: Provenance {
+            command: crate::report::provenance::command_line(),
+            version: env!("CARGO_PKG_VERSION"),
+            date: origin(data.set.sha256, blob.robot.serial_number, Vec::new()).date,
+            seed: None,
+            robot: blob.robot.name.to_owned(),
+            serial_number: blob.robot.serial_number.to_owned(),
+            files: vec![
+                FileFacts::of_set("fresh measurements", &data.set),
+                FileFacts::of_bytes("model", a.blob.display().to_string(), loaded.bytes()),
+            ],
+        },
     };
-    if let Some(path) = &a.json {
-        write_outputs(&[(path, json_text(&document)?.as_bytes())])?;
-    }
+    let json = json_text(&document)?;
+    let page = a
+        .report
+        .as_deref()
+        .map(|path| (path, check_page::page(&document, blob.provenance.date)));
+    let mut files: Vec<(&Path, &[u8])> = Vec::new();
+    files.extend(page.iter().map(|(path, html)| (*path, html.as_bytes())));
+    files.extend(a.json.as_deref().map(|path| (path, json.as_bytes())));
+    write_outputs(&files)?;
     print(Report::beside(&outputs), a, &document, blob.provenance.date);
     if document.holds {
         return Ok(());

@@ -5,7 +5,7 @@ use crate::check::report::{Change, Estimate, Report, Sensitivity};
 use crate::identify::list;
 
 /// A p-value below this is one.
-const LEAST_P: f64 = 1e-4;
+pub const LEAST_P: f64 = 1e-4;
 /// Lines of a file that are listed.
 const SHOWN: usize = 10;
 

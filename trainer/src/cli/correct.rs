@@ -131,7 +131,7 @@ pub fn run(a: &Correct) -> Result<(), Failure> {
     let file = TargetFile::read(&a.targets)?;
     let robot = evaluate::robot_of(&loaded.blob());
     for note in file.check(&robot)? {
-        eprintln!("note: {}: {note}", a.targets.display());
+        crate::cli::report::remark(format_args!("{}: {note}", a.targets.display()));
     }
     file.refuse_columns(
         &ADDED,

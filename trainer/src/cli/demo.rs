@@ -9,7 +9,9 @@ use super::arguments::{Arguments, Command, Demo};
 use super::demo_device::DemoDevice;
 use super::report::Report;
 use super::simulate::{make_folder, write_sets};
-use super::{Failure, device_failure, evaluate, json_text, origin, progress};
+use super::{
+    Failure, check_outputs, device_failure, evaluate, json_text, origin, progress, write_facts,
+};
 use crate::calibration::frames::Sample;
 use crate::calibration::{Method, Options};
 use crate::cli::arguments::Evaluate;
@@ -34,7 +36,8 @@ const PAYLOADS: [f64; 5] = [1.0, 2.5, 3.5, 5.0, 7.5];
 const FOLDS: usize = 10;
 
 pub fn run(a: &Demo) -> Result<(), Failure> {
-    let report = Report::beside(&[]);
+    check_outputs(&[a.json.as_deref()], &[])?;
+    let report = Report::beside(&[a.json.as_deref()]);
     // First, so that what is missing on this machine is said before a minute of work.
     let mut board = a.device.then(|| DemoDevice::start(report)).transpose()?;
     make_folder(&a.out)?;
@@ -175,6 +178,12 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
             &mut simulator,
         )?;
     }
+    let facts = serde_json::json!({
+        "seed": a.seed,
+        "models": models,
+        "files": written.iter().flat_map(|(names, _)| names.split(' ')).collect::<Vec<_>>(),
+    });
+    write_facts(a.json.as_deref(), facts)?;
     report.line(format_args!("\nEverything is in {}:", a.out.display()));
     for (name, what) in written {
         report.line(format_args!("  {name:30} {what}"));

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use super::report::remark;
 use super::{Arm, Failure};
 use crate::calibration::frames::Sample;
 use crate::drift::Drift;
@@ -12,6 +13,9 @@ use crate::samples::ToolName;
 pub const NO_LEAK: &str =
     "  (from the reference points alone, never from a measured pose: folds stay apart)";
 
+/// Left over of what points that were left out show, when the motion is worth taking out.
+const WORTH_IT: f64 = 0.9;
+
 /// A training file, and its drift, which is taken out of the samples, when it is asked for.
 pub fn read(
     arm: &Arm,
@@ -21,11 +25,37 @@ pub fn read(
 ) -> Result<(MeasurementSet, Vec<Sample>, Option<Drift>), Failure> {
     let (set, samples) = arm.read(path, tools)?;
     if !correct {
+        hint(path, &set);
         return Ok((set, samples, None));
     }
     let drift = Drift::estimate(&set)?;
     let samples = crate::samples::samples(&drift.correct(&set), &arm.robot, tools)?;
     Ok((set, samples, Some(drift)))
+}
+
+/// Names `--correct-drift` where the reference points of a file show a motion that is worth it.
+fn hint(path: &Path, set: &MeasurementSet) {
+    if set
+        .measurements
+        .first()
+        .is_none_or(|m| m.references.is_empty())
+    {
+        return;
+    }
+    // Points that cannot be used were not asked for.
+    let Ok(Drift { report, .. }) = Drift::estimate(set) else {
+        return;
+    };
+    let [before, after] = report.left_out_um;
+    if after > WORTH_IT * before {
+        return;
+    }
+    let largest = report.max_um.into_iter().fold(0.0, f64::max);
+    remark(format_args!(
+        "{}: its reference points show that the instrument moved by up to {largest:.0} µm; --correct-drift takes that out \
+         ({before:.0} to {after:.0} µm on points left out)",
+        path.display()
+    ));
 }
 
 /// The samples of a test file with its drift taken out, relative to where `training` saw the reference points.

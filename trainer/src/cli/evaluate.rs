@@ -175,7 +175,7 @@ pub(super) fn read(loaded: &LoadedBlob, path: &Path) -> Result<TestData, Failure
     let set = measurements::read(path)?;
     let notes = set.check(&robot)?;
     for note in set.notes.iter().chain(&notes) {
-        eprintln!("note: {}: {note}", path.display());
+        crate::cli::report::remark(format_args!("{}: {note}", path.display()));
     }
     if blob.ranges.payload_kg.is_some() && !set.has_payload() {
         return Err(InputError::new(

@@ -3,9 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use serde_json::json;
 
 use super::report::{Report, is_stdout};
-use super::{Failure, check_outputs, json_text, write_outputs};
+use super::{Failure, check_outputs, facts_text, json_text, write_outputs};
 use crate::error::InputError;
 use crate::interchange::urdf::{Changes, changes, minimal};
 use crate::interchange::{CalibratedChain, Table, c_header, dh, gauge, poe, ur, urdf_text};
@@ -50,6 +51,9 @@ pub struct Export {
     /// C header with the bytes of the blob and the frames of the chain.
     #[arg(long, value_name = "FILE")]
     pub c_header: Option<PathBuf>,
+    /// What was written, and what the files cannot hold, as JSON (`-`: standard output).
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
 }
 
 pub fn run(a: &Export) -> Result<(), Failure> {
@@ -63,8 +67,9 @@ pub fn run(a: &Export) -> Result<(), Failure> {
     }
     let mut inputs = vec![a.blob.as_path()];
     inputs.extend(a.urdf.as_deref());
-    check_outputs(&outputs, &inputs)?;
-    let report = Report::beside(&outputs);
+    let all = [&outputs[..], &[a.json.as_deref()]].concat();
+    check_outputs(&all, &inputs)?;
+    let report = Report::beside(&all);
     let loaded = LoadedBlob::read(&a.blob)?;
     let mut chain = CalibratedChain::of(&loaded);
 
@@ -91,10 +96,19 @@ pub fn run(a: &Export) -> Result<(), Failure> {
             .map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
         files.push((path, c_header::text(&loaded, &chain, &stem)));
     }
-    let bytes: Vec<(&Path, &[u8])> = files
+    let names: Vec<&Path> = files.iter().map(|(path, _)| *path).collect();
+    let facts = facts_text(json!({
+        "robot": chain.name,
+        "files": names,
+        "remarks": said,
+        "not_carried": chain.not_carried,
+        "other_tools": chain.other_tools,
+    }))?;
+    let mut bytes: Vec<(&Path, &[u8])> = files
         .iter()
         .map(|(path, text)| (*path, text.as_bytes()))
         .collect();
+    bytes.extend(a.json.as_deref().map(|path| (path, facts.as_bytes())));
     write_outputs(&bytes)?;
 
     for (path, _) in files.iter().filter(|(path, _)| !is_stdout(path)) {

@@ -3,13 +3,14 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use serde_json::{Value, json};
 
 use super::report::{Report, is_stdout};
-use super::{Failure, check_outputs, write_outputs};
+use super::{Failure, check_outputs, facts_text, write_outputs};
 use crate::error::InputError;
 use crate::import::guess::{Guess, guess};
 use crate::import::map::Map;
-use crate::import::{Row, import};
+use crate::import::{Imported, Row, import};
 
 /// Rows that are shown as they were understood.
 const SHOWN: usize = 3;
@@ -40,12 +41,15 @@ pub struct Import {
     /// Measurement file to write (`-`: standard output); with --guess the map.
     #[arg(long, value_name = "FILE", required_unless_present = "guess")]
     pub out: Option<PathBuf>,
+    /// What was understood as JSON: rows, columns of the first three, notes; with --guess the map, too (`-`: standard output).
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
 }
 
 pub fn run(a: &Import) -> Result<(), Failure> {
     let mut inputs: Vec<&Path> = a.raws.iter().map(PathBuf::as_path).collect();
     inputs.extend(a.map.as_deref());
-    let outputs = [a.out.as_deref()];
+    let outputs = [a.out.as_deref(), a.json.as_deref()];
     check_outputs(&outputs, &inputs)?;
     let report = Report::beside(&outputs);
     if a.guess {
@@ -59,9 +63,12 @@ pub fn run(a: &Import) -> Result<(), Failure> {
     };
     let map = Map::read(map)?;
     let imported = import(&a.raws, &map)?;
-    write_outputs(&[(out, imported.csv.as_bytes())])?;
+    let facts = facts_text(facts(&imported, &map))?;
+    let mut files: Vec<(&Path, &[u8])> = vec![(out, imported.csv.as_bytes())];
+    files.extend(a.json.as_deref().map(|path| (path, facts.as_bytes())));
+    write_outputs(&files)?;
     for note in &imported.notes {
-        eprintln!("note: {note}");
+        crate::cli::report::remark(note);
     }
     report.line(format_args!(
         "Imported {} measurements{}",
@@ -87,16 +94,35 @@ fn propose(a: &Import, report: Report) -> Result<(), Failure> {
         missing,
         columns,
     } = guess(&a.raws, &bytes)?;
+    let path = a
+        .out
+        .clone()
+        .unwrap_or_else(|| PathBuf::from("<proposed map>"));
+    let tried = missing.is_empty().then(|| -> Result<_, InputError> {
+        let map = Map::parse(&path, &text)?;
+        let imported = import(&a.raws, &map)?;
+        Ok((map, imported))
+    });
+    let mut document = match &tried {
+        Some(Ok((map, imported))) => facts(imported, map),
+        _ => json!({}),
+    };
+    document["map"] = text.as_str().into();
+    document["missing"] = json!(missing);
+    let document = facts_text(document)?;
+    let mut files: Vec<(&Path, &[u8])> = Vec::new();
+    files.extend(a.out.as_deref().map(|path| (path, text.as_bytes())));
+    files.extend(a.json.as_deref().map(|path| (path, document.as_bytes())));
+    write_outputs(&files)?;
     match &a.out {
         Some(out) => {
-            write_outputs(&[(out, text.as_bytes())])?;
             if !is_stdout(out) {
                 report.line(format_args!("Wrote {}", out.display()));
             }
         }
         None => report.line(text.trim_end()),
     }
-    if !missing.is_empty() {
+    let Some(tried) = tried else {
         let found = format!("no columns that look like {}", missing.join(" and "));
         let one_file = if a.raws.len() == 1 {
             "; for a list of points give the file of joints, too"
@@ -113,23 +139,37 @@ fn propose(a: &Import, report: Report) -> Result<(), Failure> {
             columns.join(", ")
         ))
         .into());
-    }
-    let path = a
-        .out
-        .clone()
-        .unwrap_or_else(|| PathBuf::from("<proposed map>"));
-    let map = Map::parse(&path, &text)?;
-    match import(&a.raws, &map) {
-        Ok(imported) => {
+    };
+    match tried {
+        Ok((map, imported)) => {
             report.line("");
             for note in &imported.notes {
-                eprintln!("note: {note}");
+                crate::cli::report::remark(note);
             }
             show(report, &imported.rows, &map);
             Ok(())
         }
         Err(error) => Err(Failure::Input(error)),
     }
+}
+
+/// What was understood, for other programs.
+fn facts(imported: &Imported, map: &Map) -> Value {
+    let shown: Vec<Value> = imported
+        .rows
+        .iter()
+        .take(SHOWN)
+        .map(|row| {
+            let fields = row.fields(map);
+            Value::Object(
+                fields
+                    .into_iter()
+                    .map(|(name, text)| (name, Value::String(text)))
+                    .collect(),
+            )
+        })
+        .collect();
+    json!({ "measurements": imported.rows.len(), "as_understood": shown, "notes": imported.notes })
 }
 
 /// The first rows as they were understood, a column for each.

@@ -1,12 +1,16 @@
 //! The command line: what was typed (`arguments`) becomes what is done (one file for each command).
 //!
-//! Exit codes: 0 done, 1 a quality bound was not met or a signature does not fit, 2 usage or input error. Errors are printed once, here.
+//! Exit codes: 0 done, 1 a quality bound was not met or a signature does not fit, 2 usage or input error, 130 stopped by
+//! Ctrl-C. Errors are printed once, here.
 
 mod arguments;
 mod calibrate;
+mod cell;
 mod check;
+mod check_page;
 mod check_words;
 mod compare;
+mod completions;
 mod correct;
 mod demo;
 mod demo_device;
@@ -17,8 +21,10 @@ mod evaluate;
 mod export;
 mod import;
 mod inspect;
+mod interrupt;
 mod page;
 mod plan;
+mod pointer;
 mod progress;
 mod report;
 mod signing;
@@ -30,7 +36,7 @@ use std::io::Write;
 use std::path::Path;
 use std::process::ExitCode;
 
-use clap::Parser;
+use clap::{CommandFactory, FromArgMatches};
 use poegp_runtime::load_error::LoadError;
 use poegp_runtime::poe::Poe;
 
@@ -93,13 +99,25 @@ impl From<ExportError> for Failure {
 
 /// Runs the program and returns its exit code.
 pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
-    let arguments = match Arguments::try_parse_from(arguments) {
+    interrupt::install();
+    let expanded = match cell::expanded(arguments.into_iter().collect()) {
+        Ok(expanded) => expanded,
+        Err(failure) => return failed(&failure),
+    };
+    let mut arguments = match typed(&expanded.words) {
         Ok(arguments) => arguments,
         Err(error) => {
             let _ = error.print();
             return ExitCode::from(if error.use_stderr() { 2 } else { 0 });
         }
     };
+    if arguments.quiet {
+        report::be_quiet();
+    }
+    expanded.notes.iter().for_each(report::remark);
+    if let Command::Calibrate(a) = &mut arguments.command {
+        expanded.complete(a);
+    }
     let result = match arguments.command {
         Command::Plan(a) => plan::run(&a),
         Command::Simulate(a) => simulate::run(&a),
@@ -116,14 +134,43 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Verify(a) => signing::verify(&a),
         Command::Demo(a) => demo::run(&a),
         Command::Device(a) => device::run(&a),
+        Command::Completions(a) => completions::completions(&a),
+        Command::Manual(a) => completions::manual(&a),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
-        Err(failure) => {
-            eprintln!("error: {failure}");
-            failure.exit_code()
-        }
+        Err(failure) => failed(&failure),
     }
+}
+
+/// Says why, and gives the exit code.
+fn failed(failure: &Failure) -> ExitCode {
+    match failure {
+        Failure::Input(error) => eprintln!("error: {}", pointer::told(error)),
+        _ => eprintln!("error: {failure}"),
+    }
+    failure.exit_code()
+}
+
+/// What every help ends with.
+const EXIT_CODES: &str = "Exit codes: 0 done, 1 a quality bound was not met or a signature does not fit, 2 usage or input \
+    error, 130 stopped by Ctrl-C (no file is left half-written).";
+
+/// The command line with its help.
+fn command() -> clap::Command {
+    fn with_exit_codes(command: clap::Command) -> clap::Command {
+        let help = match command.get_after_help() {
+            Some(help) => format!("{help}\n\n{EXIT_CODES}"),
+            None => EXIT_CODES.to_owned(),
+        };
+        command.after_help(help).mut_subcommands(with_exit_codes)
+    }
+    with_exit_codes(Arguments::command())
+}
+
+/// What was typed.
+fn typed(words: &[OsString]) -> Result<Arguments, clap::Error> {
+    Arguments::from_arg_matches(&command().try_get_matches_from(words)?)
 }
 
 /// A robot with its chain.
@@ -152,7 +199,7 @@ impl Arm {
         let set = measurements::read(path)?;
         let notes = set.check(&self.robot)?;
         for note in set.notes.iter().chain(&notes) {
-            eprintln!("note: {}: {note}", path.display());
+            crate::cli::report::remark(format_args!("{}: {note}", path.display()));
         }
         let samples = crate::samples::samples(&set, &self.robot, tools)?;
         Ok((set, samples))
@@ -266,6 +313,20 @@ fn origin(data_sha256: [u8; 32], serial_number: &str, tools: Vec<ToolName>) -> O
 fn json_text(document: &impl serde::Serialize) -> Result<String, Failure> {
     let text = serde_json::to_string_pretty(document).map_err(|e| Failure::Usage(e.to_string()))?;
     Ok(text + "\n")
+}
+
+/// Writes the facts of a command as JSON where they were asked for, with the version of the program.
+fn write_facts(path: Option<&Path>, facts: serde_json::Value) -> Result<(), Failure> {
+    match path {
+        Some(path) => write_outputs(&[(path, facts_text(facts)?.as_bytes())]),
+        None => Ok(()),
+    }
+}
+
+/// The facts of a command as a JSON document, with the version of the program.
+fn facts_text(mut facts: serde_json::Value) -> Result<String, Failure> {
+    facts["version"] = env!("CARGO_PKG_VERSION").into();
+    json_text(&facts)
 }
 
 /// Writes all outputs of a command or none; `-` is standard output.

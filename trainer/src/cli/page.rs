@@ -164,8 +164,12 @@ pub fn held_out(
         match task.run(&options, &mut || bar.inc(1)) {
             Ok(model) => models.push(model),
             // What the calibration is compared with need not be possible.
-            Err(error) => bar
-                .suspend(|| eprintln!("note: `{}` is not compared: {}", error.model, error.error)),
+            Err(error) => bar.suspend(|| {
+                crate::cli::report::remark(format_args!(
+                    "`{}` is not compared: {}",
+                    error.model, error.error
+                ))
+            }),
         }
     }
     let last = if tests.sets.is_empty() {

@@ -353,15 +353,15 @@ fn print(report: Report, a: &PlanArguments, d: &Document, plan: &Plan, candidate
         ));
     }
     if candidates.joints.len() < CHOICE * plan.poses.len() {
-        eprintln!(
-            "note: only {} configurations are allowed: the plan takes a large part of them, wherever they are",
+        crate::cli::report::remark(format_args!(
+            "only {} configurations are allowed: the plan takes a large part of them, wherever they are",
             candidates.joints.len()
-        );
+        ));
     }
     if d.payloads_kg.len() == 1 || d.payloads_kg.is_empty() {
-        eprintln!(
-            "note: one payload tells nothing about others; --payloads 0,5,10 spreads the poses over three"
-        );
+        crate::cli::report::remark(format_args!(
+            "one payload tells nothing about others; --payloads 0,5,10 spreads the poses over three"
+        ));
     }
     report.line(format_args!(
         "  The slowest joint moves {:.0} times through its range, {:.2} ranges a move.",

@@ -1,25 +1,62 @@
-//! A progress bar on a terminal, silence elsewhere.
+//! A progress bar on a terminal, silence elsewhere, with `--quiet` and where the terminal cannot go back in its line.
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
+use super::report::is_quiet;
+
+/// Where progress is shown.
+fn target() -> ProgressDrawTarget {
+    let is_dumb = std::env::var_os("TERM").is_some_and(|term| term == "dumb");
+    if is_quiet() || is_dumb {
+        ProgressDrawTarget::hidden()
+    } else {
+        ProgressDrawTarget::stderr()
+    }
+}
+
 /// A bar of `steps` steps with a label and the time left.
 pub fn bar(steps: usize, label: &str) -> ProgressBar {
-    let bar = ProgressBar::with_draw_target(Some(steps as u64), ProgressDrawTarget::stderr());
+    let bar = ProgressBar::with_draw_target(Some(steps as u64), target());
     let style = ProgressStyle::with_template("{msg:28} {wide_bar} {pos}/{len} {eta} left")
         .unwrap_or_else(|_| ProgressStyle::default_bar());
     bar.with_style(style).with_message(label.to_owned())
 }
 
-/// A sign of life for work without countable steps.
+/// A calibration with a sign of life, and with the time left as soon as that can be told.
+pub fn calibrating<R>(work: impl FnOnce() -> R) -> R {
+    let spinner = spinner("calibrating");
+    let bar = spinner.clone();
+    let mut is_bar = false;
+    let out = crate::progress::watched(
+        move |done, expected| {
+            if !is_bar {
+                let style =
+                    ProgressStyle::with_template("{msg:28} {wide_bar} {percent:>3} % {eta} left");
+                bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+                is_bar = true;
+            }
+            bar.set_length(expected);
+            bar.set_position(done);
+        },
+        work,
+    );
+    spinner.finish_and_clear();
+    out
+}
+
+/// A sign of life, with the time so far, for work without countable steps.
 pub fn spinner(label: &str) -> ProgressBar {
-    let spinner = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());
+    let spinner = ProgressBar::with_draw_target(None, target());
+    let style = ProgressStyle::with_template("{spinner} {msg} {elapsed}")
+        .unwrap_or_else(|_| ProgressStyle::default_spinner());
+    let spinner = spinner.with_style(style);
     spinner.enable_steady_tick(std::time::Duration::from_millis(100));
     spinner.with_message(label.to_owned())
 }
 
 /// A bar of `bytes` bytes on their way, with the time left.
 pub fn transfer(bytes: usize, label: &str) -> ProgressBar {
-    let bar = ProgressBar::with_draw_target(Some(bytes as u64), ProgressDrawTarget::stderr());
+    let bar = ProgressBar::with_draw_target(Some(bytes as u64), target());
     let style =
         ProgressStyle::with_template("{msg:28} {wide_bar} {bytes}/{total_bytes} {eta} left")
             .unwrap_or_else(|_| ProgressStyle::default_bar());

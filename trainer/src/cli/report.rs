@@ -6,8 +6,32 @@
 use std::fmt::Display;
 use std::io::Write;
 use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::table;
+
+/// Once standard output is a document, nothing else goes there, whichever part of the program says it.
+static STDOUT_TAKEN: AtomicBool = AtomicBool::new(false);
+
+/// `--quiet`: nothing is said but errors.
+static QUIET: AtomicBool = AtomicBool::new(false);
+
+/// Says nothing but errors from now on.
+pub fn be_quiet() {
+    QUIET.store(true, Ordering::Relaxed);
+}
+
+/// Whether nothing is said but errors.
+pub fn is_quiet() -> bool {
+    QUIET.load(Ordering::Relaxed)
+}
+
+/// Says on standard error what was noticed and is no error.
+pub fn remark(text: impl Display) {
+    if !is_quiet() {
+        let _ = writeln!(std::io::stderr(), "note: {text}");
+    }
+}
 
 /// Where to say it.
 #[derive(Clone, Copy)]
@@ -23,13 +47,19 @@ pub fn is_stdout(path: &Path) -> bool {
 impl Report {
     /// Beside what goes to `outputs`.
     pub fn beside(outputs: &[Option<&Path>]) -> Self {
+        if outputs.iter().flatten().any(|path| is_stdout(path)) {
+            STDOUT_TAKEN.store(true, Ordering::Relaxed);
+        }
         Self {
-            on_stderr: outputs.iter().flatten().any(|path| is_stdout(path)),
+            on_stderr: STDOUT_TAKEN.load(Ordering::Relaxed),
         }
     }
 
     /// Says one line, or several.
     pub fn line(self, text: impl Display) {
+        if is_quiet() {
+            return;
+        }
         // Nobody is left to be told when this fails.
         let _ = if self.on_stderr {
             writeln!(std::io::stderr(), "{text}")

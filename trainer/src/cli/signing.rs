@@ -3,30 +3,103 @@
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
+use clap::{Args, Subcommand};
 use poegp_protocol::envelope;
 use poegp_runtime::signature::{self, SignatureError};
+use serde_json::json;
 
-use super::Failure;
-use super::arguments::{Keys, KeysCommand, Sign, Verify};
 use super::report::Report;
+use super::{Failure, check_outputs, facts_text, write_facts, write_outputs};
 use crate::error::InputError;
 use crate::loaded::LoadedBlob;
 use crate::output::{self, Readers};
 use crate::signing::{PublicKey, SecretKey, id_text};
+
+/// `trainer keys`.
+#[derive(Debug, Args)]
+#[command(after_help = "Example: trainer keys new --out cell7")]
+pub struct Keys {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: KeysCommand,
+}
+
+/// The commands of `trainer keys`.
+#[derive(Debug, Subcommand)]
+pub enum KeysCommand {
+    /// Make a new pair of keys; no file is overwritten.
+    New(NewKeys),
+}
+
+/// `trainer keys new`.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Keep NAME.key where nobody else reads it; the device gets NAME.pub.\n\n\
+    Example: trainer keys new --out cell7"
+)]
+pub struct NewKeys {
+    /// Writes NAME.key, the secret key, for its owner only, and NAME.pub, the public key.
+    #[arg(long, value_name = "NAME")]
+    pub out: PathBuf,
+    /// The key's number and its files as JSON, nothing secret (`-`: standard output).
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+/// `trainer sign`.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  trainer sign arm.blob --key cell7.key\n  \
+    trainer sign arm.blob --key cell7.key --out signed.blob")]
+pub struct Sign {
+    /// The blob; a signature that it has is replaced.
+    pub blob: PathBuf,
+    /// The secret key.
+    #[arg(long, value_name = "FILE")]
+    pub key: PathBuf,
+    /// Where to write the signed blob (default: in place of the blob).
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    /// What was done as JSON (`-`: standard output).
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+/// `trainer verify`.
+#[derive(Debug, Args)]
+#[command(after_help = "Example: trainer verify arm.blob --public-key cell7.pub")]
+pub struct Verify {
+    /// The blob.
+    pub blob: PathBuf,
+    /// The public key.
+    #[arg(long, value_name = "FILE")]
+    pub public_key: PathBuf,
+    /// The verdict as JSON, also when it is no (`-`: standard output).
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
 
 pub fn keys(a: &Keys) -> Result<(), Failure> {
     let KeysCommand::New(new) = &a.command;
     let (secret, public) = (with_suffix(&new.out, ".key"), with_suffix(&new.out, ".pub"));
     for path in [&secret, &public] {
         output::check_new(path)?;
+        if new.json.as_ref() == Some(path) {
+            let found = "two outputs in one file";
+            return Err(InputError::new(path, found, "a file for each output").into());
+        }
     }
+    check_outputs(&[new.json.as_deref()], &[])?;
     let key = SecretKey::generate()
         .map_err(|e| Failure::Usage(format!("no randomness for a key: {e}")))?;
     output::write_new(&[
         (&secret, key.to_text().as_bytes(), Readers::Owner),
         (&public, key.public().to_text().as_bytes(), Readers::All),
     ])?;
-    let report = Report::beside(&[]);
+    write_facts(
+        new.json.as_deref(),
+        json!({ "key": id_text(&key.public().id()), "secret_key_file": secret, "public_key_file": public }),
+    )?;
+    let report = Report::beside(&[new.json.as_deref()]);
     report.line(format_args!("key {}", id_text(&key.public().id())));
     report.line(format_args!(
         "  {}: secret, signs models; keep it where nobody else reads it",
@@ -41,6 +114,11 @@ pub fn keys(a: &Keys) -> Result<(), Failure> {
 
 pub fn sign(a: &Sign) -> Result<(), Failure> {
     let out = a.out.as_ref().unwrap_or(&a.blob);
+    check_outputs(&[a.json.as_deref()], &[&a.blob, &a.key, out])?;
+    if a.json.as_ref() == Some(out) {
+        let found = "two outputs in one file";
+        return Err(InputError::new(out, found, "a file for each output").into());
+    }
     output::check(out)?;
     if let (Ok(out_place), Ok(key)) = (std::fs::canonicalize(out), std::fs::canonicalize(&a.key))
         && out_place == key
@@ -55,12 +133,21 @@ pub fn sign(a: &Sign) -> Result<(), Failure> {
         let expected = "a model blob written by `trainer calibrate`";
         InputError::new(&a.blob, e.to_string(), expected)
     })?;
-    output::write(out, &signed)?;
-    let before = match envelope::open(loaded.bytes()).ok().and_then(|e| e.trailer) {
-        Some(trailer) => format!(" instead of key {}", id_text(&trailer.key_id)),
-        None => String::new(),
-    };
-    Report::beside(&[]).line(format_args!(
+    let replaced = envelope::open(loaded.bytes())
+        .ok()
+        .and_then(|e| e.trailer)
+        .map(|trailer| id_text(&trailer.key_id));
+    let facts = facts_text(json!({
+        "file": out,
+        "bytes": signed.len(),
+        "key": id_text(&key.public().id()),
+        "replaced_key": replaced,
+    }))?;
+    let mut files: Vec<(&Path, &[u8])> = vec![(out, &signed)];
+    files.extend(a.json.as_deref().map(|path| (path, facts.as_bytes())));
+    write_outputs(&files)?;
+    let before = replaced.map_or_else(String::new, |key| format!(" instead of key {key}"));
+    Report::beside(&[a.json.as_deref()]).line(format_args!(
         "{}: signed by key {}{before}",
         out.display(),
         id_text(&key.public().id())
@@ -69,16 +156,22 @@ pub fn sign(a: &Sign) -> Result<(), Failure> {
 }
 
 pub fn verify(a: &Verify) -> Result<(), Failure> {
+    check_outputs(&[a.json.as_deref()], &[&a.blob, &a.public_key])?;
     let key = PublicKey::read(&a.public_key)?;
     let expected = "a model blob written by `trainer sign`";
     let bytes =
         std::fs::read(&a.blob).map_err(|e| InputError::unreadable(&a.blob, &e, expected))?;
     let id = id_text(&key.id());
-    let refused = |why: &dyn std::fmt::Display| {
-        Failure::Refused(format!(
+    let verdict = |why: Option<String>| json!({ "file": a.blob, "key": id, "verified": why.is_none(), "why": why });
+    let refused = |why: &dyn std::fmt::Display| match write_facts(
+        a.json.as_deref(),
+        verdict(Some(why.to_string())),
+    ) {
+        Ok(()) => Failure::Refused(format!(
             "{}: not verified by key {id}: {why}",
             a.blob.display()
-        ))
+        )),
+        Err(failure) => failure,
     };
     match (
         signature::verify(&bytes, key.bytes()),
@@ -88,7 +181,9 @@ pub fn verify(a: &Verify) -> Result<(), Failure> {
         (Err(SignatureError::Malformed), Err(error)) => return Err(refused(&error)),
         (Err(error), _) => return Err(refused(&error)),
     }
-    Report::beside(&[]).line(format_args!("{}: signed by key {id}", a.blob.display()));
+    write_facts(a.json.as_deref(), verdict(None))?;
+    Report::beside(&[a.json.as_deref()])
+        .line(format_args!("{}: signed by key {id}", a.blob.display()));
     Ok(())
 }
 
@@ -107,7 +202,9 @@ fn note_when_others_read(path: &Path) {
         let mode = std::fs::metadata(path).map(|there| there.permissions().mode());
         if mode.is_ok_and(|mode| mode & 0o077 != 0) {
             let path = path.display();
-            eprintln!("note: {path}: others may read this secret key (chmod 600 {path})");
+            crate::cli::report::remark(format_args!(
+                "{path}: others may read this secret key (chmod 600 {path})"
+            ));
         }
     }
     #[cfg(not(unix))]

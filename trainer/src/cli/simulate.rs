@@ -2,9 +2,11 @@
 
 use std::path::Path;
 
+use serde_json::json;
+
 use super::arguments::{self, Simulate};
 use super::report::Report;
-use super::{Arm, Failure};
+use super::{Arm, Failure, check_outputs, write_facts};
 use crate::error::InputError;
 use crate::robot::Robot;
 use crate::simulate::{Scenario, Simulator, to_csv};
@@ -30,6 +32,7 @@ pub fn run(a: &Simulate) -> Result<(), Failure> {
             "--payloads {bad}: expected kilograms, 0 or more"
         )));
     }
+    check_outputs(&[a.json.as_deref()], &[Path::new(&a.robot.robot)])?;
     let arm = Arm::load(&a.robot)?;
     make_folder(&a.out)?;
     let mut simulator = Simulator::new(&arm.robot, a.scenario.into(), &a.payloads, a.seed);
@@ -41,7 +44,15 @@ pub fn run(a: &Simulate) -> Result<(), Failure> {
         &a.out,
         &format!("simulated {} (seed {})", arm.robot.name, a.seed),
     )?;
-    let report = Report::beside(&[]);
+    let written: Vec<_> = files
+        .iter()
+        .map(|(file, poses)| json!({ "file": a.out.join(file), "poses": poses }))
+        .collect();
+    write_facts(
+        a.json.as_deref(),
+        json!({ "robot": arm.robot.name, "seed": a.seed, "payloads_kg": a.payloads, "files": written }),
+    )?;
+    let report = Report::beside(&[a.json.as_deref()]);
     for (file, poses) in files {
         report.line(format_args!(
             "Wrote {} ({poses} poses).",

@@ -12,6 +12,7 @@ use poegp_protocol::limits::OUTPUTS;
 use super::likelihood::{LikelihoodWorkspace, log_marginal_likelihood_in};
 use super::{Hyperparameters, NotPositiveDefinite, Pairs, TaskSpaceGp, scale_outputs};
 use crate::minimize::{Ending, Minimum, Objective, minimize};
+use crate::progress;
 
 /// How the outputs share their hyperparameters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -39,6 +40,9 @@ pub const MAX_SIGNAL_VARIANCE: f64 = BOUNDS[0].1;
 
 /// When a search ends: the last step lowers the value by as little as scipy asks for, whose search scikit-learn uses.
 const ENDING: Ending = Ending::after(100, 2.2e-9);
+
+/// Evaluations that the searches from all starts take, about.
+const SEARCH_UNITS: u64 = 80;
 
 /// Nats for each value of the data from a known optimum at which a search ends: far less than a standard error of anything.
 const SAME_OPTIMUM: f64 = 3e-5;
@@ -87,6 +91,7 @@ fn maximise_from(
     };
     let mut bounds = BOUNDS.map(|(lower, upper)| (lower.ln(), upper.ln()));
     bounds[0].1 = max_signal_variance.ln();
+    progress::expect(SEARCH_UNITS);
     let mut best: Option<Minimum> = None;
     for start in starts {
         let ending = Ending {
@@ -94,7 +99,9 @@ fn maximise_from(
             distance: SAME_OPTIMUM * (outputs.nrows() * outputs.ncols()) as f64,
             ..ENDING
         };
-        let found = minimize(&objective, &start.map(f64::ln), &bounds, &ending);
+        let found = progress::phase(SEARCH_UNITS / starts.len() as u64, || {
+            minimize(&objective, &start.map(f64::ln), &bounds, &ending)
+        });
         if best.as_ref().is_none_or(|b| found.value < b.value) {
             best = Some(found);
         }

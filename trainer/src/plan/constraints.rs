@@ -26,7 +26,6 @@
 //! All of it may be left out. Lengths and angles carry their unit in the key, and unknown keys are refused. What is
 //! checked is where the arm stands still: not the way from pose to pose, not its links, not what it carries.
 
-use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use nalgebra::Vector3;
@@ -38,7 +37,10 @@ use toml::Spanned;
 
 use crate::error::InputError;
 use crate::robot::Robot;
+use crate::toml_text::{DEGREE, METRE, MILLIMETRE, Origin, RADIAN, TomlText, Unit};
 
+/// What the file is.
+const WHOLE: &str = "the constraints of a plan in TOML";
 /// The target before anyone says where it sits: in front of the flange, and not on the axis of the last joint, where its
 /// turns would move nothing.
 const USUAL_TARGET: [f64; 3] = [0.05, 0.0, 0.1];
@@ -147,29 +149,29 @@ impl Constraints {
     /// # Errors
     /// [`InputError`] with line and key.
     pub fn read(path: &Path, robot: &Robot) -> Result<Self, InputError> {
-        let text = std::fs::read_to_string(path)
-            .map_err(|e| InputError::unreadable(path, &e, "the constraints of a plan in TOML"))?;
-        let reader = Reader {
+        let text =
+            std::fs::read_to_string(path).map_err(|e| InputError::unreadable(path, &e, WHOLE))?;
+        let reader = TomlText {
             file: path,
             text: &text,
         };
-        let file: File = toml::from_str(&text).map_err(|error| reader.not_constraints(&error))?;
+        let file: File = toml::from_str(&text).map_err(|error| reader.refused(&error, WHOLE))?;
         Self::of(robot, Some(path), &file, &text)
     }
 
     fn of(robot: &Robot, path: Option<&Path>, file: &File, text: &str) -> Result<Self, InputError> {
-        let reader = Reader {
+        let reader = TomlText {
             file: path.unwrap_or(Path::new("<no constraints>")),
             text,
         };
         let mut rules = Vec::new();
         if let Some(zone) = &file.workspace {
-            let line = reader.line(zone.span().start);
+            let line = reader.place(zone.span().start).0;
             let rule = Rule::Workspace(reader.zone(zone)?);
             rules.push(Constraint { rule, line });
         }
         for (number, table) in (1..).zip(&file.keep_out) {
-            let line = reader.line(table.span().start);
+            let line = reader.place(table.span().start).0;
             let name = table
                 .get_ref()
                 .name
@@ -179,7 +181,7 @@ impl Constraints {
             rules.push(Constraint { rule, line });
         }
         if let Some(sight) = &file.line_of_sight {
-            let line = reader.line(sight.span().start);
+            let line = reader.place(sight.span().start).0;
             let rule = Rule::LineOfSight(reader.sight(sight)?);
             rules.push(Constraint { rule, line });
         }
@@ -256,15 +258,6 @@ struct TargetTable {
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Origin {
-    xyz_mm: Option<Spanned<[f64; 3]>>,
-    xyz_m: Option<Spanned<[f64; 3]>>,
-    rpy_deg: Option<Spanned<[f64; 3]>>,
-    rpy_rad: Option<Spanned<[f64; 3]>>,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
 struct ZoneTable {
     name: Option<String>,
     min_mm: Option<Spanned<[f64; 3]>>,
@@ -283,105 +276,7 @@ struct SightTable {
     max_angle_rad: Option<Spanned<f64>>,
 }
 
-/// A key, its factor to SI, and its value where it is given.
-type Unit<'a, T> = (&'static str, f64, &'a Option<Spanned<T>>);
-/// The unit that was chosen, with its value.
-type Given<'a, T> = (&'static str, f64, &'a Spanned<T>);
-
-const DEGREE: f64 = std::f64::consts::PI / 180.0;
-const MILLIMETRE: f64 = 1e-3;
-
-struct Reader<'a> {
-    file: &'a Path,
-    text: &'a str,
-}
-
-impl Reader<'_> {
-    fn line(&self, at: usize) -> usize {
-        1 + self
-            .text
-            .get(..at)
-            .unwrap_or(self.text)
-            .matches('\n')
-            .count()
-    }
-
-    /// An error at the start of `span`.
-    fn error(
-        &self,
-        span: Range<usize>,
-        key: &str,
-        found: impl Into<String>,
-        expected: impl Into<String>,
-    ) -> InputError {
-        let before = self.text.get(..span.start).unwrap_or(self.text);
-        let column = 1 + before.rsplit('\n').next().unwrap_or("").chars().count();
-        InputError::new(self.file, found, expected)
-            .at_line(self.line(span.start))
-            .at_column(column, key)
-    }
-
-    /// What toml or serde say, taken apart into found and expected.
-    fn not_constraints(&self, error: &toml::de::Error) -> InputError {
-        let words: Vec<&str> = error.message().split_whitespace().collect();
-        let message = words.join(" ");
-        let (found, expected) = match message.split_once(", expected ") {
-            Some((found, expected)) => (found.to_owned(), expected.to_owned()),
-            None => match message.strip_prefix("missing field ") {
-                Some(key) => (format!("no {key}"), format!("the key {key}")),
-                None => (message, "the constraints of a plan in TOML".to_owned()),
-            },
-        };
-        match error.span() {
-            Some(span) => self.error(span, "", found, expected),
-            None => InputError::new(self.file, found, expected),
-        }
-    }
-
-    /// The one of the `units` that is given, with its factor; a second one is refused.
-    fn one_unit<'a, T>(&self, units: &[Unit<'a, T>]) -> Result<Option<Given<'a, T>>, InputError> {
-        let mut given: Option<Given<'a, T>> = None;
-        for (key, factor, value) in units {
-            let Some(value) = value.as_ref() else {
-                continue;
-            };
-            if let Some((other, _, _)) = given {
-                let found = format!("{key} beside {other}");
-                return Err(self.error(value.span(), key, found, "the quantity once, in one unit"));
-            }
-            given = Some((key, *factor, value));
-        }
-        Ok(given)
-    }
-
-    /// Numbers of one quantity in SI units, finite.
-    fn vector<const N: usize>(
-        &self,
-        units: &[Unit<'_, [f64; N]>],
-    ) -> Result<Option<[f64; N]>, InputError> {
-        let Some((key, factor, value)) = self.one_unit(units)? else {
-            return Ok(None);
-        };
-        if let Some(bad) = value.get_ref().iter().find(|x| !x.is_finite()) {
-            return Err(self.error(value.span(), key, bad.to_string(), "finite numbers"));
-        }
-        Ok(Some(value.get_ref().map(|x| x * factor)))
-    }
-
-    fn origin(&self, origin: &Origin) -> Result<Pose<f64>, InputError> {
-        let lengths = [
-            ("xyz_mm", MILLIMETRE, &origin.xyz_mm),
-            ("xyz_m", 1.0, &origin.xyz_m),
-        ];
-        let angles = [
-            ("rpy_deg", DEGREE, &origin.rpy_deg),
-            ("rpy_rad", 1.0, &origin.rpy_rad),
-        ];
-        let xyz = self.vector(&lengths)?.unwrap_or_default();
-        let rpy = self.vector(&angles)?.unwrap_or_default();
-        Ok(crate::robot::origin(xyz, rpy))
-    }
-
+impl TomlText<'_> {
     fn zone(&self, table: &Spanned<ZoneTable>) -> Result<Zone, InputError> {
         let zone = table.get_ref();
         let corner = |units: [Unit<'_, [f64; 3]>; 2], keys: &str| {
@@ -397,14 +292,14 @@ impl Reader<'_> {
         let lower = corner(
             [
                 ("min_mm", MILLIMETRE, &zone.min_mm),
-                ("min_m", 1.0, &zone.min_m),
+                ("min_m", METRE, &zone.min_m),
             ],
             "min_mm",
         )?;
         let upper = corner(
             [
                 ("max_mm", MILLIMETRE, &zone.max_mm),
-                ("max_m", 1.0, &zone.max_m),
+                ("max_m", METRE, &zone.max_m),
             ],
             "max_mm",
         )?;
@@ -422,7 +317,7 @@ impl Reader<'_> {
         let sight = table.get_ref();
         let instrument = self.vector(&[
             ("instrument_mm", MILLIMETRE, &sight.instrument_mm),
-            ("instrument_m", 1.0, &sight.instrument_m),
+            ("instrument_m", METRE, &sight.instrument_m),
         ])?;
         let instrument = instrument.ok_or_else(|| {
             let expected = "where the instrument stands in the base frame";
@@ -430,7 +325,7 @@ impl Reader<'_> {
         })?;
         let angle = self.one_unit(&[
             ("max_angle_deg", DEGREE, &sight.max_angle_deg),
-            ("max_angle_rad", 1.0, &sight.max_angle_rad),
+            ("max_angle_rad", RADIAN, &sight.max_angle_rad),
         ])?;
         let Some((key, factor, angle)) = angle else {
             let expected = "how far the target may be turned away";
@@ -509,11 +404,11 @@ impl Reader<'_> {
         let units = match joint.kind {
             JointKind::Revolute => [
                 ("range_deg", DEGREE, &t.range_deg),
-                ("range_rad", 1.0, &t.range_rad),
+                ("range_rad", RADIAN, &t.range_rad),
             ],
             JointKind::Prismatic => [
                 ("range_mm", MILLIMETRE, &t.range_mm),
-                ("range_m", 1.0, &t.range_m),
+                ("range_m", METRE, &t.range_m),
             ],
         };
         let Some((key, factor, value)) = self.one_unit(&units)? else {

@@ -27,7 +27,6 @@
 //! error (Hayati); `modified-dh` is Craig's, R_x(α) T_x(a) R_z(q + θ) T_z(d), where a row's a and α are those *before*
 //! its joint. Along a prismatic joint q adds to d. Every number with a unit carries the unit in its key, and unknown keys are refused.
 
-use std::ops::Range;
 use std::path::Path;
 
 use nalgebra::Vector3;
@@ -38,6 +37,7 @@ use toml::Spanned;
 use super::chain::{self, Chain};
 use super::{Joint, Robot};
 use crate::error::InputError;
+use crate::toml_text::{DEGREE, METRE, MILLIMETRE, Origin, RADIAN, TomlText};
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -75,15 +75,6 @@ struct Fixed {
     origin: Origin,
 }
 
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Origin {
-    xyz_m: Option<Spanned<[f64; 3]>>,
-    xyz_mm: Option<Spanned<[f64; 3]>>,
-    rpy_deg: Option<Spanned<[f64; 3]>>,
-    rpy_rad: Option<Spanned<[f64; 3]>>,
-}
-
 /// The keys of all conventions: which of them belong is checked afterwards, so that the message can name the convention.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -110,7 +101,7 @@ struct JointTable {
 
 /// The robot of a TOML text; `file` is for messages.
 pub(super) fn parse(file: &Path, text: &str) -> Result<Robot, InputError> {
-    let reader = Reader { file, text };
+    let reader = TomlText { file, text };
     let table: Description =
         toml::from_str(text).map_err(|error| reader.not_a_description(&error))?;
     let mut chain = Chain::new();
@@ -150,62 +141,12 @@ pub(super) fn parse(file: &Path, text: &str) -> Result<Robot, InputError> {
     })
 }
 
-/// A key with its unit, its factor to SI, and its value where it is given.
-type Unit<'a, T> = (&'static str, f64, &'a Option<Spanned<T>>);
-/// The unit that was chosen, with its value.
-type Given<'a, T> = (&'static str, f64, &'a Spanned<T>);
-
-const METRE: f64 = 1.0;
-const MILLIMETRE: f64 = 1e-3;
-const RADIAN: f64 = 1.0;
-const DEGREE: f64 = std::f64::consts::PI / 180.0;
-
-/// To SI, rounded once where that is possible: a decimal number of millimetres is divided, not multiplied by 1e-3.
-fn to_si(value: f64, factor: f64) -> f64 {
-    if factor == MILLIMETRE {
-        value / 1e3
-    } else {
-        value * factor
-    }
-}
-
-struct Reader<'a> {
-    file: &'a Path,
-    text: &'a str,
-}
-
-impl Reader<'_> {
-    /// An error at the start of `span`.
-    fn error(
-        &self,
-        span: Range<usize>,
-        key: &str,
-        found: impl Into<String>,
-        expected: impl Into<String>,
-    ) -> InputError {
-        let before = self.text.get(..span.start).unwrap_or(self.text);
-        let line = 1 + before.matches('\n').count();
-        let column = 1 + before.rsplit('\n').next().unwrap_or("").chars().count();
-        InputError::new(self.file, found, expected)
-            .at_line(line)
-            .at_column(column, key)
-    }
-
-    /// What toml or serde say, taken apart into found and expected.
+impl TomlText<'_> {
+    /// What toml or serde say, with help where a unit is missing.
     fn not_a_description(&self, error: &toml::de::Error) -> InputError {
-        let message = error
-            .message()
-            .split_whitespace()
-            .collect::<Vec<_>>()
-            .join(" ");
-        let (found, expected) = match message.split_once(", expected ") {
-            Some((found, expected)) => (found.to_owned(), expected.to_owned()),
-            None => match message.strip_prefix("missing field ") {
-                Some(key) => (format!("no {key}"), format!("the key {key}")),
-                None => (message, "a robot description in TOML".to_owned()),
-            },
-        };
-        let key = found
+        let mut refused = self.refused(error, "a robot description in TOML");
+        let key = refused
+            .found
             .strip_prefix("unknown field `")
             .and_then(|rest| rest.strip_suffix('`'));
         let without_unit = [
@@ -230,73 +171,8 @@ impl Reader<'_> {
             };
             format!("the unit is part of the key: {keys}")
         });
-        let mut at = match error.span() {
-            Some(span) => self.error(span, "", found, expected),
-            None => InputError::new(self.file, found, expected),
-        };
-        at.help = help;
-        at
-    }
-
-    /// The one of the `units` that is given; a second one is refused.
-    fn one_unit<'a, T>(&self, units: &[Unit<'a, T>]) -> Result<Option<Given<'a, T>>, InputError> {
-        let mut given = None;
-        for (key, factor, value) in units {
-            let Some(value) = value.as_ref() else {
-                continue;
-            };
-            if let Some((other, _, _)) = given {
-                let found = format!("{key} beside {other}");
-                return Err(self.error(value.span(), key, found, "the quantity once, in one unit"));
-            }
-            given = Some((*key, *factor, value));
-        }
-        Ok(given)
-    }
-
-    /// A vector of one quantity in SI units, finite.
-    fn quantity<const N: usize>(
-        &self,
-        units: &[Unit<'_, [f64; N]>],
-    ) -> Result<Option<[f64; N]>, InputError> {
-        let Some((key, factor, value)) = self.one_unit(units)? else {
-            return Ok(None);
-        };
-        if let Some(bad) = value.get_ref().iter().find(|number| !number.is_finite()) {
-            return Err(self.error(value.span(), key, bad.to_string(), "finite numbers"));
-        }
-        Ok(Some(value.get_ref().map(|number| to_si(number, factor))))
-    }
-
-    /// A single number in SI units, finite.
-    fn number(&self, units: &[Unit<'_, f64>]) -> Result<Option<f64>, InputError> {
-        let Some((key, factor, value)) = self.one_unit(units)? else {
-            return Ok(None);
-        };
-        if !value.get_ref().is_finite() {
-            return Err(self.error(
-                value.span(),
-                key,
-                value.get_ref().to_string(),
-                "a finite number",
-            ));
-        }
-        Ok(Some(to_si(*value.get_ref(), factor)))
-    }
-
-    fn origin(&self, origin: &Origin) -> Result<poegp_runtime::se3::Pose<f64>, InputError> {
-        let xyz = self.quantity(&[
-            ("xyz_m", METRE, &origin.xyz_m),
-            ("xyz_mm", MILLIMETRE, &origin.xyz_mm),
-        ])?;
-        let rpy = self.quantity(&[
-            ("rpy_rad", RADIAN, &origin.rpy_rad),
-            ("rpy_deg", DEGREE, &origin.rpy_deg),
-        ])?;
-        Ok(chain::origin(
-            xyz.unwrap_or_default(),
-            rpy.unwrap_or_default(),
-        ))
+        refused.help = help;
+        refused
     }
 
     fn limits(&self, joint: &JointTable) -> Result<Option<(f64, f64)>, InputError> {
@@ -322,7 +198,7 @@ impl Reader<'_> {
             let found = format!("the limits {lower} to {upper}");
             return Err(self.error(value.span(), key, found, "the lower limit first"));
         }
-        Ok(self.quantity(&units)?.map(|[lower, upper]| (lower, upper)))
+        Ok(self.vector(&units)?.map(|[lower, upper]| (lower, upper)))
     }
 
     fn push(

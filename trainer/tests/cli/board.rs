@@ -97,7 +97,13 @@ fn a_model_comes_onto_the_device_is_used_and_left_again() {
     let rms = |document: &serde_json::Value| document["position_mm"]["rms"].as_f64().unwrap();
     assert!(rms(&fitted) <= rms(&on_device), "{fitted} {on_device}");
 
-    run("correct test.csv --blob arm.blob --out corrected.csv").ok();
+    let line = "correct test.csv --blob arm.blob --out corrected.csv --json -";
+    let facts = run(line).ok().json();
+    assert_eq!(
+        (&facts["commands"], &facts["same_bits"]),
+        (&20.into(), &20.into())
+    );
+    assert_eq!(facts["model"]["crc"], crc("arm.blob"));
     let corrected = folder.text("corrected.csv");
     assert_eq!(corrected.lines().count(), 21);
     assert!(
@@ -137,6 +143,9 @@ fn a_model_comes_onto_the_device_is_used_and_left_again() {
     assert_eq!(statistics["statistics"]["cycles"], 0);
     let once = run("monitor --once").ok().stdout;
     assert!(once.contains("cyclic requests answered"), "{once}");
+    let once = run("monitor --once --json -").ok().json();
+    assert_eq!(once["model"]["crc"], crc("paper.blob"));
+    assert_eq!(once["statistics"]["restarts"], 1);
 }
 
 #[test]

@@ -3,10 +3,12 @@
 //! Everything runs the real binary; data are the simulated sets of `tests/data` or changed copies of them.
 
 mod bad_blobs;
+mod bad_imports;
 mod bad_measurements;
 mod bad_robots;
 #[cfg(unix)]
 mod board;
+mod cell;
 mod check;
 mod choice;
 mod correct;
@@ -22,6 +24,7 @@ mod help;
 mod identifiability;
 mod import;
 mod json;
+mod manners;
 mod outputs;
 mod plan;
 mod predictions;

@@ -305,3 +305,34 @@ fn what_cannot_be_reported_is_refused_before_the_work() {
         .refused(&["test.csv"]);
     assert_eq!(folder.names(), ["again.csv", "test.csv", "train.csv"]);
 }
+
+/// A check has its own headline; its numbers are those of its document.
+#[test]
+fn the_numbers_of_check_are_those_of_the_document() {
+    let folder = Folder::new();
+    folder.write("train.csv", simulated("train", 100));
+    folder.write("fresh.csv", simulated("test2", 20));
+    let moved = changed(&simulated("test2", 20), |names, fields| {
+        let x = names.iter().position(|n| *n == "x_mm").unwrap();
+        fields[x] = format!("{}", fields[x].parse::<f64>().unwrap() + 0.4);
+    });
+    folder.write("moved.csv", moved);
+    let line = format!("calibrate --robot {SERIAL} train.csv --out arm.blob");
+    folder.run(&line).ok();
+    // Errors, rate and what could be found; then also the drift and its parts.
+    for (file, code, said, numbers) in [
+        ("fresh.csv", 0, "The calibration holds.", 18),
+        ("moved.csv", 1, "The calibration does not hold.", 30),
+    ] {
+        let line =
+            format!("check arm.blob {file} --max-mm 0.3 --report check.html --json check.json");
+        assert_eq!(folder.run(&line).code, Some(code), "{file}");
+        let (page, document) = (folder.text("check.html"), folder.json("check.json"));
+        check_page(&page);
+        assert!(page.contains(said), "{file}");
+        let found = check_numbers(&page, &document);
+        assert!(found >= numbers, "{file}: {found}");
+        assert_eq!(document["rows"].as_array().unwrap().len(), 20);
+    }
+    assert!(folder.text("check.html").contains("the base"));
+}

@@ -13,7 +13,9 @@ use crate::device::port::Address;
 /// `trainer device`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Without hardware: `trainer device emulate` starts the firmware in QEMU and prints its port."
+    after_help = "Without hardware: `trainer device emulate` starts the firmware in QEMU and prints its port.\n\n\
+    Examples:\n  trainer device emulate --listen unix:link\n  trainer device info --port unix:link\n  \
+    trainer device flash arm.blob --port /dev/ttyUSB0"
 )]
 pub struct Device {
     /// What to do.
@@ -148,6 +150,9 @@ pub struct Correct {
     /// Where the corrected joints go (`-`: standard output).
     #[arg(long, value_name = "FILE", default_value = "-")]
     pub out: PathBuf,
+    /// The summary as JSON (`-`: standard output, with --out elsewhere).
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
 }
 
 /// Off or on.
@@ -161,24 +166,35 @@ pub enum Switch {
 
 /// `trainer device bypass`.
 #[derive(Debug, Args)]
-#[command(after_help = "It lasts until it is switched off or the power fails.")]
+#[command(
+    after_help = "It lasts until it is switched off or the power fails.\n\n\
+    Example: trainer device bypass on --port /dev/ttyUSB0"
+)]
 pub struct Bypass {
     /// Whether corrections are bypassed.
     #[arg(value_enum)]
     pub switch: Switch,
     #[command(flatten)]
     pub link: Link,
+    /// What was done as JSON (`-`: standard output).
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
 }
 
 /// `trainer device rollback`.
 #[derive(Debug, Args)]
+#[command(after_help = "Example: trainer device rollback --port /dev/ttyUSB0")]
 pub struct Rollback {
     #[command(flatten)]
     pub link: Link,
+    /// What was done as JSON (`-`: standard output).
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
 }
 
 /// `trainer device statistics`.
 #[derive(Debug, Args)]
+#[command(after_help = "Example: trainer device statistics --port /dev/ttyUSB0 --json -")]
 pub struct Statistics {
     #[command(flatten)]
     pub link: Link,
@@ -198,6 +214,10 @@ pub struct Monitor {
     /// One look instead of one every second until Ctrl-C.
     #[arg(long)]
     pub once: bool,
+    /// Standard output (`-`) as JSON: a document in each line, what was counted or a line of the log. With --once one
+    /// document, which may also go to a file.
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
     /// Port of the defmt log.
     #[arg(long, value_name = "PORT", requires = "elf")]
     pub log: Option<Address>,
@@ -208,22 +228,30 @@ pub struct Monitor {
 
 /// `trainer device restart`.
 #[derive(Debug, Args)]
+#[command(after_help = "Example: trainer device restart --port /dev/ttyUSB0")]
 pub struct Restart {
     #[command(flatten)]
     pub link: Link,
+    /// What was done as JSON (`-`: standard output).
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
 }
 
 /// `trainer device provision`.
 #[derive(Debug, Args)]
 #[command(
     after_help = "It cannot be undone: from then on the device runs only models that `trainer sign` has signed with the \
-    other half of this key."
+    other half of this key.\n\n\
+    Example: trainer device provision cell7.pub --port /dev/ttyUSB0"
 )]
 pub struct Provision {
     /// The public key, as `trainer keys new` has written it.
     pub key: PathBuf,
     #[command(flatten)]
     pub link: Link,
+    /// What was done as JSON (`-`: standard output).
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
 }
 
 /// `trainer device emulate`.

@@ -17,7 +17,8 @@ use super::{connect, show};
 use crate::calibration::frames::Sample;
 use crate::cli::report::{Report, is_stdout};
 use crate::cli::{
-    Failure, check_outputs, evaluate as host, file_name, json_text, progress, write_outputs,
+    Failure, check_outputs, evaluate as host, facts_text, file_name, json_text, progress,
+    write_outputs,
 };
 use crate::device::client::Client;
 use crate::device::error::ClientError;
@@ -203,7 +204,7 @@ pub fn query(sample: &Sample) -> Query {
 fn read_without_blob(test: &Path) -> Result<(MeasurementSet, Vec<Sample>), Failure> {
     let set = measurements::read(test)?;
     for note in &set.notes {
-        eprintln!("note: {}: {note}", test.display());
+        crate::cli::report::remark(format_args!("{}: {note}", test.display()));
     }
     let mut names = Vec::new();
     let robot = Robot {
@@ -364,7 +365,8 @@ pub fn correct(a: &Correct) -> Result<(), Failure> {
         .into_iter()
         .flatten()
         .collect();
-    check_outputs(&[Some(&a.out)], &inputs)?;
+    let outputs = [Some(a.out.as_path()), a.json.as_deref()];
+    check_outputs(&outputs, &inputs)?;
     let mut commands = Commands::read(&a.link, &a.test, a.blob.as_deref())?;
     let answers = commands.ask("correcting", Client::correct)?;
     let differs = |i: &usize| {
@@ -405,8 +407,25 @@ pub fn correct(a: &Correct) -> Result<(), Failure> {
         let status = Status::from_bits(answer.status);
         let _ = writeln!(csv, "{:.3},{status}", 1e6 * answer.position_error);
     }
-    write_outputs(&[(&a.out, csv.as_bytes())])?;
-    let report = Report::beside(&[Some(&a.out)]);
+    let statuses: Vec<Status> = answers
+        .iter()
+        .map(|a| Status::from_bits(a.status))
+        .collect();
+    let max_ticks = answers.iter().map(|a| a.ticks).max().unwrap_or(0);
+    let json = facts_text(serde_json::json!({
+        "model": commands.identity.model.as_ref().map(show::model_json),
+        "name": file_name(&a.test),
+        "commands": answers.len(),
+        "flagged": statuses.iter().filter(|status| !status.is_ok()).count(),
+        "max_change": change,
+        "max_ticks": max_ticks,
+        "tick_hz": commands.identity.tick_hz,
+        "same_bits": commands.loaded.is_some().then_some(answers.len()),
+    }))?;
+    let mut files = vec![(a.out.as_path(), csv.as_bytes())];
+    files.extend(a.json.as_deref().map(|path| (path, json.as_bytes())));
+    write_outputs(&files)?;
+    let report = Report::beside(&outputs);
     if !is_stdout(&a.out) {
         report.line(format_args!(
             "Wrote {} ({} commands).",
@@ -419,11 +438,6 @@ pub fn correct(a: &Correct) -> Result<(), Failure> {
         show::active(&commands.identity),
         1e3 * change
     ));
-    let statuses: Vec<Status> = answers
-        .iter()
-        .map(|a| Status::from_bits(a.status))
-        .collect();
-    let max_ticks = answers.iter().map(|a| a.ticks).max().unwrap_or(0);
     commands.report_rows(report, &statuses, max_ticks);
     if commands.loaded.is_some() {
         report.line(format_args!(

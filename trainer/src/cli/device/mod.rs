@@ -11,7 +11,7 @@ use poegp_protocol::link::Identity;
 use serde_json::json;
 
 use super::report::Report;
-use super::{Failure, check_outputs, json_text, write_outputs};
+use super::{Failure, check_outputs, json_text, write_facts, write_outputs};
 use crate::device::client::Client;
 use crate::signing::{PublicKey, id_text};
 use arguments::{Bypass, Device, DeviceCommand, Info, Link, Provision, Restart, Rollback, Switch};
@@ -53,9 +53,11 @@ fn info(a: &Info) -> Result<(), Failure> {
 }
 
 fn bypass(a: &Bypass) -> Result<(), Failure> {
+    check_outputs(&[a.json.as_deref()], &[])?;
     let (mut client, _) = connect(&a.link)?;
     let identity = client.set_bypass(a.switch == Switch::On)?;
-    Report::beside(&[]).line(if identity.bypass {
+    write_facts(a.json.as_deref(), show::identity_json(&identity))?;
+    Report::beside(&[a.json.as_deref()]).line(if identity.bypass {
         "The bypass is on: commands come back as they are.".to_owned()
     } else {
         format!("The bypass is off. Running: {}.", show::active(&identity))
@@ -64,6 +66,7 @@ fn bypass(a: &Bypass) -> Result<(), Failure> {
 }
 
 fn roll_back(a: &Rollback) -> Result<(), Failure> {
+    check_outputs(&[a.json.as_deref()], &[])?;
     let (mut client, before) = connect(&a.link)?;
     let Some(left) = before.model else {
         return Err(Failure::Usage(
@@ -72,7 +75,8 @@ fn roll_back(a: &Rollback) -> Result<(), Failure> {
         ));
     };
     let after = client.roll_back(left.blob_crc)?;
-    let report = Report::beside(&[]);
+    write_facts(a.json.as_deref(), show::identity_json(&after))?;
+    let report = Report::beside(&[a.json.as_deref()]);
     report.line(format_args!("Left    {}", show::model(&left)));
     report.line(format_args!(
         "Runs    {}, also after a restart",
@@ -98,9 +102,11 @@ fn statistics(a: &arguments::Statistics) -> Result<(), Failure> {
 }
 
 fn restart(a: &Restart) -> Result<(), Failure> {
+    check_outputs(&[a.json.as_deref()], &[])?;
     let (mut client, _) = connect(&a.link)?;
     let identity = client.restart()?;
-    Report::beside(&[]).line(format_args!(
+    write_facts(a.json.as_deref(), show::identity_json(&identity))?;
+    Report::beside(&[a.json.as_deref()]).line(format_args!(
         "Restarted. Running: {}.",
         show::active(&identity)
     ));
@@ -108,10 +114,13 @@ fn restart(a: &Restart) -> Result<(), Failure> {
 }
 
 fn provision(a: &Provision) -> Result<(), Failure> {
+    check_outputs(&[a.json.as_deref()], &[&a.key])?;
     let key = PublicKey::read(&a.key)?;
     let (mut client, _) = connect(&a.link)?;
     client.provision(key.bytes())?;
-    Report::beside(&[]).line(format_args!(
+    let facts = json!({ "key": id_text(&key.id()), "port": client.port() });
+    write_facts(a.json.as_deref(), facts)?;
+    Report::beside(&[a.json.as_deref()]).line(format_args!(
         "The device takes only models signed by key {} from now on.",
         id_text(&key.id())
     ));

@@ -2,16 +2,17 @@
 
 use std::io::{self, Write};
 use std::path::Path;
-use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender};
+use std::sync::mpsc::{self, Receiver, Sender};
 use std::thread;
 use std::time::{Duration, Instant};
 
 use poegp_protocol::link::{Identity, Statistics};
+use serde_json::{Value, json};
 
 use super::arguments::Monitor;
 use super::{connect, show};
-use crate::cli::Failure;
-use crate::cli::report::Report;
+use crate::cli::report::{Report, is_quiet, is_stdout};
+use crate::cli::{Failure, check_outputs, write_facts};
 use crate::device::client::Client;
 use crate::device::log::Decoder;
 use crate::device::port::{self, Address};
@@ -25,6 +26,15 @@ const LOG_READ_LIMIT: Duration = Duration::from_secs(1);
 const HEADER: &str = "     cycles       /s   missed  flagged  bounded  uncorrected  worst ms  latency ms  bad frames  lost bytes";
 
 pub fn run(a: &Monitor) -> Result<(), Failure> {
+    check_outputs(&[a.json.as_deref()], &[])?;
+    let as_json = a.json.as_deref();
+    if !a.once && as_json.is_some_and(|path| !is_stdout(path)) {
+        return Err(Failure::Usage(
+            "--json to a file: expected `-`, which a shell can send into a file, or --once\nhelp: a file is written whole, and \
+             watching has no end"
+                .to_owned(),
+        ));
+    }
     let (sender, log) = mpsc::channel();
     if let (Some(port), Some(elf)) = (&a.log, &a.elf) {
         follow_log(port, elf, sender.clone())?;
@@ -32,7 +42,8 @@ pub fn run(a: &Monitor) -> Result<(), Failure> {
     let (mut client, identity) = connect(&a.link)?;
     if a.once {
         let statistics = client.statistics()?;
-        let report = Report::beside(&[]);
+        write_facts(as_json, facts(&identity, &statistics))?;
+        let report = Report::beside(&[as_json]);
         show::identity(report, &identity);
         report.line("");
         show::statistics(report, &statistics, identity.tick_hz);
@@ -40,7 +51,15 @@ pub fn run(a: &Monitor) -> Result<(), Failure> {
     }
     // Kept, so that the channel outlives a log that ends.
     let _sender = sender;
-    watch(&mut client, identity, &log)
+    watch(&mut client, identity, &log, as_json.is_some())
+}
+
+/// What is seen, for another program.
+fn facts(identity: &Identity, statistics: &Statistics) -> Value {
+    json!({
+        "model": identity.model.as_ref().map(show::model_json),
+        "statistics": show::statistics_json(statistics, identity.tick_hz),
+    })
 }
 
 /// Reads the log in a thread of its own; its lines go to `lines`.
@@ -100,9 +119,12 @@ fn watch(
     client: &mut Client,
     mut identity: Identity,
     log: &Receiver<String>,
+    as_json: bool,
 ) -> Result<(), Failure> {
     let mut before: Option<(Instant, Statistics)> = None;
-    show::identity(Report::beside(&[]), &identity);
+    if !as_json {
+        show::identity(Report::beside(&[]), &identity);
+    }
     for number in 0_usize.. {
         let statistics = client.statistics()?;
         let now = Instant::now();
@@ -112,27 +134,39 @@ fn watch(
         });
         if changed {
             identity = client.identify()?;
-            if !said(&format!("runs {}", show::active(&identity))) {
+            if !as_json && !said(&format!("runs {}", show::active(&identity))) {
                 return Ok(());
             }
         }
         let rate = before.map_or(0.0, |(then, s)| {
             f64::from(statistics.cycles.saturating_sub(s.cycles)) / (now - then).as_secs_f64()
         });
-        if number % PAGE == 0 && !said(HEADER) {
+        if !as_json && number % PAGE == 0 && !said(HEADER) {
             return Ok(());
         }
-        if !said(&line(&statistics, rate, identity.tick_hz)) {
+        let text = if as_json {
+            let mut facts = facts(&identity, &statistics);
+            facts["cycles_per_second"] = before.map(|_| rate).into();
+            facts.to_string()
+        } else {
+            line(&statistics, rate, identity.tick_hz)
+        };
+        if !said(&text) {
             return Ok(());
         }
         before = Some((now, statistics));
-        loop {
-            match log.recv_timeout(INTERVAL.saturating_sub(now.elapsed())) {
-                Ok(text) if !said(&format!("log: {text}")) => return Ok(()),
-                // A log that never rests must not hide the numbers.
-                Ok(_) if now.elapsed() >= INTERVAL => break,
-                Ok(_) => {}
-                Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => break,
+        while let Ok(text) = log.recv_timeout(INTERVAL.saturating_sub(now.elapsed())) {
+            let text = if as_json {
+                json!({ "log": text }).to_string()
+            } else {
+                format!("log: {text}")
+            };
+            if !said(&text) {
+                return Ok(());
+            }
+            // A log that never rests must not hide the numbers.
+            if now.elapsed() >= INTERVAL {
+                break;
             }
         }
     }
@@ -154,8 +188,11 @@ fn line(s: &Statistics, rate: f64, tick_hz: u32) -> String {
     )
 }
 
-/// Whether somebody still reads.
+/// Whether somebody still reads. Nothing is written with `--quiet` but for another program.
 fn said(text: &str) -> bool {
+    if is_quiet() && !text.starts_with('{') {
+        return true;
+    }
     let mut out = io::stdout();
     writeln!(out, "{text}").and_then(|()| out.flush()).is_ok()
 }

@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use toml::Spanned;
 
 use crate::error::InputError;
+use crate::toml_text::TomlText;
 use tables::{OrientationKind, OrientationTable, Tables};
 
 pub use tables::{
@@ -71,23 +72,9 @@ impl Map {
     /// As [`Map::read`].
     pub fn parse(path: &Path, text: &str) -> Result<Self, InputError> {
         let tables: Tables = toml::from_str(text).map_err(|error| {
-            let message = error
-                .message()
-                .split_whitespace()
-                .collect::<Vec<_>>()
-                .join(" ");
-            let (found, expected) = match message.split_once(", expected ") {
-                Some((found, expected)) => (found.to_owned(), expected.to_owned()),
-                None => match message.strip_prefix("missing field ") {
-                    Some(key) => (format!("no {key}"), format!("the key {key}")),
-                    None => (message, "a map of columns (TOML)".to_owned()),
-                },
-            };
-            match error.span() {
-                Some(span) => at(path, text, &span, "", found, expected),
-                None => InputError::new(path, found, expected),
-            }
-            .with_help("docs/import.md has every key and an example of every shape")
+            TomlText { file: path, text }
+                .refused(&error, "a map of columns (TOML)")
+                .with_help("docs/import.md has every key and an example of every shape")
         })?;
         let orientation = tables.orientation;
         let mut map = Self {
@@ -127,7 +114,11 @@ impl Map {
         found: impl Into<String>,
         expected: impl Into<String>,
     ) -> InputError {
-        at(&self.path, &self.text, &span, key, found, expected)
+        TomlText {
+            file: &self.path,
+            text: &self.text,
+        }
+        .error(span, key, found, expected)
     }
 
     /// Whether rows will have an orientation.
@@ -406,20 +397,4 @@ impl Map {
         let expected = format!("{} columns", counts.join(" or "));
         Err(self.error(columns.span(), key, format!("{found} columns"), expected))
     }
-}
-
-fn at(
-    path: &Path,
-    text: &str,
-    span: &Range<usize>,
-    key: &str,
-    found: impl Into<String>,
-    expected: impl Into<String>,
-) -> InputError {
-    let before = text.get(..span.start).unwrap_or(text);
-    let line = 1 + before.matches('\n').count();
-    let column = 1 + before.rsplit('\n').next().unwrap_or("").chars().count();
-    InputError::new(path, found, expected)
-        .at_line(line)
-        .at_column(column, key)
 }

@@ -1,0 +1,217 @@
+//! How the program behaves towards people, shells and other programs.
+
+use serde_json::Value;
+
+use crate::program::{Folder, SERIAL, simulated, with_field};
+
+/// The commands that the help of `command` lists, with theirs.
+fn commands(folder: &Folder, command: &str, out: &mut Vec<String>) {
+    let help = folder.run(&format!("{command} --help")).ok().stdout;
+    let listed = help
+        .lines()
+        .skip_while(|line| *line != "Commands:")
+        .skip(1)
+        .take_while(|line| line.starts_with("  "))
+        .filter(|line| !line.starts_with("   "))
+        .filter_map(|line| line.split_whitespace().next())
+        .filter(|name| *name != "help");
+    for name in listed {
+        let whole = format!("{command} {name}").trim().to_owned();
+        out.push(whole.clone());
+        commands(folder, &whole, out);
+    }
+}
+
+#[test]
+fn every_help_has_an_example_and_exit_codes() {
+    let folder = Folder::new();
+    let mut all = Vec::new();
+    commands(&folder, "", &mut all);
+    assert!(all.len() > 25, "{all:?}");
+    for command in all {
+        let help = folder.run(&format!("{command} --help")).ok().stdout;
+        let word = format!("trainer {}", command.split(' ').next().unwrap());
+        let examples = help.split("Example").nth(1).unwrap_or_default();
+        assert!(examples.contains(&word), "{command}\n{help}");
+        assert!(help.contains("130 stopped by Ctrl-C"), "{command}");
+        assert!(help.contains("--quiet"), "{command}");
+        // A group of commands has none itself, and a script is all that `completions` gives.
+        let is_group = help.contains("\nCommands:\n");
+        let reports = !is_group && command != "completions";
+        assert_eq!(help.contains("--json <FILE>"), reports, "{command}");
+    }
+}
+
+#[test]
+fn shells_and_manuals() {
+    let folder = Folder::new();
+    for shell in ["bash", "zsh", "fish", "powershell", "elvish"] {
+        let script = folder.run(&format!("completions {shell}")).ok().stdout;
+        for word in ["calibrate", "max-correction-mm", "provision"] {
+            assert!(script.contains(word), "{shell}: {word}");
+        }
+    }
+    folder.run("completions tcsh").refused(&["possible values"]);
+    folder.run("manual --out man --json pages.json").ok();
+    let files = folder.json("pages.json")["files"].as_array().unwrap().len();
+    assert!(files > 25, "{files}");
+    let page = folder.text("man/trainer-calibrate.1");
+    for word in [".TH", "support", "130 stopped by Ctrl"] {
+        assert!(page.contains(word), "{word}: {page}");
+    }
+    folder.run("manual --out no/man").refused(&["no/man"]);
+}
+
+#[test]
+fn quiet_says_errors_only() {
+    let folder = Folder::new();
+    let line = format!("--quiet simulate --robot {SERIAL} --poses 12 --test-sets 0 --out cell");
+    let outcome = folder.run(&line).ok();
+    assert_eq!((outcome.stdout.as_str(), outcome.stderr.as_str()), ("", ""));
+    let line = format!("calibrate -q --robot {SERIAL} cell/train.csv --model poe --out a.blob");
+    let outcome = folder.run(&line).ok();
+    assert_eq!((outcome.stdout.as_str(), outcome.stderr.as_str()), ("", ""));
+    let outcome = folder.run("inspect a.blob --quiet --json -").ok();
+    assert!(!outcome.json()["model"].is_null());
+    assert_eq!(outcome.stderr, "");
+    folder
+        .run("inspect b.blob --quiet")
+        .refused(&["error: b.blob: found no such file"]);
+}
+
+/// Without a terminal there is no colour anyway; forced ones are switched off by nothing less.
+#[test]
+fn no_colour_is_written_into_files_and_pipes() {
+    let folder = Folder::new();
+    for line in ["--help", "calibrat", "calibrate --help"] {
+        let outcome = folder.finish(folder.command(line).env("NO_COLOR", "1"));
+        assert!(!outcome.stdout.contains('\u{1b}') && !outcome.stderr.contains('\u{1b}'));
+    }
+}
+
+#[test]
+fn the_line_is_shown_with_carets() {
+    let folder = Folder::new();
+    let csv = with_field(&simulated("train", 12), 5, "q4_deg", "abc");
+    folder.write("train.csv", &csv);
+    let line = format!("calibrate --robot {SERIAL} train.csv --out a.blob");
+    let outcome = folder.run(&line).refused(&["train.csv:5: column"]);
+    let lines: Vec<&str> = outcome.stderr.lines().collect();
+    let at = lines.iter().position(|l| l.starts_with("5 | ")).unwrap();
+    let place = lines[at + 1].find('^').unwrap();
+    let below: String = lines[at].chars().skip(place).take(3).collect();
+    assert_eq!(below, "abc", "{}", outcome.stderr);
+
+    folder.write("robot.toml", "name = \"x\"\nnmae = 3\n");
+    let line = "calibrate --robot robot.toml train.csv --out a.blob";
+    let outcome = folder.run(line).refused(&["robot.toml:2:"]);
+    assert!(
+        outcome.stderr.contains("2 | nmae = 3\n  | ^^^^"),
+        "{}",
+        outcome.stderr
+    );
+}
+
+#[test]
+fn every_report_is_there_as_json() {
+    let folder = Folder::new();
+    let document = |line: &str| -> Value {
+        let document = folder.run(&format!("{line} --json -")).ok().json();
+        assert_eq!(document["version"], env!("CARGO_PKG_VERSION"), "{line}");
+        document
+    };
+    let line = format!("simulate --robot {SERIAL} --poses 12 --test-sets 1 --out cell");
+    assert_eq!(document(&line)["files"][1]["poses"], 100);
+    let line = format!("calibrate --robot {SERIAL} cell/train.csv --model poe --out a.blob");
+    document(&line);
+    let key = document("keys new --out k")["key"].clone();
+    assert_eq!(document("sign a.blob --key k.key")["key"], key);
+    assert_eq!(
+        document("verify a.blob --public-key k.pub")["verified"],
+        true
+    );
+    assert_eq!(document("export a.blob --out a.urdf")["files"][0], "a.urdf");
+    document("keys new --out other");
+    let outcome = folder.run("verify a.blob --public-key other.pub --json no.json");
+    assert_eq!(outcome.code, Some(1));
+    assert_eq!(folder.json("no.json")["verified"], false);
+    folder
+        .run("device monitor --port unix:nowhere --json a.json")
+        .refused(&["--json to a file: expected `-`"]);
+    let guess = document("import --guess cell/train.csv");
+    assert_eq!(guess["measurements"], 12);
+}
+
+/// Starts the command, waits until `begun`, sends SIGINT and waits for the end.
+#[cfg(unix)]
+fn interrupted(
+    folder: &Folder,
+    line: &str,
+    begun: impl Fn(&mut std::process::Child) -> bool,
+) -> std::process::Output {
+    use std::process::{Command, Stdio};
+    let mut command = folder.command(line);
+    let child = command.stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut child = child.spawn().unwrap();
+    while !begun(&mut child) {
+        assert!(child.try_wait().unwrap().is_none(), "it ended: {line}");
+        std::thread::yield_now();
+    }
+    let kill = Command::new("kill")
+        .args(["-INT", &child.id().to_string()])
+        .status();
+    assert!(kill.unwrap().success());
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(130), "{output:?}");
+    output
+}
+
+/// SIGINT in the middle of a calibration: 130, and nothing new in the folder.
+#[cfg(unix)]
+#[test]
+fn ctrl_c_leaves_nothing() {
+    use std::io::Read;
+    let folder = Folder::new();
+    // A column that nobody knows: its note comes just before the work.
+    let csv = simulated("train", 300);
+    let rows = csv.lines().enumerate();
+    let rows = rows.map(|(i, row)| row.to_owned() + if i == 0 { ",operator\n" } else { ",me\n" });
+    folder.write("train.csv", rows.collect::<String>());
+    folder.write("a.blob", "old");
+    let line = format!(
+        "calibrate --robot {SERIAL} train.csv --out a.blob --json a.json --report a.html --write-cell a.toml"
+    );
+    let output = interrupted(&folder, &line, |child| {
+        let mut byte = [0; 1];
+        child.stderr.as_mut().unwrap().read_exact(&mut byte).is_ok()
+    });
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(said.ends_with("\nstopped\n"), "{said}");
+    assert_eq!(folder.names(), ["a.blob", "train.csv"]);
+    assert_eq!(folder.read("a.blob"), b"old");
+}
+
+/// SIGINT while outputs are being written into a pipe that nobody reads: the same.
+#[cfg(unix)]
+#[test]
+fn ctrl_c_while_writing_leaves_nothing() {
+    let folder = Folder::new();
+    folder.write("train.csv", simulated("train", 40));
+    let pipe = std::process::Command::new("mkfifo")
+        .arg(folder.path("pipe"))
+        .status();
+    assert!(pipe.unwrap().success());
+    let line = format!("calibrate --robot {SERIAL} train.csv --model poe --out a.blob --json pipe");
+    let output = interrupted(&folder, &line, |_| {
+        folder
+            .names()
+            .iter()
+            .any(|name| name.starts_with(".poegp-"))
+    });
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(
+        said.contains("stopped: an output that nobody reads"),
+        "{said}"
+    );
+    assert_eq!(folder.names(), ["pipe", "train.csv"]);
+}
