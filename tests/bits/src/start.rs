@@ -1,6 +1,7 @@
 //! The first instructions of a bare machine: stack, floating-point unit, main.
 //!
-//! For emulators, which load every byte to its place and clear the rest.
+//! For emulators, which load every byte to its place and clear the rest. The only module of this crate with assembly.
+#![allow(unsafe_code)]
 
 use core::arch::global_asm;
 use core::panic::PanicInfo;
@@ -48,7 +49,7 @@ global_asm!(
 );
 
 /// Called by `start`.
-#[allow(unsafe_code)] // the name is that of nothing else
+// The name is that of nothing else.
 #[unsafe(no_mangle)]
 extern "C" fn bits_main() -> ! {
     match answers::print(1, |line| println!("{line}")) {
