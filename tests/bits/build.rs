@@ -25,15 +25,15 @@ fn main() {
     let out = PathBuf::from(env::var_os("OUT_DIR").expect("cargo sets it"));
     let full_size = env::var_os("CARGO_FEATURE_FULL_SIZE").is_some();
     let mut cases = "[\n".to_owned();
-    for name in CASES
-        .iter()
-        .chain(FULL_SIZE.iter().filter(|_| full_size))
-    {
+    for name in CASES.iter().chain(FULL_SIZE.iter().filter(|_| full_size)) {
         write_case(&mut cases, name, &package.join("../data"));
     }
     fs::write(out.join("cases.rs"), cases + "]\n").expect("cargo made the folder");
     if env::var("CARGO_CFG_TARGET_OS").as_deref() == Ok("none") {
-        println!("cargo:rustc-link-arg-bins=-T{}", package.join("bits.ld").display());
+        println!(
+            "cargo:rustc-link-arg-bins=-T{}",
+            package.join("bits.ld").display()
+        );
         for place in ["FLASH", "RAM", "STACK"] {
             let variable = format!("POEGP_BITS_{place}");
             println!("cargo:rerun-if-env-changed={variable}");
@@ -41,7 +41,10 @@ fn main() {
                 // Clippy needs no layout, and the linker asks for the symbol by name.
                 continue;
             };
-            println!("cargo:rustc-link-arg-bins=--defsym=bits_{}={value}", place.to_lowercase());
+            println!(
+                "cargo:rustc-link-arg-bins=--defsym=bits_{}={value}",
+                place.to_lowercase()
+            );
         }
     }
 }
@@ -54,7 +57,9 @@ fn write_case(cases: &mut String, name: &str, data: &Path) {
     println!("cargo:rerun-if-changed={}", bits.display());
     let text = fs::read_to_string(&bits).unwrap_or_else(|e| panic!("{}: {e}", bits.display()));
     let mut add = |piece: std::fmt::Arguments<'_>| cases.write_fmt(piece).expect("strings grow");
-    add(format_args!("Case {{ name: {name:?}, blob: include_bytes!({blob:?}), queries: &[\n"));
+    add(format_args!(
+        "Case {{ name: {name:?}, blob: include_bytes!({blob:?}), queries: &[\n"
+    ));
     for line in text.lines().filter(|line| !line.starts_with('#')) {
         let query = line.split('|').next().unwrap_or_default();
         let words: Vec<String> = query.split_whitespace().map(|w| format!("0x{w}")).collect();

@@ -141,5 +141,9 @@ fn write_command(
     let corrected = (0..joints.len()).map(|joint| answer.joints.get(joint).copied());
     write_words(line, corrected.map(Option::unwrap_or_default))?;
     let status = answer.status.bits();
-    write!(line, " | {:08x} | {status:02x}", answer.position_error.to_bits())
+    write!(
+        line,
+        " | {:08x} | {status:02x}",
+        answer.position_error.to_bits()
+    )
 }
