@@ -46,7 +46,7 @@ fn exp_about_one_axis() {
         let truth = [cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, 1.0];
         block_error(&rotation_of(&pose), &truth)
     });
-    row("SO(3) exp, about z", "0 to pi", 8.0).check(&found);
+    row("SO(3) exp, about z", "0 to pi", 4.6).check(&found);
 }
 
 /// The logarithm of that matrix, as it is rounded: that of the nearest rotation.
@@ -80,13 +80,14 @@ fn twist(random: &mut Random) -> [f32; 6] {
 #[test]
 fn random_twists() {
     let count = if exhaustive() { 10_000_000 } else { 20_000 };
+    // Found in 10 000 000: 10.35, 7.83, 4.42, 14.36, 4.39, 7.40.
     let rows = [
-        row("SO(3) exp", "random, to pi", 16.0),
-        row("SE(3) exp, translation", "random, to pi, 3 m", 16.0),
-        row("SE(3) left Jacobian J", "random, to pi", 16.0),
-        row("SE(3) left Jacobian Q", "random, to pi, 3 m", 16.0),
-        row("SO(3) log", "random, to pi", 16.0),
-        row("SE(3) log, linear", "random, to pi, 3 m", 16.0),
+        row("SO(3) exp", "random, to pi", 11.0),
+        row("SE(3) exp, translation", "random, to pi, 3 m", 8.0),
+        row("SE(3) left Jacobian J", "random, to pi", 4.6),
+        row("SE(3) left Jacobian Q", "random, to pi, 3 m", 15.0),
+        row("SO(3) log", "random, to pi", 4.6),
+        row("SE(3) log, linear", "random, to pi, 3 m", 8.0),
     ];
     let mut random = Random(7);
     let mut worst = [Worst::NOTHING; 6];

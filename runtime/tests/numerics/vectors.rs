@@ -70,12 +70,11 @@ fn compare(
 
 #[test]
 fn exp2_and_sqrt() {
-    compare("exp2", |x| Scalar::exp2(x[0]), |x| Scalar::exp2(x[0]), 3.0);
+    compare("exp2", |x| Scalar::exp2(x[0]), |x| Scalar::exp2(x[0]), 2.2);
     compare("sqrt", |x| Scalar::sqrt(x[0]), |x| Scalar::sqrt(x[0]), 0.5);
 }
 
-/// In ulp of the result where that is more than ½; beside a zero the `f32` ones promise an absolute error only, which the
-/// sweep has.
+/// In ulp of numbers from ½ to 1: beside a zero the `f32` ones promise an absolute error only.
 #[test]
 fn sine_and_cosine() {
     for (name, sine) in [("sin", true), ("cos", false)] {
@@ -95,7 +94,7 @@ fn sine_and_cosine() {
             "{name:<12} | {} of 50 digits | f32 {:.4} ulp of 1/2 to 1 at {:e} | f64 {:.4} of its ulp at {:e}",
             worst.count, worst.error, worst.at, reference.error, reference.at
         );
-        assert!(worst.error <= 2.0, "{name}: {worst:?}");
+        assert!(worst.error <= 1.6, "{name}: {worst:?}");
         assert!(reference.error <= REFERENCE_ULP, "{name}: {reference:?}");
     }
 }
@@ -110,7 +109,7 @@ fn arc_tangent() {
     );
 }
 
-/// The reference of the sweep takes the power of a rounded exponent: so many ulp of `f64` more.
+/// The reference of the sweep takes the power of a rounded exponent, too, hence more ulp of `f64`: those that the sweep adds.
 #[test]
 fn correlation() {
     let kernel = QuadraticKernel::<f32> {
@@ -127,6 +126,6 @@ fn correlation() {
         reference.add(truth.error(exact, 29), at);
     }
     println!("correlation  | f32 {worst:?} | f64 {reference:?}");
-    assert!(worst.error <= 200.0, "{worst:?}");
-    assert!(reference.error <= 250.0, "{reference:?}");
+    assert!(worst.error <= 64.0, "{worst:?}");
+    assert!(reference.error <= 128.0, "{reference:?}");
 }
