@@ -59,7 +59,7 @@ fn log_about_one_axis() {
         let truth = Scalar::atan2(r[3] - r[1], r[0] + r[4]);
         block_error(&pose.log().to_array()[3..], &[0.0, 0.0, truth])
     });
-    row("SO(3) log, about z", "0 to pi - 1e-6", 8.0).check(&found);
+    row("SO(3) log, about z", "0 to pi - 1e-6", 4.0).check(&found);
 }
 
 /// A random twist, exact in `f32`: angle up to π, tiny ones as often as ordinary ones, up to 3 m.
@@ -80,13 +80,13 @@ fn twist(random: &mut Random) -> [f32; 6] {
 #[test]
 fn random_twists() {
     let count = if exhaustive() { 10_000_000 } else { 20_000 };
-    // Found in 10 000 000: 10.35, 7.83, 4.42, 14.36, 4.39, 7.40.
+    // Found in two draws of 10 000 000: 11.02, 8.27, 4.42, 14.36, 4.76, 7.70.
     let rows = [
-        row("SO(3) exp", "random, to pi", 11.0),
-        row("SE(3) exp, translation", "random, to pi, 3 m", 8.0),
-        row("SE(3) left Jacobian J", "random, to pi", 4.6),
+        row("SO(3) exp", "random, to pi", 12.0),
+        row("SE(3) exp, translation", "random, to pi, 3 m", 9.0),
+        row("SE(3) left Jacobian J", "random, to pi", 5.0),
         row("SE(3) left Jacobian Q", "random, to pi, 3 m", 15.0),
-        row("SO(3) log", "random, to pi", 4.6),
+        row("SO(3) log", "random, to pi", 5.0),
         row("SE(3) log, linear", "random, to pi, 3 m", 8.0),
     ];
     let mut random = Random(7);

@@ -183,7 +183,7 @@ impl Record {
             "soak: {} corrections answered ({} computed) in {} rounds, all right to the bit; {} activations, {} commits, {} roll \
              backs; {} bytes of the line damaged, {} damaged requests seen; {} cuts of the power, {} while flash was written, a \
              bit flipped after each: {} starts without a model; deepest stack {} bytes after the first thousand of a round, {} \
-             at its end",
+             at its end, the same in {} rounds",
             self.answered(),
             sum(|r| r.cycles as usize),
             self.rounds.len(),
@@ -198,6 +198,7 @@ impl Record {
             self.rounds.iter().skip(1).filter(|r| r.found == 0).count(),
             stack(|r| r.stack_first),
             stack(|r| r.stack_last),
+            sum(|r| usize::from(r.stack_first == r.stack_last)),
         );
         out
     }
