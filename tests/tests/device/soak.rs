@@ -433,7 +433,7 @@ fn round(memory: &Path, number: usize, goal: usize, may_be_empty: &mut bool) -> 
         soak.busy_turn();
     }
     // Chance hardly ever meets a flash that is being written: every other time it is waited for.
-    if number % 2 == 1 {
+    if !number.is_multiple_of(2) {
         while !soak.may_be_writing() {
             soak.busy_turn();
         }

@@ -212,7 +212,7 @@ pub fn flip_a_bit(memory: &Path, number: usize) -> (u64, u8) {
     let mut generator = ChaCha8Rng::seed_from_u64(1_000 + number as u64);
     let slot = SLOT * generator.random_range(0..2_u64);
     let byte = slot
-        + if number % 2 == 0 {
+        + if number.is_multiple_of(2) {
             generator.random_range(0..WRITTEN_HEAD)
         } else {
             HEAD + generator.random_range(0..WRITTEN_BLOB)
