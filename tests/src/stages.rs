@@ -121,6 +121,16 @@ impl CommandBits {
             .any(|value| !value.is_finite())
     }
 
+    /// Joints, position error and status in hexadecimal, groups separated by ` | `.
+    pub fn line(&self) -> String {
+        let mut line = String::new();
+        for word in &self.joints {
+            write!(line, "{word:08x} ").expect("strings grow");
+        }
+        let (error, status) = (self.position_error, self.status);
+        line + &format!("| {error:08x} | {status:02x}")
+    }
+
     /// Whether these are the joints of the request.
     pub fn is_the_command_of(&self, query: &Query) -> bool {
         self.joints == bits(&query.joints)

@@ -9,13 +9,13 @@ use std::{env, fs};
 use poegp_protocol::link::Query;
 use poegp_tests::device::Device;
 use poegp_tests::sample::{Elastic, Sample, Support, odd_queries};
-use poegp_tests::stages::{self, Host, Stages};
+use poegp_tests::stages::{self, CommandBits, Host, Stages};
 use poegp_tests::workspace;
 
 use crate::device;
 
 /// Name of the files, and what is in them.
-const CASES: [(&str, Sample); 7] = [
+const CASES: [(&str, Sample); 9] = [
     ("shared", Sample::plain(20, Support::Shared(24))),
     ("folded", Sample::plain(25, Support::Folded(24))),
     (
@@ -51,6 +51,18 @@ const CASES: [(&str, Sample); 7] = [
             ..Sample::plain(25, Support::Elastic(SETS))
         },
     ),
+    // As large as they are used, and an odd number of points. Not on the smallest machines of `tests/machines/run`.
+    ("full_shared", Sample::plain(26, Support::Shared(299))),
+    (
+        "full_elastic",
+        Sample::plain(
+            27,
+            Support::Elastic(Elastic {
+                points: 101,
+                ..Elastic::OWN
+            }),
+        ),
+    ),
 ];
 
 /// Groups without rows, too.
@@ -70,7 +82,7 @@ const fn small(elastic: Elastic) -> Elastic {
 
 fn queries(sample: &Sample) -> Vec<Query> {
     sample
-        .queries(80)
+        .queries(if sample.points() > 100 { 20 } else { 80 })
         .into_iter()
         .chain(odd_queries())
         .collect()
@@ -96,6 +108,7 @@ fn files(name: &str) -> (PathBuf, PathBuf) {
                 fs::write(bits, on_host(name, &sample)).unwrap();
             }
             fs::write(trust_path(), trust_on_host()).unwrap();
+            fs::write(commands_path(), commands_on_host()).unwrap();
         }
     });
     paths(name)
@@ -139,6 +152,31 @@ fn trust_on_host() -> String {
     })
 }
 
+fn commands_path() -> PathBuf {
+    workspace().join("tests/data/golden_commands.txt")
+}
+
+/// The corrected command for every query of every case.
+fn commands_text(answer: &mut dyn FnMut(&str, &Query) -> CommandBits) -> String {
+    let mut out = "# Bits of corrected commands for the queries of golden_*_bits.txt, in order; written like them.\n\
+         # case joints | position error | status\n"
+        .to_owned();
+    for (name, sample) in CASES {
+        for query in queries(&sample) {
+            out += &format!("{name} {}\n", answer(name, &query).line());
+        }
+    }
+    out
+}
+
+fn commands_on_host() -> String {
+    let hosts = CASES.map(|(name, sample)| (name, Host::load(&sample.blob()).unwrap()));
+    commands_text(&mut |name, query| {
+        let (_, host) = hosts.iter().find(|(of, _)| *of == name).unwrap();
+        host.command(query)
+    })
+}
+
 fn assert_same_lines(name: &str, found: &str, expected: &str) {
     for (number, (found, expected)) in found.lines().zip(expected.lines()).enumerate() {
         assert_eq!(found, expected, "{name}, line {}", number + 1);
@@ -164,6 +202,13 @@ fn host_computes_the_committed_trust() {
     files("shared");
     let expected = fs::read_to_string(trust_path()).unwrap();
     assert_same_lines("golden_trust", &trust_on_host(), &expected);
+}
+
+#[test]
+fn host_computes_the_committed_commands() {
+    files("shared");
+    let expected = fs::read_to_string(commands_path()).unwrap();
+    assert_same_lines("golden_commands", &commands_on_host(), &expected);
 }
 
 /// The bits of a board, whatever it takes to `load` a model there.
@@ -197,4 +242,19 @@ fn device_computes_the_committed_trust() {
     });
     let expected = fs::read_to_string(trust_path()).unwrap();
     assert_same_lines("golden_trust", &found, &expected);
+}
+
+#[test]
+fn device_computes_the_committed_commands() {
+    let mut device = device();
+    let mut loaded = String::new();
+    let found = commands_text(&mut |name, query| {
+        if loaded != name {
+            device.load(&fs::read(files(name).0).unwrap()).unwrap();
+            name.clone_into(&mut loaded);
+        }
+        CommandBits::from(&device.correct(query).unwrap())
+    });
+    let expected = fs::read_to_string(commands_path()).unwrap();
+    assert_same_lines("golden_commands", &found, &expected);
 }

@@ -1,16 +1,24 @@
-//! Many thousand corrections over a bad line while models come and go.
+//! Many thousand corrections over a bad line while models come and go, the power fails and the flash loses bits.
 //!
 //! Two clients share one line: a controller, which has several commands in flight, and a workstation, which uploads,
 //! activates, commits and rolls back. One byte of a hundred is damaged, dropped or doubled, both ways. Every answer that
-//! arrives intact has to be, to the bit, that of the model that it names. `POEGP_SOAK=100000` asks for more than the
-//! usual number of answered corrections:
+//! arrives intact has to be, to the bit, that of the model that it names. After every 5 000 answers the power is cut at a
+//! random moment of all that, one bit of the stored models flips, and the device starts again with that flash.
+//!
+//! In the usual tests 20 000 answers. More, with a record of every round from which the next call goes on (its flash beside
+//! it):
 //!
 //! ```sh
-//! POEGP_SOAK=100000 cargo test --release -p poegp-tests --test device -- --nocapture soak
+//! POEGP_SOAK=1000000 POEGP_SOAK_RECORD=soak.txt \
+//!     cargo test --release -p poegp-tests --test device -- --nocapture soak
 //! ```
+
+mod record;
+mod steps;
 
 use std::collections::VecDeque;
 use std::env;
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 use poegp_protocol::blob::{self, CRC};
@@ -24,14 +32,26 @@ use poegp_tests::stages::{CommandBits, Host};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
+use record::{Record, Round, flip_a_bit};
+use steps::{PIECE, Step, steps};
+
 /// Answered corrections unless the environment says otherwise.
 const USUAL: usize = 20_000;
+/// Answers of one round, from a start of the device to the cut of its power.
+const ROUND: usize = 5_000;
+/// Answers after which the stack is looked at for the first time.
+const FIRST: usize = 1_000;
+/// Turns after the statistics until the power is cut, at most.
+const TURNS_TO_CUT: usize = 400;
+/// About what storing a model takes in the emulator.
+const WRITING_MICROSECONDS: u64 = 3_000;
+/// Bytes of stack at most, in the first thousand answers as in the last: the budget of `image.rs`. Within it the deepest
+/// use is chance, a cycle at the deepest moment of a service, and so not the same in every round.
+const STACK_BUDGET: u32 = 20 * 1024;
 /// Commands that are asked for, again and again.
 const QUERIES: usize = 256;
 /// Bytes of commands on their way at most: with one service they fill the device's 512.
 const IN_FLIGHT: usize = 340;
-/// Bytes of a blob in one request. A longer frame hardly ever arrives.
-const PIECE: usize = 48;
 /// After such a silence everything on its way is taken for lost. Rare: any answer says so of what was sent before it.
 const SILENCE: Duration = Duration::from_millis(250);
 /// A service is asked for again after so many answers to others, or a silence.
@@ -73,37 +93,6 @@ fn models(queries: &[Query]) -> Vec<Known> {
         }
     });
     known.collect()
-}
-
-/// One thing that the workstation does.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Step {
-    Begin,
-    Piece(usize),
-    Verify,
-    Commit,
-    Activate,
-    RollBack,
-    Identify,
-    Statistics,
-}
-
-/// Everything that is done with one model, in both orders of commit and activate, every third time without commit.
-fn steps(round: usize, length: usize) -> VecDeque<Step> {
-    let mut steps = VecDeque::from([Step::Begin]);
-    steps.extend((0..length).step_by(PIECE).map(Step::Piece));
-    steps.push_back(Step::Verify);
-    match round % 3 {
-        0 => steps.extend([Step::Commit, Step::Activate]),
-        1 => steps.extend([Step::Activate, Step::Commit]),
-        _ => steps.push_back(Step::Activate),
-    }
-    // Two models have to be stored before one can be left for the other.
-    if round >= 2 && round.is_multiple_of(2) {
-        steps.push_back(Step::RollBack);
-    }
-    steps.push_back(Step::Identify);
-    steps
 }
 
 /// The service that is waited for.
@@ -151,12 +140,12 @@ fn encoded(sequence: u16, request: &Request<'_>) -> Vec<u8> {
 }
 
 impl Soak {
-    fn over(line: BadLine) -> Self {
+    fn over(line: BadLine, seed: u64) -> Self {
         let queries = Sample::plain(79, Support::None).queries(QUERIES);
         Self {
             line,
             receiver: Receiver::new(),
-            generator: ChaCha8Rng::seed_from_u64(81),
+            generator: ChaCha8Rng::seed_from_u64(seed),
             models: models(&queries),
             queries,
             asked: vec![None; 1 << 16],
@@ -230,7 +219,7 @@ impl Soak {
             Step::RollBack => Request::RollBack {
                 from_crc: self.active,
             },
-            Step::Identify => Request::Identify,
+            Step::Identify | Step::Find => Request::Identify,
             Step::Statistics => Request::ReadStatistics,
         };
         let sequence = self.next_service;
@@ -338,6 +327,9 @@ impl Soak {
                 self.commits += 1;
                 assert!(stored.first);
             }
+            (Step::Find, Response::Identity(identity)) => {
+                self.active = identity.model.map_or(0, |model| model.blob_crc);
+            }
             (Step::Activate | Step::RollBack | Step::Identify, Response::Identity(identity)) => {
                 let model = identity.model.expect("a model runs").blob_crc;
                 match step {
@@ -358,7 +350,7 @@ impl Soak {
             }
             (step, response) => panic!("{step:?} was answered by {response:?}"),
         }
-        if self.steps.is_empty() && step != Step::Statistics {
+        if self.steps.is_empty() && !matches!(step, Step::Statistics | Step::Find) {
             self.round += 1;
         }
     }
@@ -370,57 +362,162 @@ impl Soak {
     }
 }
 
+impl Soak {
+    /// What the device has counted, after everything that is under way.
+    fn statistics(&mut self) -> Statistics {
+        while !self.steps.is_empty() {
+            self.turn();
+        }
+        self.statistics = None;
+        self.steps.push_back(Step::Statistics);
+        loop {
+            self.turn();
+            if let Some(statistics) = self.statistics {
+                return statistics;
+            }
+        }
+    }
+
+    /// The same with work for the workstation.
+    fn busy_turn(&mut self) {
+        if self.steps.is_empty() {
+            let model = &self.models[self.round % self.models.len()];
+            self.steps = steps(self.round, model.bytes.len());
+        }
+        self.turn();
+    }
+
+    /// Whether the flash is being written, or may be: a cut here may leave one model only.
+    fn may_be_writing(&self) -> bool {
+        self.waiting.is_some() && matches!(self.steps.front(), Some(Step::Commit | Step::RollBack))
+    }
+}
+
+/// One start of the device on the flash in `memory`, `goal` answers, and a cut. `may_be_empty` says whether the flash may
+/// hold no model, and afterwards whether the cut may have left one alone.
+fn round(memory: &Path, number: usize, goal: usize, may_be_empty: &mut bool) -> Round {
+    let seed = 81 + 2 * number as u64;
+    let machine = Machine {
+        board: Board::default(),
+        elf: &firmware().unwrap_or_else(|error| panic!("{error}")).elf,
+        clock: Clock::Real,
+        memory: Some(memory),
+    };
+    let limit = Duration::from_secs(60 + goal as u64 / 20);
+    let (emulator, stream) = Emulator::start(&machine, limit).unwrap();
+    let start = Instant::now();
+    let line = BadLine::over(stream, Duration::from_millis(2), seed + 1).unwrap();
+    let mut soak = Soak::over(line, seed);
+    // What the start found in the flash.
+    soak.steps.push_back(Step::Find);
+    while !soak.steps.is_empty() {
+        soak.turn();
+    }
+    let found = soak.active;
+    assert!(
+        found != 0 || *may_be_empty,
+        "round {number}: no model is left"
+    );
+    let mut first = None;
+    while soak.answered < goal {
+        if soak.steps.is_empty() && first.is_none() && soak.answered >= FIRST && soak.round >= 3 {
+            first = Some(soak.statistics());
+        }
+        soak.busy_turn();
+    }
+    let last = soak.statistics();
+    let stack_first = first.map_or(last.stack_bytes, |first| first.stack_bytes);
+    let seen: Vec<usize> = soak.models.iter().map(|model| model.seen).collect();
+    let turns = soak.generator.random_range(1..TURNS_TO_CUT);
+    for _ in 0..turns {
+        soak.busy_turn();
+    }
+    // Chance hardly ever meets a flash that is being written: every other time it is waited for.
+    if !number.is_multiple_of(2) {
+        while !soak.may_be_writing() {
+            soak.busy_turn();
+        }
+        std::thread::sleep(Duration::from_micros(
+            soak.generator.random_range(0..WRITING_MICROSECONDS),
+        ));
+    }
+    *may_be_empty = soak.may_be_writing();
+    let harm = soak.line.harm();
+    drop(emulator);
+    println!(
+        "round {number}: {} answers in {:.0} s, all right to the bit; by model {seen:?}, {} with a flag; {} activations, \
+         {} commits, {} roll backs; {harm:?}; {} answers arrived damaged; started with {found:08x}",
+        soak.answered,
+        start.elapsed().as_secs_f64(),
+        soak.flagged,
+        soak.activations,
+        soak.commits,
+        soak.roll_backs,
+        soak.damaged_answers
+    );
+    println!("{last:?}");
+    assert_eq!(last.restarts, 0, "a cut of the power is no restart");
+    assert!(last.cycles as usize >= goal);
+    assert!(last.bad_frames as usize > goal / 10);
+    assert!(last.activations as usize >= seen.iter().filter(|seen| **seen > 0).count());
+    assert!(seen.iter().all(|seen| *seen > goal / 50), "{seen:?}");
+    assert!(soak.activations >= 3 && soak.commits >= 2 && soak.roll_backs >= 1);
+    assert!(
+        last.stack_bytes <= STACK_BUDGET,
+        "the stack was {stack_first} bytes deep after the first thousand, and {} at the end",
+        last.stack_bytes
+    );
+    Round {
+        number,
+        answered: soak.answered,
+        cycles: last.cycles,
+        bad_frames: last.bad_frames,
+        activations: soak.activations,
+        commits: soak.commits,
+        roll_backs: soak.roll_backs,
+        damaged_bytes: harm.damaged + harm.dropped + harm.doubled,
+        stack_first,
+        stack_last: last.stack_bytes,
+        found,
+        writing_at_the_cut: *may_be_empty,
+    }
+}
+
 #[test]
 fn every_answer_is_right_whatever_happens_to_line_and_models() {
     let goal = env::var("POEGP_SOAK").map_or(USUAL, |text| {
         text.parse().expect("POEGP_SOAK is a number of corrections")
     });
-    let machine = Machine {
-        board: Board::default(),
-        elf: &firmware().unwrap_or_else(|error| panic!("{error}")).elf,
-        clock: Clock::Real,
-        memory: None,
+    let folder = tempfile::tempdir().unwrap();
+    let mut record = match env::var_os("POEGP_SOAK_RECORD") {
+        Some(path) => Record::at(Path::new(&path)),
+        None => Record::at(&folder.path().join("soak.txt")),
     };
-    let limit = Duration::from_secs(60 + goal as u64 / 20);
-    let (_emulator, stream) = Emulator::start(&machine, limit).unwrap();
-    let start = Instant::now();
-    let line = BadLine::over(stream, Duration::from_millis(2), 82).unwrap();
-    let mut soak = Soak::over(line);
-    while soak.answered < goal {
-        if soak.steps.is_empty() {
-            let model = &soak.models[soak.round % soak.models.len()];
-            soak.steps = steps(soak.round, model.bytes.len());
+    let before = record.answered();
+    if before > 0 {
+        println!(
+            "{before} answers of {} rounds are in the record",
+            record.rounds.len()
+        );
+    }
+    // A flash that was never written holds no model, and a call that was interrupted may have been at any point.
+    let mut may_be_empty = true;
+    while record.answered() < goal {
+        let number = record.rounds.len();
+        if number > 0 {
+            let place = flip_a_bit(record.memory(), number);
+            println!(
+                "bit {} of byte {:#x} of the flash has flipped",
+                place.1, place.0
+            );
         }
-        soak.turn();
+        let round = round(
+            record.memory(),
+            number,
+            ROUND.min(goal - record.answered()).max(FIRST),
+            &mut may_be_empty,
+        );
+        record.add(round);
     }
-    // The statistics after everything that is under way.
-    while !soak.steps.is_empty() {
-        soak.turn();
-    }
-    soak.steps.push_back(Step::Statistics);
-    while soak.statistics.is_none() {
-        soak.turn();
-    }
-    let statistics = soak.statistics.unwrap();
-    let seconds = start.elapsed().as_secs_f64();
-    let seen: Vec<usize> = soak.models.iter().map(|model| model.seen).collect();
-    println!(
-        "{} corrections answered in {seconds:.0} s, all right to the bit; by model {seen:?}, {} with a flag",
-        soak.answered, soak.flagged
-    );
-    println!(
-        "{} activations, {} commits, {} roll backs; {:?}; {} answers arrived damaged",
-        soak.activations,
-        soak.commits,
-        soak.roll_backs,
-        soak.line.harm(),
-        soak.damaged_answers
-    );
-    println!("{statistics:?}");
-    assert_eq!(statistics.restarts, 0);
-    assert!(statistics.cycles as usize >= goal);
-    assert!(statistics.bad_frames as usize > goal / 10);
-    assert!(statistics.activations as usize >= soak.activations);
-    assert!(seen.iter().all(|seen| *seen > goal / 50), "{seen:?}");
-    assert!(soak.activations >= 6 && soak.commits >= 4 && soak.roll_backs >= 2);
+    println!("{}", record.summary());
 }

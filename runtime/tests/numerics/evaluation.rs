@@ -1,0 +1,111 @@
+//! A whole evaluation and a whole corrected command in `f32` against the same model in `f64`, all over the trained ranges.
+//!
+//! Both models are the numbers of the same blob, which are exact in `f64`: what is seen is the arithmetic alone. What
+//! rounding the fitted model to `f32` adds is looked at by the trainer (`trainer/tests/fidelity/single_precision.rs`, and
+//! `calibrate`, which refuses to write a blob that loses too much).
+
+use poegp_protocol::blob;
+use poegp_runtime::model::{Model, words_for};
+
+use crate::sweep::{Random, exhaustive};
+
+/// Micrometres that a pose may be off, and microradians; micrometres that a corrected command may stand off.
+struct Allowed {
+    name: &'static str,
+    bytes: &'static [u8],
+    position: f64,
+    rotation: f64,
+    command: f64,
+}
+
+macro_rules! model {
+    ($name:literal, $position:literal, $rotation:literal, $command:literal) => {
+        Allowed {
+            name: $name,
+            bytes: include_bytes!(concat!("../../../tests/data/golden_", $name, ".blob")),
+            position: $position,
+            rotation: $rotation,
+            command: $command,
+        }
+    };
+}
+
+/// The golden models, whose arms reach 2 m: an ulp of that is 0.12 to 0.24 µm. An elastic command may be further off than
+/// the 5 µm that the runtime sees, in `f64` as well: it takes the deflection for constant over its last step (`LAG` in
+/// `runtime/src/model/correct.rs`), and these are random ones.
+const MODELS: [Allowed; 9] = [
+    model!("shared", 1.0, 0.4, 5.5),
+    model!("folded", 1.0, 0.4, 5.5),
+    model!("per_output", 1.0, 0.4, 5.5),
+    model!("elastic_own", 1.0, 0.4, 23.0),
+    model!("elastic_tied", 1.0, 0.4, 23.0),
+    model!("elastic_sigma", 1.0, 0.4, 23.0),
+    model!("elastic_sets", 1.0, 0.4, 23.0),
+    model!("full_shared", 1.0, 0.4, 5.5),
+    model!("full_elastic", 1.0, 0.4, 23.0),
+];
+
+type Loaded<T> = Box<Model<T, { words_for(300) }>>;
+
+#[test]
+fn poses_and_commands() {
+    let count = if exhaustive() { 200_000 } else { 500 };
+    for allowed in &MODELS {
+        let blob = blob::decode(allowed.bytes).unwrap();
+        let mut single: Loaded<f32> = Box::new(Model::new());
+        let mut double: Loaded<f64> = Box::new(Model::new());
+        single.load(&blob).unwrap();
+        double.load(&blob).unwrap();
+        let payload = blob.ranges.payload_kg.unwrap();
+        let mut random = Random(11);
+        let mut draw =
+            |(lower, upper): (f32, f32)| random.between(f64::from(lower), f64::from(upper)) as f32;
+        let (mut sum, mut position, mut rotation) = (0.0, 0.0_f64, 0.0_f64);
+        let (mut command, mut command_of_double, mut corrected) = (0.0_f64, 0.0_f64, 0_u32);
+        for _ in 0..count {
+            let joints: Vec<f32> = blob.ranges.joints.iter().copied().map(&mut draw).collect();
+            let payload_kg = draw(payload);
+            let exact: Vec<f64> = joints.iter().copied().map(f64::from).collect();
+            let here = single.evaluate(&joints, payload_kg);
+            let truth = double.evaluate(&exact, f64::from(payload_kg));
+            let difference = truth.pose.inverse() * here.pose.cast::<f64>();
+            let distance = difference.translation.norm();
+            assert!(distance.is_finite());
+            sum += distance;
+            position = position.max(distance);
+            rotation = rotation.max(difference.log().angular.norm());
+            // Where the corrected command of `f32` takes the arm of `f64`: the joints themselves may be others beside a
+            // singularity, and as good. That of `f64` shows what is the method's and not the arithmetic's.
+            let wanted = double.nominal(&exact).unwrap().translation;
+            let off = |corrected: &[f64]| {
+                let stands = double.evaluate(corrected, f64::from(payload_kg)).pose;
+                (stands.translation - wanted).norm()
+            };
+            let here = single.correct(&joints, payload_kg);
+            if here.status.is_ok() {
+                corrected += 1;
+                let there = here.joints.iter().take(joints.len());
+                command = command.max(off(&there.copied().map(f64::from).collect::<Vec<_>>()));
+            }
+            let here = double.correct(&exact, f64::from(payload_kg));
+            if here.status.is_ok() {
+                let there = here.joints.iter().take(joints.len());
+                command_of_double = command_of_double.max(off(&there.copied().collect::<Vec<_>>()));
+            }
+        }
+        println!(
+            "{:<14} | {count} poses | position {:.3} µm in the mean, {:.3} at most | rotation {:.3} µrad at most | \
+             {corrected} corrected commands stand {:.3} µm off at most, \
+             those of f64 {:.3}",
+            allowed.name,
+            1e6 * sum / f64::from(count),
+            1e6 * position,
+            1e6 * rotation,
+            1e6 * command,
+            1e6 * command_of_double,
+        );
+        assert!(1e6 * position <= allowed.position, "{}", allowed.name);
+        assert!(1e6 * rotation <= allowed.rotation, "{}", allowed.name);
+        assert!(1e6 * command <= allowed.command, "{}", allowed.name);
+    }
+}
