@@ -149,12 +149,17 @@ impl Constraints {
     pub fn read(path: &Path, robot: &Robot) -> Result<Self, InputError> {
         let text = std::fs::read_to_string(path)
             .map_err(|e| InputError::unreadable(path, &e, "the constraints of a plan in TOML"))?;
-        let reader = Reader {
-            file: path,
-            text: &text,
-        };
-        let file: File = toml::from_str(&text).map_err(|error| reader.not_constraints(&error))?;
-        Self::of(robot, Some(path), &file, &text)
+        Self::parse(path, &text, robot)
+    }
+
+    /// Reads the text of a file for a robot; `path` is for messages.
+    ///
+    /// # Errors
+    /// As [`Constraints::read`].
+    pub fn parse(path: &Path, text: &str, robot: &Robot) -> Result<Self, InputError> {
+        let reader = Reader { file: path, text };
+        let file: File = toml::from_str(text).map_err(|error| reader.not_constraints(&error))?;
+        Self::of(robot, Some(path), &file, text)
     }
 
     fn of(robot: &Robot, path: Option<&Path>, file: &File, text: &str) -> Result<Self, InputError> {
