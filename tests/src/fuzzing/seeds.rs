@@ -202,7 +202,12 @@ const PAIRS: [&str; 2] = ["leica", "points"];
 
 /// Maps with their raw files, a zero between them.
 pub fn imports() -> Vec<Vec<u8>> {
-    let map = |stem: &str| import_file(&format!("{stem}.toml"));
+    let map = |stem: &str| {
+        let text = String::from_utf8(import_file(&format!("{stem}.toml"))).expect("text");
+        // The map of the Euler angles is a template.
+        let text = text.replace("ORDER", "ZYX").replace("AXES", "intrinsic");
+        text.into_bytes()
+    };
     let one = RAWS.map(|raw| {
         let stem = raw.split('.').next().expect("a name");
         [map(stem), import_file(raw)].join(&0)
