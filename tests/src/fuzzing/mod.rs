@@ -14,6 +14,7 @@
 //! libFuzzer (`fuzz/`, `tests/fuzz/run`). What once broke a law is kept in `fuzz/regressions`.
 
 mod expected;
+pub mod kept;
 pub mod mutate;
 pub mod page;
 pub mod readers;

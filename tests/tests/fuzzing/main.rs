@@ -8,8 +8,8 @@
 use std::env;
 use std::fs;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::path::PathBuf;
 
+use poegp_tests::fuzzing::kept::{self, Kept};
 use poegp_tests::fuzzing::{TARGETS, Target, mutate};
 use poegp_tests::workspace;
 use rand::SeedableRng;
@@ -23,15 +23,11 @@ fn asked(variable: &str, otherwise: u64) -> u64 {
     })
 }
 
-/// Files of a folder of `fuzz/`, with their names; none when a target has no such folder.
-fn kept(folder: &str, target: &Target) -> Vec<(String, Vec<u8>)> {
-    let folder = workspace().join("fuzz").join(folder).join(target.name);
-    let mut paths: Vec<PathBuf> = fs::read_dir(folder)
-        .map(|entries| entries.map(|entry| entry.unwrap().path()).collect())
-        .unwrap_or_default();
-    paths.sort();
-    let read = |path: &PathBuf| (path.display().to_string(), fs::read(path).unwrap());
-    paths.iter().map(read).collect()
+/// Inputs that are kept, with their places.
+fn kept_inputs(which: Kept, target: &Target) -> Vec<(String, Vec<u8>)> {
+    let inputs = kept::read(which, target.name).unwrap_or_else(|error| panic!("{error}"));
+    let name = |number| format!("line {number} of its {which:?}");
+    (1..).map(name).zip(inputs).collect()
 }
 
 fn fuzz(name: &str) {
@@ -47,8 +43,8 @@ fn fuzz(name: &str) {
         .map(|(number, bytes)| (format!("seed {number}"), bytes))
         .collect();
     let own = inputs.len();
-    inputs.extend(kept("regressions", target));
-    inputs.extend(kept("corpus", target));
+    inputs.extend(kept_inputs(Kept::Regressions, target));
+    inputs.extend(kept_inputs(Kept::Corpus, target));
     let mutated = (0..executions).map(|number| {
         let bytes = mutate::mutated(&seeds, &mut random);
         (format!("number {number} of seed {seed}"), bytes)
