@@ -9,3 +9,4 @@ mod listing;
 mod messages;
 mod receiver;
 mod sample;
+mod texts;

@@ -224,7 +224,7 @@ impl<'a> Script<'a> {
             10 | 11 => 6,
             count => count,
         };
-        let raw = self.byte() % 4 == 0;
+        let raw = self.byte().is_multiple_of(4);
         let mut number = || match raw {
             true => f32::from_bits(self.word()),
             false => f32::from(self.byte() as i8) / 32.0,
@@ -254,7 +254,7 @@ pub fn service(bytes: &[u8]) {
     SOURCES.with(|sources| {
         let mut script = Script(bytes);
         let flash = RefCell::new(Flash::new(UNITS));
-        let flash_blocks = script.byte() % 4 == 0;
+        let flash_blocks = script.byte().is_multiple_of(4);
         let mut expected = Expected::new(flash_blocks);
         loop {
             let end = switched_on(sources, &flash, &mut script, &mut expected);
