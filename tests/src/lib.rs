@@ -5,6 +5,7 @@
 //!     └──> image (sizes, symbols)                     ├── stages: the same bits?
 //!     └──> execution (every instruction) ──> parts    │
 //!  sample ──> blob ──────────────────────> runtime ───┘
+//!     └──> fuzzing ──> everything that reads
 //! ```
 //!
 //! Nothing here is skipped when a tool is missing: the tests fail, and the message names the remedy.
@@ -13,6 +14,7 @@
 pub mod bad_line;
 pub mod device;
 pub mod execution;
+pub mod fuzzing;
 pub mod image;
 pub mod parts;
 pub mod sample;

@@ -1,6 +1,7 @@
 //! The bytes of `poegp-protocol`: what values look like at rest and on the wire, and that nothing damaged is believed.
 
 mod blob;
+mod capacity;
 mod cobs;
 mod envelope;
 mod frame;
@@ -9,3 +10,4 @@ mod listing;
 mod messages;
 mod receiver;
 mod sample;
+mod texts;

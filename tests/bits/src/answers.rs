@@ -99,7 +99,7 @@ fn write_bits(
     write!(line, "bits {name}")?;
     write_words(line, joints.iter().copied().chain([payload_kg]))?;
     line.write_str(" |")?;
-    write_words(line, stages.motions().iter().flat_map(|m| [m.sin, m.cos]))?;
+    write_words(line, stages.motions().iter().flatten().copied())?;
     line.write_str(" |")?;
     write_words(line, stages.mean.iter().take(6).copied())?;
     line.write_str(" |")?;

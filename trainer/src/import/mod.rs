@@ -58,7 +58,19 @@ pub fn import(raws: &[PathBuf], map: &Map) -> Result<Imported, InputError> {
         .iter()
         .map(|path| read(path))
         .collect::<Result<Vec<_>, _>>()?;
-    let (rows, mut notes) = match (map.points.is_some(), raws, bytes.as_slice()) {
+    import_bytes(raws, &bytes, map)
+}
+
+/// The same with the bytes of the files; `raws` are their names.
+///
+/// # Errors
+/// As [`import`].
+pub fn import_bytes(
+    raws: &[PathBuf],
+    bytes: &[Vec<u8>],
+    map: &Map,
+) -> Result<Imported, InputError> {
+    let (rows, mut notes) = match (map.points.is_some(), raws, bytes) {
         (false, [path], [bytes]) => rows::rows(&Table::parse(path, bytes, &map.file)?, map)?,
         (true, [points, joints], [point_bytes, joint_bytes]) => {
             let layout = map.joints_file.as_ref().unwrap_or(&map.file);
@@ -80,7 +92,7 @@ pub fn import(raws: &[PathBuf], map: &Map) -> Result<Imported, InputError> {
     };
     let sources: Vec<String> = raws
         .iter()
-        .zip(&bytes)
+        .zip(bytes)
         .map(|(path, bytes)| {
             let name = path
                 .file_name()

@@ -151,12 +151,17 @@ impl Constraints {
     pub fn read(path: &Path, robot: &Robot) -> Result<Self, InputError> {
         let text =
             std::fs::read_to_string(path).map_err(|e| InputError::unreadable(path, &e, WHOLE))?;
-        let reader = TomlText {
-            file: path,
-            text: &text,
-        };
-        let file: File = toml::from_str(&text).map_err(|error| reader.refused(&error, WHOLE))?;
-        Self::of(robot, Some(path), &file, &text)
+        Self::parse(path, &text, robot)
+    }
+
+    /// Reads the text of a file for a robot; `path` is for messages.
+    ///
+    /// # Errors
+    /// As [`Constraints::read`].
+    pub fn parse(path: &Path, text: &str, robot: &Robot) -> Result<Self, InputError> {
+        let reader = TomlText { file: path, text };
+        let file: File = toml::from_str(text).map_err(|error| reader.refused(&error, WHOLE))?;
+        Self::of(robot, Some(path), &file, text)
     }
 
     fn of(robot: &Robot, path: Option<&Path>, file: &File, text: &str) -> Result<Self, InputError> {

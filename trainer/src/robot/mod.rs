@@ -83,18 +83,22 @@ impl Robot {
             return description::parse(Path::new(&file), text);
         }
         let path = Path::new(spec);
-        let extension = path
-            .extension()
-            .and_then(|e| e.to_str())
-            .unwrap_or("")
-            .to_ascii_lowercase();
         let bytes = std::fs::read(path).map_err(|error| {
             let wanted =
                 "a URDF (.urdf), a robot description (.toml) or the name of a built-in robot";
             InputError::unreadable(path, &error, wanted)
                 .with_help(format!("the built-in robots are {}", BUILT_IN.join(", ")))
         })?;
-        let Ok(text) = std::str::from_utf8(&bytes) else {
+        Self::parse(path, &bytes, options)
+    }
+
+    /// Reads the bytes of a URDF or a TOML description; the extension of `path` says which.
+    ///
+    /// # Errors
+    ///
+    /// As [`Robot::load`].
+    pub fn parse(path: &Path, bytes: &[u8], options: &LoadOptions) -> Result<Robot, InputError> {
+        let Ok(text) = std::str::from_utf8(bytes) else {
             return Err(InputError::new(
                 path,
                 "bytes that are not UTF-8 text",
@@ -102,6 +106,11 @@ impl Robot {
             ));
         };
         let text = text.strip_prefix('\u{feff}').unwrap_or(text);
+        let extension = path
+            .extension()
+            .and_then(|e| e.to_str())
+            .unwrap_or("")
+            .to_ascii_lowercase();
         match extension.as_str() {
             "urdf" | "xml" => urdf::parse(path, text, options),
             "toml" => {

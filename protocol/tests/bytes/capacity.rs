@@ -1,0 +1,40 @@
+//! The sizes that both sides rely on, as the pages of the formats give them: an arm of eight joints fits, whole.
+
+use poegp_protocol::blob::{self, Correction, FORMAT_VERSION, MAX_LENGTH_WITHOUT_ROWS};
+use poegp_protocol::envelope::{HEADER_LENGTH, TRAILER_LENGTH};
+use poegp_protocol::frame::{MAX_FRAME, OVERHEAD};
+use poegp_protocol::limits::{MAX_FRAMES, MAX_INPUTS, MAX_JOINTS, MAX_LINK_TERMS};
+use poegp_protocol::link::MAX_PIECE;
+
+use crate::sample;
+
+#[test]
+fn sizes_are_those_of_the_pages() {
+    assert_eq!((MAX_JOINTS, MAX_FRAMES, MAX_INPUTS), (8, 9, 9));
+    // One for each joint and each link at or beyond it: 1 + 2 + … + 8.
+    assert_eq!(MAX_LINK_TERMS, 36);
+    assert_eq!((HEADER_LENGTH, TRAILER_LENGTH), (20, 8 + 64 + 4));
+    assert_eq!(FORMAT_VERSION, 4);
+    assert_eq!(MAX_LENGTH_WITHOUT_ROWS, 4_096);
+    // Version, sequence and checksum; COBS adds a byte, and one for each 254; then the zero.
+    assert_eq!(OVERHEAD, 7);
+    assert_eq!(MAX_FRAME, (MAX_PIECE + 8 + OVERHEAD) + 2 + 1);
+}
+
+/// Full in every list that grows with the joints.
+#[test]
+fn the_longest_arm_is_read_as_it_was_written() {
+    let rows = sample::rows();
+    let mut arm = sample::blob(&rows);
+    let joint = arm.robot.joints[0];
+    arm.robot.joints = [joint; 8].into_iter().collect();
+    arm.robot.coupling = (0..64_u8).map(f32::from).collect();
+    let Correction::TaskSpace(task) = &mut arm.correction else {
+        panic!("the sample has a correction of the task space")
+    };
+    // A constant, eight joints and the payload.
+    task.affine = std::array::from_fn(|_| (0..10_u8).map(f32::from).collect());
+    let mut buffer = vec![0; 4_096];
+    let bytes = blob::encode(&arm, &mut buffer).expect("room");
+    assert_eq!(blob::decode(bytes), Ok(arm));
+}

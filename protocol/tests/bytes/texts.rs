@@ -1,0 +1,64 @@
+//! What errors say: every number that they carry, for whoever has to find out.
+
+use poegp_protocol::envelope::{BufferTooSmall, DecodeError};
+use poegp_protocol::frame::FrameError;
+use poegp_protocol::link::PROTOCOL_VERSION;
+
+#[test]
+fn texts_of_a_blob_have_its_numbers() {
+    let errors = [
+        (
+            DecodeError::Truncated {
+                expected: 123,
+                found: 45,
+            },
+            &["45 bytes", "123 expected"][..],
+        ),
+        (DecodeError::WrongMagic, &["POEGPARM"]),
+        (
+            DecodeError::UnknownVersion {
+                found: 77,
+                supported: 4,
+            },
+            &["version 77", "1 to 4"],
+        ),
+        (DecodeError::ReservedBitsSet, &["reserved bits"]),
+        (
+            DecodeError::TrailingBytes {
+                expected: 123,
+                found: 456,
+            },
+            &["456 bytes", "announces 123"],
+        ),
+        (
+            DecodeError::CrcMismatch {
+                stored: 0xabc,
+                computed: 0xdef0,
+            },
+            &["CRC 0000def0", "says 00000abc"],
+        ),
+        (
+            DecodeError::MalformedPayload,
+            &["payload", "cannot be read"],
+        ),
+    ];
+    for (error, parts) in errors {
+        let text = error.to_string();
+        assert!(parts.iter().all(|part| text.contains(part)), "{text}");
+    }
+    assert!(BufferTooSmall.to_string().contains("too small"));
+}
+
+#[test]
+fn texts_of_a_frame_have_its_numbers() {
+    let version = FrameError::Version {
+        found: 9,
+        sequence: 1,
+    };
+    let text = version.to_string();
+    let own = format!("this side version {PROTOCOL_VERSION}");
+    assert!(text.contains("version 9") && text.contains(&own), "{text}");
+    assert!(FrameError::Damaged.to_string().contains("damaged"));
+    let unknown = FrameError::UnknownMessage { sequence: 1 };
+    assert!(unknown.to_string().contains("not known"));
+}

@@ -1,0 +1,53 @@
+//! Arbitrary bytes against everything that reads: for each a function that panics when a law is broken.
+//!
+//! | target | law beyond "no panic" |
+//! |---|---|
+//! | [`blob`](wire::blob) | refused: the model that was there stays. Taken: every answer is finite, no joint is corrected by more than the bound; what is written of it reads the same |
+//! | [`envelope`](wire::envelope) | what opens is its own header, payload and trailer, and a changed byte closes it |
+//! | [`frame`](wire::frame) | any bytes come through a line; what is read as a message is written to the same message |
+//! | [`service`](service::service) | every answer of the device is that of a simple model of it |
+//! | [`measurements`](readers::measurements), [`targets`](readers::targets), [`import`](readers::import), [`guess`](readers::guess) | refused with the name and a place within the file; what is taken is finite, with unit quaternions |
+//! | [`urdf`](readers::urdf), [`toml`](readers::toml), [`cell`](readers::cell) | the same; what is taken has 1 to 8 joints and rigid frames |
+//! | [`report`](page::report) | whatever is in a name, the page has the tags of one with an ordinary name |
+//!
+//! [`TARGETS`] lists them for the test of the suite, which makes its inputs from seeds, always the same, and for
+//! libFuzzer (`fuzz/`, `tests/fuzz/run`). What once broke a law is kept in `fuzz/regressions`.
+
+mod expected;
+pub mod kept;
+pub mod mutate;
+pub mod page;
+pub mod readers;
+pub mod seeds;
+pub mod service;
+pub mod wire;
+
+/// What is fuzzed.
+#[derive(Clone, Copy, Debug)]
+pub struct Target {
+    /// Its name, also of its program and folders in `fuzz/`.
+    pub name: &'static str,
+    /// Takes one input and panics when a law is broken.
+    pub run: fn(&[u8]),
+    /// Valid inputs to begin with.
+    pub seeds: fn() -> Vec<Vec<u8>>,
+    /// Inputs in the suite: a part of a second each.
+    pub executions: u64,
+}
+
+/// All of them.
+#[rustfmt::skip] // a table
+pub const TARGETS: [Target; 12] = [
+    Target { name: "blob", run: wire::blob, seeds: seeds::blobs, executions: 2_000 },
+    Target { name: "envelope", run: wire::envelope, seeds: seeds::blobs, executions: 5_000 },
+    Target { name: "frame", run: wire::frame, seeds: seeds::frames, executions: 20_000 },
+    Target { name: "service", run: service::service, seeds: seeds::scripts, executions: 1_000 },
+    Target { name: "measurements", run: readers::measurements, seeds: seeds::measurements, executions: 5_000 },
+    Target { name: "targets", run: readers::targets, seeds: seeds::measurements, executions: 5_000 },
+    Target { name: "import", run: readers::import, seeds: seeds::imports, executions: 3_000 },
+    Target { name: "guess", run: readers::guess, seeds: seeds::raws, executions: 600 },
+    Target { name: "urdf", run: readers::urdf, seeds: seeds::urdfs, executions: 2_000 },
+    Target { name: "toml", run: readers::toml, seeds: seeds::tomls, executions: 2_000 },
+    Target { name: "cell", run: readers::cell, seeds: seeds::cells, executions: 2_000 },
+    Target { name: "report", run: page::report, seeds: seeds::names, executions: 2_000 },
+];

@@ -1,0 +1,235 @@
+//! Files that people and programs write, under arbitrary bytes.
+
+use std::path::{Path, PathBuf};
+
+use poegp_protocol::limits::MAX_JOINTS;
+use poegp_runtime::se3::Pose;
+use poegp_trainer::error::InputError;
+use poegp_trainer::import::guess::guess as guessed;
+use poegp_trainer::import::import_bytes;
+use poegp_trainer::import::map::Map;
+use poegp_trainer::measurements as measurement_files;
+use poegp_trainer::measurements::targets::TargetFile;
+use poegp_trainer::measurements::{Measurement, MeasurementSet};
+use poegp_trainer::plan::constraints::Constraints;
+use poegp_trainer::robot::{LoadOptions, Robot};
+
+/// A refusal names one of the files, with a place in it, and does not run on for ever.
+fn assert_refusal(error: &InputError, files: &[(&str, &[u8])]) {
+    let message = error.to_string();
+    assert!(message.len() < 20_000, "{} bytes", message.len());
+    assert!(
+        !error.found.is_empty() && !error.expected.is_empty(),
+        "{message}"
+    );
+    let named = |(name, _): &&(&str, &[u8])| error.file == Path::new(name);
+    let (_, bytes) = files
+        .iter()
+        .find(named)
+        .unwrap_or_else(|| panic!("of which file? {message}"));
+    // In UTF-16 a line end is two bytes, one of which is this.
+    let lines = 1 + bytes.iter().filter(|byte| b"\n\r".contains(byte)).count();
+    if let Some(line) = error.line {
+        assert!((1..=lines).contains(&line), "{lines} lines: {message}");
+    }
+    if let Some((column, _)) = error.column {
+        assert!(
+            (1..=bytes.len() + 1).contains(&column),
+            "{} bytes: {message}",
+            bytes.len()
+        );
+    }
+}
+
+fn assert_measurement(row: &Measurement) {
+    assert!(row.joints.iter().all(|value| value.is_finite()));
+    assert!(row.position.iter().all(|value| value.is_finite()));
+    assert!(row.payload_kg.is_none_or(|kg| kg.is_finite() && kg >= 0.0));
+    if let Some((w, v)) = row.orientation {
+        let norm = (w * w + v.norm_squared()).sqrt();
+        assert!((norm - 1.0).abs() < 1e-12, "{norm}");
+    }
+}
+
+fn assert_set(set: &MeasurementSet) {
+    assert!(!set.measurements.is_empty());
+    for row in &set.measurements {
+        assert_eq!(row.joints.len(), set.joint_count());
+        assert_measurement(row);
+    }
+    // Against an arm of as many joints: notes or a refusal.
+    let _ = set.check(&six_axes());
+}
+
+fn six_axes() -> Robot {
+    thread_local! {
+        static ROBOT: Robot = Robot::load("abb-irb120", &LoadOptions::default()).expect("built in");
+    }
+    ROBOT.with(Clone::clone)
+}
+
+/// Reads a measurement file.
+///
+/// # Panics
+/// When a law is broken.
+pub fn measurements(bytes: &[u8]) {
+    let name = "measured.csv";
+    match measurement_files::parse(name, bytes) {
+        Err(error) => assert_refusal(&error, &[(name, bytes)]),
+        Ok(set) => assert_set(&set),
+    }
+}
+
+/// Reads a file of joint targets.
+///
+/// # Panics
+/// When a law is broken.
+pub fn targets(bytes: &[u8]) {
+    let name = "targets.csv";
+    match TargetFile::parse(Path::new(name), bytes) {
+        Err(error) => assert_refusal(&error, &[(name, bytes)]),
+        Ok(file) => {
+            let set = file.set();
+            for row in &set.measurements {
+                assert!(row.joints.iter().all(|value| value.is_finite()));
+                assert!(row.payload_kg.is_none_or(|kg| kg.is_finite()));
+            }
+            let _ = file.check(&six_axes());
+        }
+    }
+}
+
+/// Parts that are separated by zeros.
+fn parts(bytes: &[u8], most: usize) -> Vec<Vec<u8>> {
+    bytes
+        .splitn(most, |byte| *byte == 0)
+        .map(<[u8]>::to_vec)
+        .collect()
+}
+
+/// Imports one file or two as a map says: the map, a zero, the files with a zero between them.
+///
+/// # Panics
+/// When a law is broken.
+pub fn import(bytes: &[u8]) {
+    let mut parts = parts(bytes, 3);
+    let map = parts.remove(0);
+    let text = String::from_utf8_lossy(&map).into_owned();
+    run_import(&text, &parts);
+}
+
+const MAP: &str = "map.toml";
+const RAWS: [&str; 2] = ["one.txt", "two.txt"];
+
+fn run_import(text: &str, raws: &[Vec<u8>]) {
+    let map = match Map::parse(Path::new(MAP), text) {
+        Err(error) => return assert_refusal(&error, &[(MAP, text.as_bytes())]),
+        Ok(map) => map,
+    };
+    let names: Vec<PathBuf> = RAWS[..raws.len()].iter().map(PathBuf::from).collect();
+    match import_bytes(&names, raws, &map) {
+        Ok(imported) => {
+            let set = measurement_files::parse("imported.csv", imported.csv.as_bytes());
+            let set = set.expect("what was imported");
+            assert_eq!(set.measurements.len(), imported.rows.len());
+            assert_set(&set);
+        }
+        // What was written is no measurement file: its place is one in what would have been.
+        Err(error) if error.file == Path::new("<imported>") => {}
+        Err(error) => {
+            let mut files = vec![(MAP, text.as_bytes())];
+            files.extend(RAWS.into_iter().zip(raws.iter().map(Vec::as_slice)));
+            assert_refusal(&error, &files);
+        }
+    }
+}
+
+/// Proposes a map for one file or two, and imports with it when it is complete.
+///
+/// # Panics
+/// When a law is broken.
+pub fn guess(bytes: &[u8]) {
+    // Two zeros between files, for one is a letter's half in UTF-16.
+    let split = bytes.windows(2).position(|pair| pair == [0, 0]);
+    let raws = match split {
+        Some(at) => vec![bytes[..at].to_vec(), bytes[at + 2..].to_vec()],
+        None => vec![bytes.to_vec()],
+    };
+    let names: Vec<PathBuf> = RAWS[..raws.len()].iter().map(PathBuf::from).collect();
+    match guessed(&names, &raws) {
+        Err(error) => {
+            let files: Vec<_> = RAWS
+                .into_iter()
+                .zip(raws.iter().map(Vec::as_slice))
+                .collect();
+            assert_refusal(&error, &files);
+        }
+        Ok(guess) if guess.missing.is_empty() => {
+            let map = Map::parse(Path::new(MAP), &guess.map);
+            assert!(map.is_ok(), "{}\n{}", map.unwrap_err(), guess.map);
+            run_import(&guess.map, &raws);
+        }
+        Ok(guess) => assert!(guess.missing.iter().all(|what| !what.is_empty())),
+    }
+}
+
+/// Reads a URDF.
+///
+/// # Panics
+/// When a law is broken.
+pub fn urdf(bytes: &[u8]) {
+    robot("arm.urdf", bytes);
+}
+
+/// Reads a robot description in TOML.
+///
+/// # Panics
+/// When a law is broken.
+pub fn toml(bytes: &[u8]) {
+    robot("arm.toml", bytes);
+}
+
+fn robot(file: &str, bytes: &[u8]) {
+    match Robot::parse(Path::new(file), bytes, &LoadOptions::default()) {
+        Err(error) => assert_refusal(&error, &[(file, bytes)]),
+        Ok(robot) => {
+            let joints = robot.joints.len();
+            assert!((1..=MAX_JOINTS).contains(&joints));
+            assert_eq!(robot.parent_from_joint.len(), joints + 1);
+            for frame in &robot.parent_from_joint {
+                assert!(is_rigid(frame), "{frame:?}");
+            }
+            for joint in &robot.joints {
+                let sound =
+                    |(low, high): (f64, f64)| low <= high && low.is_finite() && high.is_finite();
+                assert!(joint.limits.is_none_or(sound), "{joint:?}");
+            }
+            let rows = robot.coupling.iter().flatten();
+            for row in rows {
+                assert_eq!(row.len(), joints);
+                assert!(row.iter().all(|value| value.is_finite()));
+            }
+        }
+    }
+}
+
+fn is_rigid(frame: &Pose<f64>) -> bool {
+    let unit = frame.rotation * frame.rotation.transpose();
+    let identity = Pose::<f64>::identity().rotation;
+    frame.translation.iter().all(|value| value.is_finite())
+        && (unit - identity).iter().all(|value| value.abs() < 1e-9)
+}
+
+/// Reads what is around a robot: the constraints of a plan.
+///
+/// # Panics
+/// When a law is broken.
+pub fn cell(bytes: &[u8]) {
+    let Ok(text) = std::str::from_utf8(bytes) else {
+        return;
+    };
+    let name = "cell.toml";
+    if let Err(error) = Constraints::parse(Path::new(name), text, &six_axes()) {
+        assert_refusal(&error, &[(name, bytes)]);
+    }
+}

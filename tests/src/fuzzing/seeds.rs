@@ -1,0 +1,280 @@
+//! Valid inputs for each target: files of this repository, cut short, and small blobs.
+
+use std::fs;
+use std::path::Path;
+
+use ed25519_dalek::SigningKey;
+use poegp_protocol::link::{Query, Refusal, Request, Response, Statistics};
+
+use super::service::{SMALL, signed};
+use super::wire::wire;
+use crate::sample::{Elastic, Sample, Support};
+use crate::workspace;
+
+/// The files of a folder of the repository, by name, cut behind a line at `longest` bytes so that changes meet what
+/// matters.
+fn files(folder: &str, extension: &str, longest: usize) -> Vec<Vec<u8>> {
+    let folder = workspace().join(folder);
+    let entries = fs::read_dir(&folder).unwrap_or_else(|e| panic!("{}: {e}", folder.display()));
+    let mut paths: Vec<_> = entries
+        .map(|entry| entry.expect("a file").path())
+        .filter(|path| path.extension().is_some_and(|found| found == extension))
+        .collect();
+    paths.sort();
+    assert!(!paths.is_empty(), "no .{extension} in {}", folder.display());
+    let read = |path: &Path| cut(fs::read(path).expect("a file"), longest);
+    paths.iter().map(|path| read(path)).collect()
+}
+
+fn cut(mut bytes: Vec<u8>, longest: usize) -> Vec<u8> {
+    if bytes.len() > longest {
+        let end = bytes[..longest].iter().rposition(|byte| *byte == b'\n');
+        bytes.truncate(end.map_or(longest, |at| at + 1));
+    }
+    bytes
+}
+
+/// Small blobs of every kind and format, one of them signed.
+pub fn blobs() -> Vec<Vec<u8>> {
+    let kinds = [
+        Support::None,
+        Support::Shared(3),
+        Support::Folded(3),
+        Support::PerOutput(2),
+        Support::Elastic(SMALL),
+        Support::Elastic(Elastic {
+            tied: true,
+            upright: false,
+            landmarks: 2,
+            ..SMALL
+        }),
+        Support::Elastic(Elastic {
+            looks_at: 2,
+            points: 8,
+            ..SMALL
+        }),
+    ];
+    let mut blobs: Vec<_> = (1..)
+        .zip(kinds)
+        .map(|(seed, kind)| Sample::plain(seed, kind).blob())
+        .collect();
+    let coupled = Sample {
+        coupled: true,
+        prismatic: true,
+        joints: 4,
+        ..Sample::plain(8, Support::Elastic(SMALL))
+    };
+    blobs.push(coupled.blob());
+    blobs.push(signed(&blobs[0], &SigningKey::from_bytes(&[1; 32])));
+    blobs
+}
+
+/// Requests and responses, framed and as bare messages.
+pub fn frames() -> Vec<Vec<u8>> {
+    let query = || Query {
+        joints: [0.1, -0.7, 0.0].into_iter().collect(),
+        payload_kg: 2.5,
+    };
+    let requests = [
+        Request::Identify,
+        Request::Evaluate(query()),
+        Request::Correct(query()),
+        Request::BeginUpload {
+            length: 9_000,
+            crc: 7,
+        },
+        Request::UploadPiece {
+            offset: 256,
+            bytes: &[0, 1, 2, 0xff],
+        },
+        Request::Provision {
+            public_key: [9; 32],
+        },
+    ];
+    let responses = [
+        Response::Uploading { received: 256 },
+        Response::Statistics(Statistics::default()),
+        Response::Refused(Refusal::UnexpectedOffset {
+            found: 1,
+            expected: 2,
+        }),
+    ];
+    let framed = requests.iter().map(|request| wire(1, request));
+    let framed: Vec<_> = framed
+        .chain(responses.iter().map(|response| wire(1, response)))
+        .collect();
+    // What is between the frame's head and its checksum, where COBS has not moved anything but the first bytes.
+    let bare = framed
+        .iter()
+        .map(|frame| frame[4..frame.len() - 4].to_vec());
+    let mut all: Vec<_> = bare.collect();
+    all.push(framed.join(&0));
+    all.extend(framed);
+    all
+}
+
+/// Scripts of the service: the steps of `service::Talk::step`.
+pub fn scripts() -> Vec<Vec<u8>> {
+    let install = |blob: u8| [27, blob, 15, 17, blob];
+    let ask = [
+        1, 10, 1, 5, 6, 7, 8, 9, 10, 11, 3, 10, 1, 5, 6, 7, 8, 9, 10, 11,
+    ];
+    let [a, b, c] = [0, 1, 2].map(install);
+    let script = |parts: &[&[u8]]| [&[1][..], &parts.concat()].concat();
+    vec![
+        script(&[&a, &ask, &b, &ask, &[20, 0], &ask, &[25], &ask]),
+        script(&[
+            &c,
+            &[23, 0],
+            &a,
+            &[27, 3, 15, 17, 3],
+            &ask,
+            &[26],
+            &ask,
+            &[20, 0],
+        ]),
+        script(&[
+            &[
+                7, 1, 9, 40, 9, 3, 12, 0, 0, 0, 0, 2, 1, 2, 11, 14, 16, 19, 24,
+            ],
+            &ask,
+        ]),
+        script(&[&a, &[22, 1], &ask, &[25, 3, 2, 1, 1, 2, 3, 22, 0, 6]]),
+        script(&[&[
+            27, 4, 29, 2, 9, 0, 0, 0, 1, 19, 30, 1, 13, 31, 5, 1, 2, 3, 4, 5,
+        ]]),
+        script(&[
+            &a,
+            &b,
+            &c,
+            &[20, 0, 20, 0],
+            &[26],
+            &ask,
+            &[8, 9, 9, 0, 0, 1, 1, 1, 1],
+        ]),
+        [
+            &[0][..],
+            &a,
+            &ask,
+            &b,
+            &[6],
+            &b,
+            &[15, 5, 3, 0, 0, 0, 192, 127],
+            &ask,
+        ]
+        .concat(),
+    ]
+}
+
+/// Measurement files.
+pub fn measurements() -> Vec<Vec<u8>> {
+    let mut all = files("tests/data/simulated", "csv", 600);
+    all.truncate(4);
+    let more: [&[u8]; 4] = [
+        b"# a comment\nq1_rad,q2_mm,x_m,y_m,z_m,qw,qx,qy,qz,payload_kg,session,target,sigma_mm\n\
+          0.1,20,1,2,3,1,0,0,0,0.5,mon,a,0.03\n-0.2,30,1.1,2.1,3.1,0.5,0.5,0.5,0.5,0,tue,\"b, c\",0.02\n",
+        b"q1_deg;q2_deg;x_mm;y_mm;z_mm\n1;2;3;4;5\n",
+        b"\xef\xbb\xbfq1_deg,q2_deg,q3_deg,payload_kg\r\n1,2,3,0.5\r\n4,5,6,1e1\r\n",
+        b"q1_deg,x_mm,y_mm,z_mm,sigma_mm,sigma_mrad\n1,2,3,4,0.1,0.2\n",
+    ];
+    all.extend(more.map(<[u8]>::to_vec));
+    all
+}
+
+fn import_file(name: &str) -> Vec<u8> {
+    let path = workspace().join("tests/data/import").join(name);
+    cut(fs::read(&path).expect("a file of the repository"), 700)
+}
+
+/// The raw files of `tests/data/import`, one for each map.
+const RAWS: [&str; 8] = [
+    "comma.csv",
+    "euler.csv",
+    "german.csv",
+    "matrix_3x4.csv",
+    "matrix_4x4.csv",
+    "matrix_9.csv",
+    "spaces.txt",
+    "tabs.txt",
+];
+/// Those that come in two files.
+const PAIRS: [&str; 2] = ["leica", "points"];
+
+/// Maps with their raw files, a zero between them.
+pub fn imports() -> Vec<Vec<u8>> {
+    let map = |stem: &str| {
+        let text = String::from_utf8(import_file(&format!("{stem}.toml"))).expect("text");
+        // The map of the Euler angles is a template.
+        let text = text.replace("ORDER", "ZYX").replace("AXES", "intrinsic");
+        text.into_bytes()
+    };
+    let one = RAWS.map(|raw| {
+        let stem = raw.split('.').next().expect("a name");
+        [map(stem), import_file(raw)].join(&0)
+    });
+    let two = PAIRS.map(|stem| {
+        let [points, joints] = ["{}.txt", "{}_joints.csv"].map(|name| name.replace("{}", stem));
+        [map(stem), import_file(&points), import_file(&joints)].join(&0)
+    });
+    one.into_iter().chain(two).collect()
+}
+
+/// Raw files alone; two of them with two zeros between.
+pub fn raws() -> Vec<Vec<u8>> {
+    let mut all: Vec<_> = RAWS.map(import_file).into();
+    all.extend(PAIRS.map(|stem| {
+        let [points, joints] = ["{}.txt", "{}_joints.csv"].map(|name| name.replace("{}", stem));
+        [import_file(&points), import_file(&joints)].join(&[0, 0][..])
+    }));
+    all.push(import_file("unicode.txt"));
+    all
+}
+
+/// URDFs: those of the repository that are short, and a small one with every kind of joint.
+pub fn urdfs() -> Vec<Vec<u8>> {
+    let mut all = files("tests/data/robots", "urdf", usize::MAX);
+    all.extend(files("tests/data/urdf", "urdf", usize::MAX));
+    all.retain(|bytes| bytes.len() < 12_000);
+    all.push(
+        br#"<?xml version="1.0"?><robot name="a"><link name="b"/><link name="c"/><link name="d"/><link name="tool0"/>
+<joint name="j1" type="revolute"><origin xyz="0 0 .1" rpy="0 1 0"/><parent link="b"/><child link="c"/><axis xyz="0 0 1"/>
+<limit lower="-1" upper="1" effort="0" velocity="1"/></joint>
+<joint name="j2" type="prismatic"><parent link="c"/><child link="d"/><axis xyz="1 0 0"/>
+<limit lower="0" upper="1" effort="0" velocity="1"/><mimic joint="j1" multiplier="2"/></joint>
+<joint name="f" type="fixed"><origin xyz="0 0 .1"/><parent link="d"/><child link="tool0"/></joint></robot>"#
+            .to_vec(),
+    );
+    all
+}
+
+/// Robot descriptions.
+pub fn tomls() -> Vec<Vec<u8>> {
+    files("trainer/robots", "toml", usize::MAX)
+}
+
+/// Constraints of a plan: the page's example and a short one.
+pub fn cells() -> Vec<Vec<u8>> {
+    let page = fs::read_to_string(workspace().join("docs/planning.md")).expect("a page");
+    let listing = page
+        .split("```")
+        .find_map(|block| block.strip_prefix("toml\n"));
+    let short =
+        "[[joint]]\nname=\"joint_2\"\nrange_rad=[-1,1]\n[line_of_sight]\ninstrument_m=[1,2,3]\n";
+    vec![
+        listing.expect("a listing of TOML").as_bytes().to_vec(),
+        short.as_bytes().to_vec(),
+    ]
+}
+
+/// Names that want to be markup.
+pub fn names() -> Vec<Vec<u8>> {
+    let names = [
+        "</title><script>alert(1)</script>",
+        "\"><img src=x onerror=alert(1)>",
+        "&lt;&amp;&#60;",
+        "]]><!-- -->",
+        "cell 7, left arm",
+        "' onload='x",
+    ];
+    names.map(|name| name.as_bytes().to_vec()).into()
+}

@@ -1,0 +1,494 @@
+//! The device's service under scripts of requests, damaged frames, restarts and power failures between requests.
+//!
+//! `Cycle` and `Background` stand beside a flash that knows the rules of NOR; every byte of a script decides the next step
+//! or is a number of it. Each answer is compared, to the byte, with that of `Expected`.
+
+use std::cell::RefCell;
+
+use ed25519_dalek::{Signer, SigningKey};
+use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
+use poegp_protocol::blob::{CRC, blob_crc, stored_crc};
+use poegp_protocol::envelope::{TRAILER_LENGTH, Trailer, key_id, set_signed};
+use poegp_protocol::frame::{self, FrameError, MAX_FRAME, Received, Receiver};
+use poegp_protocol::link::{
+    MAX_PIECE, PROTOCOL_VERSION, Query, Refusal, Request, Response, Statistics,
+};
+use poegp_runtime::service::{Background, Clock, Cycle, Device, Facts, Order, Report};
+use poegp_runtime::service::{Resident, Taken};
+use poegp_runtime::store::{Layout, Store};
+
+use super::expected::Expected;
+use super::wire::{sent, wire};
+use crate::sample::{Elastic, Sample, Support};
+
+// Shared with the runtime's own tests of the store, which test that it knows the rules.
+#[allow(
+    dead_code,
+    missing_docs,
+    reason = "the tests of the store use all of it"
+)]
+#[path = "../../../runtime/tests/store/nor.rs"]
+mod nor;
+
+use nor::Nor;
+
+/// Words of support that fit.
+pub(super) const WORDS: usize = 256;
+/// Bytes of a blob that fit.
+pub(super) const BYTES: usize = 2_048;
+/// Of the device.
+pub(super) const FACTS: Facts = Facts {
+    board: "a desk with a name that is longer than thirty-two letters",
+    image_crc: 0x1234_5678,
+    tick_hz: 1_000,
+    deadline_ticks: 1_000,
+    flash_blocks: false,
+};
+/// Steps of a script that are carried out.
+const MOST_STEPS: usize = 100;
+
+type Flash = Nor<4, 256>;
+
+const SLOT: u32 = BYTES as u32 + 256;
+const UNITS: usize = 2 * SLOT as usize / 256 + 1;
+
+/// A clock that stands still, so that answers can be compared to the byte.
+struct Still;
+
+impl Clock for Still {
+    fn ticks(&mut self) -> u32 {
+        0
+    }
+}
+
+/// How the background reaches the cycle.
+struct Calls<'a, 'm>(&'a mut Cycle<'m, WORDS>);
+
+impl<'m> Device<'m, WORDS> for Calls<'_, 'm> {
+    fn order(&mut self, order: Order<'m, WORDS>) -> Report<'m, WORDS> {
+        self.0.obey(order)
+    }
+
+    fn complete(&mut self, _: &mut Statistics) {}
+}
+
+/// The flash, which outlives what runs on it.
+struct Wired<'f>(&'f RefCell<Flash>);
+
+impl ErrorType for Wired<'_> {
+    type Error = NorFlashErrorKind;
+}
+
+impl ReadNorFlash for Wired<'_> {
+    const READ_SIZE: usize = Flash::READ_SIZE;
+
+    fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), NorFlashErrorKind> {
+        self.0.borrow_mut().read(offset, bytes)
+    }
+
+    fn capacity(&self) -> usize {
+        self.0.borrow().capacity()
+    }
+}
+
+impl NorFlash for Wired<'_> {
+    const WRITE_SIZE: usize = Flash::WRITE_SIZE;
+    const ERASE_SIZE: usize = Flash::ERASE_SIZE;
+
+    fn erase(&mut self, from: u32, to: u32) -> Result<(), NorFlashErrorKind> {
+        self.0.borrow_mut().erase(from, to)
+    }
+
+    fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {
+        self.0.borrow_mut().write(offset, bytes)
+    }
+}
+
+/// A device that is switched on.
+struct Running<'m> {
+    cycle: Cycle<'m, WORDS>,
+    background: Background<'m, Wired<'m>, WORDS, BYTES>,
+    receiver: Receiver,
+}
+
+impl Running<'_> {
+    /// Everything that is answered to these bytes.
+    fn answers(&mut self, bytes: &[u8]) -> Vec<(u16, Response)> {
+        let (mut scratch, mut out) = ([0; MAX_FRAME], [0; MAX_FRAME]);
+        let mut answers = Vec::new();
+        for byte in bytes {
+            let taken = match self.receiver.push(*byte) {
+                Received::More => continue,
+                Received::Frame => {
+                    let receiver = &mut self.receiver;
+                    self.cycle
+                        .take(receiver, 0, &mut Still, &mut scratch, &mut out)
+                }
+                Received::TooLong => self.cycle.take_too_long(&mut scratch, &mut out),
+            };
+            match taken {
+                Taken::Answered(length) | Taken::Completed(length) => {
+                    let answer = &mut out[..length - 1];
+                    answers.push(frame::decode(answer).expect("an intact frame"));
+                }
+                Taken::Service => {
+                    let request = self.receiver.message::<Request<'_>>();
+                    let (sequence, request) = request.expect("it was read");
+                    let mut calls = Calls(&mut self.cycle);
+                    let response = self.background.handle(&request, &mut calls);
+                    answers.push((sequence, response));
+                }
+            }
+            self.receiver.clear();
+        }
+        answers
+    }
+}
+
+/// Blobs that a script may name, and keys.
+struct Sources {
+    blobs: [Vec<u8>; 5],
+    keys: [[u8; 32]; 2],
+}
+
+impl Sources {
+    fn new() -> Self {
+        let keys = [1, 2].map(|seed| SigningKey::from_bytes(&[seed; 32]));
+        let [a, b, c] = [
+            Sample {
+                joints: 3,
+                ..Sample::plain(1, Support::None)
+            },
+            Sample {
+                joints: 3,
+                ..Sample::plain(2, Support::Elastic(SMALL))
+            },
+            Sample::plain(3, Support::Shared(3)),
+        ]
+        .map(|sample| sample.blob());
+        let signed = signed(&b, &keys[0]);
+        let mut broken = c.clone();
+        broken[100] ^= 8;
+        let blobs = [a, b, c, signed, broken];
+        assert!(blobs.iter().all(|blob| blob.len() <= BYTES));
+        let keys = keys.map(|key| key.verifying_key().to_bytes());
+        Self { blobs, keys }
+    }
+}
+
+/// A small elastic correction.
+pub(super) const SMALL: Elastic = Elastic {
+    points: 4,
+    groups: 2,
+    ripple: 2,
+    ..Elastic::OWN
+};
+
+/// `blob` signed by `key`.
+pub(super) fn signed(blob: &[u8], key: &SigningKey) -> Vec<u8> {
+    let mut bytes = blob.to_vec();
+    set_signed(&mut bytes, true);
+    let trailer = Trailer {
+        key_id: key_id(&key.verifying_key().to_bytes()),
+        signature: key.sign(&bytes).to_bytes(),
+    };
+    bytes.extend(trailer.to_bytes());
+    bytes
+}
+
+/// Numbers out of a script; zeros behind its end.
+struct Script<'a>(&'a [u8]);
+
+impl<'a> Script<'a> {
+    fn bytes(&mut self, count: usize) -> &'a [u8] {
+        let (taken, rest) = self.0.split_at(count.min(self.0.len()));
+        self.0 = rest;
+        taken
+    }
+
+    fn byte(&mut self) -> u8 {
+        self.bytes(1).first().copied().unwrap_or(0)
+    }
+
+    fn below(&mut self, end: usize) -> usize {
+        usize::from(self.byte()) % end
+    }
+
+    fn word(&mut self) -> u32 {
+        u32::from_le_bytes(std::array::from_fn(|_| self.byte()))
+    }
+
+    fn query(&mut self) -> Query {
+        let joints = match self.below(12) {
+            9 => 3,
+            10 | 11 => 6,
+            count => count,
+        };
+        let raw = self.byte().is_multiple_of(4);
+        let mut number = || match raw {
+            true => f32::from_bits(self.word()),
+            false => f32::from(self.byte() as i8) / 32.0,
+        };
+        Query {
+            joints: (0..joints).map(|_| number()).collect(),
+            payload_kg: number(),
+        }
+    }
+}
+
+/// What ended a stretch of a script.
+enum End {
+    Script,
+    Restart,
+    PowerFailure,
+}
+
+/// Carries out a script.
+///
+/// # Panics
+/// When the device answers anything but what it should.
+pub fn service(bytes: &[u8]) {
+    thread_local! {
+        static SOURCES: Sources = Sources::new();
+    }
+    SOURCES.with(|sources| {
+        let mut script = Script(bytes);
+        let flash = RefCell::new(Flash::new(UNITS));
+        let flash_blocks = script.byte().is_multiple_of(4);
+        let mut expected = Expected::new(flash_blocks);
+        loop {
+            let end = switched_on(sources, &flash, &mut script, &mut expected);
+            let bypass = match end {
+                End::Script => return,
+                End::Restart => expected.bypass,
+                End::PowerFailure => false,
+            };
+            expected = expected.restart(bypass);
+        }
+    });
+}
+
+/// From a start to the next one.
+fn switched_on(
+    sources: &Sources,
+    flash: &RefCell<Flash>,
+    script: &mut Script<'_>,
+    expected: &mut Expected,
+) -> End {
+    let (mut active, mut spare) = (Box::new(Resident::new()), Box::new(Resident::new()));
+    let mut staged = Box::default();
+    let layout = Layout {
+        slots: [0..SLOT, SLOT..2 * SLOT],
+        key: 2 * SLOT..2 * SLOT + 256,
+    };
+    let store = Store::new(Wired(flash), layout).expect("a sound layout");
+    let facts = Facts {
+        flash_blocks: expected.flash_blocks,
+        ..FACTS
+    };
+    let mut device = Running {
+        cycle: Cycle::new(&mut active, FACTS.deadline_ticks, expected.bypass),
+        background: Background::new(facts, &mut spare, &mut staged, store),
+        receiver: Receiver::new(),
+    };
+    device.background.boot(&mut Calls(&mut device.cycle));
+    let mut talk = Talk {
+        device,
+        expected,
+        uploading: Vec::new(),
+    };
+    talk.ask(&Request::Identify);
+    for _ in 0..MOST_STEPS {
+        if script.0.is_empty() {
+            break;
+        }
+        if let Some(end) = talk.step(sources, script) {
+            return end;
+        }
+    }
+    // Whatever came before, the device knows what it counted, and runs what is stored when it starts again.
+    script.0 = &[];
+    talk.ask(&Request::ReadStatistics);
+    talk.ask(&Request::Identify);
+    End::Script
+}
+
+/// The device and what is expected of it.
+struct Talk<'m, 'e> {
+    device: Running<'m>,
+    expected: &'e mut Expected,
+    /// The blob that was announced last.
+    uploading: Vec<u8>,
+}
+
+impl Talk<'_, '_> {
+    fn assert_answer(&mut self, bytes: &[u8], sequence: u16, expected: &Response) {
+        let answers = self.device.answers(bytes);
+        let [(found_sequence, found)] = &answers[..] else {
+            panic!("one answer is expected, {expected:?}; {answers:?}")
+        };
+        // By their bytes: a number that is not one is not equal to itself.
+        let same = (*found_sequence, wire(0, found)) == (sequence, wire(0, expected));
+        assert!(same, "{found:?} to {sequence}, expected {expected:?}");
+    }
+
+    fn ask(&mut self, request: &Request<'_>) {
+        let expected = self.expected.answer(request);
+        let mut bytes = wire(7, request);
+        bytes.push(0);
+        self.assert_answer(&bytes, 7, &expected);
+    }
+
+    /// Sends bytes that hold no zero as one frame.
+    fn noise(&mut self, bytes: &[u8]) -> Option<End> {
+        let mut bytes: Vec<u8> = bytes.iter().copied().filter(|byte| *byte != 0).collect();
+        if bytes.is_empty() {
+            assert_eq!(self.device.answers(&[0]), []);
+            return None;
+        }
+        let mut copy = bytes.clone();
+        let read = match copy.len() {
+            ..=MAX_FRAME => frame::decode::<Request<'_>>(&mut copy),
+            _ => Err(FrameError::Damaged),
+        };
+        let (sequence, expected) = match &read {
+            Ok((sequence, request)) => (*sequence, self.expected.answer(request)),
+            Err(error) => {
+                let (sequence, refusal) = refusal_of(*error);
+                (sequence, self.expected.unreadable(refusal))
+            }
+        };
+        bytes.push(0);
+        self.assert_answer(&bytes, sequence, &expected);
+        matches!(read, Ok((_, Request::Restart))).then_some(End::Restart)
+    }
+
+    fn begin(&mut self, blob: Vec<u8>) {
+        self.ask(&Request::BeginUpload {
+            length: blob.len() as u32,
+            crc: CRC.checksum(&blob),
+        });
+        self.uploading = blob;
+    }
+
+    /// Sends what is missing of the blob, `most` bytes at most.
+    fn send_rest(&mut self, most: usize) {
+        let blob = self.uploading.clone();
+        let from = self.expected.received().min(blob.len());
+        let to = blob.len().min(from + most);
+        for start in (from..to).step_by(MAX_PIECE) {
+            self.ask(&Request::UploadPiece {
+                offset: start as u32,
+                bytes: &blob[start..to.min(start + MAX_PIECE)],
+            });
+        }
+    }
+
+    fn upload(&mut self, blob: Vec<u8>) {
+        self.begin(blob);
+        self.send_rest(usize::MAX / 2);
+        self.ask(&Request::VerifyUpload);
+    }
+
+    fn step(&mut self, sources: &Sources, script: &mut Script<'_>) -> Option<End> {
+        let blob = |script: &mut Script<'_>| sources.blobs[script.below(5)].clone();
+        match script.byte() % 32 {
+            0 => self.ask(&Request::Identify),
+            1 | 2 => self.ask(&Request::Evaluate(script.query())),
+            3 | 4 => self.ask(&Request::Correct(script.query())),
+            5 => self.ask(&Request::Trace(script.query())),
+            6 => self.ask(&Request::StandDown),
+            7 => self.begin(blob(script)),
+            8 => {
+                let (length, crc) = (script.word(), script.word());
+                self.ask(&Request::BeginUpload { length, crc });
+            }
+            9 | 10 => self.send_rest(4 * usize::from(script.byte())),
+            11 => self.send_rest(usize::MAX / 2),
+            12 => {
+                let offset = script.word();
+                let count = script.below(MAX_PIECE + 1);
+                let bytes = script.bytes(count);
+                self.ask(&Request::UploadPiece { offset, bytes });
+            }
+            13 => {
+                let (from, count) = (8 * script.below(256), script.below(256));
+                let from = from.min(self.uploading.len());
+                let to = self.uploading.len().min(from + count);
+                let (offset, bytes) = (from as u32, self.uploading[from..to].to_vec());
+                let bytes = &bytes;
+                self.ask(&Request::UploadPiece { offset, bytes });
+            }
+            14 => self.ask(&Request::VerifyUpload),
+            15 | 16 => self.ask(&Request::CommitUpload),
+            17 | 18 => {
+                let blob_crc = stored_crc(&blob(script)).expect("a header");
+                self.ask(&Request::Activate { blob_crc });
+            }
+            19 => {
+                let blob_crc = stored_crc(&self.uploading).unwrap_or(0);
+                self.ask(&Request::Activate { blob_crc });
+            }
+            20 | 21 => {
+                let from_crc = match script.byte() {
+                    0..240 => self.expected.active_crc(),
+                    _ => script.word(),
+                };
+                self.ask(&Request::RollBack { from_crc });
+            }
+            22 => {
+                let on = script.byte() % 2 == 1;
+                self.ask(&Request::SetBypass { on });
+            }
+            23 => {
+                let public_key = match script.below(4) {
+                    0 | 1 => sources.keys[0],
+                    2 => sources.keys[1],
+                    _ => std::array::from_fn(|_| script.byte()),
+                };
+                self.ask(&Request::Provision { public_key });
+            }
+            24 => self.ask(&Request::ReadStatistics),
+            25 => {
+                self.ask(&Request::Restart);
+                return Some(End::Restart);
+            }
+            26 => return Some(End::PowerFailure),
+            27 | 28 => self.upload(blob(script)),
+            29 => {
+                // One byte of the payload changed, and the checksum made anew: models that nobody made.
+                let (mut blob, at, change) = (blob(script), script.word(), script.byte());
+                let at = 20 + at as usize % (blob.len() - 20);
+                blob[at] ^= change;
+                let signed = blob[10] == 1;
+                let end = blob.len() - if signed { TRAILER_LENGTH } else { 0 };
+                let crc = blob_crc(&blob[..16], &blob[20..end]);
+                blob[16..20].copy_from_slice(&crc.to_le_bytes());
+                self.upload(blob);
+            }
+            30 => {
+                let count = script.below(64);
+                let mut message = sent(script.bytes(count));
+                message.pop();
+                return self.noise(&message);
+            }
+            _ => {
+                let count = script.below(256);
+                let count = if count > 250 { 2 * MAX_FRAME } else { count };
+                return self.noise(script.bytes(count));
+            }
+        }
+        None
+    }
+}
+
+fn refusal_of(error: FrameError) -> (u16, Refusal) {
+    match error {
+        FrameError::Damaged => (0, Refusal::BadFrame),
+        FrameError::Version { found, sequence } => {
+            let expected = PROTOCOL_VERSION;
+            (sequence, Refusal::ProtocolVersion { found, expected })
+        }
+        FrameError::UnknownMessage { sequence } => (sequence, Refusal::UnknownMessage),
+    }
+}

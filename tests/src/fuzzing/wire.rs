@@ -1,0 +1,237 @@
+//! Blobs and link frames under arbitrary bytes.
+
+use poegp_protocol::blob::{self, Correction};
+use poegp_protocol::envelope::{self, HEADER_LENGTH, MAGIC};
+use poegp_protocol::frame::{self, FrameError, MAX_FRAME, Received, Receiver};
+use poegp_protocol::link::{PROTOCOL_VERSION, Request, Response};
+use poegp_runtime::model::MAX_JOINT_CHANGE;
+use poegp_runtime::service::Resident;
+use poegp_trainer::loaded::LoadedBlob;
+use serde::Serialize;
+
+use crate::sample::{Sample, Support};
+
+/// Words of support that a model may have here: more than any seed has.
+const WORDS: usize = 2_048;
+/// Bytes of the envelope's fields: magic, version, flags, length.
+const FIELDS: usize = 16;
+
+/// Reads and loads `bytes` as a blob: as they are, and with the magic, the length and the checksum that they should have,
+/// so that what is behind the checksum is reached.
+///
+/// # Panics
+/// When a law is broken.
+pub fn blob(bytes: &[u8]) {
+    load(bytes);
+    if let Some(sealed) = sealed(bytes) {
+        load(&sealed);
+    }
+}
+
+/// With the envelope mended; `None` when there is no room for one.
+fn sealed(bytes: &[u8]) -> Option<Vec<u8>> {
+    let mut sealed = bytes.to_vec();
+    let length = u32::try_from(bytes.len().checked_sub(HEADER_LENGTH)?).ok()?;
+    sealed[..8].copy_from_slice(&MAGIC);
+    sealed[8] %= 6;
+    sealed[9..12].fill(0);
+    sealed[12..FIELDS].copy_from_slice(&length.to_le_bytes());
+    let crc = envelope_crc(&sealed);
+    sealed[FIELDS..HEADER_LENGTH].copy_from_slice(&crc.to_le_bytes());
+    Some(sealed)
+}
+
+fn envelope_crc(bytes: &[u8]) -> u32 {
+    poegp_protocol::blob::blob_crc(&bytes[..FIELDS], &bytes[HEADER_LENGTH..])
+}
+
+fn load(bytes: &[u8]) {
+    thread_local! {
+        static GOOD: Vec<u8> = Sample::plain(1, Support::Shared(2)).blob();
+    }
+    let mut resident = Box::<Resident<WORDS>>::default();
+    GOOD.with(|good| resident.load_unverified(good))
+        .expect("the sample is a model");
+    let before = (resident.identity(), answers(&resident));
+    if resident.load_unverified(bytes).is_err() {
+        let after = (resident.identity(), answers(&resident));
+        assert_eq!(before, after, "a refusal has changed the model");
+    } else {
+        answers(&resident);
+        round_trip(bytes);
+    }
+    // The workstation also reads the tools, and has room for more: it takes every blob of the device but those whose tools
+    // cannot be read.
+    let host = LoadedBlob::from_bytes(bytes.to_vec());
+    if let Ok(host) = &host {
+        assert_eq!(
+            host.tools().len(),
+            blob::tools(host.blob().tools).count(),
+            "a tool is lost"
+        );
+    }
+}
+
+/// The bits of a model's answers, all of them finite, at joints near and far from any that was trained.
+fn answers(resident: &Resident<WORDS>) -> Vec<u32> {
+    let model = resident.model();
+    let mut bits = Vec::new();
+    for (place, payload_kg) in [(0.0, 0.0), (0.7, 1.0), (-2.5, 30.0), (300.0, -1.0)] {
+        let joints: Vec<f32> = (0..model.joints())
+            .map(|joint| place + 0.1 * joint as f32)
+            .collect();
+        let evaluation = model.evaluate(&joints, payload_kg);
+        let numbers = (evaluation.pose.to_rows().into_iter())
+            .chain(evaluation.correction.to_array())
+            .chain([evaluation.trust])
+            .chain(evaluation.position_sigma);
+        for number in numbers {
+            assert!(number.is_finite(), "{evaluation:?}");
+            bits.push(number.to_bits());
+        }
+        let corrected = model.correct(&joints, payload_kg);
+        assert!(corrected.position_error.is_finite(), "{corrected:?}");
+        for (to, from) in corrected.joints.iter().zip(&joints) {
+            let change = f64::from(to - from).abs();
+            // Single precision rounds what is added to a joint by half a unit of its last place.
+            let rounding = f64::from(from.abs().max(1.0) * f32::EPSILON);
+            assert!(change <= MAX_JOINT_CHANGE + rounding, "{change}");
+            bits.push(to.to_bits());
+        }
+    }
+    bits
+}
+
+/// What is written of a blob that was read is the same blob, to the byte from the first time on.
+fn round_trip(bytes: &[u8]) {
+    let read = blob::decode(bytes).expect("it is loaded");
+    let mut first = vec![0; bytes.len() + 64];
+    let first = blob::encode(&read, &mut first).expect("no longer than it was");
+    let again = blob::decode(first).expect("what was written");
+    let rows = |blob: &blob::Blob<'_>| match &blob.correction {
+        Correction::TaskSpace(task) => task.rows.to_vec(),
+        Correction::Elastic(elastic) => elastic.rows.to_vec(),
+        Correction::None => Vec::new(),
+    };
+    assert_eq!(rows(&again), rows(&read));
+    let mut second = vec![0; first.len()];
+    let second = blob::encode(&again, &mut second).expect("as long as before");
+    assert_eq!(second, first);
+}
+
+/// Opens `bytes` as an envelope, as they are and mended.
+///
+/// # Panics
+/// When a law is broken.
+pub fn envelope(bytes: &[u8]) {
+    opened(bytes);
+    if let Some(mut sealed) = sealed(bytes) {
+        opened(&sealed);
+        // One bit anywhere and it is closed; the payload says which.
+        let at = usize::from(sealed[HEADER_LENGTH - 1]) * sealed.len() / 256;
+        sealed[at] ^= 1 << (sealed.len() % 8);
+        let damaged = envelope::open(&sealed);
+        assert!(damaged.is_err(), "bit of byte {at}: {damaged:?}");
+    }
+}
+
+fn opened(bytes: &[u8]) {
+    let Ok(envelope) = envelope::open(bytes) else {
+        return;
+    };
+    assert_eq!(bytes[..8], MAGIC);
+    let (header, rest) = bytes.split_at(HEADER_LENGTH);
+    let (payload, trailer) = rest.split_at(envelope.payload.len());
+    assert_eq!(envelope.payload, payload);
+    assert_eq!(envelope.before_trailer, [header, payload].concat());
+    let written = envelope.trailer.map(|trailer| trailer.to_bytes());
+    assert_eq!(written.map_or(Vec::new(), |bytes| bytes.to_vec()), trailer);
+    assert_eq!(
+        envelope::stored_crc(bytes),
+        Some(envelope_crc(envelope.before_trailer))
+    );
+}
+
+/// Takes `bytes` from a line; sends them as the message of an intact frame.
+///
+/// # Panics
+/// When a law is broken.
+pub fn frame(bytes: &[u8]) {
+    let mut receiver = Receiver::new();
+    for byte in bytes.iter().chain(&[0]) {
+        if receiver.push(*byte) != Received::Frame {
+            continue;
+        }
+        if receiver.open().is_ok() {
+            read(&receiver);
+        }
+        receiver.clear();
+    }
+    // Whatever was on the line before, behind a zero a whole frame comes through.
+    let message = &bytes[..bytes.len().min(frame_room())];
+    for byte in sent(message) {
+        if receiver.push(byte) == Received::Frame {
+            assert_eq!(receiver.open(), Ok(SEQUENCE));
+            read(&receiver);
+            receiver.clear();
+        }
+    }
+}
+
+/// Any number that is not the same with its bytes exchanged.
+const SEQUENCE: u16 = 0x0102;
+
+/// Longest message of a frame.
+const fn frame_room() -> usize {
+    poegp_protocol::link::MAX_PIECE + 8
+}
+
+/// An intact frame with these bytes for a message, by hand.
+pub(super) fn sent(message: &[u8]) -> Vec<u8> {
+    let mut raw = vec![PROTOCOL_VERSION];
+    raw.extend(SEQUENCE.to_le_bytes());
+    raw.extend(message);
+    let crc = poegp_protocol::blob::CRC.checksum(&raw);
+    raw.extend(crc.to_le_bytes());
+    let mut out = vec![0; MAX_FRAME];
+    let used = poegp_protocol::cobs::encode(&raw, &mut out).expect("no longer than a frame");
+    out.truncate(used);
+    assert!(!out.contains(&0), "a zero within a frame");
+    let mut back = out.clone();
+    let length = poegp_protocol::cobs::decode_in_place(&mut back);
+    assert_eq!(length.map(|length| &back[..length]), Some(&raw[..]));
+    out.push(0);
+    out
+}
+
+fn read(receiver: &Receiver) {
+    match receiver.message::<Request<'_>>() {
+        Ok((sequence, request)) => assert_written(sequence, &request),
+        Err(error) => assert!(matches!(error, FrameError::UnknownMessage { .. })),
+    }
+    match receiver.message::<Response>() {
+        Ok((sequence, response)) => {
+            let written = wire(sequence, &response);
+            let again = frame::decode::<Response>(&mut written.clone());
+            let (sequence, again) = again.expect("what was written");
+            // By their bytes: a number that is not one is not equal to itself.
+            assert_eq!(wire(sequence, &again), written);
+        }
+        Err(error) => assert!(matches!(error, FrameError::UnknownMessage { .. })),
+    }
+}
+
+fn assert_written(sequence: u16, request: &Request<'_>) {
+    let written = wire(sequence, request);
+    let mut buffer = written.clone();
+    let (again, read) = frame::decode::<Request<'_>>(&mut buffer).expect("what was written");
+    assert_eq!(wire(again, &read), written);
+}
+
+/// The frame of a message, without its zero.
+pub(super) fn wire(sequence: u16, message: &impl Serialize) -> Vec<u8> {
+    let (mut scratch, mut out) = ([0; 2 * MAX_FRAME], [0; 2 * MAX_FRAME]);
+    let frame =
+        frame::encode(sequence, message, &mut scratch, &mut out).expect("it came in a frame");
+    frame[..frame.len() - 1].to_vec()
+}
