@@ -383,10 +383,7 @@ impl Expected {
 
     fn trace(&mut self, query: &Query) -> Trace {
         let (evaluation, stages) = self.evaluate(query);
-        let pairs = stages
-            .motions()
-            .iter()
-            .flat_map(|motion| [motion.sin, motion.cos]);
+        let pairs = stages.motions().iter().flatten().copied();
         Trace {
             sin_cos: pairs.collect(),
             mean: std::array::from_fn(|output| stages.mean[output]),
