@@ -58,16 +58,6 @@ pub fn squares<T: Scalar>(hybrid: &Hybrid<T>) -> (T, T) {
     (dot(&p, &p), dot(&r, &r))
 }
 
-/// Σ|d|, which bounds every joint's share.
-#[inline(never)]
-pub fn length<T: Scalar>(d: &PerJoint<T>) -> T {
-    let mut sum = T::ZERO;
-    for value in d {
-        sum += value.abs();
-    }
-    sum
-}
-
 /// The equations of one place, factored: any number of errors can be taken away with them.
 #[derive(Clone, Debug)]
 pub struct Equations<T> {
@@ -75,8 +65,8 @@ pub struct Equations<T> {
     columns: Columns<T>,
     /// L below the diagonal; D, as reciprocals, on it.
     factors: [[T; EQUATIONS]; EQUATIONS],
-    /// [`Equations::squared_reach`] where the columns are no longer those of the serial joints.
-    serial_reach: Option<T>,
+    /// [`Equations::serial_levers`] where the columns are no longer those of the serial joints.
+    serial_levers: Option<PerJoint<T>>,
 }
 
 /// Where equations are formed.
@@ -106,7 +96,7 @@ impl<T: Scalar> Equations<T> {
             joints: 0,
             columns: [[T::ZERO; 6]; MAX_JOINTS],
             factors: [[T::ZERO; EQUATIONS]; EQUATIONS],
-            serial_reach: None,
+            serial_levers: None,
         }
     }
 
@@ -132,7 +122,7 @@ impl<T: Scalar> Equations<T> {
     #[inline(never)]
     fn couple(&mut self, coupling: &CouplingMatrix<T>) {
         // Of columns that are coupled parts may cancel, of second derivatives not.
-        self.serial_reach = Some(self.squared_lever());
+        self.serial_levers = Some(self.levers());
         let mut out = [[T::ZERO; 6]; MAX_JOINTS];
         // Loops of which the compiler does not know the length: unrolled they are 1.3 kB.
         for (serial, weights) in self.columns.iter().zip(black_box(coupling)) {
@@ -250,29 +240,23 @@ impl<T: Scalar> Equations<T> {
         moved
     }
 
-    /// The square of a length L in metres with which |f(y + s) − f(y) − J s| ≤ ½ L (Σ|s|)² for small changes s of the
-    /// serial joints: no second derivative of the target's place, z_k × (z_l × r_l), is longer than the longest column of
-    /// their Jacobian.
+    /// The same of the serial joints.
     #[inline(always)]
-    pub fn squared_reach(&self) -> T {
-        match self.serial_reach {
-            Some(reach) => reach,
-            None => self.squared_lever(),
+    pub fn serial_levers(&self) -> PerJoint<T> {
+        match self.serial_levers {
+            Some(levers) => levers,
+            None => self.levers(),
         }
     }
 
-    /// The square of the farthest that a radian of one of the controller's joints moves the target, m²: to first order,
-    /// changes d move it by no more than its root times Σ|d|.
+    /// How far a radian of each of the controller's joints moves the target, m.
     #[inline(never)]
-    pub fn squared_lever(&self) -> T {
-        let mut largest = T::ZERO;
-        for column in self.columns.get(..self.joints).unwrap_or(&[]) {
-            let square = squares(column).0;
-            if square > largest {
-                largest = square;
-            }
+    pub fn levers(&self) -> PerJoint<T> {
+        let mut out = [T::ZERO; MAX_JOINTS];
+        for (slot, column) in out.iter_mut().zip(&self.columns).take(self.joints) {
+            *slot = squares(column).0.sqrt();
         }
-        largest
+        out
     }
 }
 
@@ -293,6 +277,35 @@ fn column_of<T: Scalar>(
         }
         JointKind::Prismatic => [axis[0], axis[1], axis[2], T::ZERO, T::ZERO, T::ZERO],
     }
+}
+
+/// The most by which the second derivative of a chain moves its target, |f″[a, b]|, for small changes of the serial joints, in
+/// metres.
+///
+/// The derivative by joints k ≤ l is z_k × (z_l × r_l), no longer than the lever of the outer one. So what the wrist does is
+/// weighed by its short levers: Σ_kl |a_k| |b_l| lever_max(k,l).
+#[inline(never)]
+pub fn bent<T: Scalar>(levers: &PerJoint<T>, a: &PerJoint<T>, b: &PerJoint<T>) -> T {
+    let (mut sum, mut inner_a, mut inner_b) = (T::ZERO, T::ZERO, T::ZERO);
+    for (lever, (a, b)) in levers.iter().zip(a.iter().zip(b)) {
+        let (a, b) = (a.abs(), b.abs());
+        inner_a += a;
+        sum += *lever * (b * inner_a + a * inner_b);
+        inner_b += b;
+    }
+    sum
+}
+
+/// Half of [`bent`] by the same changes twice.
+#[inline(never)]
+pub fn half_bent<T: Scalar>(levers: &PerJoint<T>, changes: &PerJoint<T>) -> T {
+    let (mut sum, mut inner) = (T::ZERO, T::ZERO);
+    for (lever, change) in levers.iter().zip(changes) {
+        let change = change.abs();
+        sum += *lever * change * (inner + T::from_f64(0.5) * change);
+        inner += change;
+    }
+    sum
 }
 
 /// a + s b.

@@ -55,6 +55,8 @@ pub trait Scalar:
     fn is_finite(self) -> bool;
     /// |self|.
     fn abs(self) -> Self;
+    /// Whether the sign is a minus, of zeros and NaN, too.
+    fn is_sign_negative(self) -> bool;
     /// Square root, correctly rounded.
     fn sqrt(self) -> Self;
     /// Sine and cosine of an angle in radians, |angle| ≤ [`MAX_ANGLE`]; in `f32` within 1e-7.
@@ -109,6 +111,10 @@ impl Scalar for f64 {
     #[inline(always)]
     fn abs(self) -> Self {
         f64::abs(self)
+    }
+    #[inline(always)]
+    fn is_sign_negative(self) -> bool {
+        Self::is_sign_negative(self)
     }
     #[inline(always)]
     fn sqrt(self) -> Self {
@@ -202,6 +208,10 @@ impl Scalar for f32 {
     #[inline(always)]
     fn abs(self) -> Self {
         f32::abs(self)
+    }
+    #[inline(always)]
+    fn is_sign_negative(self) -> bool {
+        Self::is_sign_negative(self)
     }
     #[inline(always)]
     fn sqrt(self) -> Self {

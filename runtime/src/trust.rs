@@ -157,8 +157,9 @@ pub fn outside<T: Scalar>(
 ) -> Status {
     let mut beyond = false;
     for (q, (lower, upper)) in joints.iter().zip(ranges) {
-        // Both comparisons always: the time must not depend on the data.
-        beyond |= (*q < *lower) | (*q > *upper);
+        // Of numbers that are not infinite a difference is below zero when the one is less; both always, for the time must
+        // not depend on the data.
+        beyond |= (*q - *lower).is_sign_negative() | (*upper - *q).is_sign_negative();
     }
     let (light, heavy) = payload_range.unwrap_or((payload_kg, payload_kg));
     Status::OK

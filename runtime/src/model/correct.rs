@@ -21,7 +21,7 @@
 //! answer is the command as it came, with [`Status::CORRECTION_REFUSED`]. The deflection is evaluated once: between q and q*
 //! it may change by as much of itself as the joints do in radians, and by [`LAG`] between q* and where it was evaluated. That
 //! is assumed, not proven. Everything else that is neglected is bounded by the second derivative of a chain
-//! ([`Equations::squared_reach`]).
+//! ([`bent`]).
 //!
 //! An arm of less than six joints cannot reach every pose: it is brought to the position, and its rotation as near as that
 //! allows.
@@ -35,7 +35,7 @@ use crate::deflection::{PerJoint, coupled, deflected_into};
 use crate::model::checked::is_within;
 use crate::model::elastic::ElasticCorrection;
 use crate::model::task_space::TaskSpaceCorrection;
-use crate::newton::{Equations, Hybrid, Place, length, less, pose_error, squares};
+use crate::newton::{Equations, Hybrid, Place, bent, half_bent, less, pose_error, squares};
 use crate::poe::{Motions, no_motions};
 use crate::scalar::Scalar;
 use crate::se3::{Pose, Twist};
@@ -92,9 +92,10 @@ impl<T: Scalar> View<'_, T> {
             return as_it_came(Status::NO_MODEL);
         };
         let believable = is_within(payload_kg, T::ZERO, T::from_f32(MAX_PAYLOAD_KG));
-        let Some(x) = arm.checked_joints(joints).filter(|_| believable) else {
+        let mut x = [T::ZERO; MAX_JOINTS];
+        if !arm.take_joints(joints, &mut x) || !believable {
             return as_it_came(Status::BAD_INPUT);
-        };
+        }
         let mut motions = no_motions();
         arm.motions(&x, &mut motions);
         let mut frames = MovedFrames::new();
@@ -161,9 +162,10 @@ struct Found<T> {
     before: Hybrid<T>,
     /// Error at q + `change`.
     after: Hybrid<T>,
-    /// [`Equations::squared_lever`].
-    lever: T,
-    /// Squares of what the comparison of the two may be wrong by, in metres.
+    /// [`Equations::levers`].
+    levers: PerJoint<T>,
+    /// Square of what `after` may be wrong by, in metres, and of what the comparison of the two may besides.
+    unseen: T,
     unsure: T,
     bounded: bool,
 }
@@ -172,15 +174,21 @@ impl<T: Scalar> Search<'_, T> {
     /// The calibrated chain after a change of the joints.
     #[inline(always)]
     fn chain(&mut self, change: &PerJoint<T>) -> Pose<T> {
-        self.turn(change);
+        self.turn(Some(change));
+        self.frames_of_chain()
+    }
+
+    #[inline(always)]
+    fn frames_of_chain(&mut self) -> Pose<T> {
         let chain = &self.arm.calibrated;
         chain.moved_frames_at(self.turned, self.frames)
     }
 
-    /// The motions of the serial joints after a change of the joints.
+    /// The motions of the serial joints after a change of the joints; that which is there without one.
     #[inline(never)]
-    fn turn(&mut self, change: &PerJoint<T>) {
+    fn turn(&mut self, change: Option<&PerJoint<T>>) {
         let arm = self.arm;
+        let change = change.unwrap_or(&self.change);
         let coupling = arm.coupling.as_ref();
         let serial = coupling.map(|_| coupled(coupling, change));
         deflected_into(
@@ -228,25 +236,41 @@ impl<T: Scalar> Search<'_, T> {
         }
     }
 
-    /// Σ|C d|, which bounds every serial joint's share in a change of the joints.
+    /// [`half_bent`] by changes of the controller's joints.
     #[inline(never)]
-    fn serial_length(&self, change: &PerJoint<T>) -> T {
+    fn half_bent(&self, levers: &PerJoint<T>, changes: &PerJoint<T>) -> T {
         match &self.arm.coupling {
-            None => length(change),
-            coupling => length(&coupled(coupling.as_ref(), change)),
+            None => half_bent(levers, changes),
+            coupling => half_bent(levers, &coupled(coupling.as_ref(), changes)),
+        }
+    }
+
+    /// [`bent`] by changes of the controller's joints.
+    #[inline(never)]
+    fn bent(&self, levers: &PerJoint<T>, a: &PerJoint<T>, b: &PerJoint<T>) -> T {
+        match &self.arm.coupling {
+            None => bent(levers, a, b),
+            coupling => {
+                let serial = |change| coupled(coupling.as_ref(), change);
+                bent(levers, &serial(a), &serial(b))
+            }
         }
     }
 
     /// One step more, if that is sure to be better than the error `after` where the chain was evaluated last and the equations
-    /// are. Returns by how much the new error may be wrong: the square of |f(y + s) − f(y) − J s| ≤ ½ reach · (Σ|C s|)²,
-    /// `reach` being squared; a fifth more is for its change on the way.
+    /// are. Returns by how much the new error may be wrong: the square of |f(y + s) − f(y) − J s| ≤ ½ |f″[s, s]|; a fifth
+    /// more is for its change on the way.
     #[inline(never)]
-    fn go_on(&mut self, equations: &Equations<T>, after: &mut Hybrid<T>, reach: T) -> T {
+    fn go_on(
+        &mut self,
+        equations: &Equations<T>,
+        after: &mut Hybrid<T>,
+        levers: &PerJoint<T>,
+    ) -> T {
         let step = equations.step(after);
         let left = less(after, T::ONE, &equations.moved(&step));
-        let moved = self.serial_length(&step);
-        let unseen = T::from_f64(0.6) * moved * moved;
-        let unseen = reach * unseen * unseen;
+        let unseen = T::from_f64(1.2) * self.half_bent(levers, &step);
+        let unseen = unseen * unseen;
         // Both below half of it, in squares: (a + b)² ≤ 2 (a² + b²).
         let better = T::from_f64(2.0) * (squares(&left).0 + unseen) < squares(after).0;
         // Either way, for the time must not depend on the data; and a step that is not taken may be infinite.
@@ -268,7 +292,7 @@ impl<T: Scalar> Search<'_, T> {
             STEPS
         };
         let (mut before, mut bounded) = ([T::ZERO; 6], false);
-        let mut lever = T::ZERO;
+        let mut levers = [T::ZERO; MAX_JOINTS];
         let mut taken = 0;
         loop {
             let change = self.change;
@@ -289,14 +313,15 @@ impl<T: Scalar> Search<'_, T> {
                     change,
                     before,
                     after,
-                    lever,
+                    levers,
+                    unseen: T::ZERO,
                     unsure: T::ZERO,
                     bounded,
                 };
             }
             let mut equations = Equations::new();
             self.form(&mut equations, &pose);
-            lever = equations.squared_lever();
+            levers = equations.levers();
             self.take_step(&equations, &after);
             taken += 1;
         }
@@ -323,8 +348,8 @@ impl<T: Scalar> Search<'_, T> {
         let mut rounds = if kinds.len() < 6 { 2 } else { 1 };
         let mut after;
         loop {
-            let change = self.change;
-            let pose = self.chain(&change);
+            self.turn(None);
+            let pose = self.frames_of_chain();
             after = self.error(&pose);
             self.form(&mut equations, &pose);
             rounds -= 1;
@@ -333,8 +358,8 @@ impl<T: Scalar> Search<'_, T> {
             }
             self.take_step(&equations, &after);
         }
-        let reach = equations.squared_reach();
-        let unseen = self.go_on(&equations, &mut after, reach);
+        let levers = equations.serial_levers();
+        let unseen = self.go_on(&equations, &mut after, &levers);
         // The deflection: processes where gravity alone would have the command, gravity where both would.
         let place = difference(&self.change, &roughly);
         let mean = {
@@ -358,28 +383,30 @@ impl<T: Scalar> Search<'_, T> {
         let (factor, bounded) = elastic
             .bound
             .factor_of(position, rotation / (weight * weight));
-        for value in &mut deflection {
+        let mut way = self.change;
+        for (value, rest) in deflection.iter_mut().zip(&mut way) {
             // It may be infinite.
             *value = if factor == T::ZERO {
                 T::ZERO
             } else {
                 *value * factor
             };
+            *rest -= T::from_f64(0.5) * *value;
         }
-        // The error of the command, with what it deflects the arm by. Both the deflection and its effect are another there, by
-        // the way from here to there of themselves each.
+        // The error of the command, with what it deflects the arm by: f(q + D) = f(q) + J D + f″[D/2 − (y − q), D], where J
+        // is that at y. And D itself is another there, by as much.
         let before = less(&plain, factor, &effect);
-        let bent = self.serial_length(&deflection);
-        let elsewhere = bent * (bent + T::from_f64(2.0) * self.serial_length(&self.change));
-        let unsure = T::from_f64(LAG * LAG) * position + reach * elsewhere * elsewhere + unseen;
+        let curved = T::from_f64(2.0) * self.bent(&levers, &deflection, &way);
+        let unsure = T::from_f64(LAG * LAG) * position + curved * curved;
         Found {
             change: difference(&self.change, &deflection),
             before,
             after,
-            lever: match &arm.coupling {
-                None => reach,
-                Some(_) => equations.squared_lever(),
+            levers: match &arm.coupling {
+                None => levers,
+                Some(_) => equations.levers(),
             },
+            unseen,
             unsure,
             bounded,
         }
@@ -435,23 +462,36 @@ impl<T: Scalar> Found<T> {
     /// The corrected command if it is better than `joints`, else these.
     #[inline(never)]
     fn judged(&mut self, joints: &PerJoint<T>, can_turn: bool, status: Status) -> Corrected<T> {
-        let command = sum(joints, &self.change);
+        let limit = T::from_f64(MAX_JOINT_CHANGE);
+        let mut command = *joints;
         // The command is a number of type T: of every joint that rounds away at most so much.
-        let rounded = length(&command) * T::ROUNDING;
-        let unsure = self.unsure + self.lever * rounded * rounded;
+        let mut rounded = T::ZERO;
+        let mut far = limit;
+        let changes = self.change.iter().zip(&self.levers);
+        for (slot, (change, lever)) in command.iter_mut().zip(changes) {
+            *slot += *change;
+            rounded += *lever * slot.abs();
+            far = if change.abs() > far {
+                change.abs()
+            } else {
+                far
+            };
+        }
+        let rounded = rounded * T::ROUNDING;
+        let unsure = self.unsure + self.unseen + rounded * rounded;
         // (a + b + c + d)² ≤ 4 (a² + b² + c² + d²).
         let margin = (T::from_f64(4.0) * unsure).sqrt();
         let (position, rotation) = squares(&self.after);
         let (position_before, rotation_before) = squares(&self.before);
         let (distance, distance_before) = (position.sqrt(), position_before.sqrt());
-        let limit = T::from_f64(MAX_JOINT_CHANGE);
         // Written so that NaN is not better.
         let better = (distance + margin <= distance_before)
             & (position + rotation <= position_before + rotation_before)
-            & (raised(limit, &self.change) <= limit);
-        let tolerance = T::from_f64(CORRECTED_WITHIN * CORRECTED_WITHIN);
+            & (far <= limit);
+        let tolerance = T::from_f64(CORRECTED_WITHIN);
         // Five joints cannot turn the target every way.
-        let there = (position <= tolerance) & ((rotation <= tolerance) | !can_turn);
+        let turned = (rotation <= tolerance * tolerance) | !can_turn;
+        let there = (distance + self.unseen.sqrt() <= tolerance) & turned;
         let position_error = if better { distance } else { distance_before };
         // One by one: of two whole arrays one is copied by another routine than the other, which takes another time.
         let mut answer = command;

@@ -222,7 +222,10 @@ impl<T: Scalar, const WORDS: usize> Model<T, WORDS> {
     /// or `None` without a model or for bad input.
     pub fn nominal(&self, joints: &[T]) -> Option<Pose<T>> {
         let arm = self.arm.as_ref()?;
-        let x = arm.checked_joints(joints)?;
+        let mut x = [T::ZERO; MAX_JOINTS];
+        if !arm.take_joints(joints, &mut x) {
+            return None;
+        }
         let mut motions = no_motions();
         arm.motions(&x, &mut motions);
         Some(arm.nominal.forward_at(&motions))
@@ -247,9 +250,10 @@ impl<T: Scalar> View<'_, T> {
         let Some(arm) = self.arm else {
             return nothing(Status::NO_MODEL);
         };
-        let Some(x) = arm.checked_joints(joints) else {
+        let mut x = [T::ZERO; MAX_JOINTS];
+        if !arm.take_joints(joints, &mut x) {
             return nothing(Status::BAD_INPUT);
-        };
+        }
         let believable = is_within(payload_kg, T::ZERO, T::from_f32(MAX_PAYLOAD_KG));
         let mut motions = no_motions();
         arm.motions(&x, &mut motions);
@@ -402,21 +406,21 @@ impl<T: Scalar> Arm<T> {
         Ok(())
     }
 
-    /// The joints in a fixed array, or `None` unless there are as many as the arm has, all finite and within reason.
+    /// Copies the joints into an array of zeros. Whether there are as many as the arm has, all finite and within reason.
+    // Not an `Option` of an array, which is copied twice.
     #[inline(always)]
-    fn checked_joints(&self, joints: &[T]) -> Option<[T; MAX_JOINTS]> {
+    fn take_joints(&self, joints: &[T], out: &mut [T; MAX_JOINTS]) -> bool {
         if joints.len() != self.calibrated.kinds().len() {
-            return None;
+            return false;
         }
         let limit = T::from_f32(MAX_ANGLE);
-        let mut out = [T::ZERO; MAX_JOINTS];
         for (slot, value) in out.iter_mut().zip(joints) {
             if !is_within(*value, -limit, limit) {
-                return None;
+                return false;
             }
             *slot = *value;
         }
-        Some(out)
+        true
     }
 
     /// What the serial joints do at the controller's joints `x`.
