@@ -37,12 +37,12 @@ const MODELS: [Allowed; 9] = [
     model!("shared", 1.0, 0.4, 5.5),
     model!("folded", 1.0, 0.4, 5.5),
     model!("per_output", 1.0, 0.4, 5.5),
-    model!("elastic_own", 1.0, 0.4, 23.0),
-    model!("elastic_tied", 1.0, 0.4, 23.0),
-    model!("elastic_sigma", 1.0, 0.4, 23.0),
-    model!("elastic_sets", 1.0, 0.4, 23.0),
+    model!("elastic_own", 1.0, 0.4, 5.0),
+    model!("elastic_tied", 1.0, 0.4, 5.0),
+    model!("elastic_sigma", 1.0, 0.4, 5.0),
+    model!("elastic_sets", 1.0, 0.4, 5.0),
     model!("full_shared", 1.0, 0.4, 5.5),
-    model!("full_elastic", 1.0, 0.4, 23.0),
+    model!("full_elastic", 1.0, 0.4, 5.0),
 ];
 
 type Loaded<T> = Box<Model<T, { words_for(300) }>>;

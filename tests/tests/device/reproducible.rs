@@ -9,7 +9,7 @@ use poegp_tests::workspace;
 use sha2::{Digest, Sha256};
 
 /// What a build of the firmware needs of the workspace.
-const SOURCES: [&str; 8] = [
+const SOURCES: [&str; 9] = [
     "Cargo.toml",
     "Cargo.lock",
     "memory.x",
@@ -18,6 +18,7 @@ const SOURCES: [&str; 8] = [
     "trainer",
     "firmware",
     "tests/Cargo.toml",
+    "tests/bits",
 ];
 
 fn copy(from: &Path, to: &Path) {
