@@ -94,7 +94,9 @@ fn minimal<T: Scalar>(frame: &Pose<T>) -> (Turn<T>, Pose<T>) {
     };
     let back = |x: T, y: T| [a[1] * x + a[0] * y, a[1] * y - a[0] * x];
     let [sin_alpha, cos_alpha] = unit([tilt, r[(2, 2)]]);
-    let [cos_b, minus_sin_b] = [0, 1].map(|k| back(r[(0, k)], r[(1, k)])[0]);
+    // One by one: of a `map` compilers may keep the check of its index, and with it a panic.
+    let cos_b = back(r[(0, 0)], r[(1, 0)])[0];
+    let minus_sin_b = back(r[(0, 1)], r[(1, 1)])[0];
     let [sin_b, cos_b] = unit([-minus_sin_b, cos_b]);
     let [x, y] = back(t[0], t[1]);
     let zero = T::ZERO;

@@ -6,6 +6,7 @@
 mod boards;
 mod boot;
 mod constant;
+mod corpus;
 mod corrected;
 mod cost;
 mod damage;
