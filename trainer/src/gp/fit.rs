@@ -114,7 +114,7 @@ fn maximise_from(
 /// Fits the process to `residuals` (twists (v, ω), m and rad) at `inputs`, with θ₀ at most `max_signal_variance`.
 ///
 /// `larger` is what was found for the same data under a larger bound: where that respects this one, it is the optimum
-/// here, too, and elsewhere the search begins there.
+/// here, too, and elsewhere one of the searches begins there.
 ///
 /// # Errors
 /// [`NotPositiveDefinite`].
@@ -131,7 +131,8 @@ pub fn fit(
         None => maximise_likelihood(&pairs, outputs, max_signal_variance).0,
         Some(known) if known.kernel.signal_variance < max_signal_variance => known,
         Some(known) => {
-            let starts = [known.to_array()];
+            // From there alone the search may end far below: what is clipped to the bound belongs to other length scales.
+            let starts = [STARTS[0], known.to_array()];
             maximise_from(&starts, &pairs, outputs, max_signal_variance).0
         }
     };
