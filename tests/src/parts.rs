@@ -16,7 +16,7 @@ use crate::image::{Image, ImageError};
 const PROGRAM: &str = "arm-none-eabi-addr2line";
 
 /// Part, end of the file's path, part of the function's name. The first that fits counts.
-const RULES: [(&str, &str, &str); 26] = [
+const RULES: [(&str, &str, &str); 27] = [
     ("sines and cosines", "scalar.rs", "sin_cos"),
     (
         "sines and cosines, turned by small changes",
@@ -44,6 +44,11 @@ const RULES: [(&str, &str, &str); 26] = [
     (
         "search for the command, and its check",
         "model/correct.rs",
+        "",
+    ),
+    (
+        "search for the command, and its check",
+        "correct/judgement.rs",
         "",
     ),
     ("elastic correction, the rest", "deflection/mod.rs", ""),

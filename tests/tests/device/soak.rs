@@ -13,6 +13,7 @@
 //!     cargo test --release -p poegp-tests --test device -- --nocapture soak
 //! ```
 
+mod models;
 mod record;
 mod steps;
 
@@ -21,17 +22,18 @@ use std::env;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use poegp_protocol::blob::{self, CRC};
+use poegp_protocol::blob::CRC;
 use poegp_protocol::frame::{self, MAX_FRAME, Received, Receiver};
 use poegp_protocol::link::{Corrected, Query, Refusal, Request, Response, Statistics};
 use poegp_tests::bad_line::BadLine;
 use poegp_tests::emulator::{Clock, Emulator, Machine};
 use poegp_tests::firmware::{Board, firmware};
-use poegp_tests::sample::{Elastic, Sample, Support};
-use poegp_tests::stages::{CommandBits, Host};
+use poegp_tests::sample::{Sample, Support};
+use poegp_tests::stages::CommandBits;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
+use models::{Known, models};
 use record::{Record, Round, flip_a_bit};
 use steps::{PIECE, Step, steps};
 
@@ -62,38 +64,6 @@ const AGAIN_AFTER_BUSY: usize = 4;
 const GATHER: Duration = Duration::from_micros(500);
 /// Nothing may take longer: the watchdog would restart the device after eight seconds.
 const DEADLOCK: Duration = Duration::from_secs(30);
-
-/// A model and its answers.
-struct Known {
-    bytes: Vec<u8>,
-    crc: u32,
-    answers: Vec<CommandBits>,
-    seen: usize,
-}
-
-fn models(queries: &[Query]) -> Vec<Known> {
-    let small = |elastic: Elastic| Elastic {
-        points: 12,
-        groups: 3,
-        ..elastic
-    };
-    let corrections = [
-        Support::Elastic(small(Elastic::OWN)),
-        Support::Elastic(small(Elastic::TIED)),
-        Support::Shared(20),
-    ];
-    let known = corrections.into_iter().zip(80..).map(|(correction, seed)| {
-        let bytes = Sample::plain(seed, correction).blob();
-        let host = Host::load(&bytes).unwrap();
-        Known {
-            crc: blob::stored_crc(&bytes).unwrap(),
-            answers: queries.iter().map(|query| host.command(query)).collect(),
-            bytes,
-            seen: 0,
-        }
-    });
-    known.collect()
-}
 
 /// The service that is waited for.
 struct Waiting {

@@ -1,0 +1,43 @@
+//! The models that come and go in a soak, with the answers of each.
+
+use poegp_protocol::blob;
+use poegp_protocol::link::Query;
+use poegp_tests::sample::{Elastic, Sample, Support};
+use poegp_tests::stages::{CommandBits, Host};
+
+/// A model and its answers.
+pub struct Known {
+    /// Its blob.
+    pub bytes: Vec<u8>,
+    /// What the device calls it.
+    pub crc: u32,
+    /// The corrected command of each query.
+    pub answers: Vec<CommandBits>,
+    /// How many of its answers have come.
+    pub seen: usize,
+}
+
+/// Three of different kinds.
+pub fn models(queries: &[Query]) -> Vec<Known> {
+    let small = |elastic: Elastic| Elastic {
+        points: 12,
+        groups: 3,
+        ..elastic
+    };
+    let corrections = [
+        Support::Elastic(small(Elastic::OWN)),
+        Support::Elastic(small(Elastic::TIED)),
+        Support::Shared(20),
+    ];
+    let known = corrections.into_iter().zip(80..).map(|(correction, seed)| {
+        let bytes = Sample::plain(seed, correction).blob();
+        let host = Host::load(&bytes).unwrap();
+        Known {
+            crc: blob::stored_crc(&bytes).unwrap(),
+            answers: queries.iter().map(|query| host.command(query)).collect(),
+            bytes,
+            seen: 0,
+        }
+    });
+    known.collect()
+}
