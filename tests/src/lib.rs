@@ -2,6 +2,7 @@
 //!
 //! ```text
 //!  firmware ──> ELF ──> emulator ══ link ══> device ──┐
+//!     ├──> stack (call graph)                         │
 //!     └──> image (sizes, symbols)                     ├── stages: the same bits?
 //!     └──> execution (every instruction) ──> parts    │
 //!  sample ──> blob ──────────────────────> runtime ───┘
@@ -18,6 +19,7 @@ pub mod fuzzing;
 pub mod image;
 pub mod parts;
 pub mod sample;
+pub mod stack;
 pub mod stages;
 
 use std::path::Path;

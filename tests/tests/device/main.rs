@@ -21,6 +21,7 @@ mod parts;
 mod reproducible;
 mod same_bits;
 mod soak;
+mod stack;
 mod under_load;
 mod watchdog;
 

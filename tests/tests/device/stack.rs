@@ -1,0 +1,112 @@
+//! The call graph of every board's image: its deepest stack, against the budget and what the emulator painted, and what
+//! its exceptions reach.
+//!
+//! ```text
+//!  main ── PendSV or SysTick, of one priority ── the link's interrupt ── a fault
+//! ```
+//!
+//! Each of them can come in the deepest call of the one before, on top of a frame that the processor stores.
+
+use std::collections::BTreeSet;
+
+use poegp_tests::firmware::{Board, firmware_of};
+use poegp_tests::sample::{Elastic, Sample, Support};
+use poegp_tests::stack::{CallGraph, EXCEPTION_FRAME};
+
+use crate::device;
+
+/// Bytes of stack that a board must have.
+const BUDGET: u64 = 20 * 1_024;
+
+/// What it is called, and which exceptions belong to it.
+type Level = (&'static str, fn(usize) -> bool);
+
+/// Numbers of exceptions by level (ARMv7-M Architecture Reference Manual, B1.5.2); of a level the deepest counts.
+const LEVELS: [Level; 4] = [
+    ("start, then the background", |number| number == 1),
+    ("PendSV, SysTick", |number| matches!(number, 14 | 15)),
+    ("the link's interrupt, any other", |number| {
+        !matches!(number, 1 | 3 | 14 | 15)
+    }),
+    ("a fault", |number| number == 3),
+];
+
+fn bound(board: Board) -> u64 {
+    let firmware = firmware_of(board).unwrap_or_else(|error| panic!("{error}"));
+    let graph = CallGraph::read(&firmware.elf).unwrap_or_else(|error| panic!("{error}"));
+    println!("{}, {}:", board.name(), firmware.toolchain);
+    let mut sum = EXCEPTION_FRAME * (LEVELS.len() as u64 - 1);
+    for (level, belongs) in LEVELS {
+        let roots = graph.vectors.iter().enumerate();
+        let roots = roots.filter(|(number, address)| belongs(*number) && **address != 0);
+        let deepest = roots.map(|(_, address)| graph.deepest(*address).unwrap());
+        let deepest = deepest.max_by_key(|deepest| deepest.bytes).unwrap();
+        println!("  {:6} bytes: {level}", deepest.bytes);
+        for (name, frame) in &deepest.chain {
+            println!("    {frame:6} {name}");
+        }
+        sum += deepest.bytes;
+    }
+    println!("  {sum:6} bytes in all, exception frames included; the budget is {BUDGET}");
+    sum
+}
+
+#[test]
+fn the_deepest_call_fits_the_stack() {
+    for board in Board::ALL {
+        let bound = bound(board);
+        assert!(bound <= BUDGET, "{}: {bound}", board.name());
+    }
+}
+
+/// Neither the cycle nor the link's interrupt. The background does: the signature's curve indexes tables.
+#[test]
+fn no_panic_is_reached_but_by_the_background() {
+    for board in Board::ALL {
+        let firmware = firmware_of(board).unwrap_or_else(|error| panic!("{error}"));
+        let graph = CallGraph::read(&firmware.elf).unwrap_or_else(|error| panic!("{error}"));
+        let (mut cycle, mut background) = (BTreeSet::new(), 0);
+        for (number, &address) in graph.vectors.iter().enumerate() {
+            if address == 0 {
+                continue;
+            }
+            let reached = graph.reached(address).unwrap();
+            let panics = reached.iter().filter(|name| name.contains("panic")).count();
+            if number == 1 {
+                background = panics;
+                continue;
+            }
+            cycle.extend(reached);
+            assert_eq!(panics, 0, "{}: exception {number}", board.name());
+        }
+        println!(
+            "{}: {} functions below the exceptions, none of a panic; {background} of a panic below the start",
+            board.name(),
+            cycle.len()
+        );
+        assert!(cycle.len() > 20, "{}", cycle.len());
+        assert!(background > 0, "the search finds no panic at all");
+    }
+}
+
+/// A bound that is not one would be found out by the emulator, whose stack is painted.
+#[test]
+fn no_stack_was_ever_deeper() {
+    let bound = bound(Board::Mps2An386);
+    let mut device = device();
+    for kind in [Elastic::OWN, Elastic::TIED_WITH_SIGMA] {
+        let sample = Sample {
+            joints: 7,
+            ..Sample::plain(46, Support::Elastic(kind))
+        };
+        device.load(&sample.blob()).unwrap();
+        for query in sample.queries(20) {
+            device.trace(&query).unwrap();
+            device.correct(&query).unwrap();
+        }
+    }
+    let painted = u64::from(device.statistics().unwrap().stack_bytes);
+    println!("painted {painted} of at most {bound} bytes");
+    assert!(painted <= bound, "{painted}");
+    assert!(2 * painted > bound, "{painted}: the bound says little");
+}
