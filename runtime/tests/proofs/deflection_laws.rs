@@ -6,7 +6,7 @@ use poegp_protocol::JointKind;
 use poegp_runtime::chain::{Chain, MinimalForm, MovedFrames};
 use poegp_runtime::deflection::{
     Gravity, GravityRegressors, GravityTerms, JointKernel, JointProcesses, PayloadGroup, PerJoint,
-    SupportSet, deflected, deflection_twist, ripple_regressors, similarity,
+    SupportSet, deflected, deflection_twist, similarity,
 };
 use poegp_runtime::poe::{Motions, no_motions};
 use poegp_runtime::scalar::Scalar;
@@ -425,21 +425,6 @@ proptest! {
         let expected: [f64; 6] = core::array::from_fn(|i| (ahead[i] - behind[i]) / (2.0 * step));
         let error = distance(&found, &expected);
         prop_assert!(error < 1e-6, "{:e}", error);
-    }
-
-    #[test]
-    fn ripple_is_sine_and_cosine(cycles in 0.0..400.0_f64, q in -4.0..4.0_f64) {
-        let (sin, cos) = ripple_regressors(cycles, q);
-        prop_assert_eq!((sin, cos), (libm::sin(cycles * q), libm::cos(cycles * q)));
-    }
-}
-
-#[test]
-fn ripple_is_held_out_of_reach() {
-    for (q, held) in [(2.0_f32, 4_096.0_f32), (-4_096.0, -4_096.0)] {
-        let (sin, cos) = ripple_regressors(4_096.0, q);
-        assert!((sin - libm::sinf(held)).abs() < 1e-6);
-        assert!((cos - libm::cosf(held)).abs() < 1e-6);
     }
 }
 

@@ -1,6 +1,7 @@
 //! What the runtime promises, checked on the workstation: against numbers from elsewhere, and as laws.
 
 mod arm;
+mod bound_laws;
 mod chain_laws;
 mod corrected;
 mod deflection_laws;
@@ -15,6 +16,7 @@ mod newton_laws;
 mod poe_laws;
 mod poe_reference;
 mod posterior_reference;
+mod ripple_laws;
 mod scalar;
 mod se3_laws;
 mod se3_reference;

@@ -1,0 +1,87 @@
+//! Gear ripple, and its inverse that the search for a command starts with.
+
+use nalgebra::Vector3;
+use poegp_protocol::JointKind;
+use poegp_runtime::chain::MinimalForm;
+use poegp_runtime::deflection::{
+    Deflection, Gravity, GravityTerms, JointKernel, JointProcesses, RippleTerm, ripple_regressors,
+};
+use poegp_runtime::poe::Poe;
+use proptest::prelude::*;
+
+use crate::seeded::{config, poe};
+
+/// A deflection of two joints by these terms and nothing else.
+fn deflection(terms: &[RippleTerm<f64>]) -> Deflection<f64> {
+    let kinds = [JointKind::Revolute; 2];
+    let chain: Poe<f64> = poe(&kinds, &[[0.0; 6]; 3]);
+    let mut weightless = GravityTerms::zero();
+    weightless.gravity = Vector3::zeros();
+    Deflection {
+        gravity: Gravity::new(&weightless, &MinimalForm::new(&chain)),
+        ripple: terms.iter().copied().collect(),
+        processes: JointProcesses {
+            kernels: [JointKernel::zero(); 8],
+            tied: true,
+            groups: heapless::Vec::new(),
+            sets: heapless::Vec::new(),
+            unrolled: false,
+        },
+        variance: None,
+    }
+}
+
+proptest! {
+    #![proptest_config(config(700, 256))]
+
+    #[test]
+    fn ripple_is_sine_and_cosine(cycles in 0.0..400.0_f64, q in -4.0..4.0_f64) {
+        let (sin, cos) = ripple_regressors(cycles, q);
+        prop_assert_eq!((sin, cos), (libm::sin(cycles * q), libm::cos(cycles * q)));
+    }
+
+    /// Where ripple brings q to s, the ripple of q is found from s: Newton's step leaves half the second derivative times
+    /// the square of the ripple.
+    #[test]
+    fn ripple_is_found_from_where_it_leads(
+        q in -3.0..3.0_f64,
+        cycles in 1.0..80.0_f64,
+        sin in -2e-4..2e-4_f64,
+        cos in -2e-4..2e-4_f64,
+    ) {
+        let gear = |joint| RippleTerm { joint, cycles, sin, cos };
+        let of = deflection(&[gear(0), RippleTerm { cycles: 1.0, ..gear(0) }, gear(1)]);
+        let joints = [q, -q, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+        let ripple = of.ripple(&joints);
+        let leads: [f64; 8] = core::array::from_fn(|d| joints[d] + ripple[d]);
+        let found = of.ripple_towards(&leads);
+        let amplitude = 2.0 * (sin * sin + cos * cos).sqrt();
+        for d in 0..2 {
+            let curved = cycles * cycles * amplitude * amplitude * amplitude;
+            let error = (found[d] - ripple[d]).abs();
+            prop_assert!(error <= 0.7 * curved + 1e-15, "{:e} of {:e}", error, curved);
+        }
+    }
+}
+
+/// A gear whose ripple would turn back is no gear; its slope counts as one half, so that nothing is divided by nothing.
+#[test]
+fn slopes_have_a_least() {
+    let term = RippleTerm {
+        joint: 0,
+        cycles: 10.0,
+        sin: -0.1,
+        cos: 0.01,
+    };
+    let found = deflection(&[term]).ripple_towards(&[0.0; 8]);
+    assert_eq!(found[..2], [0.02, 0.0]);
+}
+
+#[test]
+fn ripple_is_held_out_of_reach() {
+    for (q, held) in [(2.0_f32, 4_096.0_f32), (-4_096.0, -4_096.0)] {
+        let (sin, cos) = ripple_regressors(4_096.0, q);
+        assert!((sin - libm::sinf(held)).abs() < 1e-6);
+        assert!((cos - libm::cosf(held)).abs() < 1e-6);
+    }
+}
