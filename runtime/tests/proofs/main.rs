@@ -10,6 +10,7 @@ mod elastic_refuses;
 mod folded;
 mod gravity_reference;
 mod json;
+mod kernel_laws;
 mod model_answers;
 mod model_refuses;
 mod newton_laws;
