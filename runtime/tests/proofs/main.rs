@@ -26,4 +26,5 @@ mod seeded;
 mod service;
 mod signature;
 mod signed_blob;
+mod texts;
 mod trust;
