@@ -55,7 +55,7 @@ proptest! {
         let ripple = of.ripple(&joints);
         let leads: [f64; 8] = core::array::from_fn(|d| joints[d] + ripple[d]);
         let found = of.ripple_towards(&leads);
-        let amplitude = 2.0 * (sin * sin + cos * cos).sqrt();
+        let amplitude = 2.0 * libm::sqrt(sin * sin + cos * cos);
         for d in 0..2 {
             let curved = cycles * cycles * amplitude * amplitude * amplitude;
             let error = (found[d] - ripple[d]).abs();
