@@ -151,3 +151,35 @@ fn a_mean_without_support_is_its_affine_part() {
     assert!(header.fold(&mut []));
     assert_eq!(header.mean(&[], &x), before);
 }
+
+/// The radius, but for a thousandth of its square: rounding to `f32` must not make a folded support too wide.
+#[test]
+fn support_folds_up_to_the_radius() {
+    for (squared, folds) in [(24.9, true), (25.01, false)] {
+        let mut header: MeanHeader<f64> = MeanHeader::zero(6);
+        header.input_scale[..6].fill(1.0);
+        let mut rows = [0.0; 2 * row_words(6)];
+        let place = libm::sqrt(squared);
+        (rows[0], rows[row_words(6)]) = (place, -place);
+        assert_eq!(header.fold(&mut rows), folds, "{squared}");
+    }
+}
+
+/// No query is so far away that the sum over the support is no number: it is zero.
+#[test]
+fn far_away_the_affine_part_is_left() {
+    for inputs in [3, 5, 6, 7, 8] {
+        let (header, rows) = mean(inputs, 30, 0.5);
+        let (narrow, narrow_rows) = single(&header, &rows);
+        for far in [1e6, -1e6, 1e30, -1e30, 3e38] {
+            for d in 0..inputs {
+                let mut x = [0.0; MAX_INPUTS];
+                x[d] = far;
+                assert_eq!(header.mean(&rows, &x), header.mean(&[], &x), "{far} {d}");
+                let x = x.map(|value| value as f32);
+                let found = narrow.mean(&narrow_rows, &x);
+                assert_eq!(found, narrow.mean(&[], &x), "{far} {d}");
+            }
+        }
+    }
+}
