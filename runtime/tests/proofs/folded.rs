@@ -1,7 +1,9 @@
 //! The folded form of the paper's mean against the difference form: the same number, and hardly worse in `f32`.
 
 use poegp_protocol::limits::{MAX_INPUTS, OUTPUTS};
-use poegp_runtime::posterior::{FOLDED_RADIUS, FOLDED_REACH, MeanHeader, row_words};
+use poegp_runtime::posterior::{
+    FOLDED_RADIUS, FOLDED_REACH, MAX_SCALED_INPUT, MeanHeader, row_words,
+};
 
 use crate::arm::scattered;
 
@@ -180,6 +182,38 @@ fn far_away_the_affine_part_is_left() {
                 let found = narrow.mean(&narrow_rows, &x);
                 assert_eq!(found, narrow.mean(&[], &x), "{far} {d}");
             }
+        }
+    }
+}
+
+/// In the difference form scaled inputs are held at ±200, where every kernel that can be fitted is zero; with rates near zero
+/// it is seen, and nothing is multiplied with infinity.
+#[test]
+fn scaled_inputs_are_held() {
+    let (mut header, rows) = mean(6, 30, 0.5);
+    header.rates = Some([0.0, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3]);
+    let flat = |x: &[f64; MAX_INPUTS]| {
+        let mut flat = header;
+        flat.affine = [[0.0; MAX_INPUTS + 1]; OUTPUTS];
+        flat.mean(&rows, x)
+    };
+    let (narrow, narrow_rows) = single(&header, &rows);
+    let narrow = MeanHeader {
+        rates: header.rates.map(|rates| rates.map(|rate| rate as f32)),
+        ..narrow
+    };
+    for sign in [1.0, -1.0] {
+        let mut at = [0.1; MAX_INPUTS];
+        at[2] = sign * MAX_SCALED_INPUT / 0.625;
+        let mut inside = at;
+        inside[2] *= 0.99;
+        assert_ne!(flat(&at), flat(&inside));
+        for far in [1.01, 2.0, 1e30] {
+            let mut beyond = at;
+            beyond[2] *= far;
+            assert_eq!(flat(&at), flat(&beyond), "{sign} {far}");
+            let found = narrow.mean(&narrow_rows, &beyond.map(|value| value as f32));
+            assert!(found.iter().all(|value| value.is_finite()), "{found:?}");
         }
     }
 }
