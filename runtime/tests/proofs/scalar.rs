@@ -206,3 +206,34 @@ fn square_roots_are_correctly_rounded() {
         assert_eq!(Scalar::sqrt(x), truth);
     }
 }
+
+/// What is said of a number type, of both.
+fn is_a_number_type<T: Scalar>(digits: i32) {
+    let of = T::from_f64;
+    assert_eq!((T::ZERO.to_f64(), T::ONE.to_f64()), (0.0, 1.0));
+    // Half an ulp of 1: added to it, it is lost, and twice as much is not.
+    assert_eq!(T::ROUNDING.to_f64(), libm::exp2(-f64::from(digits)));
+    assert!(T::ONE + T::ROUNDING == T::ONE);
+    assert!(T::ONE + (T::ROUNDING + T::ROUNDING) > T::ONE);
+    for (value, finite) in [
+        (0.0, true),
+        (-1.5, true),
+        (f64::INFINITY, false),
+        (f64::NEG_INFINITY, false),
+        (f64::NAN, false),
+    ] {
+        assert_eq!(of(value).is_finite(), finite, "{value}");
+    }
+    for (value, negative) in [(0.0, false), (-0.0, true), (2.5, false), (-2.5, true)] {
+        assert_eq!(of(value).is_sign_negative(), negative, "{value}");
+        assert_eq!(of(value).abs().to_f64().to_bits(), value.abs().to_bits());
+        assert_eq!(of(value).to_f32(), value as f32);
+        assert_eq!(T::from_f32(value as f32).to_f64(), value);
+    }
+}
+
+#[test]
+fn both_are_number_types() {
+    is_a_number_type::<f64>(53);
+    is_a_number_type::<f32>(24);
+}
