@@ -344,8 +344,9 @@ proptest! {
         (kinds, frames, q) in chains(),
         numbers in prop::collection::vec(-1.0..1.0_f64, 8 * 8 * 3 + 8 * 4 + 3),
         m in 0.0..10.0_f64,
-        upright in any::<bool>(),
+        pull in 0..4_usize,
         idle in 0..3_usize,
+        parts in prop::array::uniform8(0..8_usize),
     ) {
         let (chain, n) = (poe::<f64>(&kinds, &frames), kinds.len());
         let (frames, target) = chain.joint_frames(&q);
@@ -355,16 +356,21 @@ proptest! {
         let mut numbers = numbers.into_iter();
         let mut vector = || Vector3::from_fn(|_, _| numbers.next().unwrap());
         let mut terms = GravityTerms::<f64>::zero();
-        terms.gravity = vector() * 9.81;
-        if upright {
-            terms.gravity = Vector3::new(0.0, 0.0, -9.81);
-        }
+        // Along an axis or two as on a wall, upright, or anywhere.
+        terms.gravity = match pull {
+            0 => Vector3::new(0.0, 0.0, -9.81),
+            1 => Vector3::new(9.81, 0.0, -1.0),
+            2 => Vector3::new(0.0, 9.81, -1.0),
+            _ => vector() * 9.81,
+        };
         for c in idle.min(n)..n {
+            // Any of the parts may be nothing.
+            let part = |bit: usize| f64::from(u8::from(parts[c] & bit != 0));
             for j in c..n {
-                terms.links[c][j] = vector();
+                terms.links[c][j] = vector() * part(1);
             }
-            terms.payload_offset[c] = vector();
-            terms.payload_lever[c] = vector()[0];
+            terms.payload_offset[c] = vector() * part(2);
+            terms.payload_lever[c] = vector()[0] * part(4);
         }
         let at = GravityRegressors::new(&kinds, &frames, &target, &terms.gravity);
         let found = terms.deflection(&at, m);
@@ -437,4 +443,23 @@ fn motions_are_sines_and_cosines_of_revolute_joints_and_values_of_prismatic_ones
         found[..3],
         [[libm::sin(0.7), libm::cos(0.7)], [0.3, 0.0], [0.0, 0.0]]
     );
+}
+
+/// A prismatic joint may be so far away that the exponent is beyond what a power of two can take.
+#[test]
+fn far_along_a_slide_the_factor_is_zero() {
+    fn factor<T: Scalar>(metres: f64) -> f64 {
+        let similarity = similarity(
+            JointKind::Prismatic,
+            &[T::from_f64(metres), T::ZERO],
+            &[T::ZERO, T::ZERO],
+        );
+        let kernel: JointKernel<T> = kernel(&(vec![10.0], 0.0, 1.0, 0.0));
+        kernel.joint_factor(&[similarity]).to_f64()
+    }
+    for metres in [10.0, 1e3, 2e3, 1e4, 1e6] {
+        assert!(factor::<f64>(metres) <= 1e-37, "{metres}");
+        assert!(factor::<f32>(metres) <= 1e-37, "{metres}");
+    }
+    assert_eq!(factor::<f32>(0.0), 1.0);
 }

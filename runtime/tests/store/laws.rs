@@ -165,6 +165,15 @@ fn layouts_that_cannot_be_used_are_refused() {
     assert_eq!(head_too_small, Err(error));
     let unit_too_large = Store::new(Nor::<128, 256>::new(20), layout::<256>(3)).map(drop);
     assert_eq!(unit_too_large, Err(StoreError::Unit { size: 128 }));
+    let unit_of_three = Store::new(Nor::<3, 192>::new(20), layout::<192>(3)).map(drop);
+    assert_eq!(unit_of_three, Err(StoreError::Unit { size: 3 }));
+    let largest_unit = Store::new(Nor::<64, 256>::new(20), layout::<256>(3)).map(drop);
+    assert_eq!(largest_unit, Ok(()));
+    let no_whole_units = Store::new(Nor::<16, 200>::new(20), layout::<200>(3)).map(drop);
+    let error = StoreError::NotAligned { at: 200, unit: 16 };
+    assert_eq!(no_whole_units, Err(error));
+    assert_eq!([Slot::A.index(), Slot::B.index()], [0, 1]);
+    assert_eq!([Slot::A.other(), Slot::B.other()], [Slot::B, Slot::A]);
 }
 
 /// Append-only: what a number means on the wire never changes.
