@@ -363,9 +363,9 @@ proptest! {
             2 => Vector3::new(0.0, 9.81, -1.0),
             _ => vector() * 9.81,
         };
-        for c in idle.min(n)..n {
+        for (c, parts) in parts.iter().enumerate().take(n).skip(idle) {
             // Any of the parts may be nothing.
-            let part = |bit: usize| f64::from(u8::from(parts[c] & bit != 0));
+            let part = |bit: usize| f64::from(u8::from(parts & bit != 0));
             for j in c..n {
                 terms.links[c][j] = vector() * part(1);
             }
