@@ -20,11 +20,13 @@ fn bits(values: &[f32]) -> Vec<u32> {
     values.iter().map(|value| value.to_bits()).collect()
 }
 
-fn assert_bits(name: &str, bytes: &[u8], text: &str) {
-    let trust = include_str!("../../tests/data/golden_trust.txt");
-    let mut trust = trust
-        .lines()
-        .filter_map(|line| line.strip_prefix(name)?.strip_prefix(' '));
+fn assert_bits(name: &'static str, bytes: &[u8], text: &str) {
+    let of_this = |text: &'static str| {
+        let lines = text.lines();
+        lines.filter_map(move |line| line.strip_prefix(name)?.strip_prefix(' '))
+    };
+    let mut trust = of_this(include_str!("../../tests/data/golden_trust.txt"));
+    let mut commands = of_this(include_str!("../../tests/data/golden_commands.txt"));
     let mut model = Box::new(Model::<f32, { words_for(64) }>::new());
     model.load(&blob::decode(bytes).unwrap()).unwrap();
     let mut compared = 0;
@@ -52,6 +54,18 @@ fn assert_bits(name: &str, bytes: &[u8], text: &str) {
             .map_or("-".to_owned(), |s| format!("{:08x}", s.to_bits()));
         let found = format!("{:08x} {sigma}", result.trust.to_bits());
         assert_eq!(Some(found.as_str()), trust.next(), "trust of {asked:?}");
+        let corrected = model.correct(joints, *payload_kg);
+        let found = [
+            bits(&corrected.joints[..joints.len()]),
+            bits(&[corrected.position_error]),
+            vec![u32::from(corrected.status.bits())],
+        ];
+        let expected = commands.next().map(groups);
+        assert_eq!(
+            Some(found.as_slice()),
+            expected.as_deref(),
+            "command of {asked:?}"
+        );
         compared += 1;
     }
     assert_eq!(compared, 100);
