@@ -7,7 +7,7 @@ use poegp_runtime::model::Model;
 use poegp_runtime::scalar::Scalar;
 use poegp_runtime::se3::Pose;
 use poegp_runtime::status::Status;
-use poegp_runtime::trust::Trust;
+use poegp_runtime::trust::{Trust, outside};
 use proptest::prelude::*;
 
 use crate::arm::{Arm, WORDS};
@@ -326,4 +326,39 @@ fn half_of_the_trust() {
         }
         assert_eq!(trust.half(8), None);
     }
+}
+
+/// At either end of a range a value is within it; beyond either end it is not, and no two ends make up for one another.
+#[test]
+fn ranges_include_their_ends() {
+    let (joint, payload) = (Status::OUTSIDE_JOINT_RANGE, Status::OUTSIDE_PAYLOAD_RANGE);
+    let ranges = [(-1.0_f32, 2.0), (0.5, 0.75)];
+    for (q, expected) in [
+        ([-1.0, 0.5], Status::OK),
+        ([2.0, 0.75], Status::OK),
+        ([-1.001, 0.6], joint),
+        ([2.001, 0.6], joint),
+        ([0.0, 0.499], joint),
+        ([0.0, 0.751], joint),
+        ([-1.001, 0.751], joint),
+        ([3.0, 0.8], joint),
+    ] {
+        let status = outside(&q, &ranges, 0.0, None);
+        assert_eq!(status, expected, "{q:?}");
+    }
+    for (m, expected) in [
+        (1.0, Status::OK),
+        (3.0, Status::OK),
+        (0.999, payload),
+        (3.001, payload),
+        (-5.0, payload),
+    ] {
+        let status = outside(&[0.0, 0.6], &ranges, m, Some((1.0_f32, 3.0)));
+        assert_eq!(status, expected, "{m}");
+        let both = outside(&[5.0, 0.6], &ranges, m, Some((1.0_f32, 3.0)));
+        assert_eq!(both, expected.with(joint), "{m}");
+    }
+    assert_eq!(outside(&[0.0_f32, 0.6], &ranges, -7.0, None), Status::OK);
+    // A range upside down has nothing within.
+    assert_eq!(outside(&[0.5_f32], &[(1.0, 0.0)], 0.0, None), joint);
 }
