@@ -39,5 +39,6 @@ pub mod se3;
 pub mod service;
 pub mod signature;
 pub mod status;
+pub mod step_limit;
 pub mod store;
 pub mod trust;

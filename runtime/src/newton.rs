@@ -1,9 +1,10 @@
 //! Damped Newton steps towards a pose: what the solver of corrected joints is made of.
 //!
-//! Errors and Jacobians are hybrid: the displacement of the target's origin in metres and the rotation in radians, both
-//! along the axes of the base, the rotation times a weight w. A step solves min |J d − e|² + λ |d|² by L D Lᵀ of a 6×6
-//! matrix: JᵀJ + λI for up to six joints, J Jᵀ + λI for more, where the other one would be singular but for λ. Both
-//! give the same step. No pivot is taken below λ, so that the steps of singular arms are finite.
+//! Errors e and Jacobians J have the displacement of the target's origin in metres first, then its rotation in radians,
+//! both along the axes of the base. A step is d = Jᵀ (J Jᵀ + Λ)⁻¹ e with Λ = diag(λ_p, λ_p, λ_p, λ_r, λ_r, λ_r), which
+//! minimises |d|² + |e_p − J_p d|²/λ_p + |e_r − J_r d|²/λ_r: the form for arms of any number of joints, and the one in which
+//! position and rotation can be given up separately ([`crate::step_limit`]). The 6×6 matrix is factored as L D Lᵀ. No pivot
+//! is taken below its damping, so that the steps of singular arms are finite.
 
 use core::hint::black_box;
 
@@ -15,18 +16,18 @@ use crate::deflection::{CouplingMatrix, PerJoint};
 use crate::scalar::Scalar;
 use crate::se3::{Pose, cross, dot, subtract, third_column};
 
-/// Displacement in metres and rotation in radians times w.
+/// Displacement in metres, then rotation in radians.
 pub type Hybrid<T> = [T; 6];
 
-/// The hybrid Jacobian by columns, one for each of the controller's joints; beyond the last joint zeros.
+/// The Jacobian by columns, one for each of the controller's joints; beyond the last joint zeros.
 pub type Columns<T> = [Hybrid<T>; MAX_JOINTS];
 
-/// Joints up to which the normal equations are those of the joints.
-const EQUATIONS: usize = 6;
+/// A symmetric matrix of displacement and rotation.
+pub type Gram<T> = [Hybrid<T>; 6];
 
 /// How `pose` must be displaced and turned to be `target`, for angles of a few degrees.
 #[inline(never)]
-pub fn pose_error<T: Scalar>(target: &Pose<T>, pose: &Pose<T>, rotation_weight: T) -> Hybrid<T> {
+pub fn pose_error<T: Scalar>(target: &Pose<T>, pose: &Pose<T>) -> Hybrid<T> {
     let moved = subtract(&target.translation, &pose.translation);
     // ½ Σ r_k × r′_k over the columns is the axis times sin θ; differences first, which do not cancel.
     let (from, to) = (&pose.rotation, &target.rotation);
@@ -39,7 +40,7 @@ pub fn pose_error<T: Scalar>(target: &Pose<T>, pose: &Pose<T>, rotation_weight: 
         turned[1] += part[1];
         turned[2] += part[2];
     }
-    let half = T::from_f64(0.5) * rotation_weight;
+    let half = T::from_f64(0.5);
     [
         moved[0],
         moved[1],
@@ -58,15 +59,13 @@ pub fn squares<T: Scalar>(hybrid: &Hybrid<T>) -> (T, T) {
     (dot(&p, &p), dot(&r, &r))
 }
 
-/// The equations of one place, factored: any number of errors can be taken away with them.
+/// The Jacobian at one place, and J Jᵀ, which [`Equations::factor`] turns into its factors.
 #[derive(Clone, Debug)]
 pub struct Equations<T> {
     joints: usize,
     columns: Columns<T>,
-    /// L below the diagonal; D, as reciprocals, on it.
-    factors: [[T; EQUATIONS]; EQUATIONS],
-    /// [`Equations::serial_levers`] where the columns are no longer those of the serial joints.
-    serial_levers: Option<PerJoint<T>>,
+    /// J Jᵀ; once factored, L below the diagonal and the reciprocals of D on it.
+    gram: Gram<T>,
 }
 
 /// Where equations are formed.
@@ -82,6 +81,15 @@ pub struct Place<'a, T> {
     pub coupling: Option<&'a CouplingMatrix<T>>,
 }
 
+/// λ_p and λ_r.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Damping<T> {
+    /// Of displacements.
+    pub position: T,
+    /// Of rotations.
+    pub rotation: T,
+}
+
 impl<T: Scalar> Default for Equations<T> {
     fn default() -> Self {
         Self::new()
@@ -95,34 +103,31 @@ impl<T: Scalar> Equations<T> {
         Self {
             joints: 0,
             columns: [[T::ZERO; 6]; MAX_JOINTS],
-            factors: [[T::ZERO; EQUATIONS]; EQUATIONS],
-            serial_levers: None,
+            gram: [[T::ZERO; 6]; 6],
         }
     }
 
-    /// Those of this place, with this λ.
+    /// J and J Jᵀ of this place.
     #[inline(never)]
-    pub fn form(&mut self, at: &Place<'_, T>, rotation_weight: T, damping: T) {
+    pub fn form(&mut self, at: &Place<'_, T>) {
         self.joints = at.kinds.len();
         for ((column, kind), frame) in self.columns.iter_mut().zip(at.kinds).zip(at.frames) {
-            *column = column_of(*kind, frame, at.point, rotation_weight);
+            *column = column_of(*kind, frame, at.point);
         }
         if let Some(coupling) = at.coupling {
             self.couple(coupling);
         }
-        if self.joints > EQUATIONS {
-            self.gram_of_rows();
+        // The columns beyond the last joint are zero.
+        if self.joints > 6 {
+            self.multiply::<MAX_JOINTS>();
         } else {
-            self.gram_of_columns();
+            self.multiply::<6>();
         }
-        self.factor(damping);
     }
 
     /// Columns of the controller's joints from those of the serial ones: J C.
     #[inline(never)]
     fn couple(&mut self, coupling: &CouplingMatrix<T>) {
-        // Of columns that are coupled parts may cancel, of second derivatives not.
-        self.serial_levers = Some(self.levers());
         let mut out = [[T::ZERO; 6]; MAX_JOINTS];
         // Loops of which the compiler does not know the length: unrolled they are 1.3 kB.
         for (serial, weights) in self.columns.iter().zip(black_box(coupling)) {
@@ -133,70 +138,66 @@ impl<T: Scalar> Equations<T> {
         self.columns = out;
     }
 
-    fn gram_of_columns(&mut self) {
-        for (i, (row, a)) in self.factors.iter_mut().zip(&self.columns).enumerate() {
-            for (slot, b) in row.iter_mut().zip(&self.columns).take(i + 1) {
-                *slot = inner(a, b);
-            }
-        }
-    }
-
-    #[inline(never)]
-    fn gram_of_rows(&mut self) {
-        self.factors = [[T::ZERO; EQUATIONS]; EQUATIONS];
-        for column in self.columns.iter().take(self.joints) {
-            // In slices of which the compiler does not know the length: unrolled it is a kilobyte.
-            for (row, a) in black_box(self.factors.as_mut_slice())
-                .iter_mut()
-                .zip(column)
-            {
-                add_scaled(row, column, *a);
-            }
-        }
-    }
-
-    /// L D Lᵀ of the lower half of the Gram matrix + λ, in place.
+    /// J Jᵀ from the first N columns.
     #[inline(always)]
+    fn multiply<const N: usize>(&mut self) {
+        for i in 0..6 {
+            for j in 0..=i {
+                let mut sum = self.columns[0][i] * self.columns[0][j];
+                let mut k = 1;
+                while k < N {
+                    sum += self.columns[k][i] * self.columns[k][j];
+                    k += 1;
+                }
+                self.gram[i][j] = sum;
+                self.gram[j][i] = sum;
+            }
+        }
+    }
+
+    /// J Jᵀ, before it is factored.
+    #[inline(always)]
+    pub fn gram(&self) -> &Gram<T> {
+        &self.gram
+    }
+
+    /// L D Lᵀ of J Jᵀ + Λ, in place.
+    #[inline(never)]
     #[allow(unused_mut)] // of the first row
-    fn factor(&mut self, damping: T) {
-        let f = &mut self.factors;
+    pub fn factor(&mut self, damping: &Damping<T>) {
+        let f = &mut self.gram;
+        let Damping { position, rotation } = *damping;
         // Row i of L D first, then of L. Written out, for compilers leave triangular loops as they are.
         macro_rules! row {
-            ($i:literal, $($j:literal: [$($k:literal)*])*) => {
+            ($damping:ident, $i:literal, $($j:literal: [$($k:literal)*])*) => {
                 let mut row = f[$i];
                 $($(row[$j] -= row[$k] * f[$j][$k];)*)*
-                let mut pivot = row[$i] + damping;
+                let mut pivot = row[$i] + $damping;
                 $(
                     let scaled = row[$j];
                     row[$j] = scaled * f[$j][$j];
                     pivot -= scaled * row[$j];
                 )*
                 // Also when it is NaN.
-                row[$i] = T::ONE / if pivot > damping { pivot } else { damping };
+                row[$i] = T::ONE / if pivot > $damping { pivot } else { $damping };
                 f[$i] = row;
             };
         }
-        row!(0,);
-        row!(1, 0: []);
-        row!(2, 0: [] 1: [0]);
-        row!(3, 0: [] 1: [0] 2: [0 1]);
-        row!(4, 0: [] 1: [0] 2: [0 1] 3: [0 1 2]);
-        row!(5, 0: [] 1: [0] 2: [0 1] 3: [0 1 2] 4: [0 1 2 3]);
+        row!(position, 0,);
+        row!(position, 1, 0: []);
+        row!(position, 2, 0: [] 1: [0]);
+        row!(rotation, 3, 0: [] 1: [0] 2: [0 1]);
+        row!(rotation, 4, 0: [] 1: [0] 2: [0 1] 3: [0 1 2]);
+        row!(rotation, 5, 0: [] 1: [0] 2: [0 1] 3: [0 1 2] 4: [0 1 2 3]);
     }
 
-    /// The damped step that takes `error` away; zero beyond the last joint.
+    /// (J Jᵀ + Λ)⁻¹ e, once factored.
     #[inline(never)]
-    pub fn step(&self, error: &Hybrid<T>) -> PerJoint<T> {
-        let many = self.joints > EQUATIONS;
+    pub fn solve(&self, error: &Hybrid<T>) -> Hybrid<T> {
         let mut x = *error;
-        if !many {
-            for (slot, column) in x.iter_mut().zip(&self.columns) {
-                *slot = inner(column, error);
-            }
-        }
-        let f = &self.factors;
+        let f = &self.gram;
         let mut i = 1;
-        while i < EQUATIONS {
+        while i < 6 {
             let mut j = 0;
             while j < i {
                 x[i] -= f[i][j] * x[j];
@@ -208,20 +209,20 @@ impl<T: Scalar> Equations<T> {
             i -= 1;
             x[i] = x[i] * f[i][i];
             let mut j = i + 1;
-            while j < EQUATIONS {
+            while j < 6 {
                 x[i] -= f[j][i] * x[j];
                 j += 1;
             }
         }
+        x
+    }
+
+    /// Jᵀ x: the joint changes that x stands for; zero beyond the last joint.
+    #[inline(never)]
+    pub fn joints_of(&self, x: &Hybrid<T>) -> PerJoint<T> {
         let mut out = [T::ZERO; MAX_JOINTS];
-        if many {
-            for (slot, column) in out.iter_mut().zip(&self.columns) {
-                *slot = inner(column, &x);
-            }
-        } else {
-            for (slot, value) in out.iter_mut().zip(&x) {
-                *slot = *value;
-            }
+        for (slot, column) in out.iter_mut().zip(&self.columns).take(self.joints) {
+            *slot = inner(column, x);
         }
         out
     }
@@ -239,73 +240,19 @@ impl<T: Scalar> Equations<T> {
         }
         moved
     }
-
-    /// The same of the serial joints.
-    #[inline(always)]
-    pub fn serial_levers(&self) -> PerJoint<T> {
-        match self.serial_levers {
-            Some(levers) => levers,
-            None => self.levers(),
-        }
-    }
-
-    /// How far a radian of each of the controller's joints moves the target, m.
-    #[inline(never)]
-    pub fn levers(&self) -> PerJoint<T> {
-        let mut out = [T::ZERO; MAX_JOINTS];
-        for (slot, column) in out.iter_mut().zip(&self.columns).take(self.joints) {
-            *slot = squares(column).0.sqrt();
-        }
-        out
-    }
 }
 
 /// What a serial joint does to the target.
 #[inline(always)]
-fn column_of<T: Scalar>(
-    kind: JointKind,
-    frame: &Pose<T>,
-    point: &Vector3<T>,
-    rotation_weight: T,
-) -> Hybrid<T> {
+fn column_of<T: Scalar>(kind: JointKind, frame: &Pose<T>, point: &Vector3<T>) -> Hybrid<T> {
     let axis = third_column(frame);
     match kind {
         JointKind::Revolute => {
             let v = cross(&axis, &subtract(point, &frame.translation));
-            let w = rotation_weight;
-            [v[0], v[1], v[2], w * axis[0], w * axis[1], w * axis[2]]
+            [v[0], v[1], v[2], axis[0], axis[1], axis[2]]
         }
         JointKind::Prismatic => [axis[0], axis[1], axis[2], T::ZERO, T::ZERO, T::ZERO],
     }
-}
-
-/// The most by which the second derivative of a chain moves its target, |f″[a, b]|, for small changes of the serial joints, in
-/// metres.
-///
-/// The derivative by joints k ≤ l is z_k × (z_l × r_l), no longer than the lever of the outer one. So what the wrist does is
-/// weighed by its short levers: Σ_kl |a_k| |b_l| lever_max(k,l).
-#[inline(never)]
-pub fn bent<T: Scalar>(levers: &PerJoint<T>, a: &PerJoint<T>, b: &PerJoint<T>) -> T {
-    let (mut sum, mut inner_a, mut inner_b) = (T::ZERO, T::ZERO, T::ZERO);
-    for (lever, (a, b)) in levers.iter().zip(a.iter().zip(b)) {
-        let (a, b) = (a.abs(), b.abs());
-        inner_a += a;
-        sum += *lever * (b * inner_a + a * inner_b);
-        inner_b += b;
-    }
-    sum
-}
-
-/// Half of [`bent`] by the same changes twice.
-#[inline(never)]
-pub fn half_bent<T: Scalar>(levers: &PerJoint<T>, changes: &PerJoint<T>) -> T {
-    let (mut sum, mut inner) = (T::ZERO, T::ZERO);
-    for (lever, change) in levers.iter().zip(changes) {
-        let change = change.abs();
-        sum += *lever * change * (inner + T::from_f64(0.5) * change);
-        inner += change;
-    }
-    sum
 }
 
 /// a + s b.

@@ -13,7 +13,7 @@ const NAMES: [(Status, &str); 7] = [
     (Status::CORRECTION_BOUNDED, "correction-bounded"),
     (Status::NO_MODEL, "no-model"),
     (Status::BAD_INPUT, "bad-input"),
-    (Status::CORRECTION_REFUSED, "not-corrected"),
+    (Status::PARTLY_CORRECTED, "partly-corrected"),
     (Status::BYPASSED, "bypassed"),
 ];
 
@@ -30,8 +30,8 @@ impl Status {
     pub const NO_MODEL: Self = Self(8);
     /// Wrong number of joints, a number that is not finite, or one beyond all reason: nothing was corrected.
     pub const BAD_INPUT: Self = Self(16);
-    /// No corrected command was found that is better: the command is uncorrected, or only partly corrected.
-    pub const CORRECTION_REFUSED: Self = Self(32);
+    /// More than 5 µm or 5 µrad of the arm's error stay by the model: beside a singularity, or because a bound acts.
+    pub const PARTLY_CORRECTED: Self = Self(32);
     /// Correction is switched off: the answer is the command as it came.
     pub const BYPASSED: Self = Self(64);
 

@@ -63,7 +63,7 @@
 /*
  Status bit: no corrected command was found that is better; the joints are uncorrected, or only partly corrected.
  */
-#define POEGP_STATUS_CORRECTION_REFUSED 32
+#define POEGP_STATUS_PARTLY_CORRECTED 32
 
 /*
  Done.

@@ -34,7 +34,7 @@ pub const POEGP_STATUS_NO_MODEL: u32 = 8;
 /// Status bit: wrong number of joints, a number that is not finite, or one beyond all reason: nothing was corrected.
 pub const POEGP_STATUS_BAD_INPUT: u32 = 16;
 /// Status bit: no corrected command was found that is better; the joints are uncorrected, or only partly corrected.
-pub const POEGP_STATUS_CORRECTION_REFUSED: u32 = 32;
+pub const POEGP_STATUS_PARTLY_CORRECTED: u32 = 32;
 
 /// Support points of the longest row that fit; a model of six joints has room for half as many again and more.
 const POINTS: usize = 400;
@@ -139,5 +139,5 @@ const _: () = {
     assert!(POEGP_STATUS_CORRECTION_BOUNDED == Status::CORRECTION_BOUNDED.bits() as u32);
     assert!(POEGP_STATUS_NO_MODEL == Status::NO_MODEL.bits() as u32);
     assert!(POEGP_STATUS_BAD_INPUT == Status::BAD_INPUT.bits() as u32);
-    assert!(POEGP_STATUS_CORRECTION_REFUSED == Status::CORRECTION_REFUSED.bits() as u32);
+    assert!(POEGP_STATUS_PARTLY_CORRECTED == Status::PARTLY_CORRECTED.bits() as u32);
 };

@@ -109,28 +109,49 @@ impl<T: Scalar> Deflection<T> {
         out
     }
 
-    /// r(q) at the joints q that ripple brings to `joints`, q + r(q): one Newton step, whose error is some 1e-8 rad.
+    /// What gear ripple does to every joint at and beside `joints`.
     #[inline(never)]
-    pub fn ripple_towards(&self, joints: &PerJoint<T>) -> PerJoint<T> {
-        let mut out = [T::ZERO; MAX_JOINTS];
-        let mut slopes = [T::ONE; MAX_JOINTS];
+    pub fn ripple_line(&self, joints: &PerJoint<T>) -> RippleLine<T> {
+        let mut out = RippleLine {
+            value: [T::ZERO; MAX_JOINTS],
+            slope: [T::ZERO; MAX_JOINTS],
+        };
         for term in &self.ripple {
-            if let (Some(sum), Some(slope), Some(q)) = (
-                out.get_mut(term.joint),
-                slopes.get_mut(term.joint),
+            if let (Some(value), Some(slope), Some(q)) = (
+                out.value.get_mut(term.joint),
+                out.slope.get_mut(term.joint),
                 joints.get(term.joint),
             ) {
                 let (sin, cos) = ripple_regressors(term.cycles, *q);
-                *sum += term.sin * sin + term.cos * cos;
+                *value += term.sin * sin + term.cos * cos;
                 *slope += term.cycles * (term.sin * cos - term.cos * sin);
             }
         }
-        let least = T::from_f64(0.5);
-        for (sum, slope) in out.iter_mut().zip(&slopes) {
-            // Of gears the slope is between 0.9 and 1.1.
-            *sum = *sum / if *slope > least { *slope } else { least };
-        }
         out
+    }
+}
+
+/// Gear ripple to first order about a place.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RippleLine<T> {
+    /// There, rad or m.
+    pub value: PerJoint<T>,
+    /// Its derivative by the joint.
+    pub slope: PerJoint<T>,
+}
+
+impl<T: Scalar> RippleLine<T> {
+    /// Moves `change`, a command that takes off `factor` times the ripple at `place`, to the one that takes off what ripple
+    /// is there: one Newton step, whose error is some 1e-8 rad.
+    #[inline(never)]
+    pub fn follow(&self, factor: T, place: &PerJoint<T>, change: &mut PerJoint<T>) {
+        let least = T::from_f64(0.5);
+        for ((value, place), slope) in change.iter_mut().zip(place).zip(&self.slope) {
+            let slope = *slope * factor;
+            // Of gears this is between 0.9 and 1.1.
+            let whole = T::ONE + slope;
+            *value -= slope * (*value - *place) / if whole > least { whole } else { least };
+        }
     }
 }
 

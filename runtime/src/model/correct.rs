@@ -1,36 +1,31 @@
 //! Corrected joints: the command at which the calibrated arm stands where the nominal one would.
 //!
-//! For commanded joints q and a payload m, q* with T_gp(q*, m)·f(q*) = nominal(q). A fixed number of damped Newton steps
-//! ([`crate::newton`]); with an elastic model they are of the chain alone, because its deflection is small and smooth:
+//! For commanded joints q and a payload m, q* with T_gp(q*, m)·f(q*) = nominal(q), as far as that is a continuous function
+//! of q and m with a bounded slope: beside singularities part of the error stays ([`crate::step_limit`]). The first step is
+//! limited so; later ones take away what its linearisation left, damped where it was limited, and leave what it gave up.
+//!
+//! With an elastic model the deflection is a part of the arm's error, and small and smooth:
 //!
 //! ```text
-//! y₁ = q + a step at q                      POE(C y) = nominal(C q): where the chain must be after all deflection
-//! y  = y₁ + a step at y₁, after the check
-//! g  = processes at y − φ(q)                φ: gravity
-//! n  = y − φ(q) − g                         where the command will be, nearly
-//! D  = φ(n) + g + r(n)                      r: ripple, which changes quickest, at y − D
-//! q* = y − D
+//! e  = nominal(C q) − POE(C q)        J = POE′(C q) C
+//! d₀ = rough step for e − J φ(q)      φ: gravity
+//! g  = processes at q + d₀
+//! D  = φ(n) + g + r(n)                n = q + d₀ − g, where the command will be, nearly; r: ripple, which changes quickest
+//! d  = limited step for e − J D
+//! d += a step for what POE(C (q + d + D)) has left but was not given up
+//! q* = q + d, with the ripple that is there
 //! ```
 //!
-//! The correction in task space does not split like that and is evaluated in each of three steps.
+//! The correction in task space does not split like that and is evaluated at each of three steps.
 //!
-//! **The check.** Shoulder and wrist singularities are inside ordinary joint ranges, and there a step can lead anywhere.
-//! So the chain is evaluated once more at y₁ (in task space with its correction), and the last step is taken only if what
-//! is left of the error there is sure to be less. It is compared with the error of the uncorrected command, nominal(q)
-//! against POE(q + D(q)). Unless it is smaller, in position and altogether, by more than this comparison can be wrong, the
-//! answer is the command as it came, with [`Status::CORRECTION_REFUSED`]. The deflection is evaluated once: between q and q*
-//! it may change by as much of itself as the joints do in radians, and by [`LAG`] between q* and where it was evaluated. That
-//! is assumed, not proven. Everything else that is neglected is bounded by the second derivative of a chain
-//! ([`bent`]).
+//! Every number here is a continuous function of the command: limits, bounds and shares scale, they never switch. Only what
+//! is no number at all ends in the command as it came.
 //!
 //! An arm of less than six joints cannot reach every pose: it is brought to the position, and its rotation as near as that
 //! allows.
 
-mod judgement;
-
 use poegp_protocol::limits::MAX_JOINTS;
 
-use self::judgement::Found;
 use super::{Arm, ArmCorrection, MAX_PAYLOAD_KG, View};
 use crate::bound;
 use crate::chain::MovedFrames;
@@ -38,38 +33,36 @@ use crate::deflection::{PerJoint, coupled, deflected_into};
 use crate::model::checked::is_within;
 use crate::model::elastic::ElasticCorrection;
 use crate::model::task_space::TaskSpaceCorrection;
-use crate::newton::{Equations, Hybrid, Place, bent, half_bent, less, pose_error, squares};
+use crate::newton::{Damping, Equations, Hybrid, Place, less, pose_error, squares};
 use crate::poe::{Motions, no_motions};
 use crate::scalar::Scalar;
 use crate::se3::{Pose, Twist};
 use crate::status::Status;
+use crate::step_limit::{FLOOR, StepLimit};
 use crate::trust::outside;
 
 /// Largest change of a joint, the controller's or a serial one, in rad or m. Corrections of calibrated arms are some
-/// milliradians; up to here the sines of the change are exact to single precision.
+/// milliradians; up to here the sines of the change are exact to single precision. A larger change is scaled back.
 pub const MAX_JOINT_CHANGE: f64 = 0.1;
-/// Remaining error, in metres and radians, from which on a corrected command is called one.
+/// Remaining error, in metres and radians, up to which a command is called fully corrected.
 pub const CORRECTED_WITHIN: f64 = 5e-6;
-/// Part of its effect by which the deflection may be another one at the corrected command than where it was evaluated.
-const LAG: f64 = 0.01;
-/// λ of the damped steps; in a study 1e-7 was as good and 1e-5 worse.
-const DAMPING: f64 = 1e-6;
-/// Metres that a radian counts for an arm of less than six joints: what the least squares leave of the position is smaller
-/// than what they leave of the rotation, by the square of it.
-const ROTATION_WEIGHT: f64 = 1.0 / 256.0;
-/// Newton steps.
-const STEPS: usize = 2;
-/// The same with a correction in task space: two leave more than 1 µm at 1 % of the poses.
-const TASK_SPACE_STEPS: usize = 3;
+/// Steps after the first one. With a correction in task space one of them leaves more than 1 µm at 1 % of the poses.
+const LATER_STEPS: usize = 1;
+const LATER_TASK_SPACE_STEPS: usize = 2;
 
 /// The answer of [`super::Model::correct`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Corrected<T> {
     /// The controller's joints to command, rad or m; beyond the joints of the arm zero.
     pub joints: [T; MAX_JOINTS],
+    /// How much of the arm's error is corrected, from 0 to 1: 1 but beside singularities and where a bound acts. A metre
+    /// counts as much as a radian.
+    pub applied: T,
     /// Distance in metres of the target from where it should be, by the model and at these joints, to the accuracy of T.
     /// Zero where nothing is known (no model, bad input).
     pub position_error: T,
+    /// The same of its rotation, in radians.
+    pub rotation_error: T,
     /// What it is worth. The ranges are looked up for the commanded joints.
     pub status: Status,
 }
@@ -87,7 +80,9 @@ impl<T: Scalar> View<'_, T> {
             }
             Corrected {
                 joints: out,
+                applied: T::ZERO,
                 position_error: T::ZERO,
+                rotation_error: T::ZERO,
                 status,
             }
         };
@@ -112,14 +107,9 @@ impl<T: Scalar> View<'_, T> {
             turned: &mut no_motions(),
             target: &target,
             frames: &mut frames,
-            rotation_weight: if joints.len() < 6 {
-                T::from_f64(ROTATION_WEIGHT)
-            } else {
-                T::ONE
-            },
-            change: [T::ZERO; MAX_JOINTS],
+            equations: Equations::new(),
         };
-        let mut found = match &arm.correction {
+        let found = match &arm.correction {
             ArmCorrection::None => search.by_evaluation(None),
             ArmCorrection::TaskSpace(task) => search.by_evaluation(Some(task)),
             ArmCorrection::Elastic(elastic) => search.by_deflection(elastic),
@@ -130,8 +120,7 @@ impl<T: Scalar> View<'_, T> {
             payload_kg,
             arm.payload_range,
         );
-        let status = status.with_if(found.bounded, Status::CORRECTION_BOUNDED);
-        found.judged(&x, joints.len() >= 6, status)
+        found.answer(&x, joints.len() >= 6, status)
     }
 }
 
@@ -151,31 +140,43 @@ struct Search<'a, T> {
     target: &'a Pose<T>,
     /// Of the calibrated chain where it was evaluated last.
     frames: &'a mut MovedFrames<T>,
-    /// w.
-    rotation_weight: T,
-    /// y − q: what the chain is to be changed by.
+    /// At the place of the last step.
+    equations: Equations<T>,
+}
+
+/// A step, and what it left on purpose.
+struct First<T> {
     change: PerJoint<T>,
+    /// What was given up.
+    given_up: Hybrid<T>,
+    damping: Damping<T>,
+}
+
+/// What a search has come to.
+struct Found<T> {
+    /// q* − q.
+    change: PerJoint<T>,
+    /// Error of the command as it came.
+    before: Hybrid<T>,
+    given_up: Hybrid<T>,
+    /// Error that stays at q*.
+    stays: Hybrid<T>,
+    bounded: bool,
 }
 
 impl<T: Scalar> Search<'_, T> {
     /// The calibrated chain after a change of the joints.
     #[inline(always)]
     fn chain(&mut self, change: &PerJoint<T>) -> Pose<T> {
-        self.turn(Some(change));
-        self.frames_of_chain()
-    }
-
-    #[inline(always)]
-    fn frames_of_chain(&mut self) -> Pose<T> {
+        self.turn(change);
         let chain = &self.arm.calibrated;
         chain.moved_frames_at(self.turned, self.frames)
     }
 
-    /// The motions of the serial joints after a change of the joints; that which is there without one.
+    /// The motions of the serial joints after a change of the joints.
     #[inline(never)]
-    fn turn(&mut self, change: Option<&PerJoint<T>>) {
+    fn turn(&mut self, change: &PerJoint<T>) {
         let arm = self.arm;
-        let change = change.unwrap_or(&self.change);
         let coupling = arm.coupling.as_ref();
         let serial = coupling.map(|_| coupled(coupling, change));
         deflected_into(
@@ -186,13 +187,9 @@ impl<T: Scalar> Search<'_, T> {
         );
     }
 
-    fn error(&self, pose: &Pose<T>) -> Hybrid<T> {
-        pose_error(self.target, pose, self.rotation_weight)
-    }
-
     /// The equations where the chain was evaluated last, with the target at `pose`.
     #[inline(always)]
-    fn form(&self, equations: &mut Equations<T>, pose: &Pose<T>) {
+    fn form(&mut self, pose: &Pose<T>) {
         let arm = self.arm;
         let place = Place {
             kinds: arm.calibrated.kinds(),
@@ -200,121 +197,112 @@ impl<T: Scalar> Search<'_, T> {
             point: &pose.translation,
             coupling: arm.coupling.as_ref(),
         };
-        equations.form(&place, self.rotation_weight, T::from_f64(DAMPING));
+        self.equations.form(&place);
     }
 
-    /// Takes a step, as far as the largest change allows.
+    /// `None` for an arm that cannot turn its target every way.
+    #[inline(always)]
+    fn usual_rotation(&self) -> Option<T> {
+        (self.arm.calibrated.kinds().len() >= 6).then_some(self.arm.usual_rotation)
+    }
+
+    /// The limited step against an error, where the equations are.
+    #[inline(always)]
+    fn first_step(&mut self, limit: Option<&StepLimit<T>>, error: &Hybrid<T>) -> First<T> {
+        let usual = self.usual_rotation();
+        let step = match limit {
+            Some(limit) => limit.step(error, usual),
+            None => StepLimit::new(self.equations.gram()).step(error, usual),
+        };
+        let mut change = self.equations.joints_of(&step.x);
+        self.hold(&mut change);
+        // What the floor has left is not given up, but left to later steps.
+        let moved = less(error, T::ONE, &self.equations.moved(&change));
+        First {
+            change,
+            given_up: less(&moved, T::from_f64(FLOOR), &step.x),
+            damping: step.damping,
+        }
+    }
+
+    /// One step more from `change`, where the chain was evaluated last with this error. Returns the error that stays.
     #[inline(never)]
-    fn take_step(&mut self, equations: &Equations<T>, error: &Hybrid<T>) {
-        let step = equations.step(error);
-        for (value, delta) in self.change.iter_mut().zip(&step) {
+    fn later_step(&mut self, pose: &Pose<T>, error: &Hybrid<T>, first: &mut First<T>) -> Hybrid<T> {
+        self.form(pose);
+        self.equations.factor(&first.damping);
+        let x = self.equations.solve(&less(error, T::ONE, &first.given_up));
+        let mut step = self.equations.joints_of(&x);
+        self.hold(&mut step);
+        for (value, delta) in first.change.iter_mut().zip(&step) {
             *value += *delta;
         }
+        less(error, T::ONE, &self.equations.moved(&step))
+    }
+
+    /// Scales a change back to [`MAX_JOINT_CHANGE`].
+    #[inline(never)]
+    fn hold(&self, change: &mut PerJoint<T>) {
         let bound = T::from_f64(MAX_JOINT_CHANGE);
-        let mut largest = raised(bound, &self.change);
+        let mut largest = raised(bound, change);
         let coupling = self.arm.coupling.as_ref();
         if coupling.is_some() {
-            largest = raised(largest, &coupled(coupling, &self.change));
+            largest = raised(largest, &coupled(coupling, change));
         }
         // At most one; zero, if that should be, for an infinite step.
         let factor = bound / largest;
-        for value in &mut self.change {
+        for value in change {
             *value = *value * factor;
         }
-    }
-
-    /// [`half_bent`] by changes of the controller's joints.
-    #[inline(never)]
-    fn half_bent(&self, levers: &PerJoint<T>, changes: &PerJoint<T>) -> T {
-        match &self.arm.coupling {
-            None => half_bent(levers, changes),
-            coupling => half_bent(levers, &coupled(coupling.as_ref(), changes)),
-        }
-    }
-
-    /// [`bent`] by changes of the controller's joints.
-    #[inline(never)]
-    fn bent(&self, levers: &PerJoint<T>, a: &PerJoint<T>, b: &PerJoint<T>) -> T {
-        match &self.arm.coupling {
-            None => bent(levers, a, b),
-            coupling => {
-                let serial = |change| coupled(coupling.as_ref(), change);
-                bent(levers, &serial(a), &serial(b))
-            }
-        }
-    }
-
-    /// One step more, if that is sure to be better than the error `after` where the chain was evaluated last and the equations
-    /// are. Returns by how much the new error may be wrong: the square of |f(y + s) − f(y) − J s| ≤ ½ |f″[s, s]|; a fifth
-    /// more is for its change on the way.
-    #[inline(never)]
-    fn go_on(
-        &mut self,
-        equations: &Equations<T>,
-        after: &mut Hybrid<T>,
-        levers: &PerJoint<T>,
-    ) -> T {
-        let step = equations.step(after);
-        let left = less(after, T::ONE, &equations.moved(&step));
-        let unseen = T::from_f64(1.2) * self.half_bent(levers, &step);
-        let unseen = unseen * unseen;
-        // Both below half of it, in squares: (a + b)² ≤ 2 (a² + b²).
-        let better = T::from_f64(2.0) * (squares(&left).0 + unseen) < squares(after).0;
-        // Either way, for the time must not depend on the data; and a step that is not taken may be infinite.
-        for (value, delta) in self.change.iter_mut().zip(&step) {
-            *value += if better { *delta } else { T::ZERO };
-        }
-        for (value, left) in after.iter_mut().zip(&left) {
-            *value = if better { *left } else { *value };
-        }
-        if better { unseen } else { T::ZERO }
     }
 
     /// Without correction, or with the one in task space at every step.
     #[inline(never)]
     fn by_evaluation(&mut self, task: Option<&TaskSpaceCorrection<T>>) -> Found<T> {
-        let steps = if task.is_some() {
-            TASK_SPACE_STEPS
+        let mut later = if task.is_some() {
+            LATER_TASK_SPACE_STEPS
         } else {
-            STEPS
+            LATER_STEPS
         };
-        let (mut before, mut bounded) = ([T::ZERO; 6], false);
-        let mut levers = [T::ZERO; MAX_JOINTS];
-        let mut taken = 0;
-        loop {
-            let change = self.change;
-            let mut pose = self.chain(&change);
-            if let Some(task) = task {
-                let x = self.arm.inputs(&sum(self.joints, &change), self.payload_kg);
-                let mean = task.header.mean(self.rows, &x);
-                let twist = Twist::from_array(&mean);
-                let (twist, scaled) = bound::bounded(&task.bound, &twist, &pose.translation);
-                (pose, bounded) = (pose.corrected(&twist), scaled);
-            }
-            let after = self.error(&pose);
-            if taken == 0 {
-                before = after;
-            }
-            if taken == steps {
-                return Found {
-                    change,
-                    before,
-                    after,
-                    levers,
-                    unseen: T::ZERO,
-                    unsure: T::ZERO,
-                    bounded,
-                };
-            }
-            let mut equations = Equations::new();
-            self.form(&mut equations, &pose);
-            levers = equations.levers();
-            self.take_step(&equations, &after);
-            taken += 1;
+        let (pose, bounded) = self.evaluated(&[T::ZERO; MAX_JOINTS], task);
+        let before = pose_error(self.target, &pose);
+        self.form(&pose);
+        let mut first = self.first_step(None, &before);
+        let mut stays = before;
+        while later > 0 {
+            let change = first.change;
+            let (pose, _) = self.evaluated(&change, task);
+            let error = pose_error(self.target, &pose);
+            stays = self.later_step(&pose, &error, &mut first);
+            later -= 1;
+        }
+        Found {
+            change: first.change,
+            before,
+            given_up: first.given_up,
+            stays,
+            bounded,
         }
     }
 
-    /// With the deflection D of an elastic model: steps of the chain alone, D taken off.
+    /// The pose after a change of the joints, and whether its correction was bounded.
+    #[inline(never)]
+    fn evaluated(
+        &mut self,
+        change: &PerJoint<T>,
+        task: Option<&TaskSpaceCorrection<T>>,
+    ) -> (Pose<T>, bool) {
+        let pose = self.chain(change);
+        let Some(task) = task else {
+            return (pose, false);
+        };
+        let x = self.arm.inputs(&sum(self.joints, change), self.payload_kg);
+        let mean = task.header.mean(self.rows, &x);
+        let (twist, bounded) =
+            bound::bounded(&task.bound, &Twist::from_array(&mean), &pose.translation);
+        (pose.corrected(&twist), bounded)
+    }
+
+    /// With the deflection D of an elastic model.
     #[inline(never)]
     fn by_deflection(&mut self, elastic: &ElasticCorrection<T>) -> Found<T> {
         let arm = self.arm;
@@ -324,31 +312,17 @@ impl<T: Scalar> Search<'_, T> {
         let gravity = |frames: &[Pose<T>], pose: &Pose<T>| {
             terms.gravity.deflection(kinds, frames, pose, payload)
         };
-        // The chain: a step at the command, and gravity there.
+        // The command, and where it will be, nearly.
         let pose = arm.calibrated.moved_frames_at(self.motions, self.frames);
-        let plain = self.error(&pose);
-        let mut equations = Equations::new();
-        self.form(&mut equations, &pose);
-        self.take_step(&equations, &plain);
-        let roughly = gravity(self.frames, &pose);
-        // The check, and a step more from there. Five joints approach a pose that they cannot reach more slowly.
-        let mut rounds = if kinds.len() < 6 { 2 } else { 1 };
-        let mut after;
-        loop {
-            self.turn(None);
-            let pose = self.frames_of_chain();
-            after = self.error(&pose);
-            self.form(&mut equations, &pose);
-            rounds -= 1;
-            if rounds == 0 {
-                break;
-            }
-            self.take_step(&equations, &after);
-        }
-        let levers = equations.serial_levers();
-        let unseen = self.go_on(&equations, &mut after, &levers);
-        // The deflection: processes where gravity alone would have the command, gravity where both would.
-        let place = difference(&self.change, &roughly);
+        let plain = pose_error(self.target, &pose);
+        self.form(&pose);
+        let rough = gravity(self.frames, &pose);
+        let rough = less(&plain, T::ONE, &self.equations.moved(&rough));
+        let at_command = self.equations.clone();
+        let limit = StepLimit::new(at_command.gram());
+        let mut place = at_command.joints_of(&limit.rough(&rough));
+        self.hold(&mut place);
+        // The deflection there: processes where gravity alone would have the command, the others where both would.
         let mean = {
             if arm.coupling.is_some() {
                 let joints = sum(self.joints, &place);
@@ -361,42 +335,91 @@ impl<T: Scalar> Search<'_, T> {
         let near = difference(&place, &mean);
         let pose = self.chain(&near);
         let smooth = sum(&gravity(self.frames, &pose), &mean);
-        // Ripple last, for it changes quickest.
-        let place = shifted(self.joints, &self.change, &smooth);
-        let mut deflection = sum(&smooth, &terms.ripple_towards(&place));
-        let effect = equations.moved(&deflection);
+        let line = terms.ripple_line(&sum(self.joints, &near));
+        let mut deflection = sum(&smooth, &line.value);
+        let effect = at_command.moved(&deflection);
         let (position, rotation) = squares(&effect);
-        let weight = self.rotation_weight;
-        let (factor, bounded) = elastic
-            .bound
-            .factor_of(position, rotation / (weight * weight));
-        let mut way = self.change;
-        for (value, rest) in deflection.iter_mut().zip(&mut way) {
+        let (factor, bounded) = elastic.bound.factor_of(position, rotation);
+        for value in &mut deflection {
             // It may be infinite.
             *value = if factor == T::ZERO {
                 T::ZERO
             } else {
                 *value * factor
             };
-            *rest -= T::from_f64(0.5) * *value;
         }
-        // The error of the command, with what it deflects the arm by: f(q + D) = f(q) + J D + f″[D/2 − (y − q), D], where J
-        // is that at y. And D itself is another there, by as much.
-        let before = less(&plain, factor, &effect);
-        let curved = T::from_f64(2.0) * self.bent(&levers, &deflection, &way);
-        let unsure = T::from_f64(LAG * LAG) * position + curved * curved;
+        self.hold(&mut deflection);
+        let before = less(&plain, T::ONE, &at_command.moved(&deflection));
+        let mut first = self.first_step(Some(&limit), &before);
+        // What is left of it.
+        let mut all = sum(&first.change, &deflection);
+        self.hold(&mut all);
+        let pose = self.chain(&all);
+        let error = pose_error(self.target, &pose);
+        let stays = self.later_step(&pose, &error, &mut first);
+        line.follow(factor, &near, &mut first.change);
         Found {
-            change: difference(&self.change, &deflection),
+            change: first.change,
             before,
-            after,
-            levers: match &arm.coupling {
-                None => levers,
-                Some(_) => equations.levers(),
-            },
-            unseen,
-            unsure,
+            given_up: first.given_up,
+            stays,
             bounded,
         }
+    }
+}
+
+impl<T: Scalar> Found<T> {
+    /// The answer to `joints`.
+    #[inline(never)]
+    fn answer(&self, joints: &PerJoint<T>, can_turn: bool, status: Status) -> Corrected<T> {
+        let whole = T::from_f64(MAX_JOINT_CHANGE);
+        // Each step was held; their sum may be a little too large.
+        let factor = whole / raised(whole, &self.change);
+        let mut stays = self.stays;
+        for (value, before) in stays.iter_mut().zip(&self.before) {
+            *value = factor * *value + (T::ONE - factor) * *before;
+        }
+        let (position, rotation) = squares(&stays);
+        let (position, rotation) = (position.sqrt(), rotation.sqrt());
+        let mut command = *joints;
+        let mut checksum = position + rotation;
+        for (slot, change) in command.iter_mut().zip(&self.change) {
+            let change = *change * factor;
+            *slot += change;
+            checksum += change;
+        }
+        // Everything was computed, or nothing is believed.
+        let sound = checksum.is_finite();
+        // One by one: of two whole arrays one is copied by another routine than the other, which takes another time.
+        for (slot, q) in command.iter_mut().zip(joints) {
+            *slot = if sound { *slot } else { *q };
+        }
+        let zero_unless_sound = |value: T| if sound { value } else { T::ZERO };
+        let tolerance = T::from_f64(CORRECTED_WITHIN);
+        // Five joints cannot turn the target every way.
+        let there = (position <= tolerance) & ((rotation <= tolerance) | !can_turn);
+        Corrected {
+            joints: command,
+            applied: zero_unless_sound(self.applied() * factor),
+            position_error: zero_unless_sound(position),
+            rotation_error: zero_unless_sound(rotation),
+            status: status
+                .with_if(self.bounded, Status::CORRECTION_BOUNDED)
+                .with_if(!(there & sound), Status::PARTLY_CORRECTED),
+        }
+    }
+
+    /// 1 − |given up|/|error|, of which the first micrometre does not count: rounding is not given up.
+    fn applied(&self) -> T {
+        let length = |e: &Hybrid<T>| {
+            let (position, rotation) = squares(e);
+            (position + rotation).sqrt()
+        };
+        let given_up = length(&self.given_up) - T::from_f64(1e-6);
+        let share = given_up / length(&self.before);
+        // Also of 0/0.
+        let share = if share > T::ZERO { share } else { T::ZERO };
+        T::ONE - if share < T::ONE { share } else { T::ONE }
     }
 }
 
@@ -421,16 +444,6 @@ fn sum<T: Scalar>(a: &PerJoint<T>, b: &PerJoint<T>) -> PerJoint<T> {
     let mut out = *a;
     for (value, part) in out.iter_mut().zip(b) {
         *value += *part;
-    }
-    out
-}
-
-/// a + (b − c).
-#[inline(never)]
-fn shifted<T: Scalar>(a: &PerJoint<T>, b: &PerJoint<T>, c: &PerJoint<T>) -> PerJoint<T> {
-    let mut out = *a;
-    for (value, (more, less)) in out.iter_mut().zip(b.iter().zip(c)) {
-        *value += *more - *less;
     }
     out
 }

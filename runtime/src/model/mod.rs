@@ -22,6 +22,7 @@ use crate::bound::bounded;
 use crate::chain::{Chain, MinimalForm};
 use crate::deflection::{self, CouplingMatrix};
 use crate::load_error::LoadError;
+pub use crate::newton::{pose_error, squares};
 pub use crate::observer::{Observer, Stages};
 use crate::poe::{Motions, no_motions};
 use crate::posterior;
@@ -46,6 +47,14 @@ pub const fn words_for(points: usize) -> usize {
 
 /// Largest payload in kilograms that is taken for one.
 pub const MAX_PAYLOAD_KG: f32 = 100_000.0;
+
+/// Places at which a model looks how far its nominal arm is off.
+const PLACES: u16 = 16;
+/// Steps of each joint from place to place, in 65 536ths of its range: powers of the root of x⁹ = x + 1, whose reciprocal is
+/// what spreads best in eight dimensions.
+const SPREAD: [u16; MAX_JOINTS] = [
+    60_399, 55_663, 51_299, 47_277, 43_571, 40_155, 37_007, 34_105,
+];
 
 /// The answer of [`Model::evaluate`].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -99,6 +108,8 @@ struct Arm<T> {
     coupling: Option<CouplingMatrix<T>>,
     joint_ranges: [(T, T); MAX_JOINTS],
     payload_range: Option<(T, T)>,
+    /// Root mean square of the angle (rad) between nominal and calibrated target within the trained ranges.
+    usual_rotation: T,
     trust: Trust<T>,
     correction: ArmCorrection<T>,
 }
@@ -352,6 +363,7 @@ impl<T: Scalar> Arm<T> {
             coupling: None,
             joint_ranges: [(T::ZERO, T::ZERO); MAX_JOINTS],
             payload_range: None,
+            usual_rotation: T::ZERO,
             trust: Trust::none(),
             correction: ArmCorrection::None,
         }
@@ -388,6 +400,7 @@ impl<T: Scalar> Arm<T> {
         self.trust = Trust::of(blob);
         let calibrated = minimal(kinds, &blob.geometry.calibrated)?;
         self.calibrated = Chain::new(&calibrated);
+        self.usual_rotation = self.measured_rotation();
         match &blob.correction {
             Correction::None => {}
             Correction::TaskSpace(task) => {
@@ -404,6 +417,28 @@ impl<T: Scalar> Arm<T> {
             }
         }
         Ok(())
+    }
+
+    /// [`Arm::usual_rotation`], from [`PLACES`] places that fill the ranges evenly.
+    #[inline(never)]
+    fn measured_rotation(&self) -> T {
+        let mut sum = T::ZERO;
+        let mut place = 1_u16;
+        while place <= PLACES {
+            let mut joints = [T::ZERO; MAX_JOINTS];
+            let ranges = self.joint_ranges.iter().zip(SPREAD);
+            for (slot, ((lower, upper), spread)) in joints.iter_mut().zip(ranges) {
+                let along = f32::from(place.wrapping_mul(spread)) * (1.0 / 65_536.0);
+                *slot = *lower + T::from_f32(along) * (*upper - *lower);
+            }
+            let mut motions = no_motions();
+            self.motions(&joints, &mut motions);
+            let nominal = self.nominal.forward_at(&motions);
+            let calibrated = self.calibrated.forward_at(&motions);
+            sum += squares(&pose_error(&nominal, &calibrated)).1;
+            place += 1;
+        }
+        (sum * T::from_f64(1.0 / PLACES as f64)).sqrt()
     }
 
     /// Copies the joints into an array of zeros. Whether there are as many as the arm has, all finite and within reason.

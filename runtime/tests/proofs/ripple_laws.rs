@@ -40,8 +40,8 @@ proptest! {
         prop_assert_eq!((sin, cos), (libm::sin(cycles * q), libm::cos(cycles * q)));
     }
 
-    /// Where ripple brings q to s, the ripple of q is found from s: Newton's step leaves half the second derivative times
-    /// the square of the ripple.
+    /// A command that takes off the ripple of a place near it follows to the one that takes off its own: Newton's step leaves
+    /// half the second derivative times the square of the way.
     #[test]
     fn ripple_is_found_from_where_it_leads(
         q in -3.0..3.0_f64,
@@ -53,12 +53,15 @@ proptest! {
         let of = deflection(&[gear(0), RippleTerm { cycles: 1.0, ..gear(0) }, gear(1)]);
         let joints = [q, -q, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
         let ripple = of.ripple(&joints);
-        let leads: [f64; 8] = core::array::from_fn(|d| joints[d] + ripple[d]);
-        let found = of.ripple_towards(&leads);
+        // A command that takes off what the ripple is elsewhere.
+        let place: [f64; 8] = core::array::from_fn(|d| joints[d] + ripple[d]);
+        let line = of.ripple_line(&place);
+        let mut found: [f64; 8] = core::array::from_fn(|d| ripple[d] - line.value[d]);
+        line.follow(1.0, &ripple, &mut found);
         let amplitude = 2.0 * libm::sqrt(sin * sin + cos * cos);
         for d in 0..2 {
             let curved = cycles * cycles * amplitude * amplitude * amplitude;
-            let error = (found[d] - ripple[d]).abs();
+            let error = found[d].abs();
             prop_assert!(error <= 0.7 * curved + 1e-15, "{:e} of {:e}", error, curved);
         }
     }
@@ -73,8 +76,11 @@ fn slopes_have_a_least() {
         sin: -0.1,
         cos: 0.01,
     };
-    let found = deflection(&[term]).ripple_towards(&[0.0; 8]);
-    assert_eq!(found[..2], [0.02, 0.0]);
+    let line = deflection(&[term]).ripple_line(&[0.0; 8]);
+    assert_eq!((line.value[0], line.slope[0]), (0.01, -1.0));
+    let mut change = [0.01, 0.25, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+    line.follow(1.0, &[0.0; 8], &mut change);
+    assert_eq!(change[..2], [0.03, 0.25]);
 }
 
 #[test]

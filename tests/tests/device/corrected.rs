@@ -60,7 +60,7 @@ fn compare(sample: Sample, count: usize) -> Outcomes {
         assert!(!there.has_non_finite(), "{sample:?} {query:?}");
         let status = Status::from_bits(here.status);
         outcomes.bad += usize::from(status.contains(Status::BAD_INPUT));
-        outcomes.not_corrected += usize::from(status.contains(Status::CORRECTION_REFUSED));
+        outcomes.not_corrected += usize::from(status.contains(Status::PARTLY_CORRECTED));
         outcomes.outside += usize::from(status.contains(Status::OUTSIDE_JOINT_RANGE));
         outcomes.corrected += usize::from(status.is_ok() && !here.is_the_command_of(&query));
     }

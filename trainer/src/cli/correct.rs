@@ -119,7 +119,7 @@ impl Row {
     }
 
     fn arrived(&self) -> bool {
-        let not = [Status::CORRECTION_REFUSED, Status::BAD_INPUT];
+        let not = [Status::PARTLY_CORRECTED, Status::BAD_INPUT];
         !not.iter().any(|s| self.answer.status.contains(*s))
     }
 }
@@ -241,7 +241,7 @@ fn document<'a>(
         rows.iter().filter(|r| wanted(r)).map(|r| r.line).collect()
     };
     let remarks = [
-        Status::CORRECTION_REFUSED,
+        Status::PARTLY_CORRECTED,
         Status::CORRECTION_BOUNDED,
         Status::OUTSIDE_JOINT_RANGE,
         Status::OUTSIDE_PAYLOAD_RANGE,

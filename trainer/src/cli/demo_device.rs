@@ -185,7 +185,7 @@ mod board {
                 max_ticks = max_ticks.max(corrected.ticks);
                 let status = Status::from_bits(corrected.status);
                 flagged += usize::from(!status.is_ok());
-                left += usize::from(status.contains(Status::CORRECTION_REFUSED));
+                left += usize::from(status.contains(Status::PARTLY_CORRECTED));
                 bar.inc(1);
             }
             bar.finish_and_clear();
