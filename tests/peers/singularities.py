@@ -25,7 +25,9 @@ import time
 import tomllib
 from dataclasses import dataclass
 
+import clarabel
 import numpy as np
+from scipy import sparse
 
 ROBOTS = pathlib.Path(__file__).parents[2] / "trainer" / "robots"
 ARMS = ["abb-irb120", "abb-irb4400", "abb-irb4400-serial", "kuka-iiwa7", "ur5", "ur10"]
@@ -299,22 +301,22 @@ def paths(name, chain, lower, upper, pairs, kind, random, through, along):
             serial = onto(function, chain, name, serial, turned)
         return serial @ inverse.T
 
+    middles = settled(random.uniform(lower, upper, (3000, n)))
+    inside = (middles > lower).all(-1) & (middles < upper).all(-1)
     found = []
-    attempts = 0
-    while len(found) < through + along:
-        attempts += 1
-        if attempts > 1500:
+    for middle in middles[inside]:
+        if len(found) == through + along:
             break
-        middle = settled(random.uniform(lower, upper, n))
         direction = HALF_LENGTH * random.uniform(-1, 1, n)
-        is_through = len(found) < through
+        is_through = sum(p.through for p in found) < through
         if is_through:
             serial_direction = chain.coupling @ direction
             serial_direction[turned] = HALF_LENGTH * random.choice([-1, 1])
             joints = middle + parameter * (inverse @ serial_direction)
         else:
             joints = middle + parameter * direction
-            if np.isnan(joints).any():
+            few = settled(joints[:: POINTS // 6])
+            if np.isnan(few).any() or (few < lower).any() or (few > upper).any():
                 continue
             joints = settled(joints)
             distance = random.uniform(NEAREST, FARTHEST) * random.choice([-1, 1])
@@ -424,18 +426,20 @@ def residual(j, e, change):
     return e - (j @ change[..., None])[..., 0]
 
 
-def oblique(threshold, share):
+def oblique(length, threshold, share):
     """Each direction of J inverted; what the small singular values cannot bring is left where it hurts least.
 
-    With h the filter, S = 1 − h and u·e = c, any r with u·r = S c may be left over: `share` gives the metric W⁻¹ by which
-    it is chosen, r = W⁻¹u S c / (u·W⁻¹u). Functions of J Jᵀ throughout, so directions may cross."""
+    A radian counts `length`. With h the filter, S = 1 − h and u·e = c, any r with u·r = S c may be left over: `share`
+    gives the metric M by which it is chosen, r = M u S c / (u·M u). Functions of J Jᵀ, so directions may cross."""
 
     def law(j, e, limits):
-        u, sigma, vt = np.linalg.svd(j, full_matrices=False)
+        weights = np.repeat([1.0, length], 3)
+        e = weights * e
+        u, sigma, vt = np.linalg.svd(weights[:, None] * j, full_matrices=False)
         ut = np.swapaxes(u, -1, -2)
-        gain = gain_linear(sigma, threshold)
+        gain = gain_linear(sigma, threshold(j, u, (ut @ e[..., None])[..., 0], length))
         shares = 1 - sigma * gain
-        metric = share(u[..., -1], e, limits)
+        metric = share(u[..., -1], e, limits * length)
         root = (u * np.sqrt(shares)[..., None, :]) @ ut
         middle = root @ (metric[..., None] * root)
         size = np.trace(middle, axis1=-2, axis2=-1) / np.maximum(shares.sum(-1), 1e-12)
@@ -447,53 +451,92 @@ def oblique(threshold, share):
     return law
 
 
-def constant_share(weight):
-    return lambda u, e, limits: np.broadcast_to(np.repeat([weight**2, 1.0], 3), e.shape)
+def constant(threshold):
+    return lambda j, u, c, length: threshold
+
+
+def by_lever(slope, error):
+    """√(error · lever / slope): where an error over t², times what σ changes by in a radian, is the slope."""
+
+    def threshold(j, u, c, length):
+        lever = np.linalg.norm(j[..., :3, :], axis=-2).max(-1)
+        return np.sqrt(error * lever / slope)[..., None]
+
+    return threshold
+
+
+def halves(u, e, limits):
+    """(|e_p|, the largest rotation that may be left, |u_p|, |u_r|)"""
+    def norm(v):
+        return np.maximum(np.linalg.norm(v, axis=-1), 1e-9)
+
+    return norm(e[..., :3]), np.maximum(norm(e[..., 3:]), limits), norm(u[..., :3]), norm(u[..., 3:])
+
+
+def as_metric(position, turn):
+    most = np.maximum(position, turn)
+    return np.repeat(np.stack([position / most, turn / most], -1), 3, -1)
 
 
 def balanced_share(u, e, limits):
-    """Position and rotation each lose the same part of what they may."""
-    position = np.linalg.norm(e[..., :3], axis=-1) / np.maximum(np.linalg.norm(u[..., :3], axis=-1), 1e-9)
-    rotation_part = np.maximum(np.linalg.norm(e[..., 3:], axis=-1), limits) / np.maximum(
-        np.linalg.norm(u[..., 3:], axis=-1), 1e-9
-    )
-    return np.repeat(np.stack([position / rotation_part, np.ones_like(position)], -1), 3, -1)
+    """Position and rotation lose the same part of what they may."""
+    position, turn, up, ur = halves(u, e, limits)
+    return as_metric(position / up, turn / ur)
 
 
-def rotation_first_share(u, e, limits):
-    """Rotation loses first, up to what it may; the position only what is beyond."""
-    up, ur = np.linalg.norm(u[..., :3], axis=-1), np.linalg.norm(u[..., 3:], axis=-1)
-    c = np.abs(np.sum(u * e, -1))
-    may = np.maximum(np.linalg.norm(e[..., 3:], axis=-1), limits)
-    lost = np.minimum(c, may * ur)
-    position = np.maximum(c - lost, 1e-9) / np.maximum(up, 1e-9) ** 2
-    rotation_part = lost / np.maximum(ur, 1e-9) ** 2
-    return np.repeat(np.stack([position, rotation_part], -1), 3, -1) / (position + rotation_part)[..., None]
+def rotation_first_share(part):
+    """Rotation loses first, up to `part` of what it may; the position only what is beyond."""
+
+    def share(u, e, limits):
+        position, turn, up, ur = halves(u, e, limits)
+        c = np.abs(np.sum(u * e, -1))
+        lost = np.minimum(c, part * turn * ur)
+        return as_metric((c - lost) / up**2 + 1e-9, lost / ur**2 + 1e-9)
+
+    return share
+
+
+def guarded(law):
+    """Δ scaled down, continuously, until neither part of the error is above what it may be."""
+
+    def scaled(j, e, limits):
+        change = law(j, e, limits)
+        moved = -(j @ change[..., None])[..., 0]
+        out = np.ones(e.shape[:-1])
+        allowed = [np.linalg.norm(e[..., :3], axis=-1), np.maximum(np.linalg.norm(e[..., 3:], axis=-1), limits)]
+        for part, most in zip((slice(0, 3), slice(3, 6)), allowed):
+            # |e + α d|² = most², the larger root.
+            d, at = moved[..., part], e[..., part]
+            a, b = np.sum(d * d, -1), np.sum(d * at, -1)
+            c = np.sum(at * at, -1) - most**2
+            root = (-b + np.sqrt(np.maximum(b * b - a * c, 0))) / np.maximum(a, 1e-18)
+            out = np.minimum(out, np.where(a > 1e-18, np.maximum(root, 0), 1))
+        return out[..., None] * change
+
+    return scaled
 
 
 LAWS = {
-    "today": today,
-    **{
-        f"(a) damping, σ0 {s}, λ0 {m:.4f}": damping_only(s, m)
-        for s, m in [(0.1, 0.01), (0.15, 0.0225), (0.15, 0.005), (0.25, 0.0625)]
-    },
-    **{
-        f"(b) fading to {low}, σ0 {s}, λ0 {m:.4f}": fading_weight(s, m, 0.3, low)
-        for low in (0.02, 0.03)
-        for s, m in [(0.1, 0.01), (0.15, 0.0225)]
-    },
-    **{
-        f"(c) spectral, weight {w}, threshold {t:.4f}": spectral(w, t)
-        for w, f in [(0.02, 1), (0.05, 1), (0.3, 1), (1.0, 1)]
-        for t in [0.15 * w if w < 1 else 0.15, 0.15]
-        if w < 1 or f
-    },
-    "(d) priority, 0.15, 0.15": priority(0.15, 0.15),
+    "as of 2026-11": today,
+    "(a) damping, σ0 0.1, λ0 0.01": damping_only(0.1, 0.01),
+    "(a) damping, σ0 0.15, λ0 0.005": damping_only(0.15, 0.005),
+    "(a) damping, σ0 0.25, λ0 0.0625": damping_only(0.25, 0.0625),
+    "(b) weight fading to 0.02 m, σ0 0.15": fading_weight(0.15, 0.0225, 0.3, 0.02),
+    "(c) spectral, weight 0.02 m, threshold 0.003": spectral(0.02, 0.003),
+    "(c) spectral, weight 0.3 m, threshold 0.015": spectral(0.3, 0.015),
+    "(c) spectral, weight 0.3 m, threshold 0.045": spectral(0.3, 0.045),
+    "(c) spectral, weight 1 m, threshold 0.15": spectral(1.0, 0.15),
     "(d) priority, 0.05, 0.15": priority(0.05, 0.15),
-    "(d) priority, 0.30, 0.15": priority(0.30, 0.15),
-    **{f"(e) oblique, {w} m": oblique(0.15, constant_share(w)) for w in (0.02, 0.05, 0.1, 0.2, 0.3)},
-    "(e) oblique, balanced": oblique(0.15, balanced_share),
-    "(e) oblique, rotation first": oblique(0.15, rotation_first_share),
+    "(d) priority, 0.15, 0.15": priority(0.15, 0.15),
+    "(e) shared loss, threshold 0.015": oblique(0.3, constant(0.015), balanced_share),
+    "(e) shared loss, threshold 0.03": oblique(0.3, constant(0.03), balanced_share),
+    "(e) shared loss, threshold 0.045": oblique(0.3, constant(0.045), balanced_share),
+    "(e) shared loss, threshold 0.06": oblique(0.3, constant(0.06), balanced_share),
+    "(e) shared loss, threshold 0.09": oblique(0.3, constant(0.09), balanced_share),
+    "(e) by lever, slope 0.5": oblique(0.3, by_lever(0.5, 2e-3), balanced_share),
+    "(e) by lever, slope 0.5, guarded": guarded(oblique(0.3, by_lever(0.5, 2e-3), balanced_share)),
+    "(e) by lever, slope 0.15, guarded": guarded(oblique(0.3, by_lever(0.15, 2e-3), balanced_share)),
+    "(f) rotation first, threshold 0.03, guarded": guarded(oblique(0.3, constant(0.03), rotation_first_share(0.9))),
 }
 
 
@@ -522,7 +565,9 @@ class Study:
         self.rotation = np.linalg.norm(errors[..., 3:], axis=-1)
         self.limits = np.percentile(self.rotation, 95, axis=1)
         self.singular = smallest_singular_value(self.pairs[0].nominal.jacobian(poses))
-        self.poses, self.errors = poses, errors
+        self.errors = errors
+        self.random_jacobians = self.pairs[0].jacobian(poses)
+        self.random_limits = np.full(len(poses), self.limits[0])
         self.paths = {}
         for kind in KINDS:
             found = paths(name, self.chain, self.lower, self.upper, self.pairs, kind, random, through, along)
@@ -590,30 +635,160 @@ def describe(studies):
 
 
 def law_rows(studies, laws):
+    """Of each law and kind: the median arm and the worst one; of random poses those that are not exact."""
     rows = []
-    for s in studies:
-        for kind in s.paths:
-            j, e, limits, _ = s.prepared[kind]
-            for title, law in laws.items():
-                m = s.measure(kind, law(j, e, limits))
-                rows.append(
-                    [
-                        s.name,
-                        kind,
-                        title,
-                        *percentiles(m.position, 1e6, 0),
-                        *percentiles(m.rotation, 1e3, 2),
-                        f"{1e6 * m.position_excess:.0f}",
-                        f"{1e3 * m.rotation_excess:.2f}",
-                        f"{np.median(m.slope):.2f}",
-                        f"{m.slope.max():.2f}",
-                    ]
-                )
+    for title, law in laws.items():
+        inexact = []
+        for s in studies:
+            left = residual(s.random_jacobians, s.errors[0], law(s.random_jacobians, s.errors[0], s.random_limits))
+            inexact.append(100 * np.mean(np.linalg.norm(left[:, :3], axis=-1) > 20e-6))
+        for kind in KINDS:
+            measured = []
+            for s in studies:
+                if kind in s.paths:
+                    j, e, limits, _ = s.prepared[kind]
+                    measured.append(s.measure(kind, law(j, e, limits)))
+
+            def worst(function):
+                return max(function(m) for m in measured)
+
+            rows.append(
+                [
+                    title,
+                    kind,
+                    f"{1e6 * worst(lambda m: np.median(m.position)):.0f}",
+                    f"{1e6 * worst(lambda m: np.percentile(m.position, 99)):.0f}",
+                    f"{1e6 * worst(lambda m: m.position.max()):.0f}",
+                    f"{1e3 * worst(lambda m: np.percentile(m.rotation, 99)):.2f}",
+                    f"{1e3 * worst(lambda m: m.rotation.max()):.2f}",
+                    f"{1e6 * worst(lambda m: m.position_excess):.0f}",
+                    f"{1e3 * worst(lambda m: m.rotation_excess):.2f}",
+                    f"{worst(lambda m: np.median(m.slope)):.2f}",
+                    f"{worst(lambda m: m.slope.max()):.2f}",
+                    f"{min(inexact):.0f} to {max(inexact):.0f}" if kind == "wrist" else "",
+                ]
+            )
     return rows
 
 
-LAW_HEADER = ["arm", "kind", "law", "position µm: median", "99 %", "largest", "rotation mrad: median", "99 %", "largest"]
-LAW_HEADER += ["position above uncorrected, µm", "rotation above allowed, mrad", "slope: median path", "largest"]
+LAW_HEADER = ["law", "kind", "position µm: median", "99 %", "largest", "rotation mrad: 99 %", "largest"]
+LAW_HEADER += ["above uncorrected, µm", "above allowed, mrad", "slope: median path", "largest"]
+LAW_HEADER += ["% of random poses off by > 20 µm"]
+
+
+# The oracle: a convex problem over a whole path. Changes in mrad, residuals in mm and mrad.
+
+
+def oracle(j, e, joints, slope, limit=None):
+    """Δ of every point: least squares of position, then rotation, with |ΔΔ| ≤ slope · max|Δq| and |Δ| ≤ MAX_CHANGE.
+
+    With `limit`, in rad, neither part of the error may be larger than without correction; rotation up to `limit`."""
+    count, n = e.shape[0], j.shape[-1]
+    weights = np.repeat([1.0, ORACLE_WEIGHT], 3)
+    jw, ew = weights[:, None] * j, weights * 1e3 * e
+    size = count * n
+    difference = sparse.kron(sparse.diags([-np.ones(count), np.ones(count - 1)], [0, 1], (count - 1, count)), sparse.eye(n))
+    blocks = sparse.block_diag(list(np.swapaxes(jw, -1, -2) @ jw + 1e-7 * np.eye(n)))
+    cost = sparse.triu(2 * (blocks + 1e-6 * difference.T @ difference), format="csc")
+    linear = -2 * (np.swapaxes(jw, -1, -2) @ ew[..., None]).reshape(-1)
+    step = np.repeat(1e3 * slope * np.abs(np.diff(joints, axis=0)).max(1), n)
+    matrices = [difference, -difference, sparse.eye(size), -sparse.eye(size)]
+    sides = [step, step, np.full(2 * size, 1e3 * MAX_CHANGE)]
+    cones = [clarabel.NonnegativeConeT(2 * len(step) + 2 * size)]
+    if limit is not None:
+        before = np.linalg.norm(e.reshape(count, 2, 3), axis=-1)
+        radii = np.stack([before[:, 0] + POSITION_SLACK, np.maximum(before[:, 1], limit) + ROTATION_SLACK], -1)
+        padded = np.zeros((count, 8, n))
+        padded[:, 1:4], padded[:, 5:8] = j[:, :3], j[:, 3:]
+        side = np.zeros((count, 8))
+        side[:, 0], side[:, 4] = 1e3 * radii.T
+        side[:, 1:4], side[:, 5:8] = 1e3 * e[:, :3], 1e3 * e[:, 3:]
+        matrices.append(sparse.block_diag(list(padded)))
+        sides.append(side.reshape(-1))
+        cones += [clarabel.SecondOrderConeT(4)] * (2 * count)
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.max_threads = 1
+    solution = clarabel.DefaultSolver(
+        cost, linear, sparse.vstack(matrices, format="csc"), np.concatenate(sides), cones, settings
+    ).solve()
+    if "Solved" not in str(solution.status):
+        print(f"oracle: {solution.status}", file=sys.stderr)
+    return 1e-3 * np.array(solution.x).reshape(count, n)
+
+
+def oracle_rows(study, kind, slopes, with_limits, every):
+    j, e, limits, joints = study.prepared[kind]
+    rows = []
+    for slope in slopes:
+        change = np.zeros(joints.shape)
+        solved = []
+        for i in range(0, len(joints), every):
+            limit = limits[i, 0] if with_limits else None
+            change[i] = oracle(j[i], e[i], joints[i], slope, limit)
+            solved.append(i)
+        m = study.measure(kind, change)
+        rows.append(
+            [
+                study.name,
+                kind,
+                "yes" if with_limits else "no",
+                f"{slope:g}",
+                *percentiles(m.position[solved], 1e6, 0),
+                *percentiles(m.rotation[solved], 1e3, 2),
+            ]
+        )
+    return rows
+
+
+ORACLE_HEADER = ["arm", "kind", "limits", "slope", "position µm: median", "99 %", "largest"]
+ORACLE_HEADER += ["rotation mrad: median", "99 %", "largest"]
+
+
+def plot(study, folder):
+    """One path through each singularity: joints' changes as of 2026-11 and by the oracle at the least slope."""
+    # Only here: the tables need no display library.
+    import matplotlib
+
+    matplotlib.use("svg")
+    matplotlib.rcParams["svg.fonttype"] = "none"
+    matplotlib.rcParams["svg.hashsalt"] = "singularities"
+    from matplotlib import pyplot
+
+    kinds = list(study.paths)
+    figure, axes = pyplot.subplots(2, len(kinds), figsize=(3.2 * len(kinds), 4.2), sharex=True, squeeze=False)
+    parameter = np.linspace(-HALF_LENGTH, HALF_LENGTH, POINTS)
+    for column, kind in enumerate(kinds):
+        j, e, limits, joints = (part[0] for part in study.prepared[kind])
+        changes = [today(j, e, limits), oracle(j, e, joints, SLOPES[0], limits[0])]
+        for row, (change, title) in enumerate(zip(changes, ["as of 2026-11", f"oracle, slope {SLOPES[0]:g}"])):
+            axis = axes[row][column]
+            for i in range(change.shape[1]):
+                axis.plot(parameter[::2], 1e3 * change[::2, i].round(6), linewidth=0.9, label=str(i + 1))
+            axis.set_title(f"{kind}, {title}", fontsize=8)
+            axis.tick_params(labelsize=7)
+            axis.grid(linewidth=0.3)
+        axes[1][column].set_xlabel("rad from the singularity", fontsize=8)
+    axes[0][0].legend(fontsize=6, ncols=2, title="joint", title_fontsize=6)
+    for row in axes:
+        row[0].set_ylabel("change, mrad", fontsize=8)
+    figure.suptitle(study.name, fontsize=9)
+    figure.tight_layout()
+    folder.mkdir(parents=True, exist_ok=True)
+    figure.savefig(folder / f"singularities-{study.name}.svg", metadata={"Date": None})
+    pyplot.close(figure)
+
+
+def nonlinear(study):
+    """Largest difference, in µm and mrad, of linearised and true residuals of the oracle on the first path through."""
+    rows = []
+    for kind, found in study.paths.items():
+        j, e, limits, joints = (part[0] for part in study.prepared[kind])
+        change = oracle(j, e, joints, 0.5, limits[0])
+        off = study.pairs[found[0].pair].error(joints, change) - residual(j, e, change)
+        p, r = np.linalg.norm(off[:, :3], axis=-1).max(), np.linalg.norm(off[:, 3:], axis=-1).max()
+        rows.append([study.name, kind, f"{1e3 * np.abs(change).max():.0f}", f"{1e6 * p:.1f}", f"{1e3 * r:.3f}"])
+    return rows
 
 
 def main():
@@ -623,12 +798,29 @@ def main():
     parser.add_argument("--parts", default="laws,oracle,plots")
     parser.add_argument("--through", type=int, default=THROUGH)
     parser.add_argument("--along", type=int, default=ALONG)
+    parser.add_argument("--every", type=int, default=1, help="the oracle solves each so manieth path")
     parser.add_argument("--out", type=pathlib.Path, default=pathlib.Path("."))
     arguments = parser.parse_args()
     studies = [Study(name, arguments.seed, arguments.through, arguments.along) for name in arguments.arms.split(",")]
     describe(studies)
     if "laws" in arguments.parts:
         table(LAW_HEADER, law_rows(studies, LAWS))
+    if "plots" in arguments.parts:
+        for study in studies:
+            plot(study, arguments.out)
+    if "oracle" in arguments.parts:
+        table(
+            ["arm", "kind", "largest change, mrad", "linearisation, µm", "mrad"],
+            [row for study in studies for row in nonlinear(study)],
+        )
+        rows = []
+        for study in studies:
+            for kind in study.paths:
+                for with_limits in (False, True):
+                    start = time.time()
+                    rows += oracle_rows(study, kind, SLOPES, with_limits, arguments.every)
+                    print(f"{study.name} {kind}: {time.time() - start:.0f} s", file=sys.stderr, flush=True)
+        table(ORACLE_HEADER, rows)
 
 
 if __name__ == "__main__":
