@@ -753,6 +753,7 @@ def plot(study, folder):
     import matplotlib
 
     matplotlib.use("svg")
+    matplotlib.rcParams["path.simplify_threshold"] = 0.4
     matplotlib.rcParams["svg.fonttype"] = "none"
     matplotlib.rcParams["svg.hashsalt"] = "singularities"
     from matplotlib import pyplot
