@@ -26,6 +26,7 @@ pub mod chain;
 ))]
 mod cortex_m4;
 pub mod deflection;
+pub mod filter;
 mod inner_loops;
 pub mod kernel;
 pub mod load_error;

@@ -8,6 +8,7 @@
 use core::fmt::Debug;
 use core::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
+use crate::filter::CompiledFilter;
 use crate::inner_loops::InnerLoops;
 use crate::model::Compiled;
 
@@ -21,6 +22,7 @@ mod sealed {
 pub trait Scalar:
     sealed::Sealed
     + Compiled
+    + CompiledFilter
     + InnerLoops
     + Copy
     + Debug

@@ -7,7 +7,7 @@ use core::fmt;
 pub struct Status(u8);
 
 /// Remark bits and their names, as they appear in files and on the wire. Append-only.
-const NAMES: [(Status, &str); 7] = [
+const NAMES: [(Status, &str); 8] = [
     (Status::OUTSIDE_JOINT_RANGE, "outside-joint-range"),
     (Status::OUTSIDE_PAYLOAD_RANGE, "outside-payload-range"),
     (Status::CORRECTION_BOUNDED, "correction-bounded"),
@@ -15,6 +15,7 @@ const NAMES: [(Status, &str); 7] = [
     (Status::BAD_INPUT, "bad-input"),
     (Status::PARTLY_CORRECTED, "partly-corrected"),
     (Status::BYPASSED, "bypassed"),
+    (Status::BLENDING, "blending"),
 ];
 
 impl Status {
@@ -34,8 +35,10 @@ impl Status {
     pub const PARTLY_CORRECTED: Self = Self(32);
     /// Correction is switched off: the answer is the command as it came.
     pub const BYPASSED: Self = Self(64);
+    /// The joints are on their way to those that were asked for: the filter keeps the correction from stepping.
+    pub const BLENDING: Self = Self(128);
 
-    /// From the bits of [`Status::bits`]; unknown bits are kept.
+    /// From the bits of [`Status::bits`].
     pub const fn from_bits(bits: u8) -> Self {
         Self(bits)
     }

@@ -87,6 +87,6 @@ fn bits_of_the_status() {
         .map(|index| (bit(index), Status::from_bits(bit(index)).to_string()))
         .filter(|(_, name)| !name.is_empty())
         .collect();
-    assert_eq!(rows.len(), 7);
+    assert_eq!(rows.len(), 8);
     assert_rows("\n## Status\n", &rows);
 }

@@ -1,0 +1,217 @@
+//! A regular cycle of the filter, without a branch on its data.
+
+use poegp_protocol::limits::MAX_JOINTS;
+
+use super::approach::{Drive, Time, approach, held, larger, select, smaller};
+use super::{CommandFilter, Filtered, GRACE, MAX_CORRECTION, count_if};
+use crate::model::MAX_PAYLOAD_KG;
+use crate::scalar::Scalar;
+use crate::status::Status;
+
+/// Change of the correction in rad or m for each of the fastest joint that a path explains.
+const SLOPE: f64 = 0.5;
+/// Rounding of a correction in rad or m: that of q to `f32`, several times.
+const NOISE: f64 = 3e-6;
+/// Sum of the offsets, rad or m, from which on the path explains nothing: however often and wherever the model steps, the
+/// correction stays of that size.
+const FAR: f64 = 0.5;
+/// An offset that never is.
+const NEVER: f64 = 1e30;
+/// Part of the acceleration that the weight plans to brake with, and part that its rate may take of it through the motion
+/// of the path (2 ẇ ċ). The rest is for a correction that grows meanwhile.
+const BRAKING: f64 = 0.35;
+const TURNING: f64 = 0.5;
+/// Keeps the limits of the weight from being broken by rounding.
+const JUST_BELOW: f64 = 0.999;
+/// Corrections below count as this much, rad or m: the blend time limits the weight then.
+const LEAST: f64 = 1e-9;
+
+impl<T: Scalar> CommandFilter<T> {
+    #[inline(always)]
+    pub(super) fn next_payload(&mut self, asked: T, cycles: u32) -> T {
+        let largest = T::from_f32(MAX_PAYLOAD_KG);
+        if !((asked >= T::ZERO) & (asked <= largest)) {
+            return asked;
+        }
+        let applied = self.weight() != T::ZERO;
+        let way = &mut self.payload;
+        let change = asked - way.asked;
+        way.asked = asked;
+        let rest = select(applied, way.rest + change, T::ZERO);
+        let rate = select(applied, way.rate, T::ZERO);
+        let on_its_way = (rest != T::ZERO) | (rate != T::ZERO);
+        let scale = larger(rest.abs(), select(on_its_way, way.scale, T::ZERO));
+        way.moves |= (rest != T::ZERO) | (change != T::ZERO);
+        let time = Time::of(cycles.clamp(1, GRACE));
+        // The largest change of rate there was on this way: it always suffices for braking before what was asked for.
+        let change = self.limits.blend * scale;
+        let drive = Drive {
+            rate: scale,
+            braking: change,
+            slower: change * time.cycles,
+            faster: change * time.cycles,
+        };
+        let (next, there) = approach(rest, rate, &drive, &time);
+        let left = select(there, T::ZERO, rest - next * time.cycles);
+        let passes = cycles != 0;
+        way.rest = select(passes, left, rest);
+        way.rate = select(passes, next, rate);
+        way.scale = scale;
+        // Rounding may lead out by an ulp.
+        smaller(larger(asked - way.rest, T::ZERO), largest)
+    }
+
+    #[inline(always)]
+    pub(super) fn next_step(
+        &mut self,
+        command: &[T],
+        corrected: &[T],
+        status: Status,
+        engage: bool,
+        cycles: u32,
+    ) -> Filtered<T> {
+        // What has changed. Sums, for a comparison costs more, and a sum keeps what is not finite.
+        let weight_rate = self.signed_rate();
+        let mut corrections = [T::ZERO; MAX_JOINTS];
+        let (mut moved, mut size, mut change, mut turning) = (T::ZERO, T::ZERO, T::ZERO, T::ZERO);
+        let mut sizes = T::ZERO;
+        let numbers = command.iter().zip(corrected).zip(&mut corrections);
+        for (joint, ((q, target), correction)) in self.joints.iter().zip(numbers) {
+            let c = *target - *q;
+            *correction = c;
+            sizes += c.abs();
+            moved = larger((*q - joint.command).abs(), moved);
+            size = larger(c.abs(), size);
+            change = larger((c - joint.correction).abs(), change);
+            turning = larger((weight_rate * c - joint.rate).abs(), turning);
+        }
+
+        let largest = T::from_f64(MAX_CORRECTION);
+        let finite = sizes <= T::from_f64(MAX_CORRECTION * (MAX_JOINTS + 1) as f64);
+        let fits = (command.len() <= MAX_JOINTS) & (command.len() <= corrected.len());
+        if !(fits & finite & (size <= largest)) | status.contains(Status::BAD_INPUT) {
+            return self.hold(command, status, cycles);
+        }
+        if self.count != command.len() {
+            return self.start(command, corrected, status, engage);
+        }
+        let cycles = cycles.saturating_add(self.missed);
+        if cycles == 0 {
+            return self.again(command, corrected, status, engage);
+        }
+        self.missed = 0;
+        let lost = cycles > GRACE;
+        let time = Time::of(if lost { 1 } else { cycles });
+        let turned = engage != self.engage;
+        self.engage = engage;
+        self.rest = select(turned, T::ONE - self.rest, self.rest);
+        self.rate = select(turned, -self.rate, self.rate);
+        self.rate = select(lost, T::ZERO, self.rate);
+        let limits = self.limits;
+        let weight = self.weight();
+        let turning = select(lost, T::ZERO, turning);
+
+        // What the path does not explain goes into the offsets.
+        let jumped = moved > limits.jump * time.cycles;
+        let noise = select(moved > T::ZERO, T::from_f64(NOISE), T::ZERO);
+        let explained = T::from_f64(SLOPE) * moved + noise;
+        let far = self.offsets > T::from_f64(FAR);
+        let explained = select(lost | jumped | far, T::ZERO, explained);
+        let (mut excesses, mut offsets, mut rates) = (T::ZERO, T::ZERO, T::ZERO);
+        for (joint, c) in self.joints.iter_mut().zip(&corrections).take(command.len()) {
+            let path = weight * (*c - joint.correction);
+            let excess = path - held(path, explained);
+            joint.offset -= excess;
+            excesses += excess.abs();
+            offsets += joint.offset.abs();
+            rates += joint.rate.abs();
+        }
+        let guarded = excesses != T::ZERO;
+        let still = self.rate == T::ZERO;
+        let coasts = still & !lost & (rates != T::ZERO);
+        let offset_left = (offsets != T::ZERO) | coasts;
+
+        // The weight, as far as no offset is in its way.
+        let allowed = limits.acceleration * time.cycles;
+        let slack = larger(allowed * T::from_f64(JUST_BELOW) - turning, T::ZERO);
+        let per_size = T::ONE / larger(size, T::from_f64(LEAST));
+        let change = larger(change, T::from_f64(LEAST));
+        let by_turning = T::from_f64(0.5 * TURNING) * allowed / change;
+        let slower = slack * per_size;
+        let drive = Drive {
+            rate: smaller(limits.rate * T::from_f64(JUST_BELOW) * per_size, by_turning),
+            braking: smaller(
+                limits.blend,
+                T::from_f64(BRAKING) * limits.acceleration * per_size,
+            ),
+            slower,
+            faster: smaller(limits.blend * time.cycles, slower),
+        };
+        let (rate, there) = approach(self.rest, self.rate, &drive, &time);
+        let rest = select(there, T::ZERO, self.rest - rate * time.cycles);
+        let within = (turning <= allowed)
+            & (rate.abs() * size <= limits.rate)
+            & (rest >= T::ZERO)
+            & (rest <= T::ONE);
+        let turn_of_weight = within & !offset_left;
+        self.rate = select(turn_of_weight, rate, T::ZERO);
+        self.rest = select(turn_of_weight, rest, self.rest);
+
+        // A model that steps in every cycle must not keep it from being switched off.
+        let waits = !(engage | turn_of_weight | (weight == T::ZERO));
+        self.waited = select(waits, self.waited + time.cycles, self.waited);
+        self.waited = select(engage | (weight == T::ZERO), T::ZERO, self.waited);
+        let gives_up = waits & guarded & (self.waited > limits.patience);
+        let carried = select(gives_up, weight, T::ZERO);
+        self.rest = select(gives_up, T::ZERO, self.rest);
+
+        // The offsets, and the answer.
+        let (weight, weight_rate) = (self.weight(), self.signed_rate());
+        let drive = Drive {
+            rate: limits.rate,
+            braking: limits.acceleration,
+            slower: allowed,
+            faster: allowed,
+        };
+        // The rate of a joint is the weight's while that moves, and after a gap there is none.
+        let rests = turn_of_weight | lost;
+        // The offset with which the answer is the corrected command: if the weight is not 1, one that there never is.
+        let exact = select(weight == T::ONE, T::ZERO, T::from_f64(NEVER));
+        let goals = if engage { corrected } else { command };
+        let mut joints = [T::ZERO; MAX_JOINTS];
+        let (mut offsets, mut differences) = (T::ZERO, T::ZERO);
+        let numbers = command.iter().zip(corrected).zip(goals).zip(&corrections);
+        for ((joint, slot), (((q, target), goal), c)) in
+            self.joints.iter_mut().zip(&mut joints).zip(numbers)
+        {
+            let offset = joint.offset + carried * *c;
+            let rate = select(rests, T::ZERO, joint.rate);
+            let (rate, there) = approach(-offset, rate, &drive, &time);
+            let offset = select(there, T::ZERO, offset + rate * time.cycles);
+            let x = weight * *c + offset;
+            let sent = select(x == T::ZERO, *q, *q + x);
+            let sent = select(offset == exact, *target, sent);
+            offsets += offset.abs();
+            differences += (sent - *goal).abs();
+            joint.rate = rate + weight_rate * joint.correction;
+            joint.offset = offset;
+            joint.command = *q;
+            joint.correction = *c;
+            joint.sent = sent;
+            *slot = sent;
+        }
+        self.offsets = offsets;
+        let differs = differences != T::ZERO;
+        let payload_moves = core::mem::replace(&mut self.payload.moves, false);
+        let counts = &mut self.counts;
+        count_if(lost, &mut counts.lost);
+        count_if(jumped & !lost, &mut counts.held);
+        let unexplained = guarded & !(lost | jumped | payload_moves);
+        count_if(unexplained, &mut counts.guarded);
+        Filtered {
+            joints,
+            status: status.with_if(differs, Status::BLENDING),
+            weight,
+        }
+    }
+}

@@ -1,0 +1,96 @@
+//! The answers that do not move the state: bad input, the first command, a cycle that was answered.
+
+use poegp_protocol::limits::MAX_JOINTS;
+
+use super::approach::select;
+use super::{CommandFilter, Filtered, Joint, count_if};
+use crate::scalar::Scalar;
+use crate::status::Status;
+
+impl<T: Scalar> CommandFilter<T> {
+    /// Bad input: the last answer again.
+    #[inline(never)]
+    pub(super) fn hold(&mut self, command: &[T], status: Status, cycles: u32) -> Filtered<T> {
+        self.missed = self.missed.saturating_add(cycles);
+        count_if(true, &mut self.counts.bad);
+        let known = (self.count == command.len()) & (self.count != 0);
+        let mut joints = [T::ZERO; MAX_JOINTS];
+        for ((slot, joint), q) in joints.iter_mut().zip(&self.joints).zip(command) {
+            let came = select(q.is_finite(), *q, T::ZERO);
+            *slot = select(known, joint.sent, came);
+        }
+        Filtered {
+            joints,
+            status: status.with(Status::BAD_INPUT),
+            weight: self.weight(),
+        }
+    }
+
+    /// The first command, or one with another number of joints.
+    #[inline(never)]
+    pub(super) fn start(
+        &mut self,
+        command: &[T],
+        corrected: &[T],
+        status: Status,
+        engage: bool,
+    ) -> Filtered<T> {
+        let (payload, waiting) = (self.payload, self.weight() == T::ZERO);
+        self.reset();
+        if waiting {
+            // It is the one the model was evaluated for.
+            self.payload = payload;
+        }
+        self.count = command.len();
+        let numbers = command.iter().zip(corrected);
+        for (joint, (q, target)) in self.joints.iter_mut().zip(numbers) {
+            *joint = Joint {
+                command: *q,
+                correction: *target - *q,
+                sent: *q,
+                ..Joint::ZERO
+            };
+        }
+        self.repeated(command, corrected, status, engage)
+    }
+
+    /// A cycle that was answered: the correction as it was.
+    #[inline(never)]
+    pub(super) fn again(
+        &mut self,
+        command: &[T],
+        corrected: &[T],
+        status: Status,
+        engage: bool,
+    ) -> Filtered<T> {
+        count_if(true, &mut self.counts.doubled);
+        self.repeated(command, corrected, status, engage)
+    }
+
+    fn repeated(
+        &self,
+        command: &[T],
+        corrected: &[T],
+        status: Status,
+        engage: bool,
+    ) -> Filtered<T> {
+        let weight = self.weight();
+        let mut joints = [T::ZERO; MAX_JOINTS];
+        let mut differs = false;
+        let numbers = command.iter().zip(corrected);
+        for ((slot, joint), (q, target)) in joints.iter_mut().zip(&self.joints).zip(numbers) {
+            let x = weight * joint.correction + joint.offset;
+            let moved = select(x == T::ZERO, *q, *q + x);
+            let same =
+                (*q == joint.command) & (q.is_sign_negative() == joint.command.is_sign_negative());
+            let sent = select(same, joint.sent, moved);
+            differs |= sent != select(engage, *target, *q);
+            *slot = sent;
+        }
+        Filtered {
+            joints,
+            status: status.with_if(differs, Status::BLENDING),
+            weight,
+        }
+    }
+}

@@ -1,0 +1,90 @@
+//! Limits and times of the filter.
+
+use core::fmt;
+
+use crate::scalar::Scalar;
+
+/// Limits and times of the filter. For sliding joints m stands for rad.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FilterSettings<T> {
+    /// Time between two commands in s, 50 µs to 0.1 s.
+    pub period_s: T,
+    /// Largest rate of the correction beyond what the path explains, rad/s, 1e-4 to 1.
+    pub rate: T,
+    /// Largest acceleration of the correction beyond what the path explains, rad/s², 1e-3 to 100.
+    pub acceleration: T,
+    /// Shortest time in s in which a correction is switched on or off, or the payload changes, 0.01 to 10 and at least ten
+    /// periods.
+    pub blend_s: T,
+}
+
+impl<T: Scalar> FilterSettings<T> {
+    /// 20 mrad/s, 0.5 rad/s², 0.5 s, with this time between two commands in s.
+    pub fn with_period(period_s: T) -> Self {
+        Self {
+            period_s,
+            rate: T::from_f64(0.02),
+            acceleration: T::from_f64(0.5),
+            blend_s: T::from_f64(0.5),
+        }
+    }
+
+    /// Whether every setting is within its range.
+    ///
+    /// # Errors
+    /// [`FilterError`] names the first that is not.
+    pub fn check(&self) -> Result<(), FilterError> {
+        let is = |value: T, from: f64, to: f64| {
+            (value >= T::from_f64(from)) & (value <= T::from_f64(to))
+        };
+        if !is(self.period_s, 50e-6, 0.1) {
+            return Err(FilterError::Period);
+        }
+        if !is(self.rate, 1e-4, 1.0) {
+            return Err(FilterError::Rate);
+        }
+        if !is(self.acceleration, 1e-3, 100.0) {
+            return Err(FilterError::Acceleration);
+        }
+        if !is(self.blend_s, 0.01, 10.0) | (self.blend_s < T::from_f64(10.0) * self.period_s) {
+            return Err(FilterError::Blend);
+        }
+        Ok(())
+    }
+}
+
+/// 1 kHz.
+impl<T: Scalar> Default for FilterSettings<T> {
+    fn default() -> Self {
+        Self::with_period(T::from_f64(1e-3))
+    }
+}
+
+/// Why settings were refused.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FilterError {
+    /// The period is out of range.
+    Period,
+    /// The rate is out of range.
+    Rate,
+    /// The acceleration is out of range.
+    Acceleration,
+    /// The blend time is out of range, or shorter than ten periods.
+    Blend,
+    /// A correction is applied: new limits would break the old ones.
+    Engaged,
+}
+
+impl fmt::Display for FilterError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Period => "the period is not within 50 us and 0.1 s",
+            Self::Rate => "the rate limit is not within 1e-4 and 1 rad/s",
+            Self::Acceleration => "the acceleration limit is not within 1e-3 and 100 rad/s2",
+            Self::Blend => "the blend time is not within 0.01 s and 10 s, or below ten periods",
+            Self::Engaged => "the filter takes settings only while it is disengaged",
+        })
+    }
+}
+
+impl core::error::Error for FilterError {}

@@ -1,0 +1,181 @@
+//! The filter and input that is none: bad commands, other joints, settings, arbitrary numbers.
+
+use poegp_runtime::filter::{CommandFilter, FilterError, FilterSettings, MAX_CORRECTION};
+use poegp_runtime::status::Status;
+use proptest::prelude::*;
+
+use crate::filter_paths::{Dice, JOINTS, assert_twins, filter, give, plus, settled};
+use crate::seeded::config;
+
+#[test]
+fn bad_input_repeats_the_last_answer_and_changes_nothing() {
+    let mut dice = Dice(8);
+    for odd in [f64::NAN, f64::INFINITY, -f64::INFINITY] {
+        for moment in [1, 200, 490, 3_000] {
+            let (q, c) = (dice.six(-3.0, 3.0), dice.six(-0.01, 0.01));
+            let (mut one, mut twin) = (filter(), filter());
+            let mut answer = give(&mut one, &q, &c, 1);
+            give(&mut twin, &q, &c, 1);
+            for _ in 1..moment {
+                answer = give(&mut one, &q, &c, 1);
+                give(&mut twin, &q, &c, 1);
+            }
+            let mut bad = q;
+            bad[2] = odd;
+            let good = plus(&q, &c);
+            let far = plus(&q, &[1.01 * MAX_CORRECTION; JOINTS]);
+            let mut odd_answer = good;
+            odd_answer[4] = odd;
+            let answers = [
+                one.step(&bad, &good, Status::OK, true, 1),
+                one.step(&q, &odd_answer, Status::OK, true, 1),
+                one.step(&q, &far, Status::OK, true, 0),
+                one.step(&q, &good[..5], Status::OK, true, 0),
+                one.step(&q, &q, Status::BAD_INPUT, false, 1),
+            ];
+            for other in answers {
+                assert_eq!(other.joints, answer.joints);
+                assert_eq!(other.status, Status::BAD_INPUT);
+            }
+            assert_eq!(one.counts().bad, 5);
+            // Three cycles have passed, and one does now.
+            give(&mut one, &q, &c, 1);
+            give(&mut twin, &q, &c, 4);
+            assert_twins(&mut one, &mut twin, &q, &c);
+            // Nothing of that number was answered.
+            let other = one.step(&bad[..4], &good, Status::OK, true, 1);
+            assert_eq!(other.joints[..4], [q[0], q[1], 0.0, q[3]]);
+            assert_eq!(other.joints[4..], [0.0; 4]);
+        }
+    }
+}
+
+#[test]
+fn another_number_of_joints_starts_anew() {
+    let (q, c) = ([0.5; JOINTS], [0.01; JOINTS]);
+    let mut filter = settled(&q, &c);
+    let answer = filter.step(&q[..5], &plus(&q, &c), Status::OK, true, 1);
+    assert_eq!(answer.joints[..5], q[..5]);
+    assert_eq!(answer.weight, 0.0);
+    assert_eq!(filter.step(&[], &[], Status::OK, true, 1).joints, [0.0; 8]);
+    let bad = filter.step(&[0.5; 9], &[0.5; 9], Status::OK, true, 1);
+    assert_eq!(bad.status, Status::BAD_INPUT);
+}
+
+/// As a static is made.
+const EMPTY: CommandFilter<f32> = CommandFilter::new();
+
+#[test]
+fn settings_out_of_range_are_refused() {
+    let good = FilterSettings::<f32>::default();
+    assert_eq!(good.check(), Ok(()));
+    let mut filter = EMPTY;
+    println!("{} bytes", size_of_val(&filter));
+    for odd in [f32::NAN, f32::INFINITY, 0.0, -1.0, 1e-9, 1e9] {
+        let cases = [
+            (
+                FilterSettings {
+                    period_s: odd,
+                    ..good
+                },
+                FilterError::Period,
+            ),
+            (FilterSettings { rate: odd, ..good }, FilterError::Rate),
+            (
+                FilterSettings {
+                    acceleration: odd,
+                    ..good
+                },
+                FilterError::Acceleration,
+            ),
+            (
+                FilterSettings {
+                    blend_s: odd,
+                    ..good
+                },
+                FilterError::Blend,
+            ),
+        ];
+        for (settings, error) in cases {
+            assert_eq!(filter.configure(&settings), Err(error), "{error}");
+        }
+    }
+    let short = FilterSettings {
+        blend_s: 0.3,
+        ..FilterSettings::with_period(0.05_f32)
+    };
+    assert_eq!(filter.configure(&short), Err(FilterError::Blend));
+    // Without settings nothing is corrected.
+    for _ in 0..1_000 {
+        let answer = filter.step(&[0.5], &[0.51], Status::OK, true, 1);
+        assert_eq!((answer.joints[0], answer.weight), (0.5, 0.0));
+        assert_eq!(answer.status, Status::BLENDING);
+    }
+    assert_eq!(filter.configure(&good), Ok(()));
+    for _ in 0..10 {
+        filter.step(&[0.5], &[0.51], Status::OK, true, 1);
+    }
+    assert_eq!(filter.configure(&good), Err(FilterError::Engaged));
+    filter.reset();
+    assert_eq!(filter.configure(&good), Ok(()));
+}
+
+fn number() -> impl Strategy<Value = f32> {
+    prop_oneof![
+        any::<u32>().prop_map(f32::from_bits),
+        -3.0..3.0_f32,
+        Just(0.0),
+        Just(f32::MAX),
+        Just(f32::MIN),
+    ]
+}
+
+fn moment() -> impl Strategy<Value = ([f32; 3], [f32; 3], bool, u8, bool, u32, f32)> {
+    let change = prop_oneof![number(), -0.2..0.2_f32];
+    let cycles = prop_oneof![0..8_u32, any::<u32>()];
+    (
+        [number(), number(), number()],
+        [change.clone(), change.clone(), change],
+        any::<bool>(),
+        prop_oneof![Just(0_u8), any::<u8>()],
+        any::<bool>(),
+        cycles,
+        number(),
+    )
+}
+
+proptest! {
+    #![proptest_config(config(14, 400))]
+
+    #[test]
+    fn no_input_makes_a_number_that_is_none(
+        settings in prop::option::of([number(), number(), number(), number()]),
+        moments in prop::collection::vec(moment(), 1..60),
+    ) {
+        let mut filter = CommandFilter::<f32>::new();
+        let wanted = settings.map_or(FilterSettings::default(), |[period_s, rate, acceleration, blend_s]| {
+            FilterSettings { period_s, rate, acceleration, blend_s }
+        });
+        prop_assert_eq!(filter.configure(&wanted).is_ok(), wanted.check().is_ok());
+        for (command, change, absolute, status, engage, cycles, payload) in moments {
+            let mut target = change;
+            if !absolute {
+                for (slot, q) in target.iter_mut().zip(&command) {
+                    *slot += *q;
+                }
+            }
+            let weighed = filter.payload(payload, cycles);
+            prop_assert!(weighed.is_finite() || !payload.is_finite());
+            let status = Status::from_bits(status);
+            let answer = filter.step(&command, &target, status, engage, cycles);
+            prop_assert!((0.0..=1.0).contains(&answer.weight));
+            let bad = answer.status.contains(Status::BAD_INPUT);
+            for (sent, q) in answer.joints.iter().zip(&command) {
+                prop_assert!(sent.is_finite());
+                let x = f64::from(*sent) - f64::from(*q);
+                let rounding = f64::from(q.abs()) * f64::from(f32::EPSILON);
+                prop_assert!(bad || x.abs() <= 1.0 + rounding, "{x}");
+            }
+        }
+    }
+}

@@ -1,0 +1,117 @@
+//! The filter on random paths: no limit is broken by any order of switches, and every switch ends at the answer itself.
+
+use poegp_runtime::scalar::Scalar;
+
+use crate::filter_paths::{Correction, Dice, Judge, PERIOD, Path, same};
+
+/// For f64 nothing but the rounding of q + x; for f32 so many roundings of q and of q* (half an ulp is 0.12 µrad below
+/// 4 rad), with the 3 µrad of the path's part in between.
+const EXACT: [f64; 2] = [1e-14, 2e-14];
+const SINGLE: [f64; 2] = [0.5e-6, 1e-6];
+
+/// A path, a service that exchanges models, and what it wants.
+struct Scene {
+    dice: Dice,
+    path: Path,
+    model: Correction,
+    wanted: Option<Correction>,
+    bypass: bool,
+    payload: f64,
+    exchanges: u32,
+}
+
+impl Scene {
+    fn new(seed: u64) -> Self {
+        let mut dice = Dice(seed);
+        Self {
+            path: Path::new(&mut dice),
+            model: Correction::new(&mut dice),
+            wanted: None,
+            bypass: false,
+            payload: 0.0,
+            exchanges: 0,
+            dice,
+        }
+    }
+
+    /// One cycle, `cycles` after the last. Whether the answer is the one that is asked for, to the bit.
+    fn cycle<T: Scalar>(&mut self, judge: &mut Judge<T>, cycles: u32) -> bool {
+        self.path.advance(&mut self.dice, cycles);
+        if judge.filter.disengaged()
+            && let Some(model) = self.wanted.take()
+        {
+            self.model = model;
+            self.exchanges += 1;
+        }
+        let engage = !self.bypass & self.wanted.is_none();
+        let asked = T::from_f64(self.payload);
+        let payload = judge.filter.payload(asked, cycles).to_f64();
+        let q = self.path.at();
+        let c = self.model.at(&q, payload);
+        let (command, corrected, sent) = judge.step(&q, &c, engage, cycles);
+        let goal = if engage { corrected } else { command };
+        same(&sent, &goal)
+            & self.wanted.is_none()
+            & (payload == asked.to_f64())
+            & (judge.filter.weight().to_f64() == if engage { 1.0 } else { 0.0 })
+    }
+
+    fn switch<T: Scalar>(&mut self, judge: &mut Judge<T>) {
+        match self.dice.below(12) {
+            0..4 => self.bypass = !self.bypass,
+            4..7 => self.wanted = Some(Correction::new(&mut self.dice)),
+            7..9 => self.payload = self.dice.within(0.0, 10.0),
+            9 => {
+                let cycles = 2 + self.dice.below(4) as u32;
+                self.cycle(judge, cycles);
+            }
+            10 => {
+                let cycles = 6 + self.dice.below(100) as u32;
+                self.cycle(judge, cycles);
+            }
+            _ => self.path = Path::new(&mut self.dice),
+        }
+    }
+
+    /// Cycles until the answer is the one asked for, for 50 cycles on end.
+    fn settle<T: Scalar>(&mut self, judge: &mut Judge<T>) -> u32 {
+        let (mut count, mut good) = (0, 0);
+        while good < 50 {
+            good = if self.cycle(judge, 1) { good + 1 } else { 0 };
+            count += 1;
+            assert!(count < 20_000, "does not settle: {:?}", judge.filter);
+        }
+        count - 50
+    }
+}
+
+fn ten_thousand_switches<T: Scalar>(seed: u64, rounding: [f64; 2], what: &str) {
+    let mut judge = Judge::<T>::new(rounding);
+    let mut scene = Scene::new(seed);
+    let mut longest = 0;
+    for number in 0..10_000 {
+        scene.switch(&mut judge);
+        for _ in 0..scene.dice.below(150) {
+            scene.cycle(&mut judge, 1);
+        }
+        if number % 25 == 0 {
+            longest = longest.max(scene.settle(&mut judge));
+        }
+    }
+    println!(
+        "{what}: {} models, settled at last after {:.2} s",
+        scene.exchanges,
+        f64::from(longest) * PERIOD
+    );
+    judge.assert(what);
+}
+
+#[test]
+fn ten_thousand_switches_break_no_limit_in_double_precision() {
+    ten_thousand_switches::<f64>(11, EXACT, "f64");
+}
+
+#[test]
+fn ten_thousand_switches_break_no_limit_in_single_precision() {
+    ten_thousand_switches::<f32>(12, SINGLE, "f32");
+}

@@ -1,0 +1,353 @@
+//! Random paths and corrections for the proofs of the filter, and a judge that knows only what goes in and out.
+
+use poegp_runtime::filter::{CommandFilter, FilterSettings, Filtered, GRACE, JUMP};
+use poegp_runtime::scalar::Scalar;
+use poegp_runtime::status::Status;
+
+pub const JOINTS: usize = 6;
+pub const PERIOD: f64 = 1e-3;
+pub const RATE: f64 = 20e-6;
+pub const ACCELERATION: f64 = 0.5e-6;
+
+pub type Six = [f64; JOINTS];
+
+/// SplitMix64.
+pub struct Dice(pub u64);
+
+impl Dice {
+    pub fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+    pub fn within(&mut self, from: f64, to: f64) -> f64 {
+        from + (to - from) * ((self.next() >> 11) as f64 / (1_u64 << 53) as f64)
+    }
+    pub fn below(&mut self, end: u64) -> u64 {
+        self.next() % end
+    }
+    pub fn six(&mut self, from: f64, to: f64) -> Six {
+        core::array::from_fn(|_| self.within(from, to))
+    }
+}
+
+/// Joints that swing with up to 3 rad/s, and sometimes stop and go on.
+pub struct Path {
+    middle: Six,
+    speed: Six,
+    pulse: Six,
+    phase: Six,
+    time: f64,
+    pace: f64,
+    goes: bool,
+}
+
+impl Path {
+    pub fn new(dice: &mut Dice) -> Self {
+        let top = dice.within(0.1, 3.0);
+        Self {
+            middle: dice.six(-1.5, 1.5),
+            speed: dice.six(-top, top),
+            pulse: dice.six(1.0, 6.0),
+            phase: dice.six(0.0, 6.0),
+            time: 0.0,
+            pace: 1.0,
+            goes: true,
+        }
+    }
+    pub fn standing(dice: &mut Dice) -> Self {
+        Self {
+            goes: false,
+            pace: 0.0,
+            ..Self::new(dice)
+        }
+    }
+    /// `cycles` later.
+    pub fn advance(&mut self, dice: &mut Dice, cycles: u32) {
+        for _ in 0..cycles {
+            if dice.below(1_000) == 0 {
+                self.goes = !self.goes;
+            }
+            let wanted = if self.goes { 1.0 } else { 0.0 };
+            self.pace += (wanted - self.pace).clamp(-0.005, 0.005);
+            self.time += PERIOD * self.pace;
+        }
+    }
+    pub fn at(&self) -> Six {
+        core::array::from_fn(|i| {
+            let (pulse, speed) = (self.pulse[i], self.speed[i]);
+            self.middle[i] + speed / pulse * libm::sin(pulse * self.time + self.phase[i])
+        })
+    }
+}
+
+/// A smooth correction of 1 to 50 mrad with slopes up to 0.15, part of it by the payload.
+#[derive(Clone)]
+pub struct Correction {
+    size: f64,
+    steep: f64,
+    waves: [Six; JOINTS],
+    phase: Six,
+    loaded: Six,
+}
+
+impl Correction {
+    pub fn new(dice: &mut Dice) -> Self {
+        let size = 1e-3 * libm::exp(dice.within(0.0, libm::log(50.0)));
+        Self::of(dice, size)
+    }
+    pub fn of(dice: &mut Dice, size: f64) -> Self {
+        let mut waves = core::array::from_fn(|_| dice.six(-1.0, 1.0));
+        for wave in &mut waves {
+            let sum: f64 = wave.iter().map(|k| k.abs()).sum();
+            *wave = wave.map(|k| k / sum);
+        }
+        Self {
+            size,
+            steep: (0.15 / size).min(8.0),
+            waves,
+            phase: dice.six(0.0, 6.0),
+            loaded: dice.six(-0.5, 0.5),
+        }
+    }
+    pub fn at(&self, q: &Six, payload: f64) -> Six {
+        core::array::from_fn(|i| {
+            let way: f64 = self.waves[i].iter().zip(q).map(|(k, q)| k * q).sum();
+            let angle = self.steep * way + self.phase[i];
+            let load = self.loaded[i] * payload / 10.0;
+            self.size / 1.5 * (libm::sin(angle) + load * libm::cos(angle))
+        })
+    }
+}
+
+/// What the judge has seen last.
+#[derive(Clone)]
+struct Seen {
+    command: Six,
+    correction: Six,
+    x: Six,
+    /// Own step per cycle, and what it is compared with.
+    own: Six,
+    before: Six,
+    weight: f64,
+    moved: f64,
+    cycles: u32,
+    plain: bool,
+    step: Six,
+    change: Six,
+}
+
+/// Largest numbers, as parts of their limits.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Worst {
+    /// |Δx| of ½ max|Δq| + 3 µrad + rate.
+    pub step: f64,
+    /// |own| of rate.
+    pub own: f64,
+    /// |Δ own| of the acceleration.
+    pub jerk: f64,
+    /// |Δ²x − w Δ²c| of the acceleration, where nothing was held.
+    pub plain: f64,
+    /// |Δ²x| of the acceleration where the command stands still.
+    pub standing: f64,
+    /// Calls of which `plain` is made.
+    pub calls: u32,
+}
+
+/// A filter, and what its laws say about every answer.
+pub struct Judge<T> {
+    pub filter: CommandFilter<T>,
+    pub worst: Worst,
+    pub answer: Option<Filtered<T>>,
+    /// Allowed for rounding: of a step, and of a second difference.
+    rounding: [f64; 2],
+    seen: Option<Seen>,
+    pub gave_up: u32,
+}
+
+pub fn many<T: Scalar>(values: &Six) -> [T; JOINTS] {
+    values.map(T::from_f64)
+}
+
+impl<T: Scalar> Judge<T> {
+    pub fn new(rounding: [f64; 2]) -> Self {
+        let mut filter = CommandFilter::new();
+        filter.configure(&FilterSettings::default()).expect("sound");
+        Self {
+            filter,
+            worst: Worst::default(),
+            answer: None,
+            rounding,
+            seen: None,
+            gave_up: 0,
+        }
+    }
+
+    /// Gives a command and its correction to the filter and checks every limit. Returns command, corrected joints, answer.
+    pub fn step(
+        &mut self,
+        q: &Six,
+        c: &Six,
+        engage: bool,
+        cycles: u32,
+    ) -> ([T; JOINTS], [T; JOINTS], [T; JOINTS]) {
+        let command: [T; JOINTS] = many(q);
+        let target: Six = core::array::from_fn(|i| q[i] + c[i]);
+        let corrected: [T; JOINTS] = many(&target);
+        let answer = self
+            .filter
+            .step(&command, &corrected, Status::OK, engage, cycles);
+        let sent: [T; JOINTS] = core::array::from_fn(|i| answer.joints[i]);
+        self.answer = Some(answer);
+        self.look(&command, &corrected, &sent, answer.weight.to_f64(), cycles);
+        (command, corrected, sent)
+    }
+
+    fn look(
+        &mut self,
+        command: &[T; JOINTS],
+        corrected: &[T; JOINTS],
+        sent: &[T; JOINTS],
+        weight: f64,
+        cycles: u32,
+    ) {
+        let command = command.map(T::to_f64);
+        let less = |values: &[T; JOINTS]| -> Six {
+            core::array::from_fn(|i| values[i].to_f64() - command[i])
+        };
+        let (correction, x) = (less(corrected), less(sent));
+        let mut now = Seen {
+            command,
+            correction,
+            x,
+            own: [0.0; JOINTS],
+            before: [0.0; JOINTS],
+            weight,
+            moved: 0.0,
+            cycles,
+            plain: false,
+            step: [0.0; JOINTS],
+            change: [0.0; JOINTS],
+        };
+        if let Some(last) = &self.seen {
+            let n = f64::from(cycles);
+            let lost = cycles > GRACE;
+            let difference = |a: &Six, b: &Six| -> Six { core::array::from_fn(|i| a[i] - b[i]) };
+            now.step = difference(&x, &last.x);
+            now.change = difference(&correction, &last.correction);
+            now.moved = difference(&command, &last.command)
+                .iter()
+                .fold(0.0, |a: f64, b| a.max(b.abs()));
+            let jumped = now.moved > JUMP * PERIOD * n * (1.0 + 1e-6);
+            let noise = if now.moved > 0.0 { 3e-6 } else { 0.0 };
+            let explained = if lost | jumped {
+                0.0
+            } else {
+                0.5 * now.moved + noise
+            };
+            now.plain = !lost & !jumped;
+            let scale = if lost { 1.0 } else { n };
+            let [of_step, of_change] = self.rounding;
+            // A filter that gives up has no weight at once and keeps x: that is no motion of the weight.
+            let gave_up = (weight == 0.0) & (last.weight > 1.7e-5 * scale);
+            self.gave_up += u32::from(gave_up);
+            let by_weight = if gave_up { 0.0 } else { weight - last.weight };
+            for i in 0..JOINTS {
+                let path = last.weight * now.change[i];
+                let held = path.clamp(-explained, explained);
+                now.plain &= (path - held).abs() <= of_step;
+                let own = now.step[i] - held;
+                now.own[i] = own / scale;
+                // What the weight has added at the last call, it added at the correction before it.
+                now.before[i] = now.own[i] - by_weight / scale * now.change[i];
+                let limit = 0.5 * now.moved + 3e-6 + RATE * n;
+                self.worst.step = self.worst.step.max((now.step[i].abs() - of_step) / limit);
+                let excess = (own.abs() - of_step) / (RATE * scale);
+                self.worst.own = self.worst.own.max(excess);
+                let before = if lost { 0.0 } else { last.before[i] };
+                let jerk = ((now.own[i] - before).abs() - of_change) / (ACCELERATION * scale);
+                self.worst.jerk = self.worst.jerk.max(jerk);
+                if now.plain & last.plain & (cycles == 1) & (last.cycles == 1) {
+                    let second = now.step[i] - last.step[i];
+                    let by_path = last.weight * (now.change[i] - last.change[i]);
+                    let plain = ((second - by_path).abs() - of_change) / ACCELERATION;
+                    self.worst.plain = self.worst.plain.max(plain);
+                    self.worst.calls += 1;
+                }
+                if (now.moved == 0.0) & (last.moved == 0.0) & (cycles == 1) & (last.cycles == 1) {
+                    let second = (now.step[i] - last.step[i]).abs() - of_change;
+                    self.worst.standing = self.worst.standing.max(second / ACCELERATION);
+                }
+            }
+        }
+        self.seen = Some(now);
+    }
+
+    /// Every limit holds.
+    pub fn assert(&self, what: &str) {
+        let Worst {
+            step,
+            own,
+            jerk,
+            plain,
+            standing,
+            calls,
+        } = self.worst;
+        println!(
+            "{what}: of the limits: step {step:.6}, own rate {own:.6}, own acceleration {jerk:.6}, second difference \
+             {plain:.6}, of a standing command {standing:.6}; {calls} numbers, gave up {}, {:?}",
+            self.gave_up,
+            self.filter.counts()
+        );
+        for value in [step, own, jerk, plain, standing] {
+            assert!(value <= 1.0 + 1e-9, "{:?}", self.worst);
+        }
+    }
+}
+
+pub fn same<T: Scalar>(a: &[T; JOINTS], b: &[T; JOINTS]) -> bool {
+    let bits = |values: &[T; JOINTS]| values.map(|v| v.to_f64().to_bits());
+    bits(a) == bits(b)
+}
+
+pub fn filter() -> CommandFilter<f64> {
+    let mut filter = CommandFilter::new();
+    filter.configure(&FilterSettings::default()).expect("sound");
+    filter
+}
+
+pub fn plus(q: &Six, c: &Six) -> Six {
+    core::array::from_fn(|i| q[i] + c[i])
+}
+
+pub fn give(filter: &mut CommandFilter<f64>, q: &Six, c: &Six, cycles: u32) -> Filtered<f64> {
+    filter.step(q, &plus(q, c), Status::OK, true, cycles)
+}
+
+/// A filter that has settled at `q` with the correction `c`.
+pub fn settled(q: &Six, c: &Six) -> CommandFilter<f64> {
+    let mut filter = filter();
+    for _ in 0..6_000 {
+        give(&mut filter, q, c, 1);
+    }
+    let answer = give(&mut filter, q, c, 1);
+    assert_eq!((answer.weight, answer.status), (1.0, Status::OK));
+    assert_eq!(answer.joints[..JOINTS], plus(q, c));
+    filter
+}
+
+pub fn bits<T: Scalar>(answer: &Filtered<T>) -> Vec<u64> {
+    let joints = answer.joints.iter().map(|v| v.to_f64().to_bits());
+    joints.chain([u64::from(answer.status.bits())]).collect()
+}
+
+/// The filters give the same from now on.
+pub fn assert_twins(a: &mut CommandFilter<f64>, b: &mut CommandFilter<f64>, q: &Six, c: &Six) {
+    for k in 0..3_000 {
+        let q = q.map(|q| q + 1e-3 * libm::sin(f64::from(k) * 0.01));
+        let (one, other) = (give(a, &q, c, 1), give(b, &q, c, 1));
+        assert_eq!(bits(&one), bits(&other), "after {k} cycles");
+    }
+}
