@@ -13,7 +13,7 @@
 /*
  Changes when a function, a structure or the meaning of a code does; see `poegp_api_version`.
  */
-#define POEGP_API_VERSION 1
+#define POEGP_API_VERSION 2
 
 /*
  Most joints of an arm.
@@ -34,6 +34,16 @@
  Alignment of that memory in bytes.
  */
 #define POEGP_MODEL_ALIGN 8
+
+/*
+ Bytes of memory for one filter, enough on 32-bit and 64-bit machines.
+ */
+#define POEGP_FILTER_BYTES 320
+
+/*
+ Alignment of that memory in bytes.
+ */
+#define POEGP_FILTER_ALIGN 8
 
 /*
  Status bit: some joint is outside the range that was trained; the correction is an extrapolation.
@@ -61,9 +71,20 @@
 #define POEGP_STATUS_BAD_INPUT 16
 
 /*
- Status bit: no corrected command was found that is better; the joints are uncorrected, or only partly corrected.
+ Status bit: more than 5 um or 5 urad of the arm's error stay by the model: beside a singularity, or because a bound
+ acts.
  */
 #define POEGP_STATUS_PARTLY_CORRECTED 32
+
+/*
+ Status bit of `poegp_command`: the correction is switched off; the command itself goes out, or will soon.
+ */
+#define POEGP_STATUS_BYPASSED 64
+
+/*
+ Status bit of `poegp_command`: the joints are on their way to those that were asked for.
+ */
+#define POEGP_STATUS_BLENDING 128
 
 /*
  Done.
@@ -81,12 +102,12 @@
 #define POEGP_ERROR_MISALIGNED 2
 
 /*
- The memory is smaller than a model.
+ The memory is smaller than a model or a filter.
  */
 #define POEGP_ERROR_TOO_SMALL 3
 
 /*
- The memory was not initialised by `poegp_init`.
+ The memory was not initialised by `poegp_init`, or `poegp_filter_init`.
  */
 #define POEGP_ERROR_NOT_INITIALISED 4
 
@@ -231,6 +252,34 @@
 #define POEGP_SIGNATURE_INVALID 304
 
 /*
+ The period is not within 50 us and 0.1 s.
+ */
+#define POEGP_FILTER_PERIOD 401
+
+/*
+ The rate limit is not within 1e-4 and 1 rad/s.
+ */
+#define POEGP_FILTER_RATE 402
+
+/*
+ The acceleration limit is not within 1e-3 and 100 rad/s^2.
+ */
+#define POEGP_FILTER_ACCELERATION 403
+
+/*
+ The blend time is not within 0.01 s and 10 s, or below ten periods.
+ */
+#define POEGP_FILTER_BLEND 404
+
+/*
+ A filter in the caller's memory, which keeps the correction from stepping. Made by `poegp_filter_init`; what is in it is
+ of no concern to C.
+
+ One for each arm; it belongs to the thread or interrupt that commands.
+ */
+typedef struct poegp_filter_t poegp_filter_t;
+
+/*
  A model in the caller's memory. Made by `poegp_init`; what is in it is of no concern to C.
 
  `poegp_load` and `poegp_init` need it for themselves; any number of threads or interrupts may evaluate meanwhile
@@ -266,9 +315,17 @@ typedef struct poegp_corrected_t {
    */
   float joints[POEGP_MAX_JOINTS];
   /*
-   Distance in metres that remains between the calibrated arm at these joints and the nominal one at the command.
+   How much of the arm's error is corrected, 0 to 1: 1 but beside singularities and where a bound acts.
+   */
+  float applied;
+  /*
+   Distance in metres that stays, by the model, between the arm at these joints and the nominal one at the command.
    */
   float position_error;
+  /*
+   The same of the rotation, in radians.
+   */
+  float rotation_error;
   /*
    What it is worth: a sum of POEGP_STATUS_ bits, 0 when there is nothing to remark.
    */
@@ -308,6 +365,87 @@ typedef struct poegp_identity_t {
    */
   uint32_t is_signed;
 } poegp_identity_t;
+
+/*
+ Limits and times of a filter. For sliding joints m stands for rad. `poegp_filter_defaults` fills it.
+ */
+typedef struct poegp_filter_settings_t {
+  /*
+   Time between two commands in s, 50 us to 0.1 s.
+   */
+  float period_s;
+  /*
+   Largest rate of the correction beyond what the path explains, rad/s, 1e-4 to 1.
+   */
+  float rate;
+  /*
+   Largest acceleration of the correction beyond what the path explains, rad/s^2, 1e-3 to 100.
+   */
+  float acceleration;
+  /*
+   Shortest time in s in which the correction is switched on or off, or the payload changes; 0.01 to 10, and at least
+   ten periods.
+   */
+  float blend_s;
+} poegp_filter_settings_t;
+
+/*
+ The answer of `poegp_command`.
+ */
+typedef struct poegp_commanded_t {
+  /*
+   Joints to send, rad or m, as many as the command had; zero beyond. Always finite.
+   */
+  float joints[POEGP_MAX_JOINTS];
+  /*
+   How far the correction is switched on, 0 to 1.
+   */
+  float weight;
+  /*
+   What `poegp_correct` says of the corrected command, to which the joints go while the correction is on: how much of
+   the arm's error it takes away, 0 to 1.
+   */
+  float applied;
+  /*
+   The same: distance that stays, in metres.
+   */
+  float position_error;
+  /*
+   The same: rotation that stays, in radians.
+   */
+  float rotation_error;
+  /*
+   What it is worth: a sum of POEGP_STATUS_ bits, 0 when there is nothing to remark.
+   */
+  uint32_t status;
+} poegp_commanded_t;
+
+/*
+ What a filter has counted since `poegp_filter_init`, each up to 2^32 - 1.
+ */
+typedef struct poegp_filter_counts_t {
+  /*
+   Commands that jumped.
+   */
+  uint32_t held;
+  /*
+   Commands after a gap of more than five cycles.
+   */
+  uint32_t lost;
+  /*
+   Calls within a cycle that had been answered.
+   */
+  uint32_t doubled;
+  /*
+   Commands that were none; the last joints were sent again.
+   */
+  uint32_t bad;
+  /*
+   Commands whose correction changed more than the path explains, without a jump, a gap or a change of payload: the
+   model was exchanged, or steps.
+   */
+  uint32_t guarded;
+} poegp_filter_counts_t;
 
 #ifdef __cplusplus
 extern "C" {
@@ -401,7 +539,9 @@ int32_t poegp_evaluate(const struct poegp_model_t *model,
 
 /*
  The joints to command so that the real arm stands where the nominal one would at `joints` (rad or m), with a payload
- in kg. No joint changes by more than 0.1 rad or m. `joints` may lie in `*out`.
+ in kg. No joint changes by more than 0.1 rad or m. The answer is a continuous function of joints and payload, and
+ nothing but a function of them: to switch it on, or to exchange the model, while the arm moves, see `poegp_command`.
+ `joints` may lie in `*out`.
 
  Returns POEGP_OK for every number that C can hold: what the answer is worth is in `out->status`. With an error code
  the answer is the command as it came, as far as it could be read, and its status says POEGP_STATUS_NO_MODEL or
@@ -432,6 +572,102 @@ int32_t poegp_identify(const struct poegp_model_t *model, struct poegp_identity_
  A code in words, as text that ends with a zero and need not be freed. Never null.
  */
 const char *poegp_error_text(int32_t code);
+
+/*
+ Bytes of a filter in this build of the library; at most POEGP_FILTER_BYTES.
+ */
+size_t poegp_filter_size(void);
+
+/*
+ Alignment of a filter in bytes; POEGP_FILTER_ALIGN.
+ */
+size_t poegp_filter_align(void);
+
+/*
+ The usual settings for this time between two commands in s: 20 mrad/s, 0.5 rad/s^2, 0.5 s.
+
+ Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED.
+
+ # Safety
+ `settings` is the caller's.
+ */
+int32_t poegp_filter_defaults(float period_s, struct poegp_filter_settings_t *settings);
+
+/*
+ Makes a filter in `bytes` bytes at `memory`, aligned to POEGP_FILTER_ALIGN, and stores its address in `*filter`: null
+ when it returns an error. The memory belongs to the filter until it is no longer used; nothing has to be freed. For
+ other settings make it anew, while it is disengaged.
+
+ Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_TOO_SMALL, POEGP_ERROR_OVERLAP, POEGP_FILTER_ codes.
+
+ # Safety
+ `memory` leads to `bytes` bytes that nobody else uses, `settings` to settings, `filter` to a pointer.
+ */
+int32_t poegp_filter_init(void *memory,
+                          size_t bytes,
+                          const struct poegp_filter_settings_t *settings,
+                          struct poegp_filter_t **filter);
+
+/*
+ Every cycle: the joints to send for a command of `count` joints (rad or m) and a payload in kg. As `poegp_correct`, but
+ what is sent never steps by itself: switching, another payload, a lost command and even another model change the
+ correction within the limits of the filter. `joints` may lie in `*out`.
+
+ `engage`: 1 for the correction, 0 for the command itself, both at once or after a way there (POEGP_STATUS_BLENDING). Out
+ and arrived, the answer is the command to the bit, whatever model and payload are; on and arrived, it is that of
+ `poegp_correct`. `cycles`: how many have passed since the last call; 1 when none was left out, 0 for another answer to
+ the same request.
+
+ Returns POEGP_OK for every number that C can hold: what the answer is worth is in `out->status`. With bad input the
+ joints that were sent last are sent again. With an error code, too, if it is the one of `joints`; if it is that of
+ `model`, the correction goes to zero within the limits and the status says POEGP_STATUS_NO_MODEL; without a filter the
+ answer is the command as it came, and its status says POEGP_STATUS_BAD_INPUT. Where `out` itself cannot be used nothing
+ happens.
+
+ Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED, POEGP_ERROR_OVERLAP.
+
+ # Safety
+ `model` comes from `poegp_init` and is not loaded during the call; `filter` comes from `poegp_filter_init` and nobody
+ else uses it during the call; `joints` leads to `count` numbers; `out` is the caller's.
+ */
+int32_t poegp_command(const struct poegp_model_t *model,
+                      struct poegp_filter_t *filter,
+                      const float *joints,
+                      size_t count,
+                      float payload_kg,
+                      int32_t engage,
+                      uint32_t cycles,
+                      struct poegp_commanded_t *out);
+
+/*
+ 1 when nothing is applied and nothing moves: only now exchange the model, or make the filter anew. Else 0, also for
+ what is no filter.
+
+ # Safety
+ `filter` comes from `poegp_filter_init` and nobody changes it during the call.
+ */
+int32_t poegp_filter_disengaged(const struct poegp_filter_t *filter);
+
+/*
+ What the filter has counted; zeros beside an error.
+
+ Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED, POEGP_ERROR_OVERLAP.
+
+ # Safety
+ `filter` comes from `poegp_filter_init` and nobody changes it during the call; `out` is the caller's.
+ */
+int32_t poegp_filter_counts(const struct poegp_filter_t *filter, struct poegp_filter_counts_t *out);
+
+/*
+ Forgets commands, correction and payload; settings and counts stay. The correction steps to zero unless the filter is
+ disengaged: for an arm that stands still, its brakes on.
+
+ Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED.
+
+ # Safety
+ `filter` comes from `poegp_filter_init` and nobody else uses it during the call.
+ */
+int32_t poegp_filter_reset(struct poegp_filter_t *filter);
 
 #ifdef __cplusplus
 }  // extern "C"

@@ -240,7 +240,9 @@ pub unsafe extern "C" fn poegp_evaluate(
 }
 
 /// The joints to command so that the real arm stands where the nominal one would at `joints` (rad or m), with a payload
-/// in kg. No joint changes by more than 0.1 rad or m. `joints` may lie in `*out`.
+/// in kg. No joint changes by more than 0.1 rad or m. The answer is a continuous function of joints and payload, and
+/// nothing but a function of them: to switch it on, or to exchange the model, while the arm moves, see `poegp_command`.
+/// `joints` may lie in `*out`.
 ///
 /// Returns POEGP_OK for every number that C can hold: what the answer is worth is in `out->status`. With an error code
 /// the answer is the command as it came, as far as it could be read, and its status says POEGP_STATUS_NO_MODEL or
@@ -274,7 +276,9 @@ pub unsafe extern "C" fn poegp_correct(
                     .correct(joints.as_slice(), payload_kg);
                 let answer = Corrected {
                     joints: result.joints,
+                    applied: result.applied,
                     position_error: result.position_error,
+                    rotation_error: result.rotation_error,
                     status: u32::from(result.status.bits()),
                 };
                 (POEGP_OK, answer)
@@ -292,19 +296,25 @@ fn answer_apart<T>(model: *const Model, out: *mut T) -> Result<(), i32> {
     apart((model, size_of::<Model>()), (out, size_of::<T>()))
 }
 
-/// The command, zeros in place of what is not finite.
 fn as_it_came(command: &[f32], status: u32) -> Corrected {
+    Corrected {
+        joints: finite(command),
+        applied: 0.0,
+        position_error: 0.0,
+        rotation_error: 0.0,
+        status,
+    }
+}
+
+/// The command, zeros in place of what is not finite.
+pub(crate) fn finite(command: &[f32]) -> [f32; MAX_JOINTS] {
     let mut joints = [0.0; MAX_JOINTS];
     for (slot, value) in joints.iter_mut().zip(command) {
         if value.is_finite() {
             *slot = *value;
         }
     }
-    Corrected {
-        joints,
-        position_error: 0.0,
-        status,
-    }
+    joints
 }
 
 /// Which arm the model is of. Without a model the names are empty and the numbers zero.

@@ -7,9 +7,11 @@
 //! | 100 + n | the blob is damaged or foreign |
 //! | 200 + n | the blob is intact, and no robot may be moved by its numbers; n is the wire code of `LoadError` |
 //! | 300 + n | the signature; n is the wire code of `SignatureError` |
+//! | 400 + n | a setting of the filter |
 
 use poegp_protocol::blob::DecodeError;
 use poegp_protocol::link::Refusal;
+use poegp_runtime::filter::FilterError;
 
 /// Done.
 pub const POEGP_OK: i32 = 0;
@@ -17,9 +19,9 @@ pub const POEGP_OK: i32 = 0;
 pub const POEGP_ERROR_NULL: i32 = 1;
 /// A pointer is not aligned for what it points to.
 pub const POEGP_ERROR_MISALIGNED: i32 = 2;
-/// The memory is smaller than a model.
+/// The memory is smaller than a model or a filter.
 pub const POEGP_ERROR_TOO_SMALL: i32 = 3;
-/// The memory was not initialised by `poegp_init`.
+/// The memory was not initialised by `poegp_init`, or `poegp_filter_init`.
 pub const POEGP_ERROR_NOT_INITIALISED: i32 = 4;
 /// Two arguments share memory that must not.
 pub const POEGP_ERROR_OVERLAP: i32 = 5;
@@ -81,6 +83,15 @@ pub const POEGP_SIGNATURE_WRONG_KEY: i32 = 303;
 /// The signature is not one of these bytes by this key, or the key is none.
 pub const POEGP_SIGNATURE_INVALID: i32 = 304;
 
+/// The period is not within 50 us and 0.1 s.
+pub const POEGP_FILTER_PERIOD: i32 = 401;
+/// The rate limit is not within 1e-4 and 1 rad/s.
+pub const POEGP_FILTER_RATE: i32 = 402;
+/// The acceleration limit is not within 1e-3 and 100 rad/s^2.
+pub const POEGP_FILTER_ACCELERATION: i32 = 403;
+/// The blend time is not within 0.01 s and 10 s, or below ten periods.
+pub const POEGP_FILTER_BLEND: i32 = 404;
+
 /// What the numbers of `LoadError` begin after.
 const MODEL: i32 = 200;
 /// What the numbers of `SignatureError` begin after.
@@ -112,4 +123,16 @@ pub(crate) fn of_refusal(refusal: &Refusal) -> i32 {
 /// The number of what is wrong with a signature.
 pub(crate) fn of_signature(code: u8) -> i32 {
     SIGNATURE + i32::from(code)
+}
+
+/// The number of what is wrong with settings.
+pub(crate) fn of_settings(error: FilterError) -> i32 {
+    match error {
+        FilterError::Period => POEGP_FILTER_PERIOD,
+        FilterError::Rate => POEGP_FILTER_RATE,
+        FilterError::Acceleration => POEGP_FILTER_ACCELERATION,
+        FilterError::Blend => POEGP_FILTER_BLEND,
+        // A new filter is not.
+        FilterError::Engaged => POEGP_ERROR_OTHER,
+    }
 }

@@ -1,4 +1,4 @@
-//! The runtime for programs in C: load a blob, evaluate, correct, identify, in memory that the caller owns.
+//! The runtime for programs in C: load a blob, evaluate, correct, command, identify, in memory that the caller owns.
 //!
 //! ```text
 //!  C program ── poegp.h ──> this crate: looks at every pointer ──> poegp-runtime
@@ -25,6 +25,7 @@
 
 mod border;
 pub mod codes;
+mod filter;
 mod memory;
 #[cfg(target_os = "none")]
 mod panic;
@@ -32,3 +33,4 @@ pub mod text;
 pub mod types;
 
 pub use border::*;
+pub use filter::*;

@@ -9,7 +9,7 @@ use crate::codes::{
     POEGP_ERROR_LENGTH, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED, POEGP_ERROR_NULL,
     POEGP_ERROR_OVERLAP,
 };
-use crate::types::{MARK, Model};
+use crate::types::{FILTER_MARK, Filter, MARK, Model};
 
 /// Refuses null and misaligned pointers.
 #[inline(always)]
@@ -53,10 +53,7 @@ pub(crate) unsafe fn model<'a>(model: *const Model) -> Result<&'a Model, i32> {
     // SAFETY: not null, aligned; inside the memory of the caller's promise. A pointer, since it may be no model yet.
     let mark = unsafe { &raw const (*model).mark };
     // SAFETY: as above, and a word that was written by the caller's promise.
-    let mark = unsafe { mark.read() };
-    if mark != MARK {
-        return Err(POEGP_ERROR_NOT_INITIALISED);
-    }
+    unsafe { marked(mark, MARK) }?;
     // SAFETY: as above, and marked: `poegp_init` has written a whole model here.
     Ok(unsafe { &*model })
 }
@@ -70,6 +67,46 @@ pub(crate) unsafe fn model_mut<'a>(pointer: *mut Model) -> Result<&'a mut Model,
     unsafe { model(pointer) }?;
     // SAFETY: looked at above; alone by the caller's promise.
     Ok(unsafe { &mut *pointer })
+}
+
+/// The filter behind a pointer.
+///
+/// # Safety
+/// If `filter` is neither null nor misaligned, it leads to `POEGP_FILTER_BYTES` that were written once and that nobody
+/// changes during `'a`.
+pub(crate) unsafe fn filter<'a>(filter: *const Filter) -> Result<&'a Filter, i32> {
+    usable(filter)?;
+    // SAFETY: not null, aligned; inside the memory of the caller's promise. A pointer, since it may be no filter yet.
+    let mark = unsafe { &raw const (*filter).mark };
+    // SAFETY: as above, and a word that was written by the caller's promise.
+    unsafe { marked(mark, FILTER_MARK) }?;
+    // SAFETY: as above, and marked: `poegp_filter_init` has written a whole filter here.
+    Ok(unsafe { &*filter })
+}
+
+/// The same, to be changed.
+///
+/// # Safety
+/// As [`filter`], and nobody reads it during `'a` either.
+pub(crate) unsafe fn filter_mut<'a>(pointer: *mut Filter) -> Result<&'a mut Filter, i32> {
+    // SAFETY: the caller's promise is the same; the shared reference ends here.
+    unsafe { filter(pointer) }?;
+    // SAFETY: looked at above; alone by the caller's promise.
+    Ok(unsafe { &mut *pointer })
+}
+
+/// Refuses another word than `expected`.
+///
+/// # Safety
+/// `mark` leads to a word that was written once.
+#[inline(always)]
+unsafe fn marked(mark: *const u32, expected: u32) -> Result<(), i32> {
+    // SAFETY: the contract of this function.
+    if unsafe { mark.read() } == expected {
+        Ok(())
+    } else {
+        Err(POEGP_ERROR_NOT_INITIALISED)
+    }
 }
 
 /// `length` bytes.
@@ -113,6 +150,14 @@ impl Joints {
             *slot = *value;
         }
         Ok(joints)
+    }
+
+    /// `count` numbers that are none, in place of joints that cannot be read.
+    pub(crate) fn unreadable(count: usize) -> Self {
+        Self {
+            values: [f32::NAN; MAX_JOINTS + 1],
+            count: count.min(MAX_JOINTS + 1),
+        }
     }
 
     /// The numbers.

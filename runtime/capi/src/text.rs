@@ -10,8 +10,10 @@ pub fn of(code: i32) -> &'static CStr {
         POEGP_OK => c"done",
         POEGP_ERROR_NULL => c"a pointer is null",
         POEGP_ERROR_MISALIGNED => c"a pointer is misaligned",
-        POEGP_ERROR_TOO_SMALL => c"the memory is smaller than a model",
-        POEGP_ERROR_NOT_INITIALISED => c"the memory was not initialised by poegp_init",
+        POEGP_ERROR_TOO_SMALL => c"the memory is smaller than a model or a filter",
+        POEGP_ERROR_NOT_INITIALISED => {
+            c"the memory was not initialised by poegp_init or poegp_filter_init"
+        }
         POEGP_ERROR_OVERLAP => c"two arguments share memory that must not",
         POEGP_ERROR_LENGTH => c"a length is larger than memory",
         POEGP_ERROR_OTHER => c"refused for a reason that has no number in this version",
@@ -42,6 +44,10 @@ pub fn of(code: i32) -> &'static CStr {
         POEGP_SIGNATURE_UNSIGNED => c"the blob is not signed",
         POEGP_SIGNATURE_WRONG_KEY => c"the blob is signed by another key",
         POEGP_SIGNATURE_INVALID => c"the signature does not fit the blob and the key",
+        POEGP_FILTER_PERIOD => c"the period is not within 50 us and 0.1 s",
+        POEGP_FILTER_RATE => c"the rate limit is not within 1e-4 and 1 rad/s",
+        POEGP_FILTER_ACCELERATION => c"the acceleration limit is not within 1e-3 and 100 rad/s2",
+        POEGP_FILTER_BLEND => c"the blend time is not within 0.01 s and 10 s, or below ten periods",
         _ if (201..300).contains(&code) => c"the numbers of the model are not usable",
         _ if (300..400).contains(&code) => c"the signature is not usable",
         _ => c"not a code of this version",

@@ -4,12 +4,13 @@ use core::ffi::c_char;
 
 use poegp_protocol::limits::{MAX_JOINTS, OUTPUTS};
 use poegp_protocol::link::MAX_NAME;
+use poegp_runtime::filter::CommandFilter;
 use poegp_runtime::model::words_for;
 use poegp_runtime::service::Resident;
 use poegp_runtime::status::Status;
 
 /// Changes when a function, a structure or the meaning of a code does; see `poegp_api_version`.
-pub const POEGP_API_VERSION: u32 = 1;
+pub const POEGP_API_VERSION: u32 = 2;
 
 /// Most joints of an arm.
 pub const POEGP_MAX_JOINTS: usize = 8;
@@ -23,6 +24,12 @@ pub const POEGP_MODEL_BYTES: usize = 27648;
 /// Alignment of that memory in bytes.
 pub const POEGP_MODEL_ALIGN: usize = 8;
 
+/// Bytes of memory for one filter, enough on 32-bit and 64-bit machines.
+pub const POEGP_FILTER_BYTES: usize = 320;
+
+/// Alignment of that memory in bytes.
+pub const POEGP_FILTER_ALIGN: usize = 8;
+
 /// Status bit: some joint is outside the range that was trained; the correction is an extrapolation.
 pub const POEGP_STATUS_OUTSIDE_JOINT_RANGE: u32 = 1;
 /// Status bit: the payload is outside the range that was trained.
@@ -33,8 +40,13 @@ pub const POEGP_STATUS_CORRECTION_BOUNDED: u32 = 4;
 pub const POEGP_STATUS_NO_MODEL: u32 = 8;
 /// Status bit: wrong number of joints, a number that is not finite, or one beyond all reason: nothing was corrected.
 pub const POEGP_STATUS_BAD_INPUT: u32 = 16;
-/// Status bit: no corrected command was found that is better; the joints are uncorrected, or only partly corrected.
+/// Status bit: more than 5 um or 5 urad of the arm's error stay by the model: beside a singularity, or because a bound
+/// acts.
 pub const POEGP_STATUS_PARTLY_CORRECTED: u32 = 32;
+/// Status bit of `poegp_command`: the correction is switched off; the command itself goes out, or will soon.
+pub const POEGP_STATUS_BYPASSED: u32 = 64;
+/// Status bit of `poegp_command`: the joints are on their way to those that were asked for.
+pub const POEGP_STATUS_BLENDING: u32 = 128;
 
 /// Support points of the longest row that fit; a model of six joints has room for half as many again and more.
 const POINTS: usize = 400;
@@ -54,6 +66,20 @@ pub struct Model {
 
 /// What initialised memory begins with: `poegp_load` on a variable that was only zeroed is refused.
 pub(crate) const MARK: u32 = 0x4d47_4550;
+
+/// A filter in the caller's memory, which keeps the correction from stepping. Made by `poegp_filter_init`; what is in it is
+/// of no concern to C.
+///
+/// One for each arm; it belongs to the thread or interrupt that commands.
+#[derive(Debug)]
+pub struct Filter {
+    /// [`FILTER_MARK`] once it is a filter.
+    pub(crate) mark: u32,
+    pub(crate) filter: CommandFilter<f32>,
+}
+
+/// What an initialised filter begins with. Not [`MARK`]: neither is taken for the other.
+pub(crate) const FILTER_MARK: u32 = 0x4647_4550;
 
 #[cfg(test)]
 mod tests {
@@ -96,10 +122,65 @@ pub struct Corrected {
     /// Joints to command, rad or m, as many as the command had; zero beyond. The command itself when nothing was
     /// corrected, with zero for what is not finite.
     pub joints: [f32; POEGP_MAX_JOINTS],
-    /// Distance in metres that remains between the calibrated arm at these joints and the nominal one at the command.
+    /// How much of the arm's error is corrected, 0 to 1: 1 but beside singularities and where a bound acts.
+    pub applied: f32,
+    /// Distance in metres that stays, by the model, between the arm at these joints and the nominal one at the command.
     pub position_error: f32,
+    /// The same of the rotation, in radians.
+    pub rotation_error: f32,
     /// What it is worth: a sum of POEGP_STATUS_ bits, 0 when there is nothing to remark.
     pub status: u32,
+}
+
+/// Limits and times of a filter. For sliding joints m stands for rad. `poegp_filter_defaults` fills it.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FilterSettings {
+    /// Time between two commands in s, 50 us to 0.1 s.
+    pub period_s: f32,
+    /// Largest rate of the correction beyond what the path explains, rad/s, 1e-4 to 1.
+    pub rate: f32,
+    /// Largest acceleration of the correction beyond what the path explains, rad/s^2, 1e-3 to 100.
+    pub acceleration: f32,
+    /// Shortest time in s in which the correction is switched on or off, or the payload changes; 0.01 to 10, and at least
+    /// ten periods.
+    pub blend_s: f32,
+}
+
+/// The answer of `poegp_command`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Commanded {
+    /// Joints to send, rad or m, as many as the command had; zero beyond. Always finite.
+    pub joints: [f32; POEGP_MAX_JOINTS],
+    /// How far the correction is switched on, 0 to 1.
+    pub weight: f32,
+    /// What `poegp_correct` says of the corrected command, to which the joints go while the correction is on: how much of
+    /// the arm's error it takes away, 0 to 1.
+    pub applied: f32,
+    /// The same: distance that stays, in metres.
+    pub position_error: f32,
+    /// The same: rotation that stays, in radians.
+    pub rotation_error: f32,
+    /// What it is worth: a sum of POEGP_STATUS_ bits, 0 when there is nothing to remark.
+    pub status: u32,
+}
+
+/// What a filter has counted since `poegp_filter_init`, each up to 2^32 - 1.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct FilterCounts {
+    /// Commands that jumped.
+    pub held: u32,
+    /// Commands after a gap of more than five cycles.
+    pub lost: u32,
+    /// Calls within a cycle that had been answered.
+    pub doubled: u32,
+    /// Commands that were none; the last joints were sent again.
+    pub bad: u32,
+    /// Commands whose correction changed more than the path explains, without a jump, a gap or a change of payload: the
+    /// model was exchanged, or steps.
+    pub guarded: u32,
 }
 
 /// The answer of `poegp_identify`.
@@ -132,6 +213,15 @@ const _: () = {
         "lower POEGP_MODEL_BYTES"
     );
     assert!(POEGP_MODEL_ALIGN.is_multiple_of(align_of::<Model>()));
+    assert!(
+        size_of::<Filter>() <= POEGP_FILTER_BYTES,
+        "raise POEGP_FILTER_BYTES"
+    );
+    assert!(
+        size_of::<Filter>() + 128 > POEGP_FILTER_BYTES,
+        "lower POEGP_FILTER_BYTES"
+    );
+    assert!(POEGP_FILTER_ALIGN.is_multiple_of(align_of::<Filter>()));
     assert!(POEGP_MAX_JOINTS == MAX_JOINTS && OUTPUTS == 6);
     assert!(MAX_NAME < POEGP_NAME_BYTES && env!("CARGO_PKG_VERSION").len() < POEGP_NAME_BYTES);
     assert!(POEGP_STATUS_OUTSIDE_JOINT_RANGE == Status::OUTSIDE_JOINT_RANGE.bits() as u32);
@@ -140,4 +230,6 @@ const _: () = {
     assert!(POEGP_STATUS_NO_MODEL == Status::NO_MODEL.bits() as u32);
     assert!(POEGP_STATUS_BAD_INPUT == Status::BAD_INPUT.bits() as u32);
     assert!(POEGP_STATUS_PARTLY_CORRECTED == Status::PARTLY_CORRECTED.bits() as u32);
+    assert!(POEGP_STATUS_BYPASSED == Status::BYPASSED.bits() as u32);
+    assert!(POEGP_STATUS_BLENDING == Status::BLENDING.bits() as u32);
 };

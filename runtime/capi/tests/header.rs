@@ -36,10 +36,14 @@ fn the_committed_header_is_the_generated_one() {
         ("Evaluation", "poegp_evaluation_t"),
         ("Corrected", "poegp_corrected_t"),
         ("Identity", "poegp_identity_t"),
+        ("Filter", "poegp_filter_t"),
+        ("FilterSettings", "poegp_filter_settings_t"),
+        ("FilterCounts", "poegp_filter_counts_t"),
+        ("Commanded", "poegp_commanded_t"),
     ] {
         config.export.rename.insert(rust.to_owned(), c.to_owned());
     }
-    let sources = ["types.rs", "codes.rs", "border.rs"];
+    let sources = ["types.rs", "codes.rs", "border.rs", "filter.rs"];
     let builder = sources
         .iter()
         .fold(Builder::new().with_config(config), |builder, source| {
@@ -62,5 +66,10 @@ fn the_committed_header_is_the_generated_one() {
         );
     }
     assert!(committed == generated, "poegp.h has another length");
-    assert!(generated.contains("int32_t poegp_evaluate("), "{generated}");
+    for function in ["poegp_evaluate", "poegp_command"] {
+        assert!(
+            generated.contains(&format!("int32_t {function}(")),
+            "{generated}"
+        );
+    }
 }
