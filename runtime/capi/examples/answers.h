@@ -1,10 +1,12 @@
-/* What both examples do: load a blob, evaluate and correct a list of commands, print the bits.
+/* What both examples do: load a blob, evaluate and correct a list of commands, command a path, print the bits.
 
    Every line has the question, then " | ", then the answer; numbers of type float are printed as the eight hexadecimal
-   digits of their bits, all others as such. No arithmetic here, so that no compiler can make a difference:
+   digits of their bits, all others as such. No arithmetic here but exact steps of a path, so that no compiler can make a difference:
 
      evaluate JOINT … PAYLOAD | CODE STATUS BASE_FROM_TARGET[12] CORRECTION[6]
-     correct JOINT … PAYLOAD | CODE STATUS JOINTS[8] POSITION_ERROR                                                  */
+     correct JOINT … PAYLOAD | CODE STATUS JOINTS[8] APPLIED POSITION_ERROR ROTATION_ERROR
+     command JOINT … PAYLOAD ENGAGE CYCLES | CODE STATUS JOINTS[8] WEIGHT APPLIED POSITION_ERROR ROTATION_ERROR DISENGAGED
+     counts HELD LOST DOUBLED BAD GUARDED                                                                            */
 #ifndef ANSWERS_H
 #define ANSWERS_H
 
@@ -75,11 +77,15 @@ static inline void print_bits(print_t print, const float *values, size_t count)
     }
 }
 
-static inline void print_answer(print_t print, const char *verb, const struct command *command, int32_t code, uint32_t status)
+static inline void print_question(print_t print, const char *verb, const struct command *command)
 {
     print(verb);
     print_bits(print, command->joints, command->count);
     print_bits(print, &command->payload_kg, 1);
+}
+
+static inline void print_answer(print_t print, int32_t code, uint32_t status)
+{
     print(" |");
     print_number(print, (uint32_t)code);
     print_number(print, status);
@@ -92,18 +98,79 @@ static inline void show_answers(const poegp_model_t *model, print_t print)
 
         poegp_evaluation_t evaluation;
         int32_t code = poegp_evaluate(model, command->joints, command->count, command->payload_kg, &evaluation);
-        print_answer(print, "evaluate", command, code, evaluation.status);
+        print_question(print, "evaluate", command);
+        print_answer(print, code, evaluation.status);
         print_bits(print, evaluation.base_from_target, 12);
         print_bits(print, evaluation.correction, 6);
         print("\n");
 
         poegp_corrected_t corrected;
         code = poegp_correct(model, command->joints, command->count, command->payload_kg, &corrected);
-        print_answer(print, "correct", command, code, corrected.status);
+        print_question(print, "correct", command);
+        print_answer(print, code, corrected.status);
         print_bits(print, corrected.joints, POEGP_MAX_JOINTS);
+        print_bits(print, &corrected.applied, 1);
         print_bits(print, &corrected.position_error, 1);
+        print_bits(print, &corrected.rotation_error, 1);
         print("\n");
     }
+}
+
+/* A path that is switched, loses commands and has some that are none. */
+static inline void show_commands(const poegp_model_t *model, poegp_filter_t *filter, print_t print)
+{
+    for (uint32_t cycle = 0; cycle < 160; cycle++) {
+        struct command command = commands[1];
+        for (size_t joint = 0; joint < command.count; joint++) {
+            command.joints[joint] += (float)cycle / 1024.0f;
+        }
+        if (cycle % 29 == 28) {
+            command.joints[2] = NAN;
+        }
+        if (cycle >= 30) {
+            command.payload_kg = 4.0f;
+        }
+        int32_t engage = cycle < 60 || cycle >= 120;
+        uint32_t cycles = cycle % 41 == 40 ? 9 : cycle % 37 == 36 ? 0 : 1;
+
+        poegp_commanded_t commanded;
+        int32_t code = poegp_command(model, filter, command.joints, command.count, command.payload_kg, engage, cycles,
+                                     &commanded);
+        print_question(print, "command", &command);
+        print_number(print, (uint32_t)engage);
+        print_number(print, cycles);
+        print_answer(print, code, commanded.status);
+        print_bits(print, commanded.joints, POEGP_MAX_JOINTS);
+        print_bits(print, &commanded.weight, 1);
+        print_bits(print, &commanded.applied, 1);
+        print_bits(print, &commanded.position_error, 1);
+        print_bits(print, &commanded.rotation_error, 1);
+        print_number(print, (uint32_t)poegp_filter_disengaged(filter));
+        print("\n");
+    }
+    poegp_filter_counts_t counts;
+    poegp_filter_counts(filter, &counts);
+    print("counts");
+    print_number(print, counts.held);
+    print_number(print, counts.lost);
+    print_number(print, counts.doubled);
+    print_number(print, counts.bad);
+    print_number(print, counts.guarded);
+    print("\n");
+}
+
+/* Says what is wrong, if anything is. */
+static inline int is_error(int32_t code, print_t print)
+{
+    if (code == POEGP_OK) {
+        return 0;
+    }
+    print("error");
+    print_number(print, (uint32_t)code);
+    print(": ");
+    print(poegp_error_text(code));
+    print("\n");
+    return 1;
 }
 
 /* Initialises a model, loads the blob and says whose it is; null when something is wrong, which is printed. */
@@ -117,12 +184,7 @@ static inline poegp_model_t *load(void *memory, size_t bytes, const uint8_t *blo
     if (code == POEGP_OK) {
         code = poegp_load(model, blob, length);
     }
-    if (code != POEGP_OK) {
-        print("error");
-        print_number(print, (uint32_t)code);
-        print(": ");
-        print(poegp_error_text(code));
-        print("\n");
+    if (is_error(code, print)) {
         return NULL;
     }
     poegp_identity_t identity;
@@ -137,6 +199,18 @@ static inline poegp_model_t *load(void *memory, size_t bytes, const uint8_t *blo
     print_number(print, identity.support);
     print("\n");
     return model;
+}
+
+/* Makes a filter for 20 commands a second; null when something is wrong, which is printed. */
+static inline poegp_filter_t *make_filter(void *memory, size_t bytes, print_t print)
+{
+    poegp_filter_t *filter;
+    poegp_filter_settings_t settings;
+    int32_t code = poegp_filter_defaults(0.05f, &settings);
+    if (code == POEGP_OK) {
+        code = poegp_filter_init(memory, bytes, &settings, &filter);
+    }
+    return is_error(code, print) ? NULL : filter;
 }
 
 #endif

@@ -4,6 +4,7 @@
 #include "answers.h"
 
 static _Alignas(POEGP_MODEL_ALIGN) unsigned char memory[POEGP_MODEL_BYTES];
+static _Alignas(POEGP_FILTER_ALIGN) unsigned char filter_memory[POEGP_FILTER_BYTES];
 static uint8_t blob[65536];
 
 static void print(const char *text)
@@ -21,9 +22,11 @@ int main(int count, char **arguments)
     size_t length = fread(blob, 1, sizeof blob, file);
     fclose(file);
     const poegp_model_t *model = load(memory, sizeof memory, blob, length, print);
-    if (model == NULL) {
+    poegp_filter_t *filter = make_filter(filter_memory, sizeof filter_memory, print);
+    if (model == NULL || filter == NULL) {
         return 1;
     }
     show_answers(model, print);
+    show_commands(model, filter, print);
     return 0;
 }

@@ -110,7 +110,9 @@ fn answers_are_those_of_the_runtime() {
         let expected = arm.correct(&COMMAND, payload);
         assert_eq!(code, POEGP_OK);
         assert_eq!(found.joints, expected.joints);
+        assert_eq!(found.applied, expected.applied);
         assert_eq!(found.position_error, expected.position_error);
+        assert_eq!(found.rotation_error, expected.rotation_error);
         assert_eq!(found.status, u32::from(expected.status.bits()));
     }
 }
@@ -429,10 +431,11 @@ fn every_code_has_words() {
         .chain([99])
         .chain(101..=107)
         .chain(201..=214)
-        .chain(301..=304);
+        .chain(301..=304)
+        .chain(401..=404);
     let mut seen: Vec<String> = known.map(words).collect();
     assert!(!seen.contains(&unknown));
     seen.sort();
     seen.dedup();
-    assert_eq!(seen.len(), 7 + 1 + 7 + 14 + 4, "{seen:#?}");
+    assert_eq!(seen.len(), 7 + 1 + 7 + 14 + 4 + 4, "{seen:#?}");
 }

@@ -5,13 +5,17 @@ use std::fs;
 use std::path::PathBuf;
 
 use poegp_protocol::blob;
+use poegp_runtime::filter::{CommandFilter, FilterSettings};
 use poegp_runtime::model::{Model, words_for};
+use poegp_runtime::status::Status;
 use poegp_tests::image::Image;
 
 use crate::c::{Machine, capi, compile, run_on_device, run_on_host};
 
 /// Questions of each kind in `answers.h`.
 const QUESTIONS: usize = 19;
+/// Cycles of its path.
+const CYCLES: usize = 160;
 const KIB: u64 = 1_024;
 
 struct Program {
@@ -50,27 +54,74 @@ fn assert_answers(said: &str) {
             decoded.robot.name
         ))
     );
-    let (mut evaluated, mut corrected, mut trusted) = (0, 0, 0);
+    let mut filter = CommandFilter::new();
+    filter
+        .configure(&FilterSettings::with_period(0.05))
+        .unwrap();
+    let (mut evaluated, mut corrected, mut commanded, mut trusted) = (0, 0, 0, 0);
+    let mut ways = [0; 4];
     for line in lines.filter(|line| !line.starts_with("stack")) {
+        if line.starts_with("counts") {
+            let counts = filter.counts();
+            let numbers = [
+                counts.held,
+                counts.lost,
+                counts.doubled,
+                counts.bad,
+                counts.guarded,
+            ];
+            let expected = numbers.map(|number| number.to_string()).join(" ");
+            assert_eq!(line, format!("counts {expected}"));
+            assert!(counts.lost > 0 && counts.doubled > 0 && counts.bad > 0);
+            continue;
+        }
         let question = line.split(" |").next().unwrap();
-        let mut words = question.split(' ');
-        let verb = words.next().unwrap();
+        let mut words: Vec<&str> = question.split(' ').collect();
+        let verb = words.remove(0);
+        let decimal = |word: &str| word.parse::<u32>().unwrap();
+        let (cycles, engage) = match verb {
+            "command" => (
+                decimal(words.pop().unwrap()),
+                decimal(words.pop().unwrap()) != 0,
+            ),
+            _ => (0, false),
+        };
         let mut values: Vec<f32> = words
+            .iter()
             .map(|word| f32::from_bits(u32::from_str_radix(word, 16).unwrap()))
             .collect();
         let payload = values.pop().unwrap();
-        let (status, answer) = if verb == "evaluate" {
-            evaluated += 1;
-            let result = model.evaluate(&values, payload);
-            let mut answer = result.pose.to_rows().to_vec();
-            answer.extend(result.correction.to_array());
-            (result.status, answer)
-        } else {
-            corrected += 1;
-            let result = model.correct(&values, payload);
-            let mut answer = result.joints.to_vec();
-            answer.push(result.position_error);
-            (result.status, answer)
+        let mut last = String::new();
+        let (status, answer) = match verb {
+            "evaluate" => {
+                evaluated += 1;
+                let result = model.evaluate(&values, payload);
+                let mut answer = result.pose.to_rows().to_vec();
+                answer.extend(result.correction.to_array());
+                (result.status, answer)
+            }
+            "correct" => {
+                corrected += 1;
+                let result = model.correct(&values, payload);
+                let mut answer = result.joints.to_vec();
+                answer.extend([result.applied, result.position_error, result.rotation_error]);
+                (result.status, answer)
+            }
+            "command" => {
+                commanded += 1;
+                let payload = filter.payload(payload, cycles);
+                let result = model.correct(&values, payload);
+                let sent = filter.step(&values, &result.joints, result.status, engage, cycles);
+                let mut answer = sent.joints.to_vec();
+                answer.extend([sent.weight, result.applied]);
+                answer.extend([result.position_error, result.rotation_error]);
+                write!(last, " {}", u8::from(filter.disengaged())).unwrap();
+                let blends = sent.status.contains(Status::BLENDING);
+                ways[usize::from(engage) + 2 * usize::from(blends)] += 1;
+                let status = sent.status.with_if(!engage, Status::BYPASSED);
+                (status, answer)
+            }
+            _ => panic!("{line}"),
         };
         trusted += usize::from(status.is_ok());
         let mut expected = format!("{question} | 0 {}", status.bits());
@@ -78,9 +129,12 @@ fn assert_answers(said: &str) {
             assert!(value.is_finite(), "{line}");
             write!(expected, " {:08x}", value.to_bits()).unwrap();
         }
-        assert_eq!(line, expected);
+        assert_eq!(line, expected + &last);
     }
     assert_eq!((evaluated, corrected), (QUESTIONS, QUESTIONS));
+    assert_eq!(commanded, CYCLES);
+    // On its way and arrived, there and back.
+    assert!(ways.iter().all(|cycles| *cycles >= 5), "{ways:?}");
     assert!(
         trusted >= 4,
         "{trusted} answers are within what was trained"
@@ -104,7 +158,7 @@ fn c_on_the_device_answers_as_the_runtime() {
     let stack = said.lines().last().unwrap().strip_prefix("stack ").unwrap();
     let stack: Vec<u64> = stack.split(' ').map(|word| word.parse().unwrap()).collect();
     println!(
-        "stack from main on: {} bytes to load, {} to evaluate and correct",
+        "stack from main on: {} bytes to load, {} to evaluate, correct and command",
         stack[0], stack[1]
     );
     assert!(stack[0] <= 20 * KIB, "{}", stack[0]);
@@ -122,8 +176,13 @@ fn a_program_in_c_has_no_panic_no_heap_and_no_software_f64() {
         image.flash, image.static_ram
     );
     assert!(image.flash <= 128 * KIB, "{}", image.flash);
-    let ours = image.named(&["poegp_evaluate", "poegp_correct", "poegp_load"]);
-    assert_eq!(ours.len(), 3, "the search finds symbols: {ours:?}");
+    let ours = image.named(&[
+        "poegp_evaluate",
+        "poegp_correct",
+        "poegp_command",
+        "poegp_load",
+    ]);
+    assert_eq!(ours.len(), 4, "the search finds symbols: {ours:?}");
     for part in [
         "panic",
         "unwrap_failed",
