@@ -142,10 +142,6 @@ unsafe fn made(
 /// `model` comes from `poegp_init` and is not loaded during the call; `filter` comes from `poegp_filter_init` and nobody
 /// else uses it during the call; `joints` leads to `count` numbers; `out` is the caller's.
 #[unsafe(no_mangle)]
-#[expect(
-    clippy::too_many_arguments,
-    reason = "C has neither slices nor references that could take some together"
-)]
 pub unsafe extern "C" fn poegp_command(
     model: *const Model,
     filter: *mut Filter,

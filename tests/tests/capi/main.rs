@@ -8,3 +8,4 @@ mod copies;
 mod examples;
 mod exported;
 mod peer;
+mod readme;

@@ -1,0 +1,96 @@
+//! The program in `runtime/capi/README.md`: it compiles without a warning, and does what is said there.
+
+use std::fs;
+
+use crate::c::{Machine, capi, compile, run_on_host};
+
+/// What the reader has.
+const BEFORE: &str = r#"
+#include <math.h>
+#include <stdio.h>
+#include "poegp.h"
+
+static float sent[POEGP_MAX_JOINTS];
+static uint32_t remarks;
+static int32_t last_code;
+static int exchanges, wanted;
+
+static void send(const float *joints)
+{
+    for (int i = 0; i < POEGP_MAX_JOINTS; i++) {
+        sent[i] = joints[i];
+    }
+}
+static void note(int32_t code, uint32_t status)
+{
+    last_code = code;
+    remarks = status;
+}
+static int wants_another_model(void)
+{
+    return wanted;
+}
+static poegp_model_t *other_model(void);
+"#;
+
+const AFTER: &str = r#"
+static poegp_model_t *other_model(void)
+{
+    exchanges++;
+    wanted = 0;
+    return model;
+}
+
+static uint8_t blob[65536];
+
+int main(int count, char **arguments)
+{
+    FILE *file = count == 2 ? fopen(arguments[1], "rb") : NULL;
+    size_t length = file == NULL ? 0 : fread(blob, 1, sizeof blob, file);
+    int32_t code = set_up(blob, length);
+    float joints[6] = {0.3f, -0.2f, 0.4f, 0.1f, 0.7f, -0.5f};
+    for (int i = 0; i < 2000; i++) {
+        cycle(joints, 1.0f, 1, 1);
+    }
+    poegp_corrected_t corrected;
+    poegp_correct(model, joints, 6, 1.0f, &corrected);
+    int same = 1, differs = 0;
+    for (int i = 0; i < 6; i++) {
+        same &= sent[i] == corrected.joints[i];
+        differs |= sent[i] != joints[i];
+    }
+    printf("on %d: %d %d %u\n", (int)code, same, differs, (unsigned)(remarks == corrected.status));
+    wanted = 1;
+    cycle(joints, 1.0f, 1, 1);
+    int early = exchanges;
+    for (int i = 0; i < 2000; i++) {
+        cycle(joints, 1.0f, 0, 1);
+    }
+    same = 1;
+    for (int i = 0; i < 6; i++) {
+        same &= sent[i] == joints[i];
+    }
+    printf("off %d: %d %d %d\n", (int)last_code, same, early, exchanges);
+    return 0;
+}
+"#;
+
+#[test]
+fn the_program_of_the_readme() {
+    let readme = fs::read_to_string(capi().join("README.md")).unwrap();
+    let blocks: Vec<&str> = readme
+        .split("```c\n")
+        .skip(1)
+        .map(|rest| rest.split("```").next().unwrap())
+        .collect();
+    assert_eq!(blocks.len(), 2);
+    let cycle = blocks[1].lines().count();
+    assert!(cycle <= 15, "a cycle of {cycle} lines");
+    let folder = tempfile::Builder::new().prefix("poegp-").tempdir().unwrap();
+    let source = folder.path().join("readme.c");
+    fs::write(&source, [BEFORE, &blocks.concat(), AFTER].concat()).unwrap();
+    let program = folder.path().join("readme");
+    compile(Machine::Host, &source, &[], &program);
+    let said = run_on_host(&program, &capi().join("examples/arm.blob"));
+    assert_eq!(said, "on 0: 1 1 1\noff 0: 1 0 1\n");
+}
