@@ -609,20 +609,23 @@ int32_t poegp_filter_init(void *memory,
                           struct poegp_filter_t **filter);
 
 /*
- Every cycle: the joints to send for a command of `count` joints (rad or m) and a payload in kg. As `poegp_correct`, but
- what is sent never steps by itself: switching, another payload, a lost command and even another model change the
- correction within the limits of the filter. `joints` may lie in `*out`.
+ The joints to send for a command of `count` joints (rad or m) and a payload in kg, once in every cycle. As
+ `poegp_correct`, but what is sent does not step when the correction is switched on or off, the payload changes, a command
+ is lost or the model is another: all that the motion of the command does not explain goes within the limits of the
+ filter. The time does not depend on the numbers of a good command. `joints` may lie in `*out`. Another `count` than
+ before starts the filter anew, unless the model refuses it.
 
- `engage`: 1 for the correction, 0 for the command itself, both at once or after a way there (POEGP_STATUS_BLENDING). Out
- and arrived, the answer is the command to the bit, whatever model and payload are; on and arrived, it is that of
- `poegp_correct`. `cycles`: how many have passed since the last call; 1 when none was left out, 0 for another answer to
- the same request.
+ `engage`: 0 for the command itself (POEGP_STATUS_BYPASSED), else for the corrected one. On the way from one to the other
+ the status has POEGP_STATUS_BLENDING. Arrived, the joints are those of `poegp_correct` to the bit, or the command to the
+ bit, whatever model and payload are.
+ `cycles`: how many have passed since the last call, 1 if none was left out; 0 for another answer to the same request.
 
- Returns POEGP_OK for every number that C can hold: what the answer is worth is in `out->status`. With bad input the
- joints that were sent last are sent again. With an error code, too, if it is the one of `joints`; if it is that of
- `model`, the correction goes to zero within the limits and the status says POEGP_STATUS_NO_MODEL; without a filter the
- answer is the command as it came, and its status says POEGP_STATUS_BAD_INPUT. Where `out` itself cannot be used nothing
- happens.
+ Returns POEGP_OK for every number that C can hold: what the answer is worth is in `out->status`. Bad input is answered
+ with the joints that were sent last. Beside an error code the answer is, by the argument that is wrong:
+ - `joints`: the joints that were sent last, POEGP_STATUS_BAD_INPUT;
+ - `model`: joints whose correction goes to zero within the limits, POEGP_STATUS_NO_MODEL;
+ - `filter`: the command as it came, POEGP_STATUS_BAD_INPUT;
+ - `out`: none, and the filter is as if it had not been called.
 
  Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED, POEGP_ERROR_OVERLAP.
 
@@ -640,7 +643,7 @@ int32_t poegp_command(const struct poegp_model_t *model,
                       struct poegp_commanded_t *out);
 
 /*
- 1 when nothing is applied and nothing moves: only now exchange the model, or make the filter anew. Else 0, also for
+ 1 when nothing is applied and nothing moves: only now exchange the model, or make the filter anew. Otherwise 0, also for
  what is no filter.
 
  # Safety
