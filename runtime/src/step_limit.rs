@@ -10,33 +10,38 @@
 //!
 //! is the exact step wherever that is slow enough. Elsewhere it gives up part of e in the very direction that the arm can
 //! hardly move, as much as it must, and keeps the others; no singular values are needed, and it does not matter how many
-//! directions there are. Both norms are those of a dual problem (J Jᵀ + Λ) x = e, whose λ follow from Newton's method on
-//! 1/|x|, which is nearly linear in λ. A least λ, [`FLOOR`], bounds the slope where e changes its sign along such a direction.
+//! such directions there are. It is a convex problem, so its solution does not jump. Its dual is (J Jᵀ + Λ) x = e with one λ
+//! for displacements and one for rotations; both follow from Newton's method on 1/|x|, which is nearly linear in λ. A least
+//! λ bounds the slope where e changes its sign along such a direction.
 //!
-//! Displacement and rotation are corrected by one part of x each, so that neither pays for the other:
+//! Displacement and rotation are two demands on the same equations, x = shift + turn, each within the limits and each with a
+//! share of its own, so that neither pays for the other:
 //!
-//! - the **turn** corrects the rotation, with the position held;
-//! - the **shift** corrects the position. What it turns the target by, it may leave up to the larger of the rotation that is
-//!   there without correction and what is usual for the arm; beyond that less of the shift is taken.
+//! - the **turn**, for e = (0, e_r), may push the position by no more than the shift has brought;
+//! - the **shift**, for e = (e_p, 0), may leave a rotation up to the larger of what is there without correction and what is
+//!   usual for the arm.
 //!
-//! With A, B, C the blocks of J Jᵀ, position first, all of it is in 3×3 matrices: A, S = C − Bᵀ A⁻¹ B and
-//! T = A − B (C + λ)⁻¹ Bᵀ. How the limits were chosen: docs/evidence/singularities.md.
+//! With A, B, C the blocks of J Jᵀ, position first, all of it is in 3×3 matrices: S = C − Bᵀ A⁻¹ B for λ_r, then
+//! T = A − B (C + λ_r)⁻¹ Bᵀ for λ_p. How the limits were chosen: docs/evidence/singularities.md.
 
 use crate::newton::{Damping, Gram, Hybrid};
 use crate::scalar::Scalar;
 
-/// s_r: radians of joint motion for each radian of the path.
-const TURN_LIMIT: f64 = 0.15;
-/// s_p: the same for a metre that is to be corrected, which the first three joints do with levers of about a metre.
-const SHIFT_LIMIT: f64 = 0.3;
+/// s_r: radians of joint motion for each radian of the path, for each radian that is to be corrected.
+pub const TURN_LIMIT: f64 = 0.11;
+/// s_p: the same for each metre.
+pub const SHIFT_LIMIT: f64 = 0.15;
 /// The least λ. Two steps leave (λ/σ²)² of an error: 2e-5 where σ is 0.15.
-pub const FLOOR: f64 = 1e-4;
-/// By how much more the position gives way, while the target is turned, where the position itself is singular.
-const YIELD: f64 = 1e-3;
-/// Harmonic eigenvalue of A below which it does; σ² ≥ 0.0225 of the whole arm means at least this.
-const YIELD_BELOW: f64 = 0.0075;
+const FLOOR: Damping<f64> = Damping {
+    position: 1e-5,
+    rotation: 2e-5,
+};
+/// The most λ of later steps: what is left for them is the second derivative's, some tens of micrometres.
+const MOST_LATER: f64 = 1e-3;
+/// λ of A while λ_r is sought: a position that the arm can hardly move need not be held.
+const HOLD: f64 = 3e-3;
 /// Newton steps on 1/|x|; more change nothing that could be seen.
-const ROUNDS: usize = 2;
+const ROUNDS: usize = 4;
 /// The rotation in radians that the shift may leave in any case.
 const LEAST_ROOM: f64 = 1e-4;
 /// The position in metres by which the turn may push the target in any case.
@@ -54,13 +59,21 @@ pub struct LimitedStep<T> {
     pub damping: Damping<T>,
 }
 
+impl<T: Scalar> LimitedStep<T> {
+    /// What the least λ has left of the error, which is not given up.
+    #[inline(always)]
+    pub fn left_by_floor(&self) -> Hybrid<T> {
+        let (p, r) = halves(&self.x);
+        let floor = floor();
+        joined(&scaled(floor.position, &p), &scaled(floor.rotation, &r))
+    }
+}
+
 /// J Jᵀ at the command, in the parts that every step there needs.
 #[derive(Clone, Debug)]
 pub struct StepLimit<'a, T> {
     gram: &'a Gram<T>,
-    /// λ of A while the target is turned.
-    hold: T,
-    /// Of A + `hold`.
+    /// Of A + [`HOLD`].
     factors: Factors<T>,
     /// A⁻¹ B.
     follow: Matrix<T>,
@@ -72,32 +85,31 @@ impl<'a, T: Scalar> StepLimit<'a, T> {
     /// From J Jᵀ.
     #[inline(never)]
     pub fn new(gram: &'a Gram<T>) -> Self {
-        let a = block(gram, 0, 0);
-        let hold = T::from_f64(FLOOR) + yielding(&a);
-        let factors = Factors::of(&a, hold);
+        let factors = Factors::of(&block(gram, 0, 0), T::from_f64(HOLD));
         let follow = factors.solve_columns(&block(gram, 0, 3));
         let turning = schur(&block(gram, 3, 3), &block(gram, 3, 0), &follow);
         Self {
             gram,
-            hold,
             factors,
             follow,
             turning,
         }
     }
 
-    /// x of the step that takes all of `error` away but for [`FLOOR`], and no more than this limit in all.
+    /// x of a step that takes `error` away within some percent, but nowhere goes far: for where a command will be.
     #[inline(never)]
     pub fn rough(&self, error: &Hybrid<T>) -> Hybrid<T> {
         let (p, r) = halves(error);
-        let factors = Factors::of(&self.turning, T::from_f64(FLOOR));
+        let factors = Factors::of(&self.turning, T::from_f64(FLOOR.rotation));
         let mut turn = transposed_product(&self.follow, &p);
         for (value, part) in turn.iter_mut().zip(&r) {
             *value = *part - *value;
         }
         let turn = factors.solve(&turn);
         let mut shift = self.factors.solve(&p);
-        subtract_from(&mut shift, &product(&self.follow, &turn));
+        for (value, part) in shift.iter_mut().zip(&product(&self.follow, &turn)) {
+            *value -= *part;
+        }
         let length = (squared(&shift) + squared(&turn)).sqrt();
         let share = share(T::from_f64(SHIFT_LIMIT), length);
         joined(&scaled(share, &shift), &scaled(share, &turn))
@@ -107,41 +119,48 @@ impl<'a, T: Scalar> StepLimit<'a, T> {
     /// arm that cannot turn its target every way, which leaves what it must.
     #[inline(never)]
     pub fn step(&self, error: &Hybrid<T>, usual_rotation: Option<T>) -> LimitedStep<T> {
-        let floor = T::from_f64(FLOOR);
+        let floor = floor();
         let (p, r) = halves(error);
-        let unit = T::ONE / T::from_f64(TURN_LIMIT);
-        // The turn.
-        let (turn_damping, turn) = limited(&self.turning, &r, unit, &self.follow, unit);
-        let hold = product(&self.follow, &turn);
-        let turn_left = turn_damping * squared(&turn).sqrt();
-        // The shift: first how far it may turn the target, then the position.
         let against = transposed_product(&self.follow, &p);
-        let (shift_turning, _) = limited(&self.turning, &against, unit, &self.follow, T::ZERO);
-        let c = block(self.gram, 3, 3);
-        let back = block(self.gram, 3, 0);
-        let turned = Factors::of(&c, shift_turning).solve_columns(&back);
-        let shifting = schur(&block(self.gram, 0, 0), &block(self.gram, 0, 3), &turned);
-        let largest = larger(usual_rotation.unwrap_or(T::ZERO), squared(&r).sqrt());
-        let room = larger(largest - turn_left, T::from_f64(LEAST_ROOM));
-        let side = match usual_rotation {
-            Some(_) => shift_turning / room,
-            None => T::ZERO,
-        };
-        let unit = T::ONE / T::from_f64(SHIFT_LIMIT);
-        let (shift_damping, shift) = limited(&shifting, &p, unit, &turned, side);
-        let turned = product(&turned, &shift);
-        // What two rounds left above the limit.
-        let shift_share = share(T::ONE, side * squared(&turned).sqrt());
-        // The turn pushes the position where that is singular: by no more than the shift has brought.
-        let mut left = [T::ZERO; 3];
-        for ((slot, p), x) in left.iter_mut().zip(&p).zip(&shift) {
-            *slot = *p - shift_share * (*p - shift_damping * *x);
+        let rotation = Demand {
+            matrix: &self.turning,
+            unit: T::from_f64(1.0 / TURN_LIMIT),
+            side: &self.follow,
+            side_unit: T::ZERO,
         }
-        let brought = squared(&p).sqrt() - squared(&left).sqrt();
-        let pushed = (self.hold - floor) * squared(&hold).sqrt();
-        let brought = larger(brought, T::ZERO) + T::from_f64(LEAST_PUSH);
-        let turn_share = share(brought, pushed);
-        let mut x = joined(&scaled(-turn_share, &hold), &scaled(turn_share, &turn));
+        .damping(&against, &r, floor.rotation);
+        let turning = Factors::of(&block(self.gram, 3, 3), rotation);
+        let along = turning.solve_columns(&block(self.gram, 3, 0));
+        let shifting = schur(&block(self.gram, 0, 0), &block(self.gram, 0, 3), &along);
+        let back = transposed_product(&along, &r);
+        let largest = larger(usual_rotation.unwrap_or(T::ZERO), squared(&r).sqrt());
+        let position = Demand {
+            matrix: &shifting,
+            unit: T::from_f64(1.0 / SHIFT_LIMIT),
+            side: &along,
+            side_unit: match usual_rotation {
+                Some(_) => rotation / larger(largest, T::from_f64(LEAST_ROOM)),
+                None => T::ZERO,
+            },
+        }
+        .damping(&p, &back, floor.position);
+        let shifting = Factors::of(&shifting, position);
+        let (shift, held) = (shifting.solve(&p), shifting.solve(&back));
+        let turned = product(&along, &shift);
+        let mut turn = turning.solve(&r);
+        for (value, part) in turn.iter_mut().zip(&product(&along, &held)) {
+            *value += *part;
+        }
+        let (shift_share, turn_share) = Shares {
+            error: (p, r),
+            largest: usual_rotation.map(|_| largest),
+            shift_leaves: scaled(position, &shift),
+            shift_turns: rotation * squared(&turned).sqrt(),
+            turn_leaves: scaled(rotation, &turn),
+            turn_pushes: (position - floor.position) * squared(&held).sqrt(),
+        }
+        .fair();
+        let mut x = joined(&scaled(-turn_share, &held), &scaled(turn_share, &turn));
         let shift = joined(&shift, &scaled(-T::ONE, &turned));
         for (value, part) in x.iter_mut().zip(&shift) {
             *value += shift_share * *part;
@@ -149,57 +168,106 @@ impl<'a, T: Scalar> StepLimit<'a, T> {
         LimitedStep {
             x,
             damping: Damping {
-                position: shift_damping,
-                rotation: larger(turn_damping, shift_turning),
+                position: smaller(position, T::from_f64(MOST_LATER)),
+                rotation: smaller(rotation, T::from_f64(MOST_LATER)),
             },
         }
     }
 }
 
-/// λ and x of (K + λ) x = b with |x| unit ≤ 1 and |side x| side_unit ≤ 1, nearly; λ is [`FLOOR`] where both hold with it.
-#[inline(never)]
-fn limited<T: Scalar>(
-    matrix: &Matrix<T>,
-    b: &Vector<T>,
-    unit: T,
-    side: &Matrix<T>,
-    side_unit: T,
-) -> (T, Vector<T>) {
-    let mut damping = T::from_f64(FLOOR);
-    let mut round = 0;
-    loop {
-        let factors = Factors::of(matrix, damping);
-        let x = factors.solve(b);
-        if round == ROUNDS {
-            return (damping, x);
-        }
-        round += 1;
-        let length = squared(&x);
-        let here = length * (unit * unit);
-        let there = squared(&product(side, &x)) * (side_unit * side_unit);
-        let excess = larger(here, there).sqrt() - T::ONE;
-        // Of −d(1/|x|)⁻¹/dλ · 1/|x|: λ and the eigenvalue in the direction of x.
-        let eigenvalue = length / factors.inverse_form(&x);
-        let more = eigenvalue * excess;
-        // Not for NaN: x may be zero.
-        damping += if more > T::ZERO { more } else { T::ZERO };
+#[inline(always)]
+fn floor<T: Scalar>() -> Damping<T> {
+    Damping {
+        position: T::from_f64(FLOOR.position),
+        rotation: T::from_f64(FLOOR.rotation),
     }
 }
 
-/// By how much A gives way beyond the floor: nothing in regular poses, smoothly more where its least eigenvalue goes to zero.
-#[inline(never)]
-fn yielding<T: Scalar>(a: &Matrix<T>) -> T {
-    let minor = |i: usize, j: usize, k: usize, l: usize| a[i][k] * a[j][l] - a[i][l] * a[j][k];
-    let cofactors = minor(1, 2, 1, 2) + minor(0, 2, 0, 2) + minor(0, 1, 0, 1);
-    let determinant =
-        a[0][0] * minor(1, 2, 1, 2) - a[0][1] * minor(1, 2, 0, 2) + a[0][2] * minor(1, 2, 0, 1);
-    // 1 / (1/α₁ + 1/α₂ + 1/α₃) of the eigenvalues.
-    let harmonic = determinant / cofactors;
-    let missing = T::ONE - harmonic * T::from_f64(1.0 / YIELD_BELOW);
-    let missing = if missing > T::ZERO { missing } else { T::ZERO };
-    // Rounding may make the determinant of a singular matrix negative.
-    let missing = if missing < T::ONE { missing } else { T::ONE };
-    T::from_f64(YIELD) * (missing * missing)
+/// What shift and turn do to each other.
+struct Shares<T> {
+    /// e_p and e_r.
+    error: (Vector<T>, Vector<T>),
+    /// The largest rotation that may be left, rad.
+    largest: Option<T>,
+    /// What the whole shift leaves of the position.
+    shift_leaves: Vector<T>,
+    /// By how much it turns the target, rad.
+    shift_turns: T,
+    /// What the whole turn leaves of the rotation.
+    turn_leaves: Vector<T>,
+    /// By how much it pushes the target, m.
+    turn_pushes: T,
+}
+
+impl<T: Scalar> Shares<T> {
+    /// How much of the shift and of the turn is taken, each from 0 to 1.
+    #[inline(never)]
+    fn fair(&self) -> (T, T) {
+        let (p, r) = &self.error;
+        let (mut shift, mut turn) = (T::ONE, T::ONE);
+        // Once for each, and once more for what they have changed for each other.
+        for _ in 0..2 {
+            if let Some(largest) = self.largest {
+                let left = squared(&rest(r, turn, &self.turn_leaves)).sqrt();
+                let room = larger(largest - left, T::from_f64(LEAST_ROOM));
+                shift = share(room, self.shift_turns);
+            }
+            let left = squared(&rest(p, shift, &self.shift_leaves)).sqrt();
+            let brought = larger(squared(p).sqrt() - left, T::ZERO) + T::from_f64(LEAST_PUSH);
+            // Of brought/pushed up to 1 it would be a sudden change where the two are equal.
+            turn = brought / (brought + self.turn_pushes);
+        }
+        (shift, turn)
+    }
+}
+
+/// What is left of `error` when so much is taken of a step that leaves `left`.
+#[inline(always)]
+fn rest<T: Scalar>(error: &Vector<T>, share: T, left: &Vector<T>) -> Vector<T> {
+    let mut out = *error;
+    for (value, left) in out.iter_mut().zip(left) {
+        *value -= share * (*value - *left);
+    }
+    out
+}
+
+/// What is asked of (K + λ) x = b.
+struct Demand<'a, T> {
+    matrix: &'a Matrix<T>,
+    /// |x| unit ≤ 1.
+    unit: T,
+    /// |side x| side_unit ≤ 1, of the first b only.
+    side: &'a Matrix<T>,
+    side_unit: T,
+}
+
+impl<T: Scalar> Demand<'_, T> {
+    /// The least λ with which both solutions are, nearly, within the limits.
+    #[inline(never)]
+    fn damping(&self, first: &Vector<T>, second: &Vector<T>, least: T) -> T {
+        let mut damping = least;
+        for _ in 0..ROUNDS {
+            let factors = Factors::of(self.matrix, damping);
+            let a = self.missing(&factors, first, self.side_unit);
+            let b = self.missing(&factors, second, T::ZERO);
+            damping += larger(a, b);
+        }
+        damping
+    }
+
+    /// What λ lacks for one b: Newton's step on 1/|x|.
+    #[inline(never)]
+    fn missing(&self, factors: &Factors<T>, b: &Vector<T>, side_unit: T) -> T {
+        let x = factors.solve(b);
+        let length = squared(&x);
+        let here = length * (self.unit * self.unit);
+        let there = squared(&product(self.side, &x)) * (side_unit * side_unit);
+        let excess = larger(there, here).sqrt() - T::ONE;
+        // λ and the eigenvalue in the direction of x.
+        let eigenvalue = length / factors.inverse_form(&x);
+        // Not for NaN: x may be zero.
+        larger(eigenvalue * excess, T::ZERO)
+    }
 }
 
 /// L D Lᵀ of a symmetric matrix and its damping.
@@ -316,13 +384,6 @@ fn scaled<T: Scalar>(factor: T, v: &Vector<T>) -> Vector<T> {
 }
 
 #[inline(always)]
-fn subtract_from<T: Scalar>(v: &mut Vector<T>, part: &Vector<T>) {
-    for (value, part) in v.iter_mut().zip(part) {
-        *value -= *part;
-    }
-}
-
-#[inline(always)]
 fn halves<T: Scalar>(e: &Hybrid<T>) -> (Vector<T>, Vector<T>) {
     ([e[0], e[1], e[2]], [e[3], e[4], e[5]])
 }
@@ -336,6 +397,12 @@ fn joined<T: Scalar>(p: &Vector<T>, r: &Vector<T>) -> Hybrid<T> {
 #[inline(always)]
 fn larger<T: Scalar>(a: T, b: T) -> T {
     if a > b { a } else { b }
+}
+
+/// The smaller one; `b` when `a` is NaN.
+#[inline(always)]
+fn smaller<T: Scalar>(a: T, b: T) -> T {
+    if a < b { a } else { b }
 }
 
 /// How much of `all` there may be when it must not exceed `limit`: limit/all, at most 1.

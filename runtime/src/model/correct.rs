@@ -38,7 +38,7 @@ use crate::poe::{Motions, no_motions};
 use crate::scalar::Scalar;
 use crate::se3::{Pose, Twist};
 use crate::status::Status;
-use crate::step_limit::{FLOOR, StepLimit};
+use crate::step_limit::StepLimit;
 use crate::trust::outside;
 
 /// Largest change of a joint, the controller's or a serial one, in rad or m. Corrections of calibrated arms are some
@@ -220,7 +220,7 @@ impl<T: Scalar> Search<'_, T> {
         let moved = less(error, T::ONE, &self.equations.moved(&change));
         First {
             change,
-            given_up: less(&moved, T::from_f64(FLOOR), &step.x),
+            given_up: less(&moved, T::ONE, &step.left_by_floor()),
             damping: step.damping,
         }
     }

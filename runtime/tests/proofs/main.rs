@@ -30,5 +30,6 @@ mod seeded;
 mod service;
 mod signature;
 mod signed_blob;
+mod step_limit_laws;
 mod texts;
 mod trust;

@@ -3,6 +3,7 @@
 //! The vectors are in `tests/data/vectors`; its README says who made them.
 
 mod block_gp;
+mod continuity;
 mod corrected;
 mod deviation;
 #[path = "../../../runtime/tests/proofs/json.rs"]

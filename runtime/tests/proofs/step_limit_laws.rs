@@ -1,0 +1,127 @@
+//! The limited step: exact where it is slow enough, within its limits elsewhere, nothing worse than without it, and
+//! continuous.
+
+use nalgebra::{SMatrix, SVector};
+use poegp_runtime::newton::{Gram, Hybrid};
+use poegp_runtime::step_limit::{LimitedStep, SHIFT_LIMIT, StepLimit, TURN_LIMIT};
+use proptest::prelude::*;
+
+use crate::seeded::config;
+
+type Matrix = SMatrix<f64, 6, 6>;
+type Vector = SVector<f64, 6>;
+
+/// What an arm that is often off by two milliradians may leave.
+const USUAL: f64 = 2e-3;
+
+/// A Jacobian with these singular values, between two rotations of all six dimensions.
+fn jacobian(values: &[f64; 6], seed: &[f64; 72]) -> Matrix {
+    let turned = |seed: &[f64]| Matrix::from_row_slice(seed).qr().q();
+    turned(&seed[..36]) * Matrix::from_diagonal(&Vector::from(*values)) * turned(&seed[36..])
+}
+
+fn gram(jacobian: &Matrix) -> Gram<f64> {
+    let gram = jacobian * jacobian.transpose();
+    core::array::from_fn(|i| core::array::from_fn(|j| gram[(i, j)]))
+}
+
+/// The step against an error, its joint changes and what is left of the error.
+fn step(jacobian: &Matrix, error: &Vector) -> (LimitedStep<f64>, Vector, Vector) {
+    let gram = gram(jacobian);
+    let error_in: Hybrid<f64> = core::array::from_fn(|i| error[i]);
+    let step = StepLimit::new(&gram).step(&error_in, Some(USUAL));
+    let joints = jacobian.transpose() * Vector::from(step.x);
+    (step, joints, error - jacobian * joints)
+}
+
+fn position(v: &Vector) -> f64 {
+    v.fixed_rows::<3>(0).norm()
+}
+
+fn rotation(v: &Vector) -> f64 {
+    v.fixed_rows::<3>(3).norm()
+}
+
+/// Singular values of arms, of which some may be nearly zero.
+fn values() -> impl Strategy<Value = [f64; 6]> {
+    prop::array::uniform6(prop_oneof![3 => 0.15..2.0, 1 => 0.0..0.15, 1 => 0.0..1e-3])
+}
+
+fn errors() -> impl Strategy<Value = Vector> {
+    prop::array::uniform6(-3e-3..3e-3).prop_map(Vector::from)
+}
+
+fn seeds() -> impl Strategy<Value = [f64; 72]> {
+    prop::collection::vec(-1.0..1.0, 72).prop_map(|v| v.try_into().unwrap())
+}
+
+proptest! {
+    #![proptest_config(config(94, 4_000))]
+
+    /// Where the exact step is within the limits it is taken, but for what the least damping leaves to the later ones.
+    #[test]
+    fn a_slow_step_is_exact(
+        values in prop::array::uniform6(0.15..2.0_f64),
+        seed in seeds(),
+        error in prop::array::uniform6(-1e-3..1e-3_f64),
+    ) {
+        let (jacobian, error) = (jacobian(&values, &seed), Vector::from(error));
+        let (found, _, left) = step(&jacobian, &error);
+        let floor = Vector::from(found.left_by_floor());
+        prop_assert!((left - floor).norm() <= 1e-9, "{:e}", (left - floor).norm());
+        prop_assert!(floor.norm() <= 2e-3 * error.norm());
+    }
+
+    /// Each of the two parts is within the limits, nearly; so the whole is within twice as much.
+    #[test]
+    fn no_step_is_steep(values in values(), seed in seeds(), error in errors()) {
+        let (found, _, _) = step(&jacobian(&values, &seed), &error);
+        let x = Vector::from(found.x);
+        prop_assert!(position(&x) <= 2.3 * SHIFT_LIMIT, "{}", position(&x));
+        prop_assert!(rotation(&x) <= 2.3 * TURN_LIMIT.max(SHIFT_LIMIT), "{}", rotation(&x));
+    }
+
+    /// The position is never farther off than without the step, the rotation never more than what it may be.
+    #[test]
+    fn nothing_gets_worse(values in values(), seed in seeds(), error in errors()) {
+        let (_, joints, left) = step(&jacobian(&values, &seed), &error);
+        prop_assert!(joints.iter().all(|d| d.is_finite()));
+        prop_assert!(position(&left) <= position(&error) + 3e-6, "{:e}", position(&left) - position(&error));
+        // Where both shares are taken back, the rotation that is left has changed a little when it is shared out.
+        let most = rotation(&error).max(USUAL) + 2e-4;
+        prop_assert!(rotation(&left) <= most, "{:e} of {most:e}", rotation(&left));
+    }
+
+    /// A small change of the arm's place or error is a small change of the step.
+    #[test]
+    fn it_is_continuous(
+        values in values(),
+        seed in seeds(),
+        error in errors(),
+        other in seeds(),
+        towards in errors(),
+    ) {
+        let here = jacobian(&values, &seed);
+        let there = Matrix::from_row_slice(&other[..36]);
+        let mut last = f64::INFINITY;
+        for way in [1e-4, 1e-6, 1e-8] {
+            let (_, a, _) = step(&here, &error);
+            let (_, b, _) = step(&(here + way * there), &(error + way * towards));
+            let jump = (a - b).norm();
+            prop_assert!(jump <= 4.0 * way.sqrt(), "{jump:e} after {way:e}");
+            last = last.min(jump);
+        }
+        prop_assert!(last <= 1e-5, "{last:e}");
+    }
+}
+
+/// Numbers that are none, and no numbers at all: finite or not, but no panic, and zero stays zero.
+#[test]
+fn nothing_is_asked_of_nothing() {
+    let singular = gram(&Matrix::zeros());
+    let step = StepLimit::new(&singular).step(&[0.0; 6], Some(0.0));
+    assert_eq!(step.x, [0.0; 6]);
+    let step = StepLimit::new(&singular).step(&[1.0; 6], None);
+    assert!(step.x.iter().all(|x: &f64| x.is_finite()));
+    let _ = StepLimit::new(&[[f64::NAN; 6]; 6]).step(&[f64::INFINITY; 6], Some(f64::NAN));
+}
