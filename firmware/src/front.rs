@@ -5,6 +5,7 @@
 
 use core::sync::atomic::{AtomicBool, Ordering};
 
+use cortex_m::peripheral::SCB;
 use cortex_m_rt::exception;
 use embedded_hal::digital::OutputPin;
 use poegp_protocol::frame::{MAX_FRAME, Received, Receiver};
@@ -68,8 +69,10 @@ impl Clock for Ticks {
 
 impl Front {
     fn turn(&mut self) {
+        let now = Chosen::ticks();
+        self.cycle.look(now);
         if let Some(order) = ORDER.take() {
-            REPORT.put(self.cycle.obey(order));
+            REPORT.put(self.cycle.obey(order, now));
         }
         if let Some(receiver) = WORKED.take() {
             self.other_receiver = Some(receiver);
@@ -139,9 +142,17 @@ fn PendSV() {
     }
 }
 
+/// Calls of `SysTick` from one look at the clock to the next: a second, when nothing else comes.
+const LOOK: u32 = 100;
+
 // At the priority of PendSV: if a cycle does not end, this does not run.
 #[exception]
 fn SysTick() {
+    static mut COUNT: u32 = 0;
+    *COUNT = (*COUNT + 1) % LOOK;
+    if *COUNT == 0 {
+        SCB::set_pendsv();
+    }
     if !RUNNING.load(Ordering::Relaxed) {
         Chosen::feed_watchdog();
     }
