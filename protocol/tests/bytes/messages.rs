@@ -3,8 +3,8 @@
 use poegp_protocol::blob::DecodeError;
 use poegp_protocol::limits::MAX_JOINTS;
 use poegp_protocol::link::{
-    Commanded, Corrected, CycleSettings, Evaluation, Identity, Key, MAX_NAME, MAX_PIECE, ModelIdentity, Query, Refusal,
-    Request, Response, Statistics, StoredModel, Trace,
+    Commanded, Corrected, CycleSettings, Evaluation, Identity, Key, MAX_NAME, MAX_PIECE,
+    ModelIdentity, Query, Refusal, Request, Response, Statistics, StoredModel, Trace,
 };
 
 /// Two joints and a payload.

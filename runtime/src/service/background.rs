@@ -4,8 +4,8 @@ use embedded_storage::nor_flash::NorFlash;
 use heapless::Vec;
 use poegp_protocol::envelope::key_id;
 use poegp_protocol::link::{
-    CycleSettings, Identity, Key, ModelIdentity, PROTOCOL_VERSION, Refusal, Request, Response, Statistics,
-    StoredModel,
+    CycleSettings, Identity, Key, ModelIdentity, PROTOCOL_VERSION, Refusal, Request, Response,
+    Statistics, StoredModel,
 };
 
 use super::commands::for_filter;
@@ -243,7 +243,11 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         device: &mut impl Device<'m, WORDS>,
     ) -> Result<(), Refusal> {
         let is_asked_for = |model: ModelIdentity| model.blob_crc == blob_crc;
-        if self.order(device, Order::Report).model.is_some_and(is_asked_for) {
+        if self
+            .order(device, Order::Report)
+            .model
+            .is_some_and(is_asked_for)
+        {
             return Ok(());
         }
         if self.spare.is_none() {

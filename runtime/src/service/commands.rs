@@ -126,7 +126,11 @@ impl Commands {
 /// The same bits.
 fn same(one: &Query, other: &Query) -> bool {
     let bits = |value: &f32| value.to_bits();
-    let joints = one.joints.iter().map(bits).eq(other.joints.iter().map(bits));
+    let joints = one
+        .joints
+        .iter()
+        .map(bits)
+        .eq(other.joints.iter().map(bits));
     joints && one.payload_kg.to_bits() == other.payload_kg.to_bits()
 }
 

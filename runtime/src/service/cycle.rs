@@ -4,8 +4,8 @@ use heapless::Vec;
 use poegp_protocol::frame::{self, FrameError, Receiver};
 use poegp_protocol::limits::{MAX_JOINTS, OUTPUTS};
 use poegp_protocol::link::{
-    Commanded, Corrected, CycleSettings, Evaluation, ModelIdentity, PROTOCOL_VERSION, Query, Refusal,
-    Request, Response, Statistics, Trace,
+    Commanded, Corrected, CycleSettings, Evaluation, ModelIdentity, PROTOCOL_VERSION, Query,
+    Refusal, Request, Response, Statistics, Trace,
 };
 
 use super::commands::Commands;

@@ -93,7 +93,14 @@ impl Layout {
             }
         }
         let (key, cycle) = (&self.key, &self.cycle);
-        for (one, other) in [(a, b), (a, key), (b, key), (a, cycle), (b, cycle), (key, cycle)] {
+        for (one, other) in [
+            (a, b),
+            (a, key),
+            (b, key),
+            (a, cycle),
+            (b, cycle),
+            (key, cycle),
+        ] {
             let at = one.start.max(other.start);
             if at < one.end.min(other.end) {
                 return Err(StoreError::Overlap { at });

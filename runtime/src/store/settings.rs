@@ -106,7 +106,10 @@ pub fn write<F: NorFlash>(
 ) -> Result<(), StoreError> {
     let page = page(flash, layout);
     let record = record(settings);
-    if page.settings.is_some_and(|there| self::record(&there) == record) {
+    if page
+        .settings
+        .is_some_and(|there| self::record(&there) == record)
+    {
         return Ok(());
     }
     let at = page.room.ok_or(StoreError::SettingsFull)?;
