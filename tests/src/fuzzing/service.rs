@@ -57,11 +57,11 @@ pub(super) const CHANGES: usize = SETTINGS as usize / 24;
 const UNITS: usize = (2 * SLOT + 256 + SETTINGS) as usize / 256;
 
 /// A clock that stands still, so that answers can be compared to the byte. Time passes between two frames.
-struct Still;
+struct Still(u32);
 
 impl Clock for Still {
     fn ticks(&mut self) -> u32 {
-        0
+        self.0
     }
 }
 
@@ -127,8 +127,13 @@ impl Running<'_> {
                 Received::More => continue,
                 Received::Frame => {
                     let receiver = &mut self.receiver;
-                    self.cycle
-                        .take(receiver, self.now, &mut Still, &mut scratch, &mut out)
+                    self.cycle.take(
+                        receiver,
+                        self.now,
+                        &mut Still(self.now),
+                        &mut scratch,
+                        &mut out,
+                    )
                 }
                 Received::TooLong => self.cycle.take_too_long(&mut scratch, &mut out),
             };
