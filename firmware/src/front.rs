@@ -14,7 +14,7 @@ use poegp_runtime::service::{Clock, Cycle, Order, Report, Taken};
 use crate::board::{Board, Chosen};
 use crate::capacity::WORDS;
 use crate::line::{self, CHUNK};
-use crate::mailbox::Mailbox;
+use crate::mailbox::{Mailbox, Slot};
 
 /// An encoded answer of the background.
 pub struct Answer {
@@ -133,11 +133,13 @@ impl Front {
 
 #[exception]
 fn PendSV() {
-    static mut FRONT: Option<Front> = None;
-    if FRONT.is_none() {
-        *FRONT = START.take();
+    static mut FRONT: Slot<Front> = Slot::Empty;
+    if let Slot::Empty = FRONT
+        && let Some(front) = START.take()
+    {
+        *FRONT = Slot::Full(front);
     }
-    if let Some(front) = FRONT {
+    if let Slot::Full(front) = FRONT {
         front.turn();
     }
 }

@@ -119,6 +119,14 @@ impl From<&Corrected> for CommandBits {
 }
 
 impl CommandBits {
+    /// The joints, rad or m.
+    pub fn joints(&self) -> Vec<f32> {
+        self.joints
+            .iter()
+            .map(|bits| f32::from_bits(*bits))
+            .collect()
+    }
+
     /// Whether joints or error are not finite.
     pub fn has_non_finite(&self) -> bool {
         let numbers = [&self.applied, &self.position_error, &self.rotation_error];

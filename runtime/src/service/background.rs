@@ -66,6 +66,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
     }
 
     /// Has the cycle carry out an order, and takes the model that it gives back.
+    #[inline(never)]
     fn order(
         &mut self,
         device: &mut impl Device<'m, WORDS>,

@@ -68,9 +68,9 @@ impl Commands {
     pub(super) fn configure(&mut self, settings: &CycleSettings) -> Result<(), FilterError> {
         self.filter.configure(&for_filter(settings))?;
         self.settings = *settings;
-        let ticks = u64::from(settings.period_us) * u64::from(self.tick_hz);
-        let rounded = (ticks + 500_000) / 1_000_000;
-        self.period_ticks = u32::try_from(rounded).unwrap_or(u32::MAX).max(1);
+        // To a ten-millionth, as the clock is. Wider integers would need a division of their own.
+        let ticks = settings.period_us as f32 * self.tick_hz as f32 / 1e6;
+        self.period_ticks = ((ticks + 0.5) as u32).max(1);
         Ok(())
     }
 

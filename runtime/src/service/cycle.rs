@@ -315,12 +315,11 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
     #[inline(never)]
     fn command(&mut self, query: &Query, cycles: u32, clock: &mut impl Clock) -> Commanded {
         let start = clock.ticks();
-        let filter = &mut self.commands.filter;
         let model = &self.active.model;
-        let payload_kg = filter.payload(query.payload_kg, cycles);
+        let payload_kg = self.commands.filter.payload(query.payload_kg, cycles);
         let mut result = model.correct(&query.joints, payload_kg);
         // With nothing applied, whatever is finite passes, as it does in `correct`.
-        if self.bypass && filter.disengaged() {
+        if self.bypass && self.commands.filter.disengaged() {
             result.joints = [0.0; MAX_JOINTS];
             for (slot, joint) in result.joints.iter_mut().zip(&query.joints) {
                 *slot = *joint;

@@ -94,7 +94,7 @@ impl Commands {
 
     /// Ticks of a period.
     fn period(&self) -> u64 {
-        let ticks = f64::from(self.settings.period_us) * 1e-6 * f64::from(FACTS.tick_hz);
+        let ticks = f64::from(self.settings.period_us) * f64::from(FACTS.tick_hz) / 1e6;
         (ticks.round() as u64).max(1)
     }
 
