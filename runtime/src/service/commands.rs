@@ -1,5 +1,7 @@
 //! The commands of a controller's cycle: their time, and the filter that they go through.
 
+use core::num::NonZeroU32;
+
 use heapless::Vec;
 use poegp_protocol::link::{CycleSettings, Query};
 
@@ -34,7 +36,7 @@ pub(super) struct Commands {
     /// In force.
     pub(super) settings: CycleSettings,
     tick_hz: u32,
-    period_ticks: u32,
+    period_ticks: NonZeroU32,
     /// Whether commands have stopped.
     quiet: bool,
     /// When the last command came that was not within the cycle before.
@@ -50,7 +52,7 @@ impl Commands {
             filter: CommandFilter::new(),
             settings: DEFAULT,
             tick_hz,
-            period_ticks: 1,
+            period_ticks: NonZeroU32::MIN,
             quiet: true,
             last: 0,
             sequence: 0,
@@ -70,7 +72,7 @@ impl Commands {
         self.settings = *settings;
         // To a ten-millionth, as the clock is. Wider integers would need a division of their own.
         let ticks = settings.period_us as f32 * self.tick_hz as f32 / 1e6;
-        self.period_ticks = ((ticks + 0.5) as u32).max(1);
+        self.period_ticks = NonZeroU32::new((ticks + 0.5) as u32).unwrap_or(NonZeroU32::MIN);
         Ok(())
     }
 
@@ -99,7 +101,8 @@ impl Commands {
         } else if sequence == self.sequence && same(query, &self.query) {
             0
         } else {
-            since / period + u32::from(since % period >= period.div_ceil(2))
+            // At least half a period, for any number of ticks.
+            since / period + u32::from(since % period >= period.get() - period.get() / 2)
         };
         if cycles != 0 {
             self.last = arrived;

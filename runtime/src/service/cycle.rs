@@ -369,6 +369,8 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
     }
 
     /// Carries out an order of the background, between two frames, at the time `now`.
+    // Not inlined: the cyclic path must not share its stack frame.
+    #[inline(never)]
     pub fn obey(&mut self, order: Order<'m, WORDS>, now: u32) -> Report<'m, WORDS> {
         self.look(now);
         let mut refused = None;

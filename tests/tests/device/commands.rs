@@ -126,8 +126,9 @@ fn a_path_with_an_activation_in_the_middle() {
     controller.device.client().set_bypass(true).unwrap();
     let (query, commanded) = controller.settle(0.0);
     assert_eq!(commanded.joints, query.joints);
-    let (_, commanded) = controller.command();
-    assert_eq!(commanded.status, Status::BYPASSED.bits());
+    // The cycle that ends it still says what the model says; the weight comes to rest in the next ones.
+    let passes = (0..10).any(|_| controller.command().1.status == Status::BYPASSED.bits());
+    assert!(passes);
     controller.device.client().set_bypass(false).unwrap();
     let (query, _) = controller.settle(1.0);
     let corrected = controller.device.correct(&query).unwrap();
@@ -152,7 +153,7 @@ fn a_path_with_an_activation_in_the_middle() {
     assert_eq!(controller.device.client().restart().unwrap().cycle, CYCLE);
 }
 
-/// The same number for every command but the first and those with a bad input.
+/// The same number for every command but the first, those that come too early and those that are none.
 #[test]
 fn instructions_of_a_command() {
     let mut device = Device::start(Clock::Counting).unwrap_or_else(|error| panic!("{error}"));
@@ -168,15 +169,17 @@ fn instructions_of_a_command() {
         let query = &sample.queries(1)[0];
         device.command(query).unwrap();
         let correct = instructions(device.correct(query).unwrap().ticks, tick_hz);
-        let mut most = 0.0_f64;
+        let (mut least, mut most) = (f64::INFINITY, 0.0_f64);
         for number in 0..20 {
             let mut moved = query.clone();
             moved.joints[0] += 1e-4 * number as f32;
             let ticks = device.command(&moved).unwrap().ticks;
-            most = most.max(instructions(ticks, tick_hz));
+            let count = instructions(ticks, tick_hz);
+            (least, most) = (least.min(count), most.max(count));
         }
         println!("  {name:<40}  {correct:8.0} {most:8.0}");
-        assert!(most - correct <= 4_000.0, "{name}: {most}, {correct}");
+        assert!(most - correct <= 2_000.0, "{name}: {most}, {correct}");
+        assert!(most - least <= 0.01 * most, "{name}: {least} to {most}");
         device.client().stand_down().unwrap();
     }
 }
