@@ -54,7 +54,7 @@ fn start() -> Option<(Services, Shell)> {
     };
     let bypass = memory::retained_bypass();
     front::START.put(Front {
-        cycle: Cycle::new(active, Chosen::DEADLINE_TICKS, bypass),
+        cycle: Cycle::new(active, &facts, bypass),
         receiver,
         other_receiver: Some(other_receiver),
         scratch,

@@ -5,6 +5,7 @@
 
 use core::sync::atomic::{AtomicBool, Ordering};
 
+use cortex_m::peripheral::SCB;
 use cortex_m_rt::exception;
 use embedded_hal::digital::OutputPin;
 use poegp_protocol::frame::{MAX_FRAME, Received, Receiver};
@@ -13,7 +14,7 @@ use poegp_runtime::service::{Clock, Cycle, Order, Report, Taken};
 use crate::board::{Board, Chosen};
 use crate::capacity::WORDS;
 use crate::line::{self, CHUNK};
-use crate::mailbox::Mailbox;
+use crate::mailbox::{Mailbox, Slot};
 
 /// An encoded answer of the background.
 pub struct Answer {
@@ -68,8 +69,10 @@ impl Clock for Ticks {
 
 impl Front {
     fn turn(&mut self) {
+        let now = Chosen::ticks();
+        self.cycle.look(now);
         if let Some(order) = ORDER.take() {
-            REPORT.put(self.cycle.obey(order));
+            REPORT.put(self.cycle.obey(order, now));
         }
         if let Some(receiver) = WORKED.take() {
             self.other_receiver = Some(receiver);
@@ -130,18 +133,28 @@ impl Front {
 
 #[exception]
 fn PendSV() {
-    static mut FRONT: Option<Front> = None;
-    if FRONT.is_none() {
-        *FRONT = START.take();
+    static mut FRONT: Slot<Front> = Slot::Empty;
+    if let Slot::Empty = FRONT
+        && let Some(front) = START.take()
+    {
+        *FRONT = Slot::Full(front);
     }
-    if let Some(front) = FRONT {
+    if let Slot::Full(front) = FRONT {
         front.turn();
     }
 }
 
+/// Calls of `SysTick` from one look at the clock to the next: a second, when nothing else comes.
+const LOOK: u32 = 100;
+
 // At the priority of PendSV: if a cycle does not end, this does not run.
 #[exception]
 fn SysTick() {
+    static mut COUNT: u32 = 0;
+    *COUNT = (*COUNT + 1) % LOOK;
+    if *COUNT == 0 {
+        SCB::set_pendsv();
+    }
     if !RUNNING.load(Ordering::Relaxed) {
         Chosen::feed_watchdog();
     }

@@ -10,8 +10,10 @@ pub struct Mailbox<T>(Mutex<RefCell<Slot<T>>>);
 
 /// An `Option` whose empty state is all zeros, so that a static one takes no flash for its initial value.
 #[repr(u8)]
-enum Slot<T> {
+pub enum Slot<T> {
+    /// `None`.
     Empty = 0,
+    /// `Some`.
     Full(T) = 1,
 }
 

@@ -54,7 +54,7 @@ impl Region {
         assert!(
             (start >= 0x2100_0000 && end <= 0x2200_0000)
                 || (start >= 0x6000_0000 && end <= 0x6100_0000)
-                || (start >= 0x0806_0000 && end <= 0x0810_0000),
+                || (start >= 0x0804_0000 && end <= 0x0810_0000),
             "not memory that the linker leaves alone"
         );
         assert!(start.is_multiple_of(4), "not aligned");

@@ -3,8 +3,8 @@
 use std::time::Duration;
 
 use poegp_protocol::link::{
-    Corrected, Evaluation, Identity, Query, Refusal, Request, Response, Statistics, StoredModel,
-    Trace,
+    Commanded, Corrected, Evaluation, Identity, Query, Refusal, Request, Response, Statistics,
+    StoredModel, Trace,
 };
 use poegp_trainer::device::client::{Client, Options};
 use poegp_trainer::device::emulator::{Clock, Emulator, EmulatorError, Machine};
@@ -177,6 +177,15 @@ impl Device {
     pub fn correct(&mut self, query: &Query) -> Result<Corrected, DeviceError> {
         let corrected = self.client.correct(query);
         corrected.map_err(|error| self.failed(error))
+    }
+
+    /// The command of a cycle, corrected without a step.
+    ///
+    /// # Errors
+    /// [`DeviceError`].
+    pub fn command(&mut self, query: &Query) -> Result<Commanded, DeviceError> {
+        let commanded = self.client.command(query);
+        commanded.map_err(|error| self.failed(error))
     }
 
     /// [`Device::evaluate`] with intermediate results.

@@ -77,7 +77,9 @@ impl Host {
             .collect();
         CommandBits {
             joints: bits(&joints),
+            applied: answer.applied.to_bits(),
             position_error: answer.position_error.to_bits(),
+            rotation_error: answer.rotation_error.to_bits(),
             status: answer.status.bits(),
         }
     }
@@ -97,7 +99,9 @@ fn trust_bits(trust: f32, sigma: Option<f32>) -> String {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct CommandBits {
     joints: Vec<u32>,
+    applied: u32,
     position_error: u32,
+    rotation_error: u32,
     /// Bits of the runtime's `Status`.
     pub status: u8,
 }
@@ -106,16 +110,27 @@ impl From<&Corrected> for CommandBits {
     fn from(answer: &Corrected) -> Self {
         Self {
             joints: bits(&answer.joints),
+            applied: answer.applied.to_bits(),
             position_error: answer.position_error.to_bits(),
+            rotation_error: answer.rotation_error.to_bits(),
             status: answer.status,
         }
     }
 }
 
 impl CommandBits {
+    /// The joints, rad or m.
+    pub fn joints(&self) -> Vec<f32> {
+        self.joints
+            .iter()
+            .map(|bits| f32::from_bits(*bits))
+            .collect()
+    }
+
     /// Whether joints or error are not finite.
     pub fn has_non_finite(&self) -> bool {
-        let words = self.joints.iter().chain([&self.position_error]);
+        let numbers = [&self.applied, &self.position_error, &self.rotation_error];
+        let words = self.joints.iter().chain(numbers);
         words
             .map(|bits| f32::from_bits(*bits))
             .any(|value| !value.is_finite())

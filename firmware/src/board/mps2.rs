@@ -129,7 +129,7 @@ const PSRAM: usize = 0x2100_0000;
 const PSRAM: usize = 0x6000_0000;
 const PAGE: u32 = 4_096;
 const SLOT: u32 = 16 * PAGE;
-const FLASH_BYTES: u32 = 2 * SLOT + PAGE;
+const FLASH_BYTES: u32 = 2 * SLOT + 2 * PAGE;
 const FLASH: Region = Region::at(PSRAM, FLASH_BYTES as usize / 4);
 
 /// Not aligned, or beyond the end.
@@ -236,7 +236,8 @@ impl Board for Mps2 {
         WATCHDOG_CTRL.write(WATCHDOG_COUNT_AND_RESET);
         let layout = Layout {
             slots: [0..SLOT, SLOT..2 * SLOT],
-            key: 2 * SLOT..FLASH_BYTES,
+            key: 2 * SLOT..2 * SLOT + PAGE,
+            cycle: 2 * SLOT + PAGE..FLASH_BYTES,
         };
         Some(Parts {
             core_hz: CLOCK_HZ,

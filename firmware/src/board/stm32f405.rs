@@ -5,7 +5,8 @@
 //!  PA2, PA3    USART2   defmt, 115 200 baud
 //!  PB0         output   strobe
 //!  TIM2                 ticks, 1 MHz
-//!  flash       sectors 0–6 image, 7 key, 8–9 slot A, 10–11 slot B (128 kB each; the head of a slot takes one)
+//!  flash       sectors 0–5 image, 6 settings, 7 key, 8–9 slot A, 10–11 slot B (6 to 11: 128 kB each; the head of a
+//!                       slot takes one)
 //! ```
 //!
 //! The flash has one bank: while it erases or writes, the processor waits. So the service refuses to touch it while
@@ -121,13 +122,13 @@ fn USART1() {
 }
 
 const SECTOR: u32 = 128 * 1024;
-/// Sector 7, which begins as far from the start of the flash.
-const STORE_START: u32 = 3 * SECTOR;
-const STORE_BYTES: u32 = 5 * SECTOR;
+/// Sector 6, which begins as far from the start of the flash.
+const STORE_START: u32 = 2 * SECTOR;
+const STORE_BYTES: u32 = 6 * SECTOR;
 const STORE: Region = Region::at(0x0800_0000 + STORE_START as usize, STORE_BYTES as usize / 4);
-const FIRST_SECTOR: u32 = 7;
+const FIRST_SECTOR: u32 = 6;
 
-/// Sectors 7 to 11 of the internal flash.
+/// Sectors 6 to 11 of the internal flash.
 pub struct InternalFlash(FLASH);
 
 /// The flash controller has refused, or the address is beyond the end.
@@ -249,8 +250,9 @@ impl Board for Stm32F405 {
             log: Line(log),
             flash: InternalFlash(parts.FLASH),
             layout: Layout {
-                slots: [SECTOR..3 * SECTOR, 3 * SECTOR..5 * SECTOR],
-                key: 0..SECTOR,
+                slots: [2 * SECTOR..4 * SECTOR, 4 * SECTOR..6 * SECTOR],
+                key: SECTOR..2 * SECTOR,
+                cycle: 0..SECTOR,
             },
             strobe: gpiob.pb0.into_push_pull_output(),
         })

@@ -18,15 +18,15 @@ mod response;
 mod table;
 
 pub use refusal::Refusal;
-pub use request::{Query, Request};
+pub use request::{CycleSettings, Query, Request};
 pub use response::{
-    Corrected, Evaluation, Identity, Key, KeyId, ModelIdentity, Response, Statistics, StoredModel,
-    Trace,
+    Commanded, Corrected, Evaluation, Identity, Key, KeyId, ModelIdentity, Response, Statistics,
+    StoredModel, Trace,
 };
 pub use table::{Message, REQUESTS, RESPONSES};
 
 /// Version of messages and frames. Both sides must have the same.
-pub const PROTOCOL_VERSION: u8 = 2;
+pub const PROTOCOL_VERSION: u8 = 3;
 /// Most bytes of a blob in one `UploadPiece`: short, so that a correction never waits long behind one on the line.
 pub const MAX_PIECE: usize = 256;
 /// Most bytes of a name in an [`Identity`]; longer ones are cut.

@@ -89,4 +89,9 @@ pub enum Refusal {
     NotAKey,
     /// Writing the flash of this board would delay cycles: stop them and say so with `StandDown` first.
     CyclesRunning,
+    /// A setting of the cycle is out of range, or a correction is applied; the code is `FilterError::code` of the runtime.
+    CycleSetting {
+        /// Explicit number, append-only.
+        code: u8,
+    },
 }

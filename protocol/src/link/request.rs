@@ -12,7 +12,8 @@ pub enum Request<'a> {
     Identify,
     /// T_gp(q, m)·f(q). Cyclic.
     Evaluate(Query),
-    /// The joint command that brings the calibrated arm where the nominal arm would be. Cyclic.
+    /// The joint command that brings the calibrated arm where the nominal arm would be: a question, not for the motion of
+    /// an arm. Every answer stands alone, and steps when the model does; [`Request::Command`] never does. Cyclic.
     Correct(Query),
     /// `Evaluate` with its intermediate results, to compare bits. Cyclic.
     Trace(Query),
@@ -37,7 +38,8 @@ pub enum Request<'a> {
     VerifyUpload,
     /// Write the verified blob into the slot that does not hold the active model.
     CommitUpload,
-    /// Run the verified model from the next cycle on. It survives a restart only when it was committed.
+    /// Run the verified model: at once, or, while commands are corrected, when the correction by the model before it has
+    /// been taken back. It survives a restart only when it was committed.
     Activate {
         /// CRC in the header of its blob.
         blob_crc: u32,
@@ -47,7 +49,8 @@ pub enum Request<'a> {
         /// CRC in the header of the active model's blob; when another one is active, nothing is done.
         from_crc: u32,
     },
-    /// While on, `Correct` answers the command as it came. Lasts until it is switched off or the power fails.
+    /// While on, `Correct` answers the command as it came, and `Command` does so when the correction has been taken back.
+    /// Lasts until it is switched off or the power fails.
     SetBypass {
         /// On or off.
         on: bool,
@@ -61,6 +64,11 @@ pub enum Request<'a> {
     ReadStatistics,
     /// Start anew from the stored models.
     Restart,
+    /// The command of a controller's cycle, corrected: what is added to it never steps. Each has a new sequence number.
+    /// Cyclic.
+    Command(Query),
+    /// Take these settings of the cycle, now and after a restart.
+    ProvisionCycle(CycleSettings),
 }
 
 impl Request<'_> {
@@ -68,7 +76,11 @@ impl Request<'_> {
     pub const fn is_cyclic(&self) -> bool {
         matches!(
             self,
-            Self::Evaluate(_) | Self::Correct(_) | Self::Trace(_) | Self::StandDown
+            Self::Evaluate(_)
+                | Self::Correct(_)
+                | Self::Trace(_)
+                | Self::StandDown
+                | Self::Command(_)
         )
     }
 }
@@ -80,4 +92,17 @@ pub struct Query {
     pub joints: Vec<f32, MAX_JOINTS>,
     /// Payload in kg; 0 when the model knows none.
     pub payload_kg: f32,
+}
+
+/// Time and limits of the cycle in which [`Request::Command`] comes. The runtime's `FilterSettings` has their ranges.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CycleSettings {
+    /// Time between two commands in µs.
+    pub period_us: u32,
+    /// Largest rate of the correction beyond what the path explains, rad/s.
+    pub rate: f32,
+    /// Largest acceleration of it, rad/s².
+    pub acceleration: f32,
+    /// Shortest time in s in which a correction is switched on or off.
+    pub blend_s: f32,
 }

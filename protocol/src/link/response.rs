@@ -3,7 +3,7 @@
 use heapless::{String, Vec};
 use serde::{Deserialize, Serialize};
 
-use super::{MAX_NAME, Refusal};
+use super::{CycleSettings, MAX_NAME, Refusal};
 use crate::blob::Transform;
 use crate::envelope::KEY_ID_LENGTH;
 use crate::limits::{MAX_JOINTS, OUTPUTS};
@@ -40,6 +40,8 @@ pub enum Response {
     Restarting,
     /// The request was not carried out; nothing has changed.
     Refused(Refusal),
+    /// The command to send on.
+    Commanded(Commanded),
 }
 
 /// Who the device is and which model it runs.
@@ -65,8 +67,12 @@ pub struct Identity {
     pub key: Key,
     /// Whether corrections are bypassed.
     pub bypass: bool,
-    /// The active model.
+    /// Settings of the cycle that are in force.
+    pub cycle: CycleSettings,
+    /// The active model, or the one that was ordered and is about to be.
     pub model: Option<ModelIdentity>,
+    /// Whether it still waits: the correction by the model before it is being taken back.
+    pub pending: bool,
     /// What the two slots hold, by their headers.
     pub slots: [Option<StoredModel>; 2],
 }
@@ -131,18 +137,43 @@ pub struct Evaluation {
     pub ticks: u32,
 }
 
-/// The corrected joint command.
+/// The corrected joint command: the answer to a question.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Corrected {
     /// CRC in the header of the blob that answered; 0 without a model.
     pub blob_crc: u32,
     /// The command for the controller's joints, rad or m; those of the request when nothing is corrected.
     pub joints: Vec<f32, MAX_JOINTS>,
+    /// How much of the arm's error is corrected, 0 to 1; 0 when nothing is.
+    pub applied: f32,
     /// What remains between the calibrated arm at this command and the nominal one, in m.
     pub position_error: f32,
+    /// The same of the rotation, in rad.
+    pub rotation_error: f32,
     /// Bits of the runtime's `Status`.
     pub status: u8,
     /// Ticks that the correction took.
+    pub ticks: u32,
+}
+
+/// The command to send on: the answer to the command of a cycle.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Commanded {
+    /// CRC in the header of the blob that answered; 0 without a model.
+    pub blob_crc: u32,
+    /// The command for the controller's joints, rad or m. Never steps against that of the request.
+    pub joints: Vec<f32, MAX_JOINTS>,
+    /// How much of the arm's error the model corrects here at weight 1, 0 to 1.
+    pub applied: f32,
+    /// What the model leaves of it at weight 1, in m.
+    pub position_error: f32,
+    /// The same of the rotation, in rad.
+    pub rotation_error: f32,
+    /// Weight of the model in `joints`: 0 on start and with the bypass, 1 when it is wholly applied.
+    pub weight: f32,
+    /// Bits of the runtime's `Status`.
+    pub status: u8,
+    /// Ticks that correction and filter took.
     pub ticks: u32,
 }
 
@@ -192,4 +223,14 @@ pub struct Statistics {
     pub lost_logs: u32,
     /// Deepest use of the stack in bytes.
     pub stack_bytes: u32,
+    /// Commands of the cycle that jumped instead of moving.
+    pub jumps: u32,
+    /// Commands of the cycle that came after a gap.
+    pub gaps: u32,
+    /// Commands of the cycle that came again, or less than half a period after the one before.
+    pub repeats: u32,
+    /// Commands of the cycle that were none: the last answer was given again.
+    pub bad_commands: u32,
+    /// Steps of the model that the path does not explain and the filter has taken up.
+    pub model_steps: u32,
 }

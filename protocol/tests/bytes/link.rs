@@ -168,7 +168,9 @@ fn the_lengths_are_those_of_the_documentation() {
         ("longest answer", on_line(longest(&RESPONSES))),
         ("longest answer of a service", on_line(service_answer)),
         ("longest `Correct`", on_line(38)),
-        ("longest `Corrected`", on_line(49)),
+        ("longest `Corrected`", on_line(57)),
+        ("longest `Command`", on_line(38)),
+        ("longest `Commanded`", on_line(61)),
     ] {
         let row = format!("| {what} | {bytes} |");
         assert!(LINK.contains(&row), "{row} is not in docs/link.md");
@@ -206,6 +208,9 @@ fn the_worked_example_is_what_the_encoder_writes() {
     assert_eq!(frame::decode(&mut received), Ok((7, request)));
 }
 
+/// 0.5, 2 and 0.25.
+const CYCLE: [u8; 12] = [0, 0, 0, 0x3f, 0, 0, 0, 0x40, 0, 0, 0x80, 0x3e];
+
 #[test]
 fn requests_as_bytes() {
     let query = |number| vec![number, 2, 0, 0, 0, 0x3f, 0, 0, 0x80, 0x3e, 0, 0, 0, 0x40];
@@ -225,6 +230,8 @@ fn requests_as_bytes() {
         [12].into_iter().chain(0..32).collect(),
         vec![13],
         vec![14],
+        query(15),
+        [&[16, 0xe8, 0x07][..], &CYCLE].concat(),
     ];
     assert_eq!(table.len(), requests().len());
     for (request, bytes) in requests().iter().zip(&table) {
@@ -235,7 +242,7 @@ fn requests_as_bytes() {
 
 #[test]
 fn refusals_as_bytes() {
-    let table: [&[u8]; 20] = [
+    let table: [&[u8]; 21] = [
         &[10, 0],
         &[10, 1, 1, 2],
         &[10, 2],
@@ -256,6 +263,7 @@ fn refusals_as_bytes() {
         &[10, 17],
         &[10, 18],
         &[10, 19],
+        &[10, 20, 4],
     ];
     assert_eq!(table.len(), refusals().len());
     for (refusal, bytes) in refusals().into_iter().zip(table) {
@@ -281,19 +289,25 @@ fn refusals_as_bytes() {
 fn responses_as_bytes() {
     let model = [&[3][..], b"ARM\x017", &[5, 2, 0xac, 0x02, 1]].concat();
     let stored = [1, 1, 0xac, 0x02, 6];
-    let mut identity = vec![0, 2, 5];
+    let mut identity = vec![0, 3, 5];
     identity.extend(b"0.1.0\x80\x01\x04mps2");
     identity.extend([0xe8, 0x07, 0x80, 0x80, 0x01, 0xc0, 0xf0, 0xf5, 0x0b]);
-    identity.extend([0xa8, 0xc3, 0x01, 1, 1, 2, 3, 4, 5, 6, 7, 8, 1, 1]);
+    identity.extend([0xa8, 0xc3, 0x01, 1, 1, 2, 3, 4, 5, 6, 7, 8, 1, 0xe8, 0x07]);
+    identity.extend(CYCLE);
+    identity.push(1);
     identity.extend(&model);
-    identity.extend([0, 1]);
+    identity.extend([1, 0, 1]);
     identity.extend(stored);
     let mut evaluation = vec![0x84, 0x86, 0x88, 0x08];
     evaluation.extend((0..12).flat_map(|index| (index as f32).to_le_bytes()));
     evaluation.extend([0, 0, 0, 0x3f].repeat(6));
     evaluation.extend([0, 0, 0x80, 0x3e, 1, 0, 0, 0, 0x40, 4, 0xc8, 0x01]);
     let mut corrected = vec![2, 0x80, 0x01, 2, 0, 0, 0, 0x3f, 0, 0, 0x80, 0x3e];
-    corrected.extend([0, 0, 0, 0x40, 32, 0xc8, 0x01]);
+    corrected.extend([0, 0, 0, 0x3f, 0, 0, 0, 0x40, 0, 0, 0x80, 0x3e]);
+    let mut commanded = corrected.clone();
+    commanded[0] = 11;
+    commanded.extend([0, 0, 0x80, 0x3f, 32, 0xc8, 0x01]);
+    corrected.extend([32, 0xc8, 0x01]);
     let mut trace = vec![3, 2, 0, 0, 0, 0x3f, 0, 0, 0x80, 0x3f];
     trace.extend([0, 0, 0x80, 0x3e].repeat(6));
     trace.extend([0, 0, 0x80, 0x3f].repeat(12));
@@ -310,9 +324,11 @@ fn responses_as_bytes() {
         [8].into_iter()
             .chain(1..=13)
             .chain([127, 0x80, 1])
+            .chain(14..=18)
             .collect(),
         vec![9],
         vec![10, 5],
+        commanded,
     ];
     assert_eq!(table.len(), responses().len());
     for (response, bytes) in responses().into_iter().zip(table) {

@@ -3,8 +3,8 @@
 use poegp_protocol::blob::DecodeError;
 use poegp_protocol::limits::MAX_JOINTS;
 use poegp_protocol::link::{
-    Corrected, Evaluation, Identity, Key, MAX_NAME, MAX_PIECE, ModelIdentity, Query, Refusal,
-    Request, Response, Statistics, StoredModel, Trace,
+    Commanded, Corrected, CycleSettings, Evaluation, Identity, Key, MAX_NAME, MAX_PIECE,
+    ModelIdentity, Query, Refusal, Request, Response, Statistics, StoredModel, Trace,
 };
 
 /// Two joints and a payload.
@@ -41,8 +41,17 @@ pub fn requests() -> Vec<Request<'static>> {
         },
         Request::ReadStatistics,
         Request::Restart,
+        Request::Command(query()),
+        Request::ProvisionCycle(CYCLE),
     ]
 }
+
+const CYCLE: CycleSettings = CycleSettings {
+    period_us: 1_000,
+    rate: 0.5,
+    acceleration: 2.0,
+    blend_s: 0.25,
+};
 
 /// The longest request of each kind.
 pub fn longest_requests() -> Vec<Request<'static>> {
@@ -74,8 +83,17 @@ pub fn longest_requests() -> Vec<Request<'static>> {
         },
         Request::ReadStatistics,
         Request::Restart,
+        Request::Command(query()),
+        Request::ProvisionCycle(LONGEST_CYCLE),
     ]
 }
+
+const LONGEST_CYCLE: CycleSettings = CycleSettings {
+    period_us: u32::MAX,
+    rate: -1.1,
+    acceleration: -1.1,
+    blend_s: -1.1,
+};
 
 /// One decode error of each kind.
 pub fn decode_errors() -> Vec<DecodeError> {
@@ -140,6 +158,7 @@ pub fn refusals() -> Vec<Refusal> {
         Refusal::KeyIsFixed,
         Refusal::NotAKey,
         Refusal::CyclesRunning,
+        Refusal::CycleSetting { code: 4 },
     ]
 }
 
@@ -177,7 +196,7 @@ const STORED: StoredModel = StoredModel {
 pub fn responses() -> Vec<Response> {
     vec![
         Response::Identity(Identity {
-            protocol_version: 2,
+            protocol_version: 3,
             firmware_version: "0.1.0".try_into().expect("short"),
             image_crc: 128,
             board: "mps2".try_into().expect("short"),
@@ -187,14 +206,18 @@ pub fn responses() -> Vec<Response> {
             deadline_ticks: 25_000,
             key: Key::Provisioned([1, 2, 3, 4, 5, 6, 7, 8]),
             bypass: true,
+            cycle: CYCLE,
             model: Some(model()),
+            pending: true,
             slots: [None, Some(STORED)],
         }),
         Response::Evaluation(evaluation()),
         Response::Corrected(Corrected {
             blob_crc: 128,
             joints: [0.5, 0.25].into_iter().collect(),
+            applied: 0.5,
             position_error: 2.0,
+            rotation_error: 0.25,
             status: 32,
             ticks: 200,
         }),
@@ -224,9 +247,24 @@ pub fn responses() -> Vec<Response> {
             restarts: 13,
             lost_logs: 127,
             stack_bytes: 128,
+            jumps: 14,
+            gaps: 15,
+            repeats: 16,
+            bad_commands: 17,
+            model_steps: 18,
         }),
         Response::Restarting,
         Response::Refused(Refusal::NoUpload),
+        Response::Commanded(Commanded {
+            blob_crc: 128,
+            joints: [0.5, 0.25].into_iter().collect(),
+            applied: 0.5,
+            position_error: 2.0,
+            rotation_error: 0.25,
+            weight: 1.0,
+            status: 32,
+            ticks: 200,
+        }),
     ]
 }
 
@@ -269,14 +307,18 @@ pub fn longest_responses() -> Vec<Response> {
             deadline_ticks: m,
             key: Key::Provisioned([0xff; 8]),
             bypass: true,
+            cycle: LONGEST_CYCLE,
             model: Some(model.clone()),
+            pending: true,
             slots: [Some(stored); 2],
         }),
         Response::Evaluation(evaluation.clone()),
         Response::Corrected(Corrected {
             blob_crc: m,
             joints: [-1.1; MAX_JOINTS].into_iter().collect(),
+            applied: 1.1,
             position_error: 1.1,
+            rotation_error: 1.1,
             status: u8::MAX,
             ticks: m,
         }),
@@ -306,11 +348,26 @@ pub fn longest_responses() -> Vec<Response> {
             restarts: m,
             lost_logs: m,
             stack_bytes: m,
+            jumps: m,
+            gaps: m,
+            repeats: m,
+            bad_commands: m,
+            model_steps: m,
         }),
         Response::Restarting,
         Response::Refused(Refusal::Blob(DecodeError::CrcMismatch {
             stored: m,
             computed: m,
         })),
+        Response::Commanded(Commanded {
+            blob_crc: m,
+            joints: [-1.1; MAX_JOINTS].into_iter().collect(),
+            applied: 1.1,
+            position_error: 1.1,
+            rotation_error: 1.1,
+            weight: 1.1,
+            status: u8::MAX,
+            ticks: m,
+        }),
     ]
 }

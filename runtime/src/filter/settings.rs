@@ -75,6 +75,19 @@ pub enum FilterError {
     Engaged,
 }
 
+impl FilterError {
+    /// The explicit number of the error on the wire. Append-only.
+    pub const fn code(self) -> u8 {
+        match self {
+            Self::Period => 1,
+            Self::Rate => 2,
+            Self::Acceleration => 3,
+            Self::Blend => 4,
+            Self::Engaged => 5,
+        }
+    }
+}
+
 impl fmt::Display for FilterError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {

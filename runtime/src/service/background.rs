@@ -4,13 +4,15 @@ use embedded_storage::nor_flash::NorFlash;
 use heapless::Vec;
 use poegp_protocol::envelope::key_id;
 use poegp_protocol::link::{
-    Identity, Key, ModelIdentity, PROTOCOL_VERSION, Refusal, Request, Response, Statistics,
-    StoredModel,
+    CycleSettings, Identity, Key, ModelIdentity, PROTOCOL_VERSION, Refusal, Request, Response,
+    Statistics, StoredModel,
 };
 
+use super::commands::for_filter;
 use super::cycle::{Order, Report};
 use super::resident::{Resident, name};
 use super::upload::Upload;
+use crate::filter::FilterError;
 use crate::signature;
 use crate::store::{Store, StoreError, Stored};
 
@@ -41,7 +43,7 @@ pub trait Device<'m, const WORDS: usize> {
 #[derive(Debug)]
 pub struct Background<'m, F, const WORDS: usize, const BYTES: usize> {
     facts: Facts,
-    /// `None` only if the cycle did not give a model back.
+    /// `None` while the cycle has both models: one is active, the other one waits.
     spare: Option<&'m mut Resident<WORDS>>,
     upload: Upload<'m, BYTES>,
     store: Store<F>,
@@ -63,8 +65,27 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         }
     }
 
-    /// Runs the newest stored model that verifies; returns why those before it did not.
+    /// Has the cycle carry out an order, and takes the model that it gives back.
+    #[inline(never)]
+    fn order(
+        &mut self,
+        device: &mut impl Device<'m, WORDS>,
+        order: Order<'m, WORDS>,
+    ) -> Report<'m, WORDS> {
+        let mut report = device.order(order);
+        if let Some(model) = report.replaced.take() {
+            self.spare = Some(model);
+        }
+        report
+    }
+
+    /// Puts the stored settings in force and runs the newest stored model that verifies; returns why those before it did
+    /// not.
     pub fn boot(&mut self, device: &mut impl Device<'m, WORDS>) -> [Option<Refusal>; 2] {
+        if let Some(settings) = self.store.cycle_settings() {
+            // Those that this firmware does not take leave the default ones.
+            self.order(device, Order::Settings(settings));
+        }
         let mut refusals = [None; 2];
         for (stored, refusal) in self.store.candidates().into_iter().zip(&mut refusals) {
             let Some(stored) = stored else { continue };
@@ -86,6 +107,8 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         request: &Request<'_>,
         device: &mut impl Device<'m, WORDS>,
     ) -> Response {
+        // A model that waited may run by now.
+        self.order(device, Order::Report);
         let result = match request {
             Request::Identify => Ok(self.identify(device)),
             Request::BeginUpload { length, crc } => {
@@ -105,31 +128,36 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
                 .roll_back(*from_crc, device)
                 .map(|()| self.identify(device)),
             Request::SetBypass { on } => {
-                device.order(Order::Bypass(*on));
+                self.order(device, Order::Bypass(*on));
                 Ok(self.identify(device))
             }
             Request::Provision { public_key } => self
                 .provision(public_key, device)
                 .map(|()| self.identify(device)),
+            Request::ProvisionCycle(settings) => self
+                .provision_cycle(settings, device)
+                .map(|()| self.identify(device)),
             Request::ReadStatistics => {
-                let mut statistics = device.order(Order::Report).statistics;
+                let mut statistics = self.order(device, Order::Report).statistics;
                 device.complete(&mut statistics);
                 Ok(Response::Statistics(statistics))
             }
             Request::Restart => Ok(Response::Restarting),
-            Request::Evaluate(_) | Request::Correct(_) | Request::Trace(_) | Request::StandDown => {
-                Err(Refusal::UnknownMessage)
-            }
+            Request::Evaluate(_)
+            | Request::Correct(_)
+            | Request::Trace(_)
+            | Request::Command(_)
+            | Request::StandDown => Err(Refusal::UnknownMessage),
         };
         result.unwrap_or_else(|refusal| {
-            device.order(Order::Refused);
+            self.order(device, Order::Refused);
             Response::Refused(refusal)
         })
     }
 
     #[inline(never)]
     fn identify(&mut self, device: &mut impl Device<'m, WORDS>) -> Response {
-        let report = device.order(Order::Report);
+        let report = self.order(device, Order::Report);
         let mut slots = [None; 2];
         for (place, stored) in self.store.candidates().iter().enumerate() {
             let Some(stored) = stored else { continue };
@@ -153,7 +181,9 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
                 Err(_) => Key::Unusable,
             },
             bypass: report.bypass,
+            cycle: report.cycle,
             model: report.model,
+            pending: report.pending,
             slots,
         })
     }
@@ -170,7 +200,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         if let Some(blob_crc) = self.upload.verified {
             // Repeated. The model may have become the active one meanwhile.
             let here = self.spare_identity();
-            let there = device.order(Order::Report).model;
+            let there = self.order(device, Order::Report).model;
             let same = |model: &ModelIdentity| model.blob_crc == blob_crc;
             if let Some(model) = here.filter(same).or(there.filter(same)) {
                 return Ok(model);
@@ -198,15 +228,10 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         let active = self.check_flash(device)?;
         let written = self.store.write(self.upload.bytes(), active.slot);
         let stored = written.map_err(refused)?;
-        if active.model.is_some_and(|model| model.blob_crc == verified) {
-            device.order(Order::Stored(stored.slot));
-        }
+        let (blob_crc, slot) = (verified, stored.slot);
+        self.order(device, Order::Stored { blob_crc, slot });
         if let Some(spare) = &mut self.spare {
-            if spare.blob_crc == verified {
-                spare.set_slot(Some(stored.slot));
-            } else if spare.slot() == Some(stored.slot) {
-                spare.set_slot(None);
-            }
+            spare.note_stored(blob_crc, slot);
         }
         let stored = on_wire(&stored, true);
         self.upload.committed = Some(stored);
@@ -219,8 +244,15 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         device: &mut impl Device<'m, WORDS>,
     ) -> Result<(), Refusal> {
         let is_asked_for = |model: ModelIdentity| model.blob_crc == blob_crc;
-        if device.order(Order::Report).model.is_some_and(is_asked_for) {
+        if self
+            .order(device, Order::Report)
+            .model
+            .is_some_and(is_asked_for)
+        {
             return Ok(());
+        }
+        if self.spare.is_none() {
+            return Err(Refusal::Busy);
         }
         if !self.spare_identity().is_some_and(is_asked_for) {
             return Err(Refusal::UnknownModel { blob_crc });
@@ -231,7 +263,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
 
     fn run_spare(&mut self, device: &mut impl Device<'m, WORDS>) {
         if let Some(spare) = self.spare.take() {
-            self.spare = device.order(Order::Run(spare)).replaced;
+            self.order(device, Order::Run(spare));
         }
     }
 
@@ -240,9 +272,12 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         from_crc: u32,
         device: &mut impl Device<'m, WORDS>,
     ) -> Result<(), Refusal> {
-        let report = device.order(Order::Report);
+        let report = self.order(device, Order::Report);
         if report.model.is_none_or(|model| model.blob_crc != from_crc) {
             return Ok(());
+        }
+        if self.spare.is_none() {
+            return Err(Refusal::Busy);
         }
         let active = self.check_flash(device)?;
         let mut refusal = Refusal::NoOtherModel;
@@ -267,10 +302,10 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
 
     /// Whether the flash may be written now: the deadline comes first.
     fn check_flash(
-        &self,
+        &mut self,
         device: &mut impl Device<'m, WORDS>,
     ) -> Result<Report<'m, WORDS>, Refusal> {
-        let report = device.order(Order::Report);
+        let report = self.order(device, Order::Report);
         if self.facts.flash_blocks && report.running {
             return Err(Refusal::CyclesRunning);
         }
@@ -296,6 +331,10 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         if !signature::is_public_key(public_key) {
             return Err(Refusal::NotAKey);
         }
+        if self.spare.is_none() {
+            // The model that waits goes on, and what it replaces must not come back unseen.
+            return Err(Refusal::Busy);
+        }
         self.check_flash(device)?;
         let before = self.store.public_key();
         let result = self.store.provision(public_key);
@@ -312,6 +351,30 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         }
         result.map_err(refused)
     }
+
+    fn provision_cycle(
+        &mut self,
+        settings: &CycleSettings,
+        device: &mut impl Device<'m, WORDS>,
+    ) -> Result<(), Refusal> {
+        for_filter(settings).check().map_err(not_taken)?;
+        let before = self.check_flash(device)?.cycle;
+        if before != *settings
+            && let Some(error) = self.order(device, Order::Settings(*settings)).refused
+        {
+            return Err(not_taken(error));
+        }
+        let written = self.store.set_cycle_settings(settings);
+        if written.is_err() {
+            // What is in force is what a restart finds.
+            self.order(device, Order::Settings(before));
+        }
+        written.map_err(refused)
+    }
+}
+
+fn not_taken(error: FilterError) -> Refusal {
+    Refusal::CycleSetting { code: error.code() }
 }
 
 fn on_wire(stored: &Stored, first: bool) -> StoredModel {

@@ -4,11 +4,13 @@ use heapless::Vec;
 use poegp_protocol::frame::{self, FrameError, Receiver};
 use poegp_protocol::limits::{MAX_JOINTS, OUTPUTS};
 use poegp_protocol::link::{
-    Corrected, Evaluation, ModelIdentity, PROTOCOL_VERSION, Query, Refusal, Request, Response,
-    Statistics, Trace,
+    Commanded, Corrected, CycleSettings, Evaluation, ModelIdentity, PROTOCOL_VERSION, Query,
+    Refusal, Request, Response, Statistics, Trace,
 };
 
-use super::{Resident, count};
+use super::commands::Commands;
+use super::{Facts, Resident, count};
+use crate::filter::FilterError;
 use crate::model::{self, Stages};
 use crate::status::Status;
 use crate::store::Slot;
@@ -23,6 +25,11 @@ pub trait Clock {
 #[derive(Debug)]
 pub struct Cycle<'m, const WORDS: usize> {
     active: &'m mut Resident<WORDS>,
+    /// The model that is to run when nothing of the active one is applied any more.
+    pending: Option<&'m mut Resident<WORDS>>,
+    /// The model that was active, until the background is told.
+    replaced: Option<&'m mut Resident<WORDS>>,
+    commands: Commands,
     statistics: Statistics,
     deadline_ticks: u32,
     bypass: bool,
@@ -47,10 +54,17 @@ pub enum Taken {
 pub enum Order<'m, const WORDS: usize> {
     /// Nothing but a report.
     Report,
-    /// Run this model from now on.
+    /// Run this model: from now on, or when the correction by the active one has been taken back.
     Run(&'m mut Resident<WORDS>),
-    /// The active model is in this slot now.
-    Stored(Slot),
+    /// The model of this name is in this slot now, and no other.
+    Stored {
+        /// CRC in the header of its blob.
+        blob_crc: u32,
+        /// Where it is.
+        slot: Slot,
+    },
+    /// Take these settings.
+    Settings(CycleSettings),
     /// Answer commands as they come, or correct them again.
     Bypass(bool),
     /// A request was refused: count it.
@@ -60,12 +74,18 @@ pub enum Order<'m, const WORDS: usize> {
 /// What the cycle says to an order.
 #[derive(Debug)]
 pub struct Report<'m, const WORDS: usize> {
-    /// The model that was active before [`Order::Run`].
+    /// The model that was active before the one of [`Order::Run`], once: in the first report after the exchange.
     pub replaced: Option<&'m mut Resident<WORDS>>,
-    /// The active model.
+    /// The active model, or the one that waits.
     pub model: Option<ModelIdentity>,
+    /// Whether it waits.
+    pub pending: bool,
     /// The slot that holds it.
     pub slot: Option<Slot>,
+    /// Settings in force.
+    pub cycle: CycleSettings,
+    /// Why [`Order::Settings`] was not obeyed.
+    pub refused: Option<FilterError>,
     /// Whether corrections are bypassed.
     pub bypass: bool,
     /// Whether cyclic requests are expected.
@@ -75,12 +95,15 @@ pub struct Report<'m, const WORDS: usize> {
 }
 
 impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
-    /// Starts with `active`, which is usually empty.
-    pub fn new(active: &'m mut Resident<WORDS>, deadline_ticks: u32, bypass: bool) -> Self {
+    /// Starts with `active`, which is usually empty, and with the default settings of the filter.
+    pub fn new(active: &'m mut Resident<WORDS>, facts: &Facts, bypass: bool) -> Self {
         Self {
             active,
+            pending: None,
+            replaced: None,
+            commands: Commands::new(facts.tick_hz),
             statistics: Statistics::default(),
-            deadline_ticks,
+            deadline_ticks: facts.deadline_ticks,
             bypass,
             running: false,
             stages: Stages::new(),
@@ -93,6 +116,24 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
         self.running
     }
 
+    /// It is `now`. To be called at least once in half the time in which the ticks wrap around, so that a long stop of the
+    /// commands is not taken for a short time; frames and orders count.
+    pub fn look(&mut self, now: u32) {
+        self.commands.look(now);
+        self.exchange();
+    }
+
+    /// Runs the model that waits, if nothing holds it up.
+    fn exchange(&mut self) {
+        if self.pending.is_some()
+            && self.commands.is_free()
+            && let Some(model) = self.pending.take()
+        {
+            self.replaced = Some(core::mem::replace(&mut self.active, model));
+            count(&mut self.statistics.activations);
+        }
+    }
+
     /// Takes a complete frame, whose last byte came at `arrived`. An answer is written to `out`; `scratch` and `out` need
     /// [`frame::MAX_FRAME`] bytes.
     pub fn take(
@@ -103,12 +144,13 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
         scratch: &mut [u8],
         out: &mut [u8],
     ) -> Taken {
+        self.look(arrived);
         let opened = receiver.open();
         let (sequence, response) = match opened.and_then(|_| receiver.message::<Request<'_>>()) {
             Err(error) => self.unreadable(error),
             Ok((sequence, request)) => {
                 count(&mut self.statistics.frames);
-                match self.answer(&request, clock) {
+                match self.answer(sequence, &request, arrived, clock) {
                     None => return Taken::Service,
                     Some(response) => (sequence, response),
                 }
@@ -118,7 +160,10 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
         let length = frame::encode(sequence, &response, scratch, out).map_or(0, <[u8]>::len);
         if !matches!(
             response,
-            Response::Evaluation(_) | Response::Corrected(_) | Response::Trace(_)
+            Response::Evaluation(_)
+                | Response::Corrected(_)
+                | Response::Trace(_)
+                | Response::Commanded(_)
         ) {
             return Taken::Answered(length);
         }
@@ -166,12 +211,25 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
     }
 
     /// The answer to a cyclic request; `None` for a service.
-    fn answer(&mut self, request: &Request<'_>, clock: &mut impl Clock) -> Option<Response> {
+    fn answer(
+        &mut self,
+        sequence: u16,
+        request: &Request<'_>,
+        arrived: u32,
+        clock: &mut impl Clock,
+    ) -> Option<Response> {
         let response = match request {
             Request::Evaluate(query) => Response::Evaluation(self.evaluate(query, clock)),
             Request::Correct(query) => Response::Corrected(self.correct(query, clock)),
             Request::Trace(query) => Response::Trace(self.trace(query, clock)),
-            Request::StandDown => Response::StandingDown,
+            Request::Command(query) => {
+                let cycles = self.commands.cycles(sequence, query, arrived);
+                Response::Commanded(self.command(query, cycles, clock))
+            }
+            Request::StandDown => {
+                self.commands.stop();
+                Response::StandingDown
+            }
             _ => return None,
         };
         self.running = !matches!(response, Response::StandingDown);
@@ -213,7 +271,7 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
     fn correct(&mut self, query: &Query, clock: &mut impl Clock) -> Corrected {
         let start = clock.ticks();
         let mut joints = query.joints.clone();
-        let (status, position_error) = if self.bypass {
+        let (status, applied, errors) = if self.bypass {
             let mut status = Status::BYPASSED;
             for value in &mut joints {
                 if !value.is_finite() {
@@ -221,27 +279,74 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
                     status = status.with(Status::BAD_INPUT);
                 }
             }
-            (status, 0.0)
+            (status, 0.0, (0.0, 0.0))
         } else {
             let result = self.active.model.correct(&query.joints, query.payload_kg);
             for (slot, value) in joints.iter_mut().zip(&result.joints) {
                 *slot = *value;
             }
-            (result.status, result.position_error)
+            let errors = (result.position_error, result.rotation_error);
+            (result.status, result.applied, errors)
         };
         let ticks = clock.ticks().wrapping_sub(start);
         self.completed(status, ticks);
+        self.count_uncorrected(&joints, query, status);
+        Corrected {
+            blob_crc: self.active.blob_crc,
+            joints,
+            applied,
+            position_error: errors.0,
+            rotation_error: errors.1,
+            status: status.bits(),
+            ticks,
+        }
+    }
+
+    fn count_uncorrected(&mut self, joints: &[f32], query: &Query, status: Status) {
         let bits = |value: &f32| value.to_bits();
         let same = joints.iter().map(bits).eq(query.joints.iter().map(bits));
         // Of bad input what is not finite does not come back.
         if same || status.contains(Status::BAD_INPUT) {
             count(&mut self.statistics.uncorrected);
         }
-        Corrected {
-            blob_crc: self.active.blob_crc,
+    }
+
+    /// The answer to a command, `cycles` after the one before.
+    #[inline(never)]
+    fn command(&mut self, query: &Query, cycles: u32, clock: &mut impl Clock) -> Commanded {
+        let start = clock.ticks();
+        let model = &self.active.model;
+        let payload_kg = self.commands.filter.payload(query.payload_kg, cycles);
+        let mut result = model.correct(&query.joints, payload_kg);
+        // With nothing applied, whatever is finite passes, as it does in `correct`.
+        if self.bypass && self.commands.filter.disengaged() {
+            result.joints = [0.0; MAX_JOINTS];
+            for (slot, joint) in result.joints.iter_mut().zip(&query.joints) {
+                *slot = *joint;
+            }
+            result.status = Status::OK;
+            (result.applied, result.position_error, result.rotation_error) = (0.0, 0.0, 0.0);
+        }
+        let status = result.status.with_if(self.bypass, Status::BYPASSED);
+        let engage = !self.bypass & self.pending.is_none() & (model.joints() > 0);
+        let filtered = self.commands.step(&result.joints, status, engage, cycles);
+        let mut joints = query.joints.clone();
+        for (slot, value) in joints.iter_mut().zip(&filtered.joints) {
+            *slot = *value;
+        }
+        let blob_crc = self.active.blob_crc;
+        self.exchange();
+        let ticks = clock.ticks().wrapping_sub(start);
+        self.completed(filtered.status, ticks);
+        self.count_uncorrected(&joints, query, filtered.status);
+        Commanded {
+            blob_crc,
             joints,
-            position_error,
-            status: status.bits(),
+            applied: result.applied,
+            position_error: result.position_error,
+            rotation_error: result.rotation_error,
+            weight: filtered.weight,
+            status: filtered.status.bits(),
             ticks,
         }
     }
@@ -263,26 +368,50 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
         }
     }
 
-    /// Carries out an order of the background, between two frames.
-    pub fn obey(&mut self, order: Order<'m, WORDS>) -> Report<'m, WORDS> {
-        let mut replaced = None;
+    /// Carries out an order of the background, between two frames, at the time `now`.
+    // Not inlined: the cyclic path must not share its stack frame.
+    #[inline(never)]
+    pub fn obey(&mut self, order: Order<'m, WORDS>, now: u32) -> Report<'m, WORDS> {
+        self.look(now);
+        let mut refused = None;
         match order {
             Order::Report => {}
             Order::Run(model) => {
-                replaced = Some(core::mem::replace(&mut self.active, model));
-                count(&mut self.statistics.activations);
+                // There are two models: one cannot wait already.
+                if let Some(before) = self.pending.replace(model) {
+                    self.replaced = Some(before);
+                }
+                self.exchange();
             }
-            Order::Stored(slot) => self.active.set_slot(Some(slot)),
+            Order::Stored { blob_crc, slot } => {
+                self.active.note_stored(blob_crc, slot);
+                if let Some(pending) = &mut self.pending {
+                    pending.note_stored(blob_crc, slot);
+                }
+            }
+            Order::Settings(settings) => refused = self.commands.configure(&settings).err(),
             Order::Bypass(on) => self.bypass = on,
             Order::Refused => count(&mut self.statistics.refused),
         }
+        let counts = self.commands.filter.counts();
+        let ordered = self.pending.as_deref().unwrap_or(self.active);
         Report {
-            replaced,
-            model: self.active.identity(),
-            slot: self.active.slot(),
+            model: ordered.identity(),
+            slot: ordered.slot(),
+            pending: self.pending.is_some(),
+            replaced: self.replaced.take(),
+            cycle: self.commands.settings,
+            refused,
             bypass: self.bypass,
             running: self.running,
-            statistics: self.statistics,
+            statistics: Statistics {
+                jumps: counts.held,
+                gaps: counts.lost,
+                repeats: counts.doubled,
+                bad_commands: counts.bad,
+                model_steps: counts.guarded,
+                ..self.statistics
+            },
         }
     }
 }

@@ -7,10 +7,16 @@
 //!            answers     with the active model         ── spare ──> verifies, commits, rolls back
 //! ```
 //!
-//! [`Cycle`] runs at high priority and is short and bounded: it finds frames, answers `Evaluate` and `Correct` with the
-//! active model, and passes everything else on. [`Background`] runs when there is nothing else to do, may take long, and
+//! [`Cycle`] runs at high priority and is short and bounded: it finds frames, answers `Evaluate`, `Correct` and `Command`
+//! with the active model, and passes everything else on. [`Background`] runs when there is nothing else to do, may take long, and
 //! is pre-empted by every cycle. Nothing is shared: a model belongs to one of them at any time, and becomes active by
 //! being handed over whole, between two cycles ([`Order::Run`]).
+//!
+//! `Correct` is a question: its answer stands alone. `Command` is the command of a controller's cycle, and its answer goes
+//! through a [`crate::filter::CommandFilter`], which never steps. While it applies a correction, a model that was ordered
+//! waits: the filter takes the correction back, the models are exchanged, the filter applies the new one. When commands stop,
+//! for half a second or by `StandDown`, it waits no longer. Until then the background has no spare model, and answers
+//! [`poegp_protocol::link::Refusal::Busy`] to whatever needs one.
 //!
 //! A blob arrives in pieces in a staging buffer; nothing of it is believed before `VerifyUpload` has checked the
 //! announced CRC, the envelope, the signature if a key is provisioned, and every number. Until it is activated, and after
@@ -18,6 +24,7 @@
 //! command as it came and a status that says why.
 
 mod background;
+mod commands;
 mod cycle;
 mod resident;
 mod upload;

@@ -115,6 +115,15 @@ impl<const WORDS: usize> Resident<WORDS> {
         }
     }
 
+    /// What has this name is in `slot` now, and nothing else is.
+    pub(super) fn note_stored(&mut self, blob_crc: u32, slot: Slot) {
+        if self.blob_crc == blob_crc {
+            self.set_slot(Some(slot));
+        } else if self.slot() == Some(slot) {
+            self.set_slot(None);
+        }
+    }
+
     pub(super) fn set_slot(&mut self, slot: Option<Slot>) {
         self.slot = match slot {
             None => 0,

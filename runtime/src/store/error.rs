@@ -87,6 +87,8 @@ pub enum StoreError {
     KeyDamaged,
     /// Power failed so often while the first key was provisioned that there is no room for another attempt.
     KeyPageFull,
+    /// The settings of the cycle were changed so often that there is no room for another record.
+    SettingsFull,
 }
 
 impl StoreError {
@@ -109,6 +111,7 @@ impl StoreError {
             Self::KeyUnfinished => 14,
             Self::KeyDamaged => 15,
             Self::KeyPageFull => 16,
+            Self::SettingsFull => 17,
         }
     }
 }
@@ -170,6 +173,7 @@ impl fmt::Display for StoreError {
             }
             Self::KeyDamaged => f.write_str("the page of the public key is damaged"),
             Self::KeyPageFull => f.write_str("the page of the public key has no room left"),
+            Self::SettingsFull => f.write_str("the page of the cycle's settings has no room left"),
         }
     }
 }

@@ -42,6 +42,8 @@ pub struct Layout {
     pub slots: [Range<u32>; 2],
     /// The page of the public key; one erase unit is plenty.
     pub key: Range<u32>,
+    /// The page of the cycle's settings; likewise.
+    pub cycle: Range<u32>,
 }
 
 impl Layout {
@@ -60,11 +62,13 @@ impl Layout {
             return Err(StoreError::NotAligned { at: erase, unit });
         }
         let [a, b] = &self.slots;
-        // A slot has its head and at least one erase unit for the blob; the key page a record of each kind.
+        // A slot has its head and at least one erase unit for the blob; the key page a record of each kind, that of the
+        // settings one record.
         let parts = [
             (a, erase.saturating_mul(2)),
             (b, erase.saturating_mul(2)),
             (&self.key, super::key::least_page::<F>()),
+            (&self.cycle, super::settings::stride::<F>()),
         ];
         let record = RECORD.next_multiple_of(unit);
         if erase < record {
@@ -88,7 +92,15 @@ impl Layout {
                 return Err(StoreError::RangeTooSmall { length, needed });
             }
         }
-        for (one, other) in [(a, b), (a, &self.key), (b, &self.key)] {
+        let (key, cycle) = (&self.key, &self.cycle);
+        for (one, other) in [
+            (a, b),
+            (a, key),
+            (b, key),
+            (a, cycle),
+            (b, cycle),
+            (key, cycle),
+        ] {
             let at = one.start.max(other.start);
             if at < one.end.min(other.end) {
                 return Err(StoreError::Overlap { at });

@@ -1,4 +1,4 @@
-//! Models that survive every power cut: two slots and a public key in NOR flash.
+//! Models that survive every power cut: two slots, a public key and the settings of the cycle in NOR flash.
 //!
 //! NOR flash is erased to ones in *erase units* (a sector), written in *write units* (a word), and a write unit is
 //! written once between two erases. An operation that power interrupts leaves anything in the units it was at. This
@@ -10,6 +10,7 @@
 //!  slot B   | head: record …                 | blob B                              … |
 //!           |<------ one erase unit -------->|<---- the other erase units ---------->|
 //!  key page | seal | attempt | attempt …     |                       (module `key`)
+//!  settings | record | record | record …     |                       (module `settings`)
 //!
 //!  one record, filled up with ones to whole write units:
 //!   offset  size  field, integers little endian
@@ -40,8 +41,10 @@ mod journal;
 mod key;
 mod layout;
 mod medium;
+mod settings;
 
 use embedded_storage::nor_flash::NorFlash;
+use poegp_protocol::link::CycleSettings;
 
 pub use error::StoreError;
 pub use layout::{Layout, Slot};
@@ -59,7 +62,7 @@ pub struct Stored {
     pub crc: u32,
 }
 
-/// Two slots and a key in `flash`.
+/// Two slots, a key and settings in `flash`.
 #[derive(Debug)]
 pub struct Store<F> {
     flash: F,
@@ -206,6 +209,19 @@ impl<F: NorFlash> Store<F> {
     /// [`StoreError::KeyProvisioned`] when there is another, `KeyDamaged`, `KeyPageFull`, `ReadBack`, `Flash`.
     pub fn provision(&mut self, key: &[u8; 32]) -> Result<(), StoreError> {
         key::provision(&mut self.flash, &self.layout, key)
+    }
+
+    /// The settings of the cycle that were written last; `None` when none ever were.
+    pub fn cycle_settings(&mut self) -> Option<CycleSettings> {
+        settings::read(&mut self.flash, &self.layout)
+    }
+
+    /// Writes settings of the cycle. Those that are there already are not written again.
+    ///
+    /// # Errors
+    /// [`StoreError::SettingsFull`], `ReadBack`, `Flash`.
+    pub fn set_cycle_settings(&mut self, settings: &CycleSettings) -> Result<(), StoreError> {
+        settings::write(&mut self.flash, &self.layout, settings)
     }
 
     fn survey(&mut self) -> Journal {

@@ -114,7 +114,11 @@ fn blobs_of_every_length_that_fits() {
 #[test]
 fn layouts_that_cannot_be_used_are_refused() {
     let refused = |layout: Layout| Store::new(Nor::<4, 256>::new(8), layout).map(drop);
-    let with = |a, b, key| Layout { slots: [a, b], key };
+    let with = |a, b, key| Layout {
+        slots: [a, b],
+        key,
+        cycle: 1792..2048,
+    };
     assert_eq!(refused(with(0..512, 512..1024, 1024..1280)), Ok(()));
     let cases = [
         (
@@ -154,7 +158,22 @@ fn layouts_that_cannot_be_used_are_refused() {
             StoreError::Overlap { at: 256 },
         ),
     ];
-    for (layout, error) in cases {
+    let settings = |cycle| Layout {
+        cycle,
+        ..with(0..512, 512..1024, 1024..1280)
+    };
+    let empty = StoreError::RangeTooSmall {
+        length: 0,
+        needed: 24,
+    };
+    let overlaps = |at| StoreError::Overlap { at };
+    let more = [
+        (settings(1280..1280), empty),
+        (settings(256..512), overlaps(256)),
+        (settings(768..1024), overlaps(768)),
+        (settings(1024..1280), overlaps(1024)),
+    ];
+    for (layout, error) in cases.into_iter().chain(more) {
         assert_eq!(refused(layout), Err(error));
     }
     let head_too_small = Store::new(Nor::<8, 24>::new(20), layout::<24>(3)).map(drop);
@@ -209,8 +228,9 @@ fn every_error_has_its_number() {
         StoreError::KeyUnfinished,
         StoreError::KeyDamaged,
         StoreError::KeyPageFull,
+        StoreError::SettingsFull,
     ];
     let numbers: Vec<u8> = all.iter().map(|error| error.code()).collect();
-    assert_eq!(numbers, (1..=16).collect::<Vec<u8>>());
+    assert_eq!(numbers, (1..=17).collect::<Vec<u8>>());
     assert!(all.iter().all(|error| !error.to_string().is_empty()));
 }

@@ -5,4 +5,5 @@ mod damage;
 mod key;
 mod laws;
 mod nor;
+mod settings;
 mod steps;

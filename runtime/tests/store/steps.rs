@@ -32,7 +32,7 @@ impl Step {
     ];
 }
 
-/// Where the mock has its slots, of `units` erase units each, and a key page between them.
+/// Where the mock has its slots, of `units` erase units each, a key page between them, and settings behind.
 pub fn layout<const ERASE: usize>(units: usize) -> Layout {
     let (erase, units) = (ERASE as u32, units as u32);
     Layout {
@@ -41,12 +41,13 @@ pub fn layout<const ERASE: usize>(units: usize) -> Layout {
             (units + 4) * erase..(2 * units + 4) * erase,
         ],
         key: units * erase..(units + 4) * erase,
+        cycle: (2 * units + 4) * erase..(2 * units + 6) * erase,
     }
 }
 
 /// A store in erased flash with slots of `units` erase units.
 pub fn store<const WRITE: usize, const ERASE: usize>(units: usize) -> TestStore<WRITE, ERASE> {
-    Store::new(Nor::new(2 * units + 4), layout::<ERASE>(units)).expect("a layout")
+    Store::new(Nor::new(2 * units + 6), layout::<ERASE>(units)).expect("a layout")
 }
 
 /// The same store after the power was off.

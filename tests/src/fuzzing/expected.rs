@@ -6,14 +6,15 @@ use std::rc::Rc;
 use poegp_protocol::blob::{self, CRC, stored_crc};
 use poegp_protocol::envelope::key_id;
 use poegp_protocol::link::{
-    Corrected, Evaluation, Identity, Key, ModelIdentity, PROTOCOL_VERSION, Query, Refusal, Request,
-    Response, Statistics, StoredModel, Trace,
+    Commanded, Corrected, CycleSettings, Evaluation, Identity, Key, ModelIdentity,
+    PROTOCOL_VERSION, Query, Refusal, Request, Response, Statistics, StoredModel, Trace,
 };
+use poegp_runtime::filter::{CommandFilter, FilterSettings};
 use poegp_runtime::model::{Model, Stages};
 use poegp_runtime::signature;
 use poegp_runtime::status::Status;
 
-use super::service::{BYTES, FACTS, WORDS};
+use super::service::{BYTES, CHANGES, FACTS, WORDS};
 
 /// A blob that is a model.
 pub(super) struct Known {
@@ -66,9 +67,86 @@ fn cut(text: &str) -> heapless::String<{ poegp_protocol::link::MAX_NAME }> {
     out
 }
 
+/// What is known of the commands of a cycle.
+struct Commands {
+    filter: CommandFilter<f32>,
+    settings: CycleSettings,
+    /// When the last command came that counts, in ticks that do not wrap around. `None` after a stop.
+    last: Option<u64>,
+    sequence: u16,
+    query: Vec<u32>,
+}
+
+impl Commands {
+    fn new(settings: CycleSettings) -> Self {
+        let mut filter = CommandFilter::new();
+        filter
+            .configure(&for_filter(&settings))
+            .expect("settings that were taken before");
+        Self {
+            filter,
+            settings,
+            last: None,
+            sequence: 0,
+            query: Vec::new(),
+        }
+    }
+
+    /// Ticks of a period.
+    fn period(&self) -> u64 {
+        let ticks = f64::from(self.settings.period_us) * f64::from(FACTS.tick_hz) / 1e6;
+        (ticks.round() as u64).max(1)
+    }
+
+    fn cycles(&mut self, sequence: u16, query: &Query, now: u64) -> u32 {
+        let bits = query.joints.iter().chain([&query.payload_kg]);
+        let bits: Vec<u32> = bits.map(|value| value.to_bits()).collect();
+        let cycles = match self.last {
+            None => u32::MAX,
+            Some(_) if sequence == self.sequence && bits == self.query => 0,
+            Some(last) => ((now - last) as f64 / self.period() as f64).round() as u32,
+        };
+        if cycles > 0 {
+            self.last = Some(now);
+        }
+        (self.sequence, self.query) = (sequence, bits);
+        cycles
+    }
+}
+
+impl Default for Commands {
+    fn default() -> Self {
+        Self::new(DEFAULT)
+    }
+}
+
+/// Without any that were provisioned.
+const DEFAULT: CycleSettings = CycleSettings {
+    period_us: 1_000,
+    rate: 0.02,
+    acceleration: 0.5,
+    blend_s: 0.5,
+};
+
+fn for_filter(settings: &CycleSettings) -> FilterSettings<f32> {
+    FilterSettings {
+        period_s: settings.period_us as f32 / 1e6,
+        rate: settings.rate,
+        acceleration: settings.acceleration,
+        blend_s: settings.blend_s,
+    }
+}
+
 /// The state of the device.
 #[derive(Default)]
 pub(super) struct Expected {
+    /// Ticks since the beginning.
+    pub now: u64,
+    commands: Commands,
+    /// Ordered, while the active one is taken back; then there is no spare.
+    pending: Option<Rc<Known>>,
+    /// Settings in flash, in the order in which they were written.
+    stored_settings: Vec<CycleSettings>,
     announced: Option<(u32, u32)>,
     staged: Vec<u8>,
     verified: Option<u32>,
@@ -99,14 +177,23 @@ impl Expected {
         self.staged.len()
     }
 
-    /// CRC in the header of the active model's blob; 0 without one.
-    pub fn active_crc(&self) -> u32 {
+    /// CRC in the header of the blob that was ordered last; 0 without one.
+    pub fn ordered_crc(&self) -> u32 {
+        self.ordered().map_or(0, |model| model.blob_crc())
+    }
+
+    /// The same of the model that answers.
+    fn answering_crc(&self) -> u32 {
         self.active.as_ref().map_or(0, |model| model.blob_crc())
     }
 
     /// The device starts anew: what is stored stays.
     pub fn restart(self, bypass: bool) -> Self {
+        let settings = self.stored_settings.last().copied().unwrap_or(DEFAULT);
         let mut new = Self {
+            now: self.now,
+            commands: Commands::new(settings),
+            stored_settings: self.stored_settings,
             slots: self.slots,
             first: self.first,
             key: self.key,
@@ -126,8 +213,9 @@ impl Expected {
     }
 
     /// The answer to a request that was read.
-    pub fn answer(&mut self, request: &Request<'_>) -> Response {
+    pub fn answer(&mut self, sequence: u16, request: &Request<'_>) -> Response {
         self.statistics.frames += 1;
+        self.look();
         if request.is_cyclic() {
             self.running = !matches!(request, Request::StandDown);
         }
@@ -135,7 +223,11 @@ impl Expected {
             Request::Evaluate(query) => Ok(Response::Evaluation(self.evaluate(query).0)),
             Request::Trace(query) => Ok(Response::Trace(self.trace(query))),
             Request::Correct(query) => Ok(Response::Corrected(self.correct(query))),
-            Request::StandDown => Ok(Response::StandingDown),
+            Request::Command(query) => Ok(Response::Commanded(self.command(sequence, query))),
+            Request::StandDown => {
+                self.commands.last = None;
+                Ok(Response::StandingDown)
+            }
             Request::Identify => Ok(self.identity()),
             Request::BeginUpload { length, crc } => self.begin(*length, *crc),
             Request::UploadPiece { offset, bytes } => self.piece(*offset, bytes),
@@ -150,7 +242,10 @@ impl Expected {
             Request::Provision { public_key } => {
                 self.provision(public_key).map(|()| self.identity())
             }
-            Request::ReadStatistics => Ok(Response::Statistics(self.statistics)),
+            Request::ProvisionCycle(settings) => {
+                self.provision_cycle(settings).map(|()| self.identity())
+            }
+            Request::ReadStatistics => Ok(Response::Statistics(self.counted())),
             Request::Restart => Ok(Response::Restarting),
         };
         answer.unwrap_or_else(|refusal| {
@@ -159,8 +254,108 @@ impl Expected {
         })
     }
 
+    /// Time passes. Whoever looks at the clock sees whether commands have stopped.
+    pub fn look(&mut self) {
+        let limit = u64::from(FACTS.tick_hz / 2);
+        if self
+            .commands
+            .last
+            .is_some_and(|last| self.now - last > limit)
+        {
+            self.commands.last = None;
+        }
+        self.exchange();
+    }
+
+    fn exchange(&mut self) {
+        let free = self.commands.last.is_none() || self.commands.filter.disengaged();
+        if free && let Some(model) = self.pending.take() {
+            self.spare = self.active.replace(model);
+            self.statistics.activations += 1;
+        }
+    }
+
+    /// The model that runs, or is about to.
+    fn ordered(&self) -> Option<&Rc<Known>> {
+        self.pending.as_ref().or(self.active.as_ref())
+    }
+
+    fn counted(&self) -> Statistics {
+        let counts = self.commands.filter.counts();
+        Statistics {
+            jumps: counts.held,
+            gaps: counts.lost,
+            repeats: counts.doubled,
+            bad_commands: counts.bad,
+            model_steps: counts.guarded,
+            ..self.statistics
+        }
+    }
+
+    fn provision_cycle(&mut self, settings: &CycleSettings) -> Result<(), Refusal> {
+        let refused = |error: poegp_runtime::filter::FilterError| Refusal::CycleSetting {
+            code: error.code(),
+        };
+        for_filter(settings).check().map_err(refused)?;
+        self.check_flash()?;
+        let before = self.commands.settings;
+        if before != *settings {
+            let filter = &mut self.commands.filter;
+            filter.configure(&for_filter(settings)).map_err(refused)?;
+            self.commands.settings = *settings;
+        }
+        if self.stored_settings.last() != Some(settings) {
+            if self.stored_settings.len() == CHANGES {
+                let filter = &mut self.commands.filter;
+                filter.configure(&for_filter(&before)).expect("disengaged");
+                self.commands.settings = before;
+                return Err(Refusal::Store { code: 17 });
+            }
+            self.stored_settings.push(*settings);
+        }
+        Ok(())
+    }
+
+    fn command(&mut self, sequence: u16, query: &Query) -> Commanded {
+        let cycles = self.commands.cycles(sequence, query, self.now);
+        let filter = &mut self.commands.filter;
+        let payload_kg = filter.payload(query.payload_kg, cycles);
+        let empty = Model::<f32, WORDS>::new();
+        let model = self.active.as_ref().map_or(&empty, |active| &active.model);
+        let mut result = model.correct(&query.joints, payload_kg);
+        let passes = self.bypass && filter.disengaged();
+        if passes {
+            result.joints = [0.0; 8];
+            result.joints[..query.joints.len()].copy_from_slice(&query.joints);
+            result.status = Status::OK;
+            (result.applied, result.position_error, result.rotation_error) = (0.0, 0.0, 0.0);
+        }
+        let status = result.status.with_if(self.bypass, Status::BYPASSED);
+        let engage = !self.bypass && self.pending.is_none() && self.active.is_some();
+        let filtered = filter.step(&query.joints, &result.joints, status, engage, cycles);
+        let joints: Joints = filtered.joints[..query.joints.len()]
+            .iter()
+            .copied()
+            .collect();
+        let blob_crc = self.answering_crc();
+        self.exchange();
+        self.completed(filtered.status);
+        self.count_uncorrected(&joints, query, filtered.status);
+        Commanded {
+            blob_crc,
+            joints,
+            applied: result.applied,
+            position_error: result.position_error,
+            rotation_error: result.rotation_error,
+            weight: filtered.weight,
+            status: filtered.status.bits(),
+            ticks: 0,
+        }
+    }
+
     /// The answer to a frame that could not be read.
     pub fn unreadable(&mut self, refusal: Refusal) -> Response {
+        self.look();
         self.statistics.bad_frames += 1;
         Response::Refused(refusal)
     }
@@ -191,7 +386,9 @@ impl Expected {
                 Some(key) => Key::Provisioned(key_id(key)),
             },
             bypass: self.bypass,
-            model: self.active.as_ref().map(|model| model.identity.clone()),
+            cycle: self.commands.settings,
+            model: self.ordered().map(|model| model.identity.clone()),
+            pending: self.pending.is_some(),
             slots: [self.stored(0), self.stored(1)],
         })
     }
@@ -234,7 +431,7 @@ impl Expected {
 
     fn verify(&mut self) -> Result<ModelIdentity, Refusal> {
         if let Some(crc) = self.verified {
-            let mut here = [&self.spare, &self.active].into_iter().flatten();
+            let mut here = [self.spare.as_ref(), self.ordered()].into_iter().flatten();
             if let Some(model) = here.find(|model| model.blob_crc() == crc) {
                 return Ok(model.identity.clone());
             }
@@ -248,6 +445,7 @@ impl Expected {
         if computed != stored {
             return Err(Refusal::TransferCrc { stored, computed });
         }
+        self.check_spare()?;
         let known = Known::of(&self.staged, self.key.as_ref())?;
         let identity = known.identity.clone();
         self.verified = Some(known.blob_crc());
@@ -260,10 +458,9 @@ impl Expected {
         (0..2).find(|slot| self.slots[*slot].as_deref() == Some(bytes))
     }
 
-    fn active_slot(&self) -> Option<usize> {
-        self.active
-            .as_ref()
-            .and_then(|model| self.slot_of(&model.bytes))
+    /// Where the model is that was ordered last.
+    fn ordered_slot(&self) -> Option<usize> {
+        self.ordered().and_then(|model| self.slot_of(&model.bytes))
     }
 
     fn check_flash(&self) -> Result<(), Refusal> {
@@ -282,7 +479,7 @@ impl Expected {
         }
         self.check_flash()?;
         // Not over the active model, nor over the newest.
-        let taken = [self.active_slot(), Some(self.first), Some(1 - self.first)];
+        let taken = [self.ordered_slot(), Some(self.first), Some(1 - self.first)];
         let kept = taken
             .into_iter()
             .flatten()
@@ -295,17 +492,26 @@ impl Expected {
     }
 
     fn run(&mut self, model: Option<Rc<Known>>) {
-        self.spare = std::mem::replace(&mut self.active, model);
-        self.statistics.activations += 1;
+        self.pending = model;
+        self.spare = None;
+        self.exchange();
+    }
+
+    /// While a model waits there is no place for another.
+    fn check_spare(&self) -> Result<(), Refusal> {
+        match self.pending {
+            Some(_) => Err(Refusal::Busy),
+            None => Ok(()),
+        }
     }
 
     fn activate(&mut self, blob_crc: u32) -> Result<(), Refusal> {
-        let is_it =
-            |model: &Option<Rc<Known>>| model.as_ref().is_some_and(|m| m.blob_crc() == blob_crc);
-        if is_it(&self.active) {
+        let is_it = |model: Option<&Rc<Known>>| model.is_some_and(|m| m.blob_crc() == blob_crc);
+        if is_it(self.ordered()) {
             return Ok(());
         }
-        if !is_it(&self.spare) {
+        self.check_spare()?;
+        if !is_it(self.spare.as_ref()) {
             return Err(Refusal::UnknownModel { blob_crc });
         }
         let spare = self.spare.take();
@@ -314,14 +520,15 @@ impl Expected {
     }
 
     fn roll_back(&mut self, from_crc: u32) -> Result<(), Refusal> {
-        let Some(active) = &self.active else {
+        let Some(active) = self.ordered() else {
             return Ok(());
         };
         if active.blob_crc() != from_crc {
             return Ok(());
         }
+        self.check_spare()?;
         self.check_flash()?;
-        let active = self.active_slot();
+        let active = self.ordered_slot();
         let mut refusal = Refusal::NoOtherModel;
         for slot in [self.first, 1 - self.first] {
             let Some(bytes) = self.slots[slot].clone().filter(|_| active != Some(slot)) else {
@@ -344,6 +551,7 @@ impl Expected {
         if !signature::is_public_key(public_key) {
             return Err(Refusal::NotAKey);
         }
+        self.check_spare()?;
         self.check_flash()?;
         match &self.key {
             Some(key) if key == public_key => {}
@@ -370,7 +578,7 @@ impl Expected {
         let result = model.evaluate_in_stages(&query.joints, query.payload_kg, &mut stages);
         self.completed(result.status);
         let evaluation = Evaluation {
-            blob_crc: self.active_crc(),
+            blob_crc: self.answering_crc(),
             pose: result.pose.to_rows(),
             correction: result.correction.to_array(),
             trust: result.trust,
@@ -393,36 +601,48 @@ impl Expected {
     }
 
     fn correct(&mut self, query: &Query) -> Corrected {
-        let (joints, status, position_error) = match &self.active {
+        let (joints, status, numbers) = match &self.active {
             _ if self.bypass => as_it_came(query, Status::BYPASSED, Status::BAD_INPUT),
             None => as_it_came(query, Status::NO_MODEL, Status::OK),
             Some(active) => {
                 let result = active.model.correct(&query.joints, query.payload_kg);
                 let count = query.joints.len();
                 let joints = result.joints[..count].iter().copied().collect();
-                (joints, result.status, result.position_error)
+                let errors = [result.position_error, result.rotation_error];
+                (
+                    joints,
+                    result.status,
+                    [result.applied, errors[0], errors[1]],
+                )
             }
         };
         self.completed(status);
-        let bits = |joints: &[f32]| joints.iter().map(|x| x.to_bits()).collect::<Vec<_>>();
-        let same = bits(&joints) == bits(&query.joints);
-        self.statistics.uncorrected += u32::from(same || status.contains(Status::BAD_INPUT));
+        self.count_uncorrected(&joints, query, status);
+        let [applied, position_error, rotation_error] = numbers;
         Corrected {
-            blob_crc: self.active_crc(),
+            blob_crc: self.answering_crc(),
             joints,
+            applied,
             position_error,
+            rotation_error,
             status: status.bits(),
             ticks: 0,
         }
+    }
+
+    fn count_uncorrected(&mut self, joints: &Joints, query: &Query, status: Status) {
+        let bits = |joints: &[f32]| joints.iter().map(|x| x.to_bits()).collect::<Vec<_>>();
+        let same = bits(joints) == bits(&query.joints);
+        self.statistics.uncorrected += u32::from(same || status.contains(Status::BAD_INPUT));
     }
 }
 
 type Joints = heapless::Vec<f32, { poegp_protocol::limits::MAX_JOINTS }>;
 
 /// The command as it came, zeros in place of what is not finite, which adds `odd` to the status.
-fn as_it_came(query: &Query, status: Status, odd: Status) -> (Joints, Status, f32) {
+fn as_it_came(query: &Query, status: Status, odd: Status) -> (Joints, Status, [f32; 3]) {
     let finite = query.joints.iter().all(|joint| joint.is_finite());
     let tame = |joint: &f32| if joint.is_finite() { *joint } else { 0.0 };
     let joints = query.joints.iter().map(tame).collect();
-    (joints, status.with_if(!finite, odd), 0.0)
+    (joints, status.with_if(!finite, odd), [0.0; 3])
 }

@@ -90,6 +90,7 @@ pub fn frames() -> Vec<Vec<u8>> {
         Request::Provision {
             public_key: [9; 32],
         },
+        Request::Command(query()),
     ];
     let responses = [
         Response::Uploading { received: 256 },
@@ -119,6 +120,8 @@ pub fn scripts() -> Vec<Vec<u8>> {
     let ask = [
         1, 10, 1, 5, 6, 7, 8, 9, 10, 11, 3, 10, 1, 5, 6, 7, 8, 9, 10, 11,
     ];
+    // `Talk::command`: three joints, so many commands, a slope, one in a period.
+    let path = |count: u8| [195, 3, 1, 5, 6, 7, 8, count, 9, 12];
     let [a, b, c] = [0, 1, 2].map(install);
     let script = |parts: &[&[u8]]| [&[1][..], &parts.concat()].concat();
     vec![
@@ -151,6 +154,28 @@ pub fn scripts() -> Vec<Vec<u8>> {
             &[26],
             &ask,
             &[8, 9, 9, 0, 0, 1, 1, 1, 1],
+        ]),
+        // Commands of three joints: blended in, an activation in the middle, bypass, a repetition, a gap, settings.
+        script(&[
+            &a,
+            &[194, 1, 0, 0, 0, 2],
+            &path(60),
+            &path(60),
+            &[192, 24],
+            &b,
+            &path(60),
+            &[20, 0],
+            &path(60),
+            &path(60),
+            &[0, 22, 1],
+            &path(60),
+            &path(60),
+            &[194, 1, 1, 1, 1, 2, 22, 0],
+            &path(60),
+            &[193, 250, 193, 6],
+            &path(20),
+            &[6, 19, 0, 25],
+            &path(30),
         ]),
         [
             &[0][..],

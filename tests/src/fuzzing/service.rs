@@ -11,7 +11,7 @@ use poegp_protocol::blob::{CRC, blob_crc, stored_crc};
 use poegp_protocol::envelope::{TRAILER_LENGTH, Trailer, key_id, set_signed};
 use poegp_protocol::frame::{self, FrameError, MAX_FRAME, Received, Receiver};
 use poegp_protocol::link::{
-    MAX_PIECE, PROTOCOL_VERSION, Query, Refusal, Request, Response, Statistics,
+    CycleSettings, MAX_PIECE, PROTOCOL_VERSION, Query, Refusal, Request, Response, Statistics,
 };
 use poegp_runtime::service::{Background, Clock, Cycle, Device, Facts, Order, Report};
 use poegp_runtime::service::{Resident, Taken};
@@ -50,23 +50,27 @@ const MOST_STEPS: usize = 100;
 type Flash = Nor<4, 256>;
 
 const SLOT: u32 = BYTES as u32 + 256;
-const UNITS: usize = 2 * SLOT as usize / 256 + 1;
+/// Bytes for settings of the cycle: a script can fill them.
+const SETTINGS: u32 = 256;
+/// Changes that fit.
+pub(super) const CHANGES: usize = SETTINGS as usize / 24;
+const UNITS: usize = (2 * SLOT + 256 + SETTINGS) as usize / 256;
 
-/// A clock that stands still, so that answers can be compared to the byte.
-struct Still;
+/// A clock that stands still, so that answers can be compared to the byte. Time passes between two frames.
+struct Still(u32);
 
 impl Clock for Still {
     fn ticks(&mut self) -> u32 {
-        0
+        self.0
     }
 }
 
 /// How the background reaches the cycle.
-struct Calls<'a, 'm>(&'a mut Cycle<'m, WORDS>);
+struct Calls<'a, 'm>(&'a mut Cycle<'m, WORDS>, u32);
 
 impl<'m> Device<'m, WORDS> for Calls<'_, 'm> {
     fn order(&mut self, order: Order<'m, WORDS>) -> Report<'m, WORDS> {
-        self.0.obey(order)
+        self.0.obey(order, self.1)
     }
 
     fn complete(&mut self, _: &mut Statistics) {}
@@ -109,6 +113,8 @@ struct Running<'m> {
     cycle: Cycle<'m, WORDS>,
     background: Background<'m, Wired<'m>, WORDS, BYTES>,
     receiver: Receiver,
+    /// Ticks.
+    now: u32,
 }
 
 impl Running<'_> {
@@ -121,8 +127,13 @@ impl Running<'_> {
                 Received::More => continue,
                 Received::Frame => {
                     let receiver = &mut self.receiver;
-                    self.cycle
-                        .take(receiver, 0, &mut Still, &mut scratch, &mut out)
+                    self.cycle.take(
+                        receiver,
+                        self.now,
+                        &mut Still(self.now),
+                        &mut scratch,
+                        &mut out,
+                    )
                 }
                 Received::TooLong => self.cycle.take_too_long(&mut scratch, &mut out),
             };
@@ -134,7 +145,7 @@ impl Running<'_> {
                 Taken::Service => {
                     let request = self.receiver.message::<Request<'_>>();
                     let (sequence, request) = request.expect("it was read");
-                    let mut calls = Calls(&mut self.cycle);
+                    let mut calls = Calls(&mut self.cycle, self.now);
                     let response = self.background.handle(&request, &mut calls);
                     answers.push((sequence, response));
                 }
@@ -280,6 +291,7 @@ fn switched_on(
     let layout = Layout {
         slots: [0..SLOT, SLOT..2 * SLOT],
         key: 2 * SLOT..2 * SLOT + 256,
+        cycle: 2 * SLOT + 256..2 * SLOT + 256 + SETTINGS,
     };
     let store = Store::new(Wired(flash), layout).expect("a sound layout");
     let facts = Facts {
@@ -287,15 +299,20 @@ fn switched_on(
         ..FACTS
     };
     let mut device = Running {
-        cycle: Cycle::new(&mut active, FACTS.deadline_ticks, expected.bypass),
+        cycle: Cycle::new(&mut active, &facts, expected.bypass),
         background: Background::new(facts, &mut spare, &mut staged, store),
         receiver: Receiver::new(),
+        now: expected.now as u32,
     };
-    device.background.boot(&mut Calls(&mut device.cycle));
+    device
+        .background
+        .boot(&mut Calls(&mut device.cycle, device.now));
     let mut talk = Talk {
         device,
         expected,
         uploading: Vec::new(),
+        sequence: 7,
+        commanded: None,
     };
     talk.ask(&Request::Identify);
     for _ in 0..MOST_STEPS {
@@ -319,6 +336,10 @@ struct Talk<'m, 'e> {
     expected: &'e mut Expected,
     /// The blob that was announced last.
     uploading: Vec<u8>,
+    /// Of the last request.
+    sequence: u16,
+    /// The last command.
+    commanded: Option<(u16, Query)>,
 }
 
 impl Talk<'_, '_> {
@@ -333,10 +354,42 @@ impl Talk<'_, '_> {
     }
 
     fn ask(&mut self, request: &Request<'_>) {
-        let expected = self.expected.answer(request);
-        let mut bytes = wire(7, request);
+        self.sequence = self.sequence.wrapping_add(1);
+        self.ask_as(self.sequence, request);
+    }
+
+    fn ask_as(&mut self, sequence: u16, request: &Request<'_>) {
+        let expected = self.expected.answer(sequence, request);
+        let mut bytes = wire(sequence, request);
         bytes.push(0);
-        self.assert_answer(&bytes, 7, &expected);
+        self.assert_answer(&bytes, sequence, &expected);
+    }
+
+    /// Lets time pass.
+    fn wait(&mut self, ticks: u32) {
+        self.expected.now += u64::from(ticks);
+        self.device.now = self.device.now.wrapping_add(ticks);
+        // Long times are looked at, as the firmware does.
+        if ticks > 1_000 {
+            self.device.cycle.look(self.device.now);
+            self.expected.look();
+        }
+    }
+
+    /// The commands of a short path, one for each cycle.
+    fn command(&mut self, script: &mut Script<'_>) {
+        let mut query = script.query();
+        let (steps, slope) = (script.below(64), f32::from(script.byte() as i8) * 1e-4);
+        let period = u32::from(script.byte() % 16);
+        for _ in 0..=steps {
+            self.wait(if period > 11 { 1 } else { period });
+            for joint in &mut query.joints {
+                *joint += slope;
+            }
+            let request = Request::Command(query.clone());
+            self.ask(&request);
+        }
+        self.commanded = Some((self.sequence, query));
     }
 
     /// Sends bytes that hold no zero as one frame.
@@ -352,7 +405,7 @@ impl Talk<'_, '_> {
             _ => Err(FrameError::Damaged),
         };
         let (sequence, expected) = match &read {
-            Ok((sequence, request)) => (*sequence, self.expected.answer(request)),
+            Ok((sequence, request)) => (*sequence, self.expected.answer(*sequence, request)),
             Err(error) => {
                 let (sequence, refusal) = refusal_of(*error);
                 (sequence, self.expected.unreadable(refusal))
@@ -392,7 +445,11 @@ impl Talk<'_, '_> {
 
     fn step(&mut self, sources: &Sources, script: &mut Script<'_>) -> Option<End> {
         let blob = |script: &mut Script<'_>| sources.blobs[script.below(5)].clone();
-        match script.byte() % 32 {
+        let what = match script.byte() {
+            commands @ 192.. => 32 + commands % 5,
+            other => other % 32,
+        };
+        match what {
             0 => self.ask(&Request::Identify),
             1 | 2 => self.ask(&Request::Evaluate(script.query())),
             3 | 4 => self.ask(&Request::Correct(script.query())),
@@ -431,7 +488,7 @@ impl Talk<'_, '_> {
             }
             20 | 21 => {
                 let from_crc = match script.byte() {
-                    0..240 => self.expected.active_crc(),
+                    0..240 => self.expected.ordered_crc(),
                     _ => script.word(),
                 };
                 self.ask(&Request::RollBack { from_crc });
@@ -465,6 +522,38 @@ impl Talk<'_, '_> {
                 let crc = blob_crc(&blob[..16], &blob[20..end]);
                 blob[16..20].copy_from_slice(&crc.to_le_bytes());
                 self.upload(blob);
+            }
+            32 | 33 => self.command(script),
+            34 => {
+                if let Some((sequence, query)) = self.commanded.clone() {
+                    self.ask_as(sequence, &Request::Command(query));
+                }
+            }
+            35 => {
+                let ticks = match script.byte() {
+                    long @ 240.. => u32::from(long) << 24,
+                    some @ 200.. => 20 * u32::from(some),
+                    few => u32::from(few),
+                };
+                self.wait(ticks);
+            }
+            36 => {
+                let raw = script.byte().is_multiple_of(4);
+                let mut limit = |scale: f32| match raw {
+                    true => f32::from_bits(script.word()),
+                    false => scale * (1.0 + f32::from(script.byte() % 8)),
+                };
+                let (rate, acceleration, blend_s) = (limit(0.02), limit(0.5), limit(0.02));
+                let period_us = match script.byte() {
+                    odd @ 200.. => u32::from(odd) << (odd % 16),
+                    usual => 500 * u32::from(usual % 8),
+                };
+                self.ask(&Request::ProvisionCycle(CycleSettings {
+                    period_us,
+                    rate,
+                    acceleration,
+                    blend_s,
+                }));
             }
             30 => {
                 let count = script.below(64);

@@ -5,6 +5,7 @@
 
 mod boards;
 mod boot;
+mod commands;
 mod constant;
 mod corpus;
 mod corrected;

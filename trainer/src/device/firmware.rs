@@ -79,7 +79,7 @@ impl Board {
     pub const fn erased_flash(self) -> Option<(u32, usize)> {
         match self {
             Self::Mps2An386 | Self::Mps2An500 => None,
-            Self::Stm32F405 => Some((0x0806_0000, 5 * 128 * 1024)),
+            Self::Stm32F405 => Some((0x0804_0000, 6 * 128 * 1024)),
         }
     }
 

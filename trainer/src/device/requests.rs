@@ -4,8 +4,8 @@ use std::time::{Duration, Instant};
 
 use poegp_protocol::blob::CRC;
 use poegp_protocol::link::{
-    Corrected, Evaluation, Identity, MAX_PIECE, ModelIdentity, Query, Refusal, Request, Response,
-    Statistics, StoredModel, Trace,
+    Commanded, Corrected, CycleSettings, Evaluation, Identity, MAX_PIECE, ModelIdentity, Query,
+    Refusal, Request, Response, Statistics, StoredModel, Trace,
 };
 
 use super::client::{Client, name};
@@ -114,7 +114,7 @@ impl Client {
         }
     }
 
-    /// Runs the verified model from the next cycle on.
+    /// Runs the verified model: at once, or, while commands are corrected, as soon as nothing steps (`pending`).
     ///
     /// # Errors
     /// [`ClientError`].
@@ -148,6 +148,14 @@ impl Client {
         })
     }
 
+    /// Gives the device period and limits of the controller's cycle.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn provision_cycle(&mut self, settings: &CycleSettings) -> Result<Identity, ClientError> {
+        self.identity(&Request::ProvisionCycle(*settings))
+    }
+
     /// T_gp(q, m)·f(q).
     ///
     /// # Errors
@@ -160,7 +168,7 @@ impl Client {
         }
     }
 
-    /// The corrected joint command.
+    /// The corrected joint command: a question, not for the motion of an arm.
     ///
     /// # Errors
     /// [`ClientError`].
@@ -168,6 +176,18 @@ impl Client {
         let request = Request::Correct(query.clone());
         match self.request(&request)? {
             Response::Corrected(corrected) => Ok(corrected),
+            other => Err(unexpected(&request, other)),
+        }
+    }
+
+    /// The command of a cycle, corrected without a step.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn command(&mut self, query: &Query) -> Result<Commanded, ClientError> {
+        let request = Request::Command(query.clone());
+        match self.request(&request)? {
+            Response::Commanded(commanded) => Ok(commanded),
             other => Err(unexpected(&request, other)),
         }
     }

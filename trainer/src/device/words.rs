@@ -1,6 +1,7 @@
 //! What the numbers in a device's answers mean, in words.
 
 use poegp_protocol::link::Refusal;
+use poegp_runtime::filter::FilterError;
 use poegp_runtime::load_error::LoadError;
 use poegp_runtime::signature::SignatureError;
 use poegp_runtime::store::StoreError;
@@ -52,6 +53,26 @@ pub fn refusal(refusal: &Refusal) -> String {
                                    says so with `StandDown`, and try again"
                 .to_owned()
         }
+        Refusal::CycleSetting { code } => cycle_setting(*code),
+    }
+}
+
+/// A setting of the cycle that is not taken.
+fn cycle_setting(code: u8) -> String {
+    let out_of_range = [
+        FilterError::Period,
+        FilterError::Rate,
+        FilterError::Acceleration,
+        FilterError::Blend,
+    ];
+    if code == FilterError::Engaged.code() {
+        return "a correction is applied, and other limits would break those in force; switch the bypass on and let \
+                commands come until the weight is 0, or restart the device, and try again"
+            .to_owned();
+    }
+    match out_of_range.iter().find(|error| error.code() == code) {
+        Some(error) => error.to_string(),
+        None => format!("setting {code} of the cycle, which this trainer does not know"),
     }
 }
 
@@ -210,6 +231,10 @@ fn store(code: u8) -> String {
             StoreError::KeyPageFull,
             "the page of the public key has no room left",
         ),
+        (
+            StoreError::SettingsFull,
+            "the settings of the cycle were changed so often that their page has no room left; those in force stay",
+        ),
     ];
     match known.iter().find(|(error, _)| error.code() == code) {
         Some((_, words)) => format!("{words} (store error {code})"),
@@ -229,9 +254,13 @@ mod tests {
         for code in 1..=4 {
             assert!(!signature(code).contains("does not know"), "{code}");
         }
-        for code in 1..=16 {
+        for code in 1..=17 {
             assert!(!store(code).contains("does not know"), "{code}");
         }
+        for code in 1..=5 {
+            assert!(!cycle_setting(code).contains("does not know"), "{code}");
+        }
+        assert!(cycle_setting(9).contains('9'));
         assert!(model(200).contains("200") && store(200).contains("200"));
     }
 }

@@ -3,7 +3,7 @@
 use poegp_protocol::frame::{self, MAX_FRAME, Receiver};
 use poegp_protocol::link::{Corrected, Query, Request, Response};
 use poegp_runtime::model::words_for;
-use poegp_runtime::service::{Clock, Cycle, Resident};
+use poegp_runtime::service::{Clock, Cycle, Facts, Resident};
 
 use crate::program::{Folder, SERIAL, simulated};
 
@@ -34,7 +34,14 @@ impl Clock for Stopped {
 
 /// What the cycle of the device answers to the frame of a controller.
 fn device(resident: &mut Resident<{ words_for(512) }>, query: Query) -> Corrected {
-    let mut cycle = Cycle::new(resident, 1000, false);
+    let facts = Facts {
+        board: "",
+        image_crc: 0,
+        tick_hz: 1_000,
+        deadline_ticks: 1_000,
+        flash_blocks: false,
+    };
+    let mut cycle = Cycle::new(resident, &facts, false);
     let (mut scratch, mut out) = ([0; MAX_FRAME], [0; MAX_FRAME]);
     let request = frame::encode(7, &Request::Correct(query), &mut scratch, &mut out).unwrap();
     let mut receiver = Receiver::new();

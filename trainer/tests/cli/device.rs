@@ -20,7 +20,7 @@ fn folder() -> (Folder, Vec<u8>) {
 }
 
 /// Every command that talks to a device, with the files of [`folder`].
-const COMMANDS: [&str; 9] = [
+const COMMANDS: [&str; 10] = [
     "info",
     "flash arm.blob",
     "evaluate test1.csv",
@@ -30,6 +30,7 @@ const COMMANDS: [&str; 9] = [
     "statistics",
     "monitor --once",
     "restart",
+    "cycle --period-us 2000",
 ];
 
 #[test]
@@ -229,6 +230,45 @@ fn what_is_not_a_model_never_reaches_the_port() {
     folder
         .run(&format!("device provision none.pub {PORT}"))
         .refused(&["none.pub: found no such file"]);
+}
+
+/// What is not given stays; the words of a refusal say what to do.
+#[test]
+fn settings_of_the_cycle() {
+    let folder = Folder::new();
+    let mut now = identity();
+    let fake = FakeDevice::start(&folder, move |request| {
+        if let Request::ProvisionCycle(settings) = request {
+            if settings.period_us > 100_000 {
+                return Refusal::CycleSetting { code: 1 }.into();
+            }
+            if settings.rate > 0.9 {
+                return Refusal::CycleSetting { code: 5 }.into();
+            }
+            now.cycle = *settings;
+        }
+        Response::Identity(now.clone()).into()
+    });
+    let run = |line: &str| folder.run(&format!("device cycle {line} {PORT}"));
+    let shown = run("--json -").ok().stdout;
+    assert!(shown.contains("\"period_us\": 1000"), "{shown}");
+    assert_eq!(fake.count("ProvisionCycle"), 0);
+    let set = run("--period-us 2000 --blend 0.25").ok().stdout;
+    for words in ["every 2000 us", "0.02 rad/s", "0.25 s", "after a restart"] {
+        assert!(set.contains(words), "{set}");
+    }
+    let shown = run("--rate 0.05 --json -").ok().stdout;
+    for words in [
+        "\"period_us\": 2000",
+        "\"rate_rad_per_s\": 0.05",
+        "\"blend_s\": 0.25",
+    ] {
+        assert!(shown.contains(words), "{shown}");
+    }
+    run("--period-us 200000").refused(&["period", "50 us and 0.1 s"]);
+    run("--rate 1").refused(&["a correction is applied", "bypass on"]);
+    let info = folder.run(&format!("device info {PORT}")).ok().stdout;
+    assert!(info.contains("every 2000 us"), "{info}");
 }
 
 #[test]

@@ -8,7 +8,8 @@ use std::thread;
 
 use poegp_protocol::frame::{self, MAX_FRAME, Received, Receiver};
 use poegp_protocol::link::{
-    Identity, Key, ModelIdentity, PROTOCOL_VERSION, Refusal, Request, Response, StoredModel,
+    CycleSettings, Identity, Key, ModelIdentity, PROTOCOL_VERSION, Refusal, Request, Response,
+    StoredModel,
 };
 use serialport::SerialPort;
 
@@ -146,7 +147,14 @@ pub fn identity() -> Identity {
         deadline_ticks: 4_000,
         key: Key::None,
         bypass: false,
+        cycle: CycleSettings {
+            period_us: 1_000,
+            rate: 0.02,
+            acceleration: 0.5,
+            blend_s: 0.5,
+        },
         model: None,
+        pending: false,
         slots: [None, None],
     }
 }

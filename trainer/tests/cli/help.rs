@@ -187,6 +187,15 @@ fn every_option_of_the_device_commands_is_in_the_help() {
         ("restart", &[]),
         ("provision", &["<KEY>", "cannot be undone"]),
         (
+            "cycle",
+            &[
+                "--period-us <US>",
+                "--rate",
+                "--acceleration",
+                "--blend <S>",
+            ],
+        ),
+        (
             "emulate",
             &[
                 "--board",

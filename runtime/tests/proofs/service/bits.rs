@@ -26,6 +26,7 @@ fn parts() -> Vec<(&'static str, Range<u32>)> {
         ("head of slot B", b.start..b.start + ERASE),
         ("blob of slot B", b.start + ERASE..b.end),
         ("page of the key", layout().key),
+        ("page of the settings", layout().cycle),
     ]
 }
 
@@ -84,7 +85,7 @@ fn every_bit_of_the_flash_without_a_key() {
     let flash = desk.flash.borrow().clone();
     let counts = flip_every_bit(&flash, &new, &old);
     let all: usize = counts.values().sum();
-    assert_eq!(all as u32, 8 * layout().key.end);
+    assert_eq!(all as u32, 8 * layout().cycle.end);
     let none: Vec<_> = counts
         .keys()
         .filter(|k| k.ends_with("no model runs"))

@@ -24,15 +24,26 @@ pub const BYTES: usize = 4_096;
 pub type Flash = Nor<4, 256>;
 /// Ticks in which a cyclic request is to be answered.
 pub const DEADLINE_TICKS: u32 = 1_000;
+/// Frequency of the clock.
+pub const TICK_HZ: u32 = 1_000;
+
+const FACTS: Facts = Facts {
+    board: "a desk with a name that is longer than thirty-two letters",
+    image_crc: 0x1234_5678,
+    tick_hz: TICK_HZ,
+    deadline_ticks: DEADLINE_TICKS,
+    flash_blocks: false,
+};
 
 const SLOT: u32 = BYTES as u32 + 256;
-const UNITS: usize = 2 * SLOT as usize / 256 + 1;
+const UNITS: usize = 2 * SLOT as usize / 256 + 2;
 
 /// Where everything is.
 pub fn layout() -> Layout {
     Layout {
         slots: [0..SLOT, SLOT..2 * SLOT],
         key: 2 * SLOT..2 * SLOT + 256,
+        cycle: 2 * SLOT + 256..2 * SLOT + 512,
     }
 }
 
@@ -120,7 +131,8 @@ struct Calls(Rc<RefCell<Front>>);
 impl Device<'static, WORDS> for Calls {
     fn order(&mut self, order: Order<'static, WORDS>) -> Report<'static, WORDS> {
         let mut front = self.0.borrow_mut();
-        let report = front.cycle.obey(order);
+        let now = front.ticker.ticks;
+        let report = front.cycle.obey(order, now);
         // What came meanwhile is answered before the background sees the report.
         front.turn();
         report
@@ -202,8 +214,12 @@ impl Desk {
         // The firmware has statics for these; a few kilobytes for each start are the price of the same types here.
         let [active, spare] = [Box::leak(Box::default()), Box::leak(Box::default())];
         let active: &'static mut Resident<WORDS> = active;
+        let facts = Facts {
+            flash_blocks,
+            ..FACTS
+        };
         let front = Rc::new(RefCell::new(Front {
-            cycle: Cycle::new(active, DEADLINE_TICKS, bypass),
+            cycle: Cycle::new(active, &facts, bypass),
             receiver: Receiver::new(),
             other_receiver: Some(Receiver::new()),
             work: None,
@@ -222,13 +238,6 @@ impl Desk {
             nor: flash.clone(),
             front: front.clone(),
         };
-        let facts = Facts {
-            board: "a desk with a name that is longer than thirty-two letters",
-            image_crc: 0x1234_5678,
-            tick_hz: 1_000,
-            deadline_ticks: DEADLINE_TICKS,
-            flash_blocks,
-        };
         let store = Store::new(wired, layout()).expect("a sound layout");
         let staged = Box::leak(Box::default());
         let mut background = Background::new(facts, spare, staged, store);
@@ -246,7 +255,10 @@ impl Desk {
     /// The same flash, started anew; the bypass is kept as the firmware keeps it.
     #[must_use]
     pub fn restarted(self) -> Self {
-        let bypass = self.front.borrow_mut().cycle.obey(Order::Report).bypass;
+        let mut front = self.front.borrow_mut();
+        let now = front.ticker.ticks;
+        let bypass = front.cycle.obey(Order::Report, now).bypass;
+        drop(front);
         Self::start(self.flash, bypass)
     }
 
@@ -298,11 +310,7 @@ impl Desk {
     /// The answer to a request.
     pub fn ask(&mut self, request: &Request<'_>) -> Response {
         self.sequence = self.sequence.wrapping_add(257);
-        let sequence = self.sequence;
-        let mut answers = self.answers(&wire(sequence, request));
-        let answer = answers.pop().expect("an answer");
-        assert_eq!((answers.len(), answer.0), (0, sequence), "{request:?}");
-        answer.1
+        self.ask_as(self.sequence, request)
     }
 
     /// The same answer to a request and to its repetition.
@@ -352,6 +360,27 @@ impl Desk {
     /// Lets the clock advance by so much at each look.
     pub fn set_tick_step(&self, step: u32) {
         self.front.borrow_mut().ticker.step = step;
+    }
+
+    /// Lets the clock advance by so much now.
+    pub fn wait(&self, ticks: u32) {
+        let mut front = self.front.borrow_mut();
+        front.ticker.ticks = front.ticker.ticks.wrapping_add(ticks);
+    }
+
+    /// Looks at the clock, as the firmware does once a second.
+    pub fn look(&self) {
+        let mut front = self.front.borrow_mut();
+        let now = front.ticker.ticks;
+        front.cycle.look(now);
+    }
+
+    /// The same request with this number.
+    pub fn ask_as(&mut self, sequence: u16, request: &Request<'_>) -> Response {
+        let mut answers = self.answers(&wire(sequence, request));
+        let answer = answers.pop().expect("an answer");
+        assert_eq!((answers.len(), answer.0), (0, sequence), "{request:?}");
+        answer.1
     }
 }
 

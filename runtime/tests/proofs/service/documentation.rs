@@ -1,6 +1,7 @@
 //! The tables of `docs/link.md` that this crate has the numbers of.
 
 use embedded_storage::nor_flash::NorFlashErrorKind;
+use poegp_runtime::filter::FilterError;
 use poegp_runtime::signature::SignatureError;
 use poegp_runtime::status::Status;
 use poegp_runtime::store::{Slot, StoreError};
@@ -61,6 +62,7 @@ fn codes_of_the_store() {
         StoreError::KeyUnfinished,
         StoreError::KeyDamaged,
         StoreError::KeyPageFull,
+        StoreError::SettingsFull,
     ];
     let rows = errors.map(|error| (error.code(), name(&error)));
     assert!((1..).zip(&rows).all(|(code, row)| row.0 == code));
@@ -78,6 +80,20 @@ fn codes_of_signatures() {
     let rows = errors.map(|error| (error.code(), name(&error)));
     assert!((1..).zip(&rows).all(|(code, row)| row.0 == code));
     assert_rows("\n## Codes of `Signature`\n", &rows);
+}
+
+#[test]
+fn codes_of_settings() {
+    let errors = [
+        FilterError::Period,
+        FilterError::Rate,
+        FilterError::Acceleration,
+        FilterError::Blend,
+        FilterError::Engaged,
+    ];
+    let rows = errors.map(|error| (error.code(), name(&error)));
+    assert!((1..).zip(&rows).all(|(code, row)| row.0 == code));
+    assert_rows("\n## Codes of `CycleSetting`\n", &rows);
 }
 
 #[test]

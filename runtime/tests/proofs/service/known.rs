@@ -90,8 +90,13 @@ impl Known {
         let expected = self.model.correct(&query.joints, query.payload_kg);
         let length = query.joints.len();
         assert_eq!(bits(&answer.joints), bits(&expected.joints[..length]));
-        let (found, error) = (answer.position_error, expected.position_error);
-        assert_eq!(found.to_bits(), error.to_bits());
+        for (found, expected) in [
+            (answer.applied, expected.applied),
+            (answer.position_error, expected.position_error),
+            (answer.rotation_error, expected.rotation_error),
+        ] {
+            assert_eq!(found.to_bits(), expected.to_bits());
+        }
         assert_eq!(answer.status, expected.status.bits());
     }
 }
@@ -110,7 +115,8 @@ pub fn assert_as_it_came(query: &Query, answer: &Corrected, status: Status) {
             assert_eq!(found.to_bits(), asked.to_bits());
         }
     }
-    assert_eq!(answer.position_error.to_bits(), 0);
+    let numbers = [answer.applied, answer.position_error, answer.rotation_error];
+    assert_eq!(bits(&numbers), [0; 3]);
 }
 
 pub fn query(joints: &[f32], payload_kg: f32) -> Query {

@@ -1,6 +1,7 @@
 //! The device as a whole, as far as it is pure: frames in, frames out, over a flash that knows the rules of NOR.
 
 mod bits;
+mod commands;
 mod cuts;
 mod cycles;
 mod desk;

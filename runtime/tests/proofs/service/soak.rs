@@ -163,7 +163,9 @@ fn a_hundred_thousand_corrections_over_a_bad_line() {
                         .iter()
                         .copied()
                         .collect(),
+                    applied: answer.applied,
                     position_error: answer.position_error,
+                    rotation_error: answer.rotation_error,
                     status: answer.status.bits(),
                     ticks: 100,
                 }

@@ -46,6 +46,8 @@ pub enum DeviceCommand {
     Restart(Restart),
     /// Give the device the public key that models have to be signed by, once and for all.
     Provision(Provision),
+    /// Period and limits of the controller's cycle, kept by the device.
+    Cycle(Cycle),
     /// Run the firmware in QEMU until Ctrl-C, for the other commands to connect to.
     Emulate(Emulate),
 }
@@ -250,6 +252,33 @@ pub struct Provision {
     #[command(flatten)]
     pub link: Link,
     /// What was done as JSON (`-`: standard output).
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+/// `trainer device cycle`.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "What is not given stays as it is; without any, the settings in force are shown. They are refused while a \
+    correction is applied: `trainer device bypass on` first.\n\n\
+    Example: trainer device cycle --period-us 2000 --port /dev/ttyUSB0"
+)]
+pub struct Cycle {
+    #[command(flatten)]
+    pub link: Link,
+    /// Time between two commands of the controller, in microseconds (50 to 100000).
+    #[arg(long, value_name = "US")]
+    pub period_us: Option<u32>,
+    /// Largest rate of the correction beyond what the path explains, in rad/s (0.0001 to 1).
+    #[arg(long, value_name = "RAD_PER_S")]
+    pub rate: Option<f32>,
+    /// Largest acceleration of it, in rad/s² (0.001 to 100).
+    #[arg(long, value_name = "RAD_PER_S2")]
+    pub acceleration: Option<f32>,
+    /// Shortest time in which a correction is switched on or off, in seconds (0.01 to 10).
+    #[arg(long, value_name = "S")]
+    pub blend: Option<f32>,
+    /// The settings as JSON (`-`: standard output).
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
 }

@@ -7,14 +7,16 @@ pub mod flash;
 mod monitor;
 pub mod show;
 
-use poegp_protocol::link::Identity;
+use poegp_protocol::link::{CycleSettings, Identity};
 use serde_json::json;
 
 use super::report::Report;
 use super::{Failure, check_outputs, json_text, write_facts, write_outputs};
 use crate::device::client::Client;
 use crate::signing::{PublicKey, id_text};
-use arguments::{Bypass, Device, DeviceCommand, Info, Link, Provision, Restart, Rollback, Switch};
+use arguments::{
+    Bypass, Cycle, Device, DeviceCommand, Info, Link, Provision, Restart, Rollback, Switch,
+};
 
 pub fn run(a: &Device) -> Result<(), Failure> {
     match &a.command {
@@ -28,6 +30,7 @@ pub fn run(a: &Device) -> Result<(), Failure> {
         DeviceCommand::Monitor(a) => monitor::run(a),
         DeviceCommand::Restart(a) => restart(a),
         DeviceCommand::Provision(a) => provision(a),
+        DeviceCommand::Cycle(a) => cycle(a),
         DeviceCommand::Emulate(a) => emulate::run(a),
     }
 }
@@ -123,6 +126,34 @@ fn provision(a: &Provision) -> Result<(), Failure> {
     Report::beside(&[a.json.as_deref()]).line(format_args!(
         "The device takes only models signed by key {} from now on.",
         id_text(&key.id())
+    ));
+    Ok(())
+}
+
+fn cycle(a: &Cycle) -> Result<(), Failure> {
+    check_outputs(&[a.json.as_deref()], &[])?;
+    let (mut client, mut identity) = connect(&a.link)?;
+    let there = identity.cycle;
+    let asked = CycleSettings {
+        period_us: a.period_us.unwrap_or(there.period_us),
+        rate: a.rate.unwrap_or(there.rate),
+        acceleration: a.acceleration.unwrap_or(there.acceleration),
+        blend_s: a.blend.unwrap_or(there.blend_s),
+    };
+    let changes =
+        a.period_us.is_some() || a.rate.is_some() || a.acceleration.is_some() || a.blend.is_some();
+    if changes {
+        identity = client.provision_cycle(&asked)?;
+    }
+    write_facts(a.json.as_deref(), show::cycle_json(&identity.cycle))?;
+    let kept = if changes {
+        ", also after a restart"
+    } else {
+        ""
+    };
+    Report::beside(&[a.json.as_deref()]).line(format_args!(
+        "The cycle: {}{kept}.",
+        show::cycle(&identity.cycle)
     ));
     Ok(())
 }

@@ -1,6 +1,6 @@
 //! What a device says, for a person and for another program.
 
-use poegp_protocol::link::{Identity, Key, ModelIdentity, Statistics, StoredModel};
+use poegp_protocol::link::{CycleSettings, Identity, Key, ModelIdentity, Statistics, StoredModel};
 use serde_json::{Value, json};
 
 use crate::cli::report::Report;
@@ -28,6 +28,26 @@ pub fn active(identity: &Identity) -> String {
         .model
         .as_ref()
         .map_or_else(|| "no model: commands are not corrected".to_owned(), model)
+}
+
+/// Settings of the cycle in one line.
+pub fn cycle(settings: &CycleSettings) -> String {
+    format!(
+        "a command every {} us; corrections change with at most {} rad/s and {} rad/s2 and come and go in {} s",
+        settings.period_us, settings.rate, settings.acceleration, settings.blend_s
+    )
+}
+
+/// The same as JSON.
+pub fn cycle_json(settings: &CycleSettings) -> Value {
+    // With the digits of an f32 and no more.
+    let number = |value: f32| value.to_string().parse::<f64>().unwrap_or(f64::NAN);
+    json!({
+        "period_us": settings.period_us,
+        "rate_rad_per_s": number(settings.rate),
+        "acceleration_rad_per_s2": number(settings.acceleration),
+        "blend_s": number(settings.blend_s),
+    })
 }
 
 /// A model as JSON.
@@ -69,7 +89,9 @@ pub fn identity_json(identity: &Identity) -> Value {
             Key::Unusable => "unusable".into(),
         },
         "bypass": identity.bypass,
+        "cycle": cycle_json(&identity.cycle),
         "model": identity.model.as_ref().map(model_json),
+        "pending": identity.pending,
         "slots": identity.slots.iter().map(|slot| slot.as_ref().map(stored_json)).collect::<Vec<_>>(),
     })
 }
@@ -86,12 +108,16 @@ pub fn identity(report: Report, identity: &Identity) {
         identity.board, identity.firmware_version, identity.image_crc, identity.protocol_version
     ));
     report.line(format_args!("  runs      {}", active(identity)));
+    if identity.pending {
+        report.line("            as soon as the correction by the model before it is taken back");
+    }
     let bypass = if identity.bypass {
         "on: commands come back as they are"
     } else {
         "off"
     };
     report.line(format_args!("  bypass    {bypass}"));
+    report.line(format_args!("  cycle     {}", cycle(&identity.cycle)));
     for (number, slot) in identity.slots.iter().enumerate() {
         let text = slot.as_ref().map_or("empty".to_owned(), |stored| {
             let first = if stored.first {
@@ -126,7 +152,7 @@ pub fn identity(report: Report, identity: &Identity) {
 }
 
 /// The counters with their names in JSON and their meaning, in order.
-pub fn counters(s: &Statistics) -> [(&'static str, u32, &'static str); 15] {
+pub fn counters(s: &Statistics) -> [(&'static str, u32, &'static str); 20] {
     [
         ("cycles", s.cycles, "cyclic requests answered"),
         (
@@ -154,6 +180,23 @@ pub fn counters(s: &Statistics) -> [(&'static str, u32, &'static str); 15] {
             "max_latency_ticks",
             s.max_latency_ticks,
             "most ticks from the last byte to the answer",
+        ),
+        ("jumps", s.jumps, "commands of the cycle that jumped"),
+        ("gaps", s.gaps, "commands of the cycle after a gap"),
+        (
+            "repeats",
+            s.repeats,
+            "commands of the cycle that came again or too early",
+        ),
+        (
+            "bad_commands",
+            s.bad_commands,
+            "commands of the cycle that were none",
+        ),
+        (
+            "model_steps",
+            s.model_steps,
+            "steps of the model that the filter has taken up",
         ),
         ("frames", s.frames, "frames that arrived whole"),
         (

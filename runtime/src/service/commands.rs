@@ -1,0 +1,148 @@
+//! The commands of a controller's cycle: their time, and the filter that they go through.
+
+use core::num::NonZeroU32;
+
+use heapless::Vec;
+use poegp_protocol::link::{CycleSettings, Query};
+
+use crate::filter::{CommandFilter, FilterError, FilterSettings, Filtered};
+use crate::status::Status;
+
+/// Parts of a second without a command after which commands have stopped. The filter never waits longer for one.
+const QUIET: u32 = 2;
+
+/// What is in force without any other: that of [`FilterSettings::default`].
+pub(super) const DEFAULT: CycleSettings = CycleSettings {
+    period_us: 1_000,
+    rate: 0.02,
+    acceleration: 0.5,
+    blend_s: 0.5,
+};
+
+/// The filter and what it has to know of time.
+///
+/// ```text
+///  command    0      1         2        3   3′               4
+///  time      -|------|---------|--------|---|----------------|--   in periods, counted from the last command that counts
+///  cycles     ∞      1         1        1   0                2     rounded; 0 for a repeated one; ∞ after a stop
+/// ```
+///
+/// Time is the difference of two tick counts, which wrap around. So that a long stop is not taken for a short time, whoever
+/// looks at the clock for another reason says so ([`Commands::look`]), and half a second without a command is remembered as
+/// a stop.
+#[derive(Debug)]
+pub(super) struct Commands {
+    pub(super) filter: CommandFilter<f32>,
+    /// In force.
+    pub(super) settings: CycleSettings,
+    tick_hz: u32,
+    period_ticks: NonZeroU32,
+    /// Whether commands have stopped.
+    quiet: bool,
+    /// When the last command came that was not within the cycle before.
+    last: u32,
+    sequence: u16,
+    query: Query,
+}
+
+impl Commands {
+    /// Before the first command, with [`DEFAULT`] settings.
+    pub(super) fn new(tick_hz: u32) -> Self {
+        let mut new = Self {
+            filter: CommandFilter::new(),
+            settings: DEFAULT,
+            tick_hz,
+            period_ticks: NonZeroU32::MIN,
+            quiet: true,
+            last: 0,
+            sequence: 0,
+            query: Query {
+                joints: Vec::new(),
+                payload_kg: 0.0,
+            },
+        };
+        // Cannot be refused: nothing is applied.
+        let _ = new.configure(&DEFAULT);
+        new
+    }
+
+    /// Takes settings, unless a correction is applied.
+    pub(super) fn configure(&mut self, settings: &CycleSettings) -> Result<(), FilterError> {
+        self.filter.configure(&for_filter(settings))?;
+        self.settings = *settings;
+        // To a ten-millionth, as the clock is. Wider integers would need a division of their own.
+        let ticks = settings.period_us as f32 * self.tick_hz as f32 / 1e6;
+        self.period_ticks = NonZeroU32::new((ticks + 0.5) as u32).unwrap_or(NonZeroU32::MIN);
+        Ok(())
+    }
+
+    /// It is `now`, or was a moment ago: no earlier than the last command.
+    #[inline(always)]
+    pub(super) fn look(&mut self, now: u32) {
+        self.quiet |= now.wrapping_sub(self.last) > self.tick_hz / QUIET;
+    }
+
+    /// No more commands will come.
+    pub(super) fn stop(&mut self) {
+        self.quiet = true;
+    }
+
+    /// Whether a model may be exchanged: nothing is applied, or nobody sends commands that could step.
+    pub(super) fn is_free(&self) -> bool {
+        self.quiet || self.filter.disengaged()
+    }
+
+    /// Cycles from the command before to this one, which came at `arrived`: the nearest number, 0 for the same request again.
+    pub(super) fn cycles(&mut self, sequence: u16, query: &Query, arrived: u32) -> u32 {
+        let since = arrived.wrapping_sub(self.last);
+        let period = self.period_ticks;
+        let cycles = if self.quiet {
+            u32::MAX
+        } else if sequence == self.sequence && same(query, &self.query) {
+            0
+        } else {
+            // At least half a period, for any number of ticks.
+            since / period + u32::from(since % period >= period.get() - period.get() / 2)
+        };
+        if cycles != 0 {
+            self.last = arrived;
+        }
+        self.quiet = false;
+        self.sequence = sequence;
+        self.query.clone_from(query);
+        cycles
+    }
+
+    /// [`CommandFilter::step`].
+    pub(super) fn step(
+        &mut self,
+        corrected: &[f32],
+        status: Status,
+        engage: bool,
+        cycles: u32,
+    ) -> Filtered<f32> {
+        let command = &self.query.joints;
+        self.filter.step(command, corrected, status, engage, cycles)
+    }
+}
+
+/// The same bits.
+fn same(one: &Query, other: &Query) -> bool {
+    let bits = |value: &f32| value.to_bits();
+    let joints = one
+        .joints
+        .iter()
+        .map(bits)
+        .eq(other.joints.iter().map(bits));
+    joints && one.payload_kg.to_bits() == other.payload_kg.to_bits()
+}
+
+/// As the filter takes them.
+pub(super) fn for_filter(settings: &CycleSettings) -> FilterSettings<f32> {
+    FilterSettings {
+        period_s: settings.period_us as f32 / 1e6,
+        rate: settings.rate,
+        acceleration: settings.acceleration,
+        blend_s: settings.blend_s,
+    }
+}

@@ -1,0 +1,185 @@
+//! The commands of a controller's cycle: a path with an activation and the bypass in the middle, and what a command costs.
+
+use poegp_protocol::link::{Commanded, CycleSettings, Query};
+use poegp_runtime::filter::GRACE;
+use poegp_runtime::status::Status;
+use poegp_tests::device::Device;
+use poegp_tests::emulator::{Clock, instructions};
+use poegp_tests::sample::{Elastic, Sample, Support};
+use poegp_tests::stages::{CommandBits, Host};
+
+use crate::device;
+
+/// Quick, so that a test of a few seconds sees whole switches.
+const CYCLE: CycleSettings = CycleSettings {
+    period_us: 2_000,
+    rate: 0.02,
+    acceleration: 2.0,
+    blend_s: 0.05,
+};
+
+/// A controller on its way, and the largest steps of what is added to its commands, in rad.
+struct Controller {
+    device: Device,
+    middle: Query,
+    place: f64,
+    last: Option<(Query, Commanded)>,
+    /// Beyond what the path explains.
+    largest: f32,
+    commands: u32,
+}
+
+impl Controller {
+    fn command(&mut self) -> (Query, Commanded) {
+        std::thread::sleep(std::time::Duration::from_millis(2));
+        self.place += 0.02;
+        let mut query = self.middle.clone();
+        for joint in &mut query.joints {
+            *joint += 0.05 * self.place.sin() as f32;
+        }
+        let commanded = self.device.command(&query).unwrap();
+        if let Some((before, answer)) = &self.last {
+            let numbers = query.joints.iter().zip(&commanded.joints);
+            let earlier = before.joints.iter().zip(&answer.joints);
+            for ((q, sent), (q_before, sent_before)) in numbers.zip(earlier) {
+                let step = ((sent - q) - (sent_before - q_before)).abs();
+                let explained = 0.5 * (q - q_before).abs() + 3e-6;
+                self.largest = self.largest.max(step - explained);
+            }
+        }
+        self.last = Some((query.clone(), commanded.clone()));
+        self.commands += 1;
+        (query, commanded)
+    }
+
+    /// Goes on until nothing is blended any more and the weight is `weight`.
+    fn settle(&mut self, weight: f32) -> (Query, Commanded) {
+        for _ in 0..20_000 {
+            let (query, commanded) = self.command();
+            let blends = Status::from_bits(commanded.status).contains(Status::BLENDING);
+            if !blends && commanded.weight.to_bits() == weight.to_bits() {
+                return (query, commanded);
+            }
+        }
+        panic!("the correction never came to its end")
+    }
+}
+
+#[test]
+fn a_path_with_an_activation_in_the_middle() {
+    let samples = [61, 62].map(|seed| Sample::plain(seed, Support::Elastic(Elastic::TIED)));
+    let hosts = [0, 1].map(|index: usize| Host::load(&samples[index].blob()).unwrap());
+    let mut device = device();
+    assert_eq!(
+        device.client().provision_cycle(&CYCLE).unwrap().cycle,
+        CYCLE
+    );
+    let identity = device.load(&samples[0].blob()).unwrap();
+    assert!(!identity.pending, "nobody commands yet");
+    let middle = samples[0].queries(1).remove(0);
+    let apart = {
+        let joints = hosts.each_ref().map(|host| host.command(&middle).joints());
+        let differences = joints[0].iter().zip(&joints[1]).map(|(a, b)| (a - b).abs());
+        differences.fold(0.0, f32::max)
+    };
+    let mut controller = Controller {
+        device,
+        middle,
+        place: 0.0,
+        last: None,
+        largest: 0.0,
+        commands: 0,
+    };
+    let (first, commanded) = controller.command();
+    assert_eq!(
+        commanded.joints, first.joints,
+        "nothing is applied at first"
+    );
+    let (query, commanded) = controller.settle(1.0);
+    assert_eq!(commanded.joints, hosts[0].command(&query).joints()[..]);
+
+    // The new model is ordered in mid-motion, and waits.
+    let crc = controller
+        .device
+        .client()
+        .upload(&samples[1].blob(), &mut |_| ())
+        .unwrap()
+        .blob_crc;
+    controller.settle(1.0);
+    let identity = controller.device.client().activate(crc).unwrap();
+    assert_eq!(identity.model.map(|model| model.blob_crc), Some(crc));
+    assert!(identity.pending);
+    let (mut old, mut exchanged) = (0, false);
+    loop {
+        let (_, commanded) = controller.command();
+        exchanged |= commanded.blob_crc == crc;
+        old += u32::from(!exchanged);
+        assert_eq!(commanded.blob_crc == crc, exchanged, "never back");
+        if exchanged {
+            break;
+        }
+    }
+    let (query, commanded) = controller.settle(1.0);
+    assert_eq!(commanded.joints, hosts[1].command(&query).joints()[..]);
+    assert!(!controller.device.identify().unwrap().pending);
+
+    controller.device.client().set_bypass(true).unwrap();
+    let (query, commanded) = controller.settle(0.0);
+    assert_eq!(commanded.joints, query.joints);
+    // The cycle that ends it still says what the model says; the weight comes to rest in the next ones.
+    let passes = (0..10).any(|_| controller.command().1.status == Status::BYPASSED.bits());
+    assert!(passes);
+    controller.device.client().set_bypass(false).unwrap();
+    let (query, _) = controller.settle(1.0);
+    let corrected = controller.device.correct(&query).unwrap();
+    assert_eq!(CommandBits::from(&corrected), hosts[1].command(&query));
+
+    // A late command may take as many cycles at once.
+    let allowed = GRACE as f32 * CYCLE.rate * CYCLE.period_us as f32 * 1e-6;
+    println!(
+        "{} commands, {old} of them while the old model was taken back; the models are {:.3} mrad apart, the largest step \
+         beyond the path is {:.3} mrad of {:.3}",
+        controller.commands,
+        1e3 * apart,
+        1e3 * controller.largest,
+        1e3 * allowed
+    );
+    assert!(controller.largest <= allowed + 1e-6);
+    let statistics = controller.device.statistics().unwrap();
+    println!("{statistics:?}");
+    assert_eq!((statistics.bad_commands, statistics.activations), (0, 2));
+    controller.device.client().stand_down().unwrap();
+    // The settings outlive a restart.
+    assert_eq!(controller.device.client().restart().unwrap().cycle, CYCLE);
+}
+
+/// The same number for every command but the first, those that come too early and those that are none.
+#[test]
+fn instructions_of_a_command() {
+    let mut device = Device::start(Clock::Counting).unwrap_or_else(|error| panic!("{error}"));
+    println!("instructions, Cortex-M4F, 6 joints:           Correct  Command");
+    for (name, support) in [
+        ("300 points, shared", Support::Folded(300)),
+        ("elastic, own length scales", Support::Elastic(Elastic::OWN)),
+        ("elastic, tied", Support::Elastic(Elastic::TIED)),
+    ] {
+        let sample = Sample::plain(63, support);
+        device.load(&sample.blob()).unwrap();
+        let tick_hz = device.identify().unwrap().tick_hz;
+        let query = &sample.queries(1)[0];
+        device.command(query).unwrap();
+        let correct = instructions(device.correct(query).unwrap().ticks, tick_hz);
+        let (mut least, mut most) = (f64::INFINITY, 0.0_f64);
+        for number in 0..20 {
+            let mut moved = query.clone();
+            moved.joints[0] += 1e-4 * number as f32;
+            let ticks = device.command(&moved).unwrap().ticks;
+            let count = instructions(ticks, tick_hz);
+            (least, most) = (least.min(count), most.max(count));
+        }
+        println!("  {name:<40}  {correct:8.0} {most:8.0}");
+        assert!(most - correct <= 2_000.0, "{name}: {most}, {correct}");
+        assert!(most - least <= 0.01 * most, "{name}: {least} to {most}");
+        device.client().stand_down().unwrap();
+    }
+}
