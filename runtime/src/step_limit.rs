@@ -152,7 +152,7 @@ impl<'a, T: Scalar> StepLimit<'a, T> {
             *value += *part;
         }
         let (shift_share, turn_share) = Shares {
-            error: (p, r),
+            error: p,
             largest: usual_rotation.map(|_| largest),
             shift_leaves: scaled(position, &shift),
             shift_turns: rotation * squared(&turned).sqrt(),
@@ -185,8 +185,8 @@ fn floor<T: Scalar>() -> Damping<T> {
 
 /// What shift and turn do to each other.
 struct Shares<T> {
-    /// e_p and e_r.
-    error: (Vector<T>, Vector<T>),
+    /// e_p.
+    error: Vector<T>,
     /// The largest rotation that may be left, rad.
     largest: Option<T>,
     /// What the whole shift leaves of the position.
@@ -203,32 +203,27 @@ impl<T: Scalar> Shares<T> {
     /// How much of the shift and of the turn is taken, each from 0 to 1.
     #[inline(never)]
     fn fair(&self) -> (T, T) {
-        let (p, r) = &self.error;
-        let (mut shift, mut turn) = (T::ONE, T::ONE);
-        // Once for each, and once more for what they have changed for each other.
-        for _ in 0..2 {
-            if let Some(largest) = self.largest {
-                let left = squared(&rest(r, turn, &self.turn_leaves)).sqrt();
-                let room = larger(largest - left, T::from_f64(LEAST_ROOM));
-                shift = share(room, self.shift_turns);
+        let p = &self.error;
+        let shift = match self.largest {
+            Some(largest) => {
+                let room = larger(
+                    largest - squared(&self.turn_leaves).sqrt(),
+                    T::from_f64(LEAST_ROOM),
+                );
+                share(room, self.shift_turns)
             }
-            let left = squared(&rest(p, shift, &self.shift_leaves)).sqrt();
-            let brought = larger(squared(p).sqrt() - left, T::ZERO) + T::from_f64(LEAST_PUSH);
-            // Of brought/pushed up to 1 it would be a sudden change where the two are equal.
-            turn = brought / (brought + self.turn_pushes);
+            None => T::ONE,
+        };
+        let mut left = *p;
+        for (value, leaves) in left.iter_mut().zip(&self.shift_leaves) {
+            *value -= shift * (*value - *leaves);
         }
+        let brought = larger(squared(p).sqrt() - squared(&left).sqrt(), T::ZERO);
+        let brought = brought + T::from_f64(LEAST_PUSH);
+        // Of brought/pushed up to 1 it would be a sudden change where the two are equal.
+        let turn = brought / (brought + self.turn_pushes);
         (shift, turn)
     }
-}
-
-/// What is left of `error` when so much is taken of a step that leaves `left`.
-#[inline(always)]
-fn rest<T: Scalar>(error: &Vector<T>, share: T, left: &Vector<T>) -> Vector<T> {
-    let mut out = *error;
-    for (value, left) in out.iter_mut().zip(left) {
-        *value -= share * (*value - *left);
-    }
-    out
 }
 
 /// What is asked of (K + λ) x = b.

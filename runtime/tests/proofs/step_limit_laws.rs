@@ -87,8 +87,8 @@ proptest! {
         let (_, joints, left) = step(&jacobian(&values, &seed), &error);
         prop_assert!(joints.iter().all(|d| d.is_finite()));
         prop_assert!(position(&left) <= position(&error) + 3e-6, "{:e}", position(&left) - position(&error));
-        // Where both shares are taken back, the rotation that is left has changed a little when it is shared out.
-        let most = rotation(&error).max(USUAL) + 2e-4;
+        // Where the turn is taken back, too, there is more left of the rotation than the shift was told.
+        let most = rotation(&error).max(USUAL) + 1e-3;
         prop_assert!(rotation(&left) <= most, "{:e} of {most:e}", rotation(&left));
     }
 

@@ -152,9 +152,11 @@ struct Left {
     /// Largest step of each path beside the largest step of a commanded joint, in f64; the largest of all in f32.
     slopes: Vec<f64>,
     single: f64,
-    /// How many times smaller the largest step of a path is with ten times as many points; from ten to a hundred times.
+    /// How many times smaller the largest step of a path is with ten times as many points; from a hundred to a thousand times.
     ten: Vec<f64>,
-    hundred: Vec<f64>,
+    thousand: Vec<f64>,
+    /// Largest slope with a hundred times as many points.
+    steepest: f64,
     /// Position error that stays, m.
     position: Vec<f64>,
     /// The most by which it is larger than without correction.
@@ -191,17 +193,19 @@ fn look(
         let (largest, at) = largest_step(&double);
         left.slopes.push(largest / commanded);
         if largest > 10e-6 {
-            // Ten and a hundred times as many points where it is largest: there a step is as many times smaller.
-            let mut finer = |from: f64, part: f64| {
+            // More points where it is largest: a step is as many times smaller, from some number of points on.
+            let finer = |from: f64, part: f64| {
                 let points = (0..=60).map(|k| from + part * f64::from(k));
                 let found = corrections(&fitted.double, &start, &step, points, payload_kg);
                 let (largest, at) = largest_step(&found);
                 (largest, from + part * at as f64)
             };
             let (ten, there) = finer(at as f64 - 3.0, 0.1);
-            let (hundred, _) = finer(there - 0.3, 0.01);
+            let (hundred, there) = finer(there - 0.3, 0.01);
+            let (thousand, _) = finer(there - 0.03, 0.001);
             left.ten.push(largest / ten);
-            left.hundred.push(ten / hundred);
+            left.thousand.push(hundred / thousand);
+            left.steepest = left.steepest.max(hundred / (0.01 * commanded));
         }
         for (q, change) in double.iter().step_by(20) {
             let command: Vec<f64> = q.iter().zip(change).map(|(q, c)| q + c).collect();
@@ -215,7 +219,7 @@ fn look(
     left.slopes.sort_by(f64::total_cmp);
     left.position.sort_by(f64::total_cmp);
     left.ten.sort_by(f64::total_cmp);
-    left.hundred.sort_by(f64::total_cmp);
+    left.thousand.sort_by(f64::total_cmp);
     left
 }
 
@@ -260,11 +264,11 @@ fn commands_never_jump_and_nothing_gets_worse() {
                     v.last().copied().unwrap_or(10.0),
                 )
             };
-            let ((ten, _), (least, most)) = (ends(&left.ten), ends(&left.hundred));
+            let ((ten, _), (least, most)) = (ends(&left.ten), ends(&left.thousand));
             say(format_args!(
                 "{robot:18} {:10} {count:3} paths: slope {:.3} (median), {:.3}; position {:.1}, {:.0}, {:.0} µm (median, 99 %, \
-                 all), {:+.1} µm to without; rotation {:+.2} mrad to what it may be; ten times the points {ten:.1} and more \
-                 times smaller, a hundred {least:.1} to {most:.1} more; f32 {:.3}",
+                 all), {:+.1} µm to without; rotation {:+.2} mrad to what it may be; ten times the points {ten:.1} times smaller, a hundred to \
+                 a thousand {least:.1} to {most:.1}, slope there {:.2}; f32 {:.3}",
                 format!("{kind:?}"),
                 quantile(&left.slopes, 500),
                 quantile(&left.slopes, 1000),
@@ -273,6 +277,7 @@ fn commands_never_jump_and_nothing_gets_worse() {
                 1e6 * quantile(&left.position, 1000),
                 1e6 * left.worse,
                 1e3 * left.over,
+                left.steepest,
                 left.single,
             ));
             let single = left.single <= SLOPE + ROUNDING / (SPEED / RATE);
