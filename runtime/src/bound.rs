@@ -1,4 +1,4 @@
-//! The largest correction that is believed: a larger one is scaled back, so that a command never jumps.
+//! The largest correction that is believed: a larger one is scaled back, not dropped, so that it does not jump at the bound.
 
 use nalgebra::Vector3;
 

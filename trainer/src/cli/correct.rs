@@ -19,7 +19,13 @@ use crate::measurements::{JointUnit, MeasurementSet};
 use crate::statistics::Summary;
 
 /// The columns that are added.
-const ADDED: [&str; 3] = ["position_error_um", "status", "trust"];
+const ADDED: [&str; 5] = [
+    "position_error_um",
+    "rotation_error_urad",
+    "applied",
+    "status",
+    "trust",
+];
 /// Trust below this is far from the training data: less than half of the correction's prior is explained there.
 const TRUSTED: f32 = 0.5;
 /// Line numbers in one remark.
@@ -28,8 +34,10 @@ const SHOWN: usize = 10;
 /// `trainer correct`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "All columns and rows stay as they are, but for the joints; three columns follow: position_error_um \
-    (what the model leaves), status (ok, or why not), trust (1 within the trained ranges, towards 0 far from them).\n\n\
+    after_help = "All columns and rows stay as they are, but for the joints. Five columns follow: position_error_um \
+    and rotation_error_urad (what stays by the model), applied (how much of the arm's error is corrected, 0 to 1), status (ok, \
+    or why not), trust (1 within the trained ranges, towards 0 far from them). Each row is corrected on its own, as the device \
+    does before its filter: beside a singularity only in part, so that neighbouring rows stay neighbours.\n\n\
     Example: trainer correct arm.blob program.csv --payload-kg 2.5 --out corrected.csv"
 )]
 pub struct Correct {
@@ -223,6 +231,8 @@ fn rewritten(set: &MeasurementSet, row: &Row) -> RewrittenRow {
         joints: joints.map(field).collect(),
         added: vec![
             format!("{:.3}", 1e6 * row.answer.position_error),
+            format!("{:.3}", 1e6 * row.answer.rotation_error),
+            format!("{:.4}", row.answer.applied),
             row.answer.status.to_string(),
             format!("{:.6}", row.trust),
         ],
@@ -316,8 +326,8 @@ fn largest_change(set: &MeasurementSet, rows: &[Row], kind: JointKind) -> Option
 /// What a remark means for the commands that have it.
 fn meaning(status: &str) -> &'static str {
     match status {
-        "not-corrected" => {
-            "left as they are or corrected in part: beside a singularity, or out of reach"
+        "partly-corrected" => {
+            "corrected in part: beside a singularity, where a full correction would move joints too quickly"
         }
         "correction-bounded" => "corrected by no more than the bound of the blob",
         "outside-joint-range" => "corrected by an extrapolation: joints beyond what was trained",

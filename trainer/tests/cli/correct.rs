@@ -119,7 +119,10 @@ fn all_else_stays_and_the_summary_is_of_the_file() {
     let lines: Vec<&str> = text.lines().collect();
     assert_eq!(lines.len(), 7);
     assert_eq!(lines[0], "# welding program 7");
-    assert!(lines[1].ends_with(",q6_deg,speed,position_error_um,status,trust"));
+    assert!(
+        lines[1]
+            .ends_with(",q6_deg,speed,position_error_um,rotation_error_urad,applied,status,trust")
+    );
     assert_eq!(lines[3], "");
     assert!(lines[2].starts_with("a,") && lines[2].contains(",fast,"));
     assert!(lines[6].starts_with("\"c, d\",-3"), "{}", lines[6]);
