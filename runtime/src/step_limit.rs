@@ -40,8 +40,9 @@ const FLOOR: Damping<f64> = Damping {
 const MOST_LATER: f64 = 1e-3;
 /// λ of A while λ_r is sought: a position that the arm can hardly move need not be held.
 const HOLD: f64 = 3e-3;
-/// Newton steps on 1/|x|; more change nothing that could be seen.
-const ROUNDS: usize = 4;
+/// Newton steps on 1/|x| for λ_r and for λ_p; more change nothing that could be seen.
+const TURN_ROUNDS: usize = 2;
+const SHIFT_ROUNDS: usize = 4;
 /// The rotation in radians that the shift may leave in any case.
 const LEAST_ROOM: f64 = 1e-4;
 /// The position in metres by which the turn may push the target in any case.
@@ -122,28 +123,31 @@ impl<'a, T: Scalar> StepLimit<'a, T> {
         let floor = floor();
         let (p, r) = halves(error);
         let against = transposed_product(&self.follow, &p);
-        let rotation = Demand {
-            matrix: &self.turning,
-            unit: T::from_f64(1.0 / TURN_LIMIT),
-            side: &self.follow,
-            side_unit: T::ZERO,
+        let mut rotation = floor.rotation;
+        for _ in 0..TURN_ROUNDS {
+            let factors = Factors::of(&self.turning, rotation);
+            let unit = T::from_f64(1.0 / TURN_LIMIT);
+            let a = factors.missing(&against, unit, None);
+            let b = factors.missing(&r, unit, None);
+            rotation += larger(a, b);
         }
-        .damping(&against, &r, floor.rotation);
         let turning = Factors::of(&block(self.gram, 3, 3), rotation);
         let along = turning.solve_columns(&block(self.gram, 3, 0));
         let shifting = schur(&block(self.gram, 0, 0), &block(self.gram, 0, 3), &along);
         let back = transposed_product(&along, &r);
         let largest = larger(usual_rotation.unwrap_or(T::ZERO), squared(&r).sqrt());
-        let position = Demand {
-            matrix: &shifting,
-            unit: T::from_f64(1.0 / SHIFT_LIMIT),
-            side: &along,
-            side_unit: match usual_rotation {
-                Some(_) => rotation / larger(largest, T::from_f64(LEAST_ROOM)),
-                None => T::ZERO,
-            },
+        let side_unit = match usual_rotation {
+            Some(_) => rotation / larger(largest, T::from_f64(LEAST_ROOM)),
+            None => T::ZERO,
+        };
+        let mut position = floor.position;
+        for _ in 0..SHIFT_ROUNDS {
+            let factors = Factors::of(&shifting, position);
+            let unit = T::from_f64(1.0 / SHIFT_LIMIT);
+            let a = factors.missing(&p, unit, Some((&along, side_unit)));
+            let b = factors.missing(&back, unit, None);
+            position += larger(a, b);
         }
-        .damping(&p, &back, floor.position);
         let shifting = Factors::of(&shifting, position);
         let (shift, held) = (shifting.solve(&p), shifting.solve(&back));
         let turned = product(&along, &shift);
@@ -226,45 +230,6 @@ impl<T: Scalar> Shares<T> {
     }
 }
 
-/// What is asked of (K + λ) x = b.
-struct Demand<'a, T> {
-    matrix: &'a Matrix<T>,
-    /// |x| unit ≤ 1.
-    unit: T,
-    /// |side x| side_unit ≤ 1, of the first b only.
-    side: &'a Matrix<T>,
-    side_unit: T,
-}
-
-impl<T: Scalar> Demand<'_, T> {
-    /// The least λ with which both solutions are, nearly, within the limits.
-    #[inline(never)]
-    fn damping(&self, first: &Vector<T>, second: &Vector<T>, least: T) -> T {
-        let mut damping = least;
-        for _ in 0..ROUNDS {
-            let factors = Factors::of(self.matrix, damping);
-            let a = self.missing(&factors, first, self.side_unit);
-            let b = self.missing(&factors, second, T::ZERO);
-            damping += larger(a, b);
-        }
-        damping
-    }
-
-    /// What λ lacks for one b: Newton's step on 1/|x|.
-    #[inline(never)]
-    fn missing(&self, factors: &Factors<T>, b: &Vector<T>, side_unit: T) -> T {
-        let x = factors.solve(b);
-        let length = squared(&x);
-        let here = length * (self.unit * self.unit);
-        let there = squared(&product(self.side, &x)) * (side_unit * side_unit);
-        let excess = larger(there, here).sqrt() - T::ONE;
-        // λ and the eigenvalue in the direction of x.
-        let eigenvalue = length / factors.inverse_form(&x);
-        // Not for NaN: x may be zero.
-        larger(eigenvalue * excess, T::ZERO)
-    }
-}
-
 /// L D Lᵀ of a symmetric matrix and its damping.
 #[derive(Clone, Copy, Debug)]
 struct Factors<T> {
@@ -303,6 +268,11 @@ impl<T: Scalar> Factors<T> {
 
     #[inline(never)]
     fn solve(&self, b: &Vector<T>) -> Vector<T> {
+        self.solved(b)
+    }
+
+    #[inline(always)]
+    fn solved(&self, b: &Vector<T>) -> Vector<T> {
         let y = self.forward(b);
         let x2 = y[2] * self.d[2];
         let x1 = y[1] * self.d[1] - self.l21 * x2;
@@ -316,15 +286,32 @@ impl<T: Scalar> Factors<T> {
         y[0] * y[0] * self.d[0] + y[1] * y[1] * self.d[1] + y[2] * y[2] * self.d[2]
     }
 
+    /// What λ lacks for |x| unit ≤ 1, x = K⁻¹ b, and for |side x| side_unit ≤ 1: Newton's step on 1/|x|.
+    #[inline(never)]
+    fn missing(&self, b: &Vector<T>, unit: T, side: Option<(&Matrix<T>, T)>) -> T {
+        let x = self.solved(b);
+        let length = squared(&x);
+        let mut size = length * (unit * unit);
+        if let Some((side, side_unit)) = side {
+            let there = squared(&multiplied(side, &x)) * (side_unit * side_unit);
+            size = larger(there, size);
+        }
+        let excess = size.sqrt() - T::ONE;
+        // λ and the eigenvalue in the direction of x.
+        let eigenvalue = length / self.inverse_form(&x);
+        // Not for NaN: x may be zero.
+        larger(eigenvalue * excess, T::ZERO)
+    }
+
     /// K⁻¹ M.
     #[inline(never)]
     fn solve_columns(&self, m: &Matrix<T>) -> Matrix<T> {
         let mut out = [[T::ZERO; 3]; 3];
         for k in 0..3 {
-            let column = self.solve(&[m[0][k], m[1][k], m[2][k]]);
-            for (row, value) in out.iter_mut().zip(&column) {
-                row[k] = *value;
-            }
+            let column = self.solved(&[m[0][k], m[1][k], m[2][k]]);
+            out[0][k] = column[0];
+            out[1][k] = column[1];
+            out[2][k] = column[2];
         }
         out
     }
@@ -333,13 +320,20 @@ impl<T: Scalar> Factors<T> {
 /// Rows and columns of J Jᵀ from these on: 0 for displacements, 3 for rotations.
 #[inline(always)]
 fn block<T: Scalar>(gram: &Gram<T>, row: usize, column: usize) -> Matrix<T> {
-    let mut out = [[T::ZERO; 3]; 3];
-    for (slots, values) in out.iter_mut().zip(gram.iter().skip(row)) {
-        for (slot, value) in slots.iter_mut().zip(values.iter().skip(column)) {
-            *slot = *value;
+    // One by one: loops over slices take longer than what they copy, and of a `map` compilers may keep a panic.
+    let [r0, r1, r2, r3, r4, r5] = gram;
+    let part = |[a, b, c, d, e, f]: &Hybrid<T>| {
+        if column == 0 {
+            [*a, *b, *c]
+        } else {
+            [*d, *e, *f]
         }
+    };
+    if row == 0 {
+        [part(r0), part(r1), part(r2)]
+    } else {
+        [part(r3), part(r4), part(r5)]
     }
-    out
 }
 
 /// K − M N.
@@ -347,8 +341,8 @@ fn block<T: Scalar>(gram: &Gram<T>, row: usize, column: usize) -> Matrix<T> {
 fn schur<T: Scalar>(k: &Matrix<T>, m: &Matrix<T>, n: &Matrix<T>) -> Matrix<T> {
     let mut out = *k;
     for (slots, row) in out.iter_mut().zip(m) {
-        for (slot, value) in slots.iter_mut().zip(&transposed_product(n, row)) {
-            *slot -= *value;
+        for c in 0..3 {
+            slots[c] -= row[0] * n[0][c] + row[1] * n[1][c] + row[2] * n[2][c];
         }
     }
     out
@@ -357,6 +351,11 @@ fn schur<T: Scalar>(k: &Matrix<T>, m: &Matrix<T>, n: &Matrix<T>) -> Matrix<T> {
 /// M x.
 #[inline(never)]
 fn product<T: Scalar>(m: &Matrix<T>, x: &Vector<T>) -> Vector<T> {
+    multiplied(m, x)
+}
+
+#[inline(always)]
+fn multiplied<T: Scalar>(m: &Matrix<T>, x: &Vector<T>) -> Vector<T> {
     let row = |r: &Vector<T>| r[0] * x[0] + r[1] * x[1] + r[2] * x[2];
     [row(&m[0]), row(&m[1]), row(&m[2])]
 }

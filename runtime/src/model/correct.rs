@@ -107,7 +107,6 @@ impl<T: Scalar> View<'_, T> {
             turned: &mut no_motions(),
             target: &target,
             frames: &mut frames,
-            equations: Equations::new(),
         };
         let found = match &arm.correction {
             ArmCorrection::None => search.by_evaluation(None),
@@ -140,8 +139,6 @@ struct Search<'a, T> {
     target: &'a Pose<T>,
     /// Of the calibrated chain where it was evaluated last.
     frames: &'a mut MovedFrames<T>,
-    /// At the place of the last step.
-    equations: Equations<T>,
 }
 
 /// A step, and what it left on purpose.
@@ -189,7 +186,7 @@ impl<T: Scalar> Search<'_, T> {
 
     /// The equations where the chain was evaluated last, with the target at `pose`.
     #[inline(always)]
-    fn form(&mut self, pose: &Pose<T>) {
+    fn form(&self, equations: &mut Equations<T>, pose: &Pose<T>) {
         let arm = self.arm;
         let place = Place {
             kinds: arm.calibrated.kinds(),
@@ -197,7 +194,7 @@ impl<T: Scalar> Search<'_, T> {
             point: &pose.translation,
             coupling: arm.coupling.as_ref(),
         };
-        self.equations.form(&place);
+        equations.form(&place);
     }
 
     /// `None` for an arm that cannot turn its target every way.
@@ -206,18 +203,19 @@ impl<T: Scalar> Search<'_, T> {
         (self.arm.calibrated.kinds().len() >= 6).then_some(self.arm.usual_rotation)
     }
 
-    /// The limited step against an error, where the equations are.
-    #[inline(always)]
-    fn first_step(&mut self, limit: Option<&StepLimit<T>>, error: &Hybrid<T>) -> First<T> {
-        let usual = self.usual_rotation();
-        let step = match limit {
-            Some(limit) => limit.step(error, usual),
-            None => StepLimit::new(self.equations.gram()).step(error, usual),
-        };
-        let mut change = self.equations.joints_of(&step.x);
+    /// The limited step against an error.
+    #[inline(never)]
+    fn first_step(
+        &self,
+        equations: &Equations<T>,
+        limit: &StepLimit<'_, T>,
+        error: &Hybrid<T>,
+    ) -> First<T> {
+        let step = limit.step(error, self.usual_rotation());
+        let mut change = equations.joints_of(&step.x);
         self.hold(&mut change);
         // What the floor has left is not given up, but left to later steps.
-        let moved = less(error, T::ONE, &self.equations.moved(&change));
+        let moved = less(error, T::ONE, &equations.moved(&change));
         First {
             change,
             given_up: less(&moved, T::ONE, &step.left_by_floor()),
@@ -227,16 +225,22 @@ impl<T: Scalar> Search<'_, T> {
 
     /// One step more from `change`, where the chain was evaluated last with this error. Returns the error that stays.
     #[inline(never)]
-    fn later_step(&mut self, pose: &Pose<T>, error: &Hybrid<T>, first: &mut First<T>) -> Hybrid<T> {
-        self.form(pose);
-        self.equations.factor(&first.damping);
-        let x = self.equations.solve(&less(error, T::ONE, &first.given_up));
-        let mut step = self.equations.joints_of(&x);
+    fn later_step(
+        &self,
+        equations: &mut Equations<T>,
+        pose: &Pose<T>,
+        error: &Hybrid<T>,
+        first: &mut First<T>,
+    ) -> Hybrid<T> {
+        self.form(equations, pose);
+        equations.factor(&first.damping);
+        let x = equations.solve(&less(error, T::ONE, &first.given_up));
+        let mut step = equations.joints_of(&x);
         self.hold(&mut step);
         for (value, delta) in first.change.iter_mut().zip(&step) {
             *value += *delta;
         }
-        less(error, T::ONE, &self.equations.moved(&step))
+        less(error, T::ONE, &equations.moved(&step))
     }
 
     /// Scales a change back to [`MAX_JOINT_CHANGE`].
@@ -265,14 +269,16 @@ impl<T: Scalar> Search<'_, T> {
         };
         let (pose, bounded) = self.evaluated(&[T::ZERO; MAX_JOINTS], task);
         let before = pose_error(self.target, &pose);
-        self.form(&pose);
-        let mut first = self.first_step(None, &before);
+        let mut equations = Equations::new();
+        self.form(&mut equations, &pose);
+        let limit = StepLimit::new(equations.gram());
+        let mut first = self.first_step(&equations, &limit, &before);
         let mut stays = before;
         while later > 0 {
             let change = first.change;
             let (pose, _) = self.evaluated(&change, task);
             let error = pose_error(self.target, &pose);
-            stays = self.later_step(&pose, &error, &mut first);
+            stays = self.later_step(&mut equations, &pose, &error, &mut first);
             later -= 1;
         }
         Found {
@@ -315,12 +321,12 @@ impl<T: Scalar> Search<'_, T> {
         // The command, and where it will be, nearly.
         let pose = arm.calibrated.moved_frames_at(self.motions, self.frames);
         let plain = pose_error(self.target, &pose);
-        self.form(&pose);
+        let mut equations = Equations::new();
+        self.form(&mut equations, &pose);
         let rough = gravity(self.frames, &pose);
-        let rough = less(&plain, T::ONE, &self.equations.moved(&rough));
-        let at_command = self.equations.clone();
-        let limit = StepLimit::new(at_command.gram());
-        let mut place = at_command.joints_of(&limit.rough(&rough));
+        let rough = less(&plain, T::ONE, &equations.moved(&rough));
+        let limit = StepLimit::new(equations.gram());
+        let mut place = equations.joints_of(&limit.rough(&rough));
         self.hold(&mut place);
         // The deflection there: processes where gravity alone would have the command, the others where both would.
         let mean = {
@@ -337,7 +343,7 @@ impl<T: Scalar> Search<'_, T> {
         let smooth = sum(&gravity(self.frames, &pose), &mean);
         let line = terms.ripple_line(&sum(self.joints, &near));
         let mut deflection = sum(&smooth, &line.value);
-        let effect = at_command.moved(&deflection);
+        let effect = equations.moved(&deflection);
         let (position, rotation) = squares(&effect);
         let (factor, bounded) = elastic.bound.factor_of(position, rotation);
         for value in &mut deflection {
@@ -349,14 +355,14 @@ impl<T: Scalar> Search<'_, T> {
             };
         }
         self.hold(&mut deflection);
-        let before = less(&plain, T::ONE, &at_command.moved(&deflection));
-        let mut first = self.first_step(Some(&limit), &before);
+        let before = less(&plain, T::ONE, &equations.moved(&deflection));
+        let mut first = self.first_step(&equations, &limit, &before);
         // What is left of it.
         let mut all = sum(&first.change, &deflection);
         self.hold(&mut all);
         let pose = self.chain(&all);
         let error = pose_error(self.target, &pose);
-        let stays = self.later_step(&pose, &error, &mut first);
+        let stays = self.later_step(&mut equations, &pose, &error, &mut first);
         line.follow(factor, &near, &mut first.change);
         Found {
             change: first.change,

@@ -59,9 +59,9 @@ proptest! {
         let mut found: [f64; 8] = core::array::from_fn(|d| ripple[d] - line.value[d]);
         line.follow(1.0, &ripple, &mut found);
         let amplitude = 2.0 * libm::sqrt(sin * sin + cos * cos);
-        for d in 0..2 {
+        for found in &found[..2] {
             let curved = cycles * cycles * amplitude * amplitude * amplitude;
-            let error = found[d].abs();
+            let error = found.abs();
             prop_assert!(error <= 0.7 * curved + 1e-15, "{:e} of {:e}", error, curved);
         }
     }

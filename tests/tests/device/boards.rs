@@ -41,7 +41,7 @@ fn identifies_itself(device: &mut Device, board: Board) {
         image.flash,
         image.static_ram
     );
-    assert!(image.flash <= 128 * 1_024, "{}", image.flash);
+    assert!(image.flash <= 144 * 1_024, "{}", image.flash);
 }
 
 fn corrects(device: &mut Device, load: &mut dyn FnMut(&mut Device, &[u8])) {

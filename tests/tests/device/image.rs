@@ -29,7 +29,7 @@ fn fits_its_budgets() {
         "{} bytes is no firmware",
         image.flash
     );
-    assert!(image.flash <= 128 * KIB, "{}", image.flash);
+    assert!(image.flash <= 144 * KIB, "{}", image.flash);
     assert!(image.static_ram <= 128 * KIB, "{}", image.static_ram);
 }
 
@@ -61,7 +61,7 @@ fn stack_stays_small() {
     println!("stack {stack} bytes, {before} before an elastic model");
     assert!(stack > 1_000, "{stack} bytes: was the stack painted?");
     // The background's deepest call with a cycle on top of it.
-    assert!(u64::from(stack) <= 20 * KIB, "{stack}");
+    assert!(u64::from(stack) <= 22 * KIB, "{stack}");
     let ram = image().static_ram + u64::from(stack);
     println!("RAM with two models and the stack: {ram} bytes");
     assert!(ram <= 128 * KIB, "{ram}");
@@ -109,7 +109,7 @@ fn stack_stays_small_with_signatures() {
     let stack = u64::from(device.statistics().unwrap().stack_bytes);
     let ram = image().static_ram + stack;
     println!("stack {stack} bytes with signatures; RAM with two models and the stack: {ram} bytes");
-    assert!(stack <= 20 * KIB, "{stack}");
+    assert!(stack <= 22 * KIB, "{stack}");
     assert!(ram <= 128 * KIB, "{ram}");
 }
 
