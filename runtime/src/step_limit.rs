@@ -97,9 +97,33 @@ impl<'a, T: Scalar> StepLimit<'a, T> {
         }
     }
 
-    /// x of a step that takes `error` away within some percent, but nowhere goes far: for where a command will be.
+    /// x of a step that takes `error` away within a percent, but nowhere goes far: for where a command will be.
     #[inline(never)]
     pub fn rough(&self, error: &Hybrid<T>) -> Hybrid<T> {
+        let mut x = self.nearly(error);
+        // Once more against what [`HOLD`] has left.
+        let mut left = *error;
+        for (value, row) in left.iter_mut().zip(self.gram) {
+            let [a, b, c, d, e, f] = row;
+            *value -= *a * x[0] + *b * x[1] + *c * x[2] + *d * x[3] + *e * x[4] + *f * x[5];
+        }
+        let more = self.nearly(&left);
+        let mut length = T::ZERO;
+        for (value, more) in x.iter_mut().zip(&more) {
+            *value += *more;
+            length += *value * *value;
+        }
+        // Wherever the step is not limited it is below this.
+        let share = share(T::from_f64(2.0 * SHIFT_LIMIT), length.sqrt());
+        for value in &mut x {
+            *value = *value * share;
+        }
+        x
+    }
+
+    /// (J Jᵀ + Λ)⁻¹ e with [`HOLD`] of the position.
+    #[inline(never)]
+    fn nearly(&self, error: &Hybrid<T>) -> Hybrid<T> {
         let (p, r) = halves(error);
         let factors = Factors::of(&self.turning, T::from_f64(FLOOR.rotation));
         let mut turn = transposed_product(&self.follow, &p);
@@ -111,9 +135,7 @@ impl<'a, T: Scalar> StepLimit<'a, T> {
         for (value, part) in shift.iter_mut().zip(&product(&self.follow, &turn)) {
             *value -= *part;
         }
-        let length = (squared(&shift) + squared(&turn)).sqrt();
-        let share = share(T::from_f64(SHIFT_LIMIT), length);
-        joined(&scaled(share, &shift), &scaled(share, &turn))
+        joined(&shift, &turn)
     }
 
     /// The limited step. `usual_rotation` is the angle (rad) that the arm is usually off by without correction; `None` for an
