@@ -202,16 +202,14 @@ impl Arm {
             let mut range = std::f64::consts::PI;
             for _ in 0..5 {
                 let grid = (-40..=40).map(|k| range * f64::from(k) / 40.0);
-                let value = |a: f64| {
-                    self.smallest_singular_value(&self.turned(&middle, kind.turned, a))
-                };
+                let value =
+                    |a: f64| self.smallest_singular_value(&self.turned(&middle, kind.turned, a));
                 let least = grid.min_by(|a, b| value(*a).total_cmp(&value(*b)))?;
                 middle = self.turned(&middle, kind.turned, least);
                 range /= 20.0;
             }
-            let after = |joint: usize| {
-                self.smallest_singular_value(&self.turned(&middle, joint, 0.4))
-            };
+            let after =
+                |joint: usize| self.smallest_singular_value(&self.turned(&middle, joint, 0.4));
             let this_kind = self.smallest_singular_value(&middle) < SINGULAR
                 && kind.free.iter().all(|joint| after(*joint) < SINGULAR)
                 && after(kind.matters) > 10.0 * SINGULAR;
