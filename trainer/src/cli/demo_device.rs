@@ -129,8 +129,8 @@ mod board {
                 rows.push(row(&format!("corrected, {name}"), &run.after));
                 notes.push(format!(
                     "  {name}: the device's own pose is {:.3} mm off in the mean, {:.3} at most; a correction takes up to \
-                     {:.2} ms on the emulator; of {} commands {} are flagged, beside a singularity or out of the trained ranges, and {} \
-                     left as they are",
+                     {:.2} ms on the emulator; of {} commands {} are flagged, {} of them because they are beside a singularity \
+                     and corrected in part",
                     run.predicted.mean,
                     run.predicted.max,
                     show::milliseconds(run.max_ticks, identity.tick_hz),
