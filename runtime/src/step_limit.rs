@@ -31,7 +31,7 @@ use crate::scalar::Scalar;
 pub const TURN_LIMIT: f64 = 0.11;
 /// s_p: the same for each metre.
 pub const SHIFT_LIMIT: f64 = 0.15;
-/// The least λ. Two steps leave (λ/σ²)² of an error: 2e-5 where σ is 0.15.
+/// The least λ. Two steps leave (λ/σ²)² of an error: less than 1e-6 where σ is 0.15.
 const FLOOR: Damping<f64> = Damping {
     position: 1e-5,
     rotation: 2e-5,
