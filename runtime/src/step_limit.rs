@@ -8,7 +8,8 @@
 //! minimise  ½ |d|² + s_p |e_p − J_p d| + s_r |e_r − J_r d|           |x_p| ≤ s_p and |x_r| ≤ s_r follow
 //! ```
 //!
-//! is the exact step wherever that is slow enough. Elsewhere it gives up part of e in the very direction that the arm can
+//! is the exact step wherever that is slow enough. J_p changes by about the length of the arm for each radian, so s_p is
+//! relative to that. Elsewhere it gives up part of e in the very direction that the arm can
 //! hardly move, as much as it must, and keeps the others; no singular values are needed, and it does not matter how many
 //! such directions there are. It is a convex problem, so its solution does not jump. Its dual is (J Jᵀ + Λ) x = e with one λ
 //! for displacements and one for rotations; both follow from Newton's method on 1/|x|, which is nearly linear in λ. A least
@@ -29,8 +30,8 @@ use crate::scalar::Scalar;
 
 /// s_r: radians of joint motion for each radian of the path, for each radian that is to be corrected.
 pub const TURN_LIMIT: f64 = 0.11;
-/// s_p: the same for each metre.
-pub const SHIFT_LIMIT: f64 = 0.15;
+/// s_p times the [`Scale::lever`]: the same for each metre, of an arm whose joints move its target by a metre per radian.
+pub const SHIFT_LIMIT: f64 = 0.25;
 /// The least λ. Two steps leave (λ/σ²)² of an error: less than 1e-6 where σ is 0.15.
 const FLOOR: Damping<f64> = Damping {
     position: 1e-5,
@@ -70,10 +71,21 @@ impl<T: Scalar> LimitedStep<T> {
     }
 }
 
+/// What the limits of an arm are relative to.
+#[derive(Clone, Copy, Debug)]
+pub struct Scale<T> {
+    /// √(tr J_p J_pᵀ) in m, as it usually is: by how much the joints together displace the target.
+    pub lever: T,
+    /// The angle (rad) that the arm is usually off by without correction; `None` for an arm that cannot turn its target every
+    /// way, which leaves what it must.
+    pub usual_rotation: Option<T>,
+}
+
 /// J Jᵀ at the command, in the parts that every step there needs.
 #[derive(Clone, Debug)]
 pub struct StepLimit<'a, T> {
     gram: &'a Gram<T>,
+    scale: Scale<T>,
     /// Of A + [`HOLD`].
     factors: Factors<T>,
     /// A⁻¹ B.
@@ -85,12 +97,13 @@ pub struct StepLimit<'a, T> {
 impl<'a, T: Scalar> StepLimit<'a, T> {
     /// From J Jᵀ.
     #[inline(never)]
-    pub fn new(gram: &'a Gram<T>) -> Self {
+    pub fn new(gram: &'a Gram<T>, scale: Scale<T>) -> Self {
         let factors = Factors::of(&block(gram, 0, 0), T::from_f64(HOLD));
         let follow = factors.solve_columns(&block(gram, 0, 3));
         let turning = schur(&block(gram, 3, 3), &block(gram, 3, 0), &follow);
         Self {
             gram,
+            scale,
             factors,
             follow,
             turning,
@@ -114,7 +127,7 @@ impl<'a, T: Scalar> StepLimit<'a, T> {
             length += *value * *value;
         }
         // Wherever the step is not limited it is below this.
-        let share = share(T::from_f64(2.0 * SHIFT_LIMIT), length.sqrt());
+        let share = share(T::from_f64(2.0 * SHIFT_LIMIT), self.scale.lever * length.sqrt());
         for value in &mut x {
             *value = *value * share;
         }
@@ -138,10 +151,13 @@ impl<'a, T: Scalar> StepLimit<'a, T> {
         joined(&shift, &turn)
     }
 
-    /// The limited step. `usual_rotation` is the angle (rad) that the arm is usually off by without correction; `None` for an
-    /// arm that cannot turn its target every way, which leaves what it must.
+    /// The limited step.
     #[inline(never)]
-    pub fn step(&self, error: &Hybrid<T>, usual_rotation: Option<T>) -> LimitedStep<T> {
+    pub fn step(&self, error: &Hybrid<T>) -> LimitedStep<T> {
+        let Scale {
+            lever,
+            usual_rotation,
+        } = self.scale;
         let floor = floor();
         let (p, r) = halves(error);
         let against = transposed_product(&self.follow, &p);
@@ -165,7 +181,7 @@ impl<'a, T: Scalar> StepLimit<'a, T> {
         let mut position = floor.position;
         for _ in 0..SHIFT_ROUNDS {
             let factors = Factors::of(&shifting, position);
-            let unit = T::from_f64(1.0 / SHIFT_LIMIT);
+            let unit = T::from_f64(1.0 / SHIFT_LIMIT) * lever;
             let a = factors.missing(&p, unit, Some((&along, side_unit)));
             let b = factors.missing(&back, unit, None);
             position += larger(a, b);
@@ -178,7 +194,8 @@ impl<'a, T: Scalar> StepLimit<'a, T> {
             *value += *part;
         }
         let (shift_share, turn_share) = Shares {
-            error: p,
+            position: p,
+            rotation: r,
             largest: usual_rotation.map(|_| largest),
             shift_leaves: scaled(position, &shift),
             shift_turns: rotation * squared(&turned).sqrt(),
@@ -211,8 +228,9 @@ fn floor<T: Scalar>() -> Damping<T> {
 
 /// What shift and turn do to each other.
 struct Shares<T> {
-    /// e_p.
-    error: Vector<T>,
+    /// e.
+    position: Vector<T>,
+    rotation: Vector<T>,
     /// The largest rotation that may be left, rad.
     largest: Option<T>,
     /// What the whole shift leaves of the position.
@@ -229,27 +247,40 @@ impl<T: Scalar> Shares<T> {
     /// How much of the shift and of the turn is taken, each from 0 to 1.
     #[inline(never)]
     fn fair(&self) -> (T, T) {
-        let p = &self.error;
+        // The shift has the room that a turn beside the whole shift would leave it.
         let shift = match self.largest {
             Some(largest) => {
-                let room = larger(
-                    largest - squared(&self.turn_leaves).sqrt(),
-                    T::from_f64(LEAST_ROOM),
-                );
-                share(room, self.shift_turns)
+                let turn = self.turn_beside(T::ONE);
+                let left = left_after(turn, &self.rotation, &self.turn_leaves);
+                share(
+                    larger(largest - left, T::from_f64(LEAST_ROOM)),
+                    self.shift_turns,
+                )
             }
             None => T::ONE,
         };
-        let mut left = *p;
-        for (value, leaves) in left.iter_mut().zip(&self.shift_leaves) {
-            *value -= shift * (*value - *leaves);
-        }
-        let brought = larger(squared(p).sqrt() - squared(&left).sqrt(), T::ZERO);
+        (shift, self.turn_beside(shift))
+    }
+
+    /// The turn's share beside this share of the shift.
+    #[inline(never)]
+    fn turn_beside(&self, shift: T) -> T {
+        let left = left_after(shift, &self.position, &self.shift_leaves);
+        let brought = larger(squared(&self.position).sqrt() - left, T::ZERO);
         let brought = brought + T::from_f64(LEAST_PUSH);
         // Of brought/pushed up to 1 it would be a sudden change where the two are equal.
-        let turn = brought / (brought + self.turn_pushes);
-        (shift, turn)
+        brought / (brought + self.turn_pushes)
     }
+}
+
+/// The length of what is left of an error when this share of a step is taken of which the whole leaves `leaves`.
+#[inline(never)]
+fn left_after<T: Scalar>(share: T, error: &Vector<T>, leaves: &Vector<T>) -> T {
+    let mut left = *error;
+    for (value, leaves) in left.iter_mut().zip(leaves) {
+        *value -= share * (*value - *leaves);
+    }
+    squared(&left).sqrt()
 }
 
 /// L D Lᵀ of a symmetric matrix and its damping.

@@ -38,7 +38,7 @@ use crate::poe::{Motions, no_motions};
 use crate::scalar::Scalar;
 use crate::se3::{Pose, Twist};
 use crate::status::Status;
-use crate::step_limit::StepLimit;
+use crate::step_limit::{Scale, StepLimit};
 use crate::trust::outside;
 
 /// Largest change of a joint, the controller's or a serial one, in rad or m. Corrections of calibrated arms are some
@@ -197,10 +197,13 @@ impl<T: Scalar> Search<'_, T> {
         equations.form(&place);
     }
 
-    /// `None` for an arm that cannot turn its target every way.
     #[inline(always)]
-    fn usual_rotation(&self) -> Option<T> {
-        (self.arm.calibrated.kinds().len() >= 6).then_some(self.arm.usual_rotation)
+    fn scale(&self) -> Scale<T> {
+        let arm = self.arm;
+        Scale {
+            lever: arm.lever,
+            usual_rotation: (arm.calibrated.kinds().len() >= 6).then_some(arm.usual_rotation),
+        }
     }
 
     /// The limited step against an error.
@@ -211,7 +214,7 @@ impl<T: Scalar> Search<'_, T> {
         limit: &StepLimit<'_, T>,
         error: &Hybrid<T>,
     ) -> First<T> {
-        let step = limit.step(error, self.usual_rotation());
+        let step = limit.step(error);
         let mut change = equations.joints_of(&step.x);
         self.hold(&mut change);
         // What the floor has left is not given up, but left to later steps.
@@ -271,7 +274,7 @@ impl<T: Scalar> Search<'_, T> {
         let before = pose_error(self.target, &pose);
         let mut equations = Equations::new();
         self.form(&mut equations, &pose);
-        let limit = StepLimit::new(equations.gram());
+        let limit = StepLimit::new(equations.gram(), self.scale());
         let mut first = self.first_step(&equations, &limit, &before);
         let mut stays = before;
         while later > 0 {
@@ -325,7 +328,7 @@ impl<T: Scalar> Search<'_, T> {
         self.form(&mut equations, &pose);
         let rough = gravity(self.frames, &pose);
         let rough = less(&plain, T::ONE, &equations.moved(&rough));
-        let limit = StepLimit::new(equations.gram());
+        let limit = StepLimit::new(equations.gram(), self.scale());
         let mut place = equations.joints_of(&limit.rough(&rough));
         self.hold(&mut place);
         // The deflection there: processes where gravity alone would have the command, the others where both would.

@@ -19,9 +19,10 @@ use poegp_protocol::blob::{Blob, Correction, Transform};
 use poegp_protocol::limits::{MAX_INPUTS, MAX_JOINTS};
 
 use crate::bound::bounded;
-use crate::chain::{Chain, MinimalForm};
+use crate::chain::{Chain, MinimalForm, MovedFrames};
 use crate::deflection::{self, CouplingMatrix};
 use crate::load_error::LoadError;
+use crate::newton::{Equations, Place};
 pub use crate::newton::{pose_error, squares};
 pub use crate::observer::{Observer, Stages};
 use crate::poe::{Motions, no_motions};
@@ -50,6 +51,8 @@ pub const MAX_PAYLOAD_KG: f32 = 100_000.0;
 
 /// Places at which a model looks how far its nominal arm is off.
 const PLACES: u16 = 16;
+/// The least [`Arm::lever`] in metres.
+const LEAST_LEVER: f64 = 0.01;
 /// Steps of each joint from place to place, in 65 536ths of its range: powers of the root of x⁹ = x + 1, whose reciprocal is
 /// what spreads best in eight dimensions.
 const SPREAD: [u16; MAX_JOINTS] = [
@@ -110,6 +113,8 @@ struct Arm<T> {
     payload_range: Option<(T, T)>,
     /// Root mean square of the angle (rad) between nominal and calibrated target within the trained ranges.
     usual_rotation: T,
+    /// Root mean square of the length of J_p (m) within the trained ranges: Scale::lever.
+    lever: T,
     trust: Trust<T>,
     correction: ArmCorrection<T>,
 }
@@ -364,6 +369,7 @@ impl<T: Scalar> Arm<T> {
             joint_ranges: [(T::ZERO, T::ZERO); MAX_JOINTS],
             payload_range: None,
             usual_rotation: T::ZERO,
+            lever: T::ONE,
             trust: Trust::none(),
             correction: ArmCorrection::None,
         }
@@ -400,7 +406,7 @@ impl<T: Scalar> Arm<T> {
         self.trust = Trust::of(blob);
         let calibrated = minimal(kinds, &blob.geometry.calibrated)?;
         self.calibrated = Chain::new(&calibrated);
-        self.usual_rotation = self.measured_rotation();
+        (self.usual_rotation, self.lever) = self.measured_scale();
         match &blob.correction {
             Correction::None => {}
             Correction::TaskSpace(task) => {
@@ -419,10 +425,12 @@ impl<T: Scalar> Arm<T> {
         Ok(())
     }
 
-    /// [`Arm::usual_rotation`], from [`PLACES`] places that fill the ranges evenly.
+    /// [`Arm::usual_rotation`] and [`Arm::lever`], from [`PLACES`] places that fill the ranges evenly.
     #[inline(never)]
-    fn measured_rotation(&self) -> T {
-        let mut sum = T::ZERO;
+    fn measured_scale(&self) -> (T, T) {
+        let (mut rotations, mut levers) = (T::ZERO, T::ZERO);
+        let mut frames = MovedFrames::new();
+        let mut equations = Equations::new();
         let mut place = 1_u16;
         while place <= PLACES {
             let mut joints = [T::ZERO; MAX_JOINTS];
@@ -434,11 +442,23 @@ impl<T: Scalar> Arm<T> {
             let mut motions = no_motions();
             self.motions(&joints, &mut motions);
             let nominal = self.nominal.forward_at(&motions);
-            let calibrated = self.calibrated.forward_at(&motions);
-            sum += squares(&pose_error(&nominal, &calibrated)).1;
+            let calibrated = self.calibrated.moved_frames_at(&motions, &mut frames);
+            rotations += squares(&pose_error(&nominal, &calibrated)).1;
+            equations.form(&Place {
+                kinds: self.calibrated.kinds(),
+                frames: &frames,
+                point: &calibrated.translation,
+                coupling: self.coupling.as_ref(),
+            });
+            let [[x, ..], [_, y, ..], [_, _, z, ..], ..] = equations.gram();
+            levers += *x + *y + *z;
             place += 1;
         }
-        (sum * T::from_f64(1.0 / PLACES as f64)).sqrt()
+        let mean = T::from_f64(1.0 / PLACES as f64);
+        let least = T::from_f64(LEAST_LEVER * LEAST_LEVER);
+        let levers = levers * mean;
+        let levers = if levers > least { levers } else { least };
+        ((rotations * mean).sqrt(), levers.sqrt())
     }
 
     /// Copies the joints into an array of zeros. Whether there are as many as the arm has, all finite and within reason.

@@ -3,7 +3,7 @@
 
 use nalgebra::{SMatrix, SVector};
 use poegp_runtime::newton::{Gram, Hybrid};
-use poegp_runtime::step_limit::{LimitedStep, SHIFT_LIMIT, StepLimit, TURN_LIMIT};
+use poegp_runtime::step_limit::{LimitedStep, SHIFT_LIMIT, Scale, StepLimit, TURN_LIMIT};
 use proptest::prelude::*;
 
 use crate::seeded::config;
@@ -13,6 +13,14 @@ type Vector = SVector<f64, 6>;
 
 /// What an arm that is often off by two milliradians may leave.
 const USUAL: f64 = 2e-3;
+const LEVER: f64 = 1.5;
+
+fn scale(usual_rotation: Option<f64>) -> Scale<f64> {
+    Scale {
+        lever: LEVER,
+        usual_rotation,
+    }
+}
 
 /// A Jacobian with these singular values, between two rotations of all six dimensions.
 fn jacobian(values: &[f64; 6], seed: &[f64; 72]) -> Matrix {
@@ -29,7 +37,7 @@ fn gram(jacobian: &Matrix) -> Gram<f64> {
 fn step(jacobian: &Matrix, error: &Vector) -> (LimitedStep<f64>, Vector, Vector) {
     let gram = gram(jacobian);
     let error_in: Hybrid<f64> = core::array::from_fn(|i| error[i]);
-    let step = StepLimit::new(&gram).step(&error_in, Some(USUAL));
+    let step = StepLimit::new(&gram, scale(Some(USUAL))).step(&error_in);
     let joints = jacobian.transpose() * Vector::from(step.x);
     (step, joints, error - jacobian * joints)
 }
@@ -77,8 +85,9 @@ proptest! {
     fn no_step_is_steep(values in values(), seed in seeds(), error in errors()) {
         let (found, _, _) = step(&jacobian(&values, &seed), &error);
         let x = Vector::from(found.x);
-        prop_assert!(position(&x) <= 2.3 * SHIFT_LIMIT, "{}", position(&x));
-        prop_assert!(rotation(&x) <= 2.3 * TURN_LIMIT.max(SHIFT_LIMIT), "{}", rotation(&x));
+        let shift_limit = SHIFT_LIMIT / LEVER;
+        prop_assert!(position(&x) <= 2.3 * shift_limit, "{}", position(&x));
+        prop_assert!(rotation(&x) <= 2.3 * TURN_LIMIT.max(shift_limit), "{}", rotation(&x));
     }
 
     /// The position is never farther off than without the step, the rotation never more than what it may be.
@@ -119,9 +128,10 @@ proptest! {
 #[test]
 fn nothing_is_asked_of_nothing() {
     let singular = gram(&Matrix::zeros());
-    let step = StepLimit::new(&singular).step(&[0.0; 6], Some(0.0));
+    let step = StepLimit::new(&singular, scale(Some(0.0))).step(&[0.0; 6]);
     assert_eq!(step.x, [0.0; 6]);
-    let step = StepLimit::new(&singular).step(&[1.0; 6], None);
+    let step = StepLimit::new(&singular, scale(None)).step(&[1.0; 6]);
     assert!(step.x.iter().all(|x: &f64| x.is_finite()));
-    let _ = StepLimit::new(&[[f64::NAN; 6]; 6]).step(&[f64::INFINITY; 6], Some(f64::NAN));
+    let nan = [[f64::NAN; 6]; 6];
+    let _ = StepLimit::new(&nan, scale(Some(f64::NAN))).step(&[f64::INFINITY; 6]);
 }
