@@ -139,20 +139,30 @@ impl<T: Scalar> Equations<T> {
     }
 
     /// J Jᵀ from the first N columns.
+    // Column by column, so that all sums stay in registers and each number is read once.
     #[inline(always)]
     fn multiply<const N: usize>(&mut self) {
-        for i in 0..6 {
-            for j in 0..=i {
-                let mut sum = self.columns[0][i] * self.columns[0][j];
-                let mut k = 1;
-                while k < N {
-                    sum += self.columns[k][i] * self.columns[k][j];
-                    k += 1;
+        macro_rules! entries {
+            ($($sum:ident: $i:literal $j:literal,)*) => {
+                let column = &self.columns[0];
+                $(let mut $sum = column[$i] * column[$j];)*
+                for column in black_box(&self.columns).iter().take(N).skip(1) {
+                    $($sum += column[$i] * column[$j];)*
                 }
-                self.gram[i][j] = sum;
-                self.gram[j][i] = sum;
-            }
+                $(
+                    self.gram[$i][$j] = $sum;
+                    self.gram[$j][$i] = $sum;
+                )*
+            };
         }
+        entries!(
+            a00: 0 0,
+            a10: 1 0, a11: 1 1,
+            a20: 2 0, a21: 2 1, a22: 2 2,
+            a30: 3 0, a31: 3 1, a32: 3 2, a33: 3 3,
+            a40: 4 0, a41: 4 1, a42: 4 2, a43: 4 3, a44: 4 4,
+            a50: 5 0, a51: 5 1, a52: 5 2, a53: 5 3, a54: 5 4, a55: 5 5,
+        );
     }
 
     /// J Jᵀ, before it is factored.

@@ -30,6 +30,8 @@ use crate::scalar::Scalar;
 
 /// s_r: radians of joint motion for each radian of the path, for each radian that is to be corrected.
 pub const TURN_LIMIT: f64 = 0.11;
+/// Usual rotation in radians from which on s_r is smaller as much as it is larger: the error changes as much faster, too.
+const MUCH_ROTATION: f64 = 4e-3;
 /// s_p times the [`Scale::lever`]: the same for each metre, of an arm whose joints move its target by a metre per radian.
 pub const SHIFT_LIMIT: f64 = 0.25;
 /// The least λ. Two steps leave (λ/σ²)² of an error: less than 1e-6 where σ is 0.15.
@@ -41,9 +43,11 @@ const FLOOR: Damping<f64> = Damping {
 const MOST_LATER: f64 = 1e-3;
 /// λ of A while λ_r is sought: a position that the arm can hardly move need not be held.
 const HOLD: f64 = 3e-3;
-/// Newton steps on 1/|x| for λ_r and for λ_p; more change nothing that could be seen.
-const TURN_ROUNDS: usize = 2;
+/// Newton steps on 1/|x| for λ_p; for λ_r it is one. More change nothing that could be seen.
 const SHIFT_ROUNDS: usize = 4;
+/// The most of a rough step, in [`SHIFT_LIMIT`]: less falls short where both demands are whole, more is where no command will
+/// be.
+const MOST_ROUGH: f64 = 1.4;
 /// The rotation in radians that the shift may leave in any case.
 const LEAST_ROOM: f64 = 1e-4;
 /// The position in metres by which the turn may push the target in any case.
@@ -90,8 +94,8 @@ pub struct StepLimit<'a, T> {
     factors: Factors<T>,
     /// A⁻¹ B.
     follow: Matrix<T>,
-    /// S.
-    turning: Matrix<T>,
+    /// Of S with the least λ_r.
+    turning_factors: Factors<T>,
 }
 
 impl<'a, T: Scalar> StepLimit<'a, T> {
@@ -106,7 +110,7 @@ impl<'a, T: Scalar> StepLimit<'a, T> {
             scale,
             factors,
             follow,
-            turning,
+            turning_factors: Factors::of(&turning, T::from_f64(FLOOR.rotation)),
         }
     }
 
@@ -126,8 +130,11 @@ impl<'a, T: Scalar> StepLimit<'a, T> {
             *value += *more;
             length += *value * *value;
         }
-        // Wherever the step is not limited it is below this.
-        let share = share(T::from_f64(2.0 * SHIFT_LIMIT), self.scale.lever * length.sqrt());
+        // Farther than this no command will be from where it is.
+        let share = share(
+            T::from_f64(MOST_ROUGH * SHIFT_LIMIT),
+            self.scale.lever * length.sqrt(),
+        );
         for value in &mut x {
             *value = *value * share;
         }
@@ -138,12 +145,11 @@ impl<'a, T: Scalar> StepLimit<'a, T> {
     #[inline(never)]
     fn nearly(&self, error: &Hybrid<T>) -> Hybrid<T> {
         let (p, r) = halves(error);
-        let factors = Factors::of(&self.turning, T::from_f64(FLOOR.rotation));
         let mut turn = transposed_product(&self.follow, &p);
         for (value, part) in turn.iter_mut().zip(&r) {
             *value = *part - *value;
         }
-        let turn = factors.solve(&turn);
+        let turn = self.turning_factors.solve(&turn);
         let mut shift = self.factors.solve(&p);
         for (value, part) in shift.iter_mut().zip(&product(&self.follow, &turn)) {
             *value -= *part;
@@ -161,14 +167,11 @@ impl<'a, T: Scalar> StepLimit<'a, T> {
         let floor = floor();
         let (p, r) = halves(error);
         let against = transposed_product(&self.follow, &p);
-        let mut rotation = floor.rotation;
-        for _ in 0..TURN_ROUNDS {
-            let factors = Factors::of(&self.turning, rotation);
-            let unit = T::from_f64(1.0 / TURN_LIMIT);
-            let a = factors.missing(&against, unit, None);
-            let b = factors.missing(&r, unit, None);
-            rotation += larger(a, b);
-        }
+        let much = usual_rotation.unwrap_or(T::ZERO) * T::from_f64(1.0 / MUCH_ROTATION);
+        let unit = T::from_f64(1.0 / TURN_LIMIT) * larger(much, T::ONE);
+        let a = self.turning_factors.missing(&against, unit, None);
+        let b = self.turning_factors.missing(&r, unit, None);
+        let rotation = floor.rotation + larger(a, b);
         let turning = Factors::of(&block(self.gram, 3, 3), rotation);
         let along = turning.solve_columns(&block(self.gram, 3, 0));
         let shifting = schur(&block(self.gram, 0, 0), &block(self.gram, 0, 3), &along);

@@ -517,7 +517,7 @@ def guarded(law):
     return scaled
 
 
-# The law that was built: runtime/src/step_limit.rs, and the later step of runtime/src/model/correct.rs at the same J.
+# The law that was built first: runtime/src/step_limit.rs has other limits and rounds now, and the shares see each other. And the later step of runtime/src/model/correct.rs at the same J.
 
 TURN_LIMIT, SHIFT_LIMIT = 0.11, 0.15
 POSITION_FLOOR, ROTATION_FLOOR = 1e-5, 2e-5

@@ -238,12 +238,25 @@ impl<T: Scalar> Search<'_, T> {
         self.form(equations, pose);
         equations.factor(&first.damping);
         let x = equations.solve(&less(error, T::ONE, &first.given_up));
-        let mut step = equations.joints_of(&x);
-        self.hold(&mut step);
-        for (value, delta) in first.change.iter_mut().zip(&step) {
+        for (value, delta) in first.change.iter_mut().zip(&equations.joints_of(&x)) {
             *value += *delta;
         }
-        less(error, T::ONE, &equations.moved(&step))
+        // (J Jᵀ + Λ) x is what was to be taken away.
+        let mut stays = first.given_up;
+        let Damping { position, rotation } = first.damping;
+        let [x0, x1, x2, x3, x4, x5] = x;
+        let left = [
+            position * x0,
+            position * x1,
+            position * x2,
+            rotation * x3,
+            rotation * x4,
+            rotation * x5,
+        ];
+        for (value, left) in stays.iter_mut().zip(&left) {
+            *value += *left;
+        }
+        stays
     }
 
     /// Scales a change back to [`MAX_JOINT_CHANGE`].
@@ -382,7 +395,7 @@ impl<T: Scalar> Found<T> {
     #[inline(never)]
     fn answer(&self, joints: &PerJoint<T>, can_turn: bool, status: Status) -> Corrected<T> {
         let whole = T::from_f64(MAX_JOINT_CHANGE);
-        // Each step was held; their sum may be a little too large.
+        // The first step was held; with the later ones it may be too large.
         let factor = whole / raised(whole, &self.change);
         let mut stays = self.stays;
         for (value, before) in stays.iter_mut().zip(&self.before) {

@@ -46,9 +46,14 @@ pub struct Fitted {
 
 pub fn fit(robot: &str, scenario: Scenario, options: &Options) -> Fitted {
     let robot = Robot::load(robot, &LoadOptions::default()).unwrap();
-    let nominal = nominal_chain(&robot).unwrap();
     let mut simulator = Simulator::new(&robot, scenario, &PAYLOADS_KG, 1);
     let csv = to_csv(&robot, &simulator.measure(300), false, "train");
+    fit_measured(robot, &csv, options)
+}
+
+/// A model of these measurements.
+pub fn fit_measured(robot: Robot, csv: &str, options: &Options) -> Fitted {
+    let nominal = nominal_chain(&robot).unwrap();
     let set = measurements::parse("train", csv.as_bytes()).unwrap();
     let mut tools = Vec::new();
     let train = poegp_trainer::samples::samples(&set, &robot, &mut tools).unwrap();
