@@ -43,7 +43,7 @@ const FLOOR: Damping<f64> = Damping {
 const MOST_LATER: f64 = 1e-3;
 /// λ of A while λ_r is sought: a position that the arm can hardly move need not be held.
 const HOLD: f64 = 3e-3;
-/// Newton steps on 1/|x| for λ_p; for λ_r it is one. More change nothing that could be seen.
+/// Newton steps on 1/|x| for λ_p; for λ_r there are two. More change nothing that could be seen.
 const SHIFT_ROUNDS: usize = 4;
 /// The most of a rough step, in [`SHIFT_LIMIT`]: less falls short where both demands are whole, more is where no command will
 /// be.
@@ -94,6 +94,8 @@ pub struct StepLimit<'a, T> {
     factors: Factors<T>,
     /// A⁻¹ B.
     follow: Matrix<T>,
+    /// S.
+    turning: Matrix<T>,
     /// Of S with the least λ_r.
     turning_factors: Factors<T>,
 }
@@ -110,6 +112,7 @@ impl<'a, T: Scalar> StepLimit<'a, T> {
             scale,
             factors,
             follow,
+            turning,
             turning_factors: Factors::of(&turning, T::from_f64(FLOOR.rotation)),
         }
     }
@@ -169,9 +172,12 @@ impl<'a, T: Scalar> StepLimit<'a, T> {
         let against = transposed_product(&self.follow, &p);
         let much = usual_rotation.unwrap_or(T::ZERO) * T::from_f64(1.0 / MUCH_ROTATION);
         let unit = T::from_f64(1.0 / TURN_LIMIT) * larger(much, T::ONE);
-        let a = self.turning_factors.missing(&against, unit, None);
-        let b = self.turning_factors.missing(&r, unit, None);
-        let rotation = floor.rotation + larger(a, b);
+        let lacks = |factors: &Factors<T>| {
+            let a = factors.missing(&against, unit, None);
+            larger(a, factors.missing(&r, unit, None))
+        };
+        let rotation = floor.rotation + lacks(&self.turning_factors);
+        let rotation = rotation + lacks(&Factors::of(&self.turning, rotation));
         let turning = Factors::of(&block(self.gram, 3, 3), rotation);
         let along = turning.solve_columns(&block(self.gram, 3, 0));
         let shifting = schur(&block(self.gram, 0, 0), &block(self.gram, 0, 3), &along);
