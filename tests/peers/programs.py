@@ -15,7 +15,7 @@ class Programs:
         self.folder = folder
 
     def example(self, *words):
-        """The JSON answer of trainer/examples/peer_data.rs."""
+        """The JSON answer of calibration/examples/peer_data.rs."""
         done = subprocess.run([self.peer_data, *map(str, words)], check=True, stdout=subprocess.PIPE)
         return json.loads(done.stdout)
 

@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 
 use tempfile::NamedTempFile;
 
-use crate::error::InputError;
+use poegp_calibration::input_error::InputError;
 
 /// Held while there are temporary files.
 static WRITING: Mutex<()> = Mutex::new(());

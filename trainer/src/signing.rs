@@ -18,7 +18,7 @@ use poegp_protocol::envelope::{self, DecodeError, KEY_ID_LENGTH, Trailer};
 use poegp_runtime::signature;
 use zeroize::Zeroizing;
 
-use crate::error::InputError;
+use poegp_calibration::input_error::InputError;
 
 const SECRET_TITLE: &str = "poegp secret key, Ed25519: whoever has it can sign models";
 const PUBLIC_TITLE: &str = "poegp public key, Ed25519";

@@ -1,7 +1,7 @@
 //! A whole evaluation and a whole corrected command in `f32` against the same model in `f64`, all over the trained ranges.
 //!
 //! Both models are the numbers of the same blob, which are exact in `f64`: what is seen is the arithmetic alone. What
-//! rounding the fitted model to `f32` adds is looked at by the trainer (`trainer/tests/fidelity/single_precision.rs`, and
+//! rounding the fitted model to `f32` adds is looked at by the trainer (`calibration/tests/fidelity/single_precision.rs`, and
 //! `calibrate`, which refuses to write a blob that loses too much).
 
 use poegp_protocol::blob;

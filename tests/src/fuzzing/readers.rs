@@ -2,17 +2,17 @@
 
 use std::path::{Path, PathBuf};
 
+use poegp_calibration::input_error::InputError;
+use poegp_calibration::measurement as measurement_files;
+use poegp_calibration::measurement::joint_targets::TargetFile;
+use poegp_calibration::measurement::{Measurement, MeasurementSet};
+use poegp_calibration::planning::constraints::Constraints;
+use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_protocol::limits::MAX_JOINTS;
 use poegp_runtime::se3::Pose;
-use poegp_trainer::error::InputError;
 use poegp_trainer::import::guess::guess as guessed;
 use poegp_trainer::import::import_bytes;
 use poegp_trainer::import::map::Map;
-use poegp_trainer::measurements as measurement_files;
-use poegp_trainer::measurements::targets::TargetFile;
-use poegp_trainer::measurements::{Measurement, MeasurementSet};
-use poegp_trainer::plan::constraints::Constraints;
-use poegp_trainer::robot::{LoadOptions, Robot};
 
 /// A refusal names one of the files, with a place in it, and does not run on for ever.
 fn assert_refusal(error: &InputError, files: &[(&str, &[u8])]) {

@@ -1,11 +1,11 @@
 //! Elastic corrections with random numbers of the size that real arms have.
 
+use poegp_calibration::device_cost::SetSizes;
 use poegp_protocol::JointKind;
 use poegp_protocol::blob::{
     self, Correction, CorrectionBound, JointKernel, PayloadGroup, Ripple, Variance,
 };
 use poegp_runtime::deflection;
-use poegp_trainer::cost::SetSizes;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 

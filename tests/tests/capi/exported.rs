@@ -3,9 +3,9 @@
 use std::fs;
 use std::process::Command;
 
+use poegp_calibration::blob::predict::LoadedBlob;
 use poegp_protocol::blob;
-use poegp_trainer::interchange::{CalibratedChain, c_header};
-use poegp_trainer::loaded::LoadedBlob;
+use poegp_trainer::export::{CalibratedChain, c_header};
 
 use crate::c::{Machine, capi, compile, run_on_host};
 

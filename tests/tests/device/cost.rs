@@ -1,11 +1,11 @@
 //! What one evaluation costs, in instructions that repeat exactly (QEMU `-icount`, Cortex-M4F). Not cycles.
 
+use poegp_calibration::device_cost::{ElasticSize, blob_bytes, instructions as instructions_of};
 use poegp_protocol::link::Query;
 use poegp_tests::device::Device;
 use poegp_tests::emulator::{Clock, instructions};
 use poegp_tests::firmware::{Toolchain, firmware};
 use poegp_tests::sample::{self, Elastic, Sample, Support};
-use poegp_trainer::cost::{ElasticSize, blob_bytes, instructions as instructions_of};
 
 /// Instructions of each evaluation.
 fn costs(device: &mut Device, queries: &[Query]) -> Vec<f64> {

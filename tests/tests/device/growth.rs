@@ -1,10 +1,10 @@
 //! What a support point more costs on the device: instructions of one evaluation for M = 25 … 400.
 
+use poegp_calibration::device_cost::{ElasticSize, instructions as predicted};
 use poegp_protocol::link::Refusal;
 use poegp_tests::device::{Device, DeviceError};
 use poegp_tests::emulator::{Clock, instructions};
 use poegp_tests::sample::{Elastic, Sample, Support};
-use poegp_trainer::cost::{ElasticSize, instructions as predicted};
 
 const POINTS: [usize; 5] = [25, 50, 100, 200, 400];
 
@@ -117,7 +117,9 @@ fn instructions_grow_with_the_support_points_and_no_faster() {
             "{name}: {odd} instructions for odd numbers"
         );
     }
-    println!("instructions of one evaluation (predicted by trainer/src/cost.rs), Cortex-M4F:");
+    println!(
+        "instructions of one evaluation (predicted by calibration/src/device_cost.rs), Cortex-M4F:"
+    );
     println!("| | M = 25 | 50 | 100 | 200 | 400 | exponent |");
     println!("|---|---|---|---|---|---|---|");
     for line in lines {

@@ -93,9 +93,9 @@ targets! {
 /// Every valid input is taken: otherwise what is made of them is all noise. Raw files and names are anything.
 #[test]
 fn valid_inputs_are_valid() {
+    use poegp_calibration::blob::predict::LoadedBlob;
+    use poegp_calibration::robot::{LoadOptions, Robot};
     use poegp_trainer::import::map::Map;
-    use poegp_trainer::loaded::LoadedBlob;
-    use poegp_trainer::robot::{LoadOptions, Robot};
     use std::path::Path;
 
     let seeds = poegp_tests::fuzzing::seeds::blobs();

@@ -4,16 +4,16 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
-use super::cell::Project;
-use super::check::Check;
-use super::completions::{Completions, Manual};
-use super::correct::Correct;
-use super::device::arguments::Device;
-use super::export::Export;
-use super::import::Import;
-use super::plan::PlanArguments;
-use super::signing::{Keys, Sign, Verify};
-use crate::calibration::Method;
+use crate::cli::cell::Project;
+use crate::cli::check::Check;
+use crate::cli::completions::{Completions, Manual};
+use crate::cli::correct::Correct;
+use crate::cli::device::arguments::Device;
+use crate::cli::export::Export;
+use crate::cli::import::Import;
+use crate::cli::plan::PlanArguments;
+use crate::cli::signing::{Keys, Sign, Verify};
+use poegp_calibration::model::Method;
 
 /// Calibrates robot arms from tracker measurements and writes the model that the controller evaluates.
 #[derive(Debug, Parser)]

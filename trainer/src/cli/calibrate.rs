@@ -4,28 +4,31 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
-use super::arguments::Calibrate;
-use super::elastic_facts::ElasticFacts;
-use super::page::{self, Tests};
-use super::{
+use crate::cli::arguments::Calibrate;
+use crate::cli::elastic_facts::ElasticFacts;
+use crate::cli::page;
+use crate::cli::page::Tests;
+use crate::cli::report::{Report, remark};
+use crate::cli::{
     Arm, Failure, cell, check_outputs, device_failure, drift, enough_poses, equations,
-    instrument_noise, json_text, origin, progress,
-    report::{Report, remark},
-    write_outputs,
+    instrument_noise, json_text, origin, progress, write_outputs,
 };
-use crate::budget::{Budget, Fitted, TRIALS, fill};
-use crate::calibration::frames::{FrameFit, Sample};
-use crate::calibration::{Calibration, Method, Options};
-use crate::compare::Task;
-use crate::cost::{ElasticSize, instructions};
-use crate::drift::DriftReport;
-use crate::export::{DeviceCalibration, Fidelity, Origin, calibrate_for_device};
-use crate::gp::fit::MAX_SIGNAL_VARIANCE;
-use crate::identify::{self, FrameChange, IdentifyReport};
-use crate::loaded::LoadedBlob;
 use crate::report::{Evidence, FileFacts, HeldOutFacts, Provenance};
-use crate::select::{Choice, FOLDS, Row, candidates, choose};
-use crate::statistics::ErrorSummary;
+use poegp_calibration::blob::predict::LoadedBlob;
+use poegp_calibration::blob::write::{DeviceCalibration, Fidelity, Origin, calibrate_for_device};
+use poegp_calibration::device_cost::{ElasticSize, instructions};
+use poegp_calibration::identification::frame_fit::FrameFit;
+use poegp_calibration::identification::identifiability::IdentifyReport;
+use poegp_calibration::learning::task_space::fit::MAX_SIGNAL_VARIANCE;
+use poegp_calibration::measurement::instrument_drift::DriftReport;
+use poegp_calibration::measurement::sample::Sample;
+use poegp_calibration::model::frame_changes::{FrameChange, changes};
+use poegp_calibration::model::identified::of_calibration;
+use poegp_calibration::model::{Calibration, Method, Options};
+use poegp_calibration::numeric::statistics::ErrorSummary;
+use poegp_calibration::validation::cross_validation::Task;
+use poegp_calibration::validation::device_budget::{Budget, Fitted, TRIALS, fill};
+use poegp_calibration::validation::model_selection::{Choice, FOLDS, Row, candidates, choose};
 
 /// What `--json` writes.
 #[derive(Serialize)]
@@ -180,7 +183,7 @@ pub fn run(a: &Calibrate) -> Result<(), Failure> {
     document.choice = table;
     document.budget = fitted;
     document.drift = drift.map(|d| d.report);
-    document.identifiability = identify::of_calibration(&calibration, &arm.robot, &samples);
+    document.identifiability = of_calibration(&calibration, &arm.robot, &samples);
     let stated = a.project.as_ref().and_then(|p| p.blob_sha256.as_ref());
     document.repeats = stated.map(|stated| {
         let sum = FileFacts::of_bytes("", "", blob.bytes()).sha256;
@@ -481,7 +484,7 @@ fn document(
         },
         drift: None,
         identifiability: None,
-        frames: identify::changes(calibration),
+        frames: changes(calibration),
         blob: BlobFacts {
             file: a.out.display().to_string(),
             bytes: blob.bytes().len(),

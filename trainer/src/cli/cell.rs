@@ -14,12 +14,12 @@ use clap::error::{ContextKind, ContextValue};
 use clap::parser::ValueSource;
 use sha2::{Digest, Sha256};
 
-use super::arguments::Calibrate;
-use super::{Failure, command};
-use crate::error::InputError;
-use crate::samples::ToolName;
-use keys::{Cell, Given};
-pub use write::text;
+use crate::cli::arguments::Calibrate;
+use crate::cli::cell::keys::{Cell, Given};
+pub use crate::cli::cell::write::text;
+use crate::cli::{Failure, command};
+use poegp_calibration::input_error::InputError;
+use poegp_calibration::measurement::sample::ToolName;
 
 /// The options that cannot go together: when one of the first is typed, the others of the file do not count.
 const APART: [(&str, &[&str]); 3] = [
@@ -251,7 +251,7 @@ fn check_data(cell: &Cell, folder: &Path) -> Result<(), InputError> {
         return Ok(());
     }
     // A file that cannot be read is told by the command itself.
-    let Ok(set) = crate::measurements::read(folder.join(data.train.get_ref())) else {
+    let Ok(set) = poegp_calibration::measurement::read(folder.join(data.train.get_ref())) else {
         return Ok(());
     };
     let (payloads, tools) = stated(&set);
@@ -273,7 +273,7 @@ fn check_data(cell: &Cell, folder: &Path) -> Result<(), InputError> {
 }
 
 /// Payloads in kg, ascending, and tools in their order, of a measurement file.
-fn stated(set: &crate::measurements::MeasurementSet) -> (Vec<f64>, Vec<String>) {
+fn stated(set: &poegp_calibration::measurement::MeasurementSet) -> (Vec<f64>, Vec<String>) {
     let mut payloads: Vec<f64> = set
         .measurements
         .iter()

@@ -6,17 +6,19 @@ use clap::{Args, ValueEnum};
 use poegp_runtime::se3::Pose;
 use serde::Serialize;
 
-use super::check_words as words;
-use super::evaluate::{self, TestData};
-use super::report::Report;
-use super::{Failure, check_outputs, check_page, file_name, json_text, origin, write_outputs};
-use crate::check::report::Report as Findings;
-use crate::check::{self, CheckError};
-use crate::drift::Drift;
-use crate::error::InputError;
-use crate::loaded::LoadedBlob;
+use crate::cli::check_words as words;
+use crate::cli::evaluate;
+use crate::cli::evaluate::TestData;
+use crate::cli::report::Report;
+use crate::cli::{Failure, check_outputs, check_page, file_name, json_text, origin, write_outputs};
 use crate::report::{FileFacts, Provenance};
-use crate::statistics::Summary;
+use poegp_calibration::blob::predict::LoadedBlob;
+use poegp_calibration::input_error::InputError;
+use poegp_calibration::measurement::instrument_drift::Drift;
+use poegp_calibration::numeric::statistics::Summary;
+use poegp_calibration::verification as check;
+use poegp_calibration::verification::CheckError;
+use poegp_calibration::verification::result::Report as Findings;
 
 /// Farther apart than this, mm, measurements and predictions are not of the same frame.
 const SAME_FRAME_MM: f64 = 10.0;
@@ -136,7 +138,11 @@ pub fn run(a: &Check) -> Result<(), Failure> {
     if a.correct_drift {
         let drift = Drift::estimate(&data.set)?;
         let robot = evaluate::robot_of(&loaded.blob());
-        data.samples = crate::samples::samples(&drift.correct(&data.set), &robot, &mut data.names)?;
+        data.samples = poegp_calibration::measurement::sample::samples(
+            &drift.correct(&data.set),
+            &robot,
+            &mut data.names,
+        )?;
     }
     let tools = tools(a, &loaded, &data)?;
     let lines: Vec<usize> = data.set.measurements.iter().map(|m| m.line).collect();

@@ -4,12 +4,12 @@
 
 use maud::html;
 
-use super::check::Document;
-use super::check_words as words;
-use crate::check::report::{Change, Estimate, Sensitivity};
+use crate::cli::check::Document;
+use crate::cli::check_words as words;
 use crate::report::chart::{Axis, Plot, Series};
 use crate::report::{Number, Page, Section, sections};
-use crate::statistics::Summary;
+use poegp_calibration::numeric::statistics::Summary;
+use poegp_calibration::verification::result::{Change, Estimate, Sensitivity};
 
 /// The page of a check; `date` is the day of the calibration.
 pub fn page(d: &Document<'_>, date: &str) -> String {
@@ -52,7 +52,7 @@ fn headline(d: &Document<'_>) -> Section {
                 "Nothing was found to have moved."
             } @else {
                 @let parts: Vec<String> = f.changes.iter().map(|c| words::part(c.part)).collect();
-                "A change of " (crate::identify::list(&parts)) " was found, which moves the target by "
+                "A change of " (poegp_calibration::identification::identifiability::list(&parts)) " was found, which moves the target by "
                 (Number::mm(f.effect_mm.mean, "/effect_mm/mean")) " mm in the mean; "
                 (Number::mm(d.max_drift_mm, "/max_drift_mm")) " mm are allowed."
             }
@@ -188,7 +188,7 @@ fn moved(d: &Document<'_>) -> Section {
     for change in f.changes.iter().filter(|c| !c.or_else.is_empty()) {
         let others: Vec<String> = change.or_else.iter().map(|p| words::part(*p)).collect();
         section = section.text(html! {
-            "These measurements would fit a change of " (crate::identify::list(&others)) " just as well as one of "
+            "These measurements would fit a change of " (poegp_calibration::identification::identifiability::list(&others)) " just as well as one of "
             (words::part(change.part)) "."
         });
     }

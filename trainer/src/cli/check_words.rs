@@ -1,8 +1,8 @@
 //! What `trainer check` says of its findings, and what to do next.
 
-use crate::check::parts::Part;
-use crate::check::report::{Change, Estimate, Report, Sensitivity};
-use crate::identify::list;
+use poegp_calibration::identification::identifiability::list;
+use poegp_calibration::verification::hypotheses::Part;
+use poegp_calibration::verification::result::{Change, Estimate, Report, Sensitivity};
 
 /// A p-value below this is one.
 pub const LEAST_P: f64 = 1e-4;

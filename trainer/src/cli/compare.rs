@@ -4,25 +4,26 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
-use super::arguments::{Compare, FitArguments, Outliers};
-use super::page::{self, read_test};
-use super::{
+use crate::cli::arguments::{Compare, FitArguments, Outliers};
+use crate::cli::page;
+use crate::cli::page::read_test;
+use crate::cli::report::Report;
+use crate::cli::{
     Arm, Failure, calibration_failure, check_outputs, device_failure, drift, enough_poses,
-    equations, file_name, instrument_noise, json_text, origin, progress, report::Report,
-    write_outputs,
+    equations, file_name, instrument_noise, json_text, origin, progress, write_outputs,
 };
-use crate::calibration::frames::Sample;
-use crate::calibration::noise::InstrumentNoise;
-use crate::calibration::{CalibrationError, Method, Options};
-use crate::compare::{ModelComparison, Task, TestSet, applicable};
-use crate::drift::{Drift, DriftReport};
-use crate::elastic::fit::ElasticOptions;
-use crate::elastic::outliers::OutlierPolicy;
-use crate::elastic::sets::SetLimits;
-use crate::gp::fit::Sharing;
-use crate::learning;
-use crate::measurements::MeasurementSet;
 use crate::report::{Evidence, HeldOutFacts, How, Provenance};
+use poegp_calibration::learning::elastic::fit::ElasticOptions;
+use poegp_calibration::learning::elastic::inducing_sets::SetLimits;
+use poegp_calibration::learning::elastic::outliers::OutlierPolicy;
+use poegp_calibration::learning::task_space::fit::Sharing;
+use poegp_calibration::measurement::MeasurementSet;
+use poegp_calibration::measurement::instrument_drift::{Drift, DriftReport};
+use poegp_calibration::measurement::noise::InstrumentNoise;
+use poegp_calibration::measurement::sample::Sample;
+use poegp_calibration::model::{CalibrationError, Method, Options};
+use poegp_calibration::validation::cross_validation::{ModelComparison, Task, TestSet, applicable};
+use poegp_calibration::validation::learning_curve as learning;
 
 /// What `--json` writes.
 #[derive(Serialize)]
@@ -149,7 +150,13 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
     }
     let corrected = drift
         .as_ref()
-        .map(|drift| crate::samples::samples(&drift.correct(&set), &arm.robot, &mut tools))
+        .map(|drift| {
+            poegp_calibration::measurement::sample::samples(
+                &drift.correct(&set),
+                &arm.robot,
+                &mut tools,
+            )
+        })
         .transpose()?;
     let origin = origin(set.sha256, "", tools);
     let task = Task {

@@ -6,9 +6,9 @@ use clap::Args;
 use clap_complete::Shell;
 use serde_json::json;
 
-use super::report::Report;
-use super::simulate::make_folder;
-use super::{Failure, check_outputs, command, facts_text, write_outputs};
+use crate::cli::report::Report;
+use crate::cli::simulate::make_folder;
+use crate::cli::{Failure, check_outputs, command, facts_text, write_outputs};
 
 /// `trainer completions`.
 #[derive(Debug, Args)]

@@ -10,13 +10,13 @@ use poegp_runtime::se3::Pose;
 use poegp_runtime::status::Status;
 use serde::Serialize;
 
-use super::report::{Report, is_stdout};
-use super::{Failure, check_outputs, evaluate, file_name, json_text, write_outputs};
-use crate::error::InputError;
-use crate::loaded::LoadedBlob;
-use crate::measurements::targets::{RewrittenRow, TargetFile};
-use crate::measurements::{JointUnit, MeasurementSet};
-use crate::statistics::Summary;
+use crate::cli::report::{Report, is_stdout};
+use crate::cli::{Failure, check_outputs, evaluate, file_name, json_text, write_outputs};
+use poegp_calibration::blob::predict::LoadedBlob;
+use poegp_calibration::input_error::InputError;
+use poegp_calibration::measurement::joint_targets::{RewrittenRow, TargetFile};
+use poegp_calibration::measurement::{JointUnit, MeasurementSet};
+use poegp_calibration::numeric::statistics::Summary;
 
 /// The columns that are added.
 const ADDED: [&str; 5] = [
@@ -223,7 +223,7 @@ fn correct(loaded: &LoadedBlob, line: usize, joints: &[f64], payload_kg: f64) ->
 /// The new fields of a row. A joint that was not changed keeps its text.
 fn rewritten(set: &MeasurementSet, row: &Row) -> RewrittenRow {
     let joints = set.joint_columns.iter().enumerate();
-    let field = |(joint, column): (usize, &crate::measurements::JointColumn)| {
+    let field = |(joint, column): (usize, &poegp_calibration::measurement::JointColumn)| {
         let value = column.unit.from_si(f64::from(row.answer.joints[joint]));
         row.is_changed(joint).then(|| format!("{value:.10}"))
     };

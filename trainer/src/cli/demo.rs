@@ -5,23 +5,23 @@ use std::path::Path;
 
 use clap::Parser;
 
-use super::arguments::{Arguments, Command, Demo};
-use super::demo_device::DemoDevice;
-use super::report::Report;
-use super::simulate::{make_folder, write_sets};
-use super::{
+use crate::cli::arguments::Evaluate;
+use crate::cli::arguments::{Arguments, Command, Demo};
+use crate::cli::demo_device::DemoDevice;
+use crate::cli::report::Report;
+use crate::cli::simulate::{make_folder, write_sets};
+use crate::cli::{
     Failure, check_outputs, device_failure, evaluate, json_text, origin, progress, write_facts,
 };
-use crate::calibration::frames::Sample;
-use crate::calibration::{Method, Options};
-use crate::cli::arguments::Evaluate;
-use crate::compare::{ModelComparison, Task, TestSet};
-use crate::export::{calibrate_for_device, nominal_chain};
-use crate::gp::fit::Sharing;
-use crate::loaded::LoadedBlob;
-use crate::measurements;
-use crate::robot::Robot;
-use crate::simulate::{Scenario, Simulator};
+use poegp_calibration::blob::predict::LoadedBlob;
+use poegp_calibration::blob::write::{calibrate_for_device, nominal_chain};
+use poegp_calibration::learning::task_space::fit::Sharing;
+use poegp_calibration::measurement as measurements;
+use poegp_calibration::measurement::sample::Sample;
+use poegp_calibration::model::{Method, Options};
+use poegp_calibration::robot::Robot;
+use poegp_calibration::simulation::{Scenario, Simulator};
+use poegp_calibration::validation::cross_validation::{ModelComparison, Task, TestSet};
 
 /// Mean position errors in mm of the paper's Table I: simulation, three test sets.
 const PAPER_TABLE_I: [(Method, [f64; 3]); 4] = [
@@ -41,7 +41,7 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
     // First, so that what is missing on this machine is said before a minute of work.
     let mut board = a.device.then(|| DemoDevice::start(report)).transpose()?;
     make_folder(&a.out)?;
-    let robot = Robot::load(ROBOT, &crate::robot::LoadOptions::default())?;
+    let robot = Robot::load(ROBOT, &poegp_calibration::robot::LoadOptions::default())?;
     let nominal = nominal_chain(&robot).map_err(|e| Failure::Usage(e.to_string()))?;
 
     report.line("1. Simulate: an ABB IRB 4400 with imperfect frames and joints that give way under gravity and five");
@@ -54,11 +54,14 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
     let train_path = a.out.join(&files[0].0);
     let set = measurements::read(&train_path)?;
     let mut tools = Vec::new();
-    let train = crate::samples::samples(&set, &robot, &mut tools)?;
+    let train = poegp_calibration::measurement::sample::samples(&set, &robot, &mut tools)?;
     let mut tests = Vec::new();
     for (name, _) in &files[1..] {
-        let samples =
-            crate::samples::samples(&measurements::read(a.out.join(name))?, &robot, &mut tools)?;
+        let samples = poegp_calibration::measurement::sample::samples(
+            &measurements::read(a.out.join(name))?,
+            &robot,
+            &mut tools,
+        )?;
         tests.push(TestSet {
             name: name.clone(),
             samples,
@@ -112,7 +115,7 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
     .map_err(|e| device_failure(&train_path, e))?;
     let blob = a.out.join("arm.blob");
     crate::output::write(&blob, found.blob.bytes())?;
-    let document = super::compare::Document {
+    let document = crate::cli::compare::Document {
         version: env!("CARGO_PKG_VERSION"),
         seed: a.seed,
         per_output: false,
@@ -215,7 +218,7 @@ fn calibrate_with_report(
     typed.extend(["--serial-number", "demo"].map(OsString::from));
     let parsed = Arguments::try_parse_from(typed).map_err(|e| Failure::Usage(e.to_string()))?;
     match parsed.command {
-        Command::Calibrate(calibrate) => super::calibrate::run(&calibrate),
+        Command::Calibrate(calibrate) => crate::cli::calibrate::run(&calibrate),
         _ => Ok(()),
     }
 }

@@ -9,10 +9,10 @@
 //! The simulated arm is the truth, without the tracker's noise; the model knows it by its measurements only. What is
 //! nominal is the robot as it was drawn, its base and target where the base-tool calibration has them.
 
-use super::Failure;
-use super::report::Report;
-use crate::calibration::frames::Sample;
-use crate::simulate::Simulator;
+use crate::cli::Failure;
+use crate::cli::report::Report;
+use poegp_calibration::measurement::sample::Sample;
+use poegp_calibration::simulation::Simulator;
 
 #[cfg(unix)]
 pub use board::DemoDevice;
@@ -55,8 +55,8 @@ mod board {
     use crate::device::client::{Client, Options};
     use crate::device::emulator::{Clock, Emulator, Machine};
     use crate::device::firmware::{Board, firmware_of};
-    use crate::loaded::LoadedBlob;
-    use crate::statistics::{PoseError, Summary};
+    use poegp_calibration::blob::predict::LoadedBlob;
+    use poegp_calibration::numeric::statistics::{PoseError, Summary};
 
     /// The demonstration takes a minute, on a busy machine several.
     const TIME_LIMIT: Duration = Duration::from_secs(3_600);

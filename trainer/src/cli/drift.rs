@@ -2,12 +2,12 @@
 
 use std::path::Path;
 
-use super::report::remark;
-use super::{Arm, Failure};
-use crate::calibration::frames::Sample;
-use crate::drift::Drift;
-use crate::measurements::MeasurementSet;
-use crate::samples::ToolName;
+use crate::cli::report::remark;
+use crate::cli::{Arm, Failure};
+use poegp_calibration::measurement::MeasurementSet;
+use poegp_calibration::measurement::instrument_drift::Drift;
+use poegp_calibration::measurement::sample::Sample;
+use poegp_calibration::measurement::sample::ToolName;
 
 /// The same in every report: what the correction may know.
 pub const NO_LEAK: &str =
@@ -29,7 +29,8 @@ pub fn read(
         return Ok((set, samples, None));
     }
     let drift = Drift::estimate(&set)?;
-    let samples = crate::samples::samples(&drift.correct(&set), &arm.robot, tools)?;
+    let samples =
+        poegp_calibration::measurement::sample::samples(&drift.correct(&set), &arm.robot, tools)?;
     Ok((set, samples, Some(drift)))
 }
 
@@ -66,7 +67,7 @@ pub fn corrected(
     training: &Drift,
 ) -> Result<Vec<Sample>, Failure> {
     let drift = Drift::estimate_as(set, training)?;
-    Ok(crate::samples::samples(
+    Ok(poegp_calibration::measurement::sample::samples(
         &drift.correct(set),
         &arm.robot,
         tools,

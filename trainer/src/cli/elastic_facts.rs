@@ -2,10 +2,10 @@
 
 use serde::Serialize;
 
-use super::report::Report;
-use crate::calibration::Calibration;
-use crate::elastic::outliers::{OutlierPolicy, Reason};
+use crate::cli::report::Report;
 use crate::report::sections::{ListedOutlier, Ripple};
+use poegp_calibration::learning::elastic::outliers::{OutlierPolicy, Reason};
+use poegp_calibration::model::Calibration;
 
 /// The part of `--json`.
 #[derive(Serialize)]

@@ -8,17 +8,18 @@ use poegp_runtime::se3::Pose;
 use poegp_runtime::status::Status;
 use serde::Serialize;
 
-use super::arguments::Evaluate;
-use super::report::Report;
-use super::{Failure, check_outputs, file_name, json_text, write_outputs};
-use crate::calibration::frames::Sample;
-use crate::error::InputError;
-use crate::loaded::{LoadedBlob, Prediction};
-use crate::measurements::{self, MeasurementSet};
-use crate::robot::{Joint, Robot};
-use crate::samples::ToolName;
-use crate::statistics::{ErrorSummary, PoseError};
-use crate::tool_fit::{fit_tool, spread};
+use crate::cli::arguments::Evaluate;
+use crate::cli::report::Report;
+use crate::cli::{Failure, check_outputs, file_name, json_text, write_outputs};
+use poegp_calibration::blob::predict::{LoadedBlob, Prediction};
+use poegp_calibration::blob::tool_fit::{fit_tool, spread};
+use poegp_calibration::input_error::InputError;
+use poegp_calibration::measurement as measurements;
+use poegp_calibration::measurement::MeasurementSet;
+use poegp_calibration::measurement::sample::Sample;
+use poegp_calibration::measurement::sample::ToolName;
+use poegp_calibration::numeric::statistics::{ErrorSummary, PoseError};
+use poegp_calibration::robot::{Joint, Robot};
 
 /// What `--json` writes.
 #[derive(Serialize)]
@@ -190,7 +191,7 @@ pub(super) fn read(loaded: &LoadedBlob, path: &Path) -> Result<TestData, Failure
         .iter()
         .map(|(name, _)| name.clone())
         .collect();
-    let samples = crate::samples::samples(&set, &robot, &mut names)?;
+    let samples = poegp_calibration::measurement::sample::samples(&set, &robot, &mut names)?;
     Ok(TestData {
         set,
         samples,

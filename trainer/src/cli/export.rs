@@ -5,13 +5,16 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde_json::json;
 
-use super::report::{Report, is_stdout};
-use super::{Failure, check_outputs, facts_text, json_text, write_outputs};
-use crate::error::InputError;
-use crate::interchange::urdf::{Changes, changes, minimal};
-use crate::interchange::{CalibratedChain, Table, c_header, dh, gauge, poe, ur, urdf_text};
-use crate::loaded::LoadedBlob;
-use crate::robot::{LoadOptions, Robot, urdf};
+use crate::cli::report::{Report, is_stdout};
+use crate::cli::{Failure, check_outputs, facts_text, json_text, write_outputs};
+use crate::export::urdf::{Changes, changes, minimal};
+use crate::export::{
+    CalibratedChain, Table, c_header, dh, gauge, poe, universal_robots as ur,
+    urdf_patch as urdf_text,
+};
+use poegp_calibration::blob::predict::LoadedBlob;
+use poegp_calibration::input_error::InputError;
+use poegp_calibration::robot::{LoadOptions, Robot, urdf};
 
 /// `trainer export`.
 #[derive(Debug, Args)]
@@ -229,7 +232,7 @@ fn ur_kinematics(
         )
         .with_help("only their driver reads this file; --out, --dh and --poe are for all arms")
     })?;
-    let told = crate::interchange::told;
+    let told = crate::export::told;
     said.push(format!(
         "TCP to be set, tool0 to target: {}",
         told(&kinematics.tool0_from_target)

@@ -5,12 +5,12 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde_json::{Value, json};
 
-use super::report::{Report, is_stdout};
-use super::{Failure, check_outputs, facts_text, write_outputs};
-use crate::error::InputError;
+use crate::cli::report::{Report, is_stdout};
+use crate::cli::{Failure, check_outputs, facts_text, write_outputs};
 use crate::import::guess::{Guess, guess};
 use crate::import::map::Map;
 use crate::import::{Imported, Row, import};
+use poegp_calibration::input_error::InputError;
 
 /// Rows that are shown as they were understood.
 const SHOWN: usize = 3;

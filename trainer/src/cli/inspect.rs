@@ -9,11 +9,11 @@ use poegp_runtime::se3::Pose;
 use poegp_runtime::trust::Trust;
 use serde_json::{Value, json};
 
-use super::arguments::Inspect;
-use super::report::Report;
-use super::{Failure, check_outputs, json_text, write_outputs};
-use crate::loaded::LoadedBlob;
+use crate::cli::arguments::Inspect;
+use crate::cli::report::Report;
+use crate::cli::{Failure, check_outputs, json_text, write_outputs};
 use crate::signing::id_text;
+use poegp_calibration::blob::predict::LoadedBlob;
 
 pub fn run(a: &Inspect) -> Result<(), Failure> {
     let output = [a.json.as_deref()];

@@ -40,18 +40,19 @@ use clap::{CommandFactory, FromArgMatches};
 use poegp_runtime::load_error::LoadError;
 use poegp_runtime::poe::Poe;
 
-use crate::calibration::frames::Sample;
-use crate::calibration::noise::InstrumentNoise;
-use crate::calibration::{CalibrationError, Method, fewest_poses};
+use crate::cli::arguments::{Arguments, Command};
+use crate::cli::report::is_stdout;
 use crate::device::error::ClientError;
-use crate::error::InputError;
-use crate::export::{DeviceError, ExportError, Origin, nominal_chain};
-use crate::loaded::{BlobError, HOST_SUPPORT};
-use crate::measurements::{self, MeasurementSet};
-use crate::robot::Robot;
-use crate::samples::ToolName;
-use arguments::{Arguments, Command};
-use report::is_stdout;
+use poegp_calibration::blob::predict::{BlobError, HOST_SUPPORT};
+use poegp_calibration::blob::write::{DeviceError, ExportError, Origin, nominal_chain};
+use poegp_calibration::input_error::InputError;
+use poegp_calibration::measurement as measurements;
+use poegp_calibration::measurement::MeasurementSet;
+use poegp_calibration::measurement::noise::InstrumentNoise;
+use poegp_calibration::measurement::sample::Sample;
+use poegp_calibration::measurement::sample::ToolName;
+use poegp_calibration::model::{CalibrationError, Method, fewest_poses};
+use poegp_calibration::robot::Robot;
 
 /// Everything that ends a command early.
 #[derive(Debug, thiserror::Error)]
@@ -181,7 +182,7 @@ struct Arm {
 
 impl Arm {
     fn load(a: &arguments::RobotArguments) -> Result<Self, Failure> {
-        let options = crate::robot::LoadOptions {
+        let options = poegp_calibration::robot::LoadOptions {
             base: a.base.clone(),
             tip: a.tip.clone(),
         };
@@ -201,7 +202,7 @@ impl Arm {
         for note in set.notes.iter().chain(&notes) {
             crate::cli::report::remark(format_args!("{}: {note}", path.display()));
         }
-        let samples = crate::samples::samples(&set, &self.robot, tools)?;
+        let samples = poegp_calibration::measurement::sample::samples(&set, &self.robot, tools)?;
         Ok((set, samples))
     }
 }

@@ -2,22 +2,27 @@
 
 use std::path::{Path, PathBuf};
 
-use super::arguments::Calibrate;
-use super::calibrate::Document;
-use super::compare::with_noise;
-use super::{Arm, Failure, device_failure, drift, enough_poses, equations, file_name, progress};
-use crate::calibration::frames::Sample;
-use crate::calibration::{CalibrationError, Method, Options};
-use crate::compare::{ModelComparison, SetErrors, Task, TestSet, applicable};
-use crate::drift::Drift;
-use crate::error::InputError;
-use crate::export::{DeviceCalibration, Origin};
-use crate::learning;
-use crate::measurements::MeasurementSet;
-use crate::report::sections::{self, DeviceFacts};
+use crate::cli::arguments::Calibrate;
+use crate::cli::calibrate::Document;
+use crate::cli::compare::with_noise;
+use crate::cli::{
+    Arm, Failure, device_failure, drift, enough_poses, equations, file_name, progress,
+};
+use crate::report::sections;
+use crate::report::sections::DeviceFacts;
 use crate::report::{Evidence, FileFacts, HeldOutFacts, How, Page, Provenance, Section};
-use crate::samples::ToolName;
-use crate::select::FOLDS;
+use poegp_calibration::blob::write::{DeviceCalibration, Origin};
+use poegp_calibration::input_error::InputError;
+use poegp_calibration::measurement::MeasurementSet;
+use poegp_calibration::measurement::instrument_drift::Drift;
+use poegp_calibration::measurement::sample::Sample;
+use poegp_calibration::measurement::sample::ToolName;
+use poegp_calibration::model::{CalibrationError, Method, Options};
+use poegp_calibration::validation::cross_validation::{
+    ModelComparison, SetErrors, Task, TestSet, applicable,
+};
+use poegp_calibration::validation::learning_curve as learning;
+use poegp_calibration::validation::model_selection::FOLDS;
 
 /// Seed of the folds of `calibrate`, which has no option for it.
 pub const SEED: u64 = 1;
@@ -244,8 +249,8 @@ fn page(what: &str, provenance: &Provenance) -> Page {
 /// The page of `calibrate`.
 pub fn of_calibration(document: &Document, evidence: &Evidence, facts: &HeldOutFacts) -> String {
     let elastic = document.elastic.as_ref();
-    let listed = elastic.map(super::elastic_facts::ElasticFacts::listed_outliers);
-    let ripple = elastic.map(super::elastic_facts::ElasticFacts::listed_ripple);
+    let listed = elastic.map(crate::cli::elastic_facts::ElasticFacts::listed_outliers);
+    let ripple = elastic.map(crate::cli::elastic_facts::ElasticFacts::listed_ripple);
     let device = DeviceFacts {
         file: document.blob.file.clone(),
         bytes: document.blob.bytes,

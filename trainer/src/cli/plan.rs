@@ -7,17 +7,18 @@ use clap::Args;
 use nalgebra::Vector3;
 use serde::Serialize;
 
-use super::arguments::{Gravity, RobotArguments, gravity};
-use super::{Arm, Failure, check_outputs, json_text, progress, report::Report, write_outputs};
-use crate::calibration::{Method, fewest_poses};
-use crate::error::InputError;
-use crate::plan::candidates::Candidates;
-use crate::plan::constraints::Constraints;
-use crate::plan::forecast::{ARMS, COUNTS, Row};
-use crate::plan::programs::{Language, program};
-use crate::plan::table::to_csv;
-use crate::plan::{CHOICE, Plan, Planner, Strategy, Task, TooTight};
-use crate::simulate::{ORIENTATION_NOISE_RAD, POSITION_NOISE_M};
+use crate::cli::arguments::{Gravity, RobotArguments, gravity};
+use crate::cli::report::Report;
+use crate::cli::{Arm, Failure, check_outputs, json_text, progress, write_outputs};
+use crate::robot_programs::{Language, program};
+use poegp_calibration::input_error::InputError;
+use poegp_calibration::model::{Method, fewest_poses};
+use poegp_calibration::planning::candidates::Candidates;
+use poegp_calibration::planning::constraints::Constraints;
+use poegp_calibration::planning::forecast::{ARMS, COUNTS, Row};
+use poegp_calibration::planning::table::to_csv;
+use poegp_calibration::planning::{CHOICE, Plan, Planner, Strategy, Task, TooTight};
+use poegp_calibration::simulation::{ORIENTATION_NOISE_RAD, POSITION_NOISE_M};
 
 /// `trainer plan`.
 #[derive(Debug, Args)]

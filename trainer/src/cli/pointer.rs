@@ -14,7 +14,7 @@
 use std::ops::Range;
 use std::path::Path;
 
-use crate::error::InputError;
+use poegp_calibration::input_error::InputError;
 
 /// Characters of a line that are shown.
 const WIDTH: usize = 96;

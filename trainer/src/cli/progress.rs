@@ -2,7 +2,7 @@
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use super::report::is_quiet;
+use crate::cli::report::is_quiet;
 
 /// Where progress is shown.
 fn target() -> ProgressDrawTarget {
@@ -27,7 +27,7 @@ pub fn calibrating<R>(work: impl FnOnce() -> R) -> R {
     let spinner = spinner("calibrating");
     let bar = spinner.clone();
     let mut is_bar = false;
-    let out = crate::progress::watched(
+    let out = poegp_calibration::progress::watched(
         move |done, expected| {
             if !is_bar {
                 let style =

@@ -8,7 +8,7 @@ use std::io::Write;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use super::table;
+use crate::cli::table;
 
 /// Once standard output is a document, nothing else goes there, whichever part of the program says it.
 static STDOUT_TAKEN: AtomicBool = AtomicBool::new(false);

@@ -8,12 +8,13 @@ use poegp_protocol::envelope;
 use poegp_runtime::signature::{self, SignatureError};
 use serde_json::json;
 
-use super::report::Report;
-use super::{Failure, check_outputs, facts_text, write_facts, write_outputs};
-use crate::error::InputError;
-use crate::loaded::LoadedBlob;
-use crate::output::{self, Readers};
+use crate::cli::report::Report;
+use crate::cli::{Failure, check_outputs, facts_text, write_facts, write_outputs};
+use crate::output;
+use crate::output::Readers;
 use crate::signing::{PublicKey, SecretKey, id_text};
+use poegp_calibration::blob::predict::LoadedBlob;
+use poegp_calibration::input_error::InputError;
 
 /// `trainer keys`.
 #[derive(Debug, Args)]

@@ -4,12 +4,13 @@ use std::path::Path;
 
 use serde_json::json;
 
-use super::arguments::{self, Simulate};
-use super::report::Report;
-use super::{Arm, Failure, check_outputs, write_facts};
-use crate::error::InputError;
-use crate::robot::Robot;
-use crate::simulate::{Scenario, Simulator, to_csv};
+use crate::cli::arguments;
+use crate::cli::arguments::Simulate;
+use crate::cli::report::Report;
+use crate::cli::{Arm, Failure, check_outputs, write_facts};
+use poegp_calibration::input_error::InputError;
+use poegp_calibration::robot::Robot;
+use poegp_calibration::simulation::{Scenario, Simulator, to_csv};
 
 impl From<arguments::Scenario> for Scenario {
     fn from(scenario: arguments::Scenario) -> Self {

@@ -11,8 +11,9 @@ use std::time::{Duration, Instant};
 use poegp_protocol::frame::{self, FrameError, MAX_FRAME, Received, Receiver};
 use poegp_protocol::link::{MAX_PIECE, Refusal, Request, Response};
 
-use super::error::ClientError;
-use super::port::{self, Address, Stream};
+use crate::device::error::ClientError;
+use crate::device::port;
+use crate::device::port::{Address, Stream};
 
 /// How patient a client is.
 #[derive(Clone, Copy, Debug)]

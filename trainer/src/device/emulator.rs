@@ -19,8 +19,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
-use super::firmware::Board;
-use super::port::Address;
+use crate::device::firmware::Board;
+use crate::device::port::Address;
 
 const PROGRAM: &str = "qemu-system-arm";
 const LOG: &str = "defmt.bin";

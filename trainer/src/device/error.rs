@@ -4,7 +4,7 @@ use std::io;
 
 use poegp_protocol::link::{PROTOCOL_VERSION, Refusal};
 
-use super::words;
+use crate::device::words;
 
 /// Why there is no answer, or not the one that was hoped for.
 #[derive(Debug, thiserror::Error)]

@@ -8,8 +8,8 @@ use poegp_protocol::link::{
     Refusal, Request, Response, Statistics, StoredModel, Trace,
 };
 
-use super::client::{Client, name};
-use super::error::ClientError;
+use crate::device::client::{Client, name};
+use crate::device::error::ClientError;
 
 /// How long a device may take to start anew.
 const RESTART_LIMIT: Duration = Duration::from_secs(10);

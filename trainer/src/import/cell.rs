@@ -1,8 +1,8 @@
 //! One cell: a number in the unit that the map says, or an error that names the place.
 
-use super::map::{AngleUnit, Decimal, JointUnit, LengthUnit};
-use super::text::{Line, Table};
-use crate::error::InputError;
+use crate::import::map::{AngleUnit, Decimal, JointUnit, LengthUnit};
+use crate::import::text::{Line, Table};
+use poegp_calibration::input_error::InputError;
 
 /// A row with its table.
 #[derive(Clone, Copy)]

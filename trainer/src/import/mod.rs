@@ -1,7 +1,7 @@
 //! Measurement files as they come, by a map of their columns, into the measurement file of this project.
 //!
 //! ```text
-//! raw files ──> text (encoding, separator, header) ──> cells by the map ──> rows ──> CSV of crate::measurements
+//! raw files ──> text (encoding, separator, header) ──> cells by the map ──> rows ──> CSV of poegp_calibration::measurement
 //!                                                       points, joints ──> rigid fit ──┘
 //! ```
 //!
@@ -27,12 +27,12 @@ use std::path::{Path, PathBuf};
 
 use sha2::{Digest, Sha256};
 
-use crate::error::InputError;
-use crate::measurements;
-use map::Map;
-use text::Table;
+use crate::import::map::Map;
+use crate::import::text::Table;
+use poegp_calibration::input_error::InputError;
+use poegp_calibration::measurement as measurements;
 
-pub use write::Row;
+pub use crate::import::write::Row;
 
 /// What came out of an import.
 #[derive(Debug)]

@@ -3,13 +3,13 @@
 use nalgebra::{Matrix3, Vector3};
 use poegp_runtime::se3::{Pose, Twist};
 
-use super::cell::Cells;
-use super::map::{AngleUnit, EulerAxes, MatrixLayout, QuaternionOrder};
-use crate::calibration::base_tool::nearest_rotation;
-use crate::error::InputError;
-use crate::robot::chain::rotation_about;
+use crate::import::cell::Cells;
+use crate::import::map::{AngleUnit, EulerAxes, MatrixLayout, QuaternionOrder};
+use poegp_calibration::identification::base_tool::nearest_rotation;
+use poegp_calibration::input_error::InputError;
+use poegp_calibration::robot::normal_form::rotation_about;
 
-/// How far a quaternion's norm or a matrix may be off what it should be; [`crate::measurements`] has the same.
+/// How far a quaternion's norm or a matrix may be off what it should be; [`poegp_calibration::measurement`] has the same.
 const TOLERANCE: f64 = 1e-3;
 
 /// A rotation, and how far what stood in the file was off one.

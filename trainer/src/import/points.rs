@@ -9,15 +9,15 @@ use std::path::Path;
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::cell::Cells;
-use super::map::{Incomplete, Join, LengthUnit, Map, Points};
-use super::rows::{
+use crate::import::cell::Cells;
+use crate::import::map::{Incomplete, Join, LengthUnit, Map, Points};
+use crate::import::rows::{
     Beside, columns, joint_columns, joint_values, left_out_note, one, twice_or_unused,
 };
-use super::text::{Line, Table};
-use super::write::Row;
-use crate::calibration::base_tool::nearest_rotation;
-use crate::error::InputError;
+use crate::import::text::{Line, Table};
+use crate::import::write::Row;
+use poegp_calibration::identification::base_tool::nearest_rotation;
+use poegp_calibration::input_error::InputError;
 
 /// A point farther from where the fit puts it is no noise, unless the map says more.
 const MAX_RESIDUAL_MM: f64 = 1.0;

@@ -3,15 +3,16 @@
 use nalgebra::{Matrix3, Vector3};
 use toml::Spanned;
 
-use super::cell::Cells;
-use super::map::{
+use crate::import::cell::Cells;
+use crate::import::map::{
     AngleUnit, ColumnName, Incomplete, Label, LengthUnit, Map, MassUnit, MatrixLayout, Orientation,
     Position,
 };
-use super::orientation::{self, Reader};
-use super::text::Table;
-use super::write::Row;
-use crate::error::InputError;
+use crate::import::orientation;
+use crate::import::orientation::Reader;
+use crate::import::text::Table;
+use crate::import::write::Row;
+use poegp_calibration::input_error::InputError;
 
 /// What is off a rotation by more is noted when it is made one.
 const NOTED: f64 = 1e-6;

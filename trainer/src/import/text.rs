@@ -2,8 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use super::map::{ColumnName, Decimal, Encoding, Layout, Separator};
-use crate::error::InputError;
+use crate::import::map::{ColumnName, Decimal, Encoding, Layout, Separator};
+use poegp_calibration::input_error::InputError;
 
 /// A row of cells, trimmed.
 #[derive(Clone, Debug)]

@@ -3,12 +3,12 @@
 use poegp_protocol::JointKind;
 use serde::Serialize;
 
-use crate::compare::ModelComparison;
-use crate::coverage::Coverage;
-use crate::held_out::{HeldOutPose, coverage, summary};
-use crate::learning::Point;
-use crate::measurements::MeasurementSet;
-use crate::statistics::ErrorSummary;
+use poegp_calibration::measurement::MeasurementSet;
+use poegp_calibration::numeric::statistics::ErrorSummary;
+use poegp_calibration::validation::coverage::Coverage;
+use poegp_calibration::validation::cross_validation::ModelComparison;
+use poegp_calibration::validation::held_out::{HeldOutPose, coverage, summary};
+use poegp_calibration::validation::learning_curve::Point;
 
 /// Where held-out poses come from.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -156,7 +156,7 @@ impl Evidence {
         if rows.is_empty() || methods.iter().any(|m| m.poses.len() != rows.len()) {
             return None;
         }
-        let base_tool = crate::calibration::Method::BaseTool.name();
+        let base_tool = poegp_calibration::model::Method::BaseTool.name();
         let mean = |m: &Method| summary(&m.poses).position_mm.mean;
         let best =
             (0..methods.len()).min_by(|a, b| mean(&methods[*a]).total_cmp(&mean(&methods[*b])))?;
@@ -264,7 +264,7 @@ fn rows(set: &MeasurementSet) -> Vec<Row> {
         || set.path.display().to_string(),
         |name| name.to_string_lossy().into_owned(),
     );
-    let row = |m: &crate::measurements::Measurement| Row {
+    let row = |m: &poegp_calibration::measurement::Measurement| Row {
         file: file.clone(),
         line: m.line,
         joints: m.joints.clone(),

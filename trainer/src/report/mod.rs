@@ -24,8 +24,8 @@ mod tests;
 
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
-pub use evidence::{Evidence, HeldOutFacts, How, Method, Row};
-pub use provenance::{FileFacts, Provenance};
+pub use crate::report::evidence::{Evidence, HeldOutFacts, How, Method, Row};
+pub use crate::report::provenance::{FileFacts, Provenance};
 
 const STYLE: &str = include_str!("style.css");
 

@@ -3,7 +3,7 @@
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 
-use crate::measurements::MeasurementSet;
+use poegp_calibration::measurement::MeasurementSet;
 
 /// A file that was read or written.
 #[derive(Clone, Debug, Serialize)]

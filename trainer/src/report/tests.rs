@@ -2,7 +2,7 @@
 
 use maud::{Render, html};
 
-use super::*;
+use crate::report::*;
 
 #[test]
 fn numbers_carry_their_value_and_their_place() {

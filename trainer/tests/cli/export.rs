@@ -1,13 +1,13 @@
 //! What other programs get of a calibrated arm, read back by the trainer's own readers. `tests/peers/exports/run` has it
 //! read by Pinocchio, yourdfpy and Python.
 
+use poegp_calibration::blob::predict::LoadedBlob;
+use poegp_calibration::blob::write::nominal_chain;
+use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_protocol::blob;
 use poegp_runtime::poe::Poe;
 use poegp_runtime::se3::Pose;
-use poegp_trainer::export::nominal_chain;
-use poegp_trainer::interchange::CalibratedChain;
-use poegp_trainer::loaded::LoadedBlob;
-use poegp_trainer::robot::{LoadOptions, Robot};
+use poegp_trainer::export::CalibratedChain;
 
 use crate::program::{Folder, data};
 

@@ -1,7 +1,7 @@
 //! What `calibrate` says about the poses that it was given.
 
-use poegp_trainer::export::nominal_chain;
-use poegp_trainer::robot::{LoadOptions, Robot};
+use poegp_calibration::blob::write::nominal_chain;
+use poegp_calibration::robot::{LoadOptions, Robot};
 
 use crate::program::{Folder, SERIAL, changed, simulated};
 

@@ -1,8 +1,8 @@
 //! Where outputs go: whole files or nothing, no folder is created, standard output is one document.
 
-use poegp_trainer::export::nominal_chain;
-use poegp_trainer::robot::{LoadOptions, Robot};
-use poegp_trainer::simulate::{Scenario, Simulator, to_csv};
+use poegp_calibration::blob::write::nominal_chain;
+use poegp_calibration::robot::{LoadOptions, Robot};
+use poegp_calibration::simulation::{Scenario, Simulator, to_csv};
 use serde_json::Value;
 
 use crate::program::{Folder, Outcome, SERIAL, simulated};

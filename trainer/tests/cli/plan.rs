@@ -1,6 +1,6 @@
 //! Plans: what is chosen, what a cell forbids, what is written, and what is refused.
 
-use poegp_trainer::robot::{LoadOptions, Robot};
+use poegp_calibration::robot::{LoadOptions, Robot};
 
 use crate::program::{Folder, SERIAL};
 

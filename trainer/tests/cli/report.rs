@@ -225,7 +225,7 @@ fn hostile_names_stay_text() {
     folder.write(train, &csv);
     let robot = std::fs::read_to_string(concat!(
         env!("CARGO_MANIFEST_DIR"),
-        "/robots/abb-irb4400-serial.toml"
+        "/../calibration/robots/abb-irb4400-serial.toml"
     ))
     .unwrap()
     .replacen(

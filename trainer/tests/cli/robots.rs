@@ -71,7 +71,7 @@ fn descriptions_of_one_arm_agree() {
     folder.write("train.csv", simulated("train", 60));
     folder.write("test.csv", simulated("test1", 30));
     let urdf = data("robots/abb_irb4400_60.urdf");
-    let toml = data("../../trainer/robots/abb-irb4400-serial.toml");
+    let toml = data("../../calibration/robots/abb-irb4400-serial.toml");
     let run = |robot: &str| {
         let line = format!(
             "compare --robot {robot} train.csv --test test.csv --models base-tool,poe --folds 0 --json -"
@@ -127,7 +127,7 @@ fn seven_revolute_joints() {
 #[test]
 fn a_rail_and_six_revolute_joints() {
     let folder = Folder::new();
-    let arm = std::fs::read_to_string(data("../../trainer/robots/ur10.toml")).unwrap();
+    let arm = std::fs::read_to_string(data("../../calibration/robots/ur10.toml")).unwrap();
     let rail = "[[joint]]\nname = \"rail\"\nkind = \"prismatic\"\nlimits_mm = [0, 1500]\n\
                 a_m = 0\nd_m = 0\nalpha_deg = 90\n\n[[joint]]\n";
     folder.write("rail.toml", arm.replacen("[[joint]]\n", rail, 1));

@@ -1,8 +1,8 @@
 //! Sessions, several targets, positions alone: the tool frames that a file asks for.
 
+use poegp_calibration::robot::{LoadOptions, Robot};
+use poegp_calibration::simulation::{Scenario, SimulatedPose, Simulator, to_csv};
 use poegp_runtime::se3::{Pose, Twist};
-use poegp_trainer::robot::{LoadOptions, Robot};
-use poegp_trainer::simulate::{Scenario, SimulatedPose, Simulator, to_csv};
 use serde_json::Value;
 
 use crate::program::{Folder, SERIAL, without};

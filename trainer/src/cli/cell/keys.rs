@@ -8,9 +8,9 @@ use std::path::Path;
 use serde::Deserialize;
 use toml::{Spanned, Value};
 
-use crate::error::InputError;
-use crate::robot::BUILT_IN;
-use crate::toml_text::TomlText;
+use poegp_calibration::input_error::InputError;
+use poegp_calibration::robot::BUILT_IN;
+use poegp_calibration::robot::toml_source::TomlText;
 
 /// Of the shape that is read here.
 const VERSION: u32 = 1;

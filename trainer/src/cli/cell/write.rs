@@ -7,13 +7,13 @@ use std::path::{Component, Path, PathBuf};
 use clap::ValueEnum;
 use toml::{Table, Value};
 
-use super::stated;
 use crate::cli::arguments::Calibrate;
-use crate::export::Origin;
-use crate::measurements::MeasurementSet;
+use crate::cli::cell::stated;
 use crate::report::FileFacts;
-use crate::robot::BUILT_IN;
-use crate::samples::ToolName;
+use poegp_calibration::blob::write::Origin;
+use poegp_calibration::measurement::MeasurementSet;
+use poegp_calibration::measurement::sample::ToolName;
+use poegp_calibration::robot::BUILT_IN;
 
 /// The project file at `path` that does again what `a` asks for, and made `blob`.
 pub fn text(

@@ -12,9 +12,8 @@ use poegp_runtime::se3::Pose;
 use poegp_runtime::status::Status;
 use serde::Serialize;
 
-use super::arguments::{Correct, Evaluate, Link};
-use super::{connect, show};
-use crate::calibration::frames::Sample;
+use crate::cli::device::arguments::{Correct, Evaluate, Link};
+use crate::cli::device::{connect, show};
 use crate::cli::report::{Report, is_stdout};
 use crate::cli::{
     Failure, check_outputs, evaluate as host, facts_text, file_name, json_text, progress,
@@ -22,11 +21,13 @@ use crate::cli::{
 };
 use crate::device::client::Client;
 use crate::device::error::ClientError;
-use crate::error::InputError;
-use crate::loaded::LoadedBlob;
-use crate::measurements::{self, MeasurementSet};
-use crate::robot::Robot;
-use crate::statistics::{ErrorSummary, PoseError};
+use poegp_calibration::blob::predict::LoadedBlob;
+use poegp_calibration::input_error::InputError;
+use poegp_calibration::measurement as measurements;
+use poegp_calibration::measurement::MeasurementSet;
+use poegp_calibration::measurement::sample::Sample;
+use poegp_calibration::numeric::statistics::{ErrorSummary, PoseError};
+use poegp_calibration::robot::Robot;
 
 /// What `evaluate --json` writes.
 #[derive(Serialize)]
@@ -213,7 +214,7 @@ fn read_without_blob(test: &Path) -> Result<(MeasurementSet, Vec<Sample>), Failu
         parent_from_joint: Vec::new(),
         coupling: None,
     };
-    let samples = crate::samples::samples(&set, &robot, &mut names)?;
+    let samples = poegp_calibration::measurement::sample::samples(&set, &robot, &mut names)?;
     if names.len() > 1 {
         return Err(InputError::new(
             test,
@@ -288,7 +289,7 @@ fn print(report: Report, document: &Document, model: &str) {
         "The device on {} poses, model {model}: position in mm, orientation in mrad.\n",
         document.errors.poses
     ));
-    let row = |name: &str, s: &crate::statistics::Summary| {
+    let row = |name: &str, s: &poegp_calibration::numeric::statistics::Summary| {
         let mut row = vec![name.to_owned()];
         row.extend([s.mean, s.p95, s.max].map(|x| format!("{x:.4}")));
         row

@@ -1,7 +1,7 @@
 //! `trainer device emulate`.
 
-use super::arguments::Emulate;
 use crate::cli::Failure;
+use crate::cli::device::arguments::Emulate;
 
 #[cfg(not(unix))]
 pub fn run(_: &Emulate) -> Result<(), Failure> {

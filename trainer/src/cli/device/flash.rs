@@ -6,14 +6,14 @@ use poegp_protocol::envelope;
 use poegp_protocol::link::{Identity, Key, StoredModel};
 use serde_json::json;
 
-use super::arguments::Flash;
-use super::{connect, show};
+use crate::cli::device::arguments::Flash;
+use crate::cli::device::{connect, show};
 use crate::cli::report::Report;
 use crate::cli::{Failure, check_outputs, json_text, progress, write_outputs};
 use crate::device::client::{Client, Options};
 use crate::device::error::ClientError;
-use crate::loaded::LoadedBlob;
 use crate::signing::id_text;
+use poegp_calibration::blob::predict::LoadedBlob;
 
 pub fn run(a: &Flash) -> Result<(), Failure> {
     let outputs = [a.json.as_deref()];

@@ -10,13 +10,13 @@ pub mod show;
 use poegp_protocol::link::{CycleSettings, Identity};
 use serde_json::json;
 
-use super::report::Report;
-use super::{Failure, check_outputs, json_text, write_facts, write_outputs};
-use crate::device::client::Client;
-use crate::signing::{PublicKey, id_text};
-use arguments::{
+use crate::cli::device::arguments::{
     Bypass, Cycle, Device, DeviceCommand, Info, Link, Provision, Restart, Rollback, Switch,
 };
+use crate::cli::report::Report;
+use crate::cli::{Failure, check_outputs, json_text, write_facts, write_outputs};
+use crate::device::client::Client;
+use crate::signing::{PublicKey, id_text};
 
 pub fn run(a: &Device) -> Result<(), Failure> {
     match &a.command {

@@ -9,13 +9,14 @@ use std::time::{Duration, Instant};
 use poegp_protocol::link::{Identity, Statistics};
 use serde_json::{Value, json};
 
-use super::arguments::Monitor;
-use super::{connect, show};
+use crate::cli::device::arguments::Monitor;
+use crate::cli::device::{connect, show};
 use crate::cli::report::{Report, is_quiet, is_stdout};
 use crate::cli::{Failure, check_outputs, write_facts};
 use crate::device::client::Client;
 use crate::device::log::Decoder;
-use crate::device::port::{self, Address};
+use crate::device::port;
+use crate::device::port::Address;
 
 /// Between two looks.
 const INTERVAL: Duration = Duration::from_secs(1);

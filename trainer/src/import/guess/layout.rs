@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
-use crate::error::InputError;
 use crate::import::map::{Decimal, Encoding, Layout, Separator};
 use crate::import::text::{cells, decoded};
+use poegp_calibration::input_error::InputError;
 
 /// Beginnings of lines that are comments.
 const COMMENTS: [&str; 5] = ["#", "//", "%", "!", "*"];

@@ -9,11 +9,11 @@ mod names;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
-use super::map::{ColumnName, Decimal, Encoding, Layout, Separator};
-use super::text::Table;
-use crate::error::InputError;
-use layout::Found;
-use names::{Columns, Rotation};
+use crate::import::guess::layout::Found;
+use crate::import::guess::names::{Columns, Rotation};
+use crate::import::map::{ColumnName, Decimal, Encoding, Layout, Separator};
+use crate::import::text::Table;
+use poegp_calibration::input_error::InputError;
 
 /// A proposed map.
 #[derive(Debug)]

@@ -1,7 +1,7 @@
 //! What columns are, from their names, and their units.
 
-use super::column;
-use super::layout::is_number;
+use crate::import::guess::column;
+use crate::import::guess::layout::is_number;
 use crate::import::map::{ColumnName, Decimal};
 use crate::import::text::Table;
 

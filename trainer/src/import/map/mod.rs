@@ -7,11 +7,11 @@ use std::path::{Path, PathBuf};
 
 use toml::Spanned;
 
-use crate::error::InputError;
-use crate::toml_text::TomlText;
-use tables::{OrientationKind, OrientationTable, Tables};
+use crate::import::map::tables::{OrientationKind, OrientationTable, Tables};
+use poegp_calibration::input_error::InputError;
+use poegp_calibration::robot::toml_source::TomlText;
 
-pub use tables::{
+pub use crate::import::map::tables::{
     AngleUnit, ColumnName, Decimal, Encoding, EulerAxes, Incomplete, Join, JointUnit, JointUnits,
     Joints, Label, Layout, LengthUnit, MassUnit, MatrixLayout, Orientation, Payload, Points,
     PoseMatrix, Position, QuaternionOrder, Separator, SigmaOrientation, SigmaPosition,

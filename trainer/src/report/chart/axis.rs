@@ -69,9 +69,13 @@ impl Axis {
         let (Some(most), false) = (sorted.last().copied(), sorted.is_empty()) else {
             return Self::linear(label, 0.0, 1.0);
         };
-        let middle = crate::statistics::percentile(&sorted, 0.5);
+        let middle = poegp_calibration::numeric::statistics::percentile(&sorted, 0.5);
         if most > WIDE * middle && middle > 0.0 {
-            Self::log(label, crate::statistics::percentile(&sorted, 0.02), most)
+            Self::log(
+                label,
+                poegp_calibration::numeric::statistics::percentile(&sorted, 0.02),
+                most,
+            )
         } else {
             Self::linear(label, 0.0, 1.04 * most)
         }

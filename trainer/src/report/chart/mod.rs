@@ -8,7 +8,7 @@ mod axis;
 
 use maud::{Markup, html};
 
-pub use axis::{Axis, Scale, plain, round_125};
+pub use crate::report::chart::axis::{Axis, Scale, plain, round_125};
 
 /// What a mark belongs to: its colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -55,7 +55,7 @@ impl BoxOf {
         let mut sorted = values.to_vec();
         sorted.sort_by(f64::total_cmp);
         let max = *sorted.last()?;
-        let share = |p| crate::statistics::percentile(&sorted, p);
+        let share = |p| poegp_calibration::numeric::statistics::percentile(&sorted, p);
         Some(Self {
             name: name.into(),
             series,

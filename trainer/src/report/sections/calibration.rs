@@ -3,10 +3,11 @@
 
 use maud::{Markup, html};
 
-use crate::budget::Fitted;
-use crate::identify::{FrameChange, IdentifyReport};
 use crate::report::{Evidence, HeldOutFacts, Number, Provenance, Section};
-use crate::select;
+use poegp_calibration::identification::identifiability::IdentifyReport;
+use poegp_calibration::model::frame_changes::FrameChange;
+use poegp_calibration::validation::device_budget::Fitted;
+use poegp_calibration::validation::model_selection as select;
 
 /// Held-out poses that are listed.
 const WORST: usize = 10;

@@ -3,7 +3,7 @@
 use maud::{Markup, html};
 
 use crate::report::{Evidence, HeldOutFacts, How, Number, Section};
-use crate::statistics::ErrorSummary;
+use poegp_calibration::numeric::statistics::ErrorSummary;
 
 /// The sentence, and tiles with mean and 95 % of position and orientation, before and after.
 pub fn headline(evidence: &Evidence, facts: &HeldOutFacts) -> Section {

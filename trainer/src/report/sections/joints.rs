@@ -3,11 +3,11 @@
 use maud::html;
 use poegp_protocol::JointKind;
 
-use super::mean_and_error;
-use super::methods::keys;
-use crate::identify::{STILL_PRISMATIC, STILL_REVOLUTE};
 use crate::report::chart::{Axis, BoxOf, Plot, Series, boxes};
+use crate::report::sections::mean_and_error;
+use crate::report::sections::methods::keys;
 use crate::report::{Evidence, HeldOutFacts, Number, Section};
+use poegp_calibration::identification::identifiability::{STILL_PRISMATIC, STILL_REVOLUTE};
 
 /// Bins of a joint's range.
 const BINS: usize = 8;

@@ -158,7 +158,10 @@ fn cumulated(values: &[f64]) -> Vec<(f64, f64)> {
     let points = sorted.len().min(200);
     let point = |i: usize| {
         let share = i as f64 / (points - 1).max(1) as f64;
-        (crate::statistics::percentile(&sorted, share), 100.0 * share)
+        (
+            poegp_calibration::numeric::statistics::percentile(&sorted, share),
+            100.0 * share,
+        )
     };
     (0..points).map(point).collect()
 }
@@ -193,7 +196,7 @@ pub fn learning(facts: &HeldOutFacts) -> Section {
     let gain = 1.0 - last.errors.position_mm.mean / previous.errors.position_mm.mean;
     let at = |i: usize| format!("/held_out/learning_curve/{i}");
     let end = curve.len() - 1;
-    let row = |(i, p): (usize, &crate::learning::Point)| {
+    let row = |(i, p): (usize, &poegp_calibration::validation::learning_curve::Point)| {
         vec![
             html! { (Number::count(p.trained_on, format!("{}/trained_on", at(i)))) },
             html! { (Number::mm(p.errors.position_mm.mean, format!("{}/position_mm/mean", at(i)))) },

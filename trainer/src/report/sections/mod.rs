@@ -11,17 +11,17 @@ mod time;
 mod uncertainty;
 mod workspace;
 
-pub use calibration::{
+pub use crate::report::sections::calibration::{
     DeviceFacts, ListedOutlier, Ripple, choice, device, outliers, parameters, provenance,
 };
-pub use headline::headline;
-pub use joints::{joints, payloads};
-pub use methods::{distribution, learning, methods};
-pub use time::time;
-pub use uncertainty::uncertainty;
-pub use workspace::workspace;
+pub use crate::report::sections::headline::headline;
+pub use crate::report::sections::joints::{joints, payloads};
+pub use crate::report::sections::methods::{distribution, learning, methods};
+pub use crate::report::sections::time::time;
+pub use crate::report::sections::uncertainty::uncertainty;
+pub use crate::report::sections::workspace::workspace;
 
-use super::{Evidence, HeldOutFacts, Page};
+use crate::report::{Evidence, HeldOutFacts, Page};
 
 /// The sections about held-out errors alone, in their order.
 #[must_use]

@@ -2,8 +2,8 @@
 
 use maud::html;
 
-use super::mean_and_error;
 use crate::report::chart::{Axis, BoxOf, Plot, Series, boxes};
+use crate::report::sections::mean_and_error;
 use crate::report::{Evidence, HeldOutFacts, Number, Section};
 
 /// Rows of the running median, at least, and as a share of all.
@@ -35,7 +35,7 @@ pub fn time(evidence: &Evidence, facts: &HeldOutFacts) -> Section {
         let from = i.saturating_sub(window / 2).min(n - window);
         let mut part = errors[from..from + window].to_vec();
         part.sort_by(f64::total_cmp);
-        crate::statistics::percentile(&part, 0.5)
+        poegp_calibration::numeric::statistics::percentile(&part, 0.5)
     };
     let step = (n / 150).max(1);
     let line: Vec<(f64, f64)> = (0..n)

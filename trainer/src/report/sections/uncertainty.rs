@@ -2,9 +2,9 @@
 
 use maud::html;
 
-use crate::held_out::HeldOutPose;
 use crate::report::chart::{Axis, Plot, Series};
 use crate::report::{Evidence, HeldOutFacts, Number, Section};
+use poegp_calibration::validation::held_out::HeldOutPose;
 
 /// Largest |z| of the histogram, and its bins.
 const WIDEST: f64 = 4.0;

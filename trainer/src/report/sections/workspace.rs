@@ -2,10 +2,10 @@
 
 use maud::{Markup, html};
 
-use super::methods::keys;
-use crate::held_out::HeldOutPose;
 use crate::report::chart::{Axis, Plot, Series, plain, round_125};
+use crate::report::sections::methods::keys;
 use crate::report::{Evidence, HeldOutFacts, Number, Section};
+use poegp_calibration::validation::held_out::HeldOutPose;
 
 /// Length of an arrow that 95 % of the errors stay below, as a share of the widest side.
 const ARROW: f64 = 0.11;

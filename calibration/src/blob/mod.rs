@@ -1,0 +1,5 @@
+//! From a calibration to the bytes of a blob, and from the bytes to what a device predicts.
+
+pub mod predict;
+pub mod tool_fit;
+pub mod write;

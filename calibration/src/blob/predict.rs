@@ -1,0 +1,192 @@
+//! A blob as the device will run it: decoded, checked, in the `f32` runtime. The only source of predictions.
+
+use std::path::Path;
+
+use poegp_protocol::blob::{self, Blob, DecodeError};
+use poegp_runtime::load_error::LoadError;
+use poegp_runtime::model::{Model, words_for};
+use poegp_runtime::se3::Pose;
+use poegp_runtime::status::Status;
+
+use crate::input_error::InputError;
+use crate::measurement::sample::Sample;
+use crate::measurement::sample::ToolName;
+use crate::numeric::statistics::PoseError;
+
+/// Support points that the workstation's instance of the runtime holds. The device's holds 512; no result depends on it.
+pub const HOST_SUPPORT: usize = 4096;
+/// The workstation's instance.
+pub type HostModel = Model<f32, { words_for(HOST_SUPPORT) }>;
+
+/// Why bytes are not a model.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum BlobError {
+    /// Not a blob.
+    #[error(transparent)]
+    Decode(#[from] DecodeError),
+    /// Not a usable model.
+    #[error("the blob is intact but not a usable model: {0}")]
+    Load(#[from] LoadError),
+}
+
+/// A blob and the model it holds.
+#[derive(Debug)]
+pub struct LoadedBlob {
+    bytes: Vec<u8>,
+    model: Box<HostModel>,
+    instrument_from_base: Pose<f64>,
+    tools: Vec<(ToolName, Pose<f64>)>,
+}
+
+/// One prediction.
+#[derive(Clone, Copy, Debug)]
+pub struct Prediction {
+    /// `instrument_from_target`.
+    pub pose: Pose<f64>,
+    /// What it is worth.
+    pub status: Status,
+    /// 1 within what was trained, towards 0 far away.
+    pub trust: f32,
+    /// Standard deviation of one position component of a new measurement in metres, of a blob that knows it.
+    pub position_sigma: Option<f32>,
+}
+
+impl LoadedBlob {
+    /// Decodes and checks `bytes`.
+    ///
+    /// # Errors
+    /// [`BlobError`].
+    pub fn from_bytes(bytes: Vec<u8>) -> Result<Self, BlobError> {
+        Ok(Self {
+            bytes: bytes.clone(),
+            ..Self::decoded(&bytes)?
+        })
+    }
+
+    fn decoded(bytes: &[u8]) -> Result<Self, BlobError> {
+        let mut model = Box::new(HostModel::new());
+        let decoded = blob::decode(bytes)?;
+        model.load(&decoded)?;
+        let instrument_from_base = Pose::from_rows(&decoded.geometry.instrument_from_base);
+        let tool = |t: Result<blob::Tool<'_>, DecodeError>| -> Result<_, DecodeError> {
+            let t = t?;
+            let name = ToolName {
+                session: t.session.to_owned(),
+                target: t.target.to_owned(),
+            };
+            Ok((
+                name,
+                orthonormal(&Pose::<f32>::from_rows(&t.first_from_target).cast()),
+            ))
+        };
+        let tools = blob::tools(decoded.tools)
+            .map(tool)
+            .collect::<Result<Vec<_>, _>>()?;
+        Ok(Self {
+            model,
+            instrument_from_base,
+            tools,
+            bytes: Vec::new(),
+        })
+    }
+
+    /// Reads a blob from a file.
+    ///
+    /// # Errors
+    /// [`InputError`] names the file and what is wrong with it.
+    pub fn read(path: &Path) -> Result<Self, InputError> {
+        let expected = "a model blob written by `trainer calibrate`";
+        let bytes = std::fs::read(path).map_err(|e| InputError::unreadable(path, &e, expected))?;
+        let found = |e: BlobError| {
+            let error = InputError::new(path, e.to_string(), expected);
+            match e {
+                BlobError::Decode(DecodeError::UnknownVersion { .. }) => error
+                    .with_help("use the version of the trainer that wrote it, or calibrate anew"),
+                BlobError::Decode(DecodeError::WrongMagic) => error,
+                _ => error
+                    .with_help("copy the file again from where it was written, or calibrate anew"),
+            }
+        };
+        Self::from_bytes(bytes).map_err(found)
+    }
+
+    /// The words of the blob.
+    pub fn blob(&self) -> Blob<'_> {
+        blob::decode(&self.bytes).expect("decoded when this was made")
+    }
+
+    /// The bytes of the blob.
+    pub fn bytes(&self) -> &[u8] {
+        &self.bytes
+    }
+
+    /// The model.
+    pub fn model(&self) -> &HostModel {
+        &self.model
+    }
+
+    /// The predicted `instrument_from_target` for the controller's joints and the payload (0 when it is not known): the
+    /// runtime's `f32` pose in the base frame, carried to the instrument's frame in `f64`.
+    pub fn predict(&self, joints: &[f64], payload_kg: Option<f64>) -> Prediction {
+        let joints: Vec<f32> = joints.iter().map(|q| *q as f32).collect();
+        let answer = self
+            .model
+            .evaluate(&joints, payload_kg.unwrap_or(0.0) as f32);
+        Prediction {
+            pose: self.in_instrument(&answer.pose),
+            status: answer.status,
+            trust: answer.trust,
+            position_sigma: answer.position_sigma,
+        }
+    }
+
+    /// The base frame of the model, seen from the instrument.
+    pub fn instrument_from_base(&self) -> Pose<f64> {
+        self.instrument_from_base
+    }
+
+    /// A pose in the base frame as the runtime or a device computed it, seen from the instrument.
+    pub fn in_instrument(&self, base_from_target: &Pose<f32>) -> Pose<f64> {
+        orthonormal(&(self.instrument_from_base * base_from_target.cast::<f64>()))
+    }
+
+    /// The tools that the blob names; empty when there was only one without a name.
+    pub fn tools(&self) -> &[(ToolName, Pose<f64>)] {
+        &self.tools
+    }
+
+    /// The same as [`LoadedBlob::predict`] for a tool of the blob, by its index.
+    pub fn predict_tool(&self, joints: &[f64], payload_kg: Option<f64>, tool: usize) -> Prediction {
+        let first = self.predict(joints, payload_kg);
+        match self.tools.get(tool) {
+            Some((_, first_from_target)) if tool > 0 => Prediction {
+                pose: first.pose * *first_from_target,
+                ..first
+            },
+            _ => first,
+        }
+    }
+
+    /// The error of each sample's prediction, in order.
+    pub fn errors(&self, samples: &[Sample]) -> Vec<PoseError> {
+        samples
+            .iter()
+            .map(|s| {
+                let predicted = self.predict_tool(&s.joints, s.payload_kg, s.tool).pose;
+                let error = PoseError::between(&s.measured, &predicted);
+                if s.position_only {
+                    error.without_orientation()
+                } else {
+                    error
+                }
+            })
+            .collect()
+    }
+}
+
+/// The same pose with a rotation that is one to f64: a matrix of f32 is one to seven digits only. The nearest rotation is
+/// what a quaternion in a file says, and errors recomputed from that file must be the reported ones.
+fn orthonormal(pose: &Pose<f64>) -> Pose<f64> {
+    let (w, v) = pose.quaternion();
+    Pose::from_quaternion(w, &v, pose.translation)
+}

@@ -1,0 +1,468 @@
+//! From the f64 calibration to the bytes of a blob: the one place where numbers become `f32`.
+//!
+//! What that costs is measured on all data and refused when it is too much: a kernel that is smooth and a noise that is
+//! small can make weights so large that `f32` cancels (the error is about √N·2⁻²⁴·max|weight|/σ · signal).
+
+use heapless::Vec as FixedVec;
+use poegp_protocol::blob::{
+    self, Blob, Correction, CorrectionBound, Elastic, Geometry, Joint, JointKernel, PayloadGroup,
+    Provenance, Ranges, Ripple, Robot as WireRobot, TaskSpace, Tool, Transform, Units, Variance,
+};
+use poegp_runtime::chain::MinimalForm;
+use poegp_runtime::poe::Poe;
+use poegp_runtime::se3::Pose;
+
+use crate::blob::predict::{BlobError, HOST_SUPPORT, LoadedBlob};
+use crate::learning::elastic::reduced_model::ElasticModel;
+use crate::measurement::sample::Sample;
+use crate::measurement::sample::ToolName;
+use crate::model::{Calibration, CalibrationError, Method, Options, calibrate};
+use crate::robot::Robot;
+
+/// Largest position error of the `f32` blob against the f64 model, in metres.
+pub const MAX_F32_ERROR_M: f64 = 2e-6;
+/// Largest mean of it.
+pub const MEAN_F32_ERROR_M: f64 = 0.5e-6;
+
+/// Where a calibration comes from.
+#[derive(Clone, Debug)]
+pub struct Origin {
+    /// Serial number of the arm; empty when unknown.
+    pub serial_number: String,
+    /// Day of the calibration, ISO 8601, UTC.
+    pub date: String,
+    /// SHA-256 of the measurement file.
+    pub data_sha256: [u8; 32],
+    /// The tools that samples name by index.
+    pub tools: Vec<ToolName>,
+}
+
+/// What `f32` costs: the distance of the blob's poses from the f64 model's, on all samples.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Fidelity {
+    /// Mean in metres.
+    pub mean_m: f64,
+    /// Largest in metres.
+    pub max_m: f64,
+}
+
+/// A calibration with its blob.
+#[derive(Debug)]
+pub struct DeviceCalibration {
+    /// In f64.
+    pub calibration: Calibration,
+    /// As the device will have it.
+    pub blob: LoadedBlob,
+    /// What that costs.
+    pub fidelity: Fidelity,
+}
+
+/// Signal variances to fall back to, largest first.
+const SMALLER_SIGNAL_VARIANCES: [f64; 3] = [30.0, 10.0, 3.0];
+/// Share of the limits that a calibration should stay below, so that poses of other sets stay within them too.
+const COMFORTABLE: f64 = 0.7;
+
+/// Calibrates, and makes the blob. When single precision would cost too much, the process is fitted again with a
+/// smaller bound on its signal variance (on ten simulated arms 30 instead of 300 costs 0.5 % of accuracy and saves five
+/// sixths of the rounding error); `calibration.options` says which one it was.
+///
+/// # Errors
+/// [`CalibrationError`], [`ExportError`].
+pub fn calibrate_for_device(
+    nominal: &Poe<f64>,
+    robot: &Robot,
+    samples: &[Sample],
+    options: &Options,
+    origin: &Origin,
+) -> Result<DeviceCalibration, DeviceError> {
+    let bounds = std::iter::once(options.max_signal_variance).chain(
+        SMALLER_SIGNAL_VARIANCES
+            .into_iter()
+            .filter(|v| *v < options.max_signal_variance),
+    );
+    let mut best: Option<DeviceCalibration> = None;
+    let mut larger = options.larger;
+    for max_signal_variance in bounds {
+        let calibration = calibrate(
+            nominal,
+            robot.coupling.as_ref(),
+            samples,
+            &Options {
+                max_signal_variance,
+                larger,
+                ..*options
+            },
+        )?;
+        larger = (calibration.gp.as_ref()).map(|gp| std::array::from_fn(|c| *gp.output(c)));
+        let blob = to_bytes(&calibration, robot, origin, samples)?;
+        let blob = LoadedBlob::from_bytes(blob).map_err(ExportError::Unusable)?;
+        let fidelity = fidelity(&calibration, &blob, samples);
+        if best
+            .as_ref()
+            .is_none_or(|b| fidelity.worst_share() < b.fidelity.worst_share())
+        {
+            best = Some(DeviceCalibration {
+                calibration,
+                blob,
+                fidelity,
+            });
+        }
+        if fidelity.worst_share() <= COMFORTABLE || !options.method.has_gp() {
+            break;
+        }
+    }
+    match best {
+        Some(found) if found.fidelity.worst_share() <= 1.0 => Ok(found),
+        Some(found) => Err(ExportError::LosesPrecision(found.fidelity).into()),
+        None => Err(ExportError::DoesNotFit("signal variance").into()),
+    }
+}
+
+/// Why there is no calibration for the device.
+#[derive(Debug, thiserror::Error)]
+pub enum DeviceError {
+    /// The data could not be fitted.
+    #[error(transparent)]
+    Calibration(#[from] CalibrationError),
+    /// The blob could not be made.
+    #[error(transparent)]
+    Export(#[from] ExportError),
+}
+
+impl Fidelity {
+    /// The larger of the two shares of the limits.
+    pub fn worst_share(&self) -> f64 {
+        (self.max_m / MAX_F32_ERROR_M).max(self.mean_m / MEAN_F32_ERROR_M)
+    }
+}
+
+/// Why no blob was made.
+#[derive(Debug, thiserror::Error)]
+pub enum ExportError {
+    /// More training poses than the runtime holds.
+    #[error("{found} support points: the runtime holds {HOST_SUPPORT}")]
+    TooManyPoints {
+        /// Points of the model.
+        found: usize,
+    },
+    /// Something of the model does not fit into the words of a blob.
+    #[error("the model does not fit into a blob: {0}")]
+    DoesNotFit(&'static str),
+    /// The checked constructor refuses the blob.
+    #[error("the model cannot be run: {0}")]
+    Unusable(#[from] BlobError),
+    /// `f32` loses too much.
+    #[error(
+        "single precision would cost {:.2} µm at most and {:.3} µm in the mean; the limits are {:.0} and {:.1} µm",
+        .0.max_m * 1e6, .0.mean_m * 1e6, MAX_F32_ERROR_M * 1e6, MEAN_F32_ERROR_M * 1e6
+    )]
+    LosesPrecision(Fidelity),
+}
+
+/// Distance of the blob's poses from the f64 model's, where the correction is not bounded.
+pub fn fidelity(calibration: &Calibration, loaded: &LoadedBlob, samples: &[Sample]) -> Fidelity {
+    let instrument_from_base = calibration.ends.instrument_from_base;
+    let mut count = 0;
+    let mut out = Fidelity {
+        mean_m: 0.0,
+        max_m: 0.0,
+    };
+    for sample in samples {
+        let exact = instrument_from_base * calibration.predict(sample);
+        let stored = loaded.predict_tool(&sample.joints, sample.payload_kg, sample.tool);
+        if stored
+            .status
+            .contains(poegp_runtime::status::Status::CORRECTION_BOUNDED)
+        {
+            continue;
+        }
+        let distance = (exact.translation - stored.pose.translation).norm();
+        out.mean_m += distance;
+        count += 1;
+        out.max_m = out.max_m.max(distance);
+    }
+    out.mean_m /= f64::from(count.max(1));
+    out
+}
+
+/// A fixed vector of what fits, or the error that names what does not.
+fn fixed<T, const N: usize>(
+    items: impl IntoIterator<Item = T>,
+    what: &'static str,
+) -> Result<FixedVec<T, N>, ExportError> {
+    let mut out = FixedVec::new();
+    for item in items {
+        out.push(item).map_err(|_| ExportError::DoesNotFit(what))?;
+    }
+    Ok(out)
+}
+
+fn chain<const N: usize>(poe: &Poe<f64>) -> Result<FixedVec<Transform<f32>, N>, ExportError> {
+    fixed(
+        MinimalForm::new(poe)
+            .poe
+            .frames()
+            .iter()
+            .map(|f| f.cast::<f32>().to_rows()),
+        "frames",
+    )
+}
+
+fn to_bytes(
+    calibration: &Calibration,
+    robot: &Robot,
+    origin: &Origin,
+    samples: &[Sample],
+) -> Result<Vec<u8>, ExportError> {
+    let has_payload = samples.iter().all(|s| s.payload_kg.is_some());
+    let method = calibration.options.method;
+    let knows_payload = method == Method::PoeGpLoad || (method == Method::Elastic && has_payload);
+    let (task_space, mut rows) = task_space(calibration)?;
+    let elastic = calibration
+        .elastic
+        .as_ref()
+        .map(|e| elastic_words(e, calibration))
+        .transpose()?;
+    if let Some(elastic) = &calibration.elastic {
+        rows = little_endian(&elastic.rows);
+    }
+    let sigma = calibration.elastic.as_ref().and_then(|e| e.sigma.as_ref());
+    let landmarks = sigma.map_or(Vec::new(), |s| little_endian(&s.rows));
+    let joints = robot.joints.iter().map(|joint| Joint {
+        kind: joint.kind,
+        limits: joint
+            .limits
+            .map(|(lower, upper)| (lower as f32, upper as f32)),
+    });
+    let range = |value: &dyn Fn(&Sample) -> f64| {
+        let mut bounds = (f64::INFINITY, f64::NEG_INFINITY);
+        for sample in samples {
+            bounds = (bounds.0.min(value(sample)), bounds.1.max(value(sample)));
+        }
+        (bounds.0 as f32, bounds.1 as f32)
+    };
+    let wire_tools: Vec<Tool<'_>> = wire_tools(calibration, origin).collect();
+    let room: usize = wire_tools
+        .iter()
+        .map(|t| t.session.len() + t.target.len() + 64)
+        .sum();
+    let mut tool_bytes = vec![0; room];
+    let tools = blob::encode_tools(&wire_tools, &mut tool_bytes)
+        .map_err(|_| ExportError::DoesNotFit("tools"))?;
+    let blob = Blob {
+        robot: WireRobot {
+            name: &robot.name,
+            serial_number: &origin.serial_number,
+            joints: fixed(joints, "joints")?,
+            coupling: fixed(
+                robot.coupling.iter().flatten().flatten().map(|c| *c as f32),
+                "coupling",
+            )?,
+        },
+        units: Units::SI,
+        provenance: Provenance {
+            model: calibration.options.method.name(),
+            trainer_version: env!("CARGO_PKG_VERSION"),
+            date: &origin.date,
+            data_sha256: origin.data_sha256,
+            training_poses: samples.len() as u32,
+        },
+        ranges: Ranges {
+            joints: fixed(
+                (0..robot.joints.len()).map(|i| range(&|s| s.joints[i])),
+                "joint ranges",
+            )?,
+            payload_kg: knows_payload.then(|| range(&|s| s.payload_kg.unwrap_or(0.0))),
+        },
+        geometry: Geometry {
+            calibrated: chain(&calibration.calibrated)?,
+            nominal: chain(&calibration.nominal)?,
+            instrument_from_base: calibration.ends.instrument_from_base.to_rows(),
+            flange_from_target: calibration.ends.flange_from_targets[0].to_rows(),
+        },
+        correction: match (task_space, elastic) {
+            (Some(header), _) => Correction::TaskSpace(TaskSpace {
+                rows: &rows,
+                ..header
+            }),
+            (None, Some(words)) => Correction::Elastic(Elastic {
+                rows: &rows,
+                ..words
+            }),
+            (None, None) => Correction::None,
+        },
+        tools,
+        variance: sigma.map(|s| Variance {
+            floor_m2: s.header.floor as f32,
+            noise_m2: s.noise as f32,
+            gain: s.header.gain as f32,
+            landmarks: s.header.landmarks as u8,
+            rows: &landmarks,
+        }),
+    };
+    let names = room + robot.name.len() + origin.serial_number.len() + origin.date.len();
+    let mut buffer = vec![
+        0;
+        blob::HEADER_LENGTH
+            + blob::MAX_LENGTH_WITHOUT_ROWS
+            + names
+            + rows.len()
+            + landmarks.len()
+    ];
+    let length = blob::encode(&blob, &mut buffer)
+        .map_err(|_| ExportError::DoesNotFit("names"))?
+        .len();
+    buffer.truncate(length);
+    Ok(buffer)
+}
+
+/// The correction without its rows, and the bytes of the rows.
+fn task_space(
+    calibration: &Calibration,
+) -> Result<(Option<TaskSpace<'static>>, Vec<u8>), ExportError> {
+    let (Some((header, rows)), Some(gp)) = (calibration.mean(), &calibration.gp) else {
+        return Ok((None, Vec::new()));
+    };
+    if gp.inputs.len() > HOST_SUPPORT {
+        return Err(ExportError::TooManyPoints {
+            found: gp.inputs.len(),
+        });
+    }
+    // The form that takes the device less time, where the support allows it.
+    let (mut header, mut rows) = (*header, rows.clone());
+    header.fold(&mut rows);
+    let inputs = header.inputs;
+    let hyperparameters = gp
+        .hyperparameters
+        .iter()
+        .map(|h| h.to_array().map(|x| x as f32));
+    let mut affine: [FixedVec<f32, 10>; 6] = Default::default();
+    for (slots, values) in affine.iter_mut().zip(&header.affine) {
+        *slots = fixed(
+            values.iter().take(inputs + 1).map(|x| *x as f32),
+            "affine map",
+        )?;
+    }
+    let task_space = TaskSpace {
+        bound: bound(calibration),
+        hyperparameters: fixed(hyperparameters, "hyperparameters")?,
+        output_scale: gp.output_scale.map(|x| x as f32),
+        input_scale: fixed(
+            header.input_scale.iter().take(inputs).map(|x| *x as f32),
+            "input scales",
+        )?,
+        rates: header.rates.map(|rates| rates.map(|x| x as f32)),
+        affine,
+        rows: &[],
+        centre: match &header.centre {
+            Some(centre) => fixed(centre.iter().take(inputs).map(|x| *x as f32), "centre")?,
+            None => FixedVec::new(),
+        },
+    };
+    Ok((Some(task_space), little_endian(&rows)))
+}
+
+/// The tools by name, unless there is only one without a name.
+fn wire_tools<'a>(
+    calibration: &'a Calibration,
+    origin: &'a Origin,
+) -> impl Iterator<Item = Tool<'a>> {
+    let named = origin.tools.len() > 1 || origin.tools.iter().any(|t| *t != ToolName::default());
+    let tools = if named { origin.tools.as_slice() } else { &[] };
+    tools
+        .iter()
+        .zip(&calibration.tools)
+        .map(|(name, pose)| Tool {
+            session: &name.session,
+            target: &name.target,
+            first_from_target: pose.cast::<f32>().to_rows(),
+        })
+}
+
+fn little_endian(rows: &[f64]) -> Vec<u8> {
+    rows.iter()
+        .flat_map(|x| (*x as f32).to_le_bytes())
+        .collect()
+}
+
+fn bound(calibration: &Calibration) -> CorrectionBound {
+    CorrectionBound {
+        position_m: calibration.bound.0 as f32,
+        angle_rad: calibration.bound.1 as f32,
+    }
+}
+
+/// The elastic correction without its rows.
+fn elastic_words(
+    elastic: &ElasticModel,
+    calibration: &Calibration,
+) -> Result<Elastic<'static>, ExportError> {
+    let n = calibration.calibrated.kinds().len();
+    let d = &elastic.deflection;
+    let mut gravity = elastic.gravity;
+    gravity.turn_into(&MinimalForm::new(&calibration.calibrated));
+    let (gravity, processes) = (&gravity, &d.processes);
+    let single = |v: &nalgebra::Vector3<f64>| [v[0] as f32, v[1] as f32, v[2] as f32];
+    let links = (0..n).flat_map(|c| (c..n).map(move |j| single(&gravity.links[c][j])));
+    let payload = (0..n).map(|c| {
+        let offset = single(&gravity.payload_offset[c]);
+        [
+            gravity.payload_lever[c] as f32,
+            offset[0],
+            offset[1],
+            offset[2],
+        ]
+    });
+    let ripple = d.ripple.iter().map(|t| Ripple {
+        joint: t.joint as u8,
+        cycles: t.cycles as f32,
+        sin: t.sin as f32,
+        cos: t.cos as f32,
+    });
+    let mut kernels = FixedVec::new();
+    if !elastic.rows.is_empty() {
+        for k in &processes.kernels[..n] {
+            let kernel = JointKernel {
+                rates: fixed(k.rates()[..n].iter().map(|x| *x as f32), "rates")?,
+                payload_rate: k.payload_rate as f32,
+                amplitude: k.amplitude as f32,
+                payload_amplitude: k.payload_amplitude as f32,
+            };
+            kernels
+                .push(kernel)
+                .map_err(|_| ExportError::DoesNotFit("kernels"))?;
+        }
+    }
+    let groups = processes.groups.iter().map(|g| PayloadGroup {
+        payload_kg: g.payload_kg as f32,
+        points: g.points as u16,
+    });
+    let count = processes.groups.len();
+    let sets = processes
+        .sets
+        .iter()
+        .map(|set| fixed(set.points()[..count].iter().copied(), "support sets"));
+    let sets: Vec<_> = sets.collect::<Result<_, _>>()?;
+    Ok(Elastic {
+        bound: bound(calibration),
+        gravity: single(&gravity.gravity),
+        links: fixed(links, "gravity terms")?,
+        payload: fixed(payload, "payload terms")?,
+        ripple: fixed(ripple, "gear ripple")?,
+        kernels,
+        tied: processes.tied,
+        sets: fixed(sets, "support sets")?,
+        groups: fixed(groups, "payload groups")?,
+        rows: &[],
+    })
+}
+
+/// The chain of `robot` as the runtime has it, from base to flange.
+///
+/// # Errors
+/// Never for a robot that was loaded: it has 1 to 8 joints and one frame more.
+pub fn nominal_chain(robot: &Robot) -> Result<Poe<f64>, poegp_runtime::poe::WrongChain> {
+    let kinds: Vec<_> = robot.joints.iter().map(|j| j.kind).collect();
+    let frames: Vec<Pose<f64>> = robot.parent_from_joint.clone();
+    Poe::new(&kinds, &frames)
+}

@@ -1,0 +1,224 @@
+//! Base-tool calibration: where the instrument stands and where the target sits, the arm as its maker drew it.
+//!
+//! T′ = instrument_from_base · f_nominal(q) · flange_from_target with both ends unknown. A closed form for the rotations
+//! (linear in both, smallest eigenvector) and then the translations gives the start; when all poses have much the same
+//! orientation it is meaningless, so 24 turned tools are tried beside it. The best are refined by least squares,
+//! unweighted in metres and radians with the rotation taken at the tool point. Its result is the gauge of every model:
+//! "base" and "flange" in a blob mean these.
+
+use faer::linalg::solvers::SolveLstsq;
+use faer::{Mat, Side};
+use nalgebra::{Matrix3, Vector3};
+use poegp_runtime::poe::Poe;
+use poegp_runtime::se3::Pose;
+
+use crate::measurement::sample::Sample;
+
+use crate::identification::frame_fit::{FrameFit, ResidualKind, cost, fit_frames};
+use crate::measurement::noise::Scales;
+
+/// Metres and radians count alike.
+pub const UNWEIGHTED: ResidualKind = ResidualKind::ToolCentred(Scales::ONE);
+
+/// Where instrument and target are.
+#[derive(Clone, Copy, Debug)]
+pub struct BaseTool {
+    /// `instrument_from_base`.
+    pub instrument_from_base: Pose<f64>,
+    /// `flange_from_target`.
+    pub flange_from_target: Pose<f64>,
+    /// What the fit did.
+    pub fit: FrameFit,
+}
+
+/// Starts that are refined.
+const REFINED: usize = 3;
+
+/// Calibrates base and tool of the nominal chain (base to flange) to measured `instrument_from_target` poses.
+pub fn base_tool(nominal: &Poe<f64>, samples: &[Sample]) -> BaseTool {
+    let flanges: Vec<Pose<f64>> = samples.iter().map(|s| nominal.forward(&s.serial)).collect();
+    let mut starts: Vec<(f64, Poe<f64>)> = candidate_rotations(samples, &flanges)
+        .into_iter()
+        .map(|(base, tool)| {
+            let (base_translation, tool_translation) = translations(samples, &flanges, &base);
+            let chain = with_ends(
+                nominal,
+                &Pose {
+                    rotation: base,
+                    translation: base_translation,
+                },
+                &Pose {
+                    rotation: tool,
+                    translation: tool_translation,
+                },
+            );
+            (cost(&chain, samples, UNWEIGHTED), chain)
+        })
+        .collect();
+    starts.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let last = nominal.kinds().len();
+    let refine = |(_, mut chain): (f64, Poe<f64>)| {
+        let fit = fit_frames(&mut chain, samples, &[0, last], UNWEIGHTED);
+        (fit, chain)
+    };
+    let (fit, chain) = starts
+        .into_iter()
+        .take(REFINED)
+        .map(refine)
+        .reduce(|a, b| if b.0.rms < a.0.rms { b } else { a })
+        .expect("the closed form is always a candidate");
+    BaseTool {
+        instrument_from_base: chain.frames()[0] * nominal.frames()[0].inverse(),
+        flange_from_target: nominal.frames()[last].inverse() * chain.frames()[last],
+        fit,
+    }
+}
+
+/// The chain from the instrument to the target.
+pub fn with_ends(
+    nominal: &Poe<f64>,
+    instrument_from_base: &Pose<f64>,
+    flange_from_target: &Pose<f64>,
+) -> Poe<f64> {
+    let mut chain = *nominal;
+    let last = nominal.kinds().len();
+    let frames = chain.frames_mut();
+    frames[0] = *instrument_from_base * frames[0];
+    frames[last] = frames[last] * *flange_from_target;
+    chain
+}
+
+/// Pairs (base, tool) of rotations to start from.
+fn candidate_rotations(
+    samples: &[Sample],
+    flanges: &[Pose<f64>],
+) -> Vec<(Matrix3<f64>, Matrix3<f64>)> {
+    let mut out = vec![closed_form(samples, flanges)];
+    for tool in cube_rotations() {
+        // The base that fits this tool best: the mean of M (A T)ᵀ, projected.
+        let sum = samples
+            .iter()
+            .zip(flanges)
+            .fold(Matrix3::zeros(), |sum, (sample, flange)| {
+                sum + sample.measured.rotation * (flange.rotation * tool).transpose()
+            });
+        out.push((nearest_rotation(&sum), tool));
+    }
+    out
+}
+
+/// Rotations with Xᵀ M = A Y for all poses (measured M, flange A): the smallest eigenvector of an 18×18 matrix.
+fn closed_form(samples: &[Sample], flanges: &[Pose<f64>]) -> (Matrix3<f64>, Matrix3<f64>) {
+    let mut normal = Mat::<f64>::zeros(18, 18);
+    for (sample, flange) in samples.iter().zip(flanges) {
+        let (m, a) = (&sample.measured.rotation, &flange.rotation);
+        for i in 0..3 {
+            for j in 0..3 {
+                let mut row = [0.0; 18];
+                for k in 0..3 {
+                    row[3 * i + k] = m[(k, j)];
+                    row[9 + 3 * k + j] -= a[(i, k)];
+                }
+                for (p, x) in row.iter().enumerate() {
+                    for (q, y) in row.iter().enumerate() {
+                        normal[(p, q)] += x * y;
+                    }
+                }
+            }
+        }
+    }
+    let Ok(eigen) = normal.self_adjoint_eigen(Side::Lower) else {
+        return (Matrix3::identity(), Matrix3::identity());
+    };
+    let smallest = |i: usize| eigen.U()[(i, 0)];
+    let x = Matrix3::from_fn(|i, j| smallest(3 * i + j));
+    let y = Matrix3::from_fn(|i, j| smallest(9 + 3 * i + j));
+    let sign = if x.determinant() < 0.0 { -1.0 } else { 1.0 };
+    (
+        nearest_rotation(&(x.transpose() * sign)),
+        nearest_rotation(&(y * sign)),
+    )
+}
+
+/// Translations of base and tool by linear least squares, given the base's rotation.
+fn translations(
+    samples: &[Sample],
+    flanges: &[Pose<f64>],
+    base: &Matrix3<f64>,
+) -> (Vector3<f64>, Vector3<f64>) {
+    let mut a = Mat::<f64>::zeros(3 * samples.len(), 6);
+    let mut b = Mat::<f64>::zeros(3 * samples.len(), 1);
+    for (k, (sample, flange)) in samples.iter().zip(flanges).enumerate() {
+        let turned = base * flange.rotation;
+        let rest = sample.measured.translation - base * flange.translation;
+        for i in 0..3 {
+            a[(3 * k + i, i)] = 1.0;
+            for j in 0..3 {
+                a[(3 * k + i, 3 + j)] = turned[(i, j)];
+            }
+            b[(3 * k + i, 0)] = rest[i];
+        }
+    }
+    // Column pivoting alone would let a tool that cannot be told from the base run away: a pinch of ridge does not.
+    let mut ridge = Mat::<f64>::zeros(a.nrows() + 6, 6);
+    ridge
+        .as_mut()
+        .submatrix_mut(0, 0, a.nrows(), 6)
+        .copy_from(&a);
+    for i in 0..6 {
+        ridge[(a.nrows() + i, i)] = 1e-6;
+    }
+    let mut rest = Mat::<f64>::zeros(a.nrows() + 6, 1);
+    rest.as_mut()
+        .submatrix_mut(0, 0, a.nrows(), 1)
+        .copy_from(&b);
+    let x = ridge.qr().solve_lstsq(&rest);
+    (
+        Vector3::new(x[(0, 0)], x[(1, 0)], x[(2, 0)]),
+        Vector3::new(x[(3, 0)], x[(4, 0)], x[(5, 0)]),
+    )
+}
+
+/// The rotation nearest to a matrix (Frobenius norm).
+pub fn nearest_rotation(m: &Matrix3<f64>) -> Matrix3<f64> {
+    let svd = m.svd(true, true);
+    let (Some(u), Some(v)) = (svd.u, svd.v_t) else {
+        return Matrix3::identity();
+    };
+    let sign = if (u * v).determinant() < 0.0 {
+        -1.0
+    } else {
+        1.0
+    };
+    u * Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, sign)) * v
+}
+
+/// The 24 rotations that map a cube to itself.
+fn cube_rotations() -> Vec<Matrix3<f64>> {
+    let mut out = Vec::with_capacity(24);
+    let axes = [Vector3::x(), Vector3::y(), Vector3::z()];
+    for first in 0..3 {
+        for second in (0..3).filter(|second| *second != first) {
+            for (a, b) in [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)] {
+                let (x, y) = (axes[first] * a, axes[second] * b);
+                out.push(Matrix3::from_columns(&[x, y, x.cross(&y)]));
+            }
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_cube_has_24_different_rotations() {
+        let all = cube_rotations();
+        for (i, a) in all.iter().enumerate() {
+            assert!((a.determinant() - 1.0).abs() < 1e-12);
+            assert!(all[..i].iter().all(|b| (a - b).norm() > 0.5));
+        }
+        assert_eq!(all.len(), 24);
+    }
+}

@@ -1,0 +1,132 @@
+//! Base and tools of any data: several sessions and targets, whole poses or positions alone.
+//!
+//! One base frame for all measurements, one tool frame for each session and target. With one tool and whole poses this
+//! is the paper's base-tool calibration ([`super::base_tool`]). Otherwise a start is made from what there is, and base and
+//! tools are refined together on the nominal arm. A position alone cannot tell how its target is turned: that rotation
+//! stays the start's.
+
+use nalgebra::{Matrix3, Vector3};
+use poegp_runtime::poe::Poe;
+use poegp_runtime::se3::Pose;
+
+use crate::identification::base_tool::{base_tool, nearest_rotation};
+use crate::identification::frame_fit::FrameFit;
+use crate::identification::parametric::fit::fit_ends;
+use crate::identification::parametric::state::{Layout, State};
+use crate::measurement::sample::Sample;
+
+/// Where instrument and targets are.
+#[derive(Clone, Debug)]
+pub struct Ends {
+    /// `instrument_from_base`.
+    pub instrument_from_base: Pose<f64>,
+    /// `flange_from_target` of each tool.
+    pub flange_from_targets: Vec<Pose<f64>>,
+    /// What the fit did.
+    pub fit: FrameFit,
+}
+
+/// Number of tools that the samples name.
+pub fn tool_count(samples: &[Sample]) -> usize {
+    samples.iter().map(|s| s.tool + 1).max().unwrap_or(1)
+}
+
+/// Calibrates base and tools of the nominal chain (base to flange) to measured `instrument_from_target` poses.
+pub fn ends(nominal: &Poe<f64>, samples: &[Sample]) -> Ends {
+    let tools = tool_count(samples);
+    if tools == 1 && samples.iter().all(|s| !s.position_only) {
+        let found = base_tool(nominal, samples);
+        return Ends {
+            instrument_from_base: found.instrument_from_base,
+            flange_from_targets: vec![found.flange_from_target],
+            fit: found.fit,
+        };
+    }
+    let base = start_of_base(nominal, samples);
+    let starts: Vec<Pose<f64>> = (0..tools)
+        .map(|t| start_of_tool(nominal, samples, &base, t))
+        .collect();
+    let last = nominal.kinds().len();
+    let mut chain = *nominal;
+    chain.frames_mut()[0] = base * nominal.frames()[0];
+    let flange = nominal.frames()[last];
+    let layout = Layout {
+        joints: last,
+        tools,
+        gravity: false,
+        payload: false,
+        ripple: Vec::new(),
+    };
+    let ends: Vec<Pose<f64>> = starts.iter().map(|t| flange * *t).collect();
+    let mut state = State::new(&chain, ends, None, layout, Vector3::zeros());
+    let fit = fit_ends(&mut state, samples);
+    Ends {
+        instrument_from_base: state.frames[0] * nominal.frames()[0].inverse(),
+        flange_from_targets: state.tools.iter().map(|t| flange.inverse() * *t).collect(),
+        fit,
+    }
+}
+
+/// `instrument_from_base` from the largest group of whole poses, else from the positions with the target at the flange.
+fn start_of_base(nominal: &Poe<f64>, samples: &[Sample]) -> Pose<f64> {
+    let whole = |tool: usize| {
+        samples
+            .iter()
+            .filter(move |s| s.tool == tool && !s.position_only)
+    };
+    let largest = (0..tool_count(samples))
+        .max_by_key(|t| whole(*t).count())
+        .unwrap_or(0);
+    let poses: Vec<Sample> = whole(largest).cloned().collect();
+    if poses.len() >= 3 {
+        return base_tool(nominal, &poses).instrument_from_base;
+    }
+    let flanges: Vec<Vector3<f64>> = samples
+        .iter()
+        .map(|s| nominal.forward(&s.serial).translation)
+        .collect();
+    let measured: Vec<Vector3<f64>> = samples.iter().map(|s| s.measured.translation).collect();
+    aligned(&flanges, &measured)
+}
+
+/// The rigid transform that takes `from` to `to` best (Umeyama).
+pub fn aligned(from: &[Vector3<f64>], to: &[Vector3<f64>]) -> Pose<f64> {
+    let mean = |v: &[Vector3<f64>]| v.iter().sum::<Vector3<f64>>() / v.len().max(1) as f64;
+    let (a, b) = (mean(from), mean(to));
+    let sum = from.iter().zip(to).fold(Matrix3::zeros(), |sum, (x, y)| {
+        sum + (y - b) * (x - a).transpose()
+    });
+    let rotation = nearest_rotation(&sum);
+    Pose {
+        rotation,
+        translation: b - rotation * a,
+    }
+}
+
+/// `flange_from_target` of one tool as the mean over its samples, seen through the base.
+fn start_of_tool(
+    nominal: &Poe<f64>,
+    samples: &[Sample],
+    base: &Pose<f64>,
+    tool: usize,
+) -> Pose<f64> {
+    let (mut turn, mut shift, mut count, mut whole) = (Matrix3::zeros(), Vector3::zeros(), 0.0, 0);
+    for sample in samples.iter().filter(|s| s.tool == tool) {
+        let seen = (*base * nominal.forward(&sample.serial)).inverse() * sample.measured;
+        shift += seen.translation;
+        count += 1.0;
+        if !sample.position_only {
+            turn += seen.rotation;
+            whole += 1;
+        }
+    }
+    let rotation = if whole > 0 {
+        nearest_rotation(&turn)
+    } else {
+        Matrix3::identity()
+    };
+    Pose {
+        rotation,
+        translation: if count > 0.0 { shift / count } else { shift },
+    }
+}

@@ -1,0 +1,213 @@
+//! Least squares over the fixed frames of a chain: base-tool calibration and step 1 are the same solver with other
+//! frames free.
+//!
+//! Every free frame i has six parameters δ_i that multiply it from the left, e^p̂_i ← e^δ̂_i e^p̂_i. (The paper's additive
+//! update p ← p + δp is not Gauss–Newton and still creeps after eleven steps; this one is done in two.) Of the 42
+//! parameters of a six-axis arm 30 are identifiable; steps are of minimum norm, and damped whenever a step would not
+//! lower the cost, so that the solver cannot diverge.
+
+use faer::Mat;
+use poegp_protocol::limits::MAX_FRAMES;
+use poegp_runtime::poe::Poe;
+use poegp_runtime::se3::{Matrix6, Pose, Twist, residual};
+
+use crate::measurement::noise::Scales;
+use crate::measurement::sample::Sample;
+
+/// What is compared, and in which frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum ResidualKind {
+    /// Log(T′T⁻¹) at the origin of the space frame, metres and radians unweighted: the paper's.
+    Space,
+    /// Displacement and rotation at the tool point, axes of the space frame, divided by the noise of each.
+    ToolCentred(Scales),
+}
+
+impl ResidualKind {
+    /// With the scales of one row.
+    fn of(self, sample: &Sample) -> Self {
+        match self {
+            Self::Space => Self::Space,
+            Self::ToolCentred(scales) => Self::ToolCentred(scales.of(sample)),
+        }
+    }
+}
+
+/// What a fit did.
+#[derive(Clone, Copy, Debug)]
+pub struct FrameFit {
+    /// Steps taken.
+    pub iterations: usize,
+    /// Root mean square of the weighted residual components.
+    pub rms: f64,
+    /// Identifiable directions among the free parameters.
+    pub rank: usize,
+    /// Free parameters.
+    pub parameters: usize,
+}
+
+/// Singular values below this share of the largest count as zero.
+const RELATIVE_RANK_TOLERANCE: f64 = 1e-10;
+/// Most steps.
+const MAX_ITERATIONS: usize = 60;
+/// Relative decrease of the cost below which the fit has converged.
+const CONVERGED: f64 = 1e-12;
+
+/// The residual of one pose, six components; in units of the scales as they are, whatever the row's own.
+pub fn residual_components(
+    kind: ResidualKind,
+    measured: &Pose<f64>,
+    predicted: &Pose<f64>,
+) -> [f64; 6] {
+    match kind {
+        ResidualKind::Space => residual(measured, predicted).to_array(),
+        ResidualKind::ToolCentred(scales) => {
+            let mut turned = *measured * predicted.inverse();
+            turned.translation = measured.translation - predicted.translation;
+            let angular = Pose {
+                translation: nalgebra::Vector3::zeros(),
+                ..turned
+            }
+            .log()
+            .angular;
+            let p = turned.translation / scales.position;
+            let r = angular / scales.orientation;
+            [p[0], p[1], p[2], r[0], r[1], r[2]]
+        }
+    }
+}
+
+/// The rows that [`residual_components`] has for one block of the identification Jacobian.
+fn block_rows(kind: ResidualKind, block: &Matrix6<f64>, predicted: &Pose<f64>) -> Matrix6<f64> {
+    let ResidualKind::ToolCentred(scales) = kind else {
+        return *block;
+    };
+    let mut out = [[0.0; 6]; 6];
+    for column in 0..6 {
+        let twist = Twist::from_array(&std::array::from_fn(|row| block[row][column]));
+        let at_tool = twist.at_point(&predicted.translation).to_array();
+        for row in 0..6 {
+            out[row][column] = at_tool[row]
+                / if row < 3 {
+                    scales.position
+                } else {
+                    scales.orientation
+                };
+        }
+    }
+    out
+}
+
+/// Residuals (6k) and identification Jacobian (6k × 6·free) at the chain as it is.
+pub fn linearise(
+    poe: &Poe<f64>,
+    samples: &[Sample],
+    free: &[usize],
+    kind: ResidualKind,
+) -> (Mat<f64>, Mat<f64>) {
+    let mut y = Mat::zeros(6 * samples.len(), 1);
+    let mut a = Mat::zeros(6 * samples.len(), 6 * free.len());
+    for (k, sample) in samples.iter().enumerate() {
+        let (blocks, predicted): ([Matrix6<f64>; MAX_FRAMES], _) =
+            poe.identification_jacobian(&sample.serial);
+        let kind = kind.of(sample);
+        let components = residual_components(kind, &sample.measured, &predicted);
+        for (row, component) in components.into_iter().enumerate() {
+            y[(6 * k + row, 0)] = component;
+        }
+        for (position, frame) in free.iter().enumerate() {
+            let rows = block_rows(kind, &blocks[*frame], &predicted);
+            for (row, values) in rows.iter().enumerate() {
+                for (column, value) in values.iter().enumerate() {
+                    a[(6 * k + row, 6 * position + column)] = *value;
+                }
+            }
+        }
+    }
+    (y, a)
+}
+
+/// Sum of squares of all residual components.
+pub fn cost(poe: &Poe<f64>, samples: &[Sample], kind: ResidualKind) -> f64 {
+    let of = |sample: &Sample| {
+        let predicted = poe.forward(&sample.serial);
+        residual_components(kind.of(sample), &sample.measured, &predicted)
+    };
+    samples.iter().flat_map(of).map(|r| r * r).sum()
+}
+
+/// The chain with each free frame multiplied from the left by Exp of its six parameters.
+fn updated(poe: &Poe<f64>, free: &[usize], step: &Mat<f64>) -> Poe<f64> {
+    let mut out = *poe;
+    for (position, frame) in free.iter().enumerate() {
+        let twist = Twist::from_array(&std::array::from_fn(|i| step[(6 * position + i, 0)]));
+        let frame = &mut out.frames_mut()[*frame];
+        *frame = Pose::exp(&twist) * *frame;
+    }
+    out
+}
+
+/// Moves the `free` frames of `poe` to the least-squares fit of `samples`.
+pub fn fit_frames(
+    poe: &mut Poe<f64>,
+    samples: &[Sample],
+    free: &[usize],
+    kind: ResidualKind,
+) -> FrameFit {
+    let mut current = cost(poe, samples, kind);
+    let mut report = FrameFit {
+        iterations: 0,
+        rms: 0.0,
+        rank: 0,
+        parameters: 6 * free.len(),
+    };
+    let mut damping = 0.0;
+    while report.iterations < MAX_ITERATIONS {
+        let (y, a) = linearise(poe, samples, free, kind);
+        let Ok(svd) = a.thin_svd() else { break };
+        let values: Vec<f64> = svd.S().column_vector().iter().copied().collect();
+        let largest = values.first().copied().unwrap_or(0.0);
+        let kept = values
+            .iter()
+            .filter(|s| **s > RELATIVE_RANK_TOLERANCE * largest)
+            .count();
+        report.rank = kept;
+        let projected = svd.U().transpose() * &y;
+        let mut accepted = None;
+        for _ in 0..30 {
+            let damped = |i: usize| {
+                let s = values[i];
+                if i < kept {
+                    s / (s * s + damping) * projected[(i, 0)]
+                } else {
+                    0.0
+                }
+            };
+            let step = svd.V() * Mat::from_fn(values.len(), 1, |i, _| damped(i));
+            let candidate = updated(poe, free, &step);
+            let value = cost(&candidate, samples, kind);
+            if value <= current {
+                accepted = Some((candidate, value));
+                break;
+            }
+            damping = (damping * 10.0).max(1e-12 * largest * largest);
+        }
+        let Some((candidate, value)) = accepted else {
+            break;
+        };
+        report.iterations += 1;
+        *poe = candidate;
+        damping = if damping < 1e-11 * largest * largest {
+            0.0
+        } else {
+            damping * 0.1
+        };
+        let decrease = current - value;
+        current = value;
+        if decrease <= CONVERGED * current {
+            break;
+        }
+    }
+    report.rms = (current / (6 * samples.len()).max(1) as f64).sqrt();
+    report
+}

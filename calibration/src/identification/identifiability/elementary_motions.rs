@@ -1,0 +1,182 @@
+//! Single motions that a person can name, and directions written in them.
+//!
+//! There are more names than identifiable directions: joint 3's offset is also a rotation of the link before it. Names
+//! are taken in the order base, tool, offsets, lengths, tilts, each only if those before do not make it up.
+
+use faer::Mat;
+use faer::linalg::solvers::Solve;
+use poegp_protocol::JointKind;
+
+use crate::identification::identifiability::subspaces::Space;
+use crate::identification::identifiability::{Frame, Part, ROUNDING};
+
+/// Share of a new name that must not be made up by earlier ones. The axes of a fitted arm are a little off parallel, and
+/// names that differ by no more than that would all be correlated; only where there are no better ones are they taken.
+const NEW: [f64; 3] = [0.05, 1e-3, 1e-6];
+/// Coefficients of a circuit below this share of its largest are not named.
+const NAMED: f64 = 0.2;
+/// Links are named only where base, tool and offsets do not do: their share when a name is chosen.
+const LINK_WEIGHT: f64 = 0.5;
+
+/// A motion of one frame: along or about one of its axes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Atom {
+    /// Which frame.
+    pub part: Part,
+    /// 0–2 along x, y, z; 3–5 about them.
+    pub axis: usize,
+    /// Whether it is the offset of the joint before the frame.
+    pub offset: bool,
+    column: usize,
+}
+
+/// The identifiable directions in terms of atoms.
+pub struct Coordinates {
+    /// As many as can be identified.
+    pub atoms: Vec<Atom>,
+    /// Parameters to coefficients of the atoms, `atoms × parameters`; redundant parts are dropped.
+    pub from_parameters: Mat<f64>,
+}
+
+/// A direction as the atoms that make it up, the strongest first, with their coefficients.
+pub type Circuit = Vec<(Atom, f64)>;
+
+impl Coordinates {
+    /// For the frames of a task whose identifiable space is `possible`.
+    pub fn new(frames: &[Frame], kinds: &[JointKind], possible: &Space) -> Option<Self> {
+        let basis = possible.told();
+        let mut orthonormal: Vec<Vec<f64>> = Vec::new();
+        let mut atoms = Vec::new();
+        let mut left = candidates(frames, kinds);
+        for new in NEW {
+            left.retain(|atom| {
+                let full: Vec<f64> = (0..basis.ncols())
+                    .map(|j| basis[(atom.column, j)])
+                    .collect();
+                let mut rest = full.clone();
+                // Twice, so that rounding does not grow.
+                for _ in 0..2 {
+                    for q in &orthonormal {
+                        let share: f64 = q.iter().zip(&rest).map(|(a, b)| a * b).sum();
+                        rest.iter_mut().zip(q).for_each(|(r, q)| *r -= share * q);
+                    }
+                }
+                let norm = |v: &[f64]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
+                let length = norm(&rest);
+                let is_new = length > ROUNDING && length > new * norm(&full);
+                if is_new {
+                    orthonormal.push(rest.iter().map(|r| r / length).collect());
+                    atoms.push(*atom);
+                }
+                !is_new
+            });
+        }
+        if atoms.len() != basis.ncols() {
+            return None;
+        }
+        let square = Mat::from_fn(atoms.len(), atoms.len(), |i, j| basis[(atoms[j].column, i)]);
+        let from_parameters = square.partial_piv_lu().solve(basis.transpose().to_owned());
+        Some(Self {
+            atoms,
+            from_parameters,
+        })
+    }
+
+    /// How much of each atom is in the orthonormal `directions`, 0 to 1.
+    pub fn shares(&self, directions: &Mat<f64>) -> Vec<f64> {
+        let y = &self.from_parameters * directions;
+        let norm = |i: usize| {
+            (0..y.ncols())
+                .map(|j| y[(i, j)].powi(2))
+                .sum::<f64>()
+                .sqrt()
+        };
+        (0..y.nrows()).map(|i| norm(i).min(1.0)).collect()
+    }
+
+    /// The space of `directions` as circuits, each with an atom that no other has.
+    pub fn circuits(&self, directions: &Mat<f64>) -> Vec<Circuit> {
+        let mut y = &self.from_parameters * directions;
+        let (rows, count) = (y.nrows(), y.ncols());
+        let weight = |i: usize| match self.atoms[i] {
+            Atom { offset: true, .. } => 1.0,
+            Atom {
+                part: Part::Link(_),
+                ..
+            } => LINK_WEIGHT,
+            _ => 1.0,
+        };
+        let mut pivots: Vec<usize> = Vec::new();
+        for column in 0..count {
+            let mut best = (0.0, 0, column);
+            for j in column..count {
+                for i in (0..rows).filter(|i| !pivots.contains(i)) {
+                    let value = weight(i) * y[(i, j)].abs();
+                    if value > best.0 {
+                        best = (value, i, j);
+                    }
+                }
+            }
+            let (value, row, from) = best;
+            if value == 0.0 {
+                break;
+            }
+            for i in 0..rows {
+                (y[(i, column)], y[(i, from)]) = (y[(i, from)], y[(i, column)]);
+            }
+            let pivot = y[(row, column)];
+            for i in 0..rows {
+                y[(i, column)] /= pivot;
+            }
+            for j in (0..count).filter(|j| *j != column) {
+                let factor = y[(row, j)];
+                for i in 0..rows {
+                    y[(i, j)] -= factor * y[(i, column)];
+                }
+            }
+            pivots.push(row);
+        }
+        (0..pivots.len())
+            .map(|j| {
+                let largest = (0..rows).fold(0.0_f64, |m, i| m.max(y[(i, j)].abs()));
+                let mut circuit: Circuit = (0..rows)
+                    .filter(|i| y[(*i, j)].abs() > NAMED * largest)
+                    .map(|i| (self.atoms[i], y[(i, j)]))
+                    .collect();
+                circuit.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
+                circuit
+            })
+            .collect()
+    }
+}
+
+/// All atoms in the order in which they are preferred.
+fn candidates(frames: &[Frame], kinds: &[JointKind]) -> Vec<Atom> {
+    let atom = |index: usize, axis: usize| {
+        let part = frames[index].part;
+        let own_axis = |joint: usize| match kinds[joint - 1] {
+            JointKind::Revolute => 5,
+            JointKind::Prismatic => 2,
+        };
+        Atom {
+            part,
+            axis,
+            offset: matches!(part, Part::Link(joint) if own_axis(joint) == axis),
+            column: 6 * index + axis,
+        }
+    };
+    let mut out: Vec<Atom> = (0..frames.len())
+        .flat_map(|index| (0..6).map(move |axis| (index, axis)))
+        .map(|(index, axis)| atom(index, axis))
+        .collect();
+    let rank = |a: &Atom| match (a.part, a.offset, a.axis) {
+        (Part::Base, ..) => 0,
+        (Part::Tool(_), ..) => 1,
+        (Part::Link(_), true, _) => 2,
+        (Part::Link(_), false, 2) => 3,
+        (Part::Link(_), false, 0 | 1) => 4,
+        _ => 5,
+    };
+    out.sort_by_key(rank);
+    out
+}

@@ -1,0 +1,293 @@
+//! What a set of poses cannot tell about the arm, in words.
+//!
+//! Terms. A *direction* is a change of all frames together (six parameters each, from the left, as everywhere). It is
+//! *redundant* when no pose of this arm could show it: turning or shifting the frame before a revolute joint along its
+//! axis, and the frame after it back, changes nothing, twice for each revolute joint, four times for each prismatic
+//! one. It is *untold* when poses spread over the joint ranges would show it and these do not: when it moves the
+//! measurements [`SHARE`] as much as the direction that moves them most, or when its standard deviation is more than the
+//! drawing's 2 mm and 2 mrad, so that the data say less than was known before.
+//!
+//! Redundant directions are those of a rich synthetic set of the same arm with the same tools; the rest of the data's
+//! null space is first compared with what is known to do such things (a joint that never moves, one orientation
+//! throughout, no orientation measured), and what is then left is told by its dominant motions.
+//!
+//! The rank is that of the linearised identification at the fitted chain, rows divided by the noise, lengths in metres
+//! and angles in radians. Nothing here changes a fit: there the untold is solved by minimum norm or by the prior.
+
+mod causes;
+mod elementary_motions;
+mod subspaces;
+#[cfg(test)]
+mod tests;
+mod uncertainty;
+pub(crate) mod wording;
+
+pub use crate::identification::identifiability::wording::list;
+use faer::Mat;
+use nalgebra::Vector3;
+use poegp_runtime::poe::Poe;
+use poegp_runtime::se3::Pose;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use serde::Serialize;
+
+use crate::identification::base_tool::UNWEIGHTED;
+use crate::identification::frame_fit::residual_components;
+use crate::identification::identifiability::elementary_motions::Coordinates;
+use crate::identification::identifiability::subspaces::{Explained, Space};
+use crate::identification::parametric::state::{Group, Layout, ROWS, State};
+use crate::measurement::noise::{InstrumentNoise, Scales};
+use crate::measurement::sample::Sample;
+use crate::robot::Robot;
+
+pub use crate::identification::identifiability::causes::{STILL_PRISMATIC, STILL_REVOLUTE};
+pub use crate::identification::identifiability::uncertainty::{
+    Correlation, Expected, FrameDeviation,
+};
+
+/// A direction that shows less than this share of the most visible one is untold.
+pub const SHARE: f64 = 1e-5;
+/// So is one with a standard deviation above this, m and rad: the drawing is as good (prior of the arm's frames).
+pub const AS_DRAWN: f64 = 2e-3;
+/// Share below which a singular value is zero but for rounding.
+const ROUNDING: f64 = 1e-10;
+/// Synthetic poses of each tool.
+const RICH_POSES: usize = 80;
+/// Largest revolute range of them, and the range of a slide without limits: rad and m.
+const WIDEST: f64 = std::f64::consts::PI;
+const UNLIMITED_SLIDE: f64 = 0.5;
+/// Sentences at most about what is left when the known causes are taken out.
+const MOST_SENTENCES: usize = 4;
+
+/// What is looked at.
+#[derive(Debug)]
+pub struct Task<'a> {
+    /// The arm: joint limits and coupling.
+    pub robot: &'a Robot,
+    /// The chain from base to target as it was fitted, or the nominal one.
+    pub chain: &'a Poe<f64>,
+    /// `first_target_from_target` of each tool; `chain` ends at the first target.
+    pub tools: &'a [Pose<f64>],
+    /// Poses as seen from the base.
+    pub samples: &'a [Sample],
+    /// Noise of one position component in metres, of one rotation component in radians, in the quietest row.
+    pub noise: Scales,
+    /// Whether only base and tools are calibrated.
+    pub ends_only: bool,
+}
+
+/// A cause or a direction in words.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Finding {
+    /// One sentence without its point.
+    pub sentence: String,
+    /// How many directions it speaks of; 0 where it is about the payload or the number of poses.
+    pub directions: usize,
+}
+
+/// What the data tell.
+#[derive(Clone, Debug, Serialize)]
+pub struct IdentifyReport {
+    /// Geometric parameters: six for each frame and tool.
+    pub parameters: usize,
+    /// Directions that these poses tell.
+    pub rank: usize,
+    /// Directions that no poses could tell.
+    pub redundant: usize,
+    /// Directions that other poses would tell and these do not.
+    pub untold: usize,
+    /// Largest by smallest told singular value.
+    pub condition: f64,
+    /// What cannot be told.
+    pub findings: Vec<Finding>,
+    /// Singular values, rows in units of the noise, largest first.
+    pub singular_values: Vec<f64>,
+    /// Standard deviations under the prior, redundant directions taken out.
+    pub standard_deviations: Vec<FrameDeviation>,
+    /// Quantities that move together though both are told: |r| > 0.95.
+    pub correlations: Vec<Correlation>,
+    /// Expected error of the chain's prediction at these poses, from the uncertainty of its parameters alone.
+    pub expected: Expected,
+}
+
+/// Looks at what `task` can tell; `None` only when nothing can be computed (no samples, numbers that are not finite).
+pub fn identify(task: &Task) -> Option<IdentifyReport> {
+    let n = task.chain.kinds().len();
+    let tools = task.tools.len();
+    if task.samples.is_empty() {
+        return None;
+    }
+    let frames = frames(n, tools, task.ends_only);
+    let columns: Vec<usize> = frames
+        .iter()
+        .flat_map(|f| 6 * f.position..6 * f.position + 6)
+        .collect();
+    let jacobian = |samples: &[Sample]| jacobian(task, samples, &columns);
+    let data = jacobian(task.samples);
+    let rich = jacobian(&rich_samples(task, tools));
+    if !(0..data.nrows()).all(|i| (0..data.ncols()).all(|j| data[(i, j)].is_finite())) {
+        return None;
+    }
+    let possible = Space::new(&rich, |s, largest| s > ROUNDING * largest)?;
+    let told = Space::new(&data, |s, largest| {
+        s > SHARE * largest && s > 1.0 / AS_DRAWN && s > ROUNDING * largest
+    })?;
+    let coordinates = Coordinates::new(&frames, task.chain.kinds(), &possible)?;
+    let all = told.missing_from(&possible);
+    let untold_count = all.ncols();
+    let hidden = coordinates.shares(&all);
+    let mut untold = all.clone();
+    let general = |sentence| Finding {
+        sentence,
+        directions: 0,
+    };
+    let too_few = causes::too_few(task, possible.rank);
+    let mut findings: Vec<Finding> = too_few.into_iter().map(general).collect();
+    for cause in causes::geometric(task, &frames) {
+        let Explained { directions, rest } =
+            subspaces::explain(&untold, &cause.directions, &all, &possible);
+        untold = rest;
+        if directions > 0 {
+            findings.push(Finding {
+                sentence: cause.sentence,
+                directions,
+            });
+        }
+    }
+    findings.extend(wording::directions(
+        &coordinates.circuits(&untold),
+        MOST_SENTENCES,
+    ));
+    findings.extend(causes::payload(task).into_iter().map(general));
+    let covariance = uncertainty::Covariance::new(&data, &frames)?;
+    Some(IdentifyReport {
+        parameters: columns.len(),
+        rank: possible.rank - untold_count,
+        redundant: columns.len() - possible.rank,
+        untold: untold_count,
+        condition: told.condition(possible.rank - untold_count),
+        findings,
+        standard_deviations: covariance.deviations(&frames, &possible),
+        correlations: covariance.correlations(&coordinates, &hidden),
+        expected: covariance.expected(&data, |k| task.noise.of(&task.samples[k]).position),
+        singular_values: told.values,
+    })
+}
+
+/// What the residuals of a chain ask for.
+pub(crate) fn residual_scales(chain: &Poe<f64>, tools: &[Pose<f64>], samples: &[Sample]) -> Scales {
+    let residual = |s: &Sample| {
+        let predicted = chain.forward(&s.serial) * tools[s.tool];
+        residual_components(UNWEIGHTED, &s.measured, &predicted)
+    };
+    let residuals: Vec<[f64; ROWS]> = samples.iter().map(residual).collect();
+    Scales::estimated(&residuals, samples)
+}
+
+/// A frame whose six parameters are looked at.
+#[derive(Clone, Debug)]
+pub(crate) struct Frame {
+    /// Where its parameters begin, in sixes.
+    pub(crate) position: usize,
+    pub(crate) part: Part,
+    /// Standard deviation of its prior, m and rad.
+    pub(crate) prior: f64,
+}
+
+/// What a frame is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Part {
+    Base,
+    /// Behind this joint, from 1.
+    Link(usize),
+    /// Behind the last joint; number from 1 where there are several.
+    Tool(Option<usize>),
+}
+
+pub(crate) fn frames(n: usize, tools: usize, ends_only: bool) -> Vec<Frame> {
+    (0..n + tools)
+        .filter(|position| !ends_only || *position == 0 || *position >= n)
+        .map(|position| Frame {
+            position,
+            part: match position {
+                0 => Part::Base,
+                link if link < n => Part::Link(link),
+                tool => Part::Tool((tools > 1).then_some(tool - n + 1)),
+            },
+            prior: if position == 0 || position >= n {
+                Group::Ends.prior_sd()
+            } else {
+                Group::Frames.prior_sd()
+            },
+        })
+        .collect()
+}
+
+/// The geometric columns of the linearised model, rows in units of the noise.
+fn jacobian(task: &Task, samples: &[Sample], columns: &[usize]) -> Mat<f64> {
+    let n = task.chain.kinds().len();
+    let layout = Layout {
+        joints: n,
+        tools: task.tools.len(),
+        gravity: false,
+        payload: false,
+        ripple: Vec::new(),
+    };
+    let last = task.chain.frames()[n];
+    let ends = task.tools.iter().map(|tool| last * *tool).collect();
+    let state = State::new(task.chain, ends, None, layout, Vector3::zeros());
+    let all = state.linearise(samples, task.noise).a;
+    Mat::from_fn(ROWS * samples.len(), columns.len(), |row, column| {
+        all[(row, columns[column])]
+    })
+}
+
+/// Complete poses all over the joint ranges, each tool in turn.
+fn rich_samples(task: &Task, tools: usize) -> Vec<Sample> {
+    let mut random = ChaCha8Rng::seed_from_u64(1);
+    let ranges: Vec<(f64, f64)> = task
+        .robot
+        .joints
+        .iter()
+        .map(|joint| match joint.kind {
+            poegp_protocol::JointKind::Revolute => {
+                let (lower, upper) = joint.limits.unwrap_or((-WIDEST, WIDEST));
+                (lower.max(-WIDEST), upper.min(WIDEST))
+            }
+            poegp_protocol::JointKind::Prismatic => {
+                joint.limits.unwrap_or((-UNLIMITED_SLIDE, UNLIMITED_SLIDE))
+            }
+        })
+        .collect();
+    (0..RICH_POSES * tools)
+        .map(|k| {
+            let joints: Vec<f64> = ranges
+                .iter()
+                .map(|(lower, upper)| lower + (upper - lower) * random.random::<f64>())
+                .collect();
+            let serial = match &task.robot.coupling {
+                None => joints.clone(),
+                Some(rows) => rows
+                    .iter()
+                    .map(|row| poegp_runtime::kernel::inner_product(row, &joints))
+                    .collect(),
+            };
+            Sample {
+                joints,
+                serial,
+                payload_kg: None,
+                measured: Pose::identity(),
+                tool: k % tools,
+                position_only: false,
+                stated: InstrumentNoise::UNKNOWN,
+            }
+        })
+        .collect()
+}
+
+impl IdentifyReport {
+    /// At most eight lines for a terminal.
+    pub fn lines(&self) -> Vec<String> {
+        wording::report(self)
+    }
+}

@@ -1,0 +1,133 @@
+//! How well what is told is known: standard deviations, correlations, and the accuracy to be expected.
+
+use faer::linalg::solvers::DenseSolveCore;
+use faer::{Mat, Side};
+use serde::Serialize;
+
+use crate::identification::identifiability::elementary_motions::Coordinates;
+use crate::identification::identifiability::subspaces::Space;
+use crate::identification::identifiability::{Frame, wording as words};
+use crate::identification::parametric::state::ROWS;
+
+/// Correlations above this are reported …
+const STRONG: f64 = 0.95;
+/// … the strongest so many.
+const PAIRS: usize = 10;
+/// Atoms of which the untold directions have more than this are not correlated but unknown.
+const HIDDEN: f64 = 0.1;
+
+/// Standard deviations of one frame.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct FrameDeviation {
+    /// The base, a link or a tool.
+    pub frame: String,
+    /// Along its axes, mm.
+    pub mm: [f64; 3],
+    /// About its axes, mrad.
+    pub mrad: [f64; 3],
+}
+
+/// Two quantities that move together.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Correlation {
+    /// One.
+    pub first: String,
+    /// The other.
+    pub second: String,
+    /// Coefficient of correlation.
+    pub r: f64,
+}
+
+/// Expected position error of the chain at the training poses.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Expected {
+    /// Root mean square over the poses, mm.
+    pub rms_mm: f64,
+    /// At the worst pose, mm.
+    pub worst_mm: f64,
+}
+
+/// (AᵀA + Λ⁻¹)⁻¹.
+pub struct Covariance(Mat<f64>);
+
+impl Covariance {
+    /// From the Jacobian in units of the noise, and the frames' priors.
+    pub fn new(jacobian: &Mat<f64>, frames: &[Frame]) -> Option<Self> {
+        let sd = |j: usize| frames[j / 6].prior;
+        let scaled = Mat::from_fn(jacobian.nrows(), jacobian.ncols(), |i, j| {
+            jacobian[(i, j)] * sd(j)
+        });
+        let mut normal = scaled.transpose() * &scaled;
+        for i in 0..normal.nrows() {
+            normal[(i, i)] += 1.0;
+        }
+        let inverse = normal.llt(Side::Lower).ok()?.inverse();
+        Some(Self(Mat::from_fn(
+            inverse.nrows(),
+            inverse.ncols(),
+            |i, j| sd(i) * inverse[(i, j)] * sd(j),
+        )))
+    }
+
+    /// Of every frame, redundant directions taken out.
+    pub fn deviations(&self, frames: &[Frame], possible: &Space) -> Vec<FrameDeviation> {
+        let told = possible.told();
+        let inner = told.transpose() * &self.0 * &told;
+        let half = &told * inner;
+        let sd = |i: usize| {
+            let variance: f64 = (0..told.ncols()).map(|j| half[(i, j)] * told[(i, j)]).sum();
+            1e3 * variance.max(0.0).sqrt()
+        };
+        let of = |(index, frame): (usize, &Frame)| FrameDeviation {
+            frame: words::part(frame.part),
+            mm: [0, 1, 2].map(|axis| sd(6 * index + axis)),
+            mrad: [3, 4, 5].map(|axis| sd(6 * index + axis)),
+        };
+        frames.iter().enumerate().map(of).collect()
+    }
+
+    /// Strong correlations of atoms that are told; `hidden` is how much of each is not.
+    pub fn correlations(&self, coordinates: &Coordinates, hidden: &[f64]) -> Vec<Correlation> {
+        let k = &coordinates.from_parameters;
+        let covariance = k * &self.0 * k.transpose();
+        let mut out = Vec::new();
+        for i in 0..covariance.nrows() {
+            for j in 0..i {
+                let scale = (covariance[(i, i)] * covariance[(j, j)]).sqrt();
+                let r = covariance[(i, j)] / scale;
+                if r.abs() > STRONG && hidden[i] < HIDDEN && hidden[j] < HIDDEN {
+                    out.push(Correlation {
+                        first: words::atom(&coordinates.atoms[j]),
+                        second: words::atom(&coordinates.atoms[i]),
+                        r,
+                    });
+                }
+            }
+        }
+        out.sort_by(|a, b| b.r.abs().total_cmp(&a.r.abs()));
+        out.truncate(PAIRS);
+        out
+    }
+
+    /// From the parameters' uncertainty alone; `position_noise` of each pose in metres makes its rows lengths again.
+    pub fn expected(&self, jacobian: &Mat<f64>, position_noise: impl Fn(usize) -> f64) -> Expected {
+        let spread = jacobian * &self.0;
+        let row = |i: usize| -> f64 {
+            (0..jacobian.ncols())
+                .map(|j| spread[(i, j)] * jacobian[(i, j)])
+                .sum()
+        };
+        let poses = jacobian.nrows() / ROWS;
+        let variance = |k: usize| {
+            let shares: f64 = (0..3).map(|i| row(ROWS * k + i)).sum();
+            shares * position_noise(k).powi(2)
+        };
+        let (sum, worst) = (0..poses)
+            .map(variance)
+            .fold((0.0, 0.0_f64), |(s, w), v| (s + v, w.max(v)));
+        Expected {
+            rms_mm: 1e3 * (sum / poses.max(1) as f64).sqrt(),
+            worst_mm: 1e3 * worst.sqrt(),
+        }
+    }
+}

@@ -1,0 +1,126 @@
+//! Names and sentences.
+
+use crate::identification::identifiability::elementary_motions::{Atom, Circuit};
+use crate::identification::identifiability::{Finding, IdentifyReport, Part};
+
+/// Motions that a sentence names at most.
+const NAMES: usize = 4;
+/// Lines of findings and correlations on a terminal.
+const FINDINGS: usize = 5;
+
+/// "a", "a and b", "a, b and c".
+pub fn list(items: &[String]) -> String {
+    match items {
+        [] => String::new(),
+        [one] => one.clone(),
+        [most @ .., last] => format!("{} and {last}", most.join(", ")),
+    }
+}
+
+/// The same of numbers.
+pub fn numbers(items: &[usize]) -> String {
+    list(&items.iter().map(ToString::to_string).collect::<Vec<_>>())
+}
+
+/// Name of a frame.
+pub fn part(part: Part) -> String {
+    match part {
+        Part::Base => "base".to_owned(),
+        Part::Link(link) => format!("link {link}"),
+        Part::Tool(None) => "tool".to_owned(),
+        Part::Tool(Some(tool)) => format!("tool {tool}"),
+    }
+}
+
+/// Name of an atom, in the axes of its frame (a link's: those of the joint before it, z along its axis).
+pub fn atom(atom: &Atom) -> String {
+    if let (Part::Link(joint), true) = (atom.part, atom.offset) {
+        return format!("joint {joint}'s offset");
+    }
+    let owner = match atom.part {
+        Part::Link(_) => part(atom.part),
+        _ => format!("the {}", part(atom.part)),
+    };
+    let axis = ["x", "y", "z"][atom.axis % 3];
+    match (atom.part, atom.axis) {
+        (Part::Link(_), 0..=2) => format!("{owner}'s length along {axis}"),
+        (Part::Link(_), _) => format!("{owner}'s tilt about {axis}"),
+        (_, 0..=2) => format!("{owner}'s position along {axis}"),
+        _ => format!("{owner}'s rotation about {axis}"),
+    }
+}
+
+/// Directions as sentences: those of few motions each in its own, at most `most`, all others in one.
+pub fn directions(circuits: &[Circuit], most: usize) -> Vec<Finding> {
+    let names = |circuit: &Circuit| -> Vec<String> {
+        circuit.iter().take(NAMES).map(|(a, _)| atom(a)).collect()
+    };
+    let (mut short, mut long): (Vec<&Circuit>, Vec<&Circuit>) =
+        circuits.iter().partition(|c| c.len() <= NAMES);
+    short.sort_by_key(|c| c.len());
+    long.splice(0..0, short.drain(short.len().min(most)..));
+    let mut out: Vec<Finding> = short
+        .into_iter()
+        .map(|circuit| Finding {
+            sentence: match names(circuit).as_slice() {
+                [one] => format!("{one} does not show in these poses"),
+                names => format!("{} cannot be told apart by these poses", list(names)),
+            },
+            directions: 1,
+        })
+        .collect();
+    if let Some(first) = long.first() {
+        let sentence = format!(
+            "combinations of many motions, one of them mostly {}, do not show in these poses",
+            list(&names(first))
+        );
+        out.push(Finding {
+            sentence,
+            directions: long.len(),
+        });
+    }
+    out
+}
+
+/// The report for a terminal.
+pub fn report(r: &IdentifyReport) -> Vec<String> {
+    let redundant = match r.redundant {
+        0 => String::new(),
+        count => format!(
+            "; {count} are redundant in any data: frames turned and shifted along their joints"
+        ),
+    };
+    let mut out = vec![format!(
+        "  geometry: {} of {} parameters told (condition {:.0}){redundant}",
+        r.rank, r.parameters, r.condition
+    )];
+    let shown = r.findings.len().min(FINDINGS);
+    for finding in &r.findings[..shown] {
+        let count = match finding.directions {
+            0 => String::new(),
+            1 => " (1 direction)".to_owned(),
+            count => format!(" ({count} directions)"),
+        };
+        out.push(format!("  not told: {}{count}", finding.sentence));
+    }
+    if shown < r.findings.len() {
+        out.push(format!(
+            "  and {} more, in --json",
+            r.findings.len() - shown
+        ));
+    } else if let Some(strongest) = r.correlations.first() {
+        let more = match r.correlations.len() {
+            1 => String::new(),
+            count => format!(", and {} more pairs in --json", count - 1),
+        };
+        out.push(format!(
+            "  hard to tell apart: {} and {} (r = {:.3}){more}",
+            strongest.first, strongest.second, strongest.r
+        ));
+    }
+    out.push(format!(
+        "  by the noise alone the frames predict these poses to {:.4} mm rms, {:.4} mm at the worst",
+        r.expected.rms_mm, r.expected.worst_mm
+    ));
+    out
+}

@@ -1,0 +1,7 @@
+//! Least squares over physical parameters: base and tool frames, the chain, gravity and ripple, and what data can tell about them.
+
+pub mod base_tool;
+pub mod base_tools;
+pub mod frame_fit;
+pub mod identifiability;
+pub mod parametric;

@@ -1,0 +1,5 @@
+//! Frames, gravity coefficients and gear ripple as one linearised model.
+
+pub mod fit;
+pub mod ripple;
+pub mod state;

@@ -1,0 +1,421 @@
+//! The parametric part of the elastic model as it is being fitted, and its linearisation.
+//!
+//! ```text
+//! x = [ 6 for each arm frame | 6 for each tool | 3 for each (joint, link) | 4 payload terms a joint | 2 a ripple term ]
+//! ```
+//!
+//! Every parameter has a Gaussian prior around the nominal arm; what was added so far is kept in `deviation`, so that
+//! the prior stays where it was when the model is linearised again (re-centring it would be an iterated Tikhonov
+//! regularisation, not a maximum a posteriori estimate).
+
+use faer::Mat;
+use nalgebra::Vector3;
+use poegp_protocol::JointKind;
+use poegp_protocol::limits::MAX_JOINTS;
+use poegp_runtime::deflection::{
+    GravityRegressors, GravityTerms, PerJoint, RippleTerm, deflected, ripple_regressors,
+};
+use poegp_runtime::poe::{Motions, Poe};
+use poegp_runtime::se3::{Pose, Twist};
+
+use crate::measurement::sample::Sample;
+
+use crate::identification::frame_fit::{ResidualKind, residual_components};
+use crate::measurement::noise::Scales;
+
+/// Rows of one pose: displacement and rotation at the tool.
+pub const ROWS: usize = 6;
+
+/// Which parameters there are.
+#[derive(Clone, Debug)]
+pub struct Layout {
+    /// Joints of the arm.
+    pub joints: usize,
+    /// Tools: one for each session and target.
+    pub tools: usize,
+    /// Whether gravity terms of the links are fitted.
+    pub gravity: bool,
+    /// Whether the payload varies and its terms are fitted.
+    pub payload: bool,
+    /// Gear ripple: joint and cycles per turn.
+    pub ripple: Vec<(usize, f64)>,
+}
+
+/// A group of parameters that share a prior.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Group {
+    /// Base frame and tools.
+    Ends,
+    /// Arm frames.
+    Frames,
+    /// Gravity of the links.
+    Links,
+    /// Gravity of the payload.
+    Payload,
+    /// Gear ripple.
+    Ripple,
+}
+
+impl Group {
+    /// All groups.
+    pub const ALL: [Self; 5] = [
+        Self::Ends,
+        Self::Frames,
+        Self::Links,
+        Self::Payload,
+        Self::Ripple,
+    ];
+
+    /// Standard deviation before the evidence is heard: m and rad; rad/(m/s²) for gravity.
+    pub fn prior_sd(self) -> f64 {
+        match self {
+            Self::Ends => 60e-3,
+            Self::Frames => 2e-3,
+            Self::Links | Self::Payload => 1e-4,
+            Self::Ripple => 1e-3,
+        }
+    }
+
+    /// Whether the evidence may change it.
+    pub fn is_learnt(self) -> bool {
+        matches!(self, Self::Frames | Self::Links | Self::Payload)
+    }
+}
+
+/// Variance of the prior of a group, with what the evidence says.
+pub fn prior_variance(group: Group, h: &[f64]) -> f64 {
+    let base = group.prior_sd().powi(2);
+    match group {
+        Group::Frames => base * h[2].exp(),
+        Group::Links => base * h[3].exp(),
+        Group::Payload => base * h[4].exp(),
+        Group::Ends | Group::Ripple => base,
+    }
+}
+
+impl Layout {
+    /// The group of every parameter, in order.
+    pub fn groups(&self) -> Vec<Group> {
+        let n = self.joints;
+        let mut out = Vec::new();
+        out.extend(std::iter::repeat_n(Group::Ends, 6));
+        out.extend(std::iter::repeat_n(Group::Frames, 6 * (n - 1)));
+        out.extend(std::iter::repeat_n(Group::Ends, 6 * self.tools));
+        if self.gravity {
+            out.extend(std::iter::repeat_n(Group::Links, 3 * n * (n + 1) / 2));
+            if self.payload {
+                out.extend(std::iter::repeat_n(Group::Payload, 4 * n));
+            }
+        }
+        out.extend(std::iter::repeat_n(Group::Ripple, 2 * self.ripple.len()));
+        out
+    }
+}
+
+/// The parametric model.
+#[derive(Clone, Debug)]
+pub struct State {
+    /// What is fitted.
+    pub layout: Layout,
+    /// Base frame and arm frames, `parent_from_joint` (n of them).
+    pub frames: Vec<Pose<f64>>,
+    /// `joint_n_from_target` of each tool.
+    pub tools: Vec<Pose<f64>>,
+    /// Gravity terms.
+    pub gravity: GravityTerms<f64>,
+    /// Ripple terms.
+    pub ripple: Vec<RippleTerm<f64>>,
+    /// x so far.
+    pub deviation: Vec<f64>,
+    kinds: Vec<JointKind>,
+    /// C, rows of n; identity when absent.
+    coupling: Option<Vec<Vec<f64>>>,
+}
+
+/// The model at a state: y = A x + Σ_c J_c δ_c + noise, every row in units of its own scale.
+#[derive(Clone, Debug)]
+pub struct Linearised {
+    /// Residual at the state plus A·deviation, 6k.
+    pub y: Mat<f64>,
+    /// Columns by parameter, 6k × p.
+    pub a: Mat<f64>,
+    /// Columns by the controller's joints, 6k × n, per rad or m.
+    pub jacobian: Mat<f64>,
+    /// Share of each row's variance that all rows have in common, 6k: the fitted noise is a factor of that share.
+    pub common_share: Vec<f64>,
+}
+
+impl Linearised {
+    /// Standard deviation of the noise of a row when that of the quietest row is e^(h/2), both in units of their scales,
+    /// divided by e^(h/2); 1 where all rows are alike.
+    pub fn relative_noise(&self, row: usize, h: f64) -> f64 {
+        let common = self.common_share[row];
+        (common + (1.0 - common) * (-h).exp()).sqrt()
+    }
+}
+
+impl State {
+    /// The nominal arm: `chain` leads from the base to the target of tool 0.
+    pub fn new(
+        chain: &Poe<f64>,
+        tools: Vec<Pose<f64>>,
+        coupling: Option<Vec<Vec<f64>>>,
+        layout: Layout,
+        gravity: Vector3<f64>,
+    ) -> Self {
+        let n = layout.joints;
+        let ripple = layout.ripple.iter().map(|(joint, cycles)| RippleTerm {
+            joint: *joint,
+            cycles: *cycles,
+            sin: 0.0,
+            cos: 0.0,
+        });
+        Self {
+            frames: chain.frames()[..n].to_vec(),
+            tools,
+            gravity: GravityTerms {
+                gravity,
+                ..GravityTerms::zero()
+            },
+            ripple: ripple.collect(),
+            deviation: vec![0.0; layout.groups().len()],
+            kinds: chain.kinds().to_vec(),
+            coupling,
+            layout,
+        }
+    }
+
+    /// Kinds of the joints.
+    pub fn kinds(&self) -> &[JointKind] {
+        &self.kinds
+    }
+
+    /// The chain from the base to the target of a tool.
+    pub fn chain(&self, tool: usize) -> Poe<f64> {
+        let mut frames = self.frames.clone();
+        frames.push(self.tools[tool]);
+        Poe::new(&self.kinds, &frames).expect("a chain stays a chain")
+    }
+
+    /// The deflection of the controller's joints by gravity and ripple.
+    pub fn parametric_deflection(&self, chain: &Poe<f64>, sample: &Sample) -> PerJoint<f64> {
+        let motions = chain.motions(&sample.serial);
+        let (frames, target) = chain.joint_frames_with(&motions);
+        let at = GravityRegressors::new(&self.kinds, &frames, &target, &self.gravity.gravity);
+        let mut out = self
+            .gravity
+            .deflection(&at, sample.payload_kg.unwrap_or(0.0));
+        for term in &self.ripple {
+            out[term.joint] += term.deflection(sample.joints[term.joint]);
+        }
+        out
+    }
+
+    /// C δ.
+    pub fn serial(&self, deflection: &PerJoint<f64>) -> PerJoint<f64> {
+        match &self.coupling {
+            None => *deflection,
+            Some(rows) => {
+                let mut out = [0.0; MAX_JOINTS];
+                for (slot, row) in out.iter_mut().zip(rows) {
+                    *slot = poegp_runtime::kernel::inner_product(row, deflection);
+                }
+                out
+            }
+        }
+    }
+
+    /// POE(C (q + δ)), `base_from_target`.
+    pub fn pose(&self, chain: &Poe<f64>, sample: &Sample, deflection: &PerJoint<f64>) -> Pose<f64> {
+        let motions = chain.motions(&sample.serial);
+        chain.forward_with(&deflected(&motions, &self.kinds, &self.serial(deflection)))
+    }
+
+    /// The joints as the kernel compares them.
+    pub fn features(&self, sample: &Sample) -> Motions<f64> {
+        let mut joints = [0.0; MAX_JOINTS];
+        joints[..sample.joints.len()].copy_from_slice(&sample.joints);
+        self.chain(0).motions(&joints)
+    }
+
+    /// Residuals of the parametric model, each row in units of its own scale; six a pose.
+    pub fn residuals(&self, samples: &[Sample], scales: Scales) -> Vec<[f64; ROWS]> {
+        let chains: Vec<Poe<f64>> = (0..self.tools.len()).map(|t| self.chain(t)).collect();
+        let of = |s: &Sample| {
+            let chain = &chains[s.tool];
+            let predicted = self.pose(chain, s, &self.parametric_deflection(chain, s));
+            let kind = ResidualKind::ToolCentred(scales.of(s));
+            let mut r = residual_components(kind, &s.measured, &predicted);
+            if s.position_only {
+                r[3..].fill(0.0);
+            }
+            r
+        };
+        samples.iter().map(of).collect()
+    }
+
+    /// The linear model at this state.
+    pub fn linearise(&self, samples: &[Sample], scales: Scales) -> Linearised {
+        let (n, p) = (self.layout.joints, self.deviation.len());
+        let chains: Vec<Poe<f64>> = (0..self.tools.len()).map(|t| self.chain(t)).collect();
+        let mut out = Linearised {
+            y: Mat::zeros(ROWS * samples.len(), 1),
+            a: Mat::zeros(ROWS * samples.len(), p),
+            jacobian: Mat::zeros(ROWS * samples.len(), n),
+            common_share: Vec::with_capacity(ROWS * samples.len()),
+        };
+        for (k, sample) in samples.iter().enumerate() {
+            let [position, orientation] = scales.common_share(sample);
+            out.common_share.extend([position; 3]);
+            out.common_share.extend([orientation; 3]);
+            self.linearise_one(&chains[sample.tool], sample, scales.of(sample), k, &mut out);
+        }
+        for (row, residual) in self
+            .residuals(samples, scales)
+            .into_iter()
+            .flatten()
+            .enumerate()
+        {
+            let past: f64 = (0..p).map(|i| out.a[(row, i)] * self.deviation[i]).sum();
+            out.y[(row, 0)] = residual + past;
+        }
+        out
+    }
+
+    fn linearise_one(
+        &self,
+        chain: &Poe<f64>,
+        sample: &Sample,
+        scales: Scales,
+        k: usize,
+        out: &mut Linearised,
+    ) {
+        let n = self.layout.joints;
+        let plain = chain.motions(&sample.serial);
+        let (frames, target) = chain.joint_frames_with(&plain);
+        let at = GravityRegressors::new(&self.kinds, &frames, &target, &self.gravity.gravity);
+        // Jacobians are taken where the arm stands: at the deflected joints.
+        let deflection = self.parametric_deflection(chain, sample);
+        let shift = self.serial(&deflection);
+        let standing: Vec<f64> = sample
+            .serial
+            .iter()
+            .zip(&shift)
+            .map(|(q, d)| q + d)
+            .collect();
+        let (blocks, pose) = chain.identification_jacobian(&standing);
+        let (columns, _) = chain.space_jacobian(&standing);
+        let rows = if sample.position_only { 3 } else { ROWS };
+        let scale = |row: usize| {
+            if row < 3 {
+                scales.position
+            } else {
+                scales.orientation
+            }
+        };
+        let at_tool = |twist: &Twist<f64>| twist.at_point(&pose.translation).to_array();
+        for (frame, block) in blocks.iter().enumerate().take(n + 1) {
+            let first = if frame < n {
+                6 * frame
+            } else {
+                6 * n + 6 * sample.tool
+            };
+            for i in 0..6 {
+                let twist = Twist::from_array(&block.map(|row| row[i]));
+                for (row, value) in at_tool(&twist).into_iter().enumerate().take(rows) {
+                    out.a[(ROWS * k + row, first + i)] = value / scale(row);
+                }
+            }
+        }
+        for c in 0..n {
+            let mut unit = [0.0; MAX_JOINTS];
+            unit[c] = 1.0;
+            for (column, share) in columns.iter().zip(&self.serial(&unit)) {
+                for (row, value) in at_tool(column).into_iter().enumerate().take(rows) {
+                    out.jacobian[(ROWS * k + row, c)] += share * value / scale(row);
+                }
+            }
+        }
+        let mut column = 6 * n + 6 * self.tools.len();
+        let mut put = |out: &mut Linearised, joint: usize, value: f64| {
+            for row in 0..rows {
+                out.a[(ROWS * k + row, column)] = out.jacobian[(ROWS * k + row, joint)] * value;
+            }
+            column += 1;
+        };
+        if self.layout.gravity {
+            for c in 0..n {
+                for link in c..n {
+                    for value in at.link(c, link).iter() {
+                        put(out, c, *value);
+                    }
+                }
+            }
+            if self.layout.payload {
+                let m = sample.payload_kg.unwrap_or(0.0);
+                for c in 0..n {
+                    let (lever, offset) = at.payload(c);
+                    for value in [lever, offset[0], offset[1], offset[2]] {
+                        put(out, c, m * value);
+                    }
+                }
+            }
+        }
+        for term in &self.ripple {
+            let (sin, cos) = ripple_regressors(term.cycles, sample.joints[term.joint]);
+            put(out, term.joint, sin);
+            put(out, term.joint, cos);
+        }
+    }
+
+    /// Moves to the parameters `x`.
+    pub fn move_to(&mut self, x: &[f64]) {
+        let step: Vec<f64> = x
+            .iter()
+            .zip(&self.deviation)
+            .map(|(new, old)| new - old)
+            .collect();
+        let n = self.layout.joints;
+        let mut parts = step.chunks_exact(6);
+        for frame in self.frames.iter_mut().chain(&mut self.tools) {
+            let twist: [f64; 6] = parts
+                .next()
+                .and_then(|c| c.try_into().ok())
+                .unwrap_or([0.0; 6]);
+            *frame = Pose::exp(&Twist::from_array(&twist)) * *frame;
+        }
+        let mut rest = x[6 * (n + self.tools.len())..].iter().copied();
+        let mut next = || rest.next().unwrap_or(0.0);
+        if self.layout.gravity {
+            for c in 0..n {
+                for link in c..n {
+                    self.gravity.links[c][link] = Vector3::new(next(), next(), next());
+                }
+            }
+            if self.layout.payload {
+                for c in 0..n {
+                    self.gravity.payload_lever[c] = next();
+                    self.gravity.payload_offset[c] = Vector3::new(next(), next(), next());
+                }
+            }
+        }
+        for term in &mut self.ripple {
+            (term.sin, term.cos) = (next(), next());
+        }
+        self.deviation = x.to_vec();
+    }
+
+    /// Adds ripple terms with amplitude zero.
+    pub fn add_ripple(&mut self, terms: &[(usize, f64)]) {
+        for (joint, cycles) in terms {
+            self.layout.ripple.push((*joint, *cycles));
+            self.ripple.push(RippleTerm {
+                joint: *joint,
+                cycles: *cycles,
+                sin: 0.0,
+                cos: 0.0,
+            });
+            self.deviation.extend([0.0, 0.0]);
+        }
+    }
+}

@@ -1,0 +1,121 @@
+//! The error for bad input: which file, which line, which column, what was found and what was expected.
+//!
+//! A person repairs bad input, so every reader of the trainer answers with the same five facts and, where one is known,
+//! with the next step. Nothing here is about failures of the program itself.
+
+use std::path::{Path, PathBuf};
+
+use thiserror::Error;
+
+/// Bad input, told so that its author can repair it. The binary ends with exit code 2 on it.
+///
+/// Displayed as `train.csv:17: column 4 (q4_deg): found "abc", expected a number in degrees`, with a second line
+/// `help: …` where there is help.
+#[derive(Clone, Debug, Error, PartialEq, Eq)]
+#[error("{}found {found}, expected {expected}{}", place(.file, .line, .column), help_line(.help))]
+pub struct InputError {
+    /// The file, as it was given; for a built-in robot `<built-in NAME>`.
+    pub file: PathBuf,
+    /// Line in the file, from 1.
+    pub line: Option<usize>,
+    /// Column, from 1, and its name: a field's number and header in a CSV file, a character and a key in a TOML file.
+    pub column: Option<(usize, String)>,
+    /// What is there; text from the file is in double quotes.
+    pub found: String,
+    /// What would be right there.
+    pub expected: String,
+    /// What to do next.
+    pub help: Option<String>,
+}
+
+impl InputError {
+    /// An error about the file as a whole.
+    pub fn new(
+        file: impl AsRef<Path>,
+        found: impl Into<String>,
+        expected: impl Into<String>,
+    ) -> Self {
+        Self {
+            file: file.as_ref().to_path_buf(),
+            line: None,
+            column: None,
+            found: found.into(),
+            expected: expected.into(),
+            help: None,
+        }
+    }
+
+    /// The same error about line `line`, from 1.
+    #[must_use]
+    pub fn at_line(mut self, line: usize) -> Self {
+        self.line = Some(line);
+        self
+    }
+
+    /// The same error about column `column`, from 1, with the column's name or "".
+    #[must_use]
+    pub fn at_column(mut self, column: usize, name: impl Into<String>) -> Self {
+        self.column = Some((column, name.into()));
+        self
+    }
+
+    /// The same error with the next step for its reader.
+    #[must_use]
+    pub fn with_help(mut self, help: impl Into<String>) -> Self {
+        self.help = Some(help.into());
+        self
+    }
+
+    /// The error for a file that cannot be read at all.
+    pub fn unreadable(file: &Path, error: &std::io::Error, expected: &str) -> Self {
+        let found = match error.kind() {
+            std::io::ErrorKind::NotFound => "no such file".to_owned(),
+            std::io::ErrorKind::IsADirectory => "a directory".to_owned(),
+            _ => format!("a file that cannot be read ({error})"),
+        };
+        Self::new(file, found, expected)
+    }
+}
+
+fn place(file: &Path, line: &Option<usize>, column: &Option<(usize, String)>) -> String {
+    let mut place = format!("{}:", file.display());
+    if let Some(line) = line {
+        place += &format!("{line}:");
+    }
+    place.push(' ');
+    match column {
+        Some((number, name)) if name.is_empty() => place += &format!("column {number}: "),
+        Some((number, name)) => place += &format!("column {number} ({name}): "),
+        None => {}
+    }
+    place
+}
+
+fn help_line(help: &Option<String>) -> String {
+    help.as_ref()
+        .map_or_else(String::new, |help| format!("\nhelp: {help}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::InputError;
+
+    #[test]
+    fn display_names_the_place() {
+        let error = InputError::new("train.csv", "\"abc\"", "a number in degrees");
+        assert_eq!(
+            error.to_string(),
+            "train.csv: found \"abc\", expected a number in degrees"
+        );
+        let error = error.at_line(17).at_column(4, "q4_deg");
+        assert_eq!(
+            error.to_string(),
+            "train.csv:17: column 4 (q4_deg): found \"abc\", expected a number in degrees"
+        );
+        let error = error.at_column(4, "").with_help("write a number");
+        assert_eq!(
+            error.to_string(),
+            "train.csv:17: column 4: found \"abc\", expected a number in degrees\nhelp: write a number"
+        );
+    }
+}

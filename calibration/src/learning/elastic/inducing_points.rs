@@ -1,0 +1,209 @@
+//! Fewer support points: chosen by pivoted Cholesky, refitted with everything else.
+//!
+//! The device pays for every support point. A few well-chosen ones carry almost all of the process: greedily, the point
+//! whose variance the others explain least, weighted by how much each joint moves the tool. The weights β of the chosen
+//! points and all parameters x are then solved anew, min |y − A x − Σ_c J_c K_c β_c|² with priors x ~ N(0, Λ) and
+//! β_c ~ N(0, K_c⁻¹) (subset of regressors). The payloads of the points are gathered to a few values, which the device
+//! sorts by; a centre need not be a measurement. One support for all joints; `sets.rs` chooses one for each.
+
+use faer::linalg::solvers::Solve;
+use faer::{Mat, Side};
+use poegp_protocol::JointKind;
+use poegp_protocol::limits::MAX_GROUPS;
+use poegp_runtime::deflection::{JointKernel, similarity};
+use poegp_runtime::poe::Motions;
+
+use crate::identification::parametric::state::prior_variance;
+use crate::identification::parametric::state::{Linearised, ROWS};
+use crate::learning::elastic::fit::ElasticFit;
+use crate::learning::elastic::hyperparameters::DEFLECTION_UNIT;
+use crate::measurement::sample::Sample;
+
+/// Support points with their weights.
+#[derive(Clone, Debug)]
+pub struct Support {
+    /// Joints of each point.
+    pub features: Vec<Motions<f64>>,
+    /// Payload of each point in kg, at most [`MAX_GROUPS`] different ones.
+    pub payloads: Vec<f64>,
+    /// Weight of each point for each joint.
+    pub weights: Vec<Vec<f64>>,
+}
+
+/// k_c between two points, rad².
+pub(crate) fn kernel(
+    kernel: &JointKernel<f64>,
+    kinds: &[JointKind],
+    (a, m): (&Motions<f64>, f64),
+    (b, other): (&Motions<f64>, f64),
+) -> f64 {
+    let mut s = [0.0; 8];
+    for (d, kind) in kinds.iter().enumerate() {
+        s[d] = similarity(*kind, &a[d], &b[d]);
+    }
+    kernel.payload_factor(m, other) * kernel.joint_factor(&s)
+}
+
+/// Each payload replaced by the nearest of at most [`MAX_GROUPS`] quantiles.
+pub fn gathered(payloads: &[f64]) -> Vec<f64> {
+    gathered_to(payloads, MAX_GROUPS)
+}
+
+/// Each payload replaced by the nearest of at most `most` quantiles, two or more.
+pub(super) fn gathered_to(payloads: &[f64], most: usize) -> Vec<f64> {
+    let mut sorted = payloads.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    sorted.dedup();
+    if sorted.len() > most {
+        let last = sorted.len() - 1;
+        sorted = (0..most).map(|i| sorted[i * last / (most - 1)]).collect();
+    }
+    let nearest = |m: f64| {
+        sorted
+            .iter()
+            .copied()
+            .min_by(|a, b| (a - m).abs().total_cmp(&(b - m).abs()))
+            .unwrap_or(0.0)
+    };
+    payloads.iter().map(|m| nearest(*m)).collect()
+}
+
+/// The `count` points that leave the least unexplained, by pivoted Cholesky of Σ_c s_c K_c: indices of poses, in the
+/// order of the choice. `payloads` are in kg, one for each pose; `jacobian` (6k × n) says how much each joint moves the
+/// tool.
+pub fn choose(fit: &ElasticFit, payloads: &[f64], jacobian: &Mat<f64>, count: usize) -> Vec<usize> {
+    let kernels = fit.layout.kernels(&fit.hyperparameters);
+    let n = payloads.len();
+    let share = |c: usize| {
+        (0..jacobian.nrows())
+            .map(|r| jacobian[(r, c)].powi(2))
+            .sum::<f64>()
+            / n as f64
+    };
+    let shares: Vec<f64> = (0..kernels.len()).map(share).collect();
+    let total = |i: usize, j: usize| -> f64 {
+        let (a, b) = (
+            (&fit.inputs.features[i], payloads[i]),
+            (&fit.inputs.features[j], payloads[j]),
+        );
+        kernels
+            .iter()
+            .zip(&shares)
+            .map(|(k, s)| s * kernel(k, &fit.inputs.kinds, a, b))
+            .sum()
+    };
+    let mut left: Vec<f64> = (0..n).map(|i| total(i, i)).collect();
+    let mut columns: Vec<Vec<f64>> = Vec::new();
+    let mut chosen = Vec::new();
+    while chosen.len() < count.min(n) {
+        let Some(pivot) = (0..n)
+            .filter(|i| !chosen.contains(i))
+            .max_by(|a, b| left[*a].total_cmp(&left[*b]))
+        else {
+            break;
+        };
+        let root = left[pivot].sqrt();
+        if root.is_nan() || root <= 1e-9 * total(pivot, pivot).sqrt() {
+            break;
+        }
+        let column: Vec<f64> = (0..n)
+            .map(|i| {
+                let explained: f64 = columns.iter().map(|c| c[i] * c[pivot]).sum();
+                (total(i, pivot) - explained) / root
+            })
+            .collect();
+        for (variance, value) in left.iter_mut().zip(&column) {
+            *variance -= value * value;
+        }
+        columns.push(column);
+        chosen.push(pivot);
+    }
+    chosen
+}
+
+/// A function of a reduced model: the joint whose process it is part of, and its centre.
+pub(super) type Centred = (usize, (Motions<f64>, f64));
+
+/// Chooses `count` support points and solves for their weights and all parameters; the parameters of `fit` move.
+/// `None` when the system cannot be solved.
+pub fn reduce(fit: &mut ElasticFit, samples: &[Sample], count: usize) -> Option<Support> {
+    let kernels = fit.layout.kernels(&fit.hyperparameters);
+    let payloads = gathered(&fit.inputs.payloads);
+    let linear = fit.state.linearise(samples, fit.scales);
+    let chosen = choose(fit, &payloads, &linear.jacobian, count);
+    let centre = |i: &usize| (fit.inputs.features[*i], payloads[*i]);
+    let centres: Vec<(Motions<f64>, f64)> = chosen.iter().map(centre).collect();
+    let (m, n) = (centres.len(), kernels.len());
+    let functions: Vec<Centred> = (0..n)
+        .flat_map(|c| centres.iter().map(move |centre| (c, *centre)))
+        .collect();
+    let weights = solve(fit, &linear, &kernels, &functions)?;
+    Some(Support {
+        weights: (0..m)
+            .map(|j| (0..n).map(|c| weights[c * m + j]).collect())
+            .collect(),
+        features: centres.iter().map(|c| c.0).collect(),
+        payloads: centres.iter().map(|c| c.1).collect(),
+    })
+}
+
+/// The weights of `functions`, sorted by joint, together with all parameters, which move in `fit`.
+pub(super) fn solve(
+    fit: &mut ElasticFit,
+    linear: &Linearised,
+    kernels: &[JointKernel<f64>],
+    functions: &[Centred],
+) -> Option<Vec<f64>> {
+    let between = |c: usize, a: (&Motions<f64>, f64), b: (&Motions<f64>, f64)| {
+        kernel(&kernels[c], &fit.inputs.kinds, a, b) / (DEFLECTION_UNIT * DEFLECTION_UNIT)
+    };
+    let (p, m) = (linear.a.ncols(), functions.len());
+    let noise = |row: usize| {
+        let h = fit.hyperparameters[usize::from(row % ROWS >= 3)];
+        (-0.5 * h).exp() / linear.relative_noise(row, h)
+    };
+    let mut design = Mat::zeros(linear.y.nrows(), p + m);
+    let groups = fit.state.layout.groups();
+    for (i, group) in groups.iter().enumerate() {
+        let sd = prior_variance(*group, &fit.hyperparameters).sqrt();
+        for row in 0..linear.y.nrows() {
+            design[(row, i)] = noise(row) * sd * linear.a[(row, i)];
+        }
+    }
+    let inputs = fit.inputs.features.iter().zip(&fit.inputs.payloads);
+    for (k, (features, payload)) in inputs.enumerate() {
+        for (j, (c, (centre, other))) in functions.iter().enumerate() {
+            let value = DEFLECTION_UNIT * between(*c, (features, *payload), (centre, *other));
+            for row in ROWS * k..ROWS * (k + 1) {
+                design[(row, p + j)] = noise(row) * linear.jacobian[(row, *c)] * value;
+            }
+        }
+    }
+    let mut normal = design.transpose() * &design;
+    for i in 0..p {
+        normal[(i, i)] += 1.0;
+    }
+    for (i, (c, (features, payload))) in functions.iter().enumerate() {
+        for (j, (other, (place, mass))) in functions.iter().enumerate() {
+            if c != other {
+                continue;
+            }
+            let k = between(*c, (features, *payload), (place, *mass));
+            // A pinch of jitter: chosen points may be near neighbours in one joint's kernel.
+            normal[(p + i, p + j)] += if i == j { k * (1.0 + 1e-8) } else { k };
+        }
+    }
+    let y = Mat::from_fn(linear.y.nrows(), 1, |row, _| {
+        noise(row) * linear.y[(row, 0)]
+    });
+    let solution = normal.llt(Side::Lower).ok()?.solve(design.transpose() * &y);
+    let sd = |i: usize| prior_variance(groups[i], &fit.hyperparameters).sqrt();
+    let parameters: Vec<f64> = (0..p).map(|i| sd(i) * solution[(i, 0)]).collect();
+    fit.state.move_to(&parameters);
+    // k is in rad² on the device, in units of the processes here; deflections come in those units, too.
+    Some(
+        (0..m)
+            .map(|j| solution[(p + j, 0)] / DEFLECTION_UNIT)
+            .collect(),
+    )
+}

@@ -1,0 +1,149 @@
+//! Measurements that do not belong: found by leave-one-out χ² from the fitted model, never dropped silently.
+//!
+//! A gross outlier inflates the noise that it should be judged by. Two stages keep that from happening: parameters alone
+//! are fitted to the poses that a robust scale (the median residual) believes, until that set settles; then the whole
+//! model predicts every remaining pose from all others, χ²_k = α_kᵀ ([S⁻¹]_kk)⁻¹ α_k with S⁻¹ and α = S⁻¹y from the one
+//! factorisation that is there anyway.
+
+use faer::linalg::solvers::{DenseSolveCore, Solve};
+use faer::{Mat, Side};
+
+use crate::identification::parametric::state::{ROWS, State};
+use crate::learning::elastic::fit::ElasticFit;
+use crate::learning::elastic::variance_inflation::{Standardised, factor};
+use crate::measurement::noise::Scales;
+use crate::measurement::sample::Sample;
+
+/// χ² of a pose left out, above which it is an outlier: six degrees of freedom, p < 10⁻⁶.
+pub const LEFT_OUT: f64 = 40.0;
+/// Squared robust distance of a pose from the parameters alone, above which it is gross: ten standard deviations.
+const GROSS: f64 = 100.0;
+/// Rounds until the set of believed poses settles.
+const ROUNDS: usize = 6;
+
+/// What is done with outliers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum OutlierPolicy {
+    /// They are reported and kept.
+    Report,
+    /// They are reported and left out.
+    Reject,
+}
+
+/// How an outlier was found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Reason {
+    /// Far from what the parameters alone predict.
+    Gross,
+    /// Far from what all other poses predict.
+    LeftOut,
+}
+
+/// One measurement that does not belong.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Outlier {
+    /// Index of the sample.
+    pub sample: usize,
+    /// How it was found.
+    pub reason: Reason,
+    /// Its χ² or squared robust distance.
+    pub chi_squared: f64,
+}
+
+/// Poses that the parameters alone cannot believe. `fit_parameters` fits a fresh state to some samples.
+pub fn gross(samples: &[Sample], fit_parameters: &dyn Fn(&[Sample]) -> State) -> Vec<Outlier> {
+    let mut distances = vec![0.0; samples.len()];
+    let mut believed = vec![true; samples.len()];
+    for _ in 0..ROUNDS {
+        let kept: Vec<Sample> = samples
+            .iter()
+            .zip(&believed)
+            .filter(|(_, b)| **b)
+            .map(|(s, _)| s.clone())
+            .collect();
+        if kept.len() < samples.len() / 2 {
+            return Vec::new();
+        }
+        let residuals = fit_parameters(&kept).residuals(samples, Scales::ONE);
+        let norm = |r: &[f64]| r.iter().map(|x| x * x).sum::<f64>().sqrt();
+        let scales = Scales::robust(&residuals, samples);
+        for ((distance, r), sample) in distances.iter_mut().zip(&residuals).zip(samples) {
+            let own = scales.of(sample);
+            let turn = if own.orientation > 0.0 {
+                norm(&r[3..]) / own.orientation
+            } else {
+                0.0
+            };
+            *distance = (norm(&r[..3]) / own.position.max(1e-9)).powi(2) + turn * turn;
+        }
+        let now: Vec<bool> = distances.iter().map(|d| *d <= GROSS).collect();
+        let settled = now == believed;
+        believed = now;
+        if settled {
+            break;
+        }
+    }
+    let outlier = |(sample, d): (usize, &f64)| {
+        (*d > GROSS).then_some(Outlier {
+            sample,
+            reason: Reason::Gross,
+            chi_squared: *d,
+        })
+    };
+    distances.iter().enumerate().filter_map(outlier).collect()
+}
+
+/// What leaving every pose out tells.
+#[derive(Clone, Debug)]
+pub struct LeaveOneOut {
+    /// Poses that all others do not predict, by their index among the samples of the fit.
+    pub outliers: Vec<Outlier>,
+    /// What predicted standard deviations of position and rotation must be multiplied with to be true of the poses left
+    /// out: the mean of what the 68 % and the 95 % quantile of their standardised errors ask for.
+    pub inflation: [f64; 2],
+    /// Variance of one position component of every pose as the others predict it, m²: the mean of three, with noise, not
+    /// inflated. `None` for outliers.
+    pub position_variance: Vec<Option<f64>>,
+}
+
+/// Predicts every pose of a fit from all others.
+pub fn leave_one_out(fit: &ElasticFit, samples: &[Sample]) -> LeaveOneOut {
+    let mut out = LeaveOneOut {
+        outliers: Vec::new(),
+        inflation: [1.0; 2],
+        position_variance: vec![None; samples.len()],
+    };
+    let Some(solved) = &fit.solved else {
+        return out;
+    };
+    let inverse = solved.factor.inverse();
+    let mut standardised: Standardised = [Vec::new(), Vec::new()];
+    for (k, sample) in samples.iter().enumerate() {
+        let rows = if sample.position_only { 3 } else { ROWS };
+        let block = Mat::from_fn(rows, rows, |i, j| inverse[(ROWS * k + i, ROWS * k + j)]);
+        let alpha = Mat::from_fn(rows, 1, |i, _| solved.alpha[(ROWS * k + i, 0)]);
+        // The error of the pose left out is the block's inverse times α, and that inverse its covariance.
+        let Ok(factor) = block.llt(Side::Lower) else {
+            continue;
+        };
+        let error = factor.solve(&alpha);
+        let covariance = factor.inverse();
+        let chi_squared: f64 = (0..rows).map(|i| alpha[(i, 0)] * error[(i, 0)]).sum();
+        if chi_squared > LEFT_OUT {
+            out.outliers.push(Outlier {
+                sample: k,
+                reason: Reason::LeftOut,
+                chi_squared,
+            });
+            continue;
+        }
+        let mean = (0..3).map(|i| covariance[(i, i)]).sum::<f64>() / 3.0;
+        out.position_variance[k] = Some(fit.scales.position.powi(2) * mean);
+        for i in 0..rows {
+            standardised[usize::from(i >= 3)]
+                .push((error[(i, 0)] / covariance[(i, i)].sqrt()).abs());
+        }
+    }
+    out.inflation = factor(&mut standardised);
+    out
+}

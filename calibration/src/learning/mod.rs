@@ -1,0 +1,4 @@
+//! Gaussian processes for what geometry does not explain.
+
+pub mod elastic;
+pub mod task_space;

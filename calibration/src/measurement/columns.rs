@@ -1,0 +1,412 @@
+//! What the columns are, from their names.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use crate::input_error::InputError;
+use crate::measurement::table::Table;
+use crate::measurement::{JointColumn, JointUnit};
+
+/// What a column holds; the order is the one in which they are spoken of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Quantity {
+    /// Number of the joint, as written: from 1.
+    Joint(usize),
+    Payload,
+    Session,
+    Target,
+    /// Axis, 0 to 2.
+    Position(usize),
+    /// w, x, y, z as 0 to 3.
+    Orientation(usize),
+    SigmaPosition,
+    SigmaOrientation,
+    /// Number of the point, from 1, and axis.
+    Reference(usize, usize),
+    TruePosition(usize),
+    TrueOrientation(usize),
+}
+
+/// The unit in a column's name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Unit {
+    Degree,
+    Radian,
+    Milliradian,
+    Metre,
+    Millimetre,
+    Kilogram,
+    /// A number without a unit, or a text.
+    None,
+}
+
+impl Unit {
+    /// "a number in degrees".
+    pub(super) fn expected(self) -> &'static str {
+        match self {
+            Self::Degree => "a number in degrees",
+            Self::Radian => "a number in radians",
+            Self::Milliradian => "a number in milliradians",
+            Self::Metre => "a number in metres",
+            Self::Millimetre => "a number in millimetres",
+            Self::Kilogram => "a number in kilograms",
+            Self::None => "a number",
+        }
+    }
+}
+
+/// One column of the file.
+#[derive(Clone, Debug)]
+pub(super) struct Column {
+    /// Place in a row, from 0.
+    pub index: usize,
+    pub name: String,
+    pub unit: Unit,
+}
+
+/// The columns of a file, complete.
+pub(super) struct Columns {
+    pub joints: Vec<Column>,
+    pub payload: Option<Column>,
+    pub session: Option<Column>,
+    pub target: Option<Column>,
+    pub position: [Column; 3],
+    pub orientation: Option<[Column; 4]>,
+    pub sigma_position: Option<Column>,
+    pub sigma_orientation: Option<Column>,
+    pub references: Vec<[Column; 3]>,
+    pub truth: Option<([Column; 3], [Column; 4])>,
+    /// Names that mean nothing here.
+    unknown: Vec<String>,
+}
+
+const AXES: [&str; 3] = ["x", "y", "z"];
+const QUATERNION: [&str; 4] = ["qw", "qx", "qy", "qz"];
+
+impl Columns {
+    /// The columns of a table; `file` is for messages.
+    pub(super) fn parse(file: &Path, table: &Table) -> Result<Self, InputError> {
+        let (known, unknown) = named(file, table)?;
+        let mut header = Header {
+            file,
+            line: table.header_line,
+            known,
+            unknown: &unknown,
+        };
+        let joints = header.joints()?;
+        let position = header
+            .group("x, y, z", &AXES, Quantity::Position)?
+            .ok_or_else(|| header.missing("x_mm, y_mm, z_mm"))?;
+        let orientation = header.group("qw, qx, qy, qz", &QUATERNION, Quantity::Orientation)?;
+        let references = header.references()?;
+        let true_position = header.group(
+            "true_x, true_y, true_z",
+            &AXES.map(true_name),
+            Quantity::TruePosition,
+        )?;
+        let true_orientation = header.group(
+            "true_qw, true_qx, true_qy, true_qz",
+            &QUATERNION.map(true_name),
+            Quantity::TrueOrientation,
+        )?;
+        let truth = match (true_position, true_orientation) {
+            (Some(position), Some(orientation)) => Some((position, orientation)),
+            (None, None) => None,
+            (Some(_), None) => return Err(header.half_a_truth("position", "orientation")),
+            (None, Some(_)) => return Err(header.half_a_truth("orientation", "position")),
+        };
+        Ok(Self {
+            joints,
+            payload: header.known.remove(&Quantity::Payload),
+            session: header.known.remove(&Quantity::Session),
+            target: header.known.remove(&Quantity::Target),
+            position,
+            orientation,
+            sigma_position: header.known.remove(&Quantity::SigmaPosition),
+            sigma_orientation: header.known.remove(&Quantity::SigmaOrientation),
+            references,
+            truth,
+            unknown,
+        })
+    }
+
+    /// The columns of a file of joint targets: the joints and, where there is one, the payload.
+    pub(super) fn of_targets(
+        file: &Path,
+        table: &Table,
+    ) -> Result<(Vec<Column>, Option<Column>), InputError> {
+        let (known, unknown) = named(file, table)?;
+        let mut header = Header {
+            file,
+            line: table.header_line,
+            known,
+            unknown: &unknown,
+        };
+        if !header.known.contains_key(&Quantity::Joint(1)) {
+            return Err(header.error(
+                "no column q1_deg".to_owned(),
+                "joint targets in columns q1_deg, q2_deg …",
+            ));
+        }
+        Ok((header.joints()?, header.known.remove(&Quantity::Payload)))
+    }
+
+    /// The note about ignored columns.
+    pub(super) fn notes(&self) -> Vec<String> {
+        match self.unknown.len() {
+            0 => Vec::new(),
+            1 => vec![format!(
+                "the column {} is not known and was ignored",
+                list(&self.unknown)
+            )],
+            _ => vec![format!(
+                "the columns {} are not known and were ignored",
+                list(&self.unknown)
+            )],
+        }
+    }
+
+    /// The joints' columns, as the set keeps them.
+    pub(super) fn joint_columns(&self) -> Vec<JointColumn> {
+        joint_columns(&self.joints)
+    }
+}
+
+/// Columns of joints, as a set keeps them.
+pub(super) fn joint_columns(joints: &[Column]) -> Vec<JointColumn> {
+    let joint = |column: &Column| JointColumn {
+        column: column.index + 1,
+        name: column.name.clone(),
+        unit: match column.unit {
+            Unit::Degree => JointUnit::Degree,
+            Unit::Millimetre => JointUnit::Millimetre,
+            Unit::Metre => JointUnit::Metre,
+            _ => JointUnit::Radian,
+        },
+    };
+    joints.iter().map(joint).collect()
+}
+
+/// What the names of a table's columns mean, and the names that mean nothing here.
+fn named(
+    file: &Path,
+    table: &Table,
+) -> Result<(BTreeMap<Quantity, Column>, Vec<String>), InputError> {
+    let mut known: BTreeMap<Quantity, Column> = BTreeMap::new();
+    let mut unknown = Vec::new();
+    for (index, name) in table.header.iter().enumerate() {
+        let Some((quantity, unit)) = meaning(name) else {
+            unknown.push(name.to_owned());
+            continue;
+        };
+        let column = Column {
+            index,
+            name: name.to_owned(),
+            unit,
+        };
+        if let Some(other) = known.insert(quantity, column) {
+            let found = if other.name == name {
+                format!(
+                    "the column {name} a second time, first as column {}",
+                    other.index + 1
+                )
+            } else {
+                format!("{name} beside {} in column {}", other.name, other.index + 1)
+            };
+            return Err(
+                InputError::new(file, found, "every quantity once, in one unit")
+                    .at_line(table.header_line)
+                    .at_column(index + 1, name),
+            );
+        }
+    }
+    Ok((known, unknown))
+}
+
+/// The columns that are known but not yet taken.
+struct Header<'a> {
+    file: &'a Path,
+    line: usize,
+    known: BTreeMap<Quantity, Column>,
+    unknown: &'a [String],
+}
+
+impl Header<'_> {
+    fn error(&self, found: String, expected: &str) -> InputError {
+        let error = InputError::new(self.file, found, expected).at_line(self.line);
+        if self.unknown.is_empty() {
+            return error;
+        }
+        error.with_help(format!(
+            "a column's name carries its unit, as q1_deg or x_mm; not known here: {}",
+            list(self.unknown)
+        ))
+    }
+
+    fn missing(&self, names: &str) -> InputError {
+        self.error(
+            format!("no column {names}"),
+            "the joints q1_deg … and the position x_mm, y_mm, z_mm",
+        )
+    }
+
+    fn half_a_truth(&self, half: &str, other: &str) -> InputError {
+        self.error(
+            format!("the true {half} without the true {other}"),
+            "true_x_mm, true_y_mm, true_z_mm, true_qw, true_qx, true_qy, true_qz, or none of them",
+        )
+    }
+
+    fn joints(&mut self) -> Result<Vec<Column>, InputError> {
+        let mut joints = Vec::new();
+        while let Some(column) = self.known.remove(&Quantity::Joint(joints.len() + 1)) {
+            joints.push(column);
+        }
+        let left_over = self
+            .known
+            .iter()
+            .find_map(|(quantity, column)| match quantity {
+                Quantity::Joint(_) => Some(column),
+                _ => None,
+            });
+        if let Some(column) = left_over {
+            let found = format!("{} without q{}", column.name, joints.len() + 1);
+            return Err(self
+                .error(found, "joints that are numbered from 1 without a gap")
+                .at_column(column.index + 1, column.name.clone()));
+        }
+        if joints.is_empty() {
+            return Err(self.missing("q1_deg"));
+        }
+        Ok(joints)
+    }
+
+    fn references(&mut self) -> Result<Vec<[Column; 3]>, InputError> {
+        let mut references = Vec::new();
+        loop {
+            let number = references.len() + 1;
+            let names = AXES.map(|axis| format!("ref{number}_{axis}"));
+            let quantity = |axis| Quantity::Reference(number, axis);
+            match self.group(&names.join(", "), &names, quantity)? {
+                Some(point) => references.push(point),
+                None => break,
+            }
+        }
+        let left_over = self
+            .known
+            .iter()
+            .find_map(|(quantity, column)| match quantity {
+                Quantity::Reference(..) => Some(column),
+                _ => None,
+            });
+        match left_over {
+            Some(column) => Err(self
+                .error(
+                    format!("{} without ref{}", column.name, references.len() + 1),
+                    "reference points that are numbered from 1 without a gap",
+                )
+                .at_column(column.index + 1, column.name.clone())),
+            None => Ok(references),
+        }
+    }
+
+    /// N columns that belong together: all, or none of them.
+    fn group<const N: usize, S: AsRef<str>>(
+        &mut self,
+        all: &str,
+        names: &[S; N],
+        quantity: impl Fn(usize) -> Quantity,
+    ) -> Result<Option<[Column; N]>, InputError> {
+        let columns: [Option<Column>; N] = std::array::from_fn(|i| self.known.remove(&quantity(i)));
+        let absent: Vec<String> = (0..N)
+            .filter(|i| columns[*i].is_none())
+            .map(|i| names[i].as_ref().to_owned())
+            .collect();
+        let present: Vec<Column> = columns.into_iter().flatten().collect();
+        if present.is_empty() {
+            return Ok(None);
+        }
+        let names: Vec<&str> = present.iter().map(|column| column.name.as_str()).collect();
+        let found = format!("{} without {}", names.join(", "), absent.join(", "));
+        <[Column; N]>::try_from(present)
+            .map(Some)
+            .map_err(|present| {
+                let error = self.error(found, &format!("all of {all}, or none of them"));
+                match present.first() {
+                    Some(first) => error.at_column(first.index + 1, first.name.clone()),
+                    None => error,
+                }
+            })
+    }
+}
+
+fn true_name(name: &str) -> String {
+    format!("true_{name}")
+}
+
+fn list(names: &[String]) -> String {
+    names
+        .iter()
+        .map(|name| crate::measurement::rows::quoted(name))
+        .collect::<Vec<_>>()
+        .join(", ")
+}
+
+/// What the name of a column says.
+fn meaning(name: &str) -> Option<(Quantity, Unit)> {
+    let whole = match name {
+        "payload_kg" => Some((Quantity::Payload, Unit::Kilogram)),
+        "session" => Some((Quantity::Session, Unit::None)),
+        "target" => Some((Quantity::Target, Unit::None)),
+        "sigma_mm" => Some((Quantity::SigmaPosition, Unit::Millimetre)),
+        "sigma_m" => Some((Quantity::SigmaPosition, Unit::Metre)),
+        "sigma_mrad" => Some((Quantity::SigmaOrientation, Unit::Milliradian)),
+        "sigma_rad" => Some((Quantity::SigmaOrientation, Unit::Radian)),
+        "sigma_deg" => Some((Quantity::SigmaOrientation, Unit::Degree)),
+        _ => None,
+    };
+    if whole.is_some() {
+        return whole;
+    }
+    let component = |name: &str| QUATERNION.iter().position(|component| *component == name);
+    if let Some(component) = component(name) {
+        return Some((Quantity::Orientation(component), Unit::None));
+    }
+    if let Some(component) = name.strip_prefix("true_").and_then(component) {
+        return Some((Quantity::TrueOrientation(component), Unit::None));
+    }
+    let (stem, unit) = name.rsplit_once('_')?;
+    let unit = match unit {
+        "deg" => Unit::Degree,
+        "rad" => Unit::Radian,
+        "mm" => Unit::Millimetre,
+        "m" => Unit::Metre,
+        _ => return None,
+    };
+    if let Some(joint) = stem.strip_prefix('q').and_then(number) {
+        return Some((Quantity::Joint(joint), unit));
+    }
+    if !matches!(unit, Unit::Millimetre | Unit::Metre) {
+        return None;
+    }
+    let axis = |name: &str| AXES.iter().position(|axis| *axis == name);
+    if let Some(axis) = axis(stem) {
+        return Some((Quantity::Position(axis), unit));
+    }
+    let (head, tail) = stem.split_once('_')?;
+    let axis = axis(tail)?;
+    if head == "true" {
+        return Some((Quantity::TruePosition(axis), unit));
+    }
+    let point = head.strip_prefix("ref").and_then(number)?;
+    Some((Quantity::Reference(point, axis), unit))
+}
+
+/// A number from 0 to 99 as people write it: digits, no leading zero.
+fn number(text: &str) -> Option<usize> {
+    let plain = text.len() <= 2 && text.bytes().all(|byte| byte.is_ascii_digit());
+    if !plain || (text.len() > 1 && text.starts_with('0')) {
+        return None;
+    }
+    text.parse().ok()
+}

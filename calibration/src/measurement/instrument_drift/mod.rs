@@ -1,0 +1,287 @@
+//! Instrument drift: fixed points that were measured again at every pose tell how the instrument moved.
+//!
+//! A tracker's tripod warms up and creeps, and every pose of the arm is measured from where it stands at that moment.
+//! Points that do not move (`ref1_x_mm` …) seem to move by just that: M_k takes them from where they are to where pose k
+//! shows them, and M_k⁻¹ takes the measured pose back. The correction uses the reference points alone, never a measured
+//! pose, so that correcting a whole file before it is split into folds leaks nothing from one fold to another.
+//!
+//! - Real files have misses, and points that were mistaken for others: `outliers` finds them.
+//! - The mean positions of the points and the motion are found together (p_ik = r_i + t_k), so that a point that is
+//!   missed while the instrument creeps does not pull.
+//! - How far to smooth over neighbouring poses (rows are in the order of measurement; sessions are not mixed) is decided
+//!   for each axis by points left out: the motion that the other points show must predict the one that was not used, as
+//!   it must predict the target. With one point the neighbouring poses predict the one that was left out.
+//! - A study found translation as good as rigid motion. With three points or more a rotation is allowed when it takes
+//!   away nine tenths of the variance that the points of one pose disagree by, degrees of freedom counted.
+
+mod motion;
+mod outliers;
+#[cfg(test)]
+mod tests;
+
+use nalgebra::Vector3;
+use poegp_runtime::se3::Pose;
+use serde::Serialize;
+
+use crate::input_error::InputError;
+use crate::measurement::MeasurementSet;
+use crate::measurement::instrument_drift::motion::Track;
+
+/// Reference points of another file stand where they stood, or it was another set-up: metres.
+const SAME_PLACE: f64 = 5e-3;
+/// Lines that a report lists at most.
+const LISTED: usize = 5;
+
+/// The motion of the instrument through a file.
+#[derive(Clone, Debug)]
+pub struct Drift {
+    /// Mean position of each reference point in metres.
+    pub points: Vec<Vector3<f64>>,
+    /// For each row: takes a point from where it is to where it was seen.
+    pub seen_from_true: Vec<Pose<f64>>,
+    /// What was found.
+    pub report: DriftReport,
+}
+
+/// What was found, for a reader.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct DriftReport {
+    /// Reference points.
+    pub points: usize,
+    /// Single measurements of a reference point that were missed.
+    pub misses: usize,
+    /// Lines of the first of them.
+    pub missed_lines: Vec<usize>,
+    /// Single measurements that are not believed.
+    pub outliers: usize,
+    /// Lines of the first of them.
+    pub outlier_lines: Vec<usize>,
+    /// Poses without a good reference point; their motion comes from their neighbours.
+    pub poses_without: usize,
+    /// `translation` or `rigid`.
+    pub motion: &'static str,
+    /// Standard deviation in poses of the Gaussian window for each axis: 0 is no smoothing, absent no motion at all.
+    pub window_poses: [Option<f64>; 3],
+    /// Standard deviation of the motion for each axis of the instrument, µm.
+    pub std_um: [f64; 3],
+    /// Largest motion for each axis, µm.
+    pub max_um: [f64; 3],
+    /// Largest rotation, µrad.
+    pub max_urad: f64,
+    /// RMS per axis of a point that was left out, before and after the motion of the others was taken out, µm; of a rigid
+    /// motion the second is what the points of one pose disagree by.
+    pub left_out_um: [f64; 2],
+}
+
+impl Drift {
+    /// The drift through `set`.
+    ///
+    /// # Errors
+    /// [`InputError`] without reference points, or when none was ever seen.
+    pub fn estimate(set: &MeasurementSet) -> Result<Self, InputError> {
+        Self::relative_to(set, None)
+    }
+
+    /// The drift through another file of the same set-up, relative to where `training` saw the points.
+    ///
+    /// # Errors
+    /// As [`Drift::estimate`], and when the points are not those of `training`.
+    pub fn estimate_as(set: &MeasurementSet, training: &Self) -> Result<Self, InputError> {
+        Self::relative_to(set, Some(&training.points))
+    }
+
+    fn relative_to(
+        set: &MeasurementSet,
+        points: Option<&[Vector3<f64>]>,
+    ) -> Result<Self, InputError> {
+        let count = set.measurements.first().map_or(0, |m| m.references.len());
+        if count == 0 {
+            return Err(InputError::new(
+                &set.path,
+                "no reference points",
+                "columns ref1_x_mm, ref1_y_mm, ref1_z_mm: fixed points measured again at every pose",
+            )
+            .with_help("without them leave --correct-drift out"));
+        }
+        let mut seen: Vec<Vec<Option<Vector3<f64>>>> = (0..count)
+            .map(|i| set.measurements.iter().map(|m| m.references[i]).collect())
+            .collect();
+        let lines = |wrong: &dyn Fn(usize, usize) -> bool| -> Vec<usize> {
+            let poses = 0..set.measurements.len();
+            poses
+                .flat_map(|k| (0..count).filter(move |i| wrong(*i, k)).map(move |_| k))
+                .map(|k| set.measurements[k].line)
+                .collect()
+        };
+        let missed = lines(&|i, k| seen[i][k].is_none());
+        let sessions = sessions(set);
+        let wrong = outliers::outliers(&seen, &sessions);
+        let outliers = lines(&|i, k| wrong[i][k]);
+        for (point, wrong) in seen.iter_mut().zip(&wrong) {
+            for (seen, _) in point.iter_mut().zip(wrong).filter(|(_, wrong)| **wrong) {
+                *seen = None;
+            }
+        }
+        if let Some(never) = seen.iter().position(|p| p.iter().all(Option::is_none)) {
+            return Err(InputError::new(
+                &set.path,
+                format!("reference point {} that was never seen", never + 1),
+                "a fixed point that the instrument finds again",
+            )
+            .with_help("take its columns out of the file"));
+        }
+        let points = match points {
+            None => motion::mean_positions(&seen),
+            Some(points) => {
+                same_place(set, &seen, points)?;
+                points.to_vec()
+            }
+        };
+        let track = Track::new(&points, &seen, &sessions);
+        let found = track.motion();
+        let std_and_max = |axis: usize| -> (f64, f64) {
+            let values = found.translations.iter().map(|t| 1e6 * t[axis]);
+            let k = found.translations.len() as f64;
+            let mean = values.clone().sum::<f64>() / k;
+            let variance = values.clone().map(|x| (x - mean).powi(2)).sum::<f64>() / k;
+            (variance.sqrt(), values.fold(0.0, |m, x| m.max(x.abs())))
+        };
+        let axes = [0, 1, 2].map(std_and_max);
+        let first = |lines: &[usize]| lines.iter().copied().take(LISTED).collect();
+        let without = |k: &usize| seen.iter().all(|point| point[*k].is_none());
+        let report = DriftReport {
+            points: count,
+            misses: missed.len(),
+            missed_lines: first(&missed),
+            outliers: outliers.len(),
+            outlier_lines: first(&outliers),
+            poses_without: (0..set.measurements.len()).filter(without).count(),
+            motion: if found.rigid { "rigid" } else { "translation" },
+            window_poses: found.windows.map(|w| w.is_finite().then_some(w)),
+            std_um: axes.map(|a| a.0),
+            max_um: axes.map(|a| a.1),
+            max_urad: found
+                .rotations
+                .iter()
+                .fold(0.0, |m, r| m.max(1e6 * r.norm())),
+            left_out_um: found.left_out.map(|e| 1e6 * e),
+        };
+        Ok(Self {
+            seen_from_true: found.poses(&track.centre),
+            points,
+            report,
+        })
+    }
+
+    /// `set` as an instrument that does not move would have measured it. Reference points stay as they were seen.
+    pub fn correct(&self, set: &MeasurementSet) -> MeasurementSet {
+        let mut out = set.clone();
+        for (m, seen_from_true) in out.measurements.iter_mut().zip(&self.seen_from_true) {
+            let true_from_seen = seen_from_true.inverse();
+            m.position = true_from_seen.transform_point(&m.position);
+            if self.report.motion == "rigid"
+                && let Some((w, v)) = m.orientation
+            {
+                let seen = Pose::from_quaternion(w, &v, m.position);
+                m.orientation = Some((true_from_seen * seen).quaternion());
+            }
+        }
+        out
+    }
+}
+
+impl DriftReport {
+    /// A few lines for a terminal.
+    pub fn lines(&self) -> Vec<String> {
+        let listed = |count: usize, lines: &[usize]| match count {
+            0 => String::new(),
+            _ => {
+                let list: Vec<String> = lines.iter().map(ToString::to_string).collect();
+                let more = if count > lines.len() { ", …" } else { "" };
+                format!(" (lines {}{more})", list.join(", "))
+            }
+        };
+        let axes = |values: [f64; 3]| values.map(|x| format!("{x:.0}")).join(", ");
+        let windows: Vec<String> = self
+            .window_poses
+            .iter()
+            .map(|w| w.map_or("no motion".to_owned(), |w| format!("{w}")))
+            .collect();
+        let mut out = vec![
+            format!(
+                "Drift from {} reference points; left out: {} missed{}, {} outliers{}.",
+                self.points,
+                self.misses,
+                listed(self.misses, &self.missed_lines),
+                self.outliers,
+                listed(self.outliers, &self.outlier_lines)
+            ),
+            format!(
+                "  {} of {} µm (x, y, z; one sigma), {} µm at most; smoothed over ±{} poses",
+                self.motion,
+                axes(self.std_um),
+                axes(self.max_um),
+                windows.join(", ")
+            ),
+            format!(
+                "  a reference point left out: {:.1} µm rms per axis, {:.1} µm after the correction",
+                self.left_out_um[0], self.left_out_um[1]
+            ),
+        ];
+        if self.motion == "rigid" {
+            out.push(format!("  rotation of {:.1} µrad at most", self.max_urad));
+        }
+        if self.poses_without > 0 {
+            out.push(format!(
+                "  {} poses have no good reference point: their neighbours' motion is used",
+                self.poses_without
+            ));
+        }
+        out
+    }
+}
+
+/// Number of the session of each row, in order of appearance.
+fn sessions(set: &MeasurementSet) -> Vec<usize> {
+    let mut names: Vec<Option<&str>> = Vec::new();
+    set.measurements
+        .iter()
+        .map(|m| {
+            let name = m.session.as_deref();
+            names.iter().position(|n| *n == name).unwrap_or_else(|| {
+                names.push(name);
+                names.len() - 1
+            })
+        })
+        .collect()
+}
+
+fn same_place(
+    set: &MeasurementSet,
+    seen: &[Vec<Option<Vector3<f64>>>],
+    points: &[Vector3<f64>],
+) -> Result<(), InputError> {
+    if seen.len() != points.len() {
+        return Err(InputError::new(
+            &set.path,
+            format!("{} reference points", seen.len()),
+            format!("the {} of the training file", points.len()),
+        ));
+    }
+    for (i, (seen, point)) in seen.iter().zip(points).enumerate() {
+        let seen: Vec<_> = seen.iter().flatten().copied().collect();
+        let distance = (outliers::median(&seen) - point).norm();
+        if distance > SAME_PLACE {
+            return Err(InputError::new(
+                &set.path,
+                format!(
+                    "reference point {} {:.1} mm from where the training file has it",
+                    i + 1,
+                    1e3 * distance
+                ),
+                "the same set-up: the same points within 5 mm",
+            ));
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,299 @@
+//! The noise of measurements: what all rows have in common, and what single rows have beyond it.
+//!
+//! An instrument may state a standard uncertainty σ_k for every row. What else moves a measurement (the arm's own
+//! repeatability, what no model explains) is stated nowhere and is the same in all rows, so that
+//!
+//! ```text
+//! v_k = v + (σ_k² − σ_q²),   v ≥ σ_q²        σ_q: the quietest row,  v: fitted
+//! ```
+//!
+//! Dividing by σ_k alone would believe a row of 3 µm 36 times as much as one of 18 µm, on an arm that repeats to 30.
+//! Without statements, or with the same one in all rows, v_k = v to the last bit.
+
+use crate::measurement::sample::Sample;
+
+/// What is known of the instrument, standard deviations of one component. Each may be unknown.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct InstrumentNoise {
+    /// Of position in metres.
+    pub position: Option<f64>,
+    /// Of rotation in radians.
+    pub orientation: Option<f64>,
+}
+
+impl InstrumentNoise {
+    /// Nothing is known.
+    pub const UNKNOWN: Self = Self {
+        position: None,
+        orientation: None,
+    };
+
+    /// This where it is known, else `other`.
+    #[must_use]
+    pub fn or(self, other: Self) -> Self {
+        Self {
+            position: self.position.or(other.position),
+            orientation: self.orientation.or(other.orientation),
+        }
+    }
+
+    /// The smallest that the samples state; unknown where one of them states nothing.
+    pub fn quietest(samples: &[Sample]) -> Self {
+        Self::pooled(samples, |values| {
+            values.iter().copied().fold(f64::INFINITY, f64::min)
+        })
+    }
+
+    /// The root mean square of what the samples state; unknown where one of them states nothing.
+    pub fn typical(samples: &[Sample]) -> Self {
+        Self::pooled(samples, |values| {
+            let sum: f64 = values.iter().map(|s| s * s).sum();
+            (sum / values.len() as f64).sqrt()
+        })
+    }
+
+    fn pooled(samples: &[Sample], pool: impl Fn(&[f64]) -> f64) -> Self {
+        let of = |one: fn(&Sample) -> Option<f64>| -> Option<f64> {
+            let values: Option<Vec<f64>> = samples.iter().map(one).collect();
+            values.filter(|v| !v.is_empty()).map(|v| pool(&v))
+        };
+        Self {
+            position: of(|s| s.stated.position),
+            orientation: of(|s| s.stated.orientation),
+        }
+    }
+}
+
+/// Scales of the rows: metres and radians that count as one, in the quietest row.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Scales {
+    /// √v of one position component in metres.
+    pub position: f64,
+    /// √v of one rotation component in radians.
+    pub orientation: f64,
+    /// σ_q; where it is unknown all rows count alike.
+    pub quietest: InstrumentNoise,
+}
+
+impl Scales {
+    /// Metres and radians count alike.
+    pub const ONE: Self = Self::uniform(1.0, 1.0);
+
+    /// The same for all rows: metres and radians.
+    pub const fn uniform(position: f64, orientation: f64) -> Self {
+        Self {
+            position,
+            orientation,
+            quietest: InstrumentNoise::UNKNOWN,
+        }
+    }
+
+    /// σ_k² − σ_q² of a row, m² and rad².
+    fn excess(&self, sample: &Sample) -> [f64; 2] {
+        let of = |own: Option<f64>, quietest: Option<f64>| match (own, quietest) {
+            (Some(own), Some(quietest)) => (own * own - quietest * quietest).max(0.0),
+            _ => 0.0,
+        };
+        let (own, quietest) = (&sample.stated, &self.quietest);
+        [
+            of(own.position, quietest.position),
+            of(own.orientation, quietest.orientation),
+        ]
+    }
+
+    /// The scales of one row: √v_k.
+    #[must_use]
+    pub fn of(&self, sample: &Sample) -> Self {
+        let own = |scale: f64, excess: f64| {
+            if excess > 0.0 {
+                (scale * scale + excess).sqrt()
+            } else {
+                scale
+            }
+        };
+        let [position, orientation] = self.excess(sample);
+        Self::uniform(
+            own(self.position, position),
+            own(self.orientation, orientation),
+        )
+    }
+
+    /// v / v_k of position and rotation: 1 in the quietest row.
+    pub fn common_share(&self, sample: &Sample) -> [f64; 2] {
+        let [position, orientation] = self.excess(sample);
+        let share = |scale: f64, excess: f64| scale * scale / (scale * scale + excess);
+        [
+            share(self.position, position),
+            share(self.orientation, orientation),
+        ]
+    }
+
+    /// The scales that residuals in metres and radians ask for: v such that the mean of r²/v_k is one (the estimate of
+    /// Mandel and Paule), the mean square where all rows count alike. Position residuals are the first three of six; those
+    /// of rotation count where there are any.
+    pub fn estimated(residuals: &[[f64; 6]], samples: &[Sample]) -> Self {
+        Self::pooled(residuals, samples, |rows| {
+            let components = (3 * rows.len()).max(1) as f64;
+            let all: f64 = rows.iter().flat_map(|row| &row.0).map(|x| x * x).sum();
+            let sum = |v: f64| {
+                let of = |(r, excess): &([f64; 3], f64)| norm(r).powi(2) / (v + excess);
+                rows.iter().map(of).sum::<f64>()
+            };
+            if rows.iter().all(|(_, excess)| *excess == 0.0) {
+                return all / components;
+            }
+            root(all / components, |v| sum(v) - components)
+        })
+    }
+
+    /// As [`Scales::estimated`], from the median: half of the rows may be anything.
+    pub fn robust(residuals: &[[f64; 6]], samples: &[Sample]) -> Self {
+        Self::pooled(residuals, samples, |rows| {
+            let middle = |v: f64| {
+                let of = |(r, excess): &([f64; 3], f64)| norm(r) / (v + excess).sqrt();
+                median(rows.iter().map(of).collect())
+            };
+            let plain = median(rows.iter().map(|(r, _)| norm(r)).collect()) / MEDIAN_NORM;
+            if rows.iter().all(|(_, excess)| *excess == 0.0) {
+                return plain * plain;
+            }
+            root(plain * plain, |v| middle(v) - MEDIAN_NORM)
+        })
+    }
+
+    /// `variance` of residual and excess of all rows, for position and rotation.
+    fn pooled(
+        residuals: &[[f64; 6]],
+        samples: &[Sample],
+        variance: impl Fn(&[([f64; 3], f64)]) -> f64,
+    ) -> Self {
+        let mut out = Self {
+            quietest: InstrumentNoise::quietest(samples),
+            ..Self::ONE
+        };
+        let rows = |first: usize| -> Vec<([f64; 3], f64)> {
+            residuals
+                .iter()
+                .zip(samples)
+                .filter(|(_, s)| first == 0 || !s.position_only)
+                .map(|(r, s)| ([0, 1, 2].map(|i| r[first + i]), out.excess(s)[first / 3]))
+                .collect()
+        };
+        let scale = |rows: Vec<([f64; 3], f64)>, quietest: Option<f64>| {
+            let least = quietest.filter(|_| rows.iter().any(|(_, excess)| *excess > 0.0));
+            variance(&rows).sqrt().max(least.unwrap_or(0.0))
+        };
+        let (position, orientation) = (rows(0), rows(3));
+        out.position = scale(position, out.quietest.position);
+        out.orientation = scale(orientation, out.quietest.orientation);
+        out
+    }
+
+    /// Neither scale below `least`; a rotation scale of zero, that of positions alone, becomes one.
+    #[must_use]
+    pub fn at_least(self, least: f64) -> Self {
+        Self {
+            position: self.position.max(least),
+            orientation: if self.orientation > 0.0 {
+                self.orientation.max(least)
+            } else {
+                1.0
+            },
+            ..self
+        }
+    }
+}
+
+/// Median of the norm of three standard normal numbers.
+const MEDIAN_NORM: f64 = 1.5382;
+
+fn norm(r: &[f64; 3]) -> f64 {
+    r.iter().map(|x| x * x).sum::<f64>().sqrt()
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(0.0)
+}
+
+/// Where a decreasing function becomes negative between 0 and `upper`, where it is not positive; 0 where it is never
+/// positive.
+fn root(upper: f64, f: impl Fn(f64) -> f64) -> f64 {
+    let (mut below, mut above) = (0.0, upper);
+    // Halving a hundred times ends at the resolution of f64 for any root above 10⁻³⁰ of `upper`.
+    for _ in 0..100 {
+        let middle = 0.5 * (below + above);
+        if f(middle) > 0.0 {
+            below = middle;
+        } else {
+            above = middle;
+        }
+    }
+    below
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use poegp_runtime::se3::Pose;
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    /// `count` rows, every third stated and made `factor` times as noisy; all have a common noise of 40 µm besides.
+    fn drawn(count: usize, factor: f64) -> (Vec<[f64; 6]>, Vec<Sample>) {
+        let mut random = ChaCha8Rng::seed_from_u64(3);
+        let mut normal = || -> f64 { StandardNormal.sample(&mut random) };
+        (0..count)
+            .map(|k| {
+                let sigma = if k % 3 == 0 { factor * 30e-6 } else { 30e-6 };
+                let residual = [0; 6].map(|_| sigma * normal() + 40e-6 * normal());
+                let sample = Sample {
+                    joints: Vec::new(),
+                    serial: Vec::new(),
+                    payload_kg: None,
+                    measured: Pose::identity(),
+                    tool: 0,
+                    position_only: false,
+                    stated: InstrumentNoise {
+                        position: Some(sigma),
+                        orientation: Some(sigma),
+                    },
+                };
+                (residual, sample)
+            })
+            .unzip()
+    }
+
+    #[test]
+    fn the_common_noise_is_found_beneath_that_of_the_rows() {
+        let (mut residuals, samples) = drawn(3000, 10.0);
+        let found = Scales::estimated(&residuals, &samples);
+        // The quietest row: 30 µm stated and 40 µm common.
+        assert!((found.position / 50e-6 - 1.0).abs() < 0.03, "{found:?}");
+        assert!((found.orientation / 50e-6 - 1.0).abs() < 0.03, "{found:?}");
+        let noisy = found.of(&samples[0]);
+        let expected = (40e-6_f64.powi(2) + 300e-6_f64.powi(2)).sqrt();
+        assert!((noisy.position / expected - 1.0).abs() < 0.01, "{noisy:?}");
+        residuals.iter_mut().step_by(5).for_each(|r| r[0] += 0.1);
+        let robust = Scales::robust(&residuals, &samples);
+        assert!((robust.position / 50e-6 - 1.0).abs() < 0.3, "{robust:?}");
+    }
+
+    #[test]
+    fn equal_statements_are_no_statements() {
+        let (residuals, mut samples) = drawn(30, 1.0);
+        let stated = Scales::estimated(&residuals, &samples);
+        let robust = Scales::robust(&residuals, &samples);
+        assert_eq!(stated.of(&samples[0]).position, stated.position);
+        assert_eq!(stated.common_share(&samples[0]), [1.0; 2]);
+        for sample in &mut samples {
+            sample.stated = InstrumentNoise::UNKNOWN;
+        }
+        let silent = Scales::estimated(&residuals, &samples);
+        assert_eq!(silent.position, stated.position);
+        assert_eq!(silent.orientation, stated.orientation);
+        let silent = Scales::robust(&residuals, &samples);
+        assert_eq!(silent.position, robust.position);
+    }
+}

@@ -1,0 +1,337 @@
+//! From fields to measurements in SI units, and what is worth a note about them.
+
+use std::collections::HashMap;
+use std::path::Path;
+
+use csv::StringRecord;
+use nalgebra::Vector3;
+use poegp_runtime::se3::{Pose, dot};
+
+use crate::input_error::InputError;
+use crate::measurement::Measurement;
+use crate::measurement::columns::{Column, Columns, Unit};
+use crate::measurement::table::Table;
+
+/// Farthest that a target is from an instrument, metres: trackers reach 80 m.
+const FARTHEST: f64 = 100.0;
+/// How far the norm of a quaternion may be off 1. Three decimals are within it; other numbers taken for a quaternion are
+/// hardly ever.
+const QUATERNION_TOLERANCE: f64 = 1e-3;
+/// A norm that is off 1 by more than this is noted when the quaternion is normalised.
+const QUATERNION_NOTE: f64 = 1e-6;
+/// Entries that a note lists at most.
+const LISTED: usize = 5;
+
+/// All rows and the notes about them; `file` is for messages.
+pub(super) fn measurements(
+    file: &Path,
+    table: &Table,
+    columns: &Columns,
+) -> Result<(Vec<Measurement>, Vec<String>), InputError> {
+    let mut notes = repeated_rows(table);
+    let mut measurements = Vec::with_capacity(table.rows.len());
+    let mut worst_norm = (0.0_f64, 0);
+    for (line, fields) in &table.rows {
+        let (measurement, off_unit) = Row {
+            file,
+            line: *line,
+            fields,
+        }
+        .measurement(columns)?;
+        if off_unit > worst_norm.0 {
+            worst_norm = (off_unit, *line);
+        }
+        measurements.push(measurement);
+    }
+    if worst_norm.0 > QUATERNION_NOTE {
+        let (off_unit, line) = worst_norm;
+        notes.push(format!(
+            "the quaternions were normalised: their norm is off 1 by up to {off_unit:.1e} (line {line})"
+        ));
+    }
+    for point in 0..columns.references.len() {
+        let missed = |m: &&Measurement| m.references.get(point).is_some_and(Option::is_none);
+        let missed: Vec<_> = measurements
+            .iter()
+            .filter(missed)
+            .map(|m| m.line.to_string())
+            .collect();
+        if !missed.is_empty() {
+            notes.push(format!(
+                "reference point {} was missed in {}",
+                point + 1,
+                rows(&missed)
+            ));
+        }
+    }
+    Ok((measurements, notes))
+}
+
+fn repeated_rows(table: &Table) -> Vec<String> {
+    let mut seen: HashMap<String, usize> = HashMap::new();
+    let mut repeats = Vec::new();
+    for (line, fields) in &table.rows {
+        let row = fields.iter().collect::<Vec<_>>().join("\u{1f}");
+        match seen.get(&row) {
+            Some(first) => repeats.push(format!("{line} as {first}")),
+            None => {
+                seen.insert(row, *line);
+            }
+        }
+    }
+    if repeats.is_empty() {
+        return repeats;
+    }
+    vec![format!(
+        "kept, though the same to the last digit as an earlier row: {}",
+        rows(&repeats)
+    )]
+}
+
+/// How many rows and which: "1 row (line 4)", "9 rows (lines 83, 104, …)", the first few only.
+pub(super) fn rows(lines: &[String]) -> String {
+    let list = lines[..lines.len().min(LISTED)].join(", ");
+    match lines.len() {
+        1 => format!("1 row (line {list})"),
+        count if count > LISTED => format!("{count} rows (lines {list}, …)"),
+        count => format!("{count} rows (lines {list})"),
+    }
+}
+
+/// Text of a file in double quotes, shortened.
+pub(super) fn quoted(text: &str) -> String {
+    if text.is_empty() {
+        return "an empty field".to_owned();
+    }
+    match text.char_indices().nth(40) {
+        Some((end, _)) => format!("{:?}…", &text[..end]),
+        None => format!("{text:?}"),
+    }
+}
+
+/// One row of a file.
+pub(super) struct Row<'a> {
+    pub file: &'a Path,
+    pub line: usize,
+    pub fields: &'a StringRecord,
+}
+
+impl Row<'_> {
+    /// The measurement, and how far its quaternion's norm is off 1.
+    fn measurement(&self, columns: &Columns) -> Result<(Measurement, f64), InputError> {
+        let joints = columns
+            .joints
+            .iter()
+            .map(|column| self.number(column))
+            .collect::<Result<_, _>>()?;
+        let position = self.position(&columns.position)?;
+        if position == Vector3::zeros() {
+            return Err(self
+                .error(
+                    &columns.position[0],
+                    "the position 0 0 0",
+                    "a measured position",
+                )
+                .with_help("a tracker writes 0 0 0 where it missed the target: take the row out"));
+        }
+        let (orientation, off_unit) = match &columns.orientation {
+            Some(orientation) => {
+                let (w, v, off_unit) = self.quaternion(orientation)?;
+                (Some((w, v)), off_unit)
+            }
+            None => (None, 0.0),
+        };
+        let truth = match &columns.truth {
+            Some((position, orientation)) => {
+                let (w, v, _) = self.quaternion(orientation)?;
+                Some(Pose::from_quaternion(w, &v, self.position(position)?))
+            }
+            None => None,
+        };
+        let references = columns.references.iter().map(|point| self.reference(point));
+        let measurement = Measurement {
+            line: self.line,
+            joints,
+            payload_kg: self.optional(&columns.payload, |column| self.payload(column))?,
+            session: self.optional(&columns.session, |column| self.text(column))?,
+            target: self.optional(&columns.target, |column| self.text(column))?,
+            position,
+            orientation,
+            sigma_position: self.optional(&columns.sigma_position, |column| self.sigma(column))?,
+            sigma_orientation: self
+                .optional(&columns.sigma_orientation, |column| self.sigma(column))?,
+            references: references.collect::<Result<_, _>>()?,
+            truth,
+        };
+        Ok((measurement, off_unit))
+    }
+
+    /// Joints and payload of a row that has no pose.
+    pub(super) fn target(
+        &self,
+        joints: &[Column],
+        payload: &Option<Column>,
+    ) -> Result<(Vec<f64>, Option<f64>), InputError> {
+        let joints = joints.iter().map(|column| self.number(column));
+        Ok((
+            joints.collect::<Result<_, _>>()?,
+            self.optional(payload, |column| self.payload(column))?,
+        ))
+    }
+
+    fn field(&self, column: &Column) -> &str {
+        self.fields.get(column.index).unwrap_or("")
+    }
+
+    fn error(&self, column: &Column, found: impl Into<String>, expected: &str) -> InputError {
+        InputError::new(self.file, found, expected)
+            .at_line(self.line)
+            .at_column(column.index + 1, column.name.clone())
+    }
+
+    fn optional<T>(
+        &self,
+        column: &Option<Column>,
+        read: impl Fn(&Column) -> Result<T, InputError>,
+    ) -> Result<Option<T>, InputError> {
+        column.as_ref().map(read).transpose()
+    }
+
+    /// A finite number in SI units.
+    fn number(&self, column: &Column) -> Result<f64, InputError> {
+        let text = self.field(column);
+        let error = || self.error(column, quoted(text), column.unit.expected());
+        let Ok(number) = text.parse::<f64>() else {
+            let error = error();
+            return Err(match text {
+                "" => error.with_help("give the value, or take the row out"),
+                _ if text.replacen(',', ".", 1).parse::<f64>().is_ok() => {
+                    error.with_help("the decimal point is a point")
+                }
+                _ => error,
+            });
+        };
+        if !number.is_finite() {
+            return Err(error().with_help("a value that was not measured: take the row out"));
+        }
+        Ok(match column.unit {
+            Unit::Degree => number.to_radians(),
+            Unit::Millimetre | Unit::Milliradian => thousandth(text).unwrap_or(number / 1e3),
+            Unit::Radian | Unit::Metre | Unit::Kilogram | Unit::None => number,
+        })
+    }
+
+    fn text(&self, column: &Column) -> Result<String, InputError> {
+        match self.field(column) {
+            "" => Err(self.error(
+                column,
+                "an empty field",
+                "a name in every row, or no such column",
+            )),
+            text => Ok(text.to_owned()),
+        }
+    }
+
+    fn payload(&self, column: &Column) -> Result<f64, InputError> {
+        if self.field(column).is_empty() {
+            return Err(self
+                .error(
+                    column,
+                    "an empty field",
+                    "a payload in kilograms in every row",
+                )
+                .with_help("write 0 where there was none, or leave the whole column out"));
+        }
+        match self.number(column)? {
+            payload if payload < 0.0 => Err(self.error(
+                column,
+                quoted(self.field(column)),
+                "a payload of 0 kg or more",
+            )),
+            payload => Ok(payload),
+        }
+    }
+
+    fn sigma(&self, column: &Column) -> Result<f64, InputError> {
+        match self.number(column)? {
+            sigma if sigma > 0.0 => Ok(sigma),
+            _ => {
+                let expected = "a standard uncertainty above 0";
+                Err(self.error(column, quoted(self.field(column)), expected))
+            }
+        }
+    }
+
+    /// A point in metres, at a distance that an instrument can see.
+    fn position(&self, columns: &[Column; 3]) -> Result<Vector3<f64>, InputError> {
+        let mut position = Vector3::zeros();
+        for (axis, column) in columns.iter().enumerate() {
+            position[axis] = self.number(column)?;
+            if position[axis].abs() > FARTHEST {
+                let error = self.error(
+                    column,
+                    format!("{} ({:.0} m)", quoted(self.field(column)), position[axis]),
+                    &format!("a coordinate within {FARTHEST} m of the instrument"),
+                );
+                return Err(match column.unit {
+                    Unit::Metre => {
+                        error.with_help("are these millimetres? Then the column is named …_mm")
+                    }
+                    _ => error,
+                });
+            }
+        }
+        Ok(position)
+    }
+
+    fn reference(&self, columns: &[Column; 3]) -> Result<Option<Vector3<f64>>, InputError> {
+        if columns.iter().all(|column| self.field(column).is_empty()) {
+            return Ok(None);
+        }
+        let point = self.position(columns)?;
+        Ok((point != Vector3::zeros()).then_some(point))
+    }
+
+    /// (w, (x, y, z)), normalised, and how far its norm was off 1.
+    fn quaternion(&self, columns: &[Column; 4]) -> Result<(f64, Vector3<f64>, f64), InputError> {
+        if let Some(column) = columns.iter().find(|column| self.field(column).is_empty()) {
+            return Err(self
+                .error(
+                    column,
+                    "an empty field",
+                    "all four numbers of the quaternion in every row",
+                )
+                .with_help("rows with a position only belong in a file without qw, qx, qy, qz"));
+        }
+        let w = self.number(&columns[0])?;
+        let v = Vector3::new(
+            self.number(&columns[1])?,
+            self.number(&columns[2])?,
+            self.number(&columns[3])?,
+        );
+        let norm = (w * w + dot(&v, &v)).sqrt();
+        let off_unit = (norm - 1.0).abs();
+        // Written so that a norm that is not a number is refused, too.
+        if off_unit <= QUATERNION_TOLERANCE {
+            return Ok((w / norm, v / norm, off_unit));
+        }
+        Err(self
+            .error(
+                &columns[0],
+                format!("a quaternion of norm {norm:.6}"),
+                &format!("a unit quaternion (norm within {QUATERNION_TOLERANCE} of 1)"),
+            )
+            .with_help(format!(
+                "are {}, {}, {}, {} the four columns of one quaternion, w where the header says w?",
+                columns[0].name, columns[1].name, columns[2].name, columns[3].name
+            )))
+    }
+}
+
+/// A thousandth of a decimal number, rounded once: the point is moved in the text, so that `1234.567` millimetres are the
+/// bits of `1.234567` metres.
+fn thousandth(text: &str) -> Option<f64> {
+    let (digits, exponent) = text.split_once(['e', 'E']).unwrap_or((text, "0"));
+    let exponent = exponent.parse::<i64>().ok()?.checked_sub(3)?;
+    format!("{digits}e{exponent}").parse().ok()
+}

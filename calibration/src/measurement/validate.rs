@@ -1,0 +1,284 @@
+//! A measurement set against the robot that it is said to be of, and against what a calibration needs.
+//!
+//! A file whose joints cannot be this robot's is refused: too many, in the wrong kind of unit, or far beyond the limits.
+//! What is merely odd (values that look like the other unit, a joint that does not move, one orientation throughout) is
+//! noted: there are honest files that are so.
+
+use std::collections::HashMap;
+
+use poegp_protocol::JointKind;
+use poegp_runtime::se3::dot;
+
+use crate::input_error::InputError;
+use crate::measurement::rows::rows;
+use crate::measurement::{JointColumn, JointUnit, Measurement, MeasurementSet};
+use crate::robot::{Joint, Robot};
+
+/// How far beyond its limits a joint value may be: this part of the range …
+const MARGIN: f64 = 0.1;
+/// … and one degree, or a millimetre: controllers overshoot, and descriptions round.
+const MARGIN_REVOLUTE: f64 = std::f64::consts::PI / 180.0;
+const MARGIN_PRISMATIC: f64 = 1e-3;
+/// A joint whose values span less does not move: half a degree in radians, or a millimetre.
+const STILL_REVOLUTE: f64 = 0.5 * std::f64::consts::PI / 180.0;
+const STILL_PRISMATIC: f64 = 1e-3;
+/// No robot cell is so small: positions within it are metres under a name in millimetres.
+const SMALLEST_CELL: f64 = 0.01;
+
+impl MeasurementSet {
+    /// Whether this can be a set of `robot`'s poses; returns what its user should see.
+    ///
+    /// # Errors
+    ///
+    /// An [`InputError`] where the number of joints is another, the unit of a joint's column does not fit its kind, or a
+    /// value is beyond the joint's limits by more than a tenth of its range and a degree (or a millimetre); of a
+    /// coupled joint, both as the controller and as the chain counts it.
+    pub fn check(&self, robot: &Robot) -> Result<Vec<String>, InputError> {
+        let mut notes = self.check_joints(robot)?;
+        notes.extend(self.note_still_joints(robot));
+        notes.extend(self.note_repeated_joints());
+        notes.extend(self.note_poses());
+        Ok(notes)
+    }
+
+    /// The same of the joints alone, of rows that may stand still or repeat.
+    pub(super) fn check_joints(&self, robot: &Robot) -> Result<Vec<String>, InputError> {
+        self.check_columns(robot)?;
+        let mut notes = Vec::new();
+        for (i, (joint, column)) in robot.joints.iter().zip(&self.joint_columns).enumerate() {
+            notes.extend(self.check_limits(robot, i, joint, column)?);
+        }
+        notes.extend(self.note_tiny_joints(robot));
+        Ok(notes)
+    }
+
+    fn error(&self, found: String, expected: String) -> InputError {
+        InputError::new(&self.path, found, expected)
+    }
+
+    fn check_columns(&self, robot: &Robot) -> Result<(), InputError> {
+        let (found, expected) = (self.joint_count(), robot.joints.len());
+        if found != expected {
+            let names: Vec<_> = self
+                .joint_columns
+                .iter()
+                .map(|column| column.name.clone())
+                .collect();
+            return Err(self
+                .error(
+                    format!("{found} joint columns: {}", names.join(", ")),
+                    format!("{expected}, the joints of robot \"{}\"", robot.name),
+                )
+                .at_line(self.header_line));
+        }
+        for (joint, column) in robot.joints.iter().zip(&self.joint_columns) {
+            let is_angle = matches!(column.unit, JointUnit::Degree | JointUnit::Radian);
+            let (kind, wanted) = match joint.kind {
+                JointKind::Revolute if !is_angle => ("revolute", "degrees or radians (_deg, _rad)"),
+                JointKind::Prismatic if is_angle => {
+                    ("prismatic", "millimetres or metres (_mm, _m)")
+                }
+                _ => continue,
+            };
+            return Err(self
+                .error(
+                    column.name.clone(),
+                    format!("{wanted} for the {kind} joint \"{}\"", joint.name),
+                )
+                .at_line(self.header_line)
+                .at_column(column.column, column.name.clone()));
+        }
+        Ok(())
+    }
+
+    /// Refuses values far beyond the limits and notes those just beyond.
+    fn check_limits(
+        &self,
+        robot: &Robot,
+        i: usize,
+        joint: &Joint,
+        column: &JointColumn,
+    ) -> Result<Option<String>, InputError> {
+        let Some((lower, upper)) = joint.limits else {
+            return Ok(None);
+        };
+        let margin = MARGIN * (upper - lower)
+            + match joint.kind {
+                JointKind::Revolute => MARGIN_REVOLUTE,
+                JointKind::Prismatic => MARGIN_PRISMATIC,
+            };
+        let within = |value: f64| lower - margin <= value && value <= upper + margin;
+        // Makers state the limits of a coupled joint now for the controller's value, now for the chain's.
+        let in_chain = |joints: &[f64]| {
+            let row = robot.coupling.as_ref().and_then(|rows| rows.get(i))?;
+            Some(row.iter().zip(joints).map(|(c, q)| c * q).sum::<f64>())
+        };
+        let mut beyond = Vec::new();
+        for measurement in &self.measurements {
+            let Some(value) = measurement.joints.get(i).copied() else {
+                continue;
+            };
+            if within(value) || in_chain(&measurement.joints).is_some_and(within) {
+                // Rounding of a description in degrees is no news.
+                if value < lower - 1e-4 || value > upper + 1e-4 {
+                    beyond.push(measurement.line.to_string());
+                }
+                continue;
+            }
+            let (scale, unit) = written(column.unit);
+            let error = self
+                .error(
+                    format!("{} {unit}", round(value * scale)),
+                    format!(
+                        "a value of joint \"{}\" of robot \"{}\", {} to {} {unit}",
+                        joint.name,
+                        robot.name,
+                        round(lower * scale),
+                        round(upper * scale)
+                    ),
+                )
+                .at_line(measurement.line)
+                .at_column(column.column, column.name.clone());
+            return Err(match column.unit {
+                JointUnit::Radian if within(value.to_radians()) => error.with_help(
+                    "as degrees the value is within the limits: is the column's unit _deg?",
+                ),
+                JointUnit::Metre if within(value / 1e3) => error.with_help(
+                    "as millimetres the value is within the limits: is the column's unit _mm?",
+                ),
+                _ => error.with_help(
+                    "is this the robot of the file, and are the joints the controller's, in its order and sign?",
+                ),
+            });
+        }
+        if beyond.is_empty() {
+            return Ok(None);
+        }
+        Ok(Some(format!(
+            "joint \"{}\" is a little beyond its limits in {}",
+            joint.name,
+            rows(&beyond)
+        )))
+    }
+
+    /// Degrees that never leave ± 2π, small against the limits: radians under a name in degrees.
+    fn note_tiny_joints(&self, robot: &Robot) -> Option<String> {
+        let mut largest: f64 = 0.0;
+        let mut limit: f64 = 0.0;
+        for (i, (joint, column)) in robot.joints.iter().zip(&self.joint_columns).enumerate() {
+            if joint.kind != JointKind::Revolute || column.unit != JointUnit::Degree {
+                continue;
+            }
+            let values = self.measurements.iter().filter_map(|m| m.joints.get(i));
+            largest = values.fold(largest, |largest, value| largest.max(value.abs()));
+            let (lower, upper) = joint
+                .limits
+                .unwrap_or((-std::f64::consts::PI, std::f64::consts::PI));
+            limit = limit.max(lower.abs()).max(upper.abs());
+        }
+        let tiny =
+            limit > 0.0 && largest.to_degrees() <= std::f64::consts::TAU && largest < 0.1 * limit;
+        tiny.then(|| {
+            format!(
+                "all joint values are within ±{}°, where the limits go to {}°: are they radians?",
+                round(largest.to_degrees()),
+                round(limit.to_degrees())
+            )
+        })
+    }
+
+    fn note_still_joints(&self, robot: &Robot) -> Vec<String> {
+        let mut notes = Vec::new();
+        for (i, (joint, column)) in robot.joints.iter().zip(&self.joint_columns).enumerate() {
+            let values = self
+                .measurements
+                .iter()
+                .filter_map(|m| m.joints.get(i).copied());
+            let (low, high) = values
+                .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
+                    (low.min(value), high.max(value))
+                });
+            let still = match joint.kind {
+                JointKind::Revolute => STILL_REVOLUTE,
+                JointKind::Prismatic => STILL_PRISMATIC,
+            };
+            if high - low < still {
+                let (scale, unit) = written(column.unit);
+                notes.push(format!(
+                    "joint \"{}\" ({}) does not move: its values span {} {unit}",
+                    joint.name,
+                    column.name,
+                    round((high - low) * scale)
+                ));
+            }
+        }
+        notes
+    }
+
+    /// Rows at the joints of an earlier row: a random split would leak them from training into test.
+    fn note_repeated_joints(&self) -> Option<String> {
+        let mut seen: HashMap<Vec<u64>, usize> = HashMap::new();
+        let mut repeats = Vec::new();
+        for measurement in &self.measurements {
+            // 0.0 and −0.0 are the same joint value.
+            let key = measurement
+                .joints
+                .iter()
+                .map(|value| (value + 0.0).to_bits())
+                .collect();
+            match seen.get(&key) {
+                Some(first) => repeats.push(format!("{} as {first}", measurement.line)),
+                None => {
+                    seen.insert(key, measurement.line);
+                }
+            }
+        }
+        (!repeats.is_empty())
+            .then(|| format!("at the joints of an earlier row: {}", rows(&repeats)))
+    }
+
+    /// One orientation throughout, or a cell of millimetres.
+    fn note_poses(&self) -> Vec<String> {
+        let mut notes = Vec::new();
+        if let Some((w, v)) = self.measurements.first().and_then(|m| m.orientation) {
+            // |q · q'| is the cosine of half the angle between them.
+            let closest = (0.5 * STILL_REVOLUTE).cos();
+            let same = |m: &Measurement| {
+                m.orientation
+                    .is_some_and(|(a, b)| (w * a + dot(&v, &b)).abs() > closest)
+            };
+            if self.measurements.len() > 1 && self.measurements.iter().all(same) {
+                notes.push(
+                    "every pose has the same orientation: base and tool frame cannot be told apart"
+                        .to_owned(),
+                );
+            }
+        }
+        let farthest = self
+            .measurements
+            .iter()
+            .fold(0.0_f64, |far, m| far.max(m.position.amax()));
+        if farthest < SMALLEST_CELL {
+            notes.push(format!(
+                "all positions are within {} mm of the instrument: are they metres?",
+                round(farthest * 1e3)
+            ));
+        }
+        notes
+    }
+}
+
+/// Factor from SI to the unit of a column, and its symbol.
+fn written(unit: JointUnit) -> (f64, &'static str) {
+    match unit {
+        JointUnit::Degree => (180.0 / std::f64::consts::PI, "deg"),
+        JointUnit::Radian => (1.0, "rad"),
+        JointUnit::Millimetre => (1e3, "mm"),
+        JointUnit::Metre => (1.0, "m"),
+    }
+}
+
+/// Four decimals at most, for a message.
+fn round(value: f64) -> f64 {
+    (value * 1e4).round() / 1e4
+}

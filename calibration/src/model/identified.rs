@@ -1,0 +1,43 @@
+//! What the samples of a calibration identified.
+
+use crate::identification::identifiability::{IdentifyReport, Task, identify, residual_scales};
+use crate::measurement::noise::{InstrumentNoise, Scales};
+use crate::measurement::sample::{Sample, in_base_frame};
+use crate::model::{Calibration, Method};
+use crate::robot::Robot;
+
+/// The least noise that is believed, metres and radians.
+const QUIETEST: f64 = 1e-6;
+
+/// What `samples`, seen by the instrument, told `calibration`: its noise is what the elastic model fitted, else the RMS of
+/// the chain's own residuals.
+pub fn of_calibration(
+    calibration: &Calibration,
+    robot: &Robot,
+    samples: &[Sample],
+) -> Option<IdentifyReport> {
+    let samples = calibration.options.stated(samples.iter());
+    let samples = in_base_frame(&samples, &calibration.ends.instrument_from_base);
+    let chain = &calibration.calibrated;
+    let noise = match &calibration.elastic {
+        Some(elastic) => Scales {
+            position: elastic.report.position_noise,
+            orientation: elastic.report.orientation_noise,
+            quietest: InstrumentNoise::quietest(&samples),
+        },
+        None => residual_scales(chain, &calibration.tools, &samples),
+    };
+    let positive = |x: f64| if x > QUIETEST { x } else { QUIETEST };
+    identify(&Task {
+        robot,
+        chain,
+        tools: &calibration.tools,
+        samples: &samples,
+        noise: Scales {
+            position: positive(noise.position),
+            orientation: positive(noise.orientation),
+            ..noise
+        },
+        ends_only: calibration.options.method == Method::BaseTool,
+    })
+}

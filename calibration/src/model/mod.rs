@@ -1,0 +1,469 @@
+//! Calibration as in the paper: base-tool, step 1 (POE), step 2 (Gaussian process).
+//!
+//! All measurements are moved into the base frame of the base-tool fit first, and every later step works there: the
+//! device then has small numbers (f32 resolves 0.24 µm at 3 m), and "base" and "flange" keep a meaning for the
+//! controller. A [`Calibration`] is the model in `f64`; [`crate::blob::write`] turns it into a blob.
+
+pub mod frame_changes;
+pub mod identified;
+
+use poegp_protocol::limits::{MAX_INPUTS, OUTPUTS};
+use poegp_runtime::poe::Poe;
+use poegp_runtime::se3::{Pose, Twist, residual};
+
+use crate::identification::base_tool::{UNWEIGHTED, with_ends};
+use crate::identification::base_tools::{Ends, ends, tool_count};
+use crate::identification::frame_fit::{FrameFit, ResidualKind, fit_frames, residual_components};
+use crate::learning::elastic;
+use crate::learning::elastic::device_variance::device_sigma;
+use crate::learning::elastic::fit::ElasticOptions;
+use crate::learning::elastic::outliers::Outlier;
+use crate::learning::elastic::predictive_variance::Uncertainty;
+use crate::learning::elastic::reduced_model::ElasticModel;
+use crate::learning::elastic::variance_inflation::Recipe;
+use crate::learning::task_space as gp;
+use crate::learning::task_space::fit::{MAX_SIGNAL_VARIANCE, Sharing, fit};
+use crate::learning::task_space::{Hyperparameters, NotPositiveDefinite, TaskSpaceGp};
+use crate::measurement::noise::{InstrumentNoise, Scales};
+use crate::measurement::sample::{Sample, in_base_frame};
+
+/// The calibration methods that the paper compares, simplest first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Method {
+    /// Base and tool frames only.
+    BaseTool,
+    /// All frames of the chain (step 1).
+    Poe,
+    /// The chain and a Gaussian process of the joints.
+    PoeGp,
+    /// The chain and a Gaussian process of joints and payload: the paper's method.
+    PoeGpLoad,
+    /// The chain, gravity terms, gear ripple and joint-space processes, solved together.
+    Elastic,
+}
+
+impl Method {
+    /// The four that the paper compares.
+    pub const PAPER: [Self; 4] = [Self::BaseTool, Self::Poe, Self::PoeGp, Self::PoeGpLoad];
+    /// All of them, simplest first.
+    pub const ALL: [Self; 5] = [
+        Self::BaseTool,
+        Self::Poe,
+        Self::PoeGp,
+        Self::PoeGpLoad,
+        Self::Elastic,
+    ];
+
+    /// The name on the command line and in JSON.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::BaseTool => "base-tool",
+            Self::Poe => "poe",
+            Self::PoeGp => "poe-gp",
+            Self::PoeGpLoad => "poe-gp-load",
+            Self::Elastic => "elastic",
+        }
+    }
+
+    /// Whether it fits the paper's Gaussian process on the residual twist.
+    pub fn has_gp(self) -> bool {
+        matches!(self, Self::PoeGp | Self::PoeGpLoad)
+    }
+}
+
+/// How a calibration is done.
+#[derive(Clone, Copy, Debug)]
+pub struct Options {
+    /// The method.
+    pub method: Method,
+    /// One set of hyperparameters for all outputs, or one for each.
+    pub sharing: Sharing,
+    /// Step 1 weighted by the noise, with the rotation taken at the tool point, instead of the paper's unweighted one.
+    pub weighted: bool,
+    /// Largest θ₀ of the process, in units of the outputs' mean square.
+    ///
+    /// A large θ₀ with a long length scale makes large weights that almost cancel, which single precision cannot hold;
+    /// along that ridge the likelihood is nearly flat. [`crate::blob::write::calibrate_for_device`] lowers it when it must.
+    pub max_signal_variance: f64,
+    /// What was found for the same data with a larger bound on θ₀: saves most of the search.
+    pub larger: Option<[Hyperparameters; OUTPUTS]>,
+    /// How the elastic model is fitted.
+    pub elastic: ElasticOptions,
+    /// What is known of all measurements; where it is unknown, what each row states of itself counts.
+    pub instrument_noise: InstrumentNoise,
+    /// Largest displacement of the target by the correction in metres; twice the largest in training when absent.
+    pub max_correction_m: Option<f64>,
+    /// Largest rotation by the correction in radians; likewise.
+    pub max_correction_rad: Option<f64>,
+}
+
+impl Options {
+    /// The paper's settings for `method`.
+    pub fn new(method: Method) -> Self {
+        Self {
+            method,
+            sharing: Sharing::Shared,
+            weighted: false,
+            max_signal_variance: MAX_SIGNAL_VARIANCE,
+            larger: None,
+            elastic: ElasticOptions::default(),
+            instrument_noise: InstrumentNoise::UNKNOWN,
+            max_correction_m: None,
+            max_correction_rad: None,
+        }
+    }
+}
+
+/// A calibrated arm in f64.
+#[derive(Debug)]
+pub struct Calibration {
+    /// How it was made.
+    pub options: Options,
+    /// Base and tools on the nominal arm: the gauge.
+    pub ends: Ends,
+    /// `first_target_from_target` of each tool as calibrated.
+    pub tools: Vec<Pose<f64>>,
+    /// The nominal chain from base to target.
+    pub nominal: Poe<f64>,
+    /// The calibrated chain from base to target.
+    pub calibrated: Poe<f64>,
+    /// What step 1 did.
+    pub step1: Option<FrameFit>,
+    /// Step 2.
+    pub gp: Option<TaskSpaceGp>,
+    /// The elastic correction.
+    pub elastic: Option<ElasticModel>,
+    /// Measurements that do not belong, by their index; whether they were left out is in the options.
+    pub outliers: Vec<Outlier>,
+    /// What the elastic model does not know.
+    pub uncertainty: Option<Uncertainty>,
+    /// RMS of one position and one rotation component of the training residual, m and rad.
+    pub residual_rms: (f64, f64),
+    /// The bound on the correction: metres and radians.
+    pub bound: (f64, f64),
+    mean: Option<(poegp_runtime::posterior::MeanHeader<f64>, Vec<f64>)>,
+}
+
+/// Why a calibration failed.
+#[derive(Debug, thiserror::Error)]
+pub enum CalibrationError {
+    /// Not enough poses for the parameters that are to be found.
+    #[error(
+        "{found} poses: `{method}` needs at least {needed} (six equations each, {parameters} unknowns)"
+    )]
+    TooFewPoses {
+        /// Poses there.
+        found: usize,
+        /// Poses needed.
+        needed: usize,
+        /// Identifiable parameters.
+        parameters: usize,
+        /// The method asked for.
+        method: &'static str,
+    },
+    /// The paper's process for data with several tools or positions alone.
+    #[error(
+        "`{method}` compares whole poses of one tool; use base-tool, poe or elastic for several sessions or targets, or positions alone"
+    )]
+    OneToolOnly {
+        /// The method asked for.
+        method: &'static str,
+    },
+    /// `poe-gp-load` for data without payloads.
+    #[error("`poe-gp-load` needs a payload_kg column; without one use `poe-gp`")]
+    NoPayload,
+    /// The equations of the elastic model could not be solved.
+    #[error(
+        "the equations of the elastic model cannot be solved: are these measurements of this robot?"
+    )]
+    Unsolvable,
+    /// The Gram matrix could not be factored.
+    #[error(transparent)]
+    NotPositiveDefinite(#[from] NotPositiveDefinite),
+}
+
+/// Fewest poses for a method on an arm of `joints` joints: equations for every identifiable parameter (4 for each
+/// revolute joint and 6 for the tool, at most), and for the Gaussian process one pose more than hyperparameters.
+pub fn fewest_poses(method: Method, joints: usize) -> (usize, usize) {
+    let parameters = match method {
+        Method::BaseTool => 12,
+        _ => 4 * joints + 6,
+    };
+    let poses = parameters.div_ceil(6) + 1;
+    (
+        if method.has_gp() {
+            poses.max(6) + 4
+        } else {
+            poses
+        },
+        parameters,
+    )
+}
+
+/// Calibrates the nominal chain (base to flange) with samples whose poses are `instrument_from_target`. `coupling` is C of
+/// q_serial = C q; the samples have been through it already.
+///
+/// # Errors
+/// [`CalibrationError`].
+pub fn calibrate(
+    nominal: &Poe<f64>,
+    coupling: Option<&Vec<Vec<f64>>>,
+    samples: &[Sample],
+    options: &Options,
+) -> Result<Calibration, CalibrationError> {
+    let method = options.method;
+    let (needed, parameters) = fewest_poses(method, nominal.kinds().len());
+    if samples.len() < needed {
+        return Err(CalibrationError::TooFewPoses {
+            found: samples.len(),
+            needed,
+            parameters,
+            method: method.name(),
+        });
+    }
+    let plain_needed = method.has_gp();
+    if plain_needed && (tool_count(samples) > 1 || samples.iter().any(|s| s.position_only)) {
+        return Err(CalibrationError::OneToolOnly {
+            method: method.name(),
+        });
+    }
+    if method == Method::PoeGpLoad && samples.iter().any(|s| s.payload_kg.is_none()) {
+        return Err(CalibrationError::NoPayload);
+    }
+    let ends = ends(nominal, samples);
+    let in_base = in_base_frame(&options.stated(samples.iter()), &ends.instrument_from_base);
+    let flange = *nominal.frames().last().unwrap_or(&Pose::identity());
+    let chain_ends: Vec<Pose<f64>> = ends
+        .flange_from_targets
+        .iter()
+        .map(|t| flange * *t)
+        .collect();
+    let plain = chain_ends.len() == 1 && samples.iter().all(|s| !s.position_only);
+    let nominal = with_ends(nominal, &Pose::identity(), &ends.flange_from_targets[0]);
+    let mut out = Calibration {
+        options: *options,
+        tools: relative(&chain_ends),
+        ends,
+        nominal,
+        calibrated: nominal,
+        step1: None,
+        gp: None,
+        elastic: None,
+        outliers: Vec::new(),
+        uncertainty: None,
+        residual_rms: (0.0, 0.0),
+        bound: (0.0, 0.0),
+        mean: None,
+    };
+    let elastic = match method {
+        Method::Elastic => Some(options.elastic),
+        // The paper's step 1 compares whole poses of one tool; other data get the same parameters by weighted least squares.
+        Method::Poe if !plain => Some(ElasticOptions {
+            gravity_terms: false,
+            processes: false,
+            ripple: false,
+            ..options.elastic
+        }),
+        _ => None,
+    };
+    if let Some(options) = &elastic {
+        let mut robust =
+            elastic::fit::fit_robust(&nominal, &chain_ends, coupling, &in_base, options)
+                .ok_or(CalibrationError::Unsolvable)?;
+        let kept: Vec<Sample> = robust.kept.iter().map(|i| in_base[*i].clone()).collect();
+        let units = elastic::fit::solve_units(kept.len());
+        let model = crate::progress::phase(units, || {
+            ElasticModel::new(&mut robust.fit, &kept, coupling, options)
+        });
+        let mut model = model.ok_or(CalibrationError::Unsolvable)?;
+        if options.device_sigma && options.tied && options.processes {
+            model.sigma = device_sigma(&robust, &kept, model.coupling.as_ref());
+        }
+        out.outliers = robust.outliers;
+        out.elastic = Some(model).filter(|_| method == Method::Elastic);
+        out.calibrated = robust.fit.state.chain(0);
+        out.tools = relative(&robust.fit.state.tools);
+        out.uncertainty = Uncertainty::new(robust.fit, &kept, robust.inflation).map(|u| {
+            u.with_recipe(Recipe {
+                chain: nominal,
+                tools: chain_ends.clone(),
+                coupling: coupling.cloned(),
+                options: *options,
+            })
+        });
+    } else if method != Method::BaseTool {
+        out.step1 = Some(step1(&mut out.calibrated, &in_base, options.weighted));
+    }
+    if method.has_gp() {
+        let gp = step2(&out.calibrated, &in_base, options)?;
+        out.mean = Some(gp.mean());
+        out.gp = Some(gp);
+    }
+    out.bound = out.bound_from(&in_base);
+    out.residual_rms = out.training_rms(&in_base);
+    Ok(out)
+}
+
+/// Every tool seen from the first.
+fn relative(tools: &[Pose<f64>]) -> Vec<Pose<f64>> {
+    tools.iter().map(|t| tools[0].inverse() * *t).collect()
+}
+
+/// Step 1: all frames, by the paper's unweighted least squares or weighted by the noise.
+fn step1(poe: &mut Poe<f64>, samples: &[Sample], weighted: bool) -> FrameFit {
+    let free: Vec<usize> = (0..poe.frames().len()).collect();
+    if !weighted {
+        return fit_frames(poe, samples, &free, ResidualKind::Space);
+    }
+    // Noise and model error of position and rotation are estimated from the residuals: a few rounds settle.
+    let mut kind = UNWEIGHTED;
+    let mut fit = fit_frames(poe, samples, &free, kind);
+    for _ in 0..NOISE_ROUNDS {
+        kind = estimated_noise(poe, samples);
+        fit = fit_frames(poe, samples, &free, kind);
+    }
+    fit
+}
+
+/// Rounds of noise estimation in a weighted step 1.
+const NOISE_ROUNDS: usize = 4;
+
+/// The noise of position and rotation that the residuals ask for, at the tool point; rows of their own noise have theirs.
+fn estimated_noise(poe: &Poe<f64>, samples: &[Sample]) -> ResidualKind {
+    let residual =
+        |s: &Sample| residual_components(UNWEIGHTED, &s.measured, &poe.forward(&s.serial));
+    let residuals: Vec<[f64; 6]> = samples.iter().map(residual).collect();
+    ResidualKind::ToolCentred(Scales::estimated(&residuals, samples).at_least(1e-9))
+}
+
+/// Step 2: the process on the residual twist in the base frame (eq. 8–12).
+fn step2(
+    poe: &Poe<f64>,
+    samples: &[Sample],
+    options: &Options,
+) -> Result<TaskSpaceGp, CalibrationError> {
+    let residuals: Vec<[f64; OUTPUTS]> = samples
+        .iter()
+        .map(|s| residual(&s.measured, &poe.forward(&s.serial)).to_array())
+        .collect();
+    let inputs = samples
+        .iter()
+        .map(|s| options.inputs(&s.joints, s.payload_kg))
+        .collect();
+    Ok(fit(
+        inputs,
+        &residuals,
+        options.sharing,
+        options.max_signal_variance,
+        options.larger.as_ref(),
+    )?)
+}
+
+impl Options {
+    /// The samples with what is known of all measurements in place of what their rows state.
+    pub fn stated<'a>(&self, samples: impl Iterator<Item = &'a Sample>) -> Vec<Sample> {
+        let with_noise = |s: &Sample| Sample {
+            stated: self.instrument_noise.or(s.stated),
+            ..s.clone()
+        };
+        samples.map(with_noise).collect()
+    }
+
+    /// x = [q, m] as far as the method uses it.
+    pub fn inputs(&self, joints: &[f64], payload_kg: Option<f64>) -> Vec<f64> {
+        gp::input(
+            joints,
+            payload_kg.filter(|_| self.method == Method::PoeGpLoad),
+        )
+    }
+}
+
+impl Calibration {
+    /// `base_from_target` as the f64 model has it and its correction, a twist of the base frame, without bounding.
+    pub fn compensate(&self, sample: &Sample) -> (Pose<f64>, Twist<f64>) {
+        if let Some(elastic) = &self.elastic {
+            return elastic.compensate(&self.calibrated, &sample.joints, sample.payload_kg);
+        }
+        let chain = self.calibrated.forward(&sample.serial);
+        let Some((header, rows)) = &self.mean else {
+            return (chain, Twist::zero());
+        };
+        let x: [f64; MAX_INPUTS] =
+            gp::padded(&self.options.inputs(&sample.joints, sample.payload_kg));
+        let twist = Twist::from_array(&header.mean(rows, &x));
+        (chain.corrected(&twist), twist)
+    }
+
+    /// `base_from_target` of the sample's tool as the f64 model has it, without bounding.
+    pub fn predict(&self, sample: &Sample) -> Pose<f64> {
+        let first = self.compensate(sample).0;
+        match self.tools.get(sample.tool) {
+            Some(tool) if sample.tool > 0 => first * *tool,
+            _ => first,
+        }
+    }
+
+    /// Predictive standard deviation of a new measurement: position along the axes of the base frame in metres, rotation
+    /// about them in radians. Of the elastic model from parameters, processes and noise; of the paper's process by eq. 7,
+    /// carried to the tool, and its noise; of the chain alone the RMS of its training residual. `None` only when a model
+    /// that should know does not.
+    pub fn standard_deviation(&self, sample: &Sample) -> Option<[f64; OUTPUTS]> {
+        if let Some(uncertainty) = &self.uncertainty {
+            let stated = self.options.stated(std::iter::once(sample));
+            return stated.first().map(|s| uncertainty.standard_deviation(s));
+        }
+        let Some(gp) = &self.gp else {
+            let (p, r) = self.residual_rms;
+            return Some([p, p, p, r, r, r]);
+        };
+        let x = self.options.inputs(&sample.joints, sample.payload_kg);
+        let latent = gp.variance(&x);
+        let variance =
+            |c: usize| latent[c] + gp.output(c).noise_variance * gp.output_scale[c].powi(2);
+        let p = self.calibrated.forward(&sample.serial).translation;
+        // v + ω × p, component by component; the outputs are independent.
+        Some(std::array::from_fn(|i| {
+            let (j, k) = ((i + 1) % 3, (i + 2) % 3);
+            let lever = if i < 3 {
+                p[k].powi(2) * variance(3 + j) + p[j].powi(2) * variance(3 + k)
+            } else {
+                0.0
+            };
+            (variance(i) + lever).sqrt()
+        }))
+    }
+
+    fn training_rms(&self, samples: &[Sample]) -> (f64, f64) {
+        let of = |s: &Sample| residual_components(UNWEIGHTED, &s.measured, &self.predict(s));
+        let (mut position, mut orientation, mut whole) = (0.0, 0.0, 0);
+        for sample in samples {
+            let r = of(sample);
+            position += r[..3].iter().map(|x| x * x).sum::<f64>();
+            if !sample.position_only {
+                orientation += r[3..].iter().map(|x| x * x).sum::<f64>();
+                whole += 1;
+            }
+        }
+        let rms = |sum: f64, n: usize| (sum / (3 * n).max(1) as f64).sqrt();
+        (rms(position, samples.len()), rms(orientation, whole))
+    }
+
+    /// The posterior mean as it is exported.
+    pub fn mean(&self) -> Option<&(poegp_runtime::posterior::MeanHeader<f64>, Vec<f64>)> {
+        self.mean.as_ref()
+    }
+
+    fn bound_from(&self, samples: &[Sample]) -> (f64, f64) {
+        let (mut displacement, mut angle) = (0.0_f64, 0.0_f64);
+        for sample in samples {
+            let (_, twist) = self.compensate(sample);
+            let point = self.calibrated.forward(&sample.serial).translation;
+            displacement = displacement.max(twist.at_point(&point).linear.norm());
+            angle = angle.max(twist.angular.norm());
+        }
+        (
+            self.options.max_correction_m.unwrap_or(2.0 * displacement),
+            self.options.max_correction_rad.unwrap_or(2.0 * angle),
+        )
+    }
+}

@@ -1,0 +1,5 @@
+//! Optimisation, factors and statistics.
+
+pub mod cholesky;
+pub mod lbfgs;
+pub mod statistics;

@@ -1,0 +1,266 @@
+//! Which poses tell most about the parameters: D-optimal exchange under the prior of the elastic model.
+//!
+//! Before anything is measured the parameters of the elastic model (frames, gravity terms of links and payload) are a
+//! Gaussian prior (`elastic/state.rs`). A pose with the whitened Jacobian B (rows divided by the noise, columns multiplied
+//! by the prior's standard deviation) turns the information M = I into I + BᵀB, whatever will be read there, so that plans
+//! can be compared before anyone measures: by log|M|. From a plan to begin with, every pose in turn is exchanged for the
+//! candidate of the same payload that is best beside all the others, until a round changes nothing (V. V. Fedorov, "Theory
+//! of Optimal Experiments", 1972).
+//!
+//! Beside the parameters there may be terms that no arm is drawn with: a sine and a cosine of every joint in the deflection
+//! of every joint. They stand for what the model has to learn by its processes, and keep the poses apart.
+//!
+//! Jacobians are the runtime's, by way of [`State::linearise`].
+
+use faer::linalg::matmul::matmul;
+use faer::linalg::solvers::{DenseSolveCore, Llt};
+use faer::{Accum, Mat, MatRef, Par, Side};
+use nalgebra::{SMatrix, Vector3};
+use poegp_runtime::deflection::ripple_regressors;
+use poegp_runtime::poe::Poe;
+
+use crate::identification::parametric::state::{Group, Layout, ROWS, State};
+use crate::measurement::noise::Scales;
+use crate::measurement::sample::Sample;
+
+/// Rounds of exchange at most; it ends with the first that changes nothing.
+const ROUNDS: usize = 20;
+
+/// Standard deviations of the prior that a plan is made for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Prior {
+    /// Of the links' gravity terms, rad/(m/s²).
+    pub links: f64,
+    /// Of the payload's, rad/(N m) and rad/N.
+    pub payload: f64,
+    /// Of each sine and cosine, rad; 0 leaves them out.
+    pub smooth: f64,
+}
+
+impl Default for Prior {
+    /// Joints of 10⁵ N m/rad, and links whose weight the controller mostly compensates. The fit begins with wider priors
+    /// and learns them; a plan for those would spend its poses on terms that are small in the end: five simulated arms
+    /// with 30 poses had 0.0425 mm against the truth with the fit's, 0.0369 with these.
+    fn default() -> Self {
+        Self {
+            links: 3e-5,
+            payload: 1e-5,
+            smooth: 2e-5,
+        }
+    }
+}
+
+type Block = SMatrix<f64, ROWS, ROWS>;
+
+/// Candidates as the exchange sees them.
+pub struct Design {
+    /// Whitened Jacobians, ROWS for each candidate.
+    rows: Mat<f64>,
+    /// Candidates of one payload; those of the next follow.
+    of_a_payload: usize,
+}
+
+impl Design {
+    /// Of `candidates`, `of_a_payload` for each payload in turn, at the same joints in the same order; `chain` leads to the
+    /// target.
+    pub fn new(
+        chain: &Poe<f64>,
+        coupling: Option<&Vec<Vec<f64>>>,
+        gravity: Vector3<f64>,
+        candidates: &[Sample],
+        of_a_payload: usize,
+        noise: Scales,
+        prior: Prior,
+    ) -> Self {
+        let n = chain.kinds().len();
+        let layout = Layout {
+            joints: n,
+            tools: 1,
+            gravity: true,
+            payload: candidates.len() > of_a_payload,
+            ripple: Vec::new(),
+        };
+        let groups = layout.groups();
+        let tool = vec![chain.frames()[n]];
+        let state = State::new(chain, tool, coupling.cloned(), layout, gravity);
+        let linear = state.linearise(candidates, noise);
+        let smooth = if prior.smooth > 0.0 { 2 * n * n } else { 0 };
+        let p = groups.len();
+        let mut rows = Mat::zeros(linear.a.nrows(), p + smooth);
+        for (j, group) in groups.iter().enumerate() {
+            let sd = match group {
+                Group::Links => prior.links,
+                Group::Payload => prior.payload,
+                _ => group.prior_sd(),
+            };
+            for i in 0..rows.nrows() {
+                rows[(i, j)] = sd * linear.a[(i, j)];
+            }
+        }
+        for j in 0..smooth {
+            let (deflected, of) = (j / 2 / n, j / 2 % n);
+            for i in 0..rows.nrows() {
+                let (sin, cos) = ripple_regressors(1.0, candidates[i / ROWS].joints[of]);
+                let wave = if j % 2 == 0 { sin } else { cos };
+                rows[(i, p + j)] = prior.smooth * wave * linear.jacobian[(i, deflected)];
+            }
+        }
+        Self { rows, of_a_payload }
+    }
+
+    fn block(&self, i: usize) -> MatRef<'_, f64> {
+        self.rows.as_ref().subrows(ROWS * i, ROWS)
+    }
+
+    /// M⁻¹ of some poses; `None` only when a number is not finite.
+    fn covariance(&self, chosen: &[usize]) -> Option<Mat<f64>> {
+        Some(self.factor(chosen)?.inverse())
+    }
+
+    fn factor(&self, chosen: &[usize]) -> Option<Llt<f64>> {
+        let p = self.rows.ncols();
+        let mut information = Mat::<f64>::identity(p, p);
+        for i in chosen {
+            let b = self.block(*i);
+            let m = information.as_mut();
+            matmul(m, Accum::Add, b.transpose(), b, 1.0, Par::Seq);
+        }
+        Llt::new(information.as_ref(), Side::Lower).ok()
+    }
+
+    /// log|M| of some poses in nats.
+    pub fn information(&self, chosen: &[usize]) -> Option<f64> {
+        let factor = self.factor(chosen)?;
+        let l = factor.L();
+        Some((0..l.nrows()).map(|i| 2.0 * l[(i, i)].ln()).sum())
+    }
+
+    /// Adds the information of a pose to M⁻¹ (`sign` 1), or takes it away (−1), by Woodbury's identity.
+    fn update(&self, covariance: &mut Mat<f64>, i: usize, sign: f64) {
+        let b = self.block(i);
+        let cb = &*covariance * b.transpose();
+        let bcb = b * &cb;
+        let s = Block::from_fn(|a, k| sign * bcb[(a, k)] + if a == k { 1.0 } else { 0.0 });
+        let Some(inverse) = s.try_inverse() else {
+            return;
+        };
+        let left = &cb * Mat::from_fn(ROWS, ROWS, |a, k| inverse[(a, k)]);
+        matmul(
+            covariance.as_mut(),
+            Accum::Add,
+            left.as_ref(),
+            cb.as_ref().transpose(),
+            -sign,
+            Par::Seq,
+        );
+    }
+
+    /// Exchanges the poses of `start`, indices of candidates, each for one of the same payload; no joints twice.
+    pub fn exchange(&self, start: &[usize]) -> Vec<usize> {
+        let mut chosen = start.to_vec();
+        let n = self.of_a_payload;
+        for _ in 0..ROUNDS {
+            // Anew in every round: updates add up rounding.
+            let Some(mut covariance) = self.covariance(&chosen) else {
+                return chosen;
+            };
+            let before = chosen.clone();
+            for slot in 0..chosen.len() {
+                let old = chosen[slot];
+                self.update(&mut covariance, old, -1.0);
+                let first = n * (old / n);
+                let b = self.rows.as_ref().subrows(ROWS * first, ROWS * n);
+                let u = b * &covariance;
+                // |I + B C Bᵀ|: the factor by which the candidate raises |M|.
+                let gain = |i: usize| {
+                    let row = ROWS * (i - first);
+                    let s = Block::from_fn(|a, k| {
+                        let dot = (0..b.ncols()).map(|j| u[(row + a, j)] * b[(row + k, j)]);
+                        dot.sum::<f64>() + if a == k { 1.0 } else { 0.0 }
+                    });
+                    s.determinant()
+                };
+                let free = |i: &usize| *i == old || !chosen.iter().any(|c| c % n == i % n);
+                let best = (first..first + n)
+                    .filter(free)
+                    .map(|i| (i, gain(i)))
+                    .max_by(|a, b| a.1.total_cmp(&b.1));
+                chosen[slot] = best.map_or(old, |(i, _)| i);
+                self.update(&mut covariance, chosen[slot], 1.0);
+            }
+            if chosen == before {
+                break;
+            }
+        }
+        chosen
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    use super::*;
+    use crate::blob::write::nominal_chain;
+    use crate::measurement::noise::InstrumentNoise;
+    use crate::robot::{LoadOptions, Robot};
+    use poegp_runtime::se3::Pose;
+
+    const JOINTS: usize = 60;
+    const PAYLOADS_KG: [f64; 2] = [0.0, 3.0];
+
+    fn design() -> Design {
+        let robot = Robot::load("abb-irb120", &LoadOptions::default()).unwrap();
+        let mut random = ChaCha8Rng::seed_from_u64(3);
+        let joints: Vec<Vec<f64>> = (0..JOINTS)
+            .map(|_| (0..6).map(|_| 3.0 * random.random::<f64>() - 1.5).collect())
+            .collect();
+        let sample = |q: &Vec<f64>, kg: f64| Sample {
+            joints: q.clone(),
+            serial: q.clone(),
+            payload_kg: Some(kg),
+            measured: Pose::identity(),
+            tool: 0,
+            position_only: false,
+            stated: InstrumentNoise::UNKNOWN,
+        };
+        let candidates: Vec<Sample> = PAYLOADS_KG
+            .iter()
+            .flat_map(|kg| joints.iter().map(|q| sample(q, *kg)))
+            .collect();
+        Design::new(
+            &nominal_chain(&robot).unwrap(),
+            None,
+            Vector3::new(0.0, 0.0, -9.81),
+            &candidates,
+            JOINTS,
+            Scales::uniform(30e-6, 50e-6),
+            Prior::default(),
+        )
+    }
+
+    /// No exchange of one pose for any other of its payload tells more, by the determinant computed anew.
+    #[test]
+    fn no_single_exchange_is_left_that_tells_more() {
+        let design = design();
+        let start: Vec<usize> = (0..10).map(|k| JOINTS * (k % 2) + k).collect();
+        let chosen = design.exchange(&start);
+        let best = design.information(&chosen).unwrap();
+        assert!(best > design.information(&start).unwrap() + 1.0);
+        let payload = |i: &usize| i / JOINTS;
+        assert!(chosen.iter().map(payload).eq(start.iter().map(payload)));
+        let free = |i: usize| chosen.iter().all(|c| c % JOINTS != i % JOINTS);
+        for slot in 0..chosen.len() {
+            let first = JOINTS * payload(&chosen[slot]);
+            for other in (first..first + JOINTS).filter(|i| free(*i)) {
+                let mut changed = chosen.clone();
+                changed[slot] = other;
+                assert!(
+                    design.information(&changed).unwrap() <= best + 1e-6,
+                    "{slot}"
+                );
+            }
+        }
+    }
+}

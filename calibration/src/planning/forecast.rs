@@ -1,0 +1,178 @@
+//! What a plan should be worth, before anyone measures.
+//!
+//! Simulated arms with the kinematics of this robot and errors like those of the simulator's scenarios are measured at
+//! planned poses, calibrated as `trainer calibrate` does by default, and tested on random allowed configurations against
+//! simulated measurements, whose noise is part of every error. That says what so many poses are worth for an arm like the
+//! simulated ones: their sizes are those of an ABB IRB 4400 (`simulate/`), and a real arm has errors of its own.
+
+use std::sync::Mutex;
+
+use serde::Serialize;
+
+use crate::blob::write::{Origin, calibrate_for_device};
+use crate::measurement::noise::InstrumentNoise;
+use crate::measurement::sample::Sample;
+use crate::measurement::sample::ToolName;
+use crate::model::{Method, Options, fewest_poses};
+use crate::numeric::statistics::ErrorSummary;
+use crate::planning::{PlannedPose, Planner, Strategy, serial};
+use crate::simulation::{Scenario, SimulatedPose, Simulator};
+
+/// Numbers of poses that are usually looked at.
+pub const COUNTS: [usize; 7] = [25, 50, 75, 100, 150, 200, 300];
+/// Simulated arms of each kind.
+pub const ARMS: u64 = 2;
+/// Configurations that each is tested on.
+const TESTS: usize = 150;
+/// Kinds of arms: errors that the model has formulas for, and errors that it has none for.
+pub const SCENARIOS: [Scenario; 2] = [Scenario::Paper, Scenario::Wild];
+
+/// What so many poses are worth.
+#[derive(Clone, Debug, Serialize)]
+pub struct Row {
+    /// Poses for the calibration.
+    pub poses: usize,
+    /// How they were chosen.
+    pub strategy: &'static str,
+    /// Mean position error in mm, over all arms of a kind; absent where a calibration failed.
+    pub paper_mm: Option<f64>,
+    /// 95th percentile, mean over the arms.
+    pub paper_p95_mm: Option<f64>,
+    /// The same of the other kind.
+    pub wild_mm: Option<f64>,
+    /// The same.
+    pub wild_p95_mm: Option<f64>,
+}
+
+/// A simulated measurement as a sample, seen by the instrument.
+pub fn sample(
+    robot: &crate::robot::Robot,
+    pose: &SimulatedPose,
+    payload_kg: Option<f64>,
+) -> Sample {
+    Sample {
+        serial: serial(robot, &pose.joints),
+        joints: pose.joints.clone(),
+        payload_kg,
+        measured: pose.measured,
+        tool: 0,
+        position_only: false,
+        stated: InstrumentNoise::UNKNOWN,
+    }
+}
+
+impl Planner<'_> {
+    /// Numbers of poses, sorted, as far as the cell and the model allow them.
+    pub fn forecast_counts(&self, counts: impl Iterator<Item = usize>) -> Vec<usize> {
+        let fewest = fewest_poses(Method::Elastic, self.task.robot.joints.len()).0;
+        let mut counts: Vec<usize> = counts.collect();
+        counts.sort_unstable();
+        counts.dedup();
+        counts.retain(|n| (fewest..=self.candidates.joints.len()).contains(n));
+        counts
+    }
+
+    /// Calibrations of a forecast of so many numbers of poses.
+    pub fn forecast_steps(counts: &[usize]) -> usize {
+        counts.len() * SCENARIOS.len() * ARMS as usize
+    }
+
+    /// The forecast; `strategy` as it was asked for, `progress` is called after every calibration.
+    pub fn forecast(
+        &self,
+        counts: &[usize],
+        strategy: Option<Strategy>,
+        progress: &(dyn Fn() + Sync),
+    ) -> Vec<Row> {
+        let test = self.random_poses(TESTS);
+        let plans: Vec<(Strategy, Vec<PlannedPose>)> = counts
+            .iter()
+            .map(|count| {
+                let strategy = strategy.unwrap_or(Strategy::usual(*count));
+                let plan = self.plan(*count, 0, strategy).map(|p| p.poses);
+                (strategy, plan.unwrap_or_default())
+            })
+            .collect();
+        // The longest calibrations first, so that no thread is left with one at the end.
+        let jobs: Vec<(usize, usize, u64)> = (0..plans.len())
+            .rev()
+            .flat_map(|p| {
+                (0..SCENARIOS.len()).flat_map(move |s| (1..=ARMS).map(move |arm| (p, s, arm)))
+            })
+            .collect();
+        let next = Mutex::new(jobs.iter());
+        let errors = Mutex::new(vec![vec![Vec::new(); SCENARIOS.len()]; plans.len()]);
+        let threads = std::thread::available_parallelism().map_or(1, usize::from);
+        std::thread::scope(|scope| {
+            for _ in 0..threads.min(jobs.len()) {
+                scope.spawn(|| {
+                    while let Some((p, s, arm)) = take(&next) {
+                        let found = self.error_of(&plans[p].1, &test, SCENARIOS[s], arm);
+                        if let Ok(mut errors) = errors.lock() {
+                            errors[p][s].push((arm, found));
+                        }
+                        progress();
+                    }
+                });
+            }
+        });
+        let errors = errors.into_inner().unwrap_or_default();
+        let mut rows = Vec::with_capacity(plans.len());
+        for ((count, (strategy, _)), mut by_scenario) in counts.iter().zip(&plans).zip(errors) {
+            let mut mean = |s: usize, of: fn(&ErrorSummary) -> f64| -> Option<f64> {
+                let found = &mut by_scenario[s];
+                // In the order of the arms: sums must not depend on which thread was first.
+                found.sort_by_key(|(arm, _)| *arm);
+                let values: Option<Vec<f64>> =
+                    found.iter().map(|(_, e)| e.as_ref().map(of)).collect();
+                values.map(|v| v.iter().sum::<f64>() / v.len() as f64)
+            };
+            rows.push(Row {
+                poses: *count,
+                strategy: strategy.name(),
+                paper_mm: mean(0, |e| e.position_mm.mean),
+                paper_p95_mm: mean(0, |e| e.position_mm.p95),
+                wild_mm: mean(1, |e| e.position_mm.mean),
+                wild_p95_mm: mean(1, |e| e.position_mm.p95),
+            });
+        }
+        rows
+    }
+
+    /// Errors of one simulated arm that was calibrated with planned poses; `None` when that failed.
+    fn error_of(
+        &self,
+        planned: &[PlannedPose],
+        test: &[PlannedPose],
+        scenario: Scenario,
+        arm: u64,
+    ) -> Option<ErrorSummary> {
+        let task = &self.task;
+        let seed = task.seed.wrapping_add(arm);
+        let mut simulator = Simulator::new(task.robot, scenario, task.payloads, seed);
+        let mut measure = |poses: &[PlannedPose]| -> Vec<Sample> {
+            poses
+                .iter()
+                .map(|p| {
+                    let measured = simulator.measure_at(&p.joints, p.payload_kg.unwrap_or(0.0));
+                    sample(task.robot, &measured, p.payload_kg)
+                })
+                .collect()
+        };
+        let (train, test) = (measure(planned), measure(test));
+        let origin = Origin {
+            serial_number: String::new(),
+            date: String::new(),
+            data_sha256: [0; 32],
+            tools: vec![ToolName::default()],
+        };
+        let options = Options::new(Method::Elastic);
+        let found = calibrate_for_device(task.nominal, task.robot, &train, &options, &origin);
+        Some(ErrorSummary::new(&found.ok()?.blob.errors(&test)))
+    }
+}
+
+/// The next job; the lock is free again when it is begun.
+fn take(next: &Mutex<std::slice::Iter<'_, (usize, usize, u64)>>) -> Option<(usize, usize, u64)> {
+    next.lock().ok()?.next().copied()
+}

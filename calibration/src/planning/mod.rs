@@ -1,0 +1,290 @@
+//! Which poses to measure: `trainer plan`.
+//!
+//! Configurations are drawn at random within the joint ranges and kept where the cell allows them (`constraints`,
+//! `candidates`). From these a plan is chosen: poses that fill the space (`fill`), or those that tell most about the
+//! parameters (`design`). It is spread evenly over the payloads and put into an order of short travel (`order`). What it
+//! should be worth is found by measuring simulated arms with it (`forecast`), and it is written as CSV (`table`) and as
+//! programs of controllers (`programs`).
+//!
+//! **When which.** Poses that fill the space, unless there are so few ([`FEW`]) that the parameters can hardly be told
+//! apart. With 30 poses the two are level in the study of `tests/plans`; D-optimal ones help an arm that is as it was
+//! modelled, and poses that fill the space one that is not.
+//!
+//! A plan knows nothing of the links' shapes and of the ways between poses: collisions are the user's to exclude.
+
+pub mod candidates;
+pub mod constraints;
+pub mod d_optimal;
+pub mod forecast;
+pub mod ordering;
+pub mod space_filling;
+pub mod table;
+
+use nalgebra::Vector3;
+use poegp_runtime::poe::Poe;
+use poegp_runtime::se3::Pose;
+
+use crate::measurement::noise::{InstrumentNoise, Scales};
+use crate::measurement::sample::Sample;
+use crate::planning::candidates::{Candidates, draw, serial};
+use crate::planning::constraints::Constraints;
+use crate::planning::d_optimal::{Design, Prior};
+use crate::planning::space_filling::{Choice, PAYLOAD_WEIGHT, fill, quotas};
+use crate::robot::Robot;
+
+/// Up to so many poses a plan is D-optimal unless it is told otherwise.
+pub const FEW: usize = 20;
+/// Configurations to choose from.
+const POOL: usize = 4000;
+/// Of them for the exchange, whose time grows with them.
+const EXCHANGE_POOL: usize = 400;
+/// Poses of a plan that there must at least be for each of its own to call it a choice.
+pub const CHOICE: usize = 4;
+
+/// How poses are chosen.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Strategy {
+    /// As far apart as possible.
+    SpaceFilling,
+    /// Telling most about the parameters.
+    DOptimal,
+}
+
+impl Strategy {
+    /// The better one for so many poses.
+    pub fn usual(count: usize) -> Self {
+        if count <= FEW {
+            Self::DOptimal
+        } else {
+            Self::SpaceFilling
+        }
+    }
+
+    /// In words.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::SpaceFilling => "space-filling",
+            Self::DOptimal => "D-optimal",
+        }
+    }
+}
+
+/// What to plan.
+#[derive(Clone, Copy, Debug)]
+pub struct Task<'a> {
+    /// The arm.
+    pub robot: &'a Robot,
+    /// Its nominal chain, base to flange.
+    pub nominal: &'a Poe<f64>,
+    /// What its cell demands.
+    pub constraints: &'a Constraints,
+    /// Payloads in kg, all different; none where the payload is not varied and not known.
+    pub payloads: &'a [f64],
+    /// Gravity in the base frame, m/s².
+    pub gravity: Vector3<f64>,
+    /// Noise of the instrument: one position component in metres, one rotation component in radians.
+    pub noise: (f64, f64),
+    /// Seed of everything random.
+    pub seed: u64,
+}
+
+/// One pose to measure.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PlannedPose {
+    /// The controller's joints, rad or m.
+    pub joints: Vec<f64>,
+    /// What to mount.
+    pub payload_kg: Option<f64>,
+    /// Whether it is not for the calibration but to check it.
+    pub check: bool,
+}
+
+/// Poses in the order in which they are to be measured.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    /// The poses.
+    pub poses: Vec<PlannedPose>,
+    /// How those for the calibration were chosen.
+    pub strategy: Strategy,
+    /// Length of the way: every move the largest share of a joint's range, summed.
+    pub travel: f64,
+}
+
+/// The candidates of a task, to make plans of.
+#[derive(Debug)]
+pub struct Planner<'a> {
+    task: Task<'a>,
+    /// The chain to the target.
+    chain: Poe<f64>,
+    candidates: Candidates,
+}
+
+/// The cell leaves too few configurations.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{allowed} of {drawn} configurations are allowed")]
+pub struct TooTight {
+    /// Allowed configurations.
+    pub allowed: usize,
+    /// Configurations that were drawn.
+    pub drawn: usize,
+    /// How many are needed.
+    pub needed: usize,
+    /// How many each rule took away, in the order of the constraints.
+    pub removed: Vec<usize>,
+}
+
+impl<'a> Planner<'a> {
+    /// Draws the candidates.
+    pub fn new(task: Task<'a>) -> Self {
+        let chain = task.constraints.chain(task.nominal);
+        let candidates = draw(task.robot, &chain, task.constraints, POOL, task.seed);
+        Self {
+            task,
+            chain,
+            candidates,
+        }
+    }
+
+    /// The candidates, and how many were refused.
+    pub fn candidates(&self) -> &Candidates {
+        &self.candidates
+    }
+
+    /// A plan of `count` poses for the calibration and `checks` to check it.
+    ///
+    /// # Errors
+    /// [`TooTight`].
+    pub fn plan(&self, count: usize, checks: usize, strategy: Strategy) -> Result<Plan, TooTight> {
+        let joints = &self.candidates.joints;
+        if joints.len() < count + checks {
+            return Err(TooTight {
+                allowed: joints.len(),
+                drawn: self.candidates.drawn,
+                needed: count + checks,
+                removed: self.candidates.removed.clone(),
+            });
+        }
+        let chosen = self.choose(count, strategy);
+        let mut poses: Vec<PlannedPose> = chosen.iter().map(|c| self.pose(*c, false)).collect();
+        // Checks are what use will be like: candidates as they were drawn, from the end, where the exchange never looks.
+        let mut free = (0..joints.len())
+            .rev()
+            .filter(|i| !chosen.iter().any(|(j, _)| j == i));
+        for (k, quota) in quotas(checks, self.payload_count()).into_iter().enumerate() {
+            for i in free.by_ref().take(quota) {
+                poses.push(self.pose((i, k), true));
+            }
+        }
+        Ok(self.ordered(poses, strategy))
+    }
+
+    /// Random allowed configurations with the payloads in turn, to test simulated calibrations on.
+    fn random_poses(&self, count: usize) -> Vec<PlannedPose> {
+        let (task, payloads) = (&self.task, self.payload_count());
+        let test = draw(
+            task.robot,
+            &self.chain,
+            task.constraints,
+            count,
+            task.seed.wrapping_add(1),
+        );
+        let pose = |(i, joints): (usize, Vec<f64>)| PlannedPose {
+            joints,
+            payload_kg: task.payloads.get(i % payloads).copied(),
+            check: true,
+        };
+        test.joints.into_iter().enumerate().map(pose).collect()
+    }
+
+    /// Without payloads there is one that is not known.
+    fn payload_count(&self) -> usize {
+        self.task.payloads.len().max(1)
+    }
+
+    fn pose(&self, (i, k): Choice, check: bool) -> PlannedPose {
+        PlannedPose {
+            joints: self.candidates.joints[i].clone(),
+            payload_kg: self.task.payloads.get(k).copied(),
+            check,
+        }
+    }
+
+    fn choose(&self, count: usize, strategy: Strategy) -> Vec<Choice> {
+        let (task, joints) = (&self.task, &self.candidates.joints);
+        let quotas = quotas(count, self.payload_count());
+        let payloads = match task.payloads {
+            [] => &[0.0],
+            some => some,
+        };
+        let ranges = &task.constraints.ranges;
+        if strategy == Strategy::SpaceFilling {
+            return fill(joints, ranges, payloads, &quotas, PAYLOAD_WEIGHT);
+        }
+        let pool = &joints[..joints.len().min(EXCHANGE_POOL.max(CHOICE * count))];
+        let start = fill(pool, ranges, payloads, &quotas, PAYLOAD_WEIGHT);
+        let sample = |q: &Vec<f64>, payload_kg: f64| Sample {
+            serial: serial(task.robot, q),
+            joints: q.clone(),
+            payload_kg: Some(payload_kg),
+            measured: Pose::identity(),
+            tool: 0,
+            position_only: false,
+            stated: InstrumentNoise::UNKNOWN,
+        };
+        let samples: Vec<Sample> = payloads
+            .iter()
+            .flat_map(|m| pool.iter().map(|q| sample(q, *m)))
+            .collect();
+        let design = Design::new(
+            &self.chain,
+            task.robot.coupling.as_ref(),
+            task.gravity,
+            &samples,
+            pool.len(),
+            Scales::uniform(task.noise.0, task.noise.1),
+            Prior::default(),
+        );
+        let start: Vec<usize> = start.iter().map(|(i, k)| k * pool.len() + i).collect();
+        let chosen = design.exchange(&start);
+        chosen
+            .iter()
+            .map(|c| (c % pool.len(), c / pool.len()))
+            .collect()
+    }
+
+    /// Payload by payload, in each those for the calibration and then the checks, each on a short way.
+    fn ordered(&self, poses: Vec<PlannedPose>, strategy: Strategy) -> Plan {
+        let ranges = &self.task.constraints.ranges;
+        let mut payloads: Vec<Option<f64>> = Vec::new();
+        for pose in &poses {
+            if !payloads.contains(&pose.payload_kg) {
+                payloads.push(pose.payload_kg);
+            }
+        }
+        payloads.sort_by(|a, b| a.unwrap_or(0.0).total_cmp(&b.unwrap_or(0.0)));
+        let mut ordered: Vec<PlannedPose> = Vec::with_capacity(poses.len());
+        for payload in payloads {
+            for check in [false, true] {
+                let group: Vec<Vec<f64>> = poses
+                    .iter()
+                    .filter(|p| p.payload_kg == payload && p.check == check)
+                    .map(|p| p.joints.clone())
+                    .collect();
+                let start = ordered.last().map(|p| p.joints.clone());
+                for i in ordering::short_way(&group, start.as_deref(), ranges) {
+                    ordered.push(PlannedPose {
+                        joints: group[i].clone(),
+                        payload_kg: payload,
+                        check,
+                    });
+                }
+            }
+        }
+        let travel = ordering::length(ordered.iter().map(|p| &p.joints), ranges);
+        Plan {
+            poses: ordered,
+            strategy,
+            travel,
+        }
+    }
+}

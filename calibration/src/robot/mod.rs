@@ -1,0 +1,165 @@
+//! The nominal arm in normal form: fixed frames, and joints that act on their own z axis.
+//!
+//! Three descriptions lead to the same [`Robot`]: a URDF, a TOML file in one of three conventions, and the built-in
+//! arms, which are TOML files themselves. Whatever their axes were, here every joint turns about or moves along the z
+//! axis of its own frame: with the axis rewritten by a fixed rotation K (K z = axis), the frames become
+//! K_{i−1}⁻¹ · origin_i · K_i. The chain is then
+//!
+//! ```text
+//! base_from_flange(q) = P_0 · Z_1(q_1) · P_1 · Z_2(q_2) · … · Z_n(q_n) · P_n,      q = C · (controller's joints)
+//! ```
+//!
+//! with P_i = `parent_from_joint[i]`, Z_i a rotation about z by q_i (rad) or a translation along z by q_i (m), and C
+//! the [`Robot::coupling`].
+//!
+//! Refused, by name: anything that is not one serial chain of 1 to 8 revolute or prismatic joints.
+
+mod builtin;
+pub mod normal_form;
+#[cfg(test)]
+mod tests;
+mod toml_description;
+pub mod toml_source;
+pub mod urdf;
+
+use std::path::Path;
+
+use poegp_protocol::JointKind;
+use poegp_runtime::se3::Pose;
+
+pub use crate::robot::builtin::BUILT_IN;
+pub(crate) use crate::robot::normal_form::origin;
+
+use crate::input_error::InputError;
+
+/// A nominal serial arm of 1 to 8 joints in normal form.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Robot {
+    /// The arm's name.
+    pub name: String,
+    /// The moving joints, base first.
+    pub joints: Vec<Joint>,
+    /// The n + 1 fixed frames, metres: `base_from_joint_1`, `joint_1_from_joint_2`, …, `joint_n_from_flange`. The joint
+    /// acts after its frame, about or along its own z axis.
+    pub parent_from_joint: Vec<Pose<f64>>,
+    /// C of q_serial = C q, n rows of n, invertible: the chain's joint values from the controller's. `None` is the
+    /// identity.
+    pub coupling: Option<Vec<Vec<f64>>>,
+}
+
+/// One moving joint.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Joint {
+    /// The joint's name, unique in its robot.
+    pub name: String,
+    /// Whether it turns about z or moves along z.
+    pub kind: JointKind,
+    /// Lower and upper limit of the *controller's* joint value, rad or m, lower ≤ upper and finite; `None` is
+    /// unlimited.
+    pub limits: Option<(f64, f64)>,
+}
+
+/// What [`Robot::load`] must be told beside the file: which part of a URDF is the arm.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct LoadOptions {
+    /// Name of the URDF link that the chain starts from. `None`: the root link.
+    pub base: Option<String>,
+    /// Name of the URDF link that is the flange. `None`: the only leaf below the base, else the leaf named `tool0`,
+    /// `flange` or `ee_link`, in this order.
+    pub tip: Option<String>,
+}
+
+impl Robot {
+    /// Loads the arm that `spec` names: one of [`BUILT_IN`], else the path of a URDF (`.urdf`, `.xml`) or of a TOML
+    /// description (`.toml`). A file that has a built-in's name is reached as `./NAME`.
+    ///
+    /// # Errors
+    ///
+    /// An [`InputError`] that names the file and, where it is known, the line: see [`crate::robot`] for what is refused.
+    pub fn load(spec: &str, options: &LoadOptions) -> Result<Robot, InputError> {
+        if let Some(text) = builtin::text(spec) {
+            let file = format!("<built-in {spec}>");
+            no_link_names(Path::new(&file), options)?;
+            return toml_description::parse(Path::new(&file), text);
+        }
+        let path = Path::new(spec);
+        let bytes = std::fs::read(path).map_err(|error| {
+            let wanted =
+                "a URDF (.urdf), a robot description (.toml) or the name of a built-in robot";
+            InputError::unreadable(path, &error, wanted)
+                .with_help(format!("the built-in robots are {}", BUILT_IN.join(", ")))
+        })?;
+        Self::parse(path, &bytes, options)
+    }
+
+    /// Reads the bytes of a URDF or a TOML description; the extension of `path` says which.
+    ///
+    /// # Errors
+    ///
+    /// As [`Robot::load`].
+    pub fn parse(path: &Path, bytes: &[u8], options: &LoadOptions) -> Result<Robot, InputError> {
+        let Ok(text) = std::str::from_utf8(bytes) else {
+            return Err(InputError::new(
+                path,
+                "bytes that are not UTF-8 text",
+                "a URDF or a TOML file",
+            ));
+        };
+        let text = text.strip_prefix('\u{feff}').unwrap_or(text);
+        let extension = path
+            .extension()
+            .and_then(|e| e.to_str())
+            .unwrap_or("")
+            .to_ascii_lowercase();
+        match extension.as_str() {
+            "urdf" | "xml" => urdf::parse(path, text, options),
+            "toml" => {
+                no_link_names(path, options)?;
+                toml_description::parse(path, text)
+            }
+            "xacro" => Err(InputError::new(path, "a xacro file", "a URDF file")
+                .with_help("expand it first, for example `xacro robot.urdf.xacro > robot.urdf`")),
+            _ => Err(InputError::new(
+                path,
+                format!("the file name extension \"{extension}\""),
+                "\".urdf\", \".xml\" or \".toml\"",
+            )),
+        }
+    }
+
+    /// base_from_flange at the controller's joint values `q` (rad or m): an oracle for tests, written without the
+    /// runtime's product of exponentials.
+    #[cfg(test)]
+    pub fn forward(&self, q: &[f64]) -> Pose<f64> {
+        let serial: Vec<f64> = match &self.coupling {
+            Some(rows) => rows
+                .iter()
+                .map(|row| row.iter().zip(q).map(|(c, q)| c * q).sum())
+                .collect(),
+            None => q.to_vec(),
+        };
+        let mut pose = self.parent_from_joint[0];
+        for (i, joint) in self.joints.iter().enumerate() {
+            let moved = match joint.kind {
+                JointKind::Revolute => normal_form::rotation_about(2, serial[i]),
+                JointKind::Prismatic => normal_form::translation(0.0, 0.0, serial[i]),
+            };
+            pose = pose * moved * self.parent_from_joint[i + 1];
+        }
+        pose
+    }
+}
+
+/// Base and tip are names of URDF links: with any other description they would be ignored, so they are refused.
+fn no_link_names(file: &Path, options: &LoadOptions) -> Result<(), InputError> {
+    for (option, value) in [("base", &options.base), ("tip", &options.tip)] {
+        if let Some(link) = value {
+            return Err(InputError::new(
+                file,
+                format!("the {option} link \"{link}\""),
+                format!("no {option} link: only a URDF has links to choose from"),
+            ));
+        }
+    }
+    Ok(())
+}

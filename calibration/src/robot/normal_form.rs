@@ -1,0 +1,195 @@
+//! From joints with any axis to the normal form, and the elementary frames it is made of.
+//!
+//! Every reader of a description pushes its joints and fixed frames here in order; `Chain::finish` returns the robot.
+
+use nalgebra::{Matrix3, Vector3};
+use poegp_protocol::limits::MAX_JOINTS;
+use poegp_runtime::se3::Pose;
+
+use crate::robot::{Joint, Robot};
+
+/// A chain under construction: fixed frames are folded together until a moving joint ends them.
+pub(super) struct Chain {
+    joints: Vec<Joint>,
+    parent_from_joint: Vec<Pose<f64>>,
+    /// From the z axis of the last joint (or the base) to where the chain has come.
+    pending: Pose<f64>,
+}
+
+/// Why a chain is no robot of ours.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum ChainError {
+    /// It has no moving joint.
+    NoJoints,
+    /// It has more than [`MAX_JOINTS`] of them.
+    TooManyJoints(usize),
+}
+
+impl ChainError {
+    /// (found, expected) for an error message.
+    pub(super) fn describe(self) -> (String, String) {
+        let found = match self {
+            Self::NoJoints => "no moving joint".to_owned(),
+            Self::TooManyJoints(count) => format!("{count} moving joints"),
+        };
+        (
+            found,
+            format!("1 to {MAX_JOINTS} revolute or prismatic joints"),
+        )
+    }
+}
+
+impl Chain {
+    /// An empty chain that starts at the base frame.
+    pub(super) fn new() -> Self {
+        Self {
+            joints: Vec::new(),
+            parent_from_joint: Vec::new(),
+            pending: Pose::identity(),
+        }
+    }
+
+    /// Goes on by a fixed frame.
+    pub(super) fn push_fixed(&mut self, parent_from_child: Pose<f64>) {
+        self.pending = self.pending * parent_from_child;
+    }
+
+    /// A joint whose axis is `axis`, a finite vector of any length but zero, in the frame the chain has come to.
+    pub(super) fn push_joint(&mut self, joint: Joint, axis: &Vector3<f64>) {
+        let joint_from_normal = rotation_to_axis(axis);
+        self.parent_from_joint
+            .push(self.pending * joint_from_normal);
+        self.joints.push(joint);
+        self.pending = joint_from_normal.inverse();
+    }
+
+    /// The robot whose flange is the frame the chain has come to.
+    pub(super) fn finish(
+        mut self,
+        name: String,
+        coupling: Option<Vec<Vec<f64>>>,
+    ) -> Result<Robot, ChainError> {
+        match self.joints.len() {
+            0 => Err(ChainError::NoJoints),
+            count if count > MAX_JOINTS => Err(ChainError::TooManyJoints(count)),
+            _ => {
+                self.parent_from_joint.push(self.pending);
+                let (joints, parent_from_joint) = (self.joints, self.parent_from_joint);
+                Ok(Robot {
+                    name,
+                    joints,
+                    parent_from_joint,
+                    coupling,
+                })
+            }
+        }
+    }
+}
+
+/// The rotation by the smallest angle that takes z to `axis`; half a turn about x where the axis is −z.
+pub fn rotation_to_axis(axis: &Vector3<f64>) -> Pose<f64> {
+    let a = axis / norm(axis);
+    if a[2] < 0.0 {
+        // The formula below divides by 1 + a_z: take z to the mirrored axis, then turn by half a turn about x.
+        let half_turn = Matrix3::new(1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, -1.0);
+        let smallest = rotation_to_axis(&(half_turn * a)).rotation;
+        return Pose {
+            rotation: half_turn * smallest,
+            translation: Vector3::zeros(),
+        };
+    }
+    let (x, y, z) = (a[0], a[1], a[2]);
+    let k = 1.0 / (1.0 + z);
+    let rotation = Matrix3::new(
+        1.0 - k * x * x,
+        -k * x * y,
+        x,
+        -k * x * y,
+        1.0 - k * y * y,
+        y,
+        -x,
+        -y,
+        z,
+    );
+    Pose {
+        rotation,
+        translation: Vector3::zeros(),
+    }
+}
+
+/// Length of a vector, without overflow for what a file may hold.
+pub(super) fn norm(v: &Vector3<f64>) -> f64 {
+    v[0].hypot(v[1]).hypot(v[2])
+}
+
+/// Rotation by `angle` (rad) about the coordinate axis 0, 1 or 2.
+pub fn rotation_about(axis: usize, angle: f64) -> Pose<f64> {
+    let (s, c) = angle.sin_cos();
+    let rotation = match axis {
+        0 => Matrix3::new(1.0, 0.0, 0.0, 0.0, c, -s, 0.0, s, c),
+        1 => Matrix3::new(c, 0.0, s, 0.0, 1.0, 0.0, -s, 0.0, c),
+        _ => Matrix3::new(c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0),
+    };
+    Pose {
+        rotation,
+        translation: Vector3::zeros(),
+    }
+}
+
+/// Translation in metres.
+pub fn translation(x: f64, y: f64, z: f64) -> Pose<f64> {
+    Pose {
+        rotation: Matrix3::identity(),
+        translation: Vector3::new(x, y, z),
+    }
+}
+
+/// A URDF origin: translation in metres, then roll, pitch and yaw in radians about the fixed x, y and z axes,
+/// R = R_z(yaw) R_y(pitch) R_x(roll).
+pub fn origin(xyz: [f64; 3], rpy: [f64; 3]) -> Pose<f64> {
+    translation(xyz[0], xyz[1], xyz[2])
+        * rotation_about(2, rpy[2])
+        * rotation_about(1, rpy[1])
+        * rotation_about(0, rpy[0])
+}
+
+/// The inverse of [`origin`]: roll, pitch and yaw in radians of a rotation, pitch within ±π/2.
+///
+/// In gimbal lock (pitch ±π/2) roll and yaw cannot be told apart. Yaw is read first, and pitch and roll from what is left
+/// once it is taken out, so that whatever it was found to be the three give the rotation back to the last digits.
+pub fn roll_pitch_yaw(rotation: &Matrix3<f64>) -> [f64; 3] {
+    let r = rotation;
+    let yaw = r[(1, 0)].atan2(r[(0, 0)]);
+    let (s, c) = yaw.sin_cos();
+    let across = |column: usize| c * r[(1, column)] - s * r[(0, column)];
+    let along = c * r[(0, 0)] + s * r[(1, 0)];
+    let pitch = (-r[(2, 0)]).atan2(along);
+    let roll = (-across(2)).atan2(across(1));
+    [roll, pitch, yaw]
+}
+
+/// Whether a square matrix (rows) is invertible: every pivot of Gaussian elimination above 1e-9 of its largest element.
+pub(super) fn is_invertible(matrix: &[Vec<f64>]) -> bool {
+    let mut m = matrix.to_vec();
+    let n = m.len();
+    let largest = m.iter().flatten().fold(0.0_f64, |max, x| max.max(x.abs()));
+    for column in 0..n {
+        let Some(pivot) =
+            (column..n).max_by(|i, j| m[*i][column].abs().total_cmp(&m[*j][column].abs()))
+        else {
+            return false;
+        };
+        m.swap(column, pivot);
+        let head = m[column].clone();
+        if head[column].abs() <= 1e-9 * largest {
+            return false;
+        }
+        for row in &mut m[column + 1..] {
+            let factor = row[column] / head[column];
+            for (x, h) in row.iter_mut().zip(&head) {
+                *x -= factor * h;
+            }
+        }
+    }
+    true
+}

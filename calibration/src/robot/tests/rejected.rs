@@ -1,0 +1,411 @@
+//! What the readers refuse, and the words they use.
+
+use std::path::Path;
+
+use crate::input_error::InputError;
+use crate::robot::tests::ROBOTS;
+use crate::robot::{LoadOptions, Robot, toml_description as description, urdf};
+
+#[track_caller]
+fn says(error: &InputError, parts: &[&str]) {
+    let text = error.to_string();
+    for part in parts {
+        assert!(text.contains(part), "{part:?} is not in {text:?}");
+    }
+}
+
+#[track_caller]
+fn load_refused(spec: &str, options: &LoadOptions, parts: &[&str]) {
+    says(&Robot::load(spec, options).unwrap_err(), parts);
+}
+
+fn link_names(base: Option<&str>, tip: Option<&str>) -> LoadOptions {
+    LoadOptions {
+        base: base.map(Into::into),
+        tip: tip.map(Into::into),
+    }
+}
+
+#[test]
+fn files_are_refused_by_name() {
+    let none = LoadOptions::default();
+    load_refused(
+        "ur15",
+        &none,
+        &[
+            "ur15: found no such file",
+            "built-in robots are abb-irb120,",
+            "ur5",
+        ],
+    );
+    load_refused("no/such.urdf", &none, &["no/such.urdf", "no such file"]);
+    load_refused(ROBOTS, &none, &["a directory"]);
+    load_refused(
+        &format!("{ROBOTS}/README.md"),
+        &none,
+        &["extension \"md\"", ".urdf"],
+    );
+    load_refused(
+        "ur5",
+        &link_names(Some("base_link"), None),
+        &["base link \"base_link\"", "only a URDF"],
+    );
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, bytes: &[u8]| {
+        let path = folder.path().join(name);
+        std::fs::write(&path, bytes).unwrap();
+        path.to_str().unwrap().to_owned()
+    };
+    load_refused(&write("a.urdf", b"\xff\xfe\x00"), &none, &["not UTF-8"]);
+    load_refused(
+        &write("a.xacro", b"<robot/>"),
+        &none,
+        &["xacro", "expand it first"],
+    );
+    load_refused(
+        &write("a.toml", b"name = 3"),
+        &none,
+        &["a.toml:1: column 8", "found", "expected"],
+    );
+    // A byte order mark is no error.
+    let text = [
+        b"\xef\xbb\xbf",
+        include_bytes!("../../../robots/ur5.toml").as_slice(),
+    ]
+    .concat();
+    assert!(Robot::load(&write("bom.toml", &text), &none).is_ok());
+}
+
+#[track_caller]
+fn urdf_refused(text: &str, options: &LoadOptions, parts: &[&str]) {
+    says(
+        &urdf::parse(Path::new("arm.urdf"), text, options).unwrap_err(),
+        parts,
+    );
+}
+
+/// A URDF of links a, b, c, … with these joints, one a line: (name, type, parent, child, further elements).
+fn arm(links: &str, joints: &[(&str, &str, char, char, &str)]) -> String {
+    let mut text = "<robot name=\"arm\">".to_owned();
+    for link in links.chars() {
+        text += &format!("<link name=\"{link}\"/>");
+    }
+    for (name, kind, parent, child, more) in joints {
+        text += &format!(
+            "\n<joint name=\"{name}\" type=\"{kind}\"><parent link=\"{parent}\"/><child link=\"{child}\"/>{more}</joint>"
+        );
+    }
+    text + "\n</robot>\n"
+}
+
+#[test]
+fn urdf_is_refused_by_name() {
+    let none = LoadOptions::default();
+    urdf_refused("", &none, &["empty file"]);
+    urdf_refused("name = \"x\"", &none, &["not XML"]);
+    urdf_refused(
+        "<robot name=\"x\"><link name=\"a\">",
+        &none,
+        &["arm.urdf", "URDF"],
+    );
+    urdf_refused(
+        "<robot><xacro:arm/><link></robot>",
+        &none,
+        &["expand the xacro"],
+    );
+    urdf_refused("<robot name=\"x\"></robot>", &none, &["no link"]);
+
+    let ok = ("j1", "continuous", 'a', 'b', "<axis xyz=\"0 0 1\"/>");
+    assert!(urdf::parse(Path::new("arm.urdf"), &arm("ab", &[ok]), &none).is_ok());
+    let one = |kind, more| arm("ab", &[("j1", kind, 'a', 'b', more)]);
+    urdf_refused(
+        &one("floating", ""),
+        &none,
+        &["arm.urdf:2:", "\"j1\" of type floating", "revolute"],
+    );
+    urdf_refused(&one("planar", ""), &none, &["of type planar"]);
+    urdf_refused(
+        &one("wobbly", ""),
+        &none,
+        &["found unknown variant `wobbly`, expected one of `revolute`"],
+    );
+    urdf_refused(
+        &one("revolute", "<axis xyz=\"0 0 0\"/>"),
+        &none,
+        &["arm.urdf:2:", "axis 0 0 0", "\"j1\""],
+    );
+    urdf_refused(
+        &one("revolute", "<axis xyz=\"0 0 nan\"/>"),
+        &none,
+        &["NaN in the axis", "finite"],
+    );
+    urdf_refused(
+        &one("revolute", "<origin xyz=\"0 inf 0\"/>"),
+        &none,
+        &["inf in the origin xyz"],
+    );
+    urdf_refused(
+        &one("revolute", "<origin xyz=\"0 a 0\"/>"),
+        &none,
+        &["expected 3 found 2"],
+    );
+    let limit = "<limit lower=\"1\" upper=\"-1\" velocity=\"1\"/>";
+    urdf_refused(
+        &one("revolute", limit),
+        &none,
+        &["limits 1 to -1", "\"j1\""],
+    );
+    urdf_refused(
+        &one("fixed", ""),
+        &none,
+        &["no moving joint between \"a\" and \"b\"", "1 to 8"],
+    );
+    let mimic = "<mimic joint=\"j0\"/>";
+    urdf_refused(
+        &one("revolute", mimic),
+        &none,
+        &["arm.urdf:2:", "mimics \"j0\"", "coupling"],
+    );
+
+    let nine: Vec<_> = "abcdefghij".chars().collect();
+    let names: Vec<String> = (1..10).map(|i| format!("j{i}")).collect();
+    let joints: Vec<_> = (0..9)
+        .map(|i| (names[i].as_str(), "continuous", nine[i], nine[i + 1], ""))
+        .collect();
+    urdf_refused(
+        &arm("abcdefghij", &joints),
+        &none,
+        &["9 moving joints", "1 to 8"],
+    );
+    assert!(urdf::parse(Path::new("a"), &arm("abcdefghi", &joints[..8]), &none).is_ok());
+}
+
+#[test]
+fn urdf_trees_are_refused_by_name() {
+    let none = LoadOptions::default();
+    let joint = |name, parent, child| (name, "continuous", parent, child, "");
+    let two_parents = arm(
+        "abc",
+        &[
+            joint("j1", 'a', 'c'),
+            joint("j2", 'a', 'b'),
+            joint("j3", 'b', 'c'),
+        ],
+    );
+    urdf_refused(
+        &two_parents,
+        &none,
+        &["arm.urdf:4:", "a loop", "\"c\"", "\"j1\" and \"j3\""],
+    );
+    let cycle = arm(
+        "abcd",
+        &[
+            joint("j1", 'a', 'b'),
+            joint("j2", 'c', 'd'),
+            joint("j3", 'd', 'c'),
+        ],
+    );
+    urdf_refused(
+        &cycle,
+        &link_names(Some("a"), Some("b")),
+        &["a loop through link", "tree"],
+    );
+    urdf_refused(&arm("a", &[joint("j1", 'a', 'a')]), &none, &["a loop"]);
+    urdf_refused(
+        &arm("ab", &[joint("j1", 'a', 'z')]),
+        &none,
+        &["arm.urdf:2:", "child link \"z\"", "\"a\", \"b\""],
+    );
+    urdf_refused(
+        &arm("aab", &[joint("j1", 'a', 'b')]),
+        &none,
+        &["two links named \"a\""],
+    );
+    let twice = arm("abc", &[joint("j1", 'a', 'b'), joint("j1", 'b', 'c')]);
+    urdf_refused(&twice, &none, &["arm.urdf:3:", "two joints named \"j1\""]);
+
+    let fork = arm("abc", &[joint("j1", 'a', 'b'), joint("j2", 'a', 'c')]);
+    urdf_refused(
+        &fork,
+        &none,
+        &[
+            "several leaf links: \"b\", \"c\"",
+            "tool0, flange, ee_link",
+            "tip",
+        ],
+    );
+    urdf_refused(
+        &fork,
+        &link_names(Some("b"), Some("c")),
+        &["no chain from \"b\" to \"c\"", "\"a\", \"b\", \"c\""],
+    );
+    urdf_refused(
+        &fork,
+        &link_names(Some("x"), None),
+        &["base link \"x\"", "\"a\", \"b\", \"c\""],
+    );
+    urdf_refused(
+        &fork,
+        &link_names(None, Some("y")),
+        &["tip link \"y\"", "\"a\", \"b\", \"c\""],
+    );
+    urdf_refused(
+        &arm("abx", &[joint("j1", 'a', 'b')]),
+        &none,
+        &["several root links: \"a\", \"x\"", "base"],
+    );
+}
+
+#[track_caller]
+fn toml_refused(text: &str, parts: &[&str]) {
+    says(
+        &description::parse(Path::new("arm.toml"), text).unwrap_err(),
+        parts,
+    );
+}
+
+const DH: &str = "name = \"arm\"\nconvention = \"dh\"\n[[joint]]\nname = \"j1\"\nkind = \"revolute\"\n\
+                  a_m = 0.1\nd_m = 0.2\nalpha_deg = 90\n";
+const POE: &str = "name = \"arm\"\nconvention = \"poe\"\n[[joint]]\nname = \"j1\"\nkind = \"revolute\"\n\
+                   origin = {}\naxis = [0, 0, 1]\n";
+
+#[test]
+fn toml_is_refused_by_name() {
+    assert!(description::parse(Path::new("arm.toml"), DH).is_ok());
+    assert!(description::parse(Path::new("arm.toml"), POE).is_ok());
+    toml_refused("name = ", &["arm.toml:1:", "expected"]);
+    toml_refused("", &["no `name`", "the key `name`"]);
+    toml_refused(
+        &DH.replace("\"dh\"", "\"denavit\""),
+        &[
+            "arm.toml:2: column 14",
+            "unknown variant `denavit`",
+            "`poe`, `dh`",
+            "`modified-dh`",
+        ],
+    );
+    toml_refused(
+        &DH.replace("\"revolute\"", "\"spherical\""),
+        &["arm.toml:5:", "`spherical`", "`prismatic`"],
+    );
+    toml_refused(
+        &DH.replace("a_m", "a"),
+        &["arm.toml:6:", "unknown field `a`", "help", "a_m or a_mm"],
+    );
+    toml_refused(
+        &DH.replace("alpha_deg", "alpha"),
+        &["arm.toml:8:", "alpha_deg or alpha_rad"],
+    );
+    toml_refused(
+        &DH.replace("a_m = 0.1", ""),
+        &["arm.toml:3:", "no a_m or a_mm of joint \"j1\""],
+    );
+    toml_refused(
+        &DH.replace("a_m = 0.1", "a_m = 0.1\na_mm = 100"),
+        &["arm.toml:7:", "(a_mm)", "a_mm beside a_m", "one unit"],
+    );
+    toml_refused(
+        &DH.replace("0.1", "nan"),
+        &["arm.toml:6: column 7 (a_m): found NaN", "finite"],
+    );
+    toml_refused(
+        &DH.replace("0.1", "\"0.1\""),
+        &["arm.toml:6:", "string \"0.1\""],
+    );
+    toml_refused(
+        &(DH.to_owned() + "axis = [0, 0, 1]"),
+        &["arm.toml:9:", "(axis)", "convention \"poe\""],
+    );
+    toml_refused(
+        &(POE.to_owned() + "d_m = 1"),
+        &["arm.toml:8:", "(d_m)", "origin and axis"],
+    );
+    toml_refused(
+        &POE.replace("axis = [0, 0, 1]", ""),
+        &["arm.toml:3:", "no axis of joint \"j1\""],
+    );
+    toml_refused(
+        &POE.replace("origin = {}", ""),
+        &["arm.toml:3:", "no origin", "origin = {}"],
+    );
+    toml_refused(
+        &POE.replace("[0, 0, 1]", "[0, 0, 0]"),
+        &["arm.toml:7:", "(axis)", "not all zero"],
+    );
+    toml_refused(
+        &POE.replace("[0, 0, 1]", "[0, 1]"),
+        &["arm.toml:7:", "expected"],
+    );
+    toml_refused(
+        &POE.replace("{}", "{ xyz = [0, 0, 1] }"),
+        &["arm.toml:6:", "`xyz`", "xyz_m or xyz_mm"],
+    );
+    let both = "{ rpy_deg = [0, 0, 1], rpy_rad = [0, 0, 1] }";
+    toml_refused(
+        &POE.replace("{}", both),
+        &["arm.toml:6:", "rpy_deg beside rpy_rad"],
+    );
+    toml_refused(
+        "name = \"x\"\nconvention = \"dh\"",
+        &["no moving joint", "1 to 8", "[[joint]]"],
+    );
+    let joint = &DH[DH.find("[[joint]]").unwrap()..];
+    toml_refused(
+        &(DH.to_owned() + joint),
+        &["arm.toml:10:", "(name)", "second joint named \"j1\""],
+    );
+    let nine = (0..9)
+        .map(|i| joint.replace("j1", &format!("k{i}")))
+        .collect::<String>();
+    toml_refused(
+        &format!("name = \"x\"\nconvention = \"dh\"\n{nine}"),
+        &["9 moving joints"],
+    );
+}
+
+#[test]
+fn toml_limits_and_coupling_are_refused_by_name() {
+    let limits = |line: &str| DH.to_owned() + line;
+    toml_refused(
+        &limits("limits_deg = [10, -10]"),
+        &["arm.toml:9: column 14 (limits_deg)", "limits 10 to -10"],
+    );
+    toml_refused(
+        &limits("limits = [-10, 10]"),
+        &["`limits`", "limits_deg or limits_rad"],
+    );
+    toml_refused(
+        &limits("limits_mm = [-10, 10]"),
+        &["limits_mm", "for a revolute joint"],
+    );
+    toml_refused(
+        &limits("limits_rad = [-1, 1]\nlimits_deg = [-1, 1]"),
+        &["limits_deg beside limits_rad"],
+    );
+    toml_refused(
+        &limits("limits_rad = [-1, inf]"),
+        &["(limits_rad)", "found inf"],
+    );
+    let prismatic = DH.replace("revolute", "prismatic") + "limits_deg = [-10, 10]";
+    toml_refused(&prismatic, &["limits_deg", "for a prismatic joint"]);
+
+    let two = DH.to_owned() + &DH[DH.find("[[joint]]").unwrap()..].replace("j1", "j2");
+    let coupled = |matrix: &str| two.replacen('\n', &format!("\ncoupling = {matrix}\n"), 1);
+    toml_refused(
+        &coupled("[[1, 0]]"),
+        &["arm.toml:2:", "(coupling)", "1 rows", "2 rows of 2 numbers"],
+    );
+    toml_refused(&coupled("[[1, 0], [1]]"), &["a row of 1 numbers"]);
+    toml_refused(&coupled("[[1, 2], [2, 4]]"), &["singular", "invertible"]);
+    toml_refused(&coupled("[[1, nan], [2, 4]]"), &["NaN", "finite"]);
+    let load = |matrix| {
+        description::parse(Path::new("arm.toml"), &coupled(matrix))
+            .unwrap()
+            .coupling
+    };
+    assert_eq!(load("[[1, 0], [0, 1.0]]"), None);
+    assert_eq!(
+        load("[[0, 1], [1, 0]]"),
+        Some(vec![vec![0.0, 1.0], vec![1.0, 0.0]])
+    );
+}

@@ -1,0 +1,398 @@
+//! The TOML description of an arm, in one of three conventions.
+//!
+//! ```toml
+//! name = "my-arm"
+//! convention = "poe"                # or "dh", "modified-dh"
+//! coupling = [[1, 0], [-1, 1]]      # optional: q_serial = coupling · q, n rows of n
+//!
+//! [base]                            # optional frame before the chain
+//! origin = { xyz_m = [0, 0, 0.5] }
+//!
+//! [[joint]]
+//! name = "j1"
+//! kind = "revolute"                 # or "prismatic"
+//! limits_deg = [-165, 165]          # or limits_rad; limits_mm, limits_m; none: unlimited
+//! origin = { xyz_mm = [0, 0, 290], rpy_deg = [0, 0, 0] }  # poe: frame in the one before, as in a URDF
+//! axis = [0, 0, 1]                  # poe: in the joint's own frame
+//! # dh, modified-dh instead: a_m | a_mm, d_m | d_mm, alpha_deg | alpha_rad, and where it is not 0
+//! # theta_offset_deg | theta_offset_rad; dh only, where it is not 0: beta_deg | beta_rad
+//!
+//! [flange]                          # optional frame after the last joint
+//! origin = { xyz_m = [0, 0, 0.1] }
+//!
+//! [calibration]                     # optional: what `trainer export` knows beside the arm; not read here
+//! ```
+//!
+//! `dh` is the distal convention, R_z(q + θ) T_z(d) T_x(a) R_x(α) R_y(β), with β for axes that are parallel but for an
+//! error (Hayati); `modified-dh` is Craig's, R_x(α) T_x(a) R_z(q + θ) T_z(d), where a row's a and α are those *before*
+//! its joint. Along a prismatic joint q adds to d. Every number with a unit carries the unit in its key, and unknown keys are refused.
+
+use std::path::Path;
+
+use nalgebra::Vector3;
+use poegp_protocol::JointKind;
+use serde::Deserialize;
+use toml::Spanned;
+
+use crate::input_error::InputError;
+use crate::robot::normal_form as chain;
+use crate::robot::normal_form::Chain;
+use crate::robot::toml_source::{DEGREE, METRE, MILLIMETRE, Origin, RADIAN, TomlText};
+use crate::robot::{Joint, Robot};
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Description {
+    name: String,
+    convention: Convention,
+    base: Option<Fixed>,
+    flange: Option<Fixed>,
+    /// What `trainer export` says of a calibration, for other programs; nothing in it describes the arm.
+    #[serde(rename = "calibration")]
+    _calibration: Option<toml::Table>,
+    coupling: Option<Spanned<Vec<Spanned<Vec<f64>>>>>,
+    #[serde(default)]
+    joint: Vec<Spanned<JointTable>>,
+}
+
+#[derive(Deserialize, Clone, Copy, PartialEq, Eq)]
+#[serde(rename_all = "kebab-case")]
+enum Convention {
+    Poe,
+    Dh,
+    ModifiedDh,
+}
+
+#[derive(Deserialize, Clone, Copy, PartialEq, Eq)]
+#[serde(rename_all = "lowercase")]
+enum Kind {
+    Revolute,
+    Prismatic,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Fixed {
+    origin: Origin,
+}
+
+/// The keys of all conventions: which of them belong is checked afterwards, so that the message can name the convention.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct JointTable {
+    name: Spanned<String>,
+    kind: Kind,
+    limits_deg: Option<Spanned<[f64; 2]>>,
+    limits_rad: Option<Spanned<[f64; 2]>>,
+    limits_mm: Option<Spanned<[f64; 2]>>,
+    limits_m: Option<Spanned<[f64; 2]>>,
+    origin: Option<Spanned<Origin>>,
+    axis: Option<Spanned<[f64; 3]>>,
+    a_m: Option<Spanned<f64>>,
+    a_mm: Option<Spanned<f64>>,
+    d_m: Option<Spanned<f64>>,
+    d_mm: Option<Spanned<f64>>,
+    alpha_deg: Option<Spanned<f64>>,
+    alpha_rad: Option<Spanned<f64>>,
+    theta_offset_deg: Option<Spanned<f64>>,
+    theta_offset_rad: Option<Spanned<f64>>,
+    beta_deg: Option<Spanned<f64>>,
+    beta_rad: Option<Spanned<f64>>,
+}
+
+/// The robot of a TOML text; `file` is for messages.
+pub(super) fn parse(file: &Path, text: &str) -> Result<Robot, InputError> {
+    let reader = TomlText { file, text };
+    let table: Description =
+        toml::from_str(text).map_err(|error| reader.not_a_description(&error))?;
+    let mut chain = Chain::new();
+    if let Some(base) = &table.base {
+        chain.push_fixed(reader.origin(&base.origin)?);
+    }
+    for (i, joint) in table.joint.iter().enumerate() {
+        let name = &joint.get_ref().name;
+        if table.joint[..i]
+            .iter()
+            .any(|other| other.get_ref().name.get_ref() == name.get_ref())
+        {
+            let found = format!("a second joint named \"{}\"", name.get_ref());
+            return Err(reader.error(
+                name.span(),
+                "name",
+                found,
+                "a name of its own for every joint",
+            ));
+        }
+        reader.push(&mut chain, table.convention, joint)?;
+    }
+    if let Some(flange) = &table.flange {
+        chain.push_fixed(reader.origin(&flange.origin)?);
+    }
+    let coupling = match &table.coupling {
+        Some(rows) => reader.coupling(rows, table.joint.len())?,
+        None => None,
+    };
+    chain.finish(table.name, coupling).map_err(|error| {
+        let (found, expected) = error.describe();
+        InputError::new(
+            file,
+            found,
+            format!("{expected}, each in a [[joint]] table"),
+        )
+    })
+}
+
+impl TomlText<'_> {
+    /// What toml or serde say, with help where a unit is missing.
+    fn not_a_description(&self, error: &toml::de::Error) -> InputError {
+        let mut refused = self.refused(error, "a robot description in TOML");
+        let key = refused
+            .found
+            .strip_prefix("unknown field `")
+            .and_then(|rest| rest.strip_suffix('`'));
+        let without_unit = [
+            "limits",
+            "xyz",
+            "rpy",
+            "a",
+            "d",
+            "alpha",
+            "theta_offset",
+            "beta",
+        ];
+        let help = key.filter(|key| without_unit.contains(key)).map(|key| {
+            let (length, angle) = (
+                format!("{key}_m or {key}_mm"),
+                format!("{key}_deg or {key}_rad"),
+            );
+            let keys = match key {
+                "limits" => format!("{angle}, or {length}"),
+                "rpy" | "alpha" | "theta_offset" | "beta" => angle,
+                _ => length,
+            };
+            format!("the unit is part of the key: {keys}")
+        });
+        refused.help = help;
+        refused
+    }
+
+    fn limits(&self, joint: &JointTable) -> Result<Option<(f64, f64)>, InputError> {
+        let units = [
+            ("limits_rad", RADIAN, &joint.limits_rad),
+            ("limits_deg", DEGREE, &joint.limits_deg),
+            ("limits_m", METRE, &joint.limits_m),
+            ("limits_mm", MILLIMETRE, &joint.limits_mm),
+        ];
+        let Some((key, _, value)) = self.one_unit(&units)? else {
+            return Ok(None);
+        };
+        let is_angle = key == "limits_rad" || key == "limits_deg";
+        if is_angle != (joint.kind == Kind::Revolute) {
+            let expected = match joint.kind {
+                Kind::Revolute => "limits_deg or limits_rad for a revolute joint",
+                Kind::Prismatic => "limits_mm or limits_m for a prismatic joint",
+            };
+            return Err(self.error(value.span(), key, key, expected));
+        }
+        let [lower, upper] = *value.get_ref();
+        if lower > upper {
+            let found = format!("the limits {lower} to {upper}");
+            return Err(self.error(value.span(), key, found, "the lower limit first"));
+        }
+        Ok(self.vector(&units)?.map(|[lower, upper]| (lower, upper)))
+    }
+
+    fn push(
+        &self,
+        chain: &mut Chain,
+        convention: Convention,
+        table: &Spanned<JointTable>,
+    ) -> Result<(), InputError> {
+        let joint = table.get_ref();
+        let kind = match joint.kind {
+            Kind::Revolute => JointKind::Revolute,
+            Kind::Prismatic => JointKind::Prismatic,
+        };
+        let limits = self.limits(joint)?;
+        let element = Joint {
+            name: joint.name.get_ref().clone(),
+            kind,
+            limits,
+        };
+        if convention == Convention::Poe {
+            let axis = self.poe_axis(table)?;
+            if let Some(origin) = &joint.origin {
+                chain.push_fixed(self.origin(origin.get_ref())?);
+            }
+            chain.push_joint(element, &axis);
+            return Ok(());
+        }
+        let [a, d, alpha, theta, beta] = self.dh_row(convention, table)?;
+        let z = Vector3::new(0.0, 0.0, 1.0);
+        let along_x = chain::translation(a, 0.0, 0.0) * chain::rotation_about(0, alpha);
+        let along_z = chain::rotation_about(2, theta) * chain::translation(0.0, 0.0, d);
+        if convention == Convention::Dh {
+            chain.push_joint(element, &z);
+            chain.push_fixed(along_z);
+            chain.push_fixed(along_x);
+            chain.push_fixed(chain::rotation_about(1, beta));
+        } else {
+            chain.push_fixed(along_x);
+            chain.push_fixed(along_z);
+            chain.push_joint(element, &z);
+        }
+        Ok(())
+    }
+
+    /// The axis of a joint in the "poe" convention, whose keys are checked here.
+    fn poe_axis(&self, table: &Spanned<JointTable>) -> Result<Vector3<f64>, InputError> {
+        let joint = table.get_ref();
+        let keys = [
+            ("a_m", &joint.a_m),
+            ("a_mm", &joint.a_mm),
+            ("d_m", &joint.d_m),
+            ("d_mm", &joint.d_mm),
+            ("alpha_deg", &joint.alpha_deg),
+            ("alpha_rad", &joint.alpha_rad),
+            ("theta_offset_deg", &joint.theta_offset_deg),
+            ("theta_offset_rad", &joint.theta_offset_rad),
+            ("beta_deg", &joint.beta_deg),
+            ("beta_rad", &joint.beta_rad),
+        ];
+        for (key, value) in keys {
+            if let Some(value) = value {
+                let expected = "origin and axis, as the convention is \"poe\"";
+                return Err(self.error(value.span(), key, key, expected));
+            }
+        }
+        let missing = |key: &str| {
+            let found = format!("no {key} of joint \"{}\"", joint.name.get_ref());
+            self.error(
+                table.span(),
+                "",
+                found,
+                format!("the key {key} in every joint of convention \"poe\""),
+            )
+        };
+        if joint.origin.is_none() {
+            return Err(missing("origin").with_help("origin = {} is the frame of the joint before"));
+        }
+        let axis = joint.axis.as_ref().ok_or_else(|| missing("axis"))?;
+        let vector = Vector3::from(*axis.get_ref());
+        let length = chain::norm(&vector);
+        if !(length > 1e-9 && length.is_finite()) {
+            let found = format!("the axis {:?}", axis.get_ref());
+            return Err(self.error(
+                axis.span(),
+                "axis",
+                found,
+                "finite numbers that are not all zero",
+            ));
+        }
+        Ok(vector)
+    }
+
+    /// (a, d, α, θ offset, β) of a joint in metres and radians; the keys of the "poe" convention are refused, and β in
+    /// any but "dh".
+    fn dh_row(
+        &self,
+        convention: Convention,
+        table: &Spanned<JointTable>,
+    ) -> Result<[f64; 5], InputError> {
+        let joint = table.get_ref();
+        for (key, value) in [("beta_deg", &joint.beta_deg), ("beta_rad", &joint.beta_rad)] {
+            if let (Some(value), Convention::ModifiedDh) = (value, convention) {
+                let expected = "a, d, alpha and theta_offset, or the convention \"dh\"";
+                return Err(self.error(value.span(), key, key, expected));
+            }
+        }
+        let poe_key = match (&joint.origin, &joint.axis) {
+            (Some(origin), _) => Some(("origin", origin.span())),
+            (None, Some(axis)) => Some(("axis", axis.span())),
+            (None, None) => None,
+        };
+        if let Some((key, span)) = poe_key {
+            return Err(self.error(
+                span,
+                key,
+                key,
+                "a, d and alpha with their units, or the convention \"poe\"",
+            ));
+        }
+        let required = |value: Option<f64>, keys: &str| {
+            value.ok_or_else(|| {
+                let found = format!("no {keys} of joint \"{}\"", joint.name.get_ref());
+                self.error(
+                    table.span(),
+                    "",
+                    found,
+                    "a, d and alpha, with their units, in every joint",
+                )
+            })
+        };
+        let a = self.number(&[
+            ("a_m", METRE, &joint.a_m),
+            ("a_mm", MILLIMETRE, &joint.a_mm),
+        ])?;
+        let d = self.number(&[
+            ("d_m", METRE, &joint.d_m),
+            ("d_mm", MILLIMETRE, &joint.d_mm),
+        ])?;
+        let alpha = self.number(&[
+            ("alpha_rad", RADIAN, &joint.alpha_rad),
+            ("alpha_deg", DEGREE, &joint.alpha_deg),
+        ])?;
+        let theta = self.number(&[
+            ("theta_offset_rad", RADIAN, &joint.theta_offset_rad),
+            ("theta_offset_deg", DEGREE, &joint.theta_offset_deg),
+        ])?;
+        let beta = self.number(&[
+            ("beta_rad", RADIAN, &joint.beta_rad),
+            ("beta_deg", DEGREE, &joint.beta_deg),
+        ])?;
+        Ok([
+            required(a, "a_m or a_mm")?,
+            required(d, "d_m or d_mm")?,
+            required(alpha, "alpha_deg or alpha_rad")?,
+            theta.unwrap_or(0.0),
+            beta.unwrap_or(0.0),
+        ])
+    }
+
+    /// The coupling matrix, checked; the identity is `None`.
+    fn coupling(
+        &self,
+        rows: &Spanned<Vec<Spanned<Vec<f64>>>>,
+        n: usize,
+    ) -> Result<Option<Vec<Vec<f64>>>, InputError> {
+        let expected = format!("a matrix of {n} rows of {n} numbers, for {n} joints");
+        if rows.get_ref().len() != n {
+            let found = format!("{} rows", rows.get_ref().len());
+            return Err(self.error(rows.span(), "coupling", found, expected));
+        }
+        for row in rows.get_ref() {
+            if row.get_ref().len() != n {
+                let found = format!("a row of {} numbers", row.get_ref().len());
+                return Err(self.error(row.span(), "coupling", found, expected));
+            }
+            if let Some(bad) = row.get_ref().iter().find(|number| !number.is_finite()) {
+                return Err(self.error(row.span(), "coupling", bad.to_string(), "finite numbers"));
+            }
+        }
+        let matrix: Vec<Vec<f64>> = rows
+            .get_ref()
+            .iter()
+            .map(|row| row.get_ref().clone())
+            .collect();
+        if !chain::is_invertible(&matrix) {
+            let expected = "an invertible matrix: every joint of the chain must be reachable";
+            return Err(self.error(rows.span(), "coupling", "a singular matrix", expected));
+        }
+        let is_identity = matrix.iter().enumerate().all(|(i, row)| {
+            row.iter()
+                .enumerate()
+                .all(|(j, c)| *c == if i == j { 1.0 } else { 0.0 })
+        });
+        Ok((!is_identity).then_some(matrix))
+    }
+}

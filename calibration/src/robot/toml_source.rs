@@ -1,0 +1,153 @@
+//! What the readers of TOML files have in common: where an error is, and numbers that carry their unit in the key.
+
+use std::ops::Range;
+use std::path::Path;
+
+use poegp_runtime::se3::Pose;
+use serde::Deserialize;
+use toml::Spanned;
+
+use crate::input_error::InputError;
+
+/// A key with its unit, its factor to SI, and its value where it is given.
+pub type Unit<'a, T> = (&'static str, f64, &'a Option<Spanned<T>>);
+/// The unit that was chosen, with its value.
+pub type Given<'a, T> = (&'static str, f64, &'a Spanned<T>);
+
+/// Factors to SI.
+pub const METRE: f64 = 1.0;
+/// Of a key that ends with `_mm`.
+pub const MILLIMETRE: f64 = 1e-3;
+/// Of a key that ends with `_rad`.
+pub const RADIAN: f64 = 1.0;
+/// Of a key that ends with `_deg`.
+pub const DEGREE: f64 = std::f64::consts::PI / 180.0;
+
+/// A frame in the one before, as in a URDF: position, then roll, pitch and yaw.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Origin {
+    xyz_m: Option<Spanned<[f64; 3]>>,
+    xyz_mm: Option<Spanned<[f64; 3]>>,
+    rpy_deg: Option<Spanned<[f64; 3]>>,
+    rpy_rad: Option<Spanned<[f64; 3]>>,
+}
+
+/// The text of a TOML file that is being read.
+#[derive(Clone, Copy)]
+pub struct TomlText<'a> {
+    /// Its path, for messages.
+    pub file: &'a Path,
+    /// All of it.
+    pub text: &'a str,
+}
+
+impl TomlText<'_> {
+    /// Line and column, from 1, of a byte.
+    pub fn place(&self, at: usize) -> (usize, usize) {
+        let before = self.text.get(..at).unwrap_or(self.text);
+        let column = 1 + before.rsplit('\n').next().unwrap_or("").chars().count();
+        (1 + before.matches('\n').count(), column)
+    }
+
+    /// An error at the start of `span`.
+    pub fn error(
+        &self,
+        span: Range<usize>,
+        key: &str,
+        found: impl Into<String>,
+        expected: impl Into<String>,
+    ) -> InputError {
+        let (line, column) = self.place(span.start);
+        InputError::new(self.file, found, expected)
+            .at_line(line)
+            .at_column(column, key)
+    }
+
+    /// What toml or serde say, taken apart into found and expected; `whole` is what the file should be.
+    pub fn refused(&self, error: &toml::de::Error, whole: &str) -> InputError {
+        let words: Vec<&str> = error.message().split_whitespace().collect();
+        let message = words.join(" ");
+        let (found, expected) = match message.split_once(", expected ") {
+            Some((found, expected)) => (found.to_owned(), expected.to_owned()),
+            None => match message.strip_prefix("missing field ") {
+                Some(key) => (format!("no {key}"), format!("the key {key}")),
+                None => (message, whole.to_owned()),
+            },
+        };
+        match error.span() {
+            Some(span) => self.error(span, "", found, expected),
+            None => InputError::new(self.file, found, expected),
+        }
+    }
+
+    /// The one of the `units` that is given; a second one is refused.
+    pub fn one_unit<'a, T>(
+        &self,
+        units: &[Unit<'a, T>],
+    ) -> Result<Option<Given<'a, T>>, InputError> {
+        let mut given: Option<Given<'a, T>> = None;
+        for (key, factor, value) in units {
+            let Some(value) = value.as_ref() else {
+                continue;
+            };
+            if let Some((other, _, _)) = given {
+                let found = format!("{key} beside {other}");
+                return Err(self.error(value.span(), key, found, "the quantity once, in one unit"));
+            }
+            given = Some((*key, *factor, value));
+        }
+        Ok(given)
+    }
+
+    /// Numbers of one quantity in SI units, finite.
+    pub fn vector<const N: usize>(
+        &self,
+        units: &[Unit<'_, [f64; N]>],
+    ) -> Result<Option<[f64; N]>, InputError> {
+        let Some((key, factor, value)) = self.one_unit(units)? else {
+            return Ok(None);
+        };
+        if let Some(bad) = value.get_ref().iter().find(|number| !number.is_finite()) {
+            return Err(self.error(value.span(), key, bad.to_string(), "finite numbers"));
+        }
+        Ok(Some(value.get_ref().map(|number| to_si(number, factor))))
+    }
+
+    /// A single number in SI units, finite.
+    pub fn number(&self, units: &[Unit<'_, f64>]) -> Result<Option<f64>, InputError> {
+        let Some((key, factor, value)) = self.one_unit(units)? else {
+            return Ok(None);
+        };
+        if !value.get_ref().is_finite() {
+            let found = value.get_ref().to_string();
+            return Err(self.error(value.span(), key, found, "a finite number"));
+        }
+        Ok(Some(to_si(*value.get_ref(), factor)))
+    }
+
+    /// A frame in the one before.
+    pub fn origin(&self, origin: &Origin) -> Result<Pose<f64>, InputError> {
+        let xyz = self.vector(&[
+            ("xyz_m", METRE, &origin.xyz_m),
+            ("xyz_mm", MILLIMETRE, &origin.xyz_mm),
+        ])?;
+        let rpy = self.vector(&[
+            ("rpy_rad", RADIAN, &origin.rpy_rad),
+            ("rpy_deg", DEGREE, &origin.rpy_deg),
+        ])?;
+        Ok(crate::robot::origin(
+            xyz.unwrap_or_default(),
+            rpy.unwrap_or_default(),
+        ))
+    }
+}
+
+/// To SI, rounded once where that is possible: a decimal number of millimetres is divided, not multiplied by 1e-3.
+fn to_si(value: f64, factor: f64) -> f64 {
+    if factor == MILLIMETRE {
+        value / 1e3
+    } else {
+        value * factor
+    }
+}

@@ -1,0 +1,266 @@
+//! The true arm of a simulation: frames that are off, joints and links that give way.
+
+use nalgebra::Vector3;
+use poegp_protocol::JointKind;
+use poegp_runtime::poe::Poe;
+use poegp_runtime::se3::{Pose, Twist};
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+
+use crate::robot::Robot;
+use crate::simulation::{Disturbance, Scenario, normal_vector};
+
+/// Error of each fixed frame, metres and radians per component.
+const FRAME_ERROR: f64 = 0.78e-3;
+/// Joint compliance in rad/(N m), before the spread of ±25 %.
+const COMPLIANCE: [f64; 6] = [6.7e-6, 12.5e-6, 14.3e-6, 12.5e-6, 16.7e-6, 20e-6];
+/// Share of the links' gravity that reaches the joints; the controller compensates the rest.
+const LINK_GRAVITY_SHARE: f64 = 0.06;
+/// Masses in kg of the links beyond the column (upper arm, elbow, forearm, wrist).
+const LINK_MASSES: [f64; 5] = [31.0, 20.0, 17.0, 1.2, 0.42];
+/// Centre of mass of the payload from the flange in metres, and its spread.
+const PAYLOAD_CENTRE: [f64; 3] = [0.020, -0.010, 0.120];
+const PAYLOAD_CENTRE_SPREAD: f64 = 0.010;
+const GRAVITY: f64 = 9.81;
+
+/// An arm as it really is.
+#[derive(Clone, Debug)]
+pub struct TrueArm {
+    coupling: Option<Vec<Vec<f64>>>,
+    /// Base to flange.
+    chain: Poe<f64>,
+    instrument_from_base: Pose<f64>,
+    flange_from_target: Pose<f64>,
+    joints: Vec<TrueJoint>,
+    link_masses: Vec<f64>,
+    payload_centre: Vector3<f64>,
+    payloads: Vec<TruePayload>,
+    scenario: Scenario,
+    /// What happened to it since.
+    happened: Vec<Disturbance>,
+}
+
+#[derive(Clone, Debug)]
+struct TrueJoint {
+    /// rad/(N m).
+    compliance: f64,
+    /// Phases of the transmission error.
+    phases: [f64; 3],
+}
+
+#[derive(Clone, Debug)]
+struct TruePayload {
+    nominal_kg: f64,
+    true_kg: f64,
+    centre: Vector3<f64>,
+}
+
+impl TrueArm {
+    /// Draws an arm like `robot`.
+    pub fn draw(
+        robot: &Robot,
+        scenario: Scenario,
+        payloads: &[f64],
+        random: &mut ChaCha8Rng,
+    ) -> Self {
+        let scale = if scenario == Scenario::Wild { 1.1 } else { 0.9 };
+        let kinds: Vec<JointKind> = robot.joints.iter().map(|j| j.kind).collect();
+        let mut chain =
+            Poe::new(&kinds, &robot.parent_from_joint).expect("a loaded robot is a chain");
+        for frame in chain.frames_mut() {
+            let error = Twist {
+                linear: normal_vector(FRAME_ERROR, random),
+                angular: normal_vector(FRAME_ERROR, random),
+            };
+            *frame = *frame * Pose::exp(&error);
+        }
+        let joints = (0..kinds.len())
+            .map(|i| TrueJoint {
+                compliance: scale
+                    * COMPLIANCE[i.min(COMPLIANCE.len() - 1)]
+                    * (1.0 + 0.25 * (2.0 * random.random::<f64>() - 1.0)),
+                phases: std::array::from_fn(|_| std::f64::consts::TAU * random.random::<f64>()),
+            })
+            .collect();
+        let payload_centre =
+            Vector3::from(PAYLOAD_CENTRE) + normal_vector(PAYLOAD_CENTRE_SPREAD, random);
+        let payloads = payloads
+            .iter()
+            .map(|kg| {
+                let wild = scenario == Scenario::Wild;
+                let error: f64 = StandardNormal.sample(random);
+                let offset = normal_vector(0.03, random);
+                TruePayload {
+                    nominal_kg: *kg,
+                    true_kg: if wild { kg * (1.0 + 0.02 * error) } else { *kg },
+                    centre: payload_centre + if wild { offset } else { Vector3::zeros() },
+                }
+            })
+            .collect();
+        // The column turns about the vertical: its mass moves nothing.
+        let mut masses = vec![0.0];
+        masses.extend(LINK_MASSES);
+        masses.resize(kinds.len(), 0.42);
+        Self {
+            coupling: robot.coupling.clone(),
+            chain,
+            instrument_from_base: arbitrary_pose(2.5, random),
+            flange_from_target: arbitrary_pose(0.12, random),
+            joints,
+            link_masses: masses,
+            payload_centre,
+            payloads,
+            scenario,
+            happened: Vec::new(),
+        }
+    }
+
+    /// Something happens to the arm, for good.
+    pub fn disturb(&mut self, disturbance: Disturbance) {
+        let shift = |translation: Vector3<f64>| Pose {
+            translation,
+            ..Pose::identity()
+        };
+        match disturbance {
+            Disturbance::Base(d) => {
+                self.instrument_from_base = self.instrument_from_base * shift(d)
+            }
+            Disturbance::Tool(d) => self.flange_from_target = self.flange_from_target * shift(d),
+            Disturbance::Joint { .. } => {}
+        }
+        self.happened.push(disturbance);
+    }
+
+    /// Where the target is for the controller's joints and a payload as the operator knows it.
+    pub fn instrument_from_target(
+        &self,
+        joints: &[f64],
+        payload_kg: f64,
+        random: &mut ChaCha8Rng,
+    ) -> Pose<f64> {
+        let mut joints = joints.to_vec();
+        for disturbance in &self.happened {
+            if let Disturbance::Joint { joint, offset } = disturbance {
+                joints[*joint] += offset;
+            }
+        }
+        let joints = joints.as_slice();
+        let mut serial = match &self.coupling {
+            None => joints.to_vec(),
+            Some(rows) => rows
+                .iter()
+                .map(|row| poegp_runtime::kernel::inner_product(row, joints))
+                .collect::<Vec<_>>(),
+        };
+        let (mass, centre) = self
+            .payloads
+            .iter()
+            .find(|p| p.nominal_kg == payload_kg)
+            .map_or((payload_kg, self.payload_centre), |p| (p.true_kg, p.centre));
+        if self.scenario == Scenario::Rich || self.scenario == Scenario::Wild {
+            self.add_transmission_errors(joints, &mut serial, random);
+        }
+        // Two passes: the torque changes the angles that change the torque.
+        let mut deflected = serial.clone();
+        let mut bending = vec![Vector3::zeros(); serial.len()];
+        for _ in 0..2 {
+            let torques = self.torques(&deflected, mass, &centre);
+            for (i, joint) in self.joints.iter().enumerate() {
+                let torque = torques[i];
+                let mut compliance = joint.compliance;
+                if self.scenario == Scenario::Wild {
+                    compliance /= 1.0 + torque.z.abs() / 150.0;
+                }
+                deflected[i] = serial[i];
+                if self.chain.kinds()[i] == JointKind::Revolute {
+                    deflected[i] += compliance * torque.z + self.backlash(torque.z);
+                }
+                if i < 3 {
+                    bending[i] = joint.compliance
+                        * self.bending_share()
+                        * Vector3::new(torque.x, torque.y, 0.0);
+                }
+            }
+        }
+        let mut chain = self.chain;
+        for (frame, angular) in chain.frames_mut().iter_mut().zip(bending) {
+            *frame = *frame
+                * Pose::exp(&Twist {
+                    linear: Vector3::zeros(),
+                    angular,
+                });
+        }
+        self.instrument_from_base * chain.forward(&deflected) * self.flange_from_target
+    }
+
+    /// Gravity torque about the origin of each joint's frame, in its own axes before it moves, N m.
+    fn torques(
+        &self,
+        serial: &[f64],
+        payload_kg: f64,
+        payload_centre: &Vector3<f64>,
+    ) -> Vec<Vector3<f64>> {
+        let (frames, flange) = self.chain.joint_frames(serial);
+        let origins: Vec<Vector3<f64>> = frames[..serial.len()]
+            .iter()
+            .map(|f| f.translation)
+            .chain([flange.translation])
+            .collect();
+        let down = Vector3::new(0.0, 0.0, -GRAVITY);
+        let payload = flange.transform_point(payload_centre);
+        (0..serial.len())
+            .map(|i| {
+                let mut torque = (payload - origins[i]).cross(&(payload_kg * down));
+                for link in i..serial.len() {
+                    let centre = 0.5 * (origins[link] + origins[link + 1]);
+                    torque += LINK_GRAVITY_SHARE
+                        * (centre - origins[i]).cross(&(self.link_masses[link] * down));
+                }
+                frames[i].rotation.transpose() * torque
+            })
+            .collect()
+    }
+
+    fn bending_share(&self) -> f64 {
+        match self.scenario {
+            Scenario::Paper | Scenario::Full => 0.0,
+            Scenario::Rich => 0.15,
+            Scenario::Wild => 0.25,
+        }
+    }
+
+    fn backlash(&self, torque: f64) -> f64 {
+        match self.scenario {
+            Scenario::Paper | Scenario::Full => 0.0,
+            Scenario::Rich | Scenario::Wild => 15e-6 * torque.signum(),
+        }
+    }
+
+    fn add_transmission_errors(&self, joints: &[f64], serial: &mut [f64], random: &mut ChaCha8Rng) {
+        for (i, joint) in self.joints.iter().enumerate() {
+            let [a, b, c] = joint.phases;
+            let repeat: f64 = StandardNormal.sample(random);
+            let q = joints[i];
+            serial[i] += 60e-6 * (q + a).sin()
+                + 30e-6 * (2.0 * q + b).sin()
+                + 8e-6 * (60.0 * q + c).sin()
+                + 5e-6 * repeat;
+        }
+        if self.scenario == Scenario::Wild && serial.len() > 2 {
+            serial[2] += 100e-6 * (joints[2] - joints[1] + self.joints[2].phases[0]).sin();
+        }
+    }
+}
+
+/// Any orientation, about `distance` metres away.
+fn arbitrary_pose(distance: f64, random: &mut ChaCha8Rng) -> Pose<f64> {
+    let mut normal = || -> f64 { StandardNormal.sample(random) };
+    let quaternion = (normal(), Vector3::new(normal(), normal(), normal()));
+    let direction = Vector3::new(normal(), normal(), normal());
+    Pose::from_quaternion(
+        quaternion.0,
+        &quaternion.1,
+        direction.normalize() * distance,
+    )
+}

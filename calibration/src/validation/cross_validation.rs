@@ -1,0 +1,246 @@
+//! Methods side by side: cross-validation on the training data, and errors on test sets.
+//!
+//! Every number comes from the bytes of a blob, through the f32 runtime, on poses that were not trained on.
+
+use poegp_runtime::poe::Poe;
+use serde::Serialize;
+
+use crate::blob::write::{DeviceCalibration, DeviceError, Origin, calibrate_for_device};
+use crate::measurement::folds;
+use crate::measurement::sample::Sample;
+use crate::model::{Method, Options};
+use crate::numeric::statistics::{ErrorSummary, PoseError};
+use crate::robot::Robot;
+use crate::validation::coverage::Coverage;
+use crate::validation::held_out::{HeldOutPose, coverage, held_out, summary};
+
+/// Held-out errors of one method.
+#[derive(Clone, Debug, Serialize)]
+pub struct ModelComparison {
+    /// Name of the method.
+    pub model: &'static str,
+    /// Errors of every training pose, each predicted by a model that did not see it; absent when no folds were asked for.
+    pub cross_validation: Option<CrossValidation>,
+    /// Errors on the test sets, by the model of all training poses.
+    pub sets: Vec<SetErrors>,
+}
+
+/// Cross-validation errors, all folds pooled, and of each fold.
+#[derive(Clone, Debug, Serialize)]
+pub struct CrossValidation {
+    /// Of all poses.
+    #[serde(flatten)]
+    pub all: ErrorSummary,
+    /// Of each fold.
+    pub folds: Vec<ErrorSummary>,
+    /// Whether the predicted standard deviations were true.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub coverage: Option<Coverage>,
+    /// Every training pose, in order.
+    #[serde(skip)]
+    pub poses: Vec<HeldOutPose>,
+}
+
+/// Errors on one set.
+#[derive(Clone, Debug, Serialize)]
+pub struct SetErrors {
+    /// Name of the set: its file name.
+    pub name: String,
+    /// Errors against the measurements.
+    #[serde(flatten)]
+    pub errors: ErrorSummary,
+    /// Whether the predicted standard deviations were true.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub coverage: Option<Coverage>,
+    /// Every pose of the set, in order.
+    #[serde(skip)]
+    pub poses: Vec<HeldOutPose>,
+}
+
+impl SetErrors {
+    /// What a model made of a set.
+    pub fn new(name: &str, poses: Vec<HeldOutPose>) -> Self {
+        Self {
+            name: name.to_owned(),
+            errors: summary(&poses),
+            coverage: coverage(&poses),
+            poses,
+        }
+    }
+}
+
+/// A test set.
+#[derive(Clone, Debug)]
+pub struct TestSet {
+    /// Its name.
+    pub name: String,
+    /// Its poses.
+    pub samples: Vec<Sample>,
+}
+
+/// A calibration of the comparison failed.
+#[derive(Debug, thiserror::Error)]
+#[error("{model}: {error}")]
+pub struct CompareError {
+    /// Name of the method.
+    pub model: &'static str,
+    /// Why.
+    pub error: DeviceError,
+}
+
+/// What a comparison works on.
+#[derive(Debug)]
+pub struct Task<'a> {
+    /// The arm.
+    pub robot: &'a Robot,
+    /// Its nominal chain, base to flange.
+    pub nominal: &'a Poe<f64>,
+    /// Training data.
+    pub train: &'a [Sample],
+    /// Test sets.
+    pub tests: &'a [TestSet],
+    /// Number of folds; 0 for none.
+    pub folds: usize,
+    /// Seed of the draw of folds.
+    pub seed: u64,
+    /// Where the data come from.
+    pub origin: &'a Origin,
+}
+
+impl Task<'_> {
+    /// Calibrations that [`Task::run`] does for one method.
+    pub fn calibrations(&self) -> usize {
+        self.folds + usize::from(!self.tests.is_empty())
+    }
+
+    /// Held-out errors of the method of `options`. `progress` is called after every calibration.
+    ///
+    /// # Errors
+    /// [`CompareError`].
+    pub fn run(
+        &self,
+        options: &Options,
+        progress: &mut dyn FnMut(),
+    ) -> Result<ModelComparison, CompareError> {
+        let mut sets = Vec::new();
+        if !self.tests.is_empty() {
+            let found = self.calibrated(options, self.train)?;
+            progress();
+            for test in self.tests {
+                sets.push(SetErrors::new(&test.name, found.held_out(&test.samples)));
+            }
+        }
+        let cross_validation = (self.folds > 0)
+            .then(|| self.cross_validate(options, progress))
+            .transpose()?;
+        Ok(ModelComparison {
+            model: options.method.name(),
+            cross_validation,
+            sets,
+        })
+    }
+
+    fn cross_validate(
+        &self,
+        options: &Options,
+        progress: &mut dyn FnMut(),
+    ) -> Result<CrossValidation, CompareError> {
+        let fold = self.assignment();
+        let poses = self.held_out_poses(options, true, progress)?;
+        let of = |f: usize| {
+            let inside = poses.iter().zip(&fold).filter(move |(_, g)| **g == f);
+            summary(inside.map(|(pose, _)| pose))
+        };
+        Ok(CrossValidation {
+            folds: (0..self.folds).map(of).collect(),
+            all: summary(&poses),
+            coverage: coverage(&poses),
+            poses,
+        })
+    }
+
+    /// The fold of every training pose.
+    pub fn assignment(&self) -> Vec<usize> {
+        folds::assign(self.train, self.nominal.kinds(), self.folds, self.seed)
+    }
+
+    /// The error of every training pose, in order, each predicted by a model that did not see it.
+    ///
+    /// # Errors
+    /// [`CompareError`].
+    pub fn held_out(
+        &self,
+        options: &Options,
+        progress: &mut dyn FnMut(),
+    ) -> Result<Vec<PoseError>, CompareError> {
+        let poses = self.held_out_poses(options, false, progress)?;
+        Ok(poses.iter().map(|pose| pose.error).collect())
+    }
+
+    /// The same with all that is known of each; `with_sigma` asks for predicted standard deviations, too, which may cost
+    /// further fits.
+    ///
+    /// # Errors
+    /// [`CompareError`].
+    pub fn held_out_poses(
+        &self,
+        options: &Options,
+        with_sigma: bool,
+        progress: &mut dyn FnMut(),
+    ) -> Result<Vec<HeldOutPose>, CompareError> {
+        let fold = self.assignment();
+        let mut out: Vec<Option<HeldOutPose>> = vec![None; self.train.len()];
+        for left_out in 0..self.folds {
+            let part = |inside: bool| -> Vec<Sample> {
+                let wanted = self
+                    .train
+                    .iter()
+                    .zip(&fold)
+                    .filter(|(_, f)| (**f != left_out) == inside);
+                wanted.map(|(s, _)| s.clone()).collect()
+            };
+            let found = self.calibrated(options, &part(true))?;
+            progress();
+            let tests = part(false);
+            let base = &found.calibration.ends.instrument_from_base;
+            let with_sigma = with_sigma.then_some(&found.calibration);
+            let poses = held_out(&found.blob, base, &tests, with_sigma);
+            let slots = out.iter_mut().zip(&fold).filter(|(_, f)| **f == left_out);
+            for ((slot, _), pose) in slots.zip(poses) {
+                *slot = Some(pose);
+            }
+        }
+        // Every sample is in one of the folds.
+        Ok(out.into_iter().flatten().collect())
+    }
+
+    /// The model of `options` from some of the training poses.
+    ///
+    /// # Errors
+    /// [`CompareError`].
+    pub fn calibrated(
+        &self,
+        options: &Options,
+        samples: &[Sample],
+    ) -> Result<DeviceCalibration, CompareError> {
+        calibrate_for_device(self.nominal, self.robot, samples, options, self.origin).map_err(
+            |error| CompareError {
+                model: options.method.name(),
+                error,
+            },
+        )
+    }
+}
+
+/// The methods that the data allow: without payloads no `poe-gp-load`, and the paper's process only for whole poses of
+/// one tool.
+pub fn applicable(samples: &[Sample]) -> Vec<Method> {
+    let has_payload = samples.iter().all(|s| s.payload_kg.is_some());
+    let plain = samples.iter().all(|s| s.tool == 0 && !s.position_only);
+    let allowed = |m: &Method| match m {
+        Method::PoeGp => plain,
+        Method::PoeGpLoad => plain && has_payload,
+        _ => true,
+    };
+    Method::ALL.into_iter().filter(allowed).collect()
+}

@@ -1,0 +1,113 @@
+//! The learning curve: what fewer training poses would have given, and whether more would still help.
+//!
+//! Held-out errors of one model with a growing part of the training poses. The parts are nested and drawn once with the
+//! seed of the folds; all are tested on the same poses: the test sets, or the first fold when there are none.
+
+use rand::SeedableRng;
+use rand::seq::SliceRandom;
+use rand_chacha::ChaCha8Rng;
+use serde::Serialize;
+
+use crate::measurement::sample::Sample;
+use crate::model::{Options, fewest_poses};
+use crate::numeric::statistics::ErrorSummary;
+use crate::validation::cross_validation::Task;
+use crate::validation::held_out::{HeldOutPose, held_out, summary};
+
+/// Sizes that are tried: each twice the one before, so that the whole costs about as much as one calibration.
+const SIZES: [usize; 6] = [25, 50, 100, 200, 400, 800];
+/// A part that is larger than this share of all says nothing new.
+const LARGEST_SHARE: f64 = 0.75;
+
+/// One point of the curve.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Point {
+    /// Poses that were trained on.
+    pub trained_on: usize,
+    /// Errors on the poses that were not.
+    #[serde(flatten)]
+    pub errors: ErrorSummary,
+}
+
+/// The poses that every size is tested on, and those that it may be trained on, in order.
+struct Parts {
+    pool: Vec<Sample>,
+    tests: Vec<Sample>,
+}
+
+impl Parts {
+    fn new(task: &Task) -> Self {
+        if !task.tests.is_empty() {
+            let all = task.tests.iter().flat_map(|set| &set.samples);
+            return Self {
+                pool: task.train.to_vec(),
+                tests: all.cloned().collect(),
+            };
+        }
+        let fold = task.assignment();
+        let part = |first: bool| -> Vec<Sample> {
+            let wanted = task.train.iter().zip(&fold);
+            let wanted = wanted.filter(|(_, f)| (**f == 0) == first);
+            wanted.map(|(s, _)| s.clone()).collect()
+        };
+        Self {
+            pool: part(false),
+            tests: part(true),
+        }
+    }
+}
+
+/// Sizes that will be fitted, smallest first.
+pub fn sizes(task: &Task, options: &Options) -> Vec<usize> {
+    let pool = match task.tests.is_empty() {
+        true => task.train.len() - task.train.len() / task.folds.max(1),
+        false => task.train.len(),
+    };
+    let (fewest, _) = fewest_poses(options.method, task.nominal.kinds().len());
+    let possible = |size: &usize| *size > fewest && (*size as f64) <= LARGEST_SHARE * pool as f64;
+    SIZES.into_iter().filter(possible).collect()
+}
+
+/// The curve of the model of `options`, smallest size first; `whole` are the held-out poses of the model of all training
+/// poses (of all test sets, or of all folds), which end the curve. A size at which there is no model, because a tool has
+/// no pose or the equations have no solution, is left out. `progress` is called after every calibration.
+pub fn curve(
+    task: &Task,
+    options: &Options,
+    whole: &[HeldOutPose],
+    progress: &mut dyn FnMut(),
+) -> Vec<Point> {
+    let parts = Parts::new(task);
+    let mut order: Vec<usize> = (0..parts.pool.len()).collect();
+    order.shuffle(&mut ChaCha8Rng::seed_from_u64(task.seed));
+    let mut out = Vec::new();
+    for size in sizes(task, options) {
+        let mut drawn = order[..size.min(order.len())].to_vec();
+        drawn.sort_unstable();
+        let train: Vec<Sample> = drawn.iter().map(|i| parts.pool[*i].clone()).collect();
+        if has_all_tools(&train, &parts.tests)
+            && let Ok(found) = task.calibrated(options, &train)
+        {
+            let base = &found.calibration.ends.instrument_from_base;
+            out.push(Point {
+                trained_on: train.len(),
+                errors: summary(&held_out(&found.blob, base, &parts.tests, None)),
+            });
+        }
+        progress();
+    }
+    let fold = task.tests.is_empty().then(|| task.assignment());
+    let tested = whole.iter().enumerate();
+    let tested = tested.filter(|(i, _)| fold.as_ref().is_none_or(|f| f[*i] == 0));
+    out.push(Point {
+        trained_on: parts.pool.len(),
+        errors: summary(tested.map(|(_, pose)| pose)),
+    });
+    out
+}
+
+/// Whether every tool of `tests` has a few poses in `train`; a frame cannot be told from fewer than three.
+fn has_all_tools(train: &[Sample], tests: &[Sample]) -> bool {
+    let tools = tests.iter().chain(train).map(|s| s.tool + 1).max();
+    (0..tools.unwrap_or(0)).all(|tool| train.iter().filter(|s| s.tool == tool).count() >= 3)
+}

@@ -1,0 +1,8 @@
+//! Everything that is made of held-out errors.
+
+pub mod coverage;
+pub mod cross_validation;
+pub mod device_budget;
+pub mod held_out;
+pub mod learning_curve;
+pub mod model_selection;

@@ -1,0 +1,261 @@
+//! The arm of a blob as the check sees it: its Jacobians, and how well the blob can be expected to know it.
+//!
+//! A blob does not say how wrong it is. But it has the kernels, the support poses and their payloads, and the number of
+//! training poses: enough to ask what a calibration of this kind from poses like these leaves unknown. Its errors at
+//! neighbouring poses are correlated, and those that look like a moved base, tool or joint are what a check must not take
+//! for one. So the covariance of the errors at the poses of the check is that of the elastic model's own posterior,
+//!
+//! ```text
+//! P − C S⁻¹ Cᵀ,   S = A Λ Aᵀ + Σ_c k_c ∘ J_c J_cᵀ + noise/repeats
+//! ```
+//!
+//! with parameters and processes as the elastic model has them (`elastic::state`), taken at the support poses, each of
+//! which stands for as many training poses as there are for one (`repeats`). A model without such processes does not
+//! know its own shape of error: it gets a smooth deflection of every joint whose size the check itself tells.
+
+use faer::linalg::solvers::Solve;
+use faer::{Mat, Side};
+use poegp_protocol::JointKind;
+use poegp_protocol::blob::{Blob, Correction};
+use poegp_runtime::deflection::{JointKernel, row_words};
+use poegp_runtime::poe::Poe;
+use poegp_runtime::se3::Pose;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use crate::blob::predict::LoadedBlob;
+use crate::identification::parametric::state::{Layout, Linearised, ROWS, State};
+use crate::learning::elastic::fit::inputs_of;
+use crate::learning::elastic::inducing_points::kernel;
+use crate::learning::elastic::likelihood::Inputs;
+use crate::measurement::noise::{InstrumentNoise, Scales};
+use crate::measurement::sample::Sample;
+
+/// Training poses that stand for those of a blob without support poses.
+const DRAWN: usize = 100;
+/// Amplitude of the smooth deflection of a model without joint processes, rad² or m², before its size is fitted.
+const SMOOTH_VARIANCE: f64 = 1e-8;
+/// Its length scale is about a radian.
+const SMOOTH_WEIGHT: f64 = 1.0;
+
+/// The arm of a blob.
+pub struct BlobArm {
+    /// Frames, tools and what else is linearised.
+    pub state: State,
+    kernels: Vec<JointKernel<f64>>,
+    /// Whether the kernels are the blob's; else their size is open.
+    pub knows_its_error: bool,
+    training: Vec<Sample>,
+    repeats: f64,
+}
+
+impl BlobArm {
+    /// The arm of `loaded` with these tools, `first_target_from_target` each.
+    pub fn new(loaded: &LoadedBlob, tools: &[Pose<f64>]) -> Self {
+        let blob = loaded.blob();
+        let n = blob.robot.joints.len();
+        let kinds: Vec<JointKind> = blob.robot.joints.iter().map(|j| j.kind).collect();
+        let frames: Vec<Pose<f64>> = blob
+            .geometry
+            .calibrated
+            .iter()
+            .map(|f| Pose::<f32>::from_rows(f).cast())
+            .collect();
+        let chain = Poe::new(&kinds, &frames).expect("a loaded blob is a chain");
+        let coupling = coupling(&blob);
+        let last = frames[n];
+        let tools = tools.iter().map(|tool| last * *tool).collect::<Vec<_>>();
+        let elastic = match &blob.correction {
+            Correction::Elastic(elastic) => Some(elastic),
+            _ => None,
+        };
+        let ripple = elastic.map_or(Vec::new(), |e| {
+            let term = |t: &poegp_protocol::blob::Ripple| (t.joint.into(), f64::from(t.cycles));
+            e.ripple.iter().map(term).collect()
+        });
+        let count = tools.len();
+        let layout = Layout {
+            joints: n,
+            tools: count,
+            gravity: elastic.is_some_and(|e| !e.links.is_empty()),
+            payload: elastic.is_some_and(|e| !e.links.is_empty() && !e.payload.is_empty()),
+            ripple,
+        };
+        let gravity = elastic.map_or([0.0; 3], |e| e.gravity.map(f64::from));
+        let kernels: Vec<JointKernel<f64>> =
+            elastic.map_or(Vec::new(), |e| e.kernels.iter().map(joint_kernel).collect());
+        let training = support(&blob, coupling.as_ref());
+        let training_poses = f64::from(blob.provenance.training_poses);
+        Self {
+            repeats: (training_poses / training.len() as f64).max(1.0),
+            knows_its_error: !kernels.is_empty(),
+            kernels: if kernels.is_empty() {
+                let weights = vec![SMOOTH_WEIGHT; n];
+                vec![JointKernel::from_natural(&weights, 0.0, SMOOTH_VARIANCE, 0.0); n]
+            } else {
+                kernels
+            },
+            state: State::new(&chain, tools, coupling, layout, gravity.into()),
+            training: training
+                .into_iter()
+                .enumerate()
+                .map(|(i, s)| Sample {
+                    tool: i % count,
+                    ..s
+                })
+                .collect(),
+        }
+    }
+
+    /// Jacobians at `samples`, rows in units of their scales.
+    pub fn linearise(&self, samples: &[Sample], scales: Scales) -> Linearised {
+        self.state.linearise(samples, scales)
+    }
+
+    /// Covariance of the errors of the blob's predictions at `samples`, in units of the scales of the rows; of a blob that
+    /// does not know its own error that of the frames alone. `None` when it cannot be computed.
+    pub fn error_covariance(
+        &self,
+        samples: &[Sample],
+        at: &Linearised,
+        scales: Scales,
+    ) -> Option<Mat<f64>> {
+        let position_only = samples.iter().all(|s| s.position_only);
+        let training: Vec<Sample> = self
+            .training
+            .iter()
+            .cloned()
+            .map(|mut s| {
+                s.position_only = position_only;
+                s
+            })
+            .collect();
+        let seen = self.state.linearise(&training, scales);
+        let (here, there) = (
+            inputs_of(&self.state, samples),
+            inputs_of(&self.state, &training),
+        );
+        let mut s = self.prior((&seen, &there), (&seen, &there));
+        for i in 0..s.nrows() {
+            s[(i, i)] += 1.0 / self.repeats;
+        }
+        let c = self.prior((at, &here), (&seen, &there));
+        let p = self.prior((at, &here), (at, &here));
+        let factor = s.llt(Side::Lower).ok()?;
+        let known = &c * factor.solve(c.transpose());
+        Some(Mat::from_fn(p.nrows(), p.ncols(), |i, j| {
+            p[(i, j)] - 0.5 * (known[(i, j)] + known[(j, i)])
+        }))
+    }
+
+    /// Covariance of the smooth deflection of a blob that does not know its own error, of unit size.
+    pub fn smooth_covariance(&self, samples: &[Sample], at: &Linearised) -> Mat<f64> {
+        let here = inputs_of(&self.state, samples);
+        self.processes((at, &here), (at, &here))
+    }
+
+    /// Prior covariance of what is modelled at two sets of poses.
+    fn prior(&self, a: (&Linearised, &Inputs), b: (&Linearised, &Inputs)) -> Mat<f64> {
+        let groups = self.state.layout.groups();
+        let sd = |i: usize| groups[i].prior_sd();
+        let scaled = Mat::from_fn(a.0.a.nrows(), groups.len(), |row, i| {
+            a.0.a[(row, i)] * sd(i).powi(2)
+        });
+        let parameters = scaled * b.0.a.transpose();
+        if self.knows_its_error {
+            parameters + self.processes(a, b)
+        } else {
+            parameters
+        }
+    }
+
+    fn processes(&self, a: (&Linearised, &Inputs), b: (&Linearised, &Inputs)) -> Mat<f64> {
+        let mut out = Mat::zeros(a.0.a.nrows(), b.0.a.nrows());
+        let place = |inputs: &Inputs, i: usize| (inputs.features[i], inputs.payloads[i]);
+        for i in 0..a.1.payloads.len() {
+            let (fa, ma) = place(a.1, i);
+            for j in 0..b.1.payloads.len() {
+                let (fb, mb) = place(b.1, j);
+                for (c, k) in self.kernels.iter().enumerate() {
+                    let value = kernel(k, self.state.kinds(), (&fa, ma), (&fb, mb));
+                    for row in 0..ROWS {
+                        let left = value * a.0.jacobian[(ROWS * i + row, c)];
+                        for column in 0..ROWS {
+                            out[(ROWS * i + row, ROWS * j + column)] +=
+                                left * b.0.jacobian[(ROWS * j + column, c)];
+                        }
+                    }
+                }
+            }
+        }
+        out
+    }
+}
+
+fn joint_kernel(wire: &poegp_protocol::blob::JointKernel) -> JointKernel<f64> {
+    let mut out = JointKernel::zero();
+    out.set_rates(wire.rates.iter().map(|rate| f64::from(*rate)));
+    out.payload_rate = wire.payload_rate.into();
+    out.amplitude = wire.amplitude.into();
+    out.payload_amplitude = wire.payload_amplitude.into();
+    out
+}
+
+fn coupling(blob: &Blob<'_>) -> Option<Vec<Vec<f64>>> {
+    let rows = blob.robot.coupling.chunks(blob.robot.joints.len());
+    let rows = rows.map(|row| row.iter().map(|c| f64::from(*c)).collect());
+    (!blob.robot.coupling.is_empty()).then(|| rows.collect())
+}
+
+/// The support poses; of a blob without any, poses drawn from the ranges that were trained.
+fn support(blob: &Blob<'_>, coupling: Option<&Vec<Vec<f64>>>) -> Vec<Sample> {
+    let n = blob.robot.joints.len();
+    let mut poses: Vec<(Vec<f64>, f64)> = Vec::new();
+    if let Correction::Elastic(elastic) = &blob.correction {
+        let words: Vec<f64> = elastic
+            .rows
+            .as_chunks::<4>()
+            .0
+            .iter()
+            .map(|word| f64::from(f32::from_le_bytes(*word)))
+            .collect();
+        let payloads = elastic
+            .groups
+            .iter()
+            .flat_map(|g| std::iter::repeat_n(f64::from(g.payload_kg), g.points.into()));
+        for (row, payload) in words.chunks_exact(row_words(n)).zip(payloads) {
+            let joint = |i: usize| match blob.robot.joints[i].kind {
+                JointKind::Revolute => row[2 * i].atan2(row[2 * i + 1]),
+                JointKind::Prismatic => row[2 * i],
+            };
+            poses.push(((0..n).map(joint).collect(), payload));
+        }
+    }
+    if poses.is_empty() {
+        let mut random = ChaCha8Rng::seed_from_u64(1);
+        let mut within = |range: (f32, f32)| {
+            let (lower, upper) = (f64::from(range.0), f64::from(range.1));
+            lower + (upper - lower) * random.random::<f64>()
+        };
+        for _ in 0..DRAWN {
+            let joints = blob.ranges.joints.iter().map(|r| within(*r)).collect();
+            poses.push((joints, blob.ranges.payload_kg.map_or(0.0, &mut within)));
+        }
+    }
+    let sample = |(joints, payload): (Vec<f64>, f64)| Sample {
+        serial: match coupling {
+            None => joints.clone(),
+            Some(rows) => rows
+                .iter()
+                .map(|row| poegp_runtime::kernel::inner_product(row, &joints))
+                .collect(),
+        },
+        joints,
+        payload_kg: Some(payload),
+        measured: Pose::identity(),
+        tool: 0,
+        position_only: false,
+        stated: InstrumentNoise::UNKNOWN,
+    };
+    poses.into_iter().map(sample).collect()
+}

@@ -1,0 +1,207 @@
+//! How much has moved, with what certainty, and what else it might be.
+
+use faer::linalg::solvers::{DenseSolveCore, Solve};
+use faer::{Mat, Side};
+
+use crate::identification::parametric::state::ROWS;
+use crate::measurement::noise::Scales;
+use crate::measurement::sample::Sample;
+use crate::numeric::statistics::Summary;
+use crate::verification::Weighed;
+use crate::verification::drift_test::Test;
+use crate::verification::hypotheses::{Hypothesis, Part};
+use crate::verification::result::{Change, Estimate, Sensitivity};
+
+/// Of a part's effect at least this share must be its own, or it cannot be told from the other.
+const OWN_SHARE: f64 = 0.05;
+
+/// Estimates of one hypothesis: values and their covariance.
+pub type Found<'a> = (&'a [f64], Mat<f64>);
+
+/// All that has moved, and what is free, fitted together by generalised least squares.
+pub struct Fit {
+    x: Mat<f64>,
+    values: Vec<f64>,
+    covariance: Mat<f64>,
+    /// Where the columns of each hypothesis begin; before the first is what is free.
+    starts: Vec<usize>,
+}
+
+impl Fit {
+    /// `None` when the equations cannot be solved.
+    pub fn new(weighed: &Weighed<'_>, nuisance: &Mat<f64>, chosen: &[&Hypothesis]) -> Option<Self> {
+        let mut starts = vec![nuisance.ncols()];
+        let mut columns: Vec<Vec<f64>> = super::columns(nuisance);
+        for hypothesis in chosen {
+            columns.extend(super::columns(&hypothesis.effect));
+            starts.push(columns.len());
+        }
+        let x = Mat::from_fn(weighed.y.nrows(), columns.len(), |i, j| columns[j][i]);
+        if columns.is_empty() {
+            return Some(Self {
+                covariance: Mat::zeros(0, 0),
+                values: Vec::new(),
+                starts,
+                x,
+            });
+        }
+        let (white, y) = (weighed.whiten(&x), weighed.whiten(&weighed.y));
+        let mut normal = white.transpose() * &white;
+        for i in 0..normal.nrows() {
+            // A direction of the tool that positions alone do not tell.
+            normal[(i, i)] = normal[(i, i)] * (1.0 + 1e-12) + 1e-6;
+        }
+        let factor = normal.llt(Side::Lower).ok()?;
+        let values = factor.solve(white.transpose() * y);
+        Some(Self {
+            covariance: factor.inverse(),
+            values: (0..columns.len()).map(|i| values[(i, 0)]).collect(),
+            starts,
+            x,
+        })
+    }
+
+    /// Of the hypothesis with this place among the chosen ones.
+    pub fn of(&self, place: usize) -> Found<'_> {
+        let (from, to) = (self.starts[place], self.starts[place + 1]);
+        let covariance = self.covariance.submatrix(from, from, to - from, to - from);
+        (&self.values[from..to], covariance.to_owned())
+    }
+
+    /// What has moved, in rows of the check.
+    pub fn effect(&self) -> Mat<f64> {
+        self.rows(self.starts[0], self.values.len())
+    }
+
+    /// What is free, in rows of the check.
+    pub fn free(&self) -> Mat<f64> {
+        self.rows(0, self.starts[0])
+    }
+
+    fn rows(&self, from: usize, to: usize) -> Mat<f64> {
+        Mat::from_fn(self.x.nrows(), 1, |i, _| {
+            (from..to).map(|j| self.x[(i, j)] * self.values[j]).sum()
+        })
+    }
+}
+
+/// A change in words' units; `reach` is half of a 95 % interval in standard deviations.
+pub fn change(
+    hypothesis: &Hypothesis,
+    (values, covariance): Found<'_>,
+    reach: f64,
+    p_value: f64,
+) -> Change {
+    let one = |i: usize, unit: f64| Estimate {
+        value: unit * values[i],
+        plus_minus: unit * reach * covariance[(i, i)].max(0.0).sqrt(),
+    };
+    // Of the length of three components: its standard deviation is that along them.
+    let length = |from: usize| {
+        let part = &values[from..from + 3];
+        let norm = part.iter().map(|x| x * x).sum::<f64>().sqrt();
+        let along = |i: usize| part[i] / norm.max(f64::MIN_POSITIVE);
+        let pairs = (0..3).flat_map(|i| (0..3).map(move |j| (i, j)));
+        let variance: f64 = pairs
+            .map(|(i, j)| along(i) * covariance[(from + i, from + j)] * along(j))
+            .sum();
+        Estimate {
+            value: 1e3 * norm,
+            plus_minus: 1e3 * reach * variance.max(0.0).sqrt(),
+        }
+    };
+    let mut out = Change {
+        part: hypothesis.part,
+        p_value,
+        shift_mm: None,
+        shift_xyz_mm: Vec::new(),
+        turn_mrad: None,
+        turn_xyz_mrad: Vec::new(),
+        offset_deg: None,
+        offset_mm: None,
+        mass_kg: None,
+        or_else: Vec::new(),
+    };
+    match hypothesis.part {
+        Part::Base | Part::Tool => {
+            out.shift_mm = Some(length(0));
+            out.shift_xyz_mm = (0..3).map(|i| one(i, 1e3)).collect();
+            if hypothesis.turns {
+                out.turn_mrad = Some(length(3));
+                out.turn_xyz_mrad = (3..6).map(|i| one(i, 1e3)).collect();
+            }
+        }
+        Part::Joint(_) if hypothesis.turns => out.offset_deg = Some(one(0, 1_f64.to_degrees())),
+        Part::Joint(_) => out.offset_mm = Some(one(0, 1e3)),
+        Part::Payload => out.mass_kg = Some(one(0, 1.0)),
+    }
+    out
+}
+
+/// Parts that would explain the measurements as well in place of the chosen hypothesis at `place`.
+pub fn alternatives(
+    test: &Test,
+    all: &[Hypothesis],
+    taken: &[usize],
+    place: usize,
+    false_alarms: f64,
+) -> Vec<Part> {
+    let mut out: Vec<Part> = Vec::new();
+    let own = all[taken[place]].part;
+    for (other, hypothesis) in all.iter().enumerate() {
+        let part = hypothesis.part;
+        if taken.iter().any(|t| all[*t].part == part) || out.contains(&part) {
+            continue;
+        }
+        let mut instead = taken.to_vec();
+        instead[place] = other;
+        let nothing_left = |h: usize| test.explain(&instead, h, false_alarms);
+        if (0..all.len())
+            .filter(|h| all[*h].part == own)
+            .all(nothing_left)
+        {
+            out.push(part);
+        }
+    }
+    out
+}
+
+/// What the check can find, and which parts look the same in it.
+pub fn sensitivity(test: &Test, all: &[Hypothesis], false_alarms: f64) -> Vec<Sensitivity> {
+    let critical = test.critical(false_alarms);
+    let whole: Vec<usize> = (0..all.len())
+        .filter(|h| matches!(all[*h].part, Part::Base | Part::Tool) && all[*h].turns)
+        .collect();
+    let mut out: Vec<Sensitivity> = Vec::new();
+    for (h, hypothesis) in all.iter().enumerate() {
+        if out.iter().any(|s| s.part == hypothesis.part) {
+            continue;
+        }
+        let (factor, unit) = match hypothesis.part {
+            Part::Joint(_) if hypothesis.turns => (1_f64.to_degrees(), "deg"),
+            Part::Payload => (1.0, "kg"),
+            _ => (1e3, "mm"),
+        };
+        let hidden = |other: &&usize| {
+            let (effect, own) = test.visible(h, **other);
+            all[**other].part != hypothesis.part && own < OWN_SHARE * effect
+        };
+        out.push(Sensitivity {
+            part: hypothesis.part,
+            smallest: factor * test.smallest(h, false_alarms, critical),
+            unit,
+            looks_like: whole.iter().find(hidden).map(|other| all[*other].part),
+        });
+    }
+    out
+}
+
+/// Lengths of displacements of the target, mm.
+pub fn lengths(rows: &Mat<f64>, samples: &[Sample], scales: Scales) -> Summary {
+    let of = |(k, sample): (usize, &Sample)| {
+        let unit = 1e3 * scales.of(sample).position;
+        let squares = (0..3).map(|i| (unit * rows[(ROWS * k + i, 0)]).powi(2));
+        squares.sum::<f64>().sqrt()
+    };
+    Summary::new(&samples.iter().enumerate().map(of).collect::<Vec<_>>())
+}

@@ -1,0 +1,110 @@
+//! What may have moved since the calibration, and what each of them does to the poses.
+
+use faer::Mat;
+use poegp_protocol::JointKind;
+use poegp_runtime::se3::Twist;
+use serde::Serialize;
+
+use crate::identification::parametric::state::{Linearised, ROWS};
+use crate::measurement::sample::Sample;
+use crate::verification::arm::BlobArm;
+
+/// A part of the cell that may be another one than it was.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Part {
+    /// The base against the instrument.
+    Base,
+    /// The target against the flange.
+    Tool,
+    /// The zero of a joint of the controller, from 1.
+    Joint(usize),
+    /// The mass of the payload against what the file says.
+    Payload,
+}
+
+/// One way in which a part may have moved.
+#[derive(Clone, Debug)]
+pub struct Hypothesis {
+    /// Which part.
+    pub part: Part,
+    /// Whether base or tool may have turned, too.
+    pub turns: bool,
+    /// Effect on the rows of the check per unit of each component (m, rad or kg), rows in units of their scales.
+    pub effect: Mat<f64>,
+}
+
+impl Hypothesis {
+    /// Number of its components.
+    pub fn components(&self) -> usize {
+        self.effect.ncols()
+    }
+}
+
+/// Everything that is looked for.
+pub fn hypotheses(
+    arm: &BlobArm,
+    at: &Linearised,
+    samples: &[Sample],
+    payload_effect: Option<Mat<f64>>,
+) -> Vec<Hypothesis> {
+    let n = arm.state.layout.joints;
+    let mut out = Vec::new();
+    for (part, whole) in [
+        (Part::Base, base_effect(at)),
+        (Part::Tool, tool_effect(arm, at, samples)),
+    ] {
+        for turns in [false, true] {
+            let columns = if turns { 6 } else { 3 };
+            out.push(Hypothesis {
+                part,
+                turns,
+                effect: whole.subcols(0, columns).to_owned(),
+            });
+        }
+    }
+    for joint in 0..n {
+        out.push(Hypothesis {
+            part: Part::Joint(joint + 1),
+            turns: arm.state.kinds()[joint] == JointKind::Revolute,
+            effect: at.jacobian.subcols(joint, 1).to_owned(),
+        });
+    }
+    out.extend(payload_effect.map(|effect| Hypothesis {
+        part: Part::Payload,
+        turns: false,
+        effect,
+    }));
+    out
+}
+
+/// Of a twist of the base frame in its own axes, at its own origin.
+pub fn base_effect(at: &Linearised) -> Mat<f64> {
+    at.a.subcols(0, 6).to_owned()
+}
+
+/// Of a motion of the tool against the flange: displacement of the target, and rotation about it, in the axes of the target.
+/// All targets move as one body, about the first.
+pub fn tool_effect(arm: &BlobArm, at: &Linearised, samples: &[Sample]) -> Mat<f64> {
+    let state = &arm.state;
+    let first = 6 * state.layout.joints;
+    // Twists at the target, in its axes, as twists of the last joint's frame.
+    let joint_from_target = state.tools[0];
+    let turned: Vec<[f64; 6]> = (0..6)
+        .map(|i| {
+            let unit = Twist::from_array(&std::array::from_fn(|j| f64::from(u8::from(i == j))));
+            joint_from_target.transform_twist(&unit).to_array()
+        })
+        .collect();
+    let mut out = Mat::zeros(at.a.nrows(), 6);
+    for (k, sample) in samples.iter().enumerate() {
+        let column = first + 6 * sample.tool;
+        for row in ROWS * k..ROWS * (k + 1) {
+            for (i, twist) in turned.iter().enumerate() {
+                let parts = twist.iter().enumerate();
+                out[(row, i)] = parts.map(|(j, x)| x * at.a[(row, column + j)]).sum();
+            }
+        }
+    }
+    out
+}

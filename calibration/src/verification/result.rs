@@ -1,0 +1,102 @@
+//! The answer of a check, in the shape that `--json` has.
+
+use serde::Serialize;
+
+use crate::numeric::statistics::{ErrorSummary, Summary};
+use crate::verification::hypotheses::Part;
+
+/// One component of a change, with half the width of its 95 % interval.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Estimate {
+    /// Its value.
+    pub value: f64,
+    /// Half the width of its 95 % confidence interval.
+    pub plus_minus: f64,
+}
+
+/// A part that has moved.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Change {
+    /// Which.
+    pub part: Part,
+    /// Share of undisturbed checks that would look as changed as this one.
+    pub p_value: f64,
+    /// Displacement in mm: of the base at its origin along its axes, of the target along its own; the length of all three.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub shift_mm: Option<Estimate>,
+    /// Its components.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub shift_xyz_mm: Vec<Estimate>,
+    /// Rotation in mrad, likewise; absent where a shift alone explains as much.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub turn_mrad: Option<Estimate>,
+    /// Its components.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub turn_xyz_mrad: Vec<Estimate>,
+    /// Of a revolute joint, degrees.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub offset_deg: Option<Estimate>,
+    /// Of a prismatic joint, mm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub offset_mm: Option<Estimate>,
+    /// Of the payload, kg.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mass_kg: Option<Estimate>,
+    /// Parts that would explain these measurements as well in its place.
+    pub or_else: Vec<Part>,
+}
+
+/// What a part would have to change by to be found nine times in ten, in the worst direction.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Sensitivity {
+    /// Which part.
+    pub part: Part,
+    /// The smallest such change.
+    pub smallest: f64,
+    /// Its unit: `mm` (shifts, prismatic joints), `deg` (revolute joints) or `kg`.
+    pub unit: &'static str,
+    /// The part that looks the same at these poses.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub looks_like: Option<Part>,
+}
+
+/// The error of one pose.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct RowError {
+    /// Line of the file.
+    pub line: usize,
+    /// Position error in mm.
+    pub position_mm: f64,
+}
+
+/// The answer.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Report {
+    /// Errors now.
+    #[serde(flatten)]
+    pub errors: ErrorSummary,
+    /// The same of every pose, in the order of the file.
+    pub rows: Vec<RowError>,
+    /// Rate of false alarms of the whole test.
+    pub false_alarm_rate: f64,
+    /// What has moved; empty when nothing has.
+    pub changes: Vec<Change>,
+    /// By how much these changes move the target at the poses of the check, mm.
+    pub effect_mm: Summary,
+    /// Position errors once they are taken out, mm.
+    pub without_mm: Summary,
+    /// Standard deviation of one position component of a measurement, mm, as the residuals have it.
+    pub noise_mm: f64,
+    /// The same of rotation in mrad, where it was measured.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub noise_mrad: Option<f64>,
+    /// Whether the model knows how wrong it is; without processes of the joints it does not, and false alarms are more frequent
+    /// than stated.
+    pub model_knows_its_error: bool,
+    /// Root mean square of what the calibration is expected not to know of one position component, mm.
+    pub model_mm: f64,
+    /// What this check can find.
+    pub sensitivity: Vec<Sensitivity>,
+    /// Lines of measurements that stand out from all others.
+    pub odd_lines: Vec<usize>,
+}

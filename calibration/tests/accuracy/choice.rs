@@ -1,0 +1,49 @@
+//! `select::choose` when not every candidate can be made.
+
+use poegp_calibration::model::{Method, Options};
+use poegp_calibration::validation::cross_validation::Task;
+use poegp_calibration::validation::model_selection::{Candidate, FOLDS, choose};
+
+use crate::{arm, origin, samples, simulated_path};
+
+/// No device takes a bound above a metre: a candidate that cannot be exported.
+fn impossible(name: &'static str) -> Candidate {
+    Candidate {
+        name,
+        options: Options {
+            max_correction_m: Some(5.0),
+            ..Options::new(Method::PoeGp)
+        },
+    }
+}
+
+#[test]
+fn what_no_device_can_run_is_left_out_of_the_choice_with_its_reason() {
+    let (robot, nominal) = arm("abb-irb4400-serial");
+    let train = samples(&simulated_path("paper_s0_train"), &robot);
+    let origin = origin(1);
+    let task = Task {
+        robot: &robot,
+        nominal: &nominal,
+        train: &train[..40],
+        tests: &[],
+        folds: FOLDS,
+        seed: 1,
+        origin: &origin,
+    };
+    let possible = Candidate {
+        name: "poe",
+        options: Options::new(Method::Poe),
+    };
+    let candidates = [impossible("first"), possible, impossible("last")];
+    let choice = choose(&task, &candidates, &mut || {}).unwrap();
+    assert_eq!(choice.options.method, Method::Poe);
+    assert_eq!(choice.table.len(), 1);
+    assert!(choice.table[0].chosen);
+    let left_out: Vec<_> = choice.left_out.iter().map(|out| out.candidate).collect();
+    assert_eq!(left_out, ["first", "last"]);
+    for out in &choice.left_out {
+        assert!(out.reason.contains("bound"), "{}", out.reason);
+    }
+    assert!(choose(&task, &[impossible("only")], &mut || {}).is_err());
+}

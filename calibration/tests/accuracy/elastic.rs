@@ -1,0 +1,257 @@
+//! The elastic model with its defaults on the four simulated sets, against the measurements and against the truth.
+
+use std::fmt::Write as _;
+use std::time::Instant;
+
+use poegp_calibration::blob::write::{DeviceCalibration, calibrate_for_device, fidelity};
+use poegp_calibration::measurement as measurements;
+use poegp_calibration::measurement::sample::Sample;
+use poegp_calibration::model::{Method, Options};
+use poegp_calibration::numeric::statistics::{ErrorSummary, PoseError};
+use poegp_calibration::robot::Robot;
+use poegp_calibration::validation::coverage::{Counter, Coverage};
+use poegp_runtime::poe::Poe;
+use poegp_runtime::se3::Pose;
+
+use crate::{arm, origin, say, simulated_path, true_deviations};
+
+/// Largest share by which fewer support points may be worse than all.
+const REDUCED: f64 = 1.03;
+/// Seconds of one core for one training on 300 poses.
+const TRAINING_SECONDS: f64 = 8.0;
+
+/// A simulated arm with all that was measured of it.
+struct Cell {
+    arm: (Robot, Poe<f64>),
+    train: Vec<Sample>,
+    /// The three test sets, each pose with its truth.
+    test: Vec<(Sample, Pose<f64>)>,
+}
+
+impl Cell {
+    fn read(scenario: &str) -> Self {
+        let arm = arm("abb-irb4400-serial");
+        let read = |name: &str| -> Vec<(Sample, Option<Pose<f64>>)> {
+            let path = simulated_path(&format!("{scenario}_s0_{name}"));
+            let set = measurements::read(path).unwrap_or_else(|e| panic!("{e}"));
+            let samples =
+                poegp_calibration::measurement::sample::samples(&set, &arm.0, &mut Vec::new())
+                    .unwrap();
+            let truth = set.measurements.iter().map(|m| m.truth);
+            samples.into_iter().zip(truth).collect()
+        };
+        let train = read("train").into_iter().map(|(sample, _)| sample);
+        let test = ["test1", "test2", "test3"].into_iter().flat_map(read);
+        Self {
+            train: train.collect(),
+            test: test.map(|(s, truth)| (s, truth.unwrap())).collect(),
+            arm,
+        }
+    }
+
+    /// Trains on `train` and measures on the poses of all test sets that `wanted` takes.
+    fn measure(
+        &self,
+        train: &[Sample],
+        support: Option<usize>,
+        wanted: impl Fn(&Sample) -> bool,
+    ) -> Measured {
+        let mut options = Options::new(Method::Elastic);
+        options.elastic.support = support;
+        let clock = Clock::start();
+        let (robot, nominal) = &self.arm;
+        let DeviceCalibration {
+            calibration, blob, ..
+        } = calibrate_for_device(nominal, robot, train, &options, &origin(1))
+            .unwrap_or_else(|e| panic!("{e}"));
+        let seconds = clock.seconds();
+        let test: Vec<_> = self.test.iter().filter(|(s, _)| wanted(s)).collect();
+        let samples: Vec<Sample> = test.iter().map(|(s, _)| s.clone()).collect();
+        let against_truth = test.iter().map(|(s, truth)| {
+            PoseError::between(truth, &blob.predict(&s.joints, s.payload_kg).pose)
+        });
+        let rounding = fidelity(&calibration, &blob, &samples);
+        let mut counter = Counter::default();
+        counter.add(&calibration, &blob, &samples);
+        Measured {
+            poses: train.len(),
+            support: blob.model().support(),
+            errors: ErrorSummary::new(&blob.errors(&samples)),
+            truth: ErrorSummary::new(&against_truth.collect::<Vec<_>>())
+                .position_mm
+                .mean,
+            rounding_um: (1e6 * rounding.mean_m, 1e6 * rounding.max_m),
+            coverage: counter.coverage().unwrap(),
+            seconds,
+        }
+    }
+}
+
+/// What one training gave.
+struct Measured {
+    poses: usize,
+    support: usize,
+    errors: ErrorSummary,
+    /// Mean position error against the noiseless truth in mm.
+    truth: f64,
+    /// Mean and largest distance of the `f32` blob from the f64 model on the test poses.
+    rounding_um: (f64, f64),
+    /// Whether the predicted standard deviations were true.
+    coverage: Coverage,
+    seconds: f64,
+}
+
+impl Measured {
+    fn mean(&self) -> f64 {
+        self.errors.position_mm.mean
+    }
+
+    /// A line of the table; `most` are the bounds of mean, truth and maximum.
+    fn line(&self, name: &str, most: &str) -> String {
+        let p = &self.errors.position_mm;
+        let (mean, max) = self.rounding_um;
+        format!(
+            "  {name:12} {:5} {:7} {:8.4} {:8.4} {:8.4} {:8.4}   {mean:5.3} {max:5.3} {:8.1}   {most}\n",
+            self.poses, self.support, p.mean, self.truth, p.p95, p.max, self.seconds
+        )
+    }
+}
+
+const HEADER: &str = "  set          poses support     mean    truth      p95      max   f32 µm mean max    CPU s   at most\n";
+
+/// Processor time of this thread where the system tells it, else the time that passed.
+struct Clock {
+    processor: Option<f64>,
+    wall: Instant,
+}
+
+impl Clock {
+    fn start() -> Self {
+        Self {
+            processor: Self::processor(),
+            wall: Instant::now(),
+        }
+    }
+
+    fn processor() -> Option<f64> {
+        let text = std::fs::read_to_string("/proc/thread-self/schedstat").ok()?;
+        let nanoseconds: f64 = text.split(' ').next()?.parse().ok()?;
+        Some(1e-9 * nanoseconds)
+    }
+
+    fn seconds(&self) -> f64 {
+        match (self.processor, Self::processor()) {
+            (Some(before), Some(now)) => now - before,
+            _ => self.wall.elapsed().as_secs_f64(),
+        }
+    }
+}
+
+/// Says the table and fails with everything that was too large.
+struct Table {
+    text: String,
+    failed: Vec<String>,
+}
+
+impl Table {
+    fn new(title: &str) -> Self {
+        Self {
+            text: format!("{title}\n{HEADER}"),
+            failed: Vec::new(),
+        }
+    }
+
+    fn most(&mut self, what: impl Into<String>, value: f64, bound: f64) {
+        if value.is_nan() || value > bound {
+            self.failed
+                .push(format!("{}: {value:.4} > {bound:.4}", what.into()));
+        }
+    }
+
+    fn deviations(&mut self, what: &str, found: &Measured) {
+        self.failed.extend(true_deviations(what, &found.coverage));
+    }
+
+    fn finish(self) {
+        say(self.text.trim_end());
+        assert!(self.failed.is_empty(), "{:#?}", self.failed);
+    }
+}
+
+/// Bounds of one set in mm: mean against measurements, mean against the truth, largest.
+fn a_set(scenario: &str, mean: f64, truth: f64, max: f64) {
+    let mut table = Table::new(&format!(
+        "elastic, {scenario}: position error in mm on 3 x 100 poses"
+    ));
+    let cell = Cell::read(scenario);
+    let reduced = cell.measure(&cell.train, Some(100), |_| true);
+    let all = cell.measure(&cell.train, None, |_| true);
+    let bounds = format!("{mean:.3} {truth:.3} max {max:.2}");
+    table.text += &reduced.line(scenario, &bounds);
+    table.text += &all.line(scenario, "");
+    let percent = 100.0 * (reduced.mean() / all.mean() - 1.0);
+    let _ = writeln!(table.text, "  100 points against all: {percent:+.2} %");
+    table.most("mean", reduced.mean(), mean);
+    table.most("mean against the truth", reduced.truth, truth);
+    table.most("largest", reduced.errors.position_mm.max, max);
+    table.most("100 points", reduced.mean(), REDUCED * all.mean());
+    table.deviations(scenario, &reduced);
+    for found in [&reduced, &all] {
+        table.most("f32 in the mean, µm", found.rounding_um.0, 0.5);
+        table.most("f32 at most, µm", found.rounding_um.1, 2.0);
+    }
+    table.most(
+        "CPU seconds of a training",
+        reduced.seconds,
+        TRAINING_SECONDS,
+    );
+    table.finish();
+}
+
+#[test]
+fn paper() {
+    a_set("paper", 0.051, 0.014, 0.20);
+}
+
+#[test]
+fn rich() {
+    a_set("rich", 0.055, 0.025, 0.20);
+}
+
+#[test]
+fn wild() {
+    a_set("wild", 0.062, 0.040, 0.35);
+}
+
+#[test]
+fn full() {
+    a_set("full", 0.051, 0.014, 0.20);
+}
+
+#[test]
+fn few_poses_of_the_wildest_arm() {
+    let mut table = Table::new("elastic, wild, trained on the first poses");
+    let cell = Cell::read("wild");
+    for (poses, bound) in [(100, 0.080), (50, 0.110)] {
+        let found = cell.measure(&cell.train[..poses], Some(100), |_| true);
+        table.text += &found.line("wild", &format!("{bound:.3}"));
+        table.most(format!("{poses} poses"), found.mean(), bound);
+        table.deviations(&format!("wild, {poses} poses"), &found);
+    }
+    table.finish();
+}
+
+#[test]
+fn a_payload_that_was_not_trained() {
+    let mut table = Table::new("elastic, trained without 5 kg, tested with it");
+    for (scenario, bound) in [("paper", 0.055), ("wild", 0.110)] {
+        let cell = Cell::read(scenario);
+        let five = |s: &Sample| s.payload_kg == Some(5.0);
+        let train: Vec<Sample> = cell.train.iter().filter(|s| !five(s)).cloned().collect();
+        let found = cell.measure(&train, Some(100), five);
+        table.text += &found.line(scenario, &format!("{bound:.3}"));
+        table.most(scenario, found.mean(), bound);
+        table.deviations(&format!("{scenario} at 5 kg"), &found);
+    }
+    table.finish();
+}

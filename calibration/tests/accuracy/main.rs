@@ -1,0 +1,137 @@
+//! The figures of the README: the paper's Table I, ten simulated arms, and arms that others measured.
+//!
+//! Each test prints what it measured, whether or not it passes.
+
+mod choice;
+mod device_sigma;
+mod elastic;
+mod measured;
+mod paper;
+mod support_sets;
+mod ten_seeds;
+
+use std::fmt::Display;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use poegp_calibration::blob::write::{Origin, nominal_chain};
+use poegp_calibration::learning::task_space::fit::Sharing;
+use poegp_calibration::measurement::sample::Sample;
+use poegp_calibration::measurement::sample::ToolName;
+use poegp_calibration::model::{Method, Options};
+use poegp_calibration::robot::{LoadOptions, Robot};
+use poegp_calibration::validation::coverage::Coverage;
+use poegp_calibration::validation::cross_validation::{ModelComparison, Task, TestSet};
+use poegp_runtime::poe::Poe;
+
+/// Shows a measured number: to the terminal, past what the test harness captures.
+fn say(text: impl Display) {
+    let _ = writeln!(std::io::stderr(), "{text}");
+}
+
+/// A built-in robot with its chain.
+fn arm(name: &str) -> (Robot, Poe<f64>) {
+    let robot = Robot::load(name, &LoadOptions::default()).unwrap();
+    let nominal = nominal_chain(&robot).unwrap();
+    (robot, nominal)
+}
+
+/// The samples of a measurement file.
+fn samples(path: &Path, robot: &Robot) -> Vec<Sample> {
+    let set = poegp_calibration::measurement::read(path).unwrap_or_else(|e| panic!("{e}"));
+    set.check(robot).unwrap_or_else(|e| panic!("{e}"));
+    poegp_calibration::measurement::sample::samples(&set, robot, &mut Vec::new())
+        .unwrap_or_else(|e| panic!("{e}"))
+}
+
+/// `method` with hyperparameters per output.
+fn per_output(method: Method) -> Options {
+    Options {
+        sharing: Sharing::PerOutput,
+        ..Options::new(method)
+    }
+}
+
+/// One of the sets that another implementation simulated, `<scenario>_s<seed>_<set>`.
+fn simulated_path(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join(format!("../tests/data/simulated/irb4400_{name}.csv"))
+}
+
+/// The origin of a calibration with so many tools.
+fn origin(tools: usize) -> Origin {
+    let tool = |i: usize| ToolName {
+        session: if tools > 1 {
+            i.to_string()
+        } else {
+            String::new()
+        },
+        target: String::new(),
+    };
+    Origin {
+        serial_number: String::new(),
+        date: "2026-11-20".to_owned(),
+        data_sha256: [0; 32],
+        tools: (0..tools).map(tool).collect(),
+    }
+}
+
+/// Held-out errors by the way of `trainer compare`.
+fn compare(
+    (robot, nominal): &(Robot, Poe<f64>),
+    train: &[Sample],
+    tests: &[TestSet],
+    folds: usize,
+    options: &Options,
+) -> ModelComparison {
+    let tools = train.iter().map(|s| s.tool + 1).max().unwrap_or(1);
+    let origin = origin(tools);
+    let task = Task {
+        robot,
+        nominal,
+        train,
+        tests,
+        folds,
+        seed: 1,
+        origin: &origin,
+    };
+    task.run(options, &mut || {})
+        .unwrap_or_else(|e| panic!("{e}"))
+}
+
+/// Shares of the components that are to lie within one and within 1.96 predicted standard deviations.
+const WITHIN: [(f64, f64); 2] = [(0.60, 0.76), (0.90, 0.98)];
+
+/// Says how true the predicted standard deviations were, of all components and by axis, and what is outside of
+/// [`WITHIN`] of all components.
+fn true_deviations(what: &str, found: &Coverage) -> Vec<String> {
+    let percent = |share: f64| 100.0 * share;
+    let axes: Vec<String> = found
+        .axes
+        .iter()
+        .map(|a| format!("{:.0}/{:.0}", percent(a.one_sigma), percent(a.two_sigma)))
+        .collect();
+    let (one, two) = (found.one_sigma, found.two_sigma);
+    say(format_args!(
+        "  {what}: {:.1} and {:.1} % within 1 and 1.96 standard deviations (60–76, 90–98), by axis {}",
+        percent(one),
+        percent(two),
+        axes.join(" ")
+    ));
+    [one, two]
+        .into_iter()
+        .zip(WITHIN)
+        .filter(|(share, (least, most))| !(least..=most).contains(&share))
+        .map(|(share, _)| format!("{what}: {share:.3} of the components"))
+        .collect()
+}
+
+/// Mean position error in mm over all sets, pose by pose.
+fn mean(found: &ModelComparison) -> f64 {
+    let (mut sum, mut poses) = (0.0, 0);
+    for set in &found.sets {
+        sum += set.errors.position_mm.mean * set.errors.poses as f64;
+        poses += set.errors.poses;
+    }
+    sum / poses as f64
+}

@@ -1,0 +1,231 @@
+//! Arms that others measured. The data are theirs and not part of this repository: the environment variable
+//! `POEGP_MEASURED_DATA` names a folder that has them.
+
+use std::path::{Path, PathBuf};
+
+use poegp_calibration::blob::write::calibrate_for_device;
+use poegp_calibration::learning::elastic::outliers::OutlierPolicy;
+use poegp_calibration::measurement::sample::Sample;
+use poegp_calibration::model::{Method, Options};
+use poegp_calibration::numeric::statistics::ErrorSummary;
+use poegp_calibration::robot::Robot;
+use poegp_calibration::validation::cross_validation::{ModelComparison, TestSet};
+use poegp_runtime::poe::Poe;
+use rand::SeedableRng;
+use rand::seq::SliceRandom;
+use rand_chacha::ChaCha8Rng;
+
+use crate::{arm, compare, origin, samples, say, true_deviations};
+
+const FOLDER: &str = "POEGP_MEASURED_DATA";
+const FOLDS: usize = 5;
+
+/// A model with the largest mean position error in mm that it may have.
+struct Bound {
+    method: Method,
+    weighted: bool,
+    mean_mm: f64,
+    /// Of the worst fold.
+    fold_mm: f64,
+    /// 95th percentile in mm.
+    p95_mm: f64,
+    /// Mean orientation error in mrad.
+    orientation_mrad: f64,
+}
+
+impl Bound {
+    const fn new(method: Method, weighted: bool, mean_mm: f64) -> Self {
+        Self {
+            method,
+            weighted,
+            mean_mm,
+            fold_mm: f64::INFINITY,
+            p95_mm: f64::INFINITY,
+            orientation_mrad: f64::INFINITY,
+        }
+    }
+}
+
+/// The folder of the measured sets; where there is none, says that `what` is not run.
+fn folder(what: &str) -> Option<PathBuf> {
+    let folder = std::env::var_os(FOLDER).map(PathBuf::from);
+    if folder.is_none() {
+        say(format_args!("{what}: not run: {FOLDER} is not set"));
+    }
+    folder
+}
+
+/// Cross-validates on `file` where it can be had, and says so where not.
+fn check(file: &str, robot: &str, bounds: &[Bound]) {
+    if let Some(folder) = folder(file) {
+        check_arm(&folder.join(file), &arm(robot), bounds);
+    }
+}
+
+fn check_arm(path: &Path, arm: &(Robot, Poe<f64>), bounds: &[Bound]) {
+    let file = path.file_name().unwrap_or_default().to_string_lossy();
+    let train = samples(path, &arm.0);
+    say(format_args!(
+        "{file}: {} poses, {FOLDS} folds, position error in mm",
+        train.len()
+    ));
+    let mut failed = Vec::new();
+    for bound in bounds {
+        let options = Options {
+            weighted: bound.weighted,
+            ..Options::new(bound.method)
+        };
+        let found = compare(arm, &train, &[], FOLDS, &options);
+        let errors = found.cross_validation.unwrap();
+        let folds: Vec<f64> = errors.folds.iter().map(|f| f.position_mm.mean).collect();
+        let worst = folds.iter().copied().fold(0.0, f64::max);
+        let position = errors.all.position_mm;
+        let orientation = errors.all.orientation_mrad.map_or(0.0, |o| o.mean);
+        let flag = if bound.weighted { " --weighted" } else { "" };
+        let name = format!("{}{flag}", found.model);
+        say(format_args!(
+            "  {name:20} mean {:.4} (at most {:.3}), p95 {:.4}, orientation {orientation:.3} mrad, folds {folds:.3?}",
+            position.mean, bound.mean_mm, position.p95
+        ));
+        if let (Method::Elastic, Some(coverage)) = (bound.method, &errors.coverage) {
+            failed.extend(true_deviations(&name, coverage));
+        }
+        if position.mean > bound.mean_mm
+            || worst > bound.fold_mm
+            || position.p95 > bound.p95_mm
+            || orientation > bound.orientation_mrad
+        {
+            failed.push(name);
+        }
+    }
+    assert!(failed.is_empty(), "{file}: {failed:?}");
+}
+
+#[test]
+fn an_irb_120_and_a_laser_tracker() {
+    let bounds = [
+        Bound::new(Method::Poe, false, 0.65),
+        Bound::new(Method::Poe, true, 0.207),
+        Bound::new(Method::PoeGp, false, 0.115),
+        Bound {
+            p95_mm: 0.135,
+            orientation_mrad: 0.30,
+            ..Bound::new(Method::Elastic, false, 0.058)
+        },
+    ];
+    check("abb_irb120_faro_700.csv", "abb-irb120", &bounds);
+}
+
+#[test]
+fn an_iiwa_with_seven_joints() {
+    let bounds = [
+        Bound::new(Method::Poe, true, 0.68),
+        Bound {
+            fold_mm: 2.0,
+            ..Bound::new(Method::Poe, false, 1.6)
+        },
+        Bound::new(Method::Elastic, false, 0.245),
+    ];
+    check("kuka_iiwa7_304.csv", "kuka-iiwa7", &bounds);
+}
+
+/// Two joints move, and the target was mounted anew between the loads.
+#[test]
+fn an_iiwa_with_two_loads() {
+    let bounds = [Bound::new(Method::Elastic, false, 0.30)];
+    check("kuka_iiwa7_payload_0_and_2500g.csv", "kuka-iiwa7", &bounds);
+}
+
+/// Positions alone; the robot comes with the data.
+#[test]
+fn a_motoman_and_one_reflector() {
+    let file = "motoman_right_position_only.csv";
+    let Some(folder) = folder(file) else { return };
+    let urdf = "motoman_ma1400_right.urdf";
+    let places = [folder.join(urdf), folder.join("../models").join(urdf)];
+    let Some(urdf) = places.iter().find(|path| path.exists()) else {
+        say(format_args!("{file}: not run: there is no {urdf}"));
+        return;
+    };
+    let arm = arm(&urdf.display().to_string());
+    let bounds = [
+        Bound::new(Method::BaseTool, false, 0.25),
+        Bound::new(Method::Poe, false, 0.08),
+        Bound::new(Method::Elastic, false, 0.064),
+    ];
+    check_arm(&folder.join(file), &arm, &bounds);
+}
+
+const FARO: &str = "abb_irb120_faro_700.csv";
+
+/// `count` samples drawn with `seed`, and the others.
+fn drawn(samples: &[Sample], count: usize, seed: u64) -> (Vec<Sample>, Vec<Sample>) {
+    let mut order: Vec<usize> = (0..samples.len()).collect();
+    order.shuffle(&mut ChaCha8Rng::seed_from_u64(seed));
+    let of = |part: &[usize]| part.iter().map(|i| samples[*i].clone()).collect();
+    (of(&order[..count]), of(&order[count..]))
+}
+
+#[test]
+fn a_hundred_poses_of_the_irb_120() {
+    const DRAWS: u64 = 5;
+    let what = "a hundred poses of the IRB 120";
+    let Some(folder) = folder(what) else { return };
+    let arm = arm("abb-irb120");
+    let all = samples(&folder.join(FARO), &arm.0);
+    let mut wrong = Vec::new();
+    let mut mean = |seed: u64| {
+        let (train, samples) = drawn(&all, 100, seed);
+        let name = String::new();
+        let tests = [TestSet { name, samples }];
+        let found: ModelComparison =
+            compare(&arm, &train, &tests, 0, &Options::new(Method::Elastic));
+        let coverage = found.sets[0].coverage.as_ref().unwrap();
+        wrong.extend(true_deviations(&format!("draw {seed}"), coverage));
+        found.sets[0].errors.position_mm.mean
+    };
+    let means: Vec<f64> = (1..=DRAWS).map(&mut mean).collect();
+    let all = means.iter().sum::<f64>() / DRAWS as f64;
+    say(format_args!(
+        "{what}, tested on the others: mean {all:.4} mm (at most 0.085), draws {means:.4?}"
+    ));
+    assert!(all <= 0.085);
+    assert!(wrong.is_empty(), "{wrong:?}");
+}
+
+#[test]
+fn gross_outliers_among_poses_of_the_irb_120() {
+    const EVERY: usize = 33;
+    let what = "3 % of gross outliers in 300 poses of the IRB 120";
+    let Some(folder) = folder(what) else { return };
+    let arm = arm("abb-irb120");
+    let (clean, test) = drawn(&samples(&folder.join(FARO), &arm.0), 300, 1);
+    let mut dirty = clean.clone();
+    for (i, sample) in dirty.iter_mut().step_by(EVERY).take(9).enumerate() {
+        sample.measured.translation[i % 3] += if i % 2 == 0 { 3.5e-3 } else { -3.5e-3 };
+    }
+    let mean = |train: &[Sample], outliers: OutlierPolicy| {
+        let mut options = Options::new(Method::Elastic);
+        options.elastic.outliers = outliers;
+        let found = calibrate_for_device(&arm.1, &arm.0, train, &options, &origin(1))
+            .unwrap_or_else(|e| panic!("{e}"));
+        let errors = ErrorSummary::new(&found.blob.errors(&test));
+        let at: Vec<usize> = found
+            .calibration
+            .outliers
+            .iter()
+            .map(|o| o.sample)
+            .collect();
+        (errors.position_mm.mean, at)
+    };
+    let (clean, strange) = mean(&clean, OutlierPolicy::Reject);
+    let (rejected, found) = mean(&dirty, OutlierPolicy::Reject);
+    let injected: Vec<usize> = (0..9).map(|i| EVERY * i).collect();
+    let percent = 100.0 * (rejected / clean - 1.0);
+    say(format_args!(
+        "{what}: mean {rejected:.4} mm, clean {clean:.4} mm ({percent:+.1} %, at most 15); found {found:?} of {injected:?}, \
+         in the clean set {strange:?}"
+    ));
+    assert!(injected.iter().all(|i| found.contains(i)));
+    assert!(percent <= 15.0);
+}

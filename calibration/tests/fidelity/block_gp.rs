@@ -1,0 +1,277 @@
+//! The joint-space processes solved together with the frames: weights, deflections and poses against numpy, and the
+//! gradient of the marginal likelihood against differences.
+
+use faer::Mat;
+use nalgebra::Vector3;
+use poegp_calibration::identification::base_tools::ends;
+use poegp_calibration::identification::parametric::state::{Group, Layout, State};
+use poegp_calibration::learning::elastic::fit::inputs_of;
+use poegp_calibration::learning::elastic::hyperparameters::{COMMON, DEFLECTION_UNIT, HyperLayout};
+use poegp_calibration::learning::elastic::likelihood::Evidence;
+use poegp_calibration::measurement::noise::{InstrumentNoise, Scales};
+use poegp_calibration::measurement::sample::Sample;
+use poegp_calibration::measurement::sample::in_base_frame;
+use poegp_calibration::numeric::lbfgs::Objective;
+use poegp_protocol::JointKind;
+use poegp_runtime::deflection::similarity;
+use poegp_runtime::poe::Poe;
+use poegp_runtime::se3::Pose;
+use serde_json::Value;
+
+use crate::json::{largest_difference, list, numbers, parse, pose_rows};
+use crate::say;
+use crate::sets::{arm, simulated};
+
+const BLOCK_GP: &str = include_str!("../../../tests/data/vectors/block_gp.json");
+const JOINTS: usize = 6;
+
+fn pose(matrix: &Value) -> Pose<f64> {
+    Pose::from_rows(&pose_rows(matrix))
+}
+
+fn poses(matrices: &Value) -> Vec<Pose<f64>> {
+    list(matrices).iter().map(pose).collect()
+}
+
+fn chain(frames: &Value) -> Poe<f64> {
+    Poe::new(&[JointKind::Revolute; JOINTS], &poses(frames)).unwrap()
+}
+
+fn samples(file: &Value, joints: &str, payloads: &str, measured: &str) -> Vec<Sample> {
+    let rows = list(&file[joints]).iter().map(numbers);
+    let measured = poses(&file[measured]);
+    rows.zip(numbers(&file[payloads]))
+        .zip(measured)
+        .map(|((joints, payload), measured)| Sample {
+            serial: joints.clone(),
+            joints,
+            payload_kg: Some(payload),
+            measured,
+            tool: 0,
+            position_only: false,
+            stated: InstrumentNoise::UNKNOWN,
+        })
+        .collect()
+}
+
+/// Frames alone: no gravity terms, no ripple.
+fn frames_only(chain: &Poe<f64>, payload: bool, gravity: bool) -> State {
+    let layout = Layout {
+        joints: JOINTS,
+        tools: 1,
+        gravity,
+        payload,
+        ripple: Vec::new(),
+    };
+    let tool = chain.frames()[JOINTS];
+    let down = Vector3::new(0.0, 0.0, -9.81);
+    State::new(chain, vec![tool], None, layout, down)
+}
+
+/// Their hyperparameters in our order; payloads are in kg here and in units of m0 there.
+fn hyperparameters(file: &Value, layout: HyperLayout) -> Vec<f64> {
+    let theta = numbers(&file["theta_log"]);
+    let at = |name: &str| -> Vec<usize> {
+        let found = numbers(&file["layout"][name]);
+        found.iter().map(|i| *i as usize).collect()
+    };
+    let (w0, a0, wm, a1) = (at("w0"), at("a0"), at("wm"), at("a1"));
+    let unit = 2.0 * file["m0"].as_f64().unwrap().ln();
+    let mut out = vec![0.0; layout.len()];
+    let noise = file["layout"]["n"].as_u64().unwrap() as usize;
+    (out[0], out[1]) = (theta[noise], theta[noise]);
+    for c in 0..JOINTS {
+        for d in 0..JOINTS {
+            out[layout.scale(c, d)] = theta[w0[JOINTS * c + d]];
+        }
+        out[layout.scale(c, JOINTS)] = theta[wm[c]] - unit;
+        out[layout.amplitude(c, 0)] = theta[a0[c]];
+        out[layout.amplitude(c, 1)] = theta[a1[c]] - unit;
+    }
+    out
+}
+
+/// Largest difference as a share of the largest number there.
+fn share(ours: &[f64], theirs: &[f64]) -> f64 {
+    let largest = theirs.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
+    largest_difference(ours, theirs) / largest
+}
+
+/// Largest distance of the origins in metres, and largest angle in radians.
+fn apart(ours: &[Pose<f64>], theirs: &[Pose<f64>]) -> (f64, f64) {
+    let pairs = ours.iter().zip(theirs);
+    pairs.fold((0.0, 0.0), |(distance, angle): (f64, f64), (a, b)| {
+        (
+            distance.max((a.translation - b.translation).norm()),
+            angle.max((a.inverse() * *b).log().angular.norm()),
+        )
+    })
+}
+
+#[test]
+fn weights_deflections_and_poses_are_numpys() {
+    let file = parse(BLOCK_GP);
+    let mut state = frames_only(&chain(&file["P_start"]), false, false);
+    let train = samples(&file, "q", "m", "T_meas");
+    let test = samples(&file, "q_test", "m_test", "T_test");
+    let layout = HyperLayout {
+        joints: JOINTS,
+        payload: true,
+        tied: false,
+    };
+    let h = hyperparameters(&file, layout);
+    let scales = Scales::uniform(file["sp"].as_f64().unwrap(), file["sr"].as_f64().unwrap());
+    let inputs = inputs_of(&state, &train);
+    let similarities = inputs.similarities();
+    // There, all frames have the prior that the arm's have here.
+    let groups = vec![Group::Frames; state.deviation.len()];
+    assert_eq!(
+        Group::Frames.prior_sd(),
+        file["prior_sd_param"].as_f64().unwrap()
+    );
+    // Two solutions, the second linearised at the frames of the first, and its prior around them too: the fit keeps
+    // the prior where it was, these numbers were made without.
+    let mut solve = || {
+        state.deviation.fill(0.0);
+        let linear = state.linearise(&train, scales);
+        let evidence = Evidence {
+            linear: &linear,
+            groups: &groups,
+            inputs: &inputs,
+            similarities: &similarities,
+            layout,
+            processes: true,
+        };
+        let solved = evidence.solve(&h).unwrap();
+        state.move_to(&solved.parameters);
+        solved
+    };
+    solve();
+    let solved = solve();
+
+    // Theirs are per 1e-4 rad.
+    let at = |k: usize| (0..JOINTS).map(move |c| (k, c));
+    let weights: Vec<f64> = (0..train.len())
+        .flat_map(at)
+        .map(|(k, c)| DEFLECTION_UNIT * solved.weights[(k, c)])
+        .collect();
+    let weights = share(&weights, &numbers(&file["weights"]));
+
+    let kernels = layout.kernels(&h);
+    let asked = inputs_of(&state, &test);
+    let calibrated = state.chain(0);
+    let (mut deflections, mut predicted) = (Vec::new(), Vec::new());
+    for (i, sample) in test.iter().enumerate() {
+        let mut joints = sample.joints.clone();
+        for (c, kernel) in kernels.iter().enumerate() {
+            let value: f64 = (0..train.len())
+                .map(|k| {
+                    let s: Vec<f64> = (0..JOINTS)
+                        .map(|d| {
+                            let (a, b) = (&asked.features[i][d], &inputs.features[k][d]);
+                            similarity(JointKind::Revolute, a, b)
+                        })
+                        .collect();
+                    let factor = kernel.payload_factor(asked.payloads[i], inputs.payloads[k]);
+                    factor * kernel.joint_factor(&s) * solved.weights[(k, c)]
+                })
+                .sum();
+            deflections.push(value / DEFLECTION_UNIT);
+            joints[c] += value;
+        }
+        predicted.push(calibrated.forward(&joints));
+    }
+    let deflections = share(&deflections, &numbers(&file["dq_test_1e_4"]));
+    let (distance, angle) = apart(&predicted, &poses(&file["T_test"]));
+    let (frame_distance, frame_angle) = apart(calibrated.frames(), &poses(&file["P_end"]));
+    say(format_args!(
+        "block GP against numpy: weights {weights:.1e} and deflections {deflections:.1e} of the largest, poses \
+         {distance:.1e} m {angle:.1e} rad, frames {frame_distance:.1e} m {frame_angle:.1e} rad"
+    ));
+    assert!(weights <= 1e-9 && deflections <= 1e-9);
+    assert!(distance <= 1e-12 && angle <= 1e-12);
+    assert!(frame_distance <= 1e-12 && frame_angle <= 1e-12);
+}
+
+/// Poses of the simulated arm seen from its base, with and without their payloads.
+fn in_base(count: usize, payload: bool) -> (Poe<f64>, Vec<Sample>) {
+    let (robot, nominal) = arm();
+    let mut samples = simulated(&robot, "train");
+    samples.truncate(count);
+    if !payload {
+        samples.iter_mut().for_each(|s| s.payload_kg = None);
+    }
+    let ends = ends(&nominal, &samples);
+    let mut frames = nominal.frames().to_vec();
+    frames[JOINTS] = frames[JOINTS] * ends.flange_from_targets[0];
+    let chain = Poe::new(nominal.kinds(), &frames).unwrap();
+    (chain, in_base_frame(&samples, &ends.instrument_from_base))
+}
+
+#[test]
+fn the_gradient_is_that_of_differences() {
+    for (payload, uneven) in [(false, false), (true, false), (true, true)] {
+        let mut scales = Scales::uniform(2e-4, 3e-4);
+        let (chain, mut samples) = in_base(20, payload);
+        if uneven {
+            for (k, sample) in samples.iter_mut().enumerate() {
+                sample.stated.position = Some(1e-4 * (1 + k % 3) as f64);
+                sample.stated.orientation = Some(2e-4 * (1 + k % 2) as f64);
+            }
+            scales.quietest = InstrumentNoise::quietest(&samples);
+        }
+        let state = frames_only(&chain, payload, true);
+        let linear = state.linearise(&samples, scales);
+        let groups = state.layout.groups();
+        let inputs = inputs_of(&state, &samples);
+        let similarities: Vec<Mat<f64>> = inputs.similarities();
+        for tied in [false, true] {
+            let layout = HyperLayout {
+                joints: JOINTS,
+                payload,
+                tied,
+            };
+            let evidence = Evidence {
+                linear: &linear,
+                groups: &groups,
+                inputs: &inputs,
+                similarities: &similarities,
+                layout,
+                processes: true,
+            };
+            // Away from the start, where outputs are alike; priors stay large enough to matter.
+            let mut h = layout.start_and_bounds(4.0).0;
+            for (i, value) in h.iter_mut().enumerate() {
+                *value += 0.4 * (1.7 * i as f64).sin();
+            }
+            let (_, gradient) = evidence.value_and_gradient(&h);
+            let largest = gradient.iter().fold(0.0_f64, |m, g| m.max(g.abs()));
+            let mut worst = 0.0_f64;
+            for i in 0..h.len() {
+                let at = |step: f64| {
+                    let mut moved = h.clone();
+                    moved[i] += step;
+                    evidence.value_and_gradient(&moved).0
+                };
+                // Fourth order, with a step so large because a value has seven digits less than f64: S is that
+                // ill-conditioned, the tool's prior against the noise.
+                let step = 3e-2;
+                let central = (8.0 * (at(step) - at(-step)) - (at(2.0 * step) - at(-2.0 * step)))
+                    / (12.0 * step);
+                worst = worst.max((gradient[i] - central).abs() / largest);
+                // Without payloads nothing depends on the payload terms' prior.
+                assert!(gradient[i] != 0.0 || (!payload && i == COMMON - 1), "{i}");
+            }
+            let of = |yes: bool, name: &str| if yes { name.to_owned() } else { String::new() };
+            say(format_args!(
+                "marginal likelihood of the elastic model{}{}{}: gradient of {} hyperparameters {worst:.1e} of its largest \
+                 component against differences",
+                of(tied, ", tied"),
+                of(payload, ", with payload"),
+                of(uneven, ", with rows of their own noise"),
+                h.len()
+            ));
+            assert!(worst <= 1e-7, "{worst}");
+        }
+    }
+}

@@ -1,0 +1,354 @@
+//! Corrected joints of fitted arms: the f64 model of the same blob says what is left.
+
+use poegp_calibration::blob::write::{Origin, calibrate_for_device, nominal_chain};
+use poegp_calibration::measurement as measurements;
+use poegp_calibration::model::{Method, Options};
+use poegp_calibration::robot::{LoadOptions, Robot};
+use poegp_calibration::simulation::{Scenario, Simulator, to_csv};
+use poegp_protocol::blob;
+use poegp_runtime::model::{Model, words_for};
+use poegp_runtime::scalar::Scalar;
+use poegp_runtime::se3::Pose;
+use poegp_runtime::status::Status;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use crate::say;
+
+const PAYLOADS_KG: [f64; 5] = [1.0, 2.5, 3.5, 5.0, 7.5];
+/// The built-in arms with six joints.
+const SIX_AXES: [&str; 5] = [
+    "abb-irb120",
+    "abb-irb4400",
+    "abb-irb4400-serial",
+    "ur5",
+    "ur10",
+];
+/// Poses of these arms in all.
+const POSES: usize = 5_000;
+/// Smallest singular value of the Jacobian (m and rad) of poses that are not singular.
+const REGULAR: f64 = 0.15;
+
+/// What rounding and the second derivative may add to the error of a pose that is hardly corrected, m: a micrometre, and as
+/// much for `f32`, of which it is four to eight ulp.
+const NOT_WORSE: f64 = 2e-6;
+
+pub type Arm<T> = Model<T, { words_for(512) }>;
+
+/// One fitted arm in both number types.
+pub struct Fitted {
+    pub robot: Robot,
+    pub single: Box<Arm<f32>>,
+    pub double: Box<Arm<f64>>,
+    /// Of the training.
+    pub ranges: Vec<(f64, f64)>,
+}
+
+pub fn fit(robot: &str, scenario: Scenario, options: &Options) -> Fitted {
+    let robot = Robot::load(robot, &LoadOptions::default()).unwrap();
+    let mut simulator = Simulator::new(&robot, scenario, &PAYLOADS_KG, 1);
+    let csv = to_csv(&robot, &simulator.measure(300), false, "train");
+    fit_measured(robot, &csv, options)
+}
+
+/// A model of these measurements.
+pub fn fit_measured(robot: Robot, csv: &str, options: &Options) -> Fitted {
+    let nominal = nominal_chain(&robot).unwrap();
+    let set = measurements::parse("train", csv.as_bytes()).unwrap();
+    let mut tools = Vec::new();
+    let train = poegp_calibration::measurement::sample::samples(&set, &robot, &mut tools).unwrap();
+    let origin = Origin {
+        serial_number: String::new(),
+        date: "2026-11-20".to_owned(),
+        data_sha256: [0; 32],
+        tools,
+    };
+    let found = calibrate_for_device(&nominal, &robot, &train, options, &origin).unwrap();
+    let blob = blob::decode(found.blob.bytes()).unwrap();
+    let (mut single, mut double) = (Box::new(Arm::new()), Box::new(Arm::new()));
+    single.load(&blob).unwrap();
+    double.load(&blob).unwrap();
+    let wide = |(lower, upper): &(f32, f32)| (f64::from(*lower), f64::from(*upper));
+    let ranges = blob.ranges.joints.iter().map(wide).collect();
+    Fitted {
+        robot,
+        single,
+        double,
+        ranges,
+    }
+}
+
+impl Fitted {
+    /// Distance (m) and angle (rad) between where the calibrated arm stands at `command` and where the nominal one would
+    /// at `joints`.
+    pub fn error(&self, joints: &[f64], command: &[f64], payload_kg: f64) -> (f64, f64) {
+        let nominal = self.double.nominal(joints).unwrap();
+        let pose = self.double.evaluate(command, payload_kg).pose;
+        let turned: Pose<f64> = pose.inverse() * nominal;
+        (
+            (nominal.translation - pose.translation).norm(),
+            turned.log().angular.norm(),
+        )
+    }
+
+    /// The same at the corrected command of number type T, with its status and what it says of the distance itself.
+    fn corrected<T: Scalar>(
+        &self,
+        model: &Arm<T>,
+        joints: &[f64],
+        payload_kg: f64,
+    ) -> ((f64, f64), Status, f64) {
+        let query: Vec<T> = joints.iter().map(|q| T::from_f64(*q)).collect();
+        let found = model.correct(&query, T::from_f64(payload_kg));
+        let command: Vec<f64> = found.joints[..joints.len()]
+            .iter()
+            .map(|q| q.to_f64())
+            .collect();
+        assert!(command.iter().all(|q| q.is_finite()));
+        let error = self.error(joints, &command, payload_kg);
+        (error, found.status, found.position_error.to_f64())
+    }
+
+    /// Smallest singular value of the nominal arm's Jacobian at the target, by differences.
+    pub fn smallest_singular_value(&self, joints: &[f64]) -> f64 {
+        let step = 1e-6;
+        let here = self.double.nominal(joints).unwrap();
+        let columns: Vec<[f64; 6]> = (0..joints.len())
+            .map(|i| {
+                let mut moved = joints.to_vec();
+                moved[i] += step;
+                let there = self.double.nominal(&moved).unwrap();
+                let turn = (there * here.inverse()).log().angular;
+                let v = there.translation - here.translation;
+                [v[0], v[1], v[2], turn[0], turn[1], turn[2]].map(|x| x / step)
+            })
+            .collect();
+        let jacobian = faer::Mat::from_fn(6, joints.len(), |r, c| columns[c][r]);
+        let values = jacobian.singular_values().unwrap();
+        values.iter().copied().fold(f64::INFINITY, f64::min)
+    }
+
+    fn random_pose(&self, random: &mut ChaCha8Rng) -> (Vec<f64>, f64) {
+        let joints = self
+            .ranges
+            .iter()
+            // As single precision has it: both models must be asked the same.
+            .map(|(lower, upper)| f64::from(random.random_range(*lower..*upper) as f32))
+            .collect();
+        (joints, f64::from(random.random_range(0.0..7.5_f32)))
+    }
+}
+
+/// The value below which so many of a thousand are.
+pub fn quantile(sorted: &[f64], thousandths: usize) -> f64 {
+    sorted[(sorted.len() * thousandths).div_ceil(1000) - 1]
+}
+
+fn models() -> [(&'static str, Options); 3] {
+    let mut tied = Options::new(Method::Elastic);
+    tied.elastic.tied = true;
+    [
+        ("poe-gp-load", Options::new(Method::PoeGpLoad)),
+        ("elastic", Options::new(Method::Elastic)),
+        ("elastic, tied", tied),
+    ]
+}
+
+#[test]
+fn regular_poses_are_corrected_within_a_micrometre() {
+    for (name, options) in models() {
+        let (mut start, mut double, mut single) = (Vec::new(), Vec::new(), Vec::new());
+        let mut refused = 0;
+        for robot in SIX_AXES {
+            let fitted = fit(robot, Scenario::Wild, &options);
+            let mut random = ChaCha8Rng::seed_from_u64(7);
+            let (mut here, mut here_single) = (Vec::new(), Vec::new());
+            let mut tries = 0;
+            // Of the ranges in which a small arm is measured some have hardly a regular pose.
+            while here.len() < POSES / SIX_AXES.len() && tries < 20_000 {
+                tries += 1;
+                let (joints, payload_kg) = fitted.random_pose(&mut random);
+                if fitted.smallest_singular_value(&joints) < REGULAR {
+                    continue;
+                }
+                start.push(fitted.error(&joints, &joints, payload_kg).0);
+                here.push(fitted.corrected(&fitted.double, &joints, payload_kg).0.0);
+                let (error, status, _) = fitted.corrected(&fitted.single, &joints, payload_kg);
+                here_single.push(error.0);
+                refused += usize::from(status.contains(Status::PARTLY_CORRECTED));
+            }
+            here.sort_by(f64::total_cmp);
+            here_single.sort_by(f64::total_cmp);
+            if here.is_empty() {
+                say(format_args!(
+                    "  {robot:20} has no regular pose where it was trained"
+                ));
+                continue;
+            }
+            let m = |v: &[f64], q| 1e6 * quantile(v, q);
+            say(format_args!(
+                "  {robot:20} {} of {tries} poses f64 {:.3} {:.3} {:.3}  f32 {:.3} {:.3} {:.3} µm (median, 99.5 %, all)",
+                here.len(),
+                m(&here, 500),
+                m(&here, 995),
+                m(&here, 1000),
+                m(&here_single, 500),
+                m(&here_single, 995),
+                m(&here_single, 1000),
+            ));
+            double.extend(here);
+            single.extend(here_single);
+        }
+        for values in [&mut start, &mut double, &mut single] {
+            values.sort_by(f64::total_cmp);
+        }
+        let micro = |v: &[f64], thousandths| 1e6 * quantile(v, thousandths);
+        say(format_args!(
+            "corrected joints, {name}: {:.0} µm before; f64 median {:.3}, 99.5 % {:.3}, all {:.3} µm; \
+             f32 median {:.3}, 99.5 % {:.3}, all {:.3} µm; {refused} refused",
+            micro(&start, 500),
+            micro(&double, 500),
+            micro(&double, 995),
+            micro(&double, 1000),
+            micro(&single, 500),
+            micro(&single, 995),
+            micro(&single, 1000),
+        ));
+        for (values, median) in [(&double, 0.1), (&single, 0.3)] {
+            assert!(micro(values, 500) <= median, "{name}");
+            assert!(micro(values, 995) <= 1.0, "{name}");
+        }
+    }
+}
+
+/// Corrects seven values of each of six joints, zero and beyond the limits among them, and every payload in turn; returns how
+/// many were corrected.
+fn grid(name: &str, fitted: &Fitted) {
+    let limits = fitted
+        .robot
+        .joints
+        .iter()
+        .map(|joint| joint.limits.unwrap());
+    let limits: Vec<(f64, f64)> = limits.collect();
+    let (mut poses, mut refused, mut apart) = (0, 0, 0.0_f64);
+    for index in 0..7_usize.pow(6) {
+        let value = |joint: usize| {
+            let step = (index / 7_usize.pow(joint as u32) % 7) as f64 - 3.0;
+            let (lower, upper) = limits[joint];
+            // From −1.1 to 1.1 times the limits.
+            let reach = 1.1 / 3.0 * if step < 0.0 { -lower } else { upper };
+            f64::from((step * reach) as f32)
+        };
+        let joints: Vec<f64> = (0..6).map(value).collect();
+        let payload_kg = PAYLOADS_KG[index % 5];
+        let before = fitted.error(&joints, &joints, payload_kg).0;
+        let (after, status, said) = fitted.corrected(&fitted.single, &joints, payload_kg);
+        assert!(
+            after.0 <= before + NOT_WORSE,
+            "{name} {joints:?}: {before:e} m before, {:e} m after, {status}",
+            after.0
+        );
+        poses += 1;
+        if status.contains(Status::PARTLY_CORRECTED) {
+            refused += 1;
+        } else {
+            apart = apart.max((said - after.0).abs());
+        }
+    }
+    say(format_args!(
+        "{name}: {poses} poses, {refused} not (fully) corrected, none worse; what it says of the error \
+         is off by {:.1} µm at most",
+        1e6 * apart
+    ));
+    // The grid is mostly beside singularities: joints at zero and at their limits. A small arm is corrected in part at 80 %.
+    assert!(poses >= 100_000 && 10 * refused < 9 * poses, "{refused}");
+}
+
+#[test]
+fn no_pose_gets_worse() {
+    for (robot, (name, options)) in ["ur10", "abb-irb4400", "abb-irb120"].iter().zip(models()) {
+        let fitted = fit(robot, Scenario::Wild, &options);
+        grid(&format!("{robot}, {name}"), &fitted);
+    }
+}
+
+/// Newton steps by differences of the whole f64 model, undamped, until nothing changes: the same joints.
+#[test]
+fn a_naive_search_finds_the_same_joints() {
+    for (name, options) in models() {
+        let fitted = fit("abb-irb4400", Scenario::Wild, &options);
+        let mut random = ChaCha8Rng::seed_from_u64(9);
+        let (mut poses, mut largest) = (0, 0.0_f64);
+        while poses < 200 {
+            let (joints, payload_kg) = fitted.random_pose(&mut random);
+            if fitted.smallest_singular_value(&joints) < 0.2 {
+                continue;
+            }
+            let error = |command: &[f64]| {
+                let there = fitted.double.nominal(&joints).unwrap();
+                let pose = fitted.double.evaluate(command, payload_kg).pose;
+                let (p, r) = (
+                    pose.translation - there.translation,
+                    (pose * there.inverse()).log().angular,
+                );
+                [p[0], p[1], p[2], r[0], r[1], r[2]]
+            };
+            let mut command = joints.clone();
+            for _ in 0..20 {
+                let here = error(&command);
+                let columns: Vec<[f64; 6]> = (0..6)
+                    .map(|i| {
+                        let mut moved = command.clone();
+                        moved[i] += 1e-6;
+                        let there = error(&moved);
+                        std::array::from_fn(|r| (there[r] - here[r]) / 1e-6)
+                    })
+                    .collect();
+                let jacobian = faer::Mat::from_fn(6, 6, |r, c| columns[c][r]);
+                let right = faer::Mat::from_fn(6, 1, |r, _| here[r]);
+                let step = faer::linalg::solvers::Solve::solve(&jacobian.partial_piv_lu(), &right);
+                for (i, q) in command.iter_mut().enumerate() {
+                    *q -= step[(i, 0)];
+                }
+            }
+            let found = fitted.double.correct(&joints, payload_kg);
+            for (a, b) in found.joints.iter().zip(&command) {
+                largest = largest.max((a - b).abs());
+            }
+            poses += 1;
+        }
+        say(format_args!(
+            "{name}: within {:.3} µrad of a naive search",
+            1e6 * largest
+        ));
+        assert!(largest < 2e-6, "{name}: {largest:e}");
+    }
+}
+
+/// An arm with a joint to spare.
+#[test]
+fn seven_joints_are_corrected() {
+    for (name, options) in models() {
+        let fitted = fit("kuka-iiwa7", Scenario::Wild, &options);
+        let mut random = ChaCha8Rng::seed_from_u64(10);
+        let mut errors = Vec::new();
+        while errors.len() < 1_000 {
+            let (joints, payload_kg) = fitted.random_pose(&mut random);
+            let (before, _) = fitted.error(&joints, &joints, payload_kg);
+            let ((after, _), _, _) = fitted.corrected(&fitted.single, &joints, payload_kg);
+            assert!(after <= before + NOT_WORSE, "{before:e} {after:e}");
+            if fitted.smallest_singular_value(&joints) >= REGULAR {
+                errors.push(after);
+            }
+        }
+        errors.sort_by(f64::total_cmp);
+        let micro = |thousandths| 1e6 * quantile(&errors, thousandths);
+        say(format_args!(
+            "kuka-iiwa7, {name}: f32 median {:.3}, 99.5 % {:.3}, all {:.3} µm",
+            micro(500),
+            micro(995),
+            micro(1000)
+        ));
+        assert!(micro(500) <= 0.3 && micro(995) <= 1.0, "{name}");
+    }
+}

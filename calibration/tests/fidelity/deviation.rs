@@ -1,0 +1,50 @@
+//! The predictive standard deviation of the elastic model against an identity that needs none of its formulas.
+
+use faer::linalg::solvers::DenseSolveCore;
+use poegp_calibration::identification::base_tool::with_ends;
+use poegp_calibration::identification::base_tools::ends;
+use poegp_calibration::learning::elastic::fit::{ElasticOptions, fit};
+use poegp_calibration::learning::elastic::predictive_variance::Uncertainty;
+use poegp_calibration::learning::elastic::reduced_model::ElasticModel;
+use poegp_calibration::measurement::sample::in_base_frame;
+use poegp_runtime::se3::Pose;
+
+use crate::say;
+use crate::sets::{arm, simulated};
+
+/// A pose that was trained on, measured once more: with S = P + N its covariance is N + P − P S⁻¹ P = 2 N − N S⁻¹ N, from
+/// the factor of S alone.
+#[test]
+fn the_deviation_of_a_trained_pose_is_that_of_the_factor() {
+    let (robot, nominal) = arm();
+    let mut samples = simulated(&robot, "train");
+    samples.truncate(40);
+    let ends = ends(&nominal, &samples);
+    let samples = in_base_frame(&samples, &ends.instrument_from_base);
+    let chain = with_ends(&nominal, &Pose::identity(), &ends.flange_from_targets[0]);
+    let tools = vec![chain.frames()[6]];
+    let options = ElasticOptions {
+        support: Some(20),
+        ..ElasticOptions::default()
+    };
+    let mut found = fit(&chain, tools, None, &samples, &options).unwrap();
+    let inverse = found.solved.as_ref().unwrap().factor.inverse();
+    let noise: Vec<f64> = found.hyperparameters[..2].iter().map(|h| h.exp()).collect();
+    let scales = [found.scales.position, found.scales.orientation];
+    // The reduced model moves the parameters; what is known of them stays what the data said.
+    ElasticModel::new(&mut found, &samples, None, &options).unwrap();
+    let uncertainty = Uncertainty::new(found, &samples, [1.0; 2]).unwrap();
+    let mut worst = 0.0_f64;
+    for (k, sample) in samples.iter().enumerate() {
+        for (row, sd) in uncertainty.standard_deviation(sample).iter().enumerate() {
+            let (at, kind) = (6 * k + row, usize::from(row >= 3));
+            let n = noise[kind];
+            let expected = scales[kind] * (2.0 * n - n * n * inverse[(at, at)]).sqrt();
+            worst = worst.max((sd / expected - 1.0).abs());
+        }
+    }
+    say(format_args!(
+        "standard deviation of a trained pose against the factor: {worst:.1e}"
+    ));
+    assert!(worst <= 1e-6, "{worst}");
+}

@@ -1,0 +1,137 @@
+//! Rows weighted by the noise that they state of themselves.
+
+use nalgebra::Vector3;
+use poegp_calibration::blob::write::{DeviceCalibration, Origin, calibrate_for_device};
+use poegp_calibration::measurement::noise::InstrumentNoise;
+use poegp_calibration::measurement::sample::Sample;
+use poegp_calibration::measurement::sample::ToolName;
+use poegp_calibration::model::{Method, Options};
+use poegp_calibration::numeric::statistics::ErrorSummary;
+use poegp_runtime::se3::{Pose, Twist};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+
+use crate::say;
+use crate::sets::{arm, simulated};
+
+/// The instrument of the simulated sets, one component: metres and radians.
+const NOISE: (f64, f64) = (30e-6, 50e-6);
+const POSES: usize = 100;
+/// Poses in three of which is a noisy one.
+const EVERY: usize = 3;
+
+fn stated(factor: f64) -> InstrumentNoise {
+    InstrumentNoise {
+        position: Some(factor * NOISE.0),
+        orientation: Some(factor * NOISE.1),
+    }
+}
+
+/// The training poses; every third is made `factor` times as noisy, and says so.
+fn uneven(factor: f64) -> Vec<Sample> {
+    let mut random = ChaCha8Rng::seed_from_u64(11);
+    let mut normal = |sigma: f64| -> Vector3<f64> {
+        Vector3::from_fn(|_, _| {
+            let drawn: f64 = StandardNormal.sample(&mut random);
+            sigma * drawn
+        })
+    };
+    let mut samples = simulated(&arm().0, "train");
+    samples.truncate(POSES);
+    // What is there already is noise, too.
+    let added = (factor * factor - 1.0).sqrt();
+    for (k, sample) in samples.iter_mut().enumerate() {
+        sample.stated = stated(1.0);
+        if k % EVERY == 0 {
+            sample.stated = stated(factor);
+            let turn = Twist {
+                linear: Vector3::zeros(),
+                angular: normal(added * NOISE.1),
+            };
+            sample.measured.rotation = Pose::exp(&turn).rotation * sample.measured.rotation;
+            sample.measured.translation += normal(added * NOISE.0);
+        }
+    }
+    samples
+}
+
+fn silent(samples: &[Sample]) -> Vec<Sample> {
+    let quiet = |s: &Sample| Sample {
+        stated: InstrumentNoise::UNKNOWN,
+        ..s.clone()
+    };
+    samples.iter().map(quiet).collect()
+}
+
+fn calibrated(samples: &[Sample], options: &Options) -> DeviceCalibration {
+    let (robot, nominal) = arm();
+    let origin = Origin {
+        serial_number: String::new(),
+        date: "2026-11-20".to_owned(),
+        data_sha256: [0; 32],
+        tools: vec![ToolName::default()],
+    };
+    calibrate_for_device(&nominal, &robot, samples, options, &origin).unwrap()
+}
+
+fn weighted(method: Method) -> Options {
+    Options {
+        weighted: true,
+        ..Options::new(method)
+    }
+}
+
+#[test]
+fn rows_of_their_own_noise_count_by_it() {
+    let test = simulated(&arm().0, "test1");
+    let mean = |samples: &[Sample], method| {
+        let found = calibrated(samples, &weighted(method));
+        // A row that is as noisy as it says is no outlier.
+        let honest = samples[0].stated != InstrumentNoise::UNKNOWN;
+        assert!(!honest || found.calibration.outliers.is_empty());
+        ErrorSummary::new(&found.blob.errors(&test))
+            .position_mm
+            .mean
+    };
+    // The chain alone is off by half a millimetre, which is as good as noise: it takes rows of millimetres to matter.
+    for (method, factor, at_most) in [(Method::Elastic, 10.0, 0.85), (Method::Poe, 100.0, 0.9)] {
+        let samples = uneven(factor);
+        let own = mean(&samples, method);
+        let alike = mean(&silent(&samples), method);
+        let clean = mean(&uneven(1.0), method);
+        say(format_args!(
+            "every third of {POSES} rows {factor} times as noisy, {}: mean {own:.4} mm on fresh poses, {alike:.4} with all \
+             rows alike, {clean:.4} without that noise",
+            method.name()
+        ));
+        assert!(own <= at_most * alike, "{own} {alike}");
+    }
+}
+
+#[test]
+fn the_same_noise_in_all_rows_changes_no_byte() {
+    let even = uneven(1.0);
+    let bytes =
+        |samples: &[Sample], options: &Options| calibrated(samples, options).blob.bytes().to_vec();
+    let poe = weighted(Method::Poe);
+    assert_eq!(bytes(&even, &poe), bytes(&silent(&even), &poe));
+    // Of the elastic model it is also the least noise that may be found, as when it is told for all rows together …
+    let elastic = Options::new(Method::Elastic);
+    let told = Options {
+        instrument_noise: stated(1.0),
+        ..elastic
+    };
+    let by_rows = bytes(&even, &elastic);
+    assert_eq!(by_rows, bytes(&silent(&even), &told));
+    // … which goes before what rows say.
+    let loud: Vec<Sample> = even
+        .iter()
+        .enumerate()
+        .map(|(k, s)| Sample {
+            stated: stated(1.0 + k as f64),
+            ..s.clone()
+        })
+        .collect();
+    assert_eq!(by_rows, bytes(&loud, &told));
+}

@@ -1,0 +1,112 @@
+//! What `f32` costs: the blob's poses against the f64 model, on all simulated data.
+
+use poegp_calibration::blob::write::{
+    DeviceError, ExportError, MAX_F32_ERROR_M, MEAN_F32_ERROR_M, Origin, calibrate_for_device,
+};
+use poegp_calibration::learning::elastic::inducing_sets::SetLimits;
+use poegp_calibration::learning::task_space::fit::Sharing;
+use poegp_calibration::measurement::sample::Sample;
+use poegp_calibration::model::{Method, Options};
+use poegp_runtime::poe::Poe;
+use poegp_runtime::status::Status;
+
+use crate::{say, sets};
+
+fn origin() -> Origin {
+    Origin {
+        serial_number: String::new(),
+        date: "2026-11-20".to_owned(),
+        data_sha256: [0; 32],
+        tools: Vec::new(),
+    }
+}
+
+/// The elastic model with a support set for each joint.
+fn support_sets() -> Options {
+    let mut options = Options::new(Method::Elastic);
+    options.elastic.sets = Some(SetLimits {
+        functions: 200,
+        instructions: None,
+    });
+    options
+}
+
+#[test]
+fn the_blob_is_within_two_micrometres_of_the_model() {
+    let (robot, nominal) = sets::arm();
+    let sets = ["train", "test1", "test2", "test3"].map(|set| sets::simulated(&robot, set));
+    let per_output = |method| Options {
+        sharing: Sharing::PerOutput,
+        ..Options::new(method)
+    };
+    for (name, options) in [
+        ("base-tool", Options::new(Method::BaseTool)),
+        ("poe", Options::new(Method::Poe)),
+        ("poe-gp", Options::new(Method::PoeGp)),
+        ("poe-gp-load", Options::new(Method::PoeGpLoad)),
+        ("poe-gp, per output", per_output(Method::PoeGp)),
+        ("poe-gp-load, per output", per_output(Method::PoeGpLoad)),
+        ("elastic", Options::new(Method::Elastic)),
+        ("elastic, support sets", support_sets()),
+    ] {
+        let found = calibrate_for_device(&nominal, &robot, &sets[0], &options, &origin()).unwrap();
+        let instrument_from_base = found.calibration.ends.instrument_from_base;
+        // Written out, not by `export::fidelity`: the bounded poses are counted, and the rotation is looked at.
+        let (mut distances, mut angle, mut bounded) = (Vec::new(), 0.0_f64, 0);
+        for sample in sets.iter().flatten() {
+            let stored = found.blob.predict(&sample.joints, sample.payload_kg);
+            if stored.status.contains(Status::CORRECTION_BOUNDED) {
+                bounded += 1;
+                continue;
+            }
+            let exact = instrument_from_base * found.calibration.predict(sample);
+            distances.push((exact.translation - stored.pose.translation).norm());
+            angle = angle.max((exact.inverse() * stored.pose).log().angular.norm());
+        }
+        let mean = distances.iter().sum::<f64>() / distances.len() as f64;
+        let largest = distances.iter().copied().fold(0.0, f64::max);
+        say(format_args!(
+            "f32 {name:24} {:.3} µm in the mean, {:.3} µm and {:.2} µrad at most, θ₀ ≤ {}, {bounded} of {} bounded",
+            1e6 * mean,
+            1e6 * largest,
+            1e6 * angle,
+            found.calibration.options.max_signal_variance,
+            distances.len() + bounded
+        ));
+        assert!(
+            largest < MAX_F32_ERROR_M && mean < MEAN_F32_ERROR_M,
+            "{name}"
+        );
+        assert_eq!(
+            bounded, 0,
+            "{name}: twice the training's largest is enough here"
+        );
+        assert!(angle < 2e-6, "{name}");
+    }
+}
+
+/// Measurements without noise of an arm whose second joint is off by a large smooth function that no geometry
+/// explains: decimetres of correction and a process that believes every digit, of which `f32` has seven.
+fn absurd(nominal: &Poe<f64>, samples: &[Sample]) -> Vec<Sample> {
+    let mut out = samples.to_vec();
+    for sample in &mut out {
+        let mut serial = sample.serial.clone();
+        serial[1] += 0.5 * (sample.joints[0] + 0.5 * sample.joints[2]).sin();
+        sample.measured = nominal.forward(&serial);
+    }
+    out
+}
+
+#[test]
+fn a_blob_that_loses_more_is_not_made() {
+    let (robot, nominal) = sets::arm();
+    let samples = absurd(&nominal, &sets::simulated(&robot, "train"));
+    let options = Options::new(Method::PoeGpLoad);
+    let found = calibrate_for_device(&nominal, &robot, &samples, &options, &origin());
+    let found = found.map(|found| found.fidelity);
+    let Err(DeviceError::Export(ExportError::LosesPrecision(fidelity))) = found else {
+        panic!("{found:?}");
+    };
+    say(ExportError::LosesPrecision(fidelity));
+    assert!(fidelity.max_m > MAX_F32_ERROR_M || fidelity.mean_m > MEAN_F32_ERROR_M);
+}

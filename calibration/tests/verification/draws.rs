@@ -1,0 +1,67 @@
+//! The simulated null against distributions that one test alone has: numbers are scipy's (`f`, `t`, `ncf`).
+
+use faer::Mat;
+use poegp_calibration::verification::drift_test::{Columns, Test};
+
+/// Three hypotheses of three orthonormal columns would be three tests; this is one, with ν = 100.
+fn one_test(size: f64) -> Test {
+    let rows = 103;
+    // 100 residuals of one, alternating, and three of the hypothesis.
+    let y = Mat::from_fn(rows, 1, |i, _| match i {
+        0 => size,
+        1 | 2 => 0.0,
+        _ => 1.0 - 2.0 * (i % 2) as f64,
+    });
+    let effect: Columns = (0..3)
+        .map(|j| (0..rows).map(|i| f64::from(u8::from(i == j))).collect())
+        .collect();
+    Test::new(&y, &Vec::new(), &[effect], vec![0], 0)
+}
+
+#[test]
+fn one_hypothesis_is_an_f_test() {
+    let test = one_test(0.0);
+    assert_eq!(test.freedom, 100);
+    assert!((test.variance() - 1.0).abs() < 1e-12);
+    assert!((test.critical(0.01) - 1.0).abs() < 1e-9);
+    // t.ppf(0.975, 100)
+    assert!(
+        (test.reach() / 1.98397 - 1.0).abs() < 0.02,
+        "{}",
+        test.reach()
+    );
+    // The root of the noncentrality at which ncf.sf(f.ppf(0.99, 3, 100), 3, 100, λ) is 0.9.
+    let smallest = test.smallest(0, 0.01, 1.0);
+    assert!((smallest / 4.51439 - 1.0).abs() < 0.03, "{smallest}");
+}
+
+#[test]
+fn p_values_are_those_of_f() {
+    // 3 f.ppf(0.99, 3, 100) = 11.951, of f.ppf(0.995, …) 13.626.
+    assert!(one_test(11.6_f64.sqrt()).choose(0.01).is_empty());
+    let found = one_test(12.4_f64.sqrt()).choose(0.01);
+    assert_eq!(found.len(), 1);
+    let found = one_test(13.626_f64.sqrt()).choose(0.01);
+    assert!((found[0].p_value / 0.005 - 1.0).abs() < 0.3, "{found:?}");
+}
+
+/// A second hypothesis that explains nothing of its own, and one that is free in any case.
+#[test]
+fn what_is_free_is_not_found_and_what_looks_the_same_is_said() {
+    let rows = 60;
+    let column =
+        |at: usize| -> Vec<f64> { (0..rows).map(|i| f64::from(u8::from(i == at))).collect() };
+    let y = Mat::from_fn(rows, 1, |i, _| match i {
+        0 => 8.0,
+        _ => 1.0 - 2.0 * (i % 2) as f64,
+    });
+    let effects = [vec![column(0)], vec![column(0), column(1)]];
+    let free = Test::new(&y, &vec![column(0)], &effects, vec![0, 1], 0);
+    assert!(free.choose(0.01).is_empty());
+    let test = Test::new(&y, &Vec::new(), &effects, vec![0, 1], 0);
+    let found = test.choose(0.01);
+    assert_eq!((found.len(), found[0].hypothesis), (1, 0));
+    assert!(test.explain(&[1], 0, 0.01));
+    let (effect, own) = test.visible(0, 1);
+    assert!((effect - 1.0).abs() < 1e-12 && own < 1e-12);
+}

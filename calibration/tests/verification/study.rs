@@ -1,0 +1,249 @@
+//! Trials on simulated arms, and their table.
+
+use std::path::Path;
+
+use nalgebra::Vector3;
+use poegp_calibration::blob::predict::LoadedBlob;
+use poegp_calibration::blob::write::{Origin, calibrate_for_device, nominal_chain};
+use poegp_calibration::measurement as measurements;
+use poegp_calibration::measurement::sample::Sample;
+use poegp_calibration::measurement::sample::samples;
+use poegp_calibration::model::{Method, Options};
+use poegp_calibration::robot::{LoadOptions, Robot};
+use poegp_calibration::simulation::{Disturbance, Scenario, Simulator, to_csv};
+use poegp_calibration::verification as check;
+use poegp_calibration::verification::check;
+use poegp_calibration::verification::hypotheses::Part;
+use poegp_calibration::verification::result::Report;
+use poegp_runtime::se3::Pose;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+
+/// Poses of a calibration and of a check.
+const TRAINING: usize = 300;
+const CHECK: usize = 20;
+/// Metres and radians.
+const SHIFT: f64 = 0.2e-3;
+const OFFSET: f64 = 0.02 * std::f64::consts::PI / 180.0;
+const FALSE_ALARMS: f64 = 0.01;
+
+/// A calibrated arm.
+pub struct Cell {
+    pub robot: Robot,
+    pub simulator: Simulator,
+    pub blob: LoadedBlob,
+}
+
+/// The rows of a simulated file, as the program reads them.
+pub fn measured(robot: &Robot, simulator: &mut Simulator, poses: usize) -> Vec<Sample> {
+    let csv = to_csv(robot, &simulator.measure(poses), false, "simulated");
+    let set = measurements::parse(Path::new("check.csv"), csv.as_bytes()).unwrap();
+    samples(&set, robot, &mut Vec::new()).unwrap()
+}
+
+impl Cell {
+    pub fn new(robot: &str, scenario: Scenario, seed: u64, options: &Options) -> Self {
+        let robot = Robot::load(robot, &LoadOptions::default()).unwrap();
+        let payloads = [1.0, 2.5, 3.5, 5.0, 7.5];
+        let mut simulator = Simulator::new(&robot, scenario, &payloads, seed);
+        let training = measured(&robot, &mut simulator, TRAINING);
+        let nominal = nominal_chain(&robot).unwrap();
+        let origin = Origin {
+            serial_number: String::new(),
+            date: "2026-11-20".to_owned(),
+            data_sha256: [0; 32],
+            tools: Vec::new(),
+        };
+        let found = calibrate_for_device(&nominal, &robot, &training, options, &origin).unwrap();
+        Self {
+            blob: found.blob,
+            robot,
+            simulator,
+        }
+    }
+
+    /// One trial: the arm is disturbed, and checked with poses of its own.
+    pub fn trial(
+        &mut self,
+        disturbance: Option<Disturbance>,
+        poses: usize,
+        positions_alone: bool,
+        options: &check::Options,
+    ) -> Report {
+        // The stream of random numbers goes on, so that every trial has poses and noise of its own.
+        let mut rows = {
+            let mut disturbed = self.simulator.clone();
+            disturbance.into_iter().for_each(|d| disturbed.disturb(d));
+            let rows = measured(&self.robot, &mut disturbed, poses);
+            let _ = self.simulator.measure(poses);
+            rows
+        };
+        for row in &mut rows {
+            row.position_only |= positions_alone;
+        }
+        let lines: Vec<usize> = (2..2 + rows.len()).collect();
+        check(&self.blob, &rows, vec![Pose::identity()], &lines, options).unwrap()
+    }
+}
+
+/// What is done to an arm.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Kind {
+    Nothing,
+    Base,
+    Tool,
+    Joint,
+}
+
+impl Kind {
+    const ALL: [Self; 4] = [Self::Nothing, Self::Base, Self::Tool, Self::Joint];
+
+    fn draw(self, joints: usize, random: &mut ChaCha8Rng) -> Option<Disturbance> {
+        let mut normal = || -> f64 { StandardNormal.sample(random) };
+        let direction = Vector3::new(normal(), normal(), normal()).normalize();
+        match self {
+            Self::Nothing => None,
+            Self::Base => Some(Disturbance::Base(SHIFT * direction)),
+            Self::Tool => Some(Disturbance::Tool(SHIFT * direction)),
+            Self::Joint => Some(Disturbance::Joint {
+                joint: random.random_range(0..joints),
+                offset: if random.random() { OFFSET } else { -OFFSET },
+            }),
+        }
+    }
+}
+
+/// What became of some trials.
+#[derive(Clone, Copy, Debug, Default)]
+struct Count {
+    trials: usize,
+    /// An alarm was raised.
+    alarms: usize,
+    /// The right part was named, and no other.
+    right: usize,
+    /// The right part was named or among those that look the same.
+    possible: usize,
+    /// The size was within its 95 % interval.
+    covered: usize,
+}
+
+fn is_part(disturbance: Disturbance, part: Part) -> bool {
+    match disturbance {
+        Disturbance::Base(_) => part == Part::Base,
+        Disturbance::Tool(_) => part == Part::Tool,
+        Disturbance::Joint { joint, .. } => part == Part::Joint(joint + 1),
+    }
+}
+
+impl Count {
+    fn add(&mut self, disturbance: Option<Disturbance>, report: &Report) {
+        self.trials += 1;
+        self.alarms += usize::from(!report.changes.is_empty());
+        let Some(disturbance) = disturbance else {
+            return;
+        };
+        let right = |part: &Part| is_part(disturbance, *part);
+        if let [change] = report.changes.as_slice() {
+            self.right += usize::from(right(&change.part));
+            let size = change.shift_mm.or(change.offset_deg);
+            let truth = match disturbance {
+                Disturbance::Joint { offset, .. } => offset.to_degrees(),
+                Disturbance::Base(d) | Disturbance::Tool(d) => 1e3 * d.norm(),
+            };
+            let within = size.is_some_and(|s| (s.value - truth).abs() <= s.plus_minus);
+            self.covered += usize::from(right(&change.part) && within);
+        }
+        let named = |c: &poegp_calibration::verification::result::Change| {
+            right(&c.part) || c.or_else.iter().any(right)
+        };
+        self.possible += usize::from(report.changes.iter().any(named));
+    }
+}
+
+/// The arms of the study.
+const ARMS: [(&str, Scenario); 5] = [
+    ("abb-irb4400-serial", Scenario::Paper),
+    ("abb-irb4400-serial", Scenario::Wild),
+    ("abb-irb120", Scenario::Rich),
+    ("ur10", Scenario::Wild),
+    ("kuka-iiwa7", Scenario::Rich),
+];
+
+/// `trials` of each kind on an arm of each of `seeds` seeds.
+fn study(
+    (name, scenario): (&str, Scenario),
+    trials: usize,
+    seeds: u64,
+    positions_alone: bool,
+) -> [Count; 4] {
+    let options = check::Options {
+        false_alarms: FALSE_ALARMS,
+        ..check::Options::default()
+    };
+    let mut counts = [Count::default(); 4];
+    for seed in 1..=seeds {
+        let mut cell = Cell::new(name, scenario, seed, &Options::new(Method::Elastic));
+        let mut random = ChaCha8Rng::seed_from_u64(1000 + seed);
+        let joints = cell.robot.joints.len();
+        for (count, kind) in counts.iter_mut().zip(Kind::ALL) {
+            for _ in 0..trials / seeds as usize {
+                let disturbance = kind.draw(joints, &mut random);
+                let report = cell.trial(disturbance, CHECK, positions_alone, &options);
+                count.add(disturbance, &report);
+            }
+        }
+    }
+    let what = if positions_alone {
+        "positions"
+    } else {
+        "whole poses"
+    };
+    let alarms = &counts[0];
+    println!(
+        "{name}, {scenario:?}, {what}: {} false alarms in {}",
+        alarms.alarms, alarms.trials
+    );
+    for (count, kind) in counts.iter().zip(Kind::ALL).skip(1) {
+        println!(
+            "    {kind:?}: {} found, {} of the right part alone, {} with it among what was named, {} sizes in their interval, of {}",
+            count.alarms, count.right, count.possible, count.covered, count.trials
+        );
+    }
+    counts
+}
+
+/// The table, and that it stays so.
+#[test]
+fn what_is_found_and_what_is_not_there() {
+    let asked = std::env::var("POEGP_CHECK_TRIALS").ok();
+    let (trials, seeds, arms) = match asked.map(|t| t.parse::<usize>().unwrap()) {
+        Some(trials) => (trials, 5, &ARMS[..]),
+        None => (8, 1, &ARMS[..1]),
+    };
+    for positions_alone in [false, true] {
+        let mut sum = [Count::default(); 4];
+        for arm in arms {
+            let counts = study(*arm, trials, seeds, positions_alone);
+            for (sum, count) in sum.iter_mut().zip(counts) {
+                sum.trials += count.trials;
+                sum.alarms += count.alarms;
+                sum.right += count.right;
+                sum.possible += count.possible;
+                sum.covered += count.covered;
+            }
+        }
+        let [nothing, base, tool, joint] = sum;
+        // One in a hundred is meant; of the trials of the suite one may be.
+        assert!(nothing.alarms <= 1 + nothing.trials / 30, "{nothing:?}");
+        for shifted in [base, tool] {
+            assert!(20 * shifted.alarms >= 19 * shifted.trials, "{shifted:?}");
+            assert!(10 * shifted.right >= 8 * shifted.trials, "{shifted:?}");
+            assert!(10 * shifted.covered >= 7 * shifted.trials, "{shifted:?}");
+        }
+        // Positions alone hardly see the last joint.
+        let enough = if positions_alone { 6 } else { 9 };
+        assert!(10 * joint.alarms >= enough * joint.trials, "{joint:?}");
+        assert!(10 * joint.possible >= enough * joint.trials, "{joint:?}");
+    }
+}

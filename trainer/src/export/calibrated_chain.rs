@@ -1,0 +1,238 @@
+//! The calibrated chain of a blob in `f64`, with what is known about it.
+
+use nalgebra::Vector3;
+use poegp_protocol::JointKind;
+use poegp_protocol::blob::{Correction, Elastic};
+use poegp_runtime::poe::Poe;
+use poegp_runtime::se3::Pose;
+
+use poegp_calibration::blob::predict::LoadedBlob;
+use poegp_calibration::identification::base_tool::nearest_rotation;
+use poegp_calibration::robot::{BUILT_IN, Joint, LoadOptions, Robot};
+
+/// Largest distance between two descriptions of one nominal arm, metres. What is exported does not depend on it: the
+/// nominal arm only says where links are drawn.
+const SAME_ARM_M: f64 = 1e-3;
+/// The same of rotations, radians.
+const SAME_ARM_RAD: f64 = 1e-3;
+
+/// The calibrated chain of a blob, without its correction.
+///
+/// The frames of a blob are `f32`: their rotations are some to seven digits only. Here they are the nearest rotations in
+/// `f64`, and every export gives the poses of these frames. The device, which goes on in `f32`, differs from them by
+/// tenths of a micrometre.
+#[derive(Clone, Debug)]
+pub struct CalibratedChain {
+    /// The robot's name.
+    pub name: String,
+    /// What is said of the calibration in comments, a line each.
+    pub provenance: Vec<String>,
+    /// The joints, base first; names are made up where the robot is not a built-in one.
+    pub joints: Vec<Joint>,
+    /// `parent_from_joint`, n + 1, metres; the last leads to the target of the first tool.
+    pub frames: Vec<Pose<f64>>,
+    /// The same of the nominal arm.
+    pub nominal: Vec<Pose<f64>>,
+    /// `flange_from_target`: what is "flange" of the calibrated arm.
+    pub flange_from_target: Pose<f64>,
+    /// `instrument_from_base`.
+    pub instrument_from_base: Pose<f64>,
+    /// C of q_serial = C q, by rows; `None` is the identity.
+    pub coupling: Option<Vec<Vec<f64>>>,
+    /// What a chain cannot hold, each as part of a sentence.
+    pub not_carried: Vec<String>,
+    /// Names of tools beyond the first.
+    pub other_tools: Vec<String>,
+}
+
+impl CalibratedChain {
+    /// The chain of a blob.
+    pub fn of(loaded: &LoadedBlob) -> Self {
+        let blob = loaded.blob();
+        let frame = |rows: &[f32; 12]| {
+            let stored = Pose::<f32>::from_rows(rows).cast::<f64>();
+            Pose {
+                rotation: nearest_rotation(&stored.rotation),
+                ..stored
+            }
+        };
+        let n = blob.robot.joints.len();
+        let coupling = (!blob.robot.coupling.is_empty()).then(|| {
+            let rows = blob.robot.coupling.chunks(n);
+            rows.map(|row| row.iter().map(|c| f64::from(*c)).collect())
+                .collect()
+        });
+        let unnamed = blob
+            .robot
+            .joints
+            .iter()
+            .enumerate()
+            .map(|(i, joint)| Joint {
+                name: format!("joint_{}", i + 1),
+                kind: joint.kind,
+                limits: joint
+                    .limits
+                    .map(|(lower, upper)| (decimal(lower), decimal(upper))),
+            });
+        let serial = match blob.robot.serial_number {
+            "" => String::new(),
+            number => format!(", serial number {number}"),
+        };
+        let p = &blob.provenance;
+        let tools = loaded.tools().iter().skip(1);
+        let mut chain = Self {
+            name: blob.robot.name.to_owned(),
+            provenance: vec![
+                format!(
+                    "{}{serial}: calibrated chain of model `{}`",
+                    blob.robot.name, p.model
+                ),
+                format!(
+                    "calibrated {} by trainer {} on {} poses, data SHA-256 {}",
+                    p.date,
+                    p.trainer_version,
+                    p.training_poses,
+                    p.data_sha256
+                        .iter()
+                        .map(|b| format!("{b:02x}"))
+                        .collect::<String>()
+                ),
+            ],
+            joints: unnamed.collect(),
+            frames: blob.geometry.calibrated.iter().map(frame).collect(),
+            nominal: blob.geometry.nominal.iter().map(frame).collect(),
+            flange_from_target: Pose::from_rows(&blob.geometry.flange_from_target),
+            instrument_from_base: loaded.instrument_from_base(),
+            coupling,
+            not_carried: not_carried(&blob.correction),
+            other_tools: tools.map(|(name, _)| name.to_string()).collect(),
+        };
+        if let Some(robot) = chain.built_in() {
+            chain.joints = robot.joints;
+        }
+        if chain.coupling.is_some() {
+            chain.not_carried.push(
+                "the coupling of the joints: joint values are those of the chain, q_serial = C q"
+                    .to_owned(),
+            );
+        }
+        chain
+    }
+
+    /// The runtime's chain from base to target.
+    pub fn poe(&self) -> Poe<f64> {
+        chain_of(&self.joints, &self.frames)
+    }
+
+    /// The fixed frames from base to flange, calibrated.
+    pub fn to_flange(&self) -> Vec<Pose<f64>> {
+        shortened(&self.frames, &self.flange_from_target)
+    }
+
+    /// The fixed frames from base to flange, nominal.
+    pub fn nominal_to_flange(&self) -> Vec<Pose<f64>> {
+        shortened(&self.nominal, &self.flange_from_target)
+    }
+
+    /// How far the nominal arm is from another description of an arm: largest distance of the flanges in metres and
+    /// radians, and whether that is the same arm. At joint values within ±1.5 that reach every joint.
+    pub fn distance_to(&self, robot: &Robot) -> Option<(f64, f64, bool)> {
+        let same_kinds = robot.joints.len() == self.joints.len()
+            && robot
+                .joints
+                .iter()
+                .zip(&self.joints)
+                .all(|(a, b)| a.kind == b.kind);
+        if !same_kinds {
+            return None;
+        }
+        let (ours, theirs) = (
+            chain_of(&self.joints, &self.nominal_to_flange()),
+            chain_of(&robot.joints, &robot.parent_from_joint),
+        );
+        let (mut apart, mut turned) = (0.0_f64, 0.0_f64);
+        for k in 0..8 {
+            let q: Vec<f64> = (0..self.joints.len())
+                .map(|i| 1.5 * (1.7 * f64::from(k) + 2.3 * i as f64 * f64::from(k.min(1))).sin())
+                .collect();
+            let (a, b) = (ours.forward(&q), theirs.forward(&q));
+            apart = apart.max((a.translation - b.translation).norm());
+            let between = (a.inverse() * b).log().angular;
+            turned = turned.max(between.norm());
+        }
+        Some((apart, turned, apart <= SAME_ARM_M && turned <= SAME_ARM_RAD))
+    }
+
+    /// The built-in robot that this arm is, for its names.
+    fn built_in(&self) -> Option<Robot> {
+        let name = BUILT_IN.iter().find(|name| **name == self.name)?;
+        let robot = Robot::load(name, &LoadOptions::default()).ok()?;
+        self.distance_to(&robot)
+            .is_some_and(|(_, _, same)| same)
+            .then_some(robot)
+    }
+}
+
+/// What of a model no chain can hold.
+fn not_carried(correction: &Correction<'_>) -> Vec<String> {
+    let out: Vec<&str> = match correction {
+        Correction::None => Vec::new(),
+        Correction::TaskSpace(_) => vec!["the Gaussian process on the pose of the tool"],
+        Correction::Elastic(e) => elastic_terms(e),
+    };
+    out.into_iter().map(str::to_owned).collect()
+}
+
+fn elastic_terms(e: &Elastic<'_>) -> Vec<&'static str> {
+    [
+        (!e.links.is_empty(), "the deflection under gravity"),
+        (!e.payload.is_empty(), "the deflection under the payload"),
+        (!e.ripple.is_empty(), "gear ripple"),
+        (!e.rows.is_empty(), "the Gaussian processes of the joints"),
+    ]
+    .into_iter()
+    .filter_map(|(there, name)| there.then_some(name))
+    .collect()
+}
+
+/// The decimal number that an `f32` was written as, so that limits of ±2.87979 do not become 2.879790067…
+fn decimal(x: f32) -> f64 {
+    x.to_string().parse().unwrap_or(f64::from(x))
+}
+
+fn shortened(frames: &[Pose<f64>], flange_from_target: &Pose<f64>) -> Vec<Pose<f64>> {
+    let mut frames = frames.to_vec();
+    if let Some(last) = frames.last_mut() {
+        *last = *last * flange_from_target.inverse();
+    }
+    frames
+}
+
+/// The runtime's chain of joints and frames that a blob or a robot holds.
+pub(super) fn chain_of(joints: &[Joint], frames: &[Pose<f64>]) -> Poe<f64> {
+    let kinds: Vec<JointKind> = joints.iter().map(|j| j.kind).collect();
+    Poe::new(&kinds, frames).expect("a blob that loads has 1 to 8 joints and a frame more")
+}
+
+/// `base_from_joint` at joint values zero, and `base_from_end`: n + 1 poses.
+pub(super) fn at_zero(frames: &[Pose<f64>]) -> Vec<Pose<f64>> {
+    let mut pose = Pose::identity();
+    frames
+        .iter()
+        .map(|frame| {
+            pose = pose * *frame;
+            pose
+        })
+        .collect()
+}
+
+/// A pose as words: millimetres, and degrees of roll, pitch and yaw.
+pub fn told(pose: &Pose<f64>) -> String {
+    let t: Vector3<f64> = 1e3 * pose.translation;
+    let rpy =
+        poegp_calibration::robot::normal_form::roll_pitch_yaw(&pose.rotation).map(f64::to_degrees);
+    format!(
+        "{:.4} {:.4} {:.4} mm, roll pitch yaw {:.5} {:.5} {:.5}°",
+        t[0], t[1], t[2], rpy[0], rpy[1], rpy[2]
+    )
+}

@@ -1,0 +1,158 @@
+//! The chain as Denavit-Hartenberg rows, with Hayati's for axes that are parallel but for an error.
+//!
+//! Between two axes that are nearly parallel the common normal runs away: an error of a milliradian moves its foot by
+//! metres, and d with it. There the row has d = 0 and a second rotation instead, R_z(θ) T_x(a) R_x(α) R_y(β) (Hayati and
+//! Mirmirani, "Improving the absolute positioning accuracy of robot manipulators", 1985): the next frame's origin is where
+//! the next axis pierces the plane z = 0. Both kinds of rows are exact, and a frame before and one behind the rows take
+//! what four numbers cannot say.
+
+use nalgebra::Vector3;
+use poegp_runtime::se3::Pose;
+
+use crate::export::calibrated_chain::at_zero;
+use crate::export::tables::{Row, Table};
+use crate::export::{CalibratedChain, gauge};
+use poegp_calibration::robot::normal_form::{rotation_about, translation};
+
+/// Sine of the angle below which axes count as parallel. Errors of arms are a few milliradians, and with the common
+/// normal they are multiplied by no more than one over this.
+pub const PARALLEL: f64 = 0.02;
+/// Distances below are none: which way the common normal of two axes points that meet cannot be told from them.
+const MEET_M: f64 = 1e-6;
+
+/// One row: R_z(q + θ) T_z(d) T_x(a) R_x(α) R_y(β), metres and radians; one of d and β is 0.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct DhRow {
+    /// Angle about z where the controller says 0.
+    pub theta: f64,
+    /// Along z.
+    pub d: f64,
+    /// Along the new x.
+    pub a: f64,
+    /// About the new x.
+    pub alpha: f64,
+    /// About the new y, between parallel axes.
+    pub beta: Option<f64>,
+}
+
+impl DhRow {
+    /// The frame behind the joint of this row, at joint value 0.
+    pub fn frame(&self) -> Pose<f64> {
+        rotation_about(2, self.theta)
+            * translation(0.0, 0.0, self.d)
+            * translation(self.a, 0.0, 0.0)
+            * rotation_about(0, self.alpha)
+            * rotation_about(1, self.beta.unwrap_or(0.0))
+    }
+}
+
+/// The table of a calibrated chain. The convention leaves the sign of every x axis open: it is taken as for the nominal
+/// arm, whose θ are within ±90° where that can be had.
+pub fn table(chain: &CalibratedChain) -> Table {
+    let nominal = at_zero(&chain.nominal_to_flange());
+    let calibrated = at_zero(&chain.to_flange());
+    // Nominal frames first: they say which way the axes of the calibrated arm shall point.
+    let (_, nominal_rows, _) = rows(&nominal, &nominal[0], None);
+    let (base, rows, flange) = rows(&calibrated, &nominal[0], Some(&nominal_rows));
+    Table {
+        convention: "dh",
+        base: Some(base),
+        rows: rows.into_iter().map(Row::Dh).collect(),
+        flange,
+    }
+}
+
+/// First frame, rows and last frame of a chain whose joints stand at `at_zero` (the last is its end). `first` is where
+/// the frame of joint 1 is wanted, `like` the rows whose θ are to be come near to.
+fn rows(
+    at_zero: &[Pose<f64>],
+    first: &Pose<f64>,
+    like: Option<&[DhRow]>,
+) -> (Pose<f64>, Vec<DhRow>, Pose<f64>) {
+    let n = at_zero.len() - 1;
+    let base = gauge::nearest_on_axis(&at_zero[0], first);
+    let mut frame = base;
+    let mut out: Vec<DhRow> = Vec::new();
+    for (i, next) in at_zero[1..n].iter().enumerate() {
+        let seen = frame.inverse() * *next;
+        let direction = Vector3::new(
+            seen.rotation[(0, 2)],
+            seen.rotation[(1, 2)],
+            seen.rotation[(2, 2)],
+        );
+        let row = row(
+            &direction,
+            &seen.translation,
+            like.map(|rows| rows[i].theta),
+        );
+        frame = frame * row.frame();
+        out.push(row);
+    }
+    // The end has no axis: what θ and d can do is done, and the rest is the last frame.
+    let end = at_zero[n];
+    let turned = gauge::nearest_on_axis(&frame, &end);
+    let apart = frame.inverse() * turned;
+    let last = DhRow {
+        theta: apart.rotation[(1, 0)].atan2(apart.rotation[(0, 0)]),
+        d: apart.translation[2],
+        ..DhRow::default()
+    };
+    out.push(last);
+    (base, out, (frame * last.frame()).inverse() * end)
+}
+
+/// The row that leads from z, here, to the axis along `direction` (a unit vector) through `point`.
+fn row(direction: &Vector3<f64>, point: &Vector3<f64>, theta_like: Option<f64>) -> DhRow {
+    let across = direction[0].hypot(direction[1]);
+    if across < PARALLEL {
+        let pierced = point - direction * (point[2] / direction[2]);
+        // Where the axes coincide θ is arbitrary, and exact all the same.
+        let theta = pierced[1].atan2(pierced[0]);
+        let (theta, sign) = nearest_theta(theta, theta_like, true);
+        let turned = rotation_about(2, -theta).rotation * direction;
+        return DhRow {
+            theta,
+            d: 0.0,
+            a: sign * pierced[0].hypot(pierced[1]),
+            alpha: (-turned[1]).atan2(turned[2]),
+            beta: Some(turned[0].atan2(turned[1].hypot(turned[2]))),
+        };
+    }
+    // x is along z × direction, or against it; the common normal is that line through both axes.
+    let normal = Vector3::new(-direction[1], direction[0], 0.0) / across;
+    let a = normal.dot(point);
+    // Foot on our axis: the point p + s u − a x has x = y = 0; s from the part across the normal.
+    let s = -(point[0] * direction[0] + point[1] * direction[1]) / (across * across);
+    let d = point[2] + s * direction[2];
+    let theta = normal[1].atan2(normal[0]);
+    // Prefer a > 0 to begin with where the axes do not meet.
+    let (theta, a) = if a < -MEET_M {
+        (theta + std::f64::consts::PI, -a)
+    } else {
+        (theta, a)
+    };
+    let (theta, sign) = nearest_theta(theta, theta_like, a > MEET_M);
+    let turned = rotation_about(2, -theta).rotation * direction;
+    DhRow {
+        theta,
+        d,
+        a: sign * a,
+        alpha: (-turned[1]).atan2(turned[2]),
+        beta: None,
+    }
+}
+
+/// θ or θ + π, whichever is nearer to `like` (else to 0, and at ±90° as it came), within ±π; and −1 where it is turned.
+fn nearest_theta(theta: f64, like: Option<f64>, apart: bool) -> (f64, f64) {
+    let pi = std::f64::consts::PI;
+    let wrapped = |x: f64| x - 2.0 * pi * (x / (2.0 * pi)).round();
+    let near = |x: f64| wrapped(x - like.unwrap_or(0.0)).abs();
+    let (kept, turned) = (wrapped(theta), wrapped(theta + pi));
+    // A right angle of the nominal arm, give or take: a > 0 where the axes are apart.
+    let tie = like.is_none() && (near(kept) - near(turned)).abs() < 2e-3 && apart;
+    if tie || near(kept) <= near(turned) {
+        (kept, 1.0)
+    } else {
+        (turned, -1.0)
+    }
+}

@@ -1,0 +1,27 @@
+//! The freedom of a chain's frames, and what it is used for: links stay where they are drawn.
+//!
+//! With G a rotation about and a translation along the joint's own z, Z(q) G = G Z(q): a joint's frame C may be written
+//! C G, whatever stands before and behind it takes G⁻¹ and G, and every pose of the end stays as it was.
+
+use nalgebra::Vector3;
+use poegp_runtime::se3::Pose;
+
+use poegp_calibration::robot::normal_form::{rotation_about, translation};
+
+/// Of all frames whose z axis is that of `base_from_joint` (both as points and direction), the one nearest to `wanted`:
+/// its origin is the point of the axis closest to that of `wanted`, and its x and y axes are turned towards those.
+pub fn nearest_on_axis(base_from_joint: &Pose<f64>, wanted: &Pose<f64>) -> Pose<f64> {
+    let apart = base_from_joint.inverse() * *wanted;
+    let along = apart.translation[2];
+    // The rotation about z that is nearest to a rotation R maximises trace(R_z(φ)ᵀ R).
+    let r = &apart.rotation;
+    let angle = (r[(1, 0)] - r[(0, 1)]).atan2(r[(0, 0)] + r[(1, 1)]);
+    *base_from_joint * translation(0.0, 0.0, along) * rotation_about(2, angle)
+}
+
+/// Distance in metres and angle in radians between two poses.
+pub fn distance(a: &Pose<f64>, b: &Pose<f64>) -> (f64, f64) {
+    let apart: Vector3<f64> = a.translation - b.translation;
+    let turned = (a.inverse() * *b).log().angular;
+    (apart.norm(), turned.norm())
+}

@@ -1,0 +1,185 @@
+//! Tables of a chain as TOML, which the trainer itself reads as a robot, and as JSON for other programs.
+
+use std::fmt::Write;
+
+use poegp_protocol::JointKind;
+use poegp_runtime::se3::Pose;
+use serde_json::{Value, json};
+
+use crate::export::CalibratedChain;
+use crate::export::dh::DhRow;
+use crate::export::format::{decimals, rounded, rpy, three, xyz};
+
+/// What stands for a joint.
+#[derive(Clone, Copy, Debug)]
+pub enum Row {
+    /// The joint's frame in the one before it; the joint acts on its z.
+    Frame(Pose<f64>),
+    /// Its Denavit-Hartenberg row; the joint acts on the z before it.
+    Dh(DhRow),
+}
+
+/// A chain in one convention.
+#[derive(Clone, Debug)]
+pub struct Table {
+    /// The name of the convention in a robot description.
+    pub convention: &'static str,
+    /// The frame before the first row.
+    pub base: Option<Pose<f64>>,
+    /// A row for each joint.
+    pub rows: Vec<Row>,
+    /// From behind the last row to the flange.
+    pub flange: Pose<f64>,
+}
+
+impl Table {
+    /// The table as a robot description that `--robot` reads.
+    pub fn to_toml(&self, chain: &CalibratedChain) -> String {
+        let mut out = String::new();
+        for line in comments(chain) {
+            let _ = writeln!(out, "# {line}");
+        }
+        let _ = writeln!(
+            out,
+            "# Metres and radians. {}\n",
+            match self.convention {
+                "dh" => "Rows: R_z(q + theta_offset) T_z(d) T_x(a) R_x(alpha) R_y(beta).",
+                _ => "A joint's origin is in the frame before; it acts about (or along) its axis.",
+            }
+        );
+        let _ = writeln!(
+            out,
+            "name = {}\nconvention = \"{}\"",
+            quoted(&chain.name),
+            self.convention
+        );
+        if let Some(coupling) = &chain.coupling {
+            out += "# q_serial = coupling · q\ncoupling = [\n";
+            for row in coupling {
+                let row: Vec<String> = row.iter().map(|c| decimals(*c)).collect();
+                let _ = writeln!(out, "    [{}],", row.join(", "));
+            }
+            out += "]\n";
+        }
+        if let Some(base) = &self.base {
+            let _ = writeln!(out, "\n[base]\norigin = {}", origin(base));
+        }
+        for (joint, row) in chain.joints.iter().zip(&self.rows) {
+            let (kind, unit) = match joint.kind {
+                JointKind::Revolute => ("revolute", "rad"),
+                JointKind::Prismatic => ("prismatic", "m"),
+            };
+            let _ = writeln!(
+                out,
+                "\n[[joint]]\nname = {}\nkind = \"{kind}\"",
+                quoted(&joint.name)
+            );
+            if let Some((lower, upper)) = joint.limits {
+                let limits = format!("[{}, {}]", decimals(lower), decimals(upper));
+                let _ = writeln!(out, "limits_{unit} = {limits}");
+            }
+            match row {
+                Row::Frame(frame) => {
+                    let _ = writeln!(out, "origin = {}\naxis = [0, 0, 1]", origin(frame));
+                }
+                Row::Dh(row) => {
+                    for (key, value) in keys(row) {
+                        let _ = writeln!(out, "{key} = {}", decimals(value));
+                    }
+                }
+            }
+        }
+        let _ = writeln!(out, "\n[flange]\norigin = {}", origin(&self.flange));
+        let _ = writeln!(
+            out,
+            "\n# Beside the arm: the target on the flange, and the base as the instrument sees it.\n[calibration]\n\
+             flange_from_target = {}\ninstrument_from_base = {}",
+            origin(&chain.flange_from_target),
+            origin(&chain.instrument_from_base)
+        );
+        let left_out: Vec<String> = chain.not_carried.iter().map(|s| quoted(s)).collect();
+        let _ = writeln!(out, "not_carried = [{}]", left_out.join(", "));
+        out
+    }
+
+    /// The same as JSON, lengths in metres and angles in radians.
+    pub fn to_json(&self, chain: &CalibratedChain) -> Value {
+        let joints = chain.joints.iter().zip(&self.rows).map(|(joint, row)| {
+            let (kind, unit) = match joint.kind {
+                JointKind::Revolute => ("revolute", "limits_rad"),
+                JointKind::Prismatic => ("prismatic", "limits_m"),
+            };
+            let mut out = json!({"name": joint.name, "kind": kind});
+            if let Some((lower, upper)) = joint.limits {
+                out[unit] = json!([rounded(lower), rounded(upper)]);
+            }
+            match row {
+                Row::Frame(frame) => {
+                    out["origin"] = pose(frame);
+                    out["axis"] = json!([0, 0, 1]);
+                }
+                Row::Dh(row) => {
+                    for (key, value) in keys(row) {
+                        out[key] = json!(rounded(value));
+                    }
+                }
+            }
+            out
+        });
+        let mut out = json!({
+            "version": env!("CARGO_PKG_VERSION"),
+            "name": chain.name,
+            "convention": self.convention,
+            "provenance": chain.provenance,
+            "coupling": chain.coupling,
+            "joints": joints.collect::<Vec<_>>(),
+            "flange": {"origin": pose(&self.flange)},
+            "flange_from_target": pose(&chain.flange_from_target),
+            "instrument_from_base": pose(&chain.instrument_from_base),
+            "not_carried": chain.not_carried,
+        });
+        if let Some(base) = &self.base {
+            out["base"] = json!({"origin": pose(base)});
+        }
+        out
+    }
+}
+
+/// What every exported text says at its beginning.
+pub(super) fn comments(chain: &CalibratedChain) -> Vec<String> {
+    let mut out = chain.provenance.clone();
+    if !chain.not_carried.is_empty() {
+        out.push(format!(
+            "not in this file: {}",
+            chain.not_carried.join("; ")
+        ));
+    }
+    out
+}
+
+fn keys(row: &DhRow) -> Vec<(&'static str, f64)> {
+    let mut out = vec![
+        ("a_m", row.a),
+        ("d_m", row.d),
+        ("alpha_rad", row.alpha),
+        ("theta_offset_rad", row.theta),
+    ];
+    out.extend(row.beta.map(|beta| ("beta_rad", beta)));
+    out
+}
+
+fn origin(pose: &Pose<f64>) -> String {
+    format!(
+        "{{ xyz_m = [{}], rpy_rad = [{}] }}",
+        three(xyz(pose), ", "),
+        three(rpy(pose), ", ")
+    )
+}
+
+fn pose(pose: &Pose<f64>) -> Value {
+    json!({"xyz_m": xyz(pose).map(rounded), "rpy_rad": rpy(pose).map(rounded)})
+}
+
+fn quoted(text: &str) -> String {
+    toml::Value::String(text.to_owned()).to_string()
+}

@@ -1,0 +1,239 @@
+//! A calibrated arm as a URDF: the nominal file with corrected transforms, or a file of links and joints alone.
+//!
+//! Every link between base and tip stays where the nominal file has it, as near as the calibrated axes allow, and joint
+//! axes stay what they are in their links; so what is attached to the links (meshes, inertias, cameras) stays valid. Only
+//! the `<origin>` of each moving joint changes, and that of the first fixed joint behind the last of them, which brings
+//! the tip to the calibrated flange. Where there is no such joint, a link and a fixed joint for it are added.
+
+use std::fmt::Write;
+
+use nalgebra::Vector3;
+use poegp_protocol::JointKind;
+use poegp_runtime::se3::Pose;
+
+use crate::export::calibrated_chain::at_zero;
+use crate::export::format::{decimals, rpy, three, xyz};
+use crate::export::tables::comments;
+use crate::export::{CalibratedChain, gauge};
+use poegp_calibration::robot::normal_form::{origin, rotation_to_axis};
+
+/// The link that is added where the tip cannot be the calibrated flange.
+pub const FLANGE_LINK: &str = "calibrated_flange";
+
+/// A new origin of a joint.
+#[derive(Clone, Debug)]
+pub struct Corrected {
+    /// The joint's name.
+    pub joint: String,
+    /// Its origin in the nominal file, `parent_from_child`.
+    pub before: Pose<f64>,
+    /// The calibrated one.
+    pub after: Pose<f64>,
+}
+
+/// A link that is added, held by a fixed joint.
+#[derive(Clone, Debug)]
+pub struct Added {
+    /// The link it is fixed to.
+    pub parent: String,
+    /// Its name; the joint's is this with `_joint`.
+    pub link: String,
+    /// `parent_from_link`.
+    pub pose: Pose<f64>,
+}
+
+/// What has to change in a nominal file.
+#[derive(Clone, Debug)]
+pub struct Changes {
+    /// New origins, base first.
+    pub corrected: Vec<Corrected>,
+    /// New links.
+    pub added: Vec<Added>,
+}
+
+/// The changes that make the chain of `joints` (base to tip, fixed ones too) the calibrated one. `target_link` names a
+/// link to be added at the target.
+pub fn changes(
+    chain: &CalibratedChain,
+    joints: &[urdf_rs::Joint],
+    target_link: Option<&str>,
+) -> Changes {
+    let calibrated = at_zero(&chain.to_flange());
+    let flange = calibrated[calibrated.len() - 1];
+    let nominal_origin = |joint: &urdf_rs::Joint| origin(*joint.origin.xyz, *joint.origin.rpy);
+    let last_moving = joints
+        .iter()
+        .rposition(|joint| joint.joint_type != urdf_rs::JointType::Fixed)
+        .unwrap_or(0);
+    let mut corrected = Vec::new();
+    // Where the links are at joint values zero, in the nominal file and in the new one.
+    let (mut nominal, mut new) = (Pose::identity(), Pose::identity());
+    let mut moving = 0;
+    for (i, joint) in joints.iter().enumerate() {
+        let before = nominal_origin(joint);
+        nominal = nominal * before;
+        let mut after = before;
+        if joint.joint_type != urdf_rs::JointType::Fixed {
+            // The calibrated axis, seen by a frame whose z it is, and from there by the link.
+            let link_from_normal = rotation_to_axis(&Vector3::from(*joint.axis.xyz));
+            let normal = gauge::nearest_on_axis(&calibrated[moving], &(nominal * link_from_normal));
+            after = new.inverse() * (normal * link_from_normal.inverse());
+            moving += 1;
+        } else if i == last_moving + 1 {
+            let behind = joints[i + 1..]
+                .iter()
+                .fold(Pose::identity(), |pose, joint| pose * nominal_origin(joint));
+            after = new.inverse() * flange * behind.inverse();
+        }
+        new = new * after;
+        let changes = joint.joint_type != urdf_rs::JointType::Fixed || i == last_moving + 1;
+        if changes {
+            corrected.push(Corrected {
+                joint: joint.name.clone(),
+                before,
+                after,
+            });
+        }
+    }
+    let mut tip = joints
+        .last()
+        .map_or_else(String::new, |joint| joint.child.link.clone());
+    let mut added = Vec::new();
+    if last_moving + 1 == joints.len() {
+        added.push(Added {
+            parent: tip,
+            link: FLANGE_LINK.to_owned(),
+            pose: new.inverse() * flange,
+        });
+        tip = FLANGE_LINK.to_owned();
+    }
+    if let Some(link) = target_link {
+        added.push(Added {
+            parent: tip,
+            link: link.to_owned(),
+            pose: chain.flange_from_target,
+        });
+    }
+    Changes { corrected, added }
+}
+
+/// A URDF of links without shapes, for arms that have none: base_link, a link behind every joint, tool0 (the flange).
+pub fn minimal(chain: &CalibratedChain, target_link: Option<&str>) -> String {
+    let nominal = at_zero(&chain.nominal_to_flange());
+    let calibrated = at_zero(&chain.to_flange());
+    let n = chain.joints.len();
+    let mut out = String::from("<?xml version=\"1.0\"?>\n");
+    out += &comment(chain);
+    let _ = writeln!(out, "<robot name=\"{}\">", escaped(&chain.name));
+    let link = |i: usize| match i {
+        0 => "base_link".to_owned(),
+        i => format!("link_{i}"),
+    };
+    for i in 0..=n {
+        let _ = writeln!(out, "  <link name=\"{}\"/>", link(i));
+    }
+    out += "  <link name=\"tool0\"/>\n";
+    let mut before = Pose::identity();
+    for (i, joint) in chain.joints.iter().enumerate() {
+        let frame = gauge::nearest_on_axis(&calibrated[i], &nominal[i]);
+        // Limits of a coupled joint are the controller's, and none of the chain's.
+        let alone = chain.coupling.as_ref().is_none_or(|rows| {
+            rows[i]
+                .iter()
+                .enumerate()
+                .all(|(j, c)| (i == j) == (*c != 0.0))
+        });
+        let limits = joint.limits.filter(|_| alone);
+        let kind = match (joint.kind, limits) {
+            (JointKind::Prismatic, _) => "prismatic",
+            (JointKind::Revolute, Some(_)) => "revolute",
+            (JointKind::Revolute, None) => "continuous",
+        };
+        let _ = writeln!(
+            out,
+            "  <joint name=\"{}\" type=\"{kind}\">\n    <parent link=\"{}\"/>\n    <child link=\"{}\"/>\n    {}\n    \
+             <axis xyz=\"0 0 1\"/>",
+            escaped(&joint.name),
+            link(i),
+            link(i + 1),
+            origin_tag(&(before.inverse() * frame), "/")
+        );
+        // A URDF without effort and velocity is refused by most readers; 0 stands for "not stated".
+        match (limits, kind) {
+            (Some((lower, upper)), _) => {
+                let _ = writeln!(
+                    out,
+                    "    <limit lower=\"{}\" upper=\"{}\" effort=\"0\" velocity=\"0\"/>",
+                    decimals(lower),
+                    decimals(upper)
+                );
+            }
+            (None, "prismatic") => {
+                out += "    <limit lower=\"-100\" upper=\"100\" effort=\"0\" velocity=\"0\"/>\n";
+            }
+            (None, _) => {}
+        }
+        out += "  </joint>\n";
+        before = frame;
+    }
+    let fixed = |parent: &str, added: &str, pose: &Pose<f64>| {
+        added_joint(
+            "  ",
+            &Added {
+                parent: parent.to_owned(),
+                link: added.to_owned(),
+                pose: *pose,
+            },
+        )
+    };
+    out += &fixed(&link(n), "tool0", &(before.inverse() * calibrated[n]));
+    if let Some(target) = target_link {
+        let _ = writeln!(out, "  <link name=\"{}\"/>", escaped(target));
+        out += &fixed("tool0", target, &chain.flange_from_target);
+    }
+    out += "</robot>\n";
+    out
+}
+
+/// A comment of XML with what is known of the calibration.
+pub(super) fn comment(chain: &CalibratedChain) -> String {
+    let mut out = String::from("<!--\n");
+    for line in comments(chain) {
+        // Two hyphens would end it.
+        let _ = writeln!(out, "  {}", line.replace("--", "- -"));
+    }
+    let _ = writeln!(
+        out,
+        "  the target in the flange (the tip): xyz {} m, rpy {} rad\n-->",
+        three(xyz(&chain.flange_from_target), " "),
+        three(rpy(&chain.flange_from_target), " ")
+    );
+    out
+}
+
+/// `<origin …/>`, closed by `end`.
+pub(super) fn origin_tag(pose: &Pose<f64>, end: &str) -> String {
+    format!(
+        "<origin xyz=\"{}\" rpy=\"{}\"{end}>",
+        three(xyz(pose), " "),
+        three(rpy(pose), " ")
+    )
+}
+
+/// The fixed joint that holds an added link.
+pub(super) fn added_joint(indent: &str, added: &Added) -> String {
+    let (parent, link) = (escaped(&added.parent), escaped(&added.link));
+    format!(
+        "{indent}<joint name=\"{link}_joint\" type=\"fixed\">\n{indent}{indent}<parent link=\"{parent}\"/>\n\
+         {indent}{indent}<child link=\"{link}\"/>\n{indent}{indent}{}\n{indent}</joint>\n",
+        origin_tag(&added.pose, "/")
+    )
+}
+
+/// Text as the value of an attribute.
+pub(super) fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;")
+        .replace('<', "&lt;")
+        .replace('>', "&gt;")
+        .replace('"', "&quot;")
+}

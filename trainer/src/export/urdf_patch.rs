@@ -1,0 +1,184 @@
+//! The nominal URDF with its origins exchanged, and every other byte as it was.
+//!
+//! The file is not parsed and written anew, which would lose comments, order and what this program does not know: the
+//! places of the `<origin>` tags are found by an XML reader, and only they are replaced.
+
+use std::collections::HashMap;
+use std::ops::Range;
+use std::path::Path;
+
+use quick_xml::Reader;
+use quick_xml::events::{BytesStart, Event};
+
+use crate::export::CalibratedChain;
+use crate::export::urdf::{Changes, added_joint, comment, escaped, origin_tag};
+use poegp_calibration::input_error::InputError;
+
+/// Where something stands in the text of a joint.
+#[derive(Clone, Debug)]
+struct Place {
+    /// The `<origin …>` tag; empty, behind the joint's start tag, where there is none.
+    origin: Range<usize>,
+    /// Whether it is closed in itself.
+    closed: bool,
+    /// Whether there is one.
+    there: bool,
+}
+
+/// The places of a file.
+struct Places {
+    joints: HashMap<String, Place>,
+    links: Vec<String>,
+    /// Before `<robot …>`.
+    robot: usize,
+    /// Before `</robot>`.
+    end: usize,
+}
+
+/// The text of the nominal file `text` with `changes` made in it; `file` is for messages.
+///
+/// # Errors
+/// [`InputError`] where a joint cannot be found, a name for a new link is taken, or the text is no XML.
+pub fn rewritten(
+    file: &Path,
+    text: &str,
+    chain: &CalibratedChain,
+    changes: &Changes,
+) -> Result<String, InputError> {
+    let places = places(file, text)?;
+    let line_end = if text.contains("\r\n") { "\r\n" } else { "\n" };
+    let mut edits: Vec<(Range<usize>, String)> = Vec::new();
+    for corrected in &changes.corrected {
+        let Some(place) = places.joints.get(&corrected.joint) else {
+            let found = format!("no <joint name=\"{}\"> below <robot>", corrected.joint);
+            return Err(InputError::new(
+                file,
+                found,
+                "every joint of the chain once, as it was read",
+            ));
+        };
+        let tag = origin_tag(&corrected.after, if place.closed { "/" } else { "" });
+        let tag = if place.there {
+            tag
+        } else {
+            format!("{line_end}    {tag}")
+        };
+        edits.push((place.origin.clone(), tag));
+    }
+    let mut added = String::new();
+    for new in &changes.added {
+        if places.links.contains(&new.link) {
+            let found = format!("a link \"{}\" already", new.link);
+            return Err(
+                InputError::new(file, found, "a new name for the link that is added").with_help(
+                    "choose another name for --target-link, or a tip behind a fixed joint",
+                ),
+            );
+        }
+        added += &format!(
+            "  <link name=\"{}\"/>\n{}",
+            escaped(&new.link),
+            added_joint("  ", new)
+        );
+    }
+    edits.push((places.end..places.end, added.replace('\n', line_end)));
+    edits.push((
+        places.robot..places.robot,
+        comment(chain).replace('\n', line_end),
+    ));
+    edits.sort_by_key(|(range, _)| range.start);
+    let mut out = String::with_capacity(text.len() + 4096);
+    let mut at = 0;
+    for (range, new) in edits {
+        out += &text[at..range.start];
+        out += &new;
+        at = range.end;
+    }
+    out += &text[at..];
+    Ok(out)
+}
+
+fn places(file: &Path, text: &str) -> Result<Places, InputError> {
+    let mut reader = Reader::from_str(text);
+    let mut places = Places {
+        joints: HashMap::new(),
+        links: Vec::new(),
+        robot: 0,
+        end: text.len(),
+    };
+    // Names of the elements that are open, and the joint among them.
+    let mut open: Vec<Vec<u8>> = Vec::new();
+    let mut joint: Option<String> = None;
+    loop {
+        let start = reader.buffer_position() as usize;
+        let event = reader.read_event().map_err(|error| {
+            let line = 1 + text[..start.min(text.len())].matches('\n').count();
+            InputError::new(file, error.to_string(), "XML").at_line(line)
+        })?;
+        let range = start..reader.buffer_position() as usize;
+        match event {
+            Event::Eof => return Ok(places),
+            Event::Start(tag) => {
+                seen(&mut places, &mut joint, &open, &tag, range, false);
+                open.push(tag.name().as_ref().to_vec());
+            }
+            Event::Empty(tag) => {
+                let before = joint.clone();
+                seen(&mut places, &mut joint, &open, &tag, range, true);
+                // An element without content encloses nothing.
+                joint = before;
+            }
+            Event::End(_) => {
+                open.pop();
+                match open.len() {
+                    0 => places.end = start,
+                    1 => joint = None,
+                    _ => {}
+                }
+            }
+            _ => {}
+        }
+    }
+}
+
+fn seen(
+    places: &mut Places,
+    joint: &mut Option<String>,
+    open: &[Vec<u8>],
+    tag: &BytesStart<'_>,
+    range: Range<usize>,
+    closed: bool,
+) {
+    let name = tag.name();
+    match (open.len(), name.as_ref()) {
+        (0, b"robot") => places.robot = range.start,
+        (1, b"link") => places.links.extend(attribute(tag, "name")),
+        (1, b"joint") => {
+            *joint = attribute(tag, "name");
+            if let (Some(name), false) = (joint.as_ref(), closed) {
+                let place = Place {
+                    origin: range.end..range.end,
+                    closed: true,
+                    there: false,
+                };
+                places.joints.insert(name.clone(), place);
+            }
+        }
+        (2, b"origin") => {
+            if let Some(place) = joint.as_ref().and_then(|name| places.joints.get_mut(name)) {
+                *place = Place {
+                    origin: range,
+                    closed,
+                    there: true,
+                };
+            }
+        }
+        _ => {}
+    }
+}
+
+fn attribute(tag: &BytesStart<'_>, key: &str) -> Option<String> {
+    let found = tag.try_get_attribute(key).ok()??;
+    let value = found.unescape_value().ok()?;
+    Some(value.into_owned())
+}
