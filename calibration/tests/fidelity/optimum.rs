@@ -6,7 +6,8 @@ use poegp_calibration::learning::task_space::fit::{
 };
 use poegp_calibration::learning::task_space::likelihood::log_marginal_likelihood;
 use poegp_calibration::learning::task_space::{Pairs, input, scale_outputs};
-use poegp_calibration::model::{Method, Options, calibrate, in_base_frame};
+use poegp_calibration::measurement::sample::in_base_frame;
+use poegp_calibration::model::{Method, Options, calibrate};
 use poegp_protocol::limits::OUTPUTS;
 use poegp_runtime::se3::residual;
 use rand::{RngExt, SeedableRng};
