@@ -15,6 +15,7 @@ const SOURCES: [&str; 9] = [
     "memory.x",
     "protocol",
     "runtime",
+    "calibration",
     "trainer",
     "firmware",
     "tests/Cargo.toml",
