@@ -9,7 +9,7 @@ use poegp_tests::workspace;
 use sha2::{Digest, Sha256};
 
 /// What a build of the firmware needs of the workspace.
-const SOURCES: [&str; 9] = [
+const SOURCES: [&str; 10] = [
     "Cargo.toml",
     "Cargo.lock",
     "memory.x",
