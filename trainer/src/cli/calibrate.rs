@@ -179,7 +179,7 @@ pub fn run(a: &Calibrate) -> Result<(), Failure> {
     provenance.files.push(written);
     let mut document = document(a, &calibration, &blob, &fidelity, training, provenance);
     document.held_out = evidence.as_ref().map(Evidence::facts);
-    document.elastic = ElasticFacts::new(&calibration, &lines);
+    document.elastic = ElasticFacts::new(&calibration, &samples, &lines);
     document.choice = table;
     document.budget = fitted;
     document.drift = drift.map(|d| d.report);

@@ -110,7 +110,7 @@ mod board {
             arm: &mut Simulator,
         ) -> Result<(), Failure> {
             report.line(format_args!(
-                "\n4. Bring models onto the co-processor, and have the simulated arm execute {} commands that were not\n   \
+                "\n5. Bring models onto the co-processor, and have the simulated arm execute {} commands that were not\n   \
                  trained on: as they are, and as the device corrects them. Error of the pose against the nominal robot.\n",
                 poses.len()
             ));

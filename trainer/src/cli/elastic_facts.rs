@@ -5,13 +5,15 @@ use serde::Serialize;
 use crate::cli::report::Report;
 use crate::report::sections::{ListedOutlier, Ripple};
 use poegp_calibration::learning::elastic::outliers::{OutlierPolicy, Reason};
+use poegp_calibration::measurement::sample::Sample;
 use poegp_calibration::model::Calibration;
 
 /// The part of `--json`.
 #[derive(Serialize)]
 pub struct ElasticFacts {
     noise_mm: f64,
-    noise_mrad: f64,
+    /// `None` where no orientation was measured.
+    noise_mrad: Option<f64>,
     support: usize,
     ripple: Vec<RippleFacts>,
     outliers: Vec<OutlierFacts>,
@@ -46,8 +48,8 @@ struct OutlierFacts {
 }
 
 impl ElasticFacts {
-    /// Of a calibration; `lines` are the lines of the samples in their file.
-    pub fn new(calibration: &Calibration, lines: &[usize]) -> Option<Self> {
+    /// Of a calibration with these samples; `lines` are their lines in the file.
+    pub fn new(calibration: &Calibration, samples: &[Sample], lines: &[usize]) -> Option<Self> {
         let elastic = calibration.elastic.as_ref()?;
         let report = &elastic.report;
         let options = &calibration.options.elastic;
@@ -76,7 +78,10 @@ impl ElasticFacts {
         });
         Some(Self {
             noise_mm: 1e3 * report.position_noise,
-            noise_mrad: 1e3 * report.orientation_noise,
+            noise_mrad: samples
+                .iter()
+                .any(|s| !s.position_only)
+                .then_some(1e3 * report.orientation_noise),
             support: report.support,
             ripple: ripple.collect(),
             outliers: outliers.collect(),
@@ -108,9 +113,12 @@ impl ElasticFacts {
 
     /// The same for a reader.
     pub fn print(&self, report: Report) {
+        let orientation = self
+            .noise_mrad
+            .map_or(String::new(), |mrad| format!(", {mrad:.4} mrad"));
         report.line(format_args!(
-            "  fitted noise of one component: {:.4} mm, {:.4} mrad",
-            self.noise_mm, self.noise_mrad
+            "  fitted noise of one component: {:.4} mm{orientation}",
+            self.noise_mm
         ));
         if let Some(sigma) = &self.device_sigma {
             report.line(format_args!(
