@@ -274,7 +274,7 @@ pub fn urdfs() -> Vec<Vec<u8>> {
 
 /// Robot descriptions.
 pub fn tomls() -> Vec<Vec<u8>> {
-    files("trainer/robots", "toml", usize::MAX)
+    files("calibration/robots", "toml", usize::MAX)
 }
 
 /// Constraints of a plan: the page's example and a short one.
