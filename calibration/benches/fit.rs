@@ -11,9 +11,11 @@ use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use faer::Mat;
 use poegp_calibration::blob::predict::LoadedBlob;
 use poegp_calibration::blob::write::{Origin, calibrate_for_device, nominal_chain};
-use poegp_calibration::learning::elastic::fit::{ElasticFit, ElasticOptions, fit};
+use poegp_calibration::learning::elastic::fit::fit;
 use poegp_calibration::learning::elastic::inducing_points::choose;
 use poegp_calibration::learning::elastic::likelihood::{Evidence, Search};
+use poegp_calibration::learning::elastic::options::ElasticOptions;
+use poegp_calibration::learning::elastic::solution::ElasticFit;
 use poegp_calibration::learning::task_space::likelihood::{
     LikelihoodWorkspace, log_marginal_likelihood_in,
 };

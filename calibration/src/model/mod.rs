@@ -16,7 +16,7 @@ use crate::identification::base_tools::{Ends, ends, tool_count};
 use crate::identification::frame_fit::{FrameFit, ResidualKind, fit_frames, residual_components};
 use crate::learning::elastic;
 use crate::learning::elastic::device_variance::device_sigma;
-use crate::learning::elastic::fit::ElasticOptions;
+use crate::learning::elastic::options::ElasticOptions;
 use crate::learning::elastic::outliers::Outlier;
 use crate::learning::elastic::predictive_variance::Uncertainty;
 use crate::learning::elastic::reduced_model::ElasticModel;

@@ -10,7 +10,8 @@ use serde::Serialize;
 
 use crate::device_cost::{ElasticSize, SetSizes, blob_bytes, instructions};
 use crate::learning::elastic::device_variance::LANDMARKS;
-use crate::learning::elastic::inducing_sets::{MAX_PAYLOADS, SetLimits};
+use crate::learning::elastic::inducing_sets::MAX_PAYLOADS;
+use crate::learning::elastic::options::SetLimits;
 use crate::measurement::sample::Sample;
 use crate::model::Options;
 use crate::numeric::statistics::Summary;

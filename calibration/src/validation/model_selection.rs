@@ -7,7 +7,7 @@
 
 use serde::Serialize;
 
-use crate::learning::elastic::fit::ElasticOptions;
+use crate::learning::elastic::options::ElasticOptions;
 use crate::learning::task_space::fit::Sharing;
 use crate::measurement::sample::Sample;
 use crate::model::{Method, Options, fewest_poses};

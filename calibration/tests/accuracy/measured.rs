@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 
 use poegp_calibration::blob::write::calibrate_for_device;
-use poegp_calibration::learning::elastic::outliers::OutlierPolicy;
+use poegp_calibration::learning::elastic::options::OutlierPolicy;
 use poegp_calibration::measurement::sample::Sample;
 use poegp_calibration::model::{Method, Options};
 use poegp_calibration::numeric::statistics::ErrorSummary;

@@ -6,7 +6,7 @@ use std::path::Path;
 
 use poegp_calibration::blob::write::calibrate_for_device;
 use poegp_calibration::device_cost::SetSizes;
-use poegp_calibration::learning::elastic::inducing_sets::SetLimits;
+use poegp_calibration::learning::elastic::options::SetLimits;
 use poegp_calibration::measurement as measurements;
 use poegp_calibration::measurement::folds::assign;
 use poegp_calibration::measurement::sample::Sample;

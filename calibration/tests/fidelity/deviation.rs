@@ -3,7 +3,8 @@
 use faer::linalg::solvers::DenseSolveCore;
 use poegp_calibration::identification::base_tool::with_ends;
 use poegp_calibration::identification::base_tools::ends;
-use poegp_calibration::learning::elastic::fit::{ElasticOptions, fit};
+use poegp_calibration::learning::elastic::fit::fit;
+use poegp_calibration::learning::elastic::options::ElasticOptions;
 use poegp_calibration::learning::elastic::predictive_variance::Uncertainty;
 use poegp_calibration::learning::elastic::reduced_model::ElasticModel;
 use poegp_calibration::measurement::sample::in_base_frame;

@@ -3,7 +3,7 @@
 use poegp_calibration::blob::write::{
     DeviceError, ExportError, MAX_F32_ERROR_M, MEAN_F32_ERROR_M, Origin, calibrate_for_device,
 };
-use poegp_calibration::learning::elastic::inducing_sets::SetLimits;
+use poegp_calibration::learning::elastic::options::SetLimits;
 use poegp_calibration::learning::task_space::fit::Sharing;
 use poegp_calibration::measurement::sample::Sample;
 use poegp_calibration::model::{Method, Options};

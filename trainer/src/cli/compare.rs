@@ -13,9 +13,7 @@ use crate::cli::{
     equations, file_name, instrument_noise, json_text, origin, progress, write_outputs,
 };
 use crate::report::{Evidence, HeldOutFacts, How, Provenance};
-use poegp_calibration::learning::elastic::fit::ElasticOptions;
-use poegp_calibration::learning::elastic::inducing_sets::SetLimits;
-use poegp_calibration::learning::elastic::outliers::OutlierPolicy;
+use poegp_calibration::learning::elastic::options::{ElasticOptions, OutlierPolicy, SetLimits};
 use poegp_calibration::learning::task_space::fit::Sharing;
 use poegp_calibration::measurement::MeasurementSet;
 use poegp_calibration::measurement::instrument_drift::{Drift, DriftReport};

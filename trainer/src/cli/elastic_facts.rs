@@ -4,7 +4,8 @@ use serde::Serialize;
 
 use crate::cli::report::Report;
 use crate::report::sections::{ListedOutlier, Ripple};
-use poegp_calibration::learning::elastic::outliers::{OutlierPolicy, Reason};
+use poegp_calibration::learning::elastic::options::OutlierPolicy;
+use poegp_calibration::learning::elastic::outliers::Reason;
 use poegp_calibration::measurement::sample::Sample;
 use poegp_calibration::model::Calibration;
 

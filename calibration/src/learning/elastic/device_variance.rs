@@ -19,8 +19,9 @@ use poegp_runtime::deflection::{
     Configuration, CouplingMatrix, JointKernel, PositionVariance, landmark_place, prior,
 };
 
-use crate::learning::elastic::fit::{ElasticFit, RobustFit};
+use crate::learning::elastic::fit::RobustFit;
 use crate::learning::elastic::inducing_points::kernel;
+use crate::learning::elastic::solution::ElasticFit;
 use crate::measurement::sample::Sample;
 
 /// Landmarks of a blob. Ratio to the trainer's standard deviation on held-out poses of the wild arm, 90 % of them:

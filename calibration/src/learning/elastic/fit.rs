@@ -1,7 +1,6 @@
 //! The elastic model, fitted: parameters first, then gear ripple, then everything together with the processes.
 
 use faer::Mat;
-use nalgebra::Vector3;
 use poegp_runtime::deflection::RippleTerm;
 use poegp_runtime::poe::Poe;
 use poegp_runtime::se3::Pose;
@@ -13,55 +12,15 @@ use crate::identification::parametric::fit::parametric_fit;
 use crate::identification::parametric::ripple::{Peak, SIGNIFICANT, peaks};
 use crate::identification::parametric::state::{Layout, Linearised, ROWS, State};
 use crate::learning::elastic::hyperparameters::HyperLayout;
-use crate::learning::elastic::inducing_sets::SetLimits;
 use crate::learning::elastic::likelihood::{Evidence, Inputs, Search, Solved};
-use crate::learning::elastic::outliers::{
-    LeaveOneOut, Outlier, OutlierPolicy, gross, leave_one_out,
-};
+use crate::learning::elastic::options::{ElasticOptions, OutlierPolicy};
+use crate::learning::elastic::outliers::{LeaveOneOut, Outlier, gross, leave_one_out};
+use crate::learning::elastic::solution::ElasticFit;
 use crate::measurement::noise::Scales;
 use crate::measurement::sample::Sample;
 use crate::numeric::lbfgs::{Ending, minimize};
 use crate::progress;
 use poegp_protocol::limits::MAX_RIPPLE;
-
-/// How the elastic model is fitted.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ElasticOptions {
-    /// One set of length scales for all joints: one exponential for each support point on the device.
-    pub tied: bool,
-    /// Gravity terms of links and payload.
-    pub gravity_terms: bool,
-    /// Joint-space processes.
-    pub processes: bool,
-    /// Gear ripple.
-    pub ripple: bool,
-    /// Gravity in the base frame, m/s².
-    pub gravity: Vector3<f64>,
-    /// Support points on the device; `None` keeps all.
-    pub support: Option<usize>,
-    /// A support set for each joint in their place, of a model with own length scales.
-    pub sets: Option<SetLimits>,
-    /// What is done with measurements that do not belong.
-    pub outliers: OutlierPolicy,
-    /// Whether a model with tied length scales gets a standard deviation for the device.
-    pub device_sigma: bool,
-}
-
-impl Default for ElasticOptions {
-    fn default() -> Self {
-        Self {
-            tied: false,
-            gravity_terms: true,
-            processes: true,
-            ripple: true,
-            gravity: Vector3::new(0.0, 0.0, -9.81),
-            support: Some(100),
-            sets: None,
-            outliers: OutlierPolicy::Report,
-            device_sigma: true,
-        }
-    }
-}
 
 /// Poses that the hyperparameters are learnt from.
 const HYPERPARAMETER_POSES: usize = 200;
@@ -80,24 +39,6 @@ pub fn solve_units(poses: usize) -> u64 {
 /// The parameters alone and their gear ripple, likewise.
 fn setup_units(poses: usize) -> u64 {
     1 + poses as u64 / 50
-}
-
-/// A fitted elastic model, before it is reduced.
-pub struct ElasticFit {
-    /// Parameters.
-    pub state: State,
-    /// Hyperparameters, as [`HyperLayout`] has them.
-    pub hyperparameters: Vec<f64>,
-    /// What they mean.
-    pub layout: HyperLayout,
-    /// Scales of the rows.
-    pub scales: Scales,
-    /// Inputs of the processes.
-    pub inputs: Inputs,
-    /// The solution with all poses as support, when there are processes.
-    pub solved: Option<Solved>,
-    /// Where the model was linearised for it: `state` has moved on since.
-    pub origin: State,
 }
 
 /// A fit with the measurements that do not belong.

@@ -15,8 +15,8 @@ use poegp_runtime::poe::Motions;
 
 use crate::identification::parametric::state::prior_variance;
 use crate::identification::parametric::state::{Linearised, ROWS};
-use crate::learning::elastic::fit::ElasticFit;
 use crate::learning::elastic::hyperparameters::DEFLECTION_UNIT;
+use crate::learning::elastic::solution::ElasticFit;
 use crate::measurement::sample::Sample;
 
 /// Support points with their weights.

@@ -21,9 +21,10 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::device_cost::{set_block_instructions, set_row_instructions};
 use crate::identification::parametric::state::Linearised;
-use crate::learning::elastic::fit::ElasticFit;
 use crate::learning::elastic::hyperparameters::DEFLECTION_UNIT;
 use crate::learning::elastic::inducing_points::{Centred, gathered_to, kernel, solve};
+use crate::learning::elastic::options::SetLimits;
+use crate::learning::elastic::solution::ElasticFit;
 use crate::measurement::sample::Sample;
 
 /// Variance that a joint's length scale may leave unexplained for the joint to be left out, as part of the noise of all
@@ -41,15 +42,6 @@ const _: () = assert!(MAX_PAYLOADS <= MAX_GROUPS);
 /// Poses whose kernels may be chosen, and poses at which they are compared beside as many between poses.
 const MAX_CANDIDATES: usize = 400;
 const MAX_PLACES: usize = 600;
-
-/// How large the sets of all joints may be together.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct SetLimits {
-    /// Most functions.
-    pub functions: usize,
-    /// Most instructions on the device, by the cost model, of the rows and of their payload groups.
-    pub instructions: Option<u64>,
-}
 
 /// One chosen function.
 #[derive(Clone, Copy, Debug)]

@@ -9,10 +9,10 @@ use faer::linalg::solvers::{DenseSolveCore, Solve};
 use faer::{Mat, Side};
 
 use crate::identification::parametric::state::{ROWS, State};
-use crate::learning::elastic::fit::ElasticFit;
-use crate::learning::elastic::variance_inflation::{Standardised, factor};
+use crate::learning::elastic::solution::ElasticFit;
 use crate::measurement::noise::Scales;
 use crate::measurement::sample::Sample;
+use crate::numeric::statistics::{Standardised, calibration_factor};
 
 /// χ² of a pose left out, above which it is an outlier: six degrees of freedom, p < 10⁻⁶.
 pub const LEFT_OUT: f64 = 40.0;
@@ -20,15 +20,6 @@ pub const LEFT_OUT: f64 = 40.0;
 const GROSS: f64 = 100.0;
 /// Rounds until the set of believed poses settles.
 const ROUNDS: usize = 6;
-
-/// What is done with outliers.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum OutlierPolicy {
-    /// They are reported and kept.
-    Report,
-    /// They are reported and left out.
-    Reject,
-}
 
 /// How an outlier was found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -144,6 +135,6 @@ pub fn leave_one_out(fit: &ElasticFit, samples: &[Sample]) -> LeaveOneOut {
                 .push((error[(i, 0)] / covariance[(i, i)].sqrt()).abs());
         }
     }
-    out.inflation = factor(&mut standardised);
+    out.inflation = calibration_factor(&mut standardised);
     out
 }

@@ -16,9 +16,10 @@ use poegp_runtime::se3::{Pose, Twist};
 
 use crate::identification::parametric::state::State;
 use crate::learning::elastic::device_variance::DeviceSigma;
-use crate::learning::elastic::fit::{ElasticFit, ElasticOptions};
 use crate::learning::elastic::inducing_points::{Support, gathered, reduce};
 use crate::learning::elastic::inducing_sets::{Sets, choose};
+use crate::learning::elastic::options::ElasticOptions;
+use crate::learning::elastic::solution::ElasticFit;
 use crate::measurement::sample::Sample;
 
 /// An elastic model in f64.

@@ -1,0 +1,60 @@
+//! How the elastic model is fitted.
+
+use nalgebra::Vector3;
+
+/// How the elastic model is fitted.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ElasticOptions {
+    /// One set of length scales for all joints: one exponential for each support point on the device.
+    pub tied: bool,
+    /// Gravity terms of links and payload.
+    pub gravity_terms: bool,
+    /// Joint-space processes.
+    pub processes: bool,
+    /// Gear ripple.
+    pub ripple: bool,
+    /// Gravity in the base frame, m/s².
+    pub gravity: Vector3<f64>,
+    /// Support points on the device; `None` keeps all.
+    pub support: Option<usize>,
+    /// A support set for each joint in their place, of a model with own length scales.
+    pub sets: Option<SetLimits>,
+    /// What is done with measurements that do not belong.
+    pub outliers: OutlierPolicy,
+    /// Whether a model with tied length scales gets a standard deviation for the device.
+    pub device_sigma: bool,
+}
+
+impl Default for ElasticOptions {
+    fn default() -> Self {
+        Self {
+            tied: false,
+            gravity_terms: true,
+            processes: true,
+            ripple: true,
+            gravity: Vector3::new(0.0, 0.0, -9.81),
+            support: Some(100),
+            sets: None,
+            outliers: OutlierPolicy::Report,
+            device_sigma: true,
+        }
+    }
+}
+
+/// How large the sets of all joints may be together.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SetLimits {
+    /// Most functions.
+    pub functions: usize,
+    /// Most instructions on the device, by the cost model, of the rows and of their payload groups.
+    pub instructions: Option<u64>,
+}
+
+/// What is done with outliers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum OutlierPolicy {
+    /// They are reported and kept.
+    Report,
+    /// They are reported and left out.
+    Reject,
+}

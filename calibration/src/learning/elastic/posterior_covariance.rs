@@ -1,0 +1,177 @@
+//! The posterior covariance of the elastic model: how well it predicts, before any correction of that statement.
+//!
+//! For a new pose y* = A* x + Σ_c J*_c δ_c(q*, m*): cov(y*) = P** − C S⁻¹ Cᵀ, with P** the prior covariance of y* and C its
+//! covariance with the measurements; both from parameters and processes. What the reduction to fewer support points adds
+//! is below a hundredth and left out.
+//!
+//! Everything is linearised around the parameters that S is: base and tool have priors of 60 mm, and where C is linear around
+//! others by a ten-thousandth, P** − C S⁻¹ Cᵀ is noise of the size of what it should be.
+
+use std::sync::OnceLock;
+
+use faer::linalg::solvers::{DenseSolveCore, Solve};
+use faer::{Mat, Side};
+use poegp_protocol::limits::MAX_GROUPS;
+use poegp_runtime::deflection::{JointKernel, similarity};
+
+use crate::identification::parametric::state::{Linearised, ROWS, prior_variance};
+use crate::learning::elastic::likelihood::Solved;
+use crate::learning::elastic::solution::ElasticFit;
+use crate::measurement::noise::InstrumentNoise;
+use crate::measurement::sample::Sample;
+use crate::numeric::statistics::{Standardised, calibration_factor};
+
+/// Payloads that differ by less than this share of the largest are the same.
+const SAME_PAYLOAD: f64 = 0.01;
+
+/// A fit with what the covariance of its predictions needs.
+pub struct PosteriorCovariance {
+    fit: ElasticFit,
+    linear: Linearised,
+    kernels: Vec<JointKernel<f64>>,
+    /// Noise of a measurement that states none.
+    typical: InstrumentNoise,
+    samples: Vec<Sample>,
+    /// By how much more deviations must be multiplied where the payload was not trained.
+    other_payload: OnceLock<[f64; 2]>,
+}
+
+impl PosteriorCovariance {
+    /// Of a fit to `samples`; `None` when it has no processes.
+    pub fn new(fit: ElasticFit, samples: &[Sample]) -> Option<Self> {
+        fit.solved.as_ref()?;
+        let linear = fit.origin.linearise(samples, fit.scales);
+        let kernels = fit.layout.kernels(&fit.hyperparameters);
+        Some(Self {
+            fit,
+            linear,
+            kernels,
+            typical: InstrumentNoise::typical(samples),
+            samples: samples.to_vec(),
+            other_payload: OnceLock::new(),
+        })
+    }
+
+    /// The samples of the fit.
+    pub fn samples(&self) -> &[Sample] {
+        &self.samples
+    }
+
+    /// By how much more than at a trained payload the standard deviations of position and rotation must be multiplied at
+    /// `payload_kg`; `left_out` is the factor that leaving single poses out asked for.
+    pub fn payload_factor(&self, payload_kg: Option<f64>, left_out: [f64; 2]) -> [f64; 2] {
+        let payload = payload_kg.unwrap_or(0.0);
+        let trained = &self.fit.inputs.payloads;
+        let widest = trained.iter().fold(0.0_f64, |w, m| w.max(*m));
+        let same = |m: &f64| (m - payload).abs() <= SAME_PAYLOAD * widest;
+        if trained.iter().any(same) {
+            return [1.0; 2];
+        }
+        *self.other_payload.get_or_init(|| {
+            let solved = self.fit.solved.as_ref();
+            let found = solved.and_then(|s| payloads_left_out(s, &self.samples));
+            let share = |i: usize| found.map_or(1.0, |f| (f[i] / left_out[i]).max(1.0));
+            [share(0), share(1)]
+        })
+    }
+
+    /// Standard deviation of a new measurement about its prediction, times `factor` of position and of rotation: position
+    /// along the axes of the base frame in metres, rotation about them in radians. A measurement that states no noise of
+    /// its own has that of a typical training row.
+    pub fn standard_deviation(&self, sample: &Sample, factor: [f64; 2]) -> [f64; ROWS] {
+        let fit = &self.fit;
+        let Some(solved) = &fit.solved else {
+            return [f64::NAN; ROWS];
+        };
+        let whole = Sample {
+            position_only: false,
+            stated: sample.stated.or(self.typical),
+            ..sample.clone()
+        };
+        let scales = fit.scales.of(&whole);
+        let new = fit.origin.linearise(&[whole], fit.scales);
+        let groups = fit.origin.layout.groups();
+        let lambda: Vec<f64> = groups
+            .iter()
+            .map(|g| prior_variance(*g, &fit.hyperparameters))
+            .collect();
+        let scaled = Mat::from_fn(ROWS, lambda.len(), |i, j| new.a[(i, j)] * lambda[j]);
+        let mut prior = &scaled * new.a.transpose();
+        let mut cross = &scaled * self.linear.a.transpose();
+        let features = fit.origin.features(sample);
+        let payload = sample.payload_kg.unwrap_or(0.0);
+        for (c, kernel) in self.kernels.iter().enumerate() {
+            let own = kernel.payload_factor(payload, payload);
+            for a in 0..ROWS {
+                for b in 0..ROWS {
+                    prior[(a, b)] += new.jacobian[(a, c)] * new.jacobian[(b, c)] * own;
+                }
+            }
+            for (k, (other, other_payload)) in fit
+                .inputs
+                .features
+                .iter()
+                .zip(&fit.inputs.payloads)
+                .enumerate()
+            {
+                let mut s = [0.0; 8];
+                for (d, kind) in fit.inputs.kinds.iter().enumerate() {
+                    s[d] = similarity(*kind, &features[d], &other[d]);
+                }
+                let value =
+                    kernel.payload_factor(payload, *other_payload) * kernel.joint_factor(&s);
+                for row in ROWS * k..ROWS * (k + 1) {
+                    let moved = value * self.linear.jacobian[(row, c)];
+                    for a in 0..ROWS {
+                        cross[(a, row)] += new.jacobian[(a, c)] * moved;
+                    }
+                }
+            }
+        }
+        let explained = &cross * solved.factor.solve(cross.transpose());
+        std::array::from_fn(|a| {
+            let h = fit.hyperparameters[usize::from(a >= 3)];
+            let noise = h.exp() * new.relative_noise(a, h).powi(2);
+            let scale = if a < 3 {
+                scales.position
+            } else {
+                scales.orientation
+            };
+            factor[usize::from(a >= 3)]
+                * scale
+                * ((prior[(a, a)] - explained[(a, a)]).max(0.0) + noise).sqrt()
+        })
+    }
+}
+
+/// Leaves the poses of each payload out of `solved` together; `None` when there is one payload only, or so many that a
+/// pose left out alone has no neighbours of its own payload.
+fn payloads_left_out(solved: &Solved, samples: &[Sample]) -> Option<[f64; 2]> {
+    let mut payloads: Vec<f64> = samples.iter().filter_map(|s| s.payload_kg).collect();
+    payloads.sort_by(f64::total_cmp);
+    payloads.dedup();
+    if !(2..=MAX_GROUPS).contains(&payloads.len()) {
+        return None;
+    }
+    let inverse = solved.factor.inverse();
+    let mut all: Standardised = [Vec::new(), Vec::new()];
+    for payload in payloads {
+        let rows: Vec<usize> = (0..samples.len())
+            .filter(|k| samples[*k].payload_kg == Some(payload))
+            .flat_map(|k| {
+                let rows = if samples[k].position_only { 3 } else { ROWS };
+                ROWS * k..ROWS * k + rows
+            })
+            .collect();
+        // The errors of the rows left out are the block's inverse times α, and that inverse is their covariance.
+        let block = Mat::from_fn(rows.len(), rows.len(), |i, j| inverse[(rows[i], rows[j])]);
+        let alpha = Mat::from_fn(rows.len(), 1, |i, _| solved.alpha[(rows[i], 0)]);
+        let factor = block.llt(Side::Lower).ok()?;
+        let (error, covariance) = (factor.solve(&alpha), factor.inverse());
+        for (i, row) in rows.iter().enumerate() {
+            let z = error[(i, 0)] / covariance[(i, i)].sqrt();
+            all[usize::from(row % ROWS >= 3)].push(z.abs());
+        }
+    }
+    Some(calibration_factor(&mut all))
+}
