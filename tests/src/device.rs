@@ -1,7 +1,9 @@
 //! A device to test: an emulated board and the trainer's client of its link.
 
+use std::os::unix::net::UnixStream;
 use std::time::Duration;
 
+use crate::firmware_build::{Board, FirmwareError, firmware_of};
 use poegp_protocol::link::{
     Commanded, Corrected, Evaluation, Identity, Query, Refusal, Request, Response, Statistics,
     StoredModel, Trace,
@@ -9,7 +11,6 @@ use poegp_protocol::link::{
 use poegp_trainer::device::client::{Client, Options};
 use poegp_trainer::device::emulator::{Clock, Emulator, EmulatorError, Machine};
 use poegp_trainer::device::error::ClientError;
-use poegp_trainer::device::firmware::{Board, FirmwareError, firmware_of};
 
 /// No machine of a test runs longer.
 const TIME_LIMIT: Duration = Duration::from_secs(300);
@@ -74,12 +75,23 @@ impl Device {
         Self::watched(machine, &[])
     }
 
-    /// The same with further arguments for QEMU.
+    /// A machine with a time limit of its own.
+    ///
+    /// # Errors
+    /// [`DeviceError::Emulator`].
+    pub fn on_for(machine: &Machine<'_>, time_limit: Duration) -> Result<Self, DeviceError> {
+        Self::over(Emulator::start(machine, time_limit)?)
+    }
+
+    /// A machine with further arguments for QEMU.
     ///
     /// # Errors
     /// [`DeviceError::Emulator`].
     pub fn watched(machine: &Machine<'_>, arguments: &[String]) -> Result<Self, DeviceError> {
-        let (emulator, link) = Emulator::start_with(machine, TIME_LIMIT, arguments)?;
+        Self::over(Emulator::start_with(machine, TIME_LIMIT, arguments)?)
+    }
+
+    fn over((emulator, link): (Emulator, UnixStream)) -> Result<Self, DeviceError> {
         let client = Client::over(Box::new(link), "the emulator".to_owned(), OPTIONS);
         Ok(Self { emulator, client })
     }

@@ -12,8 +12,8 @@ use std::process::Command;
 use std::thread;
 use std::time::{Duration, Instant};
 
+use crate::firmware_build::{Board, firmware_of};
 use poegp_trainer::device::emulator::{Clock, Machine};
-use poegp_trainer::device::firmware::{Board, firmware_of};
 
 use crate::device::{Device, DeviceError};
 

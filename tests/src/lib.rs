@@ -13,8 +13,10 @@
 #![deny(unsafe_code)]
 
 pub mod bad_line;
+pub mod demo;
 pub mod device;
 pub mod execution;
+pub mod firmware_build;
 pub mod fuzzing;
 pub mod image;
 pub mod parts;
@@ -24,7 +26,7 @@ pub mod stages;
 
 use std::path::Path;
 
-pub use poegp_trainer::device::{emulator, firmware, log};
+pub use poegp_trainer::device::{emulator, log};
 
 /// The root of the workspace.
 ///

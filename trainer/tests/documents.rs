@@ -9,6 +9,7 @@
 //! <!-- test: first -->           run by a test of its own
 //! ```
 //!
+//! In a block that is run, `cargo run --release -p poegp-tests --example firmware FILE` builds the image without that cargo.
 //! All blocks of a document share one new folder. There is no shell: no quotes, pipes or variables. A line that ends with
 //! `&` goes on in the background until the end of the document; the next waits until it has printed what it has to say.
 
@@ -17,8 +18,17 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
+#[cfg(unix)]
+#[allow(dead_code, reason = "the tests of the device use more of it")]
+#[path = "../../tests/src/firmware_build.rs"]
+mod firmware_build;
+
 /// Instruction of the README's way from a clone to a report.
 const FIRST: &str = "first";
+
+/// What builds the firmware in a clone.
+#[cfg(unix)]
+const FIRMWARE: &str = "cargo run --release -p poegp-tests --example firmware ";
 
 /// A fenced block that is part of the test.
 struct Block {
@@ -124,6 +134,12 @@ fn run_block(block: &Block, folder: &Path, exit: i32, place: &str, background: &
     let (mut commands, mut printed) = (0, String::new());
     for line in block.text.replace("\\\n", " ").lines() {
         let typed = line.strip_prefix("$ ").unwrap_or(line);
+        #[cfg(unix)]
+        if let Some(file) = typed.strip_prefix(FIRMWARE) {
+            let image = firmware_build::firmware().unwrap_or_else(|error| panic!("{error}"));
+            fs::copy(&image.elf, folder.join(file)).unwrap();
+            continue;
+        }
         let Some(arguments) = typed.strip_prefix("trainer ") else {
             let is_output = !line.is_empty() && !line.starts_with('#');
             assert!(

@@ -7,7 +7,7 @@ use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 use std::{env, fs, thread};
 
-use poegp_tests::firmware::{TARGET, Toolchain, firmware};
+use poegp_tests::firmware_build::{TARGET, Toolchain, firmware};
 use poegp_tests::workspace;
 
 /// Where a program runs.

@@ -6,7 +6,7 @@ use poegp_protocol::link::{Key, PROTOCOL_VERSION, Refusal, Request, Response};
 use poegp_runtime::store::StoreError;
 use poegp_tests::device::{Device, DeviceError};
 use poegp_tests::emulator::{Clock, EmulatorError, Machine};
-use poegp_tests::firmware::{Board, firmware_of};
+use poegp_tests::firmware_build::{Board, firmware_of};
 use poegp_tests::image::Image;
 use poegp_tests::sample::{Elastic, Sample, Support, odd_queries};
 use poegp_tests::stages::{CommandBits, Host};

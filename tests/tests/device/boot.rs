@@ -9,7 +9,7 @@ use poegp_protocol::link::{Key, ModelIdentity, PROTOCOL_VERSION};
 use poegp_runtime::model::words_for;
 use poegp_runtime::status::Status;
 use poegp_tests::emulator::{Clock, Emulator, Machine};
-use poegp_tests::firmware::{Board, firmware};
+use poegp_tests::firmware_build::{Board, firmware};
 use poegp_tests::image::Image;
 use poegp_tests::log;
 use poegp_tests::sample::{JOINTS, Sample, Support};

@@ -4,7 +4,7 @@ use poegp_calibration::device_cost::{ElasticSize, blob_bytes, instructions as in
 use poegp_protocol::link::Query;
 use poegp_tests::device::Device;
 use poegp_tests::emulator::{Clock, instructions};
-use poegp_tests::firmware::{Toolchain, firmware};
+use poegp_tests::firmware_build::{Toolchain, firmware};
 use poegp_tests::sample::{self, Elastic, Sample, Support};
 
 /// Instructions of each evaluation.

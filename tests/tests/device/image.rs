@@ -2,7 +2,7 @@
 
 use poegp_protocol::link::{MAX_PIECE, Query, Request, Response};
 use poegp_tests::device::Device;
-use poegp_tests::firmware::firmware;
+use poegp_tests::firmware_build::firmware;
 use poegp_tests::image::Image;
 use poegp_tests::sample::{Elastic, Sample, Support, odd_queries};
 use poegp_trainer::signing::SecretKey;

@@ -5,7 +5,7 @@
 use poegp_protocol::link::Query;
 use poegp_tests::device::Device;
 use poegp_tests::emulator::{Clock, Machine, instructions};
-use poegp_tests::firmware::{Board, Kernels, firmware_with};
+use poegp_tests::firmware_build::{Board, Kernels, firmware_with};
 use poegp_tests::sample::{Elastic, Sample, Support, odd_queries};
 use poegp_tests::stages::{Host, Stages};
 

@@ -10,7 +10,7 @@ use poegp_protocol::blob;
 use poegp_protocol::link::Query;
 use poegp_tests::device::Device;
 use poegp_tests::emulator::{Clock, Machine};
-use poegp_tests::firmware::{Board, firmware};
+use poegp_tests::firmware_build::{Board, firmware};
 use poegp_tests::sample::{Elastic, Sample, Support};
 use poegp_tests::stages::{CommandBits, Host};
 use poegp_trainer::device::client::Client;

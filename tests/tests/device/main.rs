@@ -11,6 +11,7 @@ mod corpus;
 mod corrected;
 mod cost;
 mod damage;
+mod demo;
 mod golden;
 mod growth;
 mod image;

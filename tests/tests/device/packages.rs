@@ -5,7 +5,7 @@ use std::fs;
 use std::io::Write;
 use std::process::{Command, Stdio};
 
-use poegp_tests::firmware::firmware;
+use poegp_tests::firmware_build::firmware;
 use poegp_tests::image::Image;
 use poegp_tests::workspace;
 
@@ -98,7 +98,7 @@ fn every_package_that_is_compiled_is_accounted_for() {
             "--package",
             "poegp-firmware",
         ])
-        .args(["--target", poegp_tests::firmware::TARGET])
+        .args(["--target", poegp_tests::firmware_build::TARGET])
         .args(["--edges", "normal", "--prefix", "none", "--format", "{p}"])
         .current_dir(workspace())
         .output()

@@ -8,7 +8,7 @@ use poegp_protocol::link::{MAX_PIECE, Request};
 use poegp_tests::device::Device;
 use poegp_tests::emulator::instructions;
 use poegp_tests::execution::Recorder;
-use poegp_tests::firmware::firmware;
+use poegp_tests::firmware_build::firmware;
 use poegp_tests::parts::Parts;
 use poegp_tests::sample::{Elastic, Sample, Support};
 

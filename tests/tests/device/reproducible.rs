@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::Path;
 
-use poegp_tests::firmware::{firmware, firmware_from};
+use poegp_tests::firmware_build::{firmware, firmware_from};
 use poegp_tests::image::Image;
 use poegp_tests::workspace;
 use sha2::{Digest, Sha256};

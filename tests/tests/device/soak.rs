@@ -27,7 +27,7 @@ use poegp_protocol::frame::{self, MAX_FRAME, Received, Receiver};
 use poegp_protocol::link::{Corrected, Query, Refusal, Request, Response, Statistics};
 use poegp_tests::bad_line::BadLine;
 use poegp_tests::emulator::{Clock, Emulator, Machine};
-use poegp_tests::firmware::{Board, firmware};
+use poegp_tests::firmware_build::{Board, firmware};
 use poegp_tests::sample::{Sample, Support};
 use poegp_tests::stages::CommandBits;
 use rand::{RngExt, SeedableRng};

@@ -9,7 +9,7 @@
 
 use std::collections::BTreeSet;
 
-use poegp_tests::firmware::{Board, firmware_of};
+use poegp_tests::firmware_build::{Board, firmware_of};
 use poegp_tests::sample::{Elastic, Sample, Support};
 use poegp_tests::stack::{CallGraph, EXCEPTION_FRAME};
 

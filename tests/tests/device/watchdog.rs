@@ -6,7 +6,7 @@ use poegp_protocol::blob;
 use poegp_runtime::status::Status;
 use poegp_tests::device::Device;
 use poegp_tests::emulator::{Clock, Machine};
-use poegp_tests::firmware::{Board, firmware};
+use poegp_tests::firmware_build::{Board, firmware};
 use poegp_tests::sample::{Elastic, Sample, Support};
 use poegp_tests::stages::{CommandBits, Host};
 

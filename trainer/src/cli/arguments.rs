@@ -391,10 +391,7 @@ pub struct Inspect {
 
 /// `trainer demo`.
 #[derive(Debug, Args)]
-#[command(
-    after_help = "With --device it needs qemu-system-arm and a compiler for the board.\n\n\
-    Examples:\n  trainer demo\n  trainer demo --seed 2 --out demo2 --device"
-)]
+#[command(after_help = "Examples:\n  trainer demo\n  trainer demo --seed 2 --out demo2")]
 pub struct Demo {
     /// Seed of the simulated arm.
     #[arg(long, default_value_t = 1)]
@@ -402,9 +399,6 @@ pub struct Demo {
     /// Folder to write into; created if it does not exist.
     #[arg(long, value_name = "DIR", default_value = "demo")]
     pub out: PathBuf,
-    /// Then bring the model onto an emulated co-processor and have the simulated arm execute the commands it corrects.
-    #[arg(long)]
-    pub device: bool,
     /// Errors of all models and the names of the files as JSON (`-`: standard output).
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,

@@ -7,17 +7,14 @@ use clap::Parser;
 
 use crate::cli::arguments::Evaluate;
 use crate::cli::arguments::{Arguments, Command, Demo};
-use crate::cli::demo_device::DemoDevice;
 use crate::cli::report::Report;
 use crate::cli::simulate::{make_folder, write_sets};
 use crate::cli::{
     Failure, check_outputs, device_failure, evaluate, json_text, origin, progress, write_facts,
 };
-use poegp_calibration::blob::predict::LoadedBlob;
 use poegp_calibration::blob::write::{calibrate_for_device, nominal_chain};
 use poegp_calibration::learning::task_space::fit::Sharing;
 use poegp_calibration::measurement as measurements;
-use poegp_calibration::measurement::sample::Sample;
 use poegp_calibration::model::{Method, Options};
 use poegp_calibration::robot::Robot;
 use poegp_calibration::simulation::{Scenario, Simulator};
@@ -38,8 +35,6 @@ const FOLDS: usize = 10;
 pub fn run(a: &Demo) -> Result<(), Failure> {
     check_outputs(&[a.json.as_deref()], &[])?;
     let report = Report::beside(&[a.json.as_deref()]);
-    // First, so that what is missing on this machine is said before a minute of work.
-    let mut board = a.device.then(|| DemoDevice::start(report)).transpose()?;
     make_folder(&a.out)?;
     let robot = Robot::load(ROBOT, &poegp_calibration::robot::LoadOptions::default())?;
     let nominal = nominal_chain(&robot).map_err(|e| Failure::Usage(e.to_string()))?;
@@ -168,19 +163,6 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
         ("report.json", "the numbers of the report"),
         ("compare.json", "all errors, for other programs"),
     ];
-    if let Some(board) = &mut board {
-        let elastic = LoadedBlob::read(&elastic_path)?;
-        let poses: Vec<&Sample> = tests.iter().flat_map(|set| &set.samples).collect();
-        board.run(
-            report,
-            &[
-                (title(Method::PoeGpLoad), found.blob.bytes()),
-                (title(Method::Elastic), elastic.bytes()),
-            ],
-            &poses,
-            &mut simulator,
-        )?;
-    }
     let facts = serde_json::json!({
         "seed": a.seed,
         "models": models,

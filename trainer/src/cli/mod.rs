@@ -13,7 +13,6 @@ mod compare;
 mod completions;
 mod correct;
 mod demo;
-mod demo_device;
 mod device;
 mod drift;
 mod elastic_facts;

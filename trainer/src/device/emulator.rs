@@ -19,7 +19,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
-use crate::device::firmware::Board;
+use crate::device::board::Board;
 use crate::device::port::Address;
 
 const PROGRAM: &str = "qemu-system-arm";

@@ -1,18 +1,17 @@
-//! The device as the workstation sees it: the link, the words of its refusals, and a device without hardware.
+//! The device as the workstation sees it: the link, the texts of its refusals, and a device without hardware.
 //!
 //! ```text
 //!  port ──> client ──> identity, upload, corrections, statistics        error, words: what went wrong
-//!  firmware ──> ELF ──> emulator ══ socket ══> client                   log: what it said
+//!  image, board ──> emulator ══ socket ══> client                       log: the device's messages
 //! ```
 //!
-//! The one client, the one builder of the firmware and the one driver of the emulator: the commands of the program and
-//! the tests of the workspace use the same.
+//! The commands of the program and the tests of the workspace share this client and this driver of the emulator.
 
+pub mod board;
 pub mod client;
 #[cfg(unix)]
 pub mod emulator;
 pub mod error;
-pub mod firmware;
 pub mod log;
 pub mod port;
 mod requests;

@@ -7,6 +7,7 @@ use std::process::{Child, Stdio};
 use poegp_protocol::link::{Request, Response, Statistics};
 
 use crate::fake_device::{FakeDevice, identity};
+use crate::firmware_build::firmware;
 use crate::program::{Folder, SERIAL, simulated};
 
 /// `trainer device emulate`, switched off at the end.
@@ -15,9 +16,12 @@ struct Board(Child);
 impl Board {
     /// Starts it in `folder` with the words of `options`, and waits until it listens.
     fn start(folder: &Folder, options: &str) -> Self {
+        let image = firmware().unwrap_or_else(|error| panic!("{error}"));
         let line = format!("device emulate --listen unix:link --log unix:log {options}");
         let mut child = folder
             .command(&line)
+            .arg("--elf")
+            .arg(&image.elf)
             .stdout(Stdio::piped())
             .spawn()
             .unwrap();
@@ -203,11 +207,12 @@ fn the_monitor_shows_numbers_and_the_decoded_log() {
         _ => Response::Statistics(Statistics::default()).into(),
     });
     let line = format!(
-        "device monitor --port unix:{} --log unix:log --elf {elf}",
+        "device monitor --port unix:{} --log unix:log",
         other.path("link").display()
     );
     let mut monitor = folder
         .command(&line)
+        .args(["--elf", elf])
         .stdout(Stdio::piped())
         .spawn()
         .unwrap();

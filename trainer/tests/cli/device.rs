@@ -433,14 +433,3 @@ fn without_qemu_the_emulator_says_what_to_install() {
         .run("device emulate --elf image.elf --listen /dev/ttyUSB0")
         .refused(&["cannot listen at /dev/ttyUSB0", "unix:PATH"]);
 }
-
-/// Before any work: nothing is written.
-#[test]
-fn without_a_compiler_the_demo_on_a_device_says_what_to_install() {
-    let folder = Folder::new();
-    let mut command = folder.command("demo --device");
-    folder
-        .finish(command.env("POEGP_TOOLCHAIN", "none-such"))
-        .refused(&["POEGP_TOOLCHAIN is \"none-such\""]);
-    assert!(folder.names().is_empty());
-}

@@ -124,7 +124,7 @@ fn every_option_is_in_the_help() {
         ("keys new", vec!["--out <NAME>"]),
         ("sign", vec!["<BLOB>", "--key", "--out"]),
         ("verify", vec!["<BLOB>", "--public-key"]),
-        ("demo", vec!["--seed", "--out", "--device"]),
+        ("demo", vec!["--seed", "--out"]),
     ];
     let overview = folder.run("--help").ok().stdout;
     assert!(overview.contains(

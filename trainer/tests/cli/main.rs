@@ -20,6 +20,10 @@ mod elastic;
 mod export;
 #[cfg(unix)]
 mod fake_device;
+#[cfg(unix)]
+#[allow(dead_code, reason = "the tests of the device use more of it")]
+#[path = "../../../tests/src/firmware_build.rs"]
+mod firmware_build;
 mod help;
 mod identifiability;
 mod import;

@@ -6,15 +6,15 @@ use std::time::Duration;
 use clap::{Args, Subcommand, ValueEnum};
 use poegp_protocol::link::MAX_PIECE;
 
+use crate::device::board::Board;
 use crate::device::client::Options;
-use crate::device::firmware::Board;
 use crate::device::port::Address;
 
 /// `trainer device`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Without hardware: `trainer device emulate` starts the firmware in QEMU and prints its port.\n\n\
-    Examples:\n  trainer device emulate --listen unix:link\n  trainer device info --port unix:link\n  \
+    after_help = "Without hardware: `trainer device emulate` starts a firmware image in QEMU and prints its port.\n\n\
+    Examples:\n  trainer device emulate --elf firmware.elf --listen unix:link\n  trainer device info --port unix:link\n  \
     trainer device flash arm.blob --port /dev/ttyUSB0"
 )]
 pub struct Device {
@@ -286,16 +286,17 @@ pub struct Cycle {
 /// `trainer device emulate`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Needs qemu-system-arm, and without --elf a compiler for the board.\n\n\
-    Example: trainer device emulate --memory flash.bin --listen tcp:127.0.0.1:4000"
+    after_help = "Needs qemu-system-arm. In a clone of the repository this command builds an image:\n  \
+    cargo run --release -p poegp-tests --example firmware firmware.elf\n\n\
+    Example: trainer device emulate --elf firmware.elf --memory flash.bin --listen tcp:127.0.0.1:4000"
 )]
 pub struct Emulate {
-    /// Which board.
-    #[arg(long, value_enum, default_value_t = BoardName::Mps2An386)]
-    pub board: BoardName,
-    /// The firmware for it (default: built from this workspace).
+    /// Board to emulate.
+    #[arg(long, value_enum, default_value_t = Board::Mps2An386)]
+    pub board: Board,
+    /// Firmware image for this board.
     #[arg(long, value_name = "FILE")]
-    pub elf: Option<PathBuf>,
+    pub elf: PathBuf,
     /// Where to listen: unix:PATH or tcp:HOST:PORT (port 0: any) (default: a socket in the folder for temporary files).
     #[arg(long, value_name = "PORT")]
     pub listen: Option<Address>,
@@ -311,29 +312,4 @@ pub struct Emulate {
     /// The ports as JSON (`-`: standard output).
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
-}
-
-/// Boards that can be emulated.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-#[value(rename_all = "lower")]
-pub enum BoardName {
-    /// Cortex-M4F.
-    #[value(name = "mps2-an386")]
-    Mps2An386,
-    /// Cortex-M7.
-    #[value(name = "mps2-an500")]
-    Mps2An500,
-    /// Cortex-M4F, QEMU's netduinoplus2: without clocks and flash.
-    #[value(name = "stm32f405")]
-    Stm32F405,
-}
-
-impl From<BoardName> for Board {
-    fn from(name: BoardName) -> Self {
-        match name {
-            BoardName::Mps2An386 => Self::Mps2An386,
-            BoardName::Mps2An500 => Self::Mps2An500,
-            BoardName::Stm32F405 => Self::Stm32F405,
-        }
-    }
 }

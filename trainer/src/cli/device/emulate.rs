@@ -22,32 +22,20 @@ mod unix {
 
     use super::{Emulate, Failure};
     use crate::cli::report::Report;
-    use crate::cli::{check_outputs, json_text, progress, write_outputs};
+    use crate::cli::{check_outputs, json_text, write_outputs};
     use crate::device::emulator::{Clock, Listener, Machine, serve};
-    use crate::device::firmware::{Board, firmware_of};
     use crate::device::port::Address;
 
     pub fn run(a: &Emulate) -> Result<(), Failure> {
         check_outputs(&[a.json.as_deref()], &[])?;
-        let board = Board::from(a.board);
-        let elf = match &a.elf {
-            Some(elf) if !elf.is_file() => {
-                return Err(Failure::Usage(format!(
-                    "--elf {}: no such file",
-                    elf.display()
-                )));
-            }
-            Some(elf) => elf.clone(),
-            None => {
-                let spinner = progress::spinner("building the firmware");
-                let built = firmware_of(board);
-                spinner.finish_and_clear();
-                built
-                    .map_err(|error| Failure::Usage(error.to_string()))?
-                    .elf
-                    .clone()
-            }
-        };
+        let (board, elf) = (a.board, &a.elf);
+        if !elf.is_file() {
+            return Err(Failure::Usage(format!(
+                "--elf {}: no such file\nhelp: in a clone of the repository, `cargo run --release -p poegp-tests \
+                 --example firmware FILE` builds an image",
+                elf.display()
+            )));
+        }
         let link = listen(a.listen.as_ref(), "link")?;
         let log = listen(a.log.as_ref(), "log")?;
         let (port, log_port) = (link.address().to_string(), log.address().to_string());
@@ -68,7 +56,7 @@ mod unix {
         }
         let machine = Machine {
             board,
-            elf: &elf,
+            elf,
             clock: if a.count_instructions {
                 Clock::Counting
             } else {

@@ -1,4 +1,4 @@
-//! Builds the device image with whatever compiler is there, once for each program and board.
+//! Builds the device image with an installed compiler, once for each program and board.
 //!
 //! Two ways lead to an image, and both give the same bits:
 //!
@@ -7,8 +7,8 @@
 //! | prebuilt | a toolchain with the target's `core`: `rustup target add thumbv7em-none-eabihf` | first |
 //! | build-std | a compiler with its library's source and `ld.lld`: Debian's `rustc-web cargo-web rust-web-src lld` | then |
 //!
-//! `POEGP_TOOLCHAIN=prebuilt` or `build-std` asks for one of them. The nested cargo sees nothing of what the outer one
-//! was told: flags for coverage or another processor must not reach the device.
+//! `POEGP_TOOLCHAIN=prebuilt` or `build-std` asks for one of them. The nested cargo gets none of the outer one's
+//! settings: flags for coverage or another processor must not reach the device.
 //!
 //! The image does not depend on where it was built: the folders of the sources, of the crates and of the build have
 //! fixed names in it (`tests/tests/device/reproducible.rs` compares two).
@@ -19,86 +19,14 @@ use std::process::{Command, Output};
 use std::sync::OnceLock;
 use std::{env, fs};
 
+pub use poegp_trainer::device::board::Board;
+
 /// The device's target.
 pub const TARGET: &str = "thumbv7em-none-eabihf";
 /// Variable that asks for one of the toolchains.
 pub const TOOLCHAIN_VARIABLE: &str = "POEGP_TOOLCHAIN";
 const PACKAGE: &str = "poegp-firmware";
 const PROFILE: &str = "firmware";
-
-/// A board that can be emulated. Its name is the firmware's feature.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Board {
-    /// A Cortex-M4F.
-    #[default]
-    Mps2An386,
-    /// A Cortex-M7.
-    Mps2An500,
-    /// A Cortex-M4F with peripherals as they can be bought; QEMU has neither its clocks nor its flash controller.
-    Stm32F405,
-}
-
-impl Board {
-    /// All of them.
-    pub const ALL: [Self; 3] = [Self::Mps2An386, Self::Mps2An500, Self::Stm32F405];
-
-    /// Its name.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Mps2An386 => "mps2-an386",
-            Self::Mps2An500 => "mps2-an500",
-            Self::Stm32F405 => "stm32f405",
-        }
-    }
-
-    /// What QEMU calls it.
-    pub const fn machine(self) -> &'static str {
-        match self {
-            Self::Mps2An386 | Self::Mps2An500 => self.name(),
-            Self::Stm32F405 => "netduinoplus2",
-        }
-    }
-
-    /// Its processor.
-    pub const fn cpu(self) -> &'static str {
-        match self {
-            Self::Mps2An386 | Self::Stm32F405 => "cortex-m4",
-            Self::Mps2An500 => "cortex-m7",
-        }
-    }
-
-    /// Size in MiB of the memory that stands for its flash, where QEMU can keep that in a file.
-    pub const fn memory_mib(self) -> Option<u32> {
-        match self {
-            Self::Mps2An386 | Self::Mps2An500 => Some(16),
-            Self::Stm32F405 => None,
-        }
-    }
-
-    /// Address and bytes of the flash behind the image, where QEMU has zeros instead of what an erased flash reads as.
-    pub const fn erased_flash(self) -> Option<(u32, usize)> {
-        match self {
-            Self::Mps2An386 | Self::Mps2An500 => None,
-            Self::Stm32F405 => Some((0x0804_0000, 6 * 128 * 1024)),
-        }
-    }
-
-    /// The image of each board has a place of its own.
-    fn directory(self, kernels: Kernels, toolchain: &Toolchain) -> String {
-        let way = match toolchain {
-            Toolchain::Prebuilt { .. } => "device",
-            Toolchain::BuildStd { .. } => "device-build-std",
-        };
-        let of_board = match self {
-            Self::Mps2An386 => way.to_owned(),
-            other => format!("{way}-{}", other.name()),
-        };
-        match kernels {
-            Kernels::Assembly => of_board,
-            Kernels::Portable => format!("{of_board}-portable"),
-        }
-    }
-}
 
 /// The innermost loops of an image; both give the same bits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -115,7 +43,7 @@ impl Kernels {
     pub const ALL: [Self; 2] = [Self::Assembly, Self::Portable];
 }
 
-/// The root of the workspace that this program was built in.
+/// The root of the workspace.
 fn workspace() -> &'static Path {
     let package = Path::new(env!("CARGO_MANIFEST_DIR"));
     package.parent().unwrap_or(package)
@@ -154,6 +82,22 @@ pub struct Firmware {
     pub toolchain: Toolchain,
 }
 
+/// Each image has its own build folder.
+fn folder(board: Board, kernels: Kernels, toolchain: &Toolchain) -> String {
+    let way = match toolchain {
+        Toolchain::Prebuilt { .. } => "device",
+        Toolchain::BuildStd { .. } => "device-build-std",
+    };
+    let of_board = match board {
+        Board::Mps2An386 => way.to_owned(),
+        other => format!("{way}-{}", other.name()),
+    };
+    match kernels {
+        Kernels::Assembly => of_board,
+        Kernels::Portable => format!("{of_board}-portable"),
+    }
+}
+
 /// Why there is no image.
 #[derive(Clone, Debug, thiserror::Error)]
 pub enum FirmwareError {
@@ -167,9 +111,6 @@ pub enum FirmwareError {
         /// The way that was asked for.
         asked: Option<String>,
     },
-    /// The firmware's source is no longer where this program was built.
-    #[error("the firmware cannot be built: {} is gone\nhelp: give an image with --elf, or build the trainer anew", .0.display())]
-    NoSource(PathBuf),
     /// The variable has another value.
     #[error("{TOOLCHAIN_VARIABLE} is {0:?}; it can be `prebuilt` or `build-std`")]
     UnknownToolchain(String),
@@ -178,12 +119,12 @@ pub enum FirmwareError {
     Build {
         /// What was used.
         toolchain: String,
-        /// What cargo said.
+        /// Output of cargo.
         output: String,
     },
 }
 
-/// The image of a board, built at the first call. Programs that run at the same time wait for each other in cargo.
+/// The image of a board, built at the first call. Programs that run at the same time wait for one another in cargo.
 ///
 /// # Errors
 /// [`FirmwareError`].
@@ -191,7 +132,7 @@ pub fn firmware_of(board: Board) -> Result<&'static Firmware, FirmwareError> {
     firmware_with(board, Kernels::default())
 }
 
-/// The same with a choice of the innermost loops.
+/// The image of a board with a choice of the innermost loops.
 ///
 /// # Errors
 /// [`FirmwareError`].
@@ -201,10 +142,6 @@ pub fn firmware_with(board: Board, kernels: Kernels) -> Result<&'static Firmware
         [const { [const { OnceLock::new() }; Board::ALL.len()] }; Kernels::ALL.len()];
     BUILT[kernels as usize][board as usize]
         .get_or_init(|| {
-            let source = workspace().join("firmware/Cargo.toml");
-            if !source.is_file() {
-                return Err(FirmwareError::NoSource(source));
-            }
             let target = env::var_os("CARGO_TARGET_DIR")
                 .map_or_else(|| workspace().join("target"), |dir| workspace().join(dir));
             build(workspace(), &target, board, kernels, find_toolchain()?)
@@ -341,7 +278,7 @@ fn build(
     kernels: Kernels,
     toolchain: Toolchain,
 ) -> Result<Firmware, FirmwareError> {
-    let directory = target.join(board.directory(kernels, &toolchain));
+    let directory = target.join(folder(board, kernels, &toolchain));
     let (Toolchain::Prebuilt { rustc } | Toolchain::BuildStd { rustc }) = &toolchain;
     // The cargo that belongs to the compiler.
     let mut command = Command::new(rustc.with_file_name("cargo"));
@@ -365,7 +302,7 @@ fn build(
         .arg("--target-dir")
         .arg(&directory)
         .env("RUSTC", rustc)
-        // defmt logs nothing but errors unless told when it is compiled.
+        // Without this, defmt compiles in nothing but errors.
         .env("DEFMT_LOG", "info");
     if kernels == Kernels::Portable {
         command.args(["--features", "portable-kernels"]);

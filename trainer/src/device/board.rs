@@ -1,0 +1,64 @@
+//! The boards that QEMU can emulate.
+
+use clap::ValueEnum;
+
+/// A board that can be emulated. Its name is the firmware's Cargo feature.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum Board {
+    /// Cortex-M4F.
+    #[default]
+    #[value(name = "mps2-an386")]
+    Mps2An386,
+    /// Cortex-M7.
+    #[value(name = "mps2-an500")]
+    Mps2An500,
+    /// Cortex-M4F, QEMU's netduinoplus2: without its clocks and its flash controller.
+    #[value(name = "stm32f405")]
+    Stm32F405,
+}
+
+impl Board {
+    /// All boards.
+    pub const ALL: [Self; 3] = [Self::Mps2An386, Self::Mps2An500, Self::Stm32F405];
+
+    /// Name of the board.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Mps2An386 => "mps2-an386",
+            Self::Mps2An500 => "mps2-an500",
+            Self::Stm32F405 => "stm32f405",
+        }
+    }
+
+    /// QEMU's name of the machine.
+    pub const fn machine(self) -> &'static str {
+        match self {
+            Self::Mps2An386 | Self::Mps2An500 => self.name(),
+            Self::Stm32F405 => "netduinoplus2",
+        }
+    }
+
+    /// Processor, as compiler and QEMU name it.
+    pub const fn cpu(self) -> &'static str {
+        match self {
+            Self::Mps2An386 | Self::Stm32F405 => "cortex-m4",
+            Self::Mps2An500 => "cortex-m7",
+        }
+    }
+
+    /// Size in MiB of the memory that stands for the flash, where QEMU can keep that in a file.
+    pub const fn memory_mib(self) -> Option<u32> {
+        match self {
+            Self::Mps2An386 | Self::Mps2An500 => Some(16),
+            Self::Stm32F405 => None,
+        }
+    }
+
+    /// Address and bytes of the flash behind the image, where QEMU reads zeros and erased flash reads ones.
+    pub const fn erased_flash(self) -> Option<(u32, usize)> {
+        match self {
+            Self::Mps2An386 | Self::Mps2An500 => None,
+            Self::Stm32F405 => Some((0x0804_0000, 6 * 128 * 1024)),
+        }
+    }
+}
