@@ -10,7 +10,7 @@ use std::path::Path;
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use faer::Mat;
 use poegp_calibration::blob::predict::LoadedBlob;
-use poegp_calibration::blob::write::{Origin, calibrate_for_device, nominal_chain};
+use poegp_calibration::blob::write::{Provenance, calibrate_to_blob, nominal_chain};
 use poegp_calibration::learning::elastic::fit::fit;
 use poegp_calibration::learning::elastic::inducing_points::choose;
 use poegp_calibration::learning::elastic::likelihood::{Evidence, Search};
@@ -22,7 +22,8 @@ use poegp_calibration::learning::task_space::likelihood::{
 use poegp_calibration::learning::task_space::{Pairs, padded, scale_outputs};
 use poegp_calibration::measurement as measurements;
 use poegp_calibration::measurement::sample::{Sample, in_base_frame, samples};
-use poegp_calibration::model::{Calibration, Method, Options, calibrate};
+use poegp_calibration::model::config::Config;
+use poegp_calibration::model::{Calibration, Method, calibrate};
 use poegp_calibration::numeric::lbfgs::Objective;
 use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_runtime::posterior::MeanHeader;
@@ -46,19 +47,19 @@ impl Bench {
 
     fn calibrated(&self, method: Method) -> Calibration {
         let nominal = nominal_chain(&self.robot).unwrap();
-        calibrate(&nominal, None, &self.samples, &Options::new(method)).unwrap()
+        calibrate(&nominal, None, &self.samples, &Config::new(method)).unwrap()
     }
 
     fn blob(&self, method: Method) -> LoadedBlob {
-        let origin = Origin {
+        let origin = Provenance {
             serial_number: String::new(),
             date: "2026-11-20".to_owned(),
             data_sha256: [0; 32],
             tools: Vec::new(),
         };
         let nominal = nominal_chain(&self.robot).unwrap();
-        let options = Options::new(method);
-        calibrate_for_device(&nominal, &self.robot, &self.samples, &options, &origin)
+        let options = Config::new(method);
+        calibrate_to_blob(&nominal, &self.robot, &self.samples, &options, &origin)
             .unwrap()
             .blob
     }
@@ -106,7 +107,7 @@ fn means(c: &mut Criterion) {
     let (mut folded, mut folded_rows) = (single, rows32.clone());
     assert!(folded.fold(&mut folded_rows));
     let sample = &bench.samples[7];
-    let x = padded(&found.options.inputs(&sample.joints, sample.payload_kg));
+    let x = padded(&found.config.inputs(&sample.joints, sample.payload_kg));
     let x32 = x.map(|value| value as f32);
     let mut group = c.benchmark_group("mean of 300 points, 6 outputs");
     group.bench_function("f64", |b| b.iter(|| header.mean(rows, black_box(&x))));

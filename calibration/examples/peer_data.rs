@@ -16,14 +16,17 @@ use std::path::Path;
 
 use faer::Mat;
 use poegp_calibration::blob::predict::LoadedBlob;
-use poegp_calibration::blob::write::{Origin, calibrate_for_device, nominal_chain};
-use poegp_calibration::learning::task_space::fit::{MAX_SIGNAL_VARIANCE, Sharing, fit};
+use poegp_calibration::blob::write::{Provenance, calibrate_to_blob, nominal_chain};
+use poegp_calibration::learning::task_space::fit::{
+    HyperparameterSharing, MAX_SIGNAL_VARIANCE, fit,
+};
 use poegp_calibration::learning::task_space::likelihood::log_marginal_likelihood;
 use poegp_calibration::learning::task_space::{Pairs, TaskSpaceGp, scale_outputs};
 use poegp_calibration::measurement as measurements;
 use poegp_calibration::measurement::folds;
 use poegp_calibration::measurement::sample::{Sample, ToolName, in_base_frame, samples};
-use poegp_calibration::model::{Calibration, Method, Options, calibrate};
+use poegp_calibration::model::config::{Config, Weighting};
+use poegp_calibration::model::{Calibration, Method, calibrate};
 use poegp_calibration::numeric::statistics::ErrorSummary;
 use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_protocol::limits::OUTPUTS;
@@ -89,11 +92,18 @@ impl Data {
     }
 }
 
+fn weighting(weighted: bool) -> Weighting {
+    match weighted {
+        true => Weighting::Noise,
+        false => Weighting::None,
+    }
+}
+
 /// What the process is given: inputs [q, m] and residual twists in m and rad.
 fn training(
     found: &Calibration,
     samples: &[Sample],
-    options: &Options,
+    options: &Config,
 ) -> (Vec<Vec<f64>>, Vec<[f64; OUTPUTS]>) {
     let in_base = in_base_frame(samples, &found.ends.instrument_from_base);
     let twist = |s: &Sample| residual(&s.measured, &found.calibrated.forward(&s.serial)).to_array();
@@ -107,19 +117,19 @@ fn training(
 }
 
 fn inputs(data: &Data) -> Value {
-    let options = Options::new(data.method());
+    let options = Config::new(data.method());
     let inputs = data.samples.iter();
     let inputs = inputs.map(|s| options.inputs(&s.joints, s.payload_kg));
     json!({ "inputs": inputs.collect::<Vec<_>>() })
 }
 
 fn process(data: &Data, per_output: bool, weighted: bool) -> Answer {
-    let options = Options {
-        weighted,
-        ..Options::new(data.method())
+    let options = Config {
+        weighting: weighting(weighted),
+        ..Config::new(data.method())
     };
     // Step 1 alone, with the gauge; then both ways of step 2 on the same residuals.
-    let poe = Options {
+    let poe = Config {
         method: Method::Poe,
         ..options
     };
@@ -166,9 +176,9 @@ fn process(data: &Data, per_output: bool, weighted: bool) -> Answer {
         }
         Ok(json!({ "cpu_seconds": seconds, "processes": processes }))
     };
-    let shared = described(best(Sharing::Shared)?)?;
+    let shared = described(best(HyperparameterSharing::Shared)?)?;
     let own = if per_output {
-        described(best(Sharing::PerOutput)?)?
+        described(best(HyperparameterSharing::PerOutput)?)?
     } else {
         Value::Null
     };
@@ -207,11 +217,11 @@ fn all_folds(data: &Data, folds: usize, sizes: &[usize], weighted: bool) -> Answ
 }
 
 fn one_fold(data: &Data, fold: usize, train: &[Sample], test: &[Sample], weighted: bool) -> Answer {
-    let options = |method| Options {
-        weighted,
-        ..Options::new(method)
+    let options = |method| Config {
+        weighting: weighting(weighted),
+        ..Config::new(method)
     };
-    let origin = Origin {
+    let origin = Provenance {
         serial_number: String::new(),
         date: "2026-11-20".to_owned(),
         data_sha256: [0; 32],
@@ -219,16 +229,16 @@ fn one_fold(data: &Data, fold: usize, train: &[Sample], test: &[Sample], weighte
     };
     let mut errors = serde_json::Map::new();
     let gp = options(data.method());
-    let per_output = Options {
-        sharing: Sharing::PerOutput,
+    let per_output = Config {
+        hyperparameters: HyperparameterSharing::PerOutput,
         ..gp
     };
     for (name, options) in [
         ("poe", options(Method::Poe)),
         (
             "poe_weighted",
-            Options {
-                weighted: true,
+            Config {
+                weighting: Weighting::Noise,
                 ..options(Method::Poe)
             },
         ),
@@ -236,7 +246,7 @@ fn one_fold(data: &Data, fold: usize, train: &[Sample], test: &[Sample], weighte
         ("gp_per_output", per_output),
         ("elastic", options(Method::Elastic)),
     ] {
-        let made = calibrate_for_device(&data.nominal, &data.robot, train, &options, &origin)?;
+        let made = calibrate_to_blob(&data.nominal, &data.robot, train, &options, &origin)?;
         let summary = ErrorSummary::new(&made.blob.errors(test));
         errors.insert(name.to_owned(), json!(summary.position_mm.mean));
     }

@@ -7,10 +7,11 @@ use std::error::Error;
 
 use faer::Mat;
 use faer::linalg::solvers::Solve;
-use poegp_calibration::blob::write::{Origin, calibrate_for_device, nominal_chain};
+use poegp_calibration::blob::write::{Provenance, calibrate_to_blob, nominal_chain};
 use poegp_calibration::measurement as measurements;
 use poegp_calibration::measurement::sample::samples;
-use poegp_calibration::model::{Method, Options};
+use poegp_calibration::model::Method;
+use poegp_calibration::model::config::Config;
 use poegp_calibration::robot::{BUILT_IN, LoadOptions, Robot};
 use poegp_calibration::simulation::{Scenario, Simulator, to_csv};
 use poegp_protocol::blob;
@@ -121,14 +122,14 @@ impl Arm {
         let set = measurements::parse("train", csv.as_bytes())?;
         let mut tools = Vec::new();
         let train = samples(&set, &robot, &mut tools)?;
-        let origin = Origin {
+        let origin = Provenance {
             serial_number: String::new(),
             date: "2026-11-20".to_owned(),
             data_sha256: [0; 32],
             tools,
         };
-        let options = Options::new(Method::Elastic);
-        let found = calibrate_for_device(&nominal, &robot, &train, &options, &origin)?;
+        let options = Config::new(Method::Elastic);
+        let found = calibrate_to_blob(&nominal, &robot, &train, &options, &origin)?;
         let blob = blob::decode(found.blob.bytes()).map_err(|e| format!("{e:?}"))?;
         let mut model = Box::new(Model::new());
         model.load(&blob).map_err(|e| format!("{e:?}"))?;

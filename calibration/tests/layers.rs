@@ -82,7 +82,7 @@ fn no_room_uses_one_above_it() {
 /// What the law must see, and what it must leave alone.
 #[test]
 fn an_arrow_that_points_upward_is_seen() {
-    let source = "use crate::model::Method;\n//! [`crate::planning`]\nfn f() -> crate::blob::write::Origin {}\n\
+    let source = "use crate::model::Method;\n//! [`crate::planning`]\nfn f() -> crate::blob::write::Provenance {}\n\
                   #[cfg(test)]\nmod tests {\n    use crate::validation::held_out;\n}";
     assert_eq!(upward("learning", source), ["model", "blob"]);
     assert!(upward("planning", source).is_empty());

@@ -6,7 +6,8 @@
 use heapless::Vec as FixedVec;
 use poegp_protocol::blob::{
     self, Blob, Correction, CorrectionBound, Elastic, Geometry, Joint, JointKernel, PayloadGroup,
-    Provenance, Ranges, Ripple, Robot as WireRobot, TaskSpace, Tool, Transform, Units, Variance,
+    Provenance as WireProvenance, Ranges, Ripple, Robot as WireRobot, TaskSpace, Tool, Transform,
+    Units, Variance,
 };
 use poegp_runtime::chain::MinimalForm;
 use poegp_runtime::poe::Poe;
@@ -14,9 +15,11 @@ use poegp_runtime::se3::Pose;
 
 use crate::blob::predict::{BlobError, HOST_SUPPORT, LoadedBlob};
 use crate::learning::elastic::reduced_model::ElasticModel;
+use crate::learning::task_space::fit::MAX_SIGNAL_VARIANCE;
 use crate::measurement::sample::Sample;
 use crate::measurement::sample::ToolName;
-use crate::model::{Calibration, CalibrationError, Method, Options, calibrate};
+use crate::model::config::Config;
+use crate::model::{Calibration, CalibrationError, Method, SignalVarianceLimit, calibrate_within};
 use crate::robot::Robot;
 
 /// Largest position error of the `f32` blob against the f64 model, in metres.
@@ -26,7 +29,7 @@ pub const MEAN_F32_ERROR_M: f64 = 0.5e-6;
 
 /// Where a calibration comes from.
 #[derive(Clone, Debug)]
-pub struct Origin {
+pub struct Provenance {
     /// Serial number of the arm; empty when unknown.
     pub serial_number: String,
     /// Day of the calibration, ISO 8601, UTC.
@@ -37,9 +40,9 @@ pub struct Origin {
     pub tools: Vec<ToolName>,
 }
 
-/// What `f32` costs: the distance of the blob's poses from the f64 model's, on all samples.
+/// The distance of the blob's poses from the f64 model's.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Fidelity {
+pub struct SinglePrecisionLoss {
     /// Mean in metres.
     pub mean_m: f64,
     /// Largest in metres.
@@ -48,72 +51,63 @@ pub struct Fidelity {
 
 /// A calibration with its blob.
 #[derive(Debug)]
-pub struct DeviceCalibration {
+pub struct CalibratedBlob {
     /// In f64.
     pub calibration: Calibration,
     /// As the device will have it.
     pub blob: LoadedBlob,
-    /// What that costs.
-    pub fidelity: Fidelity,
+    /// How far its poses are from the f64 model's.
+    pub precision_loss: SinglePrecisionLoss,
 }
 
-/// Signal variances to fall back to, largest first.
-const SMALLER_SIGNAL_VARIANCES: [f64; 3] = [30.0, 10.0, 3.0];
+/// Limits on the signal variance that are tried, highest first.
+const SIGNAL_VARIANCE_LIMITS: [f64; 4] = [MAX_SIGNAL_VARIANCE, 30.0, 10.0, 3.0];
 /// Share of the limits that a calibration should stay below, so that poses of other sets stay within them too.
 const COMFORTABLE: f64 = 0.7;
 
 /// Calibrates, and makes the blob. When single precision would cost too much, the process is fitted again with a
-/// smaller bound on its signal variance (on ten simulated arms 30 instead of 300 costs 0.5 % of accuracy and saves five
-/// sixths of the rounding error); `calibration.options` says which one it was.
+/// smaller limit on its signal variance (on ten simulated arms 30 instead of 300 costs 0.5 % of accuracy and saves five
+/// sixths of the rounding error); `calibration.max_signal_variance` says which one it was.
 ///
 /// # Errors
 /// [`CalibrationError`], [`ExportError`].
-pub fn calibrate_for_device(
+pub fn calibrate_to_blob(
     nominal: &Poe<f64>,
     robot: &Robot,
     samples: &[Sample],
-    options: &Options,
-    origin: &Origin,
-) -> Result<DeviceCalibration, DeviceError> {
-    let bounds = std::iter::once(options.max_signal_variance).chain(
-        SMALLER_SIGNAL_VARIANCES
-            .into_iter()
-            .filter(|v| *v < options.max_signal_variance),
-    );
-    let mut best: Option<DeviceCalibration> = None;
-    let mut larger = options.larger;
-    for max_signal_variance in bounds {
-        let calibration = calibrate(
-            nominal,
-            robot.coupling.as_ref(),
-            samples,
-            &Options {
-                max_signal_variance,
-                larger,
-                ..*options
-            },
-        )?;
-        larger = (calibration.gp.as_ref()).map(|gp| std::array::from_fn(|c| *gp.output(c)));
-        let blob = to_bytes(&calibration, robot, origin, samples)?;
+    config: &Config,
+    provenance: &Provenance,
+) -> Result<CalibratedBlob, DeviceError> {
+    let mut best: Option<CalibratedBlob> = None;
+    let mut under_higher = None;
+    for value in SIGNAL_VARIANCE_LIMITS {
+        let limit = SignalVarianceLimit {
+            value,
+            under_higher,
+        };
+        let calibration =
+            calibrate_within(nominal, robot.coupling.as_ref(), samples, config, &limit)?;
+        under_higher = (calibration.gp.as_ref()).map(|gp| std::array::from_fn(|c| *gp.output(c)));
+        let blob = to_bytes(&calibration, robot, provenance, samples)?;
         let blob = LoadedBlob::from_bytes(blob).map_err(ExportError::Unusable)?;
-        let fidelity = fidelity(&calibration, &blob, samples);
+        let precision_loss = precision_loss(&calibration, &blob, samples);
         if best
             .as_ref()
-            .is_none_or(|b| fidelity.worst_share() < b.fidelity.worst_share())
+            .is_none_or(|b| precision_loss.worst_share() < b.precision_loss.worst_share())
         {
-            best = Some(DeviceCalibration {
+            best = Some(CalibratedBlob {
                 calibration,
                 blob,
-                fidelity,
+                precision_loss,
             });
         }
-        if fidelity.worst_share() <= COMFORTABLE || !options.method.has_gp() {
+        if precision_loss.worst_share() <= COMFORTABLE || !config.method.has_gp() {
             break;
         }
     }
     match best {
-        Some(found) if found.fidelity.worst_share() <= 1.0 => Ok(found),
-        Some(found) => Err(ExportError::LosesPrecision(found.fidelity).into()),
+        Some(found) if found.precision_loss.worst_share() <= 1.0 => Ok(found),
+        Some(found) => Err(ExportError::SinglePrecisionLossTooLarge(found.precision_loss).into()),
         None => Err(ExportError::DoesNotFit("signal variance").into()),
     }
 }
@@ -129,7 +123,7 @@ pub enum DeviceError {
     Export(#[from] ExportError),
 }
 
-impl Fidelity {
+impl SinglePrecisionLoss {
     /// The larger of the two shares of the limits.
     pub fn worst_share(&self) -> f64 {
         (self.max_m / MAX_F32_ERROR_M).max(self.mean_m / MEAN_F32_ERROR_M)
@@ -151,19 +145,24 @@ pub enum ExportError {
     /// The checked constructor refuses the blob.
     #[error("the model cannot be run: {0}")]
     Unusable(#[from] BlobError),
-    /// `f32` loses too much.
+    /// The poses of the blob are too far from the f64 model's.
     #[error(
-        "single precision would cost {:.2} µm at most and {:.3} µm in the mean; the limits are {:.0} and {:.1} µm",
-        .0.max_m * 1e6, .0.mean_m * 1e6, MAX_F32_ERROR_M * 1e6, MEAN_F32_ERROR_M * 1e6
+        "the f32 model differs from the f64 fit by up to {:.2} µm (limit {:.0} µm) and by {:.3} µm in the mean (limit {:.1} µm); \
+         the fit is ill-conditioned: check units and joint order",
+        .0.max_m * 1e6, MAX_F32_ERROR_M * 1e6, .0.mean_m * 1e6, MEAN_F32_ERROR_M * 1e6
     )]
-    LosesPrecision(Fidelity),
+    SinglePrecisionLossTooLarge(SinglePrecisionLoss),
 }
 
 /// Distance of the blob's poses from the f64 model's, where the correction is not bounded.
-pub fn fidelity(calibration: &Calibration, loaded: &LoadedBlob, samples: &[Sample]) -> Fidelity {
+pub fn precision_loss(
+    calibration: &Calibration,
+    loaded: &LoadedBlob,
+    samples: &[Sample],
+) -> SinglePrecisionLoss {
     let instrument_from_base = calibration.ends.instrument_from_base;
     let mut count = 0;
-    let mut out = Fidelity {
+    let mut out = SinglePrecisionLoss {
         mean_m: 0.0,
         max_m: 0.0,
     };
@@ -211,11 +210,11 @@ fn chain<const N: usize>(poe: &Poe<f64>) -> Result<FixedVec<Transform<f32>, N>, 
 fn to_bytes(
     calibration: &Calibration,
     robot: &Robot,
-    origin: &Origin,
+    provenance: &Provenance,
     samples: &[Sample],
 ) -> Result<Vec<u8>, ExportError> {
     let has_payload = samples.iter().all(|s| s.payload_kg.is_some());
-    let method = calibration.options.method;
+    let method = calibration.config.method;
     let knows_payload = method == Method::PoeGpLoad || (method == Method::Elastic && has_payload);
     let (task_space, mut rows) = task_space(calibration)?;
     let elastic = calibration
@@ -241,7 +240,7 @@ fn to_bytes(
         }
         (bounds.0 as f32, bounds.1 as f32)
     };
-    let wire_tools: Vec<Tool<'_>> = wire_tools(calibration, origin).collect();
+    let wire_tools: Vec<Tool<'_>> = wire_tools(calibration, provenance).collect();
     let room: usize = wire_tools
         .iter()
         .map(|t| t.session.len() + t.target.len() + 64)
@@ -252,7 +251,7 @@ fn to_bytes(
     let blob = Blob {
         robot: WireRobot {
             name: &robot.name,
-            serial_number: &origin.serial_number,
+            serial_number: &provenance.serial_number,
             joints: fixed(joints, "joints")?,
             coupling: fixed(
                 robot.coupling.iter().flatten().flatten().map(|c| *c as f32),
@@ -260,11 +259,11 @@ fn to_bytes(
             )?,
         },
         units: Units::SI,
-        provenance: Provenance {
-            model: calibration.options.method.name(),
+        provenance: WireProvenance {
+            model: calibration.config.method.name(),
             trainer_version: env!("CARGO_PKG_VERSION"),
-            date: &origin.date,
-            data_sha256: origin.data_sha256,
+            date: &provenance.date,
+            data_sha256: provenance.data_sha256,
             training_poses: samples.len() as u32,
         },
         ranges: Ranges {
@@ -300,7 +299,7 @@ fn to_bytes(
             rows: &landmarks,
         }),
     };
-    let names = room + robot.name.len() + origin.serial_number.len() + origin.date.len();
+    let names = room + robot.name.len() + provenance.serial_number.len() + provenance.date.len();
     let mut buffer = vec![
         0;
         blob::HEADER_LENGTH
@@ -365,10 +364,15 @@ fn task_space(
 /// The tools by name, unless there is only one without a name.
 fn wire_tools<'a>(
     calibration: &'a Calibration,
-    origin: &'a Origin,
+    provenance: &'a Provenance,
 ) -> impl Iterator<Item = Tool<'a>> {
-    let named = origin.tools.len() > 1 || origin.tools.iter().any(|t| *t != ToolName::default());
-    let tools = if named { origin.tools.as_slice() } else { &[] };
+    let named =
+        provenance.tools.len() > 1 || provenance.tools.iter().any(|t| *t != ToolName::default());
+    let tools = if named {
+        provenance.tools.as_slice()
+    } else {
+        &[]
+    };
     tools
         .iter()
         .zip(&calibration.tools)

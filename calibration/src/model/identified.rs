@@ -16,7 +16,7 @@ pub fn of_calibration(
     robot: &Robot,
     samples: &[Sample],
 ) -> Option<IdentifyReport> {
-    let samples = calibration.options.stated(samples.iter());
+    let samples = calibration.config.with_declared_noise(samples.iter());
     let samples = in_base_frame(&samples, &calibration.ends.instrument_from_base);
     let chain = &calibration.calibrated;
     let noise = match &calibration.elastic {
@@ -38,6 +38,6 @@ pub fn of_calibration(
             orientation: positive(noise.orientation),
             ..noise
         },
-        ends_only: calibration.options.method == Method::BaseTool,
+        ends_only: calibration.config.method == Method::BaseTool,
     })
 }

@@ -4,12 +4,14 @@
 //! device then has small numbers (f32 resolves 0.24 µm at 3 m), and "base" and "flange" keep a meaning for the
 //! controller. A [`Calibration`] is the model in `f64`; [`crate::blob::write`] turns it into a blob.
 
+pub mod config;
 pub mod frame_changes;
 pub mod identified;
 
 use poegp_protocol::limits::{MAX_INPUTS, OUTPUTS};
 use poegp_runtime::poe::Poe;
 use poegp_runtime::se3::{Pose, Twist, residual};
+use serde::{Deserialize, Serialize};
 
 use crate::identification::base_tool::{UNWEIGHTED, with_ends};
 use crate::identification::base_tools::{Ends, ends, tool_count};
@@ -22,13 +24,15 @@ use crate::learning::elastic::predictive_variance::Uncertainty;
 use crate::learning::elastic::reduced_model::ElasticModel;
 use crate::learning::elastic::variance_inflation::Recipe;
 use crate::learning::task_space as gp;
-use crate::learning::task_space::fit::{MAX_SIGNAL_VARIANCE, Sharing, fit};
+use crate::learning::task_space::fit::{MAX_SIGNAL_VARIANCE, fit};
 use crate::learning::task_space::{Hyperparameters, NotPositiveDefinite, TaskSpaceGp};
-use crate::measurement::noise::{InstrumentNoise, Scales};
+use crate::measurement::noise::Scales;
 use crate::measurement::sample::{Sample, in_base_frame};
+use crate::model::config::{Config, Weighting};
 
 /// The calibration methods that the paper compares, simplest first.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Method {
     /// Base and tool frames only.
     BaseTool,
@@ -71,54 +75,32 @@ impl Method {
     }
 }
 
-/// How a calibration is done.
+/// What limits the signal variance θ₀ of the task-space process, in units of the outputs' mean square.
+///
+/// A large θ₀ with a long lengthscale makes large weights that almost cancel, which single precision cannot hold; along
+/// that ridge the likelihood is nearly flat. [`crate::blob::write::calibrate_to_blob`] lowers the limit when it must.
 #[derive(Clone, Copy, Debug)]
-pub struct Options {
-    /// The method.
-    pub method: Method,
-    /// One set of hyperparameters for all outputs, or one for each.
-    pub sharing: Sharing,
-    /// Step 1 weighted by the noise, with the rotation taken at the tool point, instead of the paper's unweighted one.
-    pub weighted: bool,
-    /// Largest θ₀ of the process, in units of the outputs' mean square.
-    ///
-    /// A large θ₀ with a long length scale makes large weights that almost cancel, which single precision cannot hold;
-    /// along that ridge the likelihood is nearly flat. [`crate::blob::write::calibrate_for_device`] lowers it when it must.
-    pub max_signal_variance: f64,
-    /// What was found for the same data with a larger bound on θ₀: saves most of the search.
-    pub larger: Option<[Hyperparameters; OUTPUTS]>,
-    /// How the elastic model is fitted.
-    pub elastic: ElasticOptions,
-    /// What is known of all measurements; where it is unknown, what each row states of itself counts.
-    pub instrument_noise: InstrumentNoise,
-    /// Largest displacement of the target by the correction in metres; twice the largest in training when absent.
-    pub max_correction_m: Option<f64>,
-    /// Largest rotation by the correction in radians; likewise.
-    pub max_correction_rad: Option<f64>,
+pub(crate) struct SignalVarianceLimit {
+    pub(crate) value: f64,
+    /// The hyperparameters of the same data under a higher limit, which save most of the search.
+    pub(crate) under_higher: Option<[Hyperparameters; OUTPUTS]>,
 }
 
-impl Options {
-    /// The paper's settings for `method`.
-    pub fn new(method: Method) -> Self {
-        Self {
-            method,
-            sharing: Sharing::Shared,
-            weighted: false,
-            max_signal_variance: MAX_SIGNAL_VARIANCE,
-            larger: None,
-            elastic: ElasticOptions::default(),
-            instrument_noise: InstrumentNoise::UNKNOWN,
-            max_correction_m: None,
-            max_correction_rad: None,
-        }
-    }
+impl SignalVarianceLimit {
+    /// That of the search alone.
+    pub(crate) const HIGHEST: Self = Self {
+        value: MAX_SIGNAL_VARIANCE,
+        under_higher: None,
+    };
 }
 
 /// A calibrated arm in f64.
 #[derive(Debug)]
 pub struct Calibration {
     /// How it was made.
-    pub options: Options,
+    pub config: Config,
+    /// The upper limit on the signal variance of the task-space process, in units of the outputs' mean square.
+    pub max_signal_variance: f64,
     /// Base and tools on the nominal arm: the gauge.
     pub ends: Ends,
     /// `first_target_from_target` of each tool as calibrated.
@@ -209,9 +191,26 @@ pub fn calibrate(
     nominal: &Poe<f64>,
     coupling: Option<&Vec<Vec<f64>>>,
     samples: &[Sample],
-    options: &Options,
+    config: &Config,
 ) -> Result<Calibration, CalibrationError> {
-    let method = options.method;
+    calibrate_within(
+        nominal,
+        coupling,
+        samples,
+        config,
+        &SignalVarianceLimit::HIGHEST,
+    )
+}
+
+/// [`calibrate`] with a limit on the signal variance.
+pub(crate) fn calibrate_within(
+    nominal: &Poe<f64>,
+    coupling: Option<&Vec<Vec<f64>>>,
+    samples: &[Sample],
+    config: &Config,
+    limit: &SignalVarianceLimit,
+) -> Result<Calibration, CalibrationError> {
+    let method = config.method;
     let (needed, parameters) = fewest_poses(method, nominal.kinds().len());
     if samples.len() < needed {
         return Err(CalibrationError::TooFewPoses {
@@ -231,7 +230,10 @@ pub fn calibrate(
         return Err(CalibrationError::NoPayload);
     }
     let ends = ends(nominal, samples);
-    let in_base = in_base_frame(&options.stated(samples.iter()), &ends.instrument_from_base);
+    let in_base = in_base_frame(
+        &config.with_declared_noise(samples.iter()),
+        &ends.instrument_from_base,
+    );
     let flange = *nominal.frames().last().unwrap_or(&Pose::identity());
     let chain_ends: Vec<Pose<f64>> = ends
         .flange_from_targets
@@ -241,7 +243,8 @@ pub fn calibrate(
     let plain = chain_ends.len() == 1 && samples.iter().all(|s| !s.position_only);
     let nominal = with_ends(nominal, &Pose::identity(), &ends.flange_from_targets[0]);
     let mut out = Calibration {
-        options: *options,
+        config: *config,
+        max_signal_variance: limit.value,
         tools: relative(&chain_ends),
         ends,
         nominal,
@@ -256,13 +259,13 @@ pub fn calibrate(
         mean: None,
     };
     let elastic = match method {
-        Method::Elastic => Some(options.elastic),
+        Method::Elastic => Some(config.elastic()),
         // The paper's step 1 compares whole poses of one tool; other data get the same parameters by weighted least squares.
         Method::Poe if !plain => Some(ElasticOptions {
             gravity_terms: false,
             processes: false,
             ripple: false,
-            ..options.elastic
+            ..config.elastic()
         }),
         _ => None,
     };
@@ -292,10 +295,10 @@ pub fn calibrate(
             })
         });
     } else if method != Method::BaseTool {
-        out.step1 = Some(step1(&mut out.calibrated, &in_base, options.weighted));
+        out.step1 = Some(step1(&mut out.calibrated, &in_base, config.weighting));
     }
     if method.has_gp() {
-        let gp = step2(&out.calibrated, &in_base, options)?;
+        let gp = step2(&out.calibrated, &in_base, config, limit)?;
         out.mean = Some(gp.mean());
         out.gp = Some(gp);
     }
@@ -310,9 +313,9 @@ fn relative(tools: &[Pose<f64>]) -> Vec<Pose<f64>> {
 }
 
 /// Step 1: all frames, by the paper's unweighted least squares or weighted by the noise.
-fn step1(poe: &mut Poe<f64>, samples: &[Sample], weighted: bool) -> FrameFit {
+fn step1(poe: &mut Poe<f64>, samples: &[Sample], weighting: Weighting) -> FrameFit {
     let free: Vec<usize> = (0..poe.frames().len()).collect();
-    if !weighted {
+    if weighting == Weighting::None {
         return fit_frames(poe, samples, &free, ResidualKind::Space);
     }
     // Noise and model error of position and rotation are estimated from the residuals: a few rounds settle.
@@ -340,7 +343,8 @@ fn estimated_noise(poe: &Poe<f64>, samples: &[Sample]) -> ResidualKind {
 fn step2(
     poe: &Poe<f64>,
     samples: &[Sample],
-    options: &Options,
+    config: &Config,
+    limit: &SignalVarianceLimit,
 ) -> Result<TaskSpaceGp, CalibrationError> {
     let residuals: Vec<[f64; OUTPUTS]> = samples
         .iter()
@@ -348,27 +352,18 @@ fn step2(
         .collect();
     let inputs = samples
         .iter()
-        .map(|s| options.inputs(&s.joints, s.payload_kg))
+        .map(|s| config.inputs(&s.joints, s.payload_kg))
         .collect();
     Ok(fit(
         inputs,
         &residuals,
-        options.sharing,
-        options.max_signal_variance,
-        options.larger.as_ref(),
+        config.hyperparameters,
+        limit.value,
+        limit.under_higher.as_ref(),
     )?)
 }
 
-impl Options {
-    /// The samples with what is known of all measurements in place of what their rows state.
-    pub fn stated<'a>(&self, samples: impl Iterator<Item = &'a Sample>) -> Vec<Sample> {
-        let with_noise = |s: &Sample| Sample {
-            stated: self.instrument_noise.or(s.stated),
-            ..s.clone()
-        };
-        samples.map(with_noise).collect()
-    }
-
+impl Config {
     /// x = [q, m] as far as the method uses it.
     pub fn inputs(&self, joints: &[f64], payload_kg: Option<f64>) -> Vec<f64> {
         gp::input(
@@ -389,7 +384,7 @@ impl Calibration {
             return (chain, Twist::zero());
         };
         let x: [f64; MAX_INPUTS] =
-            gp::padded(&self.options.inputs(&sample.joints, sample.payload_kg));
+            gp::padded(&self.config.inputs(&sample.joints, sample.payload_kg));
         let twist = Twist::from_array(&header.mean(rows, &x));
         (chain.corrected(&twist), twist)
     }
@@ -409,14 +404,14 @@ impl Calibration {
     /// that should know does not.
     pub fn standard_deviation(&self, sample: &Sample) -> Option<[f64; OUTPUTS]> {
         if let Some(uncertainty) = &self.uncertainty {
-            let stated = self.options.stated(std::iter::once(sample));
+            let stated = self.config.with_declared_noise(std::iter::once(sample));
             return stated.first().map(|s| uncertainty.standard_deviation(s));
         }
         let Some(gp) = &self.gp else {
             let (p, r) = self.residual_rms;
             return Some([p, p, p, r, r, r]);
         };
-        let x = self.options.inputs(&sample.joints, sample.payload_kg);
+        let x = self.config.inputs(&sample.joints, sample.payload_kg);
         let latent = gp.variance(&x);
         let variance =
             |c: usize| latent[c] + gp.output(c).noise_variance * gp.output_scale[c].powi(2);
@@ -462,8 +457,12 @@ impl Calibration {
             angle = angle.max(twist.angular.norm());
         }
         (
-            self.options.max_correction_m.unwrap_or(2.0 * displacement),
-            self.options.max_correction_rad.unwrap_or(2.0 * angle),
+            self.config
+                .max_correction_mm
+                .map_or(2.0 * displacement, |x| 1e-3 * x),
+            self.config
+                .max_correction_mrad
+                .map_or(2.0 * angle, |x| 1e-3 * x),
         )
     }
 }

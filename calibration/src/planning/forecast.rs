@@ -9,11 +9,12 @@ use std::sync::Mutex;
 
 use serde::Serialize;
 
-use crate::blob::write::{Origin, calibrate_for_device};
+use crate::blob::write::{Provenance, calibrate_to_blob};
 use crate::measurement::noise::InstrumentNoise;
 use crate::measurement::sample::Sample;
 use crate::measurement::sample::ToolName;
-use crate::model::{Method, Options, fewest_poses};
+use crate::model::config::Config;
+use crate::model::{Method, fewest_poses};
 use crate::numeric::statistics::ErrorSummary;
 use crate::planning::{PlannedPose, Planner, Strategy, serial};
 use crate::simulation::{Scenario, SimulatedPose, Simulator};
@@ -160,14 +161,14 @@ impl Planner<'_> {
                 .collect()
         };
         let (train, test) = (measure(planned), measure(test));
-        let origin = Origin {
+        let origin = Provenance {
             serial_number: String::new(),
             date: String::new(),
             data_sha256: [0; 32],
             tools: vec![ToolName::default()],
         };
-        let options = Options::new(Method::Elastic);
-        let found = calibrate_for_device(task.nominal, task.robot, &train, &options, &origin);
+        let options = Config::new(Method::Elastic);
+        let found = calibrate_to_blob(task.nominal, task.robot, &train, &options, &origin);
         Some(ErrorSummary::new(&found.ok()?.blob.errors(&test)))
     }
 }

@@ -5,10 +5,11 @@
 use poegp_runtime::poe::Poe;
 use serde::Serialize;
 
-use crate::blob::write::{DeviceCalibration, DeviceError, Origin, calibrate_for_device};
+use crate::blob::write::{CalibratedBlob, DeviceError, Provenance, calibrate_to_blob};
 use crate::measurement::folds;
 use crate::measurement::sample::Sample;
-use crate::model::{Method, Options};
+use crate::model::Method;
+use crate::model::config::Config;
 use crate::numeric::statistics::{ErrorSummary, PoseError};
 use crate::robot::Robot;
 use crate::validation::coverage::Coverage;
@@ -104,7 +105,7 @@ pub struct Task<'a> {
     /// Seed of the draw of folds.
     pub seed: u64,
     /// Where the data come from.
-    pub origin: &'a Origin,
+    pub origin: &'a Provenance,
 }
 
 impl Task<'_> {
@@ -113,28 +114,28 @@ impl Task<'_> {
         self.folds + usize::from(!self.tests.is_empty())
     }
 
-    /// Held-out errors of the method of `options`. `progress` is called after every calibration.
+    /// Held-out errors of the method of `config`. `progress` is called after every calibration.
     ///
     /// # Errors
     /// [`CompareError`].
     pub fn run(
         &self,
-        options: &Options,
+        config: &Config,
         progress: &mut dyn FnMut(),
     ) -> Result<ModelComparison, CompareError> {
         let mut sets = Vec::new();
         if !self.tests.is_empty() {
-            let found = self.calibrated(options, self.train)?;
+            let found = self.calibrated(config, self.train)?;
             progress();
             for test in self.tests {
                 sets.push(SetErrors::new(&test.name, found.held_out(&test.samples)));
             }
         }
         let cross_validation = (self.folds > 0)
-            .then(|| self.cross_validate(options, progress))
+            .then(|| self.cross_validate(config, progress))
             .transpose()?;
         Ok(ModelComparison {
-            model: options.method.name(),
+            model: config.method.name(),
             cross_validation,
             sets,
         })
@@ -142,11 +143,11 @@ impl Task<'_> {
 
     fn cross_validate(
         &self,
-        options: &Options,
+        config: &Config,
         progress: &mut dyn FnMut(),
     ) -> Result<CrossValidation, CompareError> {
         let fold = self.assignment();
-        let poses = self.held_out_poses(options, true, progress)?;
+        let poses = self.held_out_poses(config, true, progress)?;
         let of = |f: usize| {
             let inside = poses.iter().zip(&fold).filter(move |(_, g)| **g == f);
             summary(inside.map(|(pose, _)| pose))
@@ -170,10 +171,10 @@ impl Task<'_> {
     /// [`CompareError`].
     pub fn held_out(
         &self,
-        options: &Options,
+        config: &Config,
         progress: &mut dyn FnMut(),
     ) -> Result<Vec<PoseError>, CompareError> {
-        let poses = self.held_out_poses(options, false, progress)?;
+        let poses = self.held_out_poses(config, false, progress)?;
         Ok(poses.iter().map(|pose| pose.error).collect())
     }
 
@@ -184,7 +185,7 @@ impl Task<'_> {
     /// [`CompareError`].
     pub fn held_out_poses(
         &self,
-        options: &Options,
+        config: &Config,
         with_sigma: bool,
         progress: &mut dyn FnMut(),
     ) -> Result<Vec<HeldOutPose>, CompareError> {
@@ -199,7 +200,7 @@ impl Task<'_> {
                     .filter(|(_, f)| (**f != left_out) == inside);
                 wanted.map(|(s, _)| s.clone()).collect()
             };
-            let found = self.calibrated(options, &part(true))?;
+            let found = self.calibrated(config, &part(true))?;
             progress();
             let tests = part(false);
             let base = &found.calibration.ends.instrument_from_base;
@@ -214,21 +215,21 @@ impl Task<'_> {
         Ok(out.into_iter().flatten().collect())
     }
 
-    /// The model of `options` from some of the training poses.
+    /// The model of `config` from some of the training poses.
     ///
     /// # Errors
     /// [`CompareError`].
     pub fn calibrated(
         &self,
-        options: &Options,
+        config: &Config,
         samples: &[Sample],
-    ) -> Result<DeviceCalibration, CompareError> {
-        calibrate_for_device(self.nominal, self.robot, samples, options, self.origin).map_err(
-            |error| CompareError {
-                model: options.method.name(),
+    ) -> Result<CalibratedBlob, CompareError> {
+        calibrate_to_blob(self.nominal, self.robot, samples, config, self.origin).map_err(|error| {
+            CompareError {
+                model: config.method.name(),
                 error,
-            },
-        )
+            }
+        })
     }
 }
 

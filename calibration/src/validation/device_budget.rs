@@ -13,7 +13,7 @@ use crate::learning::elastic::device_variance::LANDMARKS;
 use crate::learning::elastic::inducing_sets::MAX_PAYLOADS;
 use crate::learning::elastic::options::SetLimits;
 use crate::measurement::sample::Sample;
-use crate::model::Options;
+use crate::model::config::{Config, ProcessLayout};
 use crate::numeric::statistics::Summary;
 use crate::robot::Robot;
 use crate::validation::cross_validation::{CompareError, Task};
@@ -137,18 +137,32 @@ impl Budget {
     }
 }
 
-/// The options of `size`.
-fn options_of(size: &ElasticSize, budget: &Budget, options: &Options) -> Options {
-    let mut out = *options;
-    out.elastic.tied = size.tied;
-    out.elastic.device_sigma = size.landmarks > 0;
-    out.elastic.support = Some(size.support);
-    out.elastic.sets = size.sets.map(|_| budget.sets(size));
-    out
+/// `config` with a model of this size.
+fn config_of(size: &ElasticSize, budget: &Budget, config: &Config) -> Config {
+    let out = Config {
+        device_variance: size.landmarks > 0,
+        inducing_points: Some(size.support),
+        max_set_instructions: None,
+        ..*config
+    };
+    if size.sets.is_some() {
+        let limits = budget.sets(size);
+        return Config {
+            layout: ProcessLayout::PerJointSets,
+            inducing_points: Some(limits.functions),
+            max_set_instructions: limits.instructions,
+            ..out
+        };
+    }
+    let layout = match size.tied {
+        true => ProcessLayout::Shared,
+        false => ProcessLayout::PerJoint,
+    };
+    Config { layout, ..out }
 }
 
 /// Fills the budget in every shape, cross-validates each and all support points for comparison (first in the table), and
-/// returns the options of the best one. `None` when not even one support point fits. `progress` is called after every
+/// returns the configuration of the best one. `None` when not even one support point fits. `progress` is called after every
 /// calibration of the cross-validation, [`TRIALS`] times the folds at most.
 ///
 /// # Errors
@@ -156,9 +170,9 @@ fn options_of(size: &ElasticSize, budget: &Budget, options: &Options) -> Options
 pub fn fill(
     budget: &Budget,
     task: &Task<'_>,
-    options: &Options,
+    config: &Config,
     progress: &mut dyn FnMut(),
-) -> Result<Option<(Options, Vec<Fitted>)>, CompareError> {
+) -> Result<Option<(Config, Vec<Fitted>)>, CompareError> {
     let sizes: Vec<ElasticSize> = [Shape::Own, Shape::Tied, Shape::Sets]
         .into_iter()
         .filter_map(|shape| budget.largest(task.robot, task.train, shape))
@@ -171,7 +185,7 @@ pub fn fill(
             landmarks: LANDMARKS,
             ..*size
         };
-        let wanted = size.tied && options.elastic.device_sigma && budget.allows(&with_sigma);
+        let wanted = size.tied && config.device_variance && budget.allows(&with_sigma);
         if wanted { with_sigma } else { *size }
     });
     let sizes: Vec<ElasticSize> = sizes.collect();
@@ -183,7 +197,7 @@ pub fn fill(
     };
     let mut table = Vec::new();
     for size in std::iter::once(&whole).chain(&sizes) {
-        let trial = options_of(size, budget, options);
+        let trial = config_of(size, budget, config);
         let errors = task.held_out(&trial, progress)?;
         let errors: Vec<f64> = errors.iter().map(|e| e.position_mm).collect();
         let mut size = *size;
@@ -210,7 +224,7 @@ pub fn fill(
         })
         .unwrap_or(1);
     table[best].taken = true;
-    let chosen = options_of(&sizes[best - 1], budget, options);
+    let chosen = config_of(&sizes[best - 1], budget, config);
     Ok(Some((chosen, table)))
 }
 
@@ -220,10 +234,10 @@ pub const TRIALS: usize = 4;
 /// What a calibration of all training poses comes to.
 fn sizes_of_sets(
     task: &Task<'_>,
-    options: &Options,
+    config: &Config,
     size: &ElasticSize,
 ) -> Result<ElasticSize, CompareError> {
-    let found = task.calibrated(options, task.train)?;
+    let found = task.calibrated(config, task.train)?;
     let elastic = found.calibration.elastic.as_ref();
     Ok(elastic.map_or(*size, |elastic| {
         let processes = &elastic.deflection.processes;

@@ -6,7 +6,7 @@
 use poegp_runtime::se3::Pose;
 
 use crate::blob::predict::LoadedBlob;
-use crate::blob::write::DeviceCalibration;
+use crate::blob::write::CalibratedBlob;
 use crate::identification::base_tool::UNWEIGHTED;
 use crate::identification::frame_fit::residual_components;
 use crate::measurement::sample::Sample;
@@ -71,7 +71,7 @@ pub fn held_out(
         .collect()
 }
 
-impl DeviceCalibration {
+impl CalibratedBlob {
     /// What it makes of `samples`, with its standard deviations.
     pub fn held_out(&self, samples: &[Sample]) -> Vec<HeldOutPose> {
         let base = &self.calibration.ends.instrument_from_base;

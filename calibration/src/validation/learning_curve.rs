@@ -9,7 +9,8 @@ use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 
 use crate::measurement::sample::Sample;
-use crate::model::{Options, fewest_poses};
+use crate::model::config::Config;
+use crate::model::fewest_poses;
 use crate::numeric::statistics::ErrorSummary;
 use crate::validation::cross_validation::Task;
 use crate::validation::held_out::{HeldOutPose, held_out, summary};
@@ -58,22 +59,22 @@ impl Parts {
 }
 
 /// Sizes that will be fitted, smallest first.
-pub fn sizes(task: &Task, options: &Options) -> Vec<usize> {
+pub fn sizes(task: &Task, config: &Config) -> Vec<usize> {
     let pool = match task.tests.is_empty() {
         true => task.train.len() - task.train.len() / task.folds.max(1),
         false => task.train.len(),
     };
-    let (fewest, _) = fewest_poses(options.method, task.nominal.kinds().len());
+    let (fewest, _) = fewest_poses(config.method, task.nominal.kinds().len());
     let possible = |size: &usize| *size > fewest && (*size as f64) <= LARGEST_SHARE * pool as f64;
     SIZES.into_iter().filter(possible).collect()
 }
 
-/// The curve of the model of `options`, smallest size first; `whole` are the held-out poses of the model of all training
+/// The curve of the model of `config`, smallest size first; `whole` are the held-out poses of the model of all training
 /// poses (of all test sets, or of all folds), which end the curve. A size at which there is no model, because a tool has
 /// no pose or the equations have no solution, is left out. `progress` is called after every calibration.
 pub fn curve(
     task: &Task,
-    options: &Options,
+    config: &Config,
     whole: &[HeldOutPose],
     progress: &mut dyn FnMut(),
 ) -> Vec<Point> {
@@ -81,12 +82,12 @@ pub fn curve(
     let mut order: Vec<usize> = (0..parts.pool.len()).collect();
     order.shuffle(&mut ChaCha8Rng::seed_from_u64(task.seed));
     let mut out = Vec::new();
-    for size in sizes(task, options) {
+    for size in sizes(task, config) {
         let mut drawn = order[..size.min(order.len())].to_vec();
         drawn.sort_unstable();
         let train: Vec<Sample> = drawn.iter().map(|i| parts.pool[*i].clone()).collect();
         if has_all_tools(&train, &parts.tests)
-            && let Ok(found) = task.calibrated(options, &train)
+            && let Ok(found) = task.calibrated(config, &train)
         {
             let base = &found.calibration.ends.instrument_from_base;
             out.push(Point {

@@ -7,10 +7,10 @@
 
 use serde::Serialize;
 
-use crate::learning::elastic::options::ElasticOptions;
-use crate::learning::task_space::fit::Sharing;
+use crate::learning::task_space::fit::HyperparameterSharing;
 use crate::measurement::sample::Sample;
-use crate::model::{Method, Options, fewest_poses};
+use crate::model::config::{Config, Weighting};
+use crate::model::{Method, fewest_poses};
 use crate::numeric::statistics::Summary;
 use crate::validation::cross_validation::{CompareError, Task, applicable};
 
@@ -23,7 +23,7 @@ pub struct Candidate {
     /// What it is called in the table.
     pub name: &'static str,
     /// How it is calibrated.
-    pub options: Options,
+    pub config: Config,
 }
 
 /// One row of the table that the choice was made from.
@@ -54,45 +54,38 @@ pub struct LeftOut {
 #[derive(Clone, Debug)]
 pub struct Choice {
     /// How to calibrate.
-    pub options: Options,
+    pub config: Config,
     /// The table, simplest first.
     pub table: Vec<Row>,
     /// Candidates that are not in it.
     pub left_out: Vec<LeftOut>,
 }
 
-/// All candidates that the data allow, simplest first; `base` has the options that they share.
-pub fn candidates(samples: &[Sample], joints: usize, base: &Options) -> Vec<Candidate> {
+/// All candidates that the data allow, simplest first; `base` has the settings that they share.
+pub fn candidates(samples: &[Sample], joints: usize, base: &Config) -> Vec<Candidate> {
     let allowed = applicable(samples);
-    let parameters_only = ElasticOptions {
-        processes: false,
-        ..base.elastic
-    };
-    let without_gravity = ElasticOptions {
-        gravity_terms: false,
-        ..base.elastic
-    };
     let gp = if allowed.contains(&Method::PoeGpLoad) {
         Method::PoeGpLoad
     } else {
         Method::PoeGp
     };
-    let of = |name, method, elastic| Candidate {
+    let of = |name, method| Candidate {
         name,
-        options: Options {
+        config: Config {
             method,
-            elastic,
+            weighting: Weighting::Noise,
+            hyperparameters: HyperparameterSharing::Shared,
             ..*base
         },
     };
+    let mut parameters_only = of("elastic, parameters alone", Method::Elastic);
+    parameters_only.config.processes = false;
+    let mut without_gravity = of("elastic without gravity terms", Method::Elastic);
+    without_gravity.config.gravity_terms = false;
     let mut out = vec![
-        of("base-tool", Method::BaseTool, base.elastic),
-        of("poe --weighted", Method::Poe, base.elastic),
-        of(
-            "elastic, parameters alone",
-            Method::Elastic,
-            parameters_only,
-        ),
+        of("base-tool", Method::BaseTool),
+        of("poe --weighted", Method::Poe),
+        parameters_only,
         of(
             if gp == Method::PoeGp {
                 "poe-gp --weighted"
@@ -100,22 +93,13 @@ pub fn candidates(samples: &[Sample], joints: usize, base: &Options) -> Vec<Cand
                 "poe-gp-load --weighted"
             },
             gp,
-            base.elastic,
         ),
-        of(
-            "elastic without gravity terms",
-            Method::Elastic,
-            without_gravity,
-        ),
-        of("elastic", Method::Elastic, base.elastic),
+        without_gravity,
+        of("elastic", Method::Elastic),
     ];
-    for candidate in &mut out {
-        candidate.options.weighted = true;
-        candidate.options.sharing = Sharing::Shared;
-    }
     let smallest = samples.len() - samples.len().div_ceil(FOLDS);
     out.retain(|c| {
-        allowed.contains(&c.options.method) && fewest_poses(c.options.method, joints).0 <= smallest
+        allowed.contains(&c.config.method) && fewest_poses(c.config.method, joints).0 <= smallest
     });
     out
 }
@@ -133,7 +117,7 @@ pub fn choose(
     let mut errors: Vec<Vec<f64>> = Vec::new();
     let (mut usable, mut left_out, mut first) = (Vec::new(), Vec::new(), None);
     for candidate in candidates {
-        match task.held_out(&candidate.options, progress) {
+        match task.held_out(&candidate.config, progress) {
             Ok(held_out) => {
                 errors.push(held_out.iter().map(|e| e.position_mm).collect());
                 usable.push(candidate);
@@ -186,7 +170,7 @@ pub fn choose(
     });
     Ok(Choice {
         table: table.collect(),
-        options: candidates[chosen].options,
+        config: candidates[chosen].config,
         left_out,
     })
 }

@@ -1,6 +1,7 @@
 //! `select::choose` when not every candidate can be made.
 
-use poegp_calibration::model::{Method, Options};
+use poegp_calibration::model::Method;
+use poegp_calibration::model::config::Config;
 use poegp_calibration::validation::cross_validation::Task;
 use poegp_calibration::validation::model_selection::{Candidate, FOLDS, choose};
 
@@ -10,9 +11,9 @@ use crate::{arm, origin, samples, simulated_path};
 fn impossible(name: &'static str) -> Candidate {
     Candidate {
         name,
-        options: Options {
-            max_correction_m: Some(5.0),
-            ..Options::new(Method::PoeGp)
+        config: Config {
+            max_correction_mm: Some(5e3),
+            ..Config::new(Method::PoeGp)
         },
     }
 }
@@ -33,11 +34,11 @@ fn what_no_device_can_run_is_left_out_of_the_choice_with_its_reason() {
     };
     let possible = Candidate {
         name: "poe",
-        options: Options::new(Method::Poe),
+        config: Config::new(Method::Poe),
     };
     let candidates = [impossible("first"), possible, impossible("last")];
     let choice = choose(&task, &candidates, &mut || {}).unwrap();
-    assert_eq!(choice.options.method, Method::Poe);
+    assert_eq!(choice.config.method, Method::Poe);
     assert_eq!(choice.table.len(), 1);
     assert!(choice.table[0].chosen);
     let left_out: Vec<_> = choice.left_out.iter().map(|out| out.candidate).collect();

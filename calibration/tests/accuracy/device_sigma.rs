@@ -1,8 +1,9 @@
 //! The standard deviation of tied blobs against the trainer's and against errors that were held out.
 
-use poegp_calibration::blob::write::{DeviceCalibration, calibrate_for_device};
+use poegp_calibration::blob::write::{CalibratedBlob, calibrate_to_blob};
 use poegp_calibration::measurement::sample::Sample;
-use poegp_calibration::model::{Method, Options};
+use poegp_calibration::model::Method;
+use poegp_calibration::model::config::{Config, ProcessLayout};
 use poegp_runtime::se3::Pose;
 
 use crate::{arm, origin, samples, say, simulated_path};
@@ -17,11 +18,11 @@ fn held_out(scenario: &str, poses: usize) {
     let (robot, nominal) = arm("abb-irb4400-serial");
     let read = |name: &str| samples(&simulated_path(&format!("{scenario}_s0_{name}")), &robot);
     let train: Vec<Sample> = read("train").into_iter().take(poses).collect();
-    let mut options = Options::new(Method::Elastic);
-    options.elastic.tied = true;
-    let DeviceCalibration {
+    let mut options = Config::new(Method::Elastic);
+    options.layout = ProcessLayout::Shared;
+    let CalibratedBlob {
         calibration, blob, ..
-    } = calibrate_for_device(&nominal, &robot, &train, &options, &origin(1)).unwrap();
+    } = calibrate_to_blob(&nominal, &robot, &train, &options, &origin(1)).unwrap();
     let base_from_instrument: Pose<f64> = calibration.ends.instrument_from_base.inverse();
     let noise = f64::from(blob.blob().variance.unwrap().noise_m2);
     let (mut ratios, mut beside_noise, mut far) = (Vec::new(), Vec::new(), Vec::new());

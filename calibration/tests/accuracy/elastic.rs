@@ -3,10 +3,11 @@
 use std::fmt::Write as _;
 use std::time::Instant;
 
-use poegp_calibration::blob::write::{DeviceCalibration, calibrate_for_device, fidelity};
+use poegp_calibration::blob::write::{CalibratedBlob, calibrate_to_blob, precision_loss};
 use poegp_calibration::measurement as measurements;
 use poegp_calibration::measurement::sample::Sample;
-use poegp_calibration::model::{Method, Options};
+use poegp_calibration::model::Method;
+use poegp_calibration::model::config::Config;
 use poegp_calibration::numeric::statistics::{ErrorSummary, PoseError};
 use poegp_calibration::robot::Robot;
 use poegp_calibration::validation::coverage::{Counter, Coverage};
@@ -56,13 +57,13 @@ impl Cell {
         support: Option<usize>,
         wanted: impl Fn(&Sample) -> bool,
     ) -> Measured {
-        let mut options = Options::new(Method::Elastic);
-        options.elastic.support = support;
+        let mut options = Config::new(Method::Elastic);
+        options.inducing_points = support;
         let clock = Clock::start();
         let (robot, nominal) = &self.arm;
-        let DeviceCalibration {
+        let CalibratedBlob {
             calibration, blob, ..
-        } = calibrate_for_device(nominal, robot, train, &options, &origin(1))
+        } = calibrate_to_blob(nominal, robot, train, &options, &origin(1))
             .unwrap_or_else(|e| panic!("{e}"));
         let seconds = clock.seconds();
         let test: Vec<_> = self.test.iter().filter(|(s, _)| wanted(s)).collect();
@@ -70,7 +71,7 @@ impl Cell {
         let against_truth = test.iter().map(|(s, truth)| {
             PoseError::between(truth, &blob.predict(&s.joints, s.payload_kg).pose)
         });
-        let rounding = fidelity(&calibration, &blob, &samples);
+        let rounding = precision_loss(&calibration, &blob, &samples);
         let mut counter = Counter::default();
         counter.add(&calibration, &blob, &samples);
         Measured {

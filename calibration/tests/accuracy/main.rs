@@ -14,11 +14,12 @@ use std::fmt::Display;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use poegp_calibration::blob::write::{Origin, nominal_chain};
-use poegp_calibration::learning::task_space::fit::Sharing;
+use poegp_calibration::blob::write::{Provenance, nominal_chain};
+use poegp_calibration::learning::task_space::fit::HyperparameterSharing;
 use poegp_calibration::measurement::sample::Sample;
 use poegp_calibration::measurement::sample::ToolName;
-use poegp_calibration::model::{Method, Options};
+use poegp_calibration::model::Method;
+use poegp_calibration::model::config::Config;
 use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_calibration::validation::coverage::Coverage;
 use poegp_calibration::validation::cross_validation::{ModelComparison, Task, TestSet};
@@ -45,10 +46,10 @@ fn samples(path: &Path, robot: &Robot) -> Vec<Sample> {
 }
 
 /// `method` with hyperparameters per output.
-fn per_output(method: Method) -> Options {
-    Options {
-        sharing: Sharing::PerOutput,
-        ..Options::new(method)
+fn per_output(method: Method) -> Config {
+    Config {
+        hyperparameters: HyperparameterSharing::PerOutput,
+        ..Config::new(method)
     }
 }
 
@@ -59,7 +60,7 @@ fn simulated_path(name: &str) -> PathBuf {
 }
 
 /// The origin of a calibration with so many tools.
-fn origin(tools: usize) -> Origin {
+fn origin(tools: usize) -> Provenance {
     let tool = |i: usize| ToolName {
         session: if tools > 1 {
             i.to_string()
@@ -68,7 +69,7 @@ fn origin(tools: usize) -> Origin {
         },
         target: String::new(),
     };
-    Origin {
+    Provenance {
         serial_number: String::new(),
         date: "2026-11-20".to_owned(),
         data_sha256: [0; 32],
@@ -82,7 +83,7 @@ fn compare(
     train: &[Sample],
     tests: &[TestSet],
     folds: usize,
-    options: &Options,
+    options: &Config,
 ) -> ModelComparison {
     let tools = train.iter().map(|s| s.tool + 1).max().unwrap_or(1);
     let origin = origin(tools);

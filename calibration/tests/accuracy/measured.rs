@@ -3,10 +3,11 @@
 
 use std::path::{Path, PathBuf};
 
-use poegp_calibration::blob::write::calibrate_for_device;
+use poegp_calibration::blob::write::calibrate_to_blob;
 use poegp_calibration::learning::elastic::options::OutlierPolicy;
 use poegp_calibration::measurement::sample::Sample;
-use poegp_calibration::model::{Method, Options};
+use poegp_calibration::model::Method;
+use poegp_calibration::model::config::{Config, Weighting};
 use poegp_calibration::numeric::statistics::ErrorSummary;
 use poegp_calibration::robot::Robot;
 use poegp_calibration::validation::cross_validation::{ModelComparison, TestSet};
@@ -71,9 +72,12 @@ fn check_arm(path: &Path, arm: &(Robot, Poe<f64>), bounds: &[Bound]) {
     ));
     let mut failed = Vec::new();
     for bound in bounds {
-        let options = Options {
-            weighted: bound.weighted,
-            ..Options::new(bound.method)
+        let options = Config {
+            weighting: match bound.weighted {
+                true => Weighting::Noise,
+                false => Weighting::None,
+            },
+            ..Config::new(bound.method)
         };
         let found = compare(arm, &train, &[], FOLDS, &options);
         let errors = found.cross_validation.unwrap();
@@ -179,7 +183,7 @@ fn a_hundred_poses_of_the_irb_120() {
         let name = String::new();
         let tests = [TestSet { name, samples }];
         let found: ModelComparison =
-            compare(&arm, &train, &tests, 0, &Options::new(Method::Elastic));
+            compare(&arm, &train, &tests, 0, &Config::new(Method::Elastic));
         let coverage = found.sets[0].coverage.as_ref().unwrap();
         wrong.extend(true_deviations(&format!("draw {seed}"), coverage));
         found.sets[0].errors.position_mm.mean
@@ -205,9 +209,9 @@ fn gross_outliers_among_poses_of_the_irb_120() {
         sample.measured.translation[i % 3] += if i % 2 == 0 { 3.5e-3 } else { -3.5e-3 };
     }
     let mean = |train: &[Sample], outliers: OutlierPolicy| {
-        let mut options = Options::new(Method::Elastic);
-        options.elastic.outliers = outliers;
-        let found = calibrate_for_device(&arm.1, &arm.0, train, &options, &origin(1))
+        let mut options = Config::new(Method::Elastic);
+        options.outliers = outliers;
+        let found = calibrate_to_blob(&arm.1, &arm.0, train, &options, &origin(1))
             .unwrap_or_else(|e| panic!("{e}"));
         let errors = ErrorSummary::new(&found.blob.errors(&test));
         let at: Vec<usize> = found

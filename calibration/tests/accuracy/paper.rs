@@ -1,6 +1,7 @@
 //! Table I on data that this program did not make, against the means that an independent implementation has there.
 
-use poegp_calibration::model::{Method, Options};
+use poegp_calibration::model::Method;
+use poegp_calibration::model::config::Config;
 use poegp_calibration::validation::cross_validation::TestSet;
 
 use crate::{arm, compare, mean, per_output, samples, say, simulated_path};
@@ -20,10 +21,10 @@ fn the_means_are_those_of_an_independent_implementation() {
     say("simulated elsewhere: mean position error in mm on the three test sets");
     let mut failed = Vec::new();
     for (name, options, theirs) in [
-        ("base-tool", Options::new(Method::BaseTool), 2.481),
-        ("poe", Options::new(Method::Poe), 0.866),
-        ("poe-gp", Options::new(Method::PoeGp), 0.627),
-        ("poe-gp-load", Options::new(Method::PoeGpLoad), 0.223),
+        ("base-tool", Config::new(Method::BaseTool), 2.481),
+        ("poe", Config::new(Method::Poe), 0.866),
+        ("poe-gp", Config::new(Method::PoeGp), 0.627),
+        ("poe-gp-load", Config::new(Method::PoeGpLoad), 0.223),
         (
             "poe-gp-load, per output",
             per_output(Method::PoeGpLoad),

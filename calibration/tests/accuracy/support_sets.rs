@@ -4,13 +4,13 @@
 
 use std::path::Path;
 
-use poegp_calibration::blob::write::calibrate_for_device;
+use poegp_calibration::blob::write::calibrate_to_blob;
 use poegp_calibration::device_cost::SetSizes;
-use poegp_calibration::learning::elastic::options::SetLimits;
 use poegp_calibration::measurement as measurements;
 use poegp_calibration::measurement::folds::assign;
 use poegp_calibration::measurement::sample::Sample;
-use poegp_calibration::model::{Method, Options};
+use poegp_calibration::model::Method;
+use poegp_calibration::model::config::{Config, ProcessLayout};
 use poegp_calibration::robot::Robot;
 use poegp_calibration::simulation::{Scenario, Simulator, to_csv};
 use poegp_runtime::poe::Poe;
@@ -22,14 +22,12 @@ const PAYLOADS_KG: [f64; 5] = [1.0, 2.5, 3.5, 5.0, 7.5];
 const WORSE: f64 = 1.02;
 
 /// Own length scales, tied ones, and support sets.
-fn models() -> [Options; 3] {
-    let own = Options::new(Method::Elastic);
+fn models() -> [Config; 3] {
+    let own = Config::new(Method::Elastic);
     let (mut tied, mut sets) = (own, own);
-    tied.elastic.tied = true;
-    sets.elastic.sets = Some(SetLimits {
-        functions: 200,
-        instructions: None,
-    });
+    tied.layout = ProcessLayout::Shared;
+    sets.layout = ProcessLayout::PerJointSets;
+    sets.inducing_points = Some(200);
     [own, tied, sets]
 }
 
@@ -42,7 +40,7 @@ fn measure(
     let mut told = String::new();
     let tools = train.iter().map(|s| s.tool + 1).max().unwrap_or(1);
     let errors = models().map(|options| {
-        let found = calibrate_for_device(nominal, robot, train, &options, &origin(tools))
+        let found = calibrate_to_blob(nominal, robot, train, &options, &origin(tools))
             .unwrap_or_else(|e| panic!("{e}"));
         let elastic = found.calibration.elastic.as_ref().unwrap();
         let processes = &elastic.deflection.processes;
@@ -51,7 +49,7 @@ fn measure(
             told = format!(
                 "{} functions of {words:.1} words, f32 {:.2} µm at most",
                 processes.points(),
-                1e6 * found.fidelity.max_m
+                1e6 * found.precision_loss.max_m
             );
         }
         let errors = found.blob.errors(test);

@@ -1,7 +1,8 @@
 //! Ten arms of our own simulator: how much of the error of the simpler methods the paper's method takes away.
 
 use poegp_calibration::measurement as measurements;
-use poegp_calibration::model::{Method, Options};
+use poegp_calibration::model::Method;
+use poegp_calibration::model::config::Config;
 use poegp_calibration::robot::Robot;
 use poegp_calibration::simulation::{Scenario, Simulator, to_csv};
 use poegp_calibration::validation::cross_validation::TestSet;
@@ -40,7 +41,7 @@ fn means(seed: u64) -> [f64; 6] {
     let arm = arm("abb-irb4400-serial");
     let [train, tests @ ..] = measure(&arm.0, seed);
     let own = [per_output(Method::PoeGp), per_output(Method::PoeGpLoad)];
-    let mut options = METHODS.map(Options::new).into_iter().chain(own);
+    let mut options = METHODS.map(Config::new).into_iter().chain(own);
     std::array::from_fn(|_| {
         let options = options.next().unwrap();
         mean(&compare(&arm, &train.samples, &tests, 0, &options))

@@ -1,7 +1,8 @@
 //! The corrected command is a continuous function of the command, with a bounded slope, beside singularities, too, and leaves
 //! nothing worse than it was: laws over random paths of every built-in arm.
 
-use poegp_calibration::model::{Method, Options};
+use poegp_calibration::model::Method;
+use poegp_calibration::model::config::Config;
 use poegp_calibration::robot::{BUILT_IN, LoadOptions, Robot};
 use poegp_calibration::simulation::Scenario;
 use poegp_runtime::scalar::Scalar;
@@ -298,7 +299,7 @@ fn laws(name: &str, fitted: &Fitted, paths: usize, broken: &mut Vec<String>) -> 
 fn commands_never_jump_and_nothing_gets_worse() {
     let (mut total, mut broken) = (0, Vec::new());
     for robot in BUILT_IN {
-        let fitted = fit(robot, Scenario::Wild, &Options::new(Method::Elastic));
+        let fitted = fit(robot, Scenario::Wild, &Config::new(Method::Elastic));
         total += laws(robot, &fitted, PATHS, &mut broken);
     }
     say(format_args!("{total} paths"));
@@ -342,7 +343,7 @@ fn measured_arms_never_jump_either() {
         let every = rows.len().div_ceil(400);
         let rows: Vec<&str> = rows.into_iter().step_by(every).collect();
         let csv = format!("{head}\n{}\n", rows.join("\n"));
-        let fitted = fit_measured(robot, &csv, &Options::new(Method::Elastic));
+        let fitted = fit_measured(robot, &csv, &Config::new(Method::Elastic));
         // Joints that never moved leave most of the geometry to chance, and the trained range is no room for paths.
         let still = fitted.ranges.iter().filter(|(a, b)| b - a < 0.02).count();
         if still > 1 {

@@ -1,8 +1,9 @@
 //! Corrected joints of fitted arms: the f64 model of the same blob says what is left.
 
-use poegp_calibration::blob::write::{Origin, calibrate_for_device, nominal_chain};
+use poegp_calibration::blob::write::{Provenance, calibrate_to_blob, nominal_chain};
 use poegp_calibration::measurement as measurements;
-use poegp_calibration::model::{Method, Options};
+use poegp_calibration::model::Method;
+use poegp_calibration::model::config::{Config, ProcessLayout};
 use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_calibration::simulation::{Scenario, Simulator, to_csv};
 use poegp_protocol::blob;
@@ -44,7 +45,7 @@ pub struct Fitted {
     pub ranges: Vec<(f64, f64)>,
 }
 
-pub fn fit(robot: &str, scenario: Scenario, options: &Options) -> Fitted {
+pub fn fit(robot: &str, scenario: Scenario, options: &Config) -> Fitted {
     let robot = Robot::load(robot, &LoadOptions::default()).unwrap();
     let mut simulator = Simulator::new(&robot, scenario, &PAYLOADS_KG, 1);
     let csv = to_csv(&robot, &simulator.measure(300), false, "train");
@@ -52,18 +53,18 @@ pub fn fit(robot: &str, scenario: Scenario, options: &Options) -> Fitted {
 }
 
 /// A model of these measurements.
-pub fn fit_measured(robot: Robot, csv: &str, options: &Options) -> Fitted {
+pub fn fit_measured(robot: Robot, csv: &str, options: &Config) -> Fitted {
     let nominal = nominal_chain(&robot).unwrap();
     let set = measurements::parse("train", csv.as_bytes()).unwrap();
     let mut tools = Vec::new();
     let train = poegp_calibration::measurement::sample::samples(&set, &robot, &mut tools).unwrap();
-    let origin = Origin {
+    let origin = Provenance {
         serial_number: String::new(),
         date: "2026-11-20".to_owned(),
         data_sha256: [0; 32],
         tools,
     };
-    let found = calibrate_for_device(&nominal, &robot, &train, options, &origin).unwrap();
+    let found = calibrate_to_blob(&nominal, &robot, &train, options, &origin).unwrap();
     let blob = blob::decode(found.blob.bytes()).unwrap();
     let (mut single, mut double) = (Box::new(Arm::new()), Box::new(Arm::new()));
     single.load(&blob).unwrap();
@@ -144,12 +145,12 @@ pub fn quantile(sorted: &[f64], thousandths: usize) -> f64 {
     sorted[(sorted.len() * thousandths).div_ceil(1000) - 1]
 }
 
-fn models() -> [(&'static str, Options); 3] {
-    let mut tied = Options::new(Method::Elastic);
-    tied.elastic.tied = true;
+fn models() -> [(&'static str, Config); 3] {
+    let mut tied = Config::new(Method::Elastic);
+    tied.layout = ProcessLayout::Shared;
     [
-        ("poe-gp-load", Options::new(Method::PoeGpLoad)),
-        ("elastic", Options::new(Method::Elastic)),
+        ("poe-gp-load", Config::new(Method::PoeGpLoad)),
+        ("elastic", Config::new(Method::Elastic)),
         ("elastic, tied", tied),
     ]
 }

@@ -2,12 +2,13 @@
 
 use faer::Mat;
 use poegp_calibration::learning::task_space::fit::{
-    MAX_SIGNAL_VARIANCE, Sharing, fit, maximise_likelihood,
+    HyperparameterSharing, MAX_SIGNAL_VARIANCE, fit, maximise_likelihood,
 };
 use poegp_calibration::learning::task_space::likelihood::log_marginal_likelihood;
 use poegp_calibration::learning::task_space::{Pairs, input, scale_outputs};
 use poegp_calibration::measurement::sample::in_base_frame;
-use poegp_calibration::model::{Method, Options, calibrate};
+use poegp_calibration::model::config::Config;
+use poegp_calibration::model::{Method, calibrate};
 use poegp_protocol::limits::OUTPUTS;
 use poegp_runtime::se3::residual;
 use rand::{RngExt, SeedableRng};
@@ -28,7 +29,7 @@ fn residuals_after_step_1_are_numpys() {
         .iter()
         .map(array)
         .collect();
-    let found = calibrate(&nominal, None, &train, &Options::new(Method::Poe)).unwrap();
+    let found = calibrate(&nominal, None, &train, &Config::new(Method::Poe)).unwrap();
     let ours: Vec<[f64; OUTPUTS]> = in_base_frame(&train, &found.ends.instrument_from_base)
         .iter()
         .map(|s| residual(&s.measured, &found.calibrated.forward(&s.serial)).to_array())
@@ -90,7 +91,7 @@ fn a_bounded_search_that_begins_elsewhere_ends_as_high() {
         fit(
             inputs.clone(),
             &residuals,
-            Sharing::PerOutput,
+            HyperparameterSharing::PerOutput,
             bound,
             larger,
         )

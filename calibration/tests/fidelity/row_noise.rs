@@ -1,11 +1,12 @@
 //! Rows weighted by the noise that they state of themselves.
 
 use nalgebra::Vector3;
-use poegp_calibration::blob::write::{DeviceCalibration, Origin, calibrate_for_device};
+use poegp_calibration::blob::write::{CalibratedBlob, Provenance, calibrate_to_blob};
 use poegp_calibration::measurement::noise::InstrumentNoise;
 use poegp_calibration::measurement::sample::Sample;
 use poegp_calibration::measurement::sample::ToolName;
-use poegp_calibration::model::{Method, Options};
+use poegp_calibration::model::Method;
+use poegp_calibration::model::config::{Config, Weighting};
 use poegp_calibration::numeric::statistics::ErrorSummary;
 use poegp_runtime::se3::{Pose, Twist};
 use rand::SeedableRng;
@@ -16,7 +17,8 @@ use crate::say;
 use crate::sets::{arm, simulated};
 
 /// The instrument of the simulated sets, one component: metres and radians.
-const NOISE: (f64, f64) = (30e-6, 50e-6);
+const NOISE: (f64, f64) = (1e-3 * NOISE_MM_MRAD.0, 1e-3 * NOISE_MM_MRAD.1);
+const NOISE_MM_MRAD: (f64, f64) = (0.03, 0.05);
 const POSES: usize = 100;
 /// Poses in three of which is a noisy one.
 const EVERY: usize = 3;
@@ -64,21 +66,21 @@ fn silent(samples: &[Sample]) -> Vec<Sample> {
     samples.iter().map(quiet).collect()
 }
 
-fn calibrated(samples: &[Sample], options: &Options) -> DeviceCalibration {
+fn calibrated(samples: &[Sample], options: &Config) -> CalibratedBlob {
     let (robot, nominal) = arm();
-    let origin = Origin {
+    let origin = Provenance {
         serial_number: String::new(),
         date: "2026-11-20".to_owned(),
         data_sha256: [0; 32],
         tools: vec![ToolName::default()],
     };
-    calibrate_for_device(&nominal, &robot, samples, options, &origin).unwrap()
+    calibrate_to_blob(&nominal, &robot, samples, options, &origin).unwrap()
 }
 
-fn weighted(method: Method) -> Options {
-    Options {
-        weighted: true,
-        ..Options::new(method)
+fn weighted(method: Method) -> Config {
+    Config {
+        weighting: Weighting::Noise,
+        ..Config::new(method)
     }
 }
 
@@ -113,13 +115,14 @@ fn rows_of_their_own_noise_count_by_it() {
 fn the_same_noise_in_all_rows_changes_no_byte() {
     let even = uneven(1.0);
     let bytes =
-        |samples: &[Sample], options: &Options| calibrated(samples, options).blob.bytes().to_vec();
+        |samples: &[Sample], options: &Config| calibrated(samples, options).blob.bytes().to_vec();
     let poe = weighted(Method::Poe);
     assert_eq!(bytes(&even, &poe), bytes(&silent(&even), &poe));
     // Of the elastic model it is also the least noise that may be found, as when it is told for all rows together …
-    let elastic = Options::new(Method::Elastic);
-    let told = Options {
-        instrument_noise: stated(1.0),
+    let elastic = Config::new(Method::Elastic);
+    let told = Config {
+        position_sigma_mm: Some(NOISE_MM_MRAD.0),
+        orientation_sigma_mrad: Some(NOISE_MM_MRAD.1),
         ..elastic
     };
     let by_rows = bytes(&even, &elastic);

@@ -1,19 +1,19 @@
 //! What `f32` costs: the blob's poses against the f64 model, on all simulated data.
 
 use poegp_calibration::blob::write::{
-    DeviceError, ExportError, MAX_F32_ERROR_M, MEAN_F32_ERROR_M, Origin, calibrate_for_device,
+    DeviceError, ExportError, MAX_F32_ERROR_M, MEAN_F32_ERROR_M, Provenance, calibrate_to_blob,
 };
-use poegp_calibration::learning::elastic::options::SetLimits;
-use poegp_calibration::learning::task_space::fit::Sharing;
+use poegp_calibration::learning::task_space::fit::HyperparameterSharing;
 use poegp_calibration::measurement::sample::Sample;
-use poegp_calibration::model::{Method, Options};
+use poegp_calibration::model::Method;
+use poegp_calibration::model::config::{Config, ProcessLayout};
 use poegp_runtime::poe::Poe;
 use poegp_runtime::status::Status;
 
 use crate::{say, sets};
 
-fn origin() -> Origin {
-    Origin {
+fn origin() -> Provenance {
+    Provenance {
         serial_number: String::new(),
         date: "2026-11-20".to_owned(),
         data_sha256: [0; 32],
@@ -22,12 +22,10 @@ fn origin() -> Origin {
 }
 
 /// The elastic model with a support set for each joint.
-fn support_sets() -> Options {
-    let mut options = Options::new(Method::Elastic);
-    options.elastic.sets = Some(SetLimits {
-        functions: 200,
-        instructions: None,
-    });
+fn support_sets() -> Config {
+    let mut options = Config::new(Method::Elastic);
+    options.layout = ProcessLayout::PerJointSets;
+    options.inducing_points = Some(200);
     options
 }
 
@@ -35,21 +33,21 @@ fn support_sets() -> Options {
 fn the_blob_is_within_two_micrometres_of_the_model() {
     let (robot, nominal) = sets::arm();
     let sets = ["train", "test1", "test2", "test3"].map(|set| sets::simulated(&robot, set));
-    let per_output = |method| Options {
-        sharing: Sharing::PerOutput,
-        ..Options::new(method)
+    let per_output = |method| Config {
+        hyperparameters: HyperparameterSharing::PerOutput,
+        ..Config::new(method)
     };
     for (name, options) in [
-        ("base-tool", Options::new(Method::BaseTool)),
-        ("poe", Options::new(Method::Poe)),
-        ("poe-gp", Options::new(Method::PoeGp)),
-        ("poe-gp-load", Options::new(Method::PoeGpLoad)),
+        ("base-tool", Config::new(Method::BaseTool)),
+        ("poe", Config::new(Method::Poe)),
+        ("poe-gp", Config::new(Method::PoeGp)),
+        ("poe-gp-load", Config::new(Method::PoeGpLoad)),
         ("poe-gp, per output", per_output(Method::PoeGp)),
         ("poe-gp-load, per output", per_output(Method::PoeGpLoad)),
-        ("elastic", Options::new(Method::Elastic)),
+        ("elastic", Config::new(Method::Elastic)),
         ("elastic, support sets", support_sets()),
     ] {
-        let found = calibrate_for_device(&nominal, &robot, &sets[0], &options, &origin()).unwrap();
+        let found = calibrate_to_blob(&nominal, &robot, &sets[0], &options, &origin()).unwrap();
         let instrument_from_base = found.calibration.ends.instrument_from_base;
         // Written out, not by `export::fidelity`: the bounded poses are counted, and the rotation is looked at.
         let (mut distances, mut angle, mut bounded) = (Vec::new(), 0.0_f64, 0);
@@ -70,7 +68,7 @@ fn the_blob_is_within_two_micrometres_of_the_model() {
             1e6 * mean,
             1e6 * largest,
             1e6 * angle,
-            found.calibration.options.max_signal_variance,
+            found.calibration.max_signal_variance,
             distances.len() + bounded
         ));
         assert!(
@@ -101,12 +99,12 @@ fn absurd(nominal: &Poe<f64>, samples: &[Sample]) -> Vec<Sample> {
 fn a_blob_that_loses_more_is_not_made() {
     let (robot, nominal) = sets::arm();
     let samples = absurd(&nominal, &sets::simulated(&robot, "train"));
-    let options = Options::new(Method::PoeGpLoad);
-    let found = calibrate_for_device(&nominal, &robot, &samples, &options, &origin());
-    let found = found.map(|found| found.fidelity);
-    let Err(DeviceError::Export(ExportError::LosesPrecision(fidelity))) = found else {
+    let options = Config::new(Method::PoeGpLoad);
+    let found = calibrate_to_blob(&nominal, &robot, &samples, &options, &origin());
+    let found = found.map(|found| found.precision_loss);
+    let Err(DeviceError::Export(ExportError::SinglePrecisionLossTooLarge(fidelity))) = found else {
         panic!("{found:?}");
     };
-    say(ExportError::LosesPrecision(fidelity));
+    say(ExportError::SinglePrecisionLossTooLarge(fidelity));
     assert!(fidelity.max_m > MAX_F32_ERROR_M || fidelity.mean_m > MEAN_F32_ERROR_M);
 }

@@ -13,10 +13,11 @@ use std::io::Write;
 use std::sync::Mutex;
 
 use nalgebra::Vector3;
-use poegp_calibration::blob::write::{Origin, calibrate_for_device, nominal_chain};
+use poegp_calibration::blob::write::{Provenance, calibrate_to_blob, nominal_chain};
 use poegp_calibration::measurement::sample::Sample;
 use poegp_calibration::measurement::sample::ToolName;
-use poegp_calibration::model::{Method, Options};
+use poegp_calibration::model::Method;
+use poegp_calibration::model::config::Config;
 use poegp_calibration::numeric::statistics::{PoseError, Summary};
 use poegp_calibration::planning::constraints::Constraints;
 use poegp_calibration::planning::forecast::sample;
@@ -96,14 +97,14 @@ impl Arm {
             .iter()
             .map(|p| sample(&self.robot, p, Some(p.payload_kg)))
             .collect();
-        let origin = Origin {
+        let origin = Provenance {
             serial_number: String::new(),
             date: "2026-11-20".to_owned(),
             data_sha256: [0; 32],
             tools: vec![ToolName::default()],
         };
-        let options = Options::new(Method::Elastic);
-        let blob = calibrate_for_device(&self.nominal, &self.robot, &train, &options, &origin)
+        let options = Config::new(Method::Elastic);
+        let blob = calibrate_to_blob(&self.nominal, &self.robot, &train, &options, &origin)
             .unwrap_or_else(|e| panic!("{e}"))
             .blob;
         let mean = |of: fn(&SimulatedPose) -> poegp_runtime::se3::Pose<f64>| {

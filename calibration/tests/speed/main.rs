@@ -10,11 +10,12 @@ use std::io::Write;
 use std::path::Path;
 
 use poegp_calibration::blob::predict::LoadedBlob;
-use poegp_calibration::blob::write::{Origin, calibrate_for_device, nominal_chain};
+use poegp_calibration::blob::write::{Provenance, calibrate_to_blob, nominal_chain};
 use poegp_calibration::measurement as measurements;
 use poegp_calibration::measurement::sample::Sample;
 use poegp_calibration::measurement::sample::samples;
-use poegp_calibration::model::{Calibration, Method, Options};
+use poegp_calibration::model::config::Config;
+use poegp_calibration::model::{Calibration, Method};
 use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_runtime::poe::Poe;
 
@@ -46,15 +47,15 @@ fn arm() -> (Robot, Poe<f64>, Vec<Sample>) {
 /// A calibration of the 300 poses, and its CPU seconds.
 fn calibrated(method: Method) -> (Calibration, LoadedBlob, Vec<Sample>, f64) {
     let (robot, nominal, samples) = arm();
-    let origin = Origin {
+    let origin = Provenance {
         serial_number: String::new(),
         date: "2026-11-20".to_owned(),
         data_sha256: [0; 32],
         tools: Vec::new(),
     };
     let start = cpu_seconds();
-    let options = Options::new(method);
-    let found = calibrate_for_device(&nominal, &robot, &samples, &options, &origin).unwrap();
+    let options = Config::new(method);
+    let found = calibrate_to_blob(&nominal, &robot, &samples, &options, &origin).unwrap();
     let seconds = cpu_seconds() - start;
     (found.calibration, found.blob, samples, seconds)
 }
@@ -63,7 +64,7 @@ fn calibrated(method: Method) -> (Calibration, LoadedBlob, Vec<Sample>, f64) {
 fn naive_mean(found: &Calibration, sample: &Sample) -> [f64; 6] {
     let gp = found.gp.as_ref().unwrap();
     let h = gp.output(0);
-    let x = found.options.inputs(&sample.joints, sample.payload_kg);
+    let x = found.config.inputs(&sample.joints, sample.payload_kg);
     let kernel: Vec<f64> = gp
         .inputs
         .iter()

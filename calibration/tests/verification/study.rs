@@ -4,11 +4,12 @@ use std::path::Path;
 
 use nalgebra::Vector3;
 use poegp_calibration::blob::predict::LoadedBlob;
-use poegp_calibration::blob::write::{Origin, calibrate_for_device, nominal_chain};
+use poegp_calibration::blob::write::{Provenance, calibrate_to_blob, nominal_chain};
 use poegp_calibration::measurement as measurements;
 use poegp_calibration::measurement::sample::Sample;
 use poegp_calibration::measurement::sample::samples;
-use poegp_calibration::model::{Method, Options};
+use poegp_calibration::model::Method;
+use poegp_calibration::model::config::Config;
 use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_calibration::simulation::{Disturbance, Scenario, Simulator, to_csv};
 use poegp_calibration::verification as check;
@@ -43,19 +44,19 @@ pub fn measured(robot: &Robot, simulator: &mut Simulator, poses: usize) -> Vec<S
 }
 
 impl Cell {
-    pub fn new(robot: &str, scenario: Scenario, seed: u64, options: &Options) -> Self {
+    pub fn new(robot: &str, scenario: Scenario, seed: u64, options: &Config) -> Self {
         let robot = Robot::load(robot, &LoadOptions::default()).unwrap();
         let payloads = [1.0, 2.5, 3.5, 5.0, 7.5];
         let mut simulator = Simulator::new(&robot, scenario, &payloads, seed);
         let training = measured(&robot, &mut simulator, TRAINING);
         let nominal = nominal_chain(&robot).unwrap();
-        let origin = Origin {
+        let origin = Provenance {
             serial_number: String::new(),
             date: "2026-11-20".to_owned(),
             data_sha256: [0; 32],
             tools: Vec::new(),
         };
-        let found = calibrate_for_device(&nominal, &robot, &training, options, &origin).unwrap();
+        let found = calibrate_to_blob(&nominal, &robot, &training, options, &origin).unwrap();
         Self {
             blob: found.blob,
             robot,
@@ -183,7 +184,7 @@ fn study(
     };
     let mut counts = [Count::default(); 4];
     for seed in 1..=seeds {
-        let mut cell = Cell::new(name, scenario, seed, &Options::new(Method::Elastic));
+        let mut cell = Cell::new(name, scenario, seed, &Config::new(Method::Elastic));
         let mut random = ChaCha8Rng::seed_from_u64(1000 + seed);
         let joints = cell.robot.joints.len();
         for (count, kind) in counts.iter_mut().zip(Kind::ALL) {

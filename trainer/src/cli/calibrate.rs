@@ -14,17 +14,19 @@ use crate::cli::{
     instrument_noise, json_text, origin, progress, write_outputs,
 };
 use crate::report::{Evidence, FileFacts, HeldOutFacts, Provenance};
+use poegp_calibration::blob;
 use poegp_calibration::blob::predict::LoadedBlob;
-use poegp_calibration::blob::write::{DeviceCalibration, Fidelity, Origin, calibrate_for_device};
+use poegp_calibration::blob::write::{CalibratedBlob, SinglePrecisionLoss, calibrate_to_blob};
 use poegp_calibration::device_cost::{ElasticSize, instructions};
 use poegp_calibration::identification::frame_fit::FrameFit;
 use poegp_calibration::identification::identifiability::IdentifyReport;
 use poegp_calibration::learning::task_space::fit::MAX_SIGNAL_VARIANCE;
 use poegp_calibration::measurement::instrument_drift::DriftReport;
 use poegp_calibration::measurement::sample::Sample;
+use poegp_calibration::model::config::Config;
 use poegp_calibration::model::frame_changes::{FrameChange, changes};
 use poegp_calibration::model::identified::of_calibration;
-use poegp_calibration::model::{Calibration, Method, Options};
+use poegp_calibration::model::{Calibration, Method};
 use poegp_calibration::numeric::statistics::ErrorSummary;
 use poegp_calibration::validation::cross_validation::Task;
 use poegp_calibration::validation::device_budget::{Budget, Fitted, TRIALS, fill};
@@ -106,12 +108,10 @@ pub fn run(a: &Calibrate) -> Result<(), Failure> {
     inputs.extend(a.tests.iter().map(PathBuf::as_path));
     inputs.extend(a.project.as_ref().map(|project| project.file.as_path()));
     check_outputs(&outputs, &inputs)?;
-    let mut options = Options {
-        max_correction_m: positive("--max-correction-mm", a.max_correction_mm, 1000.0)?
-            .map(|x| 1e-3 * x),
-        max_correction_rad: positive("--max-correction-mrad", a.max_correction_mrad, 500.0)?
-            .map(|x| 1e-3 * x),
-        ..a.fit.options(a.model.method().unwrap_or(Method::BaseTool))
+    let mut options = Config {
+        max_correction_mm: positive("--max-correction-mm", a.max_correction_mm, 1000.0)?,
+        max_correction_mrad: positive("--max-correction-mrad", a.max_correction_mrad, 500.0)?,
+        ..a.fit.config(a.model.method().unwrap_or(Method::BaseTool))
     };
     let arm = Arm::load(&a.robot)?;
     let mut tools = Vec::new();
@@ -125,8 +125,7 @@ pub fn run(a: &Calibrate) -> Result<(), Failure> {
     )?;
     let tests = Tests::read(&arm, &a.tests, &set, &tools, drift.as_ref())?;
     page::check(a, &samples, options.method, arm.robot.joints.len())?;
-    options.instrument_noise =
-        instrument_noise(a.fit.position_sigma_mm, a.fit.orientation_sigma_mrad)?;
+    instrument_noise(a.fit.position_sigma_mm, a.fit.orientation_sigma_mrad)?;
     let mut origin = origin(set.sha256, &a.serial_number, tools);
     if let Some(date) = &a.date {
         origin.date.clone_from(date);
@@ -135,7 +134,7 @@ pub fn run(a: &Calibrate) -> Result<(), Failure> {
         Some(_) => None,
         None => {
             let choice = choose_model(a, &arm, &samples, &options, &origin)?;
-            options = choice.options;
+            options = choice.config;
             for out in &choice.left_out {
                 remark(format_args!(
                     "`{}` is left out of the choice: {}",
@@ -160,15 +159,15 @@ pub fn run(a: &Calibrate) -> Result<(), Failure> {
         ));
     }
     let found = progress::calibrating(|| {
-        calibrate_for_device(&arm.nominal, &arm.robot, &samples, &options, &origin)
+        calibrate_to_blob(&arm.nominal, &arm.robot, &samples, &options, &origin)
     });
     let found = found.map_err(|e| device_failure(&a.train, e))?;
     let train = (&set, samples.as_slice());
     let evidence = page::held_out(a, &arm, train, &tests, &options, &origin, &found)?;
-    let DeviceCalibration {
+    let CalibratedBlob {
         calibration,
         blob,
-        fidelity,
+        precision_loss,
     } = found;
     let training = ErrorSummary::new(&blob.errors(&samples));
     let lines: Vec<usize> = set.measurements.iter().map(|m| m.line).collect();
@@ -177,7 +176,14 @@ pub fn run(a: &Calibrate) -> Result<(), Failure> {
     let file = a.out.display().to_string();
     let written = FileFacts::of_bytes("result", file, blob.bytes());
     provenance.files.push(written);
-    let mut document = document(a, &calibration, &blob, &fidelity, training, provenance);
+    let mut document = document(
+        a,
+        &calibration,
+        &blob,
+        &precision_loss,
+        training,
+        provenance,
+    );
     document.held_out = evidence.as_ref().map(Evidence::facts);
     document.elastic = ElasticFacts::new(&calibration, &samples, &lines);
     document.choice = table;
@@ -213,12 +219,16 @@ pub fn run(a: &Calibrate) -> Result<(), Failure> {
         report.line(drift.lines().join("\n"));
         report.line(drift::NO_LEAK);
     }
-    print(report, a, &calibration, &blob, &fidelity, &document);
+    print(report, a, &calibration, &blob, &precision_loss, &document);
     Ok(())
 }
 
 /// Cross-validation within the training data, for a choice.
-fn selection<'a>(arm: &'a Arm, samples: &'a [Sample], origin: &'a Origin) -> Task<'a> {
+fn selection<'a>(
+    arm: &'a Arm,
+    samples: &'a [Sample],
+    origin: &'a blob::write::Provenance,
+) -> Task<'a> {
     Task {
         robot: &arm.robot,
         nominal: &arm.nominal,
@@ -235,8 +245,8 @@ fn choose_model(
     a: &Calibrate,
     arm: &Arm,
     samples: &[Sample],
-    options: &Options,
-    origin: &Origin,
+    options: &Config,
+    origin: &blob::write::Provenance,
 ) -> Result<Choice, Failure> {
     let task = selection(arm, samples, origin);
     let candidates = candidates(samples, arm.robot.joints.len(), options);
@@ -252,9 +262,9 @@ fn fit_budget(
     budget: &Budget,
     arm: &Arm,
     samples: &[Sample],
-    options: &Options,
-    origin: &Origin,
-) -> Result<(Options, Vec<Fitted>), Failure> {
+    options: &Config,
+    origin: &blob::write::Provenance,
+) -> Result<(Config, Vec<Fitted>), Failure> {
     let task = selection(arm, samples, origin);
     let bar = progress::bar(TRIALS * FOLDS, "fitting the budget");
     let filled = fill(budget, &task, options, &mut || bar.inc(1));
@@ -341,7 +351,7 @@ fn print(
     a: &Calibrate,
     calibration: &Calibration,
     blob: &LoadedBlob,
-    fidelity: &Fidelity,
+    precision_loss: &SinglePrecisionLoss,
     document: &Document,
 ) {
     let training = &document.training;
@@ -349,7 +359,7 @@ fn print(
     report.line(format_args!(
         "Calibrated {} with `{}` on {} poses.",
         a.robot.robot,
-        calibration.options.method.name(),
+        calibration.config.method.name(),
         training.poses
     ));
     if let Some(fit) = &calibration.step1 {
@@ -392,13 +402,13 @@ fn print(
     }
     report.line(format_args!(
         "  single precision costs {:.3} µm in the mean, {:.3} µm at most",
-        1e6 * fidelity.mean_m,
-        1e6 * fidelity.max_m
+        1e6 * precision_loss.mean_m,
+        1e6 * precision_loss.max_m
     ));
-    if calibration.options.max_signal_variance < MAX_SIGNAL_VARIANCE {
+    if calibration.max_signal_variance < MAX_SIGNAL_VARIANCE {
         report.line(format_args!(
             "  note: the signal variance was held below {} for the sake of single precision",
-            calibration.options.max_signal_variance
+            calibration.max_signal_variance
         ));
     }
     match &document.identifiability {
@@ -443,7 +453,7 @@ fn document(
     a: &Calibrate,
     calibration: &Calibration,
     blob: &LoadedBlob,
-    fidelity: &Fidelity,
+    precision_loss: &SinglePrecisionLoss,
     training: ErrorSummary,
     provenance: Provenance,
 ) -> Document {
@@ -466,7 +476,7 @@ fn document(
         });
     Document {
         version: env!("CARGO_PKG_VERSION"),
-        model: calibration.options.method.name(),
+        model: calibration.config.method.name(),
         robot: blob.blob().robot.name.to_owned(),
         training_poses: training.poses,
         training,
@@ -479,8 +489,8 @@ fn document(
         bound_mm: 1e3 * calibration.bound.0,
         bound_mrad: 1e3 * calibration.bound.1,
         f32_error_um: F32Error {
-            mean: 1e6 * fidelity.mean_m,
-            max: 1e6 * fidelity.max_m,
+            mean: 1e6 * precision_loss.mean_m,
+            max: 1e6 * precision_loss.max_m,
         },
         drift: None,
         identifiability: None,

@@ -13,13 +13,13 @@ use crate::cli::{
     equations, file_name, instrument_noise, json_text, origin, progress, write_outputs,
 };
 use crate::report::{Evidence, HeldOutFacts, How, Provenance};
-use poegp_calibration::learning::elastic::options::{ElasticOptions, OutlierPolicy, SetLimits};
-use poegp_calibration::learning::task_space::fit::Sharing;
+use poegp_calibration::learning::elastic::options::OutlierPolicy;
+use poegp_calibration::learning::task_space::fit::HyperparameterSharing;
 use poegp_calibration::measurement::MeasurementSet;
 use poegp_calibration::measurement::instrument_drift::{Drift, DriftReport};
-use poegp_calibration::measurement::noise::InstrumentNoise;
 use poegp_calibration::measurement::sample::Sample;
-use poegp_calibration::model::{CalibrationError, Method, Options};
+use poegp_calibration::model::config::{Config, ProcessLayout, Weighting};
+use poegp_calibration::model::{CalibrationError, Method};
 use poegp_calibration::validation::cross_validation::{ModelComparison, Task, TestSet, applicable};
 use poegp_calibration::validation::learning_curve as learning;
 
@@ -30,9 +30,9 @@ pub struct Document<'a> {
     pub version: &'static str,
     /// Seed of the draw of folds.
     pub seed: u64,
-    /// Options of the fit.
+    /// Config of the fit.
     pub per_output: bool,
-    /// Options of the fit.
+    /// Config of the fit.
     pub weighted: bool,
     /// One entry for each method.
     pub models: &'a [ModelComparison],
@@ -51,41 +51,38 @@ pub struct Document<'a> {
 }
 
 impl FitArguments {
-    /// The options of a calibration by `method`.
-    pub fn options(&self, method: Method) -> Options {
-        let sharing = if self.per_output {
-            Sharing::PerOutput
-        } else {
-            Sharing::Shared
+    /// How to calibrate by `method`.
+    pub fn config(&self, method: Method) -> Config {
+        let layout = match (self.tied, self.support_per_output) {
+            (_, Some(_)) => ProcessLayout::PerJointSets,
+            (true, None) => ProcessLayout::Shared,
+            (false, None) => ProcessLayout::PerJoint,
         };
-        let elastic = ElasticOptions {
-            tied: self.tied,
-            device_sigma: !self.no_device_sigma,
-            support: self.support.0,
-            sets: self.support_per_output.map(|functions| SetLimits {
-                functions: functions as usize,
-                instructions: None,
-            }),
-            gravity: self.gravity.0.into(),
+        Config {
+            weighting: match self.weighted {
+                true => Weighting::Noise,
+                false => Weighting::None,
+            },
+            hyperparameters: match self.per_output {
+                true => HyperparameterSharing::PerOutput,
+                false => HyperparameterSharing::Shared,
+            },
+            layout,
+            inducing_points: match self.support_per_output {
+                Some(functions) => Some(functions as usize),
+                None => self.support.0,
+            },
+            device_variance: !self.no_device_sigma,
             outliers: match self.outliers {
-                Outliers::Report => OutlierPolicy::Report,
+                Outliers::Report => OutlierPolicy::Keep,
                 Outliers::Reject => OutlierPolicy::Reject,
             },
-            ..ElasticOptions::default()
-        };
-        Options {
-            sharing,
-            weighted: self.weighted,
-            elastic,
-            ..Options::new(method)
+            gravity_m_s2: self.gravity.0,
+            position_sigma_mm: self.position_sigma_mm,
+            orientation_sigma_mrad: self.orientation_sigma_mrad,
+            ..Config::new(method)
         }
     }
-}
-
-/// The options with what is known of the instrument.
-pub fn with_noise(mut options: Options, noise: InstrumentNoise) -> Options {
-    options.instrument_noise = noise;
-    options
 }
 
 pub fn run(a: &Compare) -> Result<(), Failure> {
@@ -166,16 +163,14 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
         seed: a.seed,
         origin: &origin,
     };
-    let noise = instrument_noise(a.fit.position_sigma_mm, a.fit.orientation_sigma_mrad)?;
+    instrument_noise(a.fit.position_sigma_mm, a.fit.orientation_sigma_mrad)?;
     let rounds = 1 + usize::from(drift.is_some());
     let bar = progress::bar(rounds * methods.len() * task.calibrations(), "comparing");
     let run = |task: &Task| -> Result<Vec<ModelComparison>, Failure> {
         let run_one = |method: &Method| {
             bar.set_message(method.name());
-            task.run(&with_noise(a.fit.options(*method), noise), &mut || {
-                bar.inc(1)
-            })
-            .map_err(|e| device_failure(&a.train, e.error))
+            task.run(&a.fit.config(*method), &mut || bar.inc(1))
+                .map_err(|e| device_failure(&a.train, e.error))
         };
         methods.iter().map(run_one).collect()
     };
@@ -200,7 +195,7 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
         } else {
             test_files.iter().collect()
         };
-        let evidence = evidence(a, &last_task, noise, &models, &sets)?;
+        let evidence = evidence(a, &last_task, &models, &sets)?;
         let from = &a.robot.robot;
         let seed = Some(a.seed);
         let provenance = page::provenance(from, &arm, &origin, seed, &set, &test_files);
@@ -260,14 +255,12 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
 fn evidence(
     a: &Compare,
     task: &Task,
-    noise: InstrumentNoise,
     models: &[ModelComparison],
     sets: &[&MeasurementSet],
 ) -> Result<Evidence, Failure> {
-    let options = |method: Method| with_noise(a.fit.options(method), noise);
     let mut all = models.to_vec();
     if !models.iter().any(|m| m.model == Method::BaseTool.name()) {
-        let first = task.run(&options(Method::BaseTool), &mut || ());
+        let first = task.run(&a.fit.config(Method::BaseTool), &mut || ());
         all.insert(0, first.map_err(|e| device_failure(&a.train, e.error))?);
     }
     let how = if a.tests.is_empty() {
@@ -283,7 +276,7 @@ fn evidence(
     let mut evidence = Evidence::new(how, sets, &all, kinds, false).ok_or_else(nothing)?;
     let best = evidence.after().name.clone();
     if let Some(method) = Method::ALL.into_iter().find(|m| m.name() == best) {
-        let options = options(method);
+        let options = a.fit.config(method);
         let bar = progress::bar(learning::sizes(task, &options).len(), "learning curve");
         let poses = evidence.after().poses.clone();
         evidence.learning = learning::curve(task, &options, &poses, &mut || bar.inc(1));

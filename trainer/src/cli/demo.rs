@@ -12,10 +12,11 @@ use crate::cli::simulate::{make_folder, write_sets};
 use crate::cli::{
     Failure, check_outputs, device_failure, evaluate, json_text, origin, progress, write_facts,
 };
-use poegp_calibration::blob::write::{calibrate_for_device, nominal_chain};
-use poegp_calibration::learning::task_space::fit::Sharing;
+use poegp_calibration::blob::write::{calibrate_to_blob, nominal_chain};
+use poegp_calibration::learning::task_space::fit::HyperparameterSharing;
 use poegp_calibration::measurement as measurements;
-use poegp_calibration::model::{Method, Options};
+use poegp_calibration::model::Method;
+use poegp_calibration::model::config::Config;
 use poegp_calibration::robot::Robot;
 use poegp_calibration::simulation::{Scenario, Simulator};
 use poegp_calibration::validation::cross_validation::{ModelComparison, Task, TestSet};
@@ -76,13 +77,13 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
         seed: a.seed,
         origin: &origin,
     };
-    let own = Options {
-        sharing: Sharing::PerOutput,
-        ..Options::new(Method::PoeGpLoad)
+    let own = Config {
+        hyperparameters: HyperparameterSharing::PerOutput,
+        ..Config::new(Method::PoeGpLoad)
     };
-    let mut runs: Vec<Options> = PAPER_TABLE_I
+    let mut runs: Vec<Config> = PAPER_TABLE_I
         .iter()
-        .map(|(method, _)| Options::new(*method))
+        .map(|(method, _)| Config::new(*method))
         .collect();
     runs.push(own);
     let bar = progress::bar(runs.len() * task.calibrations() + 1, "calibrating");
@@ -95,16 +96,16 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
     // The elastic model takes seconds a calibration: the test sets are enough here.
     bar.set_message(Method::Elastic.name());
     let elastic = Task { folds: 0, ..task };
-    let result = elastic.run(&Options::new(Method::Elastic), &mut || bar.inc(1));
+    let result = elastic.run(&Config::new(Method::Elastic), &mut || bar.inc(1));
     models.push(result.map_err(|e| device_failure(&train_path, e.error))?);
     bar.finish_and_clear();
     print_table(report, &models);
 
-    let found = calibrate_for_device(
+    let found = calibrate_to_blob(
         &nominal,
         &robot,
         &train,
-        &Options::new(Method::PoeGpLoad),
+        &Config::new(Method::PoeGpLoad),
         &origin,
     )
     .map_err(|e| device_failure(&train_path, e))?;
@@ -136,8 +137,8 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
     })?;
     report.line(format_args!(
         "\nSingle precision costs {:.2} µm in the mean, {:.2} µm at most.",
-        1e6 * found.fidelity.mean_m,
-        1e6 * found.fidelity.max_m
+        1e6 * found.precision_loss.mean_m,
+        1e6 * found.precision_loss.max_m
     ));
     report.line(
         "\n4. Calibrate with the default model, elastic joints, hold out the test sets, and write a report:\n",

@@ -8,6 +8,7 @@ use poegp_calibration::learning::elastic::options::OutlierPolicy;
 use poegp_calibration::learning::elastic::outliers::Reason;
 use poegp_calibration::measurement::sample::Sample;
 use poegp_calibration::model::Calibration;
+use poegp_calibration::model::config::ProcessLayout;
 
 /// The part of `--json`.
 #[derive(Serialize)]
@@ -53,13 +54,13 @@ impl ElasticFacts {
     pub fn new(calibration: &Calibration, samples: &[Sample], lines: &[usize]) -> Option<Self> {
         let elastic = calibration.elastic.as_ref()?;
         let report = &elastic.report;
-        let options = &calibration.options.elastic;
+        let config = &calibration.config;
         let sigma = elastic.sigma.as_ref().map(|sigma| SigmaFacts {
             landmarks: sigma.header.landmarks,
             floor_mm: 1e3 * sigma.header.floor.sqrt(),
             noise_mm: 1e3 * sigma.noise.sqrt(),
         });
-        let rejected = calibration.options.elastic.outliers == OutlierPolicy::Reject;
+        let rejected = config.outliers == OutlierPolicy::Reject;
         let ripple = report
             .ripple
             .iter()
@@ -87,7 +88,9 @@ impl ElasticFacts {
             ripple: ripple.collect(),
             outliers: outliers.collect(),
             device_sigma: sigma,
-            device_sigma_wanted: options.tied && options.device_sigma && options.processes,
+            device_sigma_wanted: config.layout == ProcessLayout::Shared
+                && config.device_variance
+                && config.processes,
         })
     }
 

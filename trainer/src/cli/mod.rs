@@ -43,7 +43,7 @@ use crate::cli::arguments::{Arguments, Command};
 use crate::cli::report::is_stdout;
 use crate::device::error::ClientError;
 use poegp_calibration::blob::predict::{BlobError, HOST_SUPPORT};
-use poegp_calibration::blob::write::{DeviceError, ExportError, Origin, nominal_chain};
+use poegp_calibration::blob::write::{DeviceError, ExportError, Provenance, nominal_chain};
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::measurement as measurements;
 use poegp_calibration::measurement::MeasurementSet;
@@ -85,9 +85,9 @@ impl Failure {
 impl From<ExportError> for Failure {
     fn from(error: ExportError) -> Self {
         match error {
-            ExportError::LosesPrecision(_) => Self::Quality(format!(
-                "{error}\nhelp: the data make a very smooth correction with very little noise; nothing was written"
-            )),
+            ExportError::SinglePrecisionLossTooLarge(_) => {
+                Self::Quality(format!("{error}\nhelp: nothing was written"))
+            }
             ExportError::Unusable(BlobError::Load(LoadError::Bound)) => Self::Usage(format!(
                 "{error}\nhelp: the poses are a metre or half a radian from what the robot should do: is it this robot, with \
                  these joints (as the controller counts them, or serial), and this order of columns?"
@@ -294,14 +294,14 @@ fn device_failure(path: &Path, error: DeviceError) -> Failure {
 }
 
 /// The origin of a calibration: today, or the day that SOURCE_DATE_EPOCH names, for reproducible builds.
-fn origin(data_sha256: [u8; 32], serial_number: &str, tools: Vec<ToolName>) -> Origin {
+fn origin(data_sha256: [u8; 32], serial_number: &str, tools: Vec<ToolName>) -> Provenance {
     let seconds = std::env::var("SOURCE_DATE_EPOCH")
         .ok()
         .and_then(|s| s.parse().ok());
     let now = seconds
         .and_then(|s| time::OffsetDateTime::from_unix_timestamp(s).ok())
         .unwrap_or_else(time::OffsetDateTime::now_utc);
-    Origin {
+    Provenance {
         serial_number: serial_number.to_owned(),
         date: now.date().to_string(),
         data_sha256,

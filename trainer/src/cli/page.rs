@@ -4,20 +4,21 @@ use std::path::{Path, PathBuf};
 
 use crate::cli::arguments::Calibrate;
 use crate::cli::calibrate::Document;
-use crate::cli::compare::with_noise;
 use crate::cli::{
     Arm, Failure, device_failure, drift, enough_poses, equations, file_name, progress,
 };
 use crate::report::sections;
 use crate::report::sections::DeviceFacts;
 use crate::report::{Evidence, FileFacts, HeldOutFacts, How, Page, Provenance, Section};
-use poegp_calibration::blob::write::{DeviceCalibration, Origin};
+use poegp_calibration::blob;
+use poegp_calibration::blob::write::CalibratedBlob;
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::measurement::MeasurementSet;
 use poegp_calibration::measurement::instrument_drift::Drift;
 use poegp_calibration::measurement::sample::Sample;
 use poegp_calibration::measurement::sample::ToolName;
-use poegp_calibration::model::{CalibrationError, Method, Options};
+use poegp_calibration::model::config::Config;
+use poegp_calibration::model::{CalibrationError, Method};
 use poegp_calibration::validation::cross_validation::{
     ModelComparison, SetErrors, Task, TestSet, applicable,
 };
@@ -115,9 +116,9 @@ pub fn held_out(
     arm: &Arm,
     (set, samples): (&MeasurementSet, &[Sample]),
     tests: &Tests,
-    options: &Options,
-    origin: &Origin,
-    found: &DeviceCalibration,
+    options: &Config,
+    origin: &blob::write::Provenance,
+    found: &CalibratedBlob,
 ) -> Result<Option<Evidence>, Failure> {
     if a.report.is_none() && tests.sets.is_empty() {
         return Ok(None);
@@ -165,7 +166,7 @@ pub fn held_out(
     );
     let mut models: Vec<ModelComparison> = Vec::new();
     for method in methods {
-        let options = with_noise(a.fit.options(method), options.instrument_noise);
+        let options = a.fit.config(method);
         match task.run(&options, &mut || bar.inc(1)) {
             Ok(model) => models.push(model),
             // What the calibration is compared with need not be possible.
@@ -212,7 +213,7 @@ pub fn held_out(
 pub fn provenance(
     robot: &str,
     arm: &Arm,
-    origin: &Origin,
+    origin: &blob::write::Provenance,
     seed: Option<u64>,
     train: &MeasurementSet,
     tests: &[MeasurementSet],

@@ -133,8 +133,9 @@ fn a_blob_that_loses_precision_is_not_written() {
     let outcome = folder.run(&line);
     assert_eq!(outcome.code, Some(1), "{outcome:#?}");
     for part in [
-        "single precision would cost",
-        "the limits are 2 and 0.5 µm",
+        "the f32 model differs from the f64 fit",
+        "(limit 2 µm)",
+        "(limit 0.5 µm)",
         "nothing was written",
     ] {
         assert!(outcome.stderr.contains(part), "{outcome:#?}");

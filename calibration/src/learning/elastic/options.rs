@@ -1,6 +1,7 @@
 //! How the elastic model is fitted.
 
 use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
 
 /// How the elastic model is fitted.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -35,7 +36,7 @@ impl Default for ElasticOptions {
             gravity: Vector3::new(0.0, 0.0, -9.81),
             support: Some(100),
             sets: None,
-            outliers: OutlierPolicy::Report,
+            outliers: OutlierPolicy::Keep,
             device_sigma: true,
         }
     }
@@ -51,10 +52,12 @@ pub struct SetLimits {
 }
 
 /// What is done with outliers.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum OutlierPolicy {
-    /// They are reported and kept.
-    Report,
-    /// They are reported and left out.
+    /// They are reported and trained on.
+    #[default]
+    Keep,
+    /// They are reported and not trained on.
     Reject,
 }

@@ -8,6 +8,7 @@ use std::cell::RefCell;
 
 use faer::Mat;
 use poegp_protocol::limits::OUTPUTS;
+use serde::{Deserialize, Serialize};
 
 use crate::learning::task_space::likelihood::{LikelihoodWorkspace, log_marginal_likelihood_in};
 use crate::learning::task_space::{
@@ -17,9 +18,11 @@ use crate::numeric::lbfgs::{Ending, Minimum, Objective, minimize};
 use crate::progress;
 
 /// How the outputs share their hyperparameters.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Sharing {
-    /// One set for all six: one exponential for each support point on the device.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum HyperparameterSharing {
+    /// One set for all six: one exponential for each inducing point on the device.
+    #[default]
     Shared,
     /// A set for each output: more accurate, six exponentials.
     PerOutput,
@@ -123,7 +126,7 @@ fn maximise_from(
 pub fn fit(
     inputs: Vec<Vec<f64>>,
     residuals: &[[f64; OUTPUTS]],
-    sharing: Sharing,
+    sharing: HyperparameterSharing,
     max_signal_variance: f64,
     larger: Option<&[Hyperparameters; OUTPUTS]>,
 ) -> Result<TaskSpaceGp, NotPositiveDefinite> {
@@ -139,8 +142,8 @@ pub fn fit(
         }
     };
     let hyperparameters = match sharing {
-        Sharing::Shared => vec![optimum(&scaled, 0)],
-        Sharing::PerOutput => (0..OUTPUTS)
+        HyperparameterSharing::Shared => vec![optimum(&scaled, 0)],
+        HyperparameterSharing::PerOutput => (0..OUTPUTS)
             .map(|c| {
                 let column = Mat::from_fn(scaled.nrows(), 1, |i, _| scaled[(i, c)]);
                 optimum(&column, c)

@@ -10,7 +10,7 @@ use toml::{Table, Value};
 use crate::cli::arguments::Calibrate;
 use crate::cli::cell::stated;
 use crate::report::FileFacts;
-use poegp_calibration::blob::write::Origin;
+use poegp_calibration::blob::write::Provenance;
 use poegp_calibration::measurement::MeasurementSet;
 use poegp_calibration::measurement::sample::ToolName;
 use poegp_calibration::robot::BUILT_IN;
@@ -21,7 +21,7 @@ pub fn text(
     path: &Path,
     set: &MeasurementSet,
     tests: &[MeasurementSet],
-    origin: &Origin,
+    origin: &Provenance,
     blob: &[u8],
 ) -> String {
     let folder = match path.parent() {

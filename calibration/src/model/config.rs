@@ -1,0 +1,343 @@
+//! How a calibration is done: everything but the data that is needed to repeat it.
+//!
+//! The same keys stand in a project file, so the fields have the units of their names. In TOML:
+//!
+//! ```
+//! use poegp_calibration::model::config::{Config, ProcessLayout};
+//!
+//! let config: Config = toml::from_str("method = \"elastic\"\nlayout = \"shared\"\ninducing_points = \"all\"")?;
+//! assert_eq!((config.layout, config.inducing_points), (ProcessLayout::Shared, None));
+//! assert_eq!(config.gravity_m_s2, [0.0, 0.0, -9.81]);
+//! assert!(toml::from_str::<Config>("inducing_point = 100").is_err());
+//! # Ok::<(), toml::de::Error>(())
+//! ```
+
+use serde::{Deserialize, Serialize};
+
+use crate::learning::elastic::options::ElasticOptions;
+use crate::learning::elastic::options::OutlierPolicy;
+use crate::learning::elastic::options::SetLimits;
+use crate::learning::task_space::fit::HyperparameterSharing;
+use crate::measurement::noise::InstrumentNoise;
+use crate::measurement::sample::Sample;
+use crate::model::Method;
+
+/// How a calibration is done. [`Config::default`] is the elastic model with the settings of the command line.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(
+    default,
+    deny_unknown_fields,
+    expecting = "the table of a calibration with its keys"
+)]
+pub struct Config {
+    /// The calibration method.
+    pub method: Method,
+    /// How the poses count in the frame fit of the methods `poe`, `poe-gp` and `poe-gp-load`.
+    pub weighting: Weighting,
+    /// Whether the six outputs of the task-space process share their hyperparameters.
+    pub hyperparameters: HyperparameterSharing,
+    /// Lengthscales and inducing points of the joint processes of the elastic model.
+    pub layout: ProcessLayout,
+    /// Upper limit on the inducing points of the elastic model, of all joints together where each has its own set. `None`,
+    /// in TOML `"all"`: every training pose.
+    #[serde(with = "count_or_all")]
+    pub inducing_points: Option<usize>,
+    /// Upper limit on the instructions that inducing sets cost a Cortex-M4F in one evaluation, by the cost model.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_set_instructions: Option<u64>,
+    /// Whether a model with shared lengthscales stores a position variance for the device.
+    pub device_variance: bool,
+    /// Whether the elastic model has gravity torques of links and payload.
+    pub gravity_terms: bool,
+    /// Whether the elastic model has gear ripple.
+    pub ripple: bool,
+    /// Whether the elastic model has joint processes; without them it is parametric.
+    pub processes: bool,
+    /// What the elastic model does with outliers.
+    pub outliers: OutlierPolicy,
+    /// Gravity in the base frame, m/s².
+    pub gravity_m_s2: [f64; 3],
+    /// Standard deviation of one position component as the instrument's maker states it, mm. `None`: what the rows of the
+    /// measurement file declare, otherwise estimated.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub position_sigma_mm: Option<f64>,
+    /// Standard deviation of one rotation component as the instrument's maker states it, mrad. `None`: what the rows of the
+    /// measurement file declare, otherwise estimated.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub orientation_sigma_mrad: Option<f64>,
+    /// Upper limit on the displacement of the tool by the correction, mm. `None`: twice the largest in training.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_correction_mm: Option<f64>,
+    /// Upper limit on the rotation of the tool by the correction, mrad. `None`: twice the largest in training.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_correction_mrad: Option<f64>,
+}
+
+/// How poses count in the frame fit.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Weighting {
+    /// All alike, as in the paper: the residual is the spatial twist in metres and radians.
+    #[default]
+    None,
+    /// By the noise of position and rotation, with the rotation taken at the tool point.
+    Noise,
+}
+
+/// Lengthscales and inducing points of the joint processes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ProcessLayout {
+    /// One set of lengthscales and of inducing points for all joints: one exponential for each point on the device.
+    Shared,
+    /// Lengthscales for each joint, inducing points for all: one exponential for each joint and point.
+    #[default]
+    PerJoint,
+    /// Lengthscales and inducing points for each joint.
+    PerJointSets,
+}
+
+/// A value of a [`Config`] that is out of its range.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("`{key}` is {found}: expected {expected}")]
+pub struct ConfigError {
+    /// The key, as it is written in TOML.
+    pub key: &'static str,
+    /// The value.
+    pub found: String,
+    /// What the key takes.
+    pub expected: String,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            method: Method::Elastic,
+            weighting: Weighting::default(),
+            hyperparameters: HyperparameterSharing::default(),
+            layout: ProcessLayout::default(),
+            inducing_points: Some(100),
+            max_set_instructions: None,
+            device_variance: true,
+            gravity_terms: true,
+            ripple: true,
+            processes: true,
+            outliers: OutlierPolicy::default(),
+            gravity_m_s2: [0.0, 0.0, -9.81],
+            position_sigma_mm: None,
+            orientation_sigma_mrad: None,
+            max_correction_mm: None,
+            max_correction_mrad: None,
+        }
+    }
+}
+
+impl Config {
+    /// The default settings of `method`.
+    pub fn new(method: Method) -> Self {
+        Self {
+            method,
+            ..Self::default()
+        }
+    }
+
+    /// Checks what the types of the fields leave open.
+    ///
+    /// # Errors
+    /// [`ConfigError`] of the first value that is out of its range.
+    pub fn validate(&self) -> Result<(), ConfigError> {
+        let error = |key, found: &dyn std::fmt::Debug, expected: String| {
+            let found = format!("{found:?}");
+            Err(ConfigError {
+                key,
+                found,
+                expected,
+            })
+        };
+        let limits = [
+            ("position_sigma_mm", self.position_sigma_mm, f64::INFINITY),
+            (
+                "orientation_sigma_mrad",
+                self.orientation_sigma_mrad,
+                f64::INFINITY,
+            ),
+            ("max_correction_mm", self.max_correction_mm, 1000.0),
+            ("max_correction_mrad", self.max_correction_mrad, 500.0),
+        ];
+        for (key, value, limit) in limits {
+            let Some(x) = value else { continue };
+            if !(x > 0.0 && x.is_finite() && x <= limit) {
+                let at_most = match limit.is_finite() {
+                    true => format!(" and at most {limit}"),
+                    false => String::new(),
+                };
+                return error(key, &x, format!("a number above 0{at_most}"));
+            }
+        }
+        let g = self.gravity_m_s2;
+        if !g.iter().all(|x| x.is_finite()) {
+            return error("gravity_m_s2", &g, "three finite numbers in m/s²".into());
+        }
+        let most = MAX_SET_FUNCTIONS;
+        match (self.layout, self.inducing_points) {
+            (ProcessLayout::PerJointSets, count) if !(1..=most).contains(&count.unwrap_or(0)) => {
+                let found = count.map_or("all".to_owned(), |n| n.to_string());
+                let expected = format!("a number from 1 to {most} for inducing sets");
+                Err(ConfigError {
+                    key: "inducing_points",
+                    found,
+                    expected,
+                })
+            }
+            (_, Some(0)) => error("inducing_points", &0, "at least 1, or \"all\"".into()),
+            _ => Ok(()),
+        }
+    }
+
+    /// What is known of the instrument, for all measurements.
+    pub fn instrument_noise(&self) -> InstrumentNoise {
+        InstrumentNoise {
+            position: self.position_sigma_mm.map(|x| 1e-3 * x),
+            orientation: self.orientation_sigma_mrad.map(|x| 1e-3 * x),
+        }
+    }
+
+    /// The samples with what is known of all measurements in place of what their rows declare.
+    pub fn with_declared_noise<'a>(
+        &self,
+        samples: impl Iterator<Item = &'a Sample>,
+    ) -> Vec<Sample> {
+        let noise = self.instrument_noise();
+        let with_noise = |s: &Sample| Sample {
+            stated: noise.or(s.stated),
+            ..s.clone()
+        };
+        samples.map(with_noise).collect()
+    }
+
+    /// The part of it that the elastic fit reads.
+    pub(crate) fn elastic(&self) -> ElasticOptions {
+        let is_sets = self.layout == ProcessLayout::PerJointSets;
+        ElasticOptions {
+            tied: self.layout == ProcessLayout::Shared,
+            gravity_terms: self.gravity_terms,
+            processes: self.processes,
+            ripple: self.ripple,
+            gravity: self.gravity_m_s2.into(),
+            support: self.inducing_points,
+            sets: is_sets.then(|| SetLimits {
+                functions: self.inducing_points.unwrap_or(MAX_SET_FUNCTIONS),
+                instructions: self.max_set_instructions,
+            }),
+            outliers: self.outliers,
+            device_sigma: self.device_variance,
+        }
+    }
+}
+
+/// Most functions of all inducing sets together.
+const MAX_SET_FUNCTIONS: usize = 10_000;
+
+/// A number, or `"all"` for `None`.
+mod count_or_all {
+    use serde::de::{Deserializer, Error, Visitor};
+    use serde::ser::Serializer;
+
+    pub fn serialize<S: Serializer>(count: &Option<usize>, to: S) -> Result<S::Ok, S::Error> {
+        match count {
+            Some(count) => to.serialize_u64(*count as u64),
+            None => to.serialize_str("all"),
+        }
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Option<usize>, D::Error> {
+        struct CountOrAll;
+        impl Visitor<'_> for CountOrAll {
+            type Value = Option<usize>;
+
+            fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+                f.write_str("a number of at least 1, or \"all\"")
+            }
+
+            fn visit_u64<E: Error>(self, count: u64) -> Result<Self::Value, E> {
+                usize::try_from(count)
+                    .map(Some)
+                    .map_err(|_| E::invalid_value(serde::de::Unexpected::Unsigned(count), &self))
+            }
+
+            fn visit_i64<E: Error>(self, count: i64) -> Result<Self::Value, E> {
+                usize::try_from(count)
+                    .map(Some)
+                    .map_err(|_| E::invalid_value(serde::de::Unexpected::Signed(count), &self))
+            }
+
+            fn visit_str<E: Error>(self, text: &str) -> Result<Self::Value, E> {
+                match text {
+                    "all" => Ok(None),
+                    _ => Err(E::invalid_value(serde::de::Unexpected::Str(text), &self)),
+                }
+            }
+        }
+        from.deserialize_any(CountOrAll)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_key_is_written_and_read_again() {
+        let sets = Config {
+            layout: ProcessLayout::PerJointSets,
+            max_set_instructions: Some(9000),
+            position_sigma_mm: Some(0.015),
+            orientation_sigma_mrad: Some(0.02),
+            max_correction_mm: Some(4.0),
+            max_correction_mrad: Some(8.0),
+            weighting: Weighting::Noise,
+            hyperparameters: HyperparameterSharing::PerOutput,
+            outliers: OutlierPolicy::Reject,
+            ..Config::new(Method::PoeGpLoad)
+        };
+        let all = Config {
+            inducing_points: None,
+            ..Config::default()
+        };
+        for config in [Config::default(), sets, all] {
+            let text = toml::to_string(&config).unwrap();
+            assert_eq!(toml::from_str::<Config>(&text).unwrap(), config, "{text}");
+            config.validate().unwrap();
+        }
+        assert_eq!(toml::from_str::<Config>("").unwrap(), Config::default());
+    }
+
+    #[test]
+    fn a_value_out_of_range_is_rejected_by_its_key() {
+        for (text, message) in [
+            (
+                "max_correction_mm = -1",
+                "`max_correction_mm` is -1.0: expected a number above 0 and at most 1000",
+            ),
+            (
+                "position_sigma_mm = inf",
+                "`position_sigma_mm` is inf: expected a number above 0",
+            ),
+            (
+                "inducing_points = 0",
+                "`inducing_points` is 0: expected at least 1, or \"all\"",
+            ),
+            (
+                "layout = \"per-joint-sets\"\ninducing_points = \"all\"",
+                "`inducing_points` is all: expected a number from 1 to 10000 for inducing sets",
+            ),
+            (
+                "gravity_m_s2 = [0, 0, nan]",
+                "`gravity_m_s2` is [0.0, 0.0, NaN]: expected three finite numbers in m/s²",
+            ),
+        ] {
+            let config: Config = toml::from_str(text).unwrap();
+            assert_eq!(config.validate().unwrap_err().to_string(), message);
+        }
+    }
+}
