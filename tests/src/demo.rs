@@ -14,10 +14,11 @@ use std::io::Write;
 use std::time::Duration;
 
 use poegp_calibration::blob::predict::LoadedBlob;
-use poegp_calibration::blob::write::{Origin, calibrate_for_device, nominal_chain};
+use poegp_calibration::blob::write::{Provenance, calibrate_to_blob, nominal_chain};
 use poegp_calibration::measurement::parse;
 use poegp_calibration::measurement::sample::{Sample, samples};
-use poegp_calibration::model::{Method, Options};
+use poegp_calibration::model::Method;
+use poegp_calibration::model::config::Config;
 use poegp_calibration::numeric::statistics::{PoseError, Summary};
 use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_calibration::simulation::{Scenario, Simulator, to_csv};
@@ -106,7 +107,7 @@ pub fn run(seed: u64, out: &mut dyn Write) -> Result<Vec<ArmErrors>, Box<dyn Err
         out,
         "3. Calibrate with the paper's method and with elastic joints."
     )?;
-    let origin = Origin {
+    let origin = Provenance {
         serial_number: "demo".to_owned(),
         date: "2026-01-01".to_owned(),
         data_sha256: [0; 32],
@@ -118,8 +119,8 @@ pub fn run(seed: u64, out: &mut dyn Write) -> Result<Vec<ArmErrors>, Box<dyn Err
         ("corrected, POE + GP with loading", Method::PoeGpLoad),
         ("corrected, elastic joints", Method::Elastic),
     ] {
-        let options = Options::new(method);
-        let calibrated = calibrate_for_device(&nominal, &robot, &train, &options, &origin)?;
+        let options = Config::new(method);
+        let calibrated = calibrate_to_blob(&nominal, &robot, &train, &options, &origin)?;
         device.load(calibrated.blob.bytes())?;
         let run = run_one(&mut device, &calibrated.blob, &tests, &mut arm)?;
         if results.is_empty() {
