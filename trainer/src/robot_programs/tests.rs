@@ -33,13 +33,13 @@ fn small_plan() -> Plan {
     ])
 }
 
-/// Compares with a file; `POEGP_WRITE_GOLDEN=1` writes it, to be looked at before it is committed.
+/// Compares with a file; `POEGP_BLESS=1` writes it, to be looked at before it is committed.
 #[track_caller]
 fn golden(file: &str, text: &str) {
     let path = Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("tests/golden/plan")
         .join(file);
-    if std::env::var_os("POEGP_WRITE_GOLDEN").is_some() {
+    if std::env::var_os("POEGP_BLESS").is_some() {
         std::fs::write(&path, text).unwrap();
     }
     let expected = std::fs::read_to_string(&path).unwrap_or_else(|e| panic!("{file}: {e}"));

@@ -4,6 +4,7 @@ use poegp_calibration::blob::write::nominal_chain;
 use poegp_calibration::robot::{LoadOptions, Robot};
 
 use crate::program::{Folder, SERIAL, changed, simulated};
+use crate::texts::texts;
 
 /// The joints of `csv`, but the third at 10°, with the poses of the nominal arm, rounded to 0.1 mm.
 fn with_joint_3_still(csv: &str) -> String {
@@ -27,6 +28,7 @@ fn with_joint_3_still(csv: &str) -> String {
 
 #[test]
 fn random_poses_and_a_joint_that_never_moves() {
+    let _texts = texts();
     let folder = Folder::new();
     let csv = simulated("train", 40);
     folder.write("all.csv", &csv);
@@ -35,7 +37,7 @@ fn random_poses_and_a_joint_that_never_moves() {
         let line = format!(
             "calibrate --robot {SERIAL} all.csv --model {model} --out arm.blob --json arm.json"
         );
-        let out = folder.run(&line).ok();
+        folder.run(&line).ok().said();
         let (parameters, rank) = if model == "base-tool" {
             (12, 12)
         } else {
@@ -47,16 +49,12 @@ fn random_poses_and_a_joint_that_never_moves() {
         assert_eq!(told["untold"], 0, "{model}");
         assert!(told["condition"].as_f64().unwrap() > 1.0);
         assert!(told["expected"]["rms_mm"].as_f64().unwrap() > 0.0);
-        let said = format!("geometry: {rank} of {parameters} parameters told");
-        assert!(out.stdout.contains(&said), "{}", out.stdout);
-        assert!(!out.stdout.contains("not told"), "{}", out.stdout);
     }
     let line = format!("calibrate --robot {SERIAL} still.csv --model poe --out arm.blob --json -");
-    let out = folder.run(&line).ok();
+    let out = folder.run(&line).ok().said();
     let told = &out.json()["identifiability"];
     assert_eq!(told["rank"], 26);
     assert_eq!(told["untold"], 4);
     let sentence = told["findings"][0]["sentence"].as_str().unwrap();
     assert!(sentence.starts_with("joint 3 never moves"), "{sentence}");
-    assert!(out.stderr.contains("not told: joint 3 never moves"));
 }

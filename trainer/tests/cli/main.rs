@@ -38,4 +38,5 @@ mod reproducible;
 mod robots;
 mod signing;
 mod support_sets;
+mod texts;
 mod tools;

@@ -1,10 +1,13 @@
 //! Runs the program in a folder of its own.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use serde_json::Value;
 use tempfile::TempDir;
+
+use crate::texts::{masked, record};
 
 /// The plain chain that the simulated sets are of.
 pub const SERIAL: &str = "abb-irb4400-serial";
@@ -12,6 +15,8 @@ pub const SERIAL: &str = "abb-irb4400-serial";
 /// How a run ended.
 #[derive(Debug)]
 pub struct Outcome {
+    /// The words of the command.
+    pub line: String,
     pub code: Option<i32>,
     pub stdout: String,
     pub stderr: String,
@@ -25,30 +30,31 @@ impl Outcome {
         self
     }
 
-    /// Refused with exit code 2; the message has every one of `parts` and nothing is on standard output.
+    /// Refused with exit code 2 and a message, which belongs to the texts of the test; nothing is on standard output.
     #[track_caller]
-    pub fn refused(self, parts: &[&str]) -> Self {
-        assert_eq!(self.code, Some(2), "{self:#?}");
-        assert!(self.stdout.is_empty(), "{self:#?}");
-        assert!(!self.stderr.contains("panicked"), "{self:#?}");
-        for part in parts {
-            assert!(
-                self.stderr.contains(part),
-                "{part:?} is not in\n{}",
-                self.stderr
-            );
-        }
-        self
+    pub fn refused(self) -> Self {
+        assert_eq!(self.stdout, "", "{self:#?}");
+        self.refused_after_output()
     }
 
     /// The same, after something was printed.
     #[track_caller]
-    pub fn refused_after_output(self, parts: &[&str]) -> Self {
-        Self {
-            stdout: String::new(),
-            ..self
-        }
-        .refused(parts)
+    pub fn refused_after_output(self) -> Self {
+        assert_eq!(self.code, Some(2), "{self:#?}");
+        assert!(!self.stderr.is_empty(), "{self:#?}");
+        assert!(!self.stderr.contains("panicked"), "{self:#?}");
+        record(&self.line, &masked(&self.stderr, false));
+        self
+    }
+
+    /// What is said belongs to the texts of the test, but for its numbers and for documents on standard output.
+    #[track_caller]
+    pub fn said(self) -> Self {
+        let is_text = !self.stdout.starts_with(['{', '#']);
+        let stdout = if is_text { self.stdout.as_str() } else { "" };
+        let text = masked(&format!("{stdout}{}", self.stderr), true);
+        record(&self.line, &text);
+        self
     }
 
     /// Standard output as JSON: it is that and nothing else.
@@ -98,6 +104,40 @@ impl Folder {
         names
     }
 
+    /// Everything in the folder and the folders in it.
+    fn contents(&self) -> BTreeMap<PathBuf, Vec<u8>> {
+        let mut contents = BTreeMap::new();
+        let mut folders = vec![self.0.path().to_owned()];
+        while let Some(folder) = folders.pop() {
+            for entry in std::fs::read_dir(folder).unwrap() {
+                let (path, kind) = entry.map(|e| (e.path(), e.file_type().unwrap())).unwrap();
+                let bytes = if kind.is_file() {
+                    std::fs::read(&path).unwrap()
+                } else {
+                    Vec::new()
+                };
+                if kind.is_dir() {
+                    folders.push(path.clone());
+                }
+                contents.insert(path, bytes);
+            }
+        }
+        contents
+    }
+
+    /// Runs a command that is refused and leaves everything in the folder as it was.
+    #[track_caller]
+    pub fn refuses(&self, line: impl AsRef<str>) -> Outcome {
+        let before = self.contents();
+        let outcome = self.run(line.as_ref()).refused();
+        assert!(
+            self.contents() == before,
+            "{}: something was written",
+            outcome.line
+        );
+        outcome
+    }
+
     /// Runs `trainer` here with the words of `line`.
     pub fn run(&self, line: &str) -> Outcome {
         self.run_dated(line, "1700000000")
@@ -130,7 +170,12 @@ impl Folder {
     /// Runs a command to its end.
     pub fn finish(&self, command: &mut Command) -> Outcome {
         let output = command.output().unwrap();
+        let words: Vec<_> = command
+            .get_args()
+            .map(|word| word.to_str().unwrap())
+            .collect();
         Outcome {
+            line: words.join(" "),
             code: output.status.code(),
             stdout: String::from_utf8(output.stdout).unwrap(),
             stderr: String::from_utf8(output.stderr).unwrap(),

@@ -1,9 +1,11 @@
 //! `--support-per-output`: a support set for each joint, in the blob, in what is told of it, and in a budget.
 
 use crate::program::{Folder, SERIAL, simulated};
+use crate::texts::texts;
 
 #[test]
 fn a_support_set_for_each_joint_is_fitted_told_and_evaluated() {
+    let _texts = texts();
     let folder = Folder::new();
     folder.write("train.csv", simulated("train", 100));
     folder.write("test.csv", simulated("test1", 100));
@@ -42,8 +44,7 @@ fn a_support_set_for_each_joint_is_fitted_told_and_evaluated() {
         assert_eq!(sum, support);
         assert!(error < 1.05 * shared, "{flags}: {error} of {shared}");
     }
-    let text = folder.run("inspect arm.blob").ok().stdout;
-    assert!(text.contains("a support set for each joint: "), "{text}");
+    folder.run("inspect arm.blob").ok().said();
     // The same data, the same bytes.
     let first = folder.read("arm.blob");
     calibrate("--support-per-output 60");
@@ -52,6 +53,7 @@ fn a_support_set_for_each_joint_is_fitted_told_and_evaluated() {
 
 #[test]
 fn what_does_not_go_with_support_sets_is_refused() {
+    let _texts = texts();
     let folder = Folder::new();
     folder.write("train.csv", simulated("train", 40));
     for flags in [
@@ -60,9 +62,8 @@ fn what_does_not_go_with_support_sets_is_refused() {
         "--support-per-output 0",
         "--support-per-output many",
     ] {
-        let line = format!("calibrate --robot {SERIAL} train.csv {flags} --out arm.blob");
-        let refused = folder.run(&line);
-        assert_eq!(refused.code, Some(2), "{flags}: {refused:?}");
-        assert!(!folder.path("arm.blob").exists());
+        folder.refuses(format!(
+            "calibrate --robot {SERIAL} train.csv {flags} --out arm.blob"
+        ));
     }
 }
