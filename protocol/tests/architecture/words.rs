@@ -1,0 +1,181 @@
+//! Words that neither identifiers nor texts for users have: each has a plainer one in the field's own language.
+
+use super::tokens::{Kind, Token, sources, tokens, without_tests, workspace};
+
+const FOLDERS: [&str; 6] = [
+    "protocol/src",
+    "runtime/src",
+    "runtime/capi/src",
+    "calibration/src",
+    "trainer/src",
+    "firmware/src",
+];
+
+/// In texts: string literals and the documentation of the command line, which `--help` shows.
+const TEXTS: [&str; 9] = [
+    "told",
+    "tell",
+    "words",
+    "facts",
+    "anew",
+    "likewise",
+    "the same of",
+    "whoever",
+    "input that is none",
+];
+
+/// As a part of an identifier. A `cell` is a robot's, which files and programs are not.
+const PARTS: [&str; 9] = [
+    "told", "tell", "words", "place", "facts", "anew", "likewise", "whoever", "cell",
+];
+
+/// Names of libraries.
+const FOREIGN: [&str; 6] = [
+    "Cell",
+    "RefCell",
+    "UnsafeCell",
+    "StaticCell",
+    "ConstStaticCell",
+    "static_cell",
+];
+
+/// How often a word still stands there. A number may only become smaller, until the list is empty.
+const LEFT: [(&str, usize); 11] = [
+    ("Found", 24),
+    ("anew", 13),
+    ("cell", 232),
+    ("facts", 258),
+    ("likewise", 3),
+    ("place", 301),
+    ("tell", 17),
+    ("told", 75),
+    ("the same of", 2),
+    ("whoever", 2),
+    ("words", 96),
+];
+
+/// The parts of an identifier, in lower case.
+fn parts(word: &str) -> Vec<String> {
+    let mut parts = vec![String::new()];
+    let mut was_lower = false;
+    for c in word.chars() {
+        if c == '_' || c.is_uppercase() && was_lower {
+            parts.push(String::new());
+        }
+        was_lower = c.is_lowercase();
+        if c != '_' {
+            parts.last_mut().unwrap().extend(c.to_lowercase());
+        }
+    }
+    parts
+}
+
+/// Whether `text` has `word`, or its plural, between other characters than letters.
+fn has(text: &str, word: &str) -> bool {
+    let text = text.to_lowercase();
+    let letter = |c: Option<char>| c.is_some_and(|c| c.is_alphanumeric() || c == '_');
+    text.match_indices(word).any(|(at, _)| {
+        let after = text[at + word.len()..].trim_start_matches('s');
+        !letter(text[..at].chars().next_back()) && !letter(after.chars().next())
+    })
+}
+
+/// The forbidden words of a source, each with its line.
+fn forbidden(path: &str, tokens: &[Token]) -> Vec<(&'static str, String)> {
+    // Storage is counted in words of four bytes.
+    let counts_storage = !path.starts_with("trainer") && !path.starts_with("calibration");
+    let is_library = |i: usize| {
+        i > 1 && tokens[i - 1].is("::") && (tokens[i - 2].is("core") || tokens[i - 2].is("std"))
+    };
+    let mut out = Vec::new();
+    for (i, token) in tokens.iter().enumerate() {
+        let found: Vec<&'static str> = match token.kind {
+            Kind::Word if FOREIGN.contains(&token.text.as_str()) || is_library(i) => continue,
+            Kind::Word if token.text == "Found" => vec!["Found"],
+            Kind::Word => {
+                let parts = parts(&token.text);
+                let has = |word: &&str| {
+                    let is_part = parts
+                        .iter()
+                        .any(|part| part == word || part.strip_suffix('s') == Some(word));
+                    is_part && !(*word == "words" && (counts_storage || token.text == "words_for"))
+                };
+                PARTS.into_iter().filter(has).collect()
+            }
+            Kind::Text => TEXTS
+                .into_iter()
+                .filter(|word| has(&token.text, word))
+                .collect(),
+            Kind::Doc if path.starts_with("trainer/src/cli") => TEXTS
+                .into_iter()
+                .filter(|word| has(&token.text, word))
+                .collect(),
+            Kind::Doc | Kind::Symbol => continue,
+        };
+        for word in found {
+            let place = format!(
+                "{path}:{}: {:.60}",
+                token.line,
+                token.text.replace('\n', " ")
+            );
+            out.push((word, place));
+        }
+    }
+    out
+}
+
+#[test]
+fn no_word_comes_back() {
+    let mut all = Vec::new();
+    for folder in FOLDERS {
+        for file in sources(&workspace(folder)) {
+            let path = file
+                .strip_prefix(workspace(""))
+                .unwrap()
+                .to_str()
+                .unwrap()
+                .to_owned();
+            if !path.contains("/tests/") && !path.ends_with("/tests.rs") {
+                let source = std::fs::read_to_string(&file).unwrap();
+                all.extend(forbidden(&path, &without_tests(&tokens(&source)).0));
+            }
+        }
+    }
+    for word in PARTS.iter().chain(&TEXTS).chain(&["Found"]) {
+        let places: Vec<&String> = all
+            .iter()
+            .filter(|(w, _)| w == word)
+            .map(|(_, place)| place)
+            .collect();
+        let left = LEFT
+            .iter()
+            .find(|(w, _)| w == word)
+            .map_or(0, |(_, count)| *count);
+        println!("{word}: {} of {left}\n{places:#?}", places.len());
+        assert!(
+            places.len() <= left,
+            "`{word}` stands {} times, expected {left}: {places:#?}",
+            places.len()
+        );
+    }
+}
+
+#[test]
+fn planted_words_are_seen() {
+    let source = "/// It is told.\nfn cells_of(told: &str) -> Found { \"whoever has it anew\"; RefCell; cell::Cell; words_for }\n\
+                  struct MarketPlace; // facts\nconst RETOLD: &str = \"cellar, retelling, a password\";\n\
+                  #[cfg(test)]\nmod tests { fn facts() {} }";
+    let source = without_tests(&tokens(source)).0;
+    let words = |path: &str| -> Vec<&str> {
+        forbidden(path, &source)
+            .iter()
+            .map(|(word, _)| *word)
+            .collect()
+    };
+    let named = ["cell", "told", "Found", "anew", "whoever", "cell", "place"];
+    assert_eq!(words("runtime/src/a.rs"), named);
+    assert_eq!(
+        words("trainer/src/cli/a.rs"),
+        [&["told"][..], &named].concat()
+    );
+}
