@@ -26,8 +26,8 @@ use poegp_calibration::model::config::Config;
 use poegp_calibration::model::{Calibration, Method, calibrate};
 use poegp_calibration::numeric::lbfgs::Objective;
 use poegp_calibration::robot::{LoadOptions, Robot};
-use poegp_runtime::posterior::MeanHeader;
-use poegp_runtime::se3::residual;
+use poegp_runtime::gp::quadratic_posterior::MeanHeader;
+use poegp_runtime::math::se3::residual;
 
 /// The arm with its measurements, and models of it.
 struct Bench {

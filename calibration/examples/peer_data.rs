@@ -30,8 +30,8 @@ use poegp_calibration::model::{Calibration, Method, calibrate};
 use poegp_calibration::numeric::statistics::ErrorSummary;
 use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_protocol::limits::OUTPUTS;
-use poegp_runtime::poe::Poe;
-use poegp_runtime::se3::{Pose, residual};
+use poegp_runtime::kinematics::poe::Poe;
+use poegp_runtime::math::se3::{Pose, residual};
 use serde_json::{Value, json};
 
 type Answer = Result<Value, Box<dyn std::error::Error>>;

@@ -15,8 +15,8 @@ use poegp_calibration::model::config::Config;
 use poegp_calibration::robot::{BUILT_IN, LoadOptions, Robot};
 use poegp_calibration::simulation::{Scenario, Simulator, to_csv};
 use poegp_protocol::blob;
+use poegp_runtime::math::se3::Pose;
 use poegp_runtime::model::{Model, words_for};
-use poegp_runtime::se3::Pose;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 

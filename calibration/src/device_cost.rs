@@ -7,7 +7,8 @@
 
 use poegp_protocol::JointKind;
 use poegp_protocol::blob::{Blob, Correction, HEADER_LENGTH};
-use poegp_runtime::deflection::{JointProcesses, landmark_words};
+use poegp_runtime::elastic::position_variance::landmark_words;
+use poegp_runtime::gp::joint_processes::JointProcesses;
 
 /// An elastic model by its sizes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -17,29 +17,15 @@
 #![deny(unsafe_code)]
 #![warn(missing_docs)]
 
-pub mod bound;
-pub mod chain;
-#[cfg(all(
-    target_arch = "arm",
-    target_abi = "eabihf",
-    not(feature = "portable-kernels")
-))]
-mod cortex_m4;
-pub mod deflection;
+mod assembly;
+pub mod correct;
+pub mod elastic;
 pub mod filter;
-mod inner_loops;
-pub mod kernel;
-pub mod load_error;
+pub mod gp;
+pub mod guard;
+pub mod kinematics;
+pub mod math;
 pub mod model;
-pub mod newton;
-pub mod observer;
-pub mod poe;
-pub mod posterior;
-pub mod scalar;
-pub mod se3;
 pub mod service;
-pub mod signature;
-pub mod status;
-pub mod step_limit;
 pub mod store;
-pub mod trust;
+pub mod trace;

@@ -3,7 +3,8 @@
 //! The files are written and described by the `tests` package, which compares the device with them too.
 
 use poegp_protocol::blob;
-use poegp_runtime::model::{Model, Stages, words_for};
+use poegp_runtime::model::{Model, words_for};
+use poegp_runtime::trace::Stages;
 
 /// The groups of one line: hexadecimal words.
 fn groups(line: &str) -> Vec<Vec<u32>> {

@@ -24,9 +24,9 @@ use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_calibration::simulation::{Scenario, Simulator, to_csv};
 use poegp_protocol::JointKind;
 use poegp_protocol::link::Query;
-use poegp_runtime::poe::Poe;
-use poegp_runtime::se3::Pose;
-use poegp_runtime::status::Status;
+use poegp_runtime::guard::status::Status;
+use poegp_runtime::kinematics::poe::Poe;
+use poegp_runtime::math::se3::Pose;
 use poegp_trainer::device::emulator::{Clock, Machine};
 
 use crate::device::Device;

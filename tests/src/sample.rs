@@ -13,8 +13,9 @@ use poegp_protocol::blob::{
 };
 use poegp_protocol::limits::{MAX_FRAMES, MAX_INPUTS, OUTPUTS};
 use poegp_protocol::link::Query;
-use poegp_runtime::posterior::{self, MeanHeader};
-use poegp_runtime::se3::{Pose, Twist};
+use poegp_runtime::gp::quadratic_posterior as posterior;
+use poegp_runtime::gp::quadratic_posterior::MeanHeader;
+use poegp_runtime::math::se3::{Pose, Twist};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 

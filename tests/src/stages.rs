@@ -6,8 +6,8 @@ use std::fmt::Write;
 use poegp_protocol::blob::{self, DecodeError};
 use poegp_protocol::limits::OUTPUTS;
 use poegp_protocol::link::{Corrected, Evaluation, Query, Trace};
-use poegp_runtime::load_error::LoadError;
-use poegp_runtime::model::{self, Model, words_for};
+use poegp_runtime::model::load_error::LoadError;
+use poegp_runtime::model::{Model, words_for};
 
 /// Room of the host's model: more than any device has, because no result may depend on it.
 const HOST_WORDS: usize = words_for(2048);
@@ -40,7 +40,7 @@ impl Host {
 
     /// What the device would answer to `Request::Trace`.
     pub fn stages(&self, query: &Query) -> Stages {
-        let mut kept = model::Stages::new();
+        let mut kept = poegp_runtime::trace::Stages::new();
         let result = self
             .0
             .evaluate_in_stages(&query.joints, query.payload_kg, &mut kept);

@@ -3,10 +3,10 @@
 use std::path::Path;
 
 use poegp_protocol::blob::{self, Blob, DecodeError};
-use poegp_runtime::load_error::LoadError;
+use poegp_runtime::guard::status::Status;
+use poegp_runtime::math::se3::Pose;
+use poegp_runtime::model::load_error::LoadError;
 use poegp_runtime::model::{Model, words_for};
-use poegp_runtime::se3::Pose;
-use poegp_runtime::status::Status;
 
 use crate::input_error::InputError;
 use crate::measurement::sample::Sample;

@@ -1,7 +1,7 @@
 //! The frame of a tool that was mounted after the calibration, from a few of its own measurements.
 
 use nalgebra::{Matrix3, Vector3};
-use poegp_runtime::se3::Pose;
+use poegp_runtime::math::se3::Pose;
 
 use crate::blob::predict::LoadedBlob;
 use crate::identification::base_tool::nearest_rotation;

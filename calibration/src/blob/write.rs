@@ -9,9 +9,9 @@ use poegp_protocol::blob::{
     Provenance as WireProvenance, Ranges, Ripple, Robot as WireRobot, TaskSpace, Tool, Transform,
     Units, Variance,
 };
-use poegp_runtime::chain::MinimalForm;
-use poegp_runtime::poe::Poe;
-use poegp_runtime::se3::Pose;
+use poegp_runtime::kinematics::minimal_chain::MinimalForm;
+use poegp_runtime::kinematics::poe::Poe;
+use poegp_runtime::math::se3::Pose;
 
 use crate::blob::predict::{BlobError, HOST_SUPPORT, LoadedBlob};
 use crate::learning::elastic::reduced_model::ElasticModel;
@@ -171,7 +171,7 @@ pub fn precision_loss(
         let stored = loaded.predict_tool(&sample.joints, sample.payload_kg, sample.tool);
         if stored
             .status
-            .contains(poegp_runtime::status::Status::CORRECTION_BOUNDED)
+            .contains(poegp_runtime::guard::status::Status::CORRECTION_BOUNDED)
         {
             continue;
         }
@@ -465,7 +465,9 @@ fn elastic_words(
 ///
 /// # Errors
 /// Never for a robot that was loaded: it has 1 to 8 joints and one frame more.
-pub fn nominal_chain(robot: &Robot) -> Result<Poe<f64>, poegp_runtime::poe::WrongChain> {
+pub fn nominal_chain(
+    robot: &Robot,
+) -> Result<Poe<f64>, poegp_runtime::kinematics::poe::WrongChain> {
     let kinds: Vec<_> = robot.joints.iter().map(|j| j.kind).collect();
     let frames: Vec<Pose<f64>> = robot.parent_from_joint.clone();
     Poe::new(&kinds, &frames)

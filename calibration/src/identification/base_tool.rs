@@ -9,8 +9,8 @@
 use faer::linalg::solvers::SolveLstsq;
 use faer::{Mat, Side};
 use nalgebra::{Matrix3, Vector3};
-use poegp_runtime::poe::Poe;
-use poegp_runtime::se3::Pose;
+use poegp_runtime::kinematics::poe::Poe;
+use poegp_runtime::math::se3::Pose;
 
 use crate::measurement::sample::Sample;
 

@@ -6,8 +6,8 @@
 //! stays the start's.
 
 use nalgebra::{Matrix3, Vector3};
-use poegp_runtime::poe::Poe;
-use poegp_runtime::se3::Pose;
+use poegp_runtime::kinematics::poe::Poe;
+use poegp_runtime::math::se3::Pose;
 
 use crate::identification::base_tool::{base_tool, nearest_rotation};
 use crate::identification::frame_fit::FrameFit;

@@ -8,8 +8,8 @@
 
 use faer::Mat;
 use poegp_protocol::limits::MAX_FRAMES;
-use poegp_runtime::poe::Poe;
-use poegp_runtime::se3::{Matrix6, Pose, Twist, residual};
+use poegp_runtime::kinematics::poe::Poe;
+use poegp_runtime::math::se3::{Matrix6, Pose, Twist, residual};
 
 use crate::measurement::noise::Scales;
 use crate::measurement::sample::Sample;

@@ -72,7 +72,7 @@ pub fn assign(samples: &[Sample], kinds: &[JointKind], folds: usize, seed: u64) 
 mod tests {
     use super::*;
     use crate::measurement::noise::InstrumentNoise;
-    use poegp_runtime::se3::Pose;
+    use poegp_runtime::math::se3::Pose;
 
     fn sample(joints: [f64; 2]) -> Sample {
         let joints = joints.to_vec();

@@ -36,7 +36,7 @@ mod validate;
 use std::path::{Path, PathBuf};
 
 use nalgebra::Vector3;
-use poegp_runtime::se3::Pose;
+use poegp_runtime::math::se3::Pose;
 use sha2::{Digest, Sha256};
 
 use crate::input_error::InputError;

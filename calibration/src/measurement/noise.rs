@@ -235,7 +235,7 @@ fn root(upper: f64, f: impl Fn(f64) -> f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use poegp_runtime::se3::Pose;
+    use poegp_runtime::math::se3::Pose;
     use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
     use rand_distr::{Distribution, StandardNormal};

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use csv::StringRecord;
 use nalgebra::Vector3;
-use poegp_runtime::se3::{Pose, dot};
+use poegp_runtime::math::se3::{Pose, dot};
 
 use crate::input_error::InputError;
 use crate::measurement::Measurement;

@@ -2,7 +2,7 @@
 
 use nalgebra::Matrix3;
 use poegp_protocol::limits::MAX_TOOLS;
-use poegp_runtime::se3::Pose;
+use poegp_runtime::math::se3::Pose;
 
 use crate::input_error::InputError;
 use crate::measurement::MeasurementSet;
@@ -62,7 +62,7 @@ pub fn samples(
         None => joints.to_vec(),
         Some(rows) => rows
             .iter()
-            .map(|row| poegp_runtime::kernel::inner_product(row, joints))
+            .map(|row| poegp_runtime::math::vector::inner_product(row, joints))
             .collect(),
     };
     let mut out = Vec::with_capacity(set.measurements.len());

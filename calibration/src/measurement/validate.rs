@@ -7,7 +7,7 @@
 use std::collections::HashMap;
 
 use poegp_protocol::JointKind;
-use poegp_runtime::se3::dot;
+use poegp_runtime::math::se3::dot;
 
 use crate::input_error::InputError;
 use crate::measurement::rows::rows;

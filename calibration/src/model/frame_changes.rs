@@ -1,6 +1,6 @@
 //! By how much a calibration moved the frames of the drawing.
 
-use poegp_runtime::se3::Pose;
+use poegp_runtime::math::se3::Pose;
 use serde::Serialize;
 
 use crate::identification::identifiability::wording as words;

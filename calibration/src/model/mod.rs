@@ -9,8 +9,8 @@ pub mod frame_changes;
 pub mod identified;
 
 use poegp_protocol::limits::{MAX_INPUTS, OUTPUTS};
-use poegp_runtime::poe::Poe;
-use poegp_runtime::se3::{Pose, Twist, residual};
+use poegp_runtime::kinematics::poe::Poe;
+use poegp_runtime::math::se3::{Pose, Twist, residual};
 use serde::{Deserialize, Serialize};
 
 use crate::identification::base_tool::{UNWEIGHTED, with_ends};
@@ -123,7 +123,10 @@ pub struct Calibration {
     pub residual_rms: (f64, f64),
     /// The bound on the correction: metres and radians.
     pub bound: (f64, f64),
-    mean: Option<(poegp_runtime::posterior::MeanHeader<f64>, Vec<f64>)>,
+    mean: Option<(
+        poegp_runtime::gp::quadratic_posterior::MeanHeader<f64>,
+        Vec<f64>,
+    )>,
 }
 
 /// Why a calibration failed.
@@ -444,7 +447,12 @@ impl Calibration {
     }
 
     /// The posterior mean as it is exported.
-    pub fn mean(&self) -> Option<&(poegp_runtime::posterior::MeanHeader<f64>, Vec<f64>)> {
+    pub fn mean(
+        &self,
+    ) -> Option<&(
+        poegp_runtime::gp::quadratic_posterior::MeanHeader<f64>,
+        Vec<f64>,
+    )> {
         self.mean.as_ref()
     }
 

@@ -1,6 +1,6 @@
 //! Errors of a set of poses, summed up.
 
-use poegp_runtime::se3::Pose;
+use poegp_runtime::math::se3::Pose;
 use serde::Serialize;
 
 /// Mean, median, RMS, 95th percentile and maximum of a list of errors.

@@ -1,7 +1,7 @@
 //! Configurations that a cell allows, drawn at random.
 
 use poegp_protocol::JointKind;
-use poegp_runtime::poe::Poe;
+use poegp_runtime::kinematics::poe::Poe;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -31,7 +31,7 @@ pub fn serial(robot: &Robot, joints: &[f64]) -> Vec<f64> {
         None => joints.to_vec(),
         Some(rows) => rows
             .iter()
-            .map(|row| poegp_runtime::kernel::inner_product(row, joints))
+            .map(|row| poegp_runtime::math::vector::inner_product(row, joints))
             .collect(),
     }
 }

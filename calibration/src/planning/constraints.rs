@@ -30,8 +30,8 @@ use std::path::{Path, PathBuf};
 
 use nalgebra::Vector3;
 use poegp_protocol::JointKind;
-use poegp_runtime::poe::Poe;
-use poegp_runtime::se3::Pose;
+use poegp_runtime::kinematics::poe::Poe;
+use poegp_runtime::math::se3::Pose;
 use serde::Deserialize;
 use toml::Spanned;
 

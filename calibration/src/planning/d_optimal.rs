@@ -16,8 +16,8 @@ use faer::linalg::matmul::matmul;
 use faer::linalg::solvers::{DenseSolveCore, Llt};
 use faer::{Accum, Mat, MatRef, Par, Side};
 use nalgebra::{SMatrix, Vector3};
-use poegp_runtime::deflection::ripple_regressors;
-use poegp_runtime::poe::Poe;
+use poegp_runtime::elastic::ripple::ripple_regressors;
+use poegp_runtime::kinematics::poe::Poe;
 
 use crate::identification::parametric::state::{Group, Layout, ROWS, State};
 use crate::measurement::noise::Scales;
@@ -205,7 +205,7 @@ mod tests {
     use crate::blob::write::nominal_chain;
     use crate::measurement::noise::InstrumentNoise;
     use crate::robot::{LoadOptions, Robot};
-    use poegp_runtime::se3::Pose;
+    use poegp_runtime::math::se3::Pose;
 
     const JOINTS: usize = 60;
     const PAYLOADS_KG: [f64; 2] = [0.0, 3.0];

@@ -21,8 +21,8 @@ pub mod space_filling;
 pub mod table;
 
 use nalgebra::Vector3;
-use poegp_runtime::poe::Poe;
-use poegp_runtime::se3::Pose;
+use poegp_runtime::kinematics::poe::Poe;
+use poegp_runtime::math::se3::Pose;
 
 use crate::measurement::noise::{InstrumentNoise, Scales};
 use crate::measurement::sample::Sample;

@@ -25,7 +25,7 @@ pub mod urdf;
 use std::path::Path;
 
 use poegp_protocol::JointKind;
-use poegp_runtime::se3::Pose;
+use poegp_runtime::math::se3::Pose;
 
 pub use crate::robot::builtin::BUILT_IN;
 pub(crate) use crate::robot::normal_form::origin;

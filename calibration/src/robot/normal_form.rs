@@ -4,7 +4,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 use poegp_protocol::limits::MAX_JOINTS;
-use poegp_runtime::se3::Pose;
+use poegp_runtime::math::se3::Pose;
 
 use crate::robot::{Joint, Robot};
 

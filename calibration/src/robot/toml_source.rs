@@ -3,7 +3,7 @@
 use std::ops::Range;
 use std::path::Path;
 
-use poegp_runtime::se3::Pose;
+use poegp_runtime::math::se3::Pose;
 use serde::Deserialize;
 use toml::Spanned;
 

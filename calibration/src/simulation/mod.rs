@@ -10,7 +10,7 @@ mod true_arm;
 use std::fmt::Write as _;
 
 use nalgebra::Vector3;
-use poegp_runtime::se3::{Pose, Twist};
+use poegp_runtime::math::se3::{Pose, Twist};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};

@@ -2,8 +2,8 @@
 
 use nalgebra::Vector3;
 use poegp_protocol::JointKind;
-use poegp_runtime::poe::Poe;
-use poegp_runtime::se3::{Pose, Twist};
+use poegp_runtime::kinematics::poe::Poe;
+use poegp_runtime::math::se3::{Pose, Twist};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -150,7 +150,7 @@ impl TrueArm {
             None => joints.to_vec(),
             Some(rows) => rows
                 .iter()
-                .map(|row| poegp_runtime::kernel::inner_product(row, joints))
+                .map(|row| poegp_runtime::math::vector::inner_product(row, joints))
                 .collect::<Vec<_>>(),
         };
         let (mass, centre) = self

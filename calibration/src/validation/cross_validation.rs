@@ -2,7 +2,7 @@
 //!
 //! Every number comes from the bytes of a blob, through the f32 runtime, on poses that were not trained on.
 
-use poegp_runtime::poe::Poe;
+use poegp_runtime::kinematics::poe::Poe;
 use serde::Serialize;
 
 use crate::blob::write::{CalibratedBlob, DeviceError, Provenance, calibrate_to_blob};

@@ -3,7 +3,7 @@
 //! Every number comes from the bytes of a blob, through the `f32` runtime; summaries, coverage and the plots of a report
 //! are made of the same list, so that they cannot disagree.
 
-use poegp_runtime::se3::Pose;
+use poegp_runtime::math::se3::Pose;
 
 use crate::blob::predict::LoadedBlob;
 use crate::blob::write::CalibratedBlob;

@@ -17,9 +17,10 @@ use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};
 use poegp_protocol::JointKind;
 use poegp_protocol::blob::{Blob, Correction};
-use poegp_runtime::deflection::{JointKernel, row_words};
-use poegp_runtime::poe::Poe;
-use poegp_runtime::se3::Pose;
+use poegp_runtime::gp::joint_kernel::JointKernel;
+use poegp_runtime::gp::joint_processes::row_words;
+use poegp_runtime::kinematics::poe::Poe;
+use poegp_runtime::math::se3::Pose;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -247,7 +248,7 @@ fn support(blob: &Blob<'_>, coupling: Option<&Vec<Vec<f64>>>) -> Vec<Sample> {
             None => joints.clone(),
             Some(rows) => rows
                 .iter()
-                .map(|row| poegp_runtime::kernel::inner_product(row, &joints))
+                .map(|row| poegp_runtime::math::vector::inner_product(row, &joints))
                 .collect(),
         },
         joints,

@@ -2,7 +2,7 @@
 
 use faer::Mat;
 use poegp_protocol::JointKind;
-use poegp_runtime::se3::Twist;
+use poegp_runtime::math::se3::Twist;
 use serde::Serialize;
 
 use crate::identification::parametric::state::{Linearised, ROWS};

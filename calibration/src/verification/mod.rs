@@ -20,7 +20,7 @@ mod residuals;
 pub mod result;
 
 use faer::{Mat, Side};
-use poegp_runtime::se3::Pose;
+use poegp_runtime::math::se3::Pose;
 
 use crate::blob::predict::LoadedBlob;
 use crate::identification::base_tools::tool_count;

@@ -3,8 +3,8 @@
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};
 use poegp_protocol::JointKind;
-use poegp_runtime::poe::Poe;
-use poegp_runtime::se3::{Pose, Twist};
+use poegp_runtime::kinematics::poe::Poe;
+use poegp_runtime::math::se3::{Pose, Twist};
 
 use crate::blob::predict::LoadedBlob;
 use crate::blob::tool_fit::fit_tool;

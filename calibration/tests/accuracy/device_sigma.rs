@@ -4,7 +4,7 @@ use poegp_calibration::blob::write::{CalibratedBlob, calibrate_to_blob};
 use poegp_calibration::measurement::sample::Sample;
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::{Config, ProcessLayout};
-use poegp_runtime::se3::Pose;
+use poegp_runtime::math::se3::Pose;
 
 use crate::{arm, origin, samples, say, simulated_path};
 

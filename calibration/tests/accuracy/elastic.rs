@@ -11,8 +11,8 @@ use poegp_calibration::model::config::Config;
 use poegp_calibration::numeric::statistics::{ErrorSummary, PoseError};
 use poegp_calibration::robot::Robot;
 use poegp_calibration::validation::coverage::{Counter, Coverage};
-use poegp_runtime::poe::Poe;
-use poegp_runtime::se3::Pose;
+use poegp_runtime::kinematics::poe::Poe;
+use poegp_runtime::math::se3::Pose;
 
 use crate::{arm, origin, say, simulated_path, true_deviations};
 

@@ -23,7 +23,7 @@ use poegp_calibration::model::config::Config;
 use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_calibration::validation::coverage::Coverage;
 use poegp_calibration::validation::cross_validation::{ModelComparison, Task, TestSet};
-use poegp_runtime::poe::Poe;
+use poegp_runtime::kinematics::poe::Poe;
 
 /// Shows a measured number: to the terminal, past what the test harness captures.
 fn say(text: impl Display) {

@@ -11,7 +11,7 @@ use poegp_calibration::model::config::{Config, Weighting};
 use poegp_calibration::numeric::statistics::ErrorSummary;
 use poegp_calibration::robot::Robot;
 use poegp_calibration::validation::cross_validation::{ModelComparison, TestSet};
-use poegp_runtime::poe::Poe;
+use poegp_runtime::kinematics::poe::Poe;
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;

@@ -13,7 +13,7 @@ use poegp_calibration::model::Method;
 use poegp_calibration::model::config::{Config, ProcessLayout};
 use poegp_calibration::robot::Robot;
 use poegp_calibration::simulation::{Scenario, Simulator, to_csv};
-use poegp_runtime::poe::Poe;
+use poegp_runtime::kinematics::poe::Poe;
 
 use crate::{arm, origin, samples, say};
 

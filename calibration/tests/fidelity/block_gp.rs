@@ -13,9 +13,9 @@ use poegp_calibration::measurement::sample::Sample;
 use poegp_calibration::measurement::sample::in_base_frame;
 use poegp_calibration::numeric::lbfgs::Objective;
 use poegp_protocol::JointKind;
-use poegp_runtime::deflection::similarity;
-use poegp_runtime::poe::Poe;
-use poegp_runtime::se3::Pose;
+use poegp_runtime::gp::joint_kernel::similarity;
+use poegp_runtime::kinematics::poe::Poe;
+use poegp_runtime::math::se3::Pose;
 use serde_json::Value;
 
 use crate::json::{largest_difference, list, numbers, parse, pose_rows};

@@ -5,7 +5,7 @@ use poegp_calibration::model::Method;
 use poegp_calibration::model::config::Config;
 use poegp_calibration::robot::{BUILT_IN, LoadOptions, Robot};
 use poegp_calibration::simulation::Scenario;
-use poegp_runtime::scalar::Scalar;
+use poegp_runtime::correct::CompiledCorrection;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -108,7 +108,7 @@ fn path(fitted: &Fitted, kind: Kind, random: &mut ChaCha8Rng) -> Option<(Vec<f64
     Some((middle, direction))
 }
 
-fn corrections<T: Scalar>(
+fn corrections<T: CompiledCorrection>(
     model: &Arm<T>,
     start: &[f64],
     step: &[f64],

@@ -7,10 +7,10 @@ use poegp_calibration::model::config::{Config, ProcessLayout};
 use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_calibration::simulation::{Scenario, Simulator, to_csv};
 use poegp_protocol::blob;
+use poegp_runtime::correct::CompiledCorrection;
+use poegp_runtime::guard::status::Status;
+use poegp_runtime::math::se3::Pose;
 use poegp_runtime::model::{Model, words_for};
-use poegp_runtime::scalar::Scalar;
-use poegp_runtime::se3::Pose;
-use poegp_runtime::status::Status;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -93,7 +93,7 @@ impl Fitted {
     }
 
     /// The same at the corrected command of number type T, with its status and what it says of the distance itself.
-    fn corrected<T: Scalar>(
+    fn corrected<T: CompiledCorrection>(
         &self,
         model: &Arm<T>,
         joints: &[f64],

@@ -8,7 +8,7 @@ use poegp_calibration::learning::elastic::options::ElasticOptions;
 use poegp_calibration::learning::elastic::predictive_variance::Uncertainty;
 use poegp_calibration::learning::elastic::reduced_model::ElasticModel;
 use poegp_calibration::measurement::sample::in_base_frame;
-use poegp_runtime::se3::Pose;
+use poegp_runtime::math::se3::Pose;
 
 use crate::say;
 use crate::sets::{arm, simulated};

@@ -10,7 +10,7 @@ use poegp_calibration::measurement::sample::in_base_frame;
 use poegp_calibration::model::config::Config;
 use poegp_calibration::model::{Method, calibrate};
 use poegp_protocol::limits::OUTPUTS;
-use poegp_runtime::se3::residual;
+use poegp_runtime::math::se3::residual;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 

@@ -8,7 +8,7 @@ use poegp_calibration::measurement::sample::ToolName;
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::{Config, Weighting};
 use poegp_calibration::numeric::statistics::ErrorSummary;
-use poegp_runtime::se3::{Pose, Twist};
+use poegp_runtime::math::se3::{Pose, Twist};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};

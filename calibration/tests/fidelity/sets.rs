@@ -7,7 +7,7 @@ use poegp_calibration::measurement as measurements;
 use poegp_calibration::measurement::sample::Sample;
 use poegp_calibration::measurement::sample::samples;
 use poegp_calibration::robot::{LoadOptions, Robot};
-use poegp_runtime::poe::Poe;
+use poegp_runtime::kinematics::poe::Poe;
 
 /// The arm that the sets are of, with its nominal chain.
 pub fn arm() -> (Robot, Poe<f64>) {

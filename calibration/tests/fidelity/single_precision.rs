@@ -7,8 +7,8 @@ use poegp_calibration::learning::task_space::fit::HyperparameterSharing;
 use poegp_calibration::measurement::sample::Sample;
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::{Config, ProcessLayout};
-use poegp_runtime::poe::Poe;
-use poegp_runtime::status::Status;
+use poegp_runtime::guard::status::Status;
+use poegp_runtime::kinematics::poe::Poe;
 
 use crate::{say, sets};
 

@@ -5,8 +5,8 @@ use poegp_calibration::measurement::sample::Sample;
 use poegp_calibration::identification::frame_fit::{ResidualKind, fit_frames};
 use poegp_calibration::measurement::noise::InstrumentNoise;
 use poegp_protocol::JointKind;
-use poegp_runtime::poe::Poe;
-use poegp_runtime::se3::{Pose, residual};
+use poegp_runtime::kinematics::poe::Poe;
+use poegp_runtime::math::se3::{Pose, residual};
 
 use crate::json::{largest_difference, list, numbers, parse, pose_rows};
 use crate::say;

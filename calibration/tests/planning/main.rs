@@ -26,7 +26,7 @@ use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_calibration::simulation::{
     ORIENTATION_NOISE_RAD, POSITION_NOISE_M, Scenario, SimulatedPose, Simulator,
 };
-use poegp_runtime::poe::Poe;
+use poegp_runtime::kinematics::poe::Poe;
 
 const PAYLOADS_KG: [f64; 5] = [1.0, 2.5, 3.5, 5.0, 7.5];
 const COUNTS: [usize; 2] = [30, 50];
@@ -107,7 +107,7 @@ impl Arm {
         let blob = calibrate_to_blob(&self.nominal, &self.robot, &train, &options, &origin)
             .unwrap_or_else(|e| panic!("{e}"))
             .blob;
-        let mean = |of: fn(&SimulatedPose) -> poegp_runtime::se3::Pose<f64>| {
+        let mean = |of: fn(&SimulatedPose) -> poegp_runtime::math::se3::Pose<f64>| {
             let errors: Vec<f64> = test
                 .iter()
                 .map(|p| {

@@ -17,7 +17,7 @@ use poegp_calibration::measurement::sample::samples;
 use poegp_calibration::model::config::Config;
 use poegp_calibration::model::{Calibration, Method};
 use poegp_calibration::robot::{LoadOptions, Robot};
-use poegp_runtime::poe::Poe;
+use poegp_runtime::kinematics::poe::Poe;
 
 /// Shows a measured number, whether or not the test passes.
 fn say(text: impl Display) {

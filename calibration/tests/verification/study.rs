@@ -16,7 +16,7 @@ use poegp_calibration::verification as check;
 use poegp_calibration::verification::check;
 use poegp_calibration::verification::hypotheses::Part;
 use poegp_calibration::verification::result::Report;
-use poegp_runtime::se3::Pose;
+use poegp_runtime::math::se3::Pose;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};

@@ -8,9 +8,9 @@ use core::ffi::{c_char, c_void};
 use poegp_protocol::blob;
 use poegp_protocol::limits::MAX_JOINTS;
 use poegp_protocol::link::Refusal;
-use poegp_runtime::se3::Pose;
+use poegp_runtime::math::se3::Pose;
 use poegp_runtime::service::Resident;
-use poegp_runtime::signature;
+use poegp_runtime::store::signature;
 
 use crate::codes::{
     POEGP_ERROR_MISALIGNED, POEGP_ERROR_NULL, POEGP_ERROR_TOO_SMALL, POEGP_OK, of_decoding,

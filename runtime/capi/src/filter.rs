@@ -2,9 +2,10 @@
 
 use core::ffi::c_void;
 
-use poegp_runtime::filter::{self, CommandFilter};
-use poegp_runtime::model::Corrected;
-use poegp_runtime::status::Status;
+use poegp_runtime::correct::Corrected;
+use poegp_runtime::filter;
+use poegp_runtime::filter::CommandFilter;
+use poegp_runtime::guard::status::Status;
 
 use crate::border::finite;
 use crate::codes::{

@@ -5,9 +5,9 @@ use core::ffi::c_char;
 use poegp_protocol::limits::{MAX_JOINTS, OUTPUTS};
 use poegp_protocol::link::MAX_NAME;
 use poegp_runtime::filter::CommandFilter;
+use poegp_runtime::guard::status::Status;
 use poegp_runtime::model::words_for;
 use poegp_runtime::service::Resident;
-use poegp_runtime::status::Status;
 
 /// Changes when a function, a structure or the meaning of a code does; see `poegp_api_version`.
 pub const POEGP_API_VERSION: u32 = 2;

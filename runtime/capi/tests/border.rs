@@ -12,7 +12,7 @@ use poegp_capi::codes::*;
 use poegp_capi::types::*;
 use poegp_capi::*;
 use poegp_protocol::{blob, envelope};
-use poegp_runtime::load_error::LoadError;
+use poegp_runtime::model::load_error::LoadError;
 use poegp_runtime::model::{Model as Arm, words_for};
 
 const BLOB: &[u8] = include_bytes!("../examples/arm.blob");

@@ -9,8 +9,8 @@ use poegp_capi::*;
 use poegp_protocol::blob;
 use poegp_runtime::filter;
 use poegp_runtime::filter::CommandFilter;
+use poegp_runtime::guard::status::Status;
 use poegp_runtime::model::{Model as Arm, words_for};
-use poegp_runtime::status::Status;
 
 const BLOB: &[u8] = include_bytes!("../examples/arm.blob");
 const COMMAND: [f32; 6] = [0.3, -0.2, 0.4, 0.1, 0.7, -0.5];

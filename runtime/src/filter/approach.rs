@@ -1,6 +1,6 @@
 //! The quickest way to an end with bounded rate and bounded change of rate, cycle by cycle.
 
-use crate::scalar::Scalar;
+use crate::math::scalar::Scalar;
 
 /// How many cycles a step takes.
 pub(super) struct Time<T> {

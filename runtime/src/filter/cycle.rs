@@ -2,11 +2,11 @@
 
 use poegp_protocol::limits::MAX_JOINTS;
 
-use super::approach::{Drive, Time, approach, held, larger, select, smaller};
-use super::{CommandFilter, Filtered, GRACE, MAX_CORRECTION, count_if};
-use crate::model::MAX_PAYLOAD_KG;
-use crate::scalar::Scalar;
-use crate::status::Status;
+use super::state::{CommandFilter, Filtered, GRACE, MAX_CORRECTION, count_if};
+use crate::filter::approach::{Drive, Time, approach, held, larger, select, smaller};
+use crate::guard::status::Status;
+use crate::math::scalar::Scalar;
+use crate::model::validate::MAX_PAYLOAD_KG;
 
 /// Change of the correction in rad or m for each of the fastest joint that a path explains.
 const SLOPE: f64 = 0.5;
@@ -213,5 +213,75 @@ impl<T: Scalar> CommandFilter<T> {
             status: status.with_if(differs, Status::BLENDING),
             weight,
         }
+    }
+}
+
+/// A number type for which the filter is compiled in this crate: `f32` and `f64`. Sealed by [`Scalar`].
+pub trait CompiledFilter: Scalar {
+    /// [`CommandFilter::payload`].
+    fn filter_payload(filter: &mut CommandFilter<Self>, asked_kg: Self, cycles: u32) -> Self;
+    /// [`CommandFilter::step`].
+    fn filter_step(
+        filter: &mut CommandFilter<Self>,
+        command: &[Self],
+        corrected: &[Self],
+        status: Status,
+        engage: bool,
+        cycles: u32,
+    ) -> Filtered<Self>;
+}
+
+macro_rules! compiled {
+    ($number:ty) => {
+        impl CompiledFilter for $number {
+            #[inline(never)]
+            fn filter_payload(filter: &mut CommandFilter<Self>, asked: Self, cycles: u32) -> Self {
+                filter.next_payload(asked, cycles)
+            }
+            #[inline(never)]
+            fn filter_step(
+                filter: &mut CommandFilter<Self>,
+                command: &[Self],
+                corrected: &[Self],
+                status: Status,
+                engage: bool,
+                cycles: u32,
+            ) -> Filtered<Self> {
+                filter.next_step(command, corrected, status, engage, cycles)
+            }
+        }
+    };
+}
+
+compiled!(f32);
+compiled!(f64);
+
+impl<T: CompiledFilter> CommandFilter<T> {
+    /// The payload in kg at which the model is to be evaluated now, for the one that is asked for and the `cycles` since
+    /// the last call. It goes there in about the blend time, smoothly, also from one change to the next, and never beyond
+    /// the payloads asked for; while the model has no weight it is there at once. A payload that is none comes back for
+    /// the model to refuse.
+    #[inline(always)]
+    pub fn payload(&mut self, asked_kg: T, cycles: u32) -> T {
+        T::filter_payload(self, asked_kg, cycles)
+    }
+
+    /// The joints to send for a `command`, `corrected` joints and `status` of the model (rad or m). `engage`: whether the
+    /// correction is to be applied. `cycles`: since the last call, 0 for another answer to the same request.
+    ///
+    /// Bad input (by `status`; a number that is not finite; a correction above [`MAX_CORRECTION`]; fewer corrected joints
+    /// than commanded ones) leaves the state as it is: the joints of the last answer are sent again, or, if there are none
+    /// of that number, what came, zeros in place of what is not finite. Another number of joints starts anew. In a cycle
+    /// that was answered the correction stays what it was, and for the same command the answer, too.
+    #[inline(always)]
+    pub fn step(
+        &mut self,
+        command: &[T],
+        corrected: &[T],
+        status: Status,
+        engage: bool,
+        cycles: u32,
+    ) -> Filtered<T> {
+        T::filter_step(self, command, corrected, status, engage, cycles)
     }
 }

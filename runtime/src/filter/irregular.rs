@@ -2,10 +2,10 @@
 
 use poegp_protocol::limits::MAX_JOINTS;
 
-use super::approach::select;
-use super::{CommandFilter, Filtered, Joint, count_if};
-use crate::scalar::Scalar;
-use crate::status::Status;
+use super::state::{CommandFilter, Filtered, Joint, count_if};
+use crate::filter::approach::select;
+use crate::guard::status::Status;
+use crate::math::scalar::Scalar;
 
 impl<T: Scalar> CommandFilter<T> {
     /// Bad input: the last answer again.

@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use crate::scalar::Scalar;
+use crate::math::scalar::Scalar;
 
 /// Limits and times of the filter. For sliding joints m stands for rad.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -6,15 +6,19 @@ use poegp_protocol::JointKind;
 use poegp_protocol::blob::{Elastic, Joint, Variance};
 use poegp_protocol::limits::{MAX_GROUPS, MAX_JOINTS};
 
-use super::checked::{MAX_COEFFICIENT, checked_bound, checked_rows, feature_limit, is_within};
-use crate::bound::Bound;
-use crate::chain::MinimalForm;
-use crate::deflection::{
-    Deflection, Gravity, GravityTerms, JointKernel, JointProcesses, PayloadGroup, RippleTerm,
-    SupportSet, row_words,
+use crate::elastic::deflection::Deflection;
+use crate::elastic::gravity::{Gravity, GravityTerms};
+use crate::elastic::ripple::RippleTerm;
+use crate::gp::inducing_sets::InducingSet;
+use crate::gp::joint_kernel::{JointKernel, PayloadGroup};
+use crate::gp::joint_processes::{JointProcesses, row_words};
+use crate::guard::limit::Bound;
+use crate::kinematics::minimal_chain::MinimalForm;
+use crate::math::scalar::Scalar;
+use crate::model::load_error::LoadError;
+use crate::model::validate::{
+    MAX_COEFFICIENT, checked_bound, checked_rows, feature_limit, is_within,
 };
-use crate::load_error::LoadError;
-use crate::scalar::Scalar;
 
 /// Largest Σ_d W_cd: exponents stay within reach of `exp2`.
 const MAX_RATE_SUM: f32 = 100_000.0;
@@ -27,11 +31,11 @@ const MAX_PAYLOAD_EXPONENT: f32 = 1_000_000.0;
 
 /// The elastic correction and its bound.
 #[derive(Clone, Debug)]
-pub(super) struct ElasticCorrection<T> {
-    pub(super) deflection: Deflection<T>,
-    pub(super) bound: Bound<T>,
+pub(crate) struct ElasticCorrection<T> {
+    pub(crate) deflection: Deflection<T>,
+    pub(crate) bound: Bound<T>,
     /// Heavier payloads are taken for this one.
-    pub(super) heaviest: T,
+    pub(crate) heaviest: T,
 }
 
 impl<T: Scalar> ElasticCorrection<T> {
@@ -76,7 +80,7 @@ impl<T: Scalar> ElasticCorrection<T> {
         out.processes.choose_loops(calibrated.poe.kinds());
         gravity(wire, calibrated, &mut out.gravity)?;
         out.ripple = ripple(wire, joints)?;
-        out.variance = variance.map(super::variance::header);
+        out.variance = variance.map(super::position_variance::header);
         self.bound = checked_bound(&wire.bound)?;
         self.heaviest = T::from_f32(heaviest);
         Ok(())
@@ -86,7 +90,7 @@ impl<T: Scalar> ElasticCorrection<T> {
 impl<T: Scalar> ElasticCorrection<T> {
     /// The payload in kg, or the heaviest that is one.
     #[inline(always)]
-    pub(super) fn held(&self, payload_kg: T) -> T {
+    pub(crate) fn held(&self, payload_kg: T) -> T {
         if payload_kg > self.heaviest {
             self.heaviest
         } else {
@@ -247,7 +251,7 @@ fn sets<T: Scalar>(
                 .checked_sub(usize::from(*points))
                 .ok_or(LoadError::Groups)?;
         }
-        let set = SupportSet::new(kernel, points);
+        let set = InducingSet::new(kernel, points);
         out.sets.push(set).map_err(|_| LoadError::Groups)?;
     }
     if left.iter().any(|left| *left != 0) || 4 * out.words(joints) != wire.rows.len() {

@@ -3,18 +3,20 @@
 use poegp_protocol::blob::TaskSpace;
 use poegp_protocol::limits::MAX_INPUTS;
 
-use super::MAX_PAYLOAD_KG;
-use super::checked::{MAX_COEFFICIENT, checked_bound, checked_rows, is_within};
-use crate::bound::Bound;
-use crate::load_error::LoadError;
-use crate::posterior::{FOLDED_RADIUS, MAX_FOLDED_WEIGHT, MAX_SCALED_INPUT, MeanHeader, row_words};
-use crate::scalar::Scalar;
+use crate::gp::quadratic_posterior::{
+    FOLDED_RADIUS, MAX_FOLDED_WEIGHT, MAX_SCALED_INPUT, MeanHeader, row_words,
+};
+use crate::guard::limit::Bound;
+use crate::math::scalar::Scalar;
+use crate::model::MAX_PAYLOAD_KG;
+use crate::model::load_error::LoadError;
+use crate::model::validate::{MAX_COEFFICIENT, checked_bound, checked_rows, is_within};
 
 /// The task-space correction and its bound.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct TaskSpaceCorrection<T> {
-    pub(super) header: MeanHeader<T>,
-    pub(super) bound: Bound<T>,
+pub(crate) struct TaskSpaceCorrection<T> {
+    pub(crate) header: MeanHeader<T>,
+    pub(crate) bound: Bound<T>,
 }
 
 impl<T: Scalar> TaskSpaceCorrection<T> {

@@ -8,28 +8,13 @@ use poegp_protocol::link::{
     Statistics, StoredModel,
 };
 
-use super::commands::for_filter;
-use super::cycle::{Order, Report};
-use super::resident::{Resident, name};
-use super::upload::Upload;
 use crate::filter::FilterError;
-use crate::signature;
+use crate::service::commands::for_filter;
+use crate::service::exchange::{Facts, Order, Report};
+use crate::service::loaded_model::{Resident, name};
+use crate::service::upload::Upload;
+use crate::store::signature;
 use crate::store::{Store, StoreError, Stored};
-
-/// What does not change about the device.
-#[derive(Clone, Copy, Debug)]
-pub struct Facts {
-    /// Name of the board.
-    pub board: &'static str,
-    /// CRC-32C of the firmware's image.
-    pub image_crc: u32,
-    /// Frequency of the tick counter in hertz.
-    pub tick_hz: u32,
-    /// Ticks in which a cyclic request is to be answered.
-    pub deadline_ticks: u32,
-    /// Whether the processor waits while the flash erases or writes. Then it is left alone while cycles run.
-    pub flash_blocks: bool,
-}
 
 /// What the background needs of the rest of the device.
 pub trait Device<'m, const WORDS: usize> {

@@ -6,7 +6,7 @@ use heapless::Vec;
 use poegp_protocol::link::{CycleSettings, Query};
 
 use crate::filter::{CommandFilter, FilterError, FilterSettings, Filtered};
-use crate::status::Status;
+use crate::guard::status::Status;
 
 /// Parts of a second without a command after which commands have stopped. The filter never waits longer for one.
 const QUIET: u32 = 2;

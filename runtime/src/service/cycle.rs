@@ -4,16 +4,16 @@ use heapless::Vec;
 use poegp_protocol::frame::{self, FrameError, Receiver};
 use poegp_protocol::limits::{MAX_JOINTS, OUTPUTS};
 use poegp_protocol::link::{
-    Commanded, Corrected, CycleSettings, Evaluation, ModelIdentity, PROTOCOL_VERSION, Query,
-    Refusal, Request, Response, Statistics, Trace,
+    Commanded, Corrected, Evaluation, PROTOCOL_VERSION, Query, Refusal, Request, Response,
+    Statistics, Trace,
 };
 
-use super::commands::Commands;
-use super::{Facts, Resident, count};
-use crate::filter::FilterError;
-use crate::model::{self, Stages};
-use crate::status::Status;
-use crate::store::Slot;
+use crate::guard::status::Status;
+use crate::model;
+use crate::service::commands::Commands;
+use crate::service::exchange::{Facts, Order, Report};
+use crate::service::loaded_model::Resident;
+use crate::trace::Stages;
 
 /// A counter of time.
 pub trait Clock {
@@ -47,51 +47,6 @@ pub enum Taken {
     Completed(usize),
     /// It is a service: the receiver, with its open frame, goes to the background.
     Service,
-}
-
-/// What the background wants of the cycle.
-#[derive(Debug)]
-pub enum Order<'m, const WORDS: usize> {
-    /// Nothing but a report.
-    Report,
-    /// Run this model: from now on, or when the correction by the active one has been taken back.
-    Run(&'m mut Resident<WORDS>),
-    /// The model of this name is in this slot now, and no other.
-    Stored {
-        /// CRC in the header of its blob.
-        blob_crc: u32,
-        /// Where it is.
-        slot: Slot,
-    },
-    /// Take these settings.
-    Settings(CycleSettings),
-    /// Answer commands as they come, or correct them again.
-    Bypass(bool),
-    /// A request was refused: count it.
-    Refused,
-}
-
-/// What the cycle says to an order.
-#[derive(Debug)]
-pub struct Report<'m, const WORDS: usize> {
-    /// The model that was active before the one of [`Order::Run`], once: in the first report after the exchange.
-    pub replaced: Option<&'m mut Resident<WORDS>>,
-    /// The active model, or the one that waits.
-    pub model: Option<ModelIdentity>,
-    /// Whether it waits.
-    pub pending: bool,
-    /// The slot that holds it.
-    pub slot: Option<Slot>,
-    /// Settings in force.
-    pub cycle: CycleSettings,
-    /// Why [`Order::Settings`] was not obeyed.
-    pub refused: Option<FilterError>,
-    /// Whether corrections are bypassed.
-    pub bypass: bool,
-    /// Whether cyclic requests are expected.
-    pub running: bool,
-    /// What the cycle has counted.
-    pub statistics: Statistics,
 }
 
 impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
@@ -432,4 +387,8 @@ fn first(values: &[f32; MAX_JOINTS]) -> [f32; OUTPUTS] {
         *slot = *value;
     }
     out
+}
+
+fn count(counter: &mut u32) {
+    *counter = counter.saturating_add(1);
 }

@@ -26,13 +26,11 @@
 mod background;
 mod commands;
 mod cycle;
-mod resident;
+mod exchange;
+mod loaded_model;
 mod upload;
 
-pub use background::{Background, Device, Facts};
-pub use cycle::{Clock, Cycle, Order, Report, Taken};
-pub use resident::Resident;
-
-fn count(counter: &mut u32) {
-    *counter = counter.saturating_add(1);
-}
+pub use crate::service::background::{Background, Device};
+pub use crate::service::cycle::{Clock, Cycle, Taken};
+pub use crate::service::exchange::{Facts, Order, Report};
+pub use crate::service::loaded_model::Resident;

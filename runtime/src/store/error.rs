@@ -4,7 +4,7 @@ use core::fmt;
 
 use embedded_storage::nor_flash::NorFlashErrorKind;
 
-use super::layout::Slot;
+use crate::store::slot::Slot;
 
 /// Why the store refused. What it held before is still there, unless [`super`] says otherwise.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

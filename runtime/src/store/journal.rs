@@ -7,13 +7,13 @@
 
 use embedded_storage::nor_flash::NorFlash;
 
-use super::layout::{Layout, Slot, stride_unit};
-use super::medium;
-use super::{StoreError, Stored};
+use crate::store::error::StoreError;
+use crate::store::flash;
+use crate::store::flash::blank;
+use crate::store::layout::{JOURNAL_RECORD, Layout, stride};
+use crate::store::slot::{Slot, Stored};
 
-/// Bytes of a record before it is filled up to whole units.
-pub const RECORD: u32 = 28;
-const LENGTH: usize = RECORD as usize;
+const LENGTH: usize = JOURNAL_RECORD as usize;
 const MAGIC: u32 = u32::from_le_bytes(*b"PGS1");
 
 /// What the slots hold.
@@ -62,7 +62,7 @@ impl State {
             for (field, word) in fields.as_chunks_mut().0.iter_mut().zip(words) {
                 *field = word.to_le_bytes();
             }
-            *crc = medium::checksum(fields).to_le_bytes();
+            *crc = flash::checksum(fields).to_le_bytes();
         }
         bytes
     }
@@ -73,7 +73,7 @@ impl State {
         let mut words = fields.as_chunks().0.iter().copied().map(u32::from_le_bytes);
         let mut word = || words.next();
         // The checksum last: most of a head is erased, and all of it is looked at whenever a model is verified.
-        if word()? != MAGIC || medium::checksum(fields) != u32::from_le_bytes(*crc) {
+        if word()? != MAGIC || flash::checksum(fields) != u32::from_le_bytes(*crc) {
             return None;
         }
         Some(Self {
@@ -101,12 +101,12 @@ pub fn survey<F: NorFlash>(flash: &mut F, layout: &Layout) -> Journal {
     };
     for (head, room) in [Slot::A, Slot::B].into_iter().zip(&mut journal.room) {
         let start = layout.slot(head).start;
-        let end = start + medium::size(F::ERASE_SIZE);
-        let stride = stride::<F>();
+        let end = start + flash::size(F::ERASE_SIZE);
+        let stride = stride::<F>(JOURNAL_RECORD);
         let (mut at, mut after_last, mut any) = (start, start, false);
         while end - at >= stride {
             let mut bytes = [0; LENGTH];
-            let read = medium::read(flash, at, &mut bytes).is_ok();
+            let read = flash::read(flash, at, &mut bytes).is_ok();
             let state = State::from_bytes(head, &bytes).filter(|_| read);
             if let Some(state) = state {
                 any = true;
@@ -143,7 +143,7 @@ pub fn append<F: NorFlash>(
         Some(at) => at,
         None => {
             let start = layout.slot(state.first).start;
-            medium::erase(flash, start, start + medium::size(F::ERASE_SIZE))?;
+            flash::erase(flash, start, start + flash::size(F::ERASE_SIZE))?;
             start
         }
     };
@@ -152,20 +152,5 @@ pub fn append<F: NorFlash>(
 
 /// Writes the record of `state` to `at`, which is erased.
 pub fn write<F: NorFlash>(flash: &mut F, at: u32, state: &State) -> Result<(), StoreError> {
-    medium::write(flash, at, &state.to_bytes())
-}
-
-/// Bytes from one record to the next.
-fn stride<F: NorFlash>() -> u32 {
-    RECORD.next_multiple_of(stride_unit::<F>())
-}
-
-/// Whether `length` bytes from `at` on are erased.
-pub fn blank<F: NorFlash>(flash: &mut F, at: u32, length: u32) -> bool {
-    let mut blank = true;
-    let read = medium::walk(flash, at, length, |_, piece| {
-        blank &= piece.iter().all(|byte| *byte == 0xff);
-        Ok(())
-    });
-    read.is_ok() && blank
+    flash::write(flash, at, &state.to_bytes())
 }

@@ -4,36 +4,16 @@ use core::ops::Range;
 
 use embedded_storage::nor_flash::NorFlash;
 
-use super::StoreError;
-use super::journal::RECORD;
-use super::medium::{CHUNK, size};
+use crate::store::error::StoreError;
+use crate::store::flash::{CHUNK, size};
+use crate::store::slot::Slot;
 
-/// One of the two places for a model.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Slot {
-    /// The first.
-    A,
-    /// The second.
-    B,
-}
-
-impl Slot {
-    /// 0 or 1.
-    pub const fn index(self) -> u8 {
-        match self {
-            Self::A => 0,
-            Self::B => 1,
-        }
-    }
-
-    /// The other one.
-    pub const fn other(self) -> Self {
-        match self {
-            Self::A => Self::B,
-            Self::B => Self::A,
-        }
-    }
-}
+/// Bytes of a record of the journal before it is filled up to whole units.
+pub(super) const JOURNAL_RECORD: u32 = 28;
+/// Bytes of a record of the key page before it is filled up to whole units.
+pub(super) const KEY_RECORD: u32 = 40;
+/// Bytes of a record of the settings page before it is filled up to whole units.
+pub(super) const SETTINGS_RECORD: u32 = 24;
 
 /// Where in the flash everything is, in bytes from its beginning. All ranges begin and end with an erase unit.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -67,10 +47,10 @@ impl Layout {
         let parts = [
             (a, erase.saturating_mul(2)),
             (b, erase.saturating_mul(2)),
-            (&self.key, super::key::least_page::<F>()),
-            (&self.cycle, super::settings::stride::<F>()),
+            (&self.key, 2 * stride::<F>(KEY_RECORD)),
+            (&self.cycle, stride::<F>(SETTINGS_RECORD)),
         ];
-        let record = RECORD.next_multiple_of(unit);
+        let record = stride::<F>(JOURNAL_RECORD);
         if erase < record {
             return Err(StoreError::RangeTooSmall {
                 length: erase,
@@ -120,6 +100,11 @@ impl Layout {
 }
 
 /// What addresses must be a multiple of, so that they can be read and written.
-pub(super) fn stride_unit<F: NorFlash>() -> u32 {
+fn stride_unit<F: NorFlash>() -> u32 {
     size(F::READ_SIZE.max(F::WRITE_SIZE))
+}
+
+/// Bytes from one record of `record` bytes to the next.
+pub(super) fn stride<F: NorFlash>(record: u32) -> u32 {
+    record.next_multiple_of(stride_unit::<F>())
 }

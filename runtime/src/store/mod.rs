@@ -37,30 +37,22 @@
 //! as erased. A head without any valid record is erased again before it is used, the place of a blob always.
 
 mod error;
+mod flash;
 mod journal;
-mod key;
+mod key_page;
 mod layout;
-mod medium;
 mod settings;
+pub mod signature;
+mod slot;
 
 use embedded_storage::nor_flash::NorFlash;
 use poegp_protocol::link::CycleSettings;
 
-pub use error::StoreError;
-pub use layout::{Layout, Slot};
+pub use crate::store::error::StoreError;
+pub use crate::store::layout::Layout;
+pub use crate::store::slot::{Slot, Stored};
 
-use journal::{Journal, State};
-
-/// A blob in flash, as its header announces it. [`Store::read`] tells whether it is there.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Stored {
-    /// Where it is.
-    pub slot: Slot,
-    /// Its length in bytes.
-    pub length: u32,
-    /// CRC-32C of all its bytes.
-    pub crc: u32,
-}
+use crate::store::journal::{Journal, State};
 
 /// Two slots, a key and settings in `flash`.
 #[derive(Debug)]
@@ -109,7 +101,7 @@ impl<F: NorFlash> Store<F> {
         stored: &Stored,
         buffer: &'b mut [u8],
     ) -> Result<&'b [u8], StoreError> {
-        let room = medium::size(buffer.len());
+        let room = flash::size(buffer.len());
         let bytes = buffer
             .get_mut(..stored.length as usize)
             .filter(|_| stored.length <= self.room(stored.slot))
@@ -118,8 +110,8 @@ impl<F: NorFlash> Store<F> {
                 room,
             })?;
         let start = self.blob_start(stored.slot);
-        medium::read(&mut self.flash, start, bytes)?;
-        let computed = medium::checksum(bytes);
+        flash::read(&mut self.flash, start, bytes)?;
+        let computed = flash::checksum(bytes);
         if computed != stored.crc {
             return Err(StoreError::CrcMismatch {
                 stored: stored.crc,
@@ -136,17 +128,17 @@ impl<F: NorFlash> Store<F> {
     /// # Errors
     /// [`StoreError::BlobLength`], `ReadBack`, `Flash`, `SequenceExhausted`. The kept blob is then the first candidate.
     pub fn write(&mut self, blob: &[u8], keep: Option<Slot>) -> Result<Stored, StoreError> {
-        let (length, capacity) = (medium::size(blob.len()), self.capacity());
+        let (length, capacity) = (flash::size(blob.len()), self.capacity());
         if blob.is_empty() || length > capacity {
             return Err(StoreError::BlobLength { length, capacity });
         }
-        let crc = medium::checksum(blob);
+        let crc = flash::checksum(blob);
         let mut state = self.survey().state;
         for slot in [Slot::A, Slot::B] {
             let stored = Stored { slot, length, crc };
             let announced = state.and_then(|state| self.announced(&state, slot));
             let start = self.blob_start(slot);
-            if announced == Some(stored) && medium::holds(&mut self.flash, start, blob)? {
+            if announced == Some(stored) && flash::holds(&mut self.flash, start, blob)? {
                 return self.promote(&stored);
             }
         }
@@ -162,10 +154,10 @@ impl<F: NorFlash> Store<F> {
             state = Some(self.put_first(kept)?);
         }
         let (head, start) = (self.layout.slot(slot).start, self.blob_start(slot));
-        let end = start + length.next_multiple_of(medium::size(F::ERASE_SIZE));
+        let end = start + length.next_multiple_of(flash::size(F::ERASE_SIZE));
         // The head goes first, so that it never announces a blob that is partly erased.
-        medium::erase(&mut self.flash, head, end)?;
-        medium::write(&mut self.flash, start, blob)?;
+        flash::erase(&mut self.flash, head, end)?;
+        flash::write(&mut self.flash, start, blob)?;
         let stored = Stored { slot, length, crc };
         let state = State::with_first(state.as_ref(), &stored)?;
         journal::write(&mut self.flash, head, &state)?;
@@ -184,7 +176,7 @@ impl<F: NorFlash> Store<F> {
             return Err(StoreError::NotStored { slot });
         }
         let start = self.blob_start(slot);
-        let computed = medium::crc(&mut self.flash, start, stored.length)?;
+        let computed = flash::crc(&mut self.flash, start, stored.length)?;
         if computed != stored.crc {
             return Err(StoreError::CrcMismatch {
                 stored: stored.crc,
@@ -200,7 +192,7 @@ impl<F: NorFlash> Store<F> {
     /// # Errors
     /// [`StoreError::KeyUnfinished`], `KeyDamaged`: nothing may be accepted then.
     pub fn public_key(&mut self) -> Result<Option<[u8; 32]>, StoreError> {
-        key::public_key(&mut self.flash, &self.layout)
+        key_page::public_key(&mut self.flash, &self.layout)
     }
 
     /// Writes the public key, once and for all. The same key again is fine, and completes what was interrupted.
@@ -208,7 +200,7 @@ impl<F: NorFlash> Store<F> {
     /// # Errors
     /// [`StoreError::KeyProvisioned`] when there is another, `KeyDamaged`, `KeyPageFull`, `ReadBack`, `Flash`.
     pub fn provision(&mut self, key: &[u8; 32]) -> Result<(), StoreError> {
-        key::provision(&mut self.flash, &self.layout, key)
+        key_page::provision(&mut self.flash, &self.layout, key)
     }
 
     /// The settings of the cycle that were written last; `None` when none ever were.
@@ -255,6 +247,6 @@ impl<F: NorFlash> Store<F> {
 
     /// Where the blob of `slot` begins.
     fn blob_start(&self, slot: Slot) -> u32 {
-        self.layout.slot(slot).start + medium::size(F::ERASE_SIZE)
+        self.layout.slot(slot).start + flash::size(F::ERASE_SIZE)
     }
 }

@@ -22,18 +22,12 @@
 use embedded_storage::nor_flash::NorFlash;
 use poegp_protocol::link::CycleSettings;
 
-use super::journal::blank;
-use super::layout::{Layout, stride_unit};
-use super::{StoreError, medium};
+use crate::store::error::StoreError;
+use crate::store::flash::{self, blank};
+use crate::store::layout::{Layout, SETTINGS_RECORD, stride};
 
-const RECORD: u32 = 24;
-const LENGTH: usize = RECORD as usize;
+const LENGTH: usize = SETTINGS_RECORD as usize;
 const MAGIC: u32 = u32::from_le_bytes(*b"PGC1");
-
-/// Bytes from one record to the next, and those that a page needs at least.
-pub fn stride<F: NorFlash>() -> u32 {
-    RECORD.next_multiple_of(stride_unit::<F>())
-}
 
 fn record(settings: &CycleSettings) -> [u8; LENGTH] {
     let words = [
@@ -48,7 +42,7 @@ fn record(settings: &CycleSettings) -> [u8; LENGTH] {
         for (field, word) in fields.as_chunks_mut().0.iter_mut().zip(words) {
             *field = word.to_le_bytes();
         }
-        *crc = medium::checksum(fields).to_le_bytes();
+        *crc = flash::checksum(fields).to_le_bytes();
     }
     bytes
 }
@@ -56,7 +50,7 @@ fn record(settings: &CycleSettings) -> [u8; LENGTH] {
 fn settings_of(bytes: &[u8; LENGTH]) -> Option<CycleSettings> {
     let (fields, crc) = bytes.split_last_chunk::<4>()?;
     let mut words = fields.as_chunks().0.iter().copied().map(u32::from_le_bytes);
-    if words.next()? != MAGIC || medium::checksum(fields) != u32::from_le_bytes(*crc) {
+    if words.next()? != MAGIC || flash::checksum(fields) != u32::from_le_bytes(*crc) {
         return None;
     }
     Some(CycleSettings {
@@ -74,12 +68,12 @@ struct Page {
 }
 
 fn page<F: NorFlash>(flash: &mut F, layout: &Layout) -> Page {
-    let stride = stride::<F>();
+    let stride = stride::<F>(SETTINGS_RECORD);
     let (mut at, mut after_last) = (layout.cycle.start, layout.cycle.start);
     let mut settings = None;
     while layout.cycle.end - at >= stride {
         let mut bytes = [0; LENGTH];
-        let read = medium::read(flash, at, &mut bytes).is_ok();
+        let read = flash::read(flash, at, &mut bytes).is_ok();
         settings = settings_of(&bytes).filter(|_| read).or(settings);
         if !read || !blank(flash, at, stride) {
             after_last = at + stride;
@@ -113,5 +107,5 @@ pub fn write<F: NorFlash>(
         return Ok(());
     }
     let at = page.room.ok_or(StoreError::SettingsFull)?;
-    medium::write(flash, at, &record)
+    flash::write(flash, at, &record)
 }

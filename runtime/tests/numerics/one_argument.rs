@@ -2,8 +2,8 @@
 
 use core::f32::consts::FRAC_PI_4;
 
-use poegp_runtime::kernel::QuadraticKernel;
-use poegp_runtime::scalar::{MAX_ANGLE, Scalar};
+use poegp_runtime::gp::quadratic_kernel::QuadraticKernel;
+use poegp_runtime::math::scalar::{MAX_ANGLE, Scalar};
 
 use crate::sweep::{both_signs, sweep};
 use crate::table::{Row, absolute_error, error};

@@ -5,8 +5,8 @@
 
 use core::f32::consts::PI;
 
-use poegp_runtime::scalar::Scalar;
-use poegp_runtime::se3::{Pose, Twist, left_jacobian};
+use poegp_runtime::math::scalar::Scalar;
+use poegp_runtime::math::se3::{Pose, Twist, left_jacobian};
 
 use crate::sweep::{Random, Worst, exhaustive, sweep};
 use crate::table::{REFERENCE, Row, ulp};

@@ -1,7 +1,7 @@
 //! The functions of `f32`, and the `f64` ones that the sweeps take for the truth, against 50 digits.
 
-use poegp_runtime::kernel::QuadraticKernel;
-use poegp_runtime::scalar::Scalar;
+use poegp_runtime::gp::quadratic_kernel::QuadraticKernel;
+use poegp_runtime::math::scalar::Scalar;
 use serde_json::Value;
 
 use crate::sweep::Worst;

@@ -6,9 +6,10 @@ use poegp_protocol::blob::{
     Provenance, Ranges, Ripple, Robot, TaskSpace, Units,
 };
 use poegp_protocol::limits::{MAX_JOINTS, OUTPUTS};
-use poegp_runtime::model::{Model, Observer};
-use poegp_runtime::scalar::Scalar;
-use poegp_runtime::se3::{Pose, Twist};
+use poegp_runtime::math::scalar::Scalar;
+use poegp_runtime::math::se3::{Pose, Twist};
+use poegp_runtime::model::Model;
+use poegp_runtime::trace::Observer;
 
 /// Room for the support of every arm here.
 pub const WORDS: usize = 1_024;

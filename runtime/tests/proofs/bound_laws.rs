@@ -1,8 +1,8 @@
 //! The bound on a correction at its edges: a bound of zero, a twist at the bound, one that is no number.
 
 use nalgebra::Vector3;
-use poegp_runtime::bound::{Bound, bounded};
-use poegp_runtime::se3::Twist;
+use poegp_runtime::guard::limit::{Bound, bounded};
+use poegp_runtime::math::se3::Twist;
 
 fn twist(linear: f32, angular: f32) -> Twist<f32> {
     Twist {

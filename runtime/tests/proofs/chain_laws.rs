@@ -1,9 +1,9 @@
 //! The minimal form of a chain: the same poses, the same axes, and nothing left to change in it.
 
-use poegp_runtime::chain::{Chain, MinimalForm, MovedFrames};
-use poegp_runtime::poe::{Poe, no_motions};
-use poegp_runtime::scalar::Scalar;
-use poegp_runtime::se3::Pose;
+use poegp_runtime::kinematics::minimal_chain::{Chain, MinimalForm, MovedFrames};
+use poegp_runtime::kinematics::poe::{Poe, no_motions};
+use poegp_runtime::math::scalar::Scalar;
+use poegp_runtime::math::se3::Pose;
 use proptest::prelude::*;
 
 use crate::seeded::{chains, config, distance, poe};

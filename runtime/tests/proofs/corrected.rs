@@ -1,9 +1,10 @@
 //! Corrected joints of arms that nobody fitted: any number of joints, sliding, coupled, and numbers without sense.
 
-use poegp_runtime::model::{Corrected, MAX_JOINT_CHANGE, MAX_PAYLOAD_KG, Model};
-use poegp_runtime::scalar::{MAX_ANGLE, Scalar};
-use poegp_runtime::se3::{Pose, Twist};
-use poegp_runtime::status::Status;
+use poegp_runtime::correct::{Corrected, MAX_JOINT_CHANGE};
+use poegp_runtime::guard::status::Status;
+use poegp_runtime::math::scalar::{MAX_ANGLE, Scalar};
+use poegp_runtime::math::se3::{Pose, Twist};
+use poegp_runtime::model::{MAX_PAYLOAD_KG, Model};
 use proptest::prelude::*;
 
 use crate::arm::{Arm, WORDS};

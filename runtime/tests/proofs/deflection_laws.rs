@@ -3,20 +3,22 @@
 
 use nalgebra::Vector3;
 use poegp_protocol::JointKind;
-use poegp_runtime::chain::{Chain, MinimalForm, MovedFrames};
-use poegp_runtime::deflection::{
-    Gravity, GravityRegressors, GravityTerms, JointKernel, JointProcesses, PayloadGroup, PerJoint,
-    SupportSet, deflected, deflection_twist, similarity,
-};
-use poegp_runtime::poe::{Motions, no_motions};
-use poegp_runtime::scalar::Scalar;
-use poegp_runtime::se3::{dot, residual};
+use poegp_runtime::elastic::deflection::{deflected, deflection_twist};
+use poegp_runtime::elastic::gravity::{Gravity, GravityRegressors, GravityTerms};
+use poegp_runtime::gp::KernelLoops;
+use poegp_runtime::gp::inducing_sets::InducingSet;
+use poegp_runtime::gp::joint_kernel::{JointKernel, PayloadGroup, similarity};
+use poegp_runtime::gp::joint_processes::JointProcesses;
+use poegp_runtime::kinematics::coupling::PerJoint;
+use poegp_runtime::kinematics::minimal_chain::{Chain, MinimalForm, MovedFrames};
+use poegp_runtime::kinematics::poe::{Motions, no_motions};
+use poegp_runtime::math::se3::{dot, residual};
 use proptest::prelude::*;
 
 use crate::seeded::{chains, config, distance, poe};
 
 /// The joints as the kernel compares them, without the runtime.
-fn places<T: Scalar>(kinds: &[JointKind], q: &[f64]) -> Motions<T> {
+fn places<T: KernelLoops>(kinds: &[JointKind], q: &[f64]) -> Motions<T> {
     let mut out = [[T::ZERO; 2]; 8];
     for ((slot, kind), q) in out.iter_mut().zip(kinds).zip(q) {
         *slot = match kind {
@@ -49,7 +51,7 @@ fn direct_payload_factor(natural: &Natural, m: f64, other: f64) -> f64 {
     (constant + slope * m * other) * libm::exp(-0.5 * rate * (m - other) * (m - other))
 }
 
-fn kernel<T: Scalar>(natural: &Natural) -> JointKernel<T> {
+fn kernel<T: KernelLoops>(natural: &Natural) -> JointKernel<T> {
     let rates: Vec<T> = natural.0.iter().map(|w| T::from_f64(*w)).collect();
     JointKernel::from_natural(
         &rates,
@@ -59,7 +61,7 @@ fn kernel<T: Scalar>(natural: &Natural) -> JointKernel<T> {
     )
 }
 
-fn similarities<T: Scalar>(kinds: &[JointKind], a: &Motions<T>, b: &Motions<T>) -> Vec<T> {
+fn similarities<T: KernelLoops>(kinds: &[JointKind], a: &Motions<T>, b: &Motions<T>) -> Vec<T> {
     let pairs = a.iter().zip(b);
     kinds
         .iter()
@@ -93,7 +95,7 @@ fn points(count: usize) -> impl Strategy<Value = Vec<Point>> {
 }
 
 /// What the processes give at (q, m), and the same by the formula.
-fn mean<T: Scalar>(
+fn mean<T: KernelLoops>(
     kinds: &[JointKind],
     naturals: &[Natural],
     tied: bool,
@@ -152,7 +154,7 @@ fn mean<T: Scalar>(
 
 /// What support sets give at (q, m), and the same by the formula. Point j is in the set of joint c unless j + c is a
 /// multiple of three.
-fn mean_of_sets<T: Scalar>(
+fn mean_of_sets<T: KernelLoops>(
     kinds: &[JointKind],
     naturals: &[Natural],
     points: &[Point],
@@ -185,7 +187,7 @@ fn mean_of_sets<T: Scalar>(
         let members: Vec<&Point> = members.map(|(_, point)| *point).collect();
         let of = |payload: &f64| members.iter().filter(|point| point.1 == *payload).count();
         let counts: Vec<u16> = payloads.iter().map(|payload| of(payload) as u16).collect();
-        let set = SupportSet::new(&processes.kernels[c], &counts);
+        let set = InducingSet::new(&processes.kernels[c], &counts);
         for (place, payload, weights) in &members {
             let all = places::<T>(kinds, place);
             rows.extend(set.joints().iter().flat_map(|d| all[usize::from(*d)]));
@@ -448,7 +450,7 @@ fn motions_are_sines_and_cosines_of_revolute_joints_and_values_of_prismatic_ones
 /// A prismatic joint may be so far away that the exponent is beyond what a power of two can take.
 #[test]
 fn far_along_a_slide_the_factor_is_zero() {
-    fn factor<T: Scalar>(metres: f64) -> f64 {
+    fn factor<T: KernelLoops>(metres: f64) -> f64 {
         let similarity = similarity(
             JointKind::Prismatic,
             &[T::from_f64(metres), T::ZERO],

@@ -1,12 +1,12 @@
 //! What a model with an elastic correction answers.
 
 use poegp_protocol::JointKind;
-use poegp_runtime::chain::MinimalForm;
+use poegp_runtime::guard::status::Status;
+use poegp_runtime::kinematics::minimal_chain::MinimalForm;
+use poegp_runtime::kinematics::poe::Poe;
+use poegp_runtime::math::scalar::MAX_ANGLE;
+use poegp_runtime::math::se3::{Pose, Twist, residual};
 use poegp_runtime::model::MAX_PAYLOAD_KG;
-use poegp_runtime::poe::Poe;
-use poegp_runtime::scalar::MAX_ANGLE;
-use poegp_runtime::se3::{Pose, Twist, residual};
-use poegp_runtime::status::Status;
 use proptest::prelude::*;
 
 use crate::arm::{Arm, Seen};

@@ -2,9 +2,9 @@
 
 use poegp_protocol::blob::{PayloadGroup, Ripple};
 use poegp_protocol::limits::MAX_JOINTS;
-use poegp_runtime::load_error::LoadError;
+use poegp_runtime::guard::status::Status;
 use poegp_runtime::model::Model;
-use poegp_runtime::status::Status;
+use poegp_runtime::model::load_error::LoadError;
 use proptest::prelude::*;
 
 use crate::arm::{Arm, Seen, WORDS};

@@ -1,7 +1,7 @@
 //! The filter and one event at a time: the first command, switches, jumps, gaps, repetitions, payloads.
 
 use poegp_runtime::filter::{CommandFilter, FilterCounts, FilterSettings, GRACE};
-use poegp_runtime::status::Status;
+use poegp_runtime::guard::status::Status;
 
 use crate::filter_paths::{
     ACCELERATION, Correction, Dice, JOINTS, Judge, PERIOD, Path, RATE, Six, assert_twins, bits,

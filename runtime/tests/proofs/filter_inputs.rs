@@ -1,7 +1,7 @@
 //! The filter and input that is none: bad commands, other joints, settings, arbitrary numbers.
 
 use poegp_runtime::filter::{CommandFilter, FilterError, FilterSettings, MAX_CORRECTION};
-use poegp_runtime::status::Status;
+use poegp_runtime::guard::status::Status;
 use proptest::prelude::*;
 
 use crate::filter_paths::{Dice, JOINTS, assert_twins, filter, give, plus, settled};

@@ -1,6 +1,6 @@
 //! The filter on random paths: no limit is broken by any order of switches, and every switch ends at the answer itself.
 
-use poegp_runtime::scalar::Scalar;
+use poegp_runtime::filter::CompiledFilter;
 
 use crate::filter_paths::{Correction, Dice, Judge, PERIOD, Path, same};
 
@@ -35,7 +35,7 @@ impl Scene {
     }
 
     /// One cycle, `cycles` after the last. Whether the answer is the one that is asked for, to the bit.
-    fn cycle<T: Scalar>(&mut self, judge: &mut Judge<T>, cycles: u32) -> bool {
+    fn cycle<T: CompiledFilter>(&mut self, judge: &mut Judge<T>, cycles: u32) -> bool {
         self.path.advance(&mut self.dice, cycles);
         if judge.filter.disengaged()
             && let Some(model) = self.wanted.take()
@@ -56,7 +56,7 @@ impl Scene {
             & (judge.filter.weight().to_f64() == if engage { 1.0 } else { 0.0 })
     }
 
-    fn switch<T: Scalar>(&mut self, judge: &mut Judge<T>) {
+    fn switch<T: CompiledFilter>(&mut self, judge: &mut Judge<T>) {
         match self.dice.below(12) {
             0..4 => self.bypass = !self.bypass,
             4..7 => self.wanted = Some(Correction::new(&mut self.dice)),
@@ -74,7 +74,7 @@ impl Scene {
     }
 
     /// Cycles until the answer is the one asked for, for 50 cycles on end.
-    fn settle<T: Scalar>(&mut self, judge: &mut Judge<T>) -> u32 {
+    fn settle<T: CompiledFilter>(&mut self, judge: &mut Judge<T>) -> u32 {
         let (mut count, mut good) = (0, 0);
         while good < 50 {
             good = if self.cycle(judge, 1) { good + 1 } else { 0 };
@@ -85,7 +85,7 @@ impl Scene {
     }
 }
 
-fn ten_thousand_switches<T: Scalar>(seed: u64, rounding: [f64; 2], what: &str) {
+fn ten_thousand_switches<T: CompiledFilter>(seed: u64, rounding: [f64; 2], what: &str) {
     let mut judge = Judge::<T>::new(rounding);
     let mut scene = Scene::new(seed);
     let mut longest = 0;

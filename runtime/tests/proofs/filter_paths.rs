@@ -1,8 +1,8 @@
 //! Random paths and corrections for the proofs of the filter, and a judge that knows only what goes in and out.
 
+use poegp_runtime::filter::CompiledFilter;
 use poegp_runtime::filter::{CommandFilter, FilterSettings, Filtered, GRACE, JUMP};
-use poegp_runtime::scalar::Scalar;
-use poegp_runtime::status::Status;
+use poegp_runtime::guard::status::Status;
 
 pub const JOINTS: usize = 6;
 pub const PERIOD: f64 = 1e-3;
@@ -167,11 +167,11 @@ pub struct Judge<T> {
     pub gave_up: u32,
 }
 
-pub fn many<T: Scalar>(values: &Six) -> [T; JOINTS] {
+pub fn many<T: CompiledFilter>(values: &Six) -> [T; JOINTS] {
     values.map(T::from_f64)
 }
 
-impl<T: Scalar> Judge<T> {
+impl<T: CompiledFilter> Judge<T> {
     pub fn new(rounding: [f64; 2]) -> Self {
         let mut filter = CommandFilter::new();
         filter.configure(&FilterSettings::default()).expect("sound");
@@ -307,7 +307,7 @@ impl<T: Scalar> Judge<T> {
     }
 }
 
-pub fn same<T: Scalar>(a: &[T; JOINTS], b: &[T; JOINTS]) -> bool {
+pub fn same<T: CompiledFilter>(a: &[T; JOINTS], b: &[T; JOINTS]) -> bool {
     let bits = |values: &[T; JOINTS]| values.map(|v| v.to_f64().to_bits());
     bits(a) == bits(b)
 }
@@ -338,7 +338,7 @@ pub fn settled(q: &Six, c: &Six) -> CommandFilter<f64> {
     filter
 }
 
-pub fn bits<T: Scalar>(answer: &Filtered<T>) -> Vec<u64> {
+pub fn bits<T: CompiledFilter>(answer: &Filtered<T>) -> Vec<u64> {
     let joints = answer.joints.iter().map(|v| v.to_f64().to_bits());
     joints.chain([u64::from(answer.status.bits())]).collect()
 }

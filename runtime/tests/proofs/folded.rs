@@ -1,7 +1,7 @@
 //! The folded form of the paper's mean against the difference form: the same number, and hardly worse in `f32`.
 
 use poegp_protocol::limits::{MAX_INPUTS, OUTPUTS};
-use poegp_runtime::posterior::{
+use poegp_runtime::gp::quadratic_posterior::{
     FOLDED_RADIUS, FOLDED_REACH, MAX_SCALED_INPUT, MeanHeader, row_words,
 };
 

@@ -5,9 +5,9 @@
 
 use nalgebra::Vector3;
 use poegp_protocol::JointKind;
-use poegp_runtime::deflection::GravityRegressors;
-use poegp_runtime::poe::Poe;
-use poegp_runtime::se3::{Pose, rotate};
+use poegp_runtime::elastic::gravity::GravityRegressors;
+use poegp_runtime::kinematics::poe::Poe;
+use poegp_runtime::math::se3::{Pose, rotate};
 use serde_json::Value;
 
 use crate::json::{array, list, numbers, parse, pose_rows};

@@ -1,7 +1,7 @@
 //! The paper's kernel (eq. 5), one value and many at once.
 
-use poegp_runtime::kernel::QuadraticKernel;
-use poegp_runtime::scalar::Scalar;
+use poegp_runtime::gp::quadratic_kernel::QuadraticKernel;
+use poegp_runtime::math::scalar::Scalar;
 use proptest::prelude::*;
 
 use crate::seeded::config;

@@ -1,11 +1,11 @@
 //! What a sound model answers: statuses, bound, and independence of everything that must not matter.
 
-use poegp_runtime::chain::{Chain, MinimalForm};
+use poegp_runtime::guard::status::Status;
+use poegp_runtime::kinematics::minimal_chain::{Chain, MinimalForm};
+use poegp_runtime::kinematics::poe::{Poe, no_motions};
+use poegp_runtime::math::scalar::{MAX_ANGLE, Scalar};
+use poegp_runtime::math::se3::{Pose, Twist, cross};
 use poegp_runtime::model::{MAX_PAYLOAD_KG, Model, words_for};
-use poegp_runtime::poe::{Poe, no_motions};
-use poegp_runtime::scalar::{MAX_ANGLE, Scalar};
-use poegp_runtime::se3::{Pose, Twist, cross};
-use poegp_runtime::status::Status;
 use proptest::prelude::*;
 
 use crate::arm::{Arm, Seen, WORDS};

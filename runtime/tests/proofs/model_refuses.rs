@@ -1,9 +1,9 @@
 //! What a model refuses, and that nothing that gets past it makes a NaN.
 
 use poegp_protocol::blob::Joint;
-use poegp_runtime::load_error::LoadError;
+use poegp_runtime::guard::status::Status;
 use poegp_runtime::model::Model;
-use poegp_runtime::status::Status;
+use poegp_runtime::model::load_error::LoadError;
 use proptest::prelude::*;
 
 use crate::arm::{Arm, Seen, WORDS};

@@ -1,10 +1,10 @@
 //! Newton's steps: their equations.
 
 use nalgebra::{SMatrix, SVector};
-use poegp_runtime::chain::{Chain, MinimalForm, MovedFrames};
-use poegp_runtime::newton::{Damping, Equations, Place, less, pose_error};
-use poegp_runtime::poe::no_motions;
-use poegp_runtime::se3::Pose;
+use poegp_runtime::kinematics::minimal_chain::{Chain, MinimalForm, MovedFrames};
+use poegp_runtime::kinematics::newton::{Damping, Equations, Place, less, pose_error};
+use poegp_runtime::kinematics::poe::no_motions;
+use poegp_runtime::math::se3::Pose;
 use proptest::prelude::*;
 
 use crate::seeded::{chains, config, poe};

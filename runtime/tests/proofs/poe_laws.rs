@@ -1,9 +1,9 @@
 //! Chains of one to eight revolute and prismatic joints: the product formula itself, and Jacobians against differences.
 
 use poegp_protocol::JointKind;
-use poegp_runtime::poe::{Poe, WrongChain};
-use poegp_runtime::scalar::Scalar;
-use poegp_runtime::se3::{Pose, Twist, residual};
+use poegp_runtime::kinematics::poe::{Poe, WrongChain};
+use poegp_runtime::math::scalar::Scalar;
+use poegp_runtime::math::se3::{Pose, Twist, residual};
 use proptest::prelude::*;
 
 use crate::seeded::{chains, config, distance, poe, twist};

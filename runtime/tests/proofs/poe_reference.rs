@@ -1,8 +1,8 @@
 //! Forward kinematics and Jacobians in `f64` against an independent implementation in numpy (`poe_fk.json`).
 
 use poegp_protocol::JointKind;
-use poegp_runtime::poe::Poe;
-use poegp_runtime::se3::{Pose, Twist};
+use poegp_runtime::kinematics::poe::Poe;
+use poegp_runtime::math::se3::{Pose, Twist};
 use serde_json::Value;
 
 use crate::json::{array, largest_difference, list, numbers, parse, pose_rows};

@@ -1,8 +1,11 @@
 //! The paper's kernel and posterior mean in `f64` against scikit-learn and numpy (`gp_paper_kernel.json`).
 
 use poegp_protocol::limits::{MAX_INPUTS, OUTPUTS};
-use poegp_runtime::kernel::{QuadraticKernel, inner_product, squared_distance};
-use poegp_runtime::posterior::{MeanHeader, accumulate_affine, input_scale, stored_weight};
+use poegp_runtime::gp::quadratic_kernel::QuadraticKernel;
+use poegp_runtime::gp::quadratic_posterior::{
+    MeanHeader, accumulate_affine, input_scale, stored_weight,
+};
+use poegp_runtime::math::vector::{inner_product, squared_distance};
 use serde_json::Value;
 
 use crate::json::{array, list, numbers, parse};

@@ -2,11 +2,14 @@
 
 use nalgebra::Vector3;
 use poegp_protocol::JointKind;
-use poegp_runtime::chain::MinimalForm;
-use poegp_runtime::deflection::{
-    Deflection, Gravity, GravityTerms, JointKernel, JointProcesses, RippleTerm, ripple_regressors,
-};
-use poegp_runtime::poe::Poe;
+use poegp_runtime::elastic::deflection::Deflection;
+use poegp_runtime::elastic::gravity::{Gravity, GravityTerms};
+use poegp_runtime::elastic::ripple::{RippleTerm, ripple_regressors};
+use poegp_runtime::elastic::ripple::{ripple, ripple_line};
+use poegp_runtime::gp::joint_kernel::JointKernel;
+use poegp_runtime::gp::joint_processes::JointProcesses;
+use poegp_runtime::kinematics::minimal_chain::MinimalForm;
+use poegp_runtime::kinematics::poe::Poe;
 use proptest::prelude::*;
 
 use crate::seeded::{config, poe};
@@ -52,10 +55,10 @@ proptest! {
         let gear = |joint| RippleTerm { joint, cycles, sin, cos };
         let of = deflection(&[gear(0), RippleTerm { cycles: 1.0, ..gear(0) }, gear(1)]);
         let joints = [q, -q, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
-        let ripple = of.ripple(&joints);
+        let ripple = ripple(&of.ripple, &joints);
         // A command that takes off what the ripple is elsewhere.
         let place: [f64; 8] = core::array::from_fn(|d| joints[d] + ripple[d]);
-        let line = of.ripple_line(&place);
+        let line = ripple_line(&of.ripple, &place);
         let mut found: [f64; 8] = core::array::from_fn(|d| ripple[d] - line.value[d]);
         line.follow(1.0, &ripple, &mut found);
         let amplitude = 2.0 * libm::sqrt(sin * sin + cos * cos);
@@ -76,7 +79,7 @@ fn slopes_have_a_least() {
         sin: -0.1,
         cos: 0.01,
     };
-    let line = deflection(&[term]).ripple_line(&[0.0; 8]);
+    let line = ripple_line(&[term], &[0.0; 8]);
     assert_eq!((line.value[0], line.slope[0]), (0.01, -1.0));
     let mut change = [0.01, 0.25, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
     line.follow(1.0, &[0.0; 8], &mut change);

@@ -1,6 +1,6 @@
 //! The two functions that `f32` has of its own, against `f64`, over all of their range.
 
-use poegp_runtime::scalar::{MAX_ANGLE, Scalar};
+use poegp_runtime::math::scalar::{MAX_ANGLE, Scalar};
 
 /// Every `stride`-th `f32` from `from` away from zero to `to`, by bits; both of one sign.
 fn stride(from: f32, to: f32, stride: usize) -> impl Iterator<Item = f32> {

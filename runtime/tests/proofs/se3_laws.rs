@@ -2,8 +2,8 @@
 //!
 //! Tolerances are multiples of the type's epsilon for numbers of order one to ten (translations of a few metres).
 
-use poegp_runtime::scalar::Scalar;
-use poegp_runtime::se3::{
+use poegp_runtime::math::scalar::Scalar;
+use poegp_runtime::math::se3::{
     Matrix6, Pose, Twist, inverse_left_jacobian_so3, left_jacobian, left_jacobian_so3, product,
     residual,
 };
@@ -25,7 +25,7 @@ fn tolerance<T: Scalar>(factor: f64) -> f64 {
 }
 
 fn times<T: Scalar>(matrix: &Matrix6<T>, vector: &[T; 6]) -> [T; 6] {
-    matrix.map(|row| poegp_runtime::kernel::inner_product(&row, vector))
+    matrix.map(|row| poegp_runtime::math::vector::inner_product(&row, vector))
 }
 
 fn log_undoes_exp<T: Scalar>(values: &[f64; 6]) -> Result<(), TestCaseError> {
@@ -77,14 +77,14 @@ fn quaternion_round_trip<T: Scalar>(values: &[f64; 6]) -> Result<(), TestCaseErr
     let pose = Pose::<T>::exp(&twist(values));
     let (w, v) = pose.quaternion();
     prop_assert!(w >= T::ZERO);
-    let norm = w * w + poegp_runtime::se3::dot(&v, &v);
+    let norm = w * w + poegp_runtime::math::se3::dot(&v, &v);
     prop_assert!((norm.to_f64() - 1.0).abs() <= tolerance::<T>(4.0));
     let back = Pose::from_quaternion(w, &v, pose.translation);
     let error = distance(&back.to_rows(), &pose.to_rows());
     prop_assert!(error <= tolerance::<T>(8.0), "{:e}", error);
     // A quaternion of any length and sign is the same rotation.
     let half = T::from_f64(-0.5);
-    let scaled = poegp_runtime::se3::scale(half, &v);
+    let scaled = poegp_runtime::math::se3::scale(half, &v);
     let back = Pose::from_quaternion(half * w, &scaled, pose.translation);
     let error = distance(&back.to_rows(), &pose.to_rows());
     prop_assert!(error <= tolerance::<T>(8.0), "scaled {:e}", error);

@@ -1,6 +1,6 @@
 //! SE(3) in `f64` against an independent implementation in numpy (`se3.json`).
 
-use poegp_runtime::se3::{Pose, Twist, left_jacobian, residual};
+use poegp_runtime::math::se3::{Pose, Twist, left_jacobian, residual};
 
 use crate::json::{array, largest_difference, list, numbers, parse, pose_rows};
 

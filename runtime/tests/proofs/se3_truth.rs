@@ -3,8 +3,8 @@
 //! Errors are in units in the last place of the largest element of the block (rotation, translation, …), because that is
 //! what a matrix of absolute rounding errors can promise. [`ALLOWED`] is the table of what was reached.
 
-use poegp_runtime::scalar::Scalar;
-use poegp_runtime::se3::{Pose, Twist, left_jacobian};
+use poegp_runtime::math::scalar::Scalar;
+use poegp_runtime::math::se3::{Pose, Twist, left_jacobian};
 use serde_json::Value;
 
 use crate::json::{array, list, numbers, parse};

@@ -1,9 +1,9 @@
 //! Proptest with fixed seeds, and the random poses and chains that several proofs share.
 
 use poegp_protocol::JointKind;
-use poegp_runtime::poe::Poe;
-use poegp_runtime::scalar::Scalar;
-use poegp_runtime::se3::{Pose, Twist};
+use poegp_runtime::kinematics::poe::Poe;
+use poegp_runtime::math::scalar::Scalar;
+use poegp_runtime::math::se3::{Pose, Twist};
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 

@@ -2,8 +2,8 @@
 //! continuous.
 
 use nalgebra::{SMatrix, SVector};
-use poegp_runtime::newton::{Gram, Hybrid};
-use poegp_runtime::step_limit::{LimitedStep, SHIFT_LIMIT, Scale, StepLimit, TURN_LIMIT};
+use poegp_runtime::correct::step_limit::{LimitedStep, SHIFT_LIMIT, Scale, StepLimit, TURN_LIMIT};
+use poegp_runtime::kinematics::newton::{Gram, Hybrid};
 use proptest::prelude::*;
 
 use crate::seeded::config;

@@ -3,11 +3,11 @@
 use std::collections::BTreeSet;
 
 use poegp_protocol::JointKind;
-use poegp_runtime::load_error::LoadError;
-use poegp_runtime::poe::Poe;
-use poegp_runtime::se3::Pose;
-use poegp_runtime::signature::SignatureError;
-use poegp_runtime::status::Status;
+use poegp_runtime::guard::status::Status;
+use poegp_runtime::kinematics::poe::Poe;
+use poegp_runtime::math::se3::Pose;
+use poegp_runtime::model::load_error::LoadError;
+use poegp_runtime::store::signature::SignatureError;
 
 #[test]
 fn remarks_are_a_set() {

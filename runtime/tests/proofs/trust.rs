@@ -2,12 +2,12 @@
 
 use poegp_protocol::JointKind;
 use poegp_protocol::blob::Variance;
-use poegp_runtime::load_error::LoadError;
+use poegp_runtime::guard::status::Status;
+use poegp_runtime::guard::trust::{Trust, outside};
+use poegp_runtime::math::scalar::Scalar;
+use poegp_runtime::math::se3::Pose;
 use poegp_runtime::model::Model;
-use poegp_runtime::scalar::Scalar;
-use poegp_runtime::se3::Pose;
-use poegp_runtime::status::Status;
-use poegp_runtime::trust::{Trust, outside};
+use poegp_runtime::model::load_error::LoadError;
 use proptest::prelude::*;
 
 use crate::arm::{Arm, WORDS};
@@ -157,7 +157,7 @@ proptest! {
         let kernels = arm.joint_space().kernels.clone();
         let kinds: Vec<JointKind> = arm.joints.iter().map(|j| j.kind).collect();
         let frames: Vec<Pose<f64>> = arm.calibrated.iter().map(|f| Pose::<f32>::from_rows(f).cast()).collect();
-        let poe = poegp_runtime::poe::Poe::new(&kinds, &frames).unwrap();
+        let poe = poegp_runtime::kinematics::poe::Poe::new(&kinds, &frames).unwrap();
         let model = loaded::<f64>(&mut arm, variance(3, &rows)).unwrap();
         let found = model.evaluate(&q[..joints], m).position_sigma.unwrap();
         let position = |q: &[f64]| {

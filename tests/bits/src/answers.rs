@@ -3,7 +3,8 @@
 use core::fmt::Write;
 
 use poegp_protocol::blob::{self, Blob};
-use poegp_runtime::model::{Model, Stages, words_for};
+use poegp_runtime::model::{Model, words_for};
+use poegp_runtime::trace::Stages;
 
 /// Room for support rows; no bit depends on it.
 const WORDS: usize = if cfg!(feature = "full-size") {

@@ -10,9 +10,10 @@ use poegp_protocol::link::{
     PROTOCOL_VERSION, Query, Refusal, Request, Response, Statistics, StoredModel, Trace,
 };
 use poegp_runtime::filter::{CommandFilter, FilterSettings};
-use poegp_runtime::model::{Model, Stages};
-use poegp_runtime::signature;
-use poegp_runtime::status::Status;
+use poegp_runtime::guard::status::Status;
+use poegp_runtime::model::Model;
+use poegp_runtime::store::signature;
+use poegp_runtime::trace::Stages;
 
 use super::service::{BYTES, CHANGES, FACTS, WORDS};
 

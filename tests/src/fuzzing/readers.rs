@@ -9,7 +9,7 @@ use poegp_calibration::measurement::{Measurement, MeasurementSet};
 use poegp_calibration::planning::constraints::Constraints;
 use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_protocol::limits::MAX_JOINTS;
-use poegp_runtime::se3::Pose;
+use poegp_runtime::math::se3::Pose;
 use poegp_trainer::import::guess::guess as guessed;
 use poegp_trainer::import::import_bytes;
 use poegp_trainer::import::map::Map;

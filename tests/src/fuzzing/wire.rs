@@ -5,7 +5,7 @@ use poegp_protocol::blob::{self, Correction};
 use poegp_protocol::envelope::{self, HEADER_LENGTH, MAGIC};
 use poegp_protocol::frame::{self, FrameError, MAX_FRAME, Received, Receiver};
 use poegp_protocol::link::{PROTOCOL_VERSION, Request, Response};
-use poegp_runtime::model::MAX_JOINT_CHANGE;
+use poegp_runtime::correct::MAX_JOINT_CHANGE;
 use poegp_runtime::service::Resident;
 use serde::Serialize;
 

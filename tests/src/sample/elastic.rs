@@ -5,7 +5,8 @@ use poegp_protocol::JointKind;
 use poegp_protocol::blob::{
     self, Correction, CorrectionBound, JointKernel, PayloadGroup, Ripple, Variance,
 };
-use poegp_runtime::deflection;
+use poegp_runtime::elastic::position_variance;
+use poegp_runtime::gp::joint_processes;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
@@ -97,7 +98,7 @@ impl Elastic {
     /// Words of the support rows.
     pub(super) fn row_words(&self, joints: usize) -> usize {
         if self.looks_at == 0 {
-            return deflection::row_words(joints) * self.points;
+            return joint_processes::row_words(joints) * self.points;
         }
         let set = |joint: usize| {
             let points: usize = (0..self.groups)
@@ -119,12 +120,12 @@ impl Elastic {
             for joint in 0..sample.joints {
                 let (lower, upper) = sample.range(joint);
                 let q = generator.random_range(lower..upper);
-                let (sin, cos) = poegp_runtime::scalar::Scalar::sin_cos(q);
+                let (sin, cos) = poegp_runtime::math::scalar::Scalar::sin_cos(q);
                 let feature = match sample.kind(joint) {
                     JointKind::Revolute => [sin, cos],
                     JointKind::Prismatic => [q, 0.0],
                 };
-                let place = deflection::landmark_place(sample.kind(joint), &feature);
+                let place = position_variance::landmark_place(sample.kind(joint), &feature);
                 rows.extend(place.into_iter().flat_map(f32::to_le_bytes));
             }
             rows.extend(generator.random_range(0.0..PAYLOAD_KG.1).to_le_bytes());
@@ -227,7 +228,7 @@ impl Elastic {
                 let q = generator.random_range(lower..upper);
                 let place = match sample.kind(joint) {
                     JointKind::Revolute => {
-                        let (sin, cos) = poegp_runtime::scalar::Scalar::sin_cos(q);
+                        let (sin, cos) = poegp_runtime::math::scalar::Scalar::sin_cos(q);
                         [sin, cos]
                     }
                     JointKind::Prismatic => [q, 0.0],

@@ -6,8 +6,8 @@ use std::path::PathBuf;
 
 use poegp_protocol::blob;
 use poegp_runtime::filter::{CommandFilter, FilterSettings};
+use poegp_runtime::guard::status::Status;
 use poegp_runtime::model::{Model, words_for};
-use poegp_runtime::status::Status;
 use poegp_tests::image::Image;
 
 use crate::c::{Machine, capi, compile, run_on_device, run_on_host};

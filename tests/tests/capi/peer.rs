@@ -3,7 +3,7 @@
 use std::fs;
 
 use poegp_protocol::blob::{self, Correction};
-use poegp_runtime::status::Status;
+use poegp_runtime::guard::status::Status;
 use poegp_tests::emulator::instructions;
 use poegp_tests::sample::{INPUTS, Sample, Support};
 use poegp_tests::workspace;

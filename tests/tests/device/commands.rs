@@ -2,7 +2,7 @@
 
 use poegp_protocol::link::{Commanded, CycleSettings, Query};
 use poegp_runtime::filter::GRACE;
-use poegp_runtime::status::Status;
+use poegp_runtime::guard::status::Status;
 use poegp_tests::device::Device;
 use poegp_tests::emulator::{Clock, instructions};
 use poegp_tests::sample::{Elastic, Sample, Support};

@@ -1,7 +1,7 @@
 //! How long an answer takes does not depend on what is asked, for poses and commands of every kind of model.
 
 use poegp_protocol::link::Query;
-use poegp_runtime::status::Status;
+use poegp_runtime::guard::status::Status;
 use poegp_tests::device::Device;
 use poegp_tests::emulator::{Clock, instructions};
 use poegp_tests::sample::{Elastic, Sample, Support};

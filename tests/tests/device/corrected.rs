@@ -1,7 +1,7 @@
 //! The corrected command: host and device agree on every bit, for every kind of arm and every input, and what it costs.
 
 use poegp_protocol::link::Query;
-use poegp_runtime::status::Status;
+use poegp_runtime::guard::status::Status;
 use poegp_tests::device::Device;
 use poegp_tests::emulator::{Clock, instructions};
 use poegp_tests::sample::{Elastic, Sample, Support, odd_queries};

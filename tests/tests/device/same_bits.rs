@@ -1,8 +1,8 @@
 //! Host and device compute the same bits, stage by stage, for every kind of model and every input.
 
 use poegp_protocol::blob;
+use poegp_runtime::guard::status::Status;
 use poegp_runtime::model::{Model, words_for};
-use poegp_runtime::status::Status;
 use poegp_tests::sample::{Elastic, Sample, Support, odd_queries};
 use poegp_tests::stages::{self, Host, Stages};
 

@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use poegp_protocol::blob;
-use poegp_runtime::status::Status;
+use poegp_runtime::guard::status::Status;
 use poegp_tests::device::Device;
 use poegp_tests::emulator::{Clock, Machine};
 use poegp_tests::firmware_build::{Board, firmware};

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
-use poegp_runtime::se3::Pose;
+use poegp_runtime::math::se3::Pose;
 use serde::Serialize;
 
 use crate::cli::check_words as words;

@@ -5,9 +5,10 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use poegp_protocol::JointKind;
 use poegp_protocol::link::Query;
-use poegp_runtime::model::{Corrected, MAX_PAYLOAD_KG};
-use poegp_runtime::se3::Pose;
-use poegp_runtime::status::Status;
+use poegp_runtime::correct::Corrected;
+use poegp_runtime::guard::status::Status;
+use poegp_runtime::math::se3::Pose;
+use poegp_runtime::model::MAX_PAYLOAD_KG;
 use serde::Serialize;
 
 use crate::cli::report::{Report, is_stdout};

@@ -4,8 +4,8 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use poegp_protocol::blob::Blob;
-use poegp_runtime::se3::Pose;
-use poegp_runtime::status::Status;
+use poegp_runtime::guard::status::Status;
+use poegp_runtime::math::se3::Pose;
 use serde::Serialize;
 
 use crate::cli::arguments::Evaluate;

@@ -238,7 +238,7 @@ fn ur_kinematics(
         told(&kinematics.tool0_from_target)
     ));
     let (apart, turned) = gauge::distance(
-        &poegp_runtime::se3::Pose::identity(),
+        &poegp_runtime::math::se3::Pose::identity(),
         &kinematics.tool0_from_flange,
     );
     said.push(format!(

@@ -5,8 +5,8 @@ use poegp_protocol::blob::{
     Blob, Correction, Elastic, SetPoints, Variance, format_version, stored_crc,
 };
 use poegp_protocol::envelope;
-use poegp_runtime::se3::Pose;
-use poegp_runtime::trust::Trust;
+use poegp_runtime::guard::trust::Trust;
+use poegp_runtime::math::se3::Pose;
 use serde_json::{Value, json};
 
 use crate::cli::arguments::Inspect;

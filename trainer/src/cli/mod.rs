@@ -36,8 +36,8 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use clap::{CommandFactory, FromArgMatches};
-use poegp_runtime::load_error::LoadError;
-use poegp_runtime::poe::Poe;
+use poegp_runtime::kinematics::poe::Poe;
+use poegp_runtime::model::load_error::LoadError;
 
 use crate::cli::arguments::{Arguments, Command};
 use crate::cli::report::is_stdout;

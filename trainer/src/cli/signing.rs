@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
 use poegp_protocol::envelope;
-use poegp_runtime::signature::{self, SignatureError};
+use poegp_runtime::store::signature;
+use poegp_runtime::store::signature::SignatureError;
 use serde_json::json;
 
 use crate::cli::report::Report;

@@ -2,9 +2,9 @@
 
 use poegp_protocol::link::Refusal;
 use poegp_runtime::filter::FilterError;
-use poegp_runtime::load_error::LoadError;
-use poegp_runtime::signature::SignatureError;
+use poegp_runtime::model::load_error::LoadError;
 use poegp_runtime::store::StoreError;
+use poegp_runtime::store::signature::SignatureError;
 
 /// Why the device will not.
 pub fn refusal(refusal: &Refusal) -> String {

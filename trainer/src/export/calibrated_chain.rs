@@ -3,8 +3,8 @@
 use nalgebra::Vector3;
 use poegp_protocol::JointKind;
 use poegp_protocol::blob::{Correction, Elastic};
-use poegp_runtime::poe::Poe;
-use poegp_runtime::se3::Pose;
+use poegp_runtime::kinematics::poe::Poe;
+use poegp_runtime::math::se3::Pose;
 
 use poegp_calibration::blob::predict::LoadedBlob;
 use poegp_calibration::identification::base_tool::nearest_rotation;

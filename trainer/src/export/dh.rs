@@ -7,7 +7,7 @@
 //! what four numbers cannot say.
 
 use nalgebra::Vector3;
-use poegp_runtime::se3::Pose;
+use poegp_runtime::math::se3::Pose;
 
 use crate::export::calibrated_chain::at_zero;
 use crate::export::tables::{Row, Table};

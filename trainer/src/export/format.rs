@@ -1,7 +1,7 @@
 //! Numbers as text: enough digits for a nanometre, and no more than there are.
 
 use nalgebra::Vector3;
-use poegp_runtime::se3::Pose;
+use poegp_runtime::math::se3::Pose;
 
 use poegp_calibration::robot::normal_form::roll_pitch_yaw;
 

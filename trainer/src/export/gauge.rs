@@ -4,7 +4,7 @@
 //! C G, whatever stands before and behind it takes G⁻¹ and G, and every pose of the end stays as it was.
 
 use nalgebra::Vector3;
-use poegp_runtime::se3::Pose;
+use poegp_runtime::math::se3::Pose;
 
 use poegp_calibration::robot::normal_form::{rotation_about, translation};
 

@@ -15,7 +15,7 @@ pub fn table(chain: &CalibratedChain) -> Table {
     for i in 0..n {
         let frame = gauge::nearest_on_axis(&calibrated[i], &nominal[i]);
         rows.push(Row::Frame(
-            before.map_or(frame, |b: poegp_runtime::se3::Pose<f64>| {
+            before.map_or(frame, |b: poegp_runtime::math::se3::Pose<f64>| {
                 b.inverse() * frame
             }),
         ));

@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use poegp_protocol::JointKind;
-use poegp_runtime::se3::Pose;
+use poegp_runtime::math::se3::Pose;
 use serde_json::{Value, json};
 
 use crate::export::CalibratedChain;

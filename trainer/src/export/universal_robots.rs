@@ -16,7 +16,7 @@ use std::fmt::Write;
 
 use nalgebra::{Matrix3, Vector3};
 use poegp_protocol::JointKind;
-use poegp_runtime::se3::Pose;
+use poegp_runtime::math::se3::Pose;
 use sha2::{Digest, Sha256};
 
 use crate::export::calibrated_chain::{at_zero, told};

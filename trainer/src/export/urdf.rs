@@ -9,7 +9,7 @@ use std::fmt::Write;
 
 use nalgebra::Vector3;
 use poegp_protocol::JointKind;
-use poegp_runtime::se3::Pose;
+use poegp_runtime::math::se3::Pose;
 
 use crate::export::calibrated_chain::at_zero;
 use crate::export::format::{decimals, rpy, three, xyz};

@@ -1,7 +1,7 @@
 //! Rotations as files have them: quaternions, Euler angles, rotation vectors, matrices.
 
 use nalgebra::{Matrix3, Vector3};
-use poegp_runtime::se3::{Pose, Twist};
+use poegp_runtime::math::se3::{Pose, Twist};
 
 use crate::import::cell::Cells;
 use crate::import::map::{AngleUnit, EulerAxes, MatrixLayout, QuaternionOrder};

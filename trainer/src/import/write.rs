@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use nalgebra::{Matrix3, Vector3};
-use poegp_runtime::se3::Pose;
+use poegp_runtime::math::se3::Pose;
 
 use crate::import::map::{JointUnit, Map};
 

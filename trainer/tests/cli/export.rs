@@ -5,8 +5,8 @@ use poegp_calibration::blob::predict::LoadedBlob;
 use poegp_calibration::blob::write::nominal_chain;
 use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_protocol::blob;
-use poegp_runtime::poe::Poe;
-use poegp_runtime::se3::Pose;
+use poegp_runtime::kinematics::poe::Poe;
+use poegp_runtime::math::se3::Pose;
 use poegp_trainer::export::CalibratedChain;
 
 use crate::program::{Folder, data};

@@ -2,7 +2,7 @@
 
 use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_calibration::simulation::{Scenario, SimulatedPose, Simulator, to_csv};
-use poegp_runtime::se3::{Pose, Twist};
+use poegp_runtime::math::se3::{Pose, Twist};
 use serde_json::Value;
 
 use crate::program::{Folder, SERIAL, without};

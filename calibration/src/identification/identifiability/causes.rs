@@ -3,7 +3,7 @@
 use faer::Mat;
 use nalgebra::Vector3;
 use poegp_protocol::JointKind;
-use poegp_runtime::se3::{Pose, Twist};
+use poegp_runtime::math::se3::{Pose, Twist};
 
 use crate::measurement::sample::Sample;
 

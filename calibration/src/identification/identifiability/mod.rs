@@ -25,8 +25,8 @@ pub(crate) mod wording;
 pub use crate::identification::identifiability::wording::list;
 use faer::Mat;
 use nalgebra::Vector3;
-use poegp_runtime::poe::Poe;
-use poegp_runtime::se3::Pose;
+use poegp_runtime::kinematics::poe::Poe;
+use poegp_runtime::math::se3::Pose;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
@@ -269,7 +269,7 @@ fn rich_samples(task: &Task, tools: usize) -> Vec<Sample> {
                 None => joints.clone(),
                 Some(rows) => rows
                     .iter()
-                    .map(|row| poegp_runtime::kernel::inner_product(row, &joints))
+                    .map(|row| poegp_runtime::math::vector::inner_product(row, &joints))
                     .collect(),
             };
             Sample {

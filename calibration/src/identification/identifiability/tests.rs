@@ -35,7 +35,7 @@ fn poses(robot: &Robot, count: usize, change: impl Fn(usize, &mut Vec<f64>)) -> 
                 None => joints.clone(),
                 Some(rows) => rows
                     .iter()
-                    .map(|row| poegp_runtime::kernel::inner_product(row, &joints))
+                    .map(|row| poegp_runtime::math::vector::inner_product(row, &joints))
                     .collect(),
             };
             Sample {
@@ -54,7 +54,7 @@ fn poses(robot: &Robot, count: usize, change: impl Fn(usize, &mut Vec<f64>)) -> 
 #[track_caller]
 fn report(robot: &Robot, samples: &[Sample]) -> IdentifyReport {
     // The target is off the last joint's axis: on it, its position would not show that joint.
-    let tool = Pose::exp(&poegp_runtime::se3::Twist::from_array(&[
+    let tool = Pose::exp(&poegp_runtime::math::se3::Twist::from_array(&[
         0.08, -0.05, 0.12, 0.3, 0.2, -0.4,
     ]));
     let chain = with_ends(&nominal_chain(robot).unwrap(), &Pose::identity(), &tool);

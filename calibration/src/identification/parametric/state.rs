@@ -12,11 +12,12 @@ use faer::Mat;
 use nalgebra::Vector3;
 use poegp_protocol::JointKind;
 use poegp_protocol::limits::MAX_JOINTS;
-use poegp_runtime::deflection::{
-    GravityRegressors, GravityTerms, PerJoint, RippleTerm, deflected, ripple_regressors,
-};
-use poegp_runtime::poe::{Motions, Poe};
-use poegp_runtime::se3::{Pose, Twist};
+use poegp_runtime::elastic::deflection::deflected;
+use poegp_runtime::elastic::gravity::{GravityRegressors, GravityTerms};
+use poegp_runtime::elastic::ripple::{RippleTerm, ripple_regressors};
+use poegp_runtime::kinematics::coupling::PerJoint;
+use poegp_runtime::kinematics::poe::{Motions, Poe};
+use poegp_runtime::math::se3::{Pose, Twist};
 
 use crate::measurement::sample::Sample;
 
@@ -218,7 +219,7 @@ impl State {
             Some(rows) => {
                 let mut out = [0.0; MAX_JOINTS];
                 for (slot, row) in out.iter_mut().zip(rows) {
-                    *slot = poegp_runtime::kernel::inner_product(row, deflection);
+                    *slot = poegp_runtime::math::vector::inner_product(row, deflection);
                 }
                 out
             }

@@ -14,10 +14,11 @@
 
 use faer::{Mat, Side};
 use poegp_protocol::limits::MAX_LANDMARKS;
-use poegp_runtime::chain::{Chain, MinimalForm};
-use poegp_runtime::deflection::{
-    Configuration, CouplingMatrix, JointKernel, PositionVariance, landmark_place, prior,
-};
+use poegp_runtime::elastic::configuration::Configuration;
+use poegp_runtime::elastic::position_variance::{PositionVariance, landmark_place, prior};
+use poegp_runtime::gp::joint_kernel::JointKernel;
+use poegp_runtime::kinematics::coupling::CouplingMatrix;
+use poegp_runtime::kinematics::minimal_chain::{Chain, MinimalForm};
 
 use crate::learning::elastic::fit::RobustFit;
 use crate::learning::elastic::inducing_points::kernel;

@@ -1,9 +1,9 @@
 //! The elastic model, fitted: parameters first, then gear ripple, then everything together with the processes.
 
 use faer::Mat;
-use poegp_runtime::deflection::RippleTerm;
-use poegp_runtime::poe::Poe;
-use poegp_runtime::se3::Pose;
+use poegp_runtime::elastic::ripple::RippleTerm;
+use poegp_runtime::kinematics::poe::Poe;
+use poegp_runtime::math::se3::Pose;
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;

@@ -1,7 +1,7 @@
 //! What the elastic model's hyperparameters mean: their places in one flat vector of logarithms, where a search begins and
 //! what bounds it, and the kernels that they make.
 
-use poegp_runtime::deflection::JointKernel;
+use poegp_runtime::gp::joint_kernel::JointKernel;
 
 /// One radian or metre of deflection in units of the processes: amplitudes are of order one.
 pub const DEFLECTION_UNIT: f64 = 1e-4;

@@ -10,8 +10,8 @@ use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};
 use poegp_protocol::JointKind;
 use poegp_protocol::limits::MAX_GROUPS;
-use poegp_runtime::deflection::{JointKernel, similarity};
-use poegp_runtime::poe::Motions;
+use poegp_runtime::gp::joint_kernel::{JointKernel, similarity};
+use poegp_runtime::kinematics::poe::Motions;
 
 use crate::identification::parametric::state::prior_variance;
 use crate::identification::parametric::state::{Linearised, ROWS};

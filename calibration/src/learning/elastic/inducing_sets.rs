@@ -13,8 +13,8 @@
 
 use poegp_protocol::JointKind;
 use poegp_protocol::limits::MAX_GROUPS;
-use poegp_runtime::deflection::JointKernel;
-use poegp_runtime::poe::Motions;
+use poegp_runtime::gp::joint_kernel::JointKernel;
+use poegp_runtime::kinematics::poe::Motions;
 use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;

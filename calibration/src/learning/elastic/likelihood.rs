@@ -8,8 +8,8 @@ use std::cell::RefCell;
 
 use faer::linalg::solvers::{Llt, Solve};
 use faer::{Mat, Side};
-use poegp_runtime::deflection::{JointKernel, similarity};
-use poegp_runtime::poe::Motions;
+use poegp_runtime::gp::joint_kernel::{JointKernel, similarity};
+use poegp_runtime::kinematics::poe::Motions;
 
 use crate::identification::parametric::state::{Group, Linearised, ROWS, prior_variance};
 use crate::learning::elastic::hyperparameters::{DEFLECTION_UNIT, HyperLayout};

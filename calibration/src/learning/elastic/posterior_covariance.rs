@@ -12,7 +12,7 @@ use std::sync::OnceLock;
 use faer::linalg::solvers::{DenseSolveCore, Solve};
 use faer::{Mat, Side};
 use poegp_protocol::limits::MAX_GROUPS;
-use poegp_runtime::deflection::{JointKernel, similarity};
+use poegp_runtime::gp::joint_kernel::{JointKernel, similarity};
 
 use crate::identification::parametric::state::{Linearised, ROWS, prior_variance};
 use crate::learning::elastic::likelihood::Solved;

@@ -5,14 +5,18 @@ use heapless::Vec as FixedVec;
 use nalgebra::Vector3;
 use poegp_protocol::JointKind;
 use poegp_protocol::limits::MAX_JOINTS;
-use poegp_runtime::chain::{Chain, MinimalForm};
-use poegp_runtime::deflection::{
-    Configuration, CouplingMatrix, Deflection, Gravity, GravityTerms, JointKernel, JointProcesses,
-    PayloadGroup, RippleTerm, SupportSet, coupled, row_words,
-};
-use poegp_runtime::observer::Unobserved;
-use poegp_runtime::poe::Poe;
-use poegp_runtime::se3::{Pose, Twist};
+use poegp_runtime::elastic::configuration::Configuration;
+use poegp_runtime::elastic::deflection::Deflection;
+use poegp_runtime::elastic::gravity::{Gravity, GravityTerms};
+use poegp_runtime::elastic::ripple::RippleTerm;
+use poegp_runtime::gp::inducing_sets::InducingSet;
+use poegp_runtime::gp::joint_kernel::{JointKernel, PayloadGroup};
+use poegp_runtime::gp::joint_processes::{JointProcesses, row_words};
+use poegp_runtime::kinematics::coupling::{CouplingMatrix, coupled};
+use poegp_runtime::kinematics::minimal_chain::{Chain, MinimalForm};
+use poegp_runtime::kinematics::poe::Poe;
+use poegp_runtime::math::se3::{Pose, Twist};
+use poegp_runtime::trace::Unobserved;
 
 use crate::identification::parametric::state::State;
 use crate::learning::elastic::device_variance::DeviceSigma;
@@ -245,7 +249,7 @@ fn of_sets(sets: &Sets) -> Option<(JointProcesses<f64>, Vec<f64>)> {
         for (group, points) in out.groups.iter_mut().zip(&points) {
             group.points += usize::from(*points);
         }
-        let set = SupportSet::new(kernel, &points);
+        let set = InducingSet::new(kernel, &points);
         for function in functions {
             let looked_at = set.joints().iter();
             rows.extend(looked_at.flat_map(|joint| function.features[usize::from(*joint)]));

@@ -8,8 +8,8 @@
 //! - **A payload that was not trained.** Its neighbours have the same payload. All poses of a payload are left out
 //!   together, each payload in turn.
 
-use poegp_runtime::poe::Poe;
-use poegp_runtime::se3::Pose;
+use poegp_runtime::kinematics::poe::Poe;
+use poegp_runtime::math::se3::Pose;
 
 use crate::identification::base_tool::UNWEIGHTED;
 use crate::identification::frame_fit::residual_components;

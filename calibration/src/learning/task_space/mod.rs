@@ -11,8 +11,10 @@ pub mod likelihood;
 use faer::linalg::solvers::{Llt, Solve};
 use faer::{Mat, Side};
 use poegp_protocol::limits::{MAX_INPUTS, OUTPUTS};
-use poegp_runtime::kernel::{QuadraticKernel, inner_product, squared_distance};
-use poegp_runtime::posterior::{self, MeanHeader};
+use poegp_runtime::gp::quadratic_kernel::QuadraticKernel;
+use poegp_runtime::gp::quadratic_posterior as posterior;
+use poegp_runtime::gp::quadratic_posterior::MeanHeader;
+use poegp_runtime::math::vector::{inner_product, squared_distance};
 
 /// Kernel and noise of one output, or of all six, in units of the scaled outputs.
 #[derive(Clone, Copy, Debug, PartialEq)]

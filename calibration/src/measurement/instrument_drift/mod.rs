@@ -20,7 +20,7 @@ mod outliers;
 mod tests;
 
 use nalgebra::Vector3;
-use poegp_runtime::se3::Pose;
+use poegp_runtime::math::se3::Pose;
 use serde::Serialize;
 
 use crate::input_error::InputError;

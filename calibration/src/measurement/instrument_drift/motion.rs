@@ -1,7 +1,7 @@
 //! The motion of the instrument from what its reference points seem to do.
 
 use nalgebra::{Matrix6, Vector3, Vector6};
-use poegp_runtime::se3::{Pose, Twist};
+use poegp_runtime::math::se3::{Pose, Twist};
 
 /// Standard deviations of the Gaussian window that are tried, in poses; infinite is no motion at all.
 const WINDOWS: [f64; 9] = [0.0, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, f64::INFINITY];

@@ -6,7 +6,7 @@ use std::path::Path;
 
 use nalgebra::Vector3;
 use poegp_protocol::JointKind;
-use poegp_runtime::se3::{Pose, Twist};
+use poegp_runtime::math::se3::{Pose, Twist};
 use rand::RngExt;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;

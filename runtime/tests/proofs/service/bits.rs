@@ -7,8 +7,8 @@ use std::ops::Range;
 use std::rc::Rc;
 
 use poegp_protocol::link::{Request, Response};
+use poegp_runtime::guard::status::Status;
 use poegp_runtime::service::Resident;
-use poegp_runtime::status::Status;
 use poegp_runtime::store::Store;
 
 use super::desk::{BYTES, Desk, Flash, layout};

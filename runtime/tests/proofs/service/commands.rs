@@ -4,7 +4,7 @@
 //! what every answer is to the bit, and the laws of the filter ([`Judge`]) are measured on it.
 
 use poegp_protocol::link::{Commanded, CycleSettings, Query, Refusal, Request, Response};
-use poegp_runtime::status::Status;
+use poegp_runtime::guard::status::Status;
 
 use super::desk::{Desk, TICK_HZ};
 use super::known::{Known, bits, public, query, refused};

@@ -1,7 +1,7 @@
 //! What the cycle answers: the model to the bit, and the command as it came when there is nothing to correct it with.
 
 use poegp_protocol::link::{Query, Request, Response, Trace};
-use poegp_runtime::status::Status;
+use poegp_runtime::guard::status::Status;
 
 use super::desk::{DEADLINE_TICKS, Desk, wire};
 use super::known::{Known, assert_as_it_came, bits, piece, query};

@@ -2,8 +2,8 @@
 
 use embedded_storage::nor_flash::NorFlashErrorKind;
 use poegp_runtime::filter::FilterError;
-use poegp_runtime::signature::SignatureError;
-use poegp_runtime::status::Status;
+use poegp_runtime::guard::status::Status;
+use poegp_runtime::store::signature::SignatureError;
 use poegp_runtime::store::{Slot, StoreError};
 
 /// The table of the section with this heading.

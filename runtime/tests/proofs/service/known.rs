@@ -4,8 +4,8 @@ use ed25519_dalek::{Signer, SigningKey};
 use poegp_protocol::blob::{self, CRC};
 use poegp_protocol::envelope::{Trailer, key_id, set_signed};
 use poegp_protocol::link::{Corrected, Evaluation, MAX_PIECE, Query, Refusal, Request, Response};
+use poegp_runtime::guard::status::Status;
 use poegp_runtime::model::Model;
-use poegp_runtime::status::Status;
 
 use super::desk::{BYTES, Desk};
 use crate::arm::{Arm, WORDS};

@@ -1,7 +1,7 @@
 //! Any sequence of requests against a simple model of what the device should say.
 
 use poegp_protocol::link::{Key, Query, Refusal, Request, Response};
-use poegp_runtime::status::Status;
+use poegp_runtime::guard::status::Status;
 use proptest::prelude::*;
 
 use super::desk::Desk;

@@ -8,8 +8,8 @@ use std::path::Path;
 use nalgebra::{Matrix3, Vector3};
 use poegp_protocol::blob::stored_crc;
 use poegp_protocol::link::{Evaluation, Identity, Query};
-use poegp_runtime::se3::Pose;
-use poegp_runtime::status::Status;
+use poegp_runtime::guard::status::Status;
+use poegp_runtime::math::se3::Pose;
 use serde::Serialize;
 
 use crate::cli::device::arguments::{Correct, Evaluate, Link};

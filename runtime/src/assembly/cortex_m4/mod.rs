@@ -1,0 +1,52 @@
+//! The loops of `inner_loops.rs` for a Cortex-M4F, in its assembly: the same bits, a quarter fewer instructions.
+//!
+//! Compiled where the target passes floats in VFP registers (`thumbv7em-none-eabihf`: M4F and M7; the M33's, too) unless the
+//! feature `portable-kernels` asks for the portable loops. Interrupts and FPU contexts are nothing special: to the compiler
+//! this is code that uses all floating-point registers. What the compiler does not do by itself: one VLDM instead of a
+//! VLDR for every word, all 32 registers, and two exponentials side by side, so that no instruction waits for the one
+//! before it. Multiply, then add, as everywhere; an addition of integers sets the exponent.
+//!
+//! The registers of a loop are written as numbers: `s0` and `s1` are the two exponents and then the two exponentials of a
+//! step, `s2` and `s3` scratch for them; what is loaded from the rows goes where it says. What stays in registers:
+//!
+//! | loop | query or rates | sums | constants of exp2 |
+//! |---|---|---|---|
+//! | `folded`, D inputs | s(20−D) – s19 | s20 – s25 | s26 – s31 |
+//! | `tied`, 5 joints | s11 – s20 | s21 – s25 | s26 – s31 |
+//! | `tied`, 6 joints | s8 – s19 | s20 – s25 | s26 – s31 |
+//! | `tied`, 7 joints | s11 – s24 | s25 – s31 | loaded into s4 – s9 in every step |
+//! | `pair_sums`, N joints | s11 – s(10+N), s18 – s(17+N) | s9, s10 | s26 – s31 |
+//! | `set_mean`, D joints | s(24−2D) – s23 | s24; of all groups s25 | s26 – s31 |
+//!
+//! Every step takes two points (or two outputs of one), and a point that is left over goes through portable code; of a
+//! support set, whose groups are small, it has instructions of its own.
+//!
+//! This and what is in it is the only module of the crate with unsafe code. Every block reads whole rows of slices whose length was counted
+//! by `as_chunks`, and writes the sums that it is given.
+#![allow(unsafe_code)]
+
+#[macro_use]
+mod instructions;
+mod inducing_sets;
+mod per_joint;
+mod shared;
+
+use core::arch::asm;
+
+/// The processor's own square root, which libm (52 instructions) does not use on this target.
+#[inline(always)]
+pub(crate) fn square_root(value: f32) -> f32 {
+    let mut bits = value.to_bits();
+    // SAFETY: changes the registers that it names and nothing else.
+    unsafe {
+        asm!(
+            "vmov s0, {bits}",
+            "vsqrt.f32 s0, s0",
+            "vmov {bits}, s0",
+            bits = inout(reg) bits,
+            out("s0") _,
+            options(pure, nomem, nostack, preserves_flags)
+        );
+    }
+    f32::from_bits(bits)
+}

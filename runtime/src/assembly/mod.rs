@@ -1,0 +1,84 @@
+//! The ground floor: what the loops in a Cortex-M4F's assembly read, and those loops.
+//!
+//! [`crate::gp::loops`] chooses between them and the portable loops; both have the same bits.
+
+#[cfg(all(
+    target_arch = "arm",
+    target_abi = "eabihf",
+    not(feature = "portable-kernels")
+))]
+pub(crate) mod cortex_m4;
+
+use heapless::Vec;
+use poegp_protocol::limits::MAX_GROUPS;
+
+/// Constants of [`Scalar::exp2_scaled`](crate::math::scalar::Scalar::exp2_scaled) for `f32`: 1.5·2²³ less 10, which takes
+/// 2¹⁰ out of the result, then the polynomial of `exp2` divided by its leading coefficient, highest power first.
+pub(crate) const EXP2_SCALED: [f32; 6] = [
+    12_582_902.0,
+    f32::from_bits(0x40e9_3a1b),
+    f32::from_bits(0x4227_526a),
+    f32::from_bits(0x4335_0877),
+    f32::from_bits(0x4402_9705),
+    f32::from_bits(0x443c_66c7),
+];
+
+/// Support points whose cosines are kept between two passes.
+pub(crate) const TILE: usize = 32;
+
+/// The first rows of a support set, block by block. No block is empty, and [`Blocks::rows`] is their sum: assembly relies on
+/// both.
+#[derive(Debug)]
+pub struct Blocks<T> {
+    list: Vec<Block<T>, MAX_GROUPS>,
+    rows: usize,
+}
+
+/// Rows of one payload, and what their sum is multiplied by. Its layout is that of two words, which assembly reads.
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+pub struct Block<T> {
+    pub(crate) rows: u32,
+    pub(crate) factor: T,
+}
+
+impl<T: Copy> Blocks<T> {
+    /// None.
+    #[inline(always)]
+    pub(crate) fn new() -> Self {
+        Self {
+            list: Vec::new(),
+            rows: 0,
+        }
+    }
+
+    /// These numbers of rows instead, each with the factor of its sum; without those of 0 rows and any beyond
+    /// [`MAX_GROUPS`]. In place: making and moving a list costs more than filling it.
+    #[inline(always)]
+    pub(crate) fn refill(&mut self, blocks: impl Iterator<Item = (u16, T)>) {
+        self.list.clear();
+        let mut sum = 0;
+        for (rows, factor) in blocks {
+            let block = Block {
+                rows: u32::from(rows),
+                factor,
+            };
+            if rows > 0 && self.list.push(block).is_ok() {
+                sum += usize::from(rows);
+            }
+        }
+        self.rows = sum;
+    }
+
+    /// The blocks in the order of the rows.
+    #[inline(always)]
+    pub(crate) fn list(&self) -> &[Block<T>] {
+        &self.list
+    }
+
+    /// Rows of all blocks.
+    #[inline(always)]
+    pub(crate) fn rows(&self) -> usize {
+        self.rows
+    }
+}

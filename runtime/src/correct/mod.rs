@@ -1,0 +1,517 @@
+//! Corrected joints: the command at which the calibrated arm stands where the nominal one would.
+//!
+//! For commanded joints q and a payload m, q* with T_gp(q*, m)·f(q*) = nominal(q), as far as that is a continuous function
+//! of q and m with a bounded slope: beside singularities part of the error stays ([`crate::correct::step_limit`]). The first step is
+//! limited so; later ones take away what its linearisation left, damped where it was limited, and leave what it gave up.
+//!
+//! With an elastic model the deflection is a part of the arm's error, and small and smooth:
+//!
+//! ```text
+//! e  = nominal(C q) − POE(C q)        J = POE′(C q) C
+//! d₀ = rough step for e − J φ(q)      φ: gravity
+//! g  = processes at q + d₀
+//! D  = φ(n) + g + r(n)                n = q + d₀ − g, where the command will be, nearly; r: ripple, which changes quickest
+//! d  = limited step for e − J D
+//! d += a step for what POE(C (q + d + D)) has left but was not given up
+//! q* = q + d, with the ripple that is there
+//! ```
+//!
+//! The correction in task space does not split like that and is evaluated at each of three steps.
+//!
+//! Every number here is a continuous function of the command: limits, bounds and shares scale, they never switch. Only what
+//! is no number at all ends in the command as it came.
+//!
+//! An arm of less than six joints cannot reach every pose: it is brought to the position, and its rotation as near as that
+//! allows.
+
+pub mod step_limit;
+
+use poegp_protocol::limits::MAX_JOINTS;
+
+use crate::correct::step_limit::{Scale, StepLimit};
+use crate::elastic::deflection::deflected_into;
+use crate::elastic::ripple::ripple_line;
+use crate::gp::loops::KernelLoops;
+use crate::guard::limit;
+use crate::guard::status::Status;
+use crate::guard::trust::outside;
+use crate::kinematics::coupling::{PerJoint, coupled};
+use crate::kinematics::minimal_chain::MovedFrames;
+use crate::kinematics::newton::{Damping, Equations, Hybrid, Place, less, pose_error, squares};
+use crate::kinematics::poe::{Motions, no_motions};
+use crate::math::scalar::Scalar;
+use crate::math::se3::{Pose, Twist};
+use crate::model::Model;
+use crate::model::arm::{Arm, ArmCorrection};
+use crate::model::elastic::ElasticCorrection;
+use crate::model::evaluate::{CompiledEvaluation, View};
+use crate::model::task_space::TaskSpaceCorrection;
+use crate::model::validate::{MAX_PAYLOAD_KG, is_within};
+
+/// Largest change of a joint, the controller's or a serial one, in rad or m. Corrections of calibrated arms are some
+/// milliradians; up to here the sines of the change are exact to single precision. A larger change is scaled back.
+pub const MAX_JOINT_CHANGE: f64 = 0.1;
+/// Remaining error, in metres and radians, up to which a command is called fully corrected.
+pub const CORRECTED_WITHIN: f64 = 5e-6;
+/// Steps after the first one. With a correction in task space one of them leaves more than 1 µm at 1 % of the poses.
+const LATER_STEPS: usize = 1;
+const LATER_TASK_SPACE_STEPS: usize = 2;
+
+/// The answer of [`crate::model::Model::correct`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Corrected<T> {
+    /// The controller's joints to command, rad or m; beyond the joints of the arm zero.
+    pub joints: [T; MAX_JOINTS],
+    /// How much of the arm's error is corrected, from 0 to 1: 1 but beside singularities and where a bound acts. A metre
+    /// counts as much as a radian.
+    pub applied: T,
+    /// Distance in metres of the target from where it should be, by the model and at these joints, to the accuracy of T.
+    /// Zero where nothing is known (no model, bad input).
+    pub position_error: T,
+    /// The same of its rotation, in radians.
+    pub rotation_error: T,
+    /// What it is worth. The ranges are looked up for the commanded joints.
+    pub status: Status,
+}
+
+/// A number type for which the correction is compiled in this crate: `f32` and `f64`. Sealed by [`Scalar`].
+pub trait CompiledCorrection: CompiledEvaluation {
+    /// [`Model::correct`].
+    fn correct(view: View<'_, Self>, joints: &[Self], payload_kg: Self) -> Corrected<Self>;
+}
+
+macro_rules! compiled {
+    ($number:ty) => {
+        impl CompiledCorrection for $number {
+            // Code generation, and with it the time of a cycle, must not depend on the caller.
+            #[inline(never)]
+            fn correct(view: View<'_, Self>, joints: &[Self], payload_kg: Self) -> Corrected<Self> {
+                corrected(&view, joints, payload_kg)
+            }
+        }
+    };
+}
+
+compiled!(f32);
+compiled!(f64);
+
+impl<T: CompiledCorrection, const WORDS: usize> Model<T, WORDS> {
+    /// The joints at which the calibrated arm stands where the nominal one would at `joints` (rad or m), with a payload
+    /// in kg. No joint is changed by more than [`MAX_JOINT_CHANGE`]. Without a model or for bad input the answer is
+    /// the command as it came, zeros in place of what is not finite.
+    #[inline(always)]
+    pub fn correct(&self, joints: &[T], payload_kg: T) -> Corrected<T> {
+        T::correct(self.view(), joints, payload_kg)
+    }
+}
+
+/// [`Model::correct`].
+#[inline(always)]
+fn corrected<T: KernelLoops>(view: &View<'_, T>, joints: &[T], payload_kg: T) -> Corrected<T> {
+    let as_it_came = |status| {
+        let mut out = [T::ZERO; MAX_JOINTS];
+        for (slot, value) in out.iter_mut().zip(joints) {
+            if value.is_finite() {
+                *slot = *value;
+            }
+        }
+        Corrected {
+            joints: out,
+            applied: T::ZERO,
+            position_error: T::ZERO,
+            rotation_error: T::ZERO,
+            status,
+        }
+    };
+    let Some(arm) = view.arm else {
+        return as_it_came(Status::NO_MODEL);
+    };
+    let believable = is_within(payload_kg, T::ZERO, T::from_f32(MAX_PAYLOAD_KG));
+    let mut x = [T::ZERO; MAX_JOINTS];
+    if !arm.take_joints(joints, &mut x) || !believable {
+        return as_it_came(Status::BAD_INPUT);
+    }
+    let mut motions = no_motions();
+    arm.motions(&x, &mut motions);
+    let mut frames = MovedFrames::new();
+    let target = arm.nominal.forward_at(&motions);
+    let mut search = Search {
+        arm,
+        rows: view.rows,
+        joints: &x,
+        payload_kg,
+        motions: &motions,
+        turned: &mut no_motions(),
+        target: &target,
+        frames: &mut frames,
+    };
+    let found = match &arm.correction {
+        ArmCorrection::None => search.by_evaluation(None),
+        ArmCorrection::TaskSpace(task) => search.by_evaluation(Some(task)),
+        ArmCorrection::Elastic(elastic) => search.by_deflection(elastic),
+    };
+    let status = outside(
+        x.get(..joints.len()).unwrap_or(&[]),
+        &arm.joint_ranges,
+        payload_kg,
+        arm.payload_range,
+    );
+    found.answer(&x, joints.len() >= 6, status)
+}
+
+/// One search for corrected joints.
+struct Search<'a, T> {
+    arm: &'a Arm<T>,
+    rows: &'a [T],
+    /// The command.
+    joints: &'a PerJoint<T>,
+    payload_kg: T,
+    /// Motions of the serial joints at the command; all others are turned from these, which keeps q + change from being
+    /// rounded.
+    motions: &'a Motions<T>,
+    /// Room for the others.
+    turned: &'a mut Motions<T>,
+    /// Where the nominal arm would stand.
+    target: &'a Pose<T>,
+    /// Of the calibrated chain where it was evaluated last.
+    frames: &'a mut MovedFrames<T>,
+}
+
+/// A step, and what it left on purpose.
+struct First<T> {
+    change: PerJoint<T>,
+    /// What was given up.
+    given_up: Hybrid<T>,
+    damping: Damping<T>,
+}
+
+/// What a search has come to.
+struct Found<T> {
+    /// q* − q.
+    change: PerJoint<T>,
+    /// Error of the command as it came.
+    before: Hybrid<T>,
+    given_up: Hybrid<T>,
+    /// Error that stays at q*.
+    stays: Hybrid<T>,
+    bounded: bool,
+}
+
+impl<T: KernelLoops> Search<'_, T> {
+    /// The calibrated chain after a change of the joints.
+    #[inline(always)]
+    fn chain(&mut self, change: &PerJoint<T>) -> Pose<T> {
+        self.turn(change);
+        let chain = &self.arm.calibrated;
+        chain.moved_frames_at(self.turned, self.frames)
+    }
+
+    /// The motions of the serial joints after a change of the joints.
+    #[inline(never)]
+    fn turn(&mut self, change: &PerJoint<T>) {
+        let arm = self.arm;
+        let coupling = arm.coupling.as_ref();
+        let serial = coupling.map(|_| coupled(coupling, change));
+        deflected_into(
+            self.motions,
+            arm.calibrated.kinds(),
+            serial.as_ref().unwrap_or(change),
+            self.turned,
+        );
+    }
+
+    /// The equations where the chain was evaluated last, with the target at `pose`.
+    #[inline(always)]
+    fn form(&self, equations: &mut Equations<T>, pose: &Pose<T>) {
+        let arm = self.arm;
+        let place = Place {
+            kinds: arm.calibrated.kinds(),
+            frames: self.frames,
+            point: &pose.translation,
+            coupling: arm.coupling.as_ref(),
+        };
+        equations.form(&place);
+    }
+
+    #[inline(always)]
+    fn scale(&self) -> Scale<T> {
+        let arm = self.arm;
+        Scale {
+            lever: arm.lever,
+            usual_rotation: (arm.calibrated.kinds().len() >= 6).then_some(arm.usual_rotation),
+        }
+    }
+
+    /// The limited step against an error.
+    #[inline(never)]
+    fn first_step(
+        &self,
+        equations: &Equations<T>,
+        limit: &StepLimit<'_, T>,
+        error: &Hybrid<T>,
+    ) -> First<T> {
+        let step = limit.step(error);
+        let mut change = equations.joints_of(&step.x);
+        self.hold(&mut change);
+        // What the floor has left is not given up, but left to later steps.
+        let moved = less(error, T::ONE, &equations.moved(&change));
+        First {
+            change,
+            given_up: less(&moved, T::ONE, &step.left_by_floor()),
+            damping: step.damping,
+        }
+    }
+
+    /// One step more from `change`, where the chain was evaluated last with this error. Returns the error that stays.
+    #[inline(never)]
+    fn later_step(
+        &self,
+        equations: &mut Equations<T>,
+        pose: &Pose<T>,
+        error: &Hybrid<T>,
+        first: &mut First<T>,
+    ) -> Hybrid<T> {
+        self.form(equations, pose);
+        equations.factor(&first.damping);
+        let x = equations.solve(&less(error, T::ONE, &first.given_up));
+        for (value, delta) in first.change.iter_mut().zip(&equations.joints_of(&x)) {
+            *value += *delta;
+        }
+        // (J Jᵀ + Λ) x is what was to be taken away.
+        let mut stays = first.given_up;
+        let Damping { position, rotation } = first.damping;
+        let [x0, x1, x2, x3, x4, x5] = x;
+        let left = [
+            position * x0,
+            position * x1,
+            position * x2,
+            rotation * x3,
+            rotation * x4,
+            rotation * x5,
+        ];
+        for (value, left) in stays.iter_mut().zip(&left) {
+            *value += *left;
+        }
+        stays
+    }
+
+    /// Scales a change back to [`MAX_JOINT_CHANGE`].
+    #[inline(never)]
+    fn hold(&self, change: &mut PerJoint<T>) {
+        let bound = T::from_f64(MAX_JOINT_CHANGE);
+        let mut largest = raised(bound, change);
+        let coupling = self.arm.coupling.as_ref();
+        if coupling.is_some() {
+            largest = raised(largest, &coupled(coupling, change));
+        }
+        // At most one; zero, if that should be, for an infinite step.
+        let factor = bound / largest;
+        for value in change {
+            *value = *value * factor;
+        }
+    }
+
+    /// Without correction, or with the one in task space at every step.
+    #[inline(never)]
+    fn by_evaluation(&mut self, task: Option<&TaskSpaceCorrection<T>>) -> Found<T> {
+        let mut later = if task.is_some() {
+            LATER_TASK_SPACE_STEPS
+        } else {
+            LATER_STEPS
+        };
+        let (pose, bounded) = self.evaluated(&[T::ZERO; MAX_JOINTS], task);
+        let before = pose_error(self.target, &pose);
+        let mut equations = Equations::new();
+        self.form(&mut equations, &pose);
+        let limit = StepLimit::new(equations.gram(), self.scale());
+        let mut first = self.first_step(&equations, &limit, &before);
+        let mut stays = before;
+        while later > 0 {
+            let change = first.change;
+            let (pose, _) = self.evaluated(&change, task);
+            let error = pose_error(self.target, &pose);
+            stays = self.later_step(&mut equations, &pose, &error, &mut first);
+            later -= 1;
+        }
+        Found {
+            change: first.change,
+            before,
+            given_up: first.given_up,
+            stays,
+            bounded,
+        }
+    }
+
+    /// The pose after a change of the joints, and whether its correction was bounded.
+    #[inline(never)]
+    fn evaluated(
+        &mut self,
+        change: &PerJoint<T>,
+        task: Option<&TaskSpaceCorrection<T>>,
+    ) -> (Pose<T>, bool) {
+        let pose = self.chain(change);
+        let Some(task) = task else {
+            return (pose, false);
+        };
+        let x = self.arm.inputs(&sum(self.joints, change), self.payload_kg);
+        let mean = task.header.mean(self.rows, &x);
+        let (twist, bounded) =
+            limit::bounded(&task.bound, &Twist::from_array(&mean), &pose.translation);
+        (pose.corrected(&twist), bounded)
+    }
+
+    /// With the deflection D of an elastic model.
+    #[inline(never)]
+    fn by_deflection(&mut self, elastic: &ElasticCorrection<T>) -> Found<T> {
+        let arm = self.arm;
+        let kinds = arm.calibrated.kinds();
+        let payload = elastic.held(self.payload_kg);
+        let terms = &elastic.deflection;
+        let gravity = |frames: &[Pose<T>], pose: &Pose<T>| {
+            terms.gravity.deflection(kinds, frames, pose, payload)
+        };
+        // The command, and where it will be, nearly.
+        let pose = arm.calibrated.moved_frames_at(self.motions, self.frames);
+        let plain = pose_error(self.target, &pose);
+        let mut equations = Equations::new();
+        self.form(&mut equations, &pose);
+        let rough = gravity(self.frames, &pose);
+        let rough = less(&plain, T::ONE, &equations.moved(&rough));
+        let limit = StepLimit::new(equations.gram(), self.scale());
+        let mut place = equations.joints_of(&limit.rough(&rough));
+        self.hold(&mut place);
+        // The deflection there: processes where gravity alone would have the command, the others where both would.
+        let mean = {
+            if arm.coupling.is_some() {
+                let joints = sum(self.joints, &place);
+                arm.calibrated.motions_into(&joints, self.turned);
+            } else {
+                deflected_into(self.motions, kinds, &place, self.turned);
+            }
+            terms.processes.mean(kinds, self.rows, self.turned, payload)
+        };
+        let near = difference(&place, &mean);
+        let pose = self.chain(&near);
+        let smooth = sum(&gravity(self.frames, &pose), &mean);
+        let line = ripple_line(&terms.ripple, &sum(self.joints, &near));
+        let mut deflection = sum(&smooth, &line.value);
+        let effect = equations.moved(&deflection);
+        let (position, rotation) = squares(&effect);
+        let (factor, bounded) = elastic.bound.factor_of(position, rotation);
+        for value in &mut deflection {
+            // It may be infinite.
+            *value = if factor == T::ZERO {
+                T::ZERO
+            } else {
+                *value * factor
+            };
+        }
+        self.hold(&mut deflection);
+        let before = less(&plain, T::ONE, &equations.moved(&deflection));
+        let mut first = self.first_step(&equations, &limit, &before);
+        // What is left of it.
+        let mut all = sum(&first.change, &deflection);
+        self.hold(&mut all);
+        let pose = self.chain(&all);
+        let error = pose_error(self.target, &pose);
+        let stays = self.later_step(&mut equations, &pose, &error, &mut first);
+        line.follow(factor, &near, &mut first.change);
+        Found {
+            change: first.change,
+            before,
+            given_up: first.given_up,
+            stays,
+            bounded,
+        }
+    }
+}
+
+impl<T: Scalar> Found<T> {
+    /// The answer to `joints`.
+    #[inline(never)]
+    fn answer(&self, joints: &PerJoint<T>, can_turn: bool, status: Status) -> Corrected<T> {
+        let whole = T::from_f64(MAX_JOINT_CHANGE);
+        // The first step was held; with the later ones it may be too large.
+        let factor = whole / raised(whole, &self.change);
+        let mut stays = self.stays;
+        for (value, before) in stays.iter_mut().zip(&self.before) {
+            *value = factor * *value + (T::ONE - factor) * *before;
+        }
+        let (position, rotation) = squares(&stays);
+        let (position, rotation) = (position.sqrt(), rotation.sqrt());
+        let mut command = *joints;
+        let mut checksum = position + rotation;
+        for (slot, change) in command.iter_mut().zip(&self.change) {
+            let change = *change * factor;
+            *slot += change;
+            checksum += change;
+        }
+        // Everything was computed, or nothing is believed.
+        let sound = checksum.is_finite();
+        // One by one: of two whole arrays one is copied by another routine than the other, which takes another time.
+        for (slot, q) in command.iter_mut().zip(joints) {
+            *slot = if sound { *slot } else { *q };
+        }
+        let zero_unless_sound = |value: T| if sound { value } else { T::ZERO };
+        let tolerance = T::from_f64(CORRECTED_WITHIN);
+        // Five joints cannot turn the target every way.
+        let there = (position <= tolerance) & ((rotation <= tolerance) | !can_turn);
+        Corrected {
+            joints: command,
+            applied: zero_unless_sound(self.applied() * factor),
+            position_error: zero_unless_sound(position),
+            rotation_error: zero_unless_sound(rotation),
+            status: status
+                .with_if(self.bounded, Status::CORRECTION_BOUNDED)
+                .with_if(!(there & sound), Status::PARTLY_CORRECTED),
+        }
+    }
+
+    /// 1 − |given up|/|error|, of which the first micrometre does not count: rounding is not given up.
+    fn applied(&self) -> T {
+        let length = |e: &Hybrid<T>| {
+            let (position, rotation) = squares(e);
+            (position + rotation).sqrt()
+        };
+        let given_up = length(&self.given_up) - T::from_f64(1e-6);
+        let share = given_up / length(&self.before);
+        // Also of 0/0.
+        let share = if share > T::ZERO { share } else { T::ZERO };
+        T::ONE - if share < T::ONE { share } else { T::ONE }
+    }
+}
+
+/// The larger of `least` and the absolute values.
+#[inline(never)]
+fn raised<T: Scalar>(least: T, values: &PerJoint<T>) -> T {
+    let mut largest = least;
+    for value in values {
+        let magnitude = value.abs();
+        largest = if magnitude > largest {
+            magnitude
+        } else {
+            largest
+        };
+    }
+    largest
+}
+
+/// a + b.
+#[inline(never)]
+fn sum<T: Scalar>(a: &PerJoint<T>, b: &PerJoint<T>) -> PerJoint<T> {
+    let mut out = *a;
+    for (value, part) in out.iter_mut().zip(b) {
+        *value += *part;
+    }
+    out
+}
+
+/// a − b.
+#[inline(never)]
+fn difference<T: Scalar>(a: &PerJoint<T>, b: &PerJoint<T>) -> PerJoint<T> {
+    let mut out = *a;
+    for (value, part) in out.iter_mut().zip(b) {
+        *value -= *part;
+    }
+    out
+}

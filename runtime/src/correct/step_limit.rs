@@ -1,0 +1,470 @@
+//! The step that corrects a command, limited so that it is a continuous function of the command with a bounded slope.
+//!
+//! Beside a singularity the exact step d, with J d = e, grows without bound and turns over within a small part of the path.
+//! Let d = Jᵀ x. Where the arm moves in a direction by σ per radian, x = e/σ², and d changes by about |x| radians for each
+//! radian of the commanded path. So a bound on |x| is a bound on the slope, and
+//!
+//! ```text
+//! minimise  ½ |d|² + s_p |e_p − J_p d| + s_r |e_r − J_r d|           |x_p| ≤ s_p and |x_r| ≤ s_r follow
+//! ```
+//!
+//! is the exact step wherever that is slow enough. J_p changes by about the length of the arm for each radian, so s_p is
+//! relative to that. Elsewhere it gives up part of e in the very direction that the arm can
+//! hardly move, as much as it must, and keeps the others; no singular values are needed, and it does not matter how many
+//! such directions there are. It is a convex problem, so its solution does not jump. Its dual is (J Jᵀ + Λ) x = e with one λ
+//! for displacements and one for rotations; both follow from Newton's method on 1/|x|, which is nearly linear in λ. A least
+//! λ bounds the slope where e changes its sign along such a direction.
+//!
+//! Displacement and rotation are two demands on the same equations, x = shift + turn, each within the limits and each with a
+//! share of its own, so that neither pays for the other:
+//!
+//! - the **turn**, for e = (0, e_r), may push the position by no more than the shift has brought;
+//! - the **shift**, for e = (e_p, 0), may leave a rotation up to the larger of what is there without correction and what is
+//!   usual for the arm.
+//!
+//! With A, B, C the blocks of J Jᵀ, position first, all of it is in 3×3 matrices: S = C − Bᵀ A⁻¹ B for λ_r, then
+//! T = A − B (C + λ_r)⁻¹ Bᵀ for λ_p. How the limits were chosen: docs/evidence/singularities.md.
+
+use crate::kinematics::newton::{Damping, Gram, Hybrid};
+use crate::math::scalar::Scalar;
+
+/// s_r: radians of joint motion for each radian of the path, for each radian that is to be corrected.
+pub const TURN_LIMIT: f64 = 0.11;
+/// Usual rotation in radians from which on s_r is smaller as much as it is larger: the error changes as much faster, too.
+const MUCH_ROTATION: f64 = 4e-3;
+/// s_p times the [`Scale::lever`]: the same for each metre, of an arm whose joints move its target by a metre per radian.
+pub const SHIFT_LIMIT: f64 = 0.25;
+/// The least λ. Two steps leave (λ/σ²)² of an error: less than 1e-6 where σ is 0.15.
+const FLOOR: Damping<f64> = Damping {
+    position: 1e-5,
+    rotation: 2e-5,
+};
+/// The most λ of later steps: what is left for them is the second derivative's, some tens of micrometres.
+const MOST_LATER: f64 = 1e-3;
+/// λ of A while λ_r is sought: a position that the arm can hardly move need not be held.
+const HOLD: f64 = 3e-3;
+/// Newton steps on 1/|x| for λ_p; for λ_r there are two. More change nothing that could be seen.
+const SHIFT_ROUNDS: usize = 4;
+/// The most of a rough step, in [`SHIFT_LIMIT`]: less falls short where both demands are whole, more is where no command will
+/// be.
+const MOST_ROUGH: f64 = 1.4;
+/// The rotation in radians that the shift may leave in any case.
+const LEAST_ROOM: f64 = 1e-4;
+/// The position in metres by which the turn may push the target in any case.
+const LEAST_PUSH: f64 = 0.5e-6;
+
+type Vector<T> = [T; 3];
+type Matrix<T> = [[T; 3]; 3];
+
+/// A limited step.
+#[derive(Clone, Copy, Debug)]
+pub struct LimitedStep<T> {
+    /// x; the joint changes are Jᵀ x.
+    pub x: Hybrid<T>,
+    /// The damping that later steps must have, so that they do not bring back what was given up.
+    pub damping: Damping<T>,
+}
+
+impl<T: Scalar> LimitedStep<T> {
+    /// What the least λ has left of the error, which is not given up.
+    #[inline(always)]
+    pub fn left_by_floor(&self) -> Hybrid<T> {
+        let (p, r) = halves(&self.x);
+        let floor = floor();
+        joined(&scaled(floor.position, &p), &scaled(floor.rotation, &r))
+    }
+}
+
+/// What the limits of an arm are relative to.
+#[derive(Clone, Copy, Debug)]
+pub struct Scale<T> {
+    /// √(tr J_p J_pᵀ) in m, as it usually is: by how much the joints together displace the target.
+    pub lever: T,
+    /// The angle (rad) that the arm is usually off by without correction; `None` for an arm that cannot turn its target every
+    /// way, which leaves what it must.
+    pub usual_rotation: Option<T>,
+}
+
+/// J Jᵀ at the command, in the parts that every step there needs.
+#[derive(Clone, Debug)]
+pub struct StepLimit<'a, T> {
+    gram: &'a Gram<T>,
+    scale: Scale<T>,
+    /// Of A + [`HOLD`].
+    factors: Factors<T>,
+    /// A⁻¹ B.
+    follow: Matrix<T>,
+    /// S.
+    turning: Matrix<T>,
+    /// Of S with the least λ_r.
+    turning_factors: Factors<T>,
+}
+
+impl<'a, T: Scalar> StepLimit<'a, T> {
+    /// From J Jᵀ.
+    #[inline(never)]
+    pub fn new(gram: &'a Gram<T>, scale: Scale<T>) -> Self {
+        let factors = Factors::of(&block(gram, 0, 0), T::from_f64(HOLD));
+        let follow = factors.solve_columns(&block(gram, 0, 3));
+        let turning = schur(&block(gram, 3, 3), &block(gram, 3, 0), &follow);
+        Self {
+            gram,
+            scale,
+            factors,
+            follow,
+            turning,
+            turning_factors: Factors::of(&turning, T::from_f64(FLOOR.rotation)),
+        }
+    }
+
+    /// x of a step that takes `error` away within a percent, but nowhere goes far: for where a command will be.
+    #[inline(never)]
+    pub fn rough(&self, error: &Hybrid<T>) -> Hybrid<T> {
+        let mut x = self.nearly(error);
+        // Once more against what [`HOLD`] has left.
+        let mut left = *error;
+        for (value, row) in left.iter_mut().zip(self.gram) {
+            let [a, b, c, d, e, f] = row;
+            *value -= *a * x[0] + *b * x[1] + *c * x[2] + *d * x[3] + *e * x[4] + *f * x[5];
+        }
+        let more = self.nearly(&left);
+        let mut length = T::ZERO;
+        for (value, more) in x.iter_mut().zip(&more) {
+            *value += *more;
+            length += *value * *value;
+        }
+        // Farther than this no command will be from where it is.
+        let share = share(
+            T::from_f64(MOST_ROUGH * SHIFT_LIMIT),
+            self.scale.lever * length.sqrt(),
+        );
+        for value in &mut x {
+            *value = *value * share;
+        }
+        x
+    }
+
+    /// (J Jᵀ + Λ)⁻¹ e with [`HOLD`] of the position.
+    #[inline(never)]
+    fn nearly(&self, error: &Hybrid<T>) -> Hybrid<T> {
+        let (p, r) = halves(error);
+        let mut turn = transposed_product(&self.follow, &p);
+        for (value, part) in turn.iter_mut().zip(&r) {
+            *value = *part - *value;
+        }
+        let turn = self.turning_factors.solve(&turn);
+        let mut shift = self.factors.solve(&p);
+        for (value, part) in shift.iter_mut().zip(&product(&self.follow, &turn)) {
+            *value -= *part;
+        }
+        joined(&shift, &turn)
+    }
+
+    /// The limited step.
+    #[inline(never)]
+    pub fn step(&self, error: &Hybrid<T>) -> LimitedStep<T> {
+        let Scale {
+            lever,
+            usual_rotation,
+        } = self.scale;
+        let floor = floor();
+        let (p, r) = halves(error);
+        let against = transposed_product(&self.follow, &p);
+        let much = usual_rotation.unwrap_or(T::ZERO) * T::from_f64(1.0 / MUCH_ROTATION);
+        let unit = T::from_f64(1.0 / TURN_LIMIT) * larger(much, T::ONE);
+        let lacks = |factors: &Factors<T>| {
+            let a = factors.missing(&against, unit, None);
+            larger(a, factors.missing(&r, unit, None))
+        };
+        let rotation = floor.rotation + lacks(&self.turning_factors);
+        let rotation = rotation + lacks(&Factors::of(&self.turning, rotation));
+        let turning = Factors::of(&block(self.gram, 3, 3), rotation);
+        let along = turning.solve_columns(&block(self.gram, 3, 0));
+        let shifting = schur(&block(self.gram, 0, 0), &block(self.gram, 0, 3), &along);
+        let back = transposed_product(&along, &r);
+        let largest = larger(usual_rotation.unwrap_or(T::ZERO), squared(&r).sqrt());
+        let side_unit = match usual_rotation {
+            Some(_) => rotation / larger(largest, T::from_f64(LEAST_ROOM)),
+            None => T::ZERO,
+        };
+        let mut position = floor.position;
+        for _ in 0..SHIFT_ROUNDS {
+            let factors = Factors::of(&shifting, position);
+            let unit = T::from_f64(1.0 / SHIFT_LIMIT) * lever;
+            let a = factors.missing(&p, unit, Some((&along, side_unit)));
+            let b = factors.missing(&back, unit, None);
+            position += larger(a, b);
+        }
+        let shifting = Factors::of(&shifting, position);
+        let (shift, held) = (shifting.solve(&p), shifting.solve(&back));
+        let turned = product(&along, &shift);
+        let mut turn = turning.solve(&r);
+        for (value, part) in turn.iter_mut().zip(&product(&along, &held)) {
+            *value += *part;
+        }
+        let (shift_share, turn_share) = Shares {
+            position: p,
+            rotation: r,
+            largest: usual_rotation.map(|_| largest),
+            shift_leaves: scaled(position, &shift),
+            shift_turns: rotation * squared(&turned).sqrt(),
+            turn_leaves: scaled(rotation, &turn),
+            turn_pushes: (position - floor.position) * squared(&held).sqrt(),
+        }
+        .fair();
+        let mut x = joined(&scaled(-turn_share, &held), &scaled(turn_share, &turn));
+        let shift = joined(&shift, &scaled(-T::ONE, &turned));
+        for (value, part) in x.iter_mut().zip(&shift) {
+            *value += shift_share * *part;
+        }
+        LimitedStep {
+            x,
+            damping: Damping {
+                position: smaller(position, T::from_f64(MOST_LATER)),
+                rotation: smaller(rotation, T::from_f64(MOST_LATER)),
+            },
+        }
+    }
+}
+
+#[inline(always)]
+fn floor<T: Scalar>() -> Damping<T> {
+    Damping {
+        position: T::from_f64(FLOOR.position),
+        rotation: T::from_f64(FLOOR.rotation),
+    }
+}
+
+/// What shift and turn do to each other.
+struct Shares<T> {
+    /// e.
+    position: Vector<T>,
+    rotation: Vector<T>,
+    /// The largest rotation that may be left, rad.
+    largest: Option<T>,
+    /// What the whole shift leaves of the position.
+    shift_leaves: Vector<T>,
+    /// By how much it turns the target, rad.
+    shift_turns: T,
+    /// What the whole turn leaves of the rotation.
+    turn_leaves: Vector<T>,
+    /// By how much it pushes the target, m.
+    turn_pushes: T,
+}
+
+impl<T: Scalar> Shares<T> {
+    /// How much of the shift and of the turn is taken, each from 0 to 1.
+    #[inline(never)]
+    fn fair(&self) -> (T, T) {
+        // The shift has the room that a turn beside the whole shift would leave it.
+        let shift = match self.largest {
+            Some(largest) => {
+                let turn = self.turn_beside(T::ONE);
+                let left = left_after(turn, &self.rotation, &self.turn_leaves);
+                share(
+                    larger(largest - left, T::from_f64(LEAST_ROOM)),
+                    self.shift_turns,
+                )
+            }
+            None => T::ONE,
+        };
+        (shift, self.turn_beside(shift))
+    }
+
+    /// The turn's share beside this share of the shift.
+    #[inline(never)]
+    fn turn_beside(&self, shift: T) -> T {
+        let left = left_after(shift, &self.position, &self.shift_leaves);
+        let brought = larger(squared(&self.position).sqrt() - left, T::ZERO);
+        let brought = brought + T::from_f64(LEAST_PUSH);
+        // Of brought/pushed up to 1 it would be a sudden change where the two are equal.
+        brought / (brought + self.turn_pushes)
+    }
+}
+
+/// The length of what is left of an error when this share of a step is taken of which the whole leaves `leaves`.
+#[inline(never)]
+fn left_after<T: Scalar>(share: T, error: &Vector<T>, leaves: &Vector<T>) -> T {
+    let mut left = *error;
+    for (value, leaves) in left.iter_mut().zip(leaves) {
+        *value -= share * (*value - *leaves);
+    }
+    squared(&left).sqrt()
+}
+
+/// L D Lᵀ of a symmetric matrix and its damping.
+#[derive(Clone, Copy, Debug)]
+struct Factors<T> {
+    /// Reciprocals of D.
+    d: Vector<T>,
+    l10: T,
+    l20: T,
+    l21: T,
+}
+
+impl<T: Scalar> Factors<T> {
+    /// No pivot is below `damping`, also when it is NaN.
+    #[inline(never)]
+    fn of(m: &Matrix<T>, damping: T) -> Self {
+        let reciprocal = |pivot: T| T::ONE / if pivot > damping { pivot } else { damping };
+        let d0 = reciprocal(m[0][0] + damping);
+        let (l10, l20) = (m[1][0] * d0, m[2][0] * d0);
+        let d1 = reciprocal(m[1][1] + damping - l10 * m[1][0]);
+        let rest = m[2][1] - l20 * m[1][0];
+        let l21 = rest * d1;
+        let d2 = reciprocal(m[2][2] + damping - l20 * m[2][0] - l21 * rest);
+        Self {
+            d: [d0, d1, d2],
+            l10,
+            l20,
+            l21,
+        }
+    }
+
+    /// L⁻¹ b.
+    #[inline(always)]
+    fn forward(&self, b: &Vector<T>) -> Vector<T> {
+        let y1 = b[1] - self.l10 * b[0];
+        [b[0], y1, b[2] - self.l20 * b[0] - self.l21 * y1]
+    }
+
+    #[inline(never)]
+    fn solve(&self, b: &Vector<T>) -> Vector<T> {
+        self.solved(b)
+    }
+
+    #[inline(always)]
+    fn solved(&self, b: &Vector<T>) -> Vector<T> {
+        let y = self.forward(b);
+        let x2 = y[2] * self.d[2];
+        let x1 = y[1] * self.d[1] - self.l21 * x2;
+        [y[0] * self.d[0] - self.l10 * x1 - self.l20 * x2, x1, x2]
+    }
+
+    /// bᵀ K⁻¹ b.
+    #[inline(always)]
+    fn inverse_form(&self, b: &Vector<T>) -> T {
+        let y = self.forward(b);
+        y[0] * y[0] * self.d[0] + y[1] * y[1] * self.d[1] + y[2] * y[2] * self.d[2]
+    }
+
+    /// What λ lacks for |x| unit ≤ 1, x = K⁻¹ b, and for |side x| side_unit ≤ 1: Newton's step on 1/|x|.
+    #[inline(never)]
+    fn missing(&self, b: &Vector<T>, unit: T, side: Option<(&Matrix<T>, T)>) -> T {
+        let x = self.solved(b);
+        let length = squared(&x);
+        let mut size = length * (unit * unit);
+        if let Some((side, side_unit)) = side {
+            let there = squared(&multiplied(side, &x)) * (side_unit * side_unit);
+            size = larger(there, size);
+        }
+        let excess = size.sqrt() - T::ONE;
+        // λ and the eigenvalue in the direction of x.
+        let eigenvalue = length / self.inverse_form(&x);
+        // Not for NaN: x may be zero.
+        larger(eigenvalue * excess, T::ZERO)
+    }
+
+    /// K⁻¹ M.
+    #[inline(never)]
+    fn solve_columns(&self, m: &Matrix<T>) -> Matrix<T> {
+        let mut out = [[T::ZERO; 3]; 3];
+        for k in 0..3 {
+            let column = self.solved(&[m[0][k], m[1][k], m[2][k]]);
+            out[0][k] = column[0];
+            out[1][k] = column[1];
+            out[2][k] = column[2];
+        }
+        out
+    }
+}
+
+/// Rows and columns of J Jᵀ from these on: 0 for displacements, 3 for rotations.
+#[inline(always)]
+fn block<T: Scalar>(gram: &Gram<T>, row: usize, column: usize) -> Matrix<T> {
+    // One by one: loops over slices take longer than what they copy, and of a `map` compilers may keep a panic.
+    let [r0, r1, r2, r3, r4, r5] = gram;
+    let part = |[a, b, c, d, e, f]: &Hybrid<T>| {
+        if column == 0 {
+            [*a, *b, *c]
+        } else {
+            [*d, *e, *f]
+        }
+    };
+    if row == 0 {
+        [part(r0), part(r1), part(r2)]
+    } else {
+        [part(r3), part(r4), part(r5)]
+    }
+}
+
+/// K − M N.
+#[inline(never)]
+fn schur<T: Scalar>(k: &Matrix<T>, m: &Matrix<T>, n: &Matrix<T>) -> Matrix<T> {
+    let mut out = *k;
+    for (slots, row) in out.iter_mut().zip(m) {
+        for c in 0..3 {
+            slots[c] -= row[0] * n[0][c] + row[1] * n[1][c] + row[2] * n[2][c];
+        }
+    }
+    out
+}
+
+/// M x.
+#[inline(never)]
+fn product<T: Scalar>(m: &Matrix<T>, x: &Vector<T>) -> Vector<T> {
+    multiplied(m, x)
+}
+
+#[inline(always)]
+fn multiplied<T: Scalar>(m: &Matrix<T>, x: &Vector<T>) -> Vector<T> {
+    let row = |r: &Vector<T>| r[0] * x[0] + r[1] * x[1] + r[2] * x[2];
+    [row(&m[0]), row(&m[1]), row(&m[2])]
+}
+
+/// Mᵀ x.
+#[inline(never)]
+fn transposed_product<T: Scalar>(m: &Matrix<T>, x: &Vector<T>) -> Vector<T> {
+    let column = |c: usize| m[0][c] * x[0] + m[1][c] * x[1] + m[2][c] * x[2];
+    [column(0), column(1), column(2)]
+}
+
+#[inline(always)]
+fn squared<T: Scalar>(v: &Vector<T>) -> T {
+    v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
+}
+
+#[inline(always)]
+fn scaled<T: Scalar>(factor: T, v: &Vector<T>) -> Vector<T> {
+    [factor * v[0], factor * v[1], factor * v[2]]
+}
+
+#[inline(always)]
+fn halves<T: Scalar>(e: &Hybrid<T>) -> (Vector<T>, Vector<T>) {
+    ([e[0], e[1], e[2]], [e[3], e[4], e[5]])
+}
+
+#[inline(always)]
+fn joined<T: Scalar>(p: &Vector<T>, r: &Vector<T>) -> Hybrid<T> {
+    [p[0], p[1], p[2], r[0], r[1], r[2]]
+}
+
+/// The larger one; `b` when `a` is NaN.
+#[inline(always)]
+fn larger<T: Scalar>(a: T, b: T) -> T {
+    if a > b { a } else { b }
+}
+
+/// The smaller one; `b` when `a` is NaN.
+#[inline(always)]
+fn smaller<T: Scalar>(a: T, b: T) -> T {
+    if a < b { a } else { b }
+}
+
+/// How much of `all` there may be when it must not exceed `limit`: limit/all, at most 1.
+#[inline(always)]
+fn share<T: Scalar>(limit: T, all: T) -> T {
+    let share = limit / all;
+    // Also of 0/0.
+    if share < T::ONE { share } else { T::ONE }
+}

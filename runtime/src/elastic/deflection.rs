@@ -1,0 +1,229 @@
+//! The elastic correction: what gravity and gears do to the joints, T = POE(C (q + δ(q, m))).
+//!
+//! Most of what geometry does not explain is a *joint* effect: gears and bearings give way under the weight of links and
+//! payload, and gears are not round. Learnt in joint space it needs far fewer measurements than a twist of the tool.
+//!
+//! ```text
+//! δ_c(q, m) =   Σ_j (R_jᵀ w_c)·a_cj + m ((o_t − o_c)·w_c b_c0 + (R_nᵀ w_c)·b_c)     gravity, w_c = g × z_c
+//!             + Σ_t (α_t sin k_t q_c + β_t cos k_t q_c)                              gear ripple
+//!             + Σ_j k_c((q, m), (q_j, m_j)) weight_jc                                Gaussian process
+//!
+//! k_c = (a₀_c + a₁_c m m′) · 2^(Σ_d W_cd (s_d − 1) − W_cm (m − m′)²)
+//! s_d = cos(q_d − q′_d) for a revolute joint, 1 − (q_d − q′_d)²/2 for a prismatic one
+//! ```
+//!
+//! z_c, o_c: axis and origin of joint c; R_j: orientation of link j, taken in the frame that follows it; o_t: the target;
+//! all of the calibrated chain at q, in the base frame. Joints are the controller's. Gravity acts on a prismatic joint as
+//! z_c·g. Support points are sorted by payload, so that what depends on the payload is computed once for each group, and
+//! the sine and cosine of their joints are stored: one kernel value costs no trigonometry.
+
+use heapless::Vec;
+use nalgebra::Vector3;
+use poegp_protocol::JointKind;
+use poegp_protocol::limits::{MAX_JOINTS, MAX_RIPPLE};
+
+use crate::elastic::configuration::Configuration;
+use crate::elastic::gravity::Gravity;
+use crate::elastic::position_variance::{PositionVariance, prior};
+use crate::elastic::ripple::{RippleTerm, ripple};
+use crate::gp::joint_processes::JointProcesses;
+use crate::gp::loops::KernelLoops;
+use crate::guard::limit::Bound;
+use crate::kinematics::coupling::{PerJoint, coupled};
+use crate::kinematics::minimal_chain::MovedFrames;
+use crate::kinematics::poe::{Motions, no_motions};
+use crate::math::scalar::Scalar;
+use crate::math::se3::{Pose, Twist, cross, third_column};
+use crate::trace::Observer;
+
+/// The elastic correction but its support rows.
+#[derive(Clone, Debug)]
+pub struct Deflection<T> {
+    /// Gravity.
+    pub gravity: Gravity<T>,
+    /// Gear ripple.
+    pub ripple: Vec<RippleTerm<T>, MAX_RIPPLE>,
+    /// The rest.
+    pub processes: JointProcesses<T>,
+    /// How well the position is known; its landmarks are behind the support rows.
+    pub variance: Option<PositionVariance<T>>,
+}
+
+/// The twist of the base frame, to first order, that `deflection` of the serial joints makes: Σ ξ_i δ_i.
+#[inline(always)]
+pub fn deflection_twist<T: Scalar>(
+    kinds: &[JointKind],
+    frames: &[Pose<T>],
+    deflection: &PerJoint<T>,
+) -> Twist<T> {
+    let mut out = Twist::zero();
+    for ((kind, frame), delta) in kinds.iter().zip(frames).zip(deflection) {
+        let axis = third_column(frame);
+        let (linear, angular) = match kind {
+            JointKind::Revolute => (cross(&frame.translation, &axis), axis),
+            JointKind::Prismatic => (axis, Vector3::new(T::ZERO, T::ZERO, T::ZERO)),
+        };
+        for i in 0..3 {
+            out.linear[i] += linear[i] * *delta;
+            out.angular[i] += angular[i] * *delta;
+        }
+    }
+    out
+}
+
+/// Motions after a small deflection (|δ| ≤ 0.1): the sine and cosine are turned instead of computed anew, which also
+/// keeps the sum q + δ from being rounded.
+#[inline(always)]
+pub fn deflected<T: Scalar>(
+    motions: &Motions<T>,
+    kinds: &[JointKind],
+    deflection: &PerJoint<T>,
+) -> Motions<T> {
+    let mut out = *motions;
+    deflected_into(motions, kinds, deflection, &mut out);
+    out
+}
+
+/// The same, written to `out`; beyond the last joint nothing is changed.
+#[inline(never)]
+pub fn deflected_into<T: Scalar>(
+    motions: &Motions<T>,
+    kinds: &[JointKind],
+    deflection: &PerJoint<T>,
+    out: &mut Motions<T>,
+) {
+    let deltas = kinds.iter().zip(deflection);
+    for ((slot, motion), (kind, delta)) in out.iter_mut().zip(motions).zip(deltas) {
+        match kind {
+            JointKind::Revolute => {
+                let square = *delta * *delta;
+                let sin = *delta - *delta * square * T::from_f64(1.0 / 6.0);
+                let versine = square * (T::from_f64(0.5) - square * T::from_f64(1.0 / 24.0));
+                let [s, c] = *motion;
+                *slot = [s + (c * sin - s * versine), c - (s * sin + c * versine)];
+            }
+            JointKind::Prismatic => *slot = [motion[0] + *delta, T::ZERO],
+        }
+    }
+}
+
+/// The compensated pose.
+#[derive(Clone, Copy, Debug)]
+pub struct Compensated<T> {
+    /// POE(C (q + δ)).
+    pub pose: Pose<T>,
+    /// T_gp = POE(C (q + δ)) POE(C q)⁻¹ as a twist of the base frame, to first order.
+    pub twist: Twist<T>,
+    /// Whether δ was scaled back.
+    pub bounded: bool,
+    /// Standard deviation of one position component in metres before bounding, if the model knows it.
+    pub position_sigma: Option<T>,
+}
+
+impl<T: KernelLoops> Deflection<T> {
+    /// δ(q, m) of the controller's joints before bounding, from the moved frames of the chain at q.
+    #[inline(always)]
+    fn total(
+        &self,
+        at: &Configuration<'_, T>,
+        frames: &[Pose<T>],
+        target: &Pose<T>,
+        places: &Motions<T>,
+        rows: &[T],
+    ) -> PerJoint<T> {
+        let kinds = at.chain.kinds();
+        let gravity = self
+            .gravity
+            .deflection(kinds, frames, target, at.payload_kg);
+        let ripple = ripple(&self.ripple, at.joints);
+        let mean = self.processes.mean(kinds, rows, places, at.payload_kg);
+        let mut out = [T::ZERO; MAX_JOINTS];
+        for (((sum, a), b), c) in out.iter_mut().zip(&gravity).zip(&ripple).zip(&mean) {
+            *sum = *a + *b + *c;
+        }
+        out
+    }
+
+    /// Words of the support rows of an arm with so many joints.
+    pub fn support_words(&self, joints: usize) -> usize {
+        self.processes.words(joints)
+    }
+
+    /// POE(C (q + δ)), with δ scaled back to `bound`.
+    #[inline(always)]
+    pub fn compensate(
+        &self,
+        at: &Configuration<'_, T>,
+        rows: &[T],
+        bound: Option<&Bound<T>>,
+        observer: &mut impl Observer<T>,
+    ) -> Compensated<T> {
+        let mut frames = MovedFrames::new();
+        let target = at.chain.moved_frames_at(at.motions, &mut frames);
+        observer.chain(&target);
+        let kinds = at.chain.kinds();
+        let mut uncoupled;
+        let places = if at.coupling.is_some() {
+            uncoupled = no_motions();
+            at.chain.motions_into(at.joints, &mut uncoupled);
+            &uncoupled
+        } else {
+            at.motions
+        };
+        let deflection = self.total(at, &frames, &target, places, rows);
+        observer.deflection(&deflection);
+        let mut out = deflect(at, &frames, &target, &deflection, bound);
+        if let Some(variance) = &self.variance {
+            let landmarks = rows.get(self.support_words(kinds.len())..);
+            let kernels = &self.processes.kernels;
+            let unexplained = variance.unexplained(
+                kinds,
+                kernels,
+                landmarks.unwrap_or(&[]),
+                places,
+                at.payload_kg,
+            );
+            let kernels = kernels.get(..kinds.len()).unwrap_or(&[]);
+            let prior = prior(at, kernels, &frames, &target);
+            out.position_sigma = Some(variance.standard_deviation(prior, unexplained));
+        }
+        out
+    }
+}
+
+/// POE(C (q + δ)) with δ scaled back to `bound`, from the frames of the chain at q.
+// A function of its own: evaluation and trace share its code.
+#[inline(never)]
+fn deflect<T: Scalar>(
+    at: &Configuration<'_, T>,
+    frames: &[Pose<T>],
+    target: &Pose<T>,
+    deflection: &PerJoint<T>,
+    bound: Option<&Bound<T>>,
+) -> Compensated<T> {
+    let kinds = at.chain.kinds();
+    let mut serial = coupled(at.coupling, deflection);
+    let mut twist = deflection_twist(kinds, frames, &serial);
+    let (factor, bounded) =
+        bound.map_or((T::ONE, false), |b| b.factor(&twist, &target.translation));
+    // Times one, too: the time must not depend on the data.
+    let scaled = |value: T| {
+        if factor == T::ZERO {
+            // It may be infinite.
+            T::ZERO
+        } else {
+            value * factor
+        }
+    };
+    serial = serial.map(scaled);
+    twist = Twist::from_array(&twist.to_array().map(scaled));
+    let mut motions = no_motions();
+    deflected_into(at.motions, kinds, &serial, &mut motions);
+    let pose = at.chain.forward_at(&motions);
+    Compensated {
+        pose,
+        twist,
+        bounded,
+        position_sigma: None,
+    }
+}

@@ -1,0 +1,210 @@
+//! How well the position is known: the predictive variance of the tied processes, from a few landmarks.
+//!
+//! The posterior variance of a process needs all N measurements, or N²/2 words. But where measurements explain a process is
+//! far smoother a function than the process itself: L landmarks, placed by the trainer where they explain most, do.
+//! With one set of length scales all joints share one correlation k, and one share u of the prior that is not explained:
+//!
+//! ```text
+//! k_j(q, m) = 2^(Σ_d W_d (s_d − 1) − W_m (m − m_j)²)                 correlation with landmark j
+//! u(q, m)   = 1 − |H k|²                                            H: L×L, lower triangular; u held in [0, 1]
+//! σ²(q, m)  = floor + gain · Σ_c |J_c|² (a₀_c + a₁_c m²) · u²        J_c: how joint c moves the target, m/rad or m/m
+//! ```
+//!
+//! HᵀH = K⁻¹ − (K + K_LN K_NL/ν)⁻¹ is what measurements at the N training poses with noise ν tell of the landmarks. The
+//! trainer finds ν and floor so that σ is the standard deviation of its own predictions of poses left out:
+//! that of a *new measurement* about the prediction, root mean square over the three axes, noise and parameters included
+//! in the floor. The square is found, not derived: joints that move the target most are also known best, so the sum
+//! falls faster than u; with it one gain fits near the data and far away, where u is 1 and σ the prior's. It is that
+//! of the correction before it is bounded.
+//!
+//! A landmark's correlation is one inner product of 2n words: −(q − q′)²/2 of a prismatic joint is q·q′ − q′²/2 less q²/2,
+//! which all landmarks share.
+
+use core::hint::black_box;
+
+use nalgebra::Vector3;
+use poegp_protocol::JointKind;
+use poegp_protocol::limits::{MAX_JOINTS, MAX_LANDMARKS};
+
+use crate::elastic::configuration::Configuration;
+use crate::gp::joint_kernel::JointKernel;
+use crate::math::scalar::Scalar;
+use crate::math::se3::{Pose, cross, dot, subtract, third_column};
+use crate::math::vector::inner_product;
+
+/// Correlations are not looked at below 2 to this.
+const LOWEST_EXPONENT: f64 = -1_000.0;
+
+/// Words of landmark `index` of an arm of `joints` joints.
+pub const fn landmark_words(joints: usize, index: usize) -> usize {
+    2 * joints + 2 + index
+}
+
+/// The two words of one joint of a landmark, from the joint as the kernel compares it.
+pub fn landmark_place<T: Scalar>(kind: JointKind, feature: &[T; 2]) -> [T; 2] {
+    match kind {
+        JointKind::Revolute => *feature,
+        JointKind::Prismatic => [feature[0], -(T::from_f64(0.5) * (feature[0] * feature[0]))],
+    }
+}
+
+/// The variance of the position but its landmarks.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PositionVariance<T> {
+    /// Variance where the processes are known, m².
+    pub floor: T,
+    /// Factor of what they do not know.
+    pub gain: T,
+    /// L.
+    pub landmarks: usize,
+}
+
+impl<T: Scalar> PositionVariance<T> {
+    /// σ in metres, at most 1, from [`prior`] and [`PositionVariance::unexplained`].
+    #[inline(always)]
+    pub fn standard_deviation(&self, prior: T, unexplained: T) -> T {
+        let variance = self.floor + self.gain * (prior * (unexplained * unexplained));
+        // Also for infinity and NaN, which only absurd amplitudes make.
+        let held = if variance < T::ONE { variance } else { T::ONE };
+        (if held > self.floor { held } else { self.floor }).sqrt()
+    }
+
+    /// u for joints as the kernels compare them, from the landmarks' `rows`.
+    // Here and below slices whose length the compiler does not know, and rounds with a call: it unrolls what it knows to be
+    // at most eight rounds, or rounds without a call, and the image grew by 7 kB.
+    #[inline(never)]
+    pub fn unexplained(
+        &self,
+        kinds: &[JointKind],
+        kernels: &[JointKernel<T>],
+        rows: &[T],
+        places: &[[T; 2]],
+        payload_kg: T,
+    ) -> T {
+        let Some(kernel) = kernels.first() else {
+            return T::ONE;
+        };
+        let n = kinds.len();
+        let mut scaled = [[T::ZERO; 2]; MAX_JOINTS];
+        let start = match (kernel.rates().get(..n), scaled.get_mut(..n)) {
+            (Some(rates), Some(scaled)) => scaled_places(kinds, places, rates, scaled),
+            _ => T::ZERO,
+        };
+        let mut known = [T::ZERO; MAX_LANDMARKS];
+        let mut sum = T::ZERO;
+        let mut rest = rows;
+        for (index, slot) in (0..self.landmarks).zip(0..MAX_LANDMARKS) {
+            let (row, after) = rest
+                .split_at_checked(landmark_words(n, index))
+                .unwrap_or((&[], &[]));
+            rest = after;
+            let (place, row) = row.split_at_checked(2 * n).unwrap_or((&[], &[]));
+            let Some((other, factor)) = row.split_first() else {
+                break;
+            };
+            let difference = payload_kg - *other;
+            let exponent = (start - kernel.payload_rate * (difference * difference))
+                + product(place, scaled.as_flattened());
+            let lowest = T::from_f64(LOWEST_EXPONENT);
+            let held = if exponent > lowest { exponent } else { lowest };
+            if let Some(slot) = known.get_mut(slot) {
+                // Rounding may leave a little more than 0.
+                *slot = (if held > T::ZERO { T::ZERO } else { held }).exp2();
+            }
+            let projected = product(factor, &known);
+            sum += projected * projected;
+        }
+        let left = T::ONE - sum;
+        if left > T::ZERO { left } else { T::ZERO }
+    }
+}
+
+/// W_d times the words that a landmark is multiplied with, to `out`; returns what is the same for all landmarks.
+#[inline(never)]
+fn scaled_places<T: Scalar>(
+    kinds: &[JointKind],
+    places: &[[T; 2]],
+    rates: &[T],
+    out: &mut [[T; 2]],
+) -> T {
+    let mut start = T::ZERO;
+    let joints = black_box(out).iter_mut().zip(black_box(kinds));
+    for (((slot, kind), place), rate) in joints.zip(black_box(places)).zip(black_box(rates)) {
+        start -= scaled_place(*kind, place, *rate, slot);
+    }
+    start
+}
+
+/// The words of one joint, and what is the same for all landmarks.
+#[inline(never)]
+fn scaled_place<T: Scalar>(kind: JointKind, place: &[T; 2], rate: T, out: &mut [T; 2]) -> T {
+    let (second, own) = match kind {
+        JointKind::Revolute => (place[1], T::ONE),
+        JointKind::Prismatic => (T::ONE, T::from_f64(0.5) * (place[0] * place[0])),
+    };
+    *out = [rate * place[0], rate * second];
+    rate * own
+}
+
+/// The inner product as far as both go.
+#[inline(never)]
+fn product<T: Scalar>(a: &[T], b: &[T]) -> T {
+    inner_product(a, b)
+}
+
+/// Σ_c |J_c|² (a₀_c + a₁_c m²) in m², over the controller's joints, from the frames of the joints before they move.
+#[inline(never)]
+pub fn prior<T: Scalar>(
+    at: &Configuration<'_, T>,
+    kernels: &[JointKernel<T>],
+    frames: &[Pose<T>],
+    target: &Pose<T>,
+) -> T {
+    let kinds = at.chain.kinds();
+    let square = at.payload_kg * at.payload_kg;
+    let mut sum = T::ZERO;
+    let joints = black_box(kernels).iter().zip(black_box(kinds));
+    for (c, ((kernel, kind), frame)) in joints.zip(black_box(frames)).enumerate() {
+        let column = match at.coupling {
+            None => moved(*kind, frame, target),
+            Some(coupling) => {
+                let rows = coupling.get(..kinds.len()).unwrap_or(&[]);
+                coupled_column(rows, c, kinds, frames, target)
+            }
+        };
+        let variance = kernel.amplitude + kernel.payload_amplitude * square;
+        sum += variance * dot(&column, &column);
+    }
+    sum
+}
+
+/// How the target moves with joint `c` of the controller.
+#[inline(never)]
+fn coupled_column<T: Scalar>(
+    coupling: &[[T; MAX_JOINTS]],
+    c: usize,
+    kinds: &[JointKind],
+    frames: &[Pose<T>],
+    target: &Pose<T>,
+) -> Vector3<T> {
+    let mut column = Vector3::new(T::ZERO, T::ZERO, T::ZERO);
+    let joints = black_box(coupling).iter().zip(black_box(kinds));
+    for ((row, kind), frame) in joints.zip(black_box(frames)) {
+        let share = row.get(c).copied().unwrap_or(T::ZERO);
+        let serial = moved(*kind, frame, target);
+        for i in 0..3 {
+            column[i] += share * serial[i];
+        }
+    }
+    column
+}
+
+/// How the target moves with a serial joint, m/rad or m/m.
+#[inline(never)]
+fn moved<T: Scalar>(kind: JointKind, frame: &Pose<T>, target: &Pose<T>) -> Vector3<T> {
+    let axis = third_column(frame);
+    match kind {
+        JointKind::Revolute => cross(&axis, &subtract(&target.translation, &frame.translation)),
+        JointKind::Prismatic => axis,
+    }
+}

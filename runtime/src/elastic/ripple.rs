@@ -1,0 +1,100 @@
+//! Gear ripple: α sin kq + β cos kq of each joint.
+
+use poegp_protocol::limits::MAX_JOINTS;
+
+use crate::kinematics::coupling::PerJoint;
+use crate::math::scalar::{MAX_ANGLE, Scalar};
+
+/// One sine and cosine of gear ripple.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RippleTerm<T> {
+    /// The joint, from 0.
+    pub joint: usize,
+    /// k, cycles per turn of the joint (per 2π metres of a prismatic one).
+    pub cycles: T,
+    /// α in rad or m.
+    pub sin: T,
+    /// β.
+    pub cos: T,
+}
+
+impl<T: Scalar> RippleTerm<T> {
+    /// α sin kq + β cos kq of its joint at `q`.
+    #[inline(always)]
+    pub fn deflection(&self, q: T) -> T {
+        let (sin, cos) = ripple_regressors(self.cycles, q);
+        self.sin * sin + self.cos * cos
+    }
+}
+
+/// sin kq and cos kq. Beyond the range of the reduction the angle is held, where nobody measures anyway.
+#[inline(always)]
+pub fn ripple_regressors<T: Scalar>(cycles: T, q: T) -> (T, T) {
+    let limit = T::from_f32(MAX_ANGLE);
+    let angle = cycles * q;
+    let held = if angle > limit {
+        limit
+    } else if angle < -limit {
+        -limit
+    } else {
+        angle
+    };
+    held.sin_cos()
+}
+
+/// The deflection by gear ripple of every joint, rad or m.
+#[inline(never)]
+pub fn ripple<T: Scalar>(terms: &[RippleTerm<T>], joints: &PerJoint<T>) -> PerJoint<T> {
+    let mut out = [T::ZERO; MAX_JOINTS];
+    for term in terms {
+        if let (Some(sum), Some(q)) = (out.get_mut(term.joint), joints.get(term.joint)) {
+            *sum += term.deflection(*q);
+        }
+    }
+    out
+}
+
+/// Gear ripple of every joint to first order about `joints`.
+#[inline(never)]
+pub fn ripple_line<T: Scalar>(terms: &[RippleTerm<T>], joints: &PerJoint<T>) -> RippleLine<T> {
+    let mut out = RippleLine {
+        value: [T::ZERO; MAX_JOINTS],
+        slope: [T::ZERO; MAX_JOINTS],
+    };
+    for term in terms {
+        if let (Some(value), Some(slope), Some(q)) = (
+            out.value.get_mut(term.joint),
+            out.slope.get_mut(term.joint),
+            joints.get(term.joint),
+        ) {
+            let (sin, cos) = ripple_regressors(term.cycles, *q);
+            *value += term.sin * sin + term.cos * cos;
+            *slope += term.cycles * (term.sin * cos - term.cos * sin);
+        }
+    }
+    out
+}
+
+/// Gear ripple to first order about a place.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RippleLine<T> {
+    /// There, rad or m.
+    pub value: PerJoint<T>,
+    /// Its derivative by the joint.
+    pub slope: PerJoint<T>,
+}
+
+impl<T: Scalar> RippleLine<T> {
+    /// Moves `change`, a command that takes off `factor` times the ripple at `place`, to the one that takes off what ripple
+    /// is there: one Newton step, whose error is some 1e-8 rad.
+    #[inline(never)]
+    pub fn follow(&self, factor: T, place: &PerJoint<T>, change: &mut PerJoint<T>) {
+        let least = T::from_f64(0.5);
+        for ((value, place), slope) in change.iter_mut().zip(place).zip(&self.slope) {
+            let slope = *slope * factor;
+            // Of gears this is between 0.9 and 1.1.
+            let whole = T::ONE + slope;
+            *value -= slope * (*value - *place) / if whole > least { whole } else { least };
+        }
+    }
+}

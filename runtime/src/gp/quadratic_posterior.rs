@@ -1,0 +1,331 @@
+//! The posterior mean K₁ K⁻¹ ε of the paper's Gaussian process (eq. 7), arranged for a controller's cycle.
+//!
+//! For weights w_c = K⁻¹ ε_c the mean of output c is Σ_j w_jc (θ₀ exp(−θ₁|x − x_j|²/2) + θ₂ + θ₃ xᵀx_j). The last two
+//! terms collapse to an affine map, θ₀ and the output's scale go into the weights, and √(θ₁ log₂e/2) into the inputs:
+//!
+//! ```text
+//! g_c(x) = affine_c · (1, x) + Σ_j weight_jc · 2^(−rate_c |u − u_j|²)        u = scale ∘ x
+//!
+//! row j of the support, D + 6 words:  | u_j1 … u_jD | weight_j1 … weight_j6 |
+//! ```
+//!
+//! With shared hyperparameters one exponential per point serves all six outputs (rate 1); with hyperparameters per
+//! output there are six. Shared ones are *folded* where the support is not too wide: with places v about its middle
+//!
+//! ```text
+//! g_c(x) = affine_c · (1, x) + 2^(−|v|²) Σ_j weight′_jc · 2^(2 v · v_j)        v = scale ∘ (x − centre)
+//!
+//! row j of the support:  | v_j1 … v_jD | weight′_j1 … weight′_j6 |             weight′_jc = weight_jc · 2^(−|v_j|²)
+//! ```
+//!
+//! which is a fifth less to do. It asks for |v_j| ≤ [`FOLDED_RADIUS`] of every support point, so that no exponent leaves
+//! the range of exp2 and none is large enough to lose digits; beyond |v| = [`FOLDED_REACH`] the sum counts as zero. The blob
+//! says which form it has, and the loader checks that it may; the query never decides.
+//!
+//! No early-out on small values: the time must not depend on the data. [`input_scale`], [`stored_weight`],
+//! [`accumulate_affine`] and [`MeanHeader::fold`] are the only place where these constants are computed; the trainer calls
+//! them before export.
+
+use poegp_protocol::limits::{MAX_INPUTS, OUTPUTS};
+
+use crate::gp::loops::KernelLoops;
+use crate::gp::quadratic_kernel::{LOG2_E, QuadraticKernel};
+use crate::math::scalar::Scalar;
+
+/// Scaled inputs are held within ±this, so that no exponent leaves the range of [`Scalar::exp2`]: 2^(−(2·200)²) is zero
+/// long before, and 9·(2·200)² stays below 2²².
+pub const MAX_SCALED_INPUT: f64 = 200.0;
+
+/// Largest distance of a support point from the centre of a folded mean, in scaled units, of which one is 1.18
+/// length scales 1/√θ₁. Fitted ones reach 1.2 to 3.0. With [`FOLDED_REACH`] no exponent is beyond ±2 · 5 · 10.
+pub const FOLDED_RADIUS: f64 = 5.0;
+/// From this distance on the sum of a folded mean is zero: every support point is at least 5 away, and of its kernel less
+/// than 2⁻²⁵ is left, half an ulp of it.
+pub const FOLDED_REACH: f64 = 10.0;
+/// Largest weight of a folded row, m or rad; fitted ones are below 0.1. With it no sum overflows: 2^100 · 10 for each of a
+/// million points stays below `f32::MAX`.
+pub const MAX_FOLDED_WEIGHT: f64 = 10.0;
+
+/// Words of one support row; more inputs than [`MAX_INPUTS`] do not exist and count as so many.
+pub const fn row_words(inputs: usize) -> usize {
+    // The bound shows the compiler that a row is never empty: without it the image has panics for division by zero.
+    if inputs < MAX_INPUTS {
+        inputs + OUTPUTS
+    } else {
+        MAX_INPUTS + OUTPUTS
+    }
+}
+
+/// Everything of the posterior mean but its support rows.
+#[derive(Clone, Copy, Debug)]
+pub struct MeanHeader<T> {
+    /// D, number of inputs: the joints, and the payload if it is one.
+    pub inputs: usize,
+    /// Reciprocal length scale of each input; beyond D zero.
+    pub input_scale: [T; MAX_INPUTS],
+    /// Exponent rate of each output, if they differ.
+    pub rates: Option<[T; OUTPUTS]>,
+    /// The centre of a folded mean in the units of the inputs; nothing for the difference form. Five to eight inputs, shared
+    /// hyperparameters.
+    pub centre: Option<[T; MAX_INPUTS]>,
+    /// Constant, then slopes, of each output.
+    pub affine: [[T; MAX_INPUTS + 1]; OUTPUTS],
+}
+
+impl<T: Scalar> MeanHeader<T> {
+    /// No correction, D inputs.
+    pub fn zero(inputs: usize) -> Self {
+        Self {
+            inputs,
+            input_scale: [T::ZERO; MAX_INPUTS],
+            rates: None,
+            centre: None,
+            affine: [[T::ZERO; MAX_INPUTS + 1]; OUTPUTS],
+        }
+    }
+
+    /// Whether a mean of so many inputs can be folded: there are loops for them.
+    pub const fn folds(inputs: usize) -> bool {
+        matches!(inputs, 5..=8)
+    }
+
+    /// Folds a mean in the difference form about the middle of its support, in place; `false`, and nothing is changed, when
+    /// that is not for it: hyperparameters per output, another number of inputs, or support too wide.
+    pub fn fold(&mut self, rows: &mut [T]) -> bool {
+        let inputs = self.inputs;
+        if self.rates.is_some() || self.centre.is_some() || !Self::folds(inputs) {
+            return false;
+        }
+        let mut centre = [T::ZERO; MAX_INPUTS];
+        for (d, (slot, scale)) in centre
+            .iter_mut()
+            .zip(&self.input_scale)
+            .enumerate()
+            .take(inputs)
+        {
+            let mut column = rows
+                .chunks_exact(row_words(inputs))
+                .filter_map(|row| row.get(d));
+            let first = column.next().copied().unwrap_or(T::ZERO);
+            let (lower, upper) = column.fold((first, first), |(lower, upper), u| {
+                (
+                    if *u < lower { *u } else { lower },
+                    if *u > upper { *u } else { upper },
+                )
+            });
+            // As the device will have it.
+            let middle = (lower + upper) * T::from_f64(0.5) / *scale;
+            *slot = T::from_f32(middle.to_f32());
+        }
+        // A little less: rounding to `f32` must not make it too wide.
+        let limit = T::from_f64(FOLDED_RADIUS * FOLDED_RADIUS * 0.999);
+        let mut folds = true;
+        for write in [false, true] {
+            for row in rows.chunks_exact_mut(row_words(inputs)) {
+                let (places, weights) = row
+                    .split_at_mut_checked(inputs)
+                    .unwrap_or((&mut [], &mut []));
+                let mut squared = T::ZERO;
+                for ((place, c), scale) in places.iter_mut().zip(&centre).zip(&self.input_scale) {
+                    let v = *place - *c * *scale;
+                    squared += v * v;
+                    if write {
+                        *place = v;
+                    }
+                }
+                folds &= squared <= limit;
+                for weight in weights {
+                    let folded = *weight * (-squared).exp2();
+                    folds &= folded.abs() <= T::from_f64(MAX_FOLDED_WEIGHT);
+                    if write {
+                        *weight = folded;
+                    }
+                }
+            }
+            if !folds {
+                return false;
+            }
+        }
+        self.centre = Some(centre);
+        true
+    }
+}
+
+impl<T: KernelLoops> MeanHeader<T> {
+    /// The posterior mean at `x` (D values in rad, m, kg; the rest zero) from `rows` of [`row_words`] words each.
+    #[inline(always)]
+    pub fn mean(&self, rows: &[T], x: &[T; MAX_INPUTS]) -> [T; OUTPUTS] {
+        let mut out = [T::ZERO; OUTPUTS];
+        match (self.inputs, &self.centre) {
+            (5, Some(centre)) => self.folded::<5, 11>(rows, x, centre, &mut out),
+            (6, Some(centre)) => self.folded::<6, 12>(rows, x, centre, &mut out),
+            (7, Some(centre)) => self.folded::<7, 13>(rows, x, centre, &mut out),
+            (8, Some(centre)) => self.folded::<8, 14>(rows, x, centre, &mut out),
+            _ => self.by_differences(rows, x, &mut out),
+        }
+        out
+    }
+
+    /// The folded form for D inputs; ROW = D + 6.
+    #[inline(never)]
+    fn folded<const D: usize, const ROW: usize>(
+        &self,
+        rows: &[T],
+        x: &[T; MAX_INPUTS],
+        centre: &[T; MAX_INPUTS],
+        out: &mut [T; OUTPUTS],
+    ) {
+        let reach = T::from_f64(FOLDED_REACH);
+        let mut v = [T::ZERO; D];
+        let mut squared = T::ZERO;
+        let mut d = 0;
+        while d < D {
+            // Held, so that the square is finite.
+            v[d] = held((x[d] - centre[d]) * self.input_scale[d], reach);
+            squared += v[d] * v[d];
+            d += 1;
+        }
+        let within = squared <= T::from_f64(FOLDED_REACH * FOLDED_REACH);
+        let (twice, factor) = if within {
+            (
+                T::ONE + T::ONE,
+                (-squared).exp2_unclamped() * T::EXP2_FACTOR,
+            )
+        } else {
+            (T::ZERO, T::ZERO)
+        };
+        for value in &mut v {
+            *value = *value * twice;
+        }
+        let mut sums = [T::ZERO; OUTPUTS];
+        T::folded_sums::<D, ROW>(rows.as_chunks().0, &v, &mut sums);
+        let mut c = 0;
+        while c < OUTPUTS {
+            let [constant, slopes @ ..] = &self.affine[c];
+            let mut value = *constant;
+            let mut d = 0;
+            while d < D {
+                value += slopes[d] * x[d];
+                d += 1;
+            }
+            out[c] = value + factor * sums[c];
+            c += 1;
+        }
+    }
+
+    /// The difference form for any number of inputs, and rates.
+    #[inline(never)]
+    fn by_differences(&self, rows: &[T], x: &[T; MAX_INPUTS], out: &mut [T; OUTPUTS]) {
+        let limit = T::from_f64(MAX_SCALED_INPUT);
+        let mut u = [T::ZERO; MAX_INPUTS];
+        for ((scaled, value), scale) in u.iter_mut().zip(x).zip(&self.input_scale) {
+            *scaled = held(*value * *scale, limit);
+        }
+        for (sum, [constant, slopes @ ..]) in out.iter_mut().zip(&self.affine) {
+            *sum = *constant;
+            for (slope, value) in slopes.iter().zip(x).take(self.inputs) {
+                *sum += *slope * *value;
+            }
+        }
+        match (self.inputs, &self.rates) {
+            (5, None) => shared::<T, 5, 11>(rows, &u, out),
+            (6, None) => shared::<T, 6, 12>(rows, &u, out),
+            (7, None) => shared::<T, 7, 13>(rows, &u, out),
+            (8, None) => shared::<T, 8, 14>(rows, &u, out),
+            (inputs, rates) => any(rows, inputs, rates.as_ref(), &u, out),
+        }
+    }
+}
+
+/// `value` within ±`limit`.
+#[inline(always)]
+fn held<T: Scalar>(value: T, limit: T) -> T {
+    if value > limit {
+        limit
+    } else if value < -limit {
+        -limit
+    } else {
+        value
+    }
+}
+
+/// One exponential per support point, unrolled over D inputs; ROW = D + 6.
+// A function of its own keeps all sums in registers: inlined, a Cortex-M4F takes 92 instead of 76 instructions a point.
+#[inline(never)]
+fn shared<T: Scalar, const D: usize, const ROW: usize>(
+    rows: &[T],
+    u: &[T; MAX_INPUTS],
+    out: &mut [T; OUTPUTS],
+) {
+    let mut sums = *out;
+    for row in rows.as_chunks::<ROW>().0 {
+        let first = u[0] - row[0];
+        let mut squared = first * first;
+        let mut d = 1;
+        while d < D {
+            let difference = u[d] - row[d];
+            squared += difference * difference;
+            d += 1;
+        }
+        let k = (-squared).exp2();
+        let mut c = 0;
+        while c < OUTPUTS {
+            sums[c] += k * row[D + c];
+            c += 1;
+        }
+    }
+    *out = sums;
+}
+
+/// One exponential per support point for any number of inputs, or six, each with its own rate.
+#[inline(never)]
+fn any<T: Scalar>(
+    rows: &[T],
+    inputs: usize,
+    rates: Option<&[T; OUTPUTS]>,
+    u: &[T; MAX_INPUTS],
+    out: &mut [T; OUTPUTS],
+) {
+    let mut sums = *out;
+    let row_words = row_words(inputs);
+    let factors = rates.copied().unwrap_or([T::ONE; OUTPUTS]);
+    for row in rows.chunks_exact(row_words) {
+        let (centre, weights) = row.split_at_checked(inputs).unwrap_or((&[], &[]));
+        let Some(weights) = weights.first_chunk::<OUTPUTS>() else {
+            break;
+        };
+        let squared = crate::math::vector::squared_distance(u, centre);
+        let mut c = 0;
+        while c < OUTPUTS {
+            let k = (-(factors[c] * squared)).exp2();
+            sums[c] += k * weights[c];
+            c += 1;
+        }
+    }
+    *out = sums;
+}
+
+/// Factor of an input for hyperparameter θ₁: √(θ₁ log₂e / 2).
+pub fn input_scale<T: Scalar>(inverse_squared_lengthscale: T) -> T {
+    (inverse_squared_lengthscale * T::from_f64(0.5 * LOG2_E)).sqrt()
+}
+
+/// Weight as stored: K⁻¹ε · θ₀ · scale of the output.
+pub fn stored_weight<T: Scalar>(kernel: &QuadraticKernel<T>, weight: T, output_scale: T) -> T {
+    weight * kernel.signal_variance * output_scale
+}
+
+/// Adds what one support point contributes to the affine map of one output: scale·w·(θ₂, θ₃ x_j).
+pub fn accumulate_affine<T: Scalar>(
+    affine: &mut [T; MAX_INPUTS + 1],
+    kernel: &QuadraticKernel<T>,
+    weight: T,
+    output_scale: T,
+    x: &[T],
+) {
+    let [constant, slopes @ ..] = affine;
+    *constant += output_scale * weight * kernel.constant_variance;
+    for (slope, value) in slopes.iter_mut().zip(x) {
+        *slope += output_scale * weight * kernel.linear_variance * *value;
+    }
+}

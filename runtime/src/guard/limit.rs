@@ -1,0 +1,69 @@
+//! The largest correction that is believed: a larger one is scaled back, not dropped, so that it does not jump at the bound.
+
+use nalgebra::Vector3;
+
+use crate::math::scalar::Scalar;
+use crate::math::se3::{Twist, dot, scale};
+
+/// Bounds on the displacement and the rotation of the target.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bound<T> {
+    /// Displacement in metres, to first order.
+    pub position: T,
+    /// Rotation in radians.
+    pub angle: T,
+}
+
+impl<T: Scalar> Bound<T> {
+    /// What a twist of the base frame must be multiplied with so that it displaces `target` and turns it by no more than
+    /// the bound, and whether that is less than one. 0 for a twist that is not finite.
+    #[inline(always)]
+    pub fn factor(&self, twist: &Twist<T>, target: &Vector3<T>) -> (T, bool) {
+        let displacement = twist.at_point(target).linear;
+        self.factor_of(
+            dot(&displacement, &displacement),
+            dot(&twist.angular, &twist.angular),
+        )
+    }
+
+    /// The same for the squares of displacement and angle.
+    #[inline(never)]
+    pub fn factor_of(&self, squared_distance: T, squared_angle: T) -> (T, bool) {
+        let (distance, angle) = (squared_distance.sqrt(), squared_angle.sqrt());
+        // Both quotients always, for the time must not depend on the data.
+        let (by_distance, by_angle) = (self.position / distance, self.angle / angle);
+        let mut factor = if distance > self.position {
+            by_distance
+        } else {
+            T::ONE
+        };
+        factor = if angle * factor > self.angle {
+            by_angle
+        } else {
+            factor
+        };
+        let finite = distance.is_finite() & angle.is_finite();
+        let bounded = !((distance <= self.position) & (angle <= self.angle));
+        (if finite { factor } else { T::ZERO }, bounded | !finite)
+    }
+}
+
+/// The twist within the bound.
+#[inline(always)]
+pub fn bounded<T: Scalar>(
+    bound: &Bound<T>,
+    twist: &Twist<T>,
+    target: &Vector3<T>,
+) -> (Twist<T>, bool) {
+    match bound.factor(twist, target) {
+        (_, false) => (*twist, false),
+        (factor, true) if factor == T::ZERO => (Twist::zero(), true),
+        (factor, true) => {
+            let twist = Twist {
+                linear: scale(factor, &twist.linear),
+                angular: scale(factor, &twist.angular),
+            };
+            (twist, true)
+        }
+    }
+}

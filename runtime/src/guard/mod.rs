@@ -1,0 +1,5 @@
+//! What keeps an answer safe: the limit of the correction, the extrapolation score, and the status bits.
+
+pub mod limit;
+pub mod status;
+pub mod trust;

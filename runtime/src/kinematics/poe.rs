@@ -1,0 +1,267 @@
+//! The local product of exponentials (paper, eq. 1–3): forward kinematics and Jacobians.
+//!
+//! f(q) = Π e^p̂_i e^ŝ_i q_i · e^p̂_n+1. Every chain of revolute and prismatic joints has a normal form in which the
+//! twist s_i is the unit z axis of its own frame: with a fixed K that takes z to s_i, e^ŝ q = K e^ẑ q K⁻¹, and K goes into
+//! the neighbouring fixed frames. A [`Poe`] is that normal form: n + 1 fixed frames `parent_from_joint`, and of each
+//! joint only its kind. All geometric error goes into the frames; a joint then costs twelve multiplications.
+
+use poegp_protocol::JointKind;
+use poegp_protocol::limits::{MAX_FRAMES, MAX_JOINTS};
+
+use nalgebra::{Matrix3, Vector3};
+
+use crate::math::scalar::Scalar;
+use crate::math::se3::{Matrix6, Pose, Twist};
+
+/// A chain of up to [`MAX_JOINTS`] joints.
+#[derive(Clone, Copy, Debug)]
+pub struct Poe<T> {
+    joints: usize,
+    kinds: [JointKind; MAX_JOINTS],
+    parent_from_joint: [Pose<T>; MAX_FRAMES],
+}
+
+/// No joints, too many, or not one frame more than joints.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct WrongChain {
+    /// Joint kinds given.
+    pub joints: usize,
+    /// Frames given.
+    pub frames: usize,
+}
+
+impl core::fmt::Display for WrongChain {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        let Self { joints, frames } = self;
+        write!(
+            f,
+            "{joints} joints and {frames} frames: 1 to {MAX_JOINTS} joints and one frame more are a chain"
+        )
+    }
+}
+
+impl core::error::Error for WrongChain {}
+
+/// Where each joint is, as chains and kernels need it: (sin q, cos q) of a revolute one, (q, 0) of a prismatic one with q in
+/// metres, (0, 0) beyond the last.
+pub type Motions<T> = [[T; 2]; MAX_JOINTS];
+
+/// Of no joint.
+#[inline(always)]
+pub fn no_motions<T: Scalar>() -> Motions<T> {
+    [[T::ZERO; 2]; MAX_JOINTS]
+}
+
+impl<T: Scalar> Poe<T> {
+    /// The chain with these joints and `parent_from_joint` frames, the last of which leads to the target.
+    ///
+    /// # Errors
+    /// [`WrongChain`] unless there are 1 to [`MAX_JOINTS`] joints and one frame more.
+    pub fn new(kinds: &[JointKind], parent_from_joint: &[Pose<T>]) -> Result<Self, WrongChain> {
+        let wrong = WrongChain {
+            joints: kinds.len(),
+            frames: parent_from_joint.len(),
+        };
+        if kinds.is_empty()
+            || kinds.len() > MAX_JOINTS
+            || parent_from_joint.len() != kinds.len() + 1
+        {
+            return Err(wrong);
+        }
+        let mut poe = Self {
+            joints: kinds.len(),
+            kinds: [JointKind::Revolute; MAX_JOINTS],
+            parent_from_joint: [Pose::identity(); MAX_FRAMES],
+        };
+        for (slot, kind) in poe.kinds.iter_mut().zip(kinds) {
+            *slot = *kind;
+        }
+        for (slot, frame) in poe.parent_from_joint.iter_mut().zip(parent_from_joint) {
+            *slot = *frame;
+        }
+        Ok(poe)
+    }
+
+    /// Kinds of the joints, base first.
+    pub fn kinds(&self) -> &[JointKind] {
+        self.kinds.get(..self.joints).unwrap_or(&[])
+    }
+
+    /// The n + 1 fixed frames, e^p̂_i.
+    pub fn frames(&self) -> &[Pose<T>] {
+        self.parent_from_joint.get(..=self.joints).unwrap_or(&[])
+    }
+
+    /// The fixed frames, to be updated in place.
+    pub fn frames_mut(&mut self) -> &mut [Pose<T>] {
+        self.parent_from_joint
+            .get_mut(..=self.joints)
+            .unwrap_or(&mut [])
+    }
+
+    /// What the joints do at `q` (rad or m); missing values count as zero.
+    #[inline(always)]
+    pub fn motions(&self, q: &[T]) -> Motions<T> {
+        let mut out = no_motions();
+        self.motions_into(q, &mut out);
+        out
+    }
+
+    /// The same, written to `out`; of joints that there are not, or have no value, nothing is changed.
+    #[inline(always)]
+    pub fn motions_into(&self, q: &[T], out: &mut Motions<T>) {
+        motions_into(self.kinds(), q, out);
+    }
+
+    /// f(q), `base_from_target` (paper, eq. 3). `q` in rad or m, serial joints.
+    pub fn forward(&self, q: &[T]) -> Pose<T> {
+        self.forward_with(&self.motions(q))
+    }
+
+    /// f(q) for sines and cosines that are there already.
+    #[inline(always)]
+    pub fn forward_with(&self, motions: &Motions<T>) -> Pose<T> {
+        let [first, rest @ ..] = &self.parent_from_joint;
+        let mut pose = *first;
+        for ((motion, kind), frame) in motions.iter().zip(self.kinds()).zip(rest) {
+            pose = moved(&pose, *kind, motion) * *frame;
+        }
+        pose
+    }
+
+    /// `base_from_joint` of every joint before it moves (index 0…n−1; beyond them zeros), and f(q).
+    pub fn joint_frames(&self, q: &[T]) -> ([Pose<T>; MAX_JOINTS], Pose<T>) {
+        self.joint_frames_with(&self.motions(q))
+    }
+
+    /// The same for sines and cosines that are there already.
+    #[inline(always)]
+    pub fn joint_frames_with(&self, motions: &Motions<T>) -> ([Pose<T>; MAX_JOINTS], Pose<T>) {
+        let mut out = [Pose::from_rows(&[T::ZERO; 12]); MAX_JOINTS];
+        let target = self.joint_frames_into(motions, &mut out);
+        (out, target)
+    }
+
+    /// The same, written to `frames`; frames beyond the last joint stay as they are.
+    #[inline(always)]
+    pub fn joint_frames_into(
+        &self,
+        motions: &Motions<T>,
+        frames: &mut [Pose<T>; MAX_JOINTS],
+    ) -> Pose<T> {
+        let [first, rest @ ..] = &self.parent_from_joint;
+        let mut pose = *first;
+        for (((slot, motion), kind), frame) in
+            frames.iter_mut().zip(motions).zip(self.kinds()).zip(rest)
+        {
+            *slot = pose;
+            pose = moved(&pose, *kind, motion) * *frame;
+        }
+        pose
+    }
+
+    /// The space Jacobian at `q`: column i is the twist (v, ω) of the base frame per rad or m of serial joint i, and
+    /// f(q) beside it. Take it at the target with [`Twist::at_point`].
+    pub fn space_jacobian(&self, q: &[T]) -> ([Twist<T>; MAX_JOINTS], Pose<T>) {
+        let (frames, target) = self.joint_frames(q);
+        let mut out = [Twist::zero(); MAX_JOINTS];
+        for ((column, frame), kind) in out.iter_mut().zip(&frames).zip(self.kinds()) {
+            *column = frame.transform_twist(&axis(*kind));
+        }
+        (out, target)
+    }
+
+    /// The identification Jacobian A at `q` (paper, section III-A.2), and f(q): block i of n + 1 maps a twist δ_i that
+    /// multiplies frame i from the left, e^δ̂_i e^p̂_i, to the residual twist of the space frame; A_i = Ad of everything
+    /// before frame i. Blocks beyond n are zero.
+    pub fn identification_jacobian(&self, q: &[T]) -> ([Matrix6<T>; MAX_FRAMES], Pose<T>) {
+        let motions = self.motions(q);
+        let mut out = [[[T::ZERO; 6]; 6]; MAX_FRAMES];
+        let mut before = Pose::identity();
+        let moving = motions.iter().zip(self.kinds()).map(Some).chain([None]);
+        for ((block, frame), joint) in out.iter_mut().zip(self.frames()).zip(moving) {
+            *block = before.adjoint();
+            before = before * *frame;
+            if let Some((motion, kind)) = joint {
+                before = moved(&before, *kind, motion);
+            }
+        }
+        (out, before)
+    }
+
+    /// The same chain in another number type.
+    pub fn cast<U: Scalar>(&self) -> Poe<U> {
+        Poe {
+            joints: self.joints,
+            kinds: self.kinds,
+            parent_from_joint: self.parent_from_joint.map(|f| f.cast()),
+        }
+    }
+}
+
+/// [`Poe::motions_into`] for joints of these kinds.
+#[inline(never)]
+pub(crate) fn motions_into<T: Scalar>(kinds: &[JointKind], q: &[T], out: &mut Motions<T>) {
+    for ((motion, kind), value) in out.iter_mut().zip(kinds).zip(q) {
+        match kind {
+            JointKind::Revolute => {
+                let (sin, cos) = value.sin_cos();
+                *motion = [sin, cos];
+            }
+            JointKind::Prismatic => *motion = [*value, T::ZERO],
+        }
+    }
+}
+
+/// The unit twist of a joint in its own frame.
+fn axis<T: Scalar>(kind: JointKind) -> Twist<T> {
+    let (o, z) = (
+        Vector3::new(T::ZERO, T::ZERO, T::ZERO),
+        Vector3::new(T::ZERO, T::ZERO, T::ONE),
+    );
+    match kind {
+        JointKind::Revolute => Twist {
+            linear: o,
+            angular: z,
+        },
+        JointKind::Prismatic => Twist {
+            linear: z,
+            angular: o,
+        },
+    }
+}
+
+/// T · e^ẑ q: the first two columns turn, or the origin moves along the third.
+#[inline(always)]
+fn moved<T: Scalar>(pose: &Pose<T>, kind: JointKind, motion: &[T; 2]) -> Pose<T> {
+    let (r, t) = (&pose.rotation, &pose.translation);
+    match kind {
+        JointKind::Revolute => {
+            let [s, c] = *motion;
+            let x = |i: usize| r[(i, 0)] * c + r[(i, 1)] * s;
+            let y = |i: usize| r[(i, 1)] * c - r[(i, 0)] * s;
+            let rotation = Matrix3::new(
+                x(0),
+                y(0),
+                r[(0, 2)], //
+                x(1),
+                y(1),
+                r[(1, 2)], //
+                x(2),
+                y(2),
+                r[(2, 2)],
+            );
+            Pose {
+                rotation,
+                translation: *t,
+            }
+        }
+        JointKind::Prismatic => {
+            let along = |i: usize| t[i] + r[(i, 2)] * motion[0];
+            Pose {
+                rotation: *r,
+                translation: Vector3::new(along(0), along(1), along(2)),
+            }
+        }
+    }
+}

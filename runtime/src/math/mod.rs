@@ -1,0 +1,5 @@
+//! Numbers and rigid motions.
+
+pub mod scalar;
+pub mod se3;
+pub mod vector;

@@ -1,0 +1,222 @@
+//! Everything of a model but its support rows.
+
+use poegp_protocol::JointKind;
+use poegp_protocol::blob::{Blob, Correction, Transform};
+use poegp_protocol::limits::{MAX_INPUTS, MAX_JOINTS};
+
+use super::elastic::ElasticCorrection;
+use super::load_error::LoadError;
+use super::task_space::TaskSpaceCorrection;
+use super::validate::{MAX_PAYLOAD_KG, checked_chain, checked_coupling, checked_range, is_within};
+use crate::guard::status::Status;
+use crate::guard::trust::Trust;
+use crate::kinematics::coupling::{CouplingMatrix, coupled};
+use crate::kinematics::minimal_chain::{Chain, MinimalForm, MovedFrames};
+use crate::kinematics::newton::{Equations, Place, pose_error, squares};
+use crate::kinematics::poe::{Motions, no_motions};
+use crate::math::scalar::{MAX_ANGLE, Scalar};
+
+/// Places at which a model looks how far its nominal arm is off.
+const PLACES: u16 = 16;
+/// The least [`Arm::lever`] in metres.
+const LEAST_LEVER: f64 = 0.01;
+/// Steps of each joint from place to place, in 65 536ths of its range: powers of the root of x⁹ = x + 1, whose reciprocal is
+/// what spreads best in eight dimensions.
+const SPREAD: [u16; MAX_JOINTS] = [
+    60_399, 55_663, 51_299, 47_277, 43_571, 40_155, 37_007, 34_105,
+];
+
+/// Everything but the support rows.
+#[derive(Clone, Debug)]
+pub(crate) struct Arm<T> {
+    pub(crate) calibrated: Chain<T>,
+    pub(crate) nominal: Chain<T>,
+    pub(crate) coupling: Option<CouplingMatrix<T>>,
+    pub(crate) joint_ranges: [(T, T); MAX_JOINTS],
+    pub(crate) payload_range: Option<(T, T)>,
+    /// Root mean square of the angle (rad) between nominal and calibrated target within the trained ranges.
+    pub(crate) usual_rotation: T,
+    /// Root mean square of the length of J_p (m) within the trained ranges: Scale::lever.
+    pub(crate) lever: T,
+    trust: Trust<T>,
+    pub(crate) correction: ArmCorrection<T>,
+}
+
+/// What is done beside the chain.
+#[derive(Clone, Debug)]
+#[allow(clippy::large_enum_variant)] // nothing can be boxed
+pub(crate) enum ArmCorrection<T> {
+    None,
+    TaskSpace(TaskSpaceCorrection<T>),
+    Elastic(ElasticCorrection<T>),
+}
+
+/// The chain of these frames.
+// A function of its own, and once: its copies of the frames are on the stack no longer than it runs.
+#[inline(never)]
+fn minimal<T: Scalar>(
+    kinds: &[JointKind],
+    frames: &[Transform<f32>],
+) -> Result<MinimalForm<T>, LoadError> {
+    Ok(MinimalForm::new(&checked_chain(kinds, frames)?))
+}
+
+impl<T: Scalar> Arm<T> {
+    /// One without joints.
+    #[inline(always)]
+    pub(crate) fn empty() -> Self {
+        Self {
+            calibrated: Chain::empty(),
+            nominal: Chain::empty(),
+            coupling: None,
+            joint_ranges: [(T::ZERO, T::ZERO); MAX_JOINTS],
+            payload_range: None,
+            usual_rotation: T::ZERO,
+            lever: T::ONE,
+            trust: Trust::none(),
+            correction: ArmCorrection::None,
+        }
+    }
+
+    /// The arm of `blob` in place of an empty one, which after an error is nothing.
+    #[inline(never)]
+    pub(crate) fn fill(&mut self, blob: &Blob<'_>) -> Result<(), LoadError> {
+        let joints = blob.robot.joints.len();
+        let mut kinds = [JointKind::Revolute; MAX_JOINTS];
+        for (kind, joint) in kinds.iter_mut().zip(&blob.robot.joints) {
+            *kind = joint.kind;
+            if joint
+                .limits
+                .is_some_and(|(lower, upper)| !is_within(lower, f32::MIN, upper))
+            {
+                return Err(LoadError::JointLimits);
+            }
+        }
+        let kinds = kinds.get(..joints).ok_or(LoadError::Chain)?;
+        if blob.ranges.joints.len() != joints {
+            return Err(LoadError::Ranges);
+        }
+        for (slot, range) in self.joint_ranges.iter_mut().zip(&blob.ranges.joints) {
+            *slot = checked_range(*range, MAX_ANGLE)?;
+        }
+        self.nominal = Chain::new(&minimal(kinds, &blob.geometry.nominal)?);
+        self.coupling = checked_coupling(&blob.robot.coupling, joints)?;
+        self.payload_range = blob
+            .ranges
+            .payload_kg
+            .map(|range| checked_range(range, MAX_PAYLOAD_KG))
+            .transpose()?;
+        self.trust = Trust::of(blob);
+        let calibrated = minimal(kinds, &blob.geometry.calibrated)?;
+        self.calibrated = Chain::new(&calibrated);
+        (self.usual_rotation, self.lever) = self.measured_scale();
+        match &blob.correction {
+            Correction::None => {}
+            Correction::TaskSpace(task) => {
+                let inputs = joints + usize::from(blob.ranges.payload_kg.is_some());
+                let task = TaskSpaceCorrection::from_wire(task, inputs)?;
+                self.correction = ArmCorrection::TaskSpace(task);
+            }
+            Correction::Elastic(elastic) => {
+                self.correction = ArmCorrection::Elastic(ElasticCorrection::empty());
+                if let ArmCorrection::Elastic(found) = &mut self.correction {
+                    let variance = blob.variance.as_ref();
+                    found.fill(elastic, variance, &calibrated, blob.ranges.payload_kg)?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// [`Arm::usual_rotation`] and [`Arm::lever`], from [`PLACES`] places that fill the ranges evenly.
+    #[inline(never)]
+    fn measured_scale(&self) -> (T, T) {
+        let (mut rotations, mut levers) = (T::ZERO, T::ZERO);
+        let mut frames = MovedFrames::new();
+        let mut equations = Equations::new();
+        let mut place = 1_u16;
+        while place <= PLACES {
+            let mut joints = [T::ZERO; MAX_JOINTS];
+            let ranges = self.joint_ranges.iter().zip(SPREAD);
+            for (slot, ((lower, upper), spread)) in joints.iter_mut().zip(ranges) {
+                let along = f32::from(place.wrapping_mul(spread)) * (1.0 / 65_536.0);
+                *slot = *lower + T::from_f32(along) * (*upper - *lower);
+            }
+            let mut motions = no_motions();
+            self.motions(&joints, &mut motions);
+            let nominal = self.nominal.forward_at(&motions);
+            let calibrated = self.calibrated.moved_frames_at(&motions, &mut frames);
+            rotations += squares(&pose_error(&nominal, &calibrated)).1;
+            equations.form(&Place {
+                kinds: self.calibrated.kinds(),
+                frames: &frames,
+                point: &calibrated.translation,
+                coupling: self.coupling.as_ref(),
+            });
+            let [[x, ..], [_, y, ..], [_, _, z, ..], ..] = equations.gram();
+            levers += *x + *y + *z;
+            place += 1;
+        }
+        let mean = T::from_f64(1.0 / PLACES as f64);
+        let least = T::from_f64(LEAST_LEVER * LEAST_LEVER);
+        let levers = levers * mean;
+        let levers = if levers > least { levers } else { least };
+        ((rotations * mean).sqrt(), levers.sqrt())
+    }
+
+    /// Copies the joints into an array of zeros. Whether there are as many as the arm has, all finite and within reason.
+    // Not an `Option` of an array, which is copied twice.
+    #[inline(always)]
+    pub(crate) fn take_joints(&self, joints: &[T], out: &mut [T; MAX_JOINTS]) -> bool {
+        if joints.len() != self.calibrated.kinds().len() {
+            return false;
+        }
+        let limit = T::from_f32(MAX_ANGLE);
+        for (slot, value) in out.iter_mut().zip(joints) {
+            if !is_within(*value, -limit, limit) {
+                return false;
+            }
+            *slot = *value;
+        }
+        true
+    }
+
+    /// What the serial joints do at the controller's joints `x`.
+    #[inline(always)]
+    pub(crate) fn motions(&self, x: &[T; MAX_JOINTS], out: &mut Motions<T>) {
+        match &self.coupling {
+            None => self.calibrated.motions_into(x, out),
+            coupling => self
+                .calibrated
+                .motions_into(&coupled(coupling.as_ref(), x), out),
+        }
+    }
+
+    /// x = [q, m].
+    #[inline(always)]
+    pub(crate) fn inputs(&self, joints: &[T; MAX_JOINTS], payload_kg: T) -> [T; MAX_INPUTS] {
+        let mut x = [T::ZERO; MAX_INPUTS];
+        for (slot, value) in x.iter_mut().zip(joints) {
+            *slot = *value;
+        }
+        if let (Some(_), Some(slot)) = (
+            &self.payload_range,
+            x.get_mut(self.calibrated.kinds().len()),
+        ) {
+            *slot = payload_kg;
+        }
+        x
+    }
+
+    /// Trust in finite joints and payload, and which of them are outside the trained ranges.
+    #[inline(always)]
+    pub(crate) fn range(&self, joints: &[T; MAX_JOINTS], payload_kg: T) -> (T, Status) {
+        let joints = joints.get(..self.calibrated.kinds().len());
+        self.trust.at(
+            joints.unwrap_or(&[]),
+            &self.joint_ranges,
+            payload_kg,
+            self.payload_range,
+        )
+    }
+}

@@ -1,0 +1,148 @@
+//! Evaluation of a model, compiled here once for each number type.
+//!
+//! A generic function is compiled where it is used, again for every capacity and as that crate is compiled; a firmware
+//! that is compiled for size would get slow kernels. The evaluation is compiled in this crate, and always for speed.
+
+use poegp_protocol::limits::MAX_JOINTS;
+
+use super::arm::{Arm, ArmCorrection};
+use super::validate::{MAX_PAYLOAD_KG, is_within};
+use crate::elastic::configuration::Configuration;
+use crate::gp::loops::KernelLoops;
+use crate::guard::limit::bounded;
+use crate::guard::status::Status;
+use crate::kinematics::poe::no_motions;
+use crate::math::se3::{Pose, Twist};
+use crate::trace::{Observer, Stages};
+
+/// The answer of [`Model::evaluate`](super::Model::evaluate).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Evaluation<T> {
+    /// `base_from_target`, compensated.
+    pub pose: Pose<T>,
+    /// The correction g(q, m), a twist of the base frame in m and rad, after bounding.
+    pub correction: Twist<T>,
+    /// What it is worth.
+    pub status: Status,
+    /// How much of the correction's prior the trained ranges explain at this input, from 1 within them to 0 far away;
+    /// see [`crate::guard::trust`]. 0 for input that is none.
+    pub trust: T,
+    /// Standard deviation of one position component of a new measurement about this pose, metres, root mean square over
+    /// the three axes: of an elastic model with a variance (see [`crate::elastic::position_variance::PositionVariance`]), for input
+    /// that is one.
+    pub position_sigma: Option<T>,
+}
+
+/// A model without its capacity.
+#[derive(Clone, Copy, Debug)]
+pub struct View<'a, T> {
+    pub(crate) arm: Option<&'a Arm<T>>,
+    pub(crate) rows: &'a [T],
+}
+
+/// A number type for which the evaluation is compiled in this crate: `f32` and `f64`. Sealed by [`Scalar`](crate::math::scalar::Scalar).
+pub trait CompiledEvaluation: KernelLoops {
+    /// [`crate::model::Model::evaluate_in_stages`].
+    fn evaluate(
+        view: View<'_, Self>,
+        joints: &[Self],
+        payload_kg: Self,
+        stages: &mut Stages<Self>,
+    ) -> Evaluation<Self>;
+}
+
+macro_rules! compiled {
+    ($number:ty) => {
+        impl CompiledEvaluation for $number {
+            // Code generation, and with it the time of a cycle, must not depend on the caller.
+            #[inline(never)]
+            fn evaluate(
+                view: View<'_, Self>,
+                joints: &[Self],
+                payload_kg: Self,
+                stages: &mut Stages<Self>,
+            ) -> Evaluation<Self> {
+                view.evaluate_observed(joints, payload_kg, stages)
+            }
+        }
+    };
+}
+
+compiled!(f32);
+compiled!(f64);
+
+impl<T: KernelLoops> View<'_, T> {
+    #[inline(always)]
+    pub(crate) fn evaluate_observed(
+        &self,
+        joints: &[T],
+        payload_kg: T,
+        observer: &mut impl Observer<T>,
+    ) -> Evaluation<T> {
+        let nothing = |status| Evaluation {
+            pose: Pose::identity(),
+            correction: Twist::zero(),
+            status,
+            trust: T::ZERO,
+            position_sigma: None,
+        };
+        let Some(arm) = self.arm else {
+            return nothing(Status::NO_MODEL);
+        };
+        let mut x = [T::ZERO; MAX_JOINTS];
+        if !arm.take_joints(joints, &mut x) {
+            return nothing(Status::BAD_INPUT);
+        }
+        let believable = is_within(payload_kg, T::ZERO, T::from_f32(MAX_PAYLOAD_KG));
+        let mut motions = no_motions();
+        arm.motions(&x, &mut motions);
+        observer.motions(motions.get(..joints.len()).unwrap_or(&[]));
+        let (trust, status) = arm.range(&x, payload_kg);
+        let mut position_sigma = None;
+        let (pose, correction, bounded) = match &arm.correction {
+            ArmCorrection::TaskSpace(task) if believable => {
+                let chain = arm.calibrated.forward_at(&motions);
+                observer.chain(&chain);
+                let x = arm.inputs(&x, payload_kg);
+                let mean = task.header.mean(self.rows, &x);
+                observer.mean(&mean);
+                let (twist, bounded) =
+                    bounded(&task.bound, &Twist::from_array(&mean), &chain.translation);
+                (chain.corrected(&twist), twist, bounded)
+            }
+            ArmCorrection::Elastic(elastic) if believable => {
+                let payload = elastic.held(payload_kg);
+                let at = Configuration {
+                    chain: &arm.calibrated,
+                    coupling: arm.coupling.as_ref(),
+                    joints: &x,
+                    motions: &motions,
+                    payload_kg: payload,
+                };
+                let result =
+                    elastic
+                        .deflection
+                        .compensate(&at, self.rows, Some(&elastic.bound), observer);
+                position_sigma = result.position_sigma;
+                (result.pose, result.twist, result.bounded)
+            }
+            _ => {
+                let chain = arm.calibrated.forward_at(&motions);
+                observer.chain(&chain);
+                (chain, Twist::zero(), false)
+            }
+        };
+        let (status, trust) = if believable {
+            (status.with_if(bounded, Status::CORRECTION_BOUNDED), trust)
+        } else {
+            (Status::BAD_INPUT, T::ZERO)
+        };
+        Evaluation {
+            pose,
+            correction,
+            status,
+            trust,
+            position_sigma,
+        }
+    }
+}

@@ -1,0 +1,71 @@
+//! The variance of a blob, checked.
+
+use poegp_protocol::JointKind;
+use poegp_protocol::blob::{Blob, Correction, Variance};
+use poegp_protocol::limits::MAX_LANDMARKS;
+
+use crate::elastic::position_variance::{PositionVariance, landmark_words};
+use crate::math::scalar::{MAX_ANGLE, Scalar};
+use crate::model::MAX_PAYLOAD_KG;
+use crate::model::load_error::LoadError;
+use crate::model::validate::is_within;
+
+/// Largest variance in m², and so the largest standard deviation, 1 m.
+const MAX_VARIANCE: f32 = 1.0;
+/// Largest gain and word of the triangular factor: squares of 16 of them stay finite.
+const MAX_FACTOR: f32 = 1e6;
+
+/// The header, which [`checked`] looks at.
+pub(super) fn header<T: Scalar>(wire: &Variance<'_>) -> PositionVariance<T> {
+    PositionVariance {
+        floor: T::from_f32(wire.floor_m2),
+        gain: T::from_f32(wire.gain),
+        landmarks: usize::from(wire.landmarks),
+    }
+}
+
+/// The bytes of the landmarks, after every number of the variance was looked at; none when there is no variance.
+pub(super) fn checked<'a>(blob: &Blob<'a>, capacity: usize) -> Result<&'a [u8], LoadError> {
+    let Some(wire) = &blob.variance else {
+        return Ok(&[]);
+    };
+    let tied = match &blob.correction {
+        Correction::Elastic(elastic) => elastic.tied && !elastic.kernels.is_empty(),
+        _ => false,
+    };
+    if !tied
+        || usize::from(wire.landmarks) > MAX_LANDMARKS
+        || !is_within(wire.floor_m2, 0.0, MAX_VARIANCE)
+        || !is_within(wire.noise_m2, 0.0, wire.floor_m2)
+        || !is_within(wire.gain, 0.0, MAX_FACTOR)
+    {
+        return Err(LoadError::Variance);
+    }
+    let joints = &blob.robot.joints;
+    let mut words = wire.rows.as_chunks::<4>().0.iter();
+    for landmark in 0..usize::from(wire.landmarks) {
+        for index in 0..landmark_words(joints.len(), landmark) {
+            let word = words.next().ok_or(LoadError::Variance)?;
+            let limit = match joints.get(index / 2).map(|joint| joint.kind) {
+                // A sine or cosine, which rounding may have lengthened.
+                Some(JointKind::Revolute) => 1.000_001,
+                Some(JointKind::Prismatic) => MAX_ANGLE * MAX_ANGLE,
+                None if index == 2 * joints.len() => MAX_PAYLOAD_KG,
+                None => MAX_FACTOR,
+            };
+            if !is_within(f32::from_le_bytes(*word), -limit, limit) {
+                return Err(LoadError::Variance);
+            }
+        }
+    }
+    if words.next().is_some() || !wire.rows.len().is_multiple_of(4) {
+        return Err(LoadError::Variance);
+    }
+    if wire.rows.len() / 4 > capacity {
+        return Err(LoadError::SupportTooLarge {
+            words: (wire.rows.len() / 4) as u32,
+            capacity: capacity as u32,
+        });
+    }
+    Ok(wire.rows)
+}

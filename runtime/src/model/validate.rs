@@ -1,0 +1,155 @@
+//! Numbers of a blob, looked at before a robot is moved by them.
+
+use poegp_protocol::JointKind;
+use poegp_protocol::blob::{CorrectionBound, Transform};
+use poegp_protocol::limits::{MAX_FRAMES, MAX_JOINTS};
+
+use crate::guard::limit::Bound;
+use crate::kinematics::coupling::CouplingMatrix;
+use crate::kinematics::poe::Poe;
+use crate::math::scalar::{MAX_ANGLE, Scalar};
+use crate::math::se3::{Pose, cross, dot};
+use crate::model::load_error::LoadError;
+
+/// Largest payload in kilograms that is taken for one.
+pub const MAX_PAYLOAD_KG: f32 = 100_000.0;
+
+/// Longest fixed frame of a chain in metres.
+const MAX_FRAME_LENGTH: f32 = 100.0;
+/// How far a stored rotation may be from orthonormal.
+const MAX_ROTATION_ERROR: f32 = 1e-4;
+/// Largest weight, constant or slope of a correction: with it no sum of the posterior mean can overflow
+/// ((8·4096 + 10⁵)·10³⁰ of the slopes and 10³⁰ for each of a million points stay below f32::MAX).
+pub(super) const MAX_COEFFICIENT: f32 = 1e30;
+/// Largest bounds that a blob may ask for.
+const MAX_BOUND_M: f32 = 1.0;
+const MAX_BOUND_RAD: f32 = 0.5;
+
+/// More words than any support row has.
+const MAX_ROW_WORDS: usize = 64;
+
+pub(super) fn checked_bound<T: Scalar>(bound: &CorrectionBound) -> Result<Bound<T>, LoadError> {
+    if !is_within(bound.position_m, 0.0, MAX_BOUND_M)
+        || !is_within(bound.angle_rad, 0.0, MAX_BOUND_RAD)
+    {
+        return Err(LoadError::Bound);
+    }
+    Ok(Bound {
+        position: T::from_f32(bound.position_m),
+        angle: T::from_f32(bound.angle_rad),
+    })
+}
+
+/// The bytes of support rows of `words` words each, after every word was looked at: word i of a row is within
+/// ±`limit(i)`.
+pub(super) fn checked_rows(
+    rows: &[u8],
+    words: usize,
+    limit: impl Fn(usize) -> f32,
+    capacity: usize,
+) -> Result<&[u8], LoadError> {
+    // Bounded for the compiler, which would link a panic for empty chunks.
+    let row_bytes = 4 * words.clamp(1, MAX_ROW_WORDS);
+    if !rows.len().is_multiple_of(row_bytes) {
+        return Err(LoadError::PartialRow {
+            bytes: rows.len() as u32,
+        });
+    }
+    if rows.len() / 4 > capacity {
+        return Err(LoadError::SupportTooLarge {
+            words: (rows.len() / 4) as u32,
+            capacity: capacity as u32,
+        });
+    }
+    for row in rows.chunks_exact(row_bytes) {
+        for (index, word) in row.as_chunks::<4>().0.iter().enumerate() {
+            let limit = limit(index);
+            if !is_within(f32::from_le_bytes(*word), -limit, limit) {
+                return Err(LoadError::Row);
+            }
+        }
+    }
+    Ok(rows)
+}
+
+/// The largest word of a joint in a support row.
+pub(super) fn feature_limit(kind: JointKind) -> f32 {
+    match kind {
+        // A sine or cosine, which rounding may have lengthened.
+        JointKind::Revolute => 1.000_001,
+        JointKind::Prismatic => MAX_ANGLE,
+    }
+}
+
+/// lower ≤ value ≤ upper; false for NaN.
+#[inline(always)]
+pub(crate) fn is_within<T: Scalar>(value: T, lower: T, upper: T) -> bool {
+    value >= lower && value <= upper
+}
+
+pub(super) fn checked_range<T: Scalar>(
+    (lower, upper): (f32, f32),
+    limit: f32,
+) -> Result<(T, T), LoadError> {
+    if is_within(lower, -limit, upper) && is_within(upper, lower, limit) {
+        Ok((T::from_f32(lower), T::from_f32(upper)))
+    } else {
+        Err(LoadError::Ranges)
+    }
+}
+
+pub(super) fn checked_chain<T: Scalar>(
+    kinds: &[JointKind],
+    frames: &[Transform<f32>],
+) -> Result<Poe<T>, LoadError> {
+    let mut poses = [Pose::identity(); MAX_FRAMES];
+    for (index, (slot, frame)) in poses.iter_mut().zip(frames).enumerate() {
+        let pose = Pose::<f32>::from_rows(frame);
+        let square = crate::math::se3::product(&pose.rotation, &pose.rotation.transpose());
+        let identity = Pose::<f32>::identity().rotation;
+        let column = |j: usize| pose.rotation.column(j).into_owned();
+        // A reflection is orthonormal too.
+        let volume = dot(&cross(&column(0), &column(1)), &column(2));
+        if !square
+            .iter()
+            .zip(identity.iter())
+            .all(|(a, b)| is_within(a - b, -MAX_ROTATION_ERROR, MAX_ROTATION_ERROR))
+            || !is_within(volume, 0.0, 2.0)
+            || !pose
+                .translation
+                .iter()
+                .all(|t| is_within(*t, -MAX_FRAME_LENGTH, MAX_FRAME_LENGTH))
+        {
+            return Err(LoadError::Frame { index: index as u8 });
+        }
+        *slot = pose.cast();
+    }
+    Poe::new(kinds, poses.get(..frames.len()).unwrap_or(&[])).map_err(|_| LoadError::Chain)
+}
+
+pub(super) fn checked_coupling<T: Scalar>(
+    coupling: &[f32],
+    joints: usize,
+) -> Result<Option<CouplingMatrix<T>>, LoadError> {
+    if coupling.is_empty() {
+        return Ok(None);
+    }
+    if coupling.len() != joints * joints
+        || coupling
+            .iter()
+            .any(|c| !is_within(*c, -MAX_COUPLING, MAX_COUPLING))
+    {
+        return Err(LoadError::Coupling);
+    }
+    let mut out = [[T::ZERO; MAX_JOINTS]; MAX_JOINTS];
+    // Here joints ≥ 1; `max` says so to the compiler, which would link a panic for empty chunks.
+    for (slots, row) in out.iter_mut().zip(coupling.chunks(joints.max(1))) {
+        for (slot, value) in slots.iter_mut().zip(row) {
+            *slot = T::from_f32(*value);
+        }
+    }
+    Ok(Some(out))
+}
+
+/// Largest element of a coupling matrix; keeps serial joints within reach of the range reduction.
+const MAX_COUPLING: f32 = 2.0;

@@ -1,0 +1,67 @@
+//! What the cycle and the background hand to each other.
+
+use poegp_protocol::link::{CycleSettings, ModelIdentity, Statistics};
+
+use crate::filter::FilterError;
+use crate::service::loaded_model::Resident;
+use crate::store::Slot;
+
+/// What does not change about the device.
+#[derive(Clone, Copy, Debug)]
+pub struct Facts {
+    /// Name of the board.
+    pub board: &'static str,
+    /// CRC-32C of the firmware's image.
+    pub image_crc: u32,
+    /// Frequency of the tick counter in hertz.
+    pub tick_hz: u32,
+    /// Ticks in which a cyclic request is to be answered.
+    pub deadline_ticks: u32,
+    /// Whether the processor waits while the flash erases or writes. Then it is left alone while cycles run.
+    pub flash_blocks: bool,
+}
+
+/// What the background wants of the cycle.
+#[derive(Debug)]
+pub enum Order<'m, const WORDS: usize> {
+    /// Nothing but a report.
+    Report,
+    /// Run this model: from now on, or when the correction by the active one has been taken back.
+    Run(&'m mut Resident<WORDS>),
+    /// The model of this name is in this slot now, and no other.
+    Stored {
+        /// CRC in the header of its blob.
+        blob_crc: u32,
+        /// Where it is.
+        slot: Slot,
+    },
+    /// Take these settings.
+    Settings(CycleSettings),
+    /// Answer commands as they come, or correct them again.
+    Bypass(bool),
+    /// A request was refused: count it.
+    Refused,
+}
+
+/// What the cycle says to an order.
+#[derive(Debug)]
+pub struct Report<'m, const WORDS: usize> {
+    /// The model that was active before the one of [`Order::Run`], once: in the first report after the exchange.
+    pub replaced: Option<&'m mut Resident<WORDS>>,
+    /// The active model, or the one that waits.
+    pub model: Option<ModelIdentity>,
+    /// Whether it waits.
+    pub pending: bool,
+    /// The slot that holds it.
+    pub slot: Option<Slot>,
+    /// Settings in force.
+    pub cycle: CycleSettings,
+    /// Why [`Order::Settings`] was not obeyed.
+    pub refused: Option<FilterError>,
+    /// Whether corrections are bypassed.
+    pub bypass: bool,
+    /// Whether cyclic requests are expected.
+    pub running: bool,
+    /// What the cycle has counted.
+    pub statistics: Statistics,
+}

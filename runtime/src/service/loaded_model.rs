@@ -1,0 +1,155 @@
+//! A model in RAM with its name. There are two: the active and the spare.
+
+use heapless::String;
+use poegp_protocol::link::{MAX_NAME, ModelIdentity, Refusal};
+use poegp_protocol::{blob, envelope};
+
+use crate::model::Model;
+use crate::store::Slot;
+use crate::store::signature;
+
+/// A model and where it comes from. All zeros when empty, so that a static one takes no flash.
+#[derive(Debug)]
+pub struct Resident<const WORDS: usize> {
+    pub(super) model: Model<f32, WORDS>,
+    robot: String<MAX_NAME>,
+    serial_number: String<MAX_NAME>,
+    pub(super) blob_crc: u32,
+    /// 1 when its signature was verified: a `bool` would give an `Option` around this a state that is not zero.
+    signed: u8,
+    /// The slot that holds it, plus one; 0 for none.
+    slot: u8,
+}
+
+impl<const WORDS: usize> Default for Resident<WORDS> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl<const WORDS: usize> Resident<WORDS> {
+    /// Without a model.
+    pub const fn new() -> Self {
+        Self {
+            model: Model::new(),
+            robot: String::new(),
+            serial_number: String::new(),
+            blob_crc: 0,
+            signed: 0,
+            slot: 0,
+        }
+    }
+
+    /// Verifies `bytes` in every respect and takes over its model. All or nothing.
+    ///
+    /// # Errors
+    /// [`Refusal::Blob`], [`Refusal::Signature`], [`Refusal::Model`].
+    // Not inlined: the large stack frames of the two steps must not lie on top of each other.
+    pub fn load(&mut self, bytes: &[u8], key: Option<&[u8; 32]>) -> Result<(), Refusal> {
+        check_signature(bytes, key)?;
+        self.load_unverified(bytes)?;
+        self.signed = u8::from(key.is_some());
+        Ok(())
+    }
+
+    /// The same without a key. A program that calls nothing else links no cryptography.
+    ///
+    /// # Errors
+    /// [`Refusal::Blob`], [`Refusal::Model`].
+    pub fn load_unverified(&mut self, bytes: &[u8]) -> Result<(), Refusal> {
+        self.load_blob(bytes)?;
+        self.blob_crc = blob::stored_crc(bytes).unwrap_or(0);
+        self.signed = 0;
+        self.slot = 0;
+        Ok(())
+    }
+
+    #[inline(never)]
+    fn load_blob(&mut self, bytes: &[u8]) -> Result<(), Refusal> {
+        // By reference: every move would be a copy of the blob on the stack.
+        match &blob::decode(bytes) {
+            Err(error) => Err(Refusal::Blob(*error)),
+            Ok(blob) => {
+                self.model
+                    .load(blob)
+                    .map_err(|error| Refusal::Model { code: error.code() })?;
+                self.robot = name(blob.robot.name);
+                self.serial_number = name(blob.robot.serial_number);
+                Ok(())
+            }
+        }
+    }
+
+    /// Its arithmetic.
+    pub fn model(&self) -> &Model<f32, WORDS> {
+        &self.model
+    }
+
+    /// Forgets the model.
+    pub(super) fn unload(&mut self) {
+        self.model.unload();
+        self.blob_crc = 0;
+        self.signed = 0;
+        self.slot = 0;
+    }
+
+    /// Its name; `None` when there is no model.
+    pub fn identity(&self) -> Option<ModelIdentity> {
+        let joints = self.model.joints();
+        (joints > 0).then(|| ModelIdentity {
+            robot: self.robot.clone(),
+            serial_number: self.serial_number.clone(),
+            blob_crc: self.blob_crc,
+            joints: joints as u8,
+            support: self.model.support() as u32,
+            signed: self.signed != 0,
+        })
+    }
+
+    /// The slot that holds the same model.
+    pub fn slot(&self) -> Option<Slot> {
+        match self.slot {
+            1 => Some(Slot::A),
+            2 => Some(Slot::B),
+            _ => None,
+        }
+    }
+
+    /// What has this name is in `slot` now, and nothing else is.
+    pub(super) fn note_stored(&mut self, blob_crc: u32, slot: Slot) {
+        if self.blob_crc == blob_crc {
+            self.set_slot(Some(slot));
+        } else if self.slot() == Some(slot) {
+            self.set_slot(None);
+        }
+    }
+
+    pub(super) fn set_slot(&mut self, slot: Option<Slot>) {
+        self.slot = match slot {
+            None => 0,
+            Some(Slot::A) => 1,
+            Some(Slot::B) => 2,
+        };
+    }
+}
+
+/// Damage is named as such before a signature is looked at; this also keeps the long computation for whole blobs.
+#[inline(never)]
+fn check_signature(bytes: &[u8], key: Option<&[u8; 32]>) -> Result<(), Refusal> {
+    let Some(key) = key else { return Ok(()) };
+    if let Err(error) = envelope::open(bytes) {
+        return Err(Refusal::Blob(error));
+    }
+    signature::verify(bytes, key).map_err(|error| Refusal::Signature { code: error.code() })
+}
+
+/// As much of `text` as fits, cut between letters.
+pub(super) fn name(text: &str) -> String<MAX_NAME> {
+    let mut out = String::new();
+    for letter in text.chars() {
+        if out.push(letter).is_err() {
+            break;
+        }
+    }
+    out
+}
