@@ -16,7 +16,7 @@ macro_rules! over_blocks {
      one [$($one:expr),+], weight $alone:literal, two [$($two:expr),+], weights $w0:literal $w1:literal) => {
         /// Adds to `total` what all blocks contribute; nothing when they have more rows than there are.
         #[inline(always)]
-        pub(super) fn $name(
+        pub(crate) fn $name(
             rows: &[[f32; $row]],
             query: &[f32; $query_words],
             blocks: &Blocks<f32>,

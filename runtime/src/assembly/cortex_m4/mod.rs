@@ -27,9 +27,9 @@
 
 #[macro_use]
 mod instructions;
-mod inducing_sets;
-mod per_joint;
-mod shared;
+pub(crate) mod inducing_sets;
+pub(crate) mod per_joint;
+pub(crate) mod shared;
 
 use core::arch::asm;
 

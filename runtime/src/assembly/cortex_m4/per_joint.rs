@@ -5,7 +5,7 @@ macro_rules! own {
     ($module:ident, $joints:literal, $row:literal, weights $weights:literal, $row_bytes:literal, $skip:literal,
      features $f0:literal $f1:literal, places $p1:literal, $products:expr, last $last_slot:literal,
      rates $a1:literal $b1:literal, cosines $c1:literal, $first_dots:expr, $last_dot:expr) => {
-        pub(super) mod $module {
+        pub(crate) mod $module {
             use core::arch::asm;
 
             use poegp_protocol::limits::MAX_JOINTS;
@@ -14,7 +14,7 @@ macro_rules! own {
             use crate::assembly::EXP2_SCALED;
 
             #[inline(always)]
-            pub(in super::super) fn cosines(
+            pub(crate) fn cosines(
                 rows: &[[f32; $row]],
                 features: &[[f32; 2]; MAX_JOINTS],
                 cosines: &mut [[f32; $joints]; TILE],
@@ -43,7 +43,7 @@ macro_rules! own {
             }
 
             #[inline(always)]
-            pub(in super::super) fn pair_sums(
+            pub(crate) fn pair_sums(
                 rows: &[[f32; $row]],
                 cosines: &[[f32; $joints]; TILE],
                 [a, b]: [&[f32; MAX_JOINTS]; 2],
@@ -102,7 +102,7 @@ macro_rules! own {
 
             #[inline(always)]
             #[allow(dead_code)] // of an even number of joints none is left over
-            pub(in super::super) fn last_sum(
+            pub(crate) fn last_sum(
                 rows: &[[f32; $row]],
                 cosines: &[[f32; $joints]; TILE],
                 rates: &[f32; MAX_JOINTS],

@@ -10,7 +10,7 @@ macro_rules! over_pairs {
      query $q0:literal $q1:literal, sums $s0:literal $s1:literal, $constants:expr, [$($step:expr),+ $(,)?]) => {
         /// Adds to the sums what the rows but the last of an odd number contribute; returns that one.
         #[inline(always)]
-        pub(super) fn $name<'a>(
+        pub(crate) fn $name<'a>(
             rows: &'a [[f32; $row]],
             query: &[f32; $query_words],
             sums: &mut [f32; $outputs],
