@@ -11,6 +11,7 @@ use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use faer::Mat;
 use poegp_calibration::blob::predict::LoadedBlob;
 use poegp_calibration::blob::write::{Provenance, calibrate_to_blob, nominal_chain};
+use poegp_calibration::identification::frame_fit::{ResidualKind, residual_components};
 use poegp_calibration::learning::elastic::fit::fit;
 use poegp_calibration::learning::elastic::inducing_points::choose;
 use poegp_calibration::learning::elastic::likelihood::{Evidence, Search};
@@ -21,18 +22,19 @@ use poegp_calibration::learning::task_space::likelihood::{
 };
 use poegp_calibration::learning::task_space::{Pairs, padded, scale_outputs};
 use poegp_calibration::measurement as measurements;
-use poegp_calibration::measurement::sample::{Sample, in_base_frame, samples};
+use poegp_calibration::measurement::sample::{
+    BaseSample, InstrumentSample, in_base_frame, samples,
+};
 use poegp_calibration::model::config::Config;
 use poegp_calibration::model::{Calibration, Method, calibrate};
 use poegp_calibration::numeric::lbfgs::Objective;
 use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_runtime::gp::quadratic_posterior::MeanHeader;
-use poegp_runtime::math::se3::residual;
 
 /// The arm with its measurements, and models of it.
 struct Bench {
     robot: Robot,
-    samples: Vec<Sample>,
+    samples: Vec<InstrumentSample>,
 }
 
 impl Bench {
@@ -64,7 +66,7 @@ impl Bench {
             .blob
     }
 
-    fn elastic(&self, poses: usize) -> (ElasticFit, Vec<Sample>) {
+    fn elastic(&self, poses: usize) -> (ElasticFit, Vec<BaseSample>) {
         let ends = self.calibrated(Method::BaseTool);
         let chain = ends.nominal;
         let tool = *chain.frames().last().unwrap();
@@ -79,7 +81,7 @@ fn kinematics(c: &mut Criterion) {
     let bench = Bench::new();
     let chain = bench.calibrated(Method::Poe).calibrated;
     let single = chain.cast::<f32>();
-    let q = &bench.samples[7].serial;
+    let q = &bench.samples[7].serial_joints;
     let q32: Vec<f32> = q.iter().map(|x| *x as f32).collect();
     let mut group = c.benchmark_group("kinematics");
     group.bench_function("forward, f64", |b| b.iter(|| chain.forward(black_box(q))));
@@ -124,7 +126,10 @@ fn likelihood(c: &mut Criterion) {
     let in_base = in_base_frame(&bench.samples, &found.ends.instrument_from_base);
     let residuals: Vec<_> = in_base
         .iter()
-        .map(|s| residual(&s.measured, &found.calibrated.forward(&s.serial)).to_array())
+        .map(|s| {
+            let chain = found.calibrated.forward(&s.serial_joints);
+            residual_components(ResidualKind::Space, &s.observation, &chain)
+        })
         .collect();
     let gp = found.gp.as_ref().unwrap();
     let (pairs, scaled) = (Pairs::new(&gp.inputs), scale_outputs(&residuals).1);

@@ -17,6 +17,7 @@ use std::path::Path;
 use faer::Mat;
 use poegp_calibration::blob::predict::LoadedBlob;
 use poegp_calibration::blob::write::{Provenance, calibrate_to_blob, nominal_chain};
+use poegp_calibration::identification::frame_fit::{ResidualKind, residual_components};
 use poegp_calibration::learning::task_space::fit::{
     HyperparameterSharing, MAX_SIGNAL_VARIANCE, fit,
 };
@@ -24,14 +25,16 @@ use poegp_calibration::learning::task_space::likelihood::log_marginal_likelihood
 use poegp_calibration::learning::task_space::{Pairs, TaskSpaceGp, scale_outputs};
 use poegp_calibration::measurement as measurements;
 use poegp_calibration::measurement::folds;
-use poegp_calibration::measurement::sample::{Sample, ToolName, in_base_frame, samples};
+use poegp_calibration::measurement::sample::{
+    BaseSample, InstrumentSample, ToolName, in_base_frame, samples,
+};
 use poegp_calibration::model::config::{Config, Weighting};
 use poegp_calibration::model::{Calibration, Method, calibrate};
 use poegp_calibration::numeric::statistics::ErrorSummary;
 use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_protocol::limits::OUTPUTS;
 use poegp_runtime::kinematics::poe::Poe;
-use poegp_runtime::math::se3::{Pose, residual};
+use poegp_runtime::math::se3::Pose;
 use serde_json::{Value, json};
 
 type Answer = Result<Value, Box<dyn std::error::Error>>;
@@ -65,7 +68,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 struct Data {
     robot: Robot,
     nominal: Poe<f64>,
-    samples: Vec<Sample>,
+    samples: Vec<InstrumentSample>,
 }
 
 impl Data {
@@ -102,11 +105,14 @@ fn weighting(weighted: bool) -> Weighting {
 /// What the process is given: inputs [q, m] and residual twists in m and rad.
 fn training(
     found: &Calibration,
-    samples: &[Sample],
+    samples: &[InstrumentSample],
     options: &Config,
 ) -> (Vec<Vec<f64>>, Vec<[f64; OUTPUTS]>) {
     let in_base = in_base_frame(samples, &found.ends.instrument_from_base);
-    let twist = |s: &Sample| residual(&s.measured, &found.calibrated.forward(&s.serial)).to_array();
+    let twist = |s: &BaseSample| {
+        let chain = found.calibrated.forward(&s.serial_joints);
+        residual_components(ResidualKind::Space, &s.observation, &chain)
+    };
     (
         samples
             .iter()
@@ -197,7 +203,7 @@ fn all_folds(data: &Data, folds: usize, sizes: &[usize], weighted: bool) -> Answ
     let fold = folds::assign(&data.samples, data.nominal.kinds(), folds, 1);
     let mut out = Vec::new();
     for held_out in 0..folds {
-        let part = |inside: bool| -> Vec<Sample> {
+        let part = |inside: bool| -> Vec<InstrumentSample> {
             let wanted = data.samples.iter().zip(&fold);
             wanted
                 .filter(|(_, f)| (**f != held_out) == inside)
@@ -207,7 +213,7 @@ fn all_folds(data: &Data, folds: usize, sizes: &[usize], weighted: bool) -> Answ
         let (all, test) = (part(true), part(false));
         for size in sizes.iter().filter(|n| **n <= all.len()) {
             // Spread over the file: neighbours in it may be neighbours in time or place.
-            let train: Vec<Sample> = (0..*size)
+            let train: Vec<InstrumentSample> = (0..*size)
                 .map(|i| all[i * all.len() / size].clone())
                 .collect();
             out.push(one_fold(data, held_out, &train, &test, weighted)?);
@@ -216,7 +222,13 @@ fn all_folds(data: &Data, folds: usize, sizes: &[usize], weighted: bool) -> Answ
     Ok(Value::Array(out))
 }
 
-fn one_fold(data: &Data, fold: usize, train: &[Sample], test: &[Sample], weighted: bool) -> Answer {
+fn one_fold(
+    data: &Data,
+    fold: usize,
+    train: &[InstrumentSample],
+    test: &[InstrumentSample],
+    weighted: bool,
+) -> Answer {
     let options = |method| Config {
         weighting: weighting(weighted),
         ..Config::new(method)
@@ -252,17 +264,17 @@ fn one_fold(data: &Data, fold: usize, train: &[Sample], test: &[Sample], weighte
     }
     let poe = options(Method::Poe);
     let found = calibrate(&data.nominal, data.robot.coupling.as_ref(), train, &poe)?;
-    let of = |samples: &[Sample]| {
+    let of = |samples: &[InstrumentSample]| {
         let (inputs, residuals) = training(&found, samples, &gp);
         let measured = in_base_frame(samples, &found.ends.instrument_from_base);
         let rows = |pose: Pose<f64>| pose.to_rows().to_vec();
         json!({
             "inputs": inputs,
             "residuals": residuals,
-            "serial": samples.iter().map(|s| s.serial.clone()).collect::<Vec<_>>(),
-            "measured": measured.iter().map(|s| rows(s.measured)).collect::<Vec<_>>(),
-            "chain": samples.iter().map(|s| rows(found.calibrated.forward(&s.serial))).collect::<Vec<_>>(),
-            "nominal": samples.iter().map(|s| rows(found.nominal.forward(&s.serial))).collect::<Vec<_>>(),
+            "serial": samples.iter().map(|s| s.serial_joints.clone()).collect::<Vec<_>>(),
+            "measured": measured.iter().map(|s| s.observation.pose().map(rows)).collect::<Vec<_>>(),
+            "chain": samples.iter().map(|s| rows(found.calibrated.forward(&s.serial_joints))).collect::<Vec<_>>(),
+            "nominal": samples.iter().map(|s| rows(found.nominal.forward(&s.serial_joints))).collect::<Vec<_>>(),
         })
     };
     Ok(json!({

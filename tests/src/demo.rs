@@ -16,7 +16,7 @@ use std::time::Duration;
 use poegp_calibration::blob::predict::LoadedBlob;
 use poegp_calibration::blob::write::{Provenance, calibrate_to_blob, nominal_chain};
 use poegp_calibration::measurement::parse;
-use poegp_calibration::measurement::sample::{Sample, samples};
+use poegp_calibration::measurement::sample::{InstrumentSample, samples};
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::Config;
 use poegp_calibration::numeric::statistics::{PoseError, Summary};
@@ -180,7 +180,7 @@ struct Run {
 fn run_one(
     device: &mut Device,
     blob: &LoadedBlob,
-    commands: &[Sample],
+    commands: &[InstrumentSample],
     arm: &mut Simulator,
 ) -> Result<Run, Box<dyn Error>> {
     let nominal = nominal(blob)?;
@@ -188,7 +188,7 @@ fn run_one(
     let (mut max_ticks, mut flagged, mut partly) = (0, 0, 0);
     for sample in commands {
         let payload_kg = sample.payload_kg.unwrap_or(0.0);
-        let wanted = blob.instrument_from_base() * nominal.forward(&sample.serial);
+        let wanted = blob.instrument_from_base() * nominal.forward(&sample.serial_joints);
         let stands = arm.stands_at(&sample.joints, payload_kg);
         before.push(PoseError::between(&wanted, &stands));
 

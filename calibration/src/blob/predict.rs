@@ -9,8 +9,7 @@ use poegp_runtime::model::load_error::LoadError;
 use poegp_runtime::model::{Model, words_for};
 
 use crate::input_error::InputError;
-use crate::measurement::sample::Sample;
-use crate::measurement::sample::ToolName;
+use crate::measurement::sample::{InstrumentSample, ToolName};
 use crate::numeric::statistics::PoseError;
 
 /// Support points that the workstation's instance of the runtime holds. The device's holds 512; no result depends on it.
@@ -168,17 +167,12 @@ impl LoadedBlob {
     }
 
     /// The error of each sample's prediction, in order.
-    pub fn errors(&self, samples: &[Sample]) -> Vec<PoseError> {
+    pub fn errors(&self, samples: &[InstrumentSample]) -> Vec<PoseError> {
         samples
             .iter()
             .map(|s| {
                 let predicted = self.predict_tool(&s.joints, s.payload_kg, s.tool).pose;
-                let error = PoseError::between(&s.measured, &predicted);
-                if s.position_only {
-                    error.without_orientation()
-                } else {
-                    error
-                }
+                s.observation.error(&predicted)
             })
             .collect()
     }

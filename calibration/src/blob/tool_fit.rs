@@ -4,8 +4,8 @@ use nalgebra::{Matrix3, Vector3};
 use poegp_runtime::math::se3::Pose;
 
 use crate::blob::predict::LoadedBlob;
-use crate::identification::base_tool::nearest_rotation;
-use crate::measurement::sample::Sample;
+use crate::measurement::sample::InstrumentSample;
+use crate::numeric::rotation::nearest_rotation;
 
 /// `count` of `rows`, evenly spread, at least one.
 pub fn spread(rows: &[usize], count: usize) -> Vec<usize> {
@@ -15,14 +15,14 @@ pub fn spread(rows: &[usize], count: usize) -> Vec<usize> {
 
 /// `first_target_from_target` that fits the measured poses best: the mean over the samples of what is seen from the
 /// predicted first target, the rotation projected. Of positions alone the rotation stays the first target's.
-pub fn fit_tool(blob: &LoadedBlob, samples: &[&Sample]) -> Pose<f64> {
+pub fn fit_tool(blob: &LoadedBlob, samples: &[&InstrumentSample]) -> Pose<f64> {
     let (mut turn, mut shift, mut whole) = (Matrix3::zeros(), Vector3::zeros(), 0);
     for sample in samples {
         let first = blob.predict(&sample.joints, sample.payload_kg).pose;
-        let seen = first.inverse() * sample.measured;
-        shift += seen.translation;
-        if !sample.position_only {
-            turn += seen.rotation;
+        let seen = sample.observation.transformed(&first.inverse());
+        shift += seen.position();
+        if let Some(pose) = seen.pose() {
+            turn += pose.rotation;
             whole += 1;
         }
     }

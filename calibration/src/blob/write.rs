@@ -16,7 +16,7 @@ use poegp_runtime::math::se3::Pose;
 use crate::blob::predict::{BlobError, HOST_SUPPORT, LoadedBlob};
 use crate::learning::elastic::reduced_model::ElasticModel;
 use crate::learning::task_space::fit::MAX_SIGNAL_VARIANCE;
-use crate::measurement::sample::Sample;
+use crate::measurement::sample::InstrumentSample;
 use crate::measurement::sample::ToolName;
 use crate::model::config::Config;
 use crate::model::{Calibration, CalibrationError, Method, SignalVarianceLimit, calibrate_within};
@@ -74,7 +74,7 @@ const COMFORTABLE: f64 = 0.7;
 pub fn calibrate_to_blob(
     nominal: &Poe<f64>,
     robot: &Robot,
-    samples: &[Sample],
+    samples: &[InstrumentSample],
     config: &Config,
     provenance: &Provenance,
 ) -> Result<CalibratedBlob, DeviceError> {
@@ -158,7 +158,7 @@ pub enum ExportError {
 pub fn precision_loss(
     calibration: &Calibration,
     loaded: &LoadedBlob,
-    samples: &[Sample],
+    samples: &[InstrumentSample],
 ) -> SinglePrecisionLoss {
     let instrument_from_base = calibration.ends.instrument_from_base;
     let mut count = 0;
@@ -211,7 +211,7 @@ fn to_bytes(
     calibration: &Calibration,
     robot: &Robot,
     provenance: &Provenance,
-    samples: &[Sample],
+    samples: &[InstrumentSample],
 ) -> Result<Vec<u8>, ExportError> {
     let has_payload = samples.iter().all(|s| s.payload_kg.is_some());
     let method = calibration.config.method;
@@ -233,7 +233,7 @@ fn to_bytes(
             .limits
             .map(|(lower, upper)| (lower as f32, upper as f32)),
     });
-    let range = |value: &dyn Fn(&Sample) -> f64| {
+    let range = |value: &dyn Fn(&InstrumentSample) -> f64| {
         let mut bounds = (f64::INFINITY, f64::NEG_INFINITY);
         for sample in samples {
             bounds = (bounds.0.min(value(sample)), bounds.1.max(value(sample)));

@@ -12,10 +12,10 @@ use nalgebra::{Matrix3, Vector3};
 use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::Pose;
 
-use crate::measurement::sample::Sample;
-
 use crate::identification::frame_fit::{FrameFit, ResidualKind, cost, fit_frames};
 use crate::measurement::noise::Scales;
+use crate::measurement::sample::InstrumentSample;
+use crate::numeric::rotation::nearest_rotation;
 
 /// Metres and radians count alike.
 pub const UNWEIGHTED: ResidualKind = ResidualKind::ToolCentred(Scales::ONE);
@@ -34,13 +34,20 @@ pub struct BaseTool {
 /// Starts that are refined.
 const REFINED: usize = 3;
 
-/// Calibrates base and tool of the nominal chain (base to flange) to measured `instrument_from_target` poses.
-pub fn base_tool(nominal: &Poe<f64>, samples: &[Sample]) -> BaseTool {
-    let flanges: Vec<Pose<f64>> = samples.iter().map(|s| nominal.forward(&s.serial)).collect();
-    let mut starts: Vec<(f64, Poe<f64>)> = candidate_rotations(samples, &flanges)
+/// A measured `instrument_from_target` and the nominal `base_from_flange` at its joints.
+type Pair = (Pose<f64>, Pose<f64>);
+
+/// Calibrates base and tool of the nominal chain (base to flange) to samples of one tool; a start needs whole poses.
+pub fn base_tool(nominal: &Poe<f64>, samples: &[InstrumentSample]) -> BaseTool {
+    let pair = |s: &InstrumentSample| {
+        let flange = nominal.forward(&s.serial_joints);
+        s.observation.pose().map(|measured| (measured, flange))
+    };
+    let pairs: Vec<Pair> = samples.iter().filter_map(pair).collect();
+    let mut starts: Vec<(f64, Poe<f64>)> = candidate_rotations(&pairs)
         .into_iter()
         .map(|(base, tool)| {
-            let (base_translation, tool_translation) = translations(samples, &flanges, &base);
+            let (base_translation, tool_translation) = translations(&pairs, &base);
             let chain = with_ends(
                 nominal,
                 &Pose {
@@ -89,18 +96,14 @@ pub fn with_ends(
 }
 
 /// Pairs (base, tool) of rotations to start from.
-fn candidate_rotations(
-    samples: &[Sample],
-    flanges: &[Pose<f64>],
-) -> Vec<(Matrix3<f64>, Matrix3<f64>)> {
-    let mut out = vec![closed_form(samples, flanges)];
+fn candidate_rotations(pairs: &[Pair]) -> Vec<(Matrix3<f64>, Matrix3<f64>)> {
+    let mut out = vec![closed_form(pairs)];
     for tool in cube_rotations() {
         // The base that fits this tool best: the mean of M (A T)ᵀ, projected.
-        let sum = samples
+        let sum = pairs
             .iter()
-            .zip(flanges)
-            .fold(Matrix3::zeros(), |sum, (sample, flange)| {
-                sum + sample.measured.rotation * (flange.rotation * tool).transpose()
+            .fold(Matrix3::zeros(), |sum, (measured, flange)| {
+                sum + measured.rotation * (flange.rotation * tool).transpose()
             });
         out.push((nearest_rotation(&sum), tool));
     }
@@ -108,10 +111,10 @@ fn candidate_rotations(
 }
 
 /// Rotations with Xᵀ M = A Y for all poses (measured M, flange A): the smallest eigenvector of an 18×18 matrix.
-fn closed_form(samples: &[Sample], flanges: &[Pose<f64>]) -> (Matrix3<f64>, Matrix3<f64>) {
+fn closed_form(pairs: &[Pair]) -> (Matrix3<f64>, Matrix3<f64>) {
     let mut normal = Mat::<f64>::zeros(18, 18);
-    for (sample, flange) in samples.iter().zip(flanges) {
-        let (m, a) = (&sample.measured.rotation, &flange.rotation);
+    for (measured, flange) in pairs {
+        let (m, a) = (&measured.rotation, &flange.rotation);
         for i in 0..3 {
             for j in 0..3 {
                 let mut row = [0.0; 18];
@@ -141,16 +144,12 @@ fn closed_form(samples: &[Sample], flanges: &[Pose<f64>]) -> (Matrix3<f64>, Matr
 }
 
 /// Translations of base and tool by linear least squares, given the base's rotation.
-fn translations(
-    samples: &[Sample],
-    flanges: &[Pose<f64>],
-    base: &Matrix3<f64>,
-) -> (Vector3<f64>, Vector3<f64>) {
-    let mut a = Mat::<f64>::zeros(3 * samples.len(), 6);
-    let mut b = Mat::<f64>::zeros(3 * samples.len(), 1);
-    for (k, (sample, flange)) in samples.iter().zip(flanges).enumerate() {
+fn translations(pairs: &[Pair], base: &Matrix3<f64>) -> (Vector3<f64>, Vector3<f64>) {
+    let mut a = Mat::<f64>::zeros(3 * pairs.len(), 6);
+    let mut b = Mat::<f64>::zeros(3 * pairs.len(), 1);
+    for (k, (measured, flange)) in pairs.iter().enumerate() {
         let turned = base * flange.rotation;
-        let rest = sample.measured.translation - base * flange.translation;
+        let rest = measured.translation - base * flange.translation;
         for i in 0..3 {
             a[(3 * k + i, i)] = 1.0;
             for j in 0..3 {
@@ -177,20 +176,6 @@ fn translations(
         Vector3::new(x[(0, 0)], x[(1, 0)], x[(2, 0)]),
         Vector3::new(x[(3, 0)], x[(4, 0)], x[(5, 0)]),
     )
-}
-
-/// The rotation nearest to a matrix (Frobenius norm).
-pub fn nearest_rotation(m: &Matrix3<f64>) -> Matrix3<f64> {
-    let svd = m.svd(true, true);
-    let (Some(u), Some(v)) = (svd.u, svd.v_t) else {
-        return Matrix3::identity();
-    };
-    let sign = if (u * v).determinant() < 0.0 {
-        -1.0
-    } else {
-        1.0
-    };
-    u * Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, sign)) * v
 }
 
 /// The 24 rotations that map a cube to itself.

@@ -9,11 +9,12 @@ use nalgebra::{Matrix3, Vector3};
 use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::Pose;
 
-use crate::identification::base_tool::{base_tool, nearest_rotation};
+use crate::identification::base_tool::base_tool;
 use crate::identification::frame_fit::FrameFit;
 use crate::identification::parametric::fit::fit_ends;
 use crate::identification::parametric::state::{Layout, State};
-use crate::measurement::sample::Sample;
+use crate::measurement::sample::{InstrumentSample, Sample};
+use crate::numeric::rotation::nearest_rotation;
 
 /// Where instrument and targets are.
 #[derive(Clone, Debug)]
@@ -27,14 +28,14 @@ pub struct Ends {
 }
 
 /// Number of tools that the samples name.
-pub fn tool_count(samples: &[Sample]) -> usize {
+pub fn tool_count<F>(samples: &[Sample<F>]) -> usize {
     samples.iter().map(|s| s.tool + 1).max().unwrap_or(1)
 }
 
 /// Calibrates base and tools of the nominal chain (base to flange) to measured `instrument_from_target` poses.
-pub fn ends(nominal: &Poe<f64>, samples: &[Sample]) -> Ends {
+pub fn ends(nominal: &Poe<f64>, samples: &[InstrumentSample]) -> Ends {
     let tools = tool_count(samples);
-    if tools == 1 && samples.iter().all(|s| !s.position_only) {
+    if tools == 1 && samples.iter().all(|s| s.observation.has_orientation()) {
         let found = base_tool(nominal, samples);
         return Ends {
             instrument_from_base: found.instrument_from_base,
@@ -68,24 +69,24 @@ pub fn ends(nominal: &Poe<f64>, samples: &[Sample]) -> Ends {
 }
 
 /// `instrument_from_base` from the largest group of whole poses, else from the positions with the target at the flange.
-fn start_of_base(nominal: &Poe<f64>, samples: &[Sample]) -> Pose<f64> {
+fn start_of_base(nominal: &Poe<f64>, samples: &[InstrumentSample]) -> Pose<f64> {
     let whole = |tool: usize| {
         samples
             .iter()
-            .filter(move |s| s.tool == tool && !s.position_only)
+            .filter(move |s| s.tool == tool && s.observation.has_orientation())
     };
     let largest = (0..tool_count(samples))
         .max_by_key(|t| whole(*t).count())
         .unwrap_or(0);
-    let poses: Vec<Sample> = whole(largest).cloned().collect();
+    let poses: Vec<InstrumentSample> = whole(largest).cloned().collect();
     if poses.len() >= 3 {
         return base_tool(nominal, &poses).instrument_from_base;
     }
     let flanges: Vec<Vector3<f64>> = samples
         .iter()
-        .map(|s| nominal.forward(&s.serial).translation)
+        .map(|s| nominal.forward(&s.serial_joints).translation)
         .collect();
-    let measured: Vec<Vector3<f64>> = samples.iter().map(|s| s.measured.translation).collect();
+    let measured: Vec<Vector3<f64>> = samples.iter().map(|s| s.observation.position()).collect();
     aligned(&flanges, &measured)
 }
 
@@ -106,17 +107,18 @@ pub fn aligned(from: &[Vector3<f64>], to: &[Vector3<f64>]) -> Pose<f64> {
 /// `flange_from_target` of one tool as the mean over its samples, seen through the base.
 fn start_of_tool(
     nominal: &Poe<f64>,
-    samples: &[Sample],
+    samples: &[InstrumentSample],
     base: &Pose<f64>,
     tool: usize,
 ) -> Pose<f64> {
     let (mut turn, mut shift, mut count, mut whole) = (Matrix3::zeros(), Vector3::zeros(), 0.0, 0);
     for sample in samples.iter().filter(|s| s.tool == tool) {
-        let seen = (*base * nominal.forward(&sample.serial)).inverse() * sample.measured;
-        shift += seen.translation;
+        let flange_from_instrument = (*base * nominal.forward(&sample.serial_joints)).inverse();
+        let seen = sample.observation.transformed(&flange_from_instrument);
+        shift += seen.position();
         count += 1.0;
-        if !sample.position_only {
-            turn += seen.rotation;
+        if let Some(pose) = seen.pose() {
+            turn += pose.rotation;
             whole += 1;
         }
     }

@@ -7,11 +7,13 @@
 //! lower the cost, so that the solver cannot diverge.
 
 use faer::Mat;
+use nalgebra::Vector3;
 use poegp_protocol::limits::MAX_FRAMES;
 use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::{Matrix6, Pose, Twist, residual};
 
 use crate::measurement::noise::Scales;
+use crate::measurement::observation::Observation;
 use crate::measurement::sample::Sample;
 
 /// What is compared, and in which frame.
@@ -25,7 +27,7 @@ pub enum ResidualKind {
 
 impl ResidualKind {
     /// With the scales of one row.
-    fn of(self, sample: &Sample) -> Self {
+    fn of<F>(self, sample: &Sample<F>) -> Self {
         match self {
             Self::Space => Self::Space,
             Self::ToolCentred(scales) => Self::ToolCentred(scales.of(sample)),
@@ -53,28 +55,32 @@ const MAX_ITERATIONS: usize = 60;
 /// Relative decrease of the cost below which the fit has converged.
 const CONVERGED: f64 = 1e-12;
 
-/// The residual of one pose, six components; in units of the scales as they are, whatever the row's own.
+/// The residual of one observation, six components, zero where nothing was measured; in units of the scales as they are,
+/// whatever the row's own.
 pub fn residual_components(
     kind: ResidualKind,
-    measured: &Pose<f64>,
+    measured: &Observation,
     predicted: &Pose<f64>,
 ) -> [f64; 6] {
-    match kind {
-        ResidualKind::Space => residual(measured, predicted).to_array(),
-        ResidualKind::ToolCentred(scales) => {
-            let mut turned = *measured * predicted.inverse();
-            turned.translation = measured.translation - predicted.translation;
-            let angular = Pose {
-                translation: nalgebra::Vector3::zeros(),
-                ..turned
-            }
-            .log()
-            .angular;
-            let p = turned.translation / scales.position;
-            let r = angular / scales.orientation;
-            [p[0], p[1], p[2], r[0], r[1], r[2]]
+    let scales = match kind {
+        ResidualKind::Space => Scales::ONE,
+        ResidualKind::ToolCentred(scales) => scales,
+    };
+    let p = (measured.position() - predicted.translation) / scales.position;
+    let r = match measured {
+        Observation::Position(_) => Vector3::zeros(),
+        Observation::Pose(pose) if kind == ResidualKind::Space => {
+            return residual(pose, predicted).to_array();
         }
-    }
+        Observation::Pose(pose) => {
+            let turned = Pose {
+                translation: Vector3::zeros(),
+                ..*pose * predicted.inverse()
+            };
+            turned.log().angular / scales.orientation
+        }
+    };
+    [p[0], p[1], p[2], r[0], r[1], r[2]]
 }
 
 /// The rows that [`residual_components`] has for one block of the identification Jacobian.
@@ -99,9 +105,9 @@ fn block_rows(kind: ResidualKind, block: &Matrix6<f64>, predicted: &Pose<f64>) -
 }
 
 /// Residuals (6k) and identification Jacobian (6k × 6·free) at the chain as it is.
-pub fn linearise(
+pub fn linearise<F>(
     poe: &Poe<f64>,
-    samples: &[Sample],
+    samples: &[Sample<F>],
     free: &[usize],
     kind: ResidualKind,
 ) -> (Mat<f64>, Mat<f64>) {
@@ -109,9 +115,9 @@ pub fn linearise(
     let mut a = Mat::zeros(6 * samples.len(), 6 * free.len());
     for (k, sample) in samples.iter().enumerate() {
         let (blocks, predicted): ([Matrix6<f64>; MAX_FRAMES], _) =
-            poe.identification_jacobian(&sample.serial);
+            poe.identification_jacobian(&sample.serial_joints);
         let kind = kind.of(sample);
-        let components = residual_components(kind, &sample.measured, &predicted);
+        let components = residual_components(kind, &sample.observation, &predicted);
         for (row, component) in components.into_iter().enumerate() {
             y[(6 * k + row, 0)] = component;
         }
@@ -128,10 +134,10 @@ pub fn linearise(
 }
 
 /// Sum of squares of all residual components.
-pub fn cost(poe: &Poe<f64>, samples: &[Sample], kind: ResidualKind) -> f64 {
-    let of = |sample: &Sample| {
-        let predicted = poe.forward(&sample.serial);
-        residual_components(kind.of(sample), &sample.measured, &predicted)
+pub fn cost<F>(poe: &Poe<f64>, samples: &[Sample<F>], kind: ResidualKind) -> f64 {
+    let of = |sample: &Sample<F>| {
+        let predicted = poe.forward(&sample.serial_joints);
+        residual_components(kind.of(sample), &sample.observation, &predicted)
     };
     samples.iter().flat_map(of).map(|r| r * r).sum()
 }
@@ -148,9 +154,9 @@ fn updated(poe: &Poe<f64>, free: &[usize], step: &Mat<f64>) -> Poe<f64> {
 }
 
 /// Moves the `free` frames of `poe` to the least-squares fit of `samples`.
-pub fn fit_frames(
+pub fn fit_frames<F>(
     poe: &mut Poe<f64>,
-    samples: &[Sample],
+    samples: &[Sample<F>],
     free: &[usize],
     kind: ResidualKind,
 ) -> FrameFit {

@@ -16,8 +16,8 @@ const SAME_ANGLE: f64 = 0.1 * std::f64::consts::PI / 180.0;
 const SAME_LENGTH: f64 = 1e-4;
 
 /// Index of the group of each sample: groups hold all samples of the same configuration.
-fn groups(samples: &[Sample], kinds: &[JointKind]) -> Vec<usize> {
-    let same = |a: &Sample, b: &Sample| {
+fn groups<F>(samples: &[Sample<F>], kinds: &[JointKind]) -> Vec<usize> {
+    let same = |a: &Sample<F>, b: &Sample<F>| {
         a.joints
             .iter()
             .zip(&b.joints)
@@ -47,7 +47,12 @@ fn groups(samples: &[Sample], kinds: &[JointKind]) -> Vec<usize> {
 }
 
 /// The fold (0…folds−1) of each sample, drawn with `seed`. Sizes differ by no more than the largest group.
-pub fn assign(samples: &[Sample], kinds: &[JointKind], folds: usize, seed: u64) -> Vec<usize> {
+pub fn assign<F>(
+    samples: &[Sample<F>],
+    kinds: &[JointKind],
+    folds: usize,
+    seed: u64,
+) -> Vec<usize> {
     let group = groups(samples, kinds);
     let mut members: Vec<Vec<usize>> = vec![Vec::new(); samples.len()];
     for (sample, g) in group.iter().enumerate() {
@@ -71,25 +76,19 @@ pub fn assign(samples: &[Sample], kinds: &[JointKind], folds: usize, seed: u64) 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::measurement::noise::InstrumentNoise;
+    use crate::measurement::observation::Observation;
+    use crate::measurement::sample::{Base, BaseSample};
     use poegp_runtime::math::se3::Pose;
 
-    fn sample(joints: [f64; 2]) -> Sample {
+    fn sample(joints: [f64; 2]) -> BaseSample {
         let joints = joints.to_vec();
-        Sample {
-            serial: joints.clone(),
-            joints,
-            payload_kg: None,
-            measured: Pose::identity(),
-            tool: 0,
-            position_only: false,
-            stated: InstrumentNoise::UNKNOWN,
-        }
+        let observation = Observation::Pose(Pose::identity());
+        Sample::new(joints.clone(), joints, observation, Base)
     }
 
     #[test]
     fn equal_configurations_stay_together_also_through_neighbours() {
-        let mut samples: Vec<Sample> = (0..40).map(|i| sample([f64::from(i), 0.0])).collect();
+        let mut samples: Vec<BaseSample> = (0..40).map(|i| sample([f64::from(i), 0.0])).collect();
         for step in 1..=3 {
             samples.push(sample([7.0 + f64::from(step) * 0.9 * SAME_ANGLE, 0.0]));
         }

@@ -26,6 +26,7 @@ pub mod folds;
 pub mod instrument_drift;
 pub mod joint_targets;
 pub mod noise;
+pub mod observation;
 mod rows;
 pub mod sample;
 mod table;

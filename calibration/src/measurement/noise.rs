@@ -38,28 +38,28 @@ impl InstrumentNoise {
     }
 
     /// The smallest that the samples state; unknown where one of them states nothing.
-    pub fn quietest(samples: &[Sample]) -> Self {
+    pub fn quietest<F>(samples: &[Sample<F>]) -> Self {
         Self::pooled(samples, |values| {
             values.iter().copied().fold(f64::INFINITY, f64::min)
         })
     }
 
     /// The root mean square of what the samples state; unknown where one of them states nothing.
-    pub fn typical(samples: &[Sample]) -> Self {
+    pub fn typical<F>(samples: &[Sample<F>]) -> Self {
         Self::pooled(samples, |values| {
             let sum: f64 = values.iter().map(|s| s * s).sum();
             (sum / values.len() as f64).sqrt()
         })
     }
 
-    fn pooled(samples: &[Sample], pool: impl Fn(&[f64]) -> f64) -> Self {
-        let of = |one: fn(&Sample) -> Option<f64>| -> Option<f64> {
+    fn pooled<F>(samples: &[Sample<F>], pool: impl Fn(&[f64]) -> f64) -> Self {
+        let of = |one: fn(&Sample<F>) -> Option<f64>| -> Option<f64> {
             let values: Option<Vec<f64>> = samples.iter().map(one).collect();
             values.filter(|v| !v.is_empty()).map(|v| pool(&v))
         };
         Self {
-            position: of(|s| s.stated.position),
-            orientation: of(|s| s.stated.orientation),
+            position: of(|s| s.declared_noise.position),
+            orientation: of(|s| s.declared_noise.orientation),
         }
     }
 }
@@ -89,12 +89,12 @@ impl Scales {
     }
 
     /// σ_k² − σ_q² of a row, m² and rad².
-    fn excess(&self, sample: &Sample) -> [f64; 2] {
+    fn excess<F>(&self, sample: &Sample<F>) -> [f64; 2] {
         let of = |own: Option<f64>, quietest: Option<f64>| match (own, quietest) {
             (Some(own), Some(quietest)) => (own * own - quietest * quietest).max(0.0),
             _ => 0.0,
         };
-        let (own, quietest) = (&sample.stated, &self.quietest);
+        let (own, quietest) = (&sample.declared_noise, &self.quietest);
         [
             of(own.position, quietest.position),
             of(own.orientation, quietest.orientation),
@@ -103,7 +103,7 @@ impl Scales {
 
     /// The scales of one row: √v_k.
     #[must_use]
-    pub fn of(&self, sample: &Sample) -> Self {
+    pub fn of<F>(&self, sample: &Sample<F>) -> Self {
         let own = |scale: f64, excess: f64| {
             if excess > 0.0 {
                 (scale * scale + excess).sqrt()
@@ -119,7 +119,7 @@ impl Scales {
     }
 
     /// v / v_k of position and rotation: 1 in the quietest row.
-    pub fn common_share(&self, sample: &Sample) -> [f64; 2] {
+    pub fn common_share<F>(&self, sample: &Sample<F>) -> [f64; 2] {
         let [position, orientation] = self.excess(sample);
         let share = |scale: f64, excess: f64| scale * scale / (scale * scale + excess);
         [
@@ -131,7 +131,7 @@ impl Scales {
     /// The scales that residuals in metres and radians ask for: v such that the mean of r²/v_k is one (the estimate of
     /// Mandel and Paule), the mean square where all rows count alike. Position residuals are the first three of six; those
     /// of rotation count where there are any.
-    pub fn estimated(residuals: &[[f64; 6]], samples: &[Sample]) -> Self {
+    pub fn estimated<F>(residuals: &[[f64; 6]], samples: &[Sample<F>]) -> Self {
         Self::pooled(residuals, samples, |rows| {
             let components = (3 * rows.len()).max(1) as f64;
             let all: f64 = rows.iter().flat_map(|row| &row.0).map(|x| x * x).sum();
@@ -147,7 +147,7 @@ impl Scales {
     }
 
     /// As [`Scales::estimated`], from the median: half of the rows may be anything.
-    pub fn robust(residuals: &[[f64; 6]], samples: &[Sample]) -> Self {
+    pub fn robust<F>(residuals: &[[f64; 6]], samples: &[Sample<F>]) -> Self {
         Self::pooled(residuals, samples, |rows| {
             let middle = |v: f64| {
                 let of = |(r, excess): &([f64; 3], f64)| norm(r) / (v + excess).sqrt();
@@ -162,9 +162,9 @@ impl Scales {
     }
 
     /// `variance` of residual and excess of all rows, for position and rotation.
-    fn pooled(
+    fn pooled<F>(
         residuals: &[[f64; 6]],
-        samples: &[Sample],
+        samples: &[Sample<F>],
         variance: impl Fn(&[([f64; 3], f64)]) -> f64,
     ) -> Self {
         let mut out = Self {
@@ -175,7 +175,7 @@ impl Scales {
             residuals
                 .iter()
                 .zip(samples)
-                .filter(|(_, s)| first == 0 || !s.position_only)
+                .filter(|(_, s)| first == 0 || s.observation.has_orientation())
                 .map(|(r, s)| ([0, 1, 2].map(|i| r[first + i]), out.excess(s)[first / 3]))
                 .collect()
         };
@@ -235,32 +235,28 @@ fn root(upper: f64, f: impl Fn(f64) -> f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::measurement::observation::Observation;
+    use crate::measurement::sample::{Base, BaseSample};
     use poegp_runtime::math::se3::Pose;
     use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
     use rand_distr::{Distribution, StandardNormal};
 
     /// `count` rows, every third stated and made `factor` times as noisy; all have a common noise of 40 µm besides.
-    fn drawn(count: usize, factor: f64) -> (Vec<[f64; 6]>, Vec<Sample>) {
+    fn drawn(count: usize, factor: f64) -> (Vec<[f64; 6]>, Vec<BaseSample>) {
         let mut random = ChaCha8Rng::seed_from_u64(3);
         let mut normal = || -> f64 { StandardNormal.sample(&mut random) };
         (0..count)
             .map(|k| {
                 let sigma = if k % 3 == 0 { factor * 30e-6 } else { 30e-6 };
                 let residual = [0; 6].map(|_| sigma * normal() + 40e-6 * normal());
-                let sample = Sample {
-                    joints: Vec::new(),
-                    serial: Vec::new(),
-                    payload_kg: None,
-                    measured: Pose::identity(),
-                    tool: 0,
-                    position_only: false,
-                    stated: InstrumentNoise {
-                        position: Some(sigma),
-                        orientation: Some(sigma),
-                    },
+                let observation = Observation::Pose(Pose::identity());
+                let declared = InstrumentNoise {
+                    position: Some(sigma),
+                    orientation: Some(sigma),
                 };
-                (residual, sample)
+                let sample = Sample::new(Vec::new(), Vec::new(), observation, Base);
+                (residual, sample.with_noise(declared))
             })
             .unzip()
     }
@@ -288,7 +284,7 @@ mod tests {
         assert_eq!(stated.of(&samples[0]).position, stated.position);
         assert_eq!(stated.common_share(&samples[0]), [1.0; 2]);
         for sample in &mut samples {
-            sample.stated = InstrumentNoise::UNKNOWN;
+            sample.declared_noise = InstrumentNoise::UNKNOWN;
         }
         let silent = Scales::estimated(&residuals, &samples);
         assert_eq!(silent.position, stated.position);

@@ -1,31 +1,73 @@
 //! From a measurement file to what a fit needs: joints through the coupling, and the tool of every row.
 
-use nalgebra::Matrix3;
 use poegp_protocol::limits::MAX_TOOLS;
 use poegp_runtime::math::se3::Pose;
 
 use crate::input_error::InputError;
 use crate::measurement::MeasurementSet;
 use crate::measurement::noise::InstrumentNoise;
+use crate::measurement::observation::Observation;
 use crate::robot::Robot;
 
-/// One measured pose with everything a fit needs to know about it.
+/// Observed from the instrument: `instrument_from_target`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Instrument;
+
+/// Observed from the base of the robot: `base_from_target`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Base;
+
+/// One measurement with everything that a fit needs to know about it; `F` is the frame of its observation.
 #[derive(Clone, Debug)]
-pub struct Sample {
+pub struct Sample<F> {
     /// The controller's joints, rad or m: the inputs of the correction.
     pub joints: Vec<f64>,
     /// The joints of the serial chain, C q.
-    pub serial: Vec<f64>,
+    pub serial_joints: Vec<f64>,
     /// Payload in kg, where it is known.
     pub payload_kg: Option<f64>,
-    /// The measured pose of the target, in the instrument's frame or in the base frame as the fit requires.
-    pub measured: Pose<f64>,
+    /// What was seen of the target.
+    pub observation: Observation,
+    /// The frame of `observation`.
+    pub frame: F,
     /// Which tool it was measured with, from 0: one for each session and target.
     pub tool: usize,
-    /// Whether only the position was measured; the rotation of `measured` then means nothing.
-    pub position_only: bool,
-    /// What the file states of this row's noise.
-    pub stated: InstrumentNoise,
+    /// The noise that the file declares for this row.
+    pub declared_noise: InstrumentNoise,
+}
+
+/// A sample as the file has it.
+pub type InstrumentSample = Sample<Instrument>;
+/// A sample as the fits behind the base-tool calibration see it.
+pub type BaseSample = Sample<Base>;
+
+impl<F> Sample<F> {
+    /// A sample of the first tool, without payload or declared noise.
+    pub fn new(
+        joints: Vec<f64>,
+        serial_joints: Vec<f64>,
+        observation: Observation,
+        frame: F,
+    ) -> Self {
+        Self {
+            joints,
+            serial_joints,
+            payload_kg: None,
+            observation,
+            frame,
+            tool: 0,
+            declared_noise: InstrumentNoise::UNKNOWN,
+        }
+    }
+
+    /// The same sample with `known` in place of what its row declares, where it is known.
+    #[must_use]
+    pub fn with_noise(self, known: InstrumentNoise) -> Self {
+        Self {
+            declared_noise: known.or(self.declared_noise),
+            ..self
+        }
+    }
 }
 
 /// A tool by what a measurement file calls it: the session in which it was mounted and the name of its target.
@@ -48,8 +90,7 @@ impl std::fmt::Display for ToolName {
     }
 }
 
-/// The rows of `set` as samples of `robot`, in order; poses are `instrument_from_target`. Tools that are not in `tools`
-/// yet are added to it.
+/// The rows of `set` as samples of `robot`, in order. Tools that are not in `tools` yet are added to it.
 ///
 /// # Errors
 /// [`InputError`] when there are more tools than a blob holds.
@@ -57,14 +98,7 @@ pub fn samples(
     set: &MeasurementSet,
     robot: &Robot,
     tools: &mut Vec<ToolName>,
-) -> Result<Vec<Sample>, InputError> {
-    let serial = |joints: &[f64]| match &robot.coupling {
-        None => joints.to_vec(),
-        Some(rows) => rows
-            .iter()
-            .map(|row| poegp_runtime::math::vector::inner_product(row, joints))
-            .collect(),
-    };
+) -> Result<Vec<InstrumentSample>, InputError> {
     let mut out = Vec::with_capacity(set.measurements.len());
     for m in &set.measurements {
         let name = ToolName {
@@ -82,18 +116,15 @@ pub fn samples(
                 format!("at most {MAX_TOOLS} tools in one calibration"),
             ));
         }
-        let position = Pose {
-            rotation: Matrix3::identity(),
-            translation: m.position,
-        };
+        let pose = m.instrument_from_target().map(Observation::Pose);
         out.push(Sample {
-            serial: serial(&m.joints),
+            serial_joints: robot.serial_joints(&m.joints),
             joints: m.joints.clone(),
             payload_kg: m.payload_kg,
-            measured: m.instrument_from_target().unwrap_or(position),
+            observation: pose.unwrap_or(Observation::Position(m.position)),
+            frame: Instrument,
             tool,
-            position_only: m.orientation.is_none(),
-            stated: InstrumentNoise {
+            declared_noise: InstrumentNoise {
                 position: m.sigma_position,
                 orientation: m.sigma_orientation,
             },
@@ -102,12 +133,20 @@ pub fn samples(
     Ok(out)
 }
 
-/// The samples with their poses seen from the base.
-pub fn in_base_frame(samples: &[Sample], instrument_from_base: &Pose<f64>) -> Vec<Sample> {
+/// The samples as the base of the robot sees them.
+pub fn in_base_frame(
+    samples: &[InstrumentSample],
+    instrument_from_base: &Pose<f64>,
+) -> Vec<BaseSample> {
     let base_from_instrument = instrument_from_base.inverse();
-    let moved = |s: &Sample| Sample {
-        measured: base_from_instrument * s.measured,
-        ..s.clone()
+    let moved = |s: &InstrumentSample| Sample {
+        joints: s.joints.clone(),
+        serial_joints: s.serial_joints.clone(),
+        payload_kg: s.payload_kg,
+        observation: s.observation.transformed(&base_from_instrument),
+        frame: Base,
+        tool: s.tool,
+        declared_noise: s.declared_noise,
     };
     samples.iter().map(moved).collect()
 }

@@ -19,7 +19,6 @@ use crate::learning::elastic::options::OutlierPolicy;
 use crate::learning::elastic::options::SetLimits;
 use crate::learning::task_space::fit::HyperparameterSharing;
 use crate::measurement::noise::InstrumentNoise;
-use crate::measurement::sample::Sample;
 use crate::model::Method;
 
 /// How a calibration is done. [`Config::default`] is the elastic model with the settings of the command line.
@@ -200,19 +199,6 @@ impl Config {
             position: self.position_sigma_mm.map(|x| 1e-3 * x),
             orientation: self.orientation_sigma_mrad.map(|x| 1e-3 * x),
         }
-    }
-
-    /// The samples with what is known of all measurements in place of what their rows declare.
-    pub fn with_declared_noise<'a>(
-        &self,
-        samples: impl Iterator<Item = &'a Sample>,
-    ) -> Vec<Sample> {
-        let noise = self.instrument_noise();
-        let with_noise = |s: &Sample| Sample {
-            stated: noise.or(s.stated),
-            ..s.clone()
-        };
-        samples.map(with_noise).collect()
     }
 
     /// The part of it that the elastic fit reads.

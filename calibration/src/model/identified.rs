@@ -2,7 +2,7 @@
 
 use crate::identification::identifiability::{IdentifyReport, Task, identify, residual_scales};
 use crate::measurement::noise::{InstrumentNoise, Scales};
-use crate::measurement::sample::{Sample, in_base_frame};
+use crate::measurement::sample::{BaseSample, InstrumentSample, in_base_frame};
 use crate::model::{Calibration, Method};
 use crate::robot::Robot;
 
@@ -14,10 +14,12 @@ const QUIETEST: f64 = 1e-6;
 pub fn of_calibration(
     calibration: &Calibration,
     robot: &Robot,
-    samples: &[Sample],
+    samples: &[InstrumentSample],
 ) -> Option<IdentifyReport> {
-    let samples = calibration.config.with_declared_noise(samples.iter());
-    let samples = in_base_frame(&samples, &calibration.ends.instrument_from_base);
+    let samples: Vec<BaseSample> = in_base_frame(samples, &calibration.ends.instrument_from_base)
+        .into_iter()
+        .map(|s| s.with_noise(calibration.config.instrument_noise()))
+        .collect();
     let chain = &calibration.calibrated;
     let noise = match &calibration.elastic {
         Some(elastic) => Scales {

@@ -10,7 +10,7 @@ pub mod identified;
 
 use poegp_protocol::limits::{MAX_INPUTS, OUTPUTS};
 use poegp_runtime::kinematics::poe::Poe;
-use poegp_runtime::math::se3::{Pose, Twist, residual};
+use poegp_runtime::math::se3::{Pose, Twist};
 use serde::{Deserialize, Serialize};
 
 use crate::identification::base_tool::{UNWEIGHTED, with_ends};
@@ -27,7 +27,7 @@ use crate::learning::task_space as gp;
 use crate::learning::task_space::fit::{MAX_SIGNAL_VARIANCE, fit};
 use crate::learning::task_space::{Hyperparameters, NotPositiveDefinite, TaskSpaceGp};
 use crate::measurement::noise::Scales;
-use crate::measurement::sample::{Sample, in_base_frame};
+use crate::measurement::sample::{BaseSample, InstrumentSample, Sample, in_base_frame};
 use crate::model::config::{Config, Weighting};
 
 /// The calibration methods that the paper compares, simplest first.
@@ -193,7 +193,7 @@ pub fn fewest_poses(method: Method, joints: usize) -> (usize, usize) {
 pub fn calibrate(
     nominal: &Poe<f64>,
     coupling: Option<&Vec<Vec<f64>>>,
-    samples: &[Sample],
+    samples: &[InstrumentSample],
     config: &Config,
 ) -> Result<Calibration, CalibrationError> {
     calibrate_within(
@@ -209,7 +209,7 @@ pub fn calibrate(
 pub(crate) fn calibrate_within(
     nominal: &Poe<f64>,
     coupling: Option<&Vec<Vec<f64>>>,
-    samples: &[Sample],
+    samples: &[InstrumentSample],
     config: &Config,
     limit: &SignalVarianceLimit,
 ) -> Result<Calibration, CalibrationError> {
@@ -224,7 +224,9 @@ pub(crate) fn calibrate_within(
         });
     }
     let plain_needed = method.has_gp();
-    if plain_needed && (tool_count(samples) > 1 || samples.iter().any(|s| s.position_only)) {
+    if plain_needed
+        && (tool_count(samples) > 1 || samples.iter().any(|s| !s.observation.has_orientation()))
+    {
         return Err(CalibrationError::OneToolOnly {
             method: method.name(),
         });
@@ -233,17 +235,17 @@ pub(crate) fn calibrate_within(
         return Err(CalibrationError::NoPayload);
     }
     let ends = ends(nominal, samples);
-    let in_base = in_base_frame(
-        &config.with_declared_noise(samples.iter()),
-        &ends.instrument_from_base,
-    );
+    let in_base: Vec<BaseSample> = in_base_frame(samples, &ends.instrument_from_base)
+        .into_iter()
+        .map(|s| s.with_noise(config.instrument_noise()))
+        .collect();
     let flange = *nominal.frames().last().unwrap_or(&Pose::identity());
     let chain_ends: Vec<Pose<f64>> = ends
         .flange_from_targets
         .iter()
         .map(|t| flange * *t)
         .collect();
-    let plain = chain_ends.len() == 1 && samples.iter().all(|s| !s.position_only);
+    let plain = chain_ends.len() == 1 && samples.iter().all(|s| s.observation.has_orientation());
     let nominal = with_ends(nominal, &Pose::identity(), &ends.flange_from_targets[0]);
     let mut out = Calibration {
         config: *config,
@@ -276,7 +278,7 @@ pub(crate) fn calibrate_within(
         let mut robust =
             elastic::fit::fit_robust(&nominal, &chain_ends, coupling, &in_base, options)
                 .ok_or(CalibrationError::Unsolvable)?;
-        let kept: Vec<Sample> = robust.kept.iter().map(|i| in_base[*i].clone()).collect();
+        let kept: Vec<BaseSample> = robust.kept.iter().map(|i| in_base[*i].clone()).collect();
         let units = elastic::fit::solve_units(kept.len());
         let model = crate::progress::phase(units, || {
             ElasticModel::new(&mut robust.fit, &kept, coupling, options)
@@ -316,7 +318,7 @@ fn relative(tools: &[Pose<f64>]) -> Vec<Pose<f64>> {
 }
 
 /// Step 1: all frames, by the paper's unweighted least squares or weighted by the noise.
-fn step1(poe: &mut Poe<f64>, samples: &[Sample], weighting: Weighting) -> FrameFit {
+fn step1(poe: &mut Poe<f64>, samples: &[BaseSample], weighting: Weighting) -> FrameFit {
     let free: Vec<usize> = (0..poe.frames().len()).collect();
     if weighting == Weighting::None {
         return fit_frames(poe, samples, &free, ResidualKind::Space);
@@ -335,9 +337,10 @@ fn step1(poe: &mut Poe<f64>, samples: &[Sample], weighting: Weighting) -> FrameF
 const NOISE_ROUNDS: usize = 4;
 
 /// The noise of position and rotation that the residuals ask for, at the tool point; rows of their own noise have theirs.
-fn estimated_noise(poe: &Poe<f64>, samples: &[Sample]) -> ResidualKind {
-    let residual =
-        |s: &Sample| residual_components(UNWEIGHTED, &s.measured, &poe.forward(&s.serial));
+fn estimated_noise(poe: &Poe<f64>, samples: &[BaseSample]) -> ResidualKind {
+    let residual = |s: &BaseSample| {
+        residual_components(UNWEIGHTED, &s.observation, &poe.forward(&s.serial_joints))
+    };
     let residuals: Vec<[f64; 6]> = samples.iter().map(residual).collect();
     ResidualKind::ToolCentred(Scales::estimated(&residuals, samples).at_least(1e-9))
 }
@@ -345,13 +348,16 @@ fn estimated_noise(poe: &Poe<f64>, samples: &[Sample]) -> ResidualKind {
 /// Step 2: the process on the residual twist in the base frame (eq. 8–12).
 fn step2(
     poe: &Poe<f64>,
-    samples: &[Sample],
+    samples: &[BaseSample],
     config: &Config,
     limit: &SignalVarianceLimit,
 ) -> Result<TaskSpaceGp, CalibrationError> {
     let residuals: Vec<[f64; OUTPUTS]> = samples
         .iter()
-        .map(|s| residual(&s.measured, &poe.forward(&s.serial)).to_array())
+        .map(|s| {
+            let predicted = poe.forward(&s.serial_joints);
+            residual_components(ResidualKind::Space, &s.observation, &predicted)
+        })
         .collect();
     let inputs = samples
         .iter()
@@ -378,11 +384,11 @@ impl Config {
 
 impl Calibration {
     /// `base_from_target` as the f64 model has it and its correction, a twist of the base frame, without bounding.
-    pub fn compensate(&self, sample: &Sample) -> (Pose<f64>, Twist<f64>) {
+    pub fn compensate<F>(&self, sample: &Sample<F>) -> (Pose<f64>, Twist<f64>) {
         if let Some(elastic) = &self.elastic {
             return elastic.compensate(&self.calibrated, &sample.joints, sample.payload_kg);
         }
-        let chain = self.calibrated.forward(&sample.serial);
+        let chain = self.calibrated.forward(&sample.serial_joints);
         let Some((header, rows)) = &self.mean else {
             return (chain, Twist::zero());
         };
@@ -393,7 +399,7 @@ impl Calibration {
     }
 
     /// `base_from_target` of the sample's tool as the f64 model has it, without bounding.
-    pub fn predict(&self, sample: &Sample) -> Pose<f64> {
+    pub fn predict<F>(&self, sample: &Sample<F>) -> Pose<f64> {
         let first = self.compensate(sample).0;
         match self.tools.get(sample.tool) {
             Some(tool) if sample.tool > 0 => first * *tool,
@@ -405,10 +411,10 @@ impl Calibration {
     /// about them in radians. Of the elastic model from parameters, processes and noise; of the paper's process by eq. 7,
     /// carried to the tool, and its noise; of the chain alone the RMS of its training residual. `None` only when a model
     /// that should know does not.
-    pub fn standard_deviation(&self, sample: &Sample) -> Option<[f64; OUTPUTS]> {
+    pub fn standard_deviation<F: Clone>(&self, sample: &Sample<F>) -> Option<[f64; OUTPUTS]> {
         if let Some(uncertainty) = &self.uncertainty {
-            let stated = self.config.with_declared_noise(std::iter::once(sample));
-            return stated.first().map(|s| uncertainty.standard_deviation(s));
+            let sample = sample.clone().with_noise(self.config.instrument_noise());
+            return Some(uncertainty.standard_deviation(&sample));
         }
         let Some(gp) = &self.gp else {
             let (p, r) = self.residual_rms;
@@ -418,7 +424,7 @@ impl Calibration {
         let latent = gp.variance(&x);
         let variance =
             |c: usize| latent[c] + gp.output(c).noise_variance * gp.output_scale[c].powi(2);
-        let p = self.calibrated.forward(&sample.serial).translation;
+        let p = self.calibrated.forward(&sample.serial_joints).translation;
         // v + ω × p, component by component; the outputs are independent.
         Some(std::array::from_fn(|i| {
             let (j, k) = ((i + 1) % 3, (i + 2) % 3);
@@ -431,13 +437,13 @@ impl Calibration {
         }))
     }
 
-    fn training_rms(&self, samples: &[Sample]) -> (f64, f64) {
-        let of = |s: &Sample| residual_components(UNWEIGHTED, &s.measured, &self.predict(s));
+    fn training_rms(&self, samples: &[BaseSample]) -> (f64, f64) {
+        let of = |s: &BaseSample| residual_components(UNWEIGHTED, &s.observation, &self.predict(s));
         let (mut position, mut orientation, mut whole) = (0.0, 0.0, 0);
         for sample in samples {
             let r = of(sample);
             position += r[..3].iter().map(|x| x * x).sum::<f64>();
-            if !sample.position_only {
+            if sample.observation.has_orientation() {
                 orientation += r[3..].iter().map(|x| x * x).sum::<f64>();
                 whole += 1;
             }
@@ -456,11 +462,11 @@ impl Calibration {
         self.mean.as_ref()
     }
 
-    fn bound_from(&self, samples: &[Sample]) -> (f64, f64) {
+    fn bound_from(&self, samples: &[BaseSample]) -> (f64, f64) {
         let (mut displacement, mut angle) = (0.0_f64, 0.0_f64);
         for sample in samples {
             let (_, twist) = self.compensate(sample);
-            let point = self.calibrated.forward(&sample.serial).translation;
+            let point = self.calibrated.forward(&sample.serial_joints).translation;
             displacement = displacement.max(twist.at_point(&point).linear.norm());
             angle = angle.max(twist.angular.norm());
         }

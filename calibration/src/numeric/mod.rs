@@ -1,5 +1,6 @@
-//! Optimisation, factors and statistics.
+//! Optimisation, factors, rotations and statistics.
 
 pub mod cholesky;
 pub mod lbfgs;
+pub mod rotation;
 pub mod statistics;

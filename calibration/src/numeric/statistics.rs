@@ -1,5 +1,6 @@
 //! Errors of a set of poses, summed up.
 
+use nalgebra::Vector3;
 use poegp_runtime::math::se3::Pose;
 use serde::Serialize;
 
@@ -76,17 +77,16 @@ impl PoseError {
     pub fn between(measured: &Pose<f64>, predicted: &Pose<f64>) -> Self {
         let turned = measured.inverse() * *predicted;
         Self {
-            position_mm: 1e3 * (measured.translation - predicted.translation).norm(),
             orientation_mrad: Some(1e3 * turned.log().angular.norm()),
+            ..Self::of_position(&measured.translation, &predicted.translation)
         }
     }
 
-    /// The position error alone.
-    #[must_use]
-    pub fn without_orientation(self) -> Self {
+    /// Between a measured and a predicted position in metres, in the same frame.
+    pub fn of_position(measured: &Vector3<f64>, predicted: &Vector3<f64>) -> Self {
         Self {
+            position_mm: 1e3 * (measured - predicted).norm(),
             orientation_mrad: None,
-            ..self
         }
     }
 }

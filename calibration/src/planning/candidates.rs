@@ -25,17 +25,6 @@ pub struct Candidates {
     pub removed: Vec<usize>,
 }
 
-/// The joints of the serial chain, C q.
-pub fn serial(robot: &Robot, joints: &[f64]) -> Vec<f64> {
-    match &robot.coupling {
-        None => joints.to_vec(),
-        Some(rows) => rows
-            .iter()
-            .map(|row| poegp_runtime::math::vector::inner_product(row, joints))
-            .collect(),
-    }
-}
-
 /// A joint in the unit of files and programs: degrees or millimetres.
 pub fn in_file_units(kind: JointKind, joint: f64) -> f64 {
     match kind {
@@ -94,7 +83,7 @@ pub fn draw(
                 on_grid(joint.kind, q, *range)
             })
             .collect();
-        match constraints.forbidden_by(chain, &serial(robot, &joints)) {
+        match constraints.forbidden_by(chain, &robot.serial_joints(&joints)) {
             None => out.joints.push(joints),
             Some(rule) => out.removed[rule] += 1,
         }

@@ -21,7 +21,7 @@ use poegp_runtime::kinematics::poe::Poe;
 
 use crate::identification::parametric::state::{Group, Layout, ROWS, State};
 use crate::measurement::noise::Scales;
-use crate::measurement::sample::Sample;
+use crate::measurement::sample::BaseSample;
 
 /// Rounds of exchange at most; it ends with the first that changes nothing.
 const ROUNDS: usize = 20;
@@ -67,7 +67,7 @@ impl Design {
         chain: &Poe<f64>,
         coupling: Option<&Vec<Vec<f64>>>,
         gravity: Vector3<f64>,
-        candidates: &[Sample],
+        candidates: &[BaseSample],
         of_a_payload: usize,
         noise: Scales,
         prior: Prior,
@@ -203,7 +203,8 @@ mod tests {
 
     use super::*;
     use crate::blob::write::nominal_chain;
-    use crate::measurement::noise::InstrumentNoise;
+    use crate::measurement::observation::Observation;
+    use crate::measurement::sample::{Base, Sample};
     use crate::robot::{LoadOptions, Robot};
     use poegp_runtime::math::se3::Pose;
 
@@ -216,16 +217,14 @@ mod tests {
         let joints: Vec<Vec<f64>> = (0..JOINTS)
             .map(|_| (0..6).map(|_| 3.0 * random.random::<f64>() - 1.5).collect())
             .collect();
-        let sample = |q: &Vec<f64>, kg: f64| Sample {
-            joints: q.clone(),
-            serial: q.clone(),
-            payload_kg: Some(kg),
-            measured: Pose::identity(),
-            tool: 0,
-            position_only: false,
-            stated: InstrumentNoise::UNKNOWN,
+        let sample = |q: &Vec<f64>, kg: f64| {
+            let observation = Observation::Pose(Pose::identity());
+            Sample {
+                payload_kg: Some(kg),
+                ..Sample::new(q.clone(), q.clone(), observation, Base)
+            }
         };
-        let candidates: Vec<Sample> = PAYLOADS_KG
+        let candidates: Vec<BaseSample> = PAYLOADS_KG
             .iter()
             .flat_map(|kg| joints.iter().map(|q| sample(q, *kg)))
             .collect();

@@ -10,13 +10,12 @@ use std::sync::Mutex;
 use serde::Serialize;
 
 use crate::blob::write::{Provenance, calibrate_to_blob};
-use crate::measurement::noise::InstrumentNoise;
-use crate::measurement::sample::Sample;
-use crate::measurement::sample::ToolName;
+use crate::measurement::observation::Observation;
+use crate::measurement::sample::{Instrument, InstrumentSample, Sample, ToolName};
 use crate::model::config::Config;
 use crate::model::{Method, fewest_poses};
 use crate::numeric::statistics::ErrorSummary;
-use crate::planning::{PlannedPose, Planner, Strategy, serial};
+use crate::planning::{PlannedPose, Planner, Strategy};
 use crate::simulation::{Scenario, SimulatedPose, Simulator};
 
 /// Numbers of poses that are usually looked at.
@@ -50,15 +49,15 @@ pub fn sample(
     robot: &crate::robot::Robot,
     pose: &SimulatedPose,
     payload_kg: Option<f64>,
-) -> Sample {
+) -> InstrumentSample {
     Sample {
-        serial: serial(robot, &pose.joints),
-        joints: pose.joints.clone(),
         payload_kg,
-        measured: pose.measured,
-        tool: 0,
-        position_only: false,
-        stated: InstrumentNoise::UNKNOWN,
+        ..Sample::new(
+            pose.joints.clone(),
+            robot.serial_joints(&pose.joints),
+            Observation::Pose(pose.measured),
+            Instrument,
+        )
     }
 }
 
@@ -151,7 +150,7 @@ impl Planner<'_> {
         let task = &self.task;
         let seed = task.seed.wrapping_add(arm);
         let mut simulator = Simulator::new(task.robot, scenario, task.payloads, seed);
-        let mut measure = |poses: &[PlannedPose]| -> Vec<Sample> {
+        let mut measure = |poses: &[PlannedPose]| -> Vec<InstrumentSample> {
             poses
                 .iter()
                 .map(|p| {

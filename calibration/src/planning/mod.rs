@@ -24,9 +24,10 @@ use nalgebra::Vector3;
 use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::Pose;
 
-use crate::measurement::noise::{InstrumentNoise, Scales};
-use crate::measurement::sample::Sample;
-use crate::planning::candidates::{Candidates, draw, serial};
+use crate::measurement::noise::Scales;
+use crate::measurement::observation::Observation;
+use crate::measurement::sample::{Base, BaseSample, Sample};
+use crate::planning::candidates::{Candidates, draw};
 use crate::planning::constraints::Constraints;
 use crate::planning::d_optimal::{Design, Prior};
 use crate::planning::space_filling::{Choice, PAYLOAD_WEIGHT, fill, quotas};
@@ -222,16 +223,14 @@ impl<'a> Planner<'a> {
         }
         let pool = &joints[..joints.len().min(EXCHANGE_POOL.max(CHOICE * count))];
         let start = fill(pool, ranges, payloads, &quotas, PAYLOAD_WEIGHT);
-        let sample = |q: &Vec<f64>, payload_kg: f64| Sample {
-            serial: serial(task.robot, q),
-            joints: q.clone(),
-            payload_kg: Some(payload_kg),
-            measured: Pose::identity(),
-            tool: 0,
-            position_only: false,
-            stated: InstrumentNoise::UNKNOWN,
+        let sample = |q: &Vec<f64>, payload_kg: f64| {
+            let observation = Observation::Pose(Pose::identity());
+            Sample {
+                payload_kg: Some(payload_kg),
+                ..Sample::new(q.clone(), task.robot.serial_joints(q), observation, Base)
+            }
         };
-        let samples: Vec<Sample> = payloads
+        let samples: Vec<BaseSample> = payloads
             .iter()
             .flat_map(|m| pool.iter().map(|q| sample(q, *m)))
             .collect();

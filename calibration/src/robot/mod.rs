@@ -26,6 +26,7 @@ use std::path::Path;
 
 use poegp_protocol::JointKind;
 use poegp_runtime::math::se3::Pose;
+use poegp_runtime::math::vector::inner_product;
 
 pub use crate::robot::builtin::BUILT_IN;
 pub(crate) use crate::robot::normal_form::origin;
@@ -127,6 +128,11 @@ impl Robot {
         }
     }
 
+    /// C q: the joints of the serial chain at the controller's joint values `q`, rad or m.
+    pub fn serial_joints(&self, q: &[f64]) -> Vec<f64> {
+        coupled(self.coupling.as_deref(), q)
+    }
+
     /// base_from_flange at the controller's joint values `q` (rad or m): an oracle for tests, written without the
     /// runtime's product of exponentials.
     #[cfg(test)]
@@ -147,6 +153,14 @@ impl Robot {
             pose = pose * moved * self.parent_from_joint[i + 1];
         }
         pose
+    }
+}
+
+/// C q for the rows of C; q where there is no coupling.
+pub fn coupled(coupling: Option<&[Vec<f64>]>, q: &[f64]) -> Vec<f64> {
+    match coupling {
+        None => q.to_vec(),
+        Some(rows) => rows.iter().map(|row| inner_product(row, q)).collect(),
     }
 }
 

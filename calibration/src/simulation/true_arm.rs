@@ -8,7 +8,7 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-use crate::robot::Robot;
+use crate::robot::{Robot, coupled};
 use crate::simulation::{Disturbance, Scenario, normal_vector};
 
 /// Error of each fixed frame, metres and radians per component.
@@ -146,13 +146,7 @@ impl TrueArm {
             }
         }
         let joints = joints.as_slice();
-        let mut serial = match &self.coupling {
-            None => joints.to_vec(),
-            Some(rows) => rows
-                .iter()
-                .map(|row| poegp_runtime::math::vector::inner_product(row, joints))
-                .collect::<Vec<_>>(),
-        };
+        let mut serial = coupled(self.coupling.as_deref(), joints);
         let (mass, centre) = self
             .payloads
             .iter()

@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use crate::blob::predict::LoadedBlob;
-use crate::measurement::sample::Sample;
+use crate::measurement::sample::InstrumentSample;
 use crate::model::Calibration;
 use crate::validation::held_out::{HeldOutPose, held_out};
 
@@ -43,7 +43,12 @@ pub struct Counter {
 impl Counter {
     /// Adds the errors of `samples` (poses in the instrument's frame) as the blob predicts them, against the standard
     /// deviations of the calibration it was made from.
-    pub fn add(&mut self, calibration: &Calibration, blob: &LoadedBlob, samples: &[Sample]) {
+    pub fn add(
+        &mut self,
+        calibration: &Calibration,
+        blob: &LoadedBlob,
+        samples: &[InstrumentSample],
+    ) {
         let base = &calibration.ends.instrument_from_base;
         for pose in held_out(blob, base, samples, Some(calibration)) {
             self.add_pose(&pose);

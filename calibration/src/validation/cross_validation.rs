@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use crate::blob::write::{CalibratedBlob, DeviceError, Provenance, calibrate_to_blob};
 use crate::measurement::folds;
-use crate::measurement::sample::Sample;
+use crate::measurement::sample::InstrumentSample;
 use crate::model::Method;
 use crate::model::config::Config;
 use crate::numeric::statistics::{ErrorSummary, PoseError};
@@ -76,7 +76,7 @@ pub struct TestSet {
     /// Its name.
     pub name: String,
     /// Its poses.
-    pub samples: Vec<Sample>,
+    pub samples: Vec<InstrumentSample>,
 }
 
 /// A calibration of the comparison failed.
@@ -97,7 +97,7 @@ pub struct Task<'a> {
     /// Its nominal chain, base to flange.
     pub nominal: &'a Poe<f64>,
     /// Training data.
-    pub train: &'a [Sample],
+    pub train: &'a [InstrumentSample],
     /// Test sets.
     pub tests: &'a [TestSet],
     /// Number of folds; 0 for none.
@@ -192,7 +192,7 @@ impl Task<'_> {
         let fold = self.assignment();
         let mut out: Vec<Option<HeldOutPose>> = vec![None; self.train.len()];
         for left_out in 0..self.folds {
-            let part = |inside: bool| -> Vec<Sample> {
+            let part = |inside: bool| -> Vec<InstrumentSample> {
                 let wanted = self
                     .train
                     .iter()
@@ -222,7 +222,7 @@ impl Task<'_> {
     pub fn calibrated(
         &self,
         config: &Config,
-        samples: &[Sample],
+        samples: &[InstrumentSample],
     ) -> Result<CalibratedBlob, CompareError> {
         calibrate_to_blob(self.nominal, self.robot, samples, config, self.origin).map_err(|error| {
             CompareError {
@@ -235,9 +235,11 @@ impl Task<'_> {
 
 /// The methods that the data allow: without payloads no `poe-gp-load`, and the paper's process only for whole poses of
 /// one tool.
-pub fn applicable(samples: &[Sample]) -> Vec<Method> {
+pub fn applicable(samples: &[InstrumentSample]) -> Vec<Method> {
     let has_payload = samples.iter().all(|s| s.payload_kg.is_some());
-    let plain = samples.iter().all(|s| s.tool == 0 && !s.position_only);
+    let plain = samples
+        .iter()
+        .all(|s| s.tool == 0 && s.observation.has_orientation());
     let allowed = |m: &Method| match m {
         Method::PoeGp => plain,
         Method::PoeGpLoad => plain && has_payload,

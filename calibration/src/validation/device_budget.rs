@@ -12,7 +12,7 @@ use crate::device_cost::{ElasticSize, SetSizes, blob_bytes, instructions};
 use crate::learning::elastic::device_variance::LANDMARKS;
 use crate::learning::elastic::inducing_sets::MAX_PAYLOADS;
 use crate::learning::elastic::options::SetLimits;
-use crate::measurement::sample::Sample;
+use crate::measurement::sample::InstrumentSample;
 use crate::model::config::{Config, ProcessLayout};
 use crate::numeric::statistics::Summary;
 use crate::robot::Robot;
@@ -81,7 +81,12 @@ impl Budget {
 
     /// The largest model of the arm in this shape that fits, or `None`. The kernels of support sets are taken to look at
     /// all joints; the fit leaves some out, and what that saves is spent on functions.
-    pub fn largest(&self, robot: &Robot, samples: &[Sample], shape: Shape) -> Option<ElasticSize> {
+    pub fn largest(
+        &self,
+        robot: &Robot,
+        samples: &[InstrumentSample],
+        shape: Shape,
+    ) -> Option<ElasticSize> {
         let mut payloads: Vec<f64> = samples
             .iter()
             .map(|s| s.payload_kg.unwrap_or(0.0))

@@ -9,7 +9,7 @@ use crate::blob::predict::LoadedBlob;
 use crate::blob::write::CalibratedBlob;
 use crate::identification::base_tool::UNWEIGHTED;
 use crate::identification::frame_fit::residual_components;
-use crate::measurement::sample::Sample;
+use crate::measurement::sample::InstrumentSample;
 use crate::model::Calibration;
 use crate::numeric::statistics::{ErrorSummary, PoseError};
 use crate::validation::coverage::{Counter, Coverage};
@@ -22,7 +22,7 @@ pub struct HeldOutPose {
     /// Measured position of the target in the model's base frame, metres.
     pub position: [f64; 3],
     /// Measured against predicted: displacement along the axes of the base frame in metres, rotation about them in
-    /// radians (meaningless where only the position was measured).
+    /// radians (zero where only the position was measured).
     pub residual: [f64; 6],
     /// Predicted standard deviation of each of these, where it was asked for and is known.
     pub sigma: Option<[f64; 6]>,
@@ -44,18 +44,18 @@ impl HeldOutPose {
 pub fn held_out(
     blob: &LoadedBlob,
     instrument_from_base: &Pose<f64>,
-    samples: &[Sample],
+    samples: &[InstrumentSample],
     calibration: Option<&Calibration>,
 ) -> Vec<HeldOutPose> {
     let base_from_instrument = instrument_from_base.inverse();
-    let observe = |(sample, error): (&Sample, PoseError)| {
+    let observe = |(sample, error): (&InstrumentSample, PoseError)| {
         let predicted = blob
             .predict_tool(&sample.joints, sample.payload_kg, sample.tool)
             .pose;
-        let measured = base_from_instrument * sample.measured;
+        let measured = sample.observation.transformed(&base_from_instrument);
         HeldOutPose {
             error,
-            position: measured.translation.into(),
+            position: measured.position().into(),
             residual: residual_components(
                 UNWEIGHTED,
                 &measured,
@@ -73,7 +73,7 @@ pub fn held_out(
 
 impl CalibratedBlob {
     /// What it makes of `samples`, with its standard deviations.
-    pub fn held_out(&self, samples: &[Sample]) -> Vec<HeldOutPose> {
+    pub fn held_out(&self, samples: &[InstrumentSample]) -> Vec<HeldOutPose> {
         let base = &self.calibration.ends.instrument_from_base;
         held_out(&self.blob, base, samples, Some(&self.calibration))
     }

@@ -8,7 +8,7 @@ use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 
-use crate::measurement::sample::Sample;
+use crate::measurement::sample::InstrumentSample;
 use crate::model::config::Config;
 use crate::model::fewest_poses;
 use crate::numeric::statistics::ErrorSummary;
@@ -32,8 +32,8 @@ pub struct Point {
 
 /// The poses that every size is tested on, and those that it may be trained on, in order.
 struct Parts {
-    pool: Vec<Sample>,
-    tests: Vec<Sample>,
+    pool: Vec<InstrumentSample>,
+    tests: Vec<InstrumentSample>,
 }
 
 impl Parts {
@@ -46,7 +46,7 @@ impl Parts {
             };
         }
         let fold = task.assignment();
-        let part = |first: bool| -> Vec<Sample> {
+        let part = |first: bool| -> Vec<InstrumentSample> {
             let wanted = task.train.iter().zip(&fold);
             let wanted = wanted.filter(|(_, f)| (**f == 0) == first);
             wanted.map(|(s, _)| s.clone()).collect()
@@ -85,7 +85,7 @@ pub fn curve(
     for size in sizes(task, config) {
         let mut drawn = order[..size.min(order.len())].to_vec();
         drawn.sort_unstable();
-        let train: Vec<Sample> = drawn.iter().map(|i| parts.pool[*i].clone()).collect();
+        let train: Vec<InstrumentSample> = drawn.iter().map(|i| parts.pool[*i].clone()).collect();
         if has_all_tools(&train, &parts.tests)
             && let Ok(found) = task.calibrated(config, &train)
         {
@@ -108,7 +108,7 @@ pub fn curve(
 }
 
 /// Whether every tool of `tests` has a few poses in `train`; a frame cannot be told from fewer than three.
-fn has_all_tools(train: &[Sample], tests: &[Sample]) -> bool {
+fn has_all_tools(train: &[InstrumentSample], tests: &[InstrumentSample]) -> bool {
     let tools = tests.iter().chain(train).map(|s| s.tool + 1).max();
     (0..tools.unwrap_or(0)).all(|tool| train.iter().filter(|s| s.tool == tool).count() >= 3)
 }

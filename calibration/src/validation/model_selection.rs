@@ -8,7 +8,7 @@
 use serde::Serialize;
 
 use crate::learning::task_space::fit::HyperparameterSharing;
-use crate::measurement::sample::Sample;
+use crate::measurement::sample::InstrumentSample;
 use crate::model::config::{Config, Weighting};
 use crate::model::{Method, fewest_poses};
 use crate::numeric::statistics::Summary;
@@ -62,7 +62,7 @@ pub struct Choice {
 }
 
 /// All candidates that the data allow, simplest first; `base` has the settings that they share.
-pub fn candidates(samples: &[Sample], joints: usize, base: &Config) -> Vec<Candidate> {
+pub fn candidates(samples: &[InstrumentSample], joints: usize, base: &Config) -> Vec<Candidate> {
     let allowed = applicable(samples);
     let gp = if allowed.contains(&Method::PoeGpLoad) {
         Method::PoeGpLoad

@@ -15,6 +15,7 @@
 
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};
+use nalgebra::Vector3;
 use poegp_protocol::JointKind;
 use poegp_protocol::blob::{Blob, Correction};
 use poegp_runtime::gp::joint_kernel::JointKernel;
@@ -29,8 +30,10 @@ use crate::identification::parametric::state::{Layout, Linearised, ROWS, State};
 use crate::learning::elastic::fit::inputs_of;
 use crate::learning::elastic::inducing_points::kernel;
 use crate::learning::elastic::likelihood::Inputs;
-use crate::measurement::noise::{InstrumentNoise, Scales};
-use crate::measurement::sample::Sample;
+use crate::measurement::noise::Scales;
+use crate::measurement::observation::Observation;
+use crate::measurement::sample::{Base, BaseSample, InstrumentSample, Sample};
+use crate::robot::coupled;
 
 /// Training poses that stand for those of a blob without support poses.
 const DRAWN: usize = 100;
@@ -46,7 +49,7 @@ pub struct BlobArm {
     kernels: Vec<JointKernel<f64>>,
     /// Whether the kernels are the blob's; else their size is open.
     pub knows_its_error: bool,
-    training: Vec<Sample>,
+    training: Vec<BaseSample>,
     repeats: f64,
 }
 
@@ -109,7 +112,7 @@ impl BlobArm {
     }
 
     /// Jacobians at `samples`, rows in units of their scales.
-    pub fn linearise(&self, samples: &[Sample], scales: Scales) -> Linearised {
+    pub fn linearise(&self, samples: &[InstrumentSample], scales: Scales) -> Linearised {
         self.state.linearise(samples, scales)
     }
 
@@ -117,20 +120,20 @@ impl BlobArm {
     /// does not know its own error that of the frames alone. `None` when it cannot be computed.
     pub fn error_covariance(
         &self,
-        samples: &[Sample],
+        samples: &[InstrumentSample],
         at: &Linearised,
         scales: Scales,
     ) -> Option<Mat<f64>> {
-        let position_only = samples.iter().all(|s| s.position_only);
-        let training: Vec<Sample> = self
-            .training
-            .iter()
-            .cloned()
-            .map(|mut s| {
-                s.position_only = position_only;
-                s
-            })
-            .collect();
+        let observation = if samples.iter().any(|s| s.observation.has_orientation()) {
+            Observation::Pose(Pose::identity())
+        } else {
+            Observation::Position(Vector3::zeros())
+        };
+        let with = |s: &BaseSample| Sample {
+            observation,
+            ..s.clone()
+        };
+        let training: Vec<BaseSample> = self.training.iter().map(with).collect();
         let seen = self.state.linearise(&training, scales);
         let (here, there) = (
             inputs_of(&self.state, samples),
@@ -150,7 +153,7 @@ impl BlobArm {
     }
 
     /// Covariance of the smooth deflection of a blob that does not know its own error, of unit size.
-    pub fn smooth_covariance(&self, samples: &[Sample], at: &Linearised) -> Mat<f64> {
+    pub fn smooth_covariance(&self, samples: &[InstrumentSample], at: &Linearised) -> Mat<f64> {
         let here = inputs_of(&self.state, samples);
         self.processes((at, &here), (at, &here))
     }
@@ -209,7 +212,7 @@ fn coupling(blob: &Blob<'_>) -> Option<Vec<Vec<f64>>> {
 }
 
 /// The support poses; of a blob without any, poses drawn from the ranges that were trained.
-fn support(blob: &Blob<'_>, coupling: Option<&Vec<Vec<f64>>>) -> Vec<Sample> {
+fn support(blob: &Blob<'_>, coupling: Option<&Vec<Vec<f64>>>) -> Vec<BaseSample> {
     let n = blob.robot.joints.len();
     let mut poses: Vec<(Vec<f64>, f64)> = Vec::new();
     if let Correction::Elastic(elastic) = &blob.correction {
@@ -243,20 +246,13 @@ fn support(blob: &Blob<'_>, coupling: Option<&Vec<Vec<f64>>>) -> Vec<Sample> {
             poses.push((joints, blob.ranges.payload_kg.map_or(0.0, &mut within)));
         }
     }
-    let sample = |(joints, payload): (Vec<f64>, f64)| Sample {
-        serial: match coupling {
-            None => joints.clone(),
-            Some(rows) => rows
-                .iter()
-                .map(|row| poegp_runtime::math::vector::inner_product(row, &joints))
-                .collect(),
-        },
-        joints,
-        payload_kg: Some(payload),
-        measured: Pose::identity(),
-        tool: 0,
-        position_only: false,
-        stated: InstrumentNoise::UNKNOWN,
+    let sample = |(joints, payload): (Vec<f64>, f64)| {
+        let serial_joints = coupled(coupling.map(Vec::as_slice), &joints);
+        let observation = Observation::Pose(Pose::identity());
+        Sample {
+            payload_kg: Some(payload),
+            ..Sample::new(joints, serial_joints, observation, Base)
+        }
     };
     poses.into_iter().map(sample).collect()
 }

@@ -5,7 +5,7 @@ use faer::{Mat, Side};
 
 use crate::identification::parametric::state::ROWS;
 use crate::measurement::noise::Scales;
-use crate::measurement::sample::Sample;
+use crate::measurement::sample::InstrumentSample;
 use crate::numeric::statistics::Summary;
 use crate::verification::Weighed;
 use crate::verification::drift_test::Test;
@@ -197,8 +197,8 @@ pub fn sensitivity(test: &Test, all: &[Hypothesis], false_alarms: f64) -> Vec<Se
 }
 
 /// Lengths of displacements of the target, mm.
-pub fn lengths(rows: &Mat<f64>, samples: &[Sample], scales: Scales) -> Summary {
-    let of = |(k, sample): (usize, &Sample)| {
+pub fn lengths(rows: &Mat<f64>, samples: &[InstrumentSample], scales: Scales) -> Summary {
+    let of = |(k, sample): (usize, &InstrumentSample)| {
         let unit = 1e3 * scales.of(sample).position;
         let squares = (0..3).map(|i| (unit * rows[(ROWS * k + i, 0)]).powi(2));
         squares.sum::<f64>().sqrt()

@@ -6,7 +6,7 @@ use poegp_runtime::math::se3::Twist;
 use serde::Serialize;
 
 use crate::identification::parametric::state::{Linearised, ROWS};
-use crate::measurement::sample::Sample;
+use crate::measurement::sample::InstrumentSample;
 use crate::verification::arm::BlobArm;
 
 /// A part of the cell that may be another one than it was.
@@ -45,7 +45,7 @@ impl Hypothesis {
 pub fn hypotheses(
     arm: &BlobArm,
     at: &Linearised,
-    samples: &[Sample],
+    samples: &[InstrumentSample],
     payload_effect: Option<Mat<f64>>,
 ) -> Vec<Hypothesis> {
     let n = arm.state.layout.joints;
@@ -85,7 +85,7 @@ pub fn base_effect(at: &Linearised) -> Mat<f64> {
 
 /// Of a motion of the tool against the flange: displacement of the target, and rotation about it, in the axes of the target.
 /// All targets move as one body, about the first.
-pub fn tool_effect(arm: &BlobArm, at: &Linearised, samples: &[Sample]) -> Mat<f64> {
+pub fn tool_effect(arm: &BlobArm, at: &Linearised, samples: &[InstrumentSample]) -> Mat<f64> {
     let state = &arm.state;
     let first = 6 * state.layout.joints;
     // Twists at the target, in its axes, as twists of the last joint's frame.

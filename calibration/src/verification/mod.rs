@@ -27,7 +27,7 @@ use crate::identification::base_tools::tool_count;
 use crate::identification::parametric::state::ROWS;
 use crate::learning::elastic::outliers::LEFT_OUT;
 use crate::measurement::noise::{InstrumentNoise, Scales};
-use crate::measurement::sample::Sample;
+use crate::measurement::sample::InstrumentSample;
 use crate::numeric::statistics::ErrorSummary;
 use crate::verification::arm::BlobArm;
 use crate::verification::drift_test::{Columns, Test};
@@ -95,12 +95,13 @@ pub enum CheckError {
 /// [`CheckError`].
 pub fn check(
     loaded: &LoadedBlob,
-    samples: &[Sample],
+    samples: &[InstrumentSample],
     tools: Vec<Pose<f64>>,
     lines: &[usize],
     options: &Options,
 ) -> Result<Report, CheckError> {
-    let samples = &stated(samples, &options.instrument);
+    let with_noise = |s: &InstrumentSample| s.clone().with_noise(options.instrument);
+    let samples: &Vec<InstrumentSample> = &samples.iter().map(with_noise).collect();
     enough(loaded, samples, options)?;
     let placed = Placed::new(loaded, samples, tools, options);
     let arm = BlobArm::new(loaded, &placed.tools);
@@ -153,7 +154,7 @@ pub fn check(
         noise_mm: 1e3 * scales.position * weighed.factors[0].sqrt(),
         noise_mrad: samples
             .iter()
-            .any(|s| !s.position_only)
+            .any(|s| s.observation.has_orientation())
             .then_some(1e3 * scales.orientation * weighed.factors[1].sqrt()),
         model_mm: weighed.model_mm,
         model_knows_its_error: arm.knows_its_error,
@@ -162,21 +163,13 @@ pub fn check(
     })
 }
 
-/// The samples with what is known of all of them.
-fn stated(samples: &[Sample], instrument: &InstrumentNoise) -> Vec<Sample> {
-    let of = |s: &Sample| Sample {
-        stated: instrument.or(s.stated),
-        ..s.clone()
-    };
-    samples.iter().map(of).collect()
-}
-
-fn enough(loaded: &LoadedBlob, samples: &[Sample], options: &Options) -> Result<(), CheckError> {
-    let each = if samples.iter().all(|s| s.position_only) {
-        3
-    } else {
-        6
-    };
+fn enough(
+    loaded: &LoadedBlob,
+    samples: &[InstrumentSample],
+    options: &Options,
+) -> Result<(), CheckError> {
+    let equations = samples.iter().map(|s| s.observation.equations());
+    let each = equations.max().unwrap_or(ROWS);
     // Each tool that is mounted anew is an unknown of its own.
     let tools = if options.refit_tool {
         tool_count(samples)
@@ -199,7 +192,7 @@ fn enough(loaded: &LoadedBlob, samples: &[Sample], options: &Options) -> Result<
 /// The residuals with their covariance.
 struct Weighed<'a> {
     arm: &'a BlobArm,
-    samples: &'a [Sample],
+    samples: &'a [InstrumentSample],
     /// Units of the rows.
     scales: Scales,
     /// Residuals.
@@ -319,9 +312,9 @@ impl<'a> Weighed<'a> {
 }
 
 /// Which noise every row has: 0 of position, 1 of rotation; none where it is not there.
-fn kinds(samples: &[Sample]) -> Vec<Option<usize>> {
-    let of = |s: &Sample| {
-        let rotation = (!s.position_only).then_some(1);
+fn kinds(samples: &[InstrumentSample]) -> Vec<Option<usize>> {
+    let of = |s: &InstrumentSample| {
+        let rotation = s.observation.has_orientation().then_some(1);
         [Some(0), Some(0), Some(0), rotation, rotation, rotation]
     };
     samples.iter().flat_map(of).collect()
@@ -344,7 +337,12 @@ fn number(part: Part) -> usize {
 }
 
 /// Lines of measurements that stand out from all others, once what has moved is taken out.
-fn odd(left: &Mat<f64>, samples: &[Sample], scales: Scales, lines: &[usize]) -> Vec<usize> {
+fn odd(
+    left: &Mat<f64>,
+    samples: &[InstrumentSample],
+    scales: Scales,
+    lines: &[usize],
+) -> Vec<usize> {
     let row = |k: usize| std::array::from_fn::<f64, ROWS, _>(|i| left[(ROWS * k + i, 0)]);
     let in_units = |k: usize| {
         let own = scales.of(&samples[k]);
@@ -359,7 +357,7 @@ fn odd(left: &Mat<f64>, samples: &[Sample], scales: Scales, lines: &[usize]) -> 
             let sigma = if i < 3 { own.position } else { own.orientation };
             (all[*k][i] / sigma).powi(2)
         };
-        let components = if samples[*k].position_only { 3 } else { ROWS };
+        let components = samples[*k].observation.equations();
         (0..components).map(square).sum::<f64>() > LEFT_OUT
     };
     (0..samples.len())

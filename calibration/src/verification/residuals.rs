@@ -12,7 +12,8 @@ use crate::identification::base_tools::{aligned, ends};
 use crate::identification::frame_fit::{ResidualKind, residual_components};
 use crate::identification::parametric::state::ROWS;
 use crate::measurement::noise::Scales;
-use crate::measurement::sample::Sample;
+use crate::measurement::observation::Observation;
+use crate::measurement::sample::InstrumentSample;
 use crate::numeric::statistics::PoseError;
 use crate::verification::Options;
 
@@ -29,7 +30,7 @@ const PAYLOAD_STEP: f64 = 0.25;
 pub struct Placed<'a> {
     loaded: &'a LoadedBlob,
     /// The measurements.
-    pub samples: &'a [Sample],
+    pub samples: &'a [InstrumentSample],
     /// `base_from_first_target` of every sample.
     first: Vec<Pose<f64>>,
     /// `instrument_from_base`.
@@ -42,7 +43,7 @@ impl<'a> Placed<'a> {
     /// With base and tools of the blob, or fitted as `options` say.
     pub fn new(
         loaded: &'a LoadedBlob,
-        samples: &'a [Sample],
+        samples: &'a [InstrumentSample],
         tools: Vec<Pose<f64>>,
         options: &Options,
     ) -> Self {
@@ -62,16 +63,16 @@ impl<'a> Placed<'a> {
         match (options.refit_base, options.refit_tool) {
             (true, true) => out.start_both(),
             (true, false) => {
-                let positions = |poses: &mut dyn Iterator<Item = Pose<f64>>| {
-                    poses.map(|p| p.translation).collect::<Vec<_>>()
-                };
-                let from = positions(&mut (0..samples.len()).map(|k| out.in_base(k)));
-                let to = positions(&mut samples.iter().map(|s| s.measured));
+                let from: Vec<_> = (0..samples.len())
+                    .map(|k| out.in_base(k).translation)
+                    .collect();
+                let to: Vec<_> = samples.iter().map(|s| s.observation.position()).collect();
                 out.base = aligned(&from, &to);
             }
             _ => {
                 for tool in 0..out.tools.len() {
-                    let own: Vec<&Sample> = samples.iter().filter(|s| s.tool == tool).collect();
+                    let own: Vec<&InstrumentSample> =
+                        samples.iter().filter(|s| s.tool == tool).collect();
                     if !own.is_empty() {
                         out.tools[tool] = fit_tool(loaded, &own);
                     }
@@ -118,7 +119,7 @@ impl<'a> Placed<'a> {
             let target = self.in_base(k).translation;
             let mut put = |column: usize, twist: Twist<f64>| {
                 let at = twist.at_point(&target).to_array();
-                let rows = if sample.position_only { 3 } else { ROWS };
+                let rows = sample.observation.equations();
                 for (row, value) in at.iter().enumerate().take(rows) {
                     let unit = if row < 3 {
                         WEIGHTS.position
@@ -164,10 +165,9 @@ impl<'a> Placed<'a> {
         let mut out = Mat::zeros(ROWS * self.samples.len(), 1);
         for (k, sample) in self.samples.iter().enumerate() {
             let kind = ResidualKind::ToolCentred(scales.of(sample));
-            let measured = base_from_instrument * sample.measured;
-            let rows = if sample.position_only { 3 } else { ROWS };
+            let measured = sample.observation.transformed(&base_from_instrument);
             let all = residual_components(kind, &measured, &self.in_base(k));
-            for (row, value) in all.into_iter().enumerate().take(rows) {
+            for (row, value) in all.into_iter().enumerate() {
                 out[(ROWS * k + row, 0)] = value;
             }
         }
@@ -192,8 +192,8 @@ impl<'a> Placed<'a> {
                 predicted(self.loaded, sample, Some(kg)) * tool.unwrap_or_else(Pose::identity)
             };
             let kind = ResidualKind::ToolCentred(scales.of(sample));
-            let rows = if sample.position_only { 3 } else { ROWS };
-            let all = residual_components(kind, &pose(more), &pose(less));
+            let rows = sample.observation.equations();
+            let all = residual_components(kind, &Observation::Pose(pose(more)), &pose(less));
             for (row, value) in all.into_iter().enumerate().take(rows) {
                 out[(ROWS * k + row, 0)] = value / (more - less);
             }
@@ -203,20 +203,15 @@ impl<'a> Placed<'a> {
 
     /// The error of each prediction.
     pub fn errors(&self) -> Vec<PoseError> {
-        let of = |(k, sample): (usize, &Sample)| {
-            let error = PoseError::between(&sample.measured, &(self.base * self.in_base(k)));
-            if sample.position_only {
-                error.without_orientation()
-            } else {
-                error
-            }
+        let of = |(k, sample): (usize, &InstrumentSample)| {
+            sample.observation.error(&(self.base * self.in_base(k)))
         };
         self.samples.iter().enumerate().map(of).collect()
     }
 }
 
 /// `base_from_first_target` as the device has it.
-fn predicted(loaded: &LoadedBlob, sample: &Sample, payload_kg: Option<f64>) -> Pose<f64> {
+fn predicted(loaded: &LoadedBlob, sample: &InstrumentSample, payload_kg: Option<f64>) -> Pose<f64> {
     let in_instrument = loaded.predict(&sample.joints, payload_kg).pose;
     loaded.instrument_from_base().inverse() * in_instrument
 }

@@ -1,7 +1,7 @@
 //! The standard deviation of tied blobs against the trainer's and against errors that were held out.
 
 use poegp_calibration::blob::write::{CalibratedBlob, calibrate_to_blob};
-use poegp_calibration::measurement::sample::Sample;
+use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::{Config, ProcessLayout};
 use poegp_runtime::math::se3::Pose;
@@ -17,7 +17,7 @@ fn median(mut values: Vec<f64>) -> f64 {
 fn held_out(scenario: &str, poses: usize) {
     let (robot, nominal) = arm("abb-irb4400-serial");
     let read = |name: &str| samples(&simulated_path(&format!("{scenario}_s0_{name}")), &robot);
-    let train: Vec<Sample> = read("train").into_iter().take(poses).collect();
+    let train: Vec<InstrumentSample> = read("train").into_iter().take(poses).collect();
     let mut options = Config::new(Method::Elastic);
     options.layout = ProcessLayout::Shared;
     let CalibratedBlob {
@@ -36,8 +36,8 @@ fn held_out(scenario: &str, poses: usize) {
         let sigma = f64::from(answer.position_sigma.unwrap());
         ratios.push(sigma / reference);
         beside_noise.push(((sigma * sigma - noise) / (reference * reference - noise)).sqrt());
-        let error =
-            base_from_instrument.rotation * (sample.measured.translation - answer.pose.translation);
+        let error = base_from_instrument.rotation
+            * (sample.observation.position() - answer.pose.translation);
         for (e, t) in error.iter().zip(&of_trainer) {
             one += usize::from(e.abs() <= sigma);
             two += usize::from(e.abs() <= 1.96 * sigma);
@@ -51,7 +51,7 @@ fn held_out(scenario: &str, poses: usize) {
         let mut away = sample.clone();
         for joint in [1, 2] {
             away.joints[joint] += 1.5;
-            away.serial[joint] += 1.5;
+            away.serial_joints[joint] += 1.5;
         }
         if far.len() < 30 {
             let of_trainer = calibration.standard_deviation(&away).unwrap();

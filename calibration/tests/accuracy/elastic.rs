@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use poegp_calibration::blob::write::{CalibratedBlob, calibrate_to_blob, precision_loss};
 use poegp_calibration::measurement as measurements;
-use poegp_calibration::measurement::sample::Sample;
+use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::Config;
 use poegp_calibration::numeric::statistics::{ErrorSummary, PoseError};
@@ -24,15 +24,15 @@ const TRAINING_SECONDS: f64 = 8.0;
 /// A simulated arm with all that was measured of it.
 struct Cell {
     arm: (Robot, Poe<f64>),
-    train: Vec<Sample>,
+    train: Vec<InstrumentSample>,
     /// The three test sets, each pose with its truth.
-    test: Vec<(Sample, Pose<f64>)>,
+    test: Vec<(InstrumentSample, Pose<f64>)>,
 }
 
 impl Cell {
     fn read(scenario: &str) -> Self {
         let arm = arm("abb-irb4400-serial");
-        let read = |name: &str| -> Vec<(Sample, Option<Pose<f64>>)> {
+        let read = |name: &str| -> Vec<(InstrumentSample, Option<Pose<f64>>)> {
             let path = simulated_path(&format!("{scenario}_s0_{name}"));
             let set = measurements::read(path).unwrap_or_else(|e| panic!("{e}"));
             let samples =
@@ -53,9 +53,9 @@ impl Cell {
     /// Trains on `train` and measures on the poses of all test sets that `wanted` takes.
     fn measure(
         &self,
-        train: &[Sample],
+        train: &[InstrumentSample],
         support: Option<usize>,
-        wanted: impl Fn(&Sample) -> bool,
+        wanted: impl Fn(&InstrumentSample) -> bool,
     ) -> Measured {
         let mut options = Config::new(Method::Elastic);
         options.inducing_points = support;
@@ -67,7 +67,7 @@ impl Cell {
             .unwrap_or_else(|e| panic!("{e}"));
         let seconds = clock.seconds();
         let test: Vec<_> = self.test.iter().filter(|(s, _)| wanted(s)).collect();
-        let samples: Vec<Sample> = test.iter().map(|(s, _)| s.clone()).collect();
+        let samples: Vec<InstrumentSample> = test.iter().map(|(s, _)| s.clone()).collect();
         let against_truth = test.iter().map(|(s, truth)| {
             PoseError::between(truth, &blob.predict(&s.joints, s.payload_kg).pose)
         });
@@ -247,8 +247,9 @@ fn a_payload_that_was_not_trained() {
     let mut table = Table::new("elastic, trained without 5 kg, tested with it");
     for (scenario, bound) in [("paper", 0.055), ("wild", 0.110)] {
         let cell = Cell::read(scenario);
-        let five = |s: &Sample| s.payload_kg == Some(5.0);
-        let train: Vec<Sample> = cell.train.iter().filter(|s| !five(s)).cloned().collect();
+        let five = |s: &InstrumentSample| s.payload_kg == Some(5.0);
+        let train: Vec<InstrumentSample> =
+            cell.train.iter().filter(|s| !five(s)).cloned().collect();
         let found = cell.measure(&train, Some(100), five);
         table.text += &found.line(scenario, &format!("{bound:.3}"));
         table.most(scenario, found.mean(), bound);

@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 
 use poegp_calibration::blob::write::{Provenance, nominal_chain};
 use poegp_calibration::learning::task_space::fit::HyperparameterSharing;
-use poegp_calibration::measurement::sample::Sample;
+use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::measurement::sample::ToolName;
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::Config;
@@ -38,7 +38,7 @@ fn arm(name: &str) -> (Robot, Poe<f64>) {
 }
 
 /// The samples of a measurement file.
-fn samples(path: &Path, robot: &Robot) -> Vec<Sample> {
+fn samples(path: &Path, robot: &Robot) -> Vec<InstrumentSample> {
     let set = poegp_calibration::measurement::read(path).unwrap_or_else(|e| panic!("{e}"));
     set.check(robot).unwrap_or_else(|e| panic!("{e}"));
     poegp_calibration::measurement::sample::samples(&set, robot, &mut Vec::new())
@@ -80,7 +80,7 @@ fn origin(tools: usize) -> Provenance {
 /// Held-out errors by the way of `trainer compare`.
 fn compare(
     (robot, nominal): &(Robot, Poe<f64>),
-    train: &[Sample],
+    train: &[InstrumentSample],
     tests: &[TestSet],
     folds: usize,
     options: &Config,

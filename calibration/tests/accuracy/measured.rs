@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 
 use poegp_calibration::blob::write::calibrate_to_blob;
 use poegp_calibration::learning::elastic::options::OutlierPolicy;
-use poegp_calibration::measurement::sample::Sample;
+use poegp_calibration::measurement::observation::Observation;
+use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::{Config, Weighting};
 use poegp_calibration::numeric::statistics::ErrorSummary;
@@ -163,7 +164,11 @@ fn a_motoman_and_one_reflector() {
 const FARO: &str = "abb_irb120_faro_700.csv";
 
 /// `count` samples drawn with `seed`, and the others.
-fn drawn(samples: &[Sample], count: usize, seed: u64) -> (Vec<Sample>, Vec<Sample>) {
+fn drawn(
+    samples: &[InstrumentSample],
+    count: usize,
+    seed: u64,
+) -> (Vec<InstrumentSample>, Vec<InstrumentSample>) {
     let mut order: Vec<usize> = (0..samples.len()).collect();
     order.shuffle(&mut ChaCha8Rng::seed_from_u64(seed));
     let of = |part: &[usize]| part.iter().map(|i| samples[*i].clone()).collect();
@@ -206,9 +211,11 @@ fn gross_outliers_among_poses_of_the_irb_120() {
     let (clean, test) = drawn(&samples(&folder.join(FARO), &arm.0), 300, 1);
     let mut dirty = clean.clone();
     for (i, sample) in dirty.iter_mut().step_by(EVERY).take(9).enumerate() {
-        sample.measured.translation[i % 3] += if i % 2 == 0 { 3.5e-3 } else { -3.5e-3 };
+        let mut pose = sample.observation.pose().unwrap();
+        pose.translation[i % 3] += if i % 2 == 0 { 3.5e-3 } else { -3.5e-3 };
+        sample.observation = Observation::Pose(pose);
     }
-    let mean = |train: &[Sample], outliers: OutlierPolicy| {
+    let mean = |train: &[InstrumentSample], outliers: OutlierPolicy| {
         let mut options = Config::new(Method::Elastic);
         options.outliers = outliers;
         let found = calibrate_to_blob(&arm.1, &arm.0, train, &options, &origin(1))

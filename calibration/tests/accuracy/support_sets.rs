@@ -8,7 +8,7 @@ use poegp_calibration::blob::write::calibrate_to_blob;
 use poegp_calibration::device_cost::SetSizes;
 use poegp_calibration::measurement as measurements;
 use poegp_calibration::measurement::folds::assign;
-use poegp_calibration::measurement::sample::Sample;
+use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::{Config, ProcessLayout};
 use poegp_calibration::robot::Robot;
@@ -34,8 +34,8 @@ fn models() -> [Config; 3] {
 /// Position errors in mm of the three models through their blobs, and what is said of the sets.
 fn measure(
     (robot, nominal): &(Robot, Poe<f64>),
-    train: &[Sample],
-    test: &[Sample],
+    train: &[InstrumentSample],
+    test: &[InstrumentSample],
 ) -> ([Vec<f64>; 3], String) {
     let mut told = String::new();
     let tools = train.iter().map(|s| s.tool + 1).max().unwrap_or(1);
@@ -127,7 +127,7 @@ fn measured_arms() {
         let mut all: [Vec<f64>; 3] = Default::default();
         let mut last = String::new();
         for held_out in 0..5 {
-            let part = |inside: bool| -> Vec<Sample> {
+            let part = |inside: bool| -> Vec<InstrumentSample> {
                 let of = whole.iter().zip(&fold);
                 of.filter(|(_, f)| (**f == held_out) == inside)
                     .map(|(s, _)| s.clone())

@@ -9,8 +9,8 @@ use poegp_calibration::learning::elastic::fit::inputs_of;
 use poegp_calibration::learning::elastic::hyperparameters::{COMMON, DEFLECTION_UNIT, HyperLayout};
 use poegp_calibration::learning::elastic::likelihood::Evidence;
 use poegp_calibration::measurement::noise::{InstrumentNoise, Scales};
-use poegp_calibration::measurement::sample::Sample;
-use poegp_calibration::measurement::sample::in_base_frame;
+use poegp_calibration::measurement::observation::Observation;
+use poegp_calibration::measurement::sample::{Base, BaseSample, Sample, in_base_frame};
 use poegp_calibration::numeric::lbfgs::Objective;
 use poegp_protocol::JointKind;
 use poegp_runtime::gp::joint_kernel::similarity;
@@ -37,19 +37,14 @@ fn chain(frames: &Value) -> Poe<f64> {
     Poe::new(&[JointKind::Revolute; JOINTS], &poses(frames)).unwrap()
 }
 
-fn samples(file: &Value, joints: &str, payloads: &str, measured: &str) -> Vec<Sample> {
+fn samples(file: &Value, joints: &str, payloads: &str, measured: &str) -> Vec<BaseSample> {
     let rows = list(&file[joints]).iter().map(numbers);
     let measured = poses(&file[measured]);
     rows.zip(numbers(&file[payloads]))
         .zip(measured)
         .map(|((joints, payload), measured)| Sample {
-            serial: joints.clone(),
-            joints,
             payload_kg: Some(payload),
-            measured,
-            tool: 0,
-            position_only: false,
-            stated: InstrumentNoise::UNKNOWN,
+            ..Sample::new(joints.clone(), joints, Observation::Pose(measured), Base)
         })
         .collect()
 }
@@ -194,7 +189,7 @@ fn weights_deflections_and_poses_are_numpys() {
 }
 
 /// Poses of the simulated arm seen from its base, with and without their payloads.
-fn in_base(count: usize, payload: bool) -> (Poe<f64>, Vec<Sample>) {
+fn in_base(count: usize, payload: bool) -> (Poe<f64>, Vec<BaseSample>) {
     let (robot, nominal) = arm();
     let mut samples = simulated(&robot, "train");
     samples.truncate(count);
@@ -215,8 +210,8 @@ fn the_gradient_is_that_of_differences() {
         let (chain, mut samples) = in_base(20, payload);
         if uneven {
             for (k, sample) in samples.iter_mut().enumerate() {
-                sample.stated.position = Some(1e-4 * (1 + k % 3) as f64);
-                sample.stated.orientation = Some(2e-4 * (1 + k % 2) as f64);
+                sample.declared_noise.position = Some(1e-4 * (1 + k % 3) as f64);
+                sample.declared_noise.orientation = Some(2e-4 * (1 + k % 2) as f64);
             }
             scales.quietest = InstrumentNoise::quietest(&samples);
         }

@@ -1,6 +1,7 @@
 //! Base-tool, step 1 and the largest likelihood on a whole training set, against numpy, scipy and scikit-learn.
 
 use faer::Mat;
+use poegp_calibration::identification::frame_fit::{ResidualKind, residual_components};
 use poegp_calibration::learning::task_space::fit::{
     HyperparameterSharing, MAX_SIGNAL_VARIANCE, fit, maximise_likelihood,
 };
@@ -10,7 +11,6 @@ use poegp_calibration::measurement::sample::in_base_frame;
 use poegp_calibration::model::config::Config;
 use poegp_calibration::model::{Method, calibrate};
 use poegp_protocol::limits::OUTPUTS;
-use poegp_runtime::math::se3::residual;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -32,7 +32,10 @@ fn residuals_after_step_1_are_numpys() {
     let found = calibrate(&nominal, None, &train, &Config::new(Method::Poe)).unwrap();
     let ours: Vec<[f64; OUTPUTS]> = in_base_frame(&train, &found.ends.instrument_from_base)
         .iter()
-        .map(|s| residual(&s.measured, &found.calibrated.forward(&s.serial)).to_array())
+        .map(|s| {
+            let chain = found.calibrated.forward(&s.serial_joints);
+            residual_components(ResidualKind::Space, &s.observation, &chain)
+        })
         .collect();
     let worst = largest_difference(ours.as_flattened(), theirs.as_flattened());
     say(format_args!(

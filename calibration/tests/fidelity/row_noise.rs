@@ -3,7 +3,8 @@
 use nalgebra::Vector3;
 use poegp_calibration::blob::write::{CalibratedBlob, Provenance, calibrate_to_blob};
 use poegp_calibration::measurement::noise::InstrumentNoise;
-use poegp_calibration::measurement::sample::Sample;
+use poegp_calibration::measurement::observation::Observation;
+use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::measurement::sample::ToolName;
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::{Config, Weighting};
@@ -31,7 +32,7 @@ fn stated(factor: f64) -> InstrumentNoise {
 }
 
 /// The training poses; every third is made `factor` times as noisy, and says so.
-fn uneven(factor: f64) -> Vec<Sample> {
+fn uneven(factor: f64) -> Vec<InstrumentSample> {
     let mut random = ChaCha8Rng::seed_from_u64(11);
     let mut normal = |sigma: f64| -> Vector3<f64> {
         Vector3::from_fn(|_, _| {
@@ -44,29 +45,31 @@ fn uneven(factor: f64) -> Vec<Sample> {
     // What is there already is noise, too.
     let added = (factor * factor - 1.0).sqrt();
     for (k, sample) in samples.iter_mut().enumerate() {
-        sample.stated = stated(1.0);
+        sample.declared_noise = stated(1.0);
         if k % EVERY == 0 {
-            sample.stated = stated(factor);
+            sample.declared_noise = stated(factor);
             let turn = Twist {
                 linear: Vector3::zeros(),
                 angular: normal(added * NOISE.1),
             };
-            sample.measured.rotation = Pose::exp(&turn).rotation * sample.measured.rotation;
-            sample.measured.translation += normal(added * NOISE.0);
+            let mut pose = sample.observation.pose().unwrap();
+            pose.rotation = Pose::exp(&turn).rotation * pose.rotation;
+            pose.translation += normal(added * NOISE.0);
+            sample.observation = Observation::Pose(pose);
         }
     }
     samples
 }
 
-fn silent(samples: &[Sample]) -> Vec<Sample> {
-    let quiet = |s: &Sample| Sample {
-        stated: InstrumentNoise::UNKNOWN,
+fn silent(samples: &[InstrumentSample]) -> Vec<InstrumentSample> {
+    let quiet = |s: &InstrumentSample| InstrumentSample {
+        declared_noise: InstrumentNoise::UNKNOWN,
         ..s.clone()
     };
     samples.iter().map(quiet).collect()
 }
 
-fn calibrated(samples: &[Sample], options: &Config) -> CalibratedBlob {
+fn calibrated(samples: &[InstrumentSample], options: &Config) -> CalibratedBlob {
     let (robot, nominal) = arm();
     let origin = Provenance {
         serial_number: String::new(),
@@ -87,10 +90,10 @@ fn weighted(method: Method) -> Config {
 #[test]
 fn rows_of_their_own_noise_count_by_it() {
     let test = simulated(&arm().0, "test1");
-    let mean = |samples: &[Sample], method| {
+    let mean = |samples: &[InstrumentSample], method| {
         let found = calibrated(samples, &weighted(method));
         // A row that is as noisy as it says is no outlier.
-        let honest = samples[0].stated != InstrumentNoise::UNKNOWN;
+        let honest = samples[0].declared_noise != InstrumentNoise::UNKNOWN;
         assert!(!honest || found.calibration.outliers.is_empty());
         ErrorSummary::new(&found.blob.errors(&test))
             .position_mm
@@ -114,8 +117,9 @@ fn rows_of_their_own_noise_count_by_it() {
 #[test]
 fn the_same_noise_in_all_rows_changes_no_byte() {
     let even = uneven(1.0);
-    let bytes =
-        |samples: &[Sample], options: &Config| calibrated(samples, options).blob.bytes().to_vec();
+    let bytes = |samples: &[InstrumentSample], options: &Config| {
+        calibrated(samples, options).blob.bytes().to_vec()
+    };
     let poe = weighted(Method::Poe);
     assert_eq!(bytes(&even, &poe), bytes(&silent(&even), &poe));
     // Of the elastic model it is also the least noise that may be found, as when it is told for all rows together …
@@ -128,11 +132,11 @@ fn the_same_noise_in_all_rows_changes_no_byte() {
     let by_rows = bytes(&even, &elastic);
     assert_eq!(by_rows, bytes(&silent(&even), &told));
     // … which goes before what rows say.
-    let loud: Vec<Sample> = even
+    let loud: Vec<InstrumentSample> = even
         .iter()
         .enumerate()
-        .map(|(k, s)| Sample {
-            stated: stated(1.0 + k as f64),
+        .map(|(k, s)| InstrumentSample {
+            declared_noise: stated(1.0 + k as f64),
             ..s.clone()
         })
         .collect();

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use poegp_calibration::blob::write::nominal_chain;
 use poegp_calibration::measurement as measurements;
-use poegp_calibration::measurement::sample::Sample;
+use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::measurement::sample::samples;
 use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_runtime::kinematics::poe::Poe;
@@ -17,7 +17,7 @@ pub fn arm() -> (Robot, Poe<f64>) {
 }
 
 /// `train`, `test1`, `test2` or `test3`.
-pub fn simulated(robot: &Robot, set: &str) -> Vec<Sample> {
+pub fn simulated(robot: &Robot, set: &str) -> Vec<InstrumentSample> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!(
         "../tests/data/simulated/irb4400_paper_s0_{set}.csv"
     ));

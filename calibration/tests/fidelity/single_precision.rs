@@ -4,7 +4,8 @@ use poegp_calibration::blob::write::{
     DeviceError, ExportError, MAX_F32_ERROR_M, MEAN_F32_ERROR_M, Provenance, calibrate_to_blob,
 };
 use poegp_calibration::learning::task_space::fit::HyperparameterSharing;
-use poegp_calibration::measurement::sample::Sample;
+use poegp_calibration::measurement::observation::Observation;
+use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::{Config, ProcessLayout};
 use poegp_runtime::guard::status::Status;
@@ -85,12 +86,12 @@ fn the_blob_is_within_two_micrometres_of_the_model() {
 
 /// Measurements without noise of an arm whose second joint is off by a large smooth function that no geometry
 /// explains: decimetres of correction and a process that believes every digit, of which `f32` has seven.
-fn absurd(nominal: &Poe<f64>, samples: &[Sample]) -> Vec<Sample> {
+fn absurd(nominal: &Poe<f64>, samples: &[InstrumentSample]) -> Vec<InstrumentSample> {
     let mut out = samples.to_vec();
     for sample in &mut out {
-        let mut serial = sample.serial.clone();
+        let mut serial = sample.serial_joints.clone();
         serial[1] += 0.5 * (sample.joints[0] + 0.5 * sample.joints[2]).sin();
-        sample.measured = nominal.forward(&serial);
+        sample.observation = Observation::Pose(nominal.forward(&serial));
     }
     out
 }

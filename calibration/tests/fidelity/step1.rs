@@ -1,12 +1,11 @@
 //! Step 1 on 40 poses against an independent Gauss–Newton in numpy; only what does not depend on the gauge is compared.
 
-use poegp_calibration::measurement::sample::Sample;
-
-use poegp_calibration::identification::frame_fit::{ResidualKind, fit_frames};
-use poegp_calibration::measurement::noise::InstrumentNoise;
+use poegp_calibration::identification::frame_fit::{ResidualKind, fit_frames, residual_components};
+use poegp_calibration::measurement::observation::Observation;
+use poegp_calibration::measurement::sample::{Base, BaseSample, Sample};
 use poegp_protocol::JointKind;
 use poegp_runtime::kinematics::poe::Poe;
-use poegp_runtime::math::se3::{Pose, residual};
+use poegp_runtime::math::se3::Pose;
 
 use crate::json::{largest_difference, list, numbers, parse, pose_rows};
 use crate::say;
@@ -19,18 +18,10 @@ fn step_1_is_numpys() {
         rows.map(|rows| Pose::from_rows(&rows)).collect()
     };
     let joints = |name: &str| -> Vec<Vec<f64>> { list(&file[name]).iter().map(numbers).collect() };
-    let samples: Vec<Sample> = joints("q")
+    let samples: Vec<BaseSample> = joints("q")
         .into_iter()
         .zip(poses("T_meas"))
-        .map(|(q, measured)| Sample {
-            joints: q.clone(),
-            serial: q,
-            payload_kg: None,
-            measured,
-            tool: 0,
-            position_only: false,
-            stated: InstrumentNoise::UNKNOWN,
-        })
+        .map(|(q, measured)| Sample::new(q.clone(), q, Observation::Pose(measured), Base))
         .collect();
     let mut poe = Poe::new(&[JointKind::Revolute; 6], &poses("P_start")).unwrap();
     let all: Vec<usize> = (0..poe.frames().len()).collect();
@@ -40,7 +31,13 @@ fn step_1_is_numpys() {
     let rms = file["rms"].as_f64().unwrap();
     let ours: Vec<f64> = samples
         .iter()
-        .flat_map(|s| residual(&s.measured, &poe.forward(&s.serial)).to_array())
+        .flat_map(|s| {
+            residual_components(
+                ResidualKind::Space,
+                &s.observation,
+                &poe.forward(&s.serial_joints),
+            )
+        })
         .collect();
     let residuals = largest_difference(&ours, &numbers(&file["residual"]));
     let rows = |pose: &Pose<f64>| pose.to_rows().to_vec();

@@ -14,7 +14,7 @@ use std::sync::Mutex;
 
 use nalgebra::Vector3;
 use poegp_calibration::blob::write::{Provenance, calibrate_to_blob, nominal_chain};
-use poegp_calibration::measurement::sample::Sample;
+use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::measurement::sample::ToolName;
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::Config;
@@ -93,7 +93,7 @@ impl Arm {
                     .collect()
             }
         };
-        let train: Vec<Sample> = train
+        let train: Vec<InstrumentSample> = train
             .iter()
             .map(|p| sample(&self.robot, p, Some(p.payload_kg)))
             .collect();

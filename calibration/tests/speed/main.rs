@@ -12,7 +12,7 @@ use std::path::Path;
 use poegp_calibration::blob::predict::LoadedBlob;
 use poegp_calibration::blob::write::{Provenance, calibrate_to_blob, nominal_chain};
 use poegp_calibration::measurement as measurements;
-use poegp_calibration::measurement::sample::Sample;
+use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::measurement::sample::samples;
 use poegp_calibration::model::config::Config;
 use poegp_calibration::model::{Calibration, Method};
@@ -34,7 +34,7 @@ fn cpu_seconds() -> f64 {
 }
 
 /// The arm and 300 simulated poses of `tests/data`.
-fn arm() -> (Robot, Poe<f64>, Vec<Sample>) {
+fn arm() -> (Robot, Poe<f64>, Vec<InstrumentSample>) {
     let robot = Robot::load("abb-irb4400-serial", &LoadOptions::default()).unwrap();
     let nominal = nominal_chain(&robot).unwrap();
     let path = Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -45,7 +45,7 @@ fn arm() -> (Robot, Poe<f64>, Vec<Sample>) {
 }
 
 /// A calibration of the 300 poses, and its CPU seconds.
-fn calibrated(method: Method) -> (Calibration, LoadedBlob, Vec<Sample>, f64) {
+fn calibrated(method: Method) -> (Calibration, LoadedBlob, Vec<InstrumentSample>, f64) {
     let (robot, nominal, samples) = arm();
     let origin = Provenance {
         serial_number: String::new(),
@@ -61,7 +61,7 @@ fn calibrated(method: Method) -> (Calibration, LoadedBlob, Vec<Sample>, f64) {
 }
 
 /// The six means as eq. 7 reads, in f64: what a program would do that has not thought about it.
-fn naive_mean(found: &Calibration, sample: &Sample) -> [f64; 6] {
+fn naive_mean(found: &Calibration, sample: &InstrumentSample) -> [f64; 6] {
     let gp = found.gp.as_ref().unwrap();
     let h = gp.output(0);
     let x = found.config.inputs(&sample.joints, sample.payload_kg);
@@ -91,21 +91,22 @@ fn naive_mean(found: &Calibration, sample: &Sample) -> [f64; 6] {
 fn ten_thousand_predictions() {
     let (found, blob, samples, _) = calibrated(Method::PoeGpLoad);
     let rounds = 10_000_usize.div_ceil(samples.len());
-    let time = |work: &dyn Fn(&Sample)| {
+    let time = |work: &dyn Fn(&InstrumentSample)| {
         let start = cpu_seconds();
         for _ in 0..rounds {
             samples.iter().for_each(work);
         }
         (cpu_seconds() - start) * 10_000.0 / (rounds * samples.len()) as f64
     };
-    let predict = |s: &Sample| {
+    let predict = |s: &InstrumentSample| {
         black_box(blob.predict(&s.joints, s.payload_kg));
     };
-    let naive = |s: &Sample| {
+    let naive = |s: &InstrumentSample| {
         black_box(naive_mean(&found, s));
     };
     // The better of three: another program may take the core's caches.
-    let best = |work: &dyn Fn(&Sample)| (0..3).map(|_| time(work)).fold(f64::INFINITY, f64::min);
+    let best =
+        |work: &dyn Fn(&InstrumentSample)| (0..3).map(|_| time(work)).fold(f64::INFINITY, f64::min);
     let (ours, theirs) = (best(&predict), best(&naive));
     let ratio = theirs / ours;
     say(format_args!(

@@ -6,7 +6,8 @@ use nalgebra::Vector3;
 use poegp_calibration::blob::predict::LoadedBlob;
 use poegp_calibration::blob::write::{Provenance, calibrate_to_blob, nominal_chain};
 use poegp_calibration::measurement as measurements;
-use poegp_calibration::measurement::sample::Sample;
+use poegp_calibration::measurement::observation::Observation;
+use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::measurement::sample::samples;
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::Config;
@@ -37,7 +38,7 @@ pub struct Cell {
 }
 
 /// The rows of a simulated file, as the program reads them.
-pub fn measured(robot: &Robot, simulator: &mut Simulator, poses: usize) -> Vec<Sample> {
+pub fn measured(robot: &Robot, simulator: &mut Simulator, poses: usize) -> Vec<InstrumentSample> {
     let csv = to_csv(robot, &simulator.measure(poses), false, "simulated");
     let set = measurements::parse(Path::new("check.csv"), csv.as_bytes()).unwrap();
     samples(&set, robot, &mut Vec::new()).unwrap()
@@ -81,7 +82,9 @@ impl Cell {
             rows
         };
         for row in &mut rows {
-            row.position_only |= positions_alone;
+            if positions_alone {
+                row.observation = Observation::Position(row.observation.position());
+            }
         }
         let lines: Vec<usize> = (2..2 + rows.len()).collect();
         check(&self.blob, &rows, vec![Pose::identity()], &lines, options).unwrap()

@@ -22,7 +22,7 @@ use poegp_calibration::identification::frame_fit::FrameFit;
 use poegp_calibration::identification::identifiability::IdentifyReport;
 use poegp_calibration::learning::task_space::fit::MAX_SIGNAL_VARIANCE;
 use poegp_calibration::measurement::instrument_drift::DriftReport;
-use poegp_calibration::measurement::sample::Sample;
+use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::model::config::Config;
 use poegp_calibration::model::frame_changes::{FrameChange, changes};
 use poegp_calibration::model::identified::of_calibration;
@@ -226,7 +226,7 @@ pub fn run(a: &Calibrate) -> Result<(), Failure> {
 /// Cross-validation within the training data, for a choice.
 fn selection<'a>(
     arm: &'a Arm,
-    samples: &'a [Sample],
+    samples: &'a [InstrumentSample],
     origin: &'a blob::write::Provenance,
 ) -> Task<'a> {
     Task {
@@ -244,7 +244,7 @@ fn selection<'a>(
 fn choose_model(
     a: &Calibrate,
     arm: &Arm,
-    samples: &[Sample],
+    samples: &[InstrumentSample],
     options: &Config,
     origin: &blob::write::Provenance,
 ) -> Result<Choice, Failure> {
@@ -261,7 +261,7 @@ fn fit_budget(
     a: &Calibrate,
     budget: &Budget,
     arm: &Arm,
-    samples: &[Sample],
+    samples: &[InstrumentSample],
     options: &Config,
     origin: &blob::write::Provenance,
 ) -> Result<(Config, Vec<Fitted>), Failure> {

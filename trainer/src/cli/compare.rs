@@ -17,7 +17,7 @@ use poegp_calibration::learning::elastic::options::OutlierPolicy;
 use poegp_calibration::learning::task_space::fit::HyperparameterSharing;
 use poegp_calibration::measurement::MeasurementSet;
 use poegp_calibration::measurement::instrument_drift::{Drift, DriftReport};
-use poegp_calibration::measurement::sample::Sample;
+use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::model::config::{Config, ProcessLayout, Weighting};
 use poegp_calibration::model::{CalibrationError, Method};
 use poegp_calibration::validation::cross_validation::{ModelComparison, Task, TestSet, applicable};
@@ -286,7 +286,11 @@ fn evidence(
 }
 
 /// The methods asked for, or all that the data allow; where a payload is needed every file must have one.
-fn methods(a: &Compare, train: &[Sample], tests: &[TestSet]) -> Result<Vec<Method>, Failure> {
+fn methods(
+    a: &Compare,
+    train: &[InstrumentSample],
+    tests: &[TestSet],
+) -> Result<Vec<Method>, Failure> {
     let mut methods: Vec<Method> = a.models.iter().map(|m| Method::from(*m)).collect();
     if methods.is_empty() {
         methods = applicable(train);

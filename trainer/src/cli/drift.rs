@@ -6,7 +6,7 @@ use crate::cli::report::remark;
 use crate::cli::{Arm, Failure};
 use poegp_calibration::measurement::MeasurementSet;
 use poegp_calibration::measurement::instrument_drift::Drift;
-use poegp_calibration::measurement::sample::Sample;
+use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::measurement::sample::ToolName;
 
 /// The same in every report: what the correction may know.
@@ -22,7 +22,7 @@ pub fn read(
     path: &Path,
     tools: &mut Vec<ToolName>,
     correct: bool,
-) -> Result<(MeasurementSet, Vec<Sample>, Option<Drift>), Failure> {
+) -> Result<(MeasurementSet, Vec<InstrumentSample>, Option<Drift>), Failure> {
     let (set, samples) = arm.read(path, tools)?;
     if !correct {
         hint(path, &set);
@@ -65,7 +65,7 @@ pub fn corrected(
     set: &MeasurementSet,
     tools: &mut Vec<ToolName>,
     training: &Drift,
-) -> Result<Vec<Sample>, Failure> {
+) -> Result<Vec<InstrumentSample>, Failure> {
     let drift = Drift::estimate_as(set, training)?;
     Ok(poegp_calibration::measurement::sample::samples(
         &drift.correct(set),

@@ -6,7 +6,7 @@ use crate::cli::report::Report;
 use crate::report::sections::{ListedOutlier, Ripple};
 use poegp_calibration::learning::elastic::options::OutlierPolicy;
 use poegp_calibration::learning::elastic::outliers::Reason;
-use poegp_calibration::measurement::sample::Sample;
+use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::model::Calibration;
 use poegp_calibration::model::config::ProcessLayout;
 
@@ -51,7 +51,11 @@ struct OutlierFacts {
 
 impl ElasticFacts {
     /// Of a calibration with these samples; `lines` are their lines in the file.
-    pub fn new(calibration: &Calibration, samples: &[Sample], lines: &[usize]) -> Option<Self> {
+    pub fn new(
+        calibration: &Calibration,
+        samples: &[InstrumentSample],
+        lines: &[usize],
+    ) -> Option<Self> {
         let elastic = calibration.elastic.as_ref()?;
         let report = &elastic.report;
         let config = &calibration.config;
@@ -82,7 +86,7 @@ impl ElasticFacts {
             noise_mm: 1e3 * report.position_noise,
             noise_mrad: samples
                 .iter()
-                .any(|s| !s.position_only)
+                .any(|s| s.observation.has_orientation())
                 .then_some(1e3 * report.orientation_noise),
             support: report.support,
             ripple: ripple.collect(),

@@ -16,7 +16,7 @@ use poegp_calibration::blob::tool_fit::{fit_tool, spread};
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::measurement as measurements;
 use poegp_calibration::measurement::MeasurementSet;
-use poegp_calibration::measurement::sample::Sample;
+use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::measurement::sample::ToolName;
 use poegp_calibration::numeric::statistics::{ErrorSummary, PoseError};
 use poegp_calibration::robot::{Joint, Robot};
@@ -64,13 +64,17 @@ struct SigmaFacts {
 
 impl SigmaFacts {
     /// Of the scored samples; `None` when the blob does not know it.
-    fn new(samples: &[Sample], predictions: &[Prediction], scored: &[usize]) -> Option<Self> {
+    fn new(
+        samples: &[InstrumentSample],
+        predictions: &[Prediction],
+        scored: &[usize],
+    ) -> Option<Self> {
         let (mut one, mut two, mut sum, mut known) = (0, 0, 0.0, 0);
         for i in scored {
             let Some(sigma) = predictions[*i].position_sigma.map(f64::from) else {
                 continue;
             };
-            let error = samples[*i].measured.translation - predictions[*i].pose.translation;
+            let error = samples[*i].observation.position() - predictions[*i].pose.translation;
             for component in error.iter() {
                 one += usize::from(component.abs() <= sigma);
                 two += usize::from(component.abs() <= 1.96 * sigma);
@@ -109,15 +113,10 @@ pub fn run(a: &Evaluate) -> Result<(), Failure> {
         })
         .collect();
     let scored = |i: &usize| !tools.fitted_on.contains(i);
-    let measured = (0..samples.len()).filter(scored).map(|i| {
-        let error = PoseError::between(&samples[i].measured, &predictions[i].pose);
-        if samples[i].position_only {
-            error.without_orientation()
-        } else {
-            error
-        }
-    });
-    let measured: Vec<PoseError> = measured.collect();
+    let measured: Vec<PoseError> = (0..samples.len())
+        .filter(scored)
+        .map(|i| samples[i].observation.error(&predictions[i].pose))
+        .collect();
     let truth: Vec<PoseError> = (0..samples.len())
         .filter(scored)
         .filter_map(|i| {
@@ -164,7 +163,7 @@ pub fn run(a: &Evaluate) -> Result<(), Failure> {
 /// A measurement file as the arm of a blob sees it.
 pub(super) struct TestData {
     pub set: MeasurementSet,
-    pub samples: Vec<Sample>,
+    pub samples: Vec<InstrumentSample>,
     /// First the tools of the blob, then those that only the file has.
     pub names: Vec<ToolName>,
 }
@@ -235,7 +234,7 @@ fn tool_frames(
     a: &Evaluate,
     loaded: &LoadedBlob,
     names: &[ToolName],
-    samples: &[Sample],
+    samples: &[InstrumentSample],
 ) -> Result<ToolFrames, Failure> {
     let known = loaded.tools();
     let mut frames: Vec<Pose<f64>> = known.iter().map(|(_, pose)| *pose).collect();
@@ -255,7 +254,7 @@ fn tool_frames(
                     )
                     .into());
                 }
-                let samples: Vec<&Sample> = chosen.iter().map(|i| &samples[*i]).collect();
+                let samples: Vec<&InstrumentSample> = chosen.iter().map(|i| &samples[*i]).collect();
                 frames.push(fit_tool(loaded, &samples));
                 fitted_on.extend(chosen);
             }

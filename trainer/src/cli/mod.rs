@@ -48,7 +48,7 @@ use poegp_calibration::input_error::InputError;
 use poegp_calibration::measurement as measurements;
 use poegp_calibration::measurement::MeasurementSet;
 use poegp_calibration::measurement::noise::InstrumentNoise;
-use poegp_calibration::measurement::sample::Sample;
+use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::measurement::sample::ToolName;
 use poegp_calibration::model::{CalibrationError, Method, fewest_poses};
 use poegp_calibration::robot::Robot;
@@ -195,7 +195,7 @@ impl Arm {
         &self,
         path: &Path,
         tools: &mut Vec<ToolName>,
-    ) -> Result<(MeasurementSet, Vec<Sample>), Failure> {
+    ) -> Result<(MeasurementSet, Vec<InstrumentSample>), Failure> {
         let set = measurements::read(path)?;
         let notes = set.check(&self.robot)?;
         for note in set.notes.iter().chain(&notes) {
@@ -250,8 +250,8 @@ fn instrument_noise(
 }
 
 /// Equations that a pose gives: six, or three when only positions were measured.
-fn equations(samples: &[Sample]) -> usize {
-    if samples.iter().all(|s| s.position_only) {
+fn equations(samples: &[InstrumentSample]) -> usize {
+    if samples.iter().all(|s| !s.observation.has_orientation()) {
         3
     } else {
         6

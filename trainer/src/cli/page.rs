@@ -15,7 +15,7 @@ use poegp_calibration::blob::write::CalibratedBlob;
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::measurement::MeasurementSet;
 use poegp_calibration::measurement::instrument_drift::Drift;
-use poegp_calibration::measurement::sample::Sample;
+use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::measurement::sample::ToolName;
 use poegp_calibration::model::config::Config;
 use poegp_calibration::model::{CalibrationError, Method};
@@ -34,7 +34,7 @@ pub fn read_test(
     path: &Path,
     tools: &mut Vec<ToolName>,
     trained_tools: usize,
-) -> Result<(MeasurementSet, Vec<Sample>), Failure> {
+) -> Result<(MeasurementSet, Vec<InstrumentSample>), Failure> {
     let (set, samples) = arm.read(path, tools)?;
     if let Some(unknown) = tools.get(trained_tools) {
         return Err(InputError::new(
@@ -87,7 +87,7 @@ impl Tests {
 /// Refuses before the work what could not be held out.
 pub fn check(
     a: &Calibrate,
-    samples: &[Sample],
+    samples: &[InstrumentSample],
     method: Method,
     joints: usize,
 ) -> Result<(), Failure> {
@@ -114,7 +114,7 @@ pub fn check(
 pub fn held_out(
     a: &Calibrate,
     arm: &Arm,
-    (set, samples): (&MeasurementSet, &[Sample]),
+    (set, samples): (&MeasurementSet, &[InstrumentSample]),
     tests: &Tests,
     options: &Config,
     origin: &blob::write::Provenance,
@@ -132,7 +132,7 @@ pub fn held_out(
         seed: SEED,
         origin,
     };
-    let loaded = |samples: &[Sample]| samples.iter().all(|s| s.payload_kg.is_some());
+    let loaded = |samples: &[InstrumentSample]| samples.iter().all(|s| s.payload_kg.is_some());
     if options.method == Method::PoeGpLoad
         && let Some(file) = a
             .tests
@@ -145,7 +145,8 @@ pub fn held_out(
             &CalibrationError::NoPayload,
         ));
     }
-    let whole = |samples: &[Sample]| samples.iter().all(|s| !s.position_only);
+    let whole =
+        |samples: &[InstrumentSample]| samples.iter().all(|s| s.observation.has_orientation());
     let simpler = |method: &Method| {
         *method < options.method
             && (a.report.is_some() || *method == Method::BaseTool)

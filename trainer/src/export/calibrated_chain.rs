@@ -7,7 +7,7 @@ use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::Pose;
 
 use poegp_calibration::blob::predict::LoadedBlob;
-use poegp_calibration::identification::base_tool::nearest_rotation;
+use poegp_calibration::numeric::rotation::nearest_rotation;
 use poegp_calibration::robot::{BUILT_IN, Joint, LoadOptions, Robot};
 
 /// Largest distance between two descriptions of one nominal arm, metres. What is exported does not depend on it: the

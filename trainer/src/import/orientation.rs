@@ -5,8 +5,8 @@ use poegp_runtime::math::se3::{Pose, Twist};
 
 use crate::import::cell::Cells;
 use crate::import::map::{AngleUnit, EulerAxes, MatrixLayout, QuaternionOrder};
-use poegp_calibration::identification::base_tool::nearest_rotation;
 use poegp_calibration::input_error::InputError;
+use poegp_calibration::numeric::rotation::nearest_rotation;
 use poegp_calibration::robot::normal_form::rotation_about;
 
 /// How far a quaternion's norm or a matrix may be off what it should be; [`poegp_calibration::measurement`] has the same.

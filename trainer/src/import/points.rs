@@ -16,8 +16,8 @@ use crate::import::rows::{
 };
 use crate::import::text::{Line, Table};
 use crate::import::write::Row;
-use poegp_calibration::identification::base_tool::nearest_rotation;
 use poegp_calibration::input_error::InputError;
+use poegp_calibration::numeric::rotation::nearest_rotation;
 
 /// A point farther from where the fit puts it is no noise, unless the map says more.
 const MAX_RESIDUAL_MM: f64 = 1.0;

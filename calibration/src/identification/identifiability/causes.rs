@@ -5,8 +5,6 @@ use nalgebra::Vector3;
 use poegp_protocol::JointKind;
 use poegp_runtime::math::se3::{Pose, Twist};
 
-use crate::measurement::sample::Sample;
-
 use crate::identification::identifiability::wording::{list, numbers};
 use crate::identification::identifiability::{Frame, Part, Task};
 
@@ -45,7 +43,7 @@ fn still_joints(task: &Task) -> (Vec<usize>, f64) {
     let kinds = task.chain.kinds();
     let joints = (0..kinds.len())
         .filter(|i| {
-            let (span, still) = span(task.samples.iter().map(|s| s.serial[*i]), kinds[*i]);
+            let (span, still) = span(task.samples.iter().map(|s| s.serial_joints[*i]), kinds[*i]);
             if still {
                 widest = widest.max(span);
             }
@@ -96,7 +94,7 @@ fn positions_only(task: &Task, frames: &[Frame]) -> Option<Cause> {
         .filter(|f| {
             let tool = frames[*f].position - n;
             let mut own = task.samples.iter().filter(|s| s.tool == tool);
-            own.all(|s| s.position_only)
+            own.all(|s| !s.observation.has_orientation())
         })
         .collect();
     let turns = without.iter().flat_map(|f| {
@@ -118,7 +116,7 @@ fn still(task: &Task, frames: &[Frame]) -> Option<Cause> {
         let mean = task
             .samples
             .iter()
-            .map(|s| s.serial[joint - 1])
+            .map(|s| s.serial_joints[joint - 1])
             .sum::<f64>()
             / task.samples.len() as f64;
         let axis = match task.chain.kinds()[joint - 1] {
@@ -171,7 +169,7 @@ fn one_orientation(task: &Task, frames: &[Frame]) -> Option<Cause> {
     let poses: Vec<Pose<f64>> = task
         .samples
         .iter()
-        .map(|s| task.chain.forward(&s.serial))
+        .map(|s| task.chain.forward(&s.serial_joints))
         .collect();
     let first = poses.first()?;
     let widest = poses
@@ -208,8 +206,7 @@ fn one_orientation(task: &Task, frames: &[Frame]) -> Option<Cause> {
 
 /// Whether there are fewer equations than directions that could be told.
 pub fn too_few(task: &Task, possible: usize) -> Option<String> {
-    let of = |s: &Sample| if s.position_only { 3 } else { 6 };
-    let equations: usize = task.samples.iter().map(of).sum();
+    let equations: usize = task.samples.iter().map(|s| s.observation.equations()).sum();
     (equations < possible).then(|| {
         format!(
             "{} poses give {equations} equations for {possible} unknowns: measure more",

@@ -36,8 +36,9 @@ use crate::identification::frame_fit::residual_components;
 use crate::identification::identifiability::elementary_motions::Coordinates;
 use crate::identification::identifiability::subspaces::{Explained, Space};
 use crate::identification::parametric::state::{Group, Layout, ROWS, State};
-use crate::measurement::noise::{InstrumentNoise, Scales};
-use crate::measurement::sample::Sample;
+use crate::measurement::noise::Scales;
+use crate::measurement::observation::Observation;
+use crate::measurement::sample::{Base, BaseSample, Sample};
 use crate::robot::Robot;
 
 pub use crate::identification::identifiability::causes::{STILL_PRISMATIC, STILL_REVOLUTE};
@@ -69,7 +70,7 @@ pub struct Task<'a> {
     /// `first_target_from_target` of each tool; `chain` ends at the first target.
     pub tools: &'a [Pose<f64>],
     /// Poses as seen from the base.
-    pub samples: &'a [Sample],
+    pub samples: &'a [BaseSample],
     /// Noise of one position component in metres, of one rotation component in radians, in the quietest row.
     pub noise: Scales,
     /// Whether only base and tools are calibrated.
@@ -122,7 +123,7 @@ pub fn identify(task: &Task) -> Option<IdentifyReport> {
         .iter()
         .flat_map(|f| 6 * f.position..6 * f.position + 6)
         .collect();
-    let jacobian = |samples: &[Sample]| jacobian(task, samples, &columns);
+    let jacobian = |samples: &[BaseSample]| jacobian(task, samples, &columns);
     let data = jacobian(task.samples);
     let rich = jacobian(&rich_samples(task, tools));
     if !(0..data.nrows()).all(|i| (0..data.ncols()).all(|j| data[(i, j)].is_finite())) {
@@ -175,10 +176,14 @@ pub fn identify(task: &Task) -> Option<IdentifyReport> {
 }
 
 /// What the residuals of a chain ask for.
-pub(crate) fn residual_scales(chain: &Poe<f64>, tools: &[Pose<f64>], samples: &[Sample]) -> Scales {
-    let residual = |s: &Sample| {
-        let predicted = chain.forward(&s.serial) * tools[s.tool];
-        residual_components(UNWEIGHTED, &s.measured, &predicted)
+pub(crate) fn residual_scales(
+    chain: &Poe<f64>,
+    tools: &[Pose<f64>],
+    samples: &[BaseSample],
+) -> Scales {
+    let residual = |s: &BaseSample| {
+        let predicted = chain.forward(&s.serial_joints) * tools[s.tool];
+        residual_components(UNWEIGHTED, &s.observation, &predicted)
     };
     let residuals: Vec<[f64; ROWS]> = samples.iter().map(residual).collect();
     Scales::estimated(&residuals, samples)
@@ -224,7 +229,7 @@ pub(crate) fn frames(n: usize, tools: usize, ends_only: bool) -> Vec<Frame> {
 }
 
 /// The geometric columns of the linearised model, rows in units of the noise.
-fn jacobian(task: &Task, samples: &[Sample], columns: &[usize]) -> Mat<f64> {
+fn jacobian(task: &Task, samples: &[BaseSample], columns: &[usize]) -> Mat<f64> {
     let n = task.chain.kinds().len();
     let layout = Layout {
         joints: n,
@@ -243,7 +248,7 @@ fn jacobian(task: &Task, samples: &[Sample], columns: &[usize]) -> Mat<f64> {
 }
 
 /// Complete poses all over the joint ranges, each tool in turn.
-fn rich_samples(task: &Task, tools: usize) -> Vec<Sample> {
+fn rich_samples(task: &Task, tools: usize) -> Vec<BaseSample> {
     let mut random = ChaCha8Rng::seed_from_u64(1);
     let ranges: Vec<(f64, f64)> = task
         .robot
@@ -265,21 +270,11 @@ fn rich_samples(task: &Task, tools: usize) -> Vec<Sample> {
                 .iter()
                 .map(|(lower, upper)| lower + (upper - lower) * random.random::<f64>())
                 .collect();
-            let serial = match &task.robot.coupling {
-                None => joints.clone(),
-                Some(rows) => rows
-                    .iter()
-                    .map(|row| poegp_runtime::math::vector::inner_product(row, &joints))
-                    .collect(),
-            };
+            let serial_joints = task.robot.serial_joints(&joints);
+            let observation = Observation::Pose(Pose::identity());
             Sample {
-                joints,
-                serial,
-                payload_kg: None,
-                measured: Pose::identity(),
                 tool: k % tools,
-                position_only: false,
-                stated: InstrumentNoise::UNKNOWN,
+                ..Sample::new(joints, serial_joints, observation, Base)
             }
         })
         .collect()

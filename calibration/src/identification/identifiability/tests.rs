@@ -1,8 +1,6 @@
 use crate::blob::write::nominal_chain;
 use crate::identification::base_tool::with_ends;
 use crate::identification::identifiability::*;
-use crate::measurement::noise::InstrumentNoise;
-use crate::measurement::sample::Sample;
 use crate::robot::{Joint, LoadOptions};
 use poegp_protocol::JointKind;
 
@@ -15,7 +13,7 @@ fn noise() -> Scales {
 }
 
 /// `count` random poses of `robot` whose joints `change` may alter.
-fn poses(robot: &Robot, count: usize, change: impl Fn(usize, &mut Vec<f64>)) -> Vec<Sample> {
+fn poses(robot: &Robot, count: usize, change: impl Fn(usize, &mut Vec<f64>)) -> Vec<BaseSample> {
     let chain = nominal_chain(robot).unwrap();
     let mut random = ChaCha8Rng::seed_from_u64(5);
     (0..count)
@@ -31,28 +29,15 @@ fn poses(robot: &Robot, count: usize, change: impl Fn(usize, &mut Vec<f64>)) -> 
                 })
                 .collect();
             change(k, &mut joints);
-            let serial: Vec<f64> = match &robot.coupling {
-                None => joints.clone(),
-                Some(rows) => rows
-                    .iter()
-                    .map(|row| poegp_runtime::math::vector::inner_product(row, &joints))
-                    .collect(),
-            };
-            Sample {
-                measured: chain.forward(&serial),
-                joints,
-                serial,
-                payload_kg: None,
-                tool: 0,
-                position_only: false,
-                stated: InstrumentNoise::UNKNOWN,
-            }
+            let serial_joints = robot.serial_joints(&joints);
+            let observation = Observation::Pose(chain.forward(&serial_joints));
+            Sample::new(joints, serial_joints, observation, Base)
         })
         .collect()
 }
 
 #[track_caller]
-fn report(robot: &Robot, samples: &[Sample]) -> IdentifyReport {
+fn report(robot: &Robot, samples: &[BaseSample]) -> IdentifyReport {
     // The target is off the last joint's axis: on it, its position would not show that joint.
     let tool = Pose::exp(&poegp_runtime::math::se3::Twist::from_array(&[
         0.08, -0.05, 0.12, 0.3, 0.2, -0.4,
@@ -187,7 +172,9 @@ fn a_payload_that_goes_with_a_joint() {
 fn positions_only() {
     let robot = robot("ur5");
     let mut samples = poses(&robot, 60, |_, _| {});
-    samples.iter_mut().for_each(|s| s.position_only = true);
+    for s in &mut samples {
+        s.observation = Observation::Position(s.observation.position());
+    }
     let r = report(&robot, &samples);
     assert_eq!(r.untold, 3);
     assert!(r.findings[0].sentence.starts_with("only positions"));

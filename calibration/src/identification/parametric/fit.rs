@@ -3,7 +3,7 @@
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};
 
-use crate::measurement::sample::Sample;
+use crate::measurement::sample::{BaseSample, InstrumentSample};
 
 use crate::identification::frame_fit::FrameFit;
 use crate::identification::parametric::state::prior_variance;
@@ -15,7 +15,7 @@ use crate::measurement::noise::Scales;
 const PARAMETRIC_ROUNDS: usize = 60;
 
 /// Parameters alone, most probable under their prior; noise is estimated on the way. Returns the residuals' RMS.
-pub fn parametric_fit(state: &mut State, samples: &[Sample], hyper: &[f64]) -> Scales {
+pub fn parametric_fit(state: &mut State, samples: &[BaseSample], hyper: &[f64]) -> Scales {
     let mut scales = residual_scales(state, samples);
     for _ in 0..PARAMETRIC_ROUNDS {
         let groups = state.layout.groups();
@@ -53,14 +53,14 @@ pub fn parametric_fit(state: &mut State, samples: &[Sample], hyper: &[f64]) -> S
     scales
 }
 
-fn residual_scales(state: &State, samples: &[Sample]) -> Scales {
+fn residual_scales(state: &State, samples: &[BaseSample]) -> Scales {
     Scales::estimated(&state.residuals(samples, Scales::ONE), samples).at_least(1e-7)
 }
 
 /// Negative log posterior of the parameters, up to a constant.
 fn objective(
     state: &State,
-    samples: &[Sample],
+    samples: &[BaseSample],
     scales: Scales,
     groups: &[Group],
     hyper: &[f64],
@@ -96,7 +96,7 @@ fn most_probable(a: &Mat<f64>, y: &Mat<f64>, groups: &[Group], hyper: &[f64]) ->
 }
 
 /// Base and tools alone on the arm as it is, metres and radians unweighted, by damped Gauss–Newton.
-pub fn fit_ends(state: &mut State, samples: &[Sample]) -> FrameFit {
+pub fn fit_ends(state: &mut State, samples: &[InstrumentSample]) -> FrameFit {
     let groups = state.layout.groups();
     let free: Vec<usize> = (0..groups.len())
         .filter(|i| groups[*i] == Group::Ends)
@@ -150,10 +150,7 @@ pub fn fit_ends(state: &mut State, samples: &[Sample]) -> FrameFit {
             break;
         }
     }
-    let rows: usize = samples
-        .iter()
-        .map(|s| if s.position_only { 3 } else { ROWS })
-        .sum();
+    let rows: usize = samples.iter().map(|s| s.observation.equations()).sum();
     FrameFit {
         iterations,
         rms: (current / rows.max(1) as f64).sqrt(),

@@ -7,7 +7,7 @@
 use faer::Mat;
 
 use crate::identification::parametric::state::ROWS;
-use crate::measurement::sample::Sample;
+use crate::measurement::sample::BaseSample;
 
 /// Drop of χ² that a term must make: two degrees of freedom, some 10⁴ independent frequencies a search, p ≈ 10⁻³.
 pub const SIGNIFICANT: f64 = 32.0;
@@ -57,7 +57,7 @@ impl Contracted {
 }
 
 /// The most significant frequency of each joint, for residuals (in units of their noise) and Jacobian of all poses.
-pub fn peaks(samples: &[Sample], residuals: &[[f64; ROWS]], jacobian: &Mat<f64>) -> Vec<Peak> {
+pub fn peaks(samples: &[BaseSample], residuals: &[[f64; ROWS]], jacobian: &Mat<f64>) -> Vec<Peak> {
     let joints = jacobian.ncols();
     (0..joints)
         .filter_map(|joint| {

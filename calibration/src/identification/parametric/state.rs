@@ -23,6 +23,7 @@ use crate::measurement::sample::Sample;
 
 use crate::identification::frame_fit::{ResidualKind, residual_components};
 use crate::measurement::noise::Scales;
+use crate::robot::coupled;
 
 /// Rows of one pose: displacement and rotation at the tool.
 pub const ROWS: usize = 6;
@@ -199,8 +200,8 @@ impl State {
     }
 
     /// The deflection of the controller's joints by gravity and ripple.
-    pub fn parametric_deflection(&self, chain: &Poe<f64>, sample: &Sample) -> PerJoint<f64> {
-        let motions = chain.motions(&sample.serial);
+    pub fn parametric_deflection<F>(&self, chain: &Poe<f64>, sample: &Sample<F>) -> PerJoint<f64> {
+        let motions = chain.motions(&sample.serial_joints);
         let (frames, target) = chain.joint_frames_with(&motions);
         let at = GravityRegressors::new(&self.kinds, &frames, &target, &self.gravity.gravity);
         let mut out = self
@@ -213,50 +214,45 @@ impl State {
     }
 
     /// C δ.
-    pub fn serial(&self, deflection: &PerJoint<f64>) -> PerJoint<f64> {
-        match &self.coupling {
-            None => *deflection,
-            Some(rows) => {
-                let mut out = [0.0; MAX_JOINTS];
-                for (slot, row) in out.iter_mut().zip(rows) {
-                    *slot = poegp_runtime::math::vector::inner_product(row, deflection);
-                }
-                out
-            }
-        }
+    pub fn coupled(&self, deflection: &PerJoint<f64>) -> PerJoint<f64> {
+        let mut out = [0.0; MAX_JOINTS];
+        let serial = coupled(self.coupling.as_deref(), deflection);
+        out[..serial.len()].copy_from_slice(&serial);
+        out
     }
 
     /// POE(C (q + δ)), `base_from_target`.
-    pub fn pose(&self, chain: &Poe<f64>, sample: &Sample, deflection: &PerJoint<f64>) -> Pose<f64> {
-        let motions = chain.motions(&sample.serial);
-        chain.forward_with(&deflected(&motions, &self.kinds, &self.serial(deflection)))
+    pub fn pose<F>(
+        &self,
+        chain: &Poe<f64>,
+        sample: &Sample<F>,
+        deflection: &PerJoint<f64>,
+    ) -> Pose<f64> {
+        let motions = chain.motions(&sample.serial_joints);
+        chain.forward_with(&deflected(&motions, &self.kinds, &self.coupled(deflection)))
     }
 
     /// The joints as the kernel compares them.
-    pub fn features(&self, sample: &Sample) -> Motions<f64> {
+    pub fn features<F>(&self, sample: &Sample<F>) -> Motions<f64> {
         let mut joints = [0.0; MAX_JOINTS];
         joints[..sample.joints.len()].copy_from_slice(&sample.joints);
         self.chain(0).motions(&joints)
     }
 
     /// Residuals of the parametric model, each row in units of its own scale; six a pose.
-    pub fn residuals(&self, samples: &[Sample], scales: Scales) -> Vec<[f64; ROWS]> {
+    pub fn residuals<F>(&self, samples: &[Sample<F>], scales: Scales) -> Vec<[f64; ROWS]> {
         let chains: Vec<Poe<f64>> = (0..self.tools.len()).map(|t| self.chain(t)).collect();
-        let of = |s: &Sample| {
+        let of = |s: &Sample<F>| {
             let chain = &chains[s.tool];
             let predicted = self.pose(chain, s, &self.parametric_deflection(chain, s));
             let kind = ResidualKind::ToolCentred(scales.of(s));
-            let mut r = residual_components(kind, &s.measured, &predicted);
-            if s.position_only {
-                r[3..].fill(0.0);
-            }
-            r
+            residual_components(kind, &s.observation, &predicted)
         };
         samples.iter().map(of).collect()
     }
 
     /// The linear model at this state.
-    pub fn linearise(&self, samples: &[Sample], scales: Scales) -> Linearised {
+    pub fn linearise<F>(&self, samples: &[Sample<F>], scales: Scales) -> Linearised {
         let (n, p) = (self.layout.joints, self.deviation.len());
         let chains: Vec<Poe<f64>> = (0..self.tools.len()).map(|t| self.chain(t)).collect();
         let mut out = Linearised {
@@ -283,30 +279,30 @@ impl State {
         out
     }
 
-    fn linearise_one(
+    fn linearise_one<F>(
         &self,
         chain: &Poe<f64>,
-        sample: &Sample,
+        sample: &Sample<F>,
         scales: Scales,
         k: usize,
         out: &mut Linearised,
     ) {
         let n = self.layout.joints;
-        let plain = chain.motions(&sample.serial);
+        let plain = chain.motions(&sample.serial_joints);
         let (frames, target) = chain.joint_frames_with(&plain);
         let at = GravityRegressors::new(&self.kinds, &frames, &target, &self.gravity.gravity);
         // Jacobians are taken where the arm stands: at the deflected joints.
         let deflection = self.parametric_deflection(chain, sample);
-        let shift = self.serial(&deflection);
+        let shift = self.coupled(&deflection);
         let standing: Vec<f64> = sample
-            .serial
+            .serial_joints
             .iter()
             .zip(&shift)
             .map(|(q, d)| q + d)
             .collect();
         let (blocks, pose) = chain.identification_jacobian(&standing);
         let (columns, _) = chain.space_jacobian(&standing);
-        let rows = if sample.position_only { 3 } else { ROWS };
+        let rows = sample.observation.equations();
         let scale = |row: usize| {
             if row < 3 {
                 scales.position
@@ -331,7 +327,7 @@ impl State {
         for c in 0..n {
             let mut unit = [0.0; MAX_JOINTS];
             unit[c] = 1.0;
-            for (column, share) in columns.iter().zip(&self.serial(&unit)) {
+            for (column, share) in columns.iter().zip(&self.coupled(&unit)) {
                 for (row, value) in at_tool(column).into_iter().enumerate().take(rows) {
                     out.jacobian[(ROWS * k + row, c)] += share * value / scale(row);
                 }

@@ -23,7 +23,7 @@ use poegp_runtime::kinematics::minimal_chain::{Chain, MinimalForm};
 use crate::learning::elastic::fit::RobustFit;
 use crate::learning::elastic::inducing_points::kernel;
 use crate::learning::elastic::solution::ElasticFit;
-use crate::measurement::sample::Sample;
+use crate::measurement::sample::BaseSample;
 
 /// Landmarks of a blob. Ratio to the trainer's standard deviation on held-out poses of the wild arm, 90 % of them:
 /// 0.948 to 1.071 with 8, 0.955 to 1.034 with 12, 0.957 to 1.031 with 16, 0.950 to 1.029 with 32.
@@ -46,7 +46,7 @@ pub struct DeviceSigma {
 /// Of a tied fit to `samples`. `None` when a matrix cannot be factored.
 pub fn device_sigma(
     robust: &RobustFit,
-    samples: &[Sample],
+    samples: &[BaseSample],
     coupling: Option<&CouplingMatrix<f64>>,
 ) -> Option<DeviceSigma> {
     let fit = &robust.fit;
@@ -158,7 +158,7 @@ fn landmarks(gram: &Mat<f64>) -> Vec<usize> {
 /// Σ_c |J_c|² a_c of every pose, m².
 fn priors(
     fit: &ElasticFit,
-    samples: &[Sample],
+    samples: &[BaseSample],
     coupling: Option<&CouplingMatrix<f64>>,
     kernels: &[JointKernel<f64>],
 ) -> Vec<f64> {
@@ -166,9 +166,9 @@ fn priors(
     for (slot, kernel) in padded.iter_mut().zip(kernels) {
         *slot = *kernel;
     }
-    let of = |sample: &Sample| {
+    let of = |sample: &BaseSample| {
         let poe = fit.state.chain(sample.tool);
-        let motions = poe.motions(&sample.serial);
+        let motions = poe.motions(&sample.serial_joints);
         let (frames, target) = poe.joint_frames_with(&motions);
         let mut joints = [0.0; 8];
         joints[..sample.joints.len()].copy_from_slice(&sample.joints);

@@ -17,7 +17,7 @@ use crate::learning::elastic::options::{ElasticOptions, OutlierPolicy};
 use crate::learning::elastic::outliers::{LeaveOneOut, Outlier, gross, leave_one_out};
 use crate::learning::elastic::solution::ElasticFit;
 use crate::measurement::noise::Scales;
-use crate::measurement::sample::Sample;
+use crate::measurement::sample::{BaseSample, Sample};
 use crate::numeric::lbfgs::{Ending, minimize};
 use crate::progress;
 use poegp_protocol::limits::MAX_RIPPLE;
@@ -60,7 +60,7 @@ pub fn fit_robust(
     chain: &Poe<f64>,
     tools: &[Pose<f64>],
     coupling: Option<&Vec<Vec<f64>>>,
-    samples: &[Sample],
+    samples: &[BaseSample],
     options: &ElasticOptions,
 ) -> Option<RobustFit> {
     let n = chain.kinds().len();
@@ -77,7 +77,7 @@ pub fn fit_robust(
         tied: options.tied,
     };
     let hyper = hyper.start_and_bounds(mean_payload(samples)).0;
-    let parameters = |kept: &[Sample]| {
+    let parameters = |kept: &[BaseSample]| {
         let coupling = coupling.cloned();
         let mut state = State::new(
             chain,
@@ -99,7 +99,7 @@ pub fn fit_robust(
         (0..samples.len()).filter(|i| !bad(i)).collect()
     };
     let run = |kept: &[usize]| -> Option<(ElasticFit, LeaveOneOut)> {
-        let part: Vec<Sample> = kept.iter().map(|i| samples[*i].clone()).collect();
+        let part: Vec<BaseSample> = kept.iter().map(|i| samples[*i].clone()).collect();
         let found = fit(chain, tools.to_vec(), coupling.cloned(), &part, options)?;
         let others = progress::phase(solve_units(part.len()), || leave_one_out(&found, &part));
         Some((found, others))
@@ -134,7 +134,7 @@ pub fn fit(
     chain: &Poe<f64>,
     tools: Vec<Pose<f64>>,
     coupling: Option<Vec<Vec<f64>>>,
-    samples: &[Sample],
+    samples: &[BaseSample],
     options: &ElasticOptions,
 ) -> Option<ElasticFit> {
     let units = solve_units(samples.len());
@@ -234,7 +234,7 @@ fn left_over(solved: &Solved, hyper: &[f64], linear: &Linearised) -> (Vec<[f64; 
 /// New ripple terms that are significant in `residuals`, which are in units of their noise.
 fn significant(
     state: &State,
-    samples: &[Sample],
+    samples: &[BaseSample],
     residuals: &[[f64; ROWS]],
     jacobian: &Mat<f64>,
 ) -> Vec<(usize, f64)> {
@@ -253,14 +253,14 @@ fn significant(
 }
 
 /// Whether there is more than one payload.
-fn varies(samples: &[Sample]) -> bool {
+fn varies(samples: &[BaseSample]) -> bool {
     let mut payloads = samples.iter().map(|s| s.payload_kg);
     let first = payloads.next().flatten();
     first.is_some() && payloads.any(|p| p != first)
 }
 
 /// RMS payload in kg, or 1.
-fn mean_payload(samples: &[Sample]) -> f64 {
+fn mean_payload(samples: &[BaseSample]) -> f64 {
     let square = samples
         .iter()
         .map(|s| s.payload_kg.unwrap_or(0.0).powi(2))
@@ -270,7 +270,7 @@ fn mean_payload(samples: &[Sample]) -> f64 {
 }
 
 /// The inputs of the processes.
-pub fn inputs_of(state: &State, samples: &[Sample]) -> Inputs {
+pub fn inputs_of<F>(state: &State, samples: &[Sample<F>]) -> Inputs {
     Inputs {
         features: samples.iter().map(|s| state.features(s)).collect(),
         payloads: samples
@@ -282,7 +282,12 @@ pub fn inputs_of(state: &State, samples: &[Sample]) -> Inputs {
 }
 
 /// Finds gear ripple until nothing significant is left.
-fn add_ripple(state: &mut State, samples: &[Sample], hyper: &[f64], mut scales: Scales) -> Scales {
+fn add_ripple(
+    state: &mut State,
+    samples: &[BaseSample],
+    hyper: &[f64],
+    mut scales: Scales,
+) -> Scales {
     for _ in 0..4 {
         let linear = state.linearise(samples, scales);
         let residuals = state.residuals(samples, scales);
@@ -299,7 +304,7 @@ fn add_ripple(state: &mut State, samples: &[Sample], hyper: &[f64], mut scales: 
 /// Hyperparameters of the greatest marginal likelihood, from a part of the poses.
 fn learn(
     state: &State,
-    samples: &[Sample],
+    samples: &[BaseSample],
     scales: Scales,
     layout: HyperLayout,
     start: Vec<f64>,
@@ -309,7 +314,7 @@ fn learn(
     let mut order: Vec<usize> = (0..samples.len()).collect();
     order.shuffle(&mut ChaCha8Rng::seed_from_u64(1));
     order.truncate(HYPERPARAMETER_POSES);
-    let part: Vec<Sample> = order.iter().map(|i| samples[*i].clone()).collect();
+    let part: Vec<BaseSample> = order.iter().map(|i| samples[*i].clone()).collect();
     let linear = state.linearise(&part, scales);
     let inputs = inputs_of(state, &part);
     let similarities = inputs.similarities();

@@ -17,7 +17,7 @@ use crate::identification::parametric::state::prior_variance;
 use crate::identification::parametric::state::{Linearised, ROWS};
 use crate::learning::elastic::hyperparameters::DEFLECTION_UNIT;
 use crate::learning::elastic::solution::ElasticFit;
-use crate::measurement::sample::Sample;
+use crate::measurement::sample::BaseSample;
 
 /// Support points with their weights.
 #[derive(Clone, Debug)]
@@ -126,7 +126,7 @@ pub(super) type Centred = (usize, (Motions<f64>, f64));
 
 /// Chooses `count` support points and solves for their weights and all parameters; the parameters of `fit` move.
 /// `None` when the system cannot be solved.
-pub fn reduce(fit: &mut ElasticFit, samples: &[Sample], count: usize) -> Option<Support> {
+pub fn reduce(fit: &mut ElasticFit, samples: &[BaseSample], count: usize) -> Option<Support> {
     let kernels = fit.layout.kernels(&fit.hyperparameters);
     let payloads = gathered(&fit.inputs.payloads);
     let linear = fit.state.linearise(samples, fit.scales);

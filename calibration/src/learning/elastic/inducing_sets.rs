@@ -25,7 +25,7 @@ use crate::learning::elastic::hyperparameters::DEFLECTION_UNIT;
 use crate::learning::elastic::inducing_points::{Centred, gathered_to, kernel, solve};
 use crate::learning::elastic::options::SetLimits;
 use crate::learning::elastic::solution::ElasticFit;
-use crate::measurement::sample::Sample;
+use crate::measurement::sample::BaseSample;
 
 /// Variance that a joint's length scale may leave unexplained for the joint to be left out, as part of the noise of all
 /// components of a pose. Wild arms 1 to 3, 150 functions: 0.0631 mm and 10 400 instructions with 0, 0.0631 and 8 800 with
@@ -68,7 +68,7 @@ type Place = (Motions<f64>, f64);
 
 /// Chooses support sets for a fit to `samples` and solves for their weights and all parameters; the parameters of `fit`
 /// move. `None` when there are no processes or the system cannot be solved.
-pub fn choose(fit: &mut ElasticFit, samples: &[Sample], limits: SetLimits) -> Option<Sets> {
+pub fn choose(fit: &mut ElasticFit, samples: &[BaseSample], limits: SetLimits) -> Option<Sets> {
     let weights = &fit.solved.as_ref()?.weights;
     let (kinds, payloads) = (&fit.inputs.kinds, &fit.inputs.payloads);
     let whole = fit.layout.kernels(&fit.hyperparameters);
@@ -175,7 +175,7 @@ fn without_negligible(kernel: &JointKernel<f64>, share: f64, fit: &ElasticFit) -
 /// Poses, and as many places between two of them.
 fn places(
     fit: &ElasticFit,
-    samples: &[Sample],
+    samples: &[BaseSample],
     order: &[usize],
     generator: &mut ChaCha8Rng,
 ) -> Vec<Place> {

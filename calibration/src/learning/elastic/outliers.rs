@@ -11,7 +11,7 @@ use faer::{Mat, Side};
 use crate::identification::parametric::state::{ROWS, State};
 use crate::learning::elastic::solution::ElasticFit;
 use crate::measurement::noise::Scales;
-use crate::measurement::sample::Sample;
+use crate::measurement::sample::BaseSample;
 use crate::numeric::statistics::{Standardised, calibration_factor};
 
 /// χ² of a pose left out, above which it is an outlier: six degrees of freedom, p < 10⁻⁶.
@@ -42,11 +42,14 @@ pub struct Outlier {
 }
 
 /// Poses that the parameters alone cannot believe. `fit_parameters` fits a fresh state to some samples.
-pub fn gross(samples: &[Sample], fit_parameters: &dyn Fn(&[Sample]) -> State) -> Vec<Outlier> {
+pub fn gross(
+    samples: &[BaseSample],
+    fit_parameters: &dyn Fn(&[BaseSample]) -> State,
+) -> Vec<Outlier> {
     let mut distances = vec![0.0; samples.len()];
     let mut believed = vec![true; samples.len()];
     for _ in 0..ROUNDS {
-        let kept: Vec<Sample> = samples
+        let kept: Vec<BaseSample> = samples
             .iter()
             .zip(&believed)
             .filter(|(_, b)| **b)
@@ -98,7 +101,7 @@ pub struct LeaveOneOut {
 }
 
 /// Predicts every pose of a fit from all others.
-pub fn leave_one_out(fit: &ElasticFit, samples: &[Sample]) -> LeaveOneOut {
+pub fn leave_one_out(fit: &ElasticFit, samples: &[BaseSample]) -> LeaveOneOut {
     let mut out = LeaveOneOut {
         outliers: Vec::new(),
         inflation: [1.0; 2],
@@ -110,7 +113,7 @@ pub fn leave_one_out(fit: &ElasticFit, samples: &[Sample]) -> LeaveOneOut {
     let inverse = solved.factor.inverse();
     let mut standardised: Standardised = [Vec::new(), Vec::new()];
     for (k, sample) in samples.iter().enumerate() {
-        let rows = if sample.position_only { 3 } else { ROWS };
+        let rows = sample.observation.equations();
         let block = Mat::from_fn(rows, rows, |i, j| inverse[(ROWS * k + i, ROWS * k + j)]);
         let alpha = Mat::from_fn(rows, 1, |i, _| solved.alpha[(ROWS * k + i, 0)]);
         // The error of the pose left out is the block's inverse times α, and that inverse its covariance.

@@ -13,12 +13,14 @@ use faer::linalg::solvers::{DenseSolveCore, Solve};
 use faer::{Mat, Side};
 use poegp_protocol::limits::MAX_GROUPS;
 use poegp_runtime::gp::joint_kernel::{JointKernel, similarity};
+use poegp_runtime::math::se3::Pose;
 
 use crate::identification::parametric::state::{Linearised, ROWS, prior_variance};
 use crate::learning::elastic::likelihood::Solved;
 use crate::learning::elastic::solution::ElasticFit;
 use crate::measurement::noise::InstrumentNoise;
-use crate::measurement::sample::Sample;
+use crate::measurement::observation::Observation;
+use crate::measurement::sample::{BaseSample, Sample};
 use crate::numeric::statistics::{Standardised, calibration_factor};
 
 /// Payloads that differ by less than this share of the largest are the same.
@@ -31,14 +33,14 @@ pub struct PosteriorCovariance {
     kernels: Vec<JointKernel<f64>>,
     /// Noise of a measurement that states none.
     typical: InstrumentNoise,
-    samples: Vec<Sample>,
+    samples: Vec<BaseSample>,
     /// By how much more deviations must be multiplied where the payload was not trained.
     other_payload: OnceLock<[f64; 2]>,
 }
 
 impl PosteriorCovariance {
     /// Of a fit to `samples`; `None` when it has no processes.
-    pub fn new(fit: ElasticFit, samples: &[Sample]) -> Option<Self> {
+    pub fn new(fit: ElasticFit, samples: &[BaseSample]) -> Option<Self> {
         fit.solved.as_ref()?;
         let linear = fit.origin.linearise(samples, fit.scales);
         let kernels = fit.layout.kernels(&fit.hyperparameters);
@@ -53,7 +55,7 @@ impl PosteriorCovariance {
     }
 
     /// The samples of the fit.
-    pub fn samples(&self) -> &[Sample] {
+    pub fn samples(&self) -> &[BaseSample] {
         &self.samples
     }
 
@@ -78,14 +80,18 @@ impl PosteriorCovariance {
     /// Standard deviation of a new measurement about its prediction, times `factor` of position and of rotation: position
     /// along the axes of the base frame in metres, rotation about them in radians. A measurement that states no noise of
     /// its own has that of a typical training row.
-    pub fn standard_deviation(&self, sample: &Sample, factor: [f64; 2]) -> [f64; ROWS] {
+    pub fn standard_deviation<F: Clone>(
+        &self,
+        sample: &Sample<F>,
+        factor: [f64; 2],
+    ) -> [f64; ROWS] {
         let fit = &self.fit;
         let Some(solved) = &fit.solved else {
             return [f64::NAN; ROWS];
         };
         let whole = Sample {
-            position_only: false,
-            stated: sample.stated.or(self.typical),
+            observation: Observation::Pose(Pose::identity()),
+            declared_noise: sample.declared_noise.or(self.typical),
             ..sample.clone()
         };
         let scales = fit.scales.of(&whole);
@@ -146,7 +152,7 @@ impl PosteriorCovariance {
 
 /// Leaves the poses of each payload out of `solved` together; `None` when there is one payload only, or so many that a
 /// pose left out alone has no neighbours of its own payload.
-fn payloads_left_out(solved: &Solved, samples: &[Sample]) -> Option<[f64; 2]> {
+fn payloads_left_out(solved: &Solved, samples: &[BaseSample]) -> Option<[f64; 2]> {
     let mut payloads: Vec<f64> = samples.iter().filter_map(|s| s.payload_kg).collect();
     payloads.sort_by(f64::total_cmp);
     payloads.dedup();
@@ -159,7 +165,7 @@ fn payloads_left_out(solved: &Solved, samples: &[Sample]) -> Option<[f64; 2]> {
         let rows: Vec<usize> = (0..samples.len())
             .filter(|k| samples[*k].payload_kg == Some(payload))
             .flat_map(|k| {
-                let rows = if samples[k].position_only { 3 } else { ROWS };
+                let rows = samples[k].observation.equations();
                 ROWS * k..ROWS * k + rows
             })
             .collect();

@@ -7,7 +7,7 @@ use crate::identification::parametric::state::ROWS;
 use crate::learning::elastic::posterior_covariance::PosteriorCovariance;
 use crate::learning::elastic::solution::ElasticFit;
 use crate::learning::elastic::variance_inflation::{FEW, Recipe};
-use crate::measurement::sample::Sample;
+use crate::measurement::sample::{BaseSample, Sample};
 
 /// A fit that can say how well it predicts.
 pub struct Uncertainty {
@@ -27,7 +27,7 @@ impl std::fmt::Debug for Uncertainty {
 impl Uncertainty {
     /// Of a fit to `samples`, scaled by `left_out`, what leaving single poses out asked for; `None` when it has no
     /// processes.
-    pub fn new(fit: ElasticFit, samples: &[Sample], left_out: [f64; 2]) -> Option<Self> {
+    pub fn new(fit: ElasticFit, samples: &[BaseSample], left_out: [f64; 2]) -> Option<Self> {
         Some(Self {
             posterior: PosteriorCovariance::new(fit, samples)?,
             recipe: None,
@@ -57,7 +57,7 @@ impl Uncertainty {
 
     /// Standard deviation of a new measurement about its prediction: position along the axes of the base frame in metres,
     /// rotation about them in radians. A measurement that states no noise of its own has that of a typical training row.
-    pub fn standard_deviation(&self, sample: &Sample) -> [f64; ROWS] {
+    pub fn standard_deviation<F: Clone>(&self, sample: &Sample<F>) -> [f64; ROWS] {
         let inflation = self.inflation();
         let more = self
             .posterior

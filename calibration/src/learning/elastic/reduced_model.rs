@@ -24,7 +24,7 @@ use crate::learning::elastic::inducing_points::{Support, gathered, reduce};
 use crate::learning::elastic::inducing_sets::{Sets, choose};
 use crate::learning::elastic::options::ElasticOptions;
 use crate::learning::elastic::solution::ElasticFit;
-use crate::measurement::sample::Sample;
+use crate::measurement::sample::BaseSample;
 
 /// An elastic model in f64.
 #[derive(Clone, Debug)]
@@ -60,7 +60,7 @@ impl ElasticModel {
     /// From a fit; reduced to `options.support` points, or to the sets that `options.sets` asks for. The calibrated chain is that of `fit.state` afterwards.
     pub fn new(
         fit: &mut ElasticFit,
-        samples: &[Sample],
+        samples: &[BaseSample],
         coupling: Option<&Vec<Vec<f64>>>,
         options: &ElasticOptions,
     ) -> Option<Self> {
@@ -172,7 +172,7 @@ const LONGEST_LEVER_M: f64 = 5.0;
 
 /// The coefficients of gravity without those of the first joint, if its axis is so upright that they cannot move it: the
 /// device need not compute them in every cycle.
-fn without_upright_axis(state: &State, samples: &[Sample]) -> GravityTerms<f64> {
+fn without_upright_axis(state: &State, samples: &[BaseSample]) -> GravityTerms<f64> {
     let heaviest = samples
         .iter()
         .filter_map(|s| s.payload_kg)

@@ -13,13 +13,12 @@ use poegp_runtime::math::se3::Pose;
 
 use crate::identification::base_tool::UNWEIGHTED;
 use crate::identification::frame_fit::residual_components;
-use crate::identification::parametric::state::ROWS;
 use crate::learning::elastic::fit::fit;
 use crate::learning::elastic::options::ElasticOptions;
 use crate::learning::elastic::posterior_covariance::PosteriorCovariance;
 use crate::learning::elastic::reduced_model::ElasticModel;
 use crate::measurement::folds;
-use crate::measurement::sample::Sample;
+use crate::measurement::sample::BaseSample;
 use crate::numeric::statistics::{Standardised, calibration_factor};
 
 /// Poses up to which the fit is done again: as many as hyperparameters are learnt from. Above, the factor is below 1.1.
@@ -43,11 +42,11 @@ pub struct Recipe {
 
 impl Recipe {
     /// What standard deviations of a fit to `samples` must be multiplied with; `None` when a fold cannot be fitted.
-    pub fn factor(&self, samples: &[Sample]) -> Option<[f64; 2]> {
+    pub fn factor(&self, samples: &[BaseSample]) -> Option<[f64; 2]> {
         let fold = folds::assign(samples, self.chain.kinds(), FOLDS, SEED);
         let mut all: Standardised = [Vec::new(), Vec::new()];
         for left_out in 0..FOLDS {
-            let part = |inside: bool| -> Vec<Sample> {
+            let part = |inside: bool| -> Vec<BaseSample> {
                 let wanted = samples
                     .iter()
                     .zip(&fold)
@@ -60,7 +59,12 @@ impl Recipe {
     }
 
     /// Fits to `train` and adds the standardised errors of `test` to `out`.
-    fn predict(&self, train: &[Sample], test: &[Sample], out: &mut Standardised) -> Option<()> {
+    fn predict(
+        &self,
+        train: &[BaseSample],
+        test: &[BaseSample],
+        out: &mut Standardised,
+    ) -> Option<()> {
         let (coupling, options) = (self.coupling.as_ref(), &self.options);
         let tools = self.tools.clone();
         let mut found = fit(&self.chain, tools, coupling.cloned(), train, options)?;
@@ -73,10 +77,10 @@ impl Recipe {
                 .compensate(&chain, &sample.joints, sample.payload_kg)
                 .0;
             let predicted = target * (first * *tools.get(sample.tool)?);
-            let error = residual_components(UNWEIGHTED, &sample.measured, &predicted);
+            let error = residual_components(UNWEIGHTED, &sample.observation, &predicted);
             let factor = posterior.payload_factor(sample.payload_kg, [1.0; 2]);
             let sigma = posterior.standard_deviation(sample, factor);
-            let rows = if sample.position_only { 3 } else { ROWS };
+            let rows = sample.observation.equations();
             for (row, (e, s)) in error.iter().zip(&sigma).take(rows).enumerate() {
                 out[usize::from(row >= 3)].push((e / s).abs());
             }

@@ -5,7 +5,7 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 use poegp_protocol::blob::stored_crc;
 use poegp_protocol::link::{Evaluation, Identity, Query};
 use poegp_runtime::guard::status::Status;
@@ -22,10 +22,11 @@ use crate::cli::{
 use crate::device::client::Client;
 use crate::device::error::ClientError;
 use poegp_calibration::blob::predict::LoadedBlob;
+use poegp_calibration::identification::base_tools::aligned;
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::measurement as measurements;
 use poegp_calibration::measurement::MeasurementSet;
-use poegp_calibration::measurement::sample::Sample;
+use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::numeric::statistics::{ErrorSummary, PoseError};
 use poegp_calibration::robot::Robot;
 
@@ -48,7 +49,7 @@ struct Document {
 /// A measurement file for the arm of a device, and the model that it runs if the user has it.
 struct Commands {
     set: MeasurementSet,
-    samples: Vec<Sample>,
+    samples: Vec<InstrumentSample>,
     loaded: Option<LoadedBlob>,
     identity: Identity,
     client: Client,
@@ -193,7 +194,7 @@ impl Commands {
 const SHOWN: usize = 10;
 
 /// What a controller would ask for a sample.
-pub fn query(sample: &Sample) -> Query {
+pub fn query(sample: &InstrumentSample) -> Query {
     Query {
         // A file has at most as many joints as the protocol.
         joints: sample.joints.iter().map(|q| *q as f32).collect(),
@@ -202,7 +203,7 @@ pub fn query(sample: &Sample) -> Query {
 }
 
 /// Without the blob there is no arm to check against but the one on the device.
-fn read_without_blob(test: &Path) -> Result<(MeasurementSet, Vec<Sample>), Failure> {
+fn read_without_blob(test: &Path) -> Result<(MeasurementSet, Vec<InstrumentSample>), Failure> {
     let set = measurements::read(test)?;
     for note in &set.notes {
         crate::cli::report::remark(format_args!("{}: {note}", test.display()));
@@ -240,14 +241,7 @@ pub fn evaluate(a: &Evaluate) -> Result<(), Failure> {
     let errors: Vec<PoseError> = poses
         .iter()
         .zip(&commands.samples)
-        .map(|(pose, sample)| {
-            let error = PoseError::between(&sample.measured, pose);
-            if sample.position_only {
-                error.without_orientation()
-            } else {
-                error
-            }
-        })
+        .map(|(pose, sample)| sample.observation.error(pose))
         .collect();
     let other = other_poses(&commands, &answers);
     commands.refuse_other_bits(&other)?;
@@ -305,7 +299,10 @@ fn placed(commands: &Commands, answers: &[Evaluation]) -> Vec<Pose<f64>> {
     let in_base = answers.iter().map(|a| Pose::<f32>::from_rows(&a.pose));
     let Some(loaded) = &commands.loaded else {
         let poses: Vec<Pose<f64>> = in_base.map(|pose| pose.cast()).collect();
-        let instrument_from_base = best_fit(&poses, &commands.samples);
+        let from: Vec<Vector3<f64>> = poses.iter().map(|p| p.translation).collect();
+        let samples = commands.samples.iter();
+        let to: Vec<Vector3<f64>> = samples.map(|s| s.observation.position()).collect();
+        let instrument_from_base = aligned(&from, &to);
         return poses.iter().map(|p| instrument_from_base * *p).collect();
     };
     in_base
@@ -318,30 +315,6 @@ fn placed(commands: &Commands, answers: &[Evaluation]) -> Vec<Pose<f64>> {
             }
         })
         .collect()
-}
-
-/// The transform that brings the positions of `poses` nearest to the measured ones (Kabsch). Least squares.
-fn best_fit(poses: &[Pose<f64>], samples: &[Sample]) -> Pose<f64> {
-    let count = poses.len().max(1) as f64;
-    let (mut from, mut to) = (Vector3::zeros(), Vector3::zeros());
-    for (pose, sample) in poses.iter().zip(samples) {
-        from += pose.translation / count;
-        to += sample.measured.translation / count;
-    }
-    let mut moment = Matrix3::zeros();
-    for (pose, sample) in poses.iter().zip(samples) {
-        moment += (sample.measured.translation - to) * (pose.translation - from).transpose();
-    }
-    let svd = moment.svd(true, true);
-    let (Some(u), Some(v)) = (svd.u, svd.v_t) else {
-        return Pose::identity();
-    };
-    let handedness = (u * v).determinant().signum();
-    let rotation = u * Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, handedness)) * v;
-    Pose {
-        rotation,
-        translation: to - rotation * from,
-    }
 }
 
 /// Rows whose pose, correction, status, trust or standard deviation is another one than the host computes.
