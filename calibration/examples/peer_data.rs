@@ -24,7 +24,7 @@ use poegp_calibration::learning::task_space::fit::{
 use poegp_calibration::learning::task_space::likelihood::log_marginal_likelihood;
 use poegp_calibration::learning::task_space::{Pairs, TaskSpaceGp, scale_outputs};
 use poegp_calibration::measurement as measurements;
-use poegp_calibration::measurement::folds;
+use poegp_calibration::measurement::folds::Folds;
 use poegp_calibration::measurement::sample::{
     BaseSample, InstrumentSample, ToolName, in_base_frame, samples,
 };
@@ -200,17 +200,10 @@ fn process(data: &Data, per_output: bool, weighted: bool) -> Answer {
 }
 
 fn all_folds(data: &Data, folds: usize, sizes: &[usize], weighted: bool) -> Answer {
-    let fold = folds::assign(&data.samples, data.nominal.kinds(), folds, 1);
+    let drawn = Folds::draw(&data.samples, data.nominal.kinds(), folds, 1);
     let mut out = Vec::new();
     for held_out in 0..folds {
-        let part = |inside: bool| -> Vec<InstrumentSample> {
-            let wanted = data.samples.iter().zip(&fold);
-            wanted
-                .filter(|(_, f)| (**f != held_out) == inside)
-                .map(|(s, _)| s.clone())
-                .collect()
-        };
-        let (all, test) = (part(true), part(false));
+        let (all, test) = drawn.split(&data.samples, held_out);
         for size in sizes.iter().filter(|n| **n <= all.len()) {
             // Spread over the file: neighbours in it may be neighbours in time or place.
             let train: Vec<InstrumentSample> = (0..*size)

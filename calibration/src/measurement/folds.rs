@@ -46,31 +46,52 @@ fn groups<F>(samples: &[Sample<F>], kinds: &[JointKind]) -> Vec<usize> {
     group
 }
 
-/// The fold (0…folds−1) of each sample, drawn with `seed`. Sizes differ by no more than the largest group.
-pub fn assign<F>(
-    samples: &[Sample<F>],
-    kinds: &[JointKind],
-    folds: usize,
-    seed: u64,
-) -> Vec<usize> {
-    let group = groups(samples, kinds);
-    let mut members: Vec<Vec<usize>> = vec![Vec::new(); samples.len()];
-    for (sample, g) in group.iter().enumerate() {
-        members[*g].push(sample);
-    }
-    members.retain(|m| !m.is_empty());
-    members.shuffle(&mut ChaCha8Rng::seed_from_u64(seed));
-    // Large groups first, each to the fold that is smallest so far; the sort is stable, so the draw decides the rest.
-    members.sort_by_key(|m| std::cmp::Reverse(m.len()));
-    let (mut fold, mut sizes) = (vec![0; samples.len()], vec![0_usize; folds]);
-    for group in members {
-        let smallest = (0..folds).min_by_key(|f| sizes[*f]).unwrap_or(0);
-        sizes[smallest] += group.len();
-        for sample in group {
-            fold[sample] = smallest;
+/// A division of samples into folds.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Folds {
+    /// The fold of each sample.
+    fold: Vec<usize>,
+}
+
+impl Folds {
+    /// Divides `samples` into `count` folds, drawn with `seed`. Sizes differ by no more than the largest group of equal
+    /// configurations.
+    pub fn draw<F>(samples: &[Sample<F>], kinds: &[JointKind], count: usize, seed: u64) -> Self {
+        let group = groups(samples, kinds);
+        let mut members: Vec<Vec<usize>> = vec![Vec::new(); samples.len()];
+        for (sample, g) in group.iter().enumerate() {
+            members[*g].push(sample);
         }
+        members.retain(|m| !m.is_empty());
+        members.shuffle(&mut ChaCha8Rng::seed_from_u64(seed));
+        // Large groups first, each to the fold that is smallest so far; the sort is stable, so the draw decides the rest.
+        members.sort_by_key(|m| std::cmp::Reverse(m.len()));
+        let (mut fold, mut sizes) = (vec![0; samples.len()], vec![0_usize; count]);
+        for group in members {
+            let smallest = (0..count).min_by_key(|f| sizes[*f]).unwrap_or(0);
+            sizes[smallest] += group.len();
+            for sample in group {
+                fold[sample] = smallest;
+            }
+        }
+        Self { fold }
     }
-    fold
+
+    /// The samples of fold `k`, by index.
+    pub fn members(&self, k: usize) -> impl Iterator<Item = usize> {
+        (0..self.fold.len()).filter(move |i| self.fold[*i] == k)
+    }
+
+    /// What fold `k` trains on and what it is tested on, each in the order of `items`: one for each sample.
+    pub fn split<T: Clone>(&self, items: &[T], k: usize) -> (Vec<T>, Vec<T>) {
+        let part = |tested: bool| {
+            let own = items.iter().zip(&self.fold);
+            own.filter(|(_, fold)| (**fold == k) == tested)
+                .map(|(item, _)| item.clone())
+                .collect()
+        };
+        (part(false), part(true))
+    }
 }
 
 #[cfg(test)]
@@ -92,19 +113,18 @@ mod tests {
         for step in 1..=3 {
             samples.push(sample([7.0 + f64::from(step) * 0.9 * SAME_ANGLE, 0.0]));
         }
-        let fold = assign(&samples, &[JointKind::Revolute; 2], 5, 1);
+        let draw = |seed| Folds::draw(&samples, &[JointKind::Revolute; 2], 5, seed);
+        let folds = draw(1);
         for chained in 40..43 {
-            assert_eq!(fold[chained], fold[7]);
+            assert_eq!(folds.fold[chained], folds.fold[7]);
         }
-        for f in 0..5 {
-            let size = fold.iter().filter(|x| **x == f).count();
-            assert!((7..=10).contains(&size), "fold {f} has {size} samples");
+        for k in 0..5 {
+            let (train, test) = folds.split(&samples, k);
+            assert_eq!(train.len() + test.len(), samples.len());
+            assert_eq!(folds.members(k).count(), test.len());
+            assert!((7..=10).contains(&test.len()), "fold {k}: {}", test.len());
         }
-        assert_eq!(
-            fold,
-            assign(&samples, &[JointKind::Revolute; 2], 5, 1),
-            "the draw is seeded"
-        );
-        assert_ne!(fold, assign(&samples, &[JointKind::Revolute; 2], 5, 2));
+        assert_eq!(folds, draw(1), "the draw is seeded");
+        assert_ne!(folds, draw(2));
     }
 }

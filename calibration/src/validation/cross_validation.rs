@@ -6,14 +6,13 @@ use poegp_runtime::kinematics::poe::Poe;
 use serde::Serialize;
 
 use crate::blob::write::{CalibratedBlob, DeviceError, Provenance, calibrate_to_blob};
-use crate::measurement::folds;
+use crate::measurement::folds::Folds;
 use crate::measurement::sample::InstrumentSample;
 use crate::model::Method;
 use crate::model::config::Config;
 use crate::numeric::statistics::{ErrorSummary, PoseError};
 use crate::robot::Robot;
-use crate::validation::coverage::Coverage;
-use crate::validation::held_out::{HeldOutPose, coverage, held_out, summary};
+use crate::validation::held_out::{Coverage, HeldOutPose, coverage, held_out, summary};
 
 /// Held-out errors of one method.
 #[derive(Clone, Debug, Serialize)]
@@ -146,12 +145,9 @@ impl Task<'_> {
         config: &Config,
         progress: &mut dyn FnMut(),
     ) -> Result<CrossValidation, CompareError> {
-        let fold = self.assignment();
+        let folds = self.folds();
         let poses = self.held_out_poses(config, true, progress)?;
-        let of = |f: usize| {
-            let inside = poses.iter().zip(&fold).filter(move |(_, g)| **g == f);
-            summary(inside.map(|(pose, _)| pose))
-        };
+        let of = |k: usize| summary(&folds.split(&poses, k).1);
         Ok(CrossValidation {
             folds: (0..self.folds).map(of).collect(),
             all: summary(&poses),
@@ -160,9 +156,9 @@ impl Task<'_> {
         })
     }
 
-    /// The fold of every training pose.
-    pub fn assignment(&self) -> Vec<usize> {
-        folds::assign(self.train, self.nominal.kinds(), self.folds, self.seed)
+    /// The folds of the training poses.
+    pub fn folds(&self) -> Folds {
+        Folds::draw(self.train, self.nominal.kinds(), self.folds, self.seed)
     }
 
     /// The error of every training pose, in order, each predicted by a model that did not see it.
@@ -189,26 +185,17 @@ impl Task<'_> {
         with_sigma: bool,
         progress: &mut dyn FnMut(),
     ) -> Result<Vec<HeldOutPose>, CompareError> {
-        let fold = self.assignment();
+        let folds = self.folds();
         let mut out: Vec<Option<HeldOutPose>> = vec![None; self.train.len()];
-        for left_out in 0..self.folds {
-            let part = |inside: bool| -> Vec<InstrumentSample> {
-                let wanted = self
-                    .train
-                    .iter()
-                    .zip(&fold)
-                    .filter(|(_, f)| (**f != left_out) == inside);
-                wanted.map(|(s, _)| s.clone()).collect()
-            };
-            let found = self.calibrated(config, &part(true))?;
+        for k in 0..self.folds {
+            let (train, tests) = folds.split(self.train, k);
+            let found = self.calibrated(config, &train)?;
             progress();
-            let tests = part(false);
             let base = &found.calibration.ends.instrument_from_base;
             let with_sigma = with_sigma.then_some(&found.calibration);
             let poses = held_out(&found.blob, base, &tests, with_sigma);
-            let slots = out.iter_mut().zip(&fold).filter(|(_, f)| **f == left_out);
-            for ((slot, _), pose) in slots.zip(poses) {
-                *slot = Some(pose);
+            for (i, pose) in folds.members(k).zip(poses) {
+                out[i] = Some(pose);
             }
         }
         // Every sample is in one of the folds.

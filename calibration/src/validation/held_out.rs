@@ -4,6 +4,7 @@
 //! are made of the same list, so that they cannot disagree.
 
 use poegp_runtime::math::se3::Pose;
+use serde::Serialize;
 
 use crate::blob::predict::LoadedBlob;
 use crate::blob::write::CalibratedBlob;
@@ -12,7 +13,6 @@ use crate::identification::frame_fit::residual_components;
 use crate::measurement::sample::InstrumentSample;
 use crate::model::Calibration;
 use crate::numeric::statistics::{ErrorSummary, PoseError};
-use crate::validation::coverage::{Counter, Coverage};
 
 /// One pose and what the model made of it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -48,13 +48,13 @@ pub fn held_out(
     calibration: Option<&Calibration>,
 ) -> Vec<HeldOutPose> {
     let base_from_instrument = instrument_from_base.inverse();
-    let observe = |(sample, error): (&InstrumentSample, PoseError)| {
+    let observe = |sample: &InstrumentSample| {
         let predicted = blob
             .predict_tool(&sample.joints, sample.payload_kg, sample.tool)
             .pose;
         let measured = sample.observation.transformed(&base_from_instrument);
         HeldOutPose {
-            error,
+            error: sample.observation.error(&predicted),
             position: measured.position().into(),
             residual: residual_components(
                 UNWEIGHTED,
@@ -64,11 +64,7 @@ pub fn held_out(
             sigma: calibration.and_then(|c| c.standard_deviation(sample)),
         }
     };
-    samples
-        .iter()
-        .zip(blob.errors(samples))
-        .map(observe)
-        .collect()
+    samples.iter().map(observe).collect()
 }
 
 impl CalibratedBlob {
@@ -85,9 +81,57 @@ pub fn summary<'a>(poses: impl IntoIterator<Item = &'a HeldOutPose>) -> ErrorSum
     ErrorSummary::new(&errors)
 }
 
+/// Shares of errors that are within their predicted standard deviations.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct SigmaShares {
+    /// Within one standard deviation; 0.68 when it is true.
+    pub one_sigma: f64,
+    /// Within 1.96 standard deviations; 0.95 when it is true.
+    pub two_sigma: f64,
+}
+
+impl SigmaShares {
+    /// Of pairs of an error and its standard deviation; `None` without any.
+    pub fn new(pairs: impl IntoIterator<Item = (f64, f64)>) -> Option<Self> {
+        let (mut one, mut two, mut all) = (0, 0, 0);
+        for (error, sigma) in pairs {
+            one += usize::from(error.abs() <= sigma);
+            two += usize::from(error.abs() <= 1.96 * sigma);
+            all += 1;
+        }
+        let share = |count: usize| count as f64 / all as f64;
+        (all > 0).then(|| Self {
+            one_sigma: share(one),
+            two_sigma: share(two),
+        })
+    }
+}
+
+/// Whether predicted standard deviations were true, component by component: three of position, three of rotation.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Coverage {
+    /// Of all components.
+    #[serde(flatten)]
+    pub all: SigmaShares,
+    /// Mean predicted standard deviation of a position component in mm.
+    pub mean_sigma_mm: f64,
+    /// Along x, y, z of the base frame, and about them where orientations were measured.
+    pub axes: Vec<SigmaShares>,
+}
+
 /// Whether the predicted standard deviations were true; `None` where none were predicted.
 pub fn coverage(poses: &[HeldOutPose]) -> Option<Coverage> {
-    let mut counter = Counter::default();
-    poses.iter().for_each(|pose| counter.add_pose(pose));
-    counter.coverage()
+    let known = || poses.iter().filter_map(|p| Some((p, p.sigma?)));
+    let pairs = |i: usize| {
+        known()
+            .filter(move |(pose, _)| i < pose.components())
+            .map(move |(pose, sigma)| (pose.residual[i], sigma[i]))
+    };
+    let all = SigmaShares::new((0..6).flat_map(pairs))?;
+    let sum: f64 = known().map(|(_, s)| s[..3].iter().sum::<f64>()).sum();
+    Some(Coverage {
+        all,
+        mean_sigma_mm: 1e3 * sum / (3 * known().count()) as f64,
+        axes: (0..6).filter_map(|i| SigmaShares::new(pairs(i))).collect(),
+    })
 }

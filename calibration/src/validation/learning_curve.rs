@@ -45,16 +45,8 @@ impl Parts {
                 tests: all.cloned().collect(),
             };
         }
-        let fold = task.assignment();
-        let part = |first: bool| -> Vec<InstrumentSample> {
-            let wanted = task.train.iter().zip(&fold);
-            let wanted = wanted.filter(|(_, f)| (**f == 0) == first);
-            wanted.map(|(s, _)| s.clone()).collect()
-        };
-        Self {
-            pool: part(false),
-            tests: part(true),
-        }
+        let (pool, tests) = task.folds().split(task.train, 0);
+        Self { pool, tests }
     }
 }
 
@@ -97,12 +89,13 @@ pub fn curve(
         }
         progress();
     }
-    let fold = task.tests.is_empty().then(|| task.assignment());
-    let tested = whole.iter().enumerate();
-    let tested = tested.filter(|(i, _)| fold.as_ref().is_none_or(|f| f[*i] == 0));
+    let errors = match task.tests.is_empty() {
+        true => summary(&task.folds().split(whole, 0).1),
+        false => summary(whole),
+    };
     out.push(Point {
         trained_on: parts.pool.len(),
-        errors: summary(tested.map(|(_, pose)| pose)),
+        errors,
     });
     out
 }

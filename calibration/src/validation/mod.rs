@@ -1,6 +1,5 @@
 //! Everything that is made of held-out errors.
 
-pub mod coverage;
 pub mod cross_validation;
 pub mod device_budget;
 pub mod held_out;

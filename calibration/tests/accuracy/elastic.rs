@@ -10,7 +10,7 @@ use poegp_calibration::model::Method;
 use poegp_calibration::model::config::Config;
 use poegp_calibration::numeric::statistics::{ErrorSummary, PoseError};
 use poegp_calibration::robot::Robot;
-use poegp_calibration::validation::coverage::{Counter, Coverage};
+use poegp_calibration::validation::held_out::{Coverage, coverage, held_out};
 use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::Pose;
 
@@ -72,8 +72,8 @@ impl Cell {
             PoseError::between(truth, &blob.predict(&s.joints, s.payload_kg).pose)
         });
         let rounding = precision_loss(&calibration, &blob, &samples);
-        let mut counter = Counter::default();
-        counter.add(&calibration, &blob, &samples);
+        let base = &calibration.ends.instrument_from_base;
+        let poses = held_out(&blob, base, &samples, Some(&calibration));
         Measured {
             poses: train.len(),
             support: blob.model().support(),
@@ -82,7 +82,7 @@ impl Cell {
                 .position_mm
                 .mean,
             rounding_um: (1e6 * rounding.mean_m, 1e6 * rounding.max_m),
-            coverage: counter.coverage().unwrap(),
+            coverage: coverage(&poses).unwrap(),
             seconds,
         }
     }

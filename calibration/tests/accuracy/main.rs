@@ -21,8 +21,8 @@ use poegp_calibration::measurement::sample::ToolName;
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::Config;
 use poegp_calibration::robot::{LoadOptions, Robot};
-use poegp_calibration::validation::coverage::Coverage;
 use poegp_calibration::validation::cross_validation::{ModelComparison, Task, TestSet};
+use poegp_calibration::validation::held_out::Coverage;
 use poegp_runtime::kinematics::poe::Poe;
 
 /// Shows a measured number: to the terminal, past what the test harness captures.
@@ -112,7 +112,7 @@ fn true_deviations(what: &str, found: &Coverage) -> Vec<String> {
         .iter()
         .map(|a| format!("{:.0}/{:.0}", percent(a.one_sigma), percent(a.two_sigma)))
         .collect();
-    let (one, two) = (found.one_sigma, found.two_sigma);
+    let (one, two) = (found.all.one_sigma, found.all.two_sigma);
     say(format_args!(
         "  {what}: {:.1} and {:.1} % within 1 and 1.96 standard deviations (60–76, 90–98), by axis {}",
         percent(one),

@@ -7,7 +7,7 @@ use std::path::Path;
 use poegp_calibration::blob::write::calibrate_to_blob;
 use poegp_calibration::device_cost::SetSizes;
 use poegp_calibration::measurement as measurements;
-use poegp_calibration::measurement::folds::assign;
+use poegp_calibration::measurement::folds::Folds;
 use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::{Config, ProcessLayout};
@@ -123,17 +123,12 @@ fn measured_arms() {
         let arm = arm(&robot);
         let whole = samples(&folder.join(file), &arm.0);
         let kinds: Vec<_> = arm.0.joints.iter().map(|joint| joint.kind).collect();
-        let fold = assign(&whole, &kinds, 5, 1);
+        let folds = Folds::draw(&whole, &kinds, 5, 1);
         let mut all: [Vec<f64>; 3] = Default::default();
         let mut last = String::new();
         for held_out in 0..5 {
-            let part = |inside: bool| -> Vec<InstrumentSample> {
-                let of = whole.iter().zip(&fold);
-                of.filter(|(_, f)| (**f == held_out) == inside)
-                    .map(|(s, _)| s.clone())
-                    .collect()
-            };
-            let (errors, told) = measure(&arm, &part(false), &part(true));
+            let (train, test) = folds.split(&whole, held_out);
+            let (errors, told) = measure(&arm, &train, &test);
             append(&mut all, errors);
             last = told;
         }

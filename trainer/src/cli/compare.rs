@@ -343,7 +343,11 @@ fn print(report: Report, runs: &[(&Vec<ModelComparison>, &str)], a: &Compare) {
             row.extend([p.mean, p.median, p.p95, p.max].map(|x| format!("{x:.4}")));
             row.push(errors.orientation_cell());
             row.push(coverage.map_or("–".to_owned(), |c| {
-                format!("{:.0} / {:.0} %", 100.0 * c.one_sigma, 100.0 * c.two_sigma)
+                format!(
+                    "{:.0} / {:.0} %",
+                    100.0 * c.all.one_sigma,
+                    100.0 * c.all.two_sigma
+                )
             }));
             rows.push(row);
         }

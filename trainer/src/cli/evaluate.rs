@@ -20,6 +20,7 @@ use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::measurement::sample::ToolName;
 use poegp_calibration::numeric::statistics::{ErrorSummary, PoseError};
 use poegp_calibration::robot::{Joint, Robot};
+use poegp_calibration::validation::held_out::SigmaShares;
 
 /// What `--json` writes.
 #[derive(Serialize)]
@@ -56,10 +57,8 @@ struct TrustFacts {
 #[derive(Serialize)]
 struct SigmaFacts {
     mean_mm: f64,
-    /// Within one standard deviation; 0.68 when it is true.
-    one_sigma: f64,
-    /// Within 1.96 standard deviations; 0.95 when it is true.
-    two_sigma: f64,
+    #[serde(flatten)]
+    shares: SigmaShares,
 }
 
 impl SigmaFacts {
@@ -69,24 +68,17 @@ impl SigmaFacts {
         predictions: &[Prediction],
         scored: &[usize],
     ) -> Option<Self> {
-        let (mut one, mut two, mut sum, mut known) = (0, 0, 0.0, 0);
-        for i in scored {
-            let Some(sigma) = predictions[*i].position_sigma.map(f64::from) else {
-                continue;
-            };
-            let error = samples[*i].observation.position() - predictions[*i].pose.translation;
-            for component in error.iter() {
-                one += usize::from(component.abs() <= sigma);
-                two += usize::from(component.abs() <= 1.96 * sigma);
-            }
-            sum += sigma;
-            known += 1;
-        }
-        let share = |count: usize| count as f64 / f64::from(3 * known);
-        (known > 0).then(|| Self {
-            mean_mm: 1e3 * sum / f64::from(known),
-            one_sigma: share(one),
-            two_sigma: share(two),
+        let known = || {
+            let sigma = |i: &usize| predictions[*i].position_sigma.map(f64::from);
+            scored.iter().filter_map(move |i| Some((*i, sigma(i)?)))
+        };
+        let pairs = |(i, sigma): (usize, f64)| {
+            let error = samples[i].observation.position() - predictions[i].pose.translation;
+            [0, 1, 2].map(|axis| (error[axis], sigma))
+        };
+        Some(Self {
+            shares: SigmaShares::new(known().flat_map(pairs))?,
+            mean_mm: 1e3 * known().map(|(_, s)| s).sum::<f64>() / known().count() as f64,
         })
     }
 }
@@ -308,8 +300,8 @@ fn print(report: Report, set: &SetErrors, model: &str, predictions: &[Prediction
         report.line(format_args!(
             "The device's standard deviation is {:.4} mm in the mean; {:.0} % of the components lie within one, {:.0} % within 1.96.",
             sigma.mean_mm,
-            100.0 * sigma.one_sigma,
-            100.0 * sigma.two_sigma
+            100.0 * sigma.shares.one_sigma,
+            100.0 * sigma.shares.two_sigma
         ));
     }
     if set.trust.least < 1.0 {

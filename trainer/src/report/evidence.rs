@@ -5,9 +5,8 @@ use serde::Serialize;
 
 use poegp_calibration::measurement::MeasurementSet;
 use poegp_calibration::numeric::statistics::ErrorSummary;
-use poegp_calibration::validation::coverage::Coverage;
 use poegp_calibration::validation::cross_validation::ModelComparison;
-use poegp_calibration::validation::held_out::{HeldOutPose, coverage, summary};
+use poegp_calibration::validation::held_out::{Coverage, HeldOutPose, coverage, summary};
 use poegp_calibration::validation::learning_curve::Point;
 
 /// Where held-out poses come from.

@@ -17,7 +17,7 @@ use crate::learning::elastic::fit::fit;
 use crate::learning::elastic::options::ElasticOptions;
 use crate::learning::elastic::posterior_covariance::PosteriorCovariance;
 use crate::learning::elastic::reduced_model::ElasticModel;
-use crate::measurement::folds;
+use crate::measurement::folds::Folds;
 use crate::measurement::sample::BaseSample;
 use crate::numeric::statistics::{Standardised, calibration_factor};
 
@@ -43,17 +43,11 @@ pub struct Recipe {
 impl Recipe {
     /// What standard deviations of a fit to `samples` must be multiplied with; `None` when a fold cannot be fitted.
     pub fn factor(&self, samples: &[BaseSample]) -> Option<[f64; 2]> {
-        let fold = folds::assign(samples, self.chain.kinds(), FOLDS, SEED);
+        let folds = Folds::draw(samples, self.chain.kinds(), FOLDS, SEED);
         let mut all: Standardised = [Vec::new(), Vec::new()];
         for left_out in 0..FOLDS {
-            let part = |inside: bool| -> Vec<BaseSample> {
-                let wanted = samples
-                    .iter()
-                    .zip(&fold)
-                    .filter(|(_, f)| (**f != left_out) == inside);
-                wanted.map(|(s, _)| s.clone()).collect()
-            };
-            self.predict(&part(true), &part(false), &mut all)?;
+            let (train, test) = folds.split(samples, left_out);
+            self.predict(&train, &test, &mut all)?;
         }
         Some(calibration_factor(&mut all))
     }

@@ -72,7 +72,7 @@ pub fn uncertainty(evidence: &Evidence, facts: &HeldOutFacts) -> Section {
     calibration.line(Series::Reference, &[(0.0, 0.0), (100.0, 100.0)], false);
     calibration.line(Series::After, &shares, true);
 
-    let (one, two) = (coverage.one_sigma, coverage.two_sigma);
+    let (one, two) = (coverage.all.one_sigma, coverage.all.two_sigma);
     let at = |name: &str| format!("/held_out/after/coverage/{name}");
     let finding = if two < 0.95 - TOLERANCE || one < 0.683 - 1.5 * TOLERANCE {
         "The model is too sure of itself: "
