@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use crate::input_error::InputError;
-use crate::measurement::table::Table;
-use crate::measurement::{JointColumn, JointUnit};
+use crate::measurement::set::{JointColumn, JointUnit};
+use crate::measurement::table::{Table, quoted};
 
 /// What a column holds; the order is the one in which they are spoken of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -347,7 +347,7 @@ fn true_name(name: &str) -> String {
 fn list(names: &[String]) -> String {
     names
         .iter()
-        .map(|name| crate::measurement::rows::quoted(name))
+        .map(|name| quoted(name))
         .collect::<Vec<_>>()
         .join(", ")
 }

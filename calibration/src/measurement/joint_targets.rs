@@ -11,8 +11,9 @@ use sha2::{Digest, Sha256};
 
 use crate::input_error::InputError;
 use crate::measurement::columns::Columns;
+use crate::measurement::rows::Row;
+use crate::measurement::set::{Measurement, MeasurementSet};
 use crate::measurement::table::Table;
-use crate::measurement::{Measurement, MeasurementSet, rows};
 use crate::robot::Robot;
 
 /// A file of joint targets that was read.
@@ -52,7 +53,7 @@ impl TargetFile {
         let (joints, payload) = Columns::of_targets(path, &table)?;
         let mut measurements = Vec::with_capacity(table.rows.len());
         for (line, fields) in &table.rows {
-            let row = rows::Row {
+            let row = Row {
                 file: path,
                 line: *line,
                 fields,

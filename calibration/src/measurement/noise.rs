@@ -12,31 +12,9 @@
 
 use crate::measurement::sample::Sample;
 
-/// What is known of the instrument, standard deviations of one component. Each may be unknown.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct InstrumentNoise {
-    /// Of position in metres.
-    pub position: Option<f64>,
-    /// Of rotation in radians.
-    pub orientation: Option<f64>,
-}
+pub use crate::measurement::observation::InstrumentNoise;
 
 impl InstrumentNoise {
-    /// Nothing is known.
-    pub const UNKNOWN: Self = Self {
-        position: None,
-        orientation: None,
-    };
-
-    /// This where it is known, else `other`.
-    #[must_use]
-    pub fn or(self, other: Self) -> Self {
-        Self {
-            position: self.position.or(other.position),
-            orientation: self.orientation.or(other.orientation),
-        }
-    }
-
     /// The smallest that the samples state; unknown where one of them states nothing.
     pub fn quietest<F>(samples: &[Sample<F>]) -> Self {
         Self::pooled(samples, |values| {

@@ -1,4 +1,4 @@
-//! What the instrument saw of a target.
+//! What the instrument saw of a target, and how well.
 
 use nalgebra::Vector3;
 use poegp_runtime::math::se3::Pose;
@@ -59,6 +59,32 @@ impl Observation {
         match self {
             Self::Pose(pose) => PoseError::between(pose, predicted),
             Self::Position(position) => PoseError::of_position(position, &predicted.translation),
+        }
+    }
+}
+
+/// What is known of the instrument, standard deviations of one component. Each may be unknown.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct InstrumentNoise {
+    /// Of position in metres.
+    pub position: Option<f64>,
+    /// Of rotation in radians.
+    pub orientation: Option<f64>,
+}
+
+impl InstrumentNoise {
+    /// Nothing is known.
+    pub const UNKNOWN: Self = Self {
+        position: None,
+        orientation: None,
+    };
+
+    /// This where it is known, else `other`.
+    #[must_use]
+    pub fn or(self, other: Self) -> Self {
+        Self {
+            position: self.position.or(other.position),
+            orientation: self.orientation.or(other.orientation),
         }
     }
 }

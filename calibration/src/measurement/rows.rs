@@ -8,9 +8,9 @@ use nalgebra::Vector3;
 use poegp_runtime::math::se3::{Pose, dot};
 
 use crate::input_error::InputError;
-use crate::measurement::Measurement;
 use crate::measurement::columns::{Column, Columns, Unit};
-use crate::measurement::table::Table;
+use crate::measurement::set::Measurement;
+use crate::measurement::table::{Table, quoted};
 
 /// Farthest that a target is from an instrument, metres: trackers reach 80 m.
 const FARTHEST: f64 = 100.0;
@@ -95,17 +95,6 @@ pub(super) fn rows(lines: &[String]) -> String {
         1 => format!("1 row (line {list})"),
         count if count > LISTED => format!("{count} rows (lines {list}, …)"),
         count => format!("{count} rows (lines {list})"),
-    }
-}
-
-/// Text of a file in double quotes, shortened.
-pub(super) fn quoted(text: &str) -> String {
-    if text.is_empty() {
-        return "an empty field".to_owned();
-    }
-    match text.char_indices().nth(40) {
-        Some((end, _)) => format!("{:?}…", &text[..end]),
-        None => format!("{text:?}"),
     }
 }
 

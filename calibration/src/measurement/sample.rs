@@ -4,9 +4,8 @@ use poegp_protocol::limits::MAX_TOOLS;
 use poegp_runtime::math::se3::Pose;
 
 use crate::input_error::InputError;
-use crate::measurement::MeasurementSet;
-use crate::measurement::noise::InstrumentNoise;
-use crate::measurement::observation::Observation;
+use crate::measurement::observation::{InstrumentNoise, Observation};
+use crate::measurement::set::MeasurementSet;
 use crate::robot::Robot;
 
 /// Observed from the instrument: `instrument_from_target`.

@@ -108,10 +108,7 @@ fn check_header(file: &Path, line: usize, header: &StringRecord) -> Result<(), I
     if first.parse::<f64>().is_ok() {
         return Err(InputError::new(
             file,
-            format!(
-                "{} in the first row",
-                crate::measurement::rows::quoted(first)
-            ),
+            format!("{} in the first row", quoted(first)),
             "a header row with the names of the columns",
         )
         .at_line(line)
@@ -145,4 +142,15 @@ fn check_width(
         "is a comma used as decimal point or within a text?"
     };
     Err(error.with_help(help))
+}
+
+/// Text of a file in double quotes, shortened.
+pub(super) fn quoted(text: &str) -> String {
+    if text.is_empty() {
+        return "an empty field".to_owned();
+    }
+    match text.char_indices().nth(40) {
+        Some((end, _)) => format!("{:?}…", &text[..end]),
+        None => format!("{text:?}"),
+    }
 }

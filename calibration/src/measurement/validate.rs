@@ -11,7 +11,7 @@ use poegp_runtime::math::se3::dot;
 
 use crate::input_error::InputError;
 use crate::measurement::rows::rows;
-use crate::measurement::{JointColumn, JointUnit, Measurement, MeasurementSet};
+use crate::measurement::set::{JointColumn, JointUnit, Measurement, MeasurementSet};
 use crate::robot::{Joint, Robot};
 
 /// How far beyond its limits a joint value may be: this part of the range …

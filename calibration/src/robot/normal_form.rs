@@ -6,7 +6,7 @@ use nalgebra::{Matrix3, Vector3};
 use poegp_protocol::limits::MAX_JOINTS;
 use poegp_runtime::math::se3::Pose;
 
-use crate::robot::{Joint, Robot};
+use crate::robot::description::{Joint, Robot};
 
 /// A chain under construction: fixed frames are folded together until a moving joint ends them.
 pub(super) struct Chain {

@@ -35,10 +35,10 @@ use serde::Deserialize;
 use toml::Spanned;
 
 use crate::input_error::InputError;
+use crate::robot::description::{Joint, Robot};
 use crate::robot::normal_form as chain;
 use crate::robot::normal_form::Chain;
 use crate::robot::toml_source::{DEGREE, METRE, MILLIMETRE, Origin, RADIAN, TomlText};
-use crate::robot::{Joint, Robot};
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]

@@ -8,6 +8,7 @@ use serde::Deserialize;
 use toml::Spanned;
 
 use crate::input_error::InputError;
+use crate::robot::normal_form;
 
 /// A key with its unit, its factor to SI, and its value where it is given.
 pub type Unit<'a, T> = (&'static str, f64, &'a Option<Spanned<T>>);
@@ -136,7 +137,7 @@ impl TomlText<'_> {
             ("rpy_rad", RADIAN, &origin.rpy_rad),
             ("rpy_deg", DEGREE, &origin.rpy_deg),
         ])?;
-        Ok(crate::robot::origin(
+        Ok(normal_form::origin(
             xyz.unwrap_or_default(),
             rpy.unwrap_or_default(),
         ))

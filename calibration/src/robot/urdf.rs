@@ -13,9 +13,9 @@ use poegp_protocol::JointKind;
 use urdf_rs::JointType;
 
 use crate::input_error::InputError;
+use crate::robot::description::{Joint, LoadOptions, Robot};
 use crate::robot::normal_form as chain;
 use crate::robot::normal_form::Chain;
-use crate::robot::{Joint, LoadOptions, Robot};
 
 /// Leaves that are taken for the flange when there are several, best first.
 const FLANGE_NAMES: [&str; 3] = ["tool0", "flange", "ee_link"];

@@ -13,39 +13,10 @@ use nalgebra::Vector3;
 use poegp_runtime::math::se3::{Pose, Twist};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use rand_distr::{Distribution, StandardNormal};
 
 use crate::robot::Robot;
-pub use crate::simulation::true_arm::TrueArm;
-
-/// What is wrong with the simulated arm beside its frames and compliance.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Scenario {
-    /// Nothing more; joints within the cell.
-    Paper,
-    /// Link bending, transmission error, backlash, repeatability.
-    Rich,
-    /// The same, gears that stiffen with load, a centre of mass for each payload, wrong payload masses.
-    Wild,
-    /// As `Paper`, over the full joint limits.
-    Full,
-}
-
-/// What may happen to an arm after it was calibrated.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Disturbance {
-    /// The base moves, metres along its axes.
-    Base(Vector3<f64>),
-    /// The target moves at the flange, metres along its own axes.
-    Tool(Vector3<f64>),
-    /// A joint of the controller (from 0) stands elsewhere than it says, rad or m.
-    Joint {
-        /// Which.
-        joint: usize,
-        /// By how much.
-        offset: f64,
-    },
-}
+use crate::simulation::true_arm::normal_vector;
+pub use crate::simulation::true_arm::{Disturbance, Scenario, TrueArm};
 
 /// Standard deviation of one position component of the tracker in metres.
 pub const POSITION_NOISE_M: f64 = 30e-6;
@@ -169,12 +140,6 @@ impl Simulator {
             truth,
         }
     }
-}
-
-/// Three independent normal numbers of standard deviation `sigma`.
-fn normal_vector(sigma: f64, random: &mut ChaCha8Rng) -> Vector3<f64> {
-    let mut normal = || -> f64 { StandardNormal.sample(random) };
-    Vector3::new(sigma * normal(), sigma * normal(), sigma * normal())
 }
 
 /// A measurement file of `poses`; with the truth in `true_*` columns when `with_truth`.

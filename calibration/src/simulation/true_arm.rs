@@ -9,7 +9,6 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
 use crate::robot::{Robot, coupled};
-use crate::simulation::{Disturbance, Scenario, normal_vector};
 
 /// Error of each fixed frame, metres and radians per component.
 const FRAME_ERROR: f64 = 0.78e-3;
@@ -23,6 +22,35 @@ const LINK_MASSES: [f64; 5] = [31.0, 20.0, 17.0, 1.2, 0.42];
 const PAYLOAD_CENTRE: [f64; 3] = [0.020, -0.010, 0.120];
 const PAYLOAD_CENTRE_SPREAD: f64 = 0.010;
 const GRAVITY: f64 = 9.81;
+
+/// What is wrong with the simulated arm beside its frames and compliance.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Scenario {
+    /// Nothing more; joints within the cell.
+    Paper,
+    /// Link bending, transmission error, backlash, repeatability.
+    Rich,
+    /// The same, gears that stiffen with load, a centre of mass for each payload, wrong payload masses.
+    Wild,
+    /// As `Paper`, over the full joint limits.
+    Full,
+}
+
+/// What may happen to an arm after it was calibrated.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Disturbance {
+    /// The base moves, metres along its axes.
+    Base(Vector3<f64>),
+    /// The target moves at the flange, metres along its own axes.
+    Tool(Vector3<f64>),
+    /// A joint of the controller (from 0) stands elsewhere than it says, rad or m.
+    Joint {
+        /// Which.
+        joint: usize,
+        /// By how much.
+        offset: f64,
+    },
+}
 
 /// An arm as it really is.
 #[derive(Clone, Debug)]
@@ -257,4 +285,10 @@ fn arbitrary_pose(distance: f64, random: &mut ChaCha8Rng) -> Pose<f64> {
         &quaternion.1,
         direction.normalize() * distance,
     )
+}
+
+/// Three independent normal numbers of standard deviation `sigma`.
+pub(super) fn normal_vector(sigma: f64, random: &mut ChaCha8Rng) -> Vector3<f64> {
+    let mut normal = || -> f64 { StandardNormal.sample(random) };
+    Vector3::new(sigma * normal(), sigma * normal(), sigma * normal())
 }

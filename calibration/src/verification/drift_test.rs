@@ -47,6 +47,13 @@ pub struct Test {
 /// Columns of a matrix.
 pub type Columns = Vec<Vec<f64>>;
 
+/// The columns of a matrix.
+pub fn columns(x: &Mat<f64>) -> Columns {
+    (0..x.ncols())
+        .map(|j| (0..x.nrows()).map(|i| x[(i, j)]).collect())
+        .collect()
+}
+
 /// A hypothesis that was taken.
 #[derive(Clone, Debug)]
 pub struct Choice {

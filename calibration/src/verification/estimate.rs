@@ -7,10 +7,10 @@ use crate::identification::parametric::state::ROWS;
 use crate::measurement::noise::Scales;
 use crate::measurement::sample::InstrumentSample;
 use crate::numeric::statistics::Summary;
-use crate::verification::Weighed;
-use crate::verification::drift_test::Test;
+use crate::verification::drift_test::{Test, columns};
 use crate::verification::hypotheses::{Hypothesis, Part};
 use crate::verification::result::{Change, Estimate, Sensitivity};
+use crate::verification::whitened::Weighed;
 
 /// Of a part's effect at least this share must be its own, or it cannot be told from the other.
 const OWN_SHARE: f64 = 0.05;
@@ -31,13 +31,13 @@ impl Fit {
     /// `None` when the equations cannot be solved.
     pub fn new(weighed: &Weighed<'_>, nuisance: &Mat<f64>, chosen: &[&Hypothesis]) -> Option<Self> {
         let mut starts = vec![nuisance.ncols()];
-        let mut columns: Vec<Vec<f64>> = super::columns(nuisance);
+        let mut free: Vec<Vec<f64>> = columns(nuisance);
         for hypothesis in chosen {
-            columns.extend(super::columns(&hypothesis.effect));
-            starts.push(columns.len());
+            free.extend(columns(&hypothesis.effect));
+            starts.push(free.len());
         }
-        let x = Mat::from_fn(weighed.y.nrows(), columns.len(), |i, j| columns[j][i]);
-        if columns.is_empty() {
+        let x = Mat::from_fn(weighed.y.nrows(), free.len(), |i, j| free[j][i]);
+        if free.is_empty() {
             return Some(Self {
                 covariance: Mat::zeros(0, 0),
                 values: Vec::new(),
@@ -55,7 +55,7 @@ impl Fit {
         let values = factor.solve(white.transpose() * y);
         Some(Self {
             covariance: factor.inverse(),
-            values: (0..columns.len()).map(|i| values[(i, 0)]).collect(),
+            values: (0..free.len()).map(|i| values[(i, 0)]).collect(),
             starts,
             x,
         })

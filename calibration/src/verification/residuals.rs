@@ -15,7 +15,7 @@ use crate::measurement::noise::Scales;
 use crate::measurement::observation::Observation;
 use crate::measurement::sample::InstrumentSample;
 use crate::numeric::statistics::PoseError;
-use crate::verification::Options;
+use crate::verification::options::Options;
 
 /// Steps in which base and tools are refined; from a start within a milliradian two are enough.
 const STEPS: usize = 6;

@@ -100,3 +100,21 @@ pub struct Report {
     /// Lines of measurements that stand out from all others.
     pub odd_lines: Vec<usize>,
 }
+
+/// Why nothing can be said.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum CheckError {
+    /// Too few measurements.
+    #[error("{poses} poses, {equations} equations")]
+    TooFew {
+        /// Rows.
+        poses: usize,
+        /// Equations that they give.
+        equations: usize,
+        /// Rows that are needed at least.
+        needed: usize,
+    },
+    /// A matrix could not be factored.
+    #[error("residuals that cannot be weighed: are these measurements of this robot?")]
+    Unsolvable,
+}

@@ -5,8 +5,8 @@ use nalgebra::Vector3;
 use poegp_protocol::JointKind;
 use poegp_runtime::math::se3::{Pose, Twist};
 
+use crate::identification::identifiability::frames::{Frame, Part, Task};
 use crate::identification::identifiability::wording::{list, numbers};
-use crate::identification::identifiability::{Frame, Part, Task};
 
 /// A revolute joint that spans less stands still: half a degree in rad (as in the notes of the reader).
 pub const STILL_REVOLUTE: f64 = 0.5 * std::f64::consts::PI / 180.0;

@@ -7,8 +7,8 @@ use faer::Mat;
 use faer::linalg::solvers::Solve;
 use poegp_protocol::JointKind;
 
+use crate::identification::identifiability::frames::{Frame, Part, ROUNDING};
 use crate::identification::identifiability::subspaces::Space;
-use crate::identification::identifiability::{Frame, Part, ROUNDING};
 
 /// Share of a new name that must not be made up by earlier ones. The axes of a fitted arm are a little off parallel, and
 /// names that differ by no more than that would all be correlated; only where there are no better ones are they taken.

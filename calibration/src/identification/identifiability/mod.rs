@@ -16,6 +16,8 @@
 
 mod causes;
 mod elementary_motions;
+mod frames;
+mod report;
 mod subspaces;
 #[cfg(test)]
 mod tests;
@@ -29,29 +31,28 @@ use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::Pose;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use serde::Serialize;
 
 use crate::identification::base_tool::UNWEIGHTED;
 use crate::identification::frame_fit::residual_components;
 use crate::identification::identifiability::elementary_motions::Coordinates;
+use crate::identification::identifiability::frames::ROUNDING;
 use crate::identification::identifiability::subspaces::{Explained, Space};
-use crate::identification::parametric::state::{Group, Layout, ROWS, State};
+use crate::identification::parametric::state::{Layout, ROWS, State};
 use crate::measurement::noise::Scales;
 use crate::measurement::observation::Observation;
 use crate::measurement::sample::{Base, BaseSample, Sample};
-use crate::robot::Robot;
 
 pub use crate::identification::identifiability::causes::{STILL_PRISMATIC, STILL_REVOLUTE};
-pub use crate::identification::identifiability::uncertainty::{
-    Correlation, Expected, FrameDeviation,
+pub use crate::identification::identifiability::frames::Task;
+pub(crate) use crate::identification::identifiability::frames::frames;
+pub use crate::identification::identifiability::report::{
+    Correlation, Expected, Finding, FrameDeviation, IdentifyReport,
 };
 
 /// A direction that shows less than this share of the most visible one is untold.
 pub const SHARE: f64 = 1e-5;
 /// So is one with a standard deviation above this, m and rad: the drawing is as good (prior of the arm's frames).
 pub const AS_DRAWN: f64 = 2e-3;
-/// Share below which a singular value is zero but for rounding.
-const ROUNDING: f64 = 1e-10;
 /// Synthetic poses of each tool.
 const RICH_POSES: usize = 80;
 /// Largest revolute range of them, and the range of a slide without limits: rad and m.
@@ -59,57 +60,6 @@ const WIDEST: f64 = std::f64::consts::PI;
 const UNLIMITED_SLIDE: f64 = 0.5;
 /// Sentences at most about what is left when the known causes are taken out.
 const MOST_SENTENCES: usize = 4;
-
-/// What is looked at.
-#[derive(Debug)]
-pub struct Task<'a> {
-    /// The arm: joint limits and coupling.
-    pub robot: &'a Robot,
-    /// The chain from base to target as it was fitted, or the nominal one.
-    pub chain: &'a Poe<f64>,
-    /// `first_target_from_target` of each tool; `chain` ends at the first target.
-    pub tools: &'a [Pose<f64>],
-    /// Poses as seen from the base.
-    pub samples: &'a [BaseSample],
-    /// Noise of one position component in metres, of one rotation component in radians, in the quietest row.
-    pub noise: Scales,
-    /// Whether only base and tools are calibrated.
-    pub ends_only: bool,
-}
-
-/// A cause or a direction in words.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Finding {
-    /// One sentence without its point.
-    pub sentence: String,
-    /// How many directions it speaks of; 0 where it is about the payload or the number of poses.
-    pub directions: usize,
-}
-
-/// What the data tell.
-#[derive(Clone, Debug, Serialize)]
-pub struct IdentifyReport {
-    /// Geometric parameters: six for each frame and tool.
-    pub parameters: usize,
-    /// Directions that these poses tell.
-    pub rank: usize,
-    /// Directions that no poses could tell.
-    pub redundant: usize,
-    /// Directions that other poses would tell and these do not.
-    pub untold: usize,
-    /// Largest by smallest told singular value.
-    pub condition: f64,
-    /// What cannot be told.
-    pub findings: Vec<Finding>,
-    /// Singular values, rows in units of the noise, largest first.
-    pub singular_values: Vec<f64>,
-    /// Standard deviations under the prior, redundant directions taken out.
-    pub standard_deviations: Vec<FrameDeviation>,
-    /// Quantities that move together though both are told: |r| > 0.95.
-    pub correlations: Vec<Correlation>,
-    /// Expected error of the chain's prediction at these poses, from the uncertainty of its parameters alone.
-    pub expected: Expected,
-}
 
 /// Looks at what `task` can tell; `None` only when nothing can be computed (no samples, numbers that are not finite).
 pub fn identify(task: &Task) -> Option<IdentifyReport> {
@@ -187,45 +137,6 @@ pub(crate) fn residual_scales(
     };
     let residuals: Vec<[f64; ROWS]> = samples.iter().map(residual).collect();
     Scales::estimated(&residuals, samples)
-}
-
-/// A frame whose six parameters are looked at.
-#[derive(Clone, Debug)]
-pub(crate) struct Frame {
-    /// Where its parameters begin, in sixes.
-    pub(crate) position: usize,
-    pub(crate) part: Part,
-    /// Standard deviation of its prior, m and rad.
-    pub(crate) prior: f64,
-}
-
-/// What a frame is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Part {
-    Base,
-    /// Behind this joint, from 1.
-    Link(usize),
-    /// Behind the last joint; number from 1 where there are several.
-    Tool(Option<usize>),
-}
-
-pub(crate) fn frames(n: usize, tools: usize, ends_only: bool) -> Vec<Frame> {
-    (0..n + tools)
-        .filter(|position| !ends_only || *position == 0 || *position >= n)
-        .map(|position| Frame {
-            position,
-            part: match position {
-                0 => Part::Base,
-                link if link < n => Part::Link(link),
-                tool => Part::Tool((tools > 1).then_some(tool - n + 1)),
-            },
-            prior: if position == 0 || position >= n {
-                Group::Ends.prior_sd()
-            } else {
-                Group::Frames.prior_sd()
-            },
-        })
-        .collect()
 }
 
 /// The geometric columns of the linearised model, rows in units of the noise.

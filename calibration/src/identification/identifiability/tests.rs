@@ -1,7 +1,7 @@
 use crate::blob::write::nominal_chain;
 use crate::identification::base_tool::with_ends;
 use crate::identification::identifiability::*;
-use crate::robot::{Joint, LoadOptions};
+use crate::robot::{Joint, LoadOptions, Robot};
 use poegp_protocol::JointKind;
 
 fn robot(name: &str) -> Robot {

@@ -2,11 +2,12 @@
 
 use faer::linalg::solvers::DenseSolveCore;
 use faer::{Mat, Side};
-use serde::Serialize;
 
 use crate::identification::identifiability::elementary_motions::Coordinates;
+use crate::identification::identifiability::frames::Frame;
+use crate::identification::identifiability::report::{Correlation, Expected, FrameDeviation};
 use crate::identification::identifiability::subspaces::Space;
-use crate::identification::identifiability::{Frame, wording as words};
+use crate::identification::identifiability::wording;
 use crate::identification::parametric::state::ROWS;
 
 /// Correlations above this are reported …
@@ -15,37 +16,6 @@ const STRONG: f64 = 0.95;
 const PAIRS: usize = 10;
 /// Atoms of which the untold directions have more than this are not correlated but unknown.
 const HIDDEN: f64 = 0.1;
-
-/// Standard deviations of one frame.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct FrameDeviation {
-    /// The base, a link or a tool.
-    pub frame: String,
-    /// Along its axes, mm.
-    pub mm: [f64; 3],
-    /// About its axes, mrad.
-    pub mrad: [f64; 3],
-}
-
-/// Two quantities that move together.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Correlation {
-    /// One.
-    pub first: String,
-    /// The other.
-    pub second: String,
-    /// Coefficient of correlation.
-    pub r: f64,
-}
-
-/// Expected position error of the chain at the training poses.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Expected {
-    /// Root mean square over the poses, mm.
-    pub rms_mm: f64,
-    /// At the worst pose, mm.
-    pub worst_mm: f64,
-}
 
 /// (AᵀA + Λ⁻¹)⁻¹.
 pub struct Covariance(Mat<f64>);
@@ -79,7 +49,7 @@ impl Covariance {
             1e3 * variance.max(0.0).sqrt()
         };
         let of = |(index, frame): (usize, &Frame)| FrameDeviation {
-            frame: words::part(frame.part),
+            frame: wording::part(frame.part),
             mm: [0, 1, 2].map(|axis| sd(6 * index + axis)),
             mrad: [3, 4, 5].map(|axis| sd(6 * index + axis)),
         };
@@ -97,8 +67,8 @@ impl Covariance {
                 let r = covariance[(i, j)] / scale;
                 if r.abs() > STRONG && hidden[i] < HIDDEN && hidden[j] < HIDDEN {
                     out.push(Correlation {
-                        first: words::atom(&coordinates.atoms[j]),
-                        second: words::atom(&coordinates.atoms[i]),
+                        first: wording::atom(&coordinates.atoms[j]),
+                        second: wording::atom(&coordinates.atoms[i]),
                         r,
                     });
                 }

@@ -1,7 +1,8 @@
 //! Names and sentences.
 
 use crate::identification::identifiability::elementary_motions::{Atom, Circuit};
-use crate::identification::identifiability::{Finding, IdentifyReport, Part};
+use crate::identification::identifiability::frames::Part;
+use crate::identification::identifiability::report::{Finding, IdentifyReport};
 
 /// Motions that a sentence names at most.
 const NAMES: usize = 4;

@@ -24,8 +24,8 @@ use poegp_runtime::math::se3::Pose;
 use serde::Serialize;
 
 use crate::input_error::InputError;
-use crate::measurement::MeasurementSet;
 use crate::measurement::instrument_drift::motion::Track;
+use crate::measurement::set::MeasurementSet;
 
 /// Reference points of another file stand where they stood, or it was another set-up: metres.
 const SAME_PLACE: f64 = 5e-3;

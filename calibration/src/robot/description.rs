@@ -1,0 +1,57 @@
+//! The nominal arm in normal form.
+
+use poegp_protocol::JointKind;
+use poegp_runtime::math::se3::Pose;
+use poegp_runtime::math::vector::inner_product;
+
+/// A nominal serial arm of 1 to 8 joints in normal form.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Robot {
+    /// The arm's name.
+    pub name: String,
+    /// The moving joints, base first.
+    pub joints: Vec<Joint>,
+    /// The n + 1 fixed frames, metres: `base_from_joint_1`, `joint_1_from_joint_2`, …, `joint_n_from_flange`. The joint
+    /// acts after its frame, about or along its own z axis.
+    pub parent_from_joint: Vec<Pose<f64>>,
+    /// C of q_serial = C q, n rows of n, invertible: the chain's joint values from the controller's. `None` is the
+    /// identity.
+    pub coupling: Option<Vec<Vec<f64>>>,
+}
+
+/// One moving joint.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Joint {
+    /// The joint's name, unique in its robot.
+    pub name: String,
+    /// Whether it turns about z or moves along z.
+    pub kind: JointKind,
+    /// Lower and upper limit of the *controller's* joint value, rad or m, lower ≤ upper and finite; `None` is
+    /// unlimited.
+    pub limits: Option<(f64, f64)>,
+}
+
+/// What [`Robot::load`] must be told beside the file: which part of a URDF is the arm.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct LoadOptions {
+    /// Name of the URDF link that the chain starts from. `None`: the root link.
+    pub base: Option<String>,
+    /// Name of the URDF link that is the flange. `None`: the only leaf below the base, else the leaf named `tool0`,
+    /// `flange` or `ee_link`, in this order.
+    pub tip: Option<String>,
+}
+
+impl Robot {
+    /// C q: the joints of the serial chain at the controller's joint values `q`, rad or m.
+    pub fn serial_joints(&self, q: &[f64]) -> Vec<f64> {
+        coupled(self.coupling.as_deref(), q)
+    }
+}
+
+/// C q for the rows of C; q where there is no coupling.
+pub fn coupled(coupling: Option<&[Vec<f64>]>, q: &[f64]) -> Vec<f64> {
+    match coupling {
+        None => q.to_vec(),
+        Some(rows) => rows.iter().map(|row| inner_product(row, q)).collect(),
+    }
+}

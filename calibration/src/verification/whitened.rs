@@ -1,0 +1,152 @@
+//! The residuals of a verification with their covariance.
+
+use faer::{Mat, Side};
+
+use crate::identification::parametric::state::ROWS;
+use crate::measurement::noise::{InstrumentNoise, Scales};
+use crate::measurement::sample::InstrumentSample;
+use crate::verification::arm::BlobArm;
+use crate::verification::drift_test::{self, Columns, columns};
+use crate::verification::hypotheses::{Hypothesis, base_effect, hypotheses, tool_effect};
+use crate::verification::noise::{Factors, Parts};
+use crate::verification::options::Options;
+use crate::verification::residuals::Placed;
+use crate::verification::result::CheckError;
+
+/// Noise to begin with where nothing is stated: a tracker's, m and rad.
+const FIRST_GUESS: (f64, f64) = (30e-6, 50e-6);
+/// No instrument is quieter, m and rad.
+const QUIETEST: (f64, f64) = (1e-6, 1e-6);
+/// Rounds of noise, and of what the calibration leaves unknown under that noise.
+const ROUNDS: usize = 3;
+
+/// The residuals with their covariance.
+pub(super) struct Weighed<'a> {
+    pub(super) arm: &'a BlobArm,
+    pub(super) samples: &'a [InstrumentSample],
+    /// Units of the rows.
+    pub(super) scales: Scales,
+    /// Residuals.
+    pub(super) y: Mat<f64>,
+    /// Effects of everything that is looked for.
+    pub(super) all: Vec<Hypothesis>,
+    pub(super) base: Mat<f64>,
+    pub(super) tool: Mat<f64>,
+    /// Variances of the noise in units of the scales.
+    pub(super) factors: Factors,
+    /// Of one position component, mm.
+    pub(super) model_mm: f64,
+    /// Rows that are not there: orientations of positions alone.
+    pub(super) absent: usize,
+    pub(super) lower: Mat<f64>,
+}
+
+impl<'a> Weighed<'a> {
+    pub(super) fn new(placed: &'a Placed<'_>, arm: &'a BlobArm) -> Result<Self, CheckError> {
+        let samples = placed.samples;
+        let quietest = InstrumentNoise::quietest(samples);
+        let mut scales = Scales {
+            quietest,
+            ..Scales::uniform(
+                quietest.position.unwrap_or(FIRST_GUESS.0),
+                quietest.orientation.unwrap_or(FIRST_GUESS.1),
+            )
+        };
+        let kind = kinds(samples);
+        let mut round = 0;
+        loop {
+            let at = arm.linearise(samples, scales);
+            let y = placed.residuals(scales);
+            let payload = placed.payload_effect(scales);
+            let all = hypotheses(arm, &at, samples, payload);
+            let fixed = arm
+                .error_covariance(samples, &at, scales)
+                .ok_or(CheckError::Unsolvable)?;
+            let smooth = (!arm.knows_its_error).then(|| arm.smooth_covariance(samples, &at));
+            let stated: Vec<f64> = at.common_share.iter().map(|share| 1.0 - share).collect();
+            let parts = Parts {
+                fixed: &fixed,
+                stated: &stated,
+                kind: &kind,
+                smooth: smooth.as_ref(),
+            };
+            let least = [
+                (quietest.position.unwrap_or(QUIETEST.0) / scales.position).powi(2),
+                (quietest.orientation.unwrap_or(QUIETEST.1) / scales.orientation).powi(2),
+                0.0,
+            ];
+            let effects: Columns = all.iter().flat_map(|h| columns(&h.effect)).collect();
+            let free = drift_test::basis(&effects, &[]);
+            let x = Mat::from_fn(y.nrows(), free.len(), |i, j| free[j][i]);
+            let factors = parts.fitted(&y, &x, &least).ok_or(CheckError::Unsolvable)?;
+            round += 1;
+            if round < ROUNDS {
+                scales.position *= factors[0].sqrt();
+                scales.orientation *= factors[1].sqrt();
+                continue;
+            }
+            let covariance = parts.covariance(&factors);
+            let known =
+                |i: usize| fixed[(i, i)] + smooth.as_ref().map_or(0.0, |s| factors[2] * s[(i, i)]);
+            let positions: Vec<usize> = (0..kind.len()).filter(|i| kind[*i] == Some(0)).collect();
+            let variance =
+                positions.iter().map(|i| known(*i)).sum::<f64>() / positions.len() as f64;
+            let lower = covariance.llt(Side::Lower);
+            return Ok(Self {
+                arm,
+                samples,
+                scales,
+                y,
+                base: base_effect(&at),
+                tool: tool_effect(arm, &at, samples),
+                all,
+                factors,
+                model_mm: 1e3 * scales.position * variance.max(0.0).sqrt(),
+                absent: kind.iter().filter(|k| k.is_none()).count(),
+                lower: lower.map_err(|_| CheckError::Unsolvable)?.L().to_owned(),
+            });
+        }
+    }
+
+    /// L⁻¹ x.
+    pub(super) fn whiten(&self, x: &Mat<f64>) -> Mat<f64> {
+        let mut out = x.clone();
+        faer::linalg::triangular_solve::solve_lower_triangular_in_place(
+            self.lower.as_ref(),
+            out.as_mut(),
+            faer::Par::Seq,
+        );
+        out
+    }
+
+    /// What is free in any case: base and tools that were set up anew.
+    pub(super) fn nuisance(&self, options: &Options) -> Mat<f64> {
+        let mut free: Columns = Vec::new();
+        if options.refit_base {
+            free.extend(columns(&self.base));
+        }
+        if options.refit_tool {
+            // Each tool was mounted by itself.
+            for tool in 0..self.arm.state.tools.len() {
+                free.extend(columns(&self.tool).into_iter().map(|mut column| {
+                    for (k, s) in self.samples.iter().enumerate() {
+                        if s.tool != tool {
+                            column[ROWS * k..ROWS * (k + 1)].fill(0.0);
+                        }
+                    }
+                    column
+                }));
+            }
+        }
+        Mat::from_fn(self.y.nrows(), free.len(), |i, j| free[j][i])
+    }
+}
+
+/// Which noise every row has: 0 of position, 1 of rotation; none where it is not there.
+fn kinds(samples: &[InstrumentSample]) -> Vec<Option<usize>> {
+    let of = |s: &InstrumentSample| {
+        let rotation = s.observation.has_orientation().then_some(1);
+        [Some(0), Some(0), Some(0), rotation, rotation, rotation]
+    };
+    samples.iter().flat_map(of).collect()
+}
