@@ -10,7 +10,7 @@ use std::path::Path;
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use faer::Mat;
 use poegp_calibration::blob::predict::LoadedBlob;
-use poegp_calibration::blob::write::{Provenance, calibrate_to_blob, nominal_chain};
+use poegp_calibration::blob::write::{Provenance, calibrate_to_blob};
 use poegp_calibration::identification::frame_fit::{ResidualKind, residual_components};
 use poegp_calibration::learning::elastic::fit::fit;
 use poegp_calibration::learning::elastic::inducing_points::choose;
@@ -28,6 +28,7 @@ use poegp_calibration::measurement::sample::{
 use poegp_calibration::model::config::Config;
 use poegp_calibration::model::{Calibration, Method, calibrate};
 use poegp_calibration::numeric::lbfgs::Objective;
+use poegp_calibration::progress::FitContext;
 use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_runtime::gp::quadratic_posterior::MeanHeader;
 
@@ -48,8 +49,13 @@ impl Bench {
     }
 
     fn calibrated(&self, method: Method) -> Calibration {
-        let nominal = nominal_chain(&self.robot).unwrap();
-        calibrate(&nominal, None, &self.samples, &Config::new(method)).unwrap()
+        calibrate(
+            &self.robot,
+            &self.samples,
+            &Config::new(method),
+            &FitContext::default(),
+        )
+        .unwrap()
     }
 
     fn blob(&self, method: Method) -> LoadedBlob {
@@ -59,20 +65,33 @@ impl Bench {
             data_sha256: [0; 32],
             tools: Vec::new(),
         };
-        let nominal = nominal_chain(&self.robot).unwrap();
         let options = Config::new(method);
-        calibrate_to_blob(&nominal, &self.robot, &self.samples, &options, &origin)
-            .unwrap()
-            .blob
+        calibrate_to_blob(
+            &self.robot,
+            &self.samples,
+            &options,
+            &origin,
+            &FitContext::default(),
+        )
+        .unwrap()
+        .blob
     }
 
     fn elastic(&self, poses: usize) -> (ElasticFit, Vec<BaseSample>) {
         let ends = self.calibrated(Method::BaseTool);
         let chain = ends.nominal;
         let tool = *chain.frames().last().unwrap();
-        let mut part = in_base_frame(&self.samples, &ends.ends.instrument_from_base);
+        let mut part = in_base_frame(&self.samples, &ends.base_and_tools.instrument_from_base);
         part.truncate(poses);
-        let found = fit(&chain, vec![tool], None, &part, &ElasticOptions::default()).unwrap();
+        let found = fit(
+            &chain,
+            vec![tool],
+            None,
+            &part,
+            &ElasticOptions::default(),
+            &FitContext::default(),
+        )
+        .unwrap();
         (found, part)
     }
 }
@@ -97,7 +116,8 @@ fn kinematics(c: &mut Criterion) {
 fn means(c: &mut Criterion) {
     let bench = Bench::new();
     let found = bench.calibrated(Method::PoeGpLoad);
-    let (header, rows) = found.mean().unwrap();
+    let task_space = found.correction.task_space().unwrap();
+    let (header, rows) = &task_space.posterior_mean;
     let single = MeanHeader::<f32> {
         inputs: header.inputs,
         input_scale: header.input_scale.map(|x| x as f32),
@@ -109,7 +129,7 @@ fn means(c: &mut Criterion) {
     let (mut folded, mut folded_rows) = (single, rows32.clone());
     assert!(folded.fold(&mut folded_rows));
     let sample = &bench.samples[7];
-    let x = padded(&found.config.inputs(&sample.joints, sample.payload_kg));
+    let x = padded(&task_space.inputs(&sample.joints, sample.payload_kg));
     let x32 = x.map(|value| value as f32);
     let mut group = c.benchmark_group("mean of 300 points, 6 outputs");
     group.bench_function("f64", |b| b.iter(|| header.mean(rows, black_box(&x))));
@@ -123,7 +143,7 @@ fn means(c: &mut Criterion) {
 fn likelihood(c: &mut Criterion) {
     let bench = Bench::new();
     let found = bench.calibrated(Method::PoeGpLoad);
-    let in_base = in_base_frame(&bench.samples, &found.ends.instrument_from_base);
+    let in_base = in_base_frame(&bench.samples, &found.base_and_tools.instrument_from_base);
     let residuals: Vec<_> = in_base
         .iter()
         .map(|s| {
@@ -131,7 +151,7 @@ fn likelihood(c: &mut Criterion) {
             residual_components(ResidualKind::Space, &s.observation, &chain)
         })
         .collect();
-    let gp = found.gp.as_ref().unwrap();
+    let gp = &found.correction.task_space().unwrap().gp;
     let (pairs, scaled) = (Pairs::new(&gp.inputs), scale_outputs(&residuals).1);
     let column = Mat::from_fn(scaled.nrows(), 1, |i, _| scaled[(i, 0)]);
     let mut workspace = LikelihoodWorkspace::new(scaled.nrows());

@@ -16,13 +16,13 @@ use std::path::Path;
 
 use faer::Mat;
 use poegp_calibration::blob::predict::LoadedBlob;
-use poegp_calibration::blob::write::{Provenance, calibrate_to_blob, nominal_chain};
+use poegp_calibration::blob::write::{Provenance, calibrate_to_blob};
 use poegp_calibration::identification::frame_fit::{ResidualKind, residual_components};
 use poegp_calibration::learning::task_space::fit::{
-    HyperparameterSharing, MAX_SIGNAL_VARIANCE, fit,
+    HyperparameterSharing, SignalVarianceLimit, fit,
 };
 use poegp_calibration::learning::task_space::likelihood::log_marginal_likelihood;
-use poegp_calibration::learning::task_space::{Pairs, TaskSpaceGp, scale_outputs};
+use poegp_calibration::learning::task_space::{Pairs, TaskSpaceGp, input, scale_outputs};
 use poegp_calibration::measurement as measurements;
 use poegp_calibration::measurement::folds::Folds;
 use poegp_calibration::measurement::sample::{
@@ -31,6 +31,7 @@ use poegp_calibration::measurement::sample::{
 use poegp_calibration::model::config::{Config, Weighting};
 use poegp_calibration::model::{Calibration, Method, calibrate};
 use poegp_calibration::numeric::statistics::ErrorSummary;
+use poegp_calibration::progress::FitContext;
 use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_protocol::limits::OUTPUTS;
 use poegp_runtime::kinematics::poe::Poe;
@@ -74,7 +75,7 @@ struct Data {
 impl Data {
     fn read(robot: &str, file: &str) -> Result<Self, Box<dyn std::error::Error>> {
         let robot = Robot::load(robot, &LoadOptions::default())?;
-        let nominal = nominal_chain(&robot)?;
+        let nominal = robot.chain()?;
         let set = measurements::read(Path::new(file))?;
         set.check(&robot)?;
         let samples = samples(&set, &robot, &mut Vec::new())?;
@@ -108,7 +109,7 @@ fn training(
     samples: &[InstrumentSample],
     options: &Config,
 ) -> (Vec<Vec<f64>>, Vec<[f64; OUTPUTS]>) {
-    let in_base = in_base_frame(samples, &found.ends.instrument_from_base);
+    let in_base = in_base_frame(samples, &found.base_and_tools.instrument_from_base);
     let twist = |s: &BaseSample| {
         let chain = found.calibrated.forward(&s.serial_joints);
         residual_components(ResidualKind::Space, &s.observation, &chain)
@@ -116,7 +117,12 @@ fn training(
     (
         samples
             .iter()
-            .map(|s| options.inputs(&s.joints, s.payload_kg))
+            .map(|s| {
+                input(
+                    &s.joints,
+                    s.payload_kg.filter(|_| options.method == Method::PoeGpLoad),
+                )
+            })
             .collect(),
         in_base.iter().map(twist).collect(),
     )
@@ -125,7 +131,12 @@ fn training(
 fn inputs(data: &Data) -> Value {
     let options = Config::new(data.method());
     let inputs = data.samples.iter();
-    let inputs = inputs.map(|s| options.inputs(&s.joints, s.payload_kg));
+    let inputs = inputs.map(|s| {
+        input(
+            &s.joints,
+            s.payload_kg.filter(|_| options.method == Method::PoeGpLoad),
+        )
+    });
     json!({ "inputs": inputs.collect::<Vec<_>>() })
 }
 
@@ -139,12 +150,7 @@ fn process(data: &Data, per_output: bool, weighted: bool) -> Answer {
         method: Method::Poe,
         ..options
     };
-    let found = calibrate(
-        &data.nominal,
-        data.robot.coupling.as_ref(),
-        &data.samples,
-        &poe,
-    )?;
+    let found = calibrate(&data.robot, &data.samples, &poe, &FitContext::default())?;
     let (inputs, residuals) = training(&found, &data.samples, &options);
     let (_, scaled) = scale_outputs(&residuals);
     let column = |c: usize| Mat::from_fn(scaled.nrows(), 1, |i, _| scaled[(i, c)]);
@@ -155,8 +161,8 @@ fn process(data: &Data, per_output: bool, weighted: bool) -> Answer {
             inputs.clone(),
             &residuals,
             sharing,
-            MAX_SIGNAL_VARIANCE,
-            None,
+            &SignalVarianceLimit::HIGHEST,
+            &FitContext::default(),
         )?;
         Ok((gp, cpu_seconds()? - start))
     };
@@ -251,15 +257,21 @@ fn one_fold(
         ("gp_per_output", per_output),
         ("elastic", options(Method::Elastic)),
     ] {
-        let made = calibrate_to_blob(&data.nominal, &data.robot, train, &options, &origin)?;
+        let made = calibrate_to_blob(
+            &data.robot,
+            train,
+            &options,
+            &origin,
+            &FitContext::default(),
+        )?;
         let summary = ErrorSummary::new(&made.blob.errors(test));
         errors.insert(name.to_owned(), json!(summary.position_mm.mean));
     }
     let poe = options(Method::Poe);
-    let found = calibrate(&data.nominal, data.robot.coupling.as_ref(), train, &poe)?;
+    let found = calibrate(&data.robot, train, &poe, &FitContext::default())?;
     let of = |samples: &[InstrumentSample]| {
         let (inputs, residuals) = training(&found, samples, &gp);
-        let measured = in_base_frame(samples, &found.ends.instrument_from_base);
+        let measured = in_base_frame(samples, &found.base_and_tools.instrument_from_base);
         let rows = |pose: Pose<f64>| pose.to_rows().to_vec();
         json!({
             "inputs": inputs,

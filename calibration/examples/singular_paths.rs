@@ -7,11 +7,12 @@ use std::error::Error;
 
 use faer::Mat;
 use faer::linalg::solvers::Solve;
-use poegp_calibration::blob::write::{Provenance, calibrate_to_blob, nominal_chain};
+use poegp_calibration::blob::write::{Provenance, calibrate_to_blob};
 use poegp_calibration::measurement as measurements;
 use poegp_calibration::measurement::sample::samples;
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::Config;
+use poegp_calibration::progress::FitContext;
 use poegp_calibration::robot::{BUILT_IN, LoadOptions, Robot};
 use poegp_calibration::simulation::{Scenario, Simulator, to_csv};
 use poegp_protocol::blob;
@@ -116,7 +117,6 @@ struct Arm {
 impl Arm {
     fn fit(name: &str) -> Answer<Self> {
         let robot = Robot::load(name, &LoadOptions::default())?;
-        let nominal = nominal_chain(&robot)?;
         let mut simulator = Simulator::new(&robot, Scenario::Wild, &PAYLOADS_KG, 1);
         let csv = to_csv(&robot, &simulator.measure(300), false, "train");
         let set = measurements::parse("train", csv.as_bytes())?;
@@ -129,7 +129,7 @@ impl Arm {
             tools,
         };
         let options = Config::new(Method::Elastic);
-        let found = calibrate_to_blob(&nominal, &robot, &train, &options, &origin)?;
+        let found = calibrate_to_blob(&robot, &train, &options, &origin, &FitContext::default())?;
         let blob = blob::decode(found.blob.bytes()).map_err(|e| format!("{e:?}"))?;
         let mut model = Box::new(Model::new());
         model.load(&blob).map_err(|e| format!("{e:?}"))?;

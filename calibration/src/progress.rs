@@ -1,102 +1,132 @@
-//! How far a calibration has come, for whoever waits for it in the same thread.
+//! What a fit gets beside its data: a listener for its progress, and a flag that cancels it.
 //!
-//! The unit is one evaluation of a likelihood. How many of them a search takes nobody knows before, so a phase is given as
-//! many as usual, stands still at its end when it takes more, and jumps there when it takes fewer. Nothing here changes what
-//! is computed; without a listener it costs a look into a thread-local.
+//! The unit of progress is one evaluation of a likelihood. A search has no known number of evaluations, so each phase
+//! announces the usual number: progress stands still at the end of a phase that needs more, and jumps there after one that
+//! needs fewer. Nothing here changes what is computed.
 
-use std::cell::RefCell;
+use std::cell::Cell;
+use std::sync::atomic::{AtomicBool, Ordering};
 
-/// What a listener is told: units done, units in all as far as is known.
-type Listener = Box<dyn FnMut(u64, u64)>;
-
-struct State {
-    listener: Listener,
-    done: u64,
-    end_of_phase: u64,
-    expected: u64,
+/// A listener for the progress of a fit.
+pub trait Progress {
+    /// `done` units of work are done, of `expected` in all as far as is known.
+    fn advance(&self, done: u64, expected: u64);
 }
 
-thread_local! {
-    static STATE: RefCell<Option<State>> = const { RefCell::new(None) };
+/// A listener that does nothing.
+impl Progress for () {
+    fn advance(&self, _: u64, _: u64) {}
 }
 
-/// Does `work`, with `listener` told of its progress.
-pub fn watched<R>(listener: impl FnMut(u64, u64) + 'static, work: impl FnOnce() -> R) -> R {
-    /// Takes the listener away, also when the work panics.
-    struct Guard;
-    impl Drop for Guard {
-        fn drop(&mut self) {
-            STATE.with(|state| state.take());
+/// The error of a fit that was cancelled.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("the calibration was cancelled")]
+pub struct Cancelled;
+
+/// The listener and the cancellation flag of one fit.
+pub struct FitContext<'a> {
+    progress: &'a dyn Progress,
+    cancel: &'a AtomicBool,
+    done: Cell<u64>,
+    end_of_phase: Cell<u64>,
+    expected: Cell<u64>,
+}
+
+static NEVER: AtomicBool = AtomicBool::new(false);
+
+impl<'a> FitContext<'a> {
+    /// Reports to `progress`, and ends with [`Cancelled`] soon after another thread sets `cancel`.
+    pub fn new(progress: &'a dyn Progress, cancel: &'a AtomicBool) -> Self {
+        Self {
+            progress,
+            cancel,
+            done: Cell::new(0),
+            end_of_phase: Cell::new(0),
+            expected: Cell::new(0),
         }
     }
-    STATE.with(|state| {
-        state.replace(Some(State {
-            listener: Box::new(listener),
-            done: 0,
-            end_of_phase: 0,
-            expected: 0,
-        }))
-    });
-    let _guard = Guard;
-    work()
-}
 
-/// Announces `units` of work more.
-pub fn expect(units: u64) {
-    change(|state| state.expected += units);
-}
+    /// Announces `units` of work more.
+    pub(crate) fn expect(&self, units: u64) {
+        self.expected.set(self.expected.get() + units);
+        self.report();
+    }
 
-/// Does `work`, which is `units` of what was announced.
-pub fn phase<R>(units: u64, work: impl FnOnce() -> R) -> R {
-    change(|state| state.end_of_phase = state.done + units);
-    let out = work();
-    change(|state| state.done = state.end_of_phase);
-    out
-}
+    /// Does `work`, which is `units` of what was announced.
+    pub(crate) fn phase<R>(&self, units: u64, work: impl FnOnce() -> R) -> Result<R, Cancelled> {
+        self.check()?;
+        self.end_of_phase.set(self.done.get() + units);
+        let out = work();
+        self.done.set(self.end_of_phase.get());
+        self.report();
+        Ok(out)
+    }
 
-/// One unit of a phase is done.
-pub fn step() {
-    change(|state| state.done = (state.done + 1).min(state.end_of_phase));
-}
+    /// One unit of a phase is done.
+    pub(crate) fn step(&self) -> Result<(), Cancelled> {
+        let done = (self.done.get() + 1).min(self.end_of_phase.get());
+        self.done.set(done);
+        self.report();
+        self.check()
+    }
 
-fn change(change: impl FnOnce(&mut State)) {
-    STATE.with(|state| {
-        if let Some(state) = state.borrow_mut().as_mut() {
-            change(state);
-            let expected = state.expected.max(state.done);
-            (state.listener)(state.done, expected);
+    pub(crate) fn check(&self) -> Result<(), Cancelled> {
+        match self.cancel.load(Ordering::Relaxed) {
+            true => Err(Cancelled),
+            false => Ok(()),
         }
-    });
+    }
+
+    fn report(&self) {
+        let done = self.done.get();
+        self.progress.advance(done, self.expected.get().max(done));
+    }
+}
+
+/// No listener, no cancellation.
+impl Default for FitContext<'_> {
+    fn default() -> Self {
+        Self::new(&(), &NEVER)
+    }
 }
 
 #[cfg(test)]
 mod tests {
-    use std::rc::Rc;
+    use std::cell::RefCell;
 
     use super::*;
 
+    #[derive(Default)]
+    struct Log(RefCell<Vec<(u64, u64)>>);
+
+    impl Progress for Log {
+        fn advance(&self, done: u64, expected: u64) {
+            self.0.borrow_mut().push((done, expected));
+        }
+    }
+
     #[test]
     fn phases_end_where_they_were_announced_to() {
-        let told = Rc::new(RefCell::new(Vec::new()));
-        let heard = Rc::clone(&told);
-        let answer = watched(
-            move |done, all| heard.borrow_mut().push((done, all)),
-            || {
-                expect(5);
-                // Fewer steps than usual, then more.
-                phase(3, step);
-                phase(2, || (0..4).for_each(|_| step()));
-                7
-            },
-        );
-        assert_eq!(answer, 7);
-        let told = told.borrow();
-        assert!(told.windows(2).all(|w| w[0].0 <= w[1].0), "{told:?}");
-        assert!(told.contains(&(1, 5)) && told.contains(&(3, 5)));
-        assert_eq!(told.last(), Some(&(5, 5)));
-        let before = told.len();
-        // Nobody listens any more.
-        step();
-        assert_eq!(told.len(), before);
+        let log = Log::default();
+        let context = FitContext::new(&log, &NEVER);
+        context.expect(5);
+        // Fewer steps than usual, then more.
+        context.phase(3, || context.step().unwrap()).unwrap();
+        let steps = || (0..4).try_for_each(|_| context.step());
+        context.phase(2, steps).unwrap().unwrap();
+        let log = log.0.borrow();
+        assert!(log.windows(2).all(|w| w[0].0 <= w[1].0), "{log:?}");
+        assert!(log.contains(&(1, 5)) && log.contains(&(3, 5)));
+        assert_eq!(log.last(), Some(&(5, 5)));
+    }
+
+    #[test]
+    fn a_set_flag_cancels_the_next_step_and_the_next_phase() {
+        let cancel = AtomicBool::new(false);
+        let context = FitContext::new(&(), &cancel);
+        assert_eq!(context.step(), Ok(()));
+        cancel.store(true, Ordering::Relaxed);
+        assert_eq!(context.step(), Err(Cancelled));
+        assert_eq!(context.phase(1, || ()), Err(Cancelled));
     }
 }

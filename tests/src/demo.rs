@@ -14,12 +14,13 @@ use std::io::Write;
 use std::time::Duration;
 
 use poegp_calibration::blob::predict::LoadedBlob;
-use poegp_calibration::blob::write::{Provenance, calibrate_to_blob, nominal_chain};
+use poegp_calibration::blob::write::{Provenance, calibrate_to_blob};
 use poegp_calibration::measurement::parse;
 use poegp_calibration::measurement::sample::{InstrumentSample, samples};
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::Config;
 use poegp_calibration::numeric::statistics::{PoseError, Summary};
+use poegp_calibration::progress::FitContext;
 use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_calibration::simulation::{Scenario, Simulator, to_csv};
 use poegp_protocol::JointKind;
@@ -94,7 +95,6 @@ pub fn run(seed: u64, out: &mut dyn Write) -> Result<Vec<ArmErrors>, Box<dyn Err
          measured by a tracker with 30 µm of noise. 300 poses to train on, 300 to test."
     )?;
     let robot = Robot::load(ROBOT, &LoadOptions::default())?;
-    let nominal = nominal_chain(&robot)?;
     let mut arm = Simulator::new(&robot, Scenario::Paper, &PAYLOADS, seed);
     let mut tools = Vec::new();
     let mut measure = |name: &str| {
@@ -120,7 +120,8 @@ pub fn run(seed: u64, out: &mut dyn Write) -> Result<Vec<ArmErrors>, Box<dyn Err
         ("corrected, elastic joints", Method::Elastic),
     ] {
         let options = Config::new(method);
-        let calibrated = calibrate_to_blob(&nominal, &robot, &train, &options, &origin)?;
+        let calibrated =
+            calibrate_to_blob(&robot, &train, &options, &origin, &FitContext::default())?;
         device.load(calibrated.blob.bytes())?;
         let run = run_one(&mut device, &calibrated.blob, &tests, &mut arm)?;
         if results.is_empty() {

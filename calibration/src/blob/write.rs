@@ -11,15 +11,16 @@ use poegp_protocol::blob::{
 };
 use poegp_runtime::kinematics::minimal_chain::MinimalForm;
 use poegp_runtime::kinematics::poe::Poe;
-use poegp_runtime::math::se3::Pose;
 
 use crate::blob::predict::{BlobError, HOST_SUPPORT, LoadedBlob};
 use crate::learning::elastic::reduced_model::ElasticModel;
-use crate::learning::task_space::fit::MAX_SIGNAL_VARIANCE;
+use crate::learning::task_space::fit::{MAX_SIGNAL_VARIANCE, SignalVarianceLimit};
 use crate::measurement::sample::InstrumentSample;
 use crate::measurement::sample::ToolName;
 use crate::model::config::Config;
-use crate::model::{Calibration, CalibrationError, Method, SignalVarianceLimit, calibrate_within};
+use crate::model::correction::{self as model, TaskSpaceCorrection};
+use crate::model::{Calibration, CalibrationError, calibrate_within};
+use crate::progress::FitContext;
 use crate::robot::Robot;
 
 /// Largest position error of the `f32` blob against the f64 model, in metres.
@@ -67,16 +68,16 @@ const COMFORTABLE: f64 = 0.7;
 
 /// Calibrates, and makes the blob. When single precision would cost too much, the process is fitted again with a
 /// smaller limit on its signal variance (on ten simulated arms 30 instead of 300 costs 0.5 % of accuracy and saves five
-/// sixths of the rounding error); `calibration.max_signal_variance` says which one it was.
+/// sixths of the rounding error); `TaskSpaceCorrection::max_signal_variance` says which one it was.
 ///
 /// # Errors
 /// [`CalibrationError`], [`ExportError`].
 pub fn calibrate_to_blob(
-    nominal: &Poe<f64>,
     robot: &Robot,
     samples: &[InstrumentSample],
     config: &Config,
     provenance: &Provenance,
+    context: &FitContext,
 ) -> Result<CalibratedBlob, DeviceError> {
     let mut best: Option<CalibratedBlob> = None;
     let mut under_higher = None;
@@ -85,9 +86,10 @@ pub fn calibrate_to_blob(
             value,
             under_higher,
         };
-        let calibration =
-            calibrate_within(nominal, robot.coupling.as_ref(), samples, config, &limit)?;
-        under_higher = (calibration.gp.as_ref()).map(|gp| std::array::from_fn(|c| *gp.output(c)));
+        let calibration = calibrate_within(robot, samples, config, &limit, context)?;
+        let task_space = calibration.correction.task_space();
+        let is_task_space = task_space.is_some();
+        under_higher = task_space.map(|t| std::array::from_fn(|c| *t.gp.output(c)));
         let blob = to_bytes(&calibration, robot, provenance, samples)?;
         let blob = LoadedBlob::from_bytes(blob).map_err(ExportError::Unusable)?;
         let precision_loss = precision_loss(&calibration, &blob, samples);
@@ -101,7 +103,7 @@ pub fn calibrate_to_blob(
                 precision_loss,
             });
         }
-        if precision_loss.worst_share() <= COMFORTABLE || !config.method.has_gp() {
+        if precision_loss.worst_share() <= COMFORTABLE || !is_task_space {
             break;
         }
     }
@@ -160,7 +162,7 @@ pub fn precision_loss(
     loaded: &LoadedBlob,
     samples: &[InstrumentSample],
 ) -> SinglePrecisionLoss {
-    let instrument_from_base = calibration.ends.instrument_from_base;
+    let instrument_from_base = calibration.base_and_tools.instrument_from_base;
     let mut count = 0;
     let mut out = SinglePrecisionLoss {
         mean_m: 0.0,
@@ -214,18 +216,27 @@ fn to_bytes(
     samples: &[InstrumentSample],
 ) -> Result<Vec<u8>, ExportError> {
     let has_payload = samples.iter().all(|s| s.payload_kg.is_some());
-    let method = calibration.config.method;
-    let knows_payload = method == Method::PoeGpLoad || (method == Method::Elastic && has_payload);
-    let (task_space, mut rows) = task_space(calibration)?;
-    let elastic = calibration
-        .elastic
-        .as_ref()
-        .map(|e| elastic_words(e, calibration))
-        .transpose()?;
-    if let Some(elastic) = &calibration.elastic {
-        rows = little_endian(&elastic.rows);
-    }
-    let sigma = calibration.elastic.as_ref().and_then(|e| e.sigma.as_ref());
+    let knows_payload = match &calibration.correction {
+        model::Correction::None => false,
+        model::Correction::TaskSpace(task_space) => task_space.with_payload,
+        model::Correction::Elastic(_) => has_payload,
+    };
+    let limit = CorrectionBound {
+        position_m: calibration.correction_limit.0 as f32,
+        angle_rad: calibration.correction_limit.1 as f32,
+    };
+    let (correction, rows, sigma) = match &calibration.correction {
+        model::Correction::None => (Correction::None, Vec::new(), None),
+        model::Correction::TaskSpace(t) => {
+            let (correction, rows) = task_space(t, limit)?;
+            (Correction::TaskSpace(correction), rows, None)
+        }
+        model::Correction::Elastic(e) => (
+            Correction::Elastic(elastic(e, calibration, limit)?),
+            little_endian(&e.rows),
+            e.sigma.as_ref(),
+        ),
+    };
     let landmarks = sigma.map_or(Vec::new(), |s| little_endian(&s.rows));
     let joints = robot.joints.iter().map(|joint| Joint {
         kind: joint.kind,
@@ -276,19 +287,19 @@ fn to_bytes(
         geometry: Geometry {
             calibrated: chain(&calibration.calibrated)?,
             nominal: chain(&calibration.nominal)?,
-            instrument_from_base: calibration.ends.instrument_from_base.to_rows(),
-            flange_from_target: calibration.ends.flange_from_targets[0].to_rows(),
+            instrument_from_base: calibration.base_and_tools.instrument_from_base.to_rows(),
+            flange_from_target: calibration.base_and_tools.flange_from_targets[0].to_rows(),
         },
-        correction: match (task_space, elastic) {
-            (Some(header), _) => Correction::TaskSpace(TaskSpace {
+        correction: match correction {
+            Correction::None => Correction::None,
+            Correction::TaskSpace(header) => Correction::TaskSpace(TaskSpace {
                 rows: &rows,
                 ..header
             }),
-            (None, Some(words)) => Correction::Elastic(Elastic {
+            Correction::Elastic(header) => Correction::Elastic(Elastic {
                 rows: &rows,
-                ..words
+                ..header
             }),
-            (None, None) => Correction::None,
         },
         tools,
         variance: sigma.map(|s| Variance {
@@ -315,13 +326,12 @@ fn to_bytes(
     Ok(buffer)
 }
 
-/// The correction without its rows, and the bytes of the rows.
+/// The task-space correction without its rows, and the bytes of the rows.
 fn task_space(
-    calibration: &Calibration,
-) -> Result<(Option<TaskSpace<'static>>, Vec<u8>), ExportError> {
-    let (Some((header, rows)), Some(gp)) = (calibration.mean(), &calibration.gp) else {
-        return Ok((None, Vec::new()));
-    };
+    correction: &TaskSpaceCorrection,
+    bound: CorrectionBound,
+) -> Result<(TaskSpace<'static>, Vec<u8>), ExportError> {
+    let (gp, (header, rows)) = (&correction.gp, &correction.posterior_mean);
     if gp.inputs.len() > HOST_SUPPORT {
         return Err(ExportError::TooManyPoints {
             found: gp.inputs.len(),
@@ -343,7 +353,7 @@ fn task_space(
         )?;
     }
     let task_space = TaskSpace {
-        bound: bound(calibration),
+        bound,
         hyperparameters: fixed(hyperparameters, "hyperparameters")?,
         output_scale: gp.output_scale.map(|x| x as f32),
         input_scale: fixed(
@@ -358,7 +368,7 @@ fn task_space(
             None => FixedVec::new(),
         },
     };
-    Ok((Some(task_space), little_endian(&rows)))
+    Ok((task_space, little_endian(&rows)))
 }
 
 /// The tools by name, unless there is only one without a name.
@@ -389,17 +399,11 @@ fn little_endian(rows: &[f64]) -> Vec<u8> {
         .collect()
 }
 
-fn bound(calibration: &Calibration) -> CorrectionBound {
-    CorrectionBound {
-        position_m: calibration.bound.0 as f32,
-        angle_rad: calibration.bound.1 as f32,
-    }
-}
-
 /// The elastic correction without its rows.
-fn elastic_words(
+fn elastic(
     elastic: &ElasticModel,
     calibration: &Calibration,
+    bound: CorrectionBound,
 ) -> Result<Elastic<'static>, ExportError> {
     let n = calibration.calibrated.kinds().len();
     let d = &elastic.deflection;
@@ -448,7 +452,7 @@ fn elastic_words(
         .map(|set| fixed(set.points()[..count].iter().copied(), "support sets"));
     let sets: Vec<_> = sets.collect::<Result<_, _>>()?;
     Ok(Elastic {
-        bound: bound(calibration),
+        bound,
         gravity: single(&gravity.gravity),
         links: fixed(links, "gravity terms")?,
         payload: fixed(payload, "payload terms")?,
@@ -459,16 +463,4 @@ fn elastic_words(
         groups: fixed(groups, "payload groups")?,
         rows: &[],
     })
-}
-
-/// The chain of `robot` as the runtime has it, from base to flange.
-///
-/// # Errors
-/// Never for a robot that was loaded: it has 1 to 8 joints and one frame more.
-pub fn nominal_chain(
-    robot: &Robot,
-) -> Result<Poe<f64>, poegp_runtime::kinematics::poe::WrongChain> {
-    let kinds: Vec<_> = robot.joints.iter().map(|j| j.kind).collect();
-    let frames: Vec<Pose<f64>> = robot.parent_from_joint.clone();
-    Poe::new(&kinds, &frames)
 }

@@ -14,12 +14,11 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::learning::elastic::options::ElasticOptions;
-use crate::learning::elastic::options::OutlierPolicy;
-use crate::learning::elastic::options::SetLimits;
+use crate::learning::elastic::options::{ElasticOptions, OutlierPolicy, SetLimits};
 use crate::learning::task_space::fit::HyperparameterSharing;
 use crate::measurement::noise::InstrumentNoise;
-use crate::model::Method;
+use crate::model::methods::Method;
+pub use crate::model::methods::problem::Weighting;
 
 /// How a calibration is done. [`Config::default`] is the elastic model with the settings of the command line.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -70,17 +69,6 @@ pub struct Config {
     /// Upper limit on the rotation of the tool by the correction, mrad. `None`: twice the largest in training.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub max_correction_mrad: Option<f64>,
-}
-
-/// How poses count in the frame fit.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Weighting {
-    /// All alike, as in the paper: the residual is the spatial twist in metres and radians.
-    #[default]
-    None,
-    /// By the noise of position and rotation, with the rotation taken at the tool point.
-    Noise,
 }
 
 /// Lengthscales and inducing points of the joint processes.

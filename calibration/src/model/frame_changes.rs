@@ -4,7 +4,7 @@ use poegp_runtime::math::se3::Pose;
 use serde::Serialize;
 
 use crate::identification::identifiability::wording as words;
-use crate::model::Calibration;
+use crate::model::calibration::Calibration;
 
 /// By how much one frame differs from the drawing, as a twist from the left: in the axes of the frame before it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -41,7 +41,7 @@ pub fn changes(calibration: &Calibration) -> Vec<FrameChange> {
         calibration.nominal.frames(),
         calibration.calibrated.frames(),
     );
-    let targets = &calibration.ends.flange_from_targets;
+    let targets = &calibration.base_and_tools.flange_from_targets;
     let frame = |position: usize, part| {
         // Behind the last joint every tool has a frame of its own; the chain ends at the first.
         let (drawn, calibrated) = if position < n {

@@ -3,7 +3,8 @@
 use crate::identification::identifiability::{IdentifyReport, Task, identify, residual_scales};
 use crate::measurement::noise::{InstrumentNoise, Scales};
 use crate::measurement::sample::{BaseSample, InstrumentSample, in_base_frame};
-use crate::model::{Calibration, Method};
+use crate::model::calibration::Calibration;
+use crate::model::methods::Method;
 use crate::robot::Robot;
 
 /// The least noise that is believed, metres and radians.
@@ -16,12 +17,13 @@ pub fn of_calibration(
     robot: &Robot,
     samples: &[InstrumentSample],
 ) -> Option<IdentifyReport> {
-    let samples: Vec<BaseSample> = in_base_frame(samples, &calibration.ends.instrument_from_base)
-        .into_iter()
-        .map(|s| s.with_noise(calibration.config.instrument_noise()))
-        .collect();
+    let samples: Vec<BaseSample> =
+        in_base_frame(samples, &calibration.base_and_tools.instrument_from_base)
+            .into_iter()
+            .map(|s| s.with_noise(calibration.config.instrument_noise()))
+            .collect();
     let chain = &calibration.calibrated;
-    let noise = match &calibration.elastic {
+    let noise = match calibration.correction.elastic() {
         Some(elastic) => Scales {
             position: elastic.report.position_noise,
             orientation: elastic.report.orientation_noise,

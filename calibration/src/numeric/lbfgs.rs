@@ -3,12 +3,12 @@
 //! The method is L-BFGS-B, taken from `basin` (a port of Nocedal's v3.0 that is tested against it iteration by
 //! iteration). The trait keeps that young library out of every signature of this crate.
 
-use std::convert::Infallible;
-
 use basin::{
     ApplicationStop, BoxBounds, ConstraintSet, Constraints, CostFunction, Executor,
     FirstOrderState, Gradient, Lbfgs, State,
 };
+
+use crate::progress::{Cancelled, FitContext};
 
 /// A function with its gradient.
 pub trait Objective {
@@ -27,6 +27,7 @@ pub struct Minimum {
 
 struct Boxed<'a, O> {
     objective: &'a O,
+    context: &'a FitContext<'a>,
     lower: Vec<f64>,
     upper: Vec<f64>,
 }
@@ -42,9 +43,9 @@ impl<O> Constraints for Boxed<'_, O> {
 impl<O: Objective> CostFunction for Boxed<'_, O> {
     type Param = Vec<f64>;
     type Output = f64;
-    type Error = Infallible;
+    type Error = Cancelled;
 
-    fn cost(&self, x: &Vec<f64>) -> Result<f64, Infallible> {
+    fn cost(&self, x: &Vec<f64>) -> Result<f64, Cancelled> {
         Ok(self.objective.value_and_gradient(x).0)
     }
 }
@@ -52,12 +53,12 @@ impl<O: Objective> CostFunction for Boxed<'_, O> {
 impl<O: Objective> Gradient for Boxed<'_, O> {
     type Gradient = Vec<f64>;
 
-    fn gradient(&self, x: &Vec<f64>) -> Result<Vec<f64>, Infallible> {
+    fn gradient(&self, x: &Vec<f64>) -> Result<Vec<f64>, Cancelled> {
         Ok(self.objective.value_and_gradient(x).1)
     }
 
-    fn cost_and_gradient(&self, x: &Vec<f64>) -> Result<(f64, Vec<f64>), Infallible> {
-        crate::progress::step();
+    fn cost_and_gradient(&self, x: &Vec<f64>) -> Result<(f64, Vec<f64>), Cancelled> {
+        self.context.step()?;
         Ok(self.objective.value_and_gradient(x))
     }
 }
@@ -91,12 +92,16 @@ impl Ending {
 /// The lowest point found from `start` within `bounds` (lower, upper).
 ///
 /// Deterministic. Falls back to `start` when the search cannot begin there.
+///
+/// # Errors
+/// [`Cancelled`].
 pub fn minimize<O: Objective>(
     objective: &O,
     start: &[f64],
     bounds: &[(f64, f64)],
     ending: &Ending,
-) -> Minimum {
+    context: &FitContext,
+) -> Result<Minimum, Cancelled> {
     let clamped: Vec<f64> = start
         .iter()
         .zip(bounds)
@@ -104,6 +109,7 @@ pub fn minimize<O: Objective>(
         .collect();
     let problem = Boxed {
         objective,
+        context,
         lower: bounds.iter().map(|b| b.0).collect(),
         upper: bounds.iter().map(|b| b.1).collect(),
     };
@@ -124,7 +130,8 @@ pub fn minimize<O: Objective>(
         .max_iter(ending.iterations)
         .stop_when(repeats)
         .run();
-    match run {
+    context.check()?;
+    Ok(match run {
         Ok(result) if result.cost().is_finite() => Minimum {
             x: result.param().clone(),
             value: result.cost(),
@@ -133,7 +140,7 @@ pub fn minimize<O: Objective>(
             value: objective.value_and_gradient(&clamped).0,
             x: clamped,
         },
-    }
+    })
 }
 
 #[cfg(test)]
@@ -154,19 +161,19 @@ mod tests {
         }
     }
 
+    fn minimum(bounds: &[(f64, f64)], ending: &Ending) -> Minimum {
+        let context = FitContext::default();
+        minimize(&Rosenbrock, &[-1.2, 1.0], bounds, ending, &context).unwrap()
+    }
+
     #[test]
     fn finds_the_minimum_inside_and_on_the_edge_of_the_box() {
-        let inside = minimize(&Rosenbrock, &[-1.2, 1.0], &[(-2.0, 2.0); 2], &ENDING);
+        let inside = minimum(&[(-2.0, 2.0); 2], &ENDING);
         assert!(
             (inside.x[0] - 1.0).abs() < 1e-3 && inside.value < 1e-6,
             "{inside:?}"
         );
-        let edge = minimize(
-            &Rosenbrock,
-            &[-1.2, 1.0],
-            &[(-2.0, 0.5), (-2.0, 2.0)],
-            &ENDING,
-        );
+        let edge = minimum(&[(-2.0, 0.5), (-2.0, 2.0)], &ENDING);
         assert!(
             (edge.x[0] - 0.5).abs() < 1e-6 && (edge.x[1] - 0.25).abs() < 1e-3,
             "{edge:?}"
@@ -180,7 +187,7 @@ mod tests {
                 distance: 0.01,
                 ..ENDING
             };
-            minimize(&Rosenbrock, &[-1.2, 1.0], &[(-2.0, 2.0); 2], &ending).value
+            minimum(&[(-2.0, 2.0); 2], &ending).value
         };
         let known = from(0.0);
         assert!((1e-6..0.01).contains(&known), "{known}");

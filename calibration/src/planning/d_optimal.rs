@@ -202,7 +202,6 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
 
     use super::*;
-    use crate::blob::write::nominal_chain;
     use crate::measurement::observation::Observation;
     use crate::measurement::sample::{Base, Sample};
     use crate::robot::{LoadOptions, Robot};
@@ -229,7 +228,7 @@ mod tests {
             .flat_map(|kg| joints.iter().map(|q| sample(q, *kg)))
             .collect();
         Design::new(
-            &nominal_chain(&robot).unwrap(),
+            &robot.chain().unwrap(),
             None,
             Vector3::new(0.0, 0.0, -9.81),
             &candidates,

@@ -12,10 +12,11 @@ use serde::Serialize;
 use crate::blob::write::{Provenance, calibrate_to_blob};
 use crate::measurement::observation::Observation;
 use crate::measurement::sample::{Instrument, InstrumentSample, Sample, ToolName};
+use crate::model::Method;
 use crate::model::config::Config;
-use crate::model::{Method, fewest_poses};
 use crate::numeric::statistics::ErrorSummary;
 use crate::planning::{PlannedPose, Planner, Strategy};
+use crate::progress::FitContext;
 use crate::simulation::{Scenario, SimulatedPose, Simulator};
 
 /// Numbers of poses that are usually looked at.
@@ -64,7 +65,7 @@ pub fn sample(
 impl Planner<'_> {
     /// Numbers of poses, sorted, as far as the cell and the model allow them.
     pub fn forecast_counts(&self, counts: impl Iterator<Item = usize>) -> Vec<usize> {
-        let fewest = fewest_poses(Method::Elastic, self.task.robot.joints.len()).0;
+        let fewest = Method::Elastic.min_poses(self.task.robot.joints.len());
         let mut counts: Vec<usize> = counts.collect();
         counts.sort_unstable();
         counts.dedup();
@@ -167,7 +168,13 @@ impl Planner<'_> {
             tools: vec![ToolName::default()],
         };
         let options = Config::new(Method::Elastic);
-        let found = calibrate_to_blob(task.nominal, task.robot, &train, &options, &origin);
+        let found = calibrate_to_blob(
+            task.robot,
+            &train,
+            &options,
+            &origin,
+            &FitContext::default(),
+        );
         Some(ErrorSummary::new(&found.ok()?.blob.errors(&test)))
     }
 }

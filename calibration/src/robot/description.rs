@@ -1,6 +1,7 @@
 //! The nominal arm in normal form.
 
 use poegp_protocol::JointKind;
+use poegp_runtime::kinematics::poe::{Poe, WrongChain};
 use poegp_runtime::math::se3::Pose;
 use poegp_runtime::math::vector::inner_product;
 
@@ -42,6 +43,15 @@ pub struct LoadOptions {
 }
 
 impl Robot {
+    /// The chain from base to flange, as the runtime has it.
+    ///
+    /// # Errors
+    /// Never for a robot that was loaded: it has 1 to 8 joints and one frame more.
+    pub fn chain(&self) -> Result<Poe<f64>, WrongChain> {
+        let kinds: Vec<JointKind> = self.joints.iter().map(|j| j.kind).collect();
+        Poe::new(&kinds, &self.parent_from_joint)
+    }
+
     /// C q: the joints of the serial chain at the controller's joint values `q`, rad or m.
     pub fn serial_joints(&self, q: &[f64]) -> Vec<f64> {
         coupled(self.coupling.as_deref(), q)

@@ -11,6 +11,7 @@ use crate::measurement::sample::InstrumentSample;
 use crate::model::Method;
 use crate::model::config::Config;
 use crate::numeric::statistics::{ErrorSummary, PoseError};
+use crate::progress::FitContext;
 use crate::robot::Robot;
 use crate::validation::held_out::{Coverage, HeldOutPose, coverage, held_out, summary};
 
@@ -191,7 +192,7 @@ impl Task<'_> {
             let (train, tests) = folds.split(self.train, k);
             let found = self.calibrated(config, &train)?;
             progress();
-            let base = &found.calibration.ends.instrument_from_base;
+            let base = &found.calibration.base_and_tools.instrument_from_base;
             let with_sigma = with_sigma.then_some(&found.calibration);
             let poses = held_out(&found.blob, base, &tests, with_sigma);
             for (i, pose) in folds.members(k).zip(poses) {
@@ -211,7 +212,8 @@ impl Task<'_> {
         config: &Config,
         samples: &[InstrumentSample],
     ) -> Result<CalibratedBlob, CompareError> {
-        calibrate_to_blob(self.nominal, self.robot, samples, config, self.origin).map_err(|error| {
+        let context = FitContext::default();
+        calibrate_to_blob(self.robot, samples, config, self.origin, &context).map_err(|error| {
             CompareError {
                 model: config.method.name(),
                 error,
@@ -220,17 +222,8 @@ impl Task<'_> {
     }
 }
 
-/// The methods that the data allow: without payloads no `poe-gp-load`, and the paper's process only for whole poses of
-/// one tool.
+/// The methods that the data allow.
 pub fn applicable(samples: &[InstrumentSample]) -> Vec<Method> {
-    let has_payload = samples.iter().all(|s| s.payload_kg.is_some());
-    let plain = samples
-        .iter()
-        .all(|s| s.tool == 0 && s.observation.has_orientation());
-    let allowed = |m: &Method| match m {
-        Method::PoeGp => plain,
-        Method::PoeGpLoad => plain && has_payload,
-        _ => true,
-    };
+    let allowed = |m: &Method| m.requires().are_met_by(samples);
     Method::ALL.into_iter().filter(allowed).collect()
 }

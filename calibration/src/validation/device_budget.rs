@@ -243,7 +243,7 @@ fn sizes_of_sets(
     size: &ElasticSize,
 ) -> Result<ElasticSize, CompareError> {
     let found = task.calibrated(config, task.train)?;
-    let elastic = found.calibration.elastic.as_ref();
+    let elastic = found.calibration.correction.elastic();
     Ok(elastic.map_or(*size, |elastic| {
         let processes = &elastic.deflection.processes;
         ElasticSize {

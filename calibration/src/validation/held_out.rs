@@ -70,7 +70,7 @@ pub fn held_out(
 impl CalibratedBlob {
     /// What it makes of `samples`, with its standard deviations.
     pub fn held_out(&self, samples: &[InstrumentSample]) -> Vec<HeldOutPose> {
-        let base = &self.calibration.ends.instrument_from_base;
+        let base = &self.calibration.base_and_tools.instrument_from_base;
         held_out(&self.blob, base, samples, Some(&self.calibration))
     }
 }

@@ -10,7 +10,6 @@ use serde::Serialize;
 
 use crate::measurement::sample::InstrumentSample;
 use crate::model::config::Config;
-use crate::model::fewest_poses;
 use crate::numeric::statistics::ErrorSummary;
 use crate::validation::cross_validation::Task;
 use crate::validation::held_out::{HeldOutPose, held_out, summary};
@@ -56,7 +55,7 @@ pub fn sizes(task: &Task, config: &Config) -> Vec<usize> {
         true => task.train.len() - task.train.len() / task.folds.max(1),
         false => task.train.len(),
     };
-    let (fewest, _) = fewest_poses(config.method, task.nominal.kinds().len());
+    let fewest = config.method.min_poses(task.robot.joints.len());
     let possible = |size: &usize| *size > fewest && (*size as f64) <= LARGEST_SHARE * pool as f64;
     SIZES.into_iter().filter(possible).collect()
 }
@@ -81,7 +80,7 @@ pub fn curve(
         if has_all_tools(&train, &parts.tests)
             && let Ok(found) = task.calibrated(config, &train)
         {
-            let base = &found.calibration.ends.instrument_from_base;
+            let base = &found.calibration.base_and_tools.instrument_from_base;
             out.push(Point {
                 trained_on: train.len(),
                 errors: summary(&held_out(&found.blob, base, &parts.tests, None)),

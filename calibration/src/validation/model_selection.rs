@@ -9,8 +9,8 @@ use serde::Serialize;
 
 use crate::learning::task_space::fit::HyperparameterSharing;
 use crate::measurement::sample::InstrumentSample;
+use crate::model::Method;
 use crate::model::config::{Config, Weighting};
-use crate::model::{Method, fewest_poses};
 use crate::numeric::statistics::Summary;
 use crate::validation::cross_validation::{CompareError, Task, applicable};
 
@@ -99,7 +99,7 @@ pub fn candidates(samples: &[InstrumentSample], joints: usize, base: &Config) ->
     ];
     let smallest = samples.len() - samples.len().div_ceil(FOLDS);
     out.retain(|c| {
-        allowed.contains(&c.config.method) && fewest_poses(c.config.method, joints).0 <= smallest
+        allowed.contains(&c.config.method) && c.config.method.min_poses(joints) <= smallest
     });
     out
 }

@@ -9,6 +9,7 @@ use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::Config;
 use poegp_calibration::numeric::statistics::{ErrorSummary, PoseError};
+use poegp_calibration::progress::FitContext;
 use poegp_calibration::robot::Robot;
 use poegp_calibration::validation::held_out::{Coverage, coverage, held_out};
 use poegp_runtime::kinematics::poe::Poe;
@@ -60,10 +61,10 @@ impl Cell {
         let mut options = Config::new(Method::Elastic);
         options.inducing_points = support;
         let clock = Clock::start();
-        let (robot, nominal) = &self.arm;
+        let (robot, _) = &self.arm;
         let CalibratedBlob {
             calibration, blob, ..
-        } = calibrate_to_blob(nominal, robot, train, &options, &origin(1))
+        } = calibrate_to_blob(robot, train, &options, &origin(1), &FitContext::default())
             .unwrap_or_else(|e| panic!("{e}"));
         let seconds = clock.seconds();
         let test: Vec<_> = self.test.iter().filter(|(s, _)| wanted(s)).collect();
@@ -72,7 +73,7 @@ impl Cell {
             PoseError::between(truth, &blob.predict(&s.joints, s.payload_kg).pose)
         });
         let rounding = precision_loss(&calibration, &blob, &samples);
-        let base = &calibration.ends.instrument_from_base;
+        let base = &calibration.base_and_tools.instrument_from_base;
         let poses = held_out(&blob, base, &samples, Some(&calibration));
         Measured {
             poses: train.len(),

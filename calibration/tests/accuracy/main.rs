@@ -14,7 +14,7 @@ use std::fmt::Display;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use poegp_calibration::blob::write::{Provenance, nominal_chain};
+use poegp_calibration::blob::write::Provenance;
 use poegp_calibration::learning::task_space::fit::HyperparameterSharing;
 use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::measurement::sample::ToolName;
@@ -33,7 +33,7 @@ fn say(text: impl Display) {
 /// A built-in robot with its chain.
 fn arm(name: &str) -> (Robot, Poe<f64>) {
     let robot = Robot::load(name, &LoadOptions::default()).unwrap();
-    let nominal = nominal_chain(&robot).unwrap();
+    let nominal = robot.chain().unwrap();
     (robot, nominal)
 }
 

@@ -10,6 +10,7 @@ use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::{Config, Weighting};
 use poegp_calibration::numeric::statistics::ErrorSummary;
+use poegp_calibration::progress::FitContext;
 use poegp_calibration::robot::Robot;
 use poegp_calibration::validation::cross_validation::{ModelComparison, TestSet};
 use poegp_runtime::kinematics::poe::Poe;
@@ -218,12 +219,12 @@ fn gross_outliers_among_poses_of_the_irb_120() {
     let mean = |train: &[InstrumentSample], outliers: OutlierPolicy| {
         let mut options = Config::new(Method::Elastic);
         options.outliers = outliers;
-        let found = calibrate_to_blob(&arm.1, &arm.0, train, &options, &origin(1))
+        let found = calibrate_to_blob(&arm.0, train, &options, &origin(1), &FitContext::default())
             .unwrap_or_else(|e| panic!("{e}"));
         let errors = ErrorSummary::new(&found.blob.errors(&test));
         let at: Vec<usize> = found
             .calibration
-            .outliers
+            .outliers()
             .iter()
             .map(|o| o.sample)
             .collect();

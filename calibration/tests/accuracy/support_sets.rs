@@ -11,6 +11,7 @@ use poegp_calibration::measurement::folds::Folds;
 use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::{Config, ProcessLayout};
+use poegp_calibration::progress::FitContext;
 use poegp_calibration::robot::Robot;
 use poegp_calibration::simulation::{Scenario, Simulator, to_csv};
 use poegp_runtime::kinematics::poe::Poe;
@@ -33,16 +34,22 @@ fn models() -> [Config; 3] {
 
 /// Position errors in mm of the three models through their blobs, and what is said of the sets.
 fn measure(
-    (robot, nominal): &(Robot, Poe<f64>),
+    (robot, _): &(Robot, Poe<f64>),
     train: &[InstrumentSample],
     test: &[InstrumentSample],
 ) -> ([Vec<f64>; 3], String) {
     let mut told = String::new();
     let tools = train.iter().map(|s| s.tool + 1).max().unwrap_or(1);
     let errors = models().map(|options| {
-        let found = calibrate_to_blob(nominal, robot, train, &options, &origin(tools))
-            .unwrap_or_else(|e| panic!("{e}"));
-        let elastic = found.calibration.elastic.as_ref().unwrap();
+        let found = calibrate_to_blob(
+            robot,
+            train,
+            &options,
+            &origin(tools),
+            &FitContext::default(),
+        )
+        .unwrap_or_else(|e| panic!("{e}"));
+        let elastic = found.calibration.correction.elastic().unwrap();
         let processes = &elastic.deflection.processes;
         if let Some(size) = SetSizes::of(processes) {
             let words = size.words as f64 / processes.points().max(1) as f64;

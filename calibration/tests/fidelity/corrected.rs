@@ -1,9 +1,10 @@
 //! Corrected joints of fitted arms: the f64 model of the same blob says what is left.
 
-use poegp_calibration::blob::write::{Provenance, calibrate_to_blob, nominal_chain};
+use poegp_calibration::blob::write::{Provenance, calibrate_to_blob};
 use poegp_calibration::measurement as measurements;
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::{Config, ProcessLayout};
+use poegp_calibration::progress::FitContext;
 use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_calibration::simulation::{Scenario, Simulator, to_csv};
 use poegp_protocol::blob;
@@ -54,7 +55,6 @@ pub fn fit(robot: &str, scenario: Scenario, options: &Config) -> Fitted {
 
 /// A model of these measurements.
 pub fn fit_measured(robot: Robot, csv: &str, options: &Config) -> Fitted {
-    let nominal = nominal_chain(&robot).unwrap();
     let set = measurements::parse("train", csv.as_bytes()).unwrap();
     let mut tools = Vec::new();
     let train = poegp_calibration::measurement::sample::samples(&set, &robot, &mut tools).unwrap();
@@ -64,7 +64,8 @@ pub fn fit_measured(robot: Robot, csv: &str, options: &Config) -> Fitted {
         data_sha256: [0; 32],
         tools,
     };
-    let found = calibrate_to_blob(&nominal, &robot, &train, options, &origin).unwrap();
+    let found =
+        calibrate_to_blob(&robot, &train, options, &origin, &FitContext::default()).unwrap();
     let blob = blob::decode(found.blob.bytes()).unwrap();
     let (mut single, mut double) = (Box::new(Arm::new()), Box::new(Arm::new()));
     single.load(&blob).unwrap();

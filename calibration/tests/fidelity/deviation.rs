@@ -8,6 +8,7 @@ use poegp_calibration::learning::elastic::options::ElasticOptions;
 use poegp_calibration::learning::elastic::predictive_variance::Uncertainty;
 use poegp_calibration::learning::elastic::reduced_model::ElasticModel;
 use poegp_calibration::measurement::sample::in_base_frame;
+use poegp_calibration::progress::FitContext;
 use poegp_runtime::math::se3::Pose;
 
 use crate::say;
@@ -28,7 +29,15 @@ fn the_deviation_of_a_trained_pose_is_that_of_the_factor() {
         support: Some(20),
         ..ElasticOptions::default()
     };
-    let mut found = fit(&chain, tools, None, &samples, &options).unwrap();
+    let mut found = fit(
+        &chain,
+        tools,
+        None,
+        &samples,
+        &options,
+        &FitContext::default(),
+    )
+    .unwrap();
     let inverse = found.solved.as_ref().unwrap().factor.inverse();
     let noise: Vec<f64> = found.hyperparameters[..2].iter().map(|h| h.exp()).collect();
     let scales = [found.scales.position, found.scales.orientation];

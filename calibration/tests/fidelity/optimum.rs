@@ -3,13 +3,14 @@
 use faer::Mat;
 use poegp_calibration::identification::frame_fit::{ResidualKind, residual_components};
 use poegp_calibration::learning::task_space::fit::{
-    HyperparameterSharing, MAX_SIGNAL_VARIANCE, fit, maximise_likelihood,
+    HyperparameterSharing, MAX_SIGNAL_VARIANCE, SignalVarianceLimit, fit, maximise_likelihood,
 };
 use poegp_calibration::learning::task_space::likelihood::log_marginal_likelihood;
 use poegp_calibration::learning::task_space::{Pairs, input, scale_outputs};
 use poegp_calibration::measurement::sample::in_base_frame;
 use poegp_calibration::model::config::Config;
 use poegp_calibration::model::{Method, calibrate};
+use poegp_calibration::progress::FitContext;
 use poegp_protocol::limits::OUTPUTS;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -23,20 +24,27 @@ const WORSE: f64 = 1e-3;
 
 #[test]
 fn residuals_after_step_1_are_numpys() {
-    let (robot, nominal) = sets::arm();
+    let (robot, _) = sets::arm();
     let train = sets::simulated(&robot, "train");
     let theirs: Vec<[f64; OUTPUTS]> = list(&parse(OPTIMUM)["residuals"])
         .iter()
         .map(array)
         .collect();
-    let found = calibrate(&nominal, None, &train, &Config::new(Method::Poe)).unwrap();
-    let ours: Vec<[f64; OUTPUTS]> = in_base_frame(&train, &found.ends.instrument_from_base)
-        .iter()
-        .map(|s| {
-            let chain = found.calibrated.forward(&s.serial_joints);
-            residual_components(ResidualKind::Space, &s.observation, &chain)
-        })
-        .collect();
+    let found = calibrate(
+        &robot,
+        &train,
+        &Config::new(Method::Poe),
+        &FitContext::default(),
+    )
+    .unwrap();
+    let ours: Vec<[f64; OUTPUTS]> =
+        in_base_frame(&train, &found.base_and_tools.instrument_from_base)
+            .iter()
+            .map(|s| {
+                let chain = found.calibrated.forward(&s.serial_joints);
+                residual_components(ResidualKind::Space, &s.observation, &chain)
+            })
+            .collect();
     let worst = largest_difference(ours.as_flattened(), theirs.as_flattened());
     say(format_args!(
         "residuals of 300 poses after base-tool and step 1: {worst:.1e} m and rad from numpy's"
@@ -56,7 +64,9 @@ fn the_optimum_is_as_likely_as_scikit_learns() {
     let (_, scaled) = scale_outputs(&residuals);
     let pairs = Pairs::new(&inputs);
     let check = |name: &str, outputs: &Mat<f64>, reference: &serde_json::Value| {
-        let (found, ours) = maximise_likelihood(&pairs, outputs, MAX_SIGNAL_VARIANCE);
+        let (found, ours) =
+            maximise_likelihood(&pairs, outputs, MAX_SIGNAL_VARIANCE, &FitContext::default())
+                .unwrap();
         let theirs = reference["log_likelihood"].as_f64().unwrap();
         say(format_args!(
             "{name}: log likelihood {ours:.4}, scikit-learn's {theirs:.4} at {:.3?}, ours at {:.3?}",
@@ -90,25 +100,30 @@ fn a_bounded_search_that_begins_elsewhere_ends_as_high() {
             })
         })
         .collect();
-    let per_output = |bound, larger| {
+    let per_output = |limit: SignalVarianceLimit| {
         fit(
             inputs.clone(),
             &residuals,
             HyperparameterSharing::PerOutput,
-            bound,
-            larger,
+            &limit,
+            &FitContext::default(),
         )
         .unwrap()
         .hyperparameters
     };
-    let larger = per_output(MAX_SIGNAL_VARIANCE, None);
-    let found = per_output(BOUND, Some(larger.as_slice().try_into().unwrap()));
+    let larger = per_output(SignalVarianceLimit::HIGHEST);
+    let found = per_output(SignalVarianceLimit {
+        value: BOUND,
+        under_higher: Some(larger.as_slice().try_into().unwrap()),
+    });
     let (pairs, (_, scaled)) = (Pairs::new(&inputs), scale_outputs(&residuals));
     let mut bounded = 0;
     for (c, hyperparameters) in found.iter().enumerate() {
         let column = Mat::from_fn(scaled.nrows(), 1, |i, _| scaled[(i, c)]);
         let likelihood = log_marginal_likelihood(&pairs, &column, hyperparameters).unwrap();
-        let best = maximise_likelihood(&pairs, &column, BOUND).1;
+        let best = maximise_likelihood(&pairs, &column, BOUND, &FitContext::default())
+            .unwrap()
+            .1;
         let lost = (best - likelihood.log_likelihood) / inputs.len() as f64;
         bounded += usize::from(larger[c].kernel.signal_variance > BOUND);
         assert!(lost <= WORSE, "output {c}: {lost} nats a pose below");

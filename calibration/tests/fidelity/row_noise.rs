@@ -9,6 +9,7 @@ use poegp_calibration::measurement::sample::ToolName;
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::{Config, Weighting};
 use poegp_calibration::numeric::statistics::ErrorSummary;
+use poegp_calibration::progress::FitContext;
 use poegp_runtime::math::se3::{Pose, Twist};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -70,14 +71,14 @@ fn silent(samples: &[InstrumentSample]) -> Vec<InstrumentSample> {
 }
 
 fn calibrated(samples: &[InstrumentSample], options: &Config) -> CalibratedBlob {
-    let (robot, nominal) = arm();
+    let (robot, _) = arm();
     let origin = Provenance {
         serial_number: String::new(),
         date: "2026-11-20".to_owned(),
         data_sha256: [0; 32],
         tools: vec![ToolName::default()],
     };
-    calibrate_to_blob(&nominal, &robot, samples, options, &origin).unwrap()
+    calibrate_to_blob(&robot, samples, options, &origin, &FitContext::default()).unwrap()
 }
 
 fn weighted(method: Method) -> Config {
@@ -94,7 +95,7 @@ fn rows_of_their_own_noise_count_by_it() {
         let found = calibrated(samples, &weighted(method));
         // A row that is as noisy as it says is no outlier.
         let honest = samples[0].declared_noise != InstrumentNoise::UNKNOWN;
-        assert!(!honest || found.calibration.outliers.is_empty());
+        assert!(!honest || found.calibration.outliers().is_empty());
         ErrorSummary::new(&found.blob.errors(&test))
             .position_mm
             .mean

@@ -2,7 +2,6 @@
 
 use std::path::Path;
 
-use poegp_calibration::blob::write::nominal_chain;
 use poegp_calibration::measurement as measurements;
 use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::measurement::sample::samples;
@@ -12,7 +11,7 @@ use poegp_runtime::kinematics::poe::Poe;
 /// The arm that the sets are of, with its nominal chain.
 pub fn arm() -> (Robot, Poe<f64>) {
     let robot = Robot::load("abb-irb4400-serial", &LoadOptions::default()).unwrap();
-    let nominal = nominal_chain(&robot).unwrap();
+    let nominal = robot.chain().unwrap();
     (robot, nominal)
 }
 

@@ -8,6 +8,7 @@ use poegp_calibration::measurement::observation::Observation;
 use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::{Config, ProcessLayout};
+use poegp_calibration::progress::FitContext;
 use poegp_runtime::guard::status::Status;
 use poegp_runtime::kinematics::poe::Poe;
 
@@ -32,7 +33,7 @@ fn support_sets() -> Config {
 
 #[test]
 fn the_blob_is_within_two_micrometres_of_the_model() {
-    let (robot, nominal) = sets::arm();
+    let (robot, _) = sets::arm();
     let sets = ["train", "test1", "test2", "test3"].map(|set| sets::simulated(&robot, set));
     let per_output = |method| Config {
         hyperparameters: HyperparameterSharing::PerOutput,
@@ -48,8 +49,15 @@ fn the_blob_is_within_two_micrometres_of_the_model() {
         ("elastic", Config::new(Method::Elastic)),
         ("elastic, support sets", support_sets()),
     ] {
-        let found = calibrate_to_blob(&nominal, &robot, &sets[0], &options, &origin()).unwrap();
-        let instrument_from_base = found.calibration.ends.instrument_from_base;
+        let found = calibrate_to_blob(
+            &robot,
+            &sets[0],
+            &options,
+            &origin(),
+            &FitContext::default(),
+        )
+        .unwrap();
+        let instrument_from_base = found.calibration.base_and_tools.instrument_from_base;
         // Written out, not by `export::fidelity`: the bounded poses are counted, and the rotation is looked at.
         let (mut distances, mut angle, mut bounded) = (Vec::new(), 0.0_f64, 0);
         for sample in sets.iter().flatten() {
@@ -69,7 +77,11 @@ fn the_blob_is_within_two_micrometres_of_the_model() {
             1e6 * mean,
             1e6 * largest,
             1e6 * angle,
-            found.calibration.max_signal_variance,
+            found
+                .calibration
+                .correction
+                .task_space()
+                .map_or(f64::NAN, |t| t.max_signal_variance),
             distances.len() + bounded
         ));
         assert!(
@@ -101,7 +113,13 @@ fn a_blob_that_loses_more_is_not_made() {
     let (robot, nominal) = sets::arm();
     let samples = absurd(&nominal, &sets::simulated(&robot, "train"));
     let options = Config::new(Method::PoeGpLoad);
-    let found = calibrate_to_blob(&nominal, &robot, &samples, &options, &origin());
+    let found = calibrate_to_blob(
+        &robot,
+        &samples,
+        &options,
+        &origin(),
+        &FitContext::default(),
+    );
     let found = found.map(|found| found.precision_loss);
     let Err(DeviceError::Export(ExportError::SinglePrecisionLossTooLarge(fidelity))) = found else {
         panic!("{found:?}");

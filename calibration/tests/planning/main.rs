@@ -13,7 +13,7 @@ use std::io::Write;
 use std::sync::Mutex;
 
 use nalgebra::Vector3;
-use poegp_calibration::blob::write::{Provenance, calibrate_to_blob, nominal_chain};
+use poegp_calibration::blob::write::{Provenance, calibrate_to_blob};
 use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::measurement::sample::ToolName;
 use poegp_calibration::model::Method;
@@ -22,6 +22,7 @@ use poegp_calibration::numeric::statistics::{PoseError, Summary};
 use poegp_calibration::planning::constraints::Constraints;
 use poegp_calibration::planning::forecast::sample;
 use poegp_calibration::planning::{Planner, Strategy, Task};
+use poegp_calibration::progress::FitContext;
 use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_calibration::simulation::{
     ORIENTATION_NOISE_RAD, POSITION_NOISE_M, Scenario, SimulatedPose, Simulator,
@@ -62,7 +63,7 @@ struct Arm {
 impl Arm {
     fn load() -> Self {
         let robot = Robot::load("abb-irb4400-serial", &LoadOptions::default()).unwrap();
-        let nominal = nominal_chain(&robot).unwrap();
+        let nominal = robot.chain().unwrap();
         Self { robot, nominal }
     }
 
@@ -104,9 +105,15 @@ impl Arm {
             tools: vec![ToolName::default()],
         };
         let options = Config::new(Method::Elastic);
-        let blob = calibrate_to_blob(&self.nominal, &self.robot, &train, &options, &origin)
-            .unwrap_or_else(|e| panic!("{e}"))
-            .blob;
+        let blob = calibrate_to_blob(
+            &self.robot,
+            &train,
+            &options,
+            &origin,
+            &FitContext::default(),
+        )
+        .unwrap_or_else(|e| panic!("{e}"))
+        .blob;
         let mean = |of: fn(&SimulatedPose) -> poegp_runtime::math::se3::Pose<f64>| {
             let errors: Vec<f64> = test
                 .iter()

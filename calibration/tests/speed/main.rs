@@ -10,14 +10,14 @@ use std::io::Write;
 use std::path::Path;
 
 use poegp_calibration::blob::predict::LoadedBlob;
-use poegp_calibration::blob::write::{Provenance, calibrate_to_blob, nominal_chain};
+use poegp_calibration::blob::write::{Provenance, calibrate_to_blob};
 use poegp_calibration::measurement as measurements;
 use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::measurement::sample::samples;
 use poegp_calibration::model::config::Config;
 use poegp_calibration::model::{Calibration, Method};
+use poegp_calibration::progress::FitContext;
 use poegp_calibration::robot::{LoadOptions, Robot};
-use poegp_runtime::kinematics::poe::Poe;
 
 /// Shows a measured number, whether or not the test passes.
 fn say(text: impl Display) {
@@ -34,19 +34,18 @@ fn cpu_seconds() -> f64 {
 }
 
 /// The arm and 300 simulated poses of `tests/data`.
-fn arm() -> (Robot, Poe<f64>, Vec<InstrumentSample>) {
+fn arm() -> (Robot, Vec<InstrumentSample>) {
     let robot = Robot::load("abb-irb4400-serial", &LoadOptions::default()).unwrap();
-    let nominal = nominal_chain(&robot).unwrap();
     let path = Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("../tests/data/simulated/irb4400_paper_s0_train.csv");
     let set = measurements::read(&path).unwrap();
     let samples = samples(&set, &robot, &mut Vec::new()).unwrap();
-    (robot, nominal, samples)
+    (robot, samples)
 }
 
 /// A calibration of the 300 poses, and its CPU seconds.
 fn calibrated(method: Method) -> (Calibration, LoadedBlob, Vec<InstrumentSample>, f64) {
-    let (robot, nominal, samples) = arm();
+    let (robot, samples) = arm();
     let origin = Provenance {
         serial_number: String::new(),
         date: "2026-11-20".to_owned(),
@@ -55,16 +54,18 @@ fn calibrated(method: Method) -> (Calibration, LoadedBlob, Vec<InstrumentSample>
     };
     let start = cpu_seconds();
     let options = Config::new(method);
-    let found = calibrate_to_blob(&nominal, &robot, &samples, &options, &origin).unwrap();
+    let found =
+        calibrate_to_blob(&robot, &samples, &options, &origin, &FitContext::default()).unwrap();
     let seconds = cpu_seconds() - start;
     (found.calibration, found.blob, samples, seconds)
 }
 
 /// The six means as eq. 7 reads, in f64: what a program would do that has not thought about it.
 fn naive_mean(found: &Calibration, sample: &InstrumentSample) -> [f64; 6] {
-    let gp = found.gp.as_ref().unwrap();
+    let task_space = found.correction.task_space().unwrap();
+    let gp = &task_space.gp;
     let h = gp.output(0);
-    let x = found.config.inputs(&sample.joints, sample.payload_kg);
+    let x = task_space.inputs(&sample.joints, sample.payload_kg);
     let kernel: Vec<f64> = gp
         .inputs
         .iter()

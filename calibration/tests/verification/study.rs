@@ -4,13 +4,14 @@ use std::path::Path;
 
 use nalgebra::Vector3;
 use poegp_calibration::blob::predict::LoadedBlob;
-use poegp_calibration::blob::write::{Provenance, calibrate_to_blob, nominal_chain};
+use poegp_calibration::blob::write::{Provenance, calibrate_to_blob};
 use poegp_calibration::measurement as measurements;
 use poegp_calibration::measurement::observation::Observation;
 use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::measurement::sample::samples;
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::Config;
+use poegp_calibration::progress::FitContext;
 use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_calibration::simulation::{Disturbance, Scenario, Simulator, to_csv};
 use poegp_calibration::verification as check;
@@ -50,14 +51,14 @@ impl Cell {
         let payloads = [1.0, 2.5, 3.5, 5.0, 7.5];
         let mut simulator = Simulator::new(&robot, scenario, &payloads, seed);
         let training = measured(&robot, &mut simulator, TRAINING);
-        let nominal = nominal_chain(&robot).unwrap();
         let origin = Provenance {
             serial_number: String::new(),
             date: "2026-11-20".to_owned(),
             data_sha256: [0; 32],
             tools: Vec::new(),
         };
-        let found = calibrate_to_blob(&nominal, &robot, &training, options, &origin).unwrap();
+        let found =
+            calibrate_to_blob(&robot, &training, options, &origin, &FitContext::default()).unwrap();
         Self {
             blob: found.blob,
             robot,

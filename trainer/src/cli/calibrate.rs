@@ -24,6 +24,7 @@ use poegp_calibration::learning::task_space::fit::MAX_SIGNAL_VARIANCE;
 use poegp_calibration::measurement::instrument_drift::DriftReport;
 use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::model::config::Config;
+use poegp_calibration::model::correction::Correction;
 use poegp_calibration::model::frame_changes::{FrameChange, changes};
 use poegp_calibration::model::identified::of_calibration;
 use poegp_calibration::model::{Calibration, Method};
@@ -158,8 +159,8 @@ pub fn run(a: &Calibrate) -> Result<(), Failure> {
             "--max-instructions and --max-flash-bytes choose the size of the elastic model".into(),
         ));
     }
-    let found = progress::calibrating(|| {
-        calibrate_to_blob(&arm.nominal, &arm.robot, &samples, &options, &origin)
+    let found = progress::calibrating(|context| {
+        calibrate_to_blob(&arm.robot, &samples, &options, &origin, context)
     });
     let found = found.map_err(|e| device_failure(&a.train, e))?;
     let train = (&set, samples.as_slice());
@@ -362,7 +363,7 @@ fn print(
         calibration.config.method.name(),
         training.poses
     ));
-    if let Some(fit) = &calibration.step1 {
+    if let Some(fit) = calibration.frame_fit() {
         report.line(format_args!(
             "  step 1: {} of {} parameters can be identified",
             fit.rank, fit.parameters
@@ -392,8 +393,8 @@ fn print(
     if let Some(facts) = &document.elastic {
         facts.print(report);
     }
-    if calibration.gp.is_some() || calibration.elastic.is_some() {
-        let (m, rad) = calibration.bound;
+    if !matches!(calibration.correction, Correction::None) {
+        let (m, rad) = calibration.correction_limit;
         report.line(format_args!(
             "  corrections are bounded to {:.3} mm and {:.3} mrad",
             1e3 * m,
@@ -405,10 +406,12 @@ fn print(
         1e6 * precision_loss.mean_m,
         1e6 * precision_loss.max_m
     ));
-    if calibration.max_signal_variance < MAX_SIGNAL_VARIANCE {
+    if let Some(task_space) = calibration.correction.task_space()
+        && task_space.max_signal_variance < MAX_SIGNAL_VARIANCE
+    {
         report.line(format_args!(
             "  note: the signal variance was held below {} for the sake of single precision",
-            calibration.max_signal_variance
+            task_space.max_signal_variance
         ));
     }
     match &document.identifiability {
@@ -464,9 +467,10 @@ fn document(
         rms: fit.rms,
     };
     let hyperparameters = calibration
-        .gp
-        .iter()
-        .flat_map(|gp| &gp.hyperparameters)
+        .correction
+        .task_space()
+        .into_iter()
+        .flat_map(|task_space| &task_space.gp.hyperparameters)
         .map(|h| {
             let [a, b, c, d, noise_variance] = h.to_array();
             Hyperparameters {
@@ -481,13 +485,13 @@ fn document(
         training_poses: training.poses,
         training,
         held_out: None,
-        step1: calibration.step1.as_ref().map(step1),
+        step1: calibration.frame_fit().map(step1),
         hyperparameters: hyperparameters.collect(),
         elastic: None,
         choice: None,
         budget: None,
-        bound_mm: 1e3 * calibration.bound.0,
-        bound_mrad: 1e3 * calibration.bound.1,
+        bound_mm: 1e3 * calibration.correction_limit.0,
+        bound_mrad: 1e3 * calibration.correction_limit.1,
         f32_error_um: F32Error {
             mean: 1e6 * precision_loss.mean_m,
             max: 1e6 * precision_loss.max_m,

@@ -275,7 +275,7 @@ fn evidence(
     let nothing = || Failure::Usage("the report has no held-out pose to show".into());
     let mut evidence = Evidence::new(how, sets, &all, kinds, false).ok_or_else(nothing)?;
     let best = evidence.after().name.clone();
-    if let Some(method) = Method::ALL.into_iter().find(|m| m.name() == best) {
+    if let Ok(method) = best.parse::<Method>() {
         let options = a.fit.config(method);
         let bar = progress::bar(learning::sizes(task, &options).len(), "learning curve");
         let poses = evidence.after().poses.clone();

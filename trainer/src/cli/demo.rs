@@ -12,11 +12,12 @@ use crate::cli::simulate::{make_folder, write_sets};
 use crate::cli::{
     Failure, check_outputs, device_failure, evaluate, json_text, origin, progress, write_facts,
 };
-use poegp_calibration::blob::write::{calibrate_to_blob, nominal_chain};
+use poegp_calibration::blob::write::calibrate_to_blob;
 use poegp_calibration::learning::task_space::fit::HyperparameterSharing;
 use poegp_calibration::measurement as measurements;
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::Config;
+use poegp_calibration::progress::FitContext;
 use poegp_calibration::robot::Robot;
 use poegp_calibration::simulation::{Scenario, Simulator};
 use poegp_calibration::validation::cross_validation::{ModelComparison, Task, TestSet};
@@ -38,7 +39,7 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
     let report = Report::beside(&[a.json.as_deref()]);
     make_folder(&a.out)?;
     let robot = Robot::load(ROBOT, &poegp_calibration::robot::LoadOptions::default())?;
-    let nominal = nominal_chain(&robot).map_err(|e| Failure::Usage(e.to_string()))?;
+    let nominal = robot.chain().map_err(|e| Failure::Usage(e.to_string()))?;
 
     report.line("1. Simulate: an ABB IRB 4400 with imperfect frames and joints that give way under gravity and five");
     report.line("   payloads, measured by a tracker with 30 µm of noise. 300 poses to train on, 3 × 100 to test.");
@@ -102,11 +103,11 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
     print_table(report, &models);
 
     let found = calibrate_to_blob(
-        &nominal,
         &robot,
         &train,
         &Config::new(Method::PoeGpLoad),
         &origin,
+        &FitContext::default(),
     )
     .map_err(|e| device_failure(&train_path, e))?;
     let blob = a.out.join("arm.blob");

@@ -56,7 +56,7 @@ impl ElasticFacts {
         samples: &[InstrumentSample],
         lines: &[usize],
     ) -> Option<Self> {
-        let elastic = calibration.elastic.as_ref()?;
+        let elastic = calibration.correction.elastic()?;
         let report = &elastic.report;
         let config = &calibration.config;
         let sigma = elastic.sigma.as_ref().map(|sigma| SigmaFacts {
@@ -73,7 +73,7 @@ impl ElasticFacts {
                 cycles_per_turn: *cycles,
                 amplitude_urad: 1e6 * amplitude,
             });
-        let outliers = calibration.outliers.iter().map(|o| OutlierFacts {
+        let outliers = calibration.outliers().iter().map(|o| OutlierFacts {
             line: lines.get(o.sample).copied().unwrap_or(0),
             reason: match o.reason {
                 Reason::Gross => "far from the calibrated arm",

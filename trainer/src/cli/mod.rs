@@ -43,14 +43,14 @@ use crate::cli::arguments::{Arguments, Command};
 use crate::cli::report::is_stdout;
 use crate::device::error::ClientError;
 use poegp_calibration::blob::predict::{BlobError, HOST_SUPPORT};
-use poegp_calibration::blob::write::{DeviceError, ExportError, Provenance, nominal_chain};
+use poegp_calibration::blob::write::{DeviceError, ExportError, Provenance};
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::measurement as measurements;
 use poegp_calibration::measurement::MeasurementSet;
 use poegp_calibration::measurement::noise::InstrumentNoise;
 use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::measurement::sample::ToolName;
-use poegp_calibration::model::{CalibrationError, Method, fewest_poses};
+use poegp_calibration::model::{CalibrationError, Method};
 use poegp_calibration::robot::Robot;
 
 /// Everything that ends a command early.
@@ -186,7 +186,7 @@ impl Arm {
             tip: a.tip.clone(),
         };
         let robot = Robot::load(&a.robot, &options)?;
-        let nominal = nominal_chain(&robot).map_err(|e| Failure::Usage(e.to_string()))?;
+        let nominal = robot.chain().map_err(|e| Failure::Usage(e.to_string()))?;
         Ok(Self { robot, nominal })
     }
 
@@ -214,8 +214,8 @@ fn enough_poses(
     method: Method,
     joints: usize,
 ) -> Result<(), Failure> {
-    let (needed, parameters) = fewest_poses(method, joints);
-    let needed = (6 * needed).div_ceil(equations);
+    let parameters = method.parameters(joints);
+    let needed = (6 * method.min_poses(joints)).div_ceil(equations);
     if found >= needed {
         return Ok(());
     }

@@ -151,7 +151,8 @@ pub fn held_out(
         *method < options.method
             && (a.report.is_some() || *method == Method::BaseTool)
             && (*method != Method::PoeGpLoad || tests.sets.iter().all(|t| loaded(&t.samples)))
-            && (!method.has_gp() || tests.sets.iter().all(|t| whole(&t.samples)))
+            && (!method.requires().single_tool_full_poses
+                || tests.sets.iter().all(|t| whole(&t.samples)))
     };
     let mut methods = applicable(samples);
     methods.retain(simpler);

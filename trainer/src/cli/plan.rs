@@ -12,7 +12,7 @@ use crate::cli::report::Report;
 use crate::cli::{Arm, Failure, check_outputs, json_text, progress, write_outputs};
 use crate::robot_programs::{Language, program};
 use poegp_calibration::input_error::InputError;
-use poegp_calibration::model::{Method, fewest_poses};
+use poegp_calibration::model::Method;
 use poegp_calibration::planning::candidates::Candidates;
 use poegp_calibration::planning::constraints::Constraints;
 use poegp_calibration::planning::forecast::{ARMS, COUNTS, Row};
@@ -234,7 +234,8 @@ fn payloads(given: &[f64]) -> Result<Vec<f64>, Failure> {
 }
 
 fn enough(count: usize, joints: usize) -> Result<(), Failure> {
-    let (needed, parameters) = fewest_poses(Method::Elastic, joints);
+    let needed = Method::Elastic.min_poses(joints);
+    let parameters = Method::Elastic.parameters(joints);
     if count >= needed {
         return Ok(());
     }

@@ -1,6 +1,11 @@
 //! A progress bar on a terminal, silence elsewhere, with `--quiet` and where the terminal cannot go back in its line.
 
+use std::cell::Cell;
+use std::sync::atomic::AtomicBool;
+
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+
+use poegp_calibration::progress::{FitContext, Progress};
 
 use crate::cli::report::is_quiet;
 
@@ -23,25 +28,33 @@ pub fn bar(steps: usize, label: &str) -> ProgressBar {
 }
 
 /// A calibration with a sign of life, and with the time left as soon as that can be told.
-pub fn calibrating<R>(work: impl FnOnce() -> R) -> R {
-    let spinner = spinner("calibrating");
-    let bar = spinner.clone();
-    let mut is_bar = false;
-    let out = poegp_calibration::progress::watched(
-        move |done, expected| {
-            if !is_bar {
-                let style =
-                    ProgressStyle::with_template("{msg:28} {wide_bar} {percent:>3} % {eta} left");
-                bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
-                is_bar = true;
-            }
-            bar.set_length(expected);
-            bar.set_position(done);
-        },
-        work,
-    );
-    spinner.finish_and_clear();
+pub fn calibrating<R>(work: impl FnOnce(&FitContext) -> R) -> R {
+    let bar = Bar {
+        bar: spinner("calibrating"),
+        is_bar: Cell::new(false),
+    };
+    let out = work(&FitContext::new(&bar, &AtomicBool::new(false)));
+    bar.bar.finish_and_clear();
     out
+}
+
+/// A spinner that becomes a bar.
+struct Bar {
+    bar: ProgressBar,
+    is_bar: Cell<bool>,
+}
+
+impl Progress for Bar {
+    fn advance(&self, done: u64, expected: u64) {
+        if !self.is_bar.replace(true) {
+            let style =
+                ProgressStyle::with_template("{msg:28} {wide_bar} {percent:>3} % {eta} left");
+            let style = style.unwrap_or_else(|_| ProgressStyle::default_bar());
+            self.bar.set_style(style);
+        }
+        self.bar.set_length(expected);
+        self.bar.set_position(done);
+    }
 }
 
 /// A sign of life, with the time so far, for work without countable steps.

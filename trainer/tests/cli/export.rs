@@ -2,7 +2,6 @@
 //! read by Pinocchio, yourdfpy and Python.
 
 use poegp_calibration::blob::predict::LoadedBlob;
-use poegp_calibration::blob::write::nominal_chain;
 use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_protocol::blob;
 use poegp_runtime::kinematics::poe::Poe;
@@ -64,11 +63,7 @@ fn apart(a: &Poe<f64>, b: &Poe<f64>, b_end: &Pose<f64>) -> (f64, f64) {
 #[track_caller]
 fn same(folder: &Folder, file: &str, tip: Option<&str>, target: &Pose<f64>) {
     let robot = described(folder, file, tip);
-    let (position, rotation) = apart(
-        &chain(folder).poe(),
-        &nominal_chain(&robot).unwrap(),
-        target,
-    );
+    let (position, rotation) = apart(&chain(folder).poe(), &robot.chain().unwrap(), target);
     assert!(
         position < 1e-12 && rotation < 1e-12,
         "{file}: {position:e} m, {rotation:e}"

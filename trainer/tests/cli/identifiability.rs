@@ -1,6 +1,5 @@
 //! What `calibrate` says about the poses that it was given.
 
-use poegp_calibration::blob::write::nominal_chain;
 use poegp_calibration::robot::{LoadOptions, Robot};
 
 use crate::program::{Folder, SERIAL, changed, simulated};
@@ -9,7 +8,7 @@ use crate::texts::texts;
 /// The joints of `csv`, but the third at 10°, with the poses of the nominal arm, rounded to 0.1 mm.
 fn with_joint_3_still(csv: &str) -> String {
     let robot = Robot::load(SERIAL, &LoadOptions::default()).unwrap();
-    let chain = nominal_chain(&robot).unwrap();
+    let chain = robot.chain().unwrap();
     changed(csv, |names, fields| {
         let column = |name: &str| names.iter().position(|n| *n == name).unwrap();
         fields[column("q3_deg")] = "10".to_owned();

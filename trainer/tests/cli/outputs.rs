@@ -1,6 +1,5 @@
 //! Where outputs go: whole files or nothing, no folder is created, standard output is one document.
 
-use poegp_calibration::blob::write::nominal_chain;
 use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_calibration::simulation::{Scenario, Simulator, to_csv};
 use serde_json::Value;
@@ -100,7 +99,7 @@ fn a_blob_that_loses_precision_is_not_written() {
     let _texts = texts();
     let folder = Folder::new();
     let robot = Robot::load(SERIAL, &LoadOptions::default()).unwrap();
-    let nominal = nominal_chain(&robot).unwrap();
+    let nominal = robot.chain().unwrap();
     let mut poses = Simulator::new(&robot, Scenario::Paper, &[1.0, 3.0], 1).measure(150);
     for pose in &mut poses {
         let mut serial = pose.joints.clone();

@@ -1,4 +1,3 @@
-use crate::blob::write::nominal_chain;
 use crate::identification::base_tool::with_ends;
 use crate::identification::identifiability::*;
 use crate::robot::{Joint, LoadOptions, Robot};
@@ -14,7 +13,7 @@ fn noise() -> Scales {
 
 /// `count` random poses of `robot` whose joints `change` may alter.
 fn poses(robot: &Robot, count: usize, change: impl Fn(usize, &mut Vec<f64>)) -> Vec<BaseSample> {
-    let chain = nominal_chain(robot).unwrap();
+    let chain = robot.chain().unwrap();
     let mut random = ChaCha8Rng::seed_from_u64(5);
     (0..count)
         .map(|k| {
@@ -42,7 +41,7 @@ fn report(robot: &Robot, samples: &[BaseSample]) -> IdentifyReport {
     let tool = Pose::exp(&poegp_runtime::math::se3::Twist::from_array(&[
         0.08, -0.05, 0.12, 0.3, 0.2, -0.4,
     ]));
-    let chain = with_ends(&nominal_chain(robot).unwrap(), &Pose::identity(), &tool);
+    let chain = with_ends(&robot.chain().unwrap(), &Pose::identity(), &tool);
     let task = Task {
         robot,
         chain: &chain,
@@ -207,7 +206,7 @@ fn hardly_any_poses() {
     assert!(
         identify(&Task {
             robot: &robot,
-            chain: &nominal_chain(&robot).unwrap(),
+            chain: &robot.chain().unwrap(),
             tools: &[Pose::identity()],
             samples: &[],
             noise: noise(),
@@ -220,7 +219,7 @@ fn hardly_any_poses() {
 #[test]
 fn base_and_tool_only() {
     let robot = robot("ur5");
-    let chain = nominal_chain(&robot).unwrap();
+    let chain = robot.chain().unwrap();
     let samples = poses(&robot, 60, |_, q| q[2] = 0.3);
     let r = identify(&Task {
         robot: &robot,

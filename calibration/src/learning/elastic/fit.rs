@@ -15,11 +15,11 @@ use crate::learning::elastic::hyperparameters::HyperLayout;
 use crate::learning::elastic::likelihood::{Evidence, Inputs, Search, Solved};
 use crate::learning::elastic::options::{ElasticOptions, OutlierPolicy};
 use crate::learning::elastic::outliers::{LeaveOneOut, Outlier, gross, leave_one_out};
-use crate::learning::elastic::solution::ElasticFit;
+use crate::learning::elastic::solution::{ElasticFit, FitError};
 use crate::measurement::noise::Scales;
 use crate::measurement::sample::{BaseSample, Sample};
 use crate::numeric::lbfgs::{Ending, minimize};
-use crate::progress;
+use crate::progress::{Cancelled, FitContext};
 use poegp_protocol::limits::MAX_RIPPLE;
 
 /// Poses that the hyperparameters are learnt from.
@@ -55,14 +55,18 @@ pub struct RobustFit {
     pub left_out: Vec<Option<f64>>,
 }
 
-/// [`fit`], with outliers found, and left out when `options` says so.
+/// [`fit`], with outliers reported, and not trained on when `options` says so.
+///
+/// # Errors
+/// [`FitError`].
 pub fn fit_robust(
     chain: &Poe<f64>,
     tools: &[Pose<f64>],
     coupling: Option<&Vec<Vec<f64>>>,
     samples: &[BaseSample],
     options: &ElasticOptions,
-) -> Option<RobustFit> {
+    context: &FitContext,
+) -> Result<RobustFit, FitError> {
     let n = chain.kinds().len();
     let layout = Layout {
         joints: n,
@@ -91,18 +95,25 @@ pub fn fit_robust(
     };
     let setup = setup_units(samples.len());
     let units_of_a_fit = SEARCH_UNITS + setup + 3 * solve_units(samples.len());
-    progress::expect(setup + units_of_a_fit + solve_units(samples.len()));
-    let mut outliers = progress::phase(setup, || gross(samples, &parameters));
+    context.expect(setup + units_of_a_fit + solve_units(samples.len()));
+    let mut outliers = context.phase(setup, || gross(samples, &parameters))?;
     let reject = options.outliers == OutlierPolicy::Reject;
     let remaining = |outliers: &[Outlier]| -> Vec<usize> {
         let bad = |i: &usize| reject && outliers.iter().any(|o| o.sample == *i);
         (0..samples.len()).filter(|i| !bad(i)).collect()
     };
-    let run = |kept: &[usize]| -> Option<(ElasticFit, LeaveOneOut)> {
+    let run = |kept: &[usize]| -> Result<(ElasticFit, LeaveOneOut), FitError> {
         let part: Vec<BaseSample> = kept.iter().map(|i| samples[*i].clone()).collect();
-        let found = fit(chain, tools.to_vec(), coupling.cloned(), &part, options)?;
-        let others = progress::phase(solve_units(part.len()), || leave_one_out(&found, &part));
-        Some((found, others))
+        let found = fit(
+            chain,
+            tools.to_vec(),
+            coupling.cloned(),
+            &part,
+            options,
+            context,
+        )?;
+        let others = context.phase(solve_units(part.len()), || leave_one_out(&found, &part))?;
+        Ok((found, others))
     };
     let mut kept = remaining(&outliers);
     let (mut found, mut others) = run(&kept)?;
@@ -116,10 +127,10 @@ pub fn fit_robust(
     if remaining(&outliers).len() < kept.len() {
         // One pass only: testing again with the quieter noise would never end.
         kept = remaining(&outliers);
-        progress::expect(units_of_a_fit);
+        context.expect(units_of_a_fit);
         (found, others) = run(&kept)?;
     }
-    Some(RobustFit {
+    Ok(RobustFit {
         fit: found,
         outliers,
         kept,
@@ -130,13 +141,17 @@ pub fn fit_robust(
 
 /// Fits to samples whose poses are seen from the base; `chain` is the nominal one to the first target, `tools` are
 /// `joint_n_from_target` of every tool.
+///
+/// # Errors
+/// [`FitError`].
 pub fn fit(
     chain: &Poe<f64>,
     tools: Vec<Pose<f64>>,
     coupling: Option<Vec<Vec<f64>>>,
     samples: &[BaseSample],
     options: &ElasticOptions,
-) -> Option<ElasticFit> {
+    context: &FitContext,
+) -> Result<ElasticFit, FitError> {
     let units = solve_units(samples.len());
     let n = chain.kinds().len();
     let payload = varies(samples);
@@ -155,22 +170,31 @@ pub fn fit(
     };
     let unit = mean_payload(samples);
     let (hyper, bounds) = h.start_and_bounds(unit);
-    let scales = progress::phase(setup_units(samples.len()), || {
+    let scales = context.phase(setup_units(samples.len()), || {
         let scales = parametric_fit(&mut state, samples, &hyper);
         if options.ripple {
             add_ripple(&mut state, samples, &hyper, scales)
         } else {
             scales
         }
-    });
+    })?;
     let inputs = inputs_of(&state, samples);
-    let hyper = progress::phase(SEARCH_UNITS, || {
-        learn(&state, samples, scales, h, hyper, bounds, options)
-    });
+    let hyper = context.phase(SEARCH_UNITS, || {
+        let start = (hyper, bounds);
+        learn(
+            &state,
+            samples,
+            scales,
+            h,
+            start,
+            options.processes,
+            context,
+        )
+    })??;
     if !options.processes {
         // The priors that the evidence prefers, and the parameters under them.
         let scales = parametric_fit(&mut state, samples, &hyper);
-        return Some(ElasticFit {
+        return Ok(ElasticFit {
             origin: state.clone(),
             state,
             hyperparameters: hyper,
@@ -196,7 +220,9 @@ pub fn fit(
         state.move_to(&solution.parameters);
         Some((solution, linear))
     };
-    let (first, linear) = progress::phase(units, || solve(&mut state))?;
+    let (first, linear) = context
+        .phase(units, || solve(&mut state))?
+        .ok_or(FitError::Unsolvable)?;
     if options.ripple {
         // What the processes leave is quieter than what the parameters leave: weaker ripple shows.
         let (residuals, jacobian) = left_over(&first, &hyper, &linear);
@@ -204,8 +230,10 @@ pub fn fit(
         state.add_ripple(&found);
     }
     let origin = state.clone();
-    let (solved, _) = progress::phase(units, || solve(&mut state))?;
-    Some(ElasticFit {
+    let (solved, _) = context
+        .phase(units, || solve(&mut state))?
+        .ok_or(FitError::Unsolvable)?;
+    Ok(ElasticFit {
         origin,
         state,
         hyperparameters: hyper,
@@ -307,10 +335,10 @@ fn learn(
     samples: &[BaseSample],
     scales: Scales,
     layout: HyperLayout,
-    start: Vec<f64>,
-    mut bounds: Vec<(f64, f64)>,
-    options: &ElasticOptions,
-) -> Vec<f64> {
+    (start, mut bounds): (Vec<f64>, Vec<(f64, f64)>),
+    processes: bool,
+    context: &FitContext,
+) -> Result<Vec<f64>, Cancelled> {
     let mut order: Vec<usize> = (0..samples.len()).collect();
     order.shuffle(&mut ChaCha8Rng::seed_from_u64(1));
     order.truncate(HYPERPARAMETER_POSES);
@@ -338,7 +366,7 @@ fn learn(
         inputs: &inputs,
         similarities: &similarities,
         layout,
-        processes: options.processes,
+        processes,
     };
-    minimize(&Search::new(&evidence), &start, &bounds, &ENDING).x
+    Ok(minimize(&Search::new(&evidence), &start, &bounds, &ENDING, context)?.x)
 }

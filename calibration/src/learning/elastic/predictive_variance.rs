@@ -6,14 +6,14 @@ use std::sync::OnceLock;
 use crate::identification::parametric::state::ROWS;
 use crate::learning::elastic::posterior_covariance::PosteriorCovariance;
 use crate::learning::elastic::solution::ElasticFit;
-use crate::learning::elastic::variance_inflation::{FEW, Recipe};
+use crate::learning::elastic::variance_inflation::{REFIT_BELOW, RefitSpec};
 use crate::measurement::sample::{BaseSample, Sample};
 
 /// A fit that can say how well it predicts.
 pub struct Uncertainty {
     posterior: PosteriorCovariance,
     /// How the fit is done again, when poses are few.
-    recipe: Option<Recipe>,
+    refit: Option<RefitSpec>,
     left_out: [f64; 2],
     inflation: OnceLock<[f64; 2]>,
 }
@@ -30,17 +30,17 @@ impl Uncertainty {
     pub fn new(fit: ElasticFit, samples: &[BaseSample], left_out: [f64; 2]) -> Option<Self> {
         Some(Self {
             posterior: PosteriorCovariance::new(fit, samples)?,
-            recipe: None,
+            refit: None,
             left_out,
             inflation: OnceLock::new(),
         })
     }
 
-    /// Scaled by what fits without a fold of the poses ask for, when there are at most [`FEW`] poses.
+    /// Scaled by what fits without a fold of the poses ask for, when there are at most [`REFIT_BELOW`] poses.
     #[must_use]
-    pub fn with_recipe(self, recipe: Recipe) -> Self {
+    pub fn with_refit(self, refit: RefitSpec) -> Self {
         Self {
-            recipe: Some(recipe).filter(|_| self.posterior.samples().len() <= FEW),
+            refit: Some(refit).filter(|_| self.posterior.samples().len() <= REFIT_BELOW),
             ..self
         }
     }
@@ -50,7 +50,7 @@ impl Uncertainty {
     pub fn inflation(&self) -> [f64; 2] {
         *self.inflation.get_or_init(|| {
             let samples = self.posterior.samples();
-            let refitted = self.recipe.as_ref().and_then(|r| r.factor(samples));
+            let refitted = self.refit.as_ref().and_then(|r| r.factor(samples));
             refitted.unwrap_or(self.left_out)
         })
     }

@@ -141,8 +141,8 @@ impl ElasticModel {
         })
     }
 
-    /// The compensated pose and its correction as a twist, without bounding. `base_from_target`.
-    pub fn compensate(
+    /// `base_from_target` with the correction, and the correction as a twist of the base frame; not limited.
+    pub fn corrected(
         &self,
         poe: &Poe<f64>,
         joints: &[f64],

@@ -4,6 +4,20 @@ use crate::identification::parametric::state::State;
 use crate::learning::elastic::hyperparameters::HyperLayout;
 use crate::learning::elastic::likelihood::{Inputs, Solved};
 use crate::measurement::noise::Scales;
+use crate::progress::Cancelled;
+
+/// Why there is no elastic model.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum FitError {
+    /// The equations could not be solved.
+    #[error(
+        "the equations of the elastic model cannot be solved: are these measurements of this robot?"
+    )]
+    Unsolvable,
+    /// The fit was cancelled.
+    #[error(transparent)]
+    Cancelled(#[from] Cancelled),
+}
 
 /// A fitted elastic model, before it is reduced.
 pub struct ElasticFit {

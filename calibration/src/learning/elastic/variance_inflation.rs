@@ -20,16 +20,17 @@ use crate::learning::elastic::reduced_model::ElasticModel;
 use crate::measurement::folds::Folds;
 use crate::measurement::sample::BaseSample;
 use crate::numeric::statistics::{Standardised, calibration_factor};
+use crate::progress::FitContext;
 
 /// Poses up to which the fit is done again: as many as hyperparameters are learnt from. Above, the factor is below 1.1.
-pub const FEW: usize = 200;
+pub const REFIT_BELOW: usize = 200;
 /// Folds, and the seed of their draw.
 const FOLDS: usize = 5;
 const SEED: u64 = 1;
 
 /// What a fit needs beside its samples.
 #[derive(Clone, Debug)]
-pub struct Recipe {
+pub struct RefitSpec {
     /// The nominal chain to the first target.
     pub chain: Poe<f64>,
     /// `joint_n_from_target` of every tool.
@@ -40,7 +41,7 @@ pub struct Recipe {
     pub options: ElasticOptions,
 }
 
-impl Recipe {
+impl RefitSpec {
     /// What standard deviations of a fit to `samples` must be multiplied with; `None` when a fold cannot be fitted.
     pub fn factor(&self, samples: &[BaseSample]) -> Option<[f64; 2]> {
         let folds = Folds::draw(samples, self.chain.kinds(), FOLDS, SEED);
@@ -61,15 +62,21 @@ impl Recipe {
     ) -> Option<()> {
         let (coupling, options) = (self.coupling.as_ref(), &self.options);
         let tools = self.tools.clone();
-        let mut found = fit(&self.chain, tools, coupling.cloned(), train, options)?;
+        let found = fit(
+            &self.chain,
+            tools,
+            coupling.cloned(),
+            train,
+            options,
+            &FitContext::default(),
+        );
+        let mut found = found.ok()?;
         let model = ElasticModel::new(&mut found, train, coupling, options)?;
         let (chain, tools) = (found.state.chain(0), found.state.tools.clone());
         let posterior = PosteriorCovariance::new(found, train)?;
         let first = tools.first()?.inverse();
         for sample in test {
-            let target = model
-                .compensate(&chain, &sample.joints, sample.payload_kg)
-                .0;
+            let target = model.corrected(&chain, &sample.joints, sample.payload_kg).0;
             let predicted = target * (first * *tools.get(sample.tool)?);
             let error = residual_components(UNWEIGHTED, &sample.observation, &predicted);
             let factor = posterior.payload_factor(sample.payload_kg, [1.0; 2]);

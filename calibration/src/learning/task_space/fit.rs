@@ -15,7 +15,7 @@ use crate::learning::task_space::{
     Hyperparameters, NotPositiveDefinite, Pairs, TaskSpaceGp, scale_outputs,
 };
 use crate::numeric::lbfgs::{Ending, Minimum, Objective, minimize};
-use crate::progress;
+use crate::progress::{Cancelled, FitContext};
 
 /// How the outputs share their hyperparameters.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -46,6 +46,38 @@ pub const MAX_SIGNAL_VARIANCE: f64 = BOUNDS[0].1;
 /// When a search ends: the last step lowers the value by as little as scipy asks for, whose search scikit-learn uses.
 const ENDING: Ending = Ending::after(100, 2.2e-9);
 
+/// What limits the signal variance θ₀, in units of the outputs' mean square.
+///
+/// A large θ₀ with a long lengthscale makes large weights that almost cancel, which single precision cannot hold; along
+/// that ridge the likelihood is nearly flat. [`crate::blob::write::calibrate_to_blob`] lowers the limit when it must.
+#[derive(Clone, Copy, Debug)]
+pub struct SignalVarianceLimit {
+    /// The limit.
+    pub value: f64,
+    /// The hyperparameters of the same data under a higher limit. Where they respect this one they are the optimum here,
+    /// too; elsewhere one of the searches begins there.
+    pub under_higher: Option<[Hyperparameters; OUTPUTS]>,
+}
+
+impl SignalVarianceLimit {
+    /// That of the search alone.
+    pub const HIGHEST: Self = Self {
+        value: MAX_SIGNAL_VARIANCE,
+        under_higher: None,
+    };
+}
+
+/// Why there is no process.
+#[derive(Clone, Copy, Debug, thiserror::Error)]
+pub enum TaskSpaceError {
+    /// The Gram matrix could not be factored.
+    #[error(transparent)]
+    NotPositiveDefinite(#[from] NotPositiveDefinite),
+    /// The fit was cancelled.
+    #[error(transparent)]
+    Cancelled(#[from] Cancelled),
+}
+
 /// Evaluations that the searches from all starts take, about.
 const SEARCH_UNITS: u64 = 80;
 
@@ -75,12 +107,16 @@ impl Objective for NegativeLogLikelihood<'_> {
 
 /// The hyperparameters that maximise the likelihood of the columns of `outputs` (unit RMS) with θ₀ at most
 /// `max_signal_variance`, and that likelihood.
+///
+/// # Errors
+/// [`Cancelled`].
 pub fn maximise_likelihood(
     pairs: &Pairs,
     outputs: &Mat<f64>,
     max_signal_variance: f64,
-) -> (Hyperparameters, f64) {
-    maximise_from(&STARTS, pairs, outputs, max_signal_variance)
+    context: &FitContext,
+) -> Result<(Hyperparameters, f64), Cancelled> {
+    maximise_from(&STARTS, pairs, outputs, max_signal_variance, context)
 }
 
 fn maximise_from(
@@ -88,7 +124,8 @@ fn maximise_from(
     pairs: &Pairs,
     outputs: &Mat<f64>,
     max_signal_variance: f64,
-) -> (Hyperparameters, f64) {
+    context: &FitContext,
+) -> Result<(Hyperparameters, f64), Cancelled> {
     let objective = NegativeLogLikelihood {
         pairs,
         outputs,
@@ -96,7 +133,7 @@ fn maximise_from(
     };
     let mut bounds = BOUNDS.map(|(lower, upper)| (lower.ln(), upper.ln()));
     bounds[0].1 = max_signal_variance.ln();
-    progress::expect(SEARCH_UNITS);
+    context.expect(SEARCH_UNITS);
     let mut best: Option<Minimum> = None;
     for start in starts {
         let ending = Ending {
@@ -104,51 +141,51 @@ fn maximise_from(
             distance: SAME_OPTIMUM * (outputs.nrows() * outputs.ncols()) as f64,
             ..ENDING
         };
-        let found = progress::phase(SEARCH_UNITS / starts.len() as u64, || {
-            minimize(&objective, &start.map(f64::ln), &bounds, &ending)
-        });
+        let found = context.phase(SEARCH_UNITS / starts.len() as u64, || {
+            minimize(&objective, &start.map(f64::ln), &bounds, &ending, context)
+        })??;
         if best.as_ref().is_none_or(|b| found.value < b.value) {
             best = Some(found);
         }
     }
     let best = best.expect("there are starting points");
     let theta: Vec<f64> = best.x.iter().map(|l| l.exp()).collect();
-    (Hyperparameters::from_array(&theta), -best.value)
+    Ok((Hyperparameters::from_array(&theta), -best.value))
 }
 
-/// Fits the process to `residuals` (twists (v, ω), m and rad) at `inputs`, with θ₀ at most `max_signal_variance`.
-///
-/// `larger` is what was found for the same data under a larger bound: where that respects this one, it is the optimum
-/// here, too, and elsewhere one of the searches begins there.
+/// Fits the process to `residuals` (twists (v, ω), m and rad) at `inputs`, with θ₀ within `limit`.
 ///
 /// # Errors
-/// [`NotPositiveDefinite`].
+/// [`TaskSpaceError`].
 pub fn fit(
     inputs: Vec<Vec<f64>>,
     residuals: &[[f64; OUTPUTS]],
     sharing: HyperparameterSharing,
-    max_signal_variance: f64,
-    larger: Option<&[Hyperparameters; OUTPUTS]>,
-) -> Result<TaskSpaceGp, NotPositiveDefinite> {
+    limit: &SignalVarianceLimit,
+    context: &FitContext,
+) -> Result<TaskSpaceGp, TaskSpaceError> {
     let pairs = Pairs::new(&inputs);
     let (_, scaled) = scale_outputs(residuals);
-    let optimum = |outputs: &Mat<f64>, c: usize| match larger.map(|known| known[c]) {
-        None => maximise_likelihood(&pairs, outputs, max_signal_variance).0,
-        Some(known) if known.kernel.signal_variance < max_signal_variance => known,
-        Some(known) => {
-            // From there alone the search may end far below: what is clipped to the bound belongs to other length scales.
-            let starts = [STARTS[0], known.to_array()];
-            maximise_from(&starts, &pairs, outputs, max_signal_variance).0
+    let highest = limit.value;
+    let optimum = |outputs: &Mat<f64>, c: usize| -> Result<Hyperparameters, Cancelled> {
+        match limit.under_higher.map(|known| known[c]) {
+            None => Ok(maximise_likelihood(&pairs, outputs, highest, context)?.0),
+            Some(known) if known.kernel.signal_variance < highest => Ok(known),
+            Some(known) => {
+                // From there alone the search may end far below: what is clipped to the limit belongs to other lengthscales.
+                let starts = [STARTS[0], known.to_array()];
+                Ok(maximise_from(&starts, &pairs, outputs, highest, context)?.0)
+            }
         }
     };
     let hyperparameters = match sharing {
-        HyperparameterSharing::Shared => vec![optimum(&scaled, 0)],
+        HyperparameterSharing::Shared => vec![optimum(&scaled, 0)?],
         HyperparameterSharing::PerOutput => (0..OUTPUTS)
             .map(|c| {
                 let column = Mat::from_fn(scaled.nrows(), 1, |i, _| scaled[(i, c)]);
                 optimum(&column, c)
             })
-            .collect(),
+            .collect::<Result<_, _>>()?,
     };
-    TaskSpaceGp::condition(hyperparameters, inputs, residuals)
+    Ok(TaskSpaceGp::condition(hyperparameters, inputs, residuals)?)
 }

@@ -1,0 +1,116 @@
+//! A calibrated robot in `f64`.
+
+use poegp_protocol::limits::OUTPUTS;
+use poegp_runtime::kinematics::poe::Poe;
+use poegp_runtime::math::se3::Pose;
+
+use crate::identification::base_tool::UNWEIGHTED;
+use crate::identification::base_tools::Ends;
+use crate::identification::frame_fit::{FrameFit, residual_components};
+use crate::learning::elastic::outliers::Outlier;
+use crate::measurement::sample::{BaseSample, Sample};
+use crate::model::config::Config;
+use crate::model::correction::Correction;
+use crate::model::methods::problem::FrameEstimate;
+
+/// A calibrated robot in `f64`.
+#[derive(Debug)]
+pub struct Calibration {
+    /// How it was made.
+    pub config: Config,
+    /// Base and tools on the nominal robot: the gauge.
+    pub base_and_tools: Ends,
+    /// `first_target_from_target` of each tool as calibrated.
+    pub tools: Vec<Pose<f64>>,
+    /// The nominal chain from base to target.
+    pub nominal: Poe<f64>,
+    /// The calibrated chain from base to target.
+    pub calibrated: Poe<f64>,
+    /// What the model adds to the chain.
+    pub correction: Correction,
+    /// How the frames were estimated.
+    pub estimate: FrameEstimate,
+    /// RMS of one position and one rotation component of the training residual, m and rad.
+    pub residual_rms: (f64, f64),
+    /// The limit of the correction: metres and radians.
+    pub correction_limit: (f64, f64),
+}
+
+impl Calibration {
+    /// Measurements that do not belong, by their index; `config.outliers` says whether they were trained on.
+    pub fn outliers(&self) -> &[Outlier] {
+        match &self.estimate {
+            FrameEstimate::Parametric { outliers, .. } => outliers,
+            _ => &[],
+        }
+    }
+
+    /// What the least-squares fit of the frames did, if there was one.
+    pub fn frame_fit(&self) -> Option<&FrameFit> {
+        match &self.estimate {
+            FrameEstimate::LeastSquares(fit) => Some(fit),
+            _ => None,
+        }
+    }
+
+    /// `base_from_target` of the sample's tool as the f64 model has it, with the correction not limited.
+    pub fn predict<F>(&self, sample: &Sample<F>) -> Pose<f64> {
+        let first = self.correction.corrected(&self.calibrated, sample).0;
+        match self.tools.get(sample.tool) {
+            Some(tool) if sample.tool > 0 => first * *tool,
+            _ => first,
+        }
+    }
+
+    /// Predictive standard deviation of a new measurement: position along the axes of the base frame in metres, rotation
+    /// about them in radians. Of the elastic model from parameters, processes and noise; of the task-space process by eq. 7
+    /// and its noise; of the chain alone the RMS of its training residual.
+    pub fn standard_deviation<F: Clone>(&self, sample: &Sample<F>) -> Option<[f64; OUTPUTS]> {
+        if let FrameEstimate::Parametric {
+            uncertainty: Some(uncertainty),
+            ..
+        } = &self.estimate
+        {
+            let sample = sample.clone().with_noise(self.config.instrument_noise());
+            return Some(uncertainty.standard_deviation(&sample));
+        }
+        if let Correction::TaskSpace(task_space) = &self.correction {
+            let tool = self.calibrated.forward(&sample.serial_joints);
+            return Some(task_space.standard_deviation(sample, &tool));
+        }
+        let (p, r) = self.residual_rms;
+        Some([p, p, p, r, r, r])
+    }
+
+    /// The RMS of one position and one rotation component of the residual of `samples`, m and rad.
+    pub(super) fn rms(&self, samples: &[BaseSample]) -> (f64, f64) {
+        let of = |s: &BaseSample| residual_components(UNWEIGHTED, &s.observation, &self.predict(s));
+        let (mut position, mut orientation, mut whole) = (0.0, 0.0, 0);
+        for sample in samples {
+            let r = of(sample);
+            position += r[..3].iter().map(|x| x * x).sum::<f64>();
+            if sample.observation.has_orientation() {
+                orientation += r[3..].iter().map(|x| x * x).sum::<f64>();
+                whole += 1;
+            }
+        }
+        let rms = |sum: f64, n: usize| (sum / (3 * n).max(1) as f64).sqrt();
+        (rms(position, samples.len()), rms(orientation, whole))
+    }
+
+    /// The limit that is asked for, else twice the largest correction of `samples`: metres and radians.
+    pub(super) fn limit(&self, samples: &[BaseSample]) -> (f64, f64) {
+        let (mut displacement, mut angle) = (0.0_f64, 0.0_f64);
+        for sample in samples {
+            let (_, twist) = self.correction.corrected(&self.calibrated, sample);
+            let point = self.calibrated.forward(&sample.serial_joints).translation;
+            displacement = displacement.max(twist.at_point(&point).linear.norm());
+            angle = angle.max(twist.angular.norm());
+        }
+        let asked = |value: Option<f64>, twice| value.map_or(twice, |x| 1e-3 * x);
+        (
+            asked(self.config.max_correction_mm, 2.0 * displacement),
+            asked(self.config.max_correction_mrad, 2.0 * angle),
+        )
+    }
+}

@@ -1,0 +1,67 @@
+//! Why a calibration failed.
+
+use poegp_runtime::kinematics::poe::WrongChain;
+
+use crate::learning::elastic::solution::FitError;
+use crate::learning::task_space::fit::TaskSpaceError;
+use crate::progress::Cancelled;
+
+/// Why a calibration failed.
+#[derive(Debug, thiserror::Error)]
+pub enum CalibrationError {
+    /// Not enough poses for the parameters that are estimated.
+    #[error(
+        "{found} poses: `{method}` needs at least {needed} (six equations each, {parameters} unknowns)"
+    )]
+    TooFewPoses {
+        /// Poses there.
+        found: usize,
+        /// Poses needed.
+        needed: usize,
+        /// Identifiable parameters.
+        parameters: usize,
+        /// The method asked for.
+        method: &'static str,
+    },
+    /// The task-space process for data with several tools or positions alone.
+    #[error(
+        "`{method}` compares whole poses of one tool; use base-tool, poe or elastic for several sessions or targets, or positions alone"
+    )]
+    OneToolOnly {
+        /// The method asked for.
+        method: &'static str,
+    },
+    /// A method that needs the payload, for data without payloads.
+    #[error("`poe-gp-load` needs a payload_kg column; without one use `poe-gp`")]
+    NoPayload,
+    /// The robot has no chain of 1 to 8 joints.
+    #[error(transparent)]
+    Chain(#[from] WrongChain),
+    /// The elastic model could not be fitted.
+    #[error(transparent)]
+    Elastic(FitError),
+    /// The task-space process could not be fitted.
+    #[error(transparent)]
+    TaskSpace(TaskSpaceError),
+    /// The calibration was cancelled.
+    #[error(transparent)]
+    Cancelled(#[from] Cancelled),
+}
+
+impl From<FitError> for CalibrationError {
+    fn from(error: FitError) -> Self {
+        match error {
+            FitError::Cancelled(cancelled) => Self::Cancelled(cancelled),
+            FitError::Unsolvable => Self::Elastic(error),
+        }
+    }
+}
+
+impl From<TaskSpaceError> for CalibrationError {
+    fn from(error: TaskSpaceError) -> Self {
+        match error {
+            TaskSpaceError::Cancelled(cancelled) => Self::Cancelled(cancelled),
+            TaskSpaceError::NotPositiveDefinite(_) => Self::TaskSpace(error),
+        }
+    }
+}

@@ -1,0 +1,65 @@
+//! The elastic model: the chain, gravity terms, gear ripple and joint processes, solved together.
+
+use crate::learning::elastic::device_variance::device_sigma;
+use crate::learning::elastic::fit::{fit_robust, solve_units};
+use crate::learning::elastic::options::ElasticOptions;
+use crate::learning::elastic::predictive_variance::Uncertainty;
+use crate::learning::elastic::reduced_model::ElasticModel;
+use crate::learning::elastic::solution::FitError;
+use crate::learning::elastic::variance_inflation::RefitSpec;
+use crate::measurement::sample::BaseSample;
+use crate::model::correction::Correction;
+use crate::model::error::CalibrationError;
+use crate::model::methods::problem::{
+    CalibrationMethod, Fit, FrameEstimate, Problem, seen_from_first,
+};
+use crate::progress::FitContext;
+
+/// The elastic model.
+pub struct Elastic;
+
+impl CalibrationMethod for Elastic {
+    fn fit(&self, problem: &Problem, context: &FitContext) -> Result<Fit, CalibrationError> {
+        fit_elastic(problem, &problem.elastic, context)
+    }
+}
+
+/// The elastic model with these options.
+pub(super) fn fit_elastic(
+    problem: &Problem,
+    options: &ElasticOptions,
+    context: &FitContext,
+) -> Result<Fit, CalibrationError> {
+    let (nominal, coupling) = (&problem.nominal, problem.coupling);
+    let samples = &problem.samples;
+    let mut robust = fit_robust(nominal, &problem.tools, coupling, samples, options, context)?;
+    let kept: Vec<BaseSample> = robust.kept.iter().map(|i| samples[*i].clone()).collect();
+    let model = context.phase(solve_units(kept.len()), || {
+        ElasticModel::new(&mut robust.fit, &kept, coupling, options)
+    })?;
+    let mut model = model.ok_or(FitError::Unsolvable)?;
+    if options.device_sigma && options.tied && options.processes {
+        model.sigma = device_sigma(&robust, &kept, model.coupling.as_ref());
+    }
+    let (chain, tools) = (
+        robust.fit.state.chain(0),
+        seen_from_first(&robust.fit.state.tools),
+    );
+    let uncertainty = Uncertainty::new(robust.fit, &kept, robust.inflation).map(|u| {
+        Box::new(u.with_refit(RefitSpec {
+            chain: *nominal,
+            tools: problem.tools.clone(),
+            coupling: coupling.cloned(),
+            options: *options,
+        }))
+    });
+    Ok(Fit {
+        chain,
+        tools,
+        correction: Correction::Elastic(Box::new(model)),
+        estimate: FrameEstimate::Parametric {
+            outliers: robust.outliers,
+            uncertainty,
+        },
+    })
+}

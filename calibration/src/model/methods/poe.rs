@@ -1,0 +1,75 @@
+//! All frames of the chain: step 1 of the paper.
+
+use poegp_runtime::kinematics::poe::Poe;
+
+use crate::identification::base_tool::UNWEIGHTED;
+use crate::identification::frame_fit::{FrameFit, ResidualKind, fit_frames, residual_components};
+use crate::learning::elastic::options::ElasticOptions;
+use crate::measurement::noise::Scales;
+use crate::measurement::sample::BaseSample;
+use crate::model::correction::Correction;
+use crate::model::error::CalibrationError;
+use crate::model::methods::elastic::fit_elastic;
+use crate::model::methods::problem::{
+    CalibrationMethod, Fit, FrameEstimate, Problem, Weighting, has_single_tool_full_poses,
+    seen_from_first,
+};
+use crate::progress::FitContext;
+
+/// All frames of the chain.
+pub struct PoeMethod;
+
+impl CalibrationMethod for PoeMethod {
+    fn fit(&self, problem: &Problem, context: &FitContext) -> Result<Fit, CalibrationError> {
+        if has_single_tool_full_poses(&problem.samples) {
+            let (chain, frame_fit) = fit_chain(problem);
+            return Ok(Fit {
+                chain,
+                tools: seen_from_first(&problem.tools),
+                correction: Correction::None,
+                estimate: FrameEstimate::LeastSquares(frame_fit),
+            });
+        }
+        // The paper compares whole poses of one tool; other data get the same parameters by weighted least squares.
+        let options = ElasticOptions {
+            gravity_terms: false,
+            processes: false,
+            ripple: false,
+            ..problem.elastic
+        };
+        let fit = fit_elastic(problem, &options, context)?;
+        Ok(Fit {
+            correction: Correction::None,
+            ..fit
+        })
+    }
+}
+
+/// All frames of the chain by least squares, weighted as `problem` says.
+pub(super) fn fit_chain(problem: &Problem) -> (Poe<f64>, FrameFit) {
+    let (mut chain, samples) = (problem.nominal, &problem.samples);
+    let free: Vec<usize> = (0..chain.frames().len()).collect();
+    if problem.weighting == Weighting::None {
+        let fit = fit_frames(&mut chain, samples, &free, ResidualKind::Space);
+        return (chain, fit);
+    }
+    // Noise and model error of position and rotation are estimated from the residuals: a few rounds settle.
+    let mut fit = fit_frames(&mut chain, samples, &free, UNWEIGHTED);
+    for _ in 0..NOISE_ROUNDS {
+        let kind = estimated_noise(&chain, samples);
+        fit = fit_frames(&mut chain, samples, &free, kind);
+    }
+    (chain, fit)
+}
+
+/// Rounds of noise estimation in a weighted fit.
+const NOISE_ROUNDS: usize = 4;
+
+/// The noise of position and rotation that the residuals ask for, at the tool point; rows of their own noise have theirs.
+fn estimated_noise(chain: &Poe<f64>, samples: &[BaseSample]) -> ResidualKind {
+    let residual = |s: &BaseSample| {
+        residual_components(UNWEIGHTED, &s.observation, &chain.forward(&s.serial_joints))
+    };
+    let residuals: Vec<[f64; 6]> = samples.iter().map(residual).collect();
+    ResidualKind::ToolCentred(Scales::estimated(&residuals, samples).at_least(1e-9))
+}

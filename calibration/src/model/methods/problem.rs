@@ -1,0 +1,126 @@
+//! What every calibration method is given and what it returns.
+
+use poegp_runtime::kinematics::poe::Poe;
+use poegp_runtime::math::se3::Pose;
+use serde::{Deserialize, Serialize};
+
+use crate::identification::base_tools::tool_count;
+use crate::identification::frame_fit::FrameFit;
+use crate::learning::elastic::options::ElasticOptions;
+use crate::learning::elastic::outliers::Outlier;
+use crate::learning::elastic::predictive_variance::Uncertainty;
+use crate::learning::task_space::fit::{HyperparameterSharing, SignalVarianceLimit};
+use crate::measurement::sample::{BaseSample, Sample};
+use crate::model::correction::Correction;
+use crate::model::error::CalibrationError;
+use crate::progress::FitContext;
+
+/// A calibration method.
+pub trait CalibrationMethod: Sync {
+    /// What it needs of the data.
+    fn requires(&self) -> DataRequirements {
+        DataRequirements::default()
+    }
+
+    /// Upper limit on the identifiable parameters of a robot of `joints` joints: 4 for each revolute joint, 6 for the tool.
+    fn parameters(&self, joints: usize) -> usize {
+        4 * joints + 6
+    }
+
+    /// Least number of whole poses of a robot of `joints` joints: equations for all parameters, and six more.
+    fn min_poses(&self, joints: usize) -> usize {
+        self.parameters(joints).div_ceil(6) + 1
+    }
+
+    /// Fits the model.
+    ///
+    /// # Errors
+    /// [`CalibrationError`].
+    fn fit(&self, problem: &Problem, context: &FitContext) -> Result<Fit, CalibrationError>;
+}
+
+/// Every tool seen from the first.
+pub(super) fn seen_from_first(tools: &[Pose<f64>]) -> Vec<Pose<f64>> {
+    tools.iter().map(|t| tools[0].inverse() * *t).collect()
+}
+
+/// What a method needs of the data.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct DataRequirements {
+    /// Whole poses of one tool: no positions alone, one session and one target.
+    pub single_tool_full_poses: bool,
+    /// The payload of every pose.
+    pub payload: bool,
+}
+
+impl DataRequirements {
+    /// Whether `samples` meet them.
+    pub fn are_met_by<F>(&self, samples: &[Sample<F>]) -> bool {
+        (!self.single_tool_full_poses || has_single_tool_full_poses(samples))
+            && (!self.payload || samples.iter().all(|s| s.payload_kg.is_some()))
+    }
+}
+
+/// Whether the samples are whole poses of one tool.
+pub(crate) fn has_single_tool_full_poses<F>(samples: &[Sample<F>]) -> bool {
+    tool_count(samples) == 1 && samples.iter().all(|s| s.observation.has_orientation())
+}
+
+/// How poses count in the frame fit.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Weighting {
+    /// All alike, as in the paper: the residual is the spatial twist in metres and radians.
+    #[default]
+    None,
+    /// By the noise of position and rotation, with the rotation taken at the tool point.
+    Noise,
+}
+
+/// What a method fits: samples in the base frame of the base-tool fit, and the settings.
+pub struct Problem<'a> {
+    /// The nominal chain from base to the first target.
+    pub nominal: Poe<f64>,
+    /// `joint_n_from_target` of every tool on the nominal robot.
+    pub tools: Vec<Pose<f64>>,
+    /// C of q_serial = C q.
+    pub coupling: Option<&'a Vec<Vec<f64>>>,
+    /// The measurements, `base_from_target`.
+    pub samples: Vec<BaseSample>,
+    /// How poses count in the frame fit.
+    pub weighting: Weighting,
+    /// How the outputs of the task-space process share their hyperparameters.
+    pub hyperparameters: HyperparameterSharing,
+    /// What limits the signal variance of the task-space process.
+    pub signal_variance: &'a SignalVarianceLimit,
+    /// How the elastic model is fitted.
+    pub elastic: ElasticOptions,
+}
+
+/// A fitted model.
+pub struct Fit {
+    /// The calibrated chain from base to the first target.
+    pub chain: Poe<f64>,
+    /// `first_target_from_target` of every tool.
+    pub tools: Vec<Pose<f64>>,
+    /// What it adds to the chain.
+    pub correction: Correction,
+    /// How the frames were estimated.
+    pub estimate: FrameEstimate,
+}
+
+/// How the frames of a calibration were estimated.
+#[derive(Debug)]
+pub enum FrameEstimate {
+    /// They are the nominal ones.
+    Nominal,
+    /// Least squares over all frames.
+    LeastSquares(FrameFit),
+    /// Together with all other parameters of the elastic model.
+    Parametric {
+        /// Outliers by the index of their sample.
+        outliers: Vec<Outlier>,
+        /// The predictive covariance, when there are processes.
+        uncertainty: Option<Box<Uncertainty>>,
+    },
+}
