@@ -1,7 +1,7 @@
 //! How long the parts take, on one core of the workstation: `cargo bench -p poegp-calibration`.
 //!
 //! Times depend on the machine and are for comparing two versions on one; what the project promises are ratios and
-//! instruction counts (`docs/performance.md`). Data: the first simulated set of `tests/data`, 300 poses, six joints, a
+//! instruction counts (`docs/evidence/performance.md`). Data: the first simulated set of `tests/data`, 300 poses, six joints, a
 //! payload.
 
 use std::hint::black_box;

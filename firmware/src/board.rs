@@ -1,7 +1,7 @@
 //! The boards. One is chosen here, by feature; the rest of the firmware knows the names below and no address.
 //!
 //! A board of one's own is one more module with an implementation of [`Board`], made of the traits of embedded-io
-//! (serial lines), embedded-storage (flash) and embedded-hal (a pin). `docs/porting.md` goes through the smallest one.
+//! (serial lines), embedded-storage (flash) and embedded-hal (a pin). `docs/reference/porting.md` goes through the smallest one.
 
 use embedded_hal::digital::OutputPin;
 use embedded_io::{Read, ReadReady, Write, WriteReady};

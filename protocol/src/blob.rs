@@ -5,7 +5,7 @@
 //!
 //! Whoever reads a blob learns by name what is wrong with it: [`decode`] refuses a foreign file, another version, a
 //! length that does not fit, any changed bit and any byte too few or too many. It does *not* judge the numbers: that is
-//! the checked constructor of the runtime. `docs/blob-format.md` has a worked example in hex.
+//! the checked constructor of the runtime. `docs/reference/blob-format.md` has a worked example in hex.
 //!
 //! What the device would have to precompute is stored ready made: frames are exponentiated, inputs scaled by their
 //! reciprocal length scales, the constant and linear parts of the kernel collapsed into an affine map. All numbers of

@@ -9,7 +9,7 @@
 //!
 //! and `poegp public key, Ed25519` likewise. Nothing here prints or returns key material in an error; secrets are wiped
 //! from memory when they go out of scope. What is signed is all of the blob before its trailer, flag and checksum
-//! included (`docs/blob-format.md`).
+//! included (`docs/reference/blob-format.md`).
 
 use std::path::Path;
 

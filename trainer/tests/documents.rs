@@ -1,4 +1,4 @@
-//! The documents of the workspace: what they tell the reader to type works, and what they link to is there.
+//! The documents of the workspace: their commands work, their links lead somewhere, and their numbers agree.
 //!
 //! A fenced block after one of these comments, which a browser does not show, is part of the test:
 //!
@@ -12,6 +12,9 @@
 //! In a block that is run, `cargo run --release -p poegp-tests --example firmware FILE` builds the image without that cargo.
 //! All blocks of a document share one new folder. There is no shell: no quotes, pipes or variables. A line that ends with
 //! `&` goes on in the background until the end of the document; the next waits until it has printed what it has to say.
+//! `until [ -S FILE ]; do sleep 0.1; done` waits for a socket in a shell; here it must exist.
+//!
+//! `<!-- record: ROW -->NUMBER` quotes the record of docs/evidence/performance.md.
 
 use std::fs;
 use std::io::Read;
@@ -22,6 +25,12 @@ use std::process::{Child, Command, Stdio};
 #[allow(dead_code, reason = "the tests of the device use more of it")]
 #[path = "../../tests/src/firmware_build.rs"]
 mod firmware_build;
+
+/// Where the device's figures are recorded.
+const RECORD: &str = "docs/evidence/performance.md";
+
+/// The generated page.
+const COMMANDS: &str = "docs/reference/commands.md";
 
 /// Instruction of the README's way from a clone to a report.
 const FIRST: &str = "first";
@@ -85,24 +94,29 @@ fn new_folder(name: &str) -> PathBuf {
 /// Runs every block of a document and returns the folder.
 fn run(name: &str) -> PathBuf {
     let folder = new_folder(&name.replace(['/', '.'], "_"));
+    run_in(&folder, name);
+    folder
+}
+
+/// Runs every block of a document in a folder that exists.
+fn run_in(folder: &Path, name: &str) {
     let mut background = Background(Vec::new());
     for block in blocks(name) {
         let place = format!("{name}:{}", block.line);
         match block.instruction.split_once(' ') {
             Some(("file", file)) => fs::write(folder.join(file), &block.text).unwrap(),
             None if block.instruction == "run" => {
-                run_block(&block, &folder, 0, &place, &mut background)
+                run_block(&block, folder, 0, &place, &mut background)
             }
             None if block.instruction == FIRST => {}
             Some(("run,", exit)) => {
                 let code = exit.strip_prefix("exit ").and_then(|c| c.parse().ok());
                 let code = code.unwrap_or_else(|| panic!("{place}: {exit:?}"));
-                run_block(&block, &folder, code, &place, &mut background);
+                run_block(&block, folder, code, &place, &mut background);
             }
             _ => panic!("{place}: unknown instruction {:?}", block.instruction),
         }
     }
-    folder
 }
 
 /// Programs that go on; ended with this.
@@ -140,6 +154,15 @@ fn run_block(block: &Block, folder: &Path, exit: i32, place: &str, background: &
             fs::copy(&image.elf, folder.join(file)).unwrap();
             continue;
         }
+        if let Some(rest) = typed.strip_prefix("until [ -S ") {
+            let (socket, rest) = rest.split_once(' ').unwrap();
+            assert!(
+                rest.starts_with("]; do sleep 0.1; done"),
+                "{place}: {typed}"
+            );
+            assert!(folder.join(socket).exists(), "{place}: no {socket}");
+            continue;
+        }
         let Some(arguments) = typed.strip_prefix("trainer ") else {
             let is_output = !line.is_empty() && !line.starts_with('#');
             assert!(
@@ -171,7 +194,7 @@ fn run_block(block: &Block, folder: &Path, exit: i32, place: &str, background: &
 
 #[test]
 fn the_commands_work() {
-    let folder = run("docs/commands.md");
+    let folder = run("docs/guide/examples.md");
     for file in [
         "arm.blob",
         "compare.json",
@@ -226,7 +249,7 @@ fn four_commands_lead_from_a_clone_to_a_report() {
 
 #[test]
 fn the_commands_of_the_tutorial_work() {
-    let folder = run("docs/tutorial.md");
+    let folder = run("docs/guide/tutorial.md");
     for file in ["plan.mod", "first.csv", "report.html", "check.json"] {
         assert!(folder.join(file).is_file(), "{file}");
     }
@@ -237,22 +260,11 @@ fn the_commands_of_the_tutorial_work() {
     }
 }
 
+/// The project file's commands, and the fleet's example of one on simulated poses of the robot that it names.
 #[test]
-fn the_commands_of_the_check_work() {
-    let folder = run("docs/check.md");
-    assert!(folder.join("check.json").is_file());
-}
-
-#[test]
-fn the_commands_of_the_project_file_work() {
-    let folder = run("docs/cell.md");
+fn the_commands_of_the_page_on_projects_work() {
+    let folder = run("docs/guide/projects.md");
     assert!(folder.join("other.blob").is_file());
-}
-
-/// The fleet's example of a project file, on simulated poses of the arm that it names.
-#[test]
-fn the_cell_of_the_fleet_works() {
-    let folder = run("docs/fleet.md");
     let text = "trainer simulate --robot abb-irb120 --poses 60 --test-sets 1 --out .\n\
                 trainer calibrate fleet.toml --model poe --out arm.blob\n";
     let background = &mut Background(Vec::new());
@@ -262,7 +274,7 @@ fn the_cell_of_the_fleet_works() {
             line: number,
             text: format!("{line}\n"),
         };
-        run_block(&block, &folder, 0, "docs/fleet.md", background);
+        run_block(&block, &folder, 0, "docs/guide/projects.md", background);
         let _ = fs::rename(folder.join("train.csv"), folder.join("measured.csv"));
         let _ = fs::rename(folder.join("test1.csv"), folder.join("test.csv"));
     }
@@ -270,9 +282,15 @@ fn the_cell_of_the_fleet_works() {
 }
 
 #[test]
-fn the_commands_of_the_page_on_the_report_work() {
-    let folder = run("docs/report.md");
-    for file in ["arm.blob", "report.html", "compare.html", "compare.json"] {
+fn the_commands_of_the_page_on_results_work() {
+    let folder = run("docs/guide/reading-results.md");
+    for file in [
+        "arm.blob",
+        "report.html",
+        "compare.html",
+        "compare.json",
+        "check.json",
+    ] {
         assert!(folder.join(file).is_file(), "{file}");
     }
 }
@@ -288,8 +306,8 @@ fn positions(file: &Path) -> Vec<[f64; 3]> {
 }
 
 #[test]
-fn the_examples_of_the_conventions_work_and_describe_one_arm_three_times() {
-    let folder = run("docs/conventions.md");
+fn the_examples_of_robots_and_measurements_work_and_describe_one_robot_three_times() {
+    let folder = run("docs/reference/robot-description.md");
     // By base-tool calibration: any other would fit the differences of the descriptions away.
     let poe = positions(&folder.join("poe.csv"));
     assert_eq!(poe.len(), 20);
@@ -299,11 +317,12 @@ fn the_examples_of_the_conventions_work_and_describe_one_arm_three_times() {
             assert!(apart < 2e-3, "{other}: {apart} mm apart");
         }
     }
+    run_in(&folder, "docs/reference/measurement-file.md");
 }
 
 #[test]
 fn the_examples_of_planning_work() {
-    let folder = run("docs/planning.md");
+    let folder = run("docs/guide/measuring.md");
     for file in ["plan.csv", "check.csv", "plan.mod"] {
         assert!(folder.join(file).is_file(), "{file}");
     }
@@ -311,7 +330,7 @@ fn the_examples_of_planning_work() {
 
 #[test]
 fn the_examples_of_importing_work() {
-    let folder = run("docs/import.md");
+    let folder = run("docs/guide/import.md");
     for file in ["measured.csv", "angles.csv", "vectors.csv", "points.csv"] {
         assert!(folder.join(file).is_file(), "{file}");
     }
@@ -328,34 +347,30 @@ fn anchor(heading: &str) -> String {
     kept.replace(' ', "-")
 }
 
+/// Every Markdown file of the workspace.
+fn documents() -> Vec<PathBuf> {
+    fn collect(folder: &Path, out: &mut Vec<PathBuf>) {
+        for entry in fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            let name = path.file_name().unwrap().to_str().unwrap();
+            let skipped = name.starts_with('.') || name == "target" || name == "demo";
+            if path.is_dir() && !skipped {
+                collect(&path, out);
+            } else if name.ends_with(".md") {
+                out.push(path);
+            }
+        }
+    }
+    let mut all = Vec::new();
+    collect(workspace(), &mut all);
+    all
+}
+
 #[test]
 fn links_lead_somewhere() {
     let mut links = 0;
-    for name in [
-        "README.md",
-        "SECURITY.md",
-        "docs/architecture.md",
-        "docs/assurance.md",
-        "docs/blob-format.md",
-        "docs/cell.md",
-        "docs/check.md",
-        "docs/commands.md",
-        "docs/conventions.md",
-        "docs/fleet.md",
-        "docs/glossary.md",
-        "docs/import.md",
-        "docs/link.md",
-        "docs/measuring.md",
-        "docs/paper.md",
-        "docs/performance.md",
-        "docs/planning.md",
-        "docs/porting.md",
-        "docs/report.md",
-        "docs/supply-chain.md",
-        "docs/tutorial.md",
-    ] {
-        let text = document(name);
-        let path = workspace().join(name);
+    for path in documents() {
+        let (name, text) = (path.display(), fs::read_to_string(&path).unwrap());
         for rest in text.split("](").skip(1) {
             let link = rest.split(')').next().unwrap_or("");
             if link.starts_with("http") {
@@ -376,10 +391,90 @@ fn links_lead_somewhere() {
             assert!(
                 headings
                     .map(|line| anchor(line.trim_start_matches('#')))
-                    .any(|found| found == heading),
+                    .any(|known| known == heading),
                 "{name}: no heading for {link}"
             );
         }
     }
-    assert!(links > 10, "only {links} links found");
+    assert!(links > 100, "only {links} links");
+}
+
+/// Pages that sources and texts of the program name are there.
+#[test]
+fn sources_name_pages_that_exist() {
+    fn collect(folder: &Path, names: &mut Vec<(PathBuf, String)>) {
+        for entry in fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                collect(&path, names);
+            } else if path.extension().is_some_and(|e| e == "rs" || e == "toml") {
+                let text = fs::read_to_string(&path).unwrap();
+                for rest in text.split("docs/").skip(1) {
+                    let end = rest.find(|c: char| !c.is_ascii_alphanumeric() && !"-/.".contains(c));
+                    let page = rest[..end.unwrap_or(rest.len())].trim_end_matches('.');
+                    if page.ends_with(".md") {
+                        names.push((path.clone(), format!("docs/{page}")));
+                    }
+                }
+            }
+        }
+    }
+    let mut names = Vec::new();
+    for folder in [
+        "protocol",
+        "runtime",
+        "calibration",
+        "trainer",
+        "firmware",
+        "tests/src",
+        "tests/tests",
+    ] {
+        collect(&workspace().join(folder), &mut names);
+    }
+    for (source, page) in &names {
+        assert!(
+            workspace().join(page).is_file(),
+            "{}: {page}",
+            source.display()
+        );
+    }
+    assert!(names.len() > 20, "only {} names", names.len());
+}
+
+/// The page is what the command line is. `POEGP_BLESS=1` rewrites it.
+#[test]
+fn command_reference() {
+    let page = poegp_trainer::cli::command_reference();
+    if std::env::var_os("POEGP_BLESS").is_some() {
+        fs::write(workspace().join(COMMANDS), &page).unwrap();
+    }
+    assert!(
+        document(COMMANDS) == page,
+        "{COMMANDS} is stale: POEGP_BLESS=1 cargo test -p poegp-trainer --test documents command_reference"
+    );
+}
+
+/// Numbers that a page repeats are those of the record.
+#[test]
+fn quoted_numbers_are_those_of_the_record() {
+    let record = document(RECORD);
+    let (_, table) = record.split_once("\n## Record\n").unwrap();
+    let table = table.split("\n## ").next().unwrap();
+    let mut quotes = 0;
+    for path in documents() {
+        let text = fs::read_to_string(&path).unwrap();
+        for rest in text.split("<!-- record: ").skip(1) {
+            let (row, rest) = rest.split_once(" -->").unwrap();
+            let end = rest.find(|c: char| !c.is_ascii_digit() && c != ' ');
+            let quoted = rest[..end.unwrap()].trim_end();
+            let line = table
+                .lines()
+                .find(|line| line.starts_with(&format!("| {row} |")))
+                .unwrap_or_else(|| panic!("{}: no record of {row}", path.display()));
+            let recorded = line.split('|').nth(2).unwrap().trim();
+            assert_eq!(quoted, recorded, "{}: {row}", path.display());
+            quotes += 1;
+        }
+    }
+    assert!(quotes >= 3, "only {quotes} quotes");
 }

@@ -1,6 +1,6 @@
 //! The promises of speed that are cheap to keep: ratios in one run, and a generous bound on CPU time.
 //!
-//! `tests/peers/run` measures everything, beside scikit-learn; `docs/performance.md` has its tables. Here, CPU time of
+//! `tests/peers/run` measures everything, beside scikit-learn; `docs/evidence/performance.md` has its tables. Here, CPU time of
 //! the thread as Linux counts it, so that other programs disturb little. Unoptimised programs are another matter: the
 //! bounds of a debug build only catch what got absurd.
 

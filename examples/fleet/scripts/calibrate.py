@@ -1,6 +1,6 @@
 """Calibrates one cell of a fleet and writes what came of it into a folder: arm.blob, report.html, calibrate.json, outcome.json.
 
-cell.toml, the project file of `trainer calibrate` (docs/cell.md), says how; where the outputs go is said here.
+cell.toml, the project file of `trainer calibrate` (docs/guide/projects.md), says how; where the outputs go is said here.
 
 Exit code 0 with an answer, and that the trainer refused the data (1 or 2 of its exit codes) is one. Anything else, as a
 signal, is none: the engine tries again.

@@ -9,7 +9,7 @@
 //! out one at a time in the background. A service that comes while another one is being carried out is answered
 //! [`Refusal::Busy`] and is to be sent again.
 //!
-//! [`REQUESTS`] and [`RESPONSES`] list every message; `docs/link.md` has the same tables with the bytes. Variants are
+//! [`REQUESTS`] and [`RESPONSES`] list every message; `docs/reference/link.md` has the same tables with the bytes. Variants are
 //! append-only within a protocol version: their order is their number on the wire.
 
 mod refusal;

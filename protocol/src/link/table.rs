@@ -1,4 +1,4 @@
-//! Every message of the link in one place. A test compares these rows with the types and with `docs/link.md`.
+//! Every message of the link in one place. A test compares these rows with the types and with `docs/reference/link.md`.
 
 /// One kind of message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,4 +1,4 @@
-//! Every message as bytes, and the tables of the crate and of `docs/link.md`: their numbers never change.
+//! Every message as bytes, and the tables of the crate and of `docs/reference/link.md`: their numbers never change.
 
 use poegp_protocol::frame::{self, MAX_FRAME};
 use poegp_protocol::link::{Message, REQUESTS, RESPONSES, Request, Response};
@@ -9,7 +9,7 @@ use crate::messages::{
     decode_errors, longest_requests, longest_responses, query, refusals, requests, responses,
 };
 
-const LINK: &str = include_str!("../../../docs/link.md");
+const LINK: &str = include_str!("../../../docs/reference/link.md");
 
 fn bytes_of(value: &impl Serialize) -> Vec<u8> {
     let mut buffer = [0; 2_048];
@@ -91,7 +91,7 @@ fn the_tables_are_those_of_the_types() {
     }
 }
 
-/// The rows of the section of `docs/link.md` with this heading, quotes taken off.
+/// The rows of the section of `docs/reference/link.md` with this heading, quotes taken off.
 fn documented(heading: &str) -> Vec<(u8, Vec<String>)> {
     let (_, section) = LINK
         .split_once(&format!("\n## {heading}\n"))
@@ -173,7 +173,10 @@ fn the_lengths_are_those_of_the_documentation() {
         ("longest `Commanded`", on_line(61)),
     ] {
         let row = format!("| {what} | {bytes} |");
-        assert!(LINK.contains(&row), "{row} is not in docs/link.md");
+        assert!(
+            LINK.contains(&row),
+            "{row} is not in docs/reference/link.md"
+        );
     }
     assert_eq!(on_line(longest(&REQUESTS)), MAX_FRAME);
     // What the service relies on: an answer is never longer than the longest request.

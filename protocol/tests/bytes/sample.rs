@@ -1,4 +1,4 @@
-//! The arm of the worked example in `docs/blob-format.md`: one revolute and one prismatic joint, two support points.
+//! The arm of the worked example in `docs/reference/blob-format.md`: one revolute and one prismatic joint, two support points.
 
 use poegp_protocol::JointKind;
 use poegp_protocol::blob::{
@@ -7,7 +7,7 @@ use poegp_protocol::blob::{
 };
 
 /// The documentation that has its bytes.
-pub const BLOB_FORMAT: &str = include_str!("../../../docs/blob-format.md");
+pub const BLOB_FORMAT: &str = include_str!("../../../docs/reference/blob-format.md");
 
 /// Support rows: three scaled inputs and six weights each.
 pub fn rows() -> Vec<u8> {

@@ -274,10 +274,10 @@ proptest! {
     }
 }
 
-/// The worked example of `docs/blob-format.md` is a model, and answers what the page says below it.
+/// The worked example of `docs/reference/blob-format.md` is a model, and answers what the page says below it.
 #[test]
 fn the_blob_of_the_documentation_is_a_model() {
-    let page = include_str!("../../../docs/blob-format.md");
+    let page = include_str!("../../../docs/reference/blob-format.md");
     let listing = page
         .split("```")
         .find_map(|block| block.strip_prefix("hex\n"));

@@ -237,7 +237,7 @@ fn codes_of_load_errors_never_change() {
         LoadError::Ripple,
         LoadError::Groups,
     ];
-    let page = include_str!("../../../docs/link.md");
+    let page = include_str!("../../../docs/reference/link.md");
     let (_, table) = page.split_once("Codes of `Model`").expect("codes");
     for (code, error) in (1..).zip(errors) {
         assert_eq!(error.code(), code);
@@ -245,7 +245,10 @@ fn codes_of_load_errors_never_change() {
         let name = format!("{error:?}");
         let end = name.find(' ').unwrap_or(name.len());
         let row = format!("| {code} | `{}` |", &name[..end]);
-        assert!(table.contains(&row), "{row} is not in docs/link.md");
+        assert!(
+            table.contains(&row),
+            "{row} is not in docs/reference/link.md"
+        );
     }
 }
 

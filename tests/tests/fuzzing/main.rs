@@ -3,7 +3,7 @@
 //!
 //! `POEGP_FUZZ=1000000 cargo test --release -p poegp-tests --test fuzzing -- --nocapture` asks for so many executions of
 //! each target, and `POEGP_FUZZ_SEED` for other ones. `tests/fuzz/run` has libFuzzer look for inputs that reach new code;
-//! docs/assurance.md has the record of a long run.
+//! docs/evidence/verification-evidence.md has the record of a long run.
 
 use std::env;
 use std::fs;

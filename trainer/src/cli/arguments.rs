@@ -240,7 +240,7 @@ pub enum Scenario {
     trainer calibrate [OPTIONS] <CELL.toml>",
     after_help = "A project file (cell.toml) holds robot, instrument, data with their checksums, model and outputs, with paths \
     relative to itself, so that the same calibration, to the bit, can be made again years later. Options of the command line \
-    go before those of the file, and that is said. docs/cell.md has its keys.\n\n\
+    go before those of the file, and that is said. docs/guide/projects.md has its keys.\n\n\
     Examples:\n  \
     trainer calibrate --robot abb-irb120 train.csv --out arm.blob --report report.html\n  \
     trainer calibrate --robot abb-irb120 train.csv --out arm.blob --write-cell cell.toml\n  \

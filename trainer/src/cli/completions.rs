@@ -1,5 +1,6 @@
-//! `trainer completions` and `trainer manual`: what shells and `man` want to know, made from the command line itself.
+//! `trainer completions`, `trainer manual` and the command reference, all generated from the command line itself.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
@@ -8,7 +9,7 @@ use serde_json::json;
 
 use crate::cli::report::Report;
 use crate::cli::simulate::make_folder;
-use crate::cli::{Failure, check_outputs, command, facts_text, write_outputs};
+use crate::cli::{EXIT_CODES, Failure, check_outputs, command, facts_text, write_outputs};
 
 /// `trainer completions`.
 #[derive(Debug, Args)]
@@ -71,6 +72,106 @@ pub fn manual(a: &Manual) -> Result<(), Failure> {
         names[0]
     ));
     Ok(())
+}
+
+/// `docs/reference/commands.md`: every command with its options, from the same text as `--help`. Options that several commands
+/// share are described once.
+pub fn command_reference() -> String {
+    let mut root = command().disable_help_subcommand(true);
+    root.build();
+    let mut leaves = Vec::new();
+    collect_leaves(&root, &mut leaves);
+    let mut uses: BTreeMap<String, usize> = BTreeMap::new();
+    for text in leaves.iter().flat_map(|leaf| options(leaf)) {
+        *uses.entry(text).or_default() += 1;
+    }
+    let shared = |text: &String| uses[text] > 2;
+    let mut page = String::from(
+        "# Commands\n\nGenerated from the command line by `POEGP_BLESS=1 cargo test -p poegp-trainer --test documents \
+         command_reference`.\n\n",
+    );
+    page += &format!(
+        "{EXIT_CODES}\n\n## Shared options\n\nEvery command also accepts `--quiet` and `--help`.\n\n"
+    );
+    for text in uses.keys().filter(|text| shared(text)) {
+        page += &format!("- {text}\n");
+    }
+    for leaf in leaves {
+        let usage = leaf.clone().render_usage().to_string();
+        let usage = usage
+            .trim_start_matches("Usage: ")
+            .replace("\n       ", "\n");
+        let name = leaf.get_bin_name().unwrap_or(leaf.get_name());
+        page += &format!("\n## {name}\n\n{}\n", sentence(leaf.get_about()));
+        page += &format!("\n```text\n{usage}\n```\n\n");
+        let (common, own): (Vec<_>, Vec<_>) = options(leaf).into_iter().partition(shared);
+        for text in own {
+            page += &format!("- {text}\n");
+        }
+        if !common.is_empty() {
+            let names = common
+                .iter()
+                .filter_map(|text| text.split(['`', ' ']).nth(1));
+            let names: Vec<String> = names.map(|name| format!("`{name}`")).collect();
+            page += &format!("- Shared: {}\n", names.join(", "));
+        }
+    }
+    page
+}
+
+fn collect_leaves<'a>(parent: &'a clap::Command, leaves: &mut Vec<&'a clap::Command>) {
+    for command in parent.get_subcommands() {
+        if command.has_subcommands() {
+            collect_leaves(command, leaves);
+        } else {
+            leaves.push(command);
+        }
+    }
+}
+
+/// What each option of a command is, but for those of all commands.
+fn options(command: &clap::Command) -> Vec<String> {
+    let own = command.get_arguments();
+    own.filter(|a| !a.is_global_set() && !a.is_hide_set() && a.get_id() != "help")
+        .map(option)
+        .collect()
+}
+
+/// Name, meaning, values and default of an option.
+fn option(argument: &clap::Arg) -> String {
+    let mut line = format!("`{argument}`: {}", sentence(argument.get_help()));
+    let values: Vec<String> = argument
+        .get_possible_values()
+        .iter()
+        .filter(|_| argument.get_action().takes_values())
+        .map(|value| match value.get_help() {
+            Some(help) => {
+                let help = sentence(Some(help));
+                format!("`{}` ({})", value.get_name(), help.trim_end_matches('.'))
+            }
+            None => format!("`{}`", value.get_name()),
+        })
+        .collect();
+    if !values.is_empty() {
+        line += &format!(" Values: {}.", values.join(", "));
+    }
+    let defaults: Vec<_> = argument
+        .get_default_values()
+        .iter()
+        .map(|value| value.to_string_lossy())
+        .filter(|value| !value.is_empty())
+        .collect();
+    if !defaults.is_empty() && argument.get_action().takes_values() {
+        line += &format!(" Default: `{}`.", defaults.join(","));
+    }
+    line
+}
+
+/// In one line, with a full stop.
+fn sentence(text: Option<&clap::builder::StyledStr>) -> String {
+    let text = text.map(ToString::to_string).unwrap_or_default();
+    let line = text.split_whitespace().collect::<Vec<_>>().join(" ");
+    line.trim_end_matches('.').to_owned() + "."
 }
 
 /// The page of a command and those of its subcommands.

@@ -18,7 +18,7 @@ const SHOWN: usize = 3;
 /// `trainer import`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "docs/import.md has the keys of a map and an example of every shape.\n\n\
+    after_help = "docs/guide/import.md has the keys of a map and an example of every shape.\n\n\
     Example: trainer import --guess tracker.txt --out map.toml\n\
     Example: trainer import tracker.txt --map map.toml --out measured.csv\n\
     Example: trainer import points.txt joints.csv --map map.toml --out measured.csv"

@@ -30,6 +30,8 @@ mod signing;
 mod simulate;
 mod table;
 
+pub use completions::command_reference;
+
 use std::ffi::OsString;
 use std::io::Write;
 use std::path::Path;

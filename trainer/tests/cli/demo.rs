@@ -4,9 +4,9 @@ use serde_json::Value;
 
 use crate::program::{Folder, Outcome};
 
-/// `docs/paper.md` quotes the output, and plots the folds by another command.
+/// `docs/evidence/paper.md` quotes the output, and plots the folds by another command.
 fn the_page_on_the_paper_is_right(folder: &Folder, outcome: &Outcome) {
-    let page = include_str!("../../../docs/paper.md");
+    let page = include_str!("../../../docs/evidence/paper.md");
     let block = page.split("```console\n$ trainer demo --out demo\n").nth(1);
     let quoted = block.unwrap().split("\n```").next().unwrap();
     for line in quoted.lines() {

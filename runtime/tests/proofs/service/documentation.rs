@@ -1,4 +1,4 @@
-//! The tables of `docs/link.md` that this crate has the numbers of.
+//! The tables of `docs/reference/link.md` that this crate has the numbers of.
 
 use embedded_storage::nor_flash::NorFlashErrorKind;
 use poegp_runtime::filter::FilterError;
@@ -8,7 +8,7 @@ use poegp_runtime::store::{Slot, StoreError};
 
 /// The table of the section with this heading.
 fn table(heading: &str) -> &'static str {
-    let page = include_str!("../../../../docs/link.md");
+    let page = include_str!("../../../../docs/reference/link.md");
     let (_, section) = page.split_once(heading).expect("a section");
     section.split("\n## ").next().unwrap_or("")
 }
@@ -17,7 +17,10 @@ fn assert_rows(heading: &str, rows: &[(u8, String)]) {
     let table = table(heading);
     for (code, name) in rows {
         let row = format!("| {code} | `{name}` |");
-        assert!(table.contains(&row), "{row} is not in docs/link.md");
+        assert!(
+            table.contains(&row),
+            "{row} is not in docs/reference/link.md"
+        );
     }
     let documented = table.lines().filter(|line| line.contains("| `"));
     assert_eq!(documented.count(), rows.len(), "{heading}");

@@ -130,7 +130,7 @@ impl<'a> Cell<'a> {
                 text: &text,
             };
             toml.refused(&error, "a project file in TOML").with_help(
-                "docs/cell.md has all keys; `trainer calibrate … --write-cell FILE` writes a complete one",
+                "docs/guide/projects.md has all keys; `trainer calibrate … --write-cell FILE` writes a complete one",
             )
         })?;
         let cell = Self { path, text, file };

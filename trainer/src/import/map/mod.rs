@@ -74,7 +74,7 @@ impl Map {
         let tables: Tables = toml::from_str(text).map_err(|error| {
             TomlText { file: path, text }
                 .refused(&error, "a map of columns (TOML)")
-                .with_help("docs/import.md has every key and an example of every shape")
+                .with_help("docs/guide/import.md has every key and an example of every shape")
         })?;
         let orientation = tables.orientation;
         let mut map = Self {
