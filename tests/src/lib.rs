@@ -20,6 +20,7 @@ pub mod firmware_build;
 pub mod fuzzing;
 pub mod image;
 pub mod parts;
+pub mod record;
 pub mod sample;
 pub mod stack;
 pub mod stages;

@@ -279,7 +279,7 @@ pub fn tomls() -> Vec<Vec<u8>> {
 
 /// Constraints of a plan: the page's example and a short one.
 pub fn cells() -> Vec<Vec<u8>> {
-    let page = fs::read_to_string(workspace().join("docs/planning.md")).expect("a page");
+    let page = fs::read_to_string(workspace().join("docs/guide/measuring.md")).expect("a page");
     let listing = page
         .split("```")
         .find_map(|block| block.strip_prefix("toml\n"));

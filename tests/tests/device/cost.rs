@@ -5,6 +5,7 @@ use poegp_protocol::link::Query;
 use poegp_tests::device::Device;
 use poegp_tests::emulator::{Clock, instructions};
 use poegp_tests::firmware_build::{Toolchain, firmware};
+use poegp_tests::record::assert_recorded;
 use poegp_tests::sample::{self, Elastic, Sample, Support};
 
 /// Instructions of each evaluation.
@@ -56,6 +57,16 @@ fn instructions_of_one_evaluation() {
     assert!(shared <= 15_500.0, "{shared}");
     assert!(wide <= 25_000.0, "{wide}");
     assert!(per_output <= 70_000.0, "{per_output}");
+    assert_recorded("one evaluation, chain alone", chain);
+    assert_recorded("one evaluation, paper, 300 points", shared);
+    assert_recorded(
+        "one evaluation, paper, 300 points, wide inducing points",
+        wide,
+    );
+    assert_recorded(
+        "one evaluation, paper, 300 points, hyperparameters per output",
+        per_output,
+    );
 }
 
 /// The limits of the elastic model with 100 support points, or 200 in sets, and four ripple terms: the goals are 32 000, 11 000 and 14 000.
@@ -66,13 +77,22 @@ fn instructions_of_elastic_models() {
         "instructions of one compensated pose, Cortex-M4F, 6 joints, 100 support points or 200 in sets:"
     );
     for (name, elastic, limit) in [
-        ("own length scales", Elastic::OWN, 27_000.0),
-        ("tied", Elastic::TIED, 11_000.0),
-        ("a support set for each", Elastic::SETS, 14_000.0),
+        ("elastic, 100 points", Elastic::OWN, 27_000.0),
+        (
+            "elastic, shared lengthscales, 100 points",
+            Elastic::TIED,
+            11_000.0,
+        ),
+        (
+            "elastic, inducing sets, 200 functions",
+            Elastic::SETS,
+            14_000.0,
+        ),
     ] {
         let count = cost(&mut device, Sample::plain(31, Support::Elastic(elastic)));
-        println!("  {name:<24}  {count:8.0}");
+        println!("  {name:<40}  {count:8.0}");
         assert!(count <= limit, "{name}: {count}");
+        assert_recorded(&format!("one evaluation, {name}"), count);
     }
 }
 

@@ -4,6 +4,7 @@ use poegp_protocol::link::{MAX_PIECE, Query, Request, Response};
 use poegp_tests::device::Device;
 use poegp_tests::firmware_build::firmware;
 use poegp_tests::image::Image;
+use poegp_tests::record::assert_recorded;
 use poegp_tests::sample::{Elastic, Sample, Support, odd_queries};
 use poegp_trainer::signing::SecretKey;
 
@@ -31,6 +32,11 @@ fn fits_its_budgets() {
     );
     assert!(image.flash <= 144 * KIB, "{}", image.flash);
     assert!(image.static_ram <= 128 * KIB, "{}", image.static_ram);
+    assert_recorded("flash, signatures included (bytes)", image.flash as f64);
+    assert_recorded(
+        "static RAM, two models of 400 points and a blob in transfer (bytes)",
+        image.static_ram as f64,
+    );
 }
 
 #[test]

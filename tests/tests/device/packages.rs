@@ -1,4 +1,4 @@
-//! What each package takes of the image, and that each is accounted for in `docs/supply-chain.md`.
+//! What each package takes of the image, and that each is accounted for in `docs/reference/supply-chain.md`.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -75,14 +75,15 @@ fn every_package_of_the_image_is_accounted_for() {
         println!("| `{name}` | {bytes} |");
     }
     println!("| all | {} |", bytes.values().sum::<usize>());
-    let documented = fs::read_to_string(workspace().join("docs/supply-chain.md")).unwrap();
+    let documented =
+        fs::read_to_string(workspace().join("docs/reference/supply-chain.md")).unwrap();
     let missing: Vec<_> = bytes
         .keys()
         .filter(|name| !documented.contains(&format!("| `{name}` |")))
         .collect();
     assert!(
         missing.is_empty(),
-        "not in docs/supply-chain.md: {missing:?}"
+        "not in docs/reference/supply-chain.md: {missing:?}"
     );
     assert!(bytes["poegp-runtime"] > 10_000, "nothing was attributed");
 }
@@ -105,7 +106,8 @@ fn every_package_that_is_compiled_is_accounted_for() {
         .unwrap();
     assert!(output.status.success(), "{output:?}");
     let text = String::from_utf8(output.stdout).unwrap();
-    let documented = fs::read_to_string(workspace().join("docs/supply-chain.md")).unwrap();
+    let documented =
+        fs::read_to_string(workspace().join("docs/reference/supply-chain.md")).unwrap();
     let names: std::collections::BTreeSet<_> = text
         .lines()
         .filter_map(|line| line.split(' ').next())
@@ -118,6 +120,6 @@ fn every_package_that_is_compiled_is_accounted_for() {
         .collect();
     assert!(
         missing.is_empty(),
-        "not in docs/supply-chain.md: {missing:?}"
+        "not in docs/reference/supply-chain.md: {missing:?}"
     );
 }

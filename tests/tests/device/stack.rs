@@ -10,6 +10,7 @@
 use std::collections::BTreeSet;
 
 use poegp_tests::firmware_build::{Board, firmware_of};
+use poegp_tests::record::assert_recorded;
 use poegp_tests::sample::{Elastic, Sample, Support};
 use poegp_tests::stack::{CallGraph, EXCEPTION_FRAME};
 
@@ -56,6 +57,10 @@ fn the_deepest_call_fits_the_stack() {
     for board in Board::ALL {
         let bound = bound(board);
         assert!(bound <= BUDGET, "{}: {bound}", board.name());
+        assert_recorded(
+            "deepest stack, bound by the call graph (bytes)",
+            bound as f64,
+        );
     }
 }
 
