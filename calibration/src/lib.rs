@@ -1,18 +1,35 @@
-//! Calibrates a robot arm from measurements of an instrument and writes the model blob that the runtime evaluates.
+//! Calibrates a robot from measurements of an instrument and writes the model blob that the runtime evaluates.
 //!
-//! ```text
-//! robot, measurement ─> identification (base-tool, POE) ─> learning ─> model ─> blob
-//!                                                                               │
-//!                          validation <─ blob::predict (f32 runtime on its bytes) <┘
+//! Six verbs: [`Samples::read`] → [`cross_validate`] → [`calibrate`] → [`into_blob`] → [`predict`] → [`verify`].
+//!
+//! ```
+#![doc = include_str!("../examples/calibrate.rs")]
 //! ```
 //!
-//! Everything up to [`blob`] is `f64`, and every formula is the runtime's. Every reported error comes from the bytes of
-//! a blob, through the `f32` runtime, as the device will have it. There is no terminal, no serial port and no page here: those
-//! are the program's.
+//! [`Config`] holds every setting of a calibration; a project file deserialises to it. [`FitContext`] has a listener for
+//! the progress of a fit and a flag that cancels it. [`prelude`] has all of these names.
+//!
+//! Below the verbs are the layers, each of which uses those before it alone: [`numeric`], [`robot`], [`measurement`],
+//! [`identification`] (base-tool, POE), [`learning`] (the Gaussian processes), [`model`] (the methods and their registry),
+//! [`blob`], [`validation`], [`simulation`], [`planning`], [`verification`].
+//!
+//! Everything up to [`blob`] is `f64`, and every formula is the runtime's. Every reported error comes from the bytes of a
+//! blob, through the `f32` runtime, as the device will have it. There is no terminal, no serial port and no page here:
+//! those are the program's.
+//!
+//! [`Samples::read`]: prelude::Samples::read
+//! [`cross_validate`]: prelude::cross_validate
+//! [`calibrate`]: prelude::calibrate
+//! [`into_blob`]: prelude::Calibration::into_blob
+//! [`predict`]: blob::predict::LoadedBlob::predict
+//! [`verify`]: prelude::verify
+//! [`Config`]: prelude::Config
+//! [`FitContext`]: prelude::FitContext
 #![warn(missing_docs)]
 
 pub mod blob;
 pub mod device_cost;
+pub mod error;
 pub mod identification;
 pub mod input_error;
 pub mod learning;
@@ -25,3 +42,17 @@ pub mod robot;
 pub mod simulation;
 pub mod validation;
 pub mod verification;
+
+/// The names of a calibration from a file to a blob.
+pub mod prelude {
+    pub use crate::blob::predict::LoadedBlob;
+    pub use crate::blob::write::{CalibratedBlob, Provenance, calibrate_to_blob};
+    pub use crate::error::Error;
+    pub use crate::measurement::samples::Samples;
+    pub use crate::model::config::{Config, ProcessLayout, Weighting};
+    pub use crate::model::{Calibration, Method, calibrate};
+    pub use crate::progress::{FitContext, Progress};
+    pub use crate::robot::{LoadOptions, Robot};
+    pub use crate::validation::cross_validation::cross_validate;
+    pub use crate::verification::{Options as VerifyOptions, verify};
+}

@@ -9,17 +9,20 @@ use poegp_protocol::blob::{
     Provenance as WireProvenance, Ranges, Ripple, Robot as WireRobot, TaskSpace, Tool, Transform,
     Units, Variance,
 };
+use poegp_protocol::limits::OUTPUTS;
 use poegp_runtime::kinematics::minimal_chain::MinimalForm;
 use poegp_runtime::kinematics::poe::Poe;
 
 use crate::blob::predict::{BlobError, HOST_SUPPORT, LoadedBlob};
 use crate::learning::elastic::reduced_model::ElasticModel;
-use crate::learning::task_space::fit::{MAX_SIGNAL_VARIANCE, SignalVarianceLimit};
+use crate::learning::task_space::Hyperparameters;
+use crate::learning::task_space::fit::SignalVarianceLimit;
 use crate::measurement::sample::InstrumentSample;
 use crate::measurement::sample::ToolName;
+use crate::measurement::samples::Samples;
 use crate::model::config::Config;
 use crate::model::correction::{self as model, TaskSpaceCorrection};
-use crate::model::{Calibration, CalibrationError, calibrate_within};
+use crate::model::{Calibration, CalibrationError, calibrate, calibrate_within};
 use crate::progress::FitContext;
 use crate::robot::Robot;
 
@@ -39,6 +42,18 @@ pub struct Provenance {
     pub data_sha256: [u8; 32],
     /// The tools that samples name by index.
     pub tools: Vec<ToolName>,
+}
+
+impl Provenance {
+    /// Of a calibration with `data` on the day `date`; the serial number is left empty.
+    pub fn new(data: &Samples, date: &str) -> Self {
+        Self {
+            serial_number: String::new(),
+            date: date.to_owned(),
+            data_sha256: data.sha256,
+            tools: data.tools.clone(),
+        }
+    }
 }
 
 /// The distance of the blob's poses from the f64 model's.
@@ -61,17 +76,15 @@ pub struct CalibratedBlob {
     pub precision_loss: SinglePrecisionLoss,
 }
 
-/// Limits on the signal variance that are tried, highest first.
-const SIGNAL_VARIANCE_LIMITS: [f64; 4] = [MAX_SIGNAL_VARIANCE, 30.0, 10.0, 3.0];
+/// Limits on the signal variance that are tried when single precision loses too much, highest first.
+const SMALLER_SIGNAL_VARIANCES: [f64; 3] = [30.0, 10.0, 3.0];
 /// Share of the limits that a calibration should stay below, so that poses of other sets stay within them too.
 const COMFORTABLE: f64 = 0.7;
 
-/// Calibrates, and makes the blob. When single precision would cost too much, the process is fitted again with a
-/// smaller limit on its signal variance (on ten simulated arms 30 instead of 300 costs 0.5 % of accuracy and saves five
-/// sixths of the rounding error); `TaskSpaceCorrection::max_signal_variance` says which one it was.
+/// Calibrates `robot` and writes the blob: [`calibrate`] and [`Calibration::into_blob`].
 ///
 /// # Errors
-/// [`CalibrationError`], [`ExportError`].
+/// [`DeviceError`].
 pub fn calibrate_to_blob(
     robot: &Robot,
     samples: &[InstrumentSample],
@@ -79,38 +92,70 @@ pub fn calibrate_to_blob(
     provenance: &Provenance,
     context: &FitContext,
 ) -> Result<CalibratedBlob, DeviceError> {
-    let mut best: Option<CalibratedBlob> = None;
-    let mut under_higher = None;
-    for value in SIGNAL_VARIANCE_LIMITS {
-        let limit = SignalVarianceLimit {
-            value,
-            under_higher,
-        };
-        let calibration = calibrate_within(robot, samples, config, &limit, context)?;
-        let task_space = calibration.correction.task_space();
-        let is_task_space = task_space.is_some();
-        under_higher = task_space.map(|t| std::array::from_fn(|c| *t.gp.output(c)));
-        let blob = to_bytes(&calibration, robot, provenance, samples)?;
-        let blob = LoadedBlob::from_bytes(blob).map_err(ExportError::Unusable)?;
-        let precision_loss = precision_loss(&calibration, &blob, samples);
-        if best
-            .as_ref()
-            .is_none_or(|b| precision_loss.worst_share() < b.precision_loss.worst_share())
-        {
-            best = Some(CalibratedBlob {
-                calibration,
-                blob,
-                precision_loss,
-            });
+    let calibration = calibrate(robot, samples, config, context)?;
+    calibration.into_blob(robot, samples, provenance, context)
+}
+
+impl Calibration {
+    /// The blob of a calibration with these samples. When single precision would lose too much, the task-space process is
+    /// fitted again with a smaller limit on its signal variance (on ten simulated robots 30 instead of 300 costs 0.5 % of
+    /// accuracy and saves five sixths of the rounding error); `TaskSpaceCorrection::max_signal_variance` says which one it was.
+    ///
+    /// # Errors
+    /// [`DeviceError`].
+    pub fn into_blob(
+        self,
+        robot: &Robot,
+        samples: &[InstrumentSample],
+        provenance: &Provenance,
+        context: &FitContext,
+    ) -> Result<CalibratedBlob, DeviceError> {
+        let mut best = self.stored(robot, samples, provenance)?;
+        let mut last = best.hyperparameters();
+        for value in SMALLER_SIGNAL_VARIANCES {
+            if last.is_none() || best.precision_loss.worst_share() <= COMFORTABLE {
+                break;
+            }
+            let limit = SignalVarianceLimit {
+                value,
+                under_higher: last,
+            };
+            let config = &best.calibration.config;
+            let next = calibrate_within(robot, samples, config, &limit, context)?;
+            let next = next.stored(robot, samples, provenance)?;
+            last = next.hyperparameters();
+            if next.precision_loss.worst_share() < best.precision_loss.worst_share() {
+                best = next;
+            }
         }
-        if precision_loss.worst_share() <= COMFORTABLE || !is_task_space {
-            break;
+        match best.precision_loss.worst_share() <= 1.0 {
+            true => Ok(best),
+            false => Err(ExportError::SinglePrecisionLossTooLarge(best.precision_loss).into()),
         }
     }
-    match best {
-        Some(found) if found.precision_loss.worst_share() <= 1.0 => Ok(found),
-        Some(found) => Err(ExportError::SinglePrecisionLossTooLarge(found.precision_loss).into()),
-        None => Err(ExportError::DoesNotFit("signal variance").into()),
+
+    /// As the device will have it, whatever is lost by it.
+    fn stored(
+        self,
+        robot: &Robot,
+        samples: &[InstrumentSample],
+        provenance: &Provenance,
+    ) -> Result<CalibratedBlob, ExportError> {
+        let bytes = to_bytes(&self, robot, provenance, samples)?;
+        let blob = LoadedBlob::from_bytes(bytes)?;
+        Ok(CalibratedBlob {
+            precision_loss: precision_loss(&self, &blob, samples),
+            calibration: self,
+            blob,
+        })
+    }
+}
+
+impl CalibratedBlob {
+    /// The hyperparameters of the six outputs, of a task-space process.
+    fn hyperparameters(&self) -> Option<[Hyperparameters; OUTPUTS]> {
+        let task_space = self.calibration.correction.task_space()?;
+        Some(std::array::from_fn(|c| *task_space.gp.output(c)))
     }
 }
 

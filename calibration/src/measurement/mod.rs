@@ -29,6 +29,7 @@ pub mod noise;
 pub mod observation;
 mod rows;
 pub mod sample;
+pub mod samples;
 mod set;
 mod table;
 #[cfg(test)]

@@ -2,12 +2,13 @@
 //!
 //! Every number comes from the bytes of a blob, through the f32 runtime, on poses that were not trained on.
 
-use poegp_runtime::kinematics::poe::Poe;
+use poegp_protocol::JointKind;
 use serde::Serialize;
 
 use crate::blob::write::{CalibratedBlob, DeviceError, Provenance, calibrate_to_blob};
 use crate::measurement::folds::Folds;
 use crate::measurement::sample::InstrumentSample;
+use crate::measurement::samples::Samples;
 use crate::model::Method;
 use crate::model::config::Config;
 use crate::numeric::statistics::{ErrorSummary, PoseError};
@@ -94,8 +95,6 @@ pub struct CompareError {
 pub struct Task<'a> {
     /// The arm.
     pub robot: &'a Robot,
-    /// Its nominal chain, base to flange.
-    pub nominal: &'a Poe<f64>,
     /// Training data.
     pub train: &'a [InstrumentSample],
     /// Test sets.
@@ -159,7 +158,8 @@ impl Task<'_> {
 
     /// The folds of the training poses.
     pub fn folds(&self) -> Folds {
-        Folds::draw(self.train, self.nominal.kinds(), self.folds, self.seed)
+        let kinds: Vec<JointKind> = self.robot.joints.iter().map(|j| j.kind).collect();
+        Folds::draw(self.train, &kinds, self.folds, self.seed)
     }
 
     /// The error of every training pose, in order, each predicted by a model that did not see it.
@@ -220,6 +220,27 @@ impl Task<'_> {
             }
         })
     }
+}
+
+/// Cross-validates the method of `config`: every pose of `data` is predicted by a model that did not see it.
+///
+/// # Errors
+/// [`CompareError`].
+pub fn cross_validate(
+    robot: &Robot,
+    data: &Samples,
+    config: &Config,
+    folds: usize,
+) -> Result<CrossValidation, CompareError> {
+    let task = Task {
+        robot,
+        train: data,
+        tests: &[],
+        folds,
+        seed: 1,
+        origin: &Provenance::new(data, ""),
+    };
+    task.cross_validate(config, &mut || ())
 }
 
 /// The methods that the data allow.

@@ -30,6 +30,7 @@ use crate::identification::parametric::state::ROWS;
 use crate::learning::elastic::outliers::LEFT_OUT;
 use crate::measurement::noise::Scales;
 use crate::measurement::sample::InstrumentSample;
+use crate::measurement::samples::Samples;
 use crate::numeric::statistics::ErrorSummary;
 use crate::verification::arm::BlobArm;
 use crate::verification::drift_test::{Columns, Test, columns};
@@ -118,6 +119,23 @@ pub fn check(
         sensitivity: sensitivity(&test, &all, options.false_alarms),
         odd_lines: odd(&left, samples, scales, lines),
     })
+}
+
+/// [`check`] by a file of fresh measurements that was read after the tools of the blob.
+///
+/// # Errors
+/// [`CheckError`].
+pub fn verify(blob: &LoadedBlob, fresh: &Samples, options: &Options) -> Result<Report, CheckError> {
+    let known = blob.tools().len();
+    let is_only_one = known == 0 && fresh.tools.len() == 1;
+    if let Some(name) = fresh.tools.get(known)
+        && !(is_only_one || options.refit_tool)
+    {
+        return Err(CheckError::UnknownTool(name.to_string()));
+    }
+    let mut tools: Vec<Pose<f64>> = blob.tools().iter().map(|(_, pose)| *pose).collect();
+    tools.resize_with(fresh.tools.len().max(known), Pose::identity);
+    check(blob, fresh, tools, &fresh.lines, options)
 }
 
 fn enough(

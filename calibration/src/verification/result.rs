@@ -102,7 +102,7 @@ pub struct Report {
 }
 
 /// Why nothing can be said.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum CheckError {
     /// Too few measurements.
     #[error("{poses} poses, {equations} equations")]
@@ -114,6 +114,9 @@ pub enum CheckError {
         /// Rows that are needed at least.
         needed: usize,
     },
+    /// A tool that was mounted after the calibration.
+    #[error("{0} was mounted after the calibration: its frame has to be fitted")]
+    UnknownTool(String),
     /// A matrix could not be factored.
     #[error("residuals that cannot be weighed: are these measurements of this robot?")]
     Unsolvable,

@@ -20,12 +20,11 @@ fn impossible(name: &'static str) -> Candidate {
 
 #[test]
 fn what_no_device_can_run_is_left_out_of_the_choice_with_its_reason() {
-    let (robot, nominal) = arm("abb-irb4400-serial");
+    let (robot, _) = arm("abb-irb4400-serial");
     let train = samples(&simulated_path("paper_s0_train"), &robot);
     let origin = origin(1);
     let task = Task {
         robot: &robot,
-        nominal: &nominal,
         train: &train[..40],
         tests: &[],
         folds: FOLDS,

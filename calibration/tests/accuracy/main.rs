@@ -79,7 +79,7 @@ fn origin(tools: usize) -> Provenance {
 
 /// Held-out errors by the way of `trainer compare`.
 fn compare(
-    (robot, nominal): &(Robot, Poe<f64>),
+    (robot, _): &(Robot, Poe<f64>),
     train: &[InstrumentSample],
     tests: &[TestSet],
     folds: usize,
@@ -89,7 +89,6 @@ fn compare(
     let origin = origin(tools);
     let task = Task {
         robot,
-        nominal,
         train,
         tests,
         folds,

@@ -232,7 +232,6 @@ fn selection<'a>(
 ) -> Task<'a> {
     Task {
         robot: &arm.robot,
-        nominal: &arm.nominal,
         train: samples,
         tests: &[],
         folds: FOLDS,

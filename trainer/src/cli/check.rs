@@ -270,7 +270,7 @@ fn refused(path: &Path, error: CheckError) -> Failure {
         )
         .with_help("ten to twenty poses, spread over the joints, are a good check")
         .into(),
-        CheckError::Unsolvable => {
+        CheckError::Unsolvable | CheckError::UnknownTool(_) => {
             InputError::new(path, error.to_string(), "fresh measurements of this arm").into()
         }
     }

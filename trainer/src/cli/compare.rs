@@ -156,7 +156,6 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
     let origin = origin(set.sha256, "", tools);
     let task = Task {
         robot: &arm.robot,
-        nominal: &arm.nominal,
         train: &train,
         tests: &tests,
         folds: a.folds,
@@ -271,9 +270,9 @@ fn evidence(
     } else {
         How::TestSets
     };
-    let kinds = task.nominal.kinds();
+    let kinds: Vec<_> = task.robot.joints.iter().map(|j| j.kind).collect();
     let nothing = || Failure::Usage("the report has no held-out pose to show".into());
-    let mut evidence = Evidence::new(how, sets, &all, kinds, false).ok_or_else(nothing)?;
+    let mut evidence = Evidence::new(how, sets, &all, &kinds, false).ok_or_else(nothing)?;
     let best = evidence.after().name.clone();
     if let Ok(method) = best.parse::<Method>() {
         let options = a.fit.config(method);

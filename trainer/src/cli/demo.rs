@@ -39,7 +39,6 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
     let report = Report::beside(&[a.json.as_deref()]);
     make_folder(&a.out)?;
     let robot = Robot::load(ROBOT, &poegp_calibration::robot::LoadOptions::default())?;
-    let nominal = robot.chain().map_err(|e| Failure::Usage(e.to_string()))?;
 
     report.line("1. Simulate: an ABB IRB 4400 with imperfect frames and joints that give way under gravity and five");
     report.line("   payloads, measured by a tracker with 30 µm of noise. 300 poses to train on, 3 × 100 to test.");
@@ -71,7 +70,6 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
     ));
     let task = Task {
         robot: &robot,
-        nominal: &nominal,
         train: &train,
         tests: &tests,
         folds: FOLDS,

@@ -125,7 +125,6 @@ pub fn held_out(
     }
     let task = Task {
         robot: &arm.robot,
-        nominal: &arm.nominal,
         train: samples,
         tests: &tests.sets,
         folds: if tests.sets.is_empty() { FOLDS } else { 0 },

@@ -1,0 +1,64 @@
+//! The samples of one measurement file with all that belongs to them.
+
+use std::ops::Deref;
+use std::path::Path;
+
+use crate::input_error::InputError;
+use crate::measurement;
+use crate::measurement::sample::{InstrumentSample, ToolName, samples};
+use crate::robot::Robot;
+
+/// The samples of a measurement file, in its order.
+#[derive(Clone, Debug)]
+pub struct Samples {
+    samples: Vec<InstrumentSample>,
+    /// The tools that the samples name by index.
+    pub tools: Vec<ToolName>,
+    /// The line of each sample in the file, from 1.
+    pub lines: Vec<usize>,
+    /// SHA-256 of the file.
+    pub sha256: [u8; 32],
+    /// What the reader noticed and its user should see.
+    pub notes: Vec<String>,
+}
+
+impl Samples {
+    /// Reads a measurement file of `robot` and checks its rows.
+    ///
+    /// # Errors
+    /// [`InputError`] names file, line and column of the first thing that is wrong.
+    pub fn read(path: impl AsRef<Path>, robot: &Robot) -> Result<Self, InputError> {
+        Self::read_after(path, robot, Vec::new())
+    }
+
+    /// As [`Samples::read`], of a file whose tools may have been measured before: `known` keep their indices.
+    ///
+    /// # Errors
+    /// As [`Samples::read`].
+    pub fn read_after(
+        path: impl AsRef<Path>,
+        robot: &Robot,
+        known: Vec<ToolName>,
+    ) -> Result<Self, InputError> {
+        let set = measurement::read(path)?;
+        let mut notes = set.check(robot)?;
+        let mut tools = known;
+        let samples = samples(&set, robot, &mut tools)?;
+        notes.splice(0..0, set.notes);
+        Ok(Self {
+            samples,
+            tools,
+            lines: set.measurements.iter().map(|m| m.line).collect(),
+            sha256: set.sha256,
+            notes,
+        })
+    }
+}
+
+impl Deref for Samples {
+    type Target = [InstrumentSample];
+
+    fn deref(&self) -> &[InstrumentSample] {
+        &self.samples
+    }
+}
