@@ -1,7 +1,7 @@
 //! How much fits.
 
+use poegp_protocol::blob::envelope::TRAILER_LENGTH;
 use poegp_protocol::blob::{HEADER_LENGTH, MAX_LENGTH_WITHOUT_ROWS};
-use poegp_protocol::envelope::TRAILER_LENGTH;
 use poegp_runtime::model::words_for;
 
 /// Words of support rows of one model: 400 points of the longest row; a paper model has 300 shorter ones.

@@ -4,7 +4,7 @@ use cortex_m::peripheral::SCB;
 use cortex_m_rt::entry;
 use embedded_io::{Write, WriteReady};
 use heapless::Vec;
-use poegp_protocol::frame::{self, MAX_FRAME, Receiver};
+use poegp_protocol::link::frame::{self, MAX_FRAME, Receiver};
 use poegp_protocol::link::{ModelIdentity, Refusal, Request, Response, Statistics};
 use poegp_runtime::service::{Background, Cycle, Device, Facts, Order, Report, Resident};
 use poegp_runtime::store::Store;

@@ -8,7 +8,7 @@ use core::sync::atomic::{AtomicBool, Ordering};
 use cortex_m::peripheral::SCB;
 use cortex_m_rt::exception;
 use embedded_hal::digital::OutputPin;
-use poegp_protocol::frame::{MAX_FRAME, Received, Receiver};
+use poegp_protocol::link::frame::{MAX_FRAME, Received, Receiver};
 use poegp_runtime::service::{Clock, Cycle, Order, Report, Taken};
 
 use crate::board::{Board, Chosen};

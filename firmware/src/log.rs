@@ -1,6 +1,6 @@
 //! What the device says about itself with defmt: what it runs, and what it refused. Never from the cycle.
 
-use poegp_protocol::envelope::DecodeError;
+use poegp_protocol::blob::envelope::DecodeError;
 use poegp_protocol::link::{ModelIdentity, Refusal, Response};
 
 /// The device has started.

@@ -1,20 +1,16 @@
-//! The words that the trainer and the device share, and no arithmetic.
+//! What the trainer and the device exchange, and no arithmetic.
 //!
-//! [`blob`] is what a calibrated arm looks like at rest, [`envelope`] the drawn, versioned and perhaps signed envelope
-//! around it.
-//! [`link`] is what the workstation and the device say to each other, and [`frame`] how one message travels over a
-//! serial line, in the bytes of [`cobs`]. [`limits`] has the sizes that both sides rely on.
+//! [`blob`] is a calibrated arm at rest, with its versioned and perhaps signed [envelope](blob::envelope). [`link`] has the
+//! messages between workstation and device, and the [frames](link::frame) that carry them over a serial line. [`limits`]
+//! has the sizes that both sides rely on.
 //!
 //! Nothing here allocates, panics or computes: a value that decodes may still be nonsense, and the checked constructor
-//! of `poegp-runtime` is the only way from these words to numbers that move a robot.
+//! of `poegp-runtime` is the only way from these bytes to numbers that move a robot.
 #![no_std]
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
 
 pub mod blob;
-pub mod cobs;
-pub mod envelope;
-pub mod frame;
 pub mod limits;
 pub mod link;
 
@@ -28,3 +24,6 @@ pub enum JointKind {
     /// Moves along z; its value is a length in metres.
     Prismatic,
 }
+
+/// A rigid transform as a 3×4 matrix [R | t], row by row; metres.
+pub type Transform<N> = [N; 12];

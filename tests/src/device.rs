@@ -19,7 +19,7 @@ const OPTIONS: Options = Options {
     answer_limit: Duration::from_secs(10),
     attempts: 3,
     busy_limit: Duration::from_secs(60),
-    piece: poegp_protocol::link::MAX_PIECE,
+    piece: poegp_protocol::link::MAX_CHUNK,
     uploads: 1,
 };
 

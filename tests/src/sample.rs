@@ -8,8 +8,8 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 use poegp_protocol::JointKind;
 use poegp_protocol::blob::{
-    self, Blob, Correction, CorrectionBound, Geometry, Joint, Provenance, Ranges, Robot, TaskSpace,
-    Transform, Units,
+    self, Blob, Correction, CorrectionBound, Gauge, Geometry, Host, Joint, Provenance, Ranges,
+    Robot, TaskSpace, Transform, Units,
 };
 use poegp_protocol::limits::{MAX_FRAMES, MAX_INPUTS, OUTPUTS};
 use poegp_protocol::link::Query;
@@ -145,6 +145,25 @@ impl Sample {
             Support::Elastic(elastic) => elastic.correction(self, &mut generator, &mut rows),
         };
         let mut landmarks = Vec::new();
+        let mut host_bytes = [0; 512];
+        let host = Host {
+            provenance: Provenance {
+                method: "sample",
+                trainer_version: "0.0.0",
+                date: "2026-11-20",
+                data_sha256: [0x5a; 32],
+                training_poses: self.points() as u32,
+            },
+            gauge: Gauge {
+                instrument_from_base: Pose::<f64>::exp(&Twist::from_array(&[
+                    1.5, -2.5, 0.4, 0.0, 0.0, 0.7,
+                ]))
+                .to_rows(),
+                flange_from_target: Pose::<f64>::identity().to_rows(),
+            },
+            tools: heapless::Vec::new(),
+            warnings: heapless::Vec::new(),
+        };
         let blob = Blob {
             robot: Robot {
                 name: "Sample IRB 4400",
@@ -168,13 +187,6 @@ impl Sample {
                 },
             },
             units: Units::SI,
-            provenance: Provenance {
-                model: "sample",
-                trainer_version: "0.0.0",
-                date: "2026-11-20",
-                data_sha256: [0x5a; 32],
-                training_poses: self.points() as u32,
-            },
             ranges: Ranges {
                 joints: (0..self.joints).map(|joint| self.range(joint)).collect(),
                 payload_kg: Some(PAYLOAD_KG),
@@ -182,14 +194,9 @@ impl Sample {
             geometry: Geometry {
                 calibrated: on_wire(&calibrated),
                 nominal: on_wire(&nominal),
-                instrument_from_base: Pose::<f64>::exp(&Twist::from_array(&[
-                    1.5, -2.5, 0.4, 0.0, 0.0, 0.7,
-                ]))
-                .to_rows(),
-                flange_from_target: Pose::<f64>::identity().to_rows(),
             },
             correction,
-            tools: &[],
+            host: host.encode(&mut host_bytes).expect("room"),
             variance: match self.correction {
                 Support::Elastic(elastic) => {
                     elastic.variance(self, &mut self.generator(2), &mut landmarks)

@@ -14,7 +14,7 @@
 use std::path::Path;
 
 use ed25519_dalek::{Signer, SigningKey};
-use poegp_protocol::envelope::{self, DecodeError, KEY_ID_LENGTH, Trailer};
+use poegp_protocol::blob::envelope::{self, DecodeError, KEY_ID_LENGTH, Trailer};
 use poegp_runtime::store::signature;
 use zeroize::Zeroizing;
 

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use poegp_protocol::blob::{self, Blob, DecodeError};
+use poegp_protocol::blob::{self, Blob, DecodeError, Host};
 use poegp_runtime::guard::status::Status;
 use poegp_runtime::math::se3::Pose;
 use poegp_runtime::model::load_error::LoadError;
@@ -66,21 +66,17 @@ impl LoadedBlob {
         let mut model = Box::new(HostModel::new());
         let decoded = blob::decode(bytes)?;
         model.load(&decoded)?;
-        let instrument_from_base = Pose::from_rows(&decoded.geometry.instrument_from_base);
-        let tool = |t: Result<blob::Tool<'_>, DecodeError>| -> Result<_, DecodeError> {
-            let t = t?;
+        let host = Host::decode(decoded.host)?;
+        let instrument_from_base = Pose::from_rows(&host.gauge.instrument_from_base);
+        let tool = |t: &blob::Tool<'_>| {
             let name = ToolName {
                 session: t.session.to_owned(),
                 target: t.target.to_owned(),
             };
-            Ok((
-                name,
-                orthonormal(&Pose::<f32>::from_rows(&t.first_from_target).cast()),
-            ))
+            let pose = Pose::<f32>::from_rows(&t.first_from_target);
+            (name, orthonormal(&pose.cast()))
         };
-        let tools = blob::tools(decoded.tools)
-            .map(tool)
-            .collect::<Result<Vec<_>, _>>()?;
+        let tools = host.tools.iter().map(tool).collect();
         Ok(Self {
             model,
             instrument_from_base,
@@ -109,9 +105,14 @@ impl LoadedBlob {
         Self::from_bytes(bytes).map_err(found)
     }
 
-    /// The words of the blob.
+    /// What the device reads of the blob.
     pub fn blob(&self) -> Blob<'_> {
         blob::decode(&self.bytes).expect("decoded when this was made")
+    }
+
+    /// What the host reads of the blob.
+    pub fn host(&self) -> Host<'_> {
+        Host::decode(self.blob().host).expect("decoded when this was made")
     }
 
     /// The bytes of the blob.

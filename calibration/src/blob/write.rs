@@ -5,9 +5,9 @@
 
 use heapless::Vec as FixedVec;
 use poegp_protocol::blob::{
-    self, Blob, Correction, CorrectionBound, Elastic, Geometry, Joint, JointKernel, PayloadGroup,
-    Provenance as WireProvenance, Ranges, Ripple, Robot as WireRobot, TaskSpace, Tool, Transform,
-    Units, Variance,
+    self, Blob, Correction, CorrectionBound, Elastic, Gauge, Geometry, Host, Joint, JointKernel,
+    PayloadGroup, Provenance as WireProvenance, Ranges, Ripple, Robot as WireRobot, TaskSpace,
+    Tool, Transform, Units, Variance,
 };
 use poegp_protocol::limits::OUTPUTS;
 use poegp_runtime::kinematics::minimal_chain::MinimalForm;
@@ -254,6 +254,9 @@ fn chain<const N: usize>(poe: &Poe<f64>) -> Result<FixedVec<Transform<f32>, N>, 
     )
 }
 
+/// Most bytes of the section for the host.
+const MAX_HOST_LENGTH: usize = 1 << 20;
+
 fn to_bytes(
     calibration: &Calibration,
     robot: &Robot,
@@ -296,14 +299,25 @@ fn to_bytes(
         }
         (bounds.0 as f32, bounds.1 as f32)
     };
-    let wire_tools: Vec<Tool<'_>> = wire_tools(calibration, provenance).collect();
-    let room: usize = wire_tools
-        .iter()
-        .map(|t| t.session.len() + t.target.len() + 64)
-        .sum();
-    let mut tool_bytes = vec![0; room];
-    let tools = blob::encode_tools(&wire_tools, &mut tool_bytes)
-        .map_err(|_| ExportError::DoesNotFit("tools"))?;
+    let host = Host {
+        provenance: WireProvenance {
+            method: calibration.config.method.name(),
+            trainer_version: env!("CARGO_PKG_VERSION"),
+            date: &provenance.date,
+            data_sha256: provenance.data_sha256,
+            training_poses: samples.len() as u32,
+        },
+        gauge: Gauge {
+            instrument_from_base: calibration.base_and_tools.instrument_from_base.to_rows(),
+            flange_from_target: calibration.base_and_tools.flange_from_targets[0].to_rows(),
+        },
+        tools: fixed(wire_tools(calibration, provenance), "tools")?,
+        warnings: FixedVec::new(),
+    };
+    let mut host_bytes = vec![0; MAX_HOST_LENGTH];
+    let host = host
+        .encode(&mut host_bytes)
+        .map_err(|_| ExportError::DoesNotFit("names of tools"))?;
     let blob = Blob {
         robot: WireRobot {
             name: &robot.name,
@@ -315,13 +329,6 @@ fn to_bytes(
             )?,
         },
         units: Units::SI,
-        provenance: WireProvenance {
-            model: calibration.config.method.name(),
-            trainer_version: env!("CARGO_PKG_VERSION"),
-            date: &provenance.date,
-            data_sha256: provenance.data_sha256,
-            training_poses: samples.len() as u32,
-        },
         ranges: Ranges {
             joints: fixed(
                 (0..robot.joints.len()).map(|i| range(&|s| s.joints[i])),
@@ -332,8 +339,6 @@ fn to_bytes(
         geometry: Geometry {
             calibrated: chain(&calibration.calibrated)?,
             nominal: chain(&calibration.nominal)?,
-            instrument_from_base: calibration.base_and_tools.instrument_from_base.to_rows(),
-            flange_from_target: calibration.base_and_tools.flange_from_targets[0].to_rows(),
         },
         correction: match correction {
             Correction::None => Correction::None,
@@ -346,7 +351,7 @@ fn to_bytes(
                 ..header
             }),
         },
-        tools,
+        host,
         variance: sigma.map(|s| Variance {
             floor_m2: s.header.floor as f32,
             noise_m2: s.noise as f32,
@@ -355,15 +360,14 @@ fn to_bytes(
             rows: &landmarks,
         }),
     };
-    let names = room + robot.name.len() + provenance.serial_number.len() + provenance.date.len();
-    let mut buffer = vec![
-        0;
-        blob::HEADER_LENGTH
-            + blob::MAX_LENGTH_WITHOUT_ROWS
-            + names
-            + rows.len()
-            + landmarks.len()
-    ];
+    let room = blob::HEADER_LENGTH
+        + blob::MAX_LENGTH_WITHOUT_ROWS
+        + robot.name.len()
+        + provenance.serial_number.len()
+        + host.len()
+        + rows.len()
+        + landmarks.len();
+    let mut buffer = vec![0; room];
     let length = blob::encode(&blob, &mut buffer)
         .map_err(|_| ExportError::DoesNotFit("names"))?
         .len();

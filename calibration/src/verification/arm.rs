@@ -89,7 +89,7 @@ impl BlobArm {
         let kernels: Vec<JointKernel<f64>> =
             elastic.map_or(Vec::new(), |e| e.kernels.iter().map(joint_kernel).collect());
         let training = support(&blob, coupling.as_ref());
-        let training_poses = f64::from(blob.provenance.training_poses);
+        let training_poses = f64::from(loaded.host().provenance.training_poses);
         Self {
             repeats: (training_poses / training.len() as f64).max(1.0),
             knows_its_error: !kernels.is_empty(),

@@ -1,6 +1,6 @@
 //! What a controller or a workstation and the device say to each other.
 //!
-//! One [`Request`] is answered by one [`Response`] with the same sequence number; [`crate::frame`] carries both. Every
+//! One [`Request`] is answered by one [`Response`] with the same sequence number; [`frame`] carries both. Every
 //! request may be repeated: what was done is not done again, and the answer says what is. A request that asks for a
 //! change names what it expects ([`Request::Activate`] the model to run, [`Request::RollBack`] the model to leave), so
 //! that a second copy changes nothing.
@@ -12,6 +12,8 @@
 //! [`REQUESTS`] and [`RESPONSES`] list every message; `docs/reference/link.md` has the same tables with the bytes. Variants are
 //! append-only within a protocol version: their order is their number on the wire.
 
+pub mod cobs;
+pub mod frame;
 mod refusal;
 mod request;
 mod response;
@@ -26,8 +28,8 @@ pub use response::{
 pub use table::{Message, REQUESTS, RESPONSES};
 
 /// Version of messages and frames. Both sides must have the same.
-pub const PROTOCOL_VERSION: u8 = 3;
-/// Most bytes of a blob in one `UploadPiece`: short, so that a correction never waits long behind one on the line.
-pub const MAX_PIECE: usize = 256;
+pub const PROTOCOL_VERSION: u8 = 1;
+/// Most bytes of a blob in one `UploadChunk`: short, so that a correction never waits long behind one on the line.
+pub const MAX_CHUNK: usize = 256;
 /// Most bytes of a name in an [`Identity`]; longer ones are cut.
 pub const MAX_NAME: usize = 32;

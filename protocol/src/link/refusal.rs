@@ -37,7 +37,7 @@ pub enum Refusal {
         expected: u32,
     },
     /// A piece that goes beyond the announced length.
-    PieceTooLong {
+    ChunkTooLong {
         /// Bytes with this piece.
         end: u32,
         /// Announced.
@@ -87,7 +87,7 @@ pub enum Refusal {
     KeyIsFixed,
     /// The bytes are no public key that could verify anything.
     NotAKey,
-    /// Writing the flash of this board would delay cycles: stop them and say so with `StandDown` first.
+    /// Writing the flash of this board would delay cycles: stop them and say so with `StopCyclic` first.
     CyclesRunning,
     /// A setting of the cycle is out of range, or a correction is applied; the code is `FilterError::code` of the runtime.
     CycleSetting {

@@ -18,7 +18,7 @@ pub enum Request<'a> {
     /// `Evaluate` with its intermediate results, to compare bits. Cyclic.
     Trace(Query),
     /// No more cyclic requests will come: from now on their absence is no fault. Cyclic. The next one takes it back.
-    StandDown,
+    StopCyclic,
     /// A blob follows.
     BeginUpload {
         /// Its length in bytes, envelope included.
@@ -27,10 +27,10 @@ pub enum Request<'a> {
         crc: u32,
     },
     /// The bytes of the blob from `offset` on.
-    UploadPiece {
+    UploadChunk {
         /// Position of the first byte.
         offset: u32,
-        /// At most [`super::MAX_PIECE`] bytes.
+        /// At most [`super::MAX_CHUNK`] bytes.
         #[serde(borrow)]
         bytes: &'a [u8],
     },
@@ -79,7 +79,7 @@ impl Request<'_> {
             Self::Evaluate(_)
                 | Self::Correct(_)
                 | Self::Trace(_)
-                | Self::StandDown
+                | Self::StopCyclic
                 | Self::Command(_)
         )
     }

@@ -4,8 +4,8 @@ use heapless::{String, Vec};
 use serde::{Deserialize, Serialize};
 
 use super::{CycleSettings, MAX_NAME, Refusal};
-use crate::blob::Transform;
-use crate::envelope::KEY_ID_LENGTH;
+use crate::Transform;
+use crate::blob::envelope::KEY_ID_LENGTH;
 use crate::limits::{MAX_JOINTS, OUTPUTS};
 
 /// First bytes of a public key: enough to tell keys apart.
@@ -24,7 +24,7 @@ pub enum Response {
     /// The compensated pose and how it came about.
     Trace(Trace),
     /// The absence of cyclic requests is no fault from now on.
-    StandingDown,
+    CyclicStopped,
     /// So many bytes of the announced blob are there.
     Uploading {
         /// Bytes received so far.
@@ -201,7 +201,7 @@ pub struct Statistics {
     pub lost_bytes: u32,
     /// Requests that were refused.
     pub refused: u32,
-    /// Cyclic requests answered, `StandDown` aside.
+    /// Cyclic requests answered, `StopCyclic` aside.
     pub cycles: u32,
     /// Cycles whose status was not `ok`.
     pub flagged: u32,

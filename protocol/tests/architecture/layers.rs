@@ -21,7 +21,7 @@ const CRATES: [Layer; 6] = [
         name: "poegp_protocol",
         folder: "protocol/src",
         below: &[],
-        rooms: &[],
+        rooms: &["limits", "blob", "link"],
     },
     Layer {
         name: "poegp_runtime",

@@ -3,19 +3,38 @@
 use std::collections::BTreeMap;
 
 use poegp_protocol::blob::{
-    Blob, BufferTooSmall, Correction, DecodeError, FORMAT_VERSION, HEADER_LENGTH, Tool, blob_crc,
-    decode, encode, encode_tools, stored_crc, tools,
+    Blob, BufferTooSmall, Correction, DecodeError, FORMAT_VERSION, HEADER_LENGTH, Host, Tool,
+    blob_crc, decode, encode, stored_crc,
 };
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 
 use crate::{listing, sample};
 
+/// Offset of the correction in the first listing.
+const CORRECTION: usize = 0x177;
+/// Offset of the number before the bytes for the host in the first listing.
+const HOST: usize = 0x26c;
+
 pub fn golden() -> Vec<u8> {
     listing::hex_blocks(sample::BLOB_FORMAT)
         .into_iter()
         .next()
         .expect("a listing")
+}
+
+/// A blob of the pieces of a later listing: its header, what the first listing has up to the correction, these pieces, and
+/// the first listing's bytes for the host.
+fn pieced(header: usize, pieces: &[&[u8]]) -> Vec<u8> {
+    let first = golden();
+    let blocks = listing::hex_blocks(sample::BLOB_FORMAT);
+    [
+        &blocks[header],
+        &first[HEADER_LENGTH..CORRECTION],
+        &pieces.concat(),
+        &first[HOST..],
+    ]
+    .concat()
 }
 
 #[test]
@@ -30,30 +49,29 @@ fn value_to_bytes_is_the_listing_of_the_documentation() {
 fn bytes_to_value() {
     let (bytes, rows) = (golden(), sample::rows());
     assert_eq!(decode(&bytes), Ok(sample::blob(&rows)));
-    assert_eq!(stored_crc(&bytes), Some(0xd575_90a6));
+    assert_eq!(stored_crc(&bytes), Some(0x00a5_13c6));
 }
 
-/// The whole blob of the second listing: the first up to the correction, but for the header, then the listing.
+/// Correction and variance of the elastic example.
+fn elastic_piece() -> Vec<u8> {
+    listing::hex_blocks(sample::BLOB_FORMAT)[2].clone()
+}
+
 fn elastic_golden() -> Vec<u8> {
-    let blocks = listing::hex_blocks(sample::BLOB_FORMAT);
-    let [first, header, correction, ..] = blocks.as_slice() else {
-        panic!("only {} listings", blocks.len());
-    };
-    // The correction of the first begins at 0x270.
-    [header, &first[HEADER_LENGTH..0x270], correction].concat()
+    pieced(1, &[&elastic_piece()])
 }
 
-/// The whole blob of the third listing: the second but for the header, then the listing.
+/// The elastic example with the fifth listing in place of its last byte, which says that there is no variance.
 fn variance_golden() -> Vec<u8> {
     let blocks = listing::hex_blocks(sample::BLOB_FORMAT);
-    [&blocks[3], &elastic_golden()[HEADER_LENGTH..], &blocks[4]].concat()
+    let elastic = elastic_piece();
+    pieced(3, &[&elastic[..elastic.len() - 1], &blocks[4]])
 }
 
-/// The whole blob of the fourth listing: the second up to the kernel of joint 2, but for the header, then the listing.
+/// The elastic example with the seventh listing from the kernel of joint 2 on.
 fn sets_golden() -> Vec<u8> {
     let blocks = listing::hex_blocks(sample::BLOB_FORMAT);
-    let same = &elastic_golden()[HEADER_LENGTH..0x2ef];
-    [&blocks[5], same, &blocks[6]].concat()
+    pieced(5, &[&elastic_piece()[..0x7f], &blocks[6]])
 }
 
 #[test]
@@ -77,17 +95,15 @@ fn a_blob_with_support_sets_may_have_a_variance() {
     };
     let mut buffer = [0; 2_048];
     let encoded = encode(&blob, &mut buffer).unwrap();
-    assert_eq!(encoded[8..10], [4, 0]);
     assert_eq!(decode(encoded), Ok(blob));
 }
 
-/// The whole blob of the last two listings: the first but for the header, then the listing.
+/// The first listing with the last one from its centre on.
 fn folded_golden() -> Vec<u8> {
     let blocks = listing::hex_blocks(sample::BLOB_FORMAT);
-    let [.., header, centre] = blocks.as_slice() else {
-        panic!("only {} listings", blocks.len());
-    };
-    [header, &golden()[HEADER_LENGTH..], centre].concat()
+    let first = golden();
+    // Its last two bytes before the host are an empty centre and no variance.
+    pieced(7, &[&first[CORRECTION..HOST - 2], &blocks[8]])
 }
 
 #[test]
@@ -119,35 +135,6 @@ fn an_elastic_blob_is_the_listing_of_the_documentation() {
     assert_eq!(decode(encoded), Ok(sample::elastic_blob(&rows)));
 }
 
-/// The oldest format that can hold it: who knows only version 1 goes on reading what it can.
-#[test]
-fn a_blob_is_written_in_the_oldest_version_that_holds_it() {
-    let (rows, elastic_rows) = (sample::rows(), sample::elastic_rows());
-    let task = sample::blob(&rows);
-    let none = Blob {
-        correction: Correction::None,
-        ..task.clone()
-    };
-    let elastic = sample::elastic_blob(&elastic_rows);
-    let landmark = sample::landmark();
-    let variance = sample::variance_blob(&elastic_rows, &landmark);
-    let set_rows = sample::set_rows();
-    let sets = sample::sets_blob(&set_rows);
-    let folded = sample::folded_blob(&rows);
-    for (blob, version) in [
-        (none, 1),
-        (task, 1),
-        (elastic, 2),
-        (variance, 3),
-        (sets, 4),
-        (folded, 4),
-    ] {
-        let mut buffer = [0; 2_048];
-        let encoded = encode(&blob, &mut buffer).unwrap();
-        assert_eq!(encoded[8..10], [version, 0]);
-    }
-}
-
 /// `bytes` as of another version, with the checksum of that.
 fn restamped(bytes: &[u8], version: u16) -> Vec<u8> {
     let mut out = bytes.to_vec();
@@ -158,33 +145,9 @@ fn restamped(bytes: &[u8], version: u16) -> Vec<u8> {
 }
 
 #[test]
-fn what_a_version_does_not_have_is_refused_in_it() {
-    let (task, elastic, variance) = (golden(), elastic_golden(), variance_golden());
-    let (sets, folded) = (sets_golden(), folded_golden());
-    // Version 1 has no elastic correction and no tools, version 2 no variance, version 3 no sets and no centre; and no version
-    // is for what an older one holds.
-    for (bytes, version) in [
-        (&task, 2),
-        (&task, 3),
-        (&task, 4),
-        (&folded, 1),
-        (&folded, 2),
-        (&folded, 3),
-        (&elastic, 1),
-        (&elastic, 3),
-        (&elastic, 4),
-        (&variance, 1),
-        (&variance, 2),
-        (&variance, 4),
-        (&sets, 1),
-        (&sets, 2),
-        (&sets, 3),
-    ] {
-        let error = Err(DecodeError::MalformedPayload);
-        assert_eq!(decode(&restamped(bytes, version)), error);
-    }
-    for bytes in [task, elastic, variance, sets, folded] {
-        for found in [0, 5, 6, u16::MAX] {
+fn every_other_version_is_refused_by_its_number() {
+    for bytes in [golden(), elastic_golden(), folded_golden()] {
+        for found in [0, 2, 3, 0x0102, u16::MAX] {
             let error = DecodeError::UnknownVersion {
                 found,
                 supported: FORMAT_VERSION,
@@ -194,14 +157,10 @@ fn what_a_version_does_not_have_is_refused_in_it() {
     }
 }
 
-/// Names of the errors that a flipped bit of the damaged `bytes` may have: its field of the header decides.
-fn refused_as(bit: usize, bytes: &[u8]) -> &'static [&'static str] {
+/// Names of the errors that a flipped bit may have: its field of the header decides.
+fn refused_as(bit: usize) -> &'static [&'static str] {
     match bit / 8 {
         0..8 => &["WrongMagic"],
-        // Between two versions that are known there may be one bit.
-        8..10 if (1..=FORMAT_VERSION).contains(&u16::from_le_bytes([bytes[8], bytes[9]])) => {
-            &["CrcMismatch"]
-        }
         8..10 => &["UnknownVersion"],
         // The flag of a signed blob: its trailer is missing.
         10 if bit == 80 => &["Truncated"],
@@ -236,7 +195,7 @@ fn every_damage_is_refused(golden: &[u8]) {
         let mut bytes = golden.to_vec();
         bytes[bit / 8] ^= 1 << (bit % 8);
         let error = decode(&bytes).expect_err("a flipped bit");
-        let expected = refused_as(bit, &bytes);
+        let expected = refused_as(bit);
         assert!(expected.contains(&kind(error)), "bit {bit}: {error:?}");
     }
     for length in 0..golden.len() {
@@ -246,13 +205,14 @@ fn every_damage_is_refused(golden: &[u8]) {
 }
 
 #[test]
-fn a_blob_without_correction_ends_after_its_number() {
+fn a_blob_without_correction_and_host_ends_after_three_zeros() {
     let rows = sample::rows();
     let mut blob = sample::blob(&rows);
     blob.correction = Correction::None;
+    blob.host = &[];
     let mut buffer = [0; 2_048];
     let encoded = encode(&blob, &mut buffer).unwrap();
-    assert_eq!(encoded.last(), Some(&0));
+    assert_eq!(encoded[CORRECTION..], [0, 0, 0]);
     assert_eq!(decode(encoded), Ok(blob));
 }
 
@@ -278,7 +238,7 @@ fn every_single_bit_flip_is_refused_by_name() {
         let mut bytes = golden.clone();
         bytes[bit / 8] ^= 1 << (bit % 8);
         let error = decode(&bytes).expect_err("a flipped bit");
-        let expected = refused_as(bit, &bytes);
+        let expected = refused_as(bit);
         assert!(
             expected.contains(&kind(error)),
             "bit {bit}: {error:?}, not {expected:?}"
@@ -288,16 +248,15 @@ fn every_single_bit_flip_is_refused_by_name() {
     for (name, count) in &counts {
         println!("| {name:<16} | {count:>6} |");
     }
-    // 847 is 0b11_0100_1111: seven of the 32 length bits are set, and clearing one leaves bytes over. A bit of the flags
+    // 853 is 0b11_0101_0101: six of the 32 length bits are set, and clearing one leaves bytes over. A bit of the flags
     // announces a trailer.
     let expected = BTreeMap::from([
         ("WrongMagic", 64),
-        ("UnknownVersion", 15),
+        ("UnknownVersion", 16),
         ("ReservedBitsSet", 15),
-        ("Truncated", 26),
-        ("TrailingBytes", 7),
-        // One bit makes version 3 of version 1.
-        ("CrcMismatch", 8 * (golden.len() - 16) + 1),
+        ("Truncated", 27),
+        ("TrailingBytes", 6),
+        ("CrcMismatch", 8 * (golden.len() - 16)),
     ]);
     assert_eq!(counts, expected);
 }
@@ -358,7 +317,7 @@ fn an_intact_envelope_around_nonsense_is_malformed() {
         ("a joint kind 2", patched(0x1b, 2)),
         ("an Option that is neither 0 nor 1", patched(0x1c, 2)),
         ("a unit that does not exist", patched(0x38, 1)),
-        ("ten frames", patched(0x8e, 10)),
+        ("ten frames", patched(0x55, 10)),
         ("a payload cut short", sealed(&payload[..payload.len() - 1])),
         (
             "a payload with a byte more",
@@ -369,17 +328,6 @@ fn an_intact_envelope_around_nonsense_is_malformed() {
     for (what, bytes) in cases {
         assert_eq!(decode(&bytes), Err(DecodeError::MalformedPayload), "{what}");
     }
-}
-
-#[test]
-fn another_version_is_named_before_its_bytes_are_judged() {
-    let mut bytes = golden();
-    bytes[8..10].copy_from_slice(&0x0102_u16.to_le_bytes());
-    let error = DecodeError::UnknownVersion {
-        found: 0x0102,
-        supported: FORMAT_VERSION,
-    };
-    assert_eq!(decode(&bytes), Err(error));
 }
 
 #[test]
@@ -413,8 +361,8 @@ proptest! {
 
     #[test]
     fn damaged_payloads_behind_an_intact_envelope_never_panic(
-        changes in prop::collection::vec((0_usize..847, any::<u8>()), 1..20),
-        cut in 0_usize..847,
+        changes in prop::collection::vec((0_usize..853, any::<u8>()), 1..20),
+        cut in 0_usize..853,
     ) {
         let mut payload = golden()[HEADER_LENGTH..].to_vec();
         for (at, value) in changes {
@@ -432,28 +380,38 @@ proptest! {
     }
 }
 
-/// Tools are bytes to the device and values to the workstation.
+/// Its section for the host is bytes to the device and values to the workstation.
 #[test]
-fn tools_follow_the_payload_and_are_read_back() {
+fn the_section_for_the_host_is_read_back() {
     let tool = |session, shift| Tool {
         session,
         target: "reflector",
         first_from_target: [1.0, 0.0, 0.0, shift, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0],
     };
-    let all = [tool("monday", 0.0), tool("tuesday", 0.125)];
-    let mut room = [0; 256];
-    let bytes = encode_tools(&all, &mut room).unwrap().to_vec();
+    let host = Host {
+        tools: [tool("monday", 0.0), tool("tuesday", 0.125)]
+            .into_iter()
+            .collect(),
+        warnings: ["few poses"].into_iter().collect(),
+        ..sample::host()
+    };
+    let mut room = [0; 1_024];
+    let bytes = host.encode(&mut room).unwrap().to_vec();
     let rows = sample::rows();
     let blob = Blob {
-        tools: &bytes,
+        host: &bytes,
         ..sample::blob(&rows)
     };
     let mut buffer = [0; 2_048];
     let encoded = encode(&blob, &mut buffer).unwrap();
-    assert_eq!(encoded[8..10], [2, 0], "tools need version 2");
     let decoded = decode(encoded).unwrap();
-    let read: Vec<Tool<'_>> = tools(decoded.tools).map(Result::unwrap).collect();
-    assert_eq!(read, all);
-    let cut = tools(&bytes[..bytes.len() - 1]).last().unwrap();
-    assert_eq!(cut, Err(DecodeError::MalformedPayload));
+    assert_eq!(Host::decode(decoded.host), Ok(host.clone()));
+    for length in 0..bytes.len() {
+        let cut = Host::decode(&bytes[..length]);
+        assert_eq!(cut, Err(DecodeError::MalformedPayload));
+        let mut room = vec![0; length];
+        assert_eq!(host.encode(&mut room), Err(BufferTooSmall));
+    }
+    let longer = [&bytes[..], &[0]].concat();
+    assert_eq!(Host::decode(&longer), Err(DecodeError::MalformedPayload));
 }

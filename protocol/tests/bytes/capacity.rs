@@ -1,10 +1,10 @@
 //! The sizes that both sides rely on, as the pages of the formats give them: an arm of eight joints fits, whole.
 
+use poegp_protocol::blob::envelope::{HEADER_LENGTH, TRAILER_LENGTH};
 use poegp_protocol::blob::{self, Correction, FORMAT_VERSION, MAX_LENGTH_WITHOUT_ROWS};
-use poegp_protocol::envelope::{HEADER_LENGTH, TRAILER_LENGTH};
-use poegp_protocol::frame::{MAX_FRAME, OVERHEAD};
 use poegp_protocol::limits::{MAX_FRAMES, MAX_INPUTS, MAX_JOINTS, MAX_LINK_TERMS};
-use poegp_protocol::link::MAX_PIECE;
+use poegp_protocol::link::MAX_CHUNK;
+use poegp_protocol::link::frame::{MAX_FRAME, OVERHEAD};
 
 use crate::sample;
 
@@ -14,11 +14,11 @@ fn sizes_are_those_of_the_pages() {
     // One for each joint and each link at or beyond it: 1 + 2 + … + 8.
     assert_eq!(MAX_LINK_TERMS, 36);
     assert_eq!((HEADER_LENGTH, TRAILER_LENGTH), (20, 8 + 64 + 4));
-    assert_eq!(FORMAT_VERSION, 4);
+    assert_eq!(FORMAT_VERSION, 1);
     assert_eq!(MAX_LENGTH_WITHOUT_ROWS, 4_096);
     // Version, sequence and checksum; COBS adds a byte, and one for each 254; then the zero.
     assert_eq!(OVERHEAD, 7);
-    assert_eq!(MAX_FRAME, (MAX_PIECE + 8 + OVERHEAD) + 2 + 1);
+    assert_eq!(MAX_FRAME, (MAX_CHUNK + 8 + OVERHEAD) + 2 + 1);
 }
 
 /// Full in every list that grows with the joints.

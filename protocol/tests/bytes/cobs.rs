@@ -1,7 +1,7 @@
 //! Our byte stuffing against that of the `cobs` crate: the same bytes, the same refusals.
 
 use poegp_protocol::blob::BufferTooSmall;
-use poegp_protocol::cobs::{decode_in_place, encode, max_encoded};
+use poegp_protocol::link::cobs::{decode_in_place, encode, max_encoded};
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 

@@ -2,10 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use poegp_protocol::blob::{DecodeError, HEADER_LENGTH, blob_crc, decode, stored_crc};
-use poegp_protocol::envelope::{
+use poegp_protocol::blob::envelope::{
     CRC, KEY_ID_LENGTH, SIGNATURE_LENGTH, TRAILER_LENGTH, Trailer, key_id, open, set_signed,
 };
+use poegp_protocol::blob::{DecodeError, HEADER_LENGTH, blob_crc, decode, stored_crc};
 
 use crate::blob::{golden, kind};
 use crate::sample;

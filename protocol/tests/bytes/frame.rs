@@ -3,9 +3,9 @@
 use std::collections::BTreeMap;
 
 use poegp_protocol::blob::{BufferTooSmall, CRC};
-use poegp_protocol::frame::{FrameError, Received, Receiver, decode, encode};
+use poegp_protocol::link::frame::{FrameError, Received, Receiver, decode, encode};
 use poegp_protocol::link::{
-    MAX_PIECE, PROTOCOL_VERSION, REQUESTS, RESPONSES, Refusal, Request, Response,
+    MAX_CHUNK, PROTOCOL_VERSION, REQUESTS, RESPONSES, Refusal, Request, Response,
 };
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
@@ -29,11 +29,11 @@ fn framed(sequence: u16, message: &impl Serialize) -> Vec<u8> {
 fn awkward_pieces() -> [Vec<u8>; 3] {
     let mut zeros = vec![0x55; 253];
     zeros.extend([0, 0, 7]);
-    [zeros, vec![0xff; MAX_PIECE], vec![0; MAX_PIECE]]
+    [zeros, vec![0xff; MAX_CHUNK], vec![0; MAX_CHUNK]]
 }
 
 fn all_frames() -> Vec<Vec<u8>> {
-    let long = |bytes: &Vec<u8>| framed(0, &Request::UploadPiece { offset: 0, bytes });
+    let long = |bytes: &Vec<u8>| framed(0, &Request::UploadChunk { offset: 0, bytes });
     let mut frames: Vec<Vec<u8>> = awkward_pieces().iter().map(long).collect();
     for sequence in [0, 1, 0x0100, 0xffff] {
         frames.extend(requests().iter().map(|message| framed(sequence, message)));
@@ -55,7 +55,7 @@ fn round_trip() {
         }
     }
     for bytes in &awkward_pieces() {
-        let request = Request::UploadPiece { offset: 1, bytes };
+        let request = Request::UploadChunk { offset: 1, bytes };
         assert_eq!(decode(&mut framed(3, &request)), Ok((3, request)));
     }
 }
@@ -64,11 +64,11 @@ fn round_trip() {
 fn all_messages() -> Vec<(String, Vec<u8>)> {
     let mut frames = Vec::new();
     let pieces = awkward_pieces();
-    let long = |bytes: &Vec<u8>| framed(0, &Request::UploadPiece { offset: 0, bytes });
+    let long = |bytes: &Vec<u8>| framed(0, &Request::UploadChunk { offset: 0, bytes });
     frames.extend(
         pieces
             .iter()
-            .map(|bytes| ("UploadPiece".to_owned(), long(bytes))),
+            .map(|bytes| ("UploadChunk".to_owned(), long(bytes))),
     );
     let refused = refusals().into_iter().map(Response::Refused);
     let blobs = decode_errors()
@@ -277,9 +277,9 @@ proptest! {
     fn pieces_of_any_bytes_survive(
         sequence: u16,
         offset: u32,
-        bytes in prop::collection::vec(prop_oneof![Just(0_u8), Just(0xff), any::<u8>()], 0..=MAX_PIECE),
+        bytes in prop::collection::vec(prop_oneof![Just(0_u8), Just(0xff), any::<u8>()], 0..=MAX_CHUNK),
     ) {
-        let request = Request::UploadPiece { offset, bytes: &bytes };
+        let request = Request::UploadChunk { offset, bytes: &bytes };
         let mut frame = framed(sequence, &request);
         prop_assert_eq!(decode(&mut frame), Ok((sequence, request)));
     }

@@ -1,6 +1,6 @@
 //! Every message as bytes, and the tables of the crate and of `docs/reference/link.md`: their numbers never change.
 
-use poegp_protocol::frame::{self, MAX_FRAME};
+use poegp_protocol::link::frame::{self, MAX_FRAME};
 use poegp_protocol::link::{Message, REQUESTS, RESPONSES, Request, Response};
 use serde::Serialize;
 
@@ -150,7 +150,7 @@ fn the_refusals_are_those_of_the_documentation() {
 fn the_lengths_are_those_of_the_documentation() {
     let on_line = |length: usize| {
         let raw = length + frame::OVERHEAD;
-        poegp_protocol::cobs::max_encoded(raw) + 1
+        poegp_protocol::link::cobs::max_encoded(raw) + 1
     };
     let longest = |rows: &[Message]| rows.iter().map(|row| row.max_bytes).max().unwrap();
     let service_answer = RESPONSES

@@ -3,7 +3,7 @@
 use poegp_protocol::blob::DecodeError;
 use poegp_protocol::limits::MAX_JOINTS;
 use poegp_protocol::link::{
-    Commanded, Corrected, CycleSettings, Evaluation, Identity, Key, MAX_NAME, MAX_PIECE,
+    Commanded, Corrected, CycleSettings, Evaluation, Identity, Key, MAX_CHUNK, MAX_NAME,
     ModelIdentity, Query, Refusal, Request, Response, Statistics, StoredModel, Trace,
 };
 
@@ -22,12 +22,12 @@ pub fn requests() -> Vec<Request<'static>> {
         Request::Evaluate(query()),
         Request::Correct(query()),
         Request::Trace(query()),
-        Request::StandDown,
+        Request::StopCyclic,
         Request::BeginUpload {
             length: 300,
             crc: 0xffff_ffff,
         },
-        Request::UploadPiece {
+        Request::UploadChunk {
             offset: 128,
             bytes: &[0, 1, 0xff],
         },
@@ -64,14 +64,14 @@ pub fn longest_requests() -> Vec<Request<'static>> {
         Request::Evaluate(query()),
         Request::Correct(query()),
         Request::Trace(query()),
-        Request::StandDown,
+        Request::StopCyclic,
         Request::BeginUpload {
             length: u32::MAX,
             crc: u32::MAX,
         },
-        Request::UploadPiece {
+        Request::UploadChunk {
             offset: u32::MAX,
-            bytes: &[0xff; MAX_PIECE],
+            bytes: &[0xff; MAX_CHUNK],
         },
         Request::VerifyUpload,
         Request::CommitUpload,
@@ -139,7 +139,7 @@ pub fn refusals() -> Vec<Refusal> {
             found: 5,
             expected: 4,
         },
-        Refusal::PieceTooLong { end: 9, length: 8 },
+        Refusal::ChunkTooLong { end: 9, length: 8 },
         Refusal::Incomplete {
             received: 7,
             length: 8,
@@ -227,7 +227,7 @@ pub fn responses() -> Vec<Response> {
             chain: [1.0; 12],
             evaluation: evaluation(),
         }),
-        Response::StandingDown,
+        Response::CyclicStopped,
         Response::Uploading { received: 128 },
         Response::Verified(model()),
         Response::Committed(STORED),
@@ -328,7 +328,7 @@ pub fn longest_responses() -> Vec<Response> {
             chain: [-1.1; 12],
             evaluation,
         }),
-        Response::StandingDown,
+        Response::CyclicStopped,
         Response::Uploading { received: m },
         Response::Verified(model),
         Response::Committed(stored),

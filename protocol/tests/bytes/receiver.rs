@@ -1,7 +1,7 @@
 //! The receiver: whatever came before, the next whole frame is found.
 
 use poegp_protocol::blob::CRC;
-use poegp_protocol::frame::{FrameError, MAX_FRAME, Received, Receiver, decode, encode};
+use poegp_protocol::link::frame::{FrameError, MAX_FRAME, Received, Receiver, decode, encode};
 use poegp_protocol::link::{PROTOCOL_VERSION, Request};
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
@@ -109,13 +109,13 @@ fn a_frame_that_cannot_be_opened_or_read_is_named() {
         (vec![PROTOCOL_VERSION, 3, 4, 200], None, true),
         (vec![7, 3, 4, 200], Some((7, 0x0403)), false),
         // Also one without any message.
-        (vec![1, 3, 4], Some((1, 0x0403)), false),
+        (vec![2, 3, 4], Some((2, 0x0403)), false),
     ];
     for (body, version, opens) in cases {
         let raw = [&body[..], &CRC.checksum(&body).to_le_bytes()].concat();
         let mut receiver = Receiver::new();
         let mut stuffed = [0; 32];
-        let used = poegp_protocol::cobs::encode(&raw, &mut stuffed).unwrap();
+        let used = poegp_protocol::link::cobs::encode(&raw, &mut stuffed).unwrap();
         for byte in &stuffed[..used] {
             receiver.push(*byte);
         }

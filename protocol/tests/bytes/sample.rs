@@ -2,8 +2,8 @@
 
 use poegp_protocol::JointKind;
 use poegp_protocol::blob::{
-    Blob, Correction, CorrectionBound, Elastic, Geometry, Joint, JointKernel, PayloadGroup,
-    Provenance, Ranges, Ripple, Robot, TaskSpace, Transform, Units, Variance,
+    Blob, Correction, CorrectionBound, Elastic, Gauge, Geometry, Host, Joint, JointKernel,
+    PayloadGroup, Provenance, Ranges, Ripple, Robot, TaskSpace, Transform, Units, Variance,
 };
 
 /// The documentation that has its bytes.
@@ -45,13 +45,6 @@ pub fn blob(rows: &[u8]) -> Blob<'_> {
             coupling: [1.0, 0.0, -1.0, 1.0].into_iter().collect(),
         },
         units: Units::SI,
-        provenance: Provenance {
-            model: "paper",
-            trainer_version: "0.1.0",
-            date: "2026-11-20",
-            data_sha256: core::array::from_fn(|index| index as u8),
-            training_poses: 300,
-        },
         ranges: Ranges {
             joints: [(-2.0, 2.0), (0.0, 0.5)].into_iter().collect(),
             payload_kg: Some((0.0, 10.0)),
@@ -59,8 +52,6 @@ pub fn blob(rows: &[u8]) -> Blob<'_> {
         geometry: Geometry {
             calibrated: frames(0.507_812_5).into_iter().collect(),
             nominal: frames(0.5).into_iter().collect(),
-            instrument_from_base: along([1.0, 2.0, 3.0]),
-            flange_from_target: along([0.0, 0.0, 0.0625]),
         },
         correction: Correction::TaskSpace(TaskSpace {
             bound: CorrectionBound {
@@ -75,8 +66,32 @@ pub fn blob(rows: &[u8]) -> Blob<'_> {
             rows,
             centre: heapless::Vec::new(),
         }),
-        tools: &[],
         variance: None,
+        host: HOST.get_or_init(|| {
+            let mut buffer = [0; 512];
+            host().encode(&mut buffer).expect("room").to_vec()
+        }),
+    }
+}
+
+static HOST: std::sync::OnceLock<Vec<u8>> = std::sync::OnceLock::new();
+
+/// The section for the host of all examples.
+pub fn host() -> Host<'static> {
+    Host {
+        provenance: Provenance {
+            method: "paper",
+            trainer_version: "0.1.0",
+            date: "2026-11-20",
+            data_sha256: core::array::from_fn(|index| index as u8),
+            training_poses: 300,
+        },
+        gauge: Gauge {
+            instrument_from_base: along([1.0, 2.0, 3.0]),
+            flange_from_target: along([0.0, 0.0, 0.0625]),
+        },
+        tools: heapless::Vec::new(),
+        warnings: heapless::Vec::new(),
     }
 }
 

@@ -1,8 +1,8 @@
 //! What errors say: every number that they carry, for whoever has to find out.
 
-use poegp_protocol::envelope::{BufferTooSmall, DecodeError};
-use poegp_protocol::frame::FrameError;
+use poegp_protocol::blob::envelope::{BufferTooSmall, DecodeError};
 use poegp_protocol::link::PROTOCOL_VERSION;
+use poegp_protocol::link::frame::FrameError;
 
 #[test]
 fn texts_of_a_blob_have_its_numbers() {
@@ -18,9 +18,9 @@ fn texts_of_a_blob_have_its_numbers() {
         (
             DecodeError::UnknownVersion {
                 found: 77,
-                supported: 4,
+                supported: 1,
             },
-            &["version 77", "1 to 4"],
+            &["version 77", "reads version 1"],
         ),
         (DecodeError::ReservedBitsSet, &["reserved bits"]),
         (

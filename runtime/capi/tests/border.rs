@@ -11,7 +11,7 @@ use ed25519_compact::{KeyPair, Seed};
 use poegp_capi::codes::*;
 use poegp_capi::types::*;
 use poegp_capi::*;
-use poegp_protocol::{blob, envelope};
+use poegp_protocol::blob::{self, envelope};
 use poegp_runtime::model::load_error::LoadError;
 use poegp_runtime::model::{Model as Arm, words_for};
 

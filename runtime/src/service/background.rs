@@ -2,7 +2,7 @@
 
 use embedded_storage::nor_flash::NorFlash;
 use heapless::Vec;
-use poegp_protocol::envelope::key_id;
+use poegp_protocol::blob::envelope::key_id;
 use poegp_protocol::link::{
     CycleSettings, Identity, Key, ModelIdentity, PROTOCOL_VERSION, Refusal, Request, Response,
     Statistics, StoredModel,
@@ -100,7 +100,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
                 let begun = self.upload.begin(*length, *crc);
                 begun.map(|received| Response::Uploading { received })
             }
-            Request::UploadPiece { offset, bytes } => {
+            Request::UploadChunk { offset, bytes } => {
                 let taken = self.upload.piece(*offset, bytes);
                 taken.map(|received| Response::Uploading { received })
             }
@@ -132,7 +132,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
             | Request::Correct(_)
             | Request::Trace(_)
             | Request::Command(_)
-            | Request::StandDown => Err(Refusal::UnknownMessage),
+            | Request::StopCyclic => Err(Refusal::UnknownMessage),
         };
         result.unwrap_or_else(|refusal| {
             self.order(device, Order::Refused);

@@ -1,8 +1,8 @@
 //! The cycle: a frame in, an answer out, in bounded time.
 
 use heapless::Vec;
-use poegp_protocol::frame::{self, FrameError, Receiver};
 use poegp_protocol::limits::{MAX_JOINTS, OUTPUTS};
+use poegp_protocol::link::frame::{self, FrameError, Receiver};
 use poegp_protocol::link::{
     Commanded, Corrected, Evaluation, PROTOCOL_VERSION, Query, Refusal, Request, Response,
     Statistics, Trace,
@@ -65,7 +65,7 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
         }
     }
 
-    /// Whether cyclic requests are expected: one has come, and no `StandDown` after it. While it is so, only
+    /// Whether cyclic requests are expected: one has come, and no `StopCyclic` after it. While it is so, only
     /// [`Taken::Completed`] may feed a watchdog.
     pub fn is_running(&self) -> bool {
         self.running
@@ -181,13 +181,13 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
                 let cycles = self.commands.cycles(sequence, query, arrived);
                 Response::Commanded(self.command(query, cycles, clock))
             }
-            Request::StandDown => {
+            Request::StopCyclic => {
                 self.commands.stop();
-                Response::StandingDown
+                Response::CyclicStopped
             }
             _ => return None,
         };
-        self.running = !matches!(response, Response::StandingDown);
+        self.running = !matches!(response, Response::CyclicStopped);
         Some(response)
     }
 

@@ -1,8 +1,8 @@
 //! A model in RAM with its name. There are two: the active and the spare.
 
 use heapless::String;
+use poegp_protocol::blob::{self, envelope};
 use poegp_protocol::link::{MAX_NAME, ModelIdentity, Refusal};
-use poegp_protocol::{blob, envelope};
 
 use crate::model::Model;
 use crate::store::Slot;

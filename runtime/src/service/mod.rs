@@ -15,7 +15,7 @@
 //! `Correct` is a question: its answer stands alone. `Command` is the command of a controller's cycle, and its answer goes
 //! through a [`crate::filter::CommandFilter`], which never steps. While it applies a correction, a model that was ordered
 //! waits: the filter takes the correction back, the models are exchanged, the filter applies the new one. When commands stop,
-//! for half a second or by `StandDown`, it waits no longer. Until then the background has no spare model, and answers
+//! for half a second or by `StopCyclic`, it waits no longer. Until then the background has no spare model, and answers
 //! [`poegp_protocol::link::Refusal::Busy`] to whatever needs one.
 //!
 //! A blob arrives in pieces in a staging buffer; nothing of it is believed before `VerifyUpload` has checked the

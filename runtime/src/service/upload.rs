@@ -65,7 +65,7 @@ impl<'m, const BYTES: usize> Upload<'m, BYTES> {
             offset.saturating_add(bytes.len() as u32),
         );
         if end > announced.length {
-            return Err(Refusal::PieceTooLong {
+            return Err(Refusal::ChunkTooLong {
                 end,
                 length: announced.length,
             });

@@ -12,7 +12,7 @@ use core::fmt;
 use core::hint::black_box;
 
 use ed25519_compact::{Error, PublicKey, Signature, VerifyingState};
-use poegp_protocol::envelope::{self, KEY_ID_LENGTH, SIGNATURE_LENGTH};
+use poegp_protocol::blob::envelope::{self, KEY_ID_LENGTH, SIGNATURE_LENGTH};
 
 /// Why a blob is not believed to be of the holder of a key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -2,8 +2,8 @@
 
 use poegp_protocol::JointKind;
 use poegp_protocol::blob::{
-    Blob, Correction, CorrectionBound, Elastic, Geometry, Joint, JointKernel, PayloadGroup,
-    Provenance, Ranges, Ripple, Robot, TaskSpace, Units,
+    Blob, Correction, CorrectionBound, Elastic, Geometry, Joint, JointKernel, PayloadGroup, Ranges,
+    Ripple, Robot, TaskSpace, Units,
 };
 use poegp_protocol::limits::{MAX_JOINTS, OUTPUTS};
 use poegp_runtime::math::scalar::Scalar;
@@ -273,13 +273,6 @@ impl Arm {
                 coupling: self.coupling.iter().copied().collect(),
             },
             units: Units::SI,
-            provenance: Provenance {
-                model: "paper",
-                trainer_version: "0",
-                date: "2026-11-20",
-                data_sha256: [0; 32],
-                training_poses: 0,
-            },
             ranges: Ranges {
                 joints: self.ranges.iter().copied().collect(),
                 payload_kg: self.payload,
@@ -287,8 +280,6 @@ impl Arm {
             geometry: Geometry {
                 calibrated: self.calibrated.iter().copied().collect(),
                 nominal: self.nominal.iter().copied().collect(),
-                instrument_from_base: Pose::identity().to_rows(),
-                flange_from_target: Pose::identity().to_rows(),
             },
             correction: if let Some(elastic) = &self.elastic {
                 Correction::Elastic(Elastic {
@@ -309,7 +300,7 @@ impl Arm {
                     })
                 })
             },
-            tools: &[],
+            host: &[],
             variance: None,
         }
     }

@@ -3,8 +3,8 @@
 
 use std::rc::Rc;
 
+use poegp_protocol::blob::envelope::key_id;
 use poegp_protocol::blob::{self, CRC, stored_crc};
-use poegp_protocol::envelope::key_id;
 use poegp_protocol::link::{
     Commanded, Corrected, CycleSettings, Evaluation, Identity, Key, ModelIdentity,
     PROTOCOL_VERSION, Query, Refusal, Request, Response, Statistics, StoredModel, Trace,
@@ -218,20 +218,20 @@ impl Expected {
         self.statistics.frames += 1;
         self.look();
         if request.is_cyclic() {
-            self.running = !matches!(request, Request::StandDown);
+            self.running = !matches!(request, Request::StopCyclic);
         }
         let answer = match request {
             Request::Evaluate(query) => Ok(Response::Evaluation(self.evaluate(query).0)),
             Request::Trace(query) => Ok(Response::Trace(self.trace(query))),
             Request::Correct(query) => Ok(Response::Corrected(self.correct(query))),
             Request::Command(query) => Ok(Response::Commanded(self.command(sequence, query))),
-            Request::StandDown => {
+            Request::StopCyclic => {
                 self.commands.last = None;
-                Ok(Response::StandingDown)
+                Ok(Response::CyclicStopped)
             }
             Request::Identify => Ok(self.identity()),
             Request::BeginUpload { length, crc } => self.begin(*length, *crc),
-            Request::UploadPiece { offset, bytes } => self.piece(*offset, bytes),
+            Request::UploadChunk { offset, bytes } => self.piece(*offset, bytes),
             Request::VerifyUpload => self.verify().map(Response::Verified),
             Request::CommitUpload => self.commit().map(Response::Committed),
             Request::Activate { blob_crc } => self.activate(*blob_crc).map(|()| self.identity()),
@@ -415,7 +415,7 @@ impl Expected {
         let end = start + bytes.len() as u64;
         if end > u64::from(length) {
             let end = u32::try_from(end).unwrap_or(u32::MAX);
-            return Err(Refusal::PieceTooLong { end, length });
+            return Err(Refusal::ChunkTooLong { end, length });
         }
         let repeated = end <= received && self.staged[start as usize..end as usize] == *bytes;
         if start != received && !repeated {

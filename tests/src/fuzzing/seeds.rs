@@ -83,7 +83,7 @@ pub fn frames() -> Vec<Vec<u8>> {
             length: 9_000,
             crc: 7,
         },
-        Request::UploadPiece {
+        Request::UploadChunk {
             offset: 256,
             bytes: &[0, 1, 2, 0xff],
         },

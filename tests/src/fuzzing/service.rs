@@ -7,11 +7,11 @@ use std::cell::RefCell;
 
 use ed25519_dalek::{Signer, SigningKey};
 use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
+use poegp_protocol::blob::envelope::{TRAILER_LENGTH, Trailer, key_id, set_signed};
 use poegp_protocol::blob::{CRC, blob_crc, stored_crc};
-use poegp_protocol::envelope::{TRAILER_LENGTH, Trailer, key_id, set_signed};
-use poegp_protocol::frame::{self, FrameError, MAX_FRAME, Received, Receiver};
+use poegp_protocol::link::frame::{self, FrameError, MAX_FRAME, Received, Receiver};
 use poegp_protocol::link::{
-    CycleSettings, MAX_PIECE, PROTOCOL_VERSION, Query, Refusal, Request, Response, Statistics,
+    CycleSettings, MAX_CHUNK, PROTOCOL_VERSION, Query, Refusal, Request, Response, Statistics,
 };
 use poegp_runtime::service::{Background, Clock, Cycle, Device, Facts, Order, Report};
 use poegp_runtime::service::{Resident, Taken};
@@ -429,10 +429,10 @@ impl Talk<'_, '_> {
         let blob = self.uploading.clone();
         let from = self.expected.received().min(blob.len());
         let to = blob.len().min(from + most);
-        for start in (from..to).step_by(MAX_PIECE) {
-            self.ask(&Request::UploadPiece {
+        for start in (from..to).step_by(MAX_CHUNK) {
+            self.ask(&Request::UploadChunk {
                 offset: start as u32,
-                bytes: &blob[start..to.min(start + MAX_PIECE)],
+                bytes: &blob[start..to.min(start + MAX_CHUNK)],
             });
         }
     }
@@ -454,7 +454,7 @@ impl Talk<'_, '_> {
             1 | 2 => self.ask(&Request::Evaluate(script.query())),
             3 | 4 => self.ask(&Request::Correct(script.query())),
             5 => self.ask(&Request::Trace(script.query())),
-            6 => self.ask(&Request::StandDown),
+            6 => self.ask(&Request::StopCyclic),
             7 => self.begin(blob(script)),
             8 => {
                 let (length, crc) = (script.word(), script.word());
@@ -464,9 +464,9 @@ impl Talk<'_, '_> {
             11 => self.send_rest(usize::MAX / 2),
             12 => {
                 let offset = script.word();
-                let count = script.below(MAX_PIECE + 1);
+                let count = script.below(MAX_CHUNK + 1);
                 let bytes = script.bytes(count);
-                self.ask(&Request::UploadPiece { offset, bytes });
+                self.ask(&Request::UploadChunk { offset, bytes });
             }
             13 => {
                 let (from, count) = (8 * script.below(256), script.below(256));
@@ -474,7 +474,7 @@ impl Talk<'_, '_> {
                 let to = self.uploading.len().min(from + count);
                 let (offset, bytes) = (from as u32, self.uploading[from..to].to_vec());
                 let bytes = &bytes;
-                self.ask(&Request::UploadPiece { offset, bytes });
+                self.ask(&Request::UploadChunk { offset, bytes });
             }
             14 => self.ask(&Request::VerifyUpload),
             15 | 16 => self.ask(&Request::CommitUpload),

@@ -1,9 +1,9 @@
 //! Blobs and link frames under arbitrary bytes.
 
 use poegp_calibration::blob::predict::LoadedBlob;
+use poegp_protocol::blob::envelope::{self, HEADER_LENGTH, MAGIC};
 use poegp_protocol::blob::{self, Correction};
-use poegp_protocol::envelope::{self, HEADER_LENGTH, MAGIC};
-use poegp_protocol::frame::{self, FrameError, MAX_FRAME, Received, Receiver};
+use poegp_protocol::link::frame::{self, FrameError, MAX_FRAME, Received, Receiver};
 use poegp_protocol::link::{PROTOCOL_VERSION, Request, Response};
 use poegp_runtime::correct::MAX_JOINT_CHANGE;
 use poegp_runtime::service::Resident;
@@ -66,7 +66,7 @@ fn load(bytes: &[u8]) {
     if let Ok(host) = &host {
         assert_eq!(
             host.tools().len(),
-            blob::tools(host.blob().tools).count(),
+            host.host().tools.len(),
             "a tool is lost"
         );
     }
@@ -183,7 +183,7 @@ const SEQUENCE: u16 = 0x0102;
 
 /// Longest message of a frame.
 const fn frame_room() -> usize {
-    poegp_protocol::link::MAX_PIECE + 8
+    poegp_protocol::link::MAX_CHUNK + 8
 }
 
 /// An intact frame with these bytes for a message, by hand.
@@ -194,11 +194,11 @@ pub(super) fn sent(message: &[u8]) -> Vec<u8> {
     let crc = poegp_protocol::blob::CRC.checksum(&raw);
     raw.extend(crc.to_le_bytes());
     let mut out = vec![0; MAX_FRAME];
-    let used = poegp_protocol::cobs::encode(&raw, &mut out).expect("no longer than a frame");
+    let used = poegp_protocol::link::cobs::encode(&raw, &mut out).expect("no longer than a frame");
     out.truncate(used);
     assert!(!out.contains(&0), "a zero within a frame");
     let mut back = out.clone();
-    let length = poegp_protocol::cobs::decode_in_place(&mut back);
+    let length = poegp_protocol::link::cobs::decode_in_place(&mut back);
     assert_eq!(length.map(|length| &back[..length]), Some(&raw[..]));
     out.push(0);
     out

@@ -3,8 +3,8 @@
 use std::io::Read;
 use std::time::Duration;
 
+use poegp_protocol::blob::envelope::TRAILER_LENGTH;
 use poegp_protocol::blob::{self, HEADER_LENGTH, MAX_LENGTH_WITHOUT_ROWS};
-use poegp_protocol::envelope::TRAILER_LENGTH;
 use poegp_protocol::link::{Key, ModelIdentity, PROTOCOL_VERSION};
 use poegp_runtime::guard::status::Status;
 use poegp_runtime::model::words_for;

@@ -1,6 +1,6 @@
 //! What the image takes, and what is not in it.
 
-use poegp_protocol::link::{MAX_PIECE, Query, Request, Response};
+use poegp_protocol::link::{MAX_CHUNK, Query, Request, Response};
 use poegp_tests::device::Device;
 use poegp_tests::firmware_build::firmware;
 use poegp_tests::image::Image;
@@ -122,9 +122,9 @@ fn stack_stays_small_with_signatures() {
 /// Uploads a blob once more and asks for traces and corrections while it is verified; returns how many were answered.
 fn cycles_during_a_signature(device: &mut Device, signed: &[u8], queries: &[Query]) -> usize {
     device.client().begin_upload(signed).unwrap();
-    for (index, bytes) in signed.chunks(MAX_PIECE).enumerate() {
-        let offset = (MAX_PIECE * index) as u32;
-        let piece = Request::UploadPiece { offset, bytes };
+    for (index, bytes) in signed.chunks(MAX_CHUNK).enumerate() {
+        let offset = (MAX_CHUNK * index) as u32;
+        let piece = Request::UploadChunk { offset, bytes };
         device.request(&piece).unwrap();
     }
     let (verify, frame) = device.frame(&Request::VerifyUpload);

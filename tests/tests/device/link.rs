@@ -1,8 +1,8 @@
 //! The link: damage is counted and answered, order is enforced, repetition is harmless.
 
 use poegp_protocol::blob::CRC;
-use poegp_protocol::frame::{MAX_FRAME, OVERHEAD};
-use poegp_protocol::link::{MAX_PIECE, PROTOCOL_VERSION, Refusal, Request, Response};
+use poegp_protocol::link::frame::{MAX_FRAME, OVERHEAD};
+use poegp_protocol::link::{MAX_CHUNK, PROTOCOL_VERSION, Refusal, Request, Response};
 use poegp_tests::device::Device;
 use poegp_tests::sample::{Sample, Support};
 
@@ -140,15 +140,15 @@ fn unknown_messages_are_refused() {
 
 #[test]
 fn the_longest_frame_fits() {
-    const { assert!(MAX_FRAME > MAX_PIECE + OVERHEAD) };
+    const { assert!(MAX_FRAME > MAX_CHUNK + OVERHEAD) };
     let mut device = device();
-    let bytes = [0xff; MAX_PIECE];
+    let bytes = [0xff; MAX_CHUNK];
     let crc = CRC.checksum(&bytes);
-    let length = MAX_PIECE as u32;
+    let length = MAX_CHUNK as u32;
     device
         .request(&Request::BeginUpload { length, crc })
         .unwrap();
-    let answer = device.request(&Request::UploadPiece {
+    let answer = device.request(&Request::UploadChunk {
         offset: 0,
         bytes: &bytes,
     });
@@ -174,7 +174,7 @@ fn oversized_blobs_are_refused_before_a_byte_is_sent() {
 fn pieces_come_in_order_and_may_be_repeated() {
     let blob = Sample::plain(60, Support::Shared(40)).blob();
     let (length, crc) = (blob.len() as u32, CRC.checksum(&blob));
-    let piece = |offset: u32, end: u32| Request::UploadPiece {
+    let piece = |offset: u32, end: u32| Request::UploadChunk {
         offset,
         bytes: &blob[offset as usize..end as usize],
     };
@@ -196,7 +196,7 @@ fn pieces_come_in_order_and_may_be_repeated() {
             expected: 100
         }
     );
-    let other = Request::UploadPiece {
+    let other = Request::UploadChunk {
         offset: 0,
         bytes: &[0xaa; 50],
     };
@@ -207,13 +207,13 @@ fn pieces_come_in_order_and_may_be_repeated() {
             expected: 100
         }
     );
-    let beyond = Request::UploadPiece {
+    let beyond = Request::UploadChunk {
         offset: length - 1,
         bytes: &[0; 2],
     };
     assert_eq!(
         refusal(&mut device, &beyond),
-        Refusal::PieceTooLong {
+        Refusal::ChunkTooLong {
             end: length + 1,
             length
         }
@@ -232,7 +232,7 @@ fn pieces_come_in_order_and_may_be_repeated() {
     }
     let mut offset = 100;
     while offset < length {
-        let end = (offset + MAX_PIECE as u32).min(length);
+        let end = (offset + MAX_CHUNK as u32).min(length);
         for _ in 0..2 {
             let answer = device.request(&piece(offset, end)).unwrap();
             assert_eq!(answer, Response::Uploading { received: end });
@@ -267,10 +267,10 @@ fn bytes_other_than_announced_are_refused() {
             crc: stored,
         })
         .unwrap();
-    for (index, bytes) in blob.chunks(MAX_PIECE).enumerate() {
-        let offset = (index * MAX_PIECE) as u32;
+    for (index, bytes) in blob.chunks(MAX_CHUNK).enumerate() {
+        let offset = (index * MAX_CHUNK) as u32;
         device
-            .request(&Request::UploadPiece { offset, bytes })
+            .request(&Request::UploadChunk { offset, bytes })
             .unwrap();
     }
     assert_eq!(

@@ -4,7 +4,7 @@
 //! cargo test --release -p poegp-tests --test device -- --nocapture parts
 //! ```
 
-use poegp_protocol::link::{MAX_PIECE, Request};
+use poegp_protocol::link::{MAX_CHUNK, Request};
 use poegp_tests::device::Device;
 use poegp_tests::emulator::instructions;
 use poegp_tests::execution::Recorder;
@@ -111,9 +111,9 @@ fn the_parts_of_an_evaluation() {
 fn load(device: &mut Device, recorder: &mut Recorder, support: Support) -> [usize; 3] {
     let blob = Sample::plain(37, support).blob();
     device.client().begin_upload(&blob).unwrap();
-    for (index, bytes) in blob.chunks(MAX_PIECE).enumerate() {
-        let offset = (MAX_PIECE * index) as u32;
-        let piece = Request::UploadPiece { offset, bytes };
+    for (index, bytes) in blob.chunks(MAX_CHUNK).enumerate() {
+        let offset = (MAX_CHUNK * index) as u32;
+        let piece = Request::UploadChunk { offset, bytes };
         device.request(&piece).unwrap();
     }
     let executed = recorder

@@ -23,7 +23,7 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use poegp_protocol::blob::CRC;
-use poegp_protocol::frame::{self, MAX_FRAME, Received, Receiver};
+use poegp_protocol::link::frame::{self, MAX_FRAME, Received, Receiver};
 use poegp_protocol::link::{Corrected, Query, Refusal, Request, Response, Statistics};
 use poegp_tests::bad_line::BadLine;
 use poegp_tests::emulator::{Clock, Emulator, Machine};
@@ -177,7 +177,7 @@ impl Soak {
                 length: model.bytes.len() as u32,
                 crc: CRC.checksum(&model.bytes),
             },
-            Step::Piece(offset) => Request::UploadPiece {
+            Step::Piece(offset) => Request::UploadChunk {
                 offset: offset as u32,
                 bytes: &model.bytes[offset..model.bytes.len().min(offset + PIECE)],
             },

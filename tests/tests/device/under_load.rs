@@ -3,7 +3,7 @@
 
 use poegp_protocol::blob;
 use poegp_protocol::blob::CRC;
-use poegp_protocol::link::{MAX_PIECE, Query, Request, Response};
+use poegp_protocol::link::{MAX_CHUNK, Query, Request, Response};
 use poegp_tests::device::Device;
 use poegp_tests::emulator::{Clock, instructions};
 use poegp_tests::sample::{Elastic, Sample, Support};
@@ -60,9 +60,9 @@ impl Controller {
         };
         self.during(device, &begin);
         let mut pieces = 0;
-        for (index, bytes) in bytes.chunks(MAX_PIECE).enumerate() {
-            let offset = (index * MAX_PIECE) as u32;
-            let (answer, count) = self.during(device, &Request::UploadPiece { offset, bytes });
+        for (index, bytes) in bytes.chunks(MAX_CHUNK).enumerate() {
+            let offset = (index * MAX_CHUNK) as u32;
+            let (answer, count) = self.during(device, &Request::UploadChunk { offset, bytes });
             assert!(matches!(answer, Response::Uploading { .. }), "{answer:?}");
             pieces += count;
         }

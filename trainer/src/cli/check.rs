@@ -156,7 +156,7 @@ pub fn run(a: &Check) -> Result<(), Failure> {
     let blob = loaded.blob();
     let document = Document {
         version: env!("CARGO_PKG_VERSION"),
-        model: blob.provenance.model,
+        model: loaded.host().provenance.method,
         name: file_name(&a.measurements),
         holds: bound_met && !drift_matters,
         statistic: a.statistic,
@@ -182,15 +182,22 @@ pub fn run(a: &Check) -> Result<(), Failure> {
         },
     };
     let json = json_text(&document)?;
-    let page = a
-        .report
-        .as_deref()
-        .map(|path| (path, check_page::page(&document, blob.provenance.date)));
+    let page = a.report.as_deref().map(|path| {
+        (
+            path,
+            check_page::page(&document, loaded.host().provenance.date),
+        )
+    });
     let mut files: Vec<(&Path, &[u8])> = Vec::new();
     files.extend(page.iter().map(|(path, html)| (*path, html.as_bytes())));
     files.extend(a.json.as_deref().map(|path| (path, json.as_bytes())));
     write_outputs(&files)?;
-    print(Report::beside(&outputs), a, &document, blob.provenance.date);
+    print(
+        Report::beside(&outputs),
+        a,
+        &document,
+        loaded.host().provenance.date,
+    );
     if document.holds {
         return Ok(());
     }

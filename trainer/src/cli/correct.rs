@@ -270,7 +270,7 @@ fn document<'a>(
     };
     Document {
         version: env!("CARGO_PKG_VERSION"),
-        model: blob.provenance.model,
+        model: loaded.host().provenance.method,
         name: file_name(&a.targets),
         commands: rows.len(),
         corrected: count(&Row::arrived),

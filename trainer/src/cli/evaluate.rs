@@ -87,7 +87,6 @@ pub fn run(a: &Evaluate) -> Result<(), Failure> {
     let outputs = [a.predictions.as_deref(), a.json.as_deref()];
     check_outputs(&outputs, &[&a.blob, &a.test])?;
     let loaded = LoadedBlob::read(&a.blob)?;
-    let blob = loaded.blob();
     let TestData {
         set,
         samples,
@@ -135,7 +134,7 @@ pub fn run(a: &Evaluate) -> Result<(), Failure> {
     };
     let document = Document {
         version: env!("CARGO_PKG_VERSION"),
-        model: blob.provenance.model,
+        model: loaded.host().provenance.method,
         sets: [&result],
     };
     let (csv, json) = (to_csv(&predictions, a.trust), json_text(&document)?);
@@ -146,7 +145,7 @@ pub fn run(a: &Evaluate) -> Result<(), Failure> {
     print(
         Report::beside(&outputs),
         &result,
-        blob.provenance.model,
+        loaded.host().provenance.method,
         &predictions,
     );
     Ok(())

@@ -1,10 +1,10 @@
 //! `trainer inspect`.
 
 use poegp_protocol::JointKind;
+use poegp_protocol::blob::envelope;
 use poegp_protocol::blob::{
-    Blob, Correction, Elastic, SetPoints, Variance, format_version, stored_crc,
+    Blob, Correction, Elastic, FORMAT_VERSION, SetPoints, Variance, stored_crc,
 };
-use poegp_protocol::envelope;
 use poegp_runtime::guard::trust::Trust;
 use poegp_runtime::math::se3::Pose;
 use serde_json::{Value, json};
@@ -29,7 +29,8 @@ pub fn run(a: &Inspect) -> Result<(), Failure> {
 
 fn document(loaded: &LoadedBlob) -> Value {
     let blob = loaded.blob();
-    let p = &blob.provenance;
+    let host = loaded.host();
+    let p = &host.provenance;
     let kind = |k: JointKind| {
         if k == JointKind::Revolute {
             "revolute"
@@ -75,7 +76,7 @@ fn document(loaded: &LoadedBlob) -> Value {
     };
     json!({
         "version": env!("CARGO_PKG_VERSION"),
-        "format_version": format_version(&blob),
+        "format_version": FORMAT_VERSION,
         "bytes": loaded.bytes().len(),
         "crc": format!("{:08x}", stored_crc(loaded.bytes()).unwrap_or(0)),
         "signed_by": signed_by(loaded),
@@ -83,13 +84,14 @@ fn document(loaded: &LoadedBlob) -> Value {
                   "coupling": blob.robot.coupling.as_slice()},
         "units": {"angle": "rad", "length": "m", "mass": "kg"},
         "payload_kg": blob.ranges.payload_kg,
-        "model": p.model,
+        "model": p.method,
         "training_poses": p.training_poses,
         "date": p.date,
         "trainer_version": p.trainer_version,
         "data_sha256": p.data_sha256.iter().map(|b| format!("{b:02x}")).collect::<String>(),
-        "instrument_from_base": blob.geometry.instrument_from_base,
-        "flange_from_target": blob.geometry.flange_from_target,
+        "instrument_from_base": host.gauge.instrument_from_base,
+        "flange_from_target": host.gauge.flange_from_target,
+        "warnings": host.warnings.as_slice(),
         "correction": correction,
     })
 }
@@ -111,6 +113,8 @@ fn sigma(v: &Variance<'_>) -> Value {
 
 fn print(report: Report, loaded: &LoadedBlob, document: &Value) {
     let blob = loaded.blob();
+    let host = loaded.host();
+    let p = &host.provenance;
     let text = |key: &str| document[key].as_str().unwrap_or("").to_owned();
     let serial = match blob.robot.serial_number {
         "" => String::new(),
@@ -118,18 +122,21 @@ fn print(report: Report, loaded: &LoadedBlob, document: &Value) {
     };
     report.line(format_args!(
         "{}{serial}: model `{}`",
-        blob.robot.name, blob.provenance.model
+        blob.robot.name, p.method
     ));
     report.line(format_args!(
         "  {} bytes, format {}, CRC {}; calibrated {} by trainer {} on {} poses",
         loaded.bytes().len(),
-        format_version(&blob),
+        FORMAT_VERSION,
         text("crc"),
         text("date"),
         text("trainer_version"),
-        blob.provenance.training_poses
+        p.training_poses
     ));
     report.line(format_args!("  data SHA-256 {}", text("data_sha256")));
+    for warning in &host.warnings {
+        report.line(format_args!("  warning: {warning}"));
+    }
     report.line(match signed_by(loaded) {
         Some(id) => format!("  signed by key {id} (not verified: `trainer verify`)"),
         None => "  not signed".to_owned(),
@@ -197,8 +204,8 @@ fn print(report: Report, loaded: &LoadedBlob, document: &Value) {
     report.line("");
     print_joints(report, &blob);
     for (name, pose) in [
-        ("instrument_from_base", &blob.geometry.instrument_from_base),
-        ("flange_from_target", &blob.geometry.flange_from_target),
+        ("instrument_from_base", &host.gauge.instrument_from_base),
+        ("flange_from_target", &host.gauge.flange_from_target),
     ] {
         let pose = Pose::from_rows(pose);
         let (w, v) = pose.quaternion();

@@ -4,7 +4,7 @@ use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
-use poegp_protocol::envelope;
+use poegp_protocol::blob::envelope;
 use poegp_runtime::store::signature;
 use poegp_runtime::store::signature::SignatureError;
 use serde_json::json;

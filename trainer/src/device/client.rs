@@ -8,8 +8,8 @@
 use std::io;
 use std::time::{Duration, Instant};
 
-use poegp_protocol::frame::{self, FrameError, MAX_FRAME, Received, Receiver};
-use poegp_protocol::link::{MAX_PIECE, Refusal, Request, Response};
+use poegp_protocol::link::frame::{self, FrameError, MAX_FRAME, Received, Receiver};
+use poegp_protocol::link::{MAX_CHUNK, Refusal, Request, Response};
 
 use crate::device::error::ClientError;
 use crate::device::port;
@@ -24,7 +24,7 @@ pub struct Options {
     pub attempts: u32,
     /// How long a device may be busy with something else.
     pub busy_limit: Duration,
-    /// Bytes of a blob in one request, at most [`MAX_PIECE`]. Small pieces let corrections through sooner.
+    /// Bytes of a blob in one request, at most [`MAX_CHUNK`]. Small pieces let corrections through sooner.
     pub piece: usize,
     /// How often an upload that the device has given up is begun anew.
     pub uploads: u32,
@@ -37,7 +37,7 @@ impl Default for Options {
             answer_limit: Duration::from_secs(2),
             attempts: 3,
             busy_limit: Duration::from_secs(10),
-            piece: MAX_PIECE,
+            piece: MAX_CHUNK,
             uploads: 3,
         }
     }

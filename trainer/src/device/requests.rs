@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use poegp_protocol::blob::CRC;
 use poegp_protocol::link::{
-    Commanded, Corrected, CycleSettings, Evaluation, Identity, MAX_PIECE, ModelIdentity, Query,
+    Commanded, Corrected, CycleSettings, Evaluation, Identity, MAX_CHUNK, ModelIdentity, Query,
     Refusal, Request, Response, Statistics, StoredModel, Trace,
 };
 
@@ -46,7 +46,7 @@ impl Client {
                 Err(ClientError::Refused(
                     Refusal::NoUpload
                     | Refusal::UnexpectedOffset { .. }
-                    | Refusal::PieceTooLong { .. }
+                    | Refusal::ChunkTooLong { .. }
                     | Refusal::Incomplete { .. }
                     | Refusal::TransferCrc { .. },
                 )) if left > 1 => left -= 1,
@@ -63,8 +63,8 @@ impl Client {
         self.begin_upload(blob)?;
         let mut offset = 0;
         progress(0);
-        for bytes in blob.chunks(self.options.piece.clamp(1, MAX_PIECE)) {
-            self.uploading(&Request::UploadPiece {
+        for bytes in blob.chunks(self.options.piece.clamp(1, MAX_CHUNK)) {
+            self.uploading(&Request::UploadChunk {
                 offset: wire_length(offset),
                 bytes,
             })?;
@@ -209,9 +209,9 @@ impl Client {
     /// # Errors
     /// [`ClientError`].
     pub fn stand_down(&mut self) -> Result<(), ClientError> {
-        match self.request(&Request::StandDown)? {
-            Response::StandingDown => Ok(()),
-            other => Err(unexpected(&Request::StandDown, other)),
+        match self.request(&Request::StopCyclic)? {
+            Response::CyclicStopped => Ok(()),
+            other => Err(unexpected(&Request::StopCyclic, other)),
         }
     }
 

@@ -26,7 +26,7 @@ pub fn refusal(refusal: &Refusal) -> String {
         Refusal::UnexpectedOffset { found, expected } => format!(
             "byte {found} of the model came, byte {expected} was due: is another workstation uploading?"
         ),
-        Refusal::PieceTooLong { end, length } => {
+        Refusal::ChunkTooLong { end, length } => {
             format!("{end} bytes came of a model of {length}: is another workstation uploading?")
         }
         Refusal::Incomplete { received, length } => {
@@ -50,7 +50,7 @@ pub fn refusal(refusal: &Refusal) -> String {
         Refusal::NotAKey => "these bytes are no Ed25519 public key".to_owned(),
         Refusal::CyclesRunning => {
             "on this board cycles would wait for the flash; stop the controller, which \
-                                   says so with `StandDown`, and try again"
+                                   says so with `StopCyclic`, and try again"
                 .to_owned()
         }
         Refusal::CycleSetting { code } => cycle_setting(*code),

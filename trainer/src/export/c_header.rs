@@ -17,6 +17,7 @@ const BYTES: usize = 16;
 pub fn text(loaded: &LoadedBlob, chain: &CalibratedChain, stem: &str) -> String {
     let name = identifier(stem);
     let upper = name.to_uppercase();
+    let host = loaded.host();
     let blob = loaded.blob();
     let n = chain.joints.len();
     let mut out = String::from("/*\n");
@@ -83,13 +84,13 @@ pub fn text(loaded: &LoadedBlob, chain: &CalibratedChain, stem: &str) -> String 
         out,
         "\n/* The base frame seen from the instrument of the calibration, 3x4 row by row, metres. */\n\
          static const double {name}_instrument_from_base[12] = {{{}}};",
-        doubles(&blob.geometry.instrument_from_base)
+        doubles(&host.gauge.instrument_from_base)
     );
     let _ = writeln!(
         out,
         "/* The target seen from the flange, likewise. */\n\
          static const double {name}_flange_from_target[12] = {{{}}};",
-        doubles(&blob.geometry.flange_from_target)
+        doubles(&host.gauge.flange_from_target)
     );
     let _ = write!(out, "\n#endif\n");
     out

@@ -78,14 +78,15 @@ impl CalibratedChain {
             "" => String::new(),
             number => format!(", serial number {number}"),
         };
-        let p = &blob.provenance;
+        let host = loaded.host();
+        let p = &host.provenance;
         let tools = loaded.tools().iter().skip(1);
         let mut chain = Self {
             name: blob.robot.name.to_owned(),
             provenance: vec![
                 format!(
                     "{}{serial}: calibrated chain of model `{}`",
-                    blob.robot.name, p.model
+                    blob.robot.name, p.method
                 ),
                 format!(
                     "calibrated {} by trainer {} on {} poses, data SHA-256 {}",
@@ -101,7 +102,7 @@ impl CalibratedChain {
             joints: unnamed.collect(),
             frames: blob.geometry.calibrated.iter().map(frame).collect(),
             nominal: blob.geometry.nominal.iter().map(frame).collect(),
-            flange_from_target: Pose::from_rows(&blob.geometry.flange_from_target),
+            flange_from_target: Pose::from_rows(&host.gauge.flange_from_target),
             instrument_from_base: loaded.instrument_from_base(),
             coupling,
             not_carried: not_carried(&blob.correction),

@@ -1,6 +1,6 @@
 //! `trainer correct`: the bits of the device, the file as it was, and what is said of it.
 
-use poegp_protocol::frame::{self, MAX_FRAME, Receiver};
+use poegp_protocol::link::frame::{self, MAX_FRAME, Receiver};
 use poegp_protocol::link::{Corrected, Query, Request, Response};
 use poegp_runtime::model::words_for;
 use poegp_runtime::service::{Clock, Cycle, Facts, Resident};

@@ -156,7 +156,7 @@ fn flashed(folder: &Folder, at: &'static str, refusal: Refusal) -> FakeDevice {
         }
         match request {
             Request::Identify => Response::Identity(identity()).into(),
-            Request::BeginUpload { .. } | Request::UploadPiece { .. } => {
+            Request::BeginUpload { .. } | Request::UploadChunk { .. } => {
                 Response::Uploading { received: 0 }.into()
             }
             Request::VerifyUpload => Response::Verified(model(1)).into(),
@@ -292,11 +292,11 @@ fn a_bad_line_and_a_restart_do_not_keep_a_model_from_the_device() {
                 received.clear();
                 Response::Uploading { received: 0 }.into()
             }
-            Request::UploadPiece { .. } if received.len() > 700 && !has_restarted => {
+            Request::UploadChunk { .. } if received.len() > 700 && !has_restarted => {
                 has_restarted = true;
                 Refusal::NoUpload.into()
             }
-            Request::UploadPiece { offset, bytes } => {
+            Request::UploadChunk { offset, bytes } => {
                 assert_eq!(*offset as usize, received.len());
                 received.extend_from_slice(bytes);
                 Response::Uploading {
@@ -354,11 +354,11 @@ fn a_failed_evaluation_stands_down() {
             identity.model = Some(model(7));
             Response::Identity(identity).into()
         }
-        Request::StandDown => Response::StandingDown.into(),
+        Request::StopCyclic => Response::CyclicStopped.into(),
         _ => Refusal::UnknownMessage.into(),
     });
     folder.refuses(format!("device evaluate test1.csv {PORT}"));
-    assert_eq!(fake.heard(), ["Identify", "Evaluate", "StandDown"]);
+    assert_eq!(fake.heard(), ["Identify", "Evaluate", "StopCyclic"]);
 }
 
 #[test]

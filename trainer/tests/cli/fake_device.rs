@@ -6,7 +6,7 @@ use std::os::unix::net::UnixListener;
 use std::sync::{Arc, Mutex};
 use std::thread;
 
-use poegp_protocol::frame::{self, MAX_FRAME, Received, Receiver};
+use poegp_protocol::link::frame::{self, MAX_FRAME, Received, Receiver};
 use poegp_protocol::link::{
     CycleSettings, Identity, Key, ModelIdentity, PROTOCOL_VERSION, Refusal, Request, Response,
     StoredModel,

@@ -354,9 +354,9 @@ fn a_correction_ramps_in_and_a_model_waits_for_it_to_ramp_out() {
     models[1].install(&mut desk_after_stop(desk));
 }
 
-/// After `StandDown` nothing waits.
+/// After `StopCyclic` nothing waits.
 fn desk_after_stop(mut desk: Desk) -> Desk {
-    desk.ask(&Request::StandDown);
+    desk.ask(&Request::StopCyclic);
     desk
 }
 
@@ -371,7 +371,7 @@ fn without_commands_a_model_is_exchanged_at_once() {
         match stops {
             0 => desk.wait(TICK_HZ / 2 + 1),
             1 => {
-                desk.ask(&Request::StandDown);
+                desk.ask(&Request::StopCyclic);
             }
             // Ordered while commands come, which then stop.
             _ => {
@@ -439,7 +439,7 @@ fn time_is_counted_in_cycles() {
     }
     at(&mut desk, 0);
     assert_eq!(counted(&mut desk), (1, 4));
-    desk.ask(&Request::StandDown);
+    desk.ask(&Request::StopCyclic);
     at(&mut desk, 10);
     assert_eq!(counted(&mut desk), (1, 5));
 }

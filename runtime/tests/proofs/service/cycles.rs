@@ -193,7 +193,10 @@ fn only_cyclic_requests_say_that_more_will_come() {
         }
         assert!(!desk.answers(&[5, 5, 0]).is_empty(), "nor does noise");
         assert!(desk.is_running());
-        assert_eq!(desk.ask_twice(&Request::StandDown), Response::StandingDown);
+        assert_eq!(
+            desk.ask_twice(&Request::StopCyclic),
+            Response::CyclicStopped
+        );
         assert!(!desk.is_running());
     }
     // Completed cycles feed a watchdog; standing down and services do not.
@@ -218,7 +221,7 @@ fn late_answers_are_counted() {
     assert_eq!(desk.statistics().missed_deadlines, 0);
     desk.set_tick_step(DEADLINE_TICKS / 3 + 1);
     desk.ask(&request);
-    desk.ask(&Request::StandDown);
+    desk.ask(&Request::StopCyclic);
     desk.set_tick_step(1);
     desk.ask(&request);
     let statistics = desk.statistics();

@@ -9,7 +9,7 @@ use std::collections::VecDeque;
 use std::rc::Rc;
 
 use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
-use poegp_protocol::frame::{self, MAX_FRAME, Received, Receiver};
+use poegp_protocol::link::frame::{self, MAX_FRAME, Received, Receiver};
 use poegp_protocol::link::{Identity, Refusal, Request, Response, Statistics};
 use poegp_runtime::service::{Background, Clock, Cycle, Device, Facts, Order, Report};
 use poegp_runtime::service::{Resident, Taken};

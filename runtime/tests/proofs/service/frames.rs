@@ -1,8 +1,8 @@
 //! What is on the line: frames that are damaged, too long, of another version, unknown or too many; and noise.
 
 use poegp_protocol::blob::CRC;
-use poegp_protocol::cobs;
-use poegp_protocol::frame::MAX_FRAME;
+use poegp_protocol::link::cobs;
+use poegp_protocol::link::frame::MAX_FRAME;
 use poegp_protocol::link::{PROTOCOL_VERSION, REQUESTS, Refusal, Request, Response, Statistics};
 use proptest::prelude::*;
 
@@ -102,7 +102,7 @@ fn a_second_service_is_busy_and_a_cycle_is_not() {
         wire(2, &Request::ReadStatistics),
         wire(3, &Request::Correct(question.clone())),
         wire(1, &Request::Identify),
-        wire(4, &Request::StandDown),
+        wire(4, &Request::StopCyclic),
     ];
     let refusals = desk.statistics().refused;
     let answers = desk.answers(&line.concat());
@@ -113,7 +113,7 @@ fn a_second_service_is_busy_and_a_cycle_is_not() {
     };
     known.assert_corrected(&question, corrected);
     assert_eq!(answers[2], (1, busy));
-    assert_eq!(answers[3], (4, Response::StandingDown));
+    assert_eq!(answers[3], (4, Response::CyclicStopped));
     assert!(matches!(answers[4], (1, Response::Identity(_))));
     assert_eq!(answers.len(), 5);
     // Sent again it is carried out.
@@ -144,7 +144,7 @@ fn everything_is_counted() {
     desk.ask(&Request::Correct(query(&[0.1, 0.2], 1.0)));
     desk.ask(&Request::Correct(query(&[0.1], 1.0)));
     desk.ask(&Request::Trace(query(&[9.0, 0.2], 11.0)));
-    desk.ask(&Request::StandDown);
+    desk.ask(&Request::StopCyclic);
     desk.ask(&known.roll_back());
     desk.answers(&[1, 2, 3, 0]);
     let statistics = desk.statistics();

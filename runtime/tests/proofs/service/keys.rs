@@ -1,6 +1,6 @@
 //! The public key: taken once, and then nothing runs that is not signed.
 
-use poegp_protocol::envelope::{key_id, set_signed};
+use poegp_protocol::blob::envelope::{key_id, set_signed};
 use poegp_protocol::link::{Key, Refusal, Request, Response};
 
 use super::desk::{Desk, layout};

@@ -1,9 +1,9 @@
 //! Models whose answers are known, and the requests that bring them onto the device.
 
 use ed25519_dalek::{Signer, SigningKey};
+use poegp_protocol::blob::envelope::{Trailer, key_id, set_signed};
 use poegp_protocol::blob::{self, CRC};
-use poegp_protocol::envelope::{Trailer, key_id, set_signed};
-use poegp_protocol::link::{Corrected, Evaluation, MAX_PIECE, Query, Refusal, Request, Response};
+use poegp_protocol::link::{Corrected, Evaluation, MAX_CHUNK, Query, Refusal, Request, Response};
 use poegp_runtime::guard::status::Status;
 use poegp_runtime::model::Model;
 
@@ -134,7 +134,7 @@ pub fn begin(bytes: &[u8]) -> Request<'static> {
 }
 
 pub fn piece(bytes: &[u8], from: usize, to: usize) -> Request<'_> {
-    Request::UploadPiece {
+    Request::UploadChunk {
         offset: from as u32,
         bytes: &bytes[from..to],
     }
@@ -143,8 +143,8 @@ pub fn piece(bytes: &[u8], from: usize, to: usize) -> Request<'_> {
 /// Brings bytes onto the device and has them verified.
 pub fn upload(desk: &mut Desk, bytes: &[u8]) -> Response {
     assert_eq!(desk.ask(&begin(bytes)), Response::Uploading { received: 0 });
-    for from in (0..bytes.len()).step_by(MAX_PIECE) {
-        let to = bytes.len().min(from + MAX_PIECE);
+    for from in (0..bytes.len()).step_by(MAX_CHUNK) {
+        let to = bytes.len().min(from + MAX_CHUNK);
         let received = to as u32;
         let answer = desk.ask(&piece(bytes, from, to));
         assert_eq!(answer, Response::Uploading { received });

@@ -323,7 +323,7 @@ fn flash_that_blocks_waits_until_cycles_stop() {
     desk.ask_twice(&third.activate());
     assert_eq!(desk.active(), Some(third.blob_crc));
     assert_eq!(desk.flash.borrow().operations, operations);
-    desk.ask(&Request::StandDown);
+    desk.ask(&Request::StopCyclic);
     let committed = desk.ask_twice(&Request::CommitUpload);
     assert!(matches!(committed, Response::Committed(_)));
     desk.ask_twice(&third.roll_back());

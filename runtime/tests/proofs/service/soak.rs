@@ -1,6 +1,6 @@
 //! A hundred thousand corrections over a bad line, while models come and go: every answered one is right to the bit.
 
-use poegp_protocol::frame;
+use poegp_protocol::link::frame;
 use poegp_protocol::link::{Corrected, Query, Refusal, Request, Response};
 
 use super::desk::{Desk, wire};

@@ -1,7 +1,7 @@
 //! A blob comes in: every refusal by name, every repetition, and the old model until the last moment.
 
 use poegp_protocol::blob::{self, CRC, DecodeError};
-use poegp_protocol::link::{Key, MAX_PIECE, PROTOCOL_VERSION, Refusal, Request, Response};
+use poegp_protocol::link::{Key, MAX_CHUNK, PROTOCOL_VERSION, Refusal, Request, Response};
 
 use super::desk::{BYTES, Desk};
 use super::known::{Known, begin, piece, query, refused, upload};
@@ -81,7 +81,7 @@ fn every_refusal_of_a_transfer_by_name() {
         assert_eq!(answer, unexpected(from as u32), "{from} to {to}");
     }
     for offset in [0, 50, 89] {
-        let other = Request::UploadPiece {
+        let other = Request::UploadChunk {
             offset,
             bytes: b"other bytes",
         };
@@ -92,11 +92,11 @@ fn every_refusal_of_a_transfer_by_name() {
         (u32::MAX - 11, u32::MAX),
         (u32::MAX, u32::MAX),
     ] {
-        let beyond = Request::UploadPiece {
+        let beyond = Request::UploadChunk {
             offset,
             bytes: b"eleven more",
         };
-        let refusal = Refusal::PieceTooLong { end, length };
+        let refusal = Refusal::ChunkTooLong { end, length };
         assert_eq!(desk.ask_twice(&beyond), refused(refusal));
     }
     let incomplete = Refusal::Incomplete {
@@ -191,8 +191,8 @@ fn a_whole_upload_with_every_frame_twice() {
         desk.ask_twice(&new.begin()),
         Response::Uploading { received: 0 }
     );
-    for from in (0..new.bytes.len()).step_by(MAX_PIECE) {
-        let to = new.bytes.len().min(from + MAX_PIECE);
+    for from in (0..new.bytes.len()).step_by(MAX_CHUNK) {
+        let to = new.bytes.len().min(from + MAX_CHUNK);
         let answer = desk.ask_twice(&piece(&new.bytes, from, to));
         let received = to as u32;
         assert_eq!(answer, Response::Uploading { received });
@@ -210,7 +210,7 @@ fn a_whole_upload_with_every_frame_twice() {
     assert_eq!(desk.ask_twice(&Request::VerifyUpload), verified);
     assert_eq!(desk.ask_twice(&Request::CommitUpload), committed);
     assert_eq!(desk.ask_twice(&new.activate()), activated);
-    let (from, to) = (0, new.bytes.len().min(MAX_PIECE));
+    let (from, to) = (0, new.bytes.len().min(MAX_CHUNK));
     let received = new.bytes.len() as u32;
     let answer = desk.ask_twice(&piece(&new.bytes, from, to));
     assert_eq!(answer, Response::Uploading { received });

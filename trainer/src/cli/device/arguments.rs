@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::{Args, Subcommand, ValueEnum};
-use poegp_protocol::link::MAX_PIECE;
+use poegp_protocol::link::MAX_CHUNK;
 
 use crate::device::board::Board;
 use crate::device::client::Options;
@@ -107,8 +107,8 @@ pub struct Flash {
     #[arg(long)]
     pub force: bool,
     /// Bytes of the model in one message: fewer let corrections through sooner.
-    #[arg(long, value_name = "BYTES", default_value_t = MAX_PIECE as u16,
-          value_parser = clap::value_parser!(u16).range(1..=MAX_PIECE as i64))]
+    #[arg(long, value_name = "BYTES", default_value_t = MAX_CHUNK as u16,
+          value_parser = clap::value_parser!(u16).range(1..=MAX_CHUNK as i64))]
     pub piece: u16,
     /// What was done as JSON (`-`: standard output).
     #[arg(long, value_name = "FILE")]

@@ -1,6 +1,6 @@
 //! `trainer device evaluate` and `correct`: the requests of a controller, from a measurement file.
 //!
-//! Both end with `StandDown`, whatever happens in between: otherwise the device's watchdog would wait for more cycles.
+//! Both end with `StopCyclic`, whatever happens in between: otherwise the device's watchdog would wait for more cycles.
 
 use std::fmt::Write as _;
 use std::path::Path;

@@ -1,8 +1,8 @@
 //! `trainer device flash`.
 
 use indicatif::ProgressBar;
+use poegp_protocol::blob::envelope;
 use poegp_protocol::blob::{CRC, Correction, stored_crc};
-use poegp_protocol::envelope;
 use poegp_protocol::link::{Identity, Key, StoredModel};
 use serde_json::json;
 

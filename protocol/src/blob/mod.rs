@@ -1,7 +1,8 @@
 //! The model blob: a calibrated arm at rest.
 //!
-//! This file has the payload, the postcard encoding of [`Blob`]; the [`envelope`] around it has the
-//! magic, the format version, the length, the checksum and, if somebody signed it, the signature.
+//! This file has the payload, the postcard encoding of [`Blob`]; the [`envelope`] around it has the magic, the format
+//! version, the length, the checksum and, if somebody signed it, the signature. [`host`] has the section that the device
+//! skips by its length.
 //!
 //! Whoever reads a blob learns by name what is wrong with it: [`decode`] refuses a foreign file, another version, a
 //! length that does not fit, any changed bit and any byte too few or too many. It does *not* judge the numbers: that is
@@ -11,27 +12,25 @@
 //! reciprocal length scales, the constant and linear parts of the kernel collapsed into an affine map. All numbers of
 //! the cyclic path are `f32`; the transform to the instrument's frame is `f64`, because the host applies it.
 
+pub mod envelope;
+pub mod host;
+
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
 use crate::JointKind;
-use crate::envelope;
+pub use crate::Transform;
 use crate::limits::{
     MAX_FRAMES, MAX_GROUPS, MAX_INPUTS, MAX_JOINTS, MAX_LINK_TERMS, MAX_RIPPLE, OUTPUTS,
 };
 
-/// The newest format: version 2 added [`Correction::Elastic`] and tools, version 3 [`Blob::variance`], version 4
-/// [`Elastic::sets`] and [`TaskSpace::centre`]. A blob is written in the oldest format that can hold it.
-pub const FORMAT_VERSION: u16 = 4;
 /// Most bytes that the payload takes beside the support rows; generous (the largest seen is below 3 kB).
 pub const MAX_LENGTH_WITHOUT_ROWS: usize = 4_096;
 
-pub use crate::envelope::{
-    BufferTooSmall, CRC, DecodeError, HEADER_LENGTH, MAGIC, blob_crc, stored_crc,
+pub use envelope::{
+    BufferTooSmall, CRC, DecodeError, FORMAT_VERSION, HEADER_LENGTH, MAGIC, blob_crc, stored_crc,
 };
-
-/// A rigid transform as a 3×4 matrix [R | t], row by row; metres.
-pub type Transform<N> = [N; 12];
+pub use host::{Gauge, Host, Provenance, Tool};
 
 /// A calibrated arm. Borrowed from the bytes it was decoded from.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -41,9 +40,6 @@ pub struct Blob<'a> {
     pub robot: Robot<'a>,
     /// What the numbers are measured in.
     pub units: Units,
-    /// Where the model comes from.
-    #[serde(borrow)]
-    pub provenance: Provenance<'a>,
     /// Inputs that the training data covered.
     pub ranges: Ranges,
     /// The chain, before and after calibration.
@@ -51,27 +47,11 @@ pub struct Blob<'a> {
     /// What geometry does not explain.
     #[serde(borrow)]
     pub correction: Correction<'a>,
-    /// Further tools that were measured with (other sessions, other targets), written by [`encode_tools`] and read by
-    /// [`tools`]: the device needs none of them. The chain ends at the first tool, whose name comes first here; empty
-    /// when there was only one without a name. From format version 2 on, where these bytes follow the rest of the
-    /// payload.
-    #[serde(skip)]
-    pub tools: &'a [u8],
-    /// How well the position is known, of an elastic correction whose length scales are tied. From format version 3 on,
-    /// where it follows the tools.
-    #[serde(skip)]
+    /// How well the position is known, of an elastic correction with shared lengthscales.
+    #[serde(borrow)]
     pub variance: Option<Variance<'a>>,
-}
-
-/// A tool: where its target sits seen from the target of the first.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Tool<'a> {
-    /// The session in which it was mounted; empty when the data have none.
-    pub session: &'a str,
-    /// The name of the target; empty when the data have none.
-    pub target: &'a str,
-    /// `first_target_from_target`.
-    pub first_from_target: Transform<f32>,
+    /// The encoding of [`Host`]; the device does not read it. Empty in a blob for the device alone.
+    pub host: &'a [u8],
 }
 
 /// Which arm this is.
@@ -137,21 +117,6 @@ pub enum MassUnit {
     Kilogram,
 }
 
-/// Where the model comes from.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Provenance<'a> {
-    /// Name of the calibration method, as given to `--model`.
-    pub model: &'a str,
-    /// Version of the trainer.
-    pub trainer_version: &'a str,
-    /// Day of the calibration, ISO 8601 (`2026-11-20`), UTC.
-    pub date: &'a str,
-    /// SHA-256 of the measurement file.
-    pub data_sha256: [u8; 32],
-    /// Poses that were trained on.
-    pub training_poses: u32,
-}
-
 /// Inputs that the training data covered. Outside them the status says so.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Ranges {
@@ -169,10 +134,6 @@ pub struct Geometry {
     pub calibrated: Vec<Transform<f32>, MAX_FRAMES>,
     /// The same for the nominal chain with the target of the base-tool calibration.
     pub nominal: Vec<Transform<f32>, MAX_FRAMES>,
-    /// `instrument_from_base` of the base-tool calibration.
-    pub instrument_from_base: Transform<f64>,
-    /// `flange_from_target` of the base-tool calibration.
-    pub flange_from_target: Transform<f64>,
 }
 
 /// What geometry does not explain.
@@ -185,7 +146,7 @@ pub enum Correction<'a> {
     /// The paper's Gaussian process on the residual twist in the base frame (eq. 4–13).
     #[serde(borrow)]
     TaskSpace(TaskSpace<'a>),
-    /// Joints that give way: gravity, gear ripple and a Gaussian process for each joint. From format version 2 on.
+    /// Deflection of the joints: gravity, gear ripple and a Gaussian process for each joint.
     #[serde(borrow)]
     Elastic(Elastic<'a>),
 }
@@ -211,15 +172,13 @@ pub struct TaskSpace<'a> {
     /// Support rows, `f32` little endian, 4·(D + 6) bytes each: D scaled inputs u_j, then six weights; folded ones with
     /// [`TaskSpace::centre`].
     pub rows: &'a [u8],
-    /// Centre of a folded mean in the units of the inputs, rad, m and kg; empty unless it is folded. From format version 4 on,
-    /// where it follows the tools:
+    /// Centre of a folded mean in the units of the inputs, rad, m and kg; empty unless it is folded:
     ///
     /// g_c(x) = affine_c · (1, x) + 2^(−|v|²) Σ_j weight_jc · 2^(2 v · v_j) with v = scale ∘ (x − centre), v_j in the rows.
-    #[serde(skip)]
     pub centre: Vec<f32, MAX_INPUTS>,
 }
 
-/// The elastic correction; the runtime's module `deflection` has its formulas.
+/// The elastic correction; the runtime's room `elastic` has its formulas.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Elastic<'a> {
     /// The correction is scaled back to these.
@@ -242,9 +201,7 @@ pub struct Elastic<'a> {
     /// one), then a weight for each joint. With [`Elastic::sets`] set by set, sorted by group in each, and of the set of
     /// joint c 4·(2D + 1) bytes each: two words of each of the D joints whose rate in kernel c is not zero, then the weight.
     pub rows: &'a [u8],
-    /// A support set for each joint; empty when all joints share the rows. From format version 4 on, where it follows the
-    /// variance.
-    #[serde(skip)]
+    /// An inducing set for each joint; empty when all joints share the rows.
     pub sets: Vec<SetPoints, MAX_JOINTS>,
 }
 
@@ -286,7 +243,7 @@ pub struct PayloadGroup {
 /// Rows of each payload group in the support set of one joint.
 pub type SetPoints = Vec<u16, MAX_GROUPS>;
 
-/// How well the position of the target is known; the runtime's module `deflection::variance` has its formula.
+/// How well the position of the target is known; the runtime's module `elastic::position_variance` has its formula.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Variance<'a> {
     /// Variance of one position component where the processes are known, m²: parameters and noise.
@@ -311,51 +268,6 @@ pub struct CorrectionBound {
     pub angle_rad: f32,
 }
 
-/// Writes `tools` one after the other to the front of `buffer`, for [`Blob::tools`].
-///
-/// # Errors
-/// [`BufferTooSmall`].
-pub fn encode_tools<'b>(
-    tools: &[Tool<'_>],
-    buffer: &'b mut [u8],
-) -> Result<&'b [u8], BufferTooSmall> {
-    let mut used = 0;
-    for tool in tools {
-        let rest = buffer.get_mut(used..).ok_or(BufferTooSmall)?;
-        used += postcard::to_slice(tool, rest)
-            .map_err(|_| BufferTooSmall)?
-            .len();
-    }
-    buffer.get(..used).ok_or(BufferTooSmall)
-}
-
-/// The tools in the bytes of [`Blob::tools`], in order; ends after the first that cannot be read.
-pub fn tools(bytes: &[u8]) -> impl Iterator<Item = Result<Tool<'_>, DecodeError>> {
-    let mut rest = bytes;
-    core::iter::from_fn(move || {
-        if rest.is_empty() {
-            return None;
-        }
-        let read = postcard::take_from_bytes(rest);
-        rest = read.as_ref().map_or(&[], |(_, after)| *after);
-        Some(
-            read.map(|(tool, _)| tool)
-                .map_err(|_| DecodeError::MalformedPayload),
-        )
-    })
-}
-
-/// The oldest format that holds `blob`.
-pub fn format_version(blob: &Blob<'_>) -> u16 {
-    match &blob.correction {
-        Correction::Elastic(elastic) if !elastic.sets.is_empty() => 4,
-        Correction::TaskSpace(task) if !task.centre.is_empty() => 4,
-        _ if blob.variance.is_some() => 3,
-        Correction::None | Correction::TaskSpace(_) if blob.tools.is_empty() => 1,
-        _ => 2,
-    }
-}
-
 /// Writes `blob` with its envelope to the front of `buffer` and returns the bytes used.
 ///
 /// # Errors
@@ -364,81 +276,30 @@ pub fn encode<'b>(blob: &Blob<'_>, buffer: &'b mut [u8]) -> Result<&'b [u8], Buf
     let (_, payload) = buffer
         .split_at_mut_checked(HEADER_LENGTH)
         .ok_or(BufferTooSmall)?;
-    let mut length = postcard::to_slice(blob, payload)
+    let length = postcard::to_slice(blob, payload)
         .map_err(|_| BufferTooSmall)?
         .len();
-    if format_version(blob) >= 2 {
-        let rest = payload.get_mut(length..).ok_or(BufferTooSmall)?;
-        length += postcard::to_slice(blob.tools, rest)
-            .map_err(|_| BufferTooSmall)?
-            .len();
-    }
-    let rest = payload.get_mut(length..).ok_or(BufferTooSmall)?;
-    let tail = match (&blob.correction, &blob.variance) {
-        (Correction::Elastic(elastic), variance) if !elastic.sets.is_empty() => {
-            postcard::to_slice(&(variance, &elastic.sets), rest)
-        }
-        (Correction::TaskSpace(task), _) if !task.centre.is_empty() => {
-            postcard::to_slice(&task.centre, rest)
-        }
-        (_, Some(variance)) => postcard::to_slice(variance, rest),
-        (_, None) => Ok(&mut [][..]),
-    };
-    length += tail.map_err(|_| BufferTooSmall)?.len();
-    envelope::seal(format_version(blob), length, buffer)
+    envelope::seal(length, buffer)
 }
 
-/// The blob in `bytes`, which must hold it exactly, signed or not. Who signed it is not looked at.
+/// The blob in `bytes`, which must hold it exactly, signed or not. The signature is not verified.
 ///
 /// # Errors
 /// [`DecodeError`], in the order of its variants: length of the header, magic, version, length, CRC, payload.
 pub fn decode(bytes: &[u8]) -> Result<Blob<'_>, DecodeError> {
     match envelope::open(bytes) {
-        Ok(envelope) => decode_payload(envelope.version, envelope.payload),
+        Ok(envelope) => decode_payload(envelope.payload),
         Err(error) => Err(error),
     }
 }
 
 // Not inlined, and called last: the blob is decoded where the caller wants it.
 #[inline(never)]
-fn decode_payload(version: u16, payload: &[u8]) -> Result<Blob<'_>, DecodeError> {
-    // Not `postcard::take_from_bytes`, whose pair of blob and rest is one more copy of the blob on the device's stack; and
-    // what is decoded is completed in place, for the same reason.
+fn decode_payload(payload: &[u8]) -> Result<Blob<'_>, DecodeError> {
+    // Not `postcard::take_from_bytes`: its pair of blob and rest is one more copy of the blob on the device's stack.
     let mut deserializer = postcard::Deserializer::from_bytes(payload);
-    let mut decoded = Blob::deserialize(&mut deserializer);
-    let complete = match &mut decoded {
-        Ok(blob) => {
-            let tools = if version >= 2 {
-                <&[u8]>::deserialize(&mut deserializer).ok()
-            } else {
-                Some(&[][..])
-            };
-            blob.tools = tools.unwrap_or(&[]);
-            // Without what its version added the blob is not one of that version, and refused below.
-            let mut whole = true;
-            match (version, &mut blob.correction) {
-                (3, _) => blob.variance = Variance::deserialize(&mut deserializer).ok(),
-                (4.., Correction::Elastic(elastic)) => {
-                    let variance = Option::<Variance<'_>>::deserialize(&mut deserializer);
-                    whole = variance.is_ok();
-                    blob.variance = variance.unwrap_or(None);
-                    if let Ok(sets) = Vec::deserialize(&mut deserializer) {
-                        elastic.sets = sets;
-                    }
-                }
-                (4.., Correction::TaskSpace(task)) => {
-                    task.centre = Vec::deserialize(&mut deserializer).unwrap_or_default();
-                }
-                _ => {}
-            }
-            whole
-                && tools.is_some()
-                && deserializer.finalize().is_ok_and(<[u8]>::is_empty)
-                && format_version(blob) == version
-        }
-        Err(_) => false,
-    };
-    if complete {
+    let decoded = Blob::deserialize(&mut deserializer);
+    if deserializer.finalize().is_ok_and(<[u8]>::is_empty) {
         decoded.map_err(|_| DecodeError::MalformedPayload)
     } else {
         Err(DecodeError::MalformedPayload)

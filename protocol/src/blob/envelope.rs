@@ -23,8 +23,8 @@
 use crc::{CRC_32_ISCSI, Crc};
 use serde::{Deserialize, Serialize};
 
-use crate::blob::FORMAT_VERSION;
-
+/// The format version that is written and read.
+pub const FORMAT_VERSION: u16 = 1;
 /// First bytes of every blob.
 pub const MAGIC: [u8; 8] = *b"POEGPARM";
 /// Bytes before the payload.
@@ -45,8 +45,6 @@ pub const CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISCSI);
 /// A blob whose envelope is intact.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Envelope<'a> {
-    /// Format version.
-    pub version: u16,
     /// The payload, not looked into.
     pub payload: &'a [u8],
     /// What a signature is over: all bytes before the trailer.
@@ -118,7 +116,7 @@ pub enum DecodeError {
     UnknownVersion {
         /// Version of the blob.
         found: u16,
-        /// Newest version that can be read.
+        /// The version that can be read.
         supported: u16,
     },
     /// A reserved bit of the flags is not zero.
@@ -154,7 +152,7 @@ impl core::fmt::Display for DecodeError {
             Self::UnknownVersion { found, supported } => {
                 write!(
                     f,
-                    "blob format version {found}; this version reads 1 to {supported}"
+                    "blob format version {found}; this version reads version {supported}"
                 )
             }
             Self::ReservedBitsSet => {
@@ -211,17 +209,13 @@ pub fn stored_crc(bytes: &[u8]) -> Option<u32> {
 ///
 /// # Errors
 /// [`BufferTooSmall`].
-pub(crate) fn seal(
-    version: u16,
-    length: usize,
-    buffer: &mut [u8],
-) -> Result<&[u8], BufferTooSmall> {
+pub(crate) fn seal(length: usize, buffer: &mut [u8]) -> Result<&[u8], BufferTooSmall> {
     let end = HEADER_LENGTH + length;
     let bytes = buffer.get_mut(..end).ok_or(BufferTooSmall)?;
     let length = u32::try_from(length).map_err(|_| BufferTooSmall)?;
     let fields = MAGIC
         .into_iter()
-        .chain(version.to_le_bytes())
+        .chain(FORMAT_VERSION.to_le_bytes())
         .chain([0, 0])
         .chain(length.to_le_bytes());
     for (byte, field) in bytes.iter_mut().zip(fields) {
@@ -288,7 +282,7 @@ pub fn open(bytes: &[u8]) -> Result<Envelope<'_>, DecodeError> {
                 found,
             })?;
     let fields = Header::new(header).ok_or(DecodeError::WrongMagic)?;
-    if fields.version == 0 || fields.version > FORMAT_VERSION {
+    if fields.version != FORMAT_VERSION {
         return Err(DecodeError::UnknownVersion {
             found: fields.version,
             supported: FORMAT_VERSION,
@@ -323,7 +317,6 @@ pub fn open(bytes: &[u8]) -> Result<Envelope<'_>, DecodeError> {
     }
     let trailer = trailer.first_chunk().map(Trailer::from_bytes).transpose()?;
     Ok(Envelope {
-        version: fields.version,
         payload,
         before_trailer: bytes
             .get(..HEADER_LENGTH + payload.len())

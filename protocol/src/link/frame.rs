@@ -13,16 +13,16 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::cobs;
+use super::{MAX_CHUNK, PROTOCOL_VERSION};
 use crate::blob::{BufferTooSmall, CRC};
-use crate::cobs;
-use crate::link::{MAX_PIECE, PROTOCOL_VERSION};
 
 /// Bytes of a frame beside its message, before COBS: version, sequence number, CRC.
 pub const OVERHEAD: usize = 7;
 /// Most bytes of a frame, COBS and the final zero included.
 pub const MAX_FRAME: usize = {
-    // `UploadPiece` is the longest message: a number, an offset, a length.
-    let raw = MAX_PIECE + 8 + OVERHEAD;
+    // `UploadChunk` is the longest message: a number, an offset, a length.
+    let raw = MAX_CHUNK + 8 + OVERHEAD;
     cobs::max_encoded(raw) + 1
 };
 

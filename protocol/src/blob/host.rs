@@ -1,0 +1,85 @@
+//! The section of a blob for the host: provenance, gauge, tools and warnings.
+//!
+//! The device skips it by its length, so that a change here changes nothing that the device computes.
+
+use heapless::Vec;
+use serde::{Deserialize, Serialize};
+
+use super::envelope::{BufferTooSmall, DecodeError};
+use crate::Transform;
+use crate::limits::{MAX_TOOLS, MAX_WARNINGS};
+
+/// Everything about a model that the host shows or uses and the device does not.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Host<'a> {
+    /// Where the model comes from.
+    #[serde(borrow)]
+    pub provenance: Provenance<'a>,
+    /// Base and tool of the base-tool calibration.
+    pub gauge: Gauge,
+    /// The tools that were measured with (sessions, targets). The chain ends at the first. Empty for one tool without a
+    /// name.
+    #[serde(borrow)]
+    pub tools: Vec<Tool<'a>, MAX_TOOLS>,
+    /// Warnings of the calibration, for whoever uses the model.
+    #[serde(borrow)]
+    pub warnings: Vec<&'a str, MAX_WARNINGS>,
+}
+
+/// Where a model comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Provenance<'a> {
+    /// Name of the calibration method, as given to `--method`.
+    pub method: &'a str,
+    /// Version of the trainer.
+    pub trainer_version: &'a str,
+    /// Day of the calibration, ISO 8601 (`2026-11-20`), UTC.
+    pub date: &'a str,
+    /// SHA-256 of the measurement file.
+    pub data_sha256: [u8; 32],
+    /// Poses that were trained on.
+    pub training_poses: u32,
+}
+
+/// Where the calibrated chain begins and ends.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Gauge {
+    /// `instrument_from_base` of the base-tool calibration.
+    pub instrument_from_base: Transform<f64>,
+    /// `flange_from_target` of the base-tool calibration.
+    pub flange_from_target: Transform<f64>,
+}
+
+/// A tool: where its target sits seen from the target of the first.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Tool<'a> {
+    /// The session in which it was mounted; empty when the data have none.
+    pub session: &'a str,
+    /// The name of the target; empty when the data have none.
+    pub target: &'a str,
+    /// `first_target_from_target`.
+    pub first_from_target: Transform<f32>,
+}
+
+impl<'a> Host<'a> {
+    /// Writes the section to the front of `buffer`, for [`Blob::host`](super::Blob::host), and returns the bytes used.
+    ///
+    /// # Errors
+    /// [`BufferTooSmall`].
+    pub fn encode<'b>(&self, buffer: &'b mut [u8]) -> Result<&'b [u8], BufferTooSmall> {
+        postcard::to_slice(self, buffer)
+            .map(|used| &*used)
+            .map_err(|_| BufferTooSmall)
+    }
+
+    /// The section in `bytes`, which must hold it exactly.
+    ///
+    /// # Errors
+    /// [`DecodeError::MalformedPayload`].
+    pub fn decode(bytes: &'a [u8]) -> Result<Self, DecodeError> {
+        match postcard::take_from_bytes(bytes) {
+            Ok((host, [])) => Ok(host),
+            _ => Err(DecodeError::MalformedPayload),
+        }
+    }
+}
