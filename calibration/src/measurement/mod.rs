@@ -27,6 +27,7 @@ pub mod instrument_drift;
 pub mod joint_targets;
 pub mod noise;
 pub mod observation;
+pub mod reader;
 mod rows;
 pub mod sample;
 pub mod samples;

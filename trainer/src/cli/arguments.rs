@@ -331,6 +331,9 @@ pub struct Evaluate {
     /// they are not scored.
     #[arg(long, value_name = "ROWS", value_parser = clap::value_parser!(u32).range(1..))]
     pub fit_tool: Option<u32>,
+    /// Take the instrument's drift out of every pose, from its reference points (columns ref1_x_mm …).
+    #[arg(long)]
+    pub correct_drift: bool,
     /// One row per measurement, in order: x_mm,y_mm,z_mm,qw,qx,qy,qz,status of the predicted instrument_from_target.
     #[arg(long, value_name = "FILE")]
     pub predictions: Option<PathBuf>,

@@ -22,6 +22,7 @@ use poegp_calibration::identification::frame_fit::FrameFit;
 use poegp_calibration::identification::identifiability::IdentifyReport;
 use poegp_calibration::learning::task_space::fit::MAX_SIGNAL_VARIANCE;
 use poegp_calibration::measurement::instrument_drift::DriftReport;
+use poegp_calibration::measurement::reader::SampleFile;
 use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::model::config::Config;
 use poegp_calibration::model::correction::Correction;
@@ -116,7 +117,12 @@ pub fn run(a: &Calibrate) -> Result<(), Failure> {
     };
     let arm = Arm::load(&a.robot)?;
     let mut tools = Vec::new();
-    let (set, samples, drift) = drift::read(&arm, &a.train, &mut tools, a.correct_drift)?;
+    let SampleFile {
+        set,
+        samples,
+        drift,
+        ..
+    } = drift::read(&arm, &a.train, &mut tools, a.correct_drift)?;
     enough_poses(
         &a.train,
         samples.len(),

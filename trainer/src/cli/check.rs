@@ -10,11 +10,12 @@ use crate::cli::check_words as words;
 use crate::cli::evaluate;
 use crate::cli::evaluate::TestData;
 use crate::cli::report::Report;
-use crate::cli::{Failure, check_outputs, check_page, file_name, json_text, origin, write_outputs};
+use crate::cli::{
+    Failure, check_outputs, check_page, drift, file_name, json_text, origin, write_outputs,
+};
 use crate::report::{FileFacts, Provenance};
 use poegp_calibration::blob::predict::LoadedBlob;
 use poegp_calibration::input_error::InputError;
-use poegp_calibration::measurement::instrument_drift::Drift;
 use poegp_calibration::numeric::statistics::Summary;
 use poegp_calibration::verification as check;
 use poegp_calibration::verification::CheckError;
@@ -134,16 +135,7 @@ pub fn run(a: &Check) -> Result<(), Failure> {
     check_outputs(&outputs, &[&a.blob, &a.measurements])?;
     let options = options(a)?;
     let loaded = LoadedBlob::read(&a.blob)?;
-    let mut data = evaluate::read(&loaded, &a.measurements)?;
-    if a.correct_drift {
-        let drift = Drift::estimate(&data.set)?;
-        let robot = evaluate::robot_of(&loaded.blob());
-        data.samples = poegp_calibration::measurement::sample::samples(
-            &drift.correct(&data.set),
-            &robot,
-            &mut data.names,
-        )?;
-    }
+    let data = evaluate::read(&loaded, &a.measurements, drift::correction(a.correct_drift))?;
     let tools = tools(a, &loaded, &data)?;
     let lines: Vec<usize> = data.set.measurements.iter().map(|m| m.line).collect();
     let findings = check::check(&loaded, &data.samples, tools, &lines, &options)

@@ -17,6 +17,7 @@ use poegp_calibration::learning::elastic::options::OutlierPolicy;
 use poegp_calibration::learning::task_space::fit::HyperparameterSharing;
 use poegp_calibration::measurement::MeasurementSet;
 use poegp_calibration::measurement::instrument_drift::{Drift, DriftReport};
+use poegp_calibration::measurement::reader::{DriftCorrection, SampleFile};
 use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::model::config::{Config, ProcessLayout, Weighting};
 use poegp_calibration::model::{CalibrationError, Method};
@@ -105,7 +106,11 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
     }
     let arm = Arm::load(&a.robot)?;
     let mut tools = Vec::new();
-    let (set, train) = arm.read(&a.train, &mut tools)?;
+    let SampleFile {
+        set,
+        samples: train,
+        ..
+    } = arm.read(&a.train, &mut tools, DriftCorrection::None)?;
     let drift = a.correct_drift.then(|| Drift::estimate(&set)).transpose()?;
     let trained_tools = tools.len();
     if a.folds > train.len() {
@@ -117,10 +122,12 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
     }
     let (mut tests, mut corrected_tests, mut test_files) = (Vec::new(), Vec::new(), Vec::new());
     for path in &a.tests {
-        let (set, samples) = read_test(&arm, path, &mut tools, trained_tools)?;
+        let none = DriftCorrection::None;
+        let SampleFile { set, samples, .. } =
+            read_test(&arm, path, &mut tools, trained_tools, none)?;
         let name = file_name(path);
         if let Some(drift) = &drift {
-            let samples = drift::corrected(&arm, &set, &mut tools, drift)?;
+            let samples = Drift::estimate_as(&set, drift)?.correct(&samples);
             let name = name.clone();
             corrected_tests.push(TestSet { name, samples });
         }
@@ -143,16 +150,7 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
             arm.robot.joints.len(),
         )?;
     }
-    let corrected = drift
-        .as_ref()
-        .map(|drift| {
-            poegp_calibration::measurement::sample::samples(
-                &drift.correct(&set),
-                &arm.robot,
-                &mut tools,
-            )
-        })
-        .transpose()?;
+    let corrected = drift.as_ref().map(|drift| drift.correct(&train));
     let origin = origin(set.sha256, "", tools);
     let task = Task {
         robot: &arm.robot,

@@ -129,6 +129,7 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
     evaluate::run(&Evaluate {
         blob: blob.clone(),
         test: a.out.join(&files[1].0),
+        correct_drift: false,
         fit_tool: None,
         trust: false,
         predictions: Some(a.out.join("predictions.csv")),

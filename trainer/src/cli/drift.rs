@@ -6,7 +6,7 @@ use crate::cli::report::remark;
 use crate::cli::{Arm, Failure};
 use poegp_calibration::measurement::MeasurementSet;
 use poegp_calibration::measurement::instrument_drift::Drift;
-use poegp_calibration::measurement::sample::InstrumentSample;
+use poegp_calibration::measurement::reader::{DriftCorrection, SampleFile};
 use poegp_calibration::measurement::sample::ToolName;
 
 /// The same in every report: what the correction may know.
@@ -16,22 +16,26 @@ pub const NO_LEAK: &str =
 /// Left over of what points that were left out show, when the motion is worth taking out.
 const WORTH_IT: f64 = 0.9;
 
-/// A training file, and its drift, which is taken out of the samples, when it is asked for.
+/// What `--correct-drift` asks for.
+pub fn correction(asked: bool) -> DriftCorrection<'static> {
+    match asked {
+        true => DriftCorrection::Estimated,
+        false => DriftCorrection::None,
+    }
+}
+
+/// A training file, without its drift when that is asked for.
 pub fn read(
     arm: &Arm,
     path: &Path,
     tools: &mut Vec<ToolName>,
     correct: bool,
-) -> Result<(MeasurementSet, Vec<InstrumentSample>, Option<Drift>), Failure> {
-    let (set, samples) = arm.read(path, tools)?;
+) -> Result<SampleFile, Failure> {
+    let file = arm.read(path, tools, correction(correct))?;
     if !correct {
-        hint(path, &set);
-        return Ok((set, samples, None));
+        hint(path, &file.set);
     }
-    let drift = Drift::estimate(&set)?;
-    let samples =
-        poegp_calibration::measurement::sample::samples(&drift.correct(&set), &arm.robot, tools)?;
-    Ok((set, samples, Some(drift)))
+    Ok(file)
 }
 
 /// Names `--correct-drift` where the reference points of a file show a motion that is worth it.
@@ -57,19 +61,4 @@ fn hint(path: &Path, set: &MeasurementSet) {
          ({before:.0} to {after:.0} µm on points left out)",
         path.display()
     ));
-}
-
-/// The samples of a test file with its drift taken out, relative to where `training` saw the reference points.
-pub fn corrected(
-    arm: &Arm,
-    set: &MeasurementSet,
-    tools: &mut Vec<ToolName>,
-    training: &Drift,
-) -> Result<Vec<InstrumentSample>, Failure> {
-    let drift = Drift::estimate_as(set, training)?;
-    Ok(poegp_calibration::measurement::sample::samples(
-        &drift.correct(set),
-        &arm.robot,
-        tools,
-    )?)
 }

@@ -10,12 +10,14 @@ use serde::Serialize;
 
 use crate::cli::arguments::Evaluate;
 use crate::cli::report::Report;
-use crate::cli::{Failure, check_outputs, file_name, json_text, write_outputs};
+use crate::cli::{
+    Failure, check_outputs, drift, file_name, json_text, read_samples, write_outputs,
+};
 use poegp_calibration::blob::predict::{LoadedBlob, Prediction};
 use poegp_calibration::blob::tool_fit::{fit_tool, spread};
 use poegp_calibration::input_error::InputError;
-use poegp_calibration::measurement as measurements;
 use poegp_calibration::measurement::MeasurementSet;
+use poegp_calibration::measurement::reader::{DriftCorrection, SampleFile};
 use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::measurement::sample::ToolName;
 use poegp_calibration::numeric::statistics::{ErrorSummary, PoseError};
@@ -91,7 +93,7 @@ pub fn run(a: &Evaluate) -> Result<(), Failure> {
         set,
         samples,
         names,
-    } = read(&loaded, &a.test)?;
+    } = read(&loaded, &a.test, drift::correction(a.correct_drift))?;
     let tools = tool_frames(a, &loaded, &names, &samples)?;
     let predictions: Vec<Prediction> = samples
         .iter()
@@ -160,14 +162,19 @@ pub(super) struct TestData {
 }
 
 /// Reads and checks a measurement file for the arm of a blob; notes go to standard error.
-pub(super) fn read(loaded: &LoadedBlob, path: &Path) -> Result<TestData, Failure> {
+pub(super) fn read(
+    loaded: &LoadedBlob,
+    path: &Path,
+    correction: DriftCorrection,
+) -> Result<TestData, Failure> {
     let blob = loaded.blob();
     let robot = robot_of(&blob);
-    let set = measurements::read(path)?;
-    let notes = set.check(&robot)?;
-    for note in set.notes.iter().chain(&notes) {
-        crate::cli::report::remark(format_args!("{}: {note}", path.display()));
-    }
+    let mut names: Vec<ToolName> = loaded
+        .tools()
+        .iter()
+        .map(|(name, _)| name.clone())
+        .collect();
+    let SampleFile { set, samples, .. } = read_samples(path, &robot, &mut names, correction)?;
     if blob.ranges.payload_kg.is_some() && !set.has_payload() {
         return Err(InputError::new(
             path,
@@ -176,12 +183,6 @@ pub(super) fn read(loaded: &LoadedBlob, path: &Path) -> Result<TestData, Failure
         )
         .into());
     }
-    let mut names: Vec<ToolName> = loaded
-        .tools()
-        .iter()
-        .map(|(name, _)| name.clone())
-        .collect();
-    let samples = poegp_calibration::measurement::sample::samples(&set, &robot, &mut names)?;
     Ok(TestData {
         set,
         samples,

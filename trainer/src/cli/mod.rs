@@ -47,9 +47,8 @@ use crate::device::error::ClientError;
 use poegp_calibration::blob::predict::{BlobError, HOST_SUPPORT};
 use poegp_calibration::blob::write::{DeviceError, ExportError, Provenance};
 use poegp_calibration::input_error::InputError;
-use poegp_calibration::measurement as measurements;
-use poegp_calibration::measurement::MeasurementSet;
 use poegp_calibration::measurement::noise::InstrumentNoise;
+use poegp_calibration::measurement::reader::{DriftCorrection, SampleFile};
 use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::measurement::sample::ToolName;
 use poegp_calibration::model::{CalibrationError, Method};
@@ -197,15 +196,24 @@ impl Arm {
         &self,
         path: &Path,
         tools: &mut Vec<ToolName>,
-    ) -> Result<(MeasurementSet, Vec<InstrumentSample>), Failure> {
-        let set = measurements::read(path)?;
-        let notes = set.check(&self.robot)?;
-        for note in set.notes.iter().chain(&notes) {
-            crate::cli::report::remark(format_args!("{}: {note}", path.display()));
-        }
-        let samples = poegp_calibration::measurement::sample::samples(&set, &self.robot, tools)?;
-        Ok((set, samples))
+        correction: DriftCorrection,
+    ) -> Result<SampleFile, Failure> {
+        read_samples(path, &self.robot, tools, correction)
     }
+}
+
+/// A measurement file of `robot`; notes go to standard error.
+fn read_samples(
+    path: &Path,
+    robot: &Robot,
+    tools: &mut Vec<ToolName>,
+    correction: DriftCorrection,
+) -> Result<SampleFile, Failure> {
+    let file = SampleFile::read(path, robot, tools, correction)?;
+    for note in &file.notes {
+        crate::cli::report::remark(format_args!("{}: {note}", path.display()));
+    }
+    Ok(file)
 }
 
 /// Refuses a file with too few poses before any work, as an error of the file.

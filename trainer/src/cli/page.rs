@@ -4,9 +4,7 @@ use std::path::{Path, PathBuf};
 
 use crate::cli::arguments::Calibrate;
 use crate::cli::calibrate::Document;
-use crate::cli::{
-    Arm, Failure, device_failure, drift, enough_poses, equations, file_name, progress,
-};
+use crate::cli::{Arm, Failure, device_failure, enough_poses, equations, file_name, progress};
 use crate::report::sections;
 use crate::report::sections::DeviceFacts;
 use crate::report::{Evidence, FileFacts, HeldOutFacts, How, Page, Provenance, Section};
@@ -15,6 +13,7 @@ use poegp_calibration::blob::write::CalibratedBlob;
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::measurement::MeasurementSet;
 use poegp_calibration::measurement::instrument_drift::Drift;
+use poegp_calibration::measurement::reader::{DriftCorrection, SampleFile};
 use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::measurement::sample::ToolName;
 use poegp_calibration::model::config::Config;
@@ -34,8 +33,9 @@ pub fn read_test(
     path: &Path,
     tools: &mut Vec<ToolName>,
     trained_tools: usize,
-) -> Result<(MeasurementSet, Vec<InstrumentSample>), Failure> {
-    let (set, samples) = arm.read(path, tools)?;
+    correction: DriftCorrection,
+) -> Result<SampleFile, Failure> {
+    let file = arm.read(path, tools, correction)?;
     if let Some(unknown) = tools.get(trained_tools) {
         return Err(InputError::new(
             path,
@@ -45,7 +45,7 @@ pub fn read_test(
         .with_help("calibrate, then `trainer evaluate --fit-tool ROWS` fits a new tool to some of its rows")
         .into());
     }
-    Ok((set, samples))
+    Ok(file)
 }
 
 /// Test files, with the drift taken out when the training data have it taken out.
@@ -68,13 +68,12 @@ impl Tests {
         let (mut files, mut sets) = (Vec::new(), Vec::new());
         let mut names = tools.to_vec();
         for path in paths {
-            let (set, mut samples) = read_test(arm, path, &mut names, tools.len())?;
+            let correction = drift.map_or(DriftCorrection::None, DriftCorrection::RelativeTo);
+            let SampleFile { set, samples, .. } =
+                read_test(arm, path, &mut names, tools.len(), correction)?;
             if set.sha256 == train.sha256 {
                 let found = "the measurements that are trained on";
                 return Err(InputError::new(path, found, "poses that are held out").into());
-            }
-            if let Some(drift) = drift {
-                samples = drift::corrected(arm, &set, &mut names, drift)?;
             }
             let name = file_name(path);
             files.push(set);

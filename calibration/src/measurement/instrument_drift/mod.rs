@@ -25,6 +25,7 @@ use serde::Serialize;
 
 use crate::input_error::InputError;
 use crate::measurement::instrument_drift::motion::Track;
+use crate::measurement::sample::{InstrumentSample, Sample};
 use crate::measurement::set::MeasurementSet;
 
 /// Reference points of another file stand where they stood, or it was another set-up: metres.
@@ -173,20 +174,14 @@ impl Drift {
         })
     }
 
-    /// `set` as an instrument that does not move would have measured it. Reference points stay as they were seen.
-    pub fn correct(&self, set: &MeasurementSet) -> MeasurementSet {
-        let mut out = set.clone();
-        for (m, seen_from_true) in out.measurements.iter_mut().zip(&self.seen_from_true) {
-            let true_from_seen = seen_from_true.inverse();
-            m.position = true_from_seen.transform_point(&m.position);
-            if self.report.motion == "rigid"
-                && let Some((w, v)) = m.orientation
-            {
-                let seen = Pose::from_quaternion(w, &v, m.position);
-                m.orientation = Some((true_from_seen * seen).quaternion());
-            }
-        }
-        out
+    /// The samples of the same file, in order, as an instrument that does not move would have seen them.
+    pub fn correct(&self, samples: &[InstrumentSample]) -> Vec<InstrumentSample> {
+        let rows = samples.iter().zip(&self.seen_from_true);
+        rows.map(|(sample, seen_from_true)| Sample {
+            observation: sample.observation.transformed(&seen_from_true.inverse()),
+            ..sample.clone()
+        })
+        .collect()
     }
 }
 

@@ -6,6 +6,8 @@ use std::fmt::Write as _;
 
 use crate::measurement as measurements;
 use crate::measurement::instrument_drift::*;
+use crate::measurement::observation::Observation;
+use crate::measurement::sample::Instrument;
 
 const POSES: usize = 300;
 
@@ -68,21 +70,23 @@ fn simulate(points: usize, rotate: f64, flaws: bool) -> Simulated {
 fn rms_um(s: &Simulated) -> (f64, f64, DriftReport) {
     let set = measurements::parse("drift.csv", s.text.as_bytes()).unwrap();
     let drift = Drift::estimate(&set).unwrap();
-    let corrected = drift.correct(&set);
-    let rms = |set: &MeasurementSet| {
-        let mean = set
-            .measurements
-            .iter()
-            .fold(Vector3::zeros(), |s, m| s + m.position)
-            / POSES as f64;
-        let square: f64 = set
-            .measurements
-            .iter()
-            .map(|m| (m.position - mean).norm_squared())
-            .sum();
+    let seen = set.measurements.iter().map(|m| {
+        let joints = m.joints.clone();
+        Sample::new(
+            joints.clone(),
+            joints,
+            Observation::Position(m.position),
+            Instrument,
+        )
+    });
+    let seen: Vec<InstrumentSample> = seen.collect();
+    let rms = |samples: &[InstrumentSample]| {
+        let positions = || samples.iter().map(|s| s.observation.position());
+        let mean = positions().sum::<Vector3<f64>>() / POSES as f64;
+        let square: f64 = positions().map(|p| (p - mean).norm_squared()).sum();
         1e6 * (square / (3 * POSES) as f64).sqrt()
     };
-    (rms(&set), rms(&corrected), drift.report)
+    (rms(&seen), rms(&drift.correct(&seen)), drift.report)
 }
 
 #[test]

@@ -26,6 +26,7 @@ use poegp_calibration::identification::base_tools::aligned;
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::measurement as measurements;
 use poegp_calibration::measurement::MeasurementSet;
+use poegp_calibration::measurement::reader::DriftCorrection;
 use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::numeric::statistics::{ErrorSummary, PoseError};
 use poegp_calibration::robot::Robot;
@@ -63,7 +64,7 @@ impl Commands {
             None => None,
             Some(loaded) => {
                 let known = loaded.tools().len().max(1);
-                let data = host::read(loaded, test)?;
+                let data = host::read(loaded, test, DriftCorrection::None)?;
                 if data.names.len() > known {
                     return Err(InputError::new(
                         test,
