@@ -28,10 +28,28 @@ pub enum BlobError {
     Load(#[from] LoadError),
 }
 
+/// What the bytes of a blob say.
+#[derive(Debug)]
+struct Contents<'a> {
+    blob: Blob<'a>,
+    host: Host<'a>,
+}
+
+self_cell::self_cell!(
+    /// The bytes of a blob and what they say.
+    struct Decoded {
+        owner: Vec<u8>,
+        #[covariant]
+        dependent: Contents,
+    }
+
+    impl {Debug}
+);
+
 /// A blob and the model it holds.
 #[derive(Debug)]
 pub struct LoadedBlob {
-    bytes: Vec<u8>,
+    decoded: Decoded,
     model: Box<HostModel>,
     instrument_from_base: Pose<f64>,
     tools: Vec<(ToolName, Pose<f64>)>,
@@ -56,18 +74,14 @@ impl LoadedBlob {
     /// # Errors
     /// [`BlobError`].
     pub fn from_bytes(bytes: Vec<u8>) -> Result<Self, BlobError> {
-        Ok(Self {
-            bytes: bytes.clone(),
-            ..Self::decoded(&bytes)?
-        })
-    }
-
-    fn decoded(bytes: &[u8]) -> Result<Self, BlobError> {
+        let decoded = Decoded::try_new(bytes, |bytes| {
+            let blob = blob::decode(bytes)?;
+            let host = Host::decode(blob.host)?;
+            Ok::<_, DecodeError>(Contents { blob, host })
+        })?;
+        let Contents { blob, host } = decoded.borrow_dependent();
         let mut model = Box::new(HostModel::new());
-        let decoded = blob::decode(bytes)?;
-        model.load(&decoded)?;
-        let host = Host::decode(decoded.host)?;
-        let instrument_from_base = Pose::from_rows(&host.gauge.instrument_from_base);
+        model.load(blob)?;
         let tool = |t: &blob::Tool<'_>| {
             let name = ToolName {
                 session: t.session.to_owned(),
@@ -76,12 +90,11 @@ impl LoadedBlob {
             let pose = Pose::<f32>::from_rows(&t.first_from_target);
             (name, orthonormal(&pose.cast()))
         };
-        let tools = host.tools.iter().map(tool).collect();
         Ok(Self {
+            instrument_from_base: Pose::from_rows(&host.gauge.instrument_from_base),
+            tools: host.tools.iter().map(tool).collect(),
             model,
-            instrument_from_base,
-            tools,
-            bytes: Vec::new(),
+            decoded,
         })
     }
 
@@ -106,18 +119,18 @@ impl LoadedBlob {
     }
 
     /// What the device reads of the blob.
-    pub fn blob(&self) -> Blob<'_> {
-        blob::decode(&self.bytes).expect("decoded when this was made")
+    pub fn blob(&self) -> &Blob<'_> {
+        &self.decoded.borrow_dependent().blob
     }
 
     /// What the host reads of the blob.
-    pub fn host(&self) -> Host<'_> {
-        Host::decode(self.blob().host).expect("decoded when this was made")
+    pub fn host(&self) -> &Host<'_> {
+        &self.decoded.borrow_dependent().host
     }
 
     /// The bytes of the blob.
     pub fn bytes(&self) -> &[u8] {
-        &self.bytes
+        self.decoded.borrow_owner()
     }
 
     /// The model.

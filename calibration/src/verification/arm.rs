@@ -66,7 +66,7 @@ impl BlobArm {
             .map(|f| Pose::<f32>::from_rows(f).cast())
             .collect();
         let chain = Poe::new(&kinds, &frames).expect("a loaded blob is a chain");
-        let coupling = coupling(&blob);
+        let coupling = coupling(blob);
         let last = frames[n];
         let tools = tools.iter().map(|tool| last * *tool).collect::<Vec<_>>();
         let elastic = match &blob.correction {
@@ -88,7 +88,7 @@ impl BlobArm {
         let gravity = elastic.map_or([0.0; 3], |e| e.gravity.map(f64::from));
         let kernels: Vec<JointKernel<f64>> =
             elastic.map_or(Vec::new(), |e| e.kernels.iter().map(joint_kernel).collect());
-        let training = support(&blob, coupling.as_ref());
+        let training = support(blob, coupling.as_ref());
         let training_poses = f64::from(loaded.host().provenance.training_poses);
         Self {
             repeats: (training_poses / training.len() as f64).max(1.0),

@@ -508,7 +508,7 @@ fn document(
             file: a.out.display().to_string(),
             bytes: blob.bytes().len(),
             support: blob.model().support(),
-            instructions: ElasticSize::of_blob(&blob.blob(), blob.model().support())
+            instructions: ElasticSize::of_blob(blob.blob(), blob.model().support())
                 .map(|size| instructions(&size)),
         },
         repeats: None,

@@ -138,7 +138,7 @@ pub fn run(a: &Correct) -> Result<(), Failure> {
     check_outputs(&outputs, &[&a.blob, &a.targets])?;
     let loaded = LoadedBlob::read(&a.blob)?;
     let file = TargetFile::read(&a.targets)?;
-    let robot = evaluate::robot_of(&loaded.blob());
+    let robot = evaluate::robot_of(loaded.blob());
     for note in file.check(&robot)? {
         crate::cli::report::remark(format_args!("{}: {note}", a.targets.display()));
     }

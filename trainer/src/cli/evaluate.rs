@@ -168,7 +168,7 @@ pub(super) fn read(
     correction: DriftCorrection,
 ) -> Result<TestData, Failure> {
     let blob = loaded.blob();
-    let robot = robot_of(&blob);
+    let robot = robot_of(blob);
     let mut names: Vec<ToolName> = loaded
         .tools()
         .iter()

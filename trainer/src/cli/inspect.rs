@@ -38,7 +38,7 @@ fn document(loaded: &LoadedBlob) -> Value {
             "prismatic"
         }
     };
-    let trust = Trust::<f32>::of(&blob);
+    let trust = Trust::<f32>::of(blob);
     let joints = blob.robot.joints.iter().zip(&blob.ranges.joints);
     let joints: Vec<Value> = joints
         .enumerate()
@@ -202,7 +202,7 @@ fn print(report: Report, loaded: &LoadedBlob, document: &Value) {
         }
     }
     report.line("");
-    print_joints(report, &blob);
+    print_joints(report, blob);
     for (name, pose) in [
         ("instrument_from_base", &host.gauge.instrument_from_base),
         ("flange_from_target", &host.gauge.flange_from_target),
