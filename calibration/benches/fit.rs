@@ -9,9 +9,9 @@ use std::path::Path;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use faer::Mat;
-use poegp_calibration::blob::predict::LoadedBlob;
+use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::blob::write::{Provenance, calibrate_to_blob};
-use poegp_calibration::identification::frame_fit::{ResidualKind, residual_components};
+use poegp_calibration::identification::frame_fit::{ResidualFrame, residual_components};
 use poegp_calibration::learning::elastic::fit::fit;
 use poegp_calibration::learning::elastic::inducing_points::choose;
 use poegp_calibration::learning::elastic::likelihood::{Evidence, Search};
@@ -58,7 +58,7 @@ impl Bench {
         .unwrap()
     }
 
-    fn blob(&self, method: Method) -> LoadedBlob {
+    fn blob(&self, method: Method) -> BlobModel {
         let origin = Provenance {
             serial_number: String::new(),
             date: "2026-11-20".to_owned(),
@@ -148,7 +148,7 @@ fn likelihood(c: &mut Criterion) {
         .iter()
         .map(|s| {
             let chain = found.calibrated.forward(&s.serial_joints);
-            residual_components(ResidualKind::Space, &s.observation, &chain)
+            residual_components(ResidualFrame::Space, &s.observation, &chain)
         })
         .collect();
     let gp = &found.correction.task_space().unwrap().gp;

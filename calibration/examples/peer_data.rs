@@ -15,9 +15,9 @@
 use std::path::Path;
 
 use faer::Mat;
-use poegp_calibration::blob::predict::LoadedBlob;
+use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::blob::write::{Provenance, calibrate_to_blob};
-use poegp_calibration::identification::frame_fit::{ResidualKind, residual_components};
+use poegp_calibration::identification::frame_fit::{ResidualFrame, residual_components};
 use poegp_calibration::learning::task_space::fit::{
     HyperparameterSharing, SignalVarianceLimit, fit,
 };
@@ -112,7 +112,7 @@ fn training(
     let in_base = in_base_frame(samples, &found.base_and_tools.instrument_from_base);
     let twist = |s: &BaseSample| {
         let chain = found.calibrated.forward(&s.serial_joints);
-        residual_components(ResidualKind::Space, &s.observation, &chain)
+        residual_components(ResidualFrame::Space, &s.observation, &chain)
     };
     (
         samples
@@ -293,7 +293,7 @@ fn one_fold(
 }
 
 fn predict(blob: &str, file: &str, repeats: usize) -> Answer {
-    let blob = LoadedBlob::read(Path::new(blob))?;
+    let blob = BlobModel::read(Path::new(blob))?;
     let poses = measurements::read(Path::new(file))?.measurements;
     let (mut sum, mut count) = (0.0, 0_usize);
     let start = cpu_seconds()?;

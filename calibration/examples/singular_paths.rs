@@ -117,7 +117,7 @@ struct Arm {
 impl Arm {
     fn fit(name: &str) -> Answer<Self> {
         let robot = Robot::load(name, &LoadOptions::default())?;
-        let mut simulator = Simulator::new(&robot, Scenario::Wild, &PAYLOADS_KG, 1);
+        let mut simulator = Simulator::new(&robot, Scenario::Nonlinear, &PAYLOADS_KG, 1);
         let csv = to_csv(&robot, &simulator.measure(300), false, "train");
         let set = measurements::parse("train", csv.as_bytes())?;
         let mut tools = Vec::new();

@@ -21,7 +21,7 @@
 //! [`cross_validate`]: prelude::cross_validate
 //! [`calibrate`]: prelude::calibrate
 //! [`into_blob`]: prelude::Calibration::into_blob
-//! [`predict`]: blob::predict::LoadedBlob::predict
+//! [`predict`]: blob::predict::BlobModel::predict
 //! [`verify`]: prelude::verify
 //! [`Config`]: prelude::Config
 //! [`FitContext`]: prelude::FitContext
@@ -45,7 +45,7 @@ pub mod verification;
 
 /// The names of a calibration from a file to a blob.
 pub mod prelude {
-    pub use crate::blob::predict::LoadedBlob;
+    pub use crate::blob::predict::BlobModel;
     pub use crate::blob::write::{CalibratedBlob, Provenance, calibrate_to_blob};
     pub use crate::error::Error;
     pub use crate::measurement::samples::Samples;

@@ -13,7 +13,7 @@ use std::error::Error;
 use std::io::Write;
 use std::time::Duration;
 
-use poegp_calibration::blob::predict::LoadedBlob;
+use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::blob::write::{Provenance, calibrate_to_blob};
 use poegp_calibration::measurement::parse;
 use poegp_calibration::measurement::sample::{InstrumentSample, samples};
@@ -180,7 +180,7 @@ struct Run {
 
 fn run_one(
     device: &mut Device,
-    blob: &LoadedBlob,
+    blob: &BlobModel,
     commands: &[InstrumentSample],
     arm: &mut Simulator,
 ) -> Result<Run, Box<dyn Error>> {
@@ -220,7 +220,7 @@ fn run_one(
 }
 
 /// The nominal chain of a blob, base to target.
-fn nominal(loaded: &LoadedBlob) -> Result<Poe<f64>, Box<dyn Error>> {
+fn nominal(loaded: &BlobModel) -> Result<Poe<f64>, Box<dyn Error>> {
     let blob = loaded.blob();
     let kinds: Vec<JointKind> = blob.robot.joints.iter().map(|j| j.kind).collect();
     let frames: Vec<Pose<f64>> = blob

@@ -48,7 +48,7 @@ self_cell::self_cell!(
 
 /// A blob and the model it holds.
 #[derive(Debug)]
-pub struct LoadedBlob {
+pub struct BlobModel {
     decoded: Decoded,
     model: Box<HostModel>,
     instrument_from_base: Pose<f64>,
@@ -68,7 +68,7 @@ pub struct Prediction {
     pub position_sigma: Option<f32>,
 }
 
-impl LoadedBlob {
+impl BlobModel {
     /// Decodes and checks `bytes`.
     ///
     /// # Errors
@@ -168,7 +168,7 @@ impl LoadedBlob {
         &self.tools
     }
 
-    /// The same as [`LoadedBlob::predict`] for a tool of the blob, by its index.
+    /// The same as [`BlobModel::predict`] for a tool of the blob, by its index.
     pub fn predict_tool(&self, joints: &[f64], payload_kg: Option<f64>, tool: usize) -> Prediction {
         let first = self.predict(joints, payload_kg);
         match self.tools.get(tool) {

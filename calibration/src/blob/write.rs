@@ -13,7 +13,7 @@ use poegp_protocol::limits::OUTPUTS;
 use poegp_runtime::kinematics::minimal_chain::MinimalForm;
 use poegp_runtime::kinematics::poe::Poe;
 
-use crate::blob::predict::{BlobError, HOST_SUPPORT, LoadedBlob};
+use crate::blob::predict::{BlobError, BlobModel, HOST_SUPPORT};
 use crate::learning::elastic::reduced_model::ElasticModel;
 use crate::learning::task_space::Hyperparameters;
 use crate::learning::task_space::fit::SignalVarianceLimit;
@@ -71,7 +71,7 @@ pub struct CalibratedBlob {
     /// In f64.
     pub calibration: Calibration,
     /// As the device will have it.
-    pub blob: LoadedBlob,
+    pub blob: BlobModel,
     /// How far its poses are from the f64 model's.
     pub precision_loss: SinglePrecisionLoss,
 }
@@ -142,7 +142,7 @@ impl Calibration {
         provenance: &Provenance,
     ) -> Result<CalibratedBlob, ExportError> {
         let bytes = to_bytes(&self, robot, provenance, samples)?;
-        let blob = LoadedBlob::from_bytes(bytes)?;
+        let blob = BlobModel::from_bytes(bytes)?;
         Ok(CalibratedBlob {
             precision_loss: precision_loss(&self, &blob, samples),
             calibration: self,
@@ -204,7 +204,7 @@ pub enum ExportError {
 /// Distance of the blob's poses from the f64 model's, where the correction is not bounded.
 pub fn precision_loss(
     calibration: &Calibration,
-    loaded: &LoadedBlob,
+    loaded: &BlobModel,
     samples: &[InstrumentSample],
 ) -> SinglePrecisionLoss {
     let instrument_from_base = calibration.base_and_tools.instrument_from_base;

@@ -12,13 +12,9 @@ use nalgebra::{Matrix3, Vector3};
 use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::Pose;
 
-use crate::identification::frame_fit::{FrameFit, ResidualKind, cost, fit_frames};
-use crate::measurement::noise::Scales;
+use crate::identification::frame_fit::{FrameFit, ResidualFrame, cost, fit_frames};
 use crate::measurement::sample::InstrumentSample;
 use crate::numeric::rotation::nearest_rotation;
-
-/// Metres and radians count alike.
-pub const UNWEIGHTED: ResidualKind = ResidualKind::ToolCentred(Scales::ONE);
 
 /// Where instrument and target are.
 #[derive(Clone, Copy, Debug)]
@@ -59,13 +55,21 @@ pub fn base_tool(nominal: &Poe<f64>, samples: &[InstrumentSample]) -> BaseTool {
                     translation: tool_translation,
                 },
             );
-            (cost(&chain, samples, UNWEIGHTED), chain)
+            (
+                cost(&chain, samples, ResidualFrame::TOOL_POINT_UNIT_WEIGHTS),
+                chain,
+            )
         })
         .collect();
     starts.sort_by(|a, b| a.0.total_cmp(&b.0));
     let last = nominal.kinds().len();
     let refine = |(_, mut chain): (f64, Poe<f64>)| {
-        let fit = fit_frames(&mut chain, samples, &[0, last], UNWEIGHTED);
+        let fit = fit_frames(
+            &mut chain,
+            samples,
+            &[0, last],
+            ResidualFrame::TOOL_POINT_UNIT_WEIGHTS,
+        );
         (fit, chain)
     };
     let (fit, chain) = starts

@@ -12,7 +12,7 @@ use poegp_runtime::math::se3::Pose;
 use crate::identification::base_tool::base_tool;
 use crate::identification::frame_fit::FrameFit;
 use crate::identification::parametric::fit::fit_ends;
-use crate::identification::parametric::state::{Layout, State};
+use crate::identification::parametric::state::{Layout, ParametricModel};
 use crate::measurement::sample::{InstrumentSample, Sample};
 use crate::numeric::rotation::nearest_rotation;
 
@@ -59,7 +59,7 @@ pub fn ends(nominal: &Poe<f64>, samples: &[InstrumentSample]) -> Ends {
         ripple: Vec::new(),
     };
     let ends: Vec<Pose<f64>> = starts.iter().map(|t| flange * *t).collect();
-    let mut state = State::new(&chain, ends, None, layout, Vector3::zeros());
+    let mut state = ParametricModel::new(&chain, ends, None, layout, Vector3::zeros());
     let fit = fit_ends(&mut state, samples);
     Ends {
         instrument_from_base: state.frames[0] * nominal.frames()[0].inverse(),

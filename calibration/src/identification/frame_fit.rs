@@ -12,25 +12,28 @@ use poegp_protocol::limits::MAX_FRAMES;
 use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::{Matrix6, Pose, Twist, residual};
 
-use crate::measurement::noise::Scales;
+use crate::measurement::noise::NoiseScales;
 use crate::measurement::observation::Observation;
 use crate::measurement::sample::Sample;
 
 /// What is compared, and in which frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum ResidualKind {
+pub enum ResidualFrame {
     /// Log(T′T⁻¹) at the origin of the space frame, metres and radians unweighted: the paper's.
     Space,
     /// Displacement and rotation at the tool point, axes of the space frame, divided by the noise of each.
-    ToolCentred(Scales),
+    ToolPoint(NoiseScales),
 }
 
-impl ResidualKind {
+impl ResidualFrame {
+    /// At the tool point, where metres and radians count alike.
+    pub const TOOL_POINT_UNIT_WEIGHTS: Self = Self::ToolPoint(NoiseScales::ONE);
+
     /// With the scales of one row.
     fn of<F>(self, sample: &Sample<F>) -> Self {
         match self {
             Self::Space => Self::Space,
-            Self::ToolCentred(scales) => Self::ToolCentred(scales.of(sample)),
+            Self::ToolPoint(scales) => Self::ToolPoint(scales.of(sample)),
         }
     }
 }
@@ -58,18 +61,18 @@ const CONVERGED: f64 = 1e-12;
 /// The residual of one observation, six components, zero where nothing was measured; in units of the scales as they are,
 /// whatever the row's own.
 pub fn residual_components(
-    kind: ResidualKind,
+    kind: ResidualFrame,
     measured: &Observation,
     predicted: &Pose<f64>,
 ) -> [f64; 6] {
     let scales = match kind {
-        ResidualKind::Space => Scales::ONE,
-        ResidualKind::ToolCentred(scales) => scales,
+        ResidualFrame::Space => NoiseScales::ONE,
+        ResidualFrame::ToolPoint(scales) => scales,
     };
     let p = (measured.position() - predicted.translation) / scales.position;
     let r = match measured {
         Observation::Position(_) => Vector3::zeros(),
-        Observation::Pose(pose) if kind == ResidualKind::Space => {
+        Observation::Pose(pose) if kind == ResidualFrame::Space => {
             return residual(pose, predicted).to_array();
         }
         Observation::Pose(pose) => {
@@ -84,8 +87,8 @@ pub fn residual_components(
 }
 
 /// The rows that [`residual_components`] has for one block of the identification Jacobian.
-fn block_rows(kind: ResidualKind, block: &Matrix6<f64>, predicted: &Pose<f64>) -> Matrix6<f64> {
-    let ResidualKind::ToolCentred(scales) = kind else {
+fn block_rows(kind: ResidualFrame, block: &Matrix6<f64>, predicted: &Pose<f64>) -> Matrix6<f64> {
+    let ResidualFrame::ToolPoint(scales) = kind else {
         return *block;
     };
     let mut out = [[0.0; 6]; 6];
@@ -109,7 +112,7 @@ pub fn linearise<F>(
     poe: &Poe<f64>,
     samples: &[Sample<F>],
     free: &[usize],
-    kind: ResidualKind,
+    kind: ResidualFrame,
 ) -> (Mat<f64>, Mat<f64>) {
     let mut y = Mat::zeros(6 * samples.len(), 1);
     let mut a = Mat::zeros(6 * samples.len(), 6 * free.len());
@@ -134,7 +137,7 @@ pub fn linearise<F>(
 }
 
 /// Sum of squares of all residual components.
-pub fn cost<F>(poe: &Poe<f64>, samples: &[Sample<F>], kind: ResidualKind) -> f64 {
+pub fn cost<F>(poe: &Poe<f64>, samples: &[Sample<F>], kind: ResidualFrame) -> f64 {
     let of = |sample: &Sample<F>| {
         let predicted = poe.forward(&sample.serial_joints);
         residual_components(kind.of(sample), &sample.observation, &predicted)
@@ -158,7 +161,7 @@ pub fn fit_frames<F>(
     poe: &mut Poe<f64>,
     samples: &[Sample<F>],
     free: &[usize],
-    kind: ResidualKind,
+    kind: ResidualFrame,
 ) -> FrameFit {
     let mut current = cost(poe, samples, kind);
     let mut report = FrameFit {

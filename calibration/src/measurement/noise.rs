@@ -16,14 +16,14 @@ pub use crate::measurement::observation::InstrumentNoise;
 
 impl InstrumentNoise {
     /// The smallest that the samples state; unknown where one of them states nothing.
-    pub fn quietest<F>(samples: &[Sample<F>]) -> Self {
+    pub fn min_over<F>(samples: &[Sample<F>]) -> Self {
         Self::pooled(samples, |values| {
             values.iter().copied().fold(f64::INFINITY, f64::min)
         })
     }
 
     /// The root mean square of what the samples state; unknown where one of them states nothing.
-    pub fn typical<F>(samples: &[Sample<F>]) -> Self {
+    pub fn rms_over<F>(samples: &[Sample<F>]) -> Self {
         Self::pooled(samples, |values| {
             let sum: f64 = values.iter().map(|s| s * s).sum();
             (sum / values.len() as f64).sqrt()
@@ -42,9 +42,9 @@ impl InstrumentNoise {
     }
 }
 
-/// Scales of the rows: metres and radians that count as one, in the quietest row.
+/// NoiseScales of the rows: metres and radians that count as one, in the quietest row.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Scales {
+pub struct NoiseScales {
     /// √v of one position component in metres.
     pub position: f64,
     /// √v of one rotation component in radians.
@@ -53,7 +53,7 @@ pub struct Scales {
     pub quietest: InstrumentNoise,
 }
 
-impl Scales {
+impl NoiseScales {
     /// Metres and radians count alike.
     pub const ONE: Self = Self::uniform(1.0, 1.0);
 
@@ -124,7 +124,7 @@ impl Scales {
         })
     }
 
-    /// As [`Scales::estimated`], from the median: half of the rows may be anything.
+    /// As [`NoiseScales::estimated`], from the median: half of the rows may be anything.
     pub fn robust<F>(residuals: &[[f64; 6]], samples: &[Sample<F>]) -> Self {
         Self::pooled(residuals, samples, |rows| {
             let middle = |v: f64| {
@@ -146,7 +146,7 @@ impl Scales {
         variance: impl Fn(&[([f64; 3], f64)]) -> f64,
     ) -> Self {
         let mut out = Self {
-            quietest: InstrumentNoise::quietest(samples),
+            quietest: InstrumentNoise::min_over(samples),
             ..Self::ONE
         };
         let rows = |first: usize| -> Vec<([f64; 3], f64)> {
@@ -242,7 +242,7 @@ mod tests {
     #[test]
     fn the_common_noise_is_found_beneath_that_of_the_rows() {
         let (mut residuals, samples) = drawn(3000, 10.0);
-        let found = Scales::estimated(&residuals, &samples);
+        let found = NoiseScales::estimated(&residuals, &samples);
         // The quietest row: 30 µm stated and 40 µm common.
         assert!((found.position / 50e-6 - 1.0).abs() < 0.03, "{found:?}");
         assert!((found.orientation / 50e-6 - 1.0).abs() < 0.03, "{found:?}");
@@ -250,24 +250,24 @@ mod tests {
         let expected = (40e-6_f64.powi(2) + 300e-6_f64.powi(2)).sqrt();
         assert!((noisy.position / expected - 1.0).abs() < 0.01, "{noisy:?}");
         residuals.iter_mut().step_by(5).for_each(|r| r[0] += 0.1);
-        let robust = Scales::robust(&residuals, &samples);
+        let robust = NoiseScales::robust(&residuals, &samples);
         assert!((robust.position / 50e-6 - 1.0).abs() < 0.3, "{robust:?}");
     }
 
     #[test]
     fn equal_statements_are_no_statements() {
         let (residuals, mut samples) = drawn(30, 1.0);
-        let stated = Scales::estimated(&residuals, &samples);
-        let robust = Scales::robust(&residuals, &samples);
+        let stated = NoiseScales::estimated(&residuals, &samples);
+        let robust = NoiseScales::robust(&residuals, &samples);
         assert_eq!(stated.of(&samples[0]).position, stated.position);
         assert_eq!(stated.common_share(&samples[0]), [1.0; 2]);
         for sample in &mut samples {
             sample.declared_noise = InstrumentNoise::UNKNOWN;
         }
-        let silent = Scales::estimated(&residuals, &samples);
+        let silent = NoiseScales::estimated(&residuals, &samples);
         assert_eq!(silent.position, stated.position);
         assert_eq!(silent.orientation, stated.orientation);
-        let silent = Scales::robust(&residuals, &samples);
+        let silent = NoiseScales::robust(&residuals, &samples);
         assert_eq!(silent.position, robust.position);
     }
 }

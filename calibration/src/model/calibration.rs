@@ -4,9 +4,8 @@ use poegp_protocol::limits::OUTPUTS;
 use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::Pose;
 
-use crate::identification::base_tool::UNWEIGHTED;
 use crate::identification::base_tools::Ends;
-use crate::identification::frame_fit::{FrameFit, residual_components};
+use crate::identification::frame_fit::{FrameFit, ResidualFrame, residual_components};
 use crate::learning::elastic::outliers::Outlier;
 use crate::measurement::sample::{BaseSample, Sample};
 use crate::model::config::Config;
@@ -84,7 +83,13 @@ impl Calibration {
 
     /// The RMS of one position and one rotation component of the residual of `samples`, m and rad.
     pub(super) fn rms(&self, samples: &[BaseSample]) -> (f64, f64) {
-        let of = |s: &BaseSample| residual_components(UNWEIGHTED, &s.observation, &self.predict(s));
+        let of = |s: &BaseSample| {
+            residual_components(
+                ResidualFrame::TOOL_POINT_UNIT_WEIGHTS,
+                &s.observation,
+                &self.predict(s),
+            )
+        };
         let (mut position, mut orientation, mut whole) = (0.0, 0.0, 0);
         for sample in samples {
             let r = of(sample);

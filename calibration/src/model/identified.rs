@@ -1,7 +1,7 @@
 //! What the samples of a calibration identified.
 
 use crate::identification::identifiability::{IdentifyReport, Task, identify, residual_scales};
-use crate::measurement::noise::{InstrumentNoise, Scales};
+use crate::measurement::noise::{InstrumentNoise, NoiseScales};
 use crate::measurement::sample::{BaseSample, InstrumentSample, in_base_frame};
 use crate::model::calibration::Calibration;
 use crate::model::methods::Method;
@@ -24,10 +24,10 @@ pub fn of_calibration(
             .collect();
     let chain = &calibration.calibrated;
     let noise = match calibration.correction.elastic() {
-        Some(elastic) => Scales {
+        Some(elastic) => NoiseScales {
             position: elastic.report.position_noise,
             orientation: elastic.report.orientation_noise,
-            quietest: InstrumentNoise::quietest(&samples),
+            quietest: InstrumentNoise::min_over(&samples),
         },
         None => residual_scales(chain, &calibration.tools, &samples),
     };
@@ -37,7 +37,7 @@ pub fn of_calibration(
         chain,
         tools: &calibration.tools,
         samples: &samples,
-        noise: Scales {
+        noise: NoiseScales {
             position: positive(noise.position),
             orientation: positive(noise.orientation),
             ..noise

@@ -2,7 +2,7 @@
 //!
 //! A search for hyperparameters factors a matrix of the same size some fifty times. Matrices of their own for every
 //! evaluation go back to the system when they are dropped and come again as empty pages: at 1 200 rows a third of the
-//! time of an elastic fit was spent in the kernel (579 000 page faults). One [`FactorWorkspace`] for one search makes
+//! time of an elastic fit was spent in the kernel (579 000 page faults). One [`CholeskyWorkspace`] for one search makes
 //! them once. The arithmetic is faer's own, block by block the same as `llt`, `solve` and `inverse` of a matrix, so
 //! that every bit is, too.
 
@@ -11,17 +11,17 @@ use faer::linalg::cholesky::llt;
 use faer::{Mat, MatMut, Par};
 
 /// Room for one symmetric positive definite matrix, its factor and its inverse.
-pub struct FactorWorkspace {
-    /// The matrix, lower triangle; after [`FactorWorkspace::factor`] its lower factor. What is above the diagonal means
+pub struct CholeskyWorkspace {
+    /// The matrix, lower triangle; after [`CholeskyWorkspace::factor`] its lower factor. What is above the diagonal means
     /// nothing.
     pub matrix: Mat<f64>,
     inverse: Mat<f64>,
     scratch: MemBuffer,
 }
 
-impl std::fmt::Debug for FactorWorkspace {
+impl std::fmt::Debug for CholeskyWorkspace {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "FactorWorkspace of {} rows", self.matrix.nrows())
+        write!(f, "CholeskyWorkspace of {} rows", self.matrix.nrows())
     }
 }
 
@@ -30,7 +30,7 @@ impl std::fmt::Debug for FactorWorkspace {
 #[error("the matrix is not positive definite")]
 pub struct NotPositive;
 
-impl FactorWorkspace {
+impl CholeskyWorkspace {
     /// For matrices n×n.
     pub fn new(n: usize) -> Self {
         let factor = llt::factor::cholesky_in_place_scratch::<f64>(n, Par::Seq, Default::default());
@@ -109,7 +109,7 @@ mod tests {
     #[test]
     fn every_bit_is_that_of_matrices_made_anew() {
         let n = 333;
-        let mut workspace = FactorWorkspace::new(n);
+        let mut workspace = CholeskyWorkspace::new(n);
         for shift in [0.5, 1e-3] {
             let matrix = example(n, shift);
             let factor = matrix.llt(Side::Lower).unwrap();
@@ -126,7 +126,7 @@ mod tests {
 
     #[test]
     fn a_matrix_that_is_not_positive_is_refused_and_the_next_one_is_not() {
-        let mut workspace = FactorWorkspace::new(40);
+        let mut workspace = CholeskyWorkspace::new(40);
         workspace.matrix.copy_from(example(40, -3.0));
         assert_eq!(workspace.factor(), Err(NotPositive));
         workspace.matrix.copy_from(example(40, 0.1));

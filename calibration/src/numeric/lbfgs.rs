@@ -25,14 +25,14 @@ pub struct Minimum {
     pub value: f64,
 }
 
-struct Boxed<'a, O> {
+struct BoundedProblem<'a, O> {
     objective: &'a O,
     context: &'a FitContext<'a>,
     lower: Vec<f64>,
     upper: Vec<f64>,
 }
 
-impl<O> Constraints for Boxed<'_, O> {
+impl<O> Constraints for BoundedProblem<'_, O> {
     type Set = ConstraintSet<BoxBounds<Vec<f64>>>;
 
     fn constraints(&self) -> <Self::Set as basin::ConstraintDescription>::Borrowed<'_> {
@@ -40,7 +40,7 @@ impl<O> Constraints for Boxed<'_, O> {
     }
 }
 
-impl<O: Objective> CostFunction for Boxed<'_, O> {
+impl<O: Objective> CostFunction for BoundedProblem<'_, O> {
     type Param = Vec<f64>;
     type Output = f64;
     type Error = Cancelled;
@@ -50,7 +50,7 @@ impl<O: Objective> CostFunction for Boxed<'_, O> {
     }
 }
 
-impl<O: Objective> Gradient for Boxed<'_, O> {
+impl<O: Objective> Gradient for BoundedProblem<'_, O> {
     type Gradient = Vec<f64>;
 
     fn gradient(&self, x: &Vec<f64>) -> Result<Vec<f64>, Cancelled> {
@@ -65,7 +65,7 @@ impl<O: Objective> Gradient for Boxed<'_, O> {
 
 /// When a search ends.
 #[derive(Clone, Copy, Debug)]
-pub struct Ending {
+pub struct StopCriteria {
     /// Most iterations.
     pub iterations: u64,
     /// A step that lowers the value by no more than this part of it is the last.
@@ -77,7 +77,7 @@ pub struct Ending {
     pub distance: f64,
 }
 
-impl Ending {
+impl StopCriteria {
     /// Nothing is known yet.
     pub const fn after(iterations: u64, reduction: f64) -> Self {
         Self {
@@ -99,7 +99,7 @@ pub fn minimize<O: Objective>(
     objective: &O,
     start: &[f64],
     bounds: &[(f64, f64)],
-    ending: &Ending,
+    ending: &StopCriteria,
     context: &FitContext,
 ) -> Result<Minimum, Cancelled> {
     let clamped: Vec<f64> = start
@@ -107,7 +107,7 @@ pub fn minimize<O: Objective>(
         .zip(bounds)
         .map(|(x, (lower, upper))| x.clamp(*lower, *upper))
         .collect();
-    let problem = Boxed {
+    let problem = BoundedProblem {
         objective,
         context,
         lower: bounds.iter().map(|b| b.0).collect(),
@@ -116,7 +116,7 @@ pub fn minimize<O: Objective>(
     let solver = Lbfgs::new()
         .with_absolute_projected_gradient_tolerance(1e-4)
         .with_relative_cost_reduction_tolerance(ending.reduction);
-    let Ending {
+    let StopCriteria {
         known, distance, ..
     } = *ending;
     let mut before = f64::INFINITY;
@@ -147,7 +147,7 @@ pub fn minimize<O: Objective>(
 mod tests {
     use super::*;
 
-    const ENDING: Ending = Ending::after(200, 1e-10);
+    const STOP: StopCriteria = StopCriteria::after(200, 1e-10);
 
     struct Rosenbrock;
 
@@ -161,19 +161,19 @@ mod tests {
         }
     }
 
-    fn minimum(bounds: &[(f64, f64)], ending: &Ending) -> Minimum {
+    fn minimum(bounds: &[(f64, f64)], ending: &StopCriteria) -> Minimum {
         let context = FitContext::default();
         minimize(&Rosenbrock, &[-1.2, 1.0], bounds, ending, &context).unwrap()
     }
 
     #[test]
     fn finds_the_minimum_inside_and_on_the_edge_of_the_box() {
-        let inside = minimum(&[(-2.0, 2.0); 2], &ENDING);
+        let inside = minimum(&[(-2.0, 2.0); 2], &STOP);
         assert!(
             (inside.x[0] - 1.0).abs() < 1e-3 && inside.value < 1e-6,
             "{inside:?}"
         );
-        let edge = minimum(&[(-2.0, 0.5), (-2.0, 2.0)], &ENDING);
+        let edge = minimum(&[(-2.0, 0.5), (-2.0, 2.0)], &STOP);
         assert!(
             (edge.x[0] - 0.5).abs() < 1e-6 && (edge.x[1] - 0.25).abs() < 1e-3,
             "{edge:?}"
@@ -182,10 +182,10 @@ mod tests {
     #[test]
     fn ends_where_somebody_has_been_and_not_far_above_or_below() {
         let from = |known: f64| {
-            let ending = Ending {
+            let ending = StopCriteria {
                 known,
                 distance: 0.01,
-                ..ENDING
+                ..STOP
             };
             minimum(&[(-2.0, 2.0); 2], &ending).value
         };

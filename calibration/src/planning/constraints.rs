@@ -37,7 +37,7 @@ use toml::Spanned;
 
 use crate::input_error::InputError;
 use crate::robot::Robot;
-use crate::robot::toml_source::{DEGREE, METRE, MILLIMETRE, Origin, RADIAN, TomlText, Unit};
+use crate::robot::toml_source::{DEGREE, METRE, MILLIMETRE, Origin, RADIAN, TomlSource, Unit};
 
 /// What the file is.
 const WHOLE: &str = "the constraints of a plan in TOML";
@@ -159,13 +159,13 @@ impl Constraints {
     /// # Errors
     /// As [`Constraints::read`].
     pub fn parse(path: &Path, text: &str, robot: &Robot) -> Result<Self, InputError> {
-        let reader = TomlText { file: path, text };
+        let reader = TomlSource { file: path, text };
         let file: File = toml::from_str(text).map_err(|error| reader.refused(&error, WHOLE))?;
         Self::of(robot, Some(path), &file, text)
     }
 
     fn of(robot: &Robot, path: Option<&Path>, file: &File, text: &str) -> Result<Self, InputError> {
-        let reader = TomlText {
+        let reader = TomlSource {
             file: path.unwrap_or(Path::new("<no constraints>")),
             text,
         };
@@ -281,7 +281,7 @@ struct SightTable {
     max_angle_rad: Option<Spanned<f64>>,
 }
 
-impl TomlText<'_> {
+impl TomlSource<'_> {
     fn zone(&self, table: &Spanned<ZoneTable>) -> Result<Zone, InputError> {
         let zone = table.get_ref();
         let corner = |units: [Unit<'_, [f64; 3]>; 2], keys: &str| {
@@ -328,7 +328,7 @@ impl TomlText<'_> {
             let expected = "where the instrument stands in the base frame";
             self.error(table.span(), "", "no instrument_mm", expected)
         })?;
-        let angle = self.one_unit(&[
+        let angle = self.at_most_one_unit(&[
             ("max_angle_deg", DEGREE, &sight.max_angle_deg),
             ("max_angle_rad", RADIAN, &sight.max_angle_rad),
         ])?;
@@ -416,7 +416,7 @@ impl TomlText<'_> {
                 ("range_m", METRE, &t.range_m),
             ],
         };
-        let Some((key, factor, value)) = self.one_unit(&units)? else {
+        let Some((key, factor, value)) = self.at_most_one_unit(&units)? else {
             let found = format!("no {} of joint \"{}\"", units[0].0, joint.name);
             let expected = format!("{} or {}", units[0].0, units[1].0);
             return Err(self.error(table.span(), "", found, expected));

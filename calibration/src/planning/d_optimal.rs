@@ -10,7 +10,7 @@
 //! Beside the parameters there may be terms that no arm is drawn with: a sine and a cosine of every joint in the deflection
 //! of every joint. They stand for what the model has to learn by its processes, and keep the poses apart.
 //!
-//! Jacobians are the runtime's, by way of [`State::linearise`].
+//! Jacobians are the runtime's, by way of [`ParametricModel::linearise`].
 
 use faer::linalg::matmul::matmul;
 use faer::linalg::solvers::{DenseSolveCore, Llt};
@@ -19,8 +19,8 @@ use nalgebra::{SMatrix, Vector3};
 use poegp_runtime::elastic::ripple::ripple_regressors;
 use poegp_runtime::kinematics::poe::Poe;
 
-use crate::identification::parametric::state::{Group, Layout, ROWS, State};
-use crate::measurement::noise::Scales;
+use crate::identification::parametric::state::{Layout, ParametricModel, PriorGroup, ROWS};
+use crate::measurement::noise::NoiseScales;
 use crate::measurement::sample::BaseSample;
 
 /// Rounds of exchange at most; it ends with the first that changes nothing.
@@ -69,7 +69,7 @@ impl Design {
         gravity: Vector3<f64>,
         candidates: &[BaseSample],
         of_a_payload: usize,
-        noise: Scales,
+        noise: NoiseScales,
         prior: Prior,
     ) -> Self {
         let n = chain.kinds().len();
@@ -82,15 +82,15 @@ impl Design {
         };
         let groups = layout.groups();
         let tool = vec![chain.frames()[n]];
-        let state = State::new(chain, tool, coupling.cloned(), layout, gravity);
+        let state = ParametricModel::new(chain, tool, coupling.cloned(), layout, gravity);
         let linear = state.linearise(candidates, noise);
         let smooth = if prior.smooth > 0.0 { 2 * n * n } else { 0 };
         let p = groups.len();
         let mut rows = Mat::zeros(linear.a.nrows(), p + smooth);
         for (j, group) in groups.iter().enumerate() {
             let sd = match group {
-                Group::Links => prior.links,
-                Group::Payload => prior.payload,
+                PriorGroup::Links => prior.links,
+                PriorGroup::Payload => prior.payload,
                 _ => group.prior_sd(),
             };
             for i in 0..rows.nrows() {
@@ -233,7 +233,7 @@ mod tests {
             Vector3::new(0.0, 0.0, -9.81),
             &candidates,
             JOINTS,
-            Scales::uniform(30e-6, 50e-6),
+            NoiseScales::uniform(30e-6, 50e-6),
             Prior::default(),
         )
     }

@@ -26,7 +26,7 @@ pub const ARMS: u64 = 2;
 /// Configurations that each is tested on.
 const TESTS: usize = 150;
 /// Kinds of arms: errors that the model has formulas for, and errors that it has none for.
-pub const SCENARIOS: [Scenario; 2] = [Scenario::Paper, Scenario::Wild];
+pub const SCENARIOS: [Scenario; 2] = [Scenario::Paper, Scenario::Nonlinear];
 
 /// What so many poses are worth.
 #[derive(Clone, Debug, Serialize)]

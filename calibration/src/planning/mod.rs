@@ -24,7 +24,7 @@ use nalgebra::Vector3;
 use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::Pose;
 
-use crate::measurement::noise::Scales;
+use crate::measurement::noise::NoiseScales;
 use crate::measurement::observation::Observation;
 use crate::measurement::sample::{Base, BaseSample, Sample};
 use crate::planning::candidates::{Candidates, draw};
@@ -240,7 +240,7 @@ impl<'a> Planner<'a> {
             task.gravity,
             &samples,
             pool.len(),
-            Scales::uniform(task.noise.0, task.noise.1),
+            NoiseScales::uniform(task.noise.0, task.noise.1),
             Prior::default(),
         );
         let start: Vec<usize> = start.iter().map(|(i, k)| k * pool.len() + i).collect();
@@ -270,7 +270,7 @@ impl<'a> Planner<'a> {
                     .map(|p| p.joints.clone())
                     .collect();
                 let start = ordered.last().map(|p| p.joints.clone());
-                for i in ordering::short_way(&group, start.as_deref(), ranges) {
+                for i in ordering::shortest_path_order(&group, start.as_deref(), ranges) {
                     ordered.push(PlannedPose {
                         joints: group[i].clone(),
                         payload_kg: payload,

@@ -28,7 +28,11 @@ pub fn length<'a>(poses: impl IntoIterator<Item = &'a Vec<f64>>, ranges: &[(f64,
 }
 
 /// An order of `poses`, by index; the way begins at `start`, or anywhere.
-pub fn short_way(poses: &[Vec<f64>], start: Option<&[f64]>, ranges: &[(f64, f64)]) -> Vec<usize> {
+pub fn shortest_path_order(
+    poses: &[Vec<f64>],
+    start: Option<&[f64]>,
+    ranges: &[(f64, f64)],
+) -> Vec<usize> {
     let n = poses.len();
     if n == 0 {
         return Vec::new();
@@ -99,7 +103,7 @@ mod tests {
         let places = [5.0, 1.0, 9.0, 3.0, 7.0, 2.0, 8.0, 4.0, 6.0, 0.0];
         let poses: Vec<Vec<f64>> = places.iter().map(|x| vec![*x, 0.0]).collect();
         let ranges = [(0.0, 10.0), (0.0, 1.0)];
-        let order = short_way(&poses, Some(&[0.0, 0.0]), &ranges);
+        let order = shortest_path_order(&poses, Some(&[0.0, 0.0]), &ranges);
         let walked: Vec<f64> = order.iter().map(|i| places[*i]).collect();
         assert_eq!(walked, [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0]);
         let way = length(order.iter().map(|i| &poses[*i]), &ranges);
@@ -117,12 +121,12 @@ mod tests {
             })
             .collect();
         let ranges = [(0.0, 1000.0), (0.0, 997.0)];
-        let order = short_way(&poses, None, &ranges);
+        let order = shortest_path_order(&poses, None, &ranges);
         let mut sorted = order.clone();
         sorted.sort_unstable();
         assert_eq!(sorted, (0..40).collect::<Vec<_>>());
         let way = length(order.iter().map(|i| &poses[*i]), &ranges);
         assert!(way < 0.5 * length(&poses, &ranges), "{way}");
-        assert!(short_way(&[], None, &ranges).is_empty());
+        assert!(shortest_path_order(&[], None, &ranges).is_empty());
     }
 }

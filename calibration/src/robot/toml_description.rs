@@ -38,7 +38,7 @@ use crate::input_error::InputError;
 use crate::robot::description::{Joint, Robot};
 use crate::robot::normal_form as chain;
 use crate::robot::normal_form::Chain;
-use crate::robot::toml_source::{DEGREE, METRE, MILLIMETRE, Origin, RADIAN, TomlText};
+use crate::robot::toml_source::{DEGREE, METRE, MILLIMETRE, Origin, RADIAN, TomlSource};
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -102,7 +102,7 @@ struct JointTable {
 
 /// The robot of a TOML text; `file` is for messages.
 pub(super) fn parse(file: &Path, text: &str) -> Result<Robot, InputError> {
-    let reader = TomlText { file, text };
+    let reader = TomlSource { file, text };
     let table: Description =
         toml::from_str(text).map_err(|error| reader.not_a_description(&error))?;
     let mut chain = Chain::new();
@@ -142,7 +142,7 @@ pub(super) fn parse(file: &Path, text: &str) -> Result<Robot, InputError> {
     })
 }
 
-impl TomlText<'_> {
+impl TomlSource<'_> {
     /// What toml or serde say, with help where a unit is missing.
     fn not_a_description(&self, error: &toml::de::Error) -> InputError {
         let mut refused = self.refused(error, "a robot description in TOML");
@@ -183,7 +183,7 @@ impl TomlText<'_> {
             ("limits_m", METRE, &joint.limits_m),
             ("limits_mm", MILLIMETRE, &joint.limits_mm),
         ];
-        let Some((key, _, value)) = self.one_unit(&units)? else {
+        let Some((key, _, value)) = self.at_most_one_unit(&units)? else {
             return Ok(None);
         };
         let is_angle = key == "limits_rad" || key == "limits_deg";

@@ -13,7 +13,7 @@ use crate::robot::normal_form;
 /// A key with its unit, its factor to SI, and its value where it is given.
 pub type Unit<'a, T> = (&'static str, f64, &'a Option<Spanned<T>>);
 /// The unit that was chosen, with its value.
-pub type Given<'a, T> = (&'static str, f64, &'a Spanned<T>);
+pub type Quantity<'a, T> = (&'static str, f64, &'a Spanned<T>);
 
 /// Factors to SI.
 pub const METRE: f64 = 1.0;
@@ -36,14 +36,14 @@ pub struct Origin {
 
 /// The text of a TOML file that is being read.
 #[derive(Clone, Copy)]
-pub struct TomlText<'a> {
+pub struct TomlSource<'a> {
     /// Its path, for messages.
     pub file: &'a Path,
     /// All of it.
     pub text: &'a str,
 }
 
-impl TomlText<'_> {
+impl TomlSource<'_> {
     /// Line and column, from 1, of a byte.
     pub fn place(&self, at: usize) -> (usize, usize) {
         let before = self.text.get(..at).unwrap_or(self.text);
@@ -83,11 +83,11 @@ impl TomlText<'_> {
     }
 
     /// The one of the `units` that is given; a second one is refused.
-    pub fn one_unit<'a, T>(
+    pub fn at_most_one_unit<'a, T>(
         &self,
         units: &[Unit<'a, T>],
-    ) -> Result<Option<Given<'a, T>>, InputError> {
-        let mut given: Option<Given<'a, T>> = None;
+    ) -> Result<Option<Quantity<'a, T>>, InputError> {
+        let mut given: Option<Quantity<'a, T>> = None;
         for (key, factor, value) in units {
             let Some(value) = value.as_ref() else {
                 continue;
@@ -106,7 +106,7 @@ impl TomlText<'_> {
         &self,
         units: &[Unit<'_, [f64; N]>],
     ) -> Result<Option<[f64; N]>, InputError> {
-        let Some((key, factor, value)) = self.one_unit(units)? else {
+        let Some((key, factor, value)) = self.at_most_one_unit(units)? else {
             return Ok(None);
         };
         if let Some(bad) = value.get_ref().iter().find(|number| !number.is_finite()) {
@@ -117,7 +117,7 @@ impl TomlText<'_> {
 
     /// A single number in SI units, finite.
     pub fn number(&self, units: &[Unit<'_, f64>]) -> Result<Option<f64>, InputError> {
-        let Some((key, factor, value)) = self.one_unit(units)? else {
+        let Some((key, factor, value)) = self.at_most_one_unit(units)? else {
             return Ok(None);
         };
         if !value.get_ref().is_finite() {

@@ -33,7 +33,7 @@ const CELL_DEG: [(f64, f64); 7] = [
     (-90.0, 90.0),
     (-90.0, 90.0),
 ];
-/// Range of a joint without limits in the `Full` scenario.
+/// Range of a joint without limits of [`Scenario::PaperFullRange`].
 const UNLIMITED_RAD: f64 = std::f64::consts::PI;
 
 /// One simulated measurement.
@@ -68,7 +68,7 @@ impl Simulator {
             if joint.kind == poegp_protocol::JointKind::Prismatic {
                 return limits;
             }
-            if scenario == Scenario::Full {
+            if scenario == Scenario::PaperFullRange {
                 return (limits.0.max(-UNLIMITED_RAD), limits.1.min(UNLIMITED_RAD));
             }
             let (lower, upper) = CELL_DEG[i.min(CELL_DEG.len() - 1)];

@@ -29,11 +29,11 @@ pub enum Scenario {
     /// Nothing more; joints within the cell.
     Paper,
     /// Link bending, transmission error, backlash, repeatability.
-    Rich,
+    WithBacklash,
     /// The same, gears that stiffen with load, a centre of mass for each payload, wrong payload masses.
-    Wild,
+    Nonlinear,
     /// As `Paper`, over the full joint limits.
-    Full,
+    PaperFullRange,
 }
 
 /// What may happen to an arm after it was calibrated.
@@ -92,7 +92,11 @@ impl TrueArm {
         payloads: &[f64],
         random: &mut ChaCha8Rng,
     ) -> Self {
-        let scale = if scenario == Scenario::Wild { 1.1 } else { 0.9 };
+        let scale = if scenario == Scenario::Nonlinear {
+            1.1
+        } else {
+            0.9
+        };
         let kinds: Vec<JointKind> = robot.joints.iter().map(|j| j.kind).collect();
         let mut chain =
             Poe::new(&kinds, &robot.parent_from_joint).expect("a loaded robot is a chain");
@@ -116,7 +120,7 @@ impl TrueArm {
         let payloads = payloads
             .iter()
             .map(|kg| {
-                let wild = scenario == Scenario::Wild;
+                let wild = scenario == Scenario::Nonlinear;
                 let error: f64 = StandardNormal.sample(random);
                 let offset = normal_vector(0.03, random);
                 TruePayload {
@@ -180,7 +184,7 @@ impl TrueArm {
             .iter()
             .find(|p| p.nominal_kg == payload_kg)
             .map_or((payload_kg, self.payload_centre), |p| (p.true_kg, p.centre));
-        if self.scenario == Scenario::Rich || self.scenario == Scenario::Wild {
+        if self.scenario == Scenario::WithBacklash || self.scenario == Scenario::Nonlinear {
             self.add_transmission_errors(joints, &mut serial, random);
         }
         // Two passes: the torque changes the angles that change the torque.
@@ -191,7 +195,7 @@ impl TrueArm {
             for (i, joint) in self.joints.iter().enumerate() {
                 let torque = torques[i];
                 let mut compliance = joint.compliance;
-                if self.scenario == Scenario::Wild {
+                if self.scenario == Scenario::Nonlinear {
                     compliance /= 1.0 + torque.z.abs() / 150.0;
                 }
                 deflected[i] = serial[i];
@@ -246,16 +250,16 @@ impl TrueArm {
 
     fn bending_share(&self) -> f64 {
         match self.scenario {
-            Scenario::Paper | Scenario::Full => 0.0,
-            Scenario::Rich => 0.15,
-            Scenario::Wild => 0.25,
+            Scenario::Paper | Scenario::PaperFullRange => 0.0,
+            Scenario::WithBacklash => 0.15,
+            Scenario::Nonlinear => 0.25,
         }
     }
 
     fn backlash(&self, torque: f64) -> f64 {
         match self.scenario {
-            Scenario::Paper | Scenario::Full => 0.0,
-            Scenario::Rich | Scenario::Wild => 15e-6 * torque.signum(),
+            Scenario::Paper | Scenario::PaperFullRange => 0.0,
+            Scenario::WithBacklash | Scenario::Nonlinear => 15e-6 * torque.signum(),
         }
     }
 
@@ -269,7 +273,7 @@ impl TrueArm {
                 + 8e-6 * (60.0 * q + c).sin()
                 + 5e-6 * repeat;
         }
-        if self.scenario == Scenario::Wild && serial.len() > 2 {
+        if self.scenario == Scenario::Nonlinear && serial.len() > 2 {
             serial[2] += 100e-6 * (joints[2] - joints[1] + self.joints[2].phases[0]).sin();
         }
     }

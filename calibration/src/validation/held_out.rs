@@ -6,10 +6,9 @@
 use poegp_runtime::math::se3::Pose;
 use serde::Serialize;
 
-use crate::blob::predict::LoadedBlob;
+use crate::blob::predict::BlobModel;
 use crate::blob::write::CalibratedBlob;
-use crate::identification::base_tool::UNWEIGHTED;
-use crate::identification::frame_fit::residual_components;
+use crate::identification::frame_fit::{ResidualFrame, residual_components};
 use crate::measurement::sample::InstrumentSample;
 use crate::model::Calibration;
 use crate::numeric::statistics::{ErrorSummary, PoseError};
@@ -42,7 +41,7 @@ impl HeldOutPose {
 /// Predicts `samples` (poses in the instrument's frame) with a blob and compares. With `calibration`, which the blob was
 /// made from, also its standard deviations; asking for them may cost further fits.
 pub fn held_out(
-    blob: &LoadedBlob,
+    blob: &BlobModel,
     instrument_from_base: &Pose<f64>,
     samples: &[InstrumentSample],
     calibration: Option<&Calibration>,
@@ -57,7 +56,7 @@ pub fn held_out(
             error: sample.observation.error(&predicted),
             position: measured.position().into(),
             residual: residual_components(
-                UNWEIGHTED,
+                ResidualFrame::TOOL_POINT_UNIT_WEIGHTS,
                 &measured,
                 &(base_from_instrument * predicted),
             ),

@@ -25,12 +25,12 @@ use poegp_runtime::math::se3::Pose;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use crate::blob::predict::LoadedBlob;
-use crate::identification::parametric::state::{Layout, Linearised, ROWS, State};
+use crate::blob::predict::BlobModel;
+use crate::identification::parametric::state::{Layout, Linearised, ParametricModel, ROWS};
 use crate::learning::elastic::fit::inputs_of;
 use crate::learning::elastic::inducing_points::kernel;
 use crate::learning::elastic::likelihood::Inputs;
-use crate::measurement::noise::Scales;
+use crate::measurement::noise::NoiseScales;
 use crate::measurement::observation::Observation;
 use crate::measurement::sample::{Base, BaseSample, InstrumentSample, Sample};
 use crate::robot::coupled;
@@ -45,7 +45,7 @@ const SMOOTH_WEIGHT: f64 = 1.0;
 /// The arm of a blob.
 pub struct BlobArm {
     /// Frames, tools and what else is linearised.
-    pub state: State,
+    pub state: ParametricModel,
     kernels: Vec<JointKernel<f64>>,
     /// Whether the kernels are the blob's; else their size is open.
     pub knows_its_error: bool,
@@ -55,7 +55,7 @@ pub struct BlobArm {
 
 impl BlobArm {
     /// The arm of `loaded` with these tools, `first_target_from_target` each.
-    pub fn new(loaded: &LoadedBlob, tools: &[Pose<f64>]) -> Self {
+    pub fn new(loaded: &BlobModel, tools: &[Pose<f64>]) -> Self {
         let blob = loaded.blob();
         let n = blob.robot.joints.len();
         let kinds: Vec<JointKind> = blob.robot.joints.iter().map(|j| j.kind).collect();
@@ -99,7 +99,7 @@ impl BlobArm {
             } else {
                 kernels
             },
-            state: State::new(&chain, tools, coupling, layout, gravity.into()),
+            state: ParametricModel::new(&chain, tools, coupling, layout, gravity.into()),
             training: training
                 .into_iter()
                 .enumerate()
@@ -112,7 +112,7 @@ impl BlobArm {
     }
 
     /// Jacobians at `samples`, rows in units of their scales.
-    pub fn linearise(&self, samples: &[InstrumentSample], scales: Scales) -> Linearised {
+    pub fn linearise(&self, samples: &[InstrumentSample], scales: NoiseScales) -> Linearised {
         self.state.linearise(samples, scales)
     }
 
@@ -122,7 +122,7 @@ impl BlobArm {
         &self,
         samples: &[InstrumentSample],
         at: &Linearised,
-        scales: Scales,
+        scales: NoiseScales,
     ) -> Option<Mat<f64>> {
         let observation = if samples.iter().any(|s| s.observation.has_orientation()) {
             Observation::Pose(Pose::identity())

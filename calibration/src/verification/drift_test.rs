@@ -28,7 +28,7 @@ const VISIBLE: f64 = 1e-3;
 const MOST: usize = 3;
 
 /// Residuals and effects in units of their covariance, within the space of everything that is looked for.
-pub struct Test {
+pub struct DriftTest {
     /// Qᵀ y.
     seen: Vec<f64>,
     /// |y − Q Qᵀ y|².
@@ -63,7 +63,7 @@ pub struct Choice {
     pub p_value: f64,
 }
 
-impl Test {
+impl DriftTest {
     /// From whitened residuals and effects, `nuisance` being free in any case; `parts` numbers the part of each hypothesis.
     ///
     /// `absent` rows of `y` are zeros that stand for nothing.
@@ -184,7 +184,7 @@ impl Test {
     }
 
     /// The smallest change that this hypothesis finds nine times in ten, in its worst direction, in units of its
-    /// components (metres, radians or kilograms), with the `critical` value of [`Test::critical`].
+    /// components (metres, radians or kilograms), with the `critical` value of [`DriftTest::critical`].
     pub fn smallest(&self, hypothesis: usize, false_alarms: f64, critical: f64) -> f64 {
         let q = self.beside(hypothesis, &Vec::new());
         let critical = critical * self.quantile(&q, false_alarms);

@@ -4,13 +4,13 @@ use faer::linalg::solvers::{DenseSolveCore, Solve};
 use faer::{Mat, Side};
 
 use crate::identification::parametric::state::ROWS;
-use crate::measurement::noise::Scales;
+use crate::measurement::noise::NoiseScales;
 use crate::measurement::sample::InstrumentSample;
 use crate::numeric::statistics::Summary;
-use crate::verification::drift_test::{Test, columns};
+use crate::verification::drift_test::{DriftTest, columns};
 use crate::verification::hypotheses::{Hypothesis, Part};
 use crate::verification::result::{Change, Estimate, Sensitivity};
-use crate::verification::whitened::Weighed;
+use crate::verification::whitened::Whitened;
 
 /// Of a part's effect at least this share must be its own, or it cannot be told from the other.
 const OWN_SHARE: f64 = 0.05;
@@ -29,7 +29,11 @@ pub struct Fit {
 
 impl Fit {
     /// `None` when the equations cannot be solved.
-    pub fn new(weighed: &Weighed<'_>, nuisance: &Mat<f64>, chosen: &[&Hypothesis]) -> Option<Self> {
+    pub fn new(
+        weighed: &Whitened<'_>,
+        nuisance: &Mat<f64>,
+        chosen: &[&Hypothesis],
+    ) -> Option<Self> {
         let mut starts = vec![nuisance.ncols()];
         let mut free: Vec<Vec<f64>> = columns(nuisance);
         for hypothesis in chosen {
@@ -140,7 +144,7 @@ pub fn change(
 
 /// Parts that would explain the measurements as well in place of the chosen hypothesis at `place`.
 pub fn alternatives(
-    test: &Test,
+    test: &DriftTest,
     all: &[Hypothesis],
     taken: &[usize],
     place: usize,
@@ -167,7 +171,7 @@ pub fn alternatives(
 }
 
 /// What the check can find, and which parts look the same in it.
-pub fn sensitivity(test: &Test, all: &[Hypothesis], false_alarms: f64) -> Vec<Sensitivity> {
+pub fn sensitivity(test: &DriftTest, all: &[Hypothesis], false_alarms: f64) -> Vec<Sensitivity> {
     let critical = test.critical(false_alarms);
     let whole: Vec<usize> = (0..all.len())
         .filter(|h| matches!(all[*h].part, Part::Base | Part::Tool) && all[*h].turns)
@@ -197,7 +201,7 @@ pub fn sensitivity(test: &Test, all: &[Hypothesis], false_alarms: f64) -> Vec<Se
 }
 
 /// Lengths of displacements of the target, mm.
-pub fn lengths(rows: &Mat<f64>, samples: &[InstrumentSample], scales: Scales) -> Summary {
+pub fn lengths(rows: &Mat<f64>, samples: &[InstrumentSample], scales: NoiseScales) -> Summary {
     let of = |(k, sample): (usize, &InstrumentSample)| {
         let unit = 1e3 * scales.of(sample).position;
         let squares = (0..3).map(|i| (unit * rows[(ROWS * k + i, 0)]).powi(2));

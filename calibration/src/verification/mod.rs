@@ -24,21 +24,21 @@ mod whitened;
 use faer::Mat;
 use poegp_runtime::math::se3::Pose;
 
-use crate::blob::predict::LoadedBlob;
+use crate::blob::predict::BlobModel;
 use crate::identification::base_tools::tool_count;
 use crate::identification::parametric::state::ROWS;
 use crate::learning::elastic::outliers::LEFT_OUT;
-use crate::measurement::noise::Scales;
+use crate::measurement::noise::NoiseScales;
 use crate::measurement::sample::InstrumentSample;
 use crate::measurement::samples::Samples;
 use crate::numeric::statistics::ErrorSummary;
 use crate::verification::arm::BlobArm;
-use crate::verification::drift_test::{Columns, Test, columns};
+use crate::verification::drift_test::{Columns, DriftTest, columns};
 use crate::verification::estimate::{Fit, alternatives, change, lengths, sensitivity};
 use crate::verification::hypotheses::{Hypothesis, Part};
-use crate::verification::residuals::Placed;
+use crate::verification::residuals::RegisteredResiduals;
 use crate::verification::result::{Change, Report, RowError};
-use crate::verification::whitened::Weighed;
+use crate::verification::whitened::Whitened;
 
 pub use crate::verification::options::Options;
 pub use crate::verification::result::CheckError;
@@ -52,7 +52,7 @@ const FEWEST_FREEDOM: usize = 6;
 /// # Errors
 /// [`CheckError`].
 pub fn check(
-    loaded: &LoadedBlob,
+    loaded: &BlobModel,
     samples: &[InstrumentSample],
     tools: Vec<Pose<f64>>,
     lines: &[usize],
@@ -61,9 +61,9 @@ pub fn check(
     let with_noise = |s: &InstrumentSample| s.clone().with_noise(options.instrument);
     let samples: &Vec<InstrumentSample> = &samples.iter().map(with_noise).collect();
     enough(loaded, samples, options)?;
-    let placed = Placed::new(loaded, samples, tools, options);
+    let placed = RegisteredResiduals::new(loaded, samples, tools, options);
     let arm = BlobArm::new(loaded, &placed.tools);
-    let weighed = Weighed::new(&placed, &arm)?;
+    let weighed = Whitened::new(&placed, &arm)?;
     let scales = weighed.scales;
     let nuisance = weighed.nuisance(options);
     let all: Vec<Hypothesis> = weighed
@@ -82,7 +82,7 @@ pub fn check(
     let numbers: Vec<usize> = all.iter().map(|h| number(h.part)).collect();
     let y = &weighed.y;
     let (white, free) = (weighed.whiten(y), columns(&weighed.whiten(&nuisance)));
-    let test = Test::new(&white, &free, &effects, numbers, weighed.absent);
+    let test = DriftTest::new(&white, &free, &effects, numbers, weighed.absent);
     let choices = test.choose(options.false_alarms);
     let taken: Vec<usize> = choices.iter().map(|c| c.hypothesis).collect();
     let chosen: Vec<&Hypothesis> = taken.iter().map(|h| &all[*h]).collect();
@@ -125,7 +125,7 @@ pub fn check(
 ///
 /// # Errors
 /// [`CheckError`].
-pub fn verify(blob: &LoadedBlob, fresh: &Samples, options: &Options) -> Result<Report, CheckError> {
+pub fn verify(blob: &BlobModel, fresh: &Samples, options: &Options) -> Result<Report, CheckError> {
     let known = blob.tools().len();
     let is_only_one = known == 0 && fresh.tools.len() == 1;
     if let Some(name) = fresh.tools.get(known)
@@ -139,7 +139,7 @@ pub fn verify(blob: &LoadedBlob, fresh: &Samples, options: &Options) -> Result<R
 }
 
 fn enough(
-    loaded: &LoadedBlob,
+    loaded: &BlobModel,
     samples: &[InstrumentSample],
     options: &Options,
 ) -> Result<(), CheckError> {
@@ -178,7 +178,7 @@ fn number(part: Part) -> usize {
 fn odd(
     left: &Mat<f64>,
     samples: &[InstrumentSample],
-    scales: Scales,
+    scales: NoiseScales,
     lines: &[usize],
 ) -> Vec<usize> {
     let row = |k: usize| std::array::from_fn::<f64, ROWS, _>(|i| left[(ROWS * k + i, 0)]);
@@ -188,7 +188,7 @@ fn odd(
         [0, 1, 2, 3, 4, 5].map(|i| r[i] * if i < 3 { own.position } else { own.orientation })
     };
     let all: Vec<[f64; ROWS]> = (0..samples.len()).map(in_units).collect();
-    let robust = Scales::robust(&all, samples);
+    let robust = NoiseScales::robust(&all, samples);
     let far = |k: &usize| {
         let own = robust.of(&samples[*k]);
         let square = |i: usize| {

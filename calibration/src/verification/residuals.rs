@@ -6,12 +6,12 @@ use poegp_protocol::JointKind;
 use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::{Pose, Twist};
 
-use crate::blob::predict::LoadedBlob;
-use crate::blob::tool_fit::fit_tool;
+use crate::blob::predict::BlobModel;
+use crate::blob::tool_fit::fit_tool_frame;
 use crate::identification::base_tools::{aligned, ends};
-use crate::identification::frame_fit::{ResidualKind, residual_components};
+use crate::identification::frame_fit::{ResidualFrame, residual_components};
 use crate::identification::parametric::state::ROWS;
-use crate::measurement::noise::Scales;
+use crate::measurement::noise::NoiseScales;
 use crate::measurement::observation::Observation;
 use crate::measurement::sample::InstrumentSample;
 use crate::numeric::statistics::PoseError;
@@ -22,13 +22,13 @@ const STEPS: usize = 6;
 /// Damping, of the largest element: what the poses do not tell stays where it was.
 const DAMPING: f64 = 1e-12;
 /// Metres and radians that count alike: a tracker's noise.
-const WEIGHTS: Scales = Scales::uniform(30e-6, 50e-6);
+const WEIGHTS: NoiseScales = NoiseScales::uniform(30e-6, 50e-6);
 /// Part of the trained range of payloads by which the payload is changed to see what it does.
 const PAYLOAD_STEP: f64 = 0.25;
 
 /// The blob, the samples, and where base and tools are.
-pub struct Placed<'a> {
-    loaded: &'a LoadedBlob,
+pub struct RegisteredResiduals<'a> {
+    loaded: &'a BlobModel,
     /// The measurements.
     pub samples: &'a [InstrumentSample],
     /// `base_from_first_target` of every sample.
@@ -39,10 +39,10 @@ pub struct Placed<'a> {
     pub tools: Vec<Pose<f64>>,
 }
 
-impl<'a> Placed<'a> {
+impl<'a> RegisteredResiduals<'a> {
     /// With base and tools of the blob, or fitted as `options` say.
     pub fn new(
-        loaded: &'a LoadedBlob,
+        loaded: &'a BlobModel,
         samples: &'a [InstrumentSample],
         tools: Vec<Pose<f64>>,
         options: &Options,
@@ -74,7 +74,7 @@ impl<'a> Placed<'a> {
                     let own: Vec<&InstrumentSample> =
                         samples.iter().filter(|s| s.tool == tool).collect();
                     if !own.is_empty() {
-                        out.tools[tool] = fit_tool(loaded, &own);
+                        out.tools[tool] = fit_tool_frame(loaded, &own);
                     }
                 }
             }
@@ -160,11 +160,11 @@ impl<'a> Placed<'a> {
 
     /// Measured less predicted, displacement and rotation at the target along the axes of the base, in units of the
     /// scales of each row; zeros where an orientation was not measured.
-    pub fn residuals(&self, scales: Scales) -> Mat<f64> {
+    pub fn residuals(&self, scales: NoiseScales) -> Mat<f64> {
         let base_from_instrument = self.base.inverse();
         let mut out = Mat::zeros(ROWS * self.samples.len(), 1);
         for (k, sample) in self.samples.iter().enumerate() {
-            let kind = ResidualKind::ToolCentred(scales.of(sample));
+            let kind = ResidualFrame::ToolPoint(scales.of(sample));
             let measured = sample.observation.transformed(&base_from_instrument);
             let all = residual_components(kind, &measured, &self.in_base(k));
             for (row, value) in all.into_iter().enumerate() {
@@ -176,7 +176,7 @@ impl<'a> Placed<'a> {
 
     /// What a kilogram more does, in units of the scales of each row; `None` when the payload does not vary for the model
     /// or is not known.
-    pub fn payload_effect(&self, scales: Scales) -> Option<Mat<f64>> {
+    pub fn payload_effect(&self, scales: NoiseScales) -> Option<Mat<f64>> {
         let (light, heavy) = self.loaded.blob().ranges.payload_kg?;
         let (light, heavy) = (f64::from(light), f64::from(heavy));
         if heavy <= light {
@@ -191,7 +191,7 @@ impl<'a> Placed<'a> {
             let pose = |kg: f64| {
                 predicted(self.loaded, sample, Some(kg)) * tool.unwrap_or_else(Pose::identity)
             };
-            let kind = ResidualKind::ToolCentred(scales.of(sample));
+            let kind = ResidualFrame::ToolPoint(scales.of(sample));
             let rows = sample.observation.equations();
             let all = residual_components(kind, &Observation::Pose(pose(more)), &pose(less));
             for (row, value) in all.into_iter().enumerate().take(rows) {
@@ -211,7 +211,7 @@ impl<'a> Placed<'a> {
 }
 
 /// `base_from_first_target` as the device has it.
-fn predicted(loaded: &LoadedBlob, sample: &InstrumentSample, payload_kg: Option<f64>) -> Pose<f64> {
+fn predicted(loaded: &BlobModel, sample: &InstrumentSample, payload_kg: Option<f64>) -> Pose<f64> {
     let in_instrument = loaded.predict(&sample.joints, payload_kg).pose;
     loaded.instrument_from_base().inverse() * in_instrument
 }

@@ -3,14 +3,14 @@
 use faer::{Mat, Side};
 
 use crate::identification::parametric::state::ROWS;
-use crate::measurement::noise::{InstrumentNoise, Scales};
+use crate::measurement::noise::{InstrumentNoise, NoiseScales};
 use crate::measurement::sample::InstrumentSample;
 use crate::verification::arm::BlobArm;
 use crate::verification::drift_test::{self, Columns, columns};
 use crate::verification::hypotheses::{Hypothesis, base_effect, hypotheses, tool_effect};
 use crate::verification::noise::{Factors, Parts};
 use crate::verification::options::Options;
-use crate::verification::residuals::Placed;
+use crate::verification::residuals::RegisteredResiduals;
 use crate::verification::result::CheckError;
 
 /// Noise to begin with where nothing is stated: a tracker's, m and rad.
@@ -21,11 +21,11 @@ const QUIETEST: (f64, f64) = (1e-6, 1e-6);
 const ROUNDS: usize = 3;
 
 /// The residuals with their covariance.
-pub(super) struct Weighed<'a> {
+pub(super) struct Whitened<'a> {
     pub(super) arm: &'a BlobArm,
     pub(super) samples: &'a [InstrumentSample],
     /// Units of the rows.
-    pub(super) scales: Scales,
+    pub(super) scales: NoiseScales,
     /// Residuals.
     pub(super) y: Mat<f64>,
     /// Effects of everything that is looked for.
@@ -41,13 +41,16 @@ pub(super) struct Weighed<'a> {
     pub(super) lower: Mat<f64>,
 }
 
-impl<'a> Weighed<'a> {
-    pub(super) fn new(placed: &'a Placed<'_>, arm: &'a BlobArm) -> Result<Self, CheckError> {
+impl<'a> Whitened<'a> {
+    pub(super) fn new(
+        placed: &'a RegisteredResiduals<'_>,
+        arm: &'a BlobArm,
+    ) -> Result<Self, CheckError> {
         let samples = placed.samples;
-        let quietest = InstrumentNoise::quietest(samples);
-        let mut scales = Scales {
+        let quietest = InstrumentNoise::min_over(samples);
+        let mut scales = NoiseScales {
             quietest,
-            ..Scales::uniform(
+            ..NoiseScales::uniform(
                 quietest.position.unwrap_or(FIRST_GUESS.0),
                 quietest.orientation.unwrap_or(FIRST_GUESS.1),
             )

@@ -91,7 +91,7 @@ fn simulated_arms() {
     let seeds: u64 = seeds.and_then(|text| text.parse().ok()).unwrap_or(1);
     let arm = arm("abb-irb4400-serial");
     say(HEADER);
-    for scenario in [Scenario::Paper, Scenario::Wild] {
+    for scenario in [Scenario::Paper, Scenario::Nonlinear] {
         let mut all: [Vec<f64>; 3] = Default::default();
         for seed in 1..=seeds {
             let mut simulator = Simulator::new(&arm.0, scenario, &PAYLOADS_KG, seed);

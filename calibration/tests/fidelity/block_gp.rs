@@ -4,11 +4,11 @@
 use faer::Mat;
 use nalgebra::Vector3;
 use poegp_calibration::identification::base_tools::ends;
-use poegp_calibration::identification::parametric::state::{Group, Layout, State};
+use poegp_calibration::identification::parametric::state::{Layout, ParametricModel, PriorGroup};
 use poegp_calibration::learning::elastic::fit::inputs_of;
 use poegp_calibration::learning::elastic::hyperparameters::{COMMON, DEFLECTION_UNIT, HyperLayout};
 use poegp_calibration::learning::elastic::likelihood::Evidence;
-use poegp_calibration::measurement::noise::{InstrumentNoise, Scales};
+use poegp_calibration::measurement::noise::{InstrumentNoise, NoiseScales};
 use poegp_calibration::measurement::observation::Observation;
 use poegp_calibration::measurement::sample::{Base, BaseSample, Sample, in_base_frame};
 use poegp_calibration::numeric::lbfgs::Objective;
@@ -50,7 +50,7 @@ fn samples(file: &Value, joints: &str, payloads: &str, measured: &str) -> Vec<Ba
 }
 
 /// Frames alone: no gravity terms, no ripple.
-fn frames_only(chain: &Poe<f64>, payload: bool, gravity: bool) -> State {
+fn frames_only(chain: &Poe<f64>, payload: bool, gravity: bool) -> ParametricModel {
     let layout = Layout {
         joints: JOINTS,
         tools: 1,
@@ -60,7 +60,7 @@ fn frames_only(chain: &Poe<f64>, payload: bool, gravity: bool) -> State {
     };
     let tool = chain.frames()[JOINTS];
     let down = Vector3::new(0.0, 0.0, -9.81);
-    State::new(chain, vec![tool], None, layout, down)
+    ParametricModel::new(chain, vec![tool], None, layout, down)
 }
 
 /// Their hyperparameters in our order; payloads are in kg here and in units of m0 there.
@@ -115,13 +115,13 @@ fn weights_deflections_and_poses_are_numpys() {
         tied: false,
     };
     let h = hyperparameters(&file, layout);
-    let scales = Scales::uniform(file["sp"].as_f64().unwrap(), file["sr"].as_f64().unwrap());
+    let scales = NoiseScales::uniform(file["sp"].as_f64().unwrap(), file["sr"].as_f64().unwrap());
     let inputs = inputs_of(&state, &train);
     let similarities = inputs.similarities();
     // There, all frames have the prior that the arm's have here.
-    let groups = vec![Group::Frames; state.deviation.len()];
+    let groups = vec![PriorGroup::Frames; state.deviation.len()];
     assert_eq!(
-        Group::Frames.prior_sd(),
+        PriorGroup::Frames.prior_sd(),
         file["prior_sd_param"].as_f64().unwrap()
     );
     // Two solutions, the second linearised at the frames of the first, and its prior around them too: the fit keeps
@@ -138,7 +138,7 @@ fn weights_deflections_and_poses_are_numpys() {
             processes: true,
         };
         let solved = evidence.solve(&h).unwrap();
-        state.move_to(&solved.parameters);
+        state.update(&solved.parameters);
         solved
     };
     solve();
@@ -206,14 +206,14 @@ fn in_base(count: usize, payload: bool) -> (Poe<f64>, Vec<BaseSample>) {
 #[test]
 fn the_gradient_is_that_of_differences() {
     for (payload, uneven) in [(false, false), (true, false), (true, true)] {
-        let mut scales = Scales::uniform(2e-4, 3e-4);
+        let mut scales = NoiseScales::uniform(2e-4, 3e-4);
         let (chain, mut samples) = in_base(20, payload);
         if uneven {
             for (k, sample) in samples.iter_mut().enumerate() {
                 sample.declared_noise.position = Some(1e-4 * (1 + k % 3) as f64);
                 sample.declared_noise.orientation = Some(2e-4 * (1 + k % 2) as f64);
             }
-            scales.quietest = InstrumentNoise::quietest(&samples);
+            scales.quietest = InstrumentNoise::min_over(&samples);
         }
         let state = frames_only(&chain, payload, true);
         let linear = state.linearise(&samples, scales);

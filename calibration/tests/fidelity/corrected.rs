@@ -162,7 +162,7 @@ fn regular_poses_are_corrected_within_a_micrometre() {
         let (mut start, mut double, mut single) = (Vec::new(), Vec::new(), Vec::new());
         let mut refused = 0;
         for robot in SIX_AXES {
-            let fitted = fit(robot, Scenario::Wild, &options);
+            let fitted = fit(robot, Scenario::Nonlinear, &options);
             let mut random = ChaCha8Rng::seed_from_u64(7);
             let (mut here, mut here_single) = (Vec::new(), Vec::new());
             let mut tries = 0;
@@ -269,7 +269,7 @@ fn grid(name: &str, fitted: &Fitted) {
 #[test]
 fn no_pose_gets_worse() {
     for (robot, (name, options)) in ["ur10", "abb-irb4400", "abb-irb120"].iter().zip(models()) {
-        let fitted = fit(robot, Scenario::Wild, &options);
+        let fitted = fit(robot, Scenario::Nonlinear, &options);
         grid(&format!("{robot}, {name}"), &fitted);
     }
 }
@@ -278,7 +278,7 @@ fn no_pose_gets_worse() {
 #[test]
 fn a_naive_search_finds_the_same_joints() {
     for (name, options) in models() {
-        let fitted = fit("abb-irb4400", Scenario::Wild, &options);
+        let fitted = fit("abb-irb4400", Scenario::Nonlinear, &options);
         let mut random = ChaCha8Rng::seed_from_u64(9);
         let (mut poses, mut largest) = (0, 0.0_f64);
         while poses < 200 {
@@ -331,7 +331,7 @@ fn a_naive_search_finds_the_same_joints() {
 #[test]
 fn seven_joints_are_corrected() {
     for (name, options) in models() {
-        let fitted = fit("kuka-iiwa7", Scenario::Wild, &options);
+        let fitted = fit("kuka-iiwa7", Scenario::Nonlinear, &options);
         let mut random = ChaCha8Rng::seed_from_u64(10);
         let mut errors = Vec::new();
         while errors.len() < 1_000 {

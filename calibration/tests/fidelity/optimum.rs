@@ -1,7 +1,7 @@
 //! Base-tool, step 1 and the largest likelihood on a whole training set, against numpy, scipy and scikit-learn.
 
 use faer::Mat;
-use poegp_calibration::identification::frame_fit::{ResidualKind, residual_components};
+use poegp_calibration::identification::frame_fit::{ResidualFrame, residual_components};
 use poegp_calibration::learning::task_space::fit::{
     HyperparameterSharing, MAX_SIGNAL_VARIANCE, SignalVarianceLimit, fit, maximise_likelihood,
 };
@@ -42,7 +42,7 @@ fn residuals_after_step_1_are_numpys() {
             .iter()
             .map(|s| {
                 let chain = found.calibrated.forward(&s.serial_joints);
-                residual_components(ResidualKind::Space, &s.observation, &chain)
+                residual_components(ResidualFrame::Space, &s.observation, &chain)
             })
             .collect();
     let worst = largest_difference(ours.as_flattened(), theirs.as_flattened());

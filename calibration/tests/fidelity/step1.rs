@@ -1,6 +1,8 @@
 //! Step 1 on 40 poses against an independent Gauss–Newton in numpy; only what does not depend on the gauge is compared.
 
-use poegp_calibration::identification::frame_fit::{ResidualKind, fit_frames, residual_components};
+use poegp_calibration::identification::frame_fit::{
+    ResidualFrame, fit_frames, residual_components,
+};
 use poegp_calibration::measurement::observation::Observation;
 use poegp_calibration::measurement::sample::{Base, BaseSample, Sample};
 use poegp_protocol::JointKind;
@@ -25,7 +27,7 @@ fn step_1_is_numpys() {
         .collect();
     let mut poe = Poe::new(&[JointKind::Revolute; 6], &poses("P_start")).unwrap();
     let all: Vec<usize> = (0..poe.frames().len()).collect();
-    let fit = fit_frames(&mut poe, &samples, &all, ResidualKind::Space);
+    let fit = fit_frames(&mut poe, &samples, &all, ResidualFrame::Space);
     assert_eq!((fit.rank, fit.parameters), (30, 42));
 
     let rms = file["rms"].as_f64().unwrap();
@@ -33,7 +35,7 @@ fn step_1_is_numpys() {
         .iter()
         .flat_map(|s| {
             residual_components(
-                ResidualKind::Space,
+                ResidualFrame::Space,
                 &s.observation,
                 &poe.forward(&s.serial_joints),
             )

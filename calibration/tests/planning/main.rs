@@ -164,7 +164,7 @@ fn planned_poses_are_worth_more_than_random_ones() {
         seeds()
     ));
     let mut failed = Vec::new();
-    for (scenario, name) in [(Scenario::Paper, "paper"), (Scenario::Wild, "wild")] {
+    for (scenario, name) in [(Scenario::Paper, "paper"), (Scenario::Nonlinear, "wild")] {
         for count in COUNTS {
             let row = |poses| arm.mean(scenario, count, poses);
             let random = row(Poses::Random);

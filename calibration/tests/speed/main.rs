@@ -9,7 +9,7 @@ use std::hint::black_box;
 use std::io::Write;
 use std::path::Path;
 
-use poegp_calibration::blob::predict::LoadedBlob;
+use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::blob::write::{Provenance, calibrate_to_blob};
 use poegp_calibration::measurement as measurements;
 use poegp_calibration::measurement::sample::InstrumentSample;
@@ -44,7 +44,7 @@ fn arm() -> (Robot, Vec<InstrumentSample>) {
 }
 
 /// A calibration of the 300 poses, and its CPU seconds.
-fn calibrated(method: Method) -> (Calibration, LoadedBlob, Vec<InstrumentSample>, f64) {
+fn calibrated(method: Method) -> (Calibration, BlobModel, Vec<InstrumentSample>, f64) {
     let (robot, samples) = arm();
     let origin = Provenance {
         serial_number: String::new(),

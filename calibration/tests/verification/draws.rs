@@ -1,10 +1,10 @@
 //! The simulated null against distributions that one test alone has: numbers are scipy's (`f`, `t`, `ncf`).
 
 use faer::Mat;
-use poegp_calibration::verification::drift_test::{Columns, Test};
+use poegp_calibration::verification::drift_test::{Columns, DriftTest};
 
 /// Three hypotheses of three orthonormal columns would be three tests; this is one, with ν = 100.
-fn one_test(size: f64) -> Test {
+fn one_test(size: f64) -> DriftTest {
     let rows = 103;
     // 100 residuals of one, alternating, and three of the hypothesis.
     let y = Mat::from_fn(rows, 1, |i, _| match i {
@@ -15,7 +15,7 @@ fn one_test(size: f64) -> Test {
     let effect: Columns = (0..3)
         .map(|j| (0..rows).map(|i| f64::from(u8::from(i == j))).collect())
         .collect();
-    Test::new(&y, &Vec::new(), &[effect], vec![0], 0)
+    DriftTest::new(&y, &Vec::new(), &[effect], vec![0], 0)
 }
 
 #[test]
@@ -56,9 +56,9 @@ fn what_is_free_is_not_found_and_what_looks_the_same_is_said() {
         _ => 1.0 - 2.0 * (i % 2) as f64,
     });
     let effects = [vec![column(0)], vec![column(0), column(1)]];
-    let free = Test::new(&y, &vec![column(0)], &effects, vec![0, 1], 0);
+    let free = DriftTest::new(&y, &vec![column(0)], &effects, vec![0, 1], 0);
     assert!(free.choose(0.01).is_empty());
-    let test = Test::new(&y, &Vec::new(), &effects, vec![0, 1], 0);
+    let test = DriftTest::new(&y, &Vec::new(), &effects, vec![0, 1], 0);
     let found = test.choose(0.01);
     assert_eq!((found.len(), found[0].hypothesis), (1, 0));
     assert!(test.explain(&[1], 0, 0.01));

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use nalgebra::Vector3;
-use poegp_calibration::blob::predict::LoadedBlob;
+use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::blob::write::{Provenance, calibrate_to_blob};
 use poegp_calibration::measurement as measurements;
 use poegp_calibration::measurement::observation::Observation;
@@ -35,7 +35,7 @@ const FALSE_ALARMS: f64 = 0.01;
 pub struct Cell {
     pub robot: Robot,
     pub simulator: Simulator,
-    pub blob: LoadedBlob,
+    pub blob: BlobModel,
 }
 
 /// The rows of a simulated file, as the program reads them.
@@ -169,10 +169,10 @@ impl Count {
 /// The arms of the study.
 const ARMS: [(&str, Scenario); 5] = [
     ("abb-irb4400-serial", Scenario::Paper),
-    ("abb-irb4400-serial", Scenario::Wild),
-    ("abb-irb120", Scenario::Rich),
-    ("ur10", Scenario::Wild),
-    ("kuka-iiwa7", Scenario::Rich),
+    ("abb-irb4400-serial", Scenario::Nonlinear),
+    ("abb-irb120", Scenario::WithBacklash),
+    ("ur10", Scenario::Nonlinear),
+    ("kuka-iiwa7", Scenario::WithBacklash),
 ];
 
 /// `trials` of each kind on an arm of each of `seeds` seeds.

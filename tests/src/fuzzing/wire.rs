@@ -1,6 +1,6 @@
 //! Blobs and link frames under arbitrary bytes.
 
-use poegp_calibration::blob::predict::LoadedBlob;
+use poegp_calibration::blob::predict::BlobModel;
 use poegp_protocol::blob::envelope::{self, HEADER_LENGTH, MAGIC};
 use poegp_protocol::blob::{self, Correction};
 use poegp_protocol::link::frame::{self, FrameError, MAX_FRAME, Received, Receiver};
@@ -62,7 +62,7 @@ fn load(bytes: &[u8]) {
     }
     // The workstation also reads the tools, and has room for more: it takes every blob of the device but those whose tools
     // cannot be read.
-    let host = LoadedBlob::from_bytes(bytes.to_vec());
+    let host = BlobModel::from_bytes(bytes.to_vec());
     if let Ok(host) = &host {
         assert_eq!(
             host.tools().len(),

@@ -3,7 +3,7 @@
 use std::fs;
 use std::process::Command;
 
-use poegp_calibration::blob::predict::LoadedBlob;
+use poegp_calibration::blob::predict::BlobModel;
 use poegp_protocol::blob;
 use poegp_trainer::export::{CalibratedChain, c_header};
 
@@ -55,7 +55,7 @@ fn hexadecimal(text: &str) -> f32 {
 #[test]
 fn exported_header() {
     let bytes = fs::read(capi().join("examples/arm.blob")).unwrap();
-    let loaded = LoadedBlob::from_bytes(bytes.clone()).unwrap();
+    let loaded = BlobModel::from_bytes(bytes.clone()).unwrap();
     let folder = tempfile::Builder::new().prefix("poegp-").tempdir().unwrap();
     let header = c_header::text(&loaded, &CalibratedChain::of(&loaded), "cell-7");
     fs::write(folder.path().join("cell-7.h"), header).unwrap();

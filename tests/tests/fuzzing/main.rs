@@ -93,7 +93,7 @@ targets! {
 /// Every valid input is taken: otherwise what is made of them is all noise. Raw files and names are anything.
 #[test]
 fn valid_inputs_are_valid() {
-    use poegp_calibration::blob::predict::LoadedBlob;
+    use poegp_calibration::blob::predict::BlobModel;
     use poegp_calibration::robot::{LoadOptions, Robot};
     use poegp_trainer::import::map::Map;
     use std::path::Path;
@@ -102,7 +102,7 @@ fn valid_inputs_are_valid() {
     assert!(
         seeds
             .into_iter()
-            .all(|bytes| LoadedBlob::from_bytes(bytes).is_ok())
+            .all(|bytes| BlobModel::from_bytes(bytes).is_ok())
     );
     for (name, seeds) in [
         ("arm.urdf", poegp_tests::fuzzing::seeds::urdfs()),

@@ -15,7 +15,7 @@ use crate::cli::{
 };
 use crate::report::{Evidence, FileFacts, HeldOutFacts, Provenance};
 use poegp_calibration::blob;
-use poegp_calibration::blob::predict::LoadedBlob;
+use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::blob::write::{CalibratedBlob, SinglePrecisionLoss, calibrate_to_blob};
 use poegp_calibration::device_cost::{ElasticSize, instructions};
 use poegp_calibration::identification::frame_fit::FrameFit;
@@ -356,7 +356,7 @@ fn print(
     report: Report,
     a: &Calibrate,
     calibration: &Calibration,
-    blob: &LoadedBlob,
+    blob: &BlobModel,
     precision_loss: &SinglePrecisionLoss,
     document: &Document,
 ) {
@@ -460,7 +460,7 @@ fn print(
 fn document(
     a: &Calibrate,
     calibration: &Calibration,
-    blob: &LoadedBlob,
+    blob: &BlobModel,
     precision_loss: &SinglePrecisionLoss,
     training: ErrorSummary,
     provenance: Provenance,

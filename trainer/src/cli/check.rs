@@ -14,7 +14,7 @@ use crate::cli::{
     Failure, check_outputs, check_page, drift, file_name, json_text, origin, write_outputs,
 };
 use crate::report::{FileFacts, Provenance};
-use poegp_calibration::blob::predict::LoadedBlob;
+use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::numeric::statistics::Summary;
 use poegp_calibration::verification as check;
@@ -134,7 +134,7 @@ pub fn run(a: &Check) -> Result<(), Failure> {
     let outputs = [a.json.as_deref(), a.report.as_deref()];
     check_outputs(&outputs, &[&a.blob, &a.measurements])?;
     let options = options(a)?;
-    let loaded = LoadedBlob::read(&a.blob)?;
+    let loaded = BlobModel::read(&a.blob)?;
     let data = evaluate::read(&loaded, &a.measurements, drift::correction(a.correct_drift))?;
     let tools = tools(a, &loaded, &data)?;
     let lines: Vec<usize> = data.set.measurements.iter().map(|m| m.line).collect();
@@ -238,7 +238,7 @@ fn options(a: &Check) -> Result<check::Options, Failure> {
 }
 
 /// The frames of the tools that the samples name; those that are fitted anyway begin anywhere.
-fn tools(a: &Check, loaded: &LoadedBlob, data: &TestData) -> Result<Vec<Pose<f64>>, Failure> {
+fn tools(a: &Check, loaded: &BlobModel, data: &TestData) -> Result<Vec<Pose<f64>>, Failure> {
     let mut tools: Vec<Pose<f64>> = loaded.tools().iter().map(|(_, pose)| *pose).collect();
     for name in data.names.iter().skip(tools.len()) {
         let the_only_one = loaded.tools().is_empty() && data.names.len() == 1;

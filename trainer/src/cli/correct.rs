@@ -13,7 +13,7 @@ use serde::Serialize;
 
 use crate::cli::report::{Report, is_stdout};
 use crate::cli::{Failure, check_outputs, evaluate, file_name, json_text, write_outputs};
-use poegp_calibration::blob::predict::LoadedBlob;
+use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::measurement::joint_targets::{RewrittenRow, TargetFile};
 use poegp_calibration::measurement::{JointUnit, MeasurementSet};
@@ -136,7 +136,7 @@ impl Row {
 pub fn run(a: &Correct) -> Result<(), Failure> {
     let outputs = [Some(a.out.as_path()), a.json.as_deref()];
     check_outputs(&outputs, &[&a.blob, &a.targets])?;
-    let loaded = LoadedBlob::read(&a.blob)?;
+    let loaded = BlobModel::read(&a.blob)?;
     let file = TargetFile::read(&a.targets)?;
     let robot = evaluate::robot_of(loaded.blob());
     for note in file.check(&robot)? {
@@ -168,7 +168,7 @@ pub fn run(a: &Correct) -> Result<(), Failure> {
 }
 
 /// The payload of every row, from the file or the command line, never from both.
-fn payloads(a: &Correct, loaded: &LoadedBlob, set: &MeasurementSet) -> Result<Vec<f64>, Failure> {
+fn payloads(a: &Correct, loaded: &BlobModel, set: &MeasurementSet) -> Result<Vec<f64>, Failure> {
     let needed = loaded.blob().ranges.payload_kg;
     match (a.payload_kg, set.has_payload()) {
         (Some(_), true) => Err(Failure::Usage(format!(
@@ -199,7 +199,7 @@ fn payloads(a: &Correct, loaded: &LoadedBlob, set: &MeasurementSet) -> Result<Ve
 }
 
 /// One command through the runtime, as the device does it.
-fn correct(loaded: &LoadedBlob, line: usize, joints: &[f64], payload_kg: f64) -> Row {
+fn correct(loaded: &BlobModel, line: usize, joints: &[f64], payload_kg: f64) -> Row {
     let query = Query {
         // The robot of the blob has at most as many joints as the protocol.
         joints: joints.iter().map(|q| *q as f32).collect(),
@@ -242,7 +242,7 @@ fn rewritten(set: &MeasurementSet, row: &Row) -> RewrittenRow {
 
 fn document<'a>(
     a: &Correct,
-    loaded: &'a LoadedBlob,
+    loaded: &'a BlobModel,
     set: &MeasurementSet,
     rows: &[Row],
 ) -> Document<'a> {

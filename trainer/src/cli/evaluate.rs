@@ -13,8 +13,8 @@ use crate::cli::report::Report;
 use crate::cli::{
     Failure, check_outputs, drift, file_name, json_text, read_samples, write_outputs,
 };
-use poegp_calibration::blob::predict::{LoadedBlob, Prediction};
-use poegp_calibration::blob::tool_fit::{fit_tool, spread};
+use poegp_calibration::blob::predict::{BlobModel, Prediction};
+use poegp_calibration::blob::tool_fit::{evenly_spaced, fit_tool_frame};
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::measurement::MeasurementSet;
 use poegp_calibration::measurement::reader::{DriftCorrection, SampleFile};
@@ -88,7 +88,7 @@ impl SigmaFacts {
 pub fn run(a: &Evaluate) -> Result<(), Failure> {
     let outputs = [a.predictions.as_deref(), a.json.as_deref()];
     check_outputs(&outputs, &[&a.blob, &a.test])?;
-    let loaded = LoadedBlob::read(&a.blob)?;
+    let loaded = BlobModel::read(&a.blob)?;
     let TestData {
         set,
         samples,
@@ -163,7 +163,7 @@ pub(super) struct TestData {
 
 /// Reads and checks a measurement file for the arm of a blob; notes go to standard error.
 pub(super) fn read(
-    loaded: &LoadedBlob,
+    loaded: &BlobModel,
     path: &Path,
     correction: DriftCorrection,
 ) -> Result<TestData, Failure> {
@@ -224,7 +224,7 @@ struct ToolFrames {
 
 fn tool_frames(
     a: &Evaluate,
-    loaded: &LoadedBlob,
+    loaded: &BlobModel,
     names: &[ToolName],
     samples: &[InstrumentSample],
 ) -> Result<ToolFrames, Failure> {
@@ -237,7 +237,7 @@ fn tool_frames(
             .collect();
         match a.fit_tool {
             Some(count) => {
-                let chosen = spread(&rows, count as usize);
+                let chosen = evenly_spaced(&rows, count as usize);
                 if chosen.len() == rows.len() {
                     return Err(InputError::new(
                         &a.test,
@@ -247,7 +247,7 @@ fn tool_frames(
                     .into());
                 }
                 let samples: Vec<&InstrumentSample> = chosen.iter().map(|i| &samples[*i]).collect();
-                frames.push(fit_tool(loaded, &samples));
+                frames.push(fit_tool_frame(loaded, &samples));
                 fitted_on.extend(chosen);
             }
             // One tool on both sides: the same, unless the file says otherwise.

@@ -12,7 +12,7 @@ use crate::export::{
     CalibratedChain, Table, c_header, dh, gauge, poe, universal_robots as ur,
     urdf_patch as urdf_text,
 };
-use poegp_calibration::blob::predict::LoadedBlob;
+use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::robot::{LoadOptions, Robot, urdf};
 
@@ -73,7 +73,7 @@ pub fn run(a: &Export) -> Result<(), Failure> {
     let all = [&outputs[..], &[a.json.as_deref()]].concat();
     check_outputs(&all, &inputs)?;
     let report = Report::beside(&all);
-    let loaded = LoadedBlob::read(&a.blob)?;
+    let loaded = BlobModel::read(&a.blob)?;
     let mut chain = CalibratedChain::of(&loaded);
 
     let mut said = Vec::new();

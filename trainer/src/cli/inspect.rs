@@ -13,12 +13,12 @@ use crate::cli::arguments::Inspect;
 use crate::cli::report::Report;
 use crate::cli::{Failure, check_outputs, json_text, write_outputs};
 use crate::signing::id_text;
-use poegp_calibration::blob::predict::LoadedBlob;
+use poegp_calibration::blob::predict::BlobModel;
 
 pub fn run(a: &Inspect) -> Result<(), Failure> {
     let output = [a.json.as_deref()];
     check_outputs(&output, &[&a.blob])?;
-    let loaded = LoadedBlob::read(&a.blob)?;
+    let loaded = BlobModel::read(&a.blob)?;
     let document = document(&loaded);
     if let Some(path) = &a.json {
         write_outputs(&[(path, json_text(&document)?.as_bytes())])?;
@@ -27,7 +27,7 @@ pub fn run(a: &Inspect) -> Result<(), Failure> {
     Ok(())
 }
 
-fn document(loaded: &LoadedBlob) -> Value {
+fn document(loaded: &BlobModel) -> Value {
     let blob = loaded.blob();
     let host = loaded.host();
     let p = &host.provenance;
@@ -97,7 +97,7 @@ fn document(loaded: &LoadedBlob) -> Value {
 }
 
 /// The id of the key that the blob says it is signed by.
-fn signed_by(loaded: &LoadedBlob) -> Option<String> {
+fn signed_by(loaded: &BlobModel) -> Option<String> {
     let trailer = envelope::open(loaded.bytes()).ok()?.trailer?;
     Some(id_text(&trailer.key_id))
 }
@@ -111,7 +111,7 @@ fn sigma(v: &Variance<'_>) -> Value {
     })
 }
 
-fn print(report: Report, loaded: &LoadedBlob, document: &Value) {
+fn print(report: Report, loaded: &BlobModel, document: &Value) {
     let blob = loaded.blob();
     let host = loaded.host();
     let p = &host.provenance;

@@ -14,7 +14,7 @@ use crate::cli::{Failure, check_outputs, facts_text, write_facts, write_outputs}
 use crate::output;
 use crate::output::Readers;
 use crate::signing::{PublicKey, SecretKey, id_text};
-use poegp_calibration::blob::predict::LoadedBlob;
+use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::input_error::InputError;
 
 /// `trainer keys`.
@@ -130,7 +130,7 @@ pub fn sign(a: &Sign) -> Result<(), Failure> {
     }
     let key = SecretKey::read(&a.key)?;
     note_when_others_read(&a.key);
-    let loaded = LoadedBlob::read(&a.blob)?;
+    let loaded = BlobModel::read(&a.blob)?;
     let signed = key.sign(loaded.bytes()).map_err(|e| {
         let expected = "a model blob written by `trainer calibrate`";
         InputError::new(&a.blob, e.to_string(), expected)

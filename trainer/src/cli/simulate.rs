@@ -16,9 +16,9 @@ impl From<arguments::Scenario> for Scenario {
     fn from(scenario: arguments::Scenario) -> Self {
         match scenario {
             arguments::Scenario::Paper => Self::Paper,
-            arguments::Scenario::Rich => Self::Rich,
-            arguments::Scenario::Wild => Self::Wild,
-            arguments::Scenario::Full => Self::Full,
+            arguments::Scenario::Rich => Self::WithBacklash,
+            arguments::Scenario::Wild => Self::Nonlinear,
+            arguments::Scenario::Full => Self::PaperFullRange,
         }
     }
 }

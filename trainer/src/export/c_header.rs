@@ -5,7 +5,7 @@ use std::fmt::Write;
 use poegp_protocol::JointKind;
 
 use crate::export::CalibratedChain;
-use poegp_calibration::blob::predict::LoadedBlob;
+use poegp_calibration::blob::predict::BlobModel;
 
 /// Bytes on a line.
 const BYTES: usize = 16;
@@ -14,7 +14,7 @@ const BYTES: usize = 16;
 ///
 /// C99 and later, and C++. Everything is `static const`, so a header that is included in several files costs each what it
 /// uses.
-pub fn text(loaded: &LoadedBlob, chain: &CalibratedChain, stem: &str) -> String {
+pub fn text(loaded: &BlobModel, chain: &CalibratedChain, stem: &str) -> String {
     let name = identifier(stem);
     let upper = name.to_uppercase();
     let host = loaded.host();

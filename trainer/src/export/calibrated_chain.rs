@@ -6,7 +6,7 @@ use poegp_protocol::blob::{Correction, Elastic};
 use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::Pose;
 
-use poegp_calibration::blob::predict::LoadedBlob;
+use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::numeric::rotation::nearest_rotation;
 use poegp_calibration::robot::{BUILT_IN, Joint, LoadOptions, Robot};
 
@@ -47,7 +47,7 @@ pub struct CalibratedChain {
 
 impl CalibratedChain {
     /// The chain of a blob.
-    pub fn of(loaded: &LoadedBlob) -> Self {
+    pub fn of(loaded: &BlobModel) -> Self {
         let blob = loaded.blob();
         let frame = |rows: &[f32; 12]| {
             let stored = Pose::<f32>::from_rows(rows).cast::<f64>();

@@ -1,7 +1,7 @@
 //! What other programs get of a calibrated arm, read back by the trainer's own readers. `tests/peers/exports/run` has it
 //! read by Pinocchio, yourdfpy and Python.
 
-use poegp_calibration::blob::predict::LoadedBlob;
+use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_protocol::blob;
 use poegp_runtime::kinematics::poe::Poe;
@@ -34,7 +34,7 @@ fn calibrated(robot: &str, model: &str) -> Folder {
 }
 
 fn chain(folder: &Folder) -> CalibratedChain {
-    CalibratedChain::of(&LoadedBlob::read(&folder.path("arm.blob")).unwrap())
+    CalibratedChain::of(&BlobModel::read(&folder.path("arm.blob")).unwrap())
 }
 
 /// The chain of a description, whose end is the flange.

@@ -20,7 +20,7 @@ const LINK_WEIGHT: f64 = 0.5;
 
 /// A motion of one frame: along or about one of its axes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Atom {
+pub struct ElementaryMotion {
     /// Which frame.
     pub part: Part,
     /// 0–2 along x, y, z; 3–5 about them.
@@ -33,13 +33,13 @@ pub struct Atom {
 /// The identifiable directions in terms of atoms.
 pub struct Coordinates {
     /// As many as can be identified.
-    pub atoms: Vec<Atom>,
+    pub atoms: Vec<ElementaryMotion>,
     /// Parameters to coefficients of the atoms, `atoms × parameters`; redundant parts are dropped.
     pub from_parameters: Mat<f64>,
 }
 
 /// A direction as the atoms that make it up, the strongest first, with their coefficients.
-pub type Circuit = Vec<(Atom, f64)>;
+pub type Combination = Vec<(ElementaryMotion, f64)>;
 
 impl Coordinates {
     /// For the frames of a task whose identifiable space is `possible`.
@@ -94,13 +94,13 @@ impl Coordinates {
         (0..y.nrows()).map(|i| norm(i).min(1.0)).collect()
     }
 
-    /// The space of `directions` as circuits, each with an atom that no other has.
-    pub fn circuits(&self, directions: &Mat<f64>) -> Vec<Circuit> {
+    /// The space of `directions` as combinations, each with an atom that no other has.
+    pub fn combinations(&self, directions: &Mat<f64>) -> Vec<Combination> {
         let mut y = &self.from_parameters * directions;
         let (rows, count) = (y.nrows(), y.ncols());
         let weight = |i: usize| match self.atoms[i] {
-            Atom { offset: true, .. } => 1.0,
-            Atom {
+            ElementaryMotion { offset: true, .. } => 1.0,
+            ElementaryMotion {
                 part: Part::Link(_),
                 ..
             } => LINK_WEIGHT,
@@ -139,7 +139,7 @@ impl Coordinates {
         (0..pivots.len())
             .map(|j| {
                 let largest = (0..rows).fold(0.0_f64, |m, i| m.max(y[(i, j)].abs()));
-                let mut circuit: Circuit = (0..rows)
+                let mut circuit: Combination = (0..rows)
                     .filter(|i| y[(*i, j)].abs() > NAMED * largest)
                     .map(|i| (self.atoms[i], y[(i, j)]))
                     .collect();
@@ -151,25 +151,25 @@ impl Coordinates {
 }
 
 /// All atoms in the order in which they are preferred.
-fn candidates(frames: &[Frame], kinds: &[JointKind]) -> Vec<Atom> {
+fn candidates(frames: &[Frame], kinds: &[JointKind]) -> Vec<ElementaryMotion> {
     let atom = |index: usize, axis: usize| {
         let part = frames[index].part;
         let own_axis = |joint: usize| match kinds[joint - 1] {
             JointKind::Revolute => 5,
             JointKind::Prismatic => 2,
         };
-        Atom {
+        ElementaryMotion {
             part,
             axis,
             offset: matches!(part, Part::Link(joint) if own_axis(joint) == axis),
             column: 6 * index + axis,
         }
     };
-    let mut out: Vec<Atom> = (0..frames.len())
+    let mut out: Vec<ElementaryMotion> = (0..frames.len())
         .flat_map(|index| (0..6).map(move |axis| (index, axis)))
         .map(|(index, axis)| atom(index, axis))
         .collect();
-    let rank = |a: &Atom| match (a.part, a.offset, a.axis) {
+    let rank = |a: &ElementaryMotion| match (a.part, a.offset, a.axis) {
         (Part::Base, ..) => 0,
         (Part::Tool(_), ..) => 1,
         (Part::Link(_), true, _) => 2,

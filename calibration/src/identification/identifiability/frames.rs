@@ -3,8 +3,8 @@
 use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::Pose;
 
-use crate::identification::parametric::state::Group;
-use crate::measurement::noise::Scales;
+use crate::identification::parametric::state::PriorGroup;
+use crate::measurement::noise::NoiseScales;
 use crate::measurement::sample::BaseSample;
 use crate::robot::Robot;
 
@@ -23,7 +23,7 @@ pub struct Task<'a> {
     /// Poses as seen from the base.
     pub samples: &'a [BaseSample],
     /// Noise of one position component in metres, of one rotation component in radians, in the quietest row.
-    pub noise: Scales,
+    pub noise: NoiseScales,
     /// Whether only base and tools are calibrated.
     pub ends_only: bool,
 }
@@ -59,9 +59,9 @@ pub(crate) fn frames(n: usize, tools: usize, ends_only: bool) -> Vec<Frame> {
                 tool => Part::Tool((tools > 1).then_some(tool - n + 1)),
             },
             prior: if position == 0 || position >= n {
-                Group::Ends.prior_sd()
+                PriorGroup::Ends.prior_sd()
             } else {
-                Group::Frames.prior_sd()
+                PriorGroup::Frames.prior_sd()
             },
         })
         .collect()

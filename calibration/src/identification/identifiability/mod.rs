@@ -32,13 +32,12 @@ use poegp_runtime::math::se3::Pose;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use crate::identification::base_tool::UNWEIGHTED;
-use crate::identification::frame_fit::residual_components;
+use crate::identification::frame_fit::{ResidualFrame, residual_components};
 use crate::identification::identifiability::elementary_motions::Coordinates;
 use crate::identification::identifiability::frames::ROUNDING;
 use crate::identification::identifiability::subspaces::{Explained, Space};
-use crate::identification::parametric::state::{Layout, ROWS, State};
-use crate::measurement::noise::Scales;
+use crate::identification::parametric::state::{Layout, ParametricModel, ROWS};
+use crate::measurement::noise::NoiseScales;
 use crate::measurement::observation::Observation;
 use crate::measurement::sample::{Base, BaseSample, Sample};
 
@@ -52,7 +51,7 @@ pub use crate::identification::identifiability::report::{
 /// A direction that shows less than this share of the most visible one is untold.
 pub const SHARE: f64 = 1e-5;
 /// So is one with a standard deviation above this, m and rad: the drawing is as good (prior of the arm's frames).
-pub const AS_DRAWN: f64 = 2e-3;
+pub const DRAWING_TOLERANCE: f64 = 2e-3;
 /// Synthetic poses of each tool.
 const RICH_POSES: usize = 80;
 /// Largest revolute range of them, and the range of a slide without limits: rad and m.
@@ -80,14 +79,14 @@ pub fn identify(task: &Task) -> Option<IdentifyReport> {
         return None;
     }
     let possible = Space::new(&rich, |s, largest| s > ROUNDING * largest)?;
-    let told = Space::new(&data, |s, largest| {
-        s > SHARE * largest && s > 1.0 / AS_DRAWN && s > ROUNDING * largest
+    let identified = Space::new(&data, |s, largest| {
+        s > SHARE * largest && s > 1.0 / DRAWING_TOLERANCE && s > ROUNDING * largest
     })?;
     let coordinates = Coordinates::new(&frames, task.chain.kinds(), &possible)?;
-    let all = told.missing_from(&possible);
-    let untold_count = all.ncols();
+    let all = identified.complement_in(&possible);
+    let unidentified_count = all.ncols();
     let hidden = coordinates.shares(&all);
-    let mut untold = all.clone();
+    let mut unidentified = all.clone();
     let general = |sentence| Finding {
         sentence,
         directions: 0,
@@ -96,8 +95,8 @@ pub fn identify(task: &Task) -> Option<IdentifyReport> {
     let mut findings: Vec<Finding> = too_few.into_iter().map(general).collect();
     for cause in causes::geometric(task, &frames) {
         let Explained { directions, rest } =
-            subspaces::explain(&untold, &cause.directions, &all, &possible);
-        untold = rest;
+            subspaces::explain(&unidentified, &cause.directions, &all, &possible);
+        unidentified = rest;
         if directions > 0 {
             findings.push(Finding {
                 sentence: cause.sentence,
@@ -106,22 +105,22 @@ pub fn identify(task: &Task) -> Option<IdentifyReport> {
         }
     }
     findings.extend(wording::directions(
-        &coordinates.circuits(&untold),
+        &coordinates.combinations(&unidentified),
         MOST_SENTENCES,
     ));
     findings.extend(causes::payload(task).into_iter().map(general));
     let covariance = uncertainty::Covariance::new(&data, &frames)?;
     Some(IdentifyReport {
         parameters: columns.len(),
-        rank: possible.rank - untold_count,
+        rank: possible.rank - unidentified_count,
         redundant: columns.len() - possible.rank,
-        untold: untold_count,
-        condition: told.condition(possible.rank - untold_count),
+        untold: unidentified_count,
+        condition: identified.condition(possible.rank - unidentified_count),
         findings,
         standard_deviations: covariance.deviations(&frames, &possible),
         correlations: covariance.correlations(&coordinates, &hidden),
         expected: covariance.expected(&data, |k| task.noise.of(&task.samples[k]).position),
-        singular_values: told.values,
+        singular_values: identified.values,
     })
 }
 
@@ -130,13 +129,17 @@ pub(crate) fn residual_scales(
     chain: &Poe<f64>,
     tools: &[Pose<f64>],
     samples: &[BaseSample],
-) -> Scales {
+) -> NoiseScales {
     let residual = |s: &BaseSample| {
         let predicted = chain.forward(&s.serial_joints) * tools[s.tool];
-        residual_components(UNWEIGHTED, &s.observation, &predicted)
+        residual_components(
+            ResidualFrame::TOOL_POINT_UNIT_WEIGHTS,
+            &s.observation,
+            &predicted,
+        )
     };
     let residuals: Vec<[f64; ROWS]> = samples.iter().map(residual).collect();
-    Scales::estimated(&residuals, samples)
+    NoiseScales::estimated(&residuals, samples)
 }
 
 /// The geometric columns of the linearised model, rows in units of the noise.
@@ -151,7 +154,7 @@ fn jacobian(task: &Task, samples: &[BaseSample], columns: &[usize]) -> Mat<f64> 
     };
     let last = task.chain.frames()[n];
     let ends = task.tools.iter().map(|tool| last * *tool).collect();
-    let state = State::new(task.chain, ends, None, layout, Vector3::zeros());
+    let state = ParametricModel::new(task.chain, ends, None, layout, Vector3::zeros());
     let all = state.linearise(samples, task.noise).a;
     Mat::from_fn(ROWS * samples.len(), columns.len(), |row, column| {
         all[(row, columns[column])]

@@ -58,7 +58,7 @@ impl Space {
     }
 
     /// What `possible` tells and this does not: orthonormal columns.
-    pub fn missing_from(&self, possible: &Self) -> Mat<f64> {
+    pub fn complement_in(&self, possible: &Self) -> Mat<f64> {
         let told = possible.told();
         let inside = &told * (told.transpose() * self.null());
         leading(&inside, possible.rank.saturating_sub(self.rank))

@@ -7,8 +7,8 @@ fn robot(name: &str) -> Robot {
     Robot::load(name, &LoadOptions::default()).unwrap()
 }
 
-fn noise() -> Scales {
-    Scales::uniform(50e-6, 100e-6)
+fn noise() -> NoiseScales {
+    NoiseScales::uniform(50e-6, 100e-6)
 }
 
 /// `count` random poses of `robot` whose joints `change` may alter.

@@ -1,6 +1,6 @@
 //! Names and sentences.
 
-use crate::identification::identifiability::elementary_motions::{Atom, Circuit};
+use crate::identification::identifiability::elementary_motions::{Combination, ElementaryMotion};
 use crate::identification::identifiability::frames::Part;
 use crate::identification::identifiability::report::{Finding, IdentifyReport};
 
@@ -34,7 +34,7 @@ pub fn part(part: Part) -> String {
 }
 
 /// Name of an atom, in the axes of its frame (a link's: those of the joint before it, z along its axis).
-pub fn atom(atom: &Atom) -> String {
+pub fn atom(atom: &ElementaryMotion) -> String {
     if let (Part::Link(joint), true) = (atom.part, atom.offset) {
         return format!("joint {joint}'s offset");
     }
@@ -52,12 +52,12 @@ pub fn atom(atom: &Atom) -> String {
 }
 
 /// Directions as sentences: those of few motions each in its own, at most `most`, all others in one.
-pub fn directions(circuits: &[Circuit], most: usize) -> Vec<Finding> {
-    let names = |circuit: &Circuit| -> Vec<String> {
+pub fn directions(combinations: &[Combination], most: usize) -> Vec<Finding> {
+    let names = |circuit: &Combination| -> Vec<String> {
         circuit.iter().take(NAMES).map(|(a, _)| atom(a)).collect()
     };
-    let (mut short, mut long): (Vec<&Circuit>, Vec<&Circuit>) =
-        circuits.iter().partition(|c| c.len() <= NAMES);
+    let (mut short, mut long): (Vec<&Combination>, Vec<&Combination>) =
+        combinations.iter().partition(|c| c.len() <= NAMES);
     short.sort_by_key(|c| c.len());
     long.splice(0..0, short.drain(short.len().min(most)..));
     let mut out: Vec<Finding> = short

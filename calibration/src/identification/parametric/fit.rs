@@ -7,20 +7,24 @@ use crate::measurement::sample::{BaseSample, InstrumentSample};
 
 use crate::identification::frame_fit::FrameFit;
 use crate::identification::parametric::state::prior_variance;
-use crate::identification::parametric::state::{Group, ROWS, State};
-use crate::measurement::noise::Scales;
+use crate::identification::parametric::state::{ParametricModel, PriorGroup, ROWS};
+use crate::measurement::noise::NoiseScales;
 
 /// Rounds of the parametric fit. Positions alone make a curved valley that is crossed slowly: stopping after 12 rounds left
 /// 0.105 mm of a Motoman's 0.071, held out.
 const PARAMETRIC_ROUNDS: usize = 60;
 
 /// Parameters alone, most probable under their prior; noise is estimated on the way. Returns the residuals' RMS.
-pub fn parametric_fit(state: &mut State, samples: &[BaseSample], hyper: &[f64]) -> Scales {
+pub fn parametric_fit(
+    state: &mut ParametricModel,
+    samples: &[BaseSample],
+    hyper: &[f64],
+) -> NoiseScales {
     let mut scales = residual_scales(state, samples);
     for _ in 0..PARAMETRIC_ROUNDS {
         let groups = state.layout.groups();
         let linear = state.linearise(samples, scales);
-        let Some(x) = most_probable(&linear.a, &linear.y, &groups, hyper) else {
+        let Some(x) = map_estimate(&linear.a, &linear.y, &groups, hyper) else {
             break;
         };
         let before = objective(state, samples, scales, &groups, hyper);
@@ -34,7 +38,7 @@ pub fn parametric_fit(state: &mut State, samples: &[BaseSample], hyper: &[f64]) 
                 .zip(&origin.deviation)
                 .map(|(new, old)| old + share * (new - old))
                 .collect();
-            candidate.move_to(&mixed);
+            candidate.update(&mixed);
             if objective(&candidate, samples, scales, &groups, hyper) <= before {
                 *state = candidate;
                 improved = true;
@@ -53,16 +57,16 @@ pub fn parametric_fit(state: &mut State, samples: &[BaseSample], hyper: &[f64]) 
     scales
 }
 
-fn residual_scales(state: &State, samples: &[BaseSample]) -> Scales {
-    Scales::estimated(&state.residuals(samples, Scales::ONE), samples).at_least(1e-7)
+fn residual_scales(state: &ParametricModel, samples: &[BaseSample]) -> NoiseScales {
+    NoiseScales::estimated(&state.residuals(samples, NoiseScales::ONE), samples).at_least(1e-7)
 }
 
 /// Negative log posterior of the parameters, up to a constant.
 fn objective(
-    state: &State,
+    state: &ParametricModel,
     samples: &[BaseSample],
-    scales: Scales,
-    groups: &[Group],
+    scales: NoiseScales,
+    groups: &[PriorGroup],
     hyper: &[f64],
 ) -> f64 {
     let data: f64 = state
@@ -81,7 +85,12 @@ fn objective(
 }
 
 /// argmin |y − A x|² + xᵀΛ⁻¹x.
-fn most_probable(a: &Mat<f64>, y: &Mat<f64>, groups: &[Group], hyper: &[f64]) -> Option<Vec<f64>> {
+fn map_estimate(
+    a: &Mat<f64>,
+    y: &Mat<f64>,
+    groups: &[PriorGroup],
+    hyper: &[f64],
+) -> Option<Vec<f64>> {
     let sd: Vec<f64> = groups
         .iter()
         .map(|g| prior_variance(*g, hyper).sqrt())
@@ -96,13 +105,13 @@ fn most_probable(a: &Mat<f64>, y: &Mat<f64>, groups: &[Group], hyper: &[f64]) ->
 }
 
 /// Base and tools alone on the arm as it is, metres and radians unweighted, by damped Gauss–Newton.
-pub fn fit_ends(state: &mut State, samples: &[InstrumentSample]) -> FrameFit {
+pub fn fit_ends(state: &mut ParametricModel, samples: &[InstrumentSample]) -> FrameFit {
     let groups = state.layout.groups();
     let free: Vec<usize> = (0..groups.len())
-        .filter(|i| groups[*i] == Group::Ends)
+        .filter(|i| groups[*i] == PriorGroup::Ends)
         .collect();
-    let scales = Scales::ONE;
-    let cost = |state: &State| -> f64 {
+    let scales = NoiseScales::ONE;
+    let cost = |state: &ParametricModel| -> f64 {
         state
             .residuals(samples, scales)
             .iter()
@@ -134,7 +143,7 @@ pub fn fit_ends(state: &mut State, samples: &[InstrumentSample]) -> FrameFit {
                 for (j, i) in free.iter().enumerate() {
                     x[*i] += step[(j, 0)];
                 }
-                candidate.move_to(&x);
+                candidate.update(&x);
                 let value = cost(&candidate);
                 if value <= current {
                     let settled = current - value <= 1e-12 * current;

@@ -21,8 +21,8 @@ use poegp_runtime::math::se3::{Pose, Twist};
 
 use crate::measurement::sample::Sample;
 
-use crate::identification::frame_fit::{ResidualKind, residual_components};
-use crate::measurement::noise::Scales;
+use crate::identification::frame_fit::{ResidualFrame, residual_components};
+use crate::measurement::noise::NoiseScales;
 use crate::robot::coupled;
 
 /// Rows of one pose: displacement and rotation at the tool.
@@ -45,7 +45,7 @@ pub struct Layout {
 
 /// A group of parameters that share a prior.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Group {
+pub enum PriorGroup {
     /// Base frame and tools.
     Ends,
     /// Arm frames.
@@ -58,7 +58,7 @@ pub enum Group {
     Ripple,
 }
 
-impl Group {
+impl PriorGroup {
     /// All groups.
     pub const ALL: [Self; 5] = [
         Self::Ends,
@@ -79,44 +79,47 @@ impl Group {
     }
 
     /// Whether the evidence may change it.
-    pub fn is_learnt(self) -> bool {
+    pub fn has_learned_variance(self) -> bool {
         matches!(self, Self::Frames | Self::Links | Self::Payload)
     }
 }
 
 /// Variance of the prior of a group, with what the evidence says.
-pub fn prior_variance(group: Group, h: &[f64]) -> f64 {
+pub fn prior_variance(group: PriorGroup, h: &[f64]) -> f64 {
     let base = group.prior_sd().powi(2);
     match group {
-        Group::Frames => base * h[2].exp(),
-        Group::Links => base * h[3].exp(),
-        Group::Payload => base * h[4].exp(),
-        Group::Ends | Group::Ripple => base,
+        PriorGroup::Frames => base * h[2].exp(),
+        PriorGroup::Links => base * h[3].exp(),
+        PriorGroup::Payload => base * h[4].exp(),
+        PriorGroup::Ends | PriorGroup::Ripple => base,
     }
 }
 
 impl Layout {
     /// The group of every parameter, in order.
-    pub fn groups(&self) -> Vec<Group> {
+    pub fn groups(&self) -> Vec<PriorGroup> {
         let n = self.joints;
         let mut out = Vec::new();
-        out.extend(std::iter::repeat_n(Group::Ends, 6));
-        out.extend(std::iter::repeat_n(Group::Frames, 6 * (n - 1)));
-        out.extend(std::iter::repeat_n(Group::Ends, 6 * self.tools));
+        out.extend(std::iter::repeat_n(PriorGroup::Ends, 6));
+        out.extend(std::iter::repeat_n(PriorGroup::Frames, 6 * (n - 1)));
+        out.extend(std::iter::repeat_n(PriorGroup::Ends, 6 * self.tools));
         if self.gravity {
-            out.extend(std::iter::repeat_n(Group::Links, 3 * n * (n + 1) / 2));
+            out.extend(std::iter::repeat_n(PriorGroup::Links, 3 * n * (n + 1) / 2));
             if self.payload {
-                out.extend(std::iter::repeat_n(Group::Payload, 4 * n));
+                out.extend(std::iter::repeat_n(PriorGroup::Payload, 4 * n));
             }
         }
-        out.extend(std::iter::repeat_n(Group::Ripple, 2 * self.ripple.len()));
+        out.extend(std::iter::repeat_n(
+            PriorGroup::Ripple,
+            2 * self.ripple.len(),
+        ));
         out
     }
 }
 
 /// The parametric model.
 #[derive(Clone, Debug)]
-pub struct State {
+pub struct ParametricModel {
     /// What is fitted.
     pub layout: Layout,
     /// Base frame and arm frames, `parent_from_joint` (n of them).
@@ -156,7 +159,7 @@ impl Linearised {
     }
 }
 
-impl State {
+impl ParametricModel {
     /// The nominal arm: `chain` leads from the base to the target of tool 0.
     pub fn new(
         chain: &Poe<f64>,
@@ -240,19 +243,19 @@ impl State {
     }
 
     /// Residuals of the parametric model, each row in units of its own scale; six a pose.
-    pub fn residuals<F>(&self, samples: &[Sample<F>], scales: Scales) -> Vec<[f64; ROWS]> {
+    pub fn residuals<F>(&self, samples: &[Sample<F>], scales: NoiseScales) -> Vec<[f64; ROWS]> {
         let chains: Vec<Poe<f64>> = (0..self.tools.len()).map(|t| self.chain(t)).collect();
         let of = |s: &Sample<F>| {
             let chain = &chains[s.tool];
             let predicted = self.pose(chain, s, &self.parametric_deflection(chain, s));
-            let kind = ResidualKind::ToolCentred(scales.of(s));
+            let kind = ResidualFrame::ToolPoint(scales.of(s));
             residual_components(kind, &s.observation, &predicted)
         };
         samples.iter().map(of).collect()
     }
 
     /// The linear model at this state.
-    pub fn linearise<F>(&self, samples: &[Sample<F>], scales: Scales) -> Linearised {
+    pub fn linearise<F>(&self, samples: &[Sample<F>], scales: NoiseScales) -> Linearised {
         let (n, p) = (self.layout.joints, self.deviation.len());
         let chains: Vec<Poe<f64>> = (0..self.tools.len()).map(|t| self.chain(t)).collect();
         let mut out = Linearised {
@@ -283,7 +286,7 @@ impl State {
         &self,
         chain: &Poe<f64>,
         sample: &Sample<F>,
-        scales: Scales,
+        scales: NoiseScales,
         k: usize,
         out: &mut Linearised,
     ) {
@@ -366,7 +369,7 @@ impl State {
     }
 
     /// Moves to the parameters `x`.
-    pub fn move_to(&mut self, x: &[f64]) {
+    pub fn update(&mut self, x: &[f64]) {
         let step: Vec<f64> = x
             .iter()
             .zip(&self.deviation)

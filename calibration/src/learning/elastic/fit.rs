@@ -10,22 +10,22 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::identification::parametric::fit::parametric_fit;
 use crate::identification::parametric::ripple::{Peak, SIGNIFICANT, peaks};
-use crate::identification::parametric::state::{Layout, Linearised, ROWS, State};
+use crate::identification::parametric::state::{Layout, Linearised, ParametricModel, ROWS};
 use crate::learning::elastic::hyperparameters::HyperLayout;
 use crate::learning::elastic::likelihood::{Evidence, Inputs, Search, Solved};
 use crate::learning::elastic::options::{ElasticOptions, OutlierPolicy};
 use crate::learning::elastic::outliers::{LeaveOneOut, Outlier, gross, leave_one_out};
 use crate::learning::elastic::solution::{ElasticFit, FitError};
-use crate::measurement::noise::Scales;
+use crate::measurement::noise::NoiseScales;
 use crate::measurement::sample::{BaseSample, Sample};
-use crate::numeric::lbfgs::{Ending, minimize};
+use crate::numeric::lbfgs::{StopCriteria, minimize};
 use crate::progress::{Cancelled, FitContext};
 use poegp_protocol::limits::MAX_RIPPLE;
 
 /// Poses that the hyperparameters are learnt from.
 const HYPERPARAMETER_POSES: usize = 200;
 /// When that search ends.
-const ENDING: Ending = Ending::after(40, 1e-10);
+const STOP: StopCriteria = StopCriteria::after(40, 1e-10);
 
 /// Evaluations that it takes, about.
 const SEARCH_UNITS: u64 = 44;
@@ -83,7 +83,7 @@ pub fn fit_robust(
     let hyper = hyper.start_and_bounds(mean_payload(samples)).0;
     let parameters = |kept: &[BaseSample]| {
         let coupling = coupling.cloned();
-        let mut state = State::new(
+        let mut state = ParametricModel::new(
             chain,
             tools.to_vec(),
             coupling,
@@ -162,7 +162,7 @@ pub fn fit(
         payload,
         ripple: Vec::new(),
     };
-    let mut state = State::new(chain, tools, coupling, layout, options.gravity);
+    let mut state = ParametricModel::new(chain, tools, coupling, layout, options.gravity);
     let h = HyperLayout {
         joints: n,
         payload,
@@ -205,7 +205,7 @@ pub fn fit(
         });
     }
     let similarities = inputs.similarities();
-    let solve = |state: &mut State| -> Option<(Solved, Linearised)> {
+    let solve = |state: &mut ParametricModel| -> Option<(Solved, Linearised)> {
         let linear = state.linearise(samples, scales);
         let groups = state.layout.groups();
         let evidence = Evidence {
@@ -217,7 +217,7 @@ pub fn fit(
             processes: true,
         };
         let solution = evidence.solve(&hyper)?;
-        state.move_to(&solution.parameters);
+        state.update(&solution.parameters);
         Some((solution, linear))
     };
     let (first, linear) = context
@@ -261,7 +261,7 @@ fn left_over(solved: &Solved, hyper: &[f64], linear: &Linearised) -> (Vec<[f64; 
 
 /// New ripple terms that are significant in `residuals`, which are in units of their noise.
 fn significant(
-    state: &State,
+    state: &ParametricModel,
     samples: &[BaseSample],
     residuals: &[[f64; ROWS]],
     jacobian: &Mat<f64>,
@@ -298,7 +298,7 @@ fn mean_payload(samples: &[BaseSample]) -> f64 {
 }
 
 /// The inputs of the processes.
-pub fn inputs_of<F>(state: &State, samples: &[Sample<F>]) -> Inputs {
+pub fn inputs_of<F>(state: &ParametricModel, samples: &[Sample<F>]) -> Inputs {
     Inputs {
         features: samples.iter().map(|s| state.features(s)).collect(),
         payloads: samples
@@ -311,11 +311,11 @@ pub fn inputs_of<F>(state: &State, samples: &[Sample<F>]) -> Inputs {
 
 /// Finds gear ripple until nothing significant is left.
 fn add_ripple(
-    state: &mut State,
+    state: &mut ParametricModel,
     samples: &[BaseSample],
     hyper: &[f64],
-    mut scales: Scales,
-) -> Scales {
+    mut scales: NoiseScales,
+) -> NoiseScales {
     for _ in 0..4 {
         let linear = state.linearise(samples, scales);
         let residuals = state.residuals(samples, scales);
@@ -331,9 +331,9 @@ fn add_ripple(
 
 /// Hyperparameters of the greatest marginal likelihood, from a part of the poses.
 fn learn(
-    state: &State,
+    state: &ParametricModel,
     samples: &[BaseSample],
-    scales: Scales,
+    scales: NoiseScales,
     layout: HyperLayout,
     (start, mut bounds): (Vec<f64>, Vec<(f64, f64)>),
     processes: bool,
@@ -368,5 +368,5 @@ fn learn(
         layout,
         processes,
     };
-    Ok(minimize(&Search::new(&evidence), &start, &bounds, &ENDING, context)?.x)
+    Ok(minimize(&Search::new(&evidence), &start, &bounds, &STOP, context)?.x)
 }

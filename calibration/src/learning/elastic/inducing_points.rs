@@ -199,7 +199,7 @@ pub(super) fn solve(
     let solution = normal.llt(Side::Lower).ok()?.solve(design.transpose() * &y);
     let sd = |i: usize| prior_variance(groups[i], &fit.hyperparameters).sqrt();
     let parameters: Vec<f64> = (0..p).map(|i| sd(i) * solution[(i, 0)]).collect();
-    fit.state.move_to(&parameters);
+    fit.state.update(&parameters);
     // k is in rad² on the device, in units of the processes here; deflections come in those units, too.
     Some(
         (0..m)

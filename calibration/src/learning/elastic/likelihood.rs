@@ -11,9 +11,9 @@ use faer::{Mat, Side};
 use poegp_runtime::gp::joint_kernel::{JointKernel, similarity};
 use poegp_runtime::kinematics::poe::Motions;
 
-use crate::identification::parametric::state::{Group, Linearised, ROWS, prior_variance};
+use crate::identification::parametric::state::{Linearised, PriorGroup, ROWS, prior_variance};
 use crate::learning::elastic::hyperparameters::{DEFLECTION_UNIT, HyperLayout};
-use crate::numeric::cholesky::FactorWorkspace;
+use crate::numeric::cholesky::CholeskyWorkspace;
 use crate::numeric::lbfgs::Objective;
 use poegp_protocol::JointKind;
 use poegp_protocol::limits::MAX_JOINTS;
@@ -79,8 +79,8 @@ impl DistinctPayloads {
 pub struct Evidence<'a> {
     /// The linear model.
     pub linear: &'a Linearised,
-    /// Group of each parameter.
-    pub groups: &'a [Group],
+    /// PriorGroup of each parameter.
+    pub groups: &'a [PriorGroup],
     /// Inputs of the processes.
     pub inputs: &'a Inputs,
     /// s_d of every pair.
@@ -255,13 +255,13 @@ impl Objective for Evidence<'_> {
 #[derive(Debug)]
 pub struct Search<'a> {
     evidence: &'a Evidence<'a>,
-    workspace: RefCell<(FactorWorkspace, Vec<Mat<f64>>)>,
+    workspace: RefCell<(CholeskyWorkspace, Vec<Mat<f64>>)>,
 }
 
 impl<'a> Search<'a> {
     /// Of this evidence.
     pub fn new(evidence: &'a Evidence<'a>) -> Self {
-        let factor = FactorWorkspace::new(evidence.linear.y.nrows());
+        let factor = CholeskyWorkspace::new(evidence.linear.y.nrows());
         Self {
             evidence,
             workspace: RefCell::new((factor, evidence.no_kernels())),
@@ -308,7 +308,11 @@ impl Evidence<'_> {
         alpha: &Mat<f64>,
         gradient: &mut [f64],
     ) {
-        for (i, group) in [(2, Group::Frames), (3, Group::Links), (4, Group::Payload)] {
+        for (i, group) in [
+            (2, PriorGroup::Frames),
+            (3, PriorGroup::Links),
+            (4, PriorGroup::Payload),
+        ] {
             let columns: Vec<usize> = (0..self.groups.len())
                 .filter(|j| self.groups[*j] == group)
                 .collect();

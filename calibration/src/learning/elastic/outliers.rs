@@ -8,9 +8,9 @@
 use faer::linalg::solvers::{DenseSolveCore, Solve};
 use faer::{Mat, Side};
 
-use crate::identification::parametric::state::{ROWS, State};
+use crate::identification::parametric::state::{ParametricModel, ROWS};
 use crate::learning::elastic::solution::ElasticFit;
-use crate::measurement::noise::Scales;
+use crate::measurement::noise::NoiseScales;
 use crate::measurement::sample::BaseSample;
 use crate::numeric::statistics::{Standardised, calibration_factor};
 
@@ -44,7 +44,7 @@ pub struct Outlier {
 /// Poses that the parameters alone cannot believe. `fit_parameters` fits a fresh state to some samples.
 pub fn gross(
     samples: &[BaseSample],
-    fit_parameters: &dyn Fn(&[BaseSample]) -> State,
+    fit_parameters: &dyn Fn(&[BaseSample]) -> ParametricModel,
 ) -> Vec<Outlier> {
     let mut distances = vec![0.0; samples.len()];
     let mut believed = vec![true; samples.len()];
@@ -58,9 +58,9 @@ pub fn gross(
         if kept.len() < samples.len() / 2 {
             return Vec::new();
         }
-        let residuals = fit_parameters(&kept).residuals(samples, Scales::ONE);
+        let residuals = fit_parameters(&kept).residuals(samples, NoiseScales::ONE);
         let norm = |r: &[f64]| r.iter().map(|x| x * x).sum::<f64>().sqrt();
-        let scales = Scales::robust(&residuals, samples);
+        let scales = NoiseScales::robust(&residuals, samples);
         for ((distance, r), sample) in distances.iter_mut().zip(&residuals).zip(samples) {
             let own = scales.of(sample);
             let turn = if own.orientation > 0.0 {

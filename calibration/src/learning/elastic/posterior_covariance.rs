@@ -48,7 +48,7 @@ impl PosteriorCovariance {
             fit,
             linear,
             kernels,
-            typical: InstrumentNoise::typical(samples),
+            typical: InstrumentNoise::rms_over(samples),
             samples: samples.to_vec(),
             other_payload: OnceLock::new(),
         })

@@ -18,7 +18,7 @@ use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::{Pose, Twist};
 use poegp_runtime::trace::Unobserved;
 
-use crate::identification::parametric::state::State;
+use crate::identification::parametric::state::ParametricModel;
 use crate::learning::elastic::device_variance::DeviceSigma;
 use crate::learning::elastic::inducing_points::{Support, gathered, reduce};
 use crate::learning::elastic::inducing_sets::{Sets, choose};
@@ -172,7 +172,7 @@ const LONGEST_LEVER_M: f64 = 5.0;
 
 /// The coefficients of gravity without those of the first joint, if its axis is so upright that they cannot move it: the
 /// device need not compute them in every cycle.
-fn without_upright_axis(state: &State, samples: &[BaseSample]) -> GravityTerms<f64> {
+fn without_upright_axis(state: &ParametricModel, samples: &[BaseSample]) -> GravityTerms<f64> {
     let heaviest = samples
         .iter()
         .filter_map(|s| s.payload_kg)

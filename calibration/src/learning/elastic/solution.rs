@@ -1,9 +1,9 @@
 //! The fitted elastic model as its users need it: parameters, hyperparameters and the solved processes.
 
-use crate::identification::parametric::state::State;
+use crate::identification::parametric::state::ParametricModel;
 use crate::learning::elastic::hyperparameters::HyperLayout;
 use crate::learning::elastic::likelihood::{Inputs, Solved};
-use crate::measurement::noise::Scales;
+use crate::measurement::noise::NoiseScales;
 use crate::progress::Cancelled;
 
 /// Why there is no elastic model.
@@ -22,17 +22,17 @@ pub enum FitError {
 /// A fitted elastic model, before it is reduced.
 pub struct ElasticFit {
     /// Parameters.
-    pub state: State,
+    pub state: ParametricModel,
     /// Hyperparameters, as [`HyperLayout`] has them.
     pub hyperparameters: Vec<f64>,
     /// What they mean.
     pub layout: HyperLayout,
-    /// Scales of the rows.
-    pub scales: Scales,
+    /// NoiseScales of the rows.
+    pub scales: NoiseScales,
     /// Inputs of the processes.
     pub inputs: Inputs,
     /// The solution with all poses as support, when there are processes.
     pub solved: Option<Solved>,
     /// Where the model was linearised for it: `state` has moved on since.
-    pub origin: State,
+    pub origin: ParametricModel,
 }

@@ -11,8 +11,7 @@
 use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::Pose;
 
-use crate::identification::base_tool::UNWEIGHTED;
-use crate::identification::frame_fit::residual_components;
+use crate::identification::frame_fit::{ResidualFrame, residual_components};
 use crate::learning::elastic::fit::fit;
 use crate::learning::elastic::options::ElasticOptions;
 use crate::learning::elastic::posterior_covariance::PosteriorCovariance;
@@ -78,7 +77,11 @@ impl RefitSpec {
         for sample in test {
             let target = model.corrected(&chain, &sample.joints, sample.payload_kg).0;
             let predicted = target * (first * *tools.get(sample.tool)?);
-            let error = residual_components(UNWEIGHTED, &sample.observation, &predicted);
+            let error = residual_components(
+                ResidualFrame::TOOL_POINT_UNIT_WEIGHTS,
+                &sample.observation,
+                &predicted,
+            );
             let factor = posterior.payload_factor(sample.payload_kg, [1.0; 2]);
             let sigma = posterior.standard_deviation(sample, factor);
             let rows = sample.observation.equations();

@@ -14,7 +14,7 @@ use crate::learning::task_space::likelihood::{LikelihoodWorkspace, log_marginal_
 use crate::learning::task_space::{
     Hyperparameters, NotPositiveDefinite, Pairs, TaskSpaceGp, scale_outputs,
 };
-use crate::numeric::lbfgs::{Ending, Minimum, Objective, minimize};
+use crate::numeric::lbfgs::{Minimum, Objective, StopCriteria, minimize};
 use crate::progress::{Cancelled, FitContext};
 
 /// How the outputs share their hyperparameters.
@@ -44,7 +44,7 @@ const STARTS: [[f64; 5]; 2] = [[1.0, 0.1, 0.1, 0.01, 0.05], [1.0, 1.0, 0.1, 0.01
 pub const MAX_SIGNAL_VARIANCE: f64 = BOUNDS[0].1;
 
 /// When a search ends: the last step lowers the value by as little as scipy asks for, whose search scikit-learn uses.
-const ENDING: Ending = Ending::after(100, 2.2e-9);
+const STOP: StopCriteria = StopCriteria::after(100, 2.2e-9);
 
 /// What limits the signal variance θ₀, in units of the outputs' mean square.
 ///
@@ -136,10 +136,10 @@ fn maximise_from(
     context.expect(SEARCH_UNITS);
     let mut best: Option<Minimum> = None;
     for start in starts {
-        let ending = Ending {
+        let ending = StopCriteria {
             known: best.as_ref().map_or(f64::NEG_INFINITY, |b| b.value),
             distance: SAME_OPTIMUM * (outputs.nrows() * outputs.ncols()) as f64,
-            ..ENDING
+            ..STOP
         };
         let found = context.phase(SEARCH_UNITS / starts.len() as u64, || {
             minimize(&objective, &start.map(f64::ln), &bounds, &ending, context)

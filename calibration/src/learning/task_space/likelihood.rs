@@ -7,7 +7,7 @@ use faer::Mat;
 use pulp::Arch;
 
 use crate::learning::task_space::{Hyperparameters, NotPositiveDefinite, Pairs};
-use crate::numeric::cholesky::FactorWorkspace;
+use crate::numeric::cholesky::CholeskyWorkspace;
 
 /// Value and gradient at one set of hyperparameters.
 #[derive(Clone, Copy, Debug)]
@@ -23,7 +23,7 @@ pub struct Likelihood {
 pub struct LikelihoodWorkspace {
     /// exp(−θ₁|x_i − x_j|²/2), lower triangle: it is what the derivatives by θ₀ and θ₁ need again.
     correlations: Mat<f64>,
-    factor: FactorWorkspace,
+    factor: CholeskyWorkspace,
     /// One column of Σ_c w_c w_cᵀ − C K⁻¹.
     column: Vec<f64>,
 }
@@ -33,7 +33,7 @@ impl LikelihoodWorkspace {
     pub fn new(n: usize) -> Self {
         Self {
             correlations: Mat::zeros(n, n),
-            factor: FactorWorkspace::new(n),
+            factor: CholeskyWorkspace::new(n),
             column: vec![0.0; n],
         }
     }

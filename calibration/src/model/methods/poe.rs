@@ -2,10 +2,9 @@
 
 use poegp_runtime::kinematics::poe::Poe;
 
-use crate::identification::base_tool::UNWEIGHTED;
-use crate::identification::frame_fit::{FrameFit, ResidualKind, fit_frames, residual_components};
+use crate::identification::frame_fit::{FrameFit, ResidualFrame, fit_frames, residual_components};
 use crate::learning::elastic::options::ElasticOptions;
-use crate::measurement::noise::Scales;
+use crate::measurement::noise::NoiseScales;
 use crate::measurement::sample::BaseSample;
 use crate::model::correction::Correction;
 use crate::model::error::CalibrationError;
@@ -50,11 +49,16 @@ pub(super) fn fit_chain(problem: &Problem) -> (Poe<f64>, FrameFit) {
     let (mut chain, samples) = (problem.nominal, &problem.samples);
     let free: Vec<usize> = (0..chain.frames().len()).collect();
     if problem.weighting == Weighting::None {
-        let fit = fit_frames(&mut chain, samples, &free, ResidualKind::Space);
+        let fit = fit_frames(&mut chain, samples, &free, ResidualFrame::Space);
         return (chain, fit);
     }
     // Noise and model error of position and rotation are estimated from the residuals: a few rounds settle.
-    let mut fit = fit_frames(&mut chain, samples, &free, UNWEIGHTED);
+    let mut fit = fit_frames(
+        &mut chain,
+        samples,
+        &free,
+        ResidualFrame::TOOL_POINT_UNIT_WEIGHTS,
+    );
     for _ in 0..NOISE_ROUNDS {
         let kind = estimated_noise(&chain, samples);
         fit = fit_frames(&mut chain, samples, &free, kind);
@@ -66,10 +70,14 @@ pub(super) fn fit_chain(problem: &Problem) -> (Poe<f64>, FrameFit) {
 const NOISE_ROUNDS: usize = 4;
 
 /// The noise of position and rotation that the residuals ask for, at the tool point; rows of their own noise have theirs.
-fn estimated_noise(chain: &Poe<f64>, samples: &[BaseSample]) -> ResidualKind {
+fn estimated_noise(chain: &Poe<f64>, samples: &[BaseSample]) -> ResidualFrame {
     let residual = |s: &BaseSample| {
-        residual_components(UNWEIGHTED, &s.observation, &chain.forward(&s.serial_joints))
+        residual_components(
+            ResidualFrame::TOOL_POINT_UNIT_WEIGHTS,
+            &s.observation,
+            &chain.forward(&s.serial_joints),
+        )
     };
     let residuals: Vec<[f64; 6]> = samples.iter().map(residual).collect();
-    ResidualKind::ToolCentred(Scales::estimated(&residuals, samples).at_least(1e-9))
+    ResidualFrame::ToolPoint(NoiseScales::estimated(&residuals, samples).at_least(1e-9))
 }

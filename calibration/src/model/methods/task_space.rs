@@ -2,7 +2,7 @@
 
 use poegp_protocol::limits::OUTPUTS;
 
-use crate::identification::frame_fit::{ResidualKind, residual_components};
+use crate::identification::frame_fit::{ResidualFrame, residual_components};
 use crate::learning::task_space;
 use crate::model::correction::{Correction, TaskSpaceCorrection};
 use crate::model::error::CalibrationError;
@@ -40,7 +40,7 @@ impl CalibrationMethod for TaskSpace {
             .iter()
             .map(|s| {
                 residual_components(
-                    ResidualKind::Space,
+                    ResidualFrame::Space,
                     &s.observation,
                     &chain.forward(&s.serial_joints),
                 )

@@ -10,7 +10,7 @@ use toml::{Spanned, Value};
 
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::robot::BUILT_IN;
-use poegp_calibration::robot::toml_source::TomlText;
+use poegp_calibration::robot::toml_source::TomlSource;
 
 /// Of the shape that is read here.
 const VERSION: u32 = 1;
@@ -125,7 +125,7 @@ impl<'a> Cell<'a> {
         let text = std::fs::read_to_string(path)
             .map_err(|error| InputError::unreadable(path, &error, "a project file"))?;
         let file: File = toml::from_str(&text).map_err(|error| {
-            let toml = TomlText {
+            let toml = TomlSource {
                 file: path,
                 text: &text,
             };
@@ -157,7 +157,7 @@ impl<'a> Cell<'a> {
         found: impl Into<String>,
         expected: impl Into<String>,
     ) -> InputError {
-        let toml = TomlText {
+        let toml = TomlSource {
             file: self.path,
             text: &self.text,
         };

@@ -21,7 +21,7 @@ use crate::cli::{
 };
 use crate::device::client::Client;
 use crate::device::error::ClientError;
-use poegp_calibration::blob::predict::LoadedBlob;
+use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::identification::base_tools::aligned;
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::measurement as measurements;
@@ -51,7 +51,7 @@ struct Document {
 struct Commands {
     set: MeasurementSet,
     samples: Vec<InstrumentSample>,
-    loaded: Option<LoadedBlob>,
+    loaded: Option<BlobModel>,
     identity: Identity,
     client: Client,
 }
@@ -59,7 +59,7 @@ struct Commands {
 impl Commands {
     /// Reads the file before the port is opened where it can be checked without the device.
     fn read(link: &Link, test: &Path, blob: Option<&Path>) -> Result<Self, Failure> {
-        let loaded = blob.map(LoadedBlob::read).transpose()?;
+        let loaded = blob.map(BlobModel::read).transpose()?;
         let with_blob = match &loaded {
             None => None,
             Some(loaded) => {

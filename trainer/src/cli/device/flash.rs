@@ -13,13 +13,13 @@ use crate::cli::{Failure, check_outputs, json_text, progress, write_outputs};
 use crate::device::client::{Client, Options};
 use crate::device::error::ClientError;
 use crate::signing::id_text;
-use poegp_calibration::blob::predict::LoadedBlob;
+use poegp_calibration::blob::predict::BlobModel;
 
 pub fn run(a: &Flash) -> Result<(), Failure> {
     let outputs = [a.json.as_deref()];
     check_outputs(&outputs, &[&a.blob])?;
     // Refuses what is no model, before a port is opened.
-    let loaded = LoadedBlob::read(&a.blob)?;
+    let loaded = BlobModel::read(&a.blob)?;
     let (mut client, before) = connect(&a.link)?;
     let report = Report::beside(&outputs);
     let already = runs(&before, loaded.bytes());
@@ -94,7 +94,7 @@ fn runs(identity: &Identity, bytes: &[u8]) -> Option<StoredModel> {
     identity.slots.iter().flatten().copied().find(is_this)
 }
 
-fn check_room(loaded: &LoadedBlob, identity: &Identity) -> Result<(), Failure> {
+fn check_room(loaded: &BlobModel, identity: &Identity) -> Result<(), Failure> {
     let rows = match &loaded.blob().correction {
         Correction::None => 0,
         Correction::TaskSpace(task) => task.rows.len(),
@@ -117,7 +117,7 @@ fn check_room(loaded: &LoadedBlob, identity: &Identity) -> Result<(), Failure> {
 }
 
 /// Whether the device could believe the model. Whether the signature is right is the device's to say.
-fn check_signature(loaded: &LoadedBlob, identity: &Identity) -> Result<(), Failure> {
+fn check_signature(loaded: &BlobModel, identity: &Identity) -> Result<(), Failure> {
     let key = match identity.key {
         Key::None => return Ok(()),
         Key::Provisioned(key) => key,

@@ -9,7 +9,7 @@ use toml::Spanned;
 
 use crate::import::map::tables::{OrientationKind, OrientationTable, Tables};
 use poegp_calibration::input_error::InputError;
-use poegp_calibration::robot::toml_source::TomlText;
+use poegp_calibration::robot::toml_source::TomlSource;
 
 pub use crate::import::map::tables::{
     AngleUnit, ColumnName, Decimal, Encoding, EulerAxes, Incomplete, Join, JointUnit, JointUnits,
@@ -72,7 +72,7 @@ impl Map {
     /// As [`Map::read`].
     pub fn parse(path: &Path, text: &str) -> Result<Self, InputError> {
         let tables: Tables = toml::from_str(text).map_err(|error| {
-            TomlText { file: path, text }
+            TomlSource { file: path, text }
                 .refused(&error, "a map of columns (TOML)")
                 .with_help("docs/guide/import.md has every key and an example of every shape")
         })?;
@@ -114,7 +114,7 @@ impl Map {
         found: impl Into<String>,
         expected: impl Into<String>,
     ) -> InputError {
-        TomlText {
+        TomlSource {
             file: &self.path,
             text: &self.text,
         }
