@@ -4,8 +4,8 @@ use std::ops::Deref;
 use std::path::Path;
 
 use crate::input_error::InputError;
-use crate::measurement;
-use crate::measurement::sample::{InstrumentSample, ToolName, samples};
+use crate::measurement::reader::{DriftCorrection, SampleFile};
+use crate::measurement::sample::{InstrumentSample, ToolName};
 use crate::robot::Robot;
 
 /// The samples of a measurement file, in its order.
@@ -40,17 +40,14 @@ impl Samples {
         robot: &Robot,
         known: Vec<ToolName>,
     ) -> Result<Self, InputError> {
-        let set = measurement::read(path)?;
-        let mut notes = set.check(robot)?;
         let mut tools = known;
-        let samples = samples(&set, robot, &mut tools)?;
-        notes.splice(0..0, set.notes);
+        let file = SampleFile::read(path.as_ref(), robot, &mut tools, DriftCorrection::None)?;
         Ok(Self {
-            samples,
+            samples: file.samples,
             tools,
-            lines: set.measurements.iter().map(|m| m.line).collect(),
-            sha256: set.sha256,
-            notes,
+            lines: file.set.measurements.iter().map(|m| m.line).collect(),
+            sha256: file.set.sha256,
+            notes: file.notes,
         })
     }
 }
