@@ -97,9 +97,9 @@ pub fn run(seed: u64, out: &mut dyn Write) -> Result<Vec<ArmErrors>, Box<dyn Err
     let robot = Robot::load(ROBOT, &LoadOptions::default())?;
     let mut arm = Simulator::new(&robot, Scenario::Paper, &PAYLOADS, seed);
     let mut tools = Vec::new();
-    let mut measure = |name: &str| {
+    let mut measure = |name: &str| -> Result<_, Box<dyn Error>> {
         let csv = to_csv(&robot, &arm.measure(300), false, name);
-        samples(&parse(name, csv.as_bytes())?, &robot, &mut tools)
+        Ok(samples(&parse(name, csv.as_bytes())?, &robot, &mut tools)?)
     };
     let (train, tests) = (measure("train")?, measure("test")?);
 
