@@ -132,7 +132,7 @@ impl Arm {
         let found = calibrate_to_blob(&robot, &train, &options, &origin, &FitContext::default())?;
         let blob = blob::decode(found.blob.bytes()).map_err(|e| format!("{e:?}"))?;
         let mut model = Box::new(Model::new());
-        model.load(&blob).map_err(|e| format!("{e:?}"))?;
+        model.load_decoded(&blob).map_err(|e| format!("{e:?}"))?;
         let pi = std::f64::consts::PI;
         let limits = robot.joints.iter().map(|joint| {
             let (a, b) = joint.limits.unwrap_or((-pi, pi));

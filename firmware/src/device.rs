@@ -6,7 +6,9 @@ use embedded_io::{Write, WriteReady};
 use heapless::Vec;
 use poegp_protocol::link::frame::{self, MAX_FRAME, Receiver};
 use poegp_protocol::link::{ModelIdentity, Refusal, Request, Response, Statistics};
-use poegp_runtime::service::{Background, Cycle, Device, Facts, Order, Report, Resident};
+use poegp_runtime::service::{
+    Background, BoardInfo, Cycle, CycleAck, CycleCommand, Device, ModelSlot,
+};
 use poegp_runtime::store::Store;
 use static_cell::ConstStaticCell;
 
@@ -17,8 +19,8 @@ use crate::line::{self, LINE, Line};
 use crate::{log, logger, memory};
 
 // Everything large is static, so that the linker proves that it fits. All of it is zero at the start and takes no flash.
-static MODELS: ConstStaticCell<[Resident<WORDS>; 2]> =
-    ConstStaticCell::new([Resident::new(), Resident::new()]);
+static MODELS: ConstStaticCell<[ModelSlot<WORDS>; 2]> =
+    ConstStaticCell::new([ModelSlot::new(), ModelSlot::new()]);
 static STAGED: ConstStaticCell<Vec<u8, BYTES>> = ConstStaticCell::new(Vec::new());
 static RECEIVERS: ConstStaticCell<[Receiver; 2]> =
     ConstStaticCell::new([Receiver::new(), Receiver::new()]);
@@ -45,7 +47,7 @@ fn start() -> Option<(Services, Shell)> {
     let staged = STAGED.try_take()?;
     let parts = Chosen::start()?;
     memory::count_start();
-    let facts = Facts {
+    let facts = BoardInfo {
         board: Chosen::NAME,
         image_crc: memory::image_crc(),
         tick_hz: Chosen::TICK_HZ,
@@ -90,7 +92,7 @@ impl Shell {
         for refusal in services.boot(&mut self.calls).iter().flatten() {
             log::not_started(refusal);
         }
-        let model = self.calls.order(Order::Report).model;
+        let model = self.calls.order(CycleCommand::Report).model;
         self.log_model(&model);
     }
 
@@ -161,7 +163,7 @@ impl Shell {
 struct Calls;
 
 impl Device<'static, WORDS> for Calls {
-    fn order(&mut self, order: Order<'static, WORDS>) -> Report<'static, WORDS> {
+    fn order(&mut self, order: CycleCommand<'static, WORDS>) -> CycleAck<'static, WORDS> {
         front::ORDER.put(order);
         loop {
             // Pre-empts this at once; its report is there when it is over.

@@ -9,7 +9,7 @@ use cortex_m::peripheral::SCB;
 use cortex_m_rt::exception;
 use embedded_hal::digital::OutputPin;
 use poegp_protocol::link::frame::{MAX_FRAME, Received, Receiver};
-use poegp_runtime::service::{Clock, Cycle, Order, Report, Taken};
+use poegp_runtime::service::{Clock, Cycle, CycleAck, CycleCommand, FrameOutcome};
 
 use crate::board::{Board, Chosen};
 use crate::capacity::WORDS;
@@ -27,9 +27,9 @@ pub struct Answer {
 /// The front before its first turn.
 pub static START: Mailbox<Front> = Mailbox::new();
 /// Background to cycle.
-pub static ORDER: Mailbox<Order<'static, WORDS>> = Mailbox::new();
+pub static ORDER: Mailbox<CycleCommand<'static, WORDS>> = Mailbox::new();
 /// Cycle to background.
-pub static REPORT: Mailbox<Report<'static, WORDS>> = Mailbox::new();
+pub static REPORT: Mailbox<CycleAck<'static, WORDS>> = Mailbox::new();
 /// A service for the background.
 pub static WORK: Mailbox<&'static mut Receiver> = Mailbox::new();
 /// The receiver of a service that was carried out.
@@ -72,7 +72,7 @@ impl Front {
         let now = Chosen::ticks();
         self.cycle.look(now);
         if let Some(order) = ORDER.take() {
-            REPORT.put(self.cycle.obey(order, now));
+            REPORT.put(self.cycle.apply(order, now));
         }
         if let Some(receiver) = WORKED.take() {
             self.other_receiver = Some(receiver);
@@ -90,7 +90,7 @@ impl Front {
                     Received::More => {}
                     Received::Frame => self.frame(arrived.unwrap_or_else(Chosen::ticks)),
                     Received::TooLong => {
-                        let taken = self.cycle.take_too_long(self.scratch, self.out);
+                        let taken = self.cycle.frame_too_long(self.scratch, self.out);
                         self.send(taken);
                     }
                 }
@@ -108,11 +108,11 @@ impl Front {
     fn frame(&mut self, arrived: u32) {
         let _ = OutputPin::set_high(&mut self.strobe);
         let (cycle, receiver) = (&mut self.cycle, &mut *self.receiver);
-        let mut taken = cycle.take(receiver, arrived, &mut Ticks, self.scratch, self.out);
-        if taken == Taken::Service {
+        let mut taken = cycle.handle_frame(receiver, arrived, &mut Ticks, self.scratch, self.out);
+        if taken == FrameOutcome::Service {
             match self.other_receiver.take() {
                 Some(other) => WORK.put(core::mem::replace(&mut self.receiver, other)),
-                None => taken = cycle.refuse_busy(receiver, self.scratch, self.out),
+                None => taken = cycle.reject_busy(receiver, self.scratch, self.out),
             }
         }
         self.receiver.clear();
@@ -121,11 +121,11 @@ impl Front {
         let _ = OutputPin::set_low(&mut self.strobe);
     }
 
-    fn send(&mut self, taken: Taken) {
-        if let Taken::Answered(length) | Taken::Completed(length) = taken {
+    fn send(&mut self, taken: FrameOutcome) {
+        if let FrameOutcome::Answered(length) | FrameOutcome::Completed(length) = taken {
             line::send(self.out.get(..length).unwrap_or(&[]));
         }
-        if matches!(taken, Taken::Completed(_)) {
+        if matches!(taken, FrameOutcome::Completed(_)) {
             Chosen::feed_watchdog();
         }
     }

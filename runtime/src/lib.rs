@@ -1,18 +1,53 @@
-//! The arithmetic of a calibrated robot arm, in fixed memory, with the same bits on every machine.
+//! Corrects the commands of a calibrated robot, in fixed memory and with the same bits on every machine.
 //!
-//! A calibrated arm is a local product of exponentials f(q) and a correction learnt from measurements (Jing, Tao, Yang
-//! and Shimada, "Calibration of Industry Robots with Consideration of Loading Effects Using POE and GP"):
+//! A [`Model`] is loaded from the bytes of a blob, which `trainer calibrate` writes. It then answers two questions in every
+//! cycle: [`Model::evaluate`], where the flange really is, and [`Model::correct`], which joints bring it to where the
+//! nominal robot would be.
 //!
-//! ```text
-//! q, m ──> coupling C ──> f(q) = Π e^p̂_i e^ŝ_i q_i · e^p̂_n+1   (poe)      ──┐
-//!     └──────────────────> g(q, m) = K₁ K⁻¹ ε                    (posterior) ──┴──> Exp(g)·f(q)   (model)
+//! ```
+//! use poegp_runtime::{Model400, ModelError, Status};
+//!
+//! static BLOB: &[u8] = include_bytes!(concat!(env!("CARGO_MANIFEST_DIR"), "/capi/examples/arm.blob"));
+//!
+//! fn main() -> Result<(), ModelError> {
+//!     let mut model = Model400::new();                 // room for 400 inducing points; no heap
+//!     model.load(BLOB)?;                               // decodes and checks; all or nothing
+//!     let joints_rad = [0.1, -0.4, 0.3, 0.0, 1.2, 0.0];
+//!     let command = model.correct(&joints_rad, 2.5);   // payload in kg
+//!     assert!(!command.status.contains(Status::BAD_INPUT));
+//!     assert!((command.joints[1] - joints_rad[1]).abs() < 0.01);
+//!     Ok(())
+//! }
 //! ```
 //!
-//! This crate owns every formula: the trainer fits *by calling it* in `f64`, the device evaluates the very same source
-//! in `f32`. It promises: no heap, no panic, no unsafe code (but for the innermost loops in a Cortex-M4F's assembly), no
-//! unbounded loop, no NaN out; bit-identical results on every target; an answer for every input, with a
-//! [`Status`](status::Status) that says what it is worth. It refuses: serialisation (that is `poegp-protocol`), platform
-//! mathematics, and units other than radians, metres and kilograms.
+//! A single command is corrected by [`Model::correct`]. A path goes through a [`filter::CommandFilter`] as well, which keeps
+//! the correction from stepping when the model or the payload changes.
+//!
+//! The crate promises: no heap, no panic, no unbounded loop, no NaN out, no unsafe code but the innermost loops in a
+//! Cortex-M4F's assembly; the same bits on every target; an answer for every input, with a [`Status`] that says what it is
+//! worth. Units are radians, metres and kilograms. Nothing here allocates or reads files.
+//!
+//! # Layers
+//!
+//! A module uses those above it in this table, never one below.
+//!
+//! | module | what it has |
+//! |---|---|
+//! | [`math`] | the number types `f32` and `f64`, SE(3) |
+//! | [`kinematics`] | the product of exponentials, joint coupling, Newton steps |
+//! | [`trace`] | intermediate results of an evaluation |
+//! | [`guard`] | limit of the correction, extrapolation score, status |
+//! | [`gp`] | Gaussian processes and their innermost loops |
+//! | [`elastic`] | deflection by gravity, gear ripple and processes of each joint |
+//! | [`model`] | a checked model, its signature, its evaluation |
+//! | [`correct`] | corrected joints |
+//! | [`filter`] | the command filter |
+//! | [`store`] | two models and a key in NOR flash |
+//! | [`service`] | answers to the messages of the link |
+//!
+//! `math` to `elastic` exist for `poegp-calibration`, which fits a model by calling them in `f64`; their names may change
+//! between versions. The method follows Jing, Tao, Yang and Shimada, "Calibration of Industry Robots with Consideration of
+//! Loading Effects Using POE and GP".
 #![no_std]
 #![deny(unsafe_code)]
 #![warn(missing_docs)]
@@ -29,3 +64,8 @@ pub mod model;
 pub mod service;
 pub mod store;
 pub mod trace;
+
+pub use correct::Corrected;
+pub use guard::status::Status;
+pub use math::se3::Pose;
+pub use model::{Evaluation, Model, Model400, ModelError};

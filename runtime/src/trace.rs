@@ -2,7 +2,7 @@
 
 use poegp_protocol::limits::{MAX_JOINTS, OUTPUTS};
 
-use crate::kinematics::poe::{Motions, no_motions};
+use crate::kinematics::poe::{JointTrig, zero_joint_trig};
 use crate::math::scalar::Scalar;
 use crate::math::se3::Pose;
 
@@ -26,7 +26,7 @@ impl<T> Observer<T> for Unobserved {}
 /// Keeps all of them. Cheap enough to be kept always: an evaluation and a trace on the device are the same code, once.
 #[derive(Clone, Copy, Debug)]
 pub struct Stages<T> {
-    motions: Motions<T>,
+    motions: JointTrig<T>,
     joints: usize,
     /// f(q); all zeros when nothing was evaluated.
     pub chain: Pose<T>,
@@ -44,7 +44,7 @@ impl<T: Scalar> Stages<T> {
     /// Nothing seen yet.
     pub fn new() -> Self {
         Self {
-            motions: no_motions(),
+            motions: zero_joint_trig(),
             joints: 0,
             chain: Pose::from_rows(&[T::ZERO; 12]),
             mean: [T::ZERO; MAX_JOINTS],

@@ -29,7 +29,7 @@ fn assert_bits(name: &'static str, bytes: &[u8], text: &str) {
     let mut trust = of_this(include_str!("../../tests/data/golden_trust.txt"));
     let mut commands = of_this(include_str!("../../tests/data/golden_commands.txt"));
     let mut model = Box::new(Model::<f32, { words_for(64) }>::new());
-    model.load(&blob::decode(bytes).unwrap()).unwrap();
+    model.load_decoded(&blob::decode(bytes).unwrap()).unwrap();
     let mut compared = 0;
     for line in text.lines().filter(|line| !line.starts_with('#')) {
         let expected = groups(line);

@@ -34,7 +34,7 @@ impl Host {
     /// [`HostError`].
     pub fn load(bytes: &[u8]) -> Result<Self, HostError> {
         let mut model = Box::new(Model::new());
-        model.load(&blob::decode(bytes)?)?;
+        model.load_decoded(&blob::decode(bytes)?)?;
         Ok(Self(model))
     }
 

@@ -15,7 +15,7 @@ use std::path::Path;
 
 use ed25519_dalek::{Signer, SigningKey};
 use poegp_protocol::blob::envelope::{self, DecodeError, KEY_ID_LENGTH, Trailer};
-use poegp_runtime::store::signature;
+use poegp_runtime::model::signature;
 use zeroize::Zeroizing;
 
 use poegp_calibration::input_error::InputError;

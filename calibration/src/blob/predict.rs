@@ -81,7 +81,7 @@ impl BlobModel {
         })?;
         let Contents { blob, host } = decoded.borrow_dependent();
         let mut model = Box::new(HostModel::new());
-        model.load(blob)?;
+        model.load_decoded(blob)?;
         let tool = |t: &blob::Tool<'_>| {
             let name = ToolName {
                 session: t.session.to_owned(),

@@ -218,7 +218,7 @@ pub fn precision_loss(
         let stored = loaded.predict_tool(&sample.joints, sample.payload_kg, sample.tool);
         if stored
             .status
-            .contains(poegp_runtime::guard::status::Status::CORRECTION_BOUNDED)
+            .contains(poegp_runtime::guard::status::Status::CORRECTION_LIMITED)
         {
             continue;
         }

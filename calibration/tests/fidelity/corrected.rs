@@ -68,8 +68,8 @@ pub fn fit_measured(robot: Robot, csv: &str, options: &Config) -> Fitted {
         calibrate_to_blob(&robot, &train, options, &origin, &FitContext::default()).unwrap();
     let blob = blob::decode(found.blob.bytes()).unwrap();
     let (mut single, mut double) = (Box::new(Arm::new()), Box::new(Arm::new()));
-    single.load(&blob).unwrap();
-    double.load(&blob).unwrap();
+    single.load_decoded(&blob).unwrap();
+    double.load_decoded(&blob).unwrap();
     let wide = |(lower, upper): &(f32, f32)| (f64::from(*lower), f64::from(*upper));
     let ranges = blob.ranges.joints.iter().map(wide).collect();
     Fitted {

@@ -62,7 +62,7 @@ fn the_blob_is_within_two_micrometres_of_the_model() {
         let (mut distances, mut angle, mut bounded) = (Vec::new(), 0.0_f64, 0);
         for sample in sets.iter().flatten() {
             let stored = found.blob.predict(&sample.joints, sample.payload_kg);
-            if stored.status.contains(Status::CORRECTION_BOUNDED) {
+            if stored.status.contains(Status::CORRECTION_LIMITED) {
                 bounded += 1;
                 continue;
             }

@@ -58,7 +58,7 @@
 /*
  Status bit: the correction exceeded the bound of the blob and was scaled back to it.
  */
-#define POEGP_STATUS_CORRECTION_BOUNDED 4
+#define POEGP_STATUS_CORRECTION_LIMITED 4
 
 /*
  Status bit: there is no model. The pose is the identity, the joints are those of the command.

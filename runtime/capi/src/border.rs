@@ -9,8 +9,8 @@ use poegp_protocol::blob;
 use poegp_protocol::limits::MAX_JOINTS;
 use poegp_protocol::link::Refusal;
 use poegp_runtime::math::se3::Pose;
-use poegp_runtime::service::Resident;
-use poegp_runtime::store::signature;
+use poegp_runtime::model::signature;
+use poegp_runtime::service::ModelSlot;
 
 use crate::codes::{
     POEGP_ERROR_MISALIGNED, POEGP_ERROR_NULL, POEGP_ERROR_TOO_SMALL, POEGP_OK, of_decoding,
@@ -95,7 +95,7 @@ pub unsafe extern "C" fn poegp_init(
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn poegp_load(model: *mut Model, blob: *const u8, length: usize) -> i32 {
     // SAFETY: the same contract.
-    unsafe { load(model, blob, length, Resident::load_unverified) }
+    unsafe { load(model, blob, length, ModelSlot::load_unverified) }
 }
 
 /// As `poegp_load`, and refuses what is not signed by the Ed25519 key `public_key` of 32 bytes.
@@ -166,7 +166,7 @@ unsafe fn load(
     model: *mut Model,
     start: *const u8,
     length: usize,
-    take: impl FnOnce(&mut Resident<WORDS>, &[u8]) -> Result<(), Refusal>,
+    take: impl FnOnce(&mut ModelSlot<WORDS>, &[u8]) -> Result<(), Refusal>,
 ) -> i32 {
     // SAFETY: the same contract.
     let bytes = match unsafe { memory::bytes(start, length) } {

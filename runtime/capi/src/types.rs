@@ -7,7 +7,7 @@ use poegp_protocol::link::MAX_NAME;
 use poegp_runtime::filter::CommandFilter;
 use poegp_runtime::guard::status::Status;
 use poegp_runtime::model::words_for;
-use poegp_runtime::service::Resident;
+use poegp_runtime::service::ModelSlot;
 
 /// Changes when a function, a structure or the meaning of a code does; see `poegp_api_version`.
 pub const POEGP_API_VERSION: u32 = 2;
@@ -35,7 +35,7 @@ pub const POEGP_STATUS_OUTSIDE_JOINT_RANGE: u32 = 1;
 /// Status bit: the payload is outside the range that was trained.
 pub const POEGP_STATUS_OUTSIDE_PAYLOAD_RANGE: u32 = 2;
 /// Status bit: the correction exceeded the bound of the blob and was scaled back to it.
-pub const POEGP_STATUS_CORRECTION_BOUNDED: u32 = 4;
+pub const POEGP_STATUS_CORRECTION_LIMITED: u32 = 4;
 /// Status bit: there is no model. The pose is the identity, the joints are those of the command.
 pub const POEGP_STATUS_NO_MODEL: u32 = 8;
 /// Status bit: wrong number of joints, a number that is not finite, or one beyond all reason: nothing was corrected.
@@ -61,7 +61,7 @@ pub(crate) const WORDS: usize = words_for(POINTS);
 pub struct Model {
     /// [`MARK`] once it is a model.
     pub(crate) mark: u32,
-    pub(crate) resident: Resident<WORDS>,
+    pub(crate) resident: ModelSlot<WORDS>,
 }
 
 /// What initialised memory begins with: `poegp_load` on a variable that was only zeroed is refused.
@@ -87,7 +87,7 @@ mod tests {
 
     use core::mem::MaybeUninit;
 
-    use super::{MARK, Model, Resident};
+    use super::{MARK, Model, ModelSlot};
 
     /// What `poegp_init` makes.
     #[test]
@@ -97,7 +97,7 @@ mod tests {
         cleared.mark = MARK;
         let made = Model {
             mark: MARK,
-            resident: Resident::new(),
+            resident: ModelSlot::new(),
         };
         assert_eq!(std::format!("{cleared:?}"), std::format!("{made:?}"));
     }
@@ -226,7 +226,7 @@ const _: () = {
     assert!(MAX_NAME < POEGP_NAME_BYTES && env!("CARGO_PKG_VERSION").len() < POEGP_NAME_BYTES);
     assert!(POEGP_STATUS_OUTSIDE_JOINT_RANGE == Status::OUTSIDE_JOINT_RANGE.bits() as u32);
     assert!(POEGP_STATUS_OUTSIDE_PAYLOAD_RANGE == Status::OUTSIDE_PAYLOAD_RANGE.bits() as u32);
-    assert!(POEGP_STATUS_CORRECTION_BOUNDED == Status::CORRECTION_BOUNDED.bits() as u32);
+    assert!(POEGP_STATUS_CORRECTION_LIMITED == Status::CORRECTION_LIMITED.bits() as u32);
     assert!(POEGP_STATUS_NO_MODEL == Status::NO_MODEL.bits() as u32);
     assert!(POEGP_STATUS_BAD_INPUT == Status::BAD_INPUT.bits() as u32);
     assert!(POEGP_STATUS_PARTLY_CORRECTED == Status::PARTLY_CORRECTED.bits() as u32);

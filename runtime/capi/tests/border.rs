@@ -89,7 +89,7 @@ fn text(letters: &[c_char]) -> String {
 /// Of the runtime itself, with another capacity.
 fn arm() -> Box<Arm<f32, { words_for(32) }>> {
     let mut arm = Box::new(Arm::new());
-    arm.load(&blob::decode(BLOB).unwrap()).unwrap();
+    arm.load_decoded(&blob::decode(BLOB).unwrap()).unwrap();
     arm
 }
 

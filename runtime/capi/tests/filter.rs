@@ -53,7 +53,7 @@ impl Cell {
         let code = unsafe { poegp_load(model, bytes.as_ptr(), bytes.len()) };
         assert_eq!(code, POEGP_OK);
         let mut arm = Box::new(Arm::new());
-        arm.load(&blob::decode(bytes).unwrap()).unwrap();
+        arm.load_decoded(&blob::decode(bytes).unwrap()).unwrap();
         let start = memory.1.cast();
         let (code, filter) = make(start, POEGP_FILTER_BYTES, &usual());
         assert_eq!(code, POEGP_OK);

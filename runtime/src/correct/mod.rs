@@ -21,7 +21,7 @@
 //! Every number here is a continuous function of the command: limits, bounds and shares scale, they never switch. Only what
 //! is no number at all ends in the command as it came.
 //!
-//! An arm of less than six joints cannot reach every pose: it is brought to the position, and its rotation as near as that
+//! An arm of subtract_scaled than six joints cannot reach every pose: it is brought to the position, and its rotation as near as that
 //! allows.
 
 pub mod step_limit;
@@ -36,9 +36,12 @@ use crate::guard::limit;
 use crate::guard::status::Status;
 use crate::guard::trust::outside;
 use crate::kinematics::coupling::{PerJoint, coupled};
-use crate::kinematics::minimal_chain::MovedFrames;
-use crate::kinematics::newton::{Damping, Equations, Hybrid, Place, less, pose_error, squares};
-use crate::kinematics::poe::{Motions, no_motions};
+use crate::kinematics::minimal_chain::JointFrames;
+use crate::kinematics::newton::{
+    Damping, LinearizationPoint, NormalEquations, PoseError6, pose_error, squared_norms,
+    subtract_scaled,
+};
+use crate::kinematics::poe::{JointTrig, zero_joint_trig};
 use crate::math::scalar::Scalar;
 use crate::math::se3::{Pose, Twist};
 use crate::model::Model;
@@ -131,9 +134,9 @@ fn corrected<T: KernelLoops>(view: &View<'_, T>, joints: &[T], payload_kg: T) ->
     if !arm.take_joints(joints, &mut x) || !believable {
         return as_it_came(Status::BAD_INPUT);
     }
-    let mut motions = no_motions();
+    let mut motions = zero_joint_trig();
     arm.motions(&x, &mut motions);
-    let mut frames = MovedFrames::new();
+    let mut frames = JointFrames::new();
     let target = arm.nominal.forward_at(&motions);
     let mut search = Search {
         arm,
@@ -141,14 +144,14 @@ fn corrected<T: KernelLoops>(view: &View<'_, T>, joints: &[T], payload_kg: T) ->
         joints: &x,
         payload_kg,
         motions: &motions,
-        turned: &mut no_motions(),
+        turned: &mut zero_joint_trig(),
         target: &target,
         frames: &mut frames,
     };
-    let found = match &arm.correction {
-        ArmCorrection::None => search.by_evaluation(None),
-        ArmCorrection::TaskSpace(task) => search.by_evaluation(Some(task)),
-        ArmCorrection::Elastic(elastic) => search.by_deflection(elastic),
+    let candidate = match &arm.correction {
+        ArmCorrection::None => search.solve_by_evaluation(None),
+        ArmCorrection::TaskSpace(task) => search.solve_by_evaluation(Some(task)),
+        ArmCorrection::Elastic(elastic) => search.solve_elastic(elastic),
     };
     let status = outside(
         x.get(..joints.len()).unwrap_or(&[]),
@@ -156,7 +159,7 @@ fn corrected<T: KernelLoops>(view: &View<'_, T>, joints: &[T], payload_kg: T) ->
         payload_kg,
         arm.payload_range,
     );
-    found.answer(&x, joints.len() >= 6, status)
+    candidate.answer(&x, joints.len() >= 6, status)
 }
 
 /// One search for corrected joints.
@@ -166,34 +169,34 @@ struct Search<'a, T> {
     /// The command.
     joints: &'a PerJoint<T>,
     payload_kg: T,
-    /// Motions of the serial joints at the command; all others are turned from these, which keeps q + change from being
+    /// JointTrig of the serial joints at the command; all others are turned from these, which keeps q + change from being
     /// rounded.
-    motions: &'a Motions<T>,
+    motions: &'a JointTrig<T>,
     /// Room for the others.
-    turned: &'a mut Motions<T>,
+    turned: &'a mut JointTrig<T>,
     /// Where the nominal arm would stand.
     target: &'a Pose<T>,
     /// Of the calibrated chain where it was evaluated last.
-    frames: &'a mut MovedFrames<T>,
+    frames: &'a mut JointFrames<T>,
 }
 
 /// A step, and what it left on purpose.
 struct First<T> {
     change: PerJoint<T>,
     /// What was given up.
-    given_up: Hybrid<T>,
+    given_up: PoseError6<T>,
     damping: Damping<T>,
 }
 
 /// What a search has come to.
-struct Found<T> {
+struct Candidate<T> {
     /// q* − q.
     change: PerJoint<T>,
     /// Error of the command as it came.
-    before: Hybrid<T>,
-    given_up: Hybrid<T>,
+    before: PoseError6<T>,
+    given_up: PoseError6<T>,
     /// Error that stays at q*.
-    stays: Hybrid<T>,
+    stays: PoseError6<T>,
     bounded: bool,
 }
 
@@ -222,9 +225,9 @@ impl<T: KernelLoops> Search<'_, T> {
 
     /// The equations where the chain was evaluated last, with the target at `pose`.
     #[inline(always)]
-    fn form(&self, equations: &mut Equations<T>, pose: &Pose<T>) {
+    fn form(&self, equations: &mut NormalEquations<T>, pose: &Pose<T>) {
         let arm = self.arm;
-        let place = Place {
+        let place = LinearizationPoint {
             kinds: arm.calibrated.kinds(),
             frames: self.frames,
             point: &pose.translation,
@@ -246,18 +249,18 @@ impl<T: KernelLoops> Search<'_, T> {
     #[inline(never)]
     fn first_step(
         &self,
-        equations: &Equations<T>,
+        equations: &NormalEquations<T>,
         limit: &StepLimit<'_, T>,
-        error: &Hybrid<T>,
+        error: &PoseError6<T>,
     ) -> First<T> {
         let step = limit.step(error);
         let mut change = equations.joints_of(&step.x);
         self.hold(&mut change);
         // What the floor has left is not given up, but left to later steps.
-        let moved = less(error, T::ONE, &equations.moved(&change));
+        let moved = subtract_scaled(error, T::ONE, &equations.moved(&change));
         First {
             change,
-            given_up: less(&moved, T::ONE, &step.left_by_floor()),
+            given_up: subtract_scaled(&moved, T::ONE, &step.left_by_floor()),
             damping: step.damping,
         }
     }
@@ -266,14 +269,14 @@ impl<T: KernelLoops> Search<'_, T> {
     #[inline(never)]
     fn later_step(
         &self,
-        equations: &mut Equations<T>,
+        equations: &mut NormalEquations<T>,
         pose: &Pose<T>,
-        error: &Hybrid<T>,
+        error: &PoseError6<T>,
         first: &mut First<T>,
-    ) -> Hybrid<T> {
+    ) -> PoseError6<T> {
         self.form(equations, pose);
         equations.factor(&first.damping);
-        let x = equations.solve(&less(error, T::ONE, &first.given_up));
+        let x = equations.solve(&subtract_scaled(error, T::ONE, &first.given_up));
         for (value, delta) in first.change.iter_mut().zip(&equations.joints_of(&x)) {
             *value += *delta;
         }
@@ -313,7 +316,7 @@ impl<T: KernelLoops> Search<'_, T> {
 
     /// Without correction, or with the one in task space at every step.
     #[inline(never)]
-    fn by_evaluation(&mut self, task: Option<&TaskSpaceCorrection<T>>) -> Found<T> {
+    fn solve_by_evaluation(&mut self, task: Option<&TaskSpaceCorrection<T>>) -> Candidate<T> {
         let mut later = if task.is_some() {
             LATER_TASK_SPACE_STEPS
         } else {
@@ -321,7 +324,7 @@ impl<T: KernelLoops> Search<'_, T> {
         };
         let (pose, bounded) = self.evaluated(&[T::ZERO; MAX_JOINTS], task);
         let before = pose_error(self.target, &pose);
-        let mut equations = Equations::new();
+        let mut equations = NormalEquations::new();
         self.form(&mut equations, &pose);
         let limit = StepLimit::new(equations.gram(), self.scale());
         let mut first = self.first_step(&equations, &limit, &before);
@@ -333,7 +336,7 @@ impl<T: KernelLoops> Search<'_, T> {
             stays = self.later_step(&mut equations, &pose, &error, &mut first);
             later -= 1;
         }
-        Found {
+        Candidate {
             change: first.change,
             before,
             given_up: first.given_up,
@@ -362,7 +365,7 @@ impl<T: KernelLoops> Search<'_, T> {
 
     /// With the deflection D of an elastic model.
     #[inline(never)]
-    fn by_deflection(&mut self, elastic: &ElasticCorrection<T>) -> Found<T> {
+    fn solve_elastic(&mut self, elastic: &ElasticCorrection<T>) -> Candidate<T> {
         let arm = self.arm;
         let kinds = arm.calibrated.kinds();
         let payload = elastic.held(self.payload_kg);
@@ -373,10 +376,10 @@ impl<T: KernelLoops> Search<'_, T> {
         // The command, and where it will be, nearly.
         let pose = arm.calibrated.moved_frames_at(self.motions, self.frames);
         let plain = pose_error(self.target, &pose);
-        let mut equations = Equations::new();
+        let mut equations = NormalEquations::new();
         self.form(&mut equations, &pose);
         let rough = gravity(self.frames, &pose);
-        let rough = less(&plain, T::ONE, &equations.moved(&rough));
+        let rough = subtract_scaled(&plain, T::ONE, &equations.moved(&rough));
         let limit = StepLimit::new(equations.gram(), self.scale());
         let mut place = equations.joints_of(&limit.rough(&rough));
         self.hold(&mut place);
@@ -384,7 +387,7 @@ impl<T: KernelLoops> Search<'_, T> {
         let mean = {
             if arm.coupling.is_some() {
                 let joints = sum(self.joints, &place);
-                arm.calibrated.motions_into(&joints, self.turned);
+                arm.calibrated.joint_trig_into(&joints, self.turned);
             } else {
                 deflected_into(self.motions, kinds, &place, self.turned);
             }
@@ -396,7 +399,7 @@ impl<T: KernelLoops> Search<'_, T> {
         let line = ripple_line(&terms.ripple, &sum(self.joints, &near));
         let mut deflection = sum(&smooth, &line.value);
         let effect = equations.moved(&deflection);
-        let (position, rotation) = squares(&effect);
+        let (position, rotation) = squared_norms(&effect);
         let (factor, bounded) = elastic.bound.factor_of(position, rotation);
         for value in &mut deflection {
             // It may be infinite.
@@ -407,7 +410,7 @@ impl<T: KernelLoops> Search<'_, T> {
             };
         }
         self.hold(&mut deflection);
-        let before = less(&plain, T::ONE, &equations.moved(&deflection));
+        let before = subtract_scaled(&plain, T::ONE, &equations.moved(&deflection));
         let mut first = self.first_step(&equations, &limit, &before);
         // What is left of it.
         let mut all = sum(&first.change, &deflection);
@@ -416,7 +419,7 @@ impl<T: KernelLoops> Search<'_, T> {
         let error = pose_error(self.target, &pose);
         let stays = self.later_step(&mut equations, &pose, &error, &mut first);
         line.follow(factor, &near, &mut first.change);
-        Found {
+        Candidate {
             change: first.change,
             before,
             given_up: first.given_up,
@@ -426,7 +429,7 @@ impl<T: KernelLoops> Search<'_, T> {
     }
 }
 
-impl<T: Scalar> Found<T> {
+impl<T: Scalar> Candidate<T> {
     /// The answer to `joints`.
     #[inline(never)]
     fn answer(&self, joints: &PerJoint<T>, can_turn: bool, status: Status) -> Corrected<T> {
@@ -437,7 +440,7 @@ impl<T: Scalar> Found<T> {
         for (value, before) in stays.iter_mut().zip(&self.before) {
             *value = factor * *value + (T::ONE - factor) * *before;
         }
-        let (position, rotation) = squares(&stays);
+        let (position, rotation) = squared_norms(&stays);
         let (position, rotation) = (position.sqrt(), rotation.sqrt());
         let mut command = *joints;
         let mut checksum = position + rotation;
@@ -462,15 +465,15 @@ impl<T: Scalar> Found<T> {
             position_error: zero_unless_sound(position),
             rotation_error: zero_unless_sound(rotation),
             status: status
-                .with_if(self.bounded, Status::CORRECTION_BOUNDED)
+                .with_if(self.bounded, Status::CORRECTION_LIMITED)
                 .with_if(!(there & sound), Status::PARTLY_CORRECTED),
         }
     }
 
     /// 1 − |given up|/|error|, of which the first micrometre does not count: rounding is not given up.
     fn applied(&self) -> T {
-        let length = |e: &Hybrid<T>| {
-            let (position, rotation) = squares(e);
+        let length = |e: &PoseError6<T>| {
+            let (position, rotation) = squared_norms(e);
             (position + rotation).sqrt()
         };
         let given_up = length(&self.given_up) - T::from_f64(1e-6);

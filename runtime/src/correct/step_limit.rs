@@ -25,7 +25,7 @@
 //! With A, B, C the blocks of J Jᵀ, position first, all of it is in 3×3 matrices: S = C − Bᵀ A⁻¹ B for λ_r, then
 //! T = A − B (C + λ_r)⁻¹ Bᵀ for λ_p. How the limits were chosen: docs/evidence/singularities.md.
 
-use crate::kinematics::newton::{Damping, Gram, Hybrid};
+use crate::kinematics::newton::{Damping, Gram, PoseError6};
 use crate::math::scalar::Scalar;
 
 /// s_r: radians of joint motion for each radian of the path, for each radian that is to be corrected.
@@ -34,7 +34,7 @@ pub const TURN_LIMIT: f64 = 0.11;
 const MUCH_ROTATION: f64 = 4e-3;
 /// s_p times the [`Scale::lever`]: the same for each metre, of an arm whose joints move its target by a metre per radian.
 pub const SHIFT_LIMIT: f64 = 0.25;
-/// The least λ. Two steps leave (λ/σ²)² of an error: less than 1e-6 where σ is 0.15.
+/// The least λ. Two steps leave (λ/σ²)² of an error: subtract_scaled than 1e-6 where σ is 0.15.
 const FLOOR: Damping<f64> = Damping {
     position: 1e-5,
     rotation: 2e-5,
@@ -45,7 +45,7 @@ const MOST_LATER: f64 = 1e-3;
 const HOLD: f64 = 3e-3;
 /// Newton steps on 1/|x| for λ_p; for λ_r there are two. More change nothing that could be seen.
 const SHIFT_ROUNDS: usize = 4;
-/// The most of a rough step, in [`SHIFT_LIMIT`]: less falls short where both demands are whole, more is where no command will
+/// The most of a rough step, in [`SHIFT_LIMIT`]: subtract_scaled falls short where both demands are whole, more is where no command will
 /// be.
 const MOST_ROUGH: f64 = 1.4;
 /// The rotation in radians that the shift may leave in any case.
@@ -60,7 +60,7 @@ type Matrix<T> = [[T; 3]; 3];
 #[derive(Clone, Copy, Debug)]
 pub struct LimitedStep<T> {
     /// x; the joint changes are Jᵀ x.
-    pub x: Hybrid<T>,
+    pub x: PoseError6<T>,
     /// The damping that later steps must have, so that they do not bring back what was given up.
     pub damping: Damping<T>,
 }
@@ -68,7 +68,7 @@ pub struct LimitedStep<T> {
 impl<T: Scalar> LimitedStep<T> {
     /// What the least λ has left of the error, which is not given up.
     #[inline(always)]
-    pub fn left_by_floor(&self) -> Hybrid<T> {
+    pub fn left_by_floor(&self) -> PoseError6<T> {
         let (p, r) = halves(&self.x);
         let floor = floor();
         joined(&scaled(floor.position, &p), &scaled(floor.rotation, &r))
@@ -119,7 +119,7 @@ impl<'a, T: Scalar> StepLimit<'a, T> {
 
     /// x of a step that takes `error` away within a percent, but nowhere goes far: for where a command will be.
     #[inline(never)]
-    pub fn rough(&self, error: &Hybrid<T>) -> Hybrid<T> {
+    pub fn rough(&self, error: &PoseError6<T>) -> PoseError6<T> {
         let mut x = self.nearly(error);
         // Once more against what [`HOLD`] has left.
         let mut left = *error;
@@ -146,7 +146,7 @@ impl<'a, T: Scalar> StepLimit<'a, T> {
 
     /// (J Jᵀ + Λ)⁻¹ e with [`HOLD`] of the position.
     #[inline(never)]
-    fn nearly(&self, error: &Hybrid<T>) -> Hybrid<T> {
+    fn nearly(&self, error: &PoseError6<T>) -> PoseError6<T> {
         let (p, r) = halves(error);
         let mut turn = transposed_product(&self.follow, &p);
         for (value, part) in turn.iter_mut().zip(&r) {
@@ -162,7 +162,7 @@ impl<'a, T: Scalar> StepLimit<'a, T> {
 
     /// The limited step.
     #[inline(never)]
-    pub fn step(&self, error: &Hybrid<T>) -> LimitedStep<T> {
+    pub fn step(&self, error: &PoseError6<T>) -> LimitedStep<T> {
         let Scale {
             lever,
             usual_rotation,
@@ -384,7 +384,7 @@ impl<T: Scalar> Factors<T> {
 fn block<T: Scalar>(gram: &Gram<T>, row: usize, column: usize) -> Matrix<T> {
     // One by one: loops over slices take longer than what they copy, and of a `map` compilers may keep a panic.
     let [r0, r1, r2, r3, r4, r5] = gram;
-    let part = |[a, b, c, d, e, f]: &Hybrid<T>| {
+    let part = |[a, b, c, d, e, f]: &PoseError6<T>| {
         if column == 0 {
             [*a, *b, *c]
         } else {
@@ -440,12 +440,12 @@ fn scaled<T: Scalar>(factor: T, v: &Vector<T>) -> Vector<T> {
 }
 
 #[inline(always)]
-fn halves<T: Scalar>(e: &Hybrid<T>) -> (Vector<T>, Vector<T>) {
+fn halves<T: Scalar>(e: &PoseError6<T>) -> (Vector<T>, Vector<T>) {
     ([e[0], e[1], e[2]], [e[3], e[4], e[5]])
 }
 
 #[inline(always)]
-fn joined<T: Scalar>(p: &Vector<T>, r: &Vector<T>) -> Hybrid<T> {
+fn joined<T: Scalar>(p: &Vector<T>, r: &Vector<T>) -> PoseError6<T> {
     [p[0], p[1], p[2], r[0], r[1], r[2]]
 }
 

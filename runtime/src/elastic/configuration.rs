@@ -1,20 +1,20 @@
 //! The configuration at which the elastic correction is evaluated.
 
 use crate::kinematics::coupling::{CouplingMatrix, PerJoint};
-use crate::kinematics::minimal_chain::Chain;
-use crate::kinematics::poe::Motions;
+use crate::kinematics::minimal_chain::MinimalChain;
+use crate::kinematics::poe::JointTrig;
 
 /// A configuration of the arm: joints, payload and the calibrated chain.
 #[derive(Debug)]
 pub struct Configuration<'a, T> {
     /// The calibrated chain, base to target.
-    pub chain: &'a Chain<T>,
+    pub chain: &'a MinimalChain<T>,
     /// C.
     pub coupling: Option<&'a CouplingMatrix<T>>,
     /// The controller's joints, rad or m.
     pub joints: &'a PerJoint<T>,
-    /// Motions of the serial joints C q.
-    pub motions: &'a Motions<T>,
+    /// JointTrig of the serial joints C q.
+    pub motions: &'a JointTrig<T>,
     /// Payload in kg.
     pub payload_kg: T,
 }

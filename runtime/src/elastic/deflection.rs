@@ -30,8 +30,8 @@ use crate::gp::joint_processes::JointProcesses;
 use crate::gp::loops::KernelLoops;
 use crate::guard::limit::Bound;
 use crate::kinematics::coupling::{PerJoint, coupled};
-use crate::kinematics::minimal_chain::MovedFrames;
-use crate::kinematics::poe::{Motions, no_motions};
+use crate::kinematics::minimal_chain::JointFrames;
+use crate::kinematics::poe::{JointTrig, zero_joint_trig};
 use crate::math::scalar::Scalar;
 use crate::math::se3::{Pose, Twist, cross, third_column};
 use crate::trace::Observer;
@@ -71,14 +71,14 @@ pub fn deflection_twist<T: Scalar>(
     out
 }
 
-/// Motions after a small deflection (|δ| ≤ 0.1): the sine and cosine are turned instead of computed anew, which also
+/// JointTrig after a small deflection (|δ| ≤ 0.1): the sine and cosine are turned instead of computed anew, which also
 /// keeps the sum q + δ from being rounded.
 #[inline(always)]
 pub fn deflected<T: Scalar>(
-    motions: &Motions<T>,
+    motions: &JointTrig<T>,
     kinds: &[JointKind],
     deflection: &PerJoint<T>,
-) -> Motions<T> {
+) -> JointTrig<T> {
     let mut out = *motions;
     deflected_into(motions, kinds, deflection, &mut out);
     out
@@ -87,10 +87,10 @@ pub fn deflected<T: Scalar>(
 /// The same, written to `out`; beyond the last joint nothing is changed.
 #[inline(never)]
 pub fn deflected_into<T: Scalar>(
-    motions: &Motions<T>,
+    motions: &JointTrig<T>,
     kinds: &[JointKind],
     deflection: &PerJoint<T>,
-    out: &mut Motions<T>,
+    out: &mut JointTrig<T>,
 ) {
     let deltas = kinds.iter().zip(deflection);
     for ((slot, motion), (kind, delta)) in out.iter_mut().zip(motions).zip(deltas) {
@@ -128,7 +128,7 @@ impl<T: KernelLoops> Deflection<T> {
         at: &Configuration<'_, T>,
         frames: &[Pose<T>],
         target: &Pose<T>,
-        places: &Motions<T>,
+        places: &JointTrig<T>,
         rows: &[T],
     ) -> PerJoint<T> {
         let kinds = at.chain.kinds();
@@ -158,14 +158,14 @@ impl<T: KernelLoops> Deflection<T> {
         bound: Option<&Bound<T>>,
         observer: &mut impl Observer<T>,
     ) -> Compensated<T> {
-        let mut frames = MovedFrames::new();
+        let mut frames = JointFrames::new();
         let target = at.chain.moved_frames_at(at.motions, &mut frames);
         observer.chain(&target);
         let kinds = at.chain.kinds();
         let mut uncoupled;
         let places = if at.coupling.is_some() {
-            uncoupled = no_motions();
-            at.chain.motions_into(at.joints, &mut uncoupled);
+            uncoupled = zero_joint_trig();
+            at.chain.joint_trig_into(at.joints, &mut uncoupled);
             &uncoupled
         } else {
             at.motions
@@ -217,7 +217,7 @@ fn deflect<T: Scalar>(
     };
     serial = serial.map(scaled);
     twist = Twist::from_array(&twist.to_array().map(scaled));
-    let mut motions = no_motions();
+    let mut motions = zero_joint_trig();
     deflected_into(at.motions, kinds, &serial, &mut motions);
     let pose = at.chain.forward_at(&motions);
     Compensated {

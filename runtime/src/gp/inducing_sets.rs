@@ -15,7 +15,7 @@ use poegp_protocol::limits::{MAX_GROUPS, MAX_JOINTS};
 use crate::assembly::Blocks;
 use crate::gp::joint_kernel::{JointKernel, LOWEST_EXPONENT, PayloadGroup, similarity};
 use crate::gp::loops::KernelLoops;
-use crate::kinematics::poe::Motions;
+use crate::kinematics::poe::JointTrig;
 use crate::math::scalar::Scalar;
 
 /// The support set of one joint but its rows.
@@ -81,7 +81,7 @@ impl InducingSet {
 #[inline(always)]
 pub(super) fn add_mean<T: KernelLoops, const D: usize, const ROW: usize>(
     rows: &[T],
-    query: &Motions<T>,
+    query: &JointTrig<T>,
     blocks: &Blocks<T>,
     total: &mut T,
 ) {
@@ -95,7 +95,7 @@ pub(super) struct SetProcess<'a, T> {
     pub(super) groups: &'a [PayloadGroup<T>],
     pub(super) kernel: &'a JointKernel<T>,
     pub(super) set: &'a InducingSet,
-    pub(super) motions: &'a Motions<T>,
+    pub(super) motions: &'a JointTrig<T>,
     pub(super) payload_kg: T,
 }
 
@@ -104,7 +104,7 @@ impl<T: Scalar> SetProcess<'_, T> {
     /// and what the loops leave out of every exponent.
     // Beside a loop in assembly, which wants all registers, the constants in here would be loaded for every group.
     #[inline(never)]
-    pub(super) fn prepare(&self, query: &mut Motions<T>, blocks: &mut Blocks<T>) {
+    pub(super) fn prepare(&self, query: &mut JointTrig<T>, blocks: &mut Blocks<T>) {
         // A copy: what is stored below cannot change it, so it is loaded once.
         let kernel = *self.kernel;
         let payload_kg = self.payload_kg;

@@ -10,7 +10,7 @@ use crate::gp::inducing_sets::{InducingSet, SetProcess, add_mean};
 use crate::gp::joint_kernel::{JointKernel, PayloadGroup, similarity};
 use crate::gp::loops::KernelLoops;
 use crate::kinematics::coupling::PerJoint;
-use crate::kinematics::poe::Motions;
+use crate::kinematics::poe::JointTrig;
 use crate::math::scalar::Scalar;
 
 /// Words of one support row of an arm with `joints` joints: sine and cosine of each, then a weight for each.
@@ -82,7 +82,7 @@ impl<T: KernelLoops> JointProcesses<T> {
         &self,
         kinds: &[JointKind],
         rows: &[T],
-        motions: &Motions<T>,
+        motions: &JointTrig<T>,
         payload_kg: T,
     ) -> PerJoint<T> {
         if !self.sets.is_empty() {
@@ -105,7 +105,7 @@ impl<T: KernelLoops> JointProcesses<T> {
     fn own<const N: usize, const ROW: usize>(
         &self,
         rows: &[T],
-        motions: &Motions<T>,
+        motions: &JointTrig<T>,
         payload_kg: T,
     ) -> PerJoint<T> {
         let mut cosines = [[T::ZERO; N]; TILE];
@@ -141,7 +141,7 @@ impl<T: KernelLoops> JointProcesses<T> {
     fn tied<const N: usize, const ROW: usize>(
         &self,
         rows: &[T],
-        motions: &Motions<T>,
+        motions: &JointTrig<T>,
         payload_kg: T,
     ) -> PerJoint<T> {
         // The rates go into the query once, instead of into every point.
@@ -176,7 +176,7 @@ impl<T: KernelLoops> JointProcesses<T> {
         &self,
         kinds: &[JointKind],
         rows: &[T],
-        motions: &Motions<T>,
+        motions: &JointTrig<T>,
         payload_kg: T,
     ) -> PerJoint<T> {
         let n = kinds.len();
@@ -219,7 +219,7 @@ impl<T: KernelLoops> JointProcesses<T> {
         &self,
         kinds: &[JointKind],
         rows: &[T],
-        motions: &Motions<T>,
+        motions: &JointTrig<T>,
         payload_kg: T,
     ) -> PerJoint<T> {
         let mut out = [T::ZERO; MAX_JOINTS];

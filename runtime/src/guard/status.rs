@@ -10,7 +10,7 @@ pub struct Status(u8);
 const NAMES: [(Status, &str); 8] = [
     (Status::OUTSIDE_JOINT_RANGE, "outside-joint-range"),
     (Status::OUTSIDE_PAYLOAD_RANGE, "outside-payload-range"),
-    (Status::CORRECTION_BOUNDED, "correction-bounded"),
+    (Status::CORRECTION_LIMITED, "correction-limited"),
     (Status::NO_MODEL, "no-model"),
     (Status::BAD_INPUT, "bad-input"),
     (Status::PARTLY_CORRECTED, "partly-corrected"),
@@ -26,7 +26,7 @@ impl Status {
     /// The payload is outside the range that was trained.
     pub const OUTSIDE_PAYLOAD_RANGE: Self = Self(2);
     /// The correction exceeded the bound of the blob and was scaled back to it.
-    pub const CORRECTION_BOUNDED: Self = Self(4);
+    pub const CORRECTION_LIMITED: Self = Self(4);
     /// There is no model: the pose is the identity.
     pub const NO_MODEL: Self = Self(8);
     /// Wrong number of joints, a number that is not finite, or one beyond all reason: nothing was corrected.

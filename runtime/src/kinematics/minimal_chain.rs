@@ -19,12 +19,12 @@ use heapless::Vec;
 use poegp_protocol::JointKind;
 use poegp_protocol::limits::MAX_JOINTS;
 
-use crate::kinematics::poe::{Motions, Poe, motions_into};
+use crate::kinematics::poe::{JointTrig, Poe, joint_trig_into};
 use crate::math::scalar::Scalar;
 use crate::math::se3::Pose;
 
 /// `base_from_joint` of the joints after they moved.
-pub type MovedFrames<T> = Vec<Pose<T>, MAX_JOINTS>;
+pub type JointFrames<T> = Vec<Pose<T>, MAX_JOINTS>;
 
 /// Sine and cosine of a turn about z.
 type Turn<T> = [T; 2];
@@ -152,7 +152,7 @@ struct Link<T> {
 
 /// A chain of up to [`MAX_JOINTS`] joints in minimal form.
 #[derive(Clone, Copy, Debug)]
-pub struct Chain<T> {
+pub struct MinimalChain<T> {
     joints: usize,
     kinds: [JointKind; MAX_JOINTS],
     base: Pose<T>,
@@ -161,7 +161,7 @@ pub struct Chain<T> {
     target: Pose<T>,
 }
 
-impl<T: Scalar> Chain<T> {
+impl<T: Scalar> MinimalChain<T> {
     /// No joints; all zeros.
     #[inline(always)]
     pub fn empty() -> Self {
@@ -225,23 +225,23 @@ impl<T: Scalar> Chain<T> {
         self.kinds.get(..self.joints).unwrap_or(&[])
     }
 
-    /// What the joints do at `q`, see [`Poe::motions_into`].
+    /// What the joints do at `q`, see [`Poe::joint_trig_into`].
     #[inline(always)]
-    pub fn motions_into(&self, q: &[T], out: &mut Motions<T>) {
-        motions_into(self.kinds(), q, out);
+    pub fn joint_trig_into(&self, q: &[T], out: &mut JointTrig<T>) {
+        joint_trig_into(self.kinds(), q, out);
     }
 
     /// f(q), `base_from_target`.
     // A function of its own, for whoever needs it more than once.
     #[inline(never)]
-    pub fn forward_at(&self, motions: &Motions<T>) -> Pose<T> {
+    pub fn forward_at(&self, motions: &JointTrig<T>) -> Pose<T> {
         self.walk(motions, |_| {})
     }
 
     /// The frames of the joints, in place of what is in `frames`, and f(q): on a Cortex-M4F a returned array costs 400
     /// instructions of copying, and one that must be cleared first 160.
     #[inline(never)]
-    pub fn moved_frames_at(&self, motions: &Motions<T>, frames: &mut MovedFrames<T>) -> Pose<T> {
+    pub fn moved_frames_at(&self, motions: &JointTrig<T>, frames: &mut JointFrames<T>) -> Pose<T> {
         frames.clear();
         self.walk(motions, |frame| {
             // There are never more joints than fit.
@@ -250,7 +250,7 @@ impl<T: Scalar> Chain<T> {
     }
 
     #[inline(always)]
-    fn walk(&self, motions: &Motions<T>, mut visit: impl FnMut(&Pose<T>)) -> Pose<T> {
+    fn walk(&self, motions: &JointTrig<T>, mut visit: impl FnMut(&Pose<T>)) -> Pose<T> {
         let mut joints = motions.iter().zip(self.kinds());
         let mut pose = self.base;
         if let Some((motion, kind)) = joints.next() {

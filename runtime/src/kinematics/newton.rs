@@ -17,17 +17,17 @@ use crate::math::scalar::Scalar;
 use crate::math::se3::{Pose, cross, dot, subtract, third_column};
 
 /// Displacement in metres, then rotation in radians.
-pub type Hybrid<T> = [T; 6];
+pub type PoseError6<T> = [T; 6];
 
 /// The Jacobian by columns, one for each of the controller's joints; beyond the last joint zeros.
-pub type Columns<T> = [Hybrid<T>; MAX_JOINTS];
+pub type Jacobian<T> = [PoseError6<T>; MAX_JOINTS];
 
 /// A symmetric matrix of displacement and rotation.
-pub type Gram<T> = [Hybrid<T>; 6];
+pub type Gram<T> = [PoseError6<T>; 6];
 
 /// How `pose` must be displaced and turned to be `target`, for angles of a few degrees.
 #[inline(never)]
-pub fn pose_error<T: Scalar>(target: &Pose<T>, pose: &Pose<T>) -> Hybrid<T> {
+pub fn pose_error<T: Scalar>(target: &Pose<T>, pose: &Pose<T>) -> PoseError6<T> {
     let moved = subtract(&target.translation, &pose.translation);
     // ½ Σ r_k × r′_k over the columns is the axis times sin θ; differences first, which do not cancel.
     let (from, to) = (&pose.rotation, &target.rotation);
@@ -53,24 +53,24 @@ pub fn pose_error<T: Scalar>(target: &Pose<T>, pose: &Pose<T>) -> Hybrid<T> {
 
 /// |displacement|² and |rotation|².
 #[inline(always)]
-pub fn squares<T: Scalar>(hybrid: &Hybrid<T>) -> (T, T) {
+pub fn squared_norms<T: Scalar>(hybrid: &PoseError6<T>) -> (T, T) {
     let v = |a: usize| Vector3::new(hybrid[a], hybrid[a + 1], hybrid[a + 2]);
     let (p, r) = (v(0), v(3));
     (dot(&p, &p), dot(&r, &r))
 }
 
-/// The Jacobian at one place, and J Jᵀ, which [`Equations::factor`] turns into its factors.
+/// The Jacobian at one place, and J Jᵀ, which [`NormalEquations::factor`] turns into its factors.
 #[derive(Clone, Debug)]
-pub struct Equations<T> {
+pub struct NormalEquations<T> {
     joints: usize,
-    columns: Columns<T>,
+    columns: Jacobian<T>,
     /// J Jᵀ; once factored, L below the diagonal and the reciprocals of D on it.
     gram: Gram<T>,
 }
 
 /// Where equations are formed.
 #[derive(Clone, Copy, Debug)]
-pub struct Place<'a, T> {
+pub struct LinearizationPoint<'a, T> {
     /// Kinds of the serial joints.
     pub kinds: &'a [JointKind],
     /// Their frames after they moved.
@@ -90,13 +90,13 @@ pub struct Damping<T> {
     pub rotation: T,
 }
 
-impl<T: Scalar> Default for Equations<T> {
+impl<T: Scalar> Default for NormalEquations<T> {
     fn default() -> Self {
         Self::new()
     }
 }
 
-impl<T: Scalar> Equations<T> {
+impl<T: Scalar> NormalEquations<T> {
     /// Nothing yet.
     #[inline(always)]
     pub fn new() -> Self {
@@ -109,7 +109,7 @@ impl<T: Scalar> Equations<T> {
 
     /// J and J Jᵀ of this place.
     #[inline(never)]
-    pub fn form(&mut self, at: &Place<'_, T>) {
+    pub fn form(&mut self, at: &LinearizationPoint<'_, T>) {
         self.joints = at.kinds.len();
         for ((column, kind), frame) in self.columns.iter_mut().zip(at.kinds).zip(at.frames) {
             *column = column_of(*kind, frame, at.point);
@@ -125,7 +125,7 @@ impl<T: Scalar> Equations<T> {
         }
     }
 
-    /// Columns of the controller's joints from those of the serial ones: J C.
+    /// Jacobian of the controller's joints from those of the serial ones: J C.
     #[inline(never)]
     fn couple(&mut self, coupling: &CouplingMatrix<T>) {
         let mut out = [[T::ZERO; 6]; MAX_JOINTS];
@@ -203,7 +203,7 @@ impl<T: Scalar> Equations<T> {
 
     /// (J Jᵀ + Λ)⁻¹ e, once factored.
     #[inline(never)]
-    pub fn solve(&self, error: &Hybrid<T>) -> Hybrid<T> {
+    pub fn solve(&self, error: &PoseError6<T>) -> PoseError6<T> {
         let mut x = *error;
         let f = &self.gram;
         let mut i = 1;
@@ -229,7 +229,7 @@ impl<T: Scalar> Equations<T> {
 
     /// Jᵀ x: the joint changes that x stands for; zero beyond the last joint.
     #[inline(never)]
-    pub fn joints_of(&self, x: &Hybrid<T>) -> PerJoint<T> {
+    pub fn joints_of(&self, x: &PoseError6<T>) -> PerJoint<T> {
         let mut out = [T::ZERO; MAX_JOINTS];
         for (slot, column) in out.iter_mut().zip(&self.columns).take(self.joints) {
             *slot = inner(column, x);
@@ -239,7 +239,7 @@ impl<T: Scalar> Equations<T> {
 
     /// J d: what the joint changes d do to first order.
     #[inline(never)]
-    pub fn moved(&self, d: &PerJoint<T>) -> Hybrid<T> {
+    pub fn moved(&self, d: &PerJoint<T>) -> PoseError6<T> {
         let mut moved = [T::ZERO; 6];
         for (column, delta) in self.columns.iter().zip(d).take(self.joints) {
             let mut r = 0;
@@ -254,7 +254,7 @@ impl<T: Scalar> Equations<T> {
 
 /// What a serial joint does to the target.
 #[inline(always)]
-fn column_of<T: Scalar>(kind: JointKind, frame: &Pose<T>, point: &Vector3<T>) -> Hybrid<T> {
+fn column_of<T: Scalar>(kind: JointKind, frame: &Pose<T>, point: &Vector3<T>) -> PoseError6<T> {
     let axis = third_column(frame);
     match kind {
         JointKind::Revolute => {
@@ -267,7 +267,7 @@ fn column_of<T: Scalar>(kind: JointKind, frame: &Pose<T>, point: &Vector3<T>) ->
 
 /// a + s b.
 #[inline(never)]
-fn add_scaled<T: Scalar>(a: &mut Hybrid<T>, b: &Hybrid<T>, s: T) {
+fn add_scaled<T: Scalar>(a: &mut PoseError6<T>, b: &PoseError6<T>, s: T) {
     for (value, part) in a.iter_mut().zip(b) {
         *value += *part * s;
     }
@@ -275,7 +275,7 @@ fn add_scaled<T: Scalar>(a: &mut Hybrid<T>, b: &Hybrid<T>, s: T) {
 
 /// a − s b.
 #[inline(always)]
-pub fn less<T: Scalar>(a: &Hybrid<T>, s: T, b: &Hybrid<T>) -> Hybrid<T> {
+pub fn subtract_scaled<T: Scalar>(a: &PoseError6<T>, s: T, b: &PoseError6<T>) -> PoseError6<T> {
     let mut out = *a;
     for (value, part) in out.iter_mut().zip(b) {
         *value -= s * *part;
@@ -285,7 +285,7 @@ pub fn less<T: Scalar>(a: &Hybrid<T>, s: T, b: &Hybrid<T>) -> Hybrid<T> {
 
 /// aᵀb.
 #[inline(always)]
-fn inner<T: Scalar>(a: &Hybrid<T>, b: &Hybrid<T>) -> T {
+fn inner<T: Scalar>(a: &PoseError6<T>, b: &PoseError6<T>) -> T {
     let mut sum = a[0] * b[0];
     let mut r = 1;
     while r < 6 {

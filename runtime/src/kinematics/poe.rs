@@ -44,11 +44,11 @@ impl core::error::Error for WrongChain {}
 
 /// Where each joint is, as chains and kernels need it: (sin q, cos q) of a revolute one, (q, 0) of a prismatic one with q in
 /// metres, (0, 0) beyond the last.
-pub type Motions<T> = [[T; 2]; MAX_JOINTS];
+pub type JointTrig<T> = [[T; 2]; MAX_JOINTS];
 
 /// Of no joint.
 #[inline(always)]
-pub fn no_motions<T: Scalar>() -> Motions<T> {
+pub fn zero_joint_trig<T: Scalar>() -> JointTrig<T> {
     [[T::ZERO; 2]; MAX_JOINTS]
 }
 
@@ -101,16 +101,16 @@ impl<T: Scalar> Poe<T> {
 
     /// What the joints do at `q` (rad or m); missing values count as zero.
     #[inline(always)]
-    pub fn motions(&self, q: &[T]) -> Motions<T> {
-        let mut out = no_motions();
-        self.motions_into(q, &mut out);
+    pub fn motions(&self, q: &[T]) -> JointTrig<T> {
+        let mut out = zero_joint_trig();
+        self.joint_trig_into(q, &mut out);
         out
     }
 
     /// The same, written to `out`; of joints that there are not, or have no value, nothing is changed.
     #[inline(always)]
-    pub fn motions_into(&self, q: &[T], out: &mut Motions<T>) {
-        motions_into(self.kinds(), q, out);
+    pub fn joint_trig_into(&self, q: &[T], out: &mut JointTrig<T>) {
+        joint_trig_into(self.kinds(), q, out);
     }
 
     /// f(q), `base_from_target` (paper, eq. 3). `q` in rad or m, serial joints.
@@ -120,7 +120,7 @@ impl<T: Scalar> Poe<T> {
 
     /// f(q) for sines and cosines that are there already.
     #[inline(always)]
-    pub fn forward_with(&self, motions: &Motions<T>) -> Pose<T> {
+    pub fn forward_with(&self, motions: &JointTrig<T>) -> Pose<T> {
         let [first, rest @ ..] = &self.parent_from_joint;
         let mut pose = *first;
         for ((motion, kind), frame) in motions.iter().zip(self.kinds()).zip(rest) {
@@ -136,7 +136,7 @@ impl<T: Scalar> Poe<T> {
 
     /// The same for sines and cosines that are there already.
     #[inline(always)]
-    pub fn joint_frames_with(&self, motions: &Motions<T>) -> ([Pose<T>; MAX_JOINTS], Pose<T>) {
+    pub fn joint_frames_with(&self, motions: &JointTrig<T>) -> ([Pose<T>; MAX_JOINTS], Pose<T>) {
         let mut out = [Pose::from_rows(&[T::ZERO; 12]); MAX_JOINTS];
         let target = self.joint_frames_into(motions, &mut out);
         (out, target)
@@ -146,7 +146,7 @@ impl<T: Scalar> Poe<T> {
     #[inline(always)]
     pub fn joint_frames_into(
         &self,
-        motions: &Motions<T>,
+        motions: &JointTrig<T>,
         frames: &mut [Pose<T>; MAX_JOINTS],
     ) -> Pose<T> {
         let [first, rest @ ..] = &self.parent_from_joint;
@@ -199,9 +199,9 @@ impl<T: Scalar> Poe<T> {
     }
 }
 
-/// [`Poe::motions_into`] for joints of these kinds.
+/// [`Poe::joint_trig_into`] for joints of these kinds.
 #[inline(never)]
-pub(crate) fn motions_into<T: Scalar>(kinds: &[JointKind], q: &[T], out: &mut Motions<T>) {
+pub(crate) fn joint_trig_into<T: Scalar>(kinds: &[JointKind], q: &[T], out: &mut JointTrig<T>) {
     for ((motion, kind), value) in out.iter_mut().zip(kinds).zip(q) {
         match kind {
             JointKind::Revolute => {

@@ -11,9 +11,9 @@ use super::validate::{MAX_PAYLOAD_KG, checked_chain, checked_coupling, checked_r
 use crate::guard::status::Status;
 use crate::guard::trust::Trust;
 use crate::kinematics::coupling::{CouplingMatrix, coupled};
-use crate::kinematics::minimal_chain::{Chain, MinimalForm, MovedFrames};
-use crate::kinematics::newton::{Equations, Place, pose_error, squares};
-use crate::kinematics::poe::{Motions, no_motions};
+use crate::kinematics::minimal_chain::{JointFrames, MinimalChain, MinimalForm};
+use crate::kinematics::newton::{LinearizationPoint, NormalEquations, pose_error, squared_norms};
+use crate::kinematics::poe::{JointTrig, zero_joint_trig};
 use crate::math::scalar::{MAX_ANGLE, Scalar};
 
 /// Places at which a model looks how far its nominal arm is off.
@@ -29,8 +29,8 @@ const SPREAD: [u16; MAX_JOINTS] = [
 /// Everything but the support rows.
 #[derive(Clone, Debug)]
 pub(crate) struct Arm<T> {
-    pub(crate) calibrated: Chain<T>,
-    pub(crate) nominal: Chain<T>,
+    pub(crate) calibrated: MinimalChain<T>,
+    pub(crate) nominal: MinimalChain<T>,
     pub(crate) coupling: Option<CouplingMatrix<T>>,
     pub(crate) joint_ranges: [(T, T); MAX_JOINTS],
     pub(crate) payload_range: Option<(T, T)>,
@@ -66,8 +66,8 @@ impl<T: Scalar> Arm<T> {
     #[inline(always)]
     pub(crate) fn empty() -> Self {
         Self {
-            calibrated: Chain::empty(),
-            nominal: Chain::empty(),
+            calibrated: MinimalChain::empty(),
+            nominal: MinimalChain::empty(),
             coupling: None,
             joint_ranges: [(T::ZERO, T::ZERO); MAX_JOINTS],
             payload_range: None,
@@ -99,7 +99,7 @@ impl<T: Scalar> Arm<T> {
         for (slot, range) in self.joint_ranges.iter_mut().zip(&blob.ranges.joints) {
             *slot = checked_range(*range, MAX_ANGLE)?;
         }
-        self.nominal = Chain::new(&minimal(kinds, &blob.geometry.nominal)?);
+        self.nominal = MinimalChain::new(&minimal(kinds, &blob.geometry.nominal)?);
         self.coupling = checked_coupling(&blob.robot.coupling, joints)?;
         self.payload_range = blob
             .ranges
@@ -108,7 +108,7 @@ impl<T: Scalar> Arm<T> {
             .transpose()?;
         self.trust = Trust::of(blob);
         let calibrated = minimal(kinds, &blob.geometry.calibrated)?;
-        self.calibrated = Chain::new(&calibrated);
+        self.calibrated = MinimalChain::new(&calibrated);
         (self.usual_rotation, self.lever) = self.measured_scale();
         match &blob.correction {
             Correction::None => {}
@@ -132,8 +132,8 @@ impl<T: Scalar> Arm<T> {
     #[inline(never)]
     fn measured_scale(&self) -> (T, T) {
         let (mut rotations, mut levers) = (T::ZERO, T::ZERO);
-        let mut frames = MovedFrames::new();
-        let mut equations = Equations::new();
+        let mut frames = JointFrames::new();
+        let mut equations = NormalEquations::new();
         let mut place = 1_u16;
         while place <= PLACES {
             let mut joints = [T::ZERO; MAX_JOINTS];
@@ -142,12 +142,12 @@ impl<T: Scalar> Arm<T> {
                 let along = f32::from(place.wrapping_mul(spread)) * (1.0 / 65_536.0);
                 *slot = *lower + T::from_f32(along) * (*upper - *lower);
             }
-            let mut motions = no_motions();
+            let mut motions = zero_joint_trig();
             self.motions(&joints, &mut motions);
             let nominal = self.nominal.forward_at(&motions);
             let calibrated = self.calibrated.moved_frames_at(&motions, &mut frames);
-            rotations += squares(&pose_error(&nominal, &calibrated)).1;
-            equations.form(&Place {
+            rotations += squared_norms(&pose_error(&nominal, &calibrated)).1;
+            equations.form(&LinearizationPoint {
                 kinds: self.calibrated.kinds(),
                 frames: &frames,
                 point: &calibrated.translation,
@@ -183,12 +183,12 @@ impl<T: Scalar> Arm<T> {
 
     /// What the serial joints do at the controller's joints `x`.
     #[inline(always)]
-    pub(crate) fn motions(&self, x: &[T; MAX_JOINTS], out: &mut Motions<T>) {
+    pub(crate) fn motions(&self, x: &[T; MAX_JOINTS], out: &mut JointTrig<T>) {
         match &self.coupling {
-            None => self.calibrated.motions_into(x, out),
+            None => self.calibrated.joint_trig_into(x, out),
             coupling => self
                 .calibrated
-                .motions_into(&coupled(coupling.as_ref(), x), out),
+                .joint_trig_into(&coupled(coupling.as_ref(), x), out),
         }
     }
 

@@ -11,7 +11,7 @@ use crate::elastic::configuration::Configuration;
 use crate::gp::loops::KernelLoops;
 use crate::guard::limit::bounded;
 use crate::guard::status::Status;
-use crate::kinematics::poe::no_motions;
+use crate::kinematics::poe::zero_joint_trig;
 use crate::math::se3::{Pose, Twist};
 use crate::trace::{Observer, Stages};
 
@@ -94,7 +94,7 @@ impl<T: KernelLoops> View<'_, T> {
             return nothing(Status::BAD_INPUT);
         }
         let believable = is_within(payload_kg, T::ZERO, T::from_f32(MAX_PAYLOAD_KG));
-        let mut motions = no_motions();
+        let mut motions = zero_joint_trig();
         arm.motions(&x, &mut motions);
         observer.motions(motions.get(..joints.len()).unwrap_or(&[]));
         let (trust, status) = arm.range(&x, payload_kg);
@@ -133,7 +133,7 @@ impl<T: KernelLoops> View<'_, T> {
             }
         };
         let (status, trust) = if believable {
-            (status.with_if(bounded, Status::CORRECTION_BOUNDED), trust)
+            (status.with_if(bounded, Status::CORRECTION_LIMITED), trust)
         } else {
             (Status::BAD_INPUT, T::ZERO)
         };

@@ -10,16 +10,18 @@ pub(crate) mod arm;
 pub(crate) mod elastic;
 pub mod evaluate;
 pub mod load_error;
+mod model_error;
 mod position_variance;
+pub mod signature;
 pub(crate) mod task_space;
 pub(crate) mod validate;
 
 use heapless::Vec;
-use poegp_protocol::blob::{Blob, Correction};
+use poegp_protocol::blob::{self, Blob, Correction};
 use poegp_protocol::limits::{MAX_INPUTS, MAX_JOINTS};
 
 use crate::gp::{joint_processes, quadratic_posterior};
-use crate::kinematics::poe::no_motions;
+use crate::kinematics::poe::zero_joint_trig;
 use crate::math::scalar::Scalar;
 use crate::math::se3::Pose;
 use crate::trace::{Observer, Stages};
@@ -27,8 +29,12 @@ use arm::{Arm, ArmCorrection};
 pub use evaluate::Evaluation;
 use evaluate::{CompiledEvaluation, View};
 use load_error::LoadError;
+pub use model_error::ModelError;
 pub use validate::MAX_PAYLOAD_KG;
 use validate::{MAX_COEFFICIENT, checked_rows, feature_limit};
+
+/// A model in single precision with room for 400 inducing points.
+pub type Model400 = Model<f32, { words_for(400) }>;
 
 /// Words of support rows for `points` points of the longest row.
 pub const fn words_for(points: usize) -> usize {
@@ -76,13 +82,37 @@ impl<T: Scalar, const WORDS: usize> Model<T, WORDS> {
         }
     }
 
-    /// Takes over the arm of `blob`. All or nothing: after an error the model is what it was.
+    /// Takes over the model in the bytes of a blob. All or nothing: after an error the model is what it was. A signature is
+    /// not verified; see [`Model::load_signed`].
+    ///
+    /// # Errors
+    /// [`ModelError::Decode`], [`ModelError::Load`].
+    pub fn load(&mut self, bytes: &[u8]) -> Result<(), ModelError> {
+        // By reference: every move would be a copy of the blob on the stack.
+        match &blob::decode(bytes) {
+            Ok(blob) => Ok(self.load_decoded(blob)?),
+            Err(error) => Err(ModelError::Decode(*error)),
+        }
+    }
+
+    /// Takes over the model in the bytes of a blob that the holder of `public_key` (Ed25519) has signed. All or nothing.
+    ///
+    /// # Errors
+    /// [`ModelError`].
+    // Not inlined: the large stack frames of the two steps must not lie on top of each other.
+    #[inline(never)]
+    pub fn load_signed(&mut self, bytes: &[u8], public_key: &[u8; 32]) -> Result<(), ModelError> {
+        signature::verify(bytes, public_key)?;
+        self.load(bytes)
+    }
+
+    /// Takes over the model of a decoded blob. All or nothing: after an error the model is what it was.
     ///
     /// # Errors
     /// [`LoadError`] names the first number that is not one a robot may be moved by.
     // Inlined, its copies of the arm would lie on the stack beside those of the decoder.
     #[inline(never)]
-    pub fn load(&mut self, blob: &Blob<'_>) -> Result<(), LoadError> {
+    pub fn load_decoded(&mut self, blob: &Blob<'_>) -> Result<(), LoadError> {
         // Once on the stack, filled in place: every name in between would be a copy of the arm.
         let mut slot = Slot::Full(Arm::empty());
         if let Slot::Full(arm) = &mut slot {
@@ -139,7 +169,7 @@ impl<T: Scalar, const WORDS: usize> Model<T, WORDS> {
         if !arm.take_joints(joints, &mut x) {
             return None;
         }
-        let mut motions = no_motions();
+        let mut motions = zero_joint_trig();
         arm.motions(&x, &mut motions);
         Some(arm.nominal.forward_at(&motions))
     }

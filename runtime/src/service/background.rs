@@ -9,17 +9,17 @@ use poegp_protocol::link::{
 };
 
 use crate::filter::FilterError;
+use crate::model::signature;
 use crate::service::commands::for_filter;
-use crate::service::exchange::{Facts, Order, Report};
-use crate::service::loaded_model::{Resident, name};
+use crate::service::exchange::{BoardInfo, CycleAck, CycleCommand};
+use crate::service::loaded_model::{ModelSlot, name};
 use crate::service::upload::Upload;
-use crate::store::signature;
 use crate::store::{Store, StoreError, Stored};
 
 /// What the background needs of the rest of the device.
 pub trait Device<'m, const WORDS: usize> {
     /// Has the cycle carry out an order between two frames, and waits for its report: microseconds.
-    fn order(&mut self, order: Order<'m, WORDS>) -> Report<'m, WORDS>;
+    fn order(&mut self, order: CycleCommand<'m, WORDS>) -> CycleAck<'m, WORDS>;
     /// Adds what is counted outside the cycle.
     fn complete(&mut self, statistics: &mut Statistics);
 }
@@ -27,9 +27,9 @@ pub trait Device<'m, const WORDS: usize> {
 /// The background part of the device. `WORDS` of support rows and `BYTES` of a blob fit.
 #[derive(Debug)]
 pub struct Background<'m, F, const WORDS: usize, const BYTES: usize> {
-    facts: Facts,
+    facts: BoardInfo,
     /// `None` while the cycle has both models: one is active, the other one waits.
-    spare: Option<&'m mut Resident<WORDS>>,
+    spare: Option<&'m mut ModelSlot<WORDS>>,
     upload: Upload<'m, BYTES>,
     store: Store<F>,
 }
@@ -37,8 +37,8 @@ pub struct Background<'m, F, const WORDS: usize, const BYTES: usize> {
 impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, WORDS, BYTES> {
     /// With a spare model and a staging buffer.
     pub fn new(
-        facts: Facts,
-        spare: &'m mut Resident<WORDS>,
+        facts: BoardInfo,
+        spare: &'m mut ModelSlot<WORDS>,
         staged: &'m mut Vec<u8, BYTES>,
         store: Store<F>,
     ) -> Self {
@@ -55,8 +55,8 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
     fn order(
         &mut self,
         device: &mut impl Device<'m, WORDS>,
-        order: Order<'m, WORDS>,
-    ) -> Report<'m, WORDS> {
+        order: CycleCommand<'m, WORDS>,
+    ) -> CycleAck<'m, WORDS> {
         let mut report = device.order(order);
         if let Some(model) = report.replaced.take() {
             self.spare = Some(model);
@@ -69,7 +69,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
     pub fn boot(&mut self, device: &mut impl Device<'m, WORDS>) -> [Option<Refusal>; 2] {
         if let Some(settings) = self.store.cycle_settings() {
             // Those that this firmware does not take leave the default ones.
-            self.order(device, Order::Settings(settings));
+            self.order(device, CycleCommand::Settings(settings));
         }
         let mut refusals = [None; 2];
         for (stored, refusal) in self.store.candidates().into_iter().zip(&mut refusals) {
@@ -93,7 +93,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         device: &mut impl Device<'m, WORDS>,
     ) -> Response {
         // A model that waited may run by now.
-        self.order(device, Order::Report);
+        self.order(device, CycleCommand::Report);
         let result = match request {
             Request::Identify => Ok(self.identify(device)),
             Request::BeginUpload { length, crc } => {
@@ -113,7 +113,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
                 .roll_back(*from_crc, device)
                 .map(|()| self.identify(device)),
             Request::SetBypass { on } => {
-                self.order(device, Order::Bypass(*on));
+                self.order(device, CycleCommand::Bypass(*on));
                 Ok(self.identify(device))
             }
             Request::Provision { public_key } => self
@@ -123,7 +123,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
                 .provision_cycle(settings, device)
                 .map(|()| self.identify(device)),
             Request::ReadStatistics => {
-                let mut statistics = self.order(device, Order::Report).statistics;
+                let mut statistics = self.order(device, CycleCommand::Report).statistics;
                 device.complete(&mut statistics);
                 Ok(Response::Statistics(statistics))
             }
@@ -135,14 +135,14 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
             | Request::StopCyclic => Err(Refusal::UnknownMessage),
         };
         result.unwrap_or_else(|refusal| {
-            self.order(device, Order::Refused);
+            self.order(device, CycleCommand::Refused);
             Response::Refused(refusal)
         })
     }
 
     #[inline(never)]
     fn identify(&mut self, device: &mut impl Device<'m, WORDS>) -> Response {
-        let report = self.order(device, Order::Report);
+        let report = self.order(device, CycleCommand::Report);
         let mut slots = [None; 2];
         for (place, stored) in self.store.candidates().iter().enumerate() {
             let Some(stored) = stored else { continue };
@@ -185,7 +185,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         if let Some(blob_crc) = self.upload.verified {
             // Repeated. The model may have become the active one meanwhile.
             let here = self.spare_identity();
-            let there = self.order(device, Order::Report).model;
+            let there = self.order(device, CycleCommand::Report).model;
             let same = |model: &ModelIdentity| model.blob_crc == blob_crc;
             if let Some(model) = here.filter(same).or(there.filter(same)) {
                 return Ok(model);
@@ -214,7 +214,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         let written = self.store.write(self.upload.bytes(), active.slot);
         let stored = written.map_err(refused)?;
         let (blob_crc, slot) = (verified, stored.slot);
-        self.order(device, Order::Stored { blob_crc, slot });
+        self.order(device, CycleCommand::Stored { blob_crc, slot });
         if let Some(spare) = &mut self.spare {
             spare.note_stored(blob_crc, slot);
         }
@@ -230,7 +230,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
     ) -> Result<(), Refusal> {
         let is_asked_for = |model: ModelIdentity| model.blob_crc == blob_crc;
         if self
-            .order(device, Order::Report)
+            .order(device, CycleCommand::Report)
             .model
             .is_some_and(is_asked_for)
         {
@@ -248,7 +248,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
 
     fn run_spare(&mut self, device: &mut impl Device<'m, WORDS>) {
         if let Some(spare) = self.spare.take() {
-            self.order(device, Order::Run(spare));
+            self.order(device, CycleCommand::Run(spare));
         }
     }
 
@@ -257,7 +257,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         from_crc: u32,
         device: &mut impl Device<'m, WORDS>,
     ) -> Result<(), Refusal> {
-        let report = self.order(device, Order::Report);
+        let report = self.order(device, CycleCommand::Report);
         if report.model.is_none_or(|model| model.blob_crc != from_crc) {
             return Ok(());
         }
@@ -289,8 +289,8 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
     fn check_flash(
         &mut self,
         device: &mut impl Device<'m, WORDS>,
-    ) -> Result<Report<'m, WORDS>, Refusal> {
-        let report = self.order(device, Order::Report);
+    ) -> Result<CycleAck<'m, WORDS>, Refusal> {
+        let report = self.order(device, CycleCommand::Report);
         if self.facts.flash_blocks && report.running {
             return Err(Refusal::CyclesRunning);
         }
@@ -345,14 +345,16 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         for_filter(settings).check().map_err(not_taken)?;
         let before = self.check_flash(device)?.cycle;
         if before != *settings
-            && let Some(error) = self.order(device, Order::Settings(*settings)).refused
+            && let Some(error) = self
+                .order(device, CycleCommand::Settings(*settings))
+                .refused
         {
             return Err(not_taken(error));
         }
         let written = self.store.set_cycle_settings(settings);
         if written.is_err() {
             // What is in force is what a restart finds.
-            self.order(device, Order::Settings(before));
+            self.order(device, CycleCommand::Settings(before));
         }
         written.map_err(refused)
     }

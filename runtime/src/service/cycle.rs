@@ -11,8 +11,8 @@ use poegp_protocol::link::{
 use crate::guard::status::Status;
 use crate::model;
 use crate::service::commands::Commands;
-use crate::service::exchange::{Facts, Order, Report};
-use crate::service::loaded_model::Resident;
+use crate::service::exchange::{BoardInfo, CycleAck, CycleCommand};
+use crate::service::loaded_model::ModelSlot;
 use crate::trace::Stages;
 
 /// A counter of time.
@@ -24,11 +24,11 @@ pub trait Clock {
 /// The cyclic part of the device.
 #[derive(Debug)]
 pub struct Cycle<'m, const WORDS: usize> {
-    active: &'m mut Resident<WORDS>,
+    active: &'m mut ModelSlot<WORDS>,
     /// The model that is to run when nothing of the active one is applied any more.
-    pending: Option<&'m mut Resident<WORDS>>,
+    pending: Option<&'m mut ModelSlot<WORDS>>,
     /// The model that was active, until the background is told.
-    replaced: Option<&'m mut Resident<WORDS>>,
+    replaced: Option<&'m mut ModelSlot<WORDS>>,
     commands: Commands,
     statistics: Statistics,
     deadline_ticks: u32,
@@ -40,7 +40,7 @@ pub struct Cycle<'m, const WORDS: usize> {
 
 /// What became of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Taken {
+pub enum FrameOutcome {
     /// It was answered: so many bytes are to be sent.
     Answered(usize),
     /// A cyclic request was answered: so many bytes are to be sent. Only this may feed a watchdog.
@@ -51,7 +51,7 @@ pub enum Taken {
 
 impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
     /// Starts with `active`, which is usually empty, and with the default settings of the filter.
-    pub fn new(active: &'m mut Resident<WORDS>, facts: &Facts, bypass: bool) -> Self {
+    pub fn new(active: &'m mut ModelSlot<WORDS>, facts: &BoardInfo, bypass: bool) -> Self {
         Self {
             active,
             pending: None,
@@ -66,7 +66,7 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
     }
 
     /// Whether cyclic requests are expected: one has come, and no `StopCyclic` after it. While it is so, only
-    /// [`Taken::Completed`] may feed a watchdog.
+    /// [`FrameOutcome::Completed`] may feed a watchdog.
     pub fn is_running(&self) -> bool {
         self.running
     }
@@ -91,14 +91,14 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
 
     /// Takes a complete frame, whose last byte came at `arrived`. An answer is written to `out`; `scratch` and `out` need
     /// [`frame::MAX_FRAME`] bytes.
-    pub fn take(
+    pub fn handle_frame(
         &mut self,
         receiver: &mut Receiver,
         arrived: u32,
         clock: &mut impl Clock,
         scratch: &mut [u8],
         out: &mut [u8],
-    ) -> Taken {
+    ) -> FrameOutcome {
         self.look(arrived);
         let opened = receiver.open();
         let (sequence, response) = match opened.and_then(|_| receiver.message::<Request<'_>>()) {
@@ -106,7 +106,7 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
             Ok((sequence, request)) => {
                 count(&mut self.statistics.frames);
                 match self.answer(sequence, &request, arrived, clock) {
-                    None => return Taken::Service,
+                    None => return FrameOutcome::Service,
                     Some(response) => (sequence, response),
                 }
             }
@@ -120,33 +120,37 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
                 | Response::Trace(_)
                 | Response::Commanded(_)
         ) {
-            return Taken::Answered(length);
+            return FrameOutcome::Answered(length);
         }
         let latency = clock.ticks().wrapping_sub(arrived);
         if latency > self.deadline_ticks {
             count(&mut self.statistics.missed_deadlines);
         }
         self.statistics.max_latency_ticks = self.statistics.max_latency_ticks.max(latency);
-        Taken::Completed(length)
+        FrameOutcome::Completed(length)
     }
 
     /// Counts a frame that was longer than any that is sent, and answers it as [`Cycle::take`] does.
-    pub fn take_too_long(&mut self, scratch: &mut [u8], out: &mut [u8]) -> Taken {
+    pub fn frame_too_long(&mut self, scratch: &mut [u8], out: &mut [u8]) -> FrameOutcome {
         let (sequence, response) = self.unreadable(FrameError::Damaged);
-        Taken::Answered(frame::encode(sequence, &response, scratch, out).map_or(0, <[u8]>::len))
+        FrameOutcome::Answered(
+            frame::encode(sequence, &response, scratch, out).map_or(0, <[u8]>::len),
+        )
     }
 
     /// Refuses a service because another one is being carried out, as [`Cycle::take`] answers.
-    pub fn refuse_busy(
+    pub fn reject_busy(
         &mut self,
         receiver: &Receiver,
         scratch: &mut [u8],
         out: &mut [u8],
-    ) -> Taken {
+    ) -> FrameOutcome {
         let sequence = receiver.message::<Request<'_>>().map_or(0, |(s, _)| s);
         count(&mut self.statistics.refused);
         let response = Response::Refused(Refusal::Busy);
-        Taken::Answered(frame::encode(sequence, &response, scratch, out).map_or(0, <[u8]>::len))
+        FrameOutcome::Answered(
+            frame::encode(sequence, &response, scratch, out).map_or(0, <[u8]>::len),
+        )
     }
 
     fn unreadable(&mut self, error: FrameError) -> (u16, Response) {
@@ -196,7 +200,7 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
         if !status.is_ok() {
             count(&mut self.statistics.flagged);
         }
-        if status.contains(Status::CORRECTION_BOUNDED) {
+        if status.contains(Status::CORRECTION_LIMITED) {
             count(&mut self.statistics.bounded);
         }
         self.statistics.max_ticks = self.statistics.max_ticks.max(ticks);
@@ -326,31 +330,31 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
     /// Carries out an order of the background, between two frames, at the time `now`.
     // Not inlined: the cyclic path must not share its stack frame.
     #[inline(never)]
-    pub fn obey(&mut self, order: Order<'m, WORDS>, now: u32) -> Report<'m, WORDS> {
+    pub fn apply(&mut self, order: CycleCommand<'m, WORDS>, now: u32) -> CycleAck<'m, WORDS> {
         self.look(now);
         let mut refused = None;
         match order {
-            Order::Report => {}
-            Order::Run(model) => {
+            CycleCommand::Report => {}
+            CycleCommand::Run(model) => {
                 // There are two models: one cannot wait already.
                 if let Some(before) = self.pending.replace(model) {
                     self.replaced = Some(before);
                 }
                 self.exchange();
             }
-            Order::Stored { blob_crc, slot } => {
+            CycleCommand::Stored { blob_crc, slot } => {
                 self.active.note_stored(blob_crc, slot);
                 if let Some(pending) = &mut self.pending {
                     pending.note_stored(blob_crc, slot);
                 }
             }
-            Order::Settings(settings) => refused = self.commands.configure(&settings).err(),
-            Order::Bypass(on) => self.bypass = on,
-            Order::Refused => count(&mut self.statistics.refused),
+            CycleCommand::Settings(settings) => refused = self.commands.configure(&settings).err(),
+            CycleCommand::Bypass(on) => self.bypass = on,
+            CycleCommand::Refused => count(&mut self.statistics.refused),
         }
         let counts = self.commands.filter.counts();
         let ordered = self.pending.as_deref().unwrap_or(self.active);
-        Report {
+        CycleAck {
             model: ordered.identity(),
             slot: ordered.slot(),
             pending: self.pending.is_some(),

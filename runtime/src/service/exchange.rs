@@ -3,12 +3,12 @@
 use poegp_protocol::link::{CycleSettings, ModelIdentity, Statistics};
 
 use crate::filter::FilterError;
-use crate::service::loaded_model::Resident;
+use crate::service::loaded_model::ModelSlot;
 use crate::store::Slot;
 
 /// What does not change about the device.
 #[derive(Clone, Copy, Debug)]
-pub struct Facts {
+pub struct BoardInfo {
     /// Name of the board.
     pub board: &'static str,
     /// CRC-32C of the firmware's image.
@@ -23,11 +23,11 @@ pub struct Facts {
 
 /// What the background wants of the cycle.
 #[derive(Debug)]
-pub enum Order<'m, const WORDS: usize> {
+pub enum CycleCommand<'m, const WORDS: usize> {
     /// Nothing but a report.
     Report,
     /// Run this model: from now on, or when the correction by the active one has been taken back.
-    Run(&'m mut Resident<WORDS>),
+    Run(&'m mut ModelSlot<WORDS>),
     /// The model of this name is in this slot now, and no other.
     Stored {
         /// CRC in the header of its blob.
@@ -45,9 +45,9 @@ pub enum Order<'m, const WORDS: usize> {
 
 /// What the cycle says to an order.
 #[derive(Debug)]
-pub struct Report<'m, const WORDS: usize> {
-    /// The model that was active before the one of [`Order::Run`], once: in the first report after the exchange.
-    pub replaced: Option<&'m mut Resident<WORDS>>,
+pub struct CycleAck<'m, const WORDS: usize> {
+    /// The model that was active before the one of [`CycleCommand::Run`], once: in the first report after the exchange.
+    pub replaced: Option<&'m mut ModelSlot<WORDS>>,
     /// The active model, or the one that waits.
     pub model: Option<ModelIdentity>,
     /// Whether it waits.
@@ -56,7 +56,7 @@ pub struct Report<'m, const WORDS: usize> {
     pub slot: Option<Slot>,
     /// Settings in force.
     pub cycle: CycleSettings,
-    /// Why [`Order::Settings`] was not obeyed.
+    /// Why [`CycleCommand::Settings`] was not obeyed.
     pub refused: Option<FilterError>,
     /// Whether corrections are bypassed.
     pub bypass: bool,

@@ -5,12 +5,12 @@ use poegp_protocol::blob::{self, envelope};
 use poegp_protocol::link::{MAX_NAME, ModelIdentity, Refusal};
 
 use crate::model::Model;
+use crate::model::signature;
 use crate::store::Slot;
-use crate::store::signature;
 
 /// A model and where it comes from. All zeros when empty, so that a static one takes no flash.
 #[derive(Debug)]
-pub struct Resident<const WORDS: usize> {
+pub struct ModelSlot<const WORDS: usize> {
     pub(super) model: Model<f32, WORDS>,
     robot: String<MAX_NAME>,
     serial_number: String<MAX_NAME>,
@@ -21,13 +21,13 @@ pub struct Resident<const WORDS: usize> {
     slot: u8,
 }
 
-impl<const WORDS: usize> Default for Resident<WORDS> {
+impl<const WORDS: usize> Default for ModelSlot<WORDS> {
     fn default() -> Self {
         Self::new()
     }
 }
 
-impl<const WORDS: usize> Resident<WORDS> {
+impl<const WORDS: usize> ModelSlot<WORDS> {
     /// Without a model.
     pub const fn new() -> Self {
         Self {
@@ -71,7 +71,7 @@ impl<const WORDS: usize> Resident<WORDS> {
             Err(error) => Err(Refusal::Blob(*error)),
             Ok(blob) => {
                 self.model
-                    .load(blob)
+                    .load_decoded(blob)
                     .map_err(|error| Refusal::Model { code: error.code() })?;
                 self.robot = name(blob.robot.name);
                 self.serial_number = name(blob.robot.serial_number);

@@ -10,7 +10,7 @@
 //! [`Cycle`] runs at high priority and is short and bounded: it finds frames, answers `Evaluate`, `Correct` and `Command`
 //! with the active model, and passes everything else on. [`Background`] runs when there is nothing else to do, may take long, and
 //! is pre-empted by every cycle. Nothing is shared: a model belongs to one of them at any time, and becomes active by
-//! being handed over whole, between two cycles ([`Order::Run`]).
+//! being handed over whole, between two cycles ([`CycleCommand::Run`]).
 //!
 //! `Correct` is a question: its answer stands alone. `Command` is the command of a controller's cycle, and its answer goes
 //! through a [`crate::filter::CommandFilter`], which never steps. While it applies a correction, a model that was ordered
@@ -31,6 +31,6 @@ mod loaded_model;
 mod upload;
 
 pub use crate::service::background::{Background, Device};
-pub use crate::service::cycle::{Clock, Cycle, Taken};
-pub use crate::service::exchange::{Facts, Order, Report};
-pub use crate::service::loaded_model::Resident;
+pub use crate::service::cycle::{Clock, Cycle, FrameOutcome};
+pub use crate::service::exchange::{BoardInfo, CycleAck, CycleCommand};
+pub use crate::service::loaded_model::ModelSlot;

@@ -42,7 +42,6 @@ mod journal;
 mod key_page;
 mod layout;
 mod settings;
-pub mod signature;
 mod slot;
 
 use embedded_storage::nor_flash::NorFlash;

@@ -54,8 +54,8 @@ fn poses_and_commands() {
         let blob = blob::decode(allowed.bytes).unwrap();
         let mut single: Loaded<f32> = Box::new(Model::new());
         let mut double: Loaded<f64> = Box::new(Model::new());
-        single.load(&blob).unwrap();
-        double.load(&blob).unwrap();
+        single.load_decoded(&blob).unwrap();
+        double.load_decoded(&blob).unwrap();
         let payload = blob.ranges.payload_kg.unwrap();
         let mut random = Random(11);
         let mut draw =

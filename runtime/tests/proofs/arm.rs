@@ -308,7 +308,7 @@ impl Arm {
     /// The model of this arm.
     pub fn model<T: Scalar>(&mut self) -> Model<T, WORDS> {
         let mut model = Model::new();
-        model.load(&self.blob()).expect("a sound arm");
+        model.load_decoded(&self.blob()).expect("a sound arm");
         model
     }
 }

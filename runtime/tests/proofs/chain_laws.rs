@@ -1,18 +1,18 @@
 //! The minimal form of a chain: the same poses, the same axes, and nothing left to change in it.
 
-use poegp_runtime::kinematics::minimal_chain::{Chain, MinimalForm, MovedFrames};
-use poegp_runtime::kinematics::poe::{Poe, no_motions};
+use poegp_runtime::kinematics::minimal_chain::{JointFrames, MinimalChain, MinimalForm};
+use poegp_runtime::kinematics::poe::{Poe, zero_joint_trig};
 use poegp_runtime::math::scalar::Scalar;
 use poegp_runtime::math::se3::Pose;
 use proptest::prelude::*;
 
 use crate::seeded::{chains, config, distance, poe};
 
-fn walk<T: Scalar>(poe: &Poe<T>, q: &[T]) -> (MovedFrames<T>, Pose<T>) {
-    let chain = Chain::new(&MinimalForm::new(poe));
-    let mut motions = no_motions();
-    chain.motions_into(q, &mut motions);
-    let mut frames = MovedFrames::new();
+fn walk<T: Scalar>(poe: &Poe<T>, q: &[T]) -> (JointFrames<T>, Pose<T>) {
+    let chain = MinimalChain::new(&MinimalForm::new(poe));
+    let mut motions = zero_joint_trig();
+    chain.joint_trig_into(q, &mut motions);
+    let mut frames = JointFrames::new();
     let target = chain.moved_frames_at(&motions, &mut frames);
     // Both ways to f(q) give the same bits.
     assert_eq!(chain.forward_at(&motions), target);

@@ -118,7 +118,7 @@ proptest! {
             *numbers[index.index(count)] = value;
         }
         let mut model = Box::new(Model::<f32, WORDS>::new());
-        if model.load(&arm.blob()).is_ok() {
+        if model.load_decoded(&arm.blob()).is_ok() {
             let found = model.correct(&q[..n], m);
             prop_assert!(found.joints.iter().all(|q| q.is_finite()));
             prop_assert!(found.position_error.is_finite());

@@ -10,15 +10,15 @@ use poegp_runtime::gp::inducing_sets::InducingSet;
 use poegp_runtime::gp::joint_kernel::{JointKernel, PayloadGroup, similarity};
 use poegp_runtime::gp::joint_processes::JointProcesses;
 use poegp_runtime::kinematics::coupling::PerJoint;
-use poegp_runtime::kinematics::minimal_chain::{Chain, MinimalForm, MovedFrames};
-use poegp_runtime::kinematics::poe::{Motions, no_motions};
+use poegp_runtime::kinematics::minimal_chain::{JointFrames, MinimalChain, MinimalForm};
+use poegp_runtime::kinematics::poe::{JointTrig, zero_joint_trig};
 use poegp_runtime::math::se3::{dot, residual};
 use proptest::prelude::*;
 
 use crate::seeded::{chains, config, distance, poe};
 
 /// The joints as the kernel compares them, without the runtime.
-fn places<T: KernelLoops>(kinds: &[JointKind], q: &[f64]) -> Motions<T> {
+fn places<T: KernelLoops>(kinds: &[JointKind], q: &[f64]) -> JointTrig<T> {
     let mut out = [[T::ZERO; 2]; 8];
     for ((slot, kind), q) in out.iter_mut().zip(kinds).zip(q) {
         *slot = match kind {
@@ -61,7 +61,7 @@ fn kernel<T: KernelLoops>(natural: &Natural) -> JointKernel<T> {
     )
 }
 
-fn similarities<T: KernelLoops>(kinds: &[JointKind], a: &Motions<T>, b: &Motions<T>) -> Vec<T> {
+fn similarities<T: KernelLoops>(kinds: &[JointKind], a: &JointTrig<T>, b: &JointTrig<T>) -> Vec<T> {
     let pairs = a.iter().zip(b);
     kinds
         .iter()
@@ -352,9 +352,9 @@ proptest! {
     ) {
         let (chain, n) = (poe::<f64>(&kinds, &frames), kinds.len());
         let (frames, target) = chain.joint_frames(&q);
-        let mut moved = MovedFrames::new();
+        let mut moved = JointFrames::new();
         let form = MinimalForm::new(&chain);
-        Chain::new(&form).moved_frames_at(&chain.motions(&q), &mut moved);
+        MinimalChain::new(&form).moved_frames_at(&chain.motions(&q), &mut moved);
         let mut numbers = numbers.into_iter();
         let mut vector = || Vector3::from_fn(|_, _| numbers.next().unwrap());
         let mut terms = GravityTerms::<f64>::zero();
@@ -399,7 +399,7 @@ proptest! {
     /// delta^5/120 is what the series leaves out.
     #[test]
     fn a_small_turn_is_the_sine_of_the_sum(q in -4.0..4.0_f64, delta in -0.1..0.1_f64, way in -1.0..1.0_f64) {
-        let mut motions = no_motions();
+        let mut motions = zero_joint_trig();
         motions[0] = [libm::sin(q), libm::cos(q)];
         motions[1][0] = way;
         let kinds = [JointKind::Revolute, JointKind::Prismatic];

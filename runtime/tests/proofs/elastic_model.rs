@@ -130,10 +130,10 @@ proptest! {
         prop_assert!(w <= f64::from(angle_rad) * (1.0 + 1e-5) + 1e-9, "{} rad", w);
         let displaced = length(&twist.at_point(&plain.translation).linear);
         prop_assert!(displaced <= f64::from(position_m) + rounding, "{} m", displaced);
-        let free = f64::from(factor) < 1e3 && !answer.status.contains(Status::CORRECTION_BOUNDED);
+        let free = f64::from(factor) < 1e3 && !answer.status.contains(Status::CORRECTION_LIMITED);
         prop_assert!(!free || seen.deflection.iter().any(|d| *d != 0.0));
         let zero = position_m == 0.0 || angle_rad == 0.0 && arm.joints.iter().all(|j| j.kind == JointKind::Revolute);
-        prop_assert!(!zero || answer.status.contains(Status::CORRECTION_BOUNDED) || displaced <= rounding);
+        prop_assert!(!zero || answer.status.contains(Status::CORRECTION_LIMITED) || displaced <= rounding);
         if sliding || position_m > 0.0 || angle_rad > 0.0 {
             prop_assert!(answer.pose.to_rows().iter().all(|x| x.is_finite()));
         }
@@ -151,7 +151,7 @@ fn a_bounded_correction_keeps_its_direction() {
     let displaced = length(&free.correction.at_point(&chain.translation).linear);
     arm.joint_space().bound.position_m = (displaced / 4.0) as f32;
     let answer = arm.model::<f64>().evaluate(&q, 2.0);
-    assert_eq!(answer.status, Status::CORRECTION_BOUNDED);
+    assert_eq!(answer.status, Status::CORRECTION_LIMITED);
     let quarter = loose.map(|x| x / 4.0);
     let error = distance(&answer.correction.to_array(), &quarter);
     assert!(error < 1e-6 * displaced, "{error:e}");

@@ -132,7 +132,7 @@ fn what_is_wrong_is_named_and_the_old_model_goes_on() {
     let before = model.evaluate(&q, 2.0);
     let mut missed = Vec::new();
     for (what, mut arm, expected) in wrong_arms() {
-        let found = model.load(&arm.blob());
+        let found = model.load_decoded(&arm.blob());
         if found != Err(expected) {
             missed.push((what, found));
             model = Arm::elastic(6, 20, false, true).model::<f32>();
@@ -140,7 +140,7 @@ fn what_is_wrong_is_named_and_the_old_model_goes_on() {
         assert_eq!(model.evaluate(&q, 2.0), before, "after {what}");
         assert_eq!((model.joints(), model.support()), (6, 20));
         let mut empty = Model::<f32, WORDS>::new();
-        if empty.load(&arm.blob()).is_err() {
+        if empty.load_decoded(&arm.blob()).is_err() {
             assert_eq!(empty.evaluate(&q, 2.0).status, Status::NO_MODEL);
         }
     }
@@ -214,7 +214,7 @@ fn what_is_wrong_with_support_sets_is_named_and_the_old_model_goes_on() {
     let before = model.evaluate(&q, 2.0);
     let mut missed = Vec::new();
     for (what, mut arm, expected) in wrong_sets() {
-        let found = model.load(&arm.blob());
+        let found = model.load_decoded(&arm.blob());
         if found != Err(expected) {
             missed.push((what, found));
             model = Arm::with_sets(6, 4, true).model::<f32>();
@@ -226,7 +226,7 @@ fn what_is_wrong_with_support_sets_is_named_and_the_old_model_goes_on() {
     let words = large.rows.len() as u32;
     let capacity = WORDS as u32;
     assert_eq!(
-        model.load(&large.blob()),
+        model.load_decoded(&large.blob()),
         Err(LoadError::SupportTooLarge { words, capacity })
     );
 }
@@ -237,7 +237,7 @@ fn rows_are_whole() {
     let mut arm = Arm::elastic(3, 4, false, false);
     arm.rows.pop();
     let mut model = Model::<f32, WORDS>::new();
-    assert_eq!(model.load(&arm.blob()), Err(LoadError::Groups));
+    assert_eq!(model.load_decoded(&arm.blob()), Err(LoadError::Groups));
 }
 
 /// What may be absent: everything but the bound.
@@ -265,7 +265,7 @@ fn task_space_and_elastic_models_replace_each_other() {
     let mut model = Model::<f32, WORDS>::new();
     for _ in 0..2 {
         for (arm, expected) in [&mut task, &mut elastic].into_iter().zip(&expected) {
-            model.load(&arm.blob()).unwrap();
+            model.load_decoded(&arm.blob()).unwrap();
             assert_eq!(model.evaluate(&q, 1.0), *expected);
         }
     }
@@ -355,7 +355,7 @@ proptest! {
         }
         let mut model = Arm::elastic(2, 4, false, false).model::<f32>();
         let before = model.evaluate(&[0.5, 0.5], 1.0);
-        if model.load(&arm.blob()).is_err() {
+        if model.load_decoded(&arm.blob()).is_err() {
             prop_assert_eq!(model.evaluate(&[0.5, 0.5], 1.0), before);
             return Ok(());
         }

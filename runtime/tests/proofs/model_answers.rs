@@ -1,8 +1,8 @@
 //! What a sound model answers: statuses, bound, and independence of everything that must not matter.
 
 use poegp_runtime::guard::status::Status;
-use poegp_runtime::kinematics::minimal_chain::{Chain, MinimalForm};
-use poegp_runtime::kinematics::poe::{Poe, no_motions};
+use poegp_runtime::kinematics::minimal_chain::{MinimalChain, MinimalForm};
+use poegp_runtime::kinematics::poe::{Poe, zero_joint_trig};
 use poegp_runtime::math::scalar::{MAX_ANGLE, Scalar};
 use poegp_runtime::math::se3::{Pose, Twist, cross};
 use poegp_runtime::model::{MAX_PAYLOAD_KG, Model, words_for};
@@ -19,9 +19,9 @@ fn chain<T: Scalar>(arm: &Arm, q: &[T]) -> Pose<T> {
         .iter()
         .map(|rows| Pose::from_rows(rows).cast())
         .collect();
-    let chain = Chain::new(&MinimalForm::new(&Poe::new(&kinds, &frames).unwrap()));
-    let mut motions = no_motions();
-    chain.motions_into(q, &mut motions);
+    let chain = MinimalChain::new(&MinimalForm::new(&Poe::new(&kinds, &frames).unwrap()));
+    let mut motions = zero_joint_trig();
+    chain.joint_trig_into(q, &mut motions);
     chain.forward_at(&motions)
 }
 
@@ -36,7 +36,7 @@ fn without_a_model_nothing_is_claimed() {
     }
     assert_eq!((model.joints(), model.support()), (0, 0));
     assert_eq!(model.nominal(&[0.0; 6]), None);
-    model.load(&Arm::sound(6, 10).blob()).unwrap();
+    model.load_decoded(&Arm::sound(6, 10).blob()).unwrap();
     assert_eq!((model.joints(), model.support()), (6, 10));
     assert!(model.evaluate(&[0.0; 6], 1.0).status.is_ok());
     model.unload();
@@ -64,7 +64,7 @@ fn statuses_say_what_is_outside() {
     for (joints, payload_kg, expected) in cases {
         let status = model.evaluate(joints, payload_kg).status;
         // Far outside, the linear part may also reach the bound.
-        let remarks = status.bits() & !Status::CORRECTION_BOUNDED.bits();
+        let remarks = status.bits() & !Status::CORRECTION_LIMITED.bits();
         assert_eq!(
             Status::from_bits(remarks),
             expected,
@@ -155,9 +155,9 @@ fn the_capacity_does_not_matter() {
         let mut arm = Arm::sound(joints, points);
         let q = vec![0.3; joints];
         let mut exact = Model::<f32, { words_for(60) }>::new();
-        exact.load(&arm.blob()).unwrap();
+        exact.load_decoded(&arm.blob()).unwrap();
         let mut roomy = Model::<f32, 9_999>::new();
-        roomy.load(&arm.blob()).unwrap();
+        roomy.load_decoded(&arm.blob()).unwrap();
         assert_eq!(exact.evaluate(&q, 2.0), roomy.evaluate(&q, 2.0));
         assert_eq!(
             exact.evaluate(&q, 2.0),
@@ -264,7 +264,7 @@ proptest! {
         let rounding = 5e-7 * (v + w * p);
         let displaced = libm::sqrt(displacement.dot(&displacement));
         prop_assert!(displaced <= f64::from(position_m) + rounding, "{} m", displaced);
-        if !answer.status.contains(Status::CORRECTION_BOUNDED) {
+        if !answer.status.contains(Status::CORRECTION_LIMITED) {
             prop_assert_eq!(seen.mean, twist.to_array().map(f64::from).to_vec());
         }
         // The target itself moves by no more than the second order of the rotation on top.
@@ -289,7 +289,7 @@ fn the_blob_of_the_documentation_is_a_model() {
         .collect();
     let mut model = Model::<f32, WORDS>::new();
     model
-        .load(&poegp_protocol::blob::decode(&bytes).unwrap())
+        .load_decoded(&poegp_protocol::blob::decode(&bytes).unwrap())
         .unwrap();
     let answer = model.evaluate(&[0.0, 0.25], 0.0);
     assert_eq!(answer.status, Status::OK);

@@ -185,7 +185,7 @@ fn what_is_wrong_is_named_and_the_old_model_goes_on() {
     let before = model.evaluate(&q, 2.0);
     let mut missed = Vec::new();
     for (what, mut arm, expected) in wrong_arms() {
-        let found = model.load(&arm.blob());
+        let found = model.load_decoded(&arm.blob());
         if found != Err(expected) {
             missed.push((what, found));
             model = Arm::sound(6, 20).model::<f32>();
@@ -194,7 +194,7 @@ fn what_is_wrong_is_named_and_the_old_model_goes_on() {
         assert_eq!((model.joints(), model.support()), (6, 20));
         // Without an old model there is none afterwards.
         let mut empty = Model::<f32, WORDS>::new();
-        if empty.load(&arm.blob()).is_err() {
+        if empty.load_decoded(&arm.blob()).is_err() {
             assert_eq!(empty.evaluate(&q, 2.0).status, Status::NO_MODEL);
         }
     }
@@ -208,8 +208,8 @@ fn a_byte_too_many_is_a_partial_row() {
     let bytes = [0; 4 * 10 + 1];
     let mut model = Model::<f32, WORDS>::new();
     let error = LoadError::PartialRow { bytes: 41 };
-    assert_eq!(model.load(&arm.blob_with(&bytes)), Err(error));
-    assert_eq!(model.load(&arm.blob_with(&bytes[..40])), Ok(()));
+    assert_eq!(model.load_decoded(&arm.blob_with(&bytes)), Err(error));
+    assert_eq!(model.load_decoded(&arm.blob_with(&bytes[..40])), Ok(()));
     assert_eq!(model.support(), 1);
 }
 
@@ -341,7 +341,7 @@ proptest! {
         }
         let mut model = Arm::sound(2, 3).model::<f32>();
         let before = model.evaluate(&[0.5, 0.5], 1.0);
-        if model.load(&arm.blob()).is_err() {
+        if model.load_decoded(&arm.blob()).is_err() {
             prop_assert_eq!(model.evaluate(&[0.5, 0.5], 1.0), before);
             return Ok(());
         }

@@ -1,16 +1,18 @@
 //! Newton's steps: their equations.
 
 use nalgebra::{SMatrix, SVector};
-use poegp_runtime::kinematics::minimal_chain::{Chain, MinimalForm, MovedFrames};
-use poegp_runtime::kinematics::newton::{Damping, Equations, Place, less, pose_error};
-use poegp_runtime::kinematics::poe::no_motions;
+use poegp_runtime::kinematics::minimal_chain::{JointFrames, MinimalChain, MinimalForm};
+use poegp_runtime::kinematics::newton::{
+    Damping, LinearizationPoint, NormalEquations, pose_error, subtract_scaled,
+};
+use poegp_runtime::kinematics::poe::zero_joint_trig;
 use poegp_runtime::math::se3::Pose;
 use proptest::prelude::*;
 
 use crate::seeded::{chains, config, poe};
 
-/// The columns of J, as [`Equations::moved`] has them.
-fn columns(equations: &Equations<f64>) -> [SVector<f64, 6>; 8] {
+/// The columns of J, as [`NormalEquations::moved`] has them.
+fn columns(equations: &NormalEquations<f64>) -> [SVector<f64, 6>; 8] {
     core::array::from_fn(|joint| {
         let mut unit = [0.0; 8];
         unit[joint] = 1.0;
@@ -29,19 +31,19 @@ proptest! {
     ) {
         let n = kinds.len();
         let joint = joint % n;
-        let chain = Chain::new(&MinimalForm::new(&poe::<f64>(&kinds, &frames)));
-        let mut moved_frames = MovedFrames::new();
-        let mut at = |change: f64| -> (Pose<f64>, MovedFrames<f64>) {
+        let chain = MinimalChain::new(&MinimalForm::new(&poe::<f64>(&kinds, &frames)));
+        let mut moved_frames = JointFrames::new();
+        let mut at = |change: f64| -> (Pose<f64>, JointFrames<f64>) {
             let mut joints = q.clone();
             joints[joint] += change;
-            let mut motions = no_motions();
-            chain.motions_into(&joints, &mut motions);
+            let mut motions = zero_joint_trig();
+            chain.joint_trig_into(&joints, &mut motions);
             let pose = chain.moved_frames_at(&motions, &mut moved_frames);
             (pose, moved_frames.clone())
         };
         let (here, found) = at(0.0);
-        let mut equations = Equations::new();
-        let place = Place { kinds: &kinds, frames: &found, point: &here.translation, coupling: None };
+        let mut equations = NormalEquations::new();
+        let place = LinearizationPoint { kinds: &kinds, frames: &found, point: &here.translation, coupling: None };
         equations.form(&place);
         let step = 1e-5;
         let error = pose_error(&at(step).0, &at(-step).0);
@@ -59,12 +61,12 @@ proptest! {
         rotation in 1e-3..1.0_f64,
     ) {
         let n = kinds.len();
-        let chain = Chain::new(&MinimalForm::new(&poe::<f64>(&kinds, &frames)));
-        let (mut found, mut motions) = (MovedFrames::new(), no_motions());
-        chain.motions_into(&q, &mut motions);
+        let chain = MinimalChain::new(&MinimalForm::new(&poe::<f64>(&kinds, &frames)));
+        let (mut found, mut motions) = (JointFrames::new(), zero_joint_trig());
+        chain.joint_trig_into(&q, &mut motions);
         let here = chain.moved_frames_at(&motions, &mut found);
-        let mut equations = Equations::new();
-        let place = Place { kinds: &kinds, frames: &found, point: &here.translation, coupling: None };
+        let mut equations = NormalEquations::new();
+        let place = LinearizationPoint { kinds: &kinds, frames: &found, point: &here.translation, coupling: None };
         equations.form(&place);
         let jacobian = SMatrix::<f64, 6, 8>::from_columns(&columns(&equations));
         let mut gram = jacobian * jacobian.transpose();
@@ -90,7 +92,7 @@ proptest! {
         b in prop::array::uniform6(-1.0..1.0_f64),
         s in -2.0..2.0_f64,
     ) {
-        let found = less(&a, s, &b);
+        let found = subtract_scaled(&a, s, &b);
         prop_assert_eq!(found, core::array::from_fn(|i| a[i] - s * b[i]));
     }
 }

@@ -4,7 +4,7 @@ use curve25519_dalek::constants::{ED25519_BASEPOINT_POINT, EIGHT_TORSION};
 use curve25519_dalek::edwards::EdwardsPoint;
 use curve25519_dalek::scalar::Scalar;
 use ed25519_dalek::{Signature, Signer, SigningKey, VerifyingKey};
-use poegp_runtime::store::signature::{SignatureError, is_public_key, verify_message};
+use poegp_runtime::model::signature::{SignatureError, is_public_key, verify_message};
 use proptest::prelude::*;
 use sha2::{Digest, Sha512};
 

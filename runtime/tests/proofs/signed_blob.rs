@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use ed25519_dalek::{Signer, SigningKey};
 use poegp_protocol::blob::envelope::{Trailer, key_id, set_signed};
 use poegp_protocol::blob::{self, CRC, blob_crc};
-use poegp_runtime::store::signature::{SignatureError, verify};
+use poegp_runtime::model::signature::{SignatureError, verify};
 
 use crate::arm::Arm;
 

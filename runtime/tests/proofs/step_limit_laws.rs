@@ -3,7 +3,7 @@
 
 use nalgebra::{SMatrix, SVector};
 use poegp_runtime::correct::step_limit::{LimitedStep, SHIFT_LIMIT, Scale, StepLimit, TURN_LIMIT};
-use poegp_runtime::kinematics::newton::{Gram, Hybrid};
+use poegp_runtime::kinematics::newton::{Gram, PoseError6};
 use proptest::prelude::*;
 
 use crate::seeded::config;
@@ -36,7 +36,7 @@ fn gram(jacobian: &Matrix) -> Gram<f64> {
 /// The step against an error, its joint changes and what is left of the error.
 fn step(jacobian: &Matrix, error: &Vector) -> (LimitedStep<f64>, Vector, Vector) {
     let gram = gram(jacobian);
-    let error_in: Hybrid<f64> = core::array::from_fn(|i| error[i]);
+    let error_in: PoseError6<f64> = core::array::from_fn(|i| error[i]);
     let step = StepLimit::new(&gram, scale(Some(USUAL))).step(&error_in);
     let joints = jacobian.transpose() * Vector::from(step.x);
     (step, joints, error - jacobian * joints)

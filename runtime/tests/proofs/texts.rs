@@ -7,7 +7,7 @@ use poegp_runtime::guard::status::Status;
 use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::Pose;
 use poegp_runtime::model::load_error::LoadError;
-use poegp_runtime::store::signature::SignatureError;
+use poegp_runtime::model::signature::SignatureError;
 
 #[test]
 fn remarks_are_a_set() {

@@ -61,7 +61,7 @@ fn loaded<T: Scalar>(arm: &mut Arm, v: Variance<'_>) -> Result<Model<T, WORDS>, 
     let mut blob = arm.blob();
     blob.variance = Some(v);
     let mut model = Model::new();
-    model.load(&blob).map(|()| model)
+    model.load_decoded(&blob).map(|()| model)
 }
 
 /// Three landmarks, two of them among the support of a tied arm of `joints` joints.

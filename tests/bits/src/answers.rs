@@ -49,7 +49,7 @@ fn print_case(
     show: &mut impl FnMut(&str),
 ) -> Result<(), &'static str> {
     let mut model = Model::<f32, WORDS>::new();
-    model.load(blob).map_err(|_| "a model is refused")?;
+    model.load_decoded(blob).map_err(|_| "a model is refused")?;
     for write in [write_bits as WriteLine, write_trust, write_command] {
         for query in case.queries.iter().step_by(every) {
             print_line(case, query, &model, write, show)?;

@@ -12,7 +12,7 @@ use poegp_protocol::link::{
 use poegp_runtime::filter::{CommandFilter, FilterSettings};
 use poegp_runtime::guard::status::Status;
 use poegp_runtime::model::Model;
-use poegp_runtime::store::signature;
+use poegp_runtime::model::signature;
 use poegp_runtime::trace::Stages;
 
 use super::service::{BYTES, CHANGES, FACTS, WORDS};
@@ -39,7 +39,7 @@ impl Known {
         }
         let decoded = decoded.map_err(Refusal::Blob)?;
         let mut model = Model::new();
-        let loaded = model.load(&decoded);
+        let loaded = model.load_decoded(&decoded);
         loaded.map_err(|error| Refusal::Model { code: error.code() })?;
         let identity = ModelIdentity {
             robot: cut(decoded.robot.name),
@@ -569,7 +569,7 @@ impl Expected {
     fn completed(&mut self, status: Status) {
         self.statistics.cycles += 1;
         self.statistics.flagged += u32::from(!status.is_ok());
-        self.statistics.bounded += u32::from(status.contains(Status::CORRECTION_BOUNDED));
+        self.statistics.bounded += u32::from(status.contains(Status::CORRECTION_LIMITED));
     }
 
     fn evaluate(&mut self, query: &Query) -> (Evaluation, Stages<f32>) {

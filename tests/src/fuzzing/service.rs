@@ -13,8 +13,8 @@ use poegp_protocol::link::frame::{self, FrameError, MAX_FRAME, Received, Receive
 use poegp_protocol::link::{
     CycleSettings, MAX_CHUNK, PROTOCOL_VERSION, Query, Refusal, Request, Response, Statistics,
 };
-use poegp_runtime::service::{Background, Clock, Cycle, Device, Facts, Order, Report};
-use poegp_runtime::service::{Resident, Taken};
+use poegp_runtime::service::{Background, BoardInfo, Clock, Cycle, CycleAck, CycleCommand, Device};
+use poegp_runtime::service::{FrameOutcome, ModelSlot};
 use poegp_runtime::store::{Layout, Store};
 
 use super::expected::Expected;
@@ -37,7 +37,7 @@ pub(super) const WORDS: usize = 256;
 /// Bytes of a blob that fit.
 pub(super) const BYTES: usize = 2_048;
 /// Of the device.
-pub(super) const FACTS: Facts = Facts {
+pub(super) const FACTS: BoardInfo = BoardInfo {
     board: "a desk with a name that is longer than thirty-two letters",
     image_crc: 0x1234_5678,
     tick_hz: 1_000,
@@ -69,8 +69,8 @@ impl Clock for Still {
 struct Calls<'a, 'm>(&'a mut Cycle<'m, WORDS>, u32);
 
 impl<'m> Device<'m, WORDS> for Calls<'_, 'm> {
-    fn order(&mut self, order: Order<'m, WORDS>) -> Report<'m, WORDS> {
-        self.0.obey(order, self.1)
+    fn order(&mut self, order: CycleCommand<'m, WORDS>) -> CycleAck<'m, WORDS> {
+        self.0.apply(order, self.1)
     }
 
     fn complete(&mut self, _: &mut Statistics) {}
@@ -127,7 +127,7 @@ impl Running<'_> {
                 Received::More => continue,
                 Received::Frame => {
                     let receiver = &mut self.receiver;
-                    self.cycle.take(
+                    self.cycle.handle_frame(
                         receiver,
                         self.now,
                         &mut Still(self.now),
@@ -135,14 +135,14 @@ impl Running<'_> {
                         &mut out,
                     )
                 }
-                Received::TooLong => self.cycle.take_too_long(&mut scratch, &mut out),
+                Received::TooLong => self.cycle.frame_too_long(&mut scratch, &mut out),
             };
             match taken {
-                Taken::Answered(length) | Taken::Completed(length) => {
+                FrameOutcome::Answered(length) | FrameOutcome::Completed(length) => {
                     let answer = &mut out[..length - 1];
                     answers.push(frame::decode(answer).expect("an intact frame"));
                 }
-                Taken::Service => {
+                FrameOutcome::Service => {
                     let request = self.receiver.message::<Request<'_>>();
                     let (sequence, request) = request.expect("it was read");
                     let mut calls = Calls(&mut self.cycle, self.now);
@@ -286,7 +286,7 @@ fn switched_on(
     script: &mut Script<'_>,
     expected: &mut Expected,
 ) -> End {
-    let (mut active, mut spare) = (Box::new(Resident::new()), Box::new(Resident::new()));
+    let (mut active, mut spare) = (Box::new(ModelSlot::new()), Box::new(ModelSlot::new()));
     let mut staged = Box::default();
     let layout = Layout {
         slots: [0..SLOT, SLOT..2 * SLOT],
@@ -294,7 +294,7 @@ fn switched_on(
         cycle: 2 * SLOT + 256..2 * SLOT + 256 + SETTINGS,
     };
     let store = Store::new(Wired(flash), layout).expect("a sound layout");
-    let facts = Facts {
+    let facts = BoardInfo {
         flash_blocks: expected.flash_blocks,
         ..FACTS
     };

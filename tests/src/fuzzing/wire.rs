@@ -6,7 +6,7 @@ use poegp_protocol::blob::{self, Correction};
 use poegp_protocol::link::frame::{self, FrameError, MAX_FRAME, Received, Receiver};
 use poegp_protocol::link::{PROTOCOL_VERSION, Request, Response};
 use poegp_runtime::correct::MAX_JOINT_CHANGE;
-use poegp_runtime::service::Resident;
+use poegp_runtime::service::ModelSlot;
 use serde::Serialize;
 
 use crate::sample::{Sample, Support};
@@ -49,7 +49,7 @@ fn load(bytes: &[u8]) {
     thread_local! {
         static GOOD: Vec<u8> = Sample::plain(1, Support::Shared(2)).blob();
     }
-    let mut resident = Box::<Resident<WORDS>>::default();
+    let mut resident = Box::<ModelSlot<WORDS>>::default();
     GOOD.with(|good| resident.load_unverified(good))
         .expect("the sample is a model");
     let before = (resident.identity(), answers(&resident));
@@ -73,7 +73,7 @@ fn load(bytes: &[u8]) {
 }
 
 /// The bits of a model's answers, all of them finite, at joints near and far from any that was trained.
-fn answers(resident: &Resident<WORDS>) -> Vec<u32> {
+fn answers(resident: &ModelSlot<WORDS>) -> Vec<u32> {
     let model = resident.model();
     let mut bits = Vec::new();
     for (place, payload_kg) in [(0.0, 0.0), (0.7, 1.0), (-2.5, 30.0), (300.0, -1.0)] {

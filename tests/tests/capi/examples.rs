@@ -44,7 +44,7 @@ fn assert_answers(said: &str) {
     let bytes = fs::read(capi().join("examples/arm.blob")).unwrap();
     let decoded = blob::decode(&bytes).unwrap();
     let mut model = Box::new(Model::<f32, { words_for(64) }>::new());
-    model.load(&decoded).unwrap();
+    model.load_decoded(&decoded).unwrap();
     let mut lines = said.lines();
     let crc = blob::stored_crc(&bytes).unwrap();
     assert_eq!(

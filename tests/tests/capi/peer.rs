@@ -74,7 +74,7 @@ fn peer_in_c() {
         of_peer += count(0) / queries.len() as f64;
         of_ours += count(1) / queries.len() as f64;
         let status = Status::from_bits(words[2].parse().unwrap());
-        if status.contains(Status::CORRECTION_BOUNDED) {
+        if status.contains(Status::CORRECTION_LIMITED) {
             continue;
         }
         compared += 1;

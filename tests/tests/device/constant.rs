@@ -60,7 +60,7 @@ fn a_thousand_inputs_take_the_same_time() {
             queries.iter().filter(has).count()
         };
         let outside = with(Status::OUTSIDE_JOINT_RANGE);
-        let bounded = with(Status::CORRECTION_BOUNDED);
+        let bounded = with(Status::CORRECTION_LIMITED);
         assert!((100..500).contains(&outside), "{name}: {outside}");
         assert!(bounded < QUERIES, "{name}: {bounded}");
         for (what, (least, most)) in [

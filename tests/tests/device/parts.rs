@@ -106,7 +106,7 @@ fn the_parts_of_an_evaluation() {
     }
 }
 
-/// Instructions of [`Resident::load_unverified`](poegp_runtime::service) and of the whole request that verifies an
+/// Instructions of [`ModelSlot::load_unverified`](poegp_runtime::service) and of the whole request that verifies an
 /// uploaded blob, and the length of the blob.
 fn load(device: &mut Device, recorder: &mut Recorder, support: Support) -> [usize; 3] {
     let blob = Sample::plain(37, support).blob();
@@ -124,7 +124,7 @@ fn load(device: &mut Device, recorder: &mut Recorder, support: Support) -> [usiz
     let loading = Parts::of(
         &executed,
         &firmware().unwrap().elf,
-        &["Resident", "load_blob"],
+        &["ModelSlot", "load_blob"],
     )
     .unwrap_or_else(|error| panic!("{error}"));
     [loading.whole(), executed.len(), blob.len()]

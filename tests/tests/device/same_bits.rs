@@ -190,8 +190,8 @@ fn f32_is_within_a_micrometre_of_f64() {
             Box::new(Model::<f32, { words_for(300) }>::new()),
             Box::new(Model::<f64, { words_for(300) }>::new()),
         );
-        single.load(&blob).unwrap();
-        double.load(&blob).unwrap();
+        single.load_decoded(&blob).unwrap();
+        double.load_decoded(&blob).unwrap();
         let (mut sum, mut worst, mut count) = (0.0, 0.0_f64, 0);
         for query in sample.queries(400) {
             let wide: Vec<f64> = query.joints.iter().copied().map(f64::from).collect();

@@ -253,7 +253,7 @@ fn document<'a>(
     };
     let remarks = [
         Status::PARTLY_CORRECTED,
-        Status::CORRECTION_BOUNDED,
+        Status::CORRECTION_LIMITED,
         Status::OUTSIDE_JOINT_RANGE,
         Status::OUTSIDE_PAYLOAD_RANGE,
         Status::BAD_INPUT,
@@ -330,7 +330,7 @@ fn meaning(status: &str) -> &'static str {
         "partly-corrected" => {
             "corrected in part: beside a singularity, where a full correction would move joints too quickly"
         }
-        "correction-bounded" => "corrected by no more than the bound of the blob",
+        "correction-limited" => "corrected by no more than the bound of the blob",
         "outside-joint-range" => "corrected by an extrapolation: joints beyond what was trained",
         "outside-payload-range" => {
             "corrected by an extrapolation: a payload beyond what was trained"

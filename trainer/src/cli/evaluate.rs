@@ -313,7 +313,7 @@ fn print(report: Report, set: &SetErrors, model: &str, predictions: &[Prediction
     for status in [
         Status::OUTSIDE_JOINT_RANGE,
         Status::OUTSIDE_PAYLOAD_RANGE,
-        Status::CORRECTION_BOUNDED,
+        Status::CORRECTION_LIMITED,
         Status::BAD_INPUT,
     ] {
         let count = predictions

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
 use poegp_protocol::blob::envelope;
-use poegp_runtime::store::signature;
-use poegp_runtime::store::signature::SignatureError;
+use poegp_runtime::model::signature;
+use poegp_runtime::model::signature::SignatureError;
 use serde_json::json;
 
 use crate::cli::report::Report;

@@ -3,8 +3,8 @@
 use poegp_protocol::link::Refusal;
 use poegp_runtime::filter::FilterError;
 use poegp_runtime::model::load_error::LoadError;
+use poegp_runtime::model::signature::SignatureError;
 use poegp_runtime::store::StoreError;
-use poegp_runtime::store::signature::SignatureError;
 
 /// Why the device will not.
 pub fn refusal(refusal: &Refusal) -> String {

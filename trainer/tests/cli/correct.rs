@@ -3,7 +3,7 @@
 use poegp_protocol::link::frame::{self, MAX_FRAME, Receiver};
 use poegp_protocol::link::{Corrected, Query, Request, Response};
 use poegp_runtime::model::words_for;
-use poegp_runtime::service::{Clock, Cycle, Facts, Resident};
+use poegp_runtime::service::{BoardInfo, Clock, Cycle, ModelSlot};
 
 use crate::program::{Folder, SERIAL, simulated};
 use crate::texts::texts;
@@ -34,8 +34,8 @@ impl Clock for Stopped {
 }
 
 /// What the cycle of the device answers to the frame of a controller.
-fn device(resident: &mut Resident<{ words_for(512) }>, query: Query) -> Corrected {
-    let facts = Facts {
+fn device(resident: &mut ModelSlot<{ words_for(512) }>, query: Query) -> Corrected {
+    let facts = BoardInfo {
         board: "",
         image_crc: 0,
         tick_hz: 1_000,
@@ -51,7 +51,7 @@ fn device(resident: &mut Resident<{ words_for(512) }>, query: Query) -> Correcte
     }
     let mut answer = [0; MAX_FRAME];
     let mut scratch = [0; MAX_FRAME];
-    cycle.take(&mut receiver, 0, &mut Stopped, &mut scratch, &mut answer);
+    cycle.handle_frame(&mut receiver, 0, &mut Stopped, &mut scratch, &mut answer);
     let mut receiver = Receiver::new();
     for byte in answer {
         if receiver.push(byte) == frame::Received::Frame {
@@ -73,7 +73,7 @@ fn the_file_has_the_bits_of_the_device() {
     folder
         .run("correct arm.blob test.csv --out corrected.csv")
         .ok();
-    let mut resident = Box::new(Resident::new());
+    let mut resident = Box::new(ModelSlot::new());
     resident.load(&folder.read("arm.blob"), None).unwrap();
     let (before, after) = (folder.text("test.csv"), folder.text("corrected.csv"));
     let names: Vec<&str> = before.lines().next().unwrap().split(',').collect();

@@ -16,7 +16,7 @@ use poegp_runtime::elastic::deflection::deflected;
 use poegp_runtime::elastic::gravity::{GravityRegressors, GravityTerms};
 use poegp_runtime::elastic::ripple::{RippleTerm, ripple_regressors};
 use poegp_runtime::kinematics::coupling::PerJoint;
-use poegp_runtime::kinematics::poe::{Motions, Poe};
+use poegp_runtime::kinematics::poe::{JointTrig, Poe};
 use poegp_runtime::math::se3::{Pose, Twist};
 
 use crate::measurement::sample::Sample;
@@ -236,7 +236,7 @@ impl ParametricModel {
     }
 
     /// The joints as the kernel compares them.
-    pub fn features<F>(&self, sample: &Sample<F>) -> Motions<f64> {
+    pub fn features<F>(&self, sample: &Sample<F>) -> JointTrig<f64> {
         let mut joints = [0.0; MAX_JOINTS];
         joints[..sample.joints.len()].copy_from_slice(&sample.joints);
         self.chain(0).motions(&joints)

@@ -18,7 +18,7 @@ use poegp_runtime::elastic::configuration::Configuration;
 use poegp_runtime::elastic::position_variance::{PositionVariance, landmark_place, prior};
 use poegp_runtime::gp::joint_kernel::JointKernel;
 use poegp_runtime::kinematics::coupling::CouplingMatrix;
-use poegp_runtime::kinematics::minimal_chain::{Chain, MinimalForm};
+use poegp_runtime::kinematics::minimal_chain::{MinimalChain, MinimalForm};
 
 use crate::learning::elastic::fit::RobustFit;
 use crate::learning::elastic::inducing_points::kernel;
@@ -173,7 +173,7 @@ fn priors(
         let mut joints = [0.0; 8];
         joints[..sample.joints.len()].copy_from_slice(&sample.joints);
         let at = Configuration {
-            chain: &Chain::new(&MinimalForm::new(&poe)),
+            chain: &MinimalChain::new(&MinimalForm::new(&poe)),
             coupling,
             joints: &joints,
             motions: &motions,

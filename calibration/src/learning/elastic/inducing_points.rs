@@ -11,7 +11,7 @@ use faer::{Mat, Side};
 use poegp_protocol::JointKind;
 use poegp_protocol::limits::MAX_GROUPS;
 use poegp_runtime::gp::joint_kernel::{JointKernel, similarity};
-use poegp_runtime::kinematics::poe::Motions;
+use poegp_runtime::kinematics::poe::JointTrig;
 
 use crate::identification::parametric::state::prior_variance;
 use crate::identification::parametric::state::{Linearised, ROWS};
@@ -23,7 +23,7 @@ use crate::measurement::sample::BaseSample;
 #[derive(Clone, Debug)]
 pub struct Support {
     /// Joints of each point.
-    pub features: Vec<Motions<f64>>,
+    pub features: Vec<JointTrig<f64>>,
     /// Payload of each point in kg, at most [`MAX_GROUPS`] different ones.
     pub payloads: Vec<f64>,
     /// Weight of each point for each joint.
@@ -34,8 +34,8 @@ pub struct Support {
 pub(crate) fn kernel(
     kernel: &JointKernel<f64>,
     kinds: &[JointKind],
-    (a, m): (&Motions<f64>, f64),
-    (b, other): (&Motions<f64>, f64),
+    (a, m): (&JointTrig<f64>, f64),
+    (b, other): (&JointTrig<f64>, f64),
 ) -> f64 {
     let mut s = [0.0; 8];
     for (d, kind) in kinds.iter().enumerate() {
@@ -122,7 +122,7 @@ pub fn choose(fit: &ElasticFit, payloads: &[f64], jacobian: &Mat<f64>, count: us
 }
 
 /// A function of a reduced model: the joint whose process it is part of, and its centre.
-pub(super) type Centred = (usize, (Motions<f64>, f64));
+pub(super) type Centred = (usize, (JointTrig<f64>, f64));
 
 /// Chooses `count` support points and solves for their weights and all parameters; the parameters of `fit` move.
 /// `None` when the system cannot be solved.
@@ -132,7 +132,7 @@ pub fn reduce(fit: &mut ElasticFit, samples: &[BaseSample], count: usize) -> Opt
     let linear = fit.state.linearise(samples, fit.scales);
     let chosen = choose(fit, &payloads, &linear.jacobian, count);
     let centre = |i: &usize| (fit.inputs.features[*i], payloads[*i]);
-    let centres: Vec<(Motions<f64>, f64)> = chosen.iter().map(centre).collect();
+    let centres: Vec<(JointTrig<f64>, f64)> = chosen.iter().map(centre).collect();
     let (m, n) = (centres.len(), kernels.len());
     let functions: Vec<Centred> = (0..n)
         .flat_map(|c| centres.iter().map(move |centre| (c, *centre)))
@@ -154,7 +154,7 @@ pub(super) fn solve(
     kernels: &[JointKernel<f64>],
     functions: &[Centred],
 ) -> Option<Vec<f64>> {
-    let between = |c: usize, a: (&Motions<f64>, f64), b: (&Motions<f64>, f64)| {
+    let between = |c: usize, a: (&JointTrig<f64>, f64), b: (&JointTrig<f64>, f64)| {
         kernel(&kernels[c], &fit.inputs.kinds, a, b) / (DEFLECTION_UNIT * DEFLECTION_UNIT)
     };
     let (p, m) = (linear.a.ncols(), functions.len());

@@ -14,7 +14,7 @@
 use poegp_protocol::JointKind;
 use poegp_protocol::limits::MAX_GROUPS;
 use poegp_runtime::gp::joint_kernel::JointKernel;
-use poegp_runtime::kinematics::poe::Motions;
+use poegp_runtime::kinematics::poe::JointTrig;
 use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -47,7 +47,7 @@ const MAX_PLACES: usize = 600;
 #[derive(Clone, Copy, Debug)]
 pub struct Function {
     /// The joints where it stands.
-    pub features: Motions<f64>,
+    pub features: JointTrig<f64>,
     /// Its payload in kg, one of at most [`MAX_GROUPS`].
     pub payload_kg: f64,
     /// Its weight.
@@ -64,7 +64,7 @@ pub struct Sets {
 }
 
 /// Where kernels are evaluated: joints and payload.
-type Place = (Motions<f64>, f64);
+type Place = (JointTrig<f64>, f64);
 
 /// Chooses support sets for a fit to `samples` and solves for their weights and all parameters; the parameters of `fit`
 /// move. `None` when there are no processes or the system cannot be solved.

@@ -9,7 +9,7 @@ use std::cell::RefCell;
 use faer::linalg::solvers::{Llt, Solve};
 use faer::{Mat, Side};
 use poegp_runtime::gp::joint_kernel::{JointKernel, similarity};
-use poegp_runtime::kinematics::poe::Motions;
+use poegp_runtime::kinematics::poe::JointTrig;
 
 use crate::identification::parametric::state::{Linearised, PriorGroup, ROWS, prior_variance};
 use crate::learning::elastic::hyperparameters::{DEFLECTION_UNIT, HyperLayout};
@@ -22,7 +22,7 @@ use poegp_protocol::limits::MAX_JOINTS;
 #[derive(Clone, Debug)]
 pub struct Inputs {
     /// The joints of each pose.
-    pub features: Vec<Motions<f64>>,
+    pub features: Vec<JointTrig<f64>>,
     /// Payload of each pose in kg; 0 where there is none.
     pub payloads: Vec<f64>,
     /// Kinds of the joints.

@@ -13,7 +13,7 @@ use poegp_runtime::gp::inducing_sets::InducingSet;
 use poegp_runtime::gp::joint_kernel::{JointKernel, PayloadGroup};
 use poegp_runtime::gp::joint_processes::{JointProcesses, row_words};
 use poegp_runtime::kinematics::coupling::{CouplingMatrix, coupled};
-use poegp_runtime::kinematics::minimal_chain::{Chain, MinimalForm};
+use poegp_runtime::kinematics::minimal_chain::{MinimalChain, MinimalForm};
 use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::{Pose, Twist};
 use poegp_runtime::trace::Unobserved;
@@ -152,7 +152,7 @@ impl ElasticModel {
         padded[..joints.len()].copy_from_slice(joints);
         let serial = coupled(self.coupling.as_ref(), &padded);
         let at = Configuration {
-            chain: &Chain::new(&MinimalForm::new(poe)),
+            chain: &MinimalChain::new(&MinimalForm::new(poe)),
             coupling: self.coupling.as_ref(),
             joints: &padded,
             motions: &poe.motions(&serial),

@@ -8,7 +8,7 @@ use std::rc::Rc;
 
 use poegp_protocol::link::{Request, Response};
 use poegp_runtime::guard::status::Status;
-use poegp_runtime::service::Resident;
+use poegp_runtime::service::ModelSlot;
 use poegp_runtime::store::Store;
 
 use super::desk::{BYTES, Desk, Flash, layout};
@@ -31,7 +31,7 @@ fn parts() -> Vec<(&'static str, Range<u32>)> {
 }
 
 /// What the device would run, by the store and the loader as [`Desk`]'s start uses them, without a device for each bit.
-fn runs(flash: Flash, resident: &mut Resident<WORDS>) -> Option<u32> {
+fn runs(flash: Flash, resident: &mut ModelSlot<WORDS>) -> Option<u32> {
     let mut store = Store::new(flash, layout()).expect("a layout");
     let key = store.public_key().ok()?;
     let mut buffer = [0; BYTES];
@@ -48,7 +48,7 @@ fn runs(flash: Flash, resident: &mut Resident<WORDS>) -> Option<u32> {
 /// Flips every bit and counts what runs then.
 fn flip_every_bit(flash: &Flash, newest: &Known, other: &Known) -> BTreeMap<String, usize> {
     let mut counts = BTreeMap::new();
-    let mut resident = Resident::<WORDS>::default();
+    let mut resident = ModelSlot::<WORDS>::default();
     assert_eq!(runs(flash.clone(), &mut resident), Some(newest.blob_crc));
     for (part, bytes) in parts() {
         for bit in 8 * bytes.start..8 * bytes.end {
@@ -108,7 +108,7 @@ fn every_bit_of_the_key() {
     old.install(&mut desk);
     new.install(&mut desk);
     let flash = desk.flash.borrow().clone();
-    let mut resident = Resident::<WORDS>::default();
+    let mut resident = ModelSlot::<WORDS>::default();
     let range = layout().key;
     for bit in 8 * range.start..8 * range.end {
         let mut flipped = flash.clone();

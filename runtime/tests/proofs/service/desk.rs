@@ -11,8 +11,8 @@ use std::rc::Rc;
 use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
 use poegp_protocol::link::frame::{self, MAX_FRAME, Received, Receiver};
 use poegp_protocol::link::{Identity, Refusal, Request, Response, Statistics};
-use poegp_runtime::service::{Background, Clock, Cycle, Device, Facts, Order, Report};
-use poegp_runtime::service::{Resident, Taken};
+use poegp_runtime::service::{Background, BoardInfo, Clock, Cycle, CycleAck, CycleCommand, Device};
+use poegp_runtime::service::{FrameOutcome, ModelSlot};
 use poegp_runtime::store::{Layout, Store};
 
 use super::nor::Nor;
@@ -27,7 +27,7 @@ pub const DEADLINE_TICKS: u32 = 1_000;
 /// Frequency of the clock.
 pub const TICK_HZ: u32 = 1_000;
 
-const FACTS: Facts = Facts {
+const FACTS: BoardInfo = BoardInfo {
     board: "a desk with a name that is longer than thirty-two letters",
     image_crc: 0x1234_5678,
     tick_hz: TICK_HZ,
@@ -94,12 +94,12 @@ impl Front {
             let taken = match self.receiver.push(byte) {
                 Received::More => continue,
                 Received::Frame => self.frame(&mut scratch, &mut out),
-                Received::TooLong => self.cycle.take_too_long(&mut scratch, &mut out),
+                Received::TooLong => self.cycle.frame_too_long(&mut scratch, &mut out),
             };
             match taken {
-                Taken::Service => {}
-                Taken::Answered(length) => self.outgoing.extend(&out[..length]),
-                Taken::Completed(length) => {
+                FrameOutcome::Service => {}
+                FrameOutcome::Answered(length) => self.outgoing.extend(&out[..length]),
+                FrameOutcome::Completed(length) => {
                     self.outgoing.extend(&out[..length]);
                     self.completed += 1;
                     self.completed_meanwhile += u32::from(self.serving);
@@ -108,16 +108,16 @@ impl Front {
         }
     }
 
-    fn frame(&mut self, scratch: &mut [u8], out: &mut [u8]) -> Taken {
+    fn frame(&mut self, scratch: &mut [u8], out: &mut [u8]) -> FrameOutcome {
         let arrived = self.ticker.ticks;
         let receiver = &mut self.receiver;
         let mut taken = self
             .cycle
-            .take(receiver, arrived, &mut self.ticker, scratch, out);
-        if taken == Taken::Service {
+            .handle_frame(receiver, arrived, &mut self.ticker, scratch, out);
+        if taken == FrameOutcome::Service {
             match self.other_receiver.take() {
                 Some(other) => self.work = Some(std::mem::replace(&mut self.receiver, other)),
-                None => taken = self.cycle.refuse_busy(&self.receiver, scratch, out),
+                None => taken = self.cycle.reject_busy(&self.receiver, scratch, out),
             }
         }
         self.receiver.clear();
@@ -129,10 +129,10 @@ impl Front {
 struct Calls(Rc<RefCell<Front>>);
 
 impl Device<'static, WORDS> for Calls {
-    fn order(&mut self, order: Order<'static, WORDS>) -> Report<'static, WORDS> {
+    fn order(&mut self, order: CycleCommand<'static, WORDS>) -> CycleAck<'static, WORDS> {
         let mut front = self.0.borrow_mut();
         let now = front.ticker.ticks;
-        let report = front.cycle.obey(order, now);
+        let report = front.cycle.apply(order, now);
         // What came meanwhile is answered before the background sees the report.
         front.turn();
         report
@@ -213,8 +213,8 @@ impl Desk {
     pub fn start_on(flash: Rc<RefCell<Flash>>, bypass: bool, flash_blocks: bool) -> Self {
         // The firmware has statics for these; a few kilobytes for each start are the price of the same types here.
         let [active, spare] = [Box::leak(Box::default()), Box::leak(Box::default())];
-        let active: &'static mut Resident<WORDS> = active;
-        let facts = Facts {
+        let active: &'static mut ModelSlot<WORDS> = active;
+        let facts = BoardInfo {
             flash_blocks,
             ..FACTS
         };
@@ -257,7 +257,7 @@ impl Desk {
     pub fn restarted(self) -> Self {
         let mut front = self.front.borrow_mut();
         let now = front.ticker.ticks;
-        let bypass = front.cycle.obey(Order::Report, now).bypass;
+        let bypass = front.cycle.apply(CycleCommand::Report, now).bypass;
         drop(front);
         Self::start(self.flash, bypass)
     }

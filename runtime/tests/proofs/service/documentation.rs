@@ -3,7 +3,7 @@
 use embedded_storage::nor_flash::NorFlashErrorKind;
 use poegp_runtime::filter::FilterError;
 use poegp_runtime::guard::status::Status;
-use poegp_runtime::store::signature::SignatureError;
+use poegp_runtime::model::signature::SignatureError;
 use poegp_runtime::store::{Slot, StoreError};
 
 /// The table of the section with this heading.

@@ -176,7 +176,7 @@ pub fn signed(known: &Known, key: &SigningKey) -> Known {
     bytes.extend(trailer.to_bytes());
     let mut model = Model::new();
     let decoded = blob::decode(&bytes).expect("a blob");
-    model.load(&decoded).expect("a model");
+    model.load_decoded(&decoded).expect("a model");
     Known {
         blob_crc: blob::stored_crc(&bytes).expect("a header"),
         joints: known.joints,

@@ -1,0 +1,43 @@
+//! Why bytes are not a model.
+
+use core::fmt;
+
+use poegp_protocol::blob::DecodeError;
+
+use super::load_error::LoadError;
+use super::signature::SignatureError;
+
+/// Why bytes are not a model. The model is what it was before.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ModelError {
+    /// The bytes are not a blob, or were damaged.
+    Decode(DecodeError),
+    /// The blob is intact and a number in it is not one that a robot may be moved by.
+    Load(LoadError),
+    /// The signature is missing or wrong.
+    Signature(SignatureError),
+}
+
+impl fmt::Display for ModelError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Decode(error) => error.fmt(f),
+            Self::Load(error) => error.fmt(f),
+            Self::Signature(error) => error.fmt(f),
+        }
+    }
+}
+
+impl core::error::Error for ModelError {}
+
+impl From<LoadError> for ModelError {
+    fn from(error: LoadError) -> Self {
+        Self::Load(error)
+    }
+}
+
+impl From<SignatureError> for ModelError {
+    fn from(error: SignatureError) -> Self {
+        Self::Signature(error)
+    }
+}
