@@ -11,6 +11,17 @@ pub fn hex_blocks(markdown: &str) -> Vec<Vec<u8>> {
         .collect()
 }
 
+/// The bytes of a number: two digits each.
+fn hex(digits: &str) -> Vec<u8> {
+    let pairs = digits.as_bytes().chunks(2);
+    pairs
+        .map(|pair| {
+            let pair = std::str::from_utf8(pair).expect("ASCII");
+            u8::from_str_radix(pair, 16).expect("a byte")
+        })
+        .collect()
+}
+
 fn hex_lines(block: &str) -> Vec<u8> {
     let mut bytes = Vec::new();
     let mut start = None;
@@ -21,7 +32,7 @@ fn hex_lines(block: &str) -> Vec<u8> {
         let offset = usize::from_str_radix(offset, 16).expect("an offset");
         let start = *start.get_or_insert(offset);
         assert_eq!(offset, start + bytes.len(), "offset of the line {line:?}");
-        bytes.extend(words.map(|word| u8::from_str_radix(word, 16).expect("a byte")));
+        bytes.extend(words.flat_map(hex));
     }
     bytes
 }

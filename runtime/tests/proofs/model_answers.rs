@@ -283,9 +283,12 @@ fn the_blob_of_the_documentation_is_a_model() {
         .find_map(|block| block.strip_prefix("hex\n"));
     let lines = listing.expect("a listing").lines();
     let code = lines.filter_map(|line| line.split('#').next());
-    let bytes: Vec<u8> = code
+    let digits: String = code
         .flat_map(|code| code.split_whitespace().skip(1))
-        .map(|word| u8::from_str_radix(word, 16).expect("a byte"))
+        .collect();
+    let pairs = digits.as_bytes().chunks(2);
+    let bytes: Vec<u8> = pairs
+        .map(|pair| u8::from_str_radix(std::str::from_utf8(pair).unwrap(), 16).expect("a byte"))
         .collect();
     let mut model = Model::<f32, WORDS>::new();
     model
