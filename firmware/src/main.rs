@@ -5,9 +5,9 @@
 //!
 //! ```text
 //!  priority
-//!  high    line    the UART's interrupt: bytes in and out                 tens of instructions
-//!  low     front   PendSV: frames, and the answers to cyclic requests     one correction
-//!  thread  device  services: verify, flash, roll back; the log            as long as it takes
+//!  high    uart        the UART's interrupt: bytes in and out                 tens of instructions
+//!  low     cycle       PendSV: frames, and the answers to cyclic requests     one correction
+//!  thread  background  services: verify, flash, roll back; the log            as long as it takes
 //! ```
 //!
 //! It promises: no heap; a correction waits for nothing but the bytes of one other frame. It refuses to run on the
@@ -16,25 +16,25 @@
 #![deny(unsafe_code)]
 
 #[cfg(target_os = "none")]
+mod background;
+#[cfg(target_os = "none")]
 mod board;
 #[cfg(target_os = "none")]
 mod capacity;
 #[cfg(target_os = "none")]
-mod copies;
+mod cycle;
 #[cfg(target_os = "none")]
-mod device;
+mod defmt_ring;
 #[cfg(target_os = "none")]
-mod front;
-#[cfg(target_os = "none")]
-mod line;
+mod hal_unsafe;
 #[cfg(target_os = "none")]
 mod log;
 #[cfg(target_os = "none")]
-mod logger;
-#[cfg(target_os = "none")]
 mod mailbox;
 #[cfg(target_os = "none")]
-mod memory;
+mod mem_intrinsics;
+#[cfg(target_os = "none")]
+mod uart;
 
 #[cfg(not(target_os = "none"))]
 fn main() {

@@ -22,7 +22,7 @@ use poegp_runtime::store::Layout;
 use static_cell::ConstStaticCell;
 
 use crate::board::{Board, Link, Parts};
-use crate::memory::{Interrupt, Region, Register, enable_interrupt};
+use crate::hal_unsafe::{Interrupt, Region, Register, enable_interrupt};
 
 const CLOCK_HZ: u32 = 25_000_000;
 const BAUD: u32 = 115_200;

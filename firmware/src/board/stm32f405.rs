@@ -30,7 +30,7 @@ use stm32f4xx_hal::rcc::{Config, Enable, Rcc, Reset};
 use stm32f4xx_hal::serial::{self, Event, RxISR, Serial, TxISR};
 
 use crate::board::{Board, Link, Parts};
-use crate::memory::{Region, Register, enable_interrupt};
+use crate::hal_unsafe::{Region, Register, enable_interrupt};
 
 const CRYSTAL_MHZ: u32 = 8;
 const CORE_MHZ: u32 = 168;
@@ -118,7 +118,7 @@ impl Link for Line<USART1> {
 
 #[interrupt]
 fn USART1() {
-    crate::line::interrupt();
+    crate::uart::interrupt();
 }
 
 const SECTOR: u32 = 128 * 1024;

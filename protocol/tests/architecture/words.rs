@@ -46,7 +46,7 @@ const LEFT: [(&str, usize); 11] = [
     ("cell", 220),
     ("facts", 259),
     ("likewise", 3),
-    ("place", 297),
+    ("place", 250),
     ("tell", 17),
     ("told", 71),
     ("the same of", 2),

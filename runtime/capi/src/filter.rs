@@ -7,10 +7,10 @@ use poegp_runtime::filter;
 use poegp_runtime::filter::CommandFilter;
 use poegp_runtime::guard::status::Status;
 
-use crate::border::finite;
 use crate::codes::{
     POEGP_ERROR_MISALIGNED, POEGP_ERROR_NULL, POEGP_ERROR_TOO_SMALL, POEGP_OK, of_settings,
 };
+use crate::ffi::finite;
 use crate::memory::{self, Joints, apart, usable};
 use crate::types::{
     Commanded, FILTER_MARK, Filter, FilterCounts, FilterSettings, Model, POEGP_FILTER_ALIGN,

@@ -23,8 +23,8 @@
     clippy::panic
 )]
 
-mod border;
 pub mod codes;
+mod ffi;
 mod filter;
 mod memory;
 #[cfg(target_os = "none")]
@@ -32,5 +32,5 @@ mod panic;
 pub mod text;
 pub mod types;
 
-pub use border::*;
+pub use ffi::*;
 pub use filter::*;

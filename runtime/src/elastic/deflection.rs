@@ -128,7 +128,7 @@ impl<T: KernelLoops> Deflection<T> {
         at: &Configuration<'_, T>,
         frames: &[Pose<T>],
         target: &Pose<T>,
-        places: &JointTrig<T>,
+        features: &JointTrig<T>,
         rows: &[T],
     ) -> PerJoint<T> {
         let kinds = at.chain.kinds();
@@ -136,7 +136,7 @@ impl<T: KernelLoops> Deflection<T> {
             .gravity
             .deflection(kinds, frames, target, at.payload_kg);
         let ripple = ripple(&self.ripple, at.joints);
-        let mean = self.processes.mean(kinds, rows, places, at.payload_kg);
+        let mean = self.processes.mean(kinds, rows, features, at.payload_kg);
         let mut out = [T::ZERO; MAX_JOINTS];
         for (((sum, a), b), c) in out.iter_mut().zip(&gravity).zip(&ripple).zip(&mean) {
             *sum = *a + *b + *c;
@@ -163,14 +163,14 @@ impl<T: KernelLoops> Deflection<T> {
         observer.chain(&target);
         let kinds = at.chain.kinds();
         let mut uncoupled;
-        let places = if at.coupling.is_some() {
+        let features = if at.coupling.is_some() {
             uncoupled = zero_joint_trig();
             at.chain.joint_trig_into(at.joints, &mut uncoupled);
             &uncoupled
         } else {
             at.motions
         };
-        let deflection = self.total(at, &frames, &target, places, rows);
+        let deflection = self.total(at, &frames, &target, features, rows);
         observer.deflection(&deflection);
         let mut out = deflect(at, &frames, &target, &deflection, bound);
         if let Some(variance) = &self.variance {
@@ -180,7 +180,7 @@ impl<T: KernelLoops> Deflection<T> {
                 kinds,
                 kernels,
                 landmarks.unwrap_or(&[]),
-                places,
+                features,
                 at.payload_kg,
             );
             let kernels = kernels.get(..kinds.len()).unwrap_or(&[]);

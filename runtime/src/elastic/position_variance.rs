@@ -41,7 +41,7 @@ pub const fn landmark_words(joints: usize, index: usize) -> usize {
 }
 
 /// The two words of one joint of a landmark, from the joint as the kernel compares it.
-pub fn landmark_place<T: Scalar>(kind: JointKind, feature: &[T; 2]) -> [T; 2] {
+pub fn landmark_feature<T: Scalar>(kind: JointKind, feature: &[T; 2]) -> [T; 2] {
     match kind {
         JointKind::Revolute => *feature,
         JointKind::Prismatic => [feature[0], -(T::from_f64(0.5) * (feature[0] * feature[0]))],
@@ -78,7 +78,7 @@ impl<T: Scalar> PositionVariance<T> {
         kinds: &[JointKind],
         kernels: &[JointKernel<T>],
         rows: &[T],
-        places: &[[T; 2]],
+        features: &[[T; 2]],
         payload_kg: T,
     ) -> T {
         let Some(kernel) = kernels.first() else {
@@ -87,7 +87,7 @@ impl<T: Scalar> PositionVariance<T> {
         let n = kinds.len();
         let mut scaled = [[T::ZERO; 2]; MAX_JOINTS];
         let start = match (kernel.rates().get(..n), scaled.get_mut(..n)) {
-            (Some(rates), Some(scaled)) => scaled_places(kinds, places, rates, scaled),
+            (Some(rates), Some(scaled)) => scaled_features(kinds, features, rates, scaled),
             _ => T::ZERO,
         };
         let mut known = [T::ZERO; MAX_LANDMARKS];
@@ -98,13 +98,13 @@ impl<T: Scalar> PositionVariance<T> {
                 .split_at_checked(landmark_words(n, index))
                 .unwrap_or((&[], &[]));
             rest = after;
-            let (place, row) = row.split_at_checked(2 * n).unwrap_or((&[], &[]));
+            let (feature, row) = row.split_at_checked(2 * n).unwrap_or((&[], &[]));
             let Some((other, factor)) = row.split_first() else {
                 break;
             };
             let difference = payload_kg - *other;
             let exponent = (start - kernel.payload_rate * (difference * difference))
-                + product(place, scaled.as_flattened());
+                + product(feature, scaled.as_flattened());
             let lowest = T::from_f64(LOWEST_EXPONENT);
             let held = if exponent > lowest { exponent } else { lowest };
             if let Some(slot) = known.get_mut(slot) {
@@ -121,28 +121,28 @@ impl<T: Scalar> PositionVariance<T> {
 
 /// W_d times the words that a landmark is multiplied with, to `out`; returns what is the same for all landmarks.
 #[inline(never)]
-fn scaled_places<T: Scalar>(
+fn scaled_features<T: Scalar>(
     kinds: &[JointKind],
-    places: &[[T; 2]],
+    features: &[[T; 2]],
     rates: &[T],
     out: &mut [[T; 2]],
 ) -> T {
     let mut start = T::ZERO;
     let joints = black_box(out).iter_mut().zip(black_box(kinds));
-    for (((slot, kind), place), rate) in joints.zip(black_box(places)).zip(black_box(rates)) {
-        start -= scaled_place(*kind, place, *rate, slot);
+    for (((slot, kind), feature), rate) in joints.zip(black_box(features)).zip(black_box(rates)) {
+        start -= scaled_feature(*kind, feature, *rate, slot);
     }
     start
 }
 
 /// The words of one joint, and what is the same for all landmarks.
 #[inline(never)]
-fn scaled_place<T: Scalar>(kind: JointKind, place: &[T; 2], rate: T, out: &mut [T; 2]) -> T {
+fn scaled_feature<T: Scalar>(kind: JointKind, feature: &[T; 2], rate: T, out: &mut [T; 2]) -> T {
     let (second, own) = match kind {
-        JointKind::Revolute => (place[1], T::ONE),
-        JointKind::Prismatic => (T::ONE, T::from_f64(0.5) * (place[0] * place[0])),
+        JointKind::Revolute => (feature[1], T::ONE),
+        JointKind::Prismatic => (T::ONE, T::from_f64(0.5) * (feature[0] * feature[0])),
     };
-    *out = [rate * place[0], rate * second];
+    *out = [rate * feature[0], rate * second];
     rate * own
 }
 

@@ -88,13 +88,13 @@ impl<T: Scalar> RippleLine<T> {
     /// Moves `change`, a command that takes off `factor` times the ripple at `place`, to the one that takes off what ripple
     /// is there: one Newton step, whose error is some 1e-8 rad.
     #[inline(never)]
-    pub fn follow(&self, factor: T, place: &PerJoint<T>, change: &mut PerJoint<T>) {
+    pub fn follow(&self, factor: T, feature: &PerJoint<T>, change: &mut PerJoint<T>) {
         let least = T::from_f64(0.5);
-        for ((value, place), slope) in change.iter_mut().zip(place).zip(&self.slope) {
+        for ((value, feature), slope) in change.iter_mut().zip(feature).zip(&self.slope) {
             let slope = *slope * factor;
             // Of gears this is between 0.9 and 1.1.
             let whole = T::ONE + slope;
-            *value -= slope * (*value - *place) / if whole > least { whole } else { least };
+            *value -= slope * (*value - *feature) / if whole > least { whole } else { least };
         }
     }
 }

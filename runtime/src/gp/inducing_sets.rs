@@ -133,14 +133,14 @@ impl<T: Scalar> SetProcess<'_, T> {
             for _ in 0..*points {
                 let (row, after) = rest.split_at_checked(words).unwrap_or((&[], &[]));
                 rest = after;
-                let Some((weight, places)) = row.split_last() else {
+                let Some((weight, features)) = row.split_last() else {
                     break;
                 };
                 let mut exponent = self.kernel.bias;
-                for (joint, place) in self.set.joints().iter().zip(places.as_chunks::<2>().0) {
+                for (joint, feature) in self.set.joints().iter().zip(features.as_chunks::<2>().0) {
                     let d = usize::from(*joint) % MAX_JOINTS;
                     let kind = kinds.get(d).copied().unwrap_or(JointKind::Revolute);
-                    let s = similarity(kind, &self.motions[d], place);
+                    let s = similarity(kind, &self.motions[d], feature);
                     exponent += self.kernel.rates[d] * s;
                 }
                 let lowest = T::from_f64(LOWEST_EXPONENT);

@@ -185,15 +185,15 @@ impl<T: KernelLoops> JointProcesses<T> {
         for group in &self.groups {
             let mut sums = [T::ZERO; MAX_JOINTS];
             for row in rest.by_ref().take(group.points) {
-                let (places, weights) = row.split_at_checked(2 * n).unwrap_or((&[], &[]));
+                let (features, weights) = row.split_at_checked(2 * n).unwrap_or((&[], &[]));
                 let mut s = [T::ZERO; MAX_JOINTS];
-                for (((slot, kind), f), place) in s
+                for (((slot, kind), f), feature) in s
                     .iter_mut()
                     .zip(kinds)
                     .zip(motions)
-                    .zip(places.as_chunks::<2>().0)
+                    .zip(features.as_chunks::<2>().0)
                 {
-                    *slot = similarity(*kind, f, place);
+                    *slot = similarity(*kind, f, feature);
                 }
                 let mut k = T::ZERO;
                 for (c, ((sum, weight), kernel)) in

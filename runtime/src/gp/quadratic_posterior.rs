@@ -122,15 +122,16 @@ impl<T: Scalar> MeanHeader<T> {
         let mut folds = true;
         for write in [false, true] {
             for row in rows.chunks_exact_mut(row_words(inputs)) {
-                let (places, weights) = row
+                let (features, weights) = row
                     .split_at_mut_checked(inputs)
                     .unwrap_or((&mut [], &mut []));
                 let mut squared = T::ZERO;
-                for ((place, c), scale) in places.iter_mut().zip(&centre).zip(&self.input_scale) {
-                    let v = *place - *c * *scale;
+                for ((feature, c), scale) in features.iter_mut().zip(&centre).zip(&self.input_scale)
+                {
+                    let v = *feature - *c * *scale;
                     squared += v * v;
                     if write {
-                        *place = v;
+                        *feature = v;
                     }
                 }
                 folds &= squared <= limit;

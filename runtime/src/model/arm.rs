@@ -16,11 +16,11 @@ use crate::kinematics::newton::{LinearizationPoint, NormalEquations, pose_error,
 use crate::kinematics::poe::{JointTrig, zero_joint_trig};
 use crate::math::scalar::{MAX_ANGLE, Scalar};
 
-/// Places at which a model looks how far its nominal arm is off.
-const PLACES: u16 = 16;
+/// Configurations at which a model looks how far its nominal arm is off.
+const SCALE_SAMPLES: u16 = 16;
 /// The least [`Arm::lever`] in metres.
 const LEAST_LEVER: f64 = 0.01;
-/// Steps of each joint from place to place, in 65 536ths of its range: powers of the root of x⁹ = x + 1, whose reciprocal is
+/// Steps of each joint from index to index, in 65 536ths of its range: powers of the root of x⁹ = x + 1, whose reciprocal is
 /// what spreads best in eight dimensions.
 const SPREAD: [u16; MAX_JOINTS] = [
     60_399, 55_663, 51_299, 47_277, 43_571, 40_155, 37_007, 34_105,
@@ -78,7 +78,7 @@ impl<T: Scalar> Arm<T> {
         }
     }
 
-    /// The arm of `blob` in place of an empty one, which after an error is nothing.
+    /// The arm of `blob` in index of an empty one, which after an error is nothing.
     #[inline(never)]
     pub(crate) fn fill(&mut self, blob: &Blob<'_>) -> Result<(), LoadError> {
         let joints = blob.robot.joints.len();
@@ -128,18 +128,18 @@ impl<T: Scalar> Arm<T> {
         Ok(())
     }
 
-    /// [`Arm::usual_rotation`] and [`Arm::lever`], from [`PLACES`] places that fill the ranges evenly.
+    /// [`Arm::usual_rotation`] and [`Arm::lever`], from [`SCALE_SAMPLES`] configurations that fill the ranges evenly.
     #[inline(never)]
     fn measured_scale(&self) -> (T, T) {
         let (mut rotations, mut levers) = (T::ZERO, T::ZERO);
         let mut frames = JointFrames::new();
         let mut equations = NormalEquations::new();
-        let mut place = 1_u16;
-        while place <= PLACES {
+        let mut index = 1_u16;
+        while index <= SCALE_SAMPLES {
             let mut joints = [T::ZERO; MAX_JOINTS];
             let ranges = self.joint_ranges.iter().zip(SPREAD);
             for (slot, ((lower, upper), spread)) in joints.iter_mut().zip(ranges) {
-                let along = f32::from(place.wrapping_mul(spread)) * (1.0 / 65_536.0);
+                let along = f32::from(index.wrapping_mul(spread)) * (1.0 / 65_536.0);
                 *slot = *lower + T::from_f32(along) * (*upper - *lower);
             }
             let mut motions = zero_joint_trig();
@@ -155,9 +155,9 @@ impl<T: Scalar> Arm<T> {
             });
             let [[x, ..], [_, y, ..], [_, _, z, ..], ..] = equations.gram();
             levers += *x + *y + *z;
-            place += 1;
+            index += 1;
         }
-        let mean = T::from_f64(1.0 / PLACES as f64);
+        let mean = T::from_f64(1.0 / SCALE_SAMPLES as f64);
         let least = T::from_f64(LEAST_LEVER * LEAST_LEVER);
         let levers = levers * mean;
         let levers = if levers > least { levers } else { least };

@@ -98,7 +98,7 @@ impl fmt::Display for LoadError {
             Self::SupportTooLarge { words, capacity } => {
                 write!(
                     f,
-                    "the support has {words} words, there is room for {capacity}"
+                    "the inducing points take {words} numbers; there is room for {capacity}"
                 )
             }
             Self::Gravity => f.write_str("the gravity terms do not fit the number of joints"),

@@ -84,12 +84,12 @@ pub(super) fn checked_support<'a>(
 ) -> Result<&'a [u8], LoadError> {
     let inputs = task.input_scale.len();
     let folded = !task.centre.is_empty();
-    let (place, weight) = if folded {
+    let (feature, weight) = if folded {
         (FOLDED_RADIUS as f32, MAX_FOLDED_WEIGHT as f32)
     } else {
         (MAX_SCALED_INPUT as f32, MAX_COEFFICIENT)
     };
-    let limit = |index: usize| if index < inputs { place } else { weight };
+    let limit = |index: usize| if index < inputs { feature } else { weight };
     let rows = checked_rows(task.rows, row_words(inputs), limit, capacity)?;
     if folded {
         for row in rows.chunks_exact(4 * row_words(inputs)) {

@@ -27,7 +27,7 @@ pub trait Device<'m, const WORDS: usize> {
 /// The background part of the device. `WORDS` of support rows and `BYTES` of a blob fit.
 #[derive(Debug)]
 pub struct Background<'m, F, const WORDS: usize, const BYTES: usize> {
-    facts: BoardInfo,
+    board: BoardInfo,
     /// `None` while the cycle has both models: one is active, the other one waits.
     spare: Option<&'m mut ModelSlot<WORDS>>,
     upload: Upload<'m, BYTES>,
@@ -37,13 +37,13 @@ pub struct Background<'m, F, const WORDS: usize, const BYTES: usize> {
 impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, WORDS, BYTES> {
     /// With a spare model and a staging buffer.
     pub fn new(
-        facts: BoardInfo,
+        board: BoardInfo,
         spare: &'m mut ModelSlot<WORDS>,
         staged: &'m mut Vec<u8, BYTES>,
         store: Store<F>,
     ) -> Self {
         Self {
-            facts,
+            board,
             spare: Some(spare),
             upload: Upload::new(staged),
             store,
@@ -154,12 +154,12 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         Response::Identity(Identity {
             protocol_version: PROTOCOL_VERSION,
             firmware_version: name(env!("CARGO_PKG_VERSION")),
-            image_crc: self.facts.image_crc,
-            board: name(self.facts.board),
+            image_crc: self.board.image_crc,
+            board: name(self.board.board),
             capacity_words: WORDS as u32,
             capacity_bytes: BYTES as u32,
-            tick_hz: self.facts.tick_hz,
-            deadline_ticks: self.facts.deadline_ticks,
+            tick_hz: self.board.tick_hz,
+            deadline_ticks: self.board.deadline_ticks,
             key: match self.store.public_key() {
                 Ok(None) => Key::None,
                 Ok(Some(key)) => Key::Provisioned(key_id(&key)),
@@ -291,7 +291,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         device: &mut impl Device<'m, WORDS>,
     ) -> Result<CycleAck<'m, WORDS>, Refusal> {
         let report = self.order(device, CycleCommand::Report);
-        if self.facts.flash_blocks && report.running {
+        if self.board.flash_blocks && report.running {
             return Err(Refusal::CyclesRunning);
         }
         Ok(report)

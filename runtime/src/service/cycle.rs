@@ -51,14 +51,14 @@ pub enum FrameOutcome {
 
 impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
     /// Starts with `active`, which is usually empty, and with the default settings of the filter.
-    pub fn new(active: &'m mut ModelSlot<WORDS>, facts: &BoardInfo, bypass: bool) -> Self {
+    pub fn new(active: &'m mut ModelSlot<WORDS>, board: &BoardInfo, bypass: bool) -> Self {
         Self {
             active,
             pending: None,
             replaced: None,
-            commands: Commands::new(facts.tick_hz),
+            commands: Commands::new(board.tick_hz),
             statistics: Statistics::default(),
-            deadline_ticks: facts.deadline_ticks,
+            deadline_ticks: board.deadline_ticks,
             bypass,
             running: false,
             stages: Stages::new(),

@@ -125,7 +125,7 @@ impl Elastic {
                     JointKind::Revolute => [sin, cos],
                     JointKind::Prismatic => [q, 0.0],
                 };
-                let place = position_variance::landmark_place(sample.kind(joint), &feature);
+                let place = position_variance::landmark_feature(sample.kind(joint), &feature);
                 rows.extend(place.into_iter().flat_map(f32::to_le_bytes));
             }
             rows.extend(generator.random_range(0.0..PAYLOAD_KG.1).to_le_bytes());

@@ -197,7 +197,7 @@ fn nothing_of_the_runtime_can_panic() {
     );
 }
 
-/// `firmware/src/copies.rs` and not the weak ones of the compiler's library, which have another size.
+/// `firmware/src/mem_intrinsics.rs` and not the weak ones of the compiler's library, which have another size.
 #[test]
 fn copies_by_many_registers() {
     let image = image();

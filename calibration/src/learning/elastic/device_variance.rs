@@ -15,7 +15,7 @@
 use faer::{Mat, Side};
 use poegp_protocol::limits::MAX_LANDMARKS;
 use poegp_runtime::elastic::configuration::Configuration;
-use poegp_runtime::elastic::position_variance::{PositionVariance, landmark_place, prior};
+use poegp_runtime::elastic::position_variance::{PositionVariance, landmark_feature, prior};
 use poegp_runtime::gp::joint_kernel::JointKernel;
 use poegp_runtime::kinematics::coupling::CouplingMatrix;
 use poegp_runtime::kinematics::minimal_chain::{MinimalChain, MinimalForm};
@@ -112,7 +112,7 @@ pub fn device_sigma(
     let mut rows = Vec::new();
     for (row, i) in chosen.iter().enumerate() {
         for (kind, feature) in inputs.kinds.iter().zip(&inputs.features[*i]) {
-            rows.extend(landmark_place(*kind, feature));
+            rows.extend(landmark_feature(*kind, feature));
         }
         rows.push(inputs.payloads[*i]);
         rows.extend((0..=row).map(|column| h[(row, column)]));

@@ -3,7 +3,7 @@
 /// The passes of processes with length scales of each joint: cosines, then two joints together, then the last of an odd number.
 macro_rules! own {
     ($module:ident, $joints:literal, $row:literal, weights $weights:literal, $row_bytes:literal, $skip:literal,
-     features $f0:literal $f1:literal, places $p1:literal, $products:expr, last $last_slot:literal,
+     features $f0:literal $f1:literal, features $p1:literal, $products:expr, last $last_slot:literal,
      rates $a1:literal $b1:literal, cosines $c1:literal, $first_dots:expr, $last_dot:expr) => {
         pub(crate) mod $module {
             use core::arch::asm;
@@ -149,7 +149,7 @@ macro_rules! two_products {
     };
 }
 
-own!(own5, 5, 15, weights 10, 60, 20, features 22 31, places 9,
+own!(own5, 5, 15, weights 10, 60, 20, features 22 31, features 9,
     concat!(
         mul!(0 22 0), mul!(1 23 1), mul!(2 24 2), mul!(3 25 3), mul!(4 26 4), mul!(5 27 5), mul!(6 28 6),
         mul!(7 29 7), mul!(8 30 8), mul!(9 31 9),
@@ -159,7 +159,7 @@ own!(own5, 5, 15, weights 10, 60, 20, features 22 31, places 9,
     concat!(mul!(0 11 2), mul!(1 18 2), two_products!(12 19 3, 13 20 4, 14 21 5, 15 22 6)),
     dot!(0 = 11 2 12 3 13 4 14 5 15 6));
 
-own!(own6, 6, 18, weights 12, 72, 24, features 20 31, places 11,
+own!(own6, 6, 18, weights 12, 72, 24, features 20 31, features 11,
     concat!(
         mul!(0 20 0), mul!(1 21 1), mul!(2 22 2), mul!(3 23 3), mul!(4 24 4), mul!(5 25 5), mul!(6 26 6),
         mul!(7 27 7), mul!(8 28 8), mul!(9 29 9), mul!(10 30 10), mul!(11 31 11),
@@ -169,7 +169,7 @@ own!(own6, 6, 18, weights 12, 72, 24, features 20 31, places 11,
     concat!(mul!(0 11 2), mul!(1 18 2), two_products!(12 19 3, 13 20 4, 14 21 5, 15 22 6, 16 23 7)),
     dot!(0 = 11 2 12 3 13 4 14 5 15 6 16 7));
 
-own!(own7, 7, 21, weights 14, 84, 28, features 18 31, places 13,
+own!(own7, 7, 21, weights 14, 84, 28, features 18 31, features 13,
     concat!(
         mul!(0 18 0), mul!(1 19 1), mul!(2 20 2), mul!(3 21 3), mul!(4 22 4), mul!(5 23 5), mul!(6 24 6),
         mul!(7 25 7), mul!(8 26 8), mul!(9 27 9), mul!(10 28 10), mul!(11 29 11), mul!(12 30 12), mul!(13 31 13),

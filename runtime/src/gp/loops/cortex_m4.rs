@@ -187,8 +187,8 @@ impl KernelLoops for f32 {
 /// `portable_folded_sums` of one row of any length: at most once in an evaluation, so one for all lengths.
 #[inline(never)]
 fn one_more(row: &[f32], query: &[f32], sums: &mut [f32; OUTPUTS]) {
-    let (places, weights) = row.split_at_checked(query.len()).unwrap_or((&[], &[]));
-    let mut products = query.iter().zip(places).map(|(q, place)| *q * *place);
+    let (features, weights) = row.split_at_checked(query.len()).unwrap_or((&[], &[]));
+    let mut products = query.iter().zip(features).map(|(q, feature)| *q * *feature);
     let mut exponent = products.next().unwrap_or(0.0);
     for product in products {
         exponent += product;

@@ -214,12 +214,12 @@ impl Desk {
         // The firmware has statics for these; a few kilobytes for each start are the price of the same types here.
         let [active, spare] = [Box::leak(Box::default()), Box::leak(Box::default())];
         let active: &'static mut ModelSlot<WORDS> = active;
-        let facts = BoardInfo {
+        let board = BoardInfo {
             flash_blocks,
             ..FACTS
         };
         let front = Rc::new(RefCell::new(Front {
-            cycle: Cycle::new(active, &facts, bypass),
+            cycle: Cycle::new(active, &board, bypass),
             receiver: Receiver::new(),
             other_receiver: Some(Receiver::new()),
             work: None,
@@ -240,7 +240,7 @@ impl Desk {
         };
         let store = Store::new(wired, layout()).expect("a sound layout");
         let staged = Box::leak(Box::default());
-        let mut background = Background::new(facts, spare, staged, store);
+        let mut background = Background::new(board, spare, staged, store);
         let not_started = background.boot(&mut Calls(front.clone()));
         Self {
             front,

@@ -250,5 +250,5 @@ unsafe impl InterruptNumber for Interrupt {
 #[cfg(feature = "mps2")]
 #[cortex_m_rt::exception]
 unsafe fn DefaultHandler(_number: i16) {
-    crate::line::interrupt();
+    crate::uart::interrupt();
 }

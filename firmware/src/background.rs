@@ -14,9 +14,9 @@ use static_cell::ConstStaticCell;
 
 use crate::board::{Board, Chosen};
 use crate::capacity::{BYTES, WORDS};
-use crate::front::{self, Answer, Front};
-use crate::line::{self, LINE, Line};
-use crate::{log, logger, memory};
+use crate::cycle::{self, Answer, Front};
+use crate::uart::{self, LINE, Line};
+use crate::{defmt_ring, hal_unsafe, log};
 
 // Everything large is static, so that the linker proves that it fits. All of it is zero at the start and takes no flash.
 static MODELS: ConstStaticCell<[ModelSlot<WORDS>; 2]> =
@@ -46,26 +46,26 @@ fn start() -> Option<(Services, Shell)> {
     let [scratch, out, own_scratch, answer] = BUFFERS.try_take()?;
     let staged = STAGED.try_take()?;
     let parts = Chosen::start()?;
-    memory::count_start();
-    let facts = BoardInfo {
+    hal_unsafe::count_start();
+    let board = BoardInfo {
         board: Chosen::NAME,
-        image_crc: memory::image_crc(),
+        image_crc: hal_unsafe::image_crc(),
         tick_hz: Chosen::TICK_HZ,
         deadline_ticks: Chosen::DEADLINE_TICKS,
         flash_blocks: Chosen::FLASH_BLOCKS,
     };
-    let bypass = memory::retained_bypass();
-    front::START.put(Front {
-        cycle: Cycle::new(active, &facts, bypass),
+    let bypass = hal_unsafe::retained_bypass();
+    cycle::START.put(Front {
+        cycle: Cycle::new(active, &board, bypass),
         receiver,
         other_receiver: Some(other_receiver),
         scratch,
         out,
         strobe: parts.strobe,
     });
-    front::ANSWERED.put(answer);
+    cycle::ANSWERED.put(answer);
     LINE.put(Line::new(parts.link));
-    memory::start_system_handlers(parts.core_hz / 100);
+    hal_unsafe::start_system_handlers(parts.core_hz / 100);
     Chosen::listen();
     let store = Store::new(parts.flash, parts.layout).ok()?;
     let shell = Shell {
@@ -74,7 +74,7 @@ fn start() -> Option<(Services, Shell)> {
         calls: Calls,
         logged_crc: None,
     };
-    Some((Background::new(facts, spare, staged, store), shell))
+    Some((Background::new(board, spare, staged, store), shell))
 }
 
 /// The background's own things.
@@ -105,7 +105,7 @@ impl Shell {
     }
 
     fn turn(&mut self, services: &mut Services) {
-        if let Some(receiver) = front::WORK.take() {
+        if let Some(receiver) = cycle::WORK.take() {
             let (sequence, response) = match receiver.message::<Request<'_>>() {
                 Ok((sequence, request)) => (sequence, services.handle(&request, &mut self.calls)),
                 // Cannot happen: the cycle has read it.
@@ -113,16 +113,16 @@ impl Shell {
             };
             // Free for the next service before the answer is on the line, so that its sender never finds it busy.
             receiver.clear();
-            front::WORKED.put(receiver);
+            cycle::WORKED.put(receiver);
             log::answered(&response);
             self.answer(sequence, &response);
             if let Response::Identity(identity) = &response {
-                memory::retain_bypass(identity.bypass);
+                hal_unsafe::retain_bypass(identity.bypass);
                 self.log_model(&identity.model);
             }
             if response == Response::Restarting {
-                while !line::is_sent() {}
-                memory::restart();
+                while !uart::is_sent() {}
+                hal_unsafe::restart();
             }
         }
         self.drain_log();
@@ -130,11 +130,11 @@ impl Shell {
 
     fn answer(&mut self, sequence: u16, response: &Response) {
         loop {
-            if let Some(bytes) = front::ANSWERED.take() {
+            if let Some(bytes) = cycle::ANSWERED.take() {
                 // It always fits: the longest answer is shorter than the longest request.
                 let length =
                     frame::encode(sequence, response, self.scratch, bytes).map_or(0, <[u8]>::len);
-                front::ANSWER.put(Answer { bytes, length });
+                cycle::ANSWER.put(Answer { bytes, length });
                 SCB::set_pendsv();
                 return;
             }
@@ -146,12 +146,12 @@ impl Shell {
     /// Writes what was logged; sleeps when there is nothing to write and nothing to do.
     fn drain_log(&mut self) {
         while let Ok(true) = self.log.write_ready() {
-            match logger::next() {
+            match defmt_ring::next() {
                 Some(byte) => {
                     let _ = self.log.write(&[byte]);
                 }
                 None => {
-                    memory::sleep_unless(|| front::WORK.is_full());
+                    hal_unsafe::sleep_unless(|| cycle::WORK.is_full());
                     return;
                 }
             }
@@ -164,22 +164,22 @@ struct Calls;
 
 impl Device<'static, WORDS> for Calls {
     fn order(&mut self, order: CycleCommand<'static, WORDS>) -> CycleAck<'static, WORDS> {
-        front::ORDER.put(order);
+        cycle::ORDER.put(order);
         loop {
             // Pre-empts this at once; its report is there when it is over.
             SCB::set_pendsv();
             cortex_m::asm::isb();
-            if let Some(report) = front::REPORT.take() {
+            if let Some(report) = cycle::REPORT.take() {
                 return report;
             }
         }
     }
 
     fn complete(&mut self, statistics: &mut Statistics) {
-        statistics.lost_bytes = line::lost();
-        statistics.lost_logs = logger::lost();
-        statistics.restarts = memory::restarts();
-        statistics.stack_bytes = memory::stack_bytes();
+        statistics.lost_bytes = uart::lost();
+        statistics.lost_logs = defmt_ring::lost();
+        statistics.restarts = hal_unsafe::restarts();
+        statistics.stack_bytes = hal_unsafe::stack_bytes();
     }
 }
 

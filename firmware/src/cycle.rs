@@ -13,8 +13,8 @@ use poegp_runtime::service::{Clock, Cycle, CycleAck, CycleCommand, FrameOutcome}
 
 use crate::board::{Board, Chosen};
 use crate::capacity::WORDS;
-use crate::line::{self, CHUNK};
 use crate::mailbox::{Mailbox, Slot};
+use crate::uart::{self, CHUNK};
 
 /// An encoded answer of the background.
 pub struct Answer {
@@ -79,13 +79,13 @@ impl Front {
         }
         let mut bytes = [0; CHUNK];
         loop {
-            let taken = line::take(&mut bytes);
+            let taken = uart::take(&mut bytes);
             if taken == 0 {
                 break;
             }
             for byte in bytes.iter().take(taken) {
                 let received = self.receiver.push(*byte);
-                let arrived = if *byte == 0 { line::frame_end() } else { None };
+                let arrived = if *byte == 0 { uart::frame_end() } else { None };
                 match received {
                     Received::More => {}
                     Received::Frame => self.frame(arrived.unwrap_or_else(Chosen::ticks)),
@@ -97,10 +97,10 @@ impl Front {
             }
         }
         // On an empty line only: a correction never waits for more than one such answer.
-        if line::is_sent()
+        if uart::is_sent()
             && let Some(answer) = ANSWER.take()
         {
-            line::send(answer.bytes.get(..answer.length).unwrap_or(&[]));
+            uart::send(answer.bytes.get(..answer.length).unwrap_or(&[]));
             ANSWERED.put(answer.bytes);
         }
     }
@@ -123,7 +123,7 @@ impl Front {
 
     fn send(&mut self, taken: FrameOutcome) {
         if let FrameOutcome::Answered(length) | FrameOutcome::Completed(length) = taken {
-            line::send(self.out.get(..length).unwrap_or(&[]));
+            uart::send(self.out.get(..length).unwrap_or(&[]));
         }
         if matches!(taken, FrameOutcome::Completed(_)) {
             Chosen::feed_watchdog();

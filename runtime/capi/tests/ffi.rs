@@ -1,7 +1,7 @@
 //! The contract of the border, kept by calling it as C would.
 //!
 //! Miri runs all of it, too; for another processor, since libm takes square roots on x86 with assembly:
-//! `cargo +nightly miri test --target riscv64gc-unknown-linux-gnu -p poegp-capi --test border`.
+//! `cargo +nightly miri test --target riscv64gc-unknown-linux-gnu -p poegp-capi --test ffi`.
 
 use std::ffi::{CStr, c_char};
 use std::mem::{MaybeUninit, offset_of};
