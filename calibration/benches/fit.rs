@@ -14,7 +14,9 @@ use poegp_calibration::blob::write::{Provenance, calibrate_to_blob};
 use poegp_calibration::identification::frame_fit::{ResidualFrame, residual_components};
 use poegp_calibration::learning::elastic::fit::fit;
 use poegp_calibration::learning::elastic::inducing_points::choose;
-use poegp_calibration::learning::elastic::likelihood::{Evidence, Search};
+use poegp_calibration::learning::elastic::likelihood::{
+    HyperparameterObjective, MarginalLikelihood,
+};
 use poegp_calibration::learning::elastic::options::ElasticOptions;
 use poegp_calibration::learning::elastic::solution::ElasticFit;
 use poegp_calibration::learning::task_space::likelihood::{
@@ -172,7 +174,7 @@ fn elastic(c: &mut Criterion) {
     let linear = found.state.linearise(&part, found.scales);
     let similarities = found.inputs.similarities();
     let groups = found.state.layout.groups();
-    let evidence = Evidence {
+    let evidence = MarginalLikelihood {
         linear: &linear,
         groups: &groups,
         inputs: &found.inputs,
@@ -180,7 +182,7 @@ fn elastic(c: &mut Criterion) {
         layout: found.layout,
         processes: true,
     };
-    let search = Search::new(&evidence);
+    let search = HyperparameterObjective::new(&evidence);
     let mut group = c.benchmark_group("elastic, N = 200");
     group.sample_size(10);
     group.bench_function("likelihood and gradient", |b| {

@@ -198,13 +198,13 @@ impl Config {
             processes: self.processes,
             ripple: self.ripple,
             gravity: self.gravity_m_s2.into(),
-            support: self.inducing_points,
+            inducing_points: self.inducing_points,
             sets: is_sets.then(|| SetLimits {
                 functions: self.inducing_points.unwrap_or(MAX_SET_FUNCTIONS),
                 instructions: self.max_set_instructions,
             }),
             outliers: self.outliers,
-            device_sigma: self.device_variance,
+            device_variance: self.device_variance,
         }
     }
 }

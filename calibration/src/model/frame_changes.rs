@@ -3,7 +3,7 @@
 use poegp_runtime::math::se3::Pose;
 use serde::Serialize;
 
-use crate::identification::identifiability::wording as words;
+use crate::identification::identifiability::wording;
 use crate::model::calibration::Calibration;
 
 /// By how much one frame differs from the drawing, as a twist from the left: in the axes of the frame before it.
@@ -53,7 +53,7 @@ pub fn changes(calibration: &Calibration) -> Vec<FrameChange> {
                 calibrated[n] * calibration.tools[tool],
             )
         };
-        FrameChange::new(words::part(part), &drawn, &calibrated)
+        FrameChange::new(wording::part(part), &drawn, &calibrated)
     };
     crate::identification::identifiability::frames(n, tools, false)
         .into_iter()

@@ -7,7 +7,7 @@ use poegp_calibration::identification::base_tools::ends;
 use poegp_calibration::identification::parametric::state::{Layout, ParametricModel, PriorGroup};
 use poegp_calibration::learning::elastic::fit::inputs_of;
 use poegp_calibration::learning::elastic::hyperparameters::{COMMON, DEFLECTION_UNIT, HyperLayout};
-use poegp_calibration::learning::elastic::likelihood::Evidence;
+use poegp_calibration::learning::elastic::likelihood::MarginalLikelihood;
 use poegp_calibration::measurement::noise::{InstrumentNoise, NoiseScales};
 use poegp_calibration::measurement::observation::Observation;
 use poegp_calibration::measurement::sample::{Base, BaseSample, Sample, in_base_frame};
@@ -129,7 +129,7 @@ fn weights_deflections_and_poses_are_numpys() {
     let mut solve = || {
         state.deviation.fill(0.0);
         let linear = state.linearise(&train, scales);
-        let evidence = Evidence {
+        let evidence = MarginalLikelihood {
             linear: &linear,
             groups: &groups,
             inputs: &inputs,
@@ -226,7 +226,7 @@ fn the_gradient_is_that_of_differences() {
                 payload,
                 tied,
             };
-            let evidence = Evidence {
+            let evidence = MarginalLikelihood {
                 linear: &linear,
                 groups: &groups,
                 inputs: &inputs,

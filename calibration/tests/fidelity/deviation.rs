@@ -26,7 +26,7 @@ fn the_deviation_of_a_trained_pose_is_that_of_the_factor() {
     let chain = with_ends(&nominal, &Pose::identity(), &ends.flange_from_targets[0]);
     let tools = vec![chain.frames()[6]];
     let options = ElasticOptions {
-        support: Some(20),
+        inducing_points: Some(20),
         ..ElasticOptions::default()
     };
     let mut found = fit(

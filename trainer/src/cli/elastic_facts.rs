@@ -76,8 +76,8 @@ impl ElasticFacts {
         let outliers = calibration.outliers().iter().map(|o| OutlierFacts {
             line: lines.get(o.sample).copied().unwrap_or(0),
             reason: match o.reason {
-                Reason::Gross => "far from the calibrated arm",
-                Reason::LeftOut => "far from what all other measurements predict",
+                Reason::Robust => "far from the calibrated arm",
+                Reason::LeaveOneOut => "far from what all other measurements predict",
             },
             chi_squared: o.chi_squared,
             rejected,

@@ -34,7 +34,7 @@ const LEAST_LEFT: f64 = 1e-3;
 
 /// What the device needs, in f64.
 #[derive(Clone, Debug)]
-pub struct DeviceSigma {
+pub struct DeviceVariance {
     /// Floor, gain and number of landmarks.
     pub header: PositionVariance<f64>,
     /// The noise in the floor, m².
@@ -44,11 +44,11 @@ pub struct DeviceSigma {
 }
 
 /// Of a tied fit to `samples`. `None` when a matrix cannot be factored.
-pub fn device_sigma(
+pub fn device_variance(
     robust: &RobustFit,
     samples: &[BaseSample],
     coupling: Option<&CouplingMatrix<f64>>,
-) -> Option<DeviceSigma> {
+) -> Option<DeviceVariance> {
     let fit = &robust.fit;
     let inflation = robust.inflation[0].powi(2);
     let noise = inflation * fit.scales.position.powi(2) * fit.hyperparameters[0].exp();
@@ -117,7 +117,7 @@ pub fn device_sigma(
         rows.push(inputs.payloads[*i]);
         rows.extend((0..=row).map(|column| h[(row, column)]));
     }
-    Some(DeviceSigma {
+    Some(DeviceVariance {
         header: PositionVariance {
             floor,
             gain,

@@ -12,9 +12,11 @@ use crate::identification::parametric::fit::parametric_fit;
 use crate::identification::parametric::ripple::{Peak, SIGNIFICANT, peaks};
 use crate::identification::parametric::state::{Layout, Linearised, ParametricModel, ROWS};
 use crate::learning::elastic::hyperparameters::HyperLayout;
-use crate::learning::elastic::likelihood::{Evidence, Inputs, Search, Solved};
+use crate::learning::elastic::likelihood::{
+    HyperparameterObjective, Inputs, MarginalLikelihood, Posterior,
+};
 use crate::learning::elastic::options::{ElasticOptions, OutlierPolicy};
-use crate::learning::elastic::outliers::{LeaveOneOut, Outlier, gross, leave_one_out};
+use crate::learning::elastic::outliers::{LeaveOneOut, Outlier, leave_one_out, robust_outliers};
 use crate::learning::elastic::solution::{ElasticFit, FitError};
 use crate::measurement::noise::NoiseScales;
 use crate::measurement::sample::{BaseSample, Sample};
@@ -96,7 +98,7 @@ pub fn fit_robust(
     let setup = setup_units(samples.len());
     let units_of_a_fit = SEARCH_UNITS + setup + 3 * solve_units(samples.len());
     context.expect(setup + units_of_a_fit + solve_units(samples.len()));
-    let mut outliers = context.phase(setup, || gross(samples, &parameters))?;
+    let mut outliers = context.phase(setup, || robust_outliers(samples, &parameters))?;
     let reject = options.outliers == OutlierPolicy::Reject;
     let remaining = |outliers: &[Outlier]| -> Vec<usize> {
         let bad = |i: &usize| reject && outliers.iter().any(|o| o.sample == *i);
@@ -205,10 +207,10 @@ pub fn fit(
         });
     }
     let similarities = inputs.similarities();
-    let solve = |state: &mut ParametricModel| -> Option<(Solved, Linearised)> {
+    let solve = |state: &mut ParametricModel| -> Option<(Posterior, Linearised)> {
         let linear = state.linearise(samples, scales);
         let groups = state.layout.groups();
-        let evidence = Evidence {
+        let evidence = MarginalLikelihood {
             linear: &linear,
             groups: &groups,
             inputs: &inputs,
@@ -245,7 +247,11 @@ pub fn fit(
 }
 
 /// The residual after everything, in units of its noise, σ S⁻¹y, and the Jacobian with the rows' own noise as scale.
-fn left_over(solved: &Solved, hyper: &[f64], linear: &Linearised) -> (Vec<[f64; ROWS]>, Mat<f64>) {
+fn left_over(
+    solved: &Posterior,
+    hyper: &[f64],
+    linear: &Linearised,
+) -> (Vec<[f64; ROWS]>, Mat<f64>) {
     let h = |row: usize| hyper[usize::from(row % ROWS >= 3)];
     let relative = |row: usize| linear.relative_noise(row, h(row));
     let residual = |row: usize| (0.5 * h(row)).exp() * relative(row) * solved.alpha[(row, 0)];
@@ -360,7 +366,7 @@ fn learn(
         let sheet = stated.map(|sigma| (sigma / scale).powi(2));
         bound.0 = sheet.unwrap_or(floor).clamp(1e-4, 1.0).ln();
     }
-    let evidence = Evidence {
+    let evidence = MarginalLikelihood {
         linear: &linear,
         groups: &groups,
         inputs: &inputs,
@@ -368,5 +374,12 @@ fn learn(
         layout,
         processes,
     };
-    Ok(minimize(&Search::new(&evidence), &start, &bounds, &STOP, context)?.x)
+    Ok(minimize(
+        &HyperparameterObjective::new(&evidence),
+        &start,
+        &bounds,
+        &STOP,
+        context,
+    )?
+    .x)
 }

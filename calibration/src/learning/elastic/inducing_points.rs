@@ -21,7 +21,7 @@ use crate::measurement::sample::BaseSample;
 
 /// Support points with their weights.
 #[derive(Clone, Debug)]
-pub struct Support {
+pub struct InducingPoints {
     /// Joints of each point.
     pub features: Vec<JointTrig<f64>>,
     /// Payload of each point in kg, at most [`MAX_GROUPS`] different ones.
@@ -45,12 +45,12 @@ pub(crate) fn kernel(
 }
 
 /// Each payload replaced by the nearest of at most [`MAX_GROUPS`] quantiles.
-pub fn gathered(payloads: &[f64]) -> Vec<f64> {
-    gathered_to(payloads, MAX_GROUPS)
+pub fn cluster_payloads(payloads: &[f64]) -> Vec<f64> {
+    cluster_payloads_to(payloads, MAX_GROUPS)
 }
 
 /// Each payload replaced by the nearest of at most `most` quantiles, two or more.
-pub(super) fn gathered_to(payloads: &[f64], most: usize) -> Vec<f64> {
+pub(super) fn cluster_payloads_to(payloads: &[f64], most: usize) -> Vec<f64> {
     let mut sorted = payloads.to_vec();
     sorted.sort_by(f64::total_cmp);
     sorted.dedup();
@@ -122,23 +122,27 @@ pub fn choose(fit: &ElasticFit, payloads: &[f64], jacobian: &Mat<f64>, count: us
 }
 
 /// A function of a reduced model: the joint whose process it is part of, and its centre.
-pub(super) type Centred = (usize, (JointTrig<f64>, f64));
+pub(super) type ClusteredInput = (usize, (JointTrig<f64>, f64));
 
 /// Chooses `count` support points and solves for their weights and all parameters; the parameters of `fit` move.
 /// `None` when the system cannot be solved.
-pub fn reduce(fit: &mut ElasticFit, samples: &[BaseSample], count: usize) -> Option<Support> {
+pub fn sparsify(
+    fit: &mut ElasticFit,
+    samples: &[BaseSample],
+    count: usize,
+) -> Option<InducingPoints> {
     let kernels = fit.layout.kernels(&fit.hyperparameters);
-    let payloads = gathered(&fit.inputs.payloads);
+    let payloads = cluster_payloads(&fit.inputs.payloads);
     let linear = fit.state.linearise(samples, fit.scales);
     let chosen = choose(fit, &payloads, &linear.jacobian, count);
     let centre = |i: &usize| (fit.inputs.features[*i], payloads[*i]);
     let centres: Vec<(JointTrig<f64>, f64)> = chosen.iter().map(centre).collect();
     let (m, n) = (centres.len(), kernels.len());
-    let functions: Vec<Centred> = (0..n)
+    let functions: Vec<ClusteredInput> = (0..n)
         .flat_map(|c| centres.iter().map(move |centre| (c, *centre)))
         .collect();
     let weights = solve(fit, &linear, &kernels, &functions)?;
-    Some(Support {
+    Some(InducingPoints {
         weights: (0..m)
             .map(|j| (0..n).map(|c| weights[c * m + j]).collect())
             .collect(),
@@ -152,7 +156,7 @@ pub(super) fn solve(
     fit: &mut ElasticFit,
     linear: &Linearised,
     kernels: &[JointKernel<f64>],
-    functions: &[Centred],
+    functions: &[ClusteredInput],
 ) -> Option<Vec<f64>> {
     let between = |c: usize, a: (&JointTrig<f64>, f64), b: (&JointTrig<f64>, f64)| {
         kernel(&kernels[c], &fit.inputs.kinds, a, b) / (DEFLECTION_UNIT * DEFLECTION_UNIT)

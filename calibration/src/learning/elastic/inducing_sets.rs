@@ -22,7 +22,9 @@ use rand_chacha::ChaCha8Rng;
 use crate::device_cost::{set_block_instructions, set_row_instructions};
 use crate::identification::parametric::state::Linearised;
 use crate::learning::elastic::hyperparameters::DEFLECTION_UNIT;
-use crate::learning::elastic::inducing_points::{Centred, gathered_to, kernel, solve};
+use crate::learning::elastic::inducing_points::{
+    ClusteredInput, cluster_payloads_to, kernel, solve,
+};
 use crate::learning::elastic::options::SetLimits;
 use crate::learning::elastic::solution::ElasticFit;
 use crate::measurement::sample::BaseSample;
@@ -45,7 +47,7 @@ const MAX_PLACES: usize = 600;
 
 /// One chosen function.
 #[derive(Clone, Copy, Debug)]
-pub struct Function {
+pub struct BasisFunction {
     /// The joints where it stands.
     pub features: JointTrig<f64>,
     /// Its payload in kg, one of at most [`MAX_GROUPS`].
@@ -56,11 +58,11 @@ pub struct Function {
 
 /// Support sets.
 #[derive(Clone, Debug)]
-pub struct Sets {
+pub struct InducingSets {
     /// The kernel of each joint, with the rates of the joints that it does not look at zero.
     pub kernels: Vec<JointKernel<f64>>,
     /// Those of each joint, sorted by payload.
-    pub functions: Vec<Vec<Function>>,
+    pub functions: Vec<Vec<BasisFunction>>,
 }
 
 /// Where kernels are evaluated: joints and payload.
@@ -68,7 +70,11 @@ type Place = (JointTrig<f64>, f64);
 
 /// Chooses support sets for a fit to `samples` and solves for their weights and all parameters; the parameters of `fit`
 /// move. `None` when there are no processes or the system cannot be solved.
-pub fn choose(fit: &mut ElasticFit, samples: &[BaseSample], limits: SetLimits) -> Option<Sets> {
+pub fn select_greedy(
+    fit: &mut ElasticFit,
+    samples: &[BaseSample],
+    limits: SetLimits,
+) -> Option<InducingSets> {
     let weights = &fit.solved.as_ref()?.weights;
     let (kinds, payloads) = (&fit.inputs.kinds, &fit.inputs.payloads);
     let whole = fit.layout.kernels(&fit.hyperparameters);
@@ -81,7 +87,7 @@ pub fn choose(fit: &mut ElasticFit, samples: &[BaseSample], limits: SetLimits) -
         .zip(&shares)
         .map(|(kernel, share)| without_negligible(kernel, *share, fit))
         .collect();
-    let centre_payloads = gathered_to(payloads, MAX_PAYLOADS);
+    let centre_payloads = cluster_payloads_to(payloads, MAX_PAYLOADS);
     let mut generator = ChaCha8Rng::seed_from_u64(1);
     let mut order: Vec<usize> = (0..samples.len()).collect();
     if order.len() > MAX_CANDIDATES {
@@ -118,20 +124,20 @@ pub fn choose(fit: &mut ElasticFit, samples: &[BaseSample], limits: SetLimits) -
     spend(&mut joints, &centres, limits);
     let chosen = joints.iter().enumerate();
     let chosen = chosen.flat_map(|(c, joint)| joint.chosen.iter().map(move |j| (c, *j)));
-    let functions: Vec<Centred> = chosen.map(|(c, j)| (c, centres[j])).collect();
+    let functions: Vec<ClusteredInput> = chosen.map(|(c, j)| (c, centres[j])).collect();
     let weights = solve(fit, &linear, &kernels, &functions)?;
     let mut sets = vec![Vec::new(); kernels.len()];
     for ((c, (features, payload_kg)), weight) in functions.into_iter().zip(weights) {
-        sets[c].push(Function {
+        sets[c].push(BasisFunction {
             features,
             payload_kg,
             weight,
         });
     }
     for set in &mut sets {
-        set.sort_by(|a: &Function, b| a.payload_kg.total_cmp(&b.payload_kg));
+        set.sort_by(|a: &BasisFunction, b| a.payload_kg.total_cmp(&b.payload_kg));
     }
-    Some(Sets {
+    Some(InducingSets {
         kernels,
         functions: sets,
     })

@@ -76,7 +76,7 @@ impl DistinctPayloads {
 
 /// The data of the likelihood.
 #[derive(Debug)]
-pub struct Evidence<'a> {
+pub struct MarginalLikelihood<'a> {
     /// The linear model.
     pub linear: &'a Linearised,
     /// PriorGroup of each parameter.
@@ -92,7 +92,7 @@ pub struct Evidence<'a> {
 }
 
 /// A factored S with what the solution needs.
-pub struct Solved {
+pub struct Posterior {
     /// S⁻¹ y.
     pub alpha: Mat<f64>,
     /// The factor of S.
@@ -103,7 +103,7 @@ pub struct Solved {
     pub weights: Mat<f64>,
 }
 
-impl Evidence<'_> {
+impl MarginalLikelihood<'_> {
     fn poses(&self) -> usize {
         self.inputs.payloads.len()
     }
@@ -215,7 +215,7 @@ impl Evidence<'_> {
     }
 
     /// Solves for everything at fixed hyperparameters; `None` when S cannot be factored.
-    pub fn solve(&self, h: &[f64]) -> Option<Solved> {
+    pub fn solve(&self, h: &[f64]) -> Option<Posterior> {
         let rows = self.linear.y.nrows();
         let factor = {
             let mut s = Mat::zeros(rows, rows);
@@ -236,7 +236,7 @@ impl Evidence<'_> {
                 .map(|b| self.linear.jacobian[(row(b), c)] * alpha[(row(b), 0)])
                 .sum::<f64>()
         });
-        Some(Solved {
+        Some(Posterior {
             alpha,
             factor,
             parameters,
@@ -245,22 +245,22 @@ impl Evidence<'_> {
     }
 }
 
-impl Objective for Evidence<'_> {
+impl Objective for MarginalLikelihood<'_> {
     fn value_and_gradient(&self, h: &[f64]) -> (f64, Vec<f64>) {
-        Search::new(self).value_and_gradient(h)
+        HyperparameterObjective::new(self).value_and_gradient(h)
     }
 }
 
-/// The same as the [`Evidence`], in memory that is kept from one evaluation to the next.
+/// The same as the [`MarginalLikelihood`], in memory that is kept from one evaluation to the next.
 #[derive(Debug)]
-pub struct Search<'a> {
-    evidence: &'a Evidence<'a>,
+pub struct HyperparameterObjective<'a> {
+    evidence: &'a MarginalLikelihood<'a>,
     workspace: RefCell<(CholeskyWorkspace, Vec<Mat<f64>>)>,
 }
 
-impl<'a> Search<'a> {
+impl<'a> HyperparameterObjective<'a> {
     /// Of this evidence.
-    pub fn new(evidence: &'a Evidence<'a>) -> Self {
+    pub fn new(evidence: &'a MarginalLikelihood<'a>) -> Self {
         let factor = CholeskyWorkspace::new(evidence.linear.y.nrows());
         Self {
             evidence,
@@ -269,7 +269,7 @@ impl<'a> Search<'a> {
     }
 }
 
-impl Objective for Search<'_> {
+impl Objective for HyperparameterObjective<'_> {
     fn value_and_gradient(&self, h: &[f64]) -> (f64, Vec<f64>) {
         let evidence = self.evidence;
         let (factor, kernels) = &mut *self.workspace.borrow_mut();
@@ -300,7 +300,7 @@ impl Objective for Search<'_> {
     }
 }
 
-impl Evidence<'_> {
+impl MarginalLikelihood<'_> {
     fn prior_gradient(
         &self,
         h: &[f64],

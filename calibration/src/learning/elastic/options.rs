@@ -17,13 +17,13 @@ pub struct ElasticOptions {
     /// Gravity in the base frame, m/s².
     pub gravity: Vector3<f64>,
     /// Support points on the device; `None` keeps all.
-    pub support: Option<usize>,
+    pub inducing_points: Option<usize>,
     /// A support set for each joint in their place, of a model with own length scales.
     pub sets: Option<SetLimits>,
     /// What is done with measurements that do not belong.
     pub outliers: OutlierPolicy,
     /// Whether a model with tied length scales gets a standard deviation for the device.
-    pub device_sigma: bool,
+    pub device_variance: bool,
 }
 
 impl Default for ElasticOptions {
@@ -34,10 +34,10 @@ impl Default for ElasticOptions {
             processes: true,
             ripple: true,
             gravity: Vector3::new(0.0, 0.0, -9.81),
-            support: Some(100),
+            inducing_points: Some(100),
             sets: None,
             outliers: OutlierPolicy::Keep,
-            device_sigma: true,
+            device_variance: true,
         }
     }
 }

@@ -25,9 +25,9 @@ const ROUNDS: usize = 6;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reason {
     /// Far from what the parameters alone predict.
-    Gross,
+    Robust,
     /// Far from what all other poses predict.
-    LeftOut,
+    LeaveOneOut,
 }
 
 /// One measurement that does not belong.
@@ -42,7 +42,7 @@ pub struct Outlier {
 }
 
 /// Poses that the parameters alone cannot believe. `fit_parameters` fits a fresh state to some samples.
-pub fn gross(
+pub fn robust_outliers(
     samples: &[BaseSample],
     fit_parameters: &dyn Fn(&[BaseSample]) -> ParametricModel,
 ) -> Vec<Outlier> {
@@ -80,7 +80,7 @@ pub fn gross(
     let outlier = |(sample, d): (usize, &f64)| {
         (*d > GROSS).then_some(Outlier {
             sample,
-            reason: Reason::Gross,
+            reason: Reason::Robust,
             chi_squared: *d,
         })
     };
@@ -126,7 +126,7 @@ pub fn leave_one_out(fit: &ElasticFit, samples: &[BaseSample]) -> LeaveOneOut {
         if chi_squared > LEFT_OUT {
             out.outliers.push(Outlier {
                 sample: k,
-                reason: Reason::LeftOut,
+                reason: Reason::LeaveOneOut,
                 chi_squared,
             });
             continue;

@@ -16,7 +16,7 @@ use poegp_runtime::gp::joint_kernel::{JointKernel, similarity};
 use poegp_runtime::math::se3::Pose;
 
 use crate::identification::parametric::state::{Linearised, ROWS, prior_variance};
-use crate::learning::elastic::likelihood::Solved;
+use crate::learning::elastic::likelihood::Posterior;
 use crate::learning::elastic::solution::ElasticFit;
 use crate::measurement::noise::InstrumentNoise;
 use crate::measurement::observation::Observation;
@@ -152,7 +152,7 @@ impl PosteriorCovariance {
 
 /// Leaves the poses of each payload out of `solved` together; `None` when there is one payload only, or so many that a
 /// pose left out alone has no neighbours of its own payload.
-fn payloads_left_out(solved: &Solved, samples: &[BaseSample]) -> Option<[f64; 2]> {
+fn payloads_left_out(solved: &Posterior, samples: &[BaseSample]) -> Option<[f64; 2]> {
     let mut payloads: Vec<f64> = samples.iter().filter_map(|s| s.payload_kg).collect();
     payloads.sort_by(f64::total_cmp);
     payloads.dedup();

@@ -19,9 +19,9 @@ use poegp_runtime::math::se3::{Pose, Twist};
 use poegp_runtime::trace::Unobserved;
 
 use crate::identification::parametric::state::ParametricModel;
-use crate::learning::elastic::device_variance::DeviceSigma;
-use crate::learning::elastic::inducing_points::{Support, gathered, reduce};
-use crate::learning::elastic::inducing_sets::{Sets, choose};
+use crate::learning::elastic::device_variance::DeviceVariance;
+use crate::learning::elastic::inducing_points::{InducingPoints, cluster_payloads, sparsify};
+use crate::learning::elastic::inducing_sets::{InducingSets, select_greedy};
 use crate::learning::elastic::options::ElasticOptions;
 use crate::learning::elastic::solution::ElasticFit;
 use crate::measurement::sample::BaseSample;
@@ -40,7 +40,7 @@ pub struct ElasticModel {
     /// Facts of the fit.
     pub report: ElasticReport,
     /// What the device gets to say how well it knows the position.
-    pub sigma: Option<DeviceSigma>,
+    pub sigma: Option<DeviceVariance>,
 }
 
 /// Facts of a fit.
@@ -57,27 +57,30 @@ pub struct ElasticReport {
 }
 
 impl ElasticModel {
-    /// From a fit; reduced to `options.support` points, or to the sets that `options.sets` asks for. The calibrated chain is that of `fit.state` afterwards.
+    /// From a fit; reduced to `options.inducing_points` points, or to the sets that `options.sets` asks for. The calibrated chain is that of `fit.state` afterwards.
     pub fn new(
         fit: &mut ElasticFit,
         samples: &[BaseSample],
         coupling: Option<&Vec<Vec<f64>>>,
         options: &ElasticOptions,
     ) -> Option<Self> {
-        let distinct = gathered(&fit.inputs.payloads) != fit.inputs.payloads;
-        let count = options.support.unwrap_or(samples.len()).min(samples.len());
+        let distinct = cluster_payloads(&fit.inputs.payloads) != fit.inputs.payloads;
+        let count = options
+            .inducing_points
+            .unwrap_or(samples.len())
+            .min(samples.len());
         let chosen = match options.sets.filter(|_| options.processes) {
-            Some(limits) => Some(choose(fit, samples, limits)?),
+            Some(limits) => Some(select_greedy(fit, samples, limits)?),
             None => None,
         };
         let support = if !options.processes || chosen.is_some() {
-            Support {
+            InducingPoints {
                 features: Vec::new(),
                 payloads: Vec::new(),
                 weights: Vec::new(),
             }
         } else if count < samples.len() || distinct {
-            reduce(fit, samples, count)?
+            sparsify(fit, samples, count)?
         } else {
             all(fit)?
         };
@@ -200,9 +203,9 @@ fn matrix(rows: &Vec<Vec<f64>>) -> CouplingMatrix<f64> {
 }
 
 /// All poses as support, with the weights of the generalised least squares.
-fn all(fit: &ElasticFit) -> Option<Support> {
+fn all(fit: &ElasticFit) -> Option<InducingPoints> {
     let weights: &Mat<f64> = &fit.solved.as_ref()?.weights;
-    Some(Support {
+    Some(InducingPoints {
         features: fit.inputs.features.clone(),
         payloads: fit.inputs.payloads.clone(),
         weights: (0..weights.nrows())
@@ -212,7 +215,7 @@ fn all(fit: &ElasticFit) -> Option<Support> {
 }
 
 /// The processes with these sets, and their rows.
-fn of_sets(sets: &Sets) -> Option<(JointProcesses<f64>, Vec<f64>)> {
+fn of_sets(sets: &InducingSets) -> Option<(JointProcesses<f64>, Vec<f64>)> {
     let mut payloads: Vec<f64> = sets
         .functions
         .iter()
@@ -262,7 +265,7 @@ fn of_sets(sets: &Sets) -> Option<(JointProcesses<f64>, Vec<f64>)> {
 
 /// Rows sorted by payload, and the groups.
 fn rows<const N: usize>(
-    support: &Support,
+    support: &InducingPoints,
     joints: usize,
 ) -> (Vec<f64>, FixedVec<PayloadGroup<f64>, N>) {
     let mut order: Vec<usize> = (0..support.payloads.len()).collect();

@@ -2,7 +2,7 @@
 
 use crate::identification::parametric::state::ParametricModel;
 use crate::learning::elastic::hyperparameters::HyperLayout;
-use crate::learning::elastic::likelihood::{Inputs, Solved};
+use crate::learning::elastic::likelihood::{Inputs, Posterior};
 use crate::measurement::noise::NoiseScales;
 use crate::progress::Cancelled;
 
@@ -32,7 +32,7 @@ pub struct ElasticFit {
     /// Inputs of the processes.
     pub inputs: Inputs,
     /// The solution with all poses as support, when there are processes.
-    pub solved: Option<Solved>,
+    pub solved: Option<Posterior>,
     /// Where the model was linearised for it: `state` has moved on since.
     pub origin: ParametricModel,
 }

@@ -1,6 +1,6 @@
 //! The elastic model: the chain, gravity terms, gear ripple and joint processes, solved together.
 
-use crate::learning::elastic::device_variance::device_sigma;
+use crate::learning::elastic::device_variance::device_variance;
 use crate::learning::elastic::fit::{fit_robust, solve_units};
 use crate::learning::elastic::options::ElasticOptions;
 use crate::learning::elastic::predictive_variance::Uncertainty;
@@ -38,8 +38,8 @@ pub(super) fn fit_elastic(
         ElasticModel::new(&mut robust.fit, &kept, coupling, options)
     })?;
     let mut model = model.ok_or(FitError::Unsolvable)?;
-    if options.device_sigma && options.tied && options.processes {
-        model.sigma = device_sigma(&robust, &kept, model.coupling.as_ref());
+    if options.device_variance && options.tied && options.processes {
+        model.sigma = device_variance(&robust, &kept, model.coupling.as_ref());
     }
     let (chain, tools) = (
         robust.fit.state.chain(0),
