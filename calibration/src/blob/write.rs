@@ -13,6 +13,9 @@ use poegp_protocol::limits::OUTPUTS;
 use poegp_runtime::kinematics::minimal_chain::MinimalForm;
 use poegp_runtime::kinematics::poe::Poe;
 
+use crate::blob::precision_loss::{
+    MAX_F32_ERROR_M, MEAN_F32_ERROR_M, SinglePrecisionLoss, precision_loss,
+};
 use crate::blob::predict::{BlobError, BlobModel, HOST_SUPPORT};
 use crate::learning::elastic::reduced_model::ElasticModel;
 use crate::learning::task_space::Hyperparameters;
@@ -25,11 +28,6 @@ use crate::model::correction::{self as model, TaskSpaceCorrection};
 use crate::model::{Calibration, CalibrationError, calibrate, calibrate_within};
 use crate::progress::FitContext;
 use crate::robot::Robot;
-
-/// Largest position error of the `f32` blob against the f64 model, in metres.
-pub const MAX_F32_ERROR_M: f64 = 2e-6;
-/// Largest mean of it.
-pub const MEAN_F32_ERROR_M: f64 = 0.5e-6;
 
 /// Where a calibration comes from.
 #[derive(Clone, Debug)]
@@ -54,15 +52,6 @@ impl Provenance {
             tools: data.tools.clone(),
         }
     }
-}
-
-/// The distance of the blob's poses from the f64 model's.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SinglePrecisionLoss {
-    /// Mean in metres.
-    pub mean_m: f64,
-    /// Largest in metres.
-    pub max_m: f64,
 }
 
 /// A calibration with its blob.
@@ -170,13 +159,6 @@ pub enum DeviceError {
     Export(#[from] ExportError),
 }
 
-impl SinglePrecisionLoss {
-    /// The larger of the two shares of the limits.
-    pub fn worst_share(&self) -> f64 {
-        (self.max_m / MAX_F32_ERROR_M).max(self.mean_m / MEAN_F32_ERROR_M)
-    }
-}
-
 /// Why no blob was made.
 #[derive(Debug, thiserror::Error)]
 pub enum ExportError {
@@ -199,36 +181,6 @@ pub enum ExportError {
         .0.max_m * 1e6, MAX_F32_ERROR_M * 1e6, .0.mean_m * 1e6, MEAN_F32_ERROR_M * 1e6
     )]
     SinglePrecisionLossTooLarge(SinglePrecisionLoss),
-}
-
-/// Distance of the blob's poses from the f64 model's, where the correction is not bounded.
-pub fn precision_loss(
-    calibration: &Calibration,
-    loaded: &BlobModel,
-    samples: &[InstrumentSample],
-) -> SinglePrecisionLoss {
-    let instrument_from_base = calibration.base_and_tools.instrument_from_base;
-    let mut count = 0;
-    let mut out = SinglePrecisionLoss {
-        mean_m: 0.0,
-        max_m: 0.0,
-    };
-    for sample in samples {
-        let exact = instrument_from_base * calibration.predict(sample);
-        let stored = loaded.predict_tool(&sample.joints, sample.payload_kg, sample.tool);
-        if stored
-            .status
-            .contains(poegp_runtime::guard::status::Status::CORRECTION_LIMITED)
-        {
-            continue;
-        }
-        let distance = (exact.translation - stored.pose.translation).norm();
-        out.mean_m += distance;
-        count += 1;
-        out.max_m = out.max_m.max(distance);
-    }
-    out.mean_m /= f64::from(count.max(1));
-    out
 }
 
 /// A fixed vector of what fits, or the error that names what does not.

@@ -3,7 +3,8 @@
 use std::fmt::Write as _;
 use std::time::Instant;
 
-use poegp_calibration::blob::write::{CalibratedBlob, calibrate_to_blob, precision_loss};
+use poegp_calibration::blob::precision_loss::precision_loss;
+use poegp_calibration::blob::write::{CalibratedBlob, calibrate_to_blob};
 use poegp_calibration::measurement as measurements;
 use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::model::Method;

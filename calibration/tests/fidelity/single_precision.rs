@@ -1,8 +1,7 @@
 //! What `f32` costs: the blob's poses against the f64 model, on all simulated data.
 
-use poegp_calibration::blob::write::{
-    DeviceError, ExportError, MAX_F32_ERROR_M, MEAN_F32_ERROR_M, Provenance, calibrate_to_blob,
-};
+use poegp_calibration::blob::precision_loss::{MAX_F32_ERROR_M, MEAN_F32_ERROR_M};
+use poegp_calibration::blob::write::{DeviceError, ExportError, Provenance, calibrate_to_blob};
 use poegp_calibration::learning::task_space::fit::HyperparameterSharing;
 use poegp_calibration::measurement::observation::Observation;
 use poegp_calibration::measurement::sample::InstrumentSample;

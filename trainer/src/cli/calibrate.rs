@@ -15,8 +15,9 @@ use crate::cli::{
 };
 use crate::report::{Evidence, FileFacts, HeldOutFacts, Provenance};
 use poegp_calibration::blob;
+use poegp_calibration::blob::precision_loss::SinglePrecisionLoss;
 use poegp_calibration::blob::predict::BlobModel;
-use poegp_calibration::blob::write::{CalibratedBlob, SinglePrecisionLoss, calibrate_to_blob};
+use poegp_calibration::blob::write::{CalibratedBlob, calibrate_to_blob};
 use poegp_calibration::device_cost::{ElasticSize, instructions};
 use poegp_calibration::identification::frame_fit::FrameFit;
 use poegp_calibration::identification::identifiability::IdentifyReport;
