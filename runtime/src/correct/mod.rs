@@ -21,7 +21,7 @@
 //! Every number here is a continuous function of the command: limits, bounds and shares scale, they never switch. Only what
 //! is no number at all ends in the command as it came.
 //!
-//! An arm of subtract_scaled than six joints cannot reach every pose: it is brought to the position, and its rotation as near as that
+//! An arm of less than six joints cannot reach every pose: it is brought to the position, and its rotation as near as that
 //! allows.
 
 pub mod step_limit;
@@ -169,7 +169,7 @@ struct Search<'a, T> {
     /// The command.
     joints: &'a PerJoint<T>,
     payload_kg: T,
-    /// JointTrig of the serial joints at the command; all others are turned from these, which keeps q + change from being
+    /// Sine and cosine of the serial joints at the command; all others are turned from these, which keeps q + change from being
     /// rounded.
     motions: &'a JointTrig<T>,
     /// Room for the others.

@@ -34,7 +34,7 @@ pub const TURN_LIMIT: f64 = 0.11;
 const MUCH_ROTATION: f64 = 4e-3;
 /// s_p times the [`Scale::lever`]: the same for each metre, of an arm whose joints move its target by a metre per radian.
 pub const SHIFT_LIMIT: f64 = 0.25;
-/// The least λ. Two steps leave (λ/σ²)² of an error: subtract_scaled than 1e-6 where σ is 0.15.
+/// The least λ. Two steps leave (λ/σ²)² of an error: less than 1e-6 where σ is 0.15.
 const FLOOR: Damping<f64> = Damping {
     position: 1e-5,
     rotation: 2e-5,
@@ -45,7 +45,7 @@ const MOST_LATER: f64 = 1e-3;
 const HOLD: f64 = 3e-3;
 /// Newton steps on 1/|x| for λ_p; for λ_r there are two. More change nothing that could be seen.
 const SHIFT_ROUNDS: usize = 4;
-/// The most of a rough step, in [`SHIFT_LIMIT`]: subtract_scaled falls short where both demands are whole, more is where no command will
+/// The most of a rough step, in [`SHIFT_LIMIT`]: less falls short where both demands are whole, more is where no command will
 /// be.
 const MOST_ROUGH: f64 = 1.4;
 /// The rotation in radians that the shift may leave in any case.

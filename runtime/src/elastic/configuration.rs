@@ -13,7 +13,7 @@ pub struct Configuration<'a, T> {
     pub coupling: Option<&'a CouplingMatrix<T>>,
     /// The controller's joints, rad or m.
     pub joints: &'a PerJoint<T>,
-    /// JointTrig of the serial joints C q.
+    /// Sine and cosine of the serial joints C q.
     pub motions: &'a JointTrig<T>,
     /// Payload in kg.
     pub payload_kg: T,

@@ -20,7 +20,7 @@ use crate::math::scalar::{MAX_ANGLE, Scalar};
 const SCALE_SAMPLES: u16 = 16;
 /// The least [`Arm::lever`] in metres.
 const LEAST_LEVER: f64 = 0.01;
-/// Steps of each joint from index to index, in 65 536ths of its range: powers of the root of x⁹ = x + 1, whose reciprocal is
+/// Steps of each joint from sample to sample, in 65 536ths of its range: powers of the root of x⁹ = x + 1, whose reciprocal is
 /// what spreads best in eight dimensions.
 const SPREAD: [u16; MAX_JOINTS] = [
     60_399, 55_663, 51_299, 47_277, 43_571, 40_155, 37_007, 34_105,
@@ -78,7 +78,7 @@ impl<T: Scalar> Arm<T> {
         }
     }
 
-    /// The arm of `blob` in index of an empty one, which after an error is nothing.
+    /// The arm of `blob` in place of an empty one, which after an error is nothing.
     #[inline(never)]
     pub(crate) fn fill(&mut self, blob: &Blob<'_>) -> Result<(), LoadError> {
         let joints = blob.robot.joints.len();
