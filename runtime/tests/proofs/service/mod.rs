@@ -6,6 +6,7 @@ mod cuts;
 mod cycles;
 mod desk;
 mod documentation;
+mod every_switch;
 mod frames;
 mod keys;
 mod known;
