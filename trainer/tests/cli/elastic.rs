@@ -95,7 +95,7 @@ fn what_the_device_knows_of_its_own_error() {
         (told, facts, set, folder.text("out.csv"))
     };
     let (told, facts, set, csv) = calibrate("--tied");
-    assert_eq!(facts["format_version"], 3);
+    assert_eq!(facts["format_version"], 1);
     let sigma = &facts["correction"]["sigma"];
     assert_eq!(sigma["landmarks"], 12);
     let (stored, found) = (
@@ -126,7 +126,7 @@ fn what_the_device_knows_of_its_own_error() {
 
     for flags in ["", "--tied --no-device-sigma"] {
         let (told, facts, set, csv) = calibrate(flags);
-        assert_eq!(facts["format_version"], 2);
+        assert_eq!(facts["format_version"], 1);
         assert!(told.is_null() && facts["correction"]["sigma"].is_null());
         assert!(set["position_sigma"].is_null());
         assert!(csv.lines().skip(1).all(|line| line.ends_with(',')));

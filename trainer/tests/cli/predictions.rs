@@ -105,7 +105,7 @@ fn the_status_says_what_a_prediction_is_worth() {
     assert!(status[0].contains("payload"), "{status:?}");
     assert!(status[1].contains("joint"), "{status:?}");
     for status in status {
-        assert!(status.contains("bounded"), "{status:?}");
+        assert!(status.contains("limited"), "{status:?}");
         assert!(!status.contains(','), "one field: {status:?}");
     }
 }

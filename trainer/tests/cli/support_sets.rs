@@ -21,7 +21,7 @@ fn a_support_set_for_each_joint_is_fitted_told_and_evaluated() {
         (told, facts, set["position_mm"]["mean"].as_f64().unwrap())
     };
     let (_, facts, shared) = calibrate("");
-    assert_eq!(facts["format_version"], 2);
+    assert_eq!(facts["format_version"], 1);
     assert!(facts["correction"]["support_per_output"].is_null());
     for (flags, functions) in [
         ("--support-per-output", 200),
@@ -34,7 +34,7 @@ fn a_support_set_for_each_joint_is_fitted_told_and_evaluated() {
             (functions.min(50)..=functions).contains(&support),
             "{support}"
         );
-        assert_eq!(facts["format_version"], 4);
+        assert_eq!(facts["format_version"], 1);
         assert_eq!(facts["correction"]["support_points"], support);
         let sets = facts["correction"]["support_per_output"]
             .as_array()
