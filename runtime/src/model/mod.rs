@@ -1,4 +1,4 @@
-//! A calibrated arm in fixed memory: T_gp(q, m)·f(q) (paper, eq. 9) for every input, with a [`Status`].
+//! A calibrated arm in fixed memory: T_gp(q, m)·f(q) (paper, eq. 9) for every input, with a [`Status`](crate::Status).
 //!
 //! [`Model::load`] is the only way from a blob's words to a model. It checks every number first and changes nothing
 //! when one is refused, so that the last good model survives. After it, [`Model::evaluate`] cannot fail: it bounds what
@@ -74,7 +74,7 @@ impl<T: Scalar, const WORDS: usize> Default for Model<T, WORDS> {
 }
 
 impl<T: Scalar, const WORDS: usize> Model<T, WORDS> {
-    /// No model: every evaluation answers [`Status::NO_MODEL`].
+    /// No model: every evaluation answers [`Status::NO_MODEL`](crate::Status::NO_MODEL).
     pub const fn new() -> Self {
         Self {
             arm: Slot::Empty,

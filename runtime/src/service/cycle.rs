@@ -130,7 +130,7 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
         FrameOutcome::Completed(length)
     }
 
-    /// Counts a frame that was longer than any that is sent, and answers it as [`Cycle::take`] does.
+    /// Counts a frame that was longer than any that is sent, and answers it as [`Cycle::handle_frame`] does.
     pub fn frame_too_long(&mut self, scratch: &mut [u8], out: &mut [u8]) -> FrameOutcome {
         let (sequence, response) = self.unreadable(FrameError::Damaged);
         FrameOutcome::Answered(
@@ -138,7 +138,7 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
         )
     }
 
-    /// Refuses a service because another one is being carried out, as [`Cycle::take`] answers.
+    /// Refuses a service because another one is being carried out, as [`Cycle::handle_frame`] answers.
     pub fn reject_busy(
         &mut self,
         receiver: &Receiver,

@@ -27,7 +27,7 @@ impl Slot {
     }
 }
 
-/// A blob in flash, as its header announces it. [`Store::read`] tells whether it is there.
+/// A blob in flash, as its header announces it. [`Store::read`](super::Store::read) says whether it is there.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Stored {
     /// Where it is.

@@ -37,7 +37,7 @@ inner_loops! {
         sums: &mut [Self; N],
     );
 
-    /// The cosine of the angle between every joint's feature and its place in every row, of at most [`TILE`] rows as
+    /// The cosine of the angle between every joint's feature and its place in every row, of at most 32 rows as
     /// [`KernelLoops::tied_sums`] has them.
     portable_cosines => fn cosines<const N, const ROW>(
         rows: &[[Self; ROW]],
