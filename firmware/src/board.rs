@@ -69,7 +69,7 @@ pub struct Parts<B: Board> {
     pub strobe: B::Strobe,
 }
 
-/// A serial line with an interrupt, whose handler calls [`crate::uart::interrupt`]. Reading and writing never wait.
+/// A serial line with an interrupt, whose handler is in `interrupts`. Reading and writing never wait.
 pub trait Link: Read + ReadReady + Write + WriteReady {
     /// Called first in the handler: clears what made it run, where reading and writing do not.
     fn acknowledge(&mut self);

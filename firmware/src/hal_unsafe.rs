@@ -238,17 +238,10 @@ pub fn enable_interrupt(interrupt: impl InterruptNumber) {
 #[derive(Clone, Copy)]
 pub struct Interrupt(pub u16);
 
-// SAFETY: the board's modules name interrupts that there are; all lead to `DefaultHandler` below.
+// SAFETY: the board's modules name interrupts that there are; all lead to `DefaultHandler` of `interrupts`.
 #[cfg(feature = "mps2")]
 unsafe impl InterruptNumber for Interrupt {
     fn number(self) -> u16 {
         self.0
     }
-}
-
-// The link's are the only interrupts that are enabled.
-#[cfg(feature = "mps2")]
-#[cortex_m_rt::exception]
-unsafe fn DefaultHandler(_number: i16) {
-    crate::uart::interrupt();
 }

@@ -28,6 +28,8 @@ mod defmt_ring;
 #[cfg(target_os = "none")]
 mod hal_unsafe;
 #[cfg(target_os = "none")]
+mod interrupts;
+#[cfg(target_os = "none")]
 mod log;
 #[cfg(target_os = "none")]
 mod mailbox;

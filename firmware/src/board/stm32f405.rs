@@ -24,7 +24,7 @@ use embedded_storage::nor_flash::{
 use poegp_runtime::store::Layout;
 use stm32f4xx_hal::flash::FlashExt;
 use stm32f4xx_hal::gpio::{Output, PB0};
-use stm32f4xx_hal::pac::{self, FLASH, Interrupt, TIM2, USART1, USART2, interrupt};
+use stm32f4xx_hal::pac::{self, FLASH, Interrupt, TIM2, USART1, USART2};
 use stm32f4xx_hal::prelude::*;
 use stm32f4xx_hal::rcc::{Config, Enable, Rcc, Reset};
 use stm32f4xx_hal::serial::{self, Event, RxISR, Serial, TxISR};
@@ -114,11 +114,6 @@ impl Link for Line<USART1> {
             self.0.unlisten(Event::TxEmpty);
         }
     }
-}
-
-#[interrupt]
-fn USART1() {
-    crate::uart::interrupt();
 }
 
 const SECTOR: u32 = 128 * 1024;
