@@ -74,7 +74,7 @@ def look(arguments: argparse.Namespace) -> None:
     expect(len(rows) == arguments.robots + 1, f"{len(rows)} rows")
     expect(rows[0]["name"] == broken and rows[0]["state"] == "failed", f"{broken} is not the first row, failed: {rows[0]}")
     expect("train.csv:" in rows[0]["message"] and '"lost"' in rows[0]["message"], f"message {rows[0]['message']!r}")
-    worst = [float(row["after_p95_mm"]) for row in rows[1:]]
+    worst = [float(row["calibrated_p95_mm"]) for row in rows[1:]]
     expect(worst == sorted(worst, reverse=True), f"not the worst first: {worst}")
     page = (results / "fleet.html").read_text(encoding="utf-8")
     expect("<script" not in page and "http" not in page, "the page needs scripts or the network")
@@ -82,12 +82,12 @@ def look(arguments: argparse.Namespace) -> None:
         expect((results / link).is_file(), f"{link} leads nowhere")
     for row in rows[1:]:
         facts = json.loads((results / row["name"] / "calibrate.json").read_text(encoding="utf-8"))["held_out"]
-        for when in ("before", "after"):
+        for when in ("nominal", "calibrated"):
             for statistic in ("mean", "p95"):
                 number = facts[when]["position_mm"][statistic]
                 expect(float(row[f"{when}_{statistic}_mm"]) == number, f"{row['name']}: {when} {statistic}")
                 expect(f"<td>{number:.3f}</td>" in page, f"{row['name']}: {number} is not on the page")
-        expect(float(row["after_mean_mm"]) < float(row["before_mean_mm"]), f"{row['name']} got worse")
+        expect(float(row["calibrated_mean_mm"]) < float(row["nominal_mean_mm"]), f"{row['name']} got worse")
 
 
 def main() -> None:
@@ -102,8 +102,8 @@ def main() -> None:
     folder = arguments.folder
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
-    cells = [sys.executable, str(FLEET / "scripts" / "simulate.py"), "--trainer", arguments.trainer, "--broken"]
-    run([*cells, "--robots", str(arguments.robots), "--poses", str(arguments.poses), "cells"], folder)
+    robots = [sys.executable, str(FLEET / "scripts" / "simulate.py"), "--trainer", arguments.trainer, "--broken"]
+    run([*robots, "--robots", str(arguments.robots), "--poses", str(arguments.poses), "robots"], folder)
 
     before = kill_in_the_middle(arguments, after=max(1, arguments.robots // 3))
     expect(len(before) <= arguments.robots, "everything was done before the kill")
@@ -117,7 +117,7 @@ def main() -> None:
 
     said = run(engine(arguments, "--dry-run"), folder)
     expect("Nothing to be done" in said, f"a third run does something:\n{said}")
-    one = folder / "cells" / "r01" / "cell.toml"
+    one = folder / "robots" / "r01" / "project.toml"
     one.write_text(one.read_text(encoding="utf-8") + '\n[model]\nmethod = "poe"\n', encoding="utf-8")
     said = run(engine(arguments), folder)
     changed = [name for name, when in finished(folder).items() if after[name] != when]

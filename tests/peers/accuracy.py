@@ -19,7 +19,7 @@ ROWS = [
     ("nominal", "as drawn, base and tool fitted"),
     ("dh", "DH calibration, pybotics"),
     ("poe", "POE, ours"),
-    ("poe_weighted", "POE `--weighted`, ours"),
+    ("poe_weighted", "POE `--weighting noise`, ours"),
     ("network", "POE + network, scikit-learn's `MLPRegressor`"),
     ("network_sines", "the same, with sines and cosines"),
     ("their_gp", "POE + GP, scikit-learn"),

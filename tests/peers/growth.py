@@ -7,8 +7,8 @@ from programs import print_table
 SIZES = [100, 200, 300, 500, 1000, 2000]
 # Largest N that is tried: what lies beyond takes more minutes, or gigabytes, than a table is worth.
 METHODS = [
-    ("`poe-gp-load`", ["--model", "poe-gp-load"], 2000),
-    ("`poe-gp-load --per-output`", ["--model", "poe-gp-load", "--per-output"], 1000),
+    ("`poe-gp-load`", ["--method", "poe-gp-load"], 2000),
+    ("`poe-gp-load --per-output`", ["--method", "poe-gp-load", "--per-output"], 1000),
     ("`elastic`", [], 2000),
 ]
 

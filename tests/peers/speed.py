@@ -16,7 +16,7 @@ def table(programs):
     rows = []
     for poses, per_output, goal in [(300, False, 10), (300, True, 10), (1000, False, 5)]:
         rows.append(fit(programs, poses, per_output, goal))
-    seconds, memory = programs.calibrate(programs.simulated("paper", 2000), "--model", "poe-gp-load")
+    seconds, memory = programs.calibrate(programs.simulated("paper", 2000), "--method", "poe-gp-load")
     rows.append(["`poe-gp-load`, N = 2000", "–", "–", "–", "60 s", "–", f"{seconds:.2f} ({memory:.0f} MB)", "–"])
     for poses, goal in [(300, "3 s, 500 MB"), (1000, "60 s")]:
         seconds, memory = programs.calibrate(programs.simulated("paper", poses))
@@ -34,7 +34,7 @@ def table(programs):
 
 def fit(programs, poses, per_output, goal):
     train = programs.simulated("paper", poses)
-    options = ["--model", "poe-gp-load"] + (["--per-output"] if per_output else [])
+    options = ["--method", "poe-gp-load"] + (["--per-output"] if per_output else [])
     whole = min(programs.calibrate(train, *options)[0] for _ in range(3))
     given = programs.example("processes" if per_output else "process", "abb-irb4400-serial", train)
     ours = given["per_output" if per_output else "shared"]
@@ -61,7 +61,7 @@ def fit(programs, poses, per_output, goal):
 
 def predict(programs):
     train = programs.simulated("paper", 300)
-    programs.calibrate(train, "--model", "poe-gp-load")
+    programs.calibrate(train, "--method", "poe-gp-load")
     many = programs.simulated("paper", 2000)
     ours = min(programs.example("predict", programs.folder / "model.blob", many, 5)["cpu_seconds"] for _ in range(3))
     given = programs.example("process", "abb-irb4400-serial", train)

@@ -78,7 +78,7 @@ pub fn run(seed: u64, out: &mut dyn Write) -> Result<Vec<ArmErrors>, Box<dyn Err
             board,
             elf: &firmware_of(board)?.elf,
             clock: Clock::Real,
-            memory: None,
+            flash_image: None,
         },
         TIME_LIMIT,
     )?;

@@ -16,10 +16,10 @@ use poegp_trainer::device::error::ClientError;
 const TIME_LIMIT: Duration = Duration::from_secs(300);
 /// An answer takes milliseconds; a loaded machine may take long to get to it.
 const OPTIONS: Options = Options {
-    answer_limit: Duration::from_secs(10),
+    timeout: Duration::from_secs(10),
     attempts: 3,
     busy_limit: Duration::from_secs(60),
-    piece: poegp_protocol::link::MAX_CHUNK,
+    chunk_size: poegp_protocol::link::MAX_CHUNK,
     uploads: 1,
 };
 
@@ -63,7 +63,7 @@ impl Device {
             board,
             elf: &firmware_of(board)?.elf,
             clock,
-            memory: None,
+            flash_image: None,
         })
     }
 

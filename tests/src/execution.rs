@@ -77,7 +77,7 @@ impl Recorder {
             board,
             elf,
             clock: Clock::Counting,
-            memory: None,
+            flash_image: None,
         };
         let device = Device::watched(&machine, &arguments)?;
         let until = Instant::now() + PATIENCE;

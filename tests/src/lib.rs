@@ -27,7 +27,7 @@ pub mod stages;
 
 use std::path::Path;
 
-pub use poegp_trainer::device::{emulator, log};
+pub use poegp_trainer::device::{defmt_log as log, emulator};
 
 /// The root of the workspace.
 ///

@@ -6,7 +6,6 @@ pub mod cli;
 pub mod device;
 pub mod export;
 pub mod import;
-pub mod output;
 pub mod report;
 pub mod robot_programs;
 pub mod signing;

@@ -3,7 +3,7 @@
 //! A key is a text file of two lines, so that it can be recognised and copied:
 //!
 //! ```text
-//! poegp secret key, Ed25519: whoever has it can sign models
+//! poegp secret key, Ed25519: it signs models, keep it secret
 //! 64 hexadecimal digits: the 32 bytes of RFC 8032
 //! ```
 //!
@@ -20,7 +20,7 @@ use zeroize::Zeroizing;
 
 use poegp_calibration::input_error::InputError;
 
-const SECRET_TITLE: &str = "poegp secret key, Ed25519: whoever has it can sign models";
+const SECRET_TITLE: &str = "poegp secret key, Ed25519: it signs models, keep it secret";
 const PUBLIC_TITLE: &str = "poegp public key, Ed25519";
 
 /// The key that signs.

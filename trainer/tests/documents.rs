@@ -266,7 +266,7 @@ fn the_commands_of_the_page_on_projects_work() {
     let folder = run("docs/guide/projects.md");
     assert!(folder.join("other.blob").is_file());
     let text = "trainer simulate --robot abb-irb120 --poses 60 --test-sets 1 --out .\n\
-                trainer calibrate fleet.toml --model poe --out arm.blob\n";
+                trainer calibrate fleet.toml --method poe --out arm.blob\n";
     let background = &mut Background(Vec::new());
     for (number, line) in text.lines().enumerate() {
         let block = Block {

@@ -109,10 +109,10 @@ impl BlobModel {
             let error = InputError::new(path, e.to_string(), expected);
             match e {
                 BlobError::Decode(DecodeError::UnknownVersion { .. }) => error
-                    .with_help("use the version of the trainer that wrote it, or calibrate anew"),
+                    .with_help("use the version of the trainer that wrote it, or calibrate again"),
                 BlobError::Decode(DecodeError::WrongMagic) => error,
                 _ => error
-                    .with_help("copy the file again from where it was written, or calibrate anew"),
+                    .with_help("copy the file again from where it was written, or calibrate again"),
             }
         };
         Self::from_bytes(bytes).map_err(found)

@@ -249,7 +249,7 @@ impl MeasurementSet {
             };
             if self.measurements.len() > 1 && self.measurements.iter().all(same) {
                 notes.push(
-                    "every pose has the same orientation: base and tool frame cannot be told apart"
+                    "every pose has the same orientation: base and tool frame cannot be distinguished"
                         .to_owned(),
                 );
             }

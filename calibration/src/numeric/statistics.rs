@@ -116,7 +116,7 @@ impl ErrorSummary {
     }
 
     /// Mean orientation error for a table.
-    pub fn orientation_cell(&self) -> String {
+    pub fn orientation_text(&self) -> String {
         self.orientation_mrad
             .as_ref()
             .map_or("–".to_owned(), |o| format!("{:.3}", o.mean))

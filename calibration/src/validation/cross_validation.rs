@@ -20,6 +20,7 @@ use crate::validation::held_out::{Coverage, HeldOutPose, coverage, held_out, sum
 #[derive(Clone, Debug, Serialize)]
 pub struct ModelComparison {
     /// Name of the method.
+    #[serde(rename = "method")]
     pub model: &'static str,
     /// Errors of every training pose, each predicted by a model that did not see it; absent when no folds were asked for.
     pub cross_validation: Option<CrossValidation>,

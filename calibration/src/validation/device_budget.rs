@@ -46,6 +46,7 @@ pub struct Fitted {
     /// Whether each joint has a support set of its own.
     pub per_output: bool,
     /// Support points, of all sets together.
+    #[serde(rename = "inducing_points")]
     pub support: usize,
     /// Instructions of one evaluation, by the cost model.
     pub instructions: u64,
@@ -54,6 +55,7 @@ pub struct Fitted {
     /// Held-out position errors in mm.
     pub position_mm: Summary,
     /// Whether it was taken.
+    #[serde(rename = "chosen")]
     pub taken: bool,
 }
 

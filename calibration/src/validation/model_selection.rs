@@ -84,13 +84,13 @@ pub fn candidates(samples: &[InstrumentSample], joints: usize, base: &Config) ->
     without_gravity.config.gravity_terms = false;
     let mut out = vec![
         of("base-tool", Method::BaseTool),
-        of("poe --weighted", Method::Poe),
+        of("poe --weighting noise", Method::Poe),
         parameters_only,
         of(
             if gp == Method::PoeGp {
-                "poe-gp --weighted"
+                "poe-gp --weighting noise"
             } else {
-                "poe-gp-load --weighted"
+                "poe-gp-load --weighting noise"
             },
             gp,
         ),

@@ -87,7 +87,11 @@ fn check_arm(path: &Path, arm: &(Robot, Poe<f64>), bounds: &[Bound]) {
         let worst = folds.iter().copied().fold(0.0, f64::max);
         let position = errors.all.position_mm;
         let orientation = errors.all.orientation_mrad.map_or(0.0, |o| o.mean);
-        let flag = if bound.weighted { " --weighted" } else { "" };
+        let flag = if bound.weighted {
+            " --weighting noise"
+        } else {
+            ""
+        };
         let name = format!("{}{flag}", found.model);
         say(format_args!(
             "  {name:20} mean {:.4} (at most {:.3}), p95 {:.4}, orientation {orientation:.3} mrad, folds {folds:.3?}",

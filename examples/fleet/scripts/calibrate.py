@@ -1,6 +1,6 @@
-"""Calibrates one cell of a fleet and writes what came of it into a folder: arm.blob, report.html, calibrate.json, outcome.json.
+"""Calibrates one robot of a fleet and writes what came of it into a folder: arm.blob, report.html, calibrate.json, outcome.json.
 
-cell.toml, the project file of `trainer calibrate` (docs/guide/projects.md), says how; where the outputs go is said here.
+project.toml, the project file of `trainer calibrate` (docs/guide/projects.md), says how; where the outputs go is said here.
 
 Exit code 0 with an answer, and that the trainer refused the data (1 or 2 of its exit codes) is one. Anything else, as a
 signal, is none: the engine tries again.
@@ -28,23 +28,23 @@ def read(file: pathlib.Path) -> dict:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--trainer", default="trainer")
-    parser.add_argument("--cell", type=pathlib.Path, required=True)
+    parser.add_argument("--robot", type=pathlib.Path, required=True)
     parser.add_argument("--out", type=pathlib.Path, required=True)
     arguments = parser.parse_args()
-    cell, out = arguments.cell, arguments.out
+    folder, out = arguments.robot, arguments.out
     out.mkdir(parents=True, exist_ok=True)
-    robot = read(cell / "cell.toml")
-    command = [arguments.trainer, "calibrate", str(cell / "cell.toml"), "--out", str(out / "arm.blob")]
+    robot = read(folder / "project.toml")
+    command = [arguments.trainer, "calibrate", str(folder / "project.toml"), "--out", str(out / "arm.blob")]
     command += ["--report", str(out / "report.html"), "--json", str(out / "calibrate.json")]
     if "serial_number" not in robot:
-        command += ["--serial-number", cell.name]
+        command += ["--serial-number", folder.name]
     start = time.monotonic()
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     seconds = time.monotonic() - start
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     (out / "log.txt").write_text(done.stdout + done.stderr, encoding="utf-8")
     if done.returncode not in (0, 1, 2):
-        sys.exit(f"{cell}: the trainer ended with {done.returncode}\n{done.stderr}")
+        sys.exit(f"{folder}: the trainer ended with {done.returncode}\n{done.stderr}")
     message = ""
     if done.returncode != 0:
         # From the error on: notes before it are in log.txt.

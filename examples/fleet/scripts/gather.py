@@ -15,11 +15,11 @@ COLUMNS = [
     "robot",
     "poses",
     "held_out_poses",
-    "before_mean_mm",
-    "before_p95_mm",
-    "after_mean_mm",
-    "after_p95_mm",
-    "after_max_mm",
+    "nominal_mean_mm",
+    "nominal_p95_mm",
+    "calibrated_mean_mm",
+    "calibrated_p95_mm",
+    "calibrated_max_mm",
     "blob_bytes",
     "seconds",
     "cpu_seconds",
@@ -49,11 +49,11 @@ def row(folder: pathlib.Path) -> dict:
         held_out = facts["held_out"]
         found |= {
             "poses": facts["training_poses"],
-            "held_out_poses": held_out["after"]["poses"],
+            "held_out_poses": held_out["calibrated"]["poses"],
             "blob_bytes": facts["blob"]["bytes"],
-            "after_max_mm": held_out["after"]["position_mm"]["max"],
+            "calibrated_max_mm": held_out["calibrated"]["position_mm"]["max"],
         }
-        for when in ("before", "after"):
+        for when in ("nominal", "calibrated"):
             for statistic in ("mean", "p95"):
                 found[f"{when}_{statistic}_mm"] = held_out[when]["position_mm"][statistic]
     return found
@@ -61,7 +61,7 @@ def row(folder: pathlib.Path) -> dict:
 
 def order(found: dict) -> tuple:
     """Failed first, then the worst."""
-    return (found["state"] != "failed", -found.get("after_p95_mm", 0.0), found["name"])
+    return (found["state"] != "failed", -found.get("calibrated_p95_mm", 0.0), found["name"])
 
 
 def write(file: pathlib.Path, text: str) -> None:
@@ -89,9 +89,9 @@ def page_row(found: dict, largest: float, place: str) -> str:
     report = html.escape(f"{place}{found['name']}/report.html")
     numbers = "".join(
         f"<td>{found[key]:.3f}</td>"
-        for key in ("before_mean_mm", "before_p95_mm", "after_mean_mm", "after_p95_mm", "after_max_mm")
+        for key in ("nominal_mean_mm", "nominal_p95_mm", "calibrated_mean_mm", "calibrated_p95_mm", "calibrated_max_mm")
     )
-    width = 100 * found["after_p95_mm"] / largest if largest > 0 else 0
+    width = 100 * found["calibrated_p95_mm"] / largest if largest > 0 else 0
     bar = f'<td style="text-align:left"><span class="bar" style="width:{width:.0f}px"></span></td>'
     return (
         f'<tr><td><a href="{report}">{name}</a></td><td>{robot}</td><td>{found["poses"]} / {found["held_out_poses"]}</td>'
@@ -104,23 +104,23 @@ def page(rows: list[dict], place: str) -> str:
     failed = len(rows) - len(good)
     said = f"{len(good)} of {len(rows)} robots are calibrated."
     if good:
-        means = {when: statistics.median(found[f"{when}_p95_mm"] for found in good) for when in ("before", "after")}
+        means = {when: statistics.median(found[f"{when}_p95_mm"] for found in good) for when in ("nominal", "calibrated")}
         worst = good[0]
         said += (
-            f" In the median robot 95 % of the held-out poses were within {means['before']:.3f} mm before and are within"
-            f" {means['after']:.3f} mm now; the worst is {worst['name']} with {worst['after_p95_mm']:.3f} mm."
+            f" In the median robot 95 % of the held-out poses were within {means['nominal']:.3f} mm before and are within"
+            f" {means['calibrated']:.3f} mm now; the worst is {worst['name']} with {worst['calibrated_p95_mm']:.3f} mm."
         )
     if failed:
         said += f" {failed} failed: see the first rows."
-    largest = max((found["after_p95_mm"] for found in good), default=0.0)
+    largest = max((found["calibrated_p95_mm"] for found in good), default=0.0)
     body = "\n".join(page_row(found, largest, place) for found in rows)
     return f"""<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
 <title>Calibration of {len(rows)} robots</title><style>{STYLE}</style></head><body>
 <h1>Calibration of {len(rows)} robots</h1>
 <p>{html.escape(said)}</p>
-<div class="scroll"><table><thead><tr><th>robot</th><th>kind</th><th>poses / held out</th><th>before: mean, mm</th><th>95 %</th>
-<th>after: mean, mm</th><th>95 %</th><th>largest</th><th></th></tr></thead><tbody>
+<div class="scroll"><table><thead><tr><th>robot</th><th>kind</th><th>poses / held out</th><th>nominal: mean, mm</th><th>95 %</th>
+<th>calibrated: mean, mm</th><th>95 %</th><th>largest</th><th></th></tr></thead><tbody>
 {body}
 </tbody></table></div>
 <p class="p">Position errors of poses that were not trained on; they contain the instrument's noise. “Before” is the arm as

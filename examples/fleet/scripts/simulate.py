@@ -1,4 +1,4 @@
-"""Cells of a fleet that does not exist, to try the workflow on: different arms, errors and seeds, 80 poses and 50 held out."""
+"""Robots of a fleet that does not exist, to try the workflow on: different arms, errors and seeds, 80 poses and 50 held out."""
 
 import argparse
 import pathlib
@@ -22,23 +22,23 @@ def main() -> None:
         arm = ARMS[(seed - 1) % len(ARMS)]
         # Each arm meets each kind of errors.
         scenario = SCENARIOS[(seed - 1) // len(ARMS) % len(SCENARIOS)]
-        cell = arguments.folder / f"r{seed:02}"
+        robot = arguments.folder / f"r{seed:02}"
         subprocess.run(
             [arguments.trainer, "simulate", "--robot", arm, "--poses", str(arguments.poses), "--test-sets", "1"]
             + ["--test-poses", "50", "--payloads", arguments.payloads, "--scenario", scenario]
-            + ["--seed", str(seed), "--out", str(cell)],
+            + ["--seed", str(seed), "--out", str(robot)],
             check=True,
             stdout=subprocess.DEVNULL,
         )
-        (cell / "cell.toml").write_text(
+        (robot / "project.toml").write_text(
             f'version = 1\nrobot.description = "{arm}"\n\n[data]\ntrain = "train.csv"\ntests = ["test1.csv"]\n',
             encoding="utf-8",
         )
         if seed > arguments.robots:
-            text = (cell / "train.csv").read_text(encoding="utf-8")
+            text = (robot / "train.csv").read_text(encoding="utf-8")
             lines = text.splitlines(keepends=True)
             lines[-1] = "lost," + lines[-1].split(",", 1)[1]
-            (cell / "train.csv").write_text("".join(lines), encoding="utf-8")
+            (robot / "train.csv").write_text("".join(lines), encoding="utf-8")
 
 
 if __name__ == "__main__":

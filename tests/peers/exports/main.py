@@ -164,7 +164,7 @@ def main():
     for name in BUILT_IN + sorted(urdfs.glob("*.urdf")):
         robot, name = str(name), Path(name).stem
         run("simulate", "--robot", robot, "--poses", 60, "--test-sets", 0, "--seed", 3, "--out", name)
-        run("calibrate", "--robot", robot, f"{name}/train.csv", "--model", "poe", "--out", f"{name}.blob")
+        run("calibrate", "--robot", robot, f"{name}/train.csv", "--method", "poe", "--out", f"{name}.blob")
         nominal = ["--urdf", robot] if robot.endswith(".urdf") else []
         urdf = folder / f"{name}.urdf"
         for kind in ["json", "toml"]:

@@ -6,7 +6,7 @@
 //! | [`envelope`](wire::envelope) | what opens is its own header, payload and trailer, and a changed byte closes it |
 //! | [`frame`](wire::frame) | any bytes come through a line; what is read as a message is written to the same message |
 //! | [`service`](service::service) | every answer of the device is that of a simple model of it |
-//! | [`measurements`](readers::measurements), [`targets`](readers::targets), [`import`](readers::import), [`guess`](readers::guess) | refused with the name and a place within the file; what is taken is finite, with unit quaternions |
+//! | [`measurements`](readers::measurements), [`targets`](readers::targets), [`import`](readers::import), [`preset`](readers::preset) | refused with the name and a place within the file; what is taken is finite, with unit quaternions |
 //! | [`urdf`](readers::urdf), [`toml`](readers::toml), [`cell`](readers::cell) | the same; what is taken has 1 to 8 joints and rigid frames |
 //! | [`report`](page::report) | whatever is in a name, the page has the tags of one with an ordinary name |
 //!
@@ -45,7 +45,7 @@ pub const TARGETS: [Target; 12] = [
     Target { name: "measurements", run: readers::measurements, seeds: seeds::measurements, executions: 5_000 },
     Target { name: "targets", run: readers::targets, seeds: seeds::measurements, executions: 5_000 },
     Target { name: "import", run: readers::import, seeds: seeds::imports, executions: 3_000 },
-    Target { name: "guess", run: readers::guess, seeds: seeds::raws, executions: 600 },
+    Target { name: "preset", run: readers::preset, seeds: seeds::raws, executions: 600 },
     Target { name: "urdf", run: readers::urdf, seeds: seeds::urdfs, executions: 2_000 },
     Target { name: "toml", run: readers::toml, seeds: seeds::tomls, executions: 2_000 },
     Target { name: "cell", run: readers::cell, seeds: seeds::cells, executions: 2_000 },

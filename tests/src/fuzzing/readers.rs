@@ -10,9 +10,9 @@ use poegp_calibration::planning::constraints::Constraints;
 use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_protocol::limits::MAX_JOINTS;
 use poegp_runtime::math::se3::Pose;
-use poegp_trainer::import::guess::guess as guessed;
+use poegp_trainer::import::column_map::Map;
 use poegp_trainer::import::import_bytes;
-use poegp_trainer::import::map::Map;
+use poegp_trainer::import::preset::{PRESETS, Preset};
 
 /// A refusal names one of the files, with a place in it, and does not run on for ever.
 fn assert_refusal(error: &InputError, files: &[(&str, &[u8])]) {
@@ -144,33 +144,41 @@ fn run_import(text: &str, raws: &[Vec<u8>]) {
     }
 }
 
-/// Proposes a map for one file or two, and imports with it when it is complete.
+/// Imports one file or two with every preset, and asks which one fits.
 ///
 /// # Panics
 /// When a law is broken.
-pub fn guess(bytes: &[u8]) {
+pub fn preset(bytes: &[u8]) {
     // Two zeros between files, for one is a letter's half in UTF-16.
     let split = bytes.windows(2).position(|pair| pair == [0, 0]);
     let raws = match split {
         Some(at) => vec![bytes[..at].to_vec(), bytes[at + 2..].to_vec()],
         None => vec![bytes.to_vec()],
     };
-    let names: Vec<PathBuf> = RAWS[..raws.len()].iter().map(PathBuf::from).collect();
-    match guessed(&names, &raws) {
-        Err(error) => {
-            let files: Vec<_> = RAWS
-                .into_iter()
-                .zip(raws.iter().map(Vec::as_slice))
-                .collect();
-            assert_refusal(&error, &files);
+    let files: Vec<(&Path, &[u8])> = RAWS
+        .iter()
+        .map(Path::new)
+        .zip(raws.iter().map(Vec::as_slice))
+        .collect();
+    for preset in PRESETS {
+        match preset.map(&files) {
+            Err(error) => {
+                let files: Vec<_> = RAWS
+                    .into_iter()
+                    .zip(raws.iter().map(Vec::as_slice))
+                    .collect();
+                assert_refusal(&error, &files);
+            }
+            Ok(map) => {
+                if let Err(error) = Map::parse(Path::new(MAP), &map) {
+                    panic!("{error}\n{map}");
+                }
+                run_import(&map, &raws);
+            }
         }
-        Ok(guess) if guess.missing.is_empty() => {
-            let map = Map::parse(Path::new(MAP), &guess.map);
-            assert!(map.is_ok(), "{}\n{}", map.unwrap_err(), guess.map);
-            run_import(&guess.map, &raws);
-        }
-        Ok(guess) => assert!(guess.missing.iter().all(|what| !what.is_empty())),
     }
+    let chosen = Preset::matching(files[0].0, files[0].1);
+    assert!(chosen.is_none_or(|preset| preset.map(&files[..1]).is_ok()));
 }
 
 /// Reads a URDF.

@@ -22,7 +22,7 @@ fn start(board: Board) -> Device {
             .unwrap_or_else(|error| panic!("{error}"))
             .elf,
         clock: Clock::Real,
-        memory: None,
+        flash_image: None,
     };
     Device::on(&machine).unwrap()
 }
@@ -132,7 +132,7 @@ fn stm32f405_has_no_flash_that_outlives_qemu() {
         board,
         elf: &firmware_of(board).unwrap().elf,
         clock: Clock::Real,
-        memory: Some(&folder.path().join("flash.bin")),
+        flash_image: Some(&folder.path().join("flash.bin")),
     };
     let refused = Device::on(&machine).unwrap_err();
     assert!(

@@ -136,7 +136,7 @@ fn the_machine_is_switched_off_when_its_time_is_up() {
         board: Board::default(),
         elf,
         clock: Clock::Real,
-        memory: None,
+        flash_image: None,
     };
     let (_emulator, mut link) = Emulator::start(&machine, limit).unwrap();
     // Nobody asks, so nothing comes but the end.

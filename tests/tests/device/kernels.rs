@@ -19,7 +19,7 @@ fn start(kernels: Kernels, clock: Clock) -> Device {
             .unwrap_or_else(|error| panic!("{error}"))
             .elf,
         clock,
-        memory: None,
+        flash_image: None,
     };
     Device::on(&machine).unwrap()
 }

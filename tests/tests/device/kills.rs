@@ -146,7 +146,7 @@ fn start(memory: &Path) -> Device {
         board,
         elf: &firmware().unwrap_or_else(|error| panic!("{error}")).elf,
         clock: Clock::Real,
-        memory: Some(memory),
+        flash_image: Some(memory),
     };
     Device::on(&machine).unwrap()
 }

@@ -371,7 +371,7 @@ fn round(memory: &Path, number: usize, goal: usize, may_be_empty: &mut bool) -> 
         board: Board::default(),
         elf: &firmware().unwrap_or_else(|error| panic!("{error}")).elf,
         clock: Clock::Real,
-        memory: Some(memory),
+        flash_image: Some(memory),
     };
     let limit = Duration::from_secs(60 + goal as u64 / 20);
     let (emulator, stream) = Emulator::start(&machine, limit).unwrap();

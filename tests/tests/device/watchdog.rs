@@ -86,7 +86,7 @@ fn the_bypass_outlives_a_restart_and_no_power_failure() {
         board: Board::default(),
         elf: &firmware().unwrap_or_else(|error| panic!("{error}")).elf,
         clock: Clock::Real,
-        memory: Some(&memory),
+        flash_image: Some(&memory),
     };
     let query = &SAMPLE.queries(1)[0];
     let mut device = Device::on(&machine).unwrap();

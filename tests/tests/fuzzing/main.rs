@@ -87,7 +87,7 @@ macro_rules! targets {
 }
 
 targets! {
-    blob envelope frame service measurements targets import guess urdf toml cell report
+    blob envelope frame service measurements targets import preset urdf toml cell report
 }
 
 /// Every valid input is taken: otherwise what is made of them is all noise. Raw files and names are anything.
@@ -95,7 +95,7 @@ targets! {
 fn valid_inputs_are_valid() {
     use poegp_calibration::blob::predict::BlobModel;
     use poegp_calibration::robot::{LoadOptions, Robot};
-    use poegp_trainer::import::map::Map;
+    use poegp_trainer::import::column_map::Map;
     use std::path::Path;
 
     let seeds = poegp_tests::fuzzing::seeds::blobs();

@@ -1,32 +1,32 @@
 //! `trainer compare`.
 
+use clap::Args;
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
-use crate::cli::arguments::{Compare, FitArguments, Outliers};
-use crate::cli::page;
-use crate::cli::page::read_test;
-use crate::cli::report::Report;
-use crate::cli::{
-    Arm, Failure, calibration_failure, check_outputs, device_failure, drift, enough_poses,
-    equations, file_name, instrument_noise, json_text, origin, progress, write_outputs,
-};
-use crate::report::{Evidence, HeldOutFacts, How, Provenance};
-use poegp_calibration::learning::elastic::options::OutlierPolicy;
-use poegp_calibration::learning::task_space::fit::HyperparameterSharing;
+use crate::cli::args::{FitArgs, RobotArgs, method};
+use crate::cli::calibrate::report_page;
+use crate::cli::failure::{Failure, calibration_failure, device_failure};
+use crate::cli::inputs;
+use crate::cli::inputs::{Arm, enough_poses, equations, file_name, origin};
+use crate::cli::instrument_drift;
+use crate::cli::output::{check_outputs, json_text, write_outputs};
+use crate::cli::terminal::print::Printer;
+use crate::cli::terminal::progress;
+use crate::report::{HeldOutSummary, HoldOutMethod, Provenance, ReportData};
 use poegp_calibration::measurement::MeasurementSet;
 use poegp_calibration::measurement::instrument_drift::{Drift, DriftReport};
 use poegp_calibration::measurement::reader::{DriftCorrection, SampleFile};
 use poegp_calibration::measurement::sample::InstrumentSample;
-use poegp_calibration::model::config::{Config, ProcessLayout, Weighting};
+use poegp_calibration::model::config::Weighting;
 use poegp_calibration::model::{CalibrationError, Method};
 use poegp_calibration::validation::cross_validation::{ModelComparison, Task, TestSet, applicable};
 use poegp_calibration::validation::learning_curve as learning;
 
 /// What `--json` writes.
 #[derive(Serialize)]
-pub struct Document<'a> {
+pub struct CompareJson<'a> {
     /// Version of the trainer.
     pub version: &'static str,
     /// Seed of the draw of folds.
@@ -34,56 +34,56 @@ pub struct Document<'a> {
     /// Config of the fit.
     pub per_output: bool,
     /// Config of the fit.
-    pub weighted: bool,
+    pub weighting: Weighting,
     /// One entry for each method.
-    pub models: &'a [ModelComparison],
+    pub methods: &'a [ModelComparison],
     /// With `--report`: what it shows, of the test sets or of the folds.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub held_out: Option<HeldOutFacts>,
+    pub held_out: Option<HeldOutSummary>,
     /// Where this comes from.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub provenance: Option<Provenance>,
-    /// With `--correct-drift`: what was taken out of the data of `models`.
+    /// With `--correct-drift`: what was taken out of the data of `methods`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub drift: Option<&'a DriftReport>,
     /// With `--correct-drift`: the same methods on the data as they were measured.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub models_without_correction: Option<&'a [ModelComparison]>,
+    pub methods_without_correction: Option<&'a [ModelComparison]>,
 }
 
-impl FitArguments {
-    /// How to calibrate by `method`.
-    pub fn config(&self, method: Method) -> Config {
-        let layout = match (self.tied, self.support_per_output) {
-            (_, Some(_)) => ProcessLayout::PerJointSets,
-            (true, None) => ProcessLayout::Shared,
-            (false, None) => ProcessLayout::PerJoint,
-        };
-        Config {
-            weighting: match self.weighted {
-                true => Weighting::Noise,
-                false => Weighting::None,
-            },
-            hyperparameters: match self.per_output {
-                true => HyperparameterSharing::PerOutput,
-                false => HyperparameterSharing::Shared,
-            },
-            layout,
-            inducing_points: match self.support_per_output {
-                Some(functions) => Some(functions as usize),
-                None => self.support.0,
-            },
-            device_variance: !self.no_device_sigma,
-            outliers: match self.outliers {
-                Outliers::Report => OutlierPolicy::Keep,
-                Outliers::Reject => OutlierPolicy::Reject,
-            },
-            gravity_m_s2: self.gravity.0,
-            position_sigma_mm: self.position_sigma_mm,
-            orientation_sigma_mrad: self.orientation_sigma_mrad,
-            ..Config::new(method)
-        }
-    }
+/// `trainer compare`.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Example: trainer compare --robot abb-irb120 train.csv --test test1.csv --test test2.csv --folds 5"
+)]
+pub struct Compare {
+    #[command(flatten)]
+    pub robot: RobotArgs,
+    /// Measurements for training and cross-validation.
+    pub train: PathBuf,
+    /// Held-out measurements; may be repeated.
+    #[arg(long = "test", value_name = "FILE")]
+    pub tests: Vec<PathBuf>,
+    /// Methods, separated by commas (default: all that the data allow).
+    #[arg(long, value_name = "METHOD", value_delimiter = ',', value_parser = method())]
+    pub methods: Vec<Method>,
+    /// Number of folds of the cross-validation; 0 for none.
+    #[arg(long, default_value_t = 10)]
+    pub folds: usize,
+    /// Seed of the division into folds.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Remove the instrument's drift from every pose, estimated from reference points (columns ref1_x_mm …).
+    #[arg(long)]
+    pub correct_drift: bool,
+    #[command(flatten)]
+    pub fit: FitArgs,
+    /// Write an HTML report with errors and plots: of the test sets, or of the folds if there are none.
+    #[arg(long, value_name = "FILE")]
+    pub report: Option<PathBuf>,
+    /// Write the errors as JSON (`-`: standard output).
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
 }
 
 pub fn run(a: &Compare) -> Result<(), Failure> {
@@ -104,7 +104,7 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
             "--folds 0 without --test holds nothing out: the report would be empty".into(),
         ));
     }
-    let arm = Arm::load(&a.robot)?;
+    let arm = Arm::load(&a.robot.robot, &a.robot.chain)?;
     let mut tools = Vec::new();
     let SampleFile {
         set,
@@ -124,7 +124,7 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
     for path in &a.tests {
         let none = DriftCorrection::None;
         let SampleFile { set, samples, .. } =
-            read_test(&arm, path, &mut tools, trained_tools, none)?;
+            inputs::read_test(&arm, path, &mut tools, trained_tools, none)?;
         let name = file_name(path);
         if let Some(drift) = &drift {
             let samples = Drift::estimate_as(&set, drift)?.correct(&samples);
@@ -160,7 +160,6 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
         seed: a.seed,
         origin: &origin,
     };
-    instrument_noise(a.fit.position_sigma_mm, a.fit.orientation_sigma_mrad)?;
     let rounds = 1 + usize::from(drift.is_some());
     let bar = progress::bar(rounds * methods.len() * task.calibrations(), "comparing");
     let run = |task: &Task| -> Result<Vec<ModelComparison>, Failure> {
@@ -195,26 +194,26 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
         let evidence = evidence(a, &last_task, &models, &sets)?;
         let from = &a.robot.robot;
         let seed = Some(a.seed);
-        let provenance = page::provenance(from, &arm, &origin, seed, &set, &test_files);
-        let facts = evidence.facts();
-        let html = page::of_comparison(&provenance, &evidence, &facts);
-        shown = Some((facts, provenance, html));
+        let provenance = report_page::provenance(from, &arm, &origin, seed, &set, &test_files);
+        let summary = evidence.summary();
+        let html = report_page::of_comparison(&provenance, &evidence, &summary);
+        shown = Some((summary, provenance, html));
     }
-    let (facts, provenance, html) = shown.map_or((None, None, None), |(facts, from, html)| {
-        (Some(facts), Some(from), Some(html))
+    let (summary, provenance, html) = shown.map_or((None, None, None), |(summary, from, html)| {
+        (Some(summary), Some(from), Some(html))
     });
     let mut json = None;
     if a.json.is_some() {
-        let document = Document {
+        let document = CompareJson {
             version: env!("CARGO_PKG_VERSION"),
             seed: a.seed,
             per_output: a.fit.per_output,
-            weighted: a.fit.weighted,
-            models: &models,
-            held_out: facts,
+            weighting: a.fit.weighting.unwrap_or_default(),
+            methods: &models,
+            held_out: summary,
             provenance,
             drift: drift.as_ref().map(|d| &d.report),
-            models_without_correction: uncorrected.as_deref(),
+            methods_without_correction: uncorrected.as_deref(),
         };
         json = Some(json_text(&document)?);
     }
@@ -224,11 +223,11 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
         .filter_map(|(path, text)| path.as_deref().zip(text.as_deref()));
     let files: Vec<(&Path, &[u8])> = texts.map(|(path, text)| (path, text.as_bytes())).collect();
     write_outputs(&files)?;
-    let report = Report::beside(&output);
+    let report = Printer::for_outputs(&output);
     match (&drift, &uncorrected) {
         (Some(drift), Some(uncorrected)) => {
             report.line(drift.report.lines().join("\n"));
-            report.line(drift::NO_LEAK);
+            report.line(instrument_drift::NO_LEAK);
             report.line("");
             print(
                 report,
@@ -254,28 +253,28 @@ fn evidence(
     task: &Task,
     models: &[ModelComparison],
     sets: &[&MeasurementSet],
-) -> Result<Evidence, Failure> {
+) -> Result<ReportData, Failure> {
     let mut all = models.to_vec();
     if !models.iter().any(|m| m.model == Method::BaseTool.name()) {
         let first = task.run(&a.fit.config(Method::BaseTool), &mut || ());
         all.insert(0, first.map_err(|e| device_failure(&a.train, e.error))?);
     }
     let how = if a.tests.is_empty() {
-        How::CrossValidation {
+        HoldOutMethod::CrossValidation {
             folds: a.folds,
             seed: a.seed,
         }
     } else {
-        How::TestSets
+        HoldOutMethod::TestSets
     };
     let kinds: Vec<_> = task.robot.joints.iter().map(|j| j.kind).collect();
     let nothing = || Failure::Usage("the report has no held-out pose to show".into());
-    let mut evidence = Evidence::new(how, sets, &all, &kinds, false).ok_or_else(nothing)?;
-    let best = evidence.after().name.clone();
+    let mut evidence = ReportData::new(how, sets, &all, &kinds, false).ok_or_else(nothing)?;
+    let best = evidence.calibrated().name.clone();
     if let Ok(method) = best.parse::<Method>() {
         let options = a.fit.config(method);
         let bar = progress::bar(learning::sizes(task, &options).len(), "learning curve");
-        let poses = evidence.after().poses.clone();
+        let poses = evidence.calibrated().poses.clone();
         evidence.learning = learning::curve(task, &options, &poses, &mut || bar.inc(1));
         bar.finish_and_clear();
     }
@@ -288,7 +287,7 @@ fn methods(
     train: &[InstrumentSample],
     tests: &[TestSet],
 ) -> Result<Vec<Method>, Failure> {
-    let mut methods: Vec<Method> = a.models.iter().map(|m| Method::from(*m)).collect();
+    let mut methods: Vec<Method> = a.methods.clone();
     if methods.is_empty() {
         methods = applicable(train);
     }
@@ -308,7 +307,7 @@ fn methods(
 }
 
 /// One table of all `runs`, each with what is said after the names of its sets.
-fn print(report: Report, runs: &[(&Vec<ModelComparison>, &str)], a: &Compare) {
+fn print(report: Printer, runs: &[(&Vec<ModelComparison>, &str)], a: &Compare) {
     report.line("Held-out errors: position in mm, orientation in mrad.");
     if a.folds > 0 {
         report.line(format_args!(
@@ -338,7 +337,7 @@ fn print(report: Report, runs: &[(&Vec<ModelComparison>, &str)], a: &Compare) {
                 errors.poses.to_string(),
             ];
             row.extend([p.mean, p.median, p.p95, p.max].map(|x| format!("{x:.4}")));
-            row.push(errors.orientation_cell());
+            row.push(errors.orientation_text());
             row.push(coverage.map_or("–".to_owned(), |c| {
                 format!(
                     "{:.0} / {:.0} %",

@@ -7,9 +7,14 @@ use clap::Args;
 use clap_complete::Shell;
 use serde_json::json;
 
-use crate::cli::report::Report;
-use crate::cli::simulate::make_folder;
-use crate::cli::{EXIT_CODES, Failure, check_outputs, command, facts_text, write_outputs};
+use crate::cli::failure::Failure;
+use crate::cli::output::make_folder;
+use crate::cli::output::{check_outputs, summary_text, write_outputs};
+use crate::cli::terminal::print::Printer;
+
+/// The end of every help.
+pub const EXIT_CODES: &str = "Exit codes: 0 done, 1 a quality bound was not met or a signature does not fit, 2 usage or input \
+    error, 130 stopped by Ctrl-C (no file is left half-written).";
 
 /// `trainer completions`.
 #[derive(Debug, Args)]
@@ -39,17 +44,17 @@ pub struct Manual {
     pub json: Option<PathBuf>,
 }
 
-pub fn completions(a: &Completions) -> Result<(), Failure> {
+pub fn completions(a: &Completions, mut command: clap::Command) -> Result<(), Failure> {
     check_outputs(&[Some(&a.out)], &[])?;
     let mut script = Vec::new();
-    clap_complete::generate(a.shell, &mut command(), "trainer", &mut script);
+    clap_complete::generate(a.shell, &mut command, "trainer", &mut script);
     write_outputs(&[(&a.out, &script)])
 }
 
-pub fn manual(a: &Manual) -> Result<(), Failure> {
+pub fn manual(a: &Manual, command: clap::Command) -> Result<(), Failure> {
     check_outputs(&[a.json.as_deref()], &[])?;
     make_folder(&a.out)?;
-    let mut root = command().disable_help_subcommand(true);
+    let mut root = command.disable_help_subcommand(true);
     root.build();
     let mut pages = Vec::new();
     collect(&root, &a.out, &mut pages)
@@ -58,15 +63,15 @@ pub fn manual(a: &Manual) -> Result<(), Failure> {
         .iter()
         .map(|(path, _)| path.display().to_string())
         .collect();
-    let facts = facts_text(json!({ "files": names }))?;
+    let summary = summary_text(json!({ "files": names }))?;
     let mut files: Vec<(&Path, &[u8])> = pages
         .iter()
         .map(|(path, page)| (path.as_path(), page.as_slice()))
         .collect();
-    files.extend(a.json.as_deref().map(|path| (path, facts.as_bytes())));
+    files.extend(a.json.as_deref().map(|path| (path, summary.as_bytes())));
     write_outputs(&files)?;
     let count = pages.len();
-    Report::beside(&[a.json.as_deref()]).line(format_args!(
+    Printer::for_outputs(&[a.json.as_deref()]).line(format_args!(
         "Wrote {count} manual pages into {}: man {}",
         a.out.display(),
         names[0]
@@ -76,8 +81,8 @@ pub fn manual(a: &Manual) -> Result<(), Failure> {
 
 /// `docs/reference/commands.md`: every command with its options, from the same text as `--help`. Options that several commands
 /// share are described once.
-pub fn command_reference() -> String {
-    let mut root = command().disable_help_subcommand(true);
+pub fn command_reference(command: clap::Command) -> String {
+    let mut root = command.disable_help_subcommand(true);
     root.build();
     let mut leaves = Vec::new();
     collect_leaves(&root, &mut leaves);

@@ -11,8 +11,11 @@ use poegp_runtime::math::se3::Pose;
 use poegp_runtime::model::MAX_PAYLOAD_KG;
 use serde::Serialize;
 
-use crate::cli::report::{Report, is_stdout};
-use crate::cli::{Failure, check_outputs, evaluate, file_name, json_text, write_outputs};
+use crate::cli::failure::Failure;
+use crate::cli::inputs;
+use crate::cli::inputs::file_name;
+use crate::cli::output::{check_outputs, json_text, write_outputs};
+use crate::cli::terminal::print::{Printer, is_stdout};
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::measurement::joint_targets::{RewrittenRow, TargetFile};
@@ -35,33 +38,33 @@ const SHOWN: usize = 10;
 /// `trainer correct`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "All columns and rows stay as they are, but for the joints. Five columns follow: position_error_um \
+    after_help = "Only the joint columns change. Five columns are added: position_error_um \
     and rotation_error_urad (what stays by the model), applied (how much of the arm's error is corrected, 0 to 1), status (ok, \
     or why not), trust (1 within the trained ranges, towards 0 far from them). Each row is corrected on its own, as the device \
     does before its filter: beside a singularity only in part, so that neighbouring rows stay neighbours.\n\n\
     Example: trainer correct arm.blob program.csv --payload-kg 2.5 --out corrected.csv"
 )]
 pub struct Correct {
-    /// The model.
+    /// Model (`.blob`).
     pub blob: PathBuf,
-    /// Joint targets: q1_deg … (or _rad, _mm, _m), optionally payload_kg; other columns are carried along.
+    /// Joint targets (CSV): q1_deg … (or _rad, _mm, _m), optionally payload_kg; other columns are kept.
     pub targets: PathBuf,
-    /// Payload of all rows, for a file without payload_kg.
+    /// Payload of all rows in kg, for a file without payload_kg.
     #[arg(long, value_name = "KG", allow_negative_numbers = true)]
     pub payload_kg: Option<f64>,
-    /// Corrected targets to write (`-`: standard output).
+    /// Write the corrected targets (`-`: standard output).
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
-    /// The summary as JSON (`-`: standard output).
+    /// Write the summary as JSON (`-`: standard output).
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
 }
 
 /// What `--json` writes.
 #[derive(Serialize)]
-struct Document<'a> {
+struct CorrectJson<'a> {
     version: &'static str,
-    model: &'a str,
+    method: &'a str,
     name: String,
     commands: usize,
     /// Brought to where the nominal arm would stand.
@@ -70,7 +73,7 @@ struct Document<'a> {
     partly_corrected: usize,
     /// Exactly as they came.
     left_alone: usize,
-    /// Of each remark, the lines of the rows that have it.
+    /// Of each note, the lines of the rows that have it.
     flagged: Vec<Flagged>,
     /// The largest change of a revolute joint.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -82,7 +85,7 @@ struct Document<'a> {
     shift_mm: Summary,
     /// The same with the corrected commands, by the model.
     remaining_um: Summary,
-    trust: TrustFacts,
+    trust: TrustSummary,
     /// Lines of rows whose corrected joints are beyond a limit that the commanded ones kept.
     beyond_limits: Vec<usize>,
 }
@@ -101,7 +104,7 @@ struct Change {
 }
 
 #[derive(Serialize)]
-struct TrustFacts {
+struct TrustSummary {
     mean: f32,
     least: f32,
     /// Lines of rows that are far from the training data.
@@ -138,9 +141,9 @@ pub fn run(a: &Correct) -> Result<(), Failure> {
     check_outputs(&outputs, &[&a.blob, &a.targets])?;
     let loaded = BlobModel::read(&a.blob)?;
     let file = TargetFile::read(&a.targets)?;
-    let robot = evaluate::robot_of(loaded.blob());
+    let robot = inputs::robot_of(&loaded.blob());
     for note in file.check(&robot)? {
-        crate::cli::report::remark(format_args!("{}: {note}", a.targets.display()));
+        crate::cli::terminal::print::note(format_args!("{}: {note}", a.targets.display()));
     }
     file.refuse_columns(
         &ADDED,
@@ -163,7 +166,7 @@ pub fn run(a: &Correct) -> Result<(), Failure> {
     let mut files: Vec<(&Path, &[u8])> = vec![(&a.out, csv.as_bytes())];
     files.extend(a.json.as_deref().map(|path| (path, json.as_bytes())));
     write_outputs(&files)?;
-    print(Report::beside(&outputs), a, &document);
+    print(Printer::for_outputs(&outputs), a, &document);
     Ok(())
 }
 
@@ -245,7 +248,7 @@ fn document<'a>(
     loaded: &'a BlobModel,
     set: &MeasurementSet,
     rows: &[Row],
-) -> Document<'a> {
+) -> CorrectJson<'a> {
     let blob = loaded.blob();
     let count = |wanted: &dyn Fn(&Row) -> bool| rows.iter().filter(|r| wanted(r)).count();
     let lines = |wanted: &dyn Fn(&Row) -> bool| -> Vec<usize> {
@@ -268,9 +271,9 @@ fn document<'a>(
             *q < lower || *q > upper
         })
     };
-    Document {
+    CorrectJson {
         version: env!("CARGO_PKG_VERSION"),
-        model: loaded.host().provenance.method,
+        method: loaded.host().provenance.method,
         name: file_name(&a.targets),
         commands: rows.len(),
         corrected: count(&Row::arrived),
@@ -281,7 +284,7 @@ fn document<'a>(
         largest_change_mm: largest_change(set, rows, JointKind::Prismatic),
         shift_mm: summary(rows, |r| 1e3 * r.shift),
         remaining_um: summary(rows, |r| 1e6 * f64::from(r.answer.position_error)),
-        trust: TrustFacts {
+        trust: TrustSummary {
             mean: rows.iter().map(|r| r.trust).sum::<f32>() / rows.len().max(1) as f32,
             least: rows.iter().map(|r| r.trust).fold(1.0, f32::min),
             far_lines: lines(&|r| r.trust < TRUSTED),
@@ -339,7 +342,7 @@ fn meaning(status: &str) -> &'static str {
     }
 }
 
-fn print(report: Report, a: &Correct, d: &Document) {
+fn print(report: Printer, a: &Correct, d: &CorrectJson) {
     if !is_stdout(&a.out) {
         report.line(format_args!(
             "Wrote {} ({} commands).",
@@ -349,7 +352,7 @@ fn print(report: Report, a: &Correct, d: &Document) {
     }
     report.line(format_args!(
         "Model `{}`: {} corrected, {} in part, {} left as they are.",
-        d.model, d.corrected, d.partly_corrected, d.left_alone
+        d.method, d.corrected, d.partly_corrected, d.left_alone
     ));
     for change in [(&d.largest_change_deg, "°"), (&d.largest_change_mm, " mm")] {
         if let (Some(c), unit) = change {

@@ -1,22 +1,26 @@
 //! `trainer demo`: the paper's simulation from nothing, and its Table I beside ours.
 
+use clap::{Args, Parser};
 use std::ffi::OsString;
 use std::path::Path;
+use std::path::PathBuf;
 
-use clap::Parser;
-
-use crate::cli::arguments::Evaluate;
-use crate::cli::arguments::{Arguments, Command, Demo};
-use crate::cli::report::Report;
-use crate::cli::simulate::{make_folder, write_sets};
-use crate::cli::{
-    Failure, check_outputs, device_failure, evaluate, json_text, origin, progress, write_facts,
-};
+use crate::cli::calibrate;
+use crate::cli::calibrate::args::Calibrate;
+use crate::cli::evaluate;
+use crate::cli::evaluate::Evaluate;
+use crate::cli::failure::{Failure, device_failure};
+use crate::cli::inputs::origin;
+use crate::cli::output::make_folder;
+use crate::cli::output::{check_outputs, json_text, write_summary};
+use crate::cli::simulate::write_sets;
+use crate::cli::terminal::print::Printer;
+use crate::cli::terminal::progress;
 use poegp_calibration::blob::write::calibrate_to_blob;
 use poegp_calibration::learning::task_space::fit::HyperparameterSharing;
 use poegp_calibration::measurement as measurements;
 use poegp_calibration::model::Method;
-use poegp_calibration::model::config::Config;
+use poegp_calibration::model::config::{Config, Weighting};
 use poegp_calibration::progress::FitContext;
 use poegp_calibration::robot::Robot;
 use poegp_calibration::simulation::{Scenario, Simulator};
@@ -34,13 +38,28 @@ const ROBOT: &str = "abb-irb4400-serial";
 const PAYLOADS: [f64; 5] = [1.0, 2.5, 3.5, 5.0, 7.5];
 const FOLDS: usize = 10;
 
+/// `trainer demo`.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  trainer demo\n  trainer demo --seed 2 --out demo2")]
+pub struct Demo {
+    /// Seed of the simulated robot.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Folder to write into; created if it does not exist.
+    #[arg(long, value_name = "DIR", default_value = "demo")]
+    pub out: PathBuf,
+    /// Write the errors of all methods and the names of the files as JSON (`-`: standard output).
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
 pub fn run(a: &Demo) -> Result<(), Failure> {
     check_outputs(&[a.json.as_deref()], &[])?;
-    let report = Report::beside(&[a.json.as_deref()]);
+    let report = Printer::for_outputs(&[a.json.as_deref()]);
     make_folder(&a.out)?;
     let robot = Robot::load(ROBOT, &poegp_calibration::robot::LoadOptions::default())?;
 
-    report.line("1. Simulate: an ABB IRB 4400 with imperfect frames and joints that give way under gravity and five");
+    report.line("1. Simulate: an ABB IRB 4400 with imperfect frames and joints that yield under gravity and five");
     report.line("   payloads, measured by a tracker with 30 µm of noise. 300 poses to train on, 3 × 100 to test.");
     let mut simulator = Simulator::new(&robot, Scenario::Paper, &PAYLOADS, a.seed);
     let comment = format!("simulated {ROBOT} (seed {})", a.seed);
@@ -109,23 +128,23 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
     )
     .map_err(|e| device_failure(&train_path, e))?;
     let blob = a.out.join("arm.blob");
-    crate::output::write(&blob, found.blob.bytes())?;
-    let document = crate::cli::compare::Document {
+    crate::cli::output::write(&blob, found.blob.bytes())?;
+    let document = crate::cli::compare::CompareJson {
         version: env!("CARGO_PKG_VERSION"),
         seed: a.seed,
         per_output: false,
-        weighted: false,
-        models: &models[..PAPER_TABLE_I.len()],
+        weighting: Weighting::None,
+        methods: &models[..PAPER_TABLE_I.len()],
         held_out: None,
         provenance: None,
         drift: None,
-        models_without_correction: None,
+        methods_without_correction: None,
     };
-    crate::output::write(
+    crate::cli::output::write(
         &a.out.join("compare.json"),
         json_text(&document)?.as_bytes(),
     )?;
-    report.line("\n3. Write the blob, read it back, and predict the first test set as the device will (f32):\n");
+    report.line("\n3. Write the blob, read it back, and predict the first test set like the device (f32):\n");
     evaluate::run(&Evaluate {
         blob: blob.clone(),
         test: a.out.join(&files[1].0),
@@ -136,7 +155,7 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
         json: None,
     })?;
     report.line(format_args!(
-        "\nSingle precision costs {:.2} µm in the mean, {:.2} µm at most.",
+        "\nSingle-precision loss: {:.2} µm mean, {:.2} µm maximum.",
         1e6 * found.precision_loss.mean_m,
         1e6 * found.precision_loss.max_m
     ));
@@ -159,17 +178,17 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
         ("elastic.blob", "the elastic model"),
         (
             "report.html",
-            "what it is worth, with plots: open it in a browser",
+            "held-out errors with plots: open it in a browser",
         ),
         ("report.json", "the numbers of the report"),
         ("compare.json", "all errors, for other programs"),
     ];
-    let facts = serde_json::json!({
+    let summary = serde_json::json!({
         "seed": a.seed,
-        "models": models,
+        "methods": models,
         "files": written.iter().flat_map(|(names, _)| names.split(' ')).collect::<Vec<_>>(),
     });
-    write_facts(a.json.as_deref(), facts)?;
+    write_summary(a.json.as_deref(), summary)?;
     report.line(format_args!("\nEverything is in {}:", a.out.display()));
     for (name, what) in written {
         report.line(format_args!("  {name:30} {what}"));
@@ -184,9 +203,7 @@ fn calibrate_with_report(
     tests: &[(String, usize)],
     out: &Path,
 ) -> Result<(), Failure> {
-    let mut typed: Vec<OsString> = ["trainer", "calibrate", "--robot", ROBOT]
-        .map(OsString::from)
-        .into();
+    let mut typed: Vec<OsString> = ["calibrate", "--robot", ROBOT].map(OsString::from).into();
     typed.push(train.into());
     for (name, _) in tests {
         typed.extend(["--test".into(), a.out.join(name).into()]);
@@ -199,14 +216,11 @@ fn calibrate_with_report(
         typed.extend([option.into(), file.into()]);
     }
     typed.extend(["--serial-number", "demo"].map(OsString::from));
-    let parsed = Arguments::try_parse_from(typed).map_err(|e| Failure::Usage(e.to_string()))?;
-    match parsed.command {
-        Command::Calibrate(calibrate) => crate::cli::calibrate::run(&calibrate),
-        _ => Ok(()),
-    }
+    let parsed = Calibrate::try_parse_from(typed).map_err(|e| Failure::Usage(e.to_string()))?;
+    calibrate::run(&parsed)
 }
 
-fn print_table(report: Report, models: &[ModelComparison]) {
+fn print_table(report: Printer, models: &[ModelComparison]) {
     report.line(format_args!(
         "Table I: mean position error in mm on the three test sets, and in {FOLDS}-fold cross-validation\n"
     ));

@@ -1,34 +1,32 @@
 //! `trainer evaluate`.
 
+use clap::Args;
 use std::fmt::Write as _;
 use std::path::Path;
+use std::path::PathBuf;
 
-use poegp_protocol::blob::Blob;
 use poegp_runtime::guard::status::Status;
 use poegp_runtime::math::se3::Pose;
 use serde::Serialize;
 
-use crate::cli::arguments::Evaluate;
-use crate::cli::report::Report;
-use crate::cli::{
-    Failure, check_outputs, drift, file_name, json_text, read_samples, write_outputs,
-};
+use crate::cli::failure::Failure;
+use crate::cli::inputs::{self, TestData, file_name};
+use crate::cli::instrument_drift;
+use crate::cli::output::{check_outputs, json_text, write_outputs};
+use crate::cli::terminal::print::Printer;
 use poegp_calibration::blob::predict::{BlobModel, Prediction};
 use poegp_calibration::blob::tool_fit::{evenly_spaced, fit_tool_frame};
 use poegp_calibration::input_error::InputError;
-use poegp_calibration::measurement::MeasurementSet;
-use poegp_calibration::measurement::reader::{DriftCorrection, SampleFile};
 use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::measurement::sample::ToolName;
 use poegp_calibration::numeric::statistics::{ErrorSummary, PoseError};
-use poegp_calibration::robot::{Joint, Robot};
 use poegp_calibration::validation::held_out::SigmaShares;
 
 /// What `--json` writes.
 #[derive(Serialize)]
-struct Document<'a> {
+struct EvaluateJson<'a> {
     version: &'static str,
-    model: &'a str,
+    method: &'a str,
     sets: [&'a SetErrors; 1],
 }
 
@@ -42,28 +40,28 @@ struct SetErrors {
     against_truth: Option<ErrorSummary>,
     /// Poses whose status was not `ok`.
     flagged: usize,
-    trust: TrustFacts,
+    trust: TrustSummary,
     /// What the device says of its own error, of a blob that knows it.
     #[serde(skip_serializing_if = "Option::is_none")]
-    position_sigma: Option<SigmaFacts>,
+    predictive_std: Option<StdSummary>,
 }
 
 /// The device's trust in its inputs, 1 within what was trained.
 #[derive(Serialize)]
-struct TrustFacts {
+struct TrustSummary {
     mean: f32,
     least: f32,
 }
 
 /// The device's standard deviation of position, and the shares of single components of the errors within it.
 #[derive(Serialize)]
-struct SigmaFacts {
+struct StdSummary {
     mean_mm: f64,
     #[serde(flatten)]
     shares: SigmaShares,
 }
 
-impl SigmaFacts {
+impl StdSummary {
     /// Of the scored samples; `None` when the blob does not know it.
     fn new(
         samples: &[InstrumentSample],
@@ -85,6 +83,35 @@ impl SigmaFacts {
     }
 }
 
+/// `trainer evaluate`.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Example: trainer evaluate arm.blob test.csv --predictions predicted.csv --json -"
+)]
+pub struct Evaluate {
+    /// Model (`.blob`).
+    pub blob: PathBuf,
+    /// Measurements that the model was not trained on.
+    pub test: PathBuf,
+    /// Fit the frame of a tool that is not in the blob (a new session) to ROWS of its rows, evenly spread; these rows are not
+    /// scored.
+    #[arg(long, value_name = "ROWS", value_parser = clap::value_parser!(u32).range(1..))]
+    pub fit_tool: Option<u32>,
+    /// Write the predicted instrument_from_target of each measurement, in order: x_mm,y_mm,z_mm,qw,qx,qy,qz,status.
+    #[arg(long, value_name = "FILE")]
+    pub predictions: Option<PathBuf>,
+    /// Add two columns to the predictions: trust,sigma_mm, the extrapolation score and the predictive standard deviation
+    /// (empty if the blob has none).
+    #[arg(long, requires = "predictions")]
+    pub trust: bool,
+    /// Remove the instrument's drift from every pose, estimated from reference points (columns ref1_x_mm …).
+    #[arg(long)]
+    pub correct_drift: bool,
+    /// Write the errors as JSON (`-`: standard output).
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
 pub fn run(a: &Evaluate) -> Result<(), Failure> {
     let outputs = [a.predictions.as_deref(), a.json.as_deref()];
     check_outputs(&outputs, &[&a.blob, &a.test])?;
@@ -93,7 +120,11 @@ pub fn run(a: &Evaluate) -> Result<(), Failure> {
         set,
         samples,
         names,
-    } = read(&loaded, &a.test, drift::correction(a.correct_drift))?;
+    } = inputs::read(
+        &loaded,
+        &a.test,
+        instrument_drift::correction(a.correct_drift),
+    )?;
     let tools = tool_frames(a, &loaded, &names, &samples)?;
     let predictions: Vec<Prediction> = samples
         .iter()
@@ -124,19 +155,19 @@ pub fn run(a: &Evaluate) -> Result<(), Failure> {
         errors: ErrorSummary::new(&measured),
         against_truth: set.has_truth().then(|| ErrorSummary::new(&truth)),
         flagged: predictions.iter().filter(|p| !p.status.is_ok()).count(),
-        trust: TrustFacts {
+        trust: TrustSummary {
             mean: predictions.iter().map(|p| p.trust).sum::<f32>() / predictions.len() as f32,
             least: predictions.iter().map(|p| p.trust).fold(1.0, f32::min),
         },
-        position_sigma: SigmaFacts::new(
+        predictive_std: StdSummary::new(
             &samples,
             &predictions,
             &(0..samples.len()).filter(scored).collect::<Vec<_>>(),
         ),
     };
-    let document = Document {
+    let document = EvaluateJson {
         version: env!("CARGO_PKG_VERSION"),
-        model: loaded.host().provenance.method,
+        method: loaded.host().provenance.method,
         sets: [&result],
     };
     let (csv, json) = (to_csv(&predictions, a.trust), json_text(&document)?);
@@ -145,75 +176,12 @@ pub fn run(a: &Evaluate) -> Result<(), Failure> {
     files.extend(a.json.as_deref().map(|path| (path, json.as_bytes())));
     write_outputs(&files)?;
     print(
-        Report::beside(&outputs),
+        Printer::for_outputs(&outputs),
         &result,
         loaded.host().provenance.method,
         &predictions,
     );
     Ok(())
-}
-
-/// A measurement file as the arm of a blob sees it.
-pub(super) struct TestData {
-    pub set: MeasurementSet,
-    pub samples: Vec<InstrumentSample>,
-    /// First the tools of the blob, then those that only the file has.
-    pub names: Vec<ToolName>,
-}
-
-/// Reads and checks a measurement file for the arm of a blob; notes go to standard error.
-pub(super) fn read(
-    loaded: &BlobModel,
-    path: &Path,
-    correction: DriftCorrection,
-) -> Result<TestData, Failure> {
-    let blob = loaded.blob();
-    let robot = robot_of(blob);
-    let mut names: Vec<ToolName> = loaded
-        .tools()
-        .iter()
-        .map(|(name, _)| name.clone())
-        .collect();
-    let SampleFile { set, samples, .. } = read_samples(path, &robot, &mut names, correction)?;
-    if blob.ranges.payload_kg.is_some() && !set.has_payload() {
-        return Err(InputError::new(
-            path,
-            "no payload_kg column",
-            "one: the model depends on the payload",
-        )
-        .into());
-    }
-    Ok(TestData {
-        set,
-        samples,
-        names,
-    })
-}
-
-/// The arm of a blob as far as a measurement file is checked against it.
-pub(super) fn robot_of(blob: &Blob<'_>) -> Robot {
-    let joint = |(i, joint): (usize, &poegp_protocol::blob::Joint)| Joint {
-        name: format!("q{}", i + 1),
-        kind: joint.kind,
-        limits: joint
-            .limits
-            .map(|(lower, upper)| (f64::from(lower), f64::from(upper))),
-    };
-    Robot {
-        name: blob.robot.name.to_owned(),
-        joints: blob.robot.joints.iter().enumerate().map(joint).collect(),
-        parent_from_joint: blob
-            .geometry
-            .nominal
-            .iter()
-            .map(|f| Pose::<f32>::from_rows(f).cast())
-            .collect(),
-        coupling: (!blob.robot.coupling.is_empty()).then(|| {
-            let rows = blob.robot.coupling.chunks(blob.robot.joints.len());
-            rows.map(|row| row.iter().map(|c| f64::from(*c)).collect())
-                .collect()
-        }),
-    }
 }
 
 /// The frames of all tools of a set, `first_target_from_target`, and the rows that some were fitted on.
@@ -266,7 +234,7 @@ fn tool_frames(
     Ok(ToolFrames { frames, fitted_on })
 }
 
-fn print(report: Report, set: &SetErrors, model: &str, predictions: &[Prediction]) {
+fn print(report: Printer, set: &SetErrors, model: &str, predictions: &[Prediction]) {
     report.line(format_args!(
         "Model `{model}` on {} poses: position in mm, orientation in mrad.\n",
         set.errors.poses
@@ -275,7 +243,7 @@ fn print(report: Report, set: &SetErrors, model: &str, predictions: &[Prediction
         let mut row = vec![name.to_owned()];
         let p = &e.position_mm;
         row.extend([p.mean, p.median, p.rms, p.p95, p.max].map(|x| format!("{x:.4}")));
-        row.push(e.orientation_cell());
+        row.push(e.orientation_text());
         row
     };
     let mut rows = vec![row("measurements", &set.errors)];
@@ -296,9 +264,9 @@ fn print(report: Report, set: &SetErrors, model: &str, predictions: &[Prediction
         ],
         &rows,
     );
-    if let Some(sigma) = &set.position_sigma {
+    if let Some(sigma) = &set.predictive_std {
         report.line(format_args!(
-            "The device's standard deviation is {:.4} mm in the mean; {:.0} % of the components lie within one, {:.0} % within 1.96.",
+            "Predictive standard deviation: {:.4} mm on average; {:.0} % of the error components lie within 1σ, {:.0} % within 1.96σ.",
             sigma.mean_mm,
             100.0 * sigma.shares.one_sigma,
             100.0 * sigma.shares.two_sigma
@@ -306,7 +274,7 @@ fn print(report: Report, set: &SetErrors, model: &str, predictions: &[Prediction
     }
     if set.trust.least < 1.0 {
         report.line(format_args!(
-            "The device's trust in its inputs is {:.3} in the mean, {:.3} at least.",
+            "Extrapolation score (trust): {:.3} on average, {:.3} minimum.",
             set.trust.mean, set.trust.least
         ));
     }

@@ -5,8 +5,9 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde_json::json;
 
-use crate::cli::report::{Report, is_stdout};
-use crate::cli::{Failure, check_outputs, facts_text, json_text, write_outputs};
+use crate::cli::failure::Failure;
+use crate::cli::output::{check_outputs, json_text, summary_text, write_outputs};
+use crate::cli::terminal::print::{Printer, is_stdout};
 use crate::export::urdf::{Changes, changes, minimal};
 use crate::export::{
     CalibratedChain, Table, c_header, dh, gauge, poe, universal_robots as ur,
@@ -19,42 +20,42 @@ use poegp_calibration::robot::{LoadOptions, Robot, urdf};
 /// `trainer export`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "At least one output. All of them are the calibrated chain of the blob, to a nanometre; what a file cannot \
+    after_help = "Give at least one output. Each is the calibrated chain of the blob, to a nanometre; what a file cannot \
     hold (gravity, ripple, Gaussian processes) is said. Only the C header has the whole model.\n\n\
     Example: trainer export arm.blob --urdf nominal.urdf --out calibrated.urdf\n\
     Example: trainer export arm.blob --dh arm-dh.toml --poe arm-poe.json --c-header arm.h"
 )]
 pub struct Export {
-    /// The model.
+    /// Model (`.blob`).
     pub blob: PathBuf,
-    /// Calibrated URDF to write: the file of --urdf with corrected transforms, without it links and joints alone.
+    /// Write the calibrated URDF: the file of --urdf with corrected transforms, or links and joints alone.
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
-    /// The nominal URDF that the arm was calibrated with.
+    /// Nominal URDF that the robot was calibrated with.
     #[arg(long, value_name = "FILE", requires = "out")]
     pub urdf: Option<PathBuf>,
-    /// URDF link where the chain begins, as at the calibration (default: the root).
+    /// URDF link at which the chain begins, the same as in the calibration (default: the root).
     #[arg(long, value_name = "LINK", requires = "urdf")]
     pub base: Option<String>,
-    /// URDF link where the chain ends, as at the calibration (default: the only leaf, or tool0, flange, ee_link).
+    /// URDF link at which the chain ends, the same as in the calibration (default: the only leaf, or tool0, flange, ee_link).
     #[arg(long, value_name = "LINK", requires = "urdf")]
     pub tip: Option<String>,
-    /// Add a link of this name to the URDF, fixed to the tip, where the measured target is.
+    /// Add a link of this name to the URDF at the measured target, fixed to the tip.
     #[arg(long, value_name = "LINK", requires = "out")]
     pub target_link: Option<String>,
-    /// Kinematics file of the Universal Robots ROS driver (YAML).
+    /// Write the kinematics file of the Universal Robots ROS driver (YAML).
     #[arg(long, value_name = "FILE")]
     pub ur_kinematics: Option<PathBuf>,
-    /// Denavit-Hartenberg table, distal, Hayati's for parallel axes (.toml: --robot reads it, or .json).
+    /// Write a Denavit-Hartenberg table, distal, Hayati's for parallel axes (.toml, which --robot reads, or .json).
     #[arg(long, value_name = "FILE")]
     pub dh: Option<PathBuf>,
-    /// Table of frames (.toml: --robot reads it, or .json).
+    /// Write a table of frames (.toml, which --robot reads, or .json).
     #[arg(long, value_name = "FILE")]
     pub poe: Option<PathBuf>,
-    /// C header with the bytes of the blob and the frames of the chain.
+    /// Write a C header with the bytes of the blob and the frames of the chain.
     #[arg(long, value_name = "FILE")]
     pub c_header: Option<PathBuf>,
-    /// What was written, and what the files cannot hold, as JSON (`-`: standard output).
+    /// Write the names of the files and the omitted effects as JSON (`-`: standard output).
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
 }
@@ -72,7 +73,7 @@ pub fn run(a: &Export) -> Result<(), Failure> {
     inputs.extend(a.urdf.as_deref());
     let all = [&outputs[..], &[a.json.as_deref()]].concat();
     check_outputs(&all, &inputs)?;
-    let report = Report::beside(&all);
+    let report = Printer::for_outputs(&all);
     let loaded = BlobModel::read(&a.blob)?;
     let mut chain = CalibratedChain::of(&loaded);
 
@@ -100,7 +101,7 @@ pub fn run(a: &Export) -> Result<(), Failure> {
         files.push((path, c_header::text(&loaded, &chain, &stem)));
     }
     let names: Vec<&Path> = files.iter().map(|(path, _)| *path).collect();
-    let facts = facts_text(json!({
+    let summary = summary_text(json!({
         "robot": chain.name,
         "files": names,
         "remarks": said,
@@ -111,7 +112,7 @@ pub fn run(a: &Export) -> Result<(), Failure> {
         .iter()
         .map(|(path, text)| (*path, text.as_bytes()))
         .collect();
-    bytes.extend(a.json.as_deref().map(|path| (path, facts.as_bytes())));
+    bytes.extend(a.json.as_deref().map(|path| (path, summary.as_bytes())));
     write_outputs(&bytes)?;
 
     for (path, _) in files.iter().filter(|(path, _)| !is_stdout(path)) {
@@ -173,8 +174,8 @@ fn corrected_urdf(
             );
             return Err(InputError::new(nominal, found, "the robot that was calibrated")
                 .with_help(
-                    "give the URDF that --robot named at the calibration, with the same --base and --tip; for another \
-                     description of the arm calibrate anew with it",
+                    "give the URDF of the calibration, with the same --base and --tip; for another \
+                     description of the arm calibrate again with it",
                 )
                 .into());
         }
@@ -192,11 +193,11 @@ fn corrected_urdf(
     let joints = urdf::joints_of_chain(nominal, text, &options)?;
     let changes = changes(chain, &joints, a.target_link.as_deref());
     let out = urdf_text::rewritten(nominal, text, chain, &changes)?;
-    said.extend(told(&changes));
+    said.extend(describe_changes(&changes));
     Ok(out)
 }
 
-fn told(changes: &Changes) -> Vec<String> {
+fn describe_changes(changes: &Changes) -> Vec<String> {
     let mut out: Vec<String> = changes
         .corrected
         .iter()
@@ -232,10 +233,10 @@ fn ur_kinematics(
         )
         .with_help("only their driver reads this file; --out, --dh and --poe are for all arms")
     })?;
-    let told = crate::export::told;
+    let describe = crate::export::describe;
     said.push(format!(
         "TCP to be set, tool0 to target: {}",
-        told(&kinematics.tool0_from_target)
+        describe(&kinematics.tool0_from_target)
     ));
     let (apart, turned) = gauge::distance(
         &poegp_runtime::math::se3::Pose::identity(),

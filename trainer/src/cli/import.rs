@@ -3,13 +3,15 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use serde_json::{Value, json};
 
-use crate::cli::report::{Report, is_stdout};
-use crate::cli::{Failure, check_outputs, facts_text, write_outputs};
-use crate::import::guess::{Guess, guess};
-use crate::import::map::Map;
-use crate::import::{Imported, Row, import};
+use crate::cli::failure::Failure;
+use crate::cli::output::{check_outputs, summary_text, write_outputs};
+use crate::cli::terminal::print::{Printer, is_stdout, note};
+use crate::import::column_map::Map;
+use crate::import::preset::{PRESETS, Preset};
+use crate::import::{Imported, Row, import_bytes};
 use poegp_calibration::input_error::InputError;
 
 /// Rows that are shown as they were understood.
@@ -18,143 +20,125 @@ const SHOWN: usize = 3;
 /// `trainer import`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "docs/guide/import.md has the keys of a map and an example of every shape.\n\n\
-    Example: trainer import --guess tracker.txt --out map.toml\n\
-    Example: trainer import tracker.txt --map map.toml --out measured.csv\n\
-    Example: trainer import points.txt joints.csv --map map.toml --out measured.csv"
+    after_help = "A column map states the meaning and the unit of each column. A preset is a map for a known file; without --map and \
+    --preset, the preset whose columns are all in the header is used, if there is exactly one.\n\n\
+    Example: trainer import log.csv --preset kuka --out measured.csv\n\
+    Example: trainer import points.txt joints.csv --preset spatial-analyzer --out measured.csv\n\
+    Example: trainer import tracker.txt --map map.toml --out measured.csv"
 )]
 pub struct Import {
-    /// The file of measurements; for a list of points that file and then the file of joints.
-    #[arg(required = true, num_args = 1..=2)]
-    pub raws: Vec<PathBuf>,
-    /// Which column is what (TOML).
-    #[arg(
-        long,
-        value_name = "FILE",
-        required_unless_present = "guess",
-        conflicts_with = "guess"
-    )]
+    /// Measurements; for a list of points, that file and then the file of joints.
+    #[arg(required = true, num_args = 1..=2, value_name = "FILE")]
+    pub files: Vec<PathBuf>,
+    /// Column map (TOML).
+    #[arg(long, value_name = "FILE", conflicts_with = "preset")]
     pub map: Option<PathBuf>,
-    /// Propose a map, print it (or write it to --out), and show three rows as it understands them.
-    #[arg(long)]
-    pub guess: bool,
-    /// Measurement file to write (`-`: standard output); with --guess the map.
-    #[arg(long, value_name = "FILE", required_unless_present = "guess")]
-    pub out: Option<PathBuf>,
-    /// What was understood as JSON: rows, columns of the first three, notes; with --guess the map, too (`-`: standard output).
+    /// Column map that comes with the program.
+    #[arg(long, value_name = "NAME", value_parser = preset())]
+    pub preset: Option<Preset>,
+    /// Write the map that was used, as the start of a map of your own.
+    #[arg(long, value_name = "FILE", conflicts_with = "map")]
+    pub write_map: Option<PathBuf>,
+    /// Measurement file to write (`-`: standard output).
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+    /// Write the number of rows, the first three of them and the notes as JSON (`-`: standard output).
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
 }
 
+/// Reads the name of a preset.
+fn preset() -> impl TypedValueParser<Value = Preset> {
+    PossibleValuesParser::new(
+        PRESETS.map(|preset| PossibleValue::new(preset.name).help(preset.about())),
+    )
+    .try_map(|name| Preset::named(&name).ok_or("not a preset"))
+}
+
 pub fn run(a: &Import) -> Result<(), Failure> {
-    let mut inputs: Vec<&Path> = a.raws.iter().map(PathBuf::as_path).collect();
+    let mut inputs: Vec<&Path> = a.files.iter().map(PathBuf::as_path).collect();
     inputs.extend(a.map.as_deref());
-    let outputs = [a.out.as_deref(), a.json.as_deref()];
+    let outputs = [
+        Some(a.out.as_path()),
+        a.json.as_deref(),
+        a.write_map.as_deref(),
+    ];
     check_outputs(&outputs, &inputs)?;
-    let report = Report::beside(&outputs);
-    if a.guess {
-        return propose(a, report);
-    }
-    let (Some(map), Some(out)) = (&a.map, &a.out) else {
-        // clap asks for both.
-        return Err(Failure::Usage(
-            "expected --map and --out, or --guess".to_owned(),
-        ));
+    let report = Printer::for_outputs(&outputs);
+    let read = |path: &PathBuf| {
+        std::fs::read(path)
+            .map_err(|error| InputError::unreadable(path, &error, "a measurement file"))
     };
-    let map = Map::read(map)?;
-    let imported = import(&a.raws, &map)?;
-    let facts = facts_text(facts(&imported, &map))?;
-    let mut files: Vec<(&Path, &[u8])> = vec![(out, imported.csv.as_bytes())];
-    files.extend(a.json.as_deref().map(|path| (path, facts.as_bytes())));
-    write_outputs(&files)?;
-    for note in &imported.notes {
-        crate::cli::report::remark(note);
-    }
-    report.line(format_args!(
-        "Imported {} measurements{}",
-        imported.rows.len(),
-        if is_stdout(out) {
-            String::new()
-        } else {
-            format!(" into {}", out.display())
+    let map = a.map.as_deref().map(Map::read).transpose()?;
+    let bytes = a.files.iter().map(read).collect::<Result<Vec<_>, _>>()?;
+    let (map, text) = match map {
+        Some(map) => (map, String::new()),
+        None => {
+            let preset = match a.preset {
+                Some(preset) => preset,
+                None => matching(&a.files, &bytes)?,
+            };
+            let files: Vec<(&Path, &[u8])> = a
+                .files
+                .iter()
+                .zip(&bytes)
+                .map(|(path, bytes)| (path.as_path(), bytes.as_slice()))
+                .collect();
+            let text = preset.map(&files)?;
+            let path = a
+                .write_map
+                .clone()
+                .unwrap_or_else(|| format!("<preset {}>", preset.name).into());
+            (Map::parse(&path, &text)?, text)
         }
+    };
+    let imported = import_bytes(&a.files, &bytes, &map)?;
+    let summary = summary_text(summary(&imported, &map))?;
+    let mut files: Vec<(&Path, &[u8])> = vec![(&a.out, imported.csv.as_bytes())];
+    files.extend(a.json.as_deref().map(|path| (path, summary.as_bytes())));
+    files.extend(a.write_map.as_deref().map(|path| (path, text.as_bytes())));
+    write_outputs(&files)?;
+    imported.notes.iter().for_each(note);
+    let to = match is_stdout(&a.out) {
+        true => String::new(),
+        false => format!(" into {}", a.out.display()),
+    };
+    report.line(format_args!(
+        "Imported {} measurements{to}",
+        imported.rows.len()
     ));
     show(report, &imported.rows, &map);
     Ok(())
 }
 
-fn propose(a: &Import, report: Report) -> Result<(), Failure> {
-    let read = |path: &PathBuf| {
-        std::fs::read(path)
-            .map_err(|error| InputError::unreadable(path, &error, "a measurement file"))
+/// The one preset that fits the header; it is printed.
+fn matching(files: &[PathBuf], bytes: &[Vec<u8>]) -> Result<Preset, InputError> {
+    let preset = match (files, bytes) {
+        ([file], [bytes]) => Preset::matching(file, bytes),
+        _ => None,
     };
-    let bytes = a.raws.iter().map(read).collect::<Result<Vec<_>, _>>()?;
-    let Guess {
-        map: text,
-        missing,
-        columns,
-    } = guess(&a.raws, &bytes)?;
-    let path = a
-        .out
-        .clone()
-        .unwrap_or_else(|| PathBuf::from("<proposed map>"));
-    let tried = missing.is_empty().then(|| -> Result<_, InputError> {
-        let map = Map::parse(&path, &text)?;
-        let imported = import(&a.raws, &map)?;
-        Ok((map, imported))
-    });
-    let mut document = match &tried {
-        Some(Ok((map, imported))) => facts(imported, map),
-        _ => json!({}),
-    };
-    document["map"] = text.as_str().into();
-    document["missing"] = json!(missing);
-    let document = facts_text(document)?;
-    let mut files: Vec<(&Path, &[u8])> = Vec::new();
-    files.extend(a.out.as_deref().map(|path| (path, text.as_bytes())));
-    files.extend(a.json.as_deref().map(|path| (path, document.as_bytes())));
-    write_outputs(&files)?;
-    match &a.out {
-        Some(out) => {
-            if !is_stdout(out) {
-                report.line(format_args!("Wrote {}", out.display()));
-            }
+    match preset {
+        Some(preset) => {
+            note(format_args!("preset `{}`: {}", preset.name, preset.about()));
+            Ok(preset)
         }
-        None => report.line(text.trim_end()),
-    }
-    let Some(tried) = tried else {
-        let found = format!("no columns that look like {}", missing.join(" and "));
-        let one_file = if a.raws.len() == 1 {
-            "; for a list of points give the file of joints, too"
-        } else {
-            ""
-        };
-        return Err(InputError::new(
-            &a.raws[0],
-            found,
-            "names such as q1_deg, J1, A1, x_mm, X [mm], qw",
-        )
-        .with_help(format!(
-            "complete the map by hand; the columns are {}{one_file}",
-            columns.join(", ")
-        ))
-        .into());
-    };
-    match tried {
-        Ok((map, imported)) => {
-            report.line("");
-            for note in &imported.notes {
-                crate::cli::report::remark(note);
-            }
-            show(report, &imported.rows, &map);
-            Ok(())
+        None => {
+            let presets: Vec<String> = PRESETS
+                .iter()
+                .map(|preset| format!("\n  {:18} {}", preset.name, preset.about()))
+                .collect();
+            Err(InputError::new(&files[0], "no header that fits exactly one preset", "--preset NAME or --map FILE").with_help(
+                format!(
+                    "docs/guide/import.md explains maps; --write-map FILE writes the map of a preset. The presets:{}",
+                    presets.concat()
+                ),
+            ))
         }
-        Err(error) => Err(Failure::Input(error)),
     }
 }
 
-/// What was understood, for other programs.
-fn facts(imported: &Imported, map: &Map) -> Value {
+/// The first rows, for other programs.
+fn summary(imported: &Imported, map: &Map) -> Value {
     let shown: Vec<Value> = imported
         .rows
         .iter()
@@ -169,15 +153,15 @@ fn facts(imported: &Imported, map: &Map) -> Value {
             )
         })
         .collect();
-    json!({ "measurements": imported.rows.len(), "as_understood": shown, "notes": imported.notes })
+    json!({ "measurements": imported.rows.len(), "first_rows": shown, "notes": imported.notes })
 }
 
 /// The first rows as they were understood, a column for each.
-fn show(report: Report, rows: &[Row], map: &Map) {
+fn show(report: Printer, rows: &[Row], map: &Map) {
     let shown: Vec<Vec<(String, String)>> =
         rows.iter().take(SHOWN).map(|row| row.fields(map)).collect();
     let Some(first) = shown.first() else { return };
-    let mut header = vec!["as understood".to_owned()];
+    let mut header = vec!["first rows".to_owned()];
     header.extend((1..=shown.len()).map(|k| format!("row {k}")));
     let lines: Vec<Vec<String>> = first
         .iter()

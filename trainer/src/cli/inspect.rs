@@ -1,5 +1,6 @@
 //! `trainer inspect`.
 
+use clap::Args;
 use poegp_protocol::JointKind;
 use poegp_protocol::blob::envelope;
 use poegp_protocol::blob::{
@@ -8,12 +9,24 @@ use poegp_protocol::blob::{
 use poegp_runtime::guard::trust::Trust;
 use poegp_runtime::math::se3::Pose;
 use serde_json::{Value, json};
+use std::path::PathBuf;
 
-use crate::cli::arguments::Inspect;
-use crate::cli::report::Report;
-use crate::cli::{Failure, check_outputs, json_text, write_outputs};
+use crate::cli::failure::Failure;
+use crate::cli::output::{check_outputs, json_text, write_outputs};
+use crate::cli::terminal::print::Printer;
 use crate::signing::id_text;
 use poegp_calibration::blob::predict::BlobModel;
+
+/// `trainer inspect`.
+#[derive(Debug, Args)]
+#[command(after_help = "Example: trainer inspect arm.blob")]
+pub struct Inspect {
+    /// Model (`.blob`).
+    pub blob: PathBuf,
+    /// Write the same as JSON (`-`: standard output).
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
 
 pub fn run(a: &Inspect) -> Result<(), Failure> {
     let output = [a.json.as_deref()];
@@ -23,7 +36,7 @@ pub fn run(a: &Inspect) -> Result<(), Failure> {
     if let Some(path) = &a.json {
         write_outputs(&[(path, json_text(&document)?.as_bytes())])?;
     }
-    print(Report::beside(&output), &loaded, &document);
+    print(Printer::for_outputs(&output), &loaded, &document);
     Ok(())
 }
 
@@ -50,7 +63,7 @@ fn document(loaded: &BlobModel) -> Value {
         Correction::None => Value::Null,
         Correction::Elastic(elastic) => json!({
             "kind": "elastic",
-            "support_points": loaded.model().support(),
+            "inducing_points": loaded.model().support(),
             "tied": elastic.tied,
             "support_per_output": (!elastic.sets.is_empty()).then(|| functions(elastic)),
             "gravity": elastic.gravity,
@@ -58,20 +71,20 @@ fn document(loaded: &BlobModel) -> Value {
                 "joint": r.joint + 1, "cycles_per_turn": r.cycles, "amplitude_urad": 1e6 * r.sin.hypot(r.cos)
             })).collect::<Vec<_>>(),
             "payload_groups_kg": elastic.groups.iter().map(|g| g.payload_kg).collect::<Vec<_>>(),
-            "bound_mm": 1e3 * elastic.bound.position_m,
-            "bound_mrad": 1e3 * elastic.bound.angle_rad,
-            "sigma": blob.variance.as_ref().map(sigma),
+            "correction_limit_mm": 1e3 * elastic.bound.position_m,
+            "correction_limit_mrad": 1e3 * elastic.bound.angle_rad,
+            "predictive_std": blob.variance.as_ref().map(sigma),
         }),
         Correction::TaskSpace(task) => json!({
             "kind": "task-space Gaussian process",
             "inputs": task.input_scale.len(),
-            "support_points": loaded.model().support(),
+            "inducing_points": loaded.model().support(),
             "hyperparameters": task.hyperparameters.iter().map(|h| json!({
                 "theta": h[..4], "noise_variance": h[4]
             })).collect::<Vec<_>>(),
             "output_rms": task.output_scale,
-            "bound_mm": 1e3 * task.bound.position_m,
-            "bound_mrad": 1e3 * task.bound.angle_rad,
+            "correction_limit_mm": 1e3 * task.bound.position_m,
+            "correction_limit_mrad": 1e3 * task.bound.angle_rad,
         }),
     };
     json!({
@@ -84,7 +97,7 @@ fn document(loaded: &BlobModel) -> Value {
                   "coupling": blob.robot.coupling.as_slice()},
         "units": {"angle": "rad", "length": "m", "mass": "kg"},
         "payload_kg": blob.ranges.payload_kg,
-        "model": p.method,
+        "method": p.method,
         "training_poses": p.training_poses,
         "date": p.date,
         "trainer_version": p.trainer_version,
@@ -111,7 +124,7 @@ fn sigma(v: &Variance<'_>) -> Value {
     })
 }
 
-fn print(report: Report, loaded: &BlobModel, document: &Value) {
+fn print(report: Printer, loaded: &BlobModel, document: &Value) {
     let blob = loaded.blob();
     let host = loaded.host();
     let p = &host.provenance;
@@ -217,7 +230,7 @@ fn print(report: Report, loaded: &BlobModel, document: &Value) {
     }
 }
 
-fn print_joints(report: Report, blob: &Blob<'_>) {
+fn print_joints(report: Printer, blob: &Blob<'_>) {
     let trust = Trust::<f32>::of(blob);
     let mut rows = Vec::new();
     for (i, (joint, (lower, upper))) in blob

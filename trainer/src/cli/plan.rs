@@ -7,9 +7,12 @@ use clap::Args;
 use nalgebra::Vector3;
 use serde::Serialize;
 
-use crate::cli::arguments::{Gravity, RobotArguments, gravity};
-use crate::cli::report::Report;
-use crate::cli::{Arm, Failure, check_outputs, json_text, progress, write_outputs};
+use crate::cli::args::{Gravity, RobotArgs, gravity};
+use crate::cli::failure::Failure;
+use crate::cli::inputs::Arm;
+use crate::cli::output::{check_outputs, json_text, write_outputs};
+use crate::cli::terminal::print::Printer;
+use crate::cli::terminal::progress;
 use crate::robot_programs::{Language, program};
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::model::Method;
@@ -17,7 +20,7 @@ use poegp_calibration::planning::candidates::Candidates;
 use poegp_calibration::planning::constraints::Constraints;
 use poegp_calibration::planning::forecast::{ARMS, COUNTS, Row};
 use poegp_calibration::planning::table::to_csv;
-use poegp_calibration::planning::{CHOICE, Plan, Planner, Strategy, Task, TooTight};
+use poegp_calibration::planning::{self, CHOICE, Planner, Strategy, Task, TooTight};
 use poegp_calibration::simulation::{ORIENTATION_NOISE_RAD, POSITION_NOISE_M};
 
 /// `trainer plan`.
@@ -27,37 +30,37 @@ use poegp_calibration::simulation::{ORIENTATION_NOISE_RAD, POSITION_NOISE_M};
     and the ways between poses: try every program slowly first.\n\n\
     Examples:\n  \
     trainer plan --robot abb-irb4400-serial --count 50 --payloads 0,5,10 --out plan.csv --rapid plan.mod\n  \
-    trainer plan --robot ur10 --constraints cell.toml --count 100 --check-poses 15 --check-out check.csv --out plan.csv \
+    trainer plan --robot ur10 --constraints cell.toml --count 100 --test-poses 15 --test-out check.csv --out plan.csv \
     --urscript plan.script"
 )]
-pub struct PlanArguments {
+pub struct Plan {
     #[command(flatten)]
-    robot: RobotArguments,
-    /// Poses for the calibration.
+    robot: RobotArgs,
+    /// Number of poses for the calibration.
     #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u32).range(1..=2000))]
     count: u32,
-    /// Payloads in kg that the poses are spread over; the plan has one block of poses for each.
+    /// Payloads in kg, separated by commas; the plan has one block of poses for each.
     #[arg(long, value_name = "KG,KG", value_delimiter = ',')]
     payloads: Vec<f64>,
-    /// What the cell allows: joint ranges, a workspace, keep-out boxes, the instrument's line of sight (TOML).
+    /// Constraints of the robot cell: joint ranges, workspace, keep-out boxes, the instrument's line of sight (TOML).
     #[arg(long, value_name = "FILE")]
     constraints: Option<PathBuf>,
-    /// Random further poses to check the calibration with.
-    #[arg(long, value_name = "K", default_value_t = 0, requires = "check_out", value_parser = clap::value_parser!(u32).range(0..=500))]
-    check_poses: u32,
-    /// Where to write those: they are for `evaluate`, not for `calibrate`.
-    #[arg(long, value_name = "FILE", requires = "check_poses")]
-    check_out: Option<PathBuf>,
-    /// Choose the poses that tell most about the parameters (default up to 20 poses).
+    /// Number of additional random poses, for `evaluate`.
+    #[arg(long, value_name = "K", default_value_t = 0, requires = "test_out", value_parser = clap::value_parser!(u32).range(0..=500))]
+    test_poses: u32,
+    /// File for the additional random poses; do not calibrate with them.
+    #[arg(long, value_name = "FILE", requires = "test_poses")]
+    test_out: Option<PathBuf>,
+    /// Choose the poses that determine the parameters best (default up to 20 poses).
     #[arg(long, conflicts_with = "space_filling")]
     d_optimal: bool,
-    /// Choose poses as far apart as possible (default beyond 20 poses).
+    /// Choose poses as far apart as possible (default for more than 20 poses).
     #[arg(long)]
     space_filling: bool,
-    /// Seed of everything random; the same seed makes the same plan.
+    /// Seed of the random numbers; the same seed gives the same plan.
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Gravity in the base frame in m/s², for arms on a wall or a ceiling.
+    /// Gravity in the base frame in m/s², for robots on a wall or a ceiling.
     #[arg(long, value_name = "X,Y,Z", default_value = "0,0,-9.81", allow_hyphen_values = true, value_parser = gravity)]
     gravity: Gravity,
     /// Numbers of poses whose worth is simulated beside that of the plan.
@@ -81,18 +84,18 @@ pub struct PlanArguments {
     /// The plan as a program listing for Fanuc (.ls).
     #[arg(long, value_name = "FILE")]
     fanuc: Option<PathBuf>,
-    /// Facts of the plan and the forecast as JSON (`-`: standard output).
+    /// Write the plan's statistics and the forecast as JSON (`-`: standard output).
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
 
 /// What `--json` writes.
 #[derive(Serialize)]
-struct Document {
+struct PlanJson {
     version: &'static str,
     robot: String,
     poses: usize,
-    check_poses: usize,
+    test_poses: usize,
     strategy: &'static str,
     payloads_kg: Vec<f64>,
     seed: u64,
@@ -122,11 +125,11 @@ struct Forecast {
     rows: Vec<Row>,
 }
 
-pub fn run(a: &PlanArguments) -> Result<(), Failure> {
+pub fn run(a: &Plan) -> Result<(), Failure> {
     let programs = [&a.rapid, &a.krl, &a.urscript, &a.fanuc];
     let mut outputs = vec![
         Some(a.out.as_path()),
-        a.check_out.as_deref(),
+        a.test_out.as_deref(),
         a.json.as_deref(),
     ];
     outputs.extend(programs.iter().map(|p| p.as_deref()));
@@ -134,8 +137,8 @@ pub fn run(a: &PlanArguments) -> Result<(), Failure> {
     inputs.extend(a.constraints.as_deref());
     check_outputs(&outputs, &inputs)?;
     let payloads = payloads(&a.payloads)?;
-    let arm = Arm::load(&a.robot)?;
-    let (count, checks) = (a.count as usize, a.check_poses as usize);
+    let arm = Arm::load(&a.robot.robot, &a.robot.chain)?;
+    let (count, checks) = (a.count as usize, a.test_poses as usize);
     enough(count, arm.robot.joints.len())?;
     let constraints = match &a.constraints {
         Some(path) => Constraints::read(path, &arm.robot)?,
@@ -184,14 +187,14 @@ pub fn run(a: &PlanArguments) -> Result<(), Failure> {
     let check_csv = to_csv(&arm.robot, &plan, true);
     let mut files = vec![(a.out.as_path(), csv.as_bytes())];
     files.extend(
-        a.check_out
+        a.test_out
             .as_deref()
             .map(|path| (path, check_csv.as_bytes())),
     );
     files.extend(a.json.as_deref().map(|path| (path, json.as_bytes())));
     files.extend(written.iter().map(|(path, text)| (*path, text.as_bytes())));
     write_outputs(&files)?;
-    let report = Report::beside(&outputs);
+    let report = Printer::for_outputs(&outputs);
     print(report, a, &document, &plan, planner.candidates());
     for (path, _) in files {
         if path != Path::new("-") {
@@ -241,7 +244,7 @@ fn enough(count: usize, joints: usize) -> Result<(), Failure> {
     }
     Err(Failure::Usage(format!(
         "--count {count}: expected at least {needed} poses: a calibration of this arm has {parameters} unknowns, and a \
-         pose gives six equations\nhelp: plan 30 or more, so that there is something left to tell noise by"
+         pose gives six equations\nhelp: plan 30 or more, so that the noise can be estimated"
     )))
 }
 
@@ -294,23 +297,23 @@ fn forecast(
 }
 
 fn document(
-    a: &PlanArguments,
+    a: &Plan,
     arm: &Arm,
-    plan: &Plan,
+    plan: &planning::Plan,
     planner: &Planner,
     constraints: &Constraints,
     forecast: Option<Forecast>,
-) -> Document {
+) -> PlanJson {
     let candidates = planner.candidates();
     let removed = constraints.rules.iter().zip(&candidates.removed);
     let checks = plan.poses.iter().filter(|p| p.check).count();
     let mut payloads_kg: Vec<f64> = plan.poses.iter().filter_map(|p| p.payload_kg).collect();
     payloads_kg.dedup();
-    Document {
+    PlanJson {
         version: env!("CARGO_PKG_VERSION"),
         robot: arm.robot.name.clone(),
         poses: plan.poses.len() - checks,
-        check_poses: checks,
+        test_poses: checks,
         strategy: plan.strategy.name(),
         payloads_kg,
         seed: a.seed,
@@ -329,10 +332,10 @@ fn document(
     }
 }
 
-fn print(report: Report, a: &PlanArguments, d: &Document, plan: &Plan, candidates: &Candidates) {
+fn print(report: Printer, a: &Plan, d: &PlanJson, plan: &planning::Plan, candidates: &Candidates) {
     let mut line = format!("Planned {} {} poses", d.poses, d.strategy);
-    if d.check_poses > 0 {
-        line += &format!(" and {} to check with", d.check_poses);
+    if d.test_poses > 0 {
+        line += &format!(" and {} to test with", d.test_poses);
     }
     match d.payloads_kg.len() {
         0 => line += ", no payload stated",
@@ -355,14 +358,14 @@ fn print(report: Report, a: &PlanArguments, d: &Document, plan: &Plan, candidate
         ));
     }
     if candidates.joints.len() < CHOICE * plan.poses.len() {
-        crate::cli::report::remark(format_args!(
+        crate::cli::terminal::print::note(format_args!(
             "only {} configurations are allowed: the plan takes a large part of them, wherever they are",
             candidates.joints.len()
         ));
     }
     if d.payloads_kg.len() == 1 || d.payloads_kg.is_empty() {
-        crate::cli::report::remark(format_args!(
-            "one payload tells nothing about others; --payloads 0,5,10 spreads the poses over three"
+        crate::cli::terminal::print::note(format_args!(
+            "one payload does not determine the effect of others; --payloads 0,5,10 spreads the poses over three"
         ));
     }
     report.line(format_args!(
@@ -375,8 +378,8 @@ fn print(report: Report, a: &PlanArguments, d: &Document, plan: &Plan, candidate
     }
 }
 
-fn print_forecast(report: Report, forecast: &Forecast, planned: usize) {
-    let cell = |mean: Option<f64>, p95: Option<f64>| match (mean, p95) {
+fn print_forecast(report: Printer, forecast: &Forecast, planned: usize) {
+    let field = |mean: Option<f64>, p95: Option<f64>| match (mean, p95) {
         (Some(mean), Some(p95)) => format!("{mean:.3} / {p95:.3}"),
         _ => "–".to_owned(),
     };
@@ -387,8 +390,8 @@ fn print_forecast(report: Report, forecast: &Forecast, planned: usize) {
             vec![
                 format!("{} {}", if r.poses == planned { "*" } else { " " }, r.poses),
                 r.strategy.to_owned(),
-                cell(r.paper_mm, r.paper_p95_mm),
-                cell(r.wild_mm, r.wild_p95_mm),
+                field(r.paper_mm, r.paper_p95_mm),
+                field(r.wild_mm, r.wild_p95_mm),
             ]
         })
         .collect();
@@ -400,7 +403,7 @@ fn print_forecast(report: Report, forecast: &Forecast, planned: usize) {
     ));
     report.table(&["  poses", "chosen", "regular arm", "wild arm"], &rows);
     report.line(format_args!(
-        "Your arm is another one: only its own measurements tell. (Simulated in {:.0} s.)\n",
+        "Your robot differs: only its own measurements can show its error. (Simulated in {:.0} s.)\n",
         forecast.seconds
     ));
 }

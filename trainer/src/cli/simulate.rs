@@ -1,26 +1,90 @@
 //! `trainer simulate`.
 
+use clap::Args;
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use std::path::Path;
+use std::path::PathBuf;
 
 use serde_json::json;
 
-use crate::cli::arguments;
-use crate::cli::arguments::Simulate;
-use crate::cli::report::Report;
-use crate::cli::{Arm, Failure, check_outputs, write_facts};
-use poegp_calibration::input_error::InputError;
+use crate::cli::args::RobotArgs;
+use crate::cli::failure::Failure;
+use crate::cli::inputs::Arm;
+use crate::cli::output;
+use crate::cli::output::{check_outputs, make_folder, write_summary};
+use crate::cli::terminal::print::Printer;
 use poegp_calibration::robot::Robot;
 use poegp_calibration::simulation::{Scenario, Simulator, to_csv};
 
-impl From<arguments::Scenario> for Scenario {
-    fn from(scenario: arguments::Scenario) -> Self {
-        match scenario {
-            arguments::Scenario::Paper => Self::Paper,
-            arguments::Scenario::Rich => Self::WithBacklash,
-            arguments::Scenario::Wild => Self::Nonlinear,
-            arguments::Scenario::Full => Self::PaperFullRange,
-        }
-    }
+/// `trainer simulate`.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Writes train.csv and test1.csv … into DIR; the test sets also have the noiseless poses.\n\n\
+    Example: trainer simulate --robot abb-irb4400-serial --poses 300 --payloads 1,2.5,3.5,5,7.5 --seed 1 --out cell"
+)]
+pub struct Simulate {
+    #[command(flatten)]
+    pub robot: RobotArgs,
+    /// Number of training poses.
+    #[arg(long, default_value_t = 300, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    pub poses: u32,
+    /// Number of test sets.
+    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(0..=100))]
+    pub test_sets: u32,
+    /// Number of poses in each test set.
+    #[arg(long, default_value_t = 100, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    pub test_poses: u32,
+    /// Payloads in kg; one is drawn at random for each pose.
+    #[arg(long, value_delimiter = ',', default_values_t = [1.0, 2.5, 3.5, 5.0, 7.5])]
+    pub payloads: Vec<f64>,
+    /// Errors of the simulated robot.
+    #[arg(long, value_name = "SCENARIO", default_value = "paper", value_parser = scenario())]
+    pub scenario: Scenario,
+    /// Seed of the random numbers.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Folder to write into; created if it does not exist (its parent must).
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Write the names of the files as JSON (`-`: standard output).
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+/// Reads a scenario by its name.
+fn scenario() -> impl TypedValueParser<Value = Scenario> {
+    const SCENARIOS: [(&str, Scenario, &str); 4] = [
+        (
+            "paper",
+            Scenario::Paper,
+            "Errors of the frames and joint compliance under gravity; joints within a working range",
+        ),
+        (
+            "rich",
+            Scenario::WithBacklash,
+            "Also link bending, transmission error, backlash and repeatability",
+        ),
+        (
+            "wild",
+            Scenario::Nonlinear,
+            "Also stiffening gears, a centre of mass for each payload and wrong payload masses",
+        ),
+        (
+            "full",
+            Scenario::PaperFullRange,
+            "Like `paper`, over the full joint limits",
+        ),
+    ];
+    PossibleValuesParser::new(
+        SCENARIOS.map(|(name, _, about)| PossibleValue::new(name).help(about)),
+    )
+    .try_map(|name| {
+        SCENARIOS
+            .iter()
+            .find(|s| s.0 == name)
+            .map(|s| s.1)
+            .ok_or("not a scenario")
+    })
 }
 
 pub fn run(a: &Simulate) -> Result<(), Failure> {
@@ -34,9 +98,9 @@ pub fn run(a: &Simulate) -> Result<(), Failure> {
         )));
     }
     check_outputs(&[a.json.as_deref()], &[Path::new(&a.robot.robot)])?;
-    let arm = Arm::load(&a.robot)?;
+    let arm = Arm::load(&a.robot.robot, &a.robot.chain)?;
     make_folder(&a.out)?;
-    let mut simulator = Simulator::new(&arm.robot, a.scenario.into(), &a.payloads, a.seed);
+    let mut simulator = Simulator::new(&arm.robot, a.scenario, &a.payloads, a.seed);
     let files = write_sets(
         &arm.robot,
         &mut simulator,
@@ -49,32 +113,17 @@ pub fn run(a: &Simulate) -> Result<(), Failure> {
         .iter()
         .map(|(file, poses)| json!({ "file": a.out.join(file), "poses": poses }))
         .collect();
-    write_facts(
+    write_summary(
         a.json.as_deref(),
         json!({ "robot": arm.robot.name, "seed": a.seed, "payloads_kg": a.payloads, "files": written }),
     )?;
-    let report = Report::beside(&[a.json.as_deref()]);
+    let report = Printer::for_outputs(&[a.json.as_deref()]);
     for (file, poses) in files {
         report.line(format_args!(
             "Wrote {} ({poses} poses).",
             a.out.join(file).display()
         ));
     }
-    Ok(())
-}
-
-/// Makes a folder if it is not there; its parent must be.
-pub fn make_folder(path: &Path) -> Result<(), Failure> {
-    if path.is_dir() {
-        return Ok(());
-    }
-    std::fs::create_dir(path).map_err(|error| {
-        InputError::new(
-            path,
-            format!("a folder that cannot be made ({error})"),
-            "a folder, or a new one in a folder that exists",
-        )
-    })?;
     Ok(())
 }
 
@@ -98,7 +147,7 @@ pub fn write_sets(
             format!("test{number}.csv")
         };
         let csv = to_csv(robot, &simulator.measure(poses), number > 0, comment);
-        crate::output::write(&folder.join(&name), csv.as_bytes())?;
+        output::write(&folder.join(&name), csv.as_bytes())?;
         files.push((name, poses));
     }
     Ok(files)

@@ -19,14 +19,14 @@ use crate::device::port::{Address, Stream};
 #[derive(Clone, Copy, Debug)]
 pub struct Options {
     /// Longest wait for one answer.
-    pub answer_limit: Duration,
+    pub timeout: Duration,
     /// How often a request is sent at most.
     pub attempts: u32,
     /// How long a device may be busy with something else.
     pub busy_limit: Duration,
-    /// Bytes of a blob in one request, at most [`MAX_CHUNK`]. Small pieces let corrections through sooner.
-    pub piece: usize,
-    /// How often an upload that the device has given up is begun anew.
+    /// Bytes of a blob in one request, at most [`MAX_CHUNK`]. Small chunks let corrections through sooner.
+    pub chunk_size: usize,
+    /// How often an upload that the device has given up is started again.
     pub uploads: u32,
 }
 
@@ -34,10 +34,10 @@ impl Default for Options {
     /// Two seconds for an answer: verifying a signature takes the slowest board one tenth of that.
     fn default() -> Self {
         Self {
-            answer_limit: Duration::from_secs(2),
+            timeout: Duration::from_secs(2),
             attempts: 3,
             busy_limit: Duration::from_secs(10),
-            piece: MAX_CHUNK,
+            chunk_size: MAX_CHUNK,
             uploads: 3,
         }
     }
@@ -104,7 +104,7 @@ impl Client {
         }
     }
 
-    /// From now on with other patience or pieces.
+    /// Uses other limits and chunks from now on.
     pub fn set_options(&mut self, options: Options) {
         self.options = options;
     }
@@ -138,7 +138,7 @@ impl Client {
     /// # Errors
     /// [`ClientError::Lost`], [`ClientError::Version`].
     pub fn receive(&mut self) -> Result<Option<(u16, Response)>, ClientError> {
-        self.receive_until(Instant::now() + self.options.answer_limit)
+        self.receive_until(Instant::now() + self.options.timeout)
     }
 
     fn receive_until(&mut self, deadline: Instant) -> Result<Option<(u16, Response)>, ClientError> {
@@ -220,7 +220,7 @@ impl Client {
         while attempts < self.options.attempts {
             attempts += 1;
             self.send_bytes(&bytes)?;
-            let deadline = Instant::now() + self.options.answer_limit;
+            let deadline = Instant::now() + self.options.timeout;
             while let Some((answered, response)) = self.receive_until(deadline)? {
                 if answered == sequence && response == Response::Refused(Refusal::Busy) {
                     if Instant::now() >= busy_until {

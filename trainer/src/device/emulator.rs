@@ -4,7 +4,7 @@
 //! [`Emulator`] is for one program that owns the machine: when QEMU ends, the link ends, and a hard time limit ends
 //! QEMU. [`serve`] turns this program into a machine for others, which connect to a listening socket.
 //!
-//! With a memory file the board's flash survives whatever happens to QEMU: a power cut that can be repeated.
+//! With a flash image the board's flash survives whatever happens to QEMU: a power cut that can be repeated.
 
 use std::fs;
 use std::io;
@@ -78,7 +78,7 @@ pub struct Machine<'a> {
     /// How its time passes.
     pub clock: Clock,
     /// The file that keeps its flash; made when it is not there.
-    pub memory: Option<&'a Path>,
+    pub flash_image: Option<&'a Path>,
 }
 
 impl Machine<'_> {
@@ -87,7 +87,7 @@ impl Machine<'_> {
     fn command(&self, link: &str, folder: &Path) -> Result<Command, EmulatorError> {
         let mut machine = self.board.machine().to_owned();
         let mut command = Command::new(PROGRAM);
-        if let Some(path) = self.memory {
+        if let Some(path) = self.flash_image {
             let size = self.board.memory_mib();
             let size = size.ok_or(EmulatorError::NoMemory(self.board.name()))?;
             machine += ",memory-backend=ps";
@@ -235,8 +235,8 @@ impl Listener {
                 let socket = UnixListener::bind(path)?;
                 (socket.into(), Address::Unix(std::path::absolute(path)?))
             }
-            Address::Tcp(place) => {
-                let listener = TcpListener::bind(place)?;
+            Address::Tcp(location) => {
+                let listener = TcpListener::bind(location)?;
                 let address = Address::Tcp(listener.local_addr()?.to_string());
                 (listener.into(), address)
             }

@@ -4,7 +4,7 @@ use std::io;
 
 use poegp_protocol::link::{PROTOCOL_VERSION, Refusal};
 
-use crate::device::words;
+use crate::device::messages;
 
 /// Why there is no answer, or not the one that was hoped for.
 #[derive(Debug, thiserror::Error)]
@@ -87,7 +87,7 @@ pub enum ClientError {
         port: String,
     },
     /// The device will not.
-    #[error("the device refused: {}", words::refusal(.0))]
+    #[error("the device refused: {}", messages::refusal(.0))]
     Refused(Refusal),
     /// The device answered something else.
     #[error(

@@ -9,10 +9,10 @@
 
 pub mod board;
 pub mod client;
+pub mod defmt_log;
 #[cfg(unix)]
 pub mod emulator;
 pub mod error;
-pub mod log;
+pub mod messages;
 pub mod port;
 mod requests;
-pub mod words;

@@ -54,10 +54,10 @@ impl FromStr for Address {
                 .then(|| Self::Unix(path.into()))
                 .ok_or_else(bad);
         }
-        if let Some(place) = text.strip_prefix("tcp:") {
-            let (host, port) = place.rsplit_once(':').ok_or_else(bad)?;
+        if let Some(location) = text.strip_prefix("tcp:") {
+            let (host, port) = location.rsplit_once(':').ok_or_else(bad)?;
             return match port.parse::<u16>() {
-                Ok(_) if !host.is_empty() => Ok(Self::Tcp(place.to_owned())),
+                Ok(_) if !host.is_empty() => Ok(Self::Tcp(location.to_owned())),
                 _ => Err(bad()),
             };
         }
@@ -83,7 +83,7 @@ impl fmt::Display for Address {
                 baud.map_or(Ok(()), |baud| write!(f, "@{baud}"))
             }
             Self::Unix(path) => write!(f, "unix:{}", path.display()),
-            Self::Tcp(place) => write!(f, "tcp:{place}"),
+            Self::Tcp(location) => write!(f, "tcp:{location}"),
         }
     }
 }
@@ -167,11 +167,11 @@ pub fn open(address: &Address) -> io::Result<Box<dyn Stream>> {
         Address::Unix(path) => Ok(Box::new(std::os::unix::net::UnixStream::connect(path)?)),
         #[cfg(not(unix))]
         Address::Unix(_) => Err(io::ErrorKind::Unsupported.into()),
-        Address::Tcp(place) => {
+        Address::Tcp(location) => {
             use std::net::ToSocketAddrs;
             let mut last = io::Error::from(io::ErrorKind::NotFound);
-            for place in place.to_socket_addrs()? {
-                match TcpStream::connect_timeout(&place, CONNECT_LIMIT) {
+            for location in location.to_socket_addrs()? {
+                match TcpStream::connect_timeout(&location, CONNECT_LIMIT) {
                     Ok(stream) => {
                         // A request is one small packet; waiting for more would cost 40 ms each.
                         stream.set_nodelay(true)?;

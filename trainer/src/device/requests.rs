@@ -11,7 +11,7 @@ use poegp_protocol::link::{
 use crate::device::client::{Client, name};
 use crate::device::error::ClientError;
 
-/// How long a device may take to start anew.
+/// How long a device may take to restart.
 const RESTART_LIMIT: Duration = Duration::from_secs(10);
 
 impl Client {
@@ -31,7 +31,7 @@ impl Client {
     }
 
     /// Sends a blob and has it verified; `progress` hears how many bytes are there. The active model stays. When the
-    /// device has given the upload up (a restart, a roll-back, another workstation), it is begun anew.
+    /// device has given the upload up (a restart, a roll-back, another workstation), it is started again.
     ///
     /// # Errors
     /// [`ClientError`].
@@ -63,7 +63,7 @@ impl Client {
         self.begin_upload(blob)?;
         let mut offset = 0;
         progress(0);
-        for bytes in blob.chunks(self.options.piece.clamp(1, MAX_CHUNK)) {
+        for bytes in blob.chunks(self.options.chunk_size.clamp(1, MAX_CHUNK)) {
             self.uploading(&Request::UploadChunk {
                 offset: wire_length(offset),
                 bytes,
@@ -226,7 +226,7 @@ impl Client {
         }
     }
 
-    /// Starts the device anew and waits until it answers again.
+    /// Restarts the device and waits until it answers again.
     ///
     /// # Errors
     /// [`ClientError`].

@@ -88,7 +88,7 @@ pub fn text(loaded: &BlobModel, chain: &CalibratedChain, stem: &str) -> String {
     );
     let _ = writeln!(
         out,
-        "/* The target seen from the flange, likewise. */\n\
+        "/* Frame of the target in the flange frame, flange_from_target. */\n\
          static const double {name}_flange_from_target[12] = {{{}}};",
         doubles(&host.gauge.flange_from_target)
     );

@@ -228,7 +228,7 @@ pub(super) fn at_zero(frames: &[Pose<f64>]) -> Vec<Pose<f64>> {
 }
 
 /// A pose as words: millimetres, and degrees of roll, pitch and yaw.
-pub fn told(pose: &Pose<f64>) -> String {
+pub fn describe(pose: &Pose<f64>) -> String {
     let t: Vector3<f64> = 1e3 * pose.translation;
     let rpy =
         poegp_calibration::robot::normal_form::roll_pitch_yaw(&pose.rotation).map(f64::to_degrees);

@@ -10,41 +10,15 @@ use nalgebra::Vector3;
 use poegp_runtime::math::se3::Pose;
 
 use crate::export::calibrated_chain::at_zero;
-use crate::export::tables::{Row, Table};
+use crate::export::tables::{DhRow, Row, Table};
 use crate::export::{CalibratedChain, gauge};
-use poegp_calibration::robot::normal_form::{rotation_about, translation};
+use poegp_calibration::robot::normal_form::rotation_about;
 
 /// Sine of the angle below which axes count as parallel. Errors of arms are a few milliradians, and with the common
 /// normal they are multiplied by no more than one over this.
 pub const PARALLEL: f64 = 0.02;
-/// Distances below are none: which way the common normal of two axes points that meet cannot be told from them.
+/// Distances below are none: which way the common normal of two axes points that meet they do not determine.
 const MEET_M: f64 = 1e-6;
-
-/// One row: R_z(q + θ) T_z(d) T_x(a) R_x(α) R_y(β), metres and radians; one of d and β is 0.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct DhRow {
-    /// Angle about z where the controller says 0.
-    pub theta: f64,
-    /// Along z.
-    pub d: f64,
-    /// Along the new x.
-    pub a: f64,
-    /// About the new x.
-    pub alpha: f64,
-    /// About the new y, between parallel axes.
-    pub beta: Option<f64>,
-}
-
-impl DhRow {
-    /// The frame behind the joint of this row, at joint value 0.
-    pub fn frame(&self) -> Pose<f64> {
-        rotation_about(2, self.theta)
-            * translation(0.0, 0.0, self.d)
-            * translation(self.a, 0.0, 0.0)
-            * rotation_about(0, self.alpha)
-            * rotation_about(1, self.beta.unwrap_or(0.0))
-    }
-}
 
 /// The table of a calibrated chain. The convention leaves the sign of every x axis open: it is taken as for the nominal
 /// arm, whose θ are within ±90° where that can be had.

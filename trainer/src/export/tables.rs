@@ -7,8 +7,34 @@ use poegp_runtime::math::se3::Pose;
 use serde_json::{Value, json};
 
 use crate::export::CalibratedChain;
-use crate::export::dh::DhRow;
 use crate::export::format::{decimals, rounded, rpy, three, xyz};
+use poegp_calibration::robot::normal_form::{rotation_about, translation};
+
+/// One row: R_z(q + θ) T_z(d) T_x(a) R_x(α) R_y(β), metres and radians; one of d and β is 0.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct DhRow {
+    /// Angle about z where the controller says 0.
+    pub theta: f64,
+    /// Along z.
+    pub d: f64,
+    /// Along the new x.
+    pub a: f64,
+    /// About the new x.
+    pub alpha: f64,
+    /// About the new y, between parallel axes.
+    pub beta: Option<f64>,
+}
+
+impl DhRow {
+    /// The frame behind the joint of this row, at joint value 0.
+    pub fn frame(&self) -> Pose<f64> {
+        rotation_about(2, self.theta)
+            * translation(0.0, 0.0, self.d)
+            * translation(self.a, 0.0, 0.0)
+            * rotation_about(0, self.alpha)
+            * rotation_about(1, self.beta.unwrap_or(0.0))
+    }
+}
 
 /// What stands for a joint.
 #[derive(Clone, Copy, Debug)]

@@ -10,7 +10,7 @@
 //! The description package puts each of the six into the origin of a joint with axis z, and behind wrist_3 only fixed
 //! turns: tool0 stands where wrist_3_link does. base_link_inertia is turned by π about z from base_link, so it stands as
 //! the controller's base does. The six frames can hold every calibrated axis, but not where the flange is tilted or off
-//! from the last one; that part has to go into the TCP, and is told.
+//! from the last one; that part has to go into the TCP, and is printed.
 
 use std::fmt::Write;
 
@@ -19,7 +19,7 @@ use poegp_protocol::JointKind;
 use poegp_runtime::math::se3::Pose;
 use sha2::{Digest, Sha256};
 
-use crate::export::calibrated_chain::{at_zero, told};
+use crate::export::calibrated_chain::{at_zero, describe};
 use crate::export::format::{decimals, rpy, xyz};
 use crate::export::tables::comments;
 use crate::export::{CalibratedChain, gauge};
@@ -213,7 +213,7 @@ impl UrKinematics {
             "# metres and radians; each frame in the one before, the first in base_link_inertia (the controller's base)\n\
              # the target in tool0, to be set as TCP: {}\n\
              # the hash is of these numbers, not the controller's: the driver will say that they differ from the factory's",
-            told(&self.tool0_from_target)
+            describe(&self.tool0_from_target)
         );
         let _ = write!(out, "kinematics:\n{body}  hash: calib_{hash}\n");
         out

@@ -16,7 +16,7 @@ use poegp_calibration::input_error::InputError;
 
 /// Where something stands in the text of a joint.
 #[derive(Clone, Debug)]
-struct Place {
+struct Location {
     /// The `<origin …>` tag; empty, behind the joint's start tag, where there is none.
     origin: Range<usize>,
     /// Whether it is closed in itself.
@@ -26,8 +26,8 @@ struct Place {
 }
 
 /// The places of a file.
-struct Places {
-    joints: HashMap<String, Place>,
+struct Locations {
+    joints: HashMap<String, Location>,
     links: Vec<String>,
     /// Before `<robot …>`.
     robot: usize,
@@ -45,11 +45,11 @@ pub fn rewritten(
     chain: &CalibratedChain,
     changes: &Changes,
 ) -> Result<String, InputError> {
-    let places = places(file, text)?;
+    let locations = locations(file, text)?;
     let line_end = if text.contains("\r\n") { "\r\n" } else { "\n" };
     let mut edits: Vec<(Range<usize>, String)> = Vec::new();
     for corrected in &changes.corrected {
-        let Some(place) = places.joints.get(&corrected.joint) else {
+        let Some(location) = locations.joints.get(&corrected.joint) else {
             let found = format!("no <joint name=\"{}\"> below <robot>", corrected.joint);
             return Err(InputError::new(
                 file,
@@ -57,17 +57,17 @@ pub fn rewritten(
                 "every joint of the chain once, as it was read",
             ));
         };
-        let tag = origin_tag(&corrected.after, if place.closed { "/" } else { "" });
-        let tag = if place.there {
+        let tag = origin_tag(&corrected.after, if location.closed { "/" } else { "" });
+        let tag = if location.there {
             tag
         } else {
             format!("{line_end}    {tag}")
         };
-        edits.push((place.origin.clone(), tag));
+        edits.push((location.origin.clone(), tag));
     }
     let mut added = String::new();
     for new in &changes.added {
-        if places.links.contains(&new.link) {
+        if locations.links.contains(&new.link) {
             let found = format!("a link \"{}\" already", new.link);
             return Err(
                 InputError::new(file, found, "a new name for the link that is added").with_help(
@@ -81,9 +81,9 @@ pub fn rewritten(
             added_joint("  ", new)
         );
     }
-    edits.push((places.end..places.end, added.replace('\n', line_end)));
+    edits.push((locations.end..locations.end, added.replace('\n', line_end)));
     edits.push((
-        places.robot..places.robot,
+        locations.robot..locations.robot,
         comment(chain).replace('\n', line_end),
     ));
     edits.sort_by_key(|(range, _)| range.start);
@@ -98,9 +98,9 @@ pub fn rewritten(
     Ok(out)
 }
 
-fn places(file: &Path, text: &str) -> Result<Places, InputError> {
+fn locations(file: &Path, text: &str) -> Result<Locations, InputError> {
     let mut reader = Reader::from_str(text);
-    let mut places = Places {
+    let mut locations = Locations {
         joints: HashMap::new(),
         links: Vec::new(),
         robot: 0,
@@ -117,21 +117,21 @@ fn places(file: &Path, text: &str) -> Result<Places, InputError> {
         })?;
         let range = start..reader.buffer_position() as usize;
         match event {
-            Event::Eof => return Ok(places),
+            Event::Eof => return Ok(locations),
             Event::Start(tag) => {
-                seen(&mut places, &mut joint, &open, &tag, range, false);
+                seen(&mut locations, &mut joint, &open, &tag, range, false);
                 open.push(tag.name().as_ref().to_vec());
             }
             Event::Empty(tag) => {
                 let before = joint.clone();
-                seen(&mut places, &mut joint, &open, &tag, range, true);
+                seen(&mut locations, &mut joint, &open, &tag, range, true);
                 // An element without content encloses nothing.
                 joint = before;
             }
             Event::End(_) => {
                 open.pop();
                 match open.len() {
-                    0 => places.end = start,
+                    0 => locations.end = start,
                     1 => joint = None,
                     _ => {}
                 }
@@ -142,7 +142,7 @@ fn places(file: &Path, text: &str) -> Result<Places, InputError> {
 }
 
 fn seen(
-    places: &mut Places,
+    locations: &mut Locations,
     joint: &mut Option<String>,
     open: &[Vec<u8>],
     tag: &BytesStart<'_>,
@@ -151,22 +151,25 @@ fn seen(
 ) {
     let name = tag.name();
     match (open.len(), name.as_ref()) {
-        (0, b"robot") => places.robot = range.start,
-        (1, b"link") => places.links.extend(attribute(tag, "name")),
+        (0, b"robot") => locations.robot = range.start,
+        (1, b"link") => locations.links.extend(attribute(tag, "name")),
         (1, b"joint") => {
             *joint = attribute(tag, "name");
             if let (Some(name), false) = (joint.as_ref(), closed) {
-                let place = Place {
+                let location = Location {
                     origin: range.end..range.end,
                     closed: true,
                     there: false,
                 };
-                places.joints.insert(name.clone(), place);
+                locations.joints.insert(name.clone(), location);
             }
         }
         (2, b"origin") => {
-            if let Some(place) = joint.as_ref().and_then(|name| places.joints.get_mut(name)) {
-                *place = Place {
+            if let Some(location) = joint
+                .as_ref()
+                .and_then(|name| locations.joints.get_mut(name))
+            {
+                *location = Location {
                     origin: range,
                     closed,
                     there: true,

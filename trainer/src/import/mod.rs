@@ -13,13 +13,13 @@
 //! degrees (1e-6 mm), quaternions to 1e-10, all below a nanometre at the tool. Two shapes of one measurement give the same
 //! rows to the last character as long as the raw file has the digits for it.
 
-mod cell;
-pub mod guess;
+pub mod preset;
+mod value;
 
-pub mod map;
+pub mod column_map;
 mod orientation;
 mod points;
-mod rows;
+mod poses;
 mod text;
 mod write;
 
@@ -27,7 +27,7 @@ use std::path::{Path, PathBuf};
 
 use sha2::{Digest, Sha256};
 
-use crate::import::map::Map;
+use crate::import::column_map::Map;
 use crate::import::text::Table;
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::measurement as measurements;
@@ -71,7 +71,7 @@ pub fn import_bytes(
     map: &Map,
 ) -> Result<Imported, InputError> {
     let (rows, mut notes) = match (map.points.is_some(), raws, bytes) {
-        (false, [path], [bytes]) => rows::rows(&Table::parse(path, bytes, &map.file)?, map)?,
+        (false, [path], [bytes]) => poses::rows(&Table::parse(path, bytes, &map.file)?, map)?,
         (true, [points, joints], [point_bytes, joint_bytes]) => {
             let layout = map.joints_file.as_ref().unwrap_or(&map.file);
             points::rows(

@@ -3,8 +3,8 @@
 use nalgebra::{Matrix3, Vector3};
 use poegp_runtime::math::se3::{Pose, Twist};
 
-use crate::import::cell::Cells;
-use crate::import::map::{AngleUnit, EulerAxes, MatrixLayout, QuaternionOrder};
+use crate::import::column_map::{AngleUnit, EulerAxes, MatrixLayout, QuaternionOrder};
+use crate::import::value::RowValues;
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::numeric::rotation::nearest_rotation;
 use poegp_calibration::robot::normal_form::rotation_about;
@@ -36,13 +36,13 @@ impl Reader {
         }
     }
 
-    pub fn read(&self, cells: &Cells<'_>) -> Result<Found, InputError> {
+    pub fn read(&self, fields: &RowValues<'_>) -> Result<Found, InputError> {
         match self {
-            Self::Quaternion(columns, order) => quaternion(cells, columns, *order),
+            Self::Quaternion(columns, order) => quaternion(fields, columns, *order),
             Self::Euler(columns, axes, how, unit) => {
                 let mut rotation = Matrix3::identity();
                 for (column, axis) in columns.iter().zip(axes) {
-                    let turn = rotation_about(*axis, cells.radians(*column, *unit)?).rotation;
+                    let turn = rotation_about(*axis, fields.radians(*column, *unit)?).rotation;
                     rotation = match how {
                         EulerAxes::Intrinsic => rotation * turn,
                         EulerAxes::Extrinsic => turn * rotation,
@@ -53,7 +53,7 @@ impl Reader {
             Self::RotationVector(columns, unit) => {
                 let mut angular = Vector3::zeros();
                 for (x, column) in angular.iter_mut().zip(columns) {
-                    *x = cells.radians(*column, *unit)?;
+                    *x = fields.radians(*column, *unit)?;
                 }
                 let twist = Twist {
                     linear: Vector3::zeros(),
@@ -67,13 +67,13 @@ impl Reader {
             Self::Matrix(columns, layout) => {
                 let mut m = Matrix3::zeros();
                 for (i, column) in columns.iter().enumerate() {
-                    let place = match layout {
+                    let location = match layout {
                         MatrixLayout::Rows => (i / 3, i % 3),
                         MatrixLayout::Columns => (i % 3, i / 3),
                     };
-                    m[place] = cells.number(*column, "an element of a rotation matrix")?;
+                    m[location] = fields.number(*column, "an element of a rotation matrix")?;
                 }
-                matrix(cells, columns[0], &m)
+                matrix(fields, columns[0], &m)
             }
         }
     }
@@ -88,13 +88,13 @@ pub fn axes(order: &str) -> Option<[usize; 3]> {
 }
 
 fn quaternion(
-    cells: &Cells<'_>,
+    fields: &RowValues<'_>,
     columns: &[usize; 4],
     order: QuaternionOrder,
 ) -> Result<Found, InputError> {
     let mut numbers = [0.0; 4];
     for (x, column) in numbers.iter_mut().zip(columns) {
-        *x = cells.number(*column, "a component of a quaternion")?;
+        *x = fields.number(*column, "a component of a quaternion")?;
     }
     let [w, x, y, z] = match order {
         QuaternionOrder::Wxyz => numbers,
@@ -104,7 +104,7 @@ fn quaternion(
     let off = (norm - 1.0).abs();
     if off.is_nan() || off > TOLERANCE {
         let found = format!("a quaternion of norm {norm:.6}");
-        return Err(cells
+        return Err(fields
             .error(
                 columns[0],
                 found,
@@ -120,14 +120,18 @@ fn quaternion(
 }
 
 /// The rotation nearest to a matrix of a file; `column` is where it begins.
-pub fn matrix(cells: &Cells<'_>, column: usize, m: &Matrix3<f64>) -> Result<Found, InputError> {
+pub fn matrix(
+    fields: &RowValues<'_>,
+    column: usize,
+    m: &Matrix3<f64>,
+) -> Result<Found, InputError> {
     let off = (m * m.transpose() - Matrix3::identity()).amax();
     if off.is_nan() || off > TOLERANCE || m.determinant() < 0.0 {
         let found = match m.determinant() < 0.0 && off <= TOLERANCE {
             true => "a matrix that mirrors (determinant −1)".to_owned(),
             false => format!("a matrix whose rows are off orthonormal by {off:.1e}"),
         };
-        return Err(cells
+        return Err(fields
             .error(
                 column,
                 found,

@@ -9,26 +9,24 @@ use std::path::Path;
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::import::cell::Cells;
-use crate::import::map::{Incomplete, Join, LengthUnit, Map, Points};
-use crate::import::rows::{
+use crate::import::column_map::{Incomplete, Join, LengthUnit, Map, Points, spans_a_plane};
+use crate::import::poses::{
     Beside, columns, joint_columns, joint_values, left_out_note, one, twice_or_unused,
 };
 use crate::import::text::{Line, Table};
+use crate::import::value::RowValues;
 use crate::import::write::Row;
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::numeric::rotation::nearest_rotation;
 
 /// A point farther from where the fit puts it is no noise, unless the map says more.
 const MAX_RESIDUAL_MM: f64 = 1.0;
-/// Targets that lie within this share of their extent of a line do not span a plane.
-const FLAT: f64 = 1e-3;
 
 /// One point.
 struct Point<'a> {
     line: &'a Line,
     target: String,
-    place: Vector3<f64>,
+    location: Vector3<f64>,
 }
 
 /// The points of a pose, in the order of the file.
@@ -68,27 +66,27 @@ pub fn rows(
     let mut worst = (0.0_f64, 0, String::new());
     for (group, line) in groups.iter().zip(found) {
         let Some(line) = line else { continue };
-        let cells = Cells {
+        let fields = RowValues {
             table: joints,
             line,
         };
         let mut row = Row {
-            joints: joint_values(map, &cells, &joint_places)?,
+            joints: joint_values(map, &fields, &joint_places)?,
             ..Row::default()
         };
-        beside.read(&cells, &mut row)?;
+        beside.read(&fields, &mut row)?;
         let Some(targets) = &how.targets else {
             for point in &group.points {
                 let mut row = row.clone();
-                row.position_mm = point.place;
+                row.position_mm = point.location;
                 row.target =
                     (how.target.is_some() || how.split.is_some()).then(|| point.target.clone());
                 out.push(row);
             }
             continue;
         };
-        let places = in_millimetres(targets.get_ref(), how.targets_unit);
-        match fitted(points, group, &places, how)? {
+        let locations = in_millimetres(targets.get_ref(), how.targets_unit);
+        match fitted(points, group, &locations, how)? {
             Some(fit) => {
                 if fit.residual > worst.0 {
                     worst = (fit.residual, fit.line, group.pose.clone());
@@ -157,10 +155,10 @@ fn groups<'a>(
     let mut out: Vec<Group<'a>> = Vec::new();
     let mut index: BTreeMap<String, usize> = BTreeMap::new();
     for line in &table.rows {
-        let cells = Cells { table, line };
-        let text = cells.label(name)?;
+        let fields = RowValues { table, line };
+        let text = fields.label(name)?;
         let (pose, target) = match (target, &how.split) {
-            (Some(column), _) => (text, cells.label(column)?),
+            (Some(column), _) => (text, fields.label(column)?),
             (None, Some(split)) => match text.rsplit_once(split.get_ref().as_str()) {
                 Some((pose, target)) if !pose.is_empty() && !target.is_empty() => {
                     (pose.to_owned(), target.to_owned())
@@ -168,24 +166,24 @@ fn groups<'a>(
                 _ => {
                     let expected =
                         format!("pose and target with {:?} between them", split.get_ref());
-                    return Err(cells.error(name, format!("{text:?}"), expected));
+                    return Err(fields.error(name, format!("{text:?}"), expected));
                 }
             },
             (None, None) => (text, String::new()),
         };
-        let empty = xyz.iter().any(|column| cells.text(*column).is_empty());
-        let mut place = Vector3::zeros();
+        let empty = xyz.iter().any(|column| fields.text(*column).is_empty());
+        let mut location = Vector3::zeros();
         if !(empty && map.incomplete == Incomplete::LeaveOut) {
-            for (x, column) in place.iter_mut().zip(xyz) {
-                *x = cells.millimetres(column, how.unit)?;
+            for (x, column) in location.iter_mut().zip(xyz) {
+                *x = fields.millimetres(column, how.unit)?;
             }
         }
-        if place == Vector3::zeros() {
+        if location == Vector3::zeros() {
             if map.incomplete == Incomplete::LeaveOut {
                 left_out.push(line.number.to_string());
                 continue;
             }
-            return Err(cells
+            return Err(fields
                 .error(xyz[0], "the point 0 0 0", "a measured point")
                 .with_help("an instrument writes 0 0 0 where it missed; incomplete = \"leave-out\" in the map leaves such points out and lists them"));
         }
@@ -194,7 +192,7 @@ fn groups<'a>(
         {
             let known: Vec<String> = targets.get_ref().keys().map(|k| format!("{k:?}")).collect();
             let expected = format!("one of points.targets of the map: {}", known.join(", "));
-            return Err(cells.error(name, format!("the target {target:?}"), expected));
+            return Err(fields.error(name, format!("the target {target:?}"), expected));
         }
         let at = *index.entry(pose.clone()).or_insert_with(|| {
             out.push(Group {
@@ -209,12 +207,12 @@ fn groups<'a>(
                 "target {target:?} of pose {:?} again, first on line {}",
                 group.pose, other.line.number
             );
-            return Err(cells.error(name, found, "every point of a pose once"));
+            return Err(fields.error(name, found, "every point of a pose once"));
         }
         group.points.push(Point {
             line,
             target,
-            place,
+            location,
         });
     }
     Ok(out)
@@ -247,18 +245,18 @@ fn joined<'a>(
     let mut by_name: BTreeMap<&str, &Line> = BTreeMap::new();
     let column = name.unwrap_or(0);
     for line in &joints.rows {
-        let cells = Cells {
+        let fields = RowValues {
             table: joints,
             line,
         };
-        cells.label(column)?;
-        if let Some(other) = by_name.insert(cells.text(column), line) {
+        fields.label(column)?;
+        if let Some(other) = by_name.insert(fields.text(column), line) {
             let found = format!(
                 "pose {:?} again, first on line {}",
-                cells.text(column),
+                fields.text(column),
                 other.number
             );
-            return Err(cells.error(column, found, "every pose once"));
+            return Err(fields.error(column, found, "every pose once"));
         }
     }
     let mut out = Vec::new();
@@ -313,13 +311,19 @@ struct Fit {
 fn fitted(
     table: &Table,
     group: &Group<'_>,
-    places: &BTreeMap<&str, Vector3<f64>>,
+    locations: &BTreeMap<&str, Vector3<f64>>,
     how: &Points,
 ) -> Result<Option<Fit>, InputError> {
     let pairs: Vec<(Vector3<f64>, Vector3<f64>, usize)> = group
         .points
         .iter()
-        .filter_map(|p| Some((p.place, *places.get(p.target.as_str())?, p.line.number)))
+        .filter_map(|p| {
+            Some((
+                p.location,
+                *locations.get(p.target.as_str())?,
+                p.line.number,
+            ))
+        })
         .collect();
     let there: Vec<[f64; 3]> = pairs.iter().map(|(_, t, _)| [t[0], t[1], t[2]]).collect();
     if !spans_a_plane(&there) {
@@ -362,27 +366,6 @@ fn fitted(
         residual,
         line,
     }))
-}
-
-/// Whether points are three or more and not on one line.
-pub fn spans_a_plane(points: &[[f64; 3]]) -> bool {
-    let Some(first) = points.first() else {
-        return false;
-    };
-    let from_first: Vec<Vector3<f64>> = points
-        .iter()
-        .map(|p| Vector3::from(*p) - Vector3::from(*first))
-        .collect();
-    let far = from_first
-        .iter()
-        .copied()
-        .fold(Vector3::zeros(), |far: Vector3<f64>, v| {
-            if v.norm() > far.norm() { v } else { far }
-        });
-    let length = far.norm();
-    from_first
-        .iter()
-        .any(|v| v.cross(&far).norm() > FLAT * length * length)
 }
 
 fn in_millimetres(

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::import::map::{ColumnName, Decimal, Encoding, Layout, Separator};
+use crate::import::column_map::{ColumnName, Decimal, Encoding, Layout, Separator};
 use poegp_calibration::input_error::InputError;
 
 /// A row of cells, trimmed.
@@ -11,7 +11,7 @@ pub struct Line {
     /// Number in the file, from 1.
     pub number: usize,
     /// Its cells.
-    pub cells: Vec<String>,
+    pub fields: Vec<String>,
 }
 
 /// The cells of a file.
@@ -25,8 +25,6 @@ pub struct Table {
     pub thousands: Option<char>,
     /// The header: its line and its names.
     pub header: Option<Line>,
-    /// The second line of the header, which has units perhaps.
-    pub units: Vec<String>,
     /// The rows, all as wide as the header or the first of them.
     pub rows: Vec<Line>,
 }
@@ -50,7 +48,6 @@ impl Table {
                         .any(|c| !c.is_empty() && line.starts_with(c.as_str()))
             });
         let mut header = None;
-        let mut units = Vec::new();
         for i in 0..layout.header_lines {
             let Some((index, line)) = kept.next() else {
                 return Err(InputError::new(
@@ -60,23 +57,19 @@ impl Table {
                 )
                 .with_help("is skip_lines too large? A file without header has header_lines = 0"));
             };
-            let row = cells(path, index + 1, line, layout)?;
-            match i {
-                0 => {
-                    header = Some(Line {
-                        number: index + 1,
-                        cells: row,
-                    });
-                }
-                1 => units = row,
-                _ => {}
+            let row = fields(path, index + 1, line, layout)?;
+            if i == 0 {
+                header = Some(Line {
+                    number: index + 1,
+                    fields: row,
+                });
             }
         }
         let mut rows = Vec::new();
         for (index, line) in kept {
             rows.push(Line {
                 number: index + 1,
-                cells: cells(path, index + 1, line, layout)?,
+                fields: fields(path, index + 1, line, layout)?,
             });
         }
         let Some(first) = rows.first() else {
@@ -88,29 +81,29 @@ impl Table {
         };
         // A separator at the end of every row makes a cell that is none.
         if let Some(header) = &mut header {
-            while header.cells.len() > 1 && header.cells.last().is_some_and(String::is_empty) {
-                header.cells.pop();
+            while header.fields.len() > 1 && header.fields.last().is_some_and(String::is_empty) {
+                header.fields.pop();
             }
         }
         let width = header
             .as_ref()
-            .map_or(first.cells.len(), |header| header.cells.len());
+            .map_or(first.fields.len(), |header| header.fields.len());
         for row in &mut rows {
-            while row.cells.len() > width && row.cells.last().is_some_and(String::is_empty) {
-                row.cells.pop();
+            while row.fields.len() > width && row.fields.last().is_some_and(String::is_empty) {
+                row.fields.pop();
             }
-            if row.cells.len() != width {
-                let found = format!("{} cells", row.cells.len());
+            if row.fields.len() != width {
+                let found = format!("{} cells", row.fields.len());
                 let expected = match &header {
                     Some(_) => format!("{width}, as the header has"),
                     None => format!("{width}, as the first row has"),
                 };
                 let help = match (layout.separator, width, layout.decimal) {
                     (_, 1, _) => "is the separator another one?",
-                    (Separator::Comma, _, Decimal::Point) if row.cells.len() > width => {
+                    (Separator::Comma, _, Decimal::Point) if row.fields.len() > width => {
                         "is the comma the decimal point?"
                     }
-                    _ if row.cells.len() < width => {
+                    _ if row.fields.len() < width => {
                         "was the file cut off here? Lines that are no rows are skipped by skip_lines, skip_last_lines \
                          or comments"
                     }
@@ -126,7 +119,6 @@ impl Table {
             decimal: layout.decimal,
             thousands: layout.thousands,
             header,
-            units,
             rows,
         })
     }
@@ -136,17 +128,17 @@ impl Table {
         self.header
             .as_ref()
             .or(self.rows.first())
-            .map_or(0, |line| line.cells.len())
+            .map_or(0, |line| line.fields.len())
     }
 
     /// The name of column `index` (from 0), or "".
     pub fn name(&self, index: usize) -> &str {
-        let cells = self
+        let fields = self
             .header
             .as_ref()
-            .map(|header| header.cells.as_slice())
+            .map(|header| header.fields.as_slice())
             .unwrap_or(&[]);
-        cells.get(index).map_or("", String::as_str)
+        fields.get(index).map_or("", String::as_str)
     }
 
     /// Where a column is, from 0; else what was found and expected.
@@ -170,10 +162,10 @@ impl Table {
             ));
         };
         let mut there = header
-            .cells
+            .fields
             .iter()
             .enumerate()
-            .filter(|(_, cell)| cell.as_str() == name);
+            .filter(|(_, field)| field.as_str() == name);
         match (there.next(), there.next()) {
             (Some((index, _)), None) => Ok(index),
             (Some((one, _)), Some((other, _))) => Err((
@@ -186,7 +178,7 @@ impl Table {
             )),
             _ => {
                 let names: Vec<String> = header
-                    .cells
+                    .fields
                     .iter()
                     .map(|name| format!("{name:?}"))
                     .collect();
@@ -218,7 +210,7 @@ pub fn decoded(path: &Path, bytes: &[u8], encoding: Encoding) -> Result<String, 
             ),
             false => (
                 "no byte order mark",
-                "without one UTF-16 cannot be told from anything else",
+                "without it UTF-16 cannot be distinguished from other encodings",
             ),
         };
         let expected = if is_utf16 {
@@ -263,7 +255,7 @@ pub fn decoded(path: &Path, bytes: &[u8], encoding: Encoding) -> Result<String, 
 }
 
 /// The cells of a line, trimmed.
-pub fn cells(
+pub fn fields(
     path: &Path,
     number: usize,
     line: &str,

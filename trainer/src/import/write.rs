@@ -5,7 +5,7 @@ use std::fmt::Write;
 use nalgebra::{Matrix3, Vector3};
 use poegp_runtime::math::se3::Pose;
 
-use crate::import::map::{JointUnit, Map};
+use crate::import::column_map::{JointUnit, Map};
 
 /// One measurement in the units of the measurement file.
 #[derive(Clone, Debug, Default)]

@@ -1,11 +1,11 @@
 //! Reports: one self-contained HTML page about a calibration.
 //!
 //! A [`Page`] is a title and sections; a [`Section`] is text, figures and tables, or a sentence that says why there is
-//! nothing to show. The sections that several commands share are in [`sections`]; they are made of [`Evidence`], held-out
-//! errors pose by pose, so `trainer check` or another command needs an [`Evidence`] and picks its sections:
+//! nothing to show. The sections that several commands share are in [`sections`]; they are made of [`ReportData`], held-out
+//! errors pose by pose, so `trainer check` or another command needs an [`ReportData`] and picks its sections:
 //!
 //! ```text
-//! Evidence ──> facts (the part `held_out` of --json) ──┐
+//! ReportData ──> facts (the part `held_out` of --json) ──┐
 //!     └───────────────────────────────────────────> sections::* ──> Page ──> bytes
 //! ```
 //!
@@ -16,7 +16,7 @@
 //! the same bytes.
 
 pub mod chart;
-pub mod evidence;
+pub mod data;
 pub mod provenance;
 pub mod sections;
 #[cfg(test)]
@@ -24,8 +24,8 @@ mod tests;
 
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
-pub use crate::report::evidence::{Evidence, HeldOutFacts, How, Method, Row};
-pub use crate::report::provenance::{FileFacts, Provenance};
+pub use crate::report::data::{HeldOutSummary, HoldOutMethod, Method, ReportData, Row};
+pub use crate::report::provenance::{FileSummary, Provenance};
 
 const STYLE: &str = include_str!("style.css");
 
@@ -180,8 +180,8 @@ impl Section {
 fn table(header: &[&str], rows: Vec<Vec<Markup>>) -> Markup {
     html! {
         div class="scroll" { table {
-            thead { tr { @for cell in header { th { (cell) } } } }
-            tbody { @for row in rows { tr { @for cell in row { td { (cell) } } } } }
+            thead { tr { @for field in header { th { (field) } } } }
+            tbody { @for row in rows { tr { @for field in row { td { (field) } } } } }
         } }
     }
 }

@@ -7,7 +7,7 @@ use poegp_calibration::measurement::MeasurementSet;
 
 /// A file that was read or written.
 #[derive(Clone, Debug, Serialize)]
-pub struct FileFacts {
+pub struct FileSummary {
     /// What it was used for.
     pub role: &'static str,
     /// Its path as it was typed.
@@ -19,7 +19,7 @@ pub struct FileFacts {
     pub rows: Option<usize>,
 }
 
-impl FileFacts {
+impl FileSummary {
     /// Of a measurement file.
     pub fn of_set(role: &'static str, set: &MeasurementSet) -> Self {
         Self {
@@ -58,17 +58,17 @@ pub struct Provenance {
     /// Serial number of the arm, perhaps empty.
     pub serial_number: String,
     /// What was read and written.
-    pub files: Vec<FileFacts>,
+    pub files: Vec<FileSummary>,
 }
 
 /// The command line of this process as a shell would take it, its program called `trainer`, without `--json`, which says
 /// where the same facts go and changes none.
 pub fn command_line() -> String {
-    let words = std::env::args_os().skip(1);
-    command(words.map(|word| word.to_string_lossy().into_owned()))
+    let arguments = std::env::args_os().skip(1);
+    command(arguments.map(|word| word.to_string_lossy().into_owned()))
 }
 
-fn command(words: impl Iterator<Item = String>) -> String {
+fn command(arguments: impl Iterator<Item = String>) -> String {
     let quoted = |word: &str| {
         let plain = |c: char| c.is_alphanumeric() || "-_./=,:@+%".contains(c);
         if !word.is_empty() && word.chars().all(plain) {
@@ -79,7 +79,7 @@ fn command(words: impl Iterator<Item = String>) -> String {
     };
     let mut all = vec!["trainer".to_owned()];
     let mut is_destination = false;
-    for word in words {
+    for word in arguments {
         let dropped = is_destination || word.starts_with("--json=");
         is_destination = !is_destination && word == "--json";
         if !dropped && !is_destination {
@@ -99,9 +99,9 @@ mod tests {
 
     #[test]
     fn a_command_can_be_typed_again() {
-        let of = |words: &[&str]| command(words.iter().map(ToString::to_string));
-        let words = ["compare", "--json", "--json", "a b.csv", "--json=x", "it's"];
-        assert_eq!(of(&words), r"trainer compare 'a b.csv' 'it'\''s'");
+        let of = |arguments: &[&str]| command(arguments.iter().map(ToString::to_string));
+        let arguments = ["compare", "--json", "--json", "a b.csv", "--json=x", "it's"];
+        assert_eq!(of(&arguments), r"trainer compare 'a b.csv' 'it'\''s'");
         assert_eq!(of(&["calibrate", "--json", "-"]), "trainer calibrate");
         assert_eq!(of(&["demo", ""]), "trainer demo ''");
     }

@@ -6,9 +6,9 @@ use crate::report::*;
 
 #[test]
 fn numbers_carry_their_value_and_their_place() {
-    let number = Number::mm(0.054_71, "/held_out/after/position_mm/mean");
+    let number = Number::mm(0.054_71, "/held_out/calibrated/position_mm/mean");
     let expected =
-        r#"<data value="0.05471" data-json="/held_out/after/position_mm/mean">0.055</data>"#;
+        r#"<data value="0.05471" data-json="/held_out/calibrated/position_mm/mean">0.055</data>"#;
     assert_eq!(number.render().into_string(), expected);
     assert_eq!(rounded(-0.000_4, 3), "0.000");
     assert_eq!(rounded(-0.000_6, 3), "-0.001");
@@ -24,12 +24,12 @@ fn plots_stand_where_they_were_put_and_tables_beside_them() {
         .table_beside(&["a", "<b>"], vec![vec![html! { "1" }, html! { "2" }]])
         .missing("not <shown>");
     let page = Page::new("Title <1>", "sub").with(section).render();
-    let place = |word: &str| page.find(word).unwrap_or_else(|| panic!("{word}: {page}"));
-    assert!(place("One &amp; two") < place("<p>first</p>"));
-    assert!(place("<p>first</p>") < place("<figcaption>finding"));
-    assert!(place("<figcaption>finding") < place("<th>&lt;b&gt;"));
-    assert!(place("<th>&lt;b&gt;") < place("not &lt;shown&gt;"));
-    assert!(place("<title>Title &lt;1&gt;</title>") < place("<h1>Title &lt;1&gt;"));
+    let location = |word: &str| page.find(word).unwrap_or_else(|| panic!("{word}: {page}"));
+    assert!(location("One &amp; two") < location("<p>first</p>"));
+    assert!(location("<p>first</p>") < location("<figcaption>finding"));
+    assert!(location("<figcaption>finding") < location("<th>&lt;b&gt;"));
+    assert!(location("<th>&lt;b&gt;") < location("not &lt;shown&gt;"));
+    assert!(location("<title>Title &lt;1&gt;</title>") < location("<h1>Title &lt;1&gt;"));
     // A page of one section needs no list of contents.
     assert!(!page.contains("<nav"));
 }

@@ -7,7 +7,7 @@
 
 use std::fmt::Write as _;
 
-use crate::robot_programs::{ARM_AXES, Script, decimals};
+use crate::robot_programs::script::{ARM_AXES, Script, decimals};
 
 /// External axes of a jointtarget.
 const EXTERNAL_AXES: usize = 6;

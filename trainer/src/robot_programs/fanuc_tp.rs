@@ -8,7 +8,7 @@
 
 use std::fmt::Write as _;
 
-use crate::robot_programs::{Script, Stop, ascii, decimals};
+use crate::robot_programs::script::{Script, Stop, ascii, decimals};
 
 /// Longest comment of a line.
 const COMMENT: usize = 32;

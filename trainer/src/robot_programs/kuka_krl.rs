@@ -8,7 +8,7 @@
 
 use std::fmt::Write as _;
 
-use crate::robot_programs::{Script, decimals};
+use crate::robot_programs::script::{Script, decimals};
 
 /// Percent of the largest axis velocities.
 const SPEED_PERCENT: u32 = 20;

@@ -11,18 +11,16 @@
 pub(crate) mod abb_rapid;
 pub(crate) mod fanuc_tp;
 pub(crate) mod kuka_krl;
+mod script;
 #[cfg(test)]
 mod tests;
 pub(crate) mod urscript;
 
 use poegp_protocol::JointKind;
 
+use crate::robot_programs::script::{ARM_AXES, Script};
 use poegp_calibration::planning::Plan;
-use poegp_calibration::planning::candidates::in_file_units;
 use poegp_calibration::robot::Robot;
-
-/// Axes of the arm that a controller moves as one group.
-const ARM_AXES: usize = 6;
 
 /// A controller's language.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -73,68 +71,6 @@ pub struct NoProgram {
     expected: &'static str,
     robot: String,
     found: String,
-}
-
-/// What a language needs of a plan.
-struct Script<'a> {
-    /// Name of the program, letters that every controller takes.
-    name: String,
-    robot: &'a Robot,
-    plan: &'a Plan,
-}
-
-/// A pose for a program.
-struct Stop {
-    /// From 1, as in the CSV file.
-    number: usize,
-    /// Revolute joints in degrees, base first.
-    arm: Vec<f64>,
-    /// Slides in mm, base first.
-    slides: Vec<f64>,
-    /// Joints in rad.
-    radians: Vec<f64>,
-    /// The payload to mount before it, where it is another one.
-    mount_kg: Option<f64>,
-}
-
-impl Script<'_> {
-    fn stops(&self) -> Vec<Stop> {
-        let mut mounted = None;
-        let mut out = Vec::with_capacity(self.plan.poses.len());
-        for (number, pose) in (1..).zip(&self.plan.poses) {
-            let of = |kind: JointKind| -> Vec<f64> {
-                let joints = self.robot.joints.iter().zip(&pose.joints);
-                joints
-                    .filter(|(joint, _)| joint.kind == kind)
-                    .map(|(joint, q)| in_file_units(joint.kind, *q))
-                    .collect()
-            };
-            let mount_kg = pose.payload_kg.filter(|kg| mounted != Some(*kg));
-            mounted = pose.payload_kg.or(mounted);
-            out.push(Stop {
-                number,
-                arm: of(JointKind::Revolute),
-                slides: of(JointKind::Prismatic),
-                radians: pose.joints.clone(),
-                mount_kg,
-            });
-        }
-        out
-    }
-
-    /// What every program says of itself.
-    fn header(&self) -> [String; 4] {
-        [
-            format!(
-                "{} poses of {} planned for calibration.",
-                self.plan.poses.len(),
-                ascii(&self.robot.name)
-            ),
-            "Joints as the controller counts them, at rest before every measurement.".to_owned(),
-            "Planned without the links of the arm, cables, and the ways between poses:".to_owned(),
-            "run it first at reduced speed with a hand on the stop.".to_owned(),
-        ]
-    }
 }
 
 /// The program of a plan; `name` is what it should be called, changed where the controller would not take it.
@@ -198,23 +134,4 @@ fn program_name(wanted: &str, longest: usize) -> String {
     }
     name.truncate(longest);
     name
-}
-
-/// Names of users in a file that has to be ASCII, without what could end a comment or a string.
-fn ascii(text: &str) -> String {
-    text.chars()
-        .map(|c| match c {
-            '"' | ';' => '_',
-            _ if c.is_ascii_graphic() || c == ' ' => c,
-            _ => '_',
-        })
-        .collect()
-}
-
-/// Numbers with three decimals.
-fn decimals(values: &[f64]) -> Vec<String> {
-    values
-        .iter()
-        .map(|v| poegp_calibration::planning::candidates::decimals(*v))
-        .collect()
 }

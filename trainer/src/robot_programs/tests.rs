@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use crate::robot_programs::script::ascii;
 use crate::robot_programs::*;
 use poegp_calibration::planning::{PlannedPose, Strategy};
 use poegp_calibration::robot::LoadOptions;

@@ -7,7 +7,7 @@
 
 use std::fmt::Write as _;
 
-use crate::robot_programs::Script;
+use crate::robot_programs::script::Script;
 
 pub(super) fn write(script: &Script) -> String {
     let mut out = format!("def {}():\n", script.name);

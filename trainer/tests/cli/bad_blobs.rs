@@ -8,7 +8,7 @@ use crate::texts::texts;
 fn folder() -> (Folder, Vec<u8>) {
     let folder = Folder::new();
     folder.write("train.csv", simulated("train", 20));
-    let line = format!("calibrate --robot {SERIAL} train.csv --model poe-gp-load --out arm.blob");
+    let line = format!("calibrate --robot {SERIAL} train.csv --method poe-gp-load --out arm.blob");
     folder.run(&line).ok();
     let blob = folder.read("arm.blob");
     (folder, blob)

@@ -9,7 +9,7 @@ const POSES: usize = 24;
 fn folder() -> Folder {
     let folder = Folder::new();
     folder.write("good.csv", simulated("train", POSES));
-    let line = format!("calibrate --robot {SERIAL} good.csv --model poe-gp-load --out arm.blob");
+    let line = format!("calibrate --robot {SERIAL} good.csv --method poe-gp-load --out arm.blob");
     folder.run(&line).ok();
     folder.write("old.blob", "the old blob");
     folder
@@ -25,8 +25,8 @@ fn refused(folder: &Folder, bad: impl AsRef<[u8]>) {
 #[track_caller]
 fn every_command_refuses(folder: &Folder, file: &str) {
     for line in [
-        format!("calibrate --robot {SERIAL} {file} --model poe --out old.blob --json new.json"),
-        format!("calibrate --robot {SERIAL} {file} --model poe --out new.blob"),
+        format!("calibrate --robot {SERIAL} {file} --method poe --out old.blob --json new.json"),
+        format!("calibrate --robot {SERIAL} {file} --method poe --out new.blob"),
         format!("compare --robot {SERIAL} {file} --folds 3 --json new.json"),
         format!("compare --robot {SERIAL} good.csv --test {file} --folds 0 --json new.json"),
         format!("evaluate arm.blob {file} --predictions new.csv --json new.json"),
@@ -107,7 +107,7 @@ fn radians_under_a_name_in_degrees_are_pointed_out() {
         }
     });
     folder.write("radians.csv", radians);
-    let line = format!("compare --robot {SERIAL} radians.csv --folds 0 --models base-tool");
+    let line = format!("compare --robot {SERIAL} radians.csv --folds 0 --methods base-tool");
     folder.run(&line).ok().said();
 }
 
@@ -118,19 +118,19 @@ fn too_few_poses() {
     for (model, poses, needed) in [("base-tool", 2, 3), ("poe", 5, 6), ("poe-gp", 9, 10)] {
         folder.write("few.csv", simulated("train", poses));
         folder.refuses(format!(
-            "calibrate --robot {SERIAL} few.csv --model {model} --out new.blob"
+            "calibrate --robot {SERIAL} few.csv --method {model} --out new.blob"
         ));
         folder.refuses(format!(
-            "compare --robot {SERIAL} few.csv --models {model} --folds 0"
+            "compare --robot {SERIAL} few.csv --methods {model} --folds 0"
         ));
         folder.write("enough.csv", simulated("train", needed));
-        let line = format!("calibrate --robot {SERIAL} enough.csv --model {model} --out few.blob");
+        let line = format!("calibrate --robot {SERIAL} enough.csv --method {model} --out few.blob");
         folder.run(&line).ok();
     }
     // Enough for all, too few for what is left when a fold is held out.
     folder.write("few.csv", simulated("train", 6));
     folder.refuses(format!(
-        "compare --robot {SERIAL} few.csv --models poe --folds 2"
+        "compare --robot {SERIAL} few.csv --methods poe --folds 2"
     ));
 }
 
@@ -141,8 +141,8 @@ fn payloads_that_are_missing() {
     let bare = without(&simulated("train", POSES), &["payload_kg"]);
     folder.write("bare.csv", bare);
     for line in [
-        format!("calibrate --robot {SERIAL} bare.csv --model poe-gp-load --out new.blob"),
-        format!("compare --robot {SERIAL} bare.csv --models poe,poe-gp-load --folds 0"),
+        format!("calibrate --robot {SERIAL} bare.csv --method poe-gp-load --out new.blob"),
+        format!("compare --robot {SERIAL} bare.csv --methods poe,poe-gp-load --folds 0"),
         format!("compare --robot {SERIAL} good.csv --test bare.csv --folds 0"),
         "evaluate arm.blob bare.csv --predictions new.csv".to_owned(),
     ] {
@@ -151,11 +151,11 @@ fn payloads_that_are_missing() {
     // Left to itself, compare runs what the data allow.
     let line = format!("compare --robot {SERIAL} bare.csv --folds 2 --json -");
     let document = folder.run(&line).ok().json();
-    let models: Vec<&str> = document["models"]
+    let models: Vec<&str> = document["methods"]
         .as_array()
         .unwrap()
         .iter()
-        .map(|model| model["model"].as_str().unwrap())
+        .map(|model| model["method"].as_str().unwrap())
         .collect();
     assert!(
         models.starts_with(&["base-tool", "poe", "poe-gp"]),
@@ -187,24 +187,26 @@ fn sessions_targets_and_positions_alone() {
         for model in ["poe-gp", "poe-gp-load"] {
             let files = "tools.csv --folds 0 --test tools.csv";
             folder.refuses(format!(
-                "calibrate --robot {SERIAL} tools.csv --model {model} --out new.blob"
+                "calibrate --robot {SERIAL} tools.csv --method {model} --out new.blob"
             ));
-            folder.refuses(format!("compare --robot {SERIAL} {files} --models {model}"));
+            folder.refuses(format!(
+                "compare --robot {SERIAL} {files} --methods {model}"
+            ));
         }
         for model in ["base-tool", "poe", "elastic"] {
             let line =
-                format!("calibrate --robot {SERIAL} tools.csv --model {model} --out taken.blob");
+                format!("calibrate --robot {SERIAL} tools.csv --method {model} --out taken.blob");
             folder.run(&line).ok();
         }
         // Left to itself, compare runs what the data allow.
         let line =
             format!("compare --robot {SERIAL} tools.csv --folds 0 --test tools.csv --json -");
         let document = folder.run(&line).ok().json();
-        let models = document["models"].as_array().unwrap();
+        let models = document["methods"].as_array().unwrap();
         assert!(
             models
                 .iter()
-                .all(|m| !m["model"].as_str().unwrap().contains("gp"))
+                .all(|m| !m["method"].as_str().unwrap().contains("gp"))
         );
     }
 }
@@ -216,7 +218,8 @@ fn repeated_rows_are_kept() {
     let good = simulated("train", POSES);
     let last = good.lines().last().unwrap();
     folder.write("repeated.csv", format!("{good}{last}\n"));
-    let line = format!("calibrate --robot {SERIAL} repeated.csv --model poe --out r.blob --json -");
+    let line =
+        format!("calibrate --robot {SERIAL} repeated.csv --method poe --out r.blob --json -");
     let outcome = folder.run(&line).ok().said();
     assert_eq!(outcome.json()["training_poses"], POSES + 1);
 }

@@ -9,7 +9,7 @@ fn refused(folder: &Folder, robot: &str) {
     folder.write("train.csv", simulated("train", 12));
     folder.write("old.blob", "the old blob");
     for line in [
-        format!("calibrate --robot {robot} train.csv --model poe --out old.blob --json new.json"),
+        format!("calibrate --robot {robot} train.csv --method poe --out old.blob --json new.json"),
         format!("compare --robot {robot} train.csv --json new.json"),
         format!("simulate --robot {robot} --poses 3 --out new"),
     ] {
@@ -48,7 +48,7 @@ fn joints_counted_otherwise_than_by_the_robot() {
     let folder = Folder::new();
     folder.write("train.csv", simulated("train", 100));
     // Measured with serial joints; the controller of this one counts the third otherwise.
-    folder.refuses("calibrate --robot abb-irb4400 --model poe-gp-load train.csv --out arm.blob");
+    folder.refuses("calibrate --robot abb-irb4400 --method poe-gp-load train.csv --out arm.blob");
 }
 
 #[test]
@@ -77,7 +77,7 @@ fn urdf_files() {
     refused(&folder, &format!("{robot} --tip tool7"));
     // Three joints: the robot is good, the file is another's.
     folder.write("train.csv", simulated("train", 12));
-    folder.refuses("calibrate --robot arm.urdf train.csv --model poe --out new.blob");
+    folder.refuses("calibrate --robot arm.urdf train.csv --method poe --out new.blob");
 }
 
 #[test]

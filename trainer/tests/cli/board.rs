@@ -45,7 +45,7 @@ impl Drop for Board {
 }
 
 /// On a loaded machine an answer takes its time.
-const PORT: &str = "--port unix:link --answer-limit 20000";
+const PORT: &str = "--port unix:link --timeout-ms 20000";
 
 /// Two models and a test set.
 fn folder() -> Folder {
@@ -56,7 +56,7 @@ fn folder() -> Folder {
         ("poe-gp-load", "paper.blob"),
         ("elastic --support 20", "arm.blob"),
     ] {
-        let line = format!("calibrate --robot {SERIAL} train.csv --model {model} --out {file}");
+        let line = format!("calibrate --robot {SERIAL} train.csv --method {model} --out {file}");
         folder.run(&line).ok();
     }
     folder
@@ -74,7 +74,7 @@ fn a_model_comes_onto_the_device_is_used_and_left_again() {
     assert!(info["model"].is_null());
 
     run("flash paper.blob --json -").ok().said();
-    let second = run("flash arm.blob --piece 64 --json -").ok().json();
+    let second = run("flash arm.blob --chunk-size 64 --json -").ok().json();
     let crc = |blob: &str| {
         let inspected = folder.run(&format!("inspect {blob} --json -")).ok().json();
         inspected["crc"].as_str().unwrap().to_owned()
@@ -155,15 +155,15 @@ fn a_model_comes_onto_the_device_is_used_and_left_again() {
 #[test]
 fn models_outlive_the_machine_in_its_memory_file() {
     let folder = folder();
-    let board = Board::start(&folder, "--memory flash.bin");
+    let board = Board::start(&folder, "--flash-image flash.bin");
     folder.run(&format!("device flash arm.blob {PORT}")).ok();
     drop(board);
-    let _board = Board::start(&folder, "--memory flash.bin");
+    let _board = Board::start(&folder, "--flash-image flash.bin");
     let info = folder
         .run(&format!("device info {PORT} --json -"))
         .ok()
         .json();
-    assert_eq!(info["model"]["support_points"], 20);
+    assert_eq!(info["model"]["inducing_points"], 20);
     assert_eq!(info["slots"][0]["runs_after_start"], true);
 }
 

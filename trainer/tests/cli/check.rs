@@ -120,8 +120,9 @@ fn positions_alone_and_other_models() {
         .collect();
     folder.write("positions.csv", without(&positions, &truth));
     does_not_hold(folder.run("check arm.blob positions.csv --max-mm 0.15"));
-    let line =
-        format!("calibrate --robot {SERIAL} train.csv --model poe --weighted --out poe.blob");
+    let line = format!(
+        "calibrate --robot {SERIAL} train.csv --method poe --weighting noise --out poe.blob"
+    );
     folder.run(&line).ok();
     folder
         .run("check poe.blob fresh.csv --max-mm 5 --max-drift-mm 5")

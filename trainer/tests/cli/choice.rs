@@ -1,4 +1,4 @@
-//! `--model auto` and budgets: what is chosen within the training data, and the tables that say why.
+//! `--method auto` and budgets: what is chosen within the training data, and the tables that say why.
 
 use crate::program::{Folder, SERIAL, simulated};
 
@@ -6,7 +6,8 @@ use crate::program::{Folder, SERIAL, simulated};
 fn auto_ships_the_simplest_that_is_not_behind_and_shows_its_table() {
     let folder = Folder::new();
     folder.write("train.csv", simulated("train", 40));
-    let line = format!("calibrate --robot {SERIAL} train.csv --model auto --out arm.blob --json -");
+    let line =
+        format!("calibrate --robot {SERIAL} train.csv --method auto --out arm.blob --json -");
     let document = folder.run(&line).ok().json();
     let table = document["choice"].as_array().unwrap();
     let chosen: Vec<_> = table.iter().filter(|r| r["chosen"] == true).collect();
@@ -39,15 +40,21 @@ fn a_budget_is_kept_and_its_price_is_told() {
         "all points, own, tied, a set for each joint"
     );
     assert_eq!(table[3]["per_output"], true);
-    assert!(table[3]["support"].as_u64().unwrap() > table[1]["support"].as_u64().unwrap());
+    assert!(
+        table[3]["inducing_points"].as_u64().unwrap()
+            > table[1]["inducing_points"].as_u64().unwrap()
+    );
     for row in &table[1..] {
         assert!(row["instructions"].as_u64().unwrap() <= 12_000, "{row}");
     }
-    let taken = table.iter().find(|r| r["taken"] == true).unwrap();
-    assert_eq!(document["elastic"]["support"], taken["support"]);
+    let taken = table.iter().find(|r| r["chosen"] == true).unwrap();
+    assert_eq!(
+        document["elastic"]["inducing_points"],
+        taken["inducing_points"]
+    );
 
     folder
-        .run(&format!("{calibrate} --max-flash-bytes 3000"))
+        .run(&format!("{calibrate} --max-blob-bytes 3000"))
         .ok();
     assert!(folder.read("arm.blob").len() <= 3_000);
 
@@ -56,6 +63,6 @@ fn a_budget_is_kept_and_its_price_is_told() {
     let refused = folder.run(&format!("{calibrate} --max-instructions 100"));
     assert_eq!(refused.code, Some(1), "{refused:?}");
     assert_eq!(folder.read("arm.blob"), before);
-    let wrong = folder.run(&format!("{calibrate} --model poe --max-instructions 9000"));
+    let wrong = folder.run(&format!("{calibrate} --method poe --max-instructions 9000"));
     assert_eq!(wrong.code, Some(2), "{wrong:?}");
 }

@@ -52,9 +52,9 @@ fn everything_that_it_names_is_written_and_works() {
     // The table is what the blob, read back by another run, has.
     let mean = |set: &Value| set["position_mm"]["mean"].as_f64().unwrap();
     let compared = folder.json("demo/compare.json");
-    assert_eq!(compared["models"][3]["model"], "poe-gp-load");
+    assert_eq!(compared["methods"][3]["method"], "poe-gp-load");
     for (i, test) in ["test1.csv", "test2.csv", "test3.csv"].iter().enumerate() {
-        let set = &compared["models"][3]["sets"][i];
+        let set = &compared["methods"][3]["sets"][i];
         assert_eq!(set["name"], *test);
         let line = format!("evaluate demo/arm.blob demo/{test} --json -");
         let evaluated = folder.run(&line).ok().json();

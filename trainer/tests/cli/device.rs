@@ -14,7 +14,7 @@ fn folder() -> (Folder, Vec<u8>) {
     let folder = Folder::new();
     folder.write("train.csv", simulated("train", 20));
     folder.write("test1.csv", simulated("test1", 5));
-    let line = format!("calibrate --robot {SERIAL} train.csv --model poe-gp-load --out arm.blob");
+    let line = format!("calibrate --robot {SERIAL} train.csv --method poe-gp-load --out arm.blob");
     folder.run(&line).ok();
     let blob = folder.read("arm.blob");
     (folder, blob)
@@ -55,7 +55,7 @@ fn ports_that_cannot_be_meant() {
     }
     folder.refuses("device info");
     folder.refuses("device monitor --port unix:link --log unix:log");
-    folder.refuses("device flash arm.blob --port unix:link --piece 0");
+    folder.refuses("device flash arm.blob --port unix:link --chunk-size 0");
 }
 
 #[test]
@@ -312,7 +312,7 @@ fn a_bad_line_and_a_restart_do_not_keep_a_model_from_the_device() {
             other => panic!("{other:?}"),
         }
     });
-    let line = "device flash arm.blob --port unix:link --answer-limit 50";
+    let line = "device flash arm.blob --port unix:link --timeout-ms 50";
     folder.run(line).ok().said();
     assert!(fake.count("BeginUpload") >= 2, "{:?}", fake.heard());
 }

@@ -55,7 +55,7 @@ fn compared_without_and_with() {
     folder.write("train.csv", drifted("train", 60, 2.0));
     folder.write("test.csv", drifted("test1", 20, 0.5));
     let line = format!(
-        "compare --robot {SERIAL} train.csv --test test.csv --models poe --weighted --folds 4 --correct-drift --json out.json"
+        "compare --robot {SERIAL} train.csv --test test.csv --methods poe --weighting noise --folds 4 --correct-drift --json out.json"
     );
     folder.run(&line).ok().said();
     let document = folder.json("out.json");
@@ -63,15 +63,15 @@ fn compared_without_and_with() {
     assert_eq!(document["drift"]["points"], 2);
     let error = |models: &str| {
         let model = &document[models][0];
-        assert_eq!(model["model"], "poe");
+        assert_eq!(model["method"], "poe");
         model["cross_validation"]["position_mm"]["mean"]
             .as_f64()
             .unwrap()
     };
-    let (with, without) = (error("models"), error("models_without_correction"));
+    let (with, without) = (error("methods"), error("methods_without_correction"));
     assert!(with < 0.9 * without, "{without} → {with}");
     let line = format!(
-        "calibrate --robot {SERIAL} train.csv --model poe --correct-drift --out arm.blob --json -"
+        "calibrate --robot {SERIAL} train.csv --method poe --correct-drift --out arm.blob --json -"
     );
     let document = folder.run(&line).ok().json();
     let creep = document["drift"]["max_um"][0].as_f64().unwrap();
@@ -83,7 +83,7 @@ fn refused_without_reference_points() {
     let _texts = texts();
     let folder = Folder::new();
     folder.write("train.csv", simulated("train", 20));
-    for command in ["calibrate --model poe --out arm.blob", "compare --folds 2"] {
+    for command in ["calibrate --method poe --out arm.blob", "compare --folds 2"] {
         folder.refuses(format!(
             "{command} --robot {SERIAL} train.csv --correct-drift"
         ));

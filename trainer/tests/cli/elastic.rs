@@ -28,13 +28,13 @@ fn the_default_is_elastic_and_the_same_bytes() {
         (document, folder.read(out))
     };
     let (document, blob) = calibrate("a.blob", "");
-    assert_eq!(document["model"], "elastic");
-    assert_eq!(document["elastic"]["support"], 60);
+    assert_eq!(document["method"], "elastic");
+    assert_eq!(document["elastic"]["inducing_points"], 60);
     assert_eq!(document["elastic"]["outliers"], Value::Array(Vec::new()));
     assert!(document["elastic"]["noise_mm"].as_f64().unwrap() > 0.0);
-    assert_eq!(blob, calibrate("b.blob", "--model elastic").1);
+    assert_eq!(blob, calibrate("b.blob", "--method elastic").1);
     let facts = inspected(&folder, "a.blob");
-    assert_eq!(facts["model"], "elastic");
+    assert_eq!(facts["method"], "elastic");
     assert_eq!(facts["correction"]["kind"], "elastic");
     // Sixty poses do for what the paper's method needs six hundred for.
     let error = mean(&folder, "a.blob", "test.csv");
@@ -53,19 +53,19 @@ fn options_are_in_the_blob() {
     };
     let plain = calibrate("");
     assert_eq!(
-        (&plain["tied"], &plain["support_points"]),
+        (&plain["tied"], &plain["inducing_points"]),
         (&false.into(), &40.into())
     );
     assert_eq!(plain["gravity"][0], 0.0);
     assert!((plain["gravity"][2].as_f64().unwrap() + 9.81).abs() < 1e-5);
     let other = calibrate("--support 12 --tied --gravity 0,-9.81,0");
     assert_eq!(
-        (&other["tied"], &other["support_points"]),
+        (&other["tied"], &other["inducing_points"]),
         (&true.into(), &12.into())
     );
     assert_eq!(other["gravity"][2], 0.0);
     assert!((other["gravity"][1].as_f64().unwrap() + 9.81).abs() < 1e-5);
-    assert_eq!(calibrate("--support all")["support_points"], 40);
+    assert_eq!(calibrate("--support all")["inducing_points"], 40);
     for flags in [
         "--support 0",
         "--support few",
@@ -88,7 +88,7 @@ fn what_the_device_knows_of_its_own_error() {
     folder.write("test.csv", simulated("test1", 100));
     let calibrate = |flags: &str| {
         let line = format!("calibrate --robot {SERIAL} train.csv {flags} --out arm.blob --json -");
-        let told = folder.run(&line).ok().json()["elastic"]["device_sigma"].clone();
+        let told = folder.run(&line).ok().json()["elastic"]["predictive_std"].clone();
         let facts = inspected(&folder, "arm.blob");
         let line = "evaluate arm.blob test.csv --predictions out.csv --trust --json -";
         let set = folder.run(line).ok().json()["sets"][0].clone();
@@ -96,7 +96,7 @@ fn what_the_device_knows_of_its_own_error() {
     };
     let (told, facts, set, csv) = calibrate("--tied");
     assert_eq!(facts["format_version"], 1);
-    let sigma = &facts["correction"]["sigma"];
+    let sigma = &facts["correction"]["predictive_std"];
     assert_eq!(sigma["landmarks"], 12);
     let (stored, found) = (
         sigma["floor_mm"].as_f64().unwrap(),
@@ -104,7 +104,7 @@ fn what_the_device_knows_of_its_own_error() {
     );
     assert!((stored / found - 1.0).abs() < 1e-5);
     assert!(sigma["noise_mm"].as_f64().unwrap() <= stored);
-    let coverage = &set["position_sigma"];
+    let coverage = &set["predictive_std"];
     let (one, two) = (&coverage["one_sigma"], &coverage["two_sigma"]);
     assert!((0.55..0.8).contains(&one.as_f64().unwrap()), "{coverage}");
     assert!((0.85..0.99).contains(&two.as_f64().unwrap()), "{coverage}");
@@ -124,11 +124,11 @@ fn what_the_device_knows_of_its_own_error() {
     assert!((sum / 100.0 - coverage["mean_mm"].as_f64().unwrap()).abs() < 1e-4);
     assert!((least - set["trust"]["least"].as_f64().unwrap()).abs() < 1e-6);
 
-    for flags in ["", "--tied --no-device-sigma"] {
+    for flags in ["", "--tied --no-variance"] {
         let (told, facts, set, csv) = calibrate(flags);
         assert_eq!(facts["format_version"], 1);
-        assert!(told.is_null() && facts["correction"]["sigma"].is_null());
-        assert!(set["position_sigma"].is_null());
+        assert!(told.is_null() && facts["correction"]["predictive_std"].is_null());
+        assert!(set["predictive_std"].is_null());
         assert!(csv.lines().skip(1).all(|line| line.ends_with(',')));
         assert!(set["trust"]["mean"].as_f64().unwrap() > 0.5);
     }
@@ -160,7 +160,7 @@ fn outliers_are_named_and_left_out_only_when_asked() {
     let bound = 1.15 * mean(&folder, "clean.blob", "test.csv");
 
     let mut errors = [0.0; 2];
-    for (policy, error) in ["report", "reject"].iter().zip(&mut errors) {
+    for (policy, error) in ["keep", "reject"].iter().zip(&mut errors) {
         let flags = format!("--outliers {policy}");
         let document = calibrate("dirty.csv", &flags, "dirty.blob").json();
         let outliers = document["elastic"]["outliers"].as_array().unwrap();
@@ -198,7 +198,7 @@ fn from_end_to_end(folder: &Folder, robot: &str, poses: usize) -> Value {
         folder.run(&line).ok();
         mean(folder, "arm.blob", "cell/test1.csv")
     };
-    let (poe, elastic) = (error("--model poe"), error(""));
+    let (poe, elastic) = (error("--method poe"), error(""));
     println!("{robot}, {poses} poses: poe {poe:.4} mm, elastic {elastic:.4} mm");
     assert!(elastic < 0.5 * poe, "{robot}: {elastic} {poe}");
     inspected(folder, "arm.blob")

@@ -27,7 +27,7 @@ fn calibrated(robot: &str, model: &str) -> Folder {
         .ok();
     folder
         .run(&format!(
-            "calibrate --robot {robot} cell/train.csv --model {model} --out arm.blob"
+            "calibrate --robot {robot} cell/train.csv --method {model} --out arm.blob"
         ))
         .ok();
     folder

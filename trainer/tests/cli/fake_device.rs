@@ -16,7 +16,7 @@ use serialport::SerialPort;
 use crate::program::Folder;
 
 /// Its port, for a command that is run in the folder.
-pub const PORT: &str = "--port unix:link --answer-limit 200";
+pub const PORT: &str = "--port unix:link --timeout-ms 200";
 
 /// What a device does with a request.
 #[allow(clippy::large_enum_variant)] // one at a time, in a test

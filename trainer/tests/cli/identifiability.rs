@@ -34,7 +34,7 @@ fn random_poses_and_a_joint_that_never_moves() {
     folder.write("still.csv", with_joint_3_still(&csv));
     for model in ["base-tool", "poe", "elastic"] {
         let line = format!(
-            "calibrate --robot {SERIAL} all.csv --model {model} --out arm.blob --json arm.json"
+            "calibrate --robot {SERIAL} all.csv --method {model} --out arm.blob --json arm.json"
         );
         folder.run(&line).ok().said();
         let (parameters, rank) = if model == "base-tool" {
@@ -45,15 +45,15 @@ fn random_poses_and_a_joint_that_never_moves() {
         let told = &folder.json("arm.json")["identifiability"];
         assert_eq!(told["parameters"], parameters, "{model}");
         assert_eq!(told["rank"], rank, "{model}");
-        assert_eq!(told["untold"], 0, "{model}");
+        assert_eq!(told["unidentified"], 0, "{model}");
         assert!(told["condition"].as_f64().unwrap() > 1.0);
         assert!(told["expected"]["rms_mm"].as_f64().unwrap() > 0.0);
     }
-    let line = format!("calibrate --robot {SERIAL} still.csv --model poe --out arm.blob --json -");
+    let line = format!("calibrate --robot {SERIAL} still.csv --method poe --out arm.blob --json -");
     let out = folder.run(&line).ok().said();
     let told = &out.json()["identifiability"];
     assert_eq!(told["rank"], 26);
-    assert_eq!(told["untold"], 4);
+    assert_eq!(told["unidentified"], 4);
     let sentence = told["findings"][0]["sentence"].as_str().unwrap();
     assert!(sentence.starts_with("joint 3 never moves"), "{sentence}");
 }

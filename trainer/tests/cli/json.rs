@@ -43,11 +43,11 @@ fn compare() {
     folder.run(&line).ok();
     let document = folder.json("out.json");
     assert_eq!(document["version"], env!("CARGO_PKG_VERSION"));
-    let models = document["models"].as_array().unwrap();
+    let models = document["methods"].as_array().unwrap();
     let names = ["base-tool", "poe", "poe-gp", "poe-gp-load"];
     assert!(models.len() >= names.len());
     for (model, name) in models.iter().zip(names) {
-        assert_eq!(model["model"], name);
+        assert_eq!(model["method"], name);
         check_errors(&model["cross_validation"], 40);
         let sets = model["sets"].as_array().unwrap();
         assert_eq!(sets.len(), 2);
@@ -56,15 +56,15 @@ fn compare() {
             check_errors(set, 15);
         }
     }
-    // The name of a model is what --models takes, whatever the flags.
-    let flags = "--models poe-gp,poe --per-output --weighted --folds 0";
+    // The name of a model is what --methods takes, whatever the flags.
+    let flags = "--methods poe-gp,poe --per-output --weighting noise --folds 0";
     let line = format!("compare --robot {SERIAL} train.csv {sets} {flags} --json -");
     let document = folder.run(&line).ok().json();
-    assert_eq!(document["models"][0]["model"], "poe-gp");
-    assert_eq!(document["models"][1]["model"], "poe");
+    assert_eq!(document["methods"][0]["method"], "poe-gp");
+    assert_eq!(document["methods"][1]["method"], "poe");
     assert_eq!(document["per_output"], true);
-    assert_eq!(document["weighted"], true);
-    assert_eq!(document["models"][0]["sets"][1]["poses"], 15);
+    assert_eq!(document["weighting"], "noise");
+    assert_eq!(document["methods"][0]["sets"][1]["poses"], 15);
 }
 
 #[test]
@@ -75,37 +75,40 @@ fn calibrate_evaluate_and_inspect() {
     folder.write("test.csv", simulated("test1", 15));
     for (flags, sets) in [("", 1), ("--per-output", 6)] {
         let line = format!(
-            "calibrate --robot {SERIAL} train.csv --model poe-gp-load {flags} --serial-number A7 \
+            "calibrate --robot {SERIAL} train.csv --method poe-gp-load {flags} --serial-number A7 \
              --max-correction-mm 4 --max-correction-mrad 3 --out arm.blob --json -"
         );
         let document = folder.run(&line).ok().json();
         assert_eq!(document["version"], env!("CARGO_PKG_VERSION"));
-        assert_eq!(document["model"], "poe-gp-load");
+        assert_eq!(document["method"], "poe-gp-load");
         check_errors(&document["training"], 40);
         assert_eq!(document["step1"]["parameters"], 42);
         assert_eq!(document["step1"]["identifiable"], 30);
         assert_eq!(document["hyperparameters"].as_array().unwrap().len(), sets);
         assert_eq!(
-            (&document["bound_mm"], &document["bound_mrad"]),
+            (
+                &document["correction_limit_mm"],
+                &document["correction_limit_mrad"]
+            ),
             (&4.0.into(), &3.0.into())
         );
 
         let facts = folder.run("inspect arm.blob --json -").ok().json();
         assert_eq!(facts["version"], env!("CARGO_PKG_VERSION"));
-        assert_eq!(facts["model"], "poe-gp-load");
+        assert_eq!(facts["method"], "poe-gp-load");
         assert_eq!(facts["robot"]["name"], SERIAL);
         assert_eq!(facts["robot"]["serial_number"], "A7");
         assert_eq!(facts["robot"]["joints"].as_array().unwrap().len(), 6);
         assert_eq!(facts["training_poses"], 40);
         assert_eq!(facts["date"], "2023-11-14");
         assert_eq!(facts["correction"]["inputs"], 7);
-        assert_eq!(facts["correction"]["support_points"], 40);
+        assert_eq!(facts["correction"]["inducing_points"], 40);
         folder.run("inspect arm.blob").ok().said();
 
         let line = "evaluate arm.blob test.csv --json -";
         let document = folder.run(line).ok().json();
         assert_eq!(document["version"], env!("CARGO_PKG_VERSION"));
-        assert_eq!(document["model"], "poe-gp-load");
+        assert_eq!(document["method"], "poe-gp-load");
         let sets = document["sets"].as_array().unwrap();
         assert_eq!(sets.len(), 1);
         assert_eq!(sets[0]["name"], "test.csv");

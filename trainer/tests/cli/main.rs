@@ -8,7 +8,6 @@ mod bad_measurements;
 mod bad_robots;
 #[cfg(unix)]
 mod board;
-mod cell;
 mod check;
 mod choice;
 mod correct;
@@ -33,6 +32,7 @@ mod outputs;
 mod plan;
 mod predictions;
 mod program;
+mod project;
 mod report;
 mod reproducible;
 mod robots;

@@ -33,11 +33,11 @@ fn quiet_says_errors_only() {
     let line = format!("--quiet simulate --robot {SERIAL} --poses 12 --test-sets 0 --out cell");
     let outcome = folder.run(&line).ok();
     assert_eq!((outcome.stdout.as_str(), outcome.stderr.as_str()), ("", ""));
-    let line = format!("calibrate -q --robot {SERIAL} cell/train.csv --model poe --out a.blob");
+    let line = format!("calibrate -q --robot {SERIAL} cell/train.csv --method poe --out a.blob");
     let outcome = folder.run(&line).ok();
     assert_eq!((outcome.stdout.as_str(), outcome.stderr.as_str()), ("", ""));
     let outcome = folder.run("inspect a.blob --quiet --json -").ok();
-    assert!(!outcome.json()["model"].is_null());
+    assert!(!outcome.json()["method"].is_null());
     assert_eq!(outcome.stderr, "");
     folder.run("inspect b.blob --quiet").refused();
 }
@@ -74,7 +74,7 @@ fn every_report_is_there_as_json() {
     };
     let line = format!("simulate --robot {SERIAL} --poses 12 --test-sets 1 --out cell");
     assert_eq!(document(&line)["files"][1]["poses"], 100);
-    let line = format!("calibrate --robot {SERIAL} cell/train.csv --model poe --out a.blob");
+    let line = format!("calibrate --robot {SERIAL} cell/train.csv --method poe --out a.blob");
     document(&line);
     let key = document("keys new --out k")["key"].clone();
     assert_eq!(document("sign a.blob --key k.key")["key"], key);
@@ -90,8 +90,8 @@ fn every_report_is_there_as_json() {
     folder
         .run("device monitor --port unix:nowhere --json a.json")
         .refused();
-    let guess = document("import --guess cell/train.csv");
-    assert_eq!(guess["measurements"], 12);
+    let imported = document("import cell/train.csv --out imported.csv");
+    assert_eq!(imported["measurements"], 12);
 }
 
 /// Starts the command, waits until `begun`, sends SIGINT and waits for the end.
@@ -131,7 +131,7 @@ fn ctrl_c_leaves_nothing() {
     folder.write("train.csv", rows.collect::<String>());
     folder.write("a.blob", "old");
     let line = format!(
-        "calibrate --robot {SERIAL} train.csv --out a.blob --json a.json --report a.html --write-cell a.toml"
+        "calibrate --robot {SERIAL} train.csv --out a.blob --json a.json --report a.html --write-project a.toml"
     );
     let output = interrupted(&folder, &line, |child| {
         let mut byte = [0; 1];
@@ -153,7 +153,8 @@ fn ctrl_c_while_writing_leaves_nothing() {
         .arg(folder.path("pipe"))
         .status();
     assert!(pipe.unwrap().success());
-    let line = format!("calibrate --robot {SERIAL} train.csv --model poe --out a.blob --json pipe");
+    let line =
+        format!("calibrate --robot {SERIAL} train.csv --method poe --out a.blob --json pipe");
     let output = interrupted(&folder, &line, |_| {
         folder
             .names()

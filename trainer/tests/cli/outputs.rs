@@ -10,7 +10,7 @@ use crate::texts::texts;
 fn folder() -> Folder {
     let folder = Folder::new();
     folder.write("train.csv", simulated("train", 12));
-    let line = format!("calibrate --robot {SERIAL} train.csv --model poe --out arm.blob");
+    let line = format!("calibrate --robot {SERIAL} train.csv --method poe --out arm.blob");
     folder.run(&line).ok();
     folder
 }
@@ -18,8 +18,8 @@ fn folder() -> Folder {
 /// Every command with an output, told to write to `place`.
 fn to(place: &str) -> Vec<String> {
     vec![
-        format!("calibrate --robot {SERIAL} train.csv --model poe --out {place}"),
-        format!("calibrate --robot {SERIAL} train.csv --model poe --out arm.blob --json {place}"),
+        format!("calibrate --robot {SERIAL} train.csv --method poe --out {place}"),
+        format!("calibrate --robot {SERIAL} train.csv --method poe --out arm.blob --json {place}"),
         format!("compare --robot {SERIAL} train.csv --folds 0 --json {place}"),
         format!("evaluate arm.blob train.csv --predictions {place}"),
         format!("evaluate arm.blob train.csv --predictions new.csv --json {place}"),
@@ -52,7 +52,7 @@ fn places_that_cannot_be_written() {
         }
     }
     for line in [
-        &format!("calibrate --robot {SERIAL} train.csv --model poe --out a --json a"),
+        &format!("calibrate --robot {SERIAL} train.csv --method poe --out a --json a"),
         "evaluate arm.blob train.csv --predictions a --json a",
         "evaluate arm.blob train.csv --json - --predictions -",
         "inspect arm.blob --json arm.blob",
@@ -109,7 +109,7 @@ fn a_blob_that_loses_precision_is_not_written() {
     folder.write("smooth.csv", to_csv(&robot, &poses, false, "no noise"));
     folder.write("old.blob", "old");
     let line = format!(
-        "calibrate --robot {SERIAL} smooth.csv --model poe-gp --out old.blob --json new.json"
+        "calibrate --robot {SERIAL} smooth.csv --method poe-gp --out old.blob --json new.json"
     );
     let outcome = folder.run(&line);
     assert_eq!(outcome.code, Some(1), "{outcome:#?}");
@@ -127,7 +127,7 @@ fn a_reader_that_has_gone_away() {
     let folder = folder();
     let run = |line: &str| folder.run_into(line, "/dev/full");
     for line in [
-        format!("calibrate --robot {SERIAL} train.csv --model poe --out new.blob"),
+        format!("calibrate --robot {SERIAL} train.csv --method poe --out new.blob"),
         "inspect arm.blob".to_owned(),
         format!("simulate --robot {SERIAL} --poses 3 --out cell"),
     ] {
@@ -157,11 +157,11 @@ fn json_on_standard_output_is_alone() {
         }
     };
     check(
-        &format!("calibrate --robot {SERIAL} train.csv --model poe --out other.blob"),
+        &format!("calibrate --robot {SERIAL} train.csv --method poe --out other.blob"),
         Some("other.blob"),
     );
     check(
-        &format!("compare --robot {SERIAL} train.csv --models base-tool,poe --folds 2"),
+        &format!("compare --robot {SERIAL} train.csv --methods base-tool,poe --folds 2"),
         None,
     );
     check(

@@ -85,7 +85,7 @@ fn a_plan_keeps_to_the_limits_and_spreads_over_the_payloads() {
     let _texts = texts();
     let folder = Folder::new();
     let line = format!(
-        "plan --robot {SERIAL} --count 32 --payloads 5,0,10 --out plan.csv --check-poses 6 --check-out check.csv \
+        "plan --robot {SERIAL} --count 32 --payloads 5,0,10 --out plan.csv --test-poses 6 --test-out check.csv \
          --d-optimal --no-forecast --json plan.json"
     );
     folder.run(&line).ok().said();
@@ -216,7 +216,7 @@ fn what_cannot_be_planned_is_refused() {
         "--robot ur10 --payloads 1,-2",
         "--robot ur10 --payloads 1,5,1",
         "--robot ur10 --d-optimal --space-filling",
-        "--robot ur10 --check-poses 5",
+        "--robot ur10 --test-poses 5",
         "--robot kuka-iiwa7 --krl a.src",
         "--robot ur10 --rapid plan.csv",
     ] {
@@ -308,7 +308,7 @@ fn a_plan_with_poses_added_calibrates() {
     }
     folder.write("measured.csv", measured);
     let line = format!(
-        "calibrate --robot {SERIAL} measured.csv --model base-tool --out arm.blob --json -"
+        "calibrate --robot {SERIAL} measured.csv --method base-tool --out arm.blob --json -"
     );
     let json = folder.run(&line).ok().json();
     assert_eq!(json["training_poses"], 30);

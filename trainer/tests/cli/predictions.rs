@@ -28,7 +28,7 @@ fn errors_recomputed_from_the_predictions_are_those_of_the_json() {
     folder.write("test.csv", &test);
     for model in ["base-tool", "poe", "poe-gp", "poe-gp-load"] {
         let line =
-            format!("calibrate --robot {SERIAL} train.csv --model {model} --out {model}.blob");
+            format!("calibrate --robot {SERIAL} train.csv --method {model} --out {model}.blob");
         folder.run(&line).ok();
         let line = format!("evaluate {model}.blob test.csv --predictions out.csv --json out.json");
         folder.run(&line).ok();
@@ -82,7 +82,7 @@ fn the_status_says_what_a_prediction_is_worth() {
     let folder = Folder::new();
     folder.write("train.csv", simulated("train", 60));
     let line = format!(
-        "calibrate --robot {SERIAL} train.csv --model poe-gp-load --out arm.blob --max-correction-mm 0.001"
+        "calibrate --robot {SERIAL} train.csv --method poe-gp-load --out arm.blob --max-correction-mm 0.001"
     );
     folder.run(&line).ok();
     let test = simulated("test1", 3);

@@ -89,7 +89,7 @@ fn the_numbers_of_calibrate_are_those_of_the_document() {
     let folder = Folder::new();
     folder.write("train.csv", simulated("train", 60));
     folder.write("test.csv", simulated("test1", 30));
-    let outcome = calibrate(&folder, "--model poe-gp-load --test test.csv").ok();
+    let outcome = calibrate(&folder, "--method poe-gp-load --test test.csv").ok();
     let (page, document) = (folder.text("report.html"), folder.json("report.json"));
     check_page(&page);
     assert!(check_numbers(&page, &document) > 60);
@@ -102,10 +102,12 @@ fn the_numbers_of_calibrate_are_those_of_the_document() {
     let held_out = &document["held_out"];
     assert_eq!(held_out["how"], "test sets");
     assert_eq!(
-        held_out["after"]["position_mm"],
+        held_out["calibrated"]["position_mm"],
         evaluated["sets"][0]["position_mm"]
     );
-    let mean = held_out["after"]["position_mm"]["mean"].as_f64().unwrap();
+    let mean = held_out["calibrated"]["position_mm"]["mean"]
+        .as_f64()
+        .unwrap();
     assert!(
         outcome.stdout.contains(&format!("{mean:.4} mm mean")),
         "{outcome:#?}"
@@ -113,10 +115,10 @@ fn the_numbers_of_calibrate_are_those_of_the_document() {
     let methods = held_out["methods"].as_array().unwrap();
     let names: Vec<&str> = methods
         .iter()
-        .map(|m| m["model"].as_str().unwrap())
+        .map(|m| m["method"].as_str().unwrap())
         .collect();
     assert_eq!(names, ["base-tool", "poe", "poe-gp", "poe-gp-load"]);
-    assert_eq!(methods[0], held_out["before"]);
+    assert_eq!(methods[0], held_out["nominal"]);
     assert_eq!(held_out["payloads"].as_array().unwrap().len(), 5);
     assert!(held_out["learning_curve"].as_array().unwrap().len() >= 2);
     let files = document["provenance"]["files"].as_array().unwrap();
@@ -126,7 +128,7 @@ fn the_numbers_of_calibrate_are_those_of_the_document() {
     }
 
     // The same bytes again.
-    calibrate(&folder, "--model poe-gp-load --test test.csv").ok();
+    calibrate(&folder, "--method poe-gp-load --test test.csv").ok();
     assert_eq!(page, folder.text("report.html"));
 }
 
@@ -152,18 +154,18 @@ fn cross_validation_is_held_out_and_what_is_unknown_is_said() {
     let held_out = &document["held_out"];
     assert_eq!(held_out["how"], "cross-validation");
     assert_eq!(
-        (&held_out["folds"], &held_out["after"]["poses"]),
+        (&held_out["folds"], &held_out["calibrated"]["poses"]),
         (&5.into(), &60.into())
     );
     // Errors of the training would be smaller.
     let mean = |errors: &Value| errors["position_mm"]["mean"].as_f64().unwrap();
-    assert!(mean(&held_out["after"]) > mean(&document["training"]));
+    assert!(mean(&held_out["calibrated"]) > mean(&document["training"]));
     let line = format!(
-        "compare --robot {SERIAL} train.csv --models elastic --folds 5 --outliers reject --json -"
+        "compare --robot {SERIAL} train.csv --methods elastic --folds 5 --outliers reject --json -"
     );
     let compared = folder.run(&line).ok().json();
-    let cross_validation = &compared["models"][0]["cross_validation"]["position_mm"];
-    assert_eq!(&held_out["after"]["position_mm"], cross_validation);
+    let cross_validation = &compared["methods"][0]["cross_validation"]["position_mm"];
+    assert_eq!(&held_out["calibrated"]["position_mm"], cross_validation);
     assert_eq!(document["elastic"]["outliers"][0]["line"], 8);
     for sentence in [
         "no payload_kg column",
@@ -187,7 +189,7 @@ fn the_numbers_of_compare_are_those_of_the_document() {
     let sets = "--test test1.csv --test test2.csv --folds 0";
     for (flags, how) in [(sets, "test sets"), ("--folds 4", "cross-validation")] {
         let line = format!(
-            "compare --robot {SERIAL} train.csv {flags} --models poe-gp,poe --report report.html --json report.json"
+            "compare --robot {SERIAL} train.csv {flags} --methods poe-gp,poe --report report.html --json report.json"
         );
         folder.run(&line).ok();
         let (page, document) = (folder.text("report.html"), folder.json("report.json"));
@@ -196,11 +198,11 @@ fn the_numbers_of_compare_are_those_of_the_document() {
         let held_out = &document["held_out"];
         assert_eq!(held_out["how"], how);
         // Base and tool alone are there for comparison, and the page is about the best.
-        assert_eq!(held_out["before"]["model"], "base-tool");
-        assert_eq!(held_out["after"]["model"], "poe-gp");
+        assert_eq!(held_out["nominal"]["method"], "base-tool");
+        assert_eq!(held_out["calibrated"]["method"], "poe-gp");
         if how == "cross-validation" {
-            let asked = &document["models"][0]["cross_validation"]["position_mm"];
-            assert_eq!(&held_out["after"]["position_mm"], asked);
+            let asked = &document["methods"][0]["cross_validation"]["position_mm"];
+            assert_eq!(&held_out["calibrated"]["position_mm"], asked);
         }
     }
     let line = format!("compare --robot {SERIAL} train.csv --folds 0 --report report.html");
@@ -236,7 +238,7 @@ fn hostile_names_stay_text() {
     );
     folder.write("robot.toml", robot);
     let mut command = folder.command(
-        "calibrate --robot robot.toml --model poe --out arm.blob --report report.html --json report.json",
+        "calibrate --robot robot.toml --method poe --out arm.blob --report report.html --json report.json",
     );
     command.arg(train).args(["--serial-number", "<b>7</b>"]);
     folder.finish(&mut command).ok();
@@ -265,7 +267,7 @@ fn a_single_held_out_pose_has_a_page() {
     let folder = Folder::new();
     folder.write("train.csv", simulated("train", 40));
     folder.write("test.csv", simulated("test1", 1));
-    calibrate(&folder, "--model poe-gp-load --test test.csv").ok();
+    calibrate(&folder, "--method poe-gp-load --test test.csv").ok();
     let (page, document) = (folder.text("report.html"), folder.json("report.json"));
     check_page(&page);
     check_numbers(&page, &document);
@@ -287,12 +289,12 @@ fn what_cannot_be_reported_is_refused_before_the_work() {
     folder.write("again.csv", simulated("train", 7));
     folder.write("test.csv", "q1_deg\n1\n");
     for line in [
-        "--model poe --report report.html",
-        "--model base-tool --report train.csv",
-        "--model base-tool --report arm.blob",
-        "--model base-tool --report no/such.html",
-        "--model base-tool --test again.csv",
-        "--model base-tool --test test.csv",
+        "--method poe --report report.html",
+        "--method base-tool --report train.csv",
+        "--method base-tool --report arm.blob",
+        "--method base-tool --report no/such.html",
+        "--method base-tool --test again.csv",
+        "--method base-tool --test test.csv",
     ] {
         folder.refuses(format!(
             "calibrate --robot {SERIAL} train.csv --out arm.blob {line}"

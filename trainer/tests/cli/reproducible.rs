@@ -7,10 +7,10 @@ use crate::texts::texts;
 fn blobs_are_the_same_bytes() {
     let folder = Folder::new();
     folder.write("train.csv", simulated("train", 50));
-    for flags in ["", "--per-output", "--weighted"] {
+    for flags in ["", "--per-output", "--weighting noise"] {
         let calibrate = |out: &str, day: &str| {
             let line = format!(
-                "calibrate --robot {SERIAL} train.csv --model poe-gp-load {flags} --out {out}"
+                "calibrate --robot {SERIAL} train.csv --method poe-gp-load {flags} --out {out}"
             );
             folder.run_dated(&line, day).ok();
             folder.read(out)
@@ -33,8 +33,8 @@ fn folds_and_simulations_are_drawn_with_a_seed() {
     folder.write("train.csv", simulated("train", 40));
     let compare = |seed: &str| {
         let line =
-            format!("compare --robot {SERIAL} train.csv --models poe --folds 4 {seed} --json -");
-        folder.run(&line).ok().said().json()["models"].clone()
+            format!("compare --robot {SERIAL} train.csv --methods poe --folds 4 {seed} --json -");
+        folder.run(&line).ok().said().json()["methods"].clone()
     };
     let first = compare("");
     assert_eq!(first, compare("--seed 1"));

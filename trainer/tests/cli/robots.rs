@@ -6,8 +6,8 @@ use crate::program::{Folder, SERIAL, changed, data, simulated};
 
 /// The mean position error of a model on the first test set.
 fn mean(document: &Value, model: &str) -> f64 {
-    let models = document["models"].as_array().unwrap();
-    let found = models.iter().find(|m| m["model"] == model).unwrap();
+    let models = document["methods"].as_array().unwrap();
+    let found = models.iter().find(|m| m["method"] == model).unwrap();
     found["sets"][0]["position_mm"]["mean"].as_f64().unwrap()
 }
 
@@ -54,7 +54,7 @@ fn a_coupled_arm_has_the_errors_of_the_serial_one() {
         assert!((a / b - 1.0).abs() < 0.2, "{model}: {a} {b}");
     }
     // The blob takes the controller's joints, too, and knows by itself which they are.
-    let line = "calibrate --robot abb-irb4400 coupled_train.csv --model poe --out arm.blob";
+    let line = "calibrate --robot abb-irb4400 coupled_train.csv --method poe --out arm.blob";
     folder.run(line).ok();
     let document = folder
         .run("evaluate arm.blob coupled_test.csv --json -")
@@ -74,7 +74,7 @@ fn descriptions_of_one_arm_agree() {
     let toml = data("../../calibration/robots/abb-irb4400-serial.toml");
     let run = |robot: &str| {
         let line = format!(
-            "compare --robot {robot} train.csv --test test.csv --models base-tool,poe --folds 0 --json -"
+            "compare --robot {robot} train.csv --test test.csv --methods base-tool,poe --folds 0 --json -"
         );
         folder.run(&line).ok().json()
     };
@@ -108,7 +108,7 @@ fn from_end_to_end(folder: &Folder, robot: &str, joints: usize) {
     assert!(errors[2] < 0.7 * errors[1], "{robot}: {errors:?}");
 
     let line = format!(
-        "calibrate --robot {robot} cell/train.csv --model poe-gp-load --out arm.blob --json -"
+        "calibrate --robot {robot} cell/train.csv --method poe-gp-load --out arm.blob --json -"
     );
     let document = folder.run(&line).ok().json();
     assert_eq!(document["step1"]["parameters"], 6 * (joints + 1));

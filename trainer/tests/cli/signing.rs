@@ -7,7 +7,7 @@ use crate::texts::texts;
 fn folder() -> Folder {
     let folder = Folder::new();
     folder.write("train.csv", simulated("train", 12));
-    let line = format!("calibrate --robot {SERIAL} train.csv --model poe --out arm.blob");
+    let line = format!("calibrate --robot {SERIAL} train.csv --method poe --out arm.blob");
     folder.run(&line).ok();
     for name in ["ours", "theirs"] {
         folder.run(&format!("keys new --out {name}")).ok();

@@ -28,14 +28,14 @@ fn a_support_set_for_each_joint_is_fitted_told_and_evaluated() {
         ("--support-per-output 60", 60),
     ] {
         let (told, facts, error) = calibrate(flags);
-        let support = told["elastic"]["support"].as_u64().unwrap();
+        let support = told["elastic"]["inducing_points"].as_u64().unwrap();
         // Fewer only when nothing is left that a further one could say.
         assert!(
             (functions.min(50)..=functions).contains(&support),
             "{support}"
         );
         assert_eq!(facts["format_version"], 1);
-        assert_eq!(facts["correction"]["support_points"], support);
+        assert_eq!(facts["correction"]["inducing_points"], support);
         let sets = facts["correction"]["support_per_output"]
             .as_array()
             .unwrap();

@@ -87,8 +87,9 @@ fn positions_alone() {
     }
     let mut errors = Vec::new();
     for model in ["base-tool", "poe", "elastic"] {
-        let line =
-            format!("calibrate --robot {SERIAL} train.csv --model {model} --out arm.blob --json -");
+        let line = format!(
+            "calibrate --robot {SERIAL} train.csv --method {model} --out arm.blob --json -"
+        );
         let document = folder.run(&line).ok().json();
         assert!(
             document["training"].get("orientation_mrad").is_none(),
@@ -105,9 +106,9 @@ fn positions_alone() {
         errors[1] < 0.6 * errors[0] && errors[2] < 0.5 * errors[1],
         "{errors:?}"
     );
-    let line = format!("compare --robot {SERIAL} train.csv --models base-tool --folds 2 --json -");
+    let line = format!("compare --robot {SERIAL} train.csv --methods base-tool --folds 2 --json -");
     let document = folder.run(&line).ok().json();
-    let all = &document["models"][0]["cross_validation"];
+    let all = &document["methods"][0]["cross_validation"];
     assert!(position(all) > 0.0 && all.get("orientation_mrad").is_none());
 }
 

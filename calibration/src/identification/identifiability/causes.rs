@@ -152,10 +152,10 @@ fn still(task: &Task, frames: &[Frame]) -> Option<Cause> {
     };
     let sentence = match joints.as_slice() {
         [joint] => format!(
-            "joint {joint} never moves{within}: its offset, where its axis lies and the frames on both sides of it cannot be told apart"
+            "joint {joint} never moves{within}: its offset, where its axis lies and the frames on both sides of it cannot be distinguished"
         ),
         _ => format!(
-            "joints {} never move{within}: their offsets, where their axes lie and the frames on both sides of them cannot be told apart",
+            "joints {} never move{within}: their offsets, where their axes lie and the frames on both sides of them cannot be distinguished",
             numbers(&joints)
         ),
     };
@@ -197,7 +197,7 @@ fn one_orientation(task: &Task, frames: &[Frame]) -> Option<Cause> {
         .collect();
     Some(Cause {
         sentence: format!(
-            "all poses have the same tool orientation (within {:.2}°): the base's and the tool's positions cannot be told apart",
+            "all poses have the same tool orientation (within {:.2}°): the base's and the tool's positions cannot be distinguished",
             widest.to_degrees()
         ),
         directions: columns(frames, &directions),
@@ -245,7 +245,7 @@ pub fn payload(task: &Task) -> Vec<String> {
         .collect();
     if !together.is_empty() {
         out.push(format!(
-            "the payload changes only together with joint {}: their effects cannot be told apart",
+            "the payload changes only together with joint {}: their effects cannot be distinguished",
             count(&together)
         ));
     }
@@ -260,7 +260,7 @@ pub fn payload(task: &Task) -> Vec<String> {
             "the tool's frame of its session",
         ];
         out.push(format!(
-            "the payload changes only where the target was mounted anew: {} cannot be told apart",
+            "the payload changes only where the target was remounted: {} cannot be distinguished",
             list(&what.map(str::to_owned))
         ));
     }

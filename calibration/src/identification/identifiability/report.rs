@@ -21,6 +21,7 @@ pub struct IdentifyReport {
     /// Directions that no poses could tell.
     pub redundant: usize,
     /// Directions that other poses would tell and these do not.
+    #[serde(rename = "unidentified")]
     pub untold: usize,
     /// Largest by smallest told singular value.
     pub condition: f64,

@@ -65,7 +65,7 @@ pub fn directions(combinations: &[Combination], most: usize) -> Vec<Finding> {
         .map(|circuit| Finding {
             sentence: match names(circuit).as_slice() {
                 [one] => format!("{one} does not show in these poses"),
-                names => format!("{} cannot be told apart by these poses", list(names)),
+                names => format!("{} cannot be distinguished by these poses", list(names)),
             },
             directions: 1,
         })
@@ -88,11 +88,11 @@ pub fn report(r: &IdentifyReport) -> Vec<String> {
     let redundant = match r.redundant {
         0 => String::new(),
         count => format!(
-            "; {count} are redundant in any data: frames turned and shifted along their joints"
+            "; the other {count} are redundant for any data set (frames turned and shifted along their joints)"
         ),
     };
     let mut out = vec![format!(
-        "  geometry: {} of {} parameters told (condition {:.0}){redundant}",
+        "  identifiability: {} of {} geometric parameters (condition number {:.0}){redundant}",
         r.rank, r.parameters, r.condition
     )];
     let shown = r.findings.len().min(FINDINGS);
@@ -102,7 +102,7 @@ pub fn report(r: &IdentifyReport) -> Vec<String> {
             1 => " (1 direction)".to_owned(),
             count => format!(" ({count} directions)"),
         };
-        out.push(format!("  not told: {}{count}", finding.sentence));
+        out.push(format!("  unidentified: {}{count}", finding.sentence));
     }
     if shown < r.findings.len() {
         out.push(format!(
@@ -115,12 +115,12 @@ pub fn report(r: &IdentifyReport) -> Vec<String> {
             count => format!(", and {} more pairs in --json", count - 1),
         };
         out.push(format!(
-            "  hard to tell apart: {} and {} (r = {:.3}){more}",
+            "  strongly correlated: {} and {} (r = {:.3}){more}",
             strongest.first, strongest.second, strongest.r
         ));
     }
     out.push(format!(
-        "  by the noise alone the frames predict these poses to {:.4} mm rms, {:.4} mm at the worst",
+        "  expected prediction error from measurement noise alone: {:.4} mm RMS, {:.4} mm worst pose",
         r.expected.rms_mm, r.expected.worst_mm
     ));
     out

@@ -1,7 +1,7 @@
 //! `trainer device emulate`.
 
-use crate::cli::Failure;
-use crate::cli::device::arguments::Emulate;
+use crate::cli::device::args::Emulate;
+use crate::cli::failure::Failure;
 
 #[cfg(not(unix))]
 pub fn run(_: &Emulate) -> Result<(), Failure> {
@@ -21,8 +21,8 @@ mod unix {
     use serde_json::json;
 
     use super::{Emulate, Failure};
-    use crate::cli::report::Report;
-    use crate::cli::{check_outputs, json_text, write_outputs};
+    use crate::cli::output::{check_outputs, json_text, write_outputs};
+    use crate::cli::terminal::print::Printer;
     use crate::device::emulator::{Clock, Listener, Machine, serve};
     use crate::device::port::Address;
 
@@ -39,7 +39,7 @@ mod unix {
         let link = listen(a.listen.as_ref(), "link")?;
         let log = listen(a.log.as_ref(), "log")?;
         let (port, log_port) = (link.address().to_string(), log.address().to_string());
-        let report = Report::beside(&[a.json.as_deref()]);
+        let report = Printer::for_outputs(&[a.json.as_deref()]);
         report.line(format_args!("port      {port}"));
         report.line(format_args!("log       {log_port}"));
         report.line(format_args!("firmware  {}", elf.display()));
@@ -57,23 +57,23 @@ mod unix {
         let machine = Machine {
             board,
             elf,
-            clock: if a.count_instructions {
+            clock: if a.deterministic_clock {
                 Clock::Counting
             } else {
                 Clock::Real
             },
-            memory: a.memory.as_deref(),
+            flash_image: a.flash_image.as_deref(),
         };
         Err(Failure::Usage(serve(&machine, link, log).to_string()))
     }
 
     fn listen(asked: Option<&Address>, name: &str) -> Result<Listener, Failure> {
-        let failed = |place: String, error: io::Error| {
+        let failed = |location: String, error: io::Error| {
             let why = match error.kind() {
                 io::ErrorKind::Unsupported => "expected unix:PATH or tcp:HOST:PORT".to_owned(),
                 _ => error.to_string(),
             };
-            Failure::Usage(format!("cannot listen at {place}: {why}"))
+            Failure::Usage(format!("cannot listen at {location}: {why}"))
         };
         let address = match asked {
             Some(address) => address.clone(),

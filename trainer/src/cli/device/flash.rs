@@ -6,10 +6,12 @@ use poegp_protocol::blob::{CRC, Correction, stored_crc};
 use poegp_protocol::link::{Identity, Key, StoredModel};
 use serde_json::json;
 
-use crate::cli::device::arguments::Flash;
-use crate::cli::device::{connect, show};
-use crate::cli::report::Report;
-use crate::cli::{Failure, check_outputs, json_text, progress, write_outputs};
+use crate::cli::device::args::Flash;
+use crate::cli::device::show;
+use crate::cli::failure::Failure;
+use crate::cli::output::{check_outputs, json_text, write_outputs};
+use crate::cli::terminal::print::Printer;
+use crate::cli::terminal::progress;
 use crate::device::client::{Client, Options};
 use crate::device::error::ClientError;
 use crate::signing::id_text;
@@ -20,8 +22,8 @@ pub fn run(a: &Flash) -> Result<(), Failure> {
     check_outputs(&outputs, &[&a.blob])?;
     // Refuses what is no model, before a port is opened.
     let loaded = BlobModel::read(&a.blob)?;
-    let (mut client, before) = connect(&a.link)?;
-    let report = Report::beside(&outputs);
+    let (mut client, before) = a.link.connect()?;
+    let report = Printer::for_outputs(&outputs);
     let already = runs(&before, loaded.bytes());
     let (after, stored) = if let (Some(stored), false) = (already, a.force) {
         report.line(format_args!(
@@ -35,7 +37,7 @@ pub fn run(a: &Flash) -> Result<(), Failure> {
             check_signature(&loaded, &before)?;
         }
         client.set_options(Options {
-            piece: usize::from(a.piece),
+            chunk_size: usize::from(a.chunk_size),
             ..a.link.options()
         });
         let (stored, after) = bring(&mut client, loaded.bytes())?;
@@ -102,7 +104,7 @@ fn check_room(loaded: &BlobModel, identity: &Identity) -> Result<(), Failure> {
     };
     let room = 4 * identity.capacity_words as usize;
     let (found, capacity, what) = if rows > room {
-        (rows, room, "of support rows")
+        (rows, room, "of inducing points")
     } else {
         let capacity = identity.capacity_bytes as usize;
         (loaded.bytes().len(), capacity, "in all")
@@ -112,7 +114,7 @@ fn check_room(loaded: &BlobModel, identity: &Identity) -> Result<(), Failure> {
     }
     Err(Failure::Usage(format!(
         "the model does not fit: {found} bytes {what}, the device takes {capacity}\n\
-         help: calibrate with less --support, or measure fewer poses for the paper's models; nothing was uploaded"
+         help: calibrate with fewer inducing points (--support), or with fewer poses for the paper's methods; nothing was uploaded"
     )))
 }
 

@@ -1,29 +1,29 @@
 //! `trainer device`: one file for each command that is more than a question and its answer.
 
-pub mod arguments;
-pub mod cyclic;
+pub mod args;
 mod emulate;
 pub mod flash;
 mod monitor;
 pub mod show;
+pub mod stream;
 
-use poegp_protocol::link::{CycleSettings, Identity};
+use poegp_protocol::link::CycleSettings;
 use serde_json::json;
 
-use crate::cli::device::arguments::{
-    Bypass, Cycle, Device, DeviceCommand, Info, Link, Provision, Restart, Rollback, Switch,
+use crate::cli::device::args::{
+    Bypass, Cycle, Device, DeviceCommand, Info, Provision, Restart, Rollback, Switch,
 };
-use crate::cli::report::Report;
-use crate::cli::{Failure, check_outputs, json_text, write_facts, write_outputs};
-use crate::device::client::Client;
+use crate::cli::failure::Failure;
+use crate::cli::output::{check_outputs, json_text, write_outputs, write_summary};
+use crate::cli::terminal::print::Printer;
 use crate::signing::{PublicKey, id_text};
 
 pub fn run(a: &Device) -> Result<(), Failure> {
     match &a.command {
         DeviceCommand::Info(a) => info(a),
         DeviceCommand::Flash(a) => flash::run(a),
-        DeviceCommand::Evaluate(a) => cyclic::evaluate(a),
-        DeviceCommand::Correct(a) => cyclic::correct(a),
+        DeviceCommand::Evaluate(a) => stream::evaluate(a),
+        DeviceCommand::Correct(a) => stream::correct(a),
         DeviceCommand::Bypass(a) => bypass(a),
         DeviceCommand::Rollback(a) => roll_back(a),
         DeviceCommand::Statistics(a) => statistics(a),
@@ -35,32 +35,25 @@ pub fn run(a: &Device) -> Result<(), Failure> {
     }
 }
 
-/// Opens the port and asks who is there.
-fn connect(link: &Link) -> Result<(Client, Identity), Failure> {
-    let mut client = Client::open(&link.address(), link.options())?;
-    let identity = client.identify()?;
-    Ok((client, identity))
-}
-
 fn info(a: &Info) -> Result<(), Failure> {
     check_outputs(&[a.json.as_deref()], &[])?;
-    let (client, identity) = connect(&a.link)?;
+    let (client, identity) = a.link.connect()?;
     if let Some(path) = &a.json {
         let mut document = show::identity_json(&identity);
         document["version"] = env!("CARGO_PKG_VERSION").into();
         document["port"] = client.port().into();
         write_outputs(&[(path, json_text(&document)?.as_bytes())])?;
     }
-    show::identity(Report::beside(&[a.json.as_deref()]), &identity);
+    show::identity(Printer::for_outputs(&[a.json.as_deref()]), &identity);
     Ok(())
 }
 
 fn bypass(a: &Bypass) -> Result<(), Failure> {
     check_outputs(&[a.json.as_deref()], &[])?;
-    let (mut client, _) = connect(&a.link)?;
+    let (mut client, _) = a.link.connect()?;
     let identity = client.set_bypass(a.switch == Switch::On)?;
-    write_facts(a.json.as_deref(), show::identity_json(&identity))?;
-    Report::beside(&[a.json.as_deref()]).line(if identity.bypass {
+    write_summary(a.json.as_deref(), show::identity_json(&identity))?;
+    Printer::for_outputs(&[a.json.as_deref()]).line(if identity.bypass {
         "The bypass is on: commands come back as they are.".to_owned()
     } else {
         format!("The bypass is off. Running: {}.", show::active(&identity))
@@ -70,16 +63,16 @@ fn bypass(a: &Bypass) -> Result<(), Failure> {
 
 fn roll_back(a: &Rollback) -> Result<(), Failure> {
     check_outputs(&[a.json.as_deref()], &[])?;
-    let (mut client, before) = connect(&a.link)?;
+    let (mut client, before) = a.link.connect()?;
     let Some(left) = before.model else {
         return Err(Failure::Usage(
-            "the device runs no model, so there is none to leave\nhelp: bring one onto it with `trainer device flash`"
+            "the device runs no model, so there is none to roll back\nhelp: upload one with `trainer device flash`"
                 .to_owned(),
         ));
     };
     let after = client.roll_back(left.blob_crc)?;
-    write_facts(a.json.as_deref(), show::identity_json(&after))?;
-    let report = Report::beside(&[a.json.as_deref()]);
+    write_summary(a.json.as_deref(), show::identity_json(&after))?;
+    let report = Printer::for_outputs(&[a.json.as_deref()]);
     report.line(format_args!("Left    {}", show::model(&left)));
     report.line(format_args!(
         "Runs    {}, also after a restart",
@@ -88,9 +81,9 @@ fn roll_back(a: &Rollback) -> Result<(), Failure> {
     Ok(())
 }
 
-fn statistics(a: &arguments::Statistics) -> Result<(), Failure> {
+fn statistics(a: &args::Statistics) -> Result<(), Failure> {
     check_outputs(&[a.json.as_deref()], &[])?;
-    let (mut client, identity) = connect(&a.link)?;
+    let (mut client, identity) = a.link.connect()?;
     let statistics = client.statistics()?;
     if let Some(path) = &a.json {
         let document = json!({
@@ -99,17 +92,17 @@ fn statistics(a: &arguments::Statistics) -> Result<(), Failure> {
         });
         write_outputs(&[(path, json_text(&document)?.as_bytes())])?;
     }
-    let report = Report::beside(&[a.json.as_deref()]);
+    let report = Printer::for_outputs(&[a.json.as_deref()]);
     show::statistics(report, &statistics, identity.tick_hz);
     Ok(())
 }
 
 fn restart(a: &Restart) -> Result<(), Failure> {
     check_outputs(&[a.json.as_deref()], &[])?;
-    let (mut client, _) = connect(&a.link)?;
+    let (mut client, _) = a.link.connect()?;
     let identity = client.restart()?;
-    write_facts(a.json.as_deref(), show::identity_json(&identity))?;
-    Report::beside(&[a.json.as_deref()]).line(format_args!(
+    write_summary(a.json.as_deref(), show::identity_json(&identity))?;
+    Printer::for_outputs(&[a.json.as_deref()]).line(format_args!(
         "Restarted. Running: {}.",
         show::active(&identity)
     ));
@@ -119,11 +112,11 @@ fn restart(a: &Restart) -> Result<(), Failure> {
 fn provision(a: &Provision) -> Result<(), Failure> {
     check_outputs(&[a.json.as_deref()], &[&a.key])?;
     let key = PublicKey::read(&a.key)?;
-    let (mut client, _) = connect(&a.link)?;
+    let (mut client, _) = a.link.connect()?;
     client.provision(key.bytes())?;
-    let facts = json!({ "key": id_text(&key.id()), "port": client.port() });
-    write_facts(a.json.as_deref(), facts)?;
-    Report::beside(&[a.json.as_deref()]).line(format_args!(
+    let summary = json!({ "key": id_text(&key.id()), "port": client.port() });
+    write_summary(a.json.as_deref(), summary)?;
+    Printer::for_outputs(&[a.json.as_deref()]).line(format_args!(
         "The device takes only models signed by key {} from now on.",
         id_text(&key.id())
     ));
@@ -132,7 +125,7 @@ fn provision(a: &Provision) -> Result<(), Failure> {
 
 fn cycle(a: &Cycle) -> Result<(), Failure> {
     check_outputs(&[a.json.as_deref()], &[])?;
-    let (mut client, mut identity) = connect(&a.link)?;
+    let (mut client, mut identity) = a.link.connect()?;
     let there = identity.cycle;
     let asked = CycleSettings {
         period_us: a.period_us.unwrap_or(there.period_us),
@@ -145,13 +138,13 @@ fn cycle(a: &Cycle) -> Result<(), Failure> {
     if changes {
         identity = client.provision_cycle(&asked)?;
     }
-    write_facts(a.json.as_deref(), show::cycle_json(&identity.cycle))?;
+    write_summary(a.json.as_deref(), show::cycle_json(&identity.cycle))?;
     let kept = if changes {
         ", also after a restart"
     } else {
         ""
     };
-    Report::beside(&[a.json.as_deref()]).line(format_args!(
+    Printer::for_outputs(&[a.json.as_deref()]).line(format_args!(
         "The cycle: {}{kept}.",
         show::cycle(&identity.cycle)
     ));

@@ -9,12 +9,13 @@ use std::time::{Duration, Instant};
 use poegp_protocol::link::{Identity, Statistics};
 use serde_json::{Value, json};
 
-use crate::cli::device::arguments::Monitor;
-use crate::cli::device::{connect, show};
-use crate::cli::report::{Report, is_quiet, is_stdout};
-use crate::cli::{Failure, check_outputs, write_facts};
+use crate::cli::device::args::Monitor;
+use crate::cli::device::show;
+use crate::cli::failure::Failure;
+use crate::cli::output::{check_outputs, write_summary};
+use crate::cli::terminal::print::{Printer, is_quiet, is_stdout};
 use crate::device::client::Client;
-use crate::device::log::Decoder;
+use crate::device::defmt_log::Decoder;
 use crate::device::port;
 use crate::device::port::Address;
 
@@ -40,11 +41,11 @@ pub fn run(a: &Monitor) -> Result<(), Failure> {
     if let (Some(port), Some(elf)) = (&a.log, &a.elf) {
         follow_log(port, elf, sender.clone())?;
     }
-    let (mut client, identity) = connect(&a.link)?;
+    let (mut client, identity) = a.link.connect()?;
     if a.once {
         let statistics = client.statistics()?;
-        write_facts(as_json, facts(&identity, &statistics))?;
-        let report = Report::beside(&[as_json]);
+        write_summary(as_json, summary(&identity, &statistics))?;
+        let report = Printer::for_outputs(&[as_json]);
         show::identity(report, &identity);
         report.line("");
         show::statistics(report, &statistics, identity.tick_hz);
@@ -56,7 +57,7 @@ pub fn run(a: &Monitor) -> Result<(), Failure> {
 }
 
 /// What is seen, for another program.
-fn facts(identity: &Identity, statistics: &Statistics) -> Value {
+fn summary(identity: &Identity, statistics: &Statistics) -> Value {
     json!({
         "model": identity.model.as_ref().map(show::model_json),
         "statistics": show::statistics_json(statistics, identity.tick_hz),
@@ -124,7 +125,7 @@ fn watch(
 ) -> Result<(), Failure> {
     let mut before: Option<(Instant, Statistics)> = None;
     if !as_json {
-        show::identity(Report::beside(&[]), &identity);
+        show::identity(Printer::for_outputs(&[]), &identity);
     }
     for number in 0_usize.. {
         let statistics = client.statistics()?;
@@ -146,9 +147,9 @@ fn watch(
             return Ok(());
         }
         let text = if as_json {
-            let mut facts = facts(&identity, &statistics);
-            facts["cycles_per_second"] = before.map(|_| rate).into();
-            facts.to_string()
+            let mut summary = summary(&identity, &statistics);
+            summary["cycles_per_second"] = before.map(|_| rate).into();
+            summary.to_string()
         } else {
             line(&statistics, rate, identity.tick_hz)
         };

@@ -3,7 +3,7 @@
 use poegp_protocol::link::{CycleSettings, Identity, Key, ModelIdentity, Statistics, StoredModel};
 use serde_json::{Value, json};
 
-use crate::cli::report::Report;
+use crate::cli::terminal::print::Printer;
 use crate::signing::id_text;
 
 /// A model in one line.
@@ -13,7 +13,7 @@ pub fn model(model: &ModelIdentity) -> String {
         number => format!(" ({number})"),
     };
     format!(
-        "{:08x}, {}{serial}: {} joints, {} support points{}",
+        "{:08x}, {}{serial}: {} joints, {} inducing points{}",
         model.blob_crc,
         model.robot,
         model.joints,
@@ -57,7 +57,7 @@ pub fn model_json(model: &ModelIdentity) -> Value {
         "serial_number": model.serial_number.as_str(),
         "crc": format!("{:08x}", model.blob_crc),
         "joints": model.joints,
-        "support_points": model.support,
+        "inducing_points": model.support,
         "signed": model.signed,
     })
 }
@@ -102,7 +102,7 @@ pub fn milliseconds(ticks: u32, tick_hz: u32) -> f64 {
 }
 
 /// Says who a device is.
-pub fn identity(report: Report, identity: &Identity) {
+pub fn identity(report: Printer, identity: &Identity) {
     report.line(format_args!(
         "{}: firmware {} (image {:08x}), link protocol {}",
         identity.board, identity.firmware_version, identity.image_crc, identity.protocol_version
@@ -141,7 +141,7 @@ pub fn identity(report: Report, identity: &Identity) {
     };
     report.line(format_args!("  key       {key}"));
     report.line(format_args!(
-        "  room      a model of {} bytes, {} of them support rows",
+        "  room      a model of {} bytes, {} of them inducing points",
         identity.capacity_bytes,
         4 * u64::from(identity.capacity_words)
     ));
@@ -224,7 +224,7 @@ pub fn statistics_json(statistics: &Statistics, tick_hz: u32) -> Value {
 }
 
 /// Says what a device has counted.
-pub fn statistics(report: Report, statistics: &Statistics, tick_hz: u32) {
+pub fn statistics(report: Printer, statistics: &Statistics, tick_hz: u32) {
     for (name, value, meaning) in counters(statistics) {
         let time = if name.ends_with("_ticks") {
             format!(" ({:.3} ms)", milliseconds(value, tick_hz))

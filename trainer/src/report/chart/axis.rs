@@ -82,7 +82,7 @@ impl Axis {
     }
 
     /// Where a value lies: 0 at the lower end, 1 at the upper one; values beyond are at the ends.
-    pub fn place(&self, value: f64) -> f64 {
+    pub fn location(&self, value: f64) -> f64 {
         let share = match self.scale {
             Scale::Linear => (value - self.lower) / (self.upper - self.lower),
             Scale::Log => (value / self.lower).ln() / (self.upper / self.lower).ln(),
@@ -186,7 +186,10 @@ mod tests {
             Axis::errors("", &[0.0, 1e-9, 5.0]),
         ] {
             for value in [0.0, -1.0, 1e300, f64::NAN, f64::INFINITY] {
-                assert!((0.0..=1.0).contains(&axis.place(value)), "{axis:?} {value}");
+                assert!(
+                    (0.0..=1.0).contains(&axis.location(value)),
+                    "{axis:?} {value}"
+                );
             }
             assert!(axis.ticks().len() < 30, "{axis:?}");
         }

@@ -13,10 +13,10 @@ pub use crate::report::chart::axis::{Axis, Scale, plain, round_125};
 /// What a mark belongs to: its colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Series {
-    /// Before the calibration.
-    Before,
-    /// After the calibration.
-    After,
+    /// The nominal robot.
+    Nominal,
+    /// The calibrated robot.
+    Calibrated,
     /// What is neither.
     Other,
     /// What the others are compared with.
@@ -26,8 +26,8 @@ pub enum Series {
 impl Series {
     fn class(self) -> &'static str {
         match self {
-            Self::Before => "before",
-            Self::After => "after",
+            Self::Nominal => "nominal",
+            Self::Calibrated => "calibrated",
             Self::Other => "other",
             Self::Reference => "reference",
         }
@@ -116,8 +116,8 @@ impl Plot {
     fn at(&self, x: f64, y: f64) -> (f64, f64) {
         let (width, height) = self.plane();
         (
-            self.left + width * self.x.place(x),
-            TOP + height * (1.0 - self.y.place(y)),
+            self.left + width * self.x.location(x),
+            TOP + height * (1.0 - self.y.location(y)),
         )
     }
 
@@ -133,11 +133,11 @@ impl Plot {
     }
 
     /// A dot for one point that says something when it is pointed at.
-    pub fn told_dot(&mut self, series: Series, point: (f64, f64), told: &str) {
+    pub fn dot_with_tooltip(&mut self, series: Series, point: (f64, f64), tooltip: &str) {
         let (x, y) = self.at(point.0, point.1);
-        let class = format!("told {}", series.class());
+        let class = format!("tooltip {}", series.class());
         self.marks.push(html! {
-            circle class=(class) cx=(short(x)) cy=(short(y)) r="3" { title { (told) } }
+            circle class=(class) cx=(short(x)) cy=(short(y)) r="3" { title { (tooltip) } }
         });
     }
 
@@ -180,7 +180,7 @@ impl Plot {
     }
 
     /// A line across the plane at `x`, with a few words at its upper end.
-    pub fn upright(&mut self, series: Series, x: f64, words: &str) {
+    pub fn upright(&mut self, series: Series, x: f64, texts: &str) {
         let ((x, top), (_, bottom)) = (self.at(x, self.y.upper), self.at(x, self.y.lower));
         let class = format!("rule {}", series.class());
         let (end, anchor) = if x > self.width * 0.6 {
@@ -190,17 +190,17 @@ impl Plot {
         };
         self.marks.push(html! {
             path class=(class) d=(format!("M{} {}V{}", short(x), short(top), short(bottom))) {}
-            text class="note" x=(short(end)) y=(short(top + 11.0)) text-anchor=(anchor) { (words) }
+            text class="note" x=(short(end)) y=(short(top + 11.0)) text-anchor=(anchor) { (texts) }
         });
     }
 
     /// A line across the plane at `y`, with a few words below its left end.
-    pub fn level(&mut self, series: Series, y: f64, words: &str) {
+    pub fn level(&mut self, series: Series, y: f64, texts: &str) {
         let ((left, y), (right, _)) = (self.at(self.x.lower, y), self.at(self.x.upper, y));
         let class = format!("rule {}", series.class());
         self.marks.push(html! {
             path class=(class) d=(format!("M{} {}H{}", short(left), short(y), short(right))) {}
-            text class="note" x=(short(left + 4.0)) y=(short(y + 13.0)) { (words) }
+            text class="note" x=(short(left + 4.0)) y=(short(y + 13.0)) { (texts) }
         });
     }
 
@@ -225,20 +225,20 @@ impl Plot {
         self.marks.push(html! { path class=(class) d=(d) {} });
     }
 
-    /// The drawing; `told` is what it shows for those who cannot see it.
-    pub fn render(&self, told: &str) -> Markup {
+    /// The drawing; `aria_label` describes it for screen readers.
+    pub fn render(&self, aria_label: &str) -> Markup {
         let (width, height) = self.plane();
         let (right, bottom) = (self.left + width, TOP + height);
         let places_x = self
             .x
             .ticks()
             .into_iter()
-            .map(|(value, text)| (self.left + width * self.x.place(value), text));
+            .map(|(value, text)| (self.left + width * self.x.location(value), text));
         let places_y = self
             .y
             .ticks()
             .into_iter()
-            .map(|(value, text)| (TOP + height * (1.0 - self.y.place(value)), text));
+            .map(|(value, text)| (TOP + height * (1.0 - self.y.location(value)), text));
         let (places_x, places_y): (Vec<_>, Vec<_>) = (places_x.collect(), places_y.collect());
         let mut grid = String::new();
         for (x, _) in &places_x {
@@ -249,7 +249,7 @@ impl Plot {
         }
         let middle = TOP + height / 2.0;
         html! {
-            svg viewBox=(format!("0 0 {} {}", short(self.width), short(self.height))) role="img" aria-label=(told) {
+            svg viewBox=(format!("0 0 {} {}", short(self.width), short(self.height))) role="img" aria-label=(aria_label) {
                 path class="grid" d=(grid) {}
                 @for (x, text) in &places_x {
                     text class="tick" x=(short(*x)) y=(short(bottom + 15.0)) text-anchor="middle" { (text) }
@@ -273,7 +273,7 @@ impl Plot {
 
 /// Boxes lying on one axis, one below the other: quartiles, whiskers at 5 and 95 %, a diamond at the mean, a dot at the
 /// largest.
-pub fn boxes(label: &str, boxes: &[BoxOf], told: &str) -> Markup {
+pub fn boxes(label: &str, boxes: &[BoxOf], aria_label: &str) -> Markup {
     let ends = boxes.iter().flat_map(|b| [b.quantiles[0], b.max]);
     let largest = ends.clone().fold(0.0, f64::max);
     let medians = boxes.iter().map(|b| b.quantiles[2]);
@@ -324,10 +324,10 @@ pub fn boxes(label: &str, boxes: &[BoxOf], told: &str) -> Markup {
         };
         plot.marks.push(drawn);
     }
-    plot.render(told)
+    plot.render(aria_label)
 }
 
-/// A name of at most [`NAME`] characters; what tells names apart is mostly at their ends.
+/// A name of at most [`NAME`] characters; names differ mostly at their ends.
 fn shortened(name: &str) -> String {
     let all: Vec<char> = name.chars().collect();
     if all.len() <= NAME {

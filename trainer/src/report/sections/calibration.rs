@@ -3,7 +3,7 @@
 
 use maud::{Markup, html};
 
-use crate::report::{Evidence, HeldOutFacts, Number, Provenance, Section};
+use crate::report::{HeldOutSummary, Number, Provenance, ReportData, Section};
 use poegp_calibration::identification::identifiability::IdentifyReport;
 use poegp_calibration::model::frame_changes::FrameChange;
 use poegp_calibration::validation::device_budget::Fitted;
@@ -38,40 +38,39 @@ pub struct Ripple {
     pub amplitude_urad: f64,
 }
 
-/// Deviations of the frames from the drawing with their uncertainty, what the poses could not tell, and gear ripple.
+/// Deviations of the frames from the drawing with their uncertainty, unidentified directions, and gear ripple.
 pub fn parameters(
-    told: Option<&IdentifyReport>,
+    identifiability: Option<&IdentifyReport>,
     changes: &[FrameChange],
     ripple: &[Ripple],
 ) -> Section {
     let mut section = Section::new("parameters", "What was wrong with the arm");
-    let Some(told) = told else {
-        return section
-            .missing("Not shown: what these poses tell about the geometry could not be computed.");
+    let Some(identifiability) = identifiability else {
+        return section.missing("Not shown: the identifiability could not be computed.");
     };
     section = section.text(html! {
-        "Of " (Number::count(told.parameters, "/identifiability/parameters")) " geometric parameters these poses tell "
-        (Number::count(told.rank, "/identifiability/rank")) ". "
-        @if told.redundant > 0 {
-            (Number::count(told.redundant, "/identifiability/redundant"))
+        "Of " (Number::count(identifiability.parameters, "/identifiability/parameters")) " geometric parameters these poses identify "
+        (Number::count(identifiability.rank, "/identifiability/rank")) ". "
+        @if identifiability.redundant > 0 {
+            (Number::count(identifiability.redundant, "/identifiability/redundant"))
             " are redundant in any data: turning or shifting a frame along its joint changes nothing. "
         }
-        @if told.untold > 0 {
-            b { (Number::count(told.untold, "/identifiability/untold")) " could have been told by other poses and were not:" }
+        @if identifiability.untold > 0 {
+            b { (Number::count(identifiability.untold, "/identifiability/unidentified")) " are unidentified: other poses would determine them." }
         } @else {
-            "All that poses can tell was told."
+            "All parameters that poses can determine are identified."
         }
     });
-    if !told.findings.is_empty() {
+    if !identifiability.findings.is_empty() {
         section = section.block(html! {
-            ul class="plain" { @for finding in &told.findings { li { (finding.sentence) "." } } }
+            ul class="plain" { @for finding in &identifiability.findings { li { (finding.sentence) "." } } }
         });
     }
-    let rows = told.standard_deviations.iter().enumerate();
+    let rows = identifiability.standard_deviations.iter().enumerate();
     let rows = rows.filter_map(|(i, deviation)| {
         let at = changes.iter().position(|c| c.frame == deviation.frame)?;
         let change = &changes[at];
-        let cell = |value: f64, sd: f64, kind: &str, axis: usize| {
+        let field = |value: f64, sd: f64, kind: &str, axis: usize| {
             let changed = Number::new(value, 3, format!("/frames/{at}/{kind}/{axis}"));
             let pointer = format!("/identifiability/standard_deviations/{i}/{kind}/{axis}");
             let sd_shown = Number::new(sd, 3, pointer);
@@ -80,8 +79,8 @@ pub fn parameters(
                 " ± " (sd_shown)
             }
         };
-        let lengths = (0..3).map(|a| cell(change.mm[a], deviation.mm[a], "mm", a));
-        let angles = (0..3).map(|a| cell(change.mrad[a], deviation.mrad[a], "mrad", a));
+        let lengths = (0..3).map(|a| field(change.mm[a], deviation.mm[a], "mm", a));
+        let angles = (0..3).map(|a| field(change.mrad[a], deviation.mrad[a], "mrad", a));
         let name = html! { (change.frame) };
         Some(std::iter::once(name).chain(lengths).chain(angles).collect())
     });
@@ -106,13 +105,17 @@ pub fn parameters(
             "base and of the last joint. What could as well be said of the next frame is divided between the two."
         });
     }
-    if !told.correlations.is_empty() {
-        let pairs = told.correlations.iter().enumerate().map(|(i, c)| {
-            let r = Number::new(c.r, 3, format!("/identifiability/correlations/{i}/r"));
-            vec![html! { (c.first) " and " (c.second) }, html! { (r) }]
-        });
+    if !identifiability.correlations.is_empty() {
+        let pairs = identifiability
+            .correlations
+            .iter()
+            .enumerate()
+            .map(|(i, c)| {
+                let r = Number::new(c.r, 3, format!("/identifiability/correlations/{i}/r"));
+                vec![html! { (c.first) " and " (c.second) }, html! { (r) }]
+            });
         section = section
-            .text(html! { "Hard to tell apart, because they move the tool almost alike:" })
+            .text(html! { "Strongly correlated, because they move the tool almost alike:" })
             .table(&["pair", "correlation"], pairs.collect());
     }
     if !ripple.is_empty() {
@@ -139,8 +142,8 @@ pub fn parameters(
 /// Outliers of the training with their lines, and the largest held-out errors. `found` is an error where
 /// none were looked for, with the sentence that says why.
 pub fn outliers(
-    evidence: &Evidence,
-    facts: &HeldOutFacts,
+    evidence: &ReportData,
+    summary: &HeldOutSummary,
     found: Result<&[ListedOutlier], &str>,
 ) -> Section {
     let mut section = Section::new("outliers", "Measurements that stand out");
@@ -170,15 +173,15 @@ pub fn outliers(
                 )
         }
     };
-    let errors = evidence.after().errors();
+    let errors = evidence.calibrated().errors();
     let mut order: Vec<usize> = (0..errors.len()).collect();
     order.sort_by(|a, b| errors[*b].total_cmp(&errors[*a]).then(a.cmp(b)));
-    let several = facts.files.len() > 1;
-    let p95 = facts.after.errors.position_mm.p95;
+    let several = summary.files.len() > 1;
+    let p95 = summary.calibrated.errors.position_mm.p95;
     let row = |i: &usize| {
         let row = &evidence.rows[*i];
         let error = if *i == order[0] {
-            let largest = Number::mm(errors[*i], "/held_out/after/position_mm/max");
+            let largest = Number::mm(errors[*i], "/held_out/calibrated/position_mm/max");
             html! { (largest) }
         } else {
             html! { (format!("{:.3}", errors[*i])) }
@@ -187,13 +190,13 @@ pub fn outliers(
             html! { @if several { (row.file) " " } "line " (row.line) },
             error,
             html! { (format!("{:.1}", errors[*i] / p95)) },
-            html! { (format!("{:.3}", evidence.before().errors()[*i])) },
+            html! { (format!("{:.3}", evidence.nominal().errors()[*i])) },
         ]
     };
     section
         .text(html! {
             "The largest held-out errors; 95 of 100 poses are within "
-            (Number::mm(p95, "/held_out/after/position_mm/p95")) " mm:"
+            (Number::mm(p95, "/held_out/calibrated/position_mm/p95")) " mm:"
         })
         .table(
             &["row", "error (mm)", "in units of the 95 %", "before (mm)"],
@@ -201,13 +204,13 @@ pub fn outliers(
         )
 }
 
-/// What `--model auto` and a budget were decided by.
+/// What `--method auto` and a budget were decided by.
 pub fn choice(candidates: Option<&[select::Row]>, budget: Option<&[Fitted]>) -> Section {
-    let mut section = Section::new("choice", "How the model was chosen");
+    let mut section = Section::new("choice", "Model selection");
     match candidates {
         None => {
             section = section.missing(
-                "The model was named on the command line (or is the default); --model auto lets the data choose.",
+                "The model was named on the command line (or is the default); --method auto lets the data choose.",
             );
         }
         Some(rows) => {
@@ -242,7 +245,7 @@ pub fn choice(candidates: Option<&[select::Row]>, budget: Option<&[Fitted]>) -> 
             let name = format!(
                 "{} length scales{}",
                 if r.tied { "tied" } else { "own" },
-                if i == 0 { ", all points" } else { "" }
+                if i == 0 { ", all inducing points" } else { "" }
             );
             vec![
                 html! { @if r.taken { b { (name) } } @else { (name) } },
@@ -270,7 +273,7 @@ pub fn choice(candidates: Option<&[select::Row]>, budget: Option<&[Fitted]>) -> 
 
 /// What the controller gets.
 #[derive(Clone, Debug)]
-pub struct DeviceFacts {
+pub struct DeviceSummary {
     /// Name of the file.
     pub file: String,
     /// Its bytes, which it takes of flash, too.
@@ -282,32 +285,32 @@ pub struct DeviceFacts {
     /// Bound of the correction in mm and mrad.
     pub bound: (f64, f64),
     /// What single precision costs, mean and largest, µm.
-    pub f32_error_um: (f64, f64),
+    pub single_precision_loss_um: (f64, f64),
 }
 
 /// The file for the controller, and what it costs there.
-pub fn device(facts: &DeviceFacts) -> Section {
-    let (mm, mrad) = facts.bound;
-    let (mean, max) = facts.f32_error_um;
+pub fn device(summary: &DeviceSummary) -> Section {
+    let (mm, mrad) = summary.bound;
+    let (mean, max) = summary.single_precision_loss_um;
     Section::new("device", "The file for the controller").block(html! {
         dl {
-            dt { "file" } dd { (facts.file) }
-            dt { "size, also in flash" } dd { (Number::count(facts.bytes, "/blob/bytes")) " bytes" }
-            dt { "support points" } dd { (Number::count(facts.support, "/blob/support")) }
+            dt { "file" } dd { (summary.file) }
+            dt { "size, also in flash" } dd { (Number::count(summary.bytes, "/blob/bytes")) " bytes" }
+            dt { "inducing points" } dd { (Number::count(summary.support, "/blob/inducing_points")) }
             dt { "one evaluation" } dd {
-                @match facts.instructions {
+                @match summary.instructions {
                     Some(n) => { "about " (Number::new(n as f64, 0, "/blob/instructions")) " instructions of a Cortex-M4F" }
                     None => { "not estimated: the cost model is that of the elastic model" }
                 }
             }
             dt { "largest correction" } dd {
                 @if mm > 0.0 || mrad > 0.0 {
-                    (Number::mm(mm, "/bound_mm")) " mm and " (Number::mm(mrad, "/bound_mrad")) " mrad; beyond it is scaled back"
+                    (Number::mm(mm, "/correction_limit_mm")) " mm and " (Number::mm(mrad, "/correction_limit_mrad")) " mrad; beyond it is scaled back"
                 } @else { "none: this model corrects the geometry only" }
             }
             dt { "single precision costs" } dd {
-                (Number::new(mean, 3, "/f32_error_um/mean")) " µm in the mean, "
-                (Number::new(max, 3, "/f32_error_um/max")) " µm at most"
+                (Number::new(mean, 3, "/single_precision_loss_um/mean")) " µm in the mean, "
+                (Number::new(max, 3, "/single_precision_loss_um/max")) " µm at most"
             }
         }
     })
@@ -315,7 +318,7 @@ pub fn device(facts: &DeviceFacts) -> Section {
 
 /// Files with their checksums, command, version, seed and date.
 pub fn provenance(provenance: &Provenance) -> Section {
-    let row = |f: &crate::report::FileFacts| {
+    let row = |f: &crate::report::FileSummary| {
         vec![
             html! { (f.file) },
             html! { (f.role) },

@@ -2,25 +2,25 @@
 
 use maud::{Markup, html};
 
-use crate::report::{Evidence, HeldOutFacts, How, Number, Section};
+use crate::report::{HeldOutSummary, HoldOutMethod, Number, ReportData, Section};
 use poegp_calibration::numeric::statistics::ErrorSummary;
 
 /// The sentence, and tiles with mean and 95 % of position and orientation, before and after.
-pub fn headline(evidence: &Evidence, facts: &HeldOutFacts) -> Section {
-    let (before, after) = (&facts.before.errors, &facts.after.errors);
+pub fn headline(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
+    let (before, after) = (&summary.nominal.errors, &summary.calibrated.errors);
     let mean = |which: &str| format!("/held_out/{which}/position_mm/mean");
     let p95 = |which: &str| format!("/held_out/{which}/position_mm/p95");
-    let calibrated = evidence.before != evidence.after;
+    let calibrated = evidence.nominal != evidence.calibrated;
     let (b, a) = (&before.position_mm, &after.position_mm);
     let lead = html! {
         p class="lead" {
-            "On " (Number::count(after.poses, "/held_out/after/poses"))
+            "On " (Number::count(after.poses, "/held_out/calibrated/poses"))
             " poses that it had not seen, the calibrated model says where the tool is to within "
-            b class="after" { (Number::mm(a.mean, mean("after"))) " mm" } " in the mean and "
-            (Number::mm(a.p95, p95("after"))) " mm for 95 of 100 poses"
+            b class="calibrated" { (Number::mm(a.mean, mean("calibrated"))) " mm" } " in the mean and "
+            (Number::mm(a.p95, p95("calibrated"))) " mm for 95 of 100 poses"
             @if calibrated {
-                "; before the calibration it was " b class="before" { (Number::mm(b.mean, mean("before"))) " mm" }
-                " and " (Number::mm(b.p95, p95("before"))) " mm."
+                "; before the calibration it was " b class="nominal" { (Number::mm(b.mean, mean("nominal"))) " mm" }
+                " and " (Number::mm(b.p95, p95("nominal"))) " mm."
             } @else {
                 ". Only base and tool were fitted: there is nothing simpler to compare it with."
             }
@@ -39,11 +39,11 @@ pub fn headline(evidence: &Evidence, facts: &HeldOutFacts) -> Section {
         }
     };
     let how = match evidence.how {
-        How::CrossValidation { folds, .. } => html! {
+        HoldOutMethod::CrossValidation { folds, .. } => html! {
             "Held out: the rows were divided into " (Number::count(folds, "/held_out/folds"))
             " folds, and each pose was predicted by a model that was calibrated without its fold; equal poses stay together."
         },
-        How::TestSets => html! {
+        HoldOutMethod::TestSets => html! {
             "Held out: these poses are in files of their own that no model was calibrated with."
         },
     };
@@ -75,11 +75,11 @@ fn tile(
         div class="tile" {
             h3 { (name) }
             @if let Some(after) = after {
-                div class="value" { (Number::new(after, decimals, pointer("after"))) " " span { (unit) } }
+                div class="value" { (Number::new(after, decimals, pointer("calibrated"))) " " span { (unit) } }
             }
             @if let (true, Some(b)) = (calibrated, before) {
                 p {
-                    "was " (Number::new(b, decimals, pointer("before"))) " " (unit)
+                    "was " (Number::new(b, decimals, pointer("nominal"))) " " (unit)
                     @if let Some((b, a)) = times { ", " (format!("{:.1}", b / a)) " times as much" }
                 }
             }

@@ -6,7 +6,7 @@ use poegp_protocol::JointKind;
 use crate::report::chart::{Axis, BoxOf, Plot, Series, boxes};
 use crate::report::sections::mean_and_error;
 use crate::report::sections::methods::keys;
-use crate::report::{Evidence, HeldOutFacts, Number, Section};
+use crate::report::{HeldOutSummary, Number, ReportData, Section};
 use poegp_calibration::identification::identifiability::{STILL_PRISMATIC, STILL_REVOLUTE};
 
 /// Bins of a joint's range.
@@ -43,9 +43,9 @@ fn depends(bins: &[(f64, f64, usize)], y: &[f64]) -> bool {
 }
 
 /// One plot for each joint, with dots and the means of bins, before and after.
-pub fn joints(evidence: &Evidence) -> Section {
-    let both = evidence.before != evidence.after;
-    let (before, after) = (evidence.before().errors(), evidence.after().errors());
+pub fn joints(evidence: &ReportData) -> Section {
+    let both = evidence.nominal != evidence.calibrated;
+    let (before, after) = (evidence.nominal().errors(), evidence.calibrated().errors());
     let all = || before.iter().chain(&after).copied();
     let mut section = Section::new("joints", "Against each joint")
         .small_figures()
@@ -86,15 +86,18 @@ pub fn joints(evidence: &Evidence) -> Section {
         };
         if both {
             plot.dots(
-                Series::Before,
+                Series::Nominal,
                 x.iter().copied().zip(before.iter().copied()),
             );
         }
-        plot.dots(Series::After, x.iter().copied().zip(after.iter().copied()));
+        plot.dots(
+            Series::Calibrated,
+            x.iter().copied().zip(after.iter().copied()),
+        );
         if both {
-            plot.line(Series::Before, &line(&binned(&x, &before)), false);
+            plot.line(Series::Nominal, &line(&binned(&x, &before)), false);
         }
-        plot.line(Series::After, &line(&means), false);
+        plot.line(Series::Calibrated, &line(&means), false);
         let smallest = means.iter().map(|m| m.1).fold(f64::INFINITY, f64::min);
         let largest = means.iter().map(|m| m.1).fold(0.0, f64::max);
         section = section.figure(
@@ -123,7 +126,7 @@ pub fn joints(evidence: &Evidence) -> Section {
 }
 
 /// Boxes for each payload.
-pub fn payloads(evidence: &Evidence, facts: &HeldOutFacts) -> Section {
+pub fn payloads(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
     let section = Section::new("payload", "Against the payload");
     let parts = evidence.payloads();
     if parts.is_empty() {
@@ -137,13 +140,13 @@ pub fn payloads(evidence: &Evidence, facts: &HeldOutFacts) -> Section {
             parts[0].0
         ));
     }
-    let errors = evidence.after().errors();
+    let errors = evidence.calibrated().errors();
     let drawn = parts.iter().filter_map(|(name, members)| {
         let values: Vec<f64> = members.iter().map(|i| errors[*i]).collect();
-        BoxOf::new(format!("{name} kg"), Series::After, &values)
+        BoxOf::new(format!("{name} kg"), Series::Calibrated, &values)
     });
     let drawn: Vec<BoxOf> = drawn.collect();
-    let means = || facts.payloads.iter().map(|p| p.errors.position_mm.mean);
+    let means = || summary.payloads.iter().map(|p| p.errors.position_mm.mean);
     let (low, high) = (
         means().fold(f64::INFINITY, f64::min),
         means().fold(0.0, f64::max),
@@ -159,7 +162,7 @@ pub fn payloads(evidence: &Evidence, facts: &HeldOutFacts) -> Section {
         .collect();
     let distinct = high - low > 2.0 * spread[worst].hypot(spread[least]);
     let at = |i: usize| format!("/held_out/payloads/{i}/position_mm/mean");
-    let row = |(i, part): (usize, &crate::report::evidence::PartFacts)| {
+    let row = |(i, part): (usize, &crate::report::data::SubsetSummary)| {
         let p = &part.errors.position_mm;
         let at = |name: &str| format!("/held_out/payloads/{i}/{name}");
         vec![
@@ -184,6 +187,6 @@ pub fn payloads(evidence: &Evidence, facts: &HeldOutFacts) -> Section {
     )
     .table_beside(
         &["payload", "poses", "mean (mm)", "95 % (mm)"],
-        facts.payloads.iter().enumerate().map(row).collect(),
+        summary.payloads.iter().enumerate().map(row).collect(),
     )
 }

@@ -3,48 +3,48 @@
 use maud::{Markup, html};
 
 use crate::report::chart::{Axis, BoxOf, Plot, Series, boxes};
-use crate::report::{Evidence, HeldOutFacts, Number, Section};
+use crate::report::{HeldOutSummary, Number, ReportData, Section};
 
 /// Bins of the histogram for each factor of ten.
 const BINS_PER_DECADE: f64 = 10.0;
 
-fn series(evidence: &Evidence, method: usize) -> Series {
-    if method == evidence.after {
-        Series::After
-    } else if method == evidence.before {
-        Series::Before
+fn series(evidence: &ReportData, method: usize) -> Series {
+    if method == evidence.calibrated {
+        Series::Calibrated
+    } else if method == evidence.nominal {
+        Series::Nominal
     } else {
         Series::Other
     }
 }
 
 /// Box plots of all models, as the paper's Figures 1, 3 and 4, and their numbers.
-pub fn methods(evidence: &Evidence, facts: &HeldOutFacts) -> Section {
-    let section = Section::new("models", "Which model, and how much each brings");
+pub fn methods(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
+    let section = Section::new("models", "Model comparison");
     let of = evidence.methods.iter().enumerate();
     let drawn: Vec<BoxOf> = of
         .filter_map(|(i, m)| BoxOf::new(m.name.as_str(), series(evidence, i), &m.errors()))
         .collect();
     let (a, b) = (
-        &facts.after.errors.position_mm,
-        &facts.before.errors.position_mm,
+        &summary.calibrated.errors.position_mm,
+        &summary.nominal.errors.position_mm,
     );
     let finding = html! {
-        @if evidence.methods.len() > 1 && evidence.before != evidence.after {
-            "The correction by " code { (facts.after.model) } " takes the mean error from "
-            (Number::mm(b.mean, "/held_out/before/position_mm/mean")) " to "
-            (Number::mm(a.mean, "/held_out/after/position_mm/mean")) " mm"
+        @if evidence.methods.len() > 1 && evidence.nominal != evidence.calibrated {
+            "The correction by " code { (summary.calibrated.method) } " takes the mean error from "
+            (Number::mm(b.mean, "/held_out/nominal/position_mm/mean")) " to "
+            (Number::mm(a.mean, "/held_out/calibrated/position_mm/mean")) " mm"
         } @else {
-            code { (facts.after.model) } " has a mean error of " (Number::mm(a.mean, "/held_out/after/position_mm/mean")) " mm"
+            code { (summary.calibrated.method) } " has a mean error of " (Number::mm(a.mean, "/held_out/calibrated/position_mm/mean")) " mm"
         }
     };
-    let row = |(i, m): (usize, &crate::report::evidence::MethodFacts)| -> Vec<Markup> {
+    let row = |(i, m): (usize, &crate::report::data::MethodSummary)| -> Vec<Markup> {
         let p = &m.errors.position_mm;
         let at = |name: &str| format!("/held_out/methods/{i}/position_mm/{name}");
-        let name = if i == evidence.after {
-            html! { b { (m.model) } }
+        let name = if i == evidence.calibrated {
+            html! { b { (m.method) } }
         } else {
-            html! { (m.model) }
+            html! { (m.method) }
         };
         let orientation = m.errors.orientation_mrad.map(|o| {
             Number::mm(
@@ -68,7 +68,7 @@ pub fn methods(evidence: &Evidence, facts: &HeldOutFacts) -> Section {
         )
         .table_beside(
             &["model", "mean (mm)", "95 % (mm)", "largest (mm)", "mean (mrad)"],
-            facts.methods.iter().enumerate().map(row).collect(),
+            summary.methods.iter().enumerate().map(row).collect(),
         )
         .text(html! {
             code { "base-tool" } " fits where base and tool are and believes the drawing of the arm; " code { "poe" }
@@ -79,8 +79,8 @@ pub fn methods(evidence: &Evidence, facts: &HeldOutFacts) -> Section {
 }
 
 /// Histogram and cumulative curve, before and after.
-pub fn distribution(evidence: &Evidence, facts: &HeldOutFacts) -> Section {
-    let (before, after) = (evidence.before().errors(), evidence.after().errors());
+pub fn distribution(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
+    let (before, after) = (evidence.nominal().errors(), evidence.calibrated().errors());
     let all = || before.iter().chain(&after).copied();
     let smallest = all().fold(f64::INFINITY, f64::min);
     let x = Axis::log(
@@ -88,14 +88,14 @@ pub fn distribution(evidence: &Evidence, facts: &HeldOutFacts) -> Section {
         smallest,
         all().fold(0.0, f64::max),
     );
-    let both = evidence.before != evidence.after;
+    let both = evidence.nominal != evidence.calibrated;
     let bars = [&before, &after].map(|values| histogram(&x, values));
     let most = bars.iter().flatten().map(|b| b.2).fold(1.0, f64::max);
     let mut histogram = Plot::new(x.clone(), Axis::linear("poses", 0.0, 1.05 * most));
     let mut cumulative = Plot::new(x, Axis::linear("poses within (%)", 0.0, 100.0));
     for (series, values, bars, wanted) in [
-        (Series::Before, &before, &bars[0], both),
-        (Series::After, &after, &bars[1], true),
+        (Series::Nominal, &before, &bars[0], both),
+        (Series::Calibrated, &after, &bars[1], true),
     ] {
         if wanted {
             histogram.bars(series, bars);
@@ -104,16 +104,16 @@ pub fn distribution(evidence: &Evidence, facts: &HeldOutFacts) -> Section {
     }
     cumulative.level(Series::Reference, 95.0, "95 %");
     let (a, b) = (
-        &facts.after.errors.position_mm,
-        &facts.before.errors.position_mm,
+        &summary.calibrated.errors.position_mm,
+        &summary.nominal.errors.position_mm,
     );
-    let [median, p95] = ["median", "p95"].map(|n| format!("/held_out/after/position_mm/{n}"));
-    Section::new("distribution", "How the errors are spread")
+    let [median, p95] = ["median", "p95"].map(|n| format!("/held_out/calibrated/position_mm/{n}"));
+    Section::new("distribution", "Error distribution")
         .text(keys(both))
         .figure(
             html! {
                 "Half of the poses are within " (Number::mm(a.median, median)) " mm"
-                @if both { ", before within " (Number::mm(b.median, "/held_out/before/position_mm/median")) " mm" }
+                @if both { ", nominal within " (Number::mm(b.median, "/held_out/nominal/position_mm/median")) " mm" }
             },
             histogram.render("Histogram of the position errors"),
             "Bins are equally wide by their ratio, because the scale is logarithmic.",
@@ -121,7 +121,7 @@ pub fn distribution(evidence: &Evidence, facts: &HeldOutFacts) -> Section {
         .figure(
             html! {
                 "95 of 100 poses are within " (Number::mm(a.p95, p95)) " mm"
-                @if both { ", before within " (Number::mm(b.p95, "/held_out/before/position_mm/p95")) " mm" }
+                @if both { ", nominal within " (Number::mm(b.p95, "/held_out/nominal/position_mm/p95")) " mm" }
             },
             cumulative.render("Share of the poses within an error"),
             "Read it from the tolerance that is needed: how many poses are within it?",
@@ -131,8 +131,8 @@ pub fn distribution(evidence: &Evidence, facts: &HeldOutFacts) -> Section {
 /// What the colours are.
 pub fn keys(both: bool) -> Markup {
     html! {
-        @if both { span class="key before" { "● before" } "  " }
-        span class="key after" { "● after" }
+        @if both { span class="key nominal" { "● nominal" } "  " }
+        span class="key calibrated" { "● calibrated" }
         @if both { " the calibration" }
     }
 }
@@ -143,7 +143,7 @@ fn histogram(x: &Axis, values: &[f64]) -> Vec<(f64, f64, f64)> {
     let edge = |i: usize| x.lower * (x.upper / x.lower).powf(i as f64 / bins as f64);
     let mut counts = vec![0.0; bins];
     for value in values {
-        let bin = (x.place(*value) * bins as f64) as usize;
+        let bin = (x.location(*value) * bins as f64) as usize;
         counts[bin.min(bins - 1)] += 1.0;
     }
     (0..bins)
@@ -167,9 +167,9 @@ fn cumulated(values: &[f64]) -> Vec<(f64, f64)> {
 }
 
 /// Held-out error with a growing part of the training poses.
-pub fn learning(facts: &HeldOutFacts) -> Section {
-    let section = Section::new("learning", "Would more poses help?");
-    let curve = &facts.learning_curve;
+pub fn learning(summary: &HeldOutSummary) -> Section {
+    let section = Section::new("learning", "Learning curve");
+    let curve = &summary.learning_curve;
     let (Some(last), true) = (curve.last(), curve.len() >= 2) else {
         return section.missing(
             "Not shown: there are too few training poses to leave some of them out and compare.",
@@ -192,7 +192,7 @@ pub fn learning(facts: &HeldOutFacts) -> Section {
         Axis::linear("position error (mm)", 0.0, 1.1 * most),
     );
     plot.line(Series::Other, &line(&p95), true);
-    plot.line(Series::After, &line(&mean), true);
+    plot.line(Series::Calibrated, &line(&mean), true);
     let gain = 1.0 - last.errors.position_mm.mean / previous.errors.position_mm.mean;
     let at = |i: usize| format!("/held_out/learning_curve/{i}");
     let end = curve.len() - 1;

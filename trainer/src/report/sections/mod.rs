@@ -1,6 +1,6 @@
 //! The sections of a report; each is one function from what is known to a [`Section`](super::Section).
 //!
-//! Those of held-out errors take an [`Evidence`] and its [`HeldOutFacts`], which the JSON document has as `held_out`, so
+//! Those of held-out errors take an [`ReportData`] and its [`HeldOutSummary`], which the JSON document has as `held_out`, so
 //! that a number and its place there are written side by side. What a run does not know is said in a sentence.
 
 mod calibration;
@@ -12,7 +12,7 @@ mod uncertainty;
 mod workspace;
 
 pub use crate::report::sections::calibration::{
-    DeviceFacts, ListedOutlier, Ripple, choice, device, outliers, parameters, provenance,
+    DeviceSummary, ListedOutlier, Ripple, choice, device, outliers, parameters, provenance,
 };
 pub use crate::report::sections::headline::headline;
 pub use crate::report::sections::joints::{joints, payloads};
@@ -21,19 +21,19 @@ pub use crate::report::sections::time::time;
 pub use crate::report::sections::uncertainty::uncertainty;
 pub use crate::report::sections::workspace::workspace;
 
-use crate::report::{Evidence, HeldOutFacts, Page};
+use crate::report::{HeldOutSummary, Page, ReportData};
 
 /// The sections about held-out errors alone, in their order.
 #[must_use]
-pub fn held_out(page: Page, evidence: &Evidence, facts: &HeldOutFacts) -> Page {
-    page.with(methods(evidence, facts))
-        .with(distribution(evidence, facts))
-        .with(workspace(evidence, facts))
+pub fn held_out(page: Page, evidence: &ReportData, summary: &HeldOutSummary) -> Page {
+    page.with(methods(evidence, summary))
+        .with(distribution(evidence, summary))
+        .with(workspace(evidence, summary))
         .with(joints(evidence))
-        .with(payloads(evidence, facts))
-        .with(time(evidence, facts))
-        .with(learning(facts))
-        .with(uncertainty(evidence, facts))
+        .with(payloads(evidence, summary))
+        .with(time(evidence, summary))
+        .with(learning(summary))
+        .with(uncertainty(evidence, summary))
 }
 
 /// Mean and the standard error of it.

@@ -4,7 +4,7 @@ use maud::html;
 
 use crate::report::chart::{Axis, BoxOf, Plot, Series, boxes};
 use crate::report::sections::mean_and_error;
-use crate::report::{Evidence, HeldOutFacts, Number, Section};
+use crate::report::{HeldOutSummary, Number, ReportData, Section};
 
 /// Rows of the running median, at least, and as a share of all.
 const WINDOW: usize = 7;
@@ -13,10 +13,10 @@ const WINDOW_SHARE: usize = 15;
 const SEPARATED: usize = 8;
 
 /// Errors in row order with a running median, and boxes by session, target or file.
-pub fn time(evidence: &Evidence, facts: &HeldOutFacts) -> Section {
-    let errors = evidence.after().errors();
+pub fn time(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
+    let errors = evidence.calibrated().errors();
     let n = errors.len();
-    let mut section = Section::new("time", "Over the measurement");
+    let mut section = Section::new("time", "Error over time");
     if n < 3 * WINDOW {
         return section.missing(format!(
             "Not shown: {n} poses are too few to see a trend over the measurement."
@@ -27,8 +27,8 @@ pub fn time(evidence: &Evidence, facts: &HeldOutFacts) -> Section {
         Axis::errors("position error (mm)", &errors),
     );
     for (i, (row, error)) in evidence.rows.iter().zip(&errors).enumerate() {
-        let told = format!("{} line {}: {error:.3} mm", row.file, row.line);
-        plot.told_dot(Series::After, (i as f64 + 0.5, *error), &told);
+        let tooltip = format!("{} line {}: {error:.3} mm", row.file, row.line);
+        plot.dot_with_tooltip(Series::Calibrated, (i as f64 + 0.5, *error), &tooltip);
     }
     let window = WINDOW.max(n / WINDOW_SHARE);
     let middle = |i: usize| {
@@ -71,12 +71,12 @@ pub fn time(evidence: &Evidence, facts: &HeldOutFacts) -> Section {
              part."
         ),
     );
-    let (parts, of, name, known) = if facts.tools.len() > 1 {
+    let (parts, of, name, known) = if summary.tools.len() > 1 {
         let parts = evidence.parts(|row| row.tool.clone());
-        (parts, "tools", "session or target", &facts.tools)
-    } else if facts.files.len() > 1 {
+        (parts, "tools", "session or target", &summary.tools)
+    } else if summary.files.len() > 1 {
         let parts = evidence.parts(|row| row.file.clone());
-        (parts, "files", "file", &facts.files)
+        (parts, "files", "file", &summary.files)
     } else {
         return section.missing(
             "There is one session only: whether a new mounting of the target changes anything cannot be seen in these data.",
@@ -84,7 +84,7 @@ pub fn time(evidence: &Evidence, facts: &HeldOutFacts) -> Section {
     };
     let drawn = parts.iter().filter_map(|(name, members)| {
         let values: Vec<f64> = members.iter().map(|i| errors[*i]).collect();
-        BoxOf::new(name.as_str(), Series::After, &values)
+        BoxOf::new(name.as_str(), Series::Calibrated, &values)
     });
     let drawn: Vec<BoxOf> = drawn.collect();
     let mean = |i: usize| known[i].errors.position_mm.mean;

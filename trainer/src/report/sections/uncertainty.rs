@@ -3,7 +3,7 @@
 use maud::html;
 
 use crate::report::chart::{Axis, Plot, Series};
-use crate::report::{Evidence, HeldOutFacts, Number, Section};
+use crate::report::{HeldOutSummary, Number, ReportData, Section};
 use poegp_calibration::validation::held_out::HeldOutPose;
 
 /// Largest |z| of the histogram, and its bins.
@@ -27,10 +27,10 @@ fn standardised(poses: &[HeldOutPose]) -> Vec<f64> {
 }
 
 /// Histogram of z-scores beside the normal distribution, and predicted against actual coverage.
-pub fn uncertainty(evidence: &Evidence, facts: &HeldOutFacts) -> Section {
-    let section = Section::new("uncertainty", "Does the model know how wrong it is?");
-    let z = standardised(&evidence.after().poses);
-    let (Some(coverage), false) = (&facts.after.coverage, z.is_empty()) else {
+pub fn uncertainty(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
+    let section = Section::new("uncertainty", "Predictive uncertainty");
+    let z = standardised(&evidence.calibrated().poses);
+    let (Some(coverage), false) = (&summary.calibrated.coverage, z.is_empty()) else {
         return section.missing(
             "Not shown: this model has no predicted standard deviations to compare with.",
         );
@@ -55,7 +55,7 @@ pub fn uncertainty(evidence: &Evidence, facts: &HeldOutFacts) -> Section {
         Axis::linear("error / predicted standard deviation", -WIDEST, WIDEST),
         Axis::linear("error components", 0.0, 1.05 * most),
     );
-    histogram.bars(Series::After, &bars);
+    histogram.bars(Series::Calibrated, &bars);
     histogram.line(Series::Reference, &normal, false);
 
     let mut sizes: Vec<f64> = z.iter().map(|z| z.abs()).collect();
@@ -70,10 +70,10 @@ pub fn uncertainty(evidence: &Evidence, facts: &HeldOutFacts) -> Section {
         Axis::linear("actual share within (%)", 0.0, 100.0),
     );
     calibration.line(Series::Reference, &[(0.0, 0.0), (100.0, 100.0)], false);
-    calibration.line(Series::After, &shares, true);
+    calibration.line(Series::Calibrated, &shares, true);
 
     let (one, two) = (coverage.all.one_sigma, coverage.all.two_sigma);
-    let at = |name: &str| format!("/held_out/after/coverage/{name}");
+    let at = |name: &str| format!("/held_out/calibrated/coverage/{name}");
     let finding = if two < 0.95 - TOLERANCE || one < 0.683 - 1.5 * TOLERANCE {
         "The model is too sure of itself: "
     } else if one > 0.683 + 1.5 * TOLERANCE {

@@ -4,7 +4,7 @@ use maud::{Markup, html};
 
 use crate::report::chart::{Axis, Plot, Series, plain, round_125};
 use crate::report::sections::methods::keys;
-use crate::report::{Evidence, HeldOutFacts, Number, Section};
+use crate::report::{HeldOutSummary, Number, ReportData, Section};
 use poegp_calibration::validation::held_out::HeldOutPose;
 
 /// Length of an arrow that 95 % of the errors stay below, as a share of the widest side.
@@ -26,10 +26,10 @@ const FEWEST: usize = 20;
 const SYSTEMATIC: f64 = 0.3;
 
 /// Three projections, before and after.
-pub fn workspace(evidence: &Evidence, facts: &HeldOutFacts) -> Section {
-    let both = evidence.before != evidence.after;
+pub fn workspace(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
+    let both = evidence.nominal != evidence.calibrated;
     let section = Section::new("workspace", "Where in the workspace").small_figures();
-    let (low, high) = extent(&evidence.after().poses);
+    let (low, high) = extent(&evidence.calibrated().poses);
     let widest = (0..3).map(|i| high[i] - low[i]).fold(0.0, f64::max);
     if widest.is_nan() || widest <= 0.0 {
         return section.missing("Not shown: all poses are at one place.");
@@ -40,17 +40,27 @@ pub fn workspace(evidence: &Evidence, facts: &HeldOutFacts) -> Section {
             "tool is to where it was seen, enlarged; x, y, z are the axes of the robot's base."
         })
         .text(neighbours(evidence));
-    let mut shown = vec![(Series::After, evidence.after(), &facts.after, "after")];
+    let mut shown = vec![(
+        Series::Calibrated,
+        evidence.calibrated(),
+        &summary.calibrated,
+        "calibrated",
+    )];
     if both {
         shown.insert(
             0,
-            (Series::Before, evidence.before(), &facts.before, "before"),
+            (
+                Series::Nominal,
+                evidence.nominal(),
+                &summary.nominal,
+                "nominal",
+            ),
         );
     }
     let side = widest * (1.0 + 2.0 * MARGIN);
     let (across, up) = (SIDE - LABELS.0, SIDE - LABELS.1);
-    for (series, method, facts, which) in shown {
-        let p95 = facts.errors.position_mm.p95;
+    for (series, method, summary, which) in shown {
+        let p95 = summary.errors.position_mm.p95;
         let factor = round_125(ARROW * widest / p95.max(1e-9), false);
         for (u, v, view) in VIEWS {
             let names = ["x", "y", "z"];
@@ -74,7 +84,7 @@ pub fn workspace(evidence: &Evidence, facts: &HeldOutFacts) -> Section {
                     [x, y, dx, dy]
                 }),
             );
-            let mean = facts.errors.position_mm.mean;
+            let mean = summary.errors.position_mm.mean;
             section = section.figure(
                 html! {
                     (capitalised(which)) ", " (view) ": "
@@ -89,7 +99,7 @@ pub fn workspace(evidence: &Evidence, facts: &HeldOutFacts) -> Section {
 }
 
 /// Whether errors of neighbouring poses point the same way: what is systematic could still be learnt, noise could not.
-fn neighbours(evidence: &Evidence) -> Markup {
+fn neighbours(evidence: &ReportData) -> Markup {
     let agreement = |poses: &[HeldOutPose]| -> Option<f64> {
         let distance = |a: &HeldOutPose, b: &HeldOutPose| -> f64 {
             (0..3)
@@ -108,7 +118,7 @@ fn neighbours(evidence: &Evidence) -> Markup {
         let all: Vec<f64> = poses.iter().enumerate().filter_map(cosine).collect();
         (all.len() >= FEWEST).then(|| all.iter().sum::<f64>() / all.len() as f64)
     };
-    let Some(after) = agreement(&evidence.after().poses) else {
+    let Some(after) = agreement(&evidence.calibrated().poses) else {
         return html! { "There are too few poses to say whether errors of neighbours agree." };
     };
     let verdict = if after > SYSTEMATIC {
@@ -118,8 +128,8 @@ fn neighbours(evidence: &Evidence) -> Markup {
     };
     html! {
         "Between each pose and its nearest neighbour the errors have a mean cosine of "
-        @if evidence.before != evidence.after {
-            @if let Some(before) = agreement(&evidence.before().poses) { (format!("{before:.2}")) " before and " }
+        @if evidence.nominal != evidence.calibrated {
+            @if let Some(before) = agreement(&evidence.nominal().poses) { (format!("{before:.2}")) " before and " }
         }
         (crate::report::rounded(after, 2)) " after the calibration (1: they point the same way, 0: at random): " (verdict) "."
     }

@@ -1,4 +1,0 @@
-//! `poegp_tests::fuzzing`, target `guess`.
-#![no_main]
-
-libfuzzer_sys::fuzz_target!(|data: &[u8]| poegp_tests::fuzzing::readers::guess(data));

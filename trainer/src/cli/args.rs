@@ -1,0 +1,259 @@
+//! Command-line arguments that several commands share.
+
+use clap::Args;
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use serde::de::{DeserializeOwned, IntoDeserializer, value};
+
+use poegp_calibration::learning::elastic::options::OutlierPolicy;
+use poegp_calibration::learning::task_space::fit::HyperparameterSharing;
+use poegp_calibration::measurement::noise::InstrumentNoise;
+use poegp_calibration::model::Method;
+use poegp_calibration::model::config::{Config, ProcessLayout, Weighting};
+
+/// A robot description.
+#[derive(Debug, Args)]
+pub struct RobotArgs {
+    /// URDF file, TOML description, or built-in robot: abb-irb4400, abb-irb4400-serial, abb-irb120, kuka-iiwa7, ur5, ur10.
+    #[arg(long)]
+    pub robot: String,
+    #[command(flatten)]
+    pub chain: ChainArgs,
+}
+
+/// Ends of the kinematic chain in a URDF.
+#[derive(Clone, Debug, Args)]
+pub struct ChainArgs {
+    /// URDF link at which the chain begins (default: the root).
+    #[arg(long, value_name = "LINK")]
+    pub base: Option<String>,
+    /// URDF link at which the chain ends, the flange (default: the only leaf, or tool0, flange, ee_link).
+    #[arg(long, value_name = "LINK")]
+    pub tip: Option<String>,
+}
+
+/// Settings of the calibration; what is not given keeps the value of the project file or the default.
+#[derive(Debug, Args)]
+pub struct FitArgs {
+    /// Separate hyperparameters for each of the six outputs of the paper's process: more accurate, but six exponentials for
+    /// each inducing point on the device.
+    #[arg(long)]
+    pub per_output: bool,
+    /// One set of lengthscales for all joints of the elastic model: a sixth of the exponentials, slightly less accurate.
+    #[arg(long)]
+    pub tied: bool,
+    /// Leave the predictive standard deviation of the position out of a blob with --tied.
+    #[arg(long)]
+    pub no_variance: bool,
+    /// Inducing points of the elastic model on the device, or `all` (default: 100).
+    #[arg(long, value_name = "M", value_parser = support)]
+    pub support: Option<Support>,
+    /// Separate inducing points for each joint of the elastic model, at most TOTAL of all joints together (200 if no number
+    /// is given): nearly the accuracy of --support 100 for less than half of its instructions.
+    #[arg(long, value_name = "TOTAL", num_args = 0..=1, default_missing_value = "200",
+        value_parser = clap::value_parser!(u32).range(1..=10_000), conflicts_with_all = ["tied", "support"])]
+    pub support_per_output: Option<u32>,
+    /// Gravity in the base frame in m/s², for robots on a wall or a ceiling (default: 0,0,-9.81).
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = gravity)]
+    pub gravity: Option<Gravity>,
+    #[command(flatten)]
+    pub noise: NoiseArgs,
+    /// Treatment of outliers by the elastic model; they are listed either way (default: keep).
+    #[arg(long, value_name = "POLICY", value_parser = outliers())]
+    pub outliers: Option<OutlierPolicy>,
+    /// Weights of the measurements in step 1 of the paper (default: none).
+    #[arg(long, value_name = "WEIGHTS", value_parser = weighting())]
+    pub weighting: Option<Weighting>,
+}
+
+/// Noise of the instrument.
+#[derive(Clone, Copy, Debug, Args)]
+pub struct NoiseArgs {
+    /// Standard deviation of one position component, as stated by the instrument's maker (default: `sigma_mm` column,
+    /// otherwise estimated).
+    #[arg(long, value_name = "MM", value_parser = positive)]
+    pub position_sigma_mm: Option<f64>,
+    /// Standard deviation of one orientation component, as stated by the instrument's maker (default: `sigma_mrad` column,
+    /// otherwise estimated).
+    #[arg(long, value_name = "MRAD", value_parser = positive)]
+    pub orientation_sigma_mrad: Option<f64>,
+}
+
+impl NoiseArgs {
+    /// Noise of the instrument in SI units.
+    pub fn instrument_noise(&self) -> InstrumentNoise {
+        InstrumentNoise {
+            position: self.position_sigma_mm.map(|x| 1e-3 * x),
+            orientation: self.orientation_sigma_mrad.map(|x| 1e-3 * x),
+        }
+    }
+}
+
+impl FitArgs {
+    /// Puts what was given into `config`, and returns the keys that it changed.
+    pub fn overlay(&self, config: &mut Config) -> Vec<&'static str> {
+        let old = *config;
+        if self.per_output {
+            config.hyperparameters = HyperparameterSharing::PerOutput;
+        }
+        if self.tied {
+            config.layout = ProcessLayout::Shared;
+        }
+        if self.no_variance {
+            config.device_variance = false;
+        }
+        if let Some(Support(count)) = self.support {
+            config.inducing_points = count;
+            if config.layout == ProcessLayout::PerJointSets {
+                config.layout = ProcessLayout::PerJoint;
+            }
+        }
+        if let Some(total) = self.support_per_output {
+            config.layout = ProcessLayout::PerJointSets;
+            config.inducing_points = Some(total as usize);
+        }
+        if let Some(Gravity(gravity)) = self.gravity {
+            config.gravity_m_s2 = gravity;
+        }
+        config.position_sigma_mm = self.noise.position_sigma_mm.or(config.position_sigma_mm);
+        config.orientation_sigma_mrad = self
+            .noise
+            .orientation_sigma_mrad
+            .or(config.orientation_sigma_mrad);
+        config.outliers = self.outliers.unwrap_or(config.outliers);
+        config.weighting = self.weighting.unwrap_or(config.weighting);
+        differences(&old, config)
+    }
+
+    /// The configuration of a calibration by `method`.
+    pub fn config(&self, method: Method) -> Config {
+        let mut config = Config::new(method);
+        self.overlay(&mut config);
+        config
+    }
+}
+
+/// The keys in which two configurations differ.
+pub fn differences(old: &Config, new: &Config) -> Vec<&'static str> {
+    let all = [
+        ("method", old.method != new.method),
+        ("weighting", old.weighting != new.weighting),
+        (
+            "hyperparameters",
+            old.hyperparameters != new.hyperparameters,
+        ),
+        ("layout", old.layout != new.layout),
+        (
+            "inducing_points",
+            old.inducing_points != new.inducing_points,
+        ),
+        (
+            "device_variance",
+            old.device_variance != new.device_variance,
+        ),
+        ("outliers", old.outliers != new.outliers),
+        ("gravity_m_s2", old.gravity_m_s2 != new.gravity_m_s2),
+        (
+            "position_sigma_mm",
+            old.position_sigma_mm != new.position_sigma_mm,
+        ),
+        (
+            "orientation_sigma_mrad",
+            old.orientation_sigma_mrad != new.orientation_sigma_mrad,
+        ),
+        (
+            "max_correction_mm",
+            old.max_correction_mm != new.max_correction_mm,
+        ),
+        (
+            "max_correction_mrad",
+            old.max_correction_mrad != new.max_correction_mrad,
+        ),
+    ];
+    all.into_iter()
+        .filter(|(_, differs)| *differs)
+        .map(|(key, _)| key)
+        .collect()
+}
+
+/// Number of inducing points, or `None` for all training poses.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Support(pub Option<usize>);
+
+fn support(text: &str) -> Result<Support, String> {
+    match text {
+        "all" => Ok(Support(None)),
+        _ => match text.parse::<usize>() {
+            Ok(count) if count > 0 => Ok(Support(Some(count))),
+            _ => Err("expected a number above 0, or `all`".to_owned()),
+        },
+    }
+}
+
+/// Gravity in the base frame, m/s².
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Gravity(pub [f64; 3]);
+
+/// Reads three numbers.
+pub fn gravity(text: &str) -> Result<Gravity, String> {
+    let numbers: Result<Vec<f64>, _> = text.split(',').map(|x| x.trim().parse()).collect();
+    let vector = numbers.ok().and_then(|v| <[f64; 3]>::try_from(v).ok());
+    match vector {
+        Some(g) if g.iter().all(|x| x.is_finite()) => Ok(Gravity(g)),
+        _ => Err("expected three numbers in m/s², such as 0,0,-9.81".to_owned()),
+    }
+}
+
+/// Reads a number above 0.
+pub fn positive(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(x) if x > 0.0 && f64::is_finite(x) => Ok(x),
+        _ => Err("expected a number above 0".to_owned()),
+    }
+}
+
+/// Reads a value of an enumeration of the library by its name.
+fn named<T: DeserializeOwned>(name: String) -> Result<T, value::Error> {
+    T::deserialize(name.into_deserializer())
+}
+
+fn methods() -> [PossibleValue; Method::ALL.len()] {
+    Method::ALL.map(|method| PossibleValue::new(method.name()).help(method.about()))
+}
+
+/// Reads a calibration method.
+pub fn method() -> impl TypedValueParser<Value = Method> {
+    PossibleValuesParser::new(methods()).try_map(named)
+}
+
+/// A calibration method, or `None`: the training data choose it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct MethodChoice(pub Option<Method>);
+
+/// Reads a calibration method or `auto`.
+pub fn method_or_auto() -> impl TypedValueParser<Value = MethodChoice> {
+    let auto = PossibleValue::new("auto")
+        .help("The simplest method that is within one standard error of the best in cross-validation of the training data");
+    PossibleValuesParser::new(methods().into_iter().chain([auto])).try_map(|name| {
+        match name.as_str() {
+            "auto" => Ok(MethodChoice(None)),
+            _ => named(name).map(|method| MethodChoice(Some(method))),
+        }
+    })
+}
+
+fn weighting() -> impl TypedValueParser<Value = Weighting> {
+    PossibleValuesParser::new([
+        PossibleValue::new("none").help("Metres and radians count alike, as in the paper"),
+        PossibleValue::new("noise")
+            .help("Residuals are divided by the noise; rotations are taken at the tool point"),
+    ])
+    .try_map(named)
+}
+
+fn outliers() -> impl TypedValueParser<Value = OutlierPolicy> {
+    PossibleValuesParser::new([
+        PossibleValue::new("keep").help("Train on outliers like on all other measurements"),
+        PossibleValue::new("reject").help("Leave outliers out of the training"),
+    ])
+    .try_map(named)
+}

@@ -1,0 +1,142 @@
+//! The JSON document of `trainer calibrate`.
+
+use serde::Serialize;
+
+use crate::cli::calibrate::elastic_summary::ElasticSummary;
+use crate::cli::calibrate::job::Job;
+use crate::report::{HeldOutSummary, Provenance};
+use poegp_calibration::blob::precision_loss::SinglePrecisionLoss;
+use poegp_calibration::blob::predict::BlobModel;
+use poegp_calibration::device_cost::{ElasticSize, instructions};
+use poegp_calibration::identification::frame_fit::FrameFit;
+use poegp_calibration::identification::identifiability::IdentifyReport;
+use poegp_calibration::measurement::instrument_drift::DriftReport;
+use poegp_calibration::model::Calibration;
+use poegp_calibration::model::frame_changes::{FrameChange, changes};
+use poegp_calibration::numeric::statistics::ErrorSummary;
+use poegp_calibration::validation::device_budget::Fitted;
+use poegp_calibration::validation::model_selection::Row;
+
+/// What `--json` writes.
+#[derive(Serialize)]
+pub struct CalibrateJson {
+    pub version: &'static str,
+    pub method: &'static str,
+    pub robot: String,
+    pub training_poses: usize,
+    pub training: ErrorSummary,
+    /// Errors on poses that were not trained on, where some were asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub held_out: Option<HeldOutSummary>,
+    pub step1: Option<Step1>,
+    pub hyperparameters: Vec<Hyperparameters>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub elastic: Option<ElasticSummary>,
+    /// The table that `--method auto` chose from.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub choice: Option<Vec<Row>>,
+    /// The table that a budget was fitted by; the first row has all support points.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub budget: Option<Vec<Fitted>>,
+    pub correction_limit_mm: f64,
+    pub correction_limit_mrad: f64,
+    pub single_precision_loss_um: LossJson,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub drift: Option<DriftReport>,
+    pub identifiability: Option<IdentifyReport>,
+    /// By how much the frames differ from the drawing.
+    pub frames: Vec<FrameChange>,
+    pub blob: BlobSummary,
+    /// Whether the blob is, to the byte, the one that a project file states.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub repeats: Option<bool>,
+    pub provenance: Provenance,
+}
+
+#[derive(Serialize)]
+pub struct Step1 {
+    pub parameters: usize,
+    pub identifiable: usize,
+    pub iterations: usize,
+    pub rms: f64,
+}
+
+#[derive(Serialize)]
+pub struct Hyperparameters {
+    pub theta: [f64; 4],
+    pub noise_variance: f64,
+}
+
+#[derive(Serialize)]
+pub struct LossJson {
+    pub mean: f64,
+    pub max: f64,
+}
+
+#[derive(Serialize)]
+pub struct BlobSummary {
+    pub file: String,
+    pub bytes: usize,
+    pub inducing_points: usize,
+    /// Of one evaluation on a Cortex-M4F, by the cost model of the elastic model.
+    pub instructions: Option<u64>,
+}
+
+pub fn document(
+    a: &Job,
+    calibration: &Calibration,
+    blob: &BlobModel,
+    precision_loss: &SinglePrecisionLoss,
+    training: ErrorSummary,
+    provenance: Provenance,
+) -> CalibrateJson {
+    let step1 = |fit: &FrameFit| Step1 {
+        parameters: fit.parameters,
+        identifiable: fit.rank,
+        iterations: fit.iterations,
+        rms: fit.rms,
+    };
+    let hyperparameters = calibration
+        .correction
+        .task_space()
+        .into_iter()
+        .flat_map(|task_space| &task_space.gp.hyperparameters)
+        .map(|h| {
+            let [a, b, c, d, noise_variance] = h.to_array();
+            Hyperparameters {
+                theta: [a, b, c, d],
+                noise_variance,
+            }
+        });
+    CalibrateJson {
+        version: env!("CARGO_PKG_VERSION"),
+        method: calibration.config.method.name(),
+        robot: blob.blob().robot.name.to_owned(),
+        training_poses: training.poses,
+        training,
+        held_out: None,
+        step1: calibration.frame_fit().map(step1),
+        hyperparameters: hyperparameters.collect(),
+        elastic: None,
+        choice: None,
+        budget: None,
+        correction_limit_mm: 1e3 * calibration.correction_limit.0,
+        correction_limit_mrad: 1e3 * calibration.correction_limit.1,
+        single_precision_loss_um: LossJson {
+            mean: 1e6 * precision_loss.mean_m,
+            max: 1e6 * precision_loss.max_m,
+        },
+        drift: None,
+        identifiability: None,
+        frames: changes(calibration),
+        blob: BlobSummary {
+            file: a.out.display().to_string(),
+            bytes: blob.bytes().len(),
+            inducing_points: blob.model().support(),
+            instructions: ElasticSize::of_blob(&blob.blob(), blob.model().support())
+                .map(|size| instructions(&size)),
+        },
+        repeats: None,
+        provenance,
+    }
+}

@@ -1,0 +1,161 @@
+//! What `trainer calibrate` reports about an elastic model: noise, gear ripple, outliers.
+
+use serde::Serialize;
+
+use crate::cli::terminal::print::Printer;
+use crate::report::sections::{ListedOutlier, Ripple};
+use poegp_calibration::learning::elastic::options::OutlierPolicy;
+use poegp_calibration::learning::elastic::outliers::Reason;
+use poegp_calibration::measurement::sample::InstrumentSample;
+use poegp_calibration::model::Calibration;
+use poegp_calibration::model::config::ProcessLayout;
+
+/// The part of `--json`.
+#[derive(Serialize)]
+pub struct ElasticSummary {
+    noise_mm: f64,
+    /// `None` where no orientation was measured.
+    noise_mrad: Option<f64>,
+    inducing_points: usize,
+    ripple: Vec<RippleSummary>,
+    outliers: Vec<OutlierSummary>,
+    /// Of a blob that says how well it knows the position.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    predictive_std: Option<StdSummary>,
+    /// Whether one was wanted: tied length scales, and not left out.
+    #[serde(skip)]
+    predictive_std_wanted: bool,
+}
+
+#[derive(Serialize)]
+struct StdSummary {
+    landmarks: usize,
+    floor_mm: f64,
+    noise_mm: f64,
+}
+
+#[derive(Serialize)]
+struct RippleSummary {
+    joint: usize,
+    cycles_per_turn: f64,
+    amplitude_urad: f64,
+}
+
+#[derive(Serialize)]
+struct OutlierSummary {
+    line: usize,
+    reason: &'static str,
+    chi_squared: f64,
+    rejected: bool,
+}
+
+impl ElasticSummary {
+    /// Of a calibration with these samples; `lines` are their lines in the file.
+    pub fn new(
+        calibration: &Calibration,
+        samples: &[InstrumentSample],
+        lines: &[usize],
+    ) -> Option<Self> {
+        let elastic = calibration.correction.elastic()?;
+        let report = &elastic.report;
+        let config = &calibration.config;
+        let sigma = elastic.sigma.as_ref().map(|sigma| StdSummary {
+            landmarks: sigma.header.landmarks,
+            floor_mm: 1e3 * sigma.header.floor.sqrt(),
+            noise_mm: 1e3 * sigma.noise.sqrt(),
+        });
+        let rejected = config.outliers == OutlierPolicy::Reject;
+        let ripple = report
+            .ripple
+            .iter()
+            .map(|(joint, cycles, amplitude)| RippleSummary {
+                joint: *joint,
+                cycles_per_turn: *cycles,
+                amplitude_urad: 1e6 * amplitude,
+            });
+        let outliers = calibration.outliers().iter().map(|o| OutlierSummary {
+            line: lines.get(o.sample).copied().unwrap_or(0),
+            reason: match o.reason {
+                Reason::Robust => "far from the calibrated arm",
+                Reason::LeaveOneOut => "far from what all other measurements predict",
+            },
+            chi_squared: o.chi_squared,
+            rejected,
+        });
+        Some(Self {
+            noise_mm: 1e3 * report.position_noise,
+            noise_mrad: samples
+                .iter()
+                .any(|s| s.observation.has_orientation())
+                .then_some(1e3 * report.orientation_noise),
+            inducing_points: report.support,
+            ripple: ripple.collect(),
+            outliers: outliers.collect(),
+            predictive_std: sigma,
+            predictive_std_wanted: config.layout == ProcessLayout::Shared
+                && config.device_variance
+                && config.processes,
+        })
+    }
+
+    /// The outliers for a page.
+    pub fn listed_outliers(&self) -> Vec<ListedOutlier> {
+        let listed = |o: &OutlierSummary| ListedOutlier {
+            line: o.line,
+            reason: o.reason,
+            chi_squared: o.chi_squared,
+            rejected: o.rejected,
+        };
+        self.outliers.iter().map(listed).collect()
+    }
+
+    /// The gear ripple for a page.
+    pub fn listed_ripple(&self) -> Vec<Ripple> {
+        let listed = |r: &RippleSummary| Ripple {
+            joint: r.joint,
+            cycles_per_turn: r.cycles_per_turn,
+            amplitude_urad: r.amplitude_urad,
+        };
+        self.ripple.iter().map(listed).collect()
+    }
+
+    /// The same for a reader.
+    pub fn print(&self, report: Printer) {
+        let orientation = self
+            .noise_mrad
+            .map_or(String::new(), |mrad| format!(", {mrad:.4} mrad"));
+        report.line(format_args!(
+            "  fitted noise of one component: {:.4} mm{orientation}",
+            self.noise_mm
+        ));
+        if let Some(sigma) = &self.predictive_std {
+            report.line(format_args!(
+                "  the device's standard deviation is {:.4} mm at least, of which the noise is {:.4} mm",
+                sigma.floor_mm, sigma.noise_mm
+            ));
+        } else if self.predictive_std_wanted {
+            report.line(
+                "  note: no standard deviation for the device: its equations cannot be solved",
+            );
+        }
+        for r in &self.ripple {
+            report.line(format_args!(
+                "  gear ripple of joint {}: {:.1} cycles per turn, {:.0} µrad",
+                r.joint, r.cycles_per_turn, r.amplitude_urad
+            ));
+        }
+        for o in &self.outliers {
+            report.line(format_args!(
+                "  outlier in line {}: {} (χ² {:.0}); {}",
+                o.line,
+                o.reason,
+                o.chi_squared,
+                if o.rejected {
+                    "left out"
+                } else {
+                    "kept; --outliers reject leaves it out"
+                }
+            ));
+        }
+    }
+}

@@ -1,0 +1,190 @@
+//! A calibration to do: a project file, if there is one, overridden by the command line.
+
+use std::path::PathBuf;
+
+use crate::cli::args::{ChainArgs, MethodChoice, differences};
+use crate::cli::calibrate::args::Calibrate;
+use crate::cli::calibrate::project::{Project, is_project};
+use crate::cli::failure::Failure;
+use crate::cli::terminal::print::note;
+use poegp_calibration::input_error::InputError;
+use poegp_calibration::model::config::Config;
+use poegp_calibration::validation::device_budget::Budget;
+
+const VERSION: &str = env!("CARGO_PKG_VERSION");
+
+/// Everything that a calibration needs. Paths are as seen from the working folder.
+pub struct Job {
+    pub robot: String,
+    pub chain: ChainArgs,
+    pub train: PathBuf,
+    pub tests: Vec<PathBuf>,
+    pub correct_drift: bool,
+    pub config: Config,
+    /// Whether the training data choose the method.
+    pub auto: bool,
+    pub budget: Budget,
+    pub serial_number: String,
+    pub date: Option<String>,
+    pub out: PathBuf,
+    pub report: Option<PathBuf>,
+    pub json: Option<PathBuf>,
+    pub write_project: Option<PathBuf>,
+    pub project: Option<PathBuf>,
+    /// SHA-256 that the project file states for the blob, unless an option changes the calibration.
+    pub blob_sha256: Option<String>,
+}
+
+impl Job {
+    /// Reads the project file, and notes what overrides it.
+    pub fn new(a: &Calibrate) -> Result<Self, Failure> {
+        let project = match is_project(&a.train) {
+            true => Some(Project::read(&a.train)?),
+            false => None,
+        };
+        let auto = a.method == Some(MethodChoice(None));
+        let mut config = project
+            .as_ref()
+            .map_or_else(Config::default, |p| p.file.calibration);
+        let stated = config;
+        a.fit.overlay(&mut config);
+        if let Some(MethodChoice(Some(method))) = a.method {
+            config.method = method;
+        }
+        config.max_correction_mm = a.max_correction_mm.or(config.max_correction_mm);
+        config.max_correction_mrad = a.max_correction_mrad.or(config.max_correction_mrad);
+        config
+            .validate()
+            .map_err(|error| Failure::Usage(error.to_string()))?;
+        let missing = |option| {
+            Failure::Usage(format!(
+                "found no {option}, expected {option} or a project file"
+            ))
+        };
+        let mut job = Self {
+            robot: a.robot.clone().unwrap_or_default(),
+            chain: a.chain.clone(),
+            train: a.train.clone(),
+            tests: a.tests.clone(),
+            correct_drift: a.correct_drift,
+            config,
+            auto,
+            budget: Budget {
+                instructions: a.max_instructions,
+                bytes: a.max_blob_bytes,
+            },
+            serial_number: a.serial_number.clone().unwrap_or_default(),
+            date: a.date.clone(),
+            out: a.out.clone().unwrap_or_default(),
+            report: a.report.clone(),
+            json: a.json.clone(),
+            write_project: a.write_project.clone(),
+            project: None,
+            blob_sha256: None,
+        };
+        match project {
+            Some(project) => job.complete(a, &stated, project)?,
+            None if a.robot.is_none() => return Err(missing("--robot")),
+            None if a.out.is_none() => return Err(missing("--out")),
+            None => {}
+        }
+        Ok(job)
+    }
+
+    /// Takes from a project file what was not given.
+    fn complete(
+        &mut self,
+        a: &Calibrate,
+        stated: &Config,
+        project: Project,
+    ) -> Result<(), Failure> {
+        let file = &project.file;
+        let (robot, data, output) = (&file.robot, &file.data, &file.output);
+        let blob = output.blob.as_ref().map(|name| project.resolve(name));
+        let mut overrides: Vec<String> = differences(stated, &self.config)
+            .into_iter()
+            .map(|key| format!("calibration.{key}"))
+            .collect();
+        // What is made of the data, then where it goes.
+        let content = [
+            (self.auto, "calibration.method"),
+            (a.robot.is_some(), "robot.description"),
+            (a.chain.base.is_some() && robot.base.is_some(), "robot.base"),
+            (a.chain.tip.is_some() && robot.tip.is_some(), "robot.tip"),
+            (
+                a.serial_number.is_some() && !robot.serial_number.is_empty(),
+                "robot.serial_number",
+            ),
+            (a.date.is_some() && file.date.is_some(), "date"),
+            (a.correct_drift && !data.correct_drift, "data.correct_drift"),
+        ];
+        let outputs = [
+            (!a.tests.is_empty() && !data.tests.is_empty(), "data.tests"),
+            (a.out.is_some() && blob.is_some(), "output.blob"),
+            (
+                a.report.is_some() && output.report.is_some(),
+                "output.report",
+            ),
+            (a.json.is_some() && output.json.is_some(), "output.json"),
+        ];
+        let named = |(is_given, key): &(bool, &str)| is_given.then(|| (*key).to_owned());
+        overrides.extend(content.iter().filter_map(named));
+        let is_whole = overrides.is_empty()
+            && self.budget.is_unlimited()
+            && a.chain.base.is_none()
+            && a.chain.tip.is_none()
+            && a.serial_number.is_none()
+            && a.date.is_none();
+        overrides.extend(outputs.iter().filter_map(named));
+        if !overrides.is_empty() {
+            note(format_args!(
+                "the command line overrides {} of {}",
+                overrides.join(", "),
+                project.path.display()
+            ));
+        }
+        if let Some(then) = file.trainer.as_ref().filter(|then| *then != VERSION) {
+            note(format_args!(
+                "{} was written by trainer {then}, this is {VERSION}: results may differ, and the bytes of the blob do, which \
+                 names its trainer; install that version to repeat them",
+                project.path.display()
+            ));
+        }
+        if self.robot.is_empty() {
+            self.robot = project.robot();
+        }
+        let or = |given: &mut Option<String>, stated: &Option<String>| {
+            *given = given.take().or_else(|| stated.clone())
+        };
+        or(&mut self.chain.base, &robot.base);
+        or(&mut self.chain.tip, &robot.tip);
+        if a.serial_number.is_none() {
+            self.serial_number.clone_from(&robot.serial_number);
+        }
+        or(
+            &mut self.date,
+            &file.date.as_ref().map(|date| date.get_ref().clone()),
+        );
+        self.train = project.resolve(&data.train);
+        if self.tests.is_empty() {
+            self.tests = data
+                .tests
+                .iter()
+                .map(|name| project.resolve(name))
+                .collect();
+        }
+        self.correct_drift |= data.correct_drift;
+        if a.out.is_none() {
+            self.out = blob.ok_or_else(|| {
+                InputError::new(&project.path, "no output.blob", "the path of the blob")
+                    .with_help("add `blob = \"arm.blob\"` under [output], or give --out FILE")
+            })?;
+        }
+        let path = |name: &Option<String>| name.as_ref().map(|name| project.resolve(name));
+        self.report = self.report.take().or_else(|| path(&output.report));
+        self.json = self.json.take().or_else(|| path(&output.json));
+        self.blob_sha256 = output.blob_sha256.clone().filter(|_| is_whole);
+        self.project = Some(project.path);
+        Ok(())
+    }
+}

@@ -1,0 +1,400 @@
+//! `trainer calibrate`.
+
+pub mod args;
+mod document;
+pub mod elastic_summary;
+mod job;
+mod project;
+pub mod report_page;
+
+use std::path::{Path, PathBuf};
+
+use crate::cli::calibrate::args::Calibrate;
+use crate::cli::calibrate::document::{CalibrateJson, document};
+use crate::cli::calibrate::elastic_summary::ElasticSummary;
+use crate::cli::calibrate::job::Job;
+use crate::cli::calibrate::project::{RobotTable, Source};
+use crate::cli::failure::{Failure, device_failure};
+use crate::cli::inputs::{Arm, Tests, enough_poses, equations, origin};
+use crate::cli::instrument_drift;
+use crate::cli::output::{check_outputs, json_text, write_outputs};
+use crate::cli::terminal::print::{Printer, is_stdout, note};
+use crate::cli::terminal::progress;
+use crate::report::{FileSummary, ReportData};
+use poegp_calibration::blob::precision_loss::SinglePrecisionLoss;
+use poegp_calibration::blob::predict::BlobModel;
+use poegp_calibration::blob::write::{CalibratedBlob, Provenance, calibrate_to_blob};
+use poegp_calibration::learning::task_space::fit::MAX_SIGNAL_VARIANCE;
+use poegp_calibration::measurement::reader::SampleFile;
+use poegp_calibration::measurement::sample::InstrumentSample;
+use poegp_calibration::model::config::Config;
+use poegp_calibration::model::correction::Correction;
+use poegp_calibration::model::identified::of_calibration;
+use poegp_calibration::model::{Calibration, Method};
+use poegp_calibration::numeric::statistics::ErrorSummary;
+use poegp_calibration::validation::cross_validation::Task;
+use poegp_calibration::validation::device_budget::{Fitted, TRIALS, fill};
+use poegp_calibration::validation::model_selection::{Choice, FOLDS, Row, candidates, choose};
+
+pub fn run(arguments: &Calibrate) -> Result<(), Failure> {
+    let a = &Job::new(arguments)?;
+    let outputs = [
+        Some(a.out.as_path()),
+        a.json.as_deref(),
+        a.report.as_deref(),
+        a.write_project.as_deref(),
+    ];
+    let mut inputs = vec![a.train.as_path(), Path::new(&a.robot)];
+    inputs.extend(a.tests.iter().chain(&a.project).map(PathBuf::as_path));
+    check_outputs(&outputs, &inputs)?;
+    let mut config = a.config;
+    if a.auto {
+        config.method = Method::BaseTool;
+    }
+    let arm = Arm::load(&a.robot, &a.chain)?;
+    let mut tools = Vec::new();
+    let SampleFile {
+        set,
+        samples,
+        drift,
+        ..
+    } = instrument_drift::read(&arm, &a.train, &mut tools, a.correct_drift)?;
+    enough_poses(
+        &a.train,
+        samples.len(),
+        equations(&samples),
+        config.method,
+        arm.robot.joints.len(),
+    )?;
+    let tests = Tests::read(&arm, &a.tests, &set, &tools, drift.as_ref())?;
+    report_page::check(a, &samples, config.method, arm.robot.joints.len())?;
+    let mut origin = origin(set.sha256, &a.serial_number, tools);
+    if let Some(date) = &a.date {
+        origin.date.clone_from(date);
+    }
+    let mut choice = None;
+    if a.auto {
+        let chosen = choose_model(a, &arm, &samples, &config, &origin)?;
+        config = chosen.config;
+        for out in &chosen.left_out {
+            note(format_args!(
+                "`{}` is not a candidate: {}",
+                out.candidate, out.reason
+            ));
+        }
+        choice = Some(chosen.table);
+    }
+    let mut fitted = None;
+    if !a.budget.is_unlimited() {
+        if config.method != Method::Elastic {
+            return Err(Failure::Usage(
+                "--max-instructions and --max-blob-bytes choose the size of the elastic model"
+                    .into(),
+            ));
+        }
+        let (chosen, rows) = fit_budget(a, &arm, &samples, &config, &origin)?;
+        config = chosen;
+        fitted = Some(rows);
+    }
+    let found = progress::calibrating(|context| {
+        calibrate_to_blob(&arm.robot, &samples, &config, &origin, context)
+    });
+    let found = found.map_err(|e| device_failure(&a.train, e))?;
+    let train = (&set, samples.as_slice());
+    let evidence = report_page::held_out(a, &arm, train, &tests, &config, &origin, &found)?;
+    let CalibratedBlob {
+        calibration,
+        blob,
+        precision_loss,
+    } = found;
+    let training = ErrorSummary::new(&blob.errors(&samples));
+    let lines: Vec<usize> = set.measurements.iter().map(|m| m.line).collect();
+    let seed = evidence.is_some().then_some(report_page::SEED);
+    let mut provenance = report_page::provenance(&a.robot, &arm, &origin, seed, &set, &tests.files);
+    let file = a.out.display().to_string();
+    let written = FileSummary::of_bytes("result", file, blob.bytes());
+    provenance.files.push(written);
+    let mut document = document(
+        a,
+        &calibration,
+        &blob,
+        &precision_loss,
+        training,
+        provenance,
+    );
+    document.held_out = evidence.as_ref().map(ReportData::summary);
+    document.elastic = ElasticSummary::new(&calibration, &samples, &lines);
+    document.choice = choice;
+    document.budget = fitted;
+    document.drift = drift.map(|d| d.report);
+    document.identifiability = of_calibration(&calibration, &arm.robot, &samples);
+    let sum = FileSummary::of_bytes("", "", blob.bytes()).sha256;
+    document.repeats = a
+        .blob_sha256
+        .as_ref()
+        .map(|stated| stated.eq_ignore_ascii_case(&sum));
+    let project = a.write_project.as_deref().map(|path| {
+        let source = Source {
+            path,
+            robot: RobotTable {
+                description: a.robot.clone(),
+                base: a.chain.base.clone(),
+                tip: a.chain.tip.clone(),
+                serial_number: a.serial_number.clone(),
+            },
+            train: (&a.train, &set),
+            tests: a
+                .tests
+                .iter()
+                .map(PathBuf::as_path)
+                .zip(&tests.files)
+                .collect(),
+            correct_drift: a.correct_drift,
+            calibration: config,
+            date: &origin.date,
+            out: &a.out,
+            blob: blob.bytes(),
+            report: a.report.as_deref(),
+            json: a.json.as_deref().filter(|path| !is_stdout(path)),
+        };
+        (path, source.text())
+    });
+    let json = json_text(&document)?;
+    let shown = evidence.as_ref().zip(document.held_out.as_ref());
+    let shown =
+        shown.map(|(evidence, summary)| report_page::of_calibration(&document, evidence, summary));
+    let mut files = vec![(a.out.as_path(), blob.bytes())];
+    let html = a.report.as_deref().zip(shown.as_deref());
+    files.extend(html.map(|(path, html)| (path, html.as_bytes())));
+    files.extend(a.json.as_deref().map(|path| (path, json.as_bytes())));
+    files.extend(project.iter().map(|(path, text)| (*path, text.as_bytes())));
+    write_outputs(&files)?;
+    let report = Printer::for_outputs(&outputs);
+    if let Some(rows) = &document.choice {
+        print_choice(report, rows);
+    }
+    if let Some(rows) = &document.budget {
+        print_budget(report, rows);
+    }
+    if let Some(drift) = &document.drift {
+        report.line(drift.lines().join("\n"));
+        report.line(instrument_drift::NO_LEAK);
+    }
+    print(report, a, &calibration, &blob, &precision_loss, &document);
+    Ok(())
+}
+
+/// Cross-validation within the training data, for a choice.
+fn selection<'a>(
+    arm: &'a Arm,
+    samples: &'a [InstrumentSample],
+    origin: &'a Provenance,
+) -> Task<'a> {
+    Task {
+        robot: &arm.robot,
+        train: samples,
+        tests: &[],
+        folds: FOLDS,
+        seed: 1,
+        origin,
+    }
+}
+
+/// Lets the training data choose.
+fn choose_model(
+    a: &Job,
+    arm: &Arm,
+    samples: &[InstrumentSample],
+    options: &Config,
+    origin: &Provenance,
+) -> Result<Choice, Failure> {
+    let task = selection(arm, samples, origin);
+    let candidates = candidates(samples, arm.robot.joints.len(), options);
+    let bar = progress::bar(candidates.len() * FOLDS, "choosing the model");
+    let choice = choose(&task, &candidates, &mut || bar.inc(1));
+    bar.finish_and_clear();
+    choice.map_err(|e| device_failure(&a.train, e.error))
+}
+
+/// Chooses support points and length scales for a budget.
+fn fit_budget(
+    a: &Job,
+    arm: &Arm,
+    samples: &[InstrumentSample],
+    options: &Config,
+    origin: &Provenance,
+) -> Result<(Config, Vec<Fitted>), Failure> {
+    let task = selection(arm, samples, origin);
+    let bar = progress::bar(TRIALS * FOLDS, "fitting the budget");
+    let filled = fill(&a.budget, &task, options, &mut || bar.inc(1));
+    bar.finish_and_clear();
+    filled
+        .map_err(|e| device_failure(&a.train, e.error))?
+        .ok_or_else(|| {
+            Failure::Quality(
+                "not even one inducing point fits the budget; nothing was written".into(),
+            )
+        })
+}
+
+fn print_budget(report: Printer, rows: &[Fitted]) {
+    report.line("Candidates within the budget; held-out errors of the training data, in mm.\n");
+    let fields: Vec<Vec<String>> = rows
+        .iter()
+        .enumerate()
+        .map(|(i, r)| {
+            let scales = if r.tied { "tied" } else { "own" };
+            vec![
+                format!(
+                    "{} {scales}{}",
+                    if r.taken { "*" } else { " " },
+                    match (i, r.per_output) {
+                        (0, _) => ", all inducing points",
+                        (_, true) => ", a set for each joint",
+                        (_, false) => "",
+                    }
+                ),
+                r.support.to_string(),
+                r.instructions.to_string(),
+                r.bytes.to_string(),
+                format!("{:.4}", r.position_mm.mean),
+                format!(
+                    "{:+.1} %",
+                    100.0 * (r.position_mm.mean / rows[0].position_mm.mean - 1.0)
+                ),
+            ]
+        })
+        .collect();
+    report.table(
+        &[
+            "lengthscales",
+            "points",
+            "instructions",
+            "bytes",
+            "mean",
+            "loss",
+        ],
+        &fields,
+    );
+    report.line("");
+}
+
+fn print_choice(report: Printer, rows: &[Row]) {
+    report.line(
+        "Model selection by cross-validation (mm): the simplest candidate within one standard error of the best.\n",
+    );
+    let fields = rows.iter().map(|r| {
+        vec![
+            format!("{} {}", if r.chosen { "*" } else { " " }, r.candidate),
+            format!("{:.4}", r.position_mm.mean),
+            format!("{:.4}", r.position_mm.p95),
+            format!("{:.4} ± {:.4}", r.behind_best_mm, r.standard_error_mm),
+        ]
+    });
+    let fields: Vec<Vec<String>> = fields.collect();
+    report.table(&["candidate", "mean", "p95", "behind the best"], &fields);
+    report.line("");
+}
+
+fn print(
+    report: Printer,
+    a: &Job,
+    calibration: &Calibration,
+    blob: &BlobModel,
+    precision_loss: &SinglePrecisionLoss,
+    document: &CalibrateJson,
+) {
+    let training = &document.training;
+    let p = &training.position_mm;
+    report.line(format_args!(
+        "Calibrated {} with `{}` on {} poses.",
+        a.robot,
+        calibration.config.method.name(),
+        training.poses
+    ));
+    if let Some(fit) = calibration.frame_fit() {
+        report.line(format_args!(
+            "  step 1: {} of {} parameters are identifiable",
+            fit.rank, fit.parameters
+        ));
+    }
+    report.line(format_args!(
+        "  training error: {:.4} mm mean, {:.4} mm maximum",
+        p.mean, p.max
+    ));
+    match &document.held_out {
+        None => {
+            report.line("  (for the held-out error use --report, --test or `trainer evaluate`)")
+        }
+        Some(held_out) => {
+            let (before, after) = (&held_out.nominal.errors, &held_out.calibrated.errors);
+            report.line(format_args!(
+                "  held-out error on {} poses ({}): {:.4} mm mean, 95 % within {:.4} mm; nominal robot {:.4} and {:.4} mm",
+                after.poses,
+                held_out.how,
+                after.position_mm.mean,
+                after.position_mm.p95,
+                before.position_mm.mean,
+                before.position_mm.p95
+            ));
+        }
+    }
+    if let Some(summary) = &document.elastic {
+        summary.print(report);
+    }
+    if !matches!(calibration.correction, Correction::None) {
+        let (m, rad) = calibration.correction_limit;
+        report.line(format_args!(
+            "  correction limit: {:.3} mm and {:.3} mrad",
+            1e3 * m,
+            1e3 * rad
+        ));
+    }
+    report.line(format_args!(
+        "  single-precision loss: {:.3} µm mean, {:.3} µm maximum",
+        1e6 * precision_loss.mean_m,
+        1e6 * precision_loss.max_m
+    ));
+    if let Some(task_space) = calibration.correction.task_space()
+        && task_space.max_signal_variance < MAX_SIGNAL_VARIANCE
+    {
+        report.line(format_args!(
+            "  note: the signal variance was limited to {} because of single precision",
+            task_space.max_signal_variance
+        ));
+    }
+    match &document.identifiability {
+        Some(identifiability) => report.line(identifiability.lines().join("\n")),
+        None => report.line("  identifiability: could not be computed for these poses"),
+    }
+    let support = blob.model().support();
+    report.line(format_args!(
+        "Wrote {} ({} bytes, {support} inducing points).",
+        a.out.display(),
+        blob.bytes().len()
+    ));
+    match document.repeats {
+        Some(true) => {
+            report.line("The blob is byte for byte the one that the project file states.");
+        }
+        Some(false) => note(format_args!(
+            "{} differs from the blob that the project file states (output.blob_sha256): another version of the trainer or \
+             another kind of processor; `trainer evaluate` on held-out poses shows whether it matters",
+            a.out.display()
+        )),
+        None => {}
+    }
+    if let Some(path) = &a.write_project {
+        report.line(format_args!(
+            "Wrote {}: `trainer calibrate {}` does the same again.",
+            path.display(),
+            path.display()
+        ));
+    }
+    if let Some(path) = &a.report {
+        report.line(format_args!(
+            "Wrote {}: open it in a browser.",
+            path.display()
+        ));
+    }
+}

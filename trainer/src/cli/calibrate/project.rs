@@ -1,0 +1,365 @@
+//! The project file: everything that repeats a calibration, in TOML.
+//!
+//! Paths are relative to the file. The checksums, payloads and tools that it states must be those of the data. Options on
+//! the command line override it. `--write-project` writes the configuration that was used, defaults included, because
+//! another version may have other defaults.
+
+use std::collections::BTreeMap;
+use std::ops::Range;
+use std::path::{Component, Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+use toml::{Spanned, Value};
+
+use crate::cli::calibrate::args::date;
+use crate::report::FileSummary;
+use poegp_calibration::input_error::InputError;
+use poegp_calibration::measurement::MeasurementSet;
+use poegp_calibration::measurement::sample::ToolName;
+use poegp_calibration::model::config::Config;
+use poegp_calibration::robot::BUILT_IN;
+use poegp_calibration::robot::toml_source::TomlSource;
+
+/// Version of the format.
+const VERSION: u32 = 1;
+
+/// The file.
+#[derive(Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct File {
+    version: Spanned<u32>,
+    /// Version of the trainer that wrote the file.
+    pub trainer: Option<String>,
+    /// Day of the calibration, kept in the blob.
+    pub date: Option<Spanned<String>>,
+    pub robot: RobotTable,
+    pub data: DataTable,
+    #[serde(default)]
+    pub calibration: Config,
+    #[serde(default)]
+    pub output: OutputTable,
+}
+
+#[derive(Deserialize, Serialize)]
+#[serde(deny_unknown_fields, expecting = "a table [robot] with its keys")]
+pub struct RobotTable {
+    pub description: String,
+    pub base: Option<String>,
+    pub tip: Option<String>,
+    #[serde(default)]
+    pub serial_number: String,
+}
+
+#[derive(Deserialize, Serialize)]
+#[serde(deny_unknown_fields, expecting = "a table [data] with its keys")]
+pub struct DataTable {
+    pub train: String,
+    #[serde(default)]
+    pub tests: Vec<String>,
+    #[serde(default)]
+    pub correct_drift: bool,
+    /// Payloads of the training data in kg, ascending.
+    payloads_kg: Option<Spanned<Vec<f64>>>,
+    /// Tools of the training data in their order.
+    tools: Option<Spanned<Vec<String>>>,
+    /// Checksums by the names of the files, as they are written in this file.
+    #[serde(default)]
+    sha256: BTreeMap<Spanned<String>, Spanned<String>>,
+}
+
+#[derive(Default, Deserialize, Serialize)]
+#[serde(deny_unknown_fields, expecting = "a table [output] with its keys")]
+pub struct OutputTable {
+    pub blob: Option<String>,
+    /// SHA-256 of the blob that was made when the file was written.
+    pub blob_sha256: Option<String>,
+    pub report: Option<String>,
+    pub json: Option<String>,
+}
+
+/// A project file that was read.
+pub struct Project {
+    pub path: PathBuf,
+    text: String,
+    pub file: File,
+}
+
+/// Measurements are CSV; a TOML file is a project.
+pub fn is_project(path: &Path) -> bool {
+    path.extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("toml"))
+}
+
+impl Project {
+    /// Reads a project file and checks it against the data that it names.
+    pub fn read(path: &Path) -> Result<Self, InputError> {
+        let text = std::fs::read_to_string(path)
+            .map_err(|error| InputError::unreadable(path, &error, "a project file"))?;
+        let file = toml::from_str(&text).map_err(|error| {
+            TomlSource {
+                file: path,
+                text: &text,
+            }
+            .refused(&error, "a project file in TOML")
+            .with_help("`trainer calibrate … --write-project FILE` writes a complete project file")
+        })?;
+        let project = Self {
+            path: path.to_owned(),
+            text,
+            file,
+        };
+        let version = &project.file.version;
+        if *version.get_ref() != VERSION {
+            let found = format!("version {}", version.get_ref());
+            return Err(project
+                .error(
+                    version.span(),
+                    "version",
+                    found,
+                    format!("version {VERSION}"),
+                )
+                .with_help("a newer trainer wrote this file: use that one"));
+        }
+        if let Some(day) = &project.file.date
+            && let Err(expected) = date(day.get_ref())
+        {
+            let expected = expected.trim_start_matches("expected ");
+            let found = format!("{:?}", day.get_ref());
+            return Err(project.error(day.span(), "date", found, expected));
+        }
+        project.check_values()?;
+        project.check_data()?;
+        Ok(project)
+    }
+
+    /// A path of the file as seen from the working folder.
+    pub fn resolve(&self, name: &str) -> PathBuf {
+        self.path.parent().unwrap_or(Path::new("")).join(name)
+    }
+
+    /// The robot description: the name of a built-in robot, or a path.
+    pub fn robot(&self) -> String {
+        let name = &self.file.robot.description;
+        match BUILT_IN.contains(&name.as_str()) {
+            true => name.clone(),
+            false => self.resolve(name).to_string_lossy().into_owned(),
+        }
+    }
+
+    fn error(
+        &self,
+        span: Range<usize>,
+        key: &str,
+        found: impl Into<String>,
+        expected: impl Into<String>,
+    ) -> InputError {
+        TomlSource {
+            file: &self.path,
+            text: &self.text,
+        }
+        .error(span, key, found, expected)
+    }
+
+    /// Refuses values of the configuration that are out of range.
+    fn check_values(&self) -> Result<(), InputError> {
+        let Err(error) = self.file.calibration.validate() else {
+            return Ok(());
+        };
+        #[derive(Deserialize)]
+        struct Spans {
+            calibration: BTreeMap<String, Spanned<Value>>,
+        }
+        let spans = toml::from_str::<Spans>(&self.text).ok();
+        let span = spans.and_then(|spans| Some(spans.calibration.get(error.key)?.span()));
+        let key = format!("calibration.{}", error.key);
+        Err(self.error(span.unwrap_or_default(), &key, error.found, error.expected))
+    }
+
+    /// Refuses data that are not those that the file states.
+    fn check_data(&self) -> Result<(), InputError> {
+        let data = &self.file.data;
+        for (name, stated) in &data.sha256 {
+            let mut files = [&self.file.robot.description, &data.train]
+                .into_iter()
+                .chain(&data.tests);
+            if !files.any(|file| file == name.get_ref()) {
+                let found = format!("a checksum of \"{}\"", name.get_ref());
+                let expected = "the robot, data.train or one of data.tests, written as there";
+                return Err(self.error(name.span(), name.get_ref(), found, expected));
+            }
+            let path = self.resolve(name.get_ref());
+            let bytes = std::fs::read(&path)
+                .map_err(|error| InputError::unreadable(&path, &error, "a file of this project"))?;
+            let sum = FileSummary::of_bytes("", "", &bytes).sha256;
+            if !sum.eq_ignore_ascii_case(stated.get_ref()) {
+                let found = format!(
+                    "a checksum that {} does not have: its checksum is {sum}",
+                    path.display()
+                );
+                return Err(self
+                    .error(stated.span(), "sha256", found, "the checksum of that file")
+                    .with_help(
+                        "bring the old file back, or correct the checksum if the new file is meant",
+                    ));
+            }
+        }
+        if data.payloads_kg.is_none() && data.tools.is_none() {
+            return Ok(());
+        }
+        // The command itself reports a file that cannot be read.
+        let Ok(set) = poegp_calibration::measurement::read(self.resolve(&data.train)) else {
+            return Ok(());
+        };
+        let (payloads, tools) = payloads_and_tools(&set);
+        if let Some(stated) = data
+            .payloads_kg
+            .as_ref()
+            .filter(|p| *p.get_ref() != payloads)
+        {
+            let expected = format!("{payloads:?}, as in {}", data.train);
+            return Err(self.error(
+                stated.span(),
+                "payloads_kg",
+                format!("{:?}", stated.get_ref()),
+                expected,
+            ));
+        }
+        if let Some(stated) = data.tools.as_ref().filter(|t| *t.get_ref() != tools) {
+            let expected = format!("{tools:?}, as in {}", data.train);
+            return Err(self.error(
+                stated.span(),
+                "tools",
+                format!("{:?}", stated.get_ref()),
+                expected,
+            ));
+        }
+        Ok(())
+    }
+}
+
+/// Payloads in kg, ascending, and tools in their order, of a measurement file.
+fn payloads_and_tools(set: &MeasurementSet) -> (Vec<f64>, Vec<String>) {
+    let mut payloads: Vec<f64> = set
+        .measurements
+        .iter()
+        .filter_map(|m| m.payload_kg)
+        .collect();
+    payloads.sort_by(f64::total_cmp);
+    payloads.dedup();
+    let mut tools: Vec<String> = Vec::new();
+    for m in &set.measurements {
+        let name = ToolName {
+            session: m.session.clone().unwrap_or_default(),
+            target: m.target.clone().unwrap_or_default(),
+        };
+        let name = name.to_string();
+        if !tools.contains(&name) {
+            tools.push(name);
+        }
+    }
+    (payloads, tools)
+}
+
+/// What a project file at `path` is written from. Paths are as seen from the working folder.
+pub struct Source<'a> {
+    pub path: &'a Path,
+    pub robot: RobotTable,
+    pub train: (&'a Path, &'a MeasurementSet),
+    pub tests: Vec<(&'a Path, &'a MeasurementSet)>,
+    pub correct_drift: bool,
+    pub calibration: Config,
+    pub date: &'a str,
+    pub out: &'a Path,
+    pub blob: &'a [u8],
+    pub report: Option<&'a Path>,
+    pub json: Option<&'a Path>,
+}
+
+impl Source<'_> {
+    /// The text of the project file.
+    pub fn text(self) -> String {
+        let folder = match self.path.parent() {
+            Some(folder) if !folder.as_os_str().is_empty() => folder,
+            _ => Path::new("."),
+        };
+        let name = |path: &Path| relative(folder, path);
+        let mut sums: BTreeMap<String, String> = BTreeMap::new();
+        let mut robot = self.robot;
+        if !BUILT_IN.contains(&robot.description.as_str()) {
+            let path = PathBuf::from(&robot.description);
+            robot.description = name(&path);
+            if let Ok(bytes) = std::fs::read(&path) {
+                sums.insert(
+                    robot.description.clone(),
+                    FileSummary::of_bytes("", "", &bytes).sha256,
+                );
+            }
+        }
+        for (path, set) in std::iter::once(&self.train).chain(&self.tests) {
+            sums.insert(name(path), FileSummary::of_set("", set).sha256);
+        }
+        let (payloads, tools) = payloads_and_tools(self.train.1);
+        // One tool without a name says nothing.
+        let named = tools.len() > 1 || tools != [ToolName::default().to_string()];
+        let file = File {
+            version: spanned(VERSION),
+            trainer: Some(env!("CARGO_PKG_VERSION").to_owned()),
+            date: Some(spanned(self.date.to_owned())),
+            robot,
+            data: DataTable {
+                train: name(self.train.0),
+                tests: self.tests.iter().map(|(path, _)| name(path)).collect(),
+                correct_drift: self.correct_drift,
+                payloads_kg: (!payloads.is_empty()).then(|| spanned(payloads)),
+                tools: named.then(|| spanned(tools)),
+                sha256: sums
+                    .into_iter()
+                    .map(|(file, sum)| (spanned(file), spanned(sum)))
+                    .collect(),
+            },
+            calibration: self.calibration,
+            output: OutputTable {
+                blob: Some(name(self.out)),
+                blob_sha256: Some(FileSummary::of_bytes("", "", self.blob).sha256),
+                report: self.report.map(name),
+                json: self.json.map(name),
+            },
+        };
+        format!(
+            "# `trainer calibrate` with this file repeats the calibration. Paths are relative to the file.\n{}",
+            // Every value has a form in TOML.
+            toml::to_string(&file).unwrap_or_default()
+        )
+    }
+}
+
+fn spanned<T>(value: T) -> Spanned<T> {
+    Spanned::new(0..0, value)
+}
+
+/// `path` as seen from `folder`, with slashes; `path` itself where there is no relative one.
+fn relative(folder: &Path, path: &Path) -> String {
+    let absolute = |path: &Path| -> Option<PathBuf> {
+        let parent = match path.parent() {
+            Some(parent) if !parent.as_os_str().is_empty() => parent,
+            _ => Path::new("."),
+        };
+        Some(std::fs::canonicalize(parent).ok()?.join(path.file_name()?))
+    };
+    let both = std::fs::canonicalize(folder).ok().zip(absolute(path));
+    let Some((from, to)) = both else {
+        return path.to_string_lossy().into_owned();
+    };
+    let (from, to): (Vec<Component>, Vec<Component>) =
+        (from.components().collect(), to.components().collect());
+    let common = from.iter().zip(&to).take_while(|(a, b)| a == b).count();
+    // Another drive.
+    if common == 0 {
+        return path.to_string_lossy().into_owned();
+    }
+    let up = std::iter::repeat_n("..".to_owned(), from.len() - common);
+    let down = to[common..]
+        .iter()
+        .map(|part| part.as_os_str().to_string_lossy().into_owned());
+    up.chain(down).collect::<Vec<_>>().join("/")
+}

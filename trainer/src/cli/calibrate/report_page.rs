@@ -1,0 +1,260 @@
+//! `--report`: held-out errors for the page, and the pages of `calibrate` and `compare`.
+
+use crate::cli::calibrate::document::CalibrateJson;
+use crate::cli::calibrate::job::Job;
+use crate::cli::failure::{Failure, calibration_failure, device_failure};
+use crate::cli::inputs::{Arm, Tests, enough_poses, equations};
+use crate::cli::terminal::progress;
+use crate::report::sections;
+use crate::report::sections::DeviceSummary;
+use crate::report::{
+    FileSummary, HeldOutSummary, HoldOutMethod, Page, Provenance, ReportData, Section,
+};
+use poegp_calibration::blob;
+use poegp_calibration::blob::write::CalibratedBlob;
+use poegp_calibration::input_error::InputError;
+use poegp_calibration::measurement::MeasurementSet;
+use poegp_calibration::measurement::sample::InstrumentSample;
+use poegp_calibration::model::config::Config;
+use poegp_calibration::model::{CalibrationError, Method};
+use poegp_calibration::validation::cross_validation::{
+    ModelComparison, SetErrors, Task, TestSet, applicable,
+};
+use poegp_calibration::validation::learning_curve as learning;
+use poegp_calibration::validation::model_selection::FOLDS;
+
+/// Seed of the folds of `calibrate`, which has no option for it.
+pub const SEED: u64 = 1;
+
+/// Refuses before the work what could not be held out.
+pub fn check(
+    a: &Job,
+    samples: &[InstrumentSample],
+    method: Method,
+    joints: usize,
+) -> Result<(), Failure> {
+    if a.report.is_none() || !a.tests.is_empty() {
+        return Ok(());
+    }
+    let smallest = samples.len() - samples.len().div_ceil(FOLDS);
+    enough_poses(&a.train, smallest, equations(samples), method, joints).map_err(|_| {
+        InputError::new(
+            &a.train,
+            format!("{} poses", samples.len()),
+            format!(
+                "more poses: the report holds out a fifth, and `{}` cannot be calibrated on the others",
+                method.name()
+            ),
+        )
+        .with_help("give --test FILE with held-out poses, measure more poses, or leave --report out")
+        .into()
+    })
+}
+
+/// Held-out errors of a calibration: on test sets by the blob that was made, else by cross-validation. Without a report
+/// only what `--test` asks for.
+pub fn held_out(
+    a: &Job,
+    arm: &Arm,
+    (set, samples): (&MeasurementSet, &[InstrumentSample]),
+    tests: &Tests,
+    options: &Config,
+    origin: &blob::write::Provenance,
+    found: &CalibratedBlob,
+) -> Result<Option<ReportData>, Failure> {
+    if a.report.is_none() && tests.sets.is_empty() {
+        return Ok(None);
+    }
+    let task = Task {
+        robot: &arm.robot,
+        train: samples,
+        tests: &tests.sets,
+        folds: if tests.sets.is_empty() { FOLDS } else { 0 },
+        seed: SEED,
+        origin,
+    };
+    let loaded = |samples: &[InstrumentSample]| samples.iter().all(|s| s.payload_kg.is_some());
+    if options.method == Method::PoeGpLoad
+        && let Some(file) = a
+            .tests
+            .iter()
+            .zip(&tests.sets)
+            .find(|(_, set)| !loaded(&set.samples))
+    {
+        return Err(calibration_failure(file.0, &CalibrationError::NoPayload));
+    }
+    let whole =
+        |samples: &[InstrumentSample]| samples.iter().all(|s| s.observation.has_orientation());
+    let simpler = |method: &Method| {
+        *method < options.method
+            && (a.report.is_some() || *method == Method::BaseTool)
+            && (*method != Method::PoeGpLoad || tests.sets.iter().all(|t| loaded(&t.samples)))
+            && (!method.requires().single_tool_full_poses
+                || tests.sets.iter().all(|t| whole(&t.samples)))
+    };
+    let mut methods = applicable(samples);
+    methods.retain(simpler);
+    let sizes = if a.report.is_some() {
+        learning::sizes(&task, options).len()
+    } else {
+        0
+    };
+    let own = if tests.sets.is_empty() { FOLDS } else { 0 };
+    let bar = progress::bar(
+        methods.len() * task.calibrations() + own + sizes,
+        "held-out errors",
+    );
+    let mut models: Vec<ModelComparison> = Vec::new();
+    for method in methods {
+        let options = Config {
+            method,
+            max_correction_mm: None,
+            max_correction_mrad: None,
+            ..a.config
+        };
+        match task.run(&options, &mut || bar.inc(1)) {
+            Ok(model) => models.push(model),
+            // What the calibration is compared with need not be possible.
+            Err(error) => bar.suspend(|| {
+                crate::cli::terminal::print::note(format_args!(
+                    "`{}` is left out of the comparison: {}",
+                    error.model, error.error
+                ))
+            }),
+        }
+    }
+    let last = if tests.sets.is_empty() {
+        task.run(options, &mut || bar.inc(1))
+            .map_err(|e| device_failure(&a.train, e.error))?
+    } else {
+        let of = |test: &TestSet| SetErrors::new(&test.name, found.held_out(&test.samples));
+        ModelComparison {
+            model: options.method.name(),
+            cross_validation: None,
+            sets: tests.sets.iter().map(of).collect(),
+        }
+    };
+    models.push(last);
+    let (how, sets) = if tests.sets.is_empty() {
+        let how = HoldOutMethod::CrossValidation {
+            folds: FOLDS,
+            seed: SEED,
+        };
+        (how, vec![set])
+    } else {
+        (HoldOutMethod::TestSets, tests.files.iter().collect())
+    };
+    let mut evidence = ReportData::new(how, &sets, &models, arm.nominal.kinds(), true);
+    if let (Some(evidence), true) = (&mut evidence, sizes > 0) {
+        bar.set_message("learning curve");
+        let poses = evidence.calibrated().poses.clone();
+        evidence.learning = learning::curve(&task, options, &poses, &mut || bar.inc(1));
+    }
+    bar.finish_and_clear();
+    Ok(evidence)
+}
+
+/// Where a result comes from: what was read.
+pub fn provenance(
+    robot: &str,
+    arm: &Arm,
+    origin: &blob::write::Provenance,
+    seed: Option<u64>,
+    train: &MeasurementSet,
+    tests: &[MeasurementSet],
+) -> Provenance {
+    let mut files = vec![FileSummary::of_set("training", train)];
+    files.extend(tests.iter().map(|set| FileSummary::of_set("test", set)));
+    // A built-in robot has no file; its name and the version say it all.
+    if let Ok(bytes) = std::fs::read(robot) {
+        files.push(FileSummary::of_bytes("robot", robot, &bytes));
+    }
+    Provenance {
+        command: crate::report::provenance::command_line(),
+        version: env!("CARGO_PKG_VERSION"),
+        date: origin.date.clone(),
+        seed,
+        robot: arm.robot.name.clone(),
+        serial_number: origin.serial_number.clone(),
+        files,
+    }
+}
+
+/// Title and line below it.
+fn page(what: &str, provenance: &Provenance) -> Page {
+    let serial = match provenance.serial_number.as_str() {
+        "" => String::new(),
+        number => format!(", serial number {number}"),
+    };
+    Page::new(
+        format!("{what} {}{serial}", provenance.robot),
+        format!("{}, poegp trainer {}", provenance.date, provenance.version),
+    )
+}
+
+/// The page of `calibrate`.
+pub fn of_calibration(
+    document: &CalibrateJson,
+    evidence: &ReportData,
+    summary: &HeldOutSummary,
+) -> String {
+    let elastic = document.elastic.as_ref();
+    let listed =
+        elastic.map(crate::cli::calibrate::elastic_summary::ElasticSummary::listed_outliers);
+    let ripple = elastic.map(crate::cli::calibrate::elastic_summary::ElasticSummary::listed_ripple);
+    let device = DeviceSummary {
+        file: document.blob.file.clone(),
+        bytes: document.blob.bytes,
+        support: document.blob.inducing_points,
+        instructions: document.blob.instructions,
+        bound: (document.correction_limit_mm, document.correction_limit_mrad),
+        single_precision_loss_um: (
+            document.single_precision_loss_um.mean,
+            document.single_precision_loss_um.max,
+        ),
+    };
+    let page =
+        page("Calibration of", &document.provenance).with(sections::headline(evidence, summary));
+    sections::held_out(page, evidence, summary)
+        .with(sections::parameters(
+            document.identifiability.as_ref(),
+            &document.frames,
+            &ripple.unwrap_or_default(),
+        ))
+        .with(sections::outliers(
+            evidence,
+            summary,
+            listed
+                .as_deref()
+                .ok_or("Only the elastic model looks for outliers among its training poses."),
+        ))
+        .with(sections::choice(
+            document.choice.as_deref(),
+            document.budget.as_deref(),
+        ))
+        .with(sections::device(&device))
+        .with(sections::provenance(&document.provenance))
+        .render()
+}
+
+/// The page of `compare`.
+pub fn of_comparison(
+    provenance: &Provenance,
+    evidence: &ReportData,
+    summary: &HeldOutSummary,
+) -> String {
+    let page =
+        page("Comparison of models for", provenance).with(sections::headline(evidence, summary));
+    sections::held_out(page, evidence, summary)
+        .with(sections::outliers(
+            evidence,
+            summary,
+            Err("Outliers among the training poses are in the report of `trainer calibrate`."),
+        ))
+        .with(Section::new("parameters", "What is not here").missing(
+            "A comparison makes models to compare them and keeps none. The parameters of the arm, the choice of the model \
+             and the file for the controller are in the report of `trainer calibrate --report`.",
+        ))
+        .with(sections::provenance(provenance))
+        .render()
+}

@@ -1,0 +1,61 @@
+//! The JSON document of `trainer check`.
+
+use clap::ValueEnum;
+use serde::Serialize;
+
+use crate::report::Provenance;
+use poegp_calibration::numeric::statistics::Summary;
+use poegp_calibration::verification::result::Report as Findings;
+
+/// What `--max-mm` is the bound of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Statistic {
+    /// Mean, the most certain for few poses.
+    Mean,
+    /// 95th percentile.
+    P95,
+    /// Maximum.
+    Max,
+}
+
+impl Statistic {
+    pub fn of(self, summary: &Summary) -> f64 {
+        match self {
+            Self::Mean => summary.mean,
+            Self::P95 => summary.p95,
+            Self::Max => summary.max,
+        }
+    }
+
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Mean => "mean",
+            Self::P95 => "95 %",
+            Self::Max => "largest",
+        }
+    }
+}
+
+/// What `--json` writes.
+#[derive(Serialize)]
+pub struct CheckJson<'a> {
+    pub version: &'static str,
+    pub method: &'a str,
+    pub name: String,
+    /// Whether the calibration holds: the exit code.
+    pub holds: bool,
+    pub statistic: Statistic,
+    pub max_mm: f64,
+    pub tolerance_met: bool,
+    pub max_drift_mm: f64,
+    /// Whether a drift was found that moves the target by more than that.
+    pub drift_matters: bool,
+    pub base_refitted: bool,
+    pub tool_refitted: bool,
+    #[serde(flatten)]
+    pub findings: &'a Findings,
+    /// What to do next.
+    pub advice: Vec<String>,
+    pub provenance: Provenance,
+}

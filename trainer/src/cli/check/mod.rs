@@ -1,0 +1,289 @@
+//! `trainer check`: do a few fresh measurements say that the calibration still holds?
+
+mod document;
+mod page;
+mod wording;
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use poegp_runtime::math::se3::Pose;
+
+use crate::cli::args::NoiseArgs;
+use crate::cli::check::document::{CheckJson, Statistic};
+use crate::cli::failure::Failure;
+use crate::cli::inputs::{self, TestData, file_name, origin};
+use crate::cli::instrument_drift;
+use crate::cli::output::{check_outputs, json_text, write_outputs};
+use crate::cli::terminal::print::Printer;
+use crate::report::{FileSummary, Provenance};
+use poegp_calibration::blob::predict::BlobModel;
+use poegp_calibration::input_error::InputError;
+use poegp_calibration::numeric::statistics::Summary;
+use poegp_calibration::verification as check;
+use poegp_calibration::verification::CheckError;
+use poegp_calibration::verification::result::Report as Findings;
+
+/// Farther apart than this, mm, measurements and predictions are not of the same frame.
+const SAME_FRAME_MM: f64 = 10.0;
+/// Share of `--max-mm` by which a drift may move the target before it matters.
+const DRIFT_SHARE: f64 = 0.5;
+/// Rates of false alarms for which there are draws enough.
+const RATES: (f64, f64) = (0.001, 0.2);
+
+/// `trainer check`.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Ten to twenty poses, spread over the joints as in training. The calibration does not hold (exit code 1) if \
+    --max-mm is not met, or if a detected drift moves the target by more than --max-drift-mm on average.\n\n\
+    Example: trainer check arm.blob monday.csv --max-mm 0.15\n\
+    Example: trainer check arm.blob monday.csv --max-mm 0.15 --report monday.html\n\
+    Example: trainer check arm.blob monday.csv --max-mm 0.15 --refit-base   (the tracker was moved)"
+)]
+pub struct Check {
+    /// Model (`.blob`).
+    pub blob: PathBuf,
+    /// New measurements of the robot.
+    pub measurements: PathBuf,
+    /// Tolerance of the position error, measurement noise included.
+    #[arg(long, value_name = "MM")]
+    pub max_mm: f64,
+    /// Statistic of the position errors that is compared with the tolerance.
+    #[arg(long, value_enum, default_value_t = Statistic::Mean)]
+    pub statistic: Statistic,
+    /// Tolerance of the mean displacement of the target by a detected drift (default: half of --max-mm).
+    #[arg(long, value_name = "MM")]
+    pub max_drift_mm: Option<f64>,
+    /// Rate of false alarms: share of unchanged robots for which a drift is reported.
+    #[arg(long, value_name = "RATE", default_value_t = 0.01)]
+    pub false_alarms: f64,
+    /// Fit the base frame to these measurements first, because the instrument was moved.
+    #[arg(long)]
+    pub refit_base: bool,
+    /// Fit the tool frame to these measurements first, because the target was remounted.
+    #[arg(long)]
+    pub refit_tool: bool,
+    /// Remove the instrument's drift from every pose, estimated from reference points (columns ref1_x_mm …).
+    #[arg(long)]
+    pub correct_drift: bool,
+    #[command(flatten)]
+    pub noise: NoiseArgs,
+    /// Write an HTML report: pass/fail, errors against the tolerance, detected changes.
+    #[arg(long, value_name = "FILE")]
+    pub report: Option<PathBuf>,
+    /// Write the findings as JSON (`-`: standard output).
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+pub fn run(a: &Check) -> Result<(), Failure> {
+    let outputs = [a.json.as_deref(), a.report.as_deref()];
+    check_outputs(&outputs, &[&a.blob, &a.measurements])?;
+    let options = options(a)?;
+    let loaded = BlobModel::read(&a.blob)?;
+    let correction = instrument_drift::correction(a.correct_drift);
+    let data = inputs::read(&loaded, &a.measurements, correction)?;
+    let tools = tools(a, &loaded, &data)?;
+    let lines: Vec<usize> = data.set.measurements.iter().map(|m| m.line).collect();
+    let findings = check::check(&loaded, &data.samples, tools, &lines, &options)
+        .map_err(|error| refused(&a.measurements, error))?;
+    same_frame(a, &findings)?;
+    let error = a.statistic.of(&findings.errors.position_mm);
+    let max_drift_mm = a.max_drift_mm.unwrap_or(DRIFT_SHARE * a.max_mm);
+    let tolerance_met = error <= a.max_mm;
+    let drift_matters = !findings.changes.is_empty() && findings.effect_mm.mean > max_drift_mm;
+    let blob = loaded.blob();
+    let document = CheckJson {
+        version: env!("CARGO_PKG_VERSION"),
+        method: loaded.host().provenance.method,
+        name: file_name(&a.measurements),
+        holds: tolerance_met && !drift_matters,
+        statistic: a.statistic,
+        max_mm: a.max_mm,
+        tolerance_met,
+        max_drift_mm,
+        drift_matters,
+        base_refitted: a.refit_base,
+        tool_refitted: a.refit_tool,
+        findings: &findings,
+        advice: wording::advice(&findings, tolerance_met, drift_matters, a.max_mm),
+        provenance: Provenance {
+            command: crate::report::provenance::command_line(),
+            version: env!("CARGO_PKG_VERSION"),
+            date: origin(data.set.sha256, blob.robot.serial_number, Vec::new()).date,
+            seed: None,
+            robot: blob.robot.name.to_owned(),
+            serial_number: blob.robot.serial_number.to_owned(),
+            files: vec![
+                FileSummary::of_set("fresh measurements", &data.set),
+                FileSummary::of_bytes("model", a.blob.display().to_string(), loaded.bytes()),
+            ],
+        },
+    };
+    let json = json_text(&document)?;
+    let page = a
+        .report
+        .as_deref()
+        .map(|path| (path, page::page(&document, loaded.host().provenance.date)));
+    let mut files: Vec<(&Path, &[u8])> = Vec::new();
+    files.extend(page.iter().map(|(path, html)| (*path, html.as_bytes())));
+    files.extend(a.json.as_deref().map(|path| (path, json.as_bytes())));
+    write_outputs(&files)?;
+    print(
+        Printer::for_outputs(&outputs),
+        a,
+        &document,
+        loaded.host().provenance.date,
+    );
+    if document.holds {
+        return Ok(());
+    }
+    let mut reasons = Vec::new();
+    if !tolerance_met {
+        reasons.push(format!(
+            "its {} position error is {error:.4} mm, above {} mm",
+            a.statistic.name(),
+            a.max_mm
+        ));
+    }
+    if drift_matters {
+        reasons.push(format!(
+            "a drift moves the target by {:.4} mm on average, above {max_drift_mm} mm",
+            findings.effect_mm.mean
+        ));
+    }
+    Err(Failure::Quality(format!(
+        "the calibration does not hold: {}\nhelp: {}",
+        reasons.join(", and "),
+        document.advice.join("; ")
+    )))
+}
+
+fn options(a: &Check) -> Result<check::Options, Failure> {
+    let positive = |name: &str, value: Option<f64>| match value {
+        Some(x) if !(x > 0.0 && x.is_finite()) => Err(Failure::Usage(format!(
+            "{name} {x}: expected a number above 0"
+        ))),
+        _ => Ok(()),
+    };
+    positive("--max-mm", Some(a.max_mm))?;
+    positive("--max-drift-mm", a.max_drift_mm)?;
+    if !(RATES.0..=RATES.1).contains(&a.false_alarms) {
+        return Err(Failure::Usage(format!(
+            "--false-alarms {}: expected a rate from {} to {}, as 0.01 for one check in a hundred",
+            a.false_alarms, RATES.0, RATES.1
+        )));
+    }
+    Ok(check::Options {
+        false_alarms: a.false_alarms,
+        refit_base: a.refit_base,
+        refit_tool: a.refit_tool,
+        instrument: a.noise.instrument_noise(),
+    })
+}
+
+/// The frames of the tools that the samples name; those that are fitted anyway begin anywhere.
+fn tools(a: &Check, loaded: &BlobModel, data: &TestData) -> Result<Vec<Pose<f64>>, Failure> {
+    let mut tools: Vec<Pose<f64>> = loaded.tools().iter().map(|(_, pose)| *pose).collect();
+    for name in data.names.iter().skip(tools.len()) {
+        let the_only_one = loaded.tools().is_empty() && data.names.len() == 1;
+        if !a.refit_tool && !the_only_one {
+            return Err(InputError::new(
+                &a.measurements,
+                format!("{name}, which was mounted after the calibration"),
+                "a tool that the blob knows",
+            )
+            .with_help("give --refit-tool to fit its frame to these measurements first")
+            .into());
+        }
+        tools.push(Pose::identity());
+    }
+    Ok(tools)
+}
+
+fn refused(path: &Path, error: CheckError) -> Failure {
+    match error {
+        CheckError::TooFew {
+            poses,
+            equations,
+            needed,
+        } => InputError::new(
+            path,
+            format!("{poses} poses ({equations} equations)"),
+            format!("at least {needed}: base, tool, joints and noise are all estimated from them"),
+        )
+        .with_help("measure ten to twenty poses, spread over the joint ranges")
+        .into(),
+        CheckError::Unsolvable | CheckError::UnknownTool(_) => {
+            InputError::new(path, error.to_string(), "new measurements of this robot").into()
+        }
+    }
+}
+
+/// Refuses measurements that are not of the frame of the calibration: nothing that is linear can be said of them.
+fn same_frame(a: &Check, findings: &Findings) -> Result<(), Failure> {
+    let median = findings.errors.position_mm.median;
+    if median <= SAME_FRAME_MM {
+        return Ok(());
+    }
+    let error = InputError::new(
+        &a.measurements,
+        format!("positions {median:.1} mm from what the model predicts, in the median"),
+        format!("measurements in the frame of the calibration, within {SAME_FRAME_MM} mm"),
+    );
+    Err(match (a.refit_base, a.refit_tool) {
+        (false, _) => error.with_help(
+            "if the instrument was moved give --refit-base, if the target was remounted --refit-tool",
+        ),
+        (true, false) => {
+            error.with_help("if the target was remounted, too, also give --refit-tool")
+        }
+        (true, true) => error.with_help("check the robot and the order of the joints"),
+    }
+    .into())
+}
+
+fn print(report: Printer, a: &Check, d: &CheckJson<'_>, date: &str) {
+    let f = d.findings;
+    report.line(format_args!(
+        "Model `{}` of {date} on {} new poses: position in mm, orientation in mrad.\n",
+        d.method, f.errors.poses
+    ));
+    let row = |name: &str, s: &Summary, orientation: String| {
+        let mut row = vec![name.to_owned()];
+        row.extend([s.mean, s.p95, s.max].map(|x| format!("{x:.4}")));
+        row.push(orientation);
+        row
+    };
+    let mut rows = vec![row(
+        "error now",
+        &f.errors.position_mm,
+        f.errors.orientation_text(),
+    )];
+    if !f.changes.is_empty() {
+        rows.push(row("of it drift", &f.effect_mm, String::new()));
+        rows.push(row("without drift", &f.without_mm, String::new()));
+    }
+    report.table(&["", "mean", "p95", "max", "orientation"], &rows);
+    report.line("");
+    for line in wording::fitted(a.refit_base, a.refit_tool) {
+        report.line(line);
+    }
+    for line in wording::findings(f) {
+        report.line(line);
+    }
+    for line in wording::sensitivity(f) {
+        report.line(line);
+    }
+    if d.holds {
+        report.line(format_args!(
+            "The calibration holds: its {} position error is {:.4} mm, {} mm are allowed.",
+            a.statistic.name(),
+            a.statistic.of(&f.errors.position_mm),
+            a.max_mm
+        ));
+        for advice in &d.advice {
+            report.line(format_args!("  {advice}"));
+        }
+    }
+}

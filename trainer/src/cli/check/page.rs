@@ -1,0 +1,245 @@
+//! `trainer check --report`: does it hold, by how much, and what has moved.
+//!
+//! There is nothing held out here: every pose of a check is fresh. The numbers are those of the JSON document.
+
+use maud::html;
+
+use crate::cli::check::document::CheckJson;
+use crate::cli::check::wording;
+use crate::report::chart::{Axis, Plot, Series};
+use crate::report::{Number, Page, Section, sections};
+use poegp_calibration::numeric::statistics::Summary;
+use poegp_calibration::verification::result::{Change, Estimate, Sensitivity};
+
+/// The page of a check; `date` is the day of the calibration.
+pub fn page(d: &CheckJson<'_>, date: &str) -> String {
+    let p = &d.provenance;
+    let serial = match p.serial_number.as_str() {
+        "" => String::new(),
+        number => format!(", serial number {number}"),
+    };
+    Page::new(
+        format!("Check of {}{serial}", p.robot),
+        format!(
+            "{}, against the calibration of {date} (`{}`), poegp trainer {}",
+            p.date, d.method, p.version
+        ),
+    )
+    .with(headline(d))
+    .with(errors(d))
+    .with(moved(d))
+    .with(sensitivity(d))
+    .with(sections::provenance(p))
+    .render()
+}
+
+fn headline(d: &CheckJson<'_>) -> Section {
+    let f = d.findings;
+    let s = &f.errors.position_mm;
+    let key = match d.statistic.name() {
+        "mean" => "mean",
+        "95 %" => "p95",
+        _ => "max",
+    };
+    let error = Number::mm(d.statistic.of(s), format!("/position_mm/{key}"));
+    let lead = html! {
+        p class="lead" {
+            @if d.holds { b class="calibrated" { "The calibration holds. " } }
+            @else { b class="nominal" { "The calibration does not hold. " } }
+            "On " (Number::count(f.errors.poses, "/poses")) " fresh poses the " (d.statistic.name())
+            " position error is " b { (error) " mm" } "; " (Number::mm(d.max_mm, "/max_mm")) " mm are allowed. "
+            @if f.changes.is_empty() {
+                "Nothing was found to have moved."
+            } @else {
+                @let parts: Vec<String> = f.changes.iter().map(|c| wording::part(c.part)).collect();
+                "A change of " (poegp_calibration::identification::identifiability::list(&parts)) " was found, which moves the target by "
+                (Number::mm(f.effect_mm.mean, "/effect_mm/mean")) " mm in the mean; "
+                (Number::mm(d.max_drift_mm, "/max_drift_mm")) " mm are allowed."
+            }
+        }
+    };
+    let tile = |name: &str, number: Number, unit: &str| {
+        html! { div class="tile" { h3 { (name) } div class="value" { (number) " " span { (unit) } } } }
+    };
+    let tiles = html! {
+        div class="tiles" {
+            (tile("Mean position error", Number::mm(s.mean, "/position_mm/mean"), "mm"))
+            (tile("95 % of poses are within", Number::mm(s.p95, "/position_mm/p95"), "mm"))
+            (tile("Largest position error", Number::mm(s.max, "/position_mm/max"), "mm"))
+            @if let Some(o) = &f.errors.orientation_mrad {
+                (tile("Mean orientation error", Number::new(o.mean, 3, "/orientation_mrad/mean"), "mrad"))
+            }
+        }
+    };
+    let mut section = Section::new("result", "").block(lead).block(tiles);
+    for line in wording::fitted(d.base_refitted, d.tool_refitted) {
+        section = section.text(html! { (line) });
+    }
+    if !d.advice.is_empty() {
+        section = section.block(html! {
+            p { "What to do next:" }
+            ul { @for advice in &d.advice { li { (advice) } } }
+        });
+    }
+    section
+}
+
+fn errors(d: &CheckJson<'_>) -> Section {
+    let f = d.findings;
+    let all: Vec<f64> = f.rows.iter().map(|row| row.position_mm).collect();
+    let mut reach = all.clone();
+    reach.push(d.max_mm);
+    let mut plot = Plot::new(
+        Axis::linear(
+            "fresh pose, in the order of the rows",
+            0.0,
+            all.len().max(1) as f64,
+        ),
+        Axis::errors("position error (mm)", &reach),
+    );
+    for (i, row) in f.rows.iter().enumerate() {
+        let series = if f.odd_lines.contains(&row.line) {
+            Series::Nominal
+        } else {
+            Series::Calibrated
+        };
+        let tooltip = format!("line {}: {:.3} mm", row.line, row.position_mm);
+        plot.dot_with_tooltip(series, (i as f64 + 0.5, row.position_mm), &tooltip);
+    }
+    plot.level(Series::Reference, d.max_mm, "allowed");
+    let above = all.iter().filter(|error| **error > d.max_mm).count();
+    let finding = html! {
+        @if above == 0 { "All poses are within what is allowed of the " (d.statistic.name()) }
+        @else { (above) " of " (all.len()) " poses are above what is allowed of the " (d.statistic.name()) }
+    };
+    let row = |name: &str, s: &Summary, location: &str| {
+        let field = |value: f64, key: &str| {
+            let number = Number::mm(value, format!("/{location}/{key}"));
+            html! { (number) }
+        };
+        vec![
+            html! { (name) },
+            field(s.mean, "mean"),
+            field(s.p95, "p95"),
+            field(s.max, "max"),
+        ]
+    };
+    let mut rows = vec![row("error now", &f.errors.position_mm, "position_mm")];
+    if !f.changes.is_empty() {
+        rows.push(row("of it drift", &f.effect_mm, "effect_mm"));
+        rows.push(row("without drift", &f.without_mm, "without_mm"));
+    }
+    let section = Section::new("errors", "The errors")
+        .figure(
+            finding,
+            plot.render("position error of every pose of the check"),
+            "Each dot is a pose; one of the other colour stands out from all others. The line is what is allowed.",
+        )
+        .table_beside(&["position, mm", "mean", "95 %", "largest"], rows);
+    match f.odd_lines.as_slice() {
+        [] => section,
+        lines => {
+            let lines: Vec<String> = lines.iter().map(ToString::to_string).collect();
+            section.text(html! {
+                "Measurements that stand out from the others: line" @if lines.len() > 1 { "s" } " " (lines.join(", "))
+                ". Measure again."
+            })
+        }
+    }
+}
+
+fn moved(d: &CheckJson<'_>) -> Section {
+    let f = d.findings;
+    let mut section = Section::new("moved", "What has moved");
+    if !f.model_knows_its_error {
+        section = section.text(html! {
+            "This model does not know its own error, so false alarms are more frequent than stated; `elastic` does."
+        });
+    }
+    let rate = html! {
+        "Of a hundred checks of an arm to which nothing happened, "
+        (Number::percent(f.false_alarm_rate, "/false_alarm_rate")) " would find something."
+    };
+    if f.changes.is_empty() {
+        return section
+            .missing("No drift of base, tool, a joint or the payload was found.")
+            .text(rate);
+    }
+    let mut rows = Vec::new();
+    for (i, change) in f.changes.iter().enumerate() {
+        for (what, estimate, unit, decimals, key) in sizes(change) {
+            let location = format!("/changes/{i}/{key}");
+            rows.push(vec![
+                html! { (wording::part(change.part)) " " (what) },
+                html! {
+                    (Number::new(estimate.value, decimals, format!("{location}/value"))) " ± "
+                    (Number::new(estimate.plus_minus, decimals, format!("{location}/plus_minus"))) " " (unit)
+                },
+                html! {
+                    @if change.p_value < wording::LEAST_P { "< " (wording::LEAST_P) }
+                    @else { (Number::new(change.p_value, 4, format!("/changes/{i}/p_value"))) }
+                },
+            ]);
+        }
+    }
+    section = section
+        .table(&["part", "change, ± is 95 %", "p"], rows)
+        .text(rate);
+    for change in f.changes.iter().filter(|c| !c.or_else.is_empty()) {
+        let others: Vec<String> = change.or_else.iter().map(|p| wording::part(*p)).collect();
+        section = section.text(html! {
+            "These measurements would fit a change of " (poegp_calibration::identification::identifiability::list(&others)) " just as well as one of "
+            (wording::part(change.part)) "."
+        });
+    }
+    section
+}
+
+/// The sizes of a change: what, estimate, unit, decimals, place in the JSON document.
+fn sizes(c: &Change) -> Vec<(String, Estimate, &'static str, usize, String)> {
+    let mut out = Vec::new();
+    let mut one = |what: &str, estimate: &Option<Estimate>, unit, decimals, key: &str| {
+        if let Some(estimate) = estimate {
+            out.push((what.to_owned(), *estimate, unit, decimals, key.to_owned()));
+        }
+    };
+    one("shifted by", &c.shift_mm, "mm", 3, "shift_mm");
+    for (i, (axis, e)) in ["x", "y", "z"].iter().zip(&c.shift_xyz_mm).enumerate() {
+        let what = format!("shifted along its {axis}");
+        one(&what, &Some(*e), "mm", 3, &format!("shift_xyz_mm/{i}"));
+    }
+    one("turned by", &c.turn_mrad, "mrad", 3, "turn_mrad");
+    for (i, (axis, e)) in ["x", "y", "z"].iter().zip(&c.turn_xyz_mrad).enumerate() {
+        let what = format!("turned about its {axis}");
+        one(&what, &Some(*e), "mrad", 3, &format!("turn_xyz_mrad/{i}"));
+    }
+    one("stands off by", &c.offset_deg, "°", 4, "offset_deg");
+    one("stands off by", &c.offset_mm, "mm", 4, "offset_mm");
+    one("differs by", &c.mass_kg, "kg", 3, "mass_kg");
+    out
+}
+
+fn sensitivity(d: &CheckJson<'_>) -> Section {
+    let row = |(i, s): (usize, &Sensitivity)| {
+        let (unit, decimals) = match s.unit {
+            "deg" => ("°", 4),
+            unit => (unit, 3),
+        };
+        vec![
+            html! { (wording::part(s.part)) },
+            html! { (Number::new(s.smallest, decimals, format!("/sensitivity/{i}/smallest"))) " " (unit) },
+            html! { @if let Some(other) = s.looks_like { (wording::part(other)) } },
+        ]
+    };
+    let f = d.findings;
+    Section::new("sensitivity", "What this check can see")
+        .text(html! {
+            "The smallest changes, in the worst direction, that these poses show nine times in ten. Noise of these measurements: "
+            (Number::new(f.noise_mm, 4, "/noise_mm")) " mm per axis; the model is expected to be off by "
+            (Number::new(f.model_mm, 4, "/model_mm")) " mm per axis."
+        })
+        .table(
+            &["part", "smallest change", "looks the same as"],
+            f.sensitivity.iter().enumerate().map(row).collect(),
+        )
+}

@@ -1,0 +1,323 @@
+//! What can be typed after `trainer device`.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use clap::{Args, Subcommand, ValueEnum};
+use poegp_protocol::link::{Identity, MAX_CHUNK};
+
+use crate::device::board::Board;
+use crate::device::client::{Client, Options};
+use crate::device::error::ClientError;
+use crate::device::port::Address;
+
+/// `trainer device`.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Without hardware: `trainer device emulate` starts a firmware image in QEMU and prints its port.\n\n\
+    Examples:\n  trainer device emulate --elf firmware.elf --listen unix:link\n  trainer device info --port unix:link\n  \
+    trainer device flash arm.blob --port /dev/ttyUSB0"
+)]
+pub struct Device {
+    /// Command.
+    #[command(subcommand)]
+    pub command: DeviceCommand,
+}
+
+/// The commands.
+#[derive(Debug, Subcommand)]
+pub enum DeviceCommand {
+    /// Show the device, its firmware and its active model.
+    Info(Info),
+    /// Bring a model onto the device: upload, verify, store, run.
+    Flash(Flash),
+    /// Errors of the device's poses on measurements, and whether they are the host's to the bit.
+    Evaluate(Evaluate),
+    /// The corrected joints for the commands of a measurement file, as CSV.
+    Correct(Correct),
+    /// Switch corrections off (commands come back as they are) or on again.
+    Bypass(Bypass),
+    /// Go back to the other stored model.
+    Rollback(Rollback),
+    /// What the device has counted since it started.
+    Statistics(Statistics),
+    /// Watch the statistics and the log.
+    Monitor(Monitor),
+    /// Restart the device with its stored models.
+    Restart(Restart),
+    /// Give the device the public key that models have to be signed by, once and for all.
+    Provision(Provision),
+    /// Period and limits of the controller's cycle, kept by the device.
+    Cycle(Cycle),
+    /// Run the firmware in QEMU until Ctrl-C, for the other commands to connect to.
+    Emulate(Emulate),
+}
+
+/// How to reach a device.
+#[derive(Clone, Debug, Args)]
+pub struct Link {
+    /// Port of the device: /dev/ttyUSB0[@BAUD], unix:PATH or tcp:HOST:PORT.
+    #[arg(long)]
+    pub port: Address,
+    /// Speed of a serial line (default: 115200).
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
+    pub baud: Option<u32>,
+    /// Longest wait for one answer in milliseconds; a request is sent up to three times.
+    #[arg(long, value_name = "MS", default_value_t = 2_000, value_parser = clap::value_parser!(u64).range(1..=600_000))]
+    pub timeout_ms: u64,
+}
+
+impl Link {
+    /// The port with its speed.
+    pub fn address(&self) -> Address {
+        self.port.clone().with_baud(self.baud)
+    }
+
+    /// Opens the port and identifies the device.
+    pub fn connect(&self) -> Result<(Client, Identity), ClientError> {
+        let mut client = Client::open(&self.address(), self.options())?;
+        let identity = client.identify()?;
+        Ok((client, identity))
+    }
+
+    /// Options of the client with this timeout.
+    pub fn options(&self) -> Options {
+        Options {
+            timeout: Duration::from_millis(self.timeout_ms),
+            ..Options::default()
+        }
+    }
+}
+
+/// `trainer device info`.
+#[derive(Debug, Args)]
+#[command(after_help = "Example: trainer device info --port /dev/ttyUSB0")]
+pub struct Info {
+    #[command(flatten)]
+    pub link: Link,
+    /// Write the same as JSON (`-`: standard output).
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+/// `trainer device flash`.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "The device goes on with its old model until the new one is there, verified and stored.\n\n\
+    Example: trainer device flash arm.blob --port /dev/ttyUSB0"
+)]
+pub struct Flash {
+    /// Model (`.blob`).
+    pub blob: PathBuf,
+    #[command(flatten)]
+    pub link: Link,
+    /// Upload the model even if the device runs it already, has no room for it or does not trust its signature.
+    #[arg(long)]
+    pub force: bool,
+    /// Bytes of the model in one message; smaller chunks delay corrections less.
+    #[arg(long, value_name = "BYTES", default_value_t = MAX_CHUNK as u16,
+          value_parser = clap::value_parser!(u16).range(1..=MAX_CHUNK as i64))]
+    pub chunk_size: u16,
+    /// Write the result as JSON (`-`: standard output).
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+/// `trainer device evaluate`.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Without --blob the device's base frame is laid onto the measurements by best fit.\n\n\
+    Example: trainer device evaluate test.csv --blob arm.blob --port /dev/ttyUSB0"
+)]
+pub struct Evaluate {
+    /// Measurements that the model was not trained on.
+    pub test: PathBuf,
+    #[command(flatten)]
+    pub link: Link,
+    /// The model that the device runs: for the instrument's frame, and to compare the bits of every answer.
+    #[arg(long, value_name = "FILE")]
+    pub blob: Option<PathBuf>,
+    /// Write the errors as JSON (`-`: standard output).
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+/// `trainer device correct`.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "One row per command, in order: the joints in the columns and units of TEST, then position_error_um \
+    (what the model says is left) and status.\n\n\
+    Example: trainer device correct test.csv --port /dev/ttyUSB0 --out corrected.csv"
+)]
+pub struct Correct {
+    /// Joint commands (and payloads) in the columns of a measurement file.
+    pub test: PathBuf,
+    #[command(flatten)]
+    pub link: Link,
+    /// The model that the device runs: to compare the bits of every answer.
+    #[arg(long, value_name = "FILE")]
+    pub blob: Option<PathBuf>,
+    /// Where the corrected joints go (`-`: standard output).
+    #[arg(long, value_name = "FILE", default_value = "-")]
+    pub out: PathBuf,
+    /// The summary as JSON (`-`: standard output, with --out elsewhere).
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+/// Off or on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Switch {
+    /// Commands come back as they are.
+    On,
+    /// Commands are corrected.
+    Off,
+}
+
+/// `trainer device bypass`.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "It lasts until it is switched off or the power fails.\n\n\
+    Example: trainer device bypass on --port /dev/ttyUSB0"
+)]
+pub struct Bypass {
+    /// Whether corrections are bypassed.
+    #[arg(value_enum)]
+    pub switch: Switch,
+    #[command(flatten)]
+    pub link: Link,
+    /// Write the result as JSON (`-`: standard output).
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+/// `trainer device rollback`.
+#[derive(Debug, Args)]
+#[command(after_help = "Example: trainer device rollback --port /dev/ttyUSB0")]
+pub struct Rollback {
+    #[command(flatten)]
+    pub link: Link,
+    /// Write the result as JSON (`-`: standard output).
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+/// `trainer device statistics`.
+#[derive(Debug, Args)]
+#[command(after_help = "Example: trainer device statistics --port /dev/ttyUSB0 --json -")]
+pub struct Statistics {
+    #[command(flatten)]
+    pub link: Link,
+    /// Write the same as JSON (`-`: standard output).
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+/// `trainer device monitor`.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Example: trainer device monitor --port /dev/ttyUSB0 --log /dev/ttyUSB1 --elf poegp-firmware"
+)]
+pub struct Monitor {
+    #[command(flatten)]
+    pub link: Link,
+    /// One look instead of one every second until Ctrl-C.
+    #[arg(long)]
+    pub once: bool,
+    /// Standard output (`-`) as JSON: a document in each line, what was counted or a line of the log. With --once one
+    /// document, which may also go to a file.
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+    /// Port of the defmt log.
+    #[arg(long, value_name = "PORT", requires = "elf")]
+    pub log: Option<Address>,
+    /// The image that runs on the device: the texts of its log are in it.
+    #[arg(long, value_name = "FILE", requires = "log")]
+    pub elf: Option<PathBuf>,
+}
+
+/// `trainer device restart`.
+#[derive(Debug, Args)]
+#[command(after_help = "Example: trainer device restart --port /dev/ttyUSB0")]
+pub struct Restart {
+    #[command(flatten)]
+    pub link: Link,
+    /// Write the result as JSON (`-`: standard output).
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+/// `trainer device provision`.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "It cannot be undone: from then on the device runs only models that `trainer sign` has signed with the \
+    other half of this key.\n\n\
+    Example: trainer device provision cell7.pub --port /dev/ttyUSB0"
+)]
+pub struct Provision {
+    /// The public key, as `trainer keys new` has written it.
+    pub key: PathBuf,
+    #[command(flatten)]
+    pub link: Link,
+    /// Write the result as JSON (`-`: standard output).
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+/// `trainer device cycle`.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "What is not given stays as it is; without any, the settings in force are shown. They are refused while a \
+    correction is applied: `trainer device bypass on` first.\n\n\
+    Example: trainer device cycle --period-us 2000 --port /dev/ttyUSB0"
+)]
+pub struct Cycle {
+    #[command(flatten)]
+    pub link: Link,
+    /// Time between two commands of the controller, in microseconds (50 to 100000).
+    #[arg(long, value_name = "US")]
+    pub period_us: Option<u32>,
+    /// Largest rate of the correction beyond what the path explains, in rad/s (0.0001 to 1).
+    #[arg(long, value_name = "RAD_PER_S")]
+    pub rate: Option<f32>,
+    /// Largest acceleration of it, in rad/s² (0.001 to 100).
+    #[arg(long, value_name = "RAD_PER_S2")]
+    pub acceleration: Option<f32>,
+    /// Shortest time in which a correction is switched on or off, in seconds (0.01 to 10).
+    #[arg(long, value_name = "S")]
+    pub blend: Option<f32>,
+    /// Write the settings as JSON (`-`: standard output).
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+/// `trainer device emulate`.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Needs qemu-system-arm. In a clone of the repository this command builds an image:\n  \
+    cargo run --release -p poegp-tests --example firmware firmware.elf\n\n\
+    Example: trainer device emulate --elf firmware.elf --flash-image flash.bin --listen tcp:127.0.0.1:4000"
+)]
+pub struct Emulate {
+    /// Board to emulate.
+    #[arg(long, value_enum, default_value_t = Board::Mps2An386)]
+    pub board: Board,
+    /// Firmware image for this board.
+    #[arg(long, value_name = "FILE")]
+    pub elf: PathBuf,
+    /// Socket of the link: unix:PATH or tcp:HOST:PORT (port 0: any) (default: a socket in the folder for temporary files).
+    #[arg(long, value_name = "PORT")]
+    pub listen: Option<Address>,
+    /// Socket of the log: unix:PATH or tcp:HOST:PORT (port 0: any) (default: a socket in the folder for temporary files).
+    #[arg(long, value_name = "PORT")]
+    pub log: Option<Address>,
+    /// Keep the flash in this file, which is created if it does not exist (default: models are lost at the end).
+    #[arg(long, value_name = "FILE")]
+    pub flash_image: Option<PathBuf>,
+    /// Count 64 ns for each instruction instead of real time, so that tick counts repeat exactly.
+    #[arg(long)]
+    pub deterministic_clock: bool,
+    /// Write the ports as JSON (`-`: standard output).
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}

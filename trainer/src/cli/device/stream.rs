@@ -1,0 +1,424 @@
+//! `trainer device evaluate` and `correct`: the requests of a controller, from a measurement file.
+//!
+//! Both end with `StopCyclic`, whatever happens in between: otherwise the device's watchdog would wait for more cycles.
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use nalgebra::Vector3;
+use poegp_protocol::blob::stored_crc;
+use poegp_protocol::link::{Evaluation, Identity, Query};
+use poegp_runtime::guard::status::Status;
+use poegp_runtime::math::se3::Pose;
+use serde::Serialize;
+
+use crate::cli::device::args::{Correct, Evaluate, Link};
+use crate::cli::device::show;
+use crate::cli::failure::Failure;
+use crate::cli::inputs as host;
+use crate::cli::inputs::file_name;
+use crate::cli::output::{check_outputs, json_text, summary_text, write_outputs};
+use crate::cli::terminal::print::{Printer, is_stdout};
+use crate::cli::terminal::progress;
+use crate::device::client::Client;
+use crate::device::error::ClientError;
+use poegp_calibration::blob::predict::BlobModel;
+use poegp_calibration::identification::base_tools::aligned;
+use poegp_calibration::input_error::InputError;
+use poegp_calibration::measurement as measurements;
+use poegp_calibration::measurement::MeasurementSet;
+use poegp_calibration::measurement::reader::DriftCorrection;
+use poegp_calibration::measurement::sample::InstrumentSample;
+use poegp_calibration::numeric::statistics::{ErrorSummary, PoseError};
+use poegp_calibration::robot::Robot;
+
+/// What `evaluate --json` writes.
+#[derive(Serialize)]
+struct StreamJson {
+    version: &'static str,
+    model: serde_json::Value,
+    name: String,
+    #[serde(flatten)]
+    errors: ErrorSummary,
+    flagged: usize,
+    max_ticks: u32,
+    tick_hz: u32,
+    /// Answers that were compared with the host's; all were equal.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    same_bits: Option<usize>,
+}
+
+/// A measurement file for the arm of a device, and the model that it runs if the user has it.
+struct Commands {
+    set: MeasurementSet,
+    samples: Vec<InstrumentSample>,
+    loaded: Option<BlobModel>,
+    identity: Identity,
+    client: Client,
+}
+
+impl Commands {
+    /// Reads the file before the port is opened where it can be checked without the device.
+    fn read(link: &Link, test: &Path, blob: Option<&Path>) -> Result<Self, Failure> {
+        let loaded = blob.map(BlobModel::read).transpose()?;
+        let with_blob = match &loaded {
+            None => None,
+            Some(loaded) => {
+                let known = loaded.tools().len().max(1);
+                let data = host::read(loaded, test, DriftCorrection::None)?;
+                if data.names.len() > known {
+                    return Err(InputError::new(
+                        test,
+                        format!(
+                            "{}, which was mounted after the calibration",
+                            data.names[known]
+                        ),
+                        "a tool that the blob knows",
+                    )
+                    .with_help("`trainer evaluate --fit-tool` fits its frame first")
+                    .into());
+                }
+                Some((data.set, data.samples))
+            }
+        };
+        let (set, samples) = match with_blob {
+            Some(data) => data,
+            None => read_without_blob(test)?,
+        };
+        let (client, identity) = link.connect()?;
+        let Some(model) = &identity.model else {
+            return Err(Failure::Usage(
+                "the device runs no model\nhelp: upload one with `trainer device flash`".to_owned(),
+            ));
+        };
+        if let (Some(loaded), Some(path)) = (&loaded, blob) {
+            let crc = stored_crc(loaded.bytes()).unwrap_or(0);
+            if crc != model.blob_crc {
+                return Err(InputError::new(
+                    path,
+                    format!("model {crc:08x}"),
+                    format!("the model that the device runs, {}", show::model(model)),
+                )
+                .with_help("`trainer device flash` brings this one onto it")
+                .into());
+            }
+        }
+        if set.joint_count() != usize::from(model.joints) {
+            return Err(InputError::new(
+                test,
+                format!("{} joint columns", set.joint_count()),
+                format!("{}, the joints of the model on the device", model.joints),
+            )
+            .into());
+        }
+        Ok(Self {
+            set,
+            samples,
+            loaded,
+            identity,
+            client,
+        })
+    }
+
+    /// Asks the device about every row, then says that no more will come.
+    fn ask<T>(
+        &mut self,
+        label: &str,
+        ask: impl Fn(&mut Client, &Query) -> Result<T, ClientError>,
+    ) -> Result<Vec<T>, Failure> {
+        let bar = progress::bar(self.samples.len(), label);
+        let mut answers = Ok(Vec::new());
+        for query in self.samples.iter().map(query) {
+            let answer = ask(&mut self.client, &query);
+            match (&mut answers, answer) {
+                (Ok(answers), Ok(answer)) => answers.push(answer),
+                (_, Err(error)) => {
+                    answers = Err(error);
+                    break;
+                }
+                (Err(_), _) => break,
+            }
+            bar.inc(1);
+        }
+        bar.finish_and_clear();
+        let stood_down = self.client.stand_down();
+        let answers = answers?;
+        stood_down?;
+        Ok(answers)
+    }
+
+    /// Lines of the file whose answers are not the host's to the bit; the check fails.
+    fn refuse_other_bits(&self, other: &[usize]) -> Result<(), Failure> {
+        let Some(first) = other.first() else {
+            return Ok(());
+        };
+        Err(Failure::Quality(format!(
+            "{} of {} answers are not the host's to the bit, the first for line {} of {}\n\
+             help: device and trainer are of different versions, or the device is broken",
+            other.len(),
+            self.samples.len(),
+            self.set.measurements[*first].line,
+            self.set.path.display()
+        )))
+    }
+
+    /// Says which rows were flagged, by note, and how long the longest answer took.
+    fn report_rows(&self, report: Printer, statuses: &[Status], max_ticks: u32) {
+        let mut seen: Vec<Status> = Vec::new();
+        for status in statuses.iter().filter(|status| !status.is_ok()) {
+            if seen.contains(status) {
+                continue;
+            }
+            seen.push(*status);
+            let rows = statuses.iter().zip(&self.set.measurements);
+            let lines: Vec<String> = rows
+                .filter(|(other, _)| *other == status)
+                .map(|(_, m)| m.line.to_string())
+                .collect();
+            let more = if lines.len() > SHOWN { ", …" } else { "" };
+            report.line(format_args!(
+                "{} of {} are flagged `{status}`: lines {}{more}.",
+                lines.len(),
+                statuses.len(),
+                lines[..lines.len().min(SHOWN)].join(", ")
+            ));
+        }
+        report.line(format_args!(
+            "The longest took {max_ticks} ticks, {:.3} ms; the deadline is {:.3} ms.",
+            show::milliseconds(max_ticks, self.identity.tick_hz),
+            show::milliseconds(self.identity.deadline_ticks, self.identity.tick_hz)
+        ));
+    }
+}
+
+/// Line numbers in one remark.
+const SHOWN: usize = 10;
+
+/// What a controller would ask for a sample.
+pub fn query(sample: &InstrumentSample) -> Query {
+    Query {
+        // A file has at most as many joints as the protocol.
+        joints: sample.joints.iter().map(|q| *q as f32).collect(),
+        payload_kg: sample.payload_kg.unwrap_or(0.0) as f32,
+    }
+}
+
+/// Without the blob there is no arm to check against but the one on the device.
+fn read_without_blob(test: &Path) -> Result<(MeasurementSet, Vec<InstrumentSample>), Failure> {
+    let set = measurements::read(test)?;
+    for note in &set.notes {
+        crate::cli::terminal::print::note(format_args!("{}: {note}", test.display()));
+    }
+    let mut names = Vec::new();
+    let robot = Robot {
+        name: String::new(),
+        joints: Vec::new(),
+        parent_from_joint: Vec::new(),
+        coupling: None,
+    };
+    let samples = poegp_calibration::measurement::sample::samples(&set, &robot, &mut names)?;
+    if names.len() > 1 {
+        return Err(InputError::new(
+            test,
+            format!("{} sessions and targets", names.len()),
+            "one: the device knows one tool",
+        )
+        .with_help("give --blob, which knows the others")
+        .into());
+    }
+    Ok((set, samples))
+}
+
+pub fn evaluate(a: &Evaluate) -> Result<(), Failure> {
+    let outputs = [a.json.as_deref()];
+    let inputs: Vec<&Path> = [Some(a.test.as_path()), a.blob.as_deref()]
+        .into_iter()
+        .flatten()
+        .collect();
+    check_outputs(&outputs, &inputs)?;
+    let mut commands = Commands::read(&a.link, &a.test, a.blob.as_deref())?;
+    let answers = commands.ask("evaluating", Client::evaluate)?;
+    let poses = placed(&commands, &answers);
+    let errors: Vec<PoseError> = poses
+        .iter()
+        .zip(&commands.samples)
+        .map(|(pose, sample)| sample.observation.error(pose))
+        .collect();
+    let other = other_poses(&commands, &answers);
+    commands.refuse_other_bits(&other)?;
+    let statuses: Vec<Status> = answers
+        .iter()
+        .map(|a| Status::from_bits(a.status))
+        .collect();
+    let model = commands.identity.model.as_ref();
+    let document = StreamJson {
+        version: env!("CARGO_PKG_VERSION"),
+        model: model.map(show::model_json).into(),
+        name: file_name(&a.test),
+        errors: ErrorSummary::new(&errors),
+        flagged: statuses.iter().filter(|status| !status.is_ok()).count(),
+        max_ticks: answers.iter().map(|a| a.ticks).max().unwrap_or(0),
+        tick_hz: commands.identity.tick_hz,
+        same_bits: commands.loaded.is_some().then_some(answers.len()),
+    };
+    if let Some(path) = &a.json {
+        write_outputs(&[(path, json_text(&document)?.as_bytes())])?;
+    }
+    let report = Printer::for_outputs(&outputs);
+    print(report, &document, &show::active(&commands.identity));
+    commands.report_rows(report, &statuses, document.max_ticks);
+    match document.same_bits {
+        Some(count) => report.line(format_args!(
+            "All {count} answers are the host's, bit for bit."
+        )),
+        None => report.line(
+            "The device's base frame was laid onto the measurements by best fit, which flatters the errors a little; \
+             --blob knows where it is.",
+        ),
+    }
+    Ok(())
+}
+
+fn print(report: Printer, document: &StreamJson, model: &str) {
+    report.line(format_args!(
+        "The device on {} poses, model {model}: position in mm, orientation in mrad.\n",
+        document.errors.poses
+    ));
+    let row = |name: &str, s: &poegp_calibration::numeric::statistics::Summary| {
+        let mut row = vec![name.to_owned()];
+        row.extend([s.mean, s.p95, s.max].map(|x| format!("{x:.4}")));
+        row
+    };
+    let mut rows = vec![row("position", &document.errors.position_mm)];
+    let orientation = document.errors.orientation_mrad.as_ref();
+    rows.extend(orientation.map(|s| row("orientation", s)));
+    report.table(&["error", "mean", "p95", "max"], &rows);
+}
+
+/// The device's poses as the instrument sees them.
+fn placed(commands: &Commands, answers: &[Evaluation]) -> Vec<Pose<f64>> {
+    let in_base = answers.iter().map(|a| Pose::<f32>::from_rows(&a.pose));
+    let Some(loaded) = &commands.loaded else {
+        let poses: Vec<Pose<f64>> = in_base.map(|pose| pose.cast()).collect();
+        let from: Vec<Vector3<f64>> = poses.iter().map(|p| p.translation).collect();
+        let samples = commands.samples.iter();
+        let to: Vec<Vector3<f64>> = samples.map(|s| s.observation.position()).collect();
+        let instrument_from_base = aligned(&from, &to);
+        return poses.iter().map(|p| instrument_from_base * *p).collect();
+    };
+    in_base
+        .zip(&commands.samples)
+        .map(|(pose, sample)| {
+            let first = loaded.in_instrument(&pose);
+            match loaded.tools().get(sample.tool) {
+                Some((_, first_from_target)) if sample.tool > 0 => first * *first_from_target,
+                _ => first,
+            }
+        })
+        .collect()
+}
+
+/// Rows whose pose, correction, status, trust or standard deviation is another one than the host computes.
+fn other_poses(commands: &Commands, answers: &[Evaluation]) -> Vec<usize> {
+    let Some(loaded) = &commands.loaded else {
+        return Vec::new();
+    };
+    let differs = |i: &usize| {
+        let (query, answer) = (query(&commands.samples[*i]), &answers[*i]);
+        let here = loaded.model().evaluate(&query.joints, query.payload_kg);
+        here.pose.to_rows().map(f32::to_bits) != answer.pose.map(f32::to_bits)
+            || here.correction.to_array().map(f32::to_bits) != answer.correction.map(f32::to_bits)
+            || here.status.bits() != answer.status
+            || here.trust.to_bits() != answer.trust.to_bits()
+            || here.position_sigma.map(f32::to_bits) != answer.position_sigma.map(f32::to_bits)
+    };
+    (0..answers.len()).filter(differs).collect()
+}
+
+pub fn correct(a: &Correct) -> Result<(), Failure> {
+    let inputs: Vec<&Path> = [Some(a.test.as_path()), a.blob.as_deref()]
+        .into_iter()
+        .flatten()
+        .collect();
+    let outputs = [Some(a.out.as_path()), a.json.as_deref()];
+    check_outputs(&outputs, &inputs)?;
+    let mut commands = Commands::read(&a.link, &a.test, a.blob.as_deref())?;
+    let answers = commands.ask("correcting", Client::correct)?;
+    let differs = |i: &usize| {
+        let (query, answer) = (query(&commands.samples[*i]), &answers[*i]);
+        let Some(loaded) = &commands.loaded else {
+            return false;
+        };
+        // A bypassed command is not the model's.
+        if Status::from_bits(answer.status).contains(Status::BYPASSED) {
+            return false;
+        }
+        let here = loaded.model().correct(&query.joints, query.payload_kg);
+        let bits = |value: &f32| value.to_bits();
+        let joints = here.joints.iter().take(query.joints.len());
+        !joints.map(bits).eq(answer.joints.iter().map(bits)) || here.status.bits() != answer.status
+    };
+    let other: Vec<usize> = (0..answers.len()).filter(differs).collect();
+    commands.refuse_other_bits(&other)?;
+
+    let names: Vec<&str> = commands
+        .set
+        .joint_columns
+        .iter()
+        .map(|c| c.name.as_str())
+        .collect();
+    let mut csv = names.join(",") + ",position_error_um,status\n";
+    let mut change = 0.0_f64;
+    for (answer, sample) in answers.iter().zip(&commands.samples) {
+        for ((q, column), commanded) in answer
+            .joints
+            .iter()
+            .zip(&commands.set.joint_columns)
+            .zip(query(sample).joints)
+        {
+            change = change.max(f64::from((q - commanded).abs()));
+            let _ = write!(csv, "{:.8},", column.unit.from_si(f64::from(*q)));
+        }
+        let status = Status::from_bits(answer.status);
+        let _ = writeln!(csv, "{:.3},{status}", 1e6 * answer.position_error);
+    }
+    let statuses: Vec<Status> = answers
+        .iter()
+        .map(|a| Status::from_bits(a.status))
+        .collect();
+    let max_ticks = answers.iter().map(|a| a.ticks).max().unwrap_or(0);
+    let json = summary_text(serde_json::json!({
+        "model": commands.identity.model.as_ref().map(show::model_json),
+        "name": file_name(&a.test),
+        "commands": answers.len(),
+        "flagged": statuses.iter().filter(|status| !status.is_ok()).count(),
+        "max_change": change,
+        "max_ticks": max_ticks,
+        "tick_hz": commands.identity.tick_hz,
+        "same_bits": commands.loaded.is_some().then_some(answers.len()),
+    }))?;
+    let mut files = vec![(a.out.as_path(), csv.as_bytes())];
+    files.extend(a.json.as_deref().map(|path| (path, json.as_bytes())));
+    write_outputs(&files)?;
+    let report = Printer::for_outputs(&outputs);
+    if !is_stdout(&a.out) {
+        report.line(format_args!(
+            "Wrote {} ({} commands).",
+            a.out.display(),
+            answers.len()
+        ));
+    }
+    report.line(format_args!(
+        "Model {}; joints changed by at most {:.3} mrad or mm.",
+        show::active(&commands.identity),
+        1e3 * change
+    ));
+    commands.report_rows(report, &statuses, max_ticks);
+    if commands.loaded.is_some() {
+        report.line(format_args!(
+            "All {} answers are the host's, bit for bit.",
+            answers.len()
+        ));
+    }
+    Ok(())
+}

@@ -1,0 +1,91 @@
+//! Everything that ends a command early, and the exit codes.
+
+use std::path::Path;
+use std::process::ExitCode;
+
+use poegp_runtime::model::load_error::LoadError;
+
+use crate::device::error::ClientError;
+use poegp_calibration::blob::predict::{BlobError, HOST_SUPPORT};
+use poegp_calibration::blob::write::{DeviceError, ExportError};
+use poegp_calibration::input_error::InputError;
+use poegp_calibration::model::CalibrationError;
+
+/// Everything that ends a command early.
+#[derive(Debug, thiserror::Error)]
+pub enum Failure {
+    /// The user's data or arguments.
+    #[error(transparent)]
+    Input(#[from] InputError),
+    /// The command line itself.
+    #[error("{0}")]
+    Usage(String),
+    /// A device, or the link to it.
+    #[error(transparent)]
+    Device(#[from] ClientError),
+    /// A quality bound was not met; nothing was written.
+    #[error("{0}")]
+    Quality(String),
+    /// A signature does not fit.
+    #[error("{0}")]
+    Refused(String),
+}
+
+impl Failure {
+    pub fn exit_code(&self) -> ExitCode {
+        match self {
+            Self::Quality(_) | Self::Refused(_) => ExitCode::from(1),
+            _ => ExitCode::from(2),
+        }
+    }
+}
+
+impl From<ExportError> for Failure {
+    fn from(error: ExportError) -> Self {
+        match error {
+            ExportError::SinglePrecisionLossTooLarge(_) => {
+                Self::Quality(format!("{error}\nhelp: nothing was written"))
+            }
+            ExportError::Unusable(BlobError::Load(LoadError::Bound)) => Self::Usage(format!(
+                "{error}\nhelp: the poses are more than a metre or half a radian from those of the robot description: check the robot, the joint \
+                 coupling and the order of the columns"
+            )),
+            _ => Self::Usage(error.to_string()),
+        }
+    }
+}
+
+/// A calibration error as one of the file.
+pub fn calibration_failure(path: &Path, error: &CalibrationError) -> Failure {
+    match error {
+        CalibrationError::OneToolOnly { method } => InputError::new(
+            path,
+            "several sessions or targets, or positions alone",
+            format!("whole poses of one tool for `{method}`"),
+        )
+        .with_help("use --method elastic, poe or base-tool for such data")
+        .into(),
+        CalibrationError::NoPayload => InputError::new(
+            path,
+            "no payload_kg column",
+            "a payload_kg column: `poe-gp-load` learns the effect of the payload",
+        )
+        .with_help("use --method poe-gp for data without payloads")
+        .into(),
+        _ => InputError::new(path, error.to_string(), "data that can be fitted").into(),
+    }
+}
+
+/// A failed calibration or export as an error of the file it came from.
+pub fn device_failure(path: &Path, error: DeviceError) -> Failure {
+    match error {
+        DeviceError::Calibration(error) => calibration_failure(path, &error),
+        DeviceError::Export(ExportError::TooManyPoints { found }) => InputError::new(
+            path,
+            format!("{found} poses"),
+            format!("at most {HOST_SUPPORT}: every pose is a point of the Gaussian process"),
+        )
+        .into(),
+        DeviceError::Export(error) => error.into(),
+    }
+}

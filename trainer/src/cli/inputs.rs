@@ -1,0 +1,241 @@
+//! Files that commands read: robots and measurements.
+
+use std::path::{Path, PathBuf};
+
+use poegp_protocol::blob::Blob;
+use poegp_runtime::kinematics::poe::Poe;
+use poegp_runtime::math::se3::Pose;
+
+use crate::cli::args::ChainArgs;
+use crate::cli::failure::Failure;
+use crate::cli::terminal::print::note;
+use poegp_calibration::blob::predict::BlobModel;
+use poegp_calibration::blob::write::Provenance;
+use poegp_calibration::input_error::InputError;
+use poegp_calibration::measurement::MeasurementSet;
+use poegp_calibration::measurement::instrument_drift::Drift;
+use poegp_calibration::measurement::reader::{DriftCorrection, SampleFile};
+use poegp_calibration::measurement::sample::{InstrumentSample, ToolName};
+use poegp_calibration::model::Method;
+use poegp_calibration::robot::{Joint, LoadOptions, Robot};
+use poegp_calibration::validation::cross_validation::TestSet;
+
+/// A robot with its chain.
+pub struct Arm {
+    pub robot: Robot,
+    pub nominal: Poe<f64>,
+}
+
+impl Arm {
+    pub fn load(description: &str, chain: &ChainArgs) -> Result<Self, Failure> {
+        let options = LoadOptions {
+            base: chain.base.clone(),
+            tip: chain.tip.clone(),
+        };
+        let robot = Robot::load(description, &options)?;
+        let nominal = robot.chain().map_err(|e| Failure::Usage(e.to_string()))?;
+        Ok(Self { robot, nominal })
+    }
+
+    /// Reads and checks a measurement file for this robot; notes go to standard error. New tools are added to `tools`.
+    pub fn read(
+        &self,
+        path: &Path,
+        tools: &mut Vec<ToolName>,
+        correction: DriftCorrection,
+    ) -> Result<SampleFile, Failure> {
+        read_samples(path, &self.robot, tools, correction)
+    }
+}
+
+/// A measurement file of `robot`; notes go to standard error.
+fn read_samples(
+    path: &Path,
+    robot: &Robot,
+    tools: &mut Vec<ToolName>,
+    correction: DriftCorrection,
+) -> Result<SampleFile, Failure> {
+    let file = SampleFile::read(path, robot, tools, correction)?;
+    for text in &file.notes {
+        note(format_args!("{}: {text}", path.display()));
+    }
+    Ok(file)
+}
+
+/// Refuses a file with too few poses before any work, as an error of the file.
+pub fn enough_poses(
+    path: &Path,
+    found: usize,
+    equations: usize,
+    method: Method,
+    joints: usize,
+) -> Result<(), Failure> {
+    let parameters = method.parameters(joints);
+    let needed = (6 * method.min_poses(joints)).div_ceil(equations);
+    if found >= needed {
+        return Ok(());
+    }
+    Err(InputError::new(
+        path,
+        format!("{found} poses"),
+        format!(
+            "at least {needed} for `{}`: {parameters} unknowns, {} equations a pose",
+            method.name(),
+            if equations == 6 { "six" } else { "three" }
+        ),
+    )
+    .with_help("measure more poses, or choose a method with fewer parameters")
+    .into())
+}
+
+/// Equations that a pose gives: six, or three when only positions were measured.
+pub fn equations(samples: &[InstrumentSample]) -> usize {
+    if samples.iter().all(|s| !s.observation.has_orientation()) {
+        3
+    } else {
+        6
+    }
+}
+
+/// The origin of a calibration: today, or the day that SOURCE_DATE_EPOCH names, for reproducible builds.
+pub fn origin(data_sha256: [u8; 32], serial_number: &str, tools: Vec<ToolName>) -> Provenance {
+    let seconds = std::env::var("SOURCE_DATE_EPOCH")
+        .ok()
+        .and_then(|s| s.parse().ok());
+    let now = seconds
+        .and_then(|s| time::OffsetDateTime::from_unix_timestamp(s).ok())
+        .unwrap_or_else(time::OffsetDateTime::now_utc);
+    Provenance {
+        serial_number: serial_number.to_owned(),
+        date: now.date().to_string(),
+        data_sha256,
+        tools,
+    }
+}
+
+/// The last part of a path, for tables.
+pub fn file_name(path: &Path) -> String {
+    path.file_name().map_or_else(
+        || path.display().to_string(),
+        |n| n.to_string_lossy().into_owned(),
+    )
+}
+
+/// A measurement file as the arm of a blob sees it.
+pub struct TestData {
+    pub set: MeasurementSet,
+    pub samples: Vec<InstrumentSample>,
+    /// First the tools of the blob, then those that only the file has.
+    pub names: Vec<ToolName>,
+}
+
+/// Reads and checks a measurement file for the robot of a blob; notes go to standard error.
+pub fn read(
+    loaded: &BlobModel,
+    path: &Path,
+    correction: DriftCorrection,
+) -> Result<TestData, Failure> {
+    let blob = loaded.blob();
+    let robot = robot_of(blob);
+    let mut names: Vec<ToolName> = loaded
+        .tools()
+        .iter()
+        .map(|(name, _)| name.clone())
+        .collect();
+    let SampleFile { set, samples, .. } = read_samples(path, &robot, &mut names, correction)?;
+    if blob.ranges.payload_kg.is_some() && !set.has_payload() {
+        return Err(InputError::new(
+            path,
+            "no payload_kg column",
+            "a payload_kg column, because the model depends on the payload",
+        )
+        .into());
+    }
+    Ok(TestData {
+        set,
+        samples,
+        names,
+    })
+}
+
+/// The arm of a blob as far as a measurement file is checked against it.
+pub fn robot_of(blob: &Blob<'_>) -> Robot {
+    let joint = |(i, joint): (usize, &poegp_protocol::blob::Joint)| Joint {
+        name: format!("q{}", i + 1),
+        kind: joint.kind,
+        limits: joint
+            .limits
+            .map(|(lower, upper)| (f64::from(lower), f64::from(upper))),
+    };
+    Robot {
+        name: blob.robot.name.to_owned(),
+        joints: blob.robot.joints.iter().enumerate().map(joint).collect(),
+        parent_from_joint: blob
+            .geometry
+            .nominal
+            .iter()
+            .map(|f| Pose::<f32>::from_rows(f).cast())
+            .collect(),
+        coupling: (!blob.robot.coupling.is_empty()).then(|| {
+            let rows = blob.robot.coupling.chunks(blob.robot.joints.len());
+            rows.map(|row| row.iter().map(|c| f64::from(*c)).collect())
+                .collect()
+        }),
+    }
+}
+
+/// A test file of the same arm, whose tools have to be among the first `trained_tools`.
+pub fn read_test(
+    arm: &Arm,
+    path: &Path,
+    tools: &mut Vec<ToolName>,
+    trained_tools: usize,
+    correction: DriftCorrection,
+) -> Result<SampleFile, Failure> {
+    let file = arm.read(path, tools, correction)?;
+    if let Some(unknown) = tools.get(trained_tools) {
+        return Err(InputError::new(
+            path,
+            format!("{unknown}, which is not in the training data"),
+            "tools of the training data",
+        )
+        .with_help("calibrate without this file, then fit the tool with `trainer evaluate --fit-tool ROWS`")
+        .into());
+    }
+    Ok(file)
+}
+
+/// Test files, with the drift taken out when the training data have it taken out.
+pub struct Tests {
+    /// As they were read.
+    pub files: Vec<MeasurementSet>,
+    /// As they are predicted.
+    pub sets: Vec<TestSet>,
+}
+
+impl Tests {
+    /// Reads them all; the training file itself is refused.
+    pub fn read(
+        arm: &Arm,
+        paths: &[PathBuf],
+        train: &MeasurementSet,
+        tools: &[ToolName],
+        drift: Option<&Drift>,
+    ) -> Result<Self, Failure> {
+        let (mut files, mut sets) = (Vec::new(), Vec::new());
+        let mut names = tools.to_vec();
+        for path in paths {
+            let correction = drift.map_or(DriftCorrection::None, DriftCorrection::RelativeTo);
+            let SampleFile { set, samples, .. } =
+                read_test(arm, path, &mut names, tools.len(), correction)?;
+            if set.sha256 == train.sha256 {
+                let found = "the training data";
+                return Err(InputError::new(path, found, "held-out poses").into());
+            }
+            let name = file_name(path);
+            files.push(set);
+            sets.push(TestSet { name, samples });
+        }
+        Ok(Self { files, sets })
+    }
+}

@@ -1,0 +1,213 @@
+//! `trainer keys new`, `trainer sign` and `trainer verify`.
+
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
+
+use clap::{Args, Subcommand};
+use poegp_protocol::blob::envelope;
+use poegp_runtime::model::signature;
+use poegp_runtime::model::signature::SignatureError;
+use serde_json::json;
+
+use crate::cli::failure::Failure;
+use crate::cli::output;
+use crate::cli::output::Readers;
+use crate::cli::output::{check_outputs, summary_text, write_outputs, write_summary};
+use crate::cli::terminal::print::Printer;
+use crate::signing::{PublicKey, SecretKey, id_text};
+use poegp_calibration::blob::predict::BlobModel;
+use poegp_calibration::input_error::InputError;
+
+/// `trainer keys`.
+#[derive(Debug, Args)]
+#[command(after_help = "Example: trainer keys new --out cell7")]
+pub struct Keys {
+    /// Command.
+    #[command(subcommand)]
+    pub command: KeysCommand,
+}
+
+/// The commands of `trainer keys`.
+#[derive(Debug, Subcommand)]
+pub enum KeysCommand {
+    /// Make a pair of keys; no file is overwritten.
+    New(NewKeys),
+}
+
+/// `trainer keys new`.
+#[derive(Debug, Args)]
+#[command(after_help = "Keep NAME.key secret; the device gets NAME.pub.\n\n\
+    Example: trainer keys new --out cell7")]
+pub struct NewKeys {
+    /// Write NAME.key, the secret key, readable by its owner only, and NAME.pub, the public key.
+    #[arg(long, value_name = "NAME")]
+    pub out: PathBuf,
+    /// Write the id of the key and the names of its files as JSON, nothing secret (`-`: standard output).
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+/// `trainer sign`.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  trainer sign arm.blob --key cell7.key\n  \
+    trainer sign arm.blob --key cell7.key --out signed.blob")]
+pub struct Sign {
+    /// Blob to sign; an existing signature is replaced.
+    pub blob: PathBuf,
+    /// Secret key.
+    #[arg(long, value_name = "FILE")]
+    pub key: PathBuf,
+    /// Write the signed blob to this file (default: replace the blob).
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    /// Write the result as JSON (`-`: standard output).
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+/// `trainer verify`.
+#[derive(Debug, Args)]
+#[command(after_help = "Example: trainer verify arm.blob --public-key cell7.pub")]
+pub struct Verify {
+    /// Blob to verify.
+    pub blob: PathBuf,
+    /// Public key.
+    #[arg(long, value_name = "FILE")]
+    pub public_key: PathBuf,
+    /// Write the verdict as JSON, also if the signature is wrong (`-`: standard output).
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+pub fn keys(a: &Keys) -> Result<(), Failure> {
+    let KeysCommand::New(new) = &a.command;
+    let (secret, public) = (with_suffix(&new.out, ".key"), with_suffix(&new.out, ".pub"));
+    for path in [&secret, &public] {
+        output::check_new(path)?;
+        if new.json.as_ref() == Some(path) {
+            let found = "two outputs in one file";
+            return Err(InputError::new(path, found, "a file for each output").into());
+        }
+    }
+    check_outputs(&[new.json.as_deref()], &[])?;
+    let key = SecretKey::generate()
+        .map_err(|e| Failure::Usage(format!("no randomness for a key: {e}")))?;
+    output::write_new(&[
+        (&secret, key.to_text().as_bytes(), Readers::Owner),
+        (&public, key.public().to_text().as_bytes(), Readers::All),
+    ])?;
+    write_summary(
+        new.json.as_deref(),
+        json!({ "key": id_text(&key.public().id()), "secret_key_file": secret, "public_key_file": public }),
+    )?;
+    let report = Printer::for_outputs(&[new.json.as_deref()]);
+    report.line(format_args!("key {}", id_text(&key.public().id())));
+    report.line(format_args!(
+        "  {}: secret, signs models; keep it where nobody else reads it",
+        secret.display()
+    ));
+    report.line(format_args!(
+        "  {}: public, verifies them; the device gets this one",
+        public.display()
+    ));
+    Ok(())
+}
+
+pub fn sign(a: &Sign) -> Result<(), Failure> {
+    let out = a.out.as_ref().unwrap_or(&a.blob);
+    check_outputs(&[a.json.as_deref()], &[&a.blob, &a.key, out])?;
+    if a.json.as_ref() == Some(out) {
+        let found = "two outputs in one file";
+        return Err(InputError::new(out, found, "a file for each output").into());
+    }
+    output::check(out)?;
+    if let (Ok(out_place), Ok(key)) = (std::fs::canonicalize(out), std::fs::canonicalize(&a.key))
+        && out_place == key
+    {
+        let expected = "another file for the signed blob";
+        return Err(InputError::new(out, "the key", expected).into());
+    }
+    let key = SecretKey::read(&a.key)?;
+    note_when_others_read(&a.key);
+    let loaded = BlobModel::read(&a.blob)?;
+    let signed = key.sign(loaded.bytes()).map_err(|e| {
+        let expected = "a model blob written by `trainer calibrate`";
+        InputError::new(&a.blob, e.to_string(), expected)
+    })?;
+    let replaced = envelope::open(loaded.bytes())
+        .ok()
+        .and_then(|e| e.trailer)
+        .map(|trailer| id_text(&trailer.key_id));
+    let summary = summary_text(json!({
+        "file": out,
+        "bytes": signed.len(),
+        "key": id_text(&key.public().id()),
+        "replaced_key": replaced,
+    }))?;
+    let mut files: Vec<(&Path, &[u8])> = vec![(out, &signed)];
+    files.extend(a.json.as_deref().map(|path| (path, summary.as_bytes())));
+    write_outputs(&files)?;
+    let before = replaced.map_or_else(String::new, |key| format!(" instead of key {key}"));
+    Printer::for_outputs(&[a.json.as_deref()]).line(format_args!(
+        "{}: signed by key {}{before}",
+        out.display(),
+        id_text(&key.public().id())
+    ));
+    Ok(())
+}
+
+pub fn verify(a: &Verify) -> Result<(), Failure> {
+    check_outputs(&[a.json.as_deref()], &[&a.blob, &a.public_key])?;
+    let key = PublicKey::read(&a.public_key)?;
+    let expected = "a model blob written by `trainer sign`";
+    let bytes =
+        std::fs::read(&a.blob).map_err(|e| InputError::unreadable(&a.blob, &e, expected))?;
+    let id = id_text(&key.id());
+    let verdict = |why: Option<String>| json!({ "file": a.blob, "key": id, "verified": why.is_none(), "why": why });
+    let refused = |why: &dyn std::fmt::Display| match write_summary(
+        a.json.as_deref(),
+        verdict(Some(why.to_string())),
+    ) {
+        Ok(()) => Failure::Refused(format!(
+            "{}: not verified by key {id}: {why}",
+            a.blob.display()
+        )),
+        Err(failure) => failure,
+    };
+    match (
+        signature::verify(&bytes, key.bytes()),
+        envelope::open(&bytes),
+    ) {
+        (Ok(()), _) => {}
+        (Err(SignatureError::Malformed), Err(error)) => return Err(refused(&error)),
+        (Err(error), _) => return Err(refused(&error)),
+    }
+    write_summary(a.json.as_deref(), verdict(None))?;
+    Printer::for_outputs(&[a.json.as_deref()])
+        .line(format_args!("{}: signed by key {id}", a.blob.display()));
+    Ok(())
+}
+
+/// `path` with `suffix` behind its name, which may have dots of its own.
+fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
+    let mut name = OsString::from(path);
+    name.push(suffix);
+    name.into()
+}
+
+/// A copied key has the permissions of any file.
+fn note_when_others_read(path: &Path) {
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        let mode = std::fs::metadata(path).map(|there| there.permissions().mode());
+        if mode.is_ok_and(|mode| mode & 0o077 != 0) {
+            let path = path.display();
+            crate::cli::terminal::print::note(format_args!(
+                "{path}: others may read this secret key (chmod 600 {path})"
+            ));
+        }
+    }
+    #[cfg(not(unix))]
+    let _ = path;
+}

@@ -1,0 +1,77 @@
+//! A progress bar on a terminal, silence elsewhere, with `--quiet` and where the terminal cannot go back in its line.
+
+use std::cell::Cell;
+use std::sync::atomic::AtomicBool;
+
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+
+use poegp_calibration::progress::{FitContext, Progress};
+
+use crate::cli::terminal::print::is_quiet;
+
+/// Where progress is shown.
+fn target() -> ProgressDrawTarget {
+    let is_dumb = std::env::var_os("TERM").is_some_and(|term| term == "dumb");
+    if is_quiet() || is_dumb {
+        ProgressDrawTarget::hidden()
+    } else {
+        ProgressDrawTarget::stderr()
+    }
+}
+
+/// A bar of `steps` steps with a label and the time left.
+pub fn bar(steps: usize, label: &str) -> ProgressBar {
+    let bar = ProgressBar::with_draw_target(Some(steps as u64), target());
+    let style = ProgressStyle::with_template("{msg:28} {wide_bar} {pos}/{len} {eta} left")
+        .unwrap_or_else(|_| ProgressStyle::default_bar());
+    bar.with_style(style).with_message(label.to_owned())
+}
+
+/// Shows progress of a calibration: a spinner, then a bar with the remaining time.
+pub fn calibrating<R>(work: impl FnOnce(&FitContext) -> R) -> R {
+    let bar = Bar {
+        bar: spinner("calibrating"),
+        is_bar: Cell::new(false),
+    };
+    let out = work(&FitContext::new(&bar, &AtomicBool::new(false)));
+    bar.bar.finish_and_clear();
+    out
+}
+
+/// A spinner that becomes a bar.
+struct Bar {
+    bar: ProgressBar,
+    is_bar: Cell<bool>,
+}
+
+impl Progress for Bar {
+    fn advance(&self, done: u64, expected: u64) {
+        if !self.is_bar.replace(true) {
+            let style =
+                ProgressStyle::with_template("{msg:28} {wide_bar} {percent:>3} % {eta} left");
+            let style = style.unwrap_or_else(|_| ProgressStyle::default_bar());
+            self.bar.set_style(style);
+        }
+        self.bar.set_length(expected);
+        self.bar.set_position(done);
+    }
+}
+
+/// A sign of life, with the time so far, for work without countable steps.
+pub fn spinner(label: &str) -> ProgressBar {
+    let spinner = ProgressBar::with_draw_target(None, target());
+    let style = ProgressStyle::with_template("{spinner} {msg} {elapsed}")
+        .unwrap_or_else(|_| ProgressStyle::default_spinner());
+    let spinner = spinner.with_style(style);
+    spinner.enable_steady_tick(std::time::Duration::from_millis(100));
+    spinner.with_message(label.to_owned())
+}
+
+/// A bar of `bytes` bytes on their way, with the time left.
+pub fn transfer(bytes: usize, label: &str) -> ProgressBar {
+    let bar = ProgressBar::with_draw_target(Some(bytes as u64), target());
+    let style =
+        ProgressStyle::with_template("{msg:28} {wide_bar} {bytes}/{total_bytes} {eta} left")
+            .unwrap_or_else(|_| ProgressStyle::default_bar());
+    bar.with_style(style).with_message(label.to_owned())
+}

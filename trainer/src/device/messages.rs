@@ -1,0 +1,266 @@
+//! What the numbers in a device's answers mean, in words.
+
+use poegp_protocol::link::Refusal;
+use poegp_runtime::filter::FilterError;
+use poegp_runtime::model::load_error::LoadError;
+use poegp_runtime::model::signature::SignatureError;
+use poegp_runtime::store::StoreError;
+
+/// Why the device will not.
+pub fn refusal(refusal: &Refusal) -> String {
+    match refusal {
+        Refusal::BadFrame => "the frame was damaged on the way".to_owned(),
+        Refusal::ProtocolVersion { found, expected } => {
+            format!("it speaks link protocol version {expected}, this trainer version {found}")
+        }
+        Refusal::UnknownMessage => {
+            "it does not know this message: firmware and trainer do not belong together".to_owned()
+        }
+        Refusal::Busy => "it is busy with another service; ask again".to_owned(),
+        Refusal::BlobTooLong { length, capacity } => format!(
+            "the model has {length} bytes, there is room for {capacity}; calibrate with less --support"
+        ),
+        Refusal::NoUpload => {
+            "it has no upload in progress: a restart or a roll-back has ended it".to_owned()
+        }
+        Refusal::UnexpectedOffset { found, expected } => format!(
+            "byte {found} of the model came, byte {expected} was due: is another workstation uploading?"
+        ),
+        Refusal::ChunkTooLong { end, length } => {
+            format!("{end} bytes came of a model of {length}: is another workstation uploading?")
+        }
+        Refusal::Incomplete { received, length } => {
+            format!("only {received} of {length} bytes of the model are there")
+        }
+        Refusal::TransferCrc { stored, computed } => {
+            format!("the model was damaged on the way (CRC {computed:08x}, announced {stored:08x})")
+        }
+        Refusal::Blob(error) => error.to_string(),
+        Refusal::Model { code } => model(*code),
+        Refusal::Signature { code } => signature(*code),
+        Refusal::NotVerified => "no uploaded model was verified".to_owned(),
+        Refusal::UnknownModel { blob_crc } => {
+            format!("it has no verified model {blob_crc:08x}: upload it first")
+        }
+        Refusal::NoOtherModel => "there is no other stored model to go back to".to_owned(),
+        Refusal::Store { code } => store(*code),
+        Refusal::KeyIsFixed => {
+            "another public key is provisioned, and that cannot be undone".to_owned()
+        }
+        Refusal::NotAKey => "these bytes are no Ed25519 public key".to_owned(),
+        Refusal::CyclesRunning => {
+            "on this board cycles would wait for the flash; stop the controller, which \
+                                   says so with `StopCyclic`, and try again"
+                .to_owned()
+        }
+        Refusal::CycleSetting { code } => cycle_setting(*code),
+    }
+}
+
+/// A setting of the cycle that is not taken.
+fn cycle_setting(code: u8) -> String {
+    let out_of_range = [
+        FilterError::Period,
+        FilterError::Rate,
+        FilterError::Acceleration,
+        FilterError::Blend,
+    ];
+    if code == FilterError::Engaged.code() {
+        return "a correction is applied, and other limits would break those in force; switch the bypass on and let \
+                commands come until the weight is 0, or restart the device, and try again"
+            .to_owned();
+    }
+    match out_of_range.iter().find(|error| error.code() == code) {
+        Some(error) => error.to_string(),
+        None => format!("setting {code} of the cycle, which this trainer does not know"),
+    }
+}
+
+/// A model that the device cannot run. The numbers in a [`LoadError`] do not travel; the words do.
+fn model(code: u8) -> String {
+    let plain = [
+        LoadError::Chain,
+        LoadError::Coupling,
+        LoadError::JointLimits,
+        LoadError::Ranges,
+        LoadError::Kernel,
+        LoadError::Bound,
+        LoadError::Gravity,
+        LoadError::Ripple,
+        LoadError::Groups,
+        LoadError::Row,
+    ];
+    if let Some(error) = plain.iter().find(|error| error.code() == code) {
+        return format!("unusable model: {error}");
+    }
+    let numbered = [
+        (
+            LoadError::Frame { index: 0 },
+            "a frame of the chain is not a rigid transform",
+        ),
+        (
+            LoadError::Inputs {
+                found: 0,
+                expected: 0,
+            },
+            "the correction has not as many inputs as joints and payload make",
+        ),
+        (
+            LoadError::PartialRow { bytes: 0 },
+            "the inducing points are not whole rows",
+        ),
+        (
+            LoadError::SupportTooLarge {
+                words: 0,
+                capacity: 0,
+            },
+            "it has more inducing points than fit; calibrate with fewer (--support)",
+        ),
+    ];
+    match numbered.iter().find(|(error, _)| error.code() == code) {
+        Some((_, text)) => format!("unusable model: {text}"),
+        None => format!("unusable model (code {code}, unknown to this version of trainer)"),
+    }
+}
+
+/// A model that nobody the device trusts has signed. The key ids in a [`SignatureError`] do not travel.
+fn signature(code: u8) -> String {
+    let known = [
+        (SignatureError::Malformed, "the model is damaged"),
+        (
+            SignatureError::Unsigned,
+            "the model is not signed, and this device takes only signed ones; `trainer sign` signs it",
+        ),
+        (
+            SignatureError::WrongKey {
+                id: Default::default(),
+            },
+            "the model is signed by another key than the provisioned one",
+        ),
+        (
+            SignatureError::Invalid,
+            "the signature does not fit the model and the provisioned key",
+        ),
+    ];
+    match known.iter().find(|(error, _)| error.code() == code) {
+        Some((_, text)) => (*text).to_owned(),
+        None => format!("signature error {code}, which this trainer does not know"),
+    }
+}
+
+/// A flash that did not do what was asked.
+fn store(code: u8) -> String {
+    let known = [
+        (
+            StoreError::NotAligned { at: 0, unit: 0 },
+            "the layout of its flash is wrong",
+        ),
+        (
+            StoreError::OutOfBounds {
+                end: 0,
+                capacity: 0,
+            },
+            "the layout of its flash is wrong",
+        ),
+        (
+            StoreError::Overlap { at: 0 },
+            "the layout of its flash is wrong",
+        ),
+        (
+            StoreError::RangeTooSmall {
+                length: 0,
+                needed: 0,
+            },
+            "the layout of its flash is wrong",
+        ),
+        (
+            StoreError::Unit { size: 0 },
+            "the layout of its flash is wrong",
+        ),
+        (
+            StoreError::BlobLength {
+                length: 0,
+                capacity: 0,
+            },
+            "the model does not fit into a slot of the flash",
+        ),
+        (
+            StoreError::BufferTooSmall { length: 0, room: 0 },
+            "the stored model does not fit into memory",
+        ),
+        (
+            StoreError::NotStored {
+                slot: poegp_runtime::store::Slot::A,
+            },
+            "the slot no longer holds that model",
+        ),
+        (
+            StoreError::CrcMismatch {
+                stored: 0,
+                computed: 0,
+            },
+            "the stored model is damaged",
+        ),
+        (
+            StoreError::ReadBack { at: 0 },
+            "the flash does not hold what was written: it may be worn out",
+        ),
+        (
+            StoreError::Flash {
+                kind: embedded_storage::nor_flash::NorFlashErrorKind::Other,
+            },
+            "the driver of the flash failed",
+        ),
+        (
+            StoreError::SequenceExhausted,
+            "the flash was written more often than can be counted",
+        ),
+        (
+            StoreError::KeyProvisioned,
+            "another public key is provisioned",
+        ),
+        (
+            StoreError::KeyUnfinished,
+            "provisioning the public key was interrupted: repeat it; until then no model is taken",
+        ),
+        (
+            StoreError::KeyDamaged,
+            "the page of the public key is damaged: no model is taken",
+        ),
+        (
+            StoreError::KeyPageFull,
+            "the page of the public key has no room left",
+        ),
+        (
+            StoreError::SettingsFull,
+            "the settings of the cycle were changed so often that their page has no room left; those in force stay",
+        ),
+    ];
+    match known.iter().find(|(error, _)| error.code() == code) {
+        Some((_, text)) => format!("{text} (store error {code})"),
+        None => format!("store error {code}, which this trainer does not know"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_code_has_words() {
+        for code in 1..=14 {
+            assert!(!model(code).contains("does not know"), "{code}");
+        }
+        for code in 1..=4 {
+            assert!(!signature(code).contains("does not know"), "{code}");
+        }
+        for code in 1..=17 {
+            assert!(!store(code).contains("does not know"), "{code}");
+        }
+        for code in 1..=5 {
+            assert!(!cycle_setting(code).contains("does not know"), "{code}");
+        }
+        assert!(cycle_setting(9).contains('9'));
+        assert!(model(200).contains("200") && store(200).contains("200"));
+    }
+}

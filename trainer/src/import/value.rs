@@ -1,0 +1,134 @@
+//! One cell: a number in the unit that the map says, or an error that names the place.
+
+use crate::import::column_map::{AngleUnit, Decimal, JointUnit, LengthUnit};
+use crate::import::text::{Line, Table};
+use poegp_calibration::input_error::InputError;
+
+/// A row with its table.
+#[derive(Clone, Copy)]
+pub struct RowValues<'a> {
+    pub table: &'a Table,
+    pub line: &'a Line,
+}
+
+impl<'a> RowValues<'a> {
+    /// The text of a column, from 0.
+    pub fn text(&self, index: usize) -> &'a str {
+        self.line.fields.get(index).map_or("", String::as_str)
+    }
+
+    /// An error at a column.
+    pub fn error(
+        &self,
+        index: usize,
+        found: impl Into<String>,
+        expected: impl Into<String>,
+    ) -> InputError {
+        InputError::new(&self.table.path, found, expected)
+            .at_line(self.line.number)
+            .at_column(index + 1, self.table.name(index))
+    }
+
+    /// A text that is not empty.
+    pub fn label(&self, index: usize) -> Result<String, InputError> {
+        match self.text(index) {
+            "" => Err(self.error(index, "an empty cell", "a name")),
+            text => Ok(text.to_owned()),
+        }
+    }
+
+    /// The number of a cell as it stands there, with a decimal point.
+    fn digits(&self, index: usize, expected: &str) -> Result<String, InputError> {
+        let text = self.text(index);
+        let error = |help: &str| {
+            let found = if text.is_empty() {
+                "an empty cell".to_owned()
+            } else {
+                format!("{text:?}")
+            };
+            let error = self.error(index, found, expected);
+            if help.is_empty() {
+                error
+            } else {
+                error.with_help(help)
+            }
+        };
+        if text.is_empty() {
+            return Err(error(
+                "rows without a measurement: incomplete = \"leave-out\" in the map leaves them out and lists them",
+            ));
+        }
+        let mut digits = text.to_owned();
+        if let Some(thousands) = self.table.thousands {
+            digits.retain(|c| c != thousands);
+        }
+        let (other, other_help) = match self.table.decimal {
+            Decimal::Point => (
+                ',',
+                "is the comma the decimal point? Then decimal = \",\" in [file] of the map",
+            ),
+            Decimal::Comma => (
+                '.',
+                "the map says that the decimal point is a comma; a point that groups thousands is thousands = \".\"",
+            ),
+        };
+        if digits.contains(other) {
+            return Err(error(other_help));
+        }
+        if self.table.decimal == Decimal::Comma {
+            digits = digits.replace(',', ".");
+        }
+        // What `parse` takes and no instrument writes: "inf", "nan", "infinity".
+        let numeric = digits
+            .bytes()
+            .all(|b| b.is_ascii_digit() || b"+-.eE".contains(&b));
+        match digits.parse::<f64>() {
+            Ok(number) if numeric && number.is_finite() => Ok(digits),
+            _ => Err(error("")),
+        }
+    }
+
+    /// A plain number.
+    pub fn number(&self, index: usize, expected: &str) -> Result<f64, InputError> {
+        Ok(shifted(&self.digits(index, expected)?, 0))
+    }
+
+    /// A length in millimetres, rounded once.
+    pub fn millimetres(&self, index: usize, unit: LengthUnit) -> Result<f64, InputError> {
+        let (name, locations) = match unit {
+            LengthUnit::Mm => ("a number in millimetres", 0),
+            LengthUnit::M => ("a number in metres", 3),
+            LengthUnit::Um => ("a number in micrometres", -3),
+        };
+        Ok(shifted(&self.digits(index, name)?, locations))
+    }
+
+    /// An angle in radians.
+    pub fn radians(&self, index: usize, unit: AngleUnit) -> Result<f64, InputError> {
+        Ok(match unit {
+            AngleUnit::Deg => self.number(index, "a number in degrees")?.to_radians(),
+            AngleUnit::Rad => self.number(index, "a number in radians")?,
+            AngleUnit::Mrad => shifted(&self.digits(index, "a number in milliradians")?, -3),
+        })
+    }
+
+    /// A joint in degrees, or in millimetres.
+    pub fn joint(&self, index: usize, unit: JointUnit) -> Result<f64, InputError> {
+        match unit {
+            JointUnit::Deg => self.number(index, "a number in degrees"),
+            JointUnit::Rad => Ok(self.number(index, "a number in radians")?.to_degrees()),
+            JointUnit::Mm => self.millimetres(index, LengthUnit::Mm),
+            JointUnit::M => self.millimetres(index, LengthUnit::M),
+        }
+    }
+}
+
+/// A decimal number with its point moved in the text: the nearest `f64`, without a multiplication that rounds again.
+fn shifted(digits: &str, locations: i64) -> f64 {
+    let (mantissa, exponent) = digits.split_once(['e', 'E']).unwrap_or((digits, "0"));
+    let exponent = exponent
+        .parse::<i64>()
+        .unwrap_or(0)
+        .saturating_add(locations);
+    format!("{mantissa}e{exponent}").parse().unwrap_or(f64::NAN)
+}

@@ -1,0 +1,281 @@
+//! What a report is made of: what several models made of the same held-out poses.
+
+use poegp_protocol::JointKind;
+use serde::Serialize;
+
+use poegp_calibration::measurement::MeasurementSet;
+use poegp_calibration::numeric::statistics::ErrorSummary;
+use poegp_calibration::validation::cross_validation::ModelComparison;
+use poegp_calibration::validation::held_out::{Coverage, HeldOutPose, coverage, summary};
+use poegp_calibration::validation::learning_curve::Point;
+
+/// Where held-out poses come from.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum HoldOutMethod {
+    /// Every training pose, predicted by a model that was trained without it.
+    CrossValidation {
+        /// Number of folds.
+        folds: usize,
+        /// Seed of their draw.
+        seed: u64,
+    },
+    /// Files that were not trained on.
+    TestSets,
+}
+
+/// One held-out pose as its file has it.
+#[derive(Clone, Debug)]
+pub struct Row {
+    /// Name of the file.
+    pub file: String,
+    /// Line in it, from 1.
+    pub line: usize,
+    /// The controller's joints, rad or m.
+    pub joints: Vec<f64>,
+    /// Payload in kg.
+    pub payload_kg: Option<f64>,
+    /// Session and target where there are several; empty where not.
+    pub tool: String,
+}
+
+/// What one model made of all rows.
+#[derive(Clone, Debug)]
+pub struct Method {
+    /// Its name.
+    pub name: String,
+    /// In the order of the rows.
+    pub poses: Vec<HeldOutPose>,
+}
+
+impl Method {
+    /// The position errors in mm.
+    pub fn errors(&self) -> Vec<f64> {
+        self.poses.iter().map(|p| p.error.position_mm).collect()
+    }
+}
+
+/// Held-out errors, pose by pose.
+#[derive(Clone, Debug)]
+pub struct ReportData {
+    /// Where they come from.
+    pub how: HoldOutMethod,
+    /// The poses.
+    pub rows: Vec<Row>,
+    /// What each model made of them, simplest first; every one has as many poses as there are rows.
+    pub methods: Vec<Method>,
+    /// Index of the model that stands for "before".
+    pub nominal: usize,
+    /// Index of the model that the report is about.
+    pub calibrated: usize,
+    /// Kinds of the joints.
+    pub kinds: Vec<JointKind>,
+    /// Held-out errors of that model with fewer training poses; empty when they were not looked at.
+    pub learning: Vec<Point>,
+}
+
+/// The errors of one model.
+#[derive(Clone, Debug, Serialize)]
+pub struct MethodSummary {
+    /// Its name.
+    pub method: String,
+    /// Its errors.
+    #[serde(flatten)]
+    pub errors: ErrorSummary,
+    /// Whether its predicted standard deviations were true.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub coverage: Option<Coverage>,
+}
+
+/// The errors of the model of the report on some of the poses.
+#[derive(Clone, Debug, Serialize)]
+pub struct SubsetSummary {
+    /// Which: a file, a session and target, or a payload in kg.
+    pub name: String,
+    /// Its errors.
+    #[serde(flatten)]
+    pub errors: ErrorSummary,
+}
+
+/// The part `held_out` of a JSON document.
+#[derive(Clone, Debug, Serialize)]
+pub struct HeldOutSummary {
+    /// `cross-validation` or `test sets`.
+    pub how: &'static str,
+    /// Number of folds.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub folds: Option<usize>,
+    /// Seed of the draw of folds.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub seed: Option<u64>,
+    /// Before the calibration: base and tool fitted, the arm as it is drawn.
+    pub nominal: MethodSummary,
+    /// By the model of the report.
+    pub calibrated: MethodSummary,
+    /// All models, simplest first.
+    pub methods: Vec<MethodSummary>,
+    /// By file, where there are several.
+    pub files: Vec<SubsetSummary>,
+    /// By session and target, where there are several.
+    pub tools: Vec<SubsetSummary>,
+    /// By payload, where there are several.
+    pub payloads: Vec<SubsetSummary>,
+    /// With fewer training poses.
+    pub learning_curve: Vec<Point>,
+}
+
+/// Payloads that are listed separately at most; more are gathered to steps of a kilogram.
+const PAYLOADS: usize = 12;
+
+impl ReportData {
+    /// From what a comparison found, on the training rows (`sets` has their file) or on its test sets (`sets` has those);
+    /// "before" is `base-tool`, else the first model. The report is about the model of least mean error, or the last one if `about_last`.
+    /// `None` when there is no model or no held-out pose.
+    pub fn new(
+        how: HoldOutMethod,
+        sets: &[&MeasurementSet],
+        models: &[ModelComparison],
+        kinds: &[JointKind],
+        about_last: bool,
+    ) -> Option<Self> {
+        let poses = |model: &ModelComparison| -> Vec<HeldOutPose> {
+            match (&how, &model.cross_validation) {
+                (HoldOutMethod::CrossValidation { .. }, Some(folds)) => folds.poses.clone(),
+                (HoldOutMethod::CrossValidation { .. }, None) => Vec::new(),
+                (HoldOutMethod::TestSets, _) => {
+                    model.sets.iter().flat_map(|s| s.poses.clone()).collect()
+                }
+            }
+        };
+        let methods: Vec<Method> = models
+            .iter()
+            .map(|model| Method {
+                name: model.model.to_owned(),
+                poses: poses(model),
+            })
+            .collect();
+        let rows: Vec<Row> = sets.iter().flat_map(|set| rows(set)).collect();
+        if rows.is_empty() || methods.iter().any(|m| m.poses.len() != rows.len()) {
+            return None;
+        }
+        let base_tool = poegp_calibration::model::Method::BaseTool.name();
+        let mean = |m: &Method| summary(&m.poses).position_mm.mean;
+        let best =
+            (0..methods.len()).min_by(|a, b| mean(&methods[*a]).total_cmp(&mean(&methods[*b])))?;
+        Some(Self {
+            how,
+            rows,
+            nominal: methods
+                .iter()
+                .position(|m| m.name == base_tool)
+                .unwrap_or(0),
+            calibrated: if about_last { methods.len() - 1 } else { best },
+            methods,
+            kinds: kinds.to_vec(),
+            learning: Vec::new(),
+        })
+    }
+
+    /// What "before" made of the rows.
+    pub fn nominal(&self) -> &Method {
+        &self.methods[self.nominal]
+    }
+
+    /// What the model of the report made of the rows.
+    pub fn calibrated(&self) -> &Method {
+        &self.methods[self.calibrated]
+    }
+
+    /// The rows by a name, in the order of their first; each with the indices of its rows.
+    pub fn parts(&self, name: impl Fn(&Row) -> String) -> Vec<(String, Vec<usize>)> {
+        let mut out: Vec<(String, Vec<usize>)> = Vec::new();
+        for (i, row) in self.rows.iter().enumerate() {
+            let name = name(row);
+            match out.iter_mut().find(|(n, _)| *n == name) {
+                Some((_, members)) => members.push(i),
+                None => out.push((name, vec![i])),
+            }
+        }
+        out
+    }
+
+    /// The rows by payload in kg, lightest first; empty where a payload is not known.
+    pub fn payloads(&self) -> Vec<(String, Vec<usize>)> {
+        if self.rows.iter().any(|row| row.payload_kg.is_none()) {
+            return Vec::new();
+        }
+        let payload = |row: &Row| row.payload_kg.unwrap_or(0.0);
+        let mut values: Vec<f64> = self.rows.iter().map(payload).collect();
+        values.sort_by(f64::total_cmp);
+        values.dedup();
+        let gathered = |x: f64| {
+            if values.len() > PAYLOADS {
+                x.round()
+            } else {
+                x
+            }
+        };
+        let mut parts = self.parts(|row| format!("{}", gathered(payload(row))));
+        let first = |part: &(String, Vec<usize>)| gathered(payload(&self.rows[part.1[0]]));
+        parts.sort_by(|a, b| first(a).total_cmp(&first(b)));
+        parts
+    }
+
+    /// What the JSON document says of it.
+    pub fn summary(&self) -> HeldOutSummary {
+        let method = |m: &Method| MethodSummary {
+            method: m.name.clone(),
+            errors: summary(&m.poses),
+            coverage: coverage(&m.poses),
+        };
+        let several = |parts: Vec<(String, Vec<usize>)>| -> Vec<SubsetSummary> {
+            if parts.len() < 2 {
+                return Vec::new();
+            }
+            let part = |(name, members): (String, Vec<usize>)| SubsetSummary {
+                name,
+                errors: summary(members.iter().map(|i| &self.calibrated().poses[*i])),
+            };
+            parts.into_iter().map(part).collect()
+        };
+        let (folds, seed) = match self.how {
+            HoldOutMethod::CrossValidation { folds, seed } => (Some(folds), Some(seed)),
+            HoldOutMethod::TestSets => (None, None),
+        };
+        HeldOutSummary {
+            how: match self.how {
+                HoldOutMethod::CrossValidation { .. } => "cross-validation",
+                HoldOutMethod::TestSets => "test sets",
+            },
+            folds,
+            seed,
+            nominal: method(self.nominal()),
+            calibrated: method(self.calibrated()),
+            methods: self.methods.iter().map(method).collect(),
+            files: several(self.parts(|row| row.file.clone())),
+            tools: several(self.parts(|row| row.tool.clone())),
+            payloads: several(self.payloads()),
+            learning_curve: self.learning.clone(),
+        }
+    }
+}
+
+/// The rows of a file.
+fn rows(set: &MeasurementSet) -> Vec<Row> {
+    let file = set.path.file_name().map_or_else(
+        || set.path.display().to_string(),
+        |name| name.to_string_lossy().into_owned(),
+    );
+    let row = |m: &poegp_calibration::measurement::Measurement| Row {
+        file: file.clone(),
+        line: m.line,
+        joints: m.joints.clone(),
+        payload_kg: m.payload_kg,
+        tool: match (&m.session, &m.target) {
+            (None, None) => String::new(),
+            (Some(session), None) => session.clone(),
+            (None, Some(target)) => target.clone(),
+            (Some(session), Some(target)) => format!("{session}, {target}"),
+        },
+    };
+    set.measurements.iter().map(row).collect()
+}
