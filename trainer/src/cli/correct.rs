@@ -141,7 +141,7 @@ pub fn run(a: &Correct) -> Result<(), Failure> {
     check_outputs(&outputs, &[&a.blob, &a.targets])?;
     let loaded = BlobModel::read(&a.blob)?;
     let file = TargetFile::read(&a.targets)?;
-    let robot = inputs::robot_of(&loaded.blob());
+    let robot = inputs::robot_of(loaded.blob());
     for note in file.check(&robot)? {
         crate::cli::terminal::print::note(format_args!("{}: {note}", a.targets.display()));
     }

@@ -133,7 +133,7 @@ pub fn document(
             file: a.out.display().to_string(),
             bytes: blob.bytes().len(),
             inducing_points: blob.model().support(),
-            instructions: ElasticSize::of_blob(&blob.blob(), blob.model().support())
+            instructions: ElasticSize::of_blob(blob.blob(), blob.model().support())
                 .map(|size| instructions(&size)),
         },
         repeats: None,
