@@ -89,6 +89,15 @@ impl Preset {
         let mut map = self.table();
         map.remove("about");
         let optional = map.remove("optional");
+        let (expected, what) = match map.contains_key("points") {
+            true => (2, "two files, the points and then the joints"),
+            false => (1, "one file"),
+        };
+        if files.len() != expected {
+            let found = format!("{} files to import", files.len());
+            let expected = format!("{what}, for the preset `{}`", self.name);
+            return Err(InputError::new(files[0].0, found, expected));
+        }
         let mut header = Vec::new();
         for (key, (path, bytes)) in ["file", "joints_file"].into_iter().zip(files) {
             let stated = map.remove(key).unwrap_or(Value::Table(Toml::new()));

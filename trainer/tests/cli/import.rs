@@ -180,6 +180,8 @@ fn a_preset_is_chosen_by_the_header_or_asked_for() {
     }
     folder.refuses("import comma.csv --preset kuka --out data.csv");
     folder.refuses("import comma.csv --preset guess --out data.csv");
+    folder.refuses("import comma.csv points.txt --preset kuka --out data.csv");
+    folder.refuses("import points.txt --preset leica --out data.csv");
     folder.write("texts.txt", "there are\nno numbers here\n");
     folder.refuses("import texts.txt --preset kuka --out data.csv");
 }
