@@ -182,12 +182,12 @@ const fn varint(value: usize) -> usize {
 /// evenly over the groups. `texts` are the lengths of robot name, serial number, model, trainer version and date.
 pub fn blob_bytes(size: &ElasticSize, texts: [usize; 5]) -> usize {
     let (n, floats) = (size.joints, 4);
-    let text: usize = texts.iter().map(|length| varint(*length) + length).sum();
+    let text = |lengths: &[usize]| -> usize { lengths.iter().map(|l| varint(*l) + l).sum() };
     // Kind, `Option` and two limits; the trained range.
     let joints = 1 + n * 10 + 1 + n * 8;
-    let frames = 2 * (1 + (n + 1) * 12 * floats) + 2 * 12 * 8;
-    // No coupling, units, SHA-256, number of poses (of up to 127), range of the payload.
-    let rest = 1 + 3 + 32 + 1 + 9;
+    let frames = 2 * (1 + (n + 1) * 12 * floats);
+    // No coupling, units, range of the payload.
+    let rest = 1 + 3 + 9;
     // Number of the variant, bound, gravity.
     let mut elastic = 1 + 2 * floats + 3 * floats;
     elastic += 1 + n * (n + 1) / 2 * 3 * floats;
@@ -201,15 +201,17 @@ pub fn blob_bytes(size: &ElasticSize, texts: [usize; 5]) -> usize {
         elastic += floats + varint(upto(group + 1) - upto(group));
     }
     let rows = floats * size.sets.map_or(size.support * 3 * n, |sets| sets.words);
-    // No named tools: a list of 0 bytes.
-    let tools = 1;
-    let mut variance = 0;
+    let mut variance = 1;
     if size.landmarks > 0 {
         let words: usize = (0..size.landmarks).map(|l| landmark_words(n, l)).sum();
-        variance = 3 * floats + 1 + varint(floats * words) + floats * words;
+        variance += 3 * floats + 1 + varint(floats * words) + floats * words;
     }
-    // No variance; a number for each group of each set, all below 128.
-    let sets = size.sets.map_or(0, |_| 2 + n * (1 + size.groups));
-    let correction = elastic + varint(rows) + rows;
-    HEADER_LENGTH + text + joints + frames + rest + correction + tools + variance + sets
+    // A number for each group of each set, all below 128.
+    let sets = 1 + size.sets.map_or(0, |_| n * (1 + size.groups));
+    let correction = elastic + varint(rows) + rows + sets;
+    let (robot, provenance) = texts.split_at(2);
+    // SHA-256, number of poses (of up to 127), gauge, no tools, no warnings.
+    let host = text(provenance) + 32 + 1 + 2 * 12 * 8 + 1 + 1;
+    let model = text(robot) + joints + frames + rest + correction + variance;
+    HEADER_LENGTH + model + varint(host) + host
 }

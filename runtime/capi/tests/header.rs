@@ -43,7 +43,7 @@ fn the_committed_header_is_the_generated_one() {
     ] {
         config.export.rename.insert(rust.to_owned(), c.to_owned());
     }
-    let sources = ["types.rs", "codes.rs", "border.rs", "filter.rs"];
+    let sources = ["types.rs", "codes.rs", "ffi.rs", "filter.rs"];
     let builder = sources
         .iter()
         .fold(Builder::new().with_config(config), |builder, source| {

@@ -18,8 +18,6 @@ fn names_flip(bit: usize, length: u32, error: &DecodeError) -> bool {
         // The flag of a signed blob: its trailer is missing.
         10 if bit == 80 => matches!(error, DecodeError::Truncated { .. }),
         0..8 => *error == DecodeError::WrongMagic,
-        // From 1 to 3, which there is: what follows is read as it was meant, and the checksum tells.
-        8 if bit == 65 => matches!(error, DecodeError::CrcMismatch { .. }),
         8..10 => matches!(error, DecodeError::UnknownVersion { .. }),
         10..12 => *error == DecodeError::ReservedBitsSet,
         12..16 => match error {
