@@ -118,7 +118,7 @@ def main() -> None:
     said = run(engine(arguments, "--dry-run"), folder)
     expect("Nothing to be done" in said, f"a third run does something:\n{said}")
     one = folder / "robots" / "r01" / "project.toml"
-    one.write_text(one.read_text(encoding="utf-8") + '\n[model]\nmethod = "poe"\n', encoding="utf-8")
+    one.write_text(one.read_text(encoding="utf-8") + '\n[calibration]\nmethod = "poe"\n', encoding="utf-8")
     said = run(engine(arguments), folder)
     changed = [name for name, when in finished(folder).items() if after[name] != when]
     expect(changed == ["r01"], f"one robot changed and these were done: {changed}\n{said}")
