@@ -24,9 +24,13 @@
 //! An arm of less than six joints cannot reach every pose: it is brought to the position, and its rotation as near as that
 //! allows.
 
+mod acceptance;
 pub mod step_limit;
 
 use poegp_protocol::limits::MAX_JOINTS;
+
+pub use acceptance::{CORRECTED_WITHIN, Corrected, MAX_JOINT_CHANGE};
+use acceptance::{Candidate, raised};
 
 use crate::correct::step_limit::{Scale, StepLimit};
 use crate::elastic::deflection::deflected_into;
@@ -51,31 +55,9 @@ use crate::model::evaluate::{CompiledEvaluation, View};
 use crate::model::task_space::TaskSpaceCorrection;
 use crate::model::validate::{MAX_PAYLOAD_KG, is_within};
 
-/// Largest change of a joint, the controller's or a serial one, in rad or m. Corrections of calibrated arms are some
-/// milliradians; up to here the sines of the change are exact to single precision. A larger change is scaled back.
-pub const MAX_JOINT_CHANGE: f64 = 0.1;
-/// Remaining error, in metres and radians, up to which a command is called fully corrected.
-pub const CORRECTED_WITHIN: f64 = 5e-6;
 /// Steps after the first one. With a correction in task space one of them leaves more than 1 µm at 1 % of the poses.
 const LATER_STEPS: usize = 1;
 const LATER_TASK_SPACE_STEPS: usize = 2;
-
-/// The answer of [`crate::model::Model::correct`].
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Corrected<T> {
-    /// The controller's joints to command, rad or m; beyond the joints of the arm zero.
-    pub joints: [T; MAX_JOINTS],
-    /// How much of the arm's error is corrected, from 0 to 1: 1 but beside singularities and where a bound acts. A metre
-    /// counts as much as a radian.
-    pub applied: T,
-    /// Distance in metres of the target from where it should be, by the model and at these joints, to the accuracy of T.
-    /// Zero where nothing is known (no model, bad input).
-    pub position_error: T,
-    /// The same of its rotation, in radians.
-    pub rotation_error: T,
-    /// What it is worth. The ranges are looked up for the commanded joints.
-    pub status: Status,
-}
 
 /// A number type for which the correction is compiled in this crate: `f32` and `f64`. Sealed by [`Scalar`].
 pub trait CompiledCorrection: CompiledEvaluation {
@@ -186,18 +168,6 @@ struct First<T> {
     /// What was given up.
     given_up: PoseError6<T>,
     damping: Damping<T>,
-}
-
-/// What a search has come to.
-struct Candidate<T> {
-    /// q* − q.
-    change: PerJoint<T>,
-    /// Error of the command as it came.
-    before: PoseError6<T>,
-    given_up: PoseError6<T>,
-    /// Error that stays at q*.
-    stays: PoseError6<T>,
-    bounded: bool,
 }
 
 impl<T: KernelLoops> Search<'_, T> {
@@ -427,76 +397,6 @@ impl<T: KernelLoops> Search<'_, T> {
             bounded,
         }
     }
-}
-
-impl<T: Scalar> Candidate<T> {
-    /// The answer to `joints`.
-    #[inline(never)]
-    fn answer(&self, joints: &PerJoint<T>, can_turn: bool, status: Status) -> Corrected<T> {
-        let whole = T::from_f64(MAX_JOINT_CHANGE);
-        // The first step was held; with the later ones it may be too large.
-        let factor = whole / raised(whole, &self.change);
-        let mut stays = self.stays;
-        for (value, before) in stays.iter_mut().zip(&self.before) {
-            *value = factor * *value + (T::ONE - factor) * *before;
-        }
-        let (position, rotation) = squared_norms(&stays);
-        let (position, rotation) = (position.sqrt(), rotation.sqrt());
-        let mut command = *joints;
-        let mut checksum = position + rotation;
-        for (slot, change) in command.iter_mut().zip(&self.change) {
-            let change = *change * factor;
-            *slot += change;
-            checksum += change;
-        }
-        // Everything was computed, or nothing is believed.
-        let sound = checksum.is_finite();
-        // One by one: of two whole arrays one is copied by another routine than the other, which takes another time.
-        for (slot, q) in command.iter_mut().zip(joints) {
-            *slot = if sound { *slot } else { *q };
-        }
-        let zero_unless_sound = |value: T| if sound { value } else { T::ZERO };
-        let tolerance = T::from_f64(CORRECTED_WITHIN);
-        // Five joints cannot turn the target every way.
-        let there = (position <= tolerance) & ((rotation <= tolerance) | !can_turn);
-        Corrected {
-            joints: command,
-            applied: zero_unless_sound(self.applied() * factor),
-            position_error: zero_unless_sound(position),
-            rotation_error: zero_unless_sound(rotation),
-            status: status
-                .with_if(self.bounded, Status::CORRECTION_LIMITED)
-                .with_if(!(there & sound), Status::PARTLY_CORRECTED),
-        }
-    }
-
-    /// 1 − |given up|/|error|, of which the first micrometre does not count: rounding is not given up.
-    fn applied(&self) -> T {
-        let length = |e: &PoseError6<T>| {
-            let (position, rotation) = squared_norms(e);
-            (position + rotation).sqrt()
-        };
-        let given_up = length(&self.given_up) - T::from_f64(1e-6);
-        let share = given_up / length(&self.before);
-        // Also of 0/0.
-        let share = if share > T::ZERO { share } else { T::ZERO };
-        T::ONE - if share < T::ONE { share } else { T::ONE }
-    }
-}
-
-/// The larger of `least` and the absolute values.
-#[inline(never)]
-fn raised<T: Scalar>(least: T, values: &PerJoint<T>) -> T {
-    let mut largest = least;
-    for value in values {
-        let magnitude = value.abs();
-        largest = if magnitude > largest {
-            magnitude
-        } else {
-            largest
-        };
-    }
-    largest
 }
 
 /// a + b.

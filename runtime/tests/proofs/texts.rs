@@ -60,7 +60,13 @@ fn errors_of_loading_say_what_is_wrong() {
     let texts: BTreeSet<String> = all.iter().map(ToString::to_string).collect();
     assert_eq!(texts.len(), all.len());
     assert!(texts.iter().all(|text| text.len() > 15), "{texts:?}");
-    for number in ["frame 3", "has 8 inputs", "make 7", "5 bytes", "5000 numbers"] {
+    for number in [
+        "frame 3",
+        "has 8 inputs",
+        "make 7",
+        "5 bytes",
+        "5000 numbers",
+    ] {
         assert!(texts.iter().any(|text| text.contains(number)), "{number}");
     }
 }
