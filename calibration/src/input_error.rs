@@ -12,7 +12,7 @@ use thiserror::Error;
 /// Displayed as `train.csv:17: column 4 (q4_deg): found "abc", expected a number in degrees`, with a second line
 /// `help: …` where there is help.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
-#[error("{}found {found}, expected {expected}{}", place(.file, .line, .column), help_line(.help))]
+#[error("{}found {found}, expected {expected}{}", location(.file, .line, .column), help_line(.help))]
 pub struct InputError {
     /// The file, as it was given; for a built-in robot `<built-in NAME>`.
     pub file: PathBuf,
@@ -77,18 +77,18 @@ impl InputError {
     }
 }
 
-fn place(file: &Path, line: &Option<usize>, column: &Option<(usize, String)>) -> String {
-    let mut place = format!("{}:", file.display());
+fn location(file: &Path, line: &Option<usize>, column: &Option<(usize, String)>) -> String {
+    let mut location = format!("{}:", file.display());
     if let Some(line) = line {
-        place += &format!("{line}:");
+        location += &format!("{line}:");
     }
-    place.push(' ');
+    location.push(' ');
     match column {
-        Some((number, name)) if name.is_empty() => place += &format!("column {number}: "),
-        Some((number, name)) => place += &format!("column {number} ({name}): "),
+        Some((number, name)) if name.is_empty() => location += &format!("column {number}: "),
+        Some((number, name)) => location += &format!("column {number} ({name}): "),
         None => {}
     }
-    place
+    location
 }
 
 fn help_line(help: &Option<String>) -> String {

@@ -23,7 +23,7 @@ const MARGIN_PRISMATIC: f64 = 1e-3;
 const STILL_REVOLUTE: f64 = 0.5 * std::f64::consts::PI / 180.0;
 const STILL_PRISMATIC: f64 = 1e-3;
 /// No robot cell is so small: positions within it are metres under a name in millimetres.
-const SMALLEST_CELL: f64 = 0.01;
+const SMALLEST_WORKSPACE: f64 = 0.01;
 
 impl MeasurementSet {
     /// Whether this can be a set of `robot`'s poses; returns what its user should see.
@@ -258,7 +258,7 @@ impl MeasurementSet {
             .measurements
             .iter()
             .fold(0.0_f64, |far, m| far.max(m.position.amax()));
-        if farthest < SMALLEST_CELL {
+        if farthest < SMALLEST_WORKSPACE {
             notes.push(format!(
                 "all positions are within {} mm of the instrument: are they metres?",
                 round(farthest * 1e3)

@@ -171,12 +171,12 @@ impl Constraints {
         };
         let mut rules = Vec::new();
         if let Some(zone) = &file.workspace {
-            let line = reader.place(zone.span().start).0;
+            let line = reader.line_and_column(zone.span().start).0;
             let rule = Rule::Workspace(reader.zone(zone)?);
             rules.push(Constraint { rule, line });
         }
         for (number, table) in (1..).zip(&file.keep_out) {
-            let line = reader.place(table.span().start).0;
+            let line = reader.line_and_column(table.span().start).0;
             let name = table
                 .get_ref()
                 .name
@@ -186,7 +186,7 @@ impl Constraints {
             rules.push(Constraint { rule, line });
         }
         if let Some(sight) = &file.line_of_sight {
-            let line = reader.place(sight.span().start).0;
+            let line = reader.line_and_column(sight.span().start).0;
             let rule = Rule::LineOfSight(reader.sight(sight)?);
             rules.push(Constraint { rule, line });
         }
@@ -363,18 +363,18 @@ impl TomlSource<'_> {
         let mut given: Vec<Option<(f64, f64)>> = vec![None; robot.joints.len()];
         for table in tables {
             let name = &table.get_ref().name;
-            let place = robot.joints.iter().position(|j| j.name == *name.get_ref());
-            let Some(place) = place else {
+            let index = robot.joints.iter().position(|j| j.name == *name.get_ref());
+            let Some(index) = index else {
                 let names: Vec<&str> = robot.joints.iter().map(|j| j.name.as_str()).collect();
                 let found = format!("\"{}\"", name.get_ref());
                 let expected = format!("a joint of {}: {}", robot.name, names.join(", "));
                 return Err(self.error(name.span(), "name", found, expected));
             };
-            if given[place].is_some() {
+            if given[index].is_some() {
                 let found = format!("joint \"{}\" a second time", name.get_ref());
                 return Err(self.error(name.span(), "name", found, "one range for every joint"));
             }
-            given[place] = Some(self.range(&robot.joints[place], table)?);
+            given[index] = Some(self.range(&robot.joints[index], table)?);
         }
         robot
             .joints

@@ -25,7 +25,7 @@ pub fn fill(
             0.0
         }
     };
-    let places: Vec<Vec<f64>> = joints
+    let configurations: Vec<Vec<f64>> = joints
         .iter()
         .map(|q| q.iter().zip(ranges).map(|(x, r)| share(*x, *r)).collect())
         .collect();
@@ -42,7 +42,7 @@ pub fn fill(
         |a: &[f64], b: &[f64]| -> f64 { a.iter().zip(b).map(|(x, y)| (x - y) * (x - y)).sum() };
     let middle = vec![0.5; ranges.len()];
     // Squared distance of each candidate from what was taken; before the first from far off, the middle least.
-    let mut nearest: Vec<Vec<f64>> = places
+    let mut nearest: Vec<Vec<f64>> = configurations
         .iter()
         .map(|p| vec![1e6 - square(p, &middle); heights.len()])
         .collect();
@@ -62,8 +62,8 @@ pub fn fill(
         used[i] = true;
         left[k] -= 1;
         out.push((i, k));
-        for (row, place) in nearest.iter_mut().zip(&places) {
-            let apart = square(place, &places[i]);
+        for (row, configuration) in nearest.iter_mut().zip(&configurations) {
+            let apart = square(configuration, &configurations[i]);
             for (d, height) in row.iter_mut().zip(&heights) {
                 *d = d.min(apart + (height - heights[k]).powi(2));
             }

@@ -45,7 +45,7 @@ pub struct TomlSource<'a> {
 
 impl TomlSource<'_> {
     /// Line and column, from 1, of a byte.
-    pub fn place(&self, at: usize) -> (usize, usize) {
+    pub fn line_and_column(&self, at: usize) -> (usize, usize) {
         let before = self.text.get(..at).unwrap_or(self.text);
         let column = 1 + before.rsplit('\n').next().unwrap_or("").chars().count();
         (1 + before.matches('\n').count(), column)
@@ -59,7 +59,7 @@ impl TomlSource<'_> {
         found: impl Into<String>,
         expected: impl Into<String>,
     ) -> InputError {
-        let (line, column) = self.place(span.start);
+        let (line, column) = self.line_and_column(span.start);
         InputError::new(self.file, found, expected)
             .at_line(line)
             .at_column(column, key)
@@ -67,8 +67,8 @@ impl TomlSource<'_> {
 
     /// What toml or serde say, taken apart into found and expected; `whole` is what the file should be.
     pub fn refused(&self, error: &toml::de::Error, whole: &str) -> InputError {
-        let words: Vec<&str> = error.message().split_whitespace().collect();
-        let message = words.join(" ");
+        let parts: Vec<&str> = error.message().split_whitespace().collect();
+        let message = parts.join(" ");
         let (found, expected) = match message.split_once(", expected ") {
             Some((found, expected)) => (found.to_owned(), expected.to_owned()),
             None => match message.strip_prefix("missing field ") {

@@ -24,7 +24,7 @@ pub const POSITION_NOISE_M: f64 = 30e-6;
 pub const ORIENTATION_NOISE_RAD: f64 = 50e-6;
 
 /// Joint ranges of a cell in degrees, where a target stays visible: of six joints, and of any beyond.
-const CELL_DEG: [(f64, f64); 7] = [
+const JOINT_RANGES_DEG: [(f64, f64); 7] = [
     (-60.0, 60.0),
     (-40.0, 60.0),
     (-40.0, 45.0),
@@ -71,7 +71,7 @@ impl Simulator {
             if scenario == Scenario::PaperFullRange {
                 return (limits.0.max(-UNLIMITED_RAD), limits.1.min(UNLIMITED_RAD));
             }
-            let (lower, upper) = CELL_DEG[i.min(CELL_DEG.len() - 1)];
+            let (lower, upper) = JOINT_RANGES_DEG[i.min(JOINT_RANGES_DEG.len() - 1)];
             (
                 limits.0.max(lower.to_radians()),
                 limits.1.min(upper.to_radians()),

@@ -175,11 +175,11 @@ impl BlobArm {
 
     fn processes(&self, a: (&Linearised, &Inputs), b: (&Linearised, &Inputs)) -> Mat<f64> {
         let mut out = Mat::zeros(a.0.a.nrows(), b.0.a.nrows());
-        let place = |inputs: &Inputs, i: usize| (inputs.features[i], inputs.payloads[i]);
+        let query = |inputs: &Inputs, i: usize| (inputs.features[i], inputs.payloads[i]);
         for i in 0..a.1.payloads.len() {
-            let (fa, ma) = place(a.1, i);
+            let (fa, ma) = query(a.1, i);
             for j in 0..b.1.payloads.len() {
-                let (fb, mb) = place(b.1, j);
+                let (fb, mb) = query(b.1, j);
                 for (c, k) in self.kernels.iter().enumerate() {
                     let value = kernel(k, self.state.kinds(), (&fa, ma), (&fb, mb));
                     for row in 0..ROWS {
@@ -216,7 +216,7 @@ fn support(blob: &Blob<'_>, coupling: Option<&Vec<Vec<f64>>>) -> Vec<BaseSample>
     let n = blob.robot.joints.len();
     let mut poses: Vec<(Vec<f64>, f64)> = Vec::new();
     if let Correction::Elastic(elastic) = &blob.correction {
-        let words: Vec<f64> = elastic
+        let numbers: Vec<f64> = elastic
             .rows
             .as_chunks::<4>()
             .0
@@ -227,7 +227,7 @@ fn support(blob: &Blob<'_>, coupling: Option<&Vec<Vec<f64>>>) -> Vec<BaseSample>
             .groups
             .iter()
             .flat_map(|g| std::iter::repeat_n(f64::from(g.payload_kg), g.points.into()));
-        for (row, payload) in words.chunks_exact(row_words(n)).zip(payloads) {
+        for (row, payload) in numbers.chunks_exact(row_words(n)).zip(payloads) {
             let joint = |i: usize| match blob.robot.joints[i].kind {
                 JointKind::Revolute => row[2 * i].atan2(row[2 * i + 1]),
                 JointKind::Prismatic => row[2 * i],

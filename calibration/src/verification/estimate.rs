@@ -16,7 +16,7 @@ use crate::verification::whitened::Whitened;
 const OWN_SHARE: f64 = 0.05;
 
 /// Estimates of one hypothesis: values and their covariance.
-pub type Found<'a> = (&'a [f64], Mat<f64>);
+pub type ChangeEstimate<'a> = (&'a [f64], Mat<f64>);
 
 /// All that has moved, and what is free, fitted together by generalised least squares.
 pub struct Fit {
@@ -66,8 +66,8 @@ impl Fit {
     }
 
     /// Of the hypothesis with this place among the chosen ones.
-    pub fn of(&self, place: usize) -> Found<'_> {
-        let (from, to) = (self.starts[place], self.starts[place + 1]);
+    pub fn of(&self, index: usize) -> ChangeEstimate<'_> {
+        let (from, to) = (self.starts[index], self.starts[index + 1]);
         let covariance = self.covariance.submatrix(from, from, to - from, to - from);
         (&self.values[from..to], covariance.to_owned())
     }
@@ -92,7 +92,7 @@ impl Fit {
 /// A change in words' units; `reach` is half of a 95 % interval in standard deviations.
 pub fn change(
     hypothesis: &Hypothesis,
-    (values, covariance): Found<'_>,
+    (values, covariance): ChangeEstimate<'_>,
     reach: f64,
     p_value: f64,
 ) -> Change {
@@ -147,18 +147,18 @@ pub fn alternatives(
     test: &DriftTest,
     all: &[Hypothesis],
     taken: &[usize],
-    place: usize,
+    index: usize,
     false_alarms: f64,
 ) -> Vec<Part> {
     let mut out: Vec<Part> = Vec::new();
-    let own = all[taken[place]].part;
+    let own = all[taken[index]].part;
     for (other, hypothesis) in all.iter().enumerate() {
         let part = hypothesis.part;
         if taken.iter().any(|t| all[*t].part == part) || out.contains(&part) {
             continue;
         }
         let mut instead = taken.to_vec();
-        instead[place] = other;
+        instead[index] = other;
         let nothing_left = |h: usize| test.explain(&instead, h, false_alarms);
         if (0..all.len())
             .filter(|h| all[*h].part == own)

@@ -57,7 +57,7 @@ pub unsafe extern "C" fn poegp_init(
     if let Err(code) = usable(model).and(apart((model, size_of_val(&model)), (memory, bytes))) {
         return code;
     }
-    let place = memory.cast::<Model>();
+    let target = memory.cast::<Model>();
     let code = if memory.is_null() {
         POEGP_ERROR_NULL
     } else if !memory.addr().is_multiple_of(POEGP_MODEL_ALIGN) {
@@ -69,13 +69,13 @@ pub unsafe extern "C" fn poegp_init(
         // SAFETY: not null, aligned, large enough, the caller's by the contract of this function. All zeros are a resident
         // without a model: an empty slot (its discriminant is 0 by `repr(u8)`), vectors and texts of length 0, numbers; a
         // test compares it with `Model::new()`.
-        unsafe { place.write_bytes(0, 1) };
+        unsafe { target.write_bytes(0, 1) };
         // SAFETY: it is a model now, but for its mark; nobody else has it.
-        unsafe { &mut *place }.mark = MARK;
+        unsafe { &mut *target }.mark = MARK;
         POEGP_OK
     };
     let made = if code == POEGP_OK {
-        place
+        target
     } else {
         core::ptr::null_mut()
     };

@@ -112,14 +112,14 @@ unsafe fn made(
             blend_s: settings.blend_s,
         })
         .map_err(of_settings)?;
-    let place = memory.cast::<Filter>();
+    let target = memory.cast::<Filter>();
     let filter = Filter {
         mark: FILTER_MARK,
         filter,
     };
     // SAFETY: not null, aligned, large enough; the caller's by the contract of this function.
-    unsafe { place.write(filter) };
-    Ok(place)
+    unsafe { target.write(filter) };
+    Ok(target)
 }
 
 /// The joints to send for a command of `count` joints (rad or m) and a payload in kg, once in every cycle. As

@@ -406,7 +406,7 @@ fn every_code_has_words() {
         expected: 1,
     };
     let too_large = LoadError::SupportTooLarge {
-        words: 1,
+        needed: 1,
         capacity: 0,
     };
     for (error, code) in [

@@ -197,13 +197,13 @@ impl<T: KernelLoops> Search<'_, T> {
     #[inline(always)]
     fn form(&self, equations: &mut NormalEquations<T>, pose: &Pose<T>) {
         let arm = self.arm;
-        let place = LinearizationPoint {
+        let point = LinearizationPoint {
             kinds: arm.calibrated.kinds(),
             frames: self.frames,
             point: &pose.translation,
             coupling: arm.coupling.as_ref(),
         };
-        equations.form(&place);
+        equations.form(&point);
     }
 
     #[inline(always)]
@@ -351,19 +351,19 @@ impl<T: KernelLoops> Search<'_, T> {
         let rough = gravity(self.frames, &pose);
         let rough = subtract_scaled(&plain, T::ONE, &equations.moved(&rough));
         let limit = StepLimit::new(equations.gram(), self.scale());
-        let mut place = equations.joints_of(&limit.rough(&rough));
-        self.hold(&mut place);
+        let mut start = equations.joints_of(&limit.rough(&rough));
+        self.hold(&mut start);
         // The deflection there: processes where gravity alone would have the command, the others where both would.
         let mean = {
             if arm.coupling.is_some() {
-                let joints = sum(self.joints, &place);
+                let joints = sum(self.joints, &start);
                 arm.calibrated.joint_trig_into(&joints, self.turned);
             } else {
-                deflected_into(self.motions, kinds, &place, self.turned);
+                deflected_into(self.motions, kinds, &start, self.turned);
             }
             terms.processes.mean(kinds, self.rows, self.turned, payload)
         };
-        let near = difference(&place, &mean);
+        let near = difference(&start, &mean);
         let pose = self.chain(&near);
         let smooth = sum(&gravity(self.frames, &pose), &mean);
         let line = ripple_line(&terms.ripple, &sum(self.joints, &near));

@@ -269,7 +269,7 @@ pub(super) fn checked_sets<'a>(
     let words = wire.rows.len() / 4;
     if words > capacity {
         return Err(LoadError::SupportTooLarge {
-            words: words as u32,
+            needed: words as u32,
             capacity: capacity as u32,
         });
     }

@@ -37,7 +37,7 @@ pub enum LoadError {
     /// More support than fits.
     SupportTooLarge {
         /// Words of the blob.
-        words: u32,
+        needed: u32,
         /// Words that fit.
         capacity: u32,
     },
@@ -95,10 +95,10 @@ impl fmt::Display for LoadError {
             Self::Kernel => f.write_str("a coefficient of the kernel is not usable"),
             Self::Bound => f.write_str("the bound on the correction is not usable"),
             Self::PartialRow { bytes } => write!(f, "{bytes} bytes of support are not whole rows"),
-            Self::SupportTooLarge { words, capacity } => {
+            Self::SupportTooLarge { needed, capacity } => {
                 write!(
                     f,
-                    "the inducing points take {words} numbers; there is room for {capacity}"
+                    "the inducing points take {needed} numbers; there is room for {capacity}"
                 )
             }
             Self::Gravity => f.write_str("the gravity terms do not fit the number of joints"),

@@ -63,7 +63,7 @@ pub(super) fn checked<'a>(blob: &Blob<'a>, capacity: usize) -> Result<&'a [u8], 
     }
     if wire.rows.len() / 4 > capacity {
         return Err(LoadError::SupportTooLarge {
-            words: (wire.rows.len() / 4) as u32,
+            needed: (wire.rows.len() / 4) as u32,
             capacity: capacity as u32,
         });
     }

@@ -57,7 +57,7 @@ pub(super) fn checked_rows(
     }
     if rows.len() / 4 > capacity {
         return Err(LoadError::SupportTooLarge {
-            words: (rows.len() / 4) as u32,
+            needed: (rows.len() / 4) as u32,
             capacity: capacity as u32,
         });
     }

@@ -144,9 +144,9 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
     fn identify(&mut self, device: &mut impl Device<'m, WORDS>) -> Response {
         let report = self.order(device, CycleCommand::Report);
         let mut slots = [None; 2];
-        for (place, stored) in self.store.candidates().iter().enumerate() {
+        for (index, stored) in self.store.candidates().iter().enumerate() {
             let Some(stored) = stored else { continue };
-            let stored = on_wire(stored, place == 0);
+            let stored = on_wire(stored, index == 0);
             if let Some(slot) = slots.get_mut(usize::from(stored.slot)) {
                 *slot = Some(stored);
             }

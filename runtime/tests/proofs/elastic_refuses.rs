@@ -108,7 +108,7 @@ fn wrong_arms() -> Vec<(&'static str, Arm, LoadError)> {
         arm.rows[6] = f32::MAX
     });
     let large = LoadError::SupportTooLarge {
-        words: 1_026,
+        needed: 1_026,
         capacity: WORDS as u32,
     };
     add("a row too many", large, |arm| {
@@ -227,7 +227,10 @@ fn what_is_wrong_with_support_sets_is_named_and_the_old_model_goes_on() {
     let capacity = WORDS as u32;
     assert_eq!(
         model.load_decoded(&large.blob()),
-        Err(LoadError::SupportTooLarge { words, capacity })
+        Err(LoadError::SupportTooLarge {
+            needed: words,
+            capacity
+        })
     );
 }
 

@@ -132,7 +132,7 @@ fn wrong_arms() -> Vec<(&'static str, Arm, LoadError)> {
         rows.truncate(36);
     });
     let large = LoadError::SupportTooLarge {
-        words: 1_030,
+        needed: 1_030,
         capacity: WORDS as u32,
     };
     add("a row too many", large, |arm| {
@@ -229,7 +229,7 @@ fn codes_of_load_errors_never_change() {
         LoadError::Bound,
         LoadError::PartialRow { bytes: 0 },
         LoadError::SupportTooLarge {
-            words: 0,
+            needed: 0,
             capacity: 0,
         },
         LoadError::Row,

@@ -44,7 +44,7 @@ fn errors_of_loading_say_what_is_wrong() {
         LoadError::Bound,
         LoadError::PartialRow { bytes: 5 },
         LoadError::SupportTooLarge {
-            words: 5_000,
+            needed: 5_000,
             capacity: 4_096,
         },
         LoadError::Row,

@@ -303,7 +303,7 @@ fn what_is_wrong_with_a_variance_is_named() {
     full.joint_space().groups[1].points = 110;
     let rows = bytes(&full, &sample(3));
     let large = LoadError::SupportTooLarge {
-        words: 27,
+        needed: 27,
         capacity: 16,
     };
     assert_eq!(

@@ -121,8 +121,9 @@ pub fn sign(a: &Sign) -> Result<(), Failure> {
         return Err(InputError::new(out, found, "a file for each output").into());
     }
     output::check(out)?;
-    if let (Ok(out_place), Ok(key)) = (std::fs::canonicalize(out), std::fs::canonicalize(&a.key))
-        && out_place == key
+    if let (Ok(canonical_out), Ok(key)) =
+        (std::fs::canonicalize(out), std::fs::canonicalize(&a.key))
+        && canonical_out == key
     {
         let expected = "another file for the signed blob";
         return Err(InputError::new(out, "the key", expected).into());

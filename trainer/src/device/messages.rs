@@ -111,7 +111,7 @@ fn model(code: u8) -> String {
         ),
         (
             LoadError::SupportTooLarge {
-                words: 0,
+                needed: 0,
                 capacity: 0,
             },
             "it has more inducing points than fit; calibrate with fewer (--support)",

@@ -13,7 +13,7 @@ use poegp_calibration::robot::normal_form::rotation_about;
 const TOLERANCE: f64 = 1e-3;
 
 /// A rotation, and how far what stood in the file was off one.
-pub struct Found {
+pub struct ReadOrientation {
     pub rotation: Matrix3<f64>,
     pub off: f64,
 }
@@ -36,7 +36,7 @@ impl Reader {
         }
     }
 
-    pub fn read(&self, fields: &RowValues<'_>) -> Result<Found, InputError> {
+    pub fn read(&self, fields: &RowValues<'_>) -> Result<ReadOrientation, InputError> {
         match self {
             Self::Quaternion(columns, order) => quaternion(fields, columns, *order),
             Self::Euler(columns, axes, how, unit) => {
@@ -48,7 +48,7 @@ impl Reader {
                         EulerAxes::Extrinsic => turn * rotation,
                     };
                 }
-                Ok(Found { rotation, off: 0.0 })
+                Ok(ReadOrientation { rotation, off: 0.0 })
             }
             Self::RotationVector(columns, unit) => {
                 let mut angular = Vector3::zeros();
@@ -59,7 +59,7 @@ impl Reader {
                     linear: Vector3::zeros(),
                     angular,
                 };
-                Ok(Found {
+                Ok(ReadOrientation {
                     rotation: Pose::exp(&twist).rotation,
                     off: 0.0,
                 })
@@ -91,7 +91,7 @@ fn quaternion(
     fields: &RowValues<'_>,
     columns: &[usize; 4],
     order: QuaternionOrder,
-) -> Result<Found, InputError> {
+) -> Result<ReadOrientation, InputError> {
     let mut numbers = [0.0; 4];
     for (x, column) in numbers.iter_mut().zip(columns) {
         *x = fields.number(*column, "a component of a quaternion")?;
@@ -113,7 +113,7 @@ fn quaternion(
             .with_help("are these the four columns of one quaternion?"));
     }
     let pose = Pose::from_quaternion(w, &Vector3::new(x, y, z), Vector3::zeros());
-    Ok(Found {
+    Ok(ReadOrientation {
         rotation: pose.rotation,
         off,
     })
@@ -124,7 +124,7 @@ pub fn matrix(
     fields: &RowValues<'_>,
     column: usize,
     m: &Matrix3<f64>,
-) -> Result<Found, InputError> {
+) -> Result<ReadOrientation, InputError> {
     let off = (m * m.transpose() - Matrix3::identity()).amax();
     if off.is_nan() || off > TOLERANCE || m.determinant() < 0.0 {
         let found = match m.determinant() < 0.0 && off <= TOLERANCE {
@@ -141,7 +141,7 @@ pub fn matrix(
                 "are the columns in the order of the map (layout = \"rows\" or \"columns\")?",
             ));
     }
-    Ok(Found {
+    Ok(ReadOrientation {
         rotation: nearest_rotation(m),
         off,
     })

@@ -48,7 +48,7 @@ pub fn rows(
     let mut left_out = Vec::new();
     let groups = groups(points, map, how, &mut notes, &mut left_out)?;
 
-    let joint_places = joint_columns(map, joints)?;
+    let joint_indices = joint_columns(map, joints)?;
     let beside = Beside::find(map, joints)?;
     let name = map
         .joints
@@ -56,7 +56,7 @@ pub fn rows(
         .as_ref()
         .map(|name| one(map, joints, name, "joints.name"))
         .transpose()?;
-    let mut used = joint_places.clone();
+    let mut used = joint_indices.clone();
     used.extend(beside.columns());
     used.extend(name);
     notes.extend(twice_or_unused(map, joints, &used)?);
@@ -71,7 +71,7 @@ pub fn rows(
             line,
         };
         let mut row = Row {
-            joints: joint_values(map, &fields, &joint_places)?,
+            joints: joint_values(map, &fields, &joint_indices)?,
             ..Row::default()
         };
         beside.read(&fields, &mut row)?;

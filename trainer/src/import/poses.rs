@@ -333,7 +333,7 @@ fn whole(
     columns: &[usize],
     unit: LengthUnit,
     layout: MatrixLayout,
-) -> Result<(Vector3<f64>, orientation::Found), InputError> {
+) -> Result<(Vector3<f64>, orientation::ReadOrientation), InputError> {
     let mut rotation = Matrix3::zeros();
     let mut position = Vector3::zeros();
     for row in 0..3 {

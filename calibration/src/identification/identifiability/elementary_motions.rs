@@ -44,7 +44,7 @@ pub type Combination = Vec<(ElementaryMotion, f64)>;
 impl Coordinates {
     /// For the frames of a task whose identifiable space is `possible`.
     pub fn new(frames: &[Frame], kinds: &[JointKind], possible: &Space) -> Option<Self> {
-        let basis = possible.told();
+        let basis = possible.identified();
         let mut orthonormal: Vec<Vec<f64>> = Vec::new();
         let mut atoms = Vec::new();
         let mut left = candidates(frames, kinds);

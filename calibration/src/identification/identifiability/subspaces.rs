@@ -20,7 +20,7 @@ pub struct Space {
 
 impl Space {
     /// Of a Jacobian with any number of rows; `tells` has a singular value and the largest one.
-    pub fn new(jacobian: &Mat<f64>, tells: impl Fn(f64, f64) -> bool) -> Option<Self> {
+    pub fn new(jacobian: &Mat<f64>, identifies: impl Fn(f64, f64) -> bool) -> Option<Self> {
         let (rows, columns) = (jacobian.nrows(), jacobian.ncols());
         // Rows of zeros where there are fewer equations than unknowns: the null space is wanted whole.
         let padded = Mat::from_fn(rows.max(columns), columns, |i, j| {
@@ -29,7 +29,7 @@ impl Space {
         let svd = padded.thin_svd().ok()?;
         let values: Vec<f64> = svd.S().column_vector().iter().copied().collect();
         let largest = values.first().copied()?;
-        let rank = values.iter().filter(|s| tells(**s, largest)).count();
+        let rank = values.iter().filter(|s| identifies(**s, largest)).count();
         Some(Self {
             values,
             rank,
@@ -38,7 +38,7 @@ impl Space {
     }
 
     /// Orthonormal columns that span what is told.
-    pub fn told(&self) -> Mat<f64> {
+    pub fn identified(&self) -> Mat<f64> {
         Mat::from_fn(self.vectors.nrows(), self.rank, |i, j| self.vectors[(i, j)])
     }
 
@@ -59,8 +59,8 @@ impl Space {
 
     /// What `possible` tells and this does not: orthonormal columns.
     pub fn complement_in(&self, possible: &Self) -> Mat<f64> {
-        let told = possible.told();
-        let inside = &told * (told.transpose() * self.null());
+        let identified = possible.identified();
+        let inside = &identified * (identified.transpose() * self.null());
         leading(&inside, possible.rank.saturating_sub(self.rank))
     }
 }
@@ -95,7 +95,7 @@ pub fn explain(untold: &Mat<f64>, cause: &Mat<f64>, all: &Mat<f64>, possible: &S
     if untold.ncols() == 0 || cause.ncols() == 0 {
         return nothing();
     }
-    let basis = possible.told();
+    let basis = possible.identified();
     let inside = &basis * (basis.transpose() * cause);
     let explained = all * (all.transpose() * &inside) - untold * (untold.transpose() * &inside);
     let inside = inside - explained;

@@ -41,11 +41,13 @@ impl Covariance {
 
     /// Of every frame, redundant directions taken out.
     pub fn deviations(&self, frames: &[Frame], possible: &Space) -> Vec<FrameDeviation> {
-        let told = possible.told();
-        let inner = told.transpose() * &self.0 * &told;
-        let half = &told * inner;
+        let identified = possible.identified();
+        let inner = identified.transpose() * &self.0 * &identified;
+        let half = &identified * inner;
         let sd = |i: usize| {
-            let variance: f64 = (0..told.ncols()).map(|j| half[(i, j)] * told[(i, j)]).sum();
+            let variance: f64 = (0..identified.ncols())
+                .map(|j| half[(i, j)] * identified[(i, j)])
+                .sum();
             1e3 * variance.max(0.0).sqrt()
         };
         let of = |(index, frame): (usize, &Frame)| FrameDeviation {

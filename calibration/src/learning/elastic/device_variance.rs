@@ -58,9 +58,9 @@ pub fn device_variance(
     unit.payload_amplitude = 0.0;
     let inputs = &fit.inputs;
     let n = inputs.payloads.len();
-    let place = |i: usize| (&inputs.features[i], inputs.payloads[i]);
+    let input = |i: usize| (&inputs.features[i], inputs.payloads[i]);
     let gram = Mat::from_fn(n, n, |i, j| {
-        kernel(&unit, &inputs.kinds, place(i), place(j))
+        kernel(&unit, &inputs.kinds, input(i), input(j))
     });
     let chosen = landmarks(&gram);
     let count = chosen.len();
@@ -97,7 +97,7 @@ pub fn device_variance(
         }
     }
     let (nu, floor, _) = best?;
-    let told = Mat::from_fn(count, count, |i, j| {
+    let information = Mat::from_fn(count, count, |i, j| {
         (0..count)
             .map(|e| {
                 let ratio = lambda[e].max(0.0) / nu;
@@ -106,7 +106,7 @@ pub fn device_variance(
             .sum::<f64>()
     });
     // C⁻ᵀ told C⁻¹, symmetric.
-    let half = solve_upper(&lower, &told);
+    let half = solve_upper(&lower, &information);
     let information = solve_upper(&lower, &half.transpose().to_owned());
     let h = reversed_factor(&information)?;
     let mut rows = Vec::new();

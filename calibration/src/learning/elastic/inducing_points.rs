@@ -188,11 +188,11 @@ pub(super) fn solve(
         normal[(i, i)] += 1.0;
     }
     for (i, (c, (features, payload))) in functions.iter().enumerate() {
-        for (j, (other, (place, mass))) in functions.iter().enumerate() {
+        for (j, (other, (other_features, mass))) in functions.iter().enumerate() {
             if c != other {
                 continue;
             }
-            let k = between(*c, (features, *payload), (place, *mass));
+            let k = between(*c, (features, *payload), (other_features, *mass));
             // A pinch of jitter: chosen points may be near neighbours in one joint's kernel.
             normal[(p + i, p + j)] += if i == j { k * (1.0 + 1e-8) } else { k };
         }

@@ -43,7 +43,7 @@ pub const MAX_PAYLOADS: usize = 6;
 const _: () = assert!(MAX_PAYLOADS <= MAX_GROUPS);
 /// Poses whose kernels may be chosen, and poses at which they are compared beside as many between poses.
 const MAX_CANDIDATES: usize = 400;
-const MAX_PLACES: usize = 600;
+const MAX_QUERY_POINTS: usize = 600;
 
 /// One chosen function.
 #[derive(Clone, Copy, Debug)]
@@ -66,7 +66,7 @@ pub struct InducingSets {
 }
 
 /// Where kernels are evaluated: joints and payload.
-type Place = (JointTrig<f64>, f64);
+type QueryPoint = (JointTrig<f64>, f64);
 
 /// Chooses support sets for a fit to `samples` and solves for their weights and all parameters; the parameters of `fit`
 /// move. `None` when there are no processes or the system cannot be solved.
@@ -93,27 +93,28 @@ pub fn select_greedy(
     if order.len() > MAX_CANDIDATES {
         order.shuffle(&mut generator);
     }
-    let places = places(fit, samples, &order, &mut generator);
+    let query_points = query_points(fit, samples, &order, &mut generator);
     order.truncate(MAX_CANDIDATES);
-    let centres: Vec<Place> = order
+    let centres: Vec<QueryPoint> = order
         .iter()
         .map(|i| (fit.inputs.features[*i], centre_payloads[*i]))
         .collect();
     let sliding = kinds.contains(&JointKind::Prismatic);
     let mut joints = Vec::new();
     for (c, share) in shares.iter().enumerate() {
-        let posterior = |(features, payload): &Place| {
+        let posterior = |(features, payload): &QueryPoint| {
             let at = |j: usize| (&fit.inputs.features[j], payloads[j]);
             let each = (0..samples.len())
                 .map(|j| kernel(&whole[c], kinds, (features, *payload), at(j)) * weights[(j, c)]);
             each.sum::<f64>() / DEFLECTION_UNIT
         };
-        let target: Vec<f64> = places.iter().map(posterior).collect();
+        let target: Vec<f64> = query_points.iter().map(posterior).collect();
         let unit = DEFLECTION_UNIT * DEFLECTION_UNIT;
-        let column = |(features, payload): &Place| -> Vec<f64> {
-            let at =
-                |(f, m): &Place| kernel(&kernels[c], kinds, (f, *m), (features, *payload)) / unit;
-            places.iter().map(at).collect()
+        let column = |(features, payload): &QueryPoint| -> Vec<f64> {
+            let at = |(f, m): &QueryPoint| {
+                kernel(&kernels[c], kinds, (f, *m), (features, *payload)) / unit
+            };
+            query_points.iter().map(at).collect()
         };
         let columns = centres.iter().map(column).collect();
         let looked_at = kernels[c].rates().iter().filter(|rate| **rate > 0.0);
@@ -179,15 +180,15 @@ fn without_negligible(kernel: &JointKernel<f64>, share: f64, fit: &ElasticFit) -
 }
 
 /// Poses, and as many places between two of them.
-fn places(
+fn query_points(
     fit: &ElasticFit,
     samples: &[BaseSample],
     order: &[usize],
     generator: &mut ChaCha8Rng,
-) -> Vec<Place> {
+) -> Vec<QueryPoint> {
     let payloads = &fit.inputs.payloads;
-    let taken = &order[..order.len().min(MAX_PLACES)];
-    let mut out: Vec<Place> = taken
+    let taken = &order[..order.len().min(MAX_QUERY_POINTS)];
+    let mut out: Vec<QueryPoint> = taken
         .iter()
         .map(|i| (fit.inputs.features[*i], payloads[*i]))
         .collect();
@@ -207,7 +208,7 @@ fn places(
 }
 
 /// Takes what is worth most for its instructions until a limit is reached.
-fn spend(joints: &mut [Approach], centres: &[Place], limits: SetLimits) {
+fn spend(joints: &mut [Approach], centres: &[QueryPoint], limits: SetLimits) {
     let limit = limits
         .instructions
         .map_or(f64::INFINITY, |most| most as f64);
@@ -279,7 +280,7 @@ impl Approach {
         }
     }
 
-    fn best(&self, centres: &[Place]) -> Option<Candidate> {
+    fn best(&self, centres: &[QueryPoint]) -> Option<Candidate> {
         let candidate = |index: usize| {
             let group = |j: &usize| centres[*j].1 == centres[index].1;
             let block = if self.chosen.iter().any(group) {

@@ -59,8 +59,8 @@ impl DistinctPayloads {
         let mut kilograms = payloads.to_vec();
         kilograms.sort_by(f64::total_cmp);
         kilograms.dedup_by(|a, b| a.to_bits() == b.to_bits());
-        let place = |m: &f64| kilograms.partition_point(|other| other.total_cmp(m).is_lt());
-        let index = payloads.iter().map(place).collect();
+        let rank = |m: &f64| kilograms.partition_point(|other| other.total_cmp(m).is_lt());
+        let index = payloads.iter().map(rank).collect();
         Self { kilograms, index }
     }
 

@@ -29,7 +29,7 @@ use crate::measurement::sample::{InstrumentSample, Sample};
 use crate::measurement::set::MeasurementSet;
 
 /// Reference points of another file stand where they stood, or it was another set-up: metres.
-const SAME_PLACE: f64 = 5e-3;
+const SAME_POSITION: f64 = 5e-3;
 /// Lines that a report lists at most.
 const LISTED: usize = 5;
 
@@ -134,7 +134,7 @@ impl Drift {
         let points = match points {
             None => motion::mean_positions(&seen),
             Some(points) => {
-                same_place(set, &seen, points)?;
+                same_position(set, &seen, points)?;
                 points.to_vec()
             }
         };
@@ -251,7 +251,7 @@ fn sessions(set: &MeasurementSet) -> Vec<usize> {
         .collect()
 }
 
-fn same_place(
+fn same_position(
     set: &MeasurementSet,
     seen: &[Vec<Option<Vector3<f64>>>],
     points: &[Vector3<f64>],
@@ -266,7 +266,7 @@ fn same_place(
     for (i, (seen, point)) in seen.iter().zip(points).enumerate() {
         let seen: Vec<_> = seen.iter().flatten().copied().collect();
         let distance = (outliers::median(&seen) - point).norm();
-        if distance > SAME_PLACE {
+        if distance > SAME_POSITION {
             return Err(InputError::new(
                 &set.path,
                 format!(

@@ -8,7 +8,7 @@
 //! help: …
 //! ```
 //!
-//! The error's own facts lead; the line is read again for the picture. Where it does not fit them (the file has changed, a
+//! The error's own text leads; the line is read again for the picture. Where it does not fit (the file has changed, a
 //! shape that is not known here) there is no caret rather than a wrong one. Long lines are shown around the place.
 
 use std::ops::Range;

@@ -229,33 +229,33 @@ impl Plot {
     pub fn render(&self, aria_label: &str) -> Markup {
         let (width, height) = self.plane();
         let (right, bottom) = (self.left + width, TOP + height);
-        let places_x = self
+        let ticks_x = self
             .x
             .ticks()
             .into_iter()
             .map(|(value, text)| (self.left + width * self.x.location(value), text));
-        let places_y = self
+        let ticks_y = self
             .y
             .ticks()
             .into_iter()
             .map(|(value, text)| (TOP + height * (1.0 - self.y.location(value)), text));
-        let (places_x, places_y): (Vec<_>, Vec<_>) = (places_x.collect(), places_y.collect());
+        let (ticks_x, ticks_y): (Vec<_>, Vec<_>) = (ticks_x.collect(), ticks_y.collect());
         let mut grid = String::new();
-        for (x, _) in &places_x {
+        for (x, _) in &ticks_x {
             grid += &format!("M{} {}V{}", short(*x), short(TOP), short(bottom));
         }
-        for (y, _) in places_y.iter().filter(|_| self.y_ticks) {
+        for (y, _) in ticks_y.iter().filter(|_| self.y_ticks) {
             grid += &format!("M{} {}H{}", short(self.left), short(*y), short(right));
         }
         let middle = TOP + height / 2.0;
         html! {
             svg viewBox=(format!("0 0 {} {}", short(self.width), short(self.height))) role="img" aria-label=(aria_label) {
                 path class="grid" d=(grid) {}
-                @for (x, text) in &places_x {
+                @for (x, text) in &ticks_x {
                     text class="tick" x=(short(*x)) y=(short(bottom + 15.0)) text-anchor="middle" { (text) }
                 }
                 @if self.y_ticks {
-                    @for (y, text) in &places_y {
+                    @for (y, text) in &ticks_y {
                         text class="tick" x=(short(self.left - 6.0)) y=(short(y + 4.0)) text-anchor="end" { (text) }
                     }
                     text class="label" x="12" y=(short(middle)) text-anchor="middle"
