@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use thiserror::Error;
 
-/// Bad input, told so that its author can repair it. The binary ends with exit code 2 on it.
+/// An input error that its author can repair. The binary ends with exit code 2 on it.
 ///
 /// Displayed as `train.csv:17: column 4 (q4_deg): found "abc", expected a number in degrees`, with a second line
 /// `help: …` where there is help.

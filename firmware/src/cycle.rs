@@ -1,7 +1,7 @@
 //! The cycle at work: PendSV, which pre-empts the background and is pre-empted by the line only.
 //!
 //! What passes between the two priorities passes through mailboxes, whole: orders and reports, a model with each, a
-//! receiver with an open frame one way and empty the other, an answer buffer likewise.
+//! receiver with an open frame one way and empty the other, and so does an answer buffer.
 
 use core::sync::atomic::{AtomicBool, Ordering};
 

@@ -80,7 +80,7 @@ pub fn lost() -> u32 {
 #[defmt::global_logger]
 struct Ring;
 
-// SAFETY: what the trait asks for is that messages do not mix. Every step holds interrupts off, and `open` tells a message
+// SAFETY: what the trait asks for is that messages do not mix. Every step holds interrupts off, and `open` shows a message
 // that begins inside another one, which is then lost together with it.
 unsafe impl defmt::Logger for Ring {
     fn acquire() {

@@ -222,7 +222,7 @@ pub fn sleep_unless(there_is_work: impl FnOnce() -> bool) {
     });
 }
 
-/// Starts the processor anew.
+/// Restarts the processor.
 pub fn restart() -> ! {
     cortex_m::peripheral::SCB::sys_reset()
 }

@@ -58,7 +58,7 @@ impl Line {
         taken
     }
 
-    /// Writes what can be written now, and tells whether that was the rest.
+    /// Writes what can be written now, and returns whether that was the rest.
     fn pump(&mut self) -> bool {
         let before = self.outgoing.len();
         while let (Ok(true), Some(byte)) = (self.link.write_ready(), self.outgoing.front()) {

@@ -7,7 +7,7 @@
 //! 64 hexadecimal digits: the 32 bytes of RFC 8032
 //! ```
 //!
-//! and `poegp public key, Ed25519` likewise. Nothing here prints or returns key material in an error; secrets are wiped
+//! and `poegp public key, Ed25519` the public one. Nothing here prints or returns key material in an error; secrets are wiped
 //! from memory when they go out of scope. What is signed is all of the blob before its trailer, flag and checksum
 //! included (`docs/reference/blob-format.md`).
 

@@ -162,7 +162,7 @@ fn translations(pairs: &[Pair], base: &Matrix3<f64>) -> (Vector3<f64>, Vector3<f
             b[(3 * k + i, 0)] = rest[i];
         }
     }
-    // Column pivoting alone would let a tool that cannot be told from the base run away: a pinch of ridge does not.
+    // Column pivoting alone would let a tool that cannot be distinguished from the base run away: a pinch of ridge does not.
     let mut ridge = Mat::<f64>::zeros(a.nrows() + 6, 6);
     ridge
         .as_mut()

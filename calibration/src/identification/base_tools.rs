@@ -2,7 +2,7 @@
 //!
 //! One base frame for all measurements, one tool frame for each session and target. With one tool and whole poses this
 //! is the paper's base-tool calibration ([`super::base_tool`]). Otherwise a start is made from what there is, and base and
-//! tools are refined together on the nominal arm. A position alone cannot tell how its target is turned: that rotation
+//! tools are refined together on the nominal arm. A position alone does not show how its target is turned: that rotation
 //! stays the start's.
 
 use nalgebra::{Matrix3, Vector3};

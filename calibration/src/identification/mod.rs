@@ -1,4 +1,4 @@
-//! Least squares over physical parameters: base and tool frames, the chain, gravity and ripple, and what data can tell about them.
+//! Least squares over physical parameters: base and tool frames, the chain, gravity and ripple, and what data can identify about them.
 
 pub mod base_tool;
 pub mod base_tools;

@@ -41,7 +41,7 @@ impl MeasurementSet {
         Ok(notes)
     }
 
-    /// The same of the joints alone, of rows that may stand still or repeat.
+    /// [`Self::check`] of the joints alone, of rows that may stand still or repeat.
     pub(super) fn check_joints(&self, robot: &Robot) -> Result<Vec<String>, InputError> {
         self.check_columns(robot)?;
         let mut notes = Vec::new();

@@ -10,7 +10,7 @@ use crate::robot::Robot;
 /// The least noise that is believed, metres and radians.
 const QUIETEST: f64 = 1e-6;
 
-/// What `samples`, seen by the instrument, told `calibration`: its noise is what the elastic model fitted, else the RMS of
+/// What `samples`, seen by the instrument, identified in `calibration`: its noise is what the elastic model fitted, else the RMS of
 /// the chain's own residuals.
 pub fn of_calibration(
     calibration: &Calibration,

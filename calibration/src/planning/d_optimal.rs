@@ -1,4 +1,4 @@
-//! Which poses tell most about the parameters: D-optimal exchange under the prior of the elastic model.
+//! The poses that are most informative about the parameters: D-optimal exchange under the prior of the elastic model.
 //!
 //! Before anything is measured the parameters of the elastic model (frames, gravity terms of links and payload) are a
 //! Gaussian prior (`elastic/state.rs`). A pose with the whitened Jacobian B (rows divided by the noise, columns multiplied
@@ -238,7 +238,7 @@ mod tests {
         )
     }
 
-    /// No exchange of one pose for any other of its payload tells more, by the determinant computed anew.
+    /// No exchange of one pose for any other of its payload is more informative, by the determinant computed again.
     #[test]
     fn no_single_exchange_is_left_that_tells_more() {
         let design = design();

@@ -39,9 +39,9 @@ pub struct Row {
     pub paper_mm: Option<f64>,
     /// 95th percentile, mean over the arms.
     pub paper_p95_mm: Option<f64>,
-    /// The same of the other kind.
+    /// Mean position error in mm on the arms of the other kind.
     pub wild_mm: Option<f64>,
-    /// The same.
+    /// 95th percentile on the arms of the other kind.
     pub wild_p95_mm: Option<f64>,
 }
 

@@ -1,12 +1,12 @@
 //! Which poses to measure: `trainer plan`.
 //!
 //! Configurations are drawn at random within the joint ranges and kept where the cell allows them (`constraints`,
-//! `candidates`). From these a plan is chosen: poses that fill the space (`fill`), or those that tell most about the
+//! `candidates`). From these a plan is chosen: poses that fill the space (`fill`), or those that are most informative about the
 //! parameters (`design`). It is spread evenly over the payloads and put into an order of short travel (`order`). What it
 //! should be worth is found by measuring simulated arms with it (`forecast`), and it is written as CSV (`table`) and as
 //! programs of controllers (`programs`).
 //!
-//! **When which.** Poses that fill the space, unless there are so few ([`FEW`]) that the parameters can hardly be told
+//! **When which.** Poses that fill the space, unless there are so few ([`FEW`]) that the parameters can hardly be identified
 //! apart. With 30 poses the two are level in the study of `tests/plans`; D-optimal ones help an arm that is as it was
 //! modelled, and poses that fill the space one that is not.
 //!
@@ -33,7 +33,7 @@ use crate::planning::d_optimal::{Design, Prior};
 use crate::planning::space_filling::{Choice, PAYLOAD_WEIGHT, fill, quotas};
 use crate::robot::Robot;
 
-/// Up to so many poses a plan is D-optimal unless it is told otherwise.
+/// Up to so many poses a plan is D-optimal unless the caller chooses otherwise.
 pub const FEW: usize = 20;
 /// Configurations to choose from.
 const POOL: usize = 4000;

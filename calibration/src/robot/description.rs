@@ -32,7 +32,7 @@ pub struct Joint {
     pub limits: Option<(f64, f64)>,
 }
 
-/// What [`Robot::load`] must be told beside the file: which part of a URDF is the arm.
+/// What [`Robot::load`] needs beside the file: which part of a URDF is the arm.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct LoadOptions {
     /// Name of the URDF link that the chain starts from. `None`: the root link.

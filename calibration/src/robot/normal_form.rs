@@ -155,7 +155,7 @@ pub fn origin(xyz: [f64; 3], rpy: [f64; 3]) -> Pose<f64> {
 
 /// The inverse of [`origin`]: roll, pitch and yaw in radians of a rotation, pitch within ±π/2.
 ///
-/// In gimbal lock (pitch ±π/2) roll and yaw cannot be told apart. Yaw is read first, and pitch and roll from what is left
+/// In gimbal lock (pitch ±π/2) roll and yaw cannot be distinguished. Yaw is read first, and pitch and roll from what is left
 /// once it is taken out, so that whatever it was found to be the three give the rotation back to the last digits.
 pub fn roll_pitch_yaw(rotation: &Matrix3<f64>) -> [f64; 3] {
     let r = rotation;

@@ -52,7 +52,7 @@ pub(super) fn parse(file: &Path, text: &str, options: &LoadOptions) -> Result<Ro
 }
 
 /// The joints between base and tip of a URDF text, fixed ones too, base first; `file` is for messages. For writing the
-/// file anew: what they mean is `parse`'s.
+/// file again: what they mean is `parse`'s.
 pub fn joints_of_chain(
     file: &Path,
     text: &str,

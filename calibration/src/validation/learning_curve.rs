@@ -99,7 +99,7 @@ pub fn curve(
     out
 }
 
-/// Whether every tool of `tests` has a few poses in `train`; a frame cannot be told from fewer than three.
+/// Whether every tool of `tests` has a few poses in `train`; a frame cannot be identified from fewer than three.
 fn has_all_tools(train: &[InstrumentSample], tests: &[InstrumentSample]) -> bool {
     let tools = tests.iter().chain(train).map(|s| s.tool + 1).max();
     (0..tools.unwrap_or(0)).all(|tool| train.iter().filter(|s| s.tool == tool).count() >= 3)

@@ -11,7 +11,7 @@
 //!
 //! with parameters and processes as the elastic model has them (`elastic::state`), taken at the support poses, each of
 //! which stands for as many training poses as there are for one (`repeats`). A model without such processes does not
-//! know its own shape of error: it gets a smooth deflection of every joint whose size the check itself tells.
+//! know its own shape of error: it gets a smooth deflection of every joint whose size the check itself estimates.
 
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};

@@ -9,7 +9,7 @@
 //!
 //! c is the 1 − α quantile of the largest s of all hypotheses together. Both quantiles come from draws of the same
 //! numbers, in which nothing has moved: no table of a distribution that several overlapping tests do not have, and one rate for
-//! all of them. What is told is the hypothesis with the largest T_h − r_h ln m (Schwarz): six components explain what one
+//! all of them. The reported hypothesis is the one with the largest T_h − r_h ln m (Schwarz): six components explain what one
 //! does, and a little noise besides. Then the same is asked of what it leaves.
 
 use faer::Mat;

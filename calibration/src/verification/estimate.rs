@@ -12,7 +12,7 @@ use crate::verification::hypotheses::{Hypothesis, Part};
 use crate::verification::result::{Change, Estimate, Sensitivity};
 use crate::verification::whitened::Whitened;
 
-/// Of a part's effect at least this share must be its own, or it cannot be told from the other.
+/// Of a part's effect at least this share must be its own, or the two cannot be distinguished.
 const OWN_SHARE: f64 = 0.05;
 
 /// Estimates of one hypothesis: values and their covariance.
@@ -52,7 +52,7 @@ impl Fit {
         let (white, y) = (weighed.whiten(&x), weighed.whiten(&weighed.y));
         let mut normal = white.transpose() * &white;
         for i in 0..normal.nrows() {
-            // A direction of the tool that positions alone do not tell.
+            // A direction of the tool that positions alone do not identify.
             normal[(i, i)] = normal[(i, i)] * (1.0 + 1e-12) + 1e-6;
         }
         let factor = normal.llt(Side::Lower).ok()?;

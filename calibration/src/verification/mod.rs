@@ -8,7 +8,7 @@
 //!   has moved ([`noise`]), what the calibration did not know, from the blob itself ([`arm`]), and what a row states of
 //!   itself. An alarm is raised at a stated rate of false ones ([`drift_test`]).
 //!
-//! Everything is linear: a drift is millimetres and milliradians. A base or a tool that was set up anew is fitted first and then
+//! Everything is linear: a drift is millimetres and milliradians. A base or a tool that was set up again is fitted first and then
 //! is free in the test.
 
 pub mod arm;
@@ -47,7 +47,7 @@ pub use crate::verification::result::CheckError;
 const FEWEST_FREEDOM: usize = 6;
 
 /// Checks `loaded` by `samples` (poses `instrument_from_target`); `tools` are the frames of the tools that they name,
-/// `first_target_from_target`, and mean nothing when tools are fitted anew. `lines` are those of the samples in their file.
+/// `first_target_from_target`, and mean nothing when tools are fitted again. `lines` are those of the samples in their file.
 ///
 /// # Errors
 /// [`CheckError`].
@@ -145,7 +145,7 @@ fn enough(
 ) -> Result<(), CheckError> {
     let equations = samples.iter().map(|s| s.observation.equations());
     let each = equations.max().unwrap_or(ROWS);
-    // Each tool that is mounted anew is an unknown of its own.
+    // Each tool that is mounted again is an unknown of its own.
     let tools = if options.refit_tool {
         tool_count(samples)
     } else {

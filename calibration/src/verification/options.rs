@@ -7,9 +7,9 @@ use crate::measurement::noise::InstrumentNoise;
 pub struct Options {
     /// Rate of false alarms.
     pub false_alarms: f64,
-    /// Whether the instrument was set up anew.
+    /// Whether the instrument was set up again.
     pub refit_base: bool,
-    /// Whether the target was mounted anew.
+    /// Whether the target was mounted again.
     pub refit_tool: bool,
     /// What is known of all measurements; goes before what each row states.
     pub instrument: InstrumentNoise,

@@ -1,4 +1,4 @@
-//! A blob's predictions at the poses of a check, with a base or tools that were set up anew fitted first.
+//! A blob's predictions at the poses of a check, with a base or tools that were set up again fitted first.
 
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};
@@ -19,7 +19,7 @@ use crate::verification::options::Options;
 
 /// Steps in which base and tools are refined; from a start within a milliradian two are enough.
 const STEPS: usize = 6;
-/// Damping, of the largest element: what the poses do not tell stays where it was.
+/// Damping, of the largest element: what the poses do not identify stays as it was.
 const DAMPING: f64 = 1e-12;
 /// Metres and radians that count alike: a tracker's noise.
 const WEIGHTS: NoiseScales = NoiseScales::uniform(30e-6, 50e-6);

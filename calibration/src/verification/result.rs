@@ -27,7 +27,7 @@ pub struct Change {
     /// Its components.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub shift_xyz_mm: Vec<Estimate>,
-    /// Rotation in mrad, likewise; absent where a shift alone explains as much.
+    /// Rotation in mrad; absent where a shift alone explains as much.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub turn_mrad: Option<Estimate>,
     /// Its components.
@@ -75,7 +75,7 @@ pub struct Report {
     /// Errors now.
     #[serde(flatten)]
     pub errors: ErrorSummary,
-    /// The same of every pose, in the order of the file.
+    /// The errors of every pose, in the order of the file.
     pub rows: Vec<RowError>,
     /// Rate of false alarms of the whole test.
     pub false_alarm_rate: f64,
@@ -87,7 +87,7 @@ pub struct Report {
     pub without_mm: Summary,
     /// Standard deviation of one position component of a measurement, mm, as the residuals have it.
     pub noise_mm: f64,
-    /// The same of rotation in mrad, where it was measured.
+    /// Standard deviation of one rotation component in mrad, where rotation was measured.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub noise_mrad: Option<f64>,
     /// Whether the model knows how wrong it is; without processes of the joints it does not, and false alarms are more frequent

@@ -122,7 +122,7 @@ impl<'a> Whitened<'a> {
         out
     }
 
-    /// What is free in any case: base and tools that were set up anew.
+    /// What is free in any case: base and tools that were set up again.
     pub(super) fn nuisance(&self, options: &Options) -> Mat<f64> {
         let mut free: Columns = Vec::new();
         if options.refit_base {

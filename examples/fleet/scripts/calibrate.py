@@ -17,7 +17,7 @@ import tomllib
 
 
 def read(file: pathlib.Path) -> dict:
-    """The table `robot`; what is wrong with a file is told by the trainer."""
+    """The table `robot`; the trainer reports what is wrong with a file."""
     try:
         robot = tomllib.loads(file.read_text(encoding="utf-8")).get("robot")
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError):

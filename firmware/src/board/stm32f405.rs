@@ -69,7 +69,7 @@ where
     Serial<U>: embedded_hal_nb::serial::Read<u8>,
 {
     fn read(&mut self, buffer: &mut [u8]) -> Result<usize, Infallible> {
-        // A byte that the hardware finds wrong is as good as lost: the frame's CRC tells.
+        // A byte that the hardware finds wrong is as good as lost: the frame's CRC shows it.
         match (
             buffer.first_mut(),
             embedded_hal_nb::serial::Read::read(&mut self.0),
@@ -95,7 +95,7 @@ where
 {
     fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
         Ok(bytes.first().map_or(0, |byte| {
-            // It is ready: whoever writes has asked.
+            // It is ready: the writer has asked.
             usize::from(embedded_hal_nb::serial::Write::write(&mut self.0, *byte).is_ok())
         }))
     }

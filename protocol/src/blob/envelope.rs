@@ -17,7 +17,7 @@
 //!
 //! [`open`] refuses a foreign file, another version, a length that does not fit, any changed bit and any byte too few or
 //! too many, each by name. It does not verify signatures: that is arithmetic, and the runtime's. The key id is part of
-//! the key itself, not a hash: a public key is as random as a hash of it, and nobody has to compute one. It only tells
+//! the key itself, not a hash: a public key is as random as a hash of it, and nobody has to compute one. It only shows
 //! which key to take; that the key is the right one is what the signature says.
 
 use crc::{CRC_32_ISCSI, Crc};

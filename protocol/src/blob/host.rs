@@ -21,7 +21,7 @@ pub struct Host<'a> {
     /// name.
     #[serde(borrow)]
     pub tools: Vec<Tool<'a>, MAX_TOOLS>,
-    /// Warnings of the calibration, for whoever uses the model.
+    /// Warnings of the calibration for the users of the model.
     #[serde(borrow)]
     pub warnings: Vec<&'a str, MAX_WARNINGS>,
 }

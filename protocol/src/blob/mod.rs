@@ -4,8 +4,8 @@
 //! version, the length, the checksum and, if somebody signed it, the signature. [`host`] has the section that the device
 //! skips by its length.
 //!
-//! Whoever reads a blob learns by name what is wrong with it: [`decode`] refuses a foreign file, another version, a
-//! length that does not fit, any changed bit and any byte too few or too many. It does *not* judge the numbers: that is
+//! [`decode`] rejects a foreign file, another version, a length that does not fit, any changed bit and any byte too few or
+//! too many, each with an error of its own. It does *not* judge the numbers: that is
 //! the checked constructor of the runtime. `docs/reference/blob-format.md` has a worked example in hex.
 //!
 //! What the device would have to precompute is stored ready made: frames are exponentiated, inputs scaled by their

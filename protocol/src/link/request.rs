@@ -62,7 +62,7 @@ pub enum Request<'a> {
     },
     /// What was counted since the start.
     ReadStatistics,
-    /// Start anew from the stored models.
+    /// Restart from the stored models.
     Restart,
     /// The command of a controller's cycle, corrected: what is added to it never steps. Each has a new sequence number.
     /// Cyclic.

@@ -8,7 +8,7 @@ use crate::Transform;
 use crate::blob::envelope::KEY_ID_LENGTH;
 use crate::limits::{MAX_JOINTS, OUTPUTS};
 
-/// First bytes of a public key: enough to tell keys apart.
+/// First bytes of a public key: enough to distinguish keys.
 pub type KeyId = [u8; KEY_ID_LENGTH];
 
 /// Answered by the device.
@@ -36,7 +36,7 @@ pub enum Response {
     Committed(StoredModel),
     /// What was counted.
     Statistics(Statistics),
-    /// The device starts anew once this answer is on the line.
+    /// The device restarts once this answer is on the line.
     Restarting,
     /// The request was not carried out; nothing has changed.
     Refused(Refusal),
@@ -148,7 +148,7 @@ pub struct Corrected {
     pub applied: f32,
     /// What remains between the calibrated arm at this command and the nominal one, in m.
     pub position_error: f32,
-    /// The same of the rotation, in rad.
+    /// The rotation error that remains, in rad.
     pub rotation_error: f32,
     /// Bits of the runtime's `Status`.
     pub status: u8,
@@ -167,7 +167,7 @@ pub struct Commanded {
     pub applied: f32,
     /// What the model leaves of it at weight 1, in m.
     pub position_error: f32,
-    /// The same of the rotation, in rad.
+    /// The rotation error that remains, in rad.
     pub rotation_error: f32,
     /// Weight of the model in `joints`: 0 on start and with the bypass, 1 when it is wholly applied.
     pub weight: f32,

@@ -57,7 +57,7 @@ pub unsafe extern "C" fn poegp_filter_defaults(
 
 /// Makes a filter in `bytes` bytes at `memory`, aligned to POEGP_FILTER_ALIGN, and stores its address in `*filter`: null
 /// when it returns an error. The memory belongs to the filter until it is no longer used; nothing has to be freed. For
-/// other settings make it anew, while it is disengaged.
+/// other settings make it again, while it is disengaged.
 ///
 /// Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_TOO_SMALL, POEGP_ERROR_OVERLAP, POEGP_FILTER_ codes.
 ///
@@ -126,7 +126,7 @@ unsafe fn made(
 /// `poegp_correct`, but what is sent does not step when the correction is switched on or off, the payload changes, a command
 /// is lost or the model is another: all that the motion of the command does not explain goes within the limits of the
 /// filter. The time does not depend on the numbers of a good command. `joints` may lie in `*out`. Another `count` than
-/// before starts the filter anew, unless the model refuses it.
+/// before resets the filter, unless the model refuses it.
 ///
 /// `engage`: 0 for the command itself (POEGP_STATUS_BYPASSED), else for the corrected one. On the way from one to the other
 /// the status has POEGP_STATUS_BLENDING. Arrived, the joints are those of `poegp_correct` to the bit, or the command to the
@@ -246,7 +246,7 @@ fn unfiltered(command: &[f32]) -> Commanded {
     }
 }
 
-/// 1 when nothing is applied and nothing moves: only now exchange the model, or make the filter anew. Otherwise 0, also for
+/// 1 when nothing is applied and nothing moves: only now exchange the model, or make the filter again. Otherwise 0, also for
 /// what is no filter.
 ///
 /// # Safety

@@ -126,7 +126,7 @@ pub struct Corrected {
     pub applied: f32,
     /// Distance in metres that stays, by the model, between the arm at these joints and the nominal one at the command.
     pub position_error: f32,
-    /// The same of the rotation, in radians.
+    /// The rotation error that stays, in radians.
     pub rotation_error: f32,
     /// What it is worth: a sum of POEGP_STATUS_ bits, 0 when there is nothing to remark.
     pub status: u32,

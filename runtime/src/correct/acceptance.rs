@@ -24,7 +24,7 @@ pub struct Corrected<T> {
     /// Distance in metres of the target from where it should be, by the model and at these joints, to the accuracy of T.
     /// Zero where nothing is known (no model, bad input).
     pub position_error: T,
-    /// The same of its rotation, in radians.
+    /// The rotation error that stays, in radians.
     pub rotation_error: T,
     /// What it is worth. The ranges are looked up for the commanded joints.
     pub status: Status,

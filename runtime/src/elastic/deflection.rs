@@ -71,7 +71,7 @@ pub fn deflection_twist<T: Scalar>(
     out
 }
 
-/// Sines and cosines after a small deflection (|δ| ≤ 0.1): the sine and cosine are turned instead of computed anew, which also
+/// Sines and cosines after a small deflection (|δ| ≤ 0.1): the sine and cosine are turned instead of computed again, which also
 /// keeps the sum q + δ from being rounded.
 #[inline(always)]
 pub fn deflected<T: Scalar>(

@@ -10,7 +10,7 @@
 //! σ²(q, m)  = floor + gain · Σ_c |J_c|² (a₀_c + a₁_c m²) · u²        J_c: how joint c moves the target, m/rad or m/m
 //! ```
 //!
-//! HᵀH = K⁻¹ − (K + K_LN K_NL/ν)⁻¹ is what measurements at the N training poses with noise ν tell of the landmarks. The
+//! HᵀH = K⁻¹ − (K + K_LN K_NL/ν)⁻¹ is what measurements at the N training poses with noise ν say about the landmarks. The
 //! trainer finds ν and floor so that σ is the standard deviation of its own predictions of poses left out:
 //! that of a *new measurement* about the prediction, root mean square over the three axes, noise and parameters included
 //! in the floor. The square is found, not derived: joints that move the target most are also known best, so the sum

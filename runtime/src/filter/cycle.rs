@@ -271,7 +271,7 @@ impl<T: CompiledFilter> CommandFilter<T> {
     ///
     /// Bad input (by `status`; a number that is not finite; a correction above [`MAX_CORRECTION`]; fewer corrected joints
     /// than commanded ones) leaves the state as it is: the joints of the last answer are sent again, or, if there are none
-    /// of that number, what came, zeros in place of what is not finite. Another number of joints starts anew. In a cycle
+    /// of that number, what came, zeros in place of what is not finite. Another number of joints resets the filter. In a cycle
     /// that was answered the correction stays what it was, and for the same command the answer, too.
     #[inline(always)]
     pub fn step(

@@ -9,7 +9,7 @@
 //!
 //! and its first two factors can be handed to the frame before, F_{i−1} Rz(a) Tz(z), without a change to any joint value or
 //! pose. What is left are four constants for each joint but the first: x, y, α and b. Those are all that measurements of a
-//! chain can tell of a joint; unlike Denavit and Hartenberg's they stay small for parallel axes, of which a is any angle.
+//! chain can show of a joint; unlike Denavit and Hartenberg's they stay small for parallel axes, of which a is any angle.
 //! A joint then costs 54 multiplications and additions instead of 81 ([`Poe::forward_with`]).
 //!
 //! [`MinimalForm`] does the handing over for a [`Poe`]; the trainer stores frames in that form, so that the constants of the
@@ -232,7 +232,7 @@ impl<T: Scalar> MinimalChain<T> {
     }
 
     /// f(q), `base_from_target`.
-    // A function of its own, for whoever needs it more than once.
+    // A function of its own, for callers that need it more than once.
     #[inline(never)]
     pub fn forward_at(&self, motions: &JointTrig<T>) -> Pose<T> {
         self.walk(motions, |_| {})

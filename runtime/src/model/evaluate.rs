@@ -25,7 +25,7 @@ pub struct Evaluation<T> {
     /// What it is worth.
     pub status: Status,
     /// How much of the correction's prior the trained ranges explain at this input, from 1 within them to 0 far away;
-    /// see [`crate::guard::trust`]. 0 for input that is none.
+    /// see [`crate::guard::trust`]. 0 for input that is not finite.
     pub trust: T,
     /// Standard deviation of one position component of a new measurement about this pose, metres, root mean square over
     /// the three axes: of an elastic model with a variance (see [`crate::elastic::position_variance::PositionVariance`]), for input

@@ -2,7 +2,7 @@
 //!
 //! [`Model::load`] is the only way from a blob's words to a model. It checks every number first and changes nothing
 //! when one is refused, so that the last good model survives. After it, [`Model::evaluate`] cannot fail: it bounds what
-//! is too large, says what is outside the trained range, and answers the uncorrected pose for input that is none.
+//! is too large, says what is outside the trained range, and answers the uncorrected pose for input that is not finite.
 //!
 //! `WORDS` is the room for support rows; no result depends on it.
 

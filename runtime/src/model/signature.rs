@@ -5,7 +5,7 @@
 //! `ed25519-compact`'s.
 //!
 //! Refused beside wrong signatures: keys and points of small order, points and scalars that are not written in the one
-//! canonical way. The equation is checked up to the cofactor (8·S·B = 8·R + 8·h·A). Whoever holds the secret key can
+//! canonical way. The equation is checked up to the cofactor (8·S·B = 8·R + 8·h·A). The holder of the secret key can
 //! make signatures that pass here and fail where it is checked without cofactor; nobody else can make either.
 
 use core::fmt;

@@ -27,8 +27,8 @@ pub(super) const DEFAULT: CycleSettings = CycleSettings {
 ///  cycles     ∞      1         1        1   0                2     rounded; 0 for a repeated one; ∞ after a stop
 /// ```
 ///
-/// Time is the difference of two tick counts, which wrap around. So that a long stop is not taken for a short time, whoever
-/// looks at the clock for another reason says so ([`Commands::look`]), and half a second without a command is remembered as
+/// Time is the difference of two tick counts, which wrap around. So that a long stop is not taken for a short time, a caller
+/// that looks at the clock for another reason says so ([`Commands::look`]), and half a second without a command is remembered as
 /// a stop.
 #[derive(Debug)]
 pub(super) struct Commands {

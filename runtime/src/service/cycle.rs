@@ -27,7 +27,7 @@ pub struct Cycle<'m, const WORDS: usize> {
     active: &'m mut ModelSlot<WORDS>,
     /// The model that is to run when nothing of the active one is applied any more.
     pending: Option<&'m mut ModelSlot<WORDS>>,
-    /// The model that was active, until the background is told.
+    /// The model that was active, until the background is informed.
     replaced: Option<&'m mut ModelSlot<WORDS>>,
     commands: Commands,
     statistics: Statistics,

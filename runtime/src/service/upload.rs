@@ -36,7 +36,7 @@ impl<'m, const BYTES: usize> Upload<'m, BYTES> {
         self.verified = None;
         self.committed = None;
         self.staged.clear();
-        // A length beyond the capacity leaves the buffer empty, and whoever reads into it sees that it is too short.
+        // A length beyond the capacity leaves the buffer empty, and a caller that reads into it sees that it is too short.
         let _ = self.staged.resize_default(length);
         self.staged
     }

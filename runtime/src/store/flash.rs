@@ -7,7 +7,7 @@ use crate::store::error::StoreError;
 
 /// Bytes that are moved at once through the stack; the largest unit that the store can read or write.
 pub const CHUNK: usize = 64;
-/// Bytes of one call of the driver when much is written: it is over soon, and whoever waits for the flash is let in.
+/// Bytes of one call of the driver when much is written: it is over soon, and others that wait for the flash get their turn.
 const STEP: usize = 256;
 
 /// A size of the flash as an address. Beyond 4 GiB there are no addresses, so nothing is lost.

@@ -22,7 +22,7 @@ pub struct Layout {
     pub slots: [Range<u32>; 2],
     /// The page of the public key; one erase unit is plenty.
     pub key: Range<u32>,
-    /// The page of the cycle's settings; likewise.
+    /// The page of the cycle's settings; one erase unit is plenty.
     pub cycle: Range<u32>,
 }
 

@@ -2,7 +2,7 @@
 //!
 //! Every request of the protocol may be repeated, so a lost, damaged or late answer is asked for again a bounded number
 //! of times, under the same sequence number; answers to other requests are passed over. It promises an end within
-//! [`Options`], and an error that tells apart nobody, noise, another protocol version and a device that will not. What can be
+//! [`Options`], and an error that distinguishes silence, noise, another protocol version and a device that will not. What can be
 //! asked, request by request, is in `requests.rs`.
 
 use std::io;

@@ -1,7 +1,7 @@
 //! Where a device is: a serial line, or a socket that stands for one.
 //!
 //! ```text
-//!  /dev/ttyUSB0      a serial line, 115 200 baud unless told otherwise; eight bits, no parity, one stop bit
+//!  /dev/ttyUSB0      a serial line, 115 200 baud by default; eight bits, no parity, one stop bit
 //!  /dev/ttyUSB0@BAUD the same at another speed
 //!  unix:PATH         a socket in the file system (an emulated device, socat)
 //!  tcp:HOST:PORT     a TCP socket (a terminal server)

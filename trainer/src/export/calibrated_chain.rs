@@ -13,7 +13,7 @@ use poegp_calibration::robot::{BUILT_IN, Joint, LoadOptions, Robot};
 /// Largest distance between two descriptions of one nominal arm, metres. What is exported does not depend on it: the
 /// nominal arm only says where links are drawn.
 const SAME_ARM_M: f64 = 1e-3;
-/// The same of rotations, radians.
+/// Largest rotation between two descriptions of one nominal arm, radians.
 const SAME_ARM_RAD: f64 = 1e-3;
 
 /// The calibrated chain of a blob, without its correction.
@@ -31,7 +31,7 @@ pub struct CalibratedChain {
     pub joints: Vec<Joint>,
     /// `parent_from_joint`, n + 1, metres; the last leads to the target of the first tool.
     pub frames: Vec<Pose<f64>>,
-    /// The same of the nominal arm.
+    /// `parent_from_joint` of the nominal arm.
     pub nominal: Vec<Pose<f64>>,
     /// `flange_from_target`: what is "flange" of the calibrated arm.
     pub flange_from_target: Pose<f64>,

@@ -1,6 +1,6 @@
 //! The nominal URDF with its origins exchanged, and every other byte as it was.
 //!
-//! The file is not parsed and written anew, which would lose comments, order and what this program does not know: the
+//! The file is not parsed and written again, which would lose comments, order and what this program does not know: the
 //! places of the `<origin>` tags are found by an XML reader, and only they are replaced.
 
 use std::collections::HashMap;

@@ -204,7 +204,7 @@ fn one_orientation(task: &Task, frames: &[Frame]) -> Option<Cause> {
     })
 }
 
-/// Whether there are fewer equations than directions that could be told.
+/// Whether there are fewer equations than identifiable directions.
 pub fn too_few(task: &Task, possible: usize) -> Option<String> {
     let equations: usize = task.samples.iter().map(|s| s.observation.equations()).sum();
     (equations < possible).then(|| {
@@ -215,7 +215,7 @@ pub fn too_few(task: &Task, possible: usize) -> Option<String> {
     })
 }
 
-/// What these poses cannot tell about payloads.
+/// Why these poses do not identify the effect of payloads.
 pub fn payload(task: &Task) -> Vec<String> {
     let payloads: Vec<f64> = task.samples.iter().filter_map(|s| s.payload_kg).collect();
     let mut out = Vec::new();

@@ -1,18 +1,18 @@
-//! What a set of poses cannot tell about the arm, in words.
+//! Identifiability: which geometric parameters a set of poses determines, and which it does not.
 //!
 //! Terms. A *direction* is a change of all frames together (six parameters each, from the left, as everywhere). It is
 //! *redundant* when no pose of this arm could show it: turning or shifting the frame before a revolute joint along its
 //! axis, and the frame after it back, changes nothing, twice for each revolute joint, four times for each prismatic
-//! one. It is *untold* when poses spread over the joint ranges would show it and these do not: when it moves the
-//! measurements [`SHARE`] as much as the direction that moves them most, or when its standard deviation is more than the
-//! drawing's 2 mm and 2 mrad, so that the data say less than was known before.
+//! one. It is *unidentified* when poses spread over the joint ranges would show it and these do not: when it moves the
+//! measurements less than [`SHARE`] as much as the direction that moves them most, or when its standard deviation is above
+//! the drawing's 2 mm and 2 mrad, so that the data say less than was known before.
 //!
 //! Redundant directions are those of a rich synthetic set of the same arm with the same tools; the rest of the data's
 //! null space is first compared with what is known to do such things (a joint that never moves, one orientation
-//! throughout, no orientation measured), and what is then left is told by its dominant motions.
+//! throughout, no orientation measured), and the rest is described by its dominant motions.
 //!
 //! The rank is that of the linearised identification at the fitted chain, rows divided by the noise, lengths in metres
-//! and angles in radians. Nothing here changes a fit: there the untold is solved by minimum norm or by the prior.
+//! and angles in radians. Nothing here changes a fit: a fit solves unidentified directions by minimum norm or by the prior.
 
 mod causes;
 mod elementary_motions;
@@ -48,7 +48,7 @@ pub use crate::identification::identifiability::report::{
     Correlation, Expected, Finding, FrameDeviation, IdentifyReport,
 };
 
-/// A direction that shows less than this share of the most visible one is untold.
+/// A direction that shows less than this share of the most visible one is unidentified.
 pub const SHARE: f64 = 1e-5;
 /// So is one with a standard deviation above this, m and rad: the drawing is as good (prior of the arm's frames).
 pub const DRAWING_TOLERANCE: f64 = 2e-3;
@@ -60,7 +60,7 @@ const UNLIMITED_SLIDE: f64 = 0.5;
 /// Sentences at most about what is left when the known causes are taken out.
 const MOST_SENTENCES: usize = 4;
 
-/// Looks at what `task` can tell; `None` only when nothing can be computed (no samples, numbers that are not finite).
+/// Analyses the identifiability of `task`; `None` only when nothing can be computed (no samples, numbers that are not finite).
 pub fn identify(task: &Task) -> Option<IdentifyReport> {
     let n = task.chain.kinds().len();
     let tools = task.tools.len();
@@ -114,7 +114,7 @@ pub fn identify(task: &Task) -> Option<IdentifyReport> {
         parameters: columns.len(),
         rank: possible.rank - unidentified_count,
         redundant: columns.len() - possible.rank,
-        untold: unidentified_count,
+        unidentified: unidentified_count,
         condition: identified.condition(possible.rank - unidentified_count),
         findings,
         standard_deviations: covariance.deviations(&frames, &possible),

@@ -1,37 +1,36 @@
-//! What an identifiability analysis gives.
+//! The result of an identifiability analysis.
 
 use serde::Serialize;
 
-/// A cause or a direction in words.
+/// A cause of unidentified directions, or such a direction, as a sentence.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Finding {
-    /// One sentence without its point.
+    /// One sentence without its full stop.
     pub sentence: String,
-    /// How many directions it speaks of; 0 where it is about the payload or the number of poses.
+    /// Number of directions that it describes; 0 where it is about the payload or the number of poses.
     pub directions: usize,
 }
 
-/// What the data tell.
+/// What a data set identifies.
 #[derive(Clone, Debug, Serialize)]
 pub struct IdentifyReport {
     /// Geometric parameters: six for each frame and tool.
     pub parameters: usize,
-    /// Directions that these poses tell.
+    /// Directions that these poses identify.
     pub rank: usize,
-    /// Directions that no poses could tell.
+    /// Directions that no poses could identify.
     pub redundant: usize,
-    /// Directions that other poses would tell and these do not.
-    #[serde(rename = "unidentified")]
-    pub untold: usize,
-    /// Largest by smallest told singular value.
+    /// Directions that other poses would identify and these do not.
+    pub unidentified: usize,
+    /// Condition number: largest by smallest identified singular value.
     pub condition: f64,
-    /// What cannot be told.
+    /// Why directions are unidentified, most important first.
     pub findings: Vec<Finding>,
     /// Singular values, rows in units of the noise, largest first.
     pub singular_values: Vec<f64>,
     /// Standard deviations under the prior, redundant directions taken out.
     pub standard_deviations: Vec<FrameDeviation>,
-    /// Quantities that move together though both are told: |r| > 0.95.
+    /// Quantities that are strongly correlated although both are identified: |r| > 0.95.
     pub correlations: Vec<Correlation>,
     /// Expected error of the chain's prediction at these poses, from the uncertainty of its parameters alone.
     pub expected: Expected,
@@ -48,12 +47,12 @@ pub struct FrameDeviation {
     pub mrad: [f64; 3],
 }
 
-/// Two quantities that move together.
+/// Two correlated quantities.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Correlation {
-    /// One.
+    /// The first quantity.
     pub first: String,
-    /// The other.
+    /// The second quantity.
     pub second: String,
     /// Coefficient of correlation.
     pub r: f64,

@@ -1,25 +1,25 @@
-//! Subspaces of the parameters: what a set of poses tells, and what is missing.
+//! Subspaces of the parameters: what a set of poses identifies, and what it misses.
 
 use faer::Mat;
 
-/// Cosine from which a direction counts as lying within a space. Untold is a matter of degree, so this is not sharp.
+/// Cosine from which a direction counts as lying within a space. Identifiability is a matter of degree, so this is not sharp.
 const WITHIN: f64 = 0.9;
 
 /// Singular values below this share do not widen the span of a cause.
 const SPANNED: f64 = 1e-6;
 
-/// The right singular vectors of a Jacobian, told directions first.
+/// The right singular vectors of a Jacobian, identified directions first.
 pub struct Space {
     /// Singular values, largest first.
     pub values: Vec<f64>,
-    /// How many are told.
+    /// Number of identified directions.
     pub rank: usize,
     /// All right singular vectors, columns.
     vectors: Mat<f64>,
 }
 
 impl Space {
-    /// Of a Jacobian with any number of rows; `tells` has a singular value and the largest one.
+    /// Of a Jacobian with any number of rows; `identifies` takes a singular value and the largest one.
     pub fn new(jacobian: &Mat<f64>, identifies: impl Fn(f64, f64) -> bool) -> Option<Self> {
         let (rows, columns) = (jacobian.nrows(), jacobian.ncols());
         // Rows of zeros where there are fewer equations than unknowns: the null space is wanted whole.
@@ -37,7 +37,7 @@ impl Space {
         })
     }
 
-    /// Orthonormal columns that span what is told.
+    /// Orthonormal columns that span the identified directions.
     pub fn identified(&self) -> Mat<f64> {
         Mat::from_fn(self.vectors.nrows(), self.rank, |i, j| self.vectors[(i, j)])
     }
@@ -57,7 +57,7 @@ impl Space {
         }
     }
 
-    /// What `possible` tells and this does not: orthonormal columns.
+    /// The directions that `possible` identifies and this does not: orthonormal columns.
     pub fn complement_in(&self, possible: &Self) -> Mat<f64> {
         let identified = possible.identified();
         let inside = &identified * (identified.transpose() * self.null());
@@ -77,7 +77,7 @@ fn leading(a: &Mat<f64>, count: usize) -> Mat<f64> {
     Mat::from_fn(a.nrows(), count, |i, j| svd.U()[(i, j)])
 }
 
-/// What a cause explains of the untold directions.
+/// What a cause explains of the unidentified directions.
 pub struct Explained {
     /// How many.
     pub directions: usize,
@@ -85,19 +85,25 @@ pub struct Explained {
     pub rest: Mat<f64>,
 }
 
-/// Takes out of `untold` what lies in the span of `cause`, as far as the data really do not tell it. `all` is what was
-/// untold before earlier causes were heard: what those explained is not explained twice.
-pub fn explain(untold: &Mat<f64>, cause: &Mat<f64>, all: &Mat<f64>, possible: &Space) -> Explained {
+/// Takes out of `unidentified` what lies in the span of `cause`, as far as the data do not identify it. `all` was
+/// unidentified before earlier causes were considered: what those explained is not explained twice.
+pub fn explain(
+    unidentified: &Mat<f64>,
+    cause: &Mat<f64>,
+    all: &Mat<f64>,
+    possible: &Space,
+) -> Explained {
     let nothing = || Explained {
         directions: 0,
-        rest: untold.clone(),
+        rest: unidentified.clone(),
     };
-    if untold.ncols() == 0 || cause.ncols() == 0 {
+    if unidentified.ncols() == 0 || cause.ncols() == 0 {
         return nothing();
     }
     let basis = possible.identified();
     let inside = &basis * (basis.transpose() * cause);
-    let explained = all * (all.transpose() * &inside) - untold * (untold.transpose() * &inside);
+    let explained =
+        all * (all.transpose() * &inside) - unidentified * (unidentified.transpose() * &inside);
     let inside = inside - explained;
     let Ok(svd) = inside.thin_svd() else {
         return nothing();
@@ -105,16 +111,16 @@ pub fn explain(untold: &Mat<f64>, cause: &Mat<f64>, all: &Mat<f64>, possible: &S
     let values: Vec<f64> = svd.S().column_vector().iter().copied().collect();
     let span = values.iter().filter(|s| **s > SPANNED * values[0]).count();
     let cause = leading(&inside, span);
-    // Principal angles between the untold and what the cause would hide.
-    let Ok(svd) = (untold.transpose() * &cause).thin_svd() else {
+    // Principal angles between the unidentified and what the cause would hide.
+    let Ok(svd) = (unidentified.transpose() * &cause).thin_svd() else {
         return nothing();
     };
     let cosines: Vec<f64> = svd.S().column_vector().iter().copied().collect();
     let directions = cosines.iter().filter(|c| **c > WITHIN).count();
-    let common = Mat::from_fn(untold.ncols(), directions, |i, j| svd.U()[(i, j)]);
-    let outside = untold - untold * (&common * common.transpose());
+    let common = Mat::from_fn(unidentified.ncols(), directions, |i, j| svd.U()[(i, j)]);
+    let outside = unidentified - unidentified * (&common * common.transpose());
     Explained {
         directions,
-        rest: leading(&outside, untold.ncols() - directions),
+        rest: leading(&outside, unidentified.ncols() - directions),
     }
 }

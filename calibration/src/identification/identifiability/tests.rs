@@ -53,11 +53,14 @@ fn report(robot: &Robot, samples: &[BaseSample]) -> IdentifyReport {
     let report = identify(&task).unwrap();
     println!("{:#?}\n{}", report.findings, report.lines().join("\n"));
     assert_eq!(
-        report.rank + report.redundant + report.untold,
+        report.rank + report.redundant + report.unidentified,
         report.parameters
     );
     let counted: usize = report.findings.iter().map(|f| f.directions).sum();
-    assert_eq!(counted, report.untold, "every direction is spoken of once");
+    assert_eq!(
+        counted, report.unidentified,
+        "every direction is spoken of once"
+    );
     assert!(report.lines().len() <= 8);
     for frame in &report.standard_deviations {
         assert!(frame.mm.iter().chain(&frame.mrad).all(|x| x.is_finite()));
@@ -78,7 +81,7 @@ fn random_poses_leave_only_what_is_redundant() {
         let robot = robot(name);
         let r = report(&robot, &poses(&robot, 100, |_, _| {}));
         assert_eq!(
-            (r.rank, r.parameters, r.untold),
+            (r.rank, r.parameters, r.unidentified),
             (rank, parameters, 0),
             "{name}"
         );
@@ -96,7 +99,7 @@ fn a_joint_that_never_moves() {
             q[joint - 1] = 0.2 + 1e-5 * (k as f64).sin();
         });
         let r = report(&robot, &samples);
-        assert_eq!(r.untold, 4, "joint {joint}");
+        assert_eq!(r.unidentified, 4, "joint {joint}");
         assert_eq!(r.findings.len(), 1);
         let expected = format!("joint {joint} never moves");
         assert!(r.findings[0].sentence.starts_with(&expected));
@@ -162,7 +165,7 @@ fn a_payload_that_goes_with_a_joint() {
         sample.payload_kg = Some(2.0 + sample.joints[1]);
     }
     let r = report(&robot, &samples);
-    assert_eq!(r.untold, 0);
+    assert_eq!(r.unidentified, 0);
     assert!(
         r.findings[0]
             .sentence
@@ -178,7 +181,7 @@ fn positions_only() {
         s.observation = Observation::Position(s.observation.position());
     }
     let r = report(&robot, &samples);
-    assert_eq!(r.untold, 3);
+    assert_eq!(r.unidentified, 3);
     assert!(r.findings[0].sentence.starts_with("only positions"));
 }
 
@@ -193,9 +196,9 @@ fn slides_and_short_arms() {
         limits: Some((0.0, 0.4)),
     };
     let r = report(&robot, &poses(&robot, 60, |_, _| {}));
-    assert_eq!((r.parameters, r.redundant, r.untold), (36, 12, 0));
+    assert_eq!((r.parameters, r.redundant, r.unidentified), (36, 12, 0));
     let r = report(&robot, &poses(&robot, 60, |_, q| q[2] = 0.1));
-    assert_eq!(r.untold, 2);
+    assert_eq!(r.unidentified, 2);
     assert!(r.findings[0].sentence.starts_with("joint 3 never moves"));
 }
 
@@ -233,7 +236,7 @@ fn base_and_tool_only() {
         ends_only: true,
     })
     .unwrap();
-    assert_eq!((r.rank, r.parameters, r.untold), (12, 12, 0));
+    assert_eq!((r.rank, r.parameters, r.unidentified), (12, 12, 0));
 }
 
 #[test]
@@ -248,7 +251,7 @@ fn any_number_of_joints_of_any_kind() {
                 joint.limits = None;
             }
             let r = report(&robot, &poses(&robot, 50, |_, _| {}));
-            assert_eq!(r.untold, 0, "{count} joints, {slides} slides");
+            assert_eq!(r.unidentified, 0, "{count} joints, {slides} slides");
             assert!(r.redundant >= 2 * count + 2 * slides);
         }
     }

@@ -1,4 +1,4 @@
-//! How well what is told is known: standard deviations, correlations, and the accuracy to be expected.
+//! Uncertainty of the identified directions: standard deviations, correlations, and the accuracy to be expected.
 
 use faer::linalg::solvers::DenseSolveCore;
 use faer::{Mat, Side};
@@ -14,7 +14,7 @@ use crate::identification::parametric::state::ROWS;
 const STRONG: f64 = 0.95;
 /// … the strongest so many.
 const PAIRS: usize = 10;
-/// Atoms of which the untold directions have more than this are not correlated but unknown.
+/// Elementary motions of which the unidentified directions have more than this are not correlated but unknown.
 const HIDDEN: f64 = 0.1;
 
 /// (AᵀA + Λ⁻¹)⁻¹.
@@ -58,7 +58,7 @@ impl Covariance {
         frames.iter().enumerate().map(of).collect()
     }
 
-    /// Strong correlations of atoms that are told; `hidden` is how much of each is not.
+    /// Strong correlations of identified elementary motions; `hidden` is how much of each is not.
     pub fn correlations(&self, coordinates: &Coordinates, hidden: &[f64]) -> Vec<Correlation> {
         let k = &coordinates.from_parameters;
         let covariance = k * &self.0 * k.transpose();

@@ -18,7 +18,7 @@ pub fn list(items: &[String]) -> String {
     }
 }
 
-/// The same of numbers.
+/// [`list`] of numbers.
 pub fn numbers(items: &[usize]) -> String {
     list(&items.iter().map(ToString::to_string).collect::<Vec<_>>())
 }

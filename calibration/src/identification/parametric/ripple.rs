@@ -48,7 +48,7 @@ impl Contracted {
             bc += b * c;
         }
         let determinant = ss * cc - sc * sc;
-        // A joint that hardly moves cannot tell sine from cosine.
+        // A joint that hardly moves cannot separate sine from cosine.
         if determinant < 1e-3 * ss * cc || ss * cc <= 0.0 {
             return 0.0;
         }

@@ -3,7 +3,7 @@
 //! The formula is the runtime's (`deflection::PositionVariance`). Here its numbers are found:
 //!
 //! - landmarks among the training poses, each the one that explains most of what the ones before leave;
-//! - ν, what one pose tells of a process, and the floor, so that the variance of every training pose when it is left out
+//! - ν, the noise of one pose as information about a process, and the floor, so that the variance of every training pose when it is left out
 //!   is that of the exact posterior (`outliers::leave_one_out`), inflation included, in least relative squares.
 //!
 //! The gain is not fitted: far from all data the variance must be the prior's. With the gain free (and u instead of u²) poses
@@ -105,7 +105,7 @@ pub fn device_variance(
             })
             .sum::<f64>()
     });
-    // C⁻ᵀ told C⁻¹, symmetric.
+    // C⁻ᵀ I C⁻¹, with the information I, symmetric.
     let half = solve_upper(&lower, &information);
     let information = solve_upper(&lower, &half.transpose().to_owned());
     let h = reversed_factor(&information)?;
@@ -227,7 +227,7 @@ fn solve_upper(c: &Mat<f64>, b: &Mat<f64>) -> Mat<f64> {
 fn reversed_factor(a: &Mat<f64>) -> Option<Mat<f64>> {
     let n = a.nrows();
     let scale = (0..n).map(|i| a[(i, i)]).fold(0.0, f64::max);
-    // A landmark that nothing is told of leaves a zero.
+    // A landmark without information leaves a zero.
     let turned = Mat::from_fn(n, n, |i, j| {
         let value = a[(n - 1 - i, n - 1 - j)];
         if i == j { value + 1e-12 * scale } else { value }

@@ -38,7 +38,7 @@ pub fn solve_units(poses: usize) -> u64 {
     1 + poses.saturating_mul(poses) as u64 / 36_000
 }
 
-/// The parameters alone and their gear ripple, likewise.
+/// The parameters alone and their gear ripple, fitted robustly.
 fn setup_units(poses: usize) -> u64 {
     1 + poses as u64 / 50
 }

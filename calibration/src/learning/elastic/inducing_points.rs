@@ -2,7 +2,7 @@
 //!
 //! The device pays for every support point. A few well-chosen ones carry almost all of the process: greedily, the point
 //! whose variance the others explain least, weighted by how much each joint moves the tool. The weights β of the chosen
-//! points and all parameters x are then solved anew, min |y − A x − Σ_c J_c K_c β_c|² with priors x ~ N(0, Λ) and
+//! points and all parameters x are then solved again, min |y − A x − Σ_c J_c K_c β_c|² with priors x ~ N(0, Λ) and
 //! β_c ~ N(0, K_c⁻¹) (subset of regressors). The payloads of the points are gathered to a few values, which the device
 //! sorts by; a centre need not be a measurement. One support for all joints; `sets.rs` chooses one for each.
 

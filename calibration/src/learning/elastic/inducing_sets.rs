@@ -4,9 +4,9 @@
 //! posterior mean with all poses as support is known; for each joint it is approached by kernels at some of the poses,
 //! greedily: next comes the kernel that takes most off the squared difference for its instructions, over all joints, where
 //! a difference counts by how much the joint moves the tool (orthogonal least squares). The two are compared at the poses
-//! and between pairs of them. The weights of the chosen functions and all parameters are then solved anew from the
+//! and between pairs of them. The weights of the chosen functions and all parameters are then solved again from the
 //! measurements, as for one support of all joints: where few poses are over-fitted by the whole posterior, that is better
-//! (Motoman, five folds: the whole posterior 0.041 mm, the functions brought to it 0.042, solved anew 0.036).
+//! (Motoman, five folds: the whole posterior 0.041 mm, the functions brought to it 0.042, solved again 0.036).
 //!
 //! A joint's kernel does not look at joints that hardly matter to it: those whose rate leaves less than `NEGLIGIBLE` of
 //! the noise's variance unexplained. Their words are not stored.

@@ -87,7 +87,7 @@ pub fn robust_outliers(
     distances.iter().enumerate().filter_map(outlier).collect()
 }
 
-/// What leaving every pose out tells.
+/// The leave-one-out residual of every pose.
 #[derive(Clone, Debug)]
 pub struct LeaveOneOut {
     /// Poses that all others do not predict, by their index among the samples of the fit.

@@ -1,4 +1,4 @@
-//! Instrument drift: fixed points that were measured again at every pose tell how the instrument moved.
+//! Instrument drift: fixed points that were measured again at every pose show how the instrument moved.
 //!
 //! A tracker's tripod warms up and creeps, and every pose of the arm is measured from where it stands at that moment.
 //! Points that do not move (`ref1_x_mm` …) seem to move by just that: M_k takes them from where they are to where pose k

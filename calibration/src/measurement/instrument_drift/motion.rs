@@ -164,7 +164,7 @@ impl<'a> Track<'a> {
         for (i, shifts) in self.shifts.iter().enumerate() {
             let one = self.shifts.len() == 1;
             let used: Vec<usize> = (0..self.shifts.len()).filter(|j| one || *j != i).collect();
-            // A point has to be predicted up to its place, which the others do not tell.
+            // A point has to be predicted up to its position, which the others do not determine.
             let errors: Vec<Vector3<f64>> = shifts
                 .iter()
                 .enumerate()

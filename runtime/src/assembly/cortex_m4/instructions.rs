@@ -94,7 +94,7 @@ macro_rules! exp2_pair {
     };
 }
 
-/// The same of `s0` alone, with the constants in s26 to s31.
+/// 2^x of `s0` alone, with the constants in s26 to s31.
 macro_rules! exp2_one {
     () => {
         concat!(

@@ -60,7 +60,7 @@ impl Printer {
         if is_quiet() {
             return;
         }
-        // Nobody is left to be told when this fails.
+        // Nobody is left to inform when this fails.
         let _ = if self.on_stderr {
             writeln!(std::io::stderr(), "{text}")
         } else {

@@ -315,7 +315,7 @@ pub struct SigmaPosition {
     pub unit: LengthUnit,
 }
 
-/// The same of a rotation component.
+/// The instrument's standard uncertainty of a rotation component.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SigmaOrientation {

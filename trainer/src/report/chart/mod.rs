@@ -102,7 +102,7 @@ impl Plot {
         }
     }
 
-    /// The same of another size.
+    /// This chart in another size.
     #[must_use]
     pub fn sized(mut self, width: f64, height: f64) -> Self {
         (self.width, self.height) = (width, height);

@@ -55,8 +55,8 @@ pub fn parameters(
             (Number::count(identifiability.redundant, "/identifiability/redundant"))
             " are redundant in any data: turning or shifting a frame along its joint changes nothing. "
         }
-        @if identifiability.untold > 0 {
-            b { (Number::count(identifiability.untold, "/identifiability/unidentified")) " are unidentified: other poses would determine them." }
+        @if identifiability.unidentified > 0 {
+            b { (Number::count(identifiability.unidentified, "/identifiability/unidentified")) " are unidentified: other poses would determine them." }
         } @else {
             "All parameters that poses can determine are identified."
         }
