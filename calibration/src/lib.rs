@@ -10,7 +10,7 @@
 //! the progress of a fit and a flag that cancels it. [`prelude`] has all of these names.
 //!
 //! Below the verbs are the layers, each of which uses those before it alone: [`numeric`], [`robot`], [`measurement`],
-//! [`identification`] (base-tool, POE), [`learning`] (the Gaussian processes), [`model`] (the methods and their registry),
+//! [`identification`] (base-tool, POE), [`trust`] (whether measurements can be believed), [`learning`] (the Gaussian processes), [`model`] (the methods and their registry),
 //! [`blob`], [`validation`], [`simulation`], [`planning`], [`verification`].
 //!
 //! Everything up to [`blob`] is `f64`, and every formula is the runtime's. Every reported error comes from the bytes of a
@@ -40,6 +40,7 @@ pub mod planning;
 pub mod progress;
 pub mod robot;
 pub mod simulation;
+pub mod trust;
 pub mod validation;
 pub mod verification;
 

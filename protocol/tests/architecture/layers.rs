@@ -60,6 +60,7 @@ const CRATES: [Layer; 6] = [
             "robot",
             "measurement",
             "identification",
+            "trust",
             "learning",
             "model",
             "blob",
