@@ -80,10 +80,10 @@ impl Bench {
     }
 
     fn elastic(&self, poses: usize) -> (ElasticFit, Vec<BaseSample>) {
-        let ends = self.calibrated(Method::BaseTool);
-        let chain = ends.nominal;
+        let found = self.calibrated(Method::BaseTool);
+        let chain = found.nominal;
         let tool = *chain.frames().last().unwrap();
-        let mut part = in_base_frame(&self.samples, &ends.base_and_tools.instrument_from_base);
+        let mut part = in_base_frame(&self.samples, &found.base_and_tools.instrument_from_base);
         part.truncate(poses);
         let found = fit(
             &chain,

@@ -125,8 +125,8 @@ fn set_instructions(size: &ElasticSize, sets: &SetSizes) -> f64 {
         + sets.words as f64 * word
 }
 
-/// Instructions of one evaluation.
-pub fn instructions(size: &ElasticSize) -> u64 {
+/// Instructions of one evaluation on a Cortex-M4F, by the cost model.
+pub fn evaluation_instructions(size: &ElasticSize) -> u64 {
     let n = size.joints as f64;
     let sliding = if size.prismatic > 0 { 1.0 } else { 0.0 };
     // Chain twice, gravity terms of an upright arm (any other takes some 200 more), twist, bound.

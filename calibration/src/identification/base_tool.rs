@@ -44,7 +44,7 @@ pub fn base_tool(nominal: &Poe<f64>, samples: &[InstrumentSample]) -> BaseTool {
         .into_iter()
         .map(|(base, tool)| {
             let (base_translation, tool_translation) = translations(&pairs, &base);
-            let chain = with_ends(
+            let chain = with_base_and_tool(
                 nominal,
                 &Pose {
                     rotation: base,
@@ -86,7 +86,7 @@ pub fn base_tool(nominal: &Poe<f64>, samples: &[InstrumentSample]) -> BaseTool {
 }
 
 /// The chain from the instrument to the target.
-pub fn with_ends(
+pub fn with_base_and_tool(
     nominal: &Poe<f64>,
     instrument_from_base: &Pose<f64>,
     flange_from_target: &Pose<f64>,

@@ -11,14 +11,14 @@ use poegp_runtime::math::se3::Pose;
 
 use crate::identification::base_tool::base_tool;
 use crate::identification::frame_fit::FrameFit;
-use crate::identification::parametric::fit::fit_ends;
+use crate::identification::parametric::fit::refine_base_and_tools;
 use crate::identification::parametric::state::{Layout, ParametricModel};
 use crate::measurement::sample::{InstrumentSample, Sample};
 use crate::numeric::rotation::nearest_rotation;
 
 /// Where instrument and targets are.
 #[derive(Clone, Debug)]
-pub struct Ends {
+pub struct BaseAndTools {
     /// `instrument_from_base`.
     pub instrument_from_base: Pose<f64>,
     /// `flange_from_target` of each tool.
@@ -33,11 +33,11 @@ pub fn tool_count<F>(samples: &[Sample<F>]) -> usize {
 }
 
 /// Calibrates base and tools of the nominal chain (base to flange) to measured `instrument_from_target` poses.
-pub fn ends(nominal: &Poe<f64>, samples: &[InstrumentSample]) -> Ends {
+pub fn fit_base_and_tools(nominal: &Poe<f64>, samples: &[InstrumentSample]) -> BaseAndTools {
     let tools = tool_count(samples);
     if tools == 1 && samples.iter().all(|s| s.observation.has_orientation()) {
         let found = base_tool(nominal, samples);
-        return Ends {
+        return BaseAndTools {
             instrument_from_base: found.instrument_from_base,
             flange_from_targets: vec![found.flange_from_target],
             fit: found.fit,
@@ -58,10 +58,16 @@ pub fn ends(nominal: &Poe<f64>, samples: &[InstrumentSample]) -> Ends {
         payload: false,
         ripple: Vec::new(),
     };
-    let ends: Vec<Pose<f64>> = starts.iter().map(|t| flange * *t).collect();
-    let mut state = ParametricModel::new(&chain, ends, None, layout, Vector3::zeros());
-    let fit = fit_ends(&mut state, samples);
-    Ends {
+    let tools_from_last_joint: Vec<Pose<f64>> = starts.iter().map(|t| flange * *t).collect();
+    let mut state = ParametricModel::new(
+        &chain,
+        tools_from_last_joint,
+        None,
+        layout,
+        Vector3::zeros(),
+    );
+    let fit = refine_base_and_tools(&mut state, samples);
+    BaseAndTools {
         instrument_from_base: state.frames[0] * nominal.frames()[0].inverse(),
         flange_from_targets: state.tools.iter().map(|t| flange.inverse() * *t).collect(),
         fit,

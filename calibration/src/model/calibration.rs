@@ -4,7 +4,7 @@ use poegp_protocol::limits::OUTPUTS;
 use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::Pose;
 
-use crate::identification::base_tools::Ends;
+use crate::identification::base_tools::BaseAndTools;
 use crate::identification::frame_fit::{FrameFit, ResidualFrame, residual_components};
 use crate::learning::elastic::outliers::Outlier;
 use crate::measurement::sample::{BaseSample, Sample};
@@ -18,7 +18,7 @@ pub struct Calibration {
     /// How it was made.
     pub config: Config,
     /// Base and tools on the nominal robot: the gauge.
-    pub base_and_tools: Ends,
+    pub base_and_tools: BaseAndTools,
     /// `first_target_from_target` of each tool as calibrated.
     pub tools: Vec<Pose<f64>>,
     /// The nominal chain from base to target.

@@ -193,13 +193,13 @@ impl Config {
     pub(crate) fn elastic(&self) -> ElasticOptions {
         let is_sets = self.layout == ProcessLayout::PerJointSets;
         ElasticOptions {
-            tied: self.layout == ProcessLayout::Shared,
+            shared_lengthscales: self.layout == ProcessLayout::Shared,
             gravity_terms: self.gravity_terms,
             processes: self.processes,
             ripple: self.ripple,
             gravity: self.gravity_m_s2.into(),
             inducing_points: self.inducing_points,
-            sets: is_sets.then(|| SetLimits {
+            inducing_sets: is_sets.then(|| SetLimits {
                 functions: self.inducing_points.unwrap_or(MAX_SET_FUNCTIONS),
                 instructions: self.max_set_instructions,
             }),

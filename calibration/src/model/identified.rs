@@ -42,6 +42,6 @@ pub fn of_calibration(
             orientation: positive(noise.orientation),
             ..noise
         },
-        ends_only: calibration.config.method == Method::BaseTool,
+        base_and_tools_only: calibration.config.method == Method::BaseTool,
     })
 }

@@ -18,8 +18,8 @@ pub use crate::model::calibration::Calibration;
 pub use crate::model::error::CalibrationError;
 pub use crate::model::methods::Method;
 
-use crate::identification::base_tool::with_ends;
-use crate::identification::base_tools::ends;
+use crate::identification::base_tool::with_base_and_tool;
+use crate::identification::base_tools::fit_base_and_tools;
 use crate::learning::task_space::fit::SignalVarianceLimit;
 use crate::measurement::sample::{InstrumentSample, in_base_frame};
 use crate::model::config::Config;
@@ -56,11 +56,11 @@ pub(crate) fn calibrate_within(
 ) -> Result<Calibration, CalibrationError> {
     check(robot, samples, config.method)?;
     let nominal = robot.chain()?;
-    let base_and_tools = ends(&nominal, samples);
+    let base_and_tools = fit_base_and_tools(&nominal, samples);
     let flange = *nominal.frames().last().unwrap_or(&Pose::identity());
     let targets = &base_and_tools.flange_from_targets;
     let problem = Problem {
-        nominal: with_ends(&nominal, &Pose::identity(), &targets[0]),
+        nominal: with_base_and_tool(&nominal, &Pose::identity(), &targets[0]),
         tools: targets.iter().map(|t| flange * *t).collect(),
         coupling: robot.coupling.as_ref(),
         samples: in_base_frame(samples, &base_and_tools.instrument_from_base)

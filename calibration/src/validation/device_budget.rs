@@ -1,4 +1,4 @@
-//! An elastic model that fits a controller: support points and length scales for a budget of instructions or bytes.
+//! An elastic model that fits a controller: inducing points and length scales for a budget of instructions or bytes.
 //!
 //! Own length scales cost an exponential for each joint and point, tied ones one for each point but lose some accuracy,
 //! and a support set for each joint has both, few exponentials and own length scales. Each of them is filled to the budget
@@ -8,7 +8,7 @@
 use poegp_protocol::limits::MAX_GROUPS;
 use serde::Serialize;
 
-use crate::device_cost::{ElasticSize, SetSizes, blob_bytes, instructions};
+use crate::device_cost::{ElasticSize, SetSizes, blob_bytes, evaluation_instructions};
 use crate::learning::elastic::device_variance::LANDMARKS;
 use crate::learning::elastic::inducing_sets::MAX_PAYLOADS;
 use crate::learning::elastic::options::SetLimits;
@@ -40,23 +40,21 @@ pub enum Shape {
 
 /// One way to use a budget.
 #[derive(Clone, Debug, Serialize)]
-pub struct Fitted {
+pub struct BudgetTrial {
     /// Whether length scales are tied.
     pub tied: bool,
     /// Whether each joint has a support set of its own.
     pub per_output: bool,
-    /// Support points, of all sets together.
-    #[serde(rename = "inducing_points")]
-    pub support: usize,
+    /// Inducing points, of all sets together.
+    pub inducing_points: usize,
     /// Instructions of one evaluation, by the cost model.
     pub instructions: u64,
     /// Bytes of the blob, by the cost model.
     pub bytes: usize,
     /// Held-out position errors in mm.
     pub position_mm: Summary,
-    /// Whether it was taken.
-    #[serde(rename = "chosen")]
-    pub taken: bool,
+    /// Whether it was chosen.
+    pub chosen: bool,
 }
 
 /// Room that names may take in a blob: robot, serial number, model, version, date.
@@ -75,7 +73,7 @@ impl Budget {
     /// Whether a model of this size fits.
     pub fn allows(&self, size: &ElasticSize) -> bool {
         self.instructions
-            .is_none_or(|limit| instructions(size) <= limit)
+            .is_none_or(|limit| evaluation_instructions(size) <= limit)
             && self
                 .bytes
                 .is_none_or(|limit| blob_bytes(size, TEXTS) <= limit)
@@ -139,7 +137,7 @@ impl Budget {
             functions: (1..=MAX_FUNCTIONS).rev().find(within).unwrap_or(1),
             instructions: self
                 .instructions
-                .map(|limit| limit.saturating_sub(instructions(&empty))),
+                .map(|limit| limit.saturating_sub(evaluation_instructions(&empty))),
         }
     }
 }
@@ -174,12 +172,12 @@ fn config_of(size: &ElasticSize, budget: &Budget, config: &Config) -> Config {
 ///
 /// # Errors
 /// [`CompareError`].
-pub fn fill(
+pub fn fit_to_budget(
     budget: &Budget,
     task: &Task<'_>,
     config: &Config,
     progress: &mut dyn FnMut(),
-) -> Result<Option<(Config, Vec<Fitted>)>, CompareError> {
+) -> Result<Option<(Config, Vec<BudgetTrial>)>, CompareError> {
     let sizes: Vec<ElasticSize> = [Shape::Own, Shape::Tied, Shape::Sets]
         .into_iter()
         .filter_map(|shape| budget.largest(task.robot, task.train, shape))
@@ -212,14 +210,14 @@ pub fn fill(
             // How many functions fit shows when they are chosen.
             size = sizes_of_sets(task, &trial, &size)?;
         }
-        table.push(Fitted {
+        table.push(BudgetTrial {
             tied: size.tied,
             per_output: size.sets.is_some(),
-            support: size.support,
-            instructions: instructions(&size),
+            inducing_points: size.support,
+            instructions: evaluation_instructions(&size),
             bytes: blob_bytes(&size, TEXTS),
             position_mm: Summary::new(&errors),
-            taken: false,
+            chosen: false,
         });
     }
     let best = (1..table.len())
@@ -230,12 +228,12 @@ pub fn fill(
                 .total_cmp(&table[*b].position_mm.mean)
         })
         .unwrap_or(1);
-    table[best].taken = true;
+    table[best].chosen = true;
     let chosen = config_of(&sizes[best - 1], budget, config);
     Ok(Some((chosen, table)))
 }
 
-/// Models that [`fill`] cross-validates at most.
+/// Models that [`fit_to_budget`] cross-validates at most.
 pub const TRIALS: usize = 4;
 
 /// What a calibration of all training poses comes to.

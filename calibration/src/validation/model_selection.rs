@@ -109,7 +109,7 @@ pub fn candidates(samples: &[InstrumentSample], joints: usize, base: &Config) ->
 ///
 /// # Errors
 /// [`CompareError`] of the first one when no candidate can be calibrated.
-pub fn choose(
+pub fn select_model(
     task: &Task<'_>,
     candidates: &[Candidate],
     progress: &mut dyn FnMut(),

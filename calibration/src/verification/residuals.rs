@@ -8,7 +8,7 @@ use poegp_runtime::math::se3::{Pose, Twist};
 
 use crate::blob::predict::BlobModel;
 use crate::blob::tool_fit::fit_tool_frame;
-use crate::identification::base_tools::{aligned, ends};
+use crate::identification::base_tools::{aligned, fit_base_and_tools};
 use crate::identification::frame_fit::{ResidualFrame, residual_components};
 use crate::identification::parametric::state::ROWS;
 use crate::measurement::noise::NoiseScales;
@@ -96,7 +96,7 @@ impl<'a> RegisteredResiduals<'a> {
             .map(|f| Pose::<f32>::from_rows(f).cast())
             .collect();
         if let Ok(chain) = Poe::new(&kinds, &frames) {
-            let found = ends(&chain, self.samples);
+            let found = fit_base_and_tools(&chain, self.samples);
             self.base = found.instrument_from_base;
             for (tool, fitted) in self.tools.iter_mut().zip(found.flange_from_targets) {
                 *tool = fitted;

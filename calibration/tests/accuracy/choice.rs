@@ -1,9 +1,9 @@
-//! `select::choose` when not every candidate can be made.
+//! `select_model` when not every candidate can be made.
 
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::Config;
 use poegp_calibration::validation::cross_validation::Task;
-use poegp_calibration::validation::model_selection::{Candidate, FOLDS, choose};
+use poegp_calibration::validation::model_selection::{Candidate, FOLDS, select_model};
 
 use crate::{arm, origin, samples, simulated_path};
 
@@ -36,7 +36,7 @@ fn what_no_device_can_run_is_left_out_of_the_choice_with_its_reason() {
         config: Config::new(Method::Poe),
     };
     let candidates = [impossible("first"), possible, impossible("last")];
-    let choice = choose(&task, &candidates, &mut || {}).unwrap();
+    let choice = select_model(&task, &candidates, &mut || {}).unwrap();
     assert_eq!(choice.config.method, Method::Poe);
     assert_eq!(choice.table.len(), 1);
     assert!(choice.table[0].chosen);
@@ -45,5 +45,5 @@ fn what_no_device_can_run_is_left_out_of_the_choice_with_its_reason() {
     for out in &choice.left_out {
         assert!(out.reason.contains("bound"), "{}", out.reason);
     }
-    assert!(choose(&task, &[impossible("only")], &mut || {}).is_err());
+    assert!(select_model(&task, &[impossible("only")], &mut || {}).is_err());
 }

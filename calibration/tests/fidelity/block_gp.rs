@@ -3,7 +3,7 @@
 
 use faer::Mat;
 use nalgebra::Vector3;
-use poegp_calibration::identification::base_tools::ends;
+use poegp_calibration::identification::base_tools::fit_base_and_tools;
 use poegp_calibration::identification::parametric::state::{Layout, ParametricModel, PriorGroup};
 use poegp_calibration::learning::elastic::fit::inputs_of;
 use poegp_calibration::learning::elastic::hyperparameters::{COMMON, DEFLECTION_UNIT, HyperLayout};
@@ -112,7 +112,7 @@ fn weights_deflections_and_poses_are_numpys() {
     let layout = HyperLayout {
         joints: JOINTS,
         payload: true,
-        tied: false,
+        shared_lengthscales: false,
     };
     let h = hyperparameters(&file, layout);
     let scales = NoiseScales::uniform(file["sp"].as_f64().unwrap(), file["sr"].as_f64().unwrap());
@@ -196,11 +196,11 @@ fn in_base(count: usize, payload: bool) -> (Poe<f64>, Vec<BaseSample>) {
     if !payload {
         samples.iter_mut().for_each(|s| s.payload_kg = None);
     }
-    let ends = ends(&nominal, &samples);
+    let found = fit_base_and_tools(&nominal, &samples);
     let mut frames = nominal.frames().to_vec();
-    frames[JOINTS] = frames[JOINTS] * ends.flange_from_targets[0];
+    frames[JOINTS] = frames[JOINTS] * found.flange_from_targets[0];
     let chain = Poe::new(nominal.kinds(), &frames).unwrap();
-    (chain, in_base_frame(&samples, &ends.instrument_from_base))
+    (chain, in_base_frame(&samples, &found.instrument_from_base))
 }
 
 #[test]
@@ -224,7 +224,7 @@ fn the_gradient_is_that_of_differences() {
             let layout = HyperLayout {
                 joints: JOINTS,
                 payload,
-                tied,
+                shared_lengthscales: tied,
             };
             let evidence = MarginalLikelihood {
                 linear: &linear,

@@ -1,8 +1,8 @@
 //! The predictive standard deviation of the elastic model against an identity that needs none of its formulas.
 
 use faer::linalg::solvers::DenseSolveCore;
-use poegp_calibration::identification::base_tool::with_ends;
-use poegp_calibration::identification::base_tools::ends;
+use poegp_calibration::identification::base_tool::with_base_and_tool;
+use poegp_calibration::identification::base_tools::fit_base_and_tools;
 use poegp_calibration::learning::elastic::fit::fit;
 use poegp_calibration::learning::elastic::options::ElasticOptions;
 use poegp_calibration::learning::elastic::predictive_variance::Uncertainty;
@@ -21,9 +21,9 @@ fn the_deviation_of_a_trained_pose_is_that_of_the_factor() {
     let (robot, nominal) = arm();
     let mut samples = simulated(&robot, "train");
     samples.truncate(40);
-    let ends = ends(&nominal, &samples);
-    let samples = in_base_frame(&samples, &ends.instrument_from_base);
-    let chain = with_ends(&nominal, &Pose::identity(), &ends.flange_from_targets[0]);
+    let found = fit_base_and_tools(&nominal, &samples);
+    let samples = in_base_frame(&samples, &found.instrument_from_base);
+    let chain = with_base_and_tool(&nominal, &Pose::identity(), &found.flange_from_targets[0]);
     let tools = vec![chain.frames()[6]];
     let options = ElasticOptions {
         inducing_points: Some(20),

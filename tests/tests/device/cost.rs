@@ -1,6 +1,6 @@
 //! What one evaluation costs, in instructions that repeat exactly (QEMU `-icount`, Cortex-M4F). Not cycles.
 
-use poegp_calibration::device_cost::{ElasticSize, blob_bytes, instructions as instructions_of};
+use poegp_calibration::device_cost::{ElasticSize, blob_bytes, evaluation_instructions};
 use poegp_protocol::link::Query;
 use poegp_tests::device::Device;
 use poegp_tests::emulator::{Clock, instructions};
@@ -137,7 +137,7 @@ fn instructions_of_a_standard_deviation() {
                         "{size:?}"
                     );
                 }
-                (sample, instructions_of(&size) as f64)
+                (sample, evaluation_instructions(&size) as f64)
             };
             let ((without, least), (sample, most)) = (with(0), with(landmarks));
             let count = cost(&mut device, sample) - cost(&mut device, without);
@@ -209,7 +209,7 @@ fn the_trainer_knows_what_elastic_models_cost() {
                 };
                 device.load(&sample.blob()).unwrap();
                 let count = costs(&mut device, &sample.queries(1))[0];
-                let predicted = instructions_of(&size) as f64;
+                let predicted = evaluation_instructions(&size) as f64;
                 let bytes = blob_bytes(&size, sample::TEXTS);
                 println!(
                     "| {joints} | {prismatic} | {tied} | {looks_at} | {points} | {groups} | {ripple} | {count:.0} | {predicted:.0} | {bytes} |"

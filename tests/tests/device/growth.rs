@@ -1,6 +1,6 @@
 //! What a support point more costs on the device: instructions of one evaluation for M = 25 … 400.
 
-use poegp_calibration::device_cost::{ElasticSize, instructions as predicted};
+use poegp_calibration::device_cost::{ElasticSize, evaluation_instructions};
 use poegp_protocol::link::Refusal;
 use poegp_tests::device::{Device, DeviceError};
 use poegp_tests::emulator::{Clock, instructions};
@@ -79,10 +79,10 @@ fn instructions_grow_with_the_support_points_and_no_faster() {
             };
             match count(&mut device, Support::Elastic(elastic)) {
                 Some(found) => {
-                    cells.push(format!("{found:.0} ({})", predicted(&size)));
+                    cells.push(format!("{found:.0} ({})", evaluation_instructions(&size)));
                     counts.push(found);
                 }
-                None => cells.push(format!("does not fit ({})", predicted(&size))),
+                None => cells.push(format!("does not fit ({})", evaluation_instructions(&size))),
             }
         }
         let sizes = &POINTS[..counts.len()];

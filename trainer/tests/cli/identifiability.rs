@@ -54,6 +54,6 @@ fn random_poses_and_a_joint_that_never_moves() {
     let told = &out.json()["identifiability"];
     assert_eq!(told["rank"], 26);
     assert_eq!(told["unidentified"], 4);
-    let sentence = told["findings"][0]["sentence"].as_str().unwrap();
-    assert!(sentence.starts_with("joint 3 never moves"), "{sentence}");
+    let text = told["findings"][0]["text"].as_str().unwrap();
+    assert!(text.starts_with("joint 3 never moves"), "{text}");
 }

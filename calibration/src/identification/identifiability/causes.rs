@@ -20,7 +20,7 @@ const TOGETHER: f64 = 0.95;
 /// A cause and the directions that it hides, columns in the order of the task's frames.
 pub struct Cause {
     /// In words.
-    pub sentence: String,
+    pub text: String,
     /// Directions, not orthonormal.
     pub directions: Mat<f64>,
 }
@@ -103,7 +103,7 @@ fn positions_only(task: &Task, frames: &[Frame]) -> Option<Cause> {
     });
     let directions: Vec<_> = turns.collect();
     (!directions.is_empty()).then(|| Cause {
-        sentence: "only positions were measured: the tool's orientation cannot be known".into(),
+        text: "only positions were measured: the tool's orientation cannot be known".into(),
         directions: columns(frames, &directions),
     })
 }
@@ -150,7 +150,7 @@ fn still(task: &Task, frames: &[Frame]) -> Option<Cause> {
     } else {
         String::new()
     };
-    let sentence = match joints.as_slice() {
+    let text = match joints.as_slice() {
         [joint] => format!(
             "joint {joint} never moves{within}: its offset, where its axis lies and the frames on both sides of it cannot be distinguished"
         ),
@@ -160,7 +160,7 @@ fn still(task: &Task, frames: &[Frame]) -> Option<Cause> {
         ),
     };
     Some(Cause {
-        sentence,
+        text,
         directions: columns(frames, &directions),
     })
 }
@@ -196,7 +196,7 @@ fn one_orientation(task: &Task, frames: &[Frame]) -> Option<Cause> {
         })
         .collect();
     Some(Cause {
-        sentence: format!(
+        text: format!(
             "all poses have the same tool orientation (within {:.2}°): the base's and the tool's positions cannot be distinguished",
             widest.to_degrees()
         ),

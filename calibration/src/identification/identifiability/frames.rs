@@ -25,7 +25,7 @@ pub struct Task<'a> {
     /// Noise of one position component in metres, of one rotation component in radians, in the quietest row.
     pub noise: NoiseScales,
     /// Whether only base and tools are calibrated.
-    pub ends_only: bool,
+    pub base_and_tools_only: bool,
 }
 
 /// A frame whose six parameters are looked at.
@@ -48,9 +48,9 @@ pub(crate) enum Part {
     Tool(Option<usize>),
 }
 
-pub(crate) fn frames(n: usize, tools: usize, ends_only: bool) -> Vec<Frame> {
+pub(crate) fn frames(n: usize, tools: usize, base_and_tools_only: bool) -> Vec<Frame> {
     (0..n + tools)
-        .filter(|position| !ends_only || *position == 0 || *position >= n)
+        .filter(|position| !base_and_tools_only || *position == 0 || *position >= n)
         .map(|position| Frame {
             position,
             part: match position {
@@ -59,7 +59,7 @@ pub(crate) fn frames(n: usize, tools: usize, ends_only: bool) -> Vec<Frame> {
                 tool => Part::Tool((tools > 1).then_some(tool - n + 1)),
             },
             prior: if position == 0 || position >= n {
-                PriorGroup::Ends.prior_sd()
+                PriorGroup::BaseAndTools.prior_sd()
             } else {
                 PriorGroup::Frames.prior_sd()
             },

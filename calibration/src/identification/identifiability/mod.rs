@@ -67,7 +67,7 @@ pub fn identify(task: &Task) -> Option<IdentifyReport> {
     if task.samples.is_empty() {
         return None;
     }
-    let frames = frames(n, tools, task.ends_only);
+    let frames = frames(n, tools, task.base_and_tools_only);
     let columns: Vec<usize> = frames
         .iter()
         .flat_map(|f| 6 * f.position..6 * f.position + 6)
@@ -87,8 +87,8 @@ pub fn identify(task: &Task) -> Option<IdentifyReport> {
     let unidentified_count = all.ncols();
     let hidden = coordinates.shares(&all);
     let mut unidentified = all.clone();
-    let general = |sentence| Finding {
-        sentence,
+    let general = |text| Finding {
+        text,
         directions: 0,
     };
     let too_few = causes::too_few(task, possible.rank);
@@ -99,7 +99,7 @@ pub fn identify(task: &Task) -> Option<IdentifyReport> {
         unidentified = rest;
         if directions > 0 {
             findings.push(Finding {
-                sentence: cause.sentence,
+                text: cause.text,
                 directions,
             });
         }
@@ -153,8 +153,8 @@ fn jacobian(task: &Task, samples: &[BaseSample], columns: &[usize]) -> Mat<f64> 
         ripple: Vec::new(),
     };
     let last = task.chain.frames()[n];
-    let ends = task.tools.iter().map(|tool| last * *tool).collect();
-    let state = ParametricModel::new(task.chain, ends, None, layout, Vector3::zeros());
+    let tools = task.tools.iter().map(|tool| last * *tool).collect();
+    let state = ParametricModel::new(task.chain, tools, None, layout, Vector3::zeros());
     let all = state.linearise(samples, task.noise).a;
     Mat::from_fn(ROWS * samples.len(), columns.len(), |row, column| {
         all[(row, columns[column])]

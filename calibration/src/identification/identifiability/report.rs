@@ -2,11 +2,11 @@
 
 use serde::Serialize;
 
-/// A cause of unidentified directions, or such a direction, as a sentence.
+/// A cause of unidentified directions, or such a direction, in one sentence.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Finding {
     /// One sentence without its full stop.
-    pub sentence: String,
+    pub text: String,
     /// Number of directions that it describes; 0 where it is about the payload or the number of poses.
     pub directions: usize,
 }

@@ -1,4 +1,4 @@
-use crate::identification::base_tool::with_ends;
+use crate::identification::base_tool::with_base_and_tool;
 use crate::identification::identifiability::*;
 use crate::robot::{Joint, LoadOptions, Robot};
 use poegp_protocol::JointKind;
@@ -41,14 +41,14 @@ fn report(robot: &Robot, samples: &[BaseSample]) -> IdentifyReport {
     let tool = Pose::exp(&poegp_runtime::math::se3::Twist::from_array(&[
         0.08, -0.05, 0.12, 0.3, 0.2, -0.4,
     ]));
-    let chain = with_ends(&robot.chain().unwrap(), &Pose::identity(), &tool);
+    let chain = with_base_and_tool(&robot.chain().unwrap(), &Pose::identity(), &tool);
     let task = Task {
         robot,
         chain: &chain,
         tools: &vec![Pose::identity(); 1 + samples.iter().map(|s| s.tool).max().unwrap()],
         samples,
         noise: noise(),
-        ends_only: false,
+        base_and_tools_only: false,
     };
     let report = identify(&task).unwrap();
     println!("{:#?}\n{}", report.findings, report.lines().join("\n"));
@@ -102,7 +102,7 @@ fn a_joint_that_never_moves() {
         assert_eq!(r.unidentified, 4, "joint {joint}");
         assert_eq!(r.findings.len(), 1);
         let expected = format!("joint {joint} never moves");
-        assert!(r.findings[0].sentence.starts_with(&expected));
+        assert!(r.findings[0].text.starts_with(&expected));
     }
 }
 
@@ -117,7 +117,7 @@ fn only_two_joints_move() {
     let r = report(&robot, &samples);
     assert!(
         r.findings[0]
-            .sentence
+            .text
             .starts_with("joints 3, 4, 5, 6 and 7 never move")
     );
     assert!(r.findings[0].directions >= 18, "{:?}", r.findings);
@@ -166,11 +166,7 @@ fn a_payload_that_goes_with_a_joint() {
     }
     let r = report(&robot, &samples);
     assert_eq!(r.unidentified, 0);
-    assert!(
-        r.findings[0]
-            .sentence
-            .contains("only together with joint 2")
-    );
+    assert!(r.findings[0].text.contains("only together with joint 2"));
 }
 
 #[test]
@@ -182,7 +178,7 @@ fn positions_only() {
     }
     let r = report(&robot, &samples);
     assert_eq!(r.unidentified, 3);
-    assert!(r.findings[0].sentence.starts_with("only positions"));
+    assert!(r.findings[0].text.starts_with("only positions"));
 }
 
 #[test]
@@ -199,7 +195,7 @@ fn slides_and_short_arms() {
     assert_eq!((r.parameters, r.redundant, r.unidentified), (36, 12, 0));
     let r = report(&robot, &poses(&robot, 60, |_, q| q[2] = 0.1));
     assert_eq!(r.unidentified, 2);
-    assert!(r.findings[0].sentence.starts_with("joint 3 never moves"));
+    assert!(r.findings[0].text.starts_with("joint 3 never moves"));
 }
 
 #[test]
@@ -216,7 +212,7 @@ fn hardly_any_poses() {
             tools: &[Pose::identity()],
             samples: &[],
             noise: noise(),
-            ends_only: false,
+            base_and_tools_only: false,
         })
         .is_none()
     );
@@ -233,7 +229,7 @@ fn base_and_tool_only() {
         tools: &[Pose::identity()],
         samples: &samples,
         noise: noise(),
-        ends_only: true,
+        base_and_tools_only: true,
     })
     .unwrap();
     assert_eq!((r.rank, r.parameters, r.unidentified), (12, 12, 0));

@@ -63,7 +63,7 @@ pub fn directions(combinations: &[Combination], most: usize) -> Vec<Finding> {
     let mut out: Vec<Finding> = short
         .into_iter()
         .map(|circuit| Finding {
-            sentence: match names(circuit).as_slice() {
+            text: match names(circuit).as_slice() {
                 [one] => format!("{one} does not show in these poses"),
                 names => format!("{} cannot be distinguished by these poses", list(names)),
             },
@@ -71,12 +71,12 @@ pub fn directions(combinations: &[Combination], most: usize) -> Vec<Finding> {
         })
         .collect();
     if let Some(first) = long.first() {
-        let sentence = format!(
+        let text = format!(
             "combinations of many motions, one of them mostly {}, do not show in these poses",
             list(&names(first))
         );
         out.push(Finding {
-            sentence,
+            text,
             directions: long.len(),
         });
     }
@@ -102,7 +102,7 @@ pub fn report(r: &IdentifyReport) -> Vec<String> {
             1 => " (1 direction)".to_owned(),
             count => format!(" ({count} directions)"),
         };
-        out.push(format!("  unidentified: {}{count}", finding.sentence));
+        out.push(format!("  unidentified: {}{count}", finding.text));
     }
     if shown < r.findings.len() {
         out.push(format!(

@@ -105,10 +105,13 @@ fn map_estimate(
 }
 
 /// Base and tools alone on the arm as it is, metres and radians unweighted, by damped Gauss–Newton.
-pub fn fit_ends(state: &mut ParametricModel, samples: &[InstrumentSample]) -> FrameFit {
+pub fn refine_base_and_tools(
+    state: &mut ParametricModel,
+    samples: &[InstrumentSample],
+) -> FrameFit {
     let groups = state.layout.groups();
     let free: Vec<usize> = (0..groups.len())
-        .filter(|i| groups[*i] == PriorGroup::Ends)
+        .filter(|i| groups[*i] == PriorGroup::BaseAndTools)
         .collect();
     let scales = NoiseScales::ONE;
     let cost = |state: &ParametricModel| -> f64 {
@@ -122,7 +125,7 @@ pub fn fit_ends(state: &mut ParametricModel, samples: &[InstrumentSample]) -> Fr
     let mut current = cost(state);
     let mut damping = 1e-9;
     let mut iterations = 0;
-    while iterations < ENDS_ITERATIONS {
+    while iterations < MAX_REFINEMENTS {
         let linear = state.linearise(samples, scales);
         let residuals = state.residuals(samples, scales);
         let y = Mat::from_fn(linear.y.nrows(), 1, |r, _| residuals[r / ROWS][r % ROWS]);
@@ -168,5 +171,5 @@ pub fn fit_ends(state: &mut ParametricModel, samples: &[InstrumentSample]) -> Fr
     }
 }
 
-/// Most steps of [`fit_ends`].
-const ENDS_ITERATIONS: usize = 100;
+/// Most steps of [`refine_base_and_tools`].
+const MAX_REFINEMENTS: usize = 100;

@@ -47,7 +47,7 @@ pub struct Layout {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PriorGroup {
     /// Base frame and tools.
-    Ends,
+    BaseAndTools,
     /// Arm frames.
     Frames,
     /// Gravity of the links.
@@ -61,7 +61,7 @@ pub enum PriorGroup {
 impl PriorGroup {
     /// All groups.
     pub const ALL: [Self; 5] = [
-        Self::Ends,
+        Self::BaseAndTools,
         Self::Frames,
         Self::Links,
         Self::Payload,
@@ -71,7 +71,7 @@ impl PriorGroup {
     /// Standard deviation before the evidence is heard: m and rad; rad/(m/s²) for gravity.
     pub fn prior_sd(self) -> f64 {
         match self {
-            Self::Ends => 60e-3,
+            Self::BaseAndTools => 60e-3,
             Self::Frames => 2e-3,
             Self::Links | Self::Payload => 1e-4,
             Self::Ripple => 1e-3,
@@ -91,7 +91,7 @@ pub fn prior_variance(group: PriorGroup, h: &[f64]) -> f64 {
         PriorGroup::Frames => base * h[2].exp(),
         PriorGroup::Links => base * h[3].exp(),
         PriorGroup::Payload => base * h[4].exp(),
-        PriorGroup::Ends | PriorGroup::Ripple => base,
+        PriorGroup::BaseAndTools | PriorGroup::Ripple => base,
     }
 }
 
@@ -100,9 +100,12 @@ impl Layout {
     pub fn groups(&self) -> Vec<PriorGroup> {
         let n = self.joints;
         let mut out = Vec::new();
-        out.extend(std::iter::repeat_n(PriorGroup::Ends, 6));
+        out.extend(std::iter::repeat_n(PriorGroup::BaseAndTools, 6));
         out.extend(std::iter::repeat_n(PriorGroup::Frames, 6 * (n - 1)));
-        out.extend(std::iter::repeat_n(PriorGroup::Ends, 6 * self.tools));
+        out.extend(std::iter::repeat_n(
+            PriorGroup::BaseAndTools,
+            6 * self.tools,
+        ));
         if self.gravity {
             out.extend(std::iter::repeat_n(PriorGroup::Links, 3 * n * (n + 1) / 2));
             if self.payload {

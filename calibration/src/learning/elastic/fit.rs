@@ -80,7 +80,7 @@ pub fn fit_robust(
     let hyper = HyperLayout {
         joints: n,
         payload: layout.payload,
-        tied: options.tied,
+        shared_lengthscales: options.shared_lengthscales,
     };
     let hyper = hyper.start_and_bounds(mean_payload(samples)).0;
     let parameters = |kept: &[BaseSample]| {
@@ -168,7 +168,7 @@ pub fn fit(
     let h = HyperLayout {
         joints: n,
         payload,
-        tied: options.tied,
+        shared_lengthscales: options.shared_lengthscales,
     };
     let unit = mean_payload(samples);
     let (hyper, bounds) = h.start_and_bounds(unit);

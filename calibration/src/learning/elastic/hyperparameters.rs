@@ -15,7 +15,7 @@ pub struct HyperLayout {
     /// Whether the payload is an input.
     pub payload: bool,
     /// Whether all outputs have the length scales of the first.
-    pub tied: bool,
+    pub shared_lengthscales: bool,
 }
 
 /// Noise and prior hyperparameters before those of the kernels.
@@ -25,7 +25,12 @@ impl HyperLayout {
     /// Number of hyperparameters.
     pub fn len(&self) -> usize {
         COMMON
-            + self.scales_len() * if self.tied { 1 } else { self.joints }
+            + self.scales_len()
+                * if self.shared_lengthscales {
+                    1
+                } else {
+                    self.joints
+                }
             + self.amplitudes_len() * self.joints
     }
 
@@ -45,7 +50,7 @@ impl HyperLayout {
     /// Index of w_d of output c (`d == joints`: w_m).
     pub fn scale(&self, c: usize, d: usize) -> usize {
         COMMON
-            + if self.tied {
+            + if self.shared_lengthscales {
                 d
             } else {
                 c * self.scales_len() + d
@@ -54,7 +59,12 @@ impl HyperLayout {
 
     /// Index of a₀ (`i == 0`) or a₁ of output c.
     pub fn amplitude(&self, c: usize, i: usize) -> usize {
-        let scales = self.scales_len() * if self.tied { 1 } else { self.joints };
+        let scales = self.scales_len()
+            * if self.shared_lengthscales {
+                1
+            } else {
+                self.joints
+            };
         COMMON + scales + c * self.amplitudes_len() + i
     }
 

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ElasticOptions {
     /// One set of length scales for all joints: one exponential for each support point on the device.
-    pub tied: bool,
+    pub shared_lengthscales: bool,
     /// Gravity terms of links and payload.
     pub gravity_terms: bool,
     /// Joint-space processes.
@@ -19,7 +19,7 @@ pub struct ElasticOptions {
     /// Support points on the device; `None` keeps all.
     pub inducing_points: Option<usize>,
     /// A support set for each joint in their place, of a model with own length scales.
-    pub sets: Option<SetLimits>,
+    pub inducing_sets: Option<SetLimits>,
     /// What is done with measurements that do not belong.
     pub outliers: OutlierPolicy,
     /// Whether a model with tied length scales gets a standard deviation for the device.
@@ -29,13 +29,13 @@ pub struct ElasticOptions {
 impl Default for ElasticOptions {
     fn default() -> Self {
         Self {
-            tied: false,
+            shared_lengthscales: false,
             gravity_terms: true,
             processes: true,
             ripple: true,
             gravity: Vector3::new(0.0, 0.0, -9.81),
             inducing_points: Some(100),
-            sets: None,
+            inducing_sets: None,
             outliers: OutlierPolicy::Keep,
             device_variance: true,
         }

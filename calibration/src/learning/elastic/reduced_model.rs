@@ -57,7 +57,7 @@ pub struct ElasticReport {
 }
 
 impl ElasticModel {
-    /// From a fit; reduced to `options.inducing_points` points, or to the sets that `options.sets` asks for. The calibrated chain is that of `fit.state` afterwards.
+    /// From a fit; reduced to `options.inducing_points` points, or to the sets that `options.inducing_sets` asks for. The calibrated chain is that of `fit.state` afterwards.
     pub fn new(
         fit: &mut ElasticFit,
         samples: &[BaseSample],
@@ -69,7 +69,7 @@ impl ElasticModel {
             .inducing_points
             .unwrap_or(samples.len())
             .min(samples.len());
-        let chosen = match options.sets.filter(|_| options.processes) {
+        let chosen = match options.inducing_sets.filter(|_| options.processes) {
             Some(limits) => Some(select_greedy(fit, samples, limits)?),
             None => None,
         };
@@ -110,7 +110,7 @@ impl ElasticModel {
         };
         let processes = JointProcesses {
             kernels,
-            tied: fit.layout.tied,
+            tied: fit.layout.shared_lengthscales,
             groups,
             sets: FixedVec::new(),
             unrolled: false,

@@ -38,7 +38,7 @@ pub(super) fn fit_elastic(
         ElasticModel::new(&mut robust.fit, &kept, coupling, options)
     })?;
     let mut model = model.ok_or(FitError::Unsolvable)?;
-    if options.device_variance && options.tied && options.processes {
+    if options.device_variance && options.shared_lengthscales && options.processes {
         model.sigma = device_variance(&robust, &kept, model.coupling.as_ref());
     }
     let (chain, tools) = (

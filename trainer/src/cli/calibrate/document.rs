@@ -7,14 +7,14 @@ use crate::cli::calibrate::job::Job;
 use crate::report::{HeldOutSummary, Provenance};
 use poegp_calibration::blob::precision_loss::SinglePrecisionLoss;
 use poegp_calibration::blob::predict::BlobModel;
-use poegp_calibration::device_cost::{ElasticSize, instructions};
+use poegp_calibration::device_cost::{ElasticSize, evaluation_instructions};
 use poegp_calibration::identification::frame_fit::FrameFit;
 use poegp_calibration::identification::identifiability::IdentifyReport;
 use poegp_calibration::measurement::instrument_drift::DriftReport;
 use poegp_calibration::model::Calibration;
 use poegp_calibration::model::frame_changes::{FrameChange, changes};
 use poegp_calibration::numeric::statistics::ErrorSummary;
-use poegp_calibration::validation::device_budget::Fitted;
+use poegp_calibration::validation::device_budget::BudgetTrial;
 use poegp_calibration::validation::model_selection::Row;
 
 /// What `--json` writes.
@@ -37,7 +37,7 @@ pub struct CalibrateJson {
     pub choice: Option<Vec<Row>>,
     /// The table that a budget was fitted by; the first row has all support points.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub budget: Option<Vec<Fitted>>,
+    pub budget: Option<Vec<BudgetTrial>>,
     pub correction_limit_mm: f64,
     pub correction_limit_mrad: f64,
     pub single_precision_loss_um: LossJson,
@@ -134,7 +134,7 @@ pub fn document(
             bytes: blob.bytes().len(),
             inducing_points: blob.model().support(),
             instructions: ElasticSize::of_blob(blob.blob(), blob.model().support())
-                .map(|size| instructions(&size)),
+                .map(|size| evaluation_instructions(&size)),
         },
         repeats: None,
         provenance,

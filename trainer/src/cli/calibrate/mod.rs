@@ -33,8 +33,10 @@ use poegp_calibration::model::identified::of_calibration;
 use poegp_calibration::model::{Calibration, Method};
 use poegp_calibration::numeric::statistics::ErrorSummary;
 use poegp_calibration::validation::cross_validation::Task;
-use poegp_calibration::validation::device_budget::{Fitted, TRIALS, fill};
-use poegp_calibration::validation::model_selection::{Choice, FOLDS, Row, candidates, choose};
+use poegp_calibration::validation::device_budget::{BudgetTrial, TRIALS, fit_to_budget};
+use poegp_calibration::validation::model_selection::{
+    Choice, FOLDS, Row, candidates, select_model,
+};
 
 pub fn run(arguments: &Calibrate) -> Result<(), Failure> {
     let a = &Job::new(arguments)?;
@@ -211,7 +213,7 @@ fn choose_model(
     let task = selection(arm, samples, origin);
     let candidates = candidates(samples, arm.robot.joints.len(), options);
     let bar = progress::bar(candidates.len() * FOLDS, "choosing the model");
-    let choice = choose(&task, &candidates, &mut || bar.inc(1));
+    let choice = select_model(&task, &candidates, &mut || bar.inc(1));
     bar.finish_and_clear();
     choice.map_err(|e| device_failure(&a.train, e.error))
 }
@@ -223,12 +225,12 @@ fn fit_budget(
     samples: &[InstrumentSample],
     options: &Config,
     origin: &Provenance,
-) -> Result<(Config, Vec<Fitted>), Failure> {
+) -> Result<(Config, Vec<BudgetTrial>), Failure> {
     let task = selection(arm, samples, origin);
     let bar = progress::bar(TRIALS * FOLDS, "fitting the budget");
-    let filled = fill(&a.budget, &task, options, &mut || bar.inc(1));
+    let found = fit_to_budget(&a.budget, &task, options, &mut || bar.inc(1));
     bar.finish_and_clear();
-    filled
+    found
         .map_err(|e| device_failure(&a.train, e.error))?
         .ok_or_else(|| {
             Failure::Quality(
@@ -237,7 +239,7 @@ fn fit_budget(
         })
 }
 
-fn print_budget(report: Printer, rows: &[Fitted]) {
+fn print_budget(report: Printer, rows: &[BudgetTrial]) {
     report.line("Candidates within the budget; held-out errors of the training data, in mm.\n");
     let fields: Vec<Vec<String>> = rows
         .iter()
@@ -247,14 +249,14 @@ fn print_budget(report: Printer, rows: &[Fitted]) {
             vec![
                 format!(
                     "{} {scales}{}",
-                    if r.taken { "*" } else { " " },
+                    if r.chosen { "*" } else { " " },
                     match (i, r.per_output) {
                         (0, _) => ", all inducing points",
                         (_, true) => ", a set for each joint",
                         (_, false) => "",
                     }
                 ),
-                r.support.to_string(),
+                r.inducing_points.to_string(),
                 r.instructions.to_string(),
                 r.bytes.to_string(),
                 format!("{:.4}", r.position_mm.mean),

@@ -6,7 +6,7 @@ use maud::{Markup, html};
 use crate::report::{HeldOutSummary, Number, Provenance, ReportData, Section};
 use poegp_calibration::identification::identifiability::IdentifyReport;
 use poegp_calibration::model::frame_changes::FrameChange;
-use poegp_calibration::validation::device_budget::Fitted;
+use poegp_calibration::validation::device_budget::BudgetTrial;
 use poegp_calibration::validation::model_selection as select;
 
 /// Held-out poses that are listed.
@@ -63,7 +63,7 @@ pub fn parameters(
     });
     if !identifiability.findings.is_empty() {
         section = section.block(html! {
-            ul class="plain" { @for finding in &identifiability.findings { li { (finding.sentence) "." } } }
+            ul class="plain" { @for finding in &identifiability.findings { li { (finding.text) "." } } }
         });
     }
     let rows = identifiability.standard_deviations.iter().enumerate();
@@ -205,7 +205,7 @@ pub fn outliers(
 }
 
 /// What `--method auto` and a budget were decided by.
-pub fn choice(candidates: Option<&[select::Row]>, budget: Option<&[Fitted]>) -> Section {
+pub fn choice(candidates: Option<&[select::Row]>, budget: Option<&[BudgetTrial]>) -> Section {
     let mut section = Section::new("choice", "Model selection");
     match candidates {
         None => {
@@ -240,7 +240,7 @@ pub fn choice(candidates: Option<&[select::Row]>, budget: Option<&[Fitted]>) -> 
         }
     }
     if let Some(rows) = budget {
-        let row = |(i, r): (usize, &Fitted)| {
+        let row = |(i, r): (usize, &BudgetTrial)| {
             let at = |name: &str| format!("/budget/{i}/{name}");
             let name = format!(
                 "{} length scales{}",
@@ -248,19 +248,19 @@ pub fn choice(candidates: Option<&[select::Row]>, budget: Option<&[Fitted]>) -> 
                 if i == 0 { ", all inducing points" } else { "" }
             );
             vec![
-                html! { @if r.taken { b { (name) } } @else { (name) } },
-                html! { (Number::count(r.support, at("support"))) },
+                html! { @if r.chosen { b { (name) } } @else { (name) } },
+                html! { (Number::count(r.inducing_points, at("inducing_points"))) },
                 html! { (Number::new(r.instructions as f64, 0, at("instructions"))) },
                 html! { (Number::count(r.bytes, at("bytes"))) },
                 html! { (Number::mm(r.position_mm.mean, at("position_mm/mean"))) },
             ]
         };
         section = section
-            .text(html! { "Fitted to the budget of the controller; bold is what was taken:" })
+            .text(html! { "BudgetTrial to the budget of the controller; bold is what was chosen:" })
             .table(
                 &[
                     "model",
-                    "support points",
+                    "inducing points",
                     "instructions",
                     "bytes",
                     "mean (mm)",
