@@ -27,7 +27,7 @@ pub const DEADLINE_TICKS: u32 = 1_000;
 /// Frequency of the clock.
 pub const TICK_HZ: u32 = 1_000;
 
-const FACTS: BoardInfo = BoardInfo {
+const BOARD: BoardInfo = BoardInfo {
     board: "a desk with a name that is longer than thirty-two letters",
     image_crc: 0x1234_5678,
     tick_hz: TICK_HZ,
@@ -216,7 +216,7 @@ impl Desk {
         let active: &'static mut ModelSlot<WORDS> = active;
         let board = BoardInfo {
             flash_blocks,
-            ..FACTS
+            ..BOARD
         };
         let front = Rc::new(RefCell::new(Front {
             cycle: Cycle::new(active, &board, bypass),

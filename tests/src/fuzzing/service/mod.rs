@@ -3,158 +3,27 @@
 //! `Cycle` and `Background` stand beside a flash that knows the rules of NOR; every byte of a script decides the next step
 //! or is a number of it. Each answer is compared, to the byte, with that of `Expected`.
 
+pub(super) mod device;
+
 use std::cell::RefCell;
 
 use ed25519_dalek::{Signer, SigningKey};
-use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
 use poegp_protocol::blob::envelope::{TRAILER_LENGTH, Trailer, key_id, set_signed};
 use poegp_protocol::blob::{CRC, blob_crc, stored_crc};
-use poegp_protocol::link::frame::{self, FrameError, MAX_FRAME, Received, Receiver};
+use poegp_protocol::link::frame::{self, FrameError, MAX_FRAME, Receiver};
 use poegp_protocol::link::{
-    CycleSettings, MAX_CHUNK, PROTOCOL_VERSION, Query, Refusal, Request, Response, Statistics,
+    CycleSettings, MAX_CHUNK, PROTOCOL_VERSION, Query, Refusal, Request, Response,
 };
-use poegp_runtime::service::{Background, BoardInfo, Clock, Cycle, CycleAck, CycleCommand, Device};
-use poegp_runtime::service::{FrameOutcome, ModelSlot};
+use poegp_runtime::service::{Background, BoardInfo, Cycle, ModelSlot};
 use poegp_runtime::store::{Layout, Store};
 
+use self::device::{BOARD, BYTES, Calls, Flash, Running, SETTINGS, SLOT, UNITS, Wired};
 use super::expected::Expected;
 use super::wire::{sent, wire};
 use crate::sample::{Elastic, Sample, Support};
 
-// Shared with the runtime's own tests of the store, which test that it knows the rules.
-#[allow(
-    dead_code,
-    missing_docs,
-    reason = "the tests of the store use all of it"
-)]
-#[path = "../../../runtime/tests/store/nor.rs"]
-mod nor;
-
-use nor::Nor;
-
-/// Words of support that fit.
-pub(super) const WORDS: usize = 256;
-/// Bytes of a blob that fit.
-pub(super) const BYTES: usize = 2_048;
-/// Of the device.
-pub(super) const FACTS: BoardInfo = BoardInfo {
-    board: "a desk with a name that is longer than thirty-two letters",
-    image_crc: 0x1234_5678,
-    tick_hz: 1_000,
-    deadline_ticks: 1_000,
-    flash_blocks: false,
-};
 /// Steps of a script that are carried out.
 const MOST_STEPS: usize = 100;
-
-type Flash = Nor<4, 256>;
-
-const SLOT: u32 = BYTES as u32 + 256;
-/// Bytes for settings of the cycle: a script can fill them.
-const SETTINGS: u32 = 256;
-/// Changes that fit.
-pub(super) const CHANGES: usize = SETTINGS as usize / 24;
-const UNITS: usize = (2 * SLOT + 256 + SETTINGS) as usize / 256;
-
-/// A clock that stands still, so that answers can be compared to the byte. Time passes between two frames.
-struct Still(u32);
-
-impl Clock for Still {
-    fn ticks(&mut self) -> u32 {
-        self.0
-    }
-}
-
-/// How the background reaches the cycle.
-struct Calls<'a, 'm>(&'a mut Cycle<'m, WORDS>, u32);
-
-impl<'m> Device<'m, WORDS> for Calls<'_, 'm> {
-    fn order(&mut self, order: CycleCommand<'m, WORDS>) -> CycleAck<'m, WORDS> {
-        self.0.apply(order, self.1)
-    }
-
-    fn complete(&mut self, _: &mut Statistics) {}
-}
-
-/// The flash, which outlives what runs on it.
-struct Wired<'f>(&'f RefCell<Flash>);
-
-impl ErrorType for Wired<'_> {
-    type Error = NorFlashErrorKind;
-}
-
-impl ReadNorFlash for Wired<'_> {
-    const READ_SIZE: usize = Flash::READ_SIZE;
-
-    fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), NorFlashErrorKind> {
-        self.0.borrow_mut().read(offset, bytes)
-    }
-
-    fn capacity(&self) -> usize {
-        self.0.borrow().capacity()
-    }
-}
-
-impl NorFlash for Wired<'_> {
-    const WRITE_SIZE: usize = Flash::WRITE_SIZE;
-    const ERASE_SIZE: usize = Flash::ERASE_SIZE;
-
-    fn erase(&mut self, from: u32, to: u32) -> Result<(), NorFlashErrorKind> {
-        self.0.borrow_mut().erase(from, to)
-    }
-
-    fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {
-        self.0.borrow_mut().write(offset, bytes)
-    }
-}
-
-/// A device that is switched on.
-struct Running<'m> {
-    cycle: Cycle<'m, WORDS>,
-    background: Background<'m, Wired<'m>, WORDS, BYTES>,
-    receiver: Receiver,
-    /// Ticks.
-    now: u32,
-}
-
-impl Running<'_> {
-    /// Everything that is answered to these bytes.
-    fn answers(&mut self, bytes: &[u8]) -> Vec<(u16, Response)> {
-        let (mut scratch, mut out) = ([0; MAX_FRAME], [0; MAX_FRAME]);
-        let mut answers = Vec::new();
-        for byte in bytes {
-            let taken = match self.receiver.push(*byte) {
-                Received::More => continue,
-                Received::Frame => {
-                    let receiver = &mut self.receiver;
-                    self.cycle.handle_frame(
-                        receiver,
-                        self.now,
-                        &mut Still(self.now),
-                        &mut scratch,
-                        &mut out,
-                    )
-                }
-                Received::TooLong => self.cycle.frame_too_long(&mut scratch, &mut out),
-            };
-            match taken {
-                FrameOutcome::Answered(length) | FrameOutcome::Completed(length) => {
-                    let answer = &mut out[..length - 1];
-                    answers.push(frame::decode(answer).expect("an intact frame"));
-                }
-                FrameOutcome::Service => {
-                    let request = self.receiver.message::<Request<'_>>();
-                    let (sequence, request) = request.expect("it was read");
-                    let mut calls = Calls(&mut self.cycle, self.now);
-                    let response = self.background.handle(&request, &mut calls);
-                    answers.push((sequence, response));
-                }
-            }
-            self.receiver.clear();
-        }
-        answers
-    }
-}
 
 /// Blobs that a script may name, and keys.
 struct Sources {
@@ -294,13 +163,13 @@ fn switched_on(
         cycle: 2 * SLOT + 256..2 * SLOT + 256 + SETTINGS,
     };
     let store = Store::new(Wired(flash), layout).expect("a sound layout");
-    let facts = BoardInfo {
+    let board = BoardInfo {
         flash_blocks: expected.flash_blocks,
-        ..FACTS
+        ..BOARD
     };
     let mut device = Running {
-        cycle: Cycle::new(&mut active, &facts, expected.bypass),
-        background: Background::new(facts, &mut spare, &mut staged, store),
+        cycle: Cycle::new(&mut active, &board, expected.bypass),
+        background: Background::new(board, &mut spare, &mut staged, store),
         receiver: Receiver::new(),
         now: expected.now as u32,
     };

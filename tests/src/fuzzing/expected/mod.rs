@@ -1,0 +1,192 @@
+//! What the device should say: a model of the service that knows no flash, no frames and no pieces of memory, only what
+//! was asked for since the start. Models are known by their bytes.
+
+mod cycle;
+mod models;
+
+use std::rc::Rc;
+
+use poegp_protocol::blob::envelope::key_id;
+use poegp_protocol::link::{
+    CycleSettings, Identity, Key, PROTOCOL_VERSION, Refusal, Request, Response, Statistics,
+    StoredModel,
+};
+
+use self::cycle::{Commands, DEFAULT};
+use self::models::{Known, cut};
+use super::service::device::{BOARD, BYTES, WORDS};
+
+/// The state of the device.
+#[derive(Default)]
+pub(super) struct Expected {
+    /// Ticks since the beginning.
+    pub now: u64,
+    commands: Commands,
+    /// Ordered, while the active one is taken back; then there is no spare.
+    pending: Option<Rc<Known>>,
+    /// Settings in flash, in the order in which they were written.
+    stored_settings: Vec<CycleSettings>,
+    announced: Option<(u32, u32)>,
+    staged: Vec<u8>,
+    verified: Option<u32>,
+    committed: Option<StoredModel>,
+    active: Option<Rc<Known>>,
+    /// In memory beside the active one.
+    spare: Option<Rc<Known>>,
+    slots: [Option<Vec<u8>>; 2],
+    first: usize,
+    key: Option<[u8; 32]>,
+    pub bypass: bool,
+    running: bool,
+    pub flash_blocks: bool,
+    pub statistics: Statistics,
+}
+
+impl Expected {
+    /// Of an empty device, on a board whose processor may wait for its flash.
+    pub fn new(flash_blocks: bool) -> Self {
+        Self {
+            flash_blocks,
+            ..Self::default()
+        }
+    }
+
+    /// Bytes of the announced blob that are there.
+    pub fn received(&self) -> usize {
+        self.staged.len()
+    }
+
+    /// CRC in the header of the blob that was ordered last; 0 without one.
+    pub fn ordered_crc(&self) -> u32 {
+        self.ordered().map_or(0, |model| model.blob_crc())
+    }
+
+    /// The same of the model that answers.
+    fn answering_crc(&self) -> u32 {
+        self.active.as_ref().map_or(0, |model| model.blob_crc())
+    }
+
+    /// The device starts anew: what is stored stays.
+    pub fn restart(self, bypass: bool) -> Self {
+        let settings = self.stored_settings.last().copied().unwrap_or(DEFAULT);
+        let mut new = Self {
+            now: self.now,
+            commands: Commands::new(settings),
+            stored_settings: self.stored_settings,
+            slots: self.slots,
+            first: self.first,
+            key: self.key,
+            flash_blocks: self.flash_blocks,
+            bypass,
+            ..Self::default()
+        };
+        let order = [new.first, 1 - new.first];
+        let stored = order.into_iter().filter_map(|slot| new.slots[slot].clone());
+        let key = new.key;
+        new.active = stored
+            .filter_map(|bytes| Known::of(&bytes, key.as_ref()).ok())
+            .map(Rc::new)
+            .next();
+        new.statistics.activations = u32::from(new.active.is_some());
+        new
+    }
+
+    /// The answer to a request that was read.
+    pub fn answer(&mut self, sequence: u16, request: &Request<'_>) -> Response {
+        self.statistics.frames += 1;
+        self.look();
+        if request.is_cyclic() {
+            self.running = !matches!(request, Request::StopCyclic);
+        }
+        let answer = match request {
+            Request::Evaluate(query) => Ok(Response::Evaluation(self.evaluate(query).0)),
+            Request::Trace(query) => Ok(Response::Trace(self.trace(query))),
+            Request::Correct(query) => Ok(Response::Corrected(self.correct(query))),
+            Request::Command(query) => Ok(Response::Commanded(self.command(sequence, query))),
+            Request::StopCyclic => {
+                self.commands.last = None;
+                Ok(Response::CyclicStopped)
+            }
+            Request::Identify => Ok(self.identity()),
+            Request::BeginUpload { length, crc } => self.begin(*length, *crc),
+            Request::UploadChunk { offset, bytes } => self.piece(*offset, bytes),
+            Request::VerifyUpload => self.verify().map(Response::Verified),
+            Request::CommitUpload => self.commit().map(Response::Committed),
+            Request::Activate { blob_crc } => self.activate(*blob_crc).map(|()| self.identity()),
+            Request::RollBack { from_crc } => self.roll_back(*from_crc).map(|()| self.identity()),
+            Request::SetBypass { on } => {
+                self.bypass = *on;
+                Ok(self.identity())
+            }
+            Request::Provision { public_key } => {
+                self.provision(public_key).map(|()| self.identity())
+            }
+            Request::ProvisionCycle(settings) => {
+                self.provision_cycle(settings).map(|()| self.identity())
+            }
+            Request::ReadStatistics => Ok(Response::Statistics(self.counted())),
+            Request::Restart => Ok(Response::Restarting),
+        };
+        answer.unwrap_or_else(|refusal| {
+            self.statistics.refused += 1;
+            Response::Refused(refusal)
+        })
+    }
+
+    /// Time passes. Whoever looks at the clock sees whether commands have stopped.
+    pub fn look(&mut self) {
+        let limit = u64::from(BOARD.tick_hz / 2);
+        if self
+            .commands
+            .last
+            .is_some_and(|last| self.now - last > limit)
+        {
+            self.commands.last = None;
+        }
+        self.exchange();
+    }
+
+    fn exchange(&mut self) {
+        let free = self.commands.last.is_none() || self.commands.filter.disengaged();
+        if free && let Some(model) = self.pending.take() {
+            self.spare = self.active.replace(model);
+            self.statistics.activations += 1;
+        }
+    }
+
+    /// The model that runs, or is about to.
+    fn ordered(&self) -> Option<&Rc<Known>> {
+        self.pending.as_ref().or(self.active.as_ref())
+    }
+
+    /// The answer to a frame that could not be read.
+    pub fn unreadable(&mut self, refusal: Refusal) -> Response {
+        self.look();
+        self.statistics.bad_frames += 1;
+        Response::Refused(refusal)
+    }
+
+    fn identity(&self) -> Response {
+        let text = |text: &str| cut(text);
+        Response::Identity(Identity {
+            protocol_version: PROTOCOL_VERSION,
+            // All packages of the workspace have one version.
+            firmware_version: text(env!("CARGO_PKG_VERSION")),
+            image_crc: BOARD.image_crc,
+            board: text(BOARD.board),
+            capacity_words: WORDS as u32,
+            capacity_bytes: BYTES as u32,
+            tick_hz: BOARD.tick_hz,
+            deadline_ticks: BOARD.deadline_ticks,
+            key: match &self.key {
+                None => Key::None,
+                Some(key) => Key::Provisioned(key_id(key)),
+            },
+            bypass: self.bypass,
+            cycle: self.commands.settings,
+            model: self.ordered().map(|model| model.identity.clone()),
+            pending: self.pending.is_some(),
+            slots: [self.stored(0), self.stored(1)],
+        })
+    }
+}

@@ -1,0 +1,270 @@
+//! What the device should do with models, keys and settings: uploads, slots, activation and provisioning.
+
+use std::rc::Rc;
+
+use poegp_protocol::blob::{self, CRC, stored_crc};
+use poegp_protocol::link::{CycleSettings, ModelIdentity, Refusal, Response, StoredModel};
+use poegp_runtime::model::Model;
+use poegp_runtime::model::signature;
+
+use super::Expected;
+use super::cycle::for_filter;
+use crate::fuzzing::service::device::{BYTES, CHANGES, WORDS};
+
+/// A blob that is a model.
+pub(super) struct Known {
+    bytes: Vec<u8>,
+    pub model: Model<f32, WORDS>,
+    pub identity: ModelIdentity,
+}
+
+impl Known {
+    /// What the device has to say of `bytes`: a model, or why not.
+    pub fn of(bytes: &[u8], key: Option<&[u8; 32]>) -> Result<Self, Refusal> {
+        let decoded = blob::decode(bytes);
+        // Damage is named before a signature is looked at; a payload that cannot be read comes after it.
+        match &decoded {
+            Err(blob::DecodeError::MalformedPayload) | Ok(_) => {}
+            Err(error) => return Err(Refusal::Blob(*error)),
+        }
+        if let Some(key) = key {
+            signature::verify(bytes, key)
+                .map_err(|error| Refusal::Signature { code: error.code() })?;
+        }
+        let decoded = decoded.map_err(Refusal::Blob)?;
+        let mut model = Model::new();
+        let loaded = model.load_decoded(&decoded);
+        loaded.map_err(|error| Refusal::Model { code: error.code() })?;
+        let identity = ModelIdentity {
+            robot: cut(decoded.robot.name),
+            serial_number: cut(decoded.robot.serial_number),
+            blob_crc: stored_crc(bytes).expect("a header"),
+            joints: model.joints() as u8,
+            support: model.support() as u32,
+            signed: key.is_some(),
+        };
+        Ok(Self {
+            bytes: bytes.to_vec(),
+            model,
+            identity,
+        })
+    }
+
+    pub fn blob_crc(&self) -> u32 {
+        self.identity.blob_crc
+    }
+}
+
+/// As many letters as fit into the bytes of a name.
+pub(super) fn cut(text: &str) -> heapless::String<{ poegp_protocol::link::MAX_NAME }> {
+    let mut out = heapless::String::new();
+    let _ = text.chars().try_for_each(|letter| out.push(letter));
+    out
+}
+
+impl Expected {
+    pub(super) fn stored(&self, slot: usize) -> Option<StoredModel> {
+        self.slots[slot].as_ref().map(|bytes| StoredModel {
+            slot: slot as u8,
+            first: slot == self.first,
+            length: bytes.len() as u32,
+            crc: CRC.checksum(bytes),
+        })
+    }
+
+    fn end_upload(&mut self) {
+        (self.announced, self.verified, self.committed) = (None, None, None);
+        self.staged.clear();
+    }
+
+    pub(super) fn begin(&mut self, length: u32, crc: u32) -> Result<Response, Refusal> {
+        let capacity = BYTES as u32;
+        if length > capacity {
+            return Err(Refusal::BlobTooLong { length, capacity });
+        }
+        self.end_upload();
+        self.announced = Some((length, crc));
+        Ok(Response::Uploading { received: 0 })
+    }
+
+    pub(super) fn piece(&mut self, offset: u32, bytes: &[u8]) -> Result<Response, Refusal> {
+        let (length, _) = self.announced.ok_or(Refusal::NoUpload)?;
+        let (start, received) = (u64::from(offset), self.staged.len() as u64);
+        let end = start + bytes.len() as u64;
+        if end > u64::from(length) {
+            let end = u32::try_from(end).unwrap_or(u32::MAX);
+            return Err(Refusal::ChunkTooLong { end, length });
+        }
+        let repeated = end <= received && self.staged[start as usize..end as usize] == *bytes;
+        if start != received && !repeated {
+            let expected = received as u32;
+            let found = offset;
+            return Err(Refusal::UnexpectedOffset { found, expected });
+        }
+        if !repeated {
+            self.staged.extend(bytes);
+        }
+        let received = self.staged.len() as u32;
+        Ok(Response::Uploading { received })
+    }
+
+    pub(super) fn verify(&mut self) -> Result<ModelIdentity, Refusal> {
+        if let Some(crc) = self.verified {
+            let mut here = [self.spare.as_ref(), self.ordered()].into_iter().flatten();
+            if let Some(model) = here.find(|model| model.blob_crc() == crc) {
+                return Ok(model.identity.clone());
+            }
+        }
+        let (length, stored) = self.announced.ok_or(Refusal::NoUpload)?;
+        let received = self.staged.len() as u32;
+        if received != length {
+            return Err(Refusal::Incomplete { received, length });
+        }
+        let computed = CRC.checksum(&self.staged);
+        if computed != stored {
+            return Err(Refusal::TransferCrc { stored, computed });
+        }
+        self.check_spare()?;
+        let known = Known::of(&self.staged, self.key.as_ref())?;
+        let identity = known.identity.clone();
+        self.verified = Some(known.blob_crc());
+        self.spare = Some(Rc::new(known));
+        Ok(identity)
+    }
+
+    /// The slot that has the bytes of a model.
+    fn slot_of(&self, bytes: &[u8]) -> Option<usize> {
+        (0..2).find(|slot| self.slots[*slot].as_deref() == Some(bytes))
+    }
+
+    /// Where the model is that was ordered last.
+    fn ordered_slot(&self) -> Option<usize> {
+        self.ordered().and_then(|model| self.slot_of(&model.bytes))
+    }
+
+    fn check_flash(&self) -> Result<(), Refusal> {
+        if self.flash_blocks && self.running {
+            return Err(Refusal::CyclesRunning);
+        }
+        Ok(())
+    }
+
+    pub(super) fn commit(&mut self) -> Result<StoredModel, Refusal> {
+        if self.verified.is_none() {
+            return Err(Refusal::NotVerified);
+        }
+        if let Some(stored) = self.committed {
+            return Ok(stored);
+        }
+        self.check_flash()?;
+        // Not over the active model, nor over the newest.
+        let taken = [self.ordered_slot(), Some(self.first), Some(1 - self.first)];
+        let kept = taken
+            .into_iter()
+            .flatten()
+            .find(|slot| self.slots[*slot].is_some());
+        let there = self.slot_of(&self.staged);
+        self.first = there.unwrap_or(kept.map_or(0, |slot| 1 - slot));
+        self.slots[self.first] = Some(self.staged.clone());
+        self.committed = self.stored(self.first);
+        Ok(self.committed.expect("it was stored"))
+    }
+
+    fn run(&mut self, model: Option<Rc<Known>>) {
+        self.pending = model;
+        self.spare = None;
+        self.exchange();
+    }
+
+    /// While a model waits there is no place for another.
+    fn check_spare(&self) -> Result<(), Refusal> {
+        match self.pending {
+            Some(_) => Err(Refusal::Busy),
+            None => Ok(()),
+        }
+    }
+
+    pub(super) fn activate(&mut self, blob_crc: u32) -> Result<(), Refusal> {
+        let is_it = |model: Option<&Rc<Known>>| model.is_some_and(|m| m.blob_crc() == blob_crc);
+        if is_it(self.ordered()) {
+            return Ok(());
+        }
+        self.check_spare()?;
+        if !is_it(self.spare.as_ref()) {
+            return Err(Refusal::UnknownModel { blob_crc });
+        }
+        let spare = self.spare.take();
+        self.run(spare);
+        Ok(())
+    }
+
+    pub(super) fn roll_back(&mut self, from_crc: u32) -> Result<(), Refusal> {
+        let Some(active) = self.ordered() else {
+            return Ok(());
+        };
+        if active.blob_crc() != from_crc {
+            return Ok(());
+        }
+        self.check_spare()?;
+        self.check_flash()?;
+        let active = self.ordered_slot();
+        let mut refusal = Refusal::NoOtherModel;
+        for slot in [self.first, 1 - self.first] {
+            let Some(bytes) = self.slots[slot].clone().filter(|_| active != Some(slot)) else {
+                continue;
+            };
+            self.end_upload();
+            match Known::of(&bytes, self.key.as_ref()) {
+                Ok(known) => {
+                    self.first = slot;
+                    self.run(Some(Rc::new(known)));
+                    return Ok(());
+                }
+                Err(why) => refusal = why,
+            }
+        }
+        Err(refusal)
+    }
+
+    pub(super) fn provision(&mut self, public_key: &[u8; 32]) -> Result<(), Refusal> {
+        if !signature::is_public_key(public_key) {
+            return Err(Refusal::NotAKey);
+        }
+        self.check_spare()?;
+        self.check_flash()?;
+        match &self.key {
+            Some(key) if key == public_key => {}
+            Some(_) => return Err(Refusal::KeyIsFixed),
+            None => {
+                self.key = Some(*public_key);
+                // What was verified without it does not count.
+                (self.verified, self.committed, self.spare) = (None, None, None);
+            }
+        }
+        Ok(())
+    }
+
+    pub(super) fn provision_cycle(&mut self, settings: &CycleSettings) -> Result<(), Refusal> {
+        let refused = |error: poegp_runtime::filter::FilterError| Refusal::CycleSetting {
+            code: error.code(),
+        };
+        for_filter(settings).check().map_err(refused)?;
+        self.check_flash()?;
+        let before = self.commands.settings;
+        if before != *settings {
+            let filter = &mut self.commands.filter;
+            filter.configure(&for_filter(settings)).map_err(refused)?;
+            self.commands.settings = *settings;
+        }
+        if self.stored_settings.last() != Some(settings) {
+            if self.stored_settings.len() == CHANGES {
+                let filter = &mut self.commands.filter;
+                filter.configure(&for_filter(&before)).expect("disengaged");
+                self.commands.settings = before;
+                return Err(Refusal::Store { code: 17 });
+            }
+            self.stored_settings.push(*settings);
+        }
+        Ok(())
+    }
+}
