@@ -41,44 +41,27 @@ fn load(model: *mut Model, bytes: &[u8]) -> i32 {
     unsafe { poegp_load(model, bytes.as_ptr(), bytes.len()) }
 }
 
-fn evaluate(model: *const Model, joints: &[f32], payload_kg: f32) -> (i32, Evaluation) {
+/// The code and the answer of a call that writes its answer.
+fn answered<T>(call: impl FnOnce(*mut T) -> i32) -> (i32, T) {
     let mut out = MaybeUninit::uninit();
-    // SAFETY: a slice is as long as it says.
-    let code = unsafe {
-        poegp_evaluate(
-            model,
-            joints.as_ptr(),
-            joints.len(),
-            payload_kg,
-            out.as_mut_ptr(),
-        )
-    };
+    let code = call(out.as_mut_ptr());
     // SAFETY: written whatever the code is, because the pointer to it is good.
     (code, unsafe { out.assume_init() })
+}
+
+fn evaluate(model: *const Model, joints: &[f32], payload_kg: f32) -> (i32, Evaluation) {
+    // SAFETY: a slice is as long as it says.
+    answered(|out| unsafe { poegp_evaluate(model, joints.as_ptr(), joints.len(), payload_kg, out) })
 }
 
 fn correct(model: *const Model, joints: &[f32], payload_kg: f32) -> (i32, Corrected) {
-    let mut out = MaybeUninit::uninit();
     // SAFETY: a slice is as long as it says.
-    let code = unsafe {
-        poegp_correct(
-            model,
-            joints.as_ptr(),
-            joints.len(),
-            payload_kg,
-            out.as_mut_ptr(),
-        )
-    };
-    // SAFETY: written whatever the code is, because the pointer to it is good.
-    (code, unsafe { out.assume_init() })
+    answered(|out| unsafe { poegp_correct(model, joints.as_ptr(), joints.len(), payload_kg, out) })
 }
 
 fn identify(model: *const Model) -> (i32, Identity) {
-    let mut out = MaybeUninit::uninit();
     // SAFETY: the pointer to the answer is good.
-    let code = unsafe { poegp_identify(model, out.as_mut_ptr()) };
-    // SAFETY: written whatever the code is, because the pointer to it is good.
-    (code, unsafe { out.assume_init() })
+    answered(|out| unsafe { poegp_identify(model, out) })
 }
 
 fn text(letters: &[c_char]) -> String {

@@ -10,6 +10,10 @@ use poegp_calibration::blob::predict::{BlobError, HOST_SUPPORT};
 use poegp_calibration::blob::write::{DeviceError, ExportError};
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::model::CalibrationError;
+use poegp_calibration::progress::Cancelled;
+
+/// What a shell reports of a program that SIGINT has ended.
+pub const CANCELLED_CODE: u8 = 130;
 
 /// Everything that ends a command early.
 #[derive(Debug, thiserror::Error)]
@@ -29,12 +33,16 @@ pub enum Failure {
     /// A signature does not fit.
     #[error("{0}")]
     Refused(String),
+    /// Ctrl-C.
+    #[error("stopped: the calibration was cancelled, nothing was written")]
+    Cancelled(#[from] Cancelled),
 }
 
 impl Failure {
     pub fn exit_code(&self) -> ExitCode {
         match self {
             Self::Quality(_) | Self::Refused(_) => ExitCode::from(1),
+            Self::Cancelled(_) => ExitCode::from(CANCELLED_CODE),
             _ => ExitCode::from(2),
         }
     }

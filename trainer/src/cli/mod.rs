@@ -144,6 +144,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
 fn failed(failure: &Failure) -> ExitCode {
     match failure {
         Failure::Input(error) => eprintln!("error: {}", terminal::snippet::render(error)),
+        Failure::Cancelled(_) => eprintln!("\n{failure}"),
         _ => eprintln!("error: {failure}"),
     }
     failure.exit_code()

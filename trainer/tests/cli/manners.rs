@@ -94,11 +94,12 @@ fn every_report_is_there_as_json() {
     assert_eq!(imported["measurements"], 12);
 }
 
-/// Starts the command, waits until `begun`, sends SIGINT and waits for the end.
+/// Starts the command, waits until `begun`, sends SIGINT so many times and waits for the end.
 #[cfg(unix)]
 fn interrupted(
     folder: &Folder,
     line: &str,
+    signals: usize,
     begun: impl Fn(&mut std::process::Child) -> bool,
 ) -> std::process::Output {
     use std::process::{Command, Stdio};
@@ -109,19 +110,32 @@ fn interrupted(
         assert!(child.try_wait().unwrap().is_none(), "it ended: {line}");
         std::thread::yield_now();
     }
-    let kill = Command::new("kill")
-        .args(["-INT", &child.id().to_string()])
-        .status();
-    assert!(kill.unwrap().success());
+    for _ in 0..signals {
+        let kill = Command::new("kill")
+            .args(["-INT", &child.id().to_string()])
+            .status();
+        assert!(kill.unwrap().success());
+    }
     let output = child.wait_with_output().unwrap();
     assert_eq!(output.status.code(), Some(130), "{output:?}");
     output
 }
 
-/// SIGINT in the middle of a calibration: 130, and nothing new in the folder.
+/// SIGINT in the middle of a calibration cancels it, and a second one does not wait for that: 130, and nothing new in the
+/// folder.
 #[cfg(unix)]
 #[test]
 fn ctrl_c_leaves_nothing() {
+    let cancelled = "\nstopped: the calibration was cancelled, nothing was written\n";
+    for (signals, ends) in [(1, vec![cancelled]), (2, vec![cancelled, "\nstopped\n"])] {
+        let said = interrupted_calibration(signals);
+        assert!(ends.iter().any(|end| said.ends_with(end)), "{said}");
+    }
+}
+
+/// What a calibration says that gets so many SIGINT while it fits.
+#[cfg(unix)]
+fn interrupted_calibration(signals: usize) -> String {
     use std::io::Read;
     let folder = Folder::new();
     // A column that nobody knows: its note comes just before the work.
@@ -133,14 +147,16 @@ fn ctrl_c_leaves_nothing() {
     let line = format!(
         "calibrate --robot {SERIAL} train.csv --out a.blob --json a.json --report a.html --write-project a.toml"
     );
-    let output = interrupted(&folder, &line, |child| {
+    let output = interrupted(&folder, &line, signals, |child| {
         let mut byte = [0; 1];
-        child.stderr.as_mut().unwrap().read_exact(&mut byte).is_ok()
+        let noted = child.stderr.as_mut().unwrap().read_exact(&mut byte).is_ok();
+        // The fit begins at once and takes seconds.
+        std::thread::sleep(std::time::Duration::from_millis(300));
+        noted
     });
-    let said = String::from_utf8(output.stderr).unwrap();
-    assert!(said.ends_with("\nstopped\n"), "{said}");
     assert_eq!(folder.names(), ["a.blob", "train.csv"]);
     assert_eq!(folder.read("a.blob"), b"old");
+    String::from_utf8(output.stderr).unwrap()
 }
 
 /// SIGINT while outputs are being written into a pipe that nobody reads: the same.
@@ -155,7 +171,7 @@ fn ctrl_c_while_writing_leaves_nothing() {
     assert!(pipe.unwrap().success());
     let line =
         format!("calibrate --robot {SERIAL} train.csv --method poe --out a.blob --json pipe");
-    let output = interrupted(&folder, &line, |_| {
+    let output = interrupted(&folder, &line, 1, |_| {
         folder
             .names()
             .iter()

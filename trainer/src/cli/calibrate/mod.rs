@@ -100,7 +100,7 @@ pub fn run(arguments: &Calibrate) -> Result<(), Failure> {
     }
     let found = progress::calibrating(|context| {
         calibrate_to_blob(&arm.robot, &samples, &config, &origin, context)
-    });
+    })?;
     let found = found.map_err(|e| device_failure(&a.train, e))?;
     let train = (&set, samples.as_slice());
     let evidence = report_page::held_out(a, &arm, train, &tests, &config, &origin, &found)?;

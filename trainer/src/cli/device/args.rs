@@ -89,15 +89,22 @@ impl Link {
     }
 }
 
+/// How to reach a device, and where the result goes.
+#[derive(Debug, Args)]
+pub struct LinkAndJson {
+    #[command(flatten)]
+    pub link: Link,
+    /// Write the result as JSON (`-`: standard output).
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
 /// `trainer device info`.
 #[derive(Debug, Args)]
 #[command(after_help = "Example: trainer device info --port /dev/ttyUSB0")]
 pub struct Info {
     #[command(flatten)]
-    pub link: Link,
-    /// Write the same as JSON (`-`: standard output).
-    #[arg(long, value_name = "FILE")]
-    pub json: Option<PathBuf>,
+    pub common: LinkAndJson,
 }
 
 /// `trainer device flash`.
@@ -110,7 +117,7 @@ pub struct Flash {
     /// Model (`.blob`).
     pub blob: PathBuf,
     #[command(flatten)]
-    pub link: Link,
+    pub common: LinkAndJson,
     /// Upload the model even if the device runs it already, has no room for it or does not trust its signature.
     #[arg(long)]
     pub force: bool,
@@ -118,9 +125,6 @@ pub struct Flash {
     #[arg(long, value_name = "BYTES", default_value_t = MAX_CHUNK as u16,
           value_parser = clap::value_parser!(u16).range(1..=MAX_CHUNK as i64))]
     pub chunk_size: u16,
-    /// Write the result as JSON (`-`: standard output).
-    #[arg(long, value_name = "FILE")]
-    pub json: Option<PathBuf>,
 }
 
 /// `trainer device evaluate`.
@@ -133,13 +137,10 @@ pub struct Evaluate {
     /// Measurements that the model was not trained on.
     pub test: PathBuf,
     #[command(flatten)]
-    pub link: Link,
+    pub common: LinkAndJson,
     /// The model that the device runs: for the instrument's frame, and to compare the bits of every answer.
     #[arg(long, value_name = "FILE")]
     pub blob: Option<PathBuf>,
-    /// Write the errors as JSON (`-`: standard output).
-    #[arg(long, value_name = "FILE")]
-    pub json: Option<PathBuf>,
 }
 
 /// `trainer device correct`.
@@ -185,10 +186,7 @@ pub struct Bypass {
     #[arg(value_enum)]
     pub switch: Switch,
     #[command(flatten)]
-    pub link: Link,
-    /// Write the result as JSON (`-`: standard output).
-    #[arg(long, value_name = "FILE")]
-    pub json: Option<PathBuf>,
+    pub common: LinkAndJson,
 }
 
 /// `trainer device rollback`.
@@ -196,10 +194,7 @@ pub struct Bypass {
 #[command(after_help = "Example: trainer device rollback --port /dev/ttyUSB0")]
 pub struct Rollback {
     #[command(flatten)]
-    pub link: Link,
-    /// Write the result as JSON (`-`: standard output).
-    #[arg(long, value_name = "FILE")]
-    pub json: Option<PathBuf>,
+    pub common: LinkAndJson,
 }
 
 /// `trainer device statistics`.
@@ -207,10 +202,7 @@ pub struct Rollback {
 #[command(after_help = "Example: trainer device statistics --port /dev/ttyUSB0 --json -")]
 pub struct Statistics {
     #[command(flatten)]
-    pub link: Link,
-    /// Write the same as JSON (`-`: standard output).
-    #[arg(long, value_name = "FILE")]
-    pub json: Option<PathBuf>,
+    pub common: LinkAndJson,
 }
 
 /// `trainer device monitor`.
@@ -241,10 +233,7 @@ pub struct Monitor {
 #[command(after_help = "Example: trainer device restart --port /dev/ttyUSB0")]
 pub struct Restart {
     #[command(flatten)]
-    pub link: Link,
-    /// Write the result as JSON (`-`: standard output).
-    #[arg(long, value_name = "FILE")]
-    pub json: Option<PathBuf>,
+    pub common: LinkAndJson,
 }
 
 /// `trainer device provision`.
@@ -258,10 +247,7 @@ pub struct Provision {
     /// The public key, as `trainer keys new` has written it.
     pub key: PathBuf,
     #[command(flatten)]
-    pub link: Link,
-    /// Write the result as JSON (`-`: standard output).
-    #[arg(long, value_name = "FILE")]
-    pub json: Option<PathBuf>,
+    pub common: LinkAndJson,
 }
 
 /// `trainer device cycle`.
@@ -273,7 +259,7 @@ pub struct Provision {
 )]
 pub struct Cycle {
     #[command(flatten)]
-    pub link: Link,
+    pub common: LinkAndJson,
     /// Time between two commands of the controller, in microseconds (50 to 100000).
     #[arg(long, value_name = "US")]
     pub period_us: Option<u32>,
@@ -286,9 +272,6 @@ pub struct Cycle {
     /// Shortest time in which a correction is switched on or off, in seconds (0.01 to 10).
     #[arg(long, value_name = "S")]
     pub blend: Option<f32>,
-    /// Write the settings as JSON (`-`: standard output).
-    #[arg(long, value_name = "FILE")]
-    pub json: Option<PathBuf>,
 }
 
 /// `trainer device emulate`.

@@ -18,11 +18,11 @@ use crate::signing::id_text;
 use poegp_calibration::blob::predict::BlobModel;
 
 pub fn run(a: &Flash) -> Result<(), Failure> {
-    let outputs = [a.json.as_deref()];
+    let outputs = [a.common.json.as_deref()];
     check_outputs(&outputs, &[&a.blob])?;
     // Refuses what is no model, before a port is opened.
     let loaded = BlobModel::read(&a.blob)?;
-    let (mut client, before) = a.link.connect()?;
+    let (mut client, before) = a.common.link.connect()?;
     let report = Printer::for_outputs(&outputs);
     let already = runs(&before, loaded.bytes());
     let (after, stored) = if let (Some(stored), false) = (already, a.force) {
@@ -38,7 +38,7 @@ pub fn run(a: &Flash) -> Result<(), Failure> {
         }
         client.set_options(Options {
             chunk_size: usize::from(a.chunk_size),
-            ..a.link.options()
+            ..a.common.link.options()
         });
         let (stored, after) = bring(&mut client, loaded.bytes())?;
         report.line(format_args!("Before  {}", show::active(&before)));
@@ -49,7 +49,7 @@ pub fn run(a: &Flash) -> Result<(), Failure> {
         ));
         (after, stored)
     };
-    if let Some(path) = &a.json {
+    if let Some(path) = &a.common.json {
         let document = json!({
             "version": env!("CARGO_PKG_VERSION"),
             "uploaded": a.force || already.is_none(),

@@ -36,24 +36,24 @@ pub fn run(a: &Device) -> Result<(), Failure> {
 }
 
 fn info(a: &Info) -> Result<(), Failure> {
-    check_outputs(&[a.json.as_deref()], &[])?;
-    let (client, identity) = a.link.connect()?;
-    if let Some(path) = &a.json {
+    check_outputs(&[a.common.json.as_deref()], &[])?;
+    let (client, identity) = a.common.link.connect()?;
+    if let Some(path) = &a.common.json {
         let mut document = show::identity_json(&identity);
         document["version"] = env!("CARGO_PKG_VERSION").into();
         document["port"] = client.port().into();
         write_outputs(&[(path, json_text(&document)?.as_bytes())])?;
     }
-    show::identity(Printer::for_outputs(&[a.json.as_deref()]), &identity);
+    show::identity(Printer::for_outputs(&[a.common.json.as_deref()]), &identity);
     Ok(())
 }
 
 fn bypass(a: &Bypass) -> Result<(), Failure> {
-    check_outputs(&[a.json.as_deref()], &[])?;
-    let (mut client, _) = a.link.connect()?;
+    check_outputs(&[a.common.json.as_deref()], &[])?;
+    let (mut client, _) = a.common.link.connect()?;
     let identity = client.set_bypass(a.switch == Switch::On)?;
-    write_summary(a.json.as_deref(), show::identity_json(&identity))?;
-    Printer::for_outputs(&[a.json.as_deref()]).line(if identity.bypass {
+    write_summary(a.common.json.as_deref(), show::identity_json(&identity))?;
+    Printer::for_outputs(&[a.common.json.as_deref()]).line(if identity.bypass {
         "The bypass is on: commands come back as they are.".to_owned()
     } else {
         format!("The bypass is off. Running: {}.", show::active(&identity))
@@ -62,8 +62,8 @@ fn bypass(a: &Bypass) -> Result<(), Failure> {
 }
 
 fn roll_back(a: &Rollback) -> Result<(), Failure> {
-    check_outputs(&[a.json.as_deref()], &[])?;
-    let (mut client, before) = a.link.connect()?;
+    check_outputs(&[a.common.json.as_deref()], &[])?;
+    let (mut client, before) = a.common.link.connect()?;
     let Some(left) = before.model else {
         return Err(Failure::Usage(
             "the device runs no model, so there is none to roll back\nhelp: upload one with `trainer device flash`"
@@ -71,8 +71,8 @@ fn roll_back(a: &Rollback) -> Result<(), Failure> {
         ));
     };
     let after = client.roll_back(left.blob_crc)?;
-    write_summary(a.json.as_deref(), show::identity_json(&after))?;
-    let report = Printer::for_outputs(&[a.json.as_deref()]);
+    write_summary(a.common.json.as_deref(), show::identity_json(&after))?;
+    let report = Printer::for_outputs(&[a.common.json.as_deref()]);
     report.line(format_args!("Left    {}", show::model(&left)));
     report.line(format_args!(
         "Runs    {}, also after a restart",
@@ -82,27 +82,27 @@ fn roll_back(a: &Rollback) -> Result<(), Failure> {
 }
 
 fn statistics(a: &args::Statistics) -> Result<(), Failure> {
-    check_outputs(&[a.json.as_deref()], &[])?;
-    let (mut client, identity) = a.link.connect()?;
+    check_outputs(&[a.common.json.as_deref()], &[])?;
+    let (mut client, identity) = a.common.link.connect()?;
     let statistics = client.statistics()?;
-    if let Some(path) = &a.json {
+    if let Some(path) = &a.common.json {
         let document = json!({
             "version": env!("CARGO_PKG_VERSION"),
             "statistics": show::statistics_json(&statistics, identity.tick_hz),
         });
         write_outputs(&[(path, json_text(&document)?.as_bytes())])?;
     }
-    let report = Printer::for_outputs(&[a.json.as_deref()]);
+    let report = Printer::for_outputs(&[a.common.json.as_deref()]);
     show::statistics(report, &statistics, identity.tick_hz);
     Ok(())
 }
 
 fn restart(a: &Restart) -> Result<(), Failure> {
-    check_outputs(&[a.json.as_deref()], &[])?;
-    let (mut client, _) = a.link.connect()?;
+    check_outputs(&[a.common.json.as_deref()], &[])?;
+    let (mut client, _) = a.common.link.connect()?;
     let identity = client.restart()?;
-    write_summary(a.json.as_deref(), show::identity_json(&identity))?;
-    Printer::for_outputs(&[a.json.as_deref()]).line(format_args!(
+    write_summary(a.common.json.as_deref(), show::identity_json(&identity))?;
+    Printer::for_outputs(&[a.common.json.as_deref()]).line(format_args!(
         "Restarted. Running: {}.",
         show::active(&identity)
     ));
@@ -110,13 +110,13 @@ fn restart(a: &Restart) -> Result<(), Failure> {
 }
 
 fn provision(a: &Provision) -> Result<(), Failure> {
-    check_outputs(&[a.json.as_deref()], &[&a.key])?;
+    check_outputs(&[a.common.json.as_deref()], &[&a.key])?;
     let key = PublicKey::read(&a.key)?;
-    let (mut client, _) = a.link.connect()?;
+    let (mut client, _) = a.common.link.connect()?;
     client.provision(key.bytes())?;
     let summary = json!({ "key": id_text(&key.id()), "port": client.port() });
-    write_summary(a.json.as_deref(), summary)?;
-    Printer::for_outputs(&[a.json.as_deref()]).line(format_args!(
+    write_summary(a.common.json.as_deref(), summary)?;
+    Printer::for_outputs(&[a.common.json.as_deref()]).line(format_args!(
         "The device takes only models signed by key {} from now on.",
         id_text(&key.id())
     ));
@@ -124,8 +124,8 @@ fn provision(a: &Provision) -> Result<(), Failure> {
 }
 
 fn cycle(a: &Cycle) -> Result<(), Failure> {
-    check_outputs(&[a.json.as_deref()], &[])?;
-    let (mut client, mut identity) = a.link.connect()?;
+    check_outputs(&[a.common.json.as_deref()], &[])?;
+    let (mut client, mut identity) = a.common.link.connect()?;
     let there = identity.cycle;
     let asked = CycleSettings {
         period_us: a.period_us.unwrap_or(there.period_us),
@@ -138,13 +138,13 @@ fn cycle(a: &Cycle) -> Result<(), Failure> {
     if changes {
         identity = client.provision_cycle(&asked)?;
     }
-    write_summary(a.json.as_deref(), show::cycle_json(&identity.cycle))?;
+    write_summary(a.common.json.as_deref(), show::cycle_json(&identity.cycle))?;
     let kept = if changes {
         ", also after a restart"
     } else {
         ""
     };
-    Printer::for_outputs(&[a.json.as_deref()]).line(format_args!(
+    Printer::for_outputs(&[a.common.json.as_deref()]).line(format_args!(
         "The cycle: {}{kept}.",
         show::cycle(&identity.cycle)
     ));

@@ -230,13 +230,13 @@ fn read_without_blob(test: &Path) -> Result<(MeasurementSet, Vec<InstrumentSampl
 }
 
 pub fn evaluate(a: &Evaluate) -> Result<(), Failure> {
-    let outputs = [a.json.as_deref()];
+    let outputs = [a.common.json.as_deref()];
     let inputs: Vec<&Path> = [Some(a.test.as_path()), a.blob.as_deref()]
         .into_iter()
         .flatten()
         .collect();
     check_outputs(&outputs, &inputs)?;
-    let mut commands = Commands::read(&a.link, &a.test, a.blob.as_deref())?;
+    let mut commands = Commands::read(&a.common.link, &a.test, a.blob.as_deref())?;
     let answers = commands.ask("evaluating", Client::evaluate)?;
     let poses = placed(&commands, &answers);
     let errors: Vec<PoseError> = poses
@@ -261,7 +261,7 @@ pub fn evaluate(a: &Evaluate) -> Result<(), Failure> {
         tick_hz: commands.identity.tick_hz,
         same_bits: commands.loaded.is_some().then_some(answers.len()),
     };
-    if let Some(path) = &a.json {
+    if let Some(path) = &a.common.json {
         write_outputs(&[(path, json_text(&document)?.as_bytes())])?;
     }
     let report = Printer::for_outputs(&outputs);

@@ -1,22 +1,40 @@
-//! Ctrl-C: the program ends at once, with exit code 130, and leaves no file half-written.
+//! Ctrl-C: exit code 130, and no file is half-written.
 //!
-//! Outputs are written to temporary files and renamed (`output.rs`). A signal that comes in the middle of that waits until
-//! it is over, so that there are all outputs of a command or none, and no temporary file. A write that does not end, into
-//! a pipe that nobody reads, is waited for a little and no longer; the temporary files beside it are removed.
+//! A fit is cancelled and the command ends as after an error; a second Ctrl-C does not wait for that. Everything else ends
+//! at once, but for outputs: they are written to temporary files and renamed (`output.rs`). A signal in the middle of that
+//! waits until it is over, so that there are all outputs of a command or none, and no temporary file. A write that does not
+//! end, into a pipe that nobody reads, is waited for a little and no longer; the temporary files beside it are removed.
 
 use std::io::Write;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
+use poegp_calibration::progress::Cancelled;
+
+use crate::cli::failure::CANCELLED_CODE;
 use crate::cli::output;
 
-/// What a shell reports of a program that SIGINT has ended.
-const EXIT_CODE: i32 = 130;
 /// Longest wait for outputs that are being written.
 const PATIENCE: Duration = Duration::from_secs(2);
+
+/// Whether a fit runs that Ctrl-C can cancel.
+static FITTING: Mutex<bool> = Mutex::new(false);
+/// Whether Ctrl-C has cancelled it.
+static CANCELLED: AtomicBool = AtomicBool::new(false);
+
+fn set_fitting(is_fitting: bool) {
+    *FITTING.lock().unwrap_or_else(PoisonError::into_inner) = is_fitting;
+}
 
 /// Begins to listen for Ctrl-C. Where that cannot be done the system ends the program as ever.
 pub fn install() {
     let _ = ctrlc::set_handler(|| {
+        let is_fitting = FITTING.lock().unwrap_or_else(PoisonError::into_inner);
+        if *is_fitting && !CANCELLED.swap(true, Ordering::Relaxed) {
+            return;
+        }
+        drop(is_fitting);
         let written = output::hold(PATIENCE);
         let _ = writeln!(
             std::io::stderr(),
@@ -27,6 +45,20 @@ pub fn install() {
                 ": an output that nobody reads was given up, and the others with it"
             }
         );
-        std::process::exit(EXIT_CODE);
+        std::process::exit(CANCELLED_CODE.into());
     });
+}
+
+/// Runs a fit that Ctrl-C cancels by the flag that it gets.
+///
+/// # Errors
+/// [`Cancelled`] if it was, however far the fit has come.
+pub fn cancellable<R>(fit: impl FnOnce(&AtomicBool) -> R) -> Result<R, Cancelled> {
+    set_fitting(true);
+    let out = fit(&CANCELLED);
+    set_fitting(false);
+    match CANCELLED.load(Ordering::Relaxed) {
+        true => Err(Cancelled),
+        false => Ok(out),
+    }
 }

@@ -1,12 +1,12 @@
 //! A progress bar on a terminal, silence elsewhere, with `--quiet` and where the terminal cannot go back in its line.
 
 use std::cell::Cell;
-use std::sync::atomic::AtomicBool;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use poegp_calibration::progress::{FitContext, Progress};
+use poegp_calibration::progress::{Cancelled, FitContext, Progress};
 
+use crate::cli::terminal::interrupt::cancellable;
 use crate::cli::terminal::print::is_quiet;
 
 /// Where progress is shown.
@@ -27,13 +27,16 @@ pub fn bar(steps: usize, label: &str) -> ProgressBar {
     bar.with_style(style).with_message(label.to_owned())
 }
 
-/// Shows progress of a calibration: a spinner, then a bar with the remaining time.
-pub fn calibrating<R>(work: impl FnOnce(&FitContext) -> R) -> R {
+/// Shows progress of a calibration, which Ctrl-C cancels: a spinner, then a bar with the remaining time.
+///
+/// # Errors
+/// [`Cancelled`].
+pub fn calibrating<R>(work: impl FnOnce(&FitContext) -> R) -> Result<R, Cancelled> {
     let bar = Bar {
         bar: spinner("calibrating"),
         is_bar: Cell::new(false),
     };
-    let out = work(&FitContext::new(&bar, &AtomicBool::new(false)));
+    let out = cancellable(|cancel| work(&FitContext::new(&bar, cancel)));
     bar.bar.finish_and_clear();
     out
 }
