@@ -1,0 +1,147 @@
+//! Mistakes that people and exporters make, each with the causes that are right for it.
+
+mod joints;
+mod order;
+mod poses;
+mod units;
+mod values;
+
+use nalgebra::Vector3;
+use poegp_calibration::robot::Robot;
+use poegp_calibration::trust::Cause;
+use poegp_runtime::math::se3::{Pose, Twist};
+use rand::seq::SliceRandom;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+
+use crate::sets::Good;
+use crate::table::Table;
+
+type Make = dyn Fn(&Good, &mut ChaCha8Rng) -> Table;
+
+/// One mistake of one set.
+pub struct Mistake {
+    pub name: String,
+    /// Causes that are right, the most specific first.
+    pub right: Vec<Cause>,
+    /// Why nobody can see it in the file; then it does not count.
+    pub unseen: Option<&'static str>,
+    /// The robot that the file is said to be of, where it is another.
+    pub robot: Option<Robot>,
+    make: Box<Make>,
+}
+
+impl Mistake {
+    /// The file with the mistake.
+    pub fn table(&self, good: &Good, random: &mut ChaCha8Rng) -> Table {
+        (self.make)(good, random)
+    }
+
+    /// The mistake does not count where `true`.
+    fn unseen(&mut self, is_unseen: bool, reason: &'static str) -> &mut Self {
+        if is_unseen {
+            self.unseen = Some(reason);
+        }
+        self
+    }
+
+    /// The file is said to be of another robot.
+    fn read_as(&mut self, robot: Robot) -> &mut Self {
+        self.robot = Some(robot);
+        self
+    }
+}
+
+/// The mistakes of one set.
+pub struct List<'a> {
+    pub good: &'a Good,
+    all: Vec<Mistake>,
+}
+
+impl List<'_> {
+    /// Adds a mistake that `make` makes in a copy of the table.
+    fn add(
+        &mut self,
+        name: impl Into<String>,
+        right: &[Cause],
+        make: impl Fn(&mut Table, &mut ChaCha8Rng) + 'static,
+    ) -> &mut Mistake {
+        self.add_of_set(name, right, move |good, random| {
+            let mut table = good.table.clone();
+            make(&mut table, random);
+            table
+        })
+    }
+
+    /// Adds a mistake that needs the whole set.
+    fn add_of_set(
+        &mut self,
+        name: impl Into<String>,
+        right: &[Cause],
+        make: impl Fn(&Good, &mut ChaCha8Rng) -> Table + 'static,
+    ) -> &mut Mistake {
+        self.all.push(Mistake {
+            name: name.into(),
+            right: right.to_vec(),
+            unseen: None,
+            robot: None,
+            make: Box::new(make),
+        });
+        self.all.last_mut().expect("just pushed")
+    }
+}
+
+/// All mistakes that a set can have.
+pub fn all(good: &Good) -> Vec<Mistake> {
+    let mut list = List {
+        good,
+        all: Vec::new(),
+    };
+    units::add(&mut list);
+    joints::add(&mut list);
+    poses::add(&mut list);
+    order::add(&mut list);
+    values::add(&mut list);
+    list.all
+}
+
+/// `count` of the numbers below `n`, in order.
+pub fn some(n: usize, count: usize, random: &mut ChaCha8Rng) -> Vec<usize> {
+    let mut all: Vec<usize> = (0..n).collect();
+    all.shuffle(random);
+    all.truncate(count);
+    all.sort_unstable();
+    all
+}
+
+/// Three normal numbers of standard deviation `sigma`.
+pub fn normal(sigma: f64, random: &mut ChaCha8Rng) -> Vector3<f64> {
+    Vector3::from_fn(|_, _| sigma * Distribution::<f64>::sample(&StandardNormal, random))
+}
+
+/// A vector of length `length` in any direction.
+pub fn direction(length: f64, random: &mut ChaCha8Rng) -> Vector3<f64> {
+    normal(1.0, random).normalize() * length
+}
+
+/// Any orientation, at `distance`.
+pub fn any_pose(distance: f64, random: &mut ChaCha8Rng) -> Pose<f64> {
+    let w: f64 = StandardNormal.sample(random);
+    Pose::from_quaternion(w, &normal(1.0, random), direction(distance, random))
+}
+
+/// A pure translation.
+pub fn shift(by: Vector3<f64>) -> Pose<f64> {
+    Pose {
+        translation: by,
+        ..Pose::identity()
+    }
+}
+
+/// A rotation by a vector.
+pub fn turn(by: Vector3<f64>) -> Pose<f64> {
+    Pose::exp(&Twist {
+        linear: Vector3::zeros(),
+        angular: by,
+    })
+}

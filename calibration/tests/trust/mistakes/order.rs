@@ -1,0 +1,174 @@
+//! Rows that belong to other rows, and things that happen while the file is being measured.
+
+use nalgebra::Vector3;
+use poegp_calibration::trust::Cause::{self, Drift, Lag, Mixed, NoFit, Rows, Step};
+use rand::RngExt;
+use rand::seq::SliceRandom;
+
+use crate::mistakes::{List, direction, shift, turn};
+use crate::table::Table;
+
+/// A shift of fewer of its scatters than this is no loss, and nobody sees it.
+const VISIBLE: f64 = 3.0;
+const SMALL: &str = "below three times the scatter of one component";
+
+pub fn add(list: &mut List) {
+    shuffles(list);
+    steps(list);
+    lags(list);
+}
+
+fn shuffles(list: &mut List) {
+    for by in 1..=3 {
+        list.add(
+            format!("rows: poses {by} rows late"),
+            &[Rows],
+            move |t, _| {
+                let n = t.len();
+                t.take_poses(|i| (i + n - by) % n);
+            },
+        );
+        list.add(
+            format!("rows: poses {by} rows early, cut"),
+            &[Rows],
+            move |t, _| {
+                let n = t.len();
+                t.take_poses(|i| (i + by) % n);
+                t.rows.truncate(n - by);
+            },
+        );
+    }
+    let right: &[Cause] = &[Rows, NoFit, Mixed];
+    list.add("rows: poses sorted by x", right, |t, _| {
+        let x = t.numbers(t.position()[0]);
+        let mut order: Vec<usize> = (0..t.len()).collect();
+        order.sort_by(|a, b| x[*a].total_cmp(&x[*b]));
+        t.take_poses(|i| order[i]);
+    });
+    list.add("rows: halves exchanged", right, |t, _| {
+        let n = t.len();
+        t.take_poses(|i| (i + n / 2) % n);
+    });
+    list.add("rows: poses shuffled", right, |t, r| {
+        let mut order: Vec<usize> = (0..t.len()).collect();
+        order.shuffle(r);
+        t.take_poses(|i| order[i]);
+    });
+    list.add(
+        "rows: one pose missing from the middle on",
+        right,
+        |t, r| {
+            let n = t.len();
+            let from = r.random_range(n / 4..3 * n / 4);
+            t.take_poses(|i| if i < from { i } else { (i + 1).min(n - 1) });
+            t.rows.truncate(n - 1);
+        },
+    );
+}
+
+/// A row in the middle half of a table.
+fn middle(table: &Table, random: &mut impl RngExt) -> usize {
+    random.random_range(table.len() / 4..3 * table.len() / 4)
+}
+
+fn steps(list: &mut List) {
+    let scatter = list.good.scatter_mm;
+    for mm in [1.0, 5.0, 200.0] {
+        let right: &[Cause] = if mm > 100.0 {
+            &[Mixed, Step]
+        } else {
+            &[Step, Mixed]
+        };
+        list.add(
+            format!("step: instrument moved by {mm} mm"),
+            right,
+            move |t, r| {
+                let from = middle(t, r);
+                let base = shift(direction(mm, r));
+                t.map_poses(from..t.len(), |_, p| base * p);
+            },
+        )
+        .unseen(mm < VISIBLE * scatter, SMALL);
+    }
+    list.add(
+        "step: instrument moved there and back",
+        &[Step, Mixed],
+        |t, r| {
+            let base = shift(direction(5.0, r));
+            let n = t.len();
+            t.map_poses(n / 3..2 * n / 3, |_, p| base * p);
+        },
+    );
+    list.add(
+        "step: instrument tilted by 1 mrad",
+        &[Step, Mixed],
+        |t, r| {
+            let from = middle(t, r);
+            let base = turn(direction(1e-3, r));
+            t.map_poses(from..t.len(), |_, p| base * p);
+        },
+    )
+    .unseen(scatter > 0.2, SMALL);
+    for mm in [2.0, 5.0] {
+        list.add(
+            format!("step: target slipped by {mm} mm"),
+            &[Step, Mixed],
+            move |t, r| {
+                let from = middle(t, r);
+                let tool = shift(direction(mm, r));
+                t.map_poses(from..t.len(), |_, p| p * tool);
+            },
+        )
+        .unseen(mm < VISIBLE * scatter, SMALL);
+    }
+    let moving = list.good.moving();
+    for degrees in [0.05, 0.2, 0.5] {
+        let moving = moving.clone();
+        list.add(
+            format!("step: a joint knocked by {degrees} deg"),
+            &[Step, Mixed],
+            move |t, r| {
+                let joint = moving[r.random_range(0..moving.len())];
+                let from = middle(t, r);
+                t.map_rows(t.joints()[joint], from..t.len(), |_, q| q + degrees);
+            },
+        )
+        // A joint is half a metre from the target in the middle; the wrist's are nearer.
+        .unseen(degrees.to_radians() * 250.0 < VISIBLE * scatter, SMALL);
+    }
+    for mm in [0.3, 1.0, 3.0] {
+        let narrow = list.good.name.contains("motoman") && mm < 1.0;
+        list.add(
+            format!("drift: creep of {mm} mm"),
+            &[Drift, Step],
+            move |t, r| {
+                let way: Vector3<f64> = direction(mm, r);
+                let n = t.len() as f64;
+                t.map_all_poses(|row, p| shift(way * (row as f64 / n)) * p);
+            },
+        )
+        .unseen(mm < VISIBLE * scatter, SMALL)
+        .unseen(
+            narrow,
+            "the drift follows the order of the grid: joints deflect so",
+        );
+    }
+}
+
+fn lags(list: &mut List) {
+    for percent in [10, 20, 30] {
+        list.add(
+            format!("lag: joints {percent} % of the move late"),
+            &[Lag],
+            move |t, _| {
+                let share = f64::from(percent) / 100.0;
+                for column in t.joints() {
+                    let old = t.numbers(column);
+                    t.map_rows(column, 1..old.len(), |row, q| {
+                        q + share * (old[row - 1] - q)
+                    });
+                }
+            },
+        );
+    }
+}

@@ -1,0 +1,140 @@
+//! Counts of cases and the tables of a run.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::time::Duration;
+
+/// Cases of one set.
+#[derive(Default)]
+pub struct Count {
+    pub cases: usize,
+    pub caught: usize,
+    pub refused: usize,
+    pub right: usize,
+    /// Mistakes that nobody can see: not among the cases.
+    pub unseen: usize,
+    pub good: usize,
+    pub false_alarms: usize,
+}
+
+impl Count {
+    fn add(&mut self, other: &Self) {
+        self.cases += other.cases;
+        self.caught += other.caught;
+        self.refused += other.refused;
+        self.right += other.right;
+        self.unseen += other.unseen;
+        self.good += other.good;
+        self.false_alarms += other.false_alarms;
+    }
+}
+
+/// What a run found.
+#[derive(Default)]
+pub struct Record {
+    pub sets: BTreeMap<String, Count>,
+    /// Cases that were not caught, named wrongly or alarmed for nothing, one text each.
+    pub misses: Vec<String>,
+    /// Times of the gate on good sets of 300 rows, and on wrong files.
+    pub good_times: Vec<Duration>,
+    pub wrong_times: Vec<Duration>,
+    pub not_run: Vec<String>,
+}
+
+fn percent(part: usize, whole: usize) -> f64 {
+    100.0 * part as f64 / whole.max(1) as f64
+}
+
+/// Median and maximum in seconds.
+fn times(times: &[Duration]) -> (f64, f64) {
+    let mut seconds: Vec<f64> = times.iter().map(Duration::as_secs_f64).collect();
+    seconds.sort_by(f64::total_cmp);
+    let median = seconds.get(seconds.len() / 2).copied().unwrap_or(0.0);
+    (median, seconds.last().copied().unwrap_or(0.0))
+}
+
+impl Record {
+    pub fn of(&mut self, set: &str) -> &mut Count {
+        self.sets.entry(set.to_owned()).or_default()
+    }
+
+    pub fn total(&self) -> Count {
+        let mut total = Count::default();
+        self.sets.values().for_each(|c| total.add(c));
+        total
+    }
+
+    /// Shares of caught cases and, among these, of right causes, percent.
+    pub fn shares(&self) -> (f64, f64) {
+        let total = self.total();
+        (
+            percent(total.caught, total.cases),
+            percent(total.right, total.caught),
+        )
+    }
+
+    /// The tables as Markdown.
+    pub fn text(&self) -> String {
+        let mut out = String::from(
+            "| set | wrong files | caught | refused | right cause | left out | good files | false alarms |\n|---|---|---|---|---|---|---|---|\n",
+        );
+        let total = self.total();
+        let sets = self.sets.iter().map(|(n, c)| (n.as_str(), c));
+        for (name, c) in sets.chain([("**all**", &total)]) {
+            let _ = writeln!(
+                out,
+                "| {name} | {} | {} ({:.1} %) | {} | {} ({:.1} %) | {} | {} | {} |",
+                c.cases,
+                c.caught,
+                percent(c.caught, c.cases),
+                c.refused,
+                c.right,
+                percent(c.right, c.caught),
+                c.unseen,
+                c.good,
+                c.false_alarms
+            );
+        }
+        for (what, list) in [
+            ("good sets of 300 rows", &self.good_times),
+            ("wrong files", &self.wrong_times),
+        ] {
+            let (median, most) = times(list);
+            let _ = writeln!(
+                out,
+                "\nTime of the gate on {} {what}: median {median:.3} s, maximum {most:.3} s.",
+                list.len()
+            );
+        }
+        for name in &self.not_run {
+            let _ = writeln!(out, "\nNOT RUN: {name}");
+        }
+        out
+    }
+}
+
+/// Writes the record with date and commit.
+pub fn write(path: &std::path::Path, record: &Record, seed: u64) {
+    let output = |program: &str, arguments: &[&str]| {
+        let found = std::process::Command::new(program).args(arguments).output();
+        let text = found.map(|o| String::from_utf8_lossy(&o.stdout).trim().to_owned());
+        text.unwrap_or_default()
+    };
+    let commit = std::env::var("POEGP_COMMIT")
+        .unwrap_or_else(|_| output("git", &["rev-parse", "--short", "HEAD"]));
+    let date = output("date", &["+%F"]);
+    let mut text = format!(
+        "# Wrong and good measurement files\n\nRecorded on {date} at commit {commit}, seed {seed}.\n\n"
+    );
+    text += &record.text();
+    let _ = writeln!(
+        text,
+        "\n{} files were not judged as they should be:\n\n```text",
+        record.misses.len()
+    );
+    for miss in &record.misses {
+        let _ = writeln!(text, "{miss}");
+    }
+    text += "```\n";
+    std::fs::write(path, text).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
+}

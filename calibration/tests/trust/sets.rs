@@ -1,0 +1,210 @@
+//! Good sets: simulated ones of the repository and of the library, and measured ones where they are at hand.
+
+use std::path::{Path, PathBuf};
+
+use poegp_calibration::identification::base_tools;
+use poegp_calibration::measurement::sample::samples;
+use poegp_calibration::measurement::{self, MeasurementSet};
+use poegp_calibration::robot::{LoadOptions, Robot};
+use poegp_calibration::simulation::{Scenario, Simulator, to_csv};
+use poegp_calibration::trust::Cause;
+
+use crate::table::Table;
+
+/// A set that nothing is wrong with.
+#[derive(Clone)]
+pub struct Good {
+    pub name: String,
+    pub robot: Robot,
+    /// With orientations, also where the set has none: a mistake may need them.
+    pub table: Table,
+    /// The orientations are not part of the file.
+    pub positions_only: bool,
+    /// Scatter of one component of the position in mm that a model of joints that give way leaves.
+    pub scatter_mm: f64,
+    /// Causes that are true of the set.
+    pub exempt: Vec<Cause>,
+}
+
+impl Good {
+    /// The file of a table of this set.
+    pub fn text(&self, table: &Table) -> String {
+        let mut table = table.clone();
+        if self.positions_only {
+            table.positions_only();
+        }
+        table.text()
+    }
+
+    /// Joints that move by more than three degrees, by their index.
+    pub fn moving(&self) -> Vec<usize> {
+        let columns = self.table.joints();
+        let span = |c: usize| {
+            let values = self.table.numbers(c);
+            let (least, most) = extremes(&values);
+            most - least
+        };
+        (0..columns.len())
+            .filter(|j| span(columns[*j]) > 3.0)
+            .collect()
+    }
+
+    /// The same set of some rows.
+    pub fn of_rows(&self, rows: &[usize]) -> Self {
+        Self {
+            table: self.table.subset(rows),
+            ..self.clone()
+        }
+    }
+
+    /// The set as one reflector would have measured it.
+    pub fn with_positions_only(mut self) -> Self {
+        self.name += "/positions";
+        self.positions_only = true;
+        self
+    }
+}
+
+/// Least and most of some numbers.
+pub fn extremes(values: &[f64]) -> (f64, f64) {
+    let least = values.iter().copied().fold(f64::INFINITY, f64::min);
+    let most = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    (least, most)
+}
+
+pub fn robot(spec: &str) -> Robot {
+    Robot::load(spec, &LoadOptions::default()).unwrap_or_else(|e| panic!("{e}"))
+}
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
+}
+
+const SCENARIOS: [(&str, Scenario, f64); 4] = [
+    ("paper", Scenario::Paper, 0.03),
+    ("rich", Scenario::WithBacklash, 0.06),
+    ("wild", Scenario::Nonlinear, 0.10),
+    ("full", Scenario::PaperFullRange, 0.03),
+];
+
+/// The simulated sets of the repository.
+pub fn simulated_files() -> Vec<Good> {
+    let robot = robot("abb-irb4400-serial");
+    let set = |(name, _, scatter_mm): &(&str, Scenario, f64)| {
+        let path = root().join(format!("tests/data/simulated/irb4400_{name}_s0_train.csv"));
+        let text = std::fs::read_to_string(&path).unwrap_or_else(|e| panic!("{path:?}: {e}"));
+        Good {
+            name: format!("file/{name}"),
+            robot: robot.clone(),
+            table: Table::parse(&text),
+            positions_only: false,
+            scatter_mm: *scatter_mm,
+            exempt: Vec::new(),
+        }
+    };
+    SCENARIOS.iter().map(set).collect()
+}
+
+/// A set of the library's simulator; `scenario` is an index of all.
+pub fn simulated(spec: &str, scenario: usize, seed: u64, rows: usize) -> Good {
+    let robot = robot(spec);
+    let (name, scenario, scatter_mm) = SCENARIOS[scenario];
+    let payloads: &[f64] = match spec {
+        "abb-irb120" => &[0.5, 1.0, 2.0, 3.0],
+        "kuka-iiwa7" | "ur5" => &[1.0, 2.0, 3.0, 5.0],
+        _ => &[1.0, 2.5, 3.5, 5.0, 7.5],
+    };
+    let poses = Simulator::new(&robot, scenario, payloads, seed).measure(rows);
+    Good {
+        name: format!("{spec}/{name}"),
+        table: Table::parse(&to_csv(&robot, &poses, false, name)),
+        robot,
+        positions_only: false,
+        scatter_mm,
+        exempt: Vec::new(),
+    }
+}
+
+/// Measured sets: file, robot, scatter in mm.
+const MEASURED: [(&str, &str, f64); 5] = [
+    ("abb_irb120_faro_700", "abb-irb120", 0.05),
+    ("kuka_iiwa7_304", "kuka-iiwa7", 0.17),
+    ("kuka_iiwa7_payload_0_and_2500g", "kuka-iiwa7", 0.2),
+    (
+        "motoman_right_position_only",
+        "motoman_ma1400_right.urdf",
+        0.05,
+    ),
+    ("ur10_tmac_b", "ur10", 0.25),
+];
+
+/// The measured sets that are at hand, and the names of those that are not. The environment variable
+/// `POEGP_MEASURED_DATA` names their folder; else it is looked for beside the repository.
+pub fn measured() -> (Vec<Good>, Vec<String>) {
+    let folder = std::env::var_os("POEGP_MEASURED_DATA")
+        .map_or_else(|| root().join("../shared/data/real"), PathBuf::from);
+    let (mut sets, mut missing) = (Vec::new(), Vec::new());
+    for (name, spec, scatter_mm) in MEASURED {
+        let models = [folder.join(spec), folder.join("../models").join(spec)];
+        let spec = models
+            .iter()
+            .find(|p| p.is_file())
+            .map_or(spec.to_owned(), |p| p.display().to_string());
+        let path = folder.join(format!("{name}.csv"));
+        let Ok(text) = std::fs::read_to_string(&path) else {
+            missing.push(name.to_owned());
+            continue;
+        };
+        let robot = robot(&spec);
+        let mut table = Table::parse(&text);
+        let positions_only = table.orientation().is_none();
+        if positions_only {
+            add_orientations(&mut table, &robot);
+        }
+        let still = name.starts_with("motoman") || name.contains("payload");
+        sets.push(Good {
+            name: format!("measured/{name}"),
+            robot,
+            table,
+            positions_only,
+            scatter_mm,
+            exempt: if still {
+                vec![Cause::Still]
+            } else {
+                Vec::new()
+            },
+        });
+    }
+    (sets, missing)
+}
+
+/// What the program makes of a text: the reader, the robot, the samples.
+pub fn read(
+    robot: &Robot,
+    text: &str,
+) -> Result<MeasurementSet, Box<poegp_calibration::input_error::InputError>> {
+    let set = measurement::parse("measurements.csv", text.as_bytes())?;
+    set.check(robot)?;
+    Ok(set)
+}
+
+/// Orientations of the nominal arm, with base and tool fitted, for a set that has positions alone.
+fn add_orientations(table: &mut Table, robot: &Robot) {
+    let set = read(robot, &table.text()).unwrap_or_else(|e| panic!("{e}"));
+    let samples = samples(&set, robot, &mut Vec::new()).unwrap_or_else(|e| panic!("{e}"));
+    let chain = robot.chain().expect("a chain");
+    let ends = base_tools::fit_base_and_tools(&chain, &samples);
+    for name in ["qw", "qx", "qy", "qz"] {
+        table.add_column(name, "1");
+    }
+    let columns = table.orientation().expect("just added");
+    for (row, sample) in samples.iter().enumerate() {
+        let pose = ends.instrument_from_base
+            * chain.forward(&sample.serial_joints)
+            * ends.flange_from_targets[sample.tool];
+        let (w, v) = pose.quaternion();
+        for (column, value) in columns.into_iter().zip([w, v[0], v[1], v[2]]) {
+            table.write(row, column, value, 9);
+        }
+    }
+}
