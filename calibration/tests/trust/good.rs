@@ -6,7 +6,7 @@ use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 
 use crate::mistakes::{any_pose, some};
-use crate::sets::Good;
+use crate::sets::{Good, Orientations};
 use crate::table::Table;
 
 type Make = fn(&Good, &mut ChaCha8Rng) -> Table;
@@ -106,8 +106,8 @@ fn moved(good: &Good, random: &mut ChaCha8Rng) -> Table {
 fn target(good: &Good, random: &mut ChaCha8Rng) -> Table {
     let mut table = good.table.clone();
     let tool = any_pose(150.0, random);
-    // The orientations of a set of positions are the nominal arm's: a target elsewhere takes on their errors.
-    if !good.positions_only {
+    // A target elsewhere would take on the errors of the nominal arm's orientations.
+    if good.orientations != Orientations::Computed {
         table.map_all_poses(|_, p| p * tool);
     }
     table

@@ -135,9 +135,12 @@ impl Changed {
         }
         for (row, fields) in new.rows.iter().enumerate() {
             let before = old.rows.get(row);
+            if before.is_none_or(|b| b.len() != fields.len()) {
+                lines.insert(row + 2);
+            }
             for (column, field) in fields.iter().enumerate() {
                 if before.and_then(|b| b.get(column)) != Some(field) {
-                    columns.insert(new.header[column].clone());
+                    columns.extend(new.header.get(column).cloned());
                     lines.insert(row + 2);
                 }
             }

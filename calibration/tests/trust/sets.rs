@@ -11,6 +11,17 @@ use poegp_calibration::trust::Cause;
 
 use crate::table::Table;
 
+/// Where the orientations of a set come from.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub enum Orientations {
+    /// The file has them.
+    Measured,
+    /// They were measured and are not part of the file.
+    Hidden,
+    /// They are the nominal arm's, and not part of the file.
+    Computed,
+}
+
 /// A set that nothing is wrong with.
 #[derive(Clone)]
 pub struct Good {
@@ -18,8 +29,7 @@ pub struct Good {
     pub robot: Robot,
     /// With orientations, also where the set has none: a mistake may need them.
     pub table: Table,
-    /// The orientations are not part of the file.
-    pub positions_only: bool,
+    pub orientations: Orientations,
     /// Scatter of one component of the position in mm that a model of joints that give way leaves.
     pub scatter_mm: f64,
     /// Causes that are true of the set.
@@ -30,10 +40,34 @@ impl Good {
     /// The file of a table of this set.
     pub fn text(&self, table: &Table) -> String {
         let mut table = table.clone();
-        if self.positions_only {
+        if self.positions_only() {
             table.positions_only();
         }
         table.text()
+    }
+
+    /// Whether the file has no orientations.
+    pub fn positions_only(&self) -> bool {
+        self.orientations != Orientations::Measured
+    }
+
+    /// Sum of the links' lengths in metres.
+    pub fn reach(&self) -> f64 {
+        let lengths = self
+            .robot
+            .parent_from_joint
+            .iter()
+            .map(|f| f.translation.norm());
+        lengths.sum()
+    }
+
+    pub fn is_simulated(&self) -> bool {
+        !self.name.starts_with("measured")
+    }
+
+    /// Whether this is the set of one reflector over a narrow grid, where a model of the arm fits nearly anything.
+    pub fn is_narrow(&self) -> bool {
+        self.name.contains("motoman")
     }
 
     /// Joints that move by more than three degrees, by their index.
@@ -60,7 +94,7 @@ impl Good {
     /// The set as one reflector would have measured it.
     pub fn with_positions_only(mut self) -> Self {
         self.name += "/positions";
-        self.positions_only = true;
+        self.orientations = Orientations::Hidden;
         self
     }
 }
@@ -97,7 +131,7 @@ pub fn simulated_files() -> Vec<Good> {
             name: format!("file/{name}"),
             robot: robot.clone(),
             table: Table::parse(&text),
-            positions_only: false,
+            orientations: Orientations::Measured,
             scatter_mm: *scatter_mm,
             exempt: Vec::new(),
         }
@@ -119,7 +153,7 @@ pub fn simulated(spec: &str, scenario: usize, seed: u64, rows: usize) -> Good {
         name: format!("{spec}/{name}"),
         table: Table::parse(&to_csv(&robot, &poses, false, name)),
         robot,
-        positions_only: false,
+        orientations: Orientations::Measured,
         scatter_mm,
         exempt: Vec::new(),
     }
@@ -157,16 +191,18 @@ pub fn measured() -> (Vec<Good>, Vec<String>) {
         };
         let robot = robot(&spec);
         let mut table = Table::parse(&text);
-        let positions_only = table.orientation().is_none();
-        if positions_only {
+        let orientations = if table.orientation().is_none() {
             add_orientations(&mut table, &robot);
-        }
+            Orientations::Computed
+        } else {
+            Orientations::Measured
+        };
         let still = name.starts_with("motoman") || name.contains("payload");
         sets.push(Good {
             name: format!("measured/{name}"),
             robot,
             table,
-            positions_only,
+            orientations,
             scatter_mm,
             exempt: if still {
                 vec![Cause::Still]

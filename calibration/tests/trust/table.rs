@@ -224,11 +224,15 @@ impl Table {
 
     /// Puts into row `i` the pose of row `from(i)`.
     pub fn take_poses(&mut self, from: impl Fn(usize) -> usize) {
+        self.take(&self.pose_columns(), from);
+    }
+
+    /// Puts into row `i` the fields of row `from(i)`.
+    pub fn take(&mut self, columns: &[usize], from: impl Fn(usize) -> usize) {
         let old = self.rows.clone();
-        let columns = self.pose_columns();
         for (i, row) in self.rows.iter_mut().enumerate() {
             for c in columns {
-                row[c].clone_from(&old[from(i)][c]);
+                row[*c].clone_from(&old[from(i)][*c]);
             }
         }
     }

@@ -4,12 +4,12 @@ use nalgebra::Vector3;
 use poegp_calibration::robot::Robot;
 use poegp_calibration::simulation::{Scenario, Simulator, to_csv};
 use poegp_calibration::trust::Cause::{
-    self, Coupling, Frames, Mirror, Mixed, NoFit, Offset, Robot as OtherRobot, Sign, Swap,
+    self, Axes, Coupling, Frames, Mirror, Mixed, NoFit, Offset, Robot as OtherRobot, Sign, Step,
+    Swap, Unit,
 };
 use rand::RngExt;
-use rand::seq::SliceRandom;
 
-use crate::mistakes::{List, any_pose, shift};
+use crate::mistakes::{List, any_pose, shift, some};
 use crate::sets::robot;
 use crate::table::Table;
 
@@ -19,6 +19,7 @@ pub fn add(list: &mut List) {
     offsets(list);
     robots(list);
     mixtures(list);
+    two_at_once(list);
 }
 
 /// Joints that are equivalent to a turn of their neighbour by 180 degrees when they are reversed.
@@ -28,17 +29,6 @@ fn is_wrist(robot: &Robot, joint: usize) -> bool {
         name if name.starts_with("abb") => joint == 4,
         _ => false,
     }
-}
-
-/// The joints whose reversal is no more than another base: every second one of an arm whose axes all meet.
-fn invisible_signs(robot: &Robot, moving: &[usize]) -> Vec<Vec<usize>> {
-    if robot.name != "kuka-iiwa7" {
-        return Vec::new();
-    }
-    if moving == [0, 1] {
-        return vec![vec![0, 1]];
-    }
-    vec![vec![1, 3, 5]]
 }
 
 fn reverse(table: &mut Table, joint: usize) {
@@ -54,34 +44,26 @@ fn signs(list: &mut List) {
         }
         list.add(format!("sign: q{}", joint + 1), &right, move |t, _| {
             reverse(t, joint);
-        });
+        })
+        .unless_absorbed();
     }
-    let invisible = invisible_signs(&list.good.robot, &moving);
     if moving.len() < 3 {
         return;
     }
     for draw in 1..=2 {
-        let (moving, invisible) = (moving.clone(), invisible.clone());
+        let moving = moving.clone();
         let right = [Sign, Mirror, Offset];
         list.add(
             format!("sign: several, draw {draw}"),
             &right,
             move |t, r| {
-                let mut order = moving.clone();
-                let mut some;
-                loop {
-                    order.shuffle(r);
-                    some = order[..r.random_range(2..=order.len())].to_vec();
-                    some.sort_unstable();
-                    if !invisible.contains(&some) {
-                        break;
-                    }
-                }
-                for joint in some {
-                    reverse(t, joint);
+                let count = r.random_range(2..=moving.len());
+                for i in some(moving.len(), count, r) {
+                    reverse(t, moving[i]);
                 }
             },
-        );
+        )
+        .unless_absorbed();
     }
 }
 
@@ -96,7 +78,8 @@ fn orders(list: &mut List) {
         list.add(name, &[Swap], move |t, _| {
             let joints = t.joints();
             t.swap(joints[joint], joints[joint + 1]);
-        });
+        })
+        .unless_absorbed();
     }
     list.add("swap: reversed order of all", &[Swap], |t, _| {
         let joints = t.joints();
@@ -114,7 +97,7 @@ fn orders(list: &mut List) {
             t.swap(joints[a], joints[b]);
         },
     )
-    .unseen(moving.len() < 4, "joints that do not move may be exchanged");
+    .unless_absorbed();
 }
 
 fn offsets(list: &mut List) {
@@ -127,13 +110,31 @@ fn offsets(list: &mut List) {
             let name = format!("offset: q{} by {degrees:+} deg", joint + 1);
             list.add(name, &[Offset, Sign], move |t, _| {
                 t.map(t.joints()[joint], |_, q| q + degrees);
-            });
+            })
+            .unless_absorbed();
         }
+        let name = format!("mastering: q{} by 1 deg", joint + 1);
+        list.add(name, &[Offset, Frames], move |t, _| {
+            t.map(t.joints()[joint], |_, q| q + 1.0);
+        })
+        .unseen(true, "what calibration is for");
         let name = format!("mastering: q{} by 5 deg", joint + 1);
         list.add(name, &[Offset, Frames], move |t, _| {
             t.map(t.joints()[joint], |_, q| q + 5.0);
-        });
+        })
+        .unless_absorbed();
     }
+    list.add(
+        "coupling: q3 filled with q2",
+        &[Coupling, Swap, NoFit],
+        |t, _| {
+            let joints = t.joints();
+            for row in &mut t.rows {
+                row[joints[2]] = row[joints[1]].clone();
+            }
+        },
+    )
+    .unless_absorbed();
     for (sign, name) in [(1.0, "plus"), (-1.0, "minus")] {
         list.add(
             format!("coupling: q3 {name} q2"),
@@ -144,24 +145,28 @@ fn offsets(list: &mut List) {
                 t.map(joints[2], |row, q| q + sign * q2[row]);
             },
         )
-        .unseen(
-            !moving.contains(&2) && !moving.contains(&1),
-            "neither joint moves",
-        );
+        .unless_absorbed();
     }
 }
 
-/// A robot of the same kind with a link 25 mm longer.
-fn longer(robot: &Robot, frame: usize) -> Robot {
+/// A robot with link `frame` 25 mm longer, in what neither base nor tool absorbs: they move along the axes of the
+/// first and the last joint that move. `None` where too little of a link is left.
+fn longer(robot: &Robot, frame: usize, moving: &[usize]) -> Option<Robot> {
+    let link = robot.parent_from_joint[frame];
+    let mut way = link.translation;
+    if moving.first() == Some(&(frame - 1)) {
+        way.z = 0.0;
+    }
+    if moving.last() == Some(&frame) {
+        let axis = link.rotation * Vector3::z();
+        way -= axis * axis.dot(&way);
+    }
+    if way.norm() < 0.05 {
+        return None;
+    }
     let mut robot = robot.clone();
-    let t = &mut robot.parent_from_joint[frame].translation;
-    let way = if t.norm() > 1e-6 {
-        t.normalize()
-    } else {
-        Vector3::z()
-    };
-    *t += 0.025 * way;
-    robot
+    robot.parent_from_joint[frame].translation += 0.025 * way.normalize();
+    Some(robot)
 }
 
 fn robots(list: &mut List) {
@@ -187,19 +192,61 @@ fn robots(list: &mut List) {
         list.add(format!("robot: said to be a {other}"), right, unmoved)
             .read_as(robot(other));
     }
+    let right = [Frames, OtherRobot, NoFit];
+    if good.robot.name == "kuka-iiwa7" {
+        // The links of an iiwa 14.
+        let mut other = good.robot.clone();
+        other.parent_from_joint[1].translation.z = 0.36;
+        other.parent_from_joint[3].translation = 1.05 * other.parent_from_joint[3].translation;
+        list.add("robot: said to be an iiwa 14", &right, unmoved)
+            .read_as(other)
+            .unless_absorbed();
+    }
     let moving = good.moving();
-    if let (Some(first), Some(last)) = (moving.first(), moving.last()) {
-        for frame in first + 1..=*last {
-            // A link between two axes that are one: only the ends change.
-            let is_link = good.robot.parent_from_joint[frame].translation.norm() > 0.05;
-            if is_link {
-                let other = longer(&good.robot, frame);
-                let right = [Frames, OtherRobot, NoFit];
-                list.add(format!("robot: link {frame} 25 mm longer"), &right, unmoved)
-                    .read_as(other);
-            }
+    for frame in moving[0] + 1..=moving[moving.len() - 1] {
+        if let Some(other) = longer(&good.robot, frame, &moving) {
+            list.add(format!("robot: link {frame} 25 mm longer"), &right, unmoved)
+                .read_as(other)
+                .unless_absorbed();
         }
     }
+}
+
+/// Two mistakes in one file: either, or that nothing explains it.
+fn two_at_once(list: &mut List) {
+    let moving = list.good.moving();
+    if moving.len() < 4 {
+        return;
+    }
+    let joint = moving[2];
+    list.add(
+        "two: a joint reversed and positions in metres",
+        &[Sign, Unit, NoFit],
+        move |t, _| {
+            reverse(t, joint);
+            for column in t.position() {
+                t.scale(column, 1e-3);
+            }
+        },
+    );
+    list.add(
+        "two: a joint reversed, two others exchanged",
+        &[Sign, Swap, NoFit],
+        move |t, _| {
+            reverse(t, joint);
+            let joints = t.joints();
+            t.swap(joints[moving[0]], joints[moving[1]]);
+        },
+    );
+    list.add(
+        "two: a joint reversed, x and y exchanged",
+        &[Sign, Mirror, Axes, NoFit],
+        move |t, _| {
+            reverse(t, joint);
+            let [x, y, _] = t.position();
+            t.swap(x, y);
+        },
+    );
 }
 
 /// Measurements of a simulated arm of the set's kind or another, with as many columns as the set has.
@@ -239,6 +286,16 @@ fn mixtures(list: &mut List) {
             t.rows.extend(other.rows);
             t.map_poses(half..t.len(), |_, p| base * p);
         });
+    }
+    if let Some(column) = list.good.table.column("session") {
+        list.add(
+            "mixed: the session's column dropped",
+            &[Mixed, Step],
+            move |t, _| {
+                let name = t.header[column].clone();
+                t.remove_columns(&[&name]);
+            },
+        );
     }
     list.add(
         "mixed: target remounted without a session",

@@ -19,6 +19,15 @@ use crate::table::Table;
 
 type Make = dyn Fn(&Good, &mut ChaCha8Rng) -> Table;
 
+/// What may hide a mistake.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub enum HiddenBy {
+    /// They absorb it.
+    BaseAndTool,
+    /// The arm sags by less.
+    Scatter,
+}
+
 /// One mistake of one set.
 pub struct Mistake {
     pub name: String,
@@ -26,6 +35,8 @@ pub struct Mistake {
     pub right: Vec<Cause>,
     /// Why nobody can see it in the file; then it does not count.
     pub unseen: Option<&'static str>,
+    /// What may hide it: then it does not count where that does.
+    pub hidden_by: Option<HiddenBy>,
     /// The robot that the file is said to be of, where it is another.
     pub robot: Option<Robot>,
     make: Box<Make>,
@@ -42,6 +53,18 @@ impl Mistake {
         if is_unseen {
             self.unseen = Some(reason);
         }
+        self
+    }
+
+    /// Base and tool may absorb the mistake.
+    fn unless_absorbed(&mut self) -> &mut Self {
+        self.hidden_by = Some(HiddenBy::BaseAndTool);
+        self
+    }
+
+    /// The payloads may make too small a difference.
+    fn unless_small(&mut self) -> &mut Self {
+        self.hidden_by = Some(HiddenBy::Scatter);
         self
     }
 
@@ -84,6 +107,7 @@ impl List<'_> {
             name: name.into(),
             right: right.to_vec(),
             unseen: None,
+            hidden_by: None,
             robot: None,
             make: Box::new(make),
         });

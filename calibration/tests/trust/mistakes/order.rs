@@ -15,6 +15,7 @@ const SMALL: &str = "below three times the scatter of one component";
 pub fn add(list: &mut List) {
     shuffles(list);
     steps(list);
+    warm_up(list);
     lags(list);
 }
 
@@ -122,6 +123,12 @@ fn steps(list: &mut List) {
         .unseen(mm < VISIBLE * scatter, SMALL);
     }
     let moving = list.good.moving();
+    // How far the target is from a joint, mm; the wrist's are near, where no orientation shows them.
+    let lever = if list.good.positions_only() {
+        100.0
+    } else {
+        250.0
+    };
     for degrees in [0.05, 0.2, 0.5] {
         let moving = moving.clone();
         list.add(
@@ -133,11 +140,10 @@ fn steps(list: &mut List) {
                 t.map_rows(t.joints()[joint], from..t.len(), |_, q| q + degrees);
             },
         )
-        // A joint is half a metre from the target in the middle; the wrist's are nearer.
-        .unseen(degrees.to_radians() * 250.0 < VISIBLE * scatter, SMALL);
+        .unseen(degrees.to_radians() * lever < VISIBLE * scatter, SMALL);
     }
     for mm in [0.3, 1.0, 3.0] {
-        let narrow = list.good.name.contains("motoman") && mm < 1.0;
+        let narrow = list.good.is_narrow() && mm < 1.0;
         list.add(
             format!("drift: creep of {mm} mm"),
             &[Drift, Step],
@@ -153,6 +159,17 @@ fn steps(list: &mut List) {
             "the drift follows the order of the grid: joints deflect so",
         );
     }
+}
+
+/// A creep that settles, as an instrument or an arm that warms up.
+fn warm_up(list: &mut List) {
+    let is_small = 2.0 < VISIBLE * list.good.scatter_mm;
+    list.add("drift: warm-up of 2 mm", &[Drift, Step], |t, r| {
+        let way: Vector3<f64> = direction(2.0, r);
+        let n = t.len() as f64;
+        t.map_all_poses(|row, p| shift(way * (1.0 - (-5.0 * row as f64 / n).exp())) * p);
+    })
+    .unseen(is_small, SMALL);
 }
 
 fn lags(list: &mut List) {

@@ -2,16 +2,18 @@
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use poegp_calibration::trust::Cause::{
-    self, Axes, Inverse, Mirror, NoFit, Orientation, Quaternion, Sign,
+    self, Axes, Inverse, Mirror, NoFit, Orientation, Quaternion, Rows, Sign,
 };
 use poegp_runtime::math::se3::Pose;
 
-use crate::mistakes::List;
+use rand::seq::SliceRandom;
+
+use crate::mistakes::{List, any_pose};
 use crate::table::Table;
 
 pub fn add(list: &mut List) {
     axes(list);
-    if !list.good.positions_only {
+    if !list.good.positions_only() {
         quaternions(list);
     }
 }
@@ -35,7 +37,7 @@ fn axes(list: &mut List) {
     ] {
         list.add(name, right, move |t, _| order_positions(t, order));
     }
-    let positions_only = list.good.positions_only;
+    let positions_only = list.good.positions_only();
     list.add("axes: x, y, z rotated among themselves", right, |t, _| {
         order_positions(t, [1, 2, 0])
     })
@@ -59,22 +61,13 @@ fn axes(list: &mut List) {
                 translation: m * p.translation,
             });
         },
-    );
+    )
+    .unless_absorbed();
     list.add(
         "inverse: the instrument seen from the target",
         &[Inverse],
         |t, _| {
             t.map_all_poses(|_, p| p.inverse());
-        },
-    );
-    list.add(
-        "inverse: of the rotation alone",
-        &[Quaternion, Inverse, Orientation],
-        |t, _| {
-            t.map_all_poses(|_, p| Pose {
-                rotation: p.rotation.transpose(),
-                ..p
-            });
         },
     );
 }
@@ -108,6 +101,28 @@ fn quaternions(list: &mut List) {
             t.map(t.orientation().expect("orientations")[component], |_, v| -v);
         });
     }
+    let right: &[Cause] = &[Orientation, Quaternion, NoFit, Axes];
+    list.add(
+        "orientation: in the robot's base, positions not",
+        right,
+        |t, r| {
+            let base = any_pose(1.0, r).rotation;
+            t.map_all_poses(|_, p| Pose {
+                rotation: base * p.rotation,
+                ..p
+            });
+        },
+    );
+    list.add(
+        "orientation: of other rows",
+        &[Orientation, Rows, NoFit],
+        |t, r| {
+            let mut order: Vec<usize> = (0..t.len()).collect();
+            order.shuffle(r);
+            let columns = t.orientation().expect("orientations");
+            t.take(&columns, |i| order[i]);
+        },
+    );
     let rx = |a| Rotation3::from_axis_angle(&Vector3::x_axis(), a);
     let ry = |a| Rotation3::from_axis_angle(&Vector3::y_axis(), a);
     let rz = |a| Rotation3::from_axis_angle(&Vector3::z_axis(), a);

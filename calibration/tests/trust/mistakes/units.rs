@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use poegp_calibration::trust::Cause::{Noise, Payload, Unit};
+use poegp_calibration::trust::Cause::{NoFit, Noise, Payload, Unit};
 use rand::RngExt;
 use rand::seq::SliceRandom;
 
@@ -26,6 +26,7 @@ pub fn add(list: &mut List) {
         ("unit: metres under _mm", 1e-3),
         ("unit: inches under _mm", 1.0 / 25.4),
         ("unit: centimetres under _mm", 0.1),
+        ("unit: feet under _mm", 1.0 / 304.8),
         ("unit: micrometres under _mm", 1e3),
     ] {
         list.add(name, &[Unit], move |t, _| scale_positions(t, factor));
@@ -35,15 +36,31 @@ pub fn add(list: &mut List) {
             rename(t, column, "_mm", "_m");
         }
     });
-    list.add("unit: one position column in metres", &[Unit], |t, r| {
-        let column = t.position()[r.random_range(0..3)];
-        t.scale(column, 1e-3);
-    });
+    list.add(
+        "unit: one position column in metres",
+        &[Unit, NoFit],
+        |t, r| {
+            let column = t.position()[r.random_range(0..3)];
+            t.scale(column, 1e-3);
+        },
+    );
     list.add("unit: joints in rad under _deg", &[Unit], |t, _| {
         for column in t.joints() {
             t.scale(column, 1f64.to_radians());
         }
     });
+    for (name, factor) in [("gon", 400.0 / 360.0), ("turns", 1.0 / 360.0)] {
+        let right = [Unit, NoFit];
+        list.add(
+            format!("unit: joints in {name} under _deg"),
+            &right,
+            move |t, _| {
+                for column in t.joints() {
+                    t.scale(column, factor);
+                }
+            },
+        );
+    }
     list.add("unit: joints in deg under _rad", &[Unit], |t, _| {
         for column in t.joints() {
             rename(t, column, "_deg", "_rad");
@@ -53,7 +70,8 @@ pub fn add(list: &mut List) {
     list.add("unit: one joint in rad under _deg", &[Unit], move |t, r| {
         let joint = moving[r.random_range(0..moving.len())];
         t.scale(t.joints()[joint], 1f64.to_radians());
-    });
+    })
+    .unless_absorbed();
     add_sigma(list);
     add_payload(list);
 }
@@ -86,13 +104,7 @@ fn add_payload(list: &mut List) {
     };
     let carried = payloads(&list.good.table, column);
     let few = carried.len() < 3;
-    let reach: f64 = list
-        .good
-        .robot
-        .parent_from_joint
-        .iter()
-        .map(|f| f.translation.norm())
-        .sum();
+    let reach = list.good.reach();
     let set = move |t: &mut Table, change: &mut dyn FnMut(usize, f64) -> f64| {
         for row in 0..t.len() {
             let value = change(row, t.number(row, column));
@@ -127,12 +139,14 @@ fn add_payload(list: &mut List) {
     .unseen(
         few,
         "two payloads have one difference: only mass times compliance shows",
-    );
+    )
+    .unless_small();
     list.add("payload: in another order", &[Payload], move |t, r| {
         let mut order = t.numbers(column);
         order.shuffle(r);
         set(t, &mut |row, _| order[row]);
-    });
+    })
+    .unless_small();
     list.add(
         "payload: one stated where several were carried",
         &[Payload],
@@ -140,7 +154,8 @@ fn add_payload(list: &mut List) {
             let first = t.number(0, column);
             set(t, &mut |_, _| first);
         },
-    );
+    )
+    .unless_small();
 }
 
 fn carried_most(table: &Table, column: usize) -> f64 {

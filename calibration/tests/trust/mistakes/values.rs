@@ -17,6 +17,7 @@ pub fn add(list: &mut List) {
     clips(list);
     outliers(list);
     roundings(list);
+    texts(list);
     for rows in [6, 8] {
         list.add(format!("few: {rows} rows"), &[Few], move |t, r| {
             *t = t.subset(&some(t.len(), rows, r));
@@ -145,7 +146,7 @@ fn placeholders(list: &mut List) {
             }
         },
     );
-    if list.good.positions_only {
+    if list.good.positions_only() {
         return;
     }
     let right: &[Cause] = &[Placeholder, Orientation];
@@ -258,4 +259,26 @@ fn roundings(list: &mut List) {
             },
         );
     }
+}
+
+/// Fields that are no number; the reader names them.
+fn texts(list: &mut List) {
+    for (name, text) in [
+        ("NaN", "NaN"),
+        ("an empty field", ""),
+        ("a decimal comma", "1,5"),
+    ] {
+        list.add(
+            format!("text: {name} for a missed position"),
+            &[Placeholder],
+            move |t, r| {
+                let (row, column) = (r.random_range(0..t.len()), t.position()[0]);
+                t.rows[row][column] = text.to_owned();
+            },
+        );
+    }
+    list.add("text: the last row cut", &[Placeholder], |t, _| {
+        let fields = t.header.len() - 2;
+        t.rows.last_mut().expect("rows").truncate(fields);
+    });
 }
