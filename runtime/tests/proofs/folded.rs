@@ -167,6 +167,36 @@ fn support_folds_up_to_the_radius() {
     }
 }
 
+/// What folds in `f64` is still within the radius when it is rounded to `f32`, as the loader sees it.
+#[test]
+fn what_folds_stays_within_the_radius_in_single_precision() {
+    let mut next = scattered(5);
+    let mut folded = 0;
+    for _ in 0..2_000 {
+        let mut header: MeanHeader<f64> = MeanHeader::zero(6);
+        header.input_scale[..6].fill(1.0);
+        let direction: [f64; 6] = core::array::from_fn(|_| f64::from(next()));
+        let length = libm::sqrt(direction.iter().map(|x| x * x).sum());
+        // From a ten-thousandth of the radius below it to the radius.
+        let place = FOLDED_RADIUS * (1.0 - 5e-4 * f64::from(1.0 + next()));
+        let mut rows = [0.0; 2 * row_words(6)];
+        for (d, x) in direction.iter().enumerate() {
+            rows[d] = x / length * place;
+            rows[row_words(6) + d] = -rows[d];
+        }
+        if header.fold(&mut rows) {
+            folded += 1;
+            let (_, rows) = single(&header, &rows);
+            let squared: f32 = rows[..6].iter().map(|x| x * x).sum();
+            assert!(
+                squared <= (FOLDED_RADIUS * FOLDED_RADIUS) as f32,
+                "{squared}"
+            );
+        }
+    }
+    assert!((500..1_900).contains(&folded), "{folded}");
+}
+
 /// No query is so far away that the sum over the support is no number: it is zero.
 #[test]
 fn far_away_the_affine_part_is_left() {

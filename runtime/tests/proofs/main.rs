@@ -4,6 +4,7 @@ mod arm;
 mod bound_laws;
 mod chain_laws;
 mod corrected;
+mod corrected_claims;
 mod deflection_laws;
 mod elastic_model;
 mod elastic_refuses;

@@ -362,3 +362,24 @@ fn ranges_include_their_ends() {
     // A range upside down has nothing within.
     assert_eq!(outside(&[0.5_f32], &[(1.0, 0.0)], 0.0, None), joint);
 }
+
+/// A joint that no process looks at is not for ever within what was trained: half a turn beyond its range half is left.
+#[test]
+fn trust_falls_along_a_joint_without_effect() {
+    for kind in 0..3 {
+        let mut arm = arm(kind, 3);
+        if kind == 0 {
+            arm.task().input_scale[1] = 0.0;
+        } else {
+            for kernel in &mut arm.joint_space().kernels {
+                kernel.rates[1] = 0.0;
+            }
+        }
+        let model = arm.model::<f64>();
+        let at = |beyond: f64| model.evaluate(&[0.0, 2.0 + beyond, 0.0], 5.0).trust;
+        assert_eq!(at(0.0), 1.0);
+        let half_a_turn = at(core::f64::consts::PI);
+        assert!((half_a_turn - 0.5).abs() < 0.01, "{half_a_turn}");
+        assert!(at(100.0) < 1e-30);
+    }
+}

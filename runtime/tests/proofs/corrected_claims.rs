@@ -1,0 +1,157 @@
+//! What an answer says of itself is true: recomputed by an evaluation at the corrected joints, which knows nothing of the
+//! search that found them.
+
+use poegp_protocol::blob::CorrectionBound;
+use poegp_runtime::correct::{CORRECTED_WITHIN, MAX_JOINT_CHANGE};
+use poegp_runtime::guard::status::Status;
+use poegp_runtime::math::se3::{Pose, Twist};
+use poegp_runtime::model::Model;
+
+use crate::arm::{Arm, WORDS};
+
+/// Poses of each arm.
+const POSES: u32 = 400;
+
+/// An arm whose frames are off by `size` metres and radians at most; with a task-space correction, or an elastic one.
+fn arm(joints: usize, elastic: bool, size: f32) -> Arm {
+    let mut arm = match elastic {
+        false => Arm::sound(joints, 20),
+        true => Arm::elastic(joints, 20, false, false),
+    };
+    for (i, frame) in arm.calibrated.iter_mut().enumerate() {
+        let off = core::array::from_fn(|c| size * libm::sinf((i * 6 + c) as f32 * 0.7));
+        let moved = Pose::exp(&Twist::from_array(&off)) * Pose::from_rows(frame);
+        *frame = moved.to_rows();
+    }
+    arm
+}
+
+/// Joints within the trained ranges.
+fn poses(joints: usize) -> impl Iterator<Item = Vec<f64>> {
+    let joint = |index: u32, i: u32| 2.0 * libm::sin(f64::from(index * 17 + i * 5) * 1.3);
+    (0..POSES).map(move |index| (0..joints as u32).map(|i| joint(index, i)).collect())
+}
+
+/// Distance (m) and angle (rad) between where the model stands at `command` and where the nominal arm would at `joints`.
+fn apart(model: &Model<f64, WORDS>, joints: &[f64], command: &[f64]) -> (f64, f64) {
+    let (wanted, found) = (
+        model.nominal(joints).unwrap(),
+        model.evaluate(command, 2.0).pose,
+    );
+    let turned = (wanted.inverse() * found).log().angular;
+    (
+        (wanted.translation - found.translation).norm(),
+        turned.norm(),
+    )
+}
+
+/// `partly-corrected` is missing only where position and rotation are both there. Near singularities there are poses whose
+/// position is there and whose rotation is not.
+#[test]
+fn corrected_means_position_and_rotation() {
+    let mut rotation_alone_left = 0;
+    for joints in 6..=8 {
+        for elastic in [false, true] {
+            let model = arm(joints, elastic, 1e-3).model::<f64>();
+            for q in poses(joints) {
+                let found = model.correct(&q, 2.0);
+                let (distance, angle) = apart(&model, &q, &found.joints[..joints]);
+                if found.status.contains(Status::PARTLY_CORRECTED) {
+                    let position_is_there = distance < 0.5 * CORRECTED_WITHIN;
+                    rotation_alone_left += u32::from(position_is_there);
+                } else {
+                    let off = distance.max(angle);
+                    assert!(
+                        off <= 2.0 * CORRECTED_WITHIN,
+                        "{q:?}: {distance:e} m, {angle:e} rad"
+                    );
+                }
+            }
+        }
+    }
+    assert!(rotation_alone_left > 200, "{rotation_alone_left}");
+}
+
+/// `applied` is what an evaluation finds: 1 − |error left| / |error before|, where a metre counts as much as a radian.
+#[test]
+fn what_is_applied_is_what_has_gone() {
+    let mut in_part = 0;
+    for joints in 6..=8 {
+        for elastic in [false, true] {
+            let model = arm(joints, elastic, 1e-3).model::<f64>();
+            for q in poses(joints) {
+                let found = model.correct(&q, 2.0);
+                let length = |(distance, angle): (f64, f64)| libm::hypot(distance, angle);
+                let before = length(apart(&model, &q, &q));
+                let left = length(apart(&model, &q, &found.joints[..joints]));
+                let gone = 1.0 - left / before;
+                assert!(
+                    (found.applied - gone).abs() <= 0.02,
+                    "{q:?}: {} applied, {gone} gone",
+                    found.applied
+                );
+                in_part += u32::from(gone < 0.9);
+            }
+        }
+    }
+    assert!(in_part > 500, "{in_part}");
+}
+
+/// No joint is changed by more than the limit, whichever joint it is that would be: the arms are off by decimetres.
+#[test]
+fn no_joint_is_changed_by_more_than_the_limit() {
+    for elastic in [false, true] {
+        let mut at_the_limit = [0; 8];
+        for joints in 5..=8 {
+            for size in [0.1, 0.3] {
+                let model = arm(joints, elastic, size).model::<f64>();
+                for q in poses(joints) {
+                    let found = model.correct(&q, 2.0);
+                    let changes = found.joints.iter().zip(&q).map(|(a, b)| (a - b).abs());
+                    for (count, change) in at_the_limit.iter_mut().zip(changes) {
+                        assert!(change <= MAX_JOINT_CHANGE * (1.0 + 1e-9), "{q:?}: {change}");
+                        *count += u32::from(change > 0.999 * MAX_JOINT_CHANGE);
+                    }
+                }
+            }
+        }
+        let reached = at_the_limit.iter().filter(|count| **count > 0).count();
+        assert!(reached >= 5, "elastic {elastic}: {at_the_limit:?}");
+    }
+}
+
+/// Where the correction is bounded, the answer is that of the bounded model. An evaluation bounds the twist of the target, the
+/// search bounds what the joints do to it.
+#[test]
+fn a_bounded_model_is_corrected_as_far_as_its_bound() {
+    for joints in 6..=8 {
+        for elastic in [false, true] {
+            let mut arm = arm(joints, elastic, 1e-3);
+            let bound = CorrectionBound {
+                position_m: 1e-4,
+                angle_rad: 1e-4,
+            };
+            match elastic {
+                true => arm.joint_space().bound = bound,
+                false => arm.task().bound = bound,
+            }
+            let model = arm.model::<f64>();
+            let mut bounded = 0;
+            for q in poses(joints) {
+                let found = model.correct(&q, 2.0);
+                if found.applied == 1.0 && found.status.contains(Status::CORRECTION_LIMITED) {
+                    bounded += 1;
+                    let (distance, angle) = apart(&model, &q, &found.joints[..joints]);
+                    assert!(
+                        distance.max(angle) <= CORRECTED_WITHIN,
+                        "{q:?}: {distance:e} m, {angle:e} rad"
+                    );
+                }
+            }
+            assert!(
+                bounded >= 10,
+                "{joints} joints, elastic {elastic}: {bounded}"
+            );
+        }
+    }
+}
