@@ -40,3 +40,4 @@ mod signing;
 mod support_sets;
 mod texts;
 mod tools;
+mod units;

@@ -1,0 +1,56 @@
+//! Laws of the numbers that a calibration reports: what they must be whatever the fit, from definitions, invariances and
+//! perturbations. No expected number is written by the code that is tested.
+//!
+//! `tests/faults` plants a fault for each of them.
+
+mod folds;
+mod held_out;
+mod noise;
+mod outliers;
+mod ranges;
+mod selection;
+#[path = "../fidelity/sets.rs"]
+mod sets;
+mod single_precision;
+mod tools;
+
+use poegp_calibration::blob::write::{CalibratedBlob, Provenance, calibrate_to_blob};
+use poegp_calibration::measurement::sample::{InstrumentSample, ToolName};
+use poegp_calibration::model::config::Config;
+use poegp_calibration::progress::FitContext;
+use poegp_calibration::robot::Robot;
+use poegp_calibration::validation::cross_validation::{Task, TestSet};
+
+/// A calibration of an unknown day with these tools.
+fn origin(tools: Vec<ToolName>) -> Provenance {
+    Provenance {
+        serial_number: String::new(),
+        date: "2026-11-20".to_owned(),
+        data_sha256: [0; 32],
+        tools,
+    }
+}
+
+/// The calibration of one unnamed tool.
+fn calibrated(robot: &Robot, samples: &[InstrumentSample], config: &Config) -> CalibratedBlob {
+    let origin = origin(vec![ToolName::default()]);
+    calibrate_to_blob(robot, samples, config, &origin, &FitContext::default()).unwrap()
+}
+
+/// A cross-validation, and what it tests on beside its folds.
+fn task<'a>(
+    robot: &'a Robot,
+    train: &'a [InstrumentSample],
+    tests: &'a [TestSet],
+    folds: usize,
+    origin: &'a Provenance,
+) -> Task<'a> {
+    Task {
+        robot,
+        train,
+        tests,
+        folds,
+        seed: 1,
+        origin,
+    }
+}

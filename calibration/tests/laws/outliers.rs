@@ -1,0 +1,92 @@
+//! Outliers: found beyond the stated distances, and not before.
+
+use nalgebra::Vector3;
+use poegp_calibration::identification::parametric::state::{Layout, ParametricModel};
+use poegp_calibration::learning::elastic::outliers::{Reason, robust_outliers};
+use poegp_calibration::measurement::observation::Observation;
+use poegp_calibration::measurement::sample::{Base, Sample};
+use poegp_calibration::model::Method;
+use poegp_calibration::model::config::Config;
+use poegp_runtime::math::se3::Pose;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+
+use crate::{calibrated, sets};
+
+/// Rows of an arm that is known, with 20 µm and 20 µrad of noise. Rows displaced by 14 standard deviations are gross, those
+/// displaced by 6 and those that are not are none: the limit is ten.
+#[test]
+fn gross_is_ten_standard_deviations() {
+    let (robot, chain) = sets::arm();
+    let layout = Layout {
+        joints: 6,
+        tools: 1,
+        gravity: false,
+        payload: false,
+        ripple: Vec::new(),
+    };
+    let tool = *chain.frames().last().unwrap();
+    let known = ParametricModel::new(&chain, vec![tool], None, layout, Vector3::zeros());
+    const NOISE: f64 = 20e-6;
+    let mut random = ChaCha8Rng::seed_from_u64(23);
+    let mut normal = || -> Vector3<f64> {
+        Vector3::from_fn(|_, _| {
+            let drawn: f64 = StandardNormal.sample(&mut random);
+            NOISE * drawn
+        })
+    };
+    let displaced = |i: usize| match i % 20 {
+        3 => 14.0,
+        11 => 6.0,
+        _ => 0.0,
+    };
+    let rows: Vec<_> = sets::simulated(&robot, "train")
+        .into_iter()
+        .enumerate()
+        .map(|(i, sample)| {
+            let exact = chain.forward(&sample.serial_joints);
+            let turn = Pose::exp(&poegp_runtime::math::se3::Twist {
+                linear: Vector3::zeros(),
+                angular: normal(),
+            });
+            let away = NOISE * displaced(i) * Vector3::new(0.6, 0.0, 0.8);
+            let seen = Pose {
+                translation: exact.translation + normal() + away,
+                rotation: turn.rotation * exact.rotation,
+            };
+            Sample::new(
+                sample.joints,
+                sample.serial_joints,
+                Observation::Pose(seen),
+                Base,
+            )
+        })
+        .collect();
+    let found = robust_outliers(&rows, &|_| known.clone());
+    let found: Vec<usize> = found.iter().map(|outlier| outlier.sample).collect();
+    let expected: Vec<usize> = (0..rows.len()).filter(|i| displaced(*i) > 10.0).collect();
+    assert_eq!(found, expected);
+}
+
+/// A row that is 0.4 mm off an arm known to 0.05 mm, which the parameters alone do not see, is found by leaving it out; of
+/// rows as they are none is.
+#[test]
+fn a_row_that_the_others_do_not_predict_is_found() {
+    let (robot, _) = sets::arm();
+    let mut rows = sets::simulated(&robot, "train");
+    rows.truncate(60);
+    let config = Config::new(Method::Elastic);
+    let clean = calibrated(&robot, &rows, &config).calibration;
+    assert_eq!(clean.outliers(), []);
+    let mut pose = rows[20].observation.pose().unwrap();
+    pose.translation += Vector3::new(0.24e-3, -0.32e-3, 0.0);
+    rows[20].observation = Observation::Pose(pose);
+    let found = calibrated(&robot, &rows, &config).calibration;
+    let found: Vec<(usize, Reason)> = found
+        .outliers()
+        .iter()
+        .map(|o| (o.sample, o.reason))
+        .collect();
+    assert_eq!(found, [(20, Reason::LeaveOneOut)]);
+}

@@ -1,0 +1,108 @@
+//! Sessions and targets: every one is a tool of its own, and no tool is taken for another.
+
+use std::path::Path;
+
+use poegp_calibration::blob::write::calibrate_to_blob;
+use poegp_calibration::measurement;
+use poegp_calibration::measurement::sample::{ToolName, samples};
+use poegp_calibration::model::Method;
+use poegp_calibration::model::config::Config;
+use poegp_calibration::progress::FitContext;
+use poegp_runtime::math::se3::{Pose, Twist};
+
+use crate::{origin, sets};
+
+/// Rows are of one tool if session and target are the same, and only then.
+#[test]
+fn a_tool_is_a_session_and_a_target() {
+    let (robot, _) = sets::arm();
+    let names = |i: usize| {
+        (
+            ["monday", "tuesday", "friday"][i % 3],
+            ["left", "right"][i % 2],
+        )
+    };
+    let mut csv =
+        "session,target,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,x_mm,y_mm,z_mm,qw,qx,qy,qz\n"
+            .to_owned();
+    for i in 0..24 {
+        let (session, target) = names(i * i + i / 4);
+        csv += &format!("{session},{target},{i},2,3,4,5,6,7,8,9,1,0,0,0\n");
+    }
+    let set = measurement::parse(Path::new("tools.csv"), csv.as_bytes()).unwrap();
+    let mut tools = Vec::new();
+    let rows = samples(&set, &robot, &mut tools).unwrap();
+    for (i, a) in rows.iter().enumerate() {
+        for (j, b) in rows.iter().enumerate() {
+            let same = names(i * i + i / 4) == names(j * j + j / 4);
+            assert_eq!(a.tool == b.tool, same, "rows {i} and {j}");
+        }
+        let (session, target) = names(i * i + i / 4);
+        assert_eq!(
+            (
+                tools[a.tool].session.as_str(),
+                tools[a.tool].target.as_str()
+            ),
+            (session, target)
+        );
+    }
+}
+
+/// Three tools that are decimetres apart are each predicted as well as base and tool alone predict this arm, 2 mm in the mean, and
+/// the same whatever their numbers are.
+#[test]
+fn every_tool_is_predicted_by_its_own_frame() {
+    let (robot, _) = sets::arm();
+    let frame = |tool: usize| {
+        let by = tool as f64;
+        Pose::exp(&Twist::from_array(&[
+            0.1 * by,
+            -0.2 * by,
+            0.15 * by,
+            0.3 * by,
+            -0.2 * by,
+            0.4 * by,
+        ]))
+    };
+    let mounted = |set: &str, poses: usize, order: [usize; 3]| {
+        let mut rows = sets::simulated(&robot, set);
+        rows.truncate(poses);
+        for (i, row) in rows.iter_mut().enumerate() {
+            let pose = row.observation.pose().unwrap() * frame(i % 3);
+            row.observation = poegp_calibration::measurement::observation::Observation::Pose(pose);
+            row.tool = order[i % 3];
+        }
+        rows
+    };
+    let names = ["left", "right", "top"].map(|target| ToolName {
+        session: String::new(),
+        target: target.to_owned(),
+    });
+    let mut errors = Vec::new();
+    for order in [[0, 1, 2], [2, 0, 1]] {
+        let train = mounted("train", 90, order);
+        let found = calibrate_to_blob(
+            &robot,
+            &train,
+            &Config::new(Method::BaseTool),
+            &origin(names.to_vec()),
+            &FitContext::default(),
+        )
+        .unwrap();
+        let of = found.blob.errors(&mounted("test1", 60, order));
+        errors.push(of.iter().map(|e| e.position_mm).collect::<Vec<f64>>());
+    }
+    for tool in 0..3 {
+        for errors in &errors {
+            let own: Vec<f64> = errors.iter().skip(tool).step_by(3).copied().collect();
+            let mean = own.iter().sum::<f64>() / own.len() as f64;
+            assert!(mean < 4.0, "tool {tool}: {mean} mm");
+        }
+    }
+    for (a, b) in errors[0].iter().zip(&errors[1]) {
+        assert!(
+            (a - b).abs() < 0.01,
+            "{a} and {b} mm with the tools in another order"
+        );
+    }
+}
