@@ -53,7 +53,9 @@ impl Bound {
 fn folder(what: &str) -> Option<PathBuf> {
     let folder = std::env::var_os(FOLDER).map(PathBuf::from);
     if folder.is_none() {
-        say(format_args!("{what}: not run: {FOLDER} is not set"));
+        say(format_args!(
+            "NOT RUN: {what}, for {FOLDER} names no folder of measurements"
+        ));
     }
     folder
 }
@@ -154,7 +156,7 @@ fn a_motoman_and_one_reflector() {
     let urdf = "motoman_ma1400_right.urdf";
     let places = [folder.join(urdf), folder.join("../models").join(urdf)];
     let Some(urdf) = places.iter().find(|path| path.exists()) else {
-        say(format_args!("{file}: not run: there is no {urdf}"));
+        say(format_args!("NOT RUN: {file}, for there is no {urdf}"));
         return;
     };
     let arm = arm(&urdf.display().to_string());

@@ -115,7 +115,9 @@ fn simulated_arms() {
 #[test]
 fn measured_arms() {
     let Some(folder) = std::env::var_os("POEGP_MEASURED_DATA") else {
-        say("support sets on measured arms: not run: POEGP_MEASURED_DATA is not set");
+        say(
+            "NOT RUN: inducing sets on measured arms, for POEGP_MEASURED_DATA names no folder of measurements",
+        );
         return;
     };
     let folder = Path::new(&folder);

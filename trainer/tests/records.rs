@@ -1,0 +1,97 @@
+//! Pages that repeat what is recorded elsewhere say the same: the table of planted faults, and the errors of the README.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+fn workspace() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
+}
+
+fn document(name: &str) -> String {
+    fs::read_to_string(workspace().join(name)).unwrap()
+}
+
+/// The table of planted faults has every patch beside the test that it names, and nothing else.
+#[test]
+fn every_planted_fault_stands_beside_its_law() {
+    let page = document("docs/evidence/verification-evidence.md");
+    let mut faults = 0;
+    for entry in fs::read_dir(workspace().join("tests/faults")).unwrap() {
+        let path = entry.unwrap().path();
+        let Some(name) = path
+            .file_name()
+            .unwrap()
+            .to_str()
+            .unwrap()
+            .strip_suffix(".patch")
+        else {
+            continue;
+        };
+        let patch = fs::read_to_string(&path).unwrap();
+        let test = patch.lines().find_map(|line| line.strip_prefix("Test: "));
+        let law = format!("`{}`", test.unwrap().rsplit(' ').next().unwrap());
+        let fault = format!("`{name}`");
+        let beside = |line: &str| line.contains(&law) && line.contains(&fault);
+        assert!(page.lines().any(beside), "{fault} beside {law}");
+        faults += 1;
+    }
+    assert!(page.contains(&format!("[all {faults}]")), "{faults} faults");
+}
+
+/// The cells of the table below `heading`, row by row.
+fn table(page: &str, heading: &str) -> Vec<Vec<String>> {
+    let (_, rest) = page.split_once(&format!("\n{heading}\n")).unwrap();
+    let rows = rest.lines().skip_while(|line| !line.starts_with('|'));
+    let cells = |line: &str| {
+        let cells = line.trim_matches('|').split('|');
+        cells.map(|cell| cell.trim().replace("**", "")).collect()
+    };
+    rows.take_while(|line| line.starts_with('|'))
+        .skip(2)
+        .map(cells)
+        .collect()
+}
+
+/// The mean errors of the README are those of the record, which has them to as many digits or more.
+#[test]
+fn the_errors_of_the_readme_are_those_of_the_record() {
+    let (readme, record) = (
+        document("README.md"),
+        document("docs/evidence/performance.md"),
+    );
+    let measured = table(&record, "### Measured robots");
+    let simulated = table(&record, "### Simulated by another program");
+    let shown = table(&readme, "## Results");
+    assert_eq!(shown.len(), measured.len() + 1);
+    for row in &shown {
+        let recorded: Vec<&str> = if row[0].starts_with("simulated") {
+            let paper = simulated
+                .iter()
+                .find(|recorded| recorded[0] == "paper")
+                .unwrap();
+            [1, 2, 3, 6].map(|column| paper[column].as_str()).to_vec()
+        } else {
+            let of_robot = |recorded: &&Vec<String>| {
+                row[0]
+                    .split(", ")
+                    .all(|part| recorded[0].split(", ").any(|other| other == part))
+            };
+            let recorded = measured.iter().find(of_robot).unwrap();
+            recorded[1..5]
+                .iter()
+                .map(|cell| cell.split(' ').next().unwrap())
+                .collect()
+        };
+        for (shown, recorded) in row[1..].iter().zip(recorded) {
+            let (Ok(shown_value), Ok(value)) = (shown.parse::<f64>(), recorded.parse::<f64>())
+            else {
+                assert_eq!(shown, recorded, "{row:?}");
+                continue;
+            };
+            assert!(
+                (shown_value - value).abs() <= 0.5e-3 + 1e-9,
+                "{shown}, recorded {recorded}: {row:?}"
+            );
+        }
+    }
+}
