@@ -91,6 +91,7 @@ impl Bench {
             None,
             &part,
             &ElasticOptions::default(),
+            None,
             &FitContext::default(),
         )
         .unwrap();

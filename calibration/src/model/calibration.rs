@@ -6,11 +6,13 @@ use poegp_runtime::math::se3::Pose;
 
 use crate::identification::base_tools::BaseAndTools;
 use crate::identification::frame_fit::{FrameFit, ResidualFrame, residual_components};
+use crate::learning::elastic::options::OutlierPolicy;
 use crate::learning::elastic::outliers::Outlier;
+use crate::learning::task_space::fit::SignalVarianceLimit;
 use crate::measurement::sample::{BaseSample, Sample};
 use crate::model::config::Config;
 use crate::model::correction::Correction;
-use crate::model::methods::problem::FrameEstimate;
+use crate::model::methods::problem::{FrameEstimate, KnownHyperparameters};
 
 /// A calibrated robot in `f64`.
 #[derive(Debug)]
@@ -29,6 +31,8 @@ pub struct Calibration {
     pub correction: Correction,
     /// How the frames were estimated.
     pub estimate: FrameEstimate,
+    /// Measurements that do not belong, by their index; `config.outliers` says whether they were trained on.
+    pub outliers: Vec<Outlier>,
     /// RMS of one position and one rotation component of the training residual, m and rad.
     pub residual_rms: (f64, f64),
     /// The limit of the correction: metres and radians.
@@ -36,12 +40,30 @@ pub struct Calibration {
 }
 
 impl Calibration {
-    /// Measurements that do not belong, by their index; `config.outliers` says whether they were trained on.
-    pub fn outliers(&self) -> &[Outlier] {
-        match &self.estimate {
-            FrameEstimate::Parametric { outliers, .. } => outliers,
-            _ => &[],
+    /// The measurements of `all` that it was trained on.
+    pub fn trained_on<F: Clone>(&self, all: &[Sample<F>]) -> Vec<Sample<F>> {
+        let rejects = self.config.outliers == OutlierPolicy::Reject;
+        let is_kept = |i: usize| !rejects || !self.outliers.iter().any(|o| o.sample == i);
+        let kept = all.iter().enumerate().filter(|(i, _)| is_kept(*i));
+        kept.map(|(_, sample)| sample.clone()).collect()
+    }
+
+    /// The hyperparameters that it was found with: another fit of the same method may keep them.
+    pub fn hyperparameters(&self) -> KnownHyperparameters {
+        let mut known = KnownHyperparameters::NOTHING;
+        if let Some(task_space) = self.correction.task_space() {
+            known.task_space = SignalVarianceLimit {
+                value: task_space.max_signal_variance,
+                under_higher: Some(std::array::from_fn(|c| *task_space.gp.output(c))),
+            };
         }
+        if let FrameEstimate::Parametric {
+            hyperparameters, ..
+        } = &self.estimate
+        {
+            known.elastic = Some(hyperparameters.clone());
+        }
+        known
     }
 
     /// What the least-squares fit of the frames did, if there was one.

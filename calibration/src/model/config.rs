@@ -51,7 +51,7 @@ pub struct Config {
     pub ripple: bool,
     /// Whether the elastic model has joint processes; without them it is parametric.
     pub processes: bool,
-    /// What the elastic model does with outliers.
+    /// What is done with outliers.
     pub outliers: OutlierPolicy,
     /// Gravity in the base frame, m/s².
     pub gravity_m_s2: [f64; 3],
@@ -271,7 +271,7 @@ mod tests {
             max_correction_mrad: Some(8.0),
             weighting: Weighting::Noise,
             hyperparameters: HyperparameterSharing::PerOutput,
-            outliers: OutlierPolicy::Reject,
+            outliers: OutlierPolicy::Keep,
             ..Config::new(Method::PoeGpLoad)
         };
         let all = Config {

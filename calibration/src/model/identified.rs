@@ -17,11 +17,13 @@ pub fn of_calibration(
     robot: &Robot,
     samples: &[InstrumentSample],
 ) -> Option<IdentifyReport> {
-    let samples: Vec<BaseSample> =
-        in_base_frame(samples, &calibration.base_and_tools.instrument_from_base)
-            .into_iter()
-            .map(|s| s.with_noise(calibration.config.instrument_noise()))
-            .collect();
+    let samples: Vec<BaseSample> = in_base_frame(
+        &calibration.trained_on(samples),
+        &calibration.base_and_tools.instrument_from_base,
+    )
+    .into_iter()
+    .map(|s| s.with_noise(calibration.config.instrument_noise()))
+    .collect();
     let chain = &calibration.calibrated;
     let noise = match calibration.correction.elastic() {
         Some(elastic) => NoiseScales {

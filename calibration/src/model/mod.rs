@@ -12,6 +12,7 @@ pub mod frame_changes;
 pub mod identified;
 pub mod methods;
 
+use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::Pose;
 
 pub use crate::model::calibration::Calibration;
@@ -19,11 +20,13 @@ pub use crate::model::error::CalibrationError;
 pub use crate::model::methods::Method;
 
 use crate::identification::base_tool::with_base_and_tool;
-use crate::identification::base_tools::fit_base_and_tools;
-use crate::learning::task_space::fit::SignalVarianceLimit;
+use crate::identification::base_tools::{BaseAndTools, fit_base_and_tools};
+use crate::learning::elastic::fit::setup_units;
+use crate::learning::elastic::options::OutlierPolicy;
+use crate::learning::elastic::outliers::Outlier;
 use crate::measurement::sample::{InstrumentSample, in_base_frame};
 use crate::model::config::Config;
-use crate::model::methods::problem::{Problem, has_single_tool_full_poses};
+use crate::model::methods::problem::{KnownHyperparameters, Problem, has_single_tool_full_poses};
 use crate::progress::FitContext;
 use crate::robot::Robot;
 
@@ -41,38 +44,40 @@ pub fn calibrate(
         robot,
         samples,
         config,
-        &SignalVarianceLimit::HIGHEST,
+        &KnownHyperparameters::NOTHING,
         context,
     )
 }
 
-/// [`calibrate`] with a limit on the signal variance of the task-space process.
+/// [`calibrate`] with what is known of the hyperparameters.
 pub(crate) fn calibrate_within(
     robot: &Robot,
     samples: &[InstrumentSample],
     config: &Config,
-    signal_variance: &SignalVarianceLimit,
+    known: &KnownHyperparameters,
     context: &FitContext,
 ) -> Result<Calibration, CalibrationError> {
     check(robot, samples, config.method)?;
     let nominal = robot.chain()?;
-    let base_and_tools = fit_base_and_tools(&nominal, samples);
-    let flange = *nominal.frames().last().unwrap_or(&Pose::identity());
-    let targets = &base_and_tools.flange_from_targets;
-    let problem = Problem {
-        nominal: with_base_and_tool(&nominal, &Pose::identity(), &targets[0]),
-        tools: targets.iter().map(|t| flange * *t).collect(),
-        coupling: robot.coupling.as_ref(),
-        samples: in_base_frame(samples, &base_and_tools.instrument_from_base)
-            .into_iter()
-            .map(|s| s.with_noise(config.instrument_noise()))
-            .collect(),
-        weighting: config.weighting,
-        hyperparameters: config.hyperparameters,
-        signal_variance,
-        elastic: config.elastic(),
-    };
+    let (mut base_and_tools, mut problem) = posed(robot, &nominal, samples, config, known);
+    let units = setup_units(samples.len());
+    context.expect(units);
+    let mut outliers = context.phase(units, || problem.gross_outliers())?;
+    let mut kept: Vec<usize> = (0..samples.len()).collect();
+    if config.outliers == OutlierPolicy::Reject && !outliers.is_empty() {
+        kept.retain(|i| !outliers.iter().any(|o| o.sample == *i));
+        let samples: Vec<InstrumentSample> = kept.iter().map(|i| samples[*i].clone()).collect();
+        check(robot, &samples, config.method)?;
+        (base_and_tools, problem) = posed(robot, &nominal, &samples, config, known);
+    }
     let fit = config.method.implementation().fit(&problem, context)?;
+    for outlier in fit.outliers {
+        let sample = kept[outlier.sample];
+        if !outliers.iter().any(|o| o.sample == sample) {
+            outliers.push(Outlier { sample, ..outlier });
+        }
+    }
+    outliers.sort_by_key(|o| o.sample);
     let mut out = Calibration {
         config: *config,
         base_and_tools,
@@ -81,12 +86,40 @@ pub(crate) fn calibrate_within(
         calibrated: fit.chain,
         correction: fit.correction,
         estimate: fit.estimate,
+        outliers,
         residual_rms: (0.0, 0.0),
         correction_limit: (0.0, 0.0),
     };
     out.correction_limit = out.limit(&problem.samples);
     out.residual_rms = out.rms(&problem.samples);
     Ok(out)
+}
+
+/// Base and tools on the nominal arm, and what is left to fit: `samples` as seen from that base.
+fn posed<'a>(
+    robot: &'a Robot,
+    nominal: &Poe<f64>,
+    samples: &[InstrumentSample],
+    config: &Config,
+    known: &'a KnownHyperparameters,
+) -> (BaseAndTools, Problem<'a>) {
+    let base_and_tools = fit_base_and_tools(nominal, samples);
+    let flange = *nominal.frames().last().unwrap_or(&Pose::identity());
+    let targets = &base_and_tools.flange_from_targets;
+    let problem = Problem {
+        nominal: with_base_and_tool(nominal, &Pose::identity(), &targets[0]),
+        tools: targets.iter().map(|t| flange * *t).collect(),
+        coupling: robot.coupling.as_ref(),
+        samples: in_base_frame(samples, &base_and_tools.instrument_from_base)
+            .into_iter()
+            .map(|s| s.with_noise(config.instrument_noise()))
+            .collect(),
+        weighting: config.weighting,
+        hyperparameters: config.hyperparameters,
+        known,
+        elastic: config.elastic(),
+    };
+    (base_and_tools, problem)
 }
 
 /// Rejects data that the method cannot use.

@@ -6,6 +6,7 @@ mod choice;
 mod device_sigma;
 mod elastic;
 mod measured;
+mod outliers;
 mod paper;
 mod support_sets;
 mod ten_seeds;

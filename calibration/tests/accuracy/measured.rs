@@ -230,7 +230,7 @@ fn gross_outliers_among_poses_of_the_irb_120() {
         let errors = ErrorSummary::new(&found.blob.errors(&test));
         let at: Vec<usize> = found
             .calibration
-            .outliers()
+            .outliers
             .iter()
             .map(|o| o.sample)
             .collect();

@@ -95,7 +95,7 @@ fn rows_of_their_own_noise_count_by_it() {
         let found = calibrated(samples, &weighted(method));
         // A row that is as noisy as it says is no outlier.
         let honest = samples[0].declared_noise != InstrumentNoise::UNKNOWN;
-        assert!(!honest || found.calibration.outliers().is_empty());
+        assert!(!honest || found.calibration.outliers.is_empty());
         ErrorSummary::new(&found.blob.errors(&test))
             .position_mm
             .mean

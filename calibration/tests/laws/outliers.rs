@@ -78,13 +78,13 @@ fn a_row_that_the_others_do_not_predict_is_found() {
     rows.truncate(60);
     let config = Config::new(Method::Elastic);
     let clean = calibrated(&robot, &rows, &config).calibration;
-    assert_eq!(clean.outliers(), []);
+    assert_eq!(clean.outliers, []);
     let mut pose = rows[20].observation.pose().unwrap();
     pose.translation += Vector3::new(0.24e-3, -0.32e-3, 0.0);
     rows[20].observation = Observation::Pose(pose);
     let found = calibrated(&robot, &rows, &config).calibration;
     let found: Vec<(usize, Reason)> = found
-        .outliers()
+        .outliers
         .iter()
         .map(|o| (o.sample, o.reason))
         .collect();

@@ -57,7 +57,7 @@ pub struct FitArgs {
     pub gravity: Option<Gravity>,
     #[command(flatten)]
     pub noise: NoiseArgs,
-    /// Treatment of outliers by the elastic model; they are listed either way (default: keep).
+    /// Treatment of outliers; they are listed either way (default: reject).
     #[arg(long, value_name = "POLICY", value_parser = outliers())]
     pub outliers: Option<OutlierPolicy>,
     /// Weights of the measurements in step 1 of the paper (default: none).

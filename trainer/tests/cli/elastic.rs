@@ -30,7 +30,7 @@ fn the_default_is_elastic_and_the_same_bytes() {
     let (document, blob) = calibrate("a.blob", "");
     assert_eq!(document["method"], "elastic");
     assert_eq!(document["elastic"]["inducing_points"], 60);
-    assert_eq!(document["elastic"]["outliers"], Value::Array(Vec::new()));
+    assert_eq!(document["outliers"], Value::Array(Vec::new()));
     assert!(document["elastic"]["noise_mm"].as_f64().unwrap() > 0.0);
     assert_eq!(blob, calibrate("b.blob", "--method elastic").1);
     let facts = inspected(&folder, "a.blob");
@@ -136,7 +136,7 @@ fn what_the_device_knows_of_its_own_error() {
 
 /// Three rows shifted by 3.5 mm, as by a touched target.
 #[test]
-fn outliers_are_named_and_left_out_only_when_asked() {
+fn outliers_are_named_and_left_out_unless_they_are_kept() {
     let _texts = texts();
     const LINES: [usize; 3] = [12, 47, 83];
     let folder = Folder::new();
@@ -163,7 +163,7 @@ fn outliers_are_named_and_left_out_only_when_asked() {
     for (policy, error) in ["keep", "reject"].iter().zip(&mut errors) {
         let flags = format!("--outliers {policy}");
         let document = calibrate("dirty.csv", &flags, "dirty.blob").json();
-        let outliers = document["elastic"]["outliers"].as_array().unwrap();
+        let outliers = document["outliers"].as_array().unwrap();
         let lines: Vec<u64> = outliers
             .iter()
             .map(|o| o["line"].as_u64().unwrap())

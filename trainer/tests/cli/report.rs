@@ -166,7 +166,7 @@ fn cross_validation_is_held_out_and_what_is_unknown_is_said() {
     let compared = folder.run(&line).ok().json();
     let cross_validation = &compared["methods"][0]["cross_validation"]["position_mm"];
     assert_eq!(&held_out["calibrated"]["position_mm"], cross_validation);
-    assert_eq!(document["elastic"]["outliers"][0]["line"], 8);
+    assert_eq!(document["outliers"][0]["line"], 8);
     for sentence in [
         "no payload_kg column",
         "There is one session only",

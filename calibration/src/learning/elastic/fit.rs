@@ -10,13 +10,13 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::identification::parametric::fit::parametric_fit;
 use crate::identification::parametric::ripple::{Peak, SIGNIFICANT, peaks};
-use crate::identification::parametric::state::{Layout, Linearised, ParametricModel, ROWS};
+use crate::identification::parametric::state::{Linearised, ParametricModel, ROWS};
 use crate::learning::elastic::hyperparameters::HyperLayout;
 use crate::learning::elastic::likelihood::{
     HyperparameterObjective, Inputs, MarginalLikelihood, Posterior,
 };
-use crate::learning::elastic::options::{ElasticOptions, OutlierPolicy};
-use crate::learning::elastic::outliers::{LeaveOneOut, Outlier, leave_one_out, robust_outliers};
+use crate::learning::elastic::options::{ElasticOptions, OutlierPolicy, mean_payload};
+use crate::learning::elastic::outliers::{LeaveOneOut, Outlier, leave_one_out};
 use crate::learning::elastic::solution::{ElasticFit, FitError};
 use crate::measurement::noise::NoiseScales;
 use crate::measurement::sample::{BaseSample, Sample};
@@ -38,8 +38,8 @@ pub fn solve_units(poses: usize) -> u64 {
     1 + poses.saturating_mul(poses) as u64 / 36_000
 }
 
-/// The parameters alone and their gear ripple, fitted robustly.
-fn setup_units(poses: usize) -> u64 {
+/// The parameters alone and their gear ripple.
+pub fn setup_units(poses: usize) -> u64 {
     1 + poses as u64 / 50
 }
 
@@ -47,7 +47,7 @@ fn setup_units(poses: usize) -> u64 {
 pub struct RobustFit {
     /// The fit to the samples that were kept.
     pub fit: ElasticFit,
-    /// Outliers by their index among all samples.
+    /// What all others do not predict, by index.
     pub outliers: Vec<Outlier>,
     /// The samples that were kept, by index.
     pub kept: Vec<usize>,
@@ -57,7 +57,7 @@ pub struct RobustFit {
     pub left_out: Vec<Option<f64>>,
 }
 
-/// [`fit`], with outliers reported, and not trained on when `options` says so.
+/// [`fit`], with what all others do not predict reported, and not trained on when `options` says so.
 ///
 /// # Errors
 /// [`FitError`].
@@ -67,43 +67,13 @@ pub fn fit_robust(
     coupling: Option<&Vec<Vec<f64>>>,
     samples: &[BaseSample],
     options: &ElasticOptions,
+    known: Option<&[f64]>,
     context: &FitContext,
 ) -> Result<RobustFit, FitError> {
-    let n = chain.kinds().len();
-    let layout = Layout {
-        joints: n,
-        tools: tools.len(),
-        gravity: options.gravity_terms,
-        payload: varies(samples),
-        ripple: Vec::new(),
-    };
-    let hyper = HyperLayout {
-        joints: n,
-        payload: layout.payload,
-        shared_lengthscales: options.shared_lengthscales,
-    };
-    let hyper = hyper.start_and_bounds(mean_payload(samples)).0;
-    let parameters = |kept: &[BaseSample]| {
-        let coupling = coupling.cloned();
-        let mut state = ParametricModel::new(
-            chain,
-            tools.to_vec(),
-            coupling,
-            layout.clone(),
-            options.gravity,
-        );
-        parametric_fit(&mut state, kept, &hyper);
-        state
-    };
     let setup = setup_units(samples.len());
     let units_of_a_fit = SEARCH_UNITS + setup + 3 * solve_units(samples.len());
-    context.expect(setup + units_of_a_fit + solve_units(samples.len()));
-    let mut outliers = context.phase(setup, || robust_outliers(samples, &parameters))?;
+    context.expect(units_of_a_fit + solve_units(samples.len()));
     let reject = options.outliers == OutlierPolicy::Reject;
-    let remaining = |outliers: &[Outlier]| -> Vec<usize> {
-        let bad = |i: &usize| reject && outliers.iter().any(|o| o.sample == *i);
-        (0..samples.len()).filter(|i| !bad(i)).collect()
-    };
     let run = |kept: &[usize]| -> Result<(ElasticFit, LeaveOneOut), FitError> {
         let part: Vec<BaseSample> = kept.iter().map(|i| samples[*i].clone()).collect();
         let found = fit(
@@ -112,23 +82,18 @@ pub fn fit_robust(
             coupling.cloned(),
             &part,
             options,
+            known,
             context,
         )?;
         let others = context.phase(solve_units(part.len()), || leave_one_out(&found, &part))?;
         Ok((found, others))
     };
-    let mut kept = remaining(&outliers);
+    let mut kept: Vec<usize> = (0..samples.len()).collect();
     let (mut found, mut others) = run(&kept)?;
-    for outlier in others.outliers.drain(..) {
-        let sample = kept[outlier.sample];
-        if !outliers.iter().any(|o| o.sample == sample) {
-            outliers.push(Outlier { sample, ..outlier });
-        }
-    }
-    outliers.sort_by_key(|o| o.sample);
-    if remaining(&outliers).len() < kept.len() {
+    let outliers = std::mem::take(&mut others.outliers);
+    if reject && !outliers.is_empty() {
         // One pass only: testing again with the quieter noise would never end.
-        kept = remaining(&outliers);
+        kept.retain(|i| !outliers.iter().any(|o| o.sample == *i));
         context.expect(units_of_a_fit);
         (found, others) = run(&kept)?;
     }
@@ -142,7 +107,7 @@ pub fn fit_robust(
 }
 
 /// Fits to samples whose poses are seen from the base; `chain` is the nominal one to the first target, `tools` are
-/// `joint_n_from_target` of every tool.
+/// `joint_n_from_target` of every tool. Hyperparameters are learnt unless they are `known`.
 ///
 /// # Errors
 /// [`FitError`].
@@ -152,24 +117,12 @@ pub fn fit(
     coupling: Option<Vec<Vec<f64>>>,
     samples: &[BaseSample],
     options: &ElasticOptions,
+    known: Option<&[f64]>,
     context: &FitContext,
 ) -> Result<ElasticFit, FitError> {
     let units = solve_units(samples.len());
-    let n = chain.kinds().len();
-    let payload = varies(samples);
-    let layout = Layout {
-        joints: n,
-        tools: tools.len(),
-        gravity: options.gravity_terms,
-        payload,
-        ripple: Vec::new(),
-    };
+    let (layout, h) = options.layouts(chain.kinds().len(), tools.len(), samples);
     let mut state = ParametricModel::new(chain, tools, coupling, layout, options.gravity);
-    let h = HyperLayout {
-        joints: n,
-        payload,
-        shared_lengthscales: options.shared_lengthscales,
-    };
     let unit = mean_payload(samples);
     let (hyper, bounds) = h.start_and_bounds(unit);
     let scales = context.phase(setup_units(samples.len()), || {
@@ -182,6 +135,9 @@ pub fn fit(
     })?;
     let inputs = inputs_of(&state, samples);
     let hyper = context.phase(SEARCH_UNITS, || {
+        if let Some(known) = known.filter(|known| known.len() == h.len()) {
+            return Ok(known.to_vec());
+        }
         let start = (hyper, bounds);
         learn(
             &state,
@@ -284,23 +240,6 @@ fn significant(
         .map(|p| (p.joint, p.cycles))
         .take(room)
         .collect()
-}
-
-/// Whether there is more than one payload.
-fn varies(samples: &[BaseSample]) -> bool {
-    let mut payloads = samples.iter().map(|s| s.payload_kg);
-    let first = payloads.next().flatten();
-    first.is_some() && payloads.any(|p| p != first)
-}
-
-/// RMS payload in kg, or 1.
-fn mean_payload(samples: &[BaseSample]) -> f64 {
-    let square = samples
-        .iter()
-        .map(|s| s.payload_kg.unwrap_or(0.0).powi(2))
-        .sum::<f64>()
-        / samples.len() as f64;
-    if square > 0.0 { square.sqrt() } else { 1.0 }
 }
 
 /// The inputs of the processes.

@@ -3,6 +3,10 @@
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
+use crate::identification::parametric::state::Layout;
+use crate::learning::elastic::hyperparameters::HyperLayout;
+use crate::measurement::sample::BaseSample;
+
 /// How the elastic model is fitted.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ElasticOptions {
@@ -36,10 +40,52 @@ impl Default for ElasticOptions {
             gravity: Vector3::new(0.0, 0.0, -9.81),
             inducing_points: Some(100),
             inducing_sets: None,
-            outliers: OutlierPolicy::Keep,
+            outliers: OutlierPolicy::default(),
             device_variance: true,
         }
     }
+}
+
+impl ElasticOptions {
+    /// The parameters and the hyperparameters of a fit to `samples`, without ripple.
+    pub(super) fn layouts(
+        &self,
+        joints: usize,
+        tools: usize,
+        samples: &[BaseSample],
+    ) -> (Layout, HyperLayout) {
+        let payload = varies(samples);
+        let parameters = Layout {
+            joints,
+            tools,
+            gravity: self.gravity_terms,
+            payload,
+            ripple: Vec::new(),
+        };
+        let hyper = HyperLayout {
+            joints,
+            payload,
+            shared_lengthscales: self.shared_lengthscales,
+        };
+        (parameters, hyper)
+    }
+}
+
+/// Whether there is more than one payload.
+fn varies(samples: &[BaseSample]) -> bool {
+    let mut payloads = samples.iter().map(|s| s.payload_kg);
+    let first = payloads.next().flatten();
+    first.is_some() && payloads.any(|p| p != first)
+}
+
+/// RMS payload in kg, or 1.
+pub(super) fn mean_payload(samples: &[BaseSample]) -> f64 {
+    let square = samples
+        .iter()
+        .map(|s| s.payload_kg.unwrap_or(0.0).powi(2))
+        .sum::<f64>()
+        / samples.len() as f64;
+    if square > 0.0 { square.sqrt() } else { 1.0 }
 }
 
 /// How large the sets of all joints may be together.
@@ -56,8 +102,8 @@ pub struct SetLimits {
 #[serde(rename_all = "kebab-case")]
 pub enum OutlierPolicy {
     /// They are reported and trained on.
-    #[default]
     Keep,
     /// They are reported and not trained on.
+    #[default]
     Reject,
 }

@@ -7,8 +7,13 @@
 
 use faer::linalg::solvers::{DenseSolveCore, Solve};
 use faer::{Mat, Side};
+use poegp_runtime::kinematics::poe::Poe;
+use poegp_runtime::math::se3::Pose;
+use std::ops::Range;
 
+use crate::identification::parametric::fit::parametric_fit;
 use crate::identification::parametric::state::{ParametricModel, ROWS};
+use crate::learning::elastic::options::{ElasticOptions, mean_payload};
 use crate::learning::elastic::solution::ElasticFit;
 use crate::measurement::noise::NoiseScales;
 use crate::measurement::sample::BaseSample;
@@ -20,6 +25,8 @@ pub const LEFT_OUT: f64 = 40.0;
 const GROSS: f64 = 100.0;
 /// Rounds until the set of believed poses settles.
 const ROUNDS: usize = 6;
+/// Equations for each parameter, below which the parameters follow an outlier instead of showing it.
+const EQUATIONS_PER_PARAMETER: usize = 3;
 
 /// How an outlier was found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -39,6 +46,33 @@ pub struct Outlier {
     pub reason: Reason,
     /// Its χ² or squared robust distance.
     pub chi_squared: f64,
+    /// Distance of its position and of its rotation in standard deviations; zero for a rotation that was not measured.
+    pub sigmas: [f64; 2],
+}
+
+/// Poses that the parameters alone cannot believe: gravity terms as `options` say, no ripple, no processes. `chain` is the
+/// nominal one to the first target, `tools` are `joint_n_from_target` of every tool. None where there are too few poses to
+/// tell an outlier from a parameter.
+pub fn gross_outliers(
+    chain: &Poe<f64>,
+    tools: &[Pose<f64>],
+    coupling: Option<&Vec<Vec<f64>>>,
+    samples: &[BaseSample],
+    options: &ElasticOptions,
+) -> Vec<Outlier> {
+    let (layout, hyper) = options.layouts(chain.kinds().len(), tools.len(), samples);
+    let hyper = hyper.start_and_bounds(mean_payload(samples)).0;
+    let equations: usize = samples.iter().map(|s| s.observation.equations()).sum();
+    if equations < EQUATIONS_PER_PARAMETER * (4 * layout.joints + 6 * tools.len()) {
+        return Vec::new();
+    }
+    robust_outliers(samples, &|kept| {
+        let (tools, coupling) = (tools.to_vec(), coupling.cloned());
+        let mut state =
+            ParametricModel::new(chain, tools, coupling, layout.clone(), options.gravity);
+        parametric_fit(&mut state, kept, &hyper);
+        state
+    })
 }
 
 /// Poses that the parameters alone cannot believe. `fit_parameters` fits a fresh state to some samples.
@@ -46,7 +80,8 @@ pub fn robust_outliers(
     samples: &[BaseSample],
     fit_parameters: &dyn Fn(&[BaseSample]) -> ParametricModel,
 ) -> Vec<Outlier> {
-    let mut distances = vec![0.0; samples.len()];
+    let mut distances = vec![[0.0; 2]; samples.len()];
+    let squared = |d: &[f64; 2]| d[0] * d[0] + d[1] * d[1];
     let mut believed = vec![true; samples.len()];
     for _ in 0..ROUNDS {
         let kept: Vec<BaseSample> = samples
@@ -68,20 +103,21 @@ pub fn robust_outliers(
             } else {
                 0.0
             };
-            *distance = (norm(&r[..3]) / own.position.max(1e-9)).powi(2) + turn * turn;
+            *distance = [norm(&r[..3]) / own.position.max(1e-9), turn];
         }
-        let now: Vec<bool> = distances.iter().map(|d| *d <= GROSS).collect();
+        let now: Vec<bool> = distances.iter().map(|d| squared(d) <= GROSS).collect();
         let settled = now == believed;
         believed = now;
         if settled {
             break;
         }
     }
-    let outlier = |(sample, d): (usize, &f64)| {
-        (*d > GROSS).then_some(Outlier {
+    let outlier = |(sample, d): (usize, &[f64; 2])| {
+        (squared(d) > GROSS).then_some(Outlier {
             sample,
             reason: Reason::Robust,
-            chi_squared: *d,
+            chi_squared: squared(d),
+            sigmas: *d,
         })
     };
     distances.iter().enumerate().filter_map(outlier).collect()
@@ -128,6 +164,7 @@ pub fn leave_one_out(fit: &ElasticFit, samples: &[BaseSample]) -> LeaveOneOut {
                 sample: k,
                 reason: Reason::LeaveOneOut,
                 chi_squared,
+                sigmas: [0, 1].map(|part| marginal(&error, &covariance, 3 * part..rows)),
             });
             continue;
         }
@@ -140,4 +177,17 @@ pub fn leave_one_out(fit: &ElasticFit, samples: &[BaseSample]) -> LeaveOneOut {
     }
     out.inflation = calibration_factor(&mut standardised);
     out
+}
+
+/// Distance in standard deviations of the at most three components of `error` from the beginning of `rows`.
+fn marginal(error: &Mat<f64>, covariance: &Mat<f64>, rows: Range<usize>) -> f64 {
+    let (start, count) = (rows.start, rows.len().min(3));
+    let block = Mat::from_fn(count, count, |i, j| covariance[(start + i, start + j)]);
+    let own = Mat::from_fn(count, 1, |i, _| error[(start + i, 0)]);
+    let Ok(factor) = block.llt(Side::Lower) else {
+        return 0.0;
+    };
+    let solved = factor.solve(&own);
+    let squared: f64 = (0..count).map(|i| own[(i, 0)] * solved[(i, 0)]).sum();
+    squared.sqrt()
 }

@@ -67,6 +67,7 @@ impl RefitSpec {
             coupling.cloned(),
             train,
             options,
+            None,
             &FitContext::default(),
         );
         let mut found = found.ok()?;

@@ -21,6 +21,7 @@ impl CalibrationMethod for BaseTool {
             tools: seen_from_first(&problem.tools),
             correction: Correction::None,
             estimate: FrameEstimate::Nominal,
+            outliers: Vec::new(),
         })
     }
 }

@@ -27,6 +27,7 @@ impl CalibrationMethod for PoeMethod {
                 tools: seen_from_first(&problem.tools),
                 correction: Correction::None,
                 estimate: FrameEstimate::LeastSquares(frame_fit),
+                outliers: Vec::new(),
             });
         }
         // The paper compares whole poses of one tool; other data get the same parameters by weighted least squares.

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use crate::identification::base_tools::tool_count;
 use crate::identification::frame_fit::FrameFit;
 use crate::learning::elastic::options::ElasticOptions;
-use crate::learning::elastic::outliers::Outlier;
+use crate::learning::elastic::outliers::{Outlier, gross_outliers};
 use crate::learning::elastic::predictive_variance::Uncertainty;
 use crate::learning::task_space::fit::{HyperparameterSharing, SignalVarianceLimit};
 use crate::measurement::sample::{BaseSample, Sample};
@@ -66,6 +66,23 @@ pub(crate) fn has_single_tool_full_poses<F>(samples: &[Sample<F>]) -> bool {
     tool_count(samples) == 1 && samples.iter().all(|s| s.observation.has_orientation())
 }
 
+/// What is known of the hyperparameters before a fit.
+#[derive(Clone, Debug)]
+pub struct KnownHyperparameters {
+    /// Of the task-space process: an upper limit on its signal variance, and the values found under a higher one.
+    pub task_space: SignalVarianceLimit,
+    /// Of the elastic model: the values themselves; learnt where they are absent, or where the data have other inputs.
+    pub elastic: Option<Vec<f64>>,
+}
+
+impl KnownHyperparameters {
+    /// Nothing.
+    pub const NOTHING: Self = Self {
+        task_space: SignalVarianceLimit::HIGHEST,
+        elastic: None,
+    };
+}
+
 /// How poses count in the frame fit.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -91,10 +108,18 @@ pub struct Problem<'a> {
     pub weighting: Weighting,
     /// How the outputs of the task-space process share their hyperparameters.
     pub hyperparameters: HyperparameterSharing,
-    /// What limits the signal variance of the task-space process.
-    pub signal_variance: &'a SignalVarianceLimit,
+    /// What is known of the hyperparameters.
+    pub known: &'a KnownHyperparameters,
     /// How the elastic model is fitted.
     pub elastic: ElasticOptions,
+}
+
+impl Problem<'_> {
+    /// Samples that no geometry with gravity terms explains.
+    pub(crate) fn gross_outliers(&self) -> Vec<Outlier> {
+        let (tools, samples) = (&self.tools, &self.samples);
+        gross_outliers(&self.nominal, tools, self.coupling, samples, &self.elastic)
+    }
 }
 
 /// A fitted model.
@@ -107,6 +132,8 @@ pub struct Fit {
     pub correction: Correction,
     /// How the frames were estimated.
     pub estimate: FrameEstimate,
+    /// What the method itself found among its samples that does not belong, by the index of the sample.
+    pub outliers: Vec<Outlier>,
 }
 
 /// How the frames of a calibration were estimated.
@@ -118,8 +145,8 @@ pub enum FrameEstimate {
     LeastSquares(FrameFit),
     /// Together with all other parameters of the elastic model.
     Parametric {
-        /// Outliers by the index of their sample.
-        outliers: Vec<Outlier>,
+        /// Hyperparameters of the elastic model.
+        hyperparameters: Vec<f64>,
         /// The predictive covariance, when there are processes.
         uncertainty: Option<Box<Uncertainty>>,
     },

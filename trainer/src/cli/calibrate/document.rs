@@ -4,13 +4,18 @@ use serde::Serialize;
 
 use crate::cli::calibrate::elastic_summary::ElasticSummary;
 use crate::cli::calibrate::job::Job;
+use crate::report::sections::ListedOutlier;
 use crate::report::{HeldOutSummary, Provenance};
 use poegp_calibration::blob::precision_loss::SinglePrecisionLoss;
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::device_cost::{ElasticSize, evaluation_instructions};
 use poegp_calibration::identification::frame_fit::FrameFit;
 use poegp_calibration::identification::identifiability::IdentifyReport;
+use poegp_calibration::learning::elastic::options::OutlierPolicy;
+use poegp_calibration::learning::elastic::outliers::{Outlier, Reason};
+use poegp_calibration::measurement::MeasurementSet;
 use poegp_calibration::measurement::instrument_drift::DriftReport;
+use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::model::Calibration;
 use poegp_calibration::model::frame_changes::{FrameChange, changes};
 use poegp_calibration::numeric::statistics::ErrorSummary;
@@ -32,6 +37,8 @@ pub struct CalibrateJson {
     pub hyperparameters: Vec<Hyperparameters>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub elastic: Option<ElasticSummary>,
+    /// Training measurements that do not belong, by their lines.
+    pub outliers: Vec<ListedOutlier>,
     /// The table that `--method auto` chose from.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub choice: Option<Vec<Row>>,
@@ -118,6 +125,7 @@ pub fn document(
         step1: calibration.frame_fit().map(step1),
         hyperparameters: hyperparameters.collect(),
         elastic: None,
+        outliers: Vec::new(),
         choice: None,
         budget: None,
         correction_limit_mm: 1e3 * calibration.correction_limit.0,
@@ -139,4 +147,28 @@ pub fn document(
         repeats: None,
         provenance,
     }
+}
+
+/// The outliers of a calibration with `samples`, which are the rows of `set`.
+pub fn outliers(
+    calibration: &Calibration,
+    set: &MeasurementSet,
+    samples: &[InstrumentSample],
+) -> Vec<ListedOutlier> {
+    let listed = |o: &Outlier| {
+        let [position_sigmas, rotation_sigmas] = o.sigmas;
+        let is_turned = samples[o.sample].observation.has_orientation();
+        ListedOutlier {
+            line: set.measurements[o.sample].line,
+            reason: match o.reason {
+                Reason::Robust => "far from the calibrated arm",
+                Reason::LeaveOneOut => "far from what all other measurements predict",
+            },
+            chi_squared: o.chi_squared,
+            position_sigmas,
+            rotation_sigmas: is_turned.then_some(rotation_sigmas),
+            rejected: calibration.config.outliers == OutlierPolicy::Reject,
+        }
+    };
+    calibration.outliers.iter().map(listed).collect()
 }

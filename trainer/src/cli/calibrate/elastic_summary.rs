@@ -1,11 +1,9 @@
-//! What `trainer calibrate` reports about an elastic model: noise, gear ripple, outliers.
+//! What `trainer calibrate` reports about an elastic model: noise and gear ripple.
 
 use serde::Serialize;
 
 use crate::cli::terminal::print::Printer;
-use crate::report::sections::{ListedOutlier, Ripple};
-use poegp_calibration::learning::elastic::options::OutlierPolicy;
-use poegp_calibration::learning::elastic::outliers::Reason;
+use crate::report::sections::Ripple;
 use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::model::Calibration;
 use poegp_calibration::model::config::ProcessLayout;
@@ -18,7 +16,6 @@ pub struct ElasticSummary {
     noise_mrad: Option<f64>,
     inducing_points: usize,
     ripple: Vec<RippleSummary>,
-    outliers: Vec<OutlierSummary>,
     /// Of a blob that says how well it knows the position.
     #[serde(skip_serializing_if = "Option::is_none")]
     predictive_std: Option<StdSummary>,
@@ -41,21 +38,9 @@ struct RippleSummary {
     amplitude_urad: f64,
 }
 
-#[derive(Serialize)]
-struct OutlierSummary {
-    line: usize,
-    reason: &'static str,
-    chi_squared: f64,
-    rejected: bool,
-}
-
 impl ElasticSummary {
-    /// Of a calibration with these samples; `lines` are their lines in the file.
-    pub fn new(
-        calibration: &Calibration,
-        samples: &[InstrumentSample],
-        lines: &[usize],
-    ) -> Option<Self> {
+    /// Of a calibration with these samples.
+    pub fn new(calibration: &Calibration, samples: &[InstrumentSample]) -> Option<Self> {
         let elastic = calibration.correction.elastic()?;
         let report = &elastic.report;
         let config = &calibration.config;
@@ -64,7 +49,6 @@ impl ElasticSummary {
             floor_mm: 1e3 * sigma.header.floor.sqrt(),
             noise_mm: 1e3 * sigma.noise.sqrt(),
         });
-        let rejected = config.outliers == OutlierPolicy::Reject;
         let ripple = report
             .ripple
             .iter()
@@ -73,15 +57,6 @@ impl ElasticSummary {
                 cycles_per_turn: *cycles,
                 amplitude_urad: 1e6 * amplitude,
             });
-        let outliers = calibration.outliers().iter().map(|o| OutlierSummary {
-            line: lines.get(o.sample).copied().unwrap_or(0),
-            reason: match o.reason {
-                Reason::Robust => "far from the calibrated arm",
-                Reason::LeaveOneOut => "far from what all other measurements predict",
-            },
-            chi_squared: o.chi_squared,
-            rejected,
-        });
         Some(Self {
             noise_mm: 1e3 * report.position_noise,
             noise_mrad: samples
@@ -90,23 +65,11 @@ impl ElasticSummary {
                 .then_some(1e3 * report.orientation_noise),
             inducing_points: report.support,
             ripple: ripple.collect(),
-            outliers: outliers.collect(),
             predictive_std: sigma,
             predictive_std_wanted: config.layout == ProcessLayout::Shared
                 && config.device_variance
                 && config.processes,
         })
-    }
-
-    /// The outliers for a page.
-    pub fn listed_outliers(&self) -> Vec<ListedOutlier> {
-        let listed = |o: &OutlierSummary| ListedOutlier {
-            line: o.line,
-            reason: o.reason,
-            chi_squared: o.chi_squared,
-            rejected: o.rejected,
-        };
-        self.outliers.iter().map(listed).collect()
     }
 
     /// The gear ripple for a page.
@@ -142,19 +105,6 @@ impl ElasticSummary {
             report.line(format_args!(
                 "  gear ripple of joint {}: {:.1} cycles per turn, {:.0} µrad",
                 r.joint, r.cycles_per_turn, r.amplitude_urad
-            ));
-        }
-        for o in &self.outliers {
-            report.line(format_args!(
-                "  outlier in line {}: {} (χ² {:.0}); {}",
-                o.line,
-                o.reason,
-                o.chi_squared,
-                if o.rejected {
-                    "left out"
-                } else {
-                    "kept; --outliers reject leaves it out"
-                }
             ));
         }
     }

@@ -10,7 +10,7 @@ pub mod report_page;
 use std::path::{Path, PathBuf};
 
 use crate::cli::calibrate::args::Calibrate;
-use crate::cli::calibrate::document::{CalibrateJson, document};
+use crate::cli::calibrate::document::{CalibrateJson, document, outliers};
 use crate::cli::calibrate::elastic_summary::ElasticSummary;
 use crate::cli::calibrate::job::Job;
 use crate::cli::calibrate::project::{RobotTable, Source};
@@ -109,8 +109,7 @@ pub fn run(arguments: &Calibrate) -> Result<(), Failure> {
         blob,
         precision_loss,
     } = found;
-    let training = ErrorSummary::new(&blob.errors(&samples));
-    let lines: Vec<usize> = set.measurements.iter().map(|m| m.line).collect();
+    let training = ErrorSummary::new(&blob.errors(&calibration.trained_on(&samples)));
     let seed = evidence.is_some().then_some(report_page::SEED);
     let mut provenance = report_page::provenance(&a.robot, &arm, &origin, seed, &set, &tests.files);
     let file = a.out.display().to_string();
@@ -125,7 +124,8 @@ pub fn run(arguments: &Calibrate) -> Result<(), Failure> {
         provenance,
     );
     document.held_out = evidence.as_ref().map(ReportData::summary);
-    document.elastic = ElasticSummary::new(&calibration, &samples, &lines);
+    document.elastic = ElasticSummary::new(&calibration, &samples);
+    document.outliers = outliers(&calibration, &set, &samples);
     document.choice = choice;
     document.budget = fitted;
     document.drift = drift.map(|d| d.report);
@@ -343,6 +343,18 @@ fn print(
     }
     if let Some(summary) = &document.elastic {
         summary.print(report);
+    }
+    for o in &document.outliers {
+        report.line(format_args!(
+            "  outlier in line {}: {}, {}; {}",
+            o.line,
+            o.distance(),
+            o.reason,
+            match o.rejected {
+                true => "left out",
+                false => "kept; without --outliers keep it is left out",
+            }
+        ));
     }
     if !matches!(calibration.correction, Correction::None) {
         let (m, rad) = calibration.correction_limit;

@@ -199,8 +199,6 @@ pub fn of_calibration(
     summary: &HeldOutSummary,
 ) -> String {
     let elastic = document.elastic.as_ref();
-    let listed =
-        elastic.map(crate::cli::calibrate::elastic_summary::ElasticSummary::listed_outliers);
     let ripple = elastic.map(crate::cli::calibrate::elastic_summary::ElasticSummary::listed_ripple);
     let device = DeviceSummary {
         file: document.blob.file.clone(),
@@ -224,9 +222,7 @@ pub fn of_calibration(
         .with(sections::outliers(
             evidence,
             summary,
-            listed
-                .as_deref()
-                .ok_or("Only the elastic model looks for outliers among its training poses."),
+            Ok(&document.outliers),
         ))
         .with(sections::choice(
             document.choice.as_deref(),

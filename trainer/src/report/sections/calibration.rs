@@ -2,6 +2,7 @@
 //! and where all of it comes from.
 
 use maud::{Markup, html};
+use serde::Serialize;
 
 use crate::report::{HeldOutSummary, Number, Provenance, ReportData, Section};
 use poegp_calibration::identification::identifiability::IdentifyReport;
@@ -14,8 +15,8 @@ const WORST: usize = 10;
 /// Standard deviations beyond which a change is called certain.
 const CERTAIN: f64 = 3.0;
 
-/// A measurement that does not belong, in the order of the JSON document's `elastic.outliers`.
-#[derive(Clone, Debug)]
+/// A training measurement that does not belong, in the JSON document and on the page.
+#[derive(Clone, Debug, Serialize)]
 pub struct ListedOutlier {
     /// Line in the training file.
     pub line: usize,
@@ -23,8 +24,23 @@ pub struct ListedOutlier {
     pub reason: &'static str,
     /// How far it is.
     pub chi_squared: f64,
+    /// Distance of its position in standard deviations.
+    pub position_sigmas: f64,
+    /// Distance of its rotation in standard deviations; `None` where none was measured.
+    pub rotation_sigmas: Option<f64>,
     /// Whether it was left out.
     pub rejected: bool,
+}
+
+impl ListedOutlier {
+    /// Which of position and rotation is farther, and by how many standard deviations.
+    pub fn distance(&self) -> String {
+        let rotation = self.rotation_sigmas.unwrap_or(0.0);
+        match rotation > self.position_sigmas {
+            true => format!("rotation {rotation:.0} σ"),
+            false => format!("position {:.0} σ", self.position_sigmas),
+        }
+    }
 }
 
 /// Gear ripple of one joint, in the order of the JSON document's `elastic.ripple`.
@@ -140,7 +156,7 @@ pub fn parameters(
 }
 
 /// Outliers of the training with their lines, and the largest held-out errors. `found` is an error where
-/// none were looked for, with the sentence that says why.
+/// there is no training, with the sentence that says so.
 pub fn outliers(
     evidence: &ReportData,
     summary: &HeldOutSummary,
@@ -152,10 +168,16 @@ pub fn outliers(
         Ok([]) => section.text(html! { "No training pose contradicts all others." }),
         Ok(found) => {
             let row = |(i, o): (usize, &ListedOutlier)| {
-                let at = |name: &str| format!("/elastic/outliers/{i}/{name}");
+                let at = |name: &str| format!("/outliers/{i}/{name}");
                 vec![
                     html! { "line " (Number::count(o.line, at("line"))) ": " (o.reason) },
-                    html! { (Number::new(o.chi_squared, 0, at("chi_squared"))) },
+                    html! { (Number::new(o.position_sigmas, 1, at("position_sigmas"))) },
+                    html! {
+                        @match o.rotation_sigmas {
+                            Some(sigmas) => { (Number::new(sigmas, 1, at("rotation_sigmas"))) }
+                            None => { "–" }
+                        }
+                    },
                     html! { @if o.rejected { "left out" } @else { "kept" } },
                 ]
             };
@@ -165,10 +187,10 @@ pub fn outliers(
                     (found.len()) @if found.len() == 1 { " training pose contradicts" } @else { " training poses contradict" }
                     " what the others say"
                     @if rejected > 0 { " and did not take part in the calibration." }
-                    @else { ". Measure them again, or calibrate with --outliers reject." }
+                    @else { ". Measure them again, or calibrate without --outliers keep." }
                 })
                 .table(
-                    &["training file", "χ²", ""],
+                    &["training file", "position (σ)", "rotation (σ)", ""],
                     found.iter().enumerate().map(row).collect(),
                 )
         }

@@ -1,0 +1,90 @@
+//! Gross outliers among the training poses: what they cost on poses without any.
+
+use poegp_calibration::blob::write::calibrate_to_blob;
+use poegp_calibration::learning::elastic::options::OutlierPolicy;
+use poegp_calibration::measurement::observation::Observation;
+use poegp_calibration::measurement::sample::InstrumentSample;
+use poegp_calibration::model::Method;
+use poegp_calibration::model::config::{Config, Weighting};
+use poegp_calibration::numeric::statistics::ErrorSummary;
+use poegp_calibration::progress::FitContext;
+
+use crate::{arm, origin, samples, say, simulated_path};
+
+/// Displacements in mm, one along each axis in turn, of every 33rd of 300 poses.
+const SIZES_MM: [f64; 9] = [3.0, 5.0, 8.0, 12.0, 20.0, 30.0, 50.0, 75.0, 100.0];
+const EVERY: usize = 33;
+/// The price, as a share of the held-out error without outliers.
+const AT_MOST: f64 = 0.03;
+
+fn with_outliers(clean: &[InstrumentSample]) -> Vec<InstrumentSample> {
+    let mut dirty = clean.to_vec();
+    let rows = dirty.iter_mut().step_by(EVERY);
+    for (i, (sample, size)) in rows.zip(SIZES_MM).enumerate() {
+        let mut pose = sample.observation.pose().unwrap();
+        pose.translation[i % 3] += 1e-3 * if i % 2 == 0 { size } else { -size };
+        sample.observation = Observation::Pose(pose);
+    }
+    dirty
+}
+
+/// Every method leaves out the nine and nothing else; a method that keeps them pays more.
+#[test]
+fn nine_gross_outliers_in_three_hundred_poses() {
+    let (robot, _) = arm("abb-irb4400-serial");
+    let clean = samples(&simulated_path("wild_s0_train"), &robot);
+    let test = samples(&simulated_path("wild_s0_test1"), &robot);
+    let dirty = with_outliers(&clean);
+    let run = |config: &Config, train: &[InstrumentSample]| {
+        let found = calibrate_to_blob(&robot, train, config, &origin(1), &FitContext::default())
+            .unwrap_or_else(|e| panic!("{e}"));
+        let mean = ErrorSummary::new(&found.blob.errors(&test))
+            .position_mm
+            .mean;
+        (mean, found.calibration.outliers)
+    };
+    let injected: Vec<usize> = (0..SIZES_MM.len()).map(|i| EVERY * i).collect();
+    let weighted = Config {
+        weighting: Weighting::Noise,
+        ..Config::new(Method::Poe)
+    };
+    let configs = [
+        ("base-tool", Config::new(Method::BaseTool)),
+        ("poe", Config::new(Method::Poe)),
+        ("poe --weighting noise", weighted),
+        ("elastic", Config::new(Method::Elastic)),
+    ];
+    let mut failed = Vec::new();
+    for (name, config) in configs {
+        let (without, none) = run(&config, &clean);
+        let (with, found) = run(&config, &dirty);
+        let price = with / without - 1.0;
+        let rows: Vec<usize> = found.iter().map(|o| o.sample).collect();
+        say(format_args!(
+            "nine gross outliers of 300, {name}: {with:.4} mm, {without:.4} mm without ({:+.1} %, at most {:.0})",
+            100.0 * price,
+            100.0 * AT_MOST
+        ));
+        if price > AT_MOST || rows != injected || !none.is_empty() {
+            failed.push(format!("{name}: {price:.3}, {rows:?}, {none:?}"));
+        }
+        for (outlier, size) in found.iter().zip(SIZES_MM) {
+            let [position, rotation] = outlier.sigmas;
+            if position < rotation || position < 10.0 * size {
+                failed.push(format!("{name}, {size} mm: {outlier:?}"));
+            }
+        }
+    }
+    let keep = Config {
+        outliers: OutlierPolicy::Keep,
+        ..weighted
+    };
+    let (kept, found) = run(&keep, &dirty);
+    let (without, _) = run(&weighted, &clean);
+    say(format_args!(
+        "  kept by poe --weighting noise: {kept:.4} mm"
+    ));
+    assert_eq!(found.len(), SIZES_MM.len(), "they are listed either way");
+    assert!(kept > (1.0 + AT_MOST) * without, "{kept} {without}");
+    assert!(failed.is_empty(), "{failed:#?}");
+}
