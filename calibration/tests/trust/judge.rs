@@ -48,8 +48,9 @@ impl Answer {
         all.iter().filter(|f| f.tier >= Tier::Warning)
     }
 
-    pub fn is_caught(&self) -> bool {
-        matches!(self, Self::Unread(_)) || self.alarms().next().is_some()
+    /// Whether there is an alarm that is not `true_anyway` of the set.
+    pub fn is_caught(&self, true_anyway: &[Cause]) -> bool {
+        matches!(self, Self::Unread(_)) || self.alarms().any(|f| !true_anyway.contains(&f.cause))
     }
 
     pub fn is_refused(&self) -> bool {
@@ -69,6 +70,26 @@ impl Answer {
         let gravest = self.alarms().map(|f| f.tier).max();
         self.alarms()
             .any(|f| Some(f.tier) == gravest && right.contains(&f.cause))
+    }
+
+    /// Whether an alarm names one of the joints.
+    pub fn names(&self, joints: &[usize]) -> bool {
+        let patterns = joints.iter().flat_map(|j| {
+            let after = [
+                format!("joint {j} "),
+                format!("joints {j} "),
+                format!("joints {j},"),
+            ];
+            let within = [
+                format!(", {j} and "),
+                format!(" and {j} look"),
+                format!(", {j},"),
+            ];
+            after.into_iter().chain(within)
+        });
+        let patterns: Vec<String> = patterns.collect();
+        let is_named = |f: &Finding| patterns.iter().any(|p| f.text.contains(p));
+        joints.is_empty() || matches!(self, Self::Unread(_)) || self.alarms().any(is_named)
     }
 
     /// The causes with value and threshold, or the reader's error.

@@ -101,20 +101,24 @@ impl Run {
                 self.report(&good.name, &mistake.name, &verdict, &answer, true);
                 continue;
             }
-            let caught = answer.is_caught();
-            let right = caught && answer.is_right(&mistake.right, &changed);
+            let caught = answer.is_caught(&good.exempt);
+            let named = answer.names(&mistake.joints);
+            let right = caught && named && answer.is_right(&mistake.right, &changed);
             let count = self.record.of(&good.name);
             count.cases += 1;
             count.caught += usize::from(caught);
-            count.refused += usize::from(answer.is_refused());
+            let meek = caught && !mistake.only_warns && !answer.is_refused();
+            count.meek += usize::from(meek);
             count.right += usize::from(right);
             let verdict = match (caught, right) {
                 (false, _) => "MISSED",
+                (true, false) if !named => "WRONG JOINT OR CAUSE",
                 (true, false) => "WRONG CAUSE",
+                (true, true) if meek => "right, NOT REFUSED",
                 (true, true) => "right",
             };
             self.record.wrong_times.extend(answer.time());
-            self.report(&good.name, &mistake.name, verdict, &answer, right);
+            self.report(&good.name, &mistake.name, verdict, &answer, right && !meek);
         }
     }
 
@@ -125,10 +129,7 @@ impl Run {
             return;
         }
         let answer = ask(&good.robot, text);
-        let is_alarm = match &answer {
-            Answer::Examined(..) => answer.alarms().any(|f| !good.exempt.contains(&f.cause)),
-            Answer::Unread(_) | Answer::Panicked => true,
-        };
+        let is_alarm = answer.is_caught(&good.exempt) || matches!(answer, Answer::Panicked);
         let count = self.record.of(&good.name);
         count.good += 1;
         count.false_alarms += usize::from(is_alarm);

@@ -9,7 +9,8 @@ use std::time::Duration;
 pub struct Count {
     pub cases: usize,
     pub caught: usize,
-    pub refused: usize,
+    /// Caught with a warning, where the file should be refused.
+    pub meek: usize,
     pub right: usize,
     /// Mistakes that nobody can see: not among the cases.
     pub unseen: usize,
@@ -21,7 +22,7 @@ impl Count {
     fn add(&mut self, other: &Self) {
         self.cases += other.cases;
         self.caught += other.caught;
-        self.refused += other.refused;
+        self.meek += other.meek;
         self.right += other.right;
         self.unseen += other.unseen;
         self.good += other.good;
@@ -76,7 +77,7 @@ impl Record {
     /// The tables as Markdown.
     pub fn text(&self) -> String {
         let mut out = String::from(
-            "| set | wrong files | caught | refused | right cause | left out | good files | false alarms |\n|---|---|---|---|---|---|---|---|\n",
+            "| set | wrong files | caught | only warned | right cause | left out | good files | false alarms |\n|---|---|---|---|---|---|---|---|\n",
         );
         let total = self.total();
         let sets = self.sets.iter().map(|(n, c)| (n.as_str(), c));
@@ -87,7 +88,7 @@ impl Record {
                 c.cases,
                 c.caught,
                 percent(c.caught, c.cases),
-                c.refused,
+                c.meek,
                 c.right,
                 percent(c.right, c.caught),
                 c.unseen,

@@ -45,6 +45,7 @@ fn signs(list: &mut List) {
         list.add(format!("sign: q{}", joint + 1), &right, move |t, _| {
             reverse(t, joint);
         })
+        .at(&[joint])
         .unless_absorbed();
     }
     if moving.len() < 3 {
@@ -79,6 +80,7 @@ fn orders(list: &mut List) {
             let joints = t.joints();
             t.swap(joints[joint], joints[joint + 1]);
         })
+        .at(&[joint, joint + 1])
         .unless_absorbed();
     }
     list.add("swap: reversed order of all", &[Swap], |t, _| {
@@ -111,15 +113,16 @@ fn offsets(list: &mut List) {
             list.add(name, &[Offset, Sign], move |t, _| {
                 t.map(t.joints()[joint], |_, q| q + degrees);
             })
+            .at(&[joint])
             .unless_absorbed();
         }
         let name = format!("mastering: q{} by 1 deg", joint + 1);
-        list.add(name, &[Offset, Frames], move |t, _| {
+        list.add(name, &[Frames, Offset], move |t, _| {
             t.map(t.joints()[joint], |_, q| q + 1.0);
         })
         .unseen(true, "what calibration is for");
         let name = format!("mastering: q{} by 5 deg", joint + 1);
-        list.add(name, &[Offset, Frames], move |t, _| {
+        list.add(name, &[Frames, Offset], move |t, _| {
             t.map(t.joints()[joint], |_, q| q + 5.0);
         })
         .unless_absorbed();
@@ -299,7 +302,7 @@ fn mixtures(list: &mut List) {
     }
     list.add(
         "mixed: target remounted without a session",
-        &[Mixed],
+        &[Mixed, Step],
         |t, r| {
             let from = r.random_range(t.len() / 4..3 * t.len() / 4);
             let tool = shift(crate::mistakes::direction(60.0, r));

@@ -19,6 +19,18 @@ use crate::table::Table;
 
 type Make = dyn Fn(&Good, &mut ChaCha8Rng) -> Table;
 
+/// Causes that warn; with any other a file is refused.
+const WARNED: [Cause; 8] = [
+    Cause::Few,
+    Cause::Copies,
+    Cause::Drift,
+    Cause::Outlier,
+    Cause::Payload,
+    Cause::Noise,
+    Cause::Rounding,
+    Cause::Frames,
+];
+
 /// What may hide a mistake.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub enum HiddenBy {
@@ -33,6 +45,10 @@ pub struct Mistake {
     pub name: String,
     /// Causes that are right, the most specific first.
     pub right: Vec<Cause>,
+    /// Joints, from 1, one of which the text has to name.
+    pub joints: Vec<usize>,
+    /// A model is possible: a warning is enough.
+    pub only_warns: bool,
     /// Why nobody can see it in the file; then it does not count.
     pub unseen: Option<&'static str>,
     /// What may hide it: then it does not count where that does.
@@ -56,9 +72,21 @@ impl Mistake {
         self
     }
 
+    /// A warning is enough where `true`.
+    fn warns_if(&mut self, only_warns: bool) -> &mut Self {
+        self.only_warns |= only_warns;
+        self
+    }
+
     /// Base and tool may absorb the mistake.
     fn unless_absorbed(&mut self) -> &mut Self {
         self.hidden_by = Some(HiddenBy::BaseAndTool);
+        self
+    }
+
+    /// The text has to name one of these joints, from 0.
+    fn at(&mut self, joints: &[usize]) -> &mut Self {
+        self.joints = joints.iter().map(|j| j + 1).collect();
         self
     }
 
@@ -106,6 +134,8 @@ impl List<'_> {
         self.all.push(Mistake {
             name: name.into(),
             right: right.to_vec(),
+            joints: Vec::new(),
+            only_warns: WARNED.contains(&right[0]),
             unseen: None,
             hidden_by: None,
             robot: None,

@@ -89,7 +89,8 @@ fn steps(list: &mut List) {
                 t.map_poses(from..t.len(), |_, p| base * p);
             },
         )
-        .unseen(mm < VISIBLE * scatter, SMALL);
+        .unseen(mm < VISIBLE * scatter, SMALL)
+        .warns_if(mm < 3.0);
     }
     list.add(
         "step: instrument moved there and back",
@@ -99,7 +100,8 @@ fn steps(list: &mut List) {
             let n = t.len();
             t.map_poses(n / 3..2 * n / 3, |_, p| base * p);
         },
-    );
+    )
+    .warns_if(true);
     list.add(
         "step: instrument tilted by 1 mrad",
         &[Step, Mixed],
@@ -109,7 +111,8 @@ fn steps(list: &mut List) {
             t.map_poses(from..t.len(), |_, p| base * p);
         },
     )
-    .unseen(scatter > 0.2, SMALL);
+    .unseen(scatter > 0.2, SMALL)
+    .warns_if(true);
     for mm in [2.0, 5.0] {
         list.add(
             format!("step: target slipped by {mm} mm"),
@@ -120,7 +123,8 @@ fn steps(list: &mut List) {
                 t.map_poses(from..t.len(), |_, p| p * tool);
             },
         )
-        .unseen(mm < VISIBLE * scatter, SMALL);
+        .unseen(mm < VISIBLE * scatter, SMALL)
+        .warns_if(mm < 3.0);
     }
     let moving = list.good.moving();
     // How far the target is from a joint, mm; the wrist's are near, where no orientation shows them.
@@ -140,7 +144,8 @@ fn steps(list: &mut List) {
                 t.map_rows(t.joints()[joint], from..t.len(), |_, q| q + degrees);
             },
         )
-        .unseen(degrees.to_radians() * lever < VISIBLE * scatter, SMALL);
+        .unseen(degrees.to_radians() * lever < VISIBLE * scatter, SMALL)
+        .warns_if(true);
     }
     for mm in [0.3, 1.0, 3.0] {
         let narrow = list.good.is_narrow() && mm < 1.0;

@@ -57,7 +57,8 @@ fn readouts(list: &mut List) {
             format!("readout: with {um} um of noise"),
             &[Readout],
             move |g, r| readout(g, um, r),
-        );
+        )
+        .warns_if(um > 5.0);
     }
 }
 
@@ -119,7 +120,8 @@ fn copies(list: &mut List) {
                 t.rows[row][column].clone_from(&held);
             }
         },
-    );
+    )
+    .warns_if(true);
 }
 
 fn placeholders(list: &mut List) {
@@ -138,7 +140,7 @@ fn placeholders(list: &mut List) {
     }
     list.add(
         "placeholder: 9999 for a missed z",
-        &[Placeholder],
+        &[Placeholder, Clip],
         |t, r| {
             for row in share_of(t, 0.03, r) {
                 let z = t.position()[2];
@@ -185,7 +187,8 @@ fn placeholders(list: &mut List) {
                 }
             }
         },
-    );
+    )
+    .warns_if(true);
 }
 
 /// Clips a column so that a tenth of its values are at the extreme.
@@ -278,7 +281,7 @@ fn texts(list: &mut List) {
         );
     }
     list.add("text: the last row cut", &[Placeholder], |t, _| {
-        let fields = t.header.len() - 2;
+        let fields = t.position()[1];
         t.rows.last_mut().expect("rows").truncate(fields);
     });
 }
