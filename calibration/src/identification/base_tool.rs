@@ -183,7 +183,7 @@ fn translations(pairs: &[Pair], base: &Matrix3<f64>) -> (Vector3<f64>, Vector3<f
 }
 
 /// The 24 rotations that map a cube to itself.
-fn cube_rotations() -> Vec<Matrix3<f64>> {
+pub(crate) fn cube_rotations() -> Vec<Matrix3<f64>> {
     let mut out = Vec::with_capacity(24);
     let axes = [Vector3::x(), Vector3::y(), Vector3::z()];
     for first in 0..3 {

@@ -1,0 +1,367 @@
+//! Base and tools on the nominal arm, robustly and fast enough for some hundred readings of a file.
+//!
+//! M = X F Y: measured poses M, flanges F, base X, tools Y. The rotations start from the singular vectors of
+//! Σ M_ij F_ab (9×9) and from 24 turned tools, and alternate between X and Y; the translations are one linear
+//! fit; Gauss–Newton steps with weights against outliers refine both.
+
+use faer::linalg::solvers::Solve;
+use faer::{Mat, Side};
+use nalgebra::{Matrix3, Vector3};
+use poegp_runtime::math::se3::{Pose, Twist};
+
+use crate::identification::base_tool::cube_rotations;
+use crate::identification::base_tools::aligned;
+use crate::measurement::observation::Observation;
+use crate::numeric::rotation::nearest_rotation;
+
+/// Metres that count as much as a radian.
+pub const LEVER: f64 = 1.0 / 3.0;
+
+/// One row as a reading of the file has it.
+#[derive(Clone, Copy, Debug)]
+pub struct Row {
+    /// The nominal `base_from_flange`.
+    pub flange: Pose<f64>,
+    /// `instrument_from_target`.
+    pub seen: Observation,
+    /// Which tool carried the target.
+    pub tool: usize,
+}
+
+/// Base and tools that fit rows best.
+#[derive(Clone, Debug)]
+pub struct Alignment {
+    /// `instrument_from_base`.
+    pub base: Pose<f64>,
+    /// `flange_from_target` of each tool.
+    pub tools: Vec<Pose<f64>>,
+    /// Median position residual in m.
+    pub position: f64,
+    /// Median rotation residual in rad; 0 for positions alone.
+    pub rotation: f64,
+}
+
+impl Alignment {
+    /// `instrument_from_target` of a row.
+    fn predicted(&self, row: &Row) -> Pose<f64> {
+        self.base * row.flange * self.tools[row.tool]
+    }
+
+    /// Position residual in m and rotation residual in rad of a row.
+    pub fn residual(&self, row: &Row) -> (f64, f64) {
+        let predicted = self.predicted(row);
+        let position = (row.seen.position() - predicted.translation).norm();
+        let rotation = row
+            .seen
+            .pose()
+            .map_or(0.0, |pose| angle(&pose.rotation, &predicted.rotation));
+        (position, rotation)
+    }
+
+    fn with_medians(mut self, rows: &[Row]) -> Self {
+        let residuals: Vec<(f64, f64)> = rows.iter().map(|row| self.residual(row)).collect();
+        let whole = residuals
+            .iter()
+            .zip(rows)
+            .filter(|(_, row)| row.seen.has_orientation());
+        self.rotation = median(whole.map(|(r, _)| r.1).collect());
+        self.position = median(residuals.iter().map(|r| r.0).collect());
+        self
+    }
+
+    /// Median residuals as one length in metres.
+    pub fn length(&self) -> f64 {
+        self.position + LEVER * self.rotation
+    }
+}
+
+/// The angle between two rotations, rad.
+fn angle(a: &Matrix3<f64>, b: &Matrix3<f64>) -> f64 {
+    // |A − B|² = 4 (1 − cos θ); the half angle keeps small angles exact.
+    2.0 * ((a - b).norm() / 8.0_f64.sqrt()).min(1.0).asin()
+}
+
+/// The middle value; 0 of none.
+pub fn median(mut values: Vec<f64>) -> f64 {
+    if values.is_empty() {
+        return 0.0;
+    }
+    let middle = values.len() / 2;
+    *values.select_nth_unstable_by(middle, f64::total_cmp).1
+}
+
+/// Gauss–Newton steps of a fit that is kept.
+const STEPS: usize = 12;
+/// Starts that are refined.
+const REFINED: usize = 4;
+
+/// Base and tools of `rows`, refined from the best starts.
+pub fn align(rows: &[Row]) -> Alignment {
+    let tools = tool_count(rows);
+    let mut starts = starts(rows, tools);
+    starts.truncate(REFINED);
+    let fits = starts.into_iter().map(|s| refined(s, rows, STEPS));
+    fits.min_by(|a, b| a.length().total_cmp(&b.length()))
+        .expect("there is always a start")
+}
+
+/// Base and tools of `rows` as the best start has them: to rank readings.
+pub fn rough(rows: &[Row]) -> Alignment {
+    let tools = tool_count(rows);
+    let best = starts(rows, tools).into_iter().next();
+    refined(best.expect("there is always a start"), rows, 2)
+}
+
+fn tool_count(rows: &[Row]) -> usize {
+    rows.iter().map(|r| r.tool + 1).max().unwrap_or(1)
+}
+
+/// Starts, best first.
+fn starts(rows: &[Row], tools: usize) -> Vec<Alignment> {
+    let largest = (0..tools)
+        .max_by_key(|t| rows.iter().filter(|r| r.tool == *t).count())
+        .unwrap_or(0);
+    let whole: Vec<(Matrix3<f64>, Matrix3<f64>)> = rows
+        .iter()
+        .filter(|r| r.tool == largest)
+        .filter_map(|r| Some((r.seen.pose()?.rotation, r.flange.rotation)))
+        .collect();
+    let mut bases: Vec<Matrix3<f64>> = Vec::new();
+    if whole.len() >= 3 {
+        for base in rotations(&whole) {
+            if bases.iter().all(|other| angle(other, &base) > 0.05) {
+                bases.push(base);
+            }
+        }
+    }
+    let mut out: Vec<Alignment> = bases.iter().map(|base| linear(rows, tools, base)).collect();
+    out.extend(position_starts(rows, tools));
+    out.sort_by(|a, b| a.length().total_cmp(&b.length()));
+    out
+}
+
+/// Rotations of the base that may be right.
+fn rotations(whole: &[(Matrix3<f64>, Matrix3<f64>)]) -> Vec<Matrix3<f64>> {
+    // t[ij][ab] = Σ M_ij F_ab.
+    let mut t = [[0.0; 9]; 9];
+    for (m, f) in whole {
+        for (ij, row) in t.iter_mut().enumerate() {
+            let left = m[(ij / 3, ij % 3)];
+            for (ab, sum) in row.iter_mut().enumerate() {
+                *sum += left * f[(ab / 3, ab % 3)];
+            }
+        }
+    }
+    // Σ M Yᵀ Fᵀ, and Σ (X F)ᵀ M.
+    let base_of = |y: &Matrix3<f64>| {
+        let mut sum = Matrix3::zeros();
+        for (ij, row) in t.iter().enumerate() {
+            let (i, j) = (ij / 3, ij % 3);
+            for (ab, value) in row.iter().enumerate() {
+                sum[(i, ab / 3)] += value * y[(ab % 3, j)];
+            }
+        }
+        nearest_rotation(&sum)
+    };
+    let tool_of = |x: &Matrix3<f64>| {
+        let mut sum = Matrix3::zeros();
+        for (ij, row) in t.iter().enumerate() {
+            let (i, j) = (ij / 3, ij % 3);
+            for (ab, value) in row.iter().enumerate() {
+                sum[(ab % 3, j)] += value * x[(i, ab / 3)];
+            }
+        }
+        nearest_rotation(&sum)
+    };
+    let k = Mat::from_fn(9, 9, |ia, bj| {
+        t[3 * (ia / 3) + bj % 3][3 * (ia % 3) + bj / 3]
+    });
+    let mut tools = cube_rotations();
+    if let Ok(svd) = k.svd() {
+        for column in 0..2 {
+            let y = Matrix3::from_fn(|b, j| svd.V()[(3 * b + j, column)]);
+            tools.push(nearest_rotation(&y));
+            tools.push(nearest_rotation(&-y));
+        }
+    }
+    tools
+        .iter()
+        .map(|tool| {
+            let mut base = base_of(tool);
+            for _ in 0..3 {
+                base = base_of(&tool_of(&base));
+            }
+            base
+        })
+        .collect()
+}
+
+/// Tools' rotations from the base's, then translations by a linear fit.
+fn linear(rows: &[Row], tools: usize, base: &Matrix3<f64>) -> Alignment {
+    let mut turn = vec![Matrix3::zeros(); tools];
+    for row in rows {
+        if let Some(pose) = row.seen.pose() {
+            turn[row.tool] += (base * row.flange.rotation).transpose() * pose.rotation;
+        }
+    }
+    let turn: Vec<Matrix3<f64>> = turn.iter().map(nearest_rotation).collect();
+    let size = 3 + 3 * tools;
+    let mut normal = Mat::<f64>::zeros(size, size);
+    let mut right = Mat::<f64>::zeros(size, 1);
+    for row in rows {
+        let turned = base * row.flange.rotation;
+        let rest = row.seen.position() - base * row.flange.translation;
+        let first = 3 + 3 * row.tool;
+        for i in 0..3 {
+            let entries = [
+                (i, 1.0),
+                (first, turned[(i, 0)]),
+                (first + 1, turned[(i, 1)]),
+                (first + 2, turned[(i, 2)]),
+            ];
+            for (p, x) in entries {
+                right[(p, 0)] += x * rest[i];
+                for (q, y) in entries {
+                    normal[(p, q)] += x * y;
+                }
+            }
+        }
+    }
+    for i in 0..size {
+        normal[(i, i)] += 1e-9 * rows.len() as f64;
+    }
+    let x: Vec<f64> = match normal.llt(Side::Lower) {
+        Ok(factor) => {
+            let x = factor.solve(&right);
+            (0..size).map(|i| x[(i, 0)]).collect()
+        }
+        Err(_) => vec![0.0; size],
+    };
+    let vector = |first: usize| Vector3::new(x[first], x[first + 1], x[first + 2]);
+    Alignment {
+        base: Pose {
+            rotation: *base,
+            translation: vector(0),
+        },
+        tools: (0..tools)
+            .map(|t| Pose {
+                rotation: turn[t],
+                translation: vector(3 + 3 * t),
+            })
+            .collect(),
+        position: 0.0,
+        rotation: 0.0,
+    }
+    .with_medians(rows)
+}
+
+/// Starts from positions alone: the base that takes the target to where it was seen, for some places of the target.
+fn position_starts(rows: &[Row], tools: usize) -> Vec<Alignment> {
+    let seen: Vec<Vector3<f64>> = rows.iter().map(|r| r.seen.position()).collect();
+    let mut offsets = vec![Vector3::zeros()];
+    for axis in [Vector3::x(), Vector3::y(), Vector3::z()] {
+        offsets.extend([axis * 0.15, axis * -0.15]);
+    }
+    let start = |offset: Vector3<f64>| {
+        let mut targets = vec![offset; tools];
+        let mut out = None;
+        for _ in 0..4 {
+            let from: Vec<Vector3<f64>> = rows
+                .iter()
+                .map(|r| r.flange.transform_point(&targets[r.tool]))
+                .collect();
+            let base = aligned(&from, &seen);
+            let fit = linear(rows, tools, &base.rotation);
+            targets = fit.tools.iter().map(|t| t.translation).collect();
+            out = Some(fit);
+        }
+        out
+    };
+    offsets.into_iter().filter_map(start).collect()
+}
+
+/// Gauss–Newton steps with Cauchy weights.
+fn refined(start: Alignment, rows: &[Row], steps: usize) -> Alignment {
+    let mut best = start;
+    let tools = best.tools.len();
+    let size = 6 + 6 * tools;
+    for _ in 0..steps {
+        // A mirrored or foreign file leaves decimetres: the floor only keeps exact data from dividing by zero.
+        let width = 2.0 * best.length().max(1e-7);
+        let mut normal = Mat::<f64>::zeros(size, size);
+        let mut right = Mat::<f64>::zeros(size, 1);
+        for row in rows {
+            let predicted = best.predicted(row);
+            let turned = best.base.rotation * row.flange.rotation;
+            let position = row.seen.position() - predicted.translation;
+            let turn = row.seen.pose().map(|pose| {
+                let rest = Pose {
+                    rotation: pose.rotation * predicted.rotation.transpose(),
+                    translation: Vector3::zeros(),
+                };
+                rest.log().angular * LEVER
+            });
+            let square = position.norm_squared() + turn.map_or(0.0, |t| t.norm_squared());
+            let weight = 1.0 / (1.0 + square / (width * width));
+            let first = 6 + 6 * row.tool;
+            let mut add = |columns: &[(usize, Vector3<f64>)], error: &Vector3<f64>| {
+                for (p, x) in columns {
+                    right[(*p, 0)] += weight * x.dot(error);
+                    for (q, y) in columns {
+                        normal[(*p, *q)] += weight * x.dot(y);
+                    }
+                }
+            };
+            let axes = [Vector3::x(), Vector3::y(), Vector3::z()];
+            let lever = predicted.translation - best.base.translation;
+            let mut columns = [(0, Vector3::zeros()); 9];
+            for (i, axis) in axes.iter().enumerate() {
+                columns[i] = (i, *axis);
+                columns[3 + i] = (3 + i, axis.cross(&lever));
+                columns[6 + i] = (first + i, turned.column(i).into_owned());
+            }
+            add(&columns, &position);
+            if let Some(turn) = turn {
+                let mut columns = [(0, Vector3::zeros()); 6];
+                for (i, axis) in axes.iter().enumerate() {
+                    columns[i] = (3 + i, axis * LEVER);
+                    columns[3 + i] = (first + 3 + i, turned.column(i) * LEVER);
+                }
+                add(&columns, &turn);
+            }
+        }
+        for i in 0..size {
+            normal[(i, i)] += 1e-9 * rows.len() as f64;
+        }
+        let Ok(factor) = normal.llt(Side::Lower) else {
+            break;
+        };
+        let x = factor.solve(&right);
+        let vector =
+            |first: usize| Vector3::new(x[(first, 0)], x[(first + 1, 0)], x[(first + 2, 0)]);
+        let turned_by = |turn: Vector3<f64>, rotation: &Matrix3<f64>| {
+            let twist = Twist {
+                linear: Vector3::zeros(),
+                angular: turn,
+            };
+            Pose::exp(&twist).rotation * rotation
+        };
+        let mut next = best.clone();
+        next.base.translation += vector(0);
+        next.base.rotation = turned_by(vector(3), &best.base.rotation);
+        for (t, tool) in next.tools.iter_mut().enumerate() {
+            tool.translation += vector(6 + 6 * t);
+            tool.rotation = turned_by(vector(9 + 6 * t), &tool.rotation);
+        }
+        let next = next.with_medians(rows);
+        let gain = best.length() - next.length();
+        let settled = gain.abs() < 1e-4 * best.length();
+        if gain > -0.1 * best.length() {
+            best = next;
+        }
+        if settled || gain <= -0.1 * best.length() {
+            break;
+        }
+    }
+    best
+}

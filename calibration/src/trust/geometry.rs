@@ -1,0 +1,217 @@
+//! The geometry with priors around the drawing, gravity and two harmonics of each joint: what is left of good data is
+//! noise, so that what is left of wrong data shows where it comes from.
+
+use faer::linalg::solvers::Solve;
+use faer::{Mat, Side};
+use nalgebra::Vector3;
+use poegp_runtime::math::se3::Pose;
+
+use crate::identification::base_tool::with_ends;
+use crate::identification::parametric::state::{
+    Layout, Linearised, ParametricModel, ROWS, prior_variance,
+};
+use crate::measurement::noise::NoiseScales;
+use crate::measurement::sample::{BaseSample, in_base_frame};
+use crate::trust::alignment::{Alignment, median};
+use crate::trust::readings::Data;
+
+/// Rounds of the fit.
+const ROUNDS: usize = 6;
+/// Residuals of a row, in standard deviations, from which its weight falls.
+const BEND: f64 = 3.0;
+/// Residual of one component below which nothing is weighed: exact data must not divide by zero, m and rad.
+const LEAST_SCALE: f64 = 2e-7;
+
+/// How far the frames may be from the drawing.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Priors {
+    /// As arms are made: 2 mm and 2 mrad.
+    Made,
+    /// As mastering errors and variants of an arm are: 30 mm and 30 mrad.
+    Wide,
+}
+
+/// A fitted geometry.
+pub struct Geometry {
+    /// The model.
+    pub state: ParametricModel,
+    /// The samples in the base frame, in the order of time.
+    pub samples: Vec<BaseSample>,
+    /// Robust standard deviations of one component.
+    pub scales: NoiseScales,
+    /// The model around its optimum, rows in units of their scales.
+    pub linear: Linearised,
+    /// Residuals in units of their scales.
+    pub residuals: Vec<[f64; ROWS]>,
+    /// Weights of the rows, 0 to 1.
+    pub weights: Vec<f64>,
+    /// The inverse of AᵀWA and the priors.
+    pub covariance: Mat<f64>,
+    /// Parameters that the data determine: the trace of the hat matrix.
+    pub determined: f64,
+    /// Median position residual in m.
+    pub position: f64,
+    /// Median rotation residual in rad.
+    pub rotation: f64,
+    /// How far each frame of the arm is from the drawing, m and rad.
+    pub frames_off: Vec<(f64, f64)>,
+}
+
+impl Geometry {
+    /// Fits the samples of `data`, starting from `alignment`; `None` where the equations cannot be solved.
+    pub fn fit(
+        data: &Data<'_>,
+        alignment: &Alignment,
+        priors: Priors,
+        gravity: Vector3<f64>,
+    ) -> Option<Self> {
+        let joints = data.robot.joints.len();
+        let last = *data.chain.frames().last()?;
+        let instrument: Vec<_> = data.samples.iter().map(|s| (*s).clone()).collect();
+        let samples = in_base_frame(&instrument, &alignment.base);
+        let payloads: Vec<f64> = samples.iter().filter_map(|s| s.payload_kg).collect();
+        let varies = payloads.iter().any(|m| (m - payloads[0]).abs() > 0.05);
+        let layout = Layout {
+            joints,
+            tools: alignment.tools.len(),
+            gravity: true,
+            payload: varies,
+            ripple: (0..joints).flat_map(|j| [(j, 1.0), (j, 2.0)]).collect(),
+        };
+        let chain = with_ends(&data.chain, &Pose::identity(), &alignment.tools[0]);
+        let tools: Vec<Pose<f64>> = alignment.tools.iter().map(|t| last * *t).collect();
+        let coupling = data.robot.coupling.clone();
+        let mut state = ParametricModel::new(&chain, tools, coupling, layout, gravity);
+        let nominal = state.frames.clone();
+        let groups = state.layout.groups();
+        let wide = match priors {
+            Priors::Made => 0.0,
+            Priors::Wide => 15.0_f64.powi(2).ln(),
+        };
+        let hyper = [0.0, 0.0, wide, 0.0, 0.0];
+        let sd: Vec<f64> = groups
+            .iter()
+            .map(|g| prior_variance(*g, &hyper).sqrt())
+            .collect();
+        let mut weights = vec![1.0; samples.len()];
+        for _ in 0..ROUNDS {
+            let scales = robust_scales(&state, &samples);
+            let linear = state.linearise(&samples, scales);
+            weights = row_weights(&state.residuals(&samples, scales), &samples);
+            let factor = normal(&linear, &weights, &sd).llt(Side::Lower).ok()?;
+            let right = right_side(&linear, &weights, &sd);
+            let z = factor.solve(&right);
+            let x: Vec<f64> = (0..sd.len()).map(|i| sd[i] * z[(i, 0)]).collect();
+            let moved = x.iter().zip(&state.deviation).zip(&sd);
+            let moved = moved
+                .map(|((new, old), sd)| ((new - old) / sd).abs())
+                .fold(0.0, f64::max);
+            state.update(&x);
+            if moved < 1e-4 {
+                break;
+            }
+        }
+        let scales = robust_scales(&state, &samples);
+        let linear = state.linearise(&samples, scales);
+        let residuals = state.residuals(&samples, scales);
+        weights = row_weights(&residuals, &samples);
+        let factor = normal(&linear, &weights, &sd).llt(Side::Lower).ok()?;
+        let identity = Mat::from_fn(sd.len(), sd.len(), |i, j| {
+            f64::from(u8::from(i == j)) * sd[i]
+        });
+        let half = factor.solve(&identity);
+        let covariance = Mat::from_fn(sd.len(), sd.len(), |i, j| sd[i] * half[(i, j)]);
+        let determined = (0..sd.len()).map(|i| 1.0 - covariance[(i, i)] / (sd[i] * sd[i]));
+        let plain = state.residuals(&samples, NoiseScales::ONE);
+        let norm = |r: &[f64]| r.iter().map(|x| x * x).sum::<f64>().sqrt();
+        let whole = plain
+            .iter()
+            .zip(&samples)
+            .filter(|(_, s)| s.observation.has_orientation());
+        let frames_off = state.frames.iter().zip(&nominal).map(|(fitted, drawn)| {
+            let turned = drawn.inverse() * *fitted;
+            (
+                (fitted.translation - drawn.translation).norm(),
+                turned.log().angular.norm(),
+            )
+        });
+        Some(Self {
+            position: median(plain.iter().map(|r| norm(&r[..3])).collect()),
+            rotation: median(whole.map(|(r, _)| norm(&r[3..])).collect()),
+            frames_off: frames_off.collect(),
+            determined: determined.sum(),
+            state,
+            samples,
+            scales,
+            linear,
+            residuals,
+            weights,
+            covariance,
+        })
+    }
+
+    /// Residual of a row per equation, in standard deviations.
+    pub fn size(&self, row: usize) -> f64 {
+        size(
+            &self.residuals[row],
+            self.samples[row].observation.equations(),
+        )
+    }
+
+    /// Equations of all rows.
+    pub fn equations(&self) -> usize {
+        self.samples.iter().map(|s| s.observation.equations()).sum()
+    }
+
+    /// Residuals of a fit are smaller than the noise: the factor from one to the other.
+    pub fn degrees_of_freedom(&self) -> f64 {
+        let equations = self.equations() as f64;
+        (equations / (equations - self.determined).max(1.0)).sqrt()
+    }
+}
+
+fn size(residual: &[f64; ROWS], equations: usize) -> f64 {
+    (residual.iter().map(|x| x * x).sum::<f64>() / equations as f64).sqrt()
+}
+
+fn robust_scales(state: &ParametricModel, samples: &[BaseSample]) -> NoiseScales {
+    // What rows state is examined, so it does not weigh here.
+    let plain: Vec<BaseSample> = samples
+        .iter()
+        .map(|s| BaseSample {
+            declared_noise: Default::default(),
+            ..s.clone()
+        })
+        .collect();
+    NoiseScales::robust(&state.residuals(&plain, NoiseScales::ONE), &plain).at_least(LEAST_SCALE)
+}
+
+/// A row that does not belong pulls with the same force however far it is off, and rows that are off together still show
+/// where they are.
+fn row_weights(residuals: &[[f64; ROWS]], samples: &[BaseSample]) -> Vec<f64> {
+    let of = |(r, s): (&[f64; ROWS], &BaseSample)| {
+        let u = size(r, s.observation.equations());
+        if u < BEND { 1.0 } else { (BEND / u).powi(2) }
+    };
+    residuals.iter().zip(samples).map(of).collect()
+}
+
+/// Λ^½ (AᵀWA) Λ^½ + 1.
+fn normal(linear: &Linearised, weights: &[f64], sd: &[f64]) -> Mat<f64> {
+    let weighted = Mat::from_fn(linear.a.nrows(), sd.len(), |r, j| {
+        weights[r / ROWS].sqrt() * linear.a[(r, j)] * sd[j]
+    });
+    let mut normal = weighted.transpose() * &weighted;
+    for i in 0..sd.len() {
+        normal[(i, i)] += 1.0;
+    }
+    normal
+}
+
+fn right_side(linear: &Linearised, weights: &[f64], sd: &[f64]) -> Mat<f64> {
+    let y = Mat::from_fn(linear.y.nrows(), 1, |r, _| {
+        weights[r / ROWS] * linear.y[(r, 0)]
+    });
+    let right = linear.a.transpose() * y;
+    Mat::from_fn(sd.len(), 1, |i, _| sd[i] * right[(i, 0)])
+}

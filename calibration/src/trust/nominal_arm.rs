@@ -1,0 +1,452 @@
+//! The nominal arm with base and tool fitted: is this the robot, and if not, which mistake explains the file?
+
+use nalgebra::Vector3;
+use poegp_protocol::JointKind;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use crate::measurement::observation::Observation;
+use crate::robot::Robot;
+use crate::trust::alignment::{Alignment, LEVER, Row, align, rough};
+use crate::trust::finding::{Cause, Finding, Tier};
+use crate::trust::geometry::{Geometry, Priors};
+use crate::trust::readings::{Data, Reading, readings};
+use crate::trust::wording::{length, lengths, lines};
+
+/// Median position residual over the reach of the arm, above which the file is not this robot.
+const REFUSED_REACH: f64 = 0.009;
+/// Median rotation residual in rad, above which the file is not this robot.
+const REFUSED_ROTATION: f64 = 60e-3;
+/// Median position residual over the spread of the positions, above which the file is not this robot.
+const REFUSED_SPREAD: f64 = 0.07;
+/// Median position residual over the spread, above which other readings are tried.
+const SUSPICIOUS_SPREAD: f64 = 0.012;
+/// Another reading has to be better by this factor.
+const BETTER: f64 = 0.25;
+/// Readings within this factor of the best are named beside it.
+const AS_GOOD: f64 = 2.0;
+/// Rows that rank readings.
+const RANKED: usize = 90;
+/// Readings that are refined.
+const REFINED: usize = 8;
+/// Fewest rows that a base and a tool are fitted to.
+const LEAST_ROWS: usize = 6;
+/// Readings of what was seen that are paired with those of joints.
+const MOST_SEEN: usize = 30;
+/// Pairs of readings that are tried.
+const MOST_PAIRS: usize = 3000;
+/// Shares of the rows that agree on one base and tool where a file has two populations.
+const AGREEING: f64 = 0.25;
+/// Above this share the others are outliers.
+const NEARLY_ALL: f64 = 0.95;
+/// Distances over the reach within which rows agree.
+const TIGHT: f64 = 0.0035;
+/// Distances over the reach within which rows of an arm far from its drawing agree.
+const LOOSE: f64 = 0.012;
+/// Median residual over the reach that a geometry of its own may leave.
+const EXPLAINED_REACH: f64 = 0.0035;
+/// Residuals below this are the drawing's own: the controller computed the poses, m and rad.
+const COMPUTED: (f64, f64) = (20e-6, 0.1e-3);
+
+/// Sum of the lengths of the links in m, with the travel of prismatic joints.
+pub fn reach(robot: &Robot) -> f64 {
+    let links = robot.parent_from_joint.iter().skip(1);
+    let travel = robot.joints.iter().map(|j| match j.kind {
+        JointKind::Prismatic => j.limits.map_or(1.0, |(a, b)| b - a),
+        JointKind::Revolute => 0.0,
+    });
+    links.map(|f| f.translation.norm()).sum::<f64>() + travel.sum::<f64>()
+}
+
+/// Root mean square distance of the positions from their mean, m.
+fn spread(rows: &[Row]) -> f64 {
+    let count = rows.len().max(1) as f64;
+    let mean = rows.iter().map(|r| r.seen.position()).sum::<Vector3<f64>>() / count;
+    let square = rows
+        .iter()
+        .map(|r| (r.seen.position() - mean).norm_squared());
+    (square.sum::<f64>() / count).sqrt().max(1e-9)
+}
+
+/// A fit of rows, and how it compares.
+struct Fit {
+    alignment: Alignment,
+    /// How far it is beyond what this robot may have: above 1 it is another.
+    badness: f64,
+    /// Median residual over the spread of the positions: a file in another unit is not better for being smaller.
+    relative: f64,
+}
+
+impl Fit {
+    fn new(alignment: Alignment, rows: &[Row], reach: f64) -> Self {
+        let (a, spread) = (&alignment, spread(rows));
+        Self {
+            badness: (a.position / (REFUSED_REACH * reach))
+                .max(a.rotation / REFUSED_ROTATION)
+                .max(a.position / (REFUSED_SPREAD * spread)),
+            relative: a.position / spread + LEVER * a.rotation,
+            alignment,
+        }
+    }
+
+    fn of(rows: &[Row], reach: f64) -> Self {
+        Self::new(align(rows), rows, reach)
+    }
+
+    /// Whether it explains what `given` does not.
+    fn explains(&self, given: &Self) -> bool {
+        self.relative < BETTER * given.relative && self.badness <= 1.0
+    }
+
+    fn lengths(&self, has_orientation: bool) -> String {
+        lengths(
+            self.alignment.position,
+            self.alignment.rotation,
+            has_orientation,
+        )
+    }
+}
+
+/// What the nominal arm says about the data.
+pub struct NominalArm {
+    /// Base and tools as the file is given.
+    pub alignment: Alignment,
+    /// What is wrong; empty when this is the robot.
+    pub findings: Vec<Finding>,
+}
+
+/// Looks at the data with the nominal arm.
+pub fn examine(data: &Data<'_>, gravity: Vector3<f64>) -> NominalArm {
+    let all: Vec<usize> = (0..data.samples.len()).collect();
+    let rows = Reading::as_given().rows(data, &all);
+    let reach = reach(data.robot);
+    let given = Fit::of(&rows, reach);
+    let scene = Scene {
+        data,
+        gravity,
+        reach,
+        has_orientation: rows.iter().any(|r| r.seen.has_orientation()),
+        rows,
+    };
+    NominalArm {
+        findings: scene.examine(&given).into_iter().collect(),
+        alignment: given.alignment,
+    }
+}
+
+/// The data and what every question about them needs.
+struct Scene<'a> {
+    data: &'a Data<'a>,
+    rows: Vec<Row>,
+    gravity: Vector3<f64>,
+    reach: f64,
+    has_orientation: bool,
+}
+
+impl Scene<'_> {
+    fn examine(&self, given: &Fit) -> Option<Finding> {
+        let a = &given.alignment;
+        if given.badness <= 1.0 && self.rows.len() >= LEAST_ROWS {
+            if a.position < COMPUTED.0 && a.rotation < COMPUTED.1 {
+                let text = format!(
+                    "the poses are those of the drawing to {}: the controller computed them, no instrument measured them",
+                    given.lengths(self.has_orientation)
+                );
+                return Some(refused(
+                    Cause::Readout,
+                    text,
+                    1e6 * a.position,
+                    1e6 * COMPUTED.0,
+                ));
+            }
+            if a.position <= SUSPICIOUS_SPREAD * spread(&self.rows) {
+                return None;
+            }
+            return self.other_reading(given);
+        }
+        self.other_reading(given)
+            .or_else(|| self.populations(TIGHT))
+            .or_else(|| self.orientation_alone(given))
+            .or_else(|| self.wide_geometry(given))
+            .or_else(|| self.pairs(given))
+            .or_else(|| self.populations(LOOSE))
+            .or_else(|| Some(self.unexplained(given)))
+    }
+
+    /// The refusal for a file that another reading explains.
+    fn other_reading(&self, given: &Fit) -> Option<Finding> {
+        let all = readings(self.data, self.has_orientation);
+        let which = spread_rows(self.rows.len(), RANKED);
+        let single = (0..all.len()).map(|i| vec![i]).collect();
+        self.best_of(given, &all, single, &which)
+    }
+
+    /// Two mistakes at once, one of them of the joints.
+    fn pairs(&self, given: &Fit) -> Option<Finding> {
+        let all: Vec<Reading> = readings(self.data, self.has_orientation)
+            .into_iter()
+            .filter(|r| r.complexity == 1)
+            .collect();
+        let of_joints: Vec<usize> = (0..all.len()).filter(|i| all[*i].is_of_joints()).collect();
+        let of_seen = (0..all.len()).filter(|i| all[*i].is_of_seen() && !all[*i].is_of_units());
+        let of_seen: Vec<usize> = of_seen.take(MOST_SEEN).collect();
+        let mut pairs: Vec<Vec<usize>> = Vec::new();
+        for i in &of_joints {
+            pairs.extend(of_seen.iter().map(|j| vec![*i, *j]));
+        }
+        for (k, i) in of_joints.iter().enumerate() {
+            pairs.extend(of_joints[k + 1..].iter().map(|j| vec![*i, *j]));
+        }
+        pairs.truncate(MOST_PAIRS);
+        self.best_of(given, &all, pairs, &spread_rows(self.rows.len(), 30))
+    }
+
+    /// The refusal by the best of some combinations of readings, if it explains the file.
+    fn best_of(
+        &self,
+        given: &Fit,
+        all: &[Reading],
+        combinations: Vec<Vec<usize>>,
+        which: &[usize],
+    ) -> Option<Finding> {
+        let changes = |c: &[usize]| -> Vec<&Reading> { c.iter().map(|i| &all[*i]).collect() };
+        let mut ranked: Vec<(f64, Vec<usize>)> = combinations
+            .into_iter()
+            .filter_map(|c| {
+                let rows = Reading::rows_of(&changes(&c), self.data, which);
+                let enough = rows.len() >= LEAST_ROWS;
+                enough.then(|| (Fit::new(rough(&rows), &rows, self.reach).relative, c))
+            })
+            .collect();
+        ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let mut fits: Vec<(Fit, Vec<usize>)> = ranked
+            .into_iter()
+            .take(REFINED)
+            .map(|(_, c)| {
+                let rows = Reading::rows_of(&changes(&c), self.data, which);
+                (Fit::of(&rows, self.reach), c)
+            })
+            .collect();
+        fits.sort_by(|a, b| a.0.relative.total_cmp(&b.0.relative));
+        let best = fits
+            .first()
+            .filter(|(fit, _)| fit.explains(given))?
+            .0
+            .relative;
+        fits.retain(|(fit, _)| fit.relative <= AS_GOOD * best);
+        let complexity = |c: &[usize]| c.iter().map(|i| all[*i].complexity).sum::<usize>();
+        fits.sort_by(|a, b| complexity(&a.1).cmp(&complexity(&b.1)).then(a.1.cmp(&b.1)));
+        let sentence = |c: &[usize]| -> String {
+            let sentences: Vec<&str> = c.iter().map(|i| all[*i].sentence.as_str()).collect();
+            sentences.join(", and ")
+        };
+        let (fit, first) = &fits[0];
+        let mut text = format!(
+            "the poses are {} from the arm as drawn; {}: {} if so",
+            given.lengths(self.has_orientation),
+            sentence(first),
+            fit.lengths(self.has_orientation)
+        );
+        let others: Vec<String> = fits[1..].iter().take(3).map(|(_, c)| sentence(c)).collect();
+        if !others.is_empty() {
+            text += &format!(" (as well: {})", others.join("; "));
+        }
+        let value = fit.relative / given.relative;
+        Some(refused(all[first[0]].cause, text, value, BETTER))
+    }
+
+    /// The refusal for a file of two populations of rows.
+    fn populations(&self, tolerance: f64) -> Option<Finding> {
+        let count = self.rows.len();
+        if count < 16 {
+            return None;
+        }
+        let agreeing = |fit: &Alignment| -> Vec<usize> {
+            let agrees = |k: &usize| {
+                let (position, rotation) = fit.residual(&self.rows[*k]);
+                position < tolerance * self.reach && rotation < 3.0 * tolerance
+            };
+            (0..count).filter(agrees).collect()
+        };
+        let subset =
+            |which: &[usize]| -> Vec<Row> { which.iter().map(|k| self.rows[*k]).collect() };
+        let mut best: Vec<usize> = Vec::new();
+        for start in starts_of_populations(count) {
+            let rows = agreeing(&rough(&subset(&start)));
+            if rows.len() > best.len().max(7) {
+                let rows = agreeing(&align(&subset(&rows)));
+                if rows.len() > best.len() {
+                    best = rows;
+                }
+            }
+        }
+        let share = best.len() as f64 / count as f64;
+        if best.len() < 8 || !(AGREEING..=NEARLY_ALL).contains(&share) {
+            return None;
+        }
+        let fit = Fit::of(&subset(&best), self.reach);
+        if fit.badness > 1.0 {
+            return None;
+        }
+        let others: Vec<usize> = (0..count)
+            .filter(|k| best.binary_search(k).is_err())
+            .collect();
+        let of_others: Vec<usize> = others.iter().map(|k| self.data.line(*k)).collect();
+        let mut text = format!(
+            "only {} of {count} rows agree on one base and tool; {} do not",
+            best.len(),
+            lines(&of_others)
+        );
+        if others.len() >= LEAST_ROWS {
+            text += &self.of_others(&fit, &others);
+        }
+        Some(Finding {
+            rows: of_others,
+            ..refused(Cause::Mixed, text, share, NEARLY_ALL)
+        })
+    }
+
+    /// What explains the rows that do not agree with the others.
+    fn of_others(&self, fit: &Fit, others: &[usize]) -> String {
+        let rows: Vec<Row> = others.iter().map(|k| self.rows[*k]).collect();
+        let own = Fit::of(&rows, self.reach);
+        if own.badness <= 1.0 {
+            let base = fit.alignment.base.inverse() * own.alignment.base;
+            let tool = fit.alignment.tools[0].inverse() * own.alignment.tools[0];
+            return format!(
+                "; by themselves they do, with the base {} and the target {} elsewhere: something was moved or mounted \
+                 anew there (a session of its own)",
+                lengths(base.translation.norm(), base.log().angular.norm(), true),
+                lengths(tool.translation.norm(), tool.log().angular.norm(), true)
+            );
+        }
+        let data = Data {
+            robot: self.data.robot,
+            chain: self.data.chain,
+            samples: others.iter().map(|k| self.data.samples[*k]).collect(),
+            lines: others.iter().map(|k| self.data.line(*k)).collect(),
+        };
+        let scene = Scene {
+            data: &data,
+            rows,
+            ..*self
+        };
+        let reading = scene.other_reading(&own);
+        reading.map_or_else(String::new, |finding| {
+            format!("; of those rows, {}", finding.text)
+        })
+    }
+
+    /// The refusal for positions that fit where the orientations do not.
+    fn orientation_alone(&self, given: &Fit) -> Option<Finding> {
+        if !self.has_orientation || given.alignment.rotation < REFUSED_ROTATION {
+            return None;
+        }
+        let positions: Vec<Row> = self
+            .rows
+            .iter()
+            .map(|row| Row {
+                seen: Observation::Position(row.seen.position()),
+                ..*row
+            })
+            .collect();
+        let fit = Fit::of(&positions, self.reach);
+        (fit.badness <= 1.0).then(|| {
+            let text = format!(
+                "the positions fit the arm as drawn to {}, the orientations do not by {:.0} mrad: check the order, the \
+                 signs and the convention of the orientation columns",
+                fit.lengths(false),
+                1e3 * given.alignment.rotation
+            );
+            refused(Cause::Orientation, text, given.alignment.rotation, REFUSED_ROTATION)
+        })
+    }
+
+    /// The refusal for an arm whose drawing or mastering is another: one joint or link is named where one stands out.
+    fn wide_geometry(&self, given: &Fit) -> Option<Finding> {
+        let geometry = Geometry::fit(self.data, &given.alignment, Priors::Wide, self.gravity)?;
+        let fits = geometry.position < EXPLAINED_REACH * self.reach
+            && geometry.rotation < REFUSED_ROTATION / 2.0
+            && geometry.position < BETTER * given.alignment.position;
+        if !fits {
+            return None;
+        }
+        let off = geometry.frames_off.iter().enumerate().skip(1);
+        let turned = off.clone().max_by(|a, b| a.1.1.total_cmp(&b.1.1));
+        let shifted = off.max_by(|a, b| a.1.0.total_cmp(&b.1.0));
+        let (joint, (_, turn)) = turned?;
+        let (link, (shift, _)) = shifted?;
+        let (cause, named) = if turn / 35e-3 > shift / 6.5e-3 {
+            let named = format!(
+                "the zero or the axis of joint {} is {:.2}° away from the drawing's",
+                joint + 1,
+                turn.to_degrees()
+            );
+            (Cause::Offset, named)
+        } else {
+            (
+                Cause::Frames,
+                format!(
+                    "the link before joint {} is {} away from the drawing's",
+                    link + 1,
+                    length(*shift)
+                ),
+            )
+        };
+        let text = format!(
+            "the poses are {} from the arm as drawn; with a geometry of its own {} are left, and {named}: is the arm \
+             mastered, and is it this variant of the robot?",
+            given.lengths(self.has_orientation),
+            lengths(geometry.position, geometry.rotation, self.has_orientation)
+        );
+        Some(refused(
+            cause,
+            text,
+            geometry.position / given.alignment.position,
+            BETTER,
+        ))
+    }
+
+    /// The refusal for a file that nothing explains.
+    fn unexplained(&self, given: &Fit) -> Finding {
+        let text = format!(
+            "the poses are {} from the arm as drawn, and nothing that was tried explains it: is it this robot, and do \
+             the joints and the pose of a row belong together?",
+            given.lengths(self.has_orientation)
+        );
+        refused(Cause::NoFit, text, given.badness, 1.0)
+    }
+}
+
+fn refused(cause: Cause, text: String, value: f64, threshold: f64) -> Finding {
+    Finding {
+        cause,
+        tier: Tier::Refused,
+        text,
+        rows: Vec::new(),
+        value,
+        threshold,
+    }
+}
+
+/// Some rows, evenly spread over the file.
+fn spread_rows(count: usize, most: usize) -> Vec<usize> {
+    let taken = count.min(most);
+    (0..taken).map(|i| i * count / taken).collect()
+}
+
+/// Rows to start a population from: windows of the file, and a fixed sequence of fives, so that a file always has the
+/// same answer.
+fn starts_of_populations(count: usize) -> Vec<Vec<usize>> {
+    let mut out: Vec<Vec<usize>> = Vec::new();
+    for parts in [2, 3, 6, 12] {
+        let length = (count / parts).max(8).min(count);
+        out.extend((0..parts).map(|i| {
+            let first = (i * count / parts).min(count - length);
+            (first..first + length).collect()
+        }));
+    }
+    let mut random = ChaCha8Rng::seed_from_u64(1);
+    out.extend((0..60).map(|_| (0..5).map(|_| random.random_range(0..count)).collect()));
+    out
+}

@@ -1,0 +1,688 @@
+//! Other readings of a file: what its numbers would mean if one mistake had been made when they were written.
+//!
+//! A cause is named only when its reading was tried. Every mistake is one line of [`readings`]: its cause, what it says,
+//! and how it changes the joints, what was seen, or which rows belong together.
+
+use nalgebra::{Matrix3, Vector3};
+use poegp_protocol::JointKind;
+use poegp_runtime::kinematics::poe::Poe;
+use poegp_runtime::math::se3::{Pose, Twist};
+
+use crate::measurement::observation::Observation;
+use crate::measurement::sample::InstrumentSample;
+use crate::robot::{BUILT_IN, LoadOptions, Robot};
+use crate::trust::alignment::Row;
+use crate::trust::finding::Cause;
+
+/// Rows in the order of time: index into the samples.
+pub struct Data<'a> {
+    /// The arm.
+    pub robot: &'a Robot,
+    /// Its chain to the flange.
+    pub chain: Poe<f64>,
+    /// All samples in the order of time.
+    pub samples: Vec<&'a InstrumentSample>,
+    /// The line of each of them in the file.
+    pub lines: Vec<usize>,
+}
+
+impl Data<'_> {
+    /// The line of a sample in the file.
+    pub fn line(&self, index: usize) -> usize {
+        self.lines.get(index).copied().unwrap_or(0)
+    }
+}
+
+type OfJoints = Box<dyn Fn(&[f64]) -> Vec<f64>>;
+type OfSeen = Box<dyn Fn(&Observation) -> Observation>;
+
+/// What a reading changes.
+enum Change {
+    /// The controller's joints.
+    Joints(OfJoints),
+    /// The joints are those of the serial chain.
+    Serial,
+    /// What was seen.
+    Seen(OfSeen),
+    /// What was seen belongs to a later row of joints, or an earlier one.
+    Shift(isize),
+    /// The controller's joints of every row.
+    JointsOfRows(Vec<Vec<f64>>),
+    /// It is another arm.
+    Robot(Box<Robot>, Box<Poe<f64>>),
+}
+
+/// One way to read a file.
+pub struct Reading {
+    /// What is wrong with the file if the reading is right.
+    pub cause: Cause,
+    /// What the user should read.
+    pub sentence: String,
+    /// How many things differ from the file as given: the simplest of equals is named first.
+    pub complexity: usize,
+    changes: Vec<Change>,
+}
+
+impl Reading {
+    fn new(cause: Cause, sentence: impl Into<String>, change: Change) -> Self {
+        Self {
+            cause,
+            sentence: sentence.into(),
+            complexity: 1,
+            changes: vec![change],
+        }
+    }
+
+    /// The file as given.
+    pub fn as_given() -> Self {
+        Self {
+            cause: Cause::NoFit,
+            sentence: String::new(),
+            complexity: 0,
+            changes: Vec::new(),
+        }
+    }
+
+    /// Whether it changes joints alone.
+    pub fn is_of_joints(&self) -> bool {
+        self.changes
+            .iter()
+            .all(|c| matches!(c, Change::Joints(_) | Change::Serial | Change::Robot(..)))
+    }
+
+    /// Whether it changes a unit.
+    pub fn is_of_units(&self) -> bool {
+        self.cause == Cause::Unit
+    }
+
+    /// Whether it changes what was seen alone.
+    pub fn is_of_seen(&self) -> bool {
+        self.changes.iter().all(|c| matches!(c, Change::Seen(_)))
+    }
+
+    /// The rows `which` of the data in this reading; fewer where rows are shifted.
+    pub fn rows(&self, data: &Data<'_>, which: &[usize]) -> Vec<Row> {
+        Self::rows_of(&[self], data, which)
+    }
+
+    /// The rows `which` in several readings at once.
+    pub fn rows_of(readings: &[&Self], data: &Data<'_>, which: &[usize]) -> Vec<Row> {
+        let mut out = Vec::with_capacity(which.len());
+        for k in which {
+            let sample = data.samples[*k];
+            let mut seen = Some(sample);
+            let mut joints = sample.joints.clone();
+            let (mut chain, mut robot, mut serial) = (&data.chain, data.robot, false);
+            for change in readings.iter().flat_map(|r| &r.changes) {
+                match change {
+                    Change::Joints(of) => joints = of(&joints),
+                    Change::Serial => serial = true,
+                    Change::Shift(by) => {
+                        seen = k
+                            .checked_add_signed(*by)
+                            .and_then(|k| data.samples.get(k).copied());
+                    }
+                    Change::JointsOfRows(all) => joints.clone_from(&all[*k]),
+                    Change::Robot(other, its) => (robot, chain) = (other, its),
+                    Change::Seen(_) => {}
+                }
+            }
+            let Some(seen) = seen else { continue };
+            let mut observation = seen.observation;
+            for change in readings.iter().flat_map(|r| &r.changes) {
+                if let Change::Seen(of) = change {
+                    observation = of(&observation);
+                }
+            }
+            let joints = if serial {
+                joints
+            } else {
+                robot.serial_joints(&joints)
+            };
+            out.push(Row {
+                flange: chain.forward(&joints),
+                seen: observation,
+                tool: seen.tool,
+            });
+        }
+        out
+    }
+}
+
+/// Every reading of the data but the one as given, simplest first.
+pub fn readings(data: &Data<'_>, has_orientation: bool) -> Vec<Reading> {
+    let mut out = Vec::new();
+    of_units(data, &mut out);
+    of_joints(data, &mut out);
+    of_positions(&mut out);
+    if has_orientation {
+        of_orientations(&mut out);
+    }
+    for by in [1, -1, 2, -2, 3, -3] {
+        let (count, way) = (isize::abs(by), if by > 0 { "above" } else { "below" });
+        let plural = if count == 1 { "row" } else { "rows" };
+        out.push(Reading::new(
+            Cause::Rows,
+            format!("the poses look like those of the joints {count} {plural} {way}"),
+            Change::Shift(by),
+        ));
+    }
+    of_motion(data, &mut out);
+    for name in BUILT_IN {
+        let Ok(other) = Robot::load(name, &LoadOptions::default()) else {
+            continue;
+        };
+        if other.joints.len() != data.robot.joints.len()
+            || (other.parent_from_joint == data.robot.parent_from_joint
+                && other.coupling == data.robot.coupling)
+        {
+            continue;
+        }
+        if let Ok(chain) = other.chain() {
+            let sentence = format!("the data look like those of the robot `{name}`");
+            let change = Change::Robot(Box::new(other), Box::new(chain));
+            out.push(Reading::new(Cause::Robot, sentence, change));
+        }
+    }
+    of_sign_patterns(data, &mut out);
+    out
+}
+
+/// Joints and poses of a row that were not read at the same moment.
+fn of_motion(data: &Data<'_>, out: &mut Vec<Reading>) {
+    let count = data.samples.len();
+    for step in 1..=20 {
+        let share = 0.025 * f64::from(step);
+        // The pose lags behind the joints, or the joints behind the pose; of the move before, or of the one after.
+        for (joints_lag, earlier) in [(false, true), (true, true), (false, false), (true, false)] {
+            let mut joints: Vec<Vec<f64>> = data.samples.iter().map(|s| s.joints.clone()).collect();
+            let order: Vec<usize> = if earlier {
+                (1..count).collect()
+            } else {
+                (0..count.saturating_sub(1)).rev().collect()
+            };
+            for k in order {
+                let neighbour = if earlier { k - 1 } else { k + 1 };
+                for j in 0..joints[k].len() {
+                    // Joints that lag are recovered row after row; a pose that lags was taken between the joints as read.
+                    joints[k][j] = if joints_lag {
+                        (data.samples[k].joints[j] - share * joints[neighbour][j]) / (1.0 - share)
+                    } else {
+                        let (own, other) =
+                            (&data.samples[k].joints, &data.samples[neighbour].joints);
+                        own[j] + share * (other[j] - own[j])
+                    };
+                }
+            }
+            let way = if joints_lag == earlier { "on" } else { "back" };
+            out.push(Reading::new(
+                Cause::Lag,
+                format!(
+                    "the poses fit joints {:.1} % of a move further {way}: joints or poses were read while the robot moved",
+                    100.0 * share
+                ),
+                Change::JointsOfRows(joints),
+            ));
+        }
+    }
+}
+
+/// Units of joints and positions.
+fn of_units(data: &Data<'_>, out: &mut Vec<Reading>) {
+    let revolute: Vec<usize> = (0..data.robot.joints.len())
+        .filter(|j| data.robot.joints[*j].kind == JointKind::Revolute)
+        .collect();
+    for (factor, unit) in [
+        (
+            180.0 / std::f64::consts::PI,
+            "radians where the header says degrees",
+        ),
+        (
+            std::f64::consts::PI / 180.0,
+            "degrees where the header says radians",
+        ),
+    ] {
+        let all = revolute.clone();
+        out.push(Reading::new(
+            Cause::Unit,
+            format!("the joints look like {unit}"),
+            Change::Joints(Box::new(move |q| {
+                let mut q = q.to_vec();
+                all.iter().for_each(|j| q[*j] *= factor);
+                q
+            })),
+        ));
+        for j in revolute.clone() {
+            out.push(Reading::new(
+                Cause::Unit,
+                format!("joint {} looks like {unit}", j + 1),
+                of_one(j, move |q| q * factor),
+            ));
+        }
+    }
+    for (factor, sentence) in [
+        (
+            1e3,
+            "the positions look like metres where the header says millimetres (a factor of 1000)",
+        ),
+        (
+            1e-3,
+            "the positions look like millimetres where the header says metres (a factor of 1000)",
+        ),
+        (25.4, "the positions look like inches (a factor of 25.4)"),
+        (1.0 / 25.4, "the positions look divided by 25.4 (inches)"),
+        (10.0, "the positions look like centimetres (a factor of 10)"),
+        (
+            0.1,
+            "the positions look ten times too large (a factor of 0.1)",
+        ),
+        (100.0, "the positions look a hundred times too small"),
+        (0.01, "the positions look a hundred times too large"),
+        (304.8, "the positions look like feet (a factor of 304.8)"),
+    ] {
+        out.push(Reading::new(
+            Cause::Unit,
+            sentence,
+            of_position(move |p| p * factor),
+        ));
+    }
+    for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
+        for factor in [1e3, 1e-3, 25.4] {
+            out.push(Reading::new(
+                Cause::Unit,
+                format!(
+                    "{name} looks like another unit than the other axes (a factor of {factor})"
+                ),
+                of_position(move |p| {
+                    let mut p = *p;
+                    p[axis] *= factor;
+                    p
+                }),
+            ));
+        }
+    }
+}
+
+fn of_one(joint: usize, map: impl Fn(f64) -> f64 + 'static) -> Change {
+    Change::Joints(Box::new(move |q| {
+        let mut q = q.to_vec();
+        q[joint] = map(q[joint]);
+        q
+    }))
+}
+
+fn of_position(map: impl Fn(&Vector3<f64>) -> Vector3<f64> + 'static) -> Change {
+    Change::Seen(Box::new(move |seen| match seen {
+        Observation::Position(p) => Observation::Position(map(p)),
+        Observation::Pose(pose) => Observation::Pose(Pose {
+            translation: map(&pose.translation),
+            ..*pose
+        }),
+    }))
+}
+
+fn of_rotation(map: impl Fn(&Matrix3<f64>) -> Matrix3<f64> + 'static) -> Change {
+    Change::Seen(Box::new(move |seen| match seen {
+        Observation::Position(_) => *seen,
+        Observation::Pose(pose) => Observation::Pose(Pose {
+            rotation: map(&pose.rotation),
+            ..*pose
+        }),
+    }))
+}
+
+/// Signs, zeros, order and coupling of the joints.
+fn of_joints(data: &Data<'_>, out: &mut Vec<Reading>) {
+    let n = data.robot.joints.len();
+    for j in 0..n {
+        let sentence = format!("joint {} looks reversed (its sign)", j + 1);
+        out.push(Reading::new(Cause::Sign, sentence, of_one(j, |q| -q)));
+    }
+    for a in 0..n {
+        for b in a + 1..n {
+            out.push(Reading::new(
+                Cause::Swap,
+                format!(
+                    "the columns of joints {} and {} look exchanged",
+                    a + 1,
+                    b + 1
+                ),
+                Change::Joints(Box::new(move |q| {
+                    let mut q = q.to_vec();
+                    q.swap(a, b);
+                    q
+                })),
+            ));
+        }
+    }
+    out.push(Reading::new(
+        Cause::Swap,
+        "the joints look listed from the flange to the base",
+        Change::Joints(Box::new(|q| q.iter().rev().copied().collect())),
+    ));
+    for turned in [1, n - 1] {
+        out.push(Reading::new(
+            Cause::Swap,
+            "the columns of the joints look shifted by one",
+            Change::Joints(Box::new(move |q| {
+                let mut q = q.to_vec();
+                q.rotate_left(turned);
+                q
+            })),
+        ));
+    }
+    for j in 0..n {
+        if data.robot.joints[j].kind == JointKind::Revolute {
+            for degrees in [
+                90.0, -90.0, 180.0, 45.0, -45.0, 30.0, -30.0, 60.0, -60.0, 120.0, -120.0,
+            ] {
+                let offset = f64::to_radians(degrees);
+                out.push(Reading::new(
+                    Cause::Offset,
+                    format!(
+                        "the zero of joint {} looks {degrees}° away from the drawing's",
+                        j + 1
+                    ),
+                    of_one(j, move |q| q + offset),
+                ));
+            }
+        }
+    }
+    if data.robot.coupling.is_some() {
+        out.push(Reading::new(
+            Cause::Coupling,
+            "the joints look like those of the serial chain, not the controller's",
+            Change::Serial,
+        ));
+    }
+    for j in 0..n {
+        for other in [j.checked_sub(1), (j + 1 < n).then_some(j + 1)]
+            .into_iter()
+            .flatten()
+        {
+            for sign in [1.0, -1.0] {
+                let (a, b) = (j + 1, other + 1);
+                let operator = if sign > 0.0 { "+" } else { "−" };
+                out.push(Reading::new(
+                    Cause::Coupling,
+                    format!("joint {a} looks coupled: q{a} {operator} q{b} in place of q{a}"),
+                    Change::Joints(Box::new(move |q| {
+                        let mut q = q.to_vec();
+                        q[j] += sign * q[other];
+                        q
+                    })),
+                ));
+            }
+        }
+    }
+}
+
+/// Several joints reversed at once.
+fn of_sign_patterns(data: &Data<'_>, out: &mut Vec<Reading>) {
+    let n = data.robot.joints.len();
+    for pattern in 1_usize..1 << n {
+        if pattern.count_ones() < 2 {
+            continue;
+        }
+        let reversed: Vec<usize> = (0..n).filter(|j| pattern >> j & 1 == 1).collect();
+        let names: Vec<String> = reversed.iter().map(|j| (j + 1).to_string()).collect();
+        let (last, most) = names.split_last().expect("two at least");
+        let mut reading = Reading::new(
+            Cause::Sign,
+            format!(
+                "joints {} and {last} look reversed (their signs)",
+                most.join(", ")
+            ),
+            Change::Joints(Box::new(move |q| {
+                let mut q = q.to_vec();
+                reversed.iter().for_each(|j| q[*j] = -q[*j]);
+                q
+            })),
+        );
+        reading.complexity = pattern.count_ones() as usize;
+        out.push(reading);
+    }
+}
+
+/// Axes of the positions, and the whole pose.
+fn of_positions(out: &mut Vec<Reading>) {
+    for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
+        let mirror =
+            Matrix3::from_diagonal(&Vector3::from_fn(|i, _| if i == axis { -1.0 } else { 1.0 }));
+        out.push(Reading::new(
+            Cause::Mirror,
+            format!("{name} of the positions looks negated"),
+            of_position(move |p| mirror * p),
+        ));
+        out.push(Reading::new(
+            Cause::Mirror,
+            format!("the instrument's frame looks left-handed ({name} of positions and orientations negated)"),
+            Change::Seen(Box::new(move |seen| match seen {
+                Observation::Position(p) => Observation::Position(mirror * p),
+                Observation::Pose(pose) => Observation::Pose(Pose {
+                    rotation: mirror * pose.rotation * mirror,
+                    translation: mirror * pose.translation,
+                }),
+            })),
+        ));
+    }
+    for (order, name) in [
+        ([1, 0, 2], "x and y"),
+        ([0, 2, 1], "y and z"),
+        ([2, 1, 0], "x and z"),
+        ([1, 2, 0], "x, y and z"),
+        ([2, 0, 1], "x, y and z"),
+    ] {
+        let permuted = move |p: &Vector3<f64>| Vector3::new(p[order[0]], p[order[1]], p[order[2]]);
+        out.push(Reading::new(
+            Cause::Axes,
+            format!("the columns {name} of the positions look exchanged"),
+            of_position(permuted),
+        ));
+    }
+    out.push(Reading::new(
+        Cause::Inverse,
+        "the poses look inverted: the instrument as the target sees it",
+        Change::Seen(Box::new(|seen| match seen {
+            Observation::Position(p) => Observation::Position(-p),
+            Observation::Pose(pose) => Observation::Pose(pose.inverse()),
+        })),
+    ));
+}
+
+/// Quaternions in another order, with other signs, or made of angles in another convention.
+fn of_orientations(out: &mut Vec<Reading>) {
+    let rebuilt = |map: Box<dyn Fn([f64; 4]) -> [f64; 4]>| {
+        of_rotation(move |r| {
+            let pose = Pose {
+                rotation: *r,
+                translation: Vector3::zeros(),
+            };
+            let (w, v) = pose.quaternion();
+            let q = map([w, v[0], v[1], v[2]]);
+            let norm = q.iter().map(|x| x * x).sum::<f64>().sqrt().max(1e-12);
+            let q = q.map(|x| x / norm);
+            Pose::from_quaternion(q[0], &Vector3::new(q[1], q[2], q[3]), Vector3::zeros()).rotation
+        })
+    };
+    let names = ["qw", "qx", "qy", "qz"];
+    out.push(Reading::new(
+        Cause::Quaternion,
+        "the quaternions look inverted (qw, or qx, qy and qz negated)",
+        of_rotation(|r| r.transpose()),
+    ));
+    for negated in 1..4 {
+        let name = names[negated];
+        out.push(Reading::new(
+            Cause::Quaternion,
+            format!("{name} of the quaternions looks negated"),
+            rebuilt(Box::new(move |mut q| {
+                q[negated] = -q[negated];
+                q
+            })),
+        ));
+    }
+    for order in permutations() {
+        let listed: Vec<&str> = (0..4)
+            .map(|column| names[order.iter().position(|o| *o == column).unwrap_or(0)])
+            .collect();
+        out.push(Reading::new(
+            Cause::Quaternion,
+            format!(
+                "the quaternion's columns look like {} where the header says qw, qx, qy, qz",
+                listed.join(", ")
+            ),
+            rebuilt(Box::new(move |q| order.map(|o| q[o]))),
+        ));
+    }
+    let conventions = Convention::all();
+    for from in &conventions {
+        for to in &conventions {
+            for reversed in [false, true] {
+                if from == to && !reversed {
+                    continue;
+                }
+                let (from, to) = (*from, *to);
+                out.push(Reading::new(
+                    Cause::Quaternion,
+                    format!(
+                        "the orientations look like angles {}{} that were read as {}",
+                        to.name(),
+                        if reversed { " in reversed order" } else { "" },
+                        from.name()
+                    ),
+                    of_rotation(move |r| {
+                        let mut angles = from.angles(r);
+                        if reversed {
+                            angles.reverse();
+                        }
+                        to.rotation(&angles)
+                    }),
+                ));
+            }
+        }
+    }
+}
+
+/// All orders of four columns but the right one.
+fn permutations() -> Vec<[usize; 4]> {
+    let mut out = Vec::new();
+    // The usual one first: w last.
+    for code in [147_usize].into_iter().chain(0..256) {
+        let order: [usize; 4] = std::array::from_fn(|i| code >> (2 * i) & 3);
+        let mut sorted = order;
+        sorted.sort_unstable();
+        if sorted == [0, 1, 2, 3] && order != [0, 1, 2, 3] && !out.contains(&order) {
+            out.push(order);
+        }
+    }
+    out
+}
+
+/// How three angles describe a rotation.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Convention {
+    /// Turns about these axes, each in the frame that the turn before it left.
+    Intrinsic([usize; 3]),
+    /// The rotation vector.
+    Vector,
+}
+
+impl Convention {
+    fn all() -> Vec<Self> {
+        let mut out = vec![Self::Vector];
+        for axes in [
+            [0, 1, 2],
+            [2, 1, 0],
+            [2, 1, 2],
+            [2, 0, 2],
+            [1, 0, 2],
+            [2, 0, 1],
+            [0, 2, 1],
+            [1, 2, 0],
+        ] {
+            out.push(Self::Intrinsic(axes));
+        }
+        out
+    }
+
+    fn name(self) -> String {
+        match self {
+            Self::Vector => "of a rotation vector".to_owned(),
+            Self::Intrinsic(axes) => axes.iter().map(|axis| ['X', 'Y', 'Z'][*axis]).collect(),
+        }
+    }
+
+    fn rotation(self, angles: &[f64; 3]) -> Matrix3<f64> {
+        match self {
+            Self::Vector => turn(&Vector3::new(angles[0], angles[1], angles[2])),
+            Self::Intrinsic(axes) => {
+                axes.iter()
+                    .zip(angles)
+                    .fold(Matrix3::identity(), |r, (axis, angle)| {
+                        let mut vector = Vector3::zeros();
+                        vector[*axis] = *angle;
+                        r * turn(&vector)
+                    })
+            }
+        }
+    }
+
+    /// The angles of a rotation; of two possible ones those with the middle angle within ±90° (0 to 180° where the first
+    /// axis comes again).
+    fn angles(self, r: &Matrix3<f64>) -> [f64; 3] {
+        match self {
+            Self::Vector => {
+                let pose = Pose {
+                    rotation: *r,
+                    translation: Vector3::zeros(),
+                };
+                let v = pose.log().angular;
+                [v[0], v[1], v[2]]
+            }
+            Self::Intrinsic([i, j, k]) if i == k => {
+                let l = 3 - i - j;
+                let sign = if (i + 1) % 3 == j { 1.0 } else { -1.0 };
+                let middle = r[(i, i)].clamp(-1.0, 1.0).acos();
+                let first = f64::atan2(r[(j, i)], -sign * r[(l, i)]);
+                let last = f64::atan2(r[(i, j)], sign * r[(i, l)]);
+                [first, middle, last]
+            }
+            Self::Intrinsic([i, j, k]) => {
+                let sign = if (i + 1) % 3 == j { 1.0 } else { -1.0 };
+                let middle = (sign * r[(i, k)]).clamp(-1.0, 1.0).asin();
+                let first = f64::atan2(-sign * r[(j, k)], r[(k, k)]);
+                let last = f64::atan2(-sign * r[(i, j)], r[(i, i)]);
+                [first, middle, last]
+            }
+        }
+    }
+}
+
+fn turn(vector: &Vector3<f64>) -> Matrix3<f64> {
+    let twist = Twist {
+        linear: Vector3::zeros(),
+        angular: *vector,
+    };
+    Pose::exp(&twist).rotation
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_convention_gives_back_the_rotation_of_its_angles() {
+        for convention in Convention::all() {
+            let r = turn(&Vector3::new(0.7, -0.4, 1.1));
+            let angles = convention.angles(&r);
+            let again = convention.rotation(&angles);
+            assert!((again - r).norm() < 1e-12, "{convention:?} {angles:?}");
+        }
+    }
+
+    #[test]
+    fn all_orders_of_four_columns_are_tried() {
+        assert_eq!(permutations().len(), 23);
+    }
+}

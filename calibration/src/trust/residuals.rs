@@ -1,0 +1,373 @@
+//! What the geometry leaves of the data: rows that do not belong, payloads that do not explain how the arm sags, a
+//! scatter that the digits or the stated uncertainty do not explain, links that are not as drawn.
+
+use faer::linalg::solvers::Solve;
+use faer::{Mat, Side};
+use poegp_protocol::limits::MAX_JOINTS;
+use poegp_runtime::elastic::gravity::GravityRegressors;
+
+use crate::identification::parametric::state::ROWS;
+use crate::measurement::MeasurementSet;
+use crate::measurement::noise::InstrumentNoise;
+use crate::trust::change_points::{Part, changes};
+use crate::trust::finding::{Cause, Finding, Tier};
+use crate::trust::geometry::Geometry;
+use crate::trust::numbers::{positions_mm, step};
+use crate::trust::readings::Data;
+use crate::trust::wording::{length, lengths, lines, three_digits};
+
+/// Residual of a row per equation, in standard deviations, from which it does not belong.
+const OUTLIER: f64 = 7.0;
+/// Share of rows that do not belong, above which the file is refused.
+const MANY: f64 = 0.25;
+/// Median residual over the reach above which the geometry does not explain the data.
+const LEFT: f64 = 0.0035;
+/// Scatter along the direction of sag over that across.
+const SAG: f64 = 13.0;
+/// Drop of χ² per row by gravity terms of each payload, where the scatter along sag is above the second number.
+const BY_PAYLOAD: (f64, f64) = (3.3, 6.0);
+/// Median residual of the nominal arm over that of the geometry, below which the poses are the nominal ones.
+const NOMINAL: f64 = 1.3;
+/// A frame as far from the drawing is worth a warning, m and rad.
+const FRAME: (f64, f64) = (6.5e-3, 35e-3);
+/// Scatter over the stated standard deviation, and the least scatter in m that counts.
+const UNDERSTATED: (f64, f64) = (6.0, 0.22e-3);
+/// Stated standard deviation over the scatter.
+const OVERSTATED: f64 = 8.0;
+/// Scatter that rounding to the digits makes, over the scatter found.
+const ROUNDED: f64 = 0.35;
+/// The same of the joints' digits, where it explains what is found.
+const ROUNDED_JOINTS: (f64, f64) = (0.4, 3.0);
+
+/// Everything that the residuals show. `nominal` is the median position residual of the nominal arm, m.
+pub fn examine(
+    data: &Data<'_>,
+    set: &MeasurementSet,
+    geometry: &Geometry,
+    nominal: f64,
+    reach: f64,
+) -> Vec<Finding> {
+    let scene = Scene {
+        data,
+        set,
+        geometry,
+    };
+    let mut out = Vec::new();
+    out.extend(scene.left(reach));
+    out.extend(scene.outliers());
+    out.extend(scene.payload());
+    out.extend(scene.noise());
+    out.extend(scene.rounding());
+    out.extend(scene.frames());
+    if out.is_empty() {
+        out.extend(scene.nominal(nominal));
+    }
+    out
+}
+
+struct Scene<'a> {
+    data: &'a Data<'a>,
+    set: &'a MeasurementSet,
+    geometry: &'a Geometry,
+}
+
+fn warning(cause: Cause, text: String, value: f64, threshold: f64) -> Finding {
+    Finding {
+        cause,
+        tier: Tier::Warning,
+        text,
+        rows: Vec::new(),
+        value,
+        threshold,
+    }
+}
+
+impl Scene<'_> {
+    fn has_orientation(&self) -> bool {
+        self.geometry
+            .samples
+            .iter()
+            .any(|s| s.observation.has_orientation())
+    }
+
+    fn left(&self, reach: f64) -> Option<Finding> {
+        let share = self.geometry.position / reach;
+        (share > LEFT).then(|| Finding {
+            tier: Tier::Refused,
+            ..warning(
+                Cause::NoFit,
+                format!(
+                    "{} are left after the geometry was fitted, and nothing that was tried explains it: is it this robot, \
+                     and do the joints and the pose of a row belong together?",
+                    lengths(self.geometry.position, self.geometry.rotation, self.has_orientation())
+                ),
+                share,
+                LEFT,
+            )
+        })
+    }
+
+    fn outliers(&self) -> Option<Finding> {
+        let g = self.geometry;
+        let count = g.samples.len();
+        let off: Vec<usize> = (0..count).filter(|k| g.size(*k) > OUTLIER).collect();
+        let worst = (0..count).map(|k| g.size(k)).fold(0.0, f64::max);
+        if off.is_empty() {
+            return None;
+        }
+        let rows: Vec<usize> = off.iter().map(|k| self.data.line(*k)).collect();
+        let mut text = format!(
+            "{} of {count} rows do not belong ({}): they are up to {} standard deviations from the others",
+            off.len(),
+            lines(&rows),
+            three_digits(worst)
+        );
+        let size: f64 = off
+            .iter()
+            .map(|k| g.weights[*k] * g.residuals[*k].iter().map(|r| r * r).sum::<f64>())
+            .sum();
+        if off.len() >= 3
+            && let Some(change) = changes(g, &off)
+                .into_iter()
+                .find(|c| c.part != Part::Base || off.len() >= 6)
+            && change.drop > 0.8 * size
+        {
+            let axes = match change.part {
+                Part::Base => "the instrument's axes: it was moved meanwhile".to_owned(),
+                Part::Tool => "the target's axes: another target or reflector".to_owned(),
+                Part::Joint(j) => format!("joint {}", j + 1),
+            };
+            text += &format!("; they share one shift in {axes}");
+        }
+        let share = off.len() as f64 / count as f64;
+        let tier = if share > MANY {
+            Tier::Refused
+        } else {
+            Tier::Warning
+        };
+        Some(Finding {
+            cause: Cause::Outlier,
+            tier,
+            text,
+            rows,
+            value: worst,
+            threshold: OUTLIER,
+        })
+    }
+
+    /// Effect of a mass of 1 kg at the target on each joint, N m or N.
+    fn torques(&self, row: usize) -> [f64; MAX_JOINTS] {
+        let g = self.geometry;
+        let sample = &g.samples[row];
+        let chain = g.state.chain(sample.tool);
+        let motions = chain.motions(&sample.serial_joints);
+        let (frames, target) = chain.joint_frames_with(&motions);
+        let at =
+            GravityRegressors::new(g.state.kinds(), &frames, &target, &g.state.gravity.gravity);
+        std::array::from_fn(|c| {
+            if c < g.state.layout.joints {
+                at.payload(c).0
+            } else {
+                0.0
+            }
+        })
+    }
+
+    fn payload(&self) -> Option<Finding> {
+        let g = self.geometry;
+        let joints = g.state.layout.joints;
+        let effect = |row: usize, joint: usize| g.linear.jacobian[(row, joint)];
+        let (mut along, mut across, mut equations) = (0.0, 0.0, 0.0);
+        let torques: Vec<_> = (0..g.samples.len()).map(|k| self.torques(k)).collect();
+        for (k, torque) in torques.iter().enumerate() {
+            let weight = g.weights[k];
+            let sag: [f64; ROWS] = std::array::from_fn(|b| {
+                (0..joints)
+                    .map(|c| effect(ROWS * k + b, c) * torque[c])
+                    .sum()
+            });
+            let norm = sag.iter().map(|x| x * x).sum::<f64>().sqrt();
+            if norm <= 0.0 {
+                continue;
+            }
+            let residual = &g.residuals[k];
+            let part = sag.iter().zip(residual).map(|(s, r)| s * r).sum::<f64>() / norm;
+            along += weight * part * part;
+            across += weight * (residual.iter().map(|r| r * r).sum::<f64>() - part * part);
+            equations += (g.samples[k].observation.equations() - 1) as f64;
+        }
+        let count = g.samples.len() as f64;
+        let ratio = (along / count) / (across / equations.max(1.0)).max(1e-12);
+        if ratio > SAG {
+            let text = format!(
+                "the measurements scatter {} times as much along the direction of sag as across it: payload_kg is wrong or \
+                 exchanged in some rows, or several payloads were carried and one is stated",
+                three_digits(ratio)
+            );
+            return Some(warning(Cause::Payload, text, ratio, SAG));
+        }
+        let mut payloads: Vec<f64> = g.samples.iter().filter_map(|s| s.payload_kg).collect();
+        payloads.sort_by(f64::total_cmp);
+        payloads.dedup_by(|a, b| (*a - *b).abs() < 0.05);
+        if ratio <= BY_PAYLOAD.1 || payloads.len() < 2 || payloads.len() > 12 {
+            return None;
+        }
+        let group = |m: f64| {
+            payloads
+                .iter()
+                .position(|p| (p - m).abs() < 0.05)
+                .unwrap_or(0)
+        };
+        let size = joints * payloads.len();
+        let (mut own, mut with_all) = (
+            Mat::<f64>::zeros(size, size),
+            Mat::<f64>::zeros(size, g.linear.a.ncols()),
+        );
+        let mut right = Mat::<f64>::zeros(size, 1);
+        for (k, torque) in torques.iter().enumerate() {
+            let first = joints * group(g.samples[k].payload_kg.unwrap_or(0.0));
+            for b in 0..ROWS {
+                let row = ROWS * k + b;
+                for c in 0..joints {
+                    let x = g.weights[k] * effect(row, c) * torque[c];
+                    right[(first + c, 0)] += x * g.residuals[k][b];
+                    for d in 0..joints {
+                        own[(first + c, first + d)] += x * effect(row, d) * torque[d];
+                    }
+                    for j in 0..g.linear.a.ncols() {
+                        with_all[(first + c, j)] += x * g.linear.a[(row, j)];
+                    }
+                }
+            }
+        }
+        let explained = &with_all * &g.covariance * with_all.transpose();
+        let largest = (0..size).map(|i| own[(i, i)]).fold(0.0, f64::max);
+        let schur = Mat::from_fn(size, size, |i, j| {
+            own[(i, j)] - explained[(i, j)] + if i == j { 1e-6 * largest + 1e-12 } else { 0.0 }
+        });
+        let x = schur.llt(Side::Lower).ok()?.solve(&right);
+        let of_group = |p: usize| -> f64 {
+            (joints * p..joints * (p + 1))
+                .map(|i| x[(i, 0)] * right[(i, 0)])
+                .sum()
+        };
+        let drop: f64 = (0..payloads.len()).map(of_group).sum::<f64>() / count;
+        let worst = (0..payloads.len()).max_by(|a, b| of_group(*a).total_cmp(&of_group(*b)))?;
+        (drop > BY_PAYLOAD.0).then(|| {
+            let text = format!(
+                "the arm does not sag in proportion to payload_kg, least so at {} kg: is a value in another unit, or are \
+                 two exchanged?",
+                three_digits(payloads[worst])
+            );
+            warning(Cause::Payload, text, drop, BY_PAYLOAD.0)
+        })
+    }
+
+    /// Standard deviation of one position component in m.
+    fn scatter(&self) -> f64 {
+        self.geometry.scales.position * self.geometry.degrees_of_freedom()
+    }
+
+    fn noise(&self) -> Option<Finding> {
+        let stated = InstrumentNoise::rms_over(&self.geometry.samples).position?;
+        let scatter = self.scatter();
+        let (value, threshold, verdict) =
+            if scatter > UNDERSTATED.0 * stated && scatter > UNDERSTATED.1 {
+                (
+                    scatter / stated,
+                    UNDERSTATED.0,
+                    "is sigma in another unit, or is the instrument worse than stated?",
+                )
+            } else if stated > OVERSTATED * scatter {
+                (stated / scatter, OVERSTATED, "is sigma in another unit?")
+            } else {
+                return None;
+            };
+        let text = format!(
+            "the rows state a standard uncertainty of {}, and the positions scatter by {}: {verdict}",
+            length(stated),
+            length(scatter)
+        );
+        Some(warning(Cause::Noise, text, value, threshold))
+    }
+
+    fn rounding(&self) -> Option<Finding> {
+        let g = self.geometry;
+        let uniform = 12.0_f64.sqrt();
+        let scatter = self.scatter();
+        let position = 1e-3 * step(positions_mm(self.set)) / uniform;
+        if position > ROUNDED * scatter {
+            let text = format!(
+                "the positions have steps of {}, which alone scatters by {} of the {} found: give more digits",
+                length(position * uniform),
+                length(position),
+                length(scatter)
+            );
+            return Some(warning(Cause::Rounding, text, position / scatter, ROUNDED));
+        }
+        let mut square = 0.0;
+        let mut widest = (0.0_f64, String::new());
+        for (j, column) in self.set.joint_columns.iter().enumerate() {
+            let values = self
+                .set
+                .measurements
+                .iter()
+                .map(|m| column.unit.from_si(m.joints[j]));
+            let written = step(values);
+            let step = written / column.unit.from_si(1.0);
+            let effect: f64 = (0..g.samples.len())
+                .flat_map(|k| (0..3).map(move |b| (k, b)))
+                .map(|(k, b)| g.linear.jacobian[(ROWS * k + b, j)].powi(2))
+                .sum();
+            let effect = (effect / (3 * g.samples.len()) as f64).sqrt() * g.scales.position;
+            square += (effect * step / uniform).powi(2);
+            if written > widest.0 {
+                widest = (written, column.name.clone());
+            }
+        }
+        let ratio = square.sqrt() / scatter;
+        (ROUNDED_JOINTS.0..ROUNDED_JOINTS.1).contains(&ratio).then(|| {
+            let text = format!(
+                "the joints are rounded ({} to {}), which alone scatters the positions by {} of the {} found: give more \
+                 digits",
+                widest.1,
+                three_digits(widest.0),
+                length(square.sqrt()),
+                length(scatter)
+            );
+            warning(Cause::Rounding, text, ratio, ROUNDED_JOINTS.0)
+        })
+    }
+
+    fn frames(&self) -> Option<Finding> {
+        let off = self.geometry.frames_off.iter().enumerate().skip(1);
+        let (frame, (shift, turn)) = off.max_by(|a, b| {
+            let far = |x: &(f64, f64)| (x.0 / FRAME.0).max(x.1 / FRAME.1);
+            far(a.1).total_cmp(&far(b.1))
+        })?;
+        let ratio = (shift / FRAME.0).max(turn / FRAME.1);
+        (ratio > 1.0).then(|| {
+            let text = format!(
+                "joint {} is {} and {:.2}° from where the drawing has it against joint {frame}: is this variant of the robot \
+                 the right one, and is it mastered?",
+                frame + 1,
+                length(*shift),
+                turn.to_degrees()
+            );
+            warning(Cause::Frames, text, ratio, 1.0)
+        })
+    }
+
+    fn nominal(&self, nominal: f64) -> Option<Finding> {
+        let left = self.geometry.position * self.geometry.degrees_of_freedom();
+        let ratio = nominal / left.max(1e-9);
+        (ratio < NOMINAL).then(|| {
+            let text = format!(
+                "the arm as drawn leaves {}, and no geometry does better than {}: did the controller compute these poses?",
+                length(nominal),
+                length(left)
+            );
+            warning(Cause::Readout, text, ratio, NOMINAL)
+        })
+    }
+}

@@ -1,0 +1,62 @@
+//! Numbers and lines as the findings write them.
+
+/// "1.06 mm and 2.2 mrad", or the position alone.
+pub fn lengths(metres: f64, radians: f64, with_rotation: bool) -> String {
+    let position = length(metres);
+    if with_rotation {
+        format!("{position} and {} mrad", three_digits(1e3 * radians))
+    } else {
+        position
+    }
+}
+
+/// A length in mm, or in µm where it is below a tenth of a millimetre.
+pub fn length(metres: f64) -> String {
+    if metres < 1e-4 {
+        format!("{} µm", three_digits(1e6 * metres))
+    } else {
+        format!("{} mm", three_digits(1e3 * metres))
+    }
+}
+
+/// Three digits that count, without an exponent.
+pub fn three_digits(value: f64) -> String {
+    let size = value.abs();
+    if size >= 100.0 {
+        format!("{value:.0}")
+    } else if size >= 10.0 {
+        format!("{value:.1}")
+    } else {
+        format!("{value:.2}")
+    }
+}
+
+/// Ranges of a list that is shown, at most.
+const RANGES: usize = 6;
+
+/// "line 7", "lines 7–9, 12": lines of the file in ranges.
+pub fn lines(lines: &[usize]) -> String {
+    let mut sorted = lines.to_vec();
+    sorted.sort_unstable();
+    let mut ranges: Vec<(usize, usize)> = Vec::new();
+    for line in sorted {
+        match ranges.last_mut() {
+            Some((_, last)) if line <= *last + 1 => *last = line,
+            _ => ranges.push((line, line)),
+        }
+    }
+    let shown: Vec<String> = ranges
+        .iter()
+        .take(RANGES)
+        .map(|(first, last)| {
+            if first == last {
+                first.to_string()
+            } else {
+                format!("{first}–{last}")
+            }
+        })
+        .collect();
+    let more = if ranges.len() > RANGES { ", …" } else { "" };
+    let plural = if lines.len() == 1 { "line" } else { "lines" };
+    format!("{plural} {}{more}", shown.join(", "))
+}
