@@ -145,7 +145,10 @@ impl Sums {
             let ridge = if i == j { 1e-6 * largest + 1e-12 } else { 0.0 };
             self.own[(columns[i], columns[j])] - explained[(i, j)] + ridge
         });
-        let right = Mat::from_fn(size, 1, |i, _| self.right[(columns[i], 0)]);
+        let followed = &with_all * &geometry.next_step;
+        let right = Mat::from_fn(size, 1, |i, _| {
+            self.right[(columns[i], 0)] - followed[(i, 0)]
+        });
         let x = schur.llt(Side::Lower).ok()?.solve(&right);
         let drop = (0..size).map(|i| x[(i, 0)] * right[(i, 0)]).sum();
         // Root mean square of the change's effect on a row, from the positions' share of BᵀB.

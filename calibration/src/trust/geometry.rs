@@ -16,7 +16,9 @@ use crate::trust::alignment::{Alignment, median};
 use crate::trust::readings::Data;
 
 /// Rounds of the fit.
-const ROUNDS: usize = 6;
+const ROUNDS: usize = 25;
+/// Largest step, in units of the priors, after which the fit has settled.
+const SETTLED: f64 = 0.02;
 /// Residuals of a row, in standard deviations, from which its weight falls.
 const BEND: f64 = 3.0;
 /// Residual of one component below which nothing is weighed: exact data must not divide by zero, m and rad.
@@ -47,6 +49,9 @@ pub struct Geometry {
     pub weights: Vec<f64>,
     /// The inverse of AᵀWA and the priors.
     pub covariance: Mat<f64>,
+    /// The step that Gauss–Newton would take next: a curved valley is crossed slowly, and hypotheses are compared with
+    /// what lies at its end.
+    pub next_step: Mat<f64>,
     /// Parameters that the data determine: the trace of the hat matrix.
     pub determined: f64,
     /// Median position residual in m.
@@ -102,12 +107,28 @@ impl Geometry {
             let right = right_side(&linear, &weights, &sd);
             let z = factor.solve(&right);
             let x: Vec<f64> = (0..sd.len()).map(|i| sd[i] * z[(i, 0)]).collect();
-            let moved = x.iter().zip(&state.deviation).zip(&sd);
-            let moved = moved
-                .map(|((new, old), sd)| ((new - old) / sd).abs())
-                .fold(0.0, f64::max);
-            state.update(&x);
-            if moved < 1e-4 {
+            let origin = state.clone();
+            let before = objective(&state, &samples, scales, &sd);
+            let mut moved = 0.0;
+            for halvings in 0..8 {
+                let share = 0.5_f64.powi(halvings);
+                let mixed = x
+                    .iter()
+                    .zip(&origin.deviation)
+                    .map(|(new, old)| old + share * (new - old));
+                let mixed: Vec<f64> = mixed.collect();
+                let mut candidate = origin.clone();
+                candidate.update(&mixed);
+                if objective(&candidate, &samples, scales, &sd) <= before {
+                    let steps = mixed.iter().zip(&origin.deviation).zip(&sd);
+                    moved = steps
+                        .map(|((new, old), sd)| ((new - old) / sd).abs())
+                        .fold(0.0, f64::max);
+                    state = candidate;
+                    break;
+                }
+            }
+            if moved < SETTLED {
                 break;
             }
         }
@@ -121,6 +142,12 @@ impl Geometry {
         });
         let half = factor.solve(&identity);
         let covariance = Mat::from_fn(sd.len(), sd.len(), |i, j| sd[i] * half[(i, j)]);
+        let gradient = Mat::from_fn(sd.len(), 1, |i, _| {
+            let rows = (0..linear.a.nrows())
+                .map(|r| weights[r / ROWS] * linear.a[(r, i)] * residuals[r / ROWS][r % ROWS]);
+            rows.sum::<f64>() - state.deviation[i] / (sd[i] * sd[i])
+        });
+        let next_step = &covariance * gradient;
         let determined = (0..sd.len()).map(|i| 1.0 - covariance[(i, i)] / (sd[i] * sd[i]));
         let plain = state.residuals(&samples, NoiseScales::ONE);
         let norm = |r: &[f64]| r.iter().map(|x| x * x).sum::<f64>().sqrt();
@@ -147,6 +174,7 @@ impl Geometry {
             residuals,
             weights,
             covariance,
+            next_step,
         })
     }
 
@@ -194,6 +222,32 @@ fn row_weights(residuals: &[[f64; ROWS]], samples: &[BaseSample]) -> Vec<f64> {
         if u < BEND { 1.0 } else { (BEND / u).powi(2) }
     };
     residuals.iter().zip(samples).map(of).collect()
+}
+
+/// Robust χ² and the priors.
+fn objective(
+    state: &ParametricModel,
+    samples: &[BaseSample],
+    scales: NoiseScales,
+    sd: &[f64],
+) -> f64 {
+    let rows = state.residuals(samples, scales);
+    let data = rows.iter().map(|r| {
+        let square: f64 = r.iter().map(|x| x * x).sum();
+        // The loss whose weights are those of `row_weights`.
+        let bend = BEND * BEND * 6.0;
+        if square < bend {
+            square
+        } else {
+            bend * (1.0 + (square / bend).ln())
+        }
+    });
+    let prior = state
+        .deviation
+        .iter()
+        .zip(sd)
+        .map(|(x, sd)| (x / sd).powi(2));
+    data.sum::<f64>() + prior.sum::<f64>()
 }
 
 /// Λ^½ (AᵀWA) Λ^½ + 1.

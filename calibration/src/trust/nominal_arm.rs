@@ -25,6 +25,8 @@ const SUSPICIOUS_SPREAD: f64 = 0.012;
 const BETTER: f64 = 0.25;
 /// Readings within this factor of the best are named beside it.
 const AS_GOOD: f64 = 2.0;
+/// Readings within this factor of the best fit equally well.
+const EQUAL: f64 = 1.2;
 /// Rows that rank readings.
 const RANKED: usize = 90;
 /// Readings that are refined.
@@ -235,7 +237,10 @@ impl Scene<'_> {
             .relative;
         fits.retain(|(fit, _)| fit.relative <= AS_GOOD * best);
         let complexity = |c: &[usize]| c.iter().map(|i| all[*i].complexity).sum::<usize>();
-        fits.sort_by(|a, b| complexity(&a.1).cmp(&complexity(&b.1)).then(a.1.cmp(&b.1)));
+        // Of equals the simplest, and then the one that stands first.
+        let key =
+            |(fit, c): &(Fit, Vec<usize>)| (fit.relative > EQUAL * best, complexity(c), c.clone());
+        fits.sort_by_key(key);
         let sentence = |c: &[usize]| -> String {
             let sentences: Vec<&str> = c.iter().map(|i| all[*i].sentence.as_str()).collect();
             sentences.join(", and ")

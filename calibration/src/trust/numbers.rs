@@ -16,8 +16,8 @@ use crate::trust::wording::{lines, three_digits};
 const FEW: (f64, f64) = (1.25, 2.9);
 /// A joint that moves less does not move, rad and m.
 const STILL: (f64, f64) = (8.73e-3, 1e-3);
-/// Rows are copies within these of joints (rad) and position (m).
-const COPY: (f64, f64) = (1.75e-4, 1e-5);
+/// Rows are copies within these of joints (rad), position (m) and orientation (rad): a second measurement is not as near.
+const COPY: (f64, f64, f64) = (1.75e-4, 1e-5, 1e-5);
 /// Copies that are worth a warning: rows, and share of all rows.
 const COPIES: (usize, f64) = (3, 0.03);
 /// The flange moves at least this far between rows that cannot have the same pose, m and rad.
@@ -134,8 +134,12 @@ impl Scene<'_> {
     fn copies(&self) -> Vec<usize> {
         let same = |a: &InstrumentSample, b: &InstrumentSample| {
             let near = |(x, y): (&f64, &f64)| (x - y).abs() <= COPY.0;
-            let apart = (a.observation.position() - b.observation.position()).amax();
-            apart <= COPY.1 && a.joints.iter().zip(&b.joints).all(near)
+            let apart = (a.observation.position() - b.observation.position()).norm();
+            let is_turned = || match (a.observation.pose(), b.observation.pose()) {
+                (Some(a), Some(b)) => (a.inverse() * b).log().angular.norm() > COPY.2,
+                _ => false,
+            };
+            apart <= COPY.1 && a.joints.iter().zip(&b.joints).all(near) && !is_turned()
         };
         let earlier = |k: &usize| {
             self.samples[..*k]
@@ -374,8 +378,12 @@ fn refused(cause: Cause, text: String, rows: Vec<usize>, threshold: f64) -> Find
 }
 
 /// The steps of the digits of values: the largest power of ten that divides all of them, 0 where there are more digits
-/// than matter.
+/// than matter, or one value alone.
 pub fn step(values: impl Iterator<Item = f64> + Clone) -> f64 {
+    let first = values.clone().next();
+    if values.clone().all(|v| Some(v) == first) {
+        return 0.0;
+    }
     for exponent in (-6..=3).rev() {
         let step = 10.0_f64.powi(exponent);
         let divides = |v: f64| {

@@ -56,8 +56,10 @@ pub fn examine(
     out.extend(scene.left(reach));
     out.extend(scene.outliers());
     out.extend(scene.payload());
-    out.extend(scene.noise());
-    out.extend(scene.rounding());
+    let rounding = scene.rounding();
+    let is_rounded = rounding.is_some();
+    out.extend(rounding);
+    out.extend((!is_rounded).then(|| scene.noise()).flatten());
     out.extend(scene.frames());
     if out.is_empty() {
         out.extend(scene.nominal(nominal));
@@ -240,6 +242,7 @@ impl Scene<'_> {
                 }
             }
         }
+        right -= &with_all * &g.next_step;
         let explained = &with_all * &g.covariance * with_all.transpose();
         let largest = (0..size).map(|i| own[(i, i)]).fold(0.0, f64::max);
         let schur = Mat::from_fn(size, size, |i, j| {
