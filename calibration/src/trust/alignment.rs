@@ -8,6 +8,8 @@ use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};
 use nalgebra::{Matrix3, Vector3};
 use poegp_runtime::math::se3::{Pose, Twist};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
 
 use crate::identification::base_tool::cube_rotations;
 use crate::identification::base_tools::aligned;
@@ -69,6 +71,15 @@ impl Alignment {
         self
     }
 
+    /// The share of rows within `position` (m) and `rotation` (rad).
+    pub fn share_within(&self, rows: &[Row], position: f64, rotation: f64) -> f64 {
+        let within = |row: &&Row| {
+            let (p, r) = self.residual(row);
+            p < position && r < rotation
+        };
+        rows.iter().filter(within).count() as f64 / rows.len().max(1) as f64
+    }
+
     /// Median residuals as one length in metres.
     pub fn length(&self) -> f64 {
         self.position + LEVER * self.rotation
@@ -92,23 +103,50 @@ pub fn median(mut values: Vec<f64>) -> f64 {
 
 /// Gauss–Newton steps of a fit that is kept.
 const STEPS: usize = 12;
+/// Orientations that differ by less are one orientation, rad.
+const TURNED: f64 = 0.2;
+/// Subsets of rows, and rows of each, where some rows are far off.
+const SUBSETS: usize = 16;
+const OF_SUBSET: usize = 10;
 /// Starts that are refined.
 const REFINED: usize = 4;
 
 /// Base and tools of `rows`, refined from the best starts.
 pub fn align(rows: &[Row]) -> Alignment {
     let tools = tool_count(rows);
-    let mut starts = starts(rows, tools);
+    let mut starts = starts(rows, tools, true);
     starts.truncate(REFINED);
     let fits = starts.into_iter().map(|s| refined(s, rows, STEPS));
     fits.min_by(|a, b| a.length().total_cmp(&b.length()))
         .expect("there is always a start")
 }
 
+/// As [`align`] where some rows are far off: also from a few rows at a time, by a fixed sequence.
+pub fn align_with_outliers(rows: &[Row], start: Alignment) -> Alignment {
+    let tools = start.tools.len();
+    let mut random = ChaCha8Rng::seed_from_u64(2);
+    let mut best = start;
+    for _ in 0..SUBSETS {
+        let mut part: Vec<Row> = (0..OF_SUBSET)
+            .map(|_| rows[random.random_range(0..rows.len())])
+            .collect();
+        // Every tool is in every subset.
+        part.extend((0..tools).filter_map(|t| rows.iter().find(|r| r.tool == t)));
+        let Some(fit) = starts(&part, tools, true).into_iter().next() else {
+            continue;
+        };
+        let fit = refined(refined(fit, &part, STEPS).with_medians(rows), rows, STEPS);
+        if fit.length() < best.length() {
+            best = fit;
+        }
+    }
+    best
+}
+
 /// Base and tools of `rows` as the best start has them: to rank readings.
 pub fn rough(rows: &[Row]) -> Alignment {
     let tools = tool_count(rows);
-    let best = starts(rows, tools).into_iter().next();
+    let best = starts(rows, tools, false).into_iter().next();
     refined(best.expect("there is always a start"), rows, 2)
 }
 
@@ -116,8 +154,8 @@ fn tool_count(rows: &[Row]) -> usize {
     rows.iter().map(|r| r.tool + 1).max().unwrap_or(1)
 }
 
-/// Starts, best first.
-fn starts(rows: &[Row], tools: usize) -> Vec<Alignment> {
+/// Starts, best first. Where orientations turn, they lead to one; `thorough` tries the positions as well.
+fn starts(rows: &[Row], tools: usize, thorough: bool) -> Vec<Alignment> {
     let largest = (0..tools)
         .max_by_key(|t| rows.iter().filter(|r| r.tool == *t).count())
         .unwrap_or(0);
@@ -135,7 +173,10 @@ fn starts(rows: &[Row], tools: usize) -> Vec<Alignment> {
         }
     }
     let mut out: Vec<Alignment> = bases.iter().map(|base| linear(rows, tools, base)).collect();
-    out.extend(position_starts(rows, tools));
+    let turns = whole.iter().any(|(m, _)| angle(m, &whole[0].0) > TURNED);
+    if thorough || !turns {
+        out.extend(position_starts(rows, tools));
+    }
     out.sort_by(|a, b| a.length().total_cmp(&b.length()));
     out
 }

@@ -10,12 +10,12 @@ use crate::identification::parametric::state::ROWS;
 use crate::trust::finding::{Cause, Finding, Tier};
 use crate::trust::geometry::Geometry;
 use crate::trust::readings::Data;
-use crate::trust::wording::{length, three_digits};
+use crate::trust::wording::{length, lines, three_digits};
 
 /// Splits that are tried first.
 const SPLITS: usize = 25;
 /// Drop of χ² for each row that a change must make, and what few rows add to it.
-const DROP: (f64, f64) = (0.9, 30.0);
+const DROP: (f64, f64) = (0.9, 50.0);
 /// Drop of χ² that a change must make.
 const LEAST_DROP: f64 = 45.0;
 /// A hypothesis within this share of the best fits as well.
@@ -150,7 +150,9 @@ impl Sums {
             self.right[(columns[i], 0)] - followed[(i, 0)]
         });
         let x = schur.llt(Side::Lower).ok()?.solve(&right);
-        let drop = (0..size).map(|i| x[(i, 0)] * right[(i, 0)]).sum();
+        // Residuals of few rows are smaller than the noise.
+        let shrunk = geometry.degrees_of_freedom().powi(2);
+        let drop = (0..size).map(|i| x[(i, 0)] * right[(i, 0)]).sum::<f64>() / shrunk;
         // Root mean square of the change's effect on a row, from the positions' share of BᵀB.
         let mut square = 0.0;
         for i in 0..size {
@@ -203,6 +205,62 @@ fn steps(geometry: &Geometry, splits: &[usize]) -> Vec<(usize, Vec<Change>)> {
         out.push((*split, best_first(geometry, &sums, (count - split) as f64)));
     }
     out
+}
+
+/// Rows from one to before another that share a change of base or target: something was moved there and back.
+pub fn episode(data: &Data<'_>, geometry: &Geometry) -> Option<Finding> {
+    let count = geometry.samples.len();
+    let parts = SPLITS.min(count / 4);
+    let effects = Effects {
+        columns: Effects::FRAMES,
+    };
+    let bounds: Vec<usize> = (0..=parts).map(|i| i * count / parts.max(1)).collect();
+    let sums: Vec<Sums> = bounds
+        .windows(2)
+        .map(|w| {
+            let rows: Vec<(usize, f64)> = (w[0]..w[1]).map(|k| (k, 1.0)).collect();
+            Sums::over(geometry, &effects, &rows)
+        })
+        .collect();
+    let mut best: Option<(usize, usize, Change)> = None;
+    for first in 0..parts {
+        let mut window = Sums::zero(&effects, geometry.linear.a.ncols());
+        for last in first..parts {
+            window.add(&sums[last]);
+            let rows = (bounds[last + 1] - bounds[first]) as f64;
+            for part in [Part::Base, Part::Tool] {
+                if let Some(change) = window.change(geometry, part, rows)
+                    && best.as_ref().is_none_or(|(_, _, b)| change.drop > b.drop)
+                {
+                    best = Some((bounds[first], bounds[last + 1], change));
+                }
+            }
+        }
+    }
+    let (first, end, change) = best?;
+    let needed = (DROP.0 * count as f64 + DROP.1).max(LEAST_DROP);
+    (change.drop > needed).then(|| {
+        let rows: Vec<usize> = (first..end).map(|k| data.line(k)).collect();
+        let text = format!(
+            "about {} the measurements are shifted by {} against the others: {}",
+            lines(&rows),
+            length(change.displacement),
+            change.part.name()
+        );
+        let tier = if change.displacement > REFUSED {
+            Tier::Refused
+        } else {
+            Tier::Warning
+        };
+        Finding {
+            cause: Cause::Step,
+            tier,
+            text,
+            rows,
+            value: change.drop / count as f64,
+            threshold: needed / count as f64,
+        }
+    })
 }
 
 /// A step of the set-up, or a drift, if there is one.

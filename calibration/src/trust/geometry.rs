@@ -6,7 +6,7 @@ use faer::{Mat, Side};
 use nalgebra::Vector3;
 use poegp_runtime::math::se3::Pose;
 
-use crate::identification::base_tool::with_ends;
+use crate::identification::base_tool::with_base_and_tool;
 use crate::identification::parametric::state::{
     Layout, Linearised, ParametricModel, ROWS, prior_variance,
 };
@@ -83,7 +83,7 @@ impl Geometry {
             payload: varies,
             ripple: (0..joints).flat_map(|j| [(j, 1.0), (j, 2.0)]).collect(),
         };
-        let chain = with_ends(&data.chain, &Pose::identity(), &alignment.tools[0]);
+        let chain = with_base_and_tool(&data.chain, &Pose::identity(), &alignment.tools[0]);
         let tools: Vec<Pose<f64>> = alignment.tools.iter().map(|t| last * *t).collect();
         let coupling = data.robot.coupling.clone();
         let mut state = ParametricModel::new(&chain, tools, coupling, layout, gravity);

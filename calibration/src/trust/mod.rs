@@ -23,6 +23,9 @@ use crate::robot::Robot;
 use crate::trust::geometry::{Geometry, Priors};
 use crate::trust::readings::Data;
 
+/// Median residual of the geometry over that of the nominal arm, above which the geometry explains little.
+const POOR: f64 = 0.4;
+
 /// Examines the rows of `set`, which are `samples` of `robot` in the same order. `gravity` is that of the base frame, m/s².
 pub fn examine(
     robot: &Robot,
@@ -47,7 +50,13 @@ pub fn examine(
         if !out.is_refused()
             && let Some(geometry) = Geometry::fit(&data, &arm.alignment, Priors::Made, gravity)
         {
-            let step = change_points::examine(&data, &geometry);
+            // An episode is looked for where the geometry explains little.
+            let is_poor = geometry.position > POOR * arm.alignment.position;
+            let step = change_points::examine(&data, &geometry).or_else(|| {
+                is_poor
+                    .then(|| change_points::episode(&data, &geometry))
+                    .flatten()
+            });
             let has_step = step.is_some();
             out.0.extend(step);
             let rest = residuals::examine(&data, set, &geometry, arm.alignment.position, reach);

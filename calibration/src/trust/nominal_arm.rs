@@ -7,7 +7,7 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::measurement::observation::Observation;
 use crate::robot::Robot;
-use crate::trust::alignment::{Alignment, LEVER, Row, align, rough};
+use crate::trust::alignment::{Alignment, LEVER, Row, align, align_with_outliers, rough};
 use crate::trust::finding::{Cause, Finding, Tier};
 use crate::trust::geometry::{Geometry, Priors};
 use crate::trust::readings::{Data, Reading, readings};
@@ -26,7 +26,9 @@ const BETTER: f64 = 0.25;
 /// Readings within this factor of the best are named beside it.
 const AS_GOOD: f64 = 2.0;
 /// Readings within this factor of the best fit equally well.
-const EQUAL: f64 = 1.2;
+const EQUAL: f64 = 1.05;
+/// Share of the rows that a reading has to explain: else there are two populations.
+const MOST: f64 = 0.8;
 /// Rows that rank readings.
 const RANKED: usize = 90;
 /// Readings that are refined.
@@ -75,6 +77,8 @@ struct Fit {
     alignment: Alignment,
     /// How far it is beyond what this robot may have: above 1 it is another.
     badness: f64,
+    /// Share of the rows that are near.
+    share: f64,
     /// Median residual over the spread of the positions: a file in another unit is not better for being smaller.
     relative: f64,
 }
@@ -82,7 +86,9 @@ struct Fit {
 impl Fit {
     fn new(alignment: Alignment, rows: &[Row], reach: f64) -> Self {
         let (a, spread) = (&alignment, spread(rows));
+        let most = (REFUSED_REACH * reach).min(REFUSED_SPREAD * spread);
         Self {
+            share: a.share_within(rows, 2.0 * most, 2.0 * REFUSED_ROTATION),
             badness: (a.position / (REFUSED_REACH * reach))
                 .max(a.rotation / REFUSED_ROTATION)
                 .max(a.position / (REFUSED_SPREAD * spread)),
@@ -97,7 +103,7 @@ impl Fit {
 
     /// Whether it explains what `given` does not.
     fn explains(&self, given: &Self) -> bool {
-        self.relative < BETTER * given.relative && self.badness <= 1.0
+        self.relative < BETTER * given.relative && self.badness <= 1.0 && self.share >= MOST
     }
 
     fn lengths(&self, has_orientation: bool) -> String {
@@ -122,7 +128,11 @@ pub fn examine(data: &Data<'_>, gravity: Vector3<f64>) -> NominalArm {
     let all: Vec<usize> = (0..data.samples.len()).collect();
     let rows = Reading::as_given().rows(data, &all);
     let reach = reach(data.robot);
-    let given = Fit::of(&rows, reach);
+    let mut given = Fit::of(&rows, reach);
+    if given.alignment.position > SUSPICIOUS_SPREAD * spread(&rows) {
+        let better = align_with_outliers(&rows, given.alignment);
+        given = Fit::new(better, &rows, reach);
+    }
     let scene = Scene {
         data,
         gravity,
@@ -168,8 +178,8 @@ impl Scene<'_> {
         }
         self.other_reading(given)
             .or_else(|| self.populations(TIGHT))
-            .or_else(|| self.orientation_alone(given))
             .or_else(|| self.wide_geometry(given))
+            .or_else(|| self.orientation_alone(given))
             .or_else(|| self.pairs(given))
             .or_else(|| self.populations(LOOSE))
             .or_else(|| Some(self.unexplained(given)))

@@ -28,14 +28,18 @@ const SAG: f64 = 13.0;
 const BY_PAYLOAD: (f64, f64) = (3.3, 6.0);
 /// Median residual of the nominal arm over that of the geometry, below which the poses are the nominal ones.
 const NOMINAL: f64 = 1.3;
+/// Residual of the nominal arm above which no controller computed the poses, m.
+const COMPUTED: f64 = 0.5e-3;
 /// A frame as far from the drawing is worth a warning, m and rad.
 const FRAME: (f64, f64) = (6.5e-3, 35e-3);
 /// Scatter over the stated standard deviation, and the least scatter in m that counts.
 const UNDERSTATED: (f64, f64) = (6.0, 0.22e-3);
+/// Scatter over the stated standard deviation that no arm explains.
+const OTHER_UNIT: f64 = 60.0;
 /// Stated standard deviation over the scatter.
 const OVERSTATED: f64 = 8.0;
 /// Scatter that rounding to the digits makes, over the scatter found.
-const ROUNDED: f64 = 0.35;
+const ROUNDED: f64 = 0.3;
 /// The same of the joints' digits, where it explains what is found.
 const ROUNDED_JOINTS: (f64, f64) = (0.4, 3.0);
 
@@ -274,18 +278,19 @@ impl Scene<'_> {
     fn noise(&self) -> Option<Finding> {
         let stated = InstrumentNoise::rms_over(&self.geometry.samples).position?;
         let scatter = self.scatter();
-        let (value, threshold, verdict) =
-            if scatter > UNDERSTATED.0 * stated && scatter > UNDERSTATED.1 {
-                (
-                    scatter / stated,
-                    UNDERSTATED.0,
-                    "is sigma in another unit, or is the instrument worse than stated?",
-                )
-            } else if stated > OVERSTATED * scatter {
-                (stated / scatter, OVERSTATED, "is sigma in another unit?")
-            } else {
-                return None;
-            };
+        let (value, threshold, verdict) = if scatter > UNDERSTATED.0 * stated
+            && (scatter > UNDERSTATED.1 || scatter > OTHER_UNIT * stated)
+        {
+            (
+                scatter / stated,
+                UNDERSTATED.0,
+                "is sigma in another unit, or is the instrument worse than stated?",
+            )
+        } else if stated > OVERSTATED * scatter {
+            (stated / scatter, OVERSTATED, "is sigma in another unit?")
+        } else {
+            return None;
+        };
         let text = format!(
             "the rows state a standard uncertainty of {}, and the positions scatter by {}: {verdict}",
             length(stated),
@@ -364,7 +369,7 @@ impl Scene<'_> {
     fn nominal(&self, nominal: f64) -> Option<Finding> {
         let left = self.geometry.position * self.geometry.degrees_of_freedom();
         let ratio = nominal / left.max(1e-9);
-        (ratio < NOMINAL).then(|| {
+        (ratio < NOMINAL && nominal < COMPUTED).then(|| {
             let text = format!(
                 "the arm as drawn leaves {}, and no geometry does better than {}: did the controller compute these poses?",
                 length(nominal),

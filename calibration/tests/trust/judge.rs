@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::{Duration, Instant};
 
+use nalgebra::Vector3;
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::measurement::sample::samples;
 use poegp_calibration::robot::Robot;
@@ -32,7 +33,9 @@ pub fn ask(robot: &Robot, text: &str) -> Answer {
         Err(error) => return Answer::Unread(Box::new(error)),
     };
     let start = Instant::now();
-    match catch_unwind(AssertUnwindSafe(|| examine(robot, &set, &samples))) {
+    match catch_unwind(AssertUnwindSafe(|| {
+        examine(robot, &set, &samples, Vector3::new(0.0, 0.0, -9.81))
+    })) {
         Ok(findings) => Answer::Examined(findings.0, start.elapsed()),
         Err(_) => Answer::Panicked,
     }
