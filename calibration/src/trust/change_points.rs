@@ -38,7 +38,7 @@ impl Part {
     fn name(self) -> String {
         match self {
             Self::Base => "the instrument (base) moved".to_owned(),
-            Self::Tool => "the target slipped or was mounted anew".to_owned(),
+            Self::Tool => "the target slipped or was mounted again".to_owned(),
             Self::Joint(j) => format!("the zero of joint {} changed", j + 1),
         }
     }

@@ -1,9 +1,9 @@
 //! What an examination of measurements ends with: causes, how grave each is, and the text for its user.
 
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 /// How grave a finding is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Tier {
     /// Worth knowing; a model is not in doubt.
@@ -14,94 +14,105 @@ pub enum Tier {
     Refused,
 }
 
-/// What is wrong, or may be.
-macro_rules! causes {
-    ($($(#[$doc:meta])* $variant:ident = $name:literal,)*) => {
-        /// The cause of a finding, by the name that `--accept` takes.
-        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-        pub enum Cause {
-            $($(#[$doc])* #[serde(rename = $name)] $variant,)*
-        }
-
-        impl Cause {
-            /// All of them.
-            pub const ALL: &[Self] = &[$(Self::$variant,)*];
-
-            /// The name on the command line, in JSON and in a blob.
-            pub fn name(self) -> &'static str {
-                match self {
-                    $(Self::$variant => $name,)*
-                }
-            }
-        }
-    };
+/// The cause of a finding.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Cause {
+    /// Fewer equations than the unknowns need.
+    Few,
+    /// A joint does not move.
+    Still,
+    /// Rows repeat earlier rows.
+    Copies,
+    /// The same pose stands at other joints.
+    Stuck,
+    /// A value that stands for a missing one.
+    Placeholder,
+    /// Several rows share the extreme value of a column.
+    Clip,
+    /// Another unit than the column's name says.
+    Unit,
+    /// A joint counts the other way.
+    Sign,
+    /// Columns are exchanged.
+    Swap,
+    /// The zero of a joint is elsewhere.
+    Offset,
+    /// A joint moves with another.
+    Coupling,
+    /// The quaternion is in another order, or describes another rotation.
+    Quaternion,
+    /// The pose is that of the instrument as the target sees it.
+    Inverse,
+    /// One axis of the instrument is reversed.
+    Mirror,
+    /// The axes of the instrument are exchanged.
+    Axes,
+    /// Another robot.
+    Robot,
+    /// Poses belong to other rows of joints.
+    Rows,
+    /// Two populations of rows.
+    Mixed,
+    /// The robot moved when it was measured.
+    Lag,
+    /// The orientations are not those of the robot.
+    Orientation,
+    /// Nothing that was tried explains the poses.
+    NoFit,
+    /// The controller computed the poses.
+    Readout,
+    /// The set-up changed at one row.
+    Step,
+    /// The set-up moves through the file.
+    Drift,
+    /// Rows that do not belong.
+    Outlier,
+    /// The payloads do not explain how the arm sags.
+    Payload,
+    /// The stated uncertainty is not the scatter.
+    Noise,
+    /// Too few digits.
+    Rounding,
+    /// A link is not as drawn.
+    Frames,
+    /// The order of the rows is not that of time.
+    Time,
+    /// A richer model is worse than a simpler one on held-out rows.
+    Model,
+    /// The calibration is not expected to be better than the nominal arm.
+    Gain,
 }
 
-causes! {
-    /// Fewer equations than the unknowns need.
-    Few = "few",
-    /// A joint does not move.
-    Still = "still",
-    /// Rows repeat earlier rows.
-    Copies = "copies",
-    /// The same pose stands at other joints.
-    Stuck = "stuck",
-    /// A value that stands for a missing one.
-    Placeholder = "placeholder",
-    /// Several rows share the extreme value of a column.
-    Clip = "clip",
-    /// Another unit than the column's name says.
-    Unit = "unit",
-    /// A joint counts the other way.
-    Sign = "sign",
-    /// Columns are exchanged.
-    Swap = "swap",
-    /// The zero of a joint is elsewhere.
-    Offset = "offset",
-    /// A joint moves with another.
-    Coupling = "coupling",
-    /// The quaternion is in another order, or describes another rotation.
-    Quaternion = "quaternion",
-    /// The pose is that of the instrument as the target sees it.
-    Inverse = "inverse",
-    /// One axis of the instrument is reversed.
-    Mirror = "mirror",
-    /// The axes of the instrument are exchanged.
-    Axes = "axes",
-    /// Another robot.
-    Robot = "robot",
-    /// Poses belong to other rows of joints.
-    Rows = "rows",
-    /// Two populations of rows.
-    Mixed = "mixed",
-    /// The robot moved when it was measured.
-    Lag = "lag",
-    /// The orientations are not those of the robot.
-    Orientation = "orientation",
-    /// Nothing that was tried explains the poses.
-    NoFit = "no-fit",
-    /// The controller computed the poses.
-    Readout = "readout",
-    /// The set-up changed at one row.
-    Step = "step",
-    /// The set-up moves through the file.
-    Drift = "drift",
-    /// Rows that do not belong.
-    Outlier = "outlier",
-    /// The payloads do not explain how the arm sags.
-    Payload = "payload",
-    /// The stated uncertainty is not the scatter.
-    Noise = "noise",
-    /// Too few digits.
-    Rounding = "rounding",
-    /// A link is not as drawn.
-    Frames = "frames",
-    /// The order of the rows is not that of time.
-    Time = "time",
-    /// A richer model is worse than a simpler one on held-out rows.
-    Model = "model",
-    /// The calibration is not expected to be better than the nominal arm.
-    Gain = "gain",
+/// Every cause with the name that `--accept` takes, in the order of [`Cause`].
+#[rustfmt::skip]
+const NAMES: [(Cause, &str); 32] = [
+    (Cause::Few, "few"), (Cause::Still, "still"), (Cause::Copies, "copies"), (Cause::Stuck, "stuck"),
+    (Cause::Placeholder, "placeholder"), (Cause::Clip, "clip"), (Cause::Unit, "unit"), (Cause::Sign, "sign"),
+    (Cause::Swap, "swap"), (Cause::Offset, "offset"), (Cause::Coupling, "coupling"), (Cause::Quaternion, "quaternion"),
+    (Cause::Inverse, "inverse"), (Cause::Mirror, "mirror"), (Cause::Axes, "axes"), (Cause::Robot, "robot"),
+    (Cause::Rows, "rows"), (Cause::Mixed, "mixed"), (Cause::Lag, "lag"), (Cause::Orientation, "orientation"),
+    (Cause::NoFit, "no-fit"), (Cause::Readout, "readout"), (Cause::Step, "step"), (Cause::Drift, "drift"),
+    (Cause::Outlier, "outlier"), (Cause::Payload, "payload"), (Cause::Noise, "noise"), (Cause::Rounding, "rounding"),
+    (Cause::Frames, "frames"), (Cause::Time, "time"), (Cause::Model, "model"), (Cause::Gain, "gain"),
+];
+
+impl Cause {
+    /// All of them.
+    pub const ALL: [Self; NAMES.len()] = {
+        let mut all = [Self::Few; NAMES.len()];
+        let mut i = 0;
+        while i < all.len() {
+            all[i] = NAMES[i].0;
+            i += 1;
+        }
+        all
+    };
+
+    /// The name on the command line, in JSON and in a blob.
+    pub fn name(self) -> &'static str {
+        NAMES[self as usize].1
+    }
 }
 
 impl std::fmt::Display for Cause {
@@ -122,8 +133,8 @@ impl std::str::FromStr for Cause {
     type Err = UnknownCause;
 
     fn from_str(name: &str) -> Result<Self, UnknownCause> {
-        let cause = Self::ALL.iter().find(|c| c.name() == name);
-        cause.copied().ok_or_else(|| UnknownCause {
+        let cause = Self::ALL.into_iter().find(|c| c.name() == name);
+        cause.ok_or_else(|| UnknownCause {
             name: name.to_owned(),
         })
     }
@@ -171,5 +182,45 @@ impl Findings {
     /// Whether no model should be made.
     pub fn is_refused(&self) -> bool {
         self.of(Tier::Refused).next().is_some()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_cause_has_its_name() {
+        for (i, cause) in Cause::ALL.into_iter().enumerate() {
+            assert_eq!(cause as usize, i);
+            assert_eq!(cause.name().parse(), Ok(cause));
+            assert_eq!(
+                serde_json::to_string(&cause).unwrap(),
+                format!("\"{cause}\"")
+            );
+        }
+    }
+
+    #[test]
+    fn a_cause_that_is_accepted_is_one_tier_less_grave() {
+        let finding = |cause, tier| Finding {
+            cause,
+            tier,
+            text: String::new(),
+            rows: Vec::new(),
+            value: 0.0,
+            threshold: 0.0,
+        };
+        let mut findings = Findings(vec![
+            finding(Cause::Still, Tier::Warning),
+            finding(Cause::Step, Tier::Refused),
+        ]);
+        assert!(findings.is_refused());
+        findings.accept(&[Cause::Step]);
+        assert!(!findings.is_refused());
+        assert_eq!(findings.of(Tier::Warning).count(), 2);
+        findings.accept(&[Cause::Still]);
+        let tiers: Vec<Tier> = findings.0.iter().map(|f| f.tier).collect();
+        assert_eq!(tiers, [Tier::Warning, Tier::Note]);
     }
 }

@@ -5,6 +5,7 @@
 
 mod alignment;
 mod change_points;
+mod conventions;
 mod finding;
 mod geometry;
 mod nominal_arm;

@@ -158,7 +158,7 @@ struct Scene<'a> {
 impl Scene<'_> {
     fn examine(&self, given: &Fit) -> Option<Finding> {
         let a = &given.alignment;
-        if given.badness <= 1.0 && self.rows.len() >= LEAST_ROWS {
+        if given.badness <= 1.0 && given.share >= MOST && self.rows.len() >= LEAST_ROWS {
             if a.position < COMPUTED.0 && a.rotation < COMPUTED.1 {
                 let text = format!(
                     "the poses are those of the drawing to {}: the controller computed them, no instrument measured them",
@@ -330,7 +330,7 @@ impl Scene<'_> {
             let tool = fit.alignment.tools[0].inverse() * own.alignment.tools[0];
             return format!(
                 "; by themselves they do, with the base {} and the target {} elsewhere: something was moved or mounted \
-                 anew there (a session of its own)",
+                 again there (a session of its own)",
                 lengths(base.translation.norm(), base.log().angular.norm(), true),
                 lengths(tool.translation.norm(), tool.log().angular.norm(), true)
             );

@@ -29,7 +29,7 @@ const BY_PAYLOAD: (f64, f64) = (3.3, 6.0);
 /// Median residual of the nominal arm over that of the geometry, below which the poses are the nominal ones.
 const NOMINAL: f64 = 1.3;
 /// Residual of the nominal arm above which no controller computed the poses, m.
-const COMPUTED: f64 = 0.5e-3;
+const COMPUTED: f64 = 0.12e-3;
 /// A frame as far from the drawing is worth a warning, m and rad.
 const FRAME: (f64, f64) = (6.5e-3, 35e-3);
 /// Scatter over the stated standard deviation, and the least scatter in m that counts.
@@ -40,7 +40,7 @@ const OTHER_UNIT: f64 = 60.0;
 const OVERSTATED: f64 = 8.0;
 /// Scatter that rounding to the digits makes, over the scatter found.
 const ROUNDED: f64 = 0.3;
-/// The same of the joints' digits, where it explains what is found.
+/// Scatter that rounding of the joints makes, over the scatter found, where it explains it.
 const ROUNDED_JOINTS: (f64, f64) = (0.4, 3.0);
 
 /// Everything that the residuals show. `nominal` is the median position residual of the nominal arm, m.
@@ -57,13 +57,20 @@ pub fn examine(
         geometry,
     };
     let mut out = Vec::new();
-    out.extend(scene.left(reach));
+    let left = scene.left(reach);
+    match scene.rounding() {
+        // Digits that are missing explain what is left, and more than an instrument states.
+        Some(rounding) => out.push(Finding {
+            tier: left.map_or(Tier::Warning, |left| left.tier),
+            ..rounding
+        }),
+        None => {
+            out.extend(left);
+            out.extend(scene.noise());
+        }
+    }
     out.extend(scene.outliers());
     out.extend(scene.payload());
-    let rounding = scene.rounding();
-    let is_rounded = rounding.is_some();
-    out.extend(rounding);
-    out.extend((!is_rounded).then(|| scene.noise()).flatten());
     out.extend(scene.frames());
     if out.is_empty() {
         out.extend(scene.nominal(nominal));
