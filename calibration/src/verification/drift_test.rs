@@ -155,8 +155,10 @@ impl DriftTest {
         let score = |q: &Columns| {
             projected(q, &self.seen) / self.variance() - q.len() as f64 * (self.rows as f64).ln()
         };
+        // Of those that explain as much the first, which has the fewest components.
         let best = candidates
             .iter()
+            .rev()
             .max_by(|a, b| score(&a.1).total_cmp(&score(&b.1)))?;
         Some(Choice {
             hypothesis: best.0,
@@ -184,9 +186,13 @@ impl DriftTest {
     }
 
     /// The smallest change that this hypothesis finds nine times in ten, in its worst direction, in units of its
-    /// components (metres, radians or kilograms), with the `critical` value of [`DriftTest::critical`].
-    pub fn smallest(&self, hypothesis: usize, false_alarms: f64, critical: f64) -> f64 {
+    /// components (metres, radians or kilograms), with the `critical` value of [`DriftTest::critical`]. `None` if a direction
+    /// has no effect beside what is free in any case.
+    pub fn smallest(&self, hypothesis: usize, false_alarms: f64, critical: f64) -> Option<f64> {
         let q = self.beside(hypothesis, &Vec::new());
+        if q.len() < self.effects[hypothesis].len() {
+            return None;
+        }
         let critical = critical * self.quantile(&q, false_alarms);
         let freedom = self.freedom.max(1) as f64;
         let found = |shift: f64| {
@@ -217,7 +223,7 @@ impl DriftTest {
             .map_or(0.0, |values| {
                 values.into_iter().fold(f64::INFINITY, f64::min)
             });
-        high / weakest.max(0.0).sqrt()
+        Some(high / weakest.max(0.0).sqrt())
     }
 
     /// The critical value c before anything was taken.

@@ -89,6 +89,11 @@ impl Fit {
     }
 }
 
+/// Largest change for which the equations of a check are linear, m and rad.
+const LINEAR: f64 = 0.1;
+/// The heaviest payload, kg.
+const HEAVIEST_KG: f64 = 1000.0;
+
 /// A change in words' units; `reach` is half of a 95 % interval in standard deviations.
 pub fn change(
     hypothesis: &Hypothesis,
@@ -96,9 +101,9 @@ pub fn change(
     reach: f64,
     p_value: f64,
 ) -> Change {
-    let one = |i: usize, unit: f64| Estimate {
-        value: unit * values[i],
-        plus_minus: unit * reach * covariance[(i, i)].max(0.0).sqrt(),
+    let one = |i: usize, unit: f64, range: f64| {
+        let plus_minus = reach * covariance[(i, i)].max(0.0).sqrt();
+        Estimate::within(unit * range, unit * values[i], unit * plus_minus)
     };
     // Of the length of three components: its standard deviation is that along them.
     let length = |from: usize| {
@@ -109,10 +114,13 @@ pub fn change(
         let variance: f64 = pairs
             .map(|(i, j)| along(i) * covariance[(from + i, from + j)] * along(j))
             .sum();
-        Estimate {
-            value: 1e3 * norm,
-            plus_minus: 1e3 * reach * variance.max(0.0).sqrt(),
-        }
+        let is_determined = (from..from + 3).all(|i| one(i, 1e3, LINEAR).is_some());
+        Estimate::within(
+            1e3 * LINEAR,
+            1e3 * norm,
+            1e3 * reach * variance.max(0.0).sqrt(),
+        )
+        .filter(|_| is_determined)
     };
     let mut out = Change {
         part: hypothesis.part,
@@ -128,16 +136,18 @@ pub fn change(
     };
     match hypothesis.part {
         Part::Base | Part::Tool => {
-            out.shift_mm = Some(length(0));
-            out.shift_xyz_mm = (0..3).map(|i| one(i, 1e3)).collect();
+            out.shift_mm = length(0);
+            out.shift_xyz_mm = (0..3).map(|i| one(i, 1e3, LINEAR)).collect();
             if hypothesis.turns {
-                out.turn_mrad = Some(length(3));
-                out.turn_xyz_mrad = (3..6).map(|i| one(i, 1e3)).collect();
+                out.turn_mrad = length(3);
+                out.turn_xyz_mrad = (3..6).map(|i| one(i, 1e3, LINEAR)).collect();
             }
         }
-        Part::Joint(_) if hypothesis.turns => out.offset_deg = Some(one(0, 1_f64.to_degrees())),
-        Part::Joint(_) => out.offset_mm = Some(one(0, 1e3)),
-        Part::Payload => out.mass_kg = Some(one(0, 1.0)),
+        Part::Joint(_) if hypothesis.turns => {
+            out.offset_deg = one(0, 1_f64.to_degrees(), LINEAR);
+        }
+        Part::Joint(_) => out.offset_mm = one(0, 1e3, LINEAR),
+        Part::Payload => out.mass_kg = one(0, 1.0, HEAVIEST_KG),
     }
     out
 }
@@ -181,18 +191,19 @@ pub fn sensitivity(test: &DriftTest, all: &[Hypothesis], false_alarms: f64) -> V
         if out.iter().any(|s| s.part == hypothesis.part) {
             continue;
         }
-        let (factor, unit) = match hypothesis.part {
-            Part::Joint(_) if hypothesis.turns => (1_f64.to_degrees(), "deg"),
-            Part::Payload => (1.0, "kg"),
-            _ => (1e3, "mm"),
+        let (factor, unit, range) = match hypothesis.part {
+            Part::Joint(_) if hypothesis.turns => (1_f64.to_degrees(), "deg", LINEAR),
+            Part::Payload => (1.0, "kg", HEAVIEST_KG),
+            _ => (1e3, "mm", LINEAR),
         };
+        let smallest = test.smallest(h, false_alarms, critical);
         let hidden = |other: &&usize| {
             let (effect, own) = test.visible(h, **other);
             all[**other].part != hypothesis.part && own < OWN_SHARE * effect
         };
         out.push(Sensitivity {
             part: hypothesis.part,
-            smallest: factor * test.smallest(h, false_alarms, critical),
+            smallest: smallest.filter(|x| *x <= range).map(|x| factor * x),
             unit,
             looks_like: whole.iter().find(hidden).map(|other| all[*other].part),
         });

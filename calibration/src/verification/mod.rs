@@ -17,15 +17,15 @@ mod estimate;
 pub mod hypotheses;
 pub mod noise;
 mod options;
-mod residuals;
+mod payload;
 pub mod result;
 mod whitened;
 
 use faer::Mat;
 use poegp_runtime::math::se3::Pose;
 
+use crate::blob::fitted_frames::{FittedFrames, Registered, different_poses};
 use crate::blob::predict::BlobModel;
-use crate::identification::base_tools::tool_count;
 use crate::identification::parametric::state::ROWS;
 use crate::learning::elastic::outliers::LEFT_OUT;
 use crate::measurement::noise::NoiseScales;
@@ -36,7 +36,6 @@ use crate::verification::arm::BlobArm;
 use crate::verification::drift_test::{Columns, DriftTest, columns};
 use crate::verification::estimate::{Fit, alternatives, change, lengths, sensitivity};
 use crate::verification::hypotheses::{Hypothesis, Part};
-use crate::verification::residuals::RegisteredResiduals;
 use crate::verification::result::{Change, Report, RowError};
 use crate::verification::whitened::Whitened;
 
@@ -47,7 +46,7 @@ pub use crate::verification::result::CheckError;
 const FEWEST_FREEDOM: usize = 6;
 
 /// Checks `loaded` by `samples` (poses `instrument_from_target`); `tools` are the frames of the tools that they name,
-/// `first_target_from_target`, and mean nothing when tools are fitted again. `lines` are those of the samples in their file.
+/// `first_target_from_target`, and mean nothing when tools are fitted. `lines` are those of the samples in their file.
 ///
 /// # Errors
 /// [`CheckError`].
@@ -59,19 +58,26 @@ pub fn check(
     options: &Options,
 ) -> Result<Report, CheckError> {
     let with_noise = |s: &InstrumentSample| s.clone().with_noise(options.instrument);
-    let samples: &Vec<InstrumentSample> = &samples.iter().map(with_noise).collect();
-    enough(loaded, samples, options)?;
-    let placed = RegisteredResiduals::new(loaded, samples, tools, options);
-    let arm = BlobArm::new(loaded, &placed.tools);
+    let frames = FittedFrames::new(loaded, samples, tools, options.frames)?;
+    let is_compared = |i: &usize| !frames.left_out.contains(i);
+    let compared: Vec<usize> = (0..samples.len()).filter(is_compared).collect();
+    let samples: &Vec<InstrumentSample> =
+        &compared.iter().map(|i| with_noise(&samples[*i])).collect();
+    let line = |i: &usize| lines.get(*i).copied().unwrap_or(0);
+    let lines: &Vec<usize> = &compared.iter().map(line).collect();
+    enough(loaded, samples, &frames)?;
+    let placed = Registered::new(loaded, samples, &frames);
+    let arm = BlobArm::new(loaded, &placed.frames.tools);
     let weighed = Whitened::new(&placed, &arm)?;
     let scales = weighed.scales;
-    let nuisance = weighed.nuisance(options);
+    let nuisance = weighed.nuisance(&frames);
+    let are_tools_fitted = samples.iter().all(|s| frames.is_tool_fitted[s.tool]);
     let all: Vec<Hypothesis> = weighed
         .all
         .iter()
         .filter(|h| {
-            !(options.refit_base && h.part == Part::Base
-                || options.refit_tool && h.part == Part::Tool)
+            !(frames.is_base_fitted && h.part == Part::Base
+                || are_tools_fitted && h.part == Part::Tool)
         })
         .cloned()
         .collect();
@@ -87,6 +93,10 @@ pub fn check(
     let taken: Vec<usize> = choices.iter().map(|c| c.hypothesis).collect();
     let chosen: Vec<&Hypothesis> = taken.iter().map(|h| &all[*h]).collect();
     let fit = Fit::new(&weighed, &nuisance, &chosen).ok_or(CheckError::Unsolvable)?;
+    let sensitivity = sensitivity(&test, &all, options.false_alarms);
+    if sensitivity.iter().all(|s| s.smallest.is_none()) {
+        return Err(CheckError::NothingShown);
+    }
     let reach = test.reach() * test.variance().sqrt();
     let changes = choices.iter().enumerate().map(|(i, choice)| Change {
         or_else: alternatives(&test, &all, &taken, i, options.false_alarms),
@@ -97,11 +107,13 @@ pub fn check(
     let errors = placed.errors();
     Ok(Report {
         errors: ErrorSummary::new(&errors),
+        base_fitted: frames.is_base_fitted,
+        tool_fitted: frames.is_tool_fitted.contains(&true),
         rows: errors
             .iter()
             .enumerate()
             .map(|(k, error)| RowError {
-                line: lines.get(k).copied().unwrap_or(0),
+                line: lines[k],
                 position_mm: error.position_mm,
             })
             .collect(),
@@ -116,7 +128,7 @@ pub fn check(
             .then_some(1e3 * scales.orientation * weighed.factors[1].sqrt()),
         model_mm: weighed.model_mm,
         model_knows_its_error: arm.knows_its_error,
-        sensitivity: sensitivity(&test, &all, options.false_alarms),
+        sensitivity,
         odd_lines: odd(&left, samples, scales, lines),
     })
 }
@@ -129,7 +141,7 @@ pub fn verify(blob: &BlobModel, fresh: &Samples, options: &Options) -> Result<Re
     let known = blob.tools().len();
     let is_only_one = known == 0 && fresh.tools.len() == 1;
     if let Some(name) = fresh.tools.get(known)
-        && !(is_only_one || options.refit_tool)
+        && !(is_only_one || options.frames.tools)
     {
         return Err(CheckError::UnknownTool(name.to_string()));
     }
@@ -141,23 +153,21 @@ pub fn verify(blob: &BlobModel, fresh: &Samples, options: &Options) -> Result<Re
 fn enough(
     loaded: &BlobModel,
     samples: &[InstrumentSample],
-    options: &Options,
+    frames: &FittedFrames,
 ) -> Result<(), CheckError> {
     let equations = samples.iter().map(|s| s.observation.equations());
     let each = equations.max().unwrap_or(ROWS);
-    // Each tool that is mounted again is an unknown of its own.
-    let tools = if options.refit_tool {
-        tool_count(samples)
-    } else {
-        1
-    };
+    // Each tool that is fitted is an unknown of its own.
+    let tools = frames.is_tool_fitted.iter().filter(|fitted| **fitted);
+    let tools = tools.count().max(1);
     // Base, tool (of positions alone, where its target is), joints and payload.
     let unknowns = 6 + each * tools + loaded.model().joints() + 1 + FEWEST_FREEDOM;
     let needed = unknowns.div_ceil(each);
-    if samples.len() < needed {
+    let poses = different_poses(samples);
+    if poses < needed {
         return Err(CheckError::TooFew {
-            poses: samples.len(),
-            equations: each * samples.len(),
+            poses,
+            equations: each * poses,
             needed,
         });
     }
@@ -198,8 +208,5 @@ fn odd(
         let components = samples[*k].observation.equations();
         (0..components).map(square).sum::<f64>() > LEFT_OUT
     };
-    (0..samples.len())
-        .filter(far)
-        .map(|k| lines.get(k).copied().unwrap_or(0))
-        .collect()
+    (0..samples.len()).filter(far).map(|k| lines[k]).collect()
 }

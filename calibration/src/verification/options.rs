@@ -1,5 +1,6 @@
 //! What a verification is asked.
 
+use crate::blob::fitted_frames::FramesToFit;
 use crate::measurement::noise::InstrumentNoise;
 
 /// What is asked.
@@ -7,10 +8,8 @@ use crate::measurement::noise::InstrumentNoise;
 pub struct Options {
     /// Rate of false alarms.
     pub false_alarms: f64,
-    /// Whether the instrument was set up again.
-    pub refit_base: bool,
-    /// Whether the target was mounted again.
-    pub refit_tool: bool,
+    /// Frames that were set up again and are fitted first.
+    pub frames: FramesToFit,
     /// What is known of all measurements; goes before what each row states.
     pub instrument: InstrumentNoise,
 }
@@ -19,8 +18,7 @@ impl Default for Options {
     fn default() -> Self {
         Self {
             false_alarms: 0.01,
-            refit_base: false,
-            refit_tool: false,
+            frames: FramesToFit::default(),
             instrument: InstrumentNoise::UNKNOWN,
         }
     }

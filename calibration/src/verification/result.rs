@@ -2,6 +2,7 @@
 
 use serde::Serialize;
 
+use crate::blob::fitted_frames::FrameError;
 use crate::numeric::statistics::{ErrorSummary, Summary};
 use crate::verification::hypotheses::Part;
 
@@ -14,6 +15,14 @@ pub struct Estimate {
     pub plus_minus: f64,
 }
 
+impl Estimate {
+    /// `None` where value or interval are beyond `range`, the sizes for which the equations of a check are linear: the
+    /// measurements do not determine the number.
+    pub fn within(range: f64, value: f64, plus_minus: f64) -> Option<Self> {
+        (value.abs() <= range && plus_minus <= range).then_some(Self { value, plus_minus })
+    }
+}
+
 /// A part that has moved.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Change {
@@ -24,15 +33,15 @@ pub struct Change {
     /// Displacement in mm: of the base at its origin along its axes, of the target along its own; the length of all three.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub shift_mm: Option<Estimate>,
-    /// Its components.
+    /// Its components; `None` for those that the measurements do not determine.
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub shift_xyz_mm: Vec<Estimate>,
+    pub shift_xyz_mm: Vec<Option<Estimate>>,
     /// Rotation in mrad; absent where a shift alone explains as much.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub turn_mrad: Option<Estimate>,
-    /// Its components.
+    /// Its components; `None` for those that the measurements do not determine.
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub turn_xyz_mrad: Vec<Estimate>,
+    pub turn_xyz_mrad: Vec<Option<Estimate>>,
     /// Of a revolute joint, degrees.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub offset_deg: Option<Estimate>,
@@ -51,8 +60,8 @@ pub struct Change {
 pub struct Sensitivity {
     /// Which part.
     pub part: Part,
-    /// The smallest such change.
-    pub smallest: f64,
+    /// The smallest such change; `None` if these poses show no change of the part, however large.
+    pub smallest: Option<f64>,
     /// Its unit: `mm` (shifts, prismatic joints), `deg` (revolute joints) or `kg`.
     pub unit: &'static str,
     /// The part that looks the same at these poses.
@@ -75,6 +84,10 @@ pub struct Report {
     /// Errors now.
     #[serde(flatten)]
     pub errors: ErrorSummary,
+    /// Whether the base frame was fitted to these measurements.
+    pub base_fitted: bool,
+    /// Whether tool frames were fitted to these measurements.
+    pub tool_fitted: bool,
     /// The errors of every pose, in the order of the file.
     pub rows: Vec<RowError>,
     /// Rate of false alarms of the whole test.
@@ -105,18 +118,24 @@ pub struct Report {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum CheckError {
     /// Too few measurements.
-    #[error("{poses} poses, {equations} equations")]
+    #[error("{poses} different poses, {equations} equations")]
     TooFew {
-        /// Rows.
+        /// Rows with other joints than all rows before.
         poses: usize,
         /// Equations that they give.
         equations: usize,
-        /// Rows that are needed at least.
+        /// Poses that are needed at least.
         needed: usize,
     },
+    /// Frames that cannot be fitted.
+    #[error(transparent)]
+    Frames(#[from] FrameError),
     /// A tool that was mounted after the calibration.
     #[error("{0} was mounted after the calibration: its frame has to be fitted")]
     UnknownTool(String),
+    /// No part could change so that these measurements would show it.
+    #[error("poses that show no change of any part")]
+    NothingShown,
     /// A matrix could not be factored.
     #[error("residuals that cannot be weighed: are these measurements of this robot?")]
     Unsolvable,

@@ -2,6 +2,7 @@
 
 use faer::{Mat, Side};
 
+use crate::blob::fitted_frames::{FittedFrames, Registered};
 use crate::identification::parametric::state::ROWS;
 use crate::measurement::noise::{InstrumentNoise, NoiseScales};
 use crate::measurement::sample::InstrumentSample;
@@ -9,8 +10,7 @@ use crate::verification::arm::BlobArm;
 use crate::verification::drift_test::{self, Columns, columns};
 use crate::verification::hypotheses::{Hypothesis, base_effect, hypotheses, tool_effect};
 use crate::verification::noise::{Factors, Parts};
-use crate::verification::options::Options;
-use crate::verification::residuals::RegisteredResiduals;
+use crate::verification::payload::payload_effect;
 use crate::verification::result::CheckError;
 
 /// Noise to begin with where nothing is stated: a tracker's, m and rad.
@@ -22,7 +22,6 @@ const ROUNDS: usize = 3;
 
 /// The residuals with their covariance.
 pub(super) struct Whitened<'a> {
-    pub(super) arm: &'a BlobArm,
     pub(super) samples: &'a [InstrumentSample],
     /// Units of the rows.
     pub(super) scales: NoiseScales,
@@ -42,10 +41,7 @@ pub(super) struct Whitened<'a> {
 }
 
 impl<'a> Whitened<'a> {
-    pub(super) fn new(
-        placed: &'a RegisteredResiduals<'_>,
-        arm: &'a BlobArm,
-    ) -> Result<Self, CheckError> {
+    pub(super) fn new(placed: &'a Registered<'_>, arm: &BlobArm) -> Result<Self, CheckError> {
         let samples = placed.samples;
         let quietest = InstrumentNoise::min_over(samples);
         let mut scales = NoiseScales {
@@ -60,7 +56,7 @@ impl<'a> Whitened<'a> {
         loop {
             let at = arm.linearise(samples, scales);
             let y = placed.residuals(scales);
-            let payload = placed.payload_effect(scales);
+            let payload = payload_effect(placed, scales);
             let all = hypotheses(arm, &at, samples, payload);
             let fixed = arm
                 .error_covariance(samples, &at, scales)
@@ -96,7 +92,6 @@ impl<'a> Whitened<'a> {
                 positions.iter().map(|i| known(*i)).sum::<f64>() / positions.len() as f64;
             let lower = covariance.llt(Side::Lower);
             return Ok(Self {
-                arm,
                 samples,
                 scales,
                 y,
@@ -123,14 +118,14 @@ impl<'a> Whitened<'a> {
     }
 
     /// What is free in any case: base and tools that were set up again.
-    pub(super) fn nuisance(&self, options: &Options) -> Mat<f64> {
+    pub(super) fn nuisance(&self, frames: &FittedFrames) -> Mat<f64> {
         let mut free: Columns = Vec::new();
-        if options.refit_base {
+        if frames.is_base_fitted {
             free.extend(columns(&self.base));
         }
-        if options.refit_tool {
-            // Each tool was mounted by itself.
-            for tool in 0..self.arm.state.tools.len() {
+        // Each tool was mounted by itself.
+        for (tool, is_fitted) in frames.is_tool_fitted.iter().enumerate() {
+            if *is_fitted {
                 free.extend(columns(&self.tool).into_iter().map(|mut column| {
                     for (k, s) in self.samples.iter().enumerate() {
                         if s.tool != tool {

@@ -4,6 +4,7 @@ use clap::Args;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use serde::de::{DeserializeOwned, IntoDeserializer, value};
 
+use poegp_calibration::blob::fitted_frames::FramesToFit;
 use poegp_calibration::learning::elastic::options::OutlierPolicy;
 use poegp_calibration::learning::task_space::fit::HyperparameterSharing;
 use poegp_calibration::measurement::noise::InstrumentNoise;
@@ -63,6 +64,32 @@ pub struct FitArgs {
     /// Weights of the measurements in step 1 of the paper (default: none).
     #[arg(long, value_name = "WEIGHTS", value_parser = weighting())]
     pub weighting: Option<Weighting>,
+}
+
+/// What is fitted to new measurements, or taken out of them, before they are compared with predictions.
+#[derive(Clone, Copy, Debug, Default, Args)]
+pub struct FrameArgs {
+    /// Fit the base frame to these measurements first, because the instrument was moved.
+    #[arg(long)]
+    pub fit_base: bool,
+    /// Fit the frames of tools that the blob does not know to these measurements first: targets that were remounted, or are
+    /// new. With ROWS, fit to as many rows of each tool, evenly spread, and compare the others.
+    #[arg(long, value_name = "ROWS", num_args = 0..=1, value_parser = clap::value_parser!(u32).range(1..))]
+    pub fit_tool: Option<Option<u32>>,
+    /// Remove the instrument's drift from every pose, estimated from reference points (columns ref1_x_mm …).
+    #[arg(long)]
+    pub correct_drift: bool,
+}
+
+impl FrameArgs {
+    /// The frames that are fitted.
+    pub fn frames(&self) -> FramesToFit {
+        FramesToFit {
+            base: self.fit_base,
+            tools: self.fit_tool.is_some(),
+            rows: self.fit_tool.flatten().map(|rows| rows as usize),
+        }
+    }
 }
 
 /// Noise of the instrument.

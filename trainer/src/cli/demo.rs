@@ -5,6 +5,7 @@ use std::ffi::OsString;
 use std::path::Path;
 use std::path::PathBuf;
 
+use crate::cli::args::FrameArgs;
 use crate::cli::calibrate;
 use crate::cli::calibrate::args::Calibrate;
 use crate::cli::evaluate;
@@ -148,8 +149,7 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
     evaluate::run(&Evaluate {
         blob: blob.clone(),
         test: a.out.join(&files[1].0),
-        correct_drift: false,
-        fit_tool: None,
+        frames: FrameArgs::default(),
         trust: false,
         predictions: Some(a.out.join("predictions.csv")),
         json: None,

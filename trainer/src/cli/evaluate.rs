@@ -6,19 +6,17 @@ use std::path::Path;
 use std::path::PathBuf;
 
 use poegp_runtime::guard::status::Status;
-use poegp_runtime::math::se3::Pose;
 use serde::Serialize;
 
+use crate::cli::args::FrameArgs;
 use crate::cli::failure::Failure;
-use crate::cli::inputs::{self, TestData, file_name};
+use crate::cli::inputs::{self, SAME_FRAME_MM, file_name, fitted_frames, frame_failure};
 use crate::cli::instrument_drift;
 use crate::cli::output::{check_outputs, json_text, write_outputs};
-use crate::cli::terminal::print::Printer;
+use crate::cli::terminal::print::{Printer, warn};
+use poegp_calibration::blob::fitted_frames::FittedFrames;
 use poegp_calibration::blob::predict::{BlobModel, Prediction};
-use poegp_calibration::blob::tool_fit::{evenly_spaced, fit_tool_frame};
-use poegp_calibration::input_error::InputError;
 use poegp_calibration::measurement::sample::InstrumentSample;
-use poegp_calibration::measurement::sample::ToolName;
 use poegp_calibration::numeric::statistics::{ErrorSummary, PoseError};
 use poegp_calibration::validation::held_out::SigmaShares;
 
@@ -27,6 +25,8 @@ use poegp_calibration::validation::held_out::SigmaShares;
 struct EvaluateJson<'a> {
     version: &'static str,
     method: &'a str,
+    base_fitted: bool,
+    tool_fitted: bool,
     sets: [&'a SetErrors; 1],
 }
 
@@ -93,20 +93,16 @@ pub struct Evaluate {
     pub blob: PathBuf,
     /// Measurements that the model was not trained on.
     pub test: PathBuf,
-    /// Fit the frame of a tool that is not in the blob (a new session) to ROWS of its rows, evenly spread; these rows are not
-    /// scored.
-    #[arg(long, value_name = "ROWS", value_parser = clap::value_parser!(u32).range(1..))]
-    pub fit_tool: Option<u32>,
-    /// Write the predicted instrument_from_target of each measurement, in order: x_mm,y_mm,z_mm,qw,qx,qy,qz,status.
+    #[command(flatten)]
+    pub frames: FrameArgs,
+    /// Write the predicted instrument_from_target of each measurement, in order: x_mm,y_mm,z_mm,qw,qx,qy,qz,status. The
+    /// orientation is empty where the tool's frame is fitted to positions alone, which do not show it.
     #[arg(long, value_name = "FILE")]
     pub predictions: Option<PathBuf>,
     /// Add two columns to the predictions: trust,sigma_mm, the extrapolation score and the predictive standard deviation
     /// (empty if the blob has none).
     #[arg(long, requires = "predictions")]
     pub trust: bool,
-    /// Remove the instrument's drift from every pose, estimated from reference points (columns ref1_x_mm …).
-    #[arg(long)]
-    pub correct_drift: bool,
     /// Write the errors as JSON (`-`: standard output).
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
@@ -116,40 +112,44 @@ pub fn run(a: &Evaluate) -> Result<(), Failure> {
     let outputs = [a.predictions.as_deref(), a.json.as_deref()];
     check_outputs(&outputs, &[&a.blob, &a.test])?;
     let loaded = BlobModel::read(&a.blob)?;
-    let TestData {
-        set,
-        samples,
-        names,
-    } = inputs::read(
-        &loaded,
-        &a.test,
-        instrument_drift::correction(a.correct_drift),
-    )?;
-    let tools = tool_frames(a, &loaded, &names, &samples)?;
-    let predictions: Vec<Prediction> = samples
+    let correction = instrument_drift::correction(a.frames.correct_drift);
+    let data = inputs::read(&loaded, &a.test, correction)?;
+    let (set, samples, which) = (&data.set, &data.samples, a.frames.frames());
+    let tools = data.frames(&loaded, &a.test, which)?;
+    let frames = FittedFrames::new(&loaded, samples, tools, which)
+        .map_err(|error| frame_failure(&a.test, &data.names, error))?;
+    let shift = frames.instrument_from_base * loaded.instrument_from_base().inverse();
+    let predicted = |s: &InstrumentSample| {
+        let first = loaded.predict(&s.joints, s.payload_kg);
+        let pose = match frames.is_base_fitted {
+            true => shift * first.pose,
+            false => first.pose,
+        };
+        Prediction {
+            pose: pose * frames.tools[s.tool],
+            ..first
+        }
+    };
+    let predictions: Vec<Prediction> = samples.iter().map(predicted).collect();
+    let shows_turn = |tool: usize| {
+        let mut own = samples.iter().filter(|s| s.tool == tool);
+        own.any(|s| s.observation.has_orientation())
+    };
+    let is_turned = |s: &InstrumentSample| !frames.is_tool_fitted[s.tool] || shows_turn(s.tool);
+    let compared = |i: &usize| !frames.left_out.contains(i);
+    let compared: Vec<usize> = (0..samples.len()).filter(compared).collect();
+    let measured: Vec<PoseError> = compared
         .iter()
-        .map(|s| {
-            let first = loaded.predict(&s.joints, s.payload_kg);
-            Prediction {
-                pose: first.pose * tools.frames[s.tool],
-                ..first
-            }
+        .map(|i| samples[*i].observation.error(&predictions[*i].pose))
+        .collect();
+    let of_truth = |i: &usize| {
+        let error = PoseError::between(&set.measurements[*i].truth?, &predictions[*i].pose);
+        Some(PoseError {
+            orientation_mrad: error.orientation_mrad.filter(|_| is_turned(&samples[*i])),
+            ..error
         })
-        .collect();
-    let scored = |i: &usize| !tools.fitted_on.contains(i);
-    let measured: Vec<PoseError> = (0..samples.len())
-        .filter(scored)
-        .map(|i| samples[i].observation.error(&predictions[i].pose))
-        .collect();
-    let truth: Vec<PoseError> = (0..samples.len())
-        .filter(scored)
-        .filter_map(|i| {
-            Some(PoseError::between(
-                &set.measurements[i].truth?,
-                &predictions[i].pose,
-            ))
-        })
-        .collect();
+    };
+    let truth: Vec<PoseError> = compared.iter().filter_map(of_truth).collect();
     let result = SetErrors {
         name: file_name(&a.test),
         errors: ErrorSummary::new(&measured),
@@ -159,79 +159,48 @@ pub fn run(a: &Evaluate) -> Result<(), Failure> {
             mean: predictions.iter().map(|p| p.trust).sum::<f32>() / predictions.len() as f32,
             least: predictions.iter().map(|p| p.trust).fold(1.0, f32::min),
         },
-        predictive_std: StdSummary::new(
-            &samples,
-            &predictions,
-            &(0..samples.len()).filter(scored).collect::<Vec<_>>(),
-        ),
+        predictive_std: StdSummary::new(samples, &predictions, &compared),
     };
     let document = EvaluateJson {
         version: env!("CARGO_PKG_VERSION"),
         method: loaded.host().provenance.method,
+        base_fitted: frames.is_base_fitted,
+        tool_fitted: frames.is_tool_fitted.contains(&true),
         sets: [&result],
     };
-    let (csv, json) = (to_csv(&predictions, a.trust), json_text(&document)?);
+    let rows: Vec<(Prediction, bool)> = predictions
+        .iter()
+        .zip(samples)
+        .map(|(prediction, sample)| (*prediction, is_turned(sample)))
+        .collect();
+    let (csv, json) = (to_csv(&rows, a.trust), json_text(&document)?);
     let mut files: Vec<(&Path, &[u8])> = Vec::new();
     files.extend(a.predictions.as_deref().map(|path| (path, csv.as_bytes())));
     files.extend(a.json.as_deref().map(|path| (path, json.as_bytes())));
     write_outputs(&files)?;
+    let report = Printer::for_outputs(&outputs);
     print(
-        Printer::for_outputs(&outputs),
+        report,
         &result,
         loaded.host().provenance.method,
         &predictions,
     );
-    Ok(())
-}
-
-/// The frames of all tools of a set, `first_target_from_target`, and the rows that some were fitted on.
-struct ToolFrames {
-    frames: Vec<Pose<f64>>,
-    fitted_on: Vec<usize>,
-}
-
-fn tool_frames(
-    a: &Evaluate,
-    loaded: &BlobModel,
-    names: &[ToolName],
-    samples: &[InstrumentSample],
-) -> Result<ToolFrames, Failure> {
-    let known = loaded.tools();
-    let mut frames: Vec<Pose<f64>> = known.iter().map(|(_, pose)| *pose).collect();
-    let mut fitted_on = Vec::new();
-    for (tool, name) in names.iter().enumerate().skip(known.len()) {
-        let rows: Vec<usize> = (0..samples.len())
-            .filter(|i| samples[*i].tool == tool)
-            .collect();
-        match a.fit_tool {
-            Some(count) => {
-                let chosen = evenly_spaced(&rows, count as usize);
-                if chosen.len() == rows.len() {
-                    return Err(InputError::new(
-                        &a.test,
-                        format!("{} rows of {name}", rows.len()),
-                        format!("more than the {count} that its frame is fitted to: something must be left to score"),
-                    )
-                    .into());
-                }
-                let samples: Vec<&InstrumentSample> = chosen.iter().map(|i| &samples[*i]).collect();
-                frames.push(fit_tool_frame(loaded, &samples));
-                fitted_on.extend(chosen);
-            }
-            // One tool on both sides: the same, unless the file says otherwise.
-            None if known.is_empty() && names.len() == 1 => frames.push(Pose::identity()),
-            None => {
-                return Err(InputError::new(
-                    &a.test,
-                    format!("{name}, which was mounted after the calibration"),
-                    "a tool that the blob knows",
-                )
-                .with_help("give --fit-tool ROWS to fit its frame to some of its own rows, which are then not scored")
-                .into());
-            }
-        }
+    let median = result.errors.position_mm.median;
+    if median > SAME_FRAME_MM {
+        warn(format_args!(
+            "{}: positions {median:.1} mm from the predictions, in the median: not the frame of the calibration, or not this \
+             robot; if the instrument was moved give --fit-base, if the target was remounted --fit-tool",
+            a.test.display()
+        ));
     }
-    Ok(ToolFrames { frames, fitted_on })
+    if let Some(line) = fitted_frames(
+        document.base_fitted,
+        document.tool_fitted,
+        frames.left_out.len(),
+    ) {
+        report.line(line);
+    }
+    Ok(())
 }
 
 fn print(report: Printer, set: &SetErrors, model: &str, predictions: &[Prediction]) {
@@ -297,22 +266,24 @@ fn print(report: Printer, set: &SetErrors, model: &str, predictions: &[Predictio
     }
 }
 
-fn to_csv(predictions: &[Prediction], with_trust: bool) -> String {
+/// Each prediction, and whether its orientation is known.
+fn to_csv(predictions: &[(Prediction, bool)], with_trust: bool) -> String {
     let mut out = String::from("x_mm,y_mm,z_mm,qw,qx,qy,qz,status");
     out += if with_trust {
         ",trust,sigma_mm\n"
     } else {
         "\n"
     };
-    for prediction in predictions {
+    for (prediction, is_turned) in predictions {
         let Prediction { pose, status, .. } = prediction;
         let t = 1e3 * pose.translation;
         let (w, v) = pose.quaternion();
-        let _ = write!(
-            out,
-            "{:.6},{:.6},{:.6},{w:.12},{:.12},{:.12},{:.12},{status}",
-            t[0], t[1], t[2], v[0], v[1], v[2]
-        );
+        let _ = write!(out, "{:.6},{:.6},{:.6},", t[0], t[1], t[2]);
+        let _ = match is_turned {
+            true => write!(out, "{w:.12},{:.12},{:.12},{:.12}", v[0], v[1], v[2]),
+            false => write!(out, ",,,"),
+        };
+        let _ = write!(out, ",{status}");
         if with_trust {
             let _ = write!(out, ",{:.6},", prediction.trust);
             if let Some(sigma) = prediction.position_sigma {

@@ -9,6 +9,7 @@ use poegp_runtime::math::se3::Pose;
 use crate::cli::args::ChainArgs;
 use crate::cli::failure::Failure;
 use crate::cli::terminal::print::note;
+use poegp_calibration::blob::fitted_frames::{FrameError, FramesToFit};
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::blob::write::Provenance;
 use poegp_calibration::input_error::InputError;
@@ -19,6 +20,9 @@ use poegp_calibration::measurement::sample::{InstrumentSample, ToolName};
 use poegp_calibration::model::Method;
 use poegp_calibration::robot::{Joint, LoadOptions, Robot};
 use poegp_calibration::validation::cross_validation::TestSet;
+
+/// Farther apart than this, mm, measurements and predictions are not of the same frame.
+pub const SAME_FRAME_MM: f64 = 10.0;
 
 /// A robot with its chain.
 pub struct Arm {
@@ -156,6 +160,94 @@ pub fn read(
         samples,
         names,
     })
+}
+
+impl TestData {
+    /// The frames of its tools, where the frames that `which` names are fitted to its measurements.
+    pub fn frames(
+        &self,
+        loaded: &BlobModel,
+        path: &Path,
+        which: FramesToFit,
+    ) -> Result<Vec<Pose<f64>>, Failure> {
+        let known = loaded.tools();
+        // One tool on both sides: the same, unless the file says otherwise.
+        let is_the_only_one = known.is_empty() && self.names.len() == 1;
+        match self.names.get(known.len()) {
+            Some(name) if !(which.tools || is_the_only_one) => Err(InputError::new(
+                path,
+                format!("{name}, which was mounted after the calibration"),
+                "a tool that the blob knows",
+            )
+            .with_help(
+                "give --fit-tool to fit its frame to these measurements first, or --fit-tool ROWS to some of its rows, which are then not compared",
+            )
+            .into()),
+            new => {
+                if which.tools && new.is_none() && !is_the_only_one {
+                    note(format_args!(
+                        "{}: the blob knows all tools, so --fit-tool fits none; give a remounted target a session of its own",
+                        path.display()
+                    ));
+                }
+                let mut tools: Vec<Pose<f64>> = known.iter().map(|(_, pose)| *pose).collect();
+                tools.resize_with(self.names.len(), Pose::identity);
+                Ok(tools)
+            }
+        }
+    }
+}
+
+/// Which frames were fitted; `left_out` rows were not compared.
+pub fn fitted_frames(base: bool, tool: bool, left_out: usize) -> Option<String> {
+    let what = match (base, tool) {
+        (false, false) => return None,
+        (true, false) => "The base frame was",
+        (false, true) => "The tool frames were",
+        (true, true) => "Base and tool frames were",
+    };
+    Some(match left_out {
+        0 => format!(
+            "{what} fitted to these measurements, which flatters the errors a little and hides any drift of theirs."
+        ),
+        rows => format!(
+            "{what} fitted to {rows} other rows, which are not compared; any drift of theirs is hidden."
+        ),
+    })
+}
+
+/// Frames that cannot be fitted, as an error of the file.
+pub fn frame_failure(path: &Path, names: &[ToolName], error: FrameError) -> Failure {
+    match error {
+        FrameError::NothingLeft { tool, rows, wanted } => InputError::new(
+            path,
+            match names.get(tool) {
+                Some(name) => format!("{rows} rows of {name}"),
+                None => format!("{rows} rows"),
+            },
+            format!(
+                "more than the {wanted} that frames are fitted to: some must be left to compare"
+            ),
+        ),
+        FrameError::TooFew {
+            poses,
+            numbers,
+            needed,
+        } => InputError::new(
+            path,
+            format!("{poses} different poses"),
+            format!(
+                "at least {needed}, because {numbers} numbers of the frames are fitted to them"
+            ),
+        ),
+        FrameError::Undetermined => InputError::new(
+            path,
+            error.to_string(),
+            "poses with different positions and orientations",
+        )
+        .with_help("fit to more rows, or to rows whose joints differ more"),
+    }
+    .into()
 }
 
 /// The arm of a blob as far as a measurement file is checked against it.

@@ -69,6 +69,15 @@ fn it_holds_until_something_moves() {
     does_not_hold(run("fresh.csv --max-mm 0.05 --statistic max"));
 }
 
+/// Joints of which no change is shown.
+fn hidden_joints(document: &serde_json::Value) -> Vec<u64> {
+    let all = document["sensitivity"].as_array().unwrap().iter();
+    let hidden = all.filter(|s| s["smallest"].is_null());
+    hidden
+        .map(|s| s["part"]["joint"].as_u64().unwrap())
+        .collect()
+}
+
 #[test]
 fn base_and_tool_that_were_set_up_anew() {
     let _texts = texts();
@@ -91,21 +100,49 @@ fn base_and_tool_that_were_set_up_anew() {
     let refused = folder.run("check arm.blob anew.csv --max-mm 0.15");
     assert_eq!(refused.code, Some(2), "{refused:#?}");
     refused.said();
-    for options in ["--refit-base", "--refit-base --refit-tool"] {
+    for options in ["--fit-base", "--fit-base --fit-tool"] {
         let line = format!("check arm.blob anew.csv --max-mm 0.15 {options} --json out.json");
         does_not_hold(folder.run(&line));
+        let document = folder.json("out.json");
+        assert_eq!(document["changes"].as_array().unwrap().len(), 1);
+        // Joint 1 turns as the base does, joint 6 as the tool.
+        let hidden = hidden_joints(&document);
         assert_eq!(
-            folder.json("out.json")["changes"].as_array().unwrap().len(),
-            1
+            hidden,
+            if options.contains("tool") {
+                vec![1, 6]
+            } else {
+                vec![1]
+            }
         );
     }
+    let line = "evaluate arm.blob anew.csv --json out.json";
+    let outcome = folder.run(line).ok();
+    assert!(outcome.stderr.contains("warning: anew.csv"), "{outcome:#?}");
+    let mean = || {
+        folder.json("out.json")["sets"][0]["position_mm"]["mean"]
+            .as_f64()
+            .unwrap()
+    };
+    let as_it_stands = mean();
+    folder.run(&format!("{line} --fit-base")).ok().said();
+    assert!(as_it_stands > 1000.0 && mean() < 0.5, "{}", mean());
+    folder
+        .run(&format!("{line} --fit-base --fit-tool 10"))
+        .ok()
+        .said();
+    assert_eq!(folder.json("out.json")["sets"][0]["poses"], 10);
+    folder.refuses("evaluate arm.blob anew.csv --fit-base --fit-tool 1");
+    folder.refuses("evaluate arm.blob anew.csv --fit-tool 20");
     let session = format!(
         "session,{}",
         simulated("test2", 20).replace('\n', "\nmonday,")
     );
     folder.write("session.csv", session.trim_end_matches("monday,"));
-    let line = "check arm.blob session.csv --max-mm 0.15 --refit-tool";
+    let line = "check arm.blob session.csv --max-mm 0.15 --fit-tool";
     folder.run(line).ok().said();
+    folder.run(&format!("{line} 8 --json out.json")).ok().said();
+    assert_eq!(folder.json("out.json")["poses"], 12);
 }
 
 #[test]
@@ -136,6 +173,15 @@ fn what_cannot_be_checked_is_refused() {
     let folder = folder();
     folder.write("three.csv", simulated("test2", 3));
     folder.refuses("check arm.blob three.csv --max-mm 0.15");
+    // Twenty rows of one pose are one pose.
+    let fresh = simulated("test2", 1);
+    let (header, row) = fresh.trim_end().split_once('\n').unwrap();
+    folder.write(
+        "same.csv",
+        format!("{header}\n") + &format!("{row}\n").repeat(20),
+    );
+    folder.refuses("check arm.blob same.csv --max-mm 0.15 --fit-base");
+    folder.refuses("evaluate arm.blob same.csv --fit-base");
     folder.write(
         "bare.csv",
         without(&simulated("test2", 20), &["payload_kg"]),

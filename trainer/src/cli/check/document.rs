@@ -51,8 +51,9 @@ pub struct CheckJson<'a> {
     pub max_drift_mm: f64,
     /// Whether a drift was found that moves the target by more than that.
     pub drift_matters: bool,
-    pub base_refitted: bool,
-    pub tool_refitted: bool,
+    /// What was fitted before anything was asked.
+    #[serde(skip)]
+    pub fitted: Option<String>,
     #[serde(flatten)]
     pub findings: &'a Findings,
     /// What to do next.

@@ -6,26 +6,23 @@ mod wording;
 
 use std::path::{Path, PathBuf};
 
-use clap::Args;
-use poegp_runtime::math::se3::Pose;
-
-use crate::cli::args::NoiseArgs;
+use crate::cli::args::{FrameArgs, NoiseArgs};
 use crate::cli::check::document::{CheckJson, Statistic};
 use crate::cli::failure::Failure;
-use crate::cli::inputs::{self, TestData, file_name, origin};
+use crate::cli::inputs::{self, SAME_FRAME_MM, file_name, fitted_frames, frame_failure, origin};
 use crate::cli::instrument_drift;
 use crate::cli::output::{check_outputs, json_text, write_outputs};
 use crate::cli::terminal::print::Printer;
 use crate::report::{FileSummary, Provenance};
+use clap::Args;
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::input_error::InputError;
+use poegp_calibration::measurement::sample::ToolName;
 use poegp_calibration::numeric::statistics::Summary;
 use poegp_calibration::verification as check;
 use poegp_calibration::verification::CheckError;
 use poegp_calibration::verification::result::Report as Findings;
 
-/// Farther apart than this, mm, measurements and predictions are not of the same frame.
-const SAME_FRAME_MM: f64 = 10.0;
 /// Share of `--max-mm` by which a drift may move the target before it matters.
 const DRIFT_SHARE: f64 = 0.5;
 /// Rates of false alarms for which there are draws enough.
@@ -38,7 +35,7 @@ const RATES: (f64, f64) = (0.001, 0.2);
     --max-mm is not met, or if a detected drift moves the target by more than --max-drift-mm on average.\n\n\
     Example: trainer check arm.blob monday.csv --max-mm 0.15\n\
     Example: trainer check arm.blob monday.csv --max-mm 0.15 --report monday.html\n\
-    Example: trainer check arm.blob monday.csv --max-mm 0.15 --refit-base   (the tracker was moved)"
+    Example: trainer check arm.blob monday.csv --max-mm 0.15 --fit-base   (the tracker was moved)"
 )]
 pub struct Check {
     /// Model (`.blob`).
@@ -57,15 +54,8 @@ pub struct Check {
     /// Rate of false alarms: share of unchanged robots for which a drift is reported.
     #[arg(long, value_name = "RATE", default_value_t = 0.01)]
     pub false_alarms: f64,
-    /// Fit the base frame to these measurements first, because the instrument was moved.
-    #[arg(long)]
-    pub refit_base: bool,
-    /// Fit the tool frame to these measurements first, because the target was remounted.
-    #[arg(long)]
-    pub refit_tool: bool,
-    /// Remove the instrument's drift from every pose, estimated from reference points (columns ref1_x_mm …).
-    #[arg(long)]
-    pub correct_drift: bool,
+    #[command(flatten)]
+    pub frames: FrameArgs,
     #[command(flatten)]
     pub noise: NoiseArgs,
     /// Write an HTML report: pass/fail, errors against the tolerance, detected changes.
@@ -81,12 +71,12 @@ pub fn run(a: &Check) -> Result<(), Failure> {
     check_outputs(&outputs, &[&a.blob, &a.measurements])?;
     let options = options(a)?;
     let loaded = BlobModel::read(&a.blob)?;
-    let correction = instrument_drift::correction(a.correct_drift);
+    let correction = instrument_drift::correction(a.frames.correct_drift);
     let data = inputs::read(&loaded, &a.measurements, correction)?;
-    let tools = tools(a, &loaded, &data)?;
+    let tools = data.frames(&loaded, &a.measurements, options.frames)?;
     let lines: Vec<usize> = data.set.measurements.iter().map(|m| m.line).collect();
     let findings = check::check(&loaded, &data.samples, tools, &lines, &options)
-        .map_err(|error| refused(&a.measurements, error))?;
+        .map_err(|error| refused(&a.measurements, &data.names, error))?;
     same_frame(a, &findings)?;
     let error = a.statistic.of(&findings.errors.position_mm);
     let max_drift_mm = a.max_drift_mm.unwrap_or(DRIFT_SHARE * a.max_mm);
@@ -103,8 +93,11 @@ pub fn run(a: &Check) -> Result<(), Failure> {
         tolerance_met,
         max_drift_mm,
         drift_matters,
-        base_refitted: a.refit_base,
-        tool_refitted: a.refit_tool,
+        fitted: fitted_frames(
+            findings.base_fitted,
+            findings.tool_fitted,
+            data.samples.len() - findings.errors.poses,
+        ),
         findings: &findings,
         advice: wording::advice(&findings, tolerance_met, drift_matters, a.max_mm),
         provenance: Provenance {
@@ -176,41 +169,29 @@ fn options(a: &Check) -> Result<check::Options, Failure> {
     }
     Ok(check::Options {
         false_alarms: a.false_alarms,
-        refit_base: a.refit_base,
-        refit_tool: a.refit_tool,
+        frames: a.frames.frames(),
         instrument: a.noise.instrument_noise(),
     })
 }
 
-/// The frames of the tools that the samples name; those that are fitted anyway begin anywhere.
-fn tools(a: &Check, loaded: &BlobModel, data: &TestData) -> Result<Vec<Pose<f64>>, Failure> {
-    let mut tools: Vec<Pose<f64>> = loaded.tools().iter().map(|(_, pose)| *pose).collect();
-    for name in data.names.iter().skip(tools.len()) {
-        let the_only_one = loaded.tools().is_empty() && data.names.len() == 1;
-        if !a.refit_tool && !the_only_one {
-            return Err(InputError::new(
-                &a.measurements,
-                format!("{name}, which was mounted after the calibration"),
-                "a tool that the blob knows",
-            )
-            .with_help("give --refit-tool to fit its frame to these measurements first")
-            .into());
-        }
-        tools.push(Pose::identity());
-    }
-    Ok(tools)
-}
-
-fn refused(path: &Path, error: CheckError) -> Failure {
+fn refused(path: &Path, names: &[ToolName], error: CheckError) -> Failure {
     match error {
+        CheckError::Frames(error) => frame_failure(path, names, error),
         CheckError::TooFew {
             poses,
             equations,
             needed,
         } => InputError::new(
             path,
-            format!("{poses} poses ({equations} equations)"),
+            format!("{poses} different poses ({equations} equations)"),
             format!("at least {needed}: base, tool, joints and noise are all estimated from them"),
+        )
+        .with_help("measure ten to twenty poses, spread over the joint ranges")
+        .into(),
+        CheckError::NothingShown => InputError::new(
+            path,
+            error.to_string(),
+            "poses that show a change of a joint or the payload beside the frames that are fitted",
         )
         .with_help("measure ten to twenty poses, spread over the joint ranges")
         .into(),
@@ -226,18 +207,17 @@ fn same_frame(a: &Check, findings: &Findings) -> Result<(), Failure> {
     if median <= SAME_FRAME_MM {
         return Ok(());
     }
+    let options = a.frames.frames();
     let error = InputError::new(
         &a.measurements,
         format!("positions {median:.1} mm from what the model predicts, in the median"),
         format!("measurements in the frame of the calibration, within {SAME_FRAME_MM} mm"),
     );
-    Err(match (a.refit_base, a.refit_tool) {
+    Err(match (options.base, options.tools) {
         (false, _) => error.with_help(
-            "if the instrument was moved give --refit-base, if the target was remounted --refit-tool",
+            "if the instrument was moved give --fit-base, if the target was remounted --fit-tool",
         ),
-        (true, false) => {
-            error.with_help("if the target was remounted, too, also give --refit-tool")
-        }
+        (true, false) => error.with_help("if the target was remounted, too, also give --fit-tool"),
         (true, true) => error.with_help("check the robot and the order of the joints"),
     }
     .into())
@@ -266,7 +246,7 @@ fn print(report: Printer, a: &Check, d: &CheckJson<'_>, date: &str) {
     }
     report.table(&["", "mean", "p95", "max", "orientation"], &rows);
     report.line("");
-    for line in wording::fitted(a.refit_base, a.refit_tool) {
+    if let Some(line) = &d.fitted {
         report.line(line);
     }
     for line in wording::findings(f) {

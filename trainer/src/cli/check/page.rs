@@ -72,7 +72,7 @@ fn headline(d: &CheckJson<'_>) -> Section {
         }
     };
     let mut section = Section::new("result", "").block(lead).block(tiles);
-    for line in wording::fitted(d.base_refitted, d.tool_refitted) {
+    if let Some(line) = &d.fitted {
         section = section.text(html! { (line) });
     }
     if !d.advice.is_empty() {
@@ -167,6 +167,14 @@ fn moved(d: &CheckJson<'_>) -> Section {
     }
     let mut rows = Vec::new();
     for (i, change) in f.changes.iter().enumerate() {
+        if sizes(change).is_empty() {
+            let undetermined = html! { (wording::UNDETERMINED) };
+            rows.push(vec![
+                html! { (wording::part(change.part)) },
+                undetermined,
+                html! {},
+            ]);
+        }
         for (what, estimate, unit, decimals, key) in sizes(change) {
             let location = format!("/changes/{i}/{key}");
             rows.push(vec![
@@ -206,12 +214,12 @@ fn sizes(c: &Change) -> Vec<(String, Estimate, &'static str, usize, String)> {
     one("shifted by", &c.shift_mm, "mm", 3, "shift_mm");
     for (i, (axis, e)) in ["x", "y", "z"].iter().zip(&c.shift_xyz_mm).enumerate() {
         let what = format!("shifted along its {axis}");
-        one(&what, &Some(*e), "mm", 3, &format!("shift_xyz_mm/{i}"));
+        one(&what, e, "mm", 3, &format!("shift_xyz_mm/{i}"));
     }
     one("turned by", &c.turn_mrad, "mrad", 3, "turn_mrad");
     for (i, (axis, e)) in ["x", "y", "z"].iter().zip(&c.turn_xyz_mrad).enumerate() {
         let what = format!("turned about its {axis}");
-        one(&what, &Some(*e), "mrad", 3, &format!("turn_xyz_mrad/{i}"));
+        one(&what, e, "mrad", 3, &format!("turn_xyz_mrad/{i}"));
     }
     one("stands off by", &c.offset_deg, "°", 4, "offset_deg");
     one("stands off by", &c.offset_mm, "mm", 4, "offset_mm");
@@ -227,7 +235,12 @@ fn sensitivity(d: &CheckJson<'_>) -> Section {
         };
         vec![
             html! { (wording::part(s.part)) },
-            html! { (Number::new(s.smallest, decimals, format!("/sensitivity/{i}/smallest"))) " " (unit) },
+            html! {
+                @match s.smallest {
+                    Some(smallest) => { (Number::new(smallest, decimals, format!("/sensitivity/{i}/smallest"))) " " (unit) }
+                    None => { "none, however large" }
+                }
+            },
             html! { @if let Some(other) = s.looks_like { (wording::part(other)) } },
         ]
     };

@@ -6,6 +6,8 @@ use poegp_calibration::verification::result::{Change, Estimate, Report, Sensitiv
 
 /// A p-value below this is one.
 pub const LEAST_P: f64 = 1e-4;
+/// In place of a size.
+pub const UNDETERMINED: &str = "an amount that these measurements do not determine";
 /// Lines of a file that are listed.
 const SHOWN: usize = 10;
 
@@ -17,19 +19,6 @@ pub fn part(part: Part) -> String {
         Part::Joint(joint) => format!("joint {joint}"),
         Part::Payload => "the payload's mass".to_owned(),
     }
-}
-
-/// What was fitted before anything was asked.
-pub fn fitted(base: bool, tool: bool) -> Vec<String> {
-    let what = match (base, tool) {
-        (false, false) => return Vec::new(),
-        (true, false) => "The base frame was",
-        (false, true) => "The tool frames were",
-        (true, true) => "Base and tool frames were",
-    };
-    vec![format!(
-        "{what} fitted to these measurements, which flatters the errors a little and hides any drift of theirs."
-    )]
 }
 
 /// What was found.
@@ -92,60 +81,39 @@ fn sentence(c: &Change) -> String {
     } else {
         format!("p = {:.4}", c.p_value)
     };
-    let three = |parts: &[Estimate], unit: &str| {
-        let all: Vec<String> = parts
-            .iter()
-            .map(|e| format!("{:.3} ± {:.3}", e.value, e.plus_minus))
-            .collect();
-        format!("({}) {unit}", all.join(", "))
+    let text = |e: Estimate| format!("{:.3} ± {:.3}", e.value, e.plus_minus);
+    let known = |size: Option<String>| size.unwrap_or(UNDETERMINED.to_owned());
+    let length = |all: Option<Estimate>, parts: &[Option<Estimate>], unit: &str| {
+        let of = |e: &Option<Estimate>| e.map_or("?".to_owned(), text);
+        let parts: Vec<String> = parts.iter().map(of).collect();
+        let all = known(all.map(|e| format!("{} {unit}", text(e))));
+        format!("{all}, ({}) {unit}", parts.join(", "))
     };
-    let what = match c.part {
-        Part::Base => "the base has moved against the instrument",
-        Part::Tool => "the target has moved at the flange",
-        Part::Payload => "the payload weighs more than the file says",
+    let (what, axes) = match c.part {
+        Part::Base => ("the base has moved against the instrument", "the base's"),
+        Part::Tool => ("the target has moved at the flange", "the target's"),
+        Part::Payload => {
+            let size = c.mass_kg;
+            let size = size.map(|e| format!("{:+.3} ± {:.3} kg", e.value, e.plus_minus));
+            let size = known(size);
+            return format!("the payload weighs more than the file says, by {size} ({p})");
+        }
         Part::Joint(joint) => {
-            let (size, unit) = match (&c.offset_deg, &c.offset_mm) {
-                (Some(e), _) => (*e, "°"),
-                (_, Some(e)) => (*e, " mm"),
-                _ => (
-                    Estimate {
-                        value: 0.0,
-                        plus_minus: 0.0,
-                    },
-                    "",
-                ),
+            let size = |e: Option<Estimate>, unit: &str| {
+                e.map(|e| format!("{:+.4} ± {:.4}{unit}", e.value, e.plus_minus))
             };
-            return format!(
-                "joint {joint} stands {:+.4} ± {:.4}{unit} from where its controller says ({p})",
-                size.value, size.plus_minus
-            );
+            let size = known(size(c.offset_deg, "°").or(size(c.offset_mm, " mm")));
+            return format!("joint {joint} stands {size} from where its controller says ({p})");
         }
     };
-    if let Some(kg) = &c.mass_kg {
-        return format!(
-            "{what}, by {:+.3} ± {:.3} kg ({p})",
-            kg.value, kg.plus_minus
-        );
-    }
-    let axes = if c.part == Part::Base {
-        "the base's"
-    } else {
-        "the target's"
-    };
-    let mut out = c.shift_mm.map_or(what.to_owned(), |e| {
-        format!(
-            "{what} by {:.3} ± {:.3} mm, {} along {axes} axes",
-            e.value,
-            e.plus_minus,
-            three(&c.shift_xyz_mm, "mm")
-        )
-    });
-    if let Some(e) = &c.turn_mrad {
+    let mut out = format!(
+        "{what} by {} along {axes} axes",
+        length(c.shift_mm, &c.shift_xyz_mm, "mm")
+    );
+    if !c.turn_xyz_mrad.is_empty() {
         out += &format!(
-            ", and turned by {:.3} ± {:.3} mrad, {}",
-            e.value,
-            e.plus_minus,
-            three(&c.turn_xyz_mrad, "mrad")
+            ", and turned by {}",
+            length(c.turn_mrad, &c.turn_xyz_mrad, "mrad")
         );
     }
     format!("{out} ({p}; ± is 95 %)")
@@ -153,15 +121,26 @@ fn sentence(c: &Change) -> String {
 
 /// What the check can find, and what looks alike in it.
 pub fn sensitivity(r: &Report) -> Vec<String> {
-    let shown = |s: &Sensitivity| match s.unit {
-        "deg" => format!("{} {:.4}°", part(s.part), s.smallest),
-        unit => format!("{} {:.3} {unit}", part(s.part), s.smallest),
+    let shown = |s: &Sensitivity| {
+        let smallest = s.smallest?;
+        Some(match s.unit {
+            "deg" => format!("{} {smallest:.4}°", part(s.part)),
+            unit => format!("{} {smallest:.3} {unit}", part(s.part)),
+        })
     };
-    let all: Vec<String> = r.sensitivity.iter().map(shown).collect();
+    let all: Vec<String> = r.sensitivity.iter().filter_map(shown).collect();
     let mut out = vec![format!(
         "These poses show nine times in ten a change of: {}.",
         all.join(", ")
     )];
+    let hidden = r.sensitivity.iter().filter(|s| s.smallest.is_none());
+    let hidden: Vec<String> = hidden.map(|s| part(s.part)).collect();
+    if !hidden.is_empty() {
+        out.push(format!(
+            "They show no change of {}, however large.",
+            list(&hidden)
+        ));
+    }
     for owner in [Part::Base, Part::Tool] {
         let alike: Vec<String> = r
             .sensitivity

@@ -33,6 +33,11 @@ pub fn note(text: impl Display) {
     }
 }
 
+/// Says on standard error what makes a result doubtful, also with `--quiet`.
+pub fn warn(text: impl Display) {
+    let _ = writeln!(std::io::stderr(), "warning: {text}");
+}
+
 /// Where to say it.
 #[derive(Clone, Copy)]
 pub struct Printer {

@@ -1,0 +1,37 @@
+//! What the payload does to the poses of a check.
+
+use faer::Mat;
+
+use crate::blob::fitted_frames::{Registered, base_from_first_target};
+use crate::identification::frame_fit::{ResidualFrame, residual_components};
+use crate::identification::parametric::state::ROWS;
+use crate::measurement::noise::NoiseScales;
+use crate::measurement::observation::Observation;
+
+/// Part of the trained range of payloads by which the payload is changed to see what it does.
+const PAYLOAD_STEP: f64 = 0.25;
+
+/// What a kilogram more does, in units of the scales of each row; `None` when the payload does not vary for the model
+/// or is not known.
+pub fn payload_effect(at: &Registered, scales: NoiseScales) -> Option<Mat<f64>> {
+    let (light, heavy) = at.blob.blob().ranges.payload_kg?;
+    let (light, heavy) = (f64::from(light), f64::from(heavy));
+    if heavy <= light {
+        return None;
+    }
+    let step = PAYLOAD_STEP * (heavy - light);
+    let mut out = Mat::zeros(ROWS * at.samples.len(), 1);
+    for (k, sample) in at.samples.iter().enumerate() {
+        let m = sample.payload_kg?.clamp(light, heavy);
+        let (less, more) = ((m - step).max(light), (m + step).min(heavy));
+        let tool = at.frames.tools[sample.tool];
+        let pose = |kg: f64| base_from_first_target(at.blob, sample, Some(kg)) * tool;
+        let kind = ResidualFrame::ToolPoint(scales.of(sample));
+        let rows = sample.observation.equations();
+        let all = residual_components(kind, &Observation::Pose(pose(more)), &pose(less));
+        for (row, value) in all.into_iter().enumerate().take(rows) {
+            out[(ROWS * k + row, 0)] = value / (more - less);
+        }
+    }
+    Some(out)
+}
