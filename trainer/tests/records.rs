@@ -1,4 +1,4 @@
-//! Pages that repeat what is recorded elsewhere say the same: the table of planted faults, and the errors of the README.
+//! Records: pages that repeat one say the same, and each says when it was made.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -92,6 +92,51 @@ fn the_errors_of_the_readme_are_those_of_the_record() {
                 (shown_value - value).abs() <= 0.5e-3 + 1e-9,
                 "{shown}, recorded {recorded}: {row:?}"
             );
+        }
+    }
+}
+
+/// Records that no test repeats say on which day and at which commit they were made.
+#[test]
+fn records_have_a_day_and_a_commit() {
+    for (page, headings) in [
+        (
+            "performance",
+            &[
+                "## Record",
+                "### Simulated by another program",
+                "### Measured robots",
+                "### Accuracy beside other programs",
+                "### Beside scikit-learn",
+                "### Growth",
+                "### Inducing sets for each joint",
+            ][..],
+        ),
+        (
+            "singularities",
+            &["## The oracle", "## What remains on fitted robots"],
+        ),
+        (
+            "verification-evidence",
+            &[
+                "## Fuzzing",
+                "## Drift checks",
+                "## Planned poses",
+                "## Emulated commands",
+            ],
+        ),
+    ] {
+        let text = document(&format!("docs/evidence/{page}.md"));
+        for heading in headings {
+            let (_, rest) = text.split_once(&format!("\n{heading}\n")).unwrap();
+            let section = rest.split("\n#").next().unwrap().replace('\n', " ");
+            let place = format!("{page}, {heading}");
+            let when = section.split("ecorded on ").nth(1);
+            let when = when.unwrap_or_else(|| panic!("{place}: no day"));
+            let (day, commit) = when.split_once(" at commit ").unwrap();
+            assert!(day.starts_with("20") && day.len() == 10, "{place}: {day}");
+            let digits = commit.chars().take_while(char::is_ascii_hexdigit);
+            assert!(digits.count() >= 7, "{place}: {commit}");
         }
     }
 }
