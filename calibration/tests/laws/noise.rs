@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use nalgebra::Vector3;
+use poegp_calibration::learning::elastic::options::OutlierPolicy;
 use poegp_calibration::measurement;
 use poegp_calibration::measurement::noise::InstrumentNoise;
 use poegp_calibration::measurement::observation::Observation;
@@ -54,6 +55,7 @@ fn a_row_that_declares_a_metre_of_noise_does_not_count() {
     with[7].observation = Observation::Pose(pose);
     let config = Config {
         weighting: Weighting::Noise,
+        outliers: OutlierPolicy::Keep,
         ..Config::new(Method::Poe)
     };
     let test = &sets::simulated(&robot, "test1")[..30];
