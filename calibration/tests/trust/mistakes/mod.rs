@@ -10,9 +10,9 @@ use nalgebra::Vector3;
 use poegp_calibration::robot::Robot;
 use poegp_calibration::trust::Cause;
 use poegp_runtime::math::se3::{Pose, Twist};
+use rand::RngExt;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
-use rand_distr::{Distribution, StandardNormal};
 
 use crate::sets::Good;
 use crate::table::Table;
@@ -168,9 +168,15 @@ pub fn some(n: usize, count: usize, random: &mut ChaCha8Rng) -> Vec<usize> {
     all
 }
 
+/// A normal number of standard deviation 1.
+fn standard(random: &mut ChaCha8Rng) -> f64 {
+    let (u, v): (f64, f64) = (random.random(), random.random());
+    (-2.0 * (1.0 - u).ln()).sqrt() * (std::f64::consts::TAU * v).cos()
+}
+
 /// Three normal numbers of standard deviation `sigma`.
 pub fn normal(sigma: f64, random: &mut ChaCha8Rng) -> Vector3<f64> {
-    Vector3::from_fn(|_, _| sigma * Distribution::<f64>::sample(&StandardNormal, random))
+    Vector3::from_fn(|_, _| sigma * standard(random))
 }
 
 /// A vector of length `length` in any direction.
@@ -180,8 +186,11 @@ pub fn direction(length: f64, random: &mut ChaCha8Rng) -> Vector3<f64> {
 
 /// Any orientation, at `distance`.
 pub fn any_pose(distance: f64, random: &mut ChaCha8Rng) -> Pose<f64> {
-    let w: f64 = StandardNormal.sample(random);
-    Pose::from_quaternion(w, &normal(1.0, random), direction(distance, random))
+    Pose::from_quaternion(
+        standard(random),
+        &normal(1.0, random),
+        direction(distance, random),
+    )
 }
 
 /// A pure translation.

@@ -18,10 +18,12 @@ pub fn add(list: &mut List) {
     outliers(list);
     roundings(list);
     texts(list);
+    let moving = list.good.moving().len();
     for rows in [6, 8] {
         list.add(format!("few: {rows} rows"), &[Few], move |t, r| {
             *t = t.subset(&some(t.len(), rows, r));
-        });
+        })
+        .unseen(6 * rows > 3 * (4 * moving + 6), "enough for so few joints");
     }
 }
 
@@ -108,13 +110,19 @@ fn copies(list: &mut List) {
             },
         );
     }
+    let moving = list.good.moving();
     list.add(
         "stuck: one joint's previous value held for 10 rows",
         &[Stuck, Outlier],
-        |t, r| {
-            let joints = t.joints();
-            let column = joints[r.random_range(1..joints.len() - 1)];
-            let from = r.random_range(1..t.len() - 10);
+        move |t, r| {
+            let column = t.joints()[moving[r.random_range(0..moving.len())]];
+            let values = t.numbers(column);
+            let is_wrong = |from: usize| {
+                let apart = |row: &f64| (row - values[from - 1]).abs() > 5.0;
+                values[from..from + 10].iter().any(apart)
+            };
+            let starts: Vec<usize> = (1..t.len() - 10).filter(|f| is_wrong(*f)).collect();
+            let from = starts[r.random_range(0..starts.len())];
             let held = t.rows[from - 1][column].clone();
             for row in from..from + 10 {
                 t.rows[row][column].clone_from(&held);
