@@ -12,7 +12,7 @@ use crate::identification::base_tools::{aligned, fit_base_and_tools, tool_count}
 use crate::identification::frame_fit::{ResidualFrame, residual_components};
 use crate::identification::parametric::state::ROWS;
 use crate::measurement::noise::NoiseScales;
-use crate::measurement::sample::InstrumentSample;
+use crate::measurement::sample::{InstrumentSample, different_poses};
 use crate::numeric::rotation::nearest_rotation;
 use crate::numeric::statistics::PoseError;
 
@@ -70,7 +70,7 @@ pub enum FrameError {
     /// Hardly more equations than fitted numbers.
     #[error("{poses} different poses for {numbers} fitted numbers")]
     TooFew {
-        /// Rows with other joints than all rows before.
+        /// Rows that differ in joints, payload or tool.
         poses: usize,
         /// Numbers that are fitted.
         numbers: usize,
@@ -174,12 +174,6 @@ impl FittedFrames {
         }
         Ok(())
     }
-}
-
-/// Samples with other joints than all samples before.
-pub fn different_poses(samples: &[InstrumentSample]) -> usize {
-    let is_new = |k: &usize| samples[..*k].iter().all(|s| s.joints != samples[*k].joints);
-    (0..samples.len()).filter(is_new).count()
 }
 
 /// `count` of `rows`, evenly spread.

@@ -53,6 +53,9 @@ pub struct NoiseScales {
     pub quietest: InstrumentNoise,
 }
 
+/// No instrument is quieter: standard deviation of one component, m and rad.
+pub const QUIETEST: (f64, f64) = (1e-6, 1e-6);
+
 impl NoiseScales {
     /// Metres and radians count alike.
     pub const ONE: Self = Self::uniform(1.0, 1.0);

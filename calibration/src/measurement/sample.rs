@@ -1,5 +1,7 @@
 //! From a measurement file to what a fit needs: joints through the coupling, and the tool of every row.
 
+use std::collections::HashSet;
+
 use poegp_protocol::limits::MAX_TOOLS;
 use poegp_runtime::math::se3::Pose;
 
@@ -39,6 +41,18 @@ pub struct Sample<F> {
 pub type InstrumentSample = Sample<Instrument>;
 /// A sample as the fits behind the base-tool calibration see it.
 pub type BaseSample = Sample<Base>;
+
+/// Number of samples that differ in joints, payload or tool from all before: measuring a pose again shows its noise and
+/// nothing of the robot.
+pub fn different_poses<F>(samples: &[Sample<F>]) -> usize {
+    let key = |s: &Sample<F>| -> (Vec<u64>, Option<u64>, usize) {
+        // 0.0 and −0.0 are the same joint value.
+        let bits = |value: f64| (value + 0.0).to_bits();
+        let joints = s.joints.iter().map(|value| bits(*value)).collect();
+        (joints, s.payload_kg.map(bits), s.tool)
+    };
+    samples.iter().map(key).collect::<HashSet<_>>().len()
+}
 
 impl<F> Sample<F> {
     /// A sample of the first tool, without payload or declared noise.

@@ -11,7 +11,7 @@ use crate::progress::Cancelled;
 pub enum CalibrationError {
     /// Not enough poses for the parameters that are estimated.
     #[error(
-        "{found} poses: `{method}` needs at least {needed} (six equations each, {parameters} unknowns)"
+        "{found} different poses: `{method}` needs at least {needed} (six equations each, {parameters} unknowns)"
     )]
     TooFewPoses {
         /// Poses there.

@@ -24,7 +24,7 @@ use crate::identification::base_tools::{BaseAndTools, fit_base_and_tools};
 use crate::learning::elastic::fit::setup_units;
 use crate::learning::elastic::options::OutlierPolicy;
 use crate::learning::elastic::outliers::Outlier;
-use crate::measurement::sample::{InstrumentSample, in_base_frame};
+use crate::measurement::sample::{InstrumentSample, different_poses, in_base_frame};
 use crate::model::config::Config;
 use crate::model::methods::problem::{KnownHyperparameters, Problem, has_single_tool_full_poses};
 use crate::progress::FitContext;
@@ -129,10 +129,10 @@ fn check(
     method: Method,
 ) -> Result<(), CalibrationError> {
     let joints = robot.joints.len();
-    let needed = method.min_poses(joints);
-    if samples.len() < needed {
+    let (found, needed) = (different_poses(samples), method.min_poses(joints));
+    if found < needed {
         return Err(CalibrationError::TooFewPoses {
-            found: samples.len(),
+            found,
             needed,
             parameters: method.parameters(joints),
             method: method.name(),

@@ -24,12 +24,12 @@ mod whitened;
 use faer::Mat;
 use poegp_runtime::math::se3::Pose;
 
-use crate::blob::fitted_frames::{FittedFrames, Registered, different_poses};
+use crate::blob::fitted_frames::{FittedFrames, Registered};
 use crate::blob::predict::BlobModel;
 use crate::identification::parametric::state::ROWS;
 use crate::learning::elastic::outliers::LEFT_OUT;
 use crate::measurement::noise::NoiseScales;
-use crate::measurement::sample::InstrumentSample;
+use crate::measurement::sample::{InstrumentSample, different_poses};
 use crate::measurement::samples::Samples;
 use crate::numeric::statistics::ErrorSummary;
 use crate::verification::arm::BlobArm;
@@ -42,6 +42,8 @@ use crate::verification::whitened::Whitened;
 pub use crate::verification::options::Options;
 pub use crate::verification::result::CheckError;
 
+/// Farther apart than this in the median, mm, measurements and predictions are not of the same frame.
+pub const SAME_FRAME_MM: f64 = 10.0;
 /// Fewest degrees of freedom to find the noise from.
 const FEWEST_FREEDOM: usize = 6;
 
@@ -67,6 +69,12 @@ pub fn check(
     let lines: &Vec<usize> = &compared.iter().map(line).collect();
     enough(loaded, samples, &frames)?;
     let placed = Registered::new(loaded, samples, &frames);
+    let errors = placed.errors();
+    let summary = ErrorSummary::new(&errors);
+    let median_mm = summary.position_mm.median;
+    if median_mm > SAME_FRAME_MM {
+        return Err(CheckError::OtherFrame { median_mm });
+    }
     let arm = BlobArm::new(loaded, &placed.frames.tools);
     let weighed = Whitened::new(&placed, &arm)?;
     let scales = weighed.scales;
@@ -104,9 +112,8 @@ pub fn check(
     });
     let effect = fit.effect();
     let left = y - fit.free() - &effect;
-    let errors = placed.errors();
     Ok(Report {
-        errors: ErrorSummary::new(&errors),
+        errors: summary,
         base_fitted: frames.is_base_fitted,
         tool_fitted: frames.is_tool_fitted.contains(&true),
         rows: errors

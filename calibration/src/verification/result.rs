@@ -115,12 +115,12 @@ pub struct Report {
 }
 
 /// Why nothing can be said.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum CheckError {
     /// Too few measurements.
     #[error("{poses} different poses, {equations} equations")]
     TooFew {
-        /// Rows with other joints than all rows before.
+        /// Rows that differ in joints, payload or tool.
         poses: usize,
         /// Equations that they give.
         equations: usize,
@@ -133,6 +133,12 @@ pub enum CheckError {
     /// A tool that was mounted after the calibration.
     #[error("{0} was mounted after the calibration: its frame has to be fitted")]
     UnknownTool(String),
+    /// Measurements of another frame: nothing that is linear can be said of them.
+    #[error("positions {median_mm:.1} mm from what the model predicts, in the median")]
+    OtherFrame {
+        /// Median distance of measured and predicted positions, mm.
+        median_mm: f64,
+    },
     /// No part could change so that these measurements would show it.
     #[error("poses that show no change of any part")]
     NothingShown,

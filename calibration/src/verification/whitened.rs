@@ -4,7 +4,7 @@ use faer::{Mat, Side};
 
 use crate::blob::fitted_frames::{FittedFrames, Registered};
 use crate::identification::parametric::state::ROWS;
-use crate::measurement::noise::{InstrumentNoise, NoiseScales};
+use crate::measurement::noise::{InstrumentNoise, NoiseScales, QUIETEST};
 use crate::measurement::sample::InstrumentSample;
 use crate::verification::arm::BlobArm;
 use crate::verification::drift_test::{self, Columns, columns};
@@ -15,8 +15,6 @@ use crate::verification::result::CheckError;
 
 /// Noise to begin with where nothing is stated: a tracker's, m and rad.
 const FIRST_GUESS: (f64, f64) = (30e-6, 50e-6);
-/// No instrument is quieter, m and rad.
-const QUIETEST: (f64, f64) = (1e-6, 1e-6);
 /// Rounds of noise, and of what the calibration leaves unknown under that noise.
 const ROUNDS: usize = 3;
 

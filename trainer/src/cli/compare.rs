@@ -18,7 +18,7 @@ use crate::report::{HeldOutSummary, HoldOutMethod, Provenance, ReportData};
 use poegp_calibration::measurement::MeasurementSet;
 use poegp_calibration::measurement::instrument_drift::{Drift, DriftReport};
 use poegp_calibration::measurement::reader::{DriftCorrection, SampleFile};
-use poegp_calibration::measurement::sample::InstrumentSample;
+use poegp_calibration::measurement::sample::{InstrumentSample, different_poses};
 use poegp_calibration::model::config::Weighting;
 use poegp_calibration::model::{CalibrationError, Method};
 use poegp_calibration::validation::cross_validation::{ModelComparison, Task, TestSet, applicable};
@@ -136,15 +136,19 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
     }
     let methods = methods(a, &train, &tests)?;
     // A fold may be larger than its share by one group of equal configurations; the calibration itself checks again.
-    let smallest = if a.folds == 0 {
-        train.len()
-    } else {
-        train.len() - train.len().div_ceil(a.folds)
+    let held_out = |rows: usize| {
+        if a.folds == 0 {
+            0
+        } else {
+            rows.div_ceil(a.folds)
+        }
     };
+    let smallest = |rows: usize| rows - held_out(rows);
+    let poses = smallest(different_poses(&train));
     for method in &methods {
         enough_poses(
             &a.train,
-            smallest,
+            (poses, smallest(train.len())),
             equations(&train),
             *method,
             arm.robot.joints.len(),

@@ -10,7 +10,7 @@ use serde::Serialize;
 
 use crate::cli::args::FrameArgs;
 use crate::cli::failure::Failure;
-use crate::cli::inputs::{self, SAME_FRAME_MM, file_name, fitted_frames, frame_failure};
+use crate::cli::inputs::{self, file_name, fitted_frames, frame_failure};
 use crate::cli::instrument_drift;
 use crate::cli::output::{check_outputs, json_text, write_outputs};
 use crate::cli::terminal::print::{Printer, warn};
@@ -19,6 +19,7 @@ use poegp_calibration::blob::predict::{BlobModel, Prediction};
 use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::numeric::statistics::{ErrorSummary, PoseError};
 use poegp_calibration::validation::held_out::SigmaShares;
+use poegp_calibration::verification::SAME_FRAME_MM;
 
 /// What `--json` writes.
 #[derive(Serialize)]

@@ -21,9 +21,6 @@ use poegp_calibration::model::Method;
 use poegp_calibration::robot::{Joint, LoadOptions, Robot};
 use poegp_calibration::validation::cross_validation::TestSet;
 
-/// Farther apart than this, mm, measurements and predictions are not of the same frame.
-pub const SAME_FRAME_MM: f64 = 10.0;
-
 /// A robot with its chain.
 pub struct Arm {
     pub robot: Robot,
@@ -66,22 +63,25 @@ fn read_samples(
     Ok(file)
 }
 
-/// Refuses a file with too few poses before any work, as an error of the file.
+/// Refuses a file with too few different poses before any work, as an error of the file.
 pub fn enough_poses(
     path: &Path,
-    found: usize,
+    (poses, rows): (usize, usize),
     equations: usize,
     method: Method,
     joints: usize,
 ) -> Result<(), Failure> {
     let parameters = method.parameters(joints);
     let needed = (6 * method.min_poses(joints)).div_ceil(equations);
-    if found >= needed {
+    if poses >= needed {
         return Ok(());
     }
     Err(InputError::new(
         path,
-        format!("{found} poses"),
+        match poses == rows {
+            true => format!("{poses} poses"),
+            false => format!("{poses} different poses in {rows} rows"),
+        },
         format!(
             "at least {needed} for `{}`: {parameters} unknowns, {} equations a pose",
             method.name(),

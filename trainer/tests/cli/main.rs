@@ -28,6 +28,7 @@ mod identifiability;
 mod import;
 mod json;
 mod manners;
+mod numbers;
 mod outputs;
 mod plan;
 mod predictions;

@@ -7,6 +7,7 @@ use std::process::Command;
 use serde_json::Value;
 use tempfile::TempDir;
 
+use crate::numbers::{check_document, check_text};
 use crate::texts::{masked, record};
 
 /// The plain chain that the simulated sets are of.
@@ -91,7 +92,9 @@ impl Folder {
     }
 
     pub fn json(&self, name: &str) -> Value {
-        serde_json::from_slice(&self.read(name)).unwrap()
+        let document = serde_json::from_slice(&self.read(name)).unwrap();
+        check_document(name, &document);
+        document
     }
 
     /// The names of everything in the folder, sorted.
@@ -174,12 +177,22 @@ impl Folder {
             .get_args()
             .map(|word| word.to_str().unwrap())
             .collect();
-        Outcome {
+        let outcome = Outcome {
             line: words.join(" "),
             code: output.status.code(),
             stdout: String::from_utf8(output.stdout).unwrap(),
             stderr: String::from_utf8(output.stderr).unwrap(),
+        };
+        if let Ok(document) = serde_json::from_str(&outcome.stdout) {
+            check_document(&outcome.line, &document);
+        } else {
+            check_text(&outcome.line, &outcome.stdout);
         }
+        // An error quotes what was read.
+        if outcome.code == Some(0) {
+            check_text(&outcome.line, &outcome.stderr);
+        }
+        outcome
     }
 }
 

@@ -22,8 +22,8 @@ pub struct IdentifyReport {
     pub redundant: usize,
     /// Directions that other poses would identify and these do not.
     pub unidentified: usize,
-    /// Condition number: largest by smallest identified singular value.
-    pub condition: f64,
+    /// Condition number: largest by smallest identified singular value; `None` if these poses identify nothing.
+    pub condition: Option<f64>,
     /// Why directions are unidentified, most important first.
     pub findings: Vec<Finding>,
     /// Singular values, rows in units of the noise, largest first.

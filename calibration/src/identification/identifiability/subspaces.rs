@@ -49,12 +49,9 @@ impl Space {
         })
     }
 
-    /// Largest singular value by the `rank`-th.
-    pub fn condition(&self, rank: usize) -> f64 {
-        match rank {
-            0 => f64::INFINITY,
-            _ => self.values[0] / self.values[rank - 1],
-        }
+    /// Largest singular value by the `rank`-th; `None` for rank 0.
+    pub fn condition(&self, rank: usize) -> Option<f64> {
+        Some(self.values[0] / self.values[rank.checked_sub(1)?])
     }
 
     /// The directions that `possible` identifies and this does not: orthonormal columns.

@@ -86,7 +86,7 @@ fn random_poses_leave_only_what_is_redundant() {
             "{name}"
         );
         assert!(r.findings.is_empty());
-        assert!(r.condition < 1e3, "{}", r.condition);
+        assert!(r.condition.unwrap() < 1e3, "{:?}", r.condition);
         assert!(r.expected.rms_mm < 0.05, "{:?}", r.expected);
     }
 }

@@ -91,9 +91,12 @@ pub fn report(r: &IdentifyReport) -> Vec<String> {
             "; the other {count} are redundant for any data set (frames turned and shifted along their joints)"
         ),
     };
+    let condition = r.condition.map_or(String::new(), |condition| {
+        format!(" (condition number {condition:.0})")
+    });
     let mut out = vec![format!(
-        "  identifiability: {} of {} geometric parameters (condition number {:.0}){redundant}",
-        r.rank, r.parameters, r.condition
+        "  identifiability: {} of {} geometric parameters{condition}{redundant}",
+        r.rank, r.parameters
     )];
     let shown = r.findings.len().min(FINDINGS);
     for finding in &r.findings[..shown] {

@@ -15,7 +15,7 @@ use crate::identification::parametric::fit::parametric_fit;
 use crate::identification::parametric::state::{ParametricModel, ROWS};
 use crate::learning::elastic::options::{ElasticOptions, mean_payload};
 use crate::learning::elastic::solution::ElasticFit;
-use crate::measurement::noise::NoiseScales;
+use crate::measurement::noise::{NoiseScales, QUIETEST};
 use crate::measurement::sample::BaseSample;
 use crate::numeric::statistics::{Standardised, calibration_factor};
 
@@ -98,12 +98,8 @@ pub fn robust_outliers(
         let scales = NoiseScales::robust(&residuals, samples);
         for ((distance, r), sample) in distances.iter_mut().zip(&residuals).zip(samples) {
             let own = scales.of(sample);
-            let turn = if own.orientation > 0.0 {
-                norm(&r[3..]) / own.orientation
-            } else {
-                0.0
-            };
-            *distance = [norm(&r[..3]) / own.position.max(1e-9), turn];
+            let turn = norm(&r[3..]) / own.orientation.max(QUIETEST.1);
+            *distance = [norm(&r[..3]) / own.position.max(QUIETEST.0), turn];
         }
         let now: Vec<bool> = distances.iter().map(|d| squared(d) <= GROSS).collect();
         let settled = now == believed;

@@ -26,7 +26,7 @@ use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::blob::write::{CalibratedBlob, Provenance, calibrate_to_blob};
 use poegp_calibration::learning::task_space::fit::MAX_SIGNAL_VARIANCE;
 use poegp_calibration::measurement::reader::SampleFile;
-use poegp_calibration::measurement::sample::InstrumentSample;
+use poegp_calibration::measurement::sample::{InstrumentSample, different_poses};
 use poegp_calibration::model::config::Config;
 use poegp_calibration::model::correction::Correction;
 use poegp_calibration::model::identified::of_calibration;
@@ -63,7 +63,7 @@ pub fn run(arguments: &Calibrate) -> Result<(), Failure> {
     } = instrument_drift::read(&arm, &a.train, &mut tools, a.correct_drift)?;
     enough_poses(
         &a.train,
-        samples.len(),
+        (different_poses(&samples), samples.len()),
         equations(&samples),
         config.method,
         arm.robot.joints.len(),

@@ -14,7 +14,7 @@ use poegp_calibration::blob;
 use poegp_calibration::blob::write::CalibratedBlob;
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::measurement::MeasurementSet;
-use poegp_calibration::measurement::sample::InstrumentSample;
+use poegp_calibration::measurement::sample::{InstrumentSample, different_poses};
 use poegp_calibration::model::config::Config;
 use poegp_calibration::model::{CalibrationError, Method};
 use poegp_calibration::validation::cross_validation::{
@@ -36,11 +36,12 @@ pub fn check(
     if a.report.is_none() || !a.tests.is_empty() {
         return Ok(());
     }
-    let smallest = samples.len() - samples.len().div_ceil(FOLDS);
-    enough_poses(&a.train, smallest, equations(samples), method, joints).map_err(|_| {
+    let poses = different_poses(samples);
+    let smallest = poses - poses.div_ceil(FOLDS);
+    enough_poses(&a.train, (smallest, smallest), equations(samples), method, joints).map_err(|_| {
         InputError::new(
             &a.train,
-            format!("{} poses", samples.len()),
+            format!("{poses} different poses"),
             format!(
                 "more poses: the report holds out a fifth, and `{}` cannot be calibrated on the others",
                 method.name()

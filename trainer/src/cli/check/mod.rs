@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use crate::cli::args::{FrameArgs, NoiseArgs};
 use crate::cli::check::document::{CheckJson, Statistic};
 use crate::cli::failure::Failure;
-use crate::cli::inputs::{self, SAME_FRAME_MM, file_name, fitted_frames, frame_failure, origin};
+use crate::cli::inputs::{self, file_name, fitted_frames, frame_failure, origin};
 use crate::cli::instrument_drift;
 use crate::cli::output::{check_outputs, json_text, write_outputs};
 use crate::cli::terminal::print::Printer;
@@ -20,8 +20,7 @@ use poegp_calibration::input_error::InputError;
 use poegp_calibration::measurement::sample::ToolName;
 use poegp_calibration::numeric::statistics::Summary;
 use poegp_calibration::verification as check;
-use poegp_calibration::verification::CheckError;
-use poegp_calibration::verification::result::Report as Findings;
+use poegp_calibration::verification::{CheckError, SAME_FRAME_MM};
 
 /// Share of `--max-mm` by which a drift may move the target before it matters.
 const DRIFT_SHARE: f64 = 0.5;
@@ -76,8 +75,7 @@ pub fn run(a: &Check) -> Result<(), Failure> {
     let tools = data.frames(&loaded, &a.measurements, options.frames)?;
     let lines: Vec<usize> = data.set.measurements.iter().map(|m| m.line).collect();
     let findings = check::check(&loaded, &data.samples, tools, &lines, &options)
-        .map_err(|error| refused(&a.measurements, &data.names, error))?;
-    same_frame(a, &findings)?;
+        .map_err(|error| refused(a, &data.names, error))?;
     let error = a.statistic.of(&findings.errors.position_mm);
     let max_drift_mm = a.max_drift_mm.unwrap_or(DRIFT_SHARE * a.max_mm);
     let tolerance_met = error <= a.max_mm;
@@ -174,7 +172,8 @@ fn options(a: &Check) -> Result<check::Options, Failure> {
     })
 }
 
-fn refused(path: &Path, names: &[ToolName], error: CheckError) -> Failure {
+fn refused(a: &Check, names: &[ToolName], error: CheckError) -> Failure {
+    let path = &a.measurements;
     match error {
         CheckError::Frames(error) => frame_failure(path, names, error),
         CheckError::TooFew {
@@ -188,6 +187,21 @@ fn refused(path: &Path, names: &[ToolName], error: CheckError) -> Failure {
         )
         .with_help("measure ten to twenty poses, spread over the joint ranges")
         .into(),
+        CheckError::OtherFrame { .. } => {
+            let expected =
+                format!("measurements in the frame of the calibration, within {SAME_FRAME_MM} mm");
+            let error = InputError::new(path, error.to_string(), expected);
+            match (a.frames.fit_base, a.frames.fit_tool.is_some()) {
+                (false, _) => error.with_help(
+                    "if the instrument was moved give --fit-base, if the target was remounted --fit-tool",
+                ),
+                (true, false) => {
+                    error.with_help("if the target was remounted, too, also give --fit-tool")
+                }
+                (true, true) => error.with_help("check the robot and the order of the joints"),
+            }
+            .into()
+        }
         CheckError::NothingShown => InputError::new(
             path,
             error.to_string(),
@@ -199,28 +213,6 @@ fn refused(path: &Path, names: &[ToolName], error: CheckError) -> Failure {
             InputError::new(path, error.to_string(), "new measurements of this robot").into()
         }
     }
-}
-
-/// Refuses measurements that are not of the frame of the calibration: nothing that is linear can be said of them.
-fn same_frame(a: &Check, findings: &Findings) -> Result<(), Failure> {
-    let median = findings.errors.position_mm.median;
-    if median <= SAME_FRAME_MM {
-        return Ok(());
-    }
-    let options = a.frames.frames();
-    let error = InputError::new(
-        &a.measurements,
-        format!("positions {median:.1} mm from what the model predicts, in the median"),
-        format!("measurements in the frame of the calibration, within {SAME_FRAME_MM} mm"),
-    );
-    Err(match (options.base, options.tools) {
-        (false, _) => error.with_help(
-            "if the instrument was moved give --fit-base, if the target was remounted --fit-tool",
-        ),
-        (true, false) => error.with_help("if the target was remounted, too, also give --fit-tool"),
-        (true, true) => error.with_help("check the robot and the order of the joints"),
-    }
-    .into())
 }
 
 fn print(report: Printer, a: &Check, d: &CheckJson<'_>, date: &str) {
