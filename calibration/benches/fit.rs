@@ -91,7 +91,6 @@ impl Bench {
             None,
             &part,
             &ElasticOptions::default(),
-            None,
             &FitContext::default(),
         )
         .unwrap();

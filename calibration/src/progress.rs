@@ -32,7 +32,8 @@ pub struct FitContext<'a> {
     expected: Cell<u64>,
 }
 
-static NEVER: AtomicBool = AtomicBool::new(false);
+/// The flag of what nobody cancels.
+pub static NEVER: AtomicBool = AtomicBool::new(false);
 
 impl<'a> FitContext<'a> {
     /// Reports to `progress`, and ends with [`Cancelled`] soon after another thread sets `cancel`.

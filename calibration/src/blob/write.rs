@@ -25,7 +25,6 @@ use crate::measurement::sample::ToolName;
 use crate::measurement::samples::Samples;
 use crate::model::config::Config;
 use crate::model::correction::{self as model, TaskSpaceCorrection};
-use crate::model::methods::problem::KnownHyperparameters;
 use crate::model::{Calibration, CalibrationError, calibrate, calibrate_within};
 use crate::progress::FitContext;
 use crate::robot::Robot;
@@ -86,22 +85,6 @@ pub fn calibrate_to_blob(
     calibration.into_blob(robot, samples, provenance, context)
 }
 
-/// [`calibrate_to_blob`] with the hyperparameters of another fit, as far as they are known.
-///
-/// # Errors
-/// [`DeviceError`].
-pub fn calibrate_to_blob_with(
-    robot: &Robot,
-    samples: &[InstrumentSample],
-    config: &Config,
-    provenance: &Provenance,
-    known: &KnownHyperparameters,
-) -> Result<CalibratedBlob, DeviceError> {
-    let context = FitContext::default();
-    let calibration = calibrate_within(robot, samples, config, known, &context)?;
-    calibration.into_blob(robot, samples, provenance, &context)
-}
-
 impl Calibration {
     /// The blob of a calibration with these samples. When single precision would lose too much, the task-space process is
     /// fitted again with a smaller limit on its signal variance (on ten simulated robots 30 instead of 300 costs 0.5 % of
@@ -122,16 +105,12 @@ impl Calibration {
             if last.is_none() || best.precision_loss.worst_share() <= COMFORTABLE {
                 break;
             }
-            let task_space = SignalVarianceLimit {
+            let limit = SignalVarianceLimit {
                 value,
                 under_higher: last,
             };
-            let known = KnownHyperparameters {
-                task_space,
-                elastic: None,
-            };
             let config = &best.calibration.config;
-            let next = calibrate_within(robot, samples, config, &known, context)?;
+            let next = calibrate_within(robot, samples, config, &limit, context)?;
             let next = next.stored(robot, samples, provenance)?;
             last = next.hyperparameters();
             if next.precision_loss.worst_share() < best.precision_loss.worst_share() {

@@ -8,11 +8,10 @@ use crate::identification::base_tools::BaseAndTools;
 use crate::identification::frame_fit::{FrameFit, ResidualFrame, residual_components};
 use crate::learning::elastic::options::OutlierPolicy;
 use crate::learning::elastic::outliers::Outlier;
-use crate::learning::task_space::fit::SignalVarianceLimit;
 use crate::measurement::sample::{BaseSample, Sample};
 use crate::model::config::Config;
 use crate::model::correction::Correction;
-use crate::model::methods::problem::{FrameEstimate, KnownHyperparameters};
+use crate::model::methods::problem::FrameEstimate;
 
 /// A calibrated robot in `f64`.
 #[derive(Debug)]
@@ -48,24 +47,6 @@ impl Calibration {
         kept.map(|(_, sample)| sample.clone()).collect()
     }
 
-    /// The hyperparameters that it was found with: another fit of the same method may keep them.
-    pub fn hyperparameters(&self) -> KnownHyperparameters {
-        let mut known = KnownHyperparameters::NOTHING;
-        if let Some(task_space) = self.correction.task_space() {
-            known.task_space = SignalVarianceLimit {
-                value: task_space.max_signal_variance,
-                under_higher: Some(std::array::from_fn(|c| *task_space.gp.output(c))),
-            };
-        }
-        if let FrameEstimate::Parametric {
-            hyperparameters, ..
-        } = &self.estimate
-        {
-            known.elastic = Some(hyperparameters.clone());
-        }
-        known
-    }
-
     /// What the least-squares fit of the frames did, if there was one.
     pub fn frame_fit(&self) -> Option<&FrameFit> {
         match &self.estimate {
@@ -89,7 +70,6 @@ impl Calibration {
     pub fn standard_deviation<F: Clone>(&self, sample: &Sample<F>) -> Option<[f64; OUTPUTS]> {
         if let FrameEstimate::Parametric {
             uncertainty: Some(uncertainty),
-            ..
         } = &self.estimate
         {
             let sample = sample.clone().with_noise(self.config.instrument_noise());

@@ -14,7 +14,9 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::learning::elastic::options::{ElasticOptions, OutlierPolicy, SetLimits};
+use crate::learning::elastic::options::{
+    ElasticOptions, HYPERPARAMETER_POSES, OutlierPolicy, SetLimits,
+};
 use crate::learning::task_space::fit::HyperparameterSharing;
 use crate::measurement::noise::InstrumentNoise;
 use crate::model::methods::Method;
@@ -51,6 +53,9 @@ pub struct Config {
     pub ripple: bool,
     /// Whether the elastic model has joint processes; without them it is parametric.
     pub processes: bool,
+    /// Most poses that the hyperparameters of the elastic model are learnt from; the folds of a choice learn from fewer.
+    #[serde(skip)]
+    pub hyperparameter_poses: usize,
     /// What is done with outliers.
     pub outliers: OutlierPolicy,
     /// Gravity in the base frame, m/s².
@@ -109,6 +114,7 @@ impl Default for Config {
             gravity_terms: true,
             ripple: true,
             processes: true,
+            hyperparameter_poses: HYPERPARAMETER_POSES,
             outliers: OutlierPolicy::default(),
             gravity_m_s2: [0.0, 0.0, -9.81],
             position_sigma_mm: None,
@@ -203,6 +209,7 @@ impl Config {
                 functions: self.inducing_points.unwrap_or(MAX_SET_FUNCTIONS),
                 instructions: self.max_set_instructions,
             }),
+            hyperparameter_poses: self.hyperparameter_poses,
             outliers: self.outliers,
             device_variance: self.device_variance,
         }

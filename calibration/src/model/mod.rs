@@ -24,9 +24,10 @@ use crate::identification::base_tools::{BaseAndTools, fit_base_and_tools};
 use crate::learning::elastic::fit::setup_units;
 use crate::learning::elastic::options::OutlierPolicy;
 use crate::learning::elastic::outliers::Outlier;
+use crate::learning::task_space::fit::SignalVarianceLimit;
 use crate::measurement::sample::{InstrumentSample, different_poses, in_base_frame};
 use crate::model::config::Config;
-use crate::model::methods::problem::{KnownHyperparameters, Problem, has_single_tool_full_poses};
+use crate::model::methods::problem::{Problem, has_single_tool_full_poses};
 use crate::progress::FitContext;
 use crate::robot::Robot;
 
@@ -44,22 +45,23 @@ pub fn calibrate(
         robot,
         samples,
         config,
-        &KnownHyperparameters::NOTHING,
+        &SignalVarianceLimit::HIGHEST,
         context,
     )
 }
 
-/// [`calibrate`] with what is known of the hyperparameters.
+/// [`calibrate`] with a limit on the signal variance of the task-space process.
 pub(crate) fn calibrate_within(
     robot: &Robot,
     samples: &[InstrumentSample],
     config: &Config,
-    known: &KnownHyperparameters,
+    signal_variance: &SignalVarianceLimit,
     context: &FitContext,
 ) -> Result<Calibration, CalibrationError> {
     check(robot, samples, config.method)?;
     let nominal = robot.chain()?;
-    let (mut base_and_tools, mut problem) = posed(robot, &nominal, samples, config, known);
+    let (mut base_and_tools, mut problem) =
+        posed(robot, &nominal, samples, config, signal_variance);
     let units = setup_units(samples.len());
     context.expect(units);
     let mut outliers = context.phase(units, || problem.gross_outliers())?;
@@ -68,7 +70,7 @@ pub(crate) fn calibrate_within(
         kept.retain(|i| !outliers.iter().any(|o| o.sample == *i));
         let samples: Vec<InstrumentSample> = kept.iter().map(|i| samples[*i].clone()).collect();
         check(robot, &samples, config.method)?;
-        (base_and_tools, problem) = posed(robot, &nominal, &samples, config, known);
+        (base_and_tools, problem) = posed(robot, &nominal, &samples, config, signal_variance);
     }
     let fit = config.method.implementation().fit(&problem, context)?;
     for outlier in fit.outliers {
@@ -95,13 +97,30 @@ pub(crate) fn calibrate_within(
     Ok(out)
 }
 
+/// `samples` without those that no geometry explains, where `config` rejects outliers.
+pub(crate) fn without_gross_outliers(
+    robot: &Robot,
+    samples: &[InstrumentSample],
+    config: &Config,
+) -> Vec<InstrumentSample> {
+    let mut kept = samples.to_vec();
+    if let (OutlierPolicy::Reject, Ok(nominal)) = (config.outliers, robot.chain()) {
+        let limit = SignalVarianceLimit::HIGHEST;
+        let (_, problem) = posed(robot, &nominal, samples, config, &limit);
+        for outlier in problem.gross_outliers().iter().rev() {
+            kept.remove(outlier.sample);
+        }
+    }
+    kept
+}
+
 /// Base and tools on the nominal arm, and what is left to fit: `samples` as seen from that base.
 fn posed<'a>(
     robot: &'a Robot,
     nominal: &Poe<f64>,
     samples: &[InstrumentSample],
     config: &Config,
-    known: &'a KnownHyperparameters,
+    signal_variance: &'a SignalVarianceLimit,
 ) -> (BaseAndTools, Problem<'a>) {
     let base_and_tools = fit_base_and_tools(nominal, samples);
     let flange = *nominal.frames().last().unwrap_or(&Pose::identity());
@@ -116,7 +135,7 @@ fn posed<'a>(
             .collect(),
         weighting: config.weighting,
         hyperparameters: config.hyperparameters,
-        known,
+        signal_variance,
         elastic: config.elastic(),
     };
     (base_and_tools, problem)

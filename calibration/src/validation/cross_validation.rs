@@ -12,7 +12,9 @@ use crate::measurement::samples::Samples;
 use crate::model::Method;
 use crate::model::config::Config;
 use crate::numeric::statistics::{ErrorSummary, PoseError};
-use crate::progress::FitContext;
+use std::sync::atomic::AtomicBool;
+
+use crate::progress::{FitContext, NEVER};
 use crate::robot::Robot;
 use crate::validation::held_out::{Coverage, HeldOutPose, coverage, held_out, summary};
 
@@ -106,6 +108,8 @@ pub struct Task<'a> {
     pub seed: u64,
     /// Where the data come from.
     pub origin: &'a Provenance,
+    /// Set by another thread, ends each calibration with an error.
+    pub cancel: &'a AtomicBool,
 }
 
 impl Task<'_> {
@@ -213,7 +217,7 @@ impl Task<'_> {
         config: &Config,
         samples: &[InstrumentSample],
     ) -> Result<CalibratedBlob, CompareError> {
-        let context = FitContext::default();
+        let context = FitContext::new(&(), self.cancel);
         calibrate_to_blob(self.robot, samples, config, self.origin, &context).map_err(|error| {
             CompareError {
                 model: config.method.name(),
@@ -240,6 +244,7 @@ pub fn cross_validate(
         folds,
         seed: 1,
         origin: &Provenance::new(data, ""),
+        cancel: &NEVER,
     };
     task.cross_validate(config, &mut || ())
 }

@@ -2,20 +2,50 @@
 //!
 //! Every candidate predicts every training pose with a model that did not see it. The candidate with the least mean
 //! error is the best; shipped is the *simplest* whose errors are not larger by more than one standard error of the
-//! difference, pose by pose: thirty poses do not get a process that they cannot support, and an arm whose residual is not
-//! a joint effect is not forced into joint space.
+//! difference, pose by pose, or two from few poses: thirty poses do not get a process that they cannot support. A method that somebody named is
+//! kept, with a warning when a simpler one is better. Either way the mean error must be well below that of the drawing.
 
 use serde::Serialize;
 
-use crate::learning::task_space::fit::HyperparameterSharing;
 use crate::measurement::sample::InstrumentSample;
-use crate::model::Method;
 use crate::model::config::{Config, Weighting};
+use crate::model::{Method, without_gross_outliers};
 use crate::numeric::statistics::Summary;
+use crate::trust::{Cause, Finding, Tier};
 use crate::validation::cross_validation::{CompareError, Task, applicable};
 
-/// Folds of the choice.
+/// Folds of the choice among more than [`FEW`] poses, and of a report.
 pub const FOLDS: usize = 5;
+/// Folds of the choice among fewer poses: a model needs most of them.
+const MORE_FOLDS: usize = 10;
+/// Poses up to which there are more folds.
+const FEW: usize = 20;
+/// Poses below which a richer model must be better by two standard errors: one would choose a process that costs 5 % on
+/// one of nine sets of thirty.
+const CAREFUL: usize = 40;
+/// Poses below which folds may choose wrong.
+const UNCERTAIN: usize = 25;
+/// By which factor the error found has differed from what folds of fewer poses expect, over nine sets.
+const FEW_FACTOR: u32 = 3;
+/// Most poses that a fold learns hyperparameters from.
+const HYPERPARAMETER_POSES: usize = 40;
+/// A model that is kept may have this multiple of a simpler one's mean held-out error before it is warned of.
+const WORSE: f64 = 1.03;
+/// A calibration is refused unless its mean held-out error is below this share of the drawing's.
+pub const GAIN: f64 = 0.9;
+
+/// Folds of the choice among so many poses.
+pub fn folds(poses: usize) -> usize {
+    match poses <= FEW {
+        true => MORE_FOLDS.min(poses),
+        false => FOLDS,
+    }
+}
+
+/// How many standard errors a simpler model may be behind the best.
+fn standard_errors(poses: usize) -> f64 {
+    if poses < CAREFUL { 2.0 } else { 1.0 }
+}
 
 /// A model that may be chosen.
 #[derive(Clone, Debug)]
@@ -53,6 +83,10 @@ pub struct LeftOut {
 /// A choice with its reasons.
 #[derive(Clone, Debug)]
 pub struct Choice {
+    /// Whether the method was named beforehand.
+    pub is_named: bool,
+    /// Poses that were held out.
+    pub poses: usize,
     /// How to calibrate.
     pub config: Config,
     /// The table, simplest first.
@@ -63,49 +97,62 @@ pub struct Choice {
 
 /// All candidates that the data allow, simplest first; `base` has the settings that they share.
 pub fn candidates(samples: &[InstrumentSample], joints: usize, base: &Config) -> Vec<Candidate> {
-    let allowed = applicable(samples);
-    let gp = if allowed.contains(&Method::PoeGpLoad) {
-        Method::PoeGpLoad
-    } else {
-        Method::PoeGp
-    };
     let of = |name, method| Candidate {
         name,
         config: Config {
             method,
             weighting: Weighting::Noise,
-            hyperparameters: HyperparameterSharing::Shared,
             ..*base
         },
     };
     let mut parameters_only = of("elastic, parameters alone", Method::Elastic);
     parameters_only.config.processes = false;
-    let mut without_gravity = of("elastic without gravity terms", Method::Elastic);
-    without_gravity.config.gravity_terms = false;
-    let mut out = vec![
+    let all = vec![
         of("base-tool", Method::BaseTool),
         of("poe --weighting noise", Method::Poe),
         parameters_only,
-        of(
-            if gp == Method::PoeGp {
-                "poe-gp --weighting noise"
-            } else {
-                "poe-gp-load --weighting noise"
-            },
-            gp,
-        ),
-        without_gravity,
         of("elastic", Method::Elastic),
     ];
-    let smallest = samples.len() - samples.len().div_ceil(FOLDS);
-    out.retain(|c| {
+    possible(all, samples, joints)
+}
+
+/// What a method that was named is measured by, simplest first: base and tool alone, the chain if the method has more, and
+/// the method itself. Empty where the method needs every pose.
+pub fn named_and_simpler(
+    samples: &[InstrumentSample],
+    joints: usize,
+    named: &Config,
+) -> Vec<Candidate> {
+    let mut all = candidates(samples, joints, named);
+    all.retain(|c| c.config.method < named.method && c.config.method <= Method::Poe);
+    let own = Candidate {
+        name: named.method.name(),
+        config: *named,
+    };
+    let own = possible(vec![own], samples, joints);
+    match own.is_empty() {
+        true => own,
+        false => [all, own].concat(),
+    }
+}
+
+/// Those of `all` that the poses without a fold are enough for.
+fn possible(
+    mut all: Vec<Candidate>,
+    samples: &[InstrumentSample],
+    joints: usize,
+) -> Vec<Candidate> {
+    let allowed = applicable(samples);
+    let smallest = samples.len() - samples.len().div_ceil(folds(samples.len()));
+    all.retain(|c| {
         allowed.contains(&c.config.method) && c.config.method.min_poses(joints) <= smallest
     });
-    out
+    all
 }
 
 /// Cross-validates the candidates on `task.train` and chooses. `progress` is called after every calibration. A candidate
-/// that cannot be calibrated, or not for a device, on some of the folds would not be a safe choice: it is left out.
+/// that cannot be calibrated, or not for a device, on some of the folds would not be a safe choice: it is left out. Poses
+/// that no candidate should learn from are neither trained on nor tested on.
 ///
 /// # Errors
 /// [`CompareError`] of the first one when no candidate can be calibrated.
@@ -114,13 +161,52 @@ pub fn select_model(
     candidates: &[Candidate],
     progress: &mut dyn FnMut(),
 ) -> Result<Choice, CompareError> {
+    select(task, candidates, false, progress)
+}
+
+/// [`select_model`], but the last candidate is kept whatever the others do.
+///
+/// # Errors
+/// [`CompareError`] when the last candidate cannot be calibrated.
+pub fn keep_named(
+    task: &Task<'_>,
+    candidates: &[Candidate],
+    progress: &mut dyn FnMut(),
+) -> Result<Choice, CompareError> {
+    select(task, candidates, true, progress)
+}
+
+fn select(
+    task: &Task<'_>,
+    candidates: &[Candidate],
+    is_named: bool,
+    progress: &mut dyn FnMut(),
+) -> Result<Choice, CompareError> {
+    let train = match candidates.first() {
+        Some(first) => without_gross_outliers(task.robot, task.train, &first.config),
+        None => Vec::new(),
+    };
+    let task = &Task {
+        train: &train,
+        folds: folds(train.len()),
+        ..*task
+    };
     let mut errors: Vec<Vec<f64>> = Vec::new();
     let (mut usable, mut left_out, mut first) = (Vec::new(), Vec::new(), None);
     for candidate in candidates {
-        match task.held_out(&candidate.config, progress) {
+        let config = Config {
+            hyperparameter_poses: HYPERPARAMETER_POSES,
+            ..candidate.config
+        };
+        match task.held_out(&config, progress) {
             Ok(held_out) => {
                 errors.push(held_out.iter().map(|e| e.position_mm).collect());
                 usable.push(candidate);
+            }
+            Err(error)
+                if is_named && std::ptr::eq(candidate, &candidates[candidates.len() - 1]) =>
+            {
+                return Err(error);
             }
             Err(error) => {
                 left_out.push(LeftOut {
@@ -152,12 +238,16 @@ pub fn select_model(
         let variance = d.iter().map(|x| (x - m).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
         (m, (variance / n).sqrt())
     };
-    let chosen = (0..errors.len())
+    let simplest = (0..errors.len())
         .find(|i| {
             let (m, standard_error) = behind(*i);
-            m <= standard_error
+            m <= standard_errors(train.len()) * standard_error
         })
         .unwrap_or(best);
+    let chosen = match is_named {
+        true => errors.len() - 1,
+        false => simplest,
+    };
     let table = candidates.iter().enumerate().map(|(i, c)| {
         let (behind_best_mm, standard_error_mm) = behind(i);
         Row {
@@ -169,8 +259,110 @@ pub fn select_model(
         }
     });
     Ok(Choice {
+        is_named,
+        poses: train.len(),
         table: table.collect(),
         config: candidates[chosen].config,
         left_out,
     })
+}
+
+impl Choice {
+    /// The row of what was chosen, and its row number in the table.
+    fn chosen(&self) -> Option<(usize, &Row)> {
+        self.table.iter().enumerate().find(|(_, row)| row.chosen)
+    }
+
+    /// One sentence on what was chosen and why.
+    pub fn reason(&self) -> String {
+        let Some((rank, chosen)) = self.chosen() else {
+            return String::new();
+        };
+        let mean = |row: &Row| format!("`{}` {:.4} mm", row.candidate, row.position_mm.mean);
+        let others: Vec<String> = self.table.iter().filter(|r| !r.chosen).map(mean).collect();
+        let why = match (self.is_named, chosen.behind_best_mm > 0.0) {
+            (true, _) => "as it was named",
+            (false, true) if standard_errors(self.poses) > 1.0 => {
+                "the simplest that is not behind the best by more than two standard errors"
+            }
+            (false, true) => {
+                "the simplest that is not behind the best by more than one standard error"
+            }
+            (false, false) if rank + 1 < self.table.len() => "the best",
+            (false, false) => "the best, and all simpler ones are behind",
+        };
+        let against = match others.is_empty() {
+            true => String::new(),
+            false => format!("; {}", others.join(", ")),
+        };
+        format!(
+            "`{}`, {why}: {:.4} mm in the mean on {} rows held out by {} folds{against}",
+            chosen.candidate,
+            chosen.position_mm.mean,
+            self.poses,
+            folds(self.poses)
+        )
+    }
+
+    /// What is wrong with the choice: a simpler model is better on rows that were not trained on, or the drawing is hardly
+    /// worse.
+    pub fn findings(&self) -> Vec<Finding> {
+        let mut findings = Vec::new();
+        let Some((rank, chosen)) = self.chosen() else {
+            return findings;
+        };
+        let mut add = |cause, tier, text, value, threshold| {
+            findings.push(Finding {
+                cause,
+                tier,
+                text,
+                rows: Vec::new(),
+                value,
+                threshold,
+            });
+        };
+        let after = chosen.position_mm.mean;
+        let simpler = self.table[..rank].iter();
+        let best = simpler.min_by(|a, b| a.position_mm.mean.total_cmp(&b.position_mm.mean));
+        if let Some(best) = best.filter(|best| after > WORSE * best.position_mm.mean) {
+            let text = format!(
+                "`{}` is simpler and better on rows that were not trained on: {:.4} mm in the mean, `{}` {after:.4} mm",
+                best.candidate, best.position_mm.mean, chosen.candidate
+            );
+            let ratio = after / best.position_mm.mean;
+            add(Cause::Model, Tier::Warning, text, ratio, WORSE);
+        }
+        let poses = self.poses;
+        if rank > 0 && poses < UNCERTAIN {
+            let text = format!(
+                "{poses} poses are few to choose `{}` by: a simpler model may be better, and the expected error may be wrong by a factor \
+                 of {FEW_FACTOR}; measure at least {UNCERTAIN}",
+                chosen.candidate
+            );
+            add(
+                Cause::Model,
+                Tier::Warning,
+                text,
+                poses as f64,
+                UNCERTAIN as f64,
+            );
+        }
+        let drawing = self
+            .table
+            .iter()
+            .find(|r| r.candidate == Method::BaseTool.name());
+        let asks_for_gain = !self.is_named || self.config.method != Method::BaseTool;
+        if let Some(drawing) = drawing.filter(|_| asks_for_gain) {
+            let before = drawing.position_mm.mean;
+            let text = format!(
+                "these rows do not show that a calibration helps: {before:.4} mm as drawn with base and tool fitted, {after:.4} mm \
+                 expected of `{}` on other rows; measure more poses",
+                chosen.candidate
+            );
+            if after >= GAIN * before {
+                add(Cause::Gain, Tier::Refused, text, after / before, GAIN);
+            }
+        }
+        findings
+    }
 }

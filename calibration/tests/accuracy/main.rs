@@ -6,6 +6,7 @@ mod choice;
 mod device_sigma;
 mod elastic;
 mod measured;
+mod never_worse;
 mod outliers;
 mod paper;
 mod support_sets;
@@ -21,6 +22,7 @@ use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::measurement::sample::ToolName;
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::Config;
+use poegp_calibration::progress::NEVER;
 use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_calibration::validation::cross_validation::{ModelComparison, Task, TestSet};
 use poegp_calibration::validation::held_out::Coverage;
@@ -95,6 +97,7 @@ fn compare(
         folds,
         seed: 1,
         origin: &origin,
+        cancel: &NEVER,
     };
     task.run(options, &mut || {})
         .unwrap_or_else(|e| panic!("{e}"))

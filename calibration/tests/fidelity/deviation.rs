@@ -35,7 +35,6 @@ fn the_deviation_of_a_trained_pose_is_that_of_the_factor() {
         None,
         &samples,
         &options,
-        None,
         &FitContext::default(),
     )
     .unwrap();

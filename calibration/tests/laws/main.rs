@@ -18,6 +18,7 @@ use poegp_calibration::blob::write::{CalibratedBlob, Provenance, calibrate_to_bl
 use poegp_calibration::measurement::sample::{InstrumentSample, ToolName};
 use poegp_calibration::model::config::Config;
 use poegp_calibration::progress::FitContext;
+use poegp_calibration::progress::NEVER;
 use poegp_calibration::robot::Robot;
 use poegp_calibration::validation::cross_validation::{Task, TestSet};
 
@@ -52,5 +53,6 @@ fn task<'a>(
         folds,
         seed: 1,
         origin,
+        cancel: &NEVER,
     }
 }

@@ -259,7 +259,8 @@ pub struct MethodChoice(pub Option<Method>);
 /// Reads a calibration method or `auto`.
 pub fn method_or_auto() -> impl TypedValueParser<Value = MethodChoice> {
     let auto = PossibleValue::new("auto")
-        .help("The simplest method that is within one standard error of the best in cross-validation of the training data");
+        .help("The simplest of base-tool, poe and elastic, with noise as weights, that is within one standard error of the best in \
+            cross-validation of the training data");
     PossibleValuesParser::new(methods().into_iter().chain([auto])).try_map(|name| {
         match name.as_str() {
             "auto" => Ok(MethodChoice(None)),

@@ -21,6 +21,7 @@ use poegp_calibration::measurement::reader::{DriftCorrection, SampleFile};
 use poegp_calibration::measurement::sample::{InstrumentSample, different_poses};
 use poegp_calibration::model::config::Weighting;
 use poegp_calibration::model::{CalibrationError, Method};
+use poegp_calibration::progress::NEVER;
 use poegp_calibration::validation::cross_validation::{ModelComparison, Task, TestSet, applicable};
 use poegp_calibration::validation::learning_curve as learning;
 
@@ -163,6 +164,7 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
         folds: a.folds,
         seed: a.seed,
         origin: &origin,
+        cancel: &NEVER,
     };
     let rounds = 1 + usize::from(drift.is_some());
     let bar = progress::bar(rounds * methods.len() * task.calibrations(), "comparing");

@@ -14,7 +14,7 @@ use crate::cli::terminal::print::Printer;
 
 /// The end of every help.
 pub const EXIT_CODES: &str = "Exit codes: 0 done, 1 a quality bound was not met or a signature does not fit, 2 usage or input \
-    error, 130 stopped by Ctrl-C (no file is left half-written).";
+    error, 3 data refused, 130 stopped by Ctrl-C (no file is left half-written).";
 
 /// `trainer completions`.
 #[derive(Debug, Args)]

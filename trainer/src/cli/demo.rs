@@ -23,6 +23,7 @@ use poegp_calibration::measurement as measurements;
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::{Config, Weighting};
 use poegp_calibration::progress::FitContext;
+use poegp_calibration::progress::NEVER;
 use poegp_calibration::robot::Robot;
 use poegp_calibration::simulation::{Scenario, Simulator};
 use poegp_calibration::validation::cross_validation::{ModelComparison, Task, TestSet};
@@ -95,6 +96,7 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
         folds: FOLDS,
         seed: a.seed,
         origin: &origin,
+        cancel: &NEVER,
     };
     let own = Config {
         hyperparameters: HyperparameterSharing::PerOutput,

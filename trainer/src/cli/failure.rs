@@ -30,6 +30,9 @@ pub enum Failure {
     /// A quality bound was not met; nothing was written.
     #[error("{0}")]
     Quality(String),
+    /// The data are refused; nothing was written.
+    #[error("{0}")]
+    Data(String),
     /// A signature does not fit.
     #[error("{0}")]
     Refused(String),
@@ -42,6 +45,7 @@ impl Failure {
     pub fn exit_code(&self) -> ExitCode {
         match self {
             Self::Quality(_) | Self::Refused(_) => ExitCode::from(1),
+            Self::Data(_) => ExitCode::from(3),
             Self::Cancelled(_) => ExitCode::from(CANCELLED_CODE),
             _ => ExitCode::from(2),
         }

@@ -1,13 +1,12 @@
-//! `--method auto` and budgets: what is chosen within the training data, and the tables that say why.
+//! The choice by folds and budgets: what is chosen within the training data, and the tables that say why.
 
 use crate::program::{Folder, SERIAL, simulated};
 
 #[test]
-fn auto_ships_the_simplest_that_is_not_behind_and_shows_its_table() {
+fn the_default_ships_the_simplest_that_is_not_behind_and_shows_its_table() {
     let folder = Folder::new();
     folder.write("train.csv", simulated("train", 40));
-    let line =
-        format!("calibrate --robot {SERIAL} train.csv --method auto --out arm.blob --json -");
+    let line = format!("calibrate --robot {SERIAL} train.csv --out arm.blob --json -");
     let document = folder.run(&line).ok().json();
     let table = document["choice"].as_array().unwrap();
     let chosen: Vec<_> = table.iter().filter(|r| r["chosen"] == true).collect();
@@ -24,6 +23,45 @@ fn auto_ships_the_simplest_that_is_not_behind_and_shows_its_table() {
     let name = chosen["candidate"].as_str().unwrap();
     assert!(name.starts_with("elastic"), "{name}");
     assert!(folder.path("arm.blob").is_file());
+}
+
+/// Poses that leave none to hold out show no gain: nothing is written, unless that is accepted.
+#[test]
+fn what_shows_no_gain_is_refused() {
+    let folder = Folder::new();
+    folder.write("few.csv", simulated("train", 6));
+    for method in ["", "--method poe"] {
+        let line = format!("calibrate -q --robot {SERIAL} few.csv {method} --out arm.blob");
+        let refused = folder.run(&line);
+        assert_eq!(refused.code, Some(3), "{refused:?}");
+        assert!(refused.stderr.contains("gain"), "{refused:?}");
+        assert!(!folder.path("arm.blob").exists());
+    }
+    let line =
+        format!("calibrate -q --robot {SERIAL} few.csv --accept gain --out arm.blob --json -");
+    let accepted = folder.run(&line).ok();
+    assert!(accepted.stderr.contains("warning"), "{accepted:?}");
+    let warning = &accepted.json()["warnings"][0];
+    assert_eq!(warning["cause"], "gain");
+    assert!(warning["value"].as_f64().unwrap() >= warning["threshold"].as_f64().unwrap());
+    assert!(folder.path("arm.blob").is_file());
+}
+
+/// A method that was named is kept; where a simpler one is better on poses held out, a warning says so, also with `-q`.
+#[test]
+fn a_named_method_that_a_simpler_one_beats_is_warned_of() {
+    let folder = Folder::new();
+    folder.write("train.csv", simulated("train", 9));
+    let line = format!(
+        "calibrate -q --robot {SERIAL} train.csv --method poe-gp --accept gain --out arm.blob --json -"
+    );
+    let outcome = folder.run(&line);
+    assert_ne!(outcome.code, Some(0), "ten poses are the least");
+    folder.write("train.csv", simulated("train", 14));
+    let document = folder.run(&line).ok().json();
+    assert_eq!(document["method"], "poe-gp");
+    let causes: Vec<_> = document["warnings"].as_array().unwrap().iter().collect();
+    assert!(causes.iter().any(|w| w["cause"] == "model"), "{causes:?}");
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! `calibrate` as it is by default: the elastic model, its options, and arms of every kind.
+//! The elastic model: its options, and arms of every kind.
 
 use serde_json::Value;
 
@@ -18,7 +18,7 @@ fn inspected(folder: &Folder, blob: &str) -> Value {
 }
 
 #[test]
-fn the_default_is_elastic_and_the_same_bytes() {
+fn the_elastic_model_is_the_same_bytes() {
     let folder = Folder::new();
     folder.write("train.csv", simulated("train", 60));
     folder.write("test.csv", simulated("test1", 40));
@@ -27,7 +27,7 @@ fn the_default_is_elastic_and_the_same_bytes() {
         let document = folder.run(&line).ok().json();
         (document, folder.read(out))
     };
-    let (document, blob) = calibrate("a.blob", "");
+    let (document, blob) = calibrate("a.blob", "--method elastic");
     assert_eq!(document["method"], "elastic");
     assert_eq!(document["elastic"]["inducing_points"], 60);
     assert_eq!(document["outliers"], Value::Array(Vec::new()));
@@ -51,7 +51,7 @@ fn options_are_in_the_blob() {
         folder.run(&line).ok();
         inspected(&folder, "arm.blob")["correction"].clone()
     };
-    let plain = calibrate("");
+    let plain = calibrate("--method elastic");
     assert_eq!(
         (&plain["tied"], &plain["inducing_points"]),
         (&false.into(), &40.into())
@@ -124,7 +124,7 @@ fn what_the_device_knows_of_its_own_error() {
     assert!((sum / 100.0 - coverage["mean_mm"].as_f64().unwrap()).abs() < 1e-4);
     assert!((least - set["trust"]["least"].as_f64().unwrap()).abs() < 1e-6);
 
-    for flags in ["", "--tied --no-variance"] {
+    for flags in ["--method elastic", "--tied --no-variance"] {
         let (told, facts, set, csv) = calibrate(flags);
         assert_eq!(facts["format_version"], 1);
         assert!(told.is_null() && facts["correction"]["predictive_std"].is_null());
@@ -156,12 +156,12 @@ fn outliers_are_named_and_left_out_unless_they_are_kept() {
         let line = format!("calibrate --robot {SERIAL} {file} {flags} --out {out} --json -");
         folder.run(&line).ok().said()
     };
-    calibrate("clean.csv", "", "clean.blob");
+    calibrate("clean.csv", "--method elastic", "clean.blob");
     let bound = 1.15 * mean(&folder, "clean.blob", "test.csv");
 
     let mut errors = [0.0; 2];
     for (policy, error) in ["keep", "reject"].iter().zip(&mut errors) {
-        let flags = format!("--outliers {policy}");
+        let flags = format!("--method elastic --outliers {policy}");
         let document = calibrate("dirty.csv", &flags, "dirty.blob").json();
         let outliers = document["outliers"].as_array().unwrap();
         let lines: Vec<u64> = outliers
@@ -198,7 +198,7 @@ fn from_end_to_end(folder: &Folder, robot: &str, poses: usize) -> Value {
         folder.run(&line).ok();
         mean(folder, "arm.blob", "cell/test1.csv")
     };
-    let (poe, elastic) = (error("--method poe"), error(""));
+    let (poe, elastic) = (error("--method poe"), error("--method elastic"));
     println!("{robot}, {poses} poses: poe {poe:.4} mm, elastic {elastic:.4} mm");
     assert!(elastic < 0.5 * poe, "{robot}: {elastic} {poe}");
     inspected(folder, "arm.blob")

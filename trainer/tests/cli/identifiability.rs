@@ -34,7 +34,7 @@ fn random_poses_and_a_joint_that_never_moves() {
     folder.write("still.csv", with_joint_3_still(&csv));
     for model in ["base-tool", "poe", "elastic"] {
         let line = format!(
-            "calibrate --robot {SERIAL} all.csv --method {model} --out arm.blob --json arm.json"
+            "calibrate --robot {SERIAL} all.csv --method {model} --accept gain --out arm.blob --json arm.json"
         );
         folder.run(&line).ok().said();
         let (parameters, rank) = if model == "base-tool" {
@@ -49,7 +49,9 @@ fn random_poses_and_a_joint_that_never_moves() {
         assert!(told["condition"].as_f64().unwrap() > 1.0);
         assert!(told["expected"]["rms_mm"].as_f64().unwrap() > 0.0);
     }
-    let line = format!("calibrate --robot {SERIAL} still.csv --method poe --out arm.blob --json -");
+    let line = format!(
+        "calibrate --robot {SERIAL} still.csv --method poe --accept gain --out arm.blob --json -"
+    );
     let out = folder.run(&line).ok().said();
     let told = &out.json()["identifiability"];
     assert_eq!(told["rank"], 26);

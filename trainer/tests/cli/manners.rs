@@ -30,7 +30,7 @@ fn shells_and_manuals() {
 fn quiet_says_errors_only() {
     let _texts = texts();
     let folder = Folder::new();
-    let line = format!("--quiet simulate --robot {SERIAL} --poses 12 --test-sets 0 --out cell");
+    let line = format!("--quiet simulate --robot {SERIAL} --poses 30 --test-sets 0 --out cell");
     let outcome = folder.run(&line).ok();
     assert_eq!((outcome.stdout.as_str(), outcome.stderr.as_str()), ("", ""));
     let line = format!("calibrate -q --robot {SERIAL} cell/train.csv --method poe --out a.blob");

@@ -9,7 +9,7 @@ use crate::texts::texts;
 
 fn folder() -> Folder {
     let folder = Folder::new();
-    folder.write("train.csv", simulated("train", 12));
+    folder.write("train.csv", simulated("train", 30));
     let line = format!("calibrate --robot {SERIAL} train.csv --method poe --out arm.blob");
     folder.run(&line).ok();
     folder

@@ -20,7 +20,7 @@ fn a_support_set_for_each_joint_is_fitted_told_and_evaluated() {
             .clone();
         (told, facts, set["position_mm"]["mean"].as_f64().unwrap())
     };
-    let (_, facts, shared) = calibrate("");
+    let (_, facts, shared) = calibrate("--method elastic");
     assert_eq!(facts["format_version"], 1);
     assert!(facts["correction"]["support_per_output"].is_null());
     for (flags, functions) in [

@@ -221,7 +221,9 @@ fn too_few_rows() {
     let (robot, train, _) = measured(12, 1);
     let calibrate = |csv: String| {
         folder.write("few.csv", csv);
-        folder.refuses(format!("calibrate --robot {SERIAL} few.csv --out new.blob"));
+        folder.refuses(format!(
+            "calibrate --robot {SERIAL} few.csv --method elastic --out new.blob"
+        ));
     };
     calibrate(to_csv(&robot, &train[..5], false, ""));
     // Three equations a pose instead of six.

@@ -24,8 +24,6 @@ use crate::numeric::lbfgs::{StopCriteria, minimize};
 use crate::progress::{Cancelled, FitContext};
 use poegp_protocol::limits::MAX_RIPPLE;
 
-/// Poses that the hyperparameters are learnt from.
-const HYPERPARAMETER_POSES: usize = 200;
 /// When that search ends.
 const STOP: StopCriteria = StopCriteria::after(40, 1e-10);
 
@@ -67,7 +65,6 @@ pub fn fit_robust(
     coupling: Option<&Vec<Vec<f64>>>,
     samples: &[BaseSample],
     options: &ElasticOptions,
-    known: Option<&[f64]>,
     context: &FitContext,
 ) -> Result<RobustFit, FitError> {
     let setup = setup_units(samples.len());
@@ -82,7 +79,6 @@ pub fn fit_robust(
             coupling.cloned(),
             &part,
             options,
-            known,
             context,
         )?;
         let others = context.phase(solve_units(part.len()), || leave_one_out(&found, &part))?;
@@ -107,7 +103,7 @@ pub fn fit_robust(
 }
 
 /// Fits to samples whose poses are seen from the base; `chain` is the nominal one to the first target, `tools` are
-/// `joint_n_from_target` of every tool. Hyperparameters are learnt unless they are `known`.
+/// `joint_n_from_target` of every tool.
 ///
 /// # Errors
 /// [`FitError`].
@@ -117,7 +113,6 @@ pub fn fit(
     coupling: Option<Vec<Vec<f64>>>,
     samples: &[BaseSample],
     options: &ElasticOptions,
-    known: Option<&[f64]>,
     context: &FitContext,
 ) -> Result<ElasticFit, FitError> {
     let units = solve_units(samples.len());
@@ -135,19 +130,8 @@ pub fn fit(
     })?;
     let inputs = inputs_of(&state, samples);
     let hyper = context.phase(SEARCH_UNITS, || {
-        if let Some(known) = known.filter(|known| known.len() == h.len()) {
-            return Ok(known.to_vec());
-        }
         let start = (hyper, bounds);
-        learn(
-            &state,
-            samples,
-            scales,
-            h,
-            start,
-            options.processes,
-            context,
-        )
+        learn(&state, samples, scales, h, start, options, context)
     })??;
     if !options.processes {
         // The priors that the evidence prefers, and the parameters under them.
@@ -281,12 +265,12 @@ fn learn(
     scales: NoiseScales,
     layout: HyperLayout,
     (start, mut bounds): (Vec<f64>, Vec<(f64, f64)>),
-    processes: bool,
+    options: &ElasticOptions,
     context: &FitContext,
 ) -> Result<Vec<f64>, Cancelled> {
     let mut order: Vec<usize> = (0..samples.len()).collect();
     order.shuffle(&mut ChaCha8Rng::seed_from_u64(1));
-    order.truncate(HYPERPARAMETER_POSES);
+    order.truncate(options.hyperparameter_poses);
     let part: Vec<BaseSample> = order.iter().map(|i| samples[*i].clone()).collect();
     let linear = state.linearise(&part, scales);
     let inputs = inputs_of(state, &part);
@@ -311,7 +295,7 @@ fn learn(
         inputs: &inputs,
         similarities: &similarities,
         layout,
-        processes,
+        processes: options.processes,
     };
     Ok(minimize(
         &HyperparameterObjective::new(&evidence),

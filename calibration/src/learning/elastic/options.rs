@@ -7,6 +7,9 @@ use crate::identification::parametric::state::Layout;
 use crate::learning::elastic::hyperparameters::HyperLayout;
 use crate::measurement::sample::BaseSample;
 
+/// Poses that hyperparameters are learnt from, of more.
+pub const HYPERPARAMETER_POSES: usize = 200;
+
 /// How the elastic model is fitted.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ElasticOptions {
@@ -24,6 +27,8 @@ pub struct ElasticOptions {
     pub inducing_points: Option<usize>,
     /// A support set for each joint in their place, of a model with own length scales.
     pub inducing_sets: Option<SetLimits>,
+    /// Most poses that the hyperparameters are learnt from.
+    pub hyperparameter_poses: usize,
     /// What is done with measurements that do not belong.
     pub outliers: OutlierPolicy,
     /// Whether a model with tied length scales gets a standard deviation for the device.
@@ -40,6 +45,7 @@ impl Default for ElasticOptions {
             gravity: Vector3::new(0.0, 0.0, -9.81),
             inducing_points: Some(100),
             inducing_sets: None,
+            hyperparameter_poses: HYPERPARAMETER_POSES,
             outliers: OutlierPolicy::default(),
             device_variance: true,
         }

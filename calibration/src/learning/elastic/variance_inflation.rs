@@ -67,7 +67,6 @@ impl RefitSpec {
             coupling.cloned(),
             train,
             options,
-            None,
             &FitContext::default(),
         );
         let mut found = found.ok()?;

@@ -32,16 +32,7 @@ pub(super) fn fit_elastic(
 ) -> Result<Fit, CalibrationError> {
     let (nominal, coupling) = (&problem.nominal, problem.coupling);
     let samples = &problem.samples;
-    let known = problem.known.elastic.as_deref();
-    let mut robust = fit_robust(
-        nominal,
-        &problem.tools,
-        coupling,
-        samples,
-        options,
-        known,
-        context,
-    )?;
+    let mut robust = fit_robust(nominal, &problem.tools, coupling, samples, options, context)?;
     let kept: Vec<BaseSample> = robust.kept.iter().map(|i| samples[*i].clone()).collect();
     let model = context.phase(solve_units(kept.len()), || {
         ElasticModel::new(&mut robust.fit, &kept, coupling, options)
@@ -54,7 +45,6 @@ pub(super) fn fit_elastic(
         robust.fit.state.chain(0),
         seen_from_first(&robust.fit.state.tools),
     );
-    let hyperparameters = robust.fit.hyperparameters.clone();
     let uncertainty = Uncertainty::new(robust.fit, &kept, robust.inflation).map(|u| {
         Box::new(u.with_refit(RefitSpec {
             chain: *nominal,
@@ -67,10 +57,7 @@ pub(super) fn fit_elastic(
         chain,
         tools,
         correction: Correction::Elastic(Box::new(model)),
-        estimate: FrameEstimate::Parametric {
-            hyperparameters,
-            uncertainty,
-        },
+        estimate: FrameEstimate::Parametric { uncertainty },
         outliers: robust.outliers,
     })
 }

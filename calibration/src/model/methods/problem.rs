@@ -66,23 +66,6 @@ pub(crate) fn has_single_tool_full_poses<F>(samples: &[Sample<F>]) -> bool {
     tool_count(samples) == 1 && samples.iter().all(|s| s.observation.has_orientation())
 }
 
-/// What is known of the hyperparameters before a fit.
-#[derive(Clone, Debug)]
-pub struct KnownHyperparameters {
-    /// Of the task-space process: an upper limit on its signal variance, and the values found under a higher one.
-    pub task_space: SignalVarianceLimit,
-    /// Of the elastic model: the values themselves; learnt where they are absent, or where the data have other inputs.
-    pub elastic: Option<Vec<f64>>,
-}
-
-impl KnownHyperparameters {
-    /// Nothing.
-    pub const NOTHING: Self = Self {
-        task_space: SignalVarianceLimit::HIGHEST,
-        elastic: None,
-    };
-}
-
 /// How poses count in the frame fit.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -108,8 +91,8 @@ pub struct Problem<'a> {
     pub weighting: Weighting,
     /// How the outputs of the task-space process share their hyperparameters.
     pub hyperparameters: HyperparameterSharing,
-    /// What is known of the hyperparameters.
-    pub known: &'a KnownHyperparameters,
+    /// What limits the signal variance of the task-space process.
+    pub signal_variance: &'a SignalVarianceLimit,
     /// How the elastic model is fitted.
     pub elastic: ElasticOptions,
 }
@@ -145,8 +128,6 @@ pub enum FrameEstimate {
     LeastSquares(FrameFit),
     /// Together with all other parameters of the elastic model.
     Parametric {
-        /// Hyperparameters of the elastic model.
-        hyperparameters: Vec<f64>,
         /// The predictive covariance, when there are processes.
         uncertainty: Option<Box<Uncertainty>>,
     },

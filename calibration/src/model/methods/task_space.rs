@@ -54,7 +54,7 @@ impl CalibrationMethod for TaskSpace {
             inputs.collect(),
             &residuals,
             problem.hyperparameters,
-            &problem.known.task_space,
+            problem.signal_variance,
             context,
         )?;
         Ok(Fit {
@@ -64,7 +64,7 @@ impl CalibrationMethod for TaskSpace {
                 posterior_mean: gp.mean(),
                 gp,
                 with_payload: self.with_payload,
-                max_signal_variance: problem.known.task_space.value,
+                max_signal_variance: problem.signal_variance.value,
             })),
             estimate: FrameEstimate::LeastSquares(frame_fit),
             outliers: Vec::new(),

@@ -4,6 +4,8 @@ use std::path::PathBuf;
 
 use clap::Parser;
 
+use poegp_calibration::trust::Cause;
+
 use crate::cli::args::{ChainArgs, FitArgs, MethodChoice, method_or_auto};
 
 /// `trainer calibrate`.
@@ -34,9 +36,12 @@ pub struct Calibrate {
     /// Day of the calibration, kept in the blob (default: SOURCE_DATE_EPOCH, otherwise today).
     #[arg(long, value_name = "YYYY-MM-DD", value_parser = date)]
     pub date: Option<String>,
-    /// Calibration method (default: elastic).
+    /// Calibration method (default: auto).
     #[arg(long, value_name = "METHOD", value_parser = method_or_auto())]
     pub method: Option<MethodChoice>,
+    /// Calibrate in spite of a finding: what is refused becomes a warning, a warning a note; may be repeated.
+    #[arg(long, value_name = "CAUSE")]
+    pub accept: Vec<Cause>,
     #[command(flatten)]
     pub fit: FitArgs,
     /// Upper limit on the instructions of one evaluation on a Cortex-M4F; inducing points and lengthscales of the elastic

@@ -19,6 +19,7 @@ use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::model::Calibration;
 use poegp_calibration::model::frame_changes::{FrameChange, changes};
 use poegp_calibration::numeric::statistics::ErrorSummary;
+use poegp_calibration::trust::Finding;
 use poegp_calibration::validation::device_budget::BudgetTrial;
 use poegp_calibration::validation::model_selection::Row;
 
@@ -39,7 +40,12 @@ pub struct CalibrateJson {
     pub elastic: Option<ElasticSummary>,
     /// Training measurements that do not belong, by their lines.
     pub outliers: Vec<ListedOutlier>,
-    /// The table that `--method auto` chose from.
+    /// What somebody must look at.
+    pub warnings: Vec<Finding>,
+    /// What was chosen, and why.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub chosen: Option<String>,
+    /// The candidates of the choice, or a method that was named and simpler ones.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub choice: Option<Vec<Row>>,
     /// The table that a budget was fitted by; the first row has all support points.
@@ -126,6 +132,8 @@ pub fn document(
         hyperparameters: hyperparameters.collect(),
         elastic: None,
         outliers: Vec::new(),
+        warnings: Vec::new(),
+        chosen: None,
         choice: None,
         budget: None,
         correction_limit_mm: 1e3 * calibration.correction_limit.0,

@@ -9,6 +9,7 @@ use crate::cli::failure::Failure;
 use crate::cli::terminal::print::note;
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::model::config::Config;
+use poegp_calibration::trust::Cause;
 use poegp_calibration::validation::device_budget::Budget;
 
 const VERSION: &str = env!("CARGO_PKG_VERSION");
@@ -23,6 +24,8 @@ pub struct Job {
     pub config: Config,
     /// Whether the training data choose the method.
     pub auto: bool,
+    /// Causes that are turned down by one tier.
+    pub accept: Vec<Cause>,
     pub budget: Budget,
     pub serial_number: String,
     pub date: Option<String>,
@@ -42,7 +45,17 @@ impl Job {
             true => Some(Project::read(&a.train)?),
             false => None,
         };
-        let auto = a.method == Some(MethodChoice(None));
+        let is_named = project.as_ref().is_some_and(Project::names_method);
+        // A budget, and the size of the joint processes, are those of the elastic model.
+        let is_sized = a.max_instructions.is_some()
+            || a.max_blob_bytes.is_some()
+            || a.fit.tied
+            || a.fit.support.is_some()
+            || a.fit.support_per_output.is_some();
+        let auto = match a.method {
+            Some(MethodChoice(method)) => method.is_none(),
+            None => !is_named && !is_sized,
+        };
         let mut config = project
             .as_ref()
             .map_or_else(Config::default, |p| p.file.calibration);
@@ -69,6 +82,7 @@ impl Job {
             correct_drift: a.correct_drift,
             config,
             auto,
+            accept: a.accept.clone(),
             budget: Budget {
                 instructions: a.max_instructions,
                 bytes: a.max_blob_bytes,
@@ -107,7 +121,7 @@ impl Job {
             .collect();
         // What is made of the data, then where it goes.
         let content = [
-            (self.auto, "calibration.method"),
+            (self.auto && project.names_method(), "calibration.method"),
             (a.robot.is_some(), "robot.description"),
             (a.chain.base.is_some() && robot.base.is_some(), "robot.base"),
             (a.chain.tip.is_some() && robot.tip.is_some(), "robot.tip"),

@@ -8,6 +8,7 @@ mod project;
 pub mod report_page;
 
 use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
 
 use crate::cli::calibrate::args::Calibrate;
 use crate::cli::calibrate::document::{CalibrateJson, document, outliers};
@@ -18,12 +19,13 @@ use crate::cli::failure::{Failure, device_failure};
 use crate::cli::inputs::{Arm, Tests, enough_poses, equations, origin};
 use crate::cli::instrument_drift;
 use crate::cli::output::{check_outputs, json_text, write_outputs};
-use crate::cli::terminal::print::{Printer, is_stdout, note};
+use crate::cli::terminal::interrupt::cancellable;
+use crate::cli::terminal::print::{Printer, is_stdout, note, warning};
 use crate::cli::terminal::progress;
 use crate::report::{FileSummary, ReportData};
 use poegp_calibration::blob::precision_loss::SinglePrecisionLoss;
 use poegp_calibration::blob::predict::BlobModel;
-use poegp_calibration::blob::write::{CalibratedBlob, Provenance, calibrate_to_blob};
+use poegp_calibration::blob::write::{CalibratedBlob, DeviceError, Provenance, calibrate_to_blob};
 use poegp_calibration::learning::task_space::fit::MAX_SIGNAL_VARIANCE;
 use poegp_calibration::measurement::reader::SampleFile;
 use poegp_calibration::measurement::sample::{InstrumentSample, different_poses};
@@ -32,10 +34,12 @@ use poegp_calibration::model::correction::Correction;
 use poegp_calibration::model::identified::of_calibration;
 use poegp_calibration::model::{Calibration, Method};
 use poegp_calibration::numeric::statistics::ErrorSummary;
-use poegp_calibration::validation::cross_validation::Task;
+use poegp_calibration::progress::NEVER;
+use poegp_calibration::trust::{Cause, Finding, Findings, Tier};
+use poegp_calibration::validation::cross_validation::{Task, applicable};
 use poegp_calibration::validation::device_budget::{BudgetTrial, TRIALS, fit_to_budget};
 use poegp_calibration::validation::model_selection::{
-    Choice, FOLDS, Row, candidates, select_model,
+    Choice, FOLDS, GAIN, candidates, folds, keep_named, named_and_simpler, select_model,
 };
 
 pub fn run(arguments: &Calibrate) -> Result<(), Failure> {
@@ -74,18 +78,29 @@ pub fn run(arguments: &Calibrate) -> Result<(), Failure> {
     if let Some(date) = &a.date {
         origin.date.clone_from(date);
     }
-    let mut choice = None;
-    if a.auto {
-        let chosen = choose_model(a, &arm, &samples, &config, &origin)?;
-        config = chosen.config;
-        for out in &chosen.left_out {
-            note(format_args!(
-                "`{}` is not a candidate: {}",
-                out.candidate, out.reason
-            ));
+    let choice = choose_model(a, &arm, &samples, &config, &origin)?;
+    let mut findings = Findings::default();
+    match &choice {
+        Some(choice) => {
+            config = choice.config;
+            for out in &choice.left_out {
+                note(format_args!(
+                    "`{}` is not a candidate: {}",
+                    out.candidate, out.reason
+                ));
+            }
+            findings.0.extend(choice.findings());
         }
-        choice = Some(chosen.table);
+        // A method that these data do not allow says so itself.
+        None if config.method != Method::BaseTool
+            && applicable(&samples).contains(&config.method) =>
+        {
+            findings.0.push(too_few_to_show(&samples));
+        }
+        None => {}
     }
+    findings.accept(&a.accept);
+    not_refused(&a.train, &findings)?;
     let mut fitted = None;
     if !a.budget.is_unlimited() {
         if config.method != Method::Elastic {
@@ -126,7 +141,9 @@ pub fn run(arguments: &Calibrate) -> Result<(), Failure> {
     document.held_out = evidence.as_ref().map(ReportData::summary);
     document.elastic = ElasticSummary::new(&calibration, &samples);
     document.outliers = outliers(&calibration, &set, &samples);
-    document.choice = choice;
+    document.choice = choice.as_ref().map(|choice| choice.table.clone());
+    document.chosen = choice.as_ref().map(Choice::reason);
+    document.warnings = findings.of(Tier::Warning).cloned().collect();
     document.budget = fitted;
     document.drift = drift.map(|d| d.report);
     document.identifiability = of_calibration(&calibration, &arm.robot, &samples);
@@ -172,8 +189,8 @@ pub fn run(arguments: &Calibrate) -> Result<(), Failure> {
     files.extend(project.iter().map(|(path, text)| (*path, text.as_bytes())));
     write_outputs(&files)?;
     let report = Printer::for_outputs(&outputs);
-    if let Some(rows) = &document.choice {
-        print_choice(report, rows);
+    if let Some(reason) = &document.chosen {
+        report.line(format_args!("Model: {reason}."));
     }
     if let Some(rows) = &document.budget {
         print_budget(report, rows);
@@ -191,6 +208,7 @@ fn selection<'a>(
     arm: &'a Arm,
     samples: &'a [InstrumentSample],
     origin: &'a Provenance,
+    cancel: &'a AtomicBool,
 ) -> Task<'a> {
     Task {
         robot: &arm.robot,
@@ -199,23 +217,85 @@ fn selection<'a>(
         folds: FOLDS,
         seed: 1,
         origin,
+        cancel,
     }
 }
 
-/// Lets the training data choose.
+/// Lets the training data choose, or compares the method that was named with simpler ones; `None` where too few poses can
+/// be held out for that.
 fn choose_model(
     a: &Job,
     arm: &Arm,
     samples: &[InstrumentSample],
     options: &Config,
     origin: &Provenance,
-) -> Result<Choice, Failure> {
-    let task = selection(arm, samples, origin);
-    let candidates = candidates(samples, arm.robot.joints.len(), options);
-    let bar = progress::bar(candidates.len() * FOLDS, "choosing the model");
-    let choice = select_model(&task, &candidates, &mut || bar.inc(1));
+) -> Result<Option<Choice>, Failure> {
+    let joints = arm.robot.joints.len();
+    let candidates = match a.auto {
+        true => candidates(samples, joints, options),
+        false => named_and_simpler(samples, joints, options),
+    };
+    if candidates.is_empty() || !a.auto && options.method == Method::BaseTool {
+        return Ok(None);
+    }
+    let bar = progress::bar(
+        candidates.len() * folds(samples.len()),
+        "choosing the model",
+    );
+    let choice = cancellable(|cancel| {
+        let task = selection(arm, samples, origin, cancel);
+        match a.auto {
+            true => select_model(&task, &candidates, &mut || bar.inc(1)),
+            false => keep_named(&task, &candidates, &mut || bar.inc(1)),
+        }
+    });
     bar.finish_and_clear();
-    choice.map_err(|e| device_failure(&a.train, e.error))
+    choice?.map(Some).map_err(|e| match e.error {
+        DeviceError::Export(error) if a.auto => Failure::Data(format!(
+            "{}: {}: no candidate can be calibrated by a part of these poses ({error}); measure more poses",
+            a.train.display(),
+            Cause::Gain
+        )),
+        error => device_failure(&a.train, error),
+    })
+}
+
+/// Without rows to hold out nothing shows that a calibration helps.
+fn too_few_to_show(samples: &[InstrumentSample]) -> Finding {
+    Finding {
+        cause: Cause::Gain,
+        tier: Tier::Refused,
+        text: format!(
+            "{} poses are too few to hold one out: nothing shows that a calibration helps; measure more poses",
+            samples.len()
+        ),
+        rows: Vec::new(),
+        value: 1.0,
+        threshold: GAIN,
+    }
+}
+
+/// Prints warnings and notes; an error where data are refused.
+fn not_refused(path: &Path, findings: &Findings) -> Result<(), Failure> {
+    let file = path.display();
+    for finding in findings.of(Tier::Warning) {
+        warning(format_args!("{file}: {}: {}", finding.cause, finding.text));
+    }
+    for finding in findings.of(Tier::Note) {
+        note(format_args!("{file}: {}: {}", finding.cause, finding.text));
+    }
+    let refused: Vec<String> = findings
+        .of(Tier::Refused)
+        .map(|f| format!("{file}: {}: {}", f.cause, f.text))
+        .collect();
+    match findings.of(Tier::Refused).next() {
+        None => Ok(()),
+        Some(first) => Err(Failure::Data(format!(
+            "{}\nhelp: nothing was written; `--accept {}` calibrates in spite of it",
+            refused.join("\n"),
+            first.cause
+        ))),
+    }
 }
 
 /// Chooses support points and length scales for a budget.
@@ -226,7 +306,7 @@ fn fit_budget(
     options: &Config,
     origin: &Provenance,
 ) -> Result<(Config, Vec<BudgetTrial>), Failure> {
-    let task = selection(arm, samples, origin);
+    let task = selection(arm, samples, origin, &NEVER);
     let bar = progress::bar(TRIALS * FOLDS, "fitting the budget");
     let found = fit_to_budget(&a.budget, &task, options, &mut || bar.inc(1));
     bar.finish_and_clear();
@@ -278,23 +358,6 @@ fn print_budget(report: Printer, rows: &[BudgetTrial]) {
         ],
         &fields,
     );
-    report.line("");
-}
-
-fn print_choice(report: Printer, rows: &[Row]) {
-    report.line(
-        "Model selection by cross-validation (mm): the simplest candidate within one standard error of the best.\n",
-    );
-    let fields = rows.iter().map(|r| {
-        vec![
-            format!("{} {}", if r.chosen { "*" } else { " " }, r.candidate),
-            format!("{:.4}", r.position_mm.mean),
-            format!("{:.4}", r.position_mm.p95),
-            format!("{:.4} ± {:.4}", r.behind_best_mm, r.standard_error_mm),
-        ]
-    });
-    let fields: Vec<Vec<String>> = fields.collect();
-    report.table(&["candidate", "mean", "p95", "behind the best"], &fields);
     report.line("");
 }
 

@@ -132,6 +132,15 @@ impl Project {
         Ok(project)
     }
 
+    /// Whether the file names a calibration method.
+    pub fn names_method(&self) -> bool {
+        let table: Option<toml::Table> = toml::from_str(&self.text).ok();
+        table.is_some_and(|t| {
+            t.get("calibration")
+                .is_some_and(|c| c.get("method").is_some())
+        })
+    }
+
     /// A path of the file as seen from the working folder.
     pub fn resolve(&self, name: &str) -> PathBuf {
         self.path.parent().unwrap_or(Path::new("")).join(name)

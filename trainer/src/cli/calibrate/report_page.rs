@@ -17,6 +17,7 @@ use poegp_calibration::measurement::MeasurementSet;
 use poegp_calibration::measurement::sample::{InstrumentSample, different_poses};
 use poegp_calibration::model::config::Config;
 use poegp_calibration::model::{CalibrationError, Method};
+use poegp_calibration::progress::NEVER;
 use poegp_calibration::validation::cross_validation::{
     ModelComparison, SetErrors, Task, TestSet, applicable,
 };
@@ -73,6 +74,7 @@ pub fn held_out(
         folds: if tests.sets.is_empty() { FOLDS } else { 0 },
         seed: SEED,
         origin,
+        cancel: &NEVER,
     };
     let loaded = |samples: &[InstrumentSample]| samples.iter().all(|s| s.payload_kg.is_some());
     if options.method == Method::PoeGpLoad
@@ -226,7 +228,8 @@ pub fn of_calibration(
             Ok(&document.outliers),
         ))
         .with(sections::choice(
-            document.choice.as_deref(),
+            document.chosen.as_deref().zip(document.choice.as_deref()),
+            &document.warnings,
             document.budget.as_deref(),
         ))
         .with(sections::device(&device))

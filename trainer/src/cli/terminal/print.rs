@@ -26,6 +26,11 @@ pub fn is_quiet() -> bool {
     QUIET.load(Ordering::Relaxed)
 }
 
+/// Says on standard error what somebody must look at, also with `--quiet`.
+pub fn warning(text: impl Display) {
+    let _ = writeln!(std::io::stderr(), "warning: {text}");
+}
+
 /// Says on standard error what was noticed and is no error.
 pub fn note(text: impl Display) {
     if !is_quiet() {

@@ -7,6 +7,7 @@ use serde::Serialize;
 use crate::report::{HeldOutSummary, Number, Provenance, ReportData, Section};
 use poegp_calibration::identification::identifiability::IdentifyReport;
 use poegp_calibration::model::frame_changes::FrameChange;
+use poegp_calibration::trust::Finding;
 use poegp_calibration::validation::device_budget::BudgetTrial;
 use poegp_calibration::validation::model_selection as select;
 
@@ -226,16 +227,20 @@ pub fn outliers(
         )
 }
 
-/// What `--method auto` and a budget were decided by.
-pub fn choice(candidates: Option<&[select::Row]>, budget: Option<&[BudgetTrial]>) -> Section {
+/// What the model and a budget were decided by, and what is to be looked at.
+pub fn choice(
+    candidates: Option<(&str, &[select::Row])>,
+    warnings: &[Finding],
+    budget: Option<&[BudgetTrial]>,
+) -> Section {
     let mut section = Section::new("choice", "Model selection");
     match candidates {
         None => {
             section = section.missing(
-                "The model was named on the command line (or is the default); --method auto lets the data choose.",
+                "The model was named, and there are too few poses to compare it with simpler ones.",
             );
         }
-        Some(rows) => {
+        Some((reason, rows)) => {
             let row = |(i, r): (usize, &select::Row)| {
                 let at = |name: &str| format!("/choice/{i}/{name}");
                 vec![
@@ -248,18 +253,20 @@ pub fn choice(candidates: Option<&[select::Row]>, budget: Option<&[BudgetTrial]>
                     },
                 ]
             };
-            let chosen = rows.iter().find(|r| r.chosen).map_or("", |r| r.candidate);
             section = section
                 .text(html! {
-                    "“" (chosen) "” is the simplest model that is not behind the best by more than one standard error, in "
-                    "five-fold cross-validation of the training data. Held-out errors of this page that are by the same "
-                    "folds flatter it a little; those of test files do not."
+                    (reason) ". Held-out errors of this page that are by the same folds flatter it a little; those of test "
+                    "files do not."
                 })
                 .table(
                     &["candidate", "mean (mm)", "95 % (mm)", "behind the best (mm)"],
                     rows.iter().enumerate().map(row).collect(),
                 );
         }
+    }
+    for warning in warnings {
+        section =
+            section.text(html! { b { "Warning (" (warning.cause) "): " } (warning.text) "." });
     }
     if let Some(rows) = budget {
         let row = |(i, r): (usize, &BudgetTrial)| {
