@@ -36,6 +36,8 @@ const WARNED: [Cause; 8] = [
 pub enum HiddenBy {
     /// They absorb it.
     BaseAndTool,
+    /// The joint moves the target by too little.
+    Lever,
     /// The arm sags by less.
     Scatter,
 }
@@ -87,6 +89,12 @@ impl Mistake {
     /// The text has to name one of these joints, from 0.
     fn at(&mut self, joints: &[usize]) -> &mut Self {
         self.joints = joints.iter().map(|j| j + 1).collect();
+        self
+    }
+
+    /// The joint may move the target by too little.
+    fn unless_near(&mut self) -> &mut Self {
+        self.hidden_by = Some(HiddenBy::Lever);
         self
     }
 

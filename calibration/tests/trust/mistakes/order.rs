@@ -126,13 +126,11 @@ fn steps(list: &mut List) {
         .unseen(mm < VISIBLE * scatter, SMALL)
         .warns_if(mm < 3.0);
     }
-    let moving = list.good.moving();
-    // How far the target is from a joint, mm; the wrist's are near, where no orientation shows them.
-    let lever = if list.good.positions_only() {
-        100.0
-    } else {
-        250.0
-    };
+    let mut moving = list.good.moving();
+    if list.good.is_narrow() {
+        // Another tool absorbs knocks of the wrist.
+        moving.truncate(3);
+    }
     for degrees in [0.05, 0.2, 0.5] {
         let moving = moving.clone();
         list.add(
@@ -144,7 +142,7 @@ fn steps(list: &mut List) {
                 t.map_rows(t.joints()[joint], from..t.len(), |_, q| q + degrees);
             },
         )
-        .unseen(degrees.to_radians() * lever < VISIBLE * scatter, SMALL)
+        .unless_near()
         .warns_if(true);
     }
     for mm in [0.3, 1.0, 3.0] {

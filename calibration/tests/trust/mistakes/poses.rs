@@ -38,6 +38,8 @@ fn axes(list: &mut List) {
         list.add(name, right, move |t, _| order_positions(t, order));
     }
     let positions_only = list.good.positions_only();
+    // The same as another order of the quaternion's x, y, z, with base and tool elsewhere.
+    let right: &[Cause] = &[Axes, Quaternion, Orientation];
     list.add("axes: x, y, z rotated among themselves", right, |t, _| {
         order_positions(t, [1, 2, 0])
     })
