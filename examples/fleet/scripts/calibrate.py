@@ -3,7 +3,7 @@
 project.toml, the project file of `trainer calibrate` (docs/guide/projects.md), says how; where the outputs go is said here.
 
 Exit code 0 with an answer, and that the trainer refused the data (1 or 2 of its exit codes) is one. Anything else, as a
-signal, is none: the engine tries again.
+signal or a full disk, is none: the engine tries again.
 """
 
 import argparse
@@ -43,7 +43,8 @@ def main() -> None:
     seconds = time.monotonic() - start
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     (out / "log.txt").write_text(done.stdout + done.stderr, encoding="utf-8")
-    if done.returncode not in (0, 1, 2):
+    is_output_lost = ": not written: " in done.stderr
+    if done.returncode not in (0, 1, 2) or is_output_lost:
         sys.exit(f"{folder}: the trainer ended with {done.returncode}\n{done.stderr}")
     message = ""
     if done.returncode != 0:

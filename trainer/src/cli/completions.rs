@@ -13,8 +13,8 @@ use crate::cli::output::{check_outputs, summary_text, write_outputs};
 use crate::cli::terminal::print::Printer;
 
 /// The end of every help.
-pub const EXIT_CODES: &str = "Exit codes: 0 done, 1 a quality bound was not met or a signature does not fit, 2 usage or input \
-    error, 3 data refused, 130 stopped by Ctrl-C (no file is left half-written).";
+pub const EXIT_CODES: &str = "Exit codes: 0 done, 1 a quality bound was not met, a signature does not fit or an output was lost, \
+    2 usage or input error, 3 data refused, 130 stopped by Ctrl-C (no file is left half-written).";
 
 /// `trainer completions`.
 #[derive(Debug, Args)]
@@ -53,7 +53,7 @@ pub fn completions(a: &Completions, mut command: clap::Command) -> Result<(), Fa
 
 pub fn manual(a: &Manual, command: clap::Command) -> Result<(), Failure> {
     check_outputs(&[a.json.as_deref()], &[])?;
-    make_folder(&a.out)?;
+    let _folder = make_folder(&a.out)?;
     let mut root = command.disable_help_subcommand(true);
     root.build();
     let mut pages = Vec::new();

@@ -11,10 +11,10 @@ use crate::cli::calibrate::args::Calibrate;
 use crate::cli::evaluate;
 use crate::cli::evaluate::Evaluate;
 use crate::cli::failure::{Failure, device_failure};
-use crate::cli::inputs::origin;
+use crate::cli::inputs::{file_name, origin};
 use crate::cli::output::make_folder;
-use crate::cli::output::{check_outputs, json_text, write_summary};
-use crate::cli::simulate::write_sets;
+use crate::cli::output::{check_outputs, json_text, write_outputs, write_summary};
+use crate::cli::simulate::{SimulatedSet, simulated_sets};
 use crate::cli::terminal::print::Printer;
 use crate::cli::terminal::progress;
 use poegp_calibration::blob::write::calibrate_to_blob;
@@ -58,29 +58,33 @@ pub struct Demo {
 pub fn run(a: &Demo) -> Result<(), Failure> {
     check_outputs(&[a.json.as_deref()], &[])?;
     let report = Printer::for_outputs(&[a.json.as_deref()]);
-    make_folder(&a.out)?;
+    let _folder = make_folder(&a.out)?;
     let robot = Robot::load(ROBOT, &poegp_calibration::robot::LoadOptions::default())?;
 
     report.line("1. Simulate: an ABB IRB 4400 with imperfect frames and joints that yield under gravity and five");
     report.line("   payloads, measured by a tracker with 30 µm of noise. 300 poses to train on, 3 × 100 to test.");
     let mut simulator = Simulator::new(&robot, Scenario::Paper, &PAYLOADS, a.seed);
     let comment = format!("simulated {ROBOT} (seed {})", a.seed);
-    let files = write_sets(&robot, &mut simulator, 300, (3, 100), &a.out, &comment)?;
+    let sets = simulated_sets(&robot, &mut simulator, 300, (3, 100), &a.out, &comment);
+    let files = sets
+        .iter()
+        .map(|set| (set.path.as_path(), set.csv.as_bytes()));
+    write_outputs(&files.collect::<Vec<_>>())?;
 
     // Read back what was written: the demo goes through the same door as real data.
-    let train_path = a.out.join(&files[0].0);
-    let set = measurements::read(&train_path)?;
+    let train_path = &sets[0].path;
+    let set = measurements::read(train_path)?;
     let mut tools = Vec::new();
     let train = poegp_calibration::measurement::sample::samples(&set, &robot, &mut tools)?;
     let mut tests = Vec::new();
-    for (name, _) in &files[1..] {
+    for test in &sets[1..] {
         let samples = poegp_calibration::measurement::sample::samples(
-            &measurements::read(a.out.join(name))?,
+            &measurements::read(&test.path)?,
             &robot,
             &mut tools,
         )?;
         tests.push(TestSet {
-            name: name.clone(),
+            name: file_name(&test.path),
             samples,
         });
     }
@@ -112,13 +116,13 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
     for options in &runs {
         bar.set_message(options.method.name());
         let result = task.run(options, &mut || bar.inc(1));
-        models.push(result.map_err(|e| device_failure(&train_path, e.error))?);
+        models.push(result.map_err(|e| device_failure(train_path, e.error))?);
     }
     // The elastic model takes seconds a calibration: the test sets are enough here.
     bar.set_message(Method::Elastic.name());
     let elastic = Task { folds: 0, ..task };
     let result = elastic.run(&Config::new(Method::Elastic), &mut || bar.inc(1));
-    models.push(result.map_err(|e| device_failure(&train_path, e.error))?);
+    models.push(result.map_err(|e| device_failure(train_path, e.error))?);
     bar.finish_and_clear();
     print_table(report, &models);
 
@@ -129,9 +133,9 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
         &origin,
         &FitContext::default(),
     )
-    .map_err(|e| device_failure(&train_path, e))?;
+    .map_err(|e| device_failure(train_path, e))?;
     let blob = a.out.join("arm.blob");
-    crate::cli::output::write(&blob, found.blob.bytes())?;
+    write_outputs(&[(&blob, found.blob.bytes())])?;
     let document = crate::cli::compare::CompareJson {
         version: env!("CARGO_PKG_VERSION"),
         seed: a.seed,
@@ -143,14 +147,14 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
         drift: None,
         methods_without_correction: None,
     };
-    crate::cli::output::write(
+    write_outputs(&[(
         &a.out.join("compare.json"),
         json_text(&document)?.as_bytes(),
-    )?;
+    )])?;
     report.line("\n3. Write the blob, read it back, and predict the first test set like the device (f32):\n");
     evaluate::run(&Evaluate {
         blob: blob.clone(),
-        test: a.out.join(&files[1].0),
+        test: sets[1].path.clone(),
         frames: FrameArgs::default(),
         trust: false,
         predictions: Some(a.out.join("predictions.csv")),
@@ -165,7 +169,7 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
         "\n4. Calibrate with the default model, elastic joints, hold out the test sets, and write a report:\n",
     );
     let elastic_path = a.out.join("elastic.blob");
-    calibrate_with_report(a, &train_path, &files[1..], &elastic_path)?;
+    calibrate_with_report(a, &sets, &elastic_path)?;
     let written = [
         ("train.csv", "measurements to train on"),
         (
@@ -199,16 +203,12 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
 }
 
 /// The command `calibrate` as a user would type it.
-fn calibrate_with_report(
-    a: &Demo,
-    train: &Path,
-    tests: &[(String, usize)],
-    out: &Path,
-) -> Result<(), Failure> {
+fn calibrate_with_report(a: &Demo, sets: &[SimulatedSet], out: &Path) -> Result<(), Failure> {
     let mut typed: Vec<OsString> = ["calibrate", "--robot", ROBOT].map(OsString::from).into();
+    let (train, tests) = (&sets[0].path, &sets[1..]);
     typed.push(train.into());
-    for (name, _) in tests {
-        typed.extend(["--test".into(), a.out.join(name).into()]);
+    for test in tests {
+        typed.extend(["--test".into(), (&test.path).into()]);
     }
     for (option, file) in [
         ("--out", out.to_owned()),

@@ -13,7 +13,7 @@ use crate::cli::failure::Failure;
 use crate::cli::inputs::{self, file_name, fitted_frames, frame_failure};
 use crate::cli::instrument_drift;
 use crate::cli::output::{check_outputs, json_text, write_outputs};
-use crate::cli::terminal::print::{Printer, warn};
+use crate::cli::terminal::print::{Printer, warning};
 use poegp_calibration::blob::fitted_frames::FittedFrames;
 use poegp_calibration::blob::predict::{BlobModel, Prediction};
 use poegp_calibration::measurement::sample::InstrumentSample;
@@ -188,7 +188,7 @@ pub fn run(a: &Evaluate) -> Result<(), Failure> {
     );
     let median = result.errors.position_mm.median;
     if median > SAME_FRAME_MM {
-        warn(format_args!(
+        warning(format_args!(
             "{}: positions {median:.1} mm from the predictions, in the median: not the frame of the calibration, or not this \
              robot; if the instrument was moved give --fit-base, if the target was remounted --fit-tool",
             a.test.display()

@@ -36,15 +36,29 @@ pub enum Failure {
     /// A signature does not fit.
     #[error("{0}")]
     Refused(String),
+    /// An output that could not be written; no file was changed.
+    #[error("{output}: not written: {error}")]
+    LostOutput {
+        /// Its path, or `standard output`.
+        output: String,
+        /// What the system says.
+        error: std::io::Error,
+    },
     /// Ctrl-C.
     #[error("stopped: the calibration was cancelled, nothing was written")]
     Cancelled(#[from] Cancelled),
 }
 
 impl Failure {
+    /// Of a file or pipe that could not be written.
+    pub fn lost(path: &Path, error: std::io::Error) -> Self {
+        let output = path.display().to_string();
+        Self::LostOutput { output, error }
+    }
+
     pub fn exit_code(&self) -> ExitCode {
         match self {
-            Self::Quality(_) | Self::Refused(_) => ExitCode::from(1),
+            Self::Quality(_) | Self::Refused(_) | Self::LostOutput { .. } => ExitCode::from(1),
             Self::Data(_) => ExitCode::from(3),
             Self::Cancelled(_) => ExitCode::from(CANCELLED_CODE),
             _ => ExitCode::from(2),

@@ -11,7 +11,7 @@ use serde_json::json;
 
 use crate::cli::failure::Failure;
 use crate::cli::output;
-use crate::cli::output::Readers;
+use crate::cli::output::transaction::Readers;
 use crate::cli::output::{check_outputs, summary_text, write_outputs, write_summary};
 use crate::cli::terminal::print::Printer;
 use crate::signing::{PublicKey, SecretKey, id_text};
@@ -92,13 +92,16 @@ pub fn keys(a: &Keys) -> Result<(), Failure> {
     check_outputs(&[new.json.as_deref()], &[])?;
     let key = SecretKey::generate()
         .map_err(|e| Failure::Usage(format!("no randomness for a key: {e}")))?;
-    output::write_new(&[
-        (&secret, key.to_text().as_bytes(), Readers::Owner),
-        (&public, key.public().to_text().as_bytes(), Readers::All),
-    ])?;
-    write_summary(
-        new.json.as_deref(),
+    let summary = summary_text(
         json!({ "key": id_text(&key.public().id()), "secret_key_file": secret, "public_key_file": public }),
+    )?;
+    let json = new.json.as_deref().map(|path| (path, summary.as_bytes()));
+    output::write_with_new(
+        &[
+            (&secret, key.to_text().as_bytes(), Readers::Owner),
+            (&public, key.public().to_text().as_bytes(), Readers::All),
+        ],
+        json.as_slice(),
     )?;
     let report = Printer::for_outputs(&[new.json.as_deref()]);
     report.line(format_args!("key {}", id_text(&key.public().id())));

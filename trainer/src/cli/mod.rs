@@ -1,7 +1,7 @@
 //! The command line: one file or folder for each command, with its arguments.
 //!
-//! Exit codes: 0 done, 1 a quality bound was not met or a signature does not fit, 2 usage or input error, 3 data
-//! refused, 130 stopped by Ctrl-C. Errors are printed once, here.
+//! Exit codes: 0 done, 1 a quality bound was not met, a signature does not fit or an output was lost, 2 usage or input error, 3
+//! data refused, 130 stopped by Ctrl-C. Errors are printed once, here.
 
 mod args;
 mod calibrate;
@@ -25,6 +25,7 @@ mod simulate;
 mod terminal;
 
 use std::ffi::OsString;
+use std::io::Write;
 use std::process::ExitCode;
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
@@ -107,9 +108,13 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     terminal::interrupt::install();
     let arguments = match parse(&arguments.into_iter().collect::<Vec<_>>()) {
         Ok(arguments) => arguments,
-        Err(error) => {
+        Err(error) if error.use_stderr() => {
             let _ = error.print();
-            return ExitCode::from(if error.use_stderr() { 2 } else { 0 });
+            return ExitCode::from(2);
+        }
+        Err(help) => {
+            let printed = help.print().and_then(|()| std::io::stdout().flush());
+            return ended(printed.map_err(terminal::print::lost_stdout));
         }
     };
     if arguments.quiet {
@@ -134,19 +139,20 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Completions(a) => completions::completions(&a, command()),
         Command::Manual(a) => completions::manual(&a, command()),
     };
-    match result {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(failure) => failed(&failure),
-    }
+    ended(result.and_then(|()| terminal::print::finish()))
 }
 
-/// Prints why, and returns the exit code.
-fn failed(failure: &Failure) -> ExitCode {
-    match failure {
-        Failure::Input(error) => eprintln!("error: {}", terminal::snippet::render(error)),
-        Failure::Cancelled(_) => eprintln!("\n{failure}"),
-        _ => eprintln!("error: {failure}"),
-    }
+/// Prints why a command failed, if it did, and returns the exit code.
+fn ended(result: Result<(), Failure>) -> ExitCode {
+    let Err(failure) = result else {
+        return ExitCode::SUCCESS;
+    };
+    let text = match &failure {
+        Failure::Input(error) => format!("error: {}", terminal::snippet::render(error)),
+        Failure::Cancelled(_) => format!("\n{failure}"),
+        _ => format!("error: {failure}"),
+    };
+    let _ = writeln!(std::io::stderr(), "{text}");
     failure.exit_code()
 }
 

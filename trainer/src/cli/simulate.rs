@@ -10,8 +10,7 @@ use serde_json::json;
 use crate::cli::args::RobotArgs;
 use crate::cli::failure::Failure;
 use crate::cli::inputs::Arm;
-use crate::cli::output;
-use crate::cli::output::{check_outputs, make_folder, write_summary};
+use crate::cli::output::{check_outputs, make_folder, summary_text, write_outputs};
 use crate::cli::terminal::print::Printer;
 use poegp_calibration::robot::Robot;
 use poegp_calibration::simulation::{Scenario, Simulator, to_csv};
@@ -99,56 +98,70 @@ pub fn run(a: &Simulate) -> Result<(), Failure> {
     }
     check_outputs(&[a.json.as_deref()], &[Path::new(&a.robot.robot)])?;
     let arm = Arm::load(&a.robot.robot, &a.robot.chain)?;
-    make_folder(&a.out)?;
+    let _folder = make_folder(&a.out)?;
     let mut simulator = Simulator::new(&arm.robot, a.scenario, &a.payloads, a.seed);
-    let files = write_sets(
+    let sets = simulated_sets(
         &arm.robot,
         &mut simulator,
         a.poses as usize,
         (a.test_sets as usize, a.test_poses as usize),
         &a.out,
         &format!("simulated {} (seed {})", arm.robot.name, a.seed),
-    )?;
-    let written: Vec<_> = files
+    );
+    let written: Vec<_> = sets
         .iter()
-        .map(|(file, poses)| json!({ "file": a.out.join(file), "poses": poses }))
+        .map(|set| json!({ "file": set.path, "poses": set.poses }))
         .collect();
-    write_summary(
-        a.json.as_deref(),
+    let summary = summary_text(
         json!({ "robot": arm.robot.name, "seed": a.seed, "payloads_kg": a.payloads, "files": written }),
     )?;
+    let files = sets
+        .iter()
+        .map(|set| (set.path.as_path(), set.csv.as_bytes()));
+    let mut files: Vec<(&Path, &[u8])> = files.collect();
+    files.extend(a.json.as_deref().map(|path| (path, summary.as_bytes())));
+    write_outputs(&files)?;
     let report = Printer::for_outputs(&[a.json.as_deref()]);
-    for (file, poses) in files {
+    for set in sets {
         report.line(format_args!(
-            "Wrote {} ({poses} poses).",
-            a.out.join(file).display()
+            "Wrote {} ({} poses).",
+            set.path.display(),
+            set.poses
         ));
     }
     Ok(())
 }
 
-/// Writes `train.csv` and the test sets; returns their names and sizes.
-pub fn write_sets(
+/// One file of a simulation.
+pub struct SimulatedSet {
+    /// Its path.
+    pub path: PathBuf,
+    /// Its rows.
+    pub poses: usize,
+    /// All of it.
+    pub csv: String,
+}
+
+/// `train.csv` and the test sets, to be written into `folder`.
+pub fn simulated_sets(
     robot: &Robot,
     simulator: &mut Simulator,
     train: usize,
     (test_sets, test_poses): (usize, usize),
     folder: &Path,
     comment: &str,
-) -> Result<Vec<(String, usize)>, Failure> {
-    let mut files = Vec::new();
-    for (number, poses) in std::iter::once(train)
-        .chain(std::iter::repeat_n(test_poses, test_sets))
-        .enumerate()
-    {
-        let name = if number == 0 {
-            "train.csv".to_owned()
-        } else {
-            format!("test{number}.csv")
+) -> Vec<SimulatedSet> {
+    let sizes = std::iter::once(train).chain(std::iter::repeat_n(test_poses, test_sets));
+    let simulated = |(number, poses)| {
+        let name = match number {
+            0 => "train.csv".to_owned(),
+            _ => format!("test{number}.csv"),
         };
-        let csv = to_csv(robot, &simulator.measure(poses), number > 0, comment);
-        output::write(&folder.join(&name), csv.as_bytes())?;
-        files.push((name, poses));
-    }
-    Ok(files)
+        SimulatedSet {
+            path: folder.join(name),
+            poses,
+            csv: to_csv(robot, &simulator.measure(poses), number > 0, comment),
+        }
+    };
+    sizes.enumerate().map(simulated).collect()
 }

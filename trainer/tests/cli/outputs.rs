@@ -41,8 +41,6 @@ fn places_that_cannot_be_written() {
         "./train.csv",
         #[cfg(target_os = "linux")]
         "/proc/file",
-        #[cfg(target_os = "linux")]
-        "/dev/full",
     ] {
         for line in to(place) {
             if line.starts_with("inspect") && place.ends_with("train.csv") {
@@ -119,26 +117,211 @@ fn a_blob_that_loses_precision_is_not_written() {
     assert_eq!(folder.read("old.blob"), b"old");
 }
 
-/// A reader that goes away early is no failure of the text, and one of the document.
+/// Commands whose text is lost, and the files that they have written by then.
+fn commands_with_text() -> Vec<(String, &'static [&'static str])> {
+    vec![
+        ("--help".to_owned(), &[]),
+        ("calibrate --help".to_owned(), &[]),
+        ("--version".to_owned(), &[]),
+        ("inspect arm.blob".to_owned(), &[]),
+        ("evaluate arm.blob train.csv".to_owned(), &[]),
+        (
+            "check arm.blob train.csv --max-mm 9 --max-drift-mm 9".to_owned(),
+            &[],
+        ),
+        (
+            format!("calibrate --robot {SERIAL} train.csv --method poe --out new.blob"),
+            &["new.blob"],
+        ),
+        (
+            format!("simulate --robot {SERIAL} --poses 3 --out cell"),
+            &["cell/train.csv"],
+        ),
+    ]
+}
+
+/// Commands whose result goes to standard output.
+fn commands_with_document() -> Vec<String> {
+    vec![
+        "inspect arm.blob --json -".to_owned(),
+        "completions bash".to_owned(),
+        "evaluate arm.blob train.csv --predictions -".to_owned(),
+        format!("calibrate --robot {SERIAL} train.csv --method poe --out new.blob --json -"),
+        format!("simulate --robot {SERIAL} --poses 3 --out cell --json -"),
+        "keys new --out pair --json -".to_owned(),
+    ]
+}
+
+/// Text that does not reach its reader is an error; the files are there.
 #[cfg(target_os = "linux")]
 #[test]
-fn a_reader_that_has_gone_away() {
+fn text_that_is_lost_is_an_error() {
+    let folder = folder();
+    let full = "error: standard output: not written: No space left on device (os error 28)\n";
+    let gone = "error: standard output: not written: Broken pipe (os error 32)\n";
+    for (line, files) in commands_with_text() {
+        for lost in [full, gone] {
+            let outcome = match lost == full {
+                true => folder.run_into(&line, "/dev/full"),
+                false => folder.run_without_reader(&line),
+            };
+            assert_eq!(outcome.code, Some(1), "{outcome:#?}");
+            assert!(outcome.stderr.ends_with(lost), "{outcome:#?}");
+            for file in files {
+                std::fs::remove_file(folder.path(file)).unwrap();
+            }
+        }
+        // Nothing is said, so nothing is lost.
+        if !line.starts_with("--") && !line.ends_with("--help") {
+            let outcome = folder.run_into(&format!("--quiet {line}"), "/dev/full");
+            assert_eq!(outcome.code, Some(0), "{outcome:#?}");
+        }
+    }
+}
+
+/// A document on standard output that does not reach its reader is an error, and the files beside it are not written.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_document_that_is_lost_is_an_error() {
     let _texts = texts();
     let folder = folder();
-    let run = |line: &str| folder.run_into(line, "/dev/full");
-    for line in [
-        format!("calibrate --robot {SERIAL} train.csv --method poe --out new.blob"),
-        "inspect arm.blob".to_owned(),
-        format!("simulate --robot {SERIAL} --poses 3 --out cell"),
-    ] {
-        let outcome = run(&line);
-        assert_eq!(
-            (outcome.code, outcome.stderr.as_str()),
-            (Some(0), ""),
-            "{line}"
-        );
+    let before = folder.names();
+    for line in commands_with_document() {
+        for outcome in [
+            folder.run_into(&line, "/dev/full"),
+            folder.run_without_reader(&line),
+        ] {
+            outcome.lost("standard output");
+            assert_eq!(folder.names(), before, "{line}");
+        }
     }
-    run("inspect arm.blob --json -").refused();
+}
+
+/// `| head -n 1` gets its line. The program is told that nobody reads on, as long as it still writes.
+#[cfg(unix)]
+#[test]
+fn a_reader_that_goes_away_early() {
+    use std::io::{BufRead, BufReader};
+    let folder = folder();
+    let mut command = folder.command("completions bash");
+    let piped = std::process::Stdio::piped;
+    let mut child = command.stdout(piped()).stderr(piped()).spawn().unwrap();
+    let mut line = String::new();
+    let mut reader = BufReader::with_capacity(16, child.stdout.take().unwrap());
+    reader.read_line(&mut line).unwrap();
+    drop(reader);
+    let output = child.wait_with_output().unwrap();
+    assert!(line.starts_with("_trainer()"), "{line}");
+    assert_eq!(output.status.code(), Some(1), "{output:?}");
+}
+
+/// A device without room: exit code 1 and the path, and what other files there were.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_full_device_is_named() {
+    let _texts = texts();
+    let folder = folder();
+    folder.write("old.blob", "old");
+    let before = folder.names();
+    for line in [
+        format!(
+            "calibrate --robot {SERIAL} train.csv --method poe --out old.blob --json /dev/full"
+        ),
+        "evaluate arm.blob train.csv --predictions new.csv --json /dev/full".to_owned(),
+        format!("compare --robot {SERIAL} train.csv --folds 0 --json /dev/full"),
+        "keys new --out pair --json /dev/full".to_owned(),
+        format!("simulate --robot {SERIAL} --poses 3 --out cell --json /dev/full"),
+        "manual --out pages --json /dev/full".to_owned(),
+    ] {
+        folder.run(&line).lost("/dev/full");
+        assert_eq!(folder.names(), before, "{line}");
+        assert_eq!(folder.read("old.blob"), b"old");
+    }
+}
+
+/// A disk that takes the small files and not the large one: none is written. The limit of a file's size stands for the end
+/// of the disk; with the signal of that limit ignored, the write fails.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_disk_that_becomes_full_takes_no_file() {
+    let folder = folder();
+    folder.write("test.csv", simulated("test1", 5));
+    for name in ["old.blob", "report.html"] {
+        folder.write(name, "old");
+    }
+    let before = folder.names();
+    let limited = |line: &str| {
+        let program = env!("CARGO_BIN_EXE_trainer");
+        let script = format!("trap '' XFSZ; ulimit -f 32; exec '{program}' {line}");
+        let mut command = std::process::Command::new("bash");
+        folder.finish(command.args(["-c", &script]).current_dir(folder.path("")))
+    };
+    let line = format!(
+        "calibrate --robot {SERIAL} train.csv --method poe --out old.blob --json new.json --test test.csv"
+    );
+    let outcome = limited(&format!("{line} --report report.html"));
+    assert_eq!(outcome.code, Some(1), "{outcome:#?}");
+    let lost = "error: report.html: not written: File too large (os error 27)\n";
+    assert_eq!(outcome.stderr, lost);
+    assert_eq!(folder.names(), before);
+    for name in ["old.blob", "report.html"] {
+        assert_eq!(folder.read(name), b"old");
+    }
+    // It is the report that is too large.
+    assert_eq!(limited(&line).code, Some(0));
+}
+
+/// The second of two renames fails, because a folder has come in its way after all was written: the first file is again
+/// what it was, or is not there, and no temporary file is left.
+#[cfg(unix)]
+#[test]
+fn a_rename_that_fails_takes_the_others_back() {
+    let folder = folder();
+    for there_before in [true, false] {
+        if there_before {
+            folder.write("first.blob", "old");
+        }
+        let made = std::process::Command::new("mkfifo")
+            .arg(folder.path("pipe"))
+            .status();
+        assert!(made.unwrap().success());
+        // The pipe is written after the files are staged and before they are renamed, and waits for a reader.
+        let mut command = folder.command(&format!(
+            "calibrate --robot {SERIAL} train.csv --method poe --out first.blob --json second --test train2.csv --report pipe"
+        ));
+        folder.write("train2.csv", simulated("test1", 5));
+        let piped = std::process::Stdio::piped;
+        let mut child = command.stdout(piped()).stderr(piped()).spawn().unwrap();
+        let is_staged = || {
+            let names = folder.names();
+            names
+                .iter()
+                .filter(|name| name.starts_with(".poegp-"))
+                .count()
+                == 2
+        };
+        while !is_staged() {
+            assert!(child.try_wait().unwrap().is_none(), "it ended");
+            std::thread::yield_now();
+        }
+        // A folder that is not empty cannot be replaced.
+        std::fs::create_dir_all(folder.path("second/in the way")).unwrap();
+        assert!(!folder.read("pipe").is_empty());
+        let output = child.wait_with_output().unwrap();
+        assert_eq!(output.status.code(), Some(1), "{output:?}");
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert!(said.contains("second: not written: "), "{said}");
+        assert!(folder.path("second").is_dir());
+        std::fs::remove_dir_all(folder.path("second")).unwrap();
+        std::fs::remove_file(folder.path("pipe")).unwrap();
+        let mut expected = vec!["arm.blob", "first.blob", "train.csv", "train2.csv"];
+        expected.retain(|name| there_before || *name != "first.blob");
+        assert_eq!(folder.names(), expected);
+        if there_before {
+            assert_eq!(folder.read("first.blob"), b"old");
+            std::fs::remove_file(folder.path("first.blob")).unwrap();
+        }
+    }
 }
 
 /// With `--json -` standard output is the document; what is for people is on standard error.

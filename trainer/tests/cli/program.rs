@@ -48,6 +48,16 @@ impl Outcome {
         self
     }
 
+    /// Ended with exit code 1 because an output to `place` could not be written.
+    #[track_caller]
+    pub fn lost(self, place: &str) {
+        assert_eq!(self.code, Some(1), "{self:#?}");
+        let start = format!("error: {place}: not written: ");
+        let is_it = |line: &str| line.starts_with(&start);
+        assert!(self.stderr.lines().any(is_it), "{self:#?}");
+        record(&self.line, &masked(&self.stderr, true));
+    }
+
     /// What is said belongs to the texts of the test, but for its numbers and for documents on standard output.
     #[track_caller]
     pub fn said(self) -> Self {
@@ -159,6 +169,14 @@ impl Folder {
     pub fn run_into(&self, line: &str, device: &str) -> Outcome {
         let device = std::fs::OpenOptions::new().write(true).open(device);
         self.finish(self.command(line).stdout(device.unwrap()))
+    }
+
+    /// The same with standard output going to a pipe that nobody reads any more.
+    #[cfg(unix)]
+    pub fn run_without_reader(&self, line: &str) -> Outcome {
+        let (reader, writer) = std::io::pipe().unwrap();
+        drop(reader);
+        self.finish(self.command(line).stdout(writer))
     }
 
     /// The command for the words of `line`, to be run here.

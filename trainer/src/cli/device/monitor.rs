@@ -1,6 +1,6 @@
 //! `trainer device monitor`.
 
-use std::io::{self, Write};
+use std::io;
 use std::path::Path;
 use std::sync::mpsc::{self, Receiver, Sender};
 use std::thread;
@@ -13,7 +13,7 @@ use crate::cli::device::args::Monitor;
 use crate::cli::device::show;
 use crate::cli::failure::Failure;
 use crate::cli::output::{check_outputs, write_summary};
-use crate::cli::terminal::print::{Printer, is_quiet, is_stdout};
+use crate::cli::terminal::print::{Printer, is_quiet, is_stdout, to_stdout};
 use crate::device::client::Client;
 use crate::device::defmt_log::Decoder;
 use crate::device::port;
@@ -116,7 +116,7 @@ fn follow_log(address: &Address, elf: &Path, lines: Sender<String>) -> Result<()
     Ok(())
 }
 
-/// Prints until the reader of the output goes away.
+/// Prints until Ctrl-C, or until standard output cannot be written.
 fn watch(
     client: &mut Client,
     mut identity: Identity,
@@ -136,15 +136,15 @@ fn watch(
         });
         if changed {
             identity = client.identify()?;
-            if !as_json && !said(&format!("runs {}", show::active(&identity))) {
-                return Ok(());
+            if !as_json {
+                say(&format!("runs {}", show::active(&identity)))?;
             }
         }
         let rate = before.map_or(0.0, |(then, s)| {
             f64::from(statistics.cycles.saturating_sub(s.cycles)) / (now - then).as_secs_f64()
         });
-        if !as_json && number % PAGE == 0 && !said(HEADER) {
-            return Ok(());
+        if !as_json && number % PAGE == 0 {
+            say(HEADER)?;
         }
         let text = if as_json {
             let mut summary = summary(&identity, &statistics);
@@ -153,9 +153,7 @@ fn watch(
         } else {
             line(&statistics, rate, identity.tick_hz)
         };
-        if !said(&text) {
-            return Ok(());
-        }
+        say(&text)?;
         before = Some((now, statistics));
         while let Ok(text) = log.recv_timeout(INTERVAL.saturating_sub(now.elapsed())) {
             let text = if as_json {
@@ -163,9 +161,7 @@ fn watch(
             } else {
                 format!("log: {text}")
             };
-            if !said(&text) {
-                return Ok(());
-            }
+            say(&text)?;
             // A log that never rests must not hide the numbers.
             if now.elapsed() >= INTERVAL {
                 break;
@@ -190,11 +186,10 @@ fn line(s: &Statistics, rate: f64, tick_hz: u32) -> String {
     )
 }
 
-/// Whether somebody still reads. Nothing is written with `--quiet` but for another program.
-fn said(text: &str) -> bool {
-    if is_quiet() && !text.starts_with('{') {
-        return true;
+/// Prints a line; with `--quiet` only those for another program.
+fn say(text: &str) -> Result<(), Failure> {
+    match is_quiet() && !text.starts_with('{') {
+        true => Ok(()),
+        false => to_stdout(format!("{text}\n").as_bytes()),
     }
-    let mut out = io::stdout();
-    writeln!(out, "{text}").and_then(|()| out.flush()).is_ok()
 }

@@ -1,7 +1,7 @@
 //! Ctrl-C: exit code 130, and no file is half-written.
 //!
 //! A fit is cancelled and the command ends as after an error; a second Ctrl-C does not wait for that. Everything else ends
-//! at once, but for outputs: they are written to temporary files and renamed (`output.rs`). A signal in the middle of that
+//! at once, but for outputs: they are written to temporary files and renamed (`output`). A signal in the middle of that
 //! waits until it is over, so that there are all outputs of a command or none, and no temporary file. A write that does not
 //! end, into a pipe that nobody reads, is waited for a little and no longer; the temporary files beside it are removed.
 
@@ -13,7 +13,7 @@ use std::time::Duration;
 use poegp_calibration::progress::Cancelled;
 
 use crate::cli::failure::CANCELLED_CODE;
-use crate::cli::output;
+use crate::cli::output::transaction::hold;
 
 /// Longest wait for outputs that are being written.
 const PATIENCE: Duration = Duration::from_secs(2);
@@ -35,7 +35,7 @@ pub fn install() {
             return;
         }
         drop(is_fitting);
-        let written = output::hold(PATIENCE);
+        let written = hold(PATIENCE);
         let _ = writeln!(
             std::io::stderr(),
             "\nstopped{}",

@@ -1,13 +1,16 @@
 //! What a command says to a person.
 //!
 //! On standard output, unless an output `-` (`--json -`) gives that to another program: then on standard error, so that
-//! standard output is one document and nothing else. A reader that has gone away (`| head`) is no failure.
+//! standard output is one document and nothing else. When standard output can no longer be written, because its reader has
+//! gone away (`| head`) or the disk is full, the command does the rest of its work and then fails ([`finish`]).
 
 use std::fmt::Display;
-use std::io::Write;
+use std::io::{self, Write};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
+use crate::cli::failure::Failure;
 use crate::cli::terminal::table;
 
 /// Once standard output is a document, nothing else goes there, whichever part of the program says it.
@@ -28,19 +31,48 @@ pub fn is_quiet() -> bool {
 
 /// Says on standard error what somebody must look at, also with `--quiet`.
 pub fn warning(text: impl Display) {
-    let _ = writeln!(std::io::stderr(), "warning: {text}");
+    let _ = writeln!(io::stderr(), "warning: {text}");
 }
 
 /// Says on standard error what was noticed and is no error.
 pub fn note(text: impl Display) {
     if !is_quiet() {
-        let _ = writeln!(std::io::stderr(), "note: {text}");
+        let _ = writeln!(io::stderr(), "note: {text}");
     }
 }
 
-/// Says on standard error what makes a result doubtful, also with `--quiet`.
-pub fn warn(text: impl Display) {
-    let _ = writeln!(std::io::stderr(), "warning: {text}");
+/// Why standard output is lost, once it is.
+static LOST: Mutex<Option<Failure>> = Mutex::new(None);
+
+fn lost() -> MutexGuard<'static, Option<Failure>> {
+    LOST.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Writes to standard output.
+///
+/// # Errors
+/// [`Failure::LostOutput`].
+pub fn to_stdout(bytes: &[u8]) -> Result<(), Failure> {
+    let mut out = io::stdout();
+    let written = out.write_all(bytes).and_then(|()| out.flush());
+    written.map_err(lost_stdout)
+}
+
+/// Of standard output that could not be written.
+pub fn lost_stdout(error: io::Error) -> Failure {
+    let output = "standard output".to_owned();
+    Failure::LostOutput { output, error }
+}
+
+/// At the end of a command: whether everything that was said has reached standard output.
+///
+/// # Errors
+/// [`Failure::LostOutput`].
+pub fn finish() -> Result<(), Failure> {
+    match lost().take() {
+        Some(failure) => Err(failure),
+        None => to_stdout(b""),
+    }
 }
 
 /// Where to say it.
@@ -70,12 +102,14 @@ impl Printer {
         if is_quiet() {
             return;
         }
-        // Nobody is left to inform when this fails.
-        let _ = if self.on_stderr {
-            writeln!(std::io::stderr(), "{text}")
-        } else {
-            writeln!(std::io::stdout(), "{text}")
-        };
+        if self.on_stderr {
+            let _ = writeln!(io::stderr(), "{text}");
+            return;
+        }
+        let mut lost = lost();
+        if lost.is_none() {
+            *lost = to_stdout(format!("{text}\n").as_bytes()).err();
+        }
     }
 
     /// Says `rows` under `header`.

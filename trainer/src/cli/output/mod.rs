@@ -1,0 +1,324 @@
+//! Files that are written whole or not at all, and all files of a command or none.
+//!
+//! Every output is checked before the work begins (does its folder exist, is it not a folder itself, is it not
+//! protected). All are written to temporary files beside their targets ([`transaction`]), then to standard output and pipes,
+//! which cannot be taken back, and then renamed: a failure leaves what was there before. No folder is created. A link is
+//! followed, and what is no regular file (`/dev/null`, a pipe) is written to, never replaced.
+
+pub mod transaction;
+
+use std::io::Write;
+use std::path::Path;
+
+use poegp_calibration::input_error::InputError;
+
+use crate::cli::failure::Failure;
+use crate::cli::output::transaction::{
+    Readers, Staged, check_temporary, commit, folder_of, writing,
+};
+use crate::cli::terminal::print::{is_stdout, to_stdout};
+
+/// Refuses a path that could not be written, before the work that would be lost.
+///
+/// # Errors
+/// [`InputError`] names the path and what is wrong with it.
+pub fn check(path: &Path) -> Result<(), Failure> {
+    let _writing = writing();
+    could_be_written(path)
+}
+
+/// The same while nothing else is written: a temporary file is made.
+fn could_be_written(path: &Path) -> Result<(), Failure> {
+    if path.as_os_str().is_empty() || path.is_dir() {
+        let expected = "the path of a file to write";
+        return Err(InputError::new(path, "a folder", expected).into());
+    }
+    match std::fs::metadata(path) {
+        Ok(there) if !there.is_file() => return Ok(()),
+        // Renaming would replace it all the same: its owner has said not to.
+        Ok(there) if there.permissions().readonly() => {
+            let found = "a file that is read-only";
+            return Err(InputError::new(path, found, "a file that can be written").into());
+        }
+        _ => {}
+    }
+    let folder = folder_of(path);
+    if !folder.is_dir() {
+        return Err(InputError::new(
+            path,
+            format!("no folder \"{}\"", folder.display()),
+            "a file in a folder that exists",
+        )
+        .with_help("create the folder first; none is created here")
+        .into());
+    }
+    check_temporary(folder).map_err(|error| match error.kind() {
+        std::io::ErrorKind::StorageFull | std::io::ErrorKind::QuotaExceeded => {
+            Failure::lost(path, error)
+        }
+        _ => {
+            let found = format!("an error while writing ({error})");
+            InputError::new(path, found, "a file that can be written").into()
+        }
+    })
+}
+
+/// Refuses a path that could not be written, or where there is something already.
+///
+/// # Errors
+/// [`InputError`] names the path and what is wrong with it.
+pub fn check_new(path: &Path) -> Result<(), Failure> {
+    let _writing = writing();
+    could_be_new(path)
+}
+
+/// The same while nothing else is written.
+fn could_be_new(path: &Path) -> Result<(), Failure> {
+    if std::fs::symlink_metadata(path).is_ok_and(|there| !there.is_dir()) {
+        return Err(exists(path));
+    }
+    could_be_written(path)
+}
+
+fn exists(path: &Path) -> Failure {
+    InputError::new(path, "a file that exists", "the name of a new file").into()
+}
+
+/// A file that must not be there yet, and who may read it.
+pub type NewFile<'a> = (&'a Path, &'a [u8], Readers);
+
+/// Writes all outputs of a command or none; `-` is standard output.
+///
+/// # Errors
+/// [`InputError`] as of [`check`], [`Failure::LostOutput`] when the writing fails: nothing is changed then.
+pub fn write_outputs(outputs: &[(&Path, &[u8])]) -> Result<(), Failure> {
+    write_with_new(&[], outputs)
+}
+
+/// [`write_outputs`] together with files that overwrite nothing.
+///
+/// # Errors
+/// As [`write_outputs`].
+pub fn write_with_new(new: &[NewFile<'_>], outputs: &[(&Path, &[u8])]) -> Result<(), Failure> {
+    let _writing = writing();
+    let is_stream = |path: &Path| {
+        is_stdout(path) || std::fs::metadata(path).is_ok_and(|there| !there.is_file())
+    };
+    let (streams, files): (Vec<_>, Vec<_>) = outputs.iter().partition(|(path, _)| is_stream(path));
+    let mut staged = Vec::new();
+    for (path, bytes, readers) in new {
+        could_be_new(path)?;
+        staged.push(Staged::new_file(path, bytes, *readers)?);
+    }
+    for (path, bytes) in files {
+        could_be_written(path)?;
+        staged.push(Staged::replacing(path, bytes)?);
+    }
+    for (path, bytes) in streams {
+        write_stream(path, bytes)?;
+    }
+    commit(staged)
+}
+
+/// Writes to standard output, a device or a pipe.
+fn write_stream(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
+    if is_stdout(path) {
+        return to_stdout(bytes);
+    }
+    could_be_written(path)?;
+    let stream = std::fs::OpenOptions::new().write(true).open(path);
+    stream
+        .and_then(|mut stream| stream.write_all(bytes))
+        .map_err(|error| Failure::lost(path, error))
+}
+
+/// A JSON document as text.
+pub fn json_text(document: &impl serde::Serialize) -> Result<String, Failure> {
+    let text = serde_json::to_string_pretty(document).map_err(|e| Failure::Usage(e.to_string()))?;
+    Ok(text + "\n")
+}
+
+/// Writes the results of a command as JSON where they were asked for, with the version of the program.
+pub fn write_summary(path: Option<&Path>, summary: serde_json::Value) -> Result<(), Failure> {
+    match path {
+        Some(path) => write_outputs(&[(path, summary_text(summary)?.as_bytes())]),
+        None => Ok(()),
+    }
+}
+
+/// The results of a command as a JSON document, with the version of the program.
+pub fn summary_text(mut summary: serde_json::Value) -> Result<String, Failure> {
+    summary["version"] = env!("CARGO_PKG_VERSION").into();
+    json_text(&summary)
+}
+
+/// Refuses outputs that cannot be written, that are one file, or that would overwrite an input, before the work.
+pub fn check_outputs(outputs: &[Option<&Path>], inputs: &[&Path]) -> Result<(), Failure> {
+    let outputs: Vec<&Path> = outputs.iter().flatten().copied().collect();
+    for (i, path) in outputs.iter().enumerate() {
+        if outputs[..i].contains(path) {
+            let found = "two outputs in one file";
+            return Err(InputError::new(path, found, "a file for each output").into());
+        }
+        if is_stdout(path) {
+            continue;
+        }
+        check(path)?;
+        let target = std::fs::canonicalize(path);
+        if target.is_ok_and(|target| {
+            inputs
+                .iter()
+                .any(|input| std::fs::canonicalize(input).is_ok_and(|input| input == target))
+        }) {
+            let found = "an input of this command";
+            return Err(InputError::new(path, found, "another file for the output").into());
+        }
+    }
+    Ok(())
+}
+
+/// A folder for outputs; removed at the end if it was made and is still empty.
+pub struct OutputFolder<'a> {
+    path: &'a Path,
+    is_new: bool,
+}
+
+impl Drop for OutputFolder<'_> {
+    fn drop(&mut self) {
+        if self.is_new {
+            let _ = std::fs::remove_dir(self.path);
+        }
+    }
+}
+
+/// Makes a folder if it is not there; its parent must be.
+pub fn make_folder(path: &Path) -> Result<OutputFolder<'_>, Failure> {
+    if path.is_dir() {
+        let is_new = false;
+        return Ok(OutputFolder { path, is_new });
+    }
+    std::fs::create_dir(path).map_err(|error| {
+        InputError::new(
+            path,
+            format!("a folder that cannot be made ({error})"),
+            "a folder, or a new one in a folder that exists",
+        )
+    })?;
+    let is_new = true;
+    Ok(OutputFolder { path, is_new })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn write(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
+        write_outputs(&[(path, bytes)])
+    }
+
+    fn write_new(files: &[NewFile<'_>]) -> Result<(), Failure> {
+        write_with_new(files, &[])
+    }
+
+    #[test]
+    fn replaces_whole_files_and_creates_no_folder() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.txt");
+        write(&path, b"one").unwrap();
+        write(&path, b"two").unwrap();
+        assert_eq!(std::fs::read(&path).unwrap(), b"two");
+        let missing = folder.path().join("no/such/a.txt");
+        assert!(
+            write(&missing, b"x")
+                .unwrap_err()
+                .to_string()
+                .contains("no folder")
+        );
+        assert!(!folder.path().join("no").exists());
+        assert!(
+            write(folder.path(), b"x")
+                .unwrap_err()
+                .to_string()
+                .contains("a folder")
+        );
+        assert_eq!(
+            std::fs::read_dir(folder.path()).unwrap().count(),
+            1,
+            "no temporary file is left"
+        );
+    }
+
+    #[test]
+    fn all_outputs_or_none() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.txt");
+        write(&path, b"old").unwrap();
+        let other = folder.path().join("no/b.txt");
+        assert!(write_outputs(&[(&path, b"new"), (&other, b"x")]).is_err());
+        assert_eq!(std::fs::read(&path).unwrap(), b"old");
+        let other = folder.path().join("b.txt");
+        write_outputs(&[(&path, b"new"), (&other, b"x")]).unwrap();
+        assert_eq!(std::fs::read(&path).unwrap(), b"new");
+        assert_eq!(std::fs::read(&other).unwrap(), b"x");
+    }
+
+    #[test]
+    fn read_only_files_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.txt");
+        write(&path, b"old").unwrap();
+        let mut permissions = std::fs::metadata(&path).unwrap().permissions();
+        permissions.set_readonly(true);
+        std::fs::set_permissions(&path, permissions).unwrap();
+        let error = write(&path, b"new").unwrap_err().to_string();
+        assert!(error.contains("read-only"), "{error}");
+        assert_eq!(std::fs::read(&path).unwrap(), b"old");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn new_files_overwrite_nothing_and_have_their_readers() {
+        use std::os::unix::fs::PermissionsExt;
+        let folder = tempfile::tempdir().unwrap();
+        let (one, two) = (folder.path().join("one"), folder.path().join("two"));
+        let files: [(&Path, &[u8], Readers); 2] =
+            [(&one, b"1", Readers::Owner), (&two, b"2", Readers::All)];
+        write(&two, b"old").unwrap();
+        let error = write_new(&files).unwrap_err().to_string();
+        assert!(error.contains("a file that exists"), "{error}");
+        assert!(!one.exists());
+        std::fs::remove_file(&two).unwrap();
+        std::os::unix::fs::symlink("nowhere", &two).unwrap();
+        assert!(write_new(&files).is_err(), "a link to nothing is something");
+        std::fs::remove_file(&two).unwrap();
+        write_new(&files).unwrap();
+        let mode = |path: &Path| std::fs::metadata(path).unwrap().permissions().mode() & 0o777;
+        assert_eq!(mode(&one), 0o600);
+        assert_ne!(mode(&two) & 0o400, 0);
+        assert!(write_new(&files).is_err());
+        assert_eq!(std::fs::read(&one).unwrap(), b"1");
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn links_are_followed_and_devices_are_not_replaced() {
+        use std::os::unix::fs::FileTypeExt;
+        let folder = tempfile::tempdir().unwrap();
+        let (path, link) = (folder.path().join("a.txt"), folder.path().join("link"));
+        write(&path, b"old").unwrap();
+        std::os::unix::fs::symlink(&path, &link).unwrap();
+        write(&link, b"new").unwrap();
+        assert_eq!(std::fs::read(&path).unwrap(), b"new");
+        assert!(std::fs::symlink_metadata(&link).unwrap().is_symlink());
+
+        // Through links, so that a mistake replaces the link and not the device.
+        for (device, works) in [("/dev/null", true), ("/dev/full", false)] {
+            let link = folder.path().join(device.replace('/', "_"));
+            std::os::unix::fs::symlink(device, &link).unwrap();
+            assert_eq!(write(&link, b"x").is_ok(), works, "{device}");
+            let there = std::fs::metadata(&link).unwrap();
+            assert!(there.file_type().is_char_device(), "{device}");
+        }
+    }
+}

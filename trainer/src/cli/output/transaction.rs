@@ -1,0 +1,222 @@
+//! Files that take their places together: staged beside them, renamed one after the other, taken back if one cannot be.
+
+use std::collections::BTreeSet;
+use std::fs::File;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use tempfile::{Builder, NamedTempFile};
+
+use crate::cli::failure::Failure;
+
+/// Held while there are temporary files.
+static WRITING: Mutex<()> = Mutex::new(());
+
+/// To be held while temporary files are made.
+pub fn writing() -> MutexGuard<'static, ()> {
+    WRITING.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Temporary files of this process, those that are gone included.
+static TEMPORARY: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
+
+fn temporary_files() -> MutexGuard<'static, Vec<PathBuf>> {
+    TEMPORARY.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Before the end of the process: waits until nothing is half-written and lets nothing begin any more. Whether that came
+/// to be within `patience`; a write into a pipe may take for ever, and then the temporary files beside it are removed.
+pub fn hold(patience: Duration) -> bool {
+    let begin = Instant::now();
+    while begin.elapsed() < patience {
+        if let Ok(guard) = WRITING.try_lock() {
+            std::mem::forget(guard);
+            return true;
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    // Kept locked: nothing new is made.
+    let files = temporary_files();
+    for file in files.iter() {
+        let _ = std::fs::remove_file(file);
+    }
+    std::mem::forget(files);
+    false
+}
+
+/// Makes a temporary file in `folder` and removes it.
+pub fn check_temporary(folder: &Path) -> std::io::Result<()> {
+    NamedTempFile::new_in(folder).map(drop)
+}
+
+/// Who may read a new file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Readers {
+    /// As any file made by any other program.
+    All,
+    /// Its owner only, from the moment that it exists.
+    Owner,
+}
+
+/// A file that is complete and not yet in its place.
+pub struct Staged {
+    file: NamedTempFile,
+    target: PathBuf,
+    overwrites: bool,
+}
+
+impl Staged {
+    /// To overwrite what is at `path`, or at the end of a link there.
+    pub fn replacing(path: &Path, bytes: &[u8]) -> Result<Self, Failure> {
+        let target = std::fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf());
+        let file = temporary(folder_of(&target), bytes, Readers::All);
+        Ok(Self {
+            file: file.map_err(|error| Failure::lost(path, error))?,
+            target,
+            overwrites: true,
+        })
+    }
+
+    /// To overwrite nothing.
+    pub fn new_file(path: &Path, bytes: &[u8], readers: Readers) -> Result<Self, Failure> {
+        let file = temporary(folder_of(path), bytes, readers);
+        Ok(Self {
+            file: file.map_err(|error| Failure::lost(path, error))?,
+            target: path.to_path_buf(),
+            overwrites: false,
+        })
+    }
+
+    /// Takes its place.
+    fn commit(self) -> Result<Committed, Failure> {
+        let target = self.target;
+        let lost = |error| Failure::lost(&target, error);
+        let before = match self.overwrites && target.exists() {
+            true => Some(backup(&target).map_err(lost)?),
+            false => None,
+        };
+        let renamed = match self.overwrites {
+            true => self.file.persist(&target),
+            // Something may have come there since the check.
+            false => self.file.persist_noclobber(&target),
+        };
+        renamed.map_err(|failed| lost(failed.error))?;
+        Ok(Committed { target, before })
+    }
+}
+
+/// A file that has taken its place, and what was there before.
+struct Committed {
+    target: PathBuf,
+    before: Option<NamedTempFile<()>>,
+}
+
+impl Committed {
+    /// Puts back what was there before.
+    fn undo(self) {
+        let _ = match self.before {
+            Some(before) => before.persist(&self.target).map_err(|failed| failed.error),
+            None => std::fs::remove_file(&self.target),
+        };
+    }
+}
+
+/// Lets all files take their places and has the folders written to disk, or puts everything back.
+///
+/// # Errors
+/// [`Failure::LostOutput`] with the path that could not be written.
+pub fn commit(staged: Vec<Staged>) -> Result<(), Failure> {
+    let folder = |file: &Staged| folder_of(&file.target).to_path_buf();
+    let folders: BTreeSet<PathBuf> = staged.iter().map(folder).collect();
+    let mut done: Vec<Committed> = Vec::new();
+    let renamed = staged.into_iter().try_for_each(|file| {
+        done.push(file.commit()?);
+        Ok(())
+    });
+    let synced = renamed.and_then(|()| {
+        let sync = |folder: &PathBuf| sync(folder).map_err(|error| Failure::lost(folder, error));
+        folders.iter().try_for_each(sync)
+    });
+    if synced.is_err() {
+        done.into_iter().rev().for_each(Committed::undo);
+    }
+    synced
+}
+
+/// Writes the names in a folder to disk, where the system can.
+fn sync(folder: &Path) -> std::io::Result<()> {
+    use std::io::ErrorKind::{InvalidInput, PermissionDenied, Unsupported};
+    if cfg!(not(unix)) {
+        return Ok(());
+    }
+    match File::open(folder).and_then(|folder| folder.sync_all()) {
+        Err(error) if [InvalidInput, PermissionDenied, Unsupported].contains(&error.kind()) => {
+            Ok(())
+        }
+        synced => synced,
+    }
+}
+
+/// The folder of a file.
+pub fn folder_of(path: &Path) -> &Path {
+    match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    }
+}
+
+/// A complete file beside its place.
+fn temporary(folder: &Path, bytes: &[u8], readers: Readers) -> std::io::Result<NamedTempFile> {
+    let mut builder = hidden();
+    if readers == Readers::All {
+        builder.permissions_of_a_plain_file();
+    }
+    let mut file = {
+        let mut known = temporary_files();
+        let file = builder.tempfile_in(folder)?;
+        known.push(file.path().to_path_buf());
+        file
+    };
+    // Its errors are plain, those of the temporary file would name it.
+    file.as_file_mut().write_all(bytes)?;
+    file.as_file().sync_all()?;
+    Ok(file)
+}
+
+/// What is at `target` under a second name beside it; a copy where the file system knows no second names.
+fn backup(target: &Path) -> std::io::Result<NamedTempFile<()>> {
+    let mut known = temporary_files();
+    let link = |path: &Path| match std::fs::hard_link(target, path) {
+        Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => Err(error),
+        Err(_) => std::fs::copy(target, path).map(drop),
+        linked => linked,
+    };
+    let file = hidden().make_in(folder_of(target), link)?;
+    known.push(file.path().to_path_buf());
+    Ok(file)
+}
+
+fn hidden() -> Builder<'static, 'static> {
+    let mut builder = Builder::new();
+    builder.prefix(".poegp-");
+    builder
+}
+
+/// Readable by all as the umask allows, as a file made by any other program.
+trait PlainFile {
+    fn permissions_of_a_plain_file(&mut self) -> &mut Self;
+}
+
+impl PlainFile for Builder<'_, '_> {
+    fn permissions_of_a_plain_file(&mut self) -> &mut Self {
+        #[cfg(unix)]
+        {
+            use std::os::unix::fs::PermissionsExt;
+            self.permissions(std::fs::Permissions::from_mode(0o666))
+        }
+        #[cfg(not(unix))]
+        self
+    }
+}
