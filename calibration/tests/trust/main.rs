@@ -20,6 +20,7 @@ use std::fmt::Display;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::io::Write;
 
+use poegp_calibration::robot::BUILT_IN;
 use poegp_calibration::trust::Tier;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -206,7 +207,13 @@ fn sets_with_mistakes() -> (Vec<Good>, Vec<String>) {
     ] {
         sets.push(sets::simulated(robot, scenario, 3, ROWS));
     }
-    let (measured, missing) = sets::measured();
+    let (measured, mut missing) = sets::measured();
+    for (name, scenario) in [("franka_panda.urdf", 1), ("kuka_lbr_iiwa14.urdf", 2)] {
+        match sets::model(name) {
+            Some(spec) => sets.push(sets::simulated(&spec, scenario, 3, ROWS)),
+            None => missing.push(name.to_owned()),
+        }
+    }
     let ur10 = measured.iter().find(|s| s.name.contains("ur10"));
     let positions = ur10.map(|s| s.clone().with_positions_only());
     sets.extend(measured.iter().cloned());
@@ -223,14 +230,8 @@ fn whole() {
         run.good_variants(set, 20);
         run.wrong(set, 0);
     }
-    for robot in [
-        "abb-irb4400-serial",
-        "abb-irb120",
-        "abb-irb4400",
-        "kuka-iiwa7",
-        "ur10",
-        "ur5",
-    ] {
+    let mixed = sets::description("mixed.urdf");
+    for robot in BUILT_IN.iter().copied().chain([mixed.as_str()]) {
         for scenario in 0..4 {
             let name = sets::simulated(robot, scenario, 0, 1).name;
             if !run.takes(&name) {

@@ -116,8 +116,8 @@ fn root() -> PathBuf {
 
 const SCENARIOS: [(&str, Scenario, f64); 4] = [
     ("paper", Scenario::Paper, 0.03),
-    ("rich", Scenario::WithBacklash, 0.06),
-    ("wild", Scenario::Nonlinear, 0.10),
+    ("rich", Scenario::WithBacklash, 0.045),
+    ("wild", Scenario::Nonlinear, 0.07),
     ("full", Scenario::PaperFullRange, 0.03),
 ];
 
@@ -139,7 +139,27 @@ pub fn simulated_files() -> Vec<Good> {
     SCENARIOS.iter().map(set).collect()
 }
 
-/// A set of the library's simulator; `scenario` is an index of all.
+/// A description of the repository that is not built in.
+pub fn description(name: &str) -> String {
+    let path = root().join("tests/data/robots").join(name);
+    path.display().to_string()
+}
+
+/// The folder of measured sets: `POEGP_MEASURED_DATA`, else it is looked for beside the repository.
+fn measured_folder() -> PathBuf {
+    std::env::var_os("POEGP_MEASURED_DATA")
+        .map_or_else(|| root().join("../shared/data/real"), PathBuf::from)
+}
+
+/// A description that comes with the measured sets, where it is at hand.
+pub fn model(name: &str) -> Option<String> {
+    let folder = measured_folder();
+    let paths = [folder.join(name), folder.join("../models").join(name)];
+    let found = paths.iter().find(|p| p.is_file());
+    found.map(|p| p.display().to_string())
+}
+
+/// A set of the library's simulator; `spec` is a robot by name or path, `scenario` an index of all.
 pub fn simulated(spec: &str, scenario: usize, seed: u64, rows: usize) -> Good {
     let robot = robot(spec);
     let (name, scenario, scatter_mm) = SCENARIOS[scenario];
@@ -149,8 +169,9 @@ pub fn simulated(spec: &str, scenario: usize, seed: u64, rows: usize) -> Good {
         _ => &[1.0, 2.5, 3.5, 5.0, 7.5],
     };
     let poses = Simulator::new(&robot, scenario, payloads, seed).measure(rows);
+    let spec = Path::new(spec).file_stem().unwrap_or_default();
     Good {
-        name: format!("{spec}/{name}"),
+        name: format!("{}/{name}", spec.display()),
         table: Table::parse(&to_csv(&robot, &poses, false, name)),
         robot,
         orientations: Orientations::Measured,
@@ -172,18 +193,12 @@ const MEASURED: [(&str, &str, f64); 5] = [
     ("ur10_tmac_b", "ur10", 0.25),
 ];
 
-/// The measured sets that are at hand, and the names of those that are not. The environment variable
-/// `POEGP_MEASURED_DATA` names their folder; else it is looked for beside the repository.
+/// The measured sets that are at hand, and the names of those that are not.
 pub fn measured() -> (Vec<Good>, Vec<String>) {
-    let folder = std::env::var_os("POEGP_MEASURED_DATA")
-        .map_or_else(|| root().join("../shared/data/real"), PathBuf::from);
+    let folder = measured_folder();
     let (mut sets, mut missing) = (Vec::new(), Vec::new());
     for (name, spec, scatter_mm) in MEASURED {
-        let models = [folder.join(spec), folder.join("../models").join(spec)];
-        let spec = models
-            .iter()
-            .find(|p| p.is_file())
-            .map_or(spec.to_owned(), |p| p.display().to_string());
+        let spec = model(spec).unwrap_or_else(|| spec.to_owned());
         let path = folder.join(format!("{name}.csv"));
         let Ok(text) = std::fs::read_to_string(&path) else {
             missing.push(name.to_owned());

@@ -25,7 +25,7 @@ pub fn add(list: &mut List) {
 /// Joints that are equivalent to a turn of their neighbour by 180 degrees when they are reversed.
 fn is_wrist(robot: &Robot, joint: usize) -> bool {
     match robot.name.as_str() {
-        "kuka-iiwa7" => joint % 2 == 1,
+        name if name.contains("iiwa") => joint % 2 == 1,
         name if name.starts_with("abb") => joint == 4,
         _ => false,
     }
