@@ -66,6 +66,7 @@ impl Bench {
             date: "2026-11-20".to_owned(),
             data_sha256: [0; 32],
             tools: Vec::new(),
+            ..Provenance::default()
         };
         let options = Config::new(method);
         calibrate_to_blob(

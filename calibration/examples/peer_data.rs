@@ -237,6 +237,7 @@ fn one_fold(
         date: "2026-11-20".to_owned(),
         data_sha256: [0; 32],
         tools: vec![ToolName::default()],
+        ..Provenance::default()
     };
     let mut errors = serde_json::Map::new();
     let gp = options(data.method());

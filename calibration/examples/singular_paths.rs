@@ -127,6 +127,7 @@ impl Arm {
             date: "2026-11-20".to_owned(),
             data_sha256: [0; 32],
             tools,
+            ..Provenance::default()
         };
         let options = Config::new(Method::Elastic);
         let found = calibrate_to_blob(&robot, &train, &options, &origin, &FitContext::default())?;

@@ -112,6 +112,7 @@ pub fn run(seed: u64, out: &mut dyn Write) -> Result<Vec<ArmErrors>, Box<dyn Err
         date: "2026-01-01".to_owned(),
         data_sha256: [0; 32],
         tools,
+        ..Provenance::default()
     };
     let mut results = Vec::new();
     let mut notes = Vec::new();

@@ -163,6 +163,7 @@ impl Sample {
             },
             tools: heapless::Vec::new(),
             warnings: heapless::Vec::new(),
+            accepted: heapless::Vec::new(),
         };
         let blob = Blob {
             robot: Robot {

@@ -9,7 +9,7 @@ use poegp_protocol::blob::{
     PayloadGroup, Provenance as WireProvenance, Ranges, Ripple, Robot as WireRobot, TaskSpace,
     Tool, Transform, Units, Variance,
 };
-use poegp_protocol::limits::OUTPUTS;
+use poegp_protocol::limits::{MAX_WARNINGS, OUTPUTS};
 use poegp_runtime::kinematics::minimal_chain::MinimalForm;
 use poegp_runtime::kinematics::poe::Poe;
 
@@ -28,9 +28,18 @@ use crate::model::correction::{self as model, TaskSpaceCorrection};
 use crate::model::{Calibration, CalibrationError, calibrate, calibrate_within};
 use crate::progress::FitContext;
 use crate::robot::Robot;
+use crate::trust::Cause;
+
+/// The names of causes, each once, as many as a blob holds.
+fn causes(causes: &[Cause]) -> FixedVec<&'static str, MAX_WARNINGS> {
+    let mut causes = causes.to_vec();
+    causes.sort_unstable();
+    causes.dedup();
+    causes.iter().map(|c| c.name()).take(MAX_WARNINGS).collect()
+}
 
 /// Where a calibration comes from.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Provenance {
     /// Serial number of the arm; empty when unknown.
     pub serial_number: String,
@@ -40,6 +49,10 @@ pub struct Provenance {
     pub data_sha256: [u8; 32],
     /// The tools that samples name by index.
     pub tools: Vec<ToolName>,
+    /// Causes of the warnings about the measurements.
+    pub warnings: Vec<Cause>,
+    /// Causes that the user accepted.
+    pub accepted: Vec<Cause>,
 }
 
 impl Provenance {
@@ -50,6 +63,7 @@ impl Provenance {
             date: date.to_owned(),
             data_sha256: data.sha256,
             tools: data.tools.clone(),
+            ..Self::default()
         }
     }
 }
@@ -264,7 +278,8 @@ fn to_bytes(
             flange_from_target: calibration.base_and_tools.flange_from_targets[0].to_rows(),
         },
         tools: fixed(wire_tools(calibration, provenance), "tools")?,
-        warnings: FixedVec::new(),
+        warnings: causes(&provenance.warnings),
+        accepted: causes(&provenance.accepted),
     };
     let mut host_bytes = vec![0; MAX_HOST_LENGTH];
     let host = host

@@ -166,6 +166,7 @@ impl Planner<'_> {
             date: String::new(),
             data_sha256: [0; 32],
             tools: vec![ToolName::default()],
+            ..Provenance::default()
         };
         let options = Config::new(Method::Elastic);
         let found = calibrate_to_blob(

@@ -1,6 +1,6 @@
 //! What an examination of measurements ends with: causes, how grave each is, and the text for its user.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// How grave a finding is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -15,7 +15,7 @@ pub enum Tier {
 }
 
 /// The cause of a finding.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Cause {
     /// Fewer equations than the unknowns need.
@@ -109,6 +109,11 @@ impl Cause {
         all
     };
 
+    /// Whether the file reads well in another way: units, signs, order, zeros, conventions, another robot.
+    pub fn is_a_reading(self) -> bool {
+        (Self::Unit..=Self::Rows).contains(&self) || self == Self::Lag
+    }
+
     /// The name on the command line, in JSON and in a blob.
     pub fn name(self) -> &'static str {
         NAMES[self as usize].1
@@ -155,6 +160,13 @@ pub struct Finding {
     pub value: f64,
     /// What the statistic was compared with.
     pub threshold: f64,
+}
+
+impl Finding {
+    /// Whether it is about values that no instrument measured: they judge no model either.
+    pub fn is_of_values(&self) -> bool {
+        matches!(self.cause, Cause::Stuck | Cause::Placeholder | Cause::Clip)
+    }
 }
 
 /// What an examination noticed, gravest first.

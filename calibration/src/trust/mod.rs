@@ -24,31 +24,57 @@ use crate::robot::Robot;
 use crate::trust::geometry::{Geometry, Priors};
 use crate::trust::readings::Data;
 
-/// Median residual of the geometry over that of the nominal arm, above which the geometry explains little.
-const POOR: f64 = 0.4;
-
-/// Examines the rows of `set`, which are `samples` of `robot` in the same order. `gravity` is that of the base frame, m/s².
-pub fn examine(
+/// As [`examine`], but only whether the rows are of this robot: for measurements that a model is judged by. There may be few
+/// of them, and what has moved since the calibration is what they are measured for.
+pub fn identify(
     robot: &Robot,
     set: &MeasurementSet,
     samples: &[InstrumentSample],
     gravity: Vector3<f64>,
 ) -> Findings {
-    let Ok(chain) = robot.chain() else {
+    let Some(data) = data(robot, set, samples) else {
         return Findings::default();
     };
-    let data = Data {
-        robot,
-        chain,
-        samples: samples.iter().collect(),
-        lines: set.measurements.iter().map(|m| m.line).collect(),
+    let reach = nominal_arm::reach(robot);
+    let numbers = numbers::examine(robot, &data.chain, set, samples, reach, false);
+    let mut out = Findings(numbers.into_iter().filter(|f| f.is_of_values()).collect());
+    if !out.is_refused() {
+        out.0.extend(nominal_arm::examine(&data, gravity).findings);
+    }
+    out
+}
+
+/// Median residual of the geometry over that of the nominal arm, above which the geometry explains little.
+const POOR: f64 = 0.4;
+
+/// Examines the rows of `set`, which are `samples` of `robot` in the same order. `gravity` is that of the base frame, m/s²;
+/// `fits_geometry` says whether more than base and tool will be fitted to them.
+pub fn examine(
+    robot: &Robot,
+    set: &MeasurementSet,
+    samples: &[InstrumentSample],
+    gravity: Vector3<f64>,
+    fits_geometry: bool,
+) -> Findings {
+    let Some(data) = data(robot, set, samples) else {
+        return Findings::default();
     };
     let reach = nominal_arm::reach(robot);
-    let mut out = Findings(numbers::examine(robot, &chain, set, samples, reach));
+    let mut out = Findings(numbers::examine(
+        robot,
+        &data.chain,
+        set,
+        samples,
+        reach,
+        fits_geometry,
+    ));
     if !out.is_refused() {
         let arm = nominal_arm::examine(&data, gravity);
         out.0.extend(arm.findings);
+        // Few rows fit any geometry.
+        let is_enough = fits_geometry && out.0.iter().all(|f| f.cause != Cause::Few);
         if !out.is_refused()
+            && is_enough
             && let Some(geometry) = Geometry::fit(&data, &arm.alignment, Priors::Made, gravity)
         {
             // An episode is looked for where the geometry explains little.
@@ -70,4 +96,17 @@ pub fn examine(
     }
     out.accept(&[]);
     out
+}
+
+fn data<'a>(
+    robot: &'a Robot,
+    set: &MeasurementSet,
+    samples: &'a [InstrumentSample],
+) -> Option<Data<'a>> {
+    Some(Data {
+        robot,
+        chain: robot.chain().ok()?,
+        samples: samples.iter().collect(),
+        lines: set.measurements.iter().map(|m| m.line).collect(),
+    })
 }

@@ -19,6 +19,8 @@ const REFUSED_REACH: f64 = 0.009;
 const REFUSED_ROTATION: f64 = 60e-3;
 /// Median position residual over the spread of the positions, above which the file is not this robot.
 const REFUSED_SPREAD: f64 = 0.07;
+/// Positions nearer to each other than this share of the reach say nothing about scale.
+const LEAST_SPREAD: f64 = 0.01;
 /// Median position residual over the spread, above which other readings are tried.
 const SUSPICIOUS_SPREAD: f64 = 0.012;
 /// Another reading has to be better by this factor.
@@ -49,6 +51,8 @@ const TIGHT: f64 = 0.0035;
 const LOOSE: f64 = 0.012;
 /// Median residual over the reach that a geometry of its own may leave.
 const EXPLAINED_REACH: f64 = 0.0035;
+/// Noise over residuals of a geometry that explains something: of few rows any does.
+const FREE: f64 = 1.5;
 /// Residuals below this are the drawing's own: the controller computed the poses, m and rad.
 const COMPUTED: (f64, f64) = (20e-6, 0.1e-3);
 
@@ -85,7 +89,7 @@ struct Fit {
 
 impl Fit {
     fn new(alignment: Alignment, rows: &[Row], reach: f64) -> Self {
-        let (a, spread) = (&alignment, spread(rows));
+        let (a, spread) = (&alignment, spread(rows).max(LEAST_SPREAD * reach));
         let most = (REFUSED_REACH * reach).min(REFUSED_SPREAD * spread);
         Self {
             share: a.share_within(rows, 2.0 * most, 2.0 * REFUSED_ROTATION),
@@ -158,7 +162,10 @@ struct Scene<'a> {
 impl Scene<'_> {
     fn examine(&self, given: &Fit) -> Option<Finding> {
         let a = &given.alignment;
-        if given.badness <= 1.0 && given.share >= MOST && self.rows.len() >= LEAST_ROWS {
+        if self.distinct() < LEAST_ROWS {
+            return None;
+        }
+        if given.badness <= 1.0 && given.share >= MOST {
             if a.position < COMPUTED.0 && a.rotation < COMPUTED.1 {
                 let text = format!(
                     "the poses are those of the drawing to {}: the controller computed them, no instrument measured them",
@@ -183,6 +190,13 @@ impl Scene<'_> {
             .or_else(|| self.pairs(given))
             .or_else(|| self.populations(LOOSE))
             .or_else(|| Some(self.unexplained(given)))
+    }
+
+    /// Rows at joints of their own.
+    fn distinct(&self) -> usize {
+        let samples = &self.data.samples;
+        let is_first = |k: &usize| samples[..*k].iter().all(|s| s.joints != samples[*k].joints);
+        (0..samples.len()).filter(is_first).take(LEAST_ROWS).count()
     }
 
     /// The refusal for a file that another reading explains.
@@ -380,6 +394,9 @@ impl Scene<'_> {
     /// The refusal for an arm whose drawing or mastering is another: one joint or link is named where one stands out.
     fn wide_geometry(&self, given: &Fit) -> Option<Finding> {
         let geometry = Geometry::fit(self.data, &given.alignment, Priors::Wide, self.gravity)?;
+        if geometry.degrees_of_freedom() > FREE {
+            return None;
+        }
         let fits = geometry.position < EXPLAINED_REACH * self.reach
             && geometry.rotation < REFUSED_ROTATION / 2.0
             && geometry.position < BETTER * given.alignment.position;

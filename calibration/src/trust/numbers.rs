@@ -31,13 +31,14 @@ const FAR: f64 = 12.0;
 /// Payload that an arm of 1 m carries at most, kg; it grows with the cube of the reach.
 const HEAVIEST: f64 = 40.0;
 
-/// What the numbers alone show.
+/// What the numbers alone show. Where the geometry is not fitted, few rows are enough.
 pub fn examine(
     robot: &Robot,
     chain: &Poe<f64>,
     set: &MeasurementSet,
     samples: &[InstrumentSample],
     reach: f64,
+    fits_geometry: bool,
 ) -> Vec<Finding> {
     let flanges: Vec<Pose<f64>> = samples
         .iter()
@@ -55,7 +56,9 @@ pub fn examine(
     out.extend(scene.placeholders());
     out.extend(scene.cut_off());
     let still = scene.still();
-    out.extend(scene.few(copies.len(), still.len()));
+    if fits_geometry {
+        out.extend(scene.few(copies.len(), still.len()));
+    }
     out.extend(scene.payload(reach));
     if copies.len() >= COPIES.0 && copies.len() as f64 >= COPIES.1 * samples.len() as f64 {
         let rows: Vec<usize> = copies.iter().map(|k| scene.line(*k)).collect();

@@ -63,6 +63,7 @@ pub fn fit_measured(robot: Robot, csv: &str, options: &Config) -> Fitted {
         date: "2026-11-20".to_owned(),
         data_sha256: [0; 32],
         tools,
+        ..Provenance::default()
     };
     let found =
         calibrate_to_blob(&robot, &train, options, &origin, &FitContext::default()).unwrap();

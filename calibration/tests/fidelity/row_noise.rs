@@ -77,6 +77,7 @@ fn calibrated(samples: &[InstrumentSample], options: &Config) -> CalibratedBlob 
         date: "2026-11-20".to_owned(),
         data_sha256: [0; 32],
         tools: vec![ToolName::default()],
+        ..Provenance::default()
     };
     calibrate_to_blob(&robot, samples, options, &origin, &FitContext::default()).unwrap()
 }

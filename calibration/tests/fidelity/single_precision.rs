@@ -19,6 +19,7 @@ fn origin() -> Provenance {
         date: "2026-11-20".to_owned(),
         data_sha256: [0; 32],
         tools: Vec::new(),
+        ..Provenance::default()
     }
 }
 

@@ -29,6 +29,7 @@ fn origin(tools: Vec<ToolName>) -> Provenance {
         date: "2026-11-20".to_owned(),
         data_sha256: [0; 32],
         tools,
+        ..Provenance::default()
     }
 }
 

@@ -103,6 +103,7 @@ impl Arm {
             date: "2026-11-20".to_owned(),
             data_sha256: [0; 32],
             tools: vec![ToolName::default()],
+            ..Provenance::default()
         };
         let options = Config::new(Method::Elastic);
         let blob = calibrate_to_blob(

@@ -51,6 +51,7 @@ fn calibrated(method: Method) -> (Calibration, BlobModel, Vec<InstrumentSample>,
         date: "2026-11-20".to_owned(),
         data_sha256: [0; 32],
         tools: Vec::new(),
+        ..Provenance::default()
     };
     let start = cpu_seconds();
     let options = Config::new(method);

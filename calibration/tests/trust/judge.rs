@@ -34,7 +34,7 @@ pub fn ask(robot: &Robot, text: &str) -> Answer {
     };
     let start = Instant::now();
     match catch_unwind(AssertUnwindSafe(|| {
-        examine(robot, &set, &samples, Vector3::new(0.0, 0.0, -9.81))
+        examine(robot, &set, &samples, Vector3::new(0.0, 0.0, -9.81), true)
     })) {
         Ok(findings) => Answer::Examined(findings.0, start.elapsed()),
         Err(_) => Answer::Panicked,

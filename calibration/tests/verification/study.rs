@@ -56,6 +56,7 @@ impl Cell {
             date: "2026-11-20".to_owned(),
             data_sha256: [0; 32],
             tools: Vec::new(),
+            ..Provenance::default()
         };
         let found =
             calibrate_to_blob(&robot, &training, options, &origin, &FitContext::default()).unwrap();

@@ -21,9 +21,12 @@ pub struct Host<'a> {
     /// name.
     #[serde(borrow)]
     pub tools: Vec<Tool<'a>, MAX_TOOLS>,
-    /// Warnings of the calibration for the users of the model.
+    /// Causes of the warnings about the measurements that the model was calibrated with.
     #[serde(borrow)]
     pub warnings: Vec<&'a str, MAX_WARNINGS>,
+    /// Causes of refusals and warnings that the user of the trainer accepted.
+    #[serde(borrow)]
+    pub accepted: Vec<&'a str, MAX_WARNINGS>,
 }
 
 /// Where a model comes from.

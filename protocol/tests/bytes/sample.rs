@@ -92,6 +92,7 @@ pub fn host() -> Host<'static> {
         },
         tools: heapless::Vec::new(),
         warnings: heapless::Vec::new(),
+        accepted: heapless::Vec::new(),
     }
 }
 

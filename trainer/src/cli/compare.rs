@@ -7,6 +7,7 @@ use serde::Serialize;
 
 use crate::cli::args::{FitArgs, RobotArgs, method};
 use crate::cli::calibrate::report_page;
+use crate::cli::examination::{AcceptArgs, Examined};
 use crate::cli::failure::{Failure, calibration_failure, device_failure};
 use crate::cli::inputs;
 use crate::cli::inputs::{Arm, enough_poses, equations, file_name, origin};
@@ -22,6 +23,7 @@ use poegp_calibration::measurement::sample::{InstrumentSample, different_poses};
 use poegp_calibration::model::config::Weighting;
 use poegp_calibration::model::{CalibrationError, Method};
 use poegp_calibration::progress::NEVER;
+use poegp_calibration::trust::Finding;
 use poegp_calibration::validation::cross_validation::{ModelComparison, Task, TestSet, applicable};
 use poegp_calibration::validation::learning_curve as learning;
 
@@ -36,6 +38,8 @@ pub struct CompareJson<'a> {
     pub per_output: bool,
     /// Config of the fit.
     pub weighting: Weighting,
+    /// What somebody must look at.
+    pub warnings: &'a [Finding],
     /// One entry for each method.
     pub methods: &'a [ModelComparison],
     /// With `--report`: what it shows, of the test sets or of the folds.
@@ -77,6 +81,8 @@ pub struct Compare {
     /// Remove the instrument's drift from every pose, estimated from reference points (columns ref1_x_mm …).
     #[arg(long)]
     pub correct_drift: bool,
+    #[command(flatten)]
+    pub accepted: AcceptArgs,
     #[command(flatten)]
     pub fit: FitArgs,
     /// Write an HTML report with errors and plots: of the test sets, or of the folds if there are none.
@@ -155,6 +161,16 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
             arm.robot.joints.len(),
         )?;
     }
+    let examined = Examined {
+        path: &a.train,
+        robot: &arm.robot,
+        set: &set,
+        samples: &train,
+        json: a.json.as_deref(),
+        accept: &a.accepted.accept,
+    };
+    let gravity = a.fit.config(Method::Elastic).gravity_m_s2;
+    let warnings = examined.for_training(&methods, gravity)?;
     let corrected = drift.as_ref().map(|drift| drift.correct(&train));
     let origin = origin(set.sha256, "", tools);
     let task = Task {
@@ -215,6 +231,7 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
             seed: a.seed,
             per_output: a.fit.per_output,
             weighting: a.fit.weighting.unwrap_or_default(),
+            warnings: &warnings,
             methods: &models,
             held_out: summary,
             provenance,

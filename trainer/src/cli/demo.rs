@@ -10,6 +10,7 @@ use crate::cli::calibrate;
 use crate::cli::calibrate::args::Calibrate;
 use crate::cli::evaluate;
 use crate::cli::evaluate::Evaluate;
+use crate::cli::examination::AcceptArgs;
 use crate::cli::failure::{Failure, device_failure};
 use crate::cli::inputs::{file_name, origin};
 use crate::cli::output::make_folder;
@@ -137,6 +138,7 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
     let blob = a.out.join("arm.blob");
     write_outputs(&[(&blob, found.blob.bytes())])?;
     let document = crate::cli::compare::CompareJson {
+        warnings: &[],
         version: env!("CARGO_PKG_VERSION"),
         seed: a.seed,
         per_output: false,
@@ -153,6 +155,7 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
     )])?;
     report.line("\n3. Write the blob, read it back, and predict the first test set like the device (f32):\n");
     evaluate::run(&Evaluate {
+        accepted: AcceptArgs::default(),
         blob: blob.clone(),
         test: sets[1].path.clone(),
         frames: FrameArgs::default(),

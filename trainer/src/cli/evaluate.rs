@@ -9,6 +9,7 @@ use poegp_runtime::guard::status::Status;
 use serde::Serialize;
 
 use crate::cli::args::FrameArgs;
+use crate::cli::examination::AcceptArgs;
 use crate::cli::failure::Failure;
 use crate::cli::inputs::{self, file_name, fitted_frames, frame_failure};
 use crate::cli::instrument_drift;
@@ -18,6 +19,7 @@ use poegp_calibration::blob::fitted_frames::FittedFrames;
 use poegp_calibration::blob::predict::{BlobModel, Prediction};
 use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::numeric::statistics::{ErrorSummary, PoseError};
+use poegp_calibration::trust::Finding;
 use poegp_calibration::validation::held_out::SigmaShares;
 use poegp_calibration::verification::SAME_FRAME_MM;
 
@@ -25,6 +27,8 @@ use poegp_calibration::verification::SAME_FRAME_MM;
 #[derive(Serialize)]
 struct EvaluateJson<'a> {
     version: &'static str,
+    /// What somebody must look at in the measurements.
+    warnings: Vec<Finding>,
     method: &'a str,
     base_fitted: bool,
     tool_fitted: bool,
@@ -104,6 +108,8 @@ pub struct Evaluate {
     /// (empty if the blob has none).
     #[arg(long, requires = "predictions")]
     pub trust: bool,
+    #[command(flatten)]
+    pub accepted: AcceptArgs,
     /// Write the errors as JSON (`-`: standard output).
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
@@ -116,6 +122,12 @@ pub fn run(a: &Evaluate) -> Result<(), Failure> {
     let correction = instrument_drift::correction(a.frames.correct_drift);
     let data = inputs::read(&loaded, &a.test, correction)?;
     let (set, samples, which) = (&data.set, &data.samples, a.frames.frames());
+    let warnings = data.examined(
+        &a.test,
+        a.json.as_deref(),
+        &a.accepted.accept,
+        &inputs::robot_of(loaded.blob()),
+    )?;
     let tools = data.frames(&loaded, &a.test, which)?;
     let frames = FittedFrames::new(&loaded, samples, tools, which)
         .map_err(|error| frame_failure(&a.test, &data.names, error))?;
@@ -164,6 +176,7 @@ pub fn run(a: &Evaluate) -> Result<(), Failure> {
     };
     let document = EvaluateJson {
         version: env!("CARGO_PKG_VERSION"),
+        warnings,
         method: loaded.host().provenance.method,
         base_fitted: frames.is_base_fitted,
         tool_fitted: frames.is_tool_fitted.contains(&true),

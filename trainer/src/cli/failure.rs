@@ -30,9 +30,6 @@ pub enum Failure {
     /// A quality bound was not met; nothing was written.
     #[error("{0}")]
     Quality(String),
-    /// The data are refused; nothing was written.
-    #[error("{0}")]
-    Data(String),
     /// A signature does not fit.
     #[error("{0}")]
     Refused(String),
@@ -44,6 +41,11 @@ pub enum Failure {
         /// What the system says.
         error: std::io::Error,
     },
+    /// Measurements that no model should be made of or judged by; nothing was written.
+    #[error(
+        "data refused: {0}\nhelp: nothing was written; --accept CAUSE goes on with a warning, CAUSE being the word in brackets"
+    )]
+    Data(String),
     /// Ctrl-C.
     #[error("stopped: the calibration was cancelled, nothing was written")]
     Cancelled(#[from] Cancelled),

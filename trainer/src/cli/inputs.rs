@@ -7,6 +7,7 @@ use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::Pose;
 
 use crate::cli::args::ChainArgs;
+use crate::cli::examination::{Examined, explained};
 use crate::cli::failure::Failure;
 use crate::cli::terminal::print::note;
 use poegp_calibration::blob::fitted_frames::{FrameError, FramesToFit};
@@ -19,6 +20,7 @@ use poegp_calibration::measurement::reader::{DriftCorrection, SampleFile};
 use poegp_calibration::measurement::sample::{InstrumentSample, ToolName};
 use poegp_calibration::model::Method;
 use poegp_calibration::robot::{Joint, LoadOptions, Robot};
+use poegp_calibration::trust::{Cause, Finding};
 use poegp_calibration::validation::cross_validation::TestSet;
 
 /// A robot with its chain.
@@ -56,7 +58,8 @@ fn read_samples(
     tools: &mut Vec<ToolName>,
     correction: DriftCorrection,
 ) -> Result<SampleFile, Failure> {
-    let file = SampleFile::read(path, robot, tools, correction)?;
+    let file = SampleFile::read(path, robot, tools, correction)
+        .map_err(|error| explained(path, robot, error))?;
     for text in &file.notes {
         note(format_args!("{}: {text}", path.display()));
     }
@@ -114,6 +117,7 @@ pub fn origin(data_sha256: [u8; 32], serial_number: &str, tools: Vec<ToolName>) 
         date: now.date().to_string(),
         data_sha256,
         tools,
+        ..Provenance::default()
     }
 }
 
@@ -163,6 +167,29 @@ pub fn read(
 }
 
 impl TestData {
+    /// The warnings about its rows as measurements of `robot`.
+    ///
+    /// # Errors
+    /// [`Failure::Data`] when they are of another one.
+    pub fn examined(
+        &self,
+        path: &Path,
+        json: Option<&Path>,
+        accept: &[Cause],
+        robot: &Robot,
+    ) -> Result<Vec<Finding>, Failure> {
+        let (set, samples) = (&self.set, self.samples.as_slice());
+        Examined {
+            path,
+            robot,
+            set,
+            samples,
+            json,
+            accept,
+        }
+        .for_judging()
+    }
+
     /// The frames of its tools, where the frames that `which` names are fitted to its measurements.
     pub fn frames(
         &self,

@@ -105,6 +105,7 @@ fn document(loaded: &BlobModel) -> Value {
         "instrument_from_base": host.gauge.instrument_from_base,
         "flange_from_target": host.gauge.flange_from_target,
         "warnings": host.warnings.as_slice(),
+        "accepted": host.accepted.as_slice(),
         "correction": correction,
     })
 }

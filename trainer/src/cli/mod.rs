@@ -12,6 +12,7 @@ mod correct;
 mod demo;
 mod device;
 mod evaluate;
+mod examination;
 mod export;
 mod failure;
 mod import;

@@ -48,7 +48,9 @@ fn joints_counted_otherwise_than_by_the_robot() {
     let folder = Folder::new();
     folder.write("train.csv", simulated("train", 100));
     // Measured with serial joints; the controller of this one counts the third otherwise.
-    folder.refuses("calibrate --robot abb-irb4400 --method poe-gp-load train.csv --out arm.blob");
+    folder.refuses_data(
+        "calibrate --robot abb-irb4400 --method poe-gp-load train.csv --out arm.blob",
+    );
 }
 
 #[test]

@@ -107,7 +107,7 @@ fn a_blob_that_loses_precision_is_not_written() {
     folder.write("smooth.csv", to_csv(&robot, &poses, false, "no noise"));
     folder.write("old.blob", "old");
     let line = format!(
-        "calibrate --robot {SERIAL} smooth.csv --method poe-gp --out old.blob --json new.json"
+        "calibrate --robot {SERIAL} smooth.csv --method poe-gp --accept no-fit --out old.blob --json new.json"
     );
     let outcome = folder.run(&line);
     assert_eq!(outcome.code, Some(1), "{outcome:#?}");
@@ -333,18 +333,20 @@ fn json_on_standard_output_is_alone() {
         let document: Value = outcome.json();
         assert_eq!(document["version"], env!("CARGO_PKG_VERSION"), "{line}");
         let file = folder.run(&format!("{line} --json facts.json")).ok();
-        assert_eq!(file.stdout, outcome.stderr, "{line}");
+        assert_eq!(file.stderr + &file.stdout, outcome.stderr, "{line}");
         assert_eq!(folder.json("facts.json"), document, "{line}");
         if let Some(output) = same {
             assert!(folder.path(output).exists());
         }
     };
     check(
-        &format!("calibrate --robot {SERIAL} train.csv --method poe --out other.blob"),
+        &format!("calibrate --robot {SERIAL} train.csv --method poe --accept few --out other.blob"),
         Some("other.blob"),
     );
     check(
-        &format!("compare --robot {SERIAL} train.csv --methods base-tool,poe --folds 2"),
+        &format!(
+            "compare --robot {SERIAL} train.csv --methods base-tool,poe --accept few --folds 2"
+        ),
         None,
     );
     check(

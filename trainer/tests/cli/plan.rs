@@ -308,7 +308,7 @@ fn a_plan_with_poses_added_calibrates() {
     }
     folder.write("measured.csv", measured);
     let line = format!(
-        "calibrate --robot {SERIAL} measured.csv --method base-tool --out arm.blob --json -"
+        "calibrate --robot {SERIAL} measured.csv --method base-tool --accept readout --out arm.blob --json -"
     );
     let json = folder.run(&line).ok().json();
     assert_eq!(json["training_poses"], 30);

@@ -151,6 +151,21 @@ impl Folder {
         outcome
     }
 
+    /// Measurements are refused: exit code 3, the text of the transcript, and nothing new.
+    #[track_caller]
+    pub fn refuses_data(&self, line: impl AsRef<str>) -> Outcome {
+        let before = self.contents();
+        let outcome = self.run(line.as_ref());
+        assert_eq!(outcome.code, Some(3), "{outcome:#?}");
+        let outcome = outcome.said();
+        assert!(
+            self.contents() == before,
+            "{}: something was written",
+            outcome.line
+        );
+        outcome
+    }
+
     /// Runs `trainer` here with the words of `line`.
     pub fn run(&self, line: &str) -> Outcome {
         self.run_dated(line, "1700000000")

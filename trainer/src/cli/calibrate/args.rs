@@ -4,9 +4,8 @@ use std::path::PathBuf;
 
 use clap::Parser;
 
-use poegp_calibration::trust::Cause;
-
 use crate::cli::args::{ChainArgs, FitArgs, MethodChoice, method_or_auto};
+use crate::cli::examination::AcceptArgs;
 
 /// `trainer calibrate`.
 #[derive(Debug, Parser)]
@@ -39,9 +38,6 @@ pub struct Calibrate {
     /// Calibration method (default: auto).
     #[arg(long, value_name = "METHOD", value_parser = method_or_auto())]
     pub method: Option<MethodChoice>,
-    /// Calibrate in spite of a finding: what is refused becomes a warning, a warning a note; may be repeated.
-    #[arg(long, value_name = "CAUSE")]
-    pub accept: Vec<Cause>,
     #[command(flatten)]
     pub fit: FitArgs,
     /// Upper limit on the instructions of one evaluation on a Cortex-M4F; inducing points and lengthscales of the elastic
@@ -63,6 +59,8 @@ pub struct Calibrate {
     /// Remove the instrument's drift from every pose, estimated from reference points (columns ref1_x_mm …).
     #[arg(long)]
     pub correct_drift: bool,
+    #[command(flatten)]
+    pub accepted: AcceptArgs,
     /// Blob to write.
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,

@@ -21,11 +21,11 @@ pub struct Job {
     pub train: PathBuf,
     pub tests: Vec<PathBuf>,
     pub correct_drift: bool,
+    /// Causes that the user has looked into.
+    pub accept: Vec<Cause>,
     pub config: Config,
     /// Whether the training data choose the method.
     pub auto: bool,
-    /// Causes that are turned down by one tier.
-    pub accept: Vec<Cause>,
     pub budget: Budget,
     pub serial_number: String,
     pub date: Option<String>,
@@ -80,9 +80,9 @@ impl Job {
             train: a.train.clone(),
             tests: a.tests.clone(),
             correct_drift: a.correct_drift,
+            accept: a.accepted.accept.clone(),
             config,
             auto,
-            accept: a.accept.clone(),
             budget: Budget {
                 instructions: a.max_instructions,
                 bytes: a.max_blob_bytes,
@@ -131,6 +131,10 @@ impl Job {
             ),
             (a.date.is_some() && file.date.is_some(), "date"),
             (a.correct_drift && !data.correct_drift, "data.correct_drift"),
+            (
+                a.accepted.accept.iter().any(|c| !data.accept.contains(c)),
+                "data.accept",
+            ),
         ];
         let outputs = [
             (!a.tests.is_empty() && !data.tests.is_empty(), "data.tests"),
@@ -188,6 +192,9 @@ impl Job {
                 .collect();
         }
         self.correct_drift |= data.correct_drift;
+        self.accept.extend(&data.accept);
+        self.accept.sort_unstable();
+        self.accept.dedup();
         if a.out.is_none() {
             self.out = blob.ok_or_else(|| {
                 InputError::new(&project.path, "no output.blob", "the path of the blob")

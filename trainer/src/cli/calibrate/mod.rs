@@ -15,12 +15,13 @@ use crate::cli::calibrate::document::{CalibrateJson, document, outliers};
 use crate::cli::calibrate::elastic_summary::ElasticSummary;
 use crate::cli::calibrate::job::Job;
 use crate::cli::calibrate::project::{RobotTable, Source};
+use crate::cli::examination::Examined;
 use crate::cli::failure::{Failure, device_failure};
 use crate::cli::inputs::{Arm, Tests, enough_poses, equations, origin};
 use crate::cli::instrument_drift;
 use crate::cli::output::{check_outputs, json_text, write_outputs};
 use crate::cli::terminal::interrupt::cancellable;
-use crate::cli::terminal::print::{Printer, is_stdout, note, warning};
+use crate::cli::terminal::print::{Printer, is_stdout, note};
 use crate::cli::terminal::progress;
 use crate::report::{FileSummary, ReportData};
 use poegp_calibration::blob::precision_loss::SinglePrecisionLoss;
@@ -72,6 +73,20 @@ pub fn run(arguments: &Calibrate) -> Result<(), Failure> {
         config.method,
         arm.robot.joints.len(),
     )?;
+    let examined = Examined {
+        path: &a.train,
+        robot: &arm.robot,
+        set: &set,
+        samples: &samples,
+        json: a.json.as_deref(),
+        accept: &a.accept,
+    };
+    let methods: &[Method] = if a.auto {
+        &Method::ALL
+    } else {
+        &[a.config.method]
+    };
+    let mut warnings = examined.for_training(methods, config.gravity_m_s2)?;
     let tests = Tests::read(&arm, &a.tests, &set, &tools, drift.as_ref())?;
     report_page::check(a, &samples, config.method, arm.robot.joints.len())?;
     let mut origin = origin(set.sha256, &a.serial_number, tools);
@@ -99,8 +114,9 @@ pub fn run(arguments: &Calibrate) -> Result<(), Failure> {
         }
         None => {}
     }
-    findings.accept(&a.accept);
-    not_refused(&a.train, &findings)?;
+    warnings.extend(examined.settle(findings)?);
+    origin.warnings = warnings.iter().map(|f| f.cause).collect();
+    origin.accepted.clone_from(&a.accept);
     let mut fitted = None;
     if !a.budget.is_unlimited() {
         if config.method != Method::Elastic {
@@ -143,7 +159,7 @@ pub fn run(arguments: &Calibrate) -> Result<(), Failure> {
     document.outliers = outliers(&calibration, &set, &samples);
     document.choice = choice.as_ref().map(|choice| choice.table.clone());
     document.chosen = choice.as_ref().map(Choice::reason);
-    document.warnings = findings.of(Tier::Warning).cloned().collect();
+    document.warnings = warnings;
     document.budget = fitted;
     document.drift = drift.map(|d| d.report);
     document.identifiability = of_calibration(&calibration, &arm.robot, &samples);
@@ -169,6 +185,7 @@ pub fn run(arguments: &Calibrate) -> Result<(), Failure> {
                 .zip(&tests.files)
                 .collect(),
             correct_drift: a.correct_drift,
+            accept: &a.accept,
             calibration: config,
             date: &origin.date,
             out: &a.out,
@@ -272,29 +289,6 @@ fn too_few_to_show(samples: &[InstrumentSample]) -> Finding {
         rows: Vec::new(),
         value: 1.0,
         threshold: GAIN,
-    }
-}
-
-/// Prints warnings and notes; an error where data are refused.
-fn not_refused(path: &Path, findings: &Findings) -> Result<(), Failure> {
-    let file = path.display();
-    for finding in findings.of(Tier::Warning) {
-        warning(format_args!("{file}: {}: {}", finding.cause, finding.text));
-    }
-    for finding in findings.of(Tier::Note) {
-        note(format_args!("{file}: {}: {}", finding.cause, finding.text));
-    }
-    let refused: Vec<String> = findings
-        .of(Tier::Refused)
-        .map(|f| format!("{file}: {}: {}", f.cause, f.text))
-        .collect();
-    match findings.of(Tier::Refused).next() {
-        None => Ok(()),
-        Some(first) => Err(Failure::Data(format!(
-            "{}\nhelp: nothing was written; `--accept {}` calibrates in spite of it",
-            refused.join("\n"),
-            first.cause
-        ))),
     }
 }
 

@@ -19,6 +19,7 @@ use poegp_calibration::measurement::sample::ToolName;
 use poegp_calibration::model::config::Config;
 use poegp_calibration::robot::BUILT_IN;
 use poegp_calibration::robot::toml_source::TomlSource;
+use poegp_calibration::trust::Cause;
 
 /// Version of the format.
 const VERSION: u32 = 1;
@@ -58,6 +59,9 @@ pub struct DataTable {
     pub tests: Vec<String>,
     #[serde(default)]
     pub correct_drift: bool,
+    /// Causes that the user has looked into.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub accept: Vec<Cause>,
     /// Payloads of the training data in kg, ascending.
     payloads_kg: Option<Spanned<Vec<f64>>>,
     /// Tools of the training data in their order.
@@ -276,6 +280,7 @@ pub struct Source<'a> {
     pub train: (&'a Path, &'a MeasurementSet),
     pub tests: Vec<(&'a Path, &'a MeasurementSet)>,
     pub correct_drift: bool,
+    pub accept: &'a [Cause],
     pub calibration: Config,
     pub date: &'a str,
     pub out: &'a Path,
@@ -319,6 +324,7 @@ impl Source<'_> {
                 train: name(self.train.0),
                 tests: self.tests.iter().map(|(path, _)| name(path)).collect(),
                 correct_drift: self.correct_drift,
+                accept: self.accept.to_vec(),
                 payloads_kg: (!payloads.is_empty()).then(|| spanned(payloads)),
                 tools: named.then(|| spanned(tools)),
                 sha256: sums

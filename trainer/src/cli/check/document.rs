@@ -5,6 +5,7 @@ use serde::Serialize;
 
 use crate::report::Provenance;
 use poegp_calibration::numeric::statistics::Summary;
+use poegp_calibration::trust::Finding;
 use poegp_calibration::verification::result::Report as Findings;
 
 /// What `--max-mm` is the bound of.
@@ -41,6 +42,8 @@ impl Statistic {
 #[derive(Serialize)]
 pub struct CheckJson<'a> {
     pub version: &'static str,
+    /// What somebody must look at in the measurements.
+    pub warnings: Vec<Finding>,
     pub method: &'a str,
     pub name: String,
     /// Whether the calibration holds: the exit code.

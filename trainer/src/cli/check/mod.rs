@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 
 use crate::cli::args::{FrameArgs, NoiseArgs};
 use crate::cli::check::document::{CheckJson, Statistic};
+use crate::cli::examination::AcceptArgs;
 use crate::cli::failure::Failure;
 use crate::cli::inputs::{self, file_name, fitted_frames, frame_failure, origin};
 use crate::cli::instrument_drift;
@@ -57,6 +58,8 @@ pub struct Check {
     pub frames: FrameArgs,
     #[command(flatten)]
     pub noise: NoiseArgs,
+    #[command(flatten)]
+    pub accepted: AcceptArgs,
     /// Write an HTML report: pass/fail, errors against the tolerance, detected changes.
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,
@@ -72,6 +75,12 @@ pub fn run(a: &Check) -> Result<(), Failure> {
     let loaded = BlobModel::read(&a.blob)?;
     let correction = instrument_drift::correction(a.frames.correct_drift);
     let data = inputs::read(&loaded, &a.measurements, correction)?;
+    let warnings = data.examined(
+        &a.measurements,
+        a.json.as_deref(),
+        &a.accepted.accept,
+        &inputs::robot_of(loaded.blob()),
+    )?;
     let tools = data.frames(&loaded, &a.measurements, options.frames)?;
     let lines: Vec<usize> = data.set.measurements.iter().map(|m| m.line).collect();
     let findings = check::check(&loaded, &data.samples, tools, &lines, &options)
@@ -83,6 +92,7 @@ pub fn run(a: &Check) -> Result<(), Failure> {
     let blob = loaded.blob();
     let document = CheckJson {
         version: env!("CARGO_PKG_VERSION"),
+        warnings,
         method: loaded.host().provenance.method,
         name: file_name(&a.measurements),
         holds: tolerance_met && !drift_matters,

@@ -1,0 +1,131 @@
+//! Whether measurements can be believed, before anything is fitted to them: what a command says and where it stops.
+
+use std::path::Path;
+
+use clap::Args;
+use nalgebra::Vector3;
+use serde::Serialize;
+
+use crate::cli::failure::Failure;
+use crate::cli::output::{json_text, write_outputs};
+use crate::cli::terminal::print::{note, warning};
+use poegp_calibration::input_error::InputError;
+use poegp_calibration::measurement::sample::{InstrumentSample, samples};
+use poegp_calibration::measurement::{self, MeasurementSet};
+use poegp_calibration::model::Method;
+use poegp_calibration::robot::Robot;
+use poegp_calibration::trust::{self, Cause, Finding, Findings, Tier};
+
+/// Gravity of the base frame where a command does not ask for it, m/s².
+pub const GRAVITY: [f64; 3] = [0.0, 0.0, -9.81];
+
+/// Causes that the user has looked into.
+#[derive(Clone, Debug, Default, Args)]
+pub struct AcceptArgs {
+    /// Cause of a refusal or a warning that you have looked into; may be repeated. A refusal becomes a warning and a warning
+    /// a note. The blob keeps the cause.
+    #[arg(long, value_name = "CAUSE", value_parser = |name: &str| name.parse::<Cause>())]
+    pub accept: Vec<Cause>,
+}
+
+/// A measurement file to examine.
+pub struct Examined<'a> {
+    pub path: &'a Path,
+    pub robot: &'a Robot,
+    pub set: &'a MeasurementSet,
+    pub samples: &'a [InstrumentSample],
+    /// Where the command writes JSON.
+    pub json: Option<&'a Path>,
+    pub accept: &'a [Cause],
+}
+
+impl Examined<'_> {
+    /// The warnings about measurements that `methods` are fitted to. `gravity` is that of the base frame, m/s².
+    ///
+    /// # Errors
+    /// [`Failure::Data`] for measurements that are refused.
+    pub fn for_training(
+        &self,
+        methods: &[Method],
+        gravity: [f64; 3],
+    ) -> Result<Vec<Finding>, Failure> {
+        let (robot, set, samples) = (self.robot, self.set, self.samples);
+        let fits_geometry = methods.iter().any(|m| *m != Method::BaseTool);
+        self.settle(trust::examine(
+            robot,
+            set,
+            samples,
+            gravity.into(),
+            fits_geometry,
+        ))
+    }
+
+    /// The warnings about measurements that a model is judged by: whether they are of its robot.
+    ///
+    /// # Errors
+    /// [`Failure::Data`] for measurements that are refused.
+    pub fn for_judging(&self) -> Result<Vec<Finding>, Failure> {
+        let gravity = Vector3::from(GRAVITY);
+        self.settle(trust::identify(self.robot, self.set, self.samples, gravity))
+    }
+
+    /// Says what was noticed, and returns the warnings.
+    ///
+    /// # Errors
+    /// [`Failure::Data`] when something is refused.
+    pub fn settle(&self, mut findings: Findings) -> Result<Vec<Finding>, Failure> {
+        findings.accept(self.accept);
+        let file = self.path.display();
+        for finding in findings.of(Tier::Warning) {
+            warning(format_args!("{file}: {} [{}]", finding.text, finding.cause));
+        }
+        for finding in findings.of(Tier::Note) {
+            note(format_args!("{file}: {} [{}]", finding.text, finding.cause));
+        }
+        let of = |tier| -> Vec<Finding> { findings.of(tier).cloned().collect() };
+        let (refused, warnings) = (of(Tier::Refused), of(Tier::Warning));
+        if refused.is_empty() {
+            return Ok(warnings);
+        }
+        let lines: Vec<String> = refused
+            .iter()
+            .map(|finding| format!("{file}: {} [{}]", finding.text, finding.cause))
+            .collect();
+        if let Some(json) = self.json {
+            let document = RefusedJson {
+                version: env!("CARGO_PKG_VERSION"),
+                refused,
+                warnings,
+            };
+            write_outputs(&[(json, json_text(&document)?.as_bytes())])?;
+        }
+        Err(Failure::Data(lines.join("\nerror: data refused: ")))
+    }
+}
+
+/// What `--json` has of measurements that are refused.
+#[derive(Serialize)]
+struct RefusedJson {
+    version: &'static str,
+    refused: Vec<Finding>,
+    warnings: Vec<Finding>,
+}
+
+/// An error of the reader with the mistake that explains it, where one does: a joint beyond its limits may be reversed.
+pub fn explained(path: &Path, robot: &Robot, error: InputError) -> InputError {
+    let explanation = || {
+        let set = measurement::read(path).ok()?;
+        if set.joint_count() != robot.joints.len() {
+            return None;
+        }
+        let samples = samples(&set, robot, &mut Vec::new()).ok()?;
+        let findings = trust::identify(robot, &set, &samples, Vector3::from(GRAVITY));
+        let mut refused = findings.of(Tier::Refused);
+        let finding = refused.find(|f| f.cause.is_a_reading())?;
+        Some(finding.text.clone())
+    };
+    match explanation() {
+        Some(text) => error.with_help(text),
+        None => error,
+    }
+}
