@@ -31,14 +31,16 @@ fn what_shows_no_gain_is_refused() {
     let folder = Folder::new();
     folder.write("few.csv", simulated("train", 6));
     for method in ["", "--method poe"] {
-        let line = format!("calibrate -q --robot {SERIAL} few.csv {method} --out arm.blob");
+        let line =
+            format!("calibrate -q --robot {SERIAL} few.csv {method} --accept few --out arm.blob");
         let refused = folder.run(&line);
         assert_eq!(refused.code, Some(3), "{refused:?}");
         assert!(refused.stderr.contains("gain"), "{refused:?}");
         assert!(!folder.path("arm.blob").exists());
     }
-    let line =
-        format!("calibrate -q --robot {SERIAL} few.csv --accept gain --out arm.blob --json -");
+    let line = format!(
+        "calibrate -q --robot {SERIAL} few.csv --accept few --accept gain --out arm.blob --json -"
+    );
     let accepted = folder.run(&line).ok();
     assert!(accepted.stderr.contains("warning"), "{accepted:?}");
     let warning = &accepted.json()["warnings"][0];
