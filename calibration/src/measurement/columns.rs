@@ -13,6 +13,7 @@ enum Quantity {
     /// Number of the joint, as written: from 1.
     Joint(usize),
     Payload,
+    Time,
     Session,
     Target,
     /// Axis, 0 to 2.
@@ -36,6 +37,7 @@ pub(super) enum Unit {
     Metre,
     Millimetre,
     Kilogram,
+    Second,
     /// A number without a unit, or a text.
     None,
 }
@@ -50,6 +52,7 @@ impl Unit {
             Self::Metre => "a number in metres",
             Self::Millimetre => "a number in millimetres",
             Self::Kilogram => "a number in kilograms",
+            Self::Second => "a number in seconds",
             Self::None => "a number",
         }
     }
@@ -68,6 +71,7 @@ pub(super) struct Column {
 pub(super) struct Columns {
     pub joints: Vec<Column>,
     pub payload: Option<Column>,
+    pub time: Option<Column>,
     pub session: Option<Column>,
     pub target: Option<Column>,
     pub position: [Column; 3],
@@ -118,6 +122,7 @@ impl Columns {
         Ok(Self {
             joints,
             payload: header.known.remove(&Quantity::Payload),
+            time: header.known.remove(&Quantity::Time),
             session: header.known.remove(&Quantity::Session),
             target: header.known.remove(&Quantity::Target),
             position,
@@ -356,6 +361,7 @@ fn list(names: &[String]) -> String {
 fn meaning(name: &str) -> Option<(Quantity, Unit)> {
     let whole = match name {
         "payload_kg" => Some((Quantity::Payload, Unit::Kilogram)),
+        "time_s" => Some((Quantity::Time, Unit::Second)),
         "session" => Some((Quantity::Session, Unit::None)),
         "target" => Some((Quantity::Target, Unit::None)),
         "sigma_mm" => Some((Quantity::SigmaPosition, Unit::Millimetre)),

@@ -70,6 +70,7 @@ impl TargetFile {
                 sigma_position: None,
                 sigma_orientation: None,
                 references: Vec::new(),
+                time_s: None,
                 truth: None,
             });
         }

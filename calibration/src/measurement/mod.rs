@@ -8,6 +8,7 @@
 //! x_mm y_mm z_mm         instrument_from_target, position; also _m
 //! qw qx qy qz            instrument_from_target, unit quaternion, optional: without it a set is position-only
 //! payload_kg             optional; then in every row
+//! time_s                 optional: when the row was measured, from any moment; without it rows stand in the order of time
 //! session, target        optional text: between which the target was re-mounted; which of several targets was seen
 //! sigma_mm, sigma_mrad   optional: the instrument's standard uncertainty per axis; also _m, and _rad or _deg
 //! ref1_x_mm … refk_z_mm  optional: fixed points beside the robot, measured again at every pose; also _m

@@ -142,6 +142,7 @@ impl Row<'_> {
             line: self.line,
             joints,
             payload_kg: self.optional(&columns.payload, |column| self.payload(column))?,
+            time_s: self.optional(&columns.time, |column| self.number(column))?,
             session: self.optional(&columns.session, |column| self.text(column))?,
             target: self.optional(&columns.target, |column| self.text(column))?,
             position,
@@ -206,7 +207,7 @@ impl Row<'_> {
         Ok(match column.unit {
             Unit::Degree => number.to_radians(),
             Unit::Millimetre | Unit::Milliradian => thousandth(text).unwrap_or(number / 1e3),
-            Unit::Radian | Unit::Metre | Unit::Kilogram | Unit::None => number,
+            Unit::Radian | Unit::Metre | Unit::Kilogram | Unit::Second | Unit::None => number,
         })
     }
 

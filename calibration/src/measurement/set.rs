@@ -14,6 +14,8 @@ pub struct Measurement {
     pub joints: Vec<f64>,
     /// Mass at the flange in kg, ≥ 0.
     pub payload_kg: Option<f64>,
+    /// When the row was measured, s from any moment.
+    pub time_s: Option<f64>,
     /// Between sessions the target was re-mounted: one tool frame per session.
     pub session: Option<String>,
     /// Which of several targets was measured.

@@ -12,6 +12,8 @@ mod nominal_arm;
 mod numbers;
 mod readings;
 mod residuals;
+#[cfg(test)]
+mod tests;
 mod wording;
 
 use nalgebra::Vector3;
@@ -98,15 +100,19 @@ pub fn examine(
     out
 }
 
+/// The rows in the order of time; of equals, and without a column of time, in that of the file.
 fn data<'a>(
     robot: &'a Robot,
     set: &MeasurementSet,
     samples: &'a [InstrumentSample],
 ) -> Option<Data<'a>> {
+    let mut order: Vec<usize> = (0..samples.len()).collect();
+    let time = |k: &usize| set.measurements[*k].time_s.unwrap_or(0.0);
+    order.sort_by(|a, b| time(a).total_cmp(&time(b)));
     Some(Data {
         robot,
         chain: robot.chain().ok()?,
-        samples: samples.iter().collect(),
-        lines: set.measurements.iter().map(|m| m.line).collect(),
+        samples: order.iter().map(|k| &samples[*k]).collect(),
+        lines: order.iter().map(|k| set.measurements[*k].line).collect(),
     })
 }

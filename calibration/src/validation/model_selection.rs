@@ -14,7 +14,7 @@ use crate::numeric::statistics::Summary;
 use crate::trust::{Cause, Finding, Tier};
 use crate::validation::cross_validation::{CompareError, Task, applicable};
 
-/// Folds of the choice among more than [`FEW`] poses, and of a report.
+/// Folds of the choice among more than a few poses, and of a report.
 pub const FOLDS: usize = 5;
 /// Folds of the choice among fewer poses: a model needs most of them.
 const MORE_FOLDS: usize = 10;

@@ -1,0 +1,106 @@
+//! Files of the repository with one thing wrong.
+
+use std::path::Path;
+
+use nalgebra::Vector3;
+
+use crate::measurement::parse;
+use crate::measurement::sample::samples;
+use crate::robot::{LoadOptions, Robot};
+use crate::trust::{Cause, Findings, Tier, examine};
+
+const TRAIN: &str = include_str!("../../../tests/data/simulated/irb4400_paper_s0_train.csv");
+
+/// The header and the rows of the simulated set.
+fn table() -> (String, Vec<Vec<String>>) {
+    let mut lines = TRAIN.lines().filter(|line| !line.starts_with('#'));
+    let header = lines.next().unwrap().to_owned();
+    let rows = lines.map(|line| line.split(',').map(str::to_owned).collect());
+    (header, rows.collect())
+}
+
+fn examined(header: &str, rows: &[Vec<String>]) -> Findings {
+    let mut text = header.to_owned();
+    for row in rows {
+        text += "\n";
+        text += &row.join(",");
+    }
+    let robot = Robot::load("abb-irb4400-serial", &LoadOptions::default()).unwrap();
+    let set = parse(Path::new("test.csv"), text.as_bytes()).unwrap();
+    let samples = samples(&set, &robot, &mut Vec::new()).unwrap();
+    examine(&robot, &set, &samples, Vector3::new(0.0, 0.0, -9.81), true)
+}
+
+fn column(header: &str, name: &str) -> usize {
+    header.split(',').position(|c| c == name).unwrap()
+}
+
+fn add(field: &mut String, by: f64) {
+    *field = format!("{:.6}", field.parse::<f64>().unwrap() + by);
+}
+
+#[test]
+fn a_good_file_is_silent() {
+    let (header, rows) = table();
+    let findings = examined(&header, &rows);
+    assert!(findings.0.is_empty(), "{findings:?}");
+}
+
+/// An instrument that is moved at a moment is seen in any order of the rows that have their time, and in none without.
+#[test]
+fn time_orders_a_file_that_was_shuffled() {
+    let (header, mut rows) = table();
+    let x = column(&header, "x_mm");
+    for (k, row) in rows.iter_mut().enumerate() {
+        if k >= 180 {
+            add(&mut row[x], 5.0);
+        }
+        row.push(format!("{k}"));
+    }
+    let count = rows.len();
+    let shuffled: Vec<Vec<String>> = (0..count).map(|k| rows[k * 7 % count].clone()).collect();
+    let is_step = |findings: &Findings| findings.0.iter().any(|f| f.cause == Cause::Step);
+    let in_order = examined(&format!("{header},time_s"), &rows);
+    let step = in_order.0.iter().find(|f| f.cause == Cause::Step).unwrap();
+    assert_eq!(step.tier, Tier::Refused, "{step:?}");
+    // Line 1 is the header, so that row 180, from 0, is line 182.
+    assert_eq!(step.rows.first(), Some(&182), "{step:?}");
+    assert!(step.text.contains("shifted by 5.0"), "{step:?}");
+    assert!(is_step(&examined(&format!("{header},time_s"), &shuffled)));
+    assert!(!is_step(&examined(&format!("{header},number"), &shuffled)));
+}
+
+#[test]
+fn a_reversed_joint_is_named_with_the_numbers_as_read_and_if_so() {
+    let (header, mut rows) = table();
+    let q2 = column(&header, "q2_deg");
+    for row in &mut rows {
+        row[q2] = format!("{:.8}", -row[q2].parse::<f64>().unwrap());
+    }
+    let findings = examined(&header, &rows);
+    let [finding] = findings.0.as_slice() else {
+        panic!("{findings:?}");
+    };
+    assert_eq!((finding.cause, finding.tier), (Cause::Sign, Tier::Refused));
+    assert!(
+        finding.text.contains("joint 2 looks reversed"),
+        "{finding:?}"
+    );
+    assert!(finding.value < finding.threshold);
+}
+
+/// Rows of another order are what the note is about.
+#[test]
+fn a_sorted_file_says_that_it_has_lost_its_time() {
+    let (header, mut rows) = table();
+    let x = column(&header, "x_mm");
+    rows.sort_by(|a, b| {
+        let number = |row: &Vec<String>| row[x].parse::<f64>().unwrap();
+        number(a).total_cmp(&number(b))
+    });
+    let findings = examined(&header, &rows);
+    let [finding] = findings.0.as_slice() else {
+        panic!("{findings:?}");
+    };
+    assert_eq!((finding.cause, finding.tier), (Cause::Time, Tier::Note));
+}
