@@ -25,6 +25,13 @@ impl Client {
 
     fn identity(&mut self, request: &Request<'_>) -> Result<Identity, ClientError> {
         match self.request(request)? {
+            Response::Identity(identity) if identity.tick_hz == 0 => {
+                let response = "a clock of 0 ticks a second".to_owned();
+                Err(ClientError::Unexpected {
+                    request: name(request),
+                    response,
+                })
+            }
             Response::Identity(identity) => Ok(identity),
             other => Err(unexpected(request, other)),
         }
@@ -163,7 +170,11 @@ impl Client {
     pub fn evaluate(&mut self, query: &Query) -> Result<Evaluation, ClientError> {
         let request = Request::Evaluate(query.clone());
         match self.request(&request)? {
-            Response::Evaluation(evaluation) => Ok(evaluation),
+            Response::Evaluation(evaluation) => {
+                let numbers = evaluation.pose.iter().chain(&evaluation.correction);
+                check_finite(&request, numbers.chain([&evaluation.trust]))?;
+                Ok(evaluation)
+            }
             other => Err(unexpected(&request, other)),
         }
     }
@@ -175,7 +186,12 @@ impl Client {
     pub fn correct(&mut self, query: &Query) -> Result<Corrected, ClientError> {
         let request = Request::Correct(query.clone());
         match self.request(&request)? {
-            Response::Corrected(corrected) => Ok(corrected),
+            Response::Corrected(corrected) => {
+                let errors = [&corrected.position_error, &corrected.rotation_error];
+                let numbers = corrected.joints.iter().chain(errors);
+                check_finite(&request, numbers.chain([&corrected.applied]))?;
+                Ok(corrected)
+            }
             other => Err(unexpected(&request, other)),
         }
     }
@@ -243,6 +259,20 @@ impl Client {
                 other => return other,
             }
         }
+    }
+}
+
+/// Refuses an answer with a number that is none.
+fn check_finite<'a>(
+    request: &Request<'_>,
+    mut numbers: impl Iterator<Item = &'a f32>,
+) -> Result<(), ClientError> {
+    match numbers.all(|number| number.is_finite()) {
+        true => Ok(()),
+        false => Err(ClientError::Unexpected {
+            request: name(request),
+            response: "numbers that are not finite".to_owned(),
+        }),
     }
 }
 

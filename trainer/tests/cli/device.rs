@@ -1,7 +1,9 @@
 //! `trainer device` without a device, and with one that misbehaves.
 
 use poegp_protocol::blob::stored_crc;
-use poegp_protocol::link::{PROTOCOL_VERSION, Refusal, Request, Response};
+use poegp_protocol::link::{
+    Corrected, Evaluation, Identity, PROTOCOL_VERSION, Refusal, Request, Response,
+};
 
 use crate::fake_device::{
     Answer, FakeDevice, PORT, encoded, identity, model, on_a_serial_line, stored,
@@ -134,6 +136,54 @@ fn frames_that_always_arrive_damaged() {
     let (folder, _) = folder();
     FakeDevice::start(&folder, |_| Answer::BadFrame);
     folder.refuses(format!("device info {PORT}"));
+}
+
+/// A clock that stands still and numbers that are not finite are errors of the device, and no result.
+#[test]
+fn numbers_that_are_none_are_refused() {
+    let _texts = texts();
+    for tick_hz in [0, 1_000] {
+        let (folder, _) = folder();
+        FakeDevice::start(&folder, move |request| match request {
+            Request::Identify => Response::Identity(Identity {
+                tick_hz,
+                model: Some(model(1)),
+                ..identity()
+            })
+            .into(),
+            Request::Evaluate(_) => Response::Evaluation(Evaluation {
+                blob_crc: 1,
+                pose: [f32::NAN; 12],
+                correction: [0.0; 6],
+                trust: 1.0,
+                position_sigma: None,
+                status: 0,
+                ticks: 5,
+            })
+            .into(),
+            Request::Correct(query) => Response::Corrected(Corrected {
+                blob_crc: 1,
+                joints: query.joints.clone(),
+                applied: 1.0,
+                position_error: f32::INFINITY,
+                rotation_error: 0.0,
+                status: 0,
+                ticks: 5,
+            })
+            .into(),
+            Request::StopCyclic => Response::CyclicStopped.into(),
+            _ => Answer::Nothing,
+        });
+        if tick_hz == 0 {
+            folder.refuses(format!("device info {PORT}"));
+            continue;
+        }
+        folder.refuses(format!("device evaluate test1.csv {PORT}"));
+        folder.refuses(format!("device correct test1.csv {PORT}"));
+        // Three poses determine six numbers of a base frame, and leave too little to compare.
+        folder.write("three.csv", simulated("test1", 3));
+        folder.refuses(format!("device evaluate three.csv {PORT}"));
+    }
 }
 
 #[test]

@@ -96,9 +96,9 @@ pub fn identity_json(identity: &Identity) -> Value {
     })
 }
 
-/// Ticks as milliseconds.
+/// Ticks as milliseconds, of a clock that ticks.
 pub fn milliseconds(ticks: u32, tick_hz: u32) -> f64 {
-    1e3 * f64::from(ticks) / f64::from(tick_hz.max(1))
+    1e3 * f64::from(ticks) / f64::from(tick_hz)
 }
 
 /// Says who a device is.

@@ -28,7 +28,7 @@ use poegp_calibration::input_error::InputError;
 use poegp_calibration::measurement as measurements;
 use poegp_calibration::measurement::MeasurementSet;
 use poegp_calibration::measurement::reader::DriftCorrection;
-use poegp_calibration::measurement::sample::InstrumentSample;
+use poegp_calibration::measurement::sample::{InstrumentSample, different_poses};
 use poegp_calibration::numeric::statistics::{ErrorSummary, PoseError};
 use poegp_calibration::robot::Robot;
 
@@ -237,6 +237,9 @@ pub fn evaluate(a: &Evaluate) -> Result<(), Failure> {
         .collect();
     check_outputs(&outputs, &inputs)?;
     let mut commands = Commands::read(&a.common.link, &a.test, a.blob.as_deref())?;
+    if commands.loaded.is_none() {
+        enough_for_a_base(&a.test, &commands.samples)?;
+    }
     let answers = commands.ask("evaluating", Client::evaluate)?;
     let poses = placed(&commands, &answers);
     let errors: Vec<PoseError> = poses
@@ -277,6 +280,37 @@ pub fn evaluate(a: &Evaluate) -> Result<(), Failure> {
         ),
     }
     Ok(())
+}
+
+/// Different poses from which a base frame is fitted: six numbers and as many to spare.
+const POSES_FOR_A_BASE: usize = 4;
+/// Positions nearer than this to a line do not show how a base frame is turned about it, m.
+const WIDTH: f64 = 0.01;
+
+/// Refuses measurements that do not determine the base frame and leave something to compare.
+fn enough_for_a_base(test: &Path, samples: &[InstrumentSample]) -> Result<(), Failure> {
+    let positions = samples.iter().map(|s| s.observation.position());
+    let from_first: Vec<Vector3<f64>> = positions
+        .map(|p| p - samples[0].observation.position())
+        .collect();
+    let farthest = from_first
+        .iter()
+        .max_by(|a, b| a.norm().total_cmp(&b.norm()));
+    let along = farthest
+        .and_then(|p| p.try_normalize(0.0))
+        .unwrap_or_else(Vector3::x);
+    let width = from_first.iter().map(|p| p.cross(&along).norm());
+    let found = match different_poses(samples) {
+        poses if poses < POSES_FOR_A_BASE => format!("{poses} different poses"),
+        _ if width.fold(0.0, f64::max) < WIDTH => "positions on a line".to_owned(),
+        _ => return Ok(()),
+    };
+    let expected = format!(
+        "at least {POSES_FOR_A_BASE} different poses, not on a line: the device's base frame is fitted to them"
+    );
+    Err(InputError::new(test, found, expected)
+        .with_help("give --blob, which knows the base frame")
+        .into())
 }
 
 fn print(report: Printer, document: &StreamJson, model: &str) {
