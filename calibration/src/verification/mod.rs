@@ -42,8 +42,8 @@ use crate::verification::whitened::Whitened;
 pub use crate::verification::options::Options;
 pub use crate::verification::result::CheckError;
 
-/// Farther apart than this in the median, mm, measurements and predictions are not of the same frame.
-pub const SAME_FRAME_MM: f64 = 10.0;
+/// Farther apart than this in the median, mm and mrad, measurements and predictions are not of the same frames.
+const SAME_FRAME: (f64, f64) = (10.0, 100.0);
 /// Fewest degrees of freedom to find the noise from.
 const FEWEST_FREEDOM: usize = 6;
 
@@ -71,9 +71,11 @@ pub fn check(
     let placed = Registered::new(loaded, samples, &frames);
     let errors = placed.errors();
     let summary = ErrorSummary::new(&errors);
-    let median_mm = summary.position_mm.median;
-    if median_mm > SAME_FRAME_MM {
-        return Err(CheckError::OtherFrame { median_mm });
+    if !is_same_frame(&summary) {
+        return Err(CheckError::OtherFrame {
+            median_mm: summary.position_mm.median,
+            median_mrad: summary.orientation_mrad.map_or(0.0, |o| o.median),
+        });
     }
     let arm = BlobArm::new(loaded, &placed.frames.tools);
     let weighed = Whitened::new(&placed, &arm)?;
@@ -155,6 +157,12 @@ pub fn verify(blob: &BlobModel, fresh: &Samples, options: &Options) -> Result<Re
     let mut tools: Vec<Pose<f64>> = blob.tools().iter().map(|(_, pose)| *pose).collect();
     tools.resize_with(fresh.tools.len().max(known), Pose::identity);
     check(blob, fresh, tools, &fresh.lines, options)
+}
+
+/// Whether predictions with these errors can be of the same base and tool frames as the measurements.
+pub fn is_same_frame(errors: &ErrorSummary) -> bool {
+    let turn = errors.orientation_mrad.map_or(0.0, |o| o.median);
+    errors.position_mm.median <= SAME_FRAME.0 && turn <= SAME_FRAME.1
 }
 
 fn enough(

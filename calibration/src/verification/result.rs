@@ -134,10 +134,14 @@ pub enum CheckError {
     #[error("{0} was mounted after the calibration: its frame has to be fitted")]
     UnknownTool(String),
     /// Measurements of another frame: nothing that is linear can be said of them.
-    #[error("positions {median_mm:.1} mm from what the model predicts, in the median")]
+    #[error(
+        "poses {median_mm:.1} mm and {median_mrad:.1} mrad from what the model predicts, in the median"
+    )]
     OtherFrame {
         /// Median distance of measured and predicted positions, mm.
         median_mm: f64,
+        /// Median angle between measured and predicted axes, mrad; 0 for positions alone.
+        median_mrad: f64,
     },
     /// No part could change so that these measurements would show it.
     #[error("poses that show no change of any part")]

@@ -11,7 +11,7 @@ use serde::Serialize;
 use crate::cli::args::FrameArgs;
 use crate::cli::examination::AcceptArgs;
 use crate::cli::failure::Failure;
-use crate::cli::inputs::{self, file_name, fitted_frames, frame_failure};
+use crate::cli::inputs::{self, FRAMES_HELP, file_name, fitted_frames, frame_failure};
 use crate::cli::instrument_drift;
 use crate::cli::output::{check_outputs, json_text, write_outputs};
 use crate::cli::terminal::print::{Printer, warning};
@@ -21,7 +21,7 @@ use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::numeric::statistics::{ErrorSummary, PoseError};
 use poegp_calibration::trust::Finding;
 use poegp_calibration::validation::held_out::SigmaShares;
-use poegp_calibration::verification::SAME_FRAME_MM;
+use poegp_calibration::verification::is_same_frame;
 
 /// What `--json` writes.
 #[derive(Serialize)]
@@ -199,11 +199,9 @@ pub fn run(a: &Evaluate) -> Result<(), Failure> {
         loaded.host().provenance.method,
         &predictions,
     );
-    let median = result.errors.position_mm.median;
-    if median > SAME_FRAME_MM {
+    if !is_same_frame(&result.errors) {
         warning(format_args!(
-            "{}: positions {median:.1} mm from the predictions, in the median: not the frame of the calibration, or not this \
-             robot; if the instrument was moved give --fit-base, if the target was remounted --fit-tool",
+            "{}: these measurements are not in the frames of the calibration, or not of this robot: {FRAMES_HELP}",
             a.test.display()
         ));
     }

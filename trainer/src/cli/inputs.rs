@@ -23,6 +23,10 @@ use poegp_calibration::robot::{Joint, LoadOptions, Robot};
 use poegp_calibration::trust::{Cause, Finding};
 use poegp_calibration::validation::cross_validation::TestSet;
 
+/// What to do about measurements in other frames than the calibration's.
+pub const FRAMES_HELP: &str = "if the instrument was moved give --fit-base, if the target was remounted or the calibration \
+    had positions alone --fit-tool";
+
 /// A robot with its chain.
 pub struct Arm {
     pub robot: Robot,

@@ -16,6 +16,8 @@ fn folder() -> Folder {
     folder
 }
 
+const ORIENTATION: [&str; 4] = ["qw", "qx", "qy", "qz"];
+
 /// The fresh poses with something added to a column.
 fn moved(column: &str, by: f64) -> String {
     changed(&simulated("test2", 20), |names, fields| {
@@ -149,7 +151,7 @@ fn base_and_tool_that_were_set_up_anew() {
 fn positions_alone_and_other_models() {
     let _texts = texts();
     let folder = folder();
-    let positions = without(&moved("y_mm", -0.2), &["qw", "qx", "qy", "qz"]);
+    let positions = without(&moved("y_mm", -0.2), &ORIENTATION);
     let truth: Vec<&str> = positions.lines().next().unwrap().split(',').collect();
     let truth: Vec<&str> = truth
         .into_iter()
@@ -157,6 +159,17 @@ fn positions_alone_and_other_models() {
         .collect();
     folder.write("positions.csv", without(&positions, &truth));
     does_not_hold(folder.run("check arm.blob positions.csv --max-mm 0.15"));
+    // A calibration with positions alone does not know how the target is turned: that is no error of orientation.
+    folder.write(
+        "train-positions.csv",
+        without(&simulated("train", 150), &ORIENTATION),
+    );
+    let line =
+        format!("calibrate --robot {SERIAL} train-positions.csv --method poe --out positions.blob");
+    folder.run(&line).ok();
+    folder.refuses("check positions.blob fresh.csv --max-mm 5 --max-drift-mm 5");
+    let line = "check positions.blob fresh.csv --max-mm 5 --max-drift-mm 5 --fit-tool";
+    folder.run(line).ok();
     let line = format!(
         "calibrate --robot {SERIAL} train.csv --method poe --weighting noise --out poe.blob"
     );

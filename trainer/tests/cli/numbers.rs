@@ -140,7 +140,6 @@ fn poor_data_make_no_absurd_numbers() {
     }
     folder.write("fresh.csv", &fresh);
     folder.write("fresh-positions.csv", positions(&fresh));
-    folder.write("fresh-five.csv", repeated(&fresh, 5));
     let run = |line: &str| {
         let outcome = folder.run(&format!("{line} --json out.json"));
         let code = outcome.code.unwrap();
@@ -172,7 +171,7 @@ fn poor_data_make_no_absurd_numbers() {
             }
             calibrated += 1;
             run("inspect arm.blob");
-            for fresh in ["fresh", "fresh-positions", "fresh-five"] {
+            for fresh in ["fresh", "fresh-positions"] {
                 for frames in ["", "--fit-base", "--fit-base --fit-tool"] {
                     run(&format!("evaluate arm.blob {fresh}.csv {frames}"));
                     run(&format!("check arm.blob {fresh}.csv --max-mm 1 {frames}"));

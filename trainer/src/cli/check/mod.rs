@@ -10,7 +10,7 @@ use crate::cli::args::{FrameArgs, NoiseArgs};
 use crate::cli::check::document::{CheckJson, Statistic};
 use crate::cli::examination::AcceptArgs;
 use crate::cli::failure::Failure;
-use crate::cli::inputs::{self, file_name, fitted_frames, frame_failure, origin};
+use crate::cli::inputs::{self, FRAMES_HELP, file_name, fitted_frames, frame_failure, origin};
 use crate::cli::instrument_drift;
 use crate::cli::output::{check_outputs, json_text, write_outputs};
 use crate::cli::terminal::print::Printer;
@@ -21,7 +21,7 @@ use poegp_calibration::input_error::InputError;
 use poegp_calibration::measurement::sample::ToolName;
 use poegp_calibration::numeric::statistics::Summary;
 use poegp_calibration::verification as check;
-use poegp_calibration::verification::{CheckError, SAME_FRAME_MM};
+use poegp_calibration::verification::CheckError;
 
 /// Share of `--max-mm` by which a drift may move the target before it matters.
 const DRIFT_SHARE: f64 = 0.5;
@@ -199,12 +199,10 @@ fn refused(a: &Check, names: &[ToolName], error: CheckError) -> Failure {
         .into(),
         CheckError::OtherFrame { .. } => {
             let expected =
-                format!("measurements in the frame of the calibration, within {SAME_FRAME_MM} mm");
+                "measurements in the frames of the calibration, within 10 mm and 100 mrad";
             let error = InputError::new(path, error.to_string(), expected);
             match (a.frames.fit_base, a.frames.fit_tool.is_some()) {
-                (false, _) => error.with_help(
-                    "if the instrument was moved give --fit-base, if the target was remounted --fit-tool",
-                ),
+                (false, _) => error.with_help(FRAMES_HELP),
                 (true, false) => {
                     error.with_help("if the target was remounted, too, also give --fit-tool")
                 }
