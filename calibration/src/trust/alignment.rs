@@ -46,9 +46,7 @@ pub struct Alignment {
 impl Alignment {
     /// `instrument_from_target` of a row.
     fn predicted(&self, row: &Row) -> Pose<f64> {
-        // Some rows may know nothing of a tool: for them it is where the first one is.
-        let tool = self.tools.get(row.tool).unwrap_or(&self.tools[0]);
-        self.base * row.flange * *tool
+        self.base * row.flange * self.tools[row.tool]
     }
 
     /// Position residual in m and rotation residual in rad of a row.

@@ -46,8 +46,6 @@ pub fn identify(
     out
 }
 
-/// Noise over residuals of a geometry that says something about its rows: of few rows any geometry explains too much.
-const FREE: f64 = 1.5;
 /// Median residual of the geometry over that of the nominal arm, above which the geometry explains little.
 const POOR: f64 = 0.4;
 
@@ -80,7 +78,6 @@ pub fn examine(
         if !out.is_refused()
             && is_enough
             && let Some(geometry) = Geometry::fit(&data, &arm.alignment, Priors::Made, gravity)
-            && geometry.degrees_of_freedom() < FREE
         {
             // An episode is looked for where the geometry explains little.
             let is_poor = geometry.position > POOR * arm.alignment.position;

@@ -19,6 +19,8 @@ const REFUSED_REACH: f64 = 0.009;
 const REFUSED_ROTATION: f64 = 60e-3;
 /// Median position residual over the spread of the positions, above which the file is not this robot.
 const REFUSED_SPREAD: f64 = 0.07;
+/// Positions nearer to each other than this share of the reach say nothing about scale.
+const LEAST_SPREAD: f64 = 0.01;
 /// Median position residual over the spread, above which other readings are tried.
 const SUSPICIOUS_SPREAD: f64 = 0.012;
 /// Another reading has to be better by this factor.
@@ -87,7 +89,7 @@ struct Fit {
 
 impl Fit {
     fn new(alignment: Alignment, rows: &[Row], reach: f64) -> Self {
-        let (a, spread) = (&alignment, spread(rows));
+        let (a, spread) = (&alignment, spread(rows).max(LEAST_SPREAD * reach));
         let most = (REFUSED_REACH * reach).min(REFUSED_SPREAD * spread);
         Self {
             share: a.share_within(rows, 2.0 * most, 2.0 * REFUSED_ROTATION),
@@ -205,12 +207,6 @@ impl Scene<'_> {
         self.best_of(given, &all, single, &which)
     }
 
-    /// Whether the positions are spread as no arm of this reach spreads them.
-    fn is_scaled(&self) -> bool {
-        let share = spread(&self.rows) / self.reach;
-        !(0.02..2.0).contains(&share)
-    }
-
     /// Two mistakes at once, one of them of the joints.
     fn pairs(&self, given: &Fit) -> Option<Finding> {
         let all: Vec<Reading> = readings(self.data, self.has_orientation)
@@ -218,10 +214,7 @@ impl Scene<'_> {
             .filter(|r| r.complexity == 1)
             .collect();
         let of_joints: Vec<usize> = (0..all.len()).filter(|i| all[*i].is_of_joints()).collect();
-        // A unit is paired where the positions cannot be those of the arm: else it fits by making everything small.
-        let is_scaled = self.is_scaled();
-        let of_seen = (0..all.len())
-            .filter(|i| all[*i].is_of_seen() && (is_scaled || !all[*i].is_of_units()));
+        let of_seen = (0..all.len()).filter(|i| all[*i].is_of_seen() && !all[*i].is_of_units());
         let of_seen: Vec<usize> = of_seen.take(MOST_SEEN).collect();
         let mut pairs: Vec<Vec<usize>> = Vec::new();
         for i in &of_joints {
@@ -401,7 +394,7 @@ impl Scene<'_> {
     /// The refusal for an arm whose drawing or mastering is another: one joint or link is named where one stands out.
     fn wide_geometry(&self, given: &Fit) -> Option<Finding> {
         let geometry = Geometry::fit(self.data, &given.alignment, Priors::Wide, self.gravity)?;
-        if geometry.degrees_of_freedom() > FREE || self.is_scaled() {
+        if geometry.degrees_of_freedom() > FREE {
             return None;
         }
         let fits = geometry.position < EXPLAINED_REACH * self.reach

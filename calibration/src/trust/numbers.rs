@@ -23,11 +23,9 @@ const COPIES: (usize, f64) = (3, 0.03);
 /// The flange moves at least this far between rows that cannot have the same pose, m and rad.
 const MOVED: (f64, f64) = (2e-3, 5e-3);
 /// Rows at the extreme value of a column that is cut off: rows, and share of all rows.
-const CUT: (usize, f64) = (4, 0.02);
+const CUT: (usize, f64) = (3, 0.02);
 /// Values of a column that are different from all others, where one value that several rows share stands out.
 const DIFFERENT: f64 = 0.75;
-/// Rows at an extreme are this many times those at any value within.
-const ALONE: usize = 3;
 /// Distance from the median, in units of the median distance, of a value that stands for a missing one.
 const FAR: f64 = 12.0;
 /// Rows that are not sorted by chance.
@@ -58,7 +56,7 @@ pub fn examine(
     let copies = scene.copies();
     out.extend(scene.stuck());
     out.extend(scene.placeholders());
-    out.extend(scene.cut_off(&copies));
+    out.extend(scene.cut_off());
     out.extend(scene.sorted());
     let still = scene.still();
     if fits_geometry {
@@ -294,7 +292,7 @@ impl Scene<'_> {
     }
 
     /// Columns whose extreme value several rows share.
-    fn cut_off(&self, copies: &[usize]) -> Option<Finding> {
+    fn cut_off(&self) -> Option<Finding> {
         let all = &self.set.measurements;
         let joints = (0..self.robot.joints.len()).map(|j| {
             let column = &self.set.joint_columns[j];
@@ -311,27 +309,20 @@ impl Scene<'_> {
             )
         });
         for (name, values) in joints.chain(positions) {
-            let own = |k: &usize| copies.binary_search(k).is_err();
-            let rows: Vec<usize> = (0..values.len()).filter(own).collect();
-            let mut sorted: Vec<f64> = rows.iter().map(|k| values[*k]).collect();
+            let mut sorted = values.clone();
             sorted.sort_by(f64::total_cmp);
             let count = sorted.len();
-            let runs: Vec<usize> = sorted.chunk_by(|a, b| a == b).map(<[f64]>::len).collect();
-            // Values within, which many rows share where they are rounded.
-            let within = runs.get(1..runs.len().saturating_sub(1)).unwrap_or(&[]);
-            let shared = within.iter().copied().max().unwrap_or(0);
+            let mut distinct = sorted.clone();
+            distinct.dedup();
             for extreme in [sorted[0], sorted[count - 1]] {
-                let at: Vec<usize> = rows
-                    .iter()
-                    .copied()
+                let at = (0..count)
                     .filter(|k| values[*k] == extreme)
-                    .collect();
+                    .collect::<Vec<_>>();
                 let others = count - at.len();
                 let is_cut = at.len() >= CUT.0
                     && at.len() as f64 >= CUT.1 * count as f64
                     && others > 0
-                    && ALONE * shared <= at.len()
-                    && (runs.len() - 1) as f64 > DIFFERENT * others as f64;
+                    && (distinct.len() - 1) as f64 > DIFFERENT * others as f64;
                 if is_cut {
                     let rows: Vec<usize> = at.iter().map(|k| self.line(*k)).collect();
                     let text = format!(

@@ -38,8 +38,6 @@ const UNDERSTATED: (f64, f64) = (6.0, 0.22e-3);
 const OTHER_UNIT: f64 = 60.0;
 /// Stated standard deviation over the scatter.
 const OVERSTATED: f64 = 8.0;
-/// A joint that moves less does not move, rad or m.
-const STILL: f64 = 8.73e-3;
 /// Scatter that rounding to the digits makes, over the scatter found.
 const ROUNDED: f64 = 0.3;
 /// Scatter that rounding of the joints makes, over the scatter found, where it explains it.
@@ -330,13 +328,6 @@ impl Scene<'_> {
                 .measurements
                 .iter()
                 .map(|m| column.unit.from_si(m.joints[j]));
-            // A joint that stands still shows no digits.
-            let (low, high) = values
-                .clone()
-                .fold((f64::MAX, f64::MIN), |(a, b), q| (a.min(q), b.max(q)));
-            if high - low < column.unit.from_si(STILL) {
-                continue;
-            }
             let written = step(values);
             let step = written / column.unit.from_si(1.0);
             let effect: f64 = (0..g.samples.len())

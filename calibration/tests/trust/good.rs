@@ -15,9 +15,10 @@ type Make = fn(&Good, &mut ChaCha8Rng) -> Table;
 pub const SIZES: [usize; 4] = [30, 50, 100, 300];
 
 /// All ways but subsets.
-pub const VARIANTS: [(&str, Make); 10] = [
+pub const VARIANTS: [(&str, Make); 11] = [
     ("as it is", |g, _| g.table.clone()),
     ("rows shuffled", shuffled),
+    ("rows shuffled, time stated", timed),
     ("joints in rad", in_rad),
     ("positions in m", in_metres),
     ("quaternion signs", signs),
@@ -35,6 +36,17 @@ pub fn subset(good: &Good, rows: usize, random: &mut ChaCha8Rng) -> Good {
 
 fn shuffled(good: &Good, random: &mut ChaCha8Rng) -> Table {
     let mut table = good.table.clone();
+    table.rows.shuffle(random);
+    table
+}
+
+fn timed(good: &Good, random: &mut ChaCha8Rng) -> Table {
+    let mut table = good.table.clone();
+    table.add_column("time_s", "0");
+    let time = table.header.len() - 1;
+    for (row, fields) in table.rows.iter_mut().enumerate() {
+        fields[time] = format!("{:.1}", 17.5 * row as f64);
+    }
     table.rows.shuffle(random);
     table
 }

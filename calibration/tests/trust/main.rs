@@ -253,7 +253,7 @@ fn whole() {
 #[test]
 #[ignore = "the gate is being built"]
 fn sample() {
-    let mut run = Run::new(12);
+    let mut run = Run::new(15);
     let (sets, missing) = sets_with_mistakes();
     for set in &sets {
         run.wrong(set, 0);

@@ -4,8 +4,8 @@ use nalgebra::Vector3;
 use poegp_calibration::robot::Robot;
 use poegp_calibration::simulation::{Scenario, Simulator, to_csv};
 use poegp_calibration::trust::Cause::{
-    self, Axes, Coupling, Frames, Mirror, Mixed, NoFit, Offset, Robot as OtherRobot, Sign, Step,
-    Swap, Unit,
+    self, Axes, Coupling, Frames, Inverse, Mirror, Mixed, NoFit, Offset, Robot as OtherRobot, Sign,
+    Step, Swap, Unit,
 };
 use rand::RngExt;
 
@@ -83,7 +83,8 @@ fn orders(list: &mut List) {
         .at(&[joint, joint + 1])
         .unless_absorbed();
     }
-    list.add("swap: reversed order of all", &[Swap], |t, _| {
+    // An iiwa from its flange is an iiwa.
+    list.add("swap: reversed order of all", &[Swap, Inverse], |t, _| {
         let joints = t.joints();
         for i in 0..joints.len() / 2 {
             t.swap(joints[i], joints[joints.len() - 1 - i]);

@@ -15,6 +15,7 @@ const SMALL: &str = "below three times the scatter of one component";
 pub fn add(list: &mut List) {
     shuffles(list);
     steps(list);
+    times(list);
     warm_up(list);
     lags(list);
 }
@@ -162,6 +163,39 @@ fn steps(list: &mut List) {
             "the drift follows the order of the grid: joints deflect so",
         );
     }
+}
+
+/// Things that happen in the order of a time column, not of the rows.
+fn times(list: &mut List) {
+    let with_time = |t: &mut Table| {
+        t.add_column("time_s", "0");
+        let time = t.header.len() - 1;
+        for row in 0..t.len() {
+            t.rows[row][time] = (20 * row).to_string();
+        }
+    };
+    list.add(
+        "step: instrument moved by 5 mm, in another order of rows",
+        &[Step, Mixed],
+        move |t, r| {
+            with_time(t);
+            let from = middle(t, r);
+            let base = shift(direction(5.0, r));
+            t.map_poses(from..t.len(), |_, p| base * p);
+            t.rows.shuffle(r);
+        },
+    );
+    list.add(
+        "drift: creep of 3 mm, in another order of rows",
+        &[Drift, Step],
+        move |t, r| {
+            with_time(t);
+            let way = direction(3.0, r);
+            let n = t.len() as f64;
+            t.map_all_poses(|row, p| shift(way * (row as f64 / n)) * p);
+            t.rows.shuffle(r);
+        },
+    );
 }
 
 /// A creep that settles, as an instrument or an arm that warms up.

@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use poegp_calibration::trust::Cause::{
-    self, Axes, Inverse, Mirror, NoFit, Orientation, Quaternion, Rows, Sign,
+    self, Axes, Inverse, Mirror, NoFit, Orientation, Quaternion, Rows, Sign, Swap,
 };
 use poegp_runtime::math::se3::Pose;
 
@@ -67,7 +67,7 @@ fn axes(list: &mut List) {
     .unless_absorbed();
     list.add(
         "inverse: the instrument seen from the target",
-        &[Inverse],
+        &[Inverse, Swap],
         |t, _| {
             t.map_all_poses(|_, p| p.inverse());
         },
