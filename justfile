@@ -14,7 +14,7 @@ laws:
 
 # Rewrites the program's texts, robot programs, the C header and golden bits; read the difference.
 bless:
-    POEGP_BLESS=1 cargo test -p poegp-trainer --lib --test cli --test documents
+    POEGP_BLESS=1 cargo test -p poegp-trainer --lib --test cli --test documents --test documents_no
     POEGP_BLESS=1 cargo test -p poegp-capi --test header
     POEGP_BLESS=1 cargo test -p poegp-tests --test device -- golden
 
