@@ -2,6 +2,7 @@
 
 use nalgebra::Vector3;
 use poegp_calibration::blob::write::{CalibratedBlob, Provenance, calibrate_to_blob};
+use poegp_calibration::learning::elastic::options::OutlierPolicy;
 use poegp_calibration::measurement::noise::InstrumentNoise;
 use poegp_calibration::measurement::observation::Observation;
 use poegp_calibration::measurement::sample::InstrumentSample;
@@ -82,9 +83,11 @@ fn calibrated(samples: &[InstrumentSample], options: &Config) -> CalibratedBlob 
     calibrate_to_blob(&robot, samples, options, &origin, &FitContext::default()).unwrap()
 }
 
+/// Weighted by noise, and no row is left out: rows that do not state their noise would be taken for outliers instead.
 fn weighted(method: Method) -> Config {
     Config {
         weighting: Weighting::Noise,
+        outliers: OutlierPolicy::Keep,
         ..Config::new(method)
     }
 }
@@ -94,9 +97,9 @@ fn rows_of_their_own_noise_count_by_it() {
     let test = simulated(&arm().0, "test1");
     let mean = |samples: &[InstrumentSample], method| {
         let found = calibrated(samples, &weighted(method));
-        // A row that is as noisy as it says is no outlier.
-        let honest = samples[0].declared_noise != InstrumentNoise::UNKNOWN;
-        assert!(!honest || found.calibration.outliers.is_empty());
+        // A row that is as noisy as it states is no outlier.
+        let states_noise = samples[0].declared_noise != InstrumentNoise::UNKNOWN;
+        assert!(!states_noise || found.calibration.outliers.is_empty());
         ErrorSummary::new(&found.blob.errors(&test))
             .position_mm
             .mean
