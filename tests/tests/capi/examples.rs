@@ -202,3 +202,37 @@ fn a_program_in_c_has_no_panic_no_heap_and_no_software_f64() {
         assert!(found.is_empty(), "{found:?}");
     }
 }
+
+/// The commands of the README that made the blob.
+fn commands() -> String {
+    let readme = fs::read_to_string(capi().join("README.md")).unwrap();
+    let (_, section) = readme.split_once("## The blob of the examples").unwrap();
+    let (_, block) = section.split_once("```sh\n").unwrap();
+    block.split_once("```").unwrap().0.to_owned()
+}
+
+/// `POEGP_BLESS=1` makes the blob again when the format has changed.
+#[test]
+fn the_blob_is_of_this_format() {
+    let path = capi().join("examples/arm.blob");
+    if std::env::var_os("POEGP_BLESS").is_some() {
+        let folder = tempfile::Builder::new().prefix("poegp-").tempdir().unwrap();
+        let manifest = concat!(env!("CARGO_MANIFEST_DIR"), "/../Cargo.toml");
+        let trainer = format!(
+            "trainer() {{ cargo run -q --release --manifest-path {manifest} -p poegp-trainer -- \"$@\"; }}"
+        );
+        let status = std::process::Command::new("sh")
+            .args(["-e", "-c", &format!("{trainer}\n{}", commands())])
+            .current_dir(folder.path())
+            .status()
+            .unwrap();
+        assert!(status.success(), "{status}");
+        fs::copy(folder.path().join("arm.blob"), &path).unwrap();
+    }
+    let bytes = fs::read(&path).unwrap();
+    let found = blob::decode(&bytes).map(|blob| blob::Host::decode(blob.host));
+    assert!(
+        matches!(found, Ok(Ok(_))),
+        "{found:?}: POEGP_BLESS=1 cargo test -p poegp-tests --test capi blob"
+    );
+}
