@@ -210,8 +210,8 @@ pub fn blob_bytes(size: &ElasticSize, texts: [usize; 5]) -> usize {
     let sets = 1 + size.sets.map_or(0, |_| n * (1 + size.groups));
     let correction = elastic + varint(rows) + rows + sets;
     let (robot, provenance) = texts.split_at(2);
-    // SHA-256, number of poses (of up to 127), gauge, no tools, no warnings.
-    let host = text(provenance) + 32 + 1 + 2 * 12 * 8 + 1 + 1;
+    // SHA-256, number of poses (of up to 127), gauge, no tools, no warnings, nothing accepted.
+    let host = text(provenance) + 32 + 1 + 2 * 12 * 8 + 1 + 1 + 1;
     let model = text(robot) + joints + frames + rest + correction + variance;
     HEADER_LENGTH + model + varint(host) + host
 }
