@@ -186,8 +186,8 @@ pub fn blob_bytes(size: &ElasticSize, texts: [usize; 5]) -> usize {
     // Kind, `Option` and two limits; the trained range.
     let joints = 1 + n * 10 + 1 + n * 8;
     let frames = 2 * (1 + (n + 1) * 12 * floats);
-    // No coupling, units, range of the payload.
-    let rest = 1 + 3 + 9;
+    // No coupling, units, range of the payload, warnings.
+    let rest = 1 + 3 + 9 + 4;
     // Number of the variant, bound, gravity.
     let mut elastic = 1 + 2 * floats + 3 * floats;
     elastic += 1 + n * (n + 1) / 2 * 3 * floats;
@@ -210,8 +210,8 @@ pub fn blob_bytes(size: &ElasticSize, texts: [usize; 5]) -> usize {
     let sets = 1 + size.sets.map_or(0, |_| n * (1 + size.groups));
     let correction = elastic + varint(rows) + rows + sets;
     let (robot, provenance) = texts.split_at(2);
-    // SHA-256, number of poses (of up to 127), gauge, no tools, no warnings, nothing accepted.
-    let host = text(provenance) + 32 + 1 + 2 * 12 * 8 + 1 + 1 + 1;
+    // SHA-256, number of poses (of up to 127), gauge, no tools, accepted causes.
+    let host = text(provenance) + 32 + 1 + 2 * 12 * 8 + 1 + 4;
     let model = text(robot) + joints + frames + rest + correction + variance;
     HEADER_LENGTH + model + varint(host) + host
 }

@@ -1,8 +1,8 @@
 //! What the trainer and the device exchange, and no arithmetic.
 //!
 //! [`blob`] is a calibrated arm at rest, with its versioned and perhaps signed [envelope](blob::envelope). [`link`] has the
-//! messages between workstation and device, and the [frames](link::frame) that carry them over a serial line. [`limits`]
-//! has the sizes that both sides rely on.
+//! messages between workstation and device, and the [frames](link::frame) that carry them over a serial line. [`cause`]
+//! names what can be wrong with measurements. [`limits`] has the sizes that both sides rely on.
 //!
 //! Nothing here allocates, panics or computes: a value that decodes may still be nonsense, and the checked constructor
 //! of `poegp-runtime` is the only way from these bytes to numbers that move a robot.
@@ -11,6 +11,7 @@
 #![warn(missing_docs)]
 
 pub mod blob;
+pub mod cause;
 pub mod limits;
 pub mod link;
 

@@ -18,5 +18,3 @@ pub const MAX_LINK_TERMS: usize = MAX_JOINTS * (MAX_JOINTS + 1) / 2;
 pub const MAX_TOOLS: usize = 16;
 /// Most landmarks of the variance of an elastic correction.
 pub const MAX_LANDMARKS: usize = 16;
-/// Most warnings in the host section of a blob.
-pub const MAX_WARNINGS: usize = 16;

@@ -11,6 +11,7 @@ use poegp_protocol::blob::{
     self, Blob, Correction, CorrectionBound, Gauge, Geometry, Host, Joint, Provenance, Ranges,
     Robot, TaskSpace, Transform, Units,
 };
+use poegp_protocol::cause::{Cause, Causes};
 use poegp_protocol::limits::{MAX_FRAMES, MAX_INPUTS, OUTPUTS};
 use poegp_protocol::link::Query;
 use poegp_runtime::gp::quadratic_posterior as posterior;
@@ -32,6 +33,11 @@ const MAX_SAMPLE_JOINTS: usize = 7;
 
 /// Lengths of its texts: robot name, serial number, model, trainer version, date.
 pub const TEXTS: [usize; 5] = [15, 9, 6, 5, 10];
+
+/// The warnings in its blobs.
+pub fn warnings() -> Causes {
+    [Cause::Still, Cause::Unit].into_iter().collect()
+}
 
 /// What arm to make.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -162,8 +168,7 @@ impl Sample {
                 flange_from_target: Pose::<f64>::identity().to_rows(),
             },
             tools: heapless::Vec::new(),
-            warnings: heapless::Vec::new(),
-            accepted: heapless::Vec::new(),
+            accepted: Causes::NONE,
         };
         let blob = Blob {
             robot: Robot {
@@ -197,6 +202,7 @@ impl Sample {
                 nominal: on_wire(&nominal),
             },
             correction,
+            warnings: warnings(),
             host: host.encode(&mut host_bytes).expect("room"),
             variance: match self.correction {
                 Support::Elastic(elastic) => {

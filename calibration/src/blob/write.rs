@@ -9,7 +9,8 @@ use poegp_protocol::blob::{
     PayloadGroup, Provenance as WireProvenance, Ranges, Ripple, Robot as WireRobot, TaskSpace,
     Tool, Transform, Units, Variance,
 };
-use poegp_protocol::limits::{MAX_WARNINGS, OUTPUTS};
+use poegp_protocol::cause::Causes;
+use poegp_protocol::limits::OUTPUTS;
 use poegp_runtime::kinematics::minimal_chain::MinimalForm;
 use poegp_runtime::kinematics::poe::Poe;
 
@@ -28,15 +29,6 @@ use crate::model::correction::{self as model, TaskSpaceCorrection};
 use crate::model::{Calibration, CalibrationError, calibrate, calibrate_within};
 use crate::progress::FitContext;
 use crate::robot::Robot;
-use crate::trust::Cause;
-
-/// The names of causes, each once, as many as a blob holds.
-fn causes(causes: &[Cause]) -> FixedVec<&'static str, MAX_WARNINGS> {
-    let mut causes = causes.to_vec();
-    causes.sort_unstable();
-    causes.dedup();
-    causes.iter().map(|c| c.name()).take(MAX_WARNINGS).collect()
-}
 
 /// Where a calibration comes from.
 #[derive(Clone, Debug, Default)]
@@ -50,9 +42,9 @@ pub struct Provenance {
     /// The tools that samples name by index.
     pub tools: Vec<ToolName>,
     /// Causes of the warnings about the measurements.
-    pub warnings: Vec<Cause>,
+    pub warnings: Causes,
     /// Causes that the user accepted.
-    pub accepted: Vec<Cause>,
+    pub accepted: Causes,
 }
 
 impl Provenance {
@@ -278,8 +270,7 @@ fn to_bytes(
             flange_from_target: calibration.base_and_tools.flange_from_targets[0].to_rows(),
         },
         tools: fixed(wire_tools(calibration, provenance), "tools")?,
-        warnings: causes(&provenance.warnings),
-        accepted: causes(&provenance.accepted),
+        accepted: provenance.accepted,
     };
     let mut host_bytes = vec![0; MAX_HOST_LENGTH];
     let host = host
@@ -318,6 +309,7 @@ fn to_bytes(
                 ..header
             }),
         },
+        warnings: provenance.warnings,
         host,
         variance: sigma.map(|s| Variance {
             floor_m2: s.header.floor as f32,

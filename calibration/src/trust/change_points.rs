@@ -5,9 +5,10 @@
 
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};
+use poegp_protocol::cause::Cause;
 
 use crate::identification::parametric::state::ROWS;
-use crate::trust::finding::{Cause, Finding, Tier};
+use crate::trust::finding::{Finding, Tier};
 use crate::trust::geometry::Geometry;
 use crate::trust::readings::Data;
 use crate::trust::wording::{length, lines, three_digits};

@@ -18,7 +18,9 @@ mod wording;
 
 use nalgebra::Vector3;
 
-pub use crate::trust::finding::{Cause, Finding, Findings, Tier, UnknownCause};
+pub use poegp_protocol::cause::{Cause, Causes};
+
+pub use crate::trust::finding::{Finding, Findings, Tier};
 
 use crate::measurement::MeasurementSet;
 use crate::measurement::sample::InstrumentSample;

@@ -2,13 +2,14 @@
 
 use nalgebra::Vector3;
 use poegp_protocol::JointKind;
+use poegp_protocol::cause::Cause;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use crate::measurement::observation::Observation;
 use crate::robot::Robot;
 use crate::trust::alignment::{Alignment, LEVER, Row, align, align_with_outliers, rough};
-use crate::trust::finding::{Cause, Finding, Tier};
+use crate::trust::finding::{Finding, Tier};
 use crate::trust::geometry::{Geometry, Priors};
 use crate::trust::readings::{Data, Reading, readings};
 use crate::trust::wording::{length, lengths, lines};

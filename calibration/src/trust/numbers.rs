@@ -2,6 +2,7 @@
 
 use nalgebra::Vector3;
 use poegp_protocol::JointKind;
+use poegp_protocol::cause::Cause;
 use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::Pose;
 
@@ -9,7 +10,7 @@ use crate::measurement::MeasurementSet;
 use crate::measurement::sample::InstrumentSample;
 use crate::robot::Robot;
 use crate::trust::alignment::median;
-use crate::trust::finding::{Cause, Finding, Tier};
+use crate::trust::finding::{Finding, Tier};
 use crate::trust::wording::{lines, three_digits};
 
 /// Equations for each unknown below which nothing is fitted, and below which a user is warned.

@@ -5,6 +5,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 use poegp_protocol::JointKind;
+use poegp_protocol::cause::Cause;
 use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::Pose;
 
@@ -13,7 +14,6 @@ use crate::measurement::sample::InstrumentSample;
 use crate::robot::{BUILT_IN, LoadOptions, Robot};
 use crate::trust::alignment::Row;
 use crate::trust::conventions::other_orientations;
-use crate::trust::finding::Cause;
 
 /// Rows in the order of time: index into the samples.
 pub struct Data<'a> {

@@ -3,6 +3,7 @@
 
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};
+use poegp_protocol::cause::Cause;
 use poegp_protocol::limits::MAX_JOINTS;
 use poegp_runtime::elastic::gravity::GravityRegressors;
 
@@ -10,7 +11,7 @@ use crate::identification::parametric::state::ROWS;
 use crate::measurement::MeasurementSet;
 use crate::measurement::noise::InstrumentNoise;
 use crate::trust::change_points::{Part, changes};
-use crate::trust::finding::{Cause, Finding, Tier};
+use crate::trust::finding::{Finding, Tier};
 use crate::trust::geometry::Geometry;
 use crate::trust::numbers::{positions_mm, step};
 use crate::trust::readings::Data;

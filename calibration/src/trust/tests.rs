@@ -3,11 +3,12 @@
 use std::path::Path;
 
 use nalgebra::Vector3;
+use poegp_protocol::cause::Cause;
 
 use crate::measurement::parse;
 use crate::measurement::sample::samples;
 use crate::robot::{LoadOptions, Robot};
-use crate::trust::{Cause, Findings, Tier, examine};
+use crate::trust::{Findings, Tier, examine};
 
 const TRAIN: &str = include_str!("../../../tests/data/simulated/irb4400_paper_s0_train.csv");
 

@@ -5,13 +5,14 @@
 //! difference, pose by pose, or two from few poses: thirty poses do not get a process that they cannot support. A method that somebody named is
 //! kept, with a warning when a simpler one is better. Either way the mean error must be well below that of the drawing.
 
+use poegp_protocol::cause::Cause;
 use serde::Serialize;
 
 use crate::measurement::sample::InstrumentSample;
 use crate::model::config::{Config, Weighting};
 use crate::model::{Method, without_gross_outliers};
 use crate::numeric::statistics::Summary;
-use crate::trust::{Cause, Finding, Tier};
+use crate::trust::{Finding, Tier};
 use crate::validation::cross_validation::{CompareError, Task, applicable};
 
 /// Folds of the choice among more than a few poses, and of a report.

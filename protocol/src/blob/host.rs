@@ -1,4 +1,4 @@
-//! The section of a blob for the host: provenance, gauge, tools and warnings.
+//! The section of a blob for the host: provenance, gauge and tools.
 //!
 //! The device skips it by its length, so that a change here changes nothing that the device computes.
 
@@ -7,7 +7,8 @@ use serde::{Deserialize, Serialize};
 
 use super::envelope::{BufferTooSmall, DecodeError};
 use crate::Transform;
-use crate::limits::{MAX_TOOLS, MAX_WARNINGS};
+use crate::cause::Causes;
+use crate::limits::MAX_TOOLS;
 
 /// Everything about a model that the host shows or uses and the device does not.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -21,12 +22,8 @@ pub struct Host<'a> {
     /// name.
     #[serde(borrow)]
     pub tools: Vec<Tool<'a>, MAX_TOOLS>,
-    /// Causes of the warnings about the measurements that the model was calibrated with.
-    #[serde(borrow)]
-    pub warnings: Vec<&'a str, MAX_WARNINGS>,
     /// Causes of refusals and warnings that the user of the trainer accepted.
-    #[serde(borrow)]
-    pub accepted: Vec<&'a str, MAX_WARNINGS>,
+    pub accepted: Causes,
 }
 
 /// Where a model comes from.

@@ -20,6 +20,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::JointKind;
 pub use crate::Transform;
+use crate::cause::Causes;
 use crate::limits::{
     MAX_FRAMES, MAX_GROUPS, MAX_INPUTS, MAX_JOINTS, MAX_LINK_TERMS, MAX_RIPPLE, OUTPUTS,
 };
@@ -50,6 +51,8 @@ pub struct Blob<'a> {
     /// How well the position is known, of an elastic correction with shared lengthscales.
     #[serde(borrow)]
     pub variance: Option<Variance<'a>>,
+    /// Causes of the warnings about the measurements that the model was calibrated with.
+    pub warnings: Causes,
     /// The encoding of [`Host`]; the device does not read it. Empty in a blob for the device alone.
     pub host: &'a [u8],
 }

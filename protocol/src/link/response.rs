@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::{CycleSettings, MAX_NAME, Refusal};
 use crate::Transform;
 use crate::blob::envelope::KEY_ID_LENGTH;
+use crate::cause::Causes;
 use crate::limits::{MAX_JOINTS, OUTPUTS};
 
 /// First bytes of a public key: enough to distinguish keys.
@@ -103,6 +104,8 @@ pub struct ModelIdentity {
     pub support: u32,
     /// Whether the device has verified its signature.
     pub signed: bool,
+    /// Causes of the warnings about the measurements that it was calibrated with.
+    pub warnings: Causes,
 }
 
 /// What the header of a slot says.

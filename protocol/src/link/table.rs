@@ -60,13 +60,13 @@ pub const REQUESTS: [Message; 17] = [
 /// The responses.
 #[rustfmt::skip] // a table
 pub const RESPONSES: [Message; 12] = [
-    response("Identity", "protocol_version: u8, firmware_version: text, image_crc: u32, board: text, capacity_words: u32, capacity_bytes: u32, tick_hz: u32, deadline_ticks: u32, key: a key, bypass: bool, cycle: cycle settings, model: option of a model, pending: bool, slots: 2 options of a stored model", 226),
+    response("Identity", "protocol_version: u8, firmware_version: text, image_crc: u32, board: text, capacity_words: u32, capacity_bytes: u32, tick_hz: u32, deadline_ticks: u32, key: a key, bypass: bool, cycle: cycle settings, model: option of a model, pending: bool, slots: 2 options of a stored model", 230),
     response("Evaluation", "blob_crc: u32, pose: 12 f32, correction: 6 f32, trust: f32, position_sigma: option of f32, status: u8, ticks: u32", 93),
     response("Corrected", "blob_crc: u32, joints: list of at most 8 f32, applied: f32, position_error: f32, rotation_error: f32, status: u8, ticks: u32", 57),
     response("Trace", "sin_cos: list of at most 16 f32, mean: 6 f32, chain: 12 f32, evaluation: an evaluation", 230),
     response("CyclicStopped", "", 1),
     response("Uploading", "received: u32", 6),
-    response("Verified", "robot: text, serial_number: text, blob_crc: u32, joints: u8, support: u32, signed: bool", 79),
+    response("Verified", "robot: text, serial_number: text, blob_crc: u32, joints: u8, support: u32, signed: bool, warnings: 4 u8", 83),
     response("Committed", "slot: u8, first: bool, length: u32, crc: u32", 13),
     response("Statistics", "frames: u32, bad_frames: u32, lost_bytes: u32, refused: u32, cycles: u32, flagged: u32, bounded: u32, uncorrected: u32, missed_deadlines: u32, max_ticks: u32, max_latency_ticks: u32, activations: u32, restarts: u32, lost_logs: u32, stack_bytes: u32, jumps: u32, gaps: u32, repeats: u32, bad_commands: u32, model_steps: u32", 101),
     response("Restarting", "", 1),

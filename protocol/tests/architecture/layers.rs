@@ -21,7 +21,7 @@ const CRATES: [Layer; 6] = [
         name: "poegp_protocol",
         folder: "protocol/src",
         below: &[],
-        rooms: &["limits", "blob", "link"],
+        rooms: &["limits", "cause", "blob", "link"],
     },
     Layer {
         name: "poegp_runtime",

@@ -6,6 +6,7 @@ use poegp_protocol::blob::{
     Blob, BufferTooSmall, Correction, DecodeError, FORMAT_VERSION, HEADER_LENGTH, Host, Tool,
     blob_crc, decode, encode, stored_crc,
 };
+use poegp_protocol::cause::Cause;
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 
@@ -13,7 +14,7 @@ use crate::{listing, sample};
 
 /// Offset of the correction in the first listing.
 const CORRECTION: usize = 0x177;
-/// Offset of the number before the bytes for the host in the first listing.
+/// Offset of the warnings in the first listing; the bytes for the host follow.
 const HOST: usize = 0x26c;
 
 pub fn golden() -> Vec<u8> {
@@ -24,7 +25,7 @@ pub fn golden() -> Vec<u8> {
 }
 
 /// A blob of the pieces of a later listing: its header, what the first listing has up to the correction, these pieces, and
-/// the first listing's bytes for the host.
+/// the first listing's bytes from the warnings on.
 fn pieced(header: usize, pieces: &[&[u8]]) -> Vec<u8> {
     let first = golden();
     let blocks = listing::hex_blocks(sample::BLOB_FORMAT);
@@ -49,7 +50,7 @@ fn value_to_bytes_is_the_listing_of_the_documentation() {
 fn bytes_to_value() {
     let (bytes, rows) = (golden(), sample::rows());
     assert_eq!(decode(&bytes), Ok(sample::blob(&rows)));
-    assert_eq!(stored_crc(&bytes), Some(0x4f09_8801));
+    assert_eq!(stored_crc(&bytes), Some(0xb6ca_66d2));
 }
 
 /// Correction and variance of the elastic example.
@@ -102,7 +103,7 @@ fn a_blob_with_support_sets_may_have_a_variance() {
 fn folded_golden() -> Vec<u8> {
     let blocks = listing::hex_blocks(sample::BLOB_FORMAT);
     let first = golden();
-    // Its last two bytes before the host are an empty centre and no variance.
+    // Its last two bytes before the warnings are an empty centre and no variance.
     pieced(7, &[&first[CORRECTION..HOST - 2], &blocks[8]])
 }
 
@@ -205,14 +206,14 @@ fn every_damage_is_refused(golden: &[u8]) {
 }
 
 #[test]
-fn a_blob_without_correction_and_host_ends_after_three_zeros() {
+fn a_blob_without_correction_warnings_and_host_ends_in_seven_zeros() {
     let rows = sample::rows();
     let mut blob = sample::blob(&rows);
     blob.correction = Correction::None;
     blob.host = &[];
     let mut buffer = [0; 2_048];
     let encoded = encode(&blob, &mut buffer).unwrap();
-    assert_eq!(encoded[CORRECTION..], [0, 0, 0]);
+    assert_eq!(encoded[CORRECTION..], [0; 7]);
     assert_eq!(decode(encoded), Ok(blob));
 }
 
@@ -361,8 +362,8 @@ proptest! {
 
     #[test]
     fn damaged_payloads_behind_an_intact_envelope_never_panic(
-        changes in prop::collection::vec((0_usize..853, any::<u8>()), 1..20),
-        cut in 0_usize..853,
+        changes in prop::collection::vec((0_usize..859, any::<u8>()), 1..20),
+        cut in 0_usize..859,
     ) {
         let mut payload = golden()[HEADER_LENGTH..].to_vec();
         for (at, value) in changes {
@@ -392,20 +393,21 @@ fn the_section_for_the_host_is_read_back() {
         tools: [tool("monday", 0.0), tool("tuesday", 0.125)]
             .into_iter()
             .collect(),
-        warnings: ["few poses"].into_iter().collect(),
-        accepted: heapless::Vec::new(),
+        accepted: [Cause::Gain].into_iter().collect(),
         ..sample::host()
     };
     let mut room = [0; 1_024];
     let bytes = host.encode(&mut room).unwrap().to_vec();
     let rows = sample::rows();
     let blob = Blob {
+        warnings: [Cause::Few, Cause::Model].into_iter().collect(),
         host: &bytes,
         ..sample::blob(&rows)
     };
     let mut buffer = [0; 2_048];
     let encoded = encode(&blob, &mut buffer).unwrap();
     let decoded = decode(encoded).unwrap();
+    assert_eq!(decoded.warnings, blob.warnings);
     assert_eq!(Host::decode(decoded.host), Ok(host.clone()));
     for length in 0..bytes.len() {
         let cut = Host::decode(&bytes[..length]);

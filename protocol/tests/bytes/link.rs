@@ -290,7 +290,7 @@ fn refusals_as_bytes() {
 
 #[test]
 fn responses_as_bytes() {
-    let model = [&[3][..], b"ARM\x017", &[5, 2, 0xac, 0x02, 1]].concat();
+    let model = [&[3][..], b"ARM\x017", &[5, 2, 0xac, 0x02, 1, 2, 0, 0x40, 0]].concat();
     let stored = [1, 1, 0xac, 0x02, 6];
     let mut identity = vec![0, 3, 5];
     identity.extend(b"0.1.0\x80\x01\x04mps2");

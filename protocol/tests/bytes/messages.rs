@@ -1,6 +1,7 @@
 //! One message of each kind, and the longest one of each kind: in the order of their numbers on the wire.
 
 use poegp_protocol::blob::DecodeError;
+use poegp_protocol::cause::Cause;
 use poegp_protocol::limits::MAX_JOINTS;
 use poegp_protocol::link::{
     Commanded, Corrected, CycleSettings, Evaluation, Identity, Key, MAX_CHUNK, MAX_NAME,
@@ -182,6 +183,7 @@ fn model() -> ModelIdentity {
         joints: 2,
         support: 300,
         signed: true,
+        warnings: [Cause::Still, Cause::Step].into_iter().collect(),
     }
 }
 
@@ -287,6 +289,7 @@ pub fn longest_responses() -> Vec<Response> {
         joints: u8::MAX,
         support: u32::MAX,
         signed: true,
+        warnings: Cause::ALL.into_iter().collect(),
     };
     let stored = StoredModel {
         slot: u8::MAX,

@@ -5,6 +5,7 @@ use poegp_protocol::blob::{
     Blob, Correction, CorrectionBound, Elastic, Gauge, Geometry, Host, Joint, JointKernel,
     PayloadGroup, Provenance, Ranges, Ripple, Robot, TaskSpace, Transform, Units, Variance,
 };
+use poegp_protocol::cause::Causes;
 
 /// The documentation that has its bytes.
 pub const BLOB_FORMAT: &str = include_str!("../../../docs/reference/blob-format.md");
@@ -67,6 +68,7 @@ pub fn blob(rows: &[u8]) -> Blob<'_> {
             centre: heapless::Vec::new(),
         }),
         variance: None,
+        warnings: Causes::NONE,
         host: HOST.get_or_init(|| {
             let mut buffer = [0; 512];
             host().encode(&mut buffer).expect("room").to_vec()
@@ -91,8 +93,7 @@ pub fn host() -> Host<'static> {
             flange_from_target: along([0.0, 0.0, 0.0625]),
         },
         tools: heapless::Vec::new(),
-        warnings: heapless::Vec::new(),
-        accepted: heapless::Vec::new(),
+        accepted: Causes::NONE,
     }
 }
 

@@ -1,8 +1,11 @@
 //! What errors say: every number that they carry, for whoever has to find out.
 
 use poegp_protocol::blob::envelope::{BufferTooSmall, DecodeError};
+use poegp_protocol::cause::{Cause, Causes, UnknownCause};
 use poegp_protocol::link::PROTOCOL_VERSION;
 use poegp_protocol::link::frame::FrameError;
+
+use crate::sample::BLOB_FORMAT;
 
 #[test]
 fn texts_of_a_blob_have_its_numbers() {
@@ -61,4 +64,26 @@ fn texts_of_a_frame_have_its_numbers() {
     assert!(FrameError::Damaged.to_string().contains("damaged"));
     let unknown = FrameError::UnknownMessage { sequence: 1 };
     assert!(unknown.to_string().contains("not known"));
+}
+
+#[test]
+fn every_cause_has_its_name_and_its_bit() {
+    for (i, cause) in Cause::ALL.into_iter().enumerate() {
+        assert_eq!(cause as usize, i);
+        assert_eq!(cause.name().parse(), Ok(cause));
+        let one: Causes = [cause].into_iter().collect();
+        assert!(one.iter().eq([cause]));
+        let row = format!(" {i} {cause} ");
+        let listed = BLOB_FORMAT.split_whitespace().collect::<Vec<_>>().join(" ");
+        assert!(listed.contains(&row), "blob-format.md:{row}");
+    }
+    let all: Causes = Cause::ALL.into_iter().collect();
+    assert!(all.iter().eq(Cause::ALL));
+    assert!(!Causes::NONE.contains(Cause::Few));
+    assert_eq!("fews".parse::<Cause>(), Err(UnknownCause));
+    let text = UnknownCause.to_string();
+    assert!(
+        text.contains("few, still,") && text.ends_with("gain"),
+        "{text}"
+    );
 }

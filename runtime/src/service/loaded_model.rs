@@ -2,6 +2,7 @@
 
 use heapless::String;
 use poegp_protocol::blob::{self, envelope};
+use poegp_protocol::cause::Causes;
 use poegp_protocol::link::{MAX_NAME, ModelIdentity, Refusal};
 
 use crate::model::Model;
@@ -15,6 +16,7 @@ pub struct ModelSlot<const WORDS: usize> {
     robot: String<MAX_NAME>,
     serial_number: String<MAX_NAME>,
     pub(super) blob_crc: u32,
+    warnings: Causes,
     /// 1 when its signature was verified: a `bool` would give an `Option` around this a state that is not zero.
     signed: u8,
     /// The slot that holds it, plus one; 0 for none.
@@ -35,6 +37,7 @@ impl<const WORDS: usize> ModelSlot<WORDS> {
             robot: String::new(),
             serial_number: String::new(),
             blob_crc: 0,
+            warnings: Causes::NONE,
             signed: 0,
             slot: 0,
         }
@@ -75,6 +78,7 @@ impl<const WORDS: usize> ModelSlot<WORDS> {
                     .map_err(|error| Refusal::Model { code: error.code() })?;
                 self.robot = name(blob.robot.name);
                 self.serial_number = name(blob.robot.serial_number);
+                self.warnings = blob.warnings;
                 Ok(())
             }
         }
@@ -103,6 +107,7 @@ impl<const WORDS: usize> ModelSlot<WORDS> {
             joints: joints as u8,
             support: self.model.support() as u32,
             signed: self.signed != 0,
+            warnings: self.warnings,
         })
     }
 

@@ -5,6 +5,7 @@ use poegp_protocol::blob::{
     Blob, Correction, CorrectionBound, Elastic, Geometry, Joint, JointKernel, PayloadGroup, Ranges,
     Ripple, Robot, TaskSpace, Units,
 };
+use poegp_protocol::cause::Causes;
 use poegp_protocol::limits::{MAX_JOINTS, OUTPUTS};
 use poegp_runtime::math::scalar::Scalar;
 use poegp_runtime::math::se3::{Pose, Twist};
@@ -300,6 +301,7 @@ impl Arm {
                     })
                 })
             },
+            warnings: Causes::NONE,
             host: &[],
             variance: None,
         }

@@ -12,7 +12,7 @@ use poegp_tests::emulator::{Clock, Emulator, Machine};
 use poegp_tests::firmware_build::{Board, firmware};
 use poegp_tests::image::Image;
 use poegp_tests::log;
-use poegp_tests::sample::{JOINTS, Sample, Support};
+use poegp_tests::sample::{JOINTS, Sample, Support, warnings};
 
 use crate::device;
 
@@ -62,6 +62,7 @@ fn names_the_model_it_runs_and_counts() {
         joints: JOINTS as u8,
         support: 50,
         signed: false,
+        warnings: warnings(),
     };
     assert_eq!(identity.model, Some(expected));
     // The fourth query is outside the trained ranges.

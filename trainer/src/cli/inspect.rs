@@ -104,8 +104,8 @@ fn document(loaded: &BlobModel) -> Value {
         "data_sha256": p.data_sha256.iter().map(|b| format!("{b:02x}")).collect::<String>(),
         "instrument_from_base": host.gauge.instrument_from_base,
         "flange_from_target": host.gauge.flange_from_target,
-        "warnings": host.warnings.as_slice(),
-        "accepted": host.accepted.as_slice(),
+        "warnings": blob.warnings.iter().map(|c| c.name()).collect::<Vec<_>>(),
+        "accepted": host.accepted.iter().map(|c| c.name()).collect::<Vec<_>>(),
         "correction": correction,
     })
 }
@@ -148,7 +148,7 @@ fn print(report: Printer, loaded: &BlobModel, document: &Value) {
         p.training_poses
     ));
     report.line(format_args!("  data SHA-256 {}", text("data_sha256")));
-    for warning in &host.warnings {
+    for warning in blob.warnings.iter() {
         report.line(format_args!("  warning: {warning}"));
     }
     report.line(match signed_by(loaded) {

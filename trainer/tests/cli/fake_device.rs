@@ -6,6 +6,7 @@ use std::os::unix::net::UnixListener;
 use std::sync::{Arc, Mutex};
 use std::thread;
 
+use poegp_protocol::cause::Cause;
 use poegp_protocol::link::frame::{self, MAX_FRAME, Received, Receiver};
 use poegp_protocol::link::{
     CycleSettings, Identity, Key, ModelIdentity, PROTOCOL_VERSION, Refusal, Request, Response,
@@ -168,6 +169,7 @@ pub fn model(blob_crc: u32) -> ModelIdentity {
         joints: 6,
         support: 20,
         signed: false,
+        warnings: [Cause::Step, Cause::Still].into_iter().collect(),
     }
 }
 

@@ -42,6 +42,7 @@ impl Known {
             joints: model.joints() as u8,
             support: model.support() as u32,
             signed: key.is_some(),
+            warnings: decoded.warnings,
         };
         Ok(Self {
             bytes: bytes.to_vec(),

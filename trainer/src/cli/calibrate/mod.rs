@@ -116,7 +116,7 @@ pub fn run(arguments: &Calibrate) -> Result<(), Failure> {
     }
     warnings.extend(examined.settle(findings)?);
     origin.warnings = warnings.iter().map(|f| f.cause).collect();
-    origin.accepted.clone_from(&a.accept);
+    origin.accepted = a.accept.iter().copied().collect();
     let mut fitted = None;
     if !a.budget.is_unlimited() {
         if config.method != Method::Elastic {

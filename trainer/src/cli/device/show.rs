@@ -12,8 +12,14 @@ pub fn model(model: &ModelIdentity) -> String {
         "" => String::new(),
         number => format!(" ({number})"),
     };
+    let warnings: Vec<&str> = model.warnings.iter().map(|c| c.name()).collect();
+    let warnings = if warnings.is_empty() {
+        String::new()
+    } else {
+        format!("; warnings: {}", warnings.join(", "))
+    };
     format!(
-        "{:08x}, {}{serial}: {} joints, {} inducing points{}",
+        "{:08x}, {}{serial}: {} joints, {} inducing points{}{warnings}",
         model.blob_crc,
         model.robot,
         model.joints,
@@ -59,6 +65,7 @@ pub fn model_json(model: &ModelIdentity) -> Value {
         "joints": model.joints,
         "inducing_points": model.support,
         "signed": model.signed,
+        "warnings": model.warnings.iter().map(|c| c.name()).collect::<Vec<_>>(),
     })
 }
 
