@@ -49,8 +49,11 @@ impl Alignment {
         self.base * row.flange * self.tools[row.tool]
     }
 
-    /// Position residual in m and rotation residual in rad of a row.
+    /// Position residual in m and rotation residual in rad of a row; a row with a tool that was not fitted is nowhere near.
     pub fn residual(&self, row: &Row) -> (f64, f64) {
+        if row.tool >= self.tools.len() {
+            return (f64::INFINITY, std::f64::consts::PI);
+        }
         let predicted = self.predicted(row);
         let position = (row.seen.position() - predicted.translation).norm();
         let rotation = row
@@ -80,6 +83,13 @@ impl Alignment {
         rows.iter().filter(within).count() as f64 / rows.len().max(1) as f64
     }
 
+    /// What `share` of the residuals are within: positions in units of `metres`, and radians with the usual lever.
+    pub fn length_of_most(&self, rows: &[Row], share: f64, metres: f64) -> f64 {
+        let (positions, rotations): (Vec<f64>, Vec<f64>) =
+            rows.iter().map(|row| self.residual(row)).unzip();
+        quantile(positions, share) / metres + LEVER * quantile(rotations, share)
+    }
+
     /// Median residuals as one length in metres.
     pub fn length(&self) -> f64 {
         self.position + LEVER * self.rotation
@@ -93,12 +103,19 @@ fn angle(a: &Matrix3<f64>, b: &Matrix3<f64>) -> f64 {
 }
 
 /// The middle value; 0 of none.
-pub fn median(mut values: Vec<f64>) -> f64 {
-    if values.is_empty() {
+pub fn median(values: Vec<f64>) -> f64 {
+    quantile(values, 0.5)
+}
+
+/// The value that a share of the others is below; 0 of none.
+fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
+    let Some(last) = values.len().checked_sub(1) else {
         return 0.0;
-    }
-    let middle = values.len() / 2;
-    *values.select_nth_unstable_by(middle, f64::total_cmp).1
+    };
+    let at = (share * values.len() as f64) as usize;
+    *values
+        .select_nth_unstable_by(at.min(last), f64::total_cmp)
+        .1
 }
 
 /// Gauss–Newton steps of a fit that is kept.

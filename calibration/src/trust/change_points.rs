@@ -239,7 +239,7 @@ pub fn episode(data: &Data<'_>, geometry: &Geometry) -> Option<Finding> {
         }
     }
     let (first, end, change) = best?;
-    let needed = (DROP.0 * count as f64 + DROP.1).max(LEAST_DROP);
+    let needed = geometry.leniency().powi(2) * (DROP.0 * count as f64 + DROP.1).max(LEAST_DROP);
     (change.drop > needed).then(|| {
         let rows: Vec<usize> = (first..end).map(|k| data.line(k)).collect();
         let text = format!(
@@ -270,7 +270,7 @@ pub fn examine(data: &Data<'_>, geometry: &Geometry) -> Option<Finding> {
     if count < 12 {
         return None;
     }
-    let needed = (DROP.0 * count as f64 + DROP.1).max(LEAST_DROP);
+    let needed = geometry.leniency().powi(2) * (DROP.0 * count as f64 + DROP.1).max(LEAST_DROP);
     let least = 4;
     let coarse: Vec<usize> = (1..=SPLITS)
         .map(|i| i * count / (SPLITS + 1))

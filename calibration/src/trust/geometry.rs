@@ -15,6 +15,12 @@ use crate::measurement::sample::{BaseSample, in_base_frame};
 use crate::trust::alignment::{Alignment, median};
 use crate::trust::readings::Data;
 
+/// Parameters for each equation of the positions, at most: with more, what is left of them is not their noise.
+const FREE: f64 = 0.6;
+/// Factor of what is left where the arm sags and its gears are not modelled.
+const LENIENT: f64 = 2.0;
+/// Cosine from which axes are parallel.
+const PARALLEL: f64 = 0.999_999;
 /// Rounds of the fit.
 const ROUNDS: usize = 25;
 /// Largest step, in units of the priors, after which the fit has settled.
@@ -63,12 +69,28 @@ pub struct Geometry {
 }
 
 impl Geometry {
-    /// Fits the samples of `data`, starting from `alignment`; `None` where the equations cannot be solved.
+    /// Fits the samples of `data`, starting from `alignment`: with harmonics and gravity where the rows are enough, so that
+    /// what is left shows the noise; `None` where the equations cannot be solved.
     pub fn fit(
         data: &Data<'_>,
         alignment: &Alignment,
         priors: Priors,
         gravity: Vector3<f64>,
+    ) -> Option<Self> {
+        let mut fits = [(true, true), (true, false), (false, false)]
+            .into_iter()
+            .map(|terms| Self::fit_terms(data, alignment, priors, gravity, terms));
+        let most = FREE * (3 * data.samples.len()) as f64;
+        fits.find(|fit| fit.as_ref().is_none_or(|fit| fit.determined <= most))?
+    }
+
+    /// As [`fit`](Self::fit) with these of gravity and harmonics.
+    fn fit_terms(
+        data: &Data<'_>,
+        alignment: &Alignment,
+        priors: Priors,
+        gravity: Vector3<f64>,
+        (with_gravity, with_harmonics): (bool, bool),
     ) -> Option<Self> {
         let joints = data.robot.joints.len();
         let last = *data.chain.frames().last()?;
@@ -79,9 +101,12 @@ impl Geometry {
         let layout = Layout {
             joints,
             tools: alignment.tools.len(),
-            gravity: true,
+            gravity: with_gravity,
             payload: varies,
-            ripple: (0..joints).flat_map(|j| [(j, 1.0), (j, 2.0)]).collect(),
+            ripple: (0..joints)
+                .filter(|_| with_harmonics)
+                .flat_map(|j| [(j, 1.0), (j, 2.0)])
+                .collect(),
         };
         let chain = with_base_and_tool(&data.chain, &Pose::identity(), &alignment.tools[0]);
         let tools: Vec<Pose<f64>> = alignment.tools.iter().map(|t| last * *t).collect();
@@ -155,17 +180,22 @@ impl Geometry {
             .iter()
             .zip(&samples)
             .filter(|(_, s)| s.observation.has_orientation());
-        let frames_off = state.frames.iter().zip(&nominal).map(|(fitted, drawn)| {
-            let turned = drawn.inverse() * *fitted;
-            (
-                (fitted.translation - drawn.translation).norm(),
-                turned.log().angular.norm(),
-            )
-        });
+        let mut frames_off: Vec<(f64, f64)> = (state.frames.iter().zip(&nominal))
+            .map(|(fitted, drawn)| {
+                let turned = drawn.inverse() * *fitted;
+                (
+                    (fitted.translation - drawn.translation).norm(),
+                    turned.log().angular.norm(),
+                )
+            })
+            .collect();
+        for (frame, shift) in shifts_along_axes(&state.frames, &nominal) {
+            frames_off[frame].0 = frames_off[frame].0.max(shift);
+        }
         Some(Self {
             position: median(plain.iter().map(|r| norm(&r[..3])).collect()),
             rotation: median(whole.map(|(r, _)| norm(&r[3..])).collect()),
-            frames_off: frames_off.collect(),
+            frames_off,
             determined: determined.sum(),
             state,
             samples,
@@ -186,6 +216,16 @@ impl Geometry {
         )
     }
 
+    /// By which factor what is left may be larger than noise: without gravity and harmonics the arm's own errors are in it.
+    pub fn leniency(&self) -> f64 {
+        if self.is_whole() { 1.0 } else { LENIENT }
+    }
+
+    /// Whether the rows were enough for gravity and harmonics.
+    pub fn is_whole(&self) -> bool {
+        self.state.layout.gravity && !self.state.layout.ripple.is_empty()
+    }
+
     /// Equations of all rows.
     pub fn equations(&self) -> usize {
         self.samples.iter().map(|s| s.observation.equations()).sum()
@@ -196,6 +236,38 @@ impl Geometry {
         let equations = self.equations() as f64;
         (equations / (equations - self.determined).max(1.0)).sqrt()
     }
+}
+
+/// Shifts along joints with parallel axes, m, each with the frame that has most of it: only the sum of theirs and of the
+/// frame behind them is in the data, and the fit spreads it over all.
+fn shifts_along_axes(fitted: &[Pose<f64>], drawn: &[Pose<f64>]) -> Vec<(usize, f64)> {
+    let count = drawn.len();
+    let turns = |k: usize| drawn[k].rotation[(2, 2)];
+    let mut out = Vec::new();
+    let mut first = 1;
+    while first + 1 < count {
+        let mut last = first;
+        while last + 1 < count && turns(last + 1).abs() > PARALLEL {
+            last += 1;
+        }
+        if last + 1 < count {
+            let mut way = 1.0;
+            let mut parts = Vec::new();
+            for k in first..=last {
+                if k > first {
+                    way *= turns(k).signum();
+                }
+                parts.push((k, way * (drawn[k].inverse() * fitted[k]).translation[2]));
+            }
+            let behind = fitted[last + 1].translation - drawn[last + 1].translation;
+            parts.push((last + 1, way * behind[2]));
+            let sum: f64 = parts.iter().map(|part| part.1).sum();
+            let most = parts.iter().max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()));
+            out.extend(most.map(|part| (part.0, sum.abs())));
+        }
+        first = last + 1;
+    }
+    out
 }
 
 fn size(residual: &[f64; ROWS], equations: usize) -> f64 {

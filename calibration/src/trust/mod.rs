@@ -25,8 +25,9 @@ pub use crate::trust::finding::{Finding, Findings, Tier};
 use crate::measurement::MeasurementSet;
 use crate::measurement::sample::InstrumentSample;
 use crate::robot::Robot;
+use crate::trust::alignment::{LEVER, Row, align, median};
 use crate::trust::geometry::{Geometry, Priors};
-use crate::trust::readings::Data;
+use crate::trust::readings::{Data, Reading};
 
 /// As [`examine`], but only whether the rows are of this robot: for measurements that a model is judged by. There may be few
 /// of them, and what has moved since the calibration is what they are measured for.
@@ -40,14 +41,18 @@ pub fn identify(
         return Findings::default();
     };
     let reach = nominal_arm::reach(robot);
-    let numbers = numbers::examine(robot, &data.chain, set, samples, reach, false);
-    let mut out = Findings(numbers.into_iter().filter(|f| f.is_of_values()).collect());
+    let mut numbers = numbers::examine(robot, &data.chain, set, samples, reach, false);
+    numbers.retain(|f| f.is_of_values());
+    let (numbers, _) = without_suspects(&data, numbers);
+    let mut out = Findings(numbers);
     if !out.is_refused() {
         out.0.extend(nominal_arm::examine(&data, gravity).findings);
     }
     out
 }
 
+/// Median distance of rows from the arm that the others are of, over that of the others, from which they contradict it.
+const CONTRADICTS: f64 = 2.0;
 /// Median residual of the geometry over that of the nominal arm, above which the geometry explains little.
 const POOR: f64 = 0.4;
 
@@ -64,14 +69,9 @@ pub fn examine(
         return Findings::default();
     };
     let reach = nominal_arm::reach(robot);
-    let mut out = Findings(numbers::examine(
-        robot,
-        &data.chain,
-        set,
-        samples,
-        reach,
-        fits_geometry,
-    ));
+    let numbers = numbers::examine(robot, &data.chain, set, samples, reach, fits_geometry);
+    let (numbers, suspects) = without_suspects(&data, numbers);
+    let mut out = Findings(numbers);
     if !out.is_refused() {
         let arm = nominal_arm::examine(&data, gravity);
         out.0.extend(arm.findings);
@@ -89,6 +89,11 @@ pub fn examine(
                     .flatten()
             });
             let has_step = step.is_some();
+            out.0.extend(suspects.into_iter().filter(|f| {
+                let (cut, rest) = parted(&data, f);
+                let off = |rows: &[usize]| median(rows.iter().map(|k| geometry.size(*k)).collect());
+                off(&cut) > CONTRADICTS * off(&rest)
+            }));
             out.0.extend(step);
             let rest = residuals::examine(&data, set, &geometry, arm.alignment.position, reach);
             // What is left beside a step is the step's.
@@ -100,6 +105,32 @@ pub fn examine(
     }
     out.accept(&[]);
     out
+}
+
+/// `all` without the columns that may be cut off, and these: rows at an extreme of a column have to contradict the others,
+/// for else the arm was there. What contradicts the arm as drawn stays; the geometry decides on the suspects.
+fn without_suspects(data: &Data<'_>, all: Vec<Finding>) -> (Vec<Finding>, Vec<Finding>) {
+    all.into_iter().partition(|finding| {
+        if finding.cause != Cause::Clip {
+            return true;
+        }
+        let (cut, rest) = parted(data, finding);
+        let rows = |which: &[usize]| Reading::as_given().rows(data, which);
+        let fit = align(&rows(&rest));
+        let off = |which: &[usize]| {
+            let of = |row: &Row| {
+                let (position, rotation) = fit.residual(row);
+                position + LEVER * rotation
+            };
+            median(rows(which).iter().map(of).collect())
+        };
+        off(&cut) > CONTRADICTS * off(&rest)
+    })
+}
+
+/// The rows of a finding, and all others.
+fn parted(data: &Data<'_>, finding: &Finding) -> (Vec<usize>, Vec<usize>) {
+    (0..data.samples.len()).partition(|k| finding.rows.contains(&data.line(*k)))
 }
 
 /// The rows in the order of time; of equals, and without a column of time, in that of the file.

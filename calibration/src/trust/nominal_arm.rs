@@ -8,7 +8,7 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::measurement::observation::Observation;
 use crate::robot::Robot;
-use crate::trust::alignment::{Alignment, LEVER, Row, align, align_with_outliers, rough};
+use crate::trust::alignment::{Alignment, Row, align, align_with_outliers, rough};
 use crate::trust::finding::{Finding, Tier};
 use crate::trust::geometry::{Geometry, Priors};
 use crate::trust::readings::{Data, Reading, readings};
@@ -52,8 +52,6 @@ const TIGHT: f64 = 0.0035;
 const LOOSE: f64 = 0.012;
 /// Median residual over the reach that a geometry of its own may leave.
 const EXPLAINED_REACH: f64 = 0.0035;
-/// Noise over residuals of a geometry that explains something: of few rows any does.
-const FREE: f64 = 1.5;
 /// Residuals below this are the drawing's own: the controller computed the poses, m and rad.
 const COMPUTED: (f64, f64) = (20e-6, 0.1e-3);
 
@@ -77,6 +75,11 @@ fn spread(rows: &[Row]) -> f64 {
     (square.sum::<f64>() / count).sqrt().max(1e-9)
 }
 
+/// Whether positions are far enough from each other: near a point, any arm can have its target.
+fn is_spread(rows: &[Row], reach: f64) -> bool {
+    spread(rows) > LEAST_SPREAD * reach
+}
+
 /// A fit of rows, and how it compares.
 struct Fit {
     alignment: Alignment,
@@ -84,8 +87,11 @@ struct Fit {
     badness: f64,
     /// Share of the rows that are near.
     share: f64,
-    /// Median residual over the spread of the positions: a file in another unit is not better for being smaller.
+    /// Residual that [`MOST`] of the rows are within, over the spread of the positions: a file in another unit is not better
+    /// for being smaller.
     relative: f64,
+    /// Whether the positions are far enough from each other to say something of it.
+    is_spread: bool,
 }
 
 impl Fit {
@@ -97,7 +103,8 @@ impl Fit {
             badness: (a.position / (REFUSED_REACH * reach))
                 .max(a.rotation / REFUSED_ROTATION)
                 .max(a.position / (REFUSED_SPREAD * spread)),
-            relative: a.position / spread + LEVER * a.rotation,
+            relative: a.length_of_most(rows, MOST, spread),
+            is_spread: is_spread(rows, reach),
             alignment,
         }
     }
@@ -108,7 +115,10 @@ impl Fit {
 
     /// Whether it explains what `given` does not.
     fn explains(&self, given: &Self) -> bool {
-        self.relative < BETTER * given.relative && self.badness <= 1.0 && self.share >= MOST
+        self.relative < BETTER * given.relative
+            && self.badness <= 1.0
+            && self.share >= MOST
+            && self.is_spread
     }
 
     fn lengths(&self, has_orientation: bool) -> String {
@@ -395,10 +405,9 @@ impl Scene<'_> {
     /// The refusal for an arm whose drawing or mastering is another: one joint or link is named where one stands out.
     fn wide_geometry(&self, given: &Fit) -> Option<Finding> {
         let geometry = Geometry::fit(self.data, &given.alignment, Priors::Wide, self.gravity)?;
-        if geometry.degrees_of_freedom() > FREE {
-            return None;
-        }
+        // What is near a point is near a point of any arm.
         let fits = geometry.position < EXPLAINED_REACH * self.reach
+            && given.is_spread
             && geometry.rotation < REFUSED_ROTATION / 2.0
             && geometry.position < BETTER * given.alignment.position;
         if !fits {

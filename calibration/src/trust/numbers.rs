@@ -57,9 +57,9 @@ pub fn examine(
     let copies = scene.copies();
     out.extend(scene.stuck());
     out.extend(scene.placeholders());
-    out.extend(scene.cut_off());
-    out.extend(scene.sorted());
     let still = scene.still();
+    out.extend(scene.cut_off(&copies, &still));
+    out.extend(scene.sorted());
     if fits_geometry {
         out.extend(scene.few(copies.len(), still.len()));
     }
@@ -292,10 +292,14 @@ impl Scene<'_> {
         if rows.len() >= 2 { rows } else { Vec::new() }
     }
 
-    /// Columns whose extreme value several rows share.
-    fn cut_off(&self) -> Option<Finding> {
-        let all = &self.set.measurements;
-        let joints = (0..self.robot.joints.len()).map(|j| {
+    /// Columns whose extreme value several rows share that do not repeat each other.
+    fn cut_off(&self, copies: &[usize], still: &[(usize, f64)]) -> Option<Finding> {
+        let own: Vec<usize> = (0..self.samples.len())
+            .filter(|k| copies.binary_search(k).is_err())
+            .collect();
+        let all: Vec<_> = own.iter().map(|k| &self.set.measurements[*k]).collect();
+        let is_moving = |j: &usize| still.iter().all(|(other, _)| other != j);
+        let joints = (0..self.robot.joints.len()).filter(is_moving).map(|j| {
             let column = &self.set.joint_columns[j];
             let values: Vec<f64> = all
                 .iter()
@@ -322,10 +326,10 @@ impl Scene<'_> {
                 let others = count - at.len();
                 let is_cut = at.len() >= CUT.0
                     && at.len() as f64 >= CUT.1 * count as f64
-                    && others > 0
+                    && others >= at.len()
                     && (distinct.len() - 1) as f64 > DIFFERENT * others as f64;
                 if is_cut {
-                    let rows: Vec<usize> = at.iter().map(|k| self.line(*k)).collect();
+                    let rows: Vec<usize> = at.iter().map(|k| self.line(own[*k])).collect();
                     let text = format!(
                         "{name} ends at {} in {} rows ({}) while all other values differ: it looks cut off",
                         three_digits(extreme),

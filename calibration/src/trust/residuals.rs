@@ -124,7 +124,8 @@ impl Scene<'_> {
     fn outliers(&self) -> Option<Finding> {
         let g = self.geometry;
         let count = g.samples.len();
-        let off: Vec<usize> = (0..count).filter(|k| g.size(*k) > OUTLIER).collect();
+        let least = OUTLIER * g.leniency();
+        let off: Vec<usize> = (0..count).filter(|k| g.size(*k) > least).collect();
         let worst = (0..count).map(|k| g.size(k)).fold(0.0, f64::max);
         if off.is_empty() {
             return None;
@@ -165,7 +166,7 @@ impl Scene<'_> {
             text,
             rows,
             value: worst,
-            threshold: OUTLIER,
+            threshold: least,
         })
     }
 
@@ -189,6 +190,9 @@ impl Scene<'_> {
 
     fn payload(&self) -> Option<Finding> {
         let g = self.geometry;
+        if !g.is_whole() {
+            return None;
+        }
         let joints = g.state.layout.joints;
         let effect = |row: usize, joint: usize| g.linear.jacobian[(row, joint)];
         let (mut along, mut across, mut equations) = (0.0, 0.0, 0.0);
@@ -286,7 +290,8 @@ impl Scene<'_> {
     fn noise(&self) -> Option<Finding> {
         let stated = InstrumentNoise::rms_over(&self.geometry.samples).position?;
         let scatter = self.scatter();
-        let (value, threshold, verdict) = if scatter > UNDERSTATED.0 * stated
+        let (value, threshold, verdict) = if self.geometry.is_whole()
+            && scatter > UNDERSTATED.0 * stated
             && (scatter > UNDERSTATED.1 || scatter > OTHER_UNIT * stated)
         {
             (

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use nalgebra::{Matrix3, Matrix3x6, Matrix6, Vector6};
 use poegp_calibration::identification::base_tools;
 use poegp_calibration::measurement::sample::samples;
 use poegp_calibration::measurement::{self, MeasurementSet};
@@ -81,6 +82,34 @@ impl Good {
         (0..columns.len())
             .filter(|j| span(columns[*j]) > 3.0)
             .collect()
+    }
+
+    /// Whether a point of the flange stays within a millimetre: positions around it fit any scale.
+    pub fn turns_about_a_point(&self) -> bool {
+        let chain = self.robot.chain().expect("a chain");
+        let flange = |row: usize| {
+            let joints = self.table.joints_rad(row);
+            chain.forward(&self.robot.serial_joints(&joints))
+        };
+        // R p + t = c for the point p of the flange and c of the base.
+        let (mut normal, mut right) = (Matrix6::zeros(), Vector6::zeros());
+        for row in 0..self.table.len() {
+            let f = flange(row);
+            let mut a = Matrix3x6::zeros();
+            a.fixed_columns_mut::<3>(0).copy_from(&f.rotation);
+            a.fixed_columns_mut::<3>(3).copy_from(&-Matrix3::identity());
+            normal += a.transpose() * a;
+            right -= a.transpose() * f.translation;
+        }
+        normal += Matrix6::identity() * 1e-9;
+        let Some(x) = normal.cholesky().map(|c| c.solve(&right)) else {
+            return false;
+        };
+        let (p, c) = (x.fixed_rows::<3>(0), x.fixed_rows::<3>(3));
+        (0..self.table.len()).all(|row| {
+            let f = flange(row);
+            (f.rotation * p + f.translation - c).norm() < 1e-3
+        })
     }
 
     /// The same set of some rows.

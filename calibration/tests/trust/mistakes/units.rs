@@ -29,7 +29,12 @@ pub fn add(list: &mut List) {
         ("unit: feet under _mm", 1.0 / 304.8),
         ("unit: micrometres under _mm", 1e3),
     ] {
-        list.add(name, &[Unit], move |t, _| scale_positions(t, factor));
+        let hides = factor < 1.0 && list.good.turns_about_a_point();
+        list.add(name, &[Unit], move |t, _| scale_positions(t, factor))
+            .unseen(
+                hides,
+                "all joints that move turn about a point: a target elsewhere fits any scale",
+            );
     }
     list.add("unit: millimetres under _m", &[Unit], |t, _| {
         for column in t.position() {
