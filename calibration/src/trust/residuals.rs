@@ -28,7 +28,7 @@ const SAG: f64 = 13.0;
 /// Drop of χ² per row by gravity terms of each payload, where the scatter along sag is above the second number.
 const BY_PAYLOAD: (f64, f64) = (3.3, 6.0);
 /// Median residual of the nominal arm over that of the geometry, below which the poses are the nominal ones.
-const NOMINAL: f64 = 1.3;
+const NOMINAL: f64 = 1.12;
 /// Residual of the nominal arm above which no controller computed the poses, m.
 const COMPUTED: f64 = 0.12e-3;
 /// A frame as far from the drawing is worth a warning, m and rad.

@@ -251,7 +251,6 @@ fn whole() {
 }
 
 #[test]
-#[ignore = "the gate is being built"]
 fn sample() {
     let mut run = Run::new(15);
     let (sets, missing) = sets_with_mistakes();
