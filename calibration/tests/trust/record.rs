@@ -114,6 +114,20 @@ impl Record {
     }
 }
 
+/// What a reader has to know of the record.
+const HEAD: &str = "
+```sh
+POEGP_MEASURED_DATA=FOLDER POEGP_RECORD=docs/evidence/trust.md cargo test --release -p poegp-calibration --test trust -- \\
+    --ignored --nocapture whole
+```
+
+Each set is written wrongly in some 150 ways, and rightly in eleven, whole and as random rows. A wrong file is *caught* when the reader or
+the examination warns of it or refuses it; *only warned* are those that should be refused. A cause is *right* when it is among the gravest
+findings and names the joint. *Left out* is what base, tool or scatter hides in the file. A *false alarm* is a warning of a good file.
+Simulated sets are named by the robot and the kind of its errors; `measured` ones come from others.
+
+";
+
 /// Writes the record with date and commit.
 pub fn write(path: &std::path::Path, record: &Record, seed: u64) {
     let output = |program: &str, arguments: &[&str]| {
@@ -125,8 +139,9 @@ pub fn write(path: &std::path::Path, record: &Record, seed: u64) {
         .unwrap_or_else(|_| output("git", &["rev-parse", "--short", "HEAD"]));
     let date = output("date", &["+%F"]);
     let mut text = format!(
-        "# Wrong and good measurement files\n\nRecorded on {date} at commit {commit}, seed {seed}.\n\n"
+        "# Wrong and good measurement files\n\nRecorded on {date} at commit {commit}, seed {seed}, by\n"
     );
+    text += HEAD;
     text += &record.text();
     let _ = writeln!(
         text,
