@@ -180,6 +180,7 @@ fn elastic(c: &mut Criterion) {
         groups: &groups,
         inputs: &found.inputs,
         similarities: &similarities,
+        waves: &[],
         layout: found.layout,
         processes: true,
     };

@@ -7,6 +7,7 @@
 
 use poegp_protocol::JointKind;
 use poegp_protocol::blob::{Blob, Correction, HEADER_LENGTH};
+use poegp_runtime::elastic::curve::coefficient_count;
 use poegp_runtime::elastic::position_variance::landmark_words;
 use poegp_runtime::gp::joint_processes::JointProcesses;
 
@@ -25,6 +26,8 @@ pub struct ElasticSize {
     pub tied: bool,
     /// Terms of gear ripple.
     pub ripple: usize,
+    /// Orders of each joint's own-joint curve; 0 for none.
+    pub curve_orders: usize,
     /// Landmarks of the standard deviation; 0 for none.
     pub landmarks: usize,
     /// Of support sets of its own for each joint.
@@ -77,6 +80,7 @@ impl ElasticSize {
             groups: elastic.groups.len(),
             tied: elastic.tied,
             ripple: elastic.ripple.len(),
+            curve_orders: elastic.curves.len() / (8 * blob.robot.joints.len().max(1)),
             landmarks: blob
                 .variance
                 .as_ref()
@@ -137,6 +141,9 @@ pub fn evaluation_instructions(size: &ElasticSize) -> u64 {
         count += 80.0;
     }
     count += 67.5 * size.ripple as f64;
+    if size.curve_orders > 0 {
+        count += (n - size.prismatic as f64) * (77.0 + 14.7 * size.curve_orders as f64);
+    }
     if let Some(sets) = &size.sets {
         return (count + set_instructions(size, sets)) as u64;
     }
@@ -208,7 +215,8 @@ pub fn blob_bytes(size: &ElasticSize, texts: [usize; 5]) -> usize {
     }
     // A number for each group of each set, all below 128.
     let sets = 1 + size.sets.map_or(0, |_| n * (1 + size.groups));
-    let correction = elastic + varint(rows) + rows + sets;
+    let curves = floats * coefficient_count(n, size.curve_orders);
+    let correction = elastic + varint(rows) + rows + sets + varint(curves) + curves;
     let (robot, provenance) = texts.split_at(2);
     // SHA-256, number of poses (of up to 127), gauge, no tools, accepted causes.
     let host = text(provenance) + 32 + 1 + 2 * 12 * 8 + 1 + 4;

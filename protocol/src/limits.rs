@@ -10,6 +10,8 @@ pub const MAX_INPUTS: usize = MAX_JOINTS + 1;
 pub const OUTPUTS: usize = 6;
 /// Most gear-ripple terms of an elastic correction.
 pub const MAX_RIPPLE: usize = 16;
+/// Highest order of an own-joint curve: cycles per turn of the joint.
+pub const MAX_CURVE_ORDER: usize = 64;
 /// Most payload groups of its support points.
 pub const MAX_GROUPS: usize = 16;
 /// Pairs (joint, link at or beyond it) of the longest arm.

@@ -142,13 +142,19 @@ impl Sample {
             .map(|frame| *frame * Pose::exp(&error(&mut generator)))
             .collect();
         let mut rows = Vec::new();
+        let curves = match self.correction {
+            Support::Elastic(elastic) => elastic.curves(self, &mut self.generator(3)),
+            _ => Vec::new(),
+        };
         let correction = match self.correction {
             Support::None => Correction::None,
             Support::Shared(count) | Support::Folded(count) => {
                 self.task_space(&mut generator, count, true, &mut rows)
             }
             Support::PerOutput(count) => self.task_space(&mut generator, count, false, &mut rows),
-            Support::Elastic(elastic) => elastic.correction(self, &mut generator, &mut rows),
+            Support::Elastic(elastic) => {
+                elastic.correction(self, &mut generator, &mut rows, &curves)
+            }
         };
         let mut landmarks = Vec::new();
         let mut host_bytes = [0; 512];
@@ -211,7 +217,8 @@ impl Sample {
                 _ => None,
             },
         };
-        let room = blob::HEADER_LENGTH + blob::MAX_LENGTH_WITHOUT_ROWS + self.row_bytes();
+        let room =
+            blob::HEADER_LENGTH + blob::MAX_LENGTH_WITHOUT_ROWS + self.row_bytes() + curves.len();
         let mut buffer = vec![0; room];
         blob::encode(&blob, &mut buffer)
             .expect("MAX_LENGTH_WITHOUT_ROWS covers everything but the rows")

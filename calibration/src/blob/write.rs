@@ -231,17 +231,21 @@ fn to_bytes(
         position_m: calibration.correction_limit.0 as f32,
         angle_rad: calibration.correction_limit.1 as f32,
     };
-    let (correction, rows, sigma) = match &calibration.correction {
-        model::Correction::None => (Correction::None, Vec::new(), None),
+    let (correction, rows, curves, sigma) = match &calibration.correction {
+        model::Correction::None => (Correction::None, Vec::new(), Vec::new(), None),
         model::Correction::TaskSpace(t) => {
             let (correction, rows) = task_space(t, limit)?;
-            (Correction::TaskSpace(correction), rows, None)
+            (Correction::TaskSpace(correction), rows, Vec::new(), None)
         }
-        model::Correction::Elastic(e) => (
-            Correction::Elastic(elastic(e, calibration, limit)?),
-            little_endian(&e.rows),
-            e.sigma.as_ref(),
-        ),
+        model::Correction::Elastic(e) => {
+            let (support, curves) = e.support_and_curves();
+            (
+                Correction::Elastic(elastic(e, calibration, limit)?),
+                little_endian(support),
+                little_endian(curves),
+                e.sigma.as_ref(),
+            )
+        }
     };
     let landmarks = sigma.map_or(Vec::new(), |s| little_endian(&s.rows));
     let joints = robot.joints.iter().map(|joint| Joint {
@@ -306,6 +310,7 @@ fn to_bytes(
             }),
             Correction::Elastic(header) => Correction::Elastic(Elastic {
                 rows: &rows,
+                curves: &curves,
                 ..header
             }),
         },
@@ -325,6 +330,7 @@ fn to_bytes(
         + provenance.serial_number.len()
         + host.len()
         + rows.len()
+        + curves.len()
         + landmarks.len();
     let mut buffer = vec![0; room];
     let length = blob::encode(&blob, &mut buffer)
@@ -436,7 +442,7 @@ fn elastic(
         cos: t.cos as f32,
     });
     let mut kernels = FixedVec::new();
-    if !elastic.rows.is_empty() {
+    if !elastic.support_and_curves().0.is_empty() {
         for k in &processes.kernels[..n] {
             let kernel = JointKernel {
                 rates: fixed(k.rates()[..n].iter().map(|x| *x as f32), "rates")?,
@@ -465,6 +471,7 @@ fn elastic(
         links: fixed(links, "gravity terms")?,
         payload: fixed(payload, "payload terms")?,
         ripple: fixed(ripple, "gear ripple")?,
+        curves: &[],
         kernels,
         tied: processes.tied,
         sets: fixed(sets, "support sets")?,

@@ -51,6 +51,8 @@ pub struct Config {
     pub gravity_terms: bool,
     /// Whether the elastic model has gear ripple.
     pub ripple: bool,
+    /// Whether the elastic model may have an own-joint curve; it has one where the evidence asks for it.
+    pub curve: bool,
     /// Whether the elastic model has joint processes; without them it is parametric.
     pub processes: bool,
     /// Most poses that the hyperparameters of the elastic model are learnt from; the folds of a choice learn from fewer.
@@ -113,6 +115,7 @@ impl Default for Config {
             device_variance: true,
             gravity_terms: true,
             ripple: true,
+            curve: true,
             processes: true,
             hyperparameter_poses: HYPERPARAMETER_POSES,
             outliers: OutlierPolicy::default(),
@@ -203,6 +206,7 @@ impl Config {
             gravity_terms: self.gravity_terms,
             processes: self.processes,
             ripple: self.ripple,
+            curve: self.curve,
             gravity: self.gravity_m_s2.into(),
             inducing_points: self.inducing_points,
             inducing_sets: is_sets.then(|| SetLimits {

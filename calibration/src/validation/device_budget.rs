@@ -6,6 +6,7 @@
 //! against all support points is said. The standard deviation of a tied model is written when there is room left for it.
 
 use poegp_protocol::limits::MAX_GROUPS;
+use poegp_runtime::elastic::curve::coefficient_count;
 use serde::Serialize;
 
 use crate::device_cost::{ElasticSize, SetSizes, blob_bytes, evaluation_instructions};
@@ -63,6 +64,13 @@ const TEXTS: [usize; 5] = [32, 32, 16, 16, 10];
 const RIPPLE_PER_JOINT: usize = 1;
 /// Most functions of support sets: what the device has room for when kernels look at six joints.
 const MAX_FUNCTIONS: usize = 460;
+/// Numbers of one of them.
+const NUMBERS_OF_A_FUNCTION: usize = 13;
+
+/// Functions that the device has room for beside own-joint curves.
+fn functions_beside(joints: usize, curve_orders: usize) -> usize {
+    MAX_FUNCTIONS - coefficient_count(joints, curve_orders).div_ceil(NUMBERS_OF_A_FUNCTION)
+}
 
 impl Budget {
     /// Whether nothing is asked for.
@@ -86,6 +94,7 @@ impl Budget {
         robot: &Robot,
         samples: &[InstrumentSample],
         shape: Shape,
+        curve_orders: usize,
     ) -> Option<ElasticSize> {
         let mut payloads: Vec<f64> = samples
             .iter()
@@ -106,10 +115,15 @@ impl Budget {
             groups,
             tied: shape == Shape::Tied,
             ripple: RIPPLE_PER_JOINT * joints,
+            curve_orders,
             landmarks: 0,
             sets: sets.then(|| SetSizes::largest(joints, support, groups)),
         };
-        let most = if sets { MAX_FUNCTIONS } else { samples.len() };
+        let most = if sets {
+            functions_beside(joints, curve_orders)
+        } else {
+            samples.len()
+        };
         (1..=most).rev().map(size).find(|s| self.allows(s))
     }
 
@@ -134,7 +148,10 @@ impl Budget {
             })
         };
         SetLimits {
-            functions: (1..=MAX_FUNCTIONS).rev().find(within).unwrap_or(1),
+            functions: (1..=functions_beside(size.joints, size.curve_orders))
+                .rev()
+                .find(within)
+                .unwrap_or(1),
             instructions: self
                 .instructions
                 .map(|limit| limit.saturating_sub(evaluation_instructions(&empty))),
@@ -178,9 +195,13 @@ pub fn fit_to_budget(
     config: &Config,
     progress: &mut dyn FnMut(),
 ) -> Result<Option<(Config, Vec<BudgetTrial>)>, CompareError> {
+    // How long an own-joint curve is, and whether there is one, shows when it is fitted.
+    let found = task.calibrated(config, task.train)?;
+    let elastic = found.calibration.correction.elastic();
+    let curve_orders = elastic.map_or(0, |e| e.deflection.curve_orders);
     let sizes: Vec<ElasticSize> = [Shape::Own, Shape::Tied, Shape::Sets]
         .into_iter()
-        .filter_map(|shape| budget.largest(task.robot, task.train, shape))
+        .filter_map(|shape| budget.largest(task.robot, task.train, shape, curve_orders))
         .collect();
     let Some(first) = sizes.first() else {
         return Ok(None);

@@ -27,9 +27,8 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::blob::predict::BlobModel;
 use crate::identification::parametric::state::{Layout, Linearised, ParametricModel, ROWS};
-use crate::learning::elastic::fit::inputs_of;
-use crate::learning::elastic::inducing_points::kernel;
-use crate::learning::elastic::likelihood::Inputs;
+use crate::learning::elastic::inputs::Inputs;
+use crate::learning::elastic::inputs::kernel;
 use crate::measurement::noise::NoiseScales;
 use crate::measurement::observation::Observation;
 use crate::measurement::sample::{Base, BaseSample, InstrumentSample, Sample};
@@ -136,8 +135,8 @@ impl BlobArm {
         let training: Vec<BaseSample> = self.training.iter().map(with).collect();
         let seen = self.state.linearise(&training, scales);
         let (here, there) = (
-            inputs_of(&self.state, samples),
-            inputs_of(&self.state, &training),
+            Inputs::new(&self.state, samples),
+            Inputs::new(&self.state, &training),
         );
         let mut s = self.prior((&seen, &there), (&seen, &there));
         for i in 0..s.nrows() {
@@ -154,7 +153,7 @@ impl BlobArm {
 
     /// Covariance of the smooth deflection of a blob that does not know its own error, of unit size.
     pub fn smooth_covariance(&self, samples: &[InstrumentSample], at: &Linearised) -> Mat<f64> {
-        let here = inputs_of(&self.state, samples);
+        let here = Inputs::new(&self.state, samples);
         self.processes((at, &here), (at, &here))
     }
 

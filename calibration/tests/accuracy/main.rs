@@ -8,6 +8,7 @@ mod elastic;
 mod measured;
 mod never_worse;
 mod outliers;
+mod own_joint_curve;
 mod paper;
 mod support_sets;
 mod ten_seeds;

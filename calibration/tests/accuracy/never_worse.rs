@@ -23,14 +23,14 @@ const WORSE: f64 = 1.03;
 const TESTED: (usize, usize) = (20, 400);
 
 /// A robot with poses to draw from, and those to test on: the poses that were not drawn where there are none.
-struct Set {
-    name: &'static str,
-    robot: Robot,
-    rows: Vec<InstrumentSample>,
-    test: Vec<InstrumentSample>,
+pub struct Set {
+    pub name: &'static str,
+    pub robot: Robot,
+    pub rows: Vec<InstrumentSample>,
+    pub test: Vec<InstrumentSample>,
 }
 
-fn simulated(name: &'static str) -> Set {
+pub fn simulated(name: &'static str) -> Set {
     let (robot, _) = arm("abb-irb4400-serial");
     let read = |set: &str| samples(&simulated_path(&format!("{name}_s0_{set}")), &robot);
     let test = ["test1", "test2", "test3"].iter().flat_map(|set| read(set));
@@ -43,7 +43,7 @@ fn simulated(name: &'static str) -> Set {
 }
 
 /// The sets of others, where they can be had.
-fn measured() -> Vec<Set> {
+pub fn measured() -> Vec<Set> {
     let Some(folder) = std::env::var_os("POEGP_MEASURED_DATA").map(PathBuf::from) else {
         say("the sets of others: NOT RUN: POEGP_MEASURED_DATA is not set");
         return Vec::new();

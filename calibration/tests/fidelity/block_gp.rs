@@ -5,8 +5,8 @@ use faer::Mat;
 use nalgebra::Vector3;
 use poegp_calibration::identification::base_tools::fit_base_and_tools;
 use poegp_calibration::identification::parametric::state::{Layout, ParametricModel, PriorGroup};
-use poegp_calibration::learning::elastic::fit::inputs_of;
 use poegp_calibration::learning::elastic::hyperparameters::{COMMON, DEFLECTION_UNIT, HyperLayout};
+use poegp_calibration::learning::elastic::inputs::Inputs;
 use poegp_calibration::learning::elastic::likelihood::MarginalLikelihood;
 use poegp_calibration::measurement::noise::{InstrumentNoise, NoiseScales};
 use poegp_calibration::measurement::observation::Observation;
@@ -113,10 +113,11 @@ fn weights_deflections_and_poses_are_numpys() {
         joints: JOINTS,
         payload: true,
         shared_lengthscales: false,
+        curve: false,
     };
     let h = hyperparameters(&file, layout);
     let scales = NoiseScales::uniform(file["sp"].as_f64().unwrap(), file["sr"].as_f64().unwrap());
-    let inputs = inputs_of(&state, &train);
+    let inputs = Inputs::new(&state, &train);
     let similarities = inputs.similarities();
     // There, all frames have the prior that the arm's have here.
     let groups = vec![PriorGroup::Frames; state.deviation.len()];
@@ -134,6 +135,7 @@ fn weights_deflections_and_poses_are_numpys() {
             groups: &groups,
             inputs: &inputs,
             similarities: &similarities,
+            waves: &[],
             layout,
             processes: true,
         };
@@ -153,7 +155,7 @@ fn weights_deflections_and_poses_are_numpys() {
     let weights = share(&weights, &numbers(&file["weights"]));
 
     let kernels = layout.kernels(&h);
-    let asked = inputs_of(&state, &test);
+    let asked = Inputs::new(&state, &test);
     let calibrated = state.chain(0);
     let (mut deflections, mut predicted) = (Vec::new(), Vec::new());
     for (i, sample) in test.iter().enumerate() {
@@ -218,19 +220,21 @@ fn the_gradient_is_that_of_differences() {
         let state = frames_only(&chain, payload, true);
         let linear = state.linearise(&samples, scales);
         let groups = state.layout.groups();
-        let inputs = inputs_of(&state, &samples);
+        let inputs = Inputs::new(&state, &samples);
         let similarities: Vec<Mat<f64>> = inputs.similarities();
         for tied in [false, true] {
             let layout = HyperLayout {
                 joints: JOINTS,
                 payload,
                 shared_lengthscales: tied,
+                curve: false,
             };
             let evidence = MarginalLikelihood {
                 linear: &linear,
                 groups: &groups,
                 inputs: &inputs,
                 similarities: &similarities,
+                waves: &[],
                 layout,
                 processes: true,
             };

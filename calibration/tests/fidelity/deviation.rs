@@ -42,7 +42,7 @@ fn the_deviation_of_a_trained_pose_is_that_of_the_factor() {
     let noise: Vec<f64> = found.hyperparameters[..2].iter().map(|h| h.exp()).collect();
     let scales = [found.scales.position, found.scales.orientation];
     // The reduced model moves the parameters; what is known of them stays what the data said.
-    ElasticModel::new(&mut found, &samples, None, &options).unwrap();
+    ElasticModel::new(&mut found, &samples, &samples, None, &options).unwrap();
     let uncertainty = Uncertainty::new(found, &samples, [1.0; 2]).unwrap();
     let mut worst = 0.0_f64;
     for (k, sample) in samples.iter().enumerate() {

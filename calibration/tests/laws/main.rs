@@ -7,6 +7,7 @@ mod folds;
 mod held_out;
 mod noise;
 mod outliers;
+mod own_joint_curve;
 mod ranges;
 mod selection;
 #[path = "../fidelity/sets.rs"]

@@ -206,6 +206,9 @@ pub struct Elastic<'a> {
     pub rows: &'a [u8],
     /// An inducing set for each joint; empty when all joints share the rows.
     pub sets: Vec<SetPoints, MAX_JOINTS>,
+    /// Own-joint curves, `f32` little endian: for every joint the amplitudes of sin q and cos q, of sin 2q and cos 2q, … in
+    /// rad, as many orders for each joint, at most 64. Empty when there are none.
+    pub curves: &'a [u8],
 }
 
 /// One sine and cosine of gear ripple.

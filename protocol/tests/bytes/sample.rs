@@ -114,6 +114,9 @@ pub fn elastic_rows() -> Vec<u8> {
     words.flat_map(|word: f32| word.to_le_bytes()).collect()
 }
 
+/// One order of an own-joint curve: 2^-15 rad of sin q and 2^-16 of cos q of joint 1, nothing of the sliding one.
+const CURVES: [u8; 16] = [0, 0, 0, 0x38, 0, 0, 0x80, 0x37, 0, 0, 0, 0, 0, 0, 0, 0];
+
 /// The same arm with an elastic correction.
 pub fn elastic_blob(rows: &[u8]) -> Blob<'_> {
     let kernel = |rates: [f32; 2]| JointKernel {
@@ -154,6 +157,7 @@ pub fn elastic_blob(rows: &[u8]) -> Blob<'_> {
                 .collect(),
             rows,
             sets: heapless::Vec::new(),
+            curves: &CURVES,
         }),
         ..blob(&[])
     }

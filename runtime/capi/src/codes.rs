@@ -73,6 +73,10 @@ pub const POEGP_MODEL_GRAVITY: i32 = 212;
 pub const POEGP_MODEL_RIPPLE: i32 = 213;
 /// The payload groups do not add up to the support.
 pub const POEGP_MODEL_GROUPS: i32 = 214;
+/// The variance of the position is not usable.
+pub const POEGP_MODEL_VARIANCE: i32 = 215;
+/// The own-joint curves are not usable.
+pub const POEGP_MODEL_CURVE: i32 = 216;
 
 /// Signed or not: the envelope is damaged.
 pub const POEGP_SIGNATURE_MALFORMED: i32 = 301;

@@ -40,6 +40,8 @@ pub fn of(code: i32) -> &'static CStr {
         POEGP_MODEL_GRAVITY => c"the gravity terms do not fit the number of joints",
         POEGP_MODEL_RIPPLE => c"a gear ripple term is not usable",
         POEGP_MODEL_GROUPS => c"the payload groups do not add up to the support",
+        POEGP_MODEL_VARIANCE => c"the variance of the position is not usable",
+        POEGP_MODEL_CURVE => c"the own-joint curves are not usable",
         POEGP_SIGNATURE_MALFORMED => c"the envelope of the signed blob is damaged",
         POEGP_SIGNATURE_UNSIGNED => c"the blob is not signed",
         POEGP_SIGNATURE_WRONG_KEY => c"the blob is signed by another key",

@@ -70,7 +70,7 @@ fn text(letters: &[c_char]) -> String {
 }
 
 /// Of the runtime itself, with another capacity.
-fn arm() -> Box<Arm<f32, { words_for(32) }>> {
+fn arm() -> Box<Arm<f32, { words_for(40) }>> {
     let mut arm = Box::new(Arm::new());
     arm.load_decoded(&blob::decode(BLOB).unwrap()).unwrap();
     arm
@@ -407,18 +407,20 @@ fn every_code_has_words() {
         (LoadError::Gravity, POEGP_MODEL_GRAVITY),
         (LoadError::Ripple, POEGP_MODEL_RIPPLE),
         (LoadError::Groups, POEGP_MODEL_GROUPS),
+        (LoadError::Variance, POEGP_MODEL_VARIANCE),
+        (LoadError::Curve, POEGP_MODEL_CURVE),
     ] {
         assert_eq!(200 + i32::from(error.code()), code);
     }
     let known = (0..=6)
         .chain([99])
         .chain(101..=107)
-        .chain(201..=214)
+        .chain(201..=216)
         .chain(301..=304)
         .chain(401..=404);
     let mut seen: Vec<String> = known.map(words).collect();
     assert!(!seen.contains(&unknown));
     seen.sort();
     seen.dedup();
-    assert_eq!(seen.len(), 7 + 1 + 7 + 14 + 4 + 4, "{seen:#?}");
+    assert_eq!(seen.len(), 7 + 1 + 7 + 16 + 4 + 4, "{seen:#?}");
 }

@@ -10,10 +10,10 @@
 //! e  = nominal(C q) − POE(C q)        J = POE′(C q) C
 //! d₀ = rough step for e − J φ(q)      φ: gravity
 //! g  = processes at q + d₀
-//! D  = φ(n) + g + r(n)                n = q + d₀ − g, where the command will be, nearly; r: ripple, which changes quickest
+//! D  = φ(n) + g + r(n)                n = q + d₀ − g, where the command will be, nearly; r: gears, which change quickest
 //! d  = limited step for e − J D
 //! d += a step for what POE(C (q + d + D)) has left but was not given up
-//! q* = q + d, with the ripple that is there
+//! q* = q + d, with what the gears do there (ripple and own-joint curves)
 //! ```
 //!
 //! The correction in task space does not split like that and is evaluated at each of three steps.
@@ -33,6 +33,7 @@ pub use acceptance::{CORRECTED_WITHIN, Corrected, MAX_JOINT_CHANGE};
 use acceptance::{Candidate, raised};
 
 use crate::correct::step_limit::{Scale, StepLimit};
+use crate::elastic::curve::add_curves;
 use crate::elastic::deflection::deflected_into;
 use crate::elastic::ripple::ripple_line;
 use crate::gp::loops::KernelLoops;
@@ -366,7 +367,13 @@ impl<T: KernelLoops> Search<'_, T> {
         let near = difference(&start, &mean);
         let pose = self.chain(&near);
         let smooth = sum(&gravity(self.frames, &pose), &mean);
-        let line = ripple_line(&terms.ripple, &sum(self.joints, &near));
+        let there = sum(self.joints, &near);
+        let mut line = ripple_line(&terms.ripple, &there);
+        if terms.curve_orders > 0 {
+            arm.calibrated.joint_trig_into(&there, self.turned);
+            let coefficients = terms.curves(kinds.len(), self.rows);
+            add_curves(kinds, coefficients, self.turned, &mut line);
+        }
         let mut deflection = sum(&smooth, &line.value);
         let effect = equations.moved(&deflection);
         let (position, rotation) = squared_norms(&effect);

@@ -6,6 +6,7 @@
 //! ```text
 //! δ_c(q, m) =   Σ_j (R_jᵀ w_c)·a_cj + m ((o_t − o_c)·w_c b_c0 + (R_nᵀ w_c)·b_c)     gravity, w_c = g × z_c
 //!             + Σ_t (α_t sin k_t q_c + β_t cos k_t q_c)                              gear ripple
+//!             + Σ_k (α_ck sin k q_c + β_ck cos k q_c)                                own-joint curve
 //!             + Σ_j k_c((q, m), (q_j, m_j)) weight_jc                                Gaussian process
 //!
 //! k_c = (a₀_c + a₁_c m m′) · 2^(Σ_d W_cd (s_d − 1) − W_cm (m − m′)²)
@@ -23,6 +24,7 @@ use poegp_protocol::JointKind;
 use poegp_protocol::limits::{MAX_JOINTS, MAX_RIPPLE};
 
 use crate::elastic::configuration::Configuration;
+use crate::elastic::curve::{coefficient_count, curves};
 use crate::elastic::gravity::Gravity;
 use crate::elastic::position_variance::{PositionVariance, prior};
 use crate::elastic::ripple::{RippleTerm, ripple};
@@ -43,9 +45,11 @@ pub struct Deflection<T> {
     pub gravity: Gravity<T>,
     /// Gear ripple.
     pub ripple: Vec<RippleTerm<T>, MAX_RIPPLE>,
+    /// Orders of each joint's own-joint curve; 0 for none. The coefficients are behind the support rows.
+    pub curve_orders: usize,
     /// The rest.
     pub processes: JointProcesses<T>,
-    /// How well the position is known; its landmarks are behind the support rows.
+    /// How well the position is known; its landmarks are behind the curves.
     pub variance: Option<PositionVariance<T>>,
 }
 
@@ -141,12 +145,24 @@ impl<T: KernelLoops> Deflection<T> {
         for (((sum, a), b), c) in out.iter_mut().zip(&gravity).zip(&ripple).zip(&mean) {
             *sum = *a + *b + *c;
         }
+        if self.curve_orders > 0 {
+            curves(kinds, self.curves(kinds.len(), rows), features, &mut out);
+        }
         out
     }
 
     /// Words of the support rows of an arm with so many joints.
     pub fn support_words(&self, joints: usize) -> usize {
         self.processes.words(joints)
+    }
+
+    /// The coefficients of the own-joint curves of an arm with so many joints.
+    #[inline(always)]
+    pub(crate) fn curves<'a>(&self, joints: usize, rows: &'a [T]) -> &'a [T] {
+        let behind = rows.get(self.support_words(joints)..).unwrap_or(&[]);
+        behind
+            .get(..coefficient_count(joints, self.curve_orders))
+            .unwrap_or(&[])
     }
 
     /// POE(C (q + δ)), with δ scaled back to `bound`.
@@ -174,7 +190,9 @@ impl<T: KernelLoops> Deflection<T> {
         observer.deflection(&deflection);
         let mut out = deflect(at, &frames, &target, &deflection, bound);
         if let Some(variance) = &self.variance {
-            let landmarks = rows.get(self.support_words(kinds.len())..);
+            let before =
+                self.support_words(kinds.len()) + coefficient_count(kinds.len(), self.curve_orders);
+            let landmarks = rows.get(before..);
             let kernels = &self.processes.kernels;
             let unexplained = variance.unexplained(
                 kinds,

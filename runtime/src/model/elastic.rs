@@ -4,7 +4,7 @@ use heapless::Vec;
 use nalgebra::Vector3;
 use poegp_protocol::JointKind;
 use poegp_protocol::blob::{Elastic, Joint, Variance};
-use poegp_protocol::limits::{MAX_GROUPS, MAX_JOINTS};
+use poegp_protocol::limits::{MAX_CURVE_ORDER, MAX_GROUPS, MAX_JOINTS};
 
 use crate::elastic::deflection::Deflection;
 use crate::elastic::gravity::{Gravity, GravityTerms};
@@ -24,6 +24,8 @@ use crate::model::validate::{
 const MAX_RATE_SUM: f32 = 100_000.0;
 /// Most cycles per turn of a ripple term.
 const MAX_CYCLES: f32 = 4_096.0;
+/// Largest amplitude of one order of an own-joint curve in rad.
+const MAX_CURVE_AMPLITUDE: f32 = 1.0;
 /// Payloads are held at this many times the heaviest trained.
 const PAYLOAD_REACH: f32 = 8.0;
 /// Largest W_cm (m − m′)².
@@ -46,6 +48,7 @@ impl<T: Scalar> ElasticCorrection<T> {
             deflection: Deflection {
                 gravity: Gravity::zero(),
                 ripple: Vec::new(),
+                curve_orders: 0,
                 processes: JointProcesses {
                     kernels: [JointKernel::zero(); MAX_JOINTS],
                     tied: false,
@@ -80,6 +83,7 @@ impl<T: Scalar> ElasticCorrection<T> {
         out.processes.choose_loops(calibrated.poe.kinds());
         gravity(wire, calibrated, &mut out.gravity)?;
         out.ripple = ripple(wire, joints)?;
+        out.curve_orders = wire.curves.len() / (8 * joints.max(1));
         out.variance = variance.map(super::position_variance::header);
         self.bound = checked_bound(&wire.bound)?;
         self.heaviest = T::from_f32(heaviest);
@@ -170,6 +174,24 @@ fn ripple<T: Scalar, const N: usize>(
         out.push(term).map_err(|_| LoadError::Ripple)?;
     }
     Ok(out)
+}
+
+/// The bytes of the own-joint curves, after every coefficient was looked at.
+pub(super) fn checked_curves<'a>(
+    wire: &Elastic<'a>,
+    joints: usize,
+    capacity: usize,
+) -> Result<&'a [u8], LoadError> {
+    // As many orders for each joint.
+    let order = 8 * joints.clamp(1, MAX_JOINTS);
+    if !wire.curves.len().is_multiple_of(order) || wire.curves.len() / order > MAX_CURVE_ORDER {
+        return Err(LoadError::Curve);
+    }
+    let limit = |_| MAX_CURVE_AMPLITUDE;
+    checked_rows(wire.curves, 1, limit, capacity).map_err(|error| match error {
+        LoadError::Row => LoadError::Curve,
+        other => other,
+    })
 }
 
 fn processes<T: Scalar>(

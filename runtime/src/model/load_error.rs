@@ -45,6 +45,8 @@ pub enum LoadError {
     Gravity,
     /// A ripple term names no joint or too many cycles, or there are too many terms.
     Ripple,
+    /// The own-joint curves have more than 64 orders, not as many for each joint, or an amplitude beyond ±1 rad.
+    Curve,
     /// The payload groups do not add up to the support rows.
     Groups,
     /// A weight of the support is not within ±1e30, an input is beyond ±200 length scales, or a sine or cosine beyond ±1.
@@ -72,6 +74,7 @@ impl LoadError {
             Self::Ripple => 13,
             Self::Groups => 14,
             Self::Variance => 15,
+            Self::Curve => 16,
         }
     }
 }
@@ -98,11 +101,12 @@ impl fmt::Display for LoadError {
             Self::SupportTooLarge { needed, capacity } => {
                 write!(
                     f,
-                    "the inducing points take {needed} numbers; there is room for {capacity}"
+                    "the support takes {needed} numbers; there is room for {capacity}"
                 )
             }
             Self::Gravity => f.write_str("the gravity terms do not fit the number of joints"),
             Self::Ripple => f.write_str("a gear ripple term is not usable"),
+            Self::Curve => f.write_str("the own-joint curves are not usable"),
             Self::Groups => f.write_str("the payload groups do not add up to the support"),
             Self::Variance => f.write_str("the variance of the position is not usable"),
             Self::Row => f.write_str("a number of the support is not usable"),

@@ -119,9 +119,19 @@ impl<T: Scalar, const WORDS: usize> Model<T, WORDS> {
             arm.fill(blob)?;
         }
         let bytes = checked_support(blob, WORDS)?;
-        let landmarks = position_variance::checked(blob, WORDS - bytes.len() / 4)?;
+        let curves = match &blob.correction {
+            Correction::Elastic(elastic) => {
+                elastic::checked_curves(elastic, blob.robot.joints.len(), WORDS - bytes.len() / 4)?
+            }
+            _ => &[],
+        };
+        let room = WORDS - (bytes.len() + curves.len()) / 4;
+        let landmarks = position_variance::checked(blob, room)?;
         self.rows.clear();
-        for word in [bytes, landmarks].iter().flat_map(|b| b.as_chunks::<4>().0) {
+        for word in [bytes, curves, landmarks]
+            .iter()
+            .flat_map(|b| b.as_chunks::<4>().0)
+        {
             // Cannot fail: the length was compared with the capacity.
             let _ = self.rows.push(T::from_f32(f32::from_le_bytes(*word)));
         }

@@ -28,8 +28,14 @@ pub struct Arm {
     pub elastic: Option<Elastic<'static>>,
     /// Support rows of the elastic correction.
     pub rows: Vec<f32>,
+    /// Own-joint curves of the elastic correction.
+    pub curves: Vec<f32>,
     bytes: Vec<u8>,
+    curve_bytes: Vec<u8>,
 }
+
+/// Orders of the own-joint curves of an elastic [`Arm`].
+pub const CURVE_ORDERS: usize = 2;
 
 /// The correction of an [`Arm`].
 #[derive(Clone, Debug)]
@@ -98,11 +104,13 @@ impl Arm {
             }),
             elastic: None,
             rows: Vec::new(),
+            curves: Vec::new(),
             bytes: Vec::new(),
+            curve_bytes: Vec::new(),
         }
     }
 
-    /// An arm with an elastic correction: `points` support points in two payload groups, two ripple terms. Every third
+    /// An arm with an elastic correction: `points` support points in two payload groups, two ripple terms, own-joint curves. Every third
     /// joint slides if `sliding`.
     pub fn elastic(joints: usize, points: usize, sliding: bool, tied: bool) -> Self {
         let mut arm = Self::sound(joints, 0);
@@ -167,7 +175,16 @@ impl Arm {
                 .collect(),
             rows: &[],
             sets: heapless::Vec::new(),
+            curves: &[],
         });
+        for joint in &arm.joints {
+            let size = match joint.kind {
+                JointKind::Revolute => 1e-5,
+                JointKind::Prismatic => 0.0,
+            };
+            arm.curves
+                .extend((0..2 * CURVE_ORDERS).map(|_| small(size)));
+        }
         arm
     }
 
@@ -252,6 +269,7 @@ impl Arm {
             }
             out.extend(elastic.groups.iter_mut().map(|g| &mut g.payload_kg));
             out.extend(&mut self.rows);
+            out.extend(&mut self.curves);
         }
         out
     }
@@ -261,6 +279,8 @@ impl Arm {
         let rows = self.task.iter().flat_map(|task| &task.rows);
         let rows = rows.chain(&self.rows);
         self.bytes = rows.flat_map(|word| word.to_le_bytes()).collect();
+        let curves = self.curves.iter();
+        self.curve_bytes = curves.flat_map(|word| word.to_le_bytes()).collect();
         self.blob_with(&self.bytes)
     }
 
@@ -285,6 +305,7 @@ impl Arm {
             correction: if let Some(elastic) = &self.elastic {
                 Correction::Elastic(Elastic {
                     rows,
+                    curves: &self.curve_bytes,
                     ..elastic.clone()
                 })
             } else {

@@ -253,6 +253,7 @@ fn an_elastic_correction_may_be_empty() {
     elastic.ripple.clear();
     elastic.kernels.clear();
     elastic.groups.clear();
+    arm.curves.clear();
     let (model, mut seen) = (arm.model::<f32>(), Seen::default());
     let answer = model.evaluate_observed(&[0.2; 6], 1.0, &mut seen);
     assert!(answer.status.is_ok());

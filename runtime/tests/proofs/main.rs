@@ -5,6 +5,7 @@ mod bound_laws;
 mod chain_laws;
 mod corrected;
 mod corrected_claims;
+mod curve_laws;
 mod deflection_laws;
 mod elastic_model;
 mod elastic_refuses;

@@ -236,6 +236,8 @@ fn codes_of_load_errors_never_change() {
         LoadError::Gravity,
         LoadError::Ripple,
         LoadError::Groups,
+        LoadError::Variance,
+        LoadError::Curve,
     ];
     let page = include_str!("../../../docs/reference/link.md");
     let (_, table) = page.split_once("Codes of `Model`").expect("codes");

@@ -23,6 +23,7 @@ fn deflection(terms: &[RippleTerm<f64>]) -> Deflection<f64> {
     Deflection {
         gravity: Gravity::new(&weightless, &MinimalForm::new(&chain)),
         ripple: terms.iter().copied().collect(),
+        curve_orders: 0,
         processes: JointProcesses {
             kernels: [JointKernel::zero(); 8],
             tied: true,

@@ -52,6 +52,7 @@ fn errors_of_loading_say_what_is_wrong() {
         LoadError::Ripple,
         LoadError::Groups,
         LoadError::Variance,
+        LoadError::Curve,
     ];
     // On the wire for ever.
     for (code, error) in (1..).zip(all) {

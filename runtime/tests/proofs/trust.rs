@@ -299,6 +299,7 @@ fn what_is_wrong_with_a_variance_is_named() {
     assert_eq!(loaded::<f32>(&mut task, variance(0, &[])).err(), wrong);
     // 4 rows of 9 words and landmarks of 27: too much beside 1 000 words.
     let mut full = Arm::elastic(3, 4, false, true);
+    full.curves.clear();
     full.rows.resize(9 * 112, 0.0);
     full.joint_space().groups[1].points = 110;
     let rows = bytes(&full, &sample(3));

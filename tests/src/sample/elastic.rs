@@ -5,6 +5,7 @@ use poegp_protocol::JointKind;
 use poegp_protocol::blob::{
     self, Correction, CorrectionBound, JointKernel, PayloadGroup, Ripple, Variance,
 };
+use poegp_protocol::limits::MAX_CURVE_ORDER;
 use poegp_runtime::elastic::position_variance;
 use poegp_runtime::gp::joint_processes;
 use rand::RngExt;
@@ -30,6 +31,8 @@ pub struct Elastic {
     /// 0 for one support for all joints. Else every joint has a set of its own and a kernel that looks at so many joints,
     /// at one less of every second one.
     pub looks_at: usize,
+    /// Orders of the own-joint curve of each joint; 0 for none.
+    pub curve_orders: usize,
 }
 
 /// Support points unless a sample says otherwise.
@@ -45,6 +48,7 @@ impl Elastic {
         upright: true,
         landmarks: 0,
         looks_at: 0,
+        curve_orders: 0,
     };
     /// A support set for each joint, 200 points in all; of arms simulated in the paper's way 200 have 1 200 to 1 500 words
     /// in about 20 groups, these 1 600 in 30.
@@ -57,6 +61,12 @@ impl Elastic {
     pub const TIED: Self = Self {
         tied: true,
         ..Self::OWN
+    };
+
+    /// The same with the longest own-joint curves.
+    pub const TIED_WITH_CURVES: Self = Self {
+        curve_orders: MAX_CURVE_ORDER,
+        ..Self::TIED
     };
 
     /// The same with a standard deviation.
@@ -109,6 +119,22 @@ impl Elastic {
         (0..joints).map(set).sum()
     }
 
+    /// The bytes of the own-joint curves: as large as those of a robot whose joints are off by 360 µrad. What has no curves
+    /// draws nothing.
+    pub(super) fn curves(&self, sample: &Sample, generator: &mut ChaCha8Rng) -> Vec<u8> {
+        let mut amplitude = |joint: usize| {
+            let drawn = generator.random_range(-5e-5_f32..5e-5);
+            match sample.kind(joint) {
+                JointKind::Revolute => drawn,
+                JointKind::Prismatic => 0.0,
+            }
+        };
+        (0..sample.joints)
+            .flat_map(|joint| std::iter::repeat_n(joint, 2 * self.curve_orders))
+            .flat_map(|joint| amplitude(joint).to_le_bytes())
+            .collect()
+    }
+
     /// The variance, with the bytes of its landmarks in `rows`; `None` without landmarks.
     pub(super) fn variance<'a>(
         &self,
@@ -142,12 +168,13 @@ impl Elastic {
         })
     }
 
-    /// The correction, with the bytes of its support in `rows`.
+    /// The correction with these own-joint curves, and the bytes of its support in `rows`.
     pub(super) fn correction<'a>(
         &self,
         sample: &Sample,
         generator: &mut ChaCha8Rng,
         rows: &'a mut Vec<u8>,
+        curves: &'a [u8],
     ) -> Correction<'a> {
         let joints = sample.joints;
         // Microradians per metre of moment arm at 9.81 m/s², and per kilogram.
@@ -259,6 +286,7 @@ impl Elastic {
             groups: (0..self.groups).map(group).collect(),
             rows,
             sets,
+            curves,
         })
     }
 }

@@ -127,6 +127,7 @@ fn instructions_of_a_standard_deviation() {
                     groups: elastic.groups,
                     tied: true,
                     ripple: elastic.ripple,
+                    curve_orders: elastic.curve_orders,
                     landmarks,
                     sets: None,
                 };
@@ -169,9 +170,9 @@ fn the_trainer_knows_what_elastic_models_cost() {
     };
     let mut device = Device::start(Clock::Counting).unwrap_or_else(|error| panic!("{error}"));
     println!(
-        "| joints | sliding | tied | each looks at | points | groups | ripple | instructions (Cortex-M4F) | predicted | bytes |"
+        "| joints | sliding | tied | each looks at | points | groups | ripple | orders | instructions (Cortex-M4F) | predicted | bytes |"
     );
-    println!("|---|---|---|---|---|---|---|---|---|---|");
+    println!("|---|---|---|---|---|---|---|---|---|---|---|");
     let mut missed = Vec::new();
     for (joints, prismatic) in [
         (3, false),
@@ -182,7 +183,13 @@ fn the_trainer_knows_what_elastic_models_cost() {
         (7, false),
     ] {
         for (tied, looks_at) in [(false, 0), (true, 0), (false, 2), (false, 4), (false, 7)] {
-            for (points, groups, ripple) in [(0, 0, 0), (25, 1, 0), (100, 5, 4), (200, 5, 4)] {
+            for (points, groups, ripple, curve_orders) in [
+                (0, 0, 0, 0),
+                (25, 1, 0, 64),
+                (100, 5, 4, 0),
+                (100, 5, 4, 20),
+                (200, 5, 4, 0),
+            ] {
                 let elastic = Elastic {
                     points,
                     groups,
@@ -191,6 +198,7 @@ fn the_trainer_knows_what_elastic_models_cost() {
                     upright: true,
                     landmarks: 0,
                     looks_at: if points == 0 { 0 } else { looks_at },
+                    curve_orders,
                 };
                 let sample = Sample {
                     joints,
@@ -204,6 +212,7 @@ fn the_trainer_knows_what_elastic_models_cost() {
                     groups,
                     tied,
                     ripple,
+                    curve_orders,
                     landmarks: 0,
                     sets: elastic.set_sizes(joints),
                 };
@@ -212,7 +221,7 @@ fn the_trainer_knows_what_elastic_models_cost() {
                 let predicted = evaluation_instructions(&size) as f64;
                 let bytes = blob_bytes(&size, sample::TEXTS);
                 println!(
-                    "| {joints} | {prismatic} | {tied} | {looks_at} | {points} | {groups} | {ripple} | {count:.0} | {predicted:.0} | {bytes} |"
+                    "| {joints} | {prismatic} | {tied} | {looks_at} | {points} | {groups} | {ripple} | {curve_orders} | {count:.0} | {predicted:.0} | {bytes} |"
                 );
                 if (predicted - count).abs() > tolerance * count {
                     missed.push(size);

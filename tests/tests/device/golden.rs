@@ -15,7 +15,7 @@ use poegp_tests::workspace;
 use crate::device;
 
 /// Name of the files, and what is in them.
-const CASES: [(&str, Sample); 9] = [
+const CASES: [(&str, Sample); 10] = [
     ("shared", Sample::plain(20, Support::Shared(24))),
     ("folded", Sample::plain(25, Support::Folded(24))),
     (
@@ -51,6 +51,13 @@ const CASES: [(&str, Sample); 9] = [
             ..Sample::plain(25, Support::Elastic(SETS))
         },
     ),
+    (
+        "elastic_curve",
+        Sample {
+            coupled: true,
+            ..Sample::plain(28, Support::Elastic(small(CURVE)))
+        },
+    ),
     // As large as they are used, and an odd number of points. Not on the smallest machines of `tests/machines/run`.
     ("full_shared", Sample::plain(26, Support::Shared(299))),
     (
@@ -64,6 +71,12 @@ const CASES: [(&str, Sample); 9] = [
         ),
     ),
 ];
+
+/// With landmarks behind the curves.
+const CURVE: Elastic = Elastic {
+    curve_orders: 12,
+    ..Elastic::TIED_WITH_SIGMA
+};
 
 /// Groups without rows, too.
 const SETS: Elastic = Elastic {

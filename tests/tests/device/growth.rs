@@ -74,6 +74,7 @@ fn instructions_grow_with_the_support_points_and_no_faster() {
                 groups: elastic.groups,
                 tied: elastic.tied,
                 ripple: elastic.ripple,
+                curve_orders: elastic.curve_orders,
                 landmarks: 0,
                 sets: elastic.set_sizes(6),
             };

@@ -159,6 +159,7 @@ fn elastic_without_process_or_ripple() {
         points: 0,
         groups: 0,
         ripple: 0,
+        curve_orders: 0,
         tied: false,
         landmarks: 0,
         upright: true,

@@ -70,6 +70,9 @@ fn document(loaded: &BlobModel) -> Value {
             "ripple": elastic.ripple.iter().map(|r| json!({
                 "joint": r.joint + 1, "cycles_per_turn": r.cycles, "amplitude_urad": 1e6 * r.sin.hypot(r.cos)
             })).collect::<Vec<_>>(),
+            "own_joint_curves": curves(elastic, blob.robot.joints.len()).map(|(orders, rms)| json!({
+                "orders": orders, "rms_urad": rms
+            })),
             "payload_groups_kg": elastic.groups.iter().map(|g| g.payload_kg).collect::<Vec<_>>(),
             "correction_limit_mm": 1e3 * elastic.bound.position_m,
             "correction_limit_mrad": 1e3 * elastic.bound.angle_rad,
@@ -206,6 +209,13 @@ fn print(report: Printer, loaded: &BlobModel, document: &Value) {
             )),
             None => report.line("    no standard deviation"),
         }
+        if let Some((orders, rms)) = curves(elastic, blob.robot.joints.len()) {
+            let rms: Vec<String> = rms.iter().map(|r| format!("{r:.0}")).collect();
+            report.line(format_args!(
+                "    own-joint curves of {orders} orders: {} µrad RMS over a turn",
+                rms.join(", ")
+            ));
+        }
         for r in &elastic.ripple {
             let amplitude = 1e6 * r.sin.hypot(r.cos);
             report.line(format_args!(
@@ -263,6 +273,20 @@ fn print_joints(report: Printer, blob: &Blob<'_>) {
         &rows,
     );
     report.line("");
+}
+
+/// Orders of the own-joint curves, and the root mean square of each joint's curve over a turn in µrad; `None` without curves.
+fn curves(elastic: &Elastic<'_>, joints: usize) -> Option<(usize, Vec<f32>)> {
+    let amplitudes: Vec<f32> = elastic
+        .curves
+        .as_chunks::<4>()
+        .0
+        .iter()
+        .map(|bytes| f32::from_le_bytes(*bytes))
+        .collect();
+    let each = amplitudes.len() / joints.max(1);
+    let rms = |curve: &[f32]| 1e6 * (0.5 * curve.iter().map(|x| x * x).sum::<f32>()).sqrt();
+    (each > 0).then(|| (each / 2, amplitudes.chunks_exact(each).map(rms).collect()))
 }
 
 /// Functions of the support set of each joint.

@@ -89,6 +89,8 @@ fn model(code: u8) -> String {
         LoadError::Ripple,
         LoadError::Groups,
         LoadError::Row,
+        LoadError::Variance,
+        LoadError::Curve,
     ];
     if let Some(error) = plain.iter().find(|error| error.code() == code) {
         return format!("unusable model: {error}");

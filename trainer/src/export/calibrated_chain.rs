@@ -189,6 +189,7 @@ fn elastic_terms(e: &Elastic<'_>) -> Vec<&'static str> {
         (!e.links.is_empty(), "the deflection under gravity"),
         (!e.payload.is_empty(), "the deflection under the payload"),
         (!e.ripple.is_empty(), "gear ripple"),
+        (!e.curves.is_empty(), "the own-joint curves"),
         (!e.rows.is_empty(), "the Gaussian processes of the joints"),
     ]
     .into_iter()

@@ -5,6 +5,7 @@
 //! when χ² drops by more than [`SIGNIFICANT`], which chance does less than once in several hundred searches.
 
 use faer::Mat;
+use poegp_runtime::elastic::ripple::RippleTerm;
 
 use crate::identification::parametric::state::ROWS;
 use crate::measurement::sample::BaseSample;
@@ -23,11 +24,19 @@ pub struct Peak {
     pub cycles: f64,
     /// Drop of χ².
     pub drop: f64,
+    /// Another frequency that the joint values measured cannot tell from this one.
+    pub alias: Option<f64>,
 }
+
+/// A frequency is distinguished from another one by this much more drop of χ²: odds of 400 to 1.
+const DISTINGUISHED: f64 = 12.0;
+/// Share of a term that another frequency must explain at the joint values measured to be its alias.
+const ALIKE: f64 = 0.5;
+/// Cycles per turn from which an alias is looked for.
+const LOWEST_ALIAS: f64 = 1.0;
 
 /// One joint's residual, contracted: everything a frequency needs.
 struct Contracted {
-    joint: usize,
     q: Vec<f64>,
     /// J_cᵀ e.
     projection: Vec<f64>,
@@ -38,8 +47,13 @@ struct Contracted {
 impl Contracted {
     /// Drop of χ² by a term of `cycles`.
     fn drop(&self, cycles: f64) -> f64 {
+        self.regressed(cycles, &self.projection).0
+    }
+
+    /// Drop of χ² by a term of `cycles` for this J_cᵀ e, with the term's sine and cosine.
+    fn regressed(&self, cycles: f64, projection: &[f64]) -> (f64, [f64; 2]) {
         let (mut ss, mut sc, mut cc, mut bs, mut bc) = (0.0, 0.0, 0.0, 0.0, 0.0);
-        for ((q, b), w) in self.q.iter().zip(&self.projection).zip(&self.weight) {
+        for ((q, b), w) in self.q.iter().zip(projection).zip(&self.weight) {
             let (s, c) = (cycles * q).sin_cos();
             ss += w * s * s;
             sc += w * s * c;
@@ -50,60 +64,132 @@ impl Contracted {
         let determinant = ss * cc - sc * sc;
         // A joint that hardly moves cannot separate sine from cosine.
         if determinant < 1e-3 * ss * cc || ss * cc <= 0.0 {
-            return 0.0;
+            return (0.0, [0.0; 2]);
         }
-        (cc * bs * bs - 2.0 * sc * bs * bc + ss * bc * bc) / determinant
+        let drop = (cc * bs * bs - 2.0 * sc * bs * bc + ss * bc * bc) / determinant;
+        let sin = (cc * bs - sc * bc) / determinant;
+        let cos = (ss * bc - sc * bs) / determinant;
+        (drop, [sin, cos])
+    }
+
+    /// A frequency that explains the residual as well as `peak` and would explain the term of `peak` at these joint values.
+    fn alias(&self, peak: &Peak, step: f64, width: f64) -> Option<f64> {
+        let (whole, [sin, cos]) = self.regressed(peak.cycles, &self.projection);
+        let term: Vec<f64> = self
+            .q
+            .iter()
+            .zip(&self.weight)
+            .map(|(q, w)| {
+                let (s, c) = (peak.cycles * q).sin_cos();
+                w * (sin * s + cos * c)
+            })
+            .collect();
+        let count = ((RANGE.1 - LOWEST_ALIAS) / step) as usize;
+        (0..=count)
+            .map(|i| LOWEST_ALIAS + step * i as f64)
+            .filter(|k| (k - peak.cycles).abs() > width)
+            .find(|k| {
+                whole - self.drop(*k) < DISTINGUISHED && self.regressed(*k, &term).0 > ALIKE * whole
+            })
     }
 }
 
-/// The most significant frequency of each joint, for residuals (in units of their noise) and Jacobian of all poses.
-pub fn peaks(samples: &[BaseSample], residuals: &[[f64; ROWS]], jacobian: &Mat<f64>) -> Vec<Peak> {
-    let joints = jacobian.ncols();
-    (0..joints)
-        .filter_map(|joint| {
-            let q: Vec<f64> = samples.iter().map(|s| s.joints[joint]).collect();
-            let (lowest, highest) = q
-                .iter()
-                .fold((f64::MAX, f64::MIN), |(a, b), x| (a.min(*x), b.max(*x)));
-            let span = highest - lowest;
-            if span < 1e-2 {
-                return None;
+impl Contracted {
+    /// One joint of all poses, for residuals and Jacobian in units of their noise.
+    fn new(
+        joint: usize,
+        samples: &[BaseSample],
+        residuals: &[[f64; ROWS]],
+        jacobian: &Mat<f64>,
+    ) -> Self {
+        let row = |k: usize, b: usize| jacobian[(ROWS * k + b, joint)];
+        let contract = |f: &dyn Fn(usize, usize) -> f64| -> Vec<f64> {
+            (0..samples.len())
+                .map(|k| (0..ROWS).map(|b| f(k, b)).sum())
+                .collect()
+        };
+        Self {
+            projection: contract(&|k, b| row(k, b) * residuals[k][b]),
+            weight: contract(&|k, b| row(k, b) * row(k, b)),
+            q: samples.iter().map(|s| s.joints[joint]).collect(),
+        }
+    }
+
+    /// Cycles per turn that the range of the joint resolves.
+    fn resolution(&self) -> f64 {
+        let ends = (f64::MAX, f64::MIN);
+        let (lowest, highest) = self.q.iter().fold(ends, |(a, b), x| (a.min(*x), b.max(*x)));
+        std::f64::consts::TAU / (highest - lowest)
+    }
+}
+
+/// Cycles per turn that a joint must resolve for its ripple to be searched: it moves by a hundredth of a radian.
+const COARSEST: f64 = 100.0 * std::f64::consts::TAU;
+
+/// The most significant frequency of each joint above `above` cycles per turn, for residuals (in units of their noise) and
+/// Jacobian of all poses.
+pub fn peaks(
+    samples: &[BaseSample],
+    residuals: &[[f64; ROWS]],
+    jacobian: &Mat<f64>,
+    above: f64,
+) -> Vec<Peak> {
+    let of = |joint: usize| {
+        let data = Contracted::new(joint, samples, residuals, jacobian);
+        let resolution = data.resolution();
+        if resolution > COARSEST {
+            return None;
+        }
+        // A quarter of the resolution that the span allows, and not less than one cycle within the span.
+        let step = (0.25 * resolution).min(0.5);
+        let first = above.max(resolution);
+        let mut best = Peak {
+            joint,
+            cycles: first,
+            drop: 0.0,
+            alias: None,
+        };
+        let mut cycles = first;
+        while cycles <= RANGE.1 {
+            let drop = data.drop(cycles);
+            if drop > best.drop {
+                best = Peak {
+                    cycles,
+                    drop,
+                    ..best
+                };
             }
-            let row = |k: usize, b: usize| jacobian[(ROWS * k + b, joint)];
-            let contract = |f: &dyn Fn(usize, usize) -> f64| -> Vec<f64> {
-                (0..samples.len())
-                    .map(|k| (0..ROWS).map(|b| f(k, b)).sum())
-                    .collect()
-            };
-            let data = Contracted {
-                joint,
-                projection: contract(&|k, b| row(k, b) * residuals[k][b]),
-                weight: contract(&|k, b| row(k, b) * row(k, b)),
-                q,
-            };
-            // A quarter of the resolution that the span allows, and not less than one cycle within the span.
-            let step = (0.25 * std::f64::consts::TAU / span).min(0.5);
-            let first = RANGE.0.max(std::f64::consts::TAU / span);
-            let mut best = Peak {
-                joint: data.joint,
-                cycles: first,
-                drop: 0.0,
-            };
-            let mut cycles = first;
-            while cycles <= RANGE.1 {
-                let drop = data.drop(cycles);
-                if drop > best.drop {
-                    best = Peak {
-                        joint,
-                        cycles,
-                        drop,
-                    };
-                }
-                cycles += step;
-            }
-            Some(refine(&data, best, step))
-        })
-        .collect()
+            cycles += step;
+        }
+        let mut best = refine(&data, best, step);
+        if best.drop > SIGNIFICANT {
+            // Within two widths of what the span resolves it is the same peak: a slow beat is the same between the values.
+            best.alias = data.alias(&best, step, 2.0 * resolution);
+        }
+        Some(best)
+    };
+    (0..jacobian.ncols()).filter_map(of).collect()
+}
+
+/// The frequency of a term beside everything else that is modelled, near the one that it was found with: then others may
+/// not have been there.
+pub fn refined_frequency(
+    term: &RippleTerm<f64>,
+    samples: &[BaseSample],
+    residuals: &[[f64; ROWS]],
+    jacobian: &Mat<f64>,
+) -> f64 {
+    let mut data = Contracted::new(term.joint, samples, residuals, jacobian);
+    for ((projection, weight), q) in data.projection.iter_mut().zip(&data.weight).zip(&data.q) {
+        *projection += weight * term.deflection(*q);
+    }
+    let here = Peak {
+        joint: term.joint,
+        cycles: term.cycles,
+        drop: data.drop(term.cycles),
+        alias: None,
+    };
+    refine(&data, here, 0.25 * data.resolution()).cycles
 }
 
 /// The top of a peak within one step, by repeated trisection.

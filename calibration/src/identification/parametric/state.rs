@@ -12,6 +12,7 @@ use faer::Mat;
 use nalgebra::Vector3;
 use poegp_protocol::JointKind;
 use poegp_protocol::limits::MAX_JOINTS;
+use poegp_runtime::elastic::curve::curves;
 use poegp_runtime::elastic::deflection::deflected;
 use poegp_runtime::elastic::gravity::{GravityRegressors, GravityTerms};
 use poegp_runtime::elastic::ripple::{RippleTerm, ripple_regressors};
@@ -27,6 +28,12 @@ use crate::robot::coupled;
 
 /// Rows of one pose: displacement and rotation at the tool.
 pub const ROWS: usize = 6;
+
+/// Error of a linearisation after a step, in units of the noise, that asks for another step. Positions alone determine base
+/// and tool by a long curved valley: a Motoman's two steps left all predictions 0.16 mm off.
+pub const CROOKED: f64 = 0.02;
+/// Most steps.
+pub const MOST_STEPS: usize = 12;
 
 /// Which parameters there are.
 #[derive(Clone, Debug)]
@@ -133,6 +140,8 @@ pub struct ParametricModel {
     pub gravity: GravityTerms<f64>,
     /// Ripple terms.
     pub ripple: Vec<RippleTerm<f64>>,
+    /// Own-joint curves as the runtime evaluates them; empty when there are none. Not among the parameters x.
+    pub curves: Vec<f64>,
     /// x so far.
     pub deviation: Vec<f64>,
     kinds: Vec<JointKind>,
@@ -186,6 +195,7 @@ impl ParametricModel {
                 ..GravityTerms::zero()
             },
             ripple: ripple.collect(),
+            curves: Vec::new(),
             deviation: vec![0.0; layout.groups().len()],
             kinds: chain.kinds().to_vec(),
             coupling,
@@ -205,7 +215,7 @@ impl ParametricModel {
         Poe::new(&self.kinds, &frames).expect("a chain stays a chain")
     }
 
-    /// The deflection of the controller's joints by gravity and ripple.
+    /// The deflection of the controller's joints by gravity, ripple and own-joint curves.
     pub fn parametric_deflection<F>(&self, chain: &Poe<f64>, sample: &Sample<F>) -> PerJoint<f64> {
         let motions = chain.motions(&sample.serial_joints);
         let (frames, target) = chain.joint_frames_with(&motions);
@@ -215,6 +225,9 @@ impl ParametricModel {
             .deflection(&at, sample.payload_kg.unwrap_or(0.0));
         for term in &self.ripple {
             out[term.joint] += term.deflection(sample.joints[term.joint]);
+        }
+        if !self.curves.is_empty() {
+            curves(&self.kinds, &self.curves, &self.features(sample), &mut out);
         }
         out
     }
@@ -406,6 +419,45 @@ impl ParametricModel {
             (term.sin, term.cos) = (next(), next());
         }
         self.deviation = x.to_vec();
+    }
+
+    /// Moves to the parameters `x`, which solve the equations `linear` of this state at `samples`. Returns the largest error
+    /// of their linearisation, in units of the rows' scales: more than [`CROOKED`] asks for another step.
+    pub fn step<F>(
+        &mut self,
+        x: &[f64],
+        linear: &Linearised,
+        samples: &[Sample<F>],
+        scales: NoiseScales,
+    ) -> f64 {
+        self.update(x);
+        let residuals = self.residuals(samples, scales).into_iter().flatten();
+        let error = |(row, residual): (usize, f64)| {
+            let effect: f64 = (0..x.len()).map(|i| linear.a[(row, i)] * x[i]).sum();
+            (residual - (linear.y[(row, 0)] - effect)).abs()
+        };
+        residuals.enumerate().map(error).fold(0.0, f64::max)
+    }
+
+    /// Takes out the ripple terms that `keeps` refuses; what is left is no longer most probable.
+    pub fn retain_ripple(&mut self, keeps: impl FnMut(&RippleTerm<f64>) -> bool) {
+        let first = self.deviation.len() - 2 * self.ripple.len();
+        let kept: Vec<bool> = self.ripple.iter().map(keeps).collect();
+        let mut terms = kept.iter();
+        self.ripple.retain(|_| terms.next() == Some(&true));
+        let mut terms = kept.iter();
+        self.layout.ripple.retain(|_| terms.next() == Some(&true));
+        let mut index = 0;
+        self.deviation.retain(|_| {
+            index += 1;
+            index <= first || kept[(index - 1 - first) / 2]
+        });
+    }
+
+    /// Moves the frequency of a ripple term.
+    pub fn set_cycles(&mut self, term: usize, cycles: f64) {
+        self.layout.ripple[term].1 = cycles;
+        self.ripple[term].cycles = cycles;
     }
 
     /// Adds ripple terms with amplitude zero.

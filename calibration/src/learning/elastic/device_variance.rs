@@ -21,7 +21,7 @@ use poegp_runtime::kinematics::coupling::CouplingMatrix;
 use poegp_runtime::kinematics::minimal_chain::{MinimalChain, MinimalForm};
 
 use crate::learning::elastic::fit::RobustFit;
-use crate::learning::elastic::inducing_points::kernel;
+use crate::learning::elastic::inputs::kernel;
 use crate::learning::elastic::solution::ElasticFit;
 use crate::measurement::sample::BaseSample;
 

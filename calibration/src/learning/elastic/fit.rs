@@ -1,6 +1,7 @@
 //! The elastic model, fitted: parameters first, then gear ripple, then everything together with the processes.
 
 use faer::Mat;
+use faer::linalg::solvers::Solve;
 use poegp_runtime::elastic::ripple::RippleTerm;
 use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::Pose;
@@ -9,26 +10,32 @@ use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 
 use crate::identification::parametric::fit::parametric_fit;
-use crate::identification::parametric::ripple::{Peak, SIGNIFICANT, peaks};
-use crate::identification::parametric::state::{Linearised, ParametricModel, ROWS};
-use crate::learning::elastic::hyperparameters::HyperLayout;
-use crate::learning::elastic::likelihood::{
-    HyperparameterObjective, Inputs, MarginalLikelihood, Posterior,
+use crate::identification::parametric::ripple::{
+    Peak, RANGE, SIGNIFICANT, peaks, refined_frequency,
 };
+use crate::identification::parametric::state::{
+    CROOKED, Linearised, MOST_STEPS, ParametricModel, PriorGroup, ROWS,
+};
+use crate::learning::elastic::hyperparameter_search::HyperparameterSearch;
+use crate::learning::elastic::hyperparameters::{DEFLECTION_UNIT, HyperLayout};
+use crate::learning::elastic::inputs::Inputs;
+use crate::learning::elastic::likelihood::{MarginalLikelihood, Posterior};
 use crate::learning::elastic::options::{ElasticOptions, OutlierPolicy, mean_payload};
 use crate::learning::elastic::outliers::{LeaveOneOut, Outlier, leave_one_out};
+use crate::learning::elastic::own_joint_curve::{CurvePrior, Waves, orders};
 use crate::learning::elastic::solution::{ElasticFit, FitError};
 use crate::measurement::noise::NoiseScales;
-use crate::measurement::sample::{BaseSample, Sample};
-use crate::numeric::lbfgs::{StopCriteria, minimize};
-use crate::progress::{Cancelled, FitContext};
+use crate::measurement::sample::BaseSample;
+use crate::progress::FitContext;
 use poegp_protocol::limits::MAX_RIPPLE;
-
-/// When that search ends.
-const STOP: StopCriteria = StopCriteria::after(40, 1e-10);
 
 /// Evaluations that it takes, about.
 const SEARCH_UNITS: u64 = 44;
+
+/// Poses that are solved together with every pose as support; its matrices have the square of six times as many numbers. Of
+/// more, this many are drawn for hyperparameters, ripple and outliers, and all of them determine parameters, curves and
+/// weights.
+pub const DENSE_POSES: usize = 800;
 
 /// What solving for all poses takes, twice, what leaving each out takes, and what fewer support points take, about, in
 /// evaluations of that search: 700 poses took 2.7 s of 4.8, 300 took 0.5 of 2.6.
@@ -49,9 +56,11 @@ pub struct RobustFit {
     pub outliers: Vec<Outlier>,
     /// The samples that were kept, by index.
     pub kept: Vec<usize>,
+    /// Those of them that `fit` is of: all, or [`DENSE_POSES`] of more.
+    pub dense: Vec<usize>,
     /// What predicted standard deviations of position and rotation must be multiplied with.
     pub inflation: [f64; 2],
-    /// Position variance of every kept sample as the others predict it, m², not inflated; `None` for outliers.
+    /// Position variance of every sample of `dense` as the others predict it, m², not inflated; `None` for outliers.
     pub left_out: Vec<Option<f64>>,
 }
 
@@ -67,9 +76,14 @@ pub fn fit_robust(
     options: &ElasticOptions,
     context: &FitContext,
 ) -> Result<RobustFit, FitError> {
-    let setup = setup_units(samples.len());
-    let units_of_a_fit = SEARCH_UNITS + setup + 3 * solve_units(samples.len());
-    context.expect(units_of_a_fit + solve_units(samples.len()));
+    let mut dense: Vec<usize> = (0..samples.len()).collect();
+    if options.processes && samples.len() > DENSE_POSES {
+        dense.shuffle(&mut ChaCha8Rng::seed_from_u64(1));
+        dense.truncate(DENSE_POSES);
+        dense.sort_unstable();
+    }
+    let units_of_a_fit = SEARCH_UNITS + setup_units(dense.len()) + 3 * solve_units(dense.len());
+    context.expect(units_of_a_fit + solve_units(dense.len()));
     let reject = options.outliers == OutlierPolicy::Reject;
     let run = |kept: &[usize]| -> Result<(ElasticFit, LeaveOneOut), FitError> {
         let part: Vec<BaseSample> = kept.iter().map(|i| samples[*i].clone()).collect();
@@ -85,18 +99,24 @@ pub fn fit_robust(
         Ok((found, others))
     };
     let mut kept: Vec<usize> = (0..samples.len()).collect();
-    let (mut found, mut others) = run(&kept)?;
-    let outliers = std::mem::take(&mut others.outliers);
+    let (mut found, mut others) = run(&dense)?;
+    let mut outliers = std::mem::take(&mut others.outliers);
+    for outlier in &mut outliers {
+        outlier.sample = dense[outlier.sample];
+    }
     if reject && !outliers.is_empty() {
         // One pass only: testing again with the quieter noise would never end.
-        kept.retain(|i| !outliers.iter().any(|o| o.sample == *i));
+        let of_all: Vec<usize> = outliers.iter().map(|o| o.sample).collect();
+        kept.retain(|i| !of_all.contains(i));
+        dense.retain(|i| !of_all.contains(i));
         context.expect(units_of_a_fit);
-        (found, others) = run(&kept)?;
+        (found, others) = run(&dense)?;
     }
     Ok(RobustFit {
         fit: found,
         outliers,
         kept,
+        dense,
         inflation: others.inflation,
         left_out: others.position_variance,
     })
@@ -119,35 +139,39 @@ pub fn fit(
     let (layout, h) = options.layouts(chain.kinds().len(), tools.len(), samples);
     let mut state = ParametricModel::new(chain, tools, coupling, layout, options.gravity);
     let unit = mean_payload(samples);
-    let (hyper, bounds) = h.start_and_bounds(unit);
+    let (start, bounds) = h.start_and_bounds(unit);
     let scales = context.phase(setup_units(samples.len()), || {
-        let scales = parametric_fit(&mut state, samples, &hyper);
+        let scales = parametric_fit(&mut state, samples, &start);
         if options.ripple {
-            add_ripple(&mut state, samples, &hyper, scales)
+            add_ripple(&mut state, samples, &start, scales)
         } else {
             scales
         }
     })?;
-    let inputs = inputs_of(&state, samples);
-    let hyper = context.phase(SEARCH_UNITS, || {
-        let start = (hyper, bounds);
-        learn(&state, samples, scales, h, start, options, context)
-    })??;
+    let search = HyperparameterSearch::new(samples, scales, options, context);
+    let learned = context.phase(SEARCH_UNITS, || search.learn(&state, h, (start, bounds)))??;
     if !options.processes {
         // The priors that the evidence prefers, and the parameters under them.
-        let scales = parametric_fit(&mut state, samples, &hyper);
+        let scales = parametric_fit(&mut state, samples, &learned.x);
         return Ok(ElasticFit {
             origin: state.clone(),
+            inputs: Inputs::new(&state, samples),
             state,
-            hyperparameters: hyper,
+            hyperparameters: learned.x,
             layout: h,
             scales,
-            inputs,
             solved: None,
         });
     }
+    let (mut state, h, hyper) = match search.with_curve(&state, h, &learned)? {
+        Some((other, h, hyper)) => (other, h, hyper),
+        None => (state, h, learned.x),
+    };
+    let inputs = Inputs::new(&state, samples);
     let similarities = inputs.similarities();
-    let solve = |state: &mut ParametricModel| -> Option<(Posterior, Linearised)> {
+    let waves = inputs.waves(h);
+    // Returns where it began, too, and how crooked the step was.
+    let solve = |state: &mut ParametricModel| -> Option<(Posterior, Linearised, f64)> {
         let linear = state.linearise(samples, scales);
         let groups = state.layout.groups();
         let evidence = MarginalLikelihood {
@@ -155,26 +179,53 @@ pub fn fit(
             groups: &groups,
             inputs: &inputs,
             similarities: &similarities,
+            waves: &waves,
             layout: h,
             processes: true,
         };
         let solution = evidence.solve(&hyper)?;
-        state.update(&solution.parameters);
-        Some((solution, linear))
+        let crooked = state.step(&solution.parameters, &linear, samples, scales);
+        Some((solution, linear, crooked))
     };
-    let (first, linear) = context
+    let (first, linear, _) = context
         .phase(units, || solve(&mut state))?
         .ok_or(FitError::Unsolvable)?;
     if options.ripple {
-        // What the processes leave is quieter than what the parameters leave: weaker ripple shows.
+        // What processes or curve explain is no ripple. What they leave is quieter than what the parameters leave: weaker
+        // ripple shows.
+        let kept = kept_ripple(&state, &first, &linear);
+        let mut terms = kept.iter();
+        state.retain_ripple(|_| terms.next() == Some(&true));
         let (residuals, jacobian) = left_over(&first, &hyper, &linear);
-        let found = significant(&state, samples, &residuals, &jacobian);
+        let found = significant(
+            &state,
+            samples,
+            &residuals,
+            &jacobian,
+            lowest_ripple(h, &hyper),
+        );
         state.add_ripple(&found);
     }
-    let origin = state.clone();
-    let (solved, _) = context
+    let mut origin = state.clone();
+    let (mut solved, _, mut crooked) = context
         .phase(units, || solve(&mut state))?
         .ok_or(FitError::Unsolvable)?;
+    for _ in 0..MOST_STEPS {
+        if crooked < CROOKED {
+            break;
+        }
+        context.check()?;
+        origin = state.clone();
+        (solved, _, crooked) = solve(&mut state).ok_or(FitError::Unsolvable)?;
+    }
+    if let Some(prior) = h.curve_prior(&hyper) {
+        state.curves = curve_coefficients(
+            &prior,
+            orders(hyper[h.curve_scale()].exp()),
+            &waves,
+            &solved,
+        );
+    }
     Ok(ElasticFit {
         origin,
         state,
@@ -184,6 +235,57 @@ pub fn fit(
         inputs,
         solved: Some(solved),
     })
+}
+
+/// The own-joint curves of all joints as the runtime evaluates them, most probable for a solution.
+fn curve_coefficients(
+    prior: &CurvePrior,
+    orders: usize,
+    waves: &[Option<Waves>],
+    solved: &Posterior,
+) -> Vec<f64> {
+    let unit = DEFLECTION_UNIT * DEFLECTION_UNIT;
+    let of = |(c, waves): (usize, &Option<Waves>)| match waves {
+        Some(waves) => {
+            let mut all = prior.coefficients(waves, |k| unit * solved.weights[(k, c)]);
+            all.truncate(2 * orders);
+            all
+        }
+        None => vec![0.0; 2 * orders],
+    };
+    waves.iter().enumerate().flat_map(of).collect()
+}
+
+/// Which ripple terms of `state` are significant in a solution with everything: χ² of both amplitudes by their posterior.
+fn kept_ripple(state: &ParametricModel, solved: &Posterior, linear: &Linearised) -> Vec<bool> {
+    let first = linear.a.ncols() - 2 * state.ripple.len();
+    let variance = PriorGroup::Ripple.prior_sd().powi(2);
+    let significant = |term: usize| {
+        let at = first + 2 * term;
+        let columns = linear.a.subcols(at, 2);
+        let explained = columns.transpose() * solved.factor.solve(columns);
+        let posterior = |i: usize, j: usize| {
+            let prior = if i == j { variance } else { 0.0 };
+            prior - variance * variance * explained[(i, j)]
+        };
+        let (ss, sc, cc) = (posterior(0, 0), posterior(0, 1), posterior(1, 1));
+        let (sin, cos) = (solved.parameters[at], solved.parameters[at + 1]);
+        let chi_squared =
+            (cc * sin * sin - 2.0 * sc * sin * cos + ss * cos * cos) / (ss * cc - sc * sc);
+        chi_squared > SIGNIFICANT
+    };
+    (0..state.ripple.len()).map(significant).collect()
+}
+
+/// Cycles per turn above which ripple is searched: those below are the own-joint curve's, if there is one.
+fn lowest_ripple(layout: HyperLayout, hyper: &[f64]) -> f64 {
+    if layout.curve {
+        RANGE
+            .0
+            .max(orders(hyper[layout.curve_scale()].exp()) as f64)
+    } else {
+        RANGE.0
+    }
 }
 
 /// The residual after everything, in units of its noise, σ S⁻¹y, and the Jacobian with the rows' own noise as scale.
@@ -211,6 +313,7 @@ fn significant(
     samples: &[BaseSample],
     residuals: &[[f64; ROWS]],
     jacobian: &Mat<f64>,
+    lowest: f64,
 ) -> Vec<(usize, f64)> {
     let room = MAX_RIPPLE - state.ripple.len();
     // What is left beside a term that is there is its own shadow, not another gear.
@@ -218,25 +321,16 @@ fn significant(
         let same = |r: &RippleTerm<f64>| r.joint == p.joint && (r.cycles - p.cycles).abs() < 1.0;
         !state.ripple.iter().any(same)
     };
-    peaks(samples, residuals, jacobian)
+    peaks(samples, residuals, jacobian, lowest)
         .into_iter()
-        .filter(|p| p.drop > SIGNIFICANT && is_new(p))
+        .filter(|p| p.drop > SIGNIFICANT && p.alias.is_none() && is_new(p))
         .map(|p| (p.joint, p.cycles))
         .take(room)
         .collect()
 }
 
-/// The inputs of the processes.
-pub fn inputs_of<F>(state: &ParametricModel, samples: &[Sample<F>]) -> Inputs {
-    Inputs {
-        features: samples.iter().map(|s| state.features(s)).collect(),
-        payloads: samples
-            .iter()
-            .map(|s| s.payload_kg.unwrap_or(0.0))
-            .collect(),
-        kinds: state.kinds().to_vec(),
-    }
-}
+/// Rounds of the search for ripple in what the parameters leave.
+const RIPPLE_ROUNDS: usize = 4;
 
 /// Finds gear ripple until nothing significant is left.
 fn add_ripple(
@@ -245,10 +339,14 @@ fn add_ripple(
     hyper: &[f64],
     mut scales: NoiseScales,
 ) -> NoiseScales {
-    for _ in 0..4 {
+    for _ in 0..RIPPLE_ROUNDS {
         let linear = state.linearise(samples, scales);
         let residuals = state.residuals(samples, scales);
-        let found = significant(state, samples, &residuals, &linear.jacobian);
+        for (i, term) in state.ripple.clone().iter().enumerate() {
+            let cycles = refined_frequency(term, samples, &residuals, &linear.jacobian);
+            state.set_cycles(i, cycles);
+        }
+        let found = significant(state, samples, &residuals, &linear.jacobian, RANGE.0);
         if found.is_empty() {
             break;
         }
@@ -256,53 +354,4 @@ fn add_ripple(
         scales = parametric_fit(state, samples, hyper);
     }
     scales
-}
-
-/// Hyperparameters of the greatest marginal likelihood, from a part of the poses.
-fn learn(
-    state: &ParametricModel,
-    samples: &[BaseSample],
-    scales: NoiseScales,
-    layout: HyperLayout,
-    (start, mut bounds): (Vec<f64>, Vec<(f64, f64)>),
-    options: &ElasticOptions,
-    context: &FitContext,
-) -> Result<Vec<f64>, Cancelled> {
-    let mut order: Vec<usize> = (0..samples.len()).collect();
-    order.shuffle(&mut ChaCha8Rng::seed_from_u64(1));
-    order.truncate(options.hyperparameter_poses);
-    let part: Vec<BaseSample> = order.iter().map(|i| samples[*i].clone()).collect();
-    let linear = state.linearise(&part, scales);
-    let inputs = inputs_of(state, &part);
-    let similarities = inputs.similarities();
-    let groups = state.layout.groups();
-    // Processes explain anything when they are let: the noise is bounded below by what is stated of the instrument, or
-    // by half of what the parameters leave. (Five folds of a FARO set: 0.0567 mm without the bound, 0.0547 with it.)
-    let floor = 0.25;
-    for (i, (bound, scale)) in bounds
-        .iter_mut()
-        .zip([scales.position, scales.orientation])
-        .take(2)
-        .enumerate()
-    {
-        let stated = [scales.quietest.position, scales.quietest.orientation][i];
-        let sheet = stated.map(|sigma| (sigma / scale).powi(2));
-        bound.0 = sheet.unwrap_or(floor).clamp(1e-4, 1.0).ln();
-    }
-    let evidence = MarginalLikelihood {
-        linear: &linear,
-        groups: &groups,
-        inputs: &inputs,
-        similarities: &similarities,
-        layout,
-        processes: options.processes,
-    };
-    Ok(minimize(
-        &HyperparameterObjective::new(&evidence),
-        &start,
-        &bounds,
-        &STOP,
-        context,
-    )?
-    .x)
 }

@@ -3,11 +3,14 @@
 
 use poegp_runtime::gp::joint_kernel::JointKernel;
 
+use crate::learning::elastic::own_joint_curve::{CurvePrior, LENGTH_SCALES, Spectrum};
+
 /// One radian or metre of deflection in units of the processes: amplitudes are of order one.
 pub const DEFLECTION_UNIT: f64 = 1e-4;
 
 /// Hyperparameters as natural logarithms, one flat vector:
-/// noise (position, orientation), priors (frames, links, payload), then for each output w_d…, w_m, a₀, a₁.
+/// noise (position, orientation), priors (frames, links, payload), then for each output w_d…, w_m, a₀, a₁, and of the
+/// own-joint curve, if there is one, a² and l.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct HyperLayout {
     /// Outputs: the joints.
@@ -16,6 +19,8 @@ pub struct HyperLayout {
     pub payload: bool,
     /// Whether all outputs have the length scales of the first.
     pub shared_lengthscales: bool,
+    /// Whether there is an own-joint curve.
+    pub curve: bool,
 }
 
 /// Noise and prior hyperparameters before those of the kernels.
@@ -24,6 +29,11 @@ pub const COMMON: usize = 5;
 impl HyperLayout {
     /// Number of hyperparameters.
     pub fn len(&self) -> usize {
+        self.curve_amplitude() + if self.curve { 2 } else { 0 }
+    }
+
+    /// Index of a² of the own-joint curve, in squared units of the processes.
+    pub fn curve_amplitude(&self) -> usize {
         COMMON
             + self.scales_len()
                 * if self.shared_lengthscales {
@@ -32,6 +42,19 @@ impl HyperLayout {
                     self.joints
                 }
             + self.amplitudes_len() * self.joints
+    }
+
+    /// Index of the length scale of the own-joint curve, rad.
+    pub fn curve_scale(&self) -> usize {
+        self.curve_amplitude() + 1
+    }
+
+    /// The prior of the own-joint curve in units of the processes.
+    pub fn curve_prior(&self, h: &[f64]) -> Option<CurvePrior> {
+        self.curve.then(|| CurvePrior {
+            amplitude: h[self.curve_amplitude()].exp(),
+            spectrum: Spectrum::new(h[self.curve_scale()].exp()),
+        })
     }
 
     /// Never empty.
@@ -98,6 +121,11 @@ impl HyperLayout {
                 );
                 set(self.amplitude(c, 1), 0.3 / unit, 1e-6 / unit, 1e4 / unit);
             }
+        }
+        if self.curve {
+            set(self.curve_amplitude(), 4.0, 1e-4, 1e4);
+            let (shortest, longest) = LENGTH_SCALES;
+            set(self.curve_scale(), 0.15, shortest, longest);
         }
         (start, bounds)
     }

@@ -6,16 +6,12 @@
 //! β_c ~ N(0, K_c⁻¹) (subset of regressors). The payloads of the points are gathered to a few values, which the device
 //! sorts by; a centre need not be a measurement. One support for all joints; `sets.rs` chooses one for each.
 
-use faer::linalg::solvers::Solve;
-use faer::{Mat, Side};
-use poegp_protocol::JointKind;
+use faer::Mat;
 use poegp_protocol::limits::MAX_GROUPS;
-use poegp_runtime::gp::joint_kernel::{JointKernel, similarity};
 use poegp_runtime::kinematics::poe::JointTrig;
 
-use crate::identification::parametric::state::prior_variance;
-use crate::identification::parametric::state::{Linearised, ROWS};
-use crate::learning::elastic::hyperparameters::DEFLECTION_UNIT;
+use crate::learning::elastic::inputs::{ClusteredInput, kernel};
+use crate::learning::elastic::reduced_solution::solve;
 use crate::learning::elastic::solution::ElasticFit;
 use crate::measurement::sample::BaseSample;
 
@@ -28,20 +24,6 @@ pub struct InducingPoints {
     pub payloads: Vec<f64>,
     /// Weight of each point for each joint.
     pub weights: Vec<Vec<f64>>,
-}
-
-/// k_c between two points, rad².
-pub(crate) fn kernel(
-    kernel: &JointKernel<f64>,
-    kinds: &[JointKind],
-    (a, m): (&JointTrig<f64>, f64),
-    (b, other): (&JointTrig<f64>, f64),
-) -> f64 {
-    let mut s = [0.0; 8];
-    for (d, kind) in kinds.iter().enumerate() {
-        s[d] = similarity(*kind, &a[d], &b[d]);
-    }
-    kernel.payload_factor(m, other) * kernel.joint_factor(&s)
 }
 
 /// Each payload replaced by the nearest of at most [`MAX_GROUPS`] quantiles.
@@ -121,19 +103,18 @@ pub fn choose(fit: &ElasticFit, payloads: &[f64], jacobian: &Mat<f64>, count: us
     chosen
 }
 
-/// A function of a reduced model: the joint whose process it is part of, and its centre.
-pub(super) type ClusteredInput = (usize, (JointTrig<f64>, f64));
-
-/// Chooses `count` support points and solves for their weights and all parameters; the parameters of `fit` move.
+/// Chooses `count` support points among the samples of the fit, `dense`, and solves for their weights and all parameters from
+/// `samples`; the parameters of `fit` move.
 /// `None` when the system cannot be solved.
 pub fn sparsify(
     fit: &mut ElasticFit,
+    dense: &[BaseSample],
     samples: &[BaseSample],
     count: usize,
 ) -> Option<InducingPoints> {
     let kernels = fit.layout.kernels(&fit.hyperparameters);
     let payloads = cluster_payloads(&fit.inputs.payloads);
-    let linear = fit.state.linearise(samples, fit.scales);
+    let linear = fit.state.linearise(dense, fit.scales);
     let chosen = choose(fit, &payloads, &linear.jacobian, count);
     let centre = |i: &usize| (fit.inputs.features[*i], payloads[*i]);
     let centres: Vec<(JointTrig<f64>, f64)> = chosen.iter().map(centre).collect();
@@ -141,7 +122,7 @@ pub fn sparsify(
     let functions: Vec<ClusteredInput> = (0..n)
         .flat_map(|c| centres.iter().map(move |centre| (c, *centre)))
         .collect();
-    let weights = solve(fit, &linear, &kernels, &functions)?;
+    let weights = solve(fit, samples, &kernels, &functions)?;
     Some(InducingPoints {
         weights: (0..m)
             .map(|j| (0..n).map(|c| weights[c * m + j]).collect())
@@ -149,65 +130,4 @@ pub fn sparsify(
         features: centres.iter().map(|c| c.0).collect(),
         payloads: centres.iter().map(|c| c.1).collect(),
     })
-}
-
-/// The weights of `functions`, sorted by joint, together with all parameters, which move in `fit`.
-pub(super) fn solve(
-    fit: &mut ElasticFit,
-    linear: &Linearised,
-    kernels: &[JointKernel<f64>],
-    functions: &[ClusteredInput],
-) -> Option<Vec<f64>> {
-    let between = |c: usize, a: (&JointTrig<f64>, f64), b: (&JointTrig<f64>, f64)| {
-        kernel(&kernels[c], &fit.inputs.kinds, a, b) / (DEFLECTION_UNIT * DEFLECTION_UNIT)
-    };
-    let (p, m) = (linear.a.ncols(), functions.len());
-    let noise = |row: usize| {
-        let h = fit.hyperparameters[usize::from(row % ROWS >= 3)];
-        (-0.5 * h).exp() / linear.relative_noise(row, h)
-    };
-    let mut design = Mat::zeros(linear.y.nrows(), p + m);
-    let groups = fit.state.layout.groups();
-    for (i, group) in groups.iter().enumerate() {
-        let sd = prior_variance(*group, &fit.hyperparameters).sqrt();
-        for row in 0..linear.y.nrows() {
-            design[(row, i)] = noise(row) * sd * linear.a[(row, i)];
-        }
-    }
-    let inputs = fit.inputs.features.iter().zip(&fit.inputs.payloads);
-    for (k, (features, payload)) in inputs.enumerate() {
-        for (j, (c, (centre, other))) in functions.iter().enumerate() {
-            let value = DEFLECTION_UNIT * between(*c, (features, *payload), (centre, *other));
-            for row in ROWS * k..ROWS * (k + 1) {
-                design[(row, p + j)] = noise(row) * linear.jacobian[(row, *c)] * value;
-            }
-        }
-    }
-    let mut normal = design.transpose() * &design;
-    for i in 0..p {
-        normal[(i, i)] += 1.0;
-    }
-    for (i, (c, (features, payload))) in functions.iter().enumerate() {
-        for (j, (other, (other_features, mass))) in functions.iter().enumerate() {
-            if c != other {
-                continue;
-            }
-            let k = between(*c, (features, *payload), (other_features, *mass));
-            // A pinch of jitter: chosen points may be near neighbours in one joint's kernel.
-            normal[(p + i, p + j)] += if i == j { k * (1.0 + 1e-8) } else { k };
-        }
-    }
-    let y = Mat::from_fn(linear.y.nrows(), 1, |row, _| {
-        noise(row) * linear.y[(row, 0)]
-    });
-    let solution = normal.llt(Side::Lower).ok()?.solve(design.transpose() * &y);
-    let sd = |i: usize| prior_variance(groups[i], &fit.hyperparameters).sqrt();
-    let parameters: Vec<f64> = (0..p).map(|i| sd(i) * solution[(i, 0)]).collect();
-    fit.state.update(&parameters);
-    // k is in rad² on the device, in units of the processes here; deflections come in those units, too.
-    Some(
-        (0..m)
-            .map(|j| solution[(p + j, 0)] / DEFLECTION_UNIT)
-            .collect(),
-    )
 }

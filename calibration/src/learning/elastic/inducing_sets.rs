@@ -22,10 +22,10 @@ use rand_chacha::ChaCha8Rng;
 use crate::device_cost::{set_block_instructions, set_row_instructions};
 use crate::identification::parametric::state::Linearised;
 use crate::learning::elastic::hyperparameters::DEFLECTION_UNIT;
-use crate::learning::elastic::inducing_points::{
-    ClusteredInput, cluster_payloads_to, kernel, solve,
-};
+use crate::learning::elastic::inducing_points::cluster_payloads_to;
+use crate::learning::elastic::inputs::{ClusteredInput, kernel};
 use crate::learning::elastic::options::SetLimits;
+use crate::learning::elastic::reduced_solution::solve;
 use crate::learning::elastic::solution::ElasticFit;
 use crate::measurement::sample::BaseSample;
 
@@ -73,6 +73,7 @@ type QueryPoint = (JointTrig<f64>, f64);
 pub fn select_greedy(
     fit: &mut ElasticFit,
     samples: &[BaseSample],
+    all: &[BaseSample],
     limits: SetLimits,
 ) -> Option<InducingSets> {
     let weights = &fit.solved.as_ref()?.weights;
@@ -126,7 +127,7 @@ pub fn select_greedy(
     let chosen = joints.iter().enumerate();
     let chosen = chosen.flat_map(|(c, joint)| joint.chosen.iter().map(move |j| (c, *j)));
     let functions: Vec<ClusteredInput> = chosen.map(|(c, j)| (c, centres[j])).collect();
-    let weights = solve(fit, &linear, &kernels, &functions)?;
+    let weights = solve(fit, all, &kernels, &functions)?;
     let mut sets = vec![Vec::new(); kernels.len()];
     for ((c, (features, payload_kg)), weight) in functions.into_iter().zip(weights) {
         sets[c].push(BasisFunction {

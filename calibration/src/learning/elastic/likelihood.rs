@@ -8,71 +8,15 @@ use std::cell::RefCell;
 
 use faer::linalg::solvers::{Llt, Solve};
 use faer::{Mat, Side};
-use poegp_runtime::gp::joint_kernel::{JointKernel, similarity};
-use poegp_runtime::kinematics::poe::JointTrig;
+use poegp_runtime::gp::joint_kernel::JointKernel;
 
 use crate::identification::parametric::state::{Linearised, PriorGroup, ROWS, prior_variance};
 use crate::learning::elastic::hyperparameters::{DEFLECTION_UNIT, HyperLayout};
+use crate::learning::elastic::inputs::{DistinctPayloads, Inputs};
+use crate::learning::elastic::own_joint_curve::{Waves, gradient_by_order};
 use crate::numeric::cholesky::CholeskyWorkspace;
 use crate::numeric::lbfgs::Objective;
-use poegp_protocol::JointKind;
 use poegp_protocol::limits::MAX_JOINTS;
-
-/// The inputs of the processes.
-#[derive(Clone, Debug)]
-pub struct Inputs {
-    /// The joints of each pose.
-    pub features: Vec<JointTrig<f64>>,
-    /// Payload of each pose in kg; 0 where there is none.
-    pub payloads: Vec<f64>,
-    /// Kinds of the joints.
-    pub kinds: Vec<JointKind>,
-}
-
-impl Inputs {
-    /// s_d of every pair, joint by joint: n matrices N×N, lower triangles.
-    pub fn similarities(&self) -> Vec<Mat<f64>> {
-        let n = self.features.len();
-        (0..self.kinds.len())
-            .map(|d| {
-                Mat::from_fn(n, n, |i, j| {
-                    if i >= j {
-                        similarity(self.kinds[d], &self.features[i][d], &self.features[j][d])
-                    } else {
-                        0.0
-                    }
-                })
-            })
-            .collect()
-    }
-}
-
-/// The payloads that occur: poses are many, payloads few, and their factor of the kernel has an exponential.
-struct DistinctPayloads {
-    kilograms: Vec<f64>,
-    /// Of each pose.
-    index: Vec<usize>,
-}
-
-impl DistinctPayloads {
-    fn new(payloads: &[f64]) -> Self {
-        let mut kilograms = payloads.to_vec();
-        kilograms.sort_by(f64::total_cmp);
-        kilograms.dedup_by(|a, b| a.to_bits() == b.to_bits());
-        let rank = |m: &f64| kilograms.partition_point(|other| other.total_cmp(m).is_lt());
-        let index = payloads.iter().map(rank).collect();
-        Self { kilograms, index }
-    }
-
-    /// Row by the second payload, column by the first.
-    fn factors(&self, kernel: &JointKernel<f64>) -> Vec<Vec<f64>> {
-        let row = |other: &f64| {
-            let factor = |m: &f64| kernel.payload_factor(*m, *other);
-            self.kilograms.iter().map(factor).collect()
-        };
-        self.kilograms.iter().map(row).collect()
-    }
-}
 
 /// The data of the likelihood.
 #[derive(Debug)]
@@ -85,10 +29,21 @@ pub struct MarginalLikelihood<'a> {
     pub inputs: &'a Inputs,
     /// s_d of every pair.
     pub similarities: &'a [Mat<f64>],
+    /// sin kq and cos kq of every joint for the own-joint curve; empty when there is none.
+    pub waves: &'a [Option<Waves>],
     /// What the hyperparameters mean.
     pub layout: HyperLayout,
-    /// Whether there are processes at all.
+    /// Whether there are processes of all joints.
     pub processes: bool,
+}
+
+/// Covariances of the joints' deflections, lower triangles, one matrix for each output.
+#[derive(Debug)]
+struct Covariances {
+    /// K_c of the processes of all joints; empty when there are none.
+    kernels: Vec<Mat<f64>>,
+    /// The same with the own-joint curve; empty when there is none.
+    with_curve: Vec<Mat<f64>>,
 }
 
 /// A factored S with what the solution needs.
@@ -138,7 +93,7 @@ impl MarginalLikelihood<'_> {
     }
 
     /// S, lower triangle, and K_c; beyond it nothing means anything.
-    fn covariance(&self, h: &[f64], s: &mut Mat<f64>, kernels: &mut [Mat<f64>]) {
+    fn covariance(&self, h: &[f64], s: &mut Mat<f64>, out: &mut Covariances) {
         let rows = self.linear.y.nrows();
         let sd: Vec<f64> = self
             .groups
@@ -158,10 +113,23 @@ impl MarginalLikelihood<'_> {
             faer::Par::Seq,
         );
         let payloads = DistinctPayloads::new(&self.inputs.payloads);
-        for (kernel, matrix) in self.layout.kernels(h).iter().zip(&mut *kernels) {
+        for (kernel, matrix) in self.layout.kernels(h).iter().zip(&mut out.kernels) {
             self.kernel_matrix(kernel, &payloads, matrix);
         }
-        self.add_processes(kernels, s);
+        if let Some(prior) = self.layout.curve_prior(h) {
+            for (c, (total, waves)) in out.with_curve.iter_mut().zip(self.waves).enumerate() {
+                match waves {
+                    Some(waves) => prior.gram(waves, total),
+                    None => total.fill(0.0),
+                }
+                if let Some(kernel) = out.kernels.get(c) {
+                    *total += kernel;
+                }
+            }
+            self.add_processes(&out.with_curve, s);
+        } else {
+            self.add_processes(&out.kernels, s);
+        }
         for r in 0..rows {
             let h = h[usize::from(r % ROWS >= 3)];
             s[(r, r)] += h.exp() * self.linear.relative_noise(r, h).powi(2);
@@ -198,20 +166,26 @@ impl MarginalLikelihood<'_> {
             .collect()
     }
 
-    /// Processes.
+    /// Joints that deflect.
     fn outputs(&self) -> usize {
-        if self.processes {
+        if self.processes || self.layout.curve {
             self.layout.joints
         } else {
             0
         }
     }
 
-    /// Empty K_c.
-    fn no_kernels(&self) -> Vec<Mat<f64>> {
-        (0..self.outputs())
-            .map(|_| Mat::zeros(self.poses(), self.poses()))
-            .collect()
+    /// Room for K_c.
+    fn no_kernels(&self) -> Covariances {
+        let room = |is_needed: bool| {
+            let outputs = if is_needed { self.layout.joints } else { 0 };
+            let empty = |_| Mat::zeros(self.poses(), self.poses());
+            (0..outputs).map(empty).collect()
+        };
+        Covariances {
+            kernels: room(self.processes),
+            with_curve: room(self.layout.curve),
+        }
     }
 
     /// Solves for everything at fixed hyperparameters; `None` when S cannot be factored.
@@ -255,7 +229,7 @@ impl Objective for MarginalLikelihood<'_> {
 #[derive(Debug)]
 pub struct HyperparameterObjective<'a> {
     evidence: &'a MarginalLikelihood<'a>,
-    workspace: RefCell<(CholeskyWorkspace, Vec<Mat<f64>>)>,
+    workspace: RefCell<(CholeskyWorkspace, Covariances)>,
 }
 
 impl<'a> HyperparameterObjective<'a> {
@@ -295,7 +269,7 @@ impl Objective for HyperparameterObjective<'_> {
             gradient[i] += 0.5 * w * h[i].exp() * evidence.linear.common_share[r];
         }
         evidence.prior_gradient(h, inverse, &alpha, &mut gradient);
-        evidence.kernel_gradients(h, kernels, inverse, &alpha, &mut gradient);
+        evidence.kernel_gradients(h, &kernels.kernels, inverse, &alpha, &mut gradient);
         (value, gradient)
     }
 }
@@ -353,13 +327,15 @@ impl MarginalLikelihood<'_> {
             }
             sum
         };
-        let mut outputs: Vec<KernelSums<'_>> = natural
+        let curve = self.layout.curve_prior(h);
+        let mut outputs: Vec<KernelSums<'_>> = columns
             .iter()
-            .zip(kernels)
-            .zip(&columns)
-            .map(|((natural, kernel), column)| KernelSums {
-                natural,
-                kernel,
+            .enumerate()
+            .map(|(c, column)| KernelSums {
+                kernel: kernels.get(c).map(|kernel| (&natural[c], kernel)),
+                pairs: curve
+                    .as_ref()
+                    .map(|_| Mat::zeros(self.poses(), self.poses())),
                 column,
                 projected: column.iter().enumerate().map(project).collect(),
                 scales: [0.0; MAX_JOINTS],
@@ -390,6 +366,17 @@ impl MarginalLikelihood<'_> {
                 let i = self.layout.scale(c, d);
                 gradient[i] += sum * h[i].exp();
             }
+            if let (Some(prior), Some(pairs), Some(waves)) = (
+                &curve,
+                &sums.pairs,
+                self.waves.get(c).and_then(Option::as_ref),
+            ) {
+                for (k, by_variance) in gradient_by_order(pairs, waves).iter().enumerate() {
+                    let (amplitude, spectrum) = (prior.amplitude * by_variance, &prior.spectrum);
+                    gradient[self.layout.curve_amplitude()] += amplitude * spectrum.variance[k / 2];
+                    gradient[self.layout.curve_scale()] += amplitude * spectrum.slope[k / 2];
+                }
+            }
             gradient[self.layout.amplitude(c, 0)] += sums.constant;
             if self.layout.payload {
                 let i = self.layout.scale(c, self.layout.joints);
@@ -402,8 +389,10 @@ impl MarginalLikelihood<'_> {
 
 /// What one output gathers over all pairs of poses.
 struct KernelSums<'a> {
-    natural: &'a JointKernel<f64>,
-    kernel: &'a Mat<f64>,
+    /// Of the process of all joints.
+    kernel: Option<(&'a JointKernel<f64>, &'a Mat<f64>)>,
+    /// G_c(i, j), half of it on the diagonal, for the own-joint curve.
+    pairs: Option<Mat<f64>>,
     /// J_c of each pose.
     column: &'a [[f64; ROWS]],
     /// J_cᵀ α of each pose.
@@ -431,13 +420,20 @@ impl KernelSums<'_> {
             }
             g += sum * jb;
         }
-        let weight = if i == j { 0.5 } else { 1.0 } * g * self.kernel[(i, j)];
+        let half = if i == j { 0.5 } else { 1.0 } * g;
+        if let Some(pairs) = &mut self.pairs {
+            pairs[(i, j)] = half;
+        }
+        let Some((natural, kernel)) = self.kernel else {
+            return;
+        };
+        let weight = half * kernel[(i, j)];
         for (sum, s) in self.scales.iter_mut().zip(similarities) {
             *sum += weight * (s[i] - 1.0);
         }
         self.payload_scale -= weight * (m - other) * (m - other);
-        let amplitude = self.natural.amplitude + self.natural.payload_amplitude * m * other;
-        self.constant += weight * self.natural.amplitude / amplitude;
-        self.slope += weight * self.natural.payload_amplitude * m * other / amplitude;
+        let amplitude = natural.amplitude + natural.payload_amplitude * m * other;
+        self.constant += weight * natural.amplitude / amplitude;
+        self.slope += weight * natural.payload_amplitude * m * other / amplitude;
     }
 }

@@ -21,6 +21,8 @@ pub struct ElasticOptions {
     pub processes: bool,
     /// Gear ripple.
     pub ripple: bool,
+    /// An own-joint curve, where the evidence asks for one.
+    pub curve: bool,
     /// Gravity in the base frame, m/s².
     pub gravity: Vector3<f64>,
     /// Support points on the device; `None` keeps all.
@@ -42,6 +44,7 @@ impl Default for ElasticOptions {
             gravity_terms: true,
             processes: true,
             ripple: true,
+            curve: true,
             gravity: Vector3::new(0.0, 0.0, -9.81),
             inducing_points: Some(100),
             inducing_sets: None,
@@ -72,6 +75,7 @@ impl ElasticOptions {
             joints,
             payload,
             shared_lengthscales: self.shared_lengthscales,
+            curve: false,
         };
         (parameters, hyper)
     }

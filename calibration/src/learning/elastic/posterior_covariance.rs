@@ -11,12 +11,15 @@ use std::sync::OnceLock;
 
 use faer::linalg::solvers::{DenseSolveCore, Solve};
 use faer::{Mat, Side};
+use poegp_protocol::JointKind;
 use poegp_protocol::limits::MAX_GROUPS;
 use poegp_runtime::gp::joint_kernel::{JointKernel, similarity};
 use poegp_runtime::math::se3::Pose;
 
 use crate::identification::parametric::state::{Linearised, ROWS, prior_variance};
+use crate::learning::elastic::hyperparameters::DEFLECTION_UNIT;
 use crate::learning::elastic::likelihood::Posterior;
+use crate::learning::elastic::own_joint_curve::CurvePrior;
 use crate::learning::elastic::solution::ElasticFit;
 use crate::measurement::noise::InstrumentNoise;
 use crate::measurement::observation::Observation;
@@ -31,6 +34,8 @@ pub struct PosteriorCovariance {
     fit: ElasticFit,
     linear: Linearised,
     kernels: Vec<JointKernel<f64>>,
+    /// In rad².
+    curve: Option<CurvePrior>,
     /// Noise of a measurement that states none.
     typical: InstrumentNoise,
     samples: Vec<BaseSample>,
@@ -44,10 +49,15 @@ impl PosteriorCovariance {
         fit.solved.as_ref()?;
         let linear = fit.origin.linearise(samples, fit.scales);
         let kernels = fit.layout.kernels(&fit.hyperparameters);
+        let mut curve = fit.layout.curve_prior(&fit.hyperparameters);
+        if let Some(prior) = &mut curve {
+            prior.amplitude *= DEFLECTION_UNIT * DEFLECTION_UNIT;
+        }
         Some(Self {
             fit,
             linear,
             kernels,
+            curve,
             typical: InstrumentNoise::rms_over(samples),
             samples: samples.to_vec(),
             other_payload: OnceLock::new(),
@@ -107,7 +117,10 @@ impl PosteriorCovariance {
         let features = fit.origin.features(sample);
         let payload = sample.payload_kg.unwrap_or(0.0);
         for (c, kernel) in self.kernels.iter().enumerate() {
-            let own = kernel.payload_factor(payload, payload);
+            let revolute = fit.inputs.kinds[c] == JointKind::Revolute;
+            let curve = self.curve.as_ref().filter(|_| revolute);
+            let own = kernel.payload_factor(payload, payload)
+                + curve.map_or(0.0, |p| p.amplitude * p.spectrum.total());
             for a in 0..ROWS {
                 for b in 0..ROWS {
                     prior[(a, b)] += new.jacobian[(a, c)] * new.jacobian[(b, c)] * own;
@@ -124,8 +137,9 @@ impl PosteriorCovariance {
                 for (d, kind) in fit.inputs.kinds.iter().enumerate() {
                     s[d] = similarity(*kind, &features[d], &other[d]);
                 }
-                let value =
-                    kernel.payload_factor(payload, *other_payload) * kernel.joint_factor(&s);
+                let value = kernel.payload_factor(payload, *other_payload)
+                    * kernel.joint_factor(&s)
+                    + curve.map_or(0.0, |p| p.between(features[c], other[c]));
                 for row in ROWS * k..ROWS * (k + 1) {
                     let moved = value * self.linear.jacobian[(row, c)];
                     for a in 0..ROWS {

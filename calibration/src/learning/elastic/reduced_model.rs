@@ -6,6 +6,7 @@ use nalgebra::Vector3;
 use poegp_protocol::JointKind;
 use poegp_protocol::limits::MAX_JOINTS;
 use poegp_runtime::elastic::configuration::Configuration;
+use poegp_runtime::elastic::curve::coefficient_count;
 use poegp_runtime::elastic::deflection::Deflection;
 use poegp_runtime::elastic::gravity::{Gravity, GravityTerms};
 use poegp_runtime::elastic::ripple::RippleTerm;
@@ -20,9 +21,11 @@ use poegp_runtime::trace::Unobserved;
 
 use crate::identification::parametric::state::ParametricModel;
 use crate::learning::elastic::device_variance::DeviceVariance;
+use crate::learning::elastic::hyperparameters::DEFLECTION_UNIT;
 use crate::learning::elastic::inducing_points::{InducingPoints, cluster_payloads, sparsify};
 use crate::learning::elastic::inducing_sets::{InducingSets, select_greedy};
 use crate::learning::elastic::options::ElasticOptions;
+use crate::learning::elastic::own_joint_curve::orders;
 use crate::learning::elastic::solution::ElasticFit;
 use crate::measurement::sample::BaseSample;
 
@@ -33,8 +36,10 @@ pub struct ElasticModel {
     pub deflection: Deflection<f64>,
     /// The coefficients that gravity in `deflection` was made of.
     pub gravity: GravityTerms<f64>,
-    /// Support rows, by payload.
+    /// Support rows, by payload; behind them the own-joint curves.
     pub rows: Vec<f64>,
+    /// Joints of the arm.
+    pub joints: usize,
     /// C.
     pub coupling: Option<CouplingMatrix<f64>>,
     /// Facts of the fit.
@@ -54,12 +59,28 @@ pub struct ElasticReport {
     pub ripple: Vec<(usize, f64, f64)>,
     /// Support points.
     pub support: usize,
+    /// The own-joint curve, if there is one.
+    pub curve: Option<CurveReport>,
+}
+
+/// Facts of the own-joint curve.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CurveReport {
+    /// Prior standard deviation of the curve at one angle, rad.
+    pub amplitude: f64,
+    /// Length scale, rad.
+    pub length_scale: f64,
+    /// Cycles per turn up to which it goes.
+    pub orders: usize,
 }
 
 impl ElasticModel {
-    /// From a fit; reduced to `options.inducing_points` points, or to the sets that `options.inducing_sets` asks for. The calibrated chain is that of `fit.state` afterwards.
+    /// From a fit to the samples `dense`; reduced to `options.inducing_points` points, or to the sets that
+    /// `options.inducing_sets` asks for. Parameters and weights are solved again from `samples`, which may be more. The
+    /// calibrated chain is that of `fit.state` afterwards.
     pub fn new(
         fit: &mut ElasticFit,
+        dense: &[BaseSample],
         samples: &[BaseSample],
         coupling: Option<&Vec<Vec<f64>>>,
         options: &ElasticOptions,
@@ -67,10 +88,10 @@ impl ElasticModel {
         let distinct = cluster_payloads(&fit.inputs.payloads) != fit.inputs.payloads;
         let count = options
             .inducing_points
-            .unwrap_or(samples.len())
-            .min(samples.len());
+            .unwrap_or(dense.len())
+            .min(dense.len());
         let chosen = match options.inducing_sets.filter(|_| options.processes) {
-            Some(limits) => Some(select_greedy(fit, samples, limits)?),
+            Some(limits) => Some(select_greedy(fit, dense, samples, limits)?),
             None => None,
         };
         let support = if !options.processes || chosen.is_some() {
@@ -80,7 +101,7 @@ impl ElasticModel {
                 weights: Vec::new(),
             }
         } else if count < samples.len() || distinct {
-            sparsify(fit, samples, count)?
+            sparsify(fit, dense, samples, count)?
         } else {
             all(fit)?
         };
@@ -107,6 +128,14 @@ impl ElasticModel {
                 * if options.processes { noise(1) } else { 1.0 },
             ripple: fit.state.ripple.iter().map(amplitude).collect(),
             support: support.payloads.len(),
+            curve: fit.layout.curve_prior(&fit.hyperparameters).map(|prior| {
+                let length_scale = fit.hyperparameters[fit.layout.curve_scale()].exp();
+                CurveReport {
+                    amplitude: DEFLECTION_UNIT * (prior.amplitude * prior.spectrum.total()).sqrt(),
+                    length_scale,
+                    orders: orders(length_scale),
+                }
+            }),
         };
         let processes = JointProcesses {
             kernels,
@@ -124,6 +153,7 @@ impl ElasticModel {
             support: processes.points(),
             ..report
         };
+        let rows = [rows, fit.state.curves.clone()].concat();
         let gravity = without_upright_axis(&fit.state, samples);
         let form = MinimalForm::new(&fit.state.chain(0));
         let mut turned = gravity;
@@ -131,6 +161,7 @@ impl ElasticModel {
         let deflection = Deflection {
             gravity: Gravity::new(&turned, &form),
             ripple,
+            curve_orders: fit.state.curves.len() / (2 * n),
             processes,
             variance: None,
         };
@@ -138,10 +169,17 @@ impl ElasticModel {
             deflection,
             gravity,
             rows,
+            joints: n,
             coupling: coupling.map(matrix),
             report,
             sigma: None,
         })
+    }
+
+    /// The support rows, and the own-joint curves behind them.
+    pub fn support_and_curves(&self) -> (&[f64], &[f64]) {
+        let curves = coefficient_count(self.joints, self.deflection.curve_orders);
+        self.rows.split_at(self.rows.len() - curves)
     }
 
     /// `base_from_target` with the correction, and the correction as a twist of the base frame; not limited.

@@ -2,7 +2,8 @@
 
 use crate::identification::parametric::state::ParametricModel;
 use crate::learning::elastic::hyperparameters::HyperLayout;
-use crate::learning::elastic::likelihood::{Inputs, Posterior};
+use crate::learning::elastic::inputs::Inputs;
+use crate::learning::elastic::likelihood::Posterior;
 use crate::measurement::noise::NoiseScales;
 use crate::progress::Cancelled;
 

@@ -70,7 +70,7 @@ impl RefitSpec {
             &FitContext::default(),
         );
         let mut found = found.ok()?;
-        let model = ElasticModel::new(&mut found, train, coupling, options)?;
+        let model = ElasticModel::new(&mut found, train, train, coupling, options)?;
         let (chain, tools) = (found.state.chain(0), found.state.tools.clone());
         let posterior = PosteriorCovariance::new(found, train)?;
         let first = tools.first()?.inverse();

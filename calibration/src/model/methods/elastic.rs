@@ -33,19 +33,21 @@ pub(super) fn fit_elastic(
     let (nominal, coupling) = (&problem.nominal, problem.coupling);
     let samples = &problem.samples;
     let mut robust = fit_robust(nominal, &problem.tools, coupling, samples, options, context)?;
-    let kept: Vec<BaseSample> = robust.kept.iter().map(|i| samples[*i].clone()).collect();
-    let model = context.phase(solve_units(kept.len()), || {
-        ElasticModel::new(&mut robust.fit, &kept, coupling, options)
+    let of =
+        |part: &[usize]| -> Vec<BaseSample> { part.iter().map(|i| samples[*i].clone()).collect() };
+    let (dense, kept) = (of(&robust.dense), of(&robust.kept));
+    let model = context.phase(solve_units(dense.len()), || {
+        ElasticModel::new(&mut robust.fit, &dense, &kept, coupling, options)
     })?;
     let mut model = model.ok_or(FitError::Unsolvable)?;
     if options.device_variance && options.shared_lengthscales && options.processes {
-        model.sigma = device_variance(&robust, &kept, model.coupling.as_ref());
+        model.sigma = device_variance(&robust, &dense, model.coupling.as_ref());
     }
     let (chain, tools) = (
         robust.fit.state.chain(0),
         seen_from_first(&robust.fit.state.tools),
     );
-    let uncertainty = Uncertainty::new(robust.fit, &kept, robust.inflation).map(|u| {
+    let uncertainty = Uncertainty::new(robust.fit, &dense, robust.inflation).map(|u| {
         Box::new(u.with_refit(RefitSpec {
             chain: *nominal,
             tools: problem.tools.clone(),

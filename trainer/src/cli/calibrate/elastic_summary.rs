@@ -1,4 +1,4 @@
-//! What `trainer calibrate` reports about an elastic model: noise and gear ripple.
+//! What `trainer calibrate` reports about an elastic model: noise, gear ripple and the own-joint curve.
 
 use serde::Serialize;
 
@@ -16,6 +16,8 @@ pub struct ElasticSummary {
     noise_mrad: Option<f64>,
     inducing_points: usize,
     ripple: Vec<RippleSummary>,
+    /// `None` where the evidence asks for none.
+    own_joint_curve: Option<CurveSummary>,
     /// Of a blob that says how well it knows the position.
     #[serde(skip_serializing_if = "Option::is_none")]
     predictive_std: Option<StdSummary>,
@@ -29,6 +31,13 @@ struct StdSummary {
     landmarks: usize,
     floor_mm: f64,
     noise_mm: f64,
+}
+
+#[derive(Serialize)]
+struct CurveSummary {
+    amplitude_urad: f64,
+    length_scale_deg: f64,
+    orders: usize,
 }
 
 #[derive(Serialize)]
@@ -65,6 +74,11 @@ impl ElasticSummary {
                 .then_some(1e3 * report.orientation_noise),
             inducing_points: report.support,
             ripple: ripple.collect(),
+            own_joint_curve: report.curve.map(|curve| CurveSummary {
+                amplitude_urad: 1e6 * curve.amplitude,
+                length_scale_deg: curve.length_scale.to_degrees(),
+                orders: curve.orders,
+            }),
             predictive_std: sigma,
             predictive_std_wanted: config.layout == ProcessLayout::Shared
                 && config.device_variance
@@ -80,6 +94,12 @@ impl ElasticSummary {
             amplitude_urad: r.amplitude_urad,
         };
         self.ripple.iter().map(listed).collect()
+    }
+
+    /// The own-joint curve for a page: amplitude in µrad, length scale in degrees, orders.
+    pub fn listed_curve(&self) -> Option<(f64, f64, usize)> {
+        let curve = self.own_joint_curve.as_ref()?;
+        Some((curve.amplitude_urad, curve.length_scale_deg, curve.orders))
     }
 
     /// The same for a reader.
@@ -100,6 +120,13 @@ impl ElasticSummary {
             report.line(
                 "  note: no standard deviation for the device: its equations cannot be solved",
             );
+        }
+        if let Some(curve) = &self.own_joint_curve {
+            report.line(format_args!(
+                "  own-joint curve: each joint errs by {:.0} µrad (standard deviation) as a function of its own angle, alike over \
+                 {:.1}°, up to {} cycles per turn",
+                curve.amplitude_urad, curve.length_scale_deg, curve.orders
+            ));
         }
         for r in &self.ripple {
             report.line(format_args!(

@@ -221,6 +221,7 @@ pub fn of_calibration(
             document.identifiability.as_ref(),
             &document.frames,
             &ripple.unwrap_or_default(),
+            elastic.and_then(crate::cli::calibrate::elastic_summary::ElasticSummary::listed_curve),
         ))
         .with(sections::outliers(
             evidence,

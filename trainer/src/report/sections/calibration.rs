@@ -60,6 +60,7 @@ pub fn parameters(
     identifiability: Option<&IdentifyReport>,
     changes: &[FrameChange],
     ripple: &[Ripple],
+    curve: Option<(f64, f64, usize)>,
 ) -> Section {
     let mut section = Section::new("parameters", "What was wrong with the arm");
     let Some(identifiability) = identifiability else {
@@ -134,6 +135,15 @@ pub fn parameters(
         section = section
             .text(html! { "Strongly correlated, because they move the tool almost alike:" })
             .table(&["pair", "correlation"], pairs.collect());
+    }
+    if let Some((amplitude, length_scale, orders)) = curve {
+        let at = |name: &str| format!("/elastic/own_joint_curve/{name}");
+        section = section.text(html! {
+            "Own-joint curve: each joint errs by " (Number::new(amplitude, 0, at("amplitude_urad")))
+            " µrad (standard deviation) as a function of its own angle, alike over "
+            (Number::new(length_scale, 1, at("length_scale_deg"))) "°, up to "
+            (Number::count(orders, at("orders"))) " cycles per turn."
+        });
     }
     if !ripple.is_empty() {
         let rows = ripple.iter().enumerate().map(|(i, r)| {
