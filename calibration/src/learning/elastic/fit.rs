@@ -26,7 +26,7 @@ use crate::learning::elastic::own_joint_curve::{CurvePrior, Waves, orders};
 use crate::learning::elastic::solution::{ElasticFit, FitError};
 use crate::measurement::noise::NoiseScales;
 use crate::measurement::sample::BaseSample;
-use crate::progress::FitContext;
+use crate::progress::{Cancelled, FitContext};
 use poegp_protocol::limits::MAX_RIPPLE;
 
 /// Evaluations that it takes, about.
@@ -149,24 +149,27 @@ pub fn fit(
         }
     })?;
     let search = HyperparameterSearch::new(samples, scales, options, context);
-    let learned = context.phase(SEARCH_UNITS, || search.learn(&state, h, (start, bounds)))??;
+    let learned = context.phase(SEARCH_UNITS, || -> Result<_, Cancelled> {
+        if let Some(with_curve) = search.with_curve(&state, h, &start)? {
+            return Ok(with_curve);
+        }
+        let found = search.learn(&state, h, (start, bounds))?;
+        Ok((state, h, found.x))
+    })??;
+    let (mut state, h, hyper) = learned;
     if !options.processes {
         // The priors that the evidence prefers, and the parameters under them.
-        let scales = parametric_fit(&mut state, samples, &learned.x);
+        let scales = parametric_fit(&mut state, samples, &hyper);
         return Ok(ElasticFit {
             origin: state.clone(),
             inputs: Inputs::new(&state, samples),
             state,
-            hyperparameters: learned.x,
+            hyperparameters: hyper,
             layout: h,
             scales,
             solved: None,
         });
     }
-    let (mut state, h, hyper) = match search.with_curve(&state, h, &learned)? {
-        Some((other, h, hyper)) => (other, h, hyper),
-        None => (state, h, learned.x),
-    };
     let inputs = Inputs::new(&state, samples);
     let similarities = inputs.similarities();
     let waves = inputs.waves(h);

@@ -17,6 +17,8 @@ use poegp_protocol::limits::MAX_CURVE_ORDER;
 
 /// When a search ends.
 const STOP: StopCriteria = StopCriteria::after(40, 1e-10);
+/// When one with a curve in all poses ends, which begins at the best of fewer.
+const CURVE_STOP: StopCriteria = StopCriteria::after(30, 1e-8);
 /// When one of a curve alone ends, which only says where the search with everything begins.
 const ROUGH_STOP: StopCriteria = StopCriteria::after(20, 1e-5);
 /// Processes explain anything when they are let: the noise variance is at least this part of what parameters and own-joint
@@ -40,7 +42,7 @@ const CURVE_STARTS: [(f64, f64); 9] = [
 const CURVE_RISE: f64 = 20.0;
 /// Rise of the curve alone, without the processes, that is worth the search with everything.
 const WORTH_A_SEARCH: f64 = 10.0;
-/// Poses that the curve alone is looked for in, of more.
+/// Poses that the curve is looked for in, of more: the evidence of as many decides.
 const CURVE_POSES: usize = 100;
 
 /// A state without the ripple that the curve replaces, and layout and hyperparameters with the curve.
@@ -139,18 +141,18 @@ impl<'a> HyperparameterSearch<'a> {
         })
     }
 
-    /// With an own-joint curve in place of the ripple of its orders, when the evidence rises by more than [`CURVE_RISE`]
-    /// over `without`, what was learnt for `state`.
+    /// With an own-joint curve in place of the ripple of its orders, when the evidence of at most [`CURVE_POSES`] poses rises by
+    /// more than [`CURVE_RISE`] over that without it.
     pub fn with_curve(
         &self,
-        state: &ParametricModel,
+        with_ripple: &ParametricModel,
         layout: HyperLayout,
-        without: &Minimum,
+        start: &[f64],
     ) -> Result<Option<WithCurve>, Cancelled> {
-        if !self.options.curve {
+        if !self.options.curve || !self.options.processes {
             return Ok(None);
         }
-        let mut state = state.clone();
+        let mut state = with_ripple.clone();
         state.retain_ripple(|term| term.cycles > MAX_CURVE_ORDER as f64);
         let curved = HyperLayout {
             curve: true,
@@ -159,15 +161,24 @@ impl<'a> HyperparameterSearch<'a> {
         let Some(alone) = self.curve_alone(&state, layout, curved)? else {
             return Ok(None);
         };
+        let mut own_bounds = layout.start_and_bounds(self.payload_unit).1;
+        self.bound_noise(&mut own_bounds, [1.0; 2]);
+        let own = (layout, true);
+        let plain = self.minimum(with_ripple, CURVE_POSES, own, start, &own_bounds, &STOP)?;
         let (mut start, mut bounds) = curved.start_and_bounds(self.payload_unit);
-        start[..without.x.len()].copy_from_slice(&without.x);
+        start[..plain.x.len()].copy_from_slice(&plain.x);
         for i in [0, 1, curved.curve_amplitude(), curved.curve_scale()] {
             start[i] = alone[i];
         }
         self.bound_noise(&mut bounds, [alone[0].exp(), alone[1].exp()]);
+        let with = (curved, true);
+        let few = self.minimum(&state, CURVE_POSES, with, &start, &bounds, &STOP)?;
+        if plain.value - few.value <= CURVE_RISE {
+            return Ok(None);
+        }
         let all = self.part.len();
-        let found = self.minimum(&state, all, (curved, true), &start, &bounds, &STOP)?;
-        Ok((without.value - found.value > CURVE_RISE).then_some((state, curved, found.x)))
+        let found = self.minimum(&state, all, with, &few.x, &bounds, &CURVE_STOP)?;
+        Ok(Some((state, curved, found.x)))
     }
 
     /// Hyperparameters of parameters and curve without processes, from the best of several starts; `None` when the curve is
