@@ -232,6 +232,16 @@
 #define POEGP_MODEL_GROUPS 214
 
 /*
+ The variance of the position is not usable.
+ */
+#define POEGP_MODEL_VARIANCE 215
+
+/*
+ The own-joint curves are not usable.
+ */
+#define POEGP_MODEL_CURVE 216
+
+/*
  Signed or not: the envelope is damaged.
  */
 #define POEGP_SIGNATURE_MALFORMED 301
