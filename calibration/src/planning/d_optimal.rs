@@ -160,7 +160,7 @@ impl Design {
         let mut chosen = start.to_vec();
         let n = self.of_a_payload;
         for _ in 0..ROUNDS {
-            // Anew in every round: updates add up rounding.
+            // Computed again in every round: updates accumulate rounding errors.
             let Some(mut covariance) = self.covariance(&chosen) else {
                 return chosen;
             };

@@ -43,7 +43,7 @@ pub fn identify(
     let reach = nominal_arm::reach(robot);
     let mut numbers = numbers::examine(robot, &data.chain, set, samples, reach, false);
     numbers.retain(|f| f.is_of_values());
-    let (numbers, _) = without_suspects(&data, numbers);
+    let (numbers, _) = part_suspects(&data, numbers);
     let mut out = Findings(numbers);
     if !out.is_refused() {
         out.0.extend(nominal_arm::examine(&data, gravity).findings);
@@ -70,7 +70,7 @@ pub fn examine(
     };
     let reach = nominal_arm::reach(robot);
     let numbers = numbers::examine(robot, &data.chain, set, samples, reach, fits_geometry);
-    let (numbers, suspects) = without_suspects(&data, numbers);
+    let (numbers, suspects) = part_suspects(&data, numbers);
     let mut out = Findings(numbers);
     if !out.is_refused() {
         let arm = nominal_arm::examine(&data, gravity);
@@ -107,9 +107,10 @@ pub fn examine(
     out
 }
 
-/// `all` without the columns that may be cut off, and these: rows at an extreme of a column have to contradict the others,
-/// for else the arm was there. What contradicts the arm as drawn stays; the geometry decides on the suspects.
-fn without_suspects(data: &Data<'_>, all: Vec<Finding>) -> (Vec<Finding>, Vec<Finding>) {
+/// Parts the findings into those that stand and the clipped columns that are only suspected. Rows at an extreme of a column
+/// are clipped where they contradict the other rows; else the arm may have been there. What contradicts the arm as drawn
+/// stands; the geometry decides on the rest.
+fn part_suspects(data: &Data<'_>, all: Vec<Finding>) -> (Vec<Finding>, Vec<Finding>) {
     all.into_iter().partition(|finding| {
         if finding.cause != Cause::Clip {
             return true;

@@ -141,7 +141,7 @@ fn an_iiwa_with_seven_joints() {
     check("kuka_iiwa7_304.csv", "kuka-iiwa7", &bounds);
 }
 
-/// Two joints move, and the target was mounted anew between the loads.
+/// Two joints move, and the target was mounted again between the loads.
 #[test]
 fn an_iiwa_with_two_loads() {
     let bounds = [Bound::new(Method::Elastic, false, 0.30)];

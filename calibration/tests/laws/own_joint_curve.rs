@@ -175,6 +175,36 @@ fn state(curves: &Curves, poses: usize) -> (ParametricModel, Vec<BaseSample>) {
     )
 }
 
+const SCALES: NoiseScales = NoiseScales::uniform(1e-3, 1e-3);
+
+fn layout(shared_lengthscales: bool) -> HyperLayout {
+    HyperLayout {
+        joints: 6,
+        payload: false,
+        shared_lengthscales,
+        curve: true,
+    }
+}
+
+/// Calls `use_it` with the likelihood of these samples.
+fn with_likelihood<T>(
+    state: &ParametricModel,
+    samples: &[BaseSample],
+    (layout, processes): (HyperLayout, bool),
+    use_it: impl FnOnce(&MarginalLikelihood<'_>) -> T,
+) -> T {
+    let inputs = Inputs::new(state, samples);
+    use_it(&MarginalLikelihood {
+        linear: &state.linearise(samples, SCALES),
+        groups: &state.layout.groups(),
+        similarities: &inputs.similarities(),
+        waves: &inputs.waves(layout),
+        inputs: &inputs,
+        layout,
+        processes,
+    })
+}
+
 /// The solution is that of the curves written as parameters: S = A Λ Aᵀ with columns J_c sin kq and J_c cos kq.
 #[test]
 fn curves_are_parameters_with_the_spectrum_as_prior() {
@@ -184,29 +214,14 @@ fn curves_are_parameters_with_the_spectrum_as_prior() {
         },
         14,
     );
-    let scales = NoiseScales::uniform(1e-3, 1e-3);
-    let linear = state.linearise(&samples, scales);
-    let layout = HyperLayout {
-        joints: 6,
-        payload: false,
-        shared_lengthscales: true,
-        curve: true,
-    };
+    let layout = layout(true);
     let (mut h, _) = layout.start_and_bounds(1.0);
     h[layout.curve_scale()] = 0.2_f64.ln();
-    let inputs = Inputs::new(&state, &samples);
-    let (similarities, waves) = (inputs.similarities(), inputs.waves(layout));
+    let solved = with_likelihood(&state, &samples, (layout, false), |likelihood| {
+        likelihood.solve(&h).unwrap()
+    });
+    let linear = state.linearise(&samples, SCALES);
     let groups = state.layout.groups();
-    let evidence = MarginalLikelihood {
-        linear: &linear,
-        groups: &groups,
-        inputs: &inputs,
-        similarities: &similarities,
-        waves: &waves,
-        layout,
-        processes: false,
-    };
-    let solved = evidence.solve(&h).unwrap();
     let prior = layout.curve_prior(&h).unwrap();
     let rows = linear.y.nrows();
     let mut s = Mat::from_fn(rows, rows, |i, j| {
@@ -241,47 +256,25 @@ fn curves_are_parameters_with_the_spectrum_as_prior() {
 
 #[test]
 fn the_gradient_is_that_of_differences() {
-    let (state, samples) = state(
-        &Curves::draw(6, 20, 3e-4, &mut ChaCha8Rng::seed_from_u64(1)),
-        10,
-    );
-    let linear = state.linearise(&samples, NoiseScales::uniform(1e-3, 1e-3));
-    let inputs = Inputs::new(&state, &samples);
-    let similarities = inputs.similarities();
-    let groups = state.layout.groups();
+    let curves = Curves::draw(6, 20, 3e-4, &mut ChaCha8Rng::seed_from_u64(1));
+    let (state, samples) = state(&curves, 10);
     for (processes, shared_lengthscales) in [(false, true), (true, true), (true, false)] {
-        let layout = HyperLayout {
-            joints: 6,
-            payload: false,
-            shared_lengthscales,
-            curve: true,
-        };
-        let waves = inputs.waves(layout);
-        let evidence = MarginalLikelihood {
-            linear: &linear,
-            groups: &groups,
-            inputs: &inputs,
-            similarities: &similarities,
-            waves: &waves,
-            layout,
-            processes,
-        };
+        let layout = layout(shared_lengthscales);
         let (h, _) = layout.start_and_bounds(1.0);
-        let (_, gradient) = evidence.value_and_gradient(&h);
-        for i in 0..h.len() {
-            let at = |step: f64| {
-                let mut h = h.clone();
-                h[i] += step;
-                evidence.value_and_gradient(&h).0
-            };
-            let difference = (at(1e-4) - at(-1e-4)) / 2e-4;
-            let error = (gradient[i] - difference).abs();
-            assert!(
-                error < 1e-5 * (1.0 + difference.abs()),
-                "{i}: {} {difference}",
-                gradient[i]
-            );
-        }
+        with_likelihood(&state, &samples, (layout, processes), |likelihood| {
+            let (_, gradient) = likelihood.value_and_gradient(&h);
+            for i in 0..h.len() {
+                let at = |step: f64| {
+                    let mut h = h.clone();
+                    h[i] += step;
+                    likelihood.value_and_gradient(&h).0
+                };
+                let difference = (at(1e-4) - at(-1e-4)) / 2e-4;
+                let error = (gradient[i] - difference).abs();
+                let largest = 1e-5 * (1.0 + difference.abs());
+                assert!(error < largest, "{i}: {} {difference}", gradient[i]);
+            }
+        });
     }
 }
 

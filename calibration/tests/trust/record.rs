@@ -46,6 +46,14 @@ fn percent(part: usize, whole: usize) -> f64 {
     100.0 * part as f64 / whole.max(1) as f64
 }
 
+/// A count with its share of `whole`; nothing of nothing is a dash.
+fn share(part: usize, whole: usize) -> String {
+    if whole == 0 {
+        return "–".to_owned();
+    }
+    format!("{part} ({:.1} %)", percent(part, whole))
+}
+
 /// Median and maximum in seconds.
 fn times(times: &[Duration]) -> (f64, f64) {
     let mut seconds: Vec<f64> = times.iter().map(Duration::as_secs_f64).collect();
@@ -84,13 +92,11 @@ impl Record {
         for (name, c) in sets.chain([("**all**", &total)]) {
             let _ = writeln!(
                 out,
-                "| {name} | {} | {} ({:.1} %) | {} | {} ({:.1} %) | {} | {} | {} |",
+                "| {name} | {} | {} | {} | {} | {} | {} | {} |",
                 c.cases,
-                c.caught,
-                percent(c.caught, c.cases),
+                share(c.caught, c.cases),
                 c.meek,
-                c.right,
-                percent(c.right, c.caught),
+                share(c.right, c.caught),
                 c.unseen,
                 c.good,
                 c.false_alarms

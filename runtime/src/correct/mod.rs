@@ -33,7 +33,7 @@ pub use acceptance::{CORRECTED_WITHIN, Corrected, MAX_JOINT_CHANGE};
 use acceptance::{Candidate, raised};
 
 use crate::correct::step_limit::{Scale, StepLimit};
-use crate::elastic::curve::add_curves;
+use crate::elastic::curve::add_curve_lines;
 use crate::elastic::deflection::deflected_into;
 use crate::elastic::ripple::ripple_line;
 use crate::gp::loops::KernelLoops;
@@ -372,7 +372,7 @@ impl<T: KernelLoops> Search<'_, T> {
         if terms.curve_orders > 0 {
             arm.calibrated.joint_trig_into(&there, self.turned);
             let coefficients = terms.curves(kinds.len(), self.rows);
-            add_curves(kinds, coefficients, self.turned, &mut line);
+            add_curve_lines(kinds, coefficients, self.turned, &mut line);
         }
         let mut deflection = sum(&smooth, &line.value);
         let effect = equations.moved(&deflection);

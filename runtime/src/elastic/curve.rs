@@ -32,20 +32,10 @@ pub fn series<T: Scalar>(
     s1 * sin + (c1 * cos - c2)
 }
 
-/// The pairs of one joint.
-#[inline(always)]
-fn pairs<T: Scalar>(coefficients: &[T]) -> impl DoubleEndedIterator<Item = (T, T)> {
-    coefficients
-        .as_chunks::<2>()
-        .0
-        .iter()
-        .map(|[a, b]| (*a, *b))
-}
-
-/// h_c of every joint in rad, from the curves' `coefficients` and the sines and cosines of the controller's joints; 0 of a
-/// prismatic joint and without curves.
+/// Adds h_c of every joint in rad to `out`, from the `coefficients` of all curves and the sines and cosines of the
+/// controller's joints. Nothing is added to a prismatic joint, or without curves.
 #[inline(never)]
-pub fn curves<T: Scalar>(
+pub fn add_curves<T: Scalar>(
     kinds: &[JointKind],
     coefficients: &[T],
     joints: &JointTrig<T>,
@@ -53,42 +43,37 @@ pub fn curves<T: Scalar>(
 ) {
     let each = (coefficients.len() / kinds.len().max(1)).max(1);
     let of_joints = coefficients.chunks_exact(each).zip(kinds).zip(joints);
-    for (sum, ((coefficients, kind), trig)) in out.iter_mut().zip(of_joints) {
+    for (sum, ((own, kind), trig)) in out.iter_mut().zip(of_joints) {
         if *kind == JointKind::Revolute {
-            *sum += series(pairs(coefficients), *trig);
+            *sum += series(own.as_chunks::<2>().0.iter().map(|[a, b]| (*a, *b)), *trig);
         }
     }
 }
 
 /// Adds h_c of every joint and its derivative by the joint to `line`.
 #[inline(never)]
-pub fn add_curves<T: Scalar>(
+pub fn add_curve_lines<T: Scalar>(
     kinds: &[JointKind],
     coefficients: &[T],
     joints: &JointTrig<T>,
     line: &mut RippleLine<T>,
 ) {
-    curves(kinds, coefficients, joints, &mut line.value);
+    add_curves(kinds, coefficients, joints, &mut line.value);
     let each = (coefficients.len() / kinds.len().max(1)).max(1);
     let of_joints = coefficients.chunks_exact(each).zip(kinds).zip(joints);
-    for (slope, ((coefficients, kind), trig)) in line.slope.iter_mut().zip(of_joints) {
+    for (slope, ((own, kind), trig)) in line.slope.iter_mut().zip(of_joints) {
         if *kind == JointKind::Revolute {
-            *slope += derivative(coefficients, *trig);
+            *slope += series(derivative(own), *trig);
         }
     }
 }
 
-/// Σ_k k (α_k cos kq − β_k sin kq).
+/// The coefficients of Σ_k k (α_k cos kq − β_k sin kq).
 #[inline(always)]
-fn derivative<T: Scalar>(coefficients: &[T], [sin, cos]: [T; 2]) -> T {
-    let twice = cos + cos;
-    let pairs = coefficients.as_chunks::<2>().0;
-    let mut order = T::from_f32(pairs.len() as f32);
-    let [mut s1, mut s2, mut c1, mut c2] = [T::ZERO; 4];
-    for [a, b] in pairs.iter().rev() {
-        (c1, c2) = (order * *a + twice * c1 - c2, c1);
-        (s1, s2) = (order * *b + twice * s1 - s2, s1);
-        order -= T::ONE;
-    }
-    c1 * cos - c2 - s1 * sin
+fn derivative<T: Scalar>(coefficients: &[T]) -> impl DoubleEndedIterator<Item = (T, T)> {
+    let orders = coefficients.as_chunks::<2>().0.iter().enumerate();
+    orders.map(|(i, [a, b])| {
+        let k = T::from_f32((i + 1) as f32);
+        (-(k * *b), k * *a)
+    })
 }

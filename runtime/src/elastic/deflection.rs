@@ -24,7 +24,7 @@ use poegp_protocol::JointKind;
 use poegp_protocol::limits::{MAX_JOINTS, MAX_RIPPLE};
 
 use crate::elastic::configuration::Configuration;
-use crate::elastic::curve::{coefficient_count, curves};
+use crate::elastic::curve::{add_curves, coefficient_count};
 use crate::elastic::gravity::Gravity;
 use crate::elastic::position_variance::{PositionVariance, prior};
 use crate::elastic::ripple::{RippleTerm, ripple};
@@ -146,7 +146,7 @@ impl<T: KernelLoops> Deflection<T> {
             *sum = *a + *b + *c;
         }
         if self.curve_orders > 0 {
-            curves(kinds, self.curves(kinds.len(), rows), features, &mut out);
+            add_curves(kinds, self.curves(kinds.len(), rows), features, &mut out);
         }
         out
     }

@@ -2,7 +2,7 @@
 
 use poegp_protocol::JointKind;
 use poegp_protocol::limits::{MAX_CURVE_ORDER, MAX_JOINTS};
-use poegp_runtime::elastic::curve::{add_curves, curves};
+use poegp_runtime::elastic::curve::{add_curve_lines, add_curves};
 use poegp_runtime::elastic::ripple::{RippleLine, ripple_line};
 use poegp_runtime::math::scalar::Scalar;
 use poegp_runtime::model::load_error::LoadError;
@@ -29,9 +29,9 @@ fn line<T: Scalar>(kinds: &[JointKind], words: &[T], q: &[T; MAX_JOINTS]) -> Rip
         [sin, cos]
     });
     let mut line = ripple_line(&[], &[T::ZERO; MAX_JOINTS]);
-    add_curves(kinds, words, &trig, &mut line);
+    add_curve_lines(kinds, words, &trig, &mut line);
     let mut values = [T::ZERO; MAX_JOINTS];
-    curves(kinds, words, &trig, &mut values);
+    add_curves(kinds, words, &trig, &mut values);
     assert!(values == line.value);
     line
 }

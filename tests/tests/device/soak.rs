@@ -468,31 +468,22 @@ fn every_answer_is_right_whatever_happens_to_line_and_models() {
         Some(path) => Record::at(Path::new(&path)),
         None => Record::at(&folder.path().join("soak.txt")),
     };
-    let before = record.answered();
-    if before > 0 {
-        println!(
-            "{before} answers of {} rounds are in the record",
-            record.rounds.len()
-        );
-    }
+    println!(
+        "{} answers of {} rounds are in the record",
+        record.answered(),
+        record.rounds.len()
+    );
     // A flash that was never written holds no model, and a call that was interrupted may have been at any point.
     let mut may_be_empty = true;
     let mut seen_by_model: Vec<usize> = Vec::new();
     while record.answered() < goal {
         let number = record.rounds.len();
         if number > 0 {
-            let place = flip_a_bit(record.memory(), number);
-            println!(
-                "bit {} of byte {:#x} of the flash has flipped",
-                place.1, place.0
-            );
+            let (byte, bit) = flip_a_bit(record.memory(), number);
+            println!("bit {bit} of byte {byte:#x} of the flash has flipped");
         }
-        let (round, seen) = round(
-            record.memory(),
-            number,
-            ROUND.min(goal - record.answered()).max(FIRST),
-            &mut may_be_empty,
-        );
+        let answers = ROUND.min(goal - record.answered()).max(FIRST);
+        let (round, seen) = round(record.memory(), number, answers, &mut may_be_empty);
         seen_by_model.resize(seen.len(), 0);
         for (sum, seen) in seen_by_model.iter_mut().zip(seen) {
             *sum += seen;

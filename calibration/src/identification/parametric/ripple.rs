@@ -24,15 +24,15 @@ pub struct Peak {
     pub cycles: f64,
     /// Drop of χ².
     pub drop: f64,
-    /// Another frequency that the joint values measured cannot tell from this one.
+    /// Another frequency that fits the measured joint values as well.
     pub alias: Option<f64>,
 }
 
-/// A frequency is distinguished from another one by this much more drop of χ²: odds of 400 to 1.
+/// Least difference of two drops of χ² that distinguishes their frequencies: odds of 400 to 1.
 const DISTINGUISHED: f64 = 12.0;
-/// Share of a term that another frequency must explain at the joint values measured to be its alias.
+/// Least share of a term that its alias explains at the measured joint values.
 const ALIKE: f64 = 0.5;
-/// Cycles per turn from which an alias is looked for.
+/// Fewest cycles per turn of an alias.
 const LOWEST_ALIAS: f64 = 1.0;
 
 /// One joint's residual, contracted: everything a frequency needs.
@@ -72,7 +72,7 @@ impl Contracted {
         (drop, [sin, cos])
     }
 
-    /// A frequency that explains the residual as well as `peak` and would explain the term of `peak` at these joint values.
+    /// A frequency that explains the residual as well as `peak` does, because it resembles `peak` at these joint values.
     fn alias(&self, peak: &Peak, step: f64, width: f64) -> Option<f64> {
         let (whole, [sin, cos]) = self.regressed(peak.cycles, &self.projection);
         let term: Vec<f64> = self
@@ -123,7 +123,7 @@ impl Contracted {
     }
 }
 
-/// Cycles per turn that a joint must resolve for its ripple to be searched: it moves by a hundredth of a radian.
+/// Coarsest resolution in cycles per turn for a search: that of a joint that moves by a hundredth of a radian.
 const COARSEST: f64 = 100.0 * std::f64::consts::TAU;
 
 /// The most significant frequency of each joint above `above` cycles per turn, for residuals (in units of their noise) and
@@ -163,7 +163,7 @@ pub fn peaks(
         }
         let mut best = refine(&data, best, step);
         if best.drop > SIGNIFICANT {
-            // Within two widths of what the span resolves it is the same peak: a slow beat is the same between the values.
+            // Closer frequencies are the same peak: their slow beat is nearly the same between the measured values.
             best.alias = data.alias(&best, step, 2.0 * resolution);
         }
         Some(best)
@@ -171,8 +171,7 @@ pub fn peaks(
     (0..jacobian.ncols()).filter_map(of).collect()
 }
 
-/// The frequency of a term beside everything else that is modelled, near the one that it was found with: then others may
-/// not have been there.
+/// The frequency of a term beside all terms found since, near the one with which it was found.
 pub fn refined_frequency(
     term: &RippleTerm<f64>,
     samples: &[BaseSample],

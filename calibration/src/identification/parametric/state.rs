@@ -12,7 +12,7 @@ use faer::Mat;
 use nalgebra::Vector3;
 use poegp_protocol::JointKind;
 use poegp_protocol::limits::MAX_JOINTS;
-use poegp_runtime::elastic::curve::curves;
+use poegp_runtime::elastic::curve::add_curves;
 use poegp_runtime::elastic::deflection::deflected;
 use poegp_runtime::elastic::gravity::{GravityRegressors, GravityTerms};
 use poegp_runtime::elastic::ripple::{RippleTerm, ripple_regressors};
@@ -29,11 +29,11 @@ use crate::robot::coupled;
 /// Rows of one pose: displacement and rotation at the tool.
 pub const ROWS: usize = 6;
 
-/// Error of a linearisation after a step, in units of the noise, that asks for another step. Positions alone determine base
-/// and tool by a long curved valley: a Motoman's two steps left all predictions 0.16 mm off.
-pub const CROOKED: f64 = 0.02;
-/// Most steps.
-pub const MOST_STEPS: usize = 12;
+/// Largest linearisation error of the last step, in units of the noise. Positions alone determine base and tool by a long
+/// curved valley: after two steps, all predictions for a Motoman were 0.16 mm off.
+pub const MAX_LINEARISATION_ERROR: f64 = 0.02;
+/// Most Gauss-Newton steps.
+pub const MAX_STEPS: usize = 12;
 
 /// Which parameters there are.
 #[derive(Clone, Debug)]
@@ -227,7 +227,7 @@ impl ParametricModel {
             out[term.joint] += term.deflection(sample.joints[term.joint]);
         }
         if !self.curves.is_empty() {
-            curves(&self.kinds, &self.curves, &self.features(sample), &mut out);
+            add_curves(&self.kinds, &self.curves, &self.features(sample), &mut out);
         }
         out
     }
@@ -421,8 +421,8 @@ impl ParametricModel {
         self.deviation = x.to_vec();
     }
 
-    /// Moves to the parameters `x`, which solve the equations `linear` of this state at `samples`. Returns the largest error
-    /// of their linearisation, in units of the rows' scales: more than [`CROOKED`] asks for another step.
+    /// Moves to the parameters `x`, which solve the equations `linear` of this state at `samples`. Returns the largest
+    /// linearisation error, in units of the rows' scales: above [`MAX_LINEARISATION_ERROR`] another step is needed.
     pub fn step<F>(
         &mut self,
         x: &[f64],
@@ -439,7 +439,7 @@ impl ParametricModel {
         residuals.enumerate().map(error).fold(0.0, f64::max)
     }
 
-    /// Takes out the ripple terms that `keeps` refuses; what is left is no longer most probable.
+    /// Removes the ripple terms for which `keeps` is false. The other parameters stay: they are to be solved again.
     pub fn retain_ripple(&mut self, keeps: impl FnMut(&RippleTerm<f64>) -> bool) {
         let first = self.deviation.len() - 2 * self.ripple.len();
         let kept: Vec<bool> = self.ripple.iter().map(keeps).collect();

@@ -14,7 +14,7 @@ use crate::identification::parametric::ripple::{
     Peak, RANGE, SIGNIFICANT, peaks, refined_frequency,
 };
 use crate::identification::parametric::state::{
-    CROOKED, Linearised, MOST_STEPS, ParametricModel, PriorGroup, ROWS,
+    Linearised, MAX_LINEARISATION_ERROR, MAX_STEPS, ParametricModel, PriorGroup, ROWS,
 };
 use crate::learning::elastic::hyperparameter_search::HyperparameterSearch;
 use crate::learning::elastic::hyperparameters::{DEFLECTION_UNIT, HyperLayout};
@@ -32,9 +32,8 @@ use poegp_protocol::limits::MAX_RIPPLE;
 /// Evaluations that it takes, about.
 const SEARCH_UNITS: u64 = 44;
 
-/// Poses that are solved together with every pose as support; its matrices have the square of six times as many numbers. Of
-/// more, this many are drawn for hyperparameters, ripple and outliers, and all of them determine parameters, curves and
-/// weights.
+/// Most poses of the dense solution, whose matrices have six rows and columns for each. From more poses, this many are drawn
+/// for hyperparameters, ripple, outliers and standard deviations; all of them determine parameters, curves and weights.
 pub const DENSE_POSES: usize = 800;
 
 /// What solving for all poses takes, twice, what leaving each out takes, and what fewer support points take, about, in
@@ -173,7 +172,7 @@ pub fn fit(
     let inputs = Inputs::new(&state, samples);
     let similarities = inputs.similarities();
     let waves = inputs.waves(h);
-    // Returns where it began, too, and how crooked the step was.
+    // With the equations and the linearisation error of the step.
     let solve = |state: &mut ParametricModel| -> Option<(Posterior, Linearised, f64)> {
         let linear = state.linearise(samples, scales);
         let groups = state.layout.groups();
@@ -187,14 +186,14 @@ pub fn fit(
             processes: true,
         };
         let solution = evidence.solve(&hyper)?;
-        let crooked = state.step(&solution.parameters, &linear, samples, scales);
-        Some((solution, linear, crooked))
+        let error = state.step(&solution.parameters, &linear, samples, scales);
+        Some((solution, linear, error))
     };
     let (first, linear, _) = context
         .phase(units, || solve(&mut state))?
         .ok_or(FitError::Unsolvable)?;
     if options.ripple {
-        // What processes or curve explain is no ripple. What they leave is quieter than what the parameters leave: weaker
+        // What processes or curve explain is no ripple. Their residual is quieter than that of the parameters, so weaker
         // ripple shows.
         let kept = kept_ripple(&state, &first, &linear);
         let mut terms = kept.iter();
@@ -210,16 +209,16 @@ pub fn fit(
         state.add_ripple(&found);
     }
     let mut origin = state.clone();
-    let (mut solved, _, mut crooked) = context
+    let (mut solved, _, mut error) = context
         .phase(units, || solve(&mut state))?
         .ok_or(FitError::Unsolvable)?;
-    for _ in 0..MOST_STEPS {
-        if crooked < CROOKED {
+    for _ in 0..MAX_STEPS {
+        if error < MAX_LINEARISATION_ERROR {
             break;
         }
         context.check()?;
         origin = state.clone();
-        (solved, _, crooked) = solve(&mut state).ok_or(FitError::Unsolvable)?;
+        (solved, _, error) = solve(&mut state).ok_or(FitError::Unsolvable)?;
     }
     if let Some(prior) = h.curve_prior(&hyper) {
         state.curves = curve_coefficients(

@@ -17,16 +17,16 @@ use poegp_protocol::limits::MAX_CURVE_ORDER;
 
 /// When a search ends.
 const STOP: StopCriteria = StopCriteria::after(40, 1e-10);
-/// When one with a curve in all poses ends, which begins at the best of fewer.
+/// When the search with a curve in all poses ends; it begins at the optimum of fewer poses.
 const CURVE_STOP: StopCriteria = StopCriteria::after(30, 1e-8);
-/// When one of a curve alone ends, which only says where the search with everything begins.
+/// When the search of a curve without processes ends; it only finds a start for the search with everything.
 const ROUGH_STOP: StopCriteria = StopCriteria::after(20, 1e-5);
-/// Processes explain anything when they are let: the noise variance is at least this part of what parameters and own-joint
-/// curve leave, where the instrument's noise is not stated. (Five folds of a FARO set: 0.0567 mm without the bound, 0.0547
+/// Processes can explain any noise. Where the instrument's noise is not stated, its variance is therefore at least this part
+/// of the residual of parameters and own-joint curve. (Five folds of a FARO set: 0.0567 mm without the bound, 0.0547
 /// with it.)
 const LEAST_NOISE: f64 = 0.25;
-/// Amplitude (rad) and length scale (rad) from the best of which the search for a curve begins: from one smooth curve alone
-/// it stayed there on a robot whose curves are rough. Where none of them is more likely than no curve, none is searched.
+/// Amplitudes and length scales in rad; the search for a curve begins at the most likely pair. From one smooth curve it did
+/// not find the rough curves of a UR10. Where no pair is more likely than no curve, there is no search.
 const CURVE_STARTS: [(f64, f64); 9] = [
     (4e-4, 0.06),
     (4e-4, 0.15),
@@ -38,11 +38,11 @@ const CURVE_STARTS: [(f64, f64); 9] = [
     (5e-5, 0.15),
     (5e-5, 0.5),
 ];
-/// Rise of the log evidence that a curve must make. Below, curves were up to 6 % worse on poses left out; above, never.
+/// Least rise of the log evidence for a curve. Curves with less were up to 6 % worse on held-out poses, none with more was.
 const CURVE_RISE: f64 = 20.0;
-/// Rise of the curve alone, without the processes, that is worth the search with everything.
+/// Least rise by a curve without processes for a search with everything.
 const WORTH_A_SEARCH: f64 = 10.0;
-/// Poses that the curve is looked for in, of more: the evidence of as many decides.
+/// Most poses whose evidence decides on the curve.
 const CURVE_POSES: usize = 100;
 
 /// A state without the ripple that the curve replaces, and layout and hyperparameters with the curve.
@@ -101,7 +101,7 @@ impl<'a> HyperparameterSearch<'a> {
         }
     }
 
-    /// The likelihood of the first `poses` of the part, for what `use_it` does with it.
+    /// Calls `use_it` with the likelihood of the first `poses` of the part.
     fn with_likelihood<T>(
         &self,
         state: &ParametricModel,
@@ -141,8 +141,8 @@ impl<'a> HyperparameterSearch<'a> {
         })
     }
 
-    /// With an own-joint curve in place of the ripple of its orders, when the evidence of at most [`CURVE_POSES`] poses rises by
-    /// more than [`CURVE_RISE`] over that without it.
+    /// The model with an own-joint curve in place of the ripple of its orders; `None` unless the log evidence of at most
+    /// [`CURVE_POSES`] poses rises by more than [`CURVE_RISE`].
     pub fn with_curve(
         &self,
         with_ripple: &ParametricModel,

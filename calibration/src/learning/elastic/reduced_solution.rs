@@ -12,7 +12,7 @@ use poegp_runtime::gp::joint_kernel::JointKernel;
 use poegp_runtime::kinematics::poe::JointTrig;
 
 use crate::identification::parametric::state::{
-    CROOKED, Linearised, MOST_STEPS, ROWS, prior_variance,
+    Linearised, MAX_LINEARISATION_ERROR, MAX_STEPS, ROWS, prior_variance,
 };
 use crate::learning::elastic::hyperparameters::DEFLECTION_UNIT;
 use crate::learning::elastic::inputs::{ClusteredInput, Inputs, kernel};
@@ -26,8 +26,8 @@ const BLOCK: usize = 100;
 /// neighbours in one joint's kernel, and a kernel may be so smooth that few of them are different in double precision.
 const JITTER: [f64; 6] = [1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3];
 
-/// The weights of `functions`, sorted by joint, together with all parameters, which move in `fit`. Steps until the equations
-/// are straight.
+/// The weights of `functions`, sorted by joint, together with all parameters, which move in `fit`. Repeats the
+/// Gauss-Newton step until its linearisation error is small.
 pub(super) fn solve(
     fit: &mut ElasticFit,
     samples: &[BaseSample],
@@ -59,9 +59,9 @@ pub(super) fn solve(
             curves: curve_columns(fit, orders),
         };
         let (parameters, curves, weights) = equations.solve()?;
-        let crooked = fit.state.step(&parameters, &linear, samples, fit.scales);
+        let error = fit.state.step(&parameters, &linear, samples, fit.scales);
         steps += 1;
-        if crooked < CROOKED || steps == MOST_STEPS {
+        if error < MAX_LINEARISATION_ERROR || steps == MAX_STEPS {
             if orders > 0 {
                 fit.state.curves = curves;
             }

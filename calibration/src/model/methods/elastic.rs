@@ -1,4 +1,4 @@
-//! The elastic model: the chain, gravity terms, gear ripple and joint processes, solved together.
+//! The elastic model: the chain, gravity terms, own-joint curves, gear ripple and joint processes, solved together.
 
 use crate::learning::elastic::device_variance::device_variance;
 use crate::learning::elastic::fit::{fit_robust, solve_units};

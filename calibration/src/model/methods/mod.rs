@@ -33,7 +33,7 @@ const REGISTRY: [(Method, &str, &str, &dyn CalibrationMethod); 5] = [
     (Method::Poe, "poe", "All frames of the chain (step 1 of the paper).", &poe::PoeMethod),
     (Method::PoeGp, "poe-gp", "The chain and a Gaussian process of the joints.", &task_space::TaskSpace { with_payload: false }),
     (Method::PoeGpLoad, "poe-gp-load", "The chain and a Gaussian process of joints and payload: the paper's method.", &task_space::TaskSpace { with_payload: true }),
-    (Method::Elastic, "elastic", "The chain, gravity terms, gear ripple and joint-space processes, solved together.", &elastic::Elastic),
+    (Method::Elastic, "elastic", "The chain, gravity terms, own-joint curves, gear ripple and joint-space processes, solved together.", &elastic::Elastic),
 ];
 
 impl Method {

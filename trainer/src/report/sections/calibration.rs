@@ -139,9 +139,9 @@ pub fn parameters(
     if let Some((amplitude, length_scale, orders)) = curve {
         let at = |name: &str| format!("/elastic/own_joint_curve/{name}");
         section = section.text(html! {
-            "Own-joint curve: each joint errs by " (Number::new(amplitude, 0, at("amplitude_urad")))
-            " µrad (standard deviation) as a function of its own angle, alike over "
-            (Number::new(length_scale, 1, at("length_scale_deg"))) "°, up to "
+            "Own-joint curve: the error of each joint as a function of its own angle, with a standard deviation of "
+            (Number::new(amplitude, 0, at("amplitude_urad"))) " µrad, a length scale of "
+            (Number::new(length_scale, 1, at("length_scale_deg"))) "° and up to "
             (Number::count(orders, at("orders"))) " cycles per turn."
         });
     }
