@@ -7,17 +7,21 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::{env, fs};
 
-const CASES: [&str; 7] = [
+const CASES: [&str; 6] = [
     "shared",
     "folded",
     "per_output",
     "elastic_own",
     "elastic_tied",
     "elastic_sets",
-    "elastic_curve",
 ];
 /// What does not fit into 16 kB of RAM.
-const FULL_SIZE: [&str; 3] = ["elastic_sigma", "full_shared", "full_elastic"];
+const FULL_SIZE: [&str; 4] = [
+    "elastic_curve",
+    "elastic_sigma",
+    "full_shared",
+    "full_elastic",
+];
 
 fn main() {
     println!("cargo:rerun-if-changed=build.rs");
