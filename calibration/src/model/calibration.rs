@@ -83,6 +83,14 @@ impl Calibration {
         Some([p, p, p, r, r, r])
     }
 
+    /// Whether the standard deviation depends on the pose.
+    pub fn has_local_deviation(&self) -> bool {
+        match &self.estimate {
+            FrameEstimate::Parametric { uncertainty } => uncertainty.is_some(),
+            _ => matches!(self.correction, Correction::TaskSpace(_)),
+        }
+    }
+
     /// The RMS of one position and one rotation component of the residual of `samples`, m and rad.
     pub(super) fn rms(&self, samples: &[BaseSample]) -> (f64, f64) {
         let of = |s: &BaseSample| {

@@ -5,3 +5,4 @@ pub mod device_budget;
 pub mod held_out;
 pub mod learning_curve;
 pub mod model_selection;
+pub mod work_volume;

@@ -12,6 +12,7 @@ mod own_joint_curve;
 mod paper;
 mod support_sets;
 mod ten_seeds;
+mod work_volume;
 
 use std::fmt::Display;
 use std::io::Write;

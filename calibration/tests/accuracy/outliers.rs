@@ -7,7 +7,9 @@ use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::{Config, Weighting};
 use poegp_calibration::numeric::statistics::ErrorSummary;
-use poegp_calibration::progress::FitContext;
+use poegp_calibration::progress::{FitContext, NEVER};
+use poegp_calibration::validation::cross_validation::Task;
+use poegp_calibration::validation::model_selection::{FOLDS, candidates, select_model};
 
 use crate::{arm, origin, samples, say, simulated_path};
 
@@ -87,4 +89,38 @@ fn nine_gross_outliers_in_three_hundred_poses() {
     assert_eq!(found.len(), SIZES_MM.len(), "they are listed either way");
     assert!(kept > (1.0 + AT_MOST) * without, "{kept} {without}");
     assert!(failed.is_empty(), "{failed:#?}");
+}
+
+/// The default, which chooses its model by folds, pays no more and chooses the same.
+#[test]
+fn the_choice_does_not_change_with_nine_gross_outliers() {
+    let (robot, _) = arm("abb-irb4400-serial");
+    let clean = samples(&simulated_path("wild_s0_train"), &robot);
+    let test = samples(&simulated_path("wild_s0_test1"), &robot);
+    let origin = origin(1);
+    let run = |train: &[InstrumentSample]| {
+        let task = Task {
+            robot: &robot,
+            train,
+            tests: &[],
+            folds: FOLDS,
+            seed: 1,
+            origin: &origin,
+            cancel: &NEVER,
+        };
+        let all = candidates(train, robot.joints.len(), &Config::default());
+        let choice = select_model(&task, &all, &mut || ()).unwrap();
+        let found = task.calibrated(&choice.config, train).unwrap();
+        let errors = ErrorSummary::new(&found.blob.errors(&test));
+        (choice.config, errors.position_mm.mean)
+    };
+    let ((clean_choice, without), (choice, with)) = (run(&clean), run(&with_outliers(&clean)));
+    let price = with / without - 1.0;
+    say(format_args!(
+        "nine gross outliers of 300, chosen by folds: {with:.4} mm, {without:.4} mm without ({:+.1} %, at most {:.0})",
+        100.0 * price,
+        100.0 * AT_MOST
+    ));
+    assert_eq!(choice, clean_choice);
+    assert!(price <= AT_MOST, "{price}");
 }

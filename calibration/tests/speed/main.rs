@@ -9,15 +9,18 @@ use std::hint::black_box;
 use std::io::Write;
 use std::path::Path;
 
+use nalgebra::Vector3;
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::blob::write::{Provenance, calibrate_to_blob};
 use poegp_calibration::measurement as measurements;
-use poegp_calibration::measurement::sample::InstrumentSample;
-use poegp_calibration::measurement::sample::samples;
+use poegp_calibration::measurement::sample::{InstrumentSample, ToolName, samples};
 use poegp_calibration::model::config::Config;
 use poegp_calibration::model::{Calibration, Method};
-use poegp_calibration::progress::FitContext;
+use poegp_calibration::progress::{FitContext, NEVER};
 use poegp_calibration::robot::{LoadOptions, Robot};
+use poegp_calibration::trust::examine;
+use poegp_calibration::validation::cross_validation::Task;
+use poegp_calibration::validation::model_selection::{FOLDS, candidates, select_model};
 
 /// Shows a measured number, whether or not the test passes.
 fn say(text: impl Display) {
@@ -126,4 +129,66 @@ fn an_elastic_fit_of_three_hundred_poses() {
     ));
     let most = if cfg!(debug_assertions) { 60.0 } else { 8.0 };
     assert!(seconds <= most, "{seconds}");
+}
+
+/// The default chooses its model by folds before it fits: that may take three times as long as the fit alone.
+#[test]
+fn the_choice_of_a_model() {
+    let (robot, samples) = arm();
+    let origin = Provenance {
+        tools: vec![ToolName::default()],
+        ..Provenance::default()
+    };
+    let task = Task {
+        robot: &robot,
+        train: &samples,
+        tests: &[],
+        folds: FOLDS,
+        seed: 1,
+        origin: &origin,
+        cancel: &NEVER,
+    };
+    let start = cpu_seconds();
+    let all = candidates(&samples, robot.joints.len(), &Config::default());
+    let choice = select_model(&task, &all, &mut || ()).unwrap();
+    let chosen = cpu_seconds();
+    task.calibrated(&choice.config, &samples).unwrap();
+    let end = cpu_seconds();
+    let ratio = (end - start) / (end - chosen);
+    say(format_args!(
+        "300 poses: {:.2} s of CPU to choose, {:.2} s to fit `{}`: {ratio:.2} times the fit alone (at most 3)",
+        chosen - start,
+        end - chosen,
+        choice.config.method.name()
+    ));
+    assert_eq!(choice.config.method, Method::Elastic);
+    assert!(ratio <= 3.0, "{ratio}");
+}
+
+/// The examination of 300 rows: quick where nothing is wrong, and where nothing that it tries explains what is. The poses
+/// belong to other rows there, so that it tries everything.
+#[test]
+fn the_examination_of_measurements() {
+    let robot = Robot::load("abb-irb4400-serial", &LoadOptions::default()).unwrap();
+    let path = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../tests/data/simulated/irb4400_wild_s0_train.csv");
+    let set = measurements::read(&path).unwrap();
+    let good = samples(&set, &robot, &mut Vec::new()).unwrap();
+    let mut wrong = good.clone();
+    let count = good.len();
+    for (k, row) in wrong.iter_mut().enumerate() {
+        row.observation = good[(7 * k * k + 11 * k) % count].observation;
+    }
+    let gravity = Vector3::new(0.0, 0.0, -9.81);
+    for (what, rows, most) in [("good", &good, 0.3), ("wrong", &wrong, 2.0)] {
+        let start = cpu_seconds();
+        let findings = examine(&robot, &set, rows, gravity, true);
+        let seconds = cpu_seconds() - start;
+        say(format_args!(
+            "examination of 300 {what} rows: {seconds:.2} s of CPU (at most {most})"
+        ));
+        assert_eq!(findings.is_refused(), what == "wrong");
+        let slower = if cfg!(debug_assertions) { 20.0 } else { 1.0 };
+        assert!(seconds <= slower * most, "{seconds}");
+    }
 }

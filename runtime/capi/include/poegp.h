@@ -374,6 +374,11 @@ typedef struct poegp_identity_t {
    1 when the signature of the blob was verified, else 0.
    */
   uint32_t is_signed;
+  /*
+   Warnings about the measurements that the model was calibrated with: bit i is set for cause i, which
+   `poegp_warning_text` describes. 0 without warnings.
+   */
+  uint32_t warnings;
 } poegp_identity_t;
 
 /*
@@ -582,6 +587,12 @@ int32_t poegp_identify(const struct poegp_model_t *model, struct poegp_identity_
  A code in words, as text that ends with a zero and need not be freed. Never null.
  */
 const char *poegp_error_text(int32_t code);
+
+/*
+ The cause of a warning in words, by its bit in `poegp_identity_t.warnings`, as text that ends with a zero and need not be
+ freed. Never null.
+ */
+const char *poegp_warning_text(uint32_t bit);
 
 /*
  Bytes of a filter in this build of the library; at most POEGP_FILTER_BYTES.

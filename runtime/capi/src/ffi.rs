@@ -336,6 +336,7 @@ pub unsafe extern "C" fn poegp_identify(model: *const Model, out: *mut Identity)
         joints: 0,
         support: 0,
         is_signed: 0,
+        warnings: 0,
     };
     // SAFETY: the same contract.
     let code = match unsafe { memory::model(model) } {
@@ -348,6 +349,7 @@ pub unsafe extern "C" fn poegp_identify(model: *const Model, out: *mut Identity)
                 answer.joints = u32::from(identity.joints);
                 answer.support = identity.support;
                 answer.is_signed = u32::from(identity.signed);
+                answer.warnings = u32::from_le_bytes(identity.warnings.into());
             }
             POEGP_OK
         }
@@ -370,4 +372,11 @@ fn name(text: &str) -> [c_char; POEGP_NAME_BYTES] {
 #[unsafe(no_mangle)]
 pub extern "C" fn poegp_error_text(code: i32) -> *const c_char {
     text::of(code).as_ptr()
+}
+
+/// The cause of a warning in words, by its bit in `poegp_identity_t.warnings`, as text that ends with a zero and need not be
+/// freed. Never null.
+#[unsafe(no_mangle)]
+pub extern "C" fn poegp_warning_text(bit: u32) -> *const c_char {
+    text::of_warning(bit).as_ptr()
 }

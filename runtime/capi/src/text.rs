@@ -55,3 +55,45 @@ pub fn of(code: i32) -> &'static CStr {
         _ => c"not a code of this version",
     }
 }
+
+/// What was wrong with the measurements, in the order of [`poegp_protocol::cause::Cause::ALL`].
+const WARNINGS: [&CStr; 32] = [
+    c"few: fewer equations than the unknowns need",
+    c"still: a joint does not move",
+    c"copies: rows repeat earlier rows",
+    c"stuck: the same pose stands at other joints",
+    c"placeholder: a value stands for a missing one",
+    c"clip: several rows share the extreme value of a column",
+    c"unit: a column is in another unit than its name says",
+    c"sign: a joint counts the other way",
+    c"swap: columns are exchanged",
+    c"offset: the zero of a joint is elsewhere",
+    c"coupling: a joint moves with another",
+    c"quaternion: the quaternion is in another order, or describes another rotation",
+    c"inverse: the pose is that of the instrument as the target sees it",
+    c"mirror: one axis of the instrument is reversed",
+    c"axes: the axes of the instrument are exchanged",
+    c"robot: the measurements are of another robot",
+    c"rows: poses belong to other rows of joints",
+    c"mixed: the rows are of two populations",
+    c"lag: the robot moved when it was measured",
+    c"orientation: the orientations are not those of the robot",
+    c"no-fit: nothing that was tried explains the poses",
+    c"readout: the controller computed the poses",
+    c"step: the set-up changed at one row",
+    c"drift: the set-up moved while it was measured",
+    c"outlier: some rows do not belong",
+    c"payload: the payloads do not explain how the arm sags",
+    c"noise: the stated uncertainty is not the scatter",
+    c"rounding: the values have too few digits",
+    c"frames: a link is not as drawn",
+    c"time: the order of the rows is not that of time",
+    c"model: a simpler model is better on rows held out",
+    c"gain: the calibration is not expected to be better than the nominal arm",
+];
+
+/// What a bit of the warnings stands for; a sentence of its own for bits that this version does not know.
+pub fn of_warning(bit: u32) -> &'static CStr {
+    let known = usize::try_from(bit).ok().and_then(|bit| WARNINGS.get(bit));
+    known.copied().unwrap_or(c"not a warning of this version")
+}

@@ -201,6 +201,9 @@ pub struct Identity {
     pub support: u32,
     /// 1 when the signature of the blob was verified, else 0.
     pub is_signed: u32,
+    /// Warnings about the measurements that the model was calibrated with: bit i is set for cause i, which
+    /// `poegp_warning_text` describes. 0 without warnings.
+    pub warnings: u32,
 }
 
 const _: () = {

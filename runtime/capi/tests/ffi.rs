@@ -12,6 +12,7 @@ use poegp_capi::codes::*;
 use poegp_capi::types::*;
 use poegp_capi::*;
 use poegp_protocol::blob::{self, envelope};
+use poegp_protocol::cause::Cause;
 use poegp_runtime::model::load_error::LoadError;
 use poegp_runtime::model::{Model as Arm, words_for};
 
@@ -373,6 +374,33 @@ fn a_signature_is_asked_for_and_verified() {
     // Without a key the same blob is as good as any.
     assert_eq!(load(model, &good), POEGP_OK);
     assert_eq!(identify(model).1.is_signed, 0);
+}
+
+/// The warnings of a calibration reach the program in C, each under the name that the trainer gave it.
+#[test]
+fn warnings_have_their_names() {
+    let warned = [Cause::Still, Cause::Drift, Cause::Gain];
+    let mut blob = blob::decode(BLOB).unwrap();
+    blob.warnings = warned.into_iter().collect();
+    let mut buffer = vec![0; BLOB.len() + 64];
+    let bytes = blob::encode(&blob, &mut buffer).unwrap();
+    let mut memory = Memory::zeroed();
+    let model = memory.init();
+    assert_eq!(load(model, BLOB), POEGP_OK);
+    assert_eq!(identify(model).1.warnings, 0);
+    assert_eq!(load(model, bytes), POEGP_OK);
+    let bits = identify(model).1.warnings;
+    let words = |bit| {
+        // SAFETY: texts are static and end with a zero.
+        let text = unsafe { CStr::from_ptr(poegp_warning_text(bit)) };
+        text.to_str().unwrap().to_owned()
+    };
+    for (bit, cause) in (0..).zip(Cause::ALL) {
+        assert_eq!(bits >> bit & 1 == 1, warned.contains(&cause), "{cause}");
+        let named = words(bit).starts_with(&format!("{cause}: "));
+        assert!(named, "{cause}: {}", words(bit));
+    }
+    assert_eq!(words(32), words(u32::MAX));
 }
 
 #[test]

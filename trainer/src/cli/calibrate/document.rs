@@ -22,6 +22,7 @@ use poegp_calibration::numeric::statistics::ErrorSummary;
 use poegp_calibration::trust::Finding;
 use poegp_calibration::validation::device_budget::BudgetTrial;
 use poegp_calibration::validation::model_selection::Row;
+use poegp_calibration::validation::work_volume::ExpectedError;
 
 /// What `--json` writes.
 #[derive(Serialize)]
@@ -34,6 +35,9 @@ pub struct CalibrateJson {
     /// Errors on poses that were not trained on, where some were asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub held_out: Option<HeldOutSummary>,
+    /// The position error to be expected all over the measured ranges of the joints.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub expected_error: Option<ExpectedError>,
     pub step1: Option<Step1>,
     pub hyperparameters: Vec<Hyperparameters>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -128,6 +132,7 @@ pub fn document(
         training_poses: training.poses,
         training,
         held_out: None,
+        expected_error: None,
         step1: calibration.frame_fit().map(step1),
         hyperparameters: hyperparameters.collect(),
         elastic: None,

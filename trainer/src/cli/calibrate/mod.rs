@@ -42,6 +42,7 @@ use poegp_calibration::validation::device_budget::{BudgetTrial, TRIALS, fit_to_b
 use poegp_calibration::validation::model_selection::{
     Choice, FOLDS, GAIN, candidates, folds, keep_named, named_and_simpler, select_model,
 };
+use poegp_calibration::validation::work_volume::ExpectedError;
 
 pub fn run(arguments: &Calibrate) -> Result<(), Failure> {
     let a = &Job::new(arguments)?;
@@ -155,6 +156,8 @@ pub fn run(arguments: &Calibrate) -> Result<(), Failure> {
         provenance,
     );
     document.held_out = evidence.as_ref().map(ReportData::summary);
+    document.expected_error =
+        ExpectedError::new(&calibration, &arm.robot, &samples, choice.as_ref());
     document.elastic = ElasticSummary::new(&calibration, &samples);
     document.outliers = outliers(&calibration, &set, &samples);
     document.choice = choice.as_ref().map(|choice| choice.table.clone());
@@ -397,6 +400,12 @@ fn print(
                 before.position_mm.p95
             ));
         }
+    }
+    if let Some(expected) = &document.expected_error {
+        report.line(format_args!(
+            "  expected error over the measured joint ranges: {:.3} mm mean, 95 % within {:.3} mm",
+            expected.mean_mm, expected.p95_mm
+        ));
     }
     if let Some(summary) = &document.elastic {
         summary.print(report);

@@ -1,0 +1,92 @@
+//! The error that a calibration from few poses expects all over its joint ranges, beside the error found there.
+
+use poegp_calibration::model::config::Config;
+use poegp_calibration::numeric::statistics::ErrorSummary;
+use poegp_calibration::progress::NEVER;
+use poegp_calibration::validation::cross_validation::Task;
+use poegp_calibration::validation::model_selection::{candidates, folds, select_model};
+use poegp_calibration::validation::work_volume::ExpectedError;
+use rand::SeedableRng;
+use rand::seq::SliceRandom;
+use rand_chacha::ChaCha8Rng;
+
+use crate::never_worse::{Set, measured, simulated};
+use crate::{origin, say};
+
+/// Mean over the draws of the expected error over the error found: hardly below one, and above where twenty poses do not
+/// show how regular an arm is.
+const WITHIN: std::ops::RangeInclusive<f64> = 0.7..=2.5;
+const DRAWS: u64 = 4;
+/// Most poses that a model is tested on.
+const TESTED: usize = 400;
+
+/// Mean ratios of expected and found, of the means and of the 95th percentiles; prints each draw.
+fn ratios(set: &Set, count: usize) -> [f64; 2] {
+    let mut logs = [0.0; 2];
+    for draw in 1..=DRAWS {
+        let mut rows = set.rows.clone();
+        rows.shuffle(&mut ChaCha8Rng::seed_from_u64(draw));
+        let (train, rest) = rows.split_at(count);
+        let test = if set.test.is_empty() { rest } else { &set.test };
+        let test = &test[..test.len().min(TESTED)];
+        let origin = origin(set.rows.iter().map(|s| s.tool + 1).max().unwrap_or(1));
+        let task = Task {
+            robot: &set.robot,
+            train,
+            tests: &[],
+            folds: folds(count),
+            seed: 1,
+            origin: &origin,
+            cancel: &NEVER,
+        };
+        let all = candidates(train, set.robot.joints.len(), &Config::default());
+        let choice = select_model(&task, &all, &mut || ()).unwrap();
+        let found = task.calibrated(&choice.config, train).unwrap();
+        let expected =
+            ExpectedError::new(&found.calibration, &set.robot, train, Some(&choice)).unwrap();
+        let errors = ErrorSummary::new(&found.blob.errors(test)).position_mm;
+        say(format_args!(
+            "{}, {count} poses, `{}`: expected {:.3} mm mean, 95 % {:.3} mm; found {:.3} and {:.3} mm",
+            set.name,
+            choice.config.method.name(),
+            expected.mean_mm,
+            expected.p95_mm,
+            errors.mean,
+            errors.p95
+        ));
+        logs[0] += (expected.mean_mm / errors.mean).ln() / DRAWS as f64;
+        logs[1] += (expected.p95_mm / errors.p95).ln() / DRAWS as f64;
+    }
+    logs.map(f64::exp)
+}
+
+fn table(sets: &[Set], counts: &[usize]) {
+    let mut failed = Vec::new();
+    for set in sets {
+        for count in counts {
+            let [mean, p95] = ratios(set, *count);
+            say(format_args!(
+                "{}, {count} poses: expected over found {mean:.2} (mean), {p95:.2} (95 %)",
+                set.name
+            ));
+            if ![mean, p95].iter().all(|r| WITHIN.contains(r)) {
+                failed.push(format!("{}, {count}: {mean:.2}, {p95:.2}", set.name));
+            }
+        }
+    }
+    assert!(failed.is_empty(), "{failed:#?}");
+}
+
+#[test]
+fn few_poses_state_the_error_of_the_work_volume() {
+    table(&["paper", "wild"].map(simulated), &[12, 20, 50]);
+}
+
+/// The same of all sets, with those of others.
+#[test]
+#[ignore = "a quarter of an hour"]
+fn every_set_states_the_error_of_the_work_volume() {
+    let mut sets: Vec<Set> = ["paper", "rich", "wild", "full"].map(simulated).into();
+    sets.extend(measured());
+    table(&sets, &[12, 20, 50, 100]);
+}
