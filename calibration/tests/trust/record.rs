@@ -130,7 +130,8 @@ POEGP_MEASURED_DATA=FOLDER POEGP_RECORD=docs/evidence/trust.md cargo test --rele
 Each set is written wrongly in some 150 ways, and rightly in eleven, whole and as random rows. A wrong file is *caught* when the reader or
 the examination warns of it or refuses it; *only warned* are those that should be refused. A cause is *right* when it is among the gravest
 findings and names the joint. *Left out* is what base, tool or scatter hides in the file. A *false alarm* is a warning of a good file.
-Simulated sets are named by the robot and the kind of its errors; `measured` ones come from others.
+Simulated sets are named by the robot and the kind of its errors; `measured` ones come from others. Times are of the clock, whatever else
+ran; `cargo test --release -p poegp-calibration --test speed` bounds CPU time: 0.3 s on good rows, 2 s where nothing explains the rows.
 
 ";
 
