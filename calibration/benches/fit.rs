@@ -17,7 +17,7 @@ use poegp_calibration::learning::elastic::inducing_points::choose;
 use poegp_calibration::learning::elastic::likelihood::{
     HyperparameterObjective, MarginalLikelihood,
 };
-use poegp_calibration::learning::elastic::options::ElasticOptions;
+use poegp_calibration::learning::elastic::options::{ElasticOptions, NominalArm};
 use poegp_calibration::learning::elastic::solution::ElasticFit;
 use poegp_calibration::learning::task_space::likelihood::{
     LikelihoodWorkspace, log_marginal_likelihood_in,
@@ -86,15 +86,14 @@ impl Bench {
         let tool = *chain.frames().last().unwrap();
         let mut part = in_base_frame(&self.samples, &found.base_and_tools.instrument_from_base);
         part.truncate(poses);
-        let found = fit(
-            &chain,
-            vec![tool],
-            None,
-            &part,
-            &ElasticOptions::default(),
-            &FitContext::default(),
-        )
-        .unwrap();
+        let arm = NominalArm {
+            chain,
+            tools: vec![tool],
+            coupling: None,
+            gear_lines: Vec::new(),
+        };
+        let options = ElasticOptions::default();
+        let found = fit(&arm, &part, &options, &FitContext::default()).unwrap();
         (found, part)
     }
 }

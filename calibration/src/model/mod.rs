@@ -21,6 +21,7 @@ pub use crate::model::methods::Method;
 
 use crate::identification::base_tool::with_base_and_tool;
 use crate::identification::base_tools::{BaseAndTools, fit_base_and_tools};
+use crate::identification::parametric::gear_line::GearLine;
 use crate::learning::elastic::fit::setup_units;
 use crate::learning::elastic::options::OutlierPolicy;
 use crate::learning::elastic::outliers::Outlier;
@@ -129,6 +130,7 @@ fn posed<'a>(
         nominal: with_base_and_tool(nominal, &Pose::identity(), &targets[0]),
         tools: targets.iter().map(|t| flange * *t).collect(),
         coupling: robot.coupling.as_ref(),
+        gear_lines: gear_lines(robot),
         samples: in_base_frame(samples, &base_and_tools.instrument_from_base)
             .into_iter()
             .map(|s| s.with_noise(config.instrument_noise()))
@@ -139,6 +141,19 @@ fn posed<'a>(
         elastic: config.elastic(),
     };
     (base_and_tools, problem)
+}
+
+/// The gear ripple that the description of `robot` states.
+fn gear_lines(robot: &Robot) -> Vec<GearLine> {
+    let mut out = Vec::new();
+    for (joint, of) in robot.joints.iter().enumerate() {
+        out.extend(
+            of.gear_lines
+                .iter()
+                .map(|cycles| GearLine::stated(joint, *cycles)),
+        );
+    }
+    out
 }
 
 /// Rejects data that the method cannot use.

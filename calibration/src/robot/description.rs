@@ -30,6 +30,8 @@ pub struct Joint {
     /// Lower and upper limit of the *controller's* joint value, rad or m, lower ≤ upper and finite; `None` is
     /// unlimited.
     pub limits: Option<(f64, f64)>,
+    /// Errors of the gear that repeat so many times in one turn of the *controller's* joint, if they are known.
+    pub gear_lines: Vec<f64>,
 }
 
 /// What [`Robot::load`] needs beside the file: which part of a URDF is the arm.

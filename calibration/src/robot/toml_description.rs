@@ -12,6 +12,8 @@
 //! name = "j1"
 //! kind = "revolute"                 # or "prismatic"
 //! limits_deg = [-165, 165]          # or limits_rad; limits_mm, limits_m; none: unlimited
+//! gear_ratio = 100                  # optional: turns of the gear's input in one turn of the joint
+//! gear_lines = [200, 240]           # optional: errors that repeat so many times in one turn of the joint
 //! origin = { xyz_mm = [0, 0, 290], rpy_deg = [0, 0, 0] }  # poe: frame in the one before, as in a URDF
 //! axis = [0, 0, 1]                  # poe: in the joint's own frame
 //! # dh, modified-dh instead: a_m | a_mm, d_m | d_mm, alpha_deg | alpha_rad, and where it is not 0
@@ -31,6 +33,7 @@ use std::path::Path;
 
 use nalgebra::Vector3;
 use poegp_protocol::JointKind;
+use poegp_protocol::limits::MAX_RIPPLE;
 use serde::Deserialize;
 use toml::Spanned;
 
@@ -39,6 +42,9 @@ use crate::robot::description::{Joint, Robot};
 use crate::robot::normal_form as chain;
 use crate::robot::normal_form::Chain;
 use crate::robot::toml_source::{DEGREE, METRE, MILLIMETRE, Origin, RADIAN, TomlSource};
+
+/// Cycles in a turn of the joint that a gear line may have.
+const GEAR_LINES: std::ops::RangeInclusive<f64> = 1.0..=1000.0;
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -86,6 +92,8 @@ struct JointTable {
     limits_rad: Option<Spanned<[f64; 2]>>,
     limits_mm: Option<Spanned<[f64; 2]>>,
     limits_m: Option<Spanned<[f64; 2]>>,
+    gear_ratio: Option<Spanned<f64>>,
+    gear_lines: Option<Spanned<Vec<f64>>>,
     origin: Option<Spanned<Origin>>,
     axis: Option<Spanned<[f64; 3]>>,
     a_m: Option<Spanned<f64>>,
@@ -132,14 +140,21 @@ pub(super) fn parse(file: &Path, text: &str) -> Result<Robot, InputError> {
         Some(rows) => reader.coupling(rows, table.joint.len())?,
         None => None,
     };
-    chain.finish(table.name, coupling).map_err(|error| {
+    let robot = chain.finish(table.name, coupling).map_err(|error| {
         let (found, expected) = error.describe();
         InputError::new(
             file,
             found,
             format!("{expected}, each in a [[joint]] table"),
         )
-    })
+    })?;
+    let lines: usize = robot.joints.iter().map(|j| j.gear_lines.len()).sum();
+    if lines > MAX_RIPPLE {
+        let found = format!("{lines} lines by gear_ratio and gear_lines");
+        let expected = format!("at most {MAX_RIPPLE} in the whole arm; a gear_ratio makes two");
+        return Err(InputError::new(file, found, expected));
+    }
+    Ok(robot)
 }
 
 impl TomlSource<'_> {
@@ -202,6 +217,40 @@ impl TomlSource<'_> {
         Ok(self.vector(&units)?.map(|[lower, upper]| (lower, upper)))
     }
 
+    /// Lines that are stated, and those once and twice in a turn of the gear's input.
+    fn gear_lines(&self, joint: &JointTable) -> Result<Vec<f64>, InputError> {
+        let mut out = Vec::new();
+        let ratio = joint.gear_ratio.as_ref();
+        let stated = joint.gear_lines.as_ref();
+        for (key, span, lines) in [
+            ratio.map(|r| {
+                (
+                    "gear_ratio",
+                    r.span(),
+                    vec![*r.get_ref(), 2.0 * r.get_ref()],
+                )
+            }),
+            stated.map(|l| ("gear_lines", l.span(), l.get_ref().clone())),
+        ]
+        .into_iter()
+        .flatten()
+        {
+            if joint.kind == Kind::Prismatic {
+                let expected = "gears of revolute joints only";
+                return Err(self.error(span, key, key, expected));
+            }
+            if let Some(bad) = lines.iter().find(|k| !GEAR_LINES.contains(k)) {
+                let (least, most) = (GEAR_LINES.start(), GEAR_LINES.end());
+                let expected = format!("{least} to {most} cycles in a turn of the joint");
+                return Err(self.error(span, key, format!("{bad} cycles"), expected));
+            }
+            out.extend(lines);
+        }
+        out.sort_by(f64::total_cmp);
+        out.dedup();
+        Ok(out)
+    }
+
     fn push(
         &self,
         chain: &mut Chain,
@@ -218,6 +267,7 @@ impl TomlSource<'_> {
             name: joint.name.get_ref().clone(),
             kind,
             limits,
+            gear_lines: self.gear_lines(joint)?,
         };
         if convention == Convention::Poe {
             let axis = self.poe_axis(table)?;

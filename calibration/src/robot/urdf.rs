@@ -368,6 +368,7 @@ impl<'a> Reader<'a> {
                 name: name.clone(),
                 kind,
                 limits,
+                gear_lines: Vec::new(),
             },
             &axis,
         );

@@ -7,6 +7,7 @@ use nalgebra::Vector3;
 use poegp_runtime::math::se3::Pose;
 
 use crate::identification::base_tool::with_base_and_tool;
+use crate::identification::parametric::gear_line::GearLine;
 use crate::identification::parametric::state::{
     Layout, Linearised, ParametricModel, ROWS, prior_variance,
 };
@@ -105,7 +106,7 @@ impl Geometry {
             payload: varies,
             ripple: (0..joints)
                 .filter(|_| with_harmonics)
-                .flat_map(|j| [(j, 1.0), (j, 2.0)])
+                .flat_map(|j| [GearLine::found(j, 1.0), GearLine::found(j, 2.0)])
                 .collect(),
         };
         let chain = with_base_and_tool(&data.chain, &Pose::identity(), &alignment.tools[0]);

@@ -26,6 +26,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use crate::blob::predict::BlobModel;
+use crate::identification::parametric::gear_line::GearLine;
 use crate::identification::parametric::state::{Layout, Linearised, ParametricModel, ROWS};
 use crate::learning::elastic::inputs::Inputs;
 use crate::learning::elastic::inputs::kernel;
@@ -73,7 +74,9 @@ impl BlobArm {
             _ => None,
         };
         let ripple = elastic.map_or(Vec::new(), |e| {
-            let term = |t: &poegp_protocol::blob::Ripple| (t.joint.into(), f64::from(t.cycles));
+            let term = |t: &poegp_protocol::blob::Ripple| {
+                GearLine::found(t.joint.into(), f64::from(t.cycles))
+            };
             e.ripple.iter().map(term).collect()
         });
         let count = tools.len();

@@ -4,7 +4,7 @@ use faer::linalg::solvers::DenseSolveCore;
 use poegp_calibration::identification::base_tool::with_base_and_tool;
 use poegp_calibration::identification::base_tools::fit_base_and_tools;
 use poegp_calibration::learning::elastic::fit::fit;
-use poegp_calibration::learning::elastic::options::ElasticOptions;
+use poegp_calibration::learning::elastic::options::{ElasticOptions, NominalArm};
 use poegp_calibration::learning::elastic::predictive_variance::Uncertainty;
 use poegp_calibration::learning::elastic::reduced_model::ElasticModel;
 use poegp_calibration::measurement::sample::in_base_frame;
@@ -29,15 +29,13 @@ fn the_deviation_of_a_trained_pose_is_that_of_the_factor() {
         inducing_points: Some(20),
         ..ElasticOptions::default()
     };
-    let mut found = fit(
-        &chain,
+    let arm = NominalArm {
+        chain,
         tools,
-        None,
-        &samples,
-        &options,
-        &FitContext::default(),
-    )
-    .unwrap();
+        coupling: None,
+        gear_lines: Vec::new(),
+    };
+    let mut found = fit(&arm, &samples, &options, &FitContext::default()).unwrap();
     let inverse = found.solved.as_ref().unwrap().factor.inverse();
     let noise: Vec<f64> = found.hyperparameters[..2].iter().map(|h| h.exp()).collect();
     let scales = [found.scales.position, found.scales.orientation];

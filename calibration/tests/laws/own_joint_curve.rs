@@ -70,14 +70,17 @@ fn the_spectrum_is_the_fourier_integral_of_the_kernel() {
     }
 }
 
-fn robot() -> Robot {
-    Robot::load("abb-irb120", &LoadOptions::default()).unwrap()
+/// An arm whose description states no gears.
+pub fn robot() -> Robot {
+    let mut robot = Robot::load("abb-irb120", &LoadOptions::default()).unwrap();
+    robot.joints.iter_mut().for_each(|j| j.gear_lines.clear());
+    robot
 }
 
 /// What each joint of a simulated arm does as a function of its own angle.
-struct Curves {
+pub struct Curves {
     /// Amplitudes of sin kq and cos kq, by joint.
-    orders: Vec<Vec<[f64; 2]>>,
+    pub orders: Vec<Vec<[f64; 2]>>,
 }
 
 impl Curves {
@@ -104,7 +107,7 @@ impl Curves {
 }
 
 /// Poses of an arm with frames that are off and these curves, at joints that `draw` gives.
-fn measured(
+pub fn measured(
     curves: &Curves,
     count: usize,
     random: &mut ChaCha8Rng,
@@ -143,7 +146,7 @@ fn measured(
         .collect()
 }
 
-fn anywhere(_: usize, random: &mut ChaCha8Rng) -> f64 {
+pub fn anywhere(_: usize, random: &mut ChaCha8Rng) -> f64 {
     random.random_range(-1.5..1.5)
 }
 

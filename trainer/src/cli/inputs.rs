@@ -289,6 +289,7 @@ pub fn robot_of(blob: &Blob<'_>) -> Robot {
         limits: joint
             .limits
             .map(|(lower, upper)| (f64::from(lower), f64::from(upper))),
+        gear_lines: Vec::new(),
     };
     Robot {
         name: blob.robot.name.to_owned(),

@@ -73,6 +73,7 @@ impl CalibratedChain {
                 limits: joint
                     .limits
                     .map(|(lower, upper)| (decimal(lower), decimal(upper))),
+                gear_lines: Vec::new(),
             });
         let serial = match blob.robot.serial_number {
             "" => String::new(),

@@ -3,24 +3,23 @@
 use faer::Mat;
 use faer::linalg::solvers::Solve;
 use poegp_runtime::elastic::ripple::RippleTerm;
-use poegp_runtime::kinematics::poe::Poe;
-use poegp_runtime::math::se3::Pose;
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 
 use crate::identification::parametric::fit::parametric_fit;
+use crate::identification::parametric::gear_line::GearLine;
 use crate::identification::parametric::ripple::{
     Peak, RANGE, SIGNIFICANT, peaks, refined_frequency,
 };
 use crate::identification::parametric::state::{
-    Linearised, MAX_LINEARISATION_ERROR, MAX_STEPS, ParametricModel, PriorGroup, ROWS,
+    Linearised, MAX_LINEARISATION_ERROR, MAX_STEPS, ParametricModel, ROWS,
 };
 use crate::learning::elastic::hyperparameter_search::HyperparameterSearch;
 use crate::learning::elastic::hyperparameters::{DEFLECTION_UNIT, HyperLayout};
 use crate::learning::elastic::inputs::Inputs;
 use crate::learning::elastic::likelihood::{MarginalLikelihood, Posterior};
-use crate::learning::elastic::options::{ElasticOptions, OutlierPolicy, mean_payload};
+use crate::learning::elastic::options::{ElasticOptions, NominalArm, OutlierPolicy, mean_payload};
 use crate::learning::elastic::outliers::{LeaveOneOut, Outlier, leave_one_out};
 use crate::learning::elastic::own_joint_curve::{CurvePrior, Waves, orders};
 use crate::learning::elastic::solution::{ElasticFit, FitError};
@@ -68,9 +67,7 @@ pub struct RobustFit {
 /// # Errors
 /// [`FitError`].
 pub fn fit_robust(
-    chain: &Poe<f64>,
-    tools: &[Pose<f64>],
-    coupling: Option<&Vec<Vec<f64>>>,
+    arm: &NominalArm,
     samples: &[BaseSample],
     options: &ElasticOptions,
     context: &FitContext,
@@ -86,14 +83,7 @@ pub fn fit_robust(
     let reject = options.outliers == OutlierPolicy::Reject;
     let run = |kept: &[usize]| -> Result<(ElasticFit, LeaveOneOut), FitError> {
         let part: Vec<BaseSample> = kept.iter().map(|i| samples[*i].clone()).collect();
-        let found = fit(
-            chain,
-            tools.to_vec(),
-            coupling.cloned(),
-            &part,
-            options,
-            context,
-        )?;
+        let found = fit(arm, &part, options, context)?;
         let others = context.phase(solve_units(part.len()), || leave_one_out(&found, &part))?;
         Ok((found, others))
     };
@@ -121,22 +111,22 @@ pub fn fit_robust(
     })
 }
 
-/// Fits to samples whose poses are seen from the base; `chain` is the nominal one to the first target, `tools` are
-/// `joint_n_from_target` of every tool.
+/// Fits to samples whose poses are seen from the base.
 ///
 /// # Errors
 /// [`FitError`].
 pub fn fit(
-    chain: &Poe<f64>,
-    tools: Vec<Pose<f64>>,
-    coupling: Option<Vec<Vec<f64>>>,
+    arm: &NominalArm,
     samples: &[BaseSample],
     options: &ElasticOptions,
     context: &FitContext,
 ) -> Result<ElasticFit, FitError> {
     let units = solve_units(samples.len());
-    let (layout, h) = options.layouts(chain.kinds().len(), tools.len(), samples);
-    let mut state = ParametricModel::new(chain, tools, coupling, layout, options.gravity);
+    let (layout, h) = options.layouts(arm.chain.kinds().len(), arm.tools.len(), samples);
+    let mut state = arm.parametric(layout, options);
+    if options.ripple {
+        state.add_ripple(&arm.gear_lines);
+    }
     let unit = mean_payload(samples);
     let (start, bounds) = h.start_and_bounds(unit);
     let scales = context.phase(setup_units(samples.len()), || {
@@ -196,8 +186,8 @@ pub fn fit(
         // What processes or curve explain is no ripple. Their residual is quieter than that of the parameters, so weaker
         // ripple shows.
         let kept = kept_ripple(&state, &first, &linear);
-        let mut terms = kept.iter();
-        state.retain_ripple(|_| terms.next() == Some(&true));
+        let mut lines = kept.iter();
+        state.retain_ripple(|_| lines.next() == Some(&true));
         let (residuals, jacobian) = left_over(&first, &hyper, &linear);
         let found = significant(
             &state,
@@ -261,9 +251,10 @@ fn curve_coefficients(
 /// Which ripple terms of `state` are significant in a solution with everything: χ² of both amplitudes by their posterior.
 fn kept_ripple(state: &ParametricModel, solved: &Posterior, linear: &Linearised) -> Vec<bool> {
     let first = linear.a.ncols() - 2 * state.ripple.len();
-    let variance = PriorGroup::Ripple.prior_sd().powi(2);
+    let groups = state.layout.groups();
     let significant = |term: usize| {
         let at = first + 2 * term;
+        let variance = groups[at].prior_sd().powi(2);
         let columns = linear.a.subcols(at, 2);
         let explained = columns.transpose() * solved.factor.solve(columns);
         let posterior = |i: usize, j: usize| {
@@ -316,7 +307,7 @@ fn significant(
     residuals: &[[f64; ROWS]],
     jacobian: &Mat<f64>,
     lowest: f64,
-) -> Vec<(usize, f64)> {
+) -> Vec<GearLine> {
     let room = MAX_RIPPLE - state.ripple.len();
     // What is left beside a term that is there is its own shadow, not another gear.
     let is_new = |p: &Peak| {
@@ -326,7 +317,7 @@ fn significant(
     peaks(samples, residuals, jacobian, lowest)
         .into_iter()
         .filter(|p| p.drop > SIGNIFICANT && p.alias.is_none() && is_new(p))
-        .map(|p| (p.joint, p.cycles))
+        .map(|p| GearLine::found(p.joint, p.cycles))
         .take(room)
         .collect()
 }
@@ -345,6 +336,9 @@ fn add_ripple(
         let linear = state.linearise(samples, scales);
         let residuals = state.residuals(samples, scales);
         for (i, term) in state.ripple.clone().iter().enumerate() {
+            if state.layout.ripple[i].is_stated {
+                continue;
+            }
             let cycles = refined_frequency(term, samples, &residuals, &linear.jacobian);
             state.set_cycles(i, cycles);
         }

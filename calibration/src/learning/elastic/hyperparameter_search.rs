@@ -153,7 +153,7 @@ impl<'a> HyperparameterSearch<'a> {
             return Ok(None);
         }
         let mut state = with_ripple.clone();
-        state.retain_ripple(|term| term.cycles > MAX_CURVE_ORDER as f64);
+        state.retain_ripple(|line| line.cycles > MAX_CURVE_ORDER as f64);
         let curved = HyperLayout {
             curve: true,
             ..layout

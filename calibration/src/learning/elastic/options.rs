@@ -1,14 +1,38 @@
 //! How the elastic model is fitted.
 
 use nalgebra::Vector3;
+use poegp_runtime::kinematics::poe::Poe;
+use poegp_runtime::math::se3::Pose;
 use serde::{Deserialize, Serialize};
 
-use crate::identification::parametric::state::Layout;
+use crate::identification::parametric::gear_line::GearLine;
+use crate::identification::parametric::state::{Layout, ParametricModel};
 use crate::learning::elastic::hyperparameters::HyperLayout;
 use crate::measurement::sample::BaseSample;
 
 /// Poses that hyperparameters are learnt from, of more.
 pub const HYPERPARAMETER_POSES: usize = 200;
+
+/// The arm before it is fitted.
+#[derive(Clone, Debug)]
+pub struct NominalArm {
+    /// The chain to the first target.
+    pub chain: Poe<f64>,
+    /// `joint_n_from_target` of every tool.
+    pub tools: Vec<Pose<f64>>,
+    /// C of q_serial = C q.
+    pub coupling: Option<Vec<Vec<f64>>>,
+    /// Gear ripple that its description states.
+    pub gear_lines: Vec<GearLine>,
+}
+
+impl NominalArm {
+    /// Its parametric model, without ripple.
+    pub(super) fn parametric(&self, layout: Layout, options: &ElasticOptions) -> ParametricModel {
+        let (tools, coupling) = (self.tools.clone(), self.coupling.clone());
+        ParametricModel::new(&self.chain, tools, coupling, layout, options.gravity)
+    }
+}
 
 /// How the elastic model is fitted.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -8,12 +8,9 @@
 //! - **A payload that was not trained.** Its neighbours have the same payload. All poses of a payload are left out
 //!   together, each payload in turn.
 
-use poegp_runtime::kinematics::poe::Poe;
-use poegp_runtime::math::se3::Pose;
-
 use crate::identification::frame_fit::{ResidualFrame, residual_components};
 use crate::learning::elastic::fit::fit;
-use crate::learning::elastic::options::ElasticOptions;
+use crate::learning::elastic::options::{ElasticOptions, NominalArm};
 use crate::learning::elastic::posterior_covariance::PosteriorCovariance;
 use crate::learning::elastic::reduced_model::ElasticModel;
 use crate::measurement::folds::Folds;
@@ -30,12 +27,8 @@ const SEED: u64 = 1;
 /// What a fit needs beside its samples.
 #[derive(Clone, Debug)]
 pub struct RefitSpec {
-    /// The nominal chain to the first target.
-    pub chain: Poe<f64>,
-    /// `joint_n_from_target` of every tool.
-    pub tools: Vec<Pose<f64>>,
-    /// C.
-    pub coupling: Option<Vec<Vec<f64>>>,
+    /// What is fitted.
+    pub arm: NominalArm,
     /// How it is fitted.
     pub options: ElasticOptions,
 }
@@ -43,7 +36,7 @@ pub struct RefitSpec {
 impl RefitSpec {
     /// What standard deviations of a fit to `samples` must be multiplied with; `None` when a fold cannot be fitted.
     pub fn factor(&self, samples: &[BaseSample]) -> Option<[f64; 2]> {
-        let folds = Folds::draw(samples, self.chain.kinds(), FOLDS, SEED);
+        let folds = Folds::draw(samples, self.arm.chain.kinds(), FOLDS, SEED);
         let mut all: Standardised = [Vec::new(), Vec::new()];
         for left_out in 0..FOLDS {
             let (train, test) = folds.split(samples, left_out);
@@ -59,17 +52,8 @@ impl RefitSpec {
         test: &[BaseSample],
         out: &mut Standardised,
     ) -> Option<()> {
-        let (coupling, options) = (self.coupling.as_ref(), &self.options);
-        let tools = self.tools.clone();
-        let found = fit(
-            &self.chain,
-            tools,
-            coupling.cloned(),
-            train,
-            options,
-            &FitContext::default(),
-        );
-        let mut found = found.ok()?;
+        let (coupling, options) = (self.arm.coupling.as_ref(), &self.options);
+        let mut found = fit(&self.arm, train, options, &FitContext::default()).ok()?;
         let model = ElasticModel::new(&mut found, train, train, coupling, options)?;
         let (chain, tools) = (found.state.chain(0), found.state.tools.clone());
         let posterior = PosteriorCovariance::new(found, train)?;

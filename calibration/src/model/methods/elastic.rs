@@ -2,7 +2,7 @@
 
 use crate::learning::elastic::device_variance::device_variance;
 use crate::learning::elastic::fit::{fit_robust, solve_units};
-use crate::learning::elastic::options::ElasticOptions;
+use crate::learning::elastic::options::{ElasticOptions, NominalArm};
 use crate::learning::elastic::predictive_variance::Uncertainty;
 use crate::learning::elastic::reduced_model::ElasticModel;
 use crate::learning::elastic::solution::FitError;
@@ -30,9 +30,14 @@ pub(super) fn fit_elastic(
     options: &ElasticOptions,
     context: &FitContext,
 ) -> Result<Fit, CalibrationError> {
-    let (nominal, coupling) = (&problem.nominal, problem.coupling);
-    let samples = &problem.samples;
-    let mut robust = fit_robust(nominal, &problem.tools, coupling, samples, options, context)?;
+    let (coupling, samples) = (problem.coupling, &problem.samples);
+    let arm = NominalArm {
+        chain: problem.nominal,
+        tools: problem.tools.clone(),
+        coupling: coupling.cloned(),
+        gear_lines: problem.gear_lines.clone(),
+    };
+    let mut robust = fit_robust(&arm, samples, options, context)?;
     let of =
         |part: &[usize]| -> Vec<BaseSample> { part.iter().map(|i| samples[*i].clone()).collect() };
     let (dense, kept) = (of(&robust.dense), of(&robust.kept));
@@ -49,9 +54,7 @@ pub(super) fn fit_elastic(
     );
     let uncertainty = Uncertainty::new(robust.fit, &dense, robust.inflation).map(|u| {
         Box::new(u.with_refit(RefitSpec {
-            chain: *nominal,
-            tools: problem.tools.clone(),
-            coupling: coupling.cloned(),
+            arm,
             options: *options,
         }))
     });

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::identification::base_tools::tool_count;
 use crate::identification::frame_fit::FrameFit;
+use crate::identification::parametric::gear_line::GearLine;
 use crate::learning::elastic::options::ElasticOptions;
 use crate::learning::elastic::outliers::{Outlier, gross_outliers};
 use crate::learning::elastic::predictive_variance::Uncertainty;
@@ -85,6 +86,8 @@ pub struct Problem<'a> {
     pub tools: Vec<Pose<f64>>,
     /// C of q_serial = C q.
     pub coupling: Option<&'a Vec<Vec<f64>>>,
+    /// Gear ripple that the robot's description states.
+    pub gear_lines: Vec<GearLine>,
     /// The measurements, `base_from_target`.
     pub samples: Vec<BaseSample>,
     /// How poses count in the frame fit.

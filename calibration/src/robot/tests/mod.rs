@@ -172,6 +172,7 @@ fn normal_form_at_every_axis() {
                 name: "j".into(),
                 kind,
                 limits: None,
+                gear_lines: Vec::new(),
             };
             chain.push_joint(joint, &Vector3::from(axis));
             let robot = chain.finish("one".into(), None).unwrap();

@@ -388,6 +388,29 @@ fn toml_limits_and_coupling_are_refused_by_name() {
     );
     let prismatic = DH.replace("revolute", "prismatic") + "limits_deg = [-10, 10]";
     toml_refused(&prismatic, &["limits_deg", "for a prismatic joint"]);
+    toml_refused(
+        &limits("gear_ratio = 0.2"),
+        &[
+            "arm.toml:9: column 14 (gear_ratio)",
+            "0.2 cycles",
+            "1 to 1000",
+        ],
+    );
+    toml_refused(
+        &limits("gear_lines = [200, nan]"),
+        &["(gear_lines)", "NaN cycles"],
+    );
+    toml_refused(
+        &limits(
+            "gear_lines = [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15]\ngear_ratio = 50",
+        ),
+        &["17 lines", "at most 16"],
+    );
+    let prismatic = DH.replace("revolute", "prismatic") + "gear_ratio = 50";
+    toml_refused(&prismatic, &["gear_ratio", "gears of revolute joints only"]);
+    let geared = limits("gear_ratio = 50\ngear_lines = [201, 100]");
+    let geared = description::parse(Path::new("arm.toml"), &geared).unwrap();
+    assert_eq!(geared.joints[0].gear_lines, [50.0, 100.0, 201.0]);
 
     let two = DH.to_owned() + &DH[DH.find("[[joint]]").unwrap()..].replace("j1", "j2");
     let coupled = |matrix: &str| two.replacen('\n', &format!("\ncoupling = {matrix}\n"), 1);
