@@ -1,21 +1,20 @@
 //! Which poses to measure: `trainer plan`.
 //!
 //! Configurations are drawn at random within the joint ranges and kept where the cell allows them (`constraints`,
-//! `candidates`). From these a plan is chosen: poses that fill the space (`fill`), or those that are most informative about the
-//! parameters (`design`). It is spread evenly over the payloads and put into an order of short travel (`order`). What it
+//! `candidates`). From these a plan is chosen: poses that fill the space (`space_filling`), or those that predict best
+//! (`optimal_design`). It is spread evenly over the payloads and put into an order of short travel (`ordering`). What it
 //! should be worth is found by measuring simulated arms with it (`forecast`), and it is written as CSV (`table`) and as
 //! programs of controllers (`programs`).
 //!
-//! **When which.** Poses that fill the space, unless there are so few ([`FEW`]) that the parameters can hardly be identified
-//! apart. With 30 poses the two are level in the study of `tests/plans`; D-optimal ones help an arm that is as it was
-//! modelled, and poses that fill the space one that is not.
+//! **When which.** Poses that predict best, up to [`FEW`]; more fill the space, which the exchange hardly improves and takes long
+//! for.
 //!
 //! A plan knows nothing of the links' shapes and of the ways between poses: collisions are the user's to exclude.
 
 pub mod candidates;
 pub mod constraints;
-pub mod d_optimal;
 pub mod forecast;
+pub mod optimal_design;
 pub mod ordering;
 pub mod space_filling;
 pub mod table;
@@ -29,12 +28,12 @@ use crate::measurement::observation::Observation;
 use crate::measurement::sample::{Base, BaseSample, Sample};
 use crate::planning::candidates::{Candidates, draw};
 use crate::planning::constraints::Constraints;
-use crate::planning::d_optimal::{Design, Prior};
+use crate::planning::optimal_design::{Design, Prior};
 use crate::planning::space_filling::{Choice, PAYLOAD_WEIGHT, fill, quotas};
 use crate::robot::Robot;
 
-/// Up to so many poses a plan is D-optimal unless the caller chooses otherwise.
-pub const FEW: usize = 20;
+/// Up to so many poses a plan is V-optimal unless the caller chooses otherwise.
+pub const FEW: usize = 60;
 /// Configurations to choose from.
 const POOL: usize = 4000;
 /// Of them for the exchange, whose time grows with them.
@@ -47,15 +46,15 @@ pub const CHOICE: usize = 4;
 pub enum Strategy {
     /// As far apart as possible.
     SpaceFilling,
-    /// Telling most about the parameters.
-    DOptimal,
+    /// With the least mean variance of predicted positions.
+    VOptimal,
 }
 
 impl Strategy {
     /// The better one for so many poses.
     pub fn usual(count: usize) -> Self {
         if count <= FEW {
-            Self::DOptimal
+            Self::VOptimal
         } else {
             Self::SpaceFilling
         }
@@ -65,7 +64,7 @@ impl Strategy {
     pub fn name(self) -> &'static str {
         match self {
             Self::SpaceFilling => "space-filling",
-            Self::DOptimal => "D-optimal",
+            Self::VOptimal => "V-optimal",
         }
     }
 }

@@ -3,17 +3,26 @@
 
 use std::path::{Path, PathBuf};
 
+use nalgebra::Vector3;
 use poegp_calibration::blob::write::calibrate_to_blob;
+use poegp_calibration::identification::base_tool::with_base_and_tool;
+use poegp_calibration::identification::base_tools::fit_base_and_tools;
 use poegp_calibration::learning::elastic::options::OutlierPolicy;
+use poegp_calibration::measurement::noise::NoiseScales;
 use poegp_calibration::measurement::observation::Observation;
 use poegp_calibration::measurement::sample::InstrumentSample;
+use poegp_calibration::measurement::sample::in_base_frame;
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::{Config, Weighting};
 use poegp_calibration::numeric::statistics::ErrorSummary;
+use poegp_calibration::planning::optimal_design::{Design, Prior};
+use poegp_calibration::planning::space_filling::fill;
 use poegp_calibration::progress::FitContext;
 use poegp_calibration::robot::Robot;
+use poegp_calibration::simulation::{ORIENTATION_NOISE_RAD, POSITION_NOISE_M};
 use poegp_calibration::validation::cross_validation::{ModelComparison, TestSet};
 use poegp_runtime::kinematics::poe::Poe;
+use poegp_runtime::math::se3::Pose;
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
@@ -246,4 +255,62 @@ fn gross_outliers_among_poses_of_the_irb_120() {
     ));
     assert!(injected.iter().all(|i| found.contains(i)));
     assert!(percent <= 15.0);
+}
+
+/// The rows of a V-optimal plan of `count` poses whose candidates are `all` rows, and the others.
+fn planned(
+    (robot, nominal): &(Robot, Poe<f64>),
+    all: &[InstrumentSample],
+    count: usize,
+) -> (Vec<InstrumentSample>, Vec<InstrumentSample>) {
+    let found = fit_base_and_tools(nominal, all);
+    let chain = with_base_and_tool(nominal, &Pose::identity(), &found.flange_from_targets[0]);
+    let candidates = in_base_frame(all, &found.instrument_from_base);
+    let joints: Vec<Vec<f64>> = all.iter().map(|s| s.joints.clone()).collect();
+    let ranges: Vec<(f64, f64)> = (0..robot.joints.len())
+        .map(|c| {
+            let values = joints.iter().map(|q| q[c]);
+            values.fold((f64::MAX, f64::MIN), |(a, b), q| (a.min(q), b.max(q)))
+        })
+        .collect();
+    let start: Vec<usize> = fill(&joints, &ranges, &[0.0], &[count], 0.0)
+        .into_iter()
+        .map(|(i, _)| i)
+        .collect();
+    let noise = NoiseScales::uniform(POSITION_NOISE_M, ORIENTATION_NOISE_RAD);
+    let gravity = Vector3::new(0.0, 0.0, -9.81);
+    let (n, prior) = (candidates.len(), Prior::default());
+    let design = Design::new(&chain, None, gravity, &candidates, n, noise, prior);
+    let chosen = design.exchange(&start);
+    let is_chosen = |i: &usize| chosen.contains(i);
+    let of = |wanted: bool| {
+        let rows = (0..all.len()).filter(|i| is_chosen(i) == wanted);
+        rows.map(|i| all[i].clone()).collect()
+    };
+    (of(true), of(false))
+}
+
+#[test]
+fn planned_poses_of_the_irb_120() {
+    let what = "planned poses of the IRB 120";
+    let Some(folder) = folder(what) else { return };
+    let arm = arm("abb-irb120");
+    let all = samples(&folder.join(FARO), &arm.0);
+    let mut failed = Vec::new();
+    for (count, most) in [(20, 0.112), (30, 0.112), (50, 0.088)] {
+        let (train, test) = planned(&arm, &all, count);
+        let config = Config::new(Method::Elastic);
+        let found = calibrate_to_blob(&arm.0, &train, &config, &origin(1), &FitContext::default())
+            .unwrap_or_else(|e| panic!("{e}"));
+        let mean = ErrorSummary::new(&found.blob.errors(&test))
+            .position_mm
+            .mean;
+        say(format_args!(
+            "{what}, {count} of its 700, tested on the others: {mean:.4} mm (at most {most})"
+        ));
+        if mean > most {
+            failed.push((count, mean));
+        }
+    }
+    assert!(failed.is_empty(), "{failed:?}");
 }

@@ -14,7 +14,7 @@ const DRAWS: u64 = 4;
 const COUNTS: (usize, usize) = (40, 150);
 /// Errors of every joint: cycles in a turn, and the amplitude in rad.
 const CYCLES: usize = 200;
-const AMPLITUDE: f64 = 8e-5;
+const AMPLITUDE: f64 = 5e-5;
 
 /// Mean held-out error in mm with these lines stated for every joint, and the frequencies of the ripple of the last draw.
 fn found(stated: &[f64]) -> (f64, Vec<f64>) {
@@ -41,7 +41,7 @@ fn found(stated: &[f64]) -> (f64, Vec<f64>) {
     (mean, ripple)
 }
 
-/// Forty poses hardly show gears of 80 µrad to a search. Stated, they are fitted; lines that are stated and are not there cost a
+/// Forty poses hardly show gears of 50 µrad to a search. Stated, they are fitted; lines that are stated and are not there cost a
 /// tenth.
 #[test]
 fn what_is_stated_needs_no_search() {
@@ -52,6 +52,6 @@ fn what_is_stated_needs_no_search() {
         "{without:.4} mm without a statement, {with:.4} with the gears', {wrong:.4} with another"
     );
     assert_eq!(ripple, [CYCLES as f64; 6]);
-    assert!(with < 0.8 * without, "{with} {without}");
+    assert!(with < 0.9 * without, "{with} {without}");
     assert!(wrong < 1.15 * without, "{wrong} {without}");
 }

@@ -182,8 +182,8 @@ fn planned_poses_are_worth_more_than_random_ones() {
             );
             if std::env::var_os("POEGP_PLAN_SEEDS").is_some() {
                 let other = match Strategy::usual(count) {
-                    Strategy::DOptimal => Strategy::SpaceFilling,
-                    Strategy::SpaceFilling => Strategy::DOptimal,
+                    Strategy::VOptimal => Strategy::SpaceFilling,
+                    Strategy::SpaceFilling => Strategy::VOptimal,
                 };
                 let found = row(Poses::Planned(Some(other)));
                 line += &format!("; {} {}", other.name(), cell(&found));

@@ -51,10 +51,10 @@ pub struct Plan {
     /// File for the additional random poses; do not calibrate with them.
     #[arg(long, value_name = "FILE", requires = "test_poses")]
     test_out: Option<PathBuf>,
-    /// Choose the poses that determine the parameters best (default up to 20 poses).
+    /// Choose the poses from which the model predicts all others best (default up to 60 poses).
     #[arg(long, conflicts_with = "space_filling")]
-    d_optimal: bool,
-    /// Choose poses as far apart as possible (default for more than 20 poses).
+    v_optimal: bool,
+    /// Choose poses as far apart as possible (default for more than 60 poses).
     #[arg(long)]
     space_filling: bool,
     /// Seed of the random numbers; the same seed gives the same plan.
@@ -144,8 +144,8 @@ pub fn run(a: &Plan) -> Result<(), Failure> {
         Some(path) => Constraints::read(path, &arm.robot)?,
         None => Constraints::none(&arm.robot)?,
     };
-    let asked = match (a.d_optimal, a.space_filling) {
-        (true, _) => Some(Strategy::DOptimal),
+    let asked = match (a.v_optimal, a.space_filling) {
+        (true, _) => Some(Strategy::VOptimal),
         (_, true) => Some(Strategy::SpaceFilling),
         _ => None,
     };

@@ -86,7 +86,7 @@ fn a_plan_keeps_to_the_limits_and_spreads_over_the_payloads() {
     let folder = Folder::new();
     let line = format!(
         "plan --robot {SERIAL} --count 32 --payloads 5,0,10 --out plan.csv --test-poses 6 --test-out check.csv \
-         --d-optimal --no-forecast --json plan.json"
+         --v-optimal --no-forecast --json plan.json"
     );
     folder.run(&line).ok().said();
     let robot = Robot::load(SERIAL, &LoadOptions::default()).unwrap();
@@ -115,7 +115,7 @@ fn a_plan_keeps_to_the_limits_and_spreads_over_the_payloads() {
     assert!(check.iter().all(|c| plan.iter().all(|p| p[1..] != c[1..])));
     let json = folder.json("plan.json");
     assert_eq!(json["poses"], 32);
-    assert_eq!(json["strategy"], "D-optimal");
+    assert_eq!(json["strategy"], "V-optimal");
     assert!(json["forecast"].is_null());
     let many =
         format!("plan --robot {SERIAL} --count 60 --payloads 5 --out many.csv --no-forecast");
@@ -215,7 +215,7 @@ fn what_cannot_be_planned_is_refused() {
         "--robot ur10 --count 5",
         "--robot ur10 --payloads 1,-2",
         "--robot ur10 --payloads 1,5,1",
-        "--robot ur10 --d-optimal --space-filling",
+        "--robot ur10 --v-optimal --space-filling",
         "--robot ur10 --test-poses 5",
         "--robot kuka-iiwa7 --krl a.src",
         "--robot ur10 --rapid plan.csv",
