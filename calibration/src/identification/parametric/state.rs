@@ -86,8 +86,8 @@ impl PriorGroup {
             Self::Frames => 2e-3,
             Self::Links | Self::Payload => 1e-4,
             Self::Ripple => 1e-3,
-            // Gears of small and large arms had 28 to 130 µrad; nothing shows that a stated line is there at all.
-            Self::StatedRipple => 1e-4,
+            // Strain-wave gears had 28 to 130 µrad, 54 for a sine or a cosine; half of the lines of a gear ratio are not there.
+            Self::StatedRipple => 4e-5,
         }
     }
 
