@@ -398,6 +398,17 @@ fn a_line_on_a_grid_is_no_ripple() {
         let on_grid = measured(&line(cycles), 150, &mut random, grid);
         let (_, _, ripple) = found(&on_grid, &on_grid, true);
         assert!(ripple.is_empty(), "{cycles} cycles on a grid: {ripple:?}");
+        // Without a curve, which may be one of its frequencies, it is named as what it is.
+        let plain = calibrated(&robot(), &on_grid, &config(false)).calibration;
+        let unclear = &plain.correction.elastic().unwrap().report.ambiguous;
+        assert!(unclear.len() >= 4, "{cycles} cycles: {unclear:?}");
+        for k in unclear.iter().flat_map(|line| [line.cycles, line.alias]) {
+            let is_alias = |sign: f64| {
+                let turns = (k + sign * cycles as f64) / 34.0;
+                (turns - turns.round()).abs() < 1.0 / 34.0
+            };
+            assert!(is_alias(1.0) || is_alias(-1.0), "{cycles} cycles: {k}");
+        }
         let anywhere_measured = measured(&line(cycles), 150, &mut random, anywhere);
         let (_, _, ripple) = found(&anywhere_measured, &anywhere_measured, true);
         let right = ripple.iter().filter(|k| (**k - cycles as f64).abs() < 0.2);

@@ -29,3 +29,14 @@ impl GearLine {
         }
     }
 }
+
+/// A frequency that the measured joint values cannot distinguish from another one. Neither is taken.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AmbiguousLine {
+    /// The joint, from 0.
+    pub joint: usize,
+    /// Cycles per turn of the joint.
+    pub cycles: f64,
+    /// The other frequency.
+    pub alias: f64,
+}

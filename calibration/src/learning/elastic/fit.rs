@@ -8,7 +8,7 @@ use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 
 use crate::identification::parametric::fit::parametric_fit;
-use crate::identification::parametric::gear_line::GearLine;
+use crate::identification::parametric::gear_line::{AmbiguousLine, GearLine};
 use crate::identification::parametric::ripple::{
     Peak, RANGE, SIGNIFICANT, peaks, refined_frequency,
 };
@@ -129,12 +129,12 @@ pub fn fit(
     }
     let unit = mean_payload(samples);
     let (start, bounds) = h.start_and_bounds(unit);
-    let scales = context.phase(setup_units(samples.len()), || {
+    let (scales, mut ambiguous) = context.phase(setup_units(samples.len()), || {
         let scales = parametric_fit(&mut state, samples, &start);
         if options.ripple {
             add_ripple(&mut state, samples, &start, scales)
         } else {
-            scales
+            (scales, Vec::new())
         }
     })?;
     let search = HyperparameterSearch::new(samples, scales, options, context);
@@ -157,6 +157,7 @@ pub fn fit(
             layout: h,
             scales,
             solved: None,
+            ambiguous,
         });
     }
     let inputs = Inputs::new(&state, samples);
@@ -189,14 +190,12 @@ pub fn fit(
         let mut lines = kept.iter();
         state.retain_ripple(|_| lines.next() == Some(&true));
         let (residuals, jacobian) = left_over(&first, &hyper, &linear);
-        let found = significant(
-            &state,
-            samples,
-            &residuals,
-            &jacobian,
-            lowest_ripple(h, &hyper),
-        );
+        let lowest = lowest_ripple(h, &hyper);
+        let (found, unclear) = significant(&state, samples, &residuals, &jacobian, lowest);
         state.add_ripple(&found);
+        // Processes may have hidden what the first search saw: it is as ambiguous as before.
+        ambiguous.retain(|line| unclear.iter().all(|later| later.joint != line.joint));
+        ambiguous.extend(unclear);
     }
     let mut origin = state.clone();
     let (mut solved, _, mut error) = context
@@ -226,6 +225,7 @@ pub fn fit(
         scales,
         inputs,
         solved: Some(solved),
+        ambiguous,
     })
 }
 
@@ -300,26 +300,35 @@ fn left_over(
     (residuals, scaled)
 }
 
-/// New ripple terms that are significant in `residuals`, which are in units of their noise.
+/// New ripple terms that are significant in `residuals`, which are in units of their noise, and those that are ambiguous.
 fn significant(
     state: &ParametricModel,
     samples: &[BaseSample],
     residuals: &[[f64; ROWS]],
     jacobian: &Mat<f64>,
     lowest: f64,
-) -> Vec<GearLine> {
+) -> (Vec<GearLine>, Vec<AmbiguousLine>) {
     let room = MAX_RIPPLE - state.ripple.len();
     // What is left beside a term that is there is its own shadow, not another gear.
     let is_new = |p: &Peak| {
         let same = |r: &RippleTerm<f64>| r.joint == p.joint && (r.cycles - p.cycles).abs() < 1.0;
         !state.ripple.iter().any(same)
     };
-    peaks(samples, residuals, jacobian, lowest)
-        .into_iter()
-        .filter(|p| p.drop > SIGNIFICANT && p.alias.is_none() && is_new(p))
-        .map(|p| GearLine::found(p.joint, p.cycles))
-        .take(room)
-        .collect()
+    let (mut lines, mut ambiguous) = (Vec::new(), Vec::new());
+    let new = peaks(samples, residuals, jacobian, lowest).into_iter();
+    for peak in new.filter(|p| p.drop > SIGNIFICANT && is_new(p)) {
+        let (joint, cycles) = (peak.joint, peak.cycles);
+        match peak.alias {
+            None => lines.push(GearLine::found(joint, cycles)),
+            Some(alias) => ambiguous.push(AmbiguousLine {
+                joint,
+                cycles,
+                alias,
+            }),
+        }
+    }
+    lines.truncate(room);
+    (lines, ambiguous)
 }
 
 /// Rounds of the search for ripple in what the parameters leave.
@@ -331,7 +340,8 @@ fn add_ripple(
     samples: &[BaseSample],
     hyper: &[f64],
     mut scales: NoiseScales,
-) -> NoiseScales {
+) -> (NoiseScales, Vec<AmbiguousLine>) {
+    let mut ambiguous = Vec::new();
     for _ in 0..RIPPLE_ROUNDS {
         let linear = state.linearise(samples, scales);
         let residuals = state.residuals(samples, scales);
@@ -342,12 +352,13 @@ fn add_ripple(
             let cycles = refined_frequency(term, samples, &residuals, &linear.jacobian);
             state.set_cycles(i, cycles);
         }
-        let found = significant(state, samples, &residuals, &linear.jacobian, RANGE.0);
+        let (found, unclear) = significant(state, samples, &residuals, &linear.jacobian, RANGE.0);
+        ambiguous = unclear;
         if found.is_empty() {
             break;
         }
         state.add_ripple(&found);
         scales = parametric_fit(state, samples, hyper);
     }
-    scales
+    (scales, ambiguous)
 }

@@ -19,6 +19,7 @@ use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::{Pose, Twist};
 use poegp_runtime::trace::Unobserved;
 
+use crate::identification::parametric::gear_line::AmbiguousLine;
 use crate::identification::parametric::state::ParametricModel;
 use crate::learning::elastic::device_variance::DeviceVariance;
 use crate::learning::elastic::hyperparameters::DEFLECTION_UNIT;
@@ -57,6 +58,8 @@ pub struct ElasticReport {
     pub orientation_noise: f64,
     /// Gear ripple: joint from 1, cycles per turn, amplitude in rad.
     pub ripple: Vec<(usize, f64, f64)>,
+    /// Gear ripple that was not taken, for it could be of one frequency or another.
+    pub ambiguous: Vec<AmbiguousLine>,
     /// Support points.
     pub support: usize,
     /// The own-joint curve, if there is one.
@@ -127,6 +130,7 @@ impl ElasticModel {
             orientation_noise: fit.scales.orientation
                 * if options.processes { noise(1) } else { 1.0 },
             ripple: fit.state.ripple.iter().map(amplitude).collect(),
+            ambiguous: fit.ambiguous.clone(),
             support: support.payloads.len(),
             curve: fit.layout.curve_prior(&fit.hyperparameters).map(|prior| {
                 let length_scale = fit.hyperparameters[fit.layout.curve_scale()].exp();

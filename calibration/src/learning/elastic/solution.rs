@@ -1,5 +1,6 @@
 //! The fitted elastic model as its users need it: parameters, hyperparameters and the solved processes.
 
+use crate::identification::parametric::gear_line::AmbiguousLine;
 use crate::identification::parametric::state::ParametricModel;
 use crate::learning::elastic::hyperparameters::HyperLayout;
 use crate::learning::elastic::inputs::Inputs;
@@ -36,4 +37,6 @@ pub struct ElasticFit {
     pub solved: Option<Posterior>,
     /// Where the model was linearised for it: `state` has moved on since.
     pub origin: ParametricModel,
+    /// Gear ripple that could be of one frequency or another.
+    pub ambiguous: Vec<AmbiguousLine>,
 }

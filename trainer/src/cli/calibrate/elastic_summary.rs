@@ -16,6 +16,9 @@ pub struct ElasticSummary {
     noise_mrad: Option<f64>,
     inducing_points: usize,
     ripple: Vec<RippleSummary>,
+    /// Gear ripple that was not taken.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    ambiguous_ripple: Vec<AmbiguousSummary>,
     /// `None` where the evidence asks for none.
     own_joint_curve: Option<CurveSummary>,
     /// Of a blob that says how well it knows the position.
@@ -38,6 +41,13 @@ struct CurveSummary {
     amplitude_urad: f64,
     length_scale_deg: f64,
     orders: usize,
+}
+
+/// Frequencies that the measured joint values cannot distinguish.
+#[derive(Serialize)]
+struct AmbiguousSummary {
+    joint: usize,
+    cycles_per_turn: [f64; 2],
 }
 
 #[derive(Serialize)]
@@ -66,6 +76,10 @@ impl ElasticSummary {
                 cycles_per_turn: *cycles,
                 amplitude_urad: 1e6 * amplitude,
             });
+        let ambiguous = report.ambiguous.iter().map(|line| AmbiguousSummary {
+            joint: line.joint + 1,
+            cycles_per_turn: [line.cycles, line.alias],
+        });
         Some(Self {
             noise_mm: 1e3 * report.position_noise,
             noise_mrad: samples
@@ -74,6 +88,7 @@ impl ElasticSummary {
                 .then_some(1e3 * report.orientation_noise),
             inducing_points: report.support,
             ripple: ripple.collect(),
+            ambiguous_ripple: ambiguous.collect(),
             own_joint_curve: report.curve.map(|curve| CurveSummary {
                 amplitude_urad: 1e6 * curve.amplitude,
                 length_scale_deg: curve.length_scale.to_degrees(),
@@ -131,6 +146,14 @@ impl ElasticSummary {
             report.line(format_args!(
                 "  gear ripple of joint {}: {:.1} cycles per turn, {:.0} µrad",
                 r.joint, r.cycles_per_turn, r.amplitude_urad
+            ));
+        }
+        for line in &self.ambiguous_ripple {
+            let [one, other] = line.cycles_per_turn;
+            report.line(format_args!(
+                "  no gear ripple of joint {} was taken: {one:.1} and {other:.1} cycles per turn fit the measured angles equally; \
+                 poses with joint {} between these angles would decide",
+                line.joint, line.joint
             ));
         }
     }
