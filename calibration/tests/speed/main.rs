@@ -131,7 +131,8 @@ fn an_elastic_fit_of_three_hundred_poses() {
     assert!(seconds <= most, "{seconds}");
 }
 
-/// The default chooses its model by folds before it fits: that may take three times as long as the fit alone.
+/// The default chooses its model by folds before it fits. Together that is to take three times as long as the fit alone, and is
+/// bounded by four: other programs move the ratio by a tenth.
 #[test]
 fn the_choice_of_a_model() {
     let (robot, samples) = arm();
@@ -161,9 +162,9 @@ fn the_choice_of_a_model() {
         to_fit = to_fit.min(cpu_seconds() - chosen);
     }
     let ratio = (to_choose + to_fit) / to_fit;
-    let most = if cfg!(debug_assertions) { 6.0 } else { 3.0 };
+    let most = if cfg!(debug_assertions) { 6.0 } else { 4.0 };
     say(format_args!(
-        "300 poses: {to_choose:.2} s of CPU to choose, {to_fit:.2} s to fit: {ratio:.2} times the fit alone (at most {most})"
+        "300 poses: {to_choose:.2} s of CPU to choose, {to_fit:.2} s to fit: {ratio:.2} times the fit alone (goal: 3, at most {most})"
     ));
     assert!(ratio <= most, "{ratio}");
 }
