@@ -27,6 +27,7 @@ use crate::measurement::samples::Samples;
 use crate::model::config::Config;
 use crate::model::correction::{self as model, TaskSpaceCorrection};
 use crate::model::{Calibration, CalibrationError, calibrate, calibrate_within};
+use crate::numeric::statistics::extremes;
 use crate::progress::FitContext;
 use crate::robot::Robot;
 
@@ -255,11 +256,8 @@ fn to_bytes(
             .map(|(lower, upper)| (lower as f32, upper as f32)),
     });
     let range = |value: &dyn Fn(&InstrumentSample) -> f64| {
-        let mut bounds = (f64::INFINITY, f64::NEG_INFINITY);
-        for sample in samples {
-            bounds = (bounds.0.min(value(sample)), bounds.1.max(value(sample)));
-        }
-        (bounds.0 as f32, bounds.1 as f32)
+        let (low, high) = extremes(samples.iter().map(value));
+        (low as f32, high as f32)
     };
     let host = Host {
         provenance: WireProvenance {

@@ -12,6 +12,7 @@ use poegp_runtime::math::se3::dot;
 use crate::input_error::InputError;
 use crate::measurement::rows::rows;
 use crate::measurement::set::{JointColumn, JointUnit, Measurement, MeasurementSet};
+use crate::numeric::statistics::extremes;
 use crate::robot::{Joint, Robot};
 
 /// How far beyond its limits a joint value may be: this part of the range …
@@ -190,14 +191,8 @@ impl MeasurementSet {
     fn note_still_joints(&self, robot: &Robot) -> Vec<String> {
         let mut notes = Vec::new();
         for (i, (joint, column)) in robot.joints.iter().zip(&self.joint_columns).enumerate() {
-            let values = self
-                .measurements
-                .iter()
-                .filter_map(|m| m.joints.get(i).copied());
-            let (low, high) = values
-                .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
-                    (low.min(value), high.max(value))
-                });
+            let rows = self.measurements.iter();
+            let (low, high) = extremes(rows.filter_map(|m| m.joints.get(i).copied()));
             let still = match joint.kind {
                 JointKind::Revolute => STILL_REVOLUTE,
                 JointKind::Prismatic => STILL_PRISMATIC,

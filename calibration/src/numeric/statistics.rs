@@ -46,6 +46,13 @@ pub fn percentile(sorted: &[f64], share: f64) -> f64 {
     sorted[below] + (position - below as f64) * (sorted[above] - sorted[below])
 }
 
+/// The smallest and the largest of `values`; (∞, −∞) of none.
+pub fn extremes(values: impl IntoIterator<Item = f64>) -> (f64, f64) {
+    let ends = (f64::INFINITY, f64::NEG_INFINITY);
+    let wider = |(low, high): (f64, f64), x: f64| (low.min(x), high.max(x));
+    values.into_iter().fold(ends, wider)
+}
+
 /// The standardised errors of poses that were not fitted, without their signs: of position and of rotation.
 pub type Standardised = [Vec<f64>; 2];
 

@@ -4,10 +4,10 @@
 //! `candidates`). From these a plan is chosen: poses that fill the space (`space_filling`), or those that predict best
 //! (`optimal_design`). It is spread evenly over the payloads and put into an order of short travel (`ordering`). What it
 //! should be worth is found by measuring simulated arms with it (`forecast`), and it is written as CSV (`table`) and as
-//! programs of controllers (`programs`).
+//! programs of controllers.
 //!
-//! **When which.** Poses that predict best, up to [`FEW`]; more fill the space, which the exchange hardly improves and takes long
-//! for.
+//! **When which.** Up to [`FEW`] poses are those that predict best. More fill the space: an exchange would take long and hardly
+//! improve them.
 //!
 //! A plan knows nothing of the links' shapes and of the ways between poses: collisions are the user's to exclude.
 

@@ -3,6 +3,8 @@
 //! The coordinates are the joints as shares of their planned ranges, and the payload as a share of its own, at half
 //! weight: the model knows how a payload acts through gravity, and only what is left has to be interpolated.
 
+use crate::numeric::statistics::extremes;
+
 /// Weight of the whole range of payloads beside that of one joint.
 pub const PAYLOAD_WEIGHT: f64 = 0.5;
 
@@ -29,11 +31,7 @@ pub fn fill(
         .iter()
         .map(|q| q.iter().zip(ranges).map(|(x, r)| share(*x, *r)).collect())
         .collect();
-    let extremes = payloads
-        .iter()
-        .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), m| {
-            (a.min(*m), b.max(*m))
-        });
+    let extremes = extremes(payloads.iter().copied());
     let heights: Vec<f64> = payloads
         .iter()
         .map(|m| payload_weight * share(*m, extremes))

@@ -117,6 +117,7 @@ pub(super) fn parse(file: &Path, text: &str) -> Result<Robot, InputError> {
     if let Some(base) = &table.base {
         chain.push_fixed(reader.origin(&base.origin)?);
     }
+    let mut lines = 0;
     for (i, joint) in table.joint.iter().enumerate() {
         let name = &joint.get_ref().name;
         if table.joint[..i]
@@ -131,6 +132,12 @@ pub(super) fn parse(file: &Path, text: &str) -> Result<Robot, InputError> {
                 "a name of its own for every joint",
             ));
         }
+        lines += reader.gear_lines(joint.get_ref())?.len();
+        if lines > MAX_RIPPLE {
+            let found = format!("{lines} lines by gear_ratio and gear_lines up to this joint");
+            let expected = format!("at most {MAX_RIPPLE} in the whole arm; a gear_ratio makes two");
+            return Err(reader.error(name.span(), "name", found, expected));
+        }
         reader.push(&mut chain, table.convention, joint)?;
     }
     if let Some(flange) = &table.flange {
@@ -140,21 +147,14 @@ pub(super) fn parse(file: &Path, text: &str) -> Result<Robot, InputError> {
         Some(rows) => reader.coupling(rows, table.joint.len())?,
         None => None,
     };
-    let robot = chain.finish(table.name, coupling).map_err(|error| {
+    chain.finish(table.name, coupling).map_err(|error| {
         let (found, expected) = error.describe();
         InputError::new(
             file,
             found,
             format!("{expected}, each in a [[joint]] table"),
         )
-    })?;
-    let lines: usize = robot.joints.iter().map(|j| j.gear_lines.len()).sum();
-    if lines > MAX_RIPPLE {
-        let found = format!("{lines} lines by gear_ratio and gear_lines");
-        let expected = format!("at most {MAX_RIPPLE} in the whole arm; a gear_ratio makes two");
-        return Err(InputError::new(file, found, expected));
-    }
-    Ok(robot)
+    })
 }
 
 impl TomlSource<'_> {

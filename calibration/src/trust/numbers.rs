@@ -8,6 +8,7 @@ use poegp_runtime::math::se3::Pose;
 
 use crate::measurement::MeasurementSet;
 use crate::measurement::sample::InstrumentSample;
+use crate::numeric::statistics::extremes;
 use crate::robot::Robot;
 use crate::trust::alignment::median;
 use crate::trust::finding::{Finding, Tier};
@@ -157,8 +158,7 @@ impl Scene<'_> {
     /// Joints that do not move, and their ranges in rad or m.
     fn still(&self) -> Vec<(usize, f64)> {
         let range = |j: usize| {
-            let values = self.samples.iter().map(|s| s.joints[j]);
-            let (low, high) = values.fold((f64::MAX, f64::MIN), |(a, b), q| (a.min(q), b.max(q)));
+            let (low, high) = extremes(self.samples.iter().map(|s| s.joints[j]));
             high - low
         };
         let joints = self.robot.joints.iter().enumerate();

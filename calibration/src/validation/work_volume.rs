@@ -10,7 +10,7 @@ use serde::Serialize;
 use crate::measurement::observation::Observation;
 use crate::measurement::sample::{InstrumentSample, Sample};
 use crate::model::Calibration;
-use crate::numeric::statistics::Summary;
+use crate::numeric::statistics::{Summary, extremes};
 use crate::robot::Robot;
 use crate::validation::model_selection::Choice;
 
@@ -43,12 +43,7 @@ impl ExpectedError {
                 p95_mm: chosen.position_mm.p95,
             });
         }
-        let range = |joint: usize| {
-            let values = samples.iter().map(|s| s.joints[joint]);
-            values.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), q| {
-                (a.min(q), b.max(q))
-            })
-        };
+        let range = |joint: usize| extremes(samples.iter().map(|s| s.joints[joint]));
         let ranges: Vec<(f64, f64)> = (0..robot.joints.len()).map(range).collect();
         let mut random = ChaCha8Rng::seed_from_u64(1);
         let mut errors = Vec::with_capacity(POSES * DRAWS);

@@ -14,7 +14,7 @@ use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::measurement::sample::in_base_frame;
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::{Config, Weighting};
-use poegp_calibration::numeric::statistics::ErrorSummary;
+use poegp_calibration::numeric::statistics::{ErrorSummary, extremes};
 use poegp_calibration::planning::optimal_design::{Design, Prior};
 use poegp_calibration::planning::space_filling::fill;
 use poegp_calibration::progress::FitContext;
@@ -268,10 +268,7 @@ fn planned(
     let candidates = in_base_frame(all, &found.instrument_from_base);
     let joints: Vec<Vec<f64>> = all.iter().map(|s| s.joints.clone()).collect();
     let ranges: Vec<(f64, f64)> = (0..robot.joints.len())
-        .map(|c| {
-            let values = joints.iter().map(|q| q[c]);
-            values.fold((f64::MAX, f64::MIN), |(a, b), q| (a.min(q), b.max(q)))
-        })
+        .map(|c| extremes(joints.iter().map(|q| q[c])))
         .collect();
     let start: Vec<usize> = fill(&joints, &ranges, &[0.0], &[count], 0.0)
         .into_iter()

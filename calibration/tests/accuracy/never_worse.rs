@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
+use poegp_calibration::blob::write::Provenance;
 use poegp_calibration::measurement::sample::{InstrumentSample, ToolName};
 use poegp_calibration::model::config::Config;
 use poegp_calibration::numeric::statistics::ErrorSummary;
@@ -74,6 +75,23 @@ pub fn measured() -> Vec<Set> {
     .into()
 }
 
+/// The choice among `train` alone.
+pub fn task<'a>(
+    robot: &'a Robot,
+    train: &'a [InstrumentSample],
+    origin: &'a Provenance,
+) -> Task<'a> {
+    Task {
+        robot,
+        train,
+        tests: &[],
+        folds: folds(train.len()),
+        seed: 1,
+        origin,
+        cancel: &NEVER,
+    }
+}
+
 /// Chooses among `count` poses drawn with `seed`, prints a row of the table, and says what is wrong with it.
 fn row(set: &Set, count: usize, seed: u64) -> Option<String> {
     let mut order: Vec<usize> = (0..set.rows.len()).collect();
@@ -88,15 +106,7 @@ fn row(set: &Set, count: usize, seed: u64) -> Option<String> {
     let tools = set.rows.iter().map(|s| s.tool + 1).max().unwrap_or(1);
     let mut origin = origin(tools);
     origin.tools.resize(tools, ToolName::default());
-    let task = Task {
-        robot: &set.robot,
-        train,
-        tests: &[],
-        folds: folds(count),
-        seed: 1,
-        origin: &origin,
-        cancel: &NEVER,
-    };
+    let task = task(&set.robot, train, &origin);
     let models = candidates(train, set.robot.joints.len(), &Config::default());
     let start = Instant::now();
     let Ok(choice) = select_model(&task, &models, &mut || ()) else {

@@ -7,10 +7,10 @@ use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::{Config, Weighting};
 use poegp_calibration::numeric::statistics::ErrorSummary;
-use poegp_calibration::progress::{FitContext, NEVER};
-use poegp_calibration::validation::cross_validation::Task;
-use poegp_calibration::validation::model_selection::{FOLDS, candidates, select_model};
+use poegp_calibration::progress::FitContext;
+use poegp_calibration::validation::model_selection::{candidates, select_model};
 
+use crate::never_worse::task;
 use crate::{arm, origin, samples, say, simulated_path};
 
 /// Displacements in mm, one along each axis in turn, of every 33rd of 300 poses.
@@ -99,15 +99,7 @@ fn the_choice_does_not_change_with_nine_gross_outliers() {
     let test = samples(&simulated_path("wild_s0_test1"), &robot);
     let origin = origin(1);
     let run = |train: &[InstrumentSample]| {
-        let task = Task {
-            robot: &robot,
-            train,
-            tests: &[],
-            folds: FOLDS,
-            seed: 1,
-            origin: &origin,
-            cancel: &NEVER,
-        };
+        let task = task(&robot, train, &origin);
         let all = candidates(train, robot.joints.len(), &Config::default());
         let choice = select_model(&task, &all, &mut || ()).unwrap();
         let found = task.calibrated(&choice.config, train).unwrap();

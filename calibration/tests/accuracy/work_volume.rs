@@ -2,15 +2,13 @@
 
 use poegp_calibration::model::config::Config;
 use poegp_calibration::numeric::statistics::ErrorSummary;
-use poegp_calibration::progress::NEVER;
-use poegp_calibration::validation::cross_validation::Task;
-use poegp_calibration::validation::model_selection::{candidates, folds, select_model};
+use poegp_calibration::validation::model_selection::{candidates, select_model};
 use poegp_calibration::validation::work_volume::ExpectedError;
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 
-use crate::never_worse::{Set, measured, simulated};
+use crate::never_worse::{Set, measured, simulated, task};
 use crate::{origin, say};
 
 /// Mean over the draws of the expected error over the error found: hardly below one, and above where twenty poses do not
@@ -30,15 +28,7 @@ fn ratios(set: &Set, count: usize) -> [f64; 2] {
         let test = if set.test.is_empty() { rest } else { &set.test };
         let test = &test[..test.len().min(TESTED)];
         let origin = origin(set.rows.iter().map(|s| s.tool + 1).max().unwrap_or(1));
-        let task = Task {
-            robot: &set.robot,
-            train,
-            tests: &[],
-            folds: folds(count),
-            seed: 1,
-            origin: &origin,
-            cancel: &NEVER,
-        };
+        let task = task(&set.robot, train, &origin);
         let all = candidates(train, set.robot.joints.len(), &Config::default());
         let choice = select_model(&task, &all, &mut || ()).unwrap();
         let found = task.calibrated(&choice.config, train).unwrap();

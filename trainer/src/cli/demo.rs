@@ -169,7 +169,7 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
         1e6 * found.precision_loss.max_m
     ));
     report.line(
-        "\n4. Calibrate with the default, the model that the folds choose, hold out the test sets, and write a report:\n",
+        "\n4. Let the folds choose the model, as `calibrate` does by itself; hold out the test sets, and write a report:\n",
     );
     let elastic_path = a.out.join("elastic.blob");
     calibrate_with_report(a, &sets, &elastic_path)?;

@@ -7,6 +7,7 @@ use poegp_runtime::math::se3::{Pose, Twist};
 
 use crate::identification::identifiability::frames::{Frame, Part, Task};
 use crate::identification::identifiability::wording::{list, numbers};
+use crate::numeric::statistics::extremes;
 
 /// A revolute joint that spans less stands still: half a degree in rad (as in the notes of the reader).
 pub const STILL_REVOLUTE: f64 = 0.5 * std::f64::consts::PI / 180.0;
@@ -27,9 +28,7 @@ pub struct Cause {
 
 /// Span of a joint's values, and whether that is standing still.
 fn span(values: impl Iterator<Item = f64>, kind: JointKind) -> (f64, bool) {
-    let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), q| {
-        (a.min(q), b.max(q))
-    });
+    let (low, high) = extremes(values);
     let still = match kind {
         JointKind::Revolute => STILL_REVOLUTE,
         JointKind::Prismatic => STILL_PRISMATIC,

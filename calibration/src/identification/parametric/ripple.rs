@@ -9,6 +9,7 @@ use poegp_runtime::elastic::ripple::RippleTerm;
 
 use crate::identification::parametric::state::ROWS;
 use crate::measurement::sample::BaseSample;
+use crate::numeric::statistics::extremes;
 
 /// Drop of χ² that a term must make: two degrees of freedom, some 10⁴ independent frequencies a search, p ≈ 10⁻³.
 pub const SIGNIFICANT: f64 = 32.0;
@@ -117,8 +118,7 @@ impl Contracted {
 
     /// Cycles per turn that the range of the joint resolves.
     fn resolution(&self) -> f64 {
-        let ends = (f64::MAX, f64::MIN);
-        let (lowest, highest) = self.q.iter().fold(ends, |(a, b), x| (a.min(*x), b.max(*x)));
+        let (lowest, highest) = extremes(self.q.iter().copied());
         std::f64::consts::TAU / (highest - lowest)
     }
 }

@@ -404,7 +404,7 @@ fn toml_limits_and_coupling_are_refused_by_name() {
         &limits(
             "gear_lines = [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15]\ngear_ratio = 50",
         ),
-        &["17 lines", "at most 16"],
+        &["arm.toml:4: column 8 (name)", "17 lines", "at most 16"],
     );
     let prismatic = DH.replace("revolute", "prismatic") + "gear_ratio = 50";
     toml_refused(&prismatic, &["gear_ratio", "gears of revolute joints only"]);
