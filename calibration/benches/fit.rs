@@ -13,7 +13,6 @@ use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::blob::write::{Provenance, calibrate_to_blob};
 use poegp_calibration::identification::frame_fit::{ResidualFrame, residual_components};
 use poegp_calibration::learning::elastic::fit::fit;
-use poegp_calibration::learning::elastic::inducing_points::choose;
 use poegp_calibration::learning::elastic::likelihood::{
     HyperparameterObjective, MarginalLikelihood,
 };
@@ -188,9 +187,6 @@ fn elastic(c: &mut Criterion) {
     group.sample_size(10);
     group.bench_function("likelihood and gradient", |b| {
         b.iter(|| search.value_and_gradient(black_box(&found.hyperparameters)))
-    });
-    group.bench_function("pivoted Cholesky, 100 points", |b| {
-        b.iter(|| choose(&found, &found.inputs.payloads, &linear.jacobian, 100))
     });
     group.finish();
 }

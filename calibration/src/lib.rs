@@ -50,7 +50,7 @@ pub mod prelude {
     pub use crate::blob::write::{CalibratedBlob, Provenance, calibrate_to_blob};
     pub use crate::error::Error;
     pub use crate::measurement::samples::Samples;
-    pub use crate::model::config::{Config, ProcessLayout, Weighting};
+    pub use crate::model::config::{Config, Weighting};
     pub use crate::model::{Calibration, Method, calibrate};
     pub use crate::progress::{FitContext, Progress};
     pub use crate::robot::{LoadOptions, Robot};

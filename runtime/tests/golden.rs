@@ -100,37 +100,19 @@ fn hyperparameters_per_output_and_coupled_joints() {
 }
 
 #[test]
-fn elastic_with_length_scales_of_each_joint_and_coupled_joints() {
+fn elastic_with_coupled_joints() {
     assert_bits(
-        "elastic_own",
-        include_bytes!("../../tests/data/golden_elastic_own.blob"),
-        include_str!("../../tests/data/golden_elastic_own_bits.txt"),
-    );
-}
-
-#[test]
-fn elastic_with_tied_length_scales() {
-    assert_bits(
-        "elastic_tied",
-        include_bytes!("../../tests/data/golden_elastic_tied.blob"),
-        include_str!("../../tests/data/golden_elastic_tied_bits.txt"),
+        "elastic",
+        include_bytes!("../../tests/data/golden_elastic.blob"),
+        include_str!("../../tests/data/golden_elastic_bits.txt"),
     );
 }
 
 #[test]
 fn elastic_with_a_standard_deviation_a_slide_and_coupled_joints() {
     assert_bits(
-        "elastic_sigma",
-        include_bytes!("../../tests/data/golden_elastic_sigma.blob"),
-        include_str!("../../tests/data/golden_elastic_sigma_bits.txt"),
-    );
-}
-
-#[test]
-fn elastic_sets_alone() {
-    assert_bits(
-        "elastic_sets",
-        include_bytes!("../../tests/data/golden_elastic_sets.blob"),
-        include_str!("../../tests/data/golden_elastic_sets_bits.txt"),
+        "elastic_std",
+        include_bytes!("../../tests/data/golden_elastic_std.blob"),
+        include_str!("../../tests/data/golden_elastic_std_bits.txt"),
     );
 }

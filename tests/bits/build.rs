@@ -7,18 +7,11 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::{env, fs};
 
-const CASES: [&str; 6] = [
-    "shared",
-    "folded",
-    "per_output",
-    "elastic_own",
-    "elastic_tied",
-    "elastic_sets",
-];
+const CASES: [&str; 4] = ["shared", "folded", "per_output", "elastic"];
 /// What does not fit into 16 kB of RAM.
 const FULL_SIZE: [&str; 4] = [
     "elastic_curve",
-    "elastic_sigma",
+    "elastic_std",
     "full_shared",
     "full_elastic",
 ];

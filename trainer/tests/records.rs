@@ -109,7 +109,7 @@ fn records_have_a_day_and_a_commit() {
                 "### Accuracy beside other programs",
                 "### Beside scikit-learn",
                 "### Growth",
-                "### Inducing sets for each joint",
+                "### Number of inducing points",
             ][..],
         ),
         (

@@ -1,5 +1,6 @@
 //! From a calibration to the bytes of a blob, and from the bytes to what a device predicts.
 
+pub mod batch;
 pub mod fitted_frames;
 pub mod precision_loss;
 pub mod predict;

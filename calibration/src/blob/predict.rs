@@ -9,13 +9,12 @@ use poegp_runtime::model::load_error::LoadError;
 use poegp_runtime::model::{Model, words_for};
 
 use crate::input_error::InputError;
+use crate::learning::task_space::MAX_POINTS;
 use crate::measurement::sample::{InstrumentSample, ToolName};
 use crate::numeric::statistics::PoseError;
 
-/// Support points that the workstation's instance of the runtime holds. The device's holds 512; no result depends on it.
-pub const HOST_SUPPORT: usize = 4096;
-/// The workstation's instance.
-pub type HostModel = Model<f32, { words_for(HOST_SUPPORT) }>;
+/// The workstation's instance. The device's holds fewer points; no result depends on it.
+pub type HostModel = Model<f32, { words_for(MAX_POINTS) }>;
 
 /// Why bytes are not a model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]

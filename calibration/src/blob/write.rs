@@ -6,8 +6,8 @@
 use heapless::Vec as FixedVec;
 use poegp_protocol::blob::{
     self, Blob, Correction, CorrectionBound, Elastic, Gauge, Geometry, Host, Joint, JointKernel,
-    PayloadGroup, Provenance as WireProvenance, Ranges, Ripple, Robot as WireRobot, TaskSpace,
-    Tool, Transform, Units, Variance,
+    Provenance as WireProvenance, Ranges, Ripple, Robot as WireRobot, TaskSpace, Tool, Transform,
+    Units, Variance,
 };
 use poegp_protocol::cause::Causes;
 use poegp_protocol::limits::OUTPUTS;
@@ -17,7 +17,7 @@ use poegp_runtime::kinematics::poe::Poe;
 use crate::blob::precision_loss::{
     MAX_F32_ERROR_M, MEAN_F32_ERROR_M, SinglePrecisionLoss, precision_loss,
 };
-use crate::blob::predict::{BlobError, BlobModel, HOST_SUPPORT};
+use crate::blob::predict::{BlobError, BlobModel};
 use crate::learning::elastic::reduced_model::ElasticModel;
 use crate::learning::task_space::Hyperparameters;
 use crate::learning::task_space::fit::SignalVarianceLimit;
@@ -169,12 +169,6 @@ pub enum DeviceError {
 /// Why no blob was made.
 #[derive(Debug, thiserror::Error)]
 pub enum ExportError {
-    /// More training poses than the runtime holds.
-    #[error("{found} support points: the runtime holds {HOST_SUPPORT}")]
-    TooManyPoints {
-        /// Points of the model.
-        found: usize,
-    },
     /// Something of the model does not fit into the words of a blob.
     #[error("the model does not fit into a blob: {0}")]
     DoesNotFit(&'static str),
@@ -315,6 +309,11 @@ fn to_bytes(
         warnings: provenance.warnings,
         host,
         variance: sigma.map(|s| Variance {
+            rates: s.header.rates[..robot.joints.len()]
+                .iter()
+                .map(|rate| *rate as f32)
+                .collect(),
+            payload_rate: s.header.payload_rate as f32,
             floor_m2: s.header.floor as f32,
             noise_m2: s.noise as f32,
             gain: s.header.gain as f32,
@@ -344,11 +343,6 @@ fn task_space(
     bound: CorrectionBound,
 ) -> Result<(TaskSpace<'static>, Vec<u8>), ExportError> {
     let (gp, (header, rows)) = (&correction.gp, &correction.posterior_mean);
-    if gp.inputs.len() > HOST_SUPPORT {
-        return Err(ExportError::TooManyPoints {
-            found: gp.inputs.len(),
-        });
-    }
     // The form that takes the device less time, where the support allows it.
     let (mut header, mut rows) = (*header, rows.clone());
     header.fold(&mut rows);
@@ -453,15 +447,12 @@ fn elastic(
                 .map_err(|_| ExportError::DoesNotFit("kernels"))?;
         }
     }
-    let groups = processes.groups.iter().map(|g| PayloadGroup {
-        payload_kg: g.payload_kg as f32,
-        points: g.points as u16,
-    });
-    let count = processes.groups.len();
+    let payloads = processes.group_payloads_kg.iter().map(|m| *m as f32);
+    let count = processes.group_payloads_kg.len();
     let sets = processes
         .sets
         .iter()
-        .map(|set| fixed(set.points()[..count].iter().copied(), "support sets"));
+        .map(|set| fixed(set.points()[..count].iter().copied(), "inducing sets"));
     let sets: Vec<_> = sets.collect::<Result<_, _>>()?;
     Ok(Elastic {
         bound,
@@ -471,9 +462,8 @@ fn elastic(
         ripple: fixed(ripple, "gear ripple")?,
         curves: &[],
         kernels,
-        tied: processes.tied,
-        sets: fixed(sets, "support sets")?,
-        groups: fixed(groups, "payload groups")?,
+        group_payloads_kg: fixed(payloads, "payload groups")?,
+        sets: fixed(sets, "inducing sets")?,
         rows: &[],
     })
 }

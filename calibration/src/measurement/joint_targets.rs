@@ -1,106 +1,159 @@
 //! The file of joint targets: what a controller is to be sent, in the columns of a measurement file but without poses.
 //!
 //! Only the joints (`q1_deg` …) and, where there is one, the payload (`payload_kg`) are read, by the rules of
-//! [`crate::measurement`]. All else is carried along: [`TargetFile::rewritten`] gives the same lines in the same order,
+//! [`crate::measurement`]. All else is carried along: [`TargetColumns::rewrite`] gives the same lines in the same order,
 //! comments and columns that mean nothing here included, with other joints.
+//!
+//! The file is read in chunks ([`TargetReader`]), and each chunk is rewritten on its own: a file of any length takes constant
+//! memory, and chunks may be rewritten at the same time.
 
-use std::path::Path;
-
-use nalgebra::Vector3;
-use sha2::{Digest, Sha256};
+use std::fs::File;
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
 
 use crate::input_error::InputError;
-use crate::measurement::columns::Columns;
+use crate::measurement::chunks::{Chunk, Chunks};
+use crate::measurement::columns::{Column, Columns, joint_columns};
 use crate::measurement::rows::Row;
-use crate::measurement::set::{Measurement, MeasurementSet};
-use crate::measurement::table::Table;
+use crate::measurement::set::JointColumn;
+use crate::measurement::table::{Part, Table, check_width, no_rows};
+use crate::measurement::validate::{JointChecks, JointLimits};
 use crate::robot::Robot;
 
-/// A file of joint targets that was read.
-pub struct TargetFile {
-    text: String,
+/// What a file of joint targets is called in messages.
+const WHAT: &str = "a file of joint targets (CSV)";
+
+/// A file of joint targets that is being read.
+pub struct TargetReader<R> {
+    chunks: Chunks<R>,
+    start: Chunk,
+    columns: TargetColumns,
+}
+
+/// The columns of a file of joint targets.
+pub struct TargetColumns {
+    path: PathBuf,
     table: Table,
-    /// The targets; the positions in it are zero and mean nothing.
-    set: MeasurementSet,
+    joints: Vec<Column>,
+    payload: Option<Column>,
+    joint_columns: Vec<JointColumn>,
+    /// The joint of each column, from 0.
+    joint_of: Vec<Option<usize>>,
 }
 
-/// What is to stand in a row of the rewritten file.
-pub struct RewrittenRow {
-    /// Fields of the joints' columns; `None` leaves one as it was.
-    pub joints: Vec<Option<String>>,
-    /// Fields of the new columns.
-    pub added: Vec<String>,
+/// One row.
+#[derive(Clone, Copy, Debug)]
+pub struct Target<'a> {
+    /// Line in the file, from 1.
+    pub line: usize,
+    /// Joint values as commanded to the controller, rad or m, base first.
+    pub joints: &'a [f64],
+    /// Mass at the flange in kg, ≥ 0.
+    pub payload_kg: Option<f64>,
 }
 
-impl TargetFile {
-    /// Reads a file of joint targets.
+/// What is to stand in a rewritten row. Both append a text that needs no quotation marks.
+pub trait NewFields {
+    /// Appends the field of a joint (from 0); `false` leaves the field as it was.
+    fn joint(&self, joint: usize, out: &mut String) -> bool;
+    /// Appends the fields of the new columns, with commas between them.
+    fn added(&self, out: &mut String);
+}
+
+impl TargetReader<BufReader<File>> {
+    /// Opens a file of joint targets and reads its header.
     ///
     /// # Errors
     /// An [`InputError`] that names file, line and column of the first thing that is not as it should be.
-    pub fn read(path: &Path) -> Result<Self, InputError> {
-        let bytes = std::fs::read(path).map_err(|error| {
-            InputError::unreadable(path, &error, "a file of joint targets (CSV)")
-        })?;
-        Self::parse(path, &bytes)
+    pub fn open(path: &Path) -> Result<Self, InputError> {
+        Self::begin(path, Chunks::open(path, WHAT)?)
     }
+}
 
-    /// The same from bytes; `path` is for messages.
+impl<R: BufRead> TargetReader<R> {
+    /// The same from any source; `path` is for messages.
     ///
     /// # Errors
-    /// As [`TargetFile::read`].
-    pub fn parse(path: &Path, bytes: &[u8]) -> Result<Self, InputError> {
-        let table = Table::parse(path, bytes)?;
+    /// As [`TargetReader::open`].
+    pub fn new(path: &Path, source: R) -> Result<Self, InputError> {
+        Self::begin(path, Chunks::new(path, WHAT, source))
+    }
+
+    fn begin(path: &Path, mut chunks: Chunks<R>) -> Result<Self, InputError> {
+        let (start, table) = chunks.header()?;
         let (joints, payload) = Columns::of_targets(path, &table)?;
-        let mut measurements = Vec::with_capacity(table.rows.len());
-        for (line, fields) in &table.rows {
-            let row = Row {
-                file: path,
-                line: *line,
-                fields,
-            };
-            let (joints, payload_kg) = row.target(&joints, &payload)?;
-            measurements.push(Measurement {
-                line: *line,
-                joints,
-                payload_kg,
-                session: None,
-                target: None,
-                position: Vector3::zeros(),
-                orientation: None,
-                sigma_position: None,
-                sigma_orientation: None,
-                references: Vec::new(),
-                time_s: None,
-                truth: None,
-            });
+        let mut joint_of = vec![None; table.header.len()];
+        for (joint, column) in joints.iter().enumerate() {
+            joint_of[column.index] = Some(joint);
         }
-        let set = MeasurementSet {
+        let columns = TargetColumns {
             path: path.to_path_buf(),
-            header_line: table.header_line,
-            joint_columns: crate::measurement::columns::joint_columns(&joints),
-            measurements,
-            notes: Vec::new(),
-            sha256: Sha256::digest(bytes).into(),
+            joint_columns: joint_columns(&joints),
+            table,
+            joints,
+            payload,
+            joint_of,
         };
         Ok(Self {
-            // The table was text, so this is.
-            text: String::from_utf8_lossy(bytes).into_owned(),
-            table,
-            set,
+            chunks,
+            start,
+            columns,
         })
     }
 
-    /// The targets as rows with joints and payload; their poses mean nothing.
-    pub fn set(&self) -> &MeasurementSet {
-        &self.set
+    /// The columns.
+    pub fn columns(&self) -> &TargetColumns {
+        &self.columns
     }
 
-    /// Whether these can be targets of `robot`; returns what its user should see.
+    /// The columns, the beginning of the file up to its header, and what reads the chunks behind it one after the other.
+    pub fn into_parts(self) -> (TargetColumns, Chunk, TargetChunks<R>) {
+        (self.columns, self.start, TargetChunks(self.chunks))
+    }
+}
+
+/// The chunks of a file behind its header.
+pub struct TargetChunks<R>(Chunks<R>);
+
+impl<R: BufRead> TargetChunks<R> {
+    /// The next chunk; `None` at the end of the file.
     ///
     /// # Errors
-    /// As [`MeasurementSet::check`], of the joints.
-    pub fn check(&self, robot: &Robot) -> Result<Vec<String>, InputError> {
-        self.set.check_joints(robot)
+    /// An [`InputError`] for a file that cannot be read.
+    // It is no iterator: it ends with an error.
+    #[allow(clippy::should_implement_trait)]
+    pub fn next(&mut self) -> Result<Option<Chunk>, InputError> {
+        self.0.next()
+    }
+}
+
+impl TargetColumns {
+    /// The file, as it was given.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Whether the file has the payload of each row.
+    pub fn has_payload(&self) -> bool {
+        self.payload.is_some()
+    }
+
+    /// The joints' columns, base first.
+    pub fn joint_columns(&self) -> &[JointColumn] {
+        &self.joint_columns
+    }
+
+    /// What the values of the joints are checked against.
+    ///
+    /// # Errors
+    /// An [`InputError`] where the columns cannot be the joints of `robot`.
+    pub fn limits<'a>(&'a self, robot: &'a Robot) -> Result<JointLimits<'a>, InputError> {
+        JointLimits::new(
+            &self.path,
+            self.table.header_line,
+            &self.joint_columns,
+            robot,
+        )
     }
 
     /// Refuses a file that has one of these columns already.
@@ -112,7 +165,7 @@ impl TargetFile {
         clash.map_or(Ok(()), |index| {
             let name = &self.table.header[index];
             Err(InputError::new(
-                &self.set.path,
+                &self.path,
                 format!("the column {name}"),
                 "joint targets without the columns that this command adds",
             )
@@ -122,92 +175,102 @@ impl TargetFile {
         })
     }
 
-    /// The file with other joints and new columns behind its own, a row for each of its rows in order. Comments and blank
-    /// lines stay where they were.
-    pub fn rewritten(&self, added: &[&str], rows: &[RewrittenRow]) -> String {
-        let mut out = String::with_capacity(2 * self.text.len());
-        let mut rest = self.table.rows.iter().zip(rows).peekable();
-        let header = self.table.header.iter().chain(added.iter().copied());
-        let text = self.text.trim_start_matches('\u{feff}');
-        for (number, line) in (1..).zip(text.lines()) {
-            let trimmed = line.trim();
-            if number == self.table.header_line {
-                write_record(&mut out, header.clone());
-            } else if trimmed.is_empty() || trimmed.starts_with('#') {
-                out += line;
-                out.push('\n');
-            } else if let Some(((_, fields), row)) = rest.next_if(|((at, _), _)| *at == number) {
-                let mut fields: Vec<&str> = fields.iter().collect();
-                for (column, field) in self.set.joint_columns.iter().zip(&row.joints) {
-                    if let Some(field) = field {
-                        fields[column.column - 1] = field;
+    /// The error for a file that ends behind its header.
+    pub fn no_rows(&self) -> InputError {
+        no_rows(&self.path, self.table.header_line)
+    }
+
+    /// Appends the beginning of the file, with new columns behind its own.
+    ///
+    /// # Errors
+    /// None; every line was read before.
+    pub fn rewrite_start(
+        &self,
+        start: &Chunk,
+        added: &[&str],
+        out: &mut String,
+    ) -> Result<(), InputError> {
+        start.each_line(&self.path, |part| {
+            match part {
+                Part::Remark(line) => push_line(out, line),
+                Part::Record(_, header) => {
+                    let all = header.iter().chain(added.iter().copied());
+                    for (index, field) in all.enumerate() {
+                        push_field(out, index > 0, field);
                     }
+                    out.push('\n');
                 }
-                let added = row.added.iter().map(String::as_str);
-                write_record(&mut out, fields.into_iter().chain(added));
             }
-        }
-        out
+            Ok(())
+        })
+    }
+
+    /// Appends the rows of a chunk with other joints and the fields of new columns behind their own, in order. Comments and
+    /// blank lines stay where they were. Every row is checked against `limits`; what was noticed is added to `checks`.
+    ///
+    /// # Errors
+    /// An [`InputError`] that names file, line and column of the first thing that is not as it should be.
+    pub fn rewrite<F: NewFields>(
+        &self,
+        chunk: &Chunk,
+        (limits, checks): (&JointLimits<'_>, &mut JointChecks),
+        mut answer: impl FnMut(&Target<'_>) -> F,
+        out: &mut String,
+    ) -> Result<(), InputError> {
+        let mut joints = Vec::with_capacity(self.joints.len());
+        out.reserve(2 * chunk.size());
+        chunk.each_line(&self.path, |part| {
+            let (line, fields) = match part {
+                Part::Remark(line) => {
+                    push_line(out, line);
+                    return Ok(());
+                }
+                Part::Record(line, fields) => (line, fields),
+            };
+            let file = &self.path;
+            check_width(file, line, fields, self.table.header.len())?;
+            let row = Row { file, line, fields };
+            let payload_kg = row.target(&self.joints, &self.payload, &mut joints)?;
+            limits.check(line, &joints, checks)?;
+            let new = answer(&Target {
+                line,
+                joints: &joints,
+                payload_kg,
+            });
+            for (index, (field, joint)) in fields.iter().zip(&self.joint_of).enumerate() {
+                if let Some(joint) = joint {
+                    if index > 0 {
+                        out.push(',');
+                    }
+                    if new.joint(*joint, out) {
+                        continue;
+                    }
+                    push_field(out, false, field);
+                } else {
+                    push_field(out, index > 0, field);
+                }
+            }
+            out.push(',');
+            new.added(out);
+            out.push('\n');
+            Ok(())
+        })
     }
 }
 
-/// One row of a CSV file, with quotation marks where a field needs them.
-fn write_record<'a>(out: &mut String, fields: impl Iterator<Item = &'a str>) {
-    for (index, field) in fields.enumerate() {
-        if index > 0 {
-            out.push(',');
-        }
-        if field.contains(['"', ',', '\n']) {
-            *out += &format!("\"{}\"", field.replace('"', "\"\""));
-        } else {
-            *out += field;
-        }
-    }
+fn push_line(out: &mut String, line: &str) {
+    *out += line;
     out.push('\n');
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    const FILE: &str = "\u{feff}# program 7\nname,q1_deg,note,q2_rad\r\n\n\"a, b\",10,x,0.5\n# turn\nc,-20,\"say \"\"on\"\"\",1\n";
-
-    #[test]
-    fn all_else_stays_where_it_was() {
-        let file = TargetFile::parse(Path::new("targets.csv"), FILE.as_bytes()).unwrap();
-        let joints: Vec<&[f64]> = file.set.measurements.iter().map(|m| &*m.joints).collect();
-        assert_eq!(joints[1][1], 1.0);
-        assert!((joints[0][0] - 10_f64.to_radians()).abs() < 1e-15);
-        let row = |joints: [Option<&str>; 2]| RewrittenRow {
-            joints: joints.map(|j| j.map(str::to_owned)).to_vec(),
-            added: vec!["ok".to_owned()],
-        };
-        let out = file.rewritten(
-            &["status"],
-            &[row([Some("10.5"), None]), row([None, Some("2")])],
-        );
-        assert_eq!(
-            out,
-            "# program 7\nname,q1_deg,note,q2_rad,status\n\n\"a, b\",10.5,x,0.5,ok\n# turn\nc,-20,\"say \"\"on\"\"\",2,ok\n"
-        );
-        assert!(file.refuse_columns(&["status"], "").is_ok());
-        let error = file.refuse_columns(&["note"], "help").unwrap_err();
-        assert_eq!(
-            (error.line, error.column),
-            (Some(2), Some((3, "note".to_owned())))
-        );
+/// One field of a CSV file, behind a comma or not, with quotation marks where it needs them.
+fn push_field(out: &mut String, has_comma: bool, field: &str) {
+    if has_comma {
+        out.push(',');
     }
-
-    #[test]
-    fn bad_targets_are_named() {
-        let parse = |text: &str| match TargetFile::parse(Path::new("t.csv"), text.as_bytes()) {
-            Ok(_) => panic!("{text}"),
-            Err(error) => error.to_string(),
-        };
-        assert!(parse("a,b\n1,2\n").contains("no column q1_deg"));
-        assert!(parse("q1_deg,q3_deg\n1,2\n").contains("q3_deg without q2"));
-        assert!(parse("q1_deg\nabc\n").contains("t.csv:2: column 1 (q1_deg): found \"abc\""));
-        assert!(parse("q1_deg,payload_kg\n1,-2\n").contains("0 kg or more"));
-        assert!(parse("q1_deg,q1_deg\n1,2\n").contains("a second time"));
+    if field.contains(['"', ',', '\n']) {
+        *out += &format!("\"{}\"", field.replace('"', "\"\""));
+    } else {
+        *out += field;
     }
 }

@@ -22,10 +22,12 @@
 //! A reference point that is `0 0 0` or empty is a miss and becomes `None`. A *position* of `0 0 0` is a tracker miss
 //! too, and refused: a row without its measurement has no place in the file. Nothing else is repaired or dropped.
 
+pub mod chunks;
 mod columns;
 pub mod folds;
 pub mod instrument_drift;
 pub mod joint_targets;
+pub mod long;
 pub mod noise;
 pub mod observation;
 pub mod reader;
@@ -39,6 +41,8 @@ mod tests;
 mod validate;
 
 use std::path::Path;
+
+pub use crate::measurement::validate::{JointChecks, JointLimits};
 
 use sha2::{Digest, Sha256};
 

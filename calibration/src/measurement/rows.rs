@@ -43,58 +43,79 @@ pub(super) fn measurements(
         }
         measurements.push(measurement);
     }
-    if worst_norm.0 > QUATERNION_NOTE {
-        let (off_unit, line) = worst_norm;
-        notes.push(format!(
-            "the quaternions were normalised: their norm is off 1 by up to {off_unit:.1e} (line {line})"
-        ));
-    }
+    notes.extend(norm_note(worst_norm));
     for point in 0..columns.references.len() {
         let missed = |m: &&Measurement| m.references.get(point).is_some_and(Option::is_none);
-        let missed: Vec<_> = measurements
-            .iter()
-            .filter(missed)
-            .map(|m| m.line.to_string())
-            .collect();
-        if !missed.is_empty() {
+        let mut lines = Listed::default();
+        let missed = measurements.iter().filter(missed);
+        missed.for_each(|m| lines.push(m.line));
+        if let Some(lines) = lines.text() {
             notes.push(format!(
-                "reference point {} was missed in {}",
-                point + 1,
-                rows(&missed)
+                "reference point {} was missed in {lines}",
+                point + 1
             ));
         }
     }
     Ok((measurements, notes))
 }
 
+/// The note about quaternions whose norm is off 1 by so much at most, in this line.
+pub(super) fn norm_note((off_unit, line): (f64, usize)) -> Option<String> {
+    (off_unit > QUATERNION_NOTE).then(|| {
+        format!(
+            "the quaternions were normalised: their norm is off 1 by up to {off_unit:.1e} (line {line})"
+        )
+    })
+}
+
 fn repeated_rows(table: &Table) -> Vec<String> {
     let mut seen: HashMap<String, usize> = HashMap::new();
-    let mut repeats = Vec::new();
+    let mut repeats = Listed::default();
     for (line, fields) in &table.rows {
         let row = fields.iter().collect::<Vec<_>>().join("\u{1f}");
         match seen.get(&row) {
-            Some(first) => repeats.push(format!("{line} as {first}")),
+            Some(first) => repeats.push(format_args!("{line} as {first}")),
             None => {
                 seen.insert(row, *line);
             }
         }
     }
-    if repeats.is_empty() {
-        return repeats;
-    }
-    vec![format!(
-        "kept, though the same to the last digit as an earlier row: {}",
-        rows(&repeats)
-    )]
+    let text =
+        |rows: String| format!("kept, though the same to the last digit as an earlier row: {rows}");
+    repeats.text().map(text).into_iter().collect()
 }
 
 /// How many rows and which: "1 row (line 4)", "9 rows (lines 83, 104, …)", the first few only.
-pub(super) fn rows(lines: &[String]) -> String {
-    let list = lines[..lines.len().min(LISTED)].join(", ");
-    match lines.len() {
-        1 => format!("1 row (line {list})"),
-        count if count > LISTED => format!("{count} rows (lines {list}, …)"),
-        count => format!("{count} rows (lines {list})"),
+#[derive(Clone, Debug, Default)]
+pub(super) struct Listed {
+    count: usize,
+    first: Vec<String>,
+}
+
+impl Listed {
+    pub(super) fn push(&mut self, row: impl ToString) {
+        self.count += 1;
+        if self.first.len() < LISTED {
+            self.first.push(row.to_string());
+        }
+    }
+
+    /// With rows that come later.
+    pub(super) fn extend(&mut self, later: Self) {
+        self.count += later.count;
+        self.first.extend(later.first);
+        self.first.truncate(LISTED);
+    }
+
+    /// `None` where there are no such rows.
+    pub(super) fn text(&self) -> Option<String> {
+        let list = self.first.join(", ");
+        match self.count {
+            0 => None,
+            1 => Some(format!("1 row (line {list})")),
+            count if count > LISTED => Some(format!("{count} rows (lines {list}, …)")),
+            count => Some(format!("{count} rows (lines {list})")),
+        }
     }
 }
 
@@ -107,7 +128,7 @@ pub(super) struct Row<'a> {
 
 impl Row<'_> {
     /// The measurement, and how far its quaternion's norm is off 1.
-    fn measurement(&self, columns: &Columns) -> Result<(Measurement, f64), InputError> {
+    pub(super) fn measurement(&self, columns: &Columns) -> Result<(Measurement, f64), InputError> {
         let joints = columns
             .joints
             .iter()
@@ -156,17 +177,18 @@ impl Row<'_> {
         Ok((measurement, off_unit))
     }
 
-    /// Joints and payload of a row that has no pose.
+    /// The payload of a row that has no pose; its joints are in `joints` then.
     pub(super) fn target(
         &self,
-        joints: &[Column],
+        columns: &[Column],
         payload: &Option<Column>,
-    ) -> Result<(Vec<f64>, Option<f64>), InputError> {
-        let joints = joints.iter().map(|column| self.number(column));
-        Ok((
-            joints.collect::<Result<_, _>>()?,
-            self.optional(payload, |column| self.payload(column))?,
-        ))
+        joints: &mut Vec<f64>,
+    ) -> Result<Option<f64>, InputError> {
+        joints.clear();
+        for column in columns {
+            joints.push(self.number(column)?);
+        }
+        self.optional(payload, |column| self.payload(column))
     }
 
     fn field(&self, column: &Column) -> &str {

@@ -1,13 +1,14 @@
 //! From a measurement file to what a fit needs: joints through the coupling, and the tool of every row.
 
 use std::collections::HashSet;
+use std::path::Path;
 
 use poegp_protocol::limits::MAX_TOOLS;
 use poegp_runtime::math::se3::Pose;
 
 use crate::input_error::InputError;
 use crate::measurement::observation::{InstrumentNoise, Observation};
-use crate::measurement::set::MeasurementSet;
+use crate::measurement::set::{Measurement, MeasurementSet};
 use crate::robot::Robot;
 
 /// Observed from the instrument: `instrument_from_target`.
@@ -92,6 +93,14 @@ pub struct ToolName {
     pub target: String,
 }
 
+impl ToolName {
+    /// Whether a row was measured with this tool.
+    fn is_of(&self, m: &Measurement) -> bool {
+        m.session.as_deref().unwrap_or_default() == self.session
+            && m.target.as_deref().unwrap_or_default() == self.target
+    }
+}
+
 impl std::fmt::Display for ToolName {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match (self.session.as_str(), self.target.as_str()) {
@@ -114,36 +123,53 @@ pub fn samples(
 ) -> Result<Vec<InstrumentSample>, InputError> {
     let mut out = Vec::with_capacity(set.measurements.len());
     for m in &set.measurements {
-        let name = ToolName {
-            session: m.session.clone().unwrap_or_default(),
-            target: m.target.clone().unwrap_or_default(),
-        };
-        let tool = tools.iter().position(|t| *t == name).unwrap_or_else(|| {
-            tools.push(name);
-            tools.len() - 1
-        });
-        if tools.len() > MAX_TOOLS {
-            return Err(InputError::new(
-                &set.path,
-                format!("more than {MAX_TOOLS} sessions and targets"),
-                format!("at most {MAX_TOOLS} tools in one calibration"),
-            ));
-        }
-        let pose = m.instrument_from_target().map(Observation::Pose);
-        out.push(Sample {
-            serial_joints: robot.serial_joints(&m.joints),
-            joints: m.joints.clone(),
-            payload_kg: m.payload_kg,
-            observation: pose.unwrap_or(Observation::Position(m.position)),
-            frame: Instrument,
-            tool,
-            declared_noise: InstrumentNoise {
-                position: m.sigma_position,
-                orientation: m.sigma_orientation,
-            },
-        });
+        let tool = tool_of(&set.path, m, tools)?;
+        out.push(sample(m, robot, tool));
     }
     Ok(out)
+}
+
+/// The tool of a row by its index; one that is not in `tools` yet is added.
+pub(super) fn tool_of(
+    path: &Path,
+    m: &Measurement,
+    tools: &mut Vec<ToolName>,
+) -> Result<usize, InputError> {
+    let tool = tools
+        .iter()
+        .position(|tool| tool.is_of(m))
+        .unwrap_or_else(|| {
+            tools.push(ToolName {
+                session: m.session.clone().unwrap_or_default(),
+                target: m.target.clone().unwrap_or_default(),
+            });
+            tools.len() - 1
+        });
+    if tools.len() > MAX_TOOLS {
+        return Err(InputError::new(
+            path,
+            format!("more than {MAX_TOOLS} sessions and targets"),
+            format!("at most {MAX_TOOLS} tools in one calibration"),
+        ));
+    }
+    Ok(tool)
+}
+
+/// One row as a sample of `robot`.
+pub(super) fn sample(m: &Measurement, robot: &Robot, tool: usize) -> InstrumentSample {
+    let pose = m.instrument_from_target().map(Observation::Pose);
+    Sample {
+        serial_joints: robot.serial_joints(&m.joints),
+        joints: m.joints.clone(),
+        payload_kg: m.payload_kg,
+        observation: pose.unwrap_or(Observation::Position(m.position)),
+        frame: Instrument,
+        tool,
+        declared_noise: InstrumentNoise {
+            position: m.sigma_position,
+            orientation: m.sigma_orientation,
+        },
+    }
 }
 
 /// The samples as the base of the robot sees them.

@@ -19,49 +19,22 @@ pub(super) struct Table {
 impl Table {
     /// Takes a file apart; `file` is for messages.
     pub(super) fn parse(file: &Path, bytes: &[u8]) -> Result<Self, InputError> {
-        let text = text(file, bytes)?;
-        // Comments and blank lines are taken out before the CSV reader counts lines; `numbers` has what they were.
-        let mut kept = String::with_capacity(text.len());
-        let mut numbers = Vec::new();
-        for (number, line) in (1..).zip(text.lines()) {
-            let line = line.trim();
-            if !line.is_empty() && !line.starts_with('#') {
-                kept.push_str(line);
-                kept.push('\n');
-                numbers.push(number);
+        let text = text(file, bytes, 1)?;
+        let mut rows = Vec::new();
+        each_line(file, text, 1, |part| {
+            if let Part::Record(line, record) = part {
+                rows.push((line, record.clone()));
             }
-        }
-        let mut reader = ReaderBuilder::new()
-            .has_headers(false)
-            .flexible(true)
-            .trim(Trim::All)
-            .from_reader(kept.as_bytes());
-        let mut rows = Vec::with_capacity(numbers.len());
-        for record in reader.records() {
-            let record = record.map_err(|error| InputError::new(file, error.to_string(), "CSV"))?;
-            let index = record
-                .position()
-                .map_or(0, |at| at.line() as usize)
-                .saturating_sub(1);
-            rows.push((numbers.get(index).copied().unwrap_or(0), record));
-        }
+            Ok(())
+        })?;
         let mut rows = rows.into_iter();
         let Some((header_line, header)) = rows.next() else {
-            return Err(InputError::new(
-                file,
-                "an empty file",
-                "a header row and one measured pose a row",
-            ));
+            return Err(no_header(file));
         };
         check_header(file, header_line, &header)?;
         let rows: Vec<_> = rows.collect();
         if rows.is_empty() {
-            return Err(InputError::new(
-                file,
-                "a header without rows",
-                "one measured pose a row after the header",
-            )
-            .at_line(header_line));
+            return Err(no_rows(file, header_line));
         }
         for (line, record) in &rows {
             check_width(file, *line, record, header.len())?;
@@ -74,19 +47,148 @@ impl Table {
     }
 }
 
-/// The bytes as text, without a byte order mark.
-fn text<'a>(file: &Path, bytes: &'a [u8]) -> Result<&'a str, InputError> {
-    let line_of = |at: usize| 1 + bytes[..at].iter().filter(|byte| **byte == b'\n').count();
+pub(super) fn no_header(file: &Path) -> InputError {
+    InputError::new(
+        file,
+        "an empty file",
+        "a header row and one measured pose a row",
+    )
+}
+
+pub(super) fn no_rows(file: &Path, header_line: usize) -> InputError {
+    InputError::new(
+        file,
+        "a header without rows",
+        "one measured pose a row after the header",
+    )
+    .at_line(header_line)
+}
+
+/// A part of a file.
+pub(super) enum Part<'a> {
+    /// A comment or a blank line.
+    Remark(&'a str),
+    /// A record with trimmed fields, and the line in which it begins. Further lines of it are within its fields.
+    Record(usize, &'a StringRecord),
+}
+
+/// Whether a line is no part of a record; `line` is trimmed.
+pub(super) fn is_remark(line: &str) -> bool {
+    line.is_empty() || line.starts_with('#')
+}
+
+/// Shows all parts of `text`, whole records whose first line is number `first` of the file, in order.
+pub(super) fn each_line(
+    file: &Path,
+    text: &str,
+    first: usize,
+    mut show: impl FnMut(Part<'_>) -> Result<(), InputError>,
+) -> Result<(), InputError> {
+    let is_plain = |line: &str| !line.contains(['"', '\r']);
+    let mut record = StringRecord::new();
+    if text.lines().all(is_plain) {
+        for (number, line) in (first..).zip(text.lines()) {
+            let trimmed = line.trim();
+            if is_remark(trimmed) {
+                show(Part::Remark(line))?;
+                continue;
+            }
+            record.clear();
+            trimmed
+                .split(',')
+                .for_each(|field| record.push_field(field.trim()));
+            show(Part::Record(number, &record))?;
+        }
+        return Ok(());
+    }
+    // Comments and blank lines are taken out before the CSV reader counts lines; `numbers` has what they were.
+    let mut kept = String::with_capacity(text.len());
+    let mut numbers = Vec::new();
+    for (number, line) in (first..).zip(text.lines()) {
+        let line = line.trim();
+        if !is_remark(line) {
+            kept.push_str(line);
+            kept.push('\n');
+            numbers.push(number);
+        }
+    }
+    let mut reader = ReaderBuilder::new()
+        .has_headers(false)
+        .flexible(true)
+        .trim(Trim::All)
+        .from_reader(kept.as_bytes());
+    let mut next = || -> Result<Option<(usize, StringRecord)>, InputError> {
+        let mut record = StringRecord::new();
+        let is_there = reader
+            .read_record(&mut record)
+            .map_err(|error| InputError::new(file, error.to_string(), "CSV"))?;
+        let index = record.position().map_or(0, |at| at.line() as usize);
+        let line = numbers.get(index.saturating_sub(1)).copied().unwrap_or(0);
+        Ok(is_there.then_some((line, record)))
+    };
+    let mut waiting = next()?;
+    for (number, line) in (first..).zip(text.lines()) {
+        if is_remark(line.trim()) {
+            show(Part::Remark(line))?;
+        }
+        while let Some((at, record)) = &waiting
+            && *at <= number
+        {
+            show(Part::Record(*at, record))?;
+            waiting = next()?;
+        }
+    }
+    Ok(())
+}
+
+/// Where the CSV reader is in a record, as far as quotation marks go.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) enum Quoting {
+    /// At the beginning of a field.
+    #[default]
+    Start,
+    /// In a field without quotation marks, or behind them.
+    Plain,
+    /// Within quotation marks: the record goes on in the next line.
+    Open,
+    /// Behind a quotation mark that closes, or is the first of two.
+    Closing,
+}
+
+impl Quoting {
+    /// After another line, which is trimmed and no remark.
+    pub(super) fn after(self, line: &[u8]) -> Self {
+        let begin = match self {
+            Self::Open => Self::Open,
+            _ => Self::Start,
+        };
+        line.iter().fold(begin, |state, byte| match (state, byte) {
+            (Self::Open, b'"') => Self::Closing,
+            (Self::Open, _) => Self::Open,
+            (Self::Start | Self::Closing, b'"') => Self::Open,
+            (_, b',' | b'\r') => Self::Start,
+            _ => Self::Plain,
+        })
+    }
+}
+
+/// The bytes as text, without a byte order mark; their first line is number `first` of the file.
+pub(super) fn text<'a>(file: &Path, bytes: &'a [u8], first: usize) -> Result<&'a str, InputError> {
+    let line_of = |at: usize| first + bytes[..at].iter().filter(|byte| **byte == b'\n').count();
     let binary = |at: usize, found: &str| {
         InputError::new(file, found, "a CSV text file in UTF-8").at_line(line_of(at))
     };
-    if bytes.starts_with(&[0xff, 0xfe]) || bytes.starts_with(&[0xfe, 0xff]) {
+    let begins = |mark: &[u8]| first == 1 && bytes.starts_with(mark);
+    if begins(&[0xff, 0xfe]) || begins(&[0xfe, 0xff]) {
         return Err(binary(0, "UTF-16 text").with_help("save the file as UTF-8"));
     }
-    if bytes.starts_with(b"PK\x03\x04") {
+    if begins(b"PK\x03\x04") {
         return Err(binary(0, "a spreadsheet or zip file").with_help("export the table as CSV"));
     }
-    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+    let bytes = match bytes.strip_prefix(b"\xef\xbb\xbf") {
+        Some(rest) if first == 1 => rest,
+        _ => bytes,
+    };
     if let Some(at) = bytes.iter().position(|byte| *byte == 0) {
         return Err(binary(at, "a binary file (a zero byte)"));
     }
@@ -96,7 +198,11 @@ fn text<'a>(file: &Path, bytes: &'a [u8]) -> Result<&'a str, InputError> {
     })
 }
 
-fn check_header(file: &Path, line: usize, header: &StringRecord) -> Result<(), InputError> {
+pub(super) fn check_header(
+    file: &Path,
+    line: usize,
+    header: &StringRecord,
+) -> Result<(), InputError> {
     let first = header.get(0).unwrap_or("");
     if header.len() == 1 && first.contains([';', '\t']) {
         return Err(
@@ -117,7 +223,7 @@ fn check_header(file: &Path, line: usize, header: &StringRecord) -> Result<(), I
     Ok(())
 }
 
-fn check_width(
+pub(super) fn check_width(
     file: &Path,
     line: usize,
     record: &StringRecord,

@@ -5,15 +5,16 @@
 //! noted: there are honest files that are so.
 
 use std::collections::HashMap;
+use std::path::Path;
 
 use poegp_protocol::JointKind;
 use poegp_runtime::math::se3::dot;
 
 use crate::input_error::InputError;
-use crate::measurement::rows::rows;
+use crate::measurement::rows::Listed;
 use crate::measurement::set::{JointColumn, JointUnit, Measurement, MeasurementSet};
 use crate::numeric::statistics::extremes;
-use crate::robot::{Joint, Robot};
+use crate::robot::Robot;
 
 /// How far beyond its limits a joint value may be: this part of the range …
 const MARGIN: f64 = 0.1;
@@ -26,6 +27,189 @@ const STILL_PRISMATIC: f64 = 1e-3;
 /// No robot cell is so small: positions within it are metres under a name in millimetres.
 const SMALLEST_WORKSPACE: f64 = 0.01;
 
+/// What the joint values of a file are checked against, row by row.
+#[derive(Clone, Copy, Debug)]
+pub struct JointLimits<'a> {
+    path: &'a Path,
+    columns: &'a [JointColumn],
+    robot: &'a Robot,
+}
+
+/// What was noticed about the joint values of rows so far.
+#[derive(Clone, Debug, Default)]
+pub struct JointChecks {
+    /// Of each joint, the rows a little beyond its limits.
+    beyond: Vec<Listed>,
+    /// The largest angle under a name in degrees, rad.
+    largest: f64,
+}
+
+impl JointChecks {
+    /// Together with what was noticed about later rows.
+    pub fn extend(&mut self, later: Self) {
+        for (joint, rows) in later.beyond.into_iter().enumerate() {
+            self.beyond_of(joint).extend(rows);
+        }
+        self.largest = self.largest.max(later.largest);
+    }
+
+    /// Rows a little beyond the limits of a joint.
+    fn beyond_of(&mut self, joint: usize) -> &mut Listed {
+        if self.beyond.len() <= joint {
+            self.beyond.resize_with(joint + 1, Listed::default);
+        }
+        &mut self.beyond[joint]
+    }
+}
+
+impl<'a> JointLimits<'a> {
+    /// Of `robot`'s joints, for these columns of a file.
+    pub(super) fn new(
+        path: &'a Path,
+        header_line: usize,
+        columns: &'a [JointColumn],
+        robot: &'a Robot,
+    ) -> Result<Self, InputError> {
+        let (found, expected) = (columns.len(), robot.joints.len());
+        if found != expected {
+            let names: Vec<_> = columns.iter().map(|column| column.name.clone()).collect();
+            return Err(InputError::new(
+                path,
+                format!("{found} joint columns: {}", names.join(", ")),
+                format!("{expected}, the joints of robot \"{}\"", robot.name),
+            )
+            .at_line(header_line));
+        }
+        for (joint, column) in robot.joints.iter().zip(columns) {
+            let is_angle = matches!(column.unit, JointUnit::Degree | JointUnit::Radian);
+            let (kind, wanted) = match joint.kind {
+                JointKind::Revolute if !is_angle => ("revolute", "degrees or radians (_deg, _rad)"),
+                JointKind::Prismatic if is_angle => {
+                    ("prismatic", "millimetres or metres (_mm, _m)")
+                }
+                _ => continue,
+            };
+            return Err(InputError::new(
+                path,
+                column.name.clone(),
+                format!("{wanted} for the {kind} joint \"{}\"", joint.name),
+            )
+            .at_line(header_line)
+            .at_column(column.column, column.name.clone()));
+        }
+        Ok(Self {
+            path,
+            columns,
+            robot,
+        })
+    }
+
+    /// Refuses a row with a value far beyond the limits; what is just beyond is added to `checks`.
+    pub(super) fn check(
+        &self,
+        line: usize,
+        joints: &[f64],
+        checks: &mut JointChecks,
+    ) -> Result<(), InputError> {
+        (0..self.columns.len()).try_for_each(|joint| self.check_joint(joint, line, joints, checks))
+    }
+
+    /// Checks one joint alone.
+    fn check_joint(
+        &self,
+        i: usize,
+        line: usize,
+        joints: &[f64],
+        checks: &mut JointChecks,
+    ) -> Result<(), InputError> {
+        let (joint, column, value) = (&self.robot.joints[i], &self.columns[i], joints[i]);
+        if joint.kind == JointKind::Revolute && column.unit == JointUnit::Degree {
+            checks.largest = checks.largest.max(value.abs());
+        }
+        let Some((lower, upper)) = joint.limits else {
+            return Ok(());
+        };
+        let margin = MARGIN * (upper - lower)
+            + match joint.kind {
+                JointKind::Revolute => MARGIN_REVOLUTE,
+                JointKind::Prismatic => MARGIN_PRISMATIC,
+            };
+        let within = |value: f64| lower - margin <= value && value <= upper + margin;
+        // Makers state the limits of a coupled joint now for the controller's value, now for the chain's.
+        let in_chain = |joints: &[f64]| {
+            let row = self.robot.coupling.as_ref().and_then(|rows| rows.get(i))?;
+            Some(row.iter().zip(joints).map(|(c, q)| c * q).sum::<f64>())
+        };
+        if within(value) || in_chain(joints).is_some_and(within) {
+            // Rounding of a description in degrees is no news.
+            if value < lower - 1e-4 || value > upper + 1e-4 {
+                checks.beyond_of(i).push(line);
+            }
+            return Ok(());
+        }
+        let (scale, unit) = written(column.unit);
+        let error = InputError::new(
+            self.path,
+            format!("{} {unit}", round(value * scale)),
+            format!(
+                "a value of joint \"{}\" of robot \"{}\", {} to {} {unit}",
+                joint.name,
+                self.robot.name,
+                round(lower * scale),
+                round(upper * scale)
+            ),
+        )
+        .at_line(line)
+        .at_column(column.column, column.name.clone());
+        Err(match column.unit {
+            JointUnit::Radian if within(value.to_radians()) => error.with_help(
+                "as degrees the value is within the limits: is the column's unit _deg?",
+            ),
+            JointUnit::Metre if within(value / 1e3) => error.with_help(
+                "as millimetres the value is within the limits: is the column's unit _mm?",
+            ),
+            _ => error.with_help(
+                "is this the robot of the file, and are the joints the controller's, in its order and sign?",
+            ),
+        })
+    }
+
+    /// What a user should see of `checks`.
+    pub fn notes(&self, checks: &JointChecks) -> Vec<String> {
+        let beyond = self.robot.joints.iter().zip(&checks.beyond);
+        let beyond = beyond.filter_map(|(joint, rows)| {
+            let (name, rows) = (&joint.name, rows.text()?);
+            Some(format!(
+                "joint \"{name}\" is a little beyond its limits in {rows}"
+            ))
+        });
+        beyond.chain(self.tiny_joints(checks)).collect()
+    }
+
+    /// Degrees that never leave ± 2π, small against the limits: radians under a name in degrees.
+    fn tiny_joints(&self, checks: &JointChecks) -> Option<String> {
+        let joints = self.robot.joints.iter().zip(self.columns);
+        let of_degrees = joints.filter(|(joint, column)| {
+            joint.kind == JointKind::Revolute && column.unit == JointUnit::Degree
+        });
+        let limit = of_degrees.fold(0.0_f64, |limit, (joint, _)| {
+            let half_turn = (-std::f64::consts::PI, std::f64::consts::PI);
+            let (lower, upper) = joint.limits.unwrap_or(half_turn);
+            limit.max(lower.abs()).max(upper.abs())
+        });
+        let largest = checks.largest;
+        let tiny =
+            limit > 0.0 && largest.to_degrees() <= std::f64::consts::TAU && largest < 0.1 * limit;
+        tiny.then(|| {
+            format!(
+                "all joint values are within ±{}°, where the limits go to {}°: are they radians?",
+                round(largest.to_degrees()),
+                round(limit.to_degrees())
+            )
+        })
+    }
+}
+
 impl MeasurementSet {
     /// Whether this can be a set of `robot`'s poses; returns what its user should see.
     ///
@@ -36,156 +220,28 @@ impl MeasurementSet {
     /// coupled joint, both as the controller and as the chain counts it.
     pub fn check(&self, robot: &Robot) -> Result<Vec<String>, InputError> {
         let mut notes = self.check_joints(robot)?;
-        notes.extend(self.note_still_joints(robot));
+        notes.extend(self.note_odd(robot));
+        Ok(notes)
+    }
+
+    /// What is odd about all rows together.
+    pub(super) fn note_odd(&self, robot: &Robot) -> Vec<String> {
+        let mut notes = self.note_still_joints(robot);
         notes.extend(self.note_repeated_joints());
         notes.extend(self.note_poses());
-        Ok(notes)
+        notes
     }
 
     /// [`Self::check`] of the joints alone, of rows that may stand still or repeat.
-    pub(super) fn check_joints(&self, robot: &Robot) -> Result<Vec<String>, InputError> {
-        self.check_columns(robot)?;
-        let mut notes = Vec::new();
-        for (i, (joint, column)) in robot.joints.iter().zip(&self.joint_columns).enumerate() {
-            notes.extend(self.check_limits(robot, i, joint, column)?);
-        }
-        notes.extend(self.note_tiny_joints(robot));
-        Ok(notes)
-    }
-
-    fn error(&self, found: String, expected: String) -> InputError {
-        InputError::new(&self.path, found, expected)
-    }
-
-    fn check_columns(&self, robot: &Robot) -> Result<(), InputError> {
-        let (found, expected) = (self.joint_count(), robot.joints.len());
-        if found != expected {
-            let names: Vec<_> = self
-                .joint_columns
-                .iter()
-                .map(|column| column.name.clone())
-                .collect();
-            return Err(self
-                .error(
-                    format!("{found} joint columns: {}", names.join(", ")),
-                    format!("{expected}, the joints of robot \"{}\"", robot.name),
-                )
-                .at_line(self.header_line));
-        }
-        for (joint, column) in robot.joints.iter().zip(&self.joint_columns) {
-            let is_angle = matches!(column.unit, JointUnit::Degree | JointUnit::Radian);
-            let (kind, wanted) = match joint.kind {
-                JointKind::Revolute if !is_angle => ("revolute", "degrees or radians (_deg, _rad)"),
-                JointKind::Prismatic if is_angle => {
-                    ("prismatic", "millimetres or metres (_mm, _m)")
-                }
-                _ => continue,
-            };
-            return Err(self
-                .error(
-                    column.name.clone(),
-                    format!("{wanted} for the {kind} joint \"{}\"", joint.name),
-                )
-                .at_line(self.header_line)
-                .at_column(column.column, column.name.clone()));
-        }
-        Ok(())
-    }
-
-    /// Refuses values far beyond the limits and notes those just beyond.
-    fn check_limits(
-        &self,
-        robot: &Robot,
-        i: usize,
-        joint: &Joint,
-        column: &JointColumn,
-    ) -> Result<Option<String>, InputError> {
-        let Some((lower, upper)) = joint.limits else {
-            return Ok(None);
-        };
-        let margin = MARGIN * (upper - lower)
-            + match joint.kind {
-                JointKind::Revolute => MARGIN_REVOLUTE,
-                JointKind::Prismatic => MARGIN_PRISMATIC,
-            };
-        let within = |value: f64| lower - margin <= value && value <= upper + margin;
-        // Makers state the limits of a coupled joint now for the controller's value, now for the chain's.
-        let in_chain = |joints: &[f64]| {
-            let row = robot.coupling.as_ref().and_then(|rows| rows.get(i))?;
-            Some(row.iter().zip(joints).map(|(c, q)| c * q).sum::<f64>())
-        };
-        let mut beyond = Vec::new();
-        for measurement in &self.measurements {
-            let Some(value) = measurement.joints.get(i).copied() else {
-                continue;
-            };
-            if within(value) || in_chain(&measurement.joints).is_some_and(within) {
-                // Rounding of a description in degrees is no news.
-                if value < lower - 1e-4 || value > upper + 1e-4 {
-                    beyond.push(measurement.line.to_string());
-                }
-                continue;
+    fn check_joints(&self, robot: &Robot) -> Result<Vec<String>, InputError> {
+        let limits = JointLimits::new(&self.path, self.header_line, &self.joint_columns, robot)?;
+        let mut checks = JointChecks::default();
+        for joint in 0..limits.columns.len() {
+            for m in &self.measurements {
+                limits.check_joint(joint, m.line, &m.joints, &mut checks)?;
             }
-            let (scale, unit) = written(column.unit);
-            let error = self
-                .error(
-                    format!("{} {unit}", round(value * scale)),
-                    format!(
-                        "a value of joint \"{}\" of robot \"{}\", {} to {} {unit}",
-                        joint.name,
-                        robot.name,
-                        round(lower * scale),
-                        round(upper * scale)
-                    ),
-                )
-                .at_line(measurement.line)
-                .at_column(column.column, column.name.clone());
-            return Err(match column.unit {
-                JointUnit::Radian if within(value.to_radians()) => error.with_help(
-                    "as degrees the value is within the limits: is the column's unit _deg?",
-                ),
-                JointUnit::Metre if within(value / 1e3) => error.with_help(
-                    "as millimetres the value is within the limits: is the column's unit _mm?",
-                ),
-                _ => error.with_help(
-                    "is this the robot of the file, and are the joints the controller's, in its order and sign?",
-                ),
-            });
         }
-        if beyond.is_empty() {
-            return Ok(None);
-        }
-        Ok(Some(format!(
-            "joint \"{}\" is a little beyond its limits in {}",
-            joint.name,
-            rows(&beyond)
-        )))
-    }
-
-    /// Degrees that never leave ± 2π, small against the limits: radians under a name in degrees.
-    fn note_tiny_joints(&self, robot: &Robot) -> Option<String> {
-        let mut largest: f64 = 0.0;
-        let mut limit: f64 = 0.0;
-        for (i, (joint, column)) in robot.joints.iter().zip(&self.joint_columns).enumerate() {
-            if joint.kind != JointKind::Revolute || column.unit != JointUnit::Degree {
-                continue;
-            }
-            let values = self.measurements.iter().filter_map(|m| m.joints.get(i));
-            largest = values.fold(largest, |largest, value| largest.max(value.abs()));
-            let (lower, upper) = joint
-                .limits
-                .unwrap_or((-std::f64::consts::PI, std::f64::consts::PI));
-            limit = limit.max(lower.abs()).max(upper.abs());
-        }
-        let tiny =
-            limit > 0.0 && largest.to_degrees() <= std::f64::consts::TAU && largest < 0.1 * limit;
-        tiny.then(|| {
-            format!(
-                "all joint values are within ±{}°, where the limits go to {}°: are they radians?",
-                round(largest.to_degrees()),
-                round(limit.to_degrees())
-            )
-        })
+        Ok(limits.notes(&checks))
     }
 
     fn note_still_joints(&self, robot: &Robot) -> Vec<String> {
@@ -213,7 +269,7 @@ impl MeasurementSet {
     /// Rows at the joints of an earlier row: a random split would leak them from training into test.
     fn note_repeated_joints(&self) -> Option<String> {
         let mut seen: HashMap<Vec<u64>, usize> = HashMap::new();
-        let mut repeats = Vec::new();
+        let mut repeats = Listed::default();
         for measurement in &self.measurements {
             // 0.0 and −0.0 are the same joint value.
             let key = measurement
@@ -222,14 +278,15 @@ impl MeasurementSet {
                 .map(|value| (value + 0.0).to_bits())
                 .collect();
             match seen.get(&key) {
-                Some(first) => repeats.push(format!("{} as {first}", measurement.line)),
+                Some(first) => repeats.push(format_args!("{} as {first}", measurement.line)),
                 None => {
                     seen.insert(key, measurement.line);
                 }
             }
         }
-        (!repeats.is_empty())
-            .then(|| format!("at the joints of an earlier row: {}", rows(&repeats)))
+        repeats
+            .text()
+            .map(|rows| format!("at the joints of an earlier row: {rows}"))
     }
 
     /// One orientation throughout, or a cell of millimetres.

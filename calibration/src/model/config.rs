@@ -3,10 +3,10 @@
 //! The same keys stand in a project file, so the fields have the units of their names. In TOML:
 //!
 //! ```
-//! use poegp_calibration::model::config::{Config, ProcessLayout};
+//! use poegp_calibration::model::config::Config;
 //!
-//! let config: Config = toml::from_str("method = \"elastic\"\nlayout = \"shared\"\ninducing_points = \"all\"")?;
-//! assert_eq!((config.layout, config.inducing_points), (ProcessLayout::Shared, None));
+//! let config: Config = toml::from_str("method = \"elastic\"\ninducing_points = 150")?;
+//! assert_eq!(config.inducing_points, 150);
 //! assert_eq!(config.gravity_m_s2, [0.0, 0.0, -9.81]);
 //! assert!(toml::from_str::<Config>("inducing_point = 100").is_err());
 //! # Ok::<(), toml::de::Error>(())
@@ -15,7 +15,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::learning::elastic::options::{
-    ElasticOptions, HYPERPARAMETER_POSES, OutlierPolicy, SetLimits,
+    ElasticOptions, HYPERPARAMETER_POSES, INDUCING_POINTS, InducingLimits, OutlierPolicy,
 };
 use crate::learning::task_space::fit::HyperparameterSharing;
 use crate::measurement::noise::InstrumentNoise;
@@ -36,16 +36,12 @@ pub struct Config {
     pub weighting: Weighting,
     /// Whether the six outputs of the task-space process share their hyperparameters.
     pub hyperparameters: HyperparameterSharing,
-    /// Lengthscales and inducing points of the joint processes of the elastic model.
-    pub layout: ProcessLayout,
-    /// Upper limit on the inducing points of the elastic model, of all joints together where each has its own set. `None`,
-    /// in TOML `"all"`: every training pose.
-    #[serde(with = "count_or_all")]
-    pub inducing_points: Option<usize>,
-    /// Upper limit on the instructions that inducing sets cost a Cortex-M4F in one evaluation, by the cost model.
+    /// Upper limit on the inducing points of the elastic model, of all joints together.
+    pub inducing_points: usize,
+    /// Upper limit on the instructions that the inducing points cost a Cortex-M4F in one evaluation, by the cost model.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub max_set_instructions: Option<u64>,
-    /// Whether a model with shared lengthscales stores a position variance for the device.
+    pub max_point_instructions: Option<u64>,
+    /// Whether the elastic model stores a position variance for the device.
     pub device_variance: bool,
     /// Whether the elastic model has gravity torques of links and payload.
     pub gravity_terms: bool,
@@ -78,19 +74,6 @@ pub struct Config {
     pub max_correction_mrad: Option<f64>,
 }
 
-/// Lengthscales and inducing points of the joint processes.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum ProcessLayout {
-    /// One set of lengthscales and of inducing points for all joints: one exponential for each point on the device.
-    Shared,
-    /// Lengthscales for each joint, inducing points for all: one exponential for each joint and point.
-    #[default]
-    PerJoint,
-    /// Lengthscales and inducing points for each joint.
-    PerJointSets,
-}
-
 /// A value of a [`Config`] that is out of its range.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("`{key}` is {found}: expected {expected}")]
@@ -109,9 +92,8 @@ impl Default for Config {
             method: Method::Elastic,
             weighting: Weighting::default(),
             hyperparameters: HyperparameterSharing::default(),
-            layout: ProcessLayout::default(),
-            inducing_points: Some(100),
-            max_set_instructions: None,
+            inducing_points: INDUCING_POINTS,
+            max_point_instructions: None,
             device_variance: true,
             gravity_terms: true,
             ripple: true,
@@ -174,19 +156,14 @@ impl Config {
         if !g.iter().all(|x| x.is_finite()) {
             return error("gravity_m_s2", &g, "three finite numbers in m/s²".into());
         }
-        let most = MAX_SET_FUNCTIONS;
-        match (self.layout, self.inducing_points) {
-            (ProcessLayout::PerJointSets, count) if !(1..=most).contains(&count.unwrap_or(0)) => {
-                let found = count.map_or("all".to_owned(), |n| n.to_string());
-                let expected = format!("a number from 1 to {most} for inducing sets");
-                Err(ConfigError {
-                    key: "inducing_points",
-                    found,
-                    expected,
-                })
-            }
-            (_, Some(0)) => error("inducing_points", &0, "at least 1, or \"all\"".into()),
-            _ => Ok(()),
+        let most = MAX_INDUCING_POINTS;
+        match (1..=most).contains(&self.inducing_points) {
+            true => Ok(()),
+            false => error(
+                "inducing_points",
+                &self.inducing_points,
+                format!("a number from 1 to {most}"),
+            ),
         }
     }
 
@@ -200,19 +177,16 @@ impl Config {
 
     /// The part of it that the elastic fit reads.
     pub(crate) fn elastic(&self) -> ElasticOptions {
-        let is_sets = self.layout == ProcessLayout::PerJointSets;
         ElasticOptions {
-            shared_lengthscales: self.layout == ProcessLayout::Shared,
             gravity_terms: self.gravity_terms,
             processes: self.processes,
             ripple: self.ripple,
             curve: self.curve,
             gravity: self.gravity_m_s2.into(),
-            inducing_points: self.inducing_points,
-            inducing_sets: is_sets.then(|| SetLimits {
-                functions: self.inducing_points.unwrap_or(MAX_SET_FUNCTIONS),
-                instructions: self.max_set_instructions,
-            }),
+            inducing: InducingLimits {
+                points: self.inducing_points,
+                instructions: self.max_point_instructions,
+            },
             hyperparameter_poses: self.hyperparameter_poses,
             outliers: self.outliers,
             device_variance: self.device_variance,
@@ -220,52 +194,8 @@ impl Config {
     }
 }
 
-/// Most functions of all inducing sets together.
-const MAX_SET_FUNCTIONS: usize = 10_000;
-
-/// A number, or `"all"` for `None`.
-mod count_or_all {
-    use serde::de::{Deserializer, Error, Visitor};
-    use serde::ser::Serializer;
-
-    pub fn serialize<S: Serializer>(count: &Option<usize>, to: S) -> Result<S::Ok, S::Error> {
-        match count {
-            Some(count) => to.serialize_u64(*count as u64),
-            None => to.serialize_str("all"),
-        }
-    }
-
-    pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Option<usize>, D::Error> {
-        struct CountOrAll;
-        impl Visitor<'_> for CountOrAll {
-            type Value = Option<usize>;
-
-            fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-                f.write_str("a number of at least 1, or \"all\"")
-            }
-
-            fn visit_u64<E: Error>(self, count: u64) -> Result<Self::Value, E> {
-                usize::try_from(count)
-                    .map(Some)
-                    .map_err(|_| E::invalid_value(serde::de::Unexpected::Unsigned(count), &self))
-            }
-
-            fn visit_i64<E: Error>(self, count: i64) -> Result<Self::Value, E> {
-                usize::try_from(count)
-                    .map(Some)
-                    .map_err(|_| E::invalid_value(serde::de::Unexpected::Signed(count), &self))
-            }
-
-            fn visit_str<E: Error>(self, text: &str) -> Result<Self::Value, E> {
-                match text {
-                    "all" => Ok(None),
-                    _ => Err(E::invalid_value(serde::de::Unexpected::Str(text), &self)),
-                }
-            }
-        }
-        from.deserialize_any(CountOrAll)
-    }
-}
+/// Most inducing points of all joints together.
+pub const MAX_INDUCING_POINTS: usize = 2_000;
 
 #[cfg(test)]
 mod tests {
@@ -273,9 +203,8 @@ mod tests {
 
     #[test]
     fn every_key_is_written_and_read_again() {
-        let sets = Config {
-            layout: ProcessLayout::PerJointSets,
-            max_set_instructions: Some(9000),
+        let other = Config {
+            max_point_instructions: Some(9000),
             position_sigma_mm: Some(0.015),
             orientation_sigma_mrad: Some(0.02),
             max_correction_mm: Some(4.0),
@@ -285,11 +214,7 @@ mod tests {
             outliers: OutlierPolicy::Keep,
             ..Config::new(Method::PoeGpLoad)
         };
-        let all = Config {
-            inducing_points: None,
-            ..Config::default()
-        };
-        for config in [Config::default(), sets, all] {
+        for config in [Config::default(), other] {
             let text = toml::to_string(&config).unwrap();
             assert_eq!(toml::from_str::<Config>(&text).unwrap(), config, "{text}");
             config.validate().unwrap();
@@ -310,11 +235,7 @@ mod tests {
             ),
             (
                 "inducing_points = 0",
-                "`inducing_points` is 0: expected at least 1, or \"all\"",
-            ),
-            (
-                "layout = \"per-joint-sets\"\ninducing_points = \"all\"",
-                "`inducing_points` is all: expected a number from 1 to 10000 for inducing sets",
+                "`inducing_points` is 0: expected a number from 1 to 2000",
             ),
             (
                 "gravity_m_s2 = [0, 0, nan]",

@@ -23,6 +23,18 @@ pub enum CalibrationError {
         /// The method asked for.
         method: &'static str,
     },
+    /// More poses than the method takes.
+    #[error(
+        "{found} poses: `{method}` takes at most {most}, for every pose is a point of its Gaussian process"
+    )]
+    TooManyPoses {
+        /// Poses there.
+        found: usize,
+        /// Poses that it takes.
+        most: usize,
+        /// The method asked for.
+        method: &'static str,
+    },
     /// The task-space process for data with several tools or positions alone.
     #[error(
         "`{method}` compares whole poses of one tool; use base-tool, poe or elastic for several sessions or targets, or positions alone"

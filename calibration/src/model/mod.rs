@@ -172,6 +172,13 @@ fn check(
             method: method.name(),
         });
     }
+    if let Some(most) = method.max_poses().filter(|most| samples.len() > *most) {
+        return Err(CalibrationError::TooManyPoses {
+            found: samples.len(),
+            most,
+            method: method.name(),
+        });
+    }
     let requires = method.requires();
     if requires.single_tool_full_poses && !has_single_tool_full_poses(samples) {
         return Err(CalibrationError::OneToolOnly {

@@ -22,11 +22,16 @@ pub struct Summary {
 impl Summary {
     /// Of `values`; all zero when there are none. Percentiles are interpolated linearly between the order statistics.
     pub fn new(values: &[f64]) -> Self {
+        Self::of(values.to_vec())
+    }
+
+    /// The same without a copy of the values.
+    pub fn of(values: Vec<f64>) -> Self {
         if values.is_empty() {
             return Self::default();
         }
-        let mut sorted = values.to_vec();
-        sorted.sort_by(f64::total_cmp);
+        let mut sorted = values;
+        sorted.sort_unstable_by(f64::total_cmp);
         let count = sorted.len() as f64;
         Self {
             mean: sorted.iter().sum::<f64>() / count,
@@ -98,6 +103,37 @@ impl PoseError {
     }
 }
 
+/// The errors of single poses, 16 bytes of each: for files of any length.
+#[derive(Clone, Debug, Default)]
+pub struct PoseErrors {
+    positions_mm: Vec<f64>,
+    orientations_mrad: Vec<f64>,
+}
+
+impl PoseErrors {
+    /// One more.
+    pub fn push(&mut self, error: &PoseError) {
+        self.positions_mm.push(error.position_mm);
+        self.orientations_mrad.extend(error.orientation_mrad);
+    }
+
+    /// With those of later poses.
+    pub fn extend(&mut self, later: Self) {
+        self.positions_mm.extend(later.positions_mm);
+        self.orientations_mrad.extend(later.orientations_mrad);
+    }
+
+    /// Summed up.
+    pub fn summary(self) -> ErrorSummary {
+        ErrorSummary {
+            poses: self.positions_mm.len(),
+            position_mm: Summary::of(self.positions_mm),
+            orientation_mrad: (!self.orientations_mrad.is_empty())
+                .then(|| Summary::of(self.orientations_mrad)),
+        }
+    }
+}
+
 /// The errors of one model on one set of poses, in the shape that `--json` has.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ErrorSummary {
@@ -113,13 +149,9 @@ pub struct ErrorSummary {
 impl ErrorSummary {
     /// Of the errors of single poses.
     pub fn new(errors: &[PoseError]) -> Self {
-        let positions: Vec<f64> = errors.iter().map(|e| e.position_mm).collect();
-        let orientations: Vec<f64> = errors.iter().filter_map(|e| e.orientation_mrad).collect();
-        Self {
-            poses: errors.len(),
-            position_mm: Summary::new(&positions),
-            orientation_mrad: (!orientations.is_empty()).then(|| Summary::new(&orientations)),
-        }
+        let mut all = PoseErrors::default();
+        errors.iter().for_each(|error| all.push(error));
+        all.summary()
     }
 
     /// Mean orientation error for a table.

@@ -6,6 +6,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use crate::planning::constraints::Constraints;
+use crate::planning::refusals::Refusals;
 use crate::robot::Robot;
 
 /// Most configurations that are drawn: a cell that allows one in ten thousand still gets a plan of some poses.
@@ -21,8 +22,8 @@ pub struct Candidates {
     pub joints: Vec<Vec<f64>>,
     /// How many were drawn.
     pub drawn: usize,
-    /// How many each rule took away: every configuration counts for the first that forbids it.
-    pub removed: Vec<usize>,
+    /// Why the others are forbidden.
+    pub refusals: Refusals,
 }
 
 /// A joint in the unit of files and programs: degrees or millimetres.
@@ -66,26 +67,42 @@ pub fn draw(
     wanted: usize,
     seed: u64,
 ) -> Candidates {
+    let count = (wanted, MOST_DRAWN);
+    draw_within(robot, chain, constraints, &constraints.ranges, count, seed)
+}
+
+/// The same from other joint ranges, rad or m: until as many are allowed as the first number says, or as many are drawn as the
+/// second.
+pub(super) fn draw_within(
+    robot: &Robot,
+    chain: &Poe<f64>,
+    constraints: &Constraints,
+    ranges: &[(f64, f64)],
+    (wanted, most_drawn): (usize, usize),
+    seed: u64,
+) -> Candidates {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut out = Candidates {
-        joints: Vec::with_capacity(wanted),
+        joints: Vec::new(),
         drawn: 0,
-        removed: vec![0; constraints.rules.len()],
+        refusals: Refusals::default(),
     };
-    while out.joints.len() < wanted && out.drawn < MOST_DRAWN {
+    while out.joints.len() < wanted && out.drawn < most_drawn {
         out.drawn += 1;
         let joints: Vec<f64> = robot
             .joints
             .iter()
-            .zip(&constraints.ranges)
+            .zip(ranges)
             .map(|(joint, range)| {
                 let q = range.0 + (range.1 - range.0) * random.random::<f64>();
                 on_grid(joint.kind, q, *range)
             })
             .collect();
-        match constraints.forbidden_by(chain, &robot.serial_joints(&joints)) {
-            None => out.joints.push(joints),
-            Some(rule) => out.removed[rule] += 1,
+        let rules = constraints.forbidden_by(chain, &robot.serial_joints(&joints));
+        if rules.is_empty() {
+            out.joints.push(joints);
+        } else {
+            out.refusals.count(rules);
         }
     }
     out

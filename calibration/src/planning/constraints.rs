@@ -1,444 +1,61 @@
-//! What a cell allows: the file of `trainer plan --constraints`.
+//! What a plan must keep to: joint ranges, the arm's own links, the floor, and what the file of `trainer plan --constraints`
+//! adds ([`crate::planning::constraints_file`]).
 //!
-//! ```toml
-//! [[joint]]                              # narrower than the limits of the description, or wider than a turn
-//! name = "joint_1"
-//! range_deg = [-60, 60]                  # or range_rad; range_mm, range_m for a slide
-//!
-//! [target]                               # where the target sits on the flange; default: 100 mm in front of it
-//! origin = { xyz_mm = [0, 0, 150] }      # flange_from_target; rpy_deg or rpy_rad too
-//!
-//! [workspace]                            # box that the target stays in
-//! min_mm = [-2500, -2500, 100]           # corners in the base frame; min_m, max_m too
-//! max_mm = [2500, 2500, 3000]
-//!
-//! [[keep_out]]                           # box that target, flange and the origins of the joints stay out of
-//! name = "table"
-//! min_mm = [600, -800, -100]
-//! max_mm = [1800, 800, 700]
-//!
-//! [line_of_sight]
-//! instrument_mm = [3500, 1000, 1200]     # the instrument in the base frame; instrument_m too
-//! normal = [0, 0, 1]                     # axis of the target's frame that looks at it
-//! max_angle_deg = 40                     # or max_angle_rad
-//! ```
-//!
-//! All of it may be left out. Lengths and angles carry their unit in the key, and unknown keys are refused. What is
-//! checked is where the arm stands still: not the way from pose to pose, not its links, not what it carries.
+//! What is checked is where the arm stands still: not the way from pose to pose, not cables, not what the arm carries.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-use nalgebra::Vector3;
-use poegp_protocol::JointKind;
 use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::Pose;
-use serde::Deserialize;
-use toml::Spanned;
 
-use crate::input_error::InputError;
-use crate::robot::Robot;
-use crate::robot::toml_source::{DEGREE, METRE, MILLIMETRE, Origin, RADIAN, TomlSource, Unit};
+use crate::planning::links::Links;
+use crate::planning::rules::{Constraint, Rule};
 
-/// What the file is.
-const WHOLE: &str = "the constraints of a plan in TOML";
-/// The target before anyone says where it sits: in front of the flange, and not on the axis of the last joint, where its
-/// turns would move nothing.
-const USUAL_TARGET: [f64; 3] = [0.05, 0.0, 0.1];
-/// Most of a turn that a joint is asked to make unless its range is given: cables.
-const WIDEST: f64 = std::f64::consts::PI;
-
-/// A box along the axes of the base frame, metres.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Zone {
-    /// Smallest x, y, z.
-    pub lower: Vector3<f64>,
-    /// Largest x, y, z.
-    pub upper: Vector3<f64>,
-}
-
-impl Zone {
-    /// Whether a point is inside.
-    pub fn contains(&self, point: &Vector3<f64>) -> bool {
-        (0..3).all(|i| (self.lower[i]..=self.upper[i]).contains(&point[i]))
-    }
-}
-
-/// The instrument must see the target.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct LineOfSight {
-    /// The instrument in the base frame, metres.
-    pub instrument: Vector3<f64>,
-    /// The axis of the target's frame that looks at it, a unit vector.
-    pub normal: Vector3<f64>,
-    /// Largest angle between that axis and the direction to the instrument, rad.
-    pub max_angle: f64,
-}
-
-/// Something that can forbid a configuration.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Rule {
-    /// The target must be inside.
-    Workspace(Zone),
-    /// Target, flange and joints must be outside; the name is the user's.
-    KeepOut(String, Zone),
-    /// The instrument must see the target.
-    LineOfSight(LineOfSight),
-}
-
-/// A rule with the line that it stands on.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Constraint {
-    /// What it demands.
-    pub rule: Rule,
-    /// Line in the file, from 1.
-    pub line: usize,
-}
-
-impl Constraint {
-    /// What it is called in messages.
-    pub fn name(&self) -> String {
-        match &self.rule {
-            Rule::Workspace(_) => "workspace".to_owned(),
-            Rule::KeepOut(name, _) => format!("keep_out \"{name}\""),
-            Rule::LineOfSight(_) => "line_of_sight".to_owned(),
-        }
-    }
-
-    /// Whether it allows an arm that stands so: `points` are the origins of the joints and the flange.
-    fn allows(&self, base_from_target: &Pose<f64>, points: &[Vector3<f64>]) -> bool {
-        let target = &base_from_target.translation;
-        match &self.rule {
-            Rule::Workspace(zone) => zone.contains(target),
-            Rule::KeepOut(_, zone) => {
-                !zone.contains(target) && !points.iter().any(|p| zone.contains(p))
-            }
-            Rule::LineOfSight(sight) => {
-                let normal = base_from_target.rotation * sight.normal;
-                let to_instrument = sight.instrument - target;
-                // The instrument at the target itself has no direction; it sees nothing.
-                normal.dot(&to_instrument) > sight.max_angle.cos() * to_instrument.norm()
-            }
-        }
-    }
-}
-
-/// All that a cell demands.
+/// All that a plan must keep to.
 #[derive(Clone, Debug)]
 pub struct Constraints {
     /// The file, if there is one.
     pub file: Option<PathBuf>,
     /// Of every joint of the controller, rad or m.
     pub ranges: Vec<(f64, f64)>,
+    /// Of every joint of the controller when the file says nothing, rad or m; `None` for a slide without limits.
+    pub usual_ranges: Vec<Option<(f64, f64)>>,
     /// Where the target sits on the flange.
     pub flange_from_target: Pose<f64>,
+    /// The arm's links as capsules.
+    pub links: Links,
     /// In the order in which they are asked.
     pub rules: Vec<Constraint>,
 }
 
 impl Constraints {
-    /// Of a cell that allows everything within the joint limits, and at most half a turn either way.
-    ///
-    /// # Errors
-    /// [`InputError`] for a slide without limits.
-    pub fn none(robot: &Robot) -> Result<Self, InputError> {
-        Self::of(robot, None, &File::default(), "")
-    }
-
-    /// Reads a file for a robot.
-    ///
-    /// # Errors
-    /// [`InputError`] with line and key.
-    pub fn read(path: &Path, robot: &Robot) -> Result<Self, InputError> {
-        let text =
-            std::fs::read_to_string(path).map_err(|e| InputError::unreadable(path, &e, WHOLE))?;
-        Self::parse(path, &text, robot)
-    }
-
-    /// Reads the text of a file for a robot; `path` is for messages.
-    ///
-    /// # Errors
-    /// As [`Constraints::read`].
-    pub fn parse(path: &Path, text: &str, robot: &Robot) -> Result<Self, InputError> {
-        let reader = TomlSource { file: path, text };
-        let file: File = toml::from_str(text).map_err(|error| reader.refused(&error, WHOLE))?;
-        Self::of(robot, Some(path), &file, text)
-    }
-
-    fn of(robot: &Robot, path: Option<&Path>, file: &File, text: &str) -> Result<Self, InputError> {
-        let reader = TomlSource {
-            file: path.unwrap_or(Path::new("<no constraints>")),
-            text,
-        };
-        let mut rules = Vec::new();
-        if let Some(zone) = &file.workspace {
-            let line = reader.line_and_column(zone.span().start).0;
-            let rule = Rule::Workspace(reader.zone(zone)?);
-            rules.push(Constraint { rule, line });
-        }
-        for (number, table) in (1..).zip(&file.keep_out) {
-            let line = reader.line_and_column(table.span().start).0;
-            let name = table
-                .get_ref()
-                .name
-                .clone()
-                .unwrap_or_else(|| number.to_string());
-            let rule = Rule::KeepOut(name, reader.zone(table)?);
-            rules.push(Constraint { rule, line });
-        }
-        if let Some(sight) = &file.line_of_sight {
-            let line = reader.line_and_column(sight.span().start).0;
-            let rule = Rule::LineOfSight(reader.sight(sight)?);
-            rules.push(Constraint { rule, line });
-        }
-        let flange_from_target = match &file.target {
-            Some(target) => reader.origin(&target.origin)?,
-            None => Pose {
-                translation: Vector3::from(USUAL_TARGET),
-                ..Pose::identity()
-            },
-        };
-        Ok(Self {
-            file: path.map(Path::to_path_buf),
-            ranges: reader.ranges(robot, &file.joint)?,
-            flange_from_target,
-            rules,
-        })
-    }
-
     /// The chain from the base to the target.
     pub fn chain(&self, nominal: &Poe<f64>) -> Poe<f64> {
-        let mut chain = *nominal;
-        if let Some(last) = chain.frames_mut().last_mut() {
-            *last = *last * self.flange_from_target;
-        }
-        chain
+        to_target(nominal, &self.flange_from_target)
     }
 
-    /// The first rule that forbids the arm to stand at joints of the serial chain, by its number; `chain` leads to the
-    /// target.
-    pub fn forbidden_by(&self, chain: &Poe<f64>, serial: &[f64]) -> Option<usize> {
-        if self.rules.is_empty() {
-            return None;
-        }
-        let (frames, target) = chain.joint_frames(serial);
-        let flange = target * self.flange_from_target.inverse();
-        let points: Vec<Vector3<f64>> = frames[..serial.len()]
-            .iter()
-            .chain([&flange])
-            .map(|frame| frame.translation)
-            .collect();
-        self.rules
-            .iter()
-            .position(|rule| !rule.allows(&target, &points))
-    }
-}
-
-#[derive(Default, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct File {
-    #[serde(default)]
-    joint: Vec<Spanned<JointTable>>,
-    target: Option<TargetTable>,
-    workspace: Option<Spanned<ZoneTable>>,
-    #[serde(default)]
-    keep_out: Vec<Spanned<ZoneTable>>,
-    line_of_sight: Option<Spanned<SightTable>>,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct JointTable {
-    name: Spanned<String>,
-    range_deg: Option<Spanned<[f64; 2]>>,
-    range_rad: Option<Spanned<[f64; 2]>>,
-    range_mm: Option<Spanned<[f64; 2]>>,
-    range_m: Option<Spanned<[f64; 2]>>,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct TargetTable {
-    origin: Origin,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct ZoneTable {
-    name: Option<String>,
-    min_mm: Option<Spanned<[f64; 3]>>,
-    min_m: Option<Spanned<[f64; 3]>>,
-    max_mm: Option<Spanned<[f64; 3]>>,
-    max_m: Option<Spanned<[f64; 3]>>,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct SightTable {
-    instrument_mm: Option<Spanned<[f64; 3]>>,
-    instrument_m: Option<Spanned<[f64; 3]>>,
-    normal: Spanned<[f64; 3]>,
-    max_angle_deg: Option<Spanned<f64>>,
-    max_angle_rad: Option<Spanned<f64>>,
-}
-
-impl TomlSource<'_> {
-    fn zone(&self, table: &Spanned<ZoneTable>) -> Result<Zone, InputError> {
-        let zone = table.get_ref();
-        let corner = |units: [Unit<'_, [f64; 3]>; 2], keys: &str| {
-            self.vector(&units)?.ok_or_else(|| {
-                self.error(
-                    table.span(),
-                    "",
-                    format!("no {keys}"),
-                    "both corners of the box",
-                )
-            })
-        };
-        let lower = corner(
-            [
-                ("min_mm", MILLIMETRE, &zone.min_mm),
-                ("min_m", METRE, &zone.min_m),
-            ],
-            "min_mm",
-        )?;
-        let upper = corner(
-            [
-                ("max_mm", MILLIMETRE, &zone.max_mm),
-                ("max_m", METRE, &zone.max_m),
-            ],
-            "max_mm",
-        )?;
-        if let Some(axis) = (0..3).find(|i| lower[*i] >= upper[*i]) {
-            let found = format!("a box without room along {}", ["x", "y", "z"][axis]);
-            return Err(self.error(table.span(), "", found, "min below max along every axis"));
-        }
-        Ok(Zone {
-            lower: Vector3::from(lower),
-            upper: Vector3::from(upper),
+    /// The height of the floor, z in the base frame in metres; `None` where none is known or wanted.
+    pub fn floor(&self) -> Option<f64> {
+        self.rules.iter().find_map(|c| match c.rule {
+            Rule::Floor(height) => Some(height),
+            _ => None,
         })
     }
 
-    fn sight(&self, table: &Spanned<SightTable>) -> Result<LineOfSight, InputError> {
-        let sight = table.get_ref();
-        let instrument = self.vector(&[
-            ("instrument_mm", MILLIMETRE, &sight.instrument_mm),
-            ("instrument_m", METRE, &sight.instrument_m),
-        ])?;
-        let instrument = instrument.ok_or_else(|| {
-            let expected = "where the instrument stands in the base frame";
-            self.error(table.span(), "", "no instrument_mm", expected)
-        })?;
-        let angle = self.at_most_one_unit(&[
-            ("max_angle_deg", DEGREE, &sight.max_angle_deg),
-            ("max_angle_rad", RADIAN, &sight.max_angle_rad),
-        ])?;
-        let Some((key, factor, angle)) = angle else {
-            let expected = "how far the target may be turned away";
-            return Err(self.error(table.span(), "", "no max_angle_deg", expected));
-        };
-        let max_angle = angle.get_ref() * factor;
-        if !(max_angle > 0.0 && max_angle <= std::f64::consts::PI) {
-            let found = angle.get_ref().to_string();
-            return Err(self.error(angle.span(), key, found, "an angle above 0, to half a turn"));
-        }
-        let normal = Vector3::from(*sight.normal.get_ref());
-        let length = normal.norm();
-        if !(length > 1e-9 && length.is_finite()) {
-            let found = format!("{:?}", sight.normal.get_ref());
-            let expected = "a direction in the target's frame, as [0, 0, 1]";
-            return Err(self.error(sight.normal.span(), "normal", found, expected));
-        }
-        Ok(LineOfSight {
-            instrument: Vector3::from(instrument),
-            normal: normal / length,
-            max_angle,
-        })
-    }
-
-    fn ranges(
-        &self,
-        robot: &Robot,
-        tables: &[Spanned<JointTable>],
-    ) -> Result<Vec<(f64, f64)>, InputError> {
-        let mut given: Vec<Option<(f64, f64)>> = vec![None; robot.joints.len()];
-        for table in tables {
-            let name = &table.get_ref().name;
-            let index = robot.joints.iter().position(|j| j.name == *name.get_ref());
-            let Some(index) = index else {
-                let names: Vec<&str> = robot.joints.iter().map(|j| j.name.as_str()).collect();
-                let found = format!("\"{}\"", name.get_ref());
-                let expected = format!("a joint of {}: {}", robot.name, names.join(", "));
-                return Err(self.error(name.span(), "name", found, expected));
-            };
-            if given[index].is_some() {
-                let found = format!("joint \"{}\" a second time", name.get_ref());
-                return Err(self.error(name.span(), "name", found, "one range for every joint"));
-            }
-            given[index] = Some(self.range(&robot.joints[index], table)?);
-        }
-        robot
-            .joints
-            .iter()
-            .zip(given)
-            .map(|(joint, given)| match (given, joint.limits, joint.kind) {
-                (Some(range), _, _) => Ok(range),
-                (None, Some((a, b)), JointKind::Revolute) if a < WIDEST && b > -WIDEST => {
-                    Ok((a.max(-WIDEST), b.min(WIDEST)))
-                }
-                (None, Some(limits), _) => Ok(limits),
-                (None, None, JointKind::Revolute) => Ok((-WIDEST, WIDEST)),
-                (None, None, JointKind::Prismatic) => Err(InputError::new(
-                    self.file,
-                    format!(
-                        "no range of the slide \"{}\", which has no limits",
-                        joint.name
-                    ),
-                    "a [[joint]] table with its name and range_mm",
-                )
-                .with_help("write one into a file for --constraints")),
-            })
+    /// The rules that forbid the arm to stand at joints of the serial chain, by their numbers; `chain` leads to the target.
+    pub fn forbidden_by(&self, chain: &Poe<f64>, serial: &[f64]) -> Vec<usize> {
+        let stance = self.links.stance(chain, serial);
+        (0..self.rules.len())
+            .filter(|i| !self.rules[*i].allows(&self.links, &stance))
             .collect()
     }
+}
 
-    fn range(
-        &self,
-        joint: &crate::robot::Joint,
-        table: &Spanned<JointTable>,
-    ) -> Result<(f64, f64), InputError> {
-        let t = table.get_ref();
-        let units = match joint.kind {
-            JointKind::Revolute => [
-                ("range_deg", DEGREE, &t.range_deg),
-                ("range_rad", RADIAN, &t.range_rad),
-            ],
-            JointKind::Prismatic => [
-                ("range_mm", MILLIMETRE, &t.range_mm),
-                ("range_m", METRE, &t.range_m),
-            ],
-        };
-        let Some((key, factor, value)) = self.at_most_one_unit(&units)? else {
-            let found = format!("no {} of joint \"{}\"", units[0].0, joint.name);
-            let expected = format!("{} or {}", units[0].0, units[1].0);
-            return Err(self.error(table.span(), "", found, expected));
-        };
-        let [a, b] = *value.get_ref();
-        let found = format!("[{a}, {b}]");
-        if !(a.is_finite() && b.is_finite() && a < b) {
-            let expected = "a smaller and a larger number";
-            return Err(self.error(value.span(), key, found, expected));
-        }
-        let (a, b) = (a * factor, b * factor);
-        if let Some((lower, upper)) = joint.limits
-            && (a < lower - 1e-9 || b > upper + 1e-9)
-        {
-            let expected = format!(
-                "a range within the limits of joint \"{}\", [{}, {}]",
-                joint.name,
-                lower / factor,
-                upper / factor
-            );
-            return Err(self.error(value.span(), key, found, expected));
-        }
-        Ok((a, b))
+/// A chain from base to flange, continued to the target.
+pub(super) fn to_target(nominal: &Poe<f64>, flange_from_target: &Pose<f64>) -> Poe<f64> {
+    let mut chain = *nominal;
+    if let Some(last) = chain.frames_mut().last_mut() {
+        *last = *last * *flange_from_target;
     }
+    chain
 }

@@ -2,22 +2,32 @@
 //!
 //! Configurations are drawn at random within the joint ranges and kept where the cell allows them (`constraints`,
 //! `candidates`). From these a plan is chosen: poses that fill the space (`space_filling`), or those that predict best
-//! (`optimal_design`). It is spread evenly over the payloads and put into an order of short travel (`ordering`). What it
+//! (`optimal_design`), with errors as large as a robot of the same type has them (`sister`). It is spread evenly over the payloads and put into an order of short travel (`ordering`). What it
 //! should be worth is found by measuring simulated arms with it (`forecast`), and it is written as CSV (`table`) and as
 //! programs of controllers.
 //!
 //! **When which.** Up to [`FEW`] poses are those that predict best. More fill the space: an exchange would take long and hardly
 //! improve them.
 //!
-//! A plan knows nothing of the links' shapes and of the ways between poses: collisions are the user's to exclude.
+//! Links are capsules (`links`), and what forbids a configuration is a rule (`rules`), whose refusals are counted (`refusals`).
+//! A plan knows nothing of loads, cables and the ways between poses: those collisions are the user's to exclude.
 
 pub mod candidates;
 pub mod constraints;
+pub mod constraints_file;
 pub mod forecast;
+pub mod links;
 pub mod optimal_design;
 pub mod ordering;
+pub mod refusals;
+pub mod rules;
+pub mod segment;
+pub mod sister;
 pub mod space_filling;
 pub mod table;
+#[cfg(test)]
+mod tests;
+pub mod wider_range;
 
 use nalgebra::Vector3;
 use poegp_runtime::kinematics::poe::Poe;
@@ -29,7 +39,10 @@ use crate::measurement::sample::{Base, BaseSample, Sample};
 use crate::planning::candidates::{Candidates, draw};
 use crate::planning::constraints::Constraints;
 use crate::planning::optimal_design::{Design, Prior};
+use crate::planning::refusals::Refusals;
+use crate::planning::sister::Sister;
 use crate::planning::space_filling::{Choice, PAYLOAD_WEIGHT, fill, quotas};
+use crate::planning::wider_range::{WiderRange, wider_range};
 use crate::robot::Robot;
 
 /// Up to so many poses a plan is V-optimal unless the caller chooses otherwise.
@@ -84,6 +97,8 @@ pub struct Task<'a> {
     pub gravity: Vector3<f64>,
     /// Noise of the instrument: one position component in metres, one rotation component in radians.
     pub noise: (f64, f64),
+    /// A calibrated arm of the same type, whose model says how large the errors of this one are.
+    pub sister: Option<&'a Sister>,
     /// Seed of everything random.
     pub seed: u64,
 }
@@ -129,8 +144,10 @@ pub struct TooTight {
     pub drawn: usize,
     /// How many are needed.
     pub needed: usize,
-    /// How many each rule took away, in the order of the constraints.
-    pub removed: Vec<usize>,
+    /// Why the others are forbidden; rules are numbered in the order of the constraints.
+    pub refusals: Refusals,
+    /// The joint whose range in the file costs most, if one does.
+    pub wider_range: Option<WiderRange>,
 }
 
 impl<'a> Planner<'a> {
@@ -157,12 +174,7 @@ impl<'a> Planner<'a> {
     pub fn plan(&self, count: usize, checks: usize, strategy: Strategy) -> Result<Plan, TooTight> {
         let joints = &self.candidates.joints;
         if joints.len() < count + checks {
-            return Err(TooTight {
-                allowed: joints.len(),
-                drawn: self.candidates.drawn,
-                needed: count + checks,
-                removed: self.candidates.removed.clone(),
-            });
+            return Err(self.too_tight(count + checks));
         }
         let chosen = self.choose(count, strategy);
         let mut poses: Vec<PlannedPose> = chosen.iter().map(|c| self.pose(*c, false)).collect();
@@ -176,6 +188,19 @@ impl<'a> Planner<'a> {
             }
         }
         Ok(self.ordered(poses, strategy))
+    }
+
+    fn too_tight(&self, needed: usize) -> TooTight {
+        let (task, candidates) = (&self.task, &self.candidates);
+        let (allowed, drawn) = (candidates.joints.len(), candidates.drawn);
+        let share = allowed as f64 / drawn.max(1) as f64;
+        TooTight {
+            allowed,
+            drawn,
+            needed,
+            refusals: candidates.refusals.clone(),
+            wider_range: wider_range(task.robot, &self.chain, task.constraints, share, task.seed),
+        }
     }
 
     /// Random allowed configurations with the payloads in turn, to test simulated calibrations on.
@@ -233,14 +258,19 @@ impl<'a> Planner<'a> {
             .iter()
             .flat_map(|m| pool.iter().map(|q| sample(q, *m)))
             .collect();
+        let usual = Prior::usual(task.robot.joints.len());
+        let (chain, prior) = match task.sister {
+            Some(sister) => (task.constraints.chain(&sister.chain), &sister.prior),
+            None => (self.chain, &usual),
+        };
         let design = Design::new(
-            &self.chain,
+            &chain,
             task.robot.coupling.as_ref(),
             task.gravity,
             &samples,
             pool.len(),
             NoiseScales::uniform(task.noise.0, task.noise.1),
-            Prior::default(),
+            prior,
         );
         let start: Vec<usize> = start.iter().map(|(i, k)| k * pool.len() + i).collect();
         let chosen = design.exchange(&start);

@@ -26,27 +26,79 @@ use crate::measurement::sample::BaseSample;
 /// Rounds of exchange at most; it ends with the first that changes nothing.
 const ROUNDS: usize = 20;
 
-/// Standard deviations of the prior that a plan is made for.
+/// A sine and a cosine of a joint's own angle in its deflection.
 #[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Wave {
+    /// The joint, from 0.
+    pub joint: usize,
+    /// Cycles in one turn of the joint.
+    pub cycles: f64,
+    /// Standard deviation of each amplitude, rad or m.
+    pub sd: f64,
+}
+
+/// Standard deviations of the prior that a plan is made for.
+#[derive(Clone, Debug, PartialEq)]
 pub struct Prior {
+    /// Of the arm's frames, m and rad.
+    pub frames: (f64, f64),
     /// Of the links' gravity terms, rad/(m/s²).
     pub links: f64,
     /// Of the payload's, rad/(N m) and rad/N.
     pub payload: f64,
-    /// Of each sine and cosine, rad; 0 leaves them out.
-    pub smooth: f64,
+    /// Of a sine and a cosine in the deflection of a joint (row) of the angle of a joint (column), rad; empty leaves them out.
+    pub smooth: Vec<Vec<f64>>,
+    /// Gear ripple and own-joint curves.
+    pub waves: Vec<Wave>,
 }
 
-impl Default for Prior {
-    /// Joints of 10⁵ N m/rad, and links whose weight the controller mostly compensates. The fit begins with wider priors
-    /// and learns them; a plan for those would spend its poses on terms that are small in the end: five simulated arms
-    /// with 30 poses had 0.0425 mm against the truth with the fit's, 0.0369 with these.
-    fn default() -> Self {
+impl Prior {
+    /// Industrial arms of so many joints: 10⁵ N m/rad, and links whose weight the controller mostly compensates. The fit
+    /// begins with wider priors and learns them; a plan for those would spend its poses on terms that are small in the end:
+    /// five simulated arms with 30 poses had 0.0425 mm against the truth with the fit's, 0.0369 with these.
+    pub fn usual(joints: usize) -> Self {
+        let frames = PriorGroup::Frames.prior_sd();
         Self {
+            frames: (frames, frames),
             links: 3e-5,
             payload: 1e-5,
-            smooth: 2e-5,
+            smooth: vec![vec![2e-5; joints]; joints],
+            waves: Vec::new(),
         }
+    }
+}
+
+/// One sine or cosine in the deflection of a joint.
+struct Deflection {
+    deflected: usize,
+    of: usize,
+    cycles: f64,
+    sd: f64,
+    is_sine: bool,
+}
+
+impl Prior {
+    fn deflections(&self) -> impl Iterator<Item = Deflection> + '_ {
+        let smooth = self.smooth.iter().enumerate().flat_map(|(deflected, row)| {
+            let of_joint = move |(of, sd): (usize, &f64)| (deflected, of, 1.0, *sd);
+            row.iter().enumerate().map(of_joint)
+        });
+        let waves = self
+            .waves
+            .iter()
+            .map(|w| (w.joint, w.joint, w.cycles, w.sd));
+        smooth
+            .chain(waves)
+            .filter(|(_, _, _, sd)| *sd > 0.0)
+            .flat_map(|(deflected, of, cycles, sd)| {
+                [true, false].map(|is_sine| Deflection {
+                    deflected,
+                    of,
+                    cycles,
+                    sd,
+                    is_sine,
+                })
+            })
     }
 }
 
@@ -70,7 +122,7 @@ impl Design {
         candidates: &[BaseSample],
         of_a_payload: usize,
         noise: NoiseScales,
-        prior: Prior,
+        prior: &Prior,
     ) -> Self {
         let n = chain.kinds().len();
         let layout = Layout {
@@ -84,25 +136,28 @@ impl Design {
         let tool = vec![chain.frames()[n]];
         let state = ParametricModel::new(chain, tool, coupling.cloned(), layout, gravity);
         let linear = state.linearise(candidates, noise);
-        let smooth = if prior.smooth > 0.0 { 2 * n * n } else { 0 };
         let p = groups.len();
-        let mut rows = Mat::zeros(linear.a.nrows(), p + smooth);
+        let deflections: Vec<Deflection> = prior.deflections().collect();
+        let mut rows = Mat::zeros(linear.a.nrows(), p + deflections.len());
         for (j, group) in groups.iter().enumerate() {
             let sd = match group {
                 PriorGroup::Links => prior.links,
                 PriorGroup::Payload => prior.payload,
+                // Six numbers a frame, displacements first.
+                PriorGroup::Frames if j % 6 < 3 => prior.frames.0,
+                PriorGroup::Frames => prior.frames.1,
                 _ => group.prior_sd(),
             };
             for i in 0..rows.nrows() {
                 rows[(i, j)] = sd * linear.a[(i, j)];
             }
         }
-        for j in 0..smooth {
-            let (deflected, of) = (j / 2 / n, j / 2 % n);
+        for (j, term) in deflections.iter().enumerate() {
             for i in 0..rows.nrows() {
-                let (sin, cos) = ripple_regressors(1.0, candidates[i / ROWS].joints[of]);
-                let wave = if j % 2 == 0 { sin } else { cos };
-                rows[(i, p + j)] = prior.smooth * wave * linear.jacobian[(i, deflected)];
+                let (sin, cos) =
+                    ripple_regressors(term.cycles, candidates[i / ROWS].joints[term.of]);
+                let wave = if term.is_sine { sin } else { cos };
+                rows[(i, p + j)] = term.sd * wave * linear.jacobian[(i, term.deflected)];
             }
         }
         Self { rows, of_a_payload }
@@ -245,7 +300,7 @@ mod tests {
             &candidates,
             JOINTS,
             NoiseScales::uniform(30e-6, 50e-6),
-            Prior::default(),
+            &Prior::usual(6),
         )
     }
 

@@ -18,6 +18,8 @@ pub struct Robot {
     /// C of q_serial = C q, n rows of n, invertible: the chain's joint values from the controller's. `None` is the
     /// identity.
     pub coupling: Option<Vec<Vec<f64>>>,
+    /// Radius of the capsules that stand for its links, metres, where the description states one.
+    pub link_radius: Option<f64>,
 }
 
 /// One moving joint.
@@ -32,6 +34,8 @@ pub struct Joint {
     pub limits: Option<(f64, f64)>,
     /// Errors of the gear that repeat so many times in one turn of the *controller's* joint, if they are known.
     pub gear_lines: Vec<f64>,
+    /// Radius of the capsule that stands for the link behind this joint, metres, where it differs from the robot's.
+    pub link_radius: Option<f64>,
 }
 
 /// What [`Robot::load`] needs beside the file: which part of a URDF is the arm.

@@ -80,6 +80,7 @@ impl Chain {
                     joints,
                     parent_from_joint,
                     coupling,
+                    link_radius: None,
                 })
             }
         }

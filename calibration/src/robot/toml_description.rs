@@ -4,6 +4,7 @@
 //! name = "my-arm"
 //! convention = "poe"                # or "dh", "modified-dh"
 //! coupling = [[1, 0], [-1, 1]]      # optional: q_serial = coupling · q, n rows of n
+//! link_radius_mm = 60               # optional: half the thickness of the links, for plans; or link_radius_m
 //!
 //! [base]                            # optional frame before the chain
 //! origin = { xyz_m = [0, 0, 0.5] }
@@ -14,6 +15,7 @@
 //! limits_deg = [-165, 165]          # or limits_rad; limits_mm, limits_m; none: unlimited
 //! gear_ratio = 100                  # optional: turns of the gear's input in one turn of the joint
 //! gear_lines = [200, 240]           # optional: errors that repeat so many times in one turn of the joint
+//! link_radius_mm = 45               # optional: of the link behind this joint, where it differs
 //! origin = { xyz_mm = [0, 0, 290], rpy_deg = [0, 0, 0] }  # poe: frame in the one before, as in a URDF
 //! axis = [0, 0, 1]                  # poe: in the joint's own frame
 //! # dh, modified-dh instead: a_m | a_mm, d_m | d_mm, alpha_deg | alpha_rad, and where it is not 0
@@ -57,6 +59,8 @@ struct Description {
     #[serde(rename = "calibration")]
     _calibration: Option<toml::Table>,
     coupling: Option<Spanned<Vec<Spanned<Vec<f64>>>>>,
+    link_radius_m: Option<Spanned<f64>>,
+    link_radius_mm: Option<Spanned<f64>>,
     #[serde(default)]
     joint: Vec<Spanned<JointTable>>,
 }
@@ -94,6 +98,8 @@ struct JointTable {
     limits_m: Option<Spanned<[f64; 2]>>,
     gear_ratio: Option<Spanned<f64>>,
     gear_lines: Option<Spanned<Vec<f64>>>,
+    link_radius_m: Option<Spanned<f64>>,
+    link_radius_mm: Option<Spanned<f64>>,
     origin: Option<Spanned<Origin>>,
     axis: Option<Spanned<[f64; 3]>>,
     a_m: Option<Spanned<f64>>,
@@ -147,13 +153,18 @@ pub(super) fn parse(file: &Path, text: &str) -> Result<Robot, InputError> {
         Some(rows) => reader.coupling(rows, table.joint.len())?,
         None => None,
     };
-    chain.finish(table.name, coupling).map_err(|error| {
+    let link_radius = reader.radius(&table.link_radius_m, &table.link_radius_mm)?;
+    let robot = chain.finish(table.name, coupling).map_err(|error| {
         let (found, expected) = error.describe();
         InputError::new(
             file,
             found,
             format!("{expected}, each in a [[joint]] table"),
         )
+    })?;
+    Ok(Robot {
+        link_radius,
+        ..robot
     })
 }
 
@@ -174,6 +185,7 @@ impl TomlSource<'_> {
             "alpha",
             "theta_offset",
             "beta",
+            "link_radius",
         ];
         let help = key.filter(|key| without_unit.contains(key)).map(|key| {
             let (length, angle) = (
@@ -268,6 +280,7 @@ impl TomlSource<'_> {
             kind,
             limits,
             gear_lines: self.gear_lines(joint)?,
+            link_radius: self.radius(&joint.link_radius_m, &joint.link_radius_mm)?,
         };
         if convention == Convention::Poe {
             let axis = self.poe_axis(table)?;

@@ -24,6 +24,9 @@ pub const RADIAN: f64 = 1.0;
 /// Of a key that ends with `_deg`.
 pub const DEGREE: f64 = std::f64::consts::PI / 180.0;
 
+/// Largest radius of a link, metres: a larger one is in another unit.
+const LARGEST_RADIUS: f64 = 2.0;
+
 /// A frame in the one before, as in a URDF: position, then roll, pitch and yaw.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -125,6 +128,29 @@ impl TomlSource<'_> {
             return Err(self.error(value.span(), key, found, "a finite number"));
         }
         Ok(Some(to_si(*value.get_ref(), factor)))
+    }
+
+    /// The radius of links in metres: 0, which leaves them without thickness, or more.
+    pub fn radius(
+        &self,
+        metres: &Option<Spanned<f64>>,
+        millimetres: &Option<Spanned<f64>>,
+    ) -> Result<Option<f64>, InputError> {
+        let units = [
+            ("link_radius_m", METRE, metres),
+            ("link_radius_mm", MILLIMETRE, millimetres),
+        ];
+        let radius = self.number(&units)?;
+        match self.at_most_one_unit(&units)? {
+            Some((key, factor, value))
+                if !(0.0..=LARGEST_RADIUS).contains(&radius.unwrap_or(0.0)) =>
+            {
+                let found = value.get_ref().to_string();
+                let expected = format!("a radius from 0 to {}", LARGEST_RADIUS / factor);
+                Err(self.error(value.span(), key, found, expected))
+            }
+            _ => Ok(radius),
+        }
     }
 
     /// A frame in the one before.

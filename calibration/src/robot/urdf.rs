@@ -369,6 +369,7 @@ impl<'a> Reader<'a> {
                 kind,
                 limits,
                 gear_lines: Vec::new(),
+                link_radius: None,
             },
             &axis,
         );

@@ -176,12 +176,16 @@ impl Scene<'_> {
     fn copies(&self) -> Vec<usize> {
         let same = |a: &InstrumentSample, b: &InstrumentSample| {
             let near = |(x, y): (&f64, &f64)| (x - y).abs() <= COPY.0;
-            let apart = (a.observation.position() - b.observation.position()).norm();
+            let apart = a.observation.position() - b.observation.position();
             let is_turned = || match (a.observation.pose(), b.observation.pose()) {
                 (Some(a), Some(b)) => (a.inverse() * b).log().angular.norm() > COPY.2,
                 _ => false,
             };
-            apart <= COPY.1 && a.joints.iter().zip(&b.joints).all(near) && !is_turned()
+            // Along x first: nearly all pairs of rows differ there.
+            apart.x.abs() <= COPY.1
+                && apart.norm() <= COPY.1
+                && a.joints.iter().zip(&b.joints).all(near)
+                && !is_turned()
         };
         let earlier = |k: &usize| {
             self.samples[..*k]
@@ -276,16 +280,17 @@ impl Scene<'_> {
     fn held_orientations(&self) -> Vec<usize> {
         let all = &self.set.measurements;
         let held = |k: &usize| {
+            let turned = |i: usize| {
+                let between = self.flanges[i].inverse() * self.flanges[*k];
+                between.log().angular.norm()
+            };
+            // The turn last: of hardly any pair of rows all else is so.
             (0..all.len()).any(|i| {
-                let turned = (self.flanges[i].inverse() * self.flanges[*k])
-                    .log()
-                    .angular
-                    .norm();
                 i != *k
                     && all[i].orientation.is_some()
                     && all[i].orientation == all[*k].orientation
                     && all[i].position != all[*k].position
-                    && turned > 10.0 * MOVED.1
+                    && turned(i) > 10.0 * MOVED.1
             })
         };
         let rows: Vec<usize> = (0..all.len()).filter(held).collect();

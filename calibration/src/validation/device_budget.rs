@@ -1,20 +1,17 @@
-//! An elastic model that fits a controller: inducing points and length scales for a budget of instructions or bytes.
+//! An elastic model that fits a controller: as many inducing points as a budget of instructions or bytes allows.
 //!
-//! Own length scales cost an exponential for each joint and point, tied ones one for each point but lose some accuracy,
-//! and a support set for each joint has both, few exponentials and own length scales. Each of them is filled to the budget
-//! by the cost model and cross-validated within the training data; the best one is taken, and what the budget costs
-//! against all support points is said. The standard deviation of a tied model is written when there is room left for it.
+//! The cost model sizes the model, which is cross-validated within the training data beside the one that was asked for, so
+//! that what the budget costs is said. The standard deviation is written when it leaves room for enough inducing points.
 
-use poegp_protocol::limits::MAX_GROUPS;
+use poegp_protocol::JointKind;
 use poegp_runtime::elastic::curve::coefficient_count;
 use serde::Serialize;
 
-use crate::device_cost::{ElasticSize, SetSizes, blob_bytes, evaluation_instructions};
+use crate::device_cost::{ElasticSize, blob_bytes, evaluation_instructions};
 use crate::learning::elastic::device_variance::LANDMARKS;
 use crate::learning::elastic::inducing_sets::MAX_PAYLOADS;
-use crate::learning::elastic::options::SetLimits;
 use crate::measurement::sample::InstrumentSample;
-use crate::model::config::{Config, ProcessLayout};
+use crate::model::config::Config;
 use crate::numeric::statistics::Summary;
 use crate::robot::Robot;
 use crate::validation::cross_validation::{CompareError, Task};
@@ -28,26 +25,13 @@ pub struct Budget {
     pub bytes: Option<usize>,
 }
 
-/// How the support is laid out.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Shape {
-    /// One support, own length scales for each joint.
-    Own,
-    /// One support, one set of length scales.
-    Tied,
-    /// A support set and own length scales for each joint.
-    Sets,
-}
-
-/// One way to use a budget.
+/// One model that was tried.
 #[derive(Clone, Debug, Serialize)]
 pub struct BudgetTrial {
-    /// Whether length scales are tied.
-    pub tied: bool,
-    /// Whether each joint has a support set of its own.
-    pub per_output: bool,
-    /// Inducing points, of all sets together.
+    /// Inducing points of all joints together.
     pub inducing_points: usize,
+    /// Whether the device gets a standard deviation.
+    pub predictive_std: bool,
     /// Instructions of one evaluation, by the cost model.
     pub instructions: u64,
     /// Bytes of the blob, by the cost model.
@@ -58,18 +42,31 @@ pub struct BudgetTrial {
     pub chosen: bool,
 }
 
+impl BudgetTrial {
+    /// What a table calls it.
+    pub fn name(&self) -> &'static str {
+        if self.chosen {
+            "within the budget"
+        } else {
+            "without a budget"
+        }
+    }
+}
+
 /// Room that names may take in a blob: robot, serial number, model, version, date.
 const TEXTS: [usize; 5] = [32, 32, 16, 16, 10];
 /// Ripple terms that are provided for on each joint.
 const RIPPLE_PER_JOINT: usize = 1;
-/// Most functions of support sets: what the device has room for when kernels look at six joints.
-const MAX_FUNCTIONS: usize = 460;
+/// Most inducing points that the device has room for when kernels look at six joints.
+const MAX_POINTS: usize = 460;
 /// Numbers of one of them.
-const NUMBERS_OF_A_FUNCTION: usize = 13;
+const NUMBERS_OF_A_POINT: usize = 13;
+/// A standard deviation is not worth it when it leaves fewer inducing points than this.
+const ENOUGH_POINTS: usize = 100;
 
-/// Functions that the device has room for beside own-joint curves.
-fn functions_beside(joints: usize, curve_orders: usize) -> usize {
-    MAX_FUNCTIONS - coefficient_count(joints, curve_orders).div_ceil(NUMBERS_OF_A_FUNCTION)
+/// Inducing points that the device has room for beside own-joint curves.
+fn points_beside(joints: usize, curve_orders: usize) -> usize {
+    MAX_POINTS - coefficient_count(joints, curve_orders).div_ceil(NUMBERS_OF_A_POINT)
 }
 
 impl Budget {
@@ -87,14 +84,14 @@ impl Budget {
                 .is_none_or(|limit| blob_bytes(size, TEXTS) <= limit)
     }
 
-    /// The largest model of the arm in this shape that fits, or `None`. The kernels of support sets are taken to look at
-    /// all joints; the fit leaves some out, and what that saves is spent on functions.
+    /// The largest model of the arm that fits, or `None`. Its kernels are taken to look at all joints; the fit leaves some
+    /// out, and what that saves is spent on more points.
     pub fn largest(
         &self,
         robot: &Robot,
         samples: &[InstrumentSample],
-        shape: Shape,
         curve_orders: usize,
+        landmarks: usize,
     ) -> Option<ElasticSize> {
         let mut payloads: Vec<f64> = samples
             .iter()
@@ -102,90 +99,48 @@ impl Budget {
             .collect();
         payloads.sort_by(f64::total_cmp);
         payloads.dedup();
-        let sliding = |j: &&crate::robot::Joint| j.kind == poegp_protocol::JointKind::Prismatic;
-        let joints = robot.joints.len();
-        let sets = shape == Shape::Sets;
-        let groups = payloads
-            .len()
-            .clamp(1, if sets { MAX_PAYLOADS } else { MAX_GROUPS });
-        let size = |support| ElasticSize {
-            joints,
-            prismatic: robot.joints.iter().filter(sliding).count(),
-            support,
-            groups,
-            tied: shape == Shape::Tied,
+        let groups = payloads.len().clamp(1, MAX_PAYLOADS);
+        let (joints, kinds) = (robot.joints.len(), robot.joints.iter().map(|j| j.kind));
+        let prismatic = kinds.filter(|kind| *kind == JointKind::Prismatic).count();
+        let size = |points| ElasticSize {
             ripple: RIPPLE_PER_JOINT * joints,
             curve_orders,
-            landmarks: 0,
-            sets: sets.then(|| SetSizes::largest(joints, support, groups)),
+            landmarks,
+            ..ElasticSize::largest(joints, prismatic, points, groups)
         };
-        let most = if sets {
-            functions_beside(joints, curve_orders)
-        } else {
-            samples.len()
-        };
+        let most = points_beside(joints, curve_orders);
         (1..=most).rev().map(size).find(|s| self.allows(s))
     }
 
-    /// The limits of support sets for a model whose largest is `size`.
-    fn sets(&self, size: &ElasticSize) -> SetLimits {
-        let empty = ElasticSize {
-            support: 0,
-            sets: size
-                .sets
-                .map(|_| SetSizes::largest(size.joints, 0, size.groups)),
-            ..*size
+    /// `config` with a model of at most this size.
+    fn limited(&self, size: &ElasticSize, config: &Config) -> Config {
+        let of = |points: usize| ElasticSize {
+            ripple: size.ripple,
+            curve_orders: size.curve_orders,
+            landmarks: size.landmarks,
+            ..ElasticSize::largest(size.joints, size.prismatic, points, size.groups)
         };
         let bytes_alone = Self {
             instructions: None,
             ..*self
         };
-        let within = |functions: &usize| {
-            bytes_alone.allows(&ElasticSize {
-                support: *functions,
-                sets: Some(SetSizes::largest(size.joints, *functions, size.groups)),
-                ..*size
-            })
-        };
-        SetLimits {
-            functions: (1..=functions_beside(size.joints, size.curve_orders))
-                .rev()
-                .find(within)
-                .unwrap_or(1),
-            instructions: self
+        let most = points_beside(size.joints, size.curve_orders);
+        let points = (1..=most).rev().find(|n| bytes_alone.allows(&of(*n)));
+        let without_points = evaluation_instructions(&of(0));
+        Config {
+            device_variance: size.landmarks > 0,
+            inducing_points: points.unwrap_or(1),
+            max_point_instructions: self
                 .instructions
-                .map(|limit| limit.saturating_sub(evaluation_instructions(&empty))),
+                .map(|limit| limit.saturating_sub(without_points)),
+            ..*config
         }
     }
 }
 
-/// `config` with a model of this size.
-fn config_of(size: &ElasticSize, budget: &Budget, config: &Config) -> Config {
-    let out = Config {
-        device_variance: size.landmarks > 0,
-        inducing_points: Some(size.support),
-        max_set_instructions: None,
-        ..*config
-    };
-    if size.sets.is_some() {
-        let limits = budget.sets(size);
-        return Config {
-            layout: ProcessLayout::PerJointSets,
-            inducing_points: Some(limits.functions),
-            max_set_instructions: limits.instructions,
-            ..out
-        };
-    }
-    let layout = match size.tied {
-        true => ProcessLayout::Shared,
-        false => ProcessLayout::PerJoint,
-    };
-    Config { layout, ..out }
-}
-
-/// Fills the budget in every shape, cross-validates each and all support points for comparison (first in the table), and
-/// returns the configuration of the best one. `None` when not even one support point fits. `progress` is called after every
-/// calibration of the cross-validation, [`TRIALS`] times the folds at most.
+/// Fills the budget, cross-validates the model and the one that `config` asks for (first in the table), and returns the
+/// configuration that fits. `None` when not even one inducing point fits. `progress` is called after every calibration of
+/// the cross-validation, [`TRIALS`] times the folds.
 ///
 /// # Errors
 /// [`CompareError`].
@@ -199,66 +154,37 @@ pub fn fit_to_budget(
     let found = task.calibrated(config, task.train)?;
     let elastic = found.calibration.correction.elastic();
     let curve_orders = elastic.map_or(0, |e| e.deflection.curve_orders);
-    let sizes: Vec<ElasticSize> = [Shape::Own, Shape::Tied, Shape::Sets]
-        .into_iter()
-        .filter_map(|shape| budget.largest(task.robot, task.train, shape, curve_orders))
-        .collect();
-    let Some(first) = sizes.first() else {
+    let sized = |landmarks: usize| budget.largest(task.robot, task.train, curve_orders, landmarks);
+    let with_variance =
+        sized(LANDMARKS).filter(|size| config.device_variance && size.points >= ENOUGH_POINTS);
+    let Some(size) = with_variance.or_else(|| sized(0)) else {
         return Ok(None);
     };
-    let sizes = sizes.iter().map(|size| {
-        let with_sigma = ElasticSize {
-            landmarks: LANDMARKS,
-            ..*size
-        };
-        let wanted = size.tied && config.device_variance && budget.allows(&with_sigma);
-        if wanted { with_sigma } else { *size }
-    });
-    let sizes: Vec<ElasticSize> = sizes.collect();
-    let whole = ElasticSize {
-        support: task.train.len(),
-        tied: false,
-        sets: None,
-        ..*first
-    };
+    let chosen = budget.limited(&size, config);
     let mut table = Vec::new();
-    for size in std::iter::once(&whole).chain(&sizes) {
-        let trial = config_of(size, budget, config);
-        let errors = task.held_out(&trial, progress)?;
+    for trial in [config, &chosen] {
+        let errors = task.held_out(trial, progress)?;
         let errors: Vec<f64> = errors.iter().map(|e| e.position_mm).collect();
-        let mut size = *size;
-        if size.sets.is_some() {
-            // How many functions fit shows when they are chosen.
-            size = sizes_of_sets(task, &trial, &size)?;
-        }
+        // How many points fit shows when they are chosen.
+        let landmarks = if trial.device_variance { LANDMARKS } else { 0 };
+        let size = size_of(task, trial, &ElasticSize { landmarks, ..size })?;
         table.push(BudgetTrial {
-            tied: size.tied,
-            per_output: size.sets.is_some(),
-            inducing_points: size.support,
+            inducing_points: size.points,
+            predictive_std: size.landmarks > 0,
             instructions: evaluation_instructions(&size),
             bytes: blob_bytes(&size, TEXTS),
             position_mm: Summary::new(&errors),
-            chosen: false,
+            chosen: std::ptr::eq(trial, &chosen),
         });
     }
-    let best = (1..table.len())
-        .min_by(|a, b| {
-            table[*a]
-                .position_mm
-                .mean
-                .total_cmp(&table[*b].position_mm.mean)
-        })
-        .unwrap_or(1);
-    table[best].chosen = true;
-    let chosen = config_of(&sizes[best - 1], budget, config);
     Ok(Some((chosen, table)))
 }
 
-/// Models that [`fit_to_budget`] cross-validates at most.
-pub const TRIALS: usize = 4;
+/// Models that [`fit_to_budget`] cross-validates.
+pub const TRIALS: usize = 2;
 
 /// What a calibration of all training poses comes to.
-fn sizes_of_sets(
+fn size_of(
     task: &Task<'_>,
     config: &Config,
     size: &ElasticSize,
@@ -266,12 +192,6 @@ fn sizes_of_sets(
     let found = task.calibrated(config, task.train)?;
     let elastic = found.calibration.correction.elastic();
     Ok(elastic.map_or(*size, |elastic| {
-        let processes = &elastic.deflection.processes;
-        ElasticSize {
-            support: processes.points(),
-            groups: processes.groups.len(),
-            sets: SetSizes::of(processes),
-            ..*size
-        }
+        size.with_processes(&elastic.deflection.processes)
     }))
 }

@@ -92,16 +92,43 @@ pub struct SigmaShares {
 impl SigmaShares {
     /// Of pairs of an error and its standard deviation; `None` without any.
     pub fn new(pairs: impl IntoIterator<Item = (f64, f64)>) -> Option<Self> {
-        let (mut one, mut two, mut all) = (0, 0, 0);
-        for (error, sigma) in pairs {
-            one += usize::from(error.abs() <= sigma);
-            two += usize::from(error.abs() <= 1.96 * sigma);
-            all += 1;
-        }
-        let share = |count: usize| count as f64 / all as f64;
-        (all > 0).then(|| Self {
-            one_sigma: share(one),
-            two_sigma: share(two),
+        let mut counts = SigmaCounts::default();
+        pairs
+            .into_iter()
+            .for_each(|(e, sigma)| counts.push(e, sigma));
+        counts.shares()
+    }
+}
+
+/// Errors within their standard deviations, counted one by one.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SigmaCounts {
+    one: usize,
+    two: usize,
+    all: usize,
+}
+
+impl SigmaCounts {
+    /// One more error with its standard deviation.
+    pub fn push(&mut self, error: f64, sigma: f64) {
+        self.one += usize::from(error.abs() <= sigma);
+        self.two += usize::from(error.abs() <= 1.96 * sigma);
+        self.all += 1;
+    }
+
+    /// With others.
+    pub fn extend(&mut self, others: Self) {
+        self.one += others.one;
+        self.two += others.two;
+        self.all += others.all;
+    }
+
+    /// As shares; `None` without any.
+    pub fn shares(&self) -> Option<SigmaShares> {
+        let share = |count: usize| count as f64 / self.all as f64;
+        (self.all > 0).then(|| SigmaShares {
+            one_sigma: share(self.one),
+            two_sigma: share(self.two),
         })
     }
 }

@@ -19,7 +19,6 @@ use nalgebra::Vector3;
 use poegp_protocol::JointKind;
 use poegp_protocol::blob::{Blob, Correction};
 use poegp_runtime::gp::joint_kernel::JointKernel;
-use poegp_runtime::gp::joint_processes::row_words;
 use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::Pose;
 use rand::{RngExt, SeedableRng};
@@ -35,8 +34,8 @@ use crate::measurement::observation::Observation;
 use crate::measurement::sample::{Base, BaseSample, InstrumentSample, Sample};
 use crate::robot::coupled;
 
-/// Training poses that stand for those of a blob without support poses.
-const DRAWN: usize = 100;
+/// Most poses that stand for those of the training.
+const MAX_POSES: usize = 100;
 /// Amplitude of the smooth deflection of a model without joint processes, rad² or m², before its size is fitted.
 const SMOOTH_VARIANCE: f64 = 1e-8;
 /// Its length scale is about a radian.
@@ -90,7 +89,7 @@ impl BlobArm {
         let gravity = elastic.map_or([0.0; 3], |e| e.gravity.map(f64::from));
         let kernels: Vec<JointKernel<f64>> =
             elastic.map_or(Vec::new(), |e| e.kernels.iter().map(joint_kernel).collect());
-        let training = support(blob, coupling.as_ref());
+        let training = training_poses(blob, coupling.as_ref());
         let training_poses = f64::from(loaded.host().provenance.training_poses);
         Self {
             repeats: (training_poses / training.len() as f64).max(1.0),
@@ -213,41 +212,31 @@ fn coupling(blob: &Blob<'_>) -> Option<Vec<Vec<f64>>> {
     (!blob.robot.coupling.is_empty()).then(|| rows.collect())
 }
 
-/// The support poses; of a blob without any, poses drawn from the ranges that were trained.
-fn support(blob: &Blob<'_>, coupling: Option<&Vec<Vec<f64>>>) -> Vec<BaseSample> {
-    let n = blob.robot.joints.len();
-    let mut poses: Vec<(Vec<f64>, f64)> = Vec::new();
-    if let Correction::Elastic(elastic) = &blob.correction {
-        let numbers: Vec<f64> = elastic
-            .rows
-            .as_chunks::<4>()
-            .0
-            .iter()
-            .map(|word| f64::from(f32::from_le_bytes(*word)))
-            .collect();
-        let payloads = elastic
-            .groups
-            .iter()
-            .flat_map(|g| std::iter::repeat_n(f64::from(g.payload_kg), g.points.into()));
-        for (row, payload) in numbers.chunks_exact(row_words(n)).zip(payloads) {
-            let joint = |i: usize| match blob.robot.joints[i].kind {
-                JointKind::Revolute => row[2 * i].atan2(row[2 * i + 1]),
-                JointKind::Prismatic => row[2 * i],
-            };
-            poses.push(((0..n).map(joint).collect(), payload));
-        }
+/// Poses that stand for those of the training: at the inducing points, whose joints that a kernel does not look at are drawn
+/// from the trained ranges; of a blob without any, all joints are.
+fn training_poses(blob: &Blob<'_>, coupling: Option<&Vec<Vec<f64>>>) -> Vec<BaseSample> {
+    let mut random = ChaCha8Rng::seed_from_u64(1);
+    let mut within = |range: (f32, f32)| {
+        let (lower, upper) = (f64::from(range.0), f64::from(range.1));
+        lower + (upper - lower) * random.random::<f64>()
+    };
+    let mut points = inducing_points(blob);
+    let every = points.len().div_ceil(MAX_POSES).max(1);
+    points = points.into_iter().step_by(every).collect();
+    if points.is_empty() {
+        points = vec![(Vec::new(), None); MAX_POSES];
     }
-    if poses.is_empty() {
-        let mut random = ChaCha8Rng::seed_from_u64(1);
-        let mut within = |range: (f32, f32)| {
-            let (lower, upper) = (f64::from(range.0), f64::from(range.1));
-            lower + (upper - lower) * random.random::<f64>()
-        };
-        for _ in 0..DRAWN {
-            let joints = blob.ranges.joints.iter().map(|r| within(*r)).collect();
-            poses.push((joints, blob.ranges.payload_kg.map_or(0.0, &mut within)));
-        }
-    }
+    let poses: Vec<(Vec<f64>, f64)> = points
+        .into_iter()
+        .map(|(known, payload)| {
+            let mut joints: Vec<f64> = blob.ranges.joints.iter().map(|r| within(*r)).collect();
+            for (joint, value) in known {
+                joints[joint] = value;
+            }
+            let drawn = blob.ranges.payload_kg.map_or(0.0, &mut within);
+            (joints, payload.unwrap_or(drawn))
+        })
+        .collect();
     let sample = |(joints, payload): (Vec<f64>, f64)| {
         let serial_joints = coupled(coupling.map(Vec::as_slice), &joints);
         let observation = Observation::Pose(Pose::identity());
@@ -257,4 +246,37 @@ fn support(blob: &Blob<'_>, coupling: Option<&Vec<Vec<f64>>>) -> Vec<BaseSample>
         }
     };
     poses.into_iter().map(sample).collect()
+}
+
+/// The joints that an inducing point's kernel looks at, with their values, and its payload in kg.
+type PartialPose = (Vec<(usize, f64)>, Option<f64>);
+
+/// The inducing points of a blob.
+fn inducing_points(blob: &Blob<'_>) -> Vec<PartialPose> {
+    let Correction::Elastic(elastic) = &blob.correction else {
+        return Vec::new();
+    };
+    let numbers = elastic.rows.as_chunks::<4>().0.iter();
+    let mut numbers = numbers.map(|word| f64::from(f32::from_le_bytes(*word)));
+    let mut out = Vec::new();
+    for (kernel, groups) in elastic.kernels.iter().zip(&elastic.sets) {
+        for (payload_kg, points) in elastic.group_payloads_kg.iter().zip(groups) {
+            for _ in 0..*points {
+                let mut known = Vec::new();
+                for (joint, rate) in kernel.rates.iter().enumerate() {
+                    if *rate > 0.0 {
+                        let [first, second] = [0, 1].map(|_| numbers.next().unwrap_or(0.0));
+                        known.push(match blob.robot.joints[joint].kind {
+                            JointKind::Revolute => (joint, first.atan2(second)),
+                            JointKind::Prismatic => (joint, first),
+                        });
+                    }
+                }
+                // The weight.
+                numbers.next();
+                out.push((known, Some(f64::from(*payload_kg))));
+            }
+        }
+    }
+    out
 }

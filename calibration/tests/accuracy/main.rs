@@ -3,14 +3,14 @@
 //! Each test prints what it measured, whether or not it passes.
 
 mod choice;
-mod device_sigma;
+mod device_std;
 mod elastic;
+mod inducing_points;
 mod measured;
 mod never_worse;
 mod outliers;
 mod own_joint_curve;
 mod paper;
-mod support_sets;
 mod ten_seeds;
 mod work_volume;
 

@@ -276,8 +276,8 @@ fn planned(
         .collect();
     let noise = NoiseScales::uniform(POSITION_NOISE_M, ORIENTATION_NOISE_RAD);
     let gravity = Vector3::new(0.0, 0.0, -9.81);
-    let (n, prior) = (candidates.len(), Prior::default());
-    let design = Design::new(&chain, None, gravity, &candidates, n, noise, prior);
+    let (n, prior) = (candidates.len(), Prior::usual(robot.joints.len()));
+    let design = Design::new(&chain, None, gravity, &candidates, n, noise, &prior);
     let chosen = design.exchange(&start);
     let is_chosen = |i: &usize| chosen.contains(i);
     let of = |wanted: bool| {

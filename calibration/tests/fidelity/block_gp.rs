@@ -112,7 +112,6 @@ fn weights_deflections_and_poses_are_numpys() {
     let layout = HyperLayout {
         joints: JOINTS,
         payload: true,
-        shared_lengthscales: false,
         curve: false,
     };
     let h = hyperparameters(&file, layout);
@@ -222,55 +221,51 @@ fn the_gradient_is_that_of_differences() {
         let groups = state.layout.groups();
         let inputs = Inputs::new(&state, &samples);
         let similarities: Vec<Mat<f64>> = inputs.similarities();
-        for tied in [false, true] {
-            let layout = HyperLayout {
-                joints: JOINTS,
-                payload,
-                shared_lengthscales: tied,
-                curve: false,
-            };
-            let evidence = MarginalLikelihood {
-                linear: &linear,
-                groups: &groups,
-                inputs: &inputs,
-                similarities: &similarities,
-                waves: &[],
-                layout,
-                processes: true,
-            };
-            // Away from the start, where outputs are alike; priors stay large enough to matter.
-            let mut h = layout.start_and_bounds(4.0).0;
-            for (i, value) in h.iter_mut().enumerate() {
-                *value += 0.4 * (1.7 * i as f64).sin();
-            }
-            let (_, gradient) = evidence.value_and_gradient(&h);
-            let largest = gradient.iter().fold(0.0_f64, |m, g| m.max(g.abs()));
-            let mut worst = 0.0_f64;
-            for i in 0..h.len() {
-                let at = |step: f64| {
-                    let mut moved = h.clone();
-                    moved[i] += step;
-                    evidence.value_and_gradient(&moved).0
-                };
-                // Fourth order, with a step so large because a value has seven digits less than f64: S is that
-                // ill-conditioned, the tool's prior against the noise.
-                let step = 3e-2;
-                let central = (8.0 * (at(step) - at(-step)) - (at(2.0 * step) - at(-2.0 * step)))
-                    / (12.0 * step);
-                worst = worst.max((gradient[i] - central).abs() / largest);
-                // Without payloads nothing depends on the payload terms' prior.
-                assert!(gradient[i] != 0.0 || (!payload && i == COMMON - 1), "{i}");
-            }
-            let of = |yes: bool, name: &str| if yes { name.to_owned() } else { String::new() };
-            say(format_args!(
-                "marginal likelihood of the elastic model{}{}{}: gradient of {} hyperparameters {worst:.1e} of its largest \
-                 component against differences",
-                of(tied, ", tied"),
-                of(payload, ", with payload"),
-                of(uneven, ", with rows of their own noise"),
-                h.len()
-            ));
-            assert!(worst <= 1e-7, "{worst}");
+        let layout = HyperLayout {
+            joints: JOINTS,
+            payload,
+            curve: false,
+        };
+        let evidence = MarginalLikelihood {
+            linear: &linear,
+            groups: &groups,
+            inputs: &inputs,
+            similarities: &similarities,
+            waves: &[],
+            layout,
+            processes: true,
+        };
+        // Away from the start, where outputs are alike; priors stay large enough to matter.
+        let mut h = layout.start_and_bounds(4.0).0;
+        for (i, value) in h.iter_mut().enumerate() {
+            *value += 0.4 * (1.7 * i as f64).sin();
         }
+        let (_, gradient) = evidence.value_and_gradient(&h);
+        let largest = gradient.iter().fold(0.0_f64, |m, g| m.max(g.abs()));
+        let mut worst = 0.0_f64;
+        for i in 0..h.len() {
+            let at = |step: f64| {
+                let mut moved = h.clone();
+                moved[i] += step;
+                evidence.value_and_gradient(&moved).0
+            };
+            // Fourth order, with a step so large because a value has seven digits less than f64: S is that
+            // ill-conditioned, the tool's prior against the noise.
+            let step = 3e-2;
+            let central =
+                (8.0 * (at(step) - at(-step)) - (at(2.0 * step) - at(-2.0 * step))) / (12.0 * step);
+            worst = worst.max((gradient[i] - central).abs() / largest);
+            // Without payloads nothing depends on the payload terms' prior.
+            assert!(gradient[i] != 0.0 || (!payload && i == COMMON - 1), "{i}");
+        }
+        let of = |yes: bool, name: &str| if yes { name.to_owned() } else { String::new() };
+        say(format_args!(
+            "marginal likelihood of the elastic model{}{}: gradient of {} hyperparameters {worst:.1e} of its largest \
+             component against differences",
+            of(payload, ", with payload"),
+            of(uneven, ", with rows of their own noise"),
+            h.len()
+        ));
+        assert!(worst <= 1e-7, "{worst}");
     }
 }

@@ -3,7 +3,7 @@
 use poegp_calibration::blob::write::{Provenance, calibrate_to_blob};
 use poegp_calibration::measurement as measurements;
 use poegp_calibration::model::Method;
-use poegp_calibration::model::config::{Config, ProcessLayout};
+use poegp_calibration::model::config::Config;
 use poegp_calibration::progress::FitContext;
 use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_calibration::simulation::{Scenario, Simulator, to_csv};
@@ -147,13 +147,10 @@ pub fn quantile(sorted: &[f64], thousandths: usize) -> f64 {
     sorted[(sorted.len() * thousandths).div_ceil(1000) - 1]
 }
 
-fn models() -> [(&'static str, Config); 3] {
-    let mut tied = Config::new(Method::Elastic);
-    tied.layout = ProcessLayout::Shared;
+fn models() -> [(&'static str, Config); 2] {
     [
         ("poe-gp-load", Config::new(Method::PoeGpLoad)),
         ("elastic", Config::new(Method::Elastic)),
-        ("elastic, tied", tied),
     ]
 }
 

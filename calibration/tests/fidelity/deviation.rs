@@ -4,7 +4,7 @@ use faer::linalg::solvers::DenseSolveCore;
 use poegp_calibration::identification::base_tool::with_base_and_tool;
 use poegp_calibration::identification::base_tools::fit_base_and_tools;
 use poegp_calibration::learning::elastic::fit::fit;
-use poegp_calibration::learning::elastic::options::{ElasticOptions, NominalArm};
+use poegp_calibration::learning::elastic::options::{ElasticOptions, InducingLimits, NominalArm};
 use poegp_calibration::learning::elastic::predictive_variance::Uncertainty;
 use poegp_calibration::learning::elastic::reduced_model::ElasticModel;
 use poegp_calibration::measurement::sample::in_base_frame;
@@ -26,7 +26,10 @@ fn the_deviation_of_a_trained_pose_is_that_of_the_factor() {
     let chain = with_base_and_tool(&nominal, &Pose::identity(), &found.flange_from_targets[0]);
     let tools = vec![chain.frames()[6]];
     let options = ElasticOptions {
-        inducing_points: Some(20),
+        inducing: InducingLimits {
+            points: 20,
+            ..InducingLimits::default()
+        },
         ..ElasticOptions::default()
     };
     let arm = NominalArm {

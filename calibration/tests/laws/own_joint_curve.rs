@@ -180,14 +180,11 @@ fn state(curves: &Curves, poses: usize) -> (ParametricModel, Vec<BaseSample>) {
 
 const SCALES: NoiseScales = NoiseScales::uniform(1e-3, 1e-3);
 
-fn layout(shared_lengthscales: bool) -> HyperLayout {
-    HyperLayout {
-        joints: 6,
-        payload: false,
-        shared_lengthscales,
-        curve: true,
-    }
-}
+const LAYOUT: HyperLayout = HyperLayout {
+    joints: 6,
+    payload: false,
+    curve: true,
+};
 
 /// Calls `use_it` with the likelihood of these samples.
 fn with_likelihood<T>(
@@ -217,7 +214,7 @@ fn curves_are_parameters_with_the_spectrum_as_prior() {
         },
         14,
     );
-    let layout = layout(true);
+    let layout = LAYOUT;
     let (mut h, _) = layout.start_and_bounds(1.0);
     h[layout.curve_scale()] = 0.2_f64.ln();
     let solved = with_likelihood(&state, &samples, (layout, false), |likelihood| {
@@ -261,8 +258,8 @@ fn curves_are_parameters_with_the_spectrum_as_prior() {
 fn the_gradient_is_that_of_differences() {
     let curves = Curves::draw(6, 20, 3e-4, &mut ChaCha8Rng::seed_from_u64(1));
     let (state, samples) = state(&curves, 10);
-    for (processes, shared_lengthscales) in [(false, true), (true, true), (true, false)] {
-        let layout = layout(shared_lengthscales);
+    for processes in [false, true] {
+        let layout = LAYOUT;
         let (h, _) = layout.start_and_bounds(1.0);
         with_likelihood(&state, &samples, (layout, processes), |likelihood| {
             let (_, gradient) = likelihood.value_and_gradient(&h);

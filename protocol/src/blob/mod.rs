@@ -48,7 +48,7 @@ pub struct Blob<'a> {
     /// What geometry does not explain.
     #[serde(borrow)]
     pub correction: Correction<'a>,
-    /// How well the position is known, of an elastic correction with shared lengthscales.
+    /// How well the position is known, of an elastic correction with processes.
     #[serde(borrow)]
     pub variance: Option<Variance<'a>>,
     /// Causes of the warnings about the measurements that the model was calibrated with.
@@ -196,16 +196,14 @@ pub struct Elastic<'a> {
     pub ripple: Vec<Ripple, MAX_RIPPLE>,
     /// The kernel of each joint; empty when there is no process.
     pub kernels: Vec<JointKernel, MAX_JOINTS>,
-    /// Whether all joints have the rates of the first.
-    pub tied: bool,
-    /// Support rows by payload, in their order.
-    pub groups: Vec<PayloadGroup, MAX_GROUPS>,
-    /// Support rows, `f32` little endian, 12·n bytes each: sine and cosine of each joint (value and 0 of a prismatic
-    /// one), then a weight for each joint. With [`Elastic::sets`] set by set, sorted by group in each, and of the set of
-    /// joint c 4·(2D + 1) bytes each: two words of each of the D joints whose rate in kernel c is not zero, then the weight.
-    pub rows: &'a [u8],
-    /// An inducing set for each joint; empty when all joints share the rows.
+    /// The payload of each group of inducing points, kg.
+    pub group_payloads_kg: Vec<f32, MAX_GROUPS>,
+    /// How many inducing points of each payload group each joint has; empty when there is no process.
     pub sets: Vec<SetPoints, MAX_JOINTS>,
+    /// The inducing points joint by joint, sorted by payload group, `f32` little endian. Of joint c 4·(2D + 1) bytes each:
+    /// sine and cosine (value and 0 of a prismatic one) of each of the D joints whose rate in kernel c is not zero, then the
+    /// weight.
+    pub rows: &'a [u8],
     /// Own-joint curves, `f32` little endian: for every joint the amplitudes of sin q and cos q, of sin 2q and cos 2q, … in
     /// rad, as many orders for each joint, at most 64. Empty when there are none.
     pub curves: &'a [u8],
@@ -237,20 +235,11 @@ pub struct JointKernel {
     pub payload_amplitude: f32,
 }
 
-/// Support points of one payload.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct PayloadGroup {
-    /// Their payload in kg.
-    pub payload_kg: f32,
-    /// How many rows; where each joint has a set of its own, of all sets together.
-    pub points: u16,
-}
-
-/// Rows of each payload group in the support set of one joint.
+/// Inducing points of each payload group of one joint.
 pub type SetPoints = Vec<u16, MAX_GROUPS>;
 
 /// How well the position of the target is known; the runtime's module `elastic::position_variance` has its formula.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Variance<'a> {
     /// Variance of one position component where the processes are known, m²: parameters and noise.
     pub floor_m2: f32,
@@ -258,6 +247,10 @@ pub struct Variance<'a> {
     pub noise_m2: f32,
     /// Factor of what the processes do not know; has the third that makes a mean of three axes.
     pub gain: f32,
+    /// Exponent rate of each joint in the correlation with a landmark.
+    pub rates: Vec<f32, MAX_JOINTS>,
+    /// Exponent rate of the squared payload difference in it, 1/kg².
+    pub payload_rate: f32,
     /// Number of landmarks.
     pub landmarks: u8,
     /// Landmark j = 0, 1, …, `f32` little endian: two words of each joint (sine and cosine; of a prismatic one its value q

@@ -69,42 +69,12 @@ fn variance_golden() -> Vec<u8> {
     pieced(3, &[&elastic[..elastic.len() - 1], &blocks[4]])
 }
 
-/// The elastic example with the seventh listing from the kernel of joint 2 on.
-fn sets_golden() -> Vec<u8> {
-    let blocks = listing::hex_blocks(sample::BLOB_FORMAT);
-    pieced(5, &[&elastic_piece()[..0x7f], &blocks[6]])
-}
-
-#[test]
-fn a_blob_with_support_sets_is_the_listing_of_the_documentation() {
-    let rows = sample::set_rows();
-    let mut buffer = [0; 2_048];
-    let blob = sample::sets_blob(&rows);
-    let encoded = encode(&blob, &mut buffer).unwrap();
-    assert_eq!(encoded, sets_golden());
-    assert_eq!(decode(encoded), Ok(blob));
-}
-
-/// The format has room for both, whoever will need it.
-#[test]
-fn a_blob_with_support_sets_may_have_a_variance() {
-    let (rows, landmark) = (sample::set_rows(), sample::landmark());
-    let variance = sample::variance_blob(&rows, &landmark).variance;
-    let blob = Blob {
-        variance,
-        ..sample::sets_blob(&rows)
-    };
-    let mut buffer = [0; 2_048];
-    let encoded = encode(&blob, &mut buffer).unwrap();
-    assert_eq!(decode(encoded), Ok(blob));
-}
-
 /// The first listing with the last one from its centre on.
 fn folded_golden() -> Vec<u8> {
     let blocks = listing::hex_blocks(sample::BLOB_FORMAT);
     let first = golden();
     // Its last two bytes before the warnings are an empty centre and no variance.
-    pieced(7, &[&first[CORRECTION..HOST - 2], &blocks[8]])
+    pieced(5, &[&first[CORRECTION..HOST - 2], &blocks[6]])
 }
 
 #[test]
@@ -174,11 +144,6 @@ fn refused_as(bit: usize) -> &'static [&'static str] {
 #[test]
 fn every_flip_and_every_cut_of_an_elastic_blob_is_refused() {
     every_damage_is_refused(&elastic_golden());
-}
-
-#[test]
-fn every_flip_and_every_cut_of_a_blob_with_support_sets_is_refused() {
-    every_damage_is_refused(&sets_golden());
 }
 
 #[test]

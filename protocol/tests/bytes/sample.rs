@@ -3,7 +3,7 @@
 use poegp_protocol::JointKind;
 use poegp_protocol::blob::{
     Blob, Correction, CorrectionBound, Elastic, Gauge, Geometry, Host, Joint, JointKernel,
-    PayloadGroup, Provenance, Ranges, Ripple, Robot, TaskSpace, Transform, Units, Variance,
+    Provenance, Ranges, Ripple, Robot, TaskSpace, Transform, Units, Variance,
 };
 use poegp_protocol::cause::Causes;
 
@@ -106,10 +106,10 @@ pub fn folded_blob(rows: &[u8]) -> Blob<'_> {
     out
 }
 
-/// Support rows of the elastic example: q = (0, 0.25 m) with weights, q = (quarter turn, 0.5 m) with others.
+/// Inducing points of the elastic example: joint 1 looks at both joints, joint 2 at itself alone.
 pub fn elastic_rows() -> Vec<u8> {
-    let first = [0.0, 1.0, 0.25, 0.0, 1.0 / 8_192.0, -1.0 / 16_384.0];
-    let second = [1.0, 0.0, 0.5, 0.0, -1.0 / 8_192.0, 1.0 / 16_384.0];
+    let first = [0.0, 1.0, 0.25, 0.0, 1.0 / 8_192.0];
+    let second = [0.25, 0.0, -1.0 / 16_384.0, 0.5, 0.0, 1.0 / 16_384.0];
     let words = first.into_iter().chain(second);
     words.flat_map(|word: f32| word.to_le_bytes()).collect()
 }
@@ -147,42 +147,19 @@ pub fn elastic_blob(rows: &[u8]) -> Blob<'_> {
             }]
             .into_iter()
             .collect(),
-            kernels: [kernel([1.0, 0.5]), kernel([0.5, 2.0])]
+            kernels: [kernel([1.0, 0.5]), kernel([0.0, 2.0])]
                 .into_iter()
                 .collect(),
-            tied: false,
-            groups: [(0.0, 1), (10.0, 1)]
-                .map(|(payload_kg, points)| PayloadGroup { payload_kg, points })
+            group_payloads_kg: [0.0, 10.0].into_iter().collect(),
+            sets: [[1, 0], [1, 1]]
                 .into_iter()
+                .map(|points| points.into_iter().collect())
                 .collect(),
             rows,
-            sets: heapless::Vec::new(),
             curves: &CURVES,
         }),
         ..blob(&[])
     }
-}
-
-/// Rows of the support sets: joint 1 looks at both joints, joint 2 at itself alone.
-pub fn set_rows() -> Vec<u8> {
-    let first = [0.0, 1.0, 0.25, 0.0, 1.0 / 8_192.0];
-    let second = [0.25, 0.0, -1.0 / 16_384.0, 0.5, 0.0, 1.0 / 16_384.0];
-    let words = first.into_iter().chain(second);
-    words.flat_map(|word: f32| word.to_le_bytes()).collect()
-}
-
-/// The elastic arm with a support set for each joint.
-pub fn sets_blob(rows: &[u8]) -> Blob<'_> {
-    let mut blob = elastic_blob(rows);
-    if let Correction::Elastic(elastic) = &mut blob.correction {
-        elastic.kernels[1].rates[0] = 0.0;
-        elastic.groups[0].points = 2;
-        elastic.sets = [[1, 0], [1, 1]]
-            .into_iter()
-            .map(|points| points.into_iter().collect())
-            .collect();
-    }
-    blob
 }
 
 /// One landmark of the variance example: q = (0, 0.25 m), 10 kg and the one word of its factor.
@@ -199,6 +176,8 @@ pub fn variance_blob<'a>(rows: &'a [u8], landmark: &'a [u8]) -> Blob<'a> {
             floor_m2: small,
             noise_m2: 0.5 * small,
             gain: 0.375,
+            rates: [1.0, 0.5].into_iter().collect(),
+            payload_rate: 0.031_25,
             landmarks: 1,
             rows: landmark,
         }),

@@ -71,7 +71,7 @@ fn text(letters: &[c_char]) -> String {
 }
 
 /// Of the runtime itself, with another capacity.
-fn arm() -> Box<Arm<f32, { words_for(40) }>> {
+fn arm() -> Box<Arm<f32, { words_for(64) }>> {
     let mut arm = Box::new(Arm::new());
     arm.load_decoded(&blob::decode(BLOB).unwrap()).unwrap();
     arm

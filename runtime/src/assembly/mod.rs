@@ -23,9 +23,6 @@ pub(crate) const EXP2_SCALED: [f32; 6] = [
     f32::from_bits(0x443c_66c7),
 ];
 
-/// Support points whose cosines are kept between two passes.
-pub(crate) const TILE: usize = 32;
-
 /// The first rows of a support set, block by block. No block is empty, and [`Blocks::rows`] is their sum: assembly relies on
 /// both.
 #[derive(Debug)]

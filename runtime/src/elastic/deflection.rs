@@ -151,15 +151,10 @@ impl<T: KernelLoops> Deflection<T> {
         out
     }
 
-    /// Words of the support rows of an arm with so many joints.
-    pub fn support_words(&self, joints: usize) -> usize {
-        self.processes.words(joints)
-    }
-
     /// The coefficients of the own-joint curves of an arm with so many joints.
     #[inline(always)]
     pub(crate) fn curves<'a>(&self, joints: usize, rows: &'a [T]) -> &'a [T] {
-        let behind = rows.get(self.support_words(joints)..).unwrap_or(&[]);
+        let behind = rows.get(self.processes.words()..).unwrap_or(&[]);
         behind
             .get(..coefficient_count(joints, self.curve_orders))
             .unwrap_or(&[])
@@ -190,18 +185,10 @@ impl<T: KernelLoops> Deflection<T> {
         observer.deflection(&deflection);
         let mut out = deflect(at, &frames, &target, &deflection, bound);
         if let Some(variance) = &self.variance {
-            let before =
-                self.support_words(kinds.len()) + coefficient_count(kinds.len(), self.curve_orders);
-            let landmarks = rows.get(before..);
-            let kernels = &self.processes.kernels;
-            let unexplained = variance.unexplained(
-                kinds,
-                kernels,
-                landmarks.unwrap_or(&[]),
-                features,
-                at.payload_kg,
-            );
-            let kernels = kernels.get(..kinds.len()).unwrap_or(&[]);
+            let before = self.processes.words() + coefficient_count(kinds.len(), self.curve_orders);
+            let landmarks = rows.get(before..).unwrap_or(&[]);
+            let unexplained = variance.unexplained(kinds, landmarks, features, at.payload_kg);
+            let kernels = self.processes.kernels.get(..kinds.len()).unwrap_or(&[]);
             let prior = prior(at, kernels, &frames, &target);
             out.position_sigma = Some(variance.standard_deviation(prior, unexplained));
         }

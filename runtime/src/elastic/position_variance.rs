@@ -1,8 +1,8 @@
-//! How well the position is known: the predictive variance of the tied processes, from a few landmarks.
+//! How well the position is known: the predictive variance of the joint processes, from a few landmarks.
 //!
 //! The posterior variance of a process needs all N measurements, or N²/2 words. But where measurements explain a process is
 //! far smoother a function than the process itself: L landmarks, placed by the trainer where they explain most, do.
-//! With one set of length scales all joints share one correlation k, and one share u of the prior that is not explained:
+//! All joints share one correlation k, whose rates the trainer finds, and one share u of the prior that is not explained:
 //!
 //! ```text
 //! k_j(q, m) = 2^(Σ_d W_d (s_d − 1) − W_m (m − m_j)²)                 correlation with landmark j
@@ -28,6 +28,7 @@ use poegp_protocol::limits::{MAX_JOINTS, MAX_LANDMARKS};
 
 use crate::elastic::configuration::Configuration;
 use crate::gp::joint_kernel::JointKernel;
+use crate::kinematics::coupling::PerJoint;
 use crate::math::scalar::Scalar;
 use crate::math::se3::{Pose, cross, dot, subtract, third_column};
 use crate::math::vector::inner_product;
@@ -55,6 +56,10 @@ pub struct PositionVariance<T> {
     pub floor: T,
     /// Factor of what they do not know.
     pub gain: T,
+    /// W_d of each joint; beyond n zero.
+    pub rates: PerJoint<T>,
+    /// W_m, 1/kg².
+    pub payload_rate: T,
     /// L.
     pub landmarks: usize,
 }
@@ -76,17 +81,13 @@ impl<T: Scalar> PositionVariance<T> {
     pub fn unexplained(
         &self,
         kinds: &[JointKind],
-        kernels: &[JointKernel<T>],
         rows: &[T],
         features: &[[T; 2]],
         payload_kg: T,
     ) -> T {
-        let Some(kernel) = kernels.first() else {
-            return T::ONE;
-        };
         let n = kinds.len();
         let mut scaled = [[T::ZERO; 2]; MAX_JOINTS];
-        let start = match (kernel.rates().get(..n), scaled.get_mut(..n)) {
+        let start = match (self.rates.get(..n), scaled.get_mut(..n)) {
             (Some(rates), Some(scaled)) => scaled_features(kinds, features, rates, scaled),
             _ => T::ZERO,
         };
@@ -103,7 +104,7 @@ impl<T: Scalar> PositionVariance<T> {
                 break;
             };
             let difference = payload_kg - *other;
-            let exponent = (start - kernel.payload_rate * (difference * difference))
+            let exponent = (start - self.payload_rate * (difference * difference))
                 + product(feature, scaled.as_flattened());
             let lowest = T::from_f64(LOWEST_EXPONENT);
             let held = if exponent > lowest { exponent } else { lowest };

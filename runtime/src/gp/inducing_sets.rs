@@ -1,4 +1,4 @@
-//! Support sets: every joint's process has support points of its own.
+//! Inducing sets: every joint's process has inducing points of its own.
 //!
 //! Fitted length scales of one joint are short for few joints and long for the others, and for other ones with every
 //! joint: points that all joints share are many more kernel values than the same accuracy needs. The rows of joint 1 come
@@ -13,7 +13,7 @@ use poegp_protocol::JointKind;
 use poegp_protocol::limits::{MAX_GROUPS, MAX_JOINTS};
 
 use crate::assembly::Blocks;
-use crate::gp::joint_kernel::{JointKernel, LOWEST_EXPONENT, PayloadGroup, similarity};
+use crate::gp::joint_kernel::{JointKernel, LOWEST_EXPONENT, similarity};
 use crate::gp::loops::KernelLoops;
 use crate::kinematics::poe::JointTrig;
 use crate::math::scalar::Scalar;
@@ -92,7 +92,7 @@ pub(super) fn add_mean<T: KernelLoops, const D: usize, const ROW: usize>(
 
 /// The process of one joint with an inducing set of its own, at one query.
 pub(super) struct SetProcess<'a, T> {
-    pub(super) groups: &'a [PayloadGroup<T>],
+    pub(super) group_payloads_kg: &'a [T],
     pub(super) kernel: &'a JointKernel<T>,
     pub(super) set: &'a InducingSet,
     pub(super) motions: &'a JointTrig<T>,
@@ -114,10 +114,10 @@ impl<T: Scalar> SetProcess<'_, T> {
             let rate = self.kernel.rates[d];
             *slot = [self.motions[d][0] * rate, self.motions[d][1] * rate];
         }
-        let groups = self.groups.iter().zip(&self.set.points);
-        blocks.refill(groups.map(|(group, points)| {
-            let falling = kernel.falling(payload_kg, group.payload_kg);
-            let factor = kernel.amplitude_at(payload_kg, group.payload_kg) * falling;
+        let groups = self.group_payloads_kg.iter().zip(&self.set.points);
+        blocks.refill(groups.map(|(group_kg, points)| {
+            let falling = kernel.falling(payload_kg, *group_kg);
+            let factor = kernel.amplitude_at(payload_kg, *group_kg) * falling;
             (*points, factor)
         }));
     }
@@ -128,7 +128,7 @@ impl<T: Scalar> SetProcess<'_, T> {
         let words = self.set.row_words();
         let mut total = T::ZERO;
         let mut rest = rows;
-        for (group, points) in self.groups.iter().zip(&self.set.points) {
+        for (group_kg, points) in self.group_payloads_kg.iter().zip(&self.set.points) {
             let mut sum = T::ZERO;
             for _ in 0..*points {
                 let (row, after) = rest.split_at_checked(words).unwrap_or((&[], &[]));
@@ -147,10 +147,7 @@ impl<T: Scalar> SetProcess<'_, T> {
                 let held = if exponent < lowest { lowest } else { exponent };
                 sum += held.exp2() * *weight;
             }
-            total += self
-                .kernel
-                .payload_factor(self.payload_kg, group.payload_kg)
-                * sum;
+            total += self.kernel.payload_factor(self.payload_kg, *group_kg) * sum;
         }
         (total, rest)
     }

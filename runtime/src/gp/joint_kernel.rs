@@ -118,12 +118,3 @@ pub fn similarity<T: Scalar>(kind: JointKind, a: &[T; 2], b: &[T; 2]) -> T {
         }
     }
 }
-
-/// Support points of one payload.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PayloadGroup<T> {
-    /// Their payload in kg.
-    pub payload_kg: T,
-    /// How many rows.
-    pub points: usize,
-}

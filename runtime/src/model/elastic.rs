@@ -4,24 +4,21 @@ use heapless::Vec;
 use nalgebra::Vector3;
 use poegp_protocol::JointKind;
 use poegp_protocol::blob::{Elastic, Joint, Variance};
-use poegp_protocol::limits::{MAX_CURVE_ORDER, MAX_GROUPS, MAX_JOINTS};
+use poegp_protocol::limits::{MAX_CURVE_ORDER, MAX_JOINTS};
 
 use crate::elastic::deflection::Deflection;
 use crate::elastic::gravity::{Gravity, GravityTerms};
 use crate::elastic::ripple::RippleTerm;
 use crate::gp::inducing_sets::InducingSet;
-use crate::gp::joint_kernel::{JointKernel, PayloadGroup};
-use crate::gp::joint_processes::{JointProcesses, row_words};
+use crate::gp::joint_processes::JointProcesses;
 use crate::guard::limit::Bound;
 use crate::kinematics::minimal_chain::MinimalForm;
 use crate::math::scalar::Scalar;
 use crate::model::load_error::LoadError;
 use crate::model::validate::{
-    MAX_COEFFICIENT, checked_bound, checked_rows, feature_limit, is_within,
+    MAX_COEFFICIENT, MAX_RATE_SUM, checked_bound, checked_rows, feature_limit, is_within,
 };
 
-/// Largest Σ_d W_cd: exponents stay within reach of `exp2`.
-const MAX_RATE_SUM: f32 = 100_000.0;
 /// Most cycles per turn of a ripple term.
 const MAX_CYCLES: f32 = 4_096.0;
 /// Largest amplitude of one order of an own-joint curve in rad.
@@ -49,13 +46,7 @@ impl<T: Scalar> ElasticCorrection<T> {
                 gravity: Gravity::zero(),
                 ripple: Vec::new(),
                 curve_orders: 0,
-                processes: JointProcesses {
-                    kernels: [JointKernel::zero(); MAX_JOINTS],
-                    tied: false,
-                    groups: Vec::new(),
-                    sets: Vec::new(),
-                    unrolled: false,
-                },
+                processes: JointProcesses::none(),
                 variance: None,
             },
             bound: Bound {
@@ -200,24 +191,15 @@ fn processes<T: Scalar>(
     heaviest: f32,
     out: &mut JointProcesses<T>,
 ) -> Result<(), LoadError> {
-    out.tied = wire.tied;
-    let mut points = 0_usize;
-    for group in &wire.groups {
-        if !is_within(group.payload_kg, 0.0, heaviest) {
+    for payload_kg in &wire.group_payloads_kg {
+        if !is_within(*payload_kg, 0.0, heaviest) {
             return Err(LoadError::Groups);
         }
-        points += usize::from(group.points);
-        let group = PayloadGroup {
-            payload_kg: T::from_f32(group.payload_kg),
-            points: usize::from(group.points),
-        };
-        out.groups.push(group).map_err(|_| LoadError::Groups)?;
+        let payload_kg = T::from_f32(*payload_kg);
+        let room = out.group_payloads_kg.push(payload_kg);
+        room.map_err(|_| LoadError::Groups)?;
     }
-    let shared = wire.sets.is_empty();
-    if shared && points * row_words(joints) * 4 != wire.rows.len() {
-        return Err(LoadError::Groups);
-    }
-    if shared && points == 0 && wire.kernels.is_empty() {
+    if wire.kernels.is_empty() && wire.sets.is_empty() && wire.rows.is_empty() {
         return Ok(());
     }
     if wire.kernels.len() != joints {
@@ -245,45 +227,33 @@ fn processes<T: Scalar>(
         slot.amplitude = coefficient(kernel.amplitude)?;
         slot.payload_amplitude = coefficient(kernel.payload_amplitude)?;
     }
-    if !shared {
-        sets(wire, joints, out)?;
-    }
-    Ok(())
+    sets(wire, joints, out)
 }
 
-/// The support sets, whose rows are those of the blob: one set for each joint, whose rows of each group make its number.
+/// The inducing sets, one for each joint, whose rows are those of the blob.
 fn sets<T: Scalar>(
     wire: &Elastic<'_>,
     joints: usize,
     out: &mut JointProcesses<T>,
 ) -> Result<(), LoadError> {
-    if wire.tied || wire.sets.len() != joints {
+    if wire.sets.len() != joints {
         return Err(LoadError::Groups);
     }
-    let mut left = [0_usize; MAX_GROUPS];
-    for (slot, group) in left.iter_mut().zip(&wire.groups) {
-        *slot = usize::from(group.points);
-    }
     for (points, kernel) in wire.sets.iter().zip(&out.kernels) {
-        if points.len() != wire.groups.len() {
+        if points.len() != wire.group_payloads_kg.len() {
             return Err(LoadError::Groups);
-        }
-        for (slot, points) in left.iter_mut().zip(points) {
-            *slot = slot
-                .checked_sub(usize::from(*points))
-                .ok_or(LoadError::Groups)?;
         }
         let set = InducingSet::new(kernel, points);
         out.sets.push(set).map_err(|_| LoadError::Groups)?;
     }
-    if left.iter().any(|left| *left != 0) || 4 * out.words(joints) != wire.rows.len() {
+    if 4 * out.words() != wire.rows.len() {
         return Err(LoadError::Groups);
     }
     Ok(())
 }
 
-/// The bytes of the rows of support sets, after every word was looked at.
-pub(super) fn checked_sets<'a>(
+/// The bytes of the inducing points, after every word was looked at.
+pub(super) fn checked_points<'a>(
     wire: &Elastic<'a>,
     joints: &[Joint],
     capacity: usize,

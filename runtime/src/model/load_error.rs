@@ -47,11 +47,11 @@ pub enum LoadError {
     Ripple,
     /// The own-joint curves have more than 64 orders, not as many for each joint, or an amplitude beyond ±1 rad.
     Curve,
-    /// The payload groups do not add up to the support rows.
+    /// There are no inducing points for some joint or payload group, or their rows are not as many.
     Groups,
     /// A weight of the support is not within ±1e30, an input is beyond ±200 length scales, or a sine or cosine beyond ±1.
     Row,
-    /// The variance is not of a tied elastic model, or its landmarks are too many, not whole or not usable.
+    /// The variance is not of an elastic model with processes, or its rates or landmarks are too many, not whole or not usable.
     Variance,
 }
 
@@ -107,7 +107,9 @@ impl fmt::Display for LoadError {
             Self::Gravity => f.write_str("the gravity terms do not fit the number of joints"),
             Self::Ripple => f.write_str("a gear ripple term is not usable"),
             Self::Curve => f.write_str("the own-joint curves are not usable"),
-            Self::Groups => f.write_str("the payload groups do not add up to the support"),
+            Self::Groups => f.write_str(
+                "the inducing sets do not fit the joints, the payload groups or the rows",
+            ),
             Self::Variance => f.write_str("the variance of the position is not usable"),
             Self::Row => f.write_str("a number of the support is not usable"),
         }

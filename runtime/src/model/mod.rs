@@ -20,7 +20,7 @@ use heapless::Vec;
 use poegp_protocol::blob::{self, Blob, Correction};
 use poegp_protocol::limits::{MAX_INPUTS, MAX_JOINTS};
 
-use crate::gp::{joint_processes, quadratic_posterior};
+use crate::gp::quadratic_posterior;
 use crate::kinematics::poe::zero_joint_trig;
 use crate::math::scalar::Scalar;
 use crate::math::se3::Pose;
@@ -31,7 +31,6 @@ use evaluate::{CompiledEvaluation, View};
 use load_error::LoadError;
 pub use model_error::ModelError;
 pub use validate::MAX_PAYLOAD_KG;
-use validate::{MAX_COEFFICIENT, checked_rows, feature_limit};
 
 /// A model in single precision with room for 400 inducing points.
 pub type Model400 = Model<f32, { words_for(400) }>;
@@ -220,21 +219,8 @@ fn checked_support<'a>(blob: &Blob<'a>, capacity: usize) -> Result<&'a [u8], Loa
     match &blob.correction {
         Correction::None => Ok(&[]),
         Correction::TaskSpace(task) => task_space::checked_support(task, capacity),
-        Correction::Elastic(elastic) if !elastic.sets.is_empty() => {
-            elastic::checked_sets(elastic, &blob.robot.joints, capacity)
-        }
         Correction::Elastic(elastic) => {
-            let joints = &blob.robot.joints;
-            let limit = |index: usize| {
-                let joint = joints.get(index / 2);
-                joint.map_or(MAX_COEFFICIENT, |joint| feature_limit(joint.kind))
-            };
-            checked_rows(
-                elastic.rows,
-                joint_processes::row_words(joints.len()),
-                limit,
-                capacity,
-            )
+            elastic::checked_points(elastic, &blob.robot.joints, capacity)
         }
     }
 }

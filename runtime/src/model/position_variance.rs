@@ -2,13 +2,13 @@
 
 use poegp_protocol::JointKind;
 use poegp_protocol::blob::{Blob, Correction, Variance};
-use poegp_protocol::limits::MAX_LANDMARKS;
+use poegp_protocol::limits::{MAX_JOINTS, MAX_LANDMARKS};
 
 use crate::elastic::position_variance::{PositionVariance, landmark_words};
 use crate::math::scalar::{MAX_ANGLE, Scalar};
 use crate::model::MAX_PAYLOAD_KG;
 use crate::model::load_error::LoadError;
-use crate::model::validate::is_within;
+use crate::model::validate::{MAX_COEFFICIENT, MAX_RATE_SUM, is_within};
 
 /// Largest variance in m², and so the largest standard deviation, 1 m.
 const MAX_VARIANCE: f32 = 1.0;
@@ -17,9 +17,15 @@ const MAX_FACTOR: f32 = 1e6;
 
 /// The header, which [`checked`] looks at.
 pub(super) fn header<T: Scalar>(wire: &Variance<'_>) -> PositionVariance<T> {
+    let mut rates = [T::ZERO; MAX_JOINTS];
+    for (slot, rate) in rates.iter_mut().zip(&wire.rates) {
+        *slot = T::from_f32(*rate);
+    }
     PositionVariance {
         floor: T::from_f32(wire.floor_m2),
         gain: T::from_f32(wire.gain),
+        rates,
+        payload_rate: T::from_f32(wire.payload_rate),
         landmarks: usize::from(wire.landmarks),
     }
 }
@@ -29,11 +35,19 @@ pub(super) fn checked<'a>(blob: &Blob<'a>, capacity: usize) -> Result<&'a [u8], 
     let Some(wire) = &blob.variance else {
         return Ok(&[]);
     };
-    let tied = match &blob.correction {
-        Correction::Elastic(elastic) => elastic.tied && !elastic.kernels.is_empty(),
-        _ => false,
-    };
-    if !tied
+    let is_elastic = matches!(&blob.correction, Correction::Elastic(e) if !e.sets.is_empty());
+    let mut rate_sum = 0.0;
+    for rate in &wire.rates {
+        rate_sum += if is_within(*rate, 0.0, MAX_RATE_SUM) {
+            *rate
+        } else {
+            f32::INFINITY
+        };
+    }
+    if !is_elastic
+        || wire.rates.len() != blob.robot.joints.len()
+        || !is_within(rate_sum, 0.0, MAX_RATE_SUM)
+        || !is_within(wire.payload_rate, 0.0, MAX_COEFFICIENT)
         || usize::from(wire.landmarks) > MAX_LANDMARKS
         || !is_within(wire.floor_m2, 0.0, MAX_VARIANCE)
         || !is_within(wire.noise_m2, 0.0, wire.floor_m2)

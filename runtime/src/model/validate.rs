@@ -21,6 +21,8 @@ const MAX_ROTATION_ERROR: f32 = 1e-4;
 /// Largest weight, constant or slope of a correction: with it no sum of the posterior mean can overflow
 /// ((8·4096 + 10⁵)·10³⁰ of the slopes and 10³⁰ for each of a million points stay below f32::MAX).
 pub(super) const MAX_COEFFICIENT: f32 = 1e30;
+/// Largest Σ_d W_d of a kernel: exponents stay within reach of `exp2`.
+pub(super) const MAX_RATE_SUM: f32 = 100_000.0;
 /// Largest bounds that a blob may ask for.
 const MAX_BOUND_M: f32 = 1.0;
 const MAX_BOUND_RAD: f32 = 0.5;

@@ -33,14 +33,12 @@ macro_rules! model {
 /// The golden models, whose arms reach 2 m: an ulp of that is 0.12 to 0.24 µm. An elastic command may be further off than
 /// the 5 µm that the runtime sees, in `f64` as well: it takes the deflection for constant over its last step (`LAG` in
 /// `runtime/src/model/correct.rs`), and these are random ones.
-const MODELS: [Allowed; 9] = [
+const MODELS: [Allowed; 7] = [
     model!("shared", 1.0, 0.4, 5.5),
     model!("folded", 1.0, 0.4, 5.5),
     model!("per_output", 1.0, 0.4, 5.5),
-    model!("elastic_own", 1.0, 0.4, 5.0),
-    model!("elastic_tied", 1.0, 0.4, 5.0),
-    model!("elastic_sigma", 1.0, 0.4, 5.0),
-    model!("elastic_sets", 1.0, 0.4, 5.0),
+    model!("elastic", 1.0, 0.4, 5.0),
+    model!("elastic_std", 1.0, 0.4, 5.0),
     model!("full_shared", 1.0, 0.4, 5.5),
     model!("full_elastic", 1.0, 0.4, 5.0),
 ];

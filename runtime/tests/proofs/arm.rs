@@ -2,8 +2,8 @@
 
 use poegp_protocol::JointKind;
 use poegp_protocol::blob::{
-    Blob, Correction, CorrectionBound, Elastic, Geometry, Joint, JointKernel, PayloadGroup, Ranges,
-    Ripple, Robot, TaskSpace, Units,
+    Blob, Correction, CorrectionBound, Elastic, Geometry, Joint, JointKernel, Ranges, Ripple,
+    Robot, TaskSpace, Units,
 };
 use poegp_protocol::cause::Causes;
 use poegp_protocol::limits::{MAX_JOINTS, OUTPUTS};
@@ -110,9 +110,10 @@ impl Arm {
         }
     }
 
-    /// An arm with an elastic correction: `points` support points in two payload groups, two ripple terms, own-joint curves. Every third
-    /// joint slides if `sliding`.
-    pub fn elastic(joints: usize, points: usize, sliding: bool, tied: bool) -> Self {
+    /// An arm with an elastic correction: about `points` inducing points in two payload groups, as many for each joint, whose
+    /// kernels look at one joint, two joints, … up to all of them; two ripple terms, own-joint curves. Every third joint
+    /// slides if `sliding`.
+    pub fn elastic(joints: usize, points: usize, sliding: bool) -> Self {
         let mut arm = Self::sound(joints, 0);
         arm.task = None;
         if !sliding {
@@ -122,31 +123,37 @@ impl Arm {
         }
         let mut next = scattered(77 + 10 * joints as u32 + points as u32);
         let mut positive = |size: f32| size * (0.55 + 0.45 * next());
-        let first: heapless::Vec<f32, MAX_JOINTS> = (0..joints).map(|_| positive(2.0)).collect();
-        let kernels = (0..joints)
+        let mut kernels: heapless::Vec<JointKernel, MAX_JOINTS> = (0..joints)
             .map(|_| JointKernel {
-                rates: if tied {
-                    first.clone()
-                } else {
-                    (0..joints).map(|_| positive(2.0)).collect()
-                },
+                rates: (0..joints).map(|_| positive(2.0)).collect(),
                 payload_rate: positive(0.05),
                 amplitude: positive(1.0),
                 payload_amplitude: positive(0.01),
             })
             .collect();
         let mut small = |size: f32| size * next();
-        for _ in 0..points {
-            for joint in &arm.joints {
-                let q = small(3.0);
-                arm.rows.extend(match joint.kind {
-                    JointKind::Revolute => [libm::sinf(q), libm::cosf(q)],
-                    JointKind::Prismatic => [q, 0.0],
-                });
+        let each = points.div_ceil(joints);
+        for (c, kernel) in kernels.iter_mut().enumerate() {
+            for (joint, rate) in kernel.rates.iter_mut().enumerate() {
+                // Joint c first, then those that follow.
+                if (joint + joints - c) % joints > c {
+                    *rate = 0.0;
+                }
             }
-            arm.rows.extend((0..joints).map(|_| small(1e-4)));
+            for _ in 0..each {
+                for (joint, rate) in arm.joints.iter().zip(&kernel.rates) {
+                    let q = small(3.0);
+                    if *rate > 0.0 {
+                        arm.rows.extend(match joint.kind {
+                            JointKind::Revolute => [libm::sinf(q), libm::cosf(q)],
+                            JointKind::Prismatic => [q, 0.0],
+                        });
+                    }
+                }
+                arm.rows.push(small(1e-4));
+            }
         }
-        let half = points as u16 / 2;
+        let half = each / 2;
         arm.elastic = Some(Elastic {
             bound: CorrectionBound {
                 position_m: 0.1,
@@ -168,13 +175,11 @@ impl Arm {
                 })
                 .collect(),
             kernels,
-            tied,
-            groups: [(1.0, half), (8.0, points as u16 - half)]
-                .map(|(payload_kg, points)| PayloadGroup { payload_kg, points })
-                .into_iter()
+            group_payloads_kg: [1.0, 8.0].into_iter().collect(),
+            sets: (0..joints)
+                .map(|_| [half as u16, (each - half) as u16].into_iter().collect())
                 .collect(),
             rows: &[],
-            sets: heapless::Vec::new(),
             curves: &[],
         });
         for joint in &arm.joints {
@@ -185,42 +190,6 @@ impl Arm {
             arm.curves
                 .extend((0..2 * CURVE_ORDERS).map(|_| small(size)));
         }
-        arm
-    }
-
-    /// The same with a support set for each joint: `points` rows for each in two payload groups, whose kernels look at one
-    /// joint, two joints, … up to all of them and from one again.
-    pub fn with_sets(joints: usize, points: usize, sliding: bool) -> Self {
-        let mut arm = Self::elastic(joints, 0, sliding, false);
-        let mut next = scattered(99 + 10 * joints as u32 + points as u32);
-        let kinds: Vec<JointKind> = arm.joints.iter().map(|joint| joint.kind).collect();
-        let elastic = arm.elastic.as_mut().expect("an elastic correction");
-        let half = points / 2;
-        for (c, kernel) in elastic.kernels.iter_mut().enumerate() {
-            for (joint, rate) in kernel.rates.iter_mut().enumerate() {
-                // Joint c first, then those that follow.
-                if (joint + joints - c) % joints > c {
-                    *rate = 0.0;
-                }
-            }
-            for _ in 0..points {
-                for (kind, rate) in kinds.iter().zip(&kernel.rates) {
-                    let q = 3.0 * next();
-                    if *rate > 0.0 {
-                        arm.rows.extend(match kind {
-                            JointKind::Revolute => [libm::sinf(q), libm::cosf(q)],
-                            JointKind::Prismatic => [q, 0.0],
-                        });
-                    }
-                }
-                arm.rows.push(1e-4 * next());
-            }
-        }
-        elastic.sets = (0..joints)
-            .map(|_| [half as u16, (points - half) as u16].into_iter().collect())
-            .collect();
-        elastic.groups[0].points = (joints * half) as u16;
-        elastic.groups[1].points = (joints * (points - half)) as u16;
         arm
     }
 
@@ -267,7 +236,7 @@ impl Arm {
                     &mut kernel.payload_amplitude,
                 ]);
             }
-            out.extend(elastic.groups.iter_mut().map(|g| &mut g.payload_kg));
+            out.extend(&mut elastic.group_payloads_kg);
             out.extend(&mut self.rows);
             out.extend(&mut self.curves);
         }

@@ -14,14 +14,14 @@ use crate::seeded::config;
 #[derive(Clone, Copy, Debug)]
 struct Shape {
     joints: usize,
-    /// 0 none, 1 task space, 2 elastic, 3 elastic and tied.
+    /// 0 none, 1 task space, 2 elastic.
     correction: usize,
     sliding: bool,
     coupled: bool,
 }
 
 fn shapes(joints: core::ops::RangeInclusive<usize>) -> impl Strategy<Value = Shape> {
-    (joints, 0_usize..4, any::<bool>(), any::<bool>()).prop_map(
+    (joints, 0_usize..3, any::<bool>(), any::<bool>()).prop_map(
         |(joints, correction, sliding, coupled)| Shape {
             joints,
             correction,
@@ -36,7 +36,7 @@ fn arm(shape: Shape) -> Arm {
     let n = shape.joints;
     let mut arm = match shape.correction {
         0 | 1 => Arm::sound(n, 20),
-        kind => Arm::elastic(n, 20, shape.sliding, kind == 3),
+        _ => Arm::elastic(n, 20, shape.sliding),
     };
     if shape.correction == 0 {
         arm.task = None;
@@ -131,10 +131,7 @@ proptest! {
 #[test]
 fn what_is_applied_is_there() {
     for joints in 5..=8 {
-        for (correction, name) in ["none", "task space", "elastic", "elastic, tied"]
-            .into_iter()
-            .enumerate()
-        {
+        for (correction, name) in ["none", "task space", "elastic"].into_iter().enumerate() {
             for (sliding, coupled) in [(false, false), (false, true), (true, false)] {
                 let shape = Shape {
                     joints,

@@ -16,7 +16,7 @@ const POSES: u32 = 400;
 fn arm(joints: usize, elastic: bool, size: f32) -> Arm {
     let mut arm = match elastic {
         false => Arm::sound(joints, 20),
-        true => Arm::elastic(joints, 20, false, false),
+        true => Arm::elastic(joints, 20, false),
     };
     for (i, frame) in arm.calibrated.iter_mut().enumerate() {
         let off = core::array::from_fn(|c| size * libm::sinf((i * 6 + c) as f32 * 0.7));

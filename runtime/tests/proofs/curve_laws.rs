@@ -85,10 +85,10 @@ proptest! {
     #[test]
     fn a_model_adds_the_curve_of_each_controller_joint(
         joints in 3_usize..=MAX_JOINTS,
-        (sliding, tied, coupled) in any::<(bool, bool, bool)>(),
+        (sliding, coupled) in any::<(bool, bool)>(),
         q in prop::array::uniform8(-2.0..2.0_f64),
     ) {
-        let mut arm = Arm::elastic(joints, 10, sliding, tied);
+        let mut arm = Arm::elastic(joints, 10, sliding);
         if coupled {
             arm.coupling = (0..joints * joints)
                 .map(|i| match (i / joints, i % joints) {
@@ -121,9 +121,9 @@ proptest! {
 #[test]
 fn curves_that_are_none_are_refused() {
     let refused = |change: &dyn Fn(&mut Vec<f32>)| {
-        let mut arm = Arm::elastic(3, 4, false, true);
+        let mut arm = Arm::elastic(3, 4, false);
         change(&mut arm.curves);
-        let mut model = Arm::elastic(2, 4, false, false).model::<f32>();
+        let mut model = Arm::elastic(2, 4, false).model::<f32>();
         model.load_decoded(&arm.blob())
     };
     assert_eq!(refused(&|curves| curves.clear()), Ok(()));

@@ -7,7 +7,7 @@ use poegp_runtime::elastic::deflection::{deflected, deflection_twist};
 use poegp_runtime::elastic::gravity::{Gravity, GravityRegressors, GravityTerms};
 use poegp_runtime::gp::KernelLoops;
 use poegp_runtime::gp::inducing_sets::InducingSet;
-use poegp_runtime::gp::joint_kernel::{JointKernel, PayloadGroup, similarity};
+use poegp_runtime::gp::joint_kernel::{JointKernel, similarity};
 use poegp_runtime::gp::joint_processes::JointProcesses;
 use poegp_runtime::kinematics::coupling::PerJoint;
 use poegp_runtime::kinematics::minimal_chain::{JointFrames, MinimalChain, MinimalForm};
@@ -94,67 +94,9 @@ fn points(count: usize) -> impl Strategy<Value = Vec<Point>> {
     prop::collection::vec(point, 0..=count)
 }
 
-/// What the processes give at (q, m), and the same by the formula.
-fn mean<T: KernelLoops>(
-    kinds: &[JointKind],
-    naturals: &[Natural],
-    tied: bool,
-    points: &[Point],
-    (q, m): (&[f64], f64),
-) -> (PerJoint<T>, PerJoint<f64>) {
-    let n = kinds.len();
-    let mut points = points.to_vec();
-    points.sort_by(|a, b| a.1.total_cmp(&b.1));
-    let mut processes = JointProcesses {
-        kernels: [JointKernel::zero(); 8],
-        tied,
-        groups: heapless::Vec::new(),
-        sets: heapless::Vec::new(),
-        unrolled: false,
-    };
-    let natural = |c: usize| {
-        let mut natural: Natural = naturals[c].clone();
-        if tied {
-            natural.0.clone_from(&naturals[0].0);
-        }
-        natural
-    };
-    let mut rows = Vec::new();
-    for (slot, c) in processes.kernels.iter_mut().zip(0..n) {
-        let mut natural = natural(c);
-        natural.0.truncate(n);
-        *slot = kernel(&natural);
-    }
-    for (place, payload, weights) in &points {
-        match processes.groups.last_mut() {
-            Some(group) if group.payload_kg == T::from_f64(*payload) => group.points += 1,
-            _ => {
-                let group = PayloadGroup {
-                    payload_kg: T::from_f64(*payload),
-                    points: 1,
-                };
-                processes.groups.push(group).unwrap();
-            }
-        }
-        rows.extend(places::<T>(kinds, place).iter().take(n).flatten());
-        rows.extend(weights.iter().take(n).map(|w| T::from_f64(*w)));
-    }
-    processes.choose_loops(kinds);
-    let found = processes.mean(kinds, &rows, &places(kinds, q), T::from_f64(m));
-    let mut expected = [0.0; 8];
-    for (place, payload, weights) in &points {
-        for (c, sum) in expected.iter_mut().enumerate().take(n) {
-            *sum += direct_payload_factor(&natural(c), m, *payload)
-                * direct_joint_factor(kinds, &natural(c), q, place)
-                * weights[c];
-        }
-    }
-    (found, expected)
-}
-
-/// What support sets give at (q, m), and the same by the formula. Point j is in the set of joint c unless j + c is a
+/// What the processes give at (q, m), and the same by the formula. Point j is in the set of joint c unless j + c is a
 /// multiple of three.
-fn mean_of_sets<T: KernelLoops>(
+fn mean<T: KernelLoops>(
     kinds: &[JointKind],
     naturals: &[Natural],
     points: &[Point],
@@ -165,19 +107,10 @@ fn mean_of_sets<T: KernelLoops>(
     points.sort_by(|a, b| a.1.1.total_cmp(&b.1.1));
     let mut payloads: Vec<f64> = points.iter().map(|(_, point)| point.1).collect();
     payloads.dedup();
-    let mut processes = JointProcesses {
-        kernels: [JointKernel::zero(); 8],
-        tied: false,
-        groups: payloads
-            .iter()
-            .map(|payload| PayloadGroup {
-                payload_kg: T::from_f64(*payload),
-                points: 0,
-            })
-            .collect(),
-        sets: heapless::Vec::new(),
-        unrolled: false,
-    };
+    let mut processes = JointProcesses::none();
+    processes
+        .group_payloads_kg
+        .extend(payloads.iter().map(|payload| T::from_f64(*payload)));
     let (mut rows, mut expected) = (Vec::new(), [0.0; 8]);
     for c in 0..n {
         let mut natural = naturals[c].clone();
@@ -198,7 +131,7 @@ fn mean_of_sets<T: KernelLoops>(
         }
         processes.sets.push(set).unwrap();
     }
-    assert_eq!(processes.words(n), rows.len());
+    assert_eq!(processes.words(), rows.len());
     processes.choose_loops(kinds);
     let found = processes.mean(kinds, &rows, &places(kinds, q), T::from_f64(m));
     (found, expected)
@@ -207,14 +140,13 @@ fn mean_of_sets<T: KernelLoops>(
 fn mean_is_the_formula(
     kinds: &[JointKind],
     naturals: &[Natural],
-    tied: bool,
     points: &[Point],
     at: (&[f64], f64),
 ) -> Result<(), TestCaseError> {
-    let (double, expected) = mean::<f64>(kinds, naturals, tied, points, at);
+    let (double, expected) = mean::<f64>(kinds, naturals, points, at);
     let error = distance(&double, &expected);
     prop_assert!(error < 1e-11, "f64 {:e}", error);
-    let (single, expected) = mean::<f32>(kinds, naturals, tied, points, at);
+    let (single, expected) = mean::<f32>(kinds, naturals, points, at);
     // A kernel of rate W has an exponent of W steps of 2^-24 in f32; weights of 1, amplitudes of up to 17.
     let steepest = naturals
         .iter()
@@ -284,22 +216,9 @@ proptest! {
         }
     }
 
-    /// Unrolled loops for five, six and seven revolute joints, own and tied, and the loop for everything else.
+    /// Unrolled loops for revolute joints, and the loop for everything else; with joints left out whose rate is zero.
     #[test]
     fn posterior_mean_is_the_formula(
-        kinds in kinds(),
-        naturals in naturals(1.5),
-        tied: bool,
-        points in points(12),
-        q in prop::collection::vec(-3.0..3.0_f64, 8),
-        m in 0.0..12.0_f64,
-    ) {
-        mean_is_the_formula(&kinds, &naturals, tied, &points, (&q, m))?;
-    }
-
-    /// Each joint's process from rows of its own, with joints left out whose rate is zero: the formula with rows for all.
-    #[test]
-    fn mean_of_support_sets_is_the_formula(
         kinds in kinds(),
         naturals in naturals(1.5),
         left_out in prop::collection::vec(any::<u8>(), 8),
@@ -315,13 +234,7 @@ proptest! {
                 }
             }
         }
-        let (double, expected) = mean_of_sets::<f64>(&kinds, &naturals, &points, (&q, m));
-        let error = distance(&double, &expected);
-        prop_assert!(error < 1e-11, "f64 {:e}", error);
-        let (single, expected) = mean_of_sets::<f32>(&kinds, &naturals, &points, (&q, m));
-        let tolerance = 2e-5 * 1.5 * points.len().max(1) as f64;
-        let error = distance(&single.map(f64::from), &expected);
-        prop_assert!(error < tolerance, "f32 {:e}, {:e}", error, tolerance);
+        mean_is_the_formula(&kinds, &naturals, &points, (&q, m))?;
     }
 
     /// Too steep for the exponential without a clamp.
@@ -329,15 +242,14 @@ proptest! {
     fn posterior_mean_of_steep_kernels(
         joints in 5_usize..=7,
         naturals in naturals(100.0),
-        tied: bool,
         points in points(4),
         at in prop::sample::select(vec![0_usize, 1, 2, 3]),
         m in 0.0..12.0_f64,
     ) {
         let kinds = vec![JointKind::Revolute; joints];
-        // At a support point, where there is something left.
+        // At an inducing point, where there is something left.
         let q = points.get(at).map_or(vec![0.5; 8], |point| point.0.clone());
-        mean_is_the_formula(&kinds, &naturals, tied, &points, (&q, m))?;
+        mean_is_the_formula(&kinds, &naturals, &points, (&q, m))?;
     }
 
     /// The sum over regressors one by one; a prismatic joint feels the weight alone.

@@ -49,11 +49,11 @@ proptest! {
     #[test]
     fn the_pose_is_that_of_the_deflected_joints(
         joints in 1_usize..=8,
-        (sliding, tied, coupled) in any::<(bool, bool, bool)>(),
+        (sliding, coupled) in any::<(bool, bool)>(),
         q in prop::array::uniform8(-2.0..2.0_f64),
         m in 0.0..10.0_f64,
     ) {
-        let mut arm = Arm::elastic(joints, 20, sliding, tied);
+        let mut arm = Arm::elastic(joints, 20, sliding);
         let coupled = coupled && joints >= 3;
         if coupled {
             couple(&mut arm);
@@ -86,11 +86,11 @@ proptest! {
     #[test]
     fn f32_is_near_f64(
         joints in 1_usize..=8,
-        (sliding, tied) in any::<(bool, bool)>(),
+        sliding: bool,
         q in prop::array::uniform8(-2.0_f32..2.0),
         m in 0.0_f32..10.0,
     ) {
-        let mut arm = Arm::elastic(joints, 40, sliding, tied);
+        let mut arm = Arm::elastic(joints, 40, sliding);
         let wide = q.map(f64::from);
         let (mut here, mut there) = (Seen::default(), Seen::default());
         let single = arm.model::<f32>().evaluate_observed(&q[..joints], m, &mut here);
@@ -108,13 +108,13 @@ proptest! {
     #[test]
     fn the_bound_is_respected(
         joints in 1_usize..=8,
-        (sliding, tied) in any::<(bool, bool)>(),
+        sliding: bool,
         q in prop::array::uniform8(-2.0_f32..2.0),
         factor in (-1.0_f32..12.0).prop_map(libm::exp10f),
         position_m in prop_oneof![Just(0.0), 0.0_f32..0.02],
         angle_rad in prop_oneof![Just(0.0), 0.0_f32..0.02],
     ) {
-        let mut arm = Arm::elastic(joints, 10, sliding, tied);
+        let mut arm = Arm::elastic(joints, 10, sliding);
         let elastic = arm.joint_space();
         (elastic.bound.position_m, elastic.bound.angle_rad) = (position_m, angle_rad);
         for kernel in &mut elastic.kernels {
@@ -143,7 +143,7 @@ proptest! {
 /// Scaled back along the same direction, by one factor for all joints.
 #[test]
 fn a_bounded_correction_keeps_its_direction() {
-    let mut arm = Arm::elastic(6, 20, false, false);
+    let mut arm = Arm::elastic(6, 20, false);
     let q = [0.1, -0.2, 0.3, -0.4, 0.5, -0.6];
     let free = arm.model::<f64>().evaluate(&q, 2.0);
     let loose = free.correction.to_array();
@@ -162,7 +162,7 @@ fn a_bounded_correction_keeps_its_direction() {
 
 #[test]
 fn statuses_say_what_is_outside() {
-    let mut arm = Arm::elastic(3, 10, false, false);
+    let mut arm = Arm::elastic(3, 10, false);
     let model = arm.model::<f32>();
     let (joint, payload) = (Status::OUTSIDE_JOINT_RANGE, Status::OUTSIDE_PAYLOAD_RANGE);
     let cases: [(&[f32], f32, Status); 6] = [
@@ -199,7 +199,7 @@ fn statuses_say_what_is_outside() {
 #[test]
 fn the_payload_is_held_at_eight_times_the_heaviest() {
     for (heaviest, held) in [(10.0, 80.0), (0.5, 8.0)] {
-        let mut arm = Arm::elastic(6, 20, false, true);
+        let mut arm = Arm::elastic(6, 20, false);
         arm.payload = Some((0.0, heaviest));
         let model = arm.model::<f32>();
         let q = [0.3; 6];
@@ -216,11 +216,9 @@ fn the_payload_is_held_at_eight_times_the_heaviest() {
 /// Whatever is carried counts as nothing then.
 #[test]
 fn a_model_without_payload_range_does_not_know_the_payload() {
-    let mut arm = Arm::elastic(6, 20, false, true);
+    let mut arm = Arm::elastic(6, 20, false);
     arm.payload = None;
-    for group in &mut arm.joint_space().groups {
-        group.payload_kg = 0.0;
-    }
+    arm.joint_space().group_payloads_kg.fill(0.0);
     let model = arm.model::<f32>();
     let empty = model.evaluate(&[0.3; 6], 0.0);
     assert!(empty.status.is_ok());
@@ -230,7 +228,7 @@ fn a_model_without_payload_range_does_not_know_the_payload() {
 /// What a ripple term adds to its joint, and nothing to the others.
 #[test]
 fn a_ripple_term_moves_its_joint() {
-    let mut arm = Arm::elastic(6, 10, false, false);
+    let mut arm = Arm::elastic(6, 10, false);
     let q = [0.3, -0.2, 0.1, 0.4, -0.5, 0.6];
     let deflection = |arm: &mut Arm| {
         let mut seen = Seen::default();
@@ -252,7 +250,7 @@ fn a_ripple_term_moves_its_joint() {
 /// The process sees the controller's joints, the chain the serial ones.
 #[test]
 fn coupling_acts_after_the_deflection() {
-    let mut plain = Arm::elastic(3, 10, false, false);
+    let mut plain = Arm::elastic(3, 10, false);
     plain.joint_space().links.clear();
     plain.joint_space().payload.clear();
     let mut coupled = plain.clone();

@@ -1,6 +1,6 @@
 //! What is refused of an elastic correction, and that nothing that gets past it makes a NaN.
 
-use poegp_protocol::blob::{PayloadGroup, Ripple};
+use poegp_protocol::blob::Ripple;
 use poegp_protocol::limits::MAX_JOINTS;
 use poegp_runtime::guard::status::Status;
 use poegp_runtime::model::Model;
@@ -14,7 +14,7 @@ use crate::seeded::config;
 fn wrong_arms() -> Vec<(&'static str, Arm, LoadError)> {
     let mut out = Vec::new();
     let mut add = |what, error, change: fn(&mut Arm)| {
-        let mut arm = Arm::elastic(3, 4, true, false);
+        let mut arm = Arm::elastic(3, 4, true);
         change(&mut arm);
         out.push((what, arm, error));
     };
@@ -79,17 +79,14 @@ fn wrong_arms() -> Vec<(&'static str, Arm, LoadError)> {
             arm.joint_space().kernels[2].payload_amplitude = f32::MIN;
         },
     );
-    add("a group too small", LoadError::Groups, |arm| {
-        arm.joint_space().groups[0].points = 1;
-    });
     add("a group of -1 kg", LoadError::Groups, |arm| {
-        arm.joint_space().groups[0].payload_kg = -1.0;
+        arm.joint_space().group_payloads_kg[0] = -1.0;
     });
     add("a group out of reach", LoadError::Groups, |arm| {
-        arm.joint_space().groups[1].payload_kg = 81.0;
+        arm.joint_space().group_payloads_kg[1] = 81.0;
     });
     add("no groups", LoadError::Groups, |arm| {
-        arm.joint_space().groups.clear()
+        arm.joint_space().group_payloads_kg.clear()
     });
     add("a bound of 2 m", LoadError::Bound, |arm| {
         arm.joint_space().bound.position_m = 2.0;
@@ -102,10 +99,10 @@ fn wrong_arms() -> Vec<(&'static str, Arm, LoadError)> {
         arm.rows[3] = f32::NAN
     });
     add("a travel of 5 km", LoadError::Row, |arm| {
-        arm.rows[4] = 5_000.0
+        arm.rows[8] = 5_000.0
     });
     add("a weight beyond reason", LoadError::Row, |arm| {
-        arm.rows[6] = f32::MAX
+        arm.rows[2] = f32::MAX
     });
     let large = LoadError::SupportTooLarge {
         needed: 1_026,
@@ -113,7 +110,7 @@ fn wrong_arms() -> Vec<(&'static str, Arm, LoadError)> {
     };
     add("a row too many", large, |arm| {
         arm.rows.resize(1_026, 0.0);
-        arm.joint_space().groups[1].points = 112;
+        arm.joint_space().sets[0][1] += 332;
     });
     add(
         "the other checks, too",
@@ -127,7 +124,7 @@ fn wrong_arms() -> Vec<(&'static str, Arm, LoadError)> {
 
 #[test]
 fn what_is_wrong_is_named_and_the_old_model_goes_on() {
-    let mut model = Arm::elastic(6, 20, false, true).model::<f32>();
+    let mut model = Arm::elastic(6, 20, false).model::<f32>();
     let q = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6];
     let before = model.evaluate(&q, 2.0);
     let mut missed = Vec::new();
@@ -135,10 +132,10 @@ fn what_is_wrong_is_named_and_the_old_model_goes_on() {
         let found = model.load_decoded(&arm.blob());
         if found != Err(expected) {
             missed.push((what, found));
-            model = Arm::elastic(6, 20, false, true).model::<f32>();
+            model = Arm::elastic(6, 20, false).model::<f32>();
         }
         assert_eq!(model.evaluate(&q, 2.0), before, "after {what}");
-        assert_eq!((model.joints(), model.support()), (6, 20));
+        assert_eq!((model.joints(), model.support()), (6, 24));
         let mut empty = Model::<f32, WORDS>::new();
         if empty.load_decoded(&arm.blob()).is_err() {
             assert_eq!(empty.evaluate(&q, 2.0).status, Status::NO_MODEL);
@@ -147,17 +144,14 @@ fn what_is_wrong_is_named_and_the_old_model_goes_on() {
     assert!(missed.is_empty(), "{missed:#?}");
 }
 
-/// What is wrong with support sets, with the name of the refusal.
+/// What is wrong with inducing sets, with the name of the refusal.
 fn wrong_sets() -> Vec<(&'static str, Arm, LoadError)> {
     let mut out = Vec::new();
     let mut add = |what, expected, change: &dyn Fn(&mut Arm)| {
-        let mut arm = Arm::with_sets(6, 4, true);
+        let mut arm = Arm::elastic(6, 24, true);
         change(&mut arm);
         out.push((what, arm, expected));
     };
-    add("sets and one support", LoadError::Groups, &|arm| {
-        arm.joint_space().tied = true;
-    });
     add("a set too few", LoadError::Groups, &|arm| {
         arm.joint_space().sets.pop();
     });
@@ -171,9 +165,6 @@ fn wrong_sets() -> Vec<(&'static str, Arm, LoadError)> {
     add("a group that is not there", LoadError::Groups, &|arm| {
         arm.joint_space().sets[2].push(0).unwrap();
     });
-    add("rows that no set has", LoadError::Groups, &|arm| {
-        arm.joint_space().groups[1].points += 1;
-    });
     add("rows that no group has", LoadError::Groups, &|arm| {
         arm.joint_space().sets[0][1] += 1;
     });
@@ -181,7 +172,6 @@ fn wrong_sets() -> Vec<(&'static str, Arm, LoadError)> {
         for set in &mut arm.joint_space().sets {
             set[0] = u16::MAX;
         }
-        arm.joint_space().groups[0].points = u16::MAX;
     });
     add("a row of one joint more", LoadError::Groups, &|arm| {
         arm.joint_space().kernels[0].rates[3] = 0.1;
@@ -207,8 +197,8 @@ fn wrong_sets() -> Vec<(&'static str, Arm, LoadError)> {
 }
 
 #[test]
-fn what_is_wrong_with_support_sets_is_named_and_the_old_model_goes_on() {
-    let mut model = Arm::with_sets(6, 4, true).model::<f32>();
+fn what_is_wrong_with_inducing_sets_is_named_and_the_old_model_goes_on() {
+    let mut model = Arm::elastic(6, 24, true).model::<f32>();
     assert_eq!((model.joints(), model.support()), (6, 24));
     let q = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6];
     let before = model.evaluate(&q, 2.0);
@@ -217,12 +207,12 @@ fn what_is_wrong_with_support_sets_is_named_and_the_old_model_goes_on() {
         let found = model.load_decoded(&arm.blob());
         if found != Err(expected) {
             missed.push((what, found));
-            model = Arm::with_sets(6, 4, true).model::<f32>();
+            model = Arm::elastic(6, 24, true).model::<f32>();
         }
         assert_eq!(model.evaluate(&q, 2.0), before, "after {what}");
     }
     assert!(missed.is_empty(), "{missed:#?}");
-    let mut large = Arm::with_sets(6, 40, false);
+    let mut large = Arm::elastic(6, 240, false);
     let words = large.rows.len() as u32;
     let capacity = WORDS as u32;
     assert_eq!(
@@ -237,7 +227,7 @@ fn what_is_wrong_with_support_sets_is_named_and_the_old_model_goes_on() {
 /// Half a row has no group that could describe it.
 #[test]
 fn rows_are_whole() {
-    let mut arm = Arm::elastic(3, 4, false, false);
+    let mut arm = Arm::elastic(3, 4, false);
     arm.rows.pop();
     let mut model = Model::<f32, WORDS>::new();
     assert_eq!(model.load_decoded(&arm.blob()), Err(LoadError::Groups));
@@ -246,13 +236,14 @@ fn rows_are_whole() {
 /// What may be absent: everything but the bound.
 #[test]
 fn an_elastic_correction_may_be_empty() {
-    let mut arm = Arm::elastic(6, 0, false, false);
+    let mut arm = Arm::elastic(6, 0, false);
     let elastic = arm.joint_space();
     elastic.links.clear();
     elastic.payload.clear();
     elastic.ripple.clear();
     elastic.kernels.clear();
-    elastic.groups.clear();
+    elastic.group_payloads_kg.clear();
+    elastic.sets.clear();
     arm.curves.clear();
     let (model, mut seen) = (arm.model::<f32>(), Seen::default());
     let answer = model.evaluate_observed(&[0.2; 6], 1.0, &mut seen);
@@ -264,7 +255,7 @@ fn an_elastic_correction_may_be_empty() {
 #[test]
 fn task_space_and_elastic_models_replace_each_other() {
     let q = [0.2; 6];
-    let (mut task, mut elastic) = (Arm::sound(6, 20), Arm::elastic(6, 20, false, false));
+    let (mut task, mut elastic) = (Arm::sound(6, 20), Arm::elastic(6, 20, false));
     let expected = [task.model::<f32>(), elastic.model()].map(|model| model.evaluate(&q, 1.0));
     let mut model = Model::<f32, WORDS>::new();
     for _ in 0..2 {
@@ -308,11 +299,11 @@ proptest! {
     #[test]
     fn no_input_makes_a_nan(
         joints in 1_usize..=8,
-        (sliding, tied, coupled) in any::<(bool, bool, bool)>(),
+        (sliding, coupled) in any::<(bool, bool)>(),
         q in prop::collection::vec(any_f32(), 0..10),
         m in any_f32(),
     ) {
-        let mut arm = Arm::elastic(joints, 4, sliding, tied);
+        let mut arm = Arm::elastic(joints, 4, sliding);
         if coupled {
             arm.coupling = vec![-2.0; joints * joints];
         }
@@ -330,7 +321,7 @@ proptest! {
     #[test]
     fn no_blob_makes_a_nan(
         joints in 1_usize..=8,
-        (sliding, tied, coupled) in any::<(bool, bool, bool)>(),
+        (sliding, coupled) in any::<(bool, bool)>(),
         changes in prop::collection::vec((any::<prop::sample::Index>(), any_f32()), 1..12),
         groups in prop::collection::vec((0.0_f32..90.0, 0_u16..3), 0..4),
         regroup: bool,
@@ -338,13 +329,17 @@ proptest! {
         q in prop::array::uniform8(prop_oneof![-3.0_f32..3.0, -4_096.0_f32..4_096.0]),
         m in prop_oneof![0.0_f32..10.0, 0.0_f32..1e5],
     ) {
-        let mut arm = Arm::elastic(joints, 4, sliding, tied);
+        let mut arm = Arm::elastic(joints, 4, sliding);
         if coupled {
             arm.coupling = vec![-1.0; joints * joints];
         }
         if regroup {
-            let groups = groups.into_iter().map(|(payload_kg, points)| PayloadGroup { payload_kg, points });
-            arm.joint_space().groups = groups.collect();
+            let (payloads, points): (Vec<f32>, Vec<u16>) = groups.into_iter().unzip();
+            let elastic = arm.joint_space();
+            elastic.group_payloads_kg = payloads.iter().copied().collect();
+            for set in &mut elastic.sets {
+                *set = points.iter().copied().collect();
+            }
         }
         if let Some((joint, cycles)) = term {
             let term = Ripple { joint, cycles, sin: 1e-4, cos: -1e-4 };
@@ -357,7 +352,7 @@ proptest! {
             let at = if number % 2 == 0 { count - tail + index.index(tail) } else { index.index(count) };
             *arm.numbers()[at] = *value;
         }
-        let mut model = Arm::elastic(2, 4, false, false).model::<f32>();
+        let mut model = Arm::elastic(2, 4, false).model::<f32>();
         let before = model.evaluate(&[0.5, 0.5], 1.0);
         if model.load_decoded(&arm.blob()).is_err() {
             prop_assert_eq!(model.evaluate(&[0.5, 0.5], 1.0), before);

@@ -6,7 +6,6 @@ use poegp_runtime::elastic::deflection::Deflection;
 use poegp_runtime::elastic::gravity::{Gravity, GravityTerms};
 use poegp_runtime::elastic::ripple::{RippleTerm, ripple_regressors};
 use poegp_runtime::elastic::ripple::{ripple, ripple_line};
-use poegp_runtime::gp::joint_kernel::JointKernel;
 use poegp_runtime::gp::joint_processes::JointProcesses;
 use poegp_runtime::kinematics::minimal_chain::MinimalForm;
 use poegp_runtime::kinematics::poe::Poe;
@@ -24,13 +23,7 @@ fn deflection(terms: &[RippleTerm<f64>]) -> Deflection<f64> {
         gravity: Gravity::new(&weightless, &MinimalForm::new(&chain)),
         ripple: terms.iter().copied().collect(),
         curve_orders: 0,
-        processes: JointProcesses {
-            kernels: [JointKernel::zero(); 8],
-            tied: true,
-            groups: heapless::Vec::new(),
-            sets: heapless::Vec::new(),
-            unrolled: false,
-        },
+        processes: JointProcesses::none(),
         variance: None,
     }
 }

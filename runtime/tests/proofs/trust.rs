@@ -13,15 +13,14 @@ use proptest::prelude::*;
 use crate::arm::{Arm, WORDS};
 use crate::seeded::config;
 
-/// Every kind of model: paper's, elastic with own and tied length scales, the chain alone.
+/// Every kind of model: paper's, elastic, the chain alone.
 fn arm(kind: usize, joints: usize) -> Arm {
     let mut arm = match kind {
         0 => Arm::sound(joints, 10),
-        1 => Arm::elastic(joints, 10, true, false),
-        2 => Arm::elastic(joints, 10, true, true),
+        1 => Arm::elastic(joints, 10, true),
         _ => Arm::sound(joints, 0),
     };
-    if kind > 2 {
+    if kind > 1 {
         arm.task = None;
     }
     arm
@@ -46,11 +45,14 @@ fn bytes(arm: &Arm, landmarks: &[Landmark]) -> Vec<u8> {
     words.into_iter().flat_map(f32::to_le_bytes).collect()
 }
 
-fn variance(landmarks: u8, rows: &[u8]) -> Variance<'_> {
+/// The variance of an arm with so many joints.
+fn variance(joints: usize, landmarks: u8, rows: &[u8]) -> Variance<'_> {
     Variance {
         floor_m2: 1e-9,
         noise_m2: 5e-10,
         gain: 1e-8,
+        rates: (0..joints).map(|d| 0.5 + 0.2 * d as f32).collect(),
+        payload_rate: 0.03,
         landmarks,
         rows,
     }
@@ -64,7 +66,7 @@ fn loaded<T: Scalar>(arm: &mut Arm, v: Variance<'_>) -> Result<Model<T, WORDS>, 
     model.load_decoded(&blob).map(|()| model)
 }
 
-/// Three landmarks, two of them among the support of a tied arm of `joints` joints.
+/// Three landmarks, for an arm of `joints` joints.
 fn sample(joints: usize) -> Vec<Landmark> {
     let place =
         |seed: usize| (0..joints).map(move |d| ((3 * d + 7 * seed) % 11) as f32 / 5.0 - 1.0);
@@ -81,7 +83,7 @@ proptest! {
     /// 1 within the trained ranges, never more, never negative, never NaN, and 0 for what is no input.
     #[test]
     fn trust_is_within_0_and_1(
-        kind in 0_usize..4,
+        kind in 0_usize..3,
         joints in 1_usize..=8,
         q in prop::collection::vec(prop_oneof![-3.0_f32..3.0, any::<u32>().prop_map(f32::from_bits)], 8),
         m in prop_oneof![0.0_f32..20.0, any::<u32>().prop_map(f32::from_bits)],
@@ -101,7 +103,7 @@ proptest! {
     /// The farther beyond a range the less, whatever the other inputs, down to nothing.
     #[test]
     fn trust_falls_beyond_the_ranges(
-        kind in 0_usize..4,
+        kind in 0_usize..3,
         joints in 1_usize..=8,
         q in prop::array::uniform8(-4.0_f32..4.0),
         which in any::<prop::sample::Index>(),
@@ -128,11 +130,10 @@ proptest! {
     /// The share of a process' variance that is known from the edge of the range: the squared correlation, at least.
     #[test]
     fn trust_is_no_more_than_the_squared_correlation_with_the_edge(beyond in 0.0_f32..4.0) {
-        let mut arm = Arm::elastic(3, 4, false, true);
+        let mut arm = Arm::elastic(1, 4, false);
         arm.joint_space().payload.clear();
-        let rates = arm.joint_space().kernels[0].rates.clone();
-        let rate = f64::from(rates[0]);
-        let trust = f64::from(arm.model::<f32>().evaluate(&[2.0 + beyond, 0.0, 0.0], 5.0).trust);
+        let rate = f64::from(arm.joint_space().kernels[0].rates[0]);
+        let trust = f64::from(arm.model::<f32>().evaluate(&[2.0 + beyond], 5.0).trust);
         let correlation = libm::exp2(rate * (libm::cos(f64::from(beyond)) - 1.0));
         prop_assert!(trust <= correlation * correlation * 1.000_01, "{trust} {correlation}");
     }
@@ -145,7 +146,7 @@ proptest! {
         q in prop::array::uniform8(-2.0..2.0_f64),
         m in 0.0..10.0_f64,
     ) {
-        let mut arm = Arm::elastic(joints, 8, sliding, true);
+        let mut arm = Arm::elastic(joints, 8, sliding);
         let coupled = coupled && joints >= 3;
         if coupled {
             arm.coupling = (0..joints * joints)
@@ -158,7 +159,7 @@ proptest! {
         let kinds: Vec<JointKind> = arm.joints.iter().map(|j| j.kind).collect();
         let frames: Vec<Pose<f64>> = arm.calibrated.iter().map(|f| Pose::<f32>::from_rows(f).cast()).collect();
         let poe = poegp_runtime::kinematics::poe::Poe::new(&kinds, &frames).unwrap();
-        let model = loaded::<f64>(&mut arm, variance(3, &rows)).unwrap();
+        let model = loaded::<f64>(&mut arm, variance(joints, 3, &rows)).unwrap();
         let found = model.evaluate(&q[..joints], m).position_sigma.unwrap();
         let position = |q: &[f64]| {
             let mut serial = q.to_vec();
@@ -177,13 +178,13 @@ proptest! {
             let column = (moved(1e-5) - moved(-1e-5)) / 2e-5;
             prior += column.dot(&column) * (f64::from(kernel.amplitude) + f64::from(kernel.payload_amplitude) * m * m);
         }
-        let kernel = &kernels[0];
+        let v = variance(joints, 3, &rows);
         let k: Vec<f64> = landmarks.iter().map(|(place, payload, _)| {
             let off = m - f64::from(*payload);
-            let mut exponent = -f64::from(kernel.payload_rate) * off * off;
+            let mut exponent = -f64::from(v.payload_rate) * off * off;
             for d in 0..joints {
                 let difference = q[d] - f64::from(place[d]);
-                exponent += f64::from(kernel.rates[d]) * match kinds[d] {
+                exponent += f64::from(v.rates[d]) * match kinds[d] {
                     JointKind::Revolute => libm::cos(difference) - 1.0,
                     JointKind::Prismatic => -0.5 * difference * difference,
                 };
@@ -198,7 +199,7 @@ proptest! {
         let expected = libm::sqrt(f64::from(1e-9_f32) + f64::from(1e-8_f32) * prior * u * u);
         prop_assert!((found / expected - 1.0).abs() < 1e-4, "{found:e} {expected:e}");
         // In f32 the same to five digits.
-        let single = loaded::<f32>(&mut arm, variance(3, &rows)).unwrap();
+        let single = loaded::<f32>(&mut arm, variance(joints, 3, &rows)).unwrap();
         let narrow = q.map(|x| x as f32);
         let single = f64::from(single.evaluate(&narrow[..joints], m as f32).position_sigma.unwrap());
         prop_assert!((single / expected - 1.0).abs() < 2e-4, "{single:e} {expected:e}");
@@ -213,7 +214,7 @@ proptest! {
         q in prop::array::uniform8(prop_oneof![-3.0_f32..3.0, -4_096.0_f32..4_096.0]),
         m in prop_oneof![0.0_f32..10.0, 0.0_f32..1e5],
     ) {
-        let mut arm = Arm::elastic(joints, 8, true, true);
+        let mut arm = Arm::elastic(joints, 8, true);
         arm.joint_space().kernels[joints - 1].amplitude = amplitude;
         let mut rows = bytes(&arm, &sample(joints));
         let words = rows.len() / 4;
@@ -221,7 +222,7 @@ proptest! {
             let at = 4 * index.index(words);
             rows[at..at + 4].copy_from_slice(&value.to_le_bytes());
         }
-        let v = Variance { gain: 1e6, ..variance(3, &rows) };
+        let v = Variance { gain: 1e6, ..variance(joints, 3, &rows) };
         if let Ok(model) = loaded::<f32>(&mut arm, v) {
             let sigma = model.evaluate(&q[..joints], m).position_sigma.unwrap();
             prop_assert!((3.16e-5..=1.0).contains(&sigma), "{sigma}");
@@ -232,13 +233,13 @@ proptest! {
 /// At a landmark that is known all of the prior is explained, far from it none: there σ is the prior's.
 #[test]
 fn sigma_goes_from_the_floor_to_the_prior() {
-    let mut arm = Arm::elastic(6, 8, false, true);
+    let mut arm = Arm::elastic(6, 8, false);
     let landmark = (vec![0.5; 6], 4.0, vec![1.0]);
     let rows = bytes(&arm, &[landmark]);
-    let model = loaded::<f32>(&mut arm, variance(1, &rows)).unwrap();
+    let model = loaded::<f32>(&mut arm, variance(6, 1, &rows)).unwrap();
     let sigma = |q: f32, m: f32| model.evaluate(&[q; 6], m).position_sigma.unwrap();
     assert!((sigma(0.5, 4.0) / libm::sqrtf(1e-9) - 1.0).abs() < 1e-3);
-    let none = loaded::<f32>(&mut arm, variance(0, &[])).unwrap();
+    let none = loaded::<f32>(&mut arm, variance(6, 0, &[])).unwrap();
     let prior = none.evaluate(&[-2.0; 6], 4.0).position_sigma.unwrap();
     assert!((sigma(-2.0, 4.0) / prior - 1.0).abs() < 1e-3);
     assert!(sigma(0.6, 4.0) > sigma(0.5, 4.0) && sigma(0.7, 4.0) > sigma(0.6, 4.0));
@@ -251,11 +252,11 @@ fn sigma_goes_from_the_floor_to_the_prior() {
 /// The pose is the same with and without, and so is the number of support points.
 #[test]
 fn a_variance_does_not_move_the_pose() {
-    let mut arm = Arm::elastic(6, 8, false, true);
+    let mut arm = Arm::elastic(6, 8, false);
     let rows = bytes(&arm, &sample(6));
-    let with = loaded::<f32>(&mut arm, variance(3, &rows)).unwrap();
+    let with = loaded::<f32>(&mut arm, variance(6, 3, &rows)).unwrap();
     let without = arm.model::<f32>();
-    assert_eq!((with.support(), without.support()), (8, 8));
+    assert_eq!((with.support(), without.support()), (12, 12));
     let (a, b) = (
         with.evaluate(&[0.3; 6], 2.0),
         without.evaluate(&[0.3; 6], 2.0),
@@ -269,9 +270,9 @@ fn a_variance_does_not_move_the_pose() {
 #[test]
 fn what_is_wrong_with_a_variance_is_named() {
     let refused = |change: &dyn Fn(&mut Arm, &mut Vec<u8>, &mut Variance<'_>)| {
-        let mut arm = Arm::elastic(3, 4, true, true);
+        let mut arm = Arm::elastic(3, 4, true);
         let mut rows = bytes(&arm, &sample(3));
-        let mut v = variance(3, &[]);
+        let mut v = variance(3, 3, &[]);
         change(&mut arm, &mut rows, &mut v);
         loaded::<f32>(&mut arm, Variance { rows: &rows, ..v }).err()
     };
@@ -280,7 +281,21 @@ fn what_is_wrong_with_a_variance_is_named() {
     };
     let wrong = Some(LoadError::Variance);
     assert_eq!(refused(&|_, _, _| {}), None);
-    assert_eq!(refused(&|arm, _, _| arm.joint_space().tied = false), wrong);
+    let without_processes = |arm: &mut Arm, _: &mut Vec<u8>, _: &mut Variance<'_>| {
+        let elastic = arm.joint_space();
+        elastic.kernels.clear();
+        elastic.sets.clear();
+        arm.rows.clear();
+    };
+    assert_eq!(refused(&without_processes), wrong);
+    assert_eq!(refused(&|_, _, v| v.rates[1] = -0.1), wrong);
+    assert_eq!(refused(&|_, _, v| v.rates[1] = f32::NAN), wrong);
+    assert_eq!(refused(&|_, _, v| v.rates.fill(40_000.0)), wrong);
+    assert_eq!(refused(&|_, _, v| v.payload_rate = -1.0), wrong);
+    let shorter = |_: &mut Arm, _: &mut Vec<u8>, v: &mut Variance<'_>| {
+        v.rates.pop();
+    };
+    assert_eq!(refused(&shorter), wrong);
     assert_eq!(refused(&|_, _, v| v.floor_m2 = -1e-9), wrong);
     assert_eq!(refused(&|_, _, v| v.floor_m2 = f32::NAN), wrong);
     assert_eq!(refused(&|_, _, v| v.floor_m2 = 2.0), wrong);
@@ -296,19 +311,19 @@ fn what_is_wrong_with_a_variance_is_named() {
     assert_eq!(refused(&|_, rows, _| word(rows, 6, 1e6)), wrong);
     assert_eq!(refused(&|_, rows, _| word(rows, 7, 1e7)), wrong);
     let mut task = Arm::sound(3, 4);
-    assert_eq!(loaded::<f32>(&mut task, variance(0, &[])).err(), wrong);
-    // 4 rows of 9 words and landmarks of 27: too much beside 1 000 words.
-    let mut full = Arm::elastic(3, 4, false, true);
+    assert_eq!(loaded::<f32>(&mut task, variance(3, 0, &[])).err(), wrong);
+    // Landmarks of 27 words: too much beside 1 008, of which 30 were there.
+    let mut full = Arm::elastic(3, 4, false);
     full.curves.clear();
-    full.rows.resize(9 * 112, 0.0);
-    full.joint_space().groups[1].points = 110;
+    full.rows.resize(1_008, 0.0);
+    full.joint_space().sets[0][1] += 326;
     let rows = bytes(&full, &sample(3));
     let large = LoadError::SupportTooLarge {
         needed: 27,
         capacity: 16,
     };
     assert_eq!(
-        loaded::<f32>(&mut full, variance(3, &rows)).err(),
+        loaded::<f32>(&mut full, variance(3, 3, &rows)).err(),
         Some(large)
     );
 }
@@ -316,7 +331,7 @@ fn what_is_wrong_with_a_variance_is_named() {
 /// Half of the trust is left where it says.
 #[test]
 fn half_of_the_trust() {
-    for kind in 0..4 {
+    for kind in 0..3 {
         let mut arm = arm(kind, 3);
         let model = arm.model::<f64>();
         let trust = Trust::<f64>::of(&arm.blob());
@@ -367,15 +382,13 @@ fn ranges_include_their_ends() {
 /// A joint that no process looks at is not for ever within what was trained: half a turn beyond its range half is left.
 #[test]
 fn trust_falls_along_a_joint_without_effect() {
-    for kind in 0..3 {
-        let mut arm = arm(kind, 3);
-        if kind == 0 {
-            arm.task().input_scale[1] = 0.0;
-        } else {
-            for kernel in &mut arm.joint_space().kernels {
-                kernel.rates[1] = 0.0;
-            }
-        }
+    let mut task = Arm::sound(3, 10);
+    task.task().input_scale[1] = 0.0;
+    let mut elastic = Arm::elastic(3, 0, true);
+    for kernel in &mut elastic.joint_space().kernels {
+        kernel.rates[1] = 0.0;
+    }
+    for mut arm in [task, elastic] {
         let model = arm.model::<f64>();
         let at = |beyond: f64| model.evaluate(&[0.0, 2.0 + beyond, 0.0], 5.0).trust;
         assert_eq!(at(0.0), 1.0);

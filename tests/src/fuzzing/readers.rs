@@ -4,7 +4,8 @@ use std::path::{Path, PathBuf};
 
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::measurement as measurement_files;
-use poegp_calibration::measurement::joint_targets::TargetFile;
+use poegp_calibration::measurement::JointChecks;
+use poegp_calibration::measurement::joint_targets::{NewFields, Target, TargetReader};
 use poegp_calibration::measurement::{Measurement, MeasurementSet};
 use poegp_calibration::planning::constraints::Constraints;
 use poegp_calibration::robot::{LoadOptions, Robot};
@@ -86,16 +87,40 @@ pub fn measurements(bytes: &[u8]) {
 /// When a law is broken.
 pub fn targets(bytes: &[u8]) {
     let name = "targets.csv";
-    match TargetFile::parse(Path::new(name), bytes) {
-        Err(error) => assert_refusal(&error, &[(name, bytes)]),
-        Ok(file) => {
-            let set = file.set();
-            for row in &set.measurements {
-                assert!(row.joints.iter().all(|value| value.is_finite()));
-                assert!(row.payload_kg.is_none_or(|kg| kg.is_finite()));
-            }
-            let _ = file.check(&six_axes());
-        }
+    if let Err(error) = read_targets(Path::new(name), bytes) {
+        assert_refusal(&error, &[(name, bytes)]);
+    }
+}
+
+/// Reads and rewrites all rows.
+fn read_targets(path: &Path, bytes: &[u8]) -> Result<(), Box<InputError>> {
+    let (columns, start, mut chunks) = TargetReader::new(path, bytes)?.into_parts();
+    let robot = six_axes();
+    let limits = columns.limits(&robot)?;
+    let (mut text, mut checks) = (String::new(), JointChecks::default());
+    columns.rewrite_start(&start, &["new"], &mut text)?;
+    while let Some(chunk) = chunks.next()? {
+        let answer = |row: &Target<'_>| {
+            assert!(row.joints.iter().all(|value| value.is_finite()));
+            assert!(row.payload_kg.is_none_or(|kg| kg.is_finite()));
+            Unchanged
+        };
+        columns.rewrite(&chunk, (&limits, &mut checks), answer, &mut text)?;
+    }
+    let _ = limits.notes(&checks);
+    Ok(())
+}
+
+/// Rows as they were, with a new field.
+struct Unchanged;
+
+impl NewFields for Unchanged {
+    fn joint(&self, _: usize, _: &mut String) -> bool {
+        false
+    }
+
+    fn added(&self, out: &mut String) {
+        out.push('0');
     }
 }
 

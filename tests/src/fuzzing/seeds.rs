@@ -43,7 +43,6 @@ pub fn blobs() -> Vec<Vec<u8>> {
         Support::PerOutput(2),
         Support::Elastic(SMALL),
         Support::Elastic(Elastic {
-            tied: true,
             upright: false,
             landmarks: 2,
             ..SMALL

@@ -1,13 +1,10 @@
 //! Elastic corrections with random numbers of the size that real arms have.
 
-use poegp_calibration::device_cost::SetSizes;
+use poegp_calibration::device_cost::ElasticSize;
 use poegp_protocol::JointKind;
-use poegp_protocol::blob::{
-    self, Correction, CorrectionBound, JointKernel, PayloadGroup, Ripple, Variance,
-};
+use poegp_protocol::blob::{self, Correction, CorrectionBound, JointKernel, Ripple, Variance};
 use poegp_protocol::limits::MAX_CURVE_ORDER;
 use poegp_runtime::elastic::position_variance;
-use poegp_runtime::gp::joint_processes;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
@@ -16,103 +13,85 @@ use super::{PAYLOAD_KG, Sample};
 /// An elastic correction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Elastic {
-    /// Support points, of all sets together where each joint has its own; what groups there are share them.
+    /// Inducing points of all joints together; the payload groups share them.
     pub points: usize,
     /// Payload groups.
     pub groups: usize,
-    /// Whether all joints have one set of length scales.
-    pub tied: bool,
+    /// Every joint's kernel looks at so many joints, at one less of every second one.
+    pub looks_at: usize,
     /// Terms of gear ripple.
     pub ripple: usize,
     /// Whether the arm stands upright, as most do: gravity along its first axis, on which then nothing acts.
     pub upright: bool,
-    /// Landmarks of the variance, which only a tied correction has; 0 for none.
+    /// Landmarks of the variance; 0 for none.
     pub landmarks: usize,
-    /// 0 for one support for all joints. Else every joint has a set of its own and a kernel that looks at so many joints,
-    /// at one less of every second one.
-    pub looks_at: usize,
     /// Orders of the own-joint curve of each joint; 0 for none.
     pub curve_orders: usize,
 }
 
-/// Support points unless a sample says otherwise.
-pub const POINTS: usize = 100;
+/// Inducing points unless a sample says otherwise.
+pub const POINTS: usize = 200;
 
 impl Elastic {
-    /// Length scales of its own for each joint; five payloads, four ripple terms.
-    pub const OWN: Self = Self {
+    /// Five payloads, four ripple terms. Of arms simulated in the paper's way 200 points have 1 200 to 1 500 words in about
+    /// 20 groups, these 1 600 in 30.
+    pub const PLAIN: Self = Self {
         points: POINTS,
         groups: 5,
-        tied: false,
+        looks_at: 4,
         ripple: 4,
         upright: true,
         landmarks: 0,
-        looks_at: 0,
         curve_orders: 0,
-    };
-    /// A support set for each joint, 200 points in all; of arms simulated in the paper's way 200 have 1 200 to 1 500 words
-    /// in about 20 groups, these 1 600 in 30.
-    pub const SETS: Self = Self {
-        points: 200,
-        looks_at: 4,
-        ..Self::OWN
-    };
-    /// [`Elastic::OWN`] with one set of length scales for all joints.
-    pub const TIED: Self = Self {
-        tied: true,
-        ..Self::OWN
     };
 
     /// The same with the longest own-joint curves.
-    pub const TIED_WITH_CURVES: Self = Self {
+    pub const WITH_CURVES: Self = Self {
         curve_orders: MAX_CURVE_ORDER,
-        ..Self::TIED
+        ..Self::PLAIN
     };
 
-    /// The same with a standard deviation.
-    pub const TIED_WITH_SIGMA: Self = Self {
+    /// [`Elastic::PLAIN`] with a standard deviation.
+    pub const WITH_STD: Self = Self {
         landmarks: 12,
-        ..Self::TIED
+        ..Self::PLAIN
     };
 
     /// The joints that the kernel of `joint` looks at.
     pub fn joints_of(&self, joint: usize, joints: usize) -> Vec<usize> {
-        let count = match self.looks_at {
-            0 => joints,
-            most => (most - joint % 2).clamp(1, joints),
-        };
+        let count = self.looks_at.saturating_sub(joint % 2).clamp(1, joints);
         let mut out: Vec<usize> = (0..count).map(|k| (joint + k) % joints).collect();
         out.sort_unstable();
         out
     }
 
-    /// Points of a group in the set of a joint.
-    fn set_points(&self, joint: usize, joints: usize, group: usize) -> usize {
+    /// Inducing points of a group of a joint.
+    fn group_points(&self, joint: usize, joints: usize, group: usize) -> usize {
         let upto = |index: usize| self.points * index / (joints * self.groups);
         let index = joint * self.groups + group;
         upto(index + 1) - upto(index)
     }
 
-    /// What the trainer's cost model knows of the sets; `None` of one support.
-    pub fn set_sizes(&self, joints: usize) -> Option<SetSizes> {
-        let blocks = (0..joints)
-            .flat_map(|c| (0..self.groups).map(move |group| (c, group)))
-            .filter(|(c, group)| self.set_points(*c, joints, *group) > 0)
-            .count();
-        (self.looks_at > 0).then(|| SetSizes {
+    /// What the trainer's cost model knows of the model, on an arm with so many joints, of which so many slide.
+    pub fn size(&self, joints: usize, prismatic: usize) -> ElasticSize {
+        let blocks = (0..joints).flat_map(|c| (0..self.groups).map(move |group| (c, group)));
+        ElasticSize {
             words: self.row_words(joints),
-            blocks,
-        })
+            blocks: blocks
+                .filter(|(c, group)| self.group_points(*c, joints, *group) > 0)
+                .count(),
+            ripple: self.ripple,
+            curve_orders: self.curve_orders,
+            landmarks: self.landmarks,
+            ..ElasticSize::largest(joints, prismatic, self.points, self.groups)
+        }
     }
 
-    /// Words of the support rows.
+    /// Words of the inducing points.
     pub(super) fn row_words(&self, joints: usize) -> usize {
-        if self.looks_at == 0 {
-            return joint_processes::row_words(joints) * self.points;
-        }
         let set = |joint: usize| {
             let points: usize = (0..self.groups)
-                .map(|group| self.set_points(joint, joints, group))
+                .map(|group| self.group_points(joint, joints, group))
                 .sum();
             points * (2 * self.joints_of(joint, joints).len() + 1)
         };
@@ -159,16 +138,19 @@ impl Elastic {
                 rows.extend(generator.random_range(-1.0_f32..1.0).to_le_bytes());
             }
         }
-        (self.landmarks > 0).then_some(Variance {
+        let mut rate = || generator.random_range(0.1..1.0);
+        (self.landmarks > 0).then(|| Variance {
             floor_m2: 1e-9,
             noise_m2: 5e-10,
             gain: 1e-8,
+            rates: (0..sample.joints).map(|_| rate()).collect(),
+            payload_rate: 1e-3,
             landmarks: self.landmarks as u8,
             rows,
         })
     }
 
-    /// The correction with these own-joint curves, and the bytes of its support in `rows`.
+    /// The correction with these own-joint curves, and the bytes of its inducing points in `rows`.
     pub(super) fn correction<'a>(
         &self,
         sample: &Sample,
@@ -197,59 +179,33 @@ impl Elastic {
                 cos: small(5e-5),
             })
             .collect();
-        let rates: heapless::Vec<f32, _> = (0..joints)
-            .map(|_| generator.random_range(0.1..2.0))
-            .collect();
-        let payload_rate = generator.random_range(1e-4..1e-2);
-        let mut kernels: heapless::Vec<JointKernel, _> = (0..joints)
+        let processes = if self.points > 0 { joints } else { 0 };
+        let mut kernels: heapless::Vec<JointKernel, _> = (0..processes)
             .map(|_| JointKernel {
-                rates: if self.tied {
-                    rates.clone()
-                } else {
-                    (0..joints)
-                        .map(|_| generator.random_range(0.1..2.0))
-                        .collect()
-                },
-                payload_rate: if self.tied {
-                    payload_rate
-                } else {
-                    generator.random_range(1e-4..1e-2)
-                },
+                rates: (0..joints)
+                    .map(|_| generator.random_range(0.1..2.0))
+                    .collect(),
+                payload_rate: generator.random_range(1e-4..1e-2),
                 amplitude: generator.random_range(0.5..1.5),
                 payload_amplitude: generator.random_range(0.0..1e-3),
             })
             .collect();
-        let points = |index: usize| {
-            if self.looks_at > 0 {
-                return (0..joints).map(|c| self.set_points(c, joints, index)).sum();
-            }
-            self.points * (index + 1) / self.groups - self.points * index / self.groups
-        };
-        let group = |index: usize| PayloadGroup {
-            payload_kg: PAYLOAD_KG.1 * index as f32 / self.groups as f32,
-            points: points(index) as u16,
-        };
         let mut sets = heapless::Vec::new();
-        // What each row looks at, and its weights.
-        let mut shape: Vec<(Vec<usize>, usize)> = Vec::new();
-        if self.looks_at == 0 {
-            shape.resize(self.points, ((0..joints).collect(), joints));
-        } else {
-            for (c, kernel) in kernels.iter_mut().enumerate() {
-                let looked_at = self.joints_of(c, joints);
-                for (joint, rate) in kernel.rates.iter_mut().enumerate() {
-                    if !looked_at.contains(&joint) {
-                        *rate = 0.0;
-                    }
+        // What each row looks at.
+        let mut looked_at: Vec<Vec<usize>> = Vec::new();
+        for (c, kernel) in kernels.iter_mut().enumerate() {
+            let own = self.joints_of(c, joints);
+            for (joint, rate) in kernel.rates.iter_mut().enumerate() {
+                if !own.contains(&joint) {
+                    *rate = 0.0;
                 }
-                let of = |group| self.set_points(c, joints, group);
-                let points: usize = (0..self.groups).map(of).sum();
-                shape.extend(std::iter::repeat_n((looked_at, 1), points));
-                sets.push((0..self.groups).map(|group| of(group) as u16).collect())
-                    .expect("a set for each joint");
             }
+            let of = |group| self.group_points(c, joints, group);
+            looked_at.extend(std::iter::repeat_n(own, (0..self.groups).map(of).sum()));
+            sets.push((0..self.groups).map(|group| of(group) as u16).collect())
+                .expect("a set for each joint");
         }
-        for (looked_at, weights) in shape {
+        for looked_at in looked_at {
             for joint in looked_at {
                 let (lower, upper) = sample.range(joint);
                 let q = generator.random_range(lower..upper);
@@ -262,10 +218,8 @@ impl Elastic {
                 };
                 rows.extend(place.into_iter().flat_map(f32::to_le_bytes));
             }
-            for _ in 0..weights {
-                // Now and then the sum is more than the bound allows.
-                rows.extend(generator.random_range(-2e-4_f32..2e-4).to_le_bytes());
-            }
+            // Now and then the sum is more than the bound allows.
+            rows.extend(generator.random_range(-2e-4_f32..2e-4).to_le_bytes());
         }
         Correction::Elastic(blob::Elastic {
             bound: CorrectionBound {
@@ -282,10 +236,11 @@ impl Elastic {
             payload,
             ripple,
             kernels,
-            tied: self.tied,
-            groups: (0..self.groups).map(group).collect(),
-            rows,
+            group_payloads_kg: (0..self.groups)
+                .map(|group| PAYLOAD_KG.1 * group as f32 / self.groups as f32)
+                .collect(),
             sets,
+            rows,
             curves,
         })
     }

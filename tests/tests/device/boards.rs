@@ -45,7 +45,7 @@ fn identifies_itself(device: &mut Device, board: Board) {
 }
 
 fn corrects(device: &mut Device, load: &mut dyn FnMut(&mut Device, &[u8])) {
-    for (seed, kind) in [(100, Elastic::OWN), (101, Elastic::TIED_WITH_SIGMA)] {
+    for (seed, kind) in [(100, Elastic::PLAIN), (101, Elastic::WITH_STD)] {
         let sample = Sample::plain(seed, Support::Elastic(kind));
         let bytes = sample.blob();
         load(device, &bytes);
@@ -100,7 +100,7 @@ fn stm32f405_gives_the_committed_bits() {
 #[test]
 fn stm32f405_leaves_its_flash_alone_while_cycles_run() {
     let mut device = start(Board::Stm32F405);
-    let sample = Sample::plain(102, Support::Elastic(Elastic::TIED));
+    let sample = Sample::plain(102, Support::Elastic(Elastic::PLAIN));
     let (bytes, query) = (sample.blob(), &sample.queries(1)[0]);
     let expected = Host::load(&bytes).unwrap().command(query);
     let answers = |device: &mut Device| {

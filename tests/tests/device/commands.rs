@@ -67,7 +67,7 @@ impl Controller {
 
 #[test]
 fn a_path_with_an_activation_in_the_middle() {
-    let samples = [61, 62].map(|seed| Sample::plain(seed, Support::Elastic(Elastic::TIED)));
+    let samples = [61, 62].map(|seed| Sample::plain(seed, Support::Elastic(Elastic::PLAIN)));
     let hosts = [0, 1].map(|index: usize| Host::load(&samples[index].blob()).unwrap());
     let mut device = device();
     assert_eq!(
@@ -160,8 +160,7 @@ fn instructions_of_a_command() {
     println!("instructions, Cortex-M4F, 6 joints:           Correct  Command");
     for (name, support) in [
         ("300 points, shared", Support::Folded(300)),
-        ("elastic, own length scales", Support::Elastic(Elastic::OWN)),
-        ("elastic, tied", Support::Elastic(Elastic::TIED)),
+        ("elastic", Support::Elastic(Elastic::PLAIN)),
     ] {
         let sample = Sample::plain(63, support);
         device.load(&sample.blob()).unwrap();

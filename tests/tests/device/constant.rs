@@ -9,19 +9,14 @@ use poegp_tests::stages::Host;
 
 const QUERIES: usize = 1_000;
 
-const SHAPES: [(&str, Support); 7] = [
+const SHAPES: [(&str, Support); 5] = [
     ("chain alone", Support::None),
     ("paper, shared, 300", Support::Shared(300)),
     ("paper, per output, 300", Support::PerOutput(300)),
-    ("elastic, own, 100", Support::Elastic(Elastic::OWN)),
-    ("elastic, tied, 100", Support::Elastic(Elastic::TIED)),
+    ("elastic", Support::Elastic(Elastic::PLAIN)),
     (
-        "elastic, tied, with a deviation",
-        Support::Elastic(Elastic::TIED_WITH_SIGMA),
-    ),
-    (
-        "elastic, a set for each joint",
-        Support::Elastic(Elastic::SETS),
+        "elastic with a standard deviation",
+        Support::Elastic(Elastic::WITH_STD),
     ),
 ];
 

@@ -1,6 +1,6 @@
 //! What one evaluation costs, in instructions that repeat exactly (QEMU `-icount`, Cortex-M4F). Not cycles.
 
-use poegp_calibration::device_cost::{ElasticSize, blob_bytes, evaluation_instructions};
+use poegp_calibration::device_cost::{blob_bytes, evaluation_instructions};
 use poegp_protocol::link::Query;
 use poegp_tests::device::Device;
 use poegp_tests::emulator::{Clock, instructions};
@@ -69,24 +69,17 @@ fn instructions_of_one_evaluation() {
     );
 }
 
-/// The limits of the elastic model with 100 support points, or 200 in sets, and four ripple terms: the goals are 32 000, 11 000 and 14 000.
+/// The limits of the elastic model with 200 inducing points and four ripple terms.
 #[test]
 fn instructions_of_elastic_models() {
     let mut device = Device::start(Clock::Counting).unwrap_or_else(|error| panic!("{error}"));
-    println!(
-        "instructions of one compensated pose, Cortex-M4F, 6 joints, 100 support points or 200 in sets:"
-    );
+    println!("instructions of one compensated pose, Cortex-M4F, 6 joints:");
     for (name, elastic, limit) in [
-        ("elastic, 100 points", Elastic::OWN, 27_000.0),
+        ("elastic, 200 points", Elastic::PLAIN, 13_500.0),
         (
-            "elastic, shared lengthscales, 100 points",
-            Elastic::TIED,
-            11_000.0,
-        ),
-        (
-            "elastic, inducing sets, 200 functions",
-            Elastic::SETS,
-            14_000.0,
+            "elastic, 200 points, standard deviation",
+            Elastic::WITH_STD,
+            17_200.0,
         ),
     ] {
         let count = cost(&mut device, Sample::plain(31, Support::Elastic(elastic)));
@@ -100,7 +93,7 @@ fn instructions_of_elastic_models() {
 #[test]
 fn instructions_of_a_standard_deviation() {
     let mut device = Device::start(Clock::Counting).unwrap_or_else(|error| panic!("{error}"));
-    println!("instructions beside those of a tied model, Cortex-M4F:");
+    println!("instructions beside those of the model, Cortex-M4F:");
     let (mut missed, mut beyond) = (Vec::new(), Vec::new());
     for (joints, prismatic, coupled) in [
         (6, false, false),
@@ -112,7 +105,7 @@ fn instructions_of_a_standard_deviation() {
             let with = |landmarks| {
                 let elastic = Elastic {
                     landmarks,
-                    ..Elastic::TIED
+                    ..Elastic::PLAIN
                 };
                 let sample = Sample {
                     joints,
@@ -120,20 +113,11 @@ fn instructions_of_a_standard_deviation() {
                     coupled,
                     ..Sample::plain(34, Support::Elastic(elastic))
                 };
-                let size = ElasticSize {
-                    joints,
-                    prismatic: usize::from(prismatic),
-                    support: elastic.points,
-                    groups: elastic.groups,
-                    tied: true,
-                    ripple: elastic.ripple,
-                    curve_orders: elastic.curve_orders,
-                    landmarks,
-                    sets: None,
-                };
+                let size = elastic.size(joints, usize::from(prismatic));
                 if !coupled {
                     assert_eq!(
-                        blob_bytes(&size, sample::TEXTS),
+                        // Beyond 127 poses their number takes a second byte.
+                        blob_bytes(&size, sample::TEXTS) + 1,
                         sample.blob().len(),
                         "{size:?}"
                     );
@@ -170,9 +154,9 @@ fn the_trainer_knows_what_elastic_models_cost() {
     };
     let mut device = Device::start(Clock::Counting).unwrap_or_else(|error| panic!("{error}"));
     println!(
-        "| joints | sliding | tied | each looks at | points | groups | ripple | orders | instructions (Cortex-M4F) | predicted | bytes |"
+        "| joints | sliding | each looks at | points | groups | ripple | orders | instructions (Cortex-M4F) | predicted | bytes |"
     );
-    println!("|---|---|---|---|---|---|---|---|---|---|---|");
+    println!("|---|---|---|---|---|---|---|---|---|---|");
     let mut missed = Vec::new();
     for (joints, prismatic) in [
         (3, false),
@@ -182,7 +166,7 @@ fn the_trainer_knows_what_elastic_models_cost() {
         (6, false),
         (7, false),
     ] {
-        for (tied, looks_at) in [(false, 0), (true, 0), (false, 2), (false, 4), (false, 7)] {
+        for looks_at in [2, 4, 7] {
             for (points, groups, ripple, curve_orders) in [
                 (0, 0, 0, 0),
                 (25, 1, 0, 64),
@@ -193,11 +177,10 @@ fn the_trainer_knows_what_elastic_models_cost() {
                 let elastic = Elastic {
                     points,
                     groups,
-                    tied,
+                    looks_at,
                     ripple,
                     upright: true,
                     landmarks: 0,
-                    looks_at: if points == 0 { 0 } else { looks_at },
                     curve_orders,
                 };
                 let sample = Sample {
@@ -205,23 +188,13 @@ fn the_trainer_knows_what_elastic_models_cost() {
                     prismatic,
                     ..Sample::plain(33, Support::Elastic(elastic))
                 };
-                let size = ElasticSize {
-                    joints,
-                    prismatic: usize::from(prismatic),
-                    support: points,
-                    groups,
-                    tied,
-                    ripple,
-                    curve_orders,
-                    landmarks: 0,
-                    sets: elastic.set_sizes(joints),
-                };
+                let size = elastic.size(joints, usize::from(prismatic));
                 device.load(&sample.blob()).unwrap();
                 let count = costs(&mut device, &sample.queries(1))[0];
                 let predicted = evaluation_instructions(&size) as f64;
                 let bytes = blob_bytes(&size, sample::TEXTS);
                 println!(
-                    "| {joints} | {prismatic} | {tied} | {looks_at} | {points} | {groups} | {ripple} | {curve_orders} | {count:.0} | {predicted:.0} | {bytes} |"
+                    "| {joints} | {prismatic} | {looks_at} | {points} | {groups} | {ripple} | {curve_orders} | {count:.0} | {predicted:.0} | {bytes} |"
                 );
                 if (predicted - count).abs() > tolerance * count {
                     missed.push(size);

@@ -15,7 +15,7 @@ use poegp_tests::workspace;
 use crate::device;
 
 /// Name of the files, and what is in them.
-const CASES: [(&str, Sample); 10] = [
+const CASES: [(&str, Sample); 8] = [
     ("shared", Sample::plain(20, Support::Shared(24))),
     ("folded", Sample::plain(25, Support::Folded(24))),
     (
@@ -26,29 +26,18 @@ const CASES: [(&str, Sample); 10] = [
         },
     ),
     (
-        "elastic_own",
+        "elastic",
         Sample {
             coupled: true,
-            ..Sample::plain(22, Support::Elastic(small(Elastic::OWN)))
+            ..Sample::plain(22, Support::Elastic(small(Elastic::PLAIN)))
         },
     ),
     (
-        "elastic_tied",
-        Sample::plain(23, Support::Elastic(small(Elastic::TIED))),
-    ),
-    (
-        "elastic_sigma",
+        "elastic_std",
         Sample {
             coupled: true,
             prismatic: true,
-            ..Sample::plain(24, Support::Elastic(small(Elastic::TIED_WITH_SIGMA)))
-        },
-    ),
-    (
-        "elastic_sets",
-        Sample {
-            coupled: true,
-            ..Sample::plain(25, Support::Elastic(SETS))
+            ..Sample::plain(24, Support::Elastic(small(Elastic::WITH_STD)))
         },
     ),
     (
@@ -65,8 +54,8 @@ const CASES: [(&str, Sample); 10] = [
         Sample::plain(
             27,
             Support::Elastic(Elastic {
-                points: 101,
-                ..Elastic::OWN
+                points: 201,
+                ..Elastic::PLAIN
             }),
         ),
     ),
@@ -75,20 +64,15 @@ const CASES: [(&str, Sample); 10] = [
 /// With landmarks behind the curves.
 const CURVE: Elastic = Elastic {
     curve_orders: 12,
-    ..Elastic::TIED_WITH_SIGMA
+    ..Elastic::WITH_STD
 };
 
-/// Groups without rows, too.
-const SETS: Elastic = Elastic {
-    looks_at: 4,
-    ..small(Elastic::SETS)
-};
-
+/// With fewer points than payload groups of all joints: some groups have none.
 const fn small(elastic: Elastic) -> Elastic {
     Elastic {
         points: 24,
         // Both ways to stand.
-        upright: elastic.tied && elastic.landmarks == 0,
+        upright: elastic.landmarks > 0,
         ..elastic
     }
 }

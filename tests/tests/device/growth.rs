@@ -1,6 +1,6 @@
 //! What a support point more costs on the device: instructions of one evaluation for M = 25 … 400.
 
-use poegp_calibration::device_cost::{ElasticSize, evaluation_instructions};
+use poegp_calibration::device_cost::evaluation_instructions;
 use poegp_protocol::link::Refusal;
 use poegp_tests::device::{Device, DeviceError};
 use poegp_tests::emulator::{Clock, instructions};
@@ -43,12 +43,7 @@ fn exponent(sizes: &[usize], counts: &[f64]) -> f64 {
 fn instructions_grow_with_the_support_points_and_no_faster() {
     let mut device = Device::start(Clock::Counting).unwrap_or_else(|error| panic!("{error}"));
     let mut lines = Vec::new();
-    for name in [
-        "paper, shared",
-        "elastic, own length scales",
-        "elastic, tied",
-        "elastic, sets",
-    ] {
+    for name in ["paper, shared", "elastic"] {
         let (mut counts, mut cells) = (Vec::new(), Vec::new());
         for points in POINTS {
             if name == "paper, shared" {
@@ -57,27 +52,13 @@ fn instructions_grow_with_the_support_points_and_no_faster() {
                 counts.push(found);
                 continue;
             }
-            // Of several groups in sets a few points fill some only.
-            let shape = match name {
-                "elastic, tied" => Elastic::TIED,
-                "elastic, sets" => Elastic {
-                    groups: 1,
-                    ..Elastic::SETS
-                },
-                _ => Elastic::OWN,
+            // Of several groups a few points fill some only.
+            let elastic = Elastic {
+                points,
+                groups: 1,
+                ..Elastic::PLAIN
             };
-            let elastic = Elastic { points, ..shape };
-            let size = ElasticSize {
-                joints: 6,
-                prismatic: 0,
-                support: points,
-                groups: elastic.groups,
-                tied: elastic.tied,
-                ripple: elastic.ripple,
-                curve_orders: elastic.curve_orders,
-                landmarks: 0,
-                sets: elastic.set_sizes(6),
-            };
+            let size = elastic.size(6, 0);
             match count(&mut device, Support::Elastic(elastic)) {
                 Some(found) => {
                     cells.push(format!("{found:.0} ({})", evaluation_instructions(&size)));
@@ -108,7 +89,7 @@ fn instructions_grow_with_the_support_points_and_no_faster() {
             );
         }
         let odd = (each[1] - each[0]) * (sizes[1] - sizes[0]) as f64;
-        let allowed = if name == "elastic, sets" {
+        let allowed = if name == "elastic" {
             -6.0 * 10.0..=6.0 * 10.0
         } else {
             -0.05 * each[1]..=5.0 * 150.0

@@ -52,7 +52,7 @@ fn stack_stays_small() {
         .load(&Sample::plain(41, Support::PerOutput(300)).blob())
         .unwrap();
     let before = device.statistics().unwrap().stack_bytes;
-    for (joints, elastic) in [(7, Elastic::OWN), (6, Elastic::TIED)] {
+    for (joints, elastic) in [(7, Elastic::PLAIN), (6, Elastic::WITH_STD)] {
         let sample = Sample {
             joints,
             ..Sample::plain(42, Support::Elastic(elastic))
@@ -85,8 +85,8 @@ fn stack_stays_small_with_signatures() {
     };
     for sample in [
         Sample::plain(43, Support::PerOutput(300)),
-        seven(44, Elastic::OWN),
-        seven(45, Elastic::TIED_WITH_SIGMA),
+        seven(44, Elastic::PLAIN),
+        seven(45, Elastic::WITH_STD),
     ] {
         let signed = key.sign(&sample.blob()).unwrap();
         device.load(&signed).unwrap();

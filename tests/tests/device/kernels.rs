@@ -58,9 +58,8 @@ fn the_same_bits_for_a_thousand_queries() {
     for (seed, support) in [
         (40, Support::Folded(300)),
         (41, Support::Shared(300)),
-        (42, Support::Elastic(Elastic::OWN)),
-        (43, Support::Elastic(Elastic::TIED)),
-        (44, Support::Elastic(Elastic::SETS)),
+        (42, Support::Elastic(Elastic::PLAIN)),
+        (43, Support::Elastic(Elastic::WITH_STD)),
     ] {
         let sample = Sample::plain(seed, support);
         let queries: Vec<Query> = sample
@@ -72,7 +71,7 @@ fn the_same_bits_for_a_thousand_queries() {
     }
 }
 
-/// Loop by loop on random rows: every length of a row, and numbers of rows about the steps and tiles of the loops.
+/// The paper's folded mean on random rows: every length of a row, and numbers of rows about the steps of the loop.
 #[test]
 fn the_same_bits_for_every_shape_of_rows() {
     let mut devices = both(Clock::Real);
@@ -80,34 +79,16 @@ fn the_same_bits_for_every_shape_of_rows() {
     for (index, points) in counts.into_iter().enumerate() {
         for joints in [4, 5, 6, 7] {
             let seed = 50 + 10 * index as u64 + joints as u64;
-            let mut shapes = vec![Support::Folded(points)];
-            for tied in [false, true] {
-                for groups in [1, 7] {
-                    // Of four joints there is no loop but the folded mean's.
-                    if joints == 4 {
-                        continue;
-                    }
-                    shapes.push(Support::Elastic(Elastic {
-                        points,
-                        groups,
-                        ripple: 0,
-                        tied,
-                        ..Elastic::OWN
-                    }));
-                }
-            }
-            for support in shapes {
-                let sample = Sample {
-                    joints,
-                    ..Sample::plain(seed, support)
-                };
-                compare(&mut devices, sample, &sample.queries(4));
-            }
+            let sample = Sample {
+                joints,
+                ..Sample::plain(seed, Support::Folded(points))
+            };
+            compare(&mut devices, sample, &sample.queries(4));
         }
     }
 }
 
-/// Support sets, whose kernels look at one joint or more: no rows, one, an odd and an even number in each payload group.
+/// Inducing points whose kernels look at one joint or more: no rows, one, an odd and an even number in each payload group.
 #[test]
 fn the_same_bits_for_every_shape_of_sets() {
     let mut devices = both(Clock::Real);
@@ -127,7 +108,7 @@ fn the_same_bits_for_every_shape_of_sets() {
                     groups,
                     ripple: 0,
                     looks_at,
-                    ..Elastic::SETS
+                    ..Elastic::PLAIN
                 });
                 let sample = Sample {
                     joints,
@@ -170,38 +151,18 @@ fn instructions_of_both_kernels() {
             [25_000.0; 2],
         ),
         (
-            "elastic, 100 points, tied",
-            elastic(6, Elastic::TIED),
-            [12_000.0, 13_500.0],
-        ),
-        (
-            "elastic, 100 points, own",
-            elastic(6, Elastic::OWN),
-            [28_000.0, 34_000.0],
-        ),
-        (
-            "elastic, 200 functions in sets",
-            elastic(6, Elastic::SETS),
+            "elastic, 200 points",
+            elastic(6, Elastic::PLAIN),
             [14_000.0, 17_500.0],
         ),
         (
-            "five joints, tied",
-            elastic(5, Elastic::TIED),
+            "five joints",
+            elastic(5, Elastic::PLAIN),
             [f64::INFINITY; 2],
         ),
         (
-            "five joints, own",
-            elastic(5, Elastic::OWN),
-            [f64::INFINITY; 2],
-        ),
-        (
-            "seven joints, tied",
-            elastic(7, Elastic::TIED),
-            [f64::INFINITY; 2],
-        ),
-        (
-            "seven joints, own",
-            elastic(7, Elastic::OWN),
+            "seven joints",
+            elastic(7, Elastic::PLAIN),
             [f64::INFINITY; 2],
         ),
     ];

@@ -59,7 +59,7 @@ struct Known {
 fn models(queries: &[Query]) -> Vec<Known> {
     let small = Elastic {
         points: 30,
-        ..Elastic::TIED
+        ..Elastic::PLAIN
     };
     let corrections = [
         Support::Elastic(small),

@@ -13,12 +13,11 @@ use poegp_tests::parts::Parts;
 use poegp_tests::sample::{Elastic, Sample, Support};
 
 /// The shapes of the table.
-const SHAPES: [(&str, Support); 5] = [
+const SHAPES: [(&str, Support); 4] = [
     ("paper, 300", Support::Folded(300)),
     ("paper per output, 300", Support::PerOutput(300)),
-    ("own, 100", Support::Elastic(Elastic::OWN)),
-    ("tied, 100", Support::Elastic(Elastic::TIED)),
-    ("a set for each joint, 200", Support::Elastic(Elastic::SETS)),
+    ("elastic, 200", Support::Elastic(Elastic::PLAIN)),
+    ("elastic with std, 200", Support::Elastic(Elastic::WITH_STD)),
 ];
 
 /// One column: instructions of a pose or of a command, and what the device's own counter says.
@@ -147,7 +146,7 @@ fn the_parts_of_loading() {
             Support::PerOutput(100),
             Support::PerOutput(300),
         ),
-        ("own", with_points(50), Support::Elastic(Elastic::OWN)),
+        ("elastic", with_points(50), Support::Elastic(Elastic::PLAIN)),
     ] {
         let [_, before, short] = load(&mut device, &mut recorder, small);
         let [loading, whole, bytes] = load(&mut device, &mut recorder, large);
@@ -164,6 +163,6 @@ fn the_parts_of_loading() {
 fn with_points(points: usize) -> Support {
     Support::Elastic(Elastic {
         points,
-        ..Elastic::OWN
+        ..Elastic::PLAIN
     })
 }

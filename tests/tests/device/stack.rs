@@ -104,7 +104,7 @@ fn no_panic_is_reached_but_by_the_background() {
 fn no_stack_was_ever_deeper() {
     let bound = bound(Board::Mps2An386);
     let mut device = device();
-    for kind in [Elastic::OWN, Elastic::TIED_WITH_SIGMA] {
+    for kind in [Elastic::PLAIN, Elastic::WITH_STD] {
         let sample = Sample {
             joints: 7,
             ..Sample::plain(46, Support::Elastic(kind))

@@ -90,7 +90,7 @@ fn a_correction_does_not_wait_for_services() {
     let mut device = Device::start(Clock::Counting).unwrap_or_else(|error| panic!("{error}"));
     let key = SecretKey::generate().unwrap();
     device.client().provision(key.public().bytes()).unwrap();
-    let elastic = |seed| Sample::plain(seed, Support::Elastic(Elastic::OWN));
+    let elastic = |seed| Sample::plain(seed, Support::Elastic(Elastic::PLAIN));
     let blobs =
         [elastic(110), elastic(111), elastic(112)].map(|sample| key.sign(&sample.blob()).unwrap());
     let mut controller = Controller {

@@ -12,7 +12,7 @@ use poegp_tests::stages::{CommandBits, Host};
 
 use crate::device;
 
-const SAMPLE: Sample = Sample::plain(120, Support::Elastic(Elastic::TIED));
+const SAMPLE: Sample = Sample::plain(120, Support::Elastic(Elastic::PLAIN));
 /// The watchdog of the board waits for two times four seconds.
 const LIMIT: Duration = Duration::from_secs(40);
 

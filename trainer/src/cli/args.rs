@@ -9,7 +9,7 @@ use poegp_calibration::learning::elastic::options::OutlierPolicy;
 use poegp_calibration::learning::task_space::fit::HyperparameterSharing;
 use poegp_calibration::measurement::noise::InstrumentNoise;
 use poegp_calibration::model::Method;
-use poegp_calibration::model::config::{Config, ProcessLayout, Weighting};
+use poegp_calibration::model::config::{Config, MAX_INDUCING_POINTS, Weighting};
 
 /// A robot description.
 #[derive(Debug, Args)]
@@ -39,20 +39,13 @@ pub struct FitArgs {
     /// each inducing point on the device.
     #[arg(long)]
     pub per_output: bool,
-    /// One set of lengthscales for all joints of the elastic model: a sixth of the exponentials, slightly less accurate.
-    #[arg(long)]
-    pub tied: bool,
-    /// Leave the predictive standard deviation of the position out of a blob with --tied.
+    /// Leave the predictive standard deviation of the position out of an elastic model.
     #[arg(long)]
     pub no_variance: bool,
-    /// Inducing points of the elastic model on the device, or `all` (default: 100).
-    #[arg(long, value_name = "M", value_parser = support)]
-    pub support: Option<Support>,
-    /// Separate inducing points for each joint of the elastic model, at most TOTAL of all joints together (200 if no number
-    /// is given): nearly the accuracy of --support 100 for less than half of its instructions.
-    #[arg(long, value_name = "TOTAL", num_args = 0..=1, default_missing_value = "200",
-        value_parser = clap::value_parser!(u32).range(1..=10_000), conflicts_with_all = ["tied", "support"])]
-    pub support_per_output: Option<u32>,
+    /// Inducing points of the elastic model on the device, at most, of all joints together (default: 200). More are more
+    /// accurate and slower.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=MAX_INDUCING_POINTS as i64))]
+    pub inducing_points: Option<u32>,
     /// Gravity in the base frame in m/s², for robots on a wall or a ceiling (default: 0,0,-9.81).
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = gravity)]
     pub gravity: Option<Gravity>,
@@ -122,21 +115,11 @@ impl FitArgs {
         if self.per_output {
             config.hyperparameters = HyperparameterSharing::PerOutput;
         }
-        if self.tied {
-            config.layout = ProcessLayout::Shared;
-        }
         if self.no_variance {
             config.device_variance = false;
         }
-        if let Some(Support(count)) = self.support {
-            config.inducing_points = count;
-            if config.layout == ProcessLayout::PerJointSets {
-                config.layout = ProcessLayout::PerJoint;
-            }
-        }
-        if let Some(total) = self.support_per_output {
-            config.layout = ProcessLayout::PerJointSets;
-            config.inducing_points = Some(total as usize);
+        if let Some(count) = self.inducing_points {
+            config.inducing_points = count as usize;
         }
         if let Some(Gravity(gravity)) = self.gravity {
             config.gravity_m_s2 = gravity;
@@ -168,7 +151,6 @@ pub fn differences(old: &Config, new: &Config) -> Vec<&'static str> {
             "hyperparameters",
             old.hyperparameters != new.hyperparameters,
         ),
-        ("layout", old.layout != new.layout),
         (
             "inducing_points",
             old.inducing_points != new.inducing_points,
@@ -200,20 +182,6 @@ pub fn differences(old: &Config, new: &Config) -> Vec<&'static str> {
         .filter(|(_, differs)| *differs)
         .map(|(key, _)| key)
         .collect()
-}
-
-/// Number of inducing points, or `None` for all training poses.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Support(pub Option<usize>);
-
-fn support(text: &str) -> Result<Support, String> {
-    match text {
-        "all" => Ok(Support(None)),
-        _ => match text.parse::<usize>() {
-            Ok(count) if count > 0 => Ok(Support(Some(count))),
-            _ => Err("expected a number above 0, or `all`".to_owned()),
-        },
-    }
 }
 
 /// Gravity in the base frame, m/s².

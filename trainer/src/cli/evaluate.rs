@@ -1,11 +1,12 @@
 //! `trainer evaluate`.
 
 use clap::Args;
+use std::collections::BTreeSet;
 use std::fmt::Write as _;
-use std::path::Path;
 use std::path::PathBuf;
 
 use poegp_runtime::guard::status::Status;
+use poegp_runtime::math::se3::Pose;
 use serde::Serialize;
 
 use crate::cli::args::FrameArgs;
@@ -13,14 +14,17 @@ use crate::cli::examination::AcceptArgs;
 use crate::cli::failure::Failure;
 use crate::cli::inputs::{self, FRAMES_HELP, file_name, fitted_frames, frame_failure};
 use crate::cli::instrument_drift;
-use crate::cli::output::{check_outputs, json_text, write_outputs};
+use crate::cli::output::long::LongOutput;
+use crate::cli::output::{check_outputs, json_text, write_outputs, write_with_long};
 use crate::cli::terminal::print::{Printer, warning};
 use poegp_calibration::blob::fitted_frames::FittedFrames;
 use poegp_calibration::blob::predict::{BlobModel, Prediction};
+use poegp_calibration::measurement::Measurement;
 use poegp_calibration::measurement::sample::InstrumentSample;
-use poegp_calibration::numeric::statistics::{ErrorSummary, PoseError};
+use poegp_calibration::numeric::decimal::push_decimal;
+use poegp_calibration::numeric::statistics::{ErrorSummary, PoseError, PoseErrors};
 use poegp_calibration::trust::Finding;
-use poegp_calibration::validation::held_out::SigmaShares;
+use poegp_calibration::validation::held_out::{SigmaCounts, SigmaShares};
 use poegp_calibration::verification::is_same_frame;
 
 /// What `--json` writes.
@@ -66,28 +70,6 @@ struct StdSummary {
     shares: SigmaShares,
 }
 
-impl StdSummary {
-    /// Of the scored samples; `None` when the blob does not know it.
-    fn new(
-        samples: &[InstrumentSample],
-        predictions: &[Prediction],
-        scored: &[usize],
-    ) -> Option<Self> {
-        let known = || {
-            let sigma = |i: &usize| predictions[*i].position_sigma.map(f64::from);
-            scored.iter().filter_map(move |i| Some((*i, sigma(i)?)))
-        };
-        let pairs = |(i, sigma): (usize, f64)| {
-            let error = samples[i].observation.position() - predictions[i].pose.translation;
-            [0, 1, 2].map(|axis| (error[axis], sigma))
-        };
-        Some(Self {
-            shares: SigmaShares::new(known().flat_map(pairs))?,
-            mean_mm: 1e3 * known().map(|(_, s)| s).sum::<f64>() / known().count() as f64,
-        })
-    }
-}
-
 /// `trainer evaluate`.
 #[derive(Debug, Args)]
 #[command(
@@ -120,59 +102,54 @@ pub fn run(a: &Evaluate) -> Result<(), Failure> {
     check_outputs(&outputs, &[&a.blob, &a.test])?;
     let loaded = BlobModel::read(&a.blob)?;
     let correction = instrument_drift::correction(a.frames.correct_drift);
-    let data = inputs::read(&loaded, &a.test, correction)?;
+    let data = inputs::read_long(&loaded, &a.test, correction)?;
     let (set, samples, which) = (&data.set, &data.samples, a.frames.frames());
-    let warnings = data.examined(
-        &a.test,
-        a.json.as_deref(),
-        &a.accepted.accept,
-        &inputs::robot_of(loaded.blob()),
-    )?;
+    let robot = inputs::robot_of(loaded.blob());
+    let warnings = data.examined(&a.test, a.json.as_deref(), &a.accepted.accept, &robot)?;
     let tools = data.frames(&loaded, &a.test, which)?;
     let frames = FittedFrames::new(&loaded, samples, tools, which)
         .map_err(|error| frame_failure(&a.test, &data.names, error))?;
-    let shift = frames.instrument_from_base * loaded.instrument_from_base().inverse();
-    let predicted = |s: &InstrumentSample| {
-        let first = loaded.predict(&s.joints, s.payload_kg);
-        let pose = match frames.is_base_fitted {
-            true => shift * first.pose,
-            false => first.pose,
-        };
-        Prediction {
-            pose: pose * frames.tools[s.tool],
-            ..first
-        }
+    let judge = Judge {
+        shift: frames.instrument_from_base * loaded.instrument_from_base().inverse(),
+        left_out: frames
+            .left_out
+            .iter()
+            .map(|i| set.measurements[*i].line)
+            .collect(),
+        loaded: &loaded,
+        frames: &frames,
+        writes: a.predictions.is_some(),
+        with_trust: a.trust,
     };
-    let predictions: Vec<Prediction> = samples.iter().map(predicted).collect();
-    let shows_turn = |tool: usize| {
-        let mut own = samples.iter().filter(|s| s.tool == tool);
-        own.any(|s| s.observation.has_orientation())
-    };
-    let is_turned = |s: &InstrumentSample| !frames.is_tool_fitted[s.tool] || shows_turn(s.tool);
-    let compared = |i: &usize| !frames.left_out.contains(i);
-    let compared: Vec<usize> = (0..samples.len()).filter(compared).collect();
-    let measured: Vec<PoseError> = compared
-        .iter()
-        .map(|i| samples[*i].observation.error(&predictions[*i].pose))
-        .collect();
-    let of_truth = |i: &usize| {
-        let error = PoseError::between(&set.measurements[*i].truth?, &predictions[*i].pose);
-        Some(PoseError {
-            orientation_mrad: error.orientation_mrad.filter(|_| is_turned(&samples[*i])),
-            ..error
-        })
-    };
-    let truth: Vec<PoseError> = compared.iter().filter_map(of_truth).collect();
+    let mut out = a.predictions.as_deref().map(LongOutput::new).transpose()?;
+    if let Some(out) = &mut out {
+        let more = if a.trust { ",trust,sigma_mm" } else { "" };
+        out.write(format!("x_mm,y_mm,z_mm,qw,qx,qy,qz,status{more}\n").as_bytes())?;
+    }
+    let mut all = Judged::default();
+    data.each_chunk(
+        &robot,
+        |rows, samples| judge.rows(rows, samples),
+        |judged: Judged| {
+            if let Some(out) = &mut out {
+                out.write(judged.text.as_bytes())?;
+            }
+            all.extend(judged);
+            Ok(())
+        },
+    )?;
+    let flags = all.flags;
+    let poses = all.poses;
     let result = SetErrors {
         name: file_name(&a.test),
-        errors: ErrorSummary::new(&measured),
-        against_truth: set.has_truth().then(|| ErrorSummary::new(&truth)),
-        flagged: predictions.iter().filter(|p| !p.status.is_ok()).count(),
+        predictive_std: all.predictive_std(),
+        errors: all.measured.summary(),
+        against_truth: set.has_truth().then(|| all.truth.summary()),
+        flagged: all.flagged,
         trust: TrustSummary {
-            mean: predictions.iter().map(|p| p.trust).sum::<f32>() / predictions.len() as f32,
-            least: predictions.iter().map(|p| p.trust).fold(1.0, f32::min),
+            mean: (all.trust_sum / poses as f64) as f32,
+            least: all.least_trust.unwrap_or(1.0),
         },
-        predictive_std: StdSummary::new(samples, &predictions, &compared),
     };
     let document = EvaluateJson {
         version: env!("CARGO_PKG_VERSION"),
@@ -182,23 +159,14 @@ pub fn run(a: &Evaluate) -> Result<(), Failure> {
         tool_fitted: frames.is_tool_fitted.contains(&true),
         sets: [&result],
     };
-    let rows: Vec<(Prediction, bool)> = predictions
-        .iter()
-        .zip(samples)
-        .map(|(prediction, sample)| (*prediction, is_turned(sample)))
-        .collect();
-    let (csv, json) = (to_csv(&rows, a.trust), json_text(&document)?);
-    let mut files: Vec<(&Path, &[u8])> = Vec::new();
-    files.extend(a.predictions.as_deref().map(|path| (path, csv.as_bytes())));
-    files.extend(a.json.as_deref().map(|path| (path, json.as_bytes())));
-    write_outputs(&files)?;
+    let json = json_text(&document)?;
+    let json = a.json.as_deref().map(|path| (path, json.as_bytes()));
+    match out {
+        Some(out) => write_with_long(out, json.as_slice())?,
+        None => write_outputs(json.as_slice())?,
+    }
     let report = Printer::for_outputs(&outputs);
-    print(
-        report,
-        &result,
-        loaded.host().provenance.method,
-        &predictions,
-    );
+    print(report, &result, document.method, &flags, poses);
     if !is_same_frame(&result.errors) {
         warning(format_args!(
             "{}: these measurements are not in the frames of the calibration, or not of this robot: {FRAMES_HELP}",
@@ -215,7 +183,139 @@ pub fn run(a: &Evaluate) -> Result<(), Failure> {
     Ok(())
 }
 
-fn print(report: Printer, set: &SetErrors, model: &str, predictions: &[Prediction]) {
+/// How rows are predicted and compared.
+struct Judge<'a> {
+    loaded: &'a BlobModel,
+    frames: &'a FittedFrames,
+    /// From the instrument's frame of the calibration to that of the measurements.
+    shift: Pose<f64>,
+    /// Lines of rows that are not compared.
+    left_out: BTreeSet<usize>,
+    /// Whether predictions are written, and with their trust.
+    writes: bool,
+    with_trust: bool,
+}
+
+/// What is kept of rows that were compared, at most 32 bytes of each.
+#[derive(Default)]
+struct Judged {
+    /// Their predictions.
+    text: String,
+    poses: usize,
+    measured: PoseErrors,
+    truth: PoseErrors,
+    flagged: usize,
+    /// How many have each of [`FLAGS`].
+    flags: [usize; FLAGS.len()],
+    trust_sum: f64,
+    least_trust: Option<f32>,
+    sigmas: SigmaCounts,
+    /// m, and how many.
+    sigma_sum: (f64, usize),
+}
+
+/// Remarks that are counted.
+const FLAGS: [Status; 4] = [
+    Status::OUTSIDE_JOINT_RANGE,
+    Status::OUTSIDE_PAYLOAD_RANGE,
+    Status::CORRECTION_LIMITED,
+    Status::BAD_INPUT,
+];
+
+impl Judge<'_> {
+    fn predicted(&self, s: &InstrumentSample) -> Prediction {
+        let first = self.loaded.predict(&s.joints, s.payload_kg);
+        let pose = match self.frames.is_base_fitted {
+            true => self.shift * first.pose,
+            false => first.pose,
+        };
+        Prediction {
+            pose: pose * self.frames.tools[s.tool],
+            ..first
+        }
+    }
+
+    fn rows(&self, rows: &[Measurement], samples: &[InstrumentSample]) -> Judged {
+        let mut out = Judged::default();
+        for (row, sample) in rows.iter().zip(samples) {
+            let predicted = self.predicted(sample);
+            let observed = &sample.observation;
+            // Positions alone do not show the orientation of a tool that is fitted to them.
+            let is_turned = !self.frames.is_tool_fitted[sample.tool] || observed.has_orientation();
+            out.add(&predicted);
+            if self.writes {
+                push_row(&mut out.text, &predicted, is_turned, self.with_trust);
+            }
+            if self.left_out.contains(&row.line) {
+                continue;
+            }
+            out.measured.push(&observed.error(&predicted.pose));
+            if let Some(truth) = &row.truth {
+                let error = PoseError::between(truth, &predicted.pose);
+                out.truth.push(&PoseError {
+                    orientation_mrad: error.orientation_mrad.filter(|_| is_turned),
+                    ..error
+                });
+            }
+            if let Some(sigma) = predicted.position_sigma.map(f64::from) {
+                let error = observed.position() - predicted.pose.translation;
+                error.iter().for_each(|e| out.sigmas.push(*e, sigma));
+                out.sigma_sum = (out.sigma_sum.0 + sigma, out.sigma_sum.1 + 1);
+            }
+        }
+        out
+    }
+}
+
+impl Judged {
+    /// What is said of a prediction, whether or not it is compared.
+    fn add(&mut self, predicted: &Prediction) {
+        self.poses += 1;
+        self.flagged += usize::from(!predicted.status.is_ok());
+        for (count, flag) in self.flags.iter_mut().zip(FLAGS) {
+            *count += usize::from(predicted.status.contains(flag));
+        }
+        self.trust_sum += f64::from(predicted.trust);
+        let least = self
+            .least_trust
+            .map_or(predicted.trust, |t| t.min(predicted.trust));
+        self.least_trust = Some(least);
+    }
+
+    /// With later rows, but for their text.
+    fn extend(&mut self, later: Self) {
+        self.poses += later.poses;
+        self.measured.extend(later.measured);
+        self.truth.extend(later.truth);
+        self.flagged += later.flagged;
+        for (count, more) in self.flags.iter_mut().zip(later.flags) {
+            *count += more;
+        }
+        self.trust_sum += later.trust_sum;
+        let least = [self.least_trust, later.least_trust];
+        self.least_trust = least.into_iter().flatten().reduce(f32::min);
+        self.sigmas.extend(later.sigmas);
+        let (sum, count) = later.sigma_sum;
+        self.sigma_sum = (self.sigma_sum.0 + sum, self.sigma_sum.1 + count);
+    }
+
+    /// `None` when the blob does not know it.
+    fn predictive_std(&self) -> Option<StdSummary> {
+        let (sum, count) = self.sigma_sum;
+        Some(StdSummary {
+            shares: self.sigmas.shares()?,
+            mean_mm: 1e3 * sum / count as f64,
+        })
+    }
+}
+
+fn print(
+    report: Printer,
+    set: &SetErrors,
+    model: &str,
+    flags: &[usize; FLAGS.len()],
+    poses: usize,
+) {
     report.line(format_args!(
         "Model `{model}` on {} poses: position in mm, orientation in mrad.\n",
         set.errors.poses
@@ -259,50 +359,44 @@ fn print(report: Printer, set: &SetErrors, model: &str, predictions: &[Predictio
             set.trust.mean, set.trust.least
         ));
     }
-    for status in [
-        Status::OUTSIDE_JOINT_RANGE,
-        Status::OUTSIDE_PAYLOAD_RANGE,
-        Status::CORRECTION_LIMITED,
-        Status::BAD_INPUT,
-    ] {
-        let count = predictions
-            .iter()
-            .filter(|p| p.status.contains(status))
-            .count();
-        if count > 0 {
+    for (status, count) in FLAGS.iter().zip(flags) {
+        if *count > 0 {
             report.line(format_args!(
-                "{count} of {} predictions are flagged `{status}`.",
-                predictions.len()
+                "{count} of {poses} predictions are flagged `{status}`."
             ));
         }
     }
 }
 
-/// Each prediction, and whether its orientation is known.
-fn to_csv(predictions: &[(Prediction, bool)], with_trust: bool) -> String {
-    let mut out = String::from("x_mm,y_mm,z_mm,qw,qx,qy,qz,status");
-    out += if with_trust {
-        ",trust,sigma_mm\n"
-    } else {
-        "\n"
-    };
-    for (prediction, is_turned) in predictions {
-        let Prediction { pose, status, .. } = prediction;
-        let t = 1e3 * pose.translation;
-        let (w, v) = pose.quaternion();
-        let _ = write!(out, "{:.6},{:.6},{:.6},", t[0], t[1], t[2]);
-        let _ = match is_turned {
-            true => write!(out, "{w:.12},{:.12},{:.12},{:.12}", v[0], v[1], v[2]),
-            false => write!(out, ",,,"),
-        };
-        let _ = write!(out, ",{status}");
-        if with_trust {
-            let _ = write!(out, ",{:.6},", prediction.trust);
-            if let Some(sigma) = prediction.position_sigma {
-                let _ = write!(out, "{:.6}", 1e3 * sigma);
+/// A row of the predictions; `is_turned` says whether the orientation is known.
+fn push_row(out: &mut String, prediction: &Prediction, is_turned: bool, with_trust: bool) {
+    let Prediction { pose, status, .. } = prediction;
+    let t = 1e3 * pose.translation;
+    for value in t.iter() {
+        push_decimal(out, *value, 6);
+        out.push(',');
+    }
+    match is_turned {
+        true => {
+            let (w, v) = pose.quaternion();
+            for (index, value) in [w, v[0], v[1], v[2]].into_iter().enumerate() {
+                if index > 0 {
+                    out.push(',');
+                }
+                push_decimal(out, value, 12);
             }
         }
-        out.push('\n');
+        false => *out += ",,,",
     }
-    out
+    // Cannot fail: the output is a string.
+    let _ = write!(out, ",{status}");
+    if with_trust {
+        out.push(',');
+        push_decimal(out, f64::from(prediction.trust), 6);
+        out.push(',');
+        if let Some(sigma) = prediction.position_sigma {
+            push_decimal(out, f64::from(1e3 * sigma), 6);
+        }
+    }
+    out.push('\n');
 }

@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use poegp_runtime::model::load_error::LoadError;
 
 use crate::device::error::ClientError;
-use poegp_calibration::blob::predict::{BlobError, HOST_SUPPORT};
+use poegp_calibration::blob::predict::BlobError;
 use poegp_calibration::blob::write::{DeviceError, ExportError};
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::model::CalibrationError;
@@ -93,6 +93,17 @@ pub fn calibration_failure(path: &Path, error: &CalibrationError) -> Failure {
         )
         .with_help("use --method elastic, poe or base-tool for such data")
         .into(),
+        CalibrationError::TooManyPoses {
+            found,
+            most,
+            method,
+        } => InputError::new(
+            path,
+            format!("{found} poses"),
+            format!("at most {most} for `{method}`: every pose is a point of its Gaussian process"),
+        )
+        .with_help("use --method elastic, which takes any number of poses")
+        .into(),
         CalibrationError::NoPayload => InputError::new(
             path,
             "no payload_kg column",
@@ -108,12 +119,6 @@ pub fn calibration_failure(path: &Path, error: &CalibrationError) -> Failure {
 pub fn device_failure(path: &Path, error: DeviceError) -> Failure {
     match error {
         DeviceError::Calibration(error) => calibration_failure(path, &error),
-        DeviceError::Export(ExportError::TooManyPoints { found }) => InputError::new(
-            path,
-            format!("{found} poses"),
-            format!("at most {HOST_SUPPORT}: every pose is a point of the Gaussian process"),
-        )
-        .into(),
         DeviceError::Export(error) => error.into(),
     }
 }

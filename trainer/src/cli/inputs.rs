@@ -8,17 +8,19 @@ use poegp_runtime::math::se3::Pose;
 
 use crate::cli::args::ChainArgs;
 use crate::cli::examination::{Examined, explained};
-use crate::cli::failure::Failure;
+use crate::cli::failure::{Failure, calibration_failure};
 use crate::cli::terminal::print::note;
 use poegp_calibration::blob::fitted_frames::{FrameError, FramesToFit};
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::blob::write::Provenance;
 use poegp_calibration::input_error::InputError;
-use poegp_calibration::measurement::MeasurementSet;
 use poegp_calibration::measurement::instrument_drift::Drift;
+use poegp_calibration::measurement::long::{LongFile, is_long};
 use poegp_calibration::measurement::reader::{DriftCorrection, SampleFile};
 use poegp_calibration::measurement::sample::{InstrumentSample, ToolName};
-use poegp_calibration::model::Method;
+use poegp_calibration::measurement::{Measurement, MeasurementSet};
+use poegp_calibration::model::{CalibrationError, Method};
+use poegp_calibration::numeric::parallel::{in_order, threads};
 use poegp_calibration::robot::{Joint, LoadOptions, Robot};
 use poegp_calibration::trust::{Cause, Finding};
 use poegp_calibration::validation::cross_validation::TestSet;
@@ -70,7 +72,7 @@ fn read_samples(
     Ok(file)
 }
 
-/// Refuses a file with too few different poses before any work, as an error of the file.
+/// Refuses a file with too few different poses or too many rows before any work, as an error of the file.
 pub fn enough_poses(
     path: &Path,
     (poses, rows): (usize, usize),
@@ -78,6 +80,14 @@ pub fn enough_poses(
     method: Method,
     joints: usize,
 ) -> Result<(), Failure> {
+    if let Some(most) = method.max_poses().filter(|most| rows > *most) {
+        let error = CalibrationError::TooManyPoses {
+            found: rows,
+            most,
+            method: method.name(),
+        };
+        return Err(calibration_failure(path, &error));
+    }
     let parameters = method.parameters(joints);
     let needed = (6 * method.min_poses(joints)).div_ceil(equations);
     if poses >= needed {
@@ -139,6 +149,8 @@ pub struct TestData {
     pub samples: Vec<InstrumentSample>,
     /// First the tools of the blob, then those that only the file has.
     pub names: Vec<ToolName>,
+    /// A file of which `set` and `samples` are some rows only.
+    long: Option<LongFile>,
 }
 
 /// Reads and checks a measurement file for the robot of a blob; notes go to standard error.
@@ -147,14 +159,44 @@ pub fn read(
     path: &Path,
     correction: DriftCorrection,
 ) -> Result<TestData, Failure> {
+    let robot = robot_of(loaded.blob());
+    let mut names = tools_of(loaded);
+    let file = read_samples(path, &robot, &mut names, correction)?;
+    complete(loaded, path, names, (None, file))
+}
+
+/// As [`read`], but of a long file some rows only; [`TestData::each_chunk`] shows all. The drift of the instrument is a matter
+/// of all rows, so that with its correction every file is held.
+pub fn read_long(
+    loaded: &BlobModel,
+    path: &Path,
+    correction: DriftCorrection,
+) -> Result<TestData, Failure> {
+    if !matches!(correction, DriftCorrection::None) || !is_long(path) {
+        return read(loaded, path, correction);
+    }
+    let robot = robot_of(loaded.blob());
+    let mut names = tools_of(loaded);
+    let (long, file) = LongFile::read(path, &robot, &mut names)?;
+    for text in &file.notes {
+        note(format_args!("{}: {text}", path.display()));
+    }
+    complete(loaded, path, names, (Some(long), file))
+}
+
+fn tools_of(loaded: &BlobModel) -> Vec<ToolName> {
+    let tools = loaded.tools().iter();
+    tools.map(|(name, _)| name.clone()).collect()
+}
+
+fn complete(
+    loaded: &BlobModel,
+    path: &Path,
+    names: Vec<ToolName>,
+    (long, file): (Option<LongFile>, SampleFile),
+) -> Result<TestData, Failure> {
     let blob = loaded.blob();
-    let robot = robot_of(blob);
-    let mut names: Vec<ToolName> = loaded
-        .tools()
-        .iter()
-        .map(|(name, _)| name.clone())
-        .collect();
-    let SampleFile { set, samples, .. } = read_samples(path, &robot, &mut names, correction)?;
+    let SampleFile { set, samples, .. } = file;
     if blob.ranges.payload_kg.is_some() && !set.has_payload() {
         return Err(InputError::new(
             path,
@@ -167,10 +209,37 @@ pub fn read(
         set,
         samples,
         names,
+        long,
     })
 }
 
+/// Rows of a file that is held which are looked at together.
+const HELD_CHUNK: usize = 1024;
+
 impl TestData {
+    /// Shows all rows of the file, in chunks, to `work` on all cores, and what it made of them to `take` in their order.
+    ///
+    /// # Errors
+    /// Those of `take`, and [`InputError`] for a long file that has changed.
+    pub fn each_chunk<O: Send>(
+        &self,
+        robot: &Robot,
+        work: impl Fn(&[Measurement], &[InstrumentSample]) -> O + Sync,
+        take: impl FnMut(O) -> Result<(), Failure>,
+    ) -> Result<(), Failure> {
+        if let Some(long) = &self.long {
+            return long.each_chunk(robot, &self.names, work, take);
+        }
+        let rows = self.set.measurements.chunks(HELD_CHUNK);
+        let mut chunks = rows.zip(self.samples.chunks(HELD_CHUNK));
+        in_order(
+            threads(),
+            || Ok(chunks.next()),
+            |(rows, samples)| work(rows, samples),
+            take,
+        )
+    }
+
     /// The warnings about its rows as measurements of `robot`.
     ///
     /// # Errors
@@ -290,6 +359,7 @@ pub fn robot_of(blob: &Blob<'_>) -> Robot {
             .limits
             .map(|(lower, upper)| (f64::from(lower), f64::from(upper))),
         gear_lines: Vec::new(),
+        link_radius: None,
     };
     Robot {
         name: blob.robot.name.to_owned(),
@@ -305,6 +375,7 @@ pub fn robot_of(blob: &Blob<'_>) -> Robot {
             rows.map(|row| row.iter().map(|c| f64::from(*c)).collect())
                 .collect()
         }),
+        link_radius: None,
     }
 }
 

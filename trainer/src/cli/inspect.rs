@@ -64,8 +64,7 @@ fn document(loaded: &BlobModel) -> Value {
         Correction::Elastic(elastic) => json!({
             "kind": "elastic",
             "inducing_points": loaded.model().support(),
-            "tied": elastic.tied,
-            "support_per_output": (!elastic.sets.is_empty()).then(|| functions(elastic)),
+            "inducing_points_of_joints": points_of_joints(elastic),
             "gravity": elastic.gravity,
             "ripple": elastic.ripple.iter().map(|r| json!({
                 "joint": r.joint + 1, "cycles_per_turn": r.cycles, "amplitude_urad": 1e6 * r.sin.hypot(r.cos)
@@ -73,7 +72,7 @@ fn document(loaded: &BlobModel) -> Value {
             "own_joint_curves": curves(elastic, blob.robot.joints.len()).map(|(orders, rms)| json!({
                 "orders": orders, "rms_urad": rms
             })),
-            "payload_groups_kg": elastic.groups.iter().map(|g| g.payload_kg).collect::<Vec<_>>(),
+            "payload_groups_kg": elastic.group_payloads_kg,
             "correction_limit_mm": 1e3 * elastic.bound.position_m,
             "correction_limit_mrad": 1e3 * elastic.bound.angle_rad,
             "predictive_std": blob.variance.as_ref().map(sigma),
@@ -163,7 +162,7 @@ fn print(report: Printer, loaded: &BlobModel, document: &Value) {
     }
     if let Correction::TaskSpace(task) = &blob.correction {
         report.line(format_args!(
-            "  correction: Gaussian process of {} inputs, {} support points, bounded to {:.3} mm and {:.3} mrad",
+            "  correction: Gaussian process of {} inputs, {} inducing points, bounded to {:.3} mm and {:.3} mrad",
             task.input_scale.len(),
             loaded.model().support(),
             1e3 * task.bound.position_m,
@@ -183,21 +182,17 @@ fn print(report: Printer, loaded: &BlobModel, document: &Value) {
     }
     if let Correction::Elastic(elastic) = &blob.correction {
         report.line(format_args!(
-            "  correction: elastic joints, {} support points{}, bounded to {:.3} mm and {:.3} mrad",
+            "  correction: elastic joints, {} inducing points, bounded to {:.3} mm and {:.3} mrad",
             loaded.model().support(),
-            if elastic.tied {
-                ", tied length scales"
-            } else {
-                ""
-            },
             1e3 * elastic.bound.position_m,
             1e3 * elastic.bound.angle_rad
         ));
         if !elastic.sets.is_empty() {
-            let sets: Vec<String> = functions(elastic).iter().map(u32::to_string).collect();
+            let points = points_of_joints(elastic);
+            let points: Vec<String> = points.iter().map(u32::to_string).collect();
             report.line(format_args!(
-                "    a support set for each joint: {} functions",
-                sets.join(", ")
+                "    inducing points of each joint: {}",
+                points.join(", ")
             ));
         }
         match &blob.variance {
@@ -289,8 +284,8 @@ fn curves(elastic: &Elastic<'_>, joints: usize) -> Option<(usize, Vec<f32>)> {
     (each > 0).then(|| (each / 2, amplitudes.chunks_exact(each).map(rms).collect()))
 }
 
-/// Functions of the support set of each joint.
-fn functions(elastic: &Elastic<'_>) -> Vec<u32> {
+/// Inducing points of each joint.
+fn points_of_joints(elastic: &Elastic<'_>) -> Vec<u32> {
     let sum = |points: &SetPoints| points.iter().map(|points| u32::from(*points)).sum();
     elastic.sets.iter().map(sum).collect()
 }

@@ -18,7 +18,7 @@ pub fn refusal(refusal: &Refusal) -> String {
         }
         Refusal::Busy => "it is busy with another service; ask again".to_owned(),
         Refusal::BlobTooLong { length, capacity } => format!(
-            "the model has {length} bytes, there is room for {capacity}; calibrate with less --support"
+            "the model has {length} bytes, there is room for {capacity}; calibrate with fewer --inducing-points"
         ),
         Refusal::NoUpload => {
             "it has no upload in progress: a restart or a roll-back has ended it".to_owned()
@@ -116,7 +116,7 @@ fn model(code: u8) -> String {
                 needed: 0,
                 capacity: 0,
             },
-            "it has more inducing points than fit; calibrate with fewer (--support)",
+            "it has more inducing points than fit; calibrate with fewer (--inducing-points)",
         ),
     ];
     match numbered.iter().find(|(error, _)| error.code() == code) {

@@ -74,6 +74,7 @@ impl CalibratedChain {
                     .limits
                     .map(|(lower, upper)| (decimal(lower), decimal(upper))),
                 gear_lines: Vec::new(),
+                link_radius: None,
             });
         let serial = match blob.robot.serial_number {
             "" => String::new(),

@@ -112,6 +112,20 @@ fn radians_under_a_name_in_degrees_are_pointed_out() {
 }
 
 #[test]
+fn too_many_poses() {
+    let _texts = texts();
+    let folder = Folder::new();
+    let rows = simulated("train", 300);
+    let rows: Vec<&str> = rows.lines().collect();
+    let more = rows[1..].iter().cycle().take(4_100);
+    let many: Vec<&str> = rows[..1].iter().chain(more).copied().collect();
+    folder.write("many.csv", many.join("\n"));
+    folder.refuses(format!(
+        "calibrate --robot {SERIAL} many.csv --method poe-gp-load --out new.blob"
+    ));
+}
+
+#[test]
 fn too_few_poses() {
     let _texts = texts();
     let folder = folder();

@@ -54,7 +54,7 @@ fn folder() -> Folder {
     folder.write("test.csv", simulated("test1", 20));
     for (model, file) in [
         ("poe-gp-load", "paper.blob"),
-        ("elastic --support 20", "arm.blob"),
+        ("elastic --inducing-points 20", "arm.blob"),
     ] {
         let line = format!("calibrate --robot {SERIAL} train.csv --method {model} --out {file}");
         folder.run(&line).ok();

@@ -85,19 +85,9 @@ fn a_budget_is_kept_and_its_price_is_told() {
     let line = format!("{calibrate} --max-instructions 12000 --json -");
     let document = folder.run(&line).ok().json();
     let table = document["budget"].as_array().unwrap();
-    assert_eq!(
-        table.len(),
-        4,
-        "all points, own, tied, a set for each joint"
-    );
-    assert_eq!(table[3]["per_output"], true);
-    assert!(
-        table[3]["inducing_points"].as_u64().unwrap()
-            > table[1]["inducing_points"].as_u64().unwrap()
-    );
-    for row in &table[1..] {
-        assert!(row["instructions"].as_u64().unwrap() <= 12_000, "{row}");
-    }
+    assert_eq!(table.len(), 2, "without a budget, and within");
+    assert_eq!(table[1]["chosen"], true);
+    assert!(table[1]["instructions"].as_u64().unwrap() <= 12_000);
     let taken = table.iter().find(|r| r["chosen"] == true).unwrap();
     assert_eq!(
         document["elastic"]["inducing_points"],

@@ -19,7 +19,7 @@ fn folder() -> Folder {
     folder.write("targets.csv", TARGETS);
     folder
         .run(&format!(
-            "calibrate --robot {SERIAL} train.csv --support 30 --out arm.blob"
+            "calibrate --robot {SERIAL} train.csv --inducing-points 60 --out arm.blob"
         ))
         .ok();
     folder

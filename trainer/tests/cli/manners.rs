@@ -20,7 +20,7 @@ fn shells_and_manuals() {
     let files = folder.json("pages.json")["files"].as_array().unwrap().len();
     assert!(files > 25, "{files}");
     let page = folder.text("man/trainer-calibrate.1");
-    for word in [".TH", "support", "130 stopped by Ctrl"] {
+    for word in [".TH", "inducing", "130 stopped by Ctrl"] {
         assert!(page.contains(word), "{word}: {page}");
     }
     folder.refuses("manual --out no/man");
@@ -186,4 +186,26 @@ fn ctrl_c_while_writing_leaves_nothing() {
         "{said}"
     );
     assert_eq!(folder.names(), ["pipe", "train.csv"]);
+}
+
+/// SIGINT while a long file is corrected: the temporary file goes, and nothing takes its place.
+#[cfg(unix)]
+#[test]
+fn ctrl_c_while_a_long_file_is_corrected_leaves_nothing() {
+    let folder = Folder::new();
+    folder.write("train.csv", simulated("train", 40));
+    let line = format!("calibrate --robot {SERIAL} train.csv --method poe --out a.blob");
+    folder.run(&line).ok();
+    let test = simulated("test1", 100);
+    let (header, rows) = test.split_once('\n').unwrap();
+    folder.write("long.csv", format!("{header}\n{}", rows.repeat(5_000)));
+    let output = interrupted(&folder, "correct a.blob long.csv --out o.csv", 1, |_| {
+        folder
+            .names()
+            .iter()
+            .any(|name| name.starts_with(".poegp-"))
+    });
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(said.contains("stopped"), "{said}");
+    assert_eq!(folder.names(), ["a.blob", "long.csv", "train.csv"]);
 }

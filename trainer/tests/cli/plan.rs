@@ -181,6 +181,136 @@ fn a_cell_that_allows_too_little_is_told_what_takes_most() {
     folder.refuses(line);
 }
 
+/// Robot cells that reject everything, and what frees some: one constraint, a pair of them, a joint range, the radius.
+#[test]
+fn a_cell_that_rejects_everything_says_what_would_free_it() {
+    let _texts = texts();
+    let folder = Folder::new();
+    let line = format!(
+        "plan --robot {SERIAL} --constraints cell.toml --count 50 --out plan.csv --no-forecast"
+    );
+    let below = "[workspace]\nmin_mm = [0, -1500, -900]\nmax_mm = [2500, 1500, -300]\n";
+    let nowhere = "[[keep_out]]\nname = \"hall\"\nmin_mm = [-5000, -5000, -5000]\nmax_mm = [5000, 5000, 5000]\n\
+        [line_of_sight]\ninstrument_mm = [4000, 0, 1500]\nnormal = [0, 0, 1]\nmax_angle_deg = 0.001\n";
+    let narrow = "[[joint]]\nname = \"joint_2\"\nrange_deg = [90, 96]\n\
+        [workspace]\nmin_mm = [0, -1500, 2000]\nmax_mm = [2500, 1500, 2500]\n";
+    for (text, said) in [
+        (
+            below,
+            &["by floor", "more without workspace", "more without floor"][..],
+        ),
+        (
+            nowhere,
+            &[
+                "a single constraint would allow nothing",
+                "without keep_out \"hall\" and line_of_sight",
+            ],
+        ),
+        (narrow, &["without the range of joint \"joint_2\""]),
+    ] {
+        folder.write("cell.toml", text);
+        let refused = folder.refuses(&line);
+        for part in said {
+            assert!(refused.stderr.contains(part), "{part}: {refused:?}");
+        }
+    }
+    // What is named frees: the same robot cell without it is planned.
+    folder.write("cell.toml", format!("floor = false\n{below}"));
+    folder.run(&line).ok();
+}
+
+/// The radius of the links is said with where it comes from, and it is in the JSON.
+#[test]
+fn a_plan_says_which_links_it_kept_apart() {
+    let _texts = texts();
+    let folder = Folder::new();
+    folder.write("cell.toml", "link_radius_mm = 45\nfloor = false\n");
+    let line = "plan --count 30 --payloads 0,2 --out plan.csv --no-forecast --json plan.json";
+    for (arguments, radii, from, floor) in [
+        ("--robot abb-irb120", [57.12; 2], "reach", Some(0.0)),
+        ("--robot ur10", [80.0, 50.0], "description", Some(0.0)),
+        (
+            "--robot ur10 --constraints cell.toml",
+            [45.0; 2],
+            "constraints",
+            None,
+        ),
+    ] {
+        folder.run(&format!("{line} {arguments}")).ok().said();
+        let json = folder.json("plan.json");
+        let all = json["links"]["radii_mm"].as_array().unwrap();
+        assert_eq!(
+            [all[0].as_f64(), all[7].as_f64()],
+            radii.map(Some),
+            "{json}"
+        );
+        assert_eq!(json["links"]["radius_from"], from);
+        assert_eq!(json["floor_mm"].as_f64(), floor);
+        let removed = json["configurations"]["removed"].as_array().unwrap();
+        for rule in removed {
+            assert!(
+                rule["alone"].as_u64() <= rule["configurations"].as_u64(),
+                "{rule}"
+            );
+        }
+        assert!(json["prior"].is_null());
+    }
+}
+
+/// Another arm's model changes a V-optimal plan; a model of another type of robot is refused.
+#[test]
+fn a_plan_takes_its_prior_from_a_sister_robot() {
+    let _texts = texts();
+    let folder = Folder::new();
+    folder
+        .run(&format!(
+            "simulate --robot {SERIAL} --poses 60 --test-sets 1 --test-poses 20 --out arm"
+        ))
+        .ok();
+    for (method, blob) in [("elastic", "elastic.blob"), ("base-tool", "base.blob")] {
+        folder
+            .run(&format!(
+                "calibrate --robot {SERIAL} arm/train.csv --method {method} --accept readout --accept model --out {blob}"
+            ))
+            .ok();
+    }
+    let line = format!("plan --robot {SERIAL} --count 30 --payloads 0,5 --no-forecast");
+    folder.run(&format!("{line} --out usual.csv")).ok();
+    folder
+        .run(&format!(
+            "{line} --prior elastic.blob --out sister.csv --json plan.json"
+        ))
+        .ok()
+        .said();
+    assert_ne!(folder.text("usual.csv"), folder.text("sister.csv"));
+    let prior = &folder.json("plan.json")["prior"];
+    assert_eq!(prior["elastic"], true, "{prior}");
+    // Frames of the simulated arms are 0.78 mm and mrad off.
+    for key in ["frames_mm", "frames_mrad"] {
+        assert!(
+            (0.3..1.6).contains(&prior[key].as_f64().unwrap()),
+            "{prior}"
+        );
+    }
+    folder
+        .run(&format!(
+            "{line} --prior base.blob --out base.csv --json base.json"
+        ))
+        .ok()
+        .said();
+    assert_eq!(folder.json("base.json")["prior"]["elastic"], false);
+    for arguments in [
+        "--robot kuka-iiwa7 --count 30 --prior elastic.blob",
+        "--robot ur10 --count 30 --prior elastic.blob",
+        "--robot abb-irb4400 --count 30 --prior elastic.blob",
+        "--robot abb-irb4400-serial --count 100 --prior elastic.blob",
+        "--robot abb-irb4400-serial --count 30 --prior sister.csv",
+        "--robot abb-irb4400-serial --count 30 --prior elastic.blob --space-filling",
+    ] {
+        folder.refuses(format!("plan {arguments} --out other.csv --no-forecast"));
+    }
+}
+
 #[test]
 fn constraints_that_cannot_be_meant_are_refused_with_their_line() {
     let _texts = texts();
@@ -198,6 +328,9 @@ fn constraints_that_cannot_be_meant_are_refused_with_their_line() {
         "[line_of_sight]\ninstrument_mm = [1, 2, 3]\nnormal = [0, 0, 0]\nmax_angle_deg = 30\n",
         "[line_of_sight]\ninstrument_mm = [1, 2, 3]\nnormal = [0, 0, 1]\nmax_angle_deg = 0\n",
         "[instrument]\n",
+        "floor_mm = true\n",
+        "floor = true\nfloor_m = 1\n",
+        "link_radius_mm = -3\n",
         "workspace = 3\n",
         "[workspace]\nmin_mm = [0, 0, 0]\nmin_m = [0, 0, 0]\nmax_mm = [1, 1, 8]\n",
     ] {

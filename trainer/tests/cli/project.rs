@@ -39,8 +39,7 @@ fn the_same_bytes_years_later() {
     let line = "calibrate projects/project.toml --out other.blob --method poe";
     folder.run(line).ok().said();
     // A key with another default, and a key that the file does not have.
-    let line =
-        "calibrate projects/project.toml --method poe --tied --max-correction-mrad 9 --json -";
+    let line = "calibrate projects/project.toml --method poe --no-variance --max-correction-mrad 9 --json -";
     let outcome = folder.run(&format!("{line} --out other.blob")).ok().said();
     assert!(outcome.json()["repeats"].is_null());
     assert_eq!(folder.read("arm.blob"), blob);
@@ -104,7 +103,7 @@ fn what_does_not_fit_is_refused_with_its_place() {
     let folder = folder();
     let project = folder.text("projects/project.toml");
     for (from, to) in [
-        ("layout = ", "lay_out = "),
+        ("inducing_points = ", "inducing_point = "),
         ("version = 1", "version = 2"),
         ("\"poe-gp-load\"", "\"gp\""),
         ("max_correction_mm = 9.0", "max_correction_mm = \"x\""),

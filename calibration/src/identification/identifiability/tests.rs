@@ -191,6 +191,7 @@ fn slides_and_short_arms() {
         kind: JointKind::Prismatic,
         limits: Some((0.0, 0.4)),
         gear_lines: Vec::new(),
+        link_radius: None,
     };
     let r = report(&robot, &poses(&robot, 60, |_, _| {}));
     assert_eq!((r.parameters, r.redundant, r.unidentified), (36, 12, 0));

@@ -2,6 +2,8 @@
 //!
 //! The formula is the runtime's (`deflection::PositionVariance`). Here its numbers are found:
 //!
+//! - one kernel for all joints: the mean of the joints' rates, weighted by what each process moves the tool, times the
+//!   factor that fits best;
 //! - landmarks among the training poses, each the one that explains most of what the ones before leave;
 //! - ν, the noise of one pose as information about a process, and the floor, so that the variance of every training pose when it is left out
 //!   is that of the exact posterior (`outliers::leave_one_out`), inflation included, in least relative squares.
@@ -20,6 +22,7 @@ use poegp_runtime::gp::joint_kernel::JointKernel;
 use poegp_runtime::kinematics::coupling::CouplingMatrix;
 use poegp_runtime::kinematics::minimal_chain::{MinimalChain, MinimalForm};
 
+use crate::identification::parametric::state::ROWS;
 use crate::learning::elastic::fit::RobustFit;
 use crate::learning::elastic::inputs::kernel;
 use crate::learning::elastic::solution::ElasticFit;
@@ -43,7 +46,7 @@ pub struct DeviceVariance {
     pub rows: Vec<f64>,
 }
 
-/// Of a tied fit to `samples`. `None` when a matrix cannot be factored.
+/// Of a fit to `samples`. `None` when a matrix cannot be factored.
 pub fn device_variance(
     robust: &RobustFit,
     samples: &[BaseSample],
@@ -53,64 +56,31 @@ pub fn device_variance(
     let inflation = robust.inflation[0].powi(2);
     let noise = inflation * fit.scales.position.powi(2) * fit.hyperparameters[0].exp();
     let kernels = fit.layout.kernels(&fit.hyperparameters);
-    let mut unit = *kernels.first()?;
-    unit.amplitude = 1.0;
-    unit.payload_amplitude = 0.0;
-    let inputs = &fit.inputs;
-    let n = inputs.payloads.len();
-    let input = |i: usize| (&inputs.features[i], inputs.payloads[i]);
-    let gram = Mat::from_fn(n, n, |i, j| {
-        kernel(&unit, &inputs.kinds, input(i), input(j))
-    });
-    let chosen = landmarks(&gram);
-    let count = chosen.len();
-    let between = Mat::from_fn(count, count, |i, j| gram[(chosen[i], chosen[j])]);
-    let factor = between.llt(Side::Lower).ok()?;
-    let lower = factor.L().to_owned();
-    let v = solve_lower(&lower, &Mat::from_fn(count, n, |i, k| gram[(chosen[i], k)]));
-    let eigen = (&v * v.transpose()).self_adjoint_eigen(Side::Lower).ok()?;
-    let (q, lambda) = (eigen.U(), eigen.S());
-    let w = q.transpose() * &v;
     let priors = priors(fit, samples, coupling, &kernels);
-    let gain = inflation / 3.0;
-    let mut best: Option<(f64, f64, f64)> = None;
-    for nu in (0..=80).map(|step| 10_f64.powf(-4.0 + 0.1 * f64::from(step))) {
-        let of = |k: usize| {
-            let v2: f64 = (0..count).map(|i| v[(i, k)].powi(2)).sum();
-            let s: f64 = (0..count)
-                .map(|i| w[(i, k)].powi(2) / (1.0 + lambda[i].max(0.0) / nu))
-                .sum();
-            let u = 1.0 - v2 + s / (1.0 - s / nu).max(1e-9);
-            gain * priors[k] * u.clamp(0.0, 1.0).powi(2)
-        };
-        let pairs: Vec<(f64, f64)> = robust
-            .left_out
-            .iter()
-            .enumerate()
-            .filter_map(|(k, variance)| Some((of(k), inflation * (*variance)?)))
-            .collect();
-        let Some((floor, cost)) = floor_of(&pairs, noise) else {
-            continue;
-        };
-        if best.is_none_or(|b| cost < b.2) {
-            best = Some((nu, floor, cost));
-        }
-    }
-    let (nu, floor, _) = best?;
-    let information = Mat::from_fn(count, count, |i, j| {
-        (0..count)
-            .map(|e| {
-                let ratio = lambda[e].max(0.0) / nu;
-                q[(i, e)] * q[(j, e)] * ratio / (1.0 + ratio)
+    let left_out: Vec<Known> = robust
+        .left_out
+        .iter()
+        .zip(&priors)
+        .enumerate()
+        .filter_map(|(pose, (variance, prior))| {
+            Some(Known {
+                pose,
+                prior: inflation / 3.0 * prior,
+                variance: inflation * (*variance)?,
             })
-            .sum::<f64>()
-    });
-    // C⁻ᵀ I C⁻¹, with the information I, symmetric.
-    let half = solve_upper(&lower, &information);
-    let information = solve_upper(&lower, &half.transpose().to_owned());
-    let h = reversed_factor(&information)?;
+        })
+        .collect();
+    let common = common_kernel(fit, samples, &kernels)?;
+    let trial = |factor: &f64| {
+        let kernel = scaled(&common, *factor);
+        Landmarks::new(fit, kernel)?.fitted(&left_out, noise)
+    };
+    let best = SHORTER.iter().filter_map(trial);
+    let best = best.min_by(|a, b| a.cost.total_cmp(&b.cost))?;
+    let h = reversed_factor(&best.landmarks.information(best.nu))?;
+    let inputs = &fit.inputs;
     let mut rows = Vec::new();
-    for (row, i) in chosen.iter().enumerate() {
+    for (row, i) in best.landmarks.poses.iter().enumerate() {
         for (kind, feature) in inputs.kinds.iter().zip(&inputs.features[*i]) {
             rows.extend(landmark_feature(*kind, feature));
         }
@@ -119,13 +89,160 @@ pub fn device_variance(
     }
     Some(DeviceVariance {
         header: PositionVariance {
-            floor,
-            gain,
-            landmarks: count,
+            floor: best.floor,
+            gain: inflation / 3.0,
+            rates: *best.landmarks.kernel.rates(),
+            payload_rate: best.landmarks.kernel.payload_rate,
+            landmarks: best.landmarks.poses.len(),
         },
-        noise: noise.min(floor),
+        noise: noise.min(best.floor),
         rows,
     })
+}
+
+/// Factors of the common kernel's rates that are tried.
+const SHORTER: [f64; 9] = [0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0];
+
+/// A training pose and its variance when it is left out, m².
+struct Known {
+    pose: usize,
+    /// The variance that the processes have there before any measurement.
+    prior: f64,
+    variance: f64,
+}
+
+/// One kernel for all joints: rates weighted by what each joint's process moves the tool, with amplitude 1.
+fn common_kernel(
+    fit: &ElasticFit,
+    samples: &[BaseSample],
+    kernels: &[JointKernel<f64>],
+) -> Option<JointKernel<f64>> {
+    let payloads = &fit.inputs.payloads;
+    let square = payloads.iter().map(|m| m * m).sum::<f64>() / payloads.len().max(1) as f64;
+    let linear = fit.state.linearise(samples, fit.scales);
+    let weight = |(c, kernel): (usize, &JointKernel<f64>)| {
+        let moved = (0..linear.jacobian.nrows()).filter(|row| row % ROWS < 3);
+        let moved: f64 = moved.map(|row| linear.jacobian[(row, c)].powi(2)).sum();
+        moved * (kernel.amplitude + kernel.payload_amplitude * square)
+    };
+    let weights: Vec<f64> = kernels.iter().enumerate().map(weight).collect();
+    let total: f64 = weights.iter().sum();
+    let mean = |of: &dyn Fn(&JointKernel<f64>) -> f64| {
+        let sum: f64 = kernels.iter().zip(&weights).map(|(k, w)| w * of(k)).sum();
+        sum / total
+    };
+    let mut out = JointKernel::zero();
+    out.set_rates((0..fit.layout.joints).map(|d| mean(&|kernel| kernel.rates()[d])));
+    out.payload_rate = mean(&|kernel| kernel.payload_rate);
+    out.amplitude = 1.0;
+    (total > 0.0 && total.is_finite()).then_some(out)
+}
+
+/// The kernel with all rates times `factor`.
+fn scaled(kernel: &JointKernel<f64>, factor: f64) -> JointKernel<f64> {
+    let mut out = *kernel;
+    out.set_rates(kernel.rates().iter().map(|rate| factor * rate));
+    out.payload_rate *= factor;
+    out
+}
+
+/// Landmarks of one kernel, and what measurements at all poses say about them.
+struct Landmarks {
+    kernel: JointKernel<f64>,
+    /// Poses that they stand at.
+    poses: Vec<usize>,
+    /// C of K = C Cᵀ.
+    lower: Mat<f64>,
+    /// V = C⁻¹ K_LN.
+    v: Mat<f64>,
+    /// Q and Λ of V Vᵀ, and Qᵀ V.
+    q: Mat<f64>,
+    lambda: Vec<f64>,
+    w: Mat<f64>,
+}
+
+/// The best ν and floor for some landmarks.
+struct Fitted {
+    landmarks: Landmarks,
+    nu: f64,
+    floor: f64,
+    cost: f64,
+}
+
+impl Landmarks {
+    fn new(fit: &ElasticFit, common: JointKernel<f64>) -> Option<Self> {
+        let inputs = &fit.inputs;
+        let n = inputs.payloads.len();
+        let input = |i: usize| (&inputs.features[i], inputs.payloads[i]);
+        let gram = Mat::from_fn(n, n, |i, j| {
+            kernel(&common, &inputs.kinds, input(i), input(j))
+        });
+        let poses = landmarks(&gram);
+        let count = poses.len();
+        let between = Mat::from_fn(count, count, |i, j| gram[(poses[i], poses[j])]);
+        let lower = between.llt(Side::Lower).ok()?.L().to_owned();
+        let v = solve_lower(&lower, &Mat::from_fn(count, n, |i, k| gram[(poses[i], k)]));
+        let eigen = (&v * v.transpose()).self_adjoint_eigen(Side::Lower).ok()?;
+        let q = eigen.U().to_owned();
+        Some(Self {
+            w: q.transpose() * &v,
+            lambda: (0..count).map(|i| eigen.S()[i].max(0.0)).collect(),
+            q,
+            v,
+            lower,
+            poses,
+            kernel: common,
+        })
+    }
+
+    /// The share of the prior that the other poses leave unexplained at pose `k` with noise ν.
+    fn unexplained(&self, k: usize, nu: f64) -> f64 {
+        let count = self.poses.len();
+        let v2: f64 = (0..count).map(|i| self.v[(i, k)].powi(2)).sum();
+        let s: f64 = (0..count)
+            .map(|i| self.w[(i, k)].powi(2) / (1.0 + self.lambda[i] / nu))
+            .sum();
+        (1.0 - v2 + s / (1.0 - s / nu).max(1e-9)).clamp(0.0, 1.0)
+    }
+
+    /// ν and floor of least relative squares.
+    fn fitted(self, left_out: &[Known], noise: f64) -> Option<Fitted> {
+        let trial = |nu: f64| {
+            let pair = |known: &Known| {
+                let beside = known.prior * self.unexplained(known.pose, nu).powi(2);
+                (beside, known.variance)
+            };
+            let pairs: Vec<(f64, f64)> = left_out.iter().map(pair).collect();
+            let (floor, cost) = floor_of(&pairs, noise)?;
+            Some((nu, floor, cost))
+        };
+        let (nu, floor, cost) = (0..=80)
+            .map(|step| 10_f64.powf(-4.0 + 0.1 * f64::from(step)))
+            .filter_map(trial)
+            .min_by(|a, b| a.2.total_cmp(&b.2))?;
+        Some(Fitted {
+            landmarks: self,
+            nu,
+            floor,
+            cost,
+        })
+    }
+
+    /// HᵀH.
+    fn information(&self, nu: f64) -> Mat<f64> {
+        let (q, count) = (&self.q, self.poses.len());
+        let shares = Mat::from_fn(count, count, |i, j| {
+            (0..count)
+                .map(|e| {
+                    let ratio = self.lambda[e] / nu;
+                    q[(i, e)] * q[(j, e)] * ratio / (1.0 + ratio)
+                })
+                .sum::<f64>()
+        });
+        // C⁻ᵀ I C⁻¹, with the information I, symmetric.
+        let half = solve_upper(&self.lower, &shares);
+        solve_upper(&self.lower, &half.transpose().to_owned())
+    }
 }
 
 /// Greedily the pose that explains most of what all poses have left.

@@ -48,6 +48,25 @@ const CURVE_POSES: usize = 100;
 /// A state without the ripple that the curve replaces, and layout and hyperparameters with the curve.
 type WithCurve = (ParametricModel, HyperLayout, Vec<f64>);
 
+/// Minus the logarithm of the marginal likelihood times the prior of the length scales: those of one input are alike for all
+/// joints. From few poses the likelihood alone gives a joint any length scale that chance prefers.
+struct Posterior<'a> {
+    likelihood: HyperparameterObjective<'a>,
+    layout: HyperLayout,
+    processes: bool,
+}
+
+impl Objective for Posterior<'_> {
+    fn value_and_gradient(&self, h: &[f64]) -> (f64, Vec<f64>) {
+        let (mut value, mut gradient) = self.likelihood.value_and_gradient(h);
+        if !self.processes {
+            return (value, gradient);
+        }
+        value += self.layout.add_scale_prior(h, &mut gradient);
+        (value, gradient)
+    }
+}
+
 /// The search in a part of the poses.
 pub(super) struct HyperparameterSearch<'a> {
     part: Vec<BaseSample>,
@@ -107,7 +126,7 @@ impl<'a> HyperparameterSearch<'a> {
         state: &ParametricModel,
         poses: usize,
         (layout, processes): (HyperLayout, bool),
-        use_it: impl FnOnce(&HyperparameterObjective<'_>) -> T,
+        use_it: impl FnOnce(&Posterior<'_>) -> T,
     ) -> T {
         let part = &self.part[..poses.min(self.part.len())];
         let linear = state.linearise(part, self.scales);
@@ -123,7 +142,11 @@ impl<'a> HyperparameterSearch<'a> {
             layout,
             processes,
         };
-        use_it(&HyperparameterObjective::new(&evidence))
+        use_it(&Posterior {
+            likelihood: HyperparameterObjective::new(&evidence),
+            layout,
+            processes,
+        })
     }
 
     /// A search in the first `poses` of the part.

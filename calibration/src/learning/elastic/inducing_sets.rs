@@ -1,12 +1,12 @@
-//! A support set for each joint: few functions that say what the whole posterior says.
+//! Inducing points of each joint: a few kernels that say what the whole posterior says.
 //!
 //! The processes of the joints have length scales of their own, so each needs its points elsewhere, and needs few. The
-//! posterior mean with all poses as support is known; for each joint it is approached by kernels at some of the poses,
+//! posterior mean with all poses as points is known; for each joint it is approached by kernels at some of the poses,
 //! greedily: next comes the kernel that takes most off the squared difference for its instructions, over all joints, where
 //! a difference counts by how much the joint moves the tool (orthogonal least squares). The two are compared at the poses
-//! and between pairs of them. The weights of the chosen functions and all parameters are then solved again from the
-//! measurements, as for one support of all joints: where few poses are over-fitted by the whole posterior, that is better
-//! (Motoman, five folds: the whole posterior 0.041 mm, the functions brought to it 0.042, solved again 0.036).
+//! and between pairs of them. The weights of the chosen points and all parameters are then solved again from the
+//! measurements: where few poses are over-fitted by the whole posterior, that is better (Motoman, five folds: the whole
+//! posterior 0.041 mm, the points brought to it 0.042, solved again 0.036).
 //!
 //! A joint's kernel does not look at joints that hardly matter to it: those whose rate leaves less than `NEGLIGIBLE` of
 //! the noise's variance unexplained. Their words are not stored.
@@ -22,9 +22,8 @@ use rand_chacha::ChaCha8Rng;
 use crate::device_cost::{set_block_instructions, set_row_instructions};
 use crate::identification::parametric::state::Linearised;
 use crate::learning::elastic::hyperparameters::DEFLECTION_UNIT;
-use crate::learning::elastic::inducing_points::cluster_payloads_to;
 use crate::learning::elastic::inputs::{ClusteredInput, kernel};
-use crate::learning::elastic::options::SetLimits;
+use crate::learning::elastic::options::InducingLimits;
 use crate::learning::elastic::reduced_solution::solve;
 use crate::learning::elastic::solution::ElasticFit;
 use crate::measurement::sample::BaseSample;
@@ -45,9 +44,9 @@ const _: () = assert!(MAX_PAYLOADS <= MAX_GROUPS);
 const MAX_CANDIDATES: usize = 400;
 const MAX_QUERY_POINTS: usize = 600;
 
-/// One chosen function.
+/// One inducing point.
 #[derive(Clone, Copy, Debug)]
-pub struct BasisFunction {
+pub struct InducingPoint {
     /// The joints where it stands.
     pub features: JointTrig<f64>,
     /// Its payload in kg, one of at most [`MAX_GROUPS`].
@@ -56,25 +55,28 @@ pub struct BasisFunction {
     pub weight: f64,
 }
 
-/// Support sets.
+/// The inducing points of all joints.
 #[derive(Clone, Debug)]
 pub struct InducingSets {
     /// The kernel of each joint, with the rates of the joints that it does not look at zero.
     pub kernels: Vec<JointKernel<f64>>,
     /// Those of each joint, sorted by payload.
-    pub functions: Vec<Vec<BasisFunction>>,
+    pub points: Vec<Vec<InducingPoint>>,
+    /// By how much the smaller weights that single precision needs move the target, RMS over the measurements, m; `None`
+    /// where it holds the weights as they are.
+    pub single_precision_cost: Option<f64>,
 }
 
 /// Where kernels are evaluated: joints and payload.
 type QueryPoint = (JointTrig<f64>, f64);
 
-/// Chooses support sets for a fit to `samples` and solves for their weights and all parameters; the parameters of `fit`
+/// Chooses inducing points for a fit to `samples` and solves for their weights and all parameters; the parameters of `fit`
 /// move. `None` when there are no processes or the system cannot be solved.
 pub fn select_greedy(
     fit: &mut ElasticFit,
     samples: &[BaseSample],
     all: &[BaseSample],
-    limits: SetLimits,
+    limits: InducingLimits,
 ) -> Option<InducingSets> {
     let weights = &fit.solved.as_ref()?.weights;
     let (kinds, payloads) = (&fit.inputs.kinds, &fit.inputs.payloads);
@@ -88,7 +90,7 @@ pub fn select_greedy(
         .zip(&shares)
         .map(|(kernel, share)| without_negligible(kernel, *share, fit))
         .collect();
-    let centre_payloads = cluster_payloads_to(payloads, MAX_PAYLOADS);
+    let centre_payloads = clustered_payloads(payloads);
     let mut generator = ChaCha8Rng::seed_from_u64(1);
     let mut order: Vec<usize> = (0..samples.len()).collect();
     if order.len() > MAX_CANDIDATES {
@@ -127,22 +129,42 @@ pub fn select_greedy(
     let chosen = joints.iter().enumerate();
     let chosen = chosen.flat_map(|(c, joint)| joint.chosen.iter().map(move |j| (c, *j)));
     let functions: Vec<ClusteredInput> = chosen.map(|(c, j)| (c, centres[j])).collect();
-    let weights = solve(fit, all, &kernels, &functions)?;
+    let solution = solve(fit, all, &kernels, &functions)?;
     let mut sets = vec![Vec::new(); kernels.len()];
-    for ((c, (features, payload_kg)), weight) in functions.into_iter().zip(weights) {
-        sets[c].push(BasisFunction {
+    for ((c, (features, payload_kg)), weight) in functions.into_iter().zip(solution.weights) {
+        sets[c].push(InducingPoint {
             features,
             payload_kg,
             weight,
         });
     }
     for set in &mut sets {
-        set.sort_by(|a: &BasisFunction, b| a.payload_kg.total_cmp(&b.payload_kg));
+        set.sort_by(|a: &InducingPoint, b| a.payload_kg.total_cmp(&b.payload_kg));
     }
     Some(InducingSets {
         kernels,
-        functions: sets,
+        points: sets,
+        single_precision_cost: solution.single_precision_cost,
     })
+}
+
+/// Each payload replaced by the nearest of at most [`MAX_PAYLOADS`] quantiles.
+pub fn clustered_payloads(payloads: &[f64]) -> Vec<f64> {
+    let mut sorted = payloads.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    sorted.dedup();
+    if sorted.len() > MAX_PAYLOADS {
+        let last = sorted.len() - 1;
+        sorted = (0..MAX_PAYLOADS)
+            .map(|i| sorted[i * last / (MAX_PAYLOADS - 1)])
+            .collect();
+    }
+    let nearest = |m: f64| {
+        let distance = |a: &f64| (a - m).abs();
+        let nearer = |a: &f64, b: &f64| distance(a).total_cmp(&distance(b));
+        sorted.iter().copied().min_by(nearer).unwrap_or(0.0)
+    };
+    payloads.iter().map(|m| nearest(*m)).collect()
 }
 
 /// Mean square of how a joint moves all components of a pose, in units of their noise before the processes.
@@ -209,13 +231,13 @@ fn query_points(
 }
 
 /// Takes what is worth most for its instructions until a limit is reached.
-fn spend(joints: &mut [Approach], centres: &[QueryPoint], limits: SetLimits) {
+fn spend(joints: &mut [Approach], centres: &[QueryPoint], limits: InducingLimits) {
     let limit = limits
         .instructions
         .map_or(f64::INFINITY, |most| most as f64);
     let (mut taken, mut spent) = (0, 0.0);
     let mut best: Vec<Option<Candidate>> = joints.iter().map(|j| j.best(centres)).collect();
-    while taken < limits.functions {
+    while taken < limits.points {
         let affordable = |c: &Candidate| spent + c.instructions <= limit;
         let Some((c, candidate)) = best
             .iter()

@@ -103,4 +103,4 @@ pub(crate) fn kernel(
 }
 
 /// A function of a reduced model: the joint whose process it is part of, and its centre.
-pub(crate) type ClusteredInput = (usize, (JointTrig<f64>, f64));
+pub type ClusteredInput = (usize, (JointTrig<f64>, f64));

@@ -37,8 +37,6 @@ impl NominalArm {
 /// How the elastic model is fitted.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ElasticOptions {
-    /// One set of length scales for all joints: one exponential for each support point on the device.
-    pub shared_lengthscales: bool,
     /// Gravity terms of links and payload.
     pub gravity_terms: bool,
     /// Joint-space processes.
@@ -49,29 +47,25 @@ pub struct ElasticOptions {
     pub curve: bool,
     /// Gravity in the base frame, m/s².
     pub gravity: Vector3<f64>,
-    /// Support points on the device; `None` keeps all.
-    pub inducing_points: Option<usize>,
-    /// A support set for each joint in their place, of a model with own length scales.
-    pub inducing_sets: Option<SetLimits>,
+    /// How many inducing points the device gets.
+    pub inducing: InducingLimits,
     /// Most poses that the hyperparameters are learnt from.
     pub hyperparameter_poses: usize,
     /// What is done with measurements that do not belong.
     pub outliers: OutlierPolicy,
-    /// Whether a model with tied length scales gets a standard deviation for the device.
+    /// Whether the device gets a standard deviation.
     pub device_variance: bool,
 }
 
 impl Default for ElasticOptions {
     fn default() -> Self {
         Self {
-            shared_lengthscales: false,
             gravity_terms: true,
             processes: true,
             ripple: true,
             curve: true,
             gravity: Vector3::new(0.0, 0.0, -9.81),
-            inducing_points: Some(100),
-            inducing_sets: None,
+            inducing: InducingLimits::default(),
             hyperparameter_poses: HYPERPARAMETER_POSES,
             outliers: OutlierPolicy::default(),
             device_variance: true,
@@ -98,7 +92,6 @@ impl ElasticOptions {
         let hyper = HyperLayout {
             joints,
             payload,
-            shared_lengthscales: self.shared_lengthscales,
             curve: false,
         };
         (parameters, hyper)
@@ -122,13 +115,25 @@ pub(super) fn mean_payload(samples: &[BaseSample]) -> f64 {
     if square > 0.0 { square.sqrt() } else { 1.0 }
 }
 
-/// How large the sets of all joints may be together.
+/// Inducing points of all joints together, unless asked otherwise.
+pub const INDUCING_POINTS: usize = 200;
+
+/// How large the inducing sets of all joints may be together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct SetLimits {
-    /// Most functions.
-    pub functions: usize,
-    /// Most instructions on the device, by the cost model, of the rows and of their payload groups.
+pub struct InducingLimits {
+    /// Most inducing points.
+    pub points: usize,
+    /// Most instructions on the device, by the cost model, of their rows and of their payload groups.
     pub instructions: Option<u64>,
+}
+
+impl Default for InducingLimits {
+    fn default() -> Self {
+        Self {
+            points: INDUCING_POINTS,
+            instructions: None,
+        }
+    }
 }
 
 /// What is done with outliers.

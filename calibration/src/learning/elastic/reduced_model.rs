@@ -1,6 +1,5 @@
 //! The fitted elastic model in the form that the runtime evaluates.
 
-use faer::Mat;
 use heapless::Vec as FixedVec;
 use nalgebra::Vector3;
 use poegp_protocol::JointKind;
@@ -11,8 +10,7 @@ use poegp_runtime::elastic::deflection::Deflection;
 use poegp_runtime::elastic::gravity::{Gravity, GravityTerms};
 use poegp_runtime::elastic::ripple::RippleTerm;
 use poegp_runtime::gp::inducing_sets::InducingSet;
-use poegp_runtime::gp::joint_kernel::{JointKernel, PayloadGroup};
-use poegp_runtime::gp::joint_processes::{JointProcesses, row_words};
+use poegp_runtime::gp::joint_processes::JointProcesses;
 use poegp_runtime::kinematics::coupling::{CouplingMatrix, coupled};
 use poegp_runtime::kinematics::minimal_chain::{MinimalChain, MinimalForm};
 use poegp_runtime::kinematics::poe::Poe;
@@ -23,7 +21,6 @@ use crate::identification::parametric::gear_line::AmbiguousLine;
 use crate::identification::parametric::state::ParametricModel;
 use crate::learning::elastic::device_variance::DeviceVariance;
 use crate::learning::elastic::hyperparameters::DEFLECTION_UNIT;
-use crate::learning::elastic::inducing_points::{InducingPoints, cluster_payloads, sparsify};
 use crate::learning::elastic::inducing_sets::{InducingSets, select_greedy};
 use crate::learning::elastic::options::ElasticOptions;
 use crate::learning::elastic::own_joint_curve::orders;
@@ -60,8 +57,11 @@ pub struct ElasticReport {
     pub ripple: Vec<(usize, f64, f64)>,
     /// Gear ripple that was not taken, for it could be of one frequency or another.
     pub ambiguous: Vec<AmbiguousLine>,
-    /// Support points.
+    /// Inducing points of all joints.
     pub support: usize,
+    /// By how much the smaller weights that single precision needs move the target, RMS over the measurements, m; `None`
+    /// where it holds the weights as they are.
+    pub single_precision_cost: Option<f64>,
     /// The own-joint curve, if there is one.
     pub curve: Option<CurveReport>,
 }
@@ -78,9 +78,8 @@ pub struct CurveReport {
 }
 
 impl ElasticModel {
-    /// From a fit to the samples `dense`; reduced to `options.inducing_points` points, or to the sets that
-    /// `options.inducing_sets` asks for. Parameters and weights are solved again from `samples`, which may be more. The
-    /// calibrated chain is that of `fit.state` afterwards.
+    /// From a fit to the samples `dense`, reduced to the inducing points that `options` allows. Parameters and weights
+    /// are solved again from `samples`, which may be more. The calibrated chain is that of `fit.state` afterwards.
     pub fn new(
         fit: &mut ElasticFit,
         dense: &[BaseSample],
@@ -88,37 +87,14 @@ impl ElasticModel {
         coupling: Option<&Vec<Vec<f64>>>,
         options: &ElasticOptions,
     ) -> Option<Self> {
-        let distinct = cluster_payloads(&fit.inputs.payloads) != fit.inputs.payloads;
-        let count = options
-            .inducing_points
-            .unwrap_or(dense.len())
-            .min(dense.len());
-        let chosen = match options.inducing_sets.filter(|_| options.processes) {
-            Some(limits) => Some(select_greedy(fit, dense, samples, limits)?),
-            None => None,
-        };
-        let support = if !options.processes || chosen.is_some() {
-            InducingPoints {
-                features: Vec::new(),
-                payloads: Vec::new(),
-                weights: Vec::new(),
-            }
-        } else if count < samples.len() || distinct {
-            sparsify(fit, dense, samples, count)?
-        } else {
-            all(fit)?
-        };
-        let n = fit.layout.joints;
-        let mut kernels = [JointKernel::zero(); MAX_JOINTS];
+        let (mut processes, mut rows) = (JointProcesses::none(), Vec::new());
+        let mut single_precision_cost = None;
         if options.processes {
-            for (slot, kernel) in kernels
-                .iter_mut()
-                .zip(fit.layout.kernels(&fit.hyperparameters))
-            {
-                *slot = kernel;
-            }
+            let sets = select_greedy(fit, dense, samples, options.inducing)?;
+            single_precision_cost = sets.single_precision_cost;
+            (processes, rows) = of_sets(&sets)?;
         }
-        let (rows, groups) = rows(&support, n);
+        let n = fit.layout.joints;
         let mut ripple = FixedVec::new();
         for term in &fit.state.ripple {
             ripple.push(*term).ok()?;
@@ -131,7 +107,8 @@ impl ElasticModel {
                 * if options.processes { noise(1) } else { 1.0 },
             ripple: fit.state.ripple.iter().map(amplitude).collect(),
             ambiguous: fit.ambiguous.clone(),
-            support: support.payloads.len(),
+            support: processes.points(),
+            single_precision_cost,
             curve: fit.layout.curve_prior(&fit.hyperparameters).map(|prior| {
                 let length_scale = fit.hyperparameters[fit.layout.curve_scale()].exp();
                 CurveReport {
@@ -141,23 +118,8 @@ impl ElasticModel {
                 }
             }),
         };
-        let processes = JointProcesses {
-            kernels,
-            tied: fit.layout.shared_lengthscales,
-            groups,
-            sets: FixedVec::new(),
-            unrolled: false,
-        };
-        let (mut processes, rows) = match chosen {
-            Some(sets) => of_sets(&sets)?,
-            None => (processes, rows),
-        };
         processes.choose_loops(fit.state.kinds());
-        let report = ElasticReport {
-            support: processes.points(),
-            ..report
-        };
-        let rows = [rows, fit.state.curves.clone()].concat();
+        rows.extend(&fit.state.curves);
         let gravity = without_upright_axis(&fit.state, samples);
         let form = MinimalForm::new(&fit.state.chain(0));
         let mut turned = gravity;
@@ -244,90 +206,27 @@ fn matrix(rows: &Vec<Vec<f64>>) -> CouplingMatrix<f64> {
     out
 }
 
-/// All poses as support, with the weights of the generalised least squares.
-fn all(fit: &ElasticFit) -> Option<InducingPoints> {
-    let weights: &Mat<f64> = &fit.solved.as_ref()?.weights;
-    Some(InducingPoints {
-        features: fit.inputs.features.clone(),
-        payloads: fit.inputs.payloads.clone(),
-        weights: (0..weights.nrows())
-            .map(|j| (0..weights.ncols()).map(|c| weights[(j, c)]).collect())
-            .collect(),
-    })
-}
-
-/// The processes with these sets, and their rows.
+/// The processes with these inducing points, and their rows.
 fn of_sets(sets: &InducingSets) -> Option<(JointProcesses<f64>, Vec<f64>)> {
-    let mut payloads: Vec<f64> = sets
-        .functions
-        .iter()
-        .flatten()
-        .map(|function| function.payload_kg)
-        .collect();
+    let all = sets.points.iter().flatten();
+    let mut payloads: Vec<f64> = all.map(|point| point.payload_kg).collect();
     payloads.sort_by(f64::total_cmp);
     payloads.dedup();
-    let mut out = JointProcesses {
-        kernels: [JointKernel::zero(); MAX_JOINTS],
-        tied: false,
-        groups: FixedVec::new(),
-        sets: FixedVec::new(),
-        unrolled: false,
-    };
-    for payload_kg in &payloads {
-        let group = PayloadGroup {
-            payload_kg: *payload_kg,
-            points: 0,
-        };
-        out.groups.push(group).ok()?;
-    }
+    let mut out = JointProcesses::none();
+    out.group_payloads_kg.extend_from_slice(&payloads).ok()?;
     let mut rows = Vec::new();
     let slots = out.kernels.iter_mut().zip(&sets.kernels);
-    for ((slot, kernel), functions) in slots.zip(&sets.functions) {
+    for ((slot, kernel), inducing) in slots.zip(&sets.points) {
         *slot = *kernel;
-        let of = |payload: &f64| {
-            functions
-                .iter()
-                .filter(|f| f.payload_kg == *payload)
-                .count()
-        };
-        let points: Vec<u16> = payloads.iter().map(|m| of(m) as u16).collect();
-        for (group, points) in out.groups.iter_mut().zip(&points) {
-            group.points += usize::from(*points);
-        }
-        let set = InducingSet::new(kernel, &points);
-        for function in functions {
+        let of = |payload: &f64| inducing.iter().filter(|p| p.payload_kg == *payload).count();
+        let counts: Vec<u16> = payloads.iter().map(|m| of(m) as u16).collect();
+        let set = InducingSet::new(kernel, &counts);
+        for point in inducing {
             let looked_at = set.joints().iter();
-            rows.extend(looked_at.flat_map(|joint| function.features[usize::from(*joint)]));
-            rows.push(function.weight);
+            rows.extend(looked_at.flat_map(|joint| point.features[usize::from(*joint)]));
+            rows.push(point.weight);
         }
         out.sets.push(set).ok()?;
     }
     Some((out, rows))
-}
-
-/// Rows sorted by payload, and the groups.
-fn rows<const N: usize>(
-    support: &InducingPoints,
-    joints: usize,
-) -> (Vec<f64>, FixedVec<PayloadGroup<f64>, N>) {
-    let mut order: Vec<usize> = (0..support.payloads.len()).collect();
-    order.sort_by(|a, b| support.payloads[*a].total_cmp(&support.payloads[*b]));
-    let mut groups: FixedVec<PayloadGroup<f64>, N> = FixedVec::new();
-    let mut rows = Vec::with_capacity(order.len() * row_words(joints));
-    for j in order {
-        let payload_kg = support.payloads[j];
-        match groups.last_mut() {
-            Some(group) if group.payload_kg == payload_kg => group.points += 1,
-            _ => {
-                // There are no more groups than the limit: payloads were gathered.
-                let _ = groups.push(PayloadGroup {
-                    payload_kg,
-                    points: 1,
-                });
-            }
-        }
-        rows.extend(support.features[j][..joints].iter().flatten());
-        rows.extend(&support.weights[j]);
-    }
-    (rows, groups)
 }

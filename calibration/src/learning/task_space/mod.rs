@@ -16,6 +16,9 @@ use poegp_runtime::gp::quadratic_posterior as posterior;
 use poegp_runtime::gp::quadratic_posterior::MeanHeader;
 use poegp_runtime::math::vector::{inner_product, squared_distance};
 
+/// Most poses of a process, each of which is a point of it: room in the workstation's runtime.
+pub const MAX_POINTS: usize = 4096;
+
 /// Kernel and noise of one output, or of all six, in units of the scaled outputs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hyperparameters {

@@ -2,6 +2,7 @@
 
 mod rejected;
 mod robot;
+mod targets;
 
 use nalgebra::Vector3;
 use sha2::{Digest, Sha256};

@@ -45,7 +45,7 @@ pub(super) fn fit_elastic(
         ElasticModel::new(&mut robust.fit, &dense, &kept, coupling, options)
     })?;
     let mut model = model.ok_or(FitError::Unsolvable)?;
-    if options.device_variance && options.shared_lengthscales && options.processes {
+    if options.device_variance && options.processes {
         model.sigma = device_variance(&robust, &dense, model.coupling.as_ref());
     }
     let (chain, tools) = (

@@ -79,6 +79,11 @@ impl Method {
     pub fn min_poses(self, joints: usize) -> usize {
         self.implementation().min_poses(joints)
     }
+
+    /// Most poses that it takes, if there is a limit.
+    pub fn max_poses(self) -> Option<usize> {
+        self.implementation().max_poses()
+    }
 }
 
 /// A name that no method has.

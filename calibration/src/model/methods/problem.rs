@@ -33,6 +33,11 @@ pub trait CalibrationMethod: Sync {
         self.parameters(joints).div_ceil(6) + 1
     }
 
+    /// Most poses that it takes, if there is a limit.
+    fn max_poses(&self) -> Option<usize> {
+        None
+    }
+
     /// Fits the model.
     ///
     /// # Errors

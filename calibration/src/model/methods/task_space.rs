@@ -32,6 +32,10 @@ impl CalibrationMethod for TaskSpace {
         for_the_chain.max(6) + 4
     }
 
+    fn max_poses(&self) -> Option<usize> {
+        Some(task_space::MAX_POINTS)
+    }
+
     fn fit(&self, problem: &Problem, context: &FitContext) -> Result<Fit, CalibrationError> {
         let (chain, frame_fit) = fit_chain(problem);
         // The residual twist in the base frame (eq. 8–12).

@@ -173,6 +173,7 @@ fn normal_form_at_every_axis() {
                 kind,
                 limits: None,
                 gear_lines: Vec::new(),
+                link_radius: None,
             };
             chain.push_joint(joint, &Vector3::from(axis));
             let robot = chain.finish("one".into(), None).unwrap();

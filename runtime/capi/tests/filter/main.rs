@@ -24,7 +24,7 @@ const LONG: usize = 400;
 /// Rounding of a joint.
 const ROUNDING: f32 = 5e-7;
 
-type Capacity = Arm<f32, { words_for(40) }>;
+type Capacity = Arm<f32, { words_for(64) }>;
 
 #[repr(C, align(8))]
 struct ModelMemory([u8; POEGP_MODEL_BYTES]);

@@ -9,16 +9,12 @@
 //! The registers of a loop are written as numbers: `s0` and `s1` are the two exponents and then the two exponentials of a
 //! step, `s2` and `s3` scratch for them; what is loaded from the rows goes where it says. What stays in registers:
 //!
-//! | loop | query or rates | sums | constants of exp2 |
+//! | loop | query | sums | constants of exp2 |
 //! |---|---|---|---|
 //! | `folded`, D inputs | s(20−D) – s19 | s20 – s25 | s26 – s31 |
-//! | `tied`, 5 joints | s11 – s20 | s21 – s25 | s26 – s31 |
-//! | `tied`, 6 joints | s8 – s19 | s20 – s25 | s26 – s31 |
-//! | `tied`, 7 joints | s11 – s24 | s25 – s31 | loaded into s4 – s9 in every step |
-//! | `pair_sums`, N joints | s11 – s(10+N), s18 – s(17+N) | s9, s10 | s26 – s31 |
 //! | `set_mean`, D joints | s(24−2D) – s23 | s24; of all groups s25 | s26 – s31 |
 //!
-//! Every step takes two points (or two outputs of one), and a point that is left over goes through portable code; of a
+//! Every step takes two points, and a point that is left over goes through portable code; of a
 //! support set, whose groups are small, it has instructions of its own.
 //!
 //! This and what is in it is the only module of the crate with unsafe code. Every block reads whole rows of slices whose length was counted
@@ -27,9 +23,8 @@
 
 #[macro_use]
 mod instructions;
+pub(crate) mod folded;
 pub(crate) mod inducing_sets;
-pub(crate) mod per_joint;
-pub(crate) mod shared;
 
 use core::arch::asm;
 

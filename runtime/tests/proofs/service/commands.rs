@@ -16,13 +16,11 @@ pub(super) const ROUNDING: [f64; 2] = [0.5e-6, 1e-6];
 
 /// Two that correct by some milliradians, differently.
 pub(super) fn models() -> [Known; 2] {
-    [(6, false, 40.0), (8, true, 15.0)].map(|(points, tied, factor)| {
-        let mut arm = Arm::elastic(JOINTS, points, false, tied);
-        // Sines and cosines of the joints, then the weights.
-        for row in arm.rows.chunks_mut(3 * JOINTS) {
-            for weight in &mut row[2 * JOINTS..] {
-                *weight *= factor;
-            }
+    [(6, 40.0), (12, 15.0)].map(|(points, factor)| {
+        let mut arm = Arm::elastic(JOINTS, points, false);
+        for kernel in &mut arm.joint_space().kernels {
+            kernel.amplitude *= factor;
+            kernel.payload_amplitude *= factor;
         }
         Known::new(arm)
     })

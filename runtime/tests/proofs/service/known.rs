@@ -37,7 +37,7 @@ impl Known {
     pub fn three() -> [Self; 3] {
         [
             Self::new(Arm::sound(2, 5)),
-            Self::new(Arm::elastic(2, 6, false, false)),
+            Self::new(Arm::elastic(2, 6, false)),
             Self::new(Arm::sound(3, 4)),
         ]
     }

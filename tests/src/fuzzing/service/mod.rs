@@ -61,7 +61,7 @@ pub(super) const SMALL: Elastic = Elastic {
     points: 4,
     groups: 2,
     ripple: 2,
-    ..Elastic::OWN
+    ..Elastic::PLAIN
 };
 
 /// `blob` signed by `key`.

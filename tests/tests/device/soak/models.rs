@@ -25,8 +25,8 @@ pub fn models(queries: &[Query]) -> Vec<Known> {
         ..elastic
     };
     let corrections = [
-        Support::Elastic(small(Elastic::OWN)),
-        Support::Elastic(small(Elastic::TIED)),
+        Support::Elastic(small(Elastic::PLAIN)),
+        Support::Elastic(small(Elastic::WITH_STD)),
         Support::Shared(20),
     ];
     let known = corrections.into_iter().zip(80..).map(|(correction, seed)| {

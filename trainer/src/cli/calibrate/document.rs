@@ -52,7 +52,7 @@ pub struct CalibrateJson {
     /// The candidates of the choice, or a method that was named and simpler ones.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub choice: Option<Vec<Row>>,
-    /// The table that a budget was fitted by; the first row has all support points.
+    /// The table that a budget was fitted by; the first row is the model without a budget.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub budget: Option<Vec<BudgetTrial>>,
     pub correction_limit_mm: f64,
@@ -154,7 +154,7 @@ pub fn document(
             file: a.out.display().to_string(),
             bytes: blob.bytes().len(),
             inducing_points: blob.model().support(),
-            instructions: ElasticSize::of_blob(blob.blob(), blob.model().support())
+            instructions: ElasticSize::of_blob(blob.blob())
                 .map(|size| evaluation_instructions(&size)),
         },
         repeats: None,

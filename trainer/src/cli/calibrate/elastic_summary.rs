@@ -6,7 +6,6 @@ use crate::cli::terminal::print::Printer;
 use crate::report::sections::Ripple;
 use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::model::Calibration;
-use poegp_calibration::model::config::ProcessLayout;
 
 /// The part of `--json`.
 #[derive(Serialize)]
@@ -21,10 +20,13 @@ pub struct ElasticSummary {
     ambiguous_ripple: Vec<AmbiguousSummary>,
     /// `None` where the evidence asks for none.
     own_joint_curve: Option<CurveSummary>,
+    /// By how much the weights that single precision holds move the target, RMS; left out where it holds all.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    single_precision_cost_um: Option<f64>,
     /// Of a blob that says how well it knows the position.
     #[serde(skip_serializing_if = "Option::is_none")]
     predictive_std: Option<StdSummary>,
-    /// Whether one was wanted: tied length scales, and not left out.
+    /// Whether one was wanted.
     #[serde(skip)]
     predictive_std_wanted: bool,
 }
@@ -94,10 +96,9 @@ impl ElasticSummary {
                 length_scale_deg: curve.length_scale.to_degrees(),
                 orders: curve.orders,
             }),
+            single_precision_cost_um: report.single_precision_cost.map(|m| 1e6 * m),
             predictive_std: sigma,
-            predictive_std_wanted: config.layout == ProcessLayout::Shared
-                && config.device_variance
-                && config.processes,
+            predictive_std_wanted: config.device_variance && config.processes,
         })
     }
 
@@ -135,6 +136,11 @@ impl ElasticSummary {
             report.line(
                 "  note: no standard deviation for the device: its equations cannot be solved",
             );
+        }
+        if let Some(cost) = self.single_precision_cost_um {
+            report.line(format_args!(
+                "  single precision needs smaller weights, which move predictions of these measurements by {cost:.2} µm RMS"
+            ));
         }
         if let Some(curve) = &self.own_joint_curve {
             report.line(format_args!(

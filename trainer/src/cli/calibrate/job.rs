@@ -46,12 +46,10 @@ impl Job {
             false => None,
         };
         let is_named = project.as_ref().is_some_and(Project::names_method);
-        // A budget, and the size of the joint processes, are those of the elastic model.
+        // A budget, and a number of inducing points, are those of the elastic model.
         let is_sized = a.max_instructions.is_some()
             || a.max_blob_bytes.is_some()
-            || a.fit.tied
-            || a.fit.support.is_some()
-            || a.fit.support_per_output.is_some();
+            || a.fit.inducing_points.is_some();
         let auto = match a.method {
             Some(MethodChoice(method)) => method.is_none(),
             None => !is_named && !is_sized,

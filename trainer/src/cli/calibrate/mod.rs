@@ -295,7 +295,7 @@ fn too_few_to_show(samples: &[InstrumentSample]) -> Finding {
     }
 }
 
-/// Chooses support points and length scales for a budget.
+/// Sizes the model for a budget.
 fn fit_budget(
     a: &Job,
     arm: &Arm,
@@ -317,43 +317,32 @@ fn fit_budget(
 }
 
 fn print_budget(report: Printer, rows: &[BudgetTrial]) {
-    report.line("Candidates within the budget; held-out errors of the training data, in mm.\n");
-    let fields: Vec<Vec<String>> = rows
-        .iter()
-        .enumerate()
-        .map(|(i, r)| {
-            let scales = if r.tied { "tied" } else { "own" };
-            vec![
-                format!(
-                    "{} {scales}{}",
-                    if r.chosen { "*" } else { " " },
-                    match (i, r.per_output) {
-                        (0, _) => ", all inducing points",
-                        (_, true) => ", a set for each joint",
-                        (_, false) => "",
-                    }
-                ),
-                r.inducing_points.to_string(),
-                r.instructions.to_string(),
-                r.bytes.to_string(),
-                format!("{:.4}", r.position_mm.mean),
-                format!(
-                    "{:+.1} %",
-                    100.0 * (r.position_mm.mean / rows[0].position_mm.mean - 1.0)
-                ),
-            ]
-        })
-        .collect();
+    report.line("Sized to the budget; held-out errors of the training data, in mm.\n");
+    let row = |r: &BudgetTrial| {
+        vec![
+            r.name().to_owned(),
+            r.inducing_points.to_string(),
+            (if r.predictive_std { "yes" } else { "no" }).to_owned(),
+            r.instructions.to_string(),
+            r.bytes.to_string(),
+            format!("{:.4}", r.position_mm.mean),
+            format!(
+                "{:+.1} %",
+                100.0 * (r.position_mm.mean / rows[0].position_mm.mean - 1.0)
+            ),
+        ]
+    };
     report.table(
         &[
-            "lengthscales",
+            "model",
             "points",
+            "std",
             "instructions",
             "bytes",
             "mean",
             "loss",
         ],
-        &fields,
+        &rows.iter().map(row).collect::<Vec<_>>(),
     );
     report.line("");
 }

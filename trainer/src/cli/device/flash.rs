@@ -114,7 +114,7 @@ fn check_room(loaded: &BlobModel, identity: &Identity) -> Result<(), Failure> {
     }
     Err(Failure::Usage(format!(
         "the model does not fit: {found} bytes {what}, the device takes {capacity}\n\
-         help: calibrate with fewer inducing points (--support), or with fewer poses for the paper's methods; nothing was uploaded"
+         help: calibrate with fewer inducing points (--inducing-points), or with fewer poses for the paper's methods; nothing was uploaded"
     )))
 }
 

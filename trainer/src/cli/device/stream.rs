@@ -215,6 +215,7 @@ fn read_without_blob(test: &Path) -> Result<(MeasurementSet, Vec<InstrumentSampl
         joints: Vec::new(),
         parent_from_joint: Vec::new(),
         coupling: None,
+        link_radius: None,
     };
     let samples = poegp_calibration::measurement::sample::samples(&set, &robot, &mut names)?;
     if names.len() > 1 {

@@ -5,18 +5,20 @@
 //! which cannot be taken back, and then renamed: a failure leaves what was there before. No folder is created. A link is
 //! followed, and what is no regular file (`/dev/null`, a pipe) is written to, never replaced.
 
+pub mod long;
+mod paths;
 pub mod transaction;
 
-use std::io::Write;
+use std::io::Read;
 use std::path::Path;
 
 use poegp_calibration::input_error::InputError;
 
 use crate::cli::failure::Failure;
-use crate::cli::output::transaction::{
-    Readers, Staged, check_temporary, commit, folder_of, writing,
-};
-use crate::cli::terminal::print::{is_stdout, to_stdout};
+use crate::cli::output::long::{Complete, LongOutput};
+use crate::cli::output::paths::{could_be_written, is_stream};
+use crate::cli::output::transaction::{Readers, Staged, commit, writing};
+use crate::cli::terminal::print::{is_stdout, to_stdout_all};
 
 /// Refuses a path that could not be written, before the work that would be lost.
 ///
@@ -25,42 +27,6 @@ use crate::cli::terminal::print::{is_stdout, to_stdout};
 pub fn check(path: &Path) -> Result<(), Failure> {
     let _writing = writing();
     could_be_written(path)
-}
-
-/// The same while nothing else is written: a temporary file is made.
-fn could_be_written(path: &Path) -> Result<(), Failure> {
-    if path.as_os_str().is_empty() || path.is_dir() {
-        let expected = "the path of a file to write";
-        return Err(InputError::new(path, "a folder", expected).into());
-    }
-    match std::fs::metadata(path) {
-        Ok(there) if !there.is_file() => return Ok(()),
-        // Renaming would replace it all the same: its owner has said not to.
-        Ok(there) if there.permissions().readonly() => {
-            let found = "a file that is read-only";
-            return Err(InputError::new(path, found, "a file that can be written").into());
-        }
-        _ => {}
-    }
-    let folder = folder_of(path);
-    if !folder.is_dir() {
-        return Err(InputError::new(
-            path,
-            format!("no folder \"{}\"", folder.display()),
-            "a file in a folder that exists",
-        )
-        .with_help("create the folder first; none is created here")
-        .into());
-    }
-    check_temporary(folder).map_err(|error| match error.kind() {
-        std::io::ErrorKind::StorageFull | std::io::ErrorKind::QuotaExceeded => {
-            Failure::lost(path, error)
-        }
-        _ => {
-            let found = format!("an error while writing ({error})");
-            InputError::new(path, found, "a file that can be written").into()
-        }
-    })
 }
 
 /// Refuses a path that could not be written, or where there is something already.
@@ -100,10 +66,23 @@ pub fn write_outputs(outputs: &[(&Path, &[u8])]) -> Result<(), Failure> {
 /// # Errors
 /// As [`write_outputs`].
 pub fn write_with_new(new: &[NewFile<'_>], outputs: &[(&Path, &[u8])]) -> Result<(), Failure> {
+    write_all(None, new, outputs)
+}
+
+/// [`write_outputs`] together with an output that is complete.
+///
+/// # Errors
+/// As [`write_outputs`].
+pub fn write_with_long(long: LongOutput, outputs: &[(&Path, &[u8])]) -> Result<(), Failure> {
+    write_all(Some(long), &[], outputs)
+}
+
+fn write_all(
+    long: Option<LongOutput>,
+    new: &[NewFile<'_>],
+    outputs: &[(&Path, &[u8])],
+) -> Result<(), Failure> {
     let _writing = writing();
-    let is_stream = |path: &Path| {
-        is_stdout(path) || std::fs::metadata(path).is_ok_and(|there| !there.is_file())
-    };
     let (streams, files): (Vec<_>, Vec<_>) = outputs.iter().partition(|(path, _)| is_stream(path));
     let mut staged = Vec::new();
     for (path, bytes, readers) in new {
@@ -114,21 +93,31 @@ pub fn write_with_new(new: &[NewFile<'_>], outputs: &[(&Path, &[u8])]) -> Result
         could_be_written(path)?;
         staged.push(Staged::replacing(path, bytes)?);
     }
+    let mut long_stream = None;
+    match long.map(LongOutput::complete).transpose()? {
+        Some(Complete::File(file)) => staged.push(file),
+        Some(Complete::Stream(path, file)) => long_stream = Some((path, file)),
+        None => {}
+    }
+    if let Some((path, mut bytes)) = long_stream {
+        write_stream(&path, &mut bytes)?;
+    }
     for (path, bytes) in streams {
-        write_stream(path, bytes)?;
+        let mut bytes: &[u8] = bytes;
+        write_stream(path, &mut bytes)?;
     }
     commit(staged)
 }
 
 /// Writes to standard output, a device or a pipe.
-fn write_stream(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
+fn write_stream(path: &Path, bytes: &mut dyn Read) -> Result<(), Failure> {
     if is_stdout(path) {
-        return to_stdout(bytes);
+        return to_stdout_all(bytes);
     }
     could_be_written(path)?;
     let stream = std::fs::OpenOptions::new().write(true).open(path);
     stream
-        .and_then(|mut stream| stream.write_all(bytes))
+        .and_then(|mut stream| std::io::copy(bytes, &mut stream).map(drop))
         .map_err(|error| Failure::lost(path, error))
 }
 

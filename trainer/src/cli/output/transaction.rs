@@ -26,16 +26,20 @@ fn temporary_files() -> MutexGuard<'static, Vec<PathBuf>> {
     TEMPORARY.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Before the end of the process: waits until nothing is half-written and lets nothing begin any more. Whether that came
-/// to be within `patience`; a write into a pipe may take for ever, and then the temporary files beside it are removed.
+/// Before the end of the process: waits until no outputs take their places, lets none begin any more, and removes the
+/// temporary files of those that are still being made. Whether the wait was over within `patience`; a write into a pipe may
+/// take for ever, and then it is given up.
 pub fn hold(patience: Duration) -> bool {
     let begin = Instant::now();
-    while begin.elapsed() < patience {
-        if let Ok(guard) = WRITING.try_lock() {
-            std::mem::forget(guard);
-            return true;
+    let mut is_over = false;
+    while !is_over && begin.elapsed() < patience {
+        match WRITING.try_lock() {
+            Ok(guard) => {
+                std::mem::forget(guard);
+                is_over = true;
+            }
+            Err(_) => std::thread::sleep(Duration::from_millis(5)),
         }
-        std::thread::sleep(Duration::from_millis(5));
     }
     // Kept locked: nothing new is made.
     let files = temporary_files();
@@ -43,7 +47,7 @@ pub fn hold(patience: Duration) -> bool {
         let _ = std::fs::remove_file(file);
     }
     std::mem::forget(files);
-    false
+    is_over
 }
 
 /// Makes a temporary file in `folder` and removes it.
@@ -77,6 +81,16 @@ impl Staged {
             target,
             overwrites: true,
         })
+    }
+
+    /// To overwrite what is at `path`, or at the end of a link there, with what is still to be written to [`Staged::file`].
+    pub fn begin(path: &Path) -> Result<Self, Failure> {
+        Self::replacing(path, &[])
+    }
+
+    /// What will take its place.
+    pub fn file(&self) -> &File {
+        self.file.as_file()
     }
 
     /// To overwrite nothing.

@@ -5,7 +5,7 @@
 //! gone away (`| head`) or the disk is full, the command does the rest of its work and then fails ([`finish`]).
 
 use std::fmt::Display;
-use std::io::{self, Write};
+use std::io::{self, Read, Write};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -53,8 +53,16 @@ fn lost() -> MutexGuard<'static, Option<Failure>> {
 /// # Errors
 /// [`Failure::LostOutput`].
 pub fn to_stdout(bytes: &[u8]) -> Result<(), Failure> {
+    to_stdout_all(&mut &*bytes)
+}
+
+/// The same with all that can be read from `bytes`.
+///
+/// # Errors
+/// [`Failure::LostOutput`].
+pub fn to_stdout_all(bytes: &mut dyn Read) -> Result<(), Failure> {
     let mut out = io::stdout();
-    let written = out.write_all(bytes).and_then(|()| out.flush());
+    let written = io::copy(bytes, &mut out).and_then(|_| out.flush());
     written.map_err(lost_stdout)
 }
 

@@ -281,11 +281,7 @@ pub fn choice(
     if let Some(rows) = budget {
         let row = |(i, r): (usize, &BudgetTrial)| {
             let at = |name: &str| format!("/budget/{i}/{name}");
-            let name = format!(
-                "{} length scales{}",
-                if r.tied { "tied" } else { "own" },
-                if i == 0 { ", all inducing points" } else { "" }
-            );
+            let name = r.name();
             vec![
                 html! { @if r.chosen { b { (name) } } @else { (name) } },
                 html! { (Number::count(r.inducing_points, at("inducing_points"))) },
@@ -295,7 +291,7 @@ pub fn choice(
             ]
         };
         section = section
-            .text(html! { "BudgetTrial to the budget of the controller; bold is what was chosen:" })
+            .text(html! { "Sized to the budget of the controller:" })
             .table(
                 &[
                     "model",

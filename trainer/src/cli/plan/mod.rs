@@ -1,11 +1,13 @@
 //! `trainer plan`.
 
+mod constraint_failure;
+mod document;
+
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::Args;
 use nalgebra::Vector3;
-use serde::Serialize;
 
 use crate::cli::args::{Gravity, RobotArgs, gravity};
 use crate::cli::failure::Failure;
@@ -14,20 +16,27 @@ use crate::cli::output::{check_outputs, json_text, write_outputs};
 use crate::cli::terminal::print::Printer;
 use crate::cli::terminal::progress;
 use crate::robot_programs::{Language, program};
+use constraint_failure::too_tight;
+use document::{Forecast, PlanJson, document};
+use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::model::Method;
+use poegp_calibration::numeric::statistics::extremes;
 use poegp_calibration::planning::candidates::Candidates;
 use poegp_calibration::planning::constraints::Constraints;
-use poegp_calibration::planning::forecast::{ARMS, COUNTS, Row};
+use poegp_calibration::planning::forecast::{ARMS, COUNTS};
+use poegp_calibration::planning::links::{RADIUS_SHARE, RadiusSource};
+use poegp_calibration::planning::sister::Sister;
 use poegp_calibration::planning::table::to_csv;
-use poegp_calibration::planning::{self, CHOICE, Planner, Strategy, Task, TooTight};
+use poegp_calibration::planning::{self, CHOICE, FEW, Planner, Strategy, Task};
 use poegp_calibration::simulation::{ORIENTATION_NOISE_RAD, POSITION_NOISE_M};
 
 /// `trainer plan`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "A plan knows where target, flange and joints are while the arm stands still. It does not know the links, cables \
-    and the ways between poses: try every program slowly first.\n\n\
+    after_help = "Every pose keeps the links out of each other, out of the base and above the plane that the robot is mounted on. \
+    A link is a capsule: a straight line between two joints with a radius. Cables, the load and the ways between poses are not \
+    checked: try every program slowly first.\n\n\
     Examples:\n  \
     trainer plan --robot abb-irb4400-serial --count 50 --payloads 0,5,10 --out plan.csv --rapid plan.mod\n  \
     trainer plan --robot ur10 --constraints cell.toml --count 100 --test-poses 15 --test-out check.csv --out plan.csv \
@@ -42,7 +51,7 @@ pub struct Plan {
     /// Payloads in kg, separated by commas; the plan has one block of poses for each.
     #[arg(long, value_name = "KG,KG", value_delimiter = ',')]
     payloads: Vec<f64>,
-    /// Constraints of the robot cell: joint ranges, workspace, keep-out boxes, the instrument's line of sight (TOML).
+    /// Constraints of the robot cell: joint ranges, floor, workspace, keep-out boxes, the instrument's line of sight (TOML).
     #[arg(long, value_name = "FILE")]
     constraints: Option<PathBuf>,
     /// Number of additional random poses, for `evaluate`.
@@ -57,6 +66,9 @@ pub struct Plan {
     /// Choose poses as far apart as possible (default for more than 60 poses).
     #[arg(long)]
     space_filling: bool,
+    /// Model of a calibrated robot of the same type: a V-optimal plan expects errors of the sizes that this model has.
+    #[arg(long, value_name = "MODEL.blob", conflicts_with = "space_filling")]
+    prior: Option<PathBuf>,
     /// Seed of the random numbers; the same seed gives the same plan.
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -89,42 +101,6 @@ pub struct Plan {
     json: Option<PathBuf>,
 }
 
-/// What `--json` writes.
-#[derive(Serialize)]
-struct PlanJson {
-    version: &'static str,
-    robot: String,
-    poses: usize,
-    test_poses: usize,
-    strategy: &'static str,
-    payloads_kg: Vec<f64>,
-    seed: u64,
-    configurations: Configurations,
-    travel: f64,
-    forecast: Option<Forecast>,
-}
-
-#[derive(Serialize)]
-struct Configurations {
-    drawn: usize,
-    allowed: usize,
-    removed: Vec<Removed>,
-}
-
-#[derive(Serialize)]
-struct Removed {
-    constraint: String,
-    configurations: usize,
-}
-
-#[derive(Serialize)]
-struct Forecast {
-    position_noise_mm: f64,
-    orientation_noise_mrad: f64,
-    seconds: f64,
-    rows: Vec<Row>,
-}
-
 pub fn run(a: &Plan) -> Result<(), Failure> {
     let programs = [&a.rapid, &a.krl, &a.urscript, &a.fanuc];
     let mut outputs = vec![
@@ -135,6 +111,7 @@ pub fn run(a: &Plan) -> Result<(), Failure> {
     outputs.extend(programs.iter().map(|p| p.as_deref()));
     let mut inputs = vec![Path::new(&a.robot.robot)];
     inputs.extend(a.constraints.as_deref());
+    inputs.extend(a.prior.as_deref());
     check_outputs(&outputs, &inputs)?;
     let payloads = payloads(&a.payloads)?;
     let arm = Arm::load(&a.robot.robot, &a.robot.chain)?;
@@ -149,6 +126,10 @@ pub fn run(a: &Plan) -> Result<(), Failure> {
         (_, true) => Some(Strategy::SpaceFilling),
         _ => None,
     };
+    let sister = match &a.prior {
+        Some(path) => Some(sister(path, &arm, asked.unwrap_or(Strategy::usual(count)))?),
+        None => None,
+    };
     let planner = Planner::new(Task {
         robot: &arm.robot,
         nominal: &arm.nominal,
@@ -156,12 +137,13 @@ pub fn run(a: &Plan) -> Result<(), Failure> {
         payloads: &payloads,
         gravity: Vector3::from(a.gravity.0),
         noise: (POSITION_NOISE_M, ORIENTATION_NOISE_RAD),
+        sister: sister.as_ref(),
         seed: a.seed,
     });
     let spinner = progress::spinner("choosing poses");
     let plan = planner.plan(count, checks, asked.unwrap_or(Strategy::usual(count)));
     spinner.finish_and_clear();
-    let plan = plan.map_err(|e| too_tight(&constraints, &e))?;
+    let plan = plan.map_err(|e| too_tight(&constraints, &arm.robot, &e))?;
     let written = [
         Language::Rapid,
         Language::Krl,
@@ -181,7 +163,15 @@ pub fn run(a: &Plan) -> Result<(), Failure> {
     })
     .collect::<Result<Vec<_>, InputError>>()?;
     let forecast = (!a.no_forecast).then(|| forecast(&planner, &a.forecast, count, asked));
-    let document = document(a, &arm, &plan, &planner, &constraints, forecast);
+    let document = document(
+        a.seed,
+        &arm,
+        &plan,
+        &planner,
+        &constraints,
+        sister.as_ref(),
+        forecast,
+    );
     let json = json_text(&document)?;
     let csv = to_csv(&arm.robot, &plan, false);
     let check_csv = to_csv(&arm.robot, &plan, true);
@@ -195,7 +185,14 @@ pub fn run(a: &Plan) -> Result<(), Failure> {
     files.extend(written.iter().map(|(path, text)| (*path, text.as_bytes())));
     write_outputs(&files)?;
     let report = Printer::for_outputs(&outputs);
-    print(report, a, &document, &plan, planner.candidates());
+    print(
+        report,
+        a,
+        &document,
+        &plan,
+        &constraints,
+        planner.candidates(),
+    );
     for (path, _) in files {
         if path != Path::new("-") {
             report.line(format_args!("Wrote {}.", path.display()));
@@ -248,33 +245,27 @@ fn enough(count: usize, joints: usize) -> Result<(), Failure> {
     )))
 }
 
-/// Too few configurations, as an error of the rule that took away most.
-fn too_tight(constraints: &Constraints, error: &TooTight) -> Failure {
-    let found = format!(
-        "{} of {} random configurations allowed",
-        error.allowed, error.drawn
-    );
-    let expected = format!("at least {} to plan with", error.needed);
-    let file = constraints.file.clone().unwrap_or_default();
-    let worst = (0..constraints.rules.len()).max_by_key(|i| error.removed[*i]);
-    let Some(worst) = worst else {
-        return InputError::new("<joint ranges>", found, expected).into();
-    };
-    let taken: Vec<String> = constraints
-        .rules
-        .iter()
-        .zip(&error.removed)
-        .map(|(rule, removed)| format!("{} took away {removed}", rule.name()))
-        .collect();
-    let rule = &constraints.rules[worst];
-    InputError::new(file, found, expected)
-        .at_line(rule.line)
-        .at_column(1, rule.name())
-        .with_help(format!(
-            "{}; widen what takes most, or narrow the joint ranges to where the rest is allowed",
-            taken.join(", ")
-        ))
-        .into()
+/// The model of `--prior`, which must be of the same type of robot.
+fn sister(path: &Path, arm: &Arm, strategy: Strategy) -> Result<Sister, Failure> {
+    if strategy != Strategy::VOptimal {
+        return Err(Failure::Usage(format!(
+            "--prior {}: found a space-filling plan, which needs no prior, expected --v-optimal or --count {FEW} or less",
+            path.display()
+        )));
+    }
+    let model = BlobModel::read(path)?;
+    Sister::new(&model, &arm.robot).map_err(|error| {
+        let joints = arm.robot.joints.len();
+        let expected = format!(
+            "a model of the same type of robot as \"{}\", with {joints} joints",
+            arm.robot.name
+        );
+        InputError::new(path, error.to_string(), expected)
+            .with_help(
+                "plan with the description that the model was calibrated with, or without --prior",
+            )
+            .into()
+    })
 }
 
 fn forecast(
@@ -296,43 +287,39 @@ fn forecast(
     }
 }
 
-fn document(
-    a: &Plan,
-    arm: &Arm,
-    plan: &planning::Plan,
-    planner: &Planner,
-    constraints: &Constraints,
-    forecast: Option<Forecast>,
-) -> PlanJson {
-    let candidates = planner.candidates();
-    let removed = constraints.rules.iter().zip(&candidates.removed);
-    let checks = plan.poses.iter().filter(|p| p.check).count();
-    let mut payloads_kg: Vec<f64> = plan.poses.iter().filter_map(|p| p.payload_kg).collect();
-    payloads_kg.dedup();
-    PlanJson {
-        version: env!("CARGO_PKG_VERSION"),
-        robot: arm.robot.name.clone(),
-        poses: plan.poses.len() - checks,
-        test_poses: checks,
-        strategy: plan.strategy.name(),
-        payloads_kg,
-        seed: a.seed,
-        configurations: Configurations {
-            drawn: candidates.drawn,
-            allowed: candidates.joints.len(),
-            removed: removed
-                .map(|(rule, removed)| Removed {
-                    constraint: rule.name(),
-                    configurations: *removed,
-                })
-                .collect(),
-        },
-        travel: plan.travel,
-        forecast,
-    }
+/// What the arm must not touch, and where the radius of its links comes from.
+fn capsules(d: &PlanJson, constraints: &Constraints) -> String {
+    let radii = &d.links.radii_mm;
+    let (thinnest, thickest) = extremes(radii.iter().copied());
+    let range = if thinnest < thickest {
+        format!("{thinnest:.0} to {thickest:.0} mm")
+    } else {
+        format!("{thickest:.0} mm")
+    };
+    let from = match constraints.links.source() {
+        RadiusSource::Constraints => "from the constraints".to_owned(),
+        RadiusSource::Description => "from the robot description".to_owned(),
+        RadiusSource::Reach => format!(
+            "{:.0} % of the {:.0} mm from joint 2 to the flange",
+            100.0 * RADIUS_SHARE,
+            1e3 * constraints.links.reach()
+        ),
+    };
+    let floor = match d.floor_mm {
+        Some(height) => format!("they stay above z = {height} mm of the base frame"),
+        None => "there is no floor".to_owned(),
+    };
+    format!("Links are capsules with a radius of {range} ({from}); {floor}.")
 }
 
-fn print(report: Printer, a: &Plan, d: &PlanJson, plan: &planning::Plan, candidates: &Candidates) {
+fn print(
+    report: Printer,
+    a: &Plan,
+    d: &PlanJson,
+    plan: &planning::Plan,
+    constraints: &Constraints,
+    candidates: &Candidates,
+) {
     let mut line = format!("Planned {} {} poses", d.poses, d.strategy);
     if d.test_poses > 0 {
         line += &format!(" and {} to test with", d.test_poses);
@@ -343,24 +330,36 @@ fn print(report: Printer, a: &Plan, d: &PlanJson, plan: &planning::Plan, candida
         n => line += &format!(" in {n} blocks, one for each payload"),
     }
     report.line(format_args!("{line} (seed {}).", a.seed));
-    if !d.configurations.removed.is_empty() {
-        let removed: Vec<String> = d
-            .configurations
-            .removed
-            .iter()
-            .map(|r| format!("{} {}", r.constraint, r.configurations))
-            .collect();
+    if let (Some(path), Some(prior)) = (&a.prior, &d.prior) {
+        let deflections = match prior.elastic {
+            true => format!("deflections and {} waves of its joints", prior.waves),
+            false => "usual deflections, for the model has none".to_owned(),
+        };
         report.line(format_args!(
-            "  {} random configurations, {} allowed; taken away by {}.",
-            d.configurations.drawn,
-            d.configurations.allowed,
-            removed.join(", ")
+            "  Expected errors are those of {}: frames {:.2} mm and {:.2} mrad off the drawing, {deflections}.",
+            path.display(),
+            prior.frames_mm,
+            prior.frames_mrad
         ));
     }
+    report.line(format_args!("  {}", capsules(d, constraints)));
+    let removed: Vec<String> = d
+        .configurations
+        .removed
+        .iter()
+        .map(|r| format!("{} {}", r.constraint, r.configurations))
+        .collect();
+    report.line(format_args!(
+        "  {} random configurations, {} allowed; forbidden by {}.",
+        d.configurations.drawn,
+        d.configurations.allowed,
+        removed.join(", ")
+    ));
     if candidates.joints.len() < CHOICE * plan.poses.len() {
         crate::cli::terminal::print::note(format_args!(
-            "only {} configurations are allowed: the plan takes a large part of them, wherever they are",
-            candidates.joints.len()
+            "only {} configurations are allowed: the plan takes a large part of them, wherever they are; {}",
+            candidates.joints.len(),
+            constraint_failure::releases(constraints, &candidates.refusals)
         ));
     }
     if d.payloads_kg.len() == 1 || d.payloads_kg.is_empty() {

@@ -1,9 +1,9 @@
-//! The standard deviation of tied blobs against the trainer's and against errors that were held out.
+//! The standard deviation of blobs against the trainer's and against errors that were held out.
 
 use poegp_calibration::blob::write::{CalibratedBlob, calibrate_to_blob};
 use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::model::Method;
-use poegp_calibration::model::config::{Config, ProcessLayout};
+use poegp_calibration::model::config::Config;
 use poegp_calibration::progress::FitContext;
 use poegp_runtime::math::se3::Pose;
 
@@ -19,13 +19,12 @@ fn held_out(scenario: &str, poses: usize) {
     let (robot, _) = arm("abb-irb4400-serial");
     let read = |name: &str| samples(&simulated_path(&format!("{scenario}_s0_{name}")), &robot);
     let train: Vec<InstrumentSample> = read("train").into_iter().take(poses).collect();
-    let mut options = Config::new(Method::Elastic);
-    options.layout = ProcessLayout::Shared;
+    let options = Config::new(Method::Elastic);
     let CalibratedBlob {
         calibration, blob, ..
     } = calibrate_to_blob(&robot, &train, &options, &origin(1), &FitContext::default()).unwrap();
     let base_from_instrument: Pose<f64> = calibration.base_and_tools.instrument_from_base.inverse();
-    let noise = f64::from(blob.blob().variance.unwrap().noise_m2);
+    let noise = f64::from(blob.blob().variance.as_ref().unwrap().noise_m2);
     let (mut ratios, mut beside_noise, mut far) = (Vec::new(), Vec::new(), Vec::new());
     let (mut one, mut two, mut device_sum, mut trainer_sum, mut components) = (0, 0, 0.0, 0.0, 0);
     let (mut t_one, mut t_two) = (0, 0);

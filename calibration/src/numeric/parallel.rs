@@ -1,0 +1,157 @@
+//! Work in chunks on all cores, with results in the order of the chunks: no result depends on the number of threads.
+
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+
+/// Chunks that wait for each thread, and results that wait to be taken from it.
+const WAITING: usize = 2;
+
+/// The number of threads for [`in_order`]: one for each core that this process may use.
+pub fn threads() -> usize {
+    std::thread::available_parallelism().map_or(1, usize::from)
+}
+
+/// Gives every item of `next` to `work` on one of `threads` threads, and every result to `take` in the order of the items.
+///
+/// `next` and `take` run on the calling thread. Only a few items for each thread are alive at a time, so that a file of any
+/// length takes constant memory. With one thread no other is started.
+///
+/// # Errors
+/// The first error of `take` in the order of the items, else that of `next`. No further item is asked for then.
+///
+/// # Panics
+/// When `work` does.
+pub fn in_order<I: Send, O: Send, E>(
+    threads: usize,
+    mut next: impl FnMut() -> Result<Option<I>, E>,
+    work: impl Fn(I) -> O + Sync,
+    mut take: impl FnMut(O) -> Result<(), E>,
+) -> Result<(), E> {
+    if threads <= 1 {
+        while let Some(item) = next()? {
+            take(work(item))?;
+        }
+        return Ok(());
+    }
+    std::thread::scope(|scope| {
+        let work = &work;
+        let worker = |_| -> (SyncSender<I>, Receiver<O>) {
+            let (give, items) = sync_channel(WAITING);
+            let (done, results) = sync_channel(WAITING);
+            scope.spawn(move || {
+                // Nobody takes results any more after an error.
+                let _ = items.into_iter().try_for_each(|item| done.send(work(item)));
+            });
+            (give, results)
+        };
+        let workers: Vec<_> = (0..threads).map(worker).collect();
+        let (mut given, mut taken) = (0, 0);
+        // A channel is closed early by a panic only, which the end of the scope passes on.
+        let mut take_one = |taken: &mut usize| -> Result<(), E> {
+            let (_, results) = &workers[*taken % threads];
+            *taken += 1;
+            results.recv().map_or(Ok(()), &mut take)
+        };
+        let end = loop {
+            match next() {
+                Ok(Some(item)) => {
+                    if given - taken == WAITING * threads {
+                        take_one(&mut taken)?;
+                    }
+                    let _ = workers[given % threads].0.send(item);
+                    given += 1;
+                }
+                Ok(None) => break Ok(()),
+                Err(error) => break Err(error),
+            }
+        };
+        while taken < given {
+            take_one(&mut taken)?;
+        }
+        end
+    })
+}
+
+/// Items that a thread works on together where results are collected.
+const TOGETHER: usize = 256;
+
+/// The results of `work` for all items, in their order, on one of `threads` threads each. A few items start no thread.
+///
+/// # Panics
+/// When `work` does.
+pub fn map_all<I: Sync, O: Send>(
+    threads: usize,
+    items: &[I],
+    work: impl Fn(&I) -> O + Sync,
+) -> Vec<O> {
+    let mut chunks = items.chunks(TOGETHER);
+    let mut out = Vec::with_capacity(items.len());
+    let done: Result<(), std::convert::Infallible> = in_order(
+        threads.min(chunks.len()),
+        || Ok(chunks.next()),
+        |chunk| chunk.iter().map(&work).collect::<Vec<O>>(),
+        |results| {
+            out.extend(results);
+            Ok(())
+        },
+    );
+    match done {
+        Ok(()) => out,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Results of items 0 to `count`, where chunk `refused` is refused and the items end in an error at `broken`.
+    fn run(
+        threads: usize,
+        count: usize,
+        refused: usize,
+        broken: usize,
+    ) -> (Vec<usize>, Result<(), usize>) {
+        let (mut given, mut out) = (0, Vec::new());
+        let next = || {
+            let item = given;
+            given += 1;
+            match item {
+                _ if item == broken => Err(1_000_000 + item),
+                _ => Ok((item < count).then_some(item)),
+            }
+        };
+        let work = |item: usize| {
+            // Early items take longest.
+            std::thread::sleep(std::time::Duration::from_micros(200 / (1 + item as u64)));
+            item * item
+        };
+        let end = in_order(threads, next, work, |result| {
+            if result == refused * refused {
+                return Err(refused);
+            }
+            out.push(result);
+            Ok(())
+        });
+        (out, end)
+    }
+
+    #[test]
+    fn the_order_is_that_of_the_items() {
+        const NEVER: usize = usize::MAX >> 33;
+        for count in [0, 1, 2, 7, 100] {
+            for (refused, broken) in [(NEVER, NEVER), (5, NEVER), (NEVER, 6), (5, 6), (3, 3)] {
+                let one = run(1, count, refused, broken);
+                for threads in [2, 3, 16] {
+                    assert_eq!(
+                        run(threads, count, refused, broken),
+                        one,
+                        "{threads} {count}"
+                    );
+                }
+            }
+        }
+        assert_eq!(
+            run(2, 100, 5, NEVER),
+            ((0..5).map(|i| i * i).collect(), Err(5))
+        );
+    }
+}

@@ -1,0 +1,155 @@
+//! `trainer correct`: a file of joint targets in, the joints to command instead out, by the device's own function.
+//!
+//! The file is read in chunks, which all cores correct at the same time and which are written in their order. Memory holds
+//! a few chunks, and 17 bytes of each row for the summary.
+
+mod row;
+mod summary;
+
+use std::path::PathBuf;
+
+use clap::Args;
+use poegp_runtime::model::MAX_PAYLOAD_KG;
+
+use crate::cli::correct::row::{Fields, correct};
+use crate::cli::correct::summary::{Summed, Summing};
+use crate::cli::failure::Failure;
+use crate::cli::inputs::{self, file_name};
+use crate::cli::output::long::LongOutput;
+use crate::cli::output::{check_outputs, json_text, write_with_long};
+use crate::cli::terminal::print::{Printer, note};
+use poegp_calibration::blob::predict::BlobModel;
+use poegp_calibration::input_error::InputError;
+use poegp_calibration::measurement::JointChecks;
+use poegp_calibration::measurement::joint_targets::{Target, TargetColumns, TargetReader};
+use poegp_calibration::numeric::parallel::{in_order, threads};
+
+/// The columns that are added.
+const ADDED: [&str; 5] = [
+    "position_error_um",
+    "rotation_error_urad",
+    "applied",
+    "status",
+    "trust",
+];
+
+/// `trainer correct`.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Only the joint columns change. Five columns are added: position_error_um \
+    and rotation_error_urad (what stays by the model), applied (how much of the arm's error is corrected, 0 to 1), status (ok, \
+    or why not), trust (1 within the trained ranges, towards 0 far from them). Each row is corrected on its own, as the device \
+    does before its filter: beside a singularity only in part, so that neighbouring rows stay neighbours.\n\n\
+    Example: trainer correct arm.blob program.csv --payload-kg 2.5 --out corrected.csv"
+)]
+pub struct Correct {
+    /// Model (`.blob`).
+    pub blob: PathBuf,
+    /// Joint targets (CSV): q1_deg … (or _rad, _mm, _m), optionally payload_kg; other columns are kept.
+    pub targets: PathBuf,
+    /// Payload of all rows in kg, for a file without payload_kg.
+    #[arg(long, value_name = "KG", allow_negative_numbers = true)]
+    pub payload_kg: Option<f64>,
+    /// Write the corrected targets (`-`: standard output).
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+    /// Write the summary as JSON (`-`: standard output).
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+/// A chunk that was rewritten.
+struct Rewritten {
+    text: String,
+    summed: Summed,
+    checks: JointChecks,
+}
+
+pub fn run(a: &Correct) -> Result<(), Failure> {
+    let outputs = [Some(a.out.as_path()), a.json.as_deref()];
+    check_outputs(&outputs, &[&a.blob, &a.targets])?;
+    let loaded = BlobModel::read(&a.blob)?;
+    let robot = inputs::robot_of(loaded.blob());
+    let (columns, start, mut chunks) = TargetReader::open(&a.targets)?.into_parts();
+    let columns = &columns;
+    let limits = columns.limits(&robot)?;
+    columns.refuse_columns(
+        &ADDED,
+        "this file was corrected already: correct the original, or take these columns out",
+    )?;
+    let payload_kg = payload(a, &loaded, columns)?;
+    let summing = Summing::new(loaded.blob(), columns.joint_columns());
+    let mut out = LongOutput::new(&a.out)?;
+    let mut text = String::new();
+    columns.rewrite_start(&start, &ADDED, &mut text)?;
+    out.write(text.as_bytes())?;
+    let (mut all, mut checks) = (Summed::default(), JointChecks::default());
+    let rewrite = |chunk| -> Result<Rewritten, InputError> {
+        let (mut text, mut summed) = (String::new(), Summed::default());
+        let mut checks = JointChecks::default();
+        let answer = |target: &Target<'_>| {
+            let row = correct(&loaded, target, payload_kg);
+            summing.add(&mut summed, &row);
+            Fields(row, columns.joint_columns())
+        };
+        columns.rewrite(&chunk, (&limits, &mut checks), answer, &mut text)?;
+        Ok(Rewritten {
+            text,
+            summed,
+            checks,
+        })
+    };
+    in_order(
+        threads(),
+        || Ok(chunks.next()?),
+        rewrite,
+        |rewritten: Result<Rewritten, InputError>| -> Result<(), Failure> {
+            let rewritten = rewritten?;
+            all.extend(rewritten.summed);
+            checks.extend(rewritten.checks);
+            out.write(rewritten.text.as_bytes())
+        },
+    )?;
+    if all.is_empty() {
+        return Err(columns.no_rows().into());
+    }
+    for text in limits.notes(&checks) {
+        note(format_args!("{}: {text}", a.targets.display()));
+    }
+    let document = summing.document(file_name(&a.targets), loaded.host().provenance.method, all);
+    let json = match &a.json {
+        Some(path) => Some((path.as_path(), json_text(&document)?)),
+        None => None,
+    };
+    let json = json.as_ref().map(|(path, text)| (*path, text.as_bytes()));
+    write_with_long(out, json.as_slice())?;
+    summary::print(Printer::for_outputs(&outputs), &a.out, &document);
+    Ok(())
+}
+
+/// The payload of the rows where the file has none, from the command line; never from both.
+fn payload(a: &Correct, loaded: &BlobModel, columns: &TargetColumns) -> Result<f64, Failure> {
+    let needed = loaded.blob().ranges.payload_kg;
+    match (a.payload_kg, columns.has_payload()) {
+        (Some(_), true) => Err(Failure::Usage(format!(
+            "--payload-kg beside the column payload_kg of {}\nhelp: give one of them",
+            columns.path().display()
+        ))),
+        (Some(kg), _) if !(0.0..=f64::from(MAX_PAYLOAD_KG)).contains(&kg) => Err(Failure::Usage(
+            format!("--payload-kg {kg}: expected kilograms, 0 or more"),
+        )),
+        (None, false) if needed.is_some() => {
+            let (light, heavy) = needed.unwrap_or_default();
+            Err(InputError::new(
+                columns.path(),
+                "no payload_kg column",
+                format!(
+                    "one: the model depends on the payload ({light} to {heavy} kg were trained)"
+                ),
+            )
+            .with_help("give --payload-kg KG when all rows have the same payload")
+            .into())
+        }
+        (given, _) => Ok(given.unwrap_or(0.0)),
+    }
+}

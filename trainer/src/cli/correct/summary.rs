@@ -1,0 +1,307 @@
+//! What is said of all commands together.
+
+use std::path::Path;
+
+use poegp_protocol::blob::{Blob, Joint};
+use poegp_runtime::guard::status::Status;
+use serde::Serialize;
+
+use crate::cli::correct::row::Row;
+use crate::cli::terminal::print::{Printer, is_stdout};
+use poegp_calibration::measurement::{JointColumn, JointUnit};
+use poegp_calibration::numeric::statistics::Summary;
+
+/// Trust below this is far from the training data: less than half of the correction's prior is explained there.
+const TRUSTED: f32 = 0.5;
+/// Line numbers in one remark.
+const SHOWN: usize = 10;
+
+/// What `--json` writes.
+#[derive(Serialize)]
+pub struct CorrectJson<'a> {
+    version: &'static str,
+    method: &'a str,
+    name: String,
+    commands: usize,
+    /// Brought to where the nominal arm would stand.
+    corrected: usize,
+    /// Changed, but not all the way.
+    partly_corrected: usize,
+    /// Exactly as they came.
+    left_alone: usize,
+    /// Of each note, the lines of the rows that have it.
+    flagged: Vec<Flagged>,
+    /// The largest change of a revolute joint.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    largest_change_deg: Option<Change>,
+    /// The largest change of a prismatic joint.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    largest_change_mm: Option<Change>,
+    /// How far the arm stands from its target when the commands are not corrected, by the model.
+    shift_mm: Summary,
+    /// The same with the corrected commands, by the model.
+    remaining_um: Summary,
+    trust: TrustSummary,
+    /// Lines of rows whose corrected joints are beyond a limit that the commanded ones kept.
+    beyond_limits: Vec<u32>,
+}
+
+#[derive(Serialize)]
+struct Flagged {
+    status: String,
+    lines: Vec<u32>,
+}
+
+#[derive(Serialize)]
+struct Change {
+    value: f64,
+    column: String,
+    line: u32,
+}
+
+#[derive(Serialize)]
+struct TrustSummary {
+    mean: f32,
+    least: f32,
+    /// Lines of rows that are far from the training data.
+    far_lines: Vec<u32>,
+}
+
+/// Remarks that are counted, and their bits in [`Summed::flags`].
+const REMARKS: [Status; 5] = [
+    Status::PARTLY_CORRECTED,
+    Status::CORRECTION_LIMITED,
+    Status::OUTSIDE_JOINT_RANGE,
+    Status::OUTSIDE_PAYLOAD_RANGE,
+    Status::BAD_INPUT,
+];
+const FAR: u8 = 1 << 5;
+const BEYOND_LIMITS: u8 = 1 << 6;
+const LEFT_ALONE: u8 = 1 << 7;
+
+/// What is kept of the rows so far, 17 bytes of each.
+#[derive(Default)]
+pub struct Summed {
+    lines: Vec<u32>,
+    flags: Vec<u8>,
+    shifts: Vec<f64>,
+    /// m.
+    remaining: Vec<f32>,
+    trust_sum: f64,
+    least_trust: Option<f32>,
+    /// Of revolute and of prismatic joints in degrees and mm, with joint and line.
+    largest: [Option<(f64, usize, u32)>; 2],
+}
+
+impl Summed {
+    pub fn is_empty(&self) -> bool {
+        self.lines.is_empty()
+    }
+
+    /// With what is kept of later rows.
+    pub fn extend(&mut self, later: Self) {
+        self.lines.extend(later.lines);
+        self.flags.extend(later.flags);
+        self.shifts.extend(later.shifts);
+        self.remaining.extend(later.remaining);
+        self.trust_sum += later.trust_sum;
+        let least = [self.least_trust, later.least_trust];
+        self.least_trust = least.into_iter().flatten().reduce(f32::min);
+        for (largest, later) in self.largest.iter_mut().zip(later.largest) {
+            *largest = larger(*largest, later);
+        }
+    }
+
+    fn count(&self, wanted: impl Fn(u8) -> bool) -> usize {
+        self.flags.iter().filter(|flags| wanted(**flags)).count()
+    }
+
+    /// Lines of the rows that have a flag.
+    fn lines_with(&self, flag: u8) -> Vec<u32> {
+        let rows = self.lines.iter().zip(&self.flags);
+        rows.filter(|(_, flags)| **flags & flag != 0)
+            .map(|(line, _)| *line)
+            .collect()
+    }
+}
+
+/// The larger change; of equals the later one.
+fn larger(a: Option<(f64, usize, u32)>, b: Option<(f64, usize, u32)>) -> Option<(f64, usize, u32)> {
+    match (a, b) {
+        (Some(a), Some(b)) if a.0.total_cmp(&b.0).is_gt() => Some(a),
+        (a, b) => b.or(a),
+    }
+}
+
+/// How rows are summed up.
+pub struct Summing<'a> {
+    joints: &'a [Joint],
+    columns: &'a [JointColumn],
+}
+
+impl<'a> Summing<'a> {
+    /// For the robot of a blob and the columns of a file.
+    pub fn new(blob: &'a Blob<'_>, columns: &'a [JointColumn]) -> Self {
+        Self {
+            joints: &blob.robot.joints,
+            columns,
+        }
+    }
+
+    /// Adds a row.
+    pub fn add(&self, sum: &mut Summed, row: &Row) {
+        let (query, answer) = (&row.query.joints, &row.answer);
+        let line = u32::try_from(row.line).unwrap_or(u32::MAX);
+        let mut flags = 0;
+        for (bit, remark) in REMARKS.iter().enumerate() {
+            flags |= u8::from(answer.status.contains(*remark)) << bit;
+        }
+        let beyond = |joints: &[f32]| {
+            self.joints.iter().zip(joints).any(|(joint, q)| {
+                let (lower, upper) = joint.limits.unwrap_or((f32::MIN, f32::MAX));
+                *q < lower || *q > upper
+            })
+        };
+        let mut flag = |bit: u8, is_set: bool| flags |= if is_set { bit } else { 0 };
+        flag(FAR, row.trust < TRUSTED);
+        flag(
+            BEYOND_LIMITS,
+            beyond(&answer.joints[..query.len()]) && !beyond(query),
+        );
+        flag(
+            LEFT_ALONE,
+            !(0..query.len()).any(|joint| row.is_changed(joint)),
+        );
+        sum.lines.push(line);
+        sum.flags.push(flags);
+        sum.shifts.push(1e3 * row.shift);
+        sum.remaining.push(answer.position_error);
+        sum.trust_sum += f64::from(row.trust);
+        sum.least_trust = Some(sum.least_trust.map_or(row.trust, |t| t.min(row.trust)));
+        for (joint, column) in self.columns.iter().enumerate() {
+            let (kind, unit) = match column.unit {
+                JointUnit::Degree | JointUnit::Radian => (0, JointUnit::Degree),
+                JointUnit::Millimetre | JointUnit::Metre => (1, JointUnit::Millimetre),
+            };
+            let (to, from) = (answer.joints[joint], query[joint]);
+            let value = unit.from_si(f64::from(to) - f64::from(from)).abs();
+            sum.largest[kind] = larger(sum.largest[kind], Some((value, joint, line)));
+        }
+    }
+
+    /// All rows summed up.
+    pub fn document<'m>(&self, name: String, method: &'m str, all: Summed) -> CorrectJson<'m> {
+        let not_arrived = [Status::PARTLY_CORRECTED, Status::BAD_INPUT];
+        let bits = (0..REMARKS.len()).filter(|bit| not_arrived.contains(&REMARKS[*bit]));
+        let not_arrived = bits.fold(0, |bits, bit| bits | 1 << bit);
+        let arrived = |flags: u8| flags & not_arrived == 0;
+        let flagged = REMARKS.iter().enumerate().map(|(bit, status)| Flagged {
+            status: status.to_string(),
+            lines: all.lines_with(1 << bit),
+        });
+        let change = |kind: usize| {
+            all.largest[kind].map(|(value, joint, line)| Change {
+                value,
+                column: self.columns[joint].name.clone(),
+                line,
+            })
+        };
+        let remaining = all.remaining.iter().map(|m| 1e6 * f64::from(*m));
+        CorrectJson {
+            version: env!("CARGO_PKG_VERSION"),
+            method,
+            name,
+            commands: all.lines.len(),
+            corrected: all.count(arrived),
+            partly_corrected: all.count(|f| !arrived(f) && f & LEFT_ALONE == 0),
+            left_alone: all.count(|f| !arrived(f) && f & LEFT_ALONE != 0),
+            flagged: flagged.filter(|f| !f.lines.is_empty()).collect(),
+            largest_change_deg: change(0),
+            largest_change_mm: change(1),
+            shift_mm: Summary::new(&all.shifts),
+            remaining_um: Summary::new(&remaining.collect::<Vec<_>>()),
+            trust: TrustSummary {
+                mean: (all.trust_sum / all.lines.len().max(1) as f64) as f32,
+                least: all.least_trust.unwrap_or(1.0),
+                far_lines: all.lines_with(FAR),
+            },
+            beyond_limits: all.lines_with(BEYOND_LIMITS),
+        }
+    }
+}
+
+/// What a remark means for the commands that have it.
+fn meaning(status: &str) -> &'static str {
+    match status {
+        "partly-corrected" => {
+            "corrected in part: beside a singularity, where a full correction would move joints too quickly"
+        }
+        "correction-limited" => "corrected by no more than the bound of the blob",
+        "outside-joint-range" => "corrected by an extrapolation: joints beyond what was trained",
+        "outside-payload-range" => {
+            "corrected by an extrapolation: a payload beyond what was trained"
+        }
+        _ => "left as they are: numbers beyond all reason",
+    }
+}
+
+pub fn print(report: Printer, out: &Path, d: &CorrectJson) {
+    if !is_stdout(out) {
+        report.line(format_args!(
+            "Wrote {} ({} commands).",
+            out.display(),
+            d.commands
+        ));
+    }
+    report.line(format_args!(
+        "Model `{}`: {} corrected, {} in part, {} left as they are.",
+        d.method, d.corrected, d.partly_corrected, d.left_alone
+    ));
+    for change in [(&d.largest_change_deg, "°"), (&d.largest_change_mm, " mm")] {
+        if let (Some(c), unit) = change {
+            report.line(format_args!(
+                "Joints changed by at most {:.4}{unit} ({}, line {}).",
+                c.value, c.column, c.line
+            ));
+        }
+    }
+    let s = &d.shift_mm;
+    report.line(format_args!(
+        "Uncorrected, the target would be off by {:.3} mm in the mean, {:.3} mm for 95 % and {:.3} mm at most; corrected, by \
+         the model, by {:.2} µm in the mean and {:.2} µm at most.",
+        s.mean, s.p95, s.max, d.remaining_um.mean, d.remaining_um.max
+    ));
+    for flagged in &d.flagged {
+        report.line(format_args!(
+            "{} of {} are flagged `{}`, {}: {}.",
+            flagged.lines.len(),
+            d.commands,
+            flagged.status,
+            meaning(&flagged.status),
+            listed(&flagged.lines)
+        ));
+    }
+    if !d.trust.far_lines.is_empty() {
+        report.line(format_args!(
+            "{} are far from the training data (trust below {TRUSTED}, {:.3} at least): {}.",
+            d.trust.far_lines.len(),
+            d.trust.least,
+            listed(&d.trust.far_lines)
+        ));
+    }
+    if !d.beyond_limits.is_empty() {
+        report.line(format_args!(
+            "warning: {} are beyond a joint limit only once corrected: {}.",
+            d.beyond_limits.len(),
+            listed(&d.beyond_limits)
+        ));
+    }
+}
+
+/// "line 4", "lines 4, 7, …".
+fn listed(lines: &[u32]) -> String {
+    let shown: Vec<String> = lines.iter().take(SHOWN).map(ToString::to_string).collect();
+    let more = if lines.len() > SHOWN { ", …" } else { "" };
+    let word = if lines.len() == 1 { "line" } else { "lines" };
+    format!("{word} {}{more}", shown.join(", "))
+}

@@ -1,0 +1,137 @@
+//! Files of many rows: as quick as promised, in constant memory, and with what short files have.
+
+use std::io::Write;
+use std::path::Path;
+use std::process::{Child, Stdio};
+use std::time::{Duration, Instant};
+
+use crate::program::{Folder, SERIAL, simulated};
+use crate::texts::texts;
+
+/// A folder with an elastic model of 60 poses.
+fn folder() -> Folder {
+    let folder = Folder::new();
+    folder.write("train.csv", simulated("train", 60));
+    folder
+        .run(&format!(
+            "calibrate --robot {SERIAL} train.csv --method elastic --inducing-points 60 --out arm.blob"
+        ))
+        .ok();
+    folder
+}
+
+/// What a program took: s of wall, s of CPU and MB at most. Of Linux only; looked at every few milliseconds.
+fn watched(mut child: Child) -> (f64, f64, f64) {
+    let start = Instant::now();
+    let path = format!("/proc/{}", child.id());
+    let (mut ticks, mut memory) = (0, 0);
+    loop {
+        // Both are empty once the program has ended.
+        let read = |name| std::fs::read_to_string(Path::new(&path).join(name)).unwrap_or_default();
+        let (stat, status) = (read("stat"), read("status"));
+        let fields: Vec<&str> = stat.split_whitespace().collect();
+        let number = |i: usize| fields.get(i).and_then(|field| field.parse::<u64>().ok());
+        ticks = ticks.max(number(13).unwrap_or(0) + number(14).unwrap_or(0));
+        let peak = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
+        let peak = peak.and_then(|text| text.split_whitespace().next()?.parse().ok());
+        memory = memory.max(peak.unwrap_or(0_u64));
+        if let Some(ended) = child.try_wait().unwrap() {
+            assert!(ended.success());
+            return (
+                start.elapsed().as_secs_f64(),
+                ticks as f64 / 100.0,
+                memory as f64 / 1e3,
+            );
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+/// Many rows are corrected and compared quickly and in constant memory. The bounds leave room for other programs; the promises
+/// for a million rows are in docs/evidence/performance.md.
+#[cfg(target_os = "linux")]
+#[test]
+fn many_rows_take_little_time_and_memory() {
+    let folder = folder();
+    let (count, most) = match cfg!(debug_assertions) {
+        true => (50_000, 120.0),
+        false => (200_000, 10.0),
+    };
+    let test = simulated("test1", 100);
+    let (header, rows) = test.split_once('\n').unwrap();
+    let long = format!("{header}\n{}", rows.repeat(count / 100));
+    folder.write("long.csv", long);
+    for command in [
+        "correct arm.blob long.csv --out o",
+        "evaluate arm.blob long.csv --predictions o",
+    ] {
+        let child = folder
+            .command(command)
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn();
+        let (wall, cpu, memory) = watched(child.unwrap());
+        // Shown whether or not the test passes.
+        let _ = writeln!(
+            std::io::stderr(),
+            "{command}: {count} rows in {wall:.2} s, {cpu:.2} s of CPU, {memory:.0} MB"
+        );
+        assert!(cpu <= most, "{cpu} s");
+        assert!(memory <= 100.0, "{memory} MB");
+    }
+}
+
+/// Some rows, again and again until the file is a long one: every prediction is what it is in the short file, and so are
+/// the errors; what is wrong in its last row is named.
+#[test]
+fn a_long_file_is_compared_as_a_short_one() {
+    const ROWS: usize = 97;
+    let _texts = texts();
+    let folder = folder();
+    // A prime: rows that are kept evenly are not the same ones again and again.
+    let test = simulated("test1", ROWS);
+    let (header, rows) = test.split_once('\n').unwrap();
+    let times = 1 + (4 << 20) / rows.len();
+    let long = format!("{header}\n{}", rows.repeat(times));
+    folder.write("short.csv", &test);
+    folder.write("long.csv", &long);
+    let run = |name: &str, frames: &str| {
+        let line = format!(
+            "evaluate arm.blob {name}.csv --predictions {name}.out --trust --json - {frames}"
+        );
+        let document = folder.run(&line).ok().json();
+        (
+            folder.text(&format!("{name}.out")),
+            document["sets"][0].clone(),
+        )
+    };
+    for frames in ["", "--fit-base"] {
+        let (short, of_short) = run("short", frames);
+        let (long, of_long) = run("long", frames);
+        assert_eq!(of_long["poses"], ROWS * times);
+        for (what, name) in [
+            ("position_mm", "max"),
+            ("position_mm", "mean"),
+            ("against_truth", "poses"),
+        ] {
+            let value = |set: &serde_json::Value| set[what][name].as_f64().unwrap();
+            let (mut short, long) = (value(&of_short), value(&of_long));
+            if name == "poses" {
+                short *= times as f64;
+            }
+            // A base that is fitted to a part of the rows is nearly the same.
+            let most = if frames.is_empty() { 1e-9 } else { 1e-3 };
+            assert!((short - long).abs() < most, "{what} {name}: {short} {long}");
+        }
+        if frames.is_empty() {
+            let (header, rows) = short.split_once('\n').unwrap();
+            assert!(long == format!("{header}\n{}", rows.repeat(times)));
+        }
+    }
+    let last = rows.lines().last().unwrap();
+    let (first, rest) = last.split_once(',').unwrap();
+    folder.write("bad.csv", format!("{long}{first},x{rest}\n"));
+    folder.refuses("evaluate arm.blob bad.csv --predictions new.csv");
+    folder.write("short_row.csv", format!("{long}{first}\n"));
+    folder.refuses("evaluate arm.blob short_row.csv --predictions new.csv");
+}
