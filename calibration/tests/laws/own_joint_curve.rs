@@ -292,10 +292,11 @@ fn found(
 }
 
 /// Joints that err by 300 µrad as a function of their own angle, in orders that no smooth process follows: the curve is found,
-/// it is worth it, and no part of it is taken for ripple.
+/// it is worth it, and no part of it is taken for ripple. From 120 poses a model without a curve may find the same orders as
+/// ripple, so there the error itself is bounded.
 #[test]
 fn a_curve_is_found_where_there_is_one() {
-    for count in [60, 120] {
+    for (count, largest_share, largest_mm) in [(60, 0.6, 0.06), (120, 1.0, 0.042)] {
         let mut sums = (0.0, 0.0);
         for seed in 0..4 {
             let mut random = ChaCha8Rng::seed_from_u64(seed);
@@ -312,7 +313,8 @@ fn a_curve_is_found_where_there_is_one() {
             sums.0 += with;
             sums.1 += without;
         }
-        assert!(sums.0 < 0.6 * sums.1, "{sums:?}");
+        assert!(sums.0 < largest_share * sums.1, "{sums:?}");
+        assert!(sums.0 / 4.0 < largest_mm, "{sums:?}");
     }
 }
 
