@@ -58,7 +58,12 @@ fn a_controller_that_goes_silent_has_the_device_restarted() {
     assert_eq!(restarts(&mut idle), 0, "nothing was expected of it");
     // From the stored model; and once it has said so, silence is no fault again.
     let identity = silent.identify().unwrap();
-    assert!(identity.model.is_some_and(|model| model.support == 100));
+    let points = Elastic::PLAIN.points;
+    assert!(
+        identity
+            .model
+            .is_some_and(|model| model.support as usize == points)
+    );
     assert_eq!(restarts(&mut silent), 1);
     corrects(&mut silent);
     corrects(&mut stood_down);

@@ -1,7 +1,7 @@
-//! The innermost loops over support rows, where nearly all of an evaluation's time is spent.
+//! The innermost loops over inducing points, where nearly all of an evaluation's time is spent.
 //!
-//! One exponential for every point, unrolled over the number of joints or inputs. The
-//! functions here are the portable source and the definition of every bit: multiply, then add, in the order of the rows.
+//! One exponential for every point, unrolled over the number of joints or inputs. The functions here are the portable source
+//! and the definition of every bit: multiply, then add, in the order of the rows.
 //! `cortex_m4/` has the same loops for `f32` on a Cortex-M4F, without a bit of difference; [`KernelLoops`] chooses. What
 //! is around the loops (payload groups, scales, the range of the exponents) is their callers' business.
 
@@ -10,8 +10,12 @@ use poegp_protocol::limits::OUTPUTS;
 use crate::assembly::Blocks;
 use crate::math::scalar::Scalar;
 
-/// Rows that are computed side by side on processors that can.
-const TILE: usize = 16;
+/// Rows that are computed side by side where registers hold several numbers; one by one elsewhere. The bits are the same.
+const TILE: usize = if cfg!(any(target_arch = "x86_64", target_arch = "aarch64")) {
+    16
+} else {
+    1
+};
 
 /// Declares the loops as methods that are the portable functions unless a number type has its own.
 macro_rules! inner_loops {
