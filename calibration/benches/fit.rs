@@ -181,6 +181,7 @@ fn elastic(c: &mut Criterion) {
         waves: &[],
         layout: found.layout,
         processes: true,
+        threads: 2,
     };
     let search = HyperparameterObjective::new(&evidence);
     let mut group = c.benchmark_group("elastic, N = 200");

@@ -1,4 +1,4 @@
-//! What a fit gets beside its data: a listener for its progress, and a flag that cancels it.
+//! What a fit gets beside its data: a listener for its progress, a flag that cancels it, and the threads that it may use.
 //!
 //! The unit of progress is one evaluation of a likelihood. A search has no known number of evaluations, so each phase
 //! announces the usual number: progress stands still at the end of a phase that needs more, and jumps there after one that
@@ -6,6 +6,8 @@
 
 use std::cell::Cell;
 use std::sync::atomic::{AtomicBool, Ordering};
+
+use crate::numeric::parallel::threads;
 
 /// A listener for the progress of a fit.
 pub trait Progress {
@@ -30,6 +32,7 @@ pub struct FitContext<'a> {
     done: Cell<u64>,
     end_of_phase: Cell<u64>,
     expected: Cell<u64>,
+    threads: usize,
 }
 
 /// The flag of what nobody cancels.
@@ -44,7 +47,18 @@ impl<'a> FitContext<'a> {
             done: Cell::new(0),
             end_of_phase: Cell::new(0),
             expected: Cell::new(0),
+            threads: threads(),
         }
+    }
+
+    /// The same on at most this many threads, all cores else. No result depends on it.
+    pub fn with_threads(self, threads: usize) -> Self {
+        Self { threads, ..self }
+    }
+
+    /// Threads that a step may use.
+    pub(crate) fn threads(&self) -> usize {
+        self.threads
     }
 
     /// Announces `units` of work more.

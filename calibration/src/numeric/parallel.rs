@@ -1,5 +1,7 @@
-//! Work in chunks on all cores, with results in the order of the chunks: no result depends on the number of threads.
+//! Work on all cores, in chunks whose results come in order or in tasks of their own: no result depends on the number of
+//! threads.
 
+use std::sync::Mutex;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
 /// Chunks that wait for each thread, and results that wait to be taken from it.
@@ -69,6 +71,32 @@ pub fn in_order<I: Send, O: Send, E>(
         }
         end
     })
+}
+
+/// Does `work` on every task, the first ones first, each on whichever of `threads` threads is free.
+///
+/// # Panics
+/// When `work` does.
+pub fn for_each<T: Send>(threads: usize, tasks: Vec<T>, work: impl Fn(T) + Sync) {
+    let threads = threads.min(tasks.len());
+    if threads <= 1 {
+        tasks.into_iter().for_each(work);
+        return;
+    }
+    let queue = Mutex::new(tasks.into_iter());
+    // Another thread's panic ends the scope anyway.
+    let next = || queue.lock().ok().and_then(|mut tasks| tasks.next());
+    let take_all = || {
+        while let Some(task) = next() {
+            work(task);
+        }
+    };
+    std::thread::scope(|scope| {
+        for _ in 1..threads {
+            scope.spawn(take_all);
+        }
+        take_all();
+    });
 }
 
 /// Items that a thread works on together where results are collected.

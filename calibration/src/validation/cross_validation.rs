@@ -6,11 +6,14 @@ use poegp_protocol::JointKind;
 use serde::Serialize;
 
 use crate::blob::write::{CalibratedBlob, DeviceError, Provenance, calibrate_to_blob};
+use crate::identification::parametric::state::ROWS;
+use crate::learning::elastic::fit::DENSE_POSES;
 use crate::measurement::folds::Folds;
 use crate::measurement::sample::InstrumentSample;
 use crate::measurement::samples::Samples;
 use crate::model::Method;
 use crate::model::config::Config;
+use crate::numeric::parallel::{in_order, threads};
 use crate::numeric::statistics::{ErrorSummary, PoseError};
 use std::sync::atomic::AtomicBool;
 
@@ -110,6 +113,20 @@ pub struct Task<'a> {
     pub origin: &'a Provenance,
     /// Set by another thread, ends each calibration with an error.
     pub cancel: &'a AtomicBool,
+    /// Most folds that are calibrated at a time, as far as they fit into memory together; no result depends on it.
+    pub threads: usize,
+}
+
+/// Memory that the folds at a time may take, bytes.
+const MEMORY: usize = 2 << 30;
+/// Matrices of the dense solution that one calibration holds at a time.
+const MATRICES: usize = 5;
+
+/// Folds of so many poses that fit into [`MEMORY`] together, and one in any case.
+fn folds_in_memory(poses: usize) -> usize {
+    let rows = ROWS * poses.min(DENSE_POSES);
+    let one = MATRICES * rows * rows * size_of::<f64>();
+    (MEMORY / one.max(1)).max(1)
 }
 
 impl Task<'_> {
@@ -193,17 +210,31 @@ impl Task<'_> {
     ) -> Result<Vec<HeldOutPose>, CompareError> {
         let folds = self.folds();
         let mut out: Vec<Option<HeldOutPose>> = vec![None; self.train.len()];
-        for k in 0..self.folds {
-            let (train, tests) = folds.split(self.train, k);
-            let found = self.calibrated(config, &train)?;
-            progress();
-            let base = &found.calibration.base_and_tools.instrument_from_base;
-            let with_sigma = with_sigma.then_some(&found.calibration);
-            let poses = held_out(&found.blob, base, &tests, with_sigma);
-            for (i, pose) in folds.members(k).zip(poses) {
-                out[i] = Some(pose);
-            }
-        }
+        let mut next = 0..self.folds;
+        let at_a_time = self.threads.min(self.folds);
+        let at_a_time = at_a_time.min(folds_in_memory(self.train.len())).max(1);
+        let each = self.threads.div_ceil(at_a_time);
+        in_order(
+            self.threads
+                .min(self.folds)
+                .min(folds_in_memory(self.train.len())),
+            || Ok(next.next()),
+            |k| -> Result<_, CompareError> {
+                let (train, tests) = folds.split(self.train, k);
+                let found = self.calibrated_on(each, config, &train)?;
+                let base = &found.calibration.base_and_tools.instrument_from_base;
+                let with_sigma = with_sigma.then_some(&found.calibration);
+                Ok((k, held_out(&found.blob, base, &tests, with_sigma)))
+            },
+            |fold| {
+                let (k, poses) = fold?;
+                progress();
+                for (i, pose) in folds.members(k).zip(poses) {
+                    out[i] = Some(pose);
+                }
+                Ok(())
+            },
+        )?;
         // Every sample is in one of the folds.
         Ok(out.into_iter().flatten().collect())
     }
@@ -217,7 +248,16 @@ impl Task<'_> {
         config: &Config,
         samples: &[InstrumentSample],
     ) -> Result<CalibratedBlob, CompareError> {
-        let context = FitContext::new(&(), self.cancel);
+        self.calibrated_on(self.threads, config, samples)
+    }
+
+    fn calibrated_on(
+        &self,
+        threads: usize,
+        config: &Config,
+        samples: &[InstrumentSample],
+    ) -> Result<CalibratedBlob, CompareError> {
+        let context = FitContext::new(&(), self.cancel).with_threads(threads);
         calibrate_to_blob(self.robot, samples, config, self.origin, &context).map_err(|error| {
             CompareError {
                 model: config.method.name(),
@@ -245,6 +285,7 @@ pub fn cross_validate(
         seed: 1,
         origin: &Provenance::new(data, ""),
         cancel: &NEVER,
+        threads: threads(),
     };
     task.cross_validate(config, &mut || ())
 }

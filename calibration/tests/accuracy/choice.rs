@@ -2,6 +2,7 @@
 
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::Config;
+use poegp_calibration::numeric::parallel::threads;
 use poegp_calibration::progress::NEVER;
 use poegp_calibration::validation::cross_validation::Task;
 use poegp_calibration::validation::model_selection::{Candidate, FOLDS, select_model};
@@ -32,6 +33,7 @@ fn what_no_device_can_run_is_left_out_of_the_choice_with_its_reason() {
         seed: 1,
         origin: &origin,
         cancel: &NEVER,
+        threads: threads(),
     };
     let possible = Candidate {
         name: "poe",

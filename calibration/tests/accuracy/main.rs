@@ -24,6 +24,7 @@ use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::measurement::sample::ToolName;
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::Config;
+use poegp_calibration::numeric::parallel::threads;
 use poegp_calibration::progress::NEVER;
 use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_calibration::validation::cross_validation::{ModelComparison, Task, TestSet};
@@ -101,6 +102,7 @@ fn compare(
         seed: 1,
         origin: &origin,
         cancel: &NEVER,
+        threads: threads(),
     };
     task.run(options, &mut || {})
         .unwrap_or_else(|e| panic!("{e}"))

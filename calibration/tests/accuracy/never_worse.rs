@@ -6,6 +6,7 @@ use std::time::Instant;
 use poegp_calibration::blob::write::Provenance;
 use poegp_calibration::measurement::sample::{InstrumentSample, ToolName};
 use poegp_calibration::model::config::Config;
+use poegp_calibration::numeric::parallel::threads;
 use poegp_calibration::numeric::statistics::ErrorSummary;
 use poegp_calibration::progress::NEVER;
 use poegp_calibration::robot::Robot;
@@ -89,6 +90,7 @@ pub fn task<'a>(
         seed: 1,
         origin,
         cancel: &NEVER,
+        threads: threads(),
     }
 }
 

@@ -137,6 +137,7 @@ fn weights_deflections_and_poses_are_numpys() {
             waves: &[],
             layout,
             processes: true,
+            threads: 2,
         };
         let solved = evidence.solve(&h).unwrap();
         state.update(&solved.parameters);
@@ -234,6 +235,7 @@ fn the_gradient_is_that_of_differences() {
             waves: &[],
             layout,
             processes: true,
+            threads: 2,
         };
         // Away from the start, where outputs are alike; priors stay large enough to matter.
         let mut h = layout.start_and_bounds(4.0).0;

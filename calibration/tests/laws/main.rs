@@ -14,11 +14,13 @@ mod selection;
 #[path = "../fidelity/sets.rs"]
 mod sets;
 mod single_precision;
+mod threads;
 mod tools;
 
 use poegp_calibration::blob::write::{CalibratedBlob, Provenance, calibrate_to_blob};
 use poegp_calibration::measurement::sample::{InstrumentSample, ToolName};
 use poegp_calibration::model::config::Config;
+use poegp_calibration::numeric::parallel::threads as all_threads;
 use poegp_calibration::progress::FitContext;
 use poegp_calibration::progress::NEVER;
 use poegp_calibration::robot::Robot;
@@ -57,5 +59,6 @@ fn task<'a>(
         seed: 1,
         origin,
         cancel: &NEVER,
+        threads: all_threads(),
     }
 }

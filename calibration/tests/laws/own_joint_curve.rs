@@ -85,7 +85,7 @@ pub struct Curves {
 
 impl Curves {
     /// Amplitudes of `size` rad RMS in all, the same in orders 1 to `orders`.
-    fn draw(joints: usize, orders: usize, size: f64, random: &mut ChaCha8Rng) -> Self {
+    pub fn draw(joints: usize, orders: usize, size: f64, random: &mut ChaCha8Rng) -> Self {
         let each = size / (orders as f64).sqrt();
         let mut normal = || -> f64 {
             let drawn: f64 = StandardNormal.sample(random);
@@ -202,6 +202,7 @@ fn with_likelihood<T>(
         inputs: &inputs,
         layout,
         processes,
+        threads: 2,
     })
 }
 

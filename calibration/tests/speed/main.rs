@@ -17,6 +17,7 @@ use poegp_calibration::measurement as measurements;
 use poegp_calibration::measurement::sample::{InstrumentSample, ToolName, samples};
 use poegp_calibration::model::config::Config;
 use poegp_calibration::model::{Calibration, Method};
+use poegp_calibration::numeric::parallel::threads;
 use poegp_calibration::progress::{FitContext, NEVER};
 use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_calibration::trust::examine;
@@ -178,6 +179,7 @@ fn the_choice_of_a_model() {
         seed: 1,
         origin: &origin,
         cancel: &NEVER,
+        threads: threads(),
     };
     let all = candidates(&samples, robot.joints.len(), &Config::default());
     // The better of two: another program may take the core's caches.

@@ -22,6 +22,7 @@ use poegp_calibration::measurement::reader::{DriftCorrection, SampleFile};
 use poegp_calibration::measurement::sample::{InstrumentSample, different_poses};
 use poegp_calibration::model::config::Weighting;
 use poegp_calibration::model::{CalibrationError, Method};
+use poegp_calibration::numeric::parallel::threads;
 use poegp_calibration::progress::NEVER;
 use poegp_calibration::trust::Finding;
 use poegp_calibration::validation::cross_validation::{ModelComparison, Task, TestSet, applicable};
@@ -181,6 +182,7 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
         seed: a.seed,
         origin: &origin,
         cancel: &NEVER,
+        threads: threads(),
     };
     let rounds = 1 + usize::from(drift.is_some());
     let bar = progress::bar(rounds * methods.len() * task.calibrations(), "comparing");

@@ -23,6 +23,7 @@ use poegp_calibration::learning::task_space::fit::HyperparameterSharing;
 use poegp_calibration::measurement as measurements;
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::{Config, Weighting};
+use poegp_calibration::numeric::parallel::threads;
 use poegp_calibration::progress::FitContext;
 use poegp_calibration::progress::NEVER;
 use poegp_calibration::robot::Robot;
@@ -102,6 +103,7 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
         seed: a.seed,
         origin: &origin,
         cancel: &NEVER,
+        threads: threads(),
     };
     let own = Config {
         hyperparameters: HyperparameterSharing::PerOutput,

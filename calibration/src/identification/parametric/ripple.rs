@@ -53,9 +53,33 @@ impl Contracted {
 
     /// Drop of χ² by a term of `cycles` for this J_cᵀ e, with the term's sine and cosine.
     fn regressed(&self, cycles: f64, projection: &[f64]) -> (f64, [f64; 2]) {
+        let waves = self.q.iter().map(|q| (cycles * q).sin_cos());
+        self.regressed_on(waves, projection)
+    }
+
+    /// The frequencies from `first` to `last` in steps, each with its drop of χ². Sines and cosines of one follow from those
+    /// of the one before by turning.
+    fn scan(&self, first: f64, last: f64, step: f64) -> impl Iterator<Item = (f64, f64)> {
+        let turned: Vec<(f64, f64)> = self.q.iter().map(|q| (step * q).sin_cos()).collect();
+        let mut waves: Vec<(f64, f64)> = self.q.iter().map(|q| (first * q).sin_cos()).collect();
+        let count = ((last - first) / step).max(-1.0) + 1.0;
+        (0..count as usize).map(move |i| {
+            let drop = self.regressed_on(waves.iter().copied(), &self.projection).0;
+            for ((s, c), (by_s, by_c)) in waves.iter_mut().zip(&turned) {
+                (*s, *c) = (*s * by_c + *c * by_s, *c * by_c - *s * by_s);
+            }
+            (first + step * i as f64, drop)
+        })
+    }
+
+    /// [`Self::regressed`] for a term whose sine and cosine are `waves` at the poses.
+    fn regressed_on(
+        &self,
+        waves: impl Iterator<Item = (f64, f64)>,
+        projection: &[f64],
+    ) -> (f64, [f64; 2]) {
         let (mut ss, mut sc, mut cc, mut bs, mut bc) = (0.0, 0.0, 0.0, 0.0, 0.0);
-        for ((q, b), w) in self.q.iter().zip(projection).zip(&self.weight) {
-            let (s, c) = (cycles * q).sin_cos();
+        for (((s, c), b), w) in waves.zip(projection).zip(&self.weight) {
             ss += w * s * s;
             sc += w * s * c;
             cc += w * c * c;
@@ -85,13 +109,12 @@ impl Contracted {
                 w * (sin * s + cos * c)
             })
             .collect();
-        let count = ((RANGE.1 - LOWEST_ALIAS) / step) as usize;
-        (0..=count)
-            .map(|i| LOWEST_ALIAS + step * i as f64)
-            .filter(|k| (k - peak.cycles).abs() > width)
-            .find(|k| {
-                whole - self.drop(*k) < DISTINGUISHED && self.regressed(*k, &term).0 > ALIKE * whole
+        self.scan(LOWEST_ALIAS, RANGE.1, step)
+            .filter(|(k, _)| (k - peak.cycles).abs() > width)
+            .find(|(k, drop)| {
+                whole - drop < DISTINGUISHED && self.regressed(*k, &term).0 > ALIKE * whole
             })
+            .map(|(k, _)| k)
     }
 }
 
@@ -149,9 +172,7 @@ pub fn peaks(
             drop: 0.0,
             alias: None,
         };
-        let mut cycles = first;
-        while cycles <= RANGE.1 {
-            let drop = data.drop(cycles);
+        for (cycles, drop) in data.scan(first, RANGE.1, step) {
             if drop > best.drop {
                 best = Peak {
                     cycles,
@@ -159,7 +180,6 @@ pub fn peaks(
                     ..best
                 };
             }
-            cycles += step;
         }
         let mut best = refine(&data, best, step);
         if best.drop > SIGNIFICANT {

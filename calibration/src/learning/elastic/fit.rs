@@ -1,7 +1,6 @@
 //! The elastic model, fitted: parameters first, then gear ripple, then everything together with the processes.
 
 use faer::Mat;
-use faer::linalg::solvers::Solve;
 use poegp_runtime::elastic::ripple::RippleTerm;
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
@@ -175,6 +174,7 @@ pub fn fit(
             waves: &waves,
             layout: h,
             processes: true,
+            threads: context.threads(),
         };
         let solution = evidence.solve(&hyper)?;
         let error = state.step(&solution.parameters, &linear, samples, scales);

@@ -141,6 +141,7 @@ impl<'a> HyperparameterSearch<'a> {
             inputs: &inputs,
             layout,
             processes,
+            threads: self.context.threads(),
         };
         use_it(&Posterior {
             likelihood: HyperparameterObjective::new(&evidence),

@@ -5,17 +5,19 @@
 //! G_c(i,j) = J_icᵀ W_ij J_jc, against ∂K_c. Kernels are the runtime's.
 
 use std::cell::RefCell;
+use std::ops::Range;
 
-use faer::linalg::solvers::{Llt, Solve};
-use faer::{Mat, Side};
+use faer::linalg::matmul::matmul;
+use faer::{Accum, Mat, MatMut, Par};
 use poegp_runtime::gp::joint_kernel::JointKernel;
 
 use crate::identification::parametric::state::{Linearised, PriorGroup, ROWS, prior_variance};
 use crate::learning::elastic::hyperparameters::{DEFLECTION_UNIT, HyperLayout};
 use crate::learning::elastic::inputs::{DistinctPayloads, Inputs};
 use crate::learning::elastic::own_joint_curve::{Waves, gradient_by_order};
-use crate::numeric::cholesky::CholeskyWorkspace;
+use crate::numeric::cholesky::{CholeskyWorkspace, Factor, columns_of};
 use crate::numeric::lbfgs::Objective;
+use crate::numeric::parallel::for_each;
 use poegp_protocol::limits::MAX_JOINTS;
 
 /// The data of the likelihood.
@@ -35,7 +37,12 @@ pub struct MarginalLikelihood<'a> {
     pub layout: HyperLayout,
     /// Whether there are processes of all joints.
     pub processes: bool,
+    /// Threads that work on it; no result depends on it.
+    pub threads: usize,
 }
+
+/// Poses whose columns of a matrix one thread works on at a time.
+const POSES_TOGETHER: usize = 16;
 
 /// Covariances of the joints' deflections, lower triangles, one matrix for each output.
 #[derive(Debug)]
@@ -51,7 +58,7 @@ pub struct Posterior {
     /// S⁻¹ y.
     pub alpha: Mat<f64>,
     /// The factor of S.
-    pub factor: Llt<f64>,
+    pub factor: Factor,
     /// x̂.
     pub parameters: Vec<f64>,
     /// J_cᵀ α for each pose: weights of the processes in deflection units, N × n.
@@ -63,24 +70,24 @@ impl MarginalLikelihood<'_> {
         self.inputs.payloads.len()
     }
 
-    /// K_c, lower triangle, in units of the processes.
-    fn kernel_matrix(
+    /// Some columns of K_c from `first` on, lower triangle, in units of the processes.
+    fn kernel_columns(
         &self,
         kernel: &JointKernel<f64>,
         payloads: &DistinctPayloads,
-        out: &mut Mat<f64>,
+        first: usize,
+        mut out: MatMut<'_, f64>,
     ) {
         let unit = 1.0 / (DEFLECTION_UNIT * DEFLECTION_UNIT);
         let factors = payloads.factors(kernel);
         let mut s = [0.0; MAX_JOINTS];
         let s = &mut s[..self.inputs.kinds.len()];
-        for j in 0..self.poses() {
+        for (j, out) in (first..).zip(columns(&mut out)) {
             let columns: Vec<&[f64]> = self
                 .similarities
                 .iter()
                 .map(|matrix| matrix.col_as_slice(j))
                 .collect();
-            let out = out.col_as_slice_mut(j);
             let factors = &factors[payloads.index[j]];
             for i in j..self.poses() {
                 for (slot, column) in s.iter_mut().zip(&columns) {
@@ -94,61 +101,81 @@ impl MarginalLikelihood<'_> {
 
     /// S, lower triangle, and K_c; beyond it nothing means anything.
     fn covariance(&self, h: &[f64], s: &mut Mat<f64>, out: &mut Covariances) {
-        let rows = self.linear.y.nrows();
         let sd: Vec<f64> = self
             .groups
             .iter()
             .map(|group| prior_variance(*group, h).sqrt())
             .collect();
+        let rows = self.linear.y.nrows();
         let scaled = Mat::from_fn(rows, sd.len(), |i, j| self.linear.a[(i, j)] * sd[j]);
-        faer::linalg::matmul::triangular::matmul(
-            s.as_mut(),
-            faer::linalg::matmul::triangular::BlockStructure::TriangularLower,
-            faer::Accum::Replace,
-            scaled.as_ref(),
-            faer::linalg::matmul::triangular::BlockStructure::Rectangular,
-            scaled.transpose(),
-            faer::linalg::matmul::triangular::BlockStructure::Rectangular,
-            1.0,
-            faer::Par::Seq,
-        );
         let payloads = DistinctPayloads::new(&self.inputs.payloads);
-        for (kernel, matrix) in self.layout.kernels(h).iter().zip(&mut out.kernels) {
-            self.kernel_matrix(kernel, &payloads, matrix);
+        let natural = self.layout.kernels(h);
+        let mut tasks = Vec::new();
+        for (c, matrix) in out.kernels.iter_mut().enumerate() {
+            let columns = columns_of(matrix.as_mut(), POSES_TOGETHER).into_iter();
+            tasks.extend(columns.map(|(first, part)| (c, first, part)));
         }
+        for_each(self.threads, tasks, |(c, first, part)| {
+            self.kernel_columns(&natural[c], &payloads, first, part);
+        });
         if let Some(prior) = self.layout.curve_prior(h) {
-            for (c, (total, waves)) in out.with_curve.iter_mut().zip(self.waves).enumerate() {
+            let kernels = &out.kernels;
+            let tasks = out.with_curve.iter_mut().zip(self.waves).enumerate();
+            for_each(self.threads, tasks.collect(), |(c, (total, waves))| {
                 match waves {
                     Some(waves) => prior.gram(waves, total),
                     None => total.fill(0.0),
                 }
-                if let Some(kernel) = out.kernels.get(c) {
+                if let Some(kernel) = kernels.get(c) {
                     *total += kernel;
                 }
+            });
+        }
+        let kernels = match self.layout.curve {
+            true => &out.with_curve,
+            false => &out.kernels,
+        };
+        let moved = self.columns();
+        let tasks = columns_of(s.as_mut(), ROWS * POSES_TOGETHER);
+        for_each(self.threads, tasks, |(first, mut part)| {
+            let (left, right) = (
+                scaled.subrows(first, rows - first),
+                scaled.subrows(first, part.ncols()),
+            );
+            let below = part.as_mut().subrows_mut(first, rows - first);
+            matmul(
+                below,
+                Accum::Replace,
+                left,
+                right.transpose(),
+                1.0,
+                Par::Seq,
+            );
+            self.add_processes(kernels, &moved, first, part.as_mut());
+            for column in 0..part.ncols() {
+                let r = first + column;
+                let h = h[usize::from(r % ROWS >= 3)];
+                part[(r, column)] += h.exp() * self.linear.relative_noise(r, h).powi(2);
             }
-            self.add_processes(&out.with_curve, s);
-        } else {
-            self.add_processes(&out.kernels, s);
-        }
-        for r in 0..rows {
-            let h = h[usize::from(r % ROWS >= 3)];
-            s[(r, r)] += h.exp() * self.linear.relative_noise(r, h).powi(2);
-        }
+        });
     }
 
-    /// Adds Σ_c (J_c J_cᵀ) ∘ K_c, all outputs in one pass over S.
-    fn add_processes(&self, kernels: &[Mat<f64>], s: &mut Mat<f64>) {
-        let columns = self.columns();
-        for j in 0..self.poses() {
-            let values: Vec<&[f64]> = kernels.iter().map(|k| k.col_as_slice(j)).collect();
-            for r in ROWS * j..ROWS * (j + 1) {
-                let blocks = s.col_as_slice_mut(r).as_chunks_mut::<ROWS>().0;
-                for (i, block) in blocks.iter_mut().enumerate().skip(j) {
-                    for (column, value) in columns.iter().zip(&values) {
-                        let factor = value[i] * column[j][r % ROWS];
-                        for (slot, moved) in block.iter_mut().zip(&column[i]) {
-                            *slot += moved * factor;
-                        }
+    /// Adds Σ_c (J_c J_cᵀ) ∘ K_c to some columns of S from `first` on, all outputs in one pass.
+    fn add_processes(
+        &self,
+        kernels: &[Mat<f64>],
+        moved: &[Vec<[f64; ROWS]>],
+        first: usize,
+        mut s: MatMut<'_, f64>,
+    ) {
+        for (r, column) in (first..).zip(columns(&mut s)) {
+            let j = r / ROWS;
+            let blocks = column.as_chunks_mut::<ROWS>().0;
+            for (i, block) in blocks.iter_mut().enumerate().skip(j) {
+                for (kernel, moved) in kernels.iter().zip(moved) {
+                    let factor = kernel.col_as_slice(j)[i] * moved[j][r % ROWS];
+                    for (slot, moved) in block.iter_mut().zip(&moved[i]) {
+                        *slot += moved * factor;
                     }
                 }
             }
@@ -191,12 +218,10 @@ impl MarginalLikelihood<'_> {
     /// Solves for everything at fixed hyperparameters; `None` when S cannot be factored.
     pub fn solve(&self, h: &[f64]) -> Option<Posterior> {
         let rows = self.linear.y.nrows();
-        let factor = {
-            let mut s = Mat::zeros(rows, rows);
-            self.covariance(h, &mut s, &mut self.no_kernels());
-            s.llt(Side::Lower).ok()?
-        };
-        let alpha = factor.solve(&self.linear.y);
+        let mut s = Mat::zeros(rows, rows);
+        self.covariance(h, &mut s, &mut self.no_kernels());
+        let factor = Factor::new(s, self.threads).ok()?;
+        let alpha = factor.solve(self.linear.y.as_ref());
         let parameters = self.groups.iter().enumerate().map(|(i, group)| {
             let projected: f64 = (0..rows)
                 .map(|r| self.linear.a[(r, i)] * alpha[(r, 0)])
@@ -235,7 +260,7 @@ pub struct HyperparameterObjective<'a> {
 impl<'a> HyperparameterObjective<'a> {
     /// Of this evidence.
     pub fn new(evidence: &'a MarginalLikelihood<'a>) -> Self {
-        let factor = CholeskyWorkspace::new(evidence.linear.y.nrows());
+        let factor = CholeskyWorkspace::new(evidence.linear.y.nrows(), evidence.threads);
         Self {
             evidence,
             workspace: RefCell::new((factor, evidence.no_kernels())),
@@ -262,13 +287,13 @@ impl Objective for HyperparameterObjective<'_> {
             return rejected;
         }
         let mut gradient = vec![0.0; h.len()];
-        let inverse = factor.inverse();
+        evidence.prior_gradient(h, factor, &alpha, &mut gradient);
+        let inverse = factor.lower_inverse();
         for r in 0..rows {
             let w = inverse[(r, r)] - alpha[(r, 0)] * alpha[(r, 0)];
             let i = usize::from(r % ROWS >= 3);
             gradient[i] += 0.5 * w * h[i].exp() * evidence.linear.common_share[r];
         }
-        evidence.prior_gradient(h, inverse, &alpha, &mut gradient);
         evidence.kernel_gradients(h, &kernels.kernels, inverse, &alpha, &mut gradient);
         (value, gradient)
     }
@@ -278,34 +303,31 @@ impl MarginalLikelihood<'_> {
     fn prior_gradient(
         &self,
         h: &[f64],
-        inverse: &Mat<f64>,
+        factor: &CholeskyWorkspace,
         alpha: &Mat<f64>,
         gradient: &mut [f64],
     ) {
-        for (i, group) in [
+        // The squares of L⁻¹A_g add up to the trace of A_gᵀ S⁻¹ A_g.
+        let mut half = self.linear.a.clone();
+        for_each(
+            self.threads,
+            columns_of(half.as_mut(), 8),
+            |(_, columns)| {
+                factor.half_solve_in_place(columns);
+            },
+        );
+        let projected = self.linear.a.transpose() * alpha;
+        for (i, of) in [
             (2, PriorGroup::Frames),
             (3, PriorGroup::Links),
             (4, PriorGroup::Payload),
         ] {
-            let columns: Vec<usize> = (0..self.groups.len())
-                .filter(|j| self.groups[*j] == group)
-                .collect();
-            if columns.is_empty() {
-                continue;
-            }
-            let part = Mat::from_fn(alpha.nrows(), columns.len(), |r, j| {
-                self.linear.a[(r, columns[j])]
-            });
-            let solved = inverse * &part;
-            let projected = part.transpose() * alpha;
             let mut trace = 0.0;
-            for j in 0..columns.len() {
-                trace += (0..part.nrows())
-                    .map(|r| part[(r, j)] * solved[(r, j)])
-                    .sum::<f64>();
+            for (j, _) in self.groups.iter().enumerate().filter(|(_, g)| **g == of) {
+                trace += half.col_as_slice(j).iter().map(|x| x * x).sum::<f64>();
                 trace -= projected[(j, 0)] * projected[(j, 0)];
             }
-            gradient[i] += 0.5 * prior_variance(group, h) * trace;
+            gradient[i] += 0.5 * prior_variance(of, h) * trace;
         }
     }
 
@@ -328,47 +350,55 @@ impl MarginalLikelihood<'_> {
             sum
         };
         let curve = self.layout.curve_prior(h);
-        let mut outputs: Vec<KernelSums<'_>> = columns
+        let outputs: Vec<Output<'_>> = columns
             .iter()
             .enumerate()
-            .map(|(c, column)| KernelSums {
+            .map(|(c, column)| Output {
                 kernel: kernels.get(c).map(|kernel| (&natural[c], kernel)),
-                pairs: curve
-                    .as_ref()
-                    .map(|_| Mat::zeros(self.poses(), self.poses())),
                 column,
                 projected: column.iter().enumerate().map(project).collect(),
-                scales: [0.0; MAX_JOINTS],
-                payload_scale: 0.0,
-                constant: 0.0,
-                slope: 0.0,
             })
             .collect();
-        for j in 0..self.poses() {
-            let blocks: [&[[f64; ROWS]]; ROWS] =
-                std::array::from_fn(|b| inverse.col_as_slice(ROWS * j + b).as_chunks::<ROWS>().0);
-            let similarities: Vec<&[f64]> = self
-                .similarities
-                .iter()
-                .map(|m| m.col_as_slice(j))
-                .collect();
-            let other = self.inputs.payloads[j];
-            for (i, payload) in self.inputs.payloads.iter().enumerate().skip(j) {
-                let block: [[f64; ROWS]; ROWS] = blocks.map(|column| column[i]);
-                let payloads = (*payload, other);
-                for output in &mut outputs {
-                    output.add((i, j), &block, &similarities, payloads);
-                }
+        let mut pairs: Vec<Mat<f64>> = match curve {
+            Some(_) => (0..outputs.len())
+                .map(|_| Mat::zeros(self.poses(), self.poses()))
+                .collect(),
+            None => Vec::new(),
+        };
+        let mut parts: Vec<Part<'_>> = (0..self.poses())
+            .step_by(POSES_TOGETHER)
+            .map(|first| Part {
+                poses: first..self.poses().min(first + POSES_TOGETHER),
+                pairs: Vec::new(),
+                sums: vec![KernelSums::default(); outputs.len()],
+            })
+            .collect();
+        for pairs in &mut pairs {
+            for (part, (_, columns)) in parts
+                .iter_mut()
+                .zip(columns_of(pairs.as_mut(), POSES_TOGETHER))
+            {
+                part.pairs.push(columns);
             }
         }
-        for (c, sums) in outputs.iter().enumerate() {
+        for_each(self.threads, parts.iter_mut().collect(), |part| {
+            self.add_pairs(&outputs, inverse, part);
+        });
+        let mut totals = vec![KernelSums::default(); outputs.len()];
+        for part in &parts {
+            for (total, sums) in totals.iter_mut().zip(&part.sums) {
+                total.add_all(sums);
+            }
+        }
+        drop(parts);
+        for (c, sums) in totals.iter().enumerate() {
             for (d, sum) in sums.scales.iter().take(self.layout.joints).enumerate() {
                 let i = self.layout.scale(c, d);
                 gradient[i] += sum * h[i].exp();
             }
             if let (Some(prior), Some(pairs), Some(waves)) = (
                 &curve,
-                &sums.pairs,
+                pairs.get(c),
                 self.waves.get(c).and_then(Option::as_ref),
             ) {
                 for (k, by_variance) in gradient_by_order(pairs, waves).iter().enumerate() {
@@ -387,31 +417,75 @@ impl MarginalLikelihood<'_> {
     }
 }
 
-/// What one output gathers over all pairs of poses.
-struct KernelSums<'a> {
+/// One joint in the gradient.
+struct Output<'a> {
     /// Of the process of all joints.
     kernel: Option<(&'a JointKernel<f64>, &'a Mat<f64>)>,
-    /// G_c(i, j), half of it on the diagonal, for the own-joint curve.
-    pairs: Option<Mat<f64>>,
     /// J_c of each pose.
     column: &'a [[f64; ROWS]],
     /// J_cᵀ α of each pose.
     projected: Vec<f64>,
+}
+
+/// Some columns of all pairs of poses.
+struct Part<'a> {
+    poses: Range<usize>,
+    /// G_c(i, j), half of it on the diagonal, for the own-joint curve; of each output, if there is a curve.
+    pairs: Vec<MatMut<'a, f64>>,
+    /// Of each output.
+    sums: Vec<KernelSums>,
+}
+
+/// What one output gathers over pairs of poses.
+#[derive(Clone, Debug, Default)]
+struct KernelSums {
     scales: [f64; MAX_JOINTS],
     payload_scale: f64,
     constant: f64,
     slope: f64,
 }
 
-impl KernelSums<'_> {
-    /// Adds the pair (i, j), `block` its part of S⁻¹ by columns.
-    fn add(
-        &mut self,
-        (i, j): (usize, usize),
-        block: &[[f64; ROWS]; ROWS],
-        similarities: &[&[f64]],
-        (m, other): (f64, f64),
-    ) {
+impl KernelSums {
+    fn add_all(&mut self, other: &Self) {
+        for (sum, part) in self.scales.iter_mut().zip(&other.scales) {
+            *sum += part;
+        }
+        self.payload_scale += other.payload_scale;
+        self.constant += other.constant;
+        self.slope += other.slope;
+    }
+}
+
+impl MarginalLikelihood<'_> {
+    /// Adds the pairs of a part, all outputs in one pass over S⁻¹.
+    fn add_pairs(&self, outputs: &[Output<'_>], inverse: &Mat<f64>, part: &mut Part<'_>) {
+        for j in part.poses.clone() {
+            let blocks: [&[[f64; ROWS]]; ROWS] =
+                std::array::from_fn(|b| inverse.col_as_slice(ROWS * j + b).as_chunks::<ROWS>().0);
+            let similarities: Vec<&[f64]> = self
+                .similarities
+                .iter()
+                .map(|m| m.col_as_slice(j))
+                .collect();
+            let other = self.inputs.payloads[j];
+            for (i, payload) in self.inputs.payloads.iter().enumerate().skip(j) {
+                let block: [[f64; ROWS]; ROWS] = blocks.map(|column| column[i]);
+                let payloads = (*payload, other);
+                for (c, output) in outputs.iter().enumerate() {
+                    let half = output.contracted((i, j), &block);
+                    if let Some(pairs) = part.pairs.get_mut(c) {
+                        pairs[(i, j - part.poses.start)] = half;
+                    }
+                    output.add((i, j), half, &similarities, payloads, &mut part.sums[c]);
+                }
+            }
+        }
+    }
+}
+
+impl Output<'_> {
+    /// G_c(i, j), half of it on the diagonal; `block` is its part of S⁻¹ by columns.
+    fn contracted(&self, (i, j): (usize, usize), block: &[[f64; ROWS]; ROWS]) -> f64 {
         let mut g = -self.projected[i] * self.projected[j];
         for (part, jb) in block.iter().zip(&self.column[j]) {
             let mut sum = 0.0;
@@ -420,20 +494,36 @@ impl KernelSums<'_> {
             }
             g += sum * jb;
         }
-        let half = if i == j { 0.5 } else { 1.0 } * g;
-        if let Some(pairs) = &mut self.pairs {
-            pairs[(i, j)] = half;
-        }
+        if i == j { 0.5 * g } else { g }
+    }
+
+    /// Adds the pair (i, j), whose G_c is `half`.
+    fn add(
+        &self,
+        (i, j): (usize, usize),
+        half: f64,
+        similarities: &[&[f64]],
+        (m, other): (f64, f64),
+        sums: &mut KernelSums,
+    ) {
         let Some((natural, kernel)) = self.kernel else {
             return;
         };
         let weight = half * kernel[(i, j)];
-        for (sum, s) in self.scales.iter_mut().zip(similarities) {
+        for (sum, s) in sums.scales.iter_mut().zip(similarities) {
             *sum += weight * (s[i] - 1.0);
         }
-        self.payload_scale -= weight * (m - other) * (m - other);
+        sums.payload_scale -= weight * (m - other) * (m - other);
         let amplitude = natural.amplitude + natural.payload_amplitude * m * other;
-        self.constant += weight * natural.amplitude / amplitude;
-        self.slope += weight * natural.payload_amplitude * m * other / amplitude;
+        sums.constant += weight * natural.amplitude / amplitude;
+        sums.slope += weight * natural.payload_amplitude * m * other / amplitude;
     }
+}
+
+/// The columns of a part of a matrix, each as a slice.
+fn columns<'a>(part: &'a mut MatMut<'_, f64>) -> impl Iterator<Item = &'a mut [f64]> {
+    part.as_mut().col_iter_mut().map(|column| {
+        let column = column.try_as_col_major_mut();
+        column.map_or(&mut [][..], |column| column.as_slice_mut())
+    })
 }

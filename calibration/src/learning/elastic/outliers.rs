@@ -142,11 +142,11 @@ pub fn leave_one_out(fit: &ElasticFit, samples: &[BaseSample]) -> LeaveOneOut {
     let Some(solved) = &fit.solved else {
         return out;
     };
-    let inverse = solved.factor.inverse();
+    let blocks = solved.factor.inverse_blocks(ROWS);
     let mut standardised: Standardised = [Vec::new(), Vec::new()];
     for (k, sample) in samples.iter().enumerate() {
         let rows = sample.observation.equations();
-        let block = Mat::from_fn(rows, rows, |i, j| inverse[(ROWS * k + i, ROWS * k + j)]);
+        let block = blocks[k].submatrix(0, 0, rows, rows);
         let alpha = Mat::from_fn(rows, 1, |i, _| solved.alpha[(ROWS * k + i, 0)]);
         // The error of the pose left out is the block's inverse times α, and that inverse its covariance.
         let Ok(factor) = block.llt(Side::Lower) else {

@@ -173,7 +173,7 @@ fn payloads_left_out(solved: &Posterior, samples: &[BaseSample]) -> Option<[f64;
     if !(2..=MAX_GROUPS).contains(&payloads.len()) {
         return None;
     }
-    let inverse = solved.factor.inverse();
+    let inverse = solved.factor.lower_inverse();
     let mut all: Standardised = [Vec::new(), Vec::new()];
     for payload in payloads {
         let rows: Vec<usize> = (0..samples.len())
@@ -184,7 +184,9 @@ fn payloads_left_out(solved: &Posterior, samples: &[BaseSample]) -> Option<[f64;
             })
             .collect();
         // The errors of the rows left out are the block's inverse times α, and that inverse is their covariance.
-        let block = Mat::from_fn(rows.len(), rows.len(), |i, j| inverse[(rows[i], rows[j])]);
+        let block = Mat::from_fn(rows.len(), rows.len(), |i, j| {
+            inverse[(rows[i.max(j)], rows[i.min(j)])]
+        });
         let alpha = Mat::from_fn(rows.len(), 1, |i, _| solved.alpha[(rows[i], 0)]);
         let factor = block.llt(Side::Lower).ok()?;
         let (error, covariance) = (factor.solve(&alpha), factor.inverse());

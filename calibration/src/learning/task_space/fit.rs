@@ -129,7 +129,7 @@ fn maximise_from(
     let objective = NegativeLogLikelihood {
         pairs,
         outputs,
-        workspace: RefCell::new(LikelihoodWorkspace::new(outputs.nrows())),
+        workspace: RefCell::new(LikelihoodWorkspace::new(outputs.nrows(), context.threads())),
     };
     let mut bounds = BOUNDS.map(|(lower, upper)| (lower.ln(), upper.ln()));
     bounds[0].1 = max_signal_variance.ln();

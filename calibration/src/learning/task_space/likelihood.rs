@@ -29,11 +29,11 @@ pub struct LikelihoodWorkspace {
 }
 
 impl LikelihoodWorkspace {
-    /// For n points.
-    pub fn new(n: usize) -> Self {
+    /// For n points, worked on by `threads`.
+    pub fn new(n: usize, threads: usize) -> Self {
         Self {
             correlations: Mat::zeros(n, n),
-            factor: CholeskyWorkspace::new(n),
+            factor: CholeskyWorkspace::new(n, threads),
             column: vec![0.0; n],
         }
     }
@@ -48,7 +48,7 @@ pub fn log_marginal_likelihood(
     outputs: &Mat<f64>,
     h: &Hyperparameters,
 ) -> Result<Likelihood, NotPositiveDefinite> {
-    let mut workspace = LikelihoodWorkspace::new(outputs.nrows());
+    let mut workspace = LikelihoodWorkspace::new(outputs.nrows(), 1);
     log_marginal_likelihood_in(&mut workspace, pairs, outputs, h)
 }
 

@@ -34,6 +34,7 @@ use poegp_calibration::model::config::Config;
 use poegp_calibration::model::correction::Correction;
 use poegp_calibration::model::identified::of_calibration;
 use poegp_calibration::model::{Calibration, Method};
+use poegp_calibration::numeric::parallel::threads;
 use poegp_calibration::numeric::statistics::ErrorSummary;
 use poegp_calibration::progress::NEVER;
 use poegp_calibration::trust::{Cause, Finding, Findings, Tier};
@@ -238,6 +239,7 @@ fn selection<'a>(
         seed: 1,
         origin,
         cancel,
+        threads: threads(),
     }
 }
 

@@ -17,6 +17,7 @@ use poegp_calibration::measurement::MeasurementSet;
 use poegp_calibration::measurement::sample::{InstrumentSample, different_poses};
 use poegp_calibration::model::config::Config;
 use poegp_calibration::model::{CalibrationError, Method};
+use poegp_calibration::numeric::parallel::threads;
 use poegp_calibration::progress::NEVER;
 use poegp_calibration::validation::cross_validation::{
     ModelComparison, SetErrors, Task, TestSet, applicable,
@@ -75,6 +76,7 @@ pub fn held_out(
         seed: SEED,
         origin,
         cancel: &NEVER,
+        threads: threads(),
     };
     let loaded = |samples: &[InstrumentSample]| samples.iter().all(|s| s.payload_kg.is_some());
     if options.method == Method::PoeGpLoad

@@ -1,0 +1,51 @@
+//! No byte of a model and no held-out error depends on the number of threads.
+
+use poegp_calibration::blob::write::calibrate_to_blob;
+use poegp_calibration::measurement::sample::ToolName;
+use poegp_calibration::model::Method;
+use poegp_calibration::model::config::Config;
+use poegp_calibration::progress::FitContext;
+use poegp_calibration::validation::cross_validation::Task;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+
+use crate::own_joint_curve::{Curves, anywhere, measured, robot};
+use crate::{origin, task};
+
+/// With an own-joint curve, so that every matrix is in it, and with payloads and two tools for the paper's process.
+#[test]
+fn no_byte_depends_on_the_number_of_threads() {
+    let mut random = ChaCha8Rng::seed_from_u64(4);
+    let curves = Curves::draw(6, 18, 3e-4, &mut random);
+    let mut train = measured(&curves, 70, &mut random, anywhere);
+    for (i, sample) in train.iter_mut().enumerate() {
+        sample.payload_kg = Some([0.5, 2.0, 4.0][i % 3]);
+    }
+    let (robot, origin) = (robot(), origin(vec![ToolName::default()]));
+    for method in [Method::Elastic, Method::PoeGpLoad] {
+        let config = Config::new(method);
+        let on = |threads: usize| {
+            let context = FitContext::default().with_threads(threads);
+            let found = calibrate_to_blob(&robot, &train, &config, &origin, &context).unwrap();
+            let task = Task {
+                threads,
+                ..task(&robot, &train, &[], 3, &origin)
+            };
+            let held_out = task.held_out(&config, &mut || ()).unwrap();
+            let errors: Vec<u64> = held_out.iter().map(|e| e.position_mm.to_bits()).collect();
+            let curve = found
+                .calibration
+                .correction
+                .elastic()
+                .map(|e| e.report.curve.is_some());
+            (found.blob.bytes().to_vec(), errors, curve)
+        };
+        let one = on(1);
+        if method == Method::Elastic {
+            assert_eq!(one.2, Some(true), "no curve is tested");
+        }
+        for threads in [2, 16] {
+            assert!(on(threads) == one, "{method:?} on {threads} threads");
+        }
+    }
+}
