@@ -2,7 +2,7 @@
 
 project.toml, the project file of `trainer calibrate` (docs/guide/projects.md), says how; where the outputs go is said here.
 
-Exit code 0 with an answer, and that the trainer refused the data (1 or 2 of its exit codes) is one. Anything else, as a
+Exit code 0 with an answer, and that the trainer refused the data (1, 2 or 3 of its exit codes) is one. Anything else, as a
 signal or a full disk, is none: the engine tries again.
 """
 
@@ -30,12 +30,14 @@ def main() -> None:
     parser.add_argument("--trainer", default="trainer")
     parser.add_argument("--robot", type=pathlib.Path, required=True)
     parser.add_argument("--out", type=pathlib.Path, required=True)
+    parser.add_argument("--threads", type=int, default=1)
     arguments = parser.parse_args()
     folder, out = arguments.robot, arguments.out
     out.mkdir(parents=True, exist_ok=True)
     robot = read(folder / "project.toml")
     command = [arguments.trainer, "calibrate", str(folder / "project.toml"), "--out", str(out / "arm.blob")]
     command += ["--report", str(out / "report.html"), "--json", str(out / "calibrate.json")]
+    command += ["--threads", str(arguments.threads)]
     if "serial_number" not in robot:
         command += ["--serial-number", folder.name]
     start = time.monotonic()
@@ -44,7 +46,7 @@ def main() -> None:
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     (out / "log.txt").write_text(done.stdout + done.stderr, encoding="utf-8")
     is_output_lost = ": not written: " in done.stderr
-    if done.returncode not in (0, 1, 2) or is_output_lost:
+    if done.returncode not in (0, 1, 2, 3) or is_output_lost:
         sys.exit(f"{folder}: the trainer ended with {done.returncode}\n{done.stderr}")
     message = ""
     if done.returncode != 0:

@@ -26,6 +26,7 @@ mod simulate;
 mod terminal;
 
 use std::ffi::OsString;
+use std::num::NonZeroUsize;
 use std::io::Write;
 use std::process::ExitCode;
 
@@ -60,6 +61,9 @@ pub struct Arguments {
     /// Print errors only. Output files and `--json -` are still written.
     #[arg(long, short, global = true)]
     pub quiet: bool,
+    /// Compute on at most N threads (default: one for each core). No result depends on it.
+    #[arg(long, global = true, value_name = "N")]
+    pub threads: Option<NonZeroUsize>,
     /// Command.
     #[command(subcommand)]
     pub command: Command,
@@ -120,6 +124,9 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     };
     if arguments.quiet {
         terminal::print::be_quiet();
+    }
+    if let Some(threads) = arguments.threads {
+        poegp_calibration::numeric::parallel::limit_threads(threads);
     }
     let result = match arguments.command {
         Command::Plan(a) => plan::run(&a),
