@@ -155,7 +155,7 @@ fn likelihood(c: &mut Criterion) {
     let gp = &found.correction.task_space().unwrap().gp;
     let (pairs, scaled) = (Pairs::new(&gp.inputs), scale_outputs(&residuals).1);
     let column = Mat::from_fn(scaled.nrows(), 1, |i, _| scaled[(i, 0)]);
-    let mut workspace = LikelihoodWorkspace::new(scaled.nrows());
+    let mut workspace = LikelihoodWorkspace::new(scaled.nrows(), 1);
     let mut group = c.benchmark_group("likelihood and gradient, N = 300");
     for (name, outputs) in [("shared by 6 outputs", &scaled), ("one output", &column)] {
         group.bench_function(name, |b| {

@@ -205,7 +205,7 @@ impl Factor {
         whole
     }
 
-    /// The blocks of `rows` rows and columns on the diagonal of the inverse; `rows` divides [`STEP`].
+    /// The blocks of `rows` rows and columns on the diagonal of the inverse; `rows` divides 48.
     pub fn inverse_blocks(&self, rows: usize) -> Vec<Mat<f64>> {
         let n = self.lower.nrows();
         let size = tile(n);

@@ -26,8 +26,8 @@ mod simulate;
 mod terminal;
 
 use std::ffi::OsString;
-use std::num::NonZeroUsize;
 use std::io::Write;
+use std::num::NonZeroUsize;
 use std::process::ExitCode;
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
