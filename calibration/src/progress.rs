@@ -5,9 +5,22 @@
 //! needs fewer. Nothing here changes what is computed.
 
 use std::cell::Cell;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::num::NonZeroUsize;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
-use crate::numeric::parallel::threads;
+/// What [`limit_threads`] was given.
+static LIMIT: AtomicUsize = AtomicUsize::new(usize::MAX);
+
+/// Limits what [`threads`] says from now on, in the whole process.
+pub fn limit_threads(most: NonZeroUsize) {
+    LIMIT.store(most.get(), Ordering::Relaxed);
+}
+
+/// The number of threads to work with: one for each core that this process may use, within the limit.
+pub fn threads() -> usize {
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    cores.min(LIMIT.load(Ordering::Relaxed))
+}
 
 /// A listener for the progress of a fit.
 pub trait Progress {

@@ -8,7 +8,8 @@ use poegp_runtime::correct::Corrected;
 use poegp_runtime::model::Evaluation;
 
 use crate::blob::predict::{BlobModel, Prediction};
-use crate::numeric::parallel::{map_all, threads};
+use crate::numeric::parallel::map_all;
+use crate::progress::threads;
 
 /// The controller's joints (rad or m, base first), and the payload in kg where it is known.
 pub type Configuration<'a> = (&'a [f64], Option<f64>);

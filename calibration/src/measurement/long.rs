@@ -16,7 +16,8 @@ use crate::measurement::sample::{InstrumentSample, ToolName, sample, samples, to
 use crate::measurement::set::{Measurement, MeasurementSet};
 use crate::measurement::table::{Part, Table, check_width, no_rows};
 use crate::measurement::validate::{JointChecks, JointLimits};
-use crate::numeric::parallel::{in_order, threads};
+use crate::numeric::parallel::in_order;
+use crate::progress::threads;
 use crate::robot::Robot;
 
 /// Bytes from which on a file is long: some 18 000 rows with orientations.

@@ -1,27 +1,11 @@
 //! Work on all cores, in chunks whose results come in order or in tasks of their own: no result depends on the number of
 //! threads.
 
-use std::num::NonZeroUsize;
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
 /// Chunks that wait for each thread, and results that wait to be taken from it.
 const WAITING: usize = 2;
-
-/// What [`limit_threads`] was given.
-static LIMIT: AtomicUsize = AtomicUsize::new(usize::MAX);
-
-/// Limits what [`threads`] says from now on, in the whole process.
-pub fn limit_threads(most: NonZeroUsize) {
-    LIMIT.store(most.get(), Ordering::Relaxed);
-}
-
-/// The number of threads to work with: one for each core that this process may use, within the limit.
-pub fn threads() -> usize {
-    let cores = std::thread::available_parallelism().map_or(1, usize::from);
-    cores.min(LIMIT.load(Ordering::Relaxed))
-}
 
 /// Gives every item of `next` to `work` on one of `threads` threads, and every result to `take` in the order of the items.
 ///

@@ -13,8 +13,9 @@ use crate::measurement::sample::InstrumentSample;
 use crate::measurement::samples::Samples;
 use crate::model::Method;
 use crate::model::config::Config;
-use crate::numeric::parallel::{in_order, threads};
+use crate::numeric::parallel::in_order;
 use crate::numeric::statistics::{ErrorSummary, PoseError};
+use crate::progress::threads;
 use std::sync::atomic::AtomicBool;
 
 use crate::progress::{FitContext, NEVER};

@@ -2,8 +2,8 @@
 
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::Config;
-use poegp_calibration::numeric::parallel::threads;
 use poegp_calibration::progress::NEVER;
+use poegp_calibration::progress::threads;
 use poegp_calibration::validation::cross_validation::Task;
 use poegp_calibration::validation::model_selection::{Candidate, FOLDS, select_model};
 

@@ -20,9 +20,9 @@ mod tools;
 use poegp_calibration::blob::write::{CalibratedBlob, Provenance, calibrate_to_blob};
 use poegp_calibration::measurement::sample::{InstrumentSample, ToolName};
 use poegp_calibration::model::config::Config;
-use poegp_calibration::numeric::parallel::threads as all_threads;
 use poegp_calibration::progress::FitContext;
 use poegp_calibration::progress::NEVER;
+use poegp_calibration::progress::threads as all_threads;
 use poegp_calibration::robot::Robot;
 use poegp_calibration::validation::cross_validation::{Task, TestSet};
 

@@ -17,7 +17,7 @@ use poegp_calibration::measurement as measurements;
 use poegp_calibration::measurement::sample::{InstrumentSample, ToolName, samples};
 use poegp_calibration::model::config::Config;
 use poegp_calibration::model::{Calibration, Method};
-use poegp_calibration::numeric::parallel::threads;
+use poegp_calibration::progress::threads;
 use poegp_calibration::progress::{FitContext, NEVER};
 use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_calibration::trust::examine;

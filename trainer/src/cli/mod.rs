@@ -126,7 +126,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         terminal::print::be_quiet();
     }
     if let Some(threads) = arguments.threads {
-        poegp_calibration::numeric::parallel::limit_threads(threads);
+        poegp_calibration::progress::limit_threads(threads);
     }
     let result = match arguments.command {
         Command::Plan(a) => plan::run(&a),

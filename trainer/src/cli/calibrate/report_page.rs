@@ -17,8 +17,8 @@ use poegp_calibration::measurement::MeasurementSet;
 use poegp_calibration::measurement::sample::{InstrumentSample, different_poses};
 use poegp_calibration::model::config::Config;
 use poegp_calibration::model::{CalibrationError, Method};
-use poegp_calibration::numeric::parallel::threads;
 use poegp_calibration::progress::NEVER;
+use poegp_calibration::progress::threads;
 use poegp_calibration::validation::cross_validation::{
     ModelComparison, SetErrors, Task, TestSet, applicable,
 };

@@ -22,7 +22,8 @@ use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::measurement::JointChecks;
 use poegp_calibration::measurement::joint_targets::{Target, TargetColumns, TargetReader};
-use poegp_calibration::numeric::parallel::{in_order, threads};
+use poegp_calibration::numeric::parallel::in_order;
+use poegp_calibration::progress::threads;
 
 /// The columns that are added.
 const ADDED: [&str; 5] = [
