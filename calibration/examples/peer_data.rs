@@ -162,7 +162,7 @@ fn process(data: &Data, per_output: bool, weighted: bool) -> Answer {
             &residuals,
             sharing,
             &SignalVarianceLimit::HIGHEST,
-            &FitContext::default(),
+            &FitContext::default().with_threads(1),
         )?;
         Ok((gp, cpu_seconds()? - start))
     };
@@ -263,7 +263,7 @@ fn one_fold(
             train,
             &options,
             &origin,
-            &FitContext::default(),
+            &FitContext::default().with_threads(1),
         )?;
         let summary = ErrorSummary::new(&made.blob.errors(test));
         errors.insert(name.to_owned(), json!(summary.position_mm.mean));

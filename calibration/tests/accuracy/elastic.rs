@@ -67,8 +67,14 @@ impl Cell {
         let (robot, _) = &self.arm;
         let CalibratedBlob {
             calibration, blob, ..
-        } = calibrate_to_blob(robot, train, &options, &origin(1), &FitContext::default())
-            .unwrap_or_else(|e| panic!("{e}"));
+        } = calibrate_to_blob(
+            robot,
+            train,
+            &options,
+            &origin(1),
+            &FitContext::default().with_threads(1),
+        )
+        .unwrap_or_else(|e| panic!("{e}"));
         let seconds = clock.seconds();
         let test: Vec<_> = self.test.iter().filter(|(s, _)| wanted(s)).collect();
         let samples: Vec<InstrumentSample> = test.iter().map(|(s, _)| s.clone()).collect();

@@ -17,7 +17,6 @@ use poegp_calibration::measurement as measurements;
 use poegp_calibration::measurement::sample::{InstrumentSample, ToolName, samples};
 use poegp_calibration::model::config::Config;
 use poegp_calibration::model::{Calibration, Method};
-use poegp_calibration::progress::threads;
 use poegp_calibration::progress::{FitContext, NEVER};
 use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_calibration::trust::examine;
@@ -36,6 +35,11 @@ fn cpu_seconds() -> f64 {
         std::fs::read_to_string(path).unwrap_or_else(|e| panic!("{path}, of Linux only: {e}"));
     let nanoseconds = text.split_whitespace().next().unwrap();
     1e-9 * nanoseconds.parse::<u64>().unwrap() as f64
+}
+
+/// The time of a thread is that of the whole fit on one thread only.
+fn one_thread() -> FitContext<'static> {
+    FitContext::default().with_threads(1)
 }
 
 /// The arm and 300 simulated poses of `tests/data`.
@@ -60,8 +64,7 @@ fn calibrated(method: Method) -> (Calibration, BlobModel, Vec<InstrumentSample>,
     };
     let start = cpu_seconds();
     let options = Config::new(method);
-    let found =
-        calibrate_to_blob(&robot, &samples, &options, &origin, &FitContext::default()).unwrap();
+    let found = calibrate_to_blob(&robot, &samples, &options, &origin, &one_thread()).unwrap();
     let seconds = cpu_seconds() - start;
     (found.calibration, found.blob, samples, seconds)
 }
@@ -179,7 +182,7 @@ fn the_choice_of_a_model() {
         seed: 1,
         origin: &origin,
         cancel: &NEVER,
-        threads: threads(),
+        threads: 1,
     };
     let all = candidates(&samples, robot.joints.len(), &Config::default());
     // The better of two: another program may take the core's caches.
