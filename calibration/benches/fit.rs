@@ -13,9 +13,8 @@ use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::blob::write::{Provenance, calibrate_to_blob};
 use poegp_calibration::identification::frame_fit::{ResidualFrame, residual_components};
 use poegp_calibration::learning::elastic::fit::fit;
-use poegp_calibration::learning::elastic::likelihood::{
-    HyperparameterObjective, MarginalLikelihood,
-};
+use poegp_calibration::learning::elastic::hyperparameter_objective::HyperparameterObjective;
+use poegp_calibration::learning::elastic::likelihood::MarginalLikelihood;
 use poegp_calibration::learning::elastic::options::{ElasticOptions, NominalArm};
 use poegp_calibration::learning::elastic::solution::ElasticFit;
 use poegp_calibration::learning::task_space::likelihood::{

@@ -4,7 +4,9 @@
 use faer::Mat;
 use nalgebra::Vector3;
 use poegp_calibration::identification::base_tools::fit_base_and_tools;
-use poegp_calibration::identification::parametric::state::{Layout, ParametricModel, PriorGroup};
+use poegp_calibration::identification::parametric::state::{
+    Layout, Linearised, ParametricModel, PriorGroup,
+};
 use poegp_calibration::learning::elastic::hyperparameters::{COMMON, DEFLECTION_UNIT, HyperLayout};
 use poegp_calibration::learning::elastic::inputs::Inputs;
 use poegp_calibration::learning::elastic::likelihood::MarginalLikelihood;
@@ -103,6 +105,25 @@ fn apart(ours: &[Pose<f64>], theirs: &[Pose<f64>]) -> (f64, f64) {
     })
 }
 
+/// With processes of all joints and no curve.
+fn likelihood<'a>(
+    linear: &'a Linearised,
+    groups: &'a [PriorGroup],
+    (inputs, similarities): (&'a Inputs, &'a [Mat<f64>]),
+    layout: HyperLayout,
+) -> MarginalLikelihood<'a> {
+    MarginalLikelihood {
+        linear,
+        groups,
+        inputs,
+        similarities,
+        waves: &[],
+        layout,
+        processes: true,
+        threads: 2,
+    }
+}
+
 #[test]
 fn weights_deflections_and_poses_are_numpys() {
     let file = parse(BLOCK_GP);
@@ -129,16 +150,7 @@ fn weights_deflections_and_poses_are_numpys() {
     let mut solve = || {
         state.deviation.fill(0.0);
         let linear = state.linearise(&train, scales);
-        let evidence = MarginalLikelihood {
-            linear: &linear,
-            groups: &groups,
-            inputs: &inputs,
-            similarities: &similarities,
-            waves: &[],
-            layout,
-            processes: true,
-            threads: 2,
-        };
+        let evidence = likelihood(&linear, &groups, (&inputs, &similarities), layout);
         let solved = evidence.solve(&h).unwrap();
         state.update(&solved.parameters);
         solved
@@ -227,16 +239,7 @@ fn the_gradient_is_that_of_differences() {
             payload,
             curve: false,
         };
-        let evidence = MarginalLikelihood {
-            linear: &linear,
-            groups: &groups,
-            inputs: &inputs,
-            similarities: &similarities,
-            waves: &[],
-            layout,
-            processes: true,
-            threads: 2,
-        };
+        let evidence = likelihood(&linear, &groups, (&inputs, &similarities), layout);
         // Away from the start, where outputs are alike; priors stay large enough to matter.
         let mut h = layout.start_and_bounds(4.0).0;
         for (i, value) in h.iter_mut().enumerate() {

@@ -5,9 +5,10 @@ use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 
 use crate::identification::parametric::state::ParametricModel;
+use crate::learning::elastic::hyperparameter_objective::HyperparameterObjective;
 use crate::learning::elastic::hyperparameters::{DEFLECTION_UNIT, HyperLayout};
 use crate::learning::elastic::inputs::Inputs;
-use crate::learning::elastic::likelihood::{HyperparameterObjective, MarginalLikelihood};
+use crate::learning::elastic::likelihood::MarginalLikelihood;
 use crate::learning::elastic::options::{ElasticOptions, mean_payload};
 use crate::measurement::noise::NoiseScales;
 use crate::measurement::sample::BaseSample;

@@ -2,10 +2,7 @@
 //!
 //! S = Σ_g λ_g A_g A_gᵀ + Σ_c (J_c J_cᵀ) ∘ K_c + noise, and with α = S⁻¹y, W = S⁻¹ − ααᵀ the derivative of
 //! −log p = ½ yᵀS⁻¹y + ½ log|S| by anything is ½ Σ W ∘ ∂S. For a kernel that contracts to an N×N matrix,
-//! G_c(i,j) = J_icᵀ W_ij J_jc, against ∂K_c. Kernels are the runtime's.
-
-use std::cell::RefCell;
-use std::ops::Range;
+//! G_c(i,j) = J_icᵀ W_ij J_jc, against ∂K_c (`hyperparameter_objective.rs`). Kernels are the runtime's.
 
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatMut, Par};
@@ -14,9 +11,8 @@ use poegp_runtime::gp::joint_kernel::JointKernel;
 use crate::identification::parametric::state::{Linearised, PriorGroup, ROWS, prior_variance};
 use crate::learning::elastic::hyperparameters::{DEFLECTION_UNIT, HyperLayout};
 use crate::learning::elastic::inputs::{DistinctPayloads, Inputs};
-use crate::learning::elastic::own_joint_curve::{Waves, gradient_by_order};
-use crate::numeric::cholesky::{CholeskyWorkspace, Factor, columns_of};
-use crate::numeric::lbfgs::Objective;
+use crate::learning::elastic::own_joint_curve::Waves;
+use crate::numeric::cholesky::{Factor, columns_of};
 use crate::numeric::parallel::for_each;
 use poegp_protocol::limits::MAX_JOINTS;
 
@@ -42,13 +38,13 @@ pub struct MarginalLikelihood<'a> {
 }
 
 /// Poses whose columns of a matrix one thread works on at a time.
-const POSES_TOGETHER: usize = 16;
+pub(super) const POSES_TOGETHER: usize = 16;
 
 /// Covariances of the joints' deflections, lower triangles, one matrix for each output.
 #[derive(Debug)]
-struct Covariances {
+pub(super) struct Covariances {
     /// K_c of the processes of all joints; empty when there are none.
-    kernels: Vec<Mat<f64>>,
+    pub(super) kernels: Vec<Mat<f64>>,
     /// The same with the own-joint curve; empty when there is none.
     with_curve: Vec<Mat<f64>>,
 }
@@ -66,7 +62,7 @@ pub struct Posterior {
 }
 
 impl MarginalLikelihood<'_> {
-    fn poses(&self) -> usize {
+    pub(super) fn poses(&self) -> usize {
         self.inputs.payloads.len()
     }
 
@@ -100,7 +96,7 @@ impl MarginalLikelihood<'_> {
     }
 
     /// S, lower triangle, and K_c; beyond it nothing means anything.
-    fn covariance(&self, h: &[f64], s: &mut Mat<f64>, out: &mut Covariances) {
+    pub(super) fn covariance(&self, h: &[f64], s: &mut Mat<f64>, out: &mut Covariances) {
         let sd: Vec<f64> = self
             .groups
             .iter()
@@ -183,7 +179,7 @@ impl MarginalLikelihood<'_> {
     }
 
     /// J_c in units of the processes, pose by pose; none when there are no processes.
-    fn columns(&self) -> Vec<Vec<[f64; ROWS]>> {
+    pub(super) fn columns(&self) -> Vec<Vec<[f64; ROWS]>> {
         let jacobian = &self.linear.jacobian;
         let at = |k: usize, c: usize| -> [f64; ROWS] {
             std::array::from_fn(|b| DEFLECTION_UNIT * jacobian[(ROWS * k + b, c)])
@@ -203,7 +199,7 @@ impl MarginalLikelihood<'_> {
     }
 
     /// Room for K_c.
-    fn no_kernels(&self) -> Covariances {
+    pub(super) fn no_kernels(&self) -> Covariances {
         let room = |is_needed: bool| {
             let outputs = if is_needed { self.layout.joints } else { 0 };
             let empty = |_| Mat::zeros(self.poses(), self.poses());
@@ -241,282 +237,6 @@ impl MarginalLikelihood<'_> {
             parameters,
             weights,
         })
-    }
-}
-
-impl Objective for MarginalLikelihood<'_> {
-    fn value_and_gradient(&self, h: &[f64]) -> (f64, Vec<f64>) {
-        HyperparameterObjective::new(self).value_and_gradient(h)
-    }
-}
-
-/// The same as the [`MarginalLikelihood`], in memory that is kept from one evaluation to the next.
-#[derive(Debug)]
-pub struct HyperparameterObjective<'a> {
-    evidence: &'a MarginalLikelihood<'a>,
-    workspace: RefCell<(CholeskyWorkspace, Covariances)>,
-}
-
-impl<'a> HyperparameterObjective<'a> {
-    /// Of this evidence.
-    pub fn new(evidence: &'a MarginalLikelihood<'a>) -> Self {
-        let factor = CholeskyWorkspace::new(evidence.linear.y.nrows(), evidence.threads);
-        Self {
-            evidence,
-            workspace: RefCell::new((factor, evidence.no_kernels())),
-        }
-    }
-}
-
-impl Objective for HyperparameterObjective<'_> {
-    fn value_and_gradient(&self, h: &[f64]) -> (f64, Vec<f64>) {
-        let evidence = self.evidence;
-        let (factor, kernels) = &mut *self.workspace.borrow_mut();
-        evidence.covariance(h, &mut factor.matrix, kernels);
-        let rejected = (f64::INFINITY, vec![0.0; h.len()]);
-        if factor.factor().is_err() {
-            return rejected;
-        }
-        let y = &evidence.linear.y;
-        let rows = y.nrows();
-        let mut alpha = y.clone();
-        factor.solve_in_place(alpha.as_mut());
-        let fit: f64 = (0..rows).map(|r| y[(r, 0)] * alpha[(r, 0)]).sum();
-        let value = 0.5 * fit + factor.half_log_determinant();
-        if !value.is_finite() {
-            return rejected;
-        }
-        let mut gradient = vec![0.0; h.len()];
-        evidence.prior_gradient(h, factor, &alpha, &mut gradient);
-        let inverse = factor.lower_inverse();
-        for r in 0..rows {
-            let w = inverse[(r, r)] - alpha[(r, 0)] * alpha[(r, 0)];
-            let i = usize::from(r % ROWS >= 3);
-            gradient[i] += 0.5 * w * h[i].exp() * evidence.linear.common_share[r];
-        }
-        evidence.kernel_gradients(h, &kernels.kernels, inverse, &alpha, &mut gradient);
-        (value, gradient)
-    }
-}
-
-impl MarginalLikelihood<'_> {
-    fn prior_gradient(
-        &self,
-        h: &[f64],
-        factor: &CholeskyWorkspace,
-        alpha: &Mat<f64>,
-        gradient: &mut [f64],
-    ) {
-        // The squares of L⁻¹A_g add up to the trace of A_gᵀ S⁻¹ A_g.
-        let mut half = self.linear.a.clone();
-        for_each(
-            self.threads,
-            columns_of(half.as_mut(), 8),
-            |(_, columns)| {
-                factor.half_solve_in_place(columns);
-            },
-        );
-        let projected = self.linear.a.transpose() * alpha;
-        for (i, of) in [
-            (2, PriorGroup::Frames),
-            (3, PriorGroup::Links),
-            (4, PriorGroup::Payload),
-        ] {
-            let mut trace = 0.0;
-            for (j, _) in self.groups.iter().enumerate().filter(|(_, g)| **g == of) {
-                trace += half.col_as_slice(j).iter().map(|x| x * x).sum::<f64>();
-                trace -= projected[(j, 0)] * projected[(j, 0)];
-            }
-            gradient[i] += 0.5 * prior_variance(of, h) * trace;
-        }
-    }
-
-    /// ½ Σ W ∘ ∂S by what the kernels are made of, all outputs in one pass over S⁻¹.
-    fn kernel_gradients(
-        &self,
-        h: &[f64],
-        kernels: &[Mat<f64>],
-        inverse: &Mat<f64>,
-        alpha: &Mat<f64>,
-        gradient: &mut [f64],
-    ) {
-        let natural = self.layout.kernels(h);
-        let columns = self.columns();
-        let project = |(k, part): (usize, &[f64; ROWS])| {
-            let mut sum = 0.0;
-            for (b, value) in part.iter().enumerate() {
-                sum += value * alpha[(ROWS * k + b, 0)];
-            }
-            sum
-        };
-        let curve = self.layout.curve_prior(h);
-        let outputs: Vec<Output<'_>> = columns
-            .iter()
-            .enumerate()
-            .map(|(c, column)| Output {
-                kernel: kernels.get(c).map(|kernel| (&natural[c], kernel)),
-                column,
-                projected: column.iter().enumerate().map(project).collect(),
-            })
-            .collect();
-        let mut pairs: Vec<Mat<f64>> = match curve {
-            Some(_) => (0..outputs.len())
-                .map(|_| Mat::zeros(self.poses(), self.poses()))
-                .collect(),
-            None => Vec::new(),
-        };
-        let mut parts: Vec<Part<'_>> = (0..self.poses())
-            .step_by(POSES_TOGETHER)
-            .map(|first| Part {
-                poses: first..self.poses().min(first + POSES_TOGETHER),
-                pairs: Vec::new(),
-                sums: vec![KernelSums::default(); outputs.len()],
-            })
-            .collect();
-        for pairs in &mut pairs {
-            for (part, (_, columns)) in parts
-                .iter_mut()
-                .zip(columns_of(pairs.as_mut(), POSES_TOGETHER))
-            {
-                part.pairs.push(columns);
-            }
-        }
-        for_each(self.threads, parts.iter_mut().collect(), |part| {
-            self.add_pairs(&outputs, inverse, part);
-        });
-        let mut totals = vec![KernelSums::default(); outputs.len()];
-        for part in &parts {
-            for (total, sums) in totals.iter_mut().zip(&part.sums) {
-                total.add_all(sums);
-            }
-        }
-        drop(parts);
-        for (c, sums) in totals.iter().enumerate() {
-            for (d, sum) in sums.scales.iter().take(self.layout.joints).enumerate() {
-                let i = self.layout.scale(c, d);
-                gradient[i] += sum * h[i].exp();
-            }
-            if let (Some(prior), Some(pairs), Some(waves)) = (
-                &curve,
-                pairs.get(c),
-                self.waves.get(c).and_then(Option::as_ref),
-            ) {
-                for (k, by_variance) in gradient_by_order(pairs, waves).iter().enumerate() {
-                    let (amplitude, spectrum) = (prior.amplitude * by_variance, &prior.spectrum);
-                    gradient[self.layout.curve_amplitude()] += amplitude * spectrum.variance[k / 2];
-                    gradient[self.layout.curve_scale()] += amplitude * spectrum.slope[k / 2];
-                }
-            }
-            gradient[self.layout.amplitude(c, 0)] += sums.constant;
-            if self.layout.payload {
-                let i = self.layout.scale(c, self.layout.joints);
-                gradient[i] += 0.5 * sums.payload_scale * h[i].exp();
-                gradient[self.layout.amplitude(c, 1)] += sums.slope;
-            }
-        }
-    }
-}
-
-/// One joint in the gradient.
-struct Output<'a> {
-    /// Of the process of all joints.
-    kernel: Option<(&'a JointKernel<f64>, &'a Mat<f64>)>,
-    /// J_c of each pose.
-    column: &'a [[f64; ROWS]],
-    /// J_cᵀ α of each pose.
-    projected: Vec<f64>,
-}
-
-/// Some columns of all pairs of poses.
-struct Part<'a> {
-    poses: Range<usize>,
-    /// G_c(i, j), half of it on the diagonal, for the own-joint curve; of each output, if there is a curve.
-    pairs: Vec<MatMut<'a, f64>>,
-    /// Of each output.
-    sums: Vec<KernelSums>,
-}
-
-/// What one output gathers over pairs of poses.
-#[derive(Clone, Debug, Default)]
-struct KernelSums {
-    scales: [f64; MAX_JOINTS],
-    payload_scale: f64,
-    constant: f64,
-    slope: f64,
-}
-
-impl KernelSums {
-    fn add_all(&mut self, other: &Self) {
-        for (sum, part) in self.scales.iter_mut().zip(&other.scales) {
-            *sum += part;
-        }
-        self.payload_scale += other.payload_scale;
-        self.constant += other.constant;
-        self.slope += other.slope;
-    }
-}
-
-impl MarginalLikelihood<'_> {
-    /// Adds the pairs of a part, all outputs in one pass over S⁻¹.
-    fn add_pairs(&self, outputs: &[Output<'_>], inverse: &Mat<f64>, part: &mut Part<'_>) {
-        for j in part.poses.clone() {
-            let blocks: [&[[f64; ROWS]]; ROWS] =
-                std::array::from_fn(|b| inverse.col_as_slice(ROWS * j + b).as_chunks::<ROWS>().0);
-            let similarities: Vec<&[f64]> = self
-                .similarities
-                .iter()
-                .map(|m| m.col_as_slice(j))
-                .collect();
-            let other = self.inputs.payloads[j];
-            for (i, payload) in self.inputs.payloads.iter().enumerate().skip(j) {
-                let block: [[f64; ROWS]; ROWS] = blocks.map(|column| column[i]);
-                let payloads = (*payload, other);
-                for (c, output) in outputs.iter().enumerate() {
-                    let half = output.contracted((i, j), &block);
-                    if let Some(pairs) = part.pairs.get_mut(c) {
-                        pairs[(i, j - part.poses.start)] = half;
-                    }
-                    output.add((i, j), half, &similarities, payloads, &mut part.sums[c]);
-                }
-            }
-        }
-    }
-}
-
-impl Output<'_> {
-    /// G_c(i, j), half of it on the diagonal; `block` is its part of S⁻¹ by columns.
-    fn contracted(&self, (i, j): (usize, usize), block: &[[f64; ROWS]; ROWS]) -> f64 {
-        let mut g = -self.projected[i] * self.projected[j];
-        for (part, jb) in block.iter().zip(&self.column[j]) {
-            let mut sum = 0.0;
-            for (entry, moved) in part.iter().zip(&self.column[i]) {
-                sum += moved * entry;
-            }
-            g += sum * jb;
-        }
-        if i == j { 0.5 * g } else { g }
-    }
-
-    /// Adds the pair (i, j), whose G_c is `half`.
-    fn add(
-        &self,
-        (i, j): (usize, usize),
-        half: f64,
-        similarities: &[&[f64]],
-        (m, other): (f64, f64),
-        sums: &mut KernelSums,
-    ) {
-        let Some((natural, kernel)) = self.kernel else {
-            return;
-        };
-        let weight = half * kernel[(i, j)];
-        for (sum, s) in sums.scales.iter_mut().zip(similarities) {
-            *sum += weight * (s[i] - 1.0);
-        }
-        sums.payload_scale -= weight * (m - other) * (m - other);
-        let amplitude = natural.amplitude + natural.payload_amplitude * m * other;
-        sums.constant += weight * natural.amplitude / amplitude;
-        sums.slope += weight * natural.payload_amplitude * m * other / amplitude;
     }
 }
 
