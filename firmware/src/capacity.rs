@@ -4,7 +4,7 @@ use poegp_protocol::blob::envelope::TRAILER_LENGTH;
 use poegp_protocol::blob::{HEADER_LENGTH, MAX_LENGTH_WITHOUT_ROWS};
 use poegp_runtime::model::words_for;
 
-/// Words of support rows of one model: 400 points of the longest row; a paper model has 300 shorter ones.
+/// Words of rows of inducing points of one model: 400 points of the longest row; a paper model has 300 shorter ones.
 pub const WORDS: usize = words_for(400);
 /// Bytes of a signed blob with as many rows, rounded up.
 pub const BYTES: usize =

@@ -17,10 +17,10 @@ pub fn running(model: &Option<ModelIdentity>) {
     match model {
         None => defmt::warn!("no model: commands are not corrected"),
         Some(model) => defmt::info!(
-            "model {=u32:08x} runs: {=u8} joints, {=u32} support points",
+            "model {=u32:08x} runs: {=u8} joints, {=u32} inducing points",
             model.blob_crc,
             model.joints,
-            model.support
+            model.inducing_points
         ),
     }
 }

@@ -12,7 +12,7 @@ pub const OUTPUTS: usize = 6;
 pub const MAX_RIPPLE: usize = 16;
 /// Highest order of an own-joint curve: cycles per turn of the joint.
 pub const MAX_CURVE_ORDER: usize = 64;
-/// Most payload groups of its support points.
+/// Most payload groups of its inducing points.
 pub const MAX_GROUPS: usize = 16;
 /// Pairs (joint, link at or beyond it) of the longest arm.
 pub const MAX_LINK_TERMS: usize = MAX_JOINTS * (MAX_JOINTS + 1) / 2;

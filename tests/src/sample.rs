@@ -1,14 +1,14 @@
 //! Arms that never were: plausible chains with random corrections, from a seed.
 //!
 //! The chain is that of a six-axis arm of 2 m reach (frames in the manner of an ABB IRB 4400, modified
-//! Denavit–Hartenberg), calibrated by a few millimetres. The correction has random support points and weights, so that
+//! Denavit–Hartenberg), calibrated by a few millimetres. The correction has random inducing points and weights, so that
 //! every bit of the arithmetic is exercised without a calibration.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
 use poegp_protocol::JointKind;
 use poegp_protocol::blob::{
-    self, Blob, Correction, CorrectionBound, Gauge, Geometry, Host, Joint, Provenance, Ranges,
+    self, Blob, Correction, CorrectionLimit, Gauge, Geometry, Host, Joint, Provenance, Ranges,
     Robot, TaskSpace, Transform, Units,
 };
 use poegp_protocol::cause::{Cause, Causes};
@@ -45,7 +45,7 @@ pub struct Sample {
     /// Decides every random number.
     pub seed: u64,
     /// The correction.
-    pub correction: Support,
+    pub correction: SampleCorrection,
     /// Joints, three to seven.
     pub joints: usize,
     /// Whether q3 of the serial chain is q3 − q2 of the controller, as in a parallelogram arm.
@@ -54,9 +54,9 @@ pub struct Sample {
     pub prismatic: bool,
 }
 
-/// Support points of the correction.
+/// Inducing points of the correction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Support {
+pub enum SampleCorrection {
     /// No correction.
     None,
     /// So many, one set of hyperparameters, in the difference form.
@@ -71,7 +71,7 @@ pub enum Support {
 
 impl Sample {
     /// A six-axis arm with revolute joints and no coupling.
-    pub const fn plain(seed: u64, correction: Support) -> Self {
+    pub const fn plain(seed: u64, correction: SampleCorrection) -> Self {
         Self {
             seed,
             correction,
@@ -111,21 +111,21 @@ impl Sample {
         }
     }
 
-    /// Support points.
+    /// Inducing points.
     pub fn points(&self) -> usize {
         match self.correction {
-            Support::None => 0,
-            Support::Shared(points) | Support::Folded(points) | Support::PerOutput(points) => {
-                points
-            }
-            Support::Elastic(elastic) => elastic.points,
+            SampleCorrection::None => 0,
+            SampleCorrection::Shared(points)
+            | SampleCorrection::Folded(points)
+            | SampleCorrection::PerOutput(points) => points,
+            SampleCorrection::Elastic(elastic) => elastic.points,
         }
     }
 
-    /// Bytes of its support rows.
+    /// Bytes of its rows of inducing points.
     fn row_bytes(&self) -> usize {
         4 * match self.correction {
-            Support::Elastic(elastic) => elastic.row_words(self.joints),
+            SampleCorrection::Elastic(elastic) => elastic.row_words(self.joints),
             _ => posterior::row_words(self.joints + 1) * self.points(),
         }
     }
@@ -133,7 +133,7 @@ impl Sample {
     /// The blob.
     ///
     /// # Panics
-    /// With more support points than a blob can describe.
+    /// With more inducing points than a blob can describe.
     pub fn blob(&self) -> Vec<u8> {
         let mut generator = self.generator(0);
         let nominal = nominal_frames(self.joints);
@@ -143,16 +143,18 @@ impl Sample {
             .collect();
         let mut rows = Vec::new();
         let curves = match self.correction {
-            Support::Elastic(elastic) => elastic.curves(self, &mut self.generator(3)),
+            SampleCorrection::Elastic(elastic) => elastic.curves(self, &mut self.generator(3)),
             _ => Vec::new(),
         };
         let correction = match self.correction {
-            Support::None => Correction::None,
-            Support::Shared(count) | Support::Folded(count) => {
+            SampleCorrection::None => Correction::None,
+            SampleCorrection::Shared(count) | SampleCorrection::Folded(count) => {
                 self.task_space(&mut generator, count, true, &mut rows)
             }
-            Support::PerOutput(count) => self.task_space(&mut generator, count, false, &mut rows),
-            Support::Elastic(elastic) => {
+            SampleCorrection::PerOutput(count) => {
+                self.task_space(&mut generator, count, false, &mut rows)
+            }
+            SampleCorrection::Elastic(elastic) => {
                 elastic.correction(self, &mut generator, &mut rows, &curves)
             }
         };
@@ -211,7 +213,7 @@ impl Sample {
             warnings: warnings(),
             host: host.encode(&mut host_bytes).expect("room"),
             variance: match self.correction {
-                Support::Elastic(elastic) => {
+                SampleCorrection::Elastic(elastic) => {
                     elastic.variance(self, &mut self.generator(2), &mut landmarks)
                 }
                 _ => None,
@@ -225,7 +227,7 @@ impl Sample {
             .to_vec()
     }
 
-    /// A task-space correction with `count` support points, whose bytes go to `rows`.
+    /// A task-space correction with `count` inducing points, whose bytes go to `rows`.
     fn task_space<'a>(
         &self,
         generator: &mut ChaCha8Rng,
@@ -259,13 +261,13 @@ impl Sample {
                 rows.extend(generator.random_range(-size..size).to_le_bytes());
             }
         }
-        let centre = if matches!(self.correction, Support::Folded(_)) {
+        let centre = if matches!(self.correction, SampleCorrection::Folded(_)) {
             fold(&input_scale, rows)
         } else {
             heapless::Vec::new()
         };
         Correction::TaskSpace(TaskSpace {
-            bound: CorrectionBound {
+            limit: CorrectionLimit {
                 position_m: 5e-3,
                 angle_rad: 5e-3,
             },
@@ -316,7 +318,10 @@ fn fold(input_scale: &[f32], rows: &mut [u8]) -> heapless::Vec<f32, MAX_INPUTS> 
     for (slot, scale) in header.input_scale.iter_mut().zip(input_scale) {
         *slot = f64::from(*scale);
     }
-    assert!(header.fold(&mut values), "the support is too wide");
+    assert!(
+        header.fold(&mut values),
+        "the inducing points are too far apart"
+    );
     for (word, value) in rows.as_chunks_mut::<4>().0.iter_mut().zip(values) {
         *word = (value as f32).to_le_bytes();
     }

@@ -5,7 +5,7 @@
 
 use heapless::Vec as FixedVec;
 use poegp_protocol::blob::{
-    self, Blob, Correction, CorrectionBound, Elastic, Gauge, Geometry, Host, Joint, JointKernel,
+    self, Blob, Correction, CorrectionLimit, Elastic, Gauge, Geometry, Host, Joint, JointKernel,
     Provenance as WireProvenance, Ranges, Ripple, Robot as WireRobot, TaskSpace, Tool, Transform,
     Units, Variance,
 };
@@ -222,7 +222,7 @@ fn to_bytes(
         model::Correction::TaskSpace(task_space) => task_space.with_payload,
         model::Correction::Elastic(_) => has_payload,
     };
-    let limit = CorrectionBound {
+    let limit = CorrectionLimit {
         position_m: calibration.correction_limit.0 as f32,
         angle_rad: calibration.correction_limit.1 as f32,
     };
@@ -233,10 +233,10 @@ fn to_bytes(
             (Correction::TaskSpace(correction), rows, Vec::new(), None)
         }
         model::Correction::Elastic(e) => {
-            let (support, curves) = e.support_and_curves();
+            let (inducing_points, curves) = e.rows_and_curves();
             (
                 Correction::Elastic(elastic(e, calibration, limit)?),
-                little_endian(support),
+                little_endian(inducing_points),
                 little_endian(curves),
                 e.sigma.as_ref(),
             )
@@ -340,10 +340,10 @@ fn to_bytes(
 /// The task-space correction without its rows, and the bytes of the rows.
 fn task_space(
     correction: &TaskSpaceCorrection,
-    bound: CorrectionBound,
+    limit: CorrectionLimit,
 ) -> Result<(TaskSpace<'static>, Vec<u8>), ExportError> {
     let (gp, (header, rows)) = (&correction.gp, &correction.posterior_mean);
-    // The form that takes the device less time, where the support allows it.
+    // The form that takes the device less time, where the inducing points allows it.
     let (mut header, mut rows) = (*header, rows.clone());
     header.fold(&mut rows);
     let inputs = header.inputs;
@@ -359,7 +359,7 @@ fn task_space(
         )?;
     }
     let task_space = TaskSpace {
-        bound,
+        limit,
         hyperparameters: fixed(hyperparameters, "hyperparameters")?,
         output_scale: gp.output_scale.map(|x| x as f32),
         input_scale: fixed(
@@ -409,7 +409,7 @@ fn little_endian(rows: &[f64]) -> Vec<u8> {
 fn elastic(
     elastic: &ElasticModel,
     calibration: &Calibration,
-    bound: CorrectionBound,
+    limit: CorrectionLimit,
 ) -> Result<Elastic<'static>, ExportError> {
     let n = calibration.calibrated.kinds().len();
     let d = &elastic.deflection;
@@ -434,7 +434,7 @@ fn elastic(
         cos: t.cos as f32,
     });
     let mut kernels = FixedVec::new();
-    if !elastic.support_and_curves().0.is_empty() {
+    if !elastic.rows_and_curves().0.is_empty() {
         for k in &processes.kernels[..n] {
             let kernel = JointKernel {
                 rates: fixed(k.rates()[..n].iter().map(|x| *x as f32), "rates")?,
@@ -455,7 +455,7 @@ fn elastic(
         .map(|set| fixed(set.points()[..count].iter().copied(), "inducing sets"));
     let sets: Vec<_> = sets.collect::<Result<_, _>>()?;
     Ok(Elastic {
-        bound,
+        limit,
         gravity: single(&gravity.gravity),
         links: fixed(links, "gravity terms")?,
         payload: fixed(payload, "payload terms")?,

@@ -1,6 +1,6 @@
 //! The arm of a blob as the check sees it: its Jacobians, and how well the blob can be expected to know it.
 //!
-//! A blob does not say how wrong it is. But it has the kernels, the support poses and their payloads, and the number of
+//! A blob does not say how wrong it is. But it has the kernels, the inducing points poses and their payloads, and the number of
 //! training poses: enough to ask what a calibration of this kind from poses like these leaves unknown. Its errors at
 //! neighbouring poses are correlated, and those that look like a moved base, tool or joint are what a check must not take
 //! for one. So the covariance of the errors at the poses of the check is that of the elastic model's own posterior,
@@ -9,7 +9,7 @@
 //! P − C S⁻¹ Cᵀ,   S = A Λ Aᵀ + Σ_c k_c ∘ J_c J_cᵀ + noise/repeats
 //! ```
 //!
-//! with parameters and processes as the elastic model has them (`elastic::state`), taken at the support poses, each of
+//! with parameters and processes as the elastic model has them (`elastic::state`), taken at the inducing points poses, each of
 //! which stands for as many training poses as there are for one (`repeats`). A model without such processes does not
 //! know its own shape of error: it gets a smooth deflection of every joint whose size the check itself estimates.
 

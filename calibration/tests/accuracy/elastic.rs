@@ -86,7 +86,7 @@ impl Cell {
         let poses = held_out(&blob, base, &samples, Some(&calibration));
         Measured {
             poses: train.len(),
-            support: blob.model().support(),
+            inducing_points: blob.model().inducing_points(),
             errors: ErrorSummary::new(&blob.errors(&samples)),
             truth: ErrorSummary::new(&against_truth.collect::<Vec<_>>())
                 .position_mm
@@ -101,7 +101,7 @@ impl Cell {
 /// What one training gave.
 struct Measured {
     poses: usize,
-    support: usize,
+    inducing_points: usize,
     errors: ErrorSummary,
     /// Mean position error against the noiseless truth in mm.
     truth: f64,
@@ -123,12 +123,12 @@ impl Measured {
         let (mean, max) = self.rounding_um;
         format!(
             "  {name:12} {:5} {:7} {:8.4} {:8.4} {:8.4} {:8.4}   {mean:5.3} {max:5.3} {:8.1}   {most}\n",
-            self.poses, self.support, p.mean, self.truth, p.p95, p.max, self.seconds
+            self.poses, self.inducing_points, p.mean, self.truth, p.p95, p.max, self.seconds
         )
     }
 }
 
-const HEADER: &str = "  set          poses support     mean    truth      p95      max   f32 µm mean max    CPU s   at most\n";
+const HEADER: &str = "  set          poses points      mean    truth      p95      max   f32 µm mean max    CPU s   at most\n";
 
 /// Processor time of this thread where the system tells it, else the time that passed.
 struct Clock {

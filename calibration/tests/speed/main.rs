@@ -159,7 +159,7 @@ fn an_elastic_fit_of_three_hundred_poses() {
     });
     say(format_args!(
         "elastic, {} points: one evaluation {evaluation:.0} ns (goal: 600), one corrected command {command:.0} ns",
-        model.support()
+        model.inducing_points()
     ));
     let most = if cfg!(debug_assertions) { 500e3 } else { 5e3 };
     assert!(evaluation <= most, "{evaluation}");

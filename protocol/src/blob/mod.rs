@@ -25,7 +25,7 @@ use crate::limits::{
     MAX_FRAMES, MAX_GROUPS, MAX_INPUTS, MAX_JOINTS, MAX_LINK_TERMS, MAX_RIPPLE, OUTPUTS,
 };
 
-/// Most bytes that the payload takes beside the support rows; generous (the largest seen is below 3 kB).
+/// Most bytes that the payload takes beside the rows of inducing points; generous (the largest seen is below 3 kB).
 pub const MAX_LENGTH_WITHOUT_ROWS: usize = 4_096;
 
 pub use envelope::{
@@ -160,7 +160,7 @@ pub enum Correction<'a> {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TaskSpace<'a> {
     /// The correction is scaled back to these.
-    pub bound: CorrectionBound,
+    pub limit: CorrectionLimit,
     /// θ₀, θ₁, θ₂, θ₃, noise variance as fitted: one entry when shared, else one for each output. For the reader only.
     pub hyperparameters: Vec<[f32; 5], OUTPUTS>,
     /// RMS of each output before scaling, m and rad. For the reader only: it is in the weights.
@@ -172,7 +172,7 @@ pub struct TaskSpace<'a> {
     pub rates: Option<[f32; OUTPUTS]>,
     /// Constant and linear part of the posterior mean of each output: first the constant, then D slopes.
     pub affine: [Vec<f32, { MAX_INPUTS + 1 }>; OUTPUTS],
-    /// Support rows, `f32` little endian, 4·(D + 6) bytes each: D scaled inputs u_j, then six weights; folded ones with
+    /// Rows of inducing points, `f32` little endian, 4·(D + 6) bytes each: D scaled inputs u_j, then six weights; folded ones with
     /// [`TaskSpace::centre`].
     pub rows: &'a [u8],
     /// Centre of a folded mean in the units of the inputs, rad, m and kg; empty unless it is folded:
@@ -185,7 +185,7 @@ pub struct TaskSpace<'a> {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Elastic<'a> {
     /// The correction is scaled back to these.
-    pub bound: CorrectionBound,
+    pub limit: CorrectionLimit,
     /// Gravity in the base frame, m/s².
     pub gravity: [f32; 3],
     /// Gravity coefficients of joint c and link j ≥ c, joint by joint: n(n + 1)/2 of three; empty when there are none.
@@ -260,7 +260,7 @@ pub struct Variance<'a> {
 
 /// The largest correction that is believed.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct CorrectionBound {
+pub struct CorrectionLimit {
     /// Displacement of the target in metres.
     pub position_m: f32,
     /// Rotation in radians.

@@ -56,7 +56,7 @@ pub struct Identity {
     pub image_crc: u32,
     /// Name of the board.
     pub board: String<MAX_NAME>,
-    /// Words (`f32`) of support rows that fit.
+    /// Words (`f32`) of rows of inducing points that fit.
     pub capacity_words: u32,
     /// Bytes of a blob that fit.
     pub capacity_bytes: u32,
@@ -100,8 +100,8 @@ pub struct ModelIdentity {
     pub blob_crc: u32,
     /// Joints of the arm.
     pub joints: u8,
-    /// Support points of its correction.
-    pub support: u32,
+    /// Inducing points of its correction.
+    pub inducing_points: u32,
     /// Whether the device has verified its signature.
     pub signed: bool,
     /// Causes of the warnings about the measurements that it was calibrated with.
@@ -209,7 +209,7 @@ pub struct Statistics {
     /// Cycles whose status was not `ok`.
     pub flagged: u32,
     /// Cycles whose correction was scaled back to its bound.
-    pub bounded: u32,
+    pub limited: u32,
     /// Corrections that answered the command as it came.
     pub uncorrected: u32,
     /// Cycles that took longer than the deadline.

@@ -1,8 +1,8 @@
-//! The arm of the worked example in `docs/reference/blob-format.md`: one revolute and one prismatic joint, two support points.
+//! The arm of the worked example in `docs/reference/blob-format.md`: one revolute and one prismatic joint, two inducing points.
 
 use poegp_protocol::JointKind;
 use poegp_protocol::blob::{
-    Blob, Correction, CorrectionBound, Elastic, Gauge, Geometry, Host, Joint, JointKernel,
+    Blob, Correction, CorrectionLimit, Elastic, Gauge, Geometry, Host, Joint, JointKernel,
     Provenance, Ranges, Ripple, Robot, TaskSpace, Transform, Units, Variance,
 };
 use poegp_protocol::cause::Causes;
@@ -10,7 +10,7 @@ use poegp_protocol::cause::Causes;
 /// The documentation that has its bytes.
 pub const BLOB_FORMAT: &str = include_str!("../../../docs/reference/blob-format.md");
 
-/// Support rows: three scaled inputs and six weights each.
+/// Rows of inducing points: three scaled inputs and six weights each.
 pub fn rows() -> Vec<u8> {
     let powers = [9, 10, 11, 13, 13, 14].map(|exponent| 1.0 / (1_u32 << exponent) as f32);
     let signs = [1.0, -1.0, 1.0, 1.0, -1.0, 1.0];
@@ -55,7 +55,7 @@ pub fn blob(rows: &[u8]) -> Blob<'_> {
             nominal: frames(0.5).into_iter().collect(),
         },
         correction: Correction::TaskSpace(TaskSpace {
-            bound: CorrectionBound {
+            limit: CorrectionLimit {
                 position_m: 0.015_625,
                 angle_rad: 0.007_812_5,
             },
@@ -128,7 +128,7 @@ pub fn elastic_blob(rows: &[u8]) -> Blob<'_> {
     let small = 1.0 / 1_048_576.0;
     Blob {
         correction: Correction::Elastic(Elastic {
-            bound: CorrectionBound {
+            limit: CorrectionLimit {
                 position_m: 0.015_625,
                 angle_rad: 0.007_812_5,
             },

@@ -195,8 +195,8 @@ static inline poegp_model_t *load(void *memory, size_t bytes, const uint8_t *blo
     print_hex(print, identity.blob_crc);
     print(", joints");
     print_number(print, identity.joints);
-    print(", support");
-    print_number(print, identity.support);
+    print(", inducing points");
+    print_number(print, identity.inducing_points);
     print("\n");
     return model;
 }

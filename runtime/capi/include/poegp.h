@@ -199,20 +199,20 @@
 /*
  The bound on the correction is not usable.
  */
-#define POEGP_MODEL_BOUND 208
+#define POEGP_MODEL_CORRECTION_LIMIT 208
 
 /*
- The bytes of the support are not whole rows.
+ The bytes of the inducing points are not whole rows.
  */
 #define POEGP_MODEL_PARTIAL_ROW 209
 
 /*
- More support than fits.
+ More inducing points than fits.
  */
-#define POEGP_MODEL_SUPPORT_TOO_LARGE 210
+#define POEGP_MODEL_INDUCING_POINTS_TOO_LARGE 210
 
 /*
- A number of the support is not usable.
+ A number of an inducing point is not usable.
  */
 #define POEGP_MODEL_ROW 211
 
@@ -227,7 +227,7 @@
 #define POEGP_MODEL_RIPPLE 213
 
 /*
- The payload groups do not add up to the support.
+ The payload groups do not add up to the inducing points.
  */
 #define POEGP_MODEL_GROUPS 214
 
@@ -367,9 +367,9 @@ typedef struct poegp_identity_t {
    */
   uint32_t joints;
   /*
-   Support points of the correction.
+   Inducing points of the correction.
    */
-  uint32_t support;
+  uint32_t inducing_points;
   /*
    1 when the signature of the blob was verified, else 0.
    */

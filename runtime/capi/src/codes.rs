@@ -60,18 +60,18 @@ pub const POEGP_MODEL_INPUTS: i32 = 206;
 /// A coefficient of the kernel is not usable.
 pub const POEGP_MODEL_KERNEL: i32 = 207;
 /// The bound on the correction is not usable.
-pub const POEGP_MODEL_BOUND: i32 = 208;
-/// The bytes of the support are not whole rows.
+pub const POEGP_MODEL_CORRECTION_LIMIT: i32 = 208;
+/// The bytes of the inducing points are not whole rows.
 pub const POEGP_MODEL_PARTIAL_ROW: i32 = 209;
-/// More support than fits.
-pub const POEGP_MODEL_SUPPORT_TOO_LARGE: i32 = 210;
-/// A number of the support is not usable.
+/// More inducing points than fits.
+pub const POEGP_MODEL_INDUCING_POINTS_TOO_LARGE: i32 = 210;
+/// A number of an inducing point is not usable.
 pub const POEGP_MODEL_ROW: i32 = 211;
 /// The gravity terms do not fit the number of joints.
 pub const POEGP_MODEL_GRAVITY: i32 = 212;
 /// A gear ripple term is not usable.
 pub const POEGP_MODEL_RIPPLE: i32 = 213;
-/// The payload groups do not add up to the support.
+/// The payload groups do not add up to the inducing points.
 pub const POEGP_MODEL_GROUPS: i32 = 214;
 /// The variance of the position is not usable.
 pub const POEGP_MODEL_VARIANCE: i32 = 215;

@@ -334,7 +334,7 @@ pub unsafe extern "C" fn poegp_identify(model: *const Model, out: *mut Identity)
         serial_number: [0; POEGP_NAME_BYTES],
         blob_crc: 0,
         joints: 0,
-        support: 0,
+        inducing_points: 0,
         is_signed: 0,
         warnings: 0,
     };
@@ -347,7 +347,7 @@ pub unsafe extern "C" fn poegp_identify(model: *const Model, out: *mut Identity)
                 answer.serial_number = name(&identity.serial_number);
                 answer.blob_crc = identity.blob_crc;
                 answer.joints = u32::from(identity.joints);
-                answer.support = identity.support;
+                answer.inducing_points = identity.inducing_points;
                 answer.is_signed = u32::from(identity.signed);
                 answer.warnings = u32::from_le_bytes(identity.warnings.into());
             }

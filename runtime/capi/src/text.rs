@@ -33,13 +33,15 @@ pub fn of(code: i32) -> &'static CStr {
             c"the correction has another number of inputs than joints and payload"
         }
         POEGP_MODEL_KERNEL => c"a coefficient of the kernel is not usable",
-        POEGP_MODEL_BOUND => c"the bound on the correction is not usable",
-        POEGP_MODEL_PARTIAL_ROW => c"the bytes of the support are not whole rows",
-        POEGP_MODEL_SUPPORT_TOO_LARGE => c"the support is larger than the library has room for",
-        POEGP_MODEL_ROW => c"a number of the support is not usable",
+        POEGP_MODEL_CORRECTION_LIMIT => c"the limit of the correction is not usable",
+        POEGP_MODEL_PARTIAL_ROW => c"the bytes of the inducing points are not whole rows",
+        POEGP_MODEL_INDUCING_POINTS_TOO_LARGE => {
+            c"the inducing points take more room than the library has"
+        }
+        POEGP_MODEL_ROW => c"a number of an inducing point is not usable",
         POEGP_MODEL_GRAVITY => c"the gravity terms do not fit the number of joints",
         POEGP_MODEL_RIPPLE => c"a gear ripple term is not usable",
-        POEGP_MODEL_GROUPS => c"the payload groups do not add up to the support",
+        POEGP_MODEL_GROUPS => c"the payload groups do not add up to the inducing points",
         POEGP_MODEL_VARIANCE => c"the variance of the position is not usable",
         POEGP_MODEL_CURVE => c"the own-joint curves are not usable",
         POEGP_SIGNATURE_MALFORMED => c"the envelope of the signed blob is damaged",

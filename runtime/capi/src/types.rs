@@ -48,7 +48,7 @@ pub const POEGP_STATUS_BYPASSED: u32 = 64;
 /// Status bit of `poegp_command`: the joints are on their way to those that were asked for.
 pub const POEGP_STATUS_BLENDING: u32 = 128;
 
-/// Support points of the longest row that fit; a model of six joints has room for half as many again and more.
+/// Inducing points of the longest row that fit; a model of six joints has room for half as many again and more.
 const POINTS: usize = 400;
 /// Room for their rows.
 pub(crate) const WORDS: usize = words_for(POINTS);
@@ -197,8 +197,8 @@ pub struct Identity {
     pub blob_crc: u32,
     /// Joints of the arm; 0 without a model.
     pub joints: u32,
-    /// Support points of the correction.
-    pub support: u32,
+    /// Inducing points of the correction.
+    pub inducing_points: u32,
     /// 1 when the signature of the blob was verified, else 0.
     pub is_signed: u32,
     /// Warnings about the measurements that the model was calibrated with: bit i is set for cause i, which

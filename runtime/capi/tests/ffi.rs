@@ -116,7 +116,11 @@ fn a_model_says_whose_it_is() {
     assert_eq!(text(&identity.serial_number), "");
     assert_eq!(Some(identity.blob_crc), blob::stored_crc(BLOB));
     assert_eq!(
-        (identity.joints, identity.support, identity.is_signed),
+        (
+            identity.joints,
+            identity.inducing_points,
+            identity.is_signed
+        ),
         (6, 25, 0)
     );
 }
@@ -416,7 +420,7 @@ fn every_code_has_words() {
         found: 0,
         expected: 1,
     };
-    let too_large = LoadError::SupportTooLarge {
+    let too_large = LoadError::InducingPointsTooLarge {
         needed: 1,
         capacity: 0,
     };
@@ -428,9 +432,9 @@ fn every_code_has_words() {
         (LoadError::Ranges, POEGP_MODEL_RANGES),
         (inputs, POEGP_MODEL_INPUTS),
         (LoadError::Kernel, POEGP_MODEL_KERNEL),
-        (LoadError::Bound, POEGP_MODEL_BOUND),
+        (LoadError::CorrectionLimit, POEGP_MODEL_CORRECTION_LIMIT),
         (LoadError::PartialRow { bytes: 1 }, POEGP_MODEL_PARTIAL_ROW),
-        (too_large, POEGP_MODEL_SUPPORT_TOO_LARGE),
+        (too_large, POEGP_MODEL_INDUCING_POINTS_TOO_LARGE),
         (LoadError::Row, POEGP_MODEL_ROW),
         (LoadError::Gravity, POEGP_MODEL_GRAVITY),
         (LoadError::Ripple, POEGP_MODEL_RIPPLE),

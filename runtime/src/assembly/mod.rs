@@ -23,7 +23,7 @@ pub(crate) const EXP2_SCALED: [f32; 6] = [
     f32::from_bits(0x443c_66c7),
 ];
 
-/// The first rows of a support set, block by block. No block is empty, and [`Blocks::rows`] is their sum: assembly relies on
+/// The first rows of an inducing set, block by block. No block is empty, and [`Blocks::rows`] is their sum: assembly relies on
 /// both.
 #[derive(Debug)]
 pub struct Blocks<T> {

@@ -39,7 +39,7 @@ pub(super) struct Candidate<T> {
     pub(super) given_up: PoseError6<T>,
     /// Error that stays at q*.
     pub(super) stays: PoseError6<T>,
-    pub(super) bounded: bool,
+    pub(super) limited: bool,
 }
 
 impl<T: Scalar> Candidate<T> {
@@ -83,7 +83,7 @@ impl<T: Scalar> Candidate<T> {
             position_error: zero_unless_sound(position),
             rotation_error: zero_unless_sound(rotation),
             status: status
-                .with_if(self.bounded, Status::CORRECTION_LIMITED)
+                .with_if(self.limited, Status::CORRECTION_LIMITED)
                 .with_if(!(there & sound), Status::PARTLY_CORRECTED),
         }
     }

@@ -272,14 +272,14 @@ impl<T: KernelLoops> Search<'_, T> {
     /// Scales a change back to [`MAX_JOINT_CHANGE`].
     #[inline(never)]
     fn hold(&self, change: &mut PerJoint<T>) {
-        let bound = T::from_f64(MAX_JOINT_CHANGE);
-        let mut largest = raised(bound, change);
+        let limit = T::from_f64(MAX_JOINT_CHANGE);
+        let mut largest = raised(limit, change);
         let coupling = self.arm.coupling.as_ref();
         if coupling.is_some() {
             largest = raised(largest, &coupled(coupling, change));
         }
         // At most one; zero, if that should be, for an infinite step.
-        let factor = bound / largest;
+        let factor = limit / largest;
         for value in change {
             *value = *value * factor;
         }
@@ -293,7 +293,7 @@ impl<T: KernelLoops> Search<'_, T> {
         } else {
             LATER_STEPS
         };
-        let (pose, bounded) = self.evaluated(&[T::ZERO; MAX_JOINTS], task);
+        let (pose, limited) = self.evaluated(&[T::ZERO; MAX_JOINTS], task);
         let before = pose_error(self.target, &pose);
         let mut equations = NormalEquations::new();
         self.form(&mut equations, &pose);
@@ -312,11 +312,11 @@ impl<T: KernelLoops> Search<'_, T> {
             before,
             given_up: first.given_up,
             stays,
-            bounded,
+            limited,
         }
     }
 
-    /// The pose after a change of the joints, and whether its correction was bounded.
+    /// The pose after a change of the joints, and whether its correction was limited.
     #[inline(never)]
     fn evaluated(
         &mut self,
@@ -329,9 +329,9 @@ impl<T: KernelLoops> Search<'_, T> {
         };
         let x = self.arm.inputs(&sum(self.joints, change), self.payload_kg);
         let mean = task.header.mean(self.rows, &x);
-        let (twist, bounded) =
-            limit::bounded(&task.bound, &Twist::from_array(&mean), &pose.translation);
-        (pose.corrected(&twist), bounded)
+        let (twist, limited) =
+            limit::limited(&task.limit, &Twist::from_array(&mean), &pose.translation);
+        (pose.corrected(&twist), limited)
     }
 
     /// With the deflection D of an elastic model.
@@ -377,7 +377,7 @@ impl<T: KernelLoops> Search<'_, T> {
         let mut deflection = sum(&smooth, &line.value);
         let effect = equations.moved(&deflection);
         let (position, rotation) = squared_norms(&effect);
-        let (factor, bounded) = elastic.bound.factor_of(position, rotation);
+        let (factor, limited) = elastic.limit.factor_of(position, rotation);
         for value in &mut deflection {
             // It may be infinite.
             *value = if factor == T::ZERO {
@@ -401,7 +401,7 @@ impl<T: KernelLoops> Search<'_, T> {
             before,
             given_up: first.given_up,
             stays,
-            bounded,
+            limited,
         }
     }
 }

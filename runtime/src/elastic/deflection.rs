@@ -15,7 +15,7 @@
 //!
 //! z_c, o_c: axis and origin of joint c; R_j: orientation of link j, taken in the frame that follows it; o_t: the target;
 //! all of the calibrated chain at q, in the base frame. Joints are the controller's. Gravity acts on a prismatic joint as
-//! z_c·g. Support points are sorted by payload, so that what depends on the payload is computed once for each group, and
+//! z_c·g. Inducing points are sorted by payload, so that what depends on the payload is computed once for each group, and
 //! the sine and cosine of their joints are stored: one kernel value costs no trigonometry.
 
 use heapless::Vec;
@@ -30,7 +30,7 @@ use crate::elastic::position_variance::{PositionVariance, prior};
 use crate::elastic::ripple::{RippleTerm, ripple};
 use crate::gp::joint_processes::JointProcesses;
 use crate::gp::loops::KernelLoops;
-use crate::guard::limit::Bound;
+use crate::guard::limit::Limit;
 use crate::kinematics::coupling::{PerJoint, coupled};
 use crate::kinematics::minimal_chain::JointFrames;
 use crate::kinematics::poe::{JointTrig, zero_joint_trig};
@@ -38,14 +38,14 @@ use crate::math::scalar::Scalar;
 use crate::math::se3::{Pose, Twist, cross, third_column};
 use crate::trace::Observer;
 
-/// The elastic correction but its support rows.
+/// The elastic correction but its rows of inducing points.
 #[derive(Clone, Debug)]
 pub struct Deflection<T> {
     /// Gravity.
     pub gravity: Gravity<T>,
     /// Gear ripple.
     pub ripple: Vec<RippleTerm<T>, MAX_RIPPLE>,
-    /// Orders of each joint's own-joint curve; 0 for none. The coefficients are behind the support rows.
+    /// Orders of each joint's own-joint curve; 0 for none. The coefficients are behind the rows of inducing points.
     pub curve_orders: usize,
     /// The rest.
     pub processes: JointProcesses<T>,
@@ -119,7 +119,7 @@ pub struct Compensated<T> {
     /// T_gp = POE(C (q + δ)) POE(C q)⁻¹ as a twist of the base frame, to first order.
     pub twist: Twist<T>,
     /// Whether δ was scaled back.
-    pub bounded: bool,
+    pub limited: bool,
     /// Standard deviation of one position component in metres before bounding, if the model knows it.
     pub position_sigma: Option<T>,
 }
@@ -160,13 +160,13 @@ impl<T: KernelLoops> Deflection<T> {
             .unwrap_or(&[])
     }
 
-    /// POE(C (q + δ)), with δ scaled back to `bound`.
+    /// POE(C (q + δ)), with δ scaled back to `limit`.
     #[inline(always)]
     pub fn compensate(
         &self,
         at: &Configuration<'_, T>,
         rows: &[T],
-        bound: Option<&Bound<T>>,
+        limit: Option<&Limit<T>>,
         observer: &mut impl Observer<T>,
     ) -> Compensated<T> {
         let mut frames = JointFrames::new();
@@ -183,7 +183,7 @@ impl<T: KernelLoops> Deflection<T> {
         };
         let deflection = self.total(at, &frames, &target, features, rows);
         observer.deflection(&deflection);
-        let mut out = deflect(at, &frames, &target, &deflection, bound);
+        let mut out = deflect(at, &frames, &target, &deflection, limit);
         if let Some(variance) = &self.variance {
             let before = self.processes.words() + coefficient_count(kinds.len(), self.curve_orders);
             let landmarks = rows.get(before..).unwrap_or(&[]);
@@ -196,7 +196,7 @@ impl<T: KernelLoops> Deflection<T> {
     }
 }
 
-/// POE(C (q + δ)) with δ scaled back to `bound`, from the frames of the chain at q.
+/// POE(C (q + δ)) with δ scaled back to `limit`, from the frames of the chain at q.
 // A function of its own: evaluation and trace share its code.
 #[inline(never)]
 fn deflect<T: Scalar>(
@@ -204,13 +204,13 @@ fn deflect<T: Scalar>(
     frames: &[Pose<T>],
     target: &Pose<T>,
     deflection: &PerJoint<T>,
-    bound: Option<&Bound<T>>,
+    limit: Option<&Limit<T>>,
 ) -> Compensated<T> {
     let kinds = at.chain.kinds();
     let mut serial = coupled(at.coupling, deflection);
     let mut twist = deflection_twist(kinds, frames, &serial);
-    let (factor, bounded) =
-        bound.map_or((T::ONE, false), |b| b.factor(&twist, &target.translation));
+    let (factor, limited) =
+        limit.map_or((T::ONE, false), |b| b.factor(&twist, &target.translation));
     // Times one, too: the time must not depend on the data.
     let scaled = |value: T| {
         if factor == T::ZERO {
@@ -228,7 +228,7 @@ fn deflect<T: Scalar>(
     Compensated {
         pose,
         twist,
-        bounded,
+        limited,
         position_sigma: None,
     }
 }

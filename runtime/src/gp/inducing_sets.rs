@@ -18,7 +18,7 @@ use crate::gp::loops::KernelLoops;
 use crate::kinematics::poe::JointTrig;
 use crate::math::scalar::Scalar;
 
-/// The support set of one joint but its rows.
+/// The inducing set of one joint but its rows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct InducingSet {
     /// The joints that the kernel looks at come first.

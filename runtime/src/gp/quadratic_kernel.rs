@@ -1,6 +1,6 @@
 //! The paper's kernel (eq. 5): θ₀ exp(−θ₁ |x − x′|²/2) + θ₂ + θ₃ xᵀx′.
 //!
-//! Split in two, because a posterior mean needs only the exponential for each support point: constant and linear part
+//! Split in two, because a posterior mean needs only the exponential for each inducing point: constant and linear part
 //! collapse to an affine map ([`crate::gp::quadratic_posterior`]).
 
 use crate::math::scalar::Scalar;

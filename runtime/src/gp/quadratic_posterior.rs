@@ -6,19 +6,19 @@
 //! ```text
 //! g_c(x) = affine_c · (1, x) + Σ_j weight_jc · 2^(−rate_c |u − u_j|²)        u = scale ∘ x
 //!
-//! row j of the support, D + 6 words:  | u_j1 … u_jD | weight_j1 … weight_j6 |
+//! row j of the inducing points, D + 6 words:  | u_j1 … u_jD | weight_j1 … weight_j6 |
 //! ```
 //!
 //! With shared hyperparameters one exponential per point serves all six outputs (rate 1); with hyperparameters per
-//! output there are six. Shared ones are *folded* where the support is not too wide: with places v about its middle
+//! output there are six. Shared ones are *folded* where the inducing points are not too far apart: with places v about its middle
 //!
 //! ```text
 //! g_c(x) = affine_c · (1, x) + 2^(−|v|²) Σ_j weight′_jc · 2^(2 v · v_j)        v = scale ∘ (x − centre)
 //!
-//! row j of the support:  | v_j1 … v_jD | weight′_j1 … weight′_j6 |             weight′_jc = weight_jc · 2^(−|v_j|²)
+//! row j of the inducing points:  | v_j1 … v_jD | weight′_j1 … weight′_j6 |             weight′_jc = weight_jc · 2^(−|v_j|²)
 //! ```
 //!
-//! which is a fifth less to do. It asks for |v_j| ≤ [`FOLDED_RADIUS`] of every support point, so that no exponent leaves
+//! which is a fifth less to do. It asks for |v_j| ≤ [`FOLDED_RADIUS`] of every inducing point, so that no exponent leaves
 //! the range of exp2 and none is large enough to lose digits; beyond |v| = [`FOLDED_REACH`] the sum counts as zero. The blob
 //! says which form it has, and the loader checks that it may; the query never decides.
 //!
@@ -36,17 +36,17 @@ use crate::math::scalar::Scalar;
 /// long before, and 9·(2·200)² stays below 2²².
 pub const MAX_SCALED_INPUT: f64 = 200.0;
 
-/// Largest distance of a support point from the centre of a folded mean, in scaled units, of which one is 1.18
+/// Largest distance of an inducing point from the centre of a folded mean, in scaled units, of which one is 1.18
 /// length scales 1/√θ₁. Fitted ones reach 1.2 to 3.0. With [`FOLDED_REACH`] no exponent is beyond ±2 · 5 · 10.
 pub const FOLDED_RADIUS: f64 = 5.0;
-/// From this distance on the sum of a folded mean is zero: every support point is at least 5 away, and of its kernel less
+/// From this distance on the sum of a folded mean is zero: every inducing point is at least 5 away, and of its kernel less
 /// than 2⁻²⁵ is left, half an ulp of it.
 pub const FOLDED_REACH: f64 = 10.0;
 /// Largest weight of a folded row, m or rad; fitted ones are below 0.1. With it no sum overflows: 2^100 · 10 for each of a
 /// million points stays below `f32::MAX`.
 pub const MAX_FOLDED_WEIGHT: f64 = 10.0;
 
-/// Words of one support row; more inputs than [`MAX_INPUTS`] do not exist and count as so many.
+/// Words of one row of inducing points; more inputs than [`MAX_INPUTS`] do not exist and count as so many.
 pub const fn row_words(inputs: usize) -> usize {
     // The bound shows the compiler that a row is never empty: without it the image has panics for division by zero.
     if inputs < MAX_INPUTS {
@@ -56,7 +56,7 @@ pub const fn row_words(inputs: usize) -> usize {
     }
 }
 
-/// Everything of the posterior mean but its support rows.
+/// Everything of the posterior mean but its rows of inducing points.
 #[derive(Clone, Copy, Debug)]
 pub struct MeanHeader<T> {
     /// D, number of inputs: the joints, and the payload if it is one.
@@ -89,8 +89,8 @@ impl<T: Scalar> MeanHeader<T> {
         matches!(inputs, 5..=8)
     }
 
-    /// Folds a mean in the difference form about the middle of its support, in place; `false`, and nothing is changed, when
-    /// that is not for it: hyperparameters per output, another number of inputs, or support too wide.
+    /// Folds a mean in the difference form about the middle of its inducing points, in place; `false`, and nothing is changed, when
+    /// that is not for it: hyperparameters per output, another number of inputs, or inducing points too far apart.
     pub fn fold(&mut self, rows: &mut [T]) -> bool {
         let inputs = self.inputs;
         if self.rates.is_some() || self.centre.is_some() || !Self::folds(inputs) {
@@ -250,7 +250,7 @@ fn held<T: Scalar>(value: T, limit: T) -> T {
     }
 }
 
-/// One exponential per support point, unrolled over D inputs; ROW = D + 6.
+/// One exponential per inducing point, unrolled over D inputs; ROW = D + 6.
 // A function of its own keeps all sums in registers: inlined, a Cortex-M4F takes 92 instead of 76 instructions a point.
 #[inline(never)]
 fn shared<T: Scalar, const D: usize, const ROW: usize>(
@@ -278,7 +278,7 @@ fn shared<T: Scalar, const D: usize, const ROW: usize>(
     *out = sums;
 }
 
-/// One exponential per support point for any number of inputs, or six, each with its own rate.
+/// One exponential per inducing point for any number of inputs, or six, each with its own rate.
 #[inline(never)]
 fn any<T: Scalar>(
     rows: &[T],
@@ -316,7 +316,7 @@ pub fn stored_weight<T: Scalar>(kernel: &QuadraticKernel<T>, weight: T, output_s
     weight * kernel.signal_variance * output_scale
 }
 
-/// Adds what one support point contributes to the affine map of one output: scale·w·(θ₂, θ₃ x_j).
+/// Adds what one inducing point contributes to the affine map of one output: scale·w·(θ₂, θ₃ x_j).
 pub fn accumulate_affine<T: Scalar>(
     affine: &mut [T; MAX_INPUTS + 1],
     kernel: &QuadraticKernel<T>,

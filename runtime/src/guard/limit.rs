@@ -7,16 +7,16 @@ use crate::math::se3::{Twist, dot, scale};
 
 /// Bounds on the displacement and the rotation of the target.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Bound<T> {
+pub struct Limit<T> {
     /// Displacement in metres, to first order.
     pub position: T,
     /// Rotation in radians.
     pub angle: T,
 }
 
-impl<T: Scalar> Bound<T> {
+impl<T: Scalar> Limit<T> {
     /// What a twist of the base frame must be multiplied with so that it displaces `target` and turns it by no more than
-    /// the bound, and whether that is less than one. 0 for a twist that is not finite.
+    /// the limit, and whether that is less than one. 0 for a twist that is not finite.
     #[inline(always)]
     pub fn factor(&self, twist: &Twist<T>, target: &Vector3<T>) -> (T, bool) {
         let displacement = twist.at_point(target).linear;
@@ -43,19 +43,19 @@ impl<T: Scalar> Bound<T> {
             factor
         };
         let finite = distance.is_finite() & angle.is_finite();
-        let bounded = !((distance <= self.position) & (angle <= self.angle));
-        (if finite { factor } else { T::ZERO }, bounded | !finite)
+        let limited = !((distance <= self.position) & (angle <= self.angle));
+        (if finite { factor } else { T::ZERO }, limited | !finite)
     }
 }
 
 /// The twist within the bound.
 #[inline(always)]
-pub fn bounded<T: Scalar>(
-    bound: &Bound<T>,
+pub fn limited<T: Scalar>(
+    limit: &Limit<T>,
     twist: &Twist<T>,
     target: &Vector3<T>,
 ) -> (Twist<T>, bool) {
-    match bound.factor(twist, target) {
+    match limit.factor(twist, target) {
         (_, false) => (*twist, false),
         (factor, true) if factor == T::ZERO => (Twist::zero(), true),
         (factor, true) => {

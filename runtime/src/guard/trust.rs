@@ -18,7 +18,7 @@
 //! within half a turn. Where there is no process nothing says how fast to fall: a radian, a metre or the heaviest payload
 //! beyond the range is a half.
 //!
-//! The cost is the same for every model and query: no support point is looked at.
+//! The cost is the same for every model and query: no inducing point is looked at.
 
 use core::hint::black_box;
 

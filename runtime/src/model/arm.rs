@@ -1,4 +1,4 @@
-//! Everything of a model but its support rows.
+//! Everything of a model but its rows of inducing points.
 
 use poegp_protocol::JointKind;
 use poegp_protocol::blob::{Blob, Correction, Transform};
@@ -26,7 +26,7 @@ const SPREAD: [u16; MAX_JOINTS] = [
     60_399, 55_663, 51_299, 47_277, 43_571, 40_155, 37_007, 34_105,
 ];
 
-/// Everything but the support rows.
+/// Everything but the rows of inducing points.
 #[derive(Clone, Debug)]
 pub(crate) struct Arm<T> {
     pub(crate) calibrated: MinimalChain<T>,

@@ -11,12 +11,12 @@ use crate::elastic::gravity::{Gravity, GravityTerms};
 use crate::elastic::ripple::RippleTerm;
 use crate::gp::inducing_sets::InducingSet;
 use crate::gp::joint_processes::JointProcesses;
-use crate::guard::limit::Bound;
+use crate::guard::limit::Limit;
 use crate::kinematics::minimal_chain::MinimalForm;
 use crate::math::scalar::Scalar;
 use crate::model::load_error::LoadError;
 use crate::model::validate::{
-    MAX_COEFFICIENT, MAX_RATE_SUM, checked_bound, checked_rows, feature_limit, is_within,
+    MAX_COEFFICIENT, MAX_RATE_SUM, checked_limit, checked_rows, feature_limit, is_within,
 };
 
 /// Most cycles per turn of a ripple term.
@@ -32,7 +32,7 @@ const MAX_PAYLOAD_EXPONENT: f32 = 1_000_000.0;
 #[derive(Clone, Debug)]
 pub(crate) struct ElasticCorrection<T> {
     pub(crate) deflection: Deflection<T>,
-    pub(crate) bound: Bound<T>,
+    pub(crate) limit: Limit<T>,
     /// Heavier payloads are taken for this one.
     pub(crate) heaviest: T,
 }
@@ -49,7 +49,7 @@ impl<T: Scalar> ElasticCorrection<T> {
                 processes: JointProcesses::none(),
                 variance: None,
             },
-            bound: Bound {
+            limit: Limit {
                 position: T::ZERO,
                 angle: T::ZERO,
             },
@@ -76,7 +76,7 @@ impl<T: Scalar> ElasticCorrection<T> {
         out.ripple = ripple(wire, joints)?;
         out.curve_orders = wire.curves.len() / (8 * joints.max(1));
         out.variance = variance.map(super::position_variance::header);
-        self.bound = checked_bound(&wire.bound)?;
+        self.limit = checked_limit(&wire.limit)?;
         self.heaviest = T::from_f32(heaviest);
         Ok(())
     }
@@ -260,7 +260,7 @@ pub(super) fn checked_points<'a>(
 ) -> Result<&'a [u8], LoadError> {
     let words = wire.rows.len() / 4;
     if words > capacity {
-        return Err(LoadError::SupportTooLarge {
+        return Err(LoadError::InducingPointsTooLarge {
             needed: words as u32,
             capacity: capacity as u32,
         });

@@ -9,7 +9,7 @@ use super::arm::{Arm, ArmCorrection};
 use super::validate::{MAX_PAYLOAD_KG, is_within};
 use crate::elastic::configuration::Configuration;
 use crate::gp::loops::KernelLoops;
-use crate::guard::limit::bounded;
+use crate::guard::limit::limited;
 use crate::guard::status::Status;
 use crate::kinematics::poe::zero_joint_trig;
 use crate::math::se3::{Pose, Twist};
@@ -99,16 +99,16 @@ impl<T: KernelLoops> View<'_, T> {
         observer.motions(motions.get(..joints.len()).unwrap_or(&[]));
         let (trust, status) = arm.range(&x, payload_kg);
         let mut position_sigma = None;
-        let (pose, correction, bounded) = match &arm.correction {
+        let (pose, correction, limited) = match &arm.correction {
             ArmCorrection::TaskSpace(task) if believable => {
                 let chain = arm.calibrated.forward_at(&motions);
                 observer.chain(&chain);
                 let x = arm.inputs(&x, payload_kg);
                 let mean = task.header.mean(self.rows, &x);
                 observer.mean(&mean);
-                let (twist, bounded) =
-                    bounded(&task.bound, &Twist::from_array(&mean), &chain.translation);
-                (chain.corrected(&twist), twist, bounded)
+                let (twist, limited) =
+                    limited(&task.limit, &Twist::from_array(&mean), &chain.translation);
+                (chain.corrected(&twist), twist, limited)
             }
             ArmCorrection::Elastic(elastic) if believable => {
                 let payload = elastic.held(payload_kg);
@@ -122,9 +122,9 @@ impl<T: KernelLoops> View<'_, T> {
                 let result =
                     elastic
                         .deflection
-                        .compensate(&at, self.rows, Some(&elastic.bound), observer);
+                        .compensate(&at, self.rows, Some(&elastic.limit), observer);
                 position_sigma = result.position_sigma;
-                (result.pose, result.twist, result.bounded)
+                (result.pose, result.twist, result.limited)
             }
             _ => {
                 let chain = arm.calibrated.forward_at(&motions);
@@ -133,7 +133,7 @@ impl<T: KernelLoops> View<'_, T> {
             }
         };
         let (status, trust) = if believable {
-            (status.with_if(bounded, Status::CORRECTION_LIMITED), trust)
+            (status.with_if(limited, Status::CORRECTION_LIMITED), trust)
         } else {
             (Status::BAD_INPUT, T::ZERO)
         };

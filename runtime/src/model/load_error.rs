@@ -27,15 +27,15 @@ pub enum LoadError {
     },
     /// A scale, rate or coefficient of the kernel is not usable: negative, not finite, or beyond 1e30.
     Kernel,
-    /// The bound on the correction is negative, above 1 m or 0.5 rad, or NaN.
-    Bound,
-    /// The bytes of the support are not whole rows.
+    /// The limit of the correction is negative, above 1 m or 0.5 rad, or NaN.
+    CorrectionLimit,
+    /// The bytes of the inducing points are not whole rows.
     PartialRow {
         /// Bytes there.
         bytes: u32,
     },
-    /// More support than fits.
-    SupportTooLarge {
+    /// More inducing points than fits.
+    InducingPointsTooLarge {
         /// Words of the blob.
         needed: u32,
         /// Words that fit.
@@ -49,7 +49,7 @@ pub enum LoadError {
     Curve,
     /// There are no inducing points for some joint or payload group, or their rows are not as many.
     Groups,
-    /// A weight of the support is not within ±1e30, an input is beyond ±200 length scales, or a sine or cosine beyond ±1.
+    /// A weight of an inducing point is not within ±1e30, an input is beyond ±200 length scales, or a sine or cosine beyond ±1.
     Row,
     /// The variance is not of an elastic model with processes, or its rates or landmarks are too many, not whole or not usable.
     Variance,
@@ -66,9 +66,9 @@ impl LoadError {
             Self::Ranges => 5,
             Self::Inputs { .. } => 6,
             Self::Kernel => 7,
-            Self::Bound => 8,
+            Self::CorrectionLimit => 8,
             Self::PartialRow { .. } => 9,
-            Self::SupportTooLarge { .. } => 10,
+            Self::InducingPointsTooLarge { .. } => 10,
             Self::Row => 11,
             Self::Gravity => 12,
             Self::Ripple => 13,
@@ -96,12 +96,14 @@ impl fmt::Display for LoadError {
                 )
             }
             Self::Kernel => f.write_str("a coefficient of the kernel is not usable"),
-            Self::Bound => f.write_str("the bound on the correction is not usable"),
-            Self::PartialRow { bytes } => write!(f, "{bytes} bytes of support are not whole rows"),
-            Self::SupportTooLarge { needed, capacity } => {
+            Self::CorrectionLimit => f.write_str("the limit of the correction is not usable"),
+            Self::PartialRow { bytes } => {
+                write!(f, "{bytes} bytes of inducing points are not whole rows")
+            }
+            Self::InducingPointsTooLarge { needed, capacity } => {
                 write!(
                     f,
-                    "the support takes {needed} numbers; there is room for {capacity}"
+                    "the inducing points take {needed} numbers; there is room for {capacity}"
                 )
             }
             Self::Gravity => f.write_str("the gravity terms do not fit the number of joints"),
@@ -111,7 +113,7 @@ impl fmt::Display for LoadError {
                 "the inducing sets do not fit the joints, the payload groups or the rows",
             ),
             Self::Variance => f.write_str("the variance of the position is not usable"),
-            Self::Row => f.write_str("a number of the support is not usable"),
+            Self::Row => f.write_str("a number of an inducing point is not usable"),
         }
     }
 }

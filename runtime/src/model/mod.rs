@@ -4,7 +4,7 @@
 //! when one is refused, so that the last good model survives. After it, [`Model::evaluate`] cannot fail: it bounds what
 //! is too large, says what is outside the trained range, and answers the uncorrected pose for input that is not finite.
 //!
-//! `WORDS` is the room for support rows; no result depends on it.
+//! `WORDS` is the room for rows of inducing points; no result depends on it.
 
 pub(crate) mod arm;
 pub(crate) mod elastic;
@@ -35,7 +35,7 @@ pub use validate::MAX_PAYLOAD_KG;
 /// A model in single precision with room for 400 inducing points.
 pub type Model400 = Model<f32, { words_for(400) }>;
 
-/// Words of support rows for `points` points of the longest row.
+/// Words of rows of inducing points for `points` points of the longest row.
 pub const fn words_for(points: usize) -> usize {
     points * quadratic_posterior::row_words(MAX_INPUTS)
 }
@@ -117,7 +117,7 @@ impl<T: Scalar, const WORDS: usize> Model<T, WORDS> {
         if let Slot::Full(arm) = &mut slot {
             arm.fill(blob)?;
         }
-        let bytes = checked_support(blob, WORDS)?;
+        let bytes = checked_inducing_points(blob, WORDS)?;
         let curves = match &blob.correction {
             Correction::Elastic(elastic) => {
                 elastic::checked_curves(elastic, blob.robot.joints.len(), WORDS - bytes.len() / 4)?
@@ -145,8 +145,8 @@ impl<T: Scalar, const WORDS: usize> Model<T, WORDS> {
             .map_or(0, |arm| arm.calibrated.kinds().len())
     }
 
-    /// Number of support points.
-    pub fn support(&self) -> usize {
+    /// Number of inducing points.
+    pub fn inducing_points(&self) -> usize {
         match self.arm.as_ref().map(|arm| &arm.correction) {
             Some(ArmCorrection::TaskSpace(task)) => {
                 self.rows.len() / quadratic_posterior::row_words(task.header.inputs)
@@ -214,11 +214,11 @@ impl<T: CompiledEvaluation, const WORDS: usize> Model<T, WORDS> {
     }
 }
 
-/// The bytes of the support rows, after every word was looked at.
-fn checked_support<'a>(blob: &Blob<'a>, capacity: usize) -> Result<&'a [u8], LoadError> {
+/// The bytes of the rows of inducing points, after every word was looked at.
+fn checked_inducing_points<'a>(blob: &Blob<'a>, capacity: usize) -> Result<&'a [u8], LoadError> {
     match &blob.correction {
         Correction::None => Ok(&[]),
-        Correction::TaskSpace(task) => task_space::checked_support(task, capacity),
+        Correction::TaskSpace(task) => task_space::checked_inducing_points(task, capacity),
         Correction::Elastic(elastic) => {
             elastic::checked_points(elastic, &blob.robot.joints, capacity)
         }

@@ -76,7 +76,7 @@ pub(super) fn checked<'a>(blob: &Blob<'a>, capacity: usize) -> Result<&'a [u8], 
         return Err(LoadError::Variance);
     }
     if wire.rows.len() / 4 > capacity {
-        return Err(LoadError::SupportTooLarge {
+        return Err(LoadError::InducingPointsTooLarge {
             needed: (wire.rows.len() / 4) as u32,
             capacity: capacity as u32,
         });

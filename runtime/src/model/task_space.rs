@@ -1,4 +1,4 @@
-//! The paper's correction: a twist from a Gaussian process, bounded, applied to the chain (eq. 9).
+//! The paper's correction: a twist from a Gaussian process, limited, applied to the chain (eq. 9).
 
 use poegp_protocol::blob::TaskSpace;
 use poegp_protocol::limits::MAX_INPUTS;
@@ -6,17 +6,17 @@ use poegp_protocol::limits::MAX_INPUTS;
 use crate::gp::quadratic_posterior::{
     FOLDED_RADIUS, MAX_FOLDED_WEIGHT, MAX_SCALED_INPUT, MeanHeader, row_words,
 };
-use crate::guard::limit::Bound;
+use crate::guard::limit::Limit;
 use crate::math::scalar::Scalar;
 use crate::model::MAX_PAYLOAD_KG;
 use crate::model::load_error::LoadError;
-use crate::model::validate::{MAX_COEFFICIENT, checked_bound, checked_rows, is_within};
+use crate::model::validate::{MAX_COEFFICIENT, checked_limit, checked_rows, is_within};
 
 /// The task-space correction and its bound.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct TaskSpaceCorrection<T> {
     pub(crate) header: MeanHeader<T>,
-    pub(crate) bound: Bound<T>,
+    pub(crate) limit: Limit<T>,
 }
 
 impl<T: Scalar> TaskSpaceCorrection<T> {
@@ -72,13 +72,13 @@ impl<T: Scalar> TaskSpaceCorrection<T> {
         }
         Ok(Self {
             header,
-            bound: checked_bound(&task.bound)?,
+            limit: checked_limit(&task.limit)?,
         })
     }
 }
 
-/// The bytes of the support rows, after every word was looked at.
-pub(super) fn checked_support<'a>(
+/// The bytes of the rows of inducing points, after every word was looked at.
+pub(super) fn checked_inducing_points<'a>(
     task: &TaskSpace<'a>,
     capacity: usize,
 ) -> Result<&'a [u8], LoadError> {

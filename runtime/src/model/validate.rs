@@ -1,10 +1,10 @@
 //! Numbers of a blob, looked at before a robot is moved by them.
 
 use poegp_protocol::JointKind;
-use poegp_protocol::blob::{CorrectionBound, Transform};
+use poegp_protocol::blob::{CorrectionLimit, Transform};
 use poegp_protocol::limits::{MAX_FRAMES, MAX_JOINTS};
 
-use crate::guard::limit::Bound;
+use crate::guard::limit::Limit;
 use crate::kinematics::coupling::CouplingMatrix;
 use crate::kinematics::poe::Poe;
 use crate::math::scalar::{MAX_ANGLE, Scalar};
@@ -23,26 +23,26 @@ const MAX_ROTATION_ERROR: f32 = 1e-4;
 pub(super) const MAX_COEFFICIENT: f32 = 1e30;
 /// Largest Σ_d W_d of a kernel: exponents stay within reach of `exp2`.
 pub(super) const MAX_RATE_SUM: f32 = 100_000.0;
-/// Largest bounds that a blob may ask for.
-const MAX_BOUND_M: f32 = 1.0;
-const MAX_BOUND_RAD: f32 = 0.5;
+/// Largest limits that a blob may ask for.
+const MAX_LIMIT_M: f32 = 1.0;
+const MAX_LIMIT_RAD: f32 = 0.5;
 
-/// More words than any support row has.
+/// More words than any row of inducing points has.
 const MAX_ROW_WORDS: usize = 64;
 
-pub(super) fn checked_bound<T: Scalar>(bound: &CorrectionBound) -> Result<Bound<T>, LoadError> {
-    if !is_within(bound.position_m, 0.0, MAX_BOUND_M)
-        || !is_within(bound.angle_rad, 0.0, MAX_BOUND_RAD)
+pub(super) fn checked_limit<T: Scalar>(limit: &CorrectionLimit) -> Result<Limit<T>, LoadError> {
+    if !is_within(limit.position_m, 0.0, MAX_LIMIT_M)
+        || !is_within(limit.angle_rad, 0.0, MAX_LIMIT_RAD)
     {
-        return Err(LoadError::Bound);
+        return Err(LoadError::CorrectionLimit);
     }
-    Ok(Bound {
-        position: T::from_f32(bound.position_m),
-        angle: T::from_f32(bound.angle_rad),
+    Ok(Limit {
+        position: T::from_f32(limit.position_m),
+        angle: T::from_f32(limit.angle_rad),
     })
 }
 
-/// The bytes of support rows of `words` words each, after every word was looked at: word i of a row is within
+/// The bytes of rows of inducing points of `words` words each, after every word was looked at: word i of a row is within
 /// ±`limit(i)`.
 pub(super) fn checked_rows(
     rows: &[u8],
@@ -58,7 +58,7 @@ pub(super) fn checked_rows(
         });
     }
     if rows.len() / 4 > capacity {
-        return Err(LoadError::SupportTooLarge {
+        return Err(LoadError::InducingPointsTooLarge {
             needed: (rows.len() / 4) as u32,
             capacity: capacity as u32,
         });
@@ -74,7 +74,7 @@ pub(super) fn checked_rows(
     Ok(rows)
 }
 
-/// The largest word of a joint in a support row.
+/// The largest word of a joint in a row of inducing points.
 pub(super) fn feature_limit(kind: JointKind) -> f32 {
     match kind {
         // A sine or cosine, which rounding may have lengthened.

@@ -24,7 +24,7 @@ pub trait Device<'m, const WORDS: usize> {
     fn complete(&mut self, statistics: &mut Statistics);
 }
 
-/// The background part of the device. `WORDS` of support rows and `BYTES` of a blob fit.
+/// The background part of the device. `WORDS` of rows of inducing points and `BYTES` of a blob fit.
 #[derive(Debug)]
 pub struct Background<'m, F, const WORDS: usize, const BYTES: usize> {
     board: BoardInfo,

@@ -201,7 +201,7 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
             count(&mut self.statistics.flagged);
         }
         if status.contains(Status::CORRECTION_LIMITED) {
-            count(&mut self.statistics.bounded);
+            count(&mut self.statistics.limited);
         }
         self.statistics.max_ticks = self.statistics.max_ticks.max(ticks);
     }

@@ -105,7 +105,7 @@ impl<const WORDS: usize> ModelSlot<WORDS> {
             serial_number: self.serial_number.clone(),
             blob_crc: self.blob_crc,
             joints: joints as u8,
-            support: self.model.support() as u32,
+            inducing_points: self.model.inducing_points() as u32,
             signed: self.signed != 0,
             warnings: self.warnings,
         })

@@ -2,7 +2,7 @@
 
 use poegp_protocol::JointKind;
 use poegp_protocol::blob::{
-    Blob, Correction, CorrectionBound, Elastic, Geometry, Joint, JointKernel, Ranges, Ripple,
+    Blob, Correction, CorrectionLimit, Elastic, Geometry, Joint, JointKernel, Ranges, Ripple,
     Robot, TaskSpace, Units,
 };
 use poegp_protocol::cause::Causes;
@@ -12,7 +12,7 @@ use poegp_runtime::math::se3::{Pose, Twist};
 use poegp_runtime::model::Model;
 use poegp_runtime::trace::Observer;
 
-/// Room for the support of every arm here.
+/// Room for the inducing points of every arm here.
 pub const WORDS: usize = 1_024;
 
 /// An arm; `blob` borrows it.
@@ -26,7 +26,7 @@ pub struct Arm {
     pub nominal: Vec<[f32; 12]>,
     pub task: Option<Task>,
     pub elastic: Option<Elastic<'static>>,
-    /// Support rows of the elastic correction.
+    /// Rows of inducing points of the elastic correction.
     pub rows: Vec<f32>,
     /// Own-joint curves of the elastic correction.
     pub curves: Vec<f32>,
@@ -40,7 +40,7 @@ pub const CURVE_ORDERS: usize = 2;
 /// The correction of an [`Arm`].
 #[derive(Clone, Debug)]
 pub struct Task {
-    pub bound: CorrectionBound,
+    pub limit: CorrectionLimit,
     pub input_scale: Vec<f32>,
     pub centre: Vec<f32>,
     pub rates: Option<[f32; OUTPUTS]>,
@@ -58,7 +58,7 @@ pub fn scattered(seed: u32) -> impl FnMut() -> f32 {
 }
 
 impl Arm {
-    /// An arm of `joints` joints, every third prismatic, with `points` support points and a payload: sound.
+    /// An arm of `joints` joints, every third prismatic, with `points` inducing points and a payload: sound.
     pub fn sound(joints: usize, points: usize) -> Self {
         let mut next = scattered(joints as u32 * 1_000 + points as u32);
         let mut frame = || {
@@ -90,7 +90,7 @@ impl Arm {
             calibrated,
             nominal,
             task: Some(Task {
-                bound: CorrectionBound {
+                limit: CorrectionLimit {
                     position_m: 0.1,
                     angle_rad: 0.01,
                 },
@@ -155,7 +155,7 @@ impl Arm {
         }
         let half = each / 2;
         arm.elastic = Some(Elastic {
-            bound: CorrectionBound {
+            limit: CorrectionLimit {
                 position_m: 0.1,
                 angle_rad: 0.1,
             },
@@ -213,7 +213,7 @@ impl Arm {
         out.extend(self.calibrated.iter_mut().flatten());
         out.extend(self.nominal.iter_mut().flatten());
         if let Some(task) = &mut self.task {
-            out.extend([&mut task.bound.position_m, &mut task.bound.angle_rad]);
+            out.extend([&mut task.limit.position_m, &mut task.limit.angle_rad]);
             out.extend(&mut task.input_scale);
             out.extend(task.rates.iter_mut().flatten());
             out.extend(task.affine.iter_mut().flatten());
@@ -221,7 +221,7 @@ impl Arm {
             out.extend(&mut task.centre);
         }
         if let Some(elastic) = &mut self.elastic {
-            out.extend([&mut elastic.bound.position_m, &mut elastic.bound.angle_rad]);
+            out.extend([&mut elastic.limit.position_m, &mut elastic.limit.angle_rad]);
             out.extend(&mut elastic.gravity);
             out.extend(elastic.links.iter_mut().flatten());
             out.extend(elastic.payload.iter_mut().flatten());
@@ -253,7 +253,7 @@ impl Arm {
         self.blob_with(&self.bytes)
     }
 
-    /// The same with these bytes of support.
+    /// The same with these bytes of inducing points.
     pub fn blob_with<'a>(&'a self, rows: &'a [u8]) -> Blob<'a> {
         Blob {
             robot: Robot {
@@ -280,7 +280,7 @@ impl Arm {
             } else {
                 self.task.as_ref().map_or(Correction::None, |task| {
                     Correction::TaskSpace(TaskSpace {
-                        bound: task.bound,
+                        limit: task.limit,
                         hyperparameters: heapless::Vec::new(),
                         output_scale: [1.0; OUTPUTS],
                         input_scale: task.input_scale.iter().copied().collect(),

@@ -1,7 +1,7 @@
 //! What an answer says of itself is true: recomputed by an evaluation at the corrected joints, which knows nothing of the
 //! search that found them.
 
-use poegp_protocol::blob::CorrectionBound;
+use poegp_protocol::blob::CorrectionLimit;
 use poegp_runtime::correct::{CORRECTED_WITHIN, MAX_JOINT_CHANGE};
 use poegp_runtime::guard::status::Status;
 use poegp_runtime::math::se3::{Pose, Twist};
@@ -120,27 +120,27 @@ fn no_joint_is_changed_by_more_than_the_limit() {
     }
 }
 
-/// Where the correction is bounded, the answer is that of the bounded model. An evaluation bounds the twist of the target, the
+/// Where the correction is limited, the answer is that of the limited model. An evaluation bounds the twist of the target, the
 /// search bounds what the joints do to it.
 #[test]
 fn a_bounded_model_is_corrected_as_far_as_its_bound() {
     for joints in 6..=8 {
         for elastic in [false, true] {
             let mut arm = arm(joints, elastic, 1e-3);
-            let bound = CorrectionBound {
+            let limit = CorrectionLimit {
                 position_m: 1e-4,
                 angle_rad: 1e-4,
             };
             match elastic {
-                true => arm.joint_space().bound = bound,
-                false => arm.task().bound = bound,
+                true => arm.joint_space().limit = limit,
+                false => arm.task().limit = limit,
             }
             let model = arm.model::<f64>();
-            let mut bounded = 0;
+            let mut limited = 0;
             for q in poses(joints) {
                 let found = model.correct(&q, 2.0);
                 if found.applied == 1.0 && found.status.contains(Status::CORRECTION_LIMITED) {
-                    bounded += 1;
+                    limited += 1;
                     let (distance, angle) = apart(&model, &q, &found.joints[..joints]);
                     assert!(
                         distance.max(angle) <= CORRECTED_WITHIN,
@@ -149,8 +149,8 @@ fn a_bounded_model_is_corrected_as_far_as_its_bound() {
                 }
             }
             assert!(
-                bounded >= 10,
-                "{joints} joints, elastic {elastic}: {bounded}"
+                limited >= 10,
+                "{joints} joints, elastic {elastic}: {limited}"
             );
         }
     }

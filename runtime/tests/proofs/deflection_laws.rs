@@ -82,7 +82,7 @@ fn naturals(steepest: f64) -> impl Strategy<Value = Vec<Natural>> {
     prop::collection::vec((weights, 0.0..0.2_f64, 0.0..2.0_f64, 0.0..0.1_f64), 8)
 }
 
-/// Joint values, payload, weights of a support point.
+/// Joint values, payload, weights of an inducing point.
 type Point = (Vec<f64>, f64, Vec<f64>);
 
 fn points(count: usize) -> impl Strategy<Value = Vec<Point>> {

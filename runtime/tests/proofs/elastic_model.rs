@@ -116,7 +116,7 @@ proptest! {
     ) {
         let mut arm = Arm::elastic(joints, 10, sliding);
         let elastic = arm.joint_space();
-        (elastic.bound.position_m, elastic.bound.angle_rad) = (position_m, angle_rad);
+        (elastic.limit.position_m, elastic.limit.angle_rad) = (position_m, angle_rad);
         for kernel in &mut elastic.kernels {
             kernel.amplitude *= factor;
         }
@@ -149,7 +149,7 @@ fn a_bounded_correction_keeps_its_direction() {
     let loose = free.correction.to_array();
     let chain = chain(&arm).forward(&q);
     let displaced = length(&free.correction.at_point(&chain.translation).linear);
-    arm.joint_space().bound.position_m = (displaced / 4.0) as f32;
+    arm.joint_space().limit.position_m = (displaced / 4.0) as f32;
     let answer = arm.model::<f64>().evaluate(&q, 2.0);
     assert_eq!(answer.status, Status::CORRECTION_LIMITED);
     let quarter = loose.map(|x| x / 4.0);

@@ -88,11 +88,11 @@ fn wrong_arms() -> Vec<(&'static str, Arm, LoadError)> {
     add("no groups", LoadError::Groups, |arm| {
         arm.joint_space().group_payloads_kg.clear()
     });
-    add("a bound of 2 m", LoadError::Bound, |arm| {
-        arm.joint_space().bound.position_m = 2.0;
+    add("a limit of 2 m", LoadError::CorrectionLimit, |arm| {
+        arm.joint_space().limit.position_m = 2.0;
     });
-    add("a bound of NaN", LoadError::Bound, |arm| {
-        arm.joint_space().bound.angle_rad = f32::NAN;
+    add("a limit of NaN", LoadError::CorrectionLimit, |arm| {
+        arm.joint_space().limit.angle_rad = f32::NAN;
     });
     add("a sine of 2", LoadError::Row, |arm| arm.rows[0] = 2.0);
     add("a cosine of NaN", LoadError::Row, |arm| {
@@ -104,7 +104,7 @@ fn wrong_arms() -> Vec<(&'static str, Arm, LoadError)> {
     add("a weight beyond reason", LoadError::Row, |arm| {
         arm.rows[2] = f32::MAX
     });
-    let large = LoadError::SupportTooLarge {
+    let large = LoadError::InducingPointsTooLarge {
         needed: 1_026,
         capacity: WORDS as u32,
     };
@@ -135,7 +135,7 @@ fn what_is_wrong_is_named_and_the_old_model_goes_on() {
             model = Arm::elastic(6, 20, false).model::<f32>();
         }
         assert_eq!(model.evaluate(&q, 2.0), before, "after {what}");
-        assert_eq!((model.joints(), model.support()), (6, 24));
+        assert_eq!((model.joints(), model.inducing_points()), (6, 24));
         let mut empty = Model::<f32, WORDS>::new();
         if empty.load_decoded(&arm.blob()).is_err() {
             assert_eq!(empty.evaluate(&q, 2.0).status, Status::NO_MODEL);
@@ -199,7 +199,7 @@ fn wrong_sets() -> Vec<(&'static str, Arm, LoadError)> {
 #[test]
 fn what_is_wrong_with_inducing_sets_is_named_and_the_old_model_goes_on() {
     let mut model = Arm::elastic(6, 24, true).model::<f32>();
-    assert_eq!((model.joints(), model.support()), (6, 24));
+    assert_eq!((model.joints(), model.inducing_points()), (6, 24));
     let q = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6];
     let before = model.evaluate(&q, 2.0);
     let mut missed = Vec::new();
@@ -217,7 +217,7 @@ fn what_is_wrong_with_inducing_sets_is_named_and_the_old_model_goes_on() {
     let capacity = WORDS as u32;
     assert_eq!(
         model.load_decoded(&large.blob()),
-        Err(LoadError::SupportTooLarge {
+        Err(LoadError::InducingPointsTooLarge {
             needed: words,
             capacity
         })

@@ -88,7 +88,7 @@ fn both_forms_are_one_function() {
     }
 }
 
-/// Root mean square over queries within the support and beyond, against the difference form in `f64`, in units of Σ |weight|.
+/// Root mean square over queries within the inducing points and beyond, against the difference form in `f64`, in units of Σ |weight|.
 #[test]
 fn single_precision_loses_little_by_folding() {
     for inputs in 5..=8 {
@@ -129,7 +129,7 @@ fn what_does_not_fold_is_left_as_it_is() {
         assert!(header.centre.is_none() && after == rows, "{why}");
     };
     let (header, rows) = mean(7, 40, 3.0);
-    unchanged(header, &rows, "support too wide");
+    unchanged(header, &rows, "inducing points too far apart");
     for inputs in [1, 4, 9] {
         let (header, rows) = mean(inputs, 40, 0.5);
         unchanged(header, &rows, "no loop for so many inputs");
@@ -146,7 +146,7 @@ fn what_does_not_fold_is_left_as_it_is() {
 }
 
 #[test]
-fn a_mean_without_support_is_its_affine_part() {
+fn a_mean_without_inducing_points_is_its_affine_part() {
     let (mut header, _) = mean(7, 0, 1.0);
     let x = queries(7, 1.0, 1.0).next().unwrap();
     let before = header.mean(&[], &x);
@@ -154,9 +154,9 @@ fn a_mean_without_support_is_its_affine_part() {
     assert_eq!(header.mean(&[], &x), before);
 }
 
-/// The radius, but for a thousandth of its square: rounding to `f32` must not make a folded support too wide.
+/// The radius, but for a thousandth of its square: rounding to `f32` must not make a folded mean too wide.
 #[test]
-fn support_folds_up_to_the_radius() {
+fn inducing_points_fold_up_to_the_radius() {
     for (squared, folds) in [(24.9, true), (25.01, false)] {
         let mut header: MeanHeader<f64> = MeanHeader::zero(6);
         header.input_scale[..6].fill(1.0);
@@ -197,7 +197,7 @@ fn what_folds_stays_within_the_radius_in_single_precision() {
     assert!((500..1_900).contains(&folded), "{folded}");
 }
 
-/// No query is so far away that the sum over the support is no number: it is zero.
+/// No query is so far away that the sum over the inducing points is no number: it is zero.
 #[test]
 fn far_away_the_affine_part_is_left() {
     for inputs in [3, 5, 6, 7, 8] {

@@ -1,7 +1,6 @@
 //! What the runtime promises, checked on the workstation: against numbers from elsewhere, and as laws.
 
 mod arm;
-mod bound_laws;
 mod chain_laws;
 mod corrected;
 mod corrected_claims;
@@ -17,6 +16,7 @@ mod folded;
 mod gravity_reference;
 mod json;
 mod kernel_laws;
+mod limit_laws;
 mod model_answers;
 mod model_refuses;
 mod newton_laws;

@@ -34,14 +34,14 @@ fn without_a_model_nothing_is_claimed() {
         assert_eq!(answer.pose, Pose::identity());
         assert_eq!(answer.correction, Twist::zero());
     }
-    assert_eq!((model.joints(), model.support()), (0, 0));
+    assert_eq!((model.joints(), model.inducing_points()), (0, 0));
     assert_eq!(model.nominal(&[0.0; 6]), None);
     model.load_decoded(&Arm::sound(6, 10).blob()).unwrap();
-    assert_eq!((model.joints(), model.support()), (6, 10));
+    assert_eq!((model.joints(), model.inducing_points()), (6, 10));
     assert!(model.evaluate(&[0.0; 6], 1.0).status.is_ok());
     model.unload();
     assert_eq!(model.evaluate(&[0.0; 6], 1.0).status, Status::NO_MODEL);
-    assert_eq!(model.support(), 0);
+    assert_eq!(model.inducing_points(), 0);
 }
 
 #[test]
@@ -134,9 +134,9 @@ fn without_correction_the_chain_is_the_answer() {
     assert_eq!(arm.model::<f32>().nominal(&q), Some(answer.pose));
 }
 
-/// A single support point, evaluated where it stands: the affine part and the whole of its weights.
+/// A single inducing point, evaluated where it stands: the affine part and the whole of its weights.
 #[test]
-fn at_a_support_point_the_weights_come_out_whole() {
+fn at_an_inducing_point_the_weights_come_out_whole() {
     let mut arm = Arm::sound(2, 1);
     let task = arm.task();
     task.affine.iter_mut().for_each(|values| values.fill(0.0));
@@ -247,7 +247,7 @@ proptest! {
     ) {
         let mut arm = Arm::sound(joints, 5);
         let task = arm.task();
-        (task.bound.position_m, task.bound.angle_rad) = (position_m, angle_rad);
+        (task.limit.position_m, task.limit.angle_rad) = (position_m, angle_rad);
         task.affine.iter_mut().flatten().for_each(|value| *value *= factor);
         let model = arm.model::<f32>();
         let mut seen = Seen::default();
@@ -296,7 +296,7 @@ fn the_blob_of_the_documentation_is_a_model() {
         .unwrap();
     let answer = model.evaluate(&[0.0, 0.25], 0.0);
     assert_eq!(answer.status, Status::OK);
-    // Squared distance of the second support point: 0.5² + 0.0625² + 1.25².
+    // Squared distance of the second inducing point: 0.5² + 0.0625² + 1.25².
     let rest = 1.0 - libm::exp2(-1.816_406_25);
     let constants = [1.0, 2.0, 3.0, 0.0, 0.0, 0.0].map(|factor| factor / 1_024.0);
     let weights = [9, -10, 11, 13, -13, 14].map(|power: i32| {

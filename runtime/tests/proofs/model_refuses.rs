@@ -118,20 +118,20 @@ fn wrong_arms() -> Vec<(&'static str, Arm, LoadError)> {
     add("a slope beyond reason", LoadError::Kernel, |arm| {
         arm.task().affine[4][2] = f32::MAX;
     });
-    add("a negative bound", LoadError::Bound, |arm| {
-        arm.task().bound.position_m = -0.001;
+    add("a negative limit", LoadError::CorrectionLimit, |arm| {
+        arm.task().limit.position_m = -0.001;
     });
-    add("a bound of 2 m", LoadError::Bound, |arm| {
-        arm.task().bound.position_m = 2.0;
+    add("a limit of 2 m", LoadError::CorrectionLimit, |arm| {
+        arm.task().limit.position_m = 2.0;
     });
-    add("a bound of NaN", LoadError::Bound, |arm| {
-        arm.task().bound.angle_rad = f32::NAN;
+    add("a limit of NaN", LoadError::CorrectionLimit, |arm| {
+        arm.task().limit.angle_rad = f32::NAN;
     });
     add("half a row", LoadError::PartialRow { bytes: 144 }, |arm| {
         let rows = &mut arm.task().rows;
         rows.truncate(36);
     });
-    let large = LoadError::SupportTooLarge {
+    let large = LoadError::InducingPointsTooLarge {
         needed: 1_030,
         capacity: WORDS as u32,
     };
@@ -191,7 +191,7 @@ fn what_is_wrong_is_named_and_the_old_model_goes_on() {
             model = Arm::sound(6, 20).model::<f32>();
         }
         assert_eq!(model.evaluate(&q, 2.0), before, "after {what}");
-        assert_eq!((model.joints(), model.support()), (6, 20));
+        assert_eq!((model.joints(), model.inducing_points()), (6, 20));
         // Without an old model there is none afterwards.
         let mut empty = Model::<f32, WORDS>::new();
         if empty.load_decoded(&arm.blob()).is_err() {
@@ -210,7 +210,7 @@ fn a_byte_too_many_is_a_partial_row() {
     let error = LoadError::PartialRow { bytes: 41 };
     assert_eq!(model.load_decoded(&arm.blob_with(&bytes)), Err(error));
     assert_eq!(model.load_decoded(&arm.blob_with(&bytes[..40])), Ok(()));
-    assert_eq!(model.support(), 1);
+    assert_eq!(model.inducing_points(), 1);
 }
 
 #[test]
@@ -226,9 +226,9 @@ fn codes_of_load_errors_never_change() {
             expected: 0,
         },
         LoadError::Kernel,
-        LoadError::Bound,
+        LoadError::CorrectionLimit,
         LoadError::PartialRow { bytes: 0 },
-        LoadError::SupportTooLarge {
+        LoadError::InducingPointsTooLarge {
             needed: 0,
             capacity: 0,
         },

@@ -72,7 +72,7 @@ fn exp2_has_a_floor() {
     }
 }
 
-/// Powers of two are exact: what a kernel value at its own support point relies on.
+/// Powers of two are exact: what a kernel value at its own inducing point relies on.
 #[test]
 fn exp2_of_whole_numbers_is_exact() {
     for exponent in 0..=125 {

@@ -41,9 +41,9 @@ fn errors_of_loading_say_what_is_wrong() {
             expected: 7,
         },
         LoadError::Kernel,
-        LoadError::Bound,
+        LoadError::CorrectionLimit,
         LoadError::PartialRow { bytes: 5 },
-        LoadError::SupportTooLarge {
+        LoadError::InducingPointsTooLarge {
             needed: 5_000,
             capacity: 4_096,
         },

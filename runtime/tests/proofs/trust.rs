@@ -249,14 +249,17 @@ fn sigma_goes_from_the_floor_to_the_prior() {
     assert_eq!((bad.trust, bad.position_sigma), (0.0, None));
 }
 
-/// The pose is the same with and without, and so is the number of support points.
+/// The pose is the same with and without, and so is the number of inducing points.
 #[test]
 fn a_variance_does_not_move_the_pose() {
     let mut arm = Arm::elastic(6, 8, false);
     let rows = bytes(&arm, &sample(6));
     let with = loaded::<f32>(&mut arm, variance(6, 3, &rows)).unwrap();
     let without = arm.model::<f32>();
-    assert_eq!((with.support(), without.support()), (12, 12));
+    assert_eq!(
+        (with.inducing_points(), without.inducing_points()),
+        (12, 12)
+    );
     let (a, b) = (
         with.evaluate(&[0.3; 6], 2.0),
         without.evaluate(&[0.3; 6], 2.0),
@@ -318,7 +321,7 @@ fn what_is_wrong_with_a_variance_is_named() {
     full.rows.resize(1_008, 0.0);
     full.joint_space().sets[0][1] += 326;
     let rows = bytes(&full, &sample(3));
-    let large = LoadError::SupportTooLarge {
+    let large = LoadError::InducingPointsTooLarge {
         needed: 27,
         capacity: 16,
     };

@@ -6,7 +6,7 @@ use poegp_protocol::blob::{self, Blob};
 use poegp_runtime::model::{Model, words_for};
 use poegp_runtime::trace::Stages;
 
-/// Room for support rows; no bit depends on it.
+/// Room for rows of inducing points; no bit depends on it.
 const WORDS: usize = if cfg!(feature = "full-size") {
     words_for(300)
 } else {

@@ -8,7 +8,7 @@ use poegp_protocol::link::{Query, Refusal, Request, Response, Statistics};
 
 use super::service::{SMALL, signed};
 use super::wire::wire;
-use crate::sample::{Elastic, Sample, Support};
+use crate::sample::{Elastic, Sample, SampleCorrection};
 use crate::workspace;
 
 /// The files of a folder of the repository, by name, cut behind a line at `longest` bytes so that changes meet what
@@ -37,17 +37,17 @@ fn cut(mut bytes: Vec<u8>, longest: usize) -> Vec<u8> {
 /// Small blobs of every kind and format, one of them signed.
 pub fn blobs() -> Vec<Vec<u8>> {
     let kinds = [
-        Support::None,
-        Support::Shared(3),
-        Support::Folded(3),
-        Support::PerOutput(2),
-        Support::Elastic(SMALL),
-        Support::Elastic(Elastic {
+        SampleCorrection::None,
+        SampleCorrection::Shared(3),
+        SampleCorrection::Folded(3),
+        SampleCorrection::PerOutput(2),
+        SampleCorrection::Elastic(SMALL),
+        SampleCorrection::Elastic(Elastic {
             upright: false,
             landmarks: 2,
             ..SMALL
         }),
-        Support::Elastic(Elastic {
+        SampleCorrection::Elastic(Elastic {
             looks_at: 2,
             points: 8,
             ..SMALL
@@ -61,7 +61,7 @@ pub fn blobs() -> Vec<Vec<u8>> {
         coupled: true,
         prismatic: true,
         joints: 4,
-        ..Sample::plain(8, Support::Elastic(SMALL))
+        ..Sample::plain(8, SampleCorrection::Elastic(SMALL))
     };
     blobs.push(coupled.blob());
     blobs.push(signed(&blobs[0], &SigningKey::from_bytes(&[1; 32])));

@@ -9,9 +9,9 @@ use poegp_runtime::correct::MAX_JOINT_CHANGE;
 use poegp_runtime::service::ModelSlot;
 use serde::Serialize;
 
-use crate::sample::{Sample, Support};
+use crate::sample::{Sample, SampleCorrection};
 
-/// Words of support that a model may have here: more than any seed has.
+/// Words of inducing points that a model may have here: more than any seed has.
 const WORDS: usize = 2_048;
 /// Bytes of the envelope's fields: magic, version, flags, length.
 const FIELDS: usize = 16;
@@ -47,7 +47,7 @@ fn envelope_crc(bytes: &[u8]) -> u32 {
 
 fn load(bytes: &[u8]) {
     thread_local! {
-        static GOOD: Vec<u8> = Sample::plain(1, Support::Shared(2)).blob();
+        static GOOD: Vec<u8> = Sample::plain(1, SampleCorrection::Shared(2)).blob();
     }
     let mut resident = Box::<ModelSlot<WORDS>>::default();
     GOOD.with(|good| resident.load_unverified(good))

@@ -2,7 +2,7 @@
 
 use poegp_calibration::device_cost::ElasticSize;
 use poegp_protocol::JointKind;
-use poegp_protocol::blob::{self, Correction, CorrectionBound, JointKernel, Ripple, Variance};
+use poegp_protocol::blob::{self, Correction, CorrectionLimit, JointKernel, Ripple, Variance};
 use poegp_protocol::limits::MAX_CURVE_ORDER;
 use poegp_runtime::elastic::position_variance;
 use rand::RngExt;
@@ -222,7 +222,7 @@ impl Elastic {
             rows.extend(generator.random_range(-2e-4_f32..2e-4).to_le_bytes());
         }
         Correction::Elastic(blob::Elastic {
-            bound: CorrectionBound {
+            limit: CorrectionLimit {
                 position_m: 1e-3,
                 angle_rad: 5e-3,
             },

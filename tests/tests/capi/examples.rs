@@ -50,7 +50,7 @@ fn assert_answers(said: &str) {
     assert_eq!(
         lines.next(),
         Some(&*format!(
-            "robot {}, crc {crc:08x}, joints 6, support 25",
+            "robot {}, crc {crc:08x}, joints 6, inducing points 25",
             decoded.robot.name
         ))
     );

@@ -5,7 +5,7 @@ use std::fs;
 use poegp_protocol::blob::{self, Correction};
 use poegp_runtime::guard::status::Status;
 use poegp_tests::emulator::instructions;
-use poegp_tests::sample::{INPUTS, Sample, Support};
+use poegp_tests::sample::{INPUTS, Sample, SampleCorrection};
 use poegp_tests::workspace;
 
 use crate::c::{Machine, capi, compile, run_on_device};
@@ -44,10 +44,10 @@ fn peer_model(blob: &[u8]) -> Vec<u8> {
 #[test]
 fn peer_in_c() {
     // The same mean in two forms: the peer has the difference form.
-    let sample = Sample::plain(30, Support::Folded(POINTS));
+    let sample = Sample::plain(30, SampleCorrection::Folded(POINTS));
     let (blob, of_peer) = (
         sample.blob(),
-        Sample::plain(30, Support::Shared(POINTS)).blob(),
+        Sample::plain(30, SampleCorrection::Shared(POINTS)).blob(),
     );
     let directory = tempfile::Builder::new().prefix("poegp-").tempdir().unwrap();
     let folder = directory.path();

@@ -8,7 +8,7 @@ use poegp_tests::device::{Device, DeviceError};
 use poegp_tests::emulator::{Clock, EmulatorError, Machine};
 use poegp_tests::firmware_build::{Board, firmware_of};
 use poegp_tests::image::Image;
-use poegp_tests::sample::{Elastic, Sample, Support, odd_queries};
+use poegp_tests::sample::{Elastic, Sample, SampleCorrection, odd_queries};
 use poegp_tests::stages::{CommandBits, Host};
 use poegp_trainer::device::error::ClientError;
 use poegp_trainer::signing::SecretKey;
@@ -46,7 +46,7 @@ fn identifies_itself(device: &mut Device, board: Board) {
 
 fn corrects(device: &mut Device, load: &mut dyn FnMut(&mut Device, &[u8])) {
     for (seed, kind) in [(100, Elastic::PLAIN), (101, Elastic::WITH_STD)] {
-        let sample = Sample::plain(seed, Support::Elastic(kind));
+        let sample = Sample::plain(seed, SampleCorrection::Elastic(kind));
         let bytes = sample.blob();
         load(device, &bytes);
         let host = Host::load(&bytes).unwrap();
@@ -100,7 +100,7 @@ fn stm32f405_gives_the_committed_bits() {
 #[test]
 fn stm32f405_leaves_its_flash_alone_while_cycles_run() {
     let mut device = start(Board::Stm32F405);
-    let sample = Sample::plain(102, Support::Elastic(Elastic::PLAIN));
+    let sample = Sample::plain(102, SampleCorrection::Elastic(Elastic::PLAIN));
     let (bytes, query) = (sample.blob(), &sample.queries(1)[0]);
     let expected = Host::load(&bytes).unwrap().command(query);
     let answers = |device: &mut Device| {

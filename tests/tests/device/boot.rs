@@ -12,7 +12,7 @@ use poegp_tests::emulator::{Clock, Emulator, Machine};
 use poegp_tests::firmware_build::{Board, firmware};
 use poegp_tests::image::Image;
 use poegp_tests::log;
-use poegp_tests::sample::{JOINTS, Sample, Support, warnings};
+use poegp_tests::sample::{JOINTS, Sample, SampleCorrection, warnings};
 
 use crate::device;
 
@@ -43,7 +43,7 @@ fn identifies_itself_and_its_capacity() {
 
 #[test]
 fn without_a_model_says_so() {
-    let sample = Sample::plain(1, Support::None);
+    let sample = Sample::plain(1, SampleCorrection::None);
     let evaluation = device().evaluate(&sample.queries(1)[0]).unwrap();
     assert_eq!(evaluation.status, Status::NO_MODEL.bits());
     assert_eq!(evaluation.blob_crc, 0);
@@ -51,7 +51,7 @@ fn without_a_model_says_so() {
 
 #[test]
 fn names_the_model_it_runs_and_counts() {
-    let sample = Sample::plain(2, Support::Shared(50));
+    let sample = Sample::plain(2, SampleCorrection::Shared(50));
     let bytes = sample.blob();
     let mut device = device();
     let identity = device.load(&bytes).unwrap();
@@ -60,7 +60,7 @@ fn names_the_model_it_runs_and_counts() {
         serial_number: "4400-0001".try_into().unwrap(),
         blob_crc: blob::stored_crc(&bytes).unwrap(),
         joints: JOINTS as u8,
-        support: 50,
+        inducing_points: 50,
         signed: false,
         warnings: warnings(),
     };
@@ -79,7 +79,7 @@ fn names_the_model_it_runs_and_counts() {
 
 #[test]
 fn logs_its_start_what_it_loads_and_what_it_refuses() {
-    let bytes = Sample::plain(4, Support::Shared(7)).blob();
+    let bytes = Sample::plain(4, SampleCorrection::Shared(7)).blob();
     let crc = blob::stored_crc(&bytes).unwrap();
     let mut device = device();
     device.load(&bytes).unwrap();
@@ -94,7 +94,7 @@ fn logs_its_start_what_it_loads_and_what_it_refuses() {
         "warn: no model: commands are not corrected".to_owned(),
         format!("info: model {crc:08x} verified"),
         format!("info: slot 0 holds {} bytes", bytes.len()),
-        format!("info: model {crc:08x} runs: 6 joints, 7 support points"),
+        format!("info: model {crc:08x} runs: 6 joints, 7 inducing points"),
         "warn: refused: blob is damaged".to_owned(),
         "warn: refused: blob is truncated".to_owned(),
     ];
@@ -118,13 +118,13 @@ fn holds_the_largest_model_and_no_larger() {
     // A row of seven inputs is shorter than the longest: more than 512 points fit.
     let points = words_for(POINTS) / 13;
     let identity = device
-        .load(&Sample::plain(3, Support::Shared(points)).blob())
+        .load(&Sample::plain(3, SampleCorrection::Shared(points)).blob())
         .unwrap();
     assert_eq!(
-        identity.model.map(|model| model.support),
+        identity.model.map(|model| model.inducing_points),
         Some(points as u32)
     );
-    let refused = device.load(&Sample::plain(3, Support::Shared(points + 1)).blob());
+    let refused = device.load(&Sample::plain(3, SampleCorrection::Shared(points + 1)).blob());
     let message = refused.unwrap_err().to_string();
     assert!(message.contains("Model { code: 10 }"), "{message}");
 }

@@ -5,7 +5,7 @@ use poegp_runtime::filter::GRACE;
 use poegp_runtime::guard::status::Status;
 use poegp_tests::device::Device;
 use poegp_tests::emulator::{Clock, instructions};
-use poegp_tests::sample::{Elastic, Sample, Support};
+use poegp_tests::sample::{Elastic, Sample, SampleCorrection};
 use poegp_tests::stages::{CommandBits, Host};
 
 use crate::device;
@@ -67,7 +67,8 @@ impl Controller {
 
 #[test]
 fn a_path_with_an_activation_in_the_middle() {
-    let samples = [61, 62].map(|seed| Sample::plain(seed, Support::Elastic(Elastic::PLAIN)));
+    let samples =
+        [61, 62].map(|seed| Sample::plain(seed, SampleCorrection::Elastic(Elastic::PLAIN)));
     let hosts = [0, 1].map(|index: usize| Host::load(&samples[index].blob()).unwrap());
     let mut device = device();
     assert_eq!(
@@ -158,11 +159,11 @@ fn a_path_with_an_activation_in_the_middle() {
 fn instructions_of_a_command() {
     let mut device = Device::start(Clock::Counting).unwrap_or_else(|error| panic!("{error}"));
     println!("instructions, Cortex-M4F, 6 joints:           Correct  Command");
-    for (name, support) in [
-        ("300 points, shared", Support::Folded(300)),
-        ("elastic", Support::Elastic(Elastic::PLAIN)),
+    for (name, correction) in [
+        ("300 points, shared", SampleCorrection::Folded(300)),
+        ("elastic", SampleCorrection::Elastic(Elastic::PLAIN)),
     ] {
-        let sample = Sample::plain(63, support);
+        let sample = Sample::plain(63, correction);
         device.load(&sample.blob()).unwrap();
         let tick_hz = device.identify().unwrap().tick_hz;
         let query = &sample.queries(1)[0];

@@ -4,19 +4,19 @@ use poegp_protocol::link::Query;
 use poegp_runtime::guard::status::Status;
 use poegp_tests::device::Device;
 use poegp_tests::emulator::{Clock, instructions};
-use poegp_tests::sample::{Elastic, Sample, Support};
+use poegp_tests::sample::{Elastic, Sample, SampleCorrection};
 use poegp_tests::stages::Host;
 
 const QUERIES: usize = 1_000;
 
-const SHAPES: [(&str, Support); 5] = [
-    ("chain alone", Support::None),
-    ("paper, shared, 300", Support::Shared(300)),
-    ("paper, per output, 300", Support::PerOutput(300)),
-    ("elastic", Support::Elastic(Elastic::PLAIN)),
+const SHAPES: [(&str, SampleCorrection); 5] = [
+    ("chain alone", SampleCorrection::None),
+    ("paper, shared, 300", SampleCorrection::Shared(300)),
+    ("paper, per output, 300", SampleCorrection::PerOutput(300)),
+    ("elastic", SampleCorrection::Elastic(Elastic::PLAIN)),
     (
         "elastic with a standard deviation",
-        Support::Elastic(Elastic::WITH_STD),
+        SampleCorrection::Elastic(Elastic::WITH_STD),
     ),
 ];
 
@@ -42,8 +42,8 @@ fn a_thousand_inputs_take_the_same_time() {
     let mut device = Device::start(Clock::Counting).unwrap_or_else(|error| panic!("{error}"));
     println!("instructions over {QUERIES} inputs, Cortex-M4F, six joints, fewest and most:");
     let mut beyond = Vec::new();
-    for (name, support) in SHAPES {
-        let sample = Sample::plain(35, support);
+    for (name, correction) in SHAPES {
+        let sample = Sample::plain(35, correction);
         let blob = sample.blob();
         device.load(&blob).unwrap();
         let queries = sample.queries(QUERIES);

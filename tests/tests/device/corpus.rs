@@ -4,7 +4,7 @@ use poegp_tests::device::{Device, DeviceError};
 use poegp_tests::emulator::Clock;
 use poegp_tests::fuzzing::kept::{self, Kept};
 use poegp_tests::fuzzing::seeds;
-use poegp_tests::sample::{Elastic, Sample, Support};
+use poegp_tests::sample::{Elastic, Sample, SampleCorrection};
 use poegp_tests::stages::Stages;
 
 /// As for the other tests of the stack, `image.rs`.
@@ -18,7 +18,7 @@ fn corpus(target: &str) -> Vec<Vec<u8>> {
 #[test]
 fn the_stack_stays_small_over_the_corpus() {
     let mut device = Device::start(Clock::Real).unwrap_or_else(|error| panic!("{error}"));
-    let sample = Sample::plain(61, Support::Elastic(Elastic::PLAIN));
+    let sample = Sample::plain(61, SampleCorrection::Elastic(Elastic::PLAIN));
     let query = sample.queries(1).remove(0);
     device.load(&sample.blob()).unwrap();
     let (mut taken, mut refused) = (0, 0);

@@ -5,7 +5,7 @@ use poegp_runtime::guard::status::Status;
 use poegp_tests::device::Device;
 use poegp_tests::emulator::{Clock, instructions};
 use poegp_tests::record::assert_recorded;
-use poegp_tests::sample::{Elastic, Sample, Support, odd_queries};
+use poegp_tests::sample::{Elastic, Sample, SampleCorrection, odd_queries};
 use poegp_tests::stages::{CommandBits, Host};
 
 use crate::device;
@@ -74,7 +74,7 @@ fn compare(sample: Sample, count: usize) -> Outcomes {
 fn elastic(joints: usize, kind: Elastic) -> Sample {
     Sample {
         joints,
-        ..Sample::plain(70, Support::Elastic(kind))
+        ..Sample::plain(70, SampleCorrection::Elastic(kind))
     }
 }
 
@@ -101,14 +101,14 @@ fn coupled_and_sliding_joints() {
 
 #[test]
 fn task_space() {
-    let shared = Sample::plain(71, Support::Shared(100));
+    let shared = Sample::plain(71, SampleCorrection::Shared(100));
     let coupled = Sample {
         coupled: true,
-        ..Sample::plain(72, Support::PerOutput(60))
+        ..Sample::plain(72, SampleCorrection::PerOutput(60))
     };
     let sliding = Sample {
         prismatic: true,
-        ..Sample::plain(73, Support::Shared(40))
+        ..Sample::plain(73, SampleCorrection::Shared(40))
     };
     let outcomes = [shared, coupled, sliding].map(|sample| compare(sample, 200));
     let left: usize = outcomes.iter().map(|outcomes| outcomes.not_corrected).sum();
@@ -117,13 +117,13 @@ fn task_space() {
 
 #[test]
 fn chain_alone() {
-    compare(Sample::plain(74, Support::None), 200);
+    compare(Sample::plain(74, SampleCorrection::None), 200);
 }
 
 /// Without a model, and with the bypass, the command comes back as it was, and says so.
 #[test]
 fn uncorrected_when_there_is_no_model_or_a_bypass() {
-    let sample = Sample::plain(75, Support::Elastic(Elastic::PLAIN));
+    let sample = Sample::plain(75, SampleCorrection::Elastic(Elastic::PLAIN));
     let queries = sample.queries(8);
     let mut device = device();
     for query in &queries {
@@ -173,9 +173,9 @@ fn instructions_of_one_command() {
         }
     }
     for (name, correction) in [
-        ("chain alone", Support::None),
-        ("poe-gp-load, shared", Support::Shared(100)),
-        ("poe-gp-load, per output", Support::PerOutput(100)),
+        ("chain alone", SampleCorrection::None),
+        ("poe-gp-load, shared", SampleCorrection::Shared(100)),
+        ("poe-gp-load, per output", SampleCorrection::PerOutput(100)),
     ] {
         cost(&mut device, name, Sample::plain(70, correction));
     }

@@ -6,7 +6,7 @@ use poegp_tests::device::Device;
 use poegp_tests::emulator::{Clock, instructions};
 use poegp_tests::firmware_build::{Toolchain, firmware};
 use poegp_tests::record::assert_recorded;
-use poegp_tests::sample::{self, Elastic, Sample, Support};
+use poegp_tests::sample::{self, Elastic, Sample, SampleCorrection};
 
 /// Instructions of each evaluation.
 fn costs(device: &mut Device, queries: &[Query]) -> Vec<f64> {
@@ -41,16 +41,28 @@ fn cost(device: &mut Device, sample: Sample) -> f64 {
 #[test]
 fn instructions_of_one_evaluation() {
     let mut device = Device::start(Clock::Counting).unwrap_or_else(|error| panic!("{error}"));
-    let no_model = costs(&mut device, &Sample::plain(30, Support::None).queries(1))[0];
-    let chain = cost(&mut device, Sample::plain(30, Support::None));
-    let shared = cost(&mut device, Sample::plain(30, Support::Folded(300)));
-    let wide = cost(&mut device, Sample::plain(30, Support::Shared(300)));
-    let per_output = cost(&mut device, Sample::plain(30, Support::PerOutput(300)));
+    let no_model = costs(
+        &mut device,
+        &Sample::plain(30, SampleCorrection::None).queries(1),
+    )[0];
+    let chain = cost(&mut device, Sample::plain(30, SampleCorrection::None));
+    let shared = cost(
+        &mut device,
+        Sample::plain(30, SampleCorrection::Folded(300)),
+    );
+    let wide = cost(
+        &mut device,
+        Sample::plain(30, SampleCorrection::Shared(300)),
+    );
+    let per_output = cost(
+        &mut device,
+        Sample::plain(30, SampleCorrection::PerOutput(300)),
+    );
     println!("instructions of one evaluation, Cortex-M4F, 6 joints, 7 inputs, 6 outputs:");
     println!("  no model                  {no_model:8.0}");
     println!("  chain alone               {chain:8.0}");
     println!("  300 points, shared        {shared:8.0}");
-    println!("  300 points, wide support  {wide:8.0}");
+    println!("  300 points, wide points   {wide:8.0}");
     println!("  300 points, per output    {per_output:8.0}");
     assert!(no_model <= 200.0, "{no_model}");
     assert!(chain <= 3_000.0, "{chain}");
@@ -82,7 +94,10 @@ fn instructions_of_elastic_models() {
             17_200.0,
         ),
     ] {
-        let count = cost(&mut device, Sample::plain(31, Support::Elastic(elastic)));
+        let count = cost(
+            &mut device,
+            Sample::plain(31, SampleCorrection::Elastic(elastic)),
+        );
         println!("  {name:<40}  {count:8.0}");
         assert!(count <= limit, "{name}: {count}");
         assert_recorded(&format!("one evaluation, {name}"), count);
@@ -111,7 +126,7 @@ fn instructions_of_a_standard_deviation() {
                     joints,
                     prismatic,
                     coupled,
-                    ..Sample::plain(34, Support::Elastic(elastic))
+                    ..Sample::plain(34, SampleCorrection::Elastic(elastic))
                 };
                 let size = elastic.size(joints, usize::from(prismatic));
                 if !coupled {
@@ -186,7 +201,7 @@ fn the_trainer_knows_what_elastic_models_cost() {
                 let sample = Sample {
                     joints,
                     prismatic,
-                    ..Sample::plain(33, Support::Elastic(elastic))
+                    ..Sample::plain(33, SampleCorrection::Elastic(elastic))
                 };
                 let size = elastic.size(joints, usize::from(prismatic));
                 device.load(&sample.blob()).unwrap();

@@ -3,14 +3,14 @@
 use poegp_protocol::blob::{self, DecodeError, HEADER_LENGTH};
 use poegp_protocol::link::Refusal;
 use poegp_tests::device::{Device, DeviceError};
-use poegp_tests::sample::{Sample, Support};
+use poegp_tests::sample::{Sample, SampleCorrection};
 use poegp_tests::stages::Stages;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use crate::device;
 
-const SMALL: Sample = Sample::plain(50, Support::Shared(3));
+const SMALL: Sample = Sample::plain(50, SampleCorrection::Shared(3));
 
 /// The error that flipping this bit of an unsigned blob must give.
 fn names_flip(bit: usize, length: u32, error: &DecodeError) -> bool {
@@ -79,7 +79,7 @@ fn refusal(device: &mut Device, bytes: &[u8]) -> DecodeError {
 
 #[test]
 fn device_refuses_them_too_and_keeps_its_model() {
-    let active = Sample::plain(51, Support::Shared(20));
+    let active = Sample::plain(51, SampleCorrection::Shared(20));
     let mut device = device();
     device.load(&active.blob()).unwrap();
     let queries = active.queries(5);

@@ -8,7 +8,7 @@ use std::{env, fs};
 
 use poegp_protocol::link::Query;
 use poegp_tests::device::Device;
-use poegp_tests::sample::{Elastic, Sample, Support, odd_queries};
+use poegp_tests::sample::{Elastic, Sample, SampleCorrection, odd_queries};
 use poegp_tests::stages::{self, CommandBits, Host, Stages};
 use poegp_tests::workspace;
 
@@ -16,20 +16,20 @@ use crate::device;
 
 /// Name of the files, and what is in them.
 const CASES: [(&str, Sample); 8] = [
-    ("shared", Sample::plain(20, Support::Shared(24))),
-    ("folded", Sample::plain(25, Support::Folded(24))),
+    ("shared", Sample::plain(20, SampleCorrection::Shared(24))),
+    ("folded", Sample::plain(25, SampleCorrection::Folded(24))),
     (
         "per_output",
         Sample {
             coupled: true,
-            ..Sample::plain(21, Support::PerOutput(24))
+            ..Sample::plain(21, SampleCorrection::PerOutput(24))
         },
     ),
     (
         "elastic",
         Sample {
             coupled: true,
-            ..Sample::plain(22, Support::Elastic(small(Elastic::PLAIN)))
+            ..Sample::plain(22, SampleCorrection::Elastic(small(Elastic::PLAIN)))
         },
     ),
     (
@@ -37,23 +37,26 @@ const CASES: [(&str, Sample); 8] = [
         Sample {
             coupled: true,
             prismatic: true,
-            ..Sample::plain(24, Support::Elastic(small(Elastic::WITH_STD)))
+            ..Sample::plain(24, SampleCorrection::Elastic(small(Elastic::WITH_STD)))
         },
     ),
     (
         "elastic_curve",
         Sample {
             coupled: true,
-            ..Sample::plain(28, Support::Elastic(small(CURVE)))
+            ..Sample::plain(28, SampleCorrection::Elastic(small(CURVE)))
         },
     ),
     // As large as they are used, and an odd number of points. Not on the smallest machines of `tests/machines/run`.
-    ("full_shared", Sample::plain(26, Support::Shared(299))),
+    (
+        "full_shared",
+        Sample::plain(26, SampleCorrection::Shared(299)),
+    ),
     (
         "full_elastic",
         Sample::plain(
             27,
-            Support::Elastic(Elastic {
+            SampleCorrection::Elastic(Elastic {
                 points: 201,
                 ..Elastic::PLAIN
             }),

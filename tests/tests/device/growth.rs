@@ -1,23 +1,23 @@
-//! What a support point more costs on the device: instructions of one evaluation for M = 25 … 400.
+//! What an inducing point more costs on the device: instructions of one evaluation for M = 25 … 400.
 
 use poegp_calibration::device_cost::evaluation_instructions;
 use poegp_protocol::link::Refusal;
 use poegp_tests::device::{Device, DeviceError};
 use poegp_tests::emulator::{Clock, instructions};
-use poegp_tests::sample::{Elastic, Sample, Support};
+use poegp_tests::sample::{Elastic, Sample, SampleCorrection};
 
 const POINTS: [usize; 5] = [25, 50, 100, 200, 400];
 
 /// Instructions of one evaluation within the trained ranges; `None` when the device has no room for the blob.
-fn count(device: &mut Device, support: Support) -> Option<f64> {
-    let sample = Sample::plain(40, support);
+fn count(device: &mut Device, correction: SampleCorrection) -> Option<f64> {
+    let sample = Sample::plain(40, correction);
     match device.load(&sample.blob()) {
         Ok(_) => {}
         Err(DeviceError::Refused(Refusal::BlobTooLong { length, capacity })) => {
-            println!("{support:?}: a blob of {length} bytes, the device takes {capacity}");
+            println!("{correction:?}: a blob of {length} bytes, the device takes {capacity}");
             return None;
         }
-        Err(error) => panic!("{support:?}: {error}"),
+        Err(error) => panic!("{correction:?}: {error}"),
     }
     let tick_hz = device.identify().unwrap().tick_hz;
     let ticks = device.evaluate(&sample.queries(1)[0]).unwrap().ticks;
@@ -40,14 +40,15 @@ fn exponent(sizes: &[usize], counts: &[f64]) -> f64 {
 }
 
 #[test]
-fn instructions_grow_with_the_support_points_and_no_faster() {
+fn instructions_grow_with_the_inducing_points_and_no_faster() {
     let mut device = Device::start(Clock::Counting).unwrap_or_else(|error| panic!("{error}"));
     let mut lines = Vec::new();
     for name in ["paper, shared", "elastic"] {
         let (mut counts, mut cells) = (Vec::new(), Vec::new());
         for points in POINTS {
             if name == "paper, shared" {
-                let found = count(&mut device, Support::Folded(points)).expect("512 points fit");
+                let found =
+                    count(&mut device, SampleCorrection::Folded(points)).expect("512 points fit");
                 cells.push(format!("{found:.0}"));
                 counts.push(found);
                 continue;
@@ -59,7 +60,7 @@ fn instructions_grow_with_the_support_points_and_no_faster() {
                 ..Elastic::PLAIN
             };
             let size = elastic.size(6, 0);
-            match count(&mut device, Support::Elastic(elastic)) {
+            match count(&mut device, SampleCorrection::Elastic(elastic)) {
                 Some(found) => {
                     cells.push(format!("{found:.0} ({})", evaluation_instructions(&size)));
                     counts.push(found);

@@ -5,7 +5,7 @@ use poegp_tests::device::Device;
 use poegp_tests::firmware_build::firmware;
 use poegp_tests::image::Image;
 use poegp_tests::record::assert_recorded;
-use poegp_tests::sample::{Elastic, Sample, Support, odd_queries};
+use poegp_tests::sample::{Elastic, Sample, SampleCorrection, odd_queries};
 use poegp_trainer::signing::SecretKey;
 
 use crate::device;
@@ -42,20 +42,20 @@ fn fits_its_budgets() {
 #[test]
 fn stack_stays_small() {
     let mut device = device();
-    let sample = Sample::plain(40, Support::Shared(300));
+    let sample = Sample::plain(40, SampleCorrection::Shared(300));
     device.load(&sample.blob()).unwrap();
     for query in sample.queries(8) {
         device.evaluate(&query).unwrap();
         device.trace(&query).unwrap();
     }
     device
-        .load(&Sample::plain(41, Support::PerOutput(300)).blob())
+        .load(&Sample::plain(41, SampleCorrection::PerOutput(300)).blob())
         .unwrap();
     let before = device.statistics().unwrap().stack_bytes;
     for (joints, elastic) in [(7, Elastic::PLAIN), (6, Elastic::WITH_STD)] {
         let sample = Sample {
             joints,
-            ..Sample::plain(42, Support::Elastic(elastic))
+            ..Sample::plain(42, SampleCorrection::Elastic(elastic))
         };
         device.load(&sample.blob()).unwrap();
         for query in sample.queries(4) {
@@ -81,10 +81,10 @@ fn stack_stays_small_with_signatures() {
     device.client().provision(key.public().bytes()).unwrap();
     let seven = |seed, kind| Sample {
         joints: 7,
-        ..Sample::plain(seed, Support::Elastic(kind))
+        ..Sample::plain(seed, SampleCorrection::Elastic(kind))
     };
     for sample in [
-        Sample::plain(43, Support::PerOutput(300)),
+        Sample::plain(43, SampleCorrection::PerOutput(300)),
         seven(44, Elastic::PLAIN),
         seven(45, Elastic::WITH_STD),
     ] {

@@ -6,7 +6,7 @@ use poegp_protocol::link::Query;
 use poegp_tests::device::Device;
 use poegp_tests::emulator::{Clock, Machine, instructions};
 use poegp_tests::firmware_build::{Board, Kernels, firmware_with};
-use poegp_tests::sample::{Elastic, Sample, Support, odd_queries};
+use poegp_tests::sample::{Elastic, Sample, SampleCorrection, odd_queries};
 use poegp_tests::stages::{Host, Stages};
 
 use crate::golden::compare_with_committed;
@@ -55,13 +55,13 @@ fn portable_kernels_give_the_committed_bits() {
 #[test]
 fn the_same_bits_for_a_thousand_queries() {
     let mut devices = both(Clock::Real);
-    for (seed, support) in [
-        (40, Support::Folded(300)),
-        (41, Support::Shared(300)),
-        (42, Support::Elastic(Elastic::PLAIN)),
-        (43, Support::Elastic(Elastic::WITH_STD)),
+    for (seed, correction) in [
+        (40, SampleCorrection::Folded(300)),
+        (41, SampleCorrection::Shared(300)),
+        (42, SampleCorrection::Elastic(Elastic::PLAIN)),
+        (43, SampleCorrection::Elastic(Elastic::WITH_STD)),
     ] {
-        let sample = Sample::plain(seed, support);
+        let sample = Sample::plain(seed, correction);
         let queries: Vec<Query> = sample
             .queries(1_000)
             .into_iter()
@@ -81,7 +81,7 @@ fn the_same_bits_for_every_shape_of_rows() {
             let seed = 50 + 10 * index as u64 + joints as u64;
             let sample = Sample {
                 joints,
-                ..Sample::plain(seed, Support::Folded(points))
+                ..Sample::plain(seed, SampleCorrection::Folded(points))
             };
             compare(&mut devices, sample, &sample.queries(4));
         }
@@ -103,7 +103,7 @@ fn the_same_bits_for_every_shape_of_sets() {
                 (joints * 11, 2),
             ] {
                 let seed = 900 + (100 * joints + 10 * looks_at) as u64;
-                let support = Support::Elastic(Elastic {
+                let correction = SampleCorrection::Elastic(Elastic {
                     points,
                     groups,
                     ripple: 0,
@@ -112,7 +112,7 @@ fn the_same_bits_for_every_shape_of_sets() {
                 });
                 let sample = Sample {
                     joints,
-                    ..Sample::plain(seed, support)
+                    ..Sample::plain(seed, correction)
                 };
                 compare(&mut devices, sample, &sample.queries(4));
             }
@@ -136,18 +136,18 @@ fn instructions_of_both_kernels() {
     let mut devices = both(Clock::Counting);
     let elastic = |joints, elastic| Sample {
         joints,
-        ..Sample::plain(31, Support::Elastic(elastic))
+        ..Sample::plain(31, SampleCorrection::Elastic(elastic))
     };
     // Limits of one whole evaluation, assembly then portable.
     let cases = [
         (
             "paper, 300 points, folded",
-            Sample::plain(30, Support::Folded(300)),
+            Sample::plain(30, SampleCorrection::Folded(300)),
             [15_500.0, 20_000.0],
         ),
         (
             "paper, 300 points, differences",
-            Sample::plain(30, Support::Shared(300)),
+            Sample::plain(30, SampleCorrection::Shared(300)),
             [25_000.0; 2],
         ),
         (

@@ -11,7 +11,7 @@ use poegp_protocol::link::Query;
 use poegp_tests::device::Device;
 use poegp_tests::emulator::{Clock, Machine};
 use poegp_tests::firmware_build::{Board, firmware};
-use poegp_tests::sample::{Elastic, Sample, Support};
+use poegp_tests::sample::{Elastic, Sample, SampleCorrection};
 use poegp_tests::stages::{CommandBits, Host};
 use poegp_trainer::device::client::Client;
 use poegp_trainer::device::error::ClientError;
@@ -62,9 +62,9 @@ fn models(queries: &[Query]) -> Vec<Known> {
         ..Elastic::PLAIN
     };
     let corrections = [
-        Support::Elastic(small),
-        Support::Shared(60),
-        Support::PerOutput(90),
+        SampleCorrection::Elastic(small),
+        SampleCorrection::Shared(60),
+        SampleCorrection::PerOutput(90),
     ];
     let known = corrections.into_iter().zip(90..).map(|(correction, seed)| {
         let bytes = Sample::plain(seed, correction).blob();
@@ -180,7 +180,7 @@ struct Tally {
 fn two_hundred_kills_lose_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let memory = folder.path().join("flash.bin");
-    let queries = Sample::plain(93, Support::None).queries(3);
+    let queries = Sample::plain(93, SampleCorrection::None).queries(3);
     let models = models(&queries);
     let mut generator = ChaCha8Rng::seed_from_u64(94);
     let mut device = start(&memory);

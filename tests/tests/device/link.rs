@@ -4,7 +4,7 @@ use poegp_protocol::blob::CRC;
 use poegp_protocol::link::frame::{MAX_FRAME, OVERHEAD};
 use poegp_protocol::link::{MAX_CHUNK, PROTOCOL_VERSION, Refusal, Request, Response};
 use poegp_tests::device::Device;
-use poegp_tests::sample::{Sample, Support};
+use poegp_tests::sample::{Sample, SampleCorrection};
 
 use crate::device;
 
@@ -172,7 +172,7 @@ fn oversized_blobs_are_refused_before_a_byte_is_sent() {
 
 #[test]
 fn pieces_come_in_order_and_may_be_repeated() {
-    let blob = Sample::plain(60, Support::Shared(40)).blob();
+    let blob = Sample::plain(60, SampleCorrection::Shared(40)).blob();
     let (length, crc) = (blob.len() as u32, CRC.checksum(&blob));
     let piece = |offset: u32, end: u32| Request::UploadChunk {
         offset,
@@ -256,7 +256,7 @@ fn pieces_come_in_order_and_may_be_repeated() {
 
 #[test]
 fn bytes_other_than_announced_are_refused() {
-    let blob = Sample::plain(61, Support::None).blob();
+    let blob = Sample::plain(61, SampleCorrection::None).blob();
     let computed = CRC.checksum(&blob);
     let stored = !computed;
     let mut device = device();

@@ -10,24 +10,27 @@ use poegp_tests::emulator::instructions;
 use poegp_tests::execution::Recorder;
 use poegp_tests::firmware_build::firmware;
 use poegp_tests::parts::Parts;
-use poegp_tests::sample::{Elastic, Sample, Support};
+use poegp_tests::sample::{Elastic, Sample, SampleCorrection};
 
 /// The shapes of the table.
-const SHAPES: [(&str, Support); 4] = [
-    ("paper, 300", Support::Folded(300)),
-    ("paper per output, 300", Support::PerOutput(300)),
-    ("elastic, 200", Support::Elastic(Elastic::PLAIN)),
-    ("elastic with std, 200", Support::Elastic(Elastic::WITH_STD)),
+const SHAPES: [(&str, SampleCorrection); 4] = [
+    ("paper, 300", SampleCorrection::Folded(300)),
+    ("paper per output, 300", SampleCorrection::PerOutput(300)),
+    ("elastic, 200", SampleCorrection::Elastic(Elastic::PLAIN)),
+    (
+        "elastic with std, 200",
+        SampleCorrection::Elastic(Elastic::WITH_STD),
+    ),
 ];
 
 /// One column: instructions of a pose or of a command, and what the device's own counter says.
 fn column(
     device: &mut Device,
     recorder: &mut Recorder,
-    support: Support,
+    correction: SampleCorrection,
     command: bool,
 ) -> (Parts, f64) {
-    let sample = Sample::plain(36, support);
+    let sample = Sample::plain(36, correction);
     let tick_hz = device.load(&sample.blob()).unwrap().tick_hz;
     let query = &sample.queries(1)[0];
     let mut ticks = 0;
@@ -55,9 +58,9 @@ fn column(
 fn the_parts_of_an_evaluation() {
     let (mut device, mut recorder) = Recorder::start().unwrap_or_else(|error| panic!("{error}"));
     let mut columns = Vec::new();
-    for (name, support) in SHAPES {
+    for (name, correction) in SHAPES {
         for command in [false, true] {
-            let (parts, counted) = column(&mut device, &mut recorder, support, command);
+            let (parts, counted) = column(&mut device, &mut recorder, correction, command);
             let what = if command { "command" } else { "pose" };
             columns.push((format!("{name}, {what}"), parts, counted));
         }
@@ -107,8 +110,8 @@ fn the_parts_of_an_evaluation() {
 
 /// Instructions of [`ModelSlot::load_unverified`](poegp_runtime::service) and of the whole request that verifies an
 /// uploaded blob, and the length of the blob.
-fn load(device: &mut Device, recorder: &mut Recorder, support: Support) -> [usize; 3] {
-    let blob = Sample::plain(37, support).blob();
+fn load(device: &mut Device, recorder: &mut Recorder, correction: SampleCorrection) -> [usize; 3] {
+    let blob = Sample::plain(37, correction).blob();
     device.client().begin_upload(&blob).unwrap();
     for (index, bytes) in blob.chunks(MAX_CHUNK).enumerate() {
         let offset = (MAX_CHUNK * index) as u32;
@@ -140,13 +143,21 @@ fn the_parts_of_loading() {
     println!("|---|---|---|---|---|---|");
     let mut beyond = Vec::new();
     for (name, small, large) in [
-        ("paper", Support::Shared(100), Support::Shared(300)),
+        (
+            "paper",
+            SampleCorrection::Shared(100),
+            SampleCorrection::Shared(300),
+        ),
         (
             "paper per output",
-            Support::PerOutput(100),
-            Support::PerOutput(300),
+            SampleCorrection::PerOutput(100),
+            SampleCorrection::PerOutput(300),
         ),
-        ("elastic", with_points(50), Support::Elastic(Elastic::PLAIN)),
+        (
+            "elastic",
+            with_points(50),
+            SampleCorrection::Elastic(Elastic::PLAIN),
+        ),
     ] {
         let [_, before, short] = load(&mut device, &mut recorder, small);
         let [loading, whole, bytes] = load(&mut device, &mut recorder, large);
@@ -160,8 +171,8 @@ fn the_parts_of_loading() {
     assert!(beyond.is_empty(), "{beyond:?}");
 }
 
-fn with_points(points: usize) -> Support {
-    Support::Elastic(Elastic {
+fn with_points(points: usize) -> SampleCorrection {
+    SampleCorrection::Elastic(Elastic {
         points,
         ..Elastic::PLAIN
     })

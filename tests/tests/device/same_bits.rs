@@ -3,7 +3,7 @@
 use poegp_protocol::blob;
 use poegp_runtime::guard::status::Status;
 use poegp_runtime::model::{Model, words_for};
-use poegp_tests::sample::{Elastic, Sample, Support, odd_queries};
+use poegp_tests::sample::{Elastic, Sample, SampleCorrection, odd_queries};
 use poegp_tests::stages::{self, Host, Stages};
 
 use crate::device;
@@ -34,25 +34,25 @@ fn compare(sample: Sample, count: usize) -> usize {
 
 #[test]
 fn shared_hyperparameters() {
-    let trusted = compare(Sample::plain(10, Support::Shared(300)), 1_000);
+    let trusted = compare(Sample::plain(10, SampleCorrection::Shared(300)), 1_000);
     assert!(trusted > 100, "only {trusted} queries were ordinary");
 }
 
 #[test]
 fn hyperparameters_per_output() {
-    compare(Sample::plain(11, Support::PerOutput(300)), 1_000);
+    compare(Sample::plain(11, SampleCorrection::PerOutput(300)), 1_000);
 }
 
 #[test]
 fn chain_alone() {
-    compare(Sample::plain(12, Support::None), 300);
+    compare(Sample::plain(12, SampleCorrection::None), 300);
 }
 
 #[test]
 fn coupled_joints() {
     let sample = Sample {
         coupled: true,
-        ..Sample::plain(13, Support::Shared(40))
+        ..Sample::plain(13, SampleCorrection::Shared(40))
     };
     compare(sample, 300);
 }
@@ -61,13 +61,13 @@ fn coupled_joints() {
 fn sliding_joint() {
     let sample = Sample {
         prismatic: true,
-        ..Sample::plain(14, Support::PerOutput(40))
+        ..Sample::plain(14, SampleCorrection::PerOutput(40))
     };
     compare(sample, 300);
 }
 
 fn elastic(seed: u64, elastic: Elastic) -> Sample {
-    Sample::plain(seed, Support::Elastic(elastic))
+    Sample::plain(seed, SampleCorrection::Elastic(elastic))
 }
 
 #[test]
@@ -210,7 +210,7 @@ fn f32_is_within_a_micrometre_of_f64() {
 
 #[test]
 fn evaluation_and_trace_are_one_computation() {
-    let sample = Sample::plain(15, Support::Shared(30));
+    let sample = Sample::plain(15, SampleCorrection::Shared(30));
     let mut device = device();
     device.load(&sample.blob()).unwrap();
     for query in sample.queries(50) {

@@ -28,7 +28,7 @@ use poegp_protocol::link::{Corrected, Query, Refusal, Request, Response, Statist
 use poegp_tests::bad_line::BadLine;
 use poegp_tests::emulator::{Clock, Emulator, Machine};
 use poegp_tests::firmware_build::{Board, firmware};
-use poegp_tests::sample::{Sample, Support};
+use poegp_tests::sample::{Sample, SampleCorrection};
 use poegp_tests::stages::CommandBits;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -111,7 +111,7 @@ fn encoded(sequence: u16, request: &Request<'_>) -> Vec<u8> {
 
 impl Soak {
     fn over(line: BadLine, seed: u64) -> Self {
-        let queries = Sample::plain(79, Support::None).queries(QUERIES);
+        let queries = Sample::plain(79, SampleCorrection::None).queries(QUERIES);
         Self {
             line,
             receiver: Receiver::new(),

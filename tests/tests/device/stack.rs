@@ -11,7 +11,7 @@ use std::collections::BTreeSet;
 
 use poegp_tests::firmware_build::{Board, firmware_of};
 use poegp_tests::record::assert_recorded;
-use poegp_tests::sample::{Elastic, Sample, Support};
+use poegp_tests::sample::{Elastic, Sample, SampleCorrection};
 use poegp_tests::stack::{CallGraph, EXCEPTION_FRAME};
 
 use crate::device;
@@ -107,7 +107,7 @@ fn no_stack_was_ever_deeper() {
     for kind in [Elastic::PLAIN, Elastic::WITH_STD] {
         let sample = Sample {
             joints: 7,
-            ..Sample::plain(46, Support::Elastic(kind))
+            ..Sample::plain(46, SampleCorrection::Elastic(kind))
         };
         device.load(&sample.blob()).unwrap();
         for query in sample.queries(20) {

@@ -6,7 +6,7 @@ use poegp_protocol::blob::CRC;
 use poegp_protocol::link::{MAX_CHUNK, Query, Request, Response};
 use poegp_tests::device::Device;
 use poegp_tests::emulator::{Clock, instructions};
-use poegp_tests::sample::{Elastic, Sample, Support};
+use poegp_tests::sample::{Elastic, Sample, SampleCorrection};
 use poegp_tests::stages::{CommandBits, Host};
 use poegp_trainer::signing::SecretKey;
 
@@ -90,7 +90,7 @@ fn a_correction_does_not_wait_for_services() {
     let mut device = Device::start(Clock::Counting).unwrap_or_else(|error| panic!("{error}"));
     let key = SecretKey::generate().unwrap();
     device.client().provision(key.public().bytes()).unwrap();
-    let elastic = |seed| Sample::plain(seed, Support::Elastic(Elastic::PLAIN));
+    let elastic = |seed| Sample::plain(seed, SampleCorrection::Elastic(Elastic::PLAIN));
     let blobs =
         [elastic(110), elastic(111), elastic(112)].map(|sample| key.sign(&sample.blob()).unwrap());
     let mut controller = Controller {

@@ -7,12 +7,12 @@ use poegp_runtime::guard::status::Status;
 use poegp_tests::device::Device;
 use poegp_tests::emulator::{Clock, Machine};
 use poegp_tests::firmware_build::{Board, firmware};
-use poegp_tests::sample::{Elastic, Sample, Support};
+use poegp_tests::sample::{Elastic, Sample, SampleCorrection};
 use poegp_tests::stages::{CommandBits, Host};
 
 use crate::device;
 
-const SAMPLE: Sample = Sample::plain(120, Support::Elastic(Elastic::PLAIN));
+const SAMPLE: Sample = Sample::plain(120, SampleCorrection::Elastic(Elastic::PLAIN));
 /// The watchdog of the board waits for two times four seconds.
 const LIMIT: Duration = Duration::from_secs(40);
 
@@ -62,7 +62,7 @@ fn a_controller_that_goes_silent_has_the_device_restarted() {
     assert!(
         identity
             .model
-            .is_some_and(|model| model.support as usize == points)
+            .is_some_and(|model| model.inducing_points as usize == points)
     );
     assert_eq!(restarts(&mut silent), 1);
     corrects(&mut silent);

@@ -74,10 +74,12 @@ impl From<ExportError> for Failure {
             ExportError::SinglePrecisionLossTooLarge(_) => {
                 Self::Quality(format!("{error}\nhelp: nothing was written"))
             }
-            ExportError::Unusable(BlobError::Load(LoadError::Bound)) => Self::Usage(format!(
-                "{error}\nhelp: the poses are more than a metre or half a radian from those of the robot description: check the robot, the joint \
+            ExportError::Unusable(BlobError::Load(LoadError::CorrectionLimit)) => {
+                Self::Usage(format!(
+                    "{error}\nhelp: the poses are more than a metre or half a radian from those of the robot description: check the robot, the joint \
                  coupling and the order of the columns"
-            )),
+                ))
+            }
             _ => Self::Usage(error.to_string()),
         }
     }

@@ -63,7 +63,7 @@ fn document(loaded: &BlobModel) -> Value {
         Correction::None => Value::Null,
         Correction::Elastic(elastic) => json!({
             "kind": "elastic",
-            "inducing_points": loaded.model().support(),
+            "inducing_points": loaded.model().inducing_points(),
             "inducing_points_of_joints": points_of_joints(elastic),
             "gravity": elastic.gravity,
             "ripple": elastic.ripple.iter().map(|r| json!({
@@ -73,20 +73,20 @@ fn document(loaded: &BlobModel) -> Value {
                 "orders": orders, "rms_urad": rms
             })),
             "payload_groups_kg": elastic.group_payloads_kg,
-            "correction_limit_mm": 1e3 * elastic.bound.position_m,
-            "correction_limit_mrad": 1e3 * elastic.bound.angle_rad,
+            "correction_limit_mm": 1e3 * elastic.limit.position_m,
+            "correction_limit_mrad": 1e3 * elastic.limit.angle_rad,
             "predictive_std": blob.variance.as_ref().map(sigma),
         }),
         Correction::TaskSpace(task) => json!({
             "kind": "task-space Gaussian process",
             "inputs": task.input_scale.len(),
-            "inducing_points": loaded.model().support(),
+            "inducing_points": loaded.model().inducing_points(),
             "hyperparameters": task.hyperparameters.iter().map(|h| json!({
                 "theta": h[..4], "noise_variance": h[4]
             })).collect::<Vec<_>>(),
             "output_rms": task.output_scale,
-            "correction_limit_mm": 1e3 * task.bound.position_m,
-            "correction_limit_mrad": 1e3 * task.bound.angle_rad,
+            "correction_limit_mm": 1e3 * task.limit.position_m,
+            "correction_limit_mrad": 1e3 * task.limit.angle_rad,
         }),
     };
     json!({
@@ -162,11 +162,11 @@ fn print(report: Printer, loaded: &BlobModel, document: &Value) {
     }
     if let Correction::TaskSpace(task) = &blob.correction {
         report.line(format_args!(
-            "  correction: Gaussian process of {} inputs, {} inducing points, bounded to {:.3} mm and {:.3} mrad",
+            "  correction: Gaussian process of {} inputs, {} inducing points, limited to {:.3} mm and {:.3} mrad",
             task.input_scale.len(),
-            loaded.model().support(),
-            1e3 * task.bound.position_m,
-            1e3 * task.bound.angle_rad
+            loaded.model().inducing_points(),
+            1e3 * task.limit.position_m,
+            1e3 * task.limit.angle_rad
         ));
         for (i, h) in task.hyperparameters.iter().enumerate() {
             let which = if task.hyperparameters.len() == 1 {
@@ -182,10 +182,10 @@ fn print(report: Printer, loaded: &BlobModel, document: &Value) {
     }
     if let Correction::Elastic(elastic) = &blob.correction {
         report.line(format_args!(
-            "  correction: elastic joints, {} inducing points, bounded to {:.3} mm and {:.3} mrad",
-            loaded.model().support(),
-            1e3 * elastic.bound.position_m,
-            1e3 * elastic.bound.angle_rad
+            "  correction: elastic joints, {} inducing points, limited to {:.3} mm and {:.3} mrad",
+            loaded.model().inducing_points(),
+            1e3 * elastic.limit.position_m,
+            1e3 * elastic.limit.angle_rad
         ));
         if !elastic.sets.is_empty() {
             let points = points_of_joints(elastic);

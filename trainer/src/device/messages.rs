@@ -84,7 +84,7 @@ fn model(code: u8) -> String {
         LoadError::JointLimits,
         LoadError::Ranges,
         LoadError::Kernel,
-        LoadError::Bound,
+        LoadError::CorrectionLimit,
         LoadError::Gravity,
         LoadError::Ripple,
         LoadError::Groups,
@@ -112,7 +112,7 @@ fn model(code: u8) -> String {
             "the inducing points are not whole rows",
         ),
         (
-            LoadError::SupportTooLarge {
+            LoadError::InducingPointsTooLarge {
                 needed: 0,
                 capacity: 0,
             },

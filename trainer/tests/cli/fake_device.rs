@@ -167,7 +167,7 @@ pub fn model(blob_crc: u32) -> ModelIdentity {
         serial_number: "17".try_into().unwrap(),
         blob_crc,
         joints: 6,
-        support: 20,
+        inducing_points: 20,
         signed: false,
         warnings: [Cause::Step, Cause::Still].into_iter().collect(),
     }

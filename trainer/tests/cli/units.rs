@@ -29,14 +29,14 @@ fn the_limit_of_the_correction_is_the_blobs() {
     let Correction::TaskSpace(correction) = &loaded.blob().correction else {
         panic!("the method has a correction in task space");
     };
-    let bound = &correction.bound;
+    let limit = &correction.limit;
     near(
         &document["correction_limit_mm"],
-        1e3 * f64::from(bound.position_m),
+        1e3 * f64::from(limit.position_m),
     );
     near(
         &document["correction_limit_mrad"],
-        1e3 * f64::from(bound.angle_rad),
+        1e3 * f64::from(limit.angle_rad),
     );
     for quantity in ["mean", "max"] {
         let lost = document["single_precision_loss_um"][quantity]

@@ -34,7 +34,7 @@ const SEARCH_UNITS: u64 = 44;
 /// for hyperparameters, ripple, outliers and standard deviations; all of them determine parameters, curves and weights.
 pub const DENSE_POSES: usize = 800;
 
-/// What solving for all poses takes, twice, what leaving each out takes, and what fewer support points take, about, in
+/// What solving for all poses takes, twice, what leaving each out takes, and what fewer inducing points take, about, in
 /// evaluations of that search: 700 poses took 2.7 s of 4.8, 300 took 0.5 of 2.6.
 pub fn solve_units(poses: usize) -> u64 {
     1 + poses.saturating_mul(poses) as u64 / 36_000

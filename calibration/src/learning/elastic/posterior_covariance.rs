@@ -1,7 +1,7 @@
 //! The posterior covariance of the elastic model: how well it predicts, before any correction of that statement.
 //!
 //! For a new pose y* = A* x + Σ_c J*_c δ_c(q*, m*): cov(y*) = P** − C S⁻¹ Cᵀ, with P** the prior covariance of y* and C its
-//! covariance with the measurements; both from parameters and processes. What the reduction to fewer support points adds
+//! covariance with the measurements; both from parameters and processes. What the reduction to fewer inducing points adds
 //! is below a hundredth and left out.
 //!
 //! Everything is linearised around the parameters that S is: base and tool have priors of 60 mm, and where C is linear around

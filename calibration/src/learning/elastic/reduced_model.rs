@@ -34,7 +34,7 @@ pub struct ElasticModel {
     pub deflection: Deflection<f64>,
     /// The coefficients that gravity in `deflection` was made of.
     pub gravity: GravityTerms<f64>,
-    /// Support rows, by payload; behind them the own-joint curves.
+    /// Rows of inducing points, by payload; behind them the own-joint curves.
     pub rows: Vec<f64>,
     /// Joints of the arm.
     pub joints: usize,
@@ -58,7 +58,7 @@ pub struct ElasticReport {
     /// Gear ripple that was not taken, for it could be of one frequency or another.
     pub ambiguous: Vec<AmbiguousLine>,
     /// Inducing points of all joints.
-    pub support: usize,
+    pub inducing_points: usize,
     /// By how much the smaller weights that single precision needs move the target, RMS over the measurements, m; `None`
     /// where it holds the weights as they are.
     pub single_precision_cost: Option<f64>,
@@ -107,7 +107,7 @@ impl ElasticModel {
                 * if options.processes { noise(1) } else { 1.0 },
             ripple: fit.state.ripple.iter().map(amplitude).collect(),
             ambiguous: fit.ambiguous.clone(),
-            support: processes.points(),
+            inducing_points: processes.points(),
             single_precision_cost,
             curve: fit.layout.curve_prior(&fit.hyperparameters).map(|prior| {
                 let length_scale = fit.hyperparameters[fit.layout.curve_scale()].exp();
@@ -142,8 +142,8 @@ impl ElasticModel {
         })
     }
 
-    /// The support rows, and the own-joint curves behind them.
-    pub fn support_and_curves(&self) -> (&[f64], &[f64]) {
+    /// The rows of inducing points, and the own-joint curves behind them.
+    pub fn rows_and_curves(&self) -> (&[f64], &[f64]) {
         let curves = coefficient_count(self.joints, self.deflection.curve_orders);
         self.rows.split_at(self.rows.len() - curves)
     }

@@ -33,7 +33,7 @@ pub struct ElasticFit {
     pub scales: NoiseScales,
     /// Inputs of the processes.
     pub inputs: Inputs,
-    /// The solution with all poses as support, when there are processes.
+    /// The solution with all poses as inducing points, when there are processes.
     pub solved: Option<Posterior>,
     /// Where the model was linearised for it: `state` has moved on since.
     pub origin: ParametricModel,

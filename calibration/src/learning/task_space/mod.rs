@@ -168,7 +168,7 @@ impl TaskSpaceGp {
         }]
     }
 
-    /// The posterior mean in the form that the runtime evaluates: header and support rows.
+    /// The posterior mean in the form that the runtime evaluates: header and rows of inducing points.
     pub fn mean(&self) -> (MeanHeader<f64>, Vec<f64>) {
         let dimensions = self.inputs.first().map_or(0, Vec::len);
         let mut header = MeanHeader::zero(dimensions);
@@ -207,7 +207,7 @@ impl TaskSpaceGp {
         (header, rows)
     }
 
-    /// An order of the support points in which partial sums of the weights stay small.
+    /// An order of the inducing points in which partial sums of the weights stay small.
     ///
     /// A smooth kernel has large weights of both signs that almost cancel, and the rounding error of a sum grows with
     /// its partial sums. Taking next the point that leaves the smallest sum makes plain `f32` as good as summing in

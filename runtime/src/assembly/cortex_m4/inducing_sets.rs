@@ -1,4 +1,4 @@
-//! The mean of one joint's support set, all payload groups in one pass: two rows in a step, the first of an odd number alone.
+//! The mean of one joint's inducing set, all payload groups in one pass: two rows in a step, the first of an odd number alone.
 //!
 //! Rows of 2 D + 1 words end at no multiple of anything, so every number of joints has loads of its own: few rows fit into
 //! the registers beside the query as a whole. An odd number's first row is taken before the pairs, so the order of the sum

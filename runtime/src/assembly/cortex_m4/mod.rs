@@ -15,7 +15,7 @@
 //! | `set_mean`, D joints | s(24−2D) – s23 | s24; of all groups s25 | s26 – s31 |
 //!
 //! Every step takes two points, and a point that is left over goes through portable code; of a
-//! support set, whose groups are small, it has instructions of its own.
+//! inducing set, whose groups are small, it has instructions of its own.
 //!
 //! This and what is in it is the only module of the crate with unsafe code. Every block reads whole rows of slices whose length was counted
 //! by `as_chunks`, and writes the sums that it is given.

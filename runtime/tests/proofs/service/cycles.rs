@@ -90,7 +90,7 @@ fn without_a_model_the_command_comes_back() {
     }
     let statistics = desk.statistics();
     assert_eq!((statistics.cycles, statistics.flagged), (18, 18));
-    assert_eq!((statistics.uncorrected, statistics.bounded), (6, 0));
+    assert_eq!((statistics.uncorrected, statistics.limited), (6, 0));
 }
 
 #[test]

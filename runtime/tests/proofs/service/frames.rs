@@ -159,7 +159,7 @@ fn everything_is_counted() {
         activations: 1,
         // Of the models; the proofs of the cycle have them.
         flagged: statistics.flagged,
-        bounded: statistics.bounded,
+        limited: statistics.limited,
         uncorrected: statistics.uncorrected,
         ..counted
     };

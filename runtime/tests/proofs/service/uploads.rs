@@ -26,7 +26,10 @@ fn identify_without_and_with_a_model() {
         panic!()
     };
     assert_eq!(model.blob_crc, known.blob_crc);
-    assert_eq!((model.joints, model.support, model.signed), (3, 7, false));
+    assert_eq!(
+        (model.joints, model.inducing_points, model.signed),
+        (3, 7, false)
+    );
     let names = (model.robot.as_str(), model.serial_number.as_str());
     assert_eq!(names, ("arm", ""));
     let Response::Committed(stored) = desk.ask(&Request::CommitUpload) else {
@@ -136,10 +139,10 @@ fn a_refused_blob_leaves_the_old_model() {
         stored: blob::stored_crc(&damaged).unwrap(),
         computed: blob::blob_crc(&damaged[..16], &damaged[20..]),
     };
-    let mut bad_bound = Arm::sound(3, 7);
-    bad_bound.task().bound.position_m = -1.0;
+    let mut bad_limit = Arm::sound(3, 7);
+    bad_limit.task().limit.position_m = -1.0;
     let mut buffer = vec![0; BYTES];
-    let bad_bound = blob::encode(&bad_bound.blob(), &mut buffer).unwrap();
+    let bad_limit = blob::encode(&bad_limit.blob(), &mut buffer).unwrap();
     let truncated = DecodeError::Truncated {
         expected: 20,
         found: 0,
@@ -151,7 +154,7 @@ fn a_refused_blob_leaves_the_old_model() {
             Refusal::Blob(DecodeError::WrongMagic),
         ),
         (Vec::new(), Refusal::Blob(truncated)),
-        (bad_bound.to_vec(), Refusal::Model { code: 8 }),
+        (bad_limit.to_vec(), Refusal::Model { code: 8 }),
     ];
     for (bytes, refusal) in cases {
         assert_eq!(upload(&mut desk, &bytes), refused(refusal));

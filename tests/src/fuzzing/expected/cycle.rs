@@ -134,7 +134,7 @@ impl Expected {
     fn completed(&mut self, status: Status) {
         self.statistics.cycles += 1;
         self.statistics.flagged += u32::from(!status.is_ok());
-        self.statistics.bounded += u32::from(status.contains(Status::CORRECTION_LIMITED));
+        self.statistics.limited += u32::from(status.contains(Status::CORRECTION_LIMITED));
     }
 
     pub(super) fn evaluate(&mut self, query: &Query) -> (Evaluation, Stages<f32>) {

@@ -40,7 +40,7 @@ impl Known {
             serial_number: cut(decoded.robot.serial_number),
             blob_crc: stored_crc(bytes).expect("a header"),
             joints: model.joints() as u8,
-            support: model.support() as u32,
+            inducing_points: model.inducing_points() as u32,
             signed: key.is_some(),
             warnings: decoded.warnings,
         };

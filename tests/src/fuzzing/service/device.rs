@@ -19,7 +19,7 @@ mod nor;
 
 use nor::Nor;
 
-/// Words of support that fit.
+/// Words of inducing points that fit.
 pub(in crate::fuzzing) const WORDS: usize = 256;
 /// Bytes of a blob that fit.
 pub(in crate::fuzzing) const BYTES: usize = 2_048;

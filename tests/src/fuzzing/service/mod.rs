@@ -20,7 +20,7 @@ use poegp_runtime::store::{Layout, Store};
 use self::device::{BOARD, BYTES, Calls, Flash, Running, SETTINGS, SLOT, UNITS, Wired};
 use super::expected::Expected;
 use super::wire::{sent, wire};
-use crate::sample::{Elastic, Sample, Support};
+use crate::sample::{Elastic, Sample, SampleCorrection};
 
 /// Steps of a script that are carried out.
 const MOST_STEPS: usize = 100;
@@ -37,13 +37,13 @@ impl Sources {
         let [a, b, c] = [
             Sample {
                 joints: 3,
-                ..Sample::plain(1, Support::None)
+                ..Sample::plain(1, SampleCorrection::None)
             },
             Sample {
                 joints: 3,
-                ..Sample::plain(2, Support::Elastic(SMALL))
+                ..Sample::plain(2, SampleCorrection::Elastic(SMALL))
             },
-            Sample::plain(3, Support::Shared(3)),
+            Sample::plain(3, SampleCorrection::Shared(3)),
         ]
         .map(|sample| sample.blob());
         let signed = signed(&b, &keys[0]);

@@ -2,7 +2,7 @@
 
 use poegp_protocol::blob;
 use poegp_protocol::link::Query;
-use poegp_tests::sample::{Elastic, Sample, Support};
+use poegp_tests::sample::{Elastic, Sample, SampleCorrection};
 use poegp_tests::stages::{CommandBits, Host};
 
 /// A model and its answers.
@@ -25,9 +25,9 @@ pub fn models(queries: &[Query]) -> Vec<Known> {
         ..elastic
     };
     let corrections = [
-        Support::Elastic(small(Elastic::PLAIN)),
-        Support::Elastic(small(Elastic::WITH_STD)),
-        Support::Shared(20),
+        SampleCorrection::Elastic(small(Elastic::PLAIN)),
+        SampleCorrection::Elastic(small(Elastic::WITH_STD)),
+        SampleCorrection::Shared(20),
     ];
     let known = corrections.into_iter().zip(80..).map(|(correction, seed)| {
         let bytes = Sample::plain(seed, correction).blob();

@@ -153,7 +153,7 @@ pub fn document(
         blob: BlobSummary {
             file: a.out.display().to_string(),
             bytes: blob.bytes().len(),
-            inducing_points: blob.model().support(),
+            inducing_points: blob.model().inducing_points(),
             instructions: ElasticSize::of_blob(blob.blob())
                 .map(|size| evaluation_instructions(&size)),
         },

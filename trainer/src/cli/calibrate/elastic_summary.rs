@@ -88,7 +88,7 @@ impl ElasticSummary {
                 .iter()
                 .any(|s| s.observation.has_orientation())
                 .then_some(1e3 * report.orientation_noise),
-            inducing_points: report.support,
+            inducing_points: report.inducing_points,
             ripple: ripple.collect(),
             ambiguous_ripple: ambiguous.collect(),
             own_joint_curve: report.curve.map(|curve| CurveSummary {

@@ -438,9 +438,9 @@ fn print(
         Some(identifiability) => report.line(identifiability.lines().join("\n")),
         None => report.line("  identifiability: could not be computed for these poses"),
     }
-    let support = blob.model().support();
+    let inducing_points = blob.model().inducing_points();
     report.line(format_args!(
-        "Wrote {} ({} bytes, {support} inducing points).",
+        "Wrote {} ({} bytes, {inducing_points} inducing points).",
         a.out.display(),
         blob.bytes().len()
     ));

@@ -208,9 +208,9 @@ pub fn of_calibration(
     let device = DeviceSummary {
         file: document.blob.file.clone(),
         bytes: document.blob.bytes,
-        support: document.blob.inducing_points,
+        inducing_points: document.blob.inducing_points,
         instructions: document.blob.instructions,
-        bound: (document.correction_limit_mm, document.correction_limit_mrad),
+        limit: (document.correction_limit_mm, document.correction_limit_mrad),
         single_precision_loss_um: (
             document.single_precision_loss_um.mean,
             document.single_precision_loss_um.max,

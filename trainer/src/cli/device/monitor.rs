@@ -25,7 +25,7 @@ const INTERVAL: Duration = Duration::from_secs(1);
 const PAGE: usize = 20;
 /// A log is silent most of the time.
 const LOG_READ_LIMIT: Duration = Duration::from_secs(1);
-const HEADER: &str = "     cycles       /s   missed  flagged  bounded  uncorrected  worst ms  latency ms  bad frames  lost bytes";
+const HEADER: &str = "     cycles       /s   missed  flagged  limited  uncorrected  worst ms  latency ms  bad frames  lost bytes";
 
 pub fn run(a: &Monitor) -> Result<(), Failure> {
     check_outputs(&[a.json.as_deref()], &[])?;
@@ -177,7 +177,7 @@ fn line(s: &Statistics, rate: f64, tick_hz: u32) -> String {
         s.cycles,
         s.missed_deadlines,
         s.flagged,
-        s.bounded,
+        s.limited,
         s.uncorrected,
         show::milliseconds(s.max_ticks, tick_hz),
         show::milliseconds(s.max_latency_ticks, tick_hz),

@@ -23,7 +23,7 @@ pub fn model(model: &ModelIdentity) -> String {
         model.blob_crc,
         model.robot,
         model.joints,
-        model.support,
+        model.inducing_points,
         if model.signed { ", signed" } else { "" }
     )
 }
@@ -63,7 +63,7 @@ pub fn model_json(model: &ModelIdentity) -> Value {
         "serial_number": model.serial_number.as_str(),
         "crc": format!("{:08x}", model.blob_crc),
         "joints": model.joints,
-        "inducing_points": model.support,
+        "inducing_points": model.inducing_points,
         "signed": model.signed,
         "warnings": model.warnings.iter().map(|c| c.name()).collect::<Vec<_>>(),
     })
@@ -168,8 +168,8 @@ pub fn counters(s: &Statistics) -> [(&'static str, u32, &'static str); 20] {
             "of these with a status that is not ok",
         ),
         (
-            "bounded",
-            s.bounded,
+            "limited",
+            s.limited,
             "of these with a correction scaled back to its bound",
         ),
         (

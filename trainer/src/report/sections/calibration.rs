@@ -313,25 +313,25 @@ pub struct DeviceSummary {
     pub file: String,
     /// Its bytes, which it takes of flash, too.
     pub bytes: usize,
-    /// Support points.
-    pub support: usize,
+    /// Inducing points.
+    pub inducing_points: usize,
     /// Instructions of one evaluation on a Cortex-M4F by the cost model; unknown for the paper's process.
     pub instructions: Option<u64>,
     /// Bound of the correction in mm and mrad.
-    pub bound: (f64, f64),
+    pub limit: (f64, f64),
     /// What single precision costs, mean and largest, µm.
     pub single_precision_loss_um: (f64, f64),
 }
 
 /// The file for the controller, and what it costs there.
 pub fn device(summary: &DeviceSummary) -> Section {
-    let (mm, mrad) = summary.bound;
+    let (mm, mrad) = summary.limit;
     let (mean, max) = summary.single_precision_loss_um;
     Section::new("device", "The file for the controller").block(html! {
         dl {
             dt { "file" } dd { (summary.file) }
             dt { "size, also in flash" } dd { (Number::count(summary.bytes, "/blob/bytes")) " bytes" }
-            dt { "inducing points" } dd { (Number::count(summary.support, "/blob/inducing_points")) }
+            dt { "inducing points" } dd { (Number::count(summary.inducing_points, "/blob/inducing_points")) }
             dt { "one evaluation" } dd {
                 @match summary.instructions {
                     Some(n) => { "about " (Number::new(n as f64, 0, "/blob/instructions")) " instructions of a Cortex-M4F" }

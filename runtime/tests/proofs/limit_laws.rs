@@ -1,7 +1,7 @@
-//! The bound on a correction at its edges: a bound of zero, a twist at the bound, one that is no number.
+//! The limit of a correction at its edges: a limit of zero, a twist at the limit, one that is no number.
 
 use nalgebra::Vector3;
-use poegp_runtime::guard::limit::{Bound, bounded};
+use poegp_runtime::guard::limit::{Limit, limited};
 use poegp_runtime::math::se3::Twist;
 
 fn twist(linear: f32, angular: f32) -> Twist<f32> {
@@ -13,7 +13,7 @@ fn twist(linear: f32, angular: f32) -> Twist<f32> {
 
 fn within(position: f32, angle: f32, given: &Twist<f32>) -> (Twist<f32>, bool) {
     // Turning about x does not move a target on it.
-    bounded(&Bound { position, angle }, given, &Vector3::zeros())
+    limited(&Limit { position, angle }, given, &Vector3::zeros())
 }
 
 #[test]
@@ -26,7 +26,7 @@ fn a_twist_at_the_bound_passes_unchanged() {
 
 /// Both parts shrink by the same factor, the smaller one that is needed.
 #[test]
-fn a_twist_beyond_the_bound_is_scaled() {
+fn a_twist_beyond_the_limit_is_scaled() {
     let given = twist(0.006, 0.02);
     assert_eq!(within(0.003, 0.02, &given), (twist(0.003, 0.01), true));
     assert_eq!(within(0.006, 0.01, &given), (twist(0.003, 0.01), true));
