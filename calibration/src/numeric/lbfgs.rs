@@ -3,9 +3,11 @@
 //! The method is L-BFGS-B, taken from `basin` (a port of Nocedal's v3.0 that is tested against it iteration by
 //! iteration). The trait keeps that young library out of every signature of this crate.
 
+use std::cell::RefCell;
+
 use basin::{
     ApplicationStop, BoxBounds, ConstraintSet, Constraints, CostFunction, Executor,
-    FirstOrderState, Gradient, Lbfgs, State,
+    FirstOrderState, Gradient, Lbfgs, State, Termination,
 };
 
 use crate::progress::{Cancelled, FitContext};
@@ -16,13 +18,28 @@ pub trait Objective {
     fn value_and_gradient(&self, x: &[f64]) -> (f64, Vec<f64>);
 }
 
+/// How a search ended; the later, the worse.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum SearchEnd {
+    /// At a minimum, by gradient or reduction.
+    Converged,
+    /// After the most iterations that it may have.
+    IterationLimit,
+    /// No step lowered the value any more, though the gradient is not small.
+    NoProgress,
+}
+
 /// Where [`minimize`] ended.
 #[derive(Clone, Debug)]
 pub struct Minimum {
-    /// The best point.
+    /// The best point of all that were looked at, the first among them.
     pub x: Vec<f64>,
     /// Its value.
     pub value: f64,
+    /// How the search ended.
+    pub end: SearchEnd,
+    /// Iterations that it took.
+    pub iterations: u64,
 }
 
 struct BoundedProblem<'a, O> {
@@ -30,6 +47,18 @@ struct BoundedProblem<'a, O> {
     context: &'a FitContext<'a>,
     lower: Vec<f64>,
     upper: Vec<f64>,
+    best: &'a RefCell<(f64, Vec<f64>)>,
+}
+
+impl<O: Objective> BoundedProblem<'_, O> {
+    fn evaluated(&self, x: &[f64]) -> (f64, Vec<f64>) {
+        let found = self.objective.value_and_gradient(x);
+        let mut best = self.best.borrow_mut();
+        if found.0 < best.0 {
+            *best = (found.0, x.to_vec());
+        }
+        found
+    }
 }
 
 impl<O> Constraints for BoundedProblem<'_, O> {
@@ -46,7 +75,7 @@ impl<O: Objective> CostFunction for BoundedProblem<'_, O> {
     type Error = Cancelled;
 
     fn cost(&self, x: &Vec<f64>) -> Result<f64, Cancelled> {
-        Ok(self.objective.value_and_gradient(x).0)
+        Ok(self.evaluated(x).0)
     }
 }
 
@@ -54,12 +83,12 @@ impl<O: Objective> Gradient for BoundedProblem<'_, O> {
     type Gradient = Vec<f64>;
 
     fn gradient(&self, x: &Vec<f64>) -> Result<Vec<f64>, Cancelled> {
-        Ok(self.objective.value_and_gradient(x).1)
+        Ok(self.evaluated(x).1)
     }
 
     fn cost_and_gradient(&self, x: &Vec<f64>) -> Result<(f64, Vec<f64>), Cancelled> {
         self.context.step()?;
-        Ok(self.objective.value_and_gradient(x))
+        Ok(self.evaluated(x))
     }
 }
 
@@ -89,9 +118,9 @@ impl StopCriteria {
     }
 }
 
-/// The lowest point found from `start` within `bounds` (lower, upper).
+/// The lowest point found from `start` within `bounds` (lower, upper): never one above the start.
 ///
-/// Deterministic. Falls back to `start` when the search cannot begin there.
+/// Deterministic.
 ///
 /// # Errors
 /// [`Cancelled`].
@@ -107,9 +136,11 @@ pub fn minimize<O: Objective>(
         .zip(bounds)
         .map(|(x, (lower, upper))| x.clamp(*lower, *upper))
         .collect();
+    let best = RefCell::new((f64::INFINITY, clamped.clone()));
     let problem = BoundedProblem {
         objective,
         context,
+        best: &best,
         lower: bounds.iter().map(|b| b.0).collect(),
         upper: bounds.iter().map(|b| b.1).collect(),
     };
@@ -126,21 +157,32 @@ pub fn minimize<O: Objective>(
         let within = |gap: f64| (0.0..=distance).contains(&gap);
         (within(value - known) && within(last - value)).then(|| ApplicationStop::new("known"))
     };
-    let run = Executor::new(problem, solver, FirstOrderState::new(clamped.clone()))
+    let run = Executor::new(problem, solver, FirstOrderState::new(clamped))
         .max_iter(ending.iterations)
         .stop_when(repeats)
         .run();
     context.check()?;
-    Ok(match run {
-        Ok(result) if result.cost().is_finite() => Minimum {
-            x: result.param().clone(),
-            value: result.cost(),
-        },
-        _ => Minimum {
-            value: objective.value_and_gradient(&clamped).0,
-            x: clamped,
-        },
+    let (end, iterations) = match &run {
+        Ok(result) => (end_of(&result.report.termination), result.iter()),
+        Err(_) => (SearchEnd::NoProgress, 0),
+    };
+    let (value, x) = best.into_inner();
+    Ok(Minimum {
+        x,
+        value,
+        end,
+        iterations,
     })
+}
+
+fn end_of(termination: &Termination) -> SearchEnd {
+    match termination {
+        Termination::Converged(_) | Termination::Target { .. } | Termination::Application(_) => {
+            SearchEnd::Converged
+        }
+        Termination::Limit(_) => SearchEnd::IterationLimit,
+        _ => SearchEnd::NoProgress,
+    }
 }
 
 #[cfg(test)]
@@ -179,6 +221,35 @@ mod tests {
             "{edge:?}"
         );
     }
+
+    /// A search that is cut short says so, and one with no step to go stays where it is: none ends above its start.
+    #[test]
+    fn says_how_it_ended_and_never_ends_above_its_start() {
+        let within = [(-2.0, 2.0); 2];
+        let begin = Rosenbrock.value_and_gradient(&[-1.2, 1.0]).0;
+        let whole = minimum(&within, &STOP);
+        assert_eq!(whole.end, SearchEnd::Converged);
+        let short = minimum(&within, &StopCriteria::after(3, 1e-10));
+        assert_eq!(
+            (short.end, short.iterations),
+            (SearchEnd::IterationLimit, 3)
+        );
+        assert!(whole.value < short.value && short.value <= begin);
+        let context = FitContext::default();
+        let stuck = minimize(&Uphill, &[0.5], &[(-2.0, 2.0)], &STOP, &context).unwrap();
+        assert_eq!(stuck.end, SearchEnd::NoProgress);
+        assert!(stuck.value <= 0.5, "{stuck:?}");
+    }
+
+    /// Its gradient has the wrong sign.
+    struct Uphill;
+
+    impl Objective for Uphill {
+        fn value_and_gradient(&self, x: &[f64]) -> (f64, Vec<f64>) {
+            (x[0], vec![-1.0])
+        }
+    }
+
     #[test]
     fn ends_where_somebody_has_been_and_not_far_above_or_below() {
         let from = |known: f64| {

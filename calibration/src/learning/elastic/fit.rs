@@ -14,7 +14,7 @@ use crate::identification::parametric::ripple::{
 use crate::identification::parametric::state::{
     Linearised, MAX_LINEARISATION_ERROR, MAX_STEPS, ParametricModel, ROWS,
 };
-use crate::learning::elastic::hyperparameter_search::HyperparameterSearch;
+use crate::learning::elastic::hyperparameter_search::{HyperparameterSearch, Learned};
 use crate::learning::elastic::hyperparameters::{DEFLECTION_UNIT, HyperLayout};
 use crate::learning::elastic::inputs::Inputs;
 use crate::learning::elastic::likelihood::{MarginalLikelihood, Posterior};
@@ -24,7 +24,7 @@ use crate::learning::elastic::own_joint_curve::{CurvePrior, Waves, orders};
 use crate::learning::elastic::solution::{ElasticFit, FitError};
 use crate::measurement::noise::NoiseScales;
 use crate::measurement::sample::BaseSample;
-use crate::progress::{Cancelled, FitContext};
+use crate::progress::FitContext;
 use poegp_protocol::limits::MAX_RIPPLE;
 
 /// Evaluations that it takes, about.
@@ -127,7 +127,7 @@ pub fn fit(
         state.add_ripple(&arm.gear_lines);
     }
     let unit = mean_payload(samples);
-    let (start, bounds) = h.start_and_bounds(unit);
+    let (start, _) = h.start_and_bounds(unit);
     let (scales, mut ambiguous) = context.phase(setup_units(samples.len()), || {
         let scales = parametric_fit(&mut state, samples, &start);
         if options.ripple {
@@ -137,14 +137,12 @@ pub fn fit(
         }
     })?;
     let search = HyperparameterSearch::new(samples, scales, options, context);
-    let learned = context.phase(SEARCH_UNITS, || -> Result<_, Cancelled> {
-        if let Some(with_curve) = search.with_curve(&state, h, &start)? {
-            return Ok(with_curve);
-        }
-        let found = search.learn(&state, h, (start, bounds))?;
-        Ok((state, h, found.x))
-    })??;
-    let (mut state, h, hyper) = learned;
+    let Learned {
+        mut state,
+        layout: h,
+        hyperparameters: hyper,
+        report: search,
+    } = context.phase(SEARCH_UNITS, || search.learn(&state, h))??;
     if !options.processes {
         // The priors that the evidence prefers, and the parameters under them.
         let scales = parametric_fit(&mut state, samples, &hyper);
@@ -157,6 +155,7 @@ pub fn fit(
             scales,
             solved: None,
             ambiguous,
+            search,
         });
     }
     let inputs = Inputs::new(&state, samples);
@@ -226,6 +225,7 @@ pub fn fit(
         inputs,
         solved: Some(solved),
         ambiguous,
+        search,
     })
 }
 

@@ -1,4 +1,7 @@
 //! The search for hyperparameters of the greatest marginal likelihood, and whether the evidence asks for an own-joint curve.
+//!
+//! A search in all poses begins where one in few of them ended, which costs an eighth for each step, and that one begins again
+//! from the parameters alone where it found less evidence than they have.
 
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
@@ -12,15 +15,15 @@ use crate::learning::elastic::likelihood::MarginalLikelihood;
 use crate::learning::elastic::options::{ElasticOptions, mean_payload};
 use crate::measurement::noise::NoiseScales;
 use crate::measurement::sample::BaseSample;
-use crate::numeric::lbfgs::{Minimum, Objective, StopCriteria, minimize};
+use crate::numeric::lbfgs::{Minimum, Objective, SearchEnd, StopCriteria, minimize};
 use crate::progress::{Cancelled, FitContext};
 use poegp_protocol::limits::MAX_CURVE_ORDER;
 
-/// When a search ends.
+/// When a search in few poses ends.
 const STOP: StopCriteria = StopCriteria::after(40, 1e-10);
-/// When the search with a curve in all poses ends; it begins at the optimum of fewer poses.
-const CURVE_STOP: StopCriteria = StopCriteria::after(30, 1e-8);
-/// When the search of a curve without processes ends; it only finds a start for the search with everything.
+/// When the search in all poses ends; it begins at the optimum of few.
+const LAST_STOP: StopCriteria = StopCriteria::after(30, 1e-8);
+/// When a search without processes ends; it only finds a start for the search with everything, and the evidence to beat.
 const ROUGH_STOP: StopCriteria = StopCriteria::after(20, 1e-5);
 /// Processes can explain any noise. Where the instrument's noise is not stated, its variance is therefore at least this part
 /// of the residual of parameters and own-joint curve. (Five folds of a FARO set: 0.0567 mm without the bound, 0.0547
@@ -43,11 +46,34 @@ const CURVE_STARTS: [(f64, f64); 9] = [
 const CURVE_RISE: f64 = 20.0;
 /// Least rise by a curve without processes for a search with everything.
 const WORTH_A_SEARCH: f64 = 10.0;
-/// Most poses whose evidence decides on the curve.
-const CURVE_POSES: usize = 100;
+/// Most poses of the first search, whose evidence decides on the curve.
+const FEW_POSES: usize = 100;
 
-/// A state without the ripple that the curve replaces, and layout and hyperparameters with the curve.
-type WithCurve = (ParametricModel, HyperLayout, Vec<f64>);
+/// What the evidence prefers.
+pub(super) struct Learned {
+    /// The parametric model; of a curve, without the ripple that it replaces.
+    pub state: ParametricModel,
+    /// Which hyperparameters there are.
+    pub layout: HyperLayout,
+    /// Their values.
+    pub hyperparameters: Vec<f64>,
+    /// How they were found.
+    pub report: SearchReport,
+}
+
+/// How the hyperparameters were found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SearchReport {
+    /// How the last search ended.
+    pub end: SearchEnd,
+    /// Iterations of all searches that led there.
+    pub iterations: u64,
+    /// Poses of the last search.
+    pub poses: usize,
+    /// By how much processes and curve raise the log evidence of the first search's poses above that of the parameters alone,
+    /// nats; never negative. 0 without processes.
+    pub rise: f64,
+}
 
 /// Minus the logarithm of the marginal likelihood times the prior of the length scales: those of one input are alike for all
 /// joints. From few poses the likelihood alone gives a joint any length scale that chance prefers.
@@ -97,17 +123,71 @@ impl<'a> HyperparameterSearch<'a> {
         }
     }
 
-    /// From `start` within `bounds`, without a curve.
+    /// The model of the greatest evidence for a state with gear ripple, with a curve or without.
     pub fn learn(
         &self,
-        state: &ParametricModel,
+        with_ripple: &ParametricModel,
         layout: HyperLayout,
-        (start, mut bounds): (Vec<f64>, Vec<(f64, f64)>),
-    ) -> Result<Minimum, Cancelled> {
+    ) -> Result<Learned, Cancelled> {
+        let (start, free) = layout.start_and_bounds(self.payload_unit);
+        let mut bounds = free.clone();
         self.bound_noise(&mut bounds, [1.0; 2]);
         let all = self.part.len();
-        let processes = self.options.processes;
-        self.minimum(state, all, (layout, processes), &start, &bounds, &STOP)
+        if !self.options.processes {
+            let found = self.minimum(with_ripple, all, (layout, false), &start, &bounds, &STOP)?;
+            return Ok(self.learned(with_ripple.clone(), layout, &[&found], 0.0));
+        }
+        let parameters = (layout, false);
+        let alone = self.minimum(
+            with_ripple,
+            FEW_POSES,
+            parameters,
+            &start,
+            &free,
+            &ROUGH_STOP,
+        )?;
+        let own = (layout, true);
+        let mut few = self.minimum(with_ripple, FEW_POSES, own, &start, &bounds, &STOP)?;
+        if few.value > alone.value {
+            let there = layout.without_processes(&alone.x, &free);
+            let again = self.minimum(with_ripple, FEW_POSES, own, &there, &bounds, &STOP)?;
+            if again.value < few.value {
+                few = again;
+            }
+        }
+        let plain = Plain { alone, few };
+        let (state, layout, few, bounds) = match self.with_curve(with_ripple, layout, &plain)? {
+            Some(curved) => curved,
+            None => (with_ripple.clone(), layout, plain.few, bounds),
+        };
+        let rise = plain.alone.value - few.value;
+        if all <= FEW_POSES {
+            return Ok(self.learned(state, layout, &[&few], rise));
+        }
+        let found = self.minimum(&state, all, (layout, true), &few.x, &bounds, &LAST_STOP)?;
+        Ok(self.learned(state, layout, &[&few, &found], rise))
+    }
+
+    /// The result of searches, each of which began where the one before ended.
+    fn learned(
+        &self,
+        state: ParametricModel,
+        layout: HyperLayout,
+        searches: &[&Minimum],
+        rise: f64,
+    ) -> Learned {
+        let last = searches[searches.len() - 1];
+        Learned {
+            state,
+            layout,
+            hyperparameters: last.x.clone(),
+            report: SearchReport {
+                end: last.end,
+                iterations: searches.iter().map(|found| found.iterations).sum(),
+                poses: self.part.len(),
+                rise,
+            },
+        }
     }
 
     /// The noise is at least what is stated of the instrument or a part of `left`, both relative to the scales.
@@ -166,15 +246,15 @@ impl<'a> HyperparameterSearch<'a> {
         })
     }
 
-    /// The model with an own-joint curve in place of the ripple of its orders; `None` unless the log evidence of at most
-    /// [`CURVE_POSES`] poses rises by more than [`CURVE_RISE`].
-    pub fn with_curve(
+    /// The model with an own-joint curve in place of the ripple of its orders, at its optimum of few poses; `None` unless the
+    /// log evidence rises by more than [`CURVE_RISE`].
+    fn with_curve(
         &self,
         with_ripple: &ParametricModel,
         layout: HyperLayout,
-        start: &[f64],
+        plain: &Plain,
     ) -> Result<Option<WithCurve>, Cancelled> {
-        if !self.options.curve || !self.options.processes {
+        if !self.options.curve {
             return Ok(None);
         }
         let mut state = with_ripple.clone();
@@ -183,49 +263,48 @@ impl<'a> HyperparameterSearch<'a> {
             curve: true,
             ..layout
         };
-        let Some(alone) = self.curve_alone(&state, layout, curved)? else {
+        let replaces = state.ripple.len() < with_ripple.ripple.len();
+        let without = match replaces {
+            true => {
+                let (start, bounds) = layout.start_and_bounds(self.payload_unit);
+                let model = (layout, false);
+                &self.minimum(&state, FEW_POSES, model, &start, &bounds, &ROUGH_STOP)?
+            }
+            false => &plain.alone,
+        };
+        let Some(alone) = self.curve_alone(&state, without, curved)? else {
             return Ok(None);
         };
-        let mut own_bounds = layout.start_and_bounds(self.payload_unit).1;
-        self.bound_noise(&mut own_bounds, [1.0; 2]);
-        let own = (layout, true);
-        let plain = self.minimum(with_ripple, CURVE_POSES, own, start, &own_bounds, &STOP)?;
         let (mut start, mut bounds) = curved.start_and_bounds(self.payload_unit);
-        start[..plain.x.len()].copy_from_slice(&plain.x);
+        start[..plain.few.x.len()].copy_from_slice(&plain.few.x);
         for i in [0, 1, curved.curve_amplitude(), curved.curve_scale()] {
             start[i] = alone[i];
         }
         self.bound_noise(&mut bounds, [alone[0].exp(), alone[1].exp()]);
-        let with = (curved, true);
-        let few = self.minimum(&state, CURVE_POSES, with, &start, &bounds, &STOP)?;
-        if plain.value - few.value <= CURVE_RISE {
+        let few = self.minimum(&state, FEW_POSES, (curved, true), &start, &bounds, &STOP)?;
+        if plain.few.value - few.value <= CURVE_RISE {
             return Ok(None);
         }
-        let all = self.part.len();
-        let found = self.minimum(&state, all, with, &few.x, &bounds, &CURVE_STOP)?;
-        Ok(Some((state, curved, found.x)))
+        Ok(Some((state, curved, few, bounds)))
     }
 
     /// Hyperparameters of parameters and curve without processes, from the best of several starts; `None` when the curve is
-    /// not worth more.
+    /// not worth more than `without` it.
     fn curve_alone(
         &self,
         state: &ParametricModel,
-        layout: HyperLayout,
+        without: &Minimum,
         curved: HyperLayout,
     ) -> Result<Option<Vec<f64>>, Cancelled> {
-        let (start, bounds) = layout.start_and_bounds(self.payload_unit);
-        let model = (layout, false);
-        let plain = self.minimum(state, CURVE_POSES, model, &start, &bounds, &ROUGH_STOP)?;
         let (mut start, bounds) = curved.start_and_bounds(self.payload_unit);
-        start[..plain.x.len()].copy_from_slice(&plain.x);
-        self.with_likelihood(state, CURVE_POSES, (curved, false), |objective| {
+        start[..without.x.len()].copy_from_slice(&without.x);
+        self.with_likelihood(state, FEW_POSES, (curved, false), |objective| {
             let mut best: Option<(f64, Vec<f64>)> = None;
             for (amplitude, scale) in CURVE_STARTS {
                 start[curved.curve_amplitude()] = 2.0 * f64::ln(amplitude / DEFLECTION_UNIT);
                 start[curved.curve_scale()] = f64::ln(scale);
                 let (value, _) = objective.value_and_gradient(&start);
-                if value < best.as_ref().map_or(plain.value, |b| b.0) {
+                if value < best.as_ref().map_or(without.value, |b| b.0) {
                     best = Some((value, start.clone()));
                 }
             }
@@ -233,7 +312,16 @@ impl<'a> HyperparameterSearch<'a> {
                 return Ok(None);
             };
             let found = minimize(objective, &start, &bounds, &ROUGH_STOP, self.context)?;
-            Ok((plain.value - found.value > WORTH_A_SEARCH).then_some(found.x))
+            Ok((without.value - found.value > WORTH_A_SEARCH).then_some(found.x))
         })
     }
 }
+
+/// The model without a curve in few poses: the parameters alone, and with the processes.
+struct Plain {
+    alone: Minimum,
+    few: Minimum,
+}
+
+/// A model with a curve: without the ripple that it replaces, its optimum of few poses and the bounds of the search.
+type WithCurve = (ParametricModel, HyperLayout, Minimum, Vec<(f64, f64)>);

@@ -115,6 +115,18 @@ impl HyperLayout {
         (start, bounds)
     }
 
+    /// `h` with processes that explain nothing: of the least amplitude within `bounds`.
+    pub fn without_processes(&self, h: &[f64], bounds: &[(f64, f64)]) -> Vec<f64> {
+        let mut out = h.to_vec();
+        for c in 0..self.joints {
+            for i in 0..self.amplitudes_len() {
+                let at = self.amplitude(c, i);
+                out[at] = bounds[at].0;
+            }
+        }
+        out
+    }
+
     /// The kernels, with amplitudes in rad² (m²).
     pub fn kernels(&self, h: &[f64]) -> Vec<JointKernel<f64>> {
         let unit = DEFLECTION_UNIT * DEFLECTION_UNIT;

@@ -8,7 +8,7 @@
 pub mod device_variance;
 pub mod fit;
 pub mod hyperparameter_objective;
-mod hyperparameter_search;
+pub mod hyperparameter_search;
 pub mod hyperparameters;
 pub mod inducing_sets;
 pub mod inputs;

@@ -20,6 +20,7 @@ use poegp_runtime::trace::Unobserved;
 use crate::identification::parametric::gear_line::AmbiguousLine;
 use crate::identification::parametric::state::ParametricModel;
 use crate::learning::elastic::device_variance::DeviceVariance;
+use crate::learning::elastic::hyperparameter_search::SearchReport;
 use crate::learning::elastic::hyperparameters::DEFLECTION_UNIT;
 use crate::learning::elastic::inducing_sets::{InducingSets, select_greedy};
 use crate::learning::elastic::options::ElasticOptions;
@@ -64,6 +65,8 @@ pub struct ElasticReport {
     pub single_precision_cost: Option<f64>,
     /// The own-joint curve, if there is one.
     pub curve: Option<CurveReport>,
+    /// How the hyperparameters were found.
+    pub search: SearchReport,
 }
 
 /// Facts of the own-joint curve.
@@ -109,6 +112,7 @@ impl ElasticModel {
             ambiguous: fit.ambiguous.clone(),
             inducing_points: processes.points(),
             single_precision_cost,
+            search: fit.search,
             curve: fit.layout.curve_prior(&fit.hyperparameters).map(|prior| {
                 let length_scale = fit.hyperparameters[fit.layout.curve_scale()].exp();
                 CurveReport {

@@ -2,6 +2,7 @@
 
 use crate::identification::parametric::gear_line::AmbiguousLine;
 use crate::identification::parametric::state::ParametricModel;
+use crate::learning::elastic::hyperparameter_search::SearchReport;
 use crate::learning::elastic::hyperparameters::HyperLayout;
 use crate::learning::elastic::inputs::Inputs;
 use crate::learning::elastic::likelihood::Posterior;
@@ -39,4 +40,6 @@ pub struct ElasticFit {
     pub origin: ParametricModel,
     /// Gear ripple that could be of one frequency or another.
     pub ambiguous: Vec<AmbiguousLine>,
+    /// How the hyperparameters were found.
+    pub search: SearchReport,
 }

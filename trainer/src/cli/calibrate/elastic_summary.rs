@@ -6,6 +6,7 @@ use crate::cli::terminal::print::Printer;
 use crate::report::sections::Ripple;
 use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::model::Calibration;
+use poegp_calibration::numeric::lbfgs::SearchEnd;
 
 /// The part of `--json`.
 #[derive(Serialize)]
@@ -14,6 +15,7 @@ pub struct ElasticSummary {
     /// `None` where no orientation was measured.
     noise_mrad: Option<f64>,
     inducing_points: usize,
+    search: SearchSummary,
     ripple: Vec<RippleSummary>,
     /// Gear ripple that was not taken.
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -36,6 +38,15 @@ struct StdSummary {
     landmarks: usize,
     floor_mm: f64,
     noise_mm: f64,
+}
+
+/// How the hyperparameters were found.
+#[derive(Serialize)]
+struct SearchSummary {
+    end: &'static str,
+    iterations: u64,
+    poses: usize,
+    evidence_rise_nats: f64,
 }
 
 #[derive(Serialize)]
@@ -89,6 +100,16 @@ impl ElasticSummary {
                 .any(|s| s.observation.has_orientation())
                 .then_some(1e3 * report.orientation_noise),
             inducing_points: report.inducing_points,
+            search: SearchSummary {
+                end: match report.search.end {
+                    SearchEnd::Converged => "converged",
+                    SearchEnd::IterationLimit => "iteration-limit",
+                    SearchEnd::NoProgress => "no-progress",
+                },
+                iterations: report.search.iterations,
+                poses: report.search.poses,
+                evidence_rise_nats: report.search.rise,
+            },
             ripple: ripple.collect(),
             ambiguous_ripple: ambiguous.collect(),
             own_joint_curve: report.curve.map(|curve| CurveSummary {
@@ -126,6 +147,18 @@ impl ElasticSummary {
         report.line(format_args!(
             "  fitted noise of one component: {:.4} mm{orientation}",
             self.noise_mm
+        ));
+        let search = &self.search;
+        report.line(format_args!(
+            "  hyperparameters: the search over {} poses {} after {} iterations; processes raise the log evidence by {:.0} nats",
+            search.poses,
+            match search.end {
+                "converged" => "converged",
+                "iteration-limit" => "was stopped",
+                _ => "found no better step",
+            },
+            search.iterations,
+            search.evidence_rise_nats
         ));
         if let Some(sigma) = &self.predictive_std {
             report.line(format_args!(
