@@ -104,7 +104,12 @@ pub struct StopCriteria {
     pub known: f64,
     /// In units of the value.
     pub distance: f64,
+    /// Iterations of which [`WINDOW`] together lower the value by less than this, in its units, are the last.
+    pub least_fall: f64,
 }
+
+/// Iterations whose fall is looked at together: one of them alone may be small.
+const WINDOW: usize = 5;
 
 impl StopCriteria {
     /// Nothing is known yet.
@@ -114,7 +119,13 @@ impl StopCriteria {
             reduction,
             known: f64::NEG_INFINITY,
             distance: 0.0,
+            least_fall: 0.0,
         }
+    }
+
+    /// The same, but the value may stop falling before.
+    pub const fn falling_by(self, least_fall: f64) -> Self {
+        Self { least_fall, ..self }
     }
 }
 
@@ -148,18 +159,24 @@ pub fn minimize<O: Objective>(
         .with_absolute_projected_gradient_tolerance(1e-4)
         .with_relative_cost_reduction_tolerance(ending.reduction);
     let StopCriteria {
-        known, distance, ..
+        known,
+        distance,
+        least_fall,
+        ..
     } = *ending;
-    let mut before = f64::INFINITY;
-    let repeats = move |state: &FirstOrderState<Vec<f64>>| {
-        let (value, last) = (state.cost(), before);
-        before = value;
+    let mut before = [f64::INFINITY; WINDOW];
+    let enough = move |state: &FirstOrderState<Vec<f64>>| {
+        let value = state.cost();
         let within = |gap: f64| (0.0..=distance).contains(&gap);
-        (within(value - known) && within(last - value)).then(|| ApplicationStop::new("known"))
+        let (last, first) = (before[WINDOW - 1], before[0]);
+        let repeats = within(value - known) && within(last - value);
+        before.rotate_left(1);
+        before[WINDOW - 1] = value;
+        (repeats || first - value < least_fall).then(|| ApplicationStop::new("enough"))
     };
     let run = Executor::new(problem, solver, FirstOrderState::new(clamped))
         .max_iter(ending.iterations)
-        .stop_when(repeats)
+        .stop_when(enough)
         .run();
     context.check()?;
     let (end, iterations) = match &run {
