@@ -2,6 +2,7 @@
 
 pub mod batch;
 pub mod fitted_frames;
+pub mod nearest_chain;
 pub mod precision_loss;
 pub mod predict;
 pub mod write;

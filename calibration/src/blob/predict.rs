@@ -157,6 +157,14 @@ impl BlobModel {
         self.instrument_from_base
     }
 
+    /// C of q_serial = C q by rows; `None` is the identity.
+    pub fn coupling(&self) -> Option<Vec<Vec<f64>>> {
+        let robot = &self.blob().robot;
+        let row = |row: &[f32]| row.iter().map(|c| f64::from(*c)).collect();
+        let rows = robot.coupling.chunks(robot.joints.len().max(1));
+        (!robot.coupling.is_empty()).then(|| rows.map(row).collect())
+    }
+
     /// A pose in the base frame as the runtime or a device computed it, seen from the instrument.
     pub fn in_instrument(&self, base_from_target: &Pose<f32>) -> Pose<f64> {
         orthonormal(&(self.instrument_from_base * base_from_target.cast::<f64>()))
@@ -193,7 +201,7 @@ impl BlobModel {
 
 /// The same pose with a rotation that is one to f64: a matrix of f32 is one to seven digits only. The nearest rotation is
 /// what a quaternion in a file says, and errors recomputed from that file must be the reported ones.
-fn orthonormal(pose: &Pose<f64>) -> Pose<f64> {
+pub(super) fn orthonormal(pose: &Pose<f64>) -> Pose<f64> {
     let (w, v) = pose.quaternion();
     Pose::from_quaternion(w, &v, pose.translation)
 }

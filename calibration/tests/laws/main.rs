@@ -6,6 +6,7 @@
 mod folds;
 mod gear_lines;
 mod held_out;
+mod nearest_chain;
 mod noise;
 mod outliers;
 mod own_joint_curve;

@@ -4,7 +4,7 @@ use std::fs;
 use std::process::Command;
 
 use poegp_calibration::blob::predict::BlobModel;
-use poegp_protocol::blob;
+use poegp_runtime::math::se3::Pose;
 use poegp_trainer::export::{CalibratedChain, c_header};
 
 use crate::c::{Machine, capi, compile, run_on_host};
@@ -55,9 +55,10 @@ fn hexadecimal(text: &str) -> f32 {
 #[test]
 fn exported_header() {
     let bytes = fs::read(capi().join("examples/arm.blob")).unwrap();
-    let loaded = BlobModel::from_bytes(bytes.clone()).unwrap();
+    let loaded = BlobModel::from_bytes(bytes).unwrap();
     let folder = tempfile::Builder::new().prefix("poegp-").tempdir().unwrap();
-    let header = c_header::text(&loaded, &CalibratedChain::of(&loaded), "cell-7");
+    let chain = CalibratedChain::of(&loaded);
+    let header = c_header::text(&loaded, &chain, "cell-7");
     fs::write(folder.path().join("cell-7.h"), header).unwrap();
 
     let alone = folder.path().join("alone.c");
@@ -82,14 +83,8 @@ fn exported_header() {
     let said = run_on_host(&program, folder.path());
     let mut lines = said.lines();
     assert_eq!(lines.next(), Some("0 6 0"), "{said}");
-    let decoded = blob::decode(&bytes).unwrap();
-    let frames: Vec<f32> = decoded
-        .geometry
-        .calibrated
-        .iter()
-        .flatten()
-        .copied()
-        .collect();
+    let frame = |frame: &Pose<f64>| frame.cast::<f32>().to_rows();
+    let frames: Vec<f32> = chain.frames.iter().flat_map(frame).collect();
     let printed: Vec<f32> = lines.map(hexadecimal).collect();
     assert_eq!(printed.len(), frames.len());
     for (a, b) in printed.iter().zip(&frames) {

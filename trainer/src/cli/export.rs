@@ -10,7 +10,7 @@ use crate::cli::output::{check_outputs, json_text, summary_text, write_outputs};
 use crate::cli::terminal::print::{Printer, is_stdout};
 use crate::export::urdf::{Changes, changes, minimal};
 use crate::export::{
-    CalibratedChain, Table, c_header, dh, gauge, poe, universal_robots as ur,
+    CalibratedChain, Table, c_header, describe_fit, dh, gauge, poe, universal_robots as ur,
     urdf_patch as urdf_text,
 };
 use poegp_calibration::blob::predict::BlobModel;
@@ -21,7 +21,8 @@ use poegp_calibration::robot::{LoadOptions, Robot, urdf};
 #[derive(Debug, Args)]
 #[command(
     after_help = "Give at least one output. Each is the calibrated chain of the blob, to a nanometre; what a file cannot \
-    hold (gravity, ripple, Gaussian processes) is said. Only the C header has the whole model.\n\n\
+    hold (gravity, ripple, Gaussian processes) is said. Of a model that has some of these, the chain is the one whose poses \
+    are nearest to the model's over the trained ranges; what it leaves is printed. Only the C header has the whole model.\n\n\
     Example: trainer export arm.blob --urdf nominal.urdf --out calibrated.urdf\n\
     Example: trainer export arm.blob --dh arm-dh.toml --poe arm-poe.json --c-header arm.h"
 )]
@@ -55,7 +56,10 @@ pub struct Export {
     /// Write a C header with the bytes of the blob and the frames of the chain.
     #[arg(long, value_name = "FILE")]
     pub c_header: Option<PathBuf>,
-    /// Write the names of the files and the omitted effects as JSON (`-`: standard output).
+    /// Fit the chain for one trained payload in kg (default: all of them, from the lightest to the heaviest).
+    #[arg(long, value_name = "KG", allow_negative_numbers = true)]
+    pub payload_kg: Option<f32>,
+    /// Write the names of the files, what the chain leaves and the omitted effects as JSON (`-`: standard output).
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
 }
@@ -75,7 +79,10 @@ pub fn run(a: &Export) -> Result<(), Failure> {
     check_outputs(&all, &inputs)?;
     let report = Printer::for_outputs(&all);
     let loaded = BlobModel::read(&a.blob)?;
-    let mut chain = CalibratedChain::of(&loaded);
+    let mut chain = match a.payload_kg {
+        None => CalibratedChain::of(&loaded),
+        Some(kg) => CalibratedChain::for_payloads(&loaded, trained_payload(&loaded, kg)?),
+    };
 
     let mut said = Vec::new();
     let mut files: Vec<(&Path, String)> = Vec::new();
@@ -101,13 +108,22 @@ pub fn run(a: &Export) -> Result<(), Failure> {
         files.push((path, c_header::text(&loaded, &chain, &stem)));
     }
     let names: Vec<&Path> = files.iter().map(|(path, _)| *path).collect();
-    let summary = summary_text(json!({
+    let mut summary = json!({
         "robot": chain.name,
         "files": names,
         "remarks": said,
         "not_carried": chain.not_carried,
         "other_tools": chain.other_tools,
-    }))?;
+    });
+    if let Some(fit) = &chain.fit {
+        let (light, heavy) = fit.payload_kg;
+        summary["fit"] = json!({
+            "payload_kg": loaded.blob().ranges.payload_kg.map(|_| [light, heavy]),
+            "before": fit.before,
+            "after": fit.after,
+        });
+    }
+    let summary = summary_text(summary)?;
     let mut bytes: Vec<(&Path, &[u8])> = files
         .iter()
         .map(|(path, text)| (*path, text.as_bytes()))
@@ -117,6 +133,9 @@ pub fn run(a: &Export) -> Result<(), Failure> {
 
     for (path, _) in files.iter().filter(|(path, _)| !is_stdout(path)) {
         report.line(format_args!("Wrote {}", path.display()));
+    }
+    if let Some(fit) = &chain.fit {
+        report.line(format_args!("Chain: {}", describe_fit(fit)));
     }
     for line in said {
         report.line(format_args!("  {line}"));
@@ -139,6 +158,19 @@ pub fn run(a: &Export) -> Result<(), Failure> {
         ));
     }
     Ok(())
+}
+
+/// A payload for which the chain can be fitted: one that was trained.
+fn trained_payload(loaded: &BlobModel, kg: f32) -> Result<(f32, f32), Failure> {
+    match loaded.blob().ranges.payload_kg {
+        Some((light, heavy)) if (light..=heavy).contains(&kg) => Ok((kg, kg)),
+        Some((light, heavy)) => Err(Failure::Usage(format!(
+            "--payload-kg {kg}: {light} to {heavy} kg were trained"
+        ))),
+        None => Err(Failure::Usage(format!(
+            "--payload-kg {kg}: the model does not depend on the payload"
+        ))),
+    }
 }
 
 /// The nominal file with the calibrated transforms; its names of the joints go to all other files, too.

@@ -61,13 +61,27 @@ pub fn text(loaded: &BlobModel, chain: &CalibratedChain, stem: &str) -> String {
          static const unsigned char {name}_is_prismatic[{upper}_JOINTS] = {{{}}};\n",
         kinds.collect::<Vec<_>>().join(", ")
     );
+    let (origin, frames): (_, Vec<[f32; 12]>) = match chain.fit {
+        None => (
+            "The blob's own numbers.",
+            blob.geometry.calibrated.iter().copied().collect(),
+        ),
+        Some(_) => (
+            "Not those inside the blob.",
+            chain
+                .frames
+                .iter()
+                .map(|frame| frame.cast().to_rows())
+                .collect(),
+        ),
+    };
     let _ = writeln!(
         out,
         "/* The fixed frames of the calibrated chain, 3x4 row by row, metres: the pose of the target in the base frame is\n \
-         * F0 Z(q1) F1 Z(q2) ... Z(qn) Fn. The blob's own numbers. */\n\
+         * F0 Z(q1) F1 Z(q2) ... Z(qn) Fn. {origin} */\n\
          static const float {name}_parent_from_joint[{upper}_JOINTS + 1][12] = {{"
     );
-    for frame in &blob.geometry.calibrated {
+    for frame in &frames {
         let _ = writeln!(out, "    {{{}}},", floats(frame));
     }
     out += "};\n";

@@ -6,6 +6,7 @@ use poegp_protocol::blob::{Correction, Elastic};
 use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::Pose;
 
+use poegp_calibration::blob::nearest_chain::NearestChain;
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::numeric::rotation::nearest_rotation;
 use poegp_calibration::robot::{BUILT_IN, Joint, LoadOptions, Robot};
@@ -18,9 +19,11 @@ const SAME_ARM_RAD: f64 = 1e-3;
 
 /// The calibrated chain of a blob, without its correction.
 ///
+/// Without correction a blob is its chain. Of any other blob the frames are fitted again, to the poses of the whole model.
+///
 /// The frames of a blob are `f32`: their rotations are some to seven digits only. Here they are the nearest rotations in
-/// `f64`, and every export gives the poses of these frames. The device, which goes on in `f32`, differs from them by
-/// tenths of a micrometre.
+/// `f64`, and every export gives the poses of these frames. A device with a blob without correction, which goes on in `f32`,
+/// differs from them by tenths of a micrometre.
 #[derive(Clone, Debug)]
 pub struct CalibratedChain {
     /// The robot's name.
@@ -39,6 +42,8 @@ pub struct CalibratedChain {
     pub instrument_from_base: Pose<f64>,
     /// C of q_serial = C q, by rows; `None` is the identity.
     pub coupling: Option<Vec<Vec<f64>>>,
+    /// What fitted the frames of a blob with a correction.
+    pub fit: Option<NearestChain>,
     /// What a chain cannot hold, each as part of a sentence.
     pub not_carried: Vec<String>,
     /// Names of tools beyond the first.
@@ -46,8 +51,13 @@ pub struct CalibratedChain {
 }
 
 impl CalibratedChain {
-    /// The chain of a blob.
+    /// The chain of a blob, for all payloads that were trained.
     pub fn of(loaded: &BlobModel) -> Self {
+        Self::for_payloads(loaded, loaded.blob().ranges.payload_kg.unwrap_or_default())
+    }
+
+    /// The same for payloads within a range, kg.
+    pub fn for_payloads(loaded: &BlobModel, payload_kg: (f32, f32)) -> Self {
         let blob = loaded.blob();
         let frame = |rows: &[f32; 12]| {
             let stored = Pose::<f32>::from_rows(rows).cast::<f64>();
@@ -56,12 +66,6 @@ impl CalibratedChain {
                 ..stored
             }
         };
-        let n = blob.robot.joints.len();
-        let coupling = (!blob.robot.coupling.is_empty()).then(|| {
-            let rows = blob.robot.coupling.chunks(n);
-            rows.map(|row| row.iter().map(|c| f64::from(*c)).collect())
-                .collect()
-        });
         let unnamed = blob
             .robot
             .joints
@@ -106,12 +110,19 @@ impl CalibratedChain {
             nominal: blob.geometry.nominal.iter().map(frame).collect(),
             flange_from_target: Pose::from_rows(&host.gauge.flange_from_target),
             instrument_from_base: loaded.instrument_from_base(),
-            coupling,
+            coupling: loaded.coupling(),
+            fit: None,
             not_carried: not_carried(&blob.correction),
             other_tools: tools.map(|(name, _)| name.to_string()).collect(),
         };
         if let Some(robot) = chain.built_in() {
             chain.joints = robot.joints;
+        }
+        if !chain.not_carried.is_empty() {
+            let fit = NearestChain::new(loaded, &chain.poe(), payload_kg);
+            chain.frames = fit.chain.frames().to_vec();
+            chain.provenance.push(describe_fit(&fit));
+            chain.fit = Some(fit);
         }
         if chain.coupling.is_some() {
             chain.not_carried.push(
@@ -184,6 +195,21 @@ fn not_carried(correction: &Correction<'_>) -> Vec<String> {
         Correction::Elastic(e) => elastic_terms(e),
     };
     out.into_iter().map(str::to_owned).collect()
+}
+
+/// What a fit did, as words.
+pub fn describe_fit(fit: &NearestChain) -> String {
+    let payload = match fit.payload_kg {
+        (light, heavy) if light < heavy => format!(", payload {light} to {heavy} kg"),
+        (only, _) if only > 0.0 => format!(", payload {only} kg"),
+        _ => String::new(),
+    };
+    let [before, after] = [&fit.before, &fit.after].map(|errors| errors.position_mm);
+    format!(
+        "frames fitted to the poses of the whole model over the trained joint ranges{payload}: distance {:.3} mm in the mean, \
+         95 % within {:.3} mm; of the frames inside the model {:.3} and {:.3} mm",
+        after.mean, after.p95, before.mean, before.p95
+    )
 }
 
 fn elastic_terms(e: &Elastic<'_>) -> Vec<&'static str> {

@@ -20,5 +20,5 @@ pub mod universal_robots;
 pub mod urdf;
 pub mod urdf_patch;
 
-pub use crate::export::calibrated_chain::{CalibratedChain, describe};
+pub use crate::export::calibrated_chain::{CalibratedChain, describe, describe_fit};
 pub use crate::export::tables::Table;

@@ -112,7 +112,7 @@ fn every_description_has_the_poses_of_the_chain() {
     }
 }
 
-/// The frames are those of the blob: its `f32` poses are tenths of a micrometre away.
+/// The frames of a blob without correction are its own: its `f32` poses are tenths of a micrometre away.
 #[test]
 fn the_chain_is_the_devices() {
     let folder = calibrated("abb-irb120", "poe");
@@ -136,6 +136,74 @@ fn the_chain_is_the_devices() {
             device.forward(&single).cast::<f64>().translation - exported.forward(&q).translation;
         assert!(apart.norm() < 1e-6, "{:e} m", apart.norm());
     }
+    for (own, exported) in frames.iter().zip(exported.frames()) {
+        assert_eq!(own.cast::<f64>().translation, exported.translation);
+    }
+    folder
+        .run("export arm.blob --poe a.toml --json a.json")
+        .ok();
+    assert!(folder.json("a.json").get("fit").is_none());
+    assert!(!folder.text("a.toml").contains("fitted"));
+}
+
+/// What a file says of the chain that was fitted is what its frames do, at joints that are none of the fit's.
+#[test]
+fn the_chain_of_a_model_with_a_correction_is_the_nearest_one() {
+    let _texts = texts();
+    let folder = calibrated("abb-irb4400", "elastic");
+    folder
+        .run("export arm.blob --out new.urdf --dh dh.toml --poe poe.toml --json all.json")
+        .ok()
+        .said();
+    let flange_from_target = chain(&folder).flange_from_target;
+    same(&folder, "new.urdf", Some("tool0"), &flange_from_target);
+    let model = BlobModel::read(&folder.path("arm.blob")).unwrap();
+    let ranges = &model.blob().ranges;
+    let (light, heavy) = ranges.payload_kg.unwrap();
+    assert!(light < heavy);
+    let document = folder.json("all.json");
+    let said = |when: &str| {
+        document["fit"][when]["position_mm"]["mean"]
+            .as_f64()
+            .unwrap()
+    };
+    assert!(said("after") < 0.8 * said("before"), "{document:#}");
+    for table in ["dh.toml", "poe.toml"] {
+        same(&folder, table, None, &flange_from_target);
+        let robot = described(&folder, table, None);
+        let text = format!("distance {:.3} mm in the mean", said("after"));
+        assert!(folder.text(table).contains(&text), "{text}");
+        let mut sum = 0.0;
+        for k in 0..500 {
+            // Steps that fill the ranges and the payloads evenly.
+            let share = |i: i32| (0.5 + f64::from(k) * 0.918_f64.powi(i + 1)).fract();
+            let between = |i: i32, (lower, upper): (f32, f32)| {
+                f64::from(lower) + share(i) * f64::from(upper - lower)
+            };
+            let q: Vec<f64> = (0..)
+                .zip(&ranges.joints)
+                .map(|(i, r)| between(i, *r))
+                .collect();
+            let flange = robot.chain().unwrap().forward(&robot.serial_joints(&q));
+            let target = flange * flange_from_target;
+            let stands = model.instrument_from_base() * target;
+            let predicted = model.predict(&q, Some(between(6, (light, heavy)))).pose;
+            sum += 1e3 * (stands.translation - predicted.translation).norm() / 500.0;
+        }
+        let ratio = sum / said("after");
+        assert!(
+            (0.8..1.25).contains(&ratio),
+            "{table}: {sum} mm, {document:#}"
+        );
+    }
+    // One payload asks less of a chain than all of them.
+    let line = format!("export arm.blob --poe - --json one.json --payload-kg {heavy}");
+    folder.run(&line).ok();
+    let one = folder.json("one.json");
+    assert_eq!(one["fit"]["payload_kg"], serde_json::json!([heavy, heavy]));
+    let mean = one["fit"]["after"]["position_mm"]["mean"].as_f64().unwrap();
+    assert!(mean < said("after"), "{one:#}");
+    folder.refuses("export arm.blob --poe a.toml --payload-kg 100");
 }
 
 /// Outside of the corrected origins, what is added and the comment, every line is the nominal file's.
@@ -232,6 +300,7 @@ fn what_does_not_fit_is_refused() {
         "arm.blob --urdf workbench.urdf --out workbench.urdf",
         "arm.blob --urdf workbench.urdf --out a.urdf --target-link camera",
         "arm.blob --dh a.txt",
+        "arm.blob --dh a.toml --payload-kg 1",
         "arm.blob --ur-kinematics a.yaml",
         "workbench.urdf --dh a.toml",
     ] {
