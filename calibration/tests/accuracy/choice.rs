@@ -47,7 +47,7 @@ fn what_no_device_can_run_is_left_out_of_the_choice_with_its_reason() {
     let left_out: Vec<_> = choice.left_out.iter().map(|out| out.candidate).collect();
     assert_eq!(left_out, ["first", "last"]);
     for out in &choice.left_out {
-        assert!(out.reason.contains("bound"), "{}", out.reason);
+        assert!(out.reason.contains("limit"), "{}", out.reason);
     }
     assert!(select_model(&task, &[impossible("only")], &mut || {}).is_err());
 }

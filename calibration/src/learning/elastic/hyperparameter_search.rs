@@ -19,13 +19,10 @@ use crate::numeric::lbfgs::{Minimum, Objective, SearchEnd, StopCriteria, minimiz
 use crate::progress::{Cancelled, FitContext};
 use poegp_protocol::limits::MAX_CURVE_ORDER;
 
-/// When a search in few poses ends: one nat is far below what samples of a set differ by. With a third of it, fits of fifty
-/// poses took half as long again and were as good.
-const STOP: StopCriteria = StopCriteria::after(60, 1e-10).falling_by(1.0);
-/// The same where the likelihood may be flat for a while.
+/// When a search ends that began or goes on elsewhere: a third of a nat is far below what samples of a set differ by.
+const STOP: StopCriteria = StopCriteria::after(60, 1e-10).falling_by(0.3);
+/// When it ends where there are no more poses, or where the likelihood may be flat for a while.
 const PATIENT_STOP: StopCriteria = StopCriteria::after(40, 1e-10);
-/// When the search in all poses ends; it begins at the optimum of few.
-const LAST_STOP: StopCriteria = StopCriteria::after(60, 1e-10).falling_by(0.3);
 /// When a search without processes ends; it only finds a start for the search with everything, and the evidence to beat.
 const ROUGH_STOP: StopCriteria = StopCriteria::after(20, 1e-5);
 /// Processes can explain any noise. Where the instrument's noise is not stated, its variance is therefore at least this part
@@ -137,7 +134,14 @@ impl<'a> HyperparameterSearch<'a> {
         self.bound_noise(&mut bounds, [1.0; 2]);
         let all = self.part.len();
         if !self.options.processes {
-            let found = self.minimum(with_ripple, all, (layout, false), &start, &bounds, &STOP)?;
+            let found = self.minimum(
+                with_ripple,
+                all,
+                (layout, false),
+                &start,
+                &bounds,
+                &PATIENT_STOP,
+            )?;
             return Ok(self.learned(with_ripple.clone(), layout, &[&found], 0.0));
         }
         let plain = self.plain(with_ripple, layout, &start, &bounds)?;
@@ -150,7 +154,7 @@ impl<'a> HyperparameterSearch<'a> {
         if all <= FEW_POSES {
             return Ok(self.learned(state, layout, &[&few], rise));
         }
-        let found = self.minimum(&state, all, (layout, true), &few.x, &bounds, &LAST_STOP)?;
+        let found = self.minimum(&state, all, (layout, true), &few.x, &bounds, &STOP)?;
         Ok(self.learned(state, layout, &[&few, &found], rise))
     }
 
@@ -170,8 +174,9 @@ impl<'a> HyperparameterSearch<'a> {
             self.minimum(state, FEW_POSES, (layout, true), from, bounds, stop)
         };
         let parameters = alone(start)?;
-        let mut found = few(start, &STOP)?;
-        if found.value > parameters.value - WORTH_A_SEARCH {
+        let goes_on = self.part.len() > FEW_POSES;
+        let mut found = few(start, if goes_on { &STOP } else { &PATIENT_STOP })?;
+        if goes_on && found.value > parameters.value - WORTH_A_SEARCH {
             // Hardly better than the parameters: beside them the likelihood is flat, and falls farther on.
             let iterations = found.iterations;
             found = few(&found.x, &PATIENT_STOP)?;
@@ -296,7 +301,14 @@ impl<'a> HyperparameterSearch<'a> {
             start[i] = alone[i];
         }
         self.bound_noise(&mut bounds, [alone[0].exp(), alone[1].exp()]);
-        let few = self.minimum(&state, FEW_POSES, (curved, true), &start, &bounds, &STOP)?;
+        let few = self.minimum(
+            &state,
+            FEW_POSES,
+            (curved, true),
+            &start,
+            &bounds,
+            &PATIENT_STOP,
+        )?;
         if plain.few.value - few.value <= CURVE_RISE {
             return Ok(None);
         }
