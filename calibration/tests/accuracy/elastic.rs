@@ -22,8 +22,6 @@ use crate::{arm, origin, say, simulated_path, true_deviations};
 /// Largest share by which the default's inducing points may be worse than many.
 const REDUCED: f64 = 1.03;
 const MANY: usize = 600;
-/// Seconds of one core for one training on 300 poses.
-const TRAINING_SECONDS: f64 = 8.0;
 
 /// A simulated arm with all that was measured of it.
 struct Cell {
@@ -214,11 +212,6 @@ fn a_set(scenario: &str, mean: f64, truth: f64, max: f64) {
         table.most("f32 in the mean, µm", found.rounding_um.0, 0.5);
         table.most("f32 at most, µm", found.rounding_um.1, 2.0);
     }
-    table.most(
-        "CPU seconds of a training",
-        reduced.seconds,
-        TRAINING_SECONDS,
-    );
     table.finish();
 }
 
