@@ -5,13 +5,12 @@
 
 use std::error::Error;
 
-use faer::Mat;
-use faer::linalg::solvers::Solve;
 use poegp_calibration::blob::write::{Provenance, calibrate_to_blob};
 use poegp_calibration::measurement as measurements;
 use poegp_calibration::measurement::sample::samples;
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::Config;
+use poegp_calibration::numeric::matrix::Mat;
 use poegp_calibration::progress::FitContext;
 use poegp_calibration::robot::{BUILT_IN, LoadOptions, Robot};
 use poegp_calibration::simulation::{Scenario, Simulator, to_csv};

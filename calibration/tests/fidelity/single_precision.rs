@@ -101,7 +101,7 @@ fn absurd(nominal: &Poe<f64>, samples: &[InstrumentSample]) -> Vec<InstrumentSam
     let mut out = samples.to_vec();
     for sample in &mut out {
         let mut serial = sample.serial_joints.clone();
-        serial[1] += 0.5 * (sample.joints[0] + 0.5 * sample.joints[2]).sin();
+        serial[1] += 0.5 * libm::sin(sample.joints[0] + 0.5 * sample.joints[2]);
         sample.observation = Observation::Pose(nominal.forward(&serial));
     }
     out

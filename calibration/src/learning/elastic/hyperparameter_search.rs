@@ -4,6 +4,8 @@ use rand::SeedableRng;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 
+use poegp_protocol::limits::MAX_CURVE_ORDER;
+
 use crate::identification::parametric::state::ParametricModel;
 use crate::learning::elastic::hyperparameter_objective::HyperparameterObjective;
 use crate::learning::elastic::hyperparameters::{DEFLECTION_UNIT, HyperLayout};
@@ -14,7 +16,6 @@ use crate::measurement::noise::NoiseScales;
 use crate::measurement::sample::BaseSample;
 use crate::numeric::lbfgs::{Minimum, Objective, StopCriteria, minimize};
 use crate::progress::{Cancelled, FitContext};
-use poegp_protocol::limits::MAX_CURVE_ORDER;
 
 /// When a search ends.
 const STOP: StopCriteria = StopCriteria::after(40, 1e-10);
@@ -117,7 +118,7 @@ impl<'a> HyperparameterSearch<'a> {
         let units = [scales.position, scales.orientation];
         for (i, bound) in bounds.iter_mut().take(2).enumerate() {
             let sheet = stated[i].map(|sigma| (sigma / units[i]).powi(2));
-            bound.0 = sheet.unwrap_or(LEAST_NOISE * left[i]).clamp(1e-4, 1.0).ln();
+            bound.0 = libm::log(sheet.unwrap_or(LEAST_NOISE * left[i]).clamp(1e-4, 1.0));
         }
     }
 
@@ -195,7 +196,7 @@ impl<'a> HyperparameterSearch<'a> {
         for i in [0, 1, curved.curve_amplitude(), curved.curve_scale()] {
             start[i] = alone[i];
         }
-        self.bound_noise(&mut bounds, [alone[0].exp(), alone[1].exp()]);
+        self.bound_noise(&mut bounds, [libm::exp(alone[0]), libm::exp(alone[1])]);
         let with = (curved, true);
         let few = self.minimum(&state, CURVE_POSES, with, &start, &bounds, &STOP)?;
         if plain.value - few.value <= CURVE_RISE {
@@ -222,8 +223,8 @@ impl<'a> HyperparameterSearch<'a> {
         self.with_likelihood(state, CURVE_POSES, (curved, false), |objective| {
             let mut best: Option<(f64, Vec<f64>)> = None;
             for (amplitude, scale) in CURVE_STARTS {
-                start[curved.curve_amplitude()] = 2.0 * f64::ln(amplitude / DEFLECTION_UNIT);
-                start[curved.curve_scale()] = f64::ln(scale);
+                start[curved.curve_amplitude()] = 2.0 * libm::log(amplitude / DEFLECTION_UNIT);
+                start[curved.curve_scale()] = libm::log(scale);
                 let (value, _) = objective.value_and_gradient(&start);
                 if value < best.as_ref().map_or(plain.value, |b| b.0) {
                     best = Some((value, start.clone()));
