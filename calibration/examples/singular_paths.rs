@@ -143,7 +143,7 @@ impl Arm {
         let one = |i: usize, j: usize| f64::from(u8::from(i == j));
         let coupling = robot.coupling.as_ref();
         let serial = Mat::from_fn(n, n, |i, j| coupling.map_or(one(i, j), |c| c[i][j]));
-        let inverse = serial.partial_piv_lu().solve(Mat::from_fn(n, n, one));
+        let inverse = serial.try_inverse().ok_or("the coupling has no inverse")?;
         let uncoupled = (0..n).map(|i| (0..n).map(|j| inverse[(i, j)]).collect());
         Ok(Self {
             model,
@@ -181,7 +181,7 @@ impl Arm {
         };
         let columns: Vec<[f64; 6]> = (0..joints.len()).map(column).collect();
         let jacobian = Mat::from_fn(6, joints.len(), |r, c| columns[c][r]);
-        let values = jacobian.singular_values().unwrap_or_default();
+        let values = jacobian.singular_values();
         values.iter().copied().fold(f64::INFINITY, f64::min)
     }
 

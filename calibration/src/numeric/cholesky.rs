@@ -5,14 +5,13 @@
 //! for hyperparameters factors a matrix of the same size some fifty times; matrices of their own for every evaluation would
 //! go back to the system when they are dropped and come again as empty pages (at 1 200 rows a third of the time).
 
-use pulp::Arch;
-
 use crate::numeric::matrix::{
     ColumnsMut, Mat, columns, columns_mut, lent, parts, parts_of, rows, shared, split_rows,
 };
 use crate::numeric::parallel::for_each;
 use crate::numeric::product::{Become, Operand, Transposed, multiply, multiply_lower, product};
 use crate::numeric::triangular::{SMALL, half, solve_lower, solve_right, solve_upper};
+use crate::numeric::vectors::vectorised;
 
 /// Tiles have a multiple of this many rows: of the rows of a pose, and of vector registers.
 const STEP: usize = 48;
@@ -62,7 +61,10 @@ fn factor(mut matrix: ColumnsMut<'_>, threads: usize) -> Result<(), NotPositive>
 fn factor_tile(matrix: &mut [&mut [f64]]) -> Result<(), NotPositive> {
     let n = matrix.len();
     if n <= SMALL {
-        return Arch::new().dispatch(|| factor_small(matrix));
+        return vectorised(
+            #[inline(always)]
+            || factor_small(matrix),
+        );
     }
     let (left, right) = matrix.split_at_mut(half(n));
     let (mut top, mut below) = split_rows(lent(left), half(n));
@@ -81,22 +83,28 @@ fn factor_tile(matrix: &mut [&mut [f64]]) -> Result<(), NotPositive> {
 
 #[inline(always)]
 fn factor_small(matrix: &mut [&mut [f64]]) -> Result<(), NotPositive> {
-    for j in 0..matrix.len() {
-        let (done, right) = matrix.split_at_mut(j + 1);
-        let column = &mut done[j][j..];
-        let pivot = column[0];
+    let n = matrix.len();
+    // Above the diagonal is anything, and goes nowhere.
+    let mut own = [[0.0; SMALL]; SMALL];
+    for (j, (own, column)) in own.iter_mut().zip(&*matrix).enumerate() {
+        own[j..n].copy_from_slice(&column[j..]);
+    }
+    for j in 0..n {
+        let pivot = own[j][j];
         if pivot <= 0.0 || !pivot.is_finite() {
             return Err(NotPositive);
         }
-        column[0] = pivot.sqrt();
-        let root = column[0];
-        column[1..].iter_mut().for_each(|x| *x /= root);
-        for (k, other) in right.iter_mut().enumerate() {
-            let column = &column[k + 1..];
-            for (x, l) in other[j + k + 1..].iter_mut().zip(column) {
-                *x -= column[0] * l;
+        let root = pivot.sqrt();
+        own[j].iter_mut().for_each(|x| *x /= root);
+        let column = own[j];
+        for (own, factor) in own.iter_mut().zip(&column).take(n).skip(j + 1) {
+            for (x, l) in own.iter_mut().zip(&column) {
+                *x -= factor * l;
             }
         }
+    }
+    for (j, (own, column)) in own.iter().zip(matrix).enumerate() {
+        column[j..].copy_from_slice(&own[j..n]);
     }
     Ok(())
 }
@@ -140,7 +148,7 @@ fn inverse_columns(lower: &[&[f64]], first: usize, to: &mut [&mut [f64]]) {
 /// diagonal. What is above them means nothing.
 fn invert(lower: &[&[f64]], half: &mut Mat<f64>, whole: &mut Mat<f64>, threads: usize) {
     let size = tile(lower.len());
-    for_each(threads, parts(half, size), |(j, columns)| {
+    for_each(threads, parts(half, TILES.0), |(j, columns)| {
         inverse_columns(lower, j, &mut split_rows(columns, j).1);
     });
     let half = columns(half);
@@ -149,8 +157,22 @@ fn invert(lower: &[&[f64]], half: &mut Mat<f64>, whole: &mut Mat<f64>, threads: 
     let tiles = lower_tiles(columns_mut(whole), size);
     for_each(threads, tiles, |(i, j, mut tile)| {
         let left = part(i, i).transposed();
-        multiply(&mut tile, Become::Product, &left, &part(i, j));
+        if i > j {
+            return multiply(&mut tile, Become::Product, &left, &part(i, j));
+        }
+        multiply_lower(&mut tile, Become::Product, &left, &part(i, j));
+        mirror(&mut tile);
     });
+}
+
+/// Writes what is below the diagonal above it.
+fn mirror(tile: &mut [&mut [f64]]) {
+    for j in 1..tile.len() {
+        let (before, column) = tile.split_at_mut(j);
+        for (above, before) in column[0].iter_mut().zip(before) {
+            *above = before[j];
+        }
+    }
 }
 
 /// Replaces the columns of `right` by matrix⁻¹ `right`, with the factor L of the matrix.

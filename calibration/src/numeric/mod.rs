@@ -10,3 +10,4 @@ pub mod rotation;
 pub mod statistics;
 pub mod svd;
 pub mod triangular;
+pub mod vectors;

@@ -3,6 +3,8 @@
 //! An element is the sum of a_ik b_kj in the order of k, each product rounded before it is added: nothing is fused. How many
 //! elements a processor computes side by side is its own affair and changes none of them.
 
+use std::cell::Cell;
+
 use pulp::{Arch, Simd, WithSimd};
 
 use crate::numeric::matrix::{Columns, Mat, columns, columns_mut};
@@ -11,6 +13,8 @@ use crate::numeric::matrix::{Columns, Mat, columns, columns_mut};
 const DEPTH: usize = 256;
 /// Rows of the left factor that are packed together, which fit the second cache; a multiple of those of every panel.
 const HEIGHT: usize = 192;
+/// Terms that are turned from columns into rows together.
+const CROSSWISE: usize = 32;
 
 /// A matrix, or its transpose, as a factor.
 #[derive(Clone, Debug)]
@@ -111,6 +115,11 @@ fn dispatch(
     });
 }
 
+thread_local! {
+    /// Packed panels of both factors, whose memory is kept for the next product.
+    static PANELS: Cell<[Vec<f64>; 2]> = const { Cell::new([Vec::new(), Vec::new()]) };
+}
+
 struct Product<'a, 'c> {
     to: &'a mut [&'c mut [f64]],
     how: Become,
@@ -127,8 +136,8 @@ impl WithSimd for Product<'_, '_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         match S::F64_LANES {
-            8 => self.blocks::<S, 3, 8, 24>(simd),
-            4 => self.blocks::<S, 2, 4, 8>(simd),
+            8 => self.blocks::<S, 1, 24, 8>(simd),
+            4 => self.blocks::<S, 2, 6, 8>(simd),
             2 => self.blocks::<S, 4, 4, 8>(simd),
             _ => self.blocks::<S, 2, 4, 2>(simd),
         }
@@ -141,15 +150,21 @@ impl Product<'_, '_> {
     fn blocks<S: Simd, const V: usize, const N: usize, const W: usize>(mut self, simd: S) {
         let (rows, columns) = (self.to.first().map_or(0, |c| c.len()), self.to.len());
         let deepest = DEPTH.min(self.depth);
-        let mut left = vec![[0.0; W]; rows.min(HEIGHT).div_ceil(W) * deepest];
-        let mut right = vec![[0.0; N]; columns.div_ceil(N) * deepest];
+        let [mut left, mut right] = PANELS.take();
+        let grow = |panels: &mut Vec<f64>, needed: usize| {
+            panels.resize(panels.len().max(needed), 0.0);
+        };
+        grow(&mut left, rows.min(HEIGHT).next_multiple_of(W) * deepest);
+        grow(&mut right, columns.next_multiple_of(N) * deepest);
         for from in (0..self.depth).step_by(DEPTH) {
             let depth = from..self.depth.min(from + DEPTH);
             let across = self.right.clone().transposed();
-            pack(&across, (0..columns, depth.clone()), &mut right);
+            let right = right.as_chunks_mut::<N>().0;
+            pack(&across, (0..columns, depth.clone()), right);
             for top in (0..rows).step_by(HEIGHT) {
                 let bottom = rows.min(top + HEIGHT);
-                pack(self.left, (top..bottom, depth.clone()), &mut left);
+                let left = left.as_chunks_mut::<W>().0;
+                pack(self.left, (top..bottom, depth.clone()), left);
                 for (column, right) in (0..columns).step_by(N).zip(right.chunks_exact(depth.len()))
                 {
                     for (row, left) in (top..bottom).step_by(W).zip(left.chunks_exact(depth.len()))
@@ -162,6 +177,7 @@ impl Product<'_, '_> {
                 }
             }
         }
+        PANELS.set([left, right]);
     }
 
     #[inline(always)]
@@ -191,8 +207,8 @@ impl Product<'_, '_> {
                 }
                 continue;
             }
-            // Room for the rows of the tallest block.
-            let mut single = [0.0; 32];
+            // Room for the rows of any block.
+            let mut single = [0.0; 8];
             S::as_mut_simd_f64s(&mut single[..height])
                 .0
                 .copy_from_slice(sums);
@@ -245,9 +261,16 @@ fn pack<const W: usize>(
             panel.fill([0.0; W]);
         }
         if factor.is_transposed {
-            for (i, column) in columns[row..end].iter().enumerate() {
-                for (slots, value) in panel.iter_mut().zip(&column[depth.clone()]) {
-                    slots[i] = *value;
+            // Little by little: what is written crosswise stays in the first cache.
+            for (from, panel) in depth
+                .clone()
+                .step_by(CROSSWISE)
+                .zip(panel.chunks_mut(CROSSWISE))
+            {
+                for (i, column) in columns[row..end].iter().enumerate() {
+                    for (slots, value) in panel.iter_mut().zip(&column[from..]) {
+                        slots[i] = *value;
+                    }
                 }
             }
             continue;
@@ -261,18 +284,96 @@ fn pack<const W: usize>(
     }
 }
 
-/// Σ a b, in sums side by side: as many on every processor.
-#[inline(always)]
-pub fn inner(a: &[f64], b: &[f64]) -> f64 {
-    const LANES: usize = 8;
-    let mut lanes = [0.0; LANES];
-    let (a, a_rest) = a.as_chunks::<LANES>();
-    let (b, b_rest) = b.as_chunks::<LANES>();
-    for (a, b) in a.iter().zip(b) {
-        for k in 0..LANES {
-            lanes[k] += a[k] * b[k];
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn example(rows: usize, columns: usize, seed: usize) -> Mat<f64> {
+        Mat::from_fn(rows, columns, |i, j| {
+            libm::sin((seed + 3 * i + 7 * i * j + 11 * j) as f64)
+        })
+    }
+
+    /// `to` changed by left · right on one instruction set.
+    fn on<S: Simd>(simd: S, to: &Mat<f64>, how: Become, factors: [&Operand<'_>; 2]) -> Mat<f64> {
+        let mut out = to.clone();
+        let [left, right] = factors;
+        simd.vectorize(Product {
+            to: &mut columns_mut(&mut out),
+            how,
+            left,
+            right,
+            depth: left.size().1,
+            is_lower: false,
+        });
+        out
+    }
+
+    /// The same term by term.
+    fn term_by_term(to: &Mat<f64>, how: Become, left: &Mat<f64>, right: &Mat<f64>) -> Mat<f64> {
+        Mat::from_fn(to.nrows(), to.ncols(), |i, j| {
+            let mut out = to[(i, j)];
+            for from in (0..left.ncols()).step_by(DEPTH) {
+                let mut sum = 0.0;
+                for k in from..left.ncols().min(from + DEPTH) {
+                    sum += left[(i, k)] * right[(k, j)];
+                }
+                out = match how {
+                    Become::Product if from == 0 => sum,
+                    Become::Product | Become::Sum => out + sum,
+                    Become::Difference => out - sum,
+                };
+            }
+            out
+        })
+    }
+
+    #[test]
+    fn every_instruction_set_has_the_bits_of_the_sum_term_by_term() {
+        let sizes = [
+            (1, 1, 1),
+            (7, 25, 5),
+            (24, 24, 24),
+            (50, 7, 300),
+            (205, 49, 530),
+        ];
+        for (rows, columns, depth) in sizes {
+            let (left, right) = (example(rows, depth, 1), example(depth, columns, 2));
+            let to = example(rows, columns, 3);
+            let (turned_left, turned_right) = (left.transpose(), right.transpose());
+            let factors = [
+                [Operand::from(&left), Operand::from(&right)],
+                [
+                    Transposed(&turned_left).into(),
+                    Transposed(&turned_right).into(),
+                ],
+            ];
+            for how in [Become::Product, Become::Sum, Become::Difference] {
+                let expected = term_by_term(&to, how, &left, &right);
+                for [left, right] in &factors {
+                    let factors = [left, right];
+                    assert_eq!(on(pulp::Scalar::new(), &to, how, factors), expected);
+                    #[cfg(target_arch = "x86_64")]
+                    if let Some(simd) = pulp::x86::V3::try_new() {
+                        assert_eq!(on(simd, &to, how, factors), expected, "AVX2");
+                    }
+                    #[cfg(target_arch = "x86_64")]
+                    if let Some(simd) = pulp::x86::V4::try_new() {
+                        assert_eq!(on(simd, &to, how, factors), expected, "AVX-512");
+                    }
+                }
+            }
         }
     }
-    let rest = a_rest.iter().zip(b_rest).map(|(a, b)| a * b);
-    lanes.iter().sum::<f64>() + rest.sum::<f64>()
+
+    #[test]
+    fn the_lower_triangle_leaves_what_is_above_it() {
+        let (left, right) = (example(61, 30, 1), example(30, 61, 2));
+        let mut out = Mat::from_element(61, 61, 7.0);
+        let (a, b) = (Operand::from(&left), Operand::from(&right));
+        multiply_lower(&mut columns_mut(&mut out), Become::Product, &a, &b);
+        let whole = product(&left, &right);
+        let expected = Mat::from_fn(61, 61, |i, j| if i >= j { whole[(i, j)] } else { 7.0 });
+        assert_eq!(out, expected);
+    }
 }

@@ -2,7 +2,8 @@
 //! accuracy of large ones.
 
 use crate::numeric::matrix::{Mat, column, columns_mut};
-use crate::numeric::product::{inner, product};
+use crate::numeric::product::product;
+use crate::numeric::vectors::inner;
 
 /// Sweeps over all pairs of columns; some six are enough.
 const SWEEPS: usize = 40;
@@ -83,5 +84,44 @@ fn turn_of(a: &[f64], b: &[f64]) -> Option<(f64, f64)> {
 fn rotate(a: &mut [f64], b: &mut [f64], (cosine, sine): (f64, f64)) {
     for (a, b) in a.iter_mut().zip(b) {
         (*a, *b) = (cosine * *a - sine * *b, sine * *a + cosine * *b);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::numeric::product::Transposed;
+
+    #[test]
+    fn factors_are_orthonormal_and_make_the_matrix() {
+        for (rows, columns, rank) in [(1, 1, 1), (40, 12, 12), (12, 40, 12), (30, 9, 4), (9, 9, 0)]
+        {
+            let part = |rows: usize, seed: usize| {
+                Mat::from_fn(rows, rank, |i, j| {
+                    libm::sin((seed + i * (j + 3) + 5 * j) as f64)
+                })
+            };
+            let a = product(&part(rows, 1), Transposed(&part(columns, 2)));
+            let Svd { u, values, v } = Svd::new(&a).unwrap();
+            let small = rows.min(columns);
+            assert_eq!((u.ncols(), values.len(), v.ncols()), (small, small, small));
+            assert!(values.is_sorted_by(|a, b| a >= b));
+            let scaled = Mat::from_fn(rows, small, |i, j| u[(i, j)] * values[j]);
+            assert!((product(&scaled, Transposed(&v)) - &a).amax() < 1e-13);
+            let far = |m: &Mat<f64>, count: usize| {
+                let m = m.columns(0, count).into_owned();
+                (product(Transposed(&m), &m) - Mat::identity(count, count)).amax()
+            };
+            assert!(
+                far(&u, rank) < 1e-13 && far(&v, rank) < 1e-13,
+                "{rows} {columns}"
+            );
+            let eigenvalues = (a.transpose() * &a).symmetric_eigenvalues();
+            let largest = eigenvalues.iter().fold(0.0_f64, |m, e| m.max(*e)).sqrt();
+            assert!((values[0] - largest).abs() <= 1e-13 * largest);
+            if rows >= columns {
+                assert!(far(&v, columns) < 1e-13, "the null space is there, too");
+            }
+        }
     }
 }

@@ -5,7 +5,6 @@ use std::ops::Range;
 
 use poegp_protocol::limits::MAX_JOINTS;
 use poegp_runtime::gp::joint_kernel::JointKernel;
-use pulp::Arch;
 
 use crate::identification::parametric::state::{PriorGroup, ROWS, prior_variance};
 use crate::learning::elastic::likelihood::{Covariances, MarginalLikelihood, POSES_TOGETHER};
@@ -15,6 +14,7 @@ use crate::numeric::lbfgs::Objective;
 use crate::numeric::matrix::{ColumnsMut, Mat, column, columns_mut, parts};
 use crate::numeric::parallel::for_each;
 use crate::numeric::product::{Transposed, product};
+use crate::numeric::vectors::vectorised;
 
 impl Objective for MarginalLikelihood<'_> {
     fn value_and_gradient(&self, h: &[f64]) -> (f64, Vec<f64>) {
@@ -149,7 +149,10 @@ impl MarginalLikelihood<'_> {
             }
         }
         for_each(self.threads, tasks.iter_mut().collect(), |part| {
-            Arch::new().dispatch(|| self.add_pairs(&outputs, inverse, part));
+            vectorised(
+                #[inline(always)]
+                || self.add_pairs(&outputs, inverse, part),
+            );
         });
         let mut totals = vec![KernelSums::default(); outputs.len()];
         for part in &tasks {

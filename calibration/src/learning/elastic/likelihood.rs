@@ -5,7 +5,6 @@
 //! G_c(i,j) = J_icᵀ W_ij J_jc, against ∂K_c (`hyperparameter_objective.rs`). Kernels are the runtime's.
 
 use poegp_runtime::gp::joint_kernel::JointKernel;
-use pulp::Arch;
 
 use crate::identification::parametric::state::{Linearised, PriorGroup, ROWS, prior_variance};
 use crate::learning::elastic::hyperparameters::{DEFLECTION_UNIT, HyperLayout};
@@ -15,6 +14,7 @@ use crate::numeric::cholesky::Factor;
 use crate::numeric::matrix::{Mat, column, columns, parts, rows, split_rows};
 use crate::numeric::parallel::for_each;
 use crate::numeric::product::{Become, Operand, multiply};
+use crate::numeric::vectors::vectorised;
 
 /// The data of the likelihood.
 #[derive(Debug)]
@@ -107,9 +107,12 @@ impl MarginalLikelihood<'_> {
             tasks.extend(columns.map(|(first, part)| (c, first, part)));
         }
         for_each(self.threads, tasks, |(c, first, mut part)| {
-            Arch::new().dispatch(|| {
-                self.kernel_columns(&natural[c], &payloads, first, &mut part);
-            });
+            vectorised(
+                #[inline(always)]
+                || {
+                    self.kernel_columns(&natural[c], &payloads, first, &mut part);
+                },
+            );
         });
         if let Some(prior) = self.layout.curve_prior(h) {
             let kernels = &out.kernels;
@@ -139,7 +142,10 @@ impl MarginalLikelihood<'_> {
                 let left = Operand::new(rows(&scaled, first..count));
                 let right = Operand::new(rows(&scaled, first..first + part.len()));
                 multiply(&mut part, Become::Product, &left, &right.transposed());
-                Arch::new().dispatch(|| self.add_processes(kernels, &moved, first, &mut part));
+                vectorised(
+                    #[inline(always)]
+                    || self.add_processes(kernels, &moved, first, &mut part),
+                );
                 for (column, entries) in part.iter_mut().enumerate() {
                     let r = first + column;
                     let kind = usize::from(r % ROWS >= 3);
