@@ -144,12 +144,16 @@ fn inverse_columns(lower: &[&[f64]], first: usize, to: &mut [&mut [f64]]) {
     solve_lower(&own, to);
 }
 
-/// Writes L⁻¹ to `half`, and the inverse of the matrix to `whole`: its lower triangle, and both triangles of every tile on the
-/// diagonal. What is above them means nothing.
+/// Writes L⁻¹ to `half`, where zeros above the diagonal are written within the tiles on it only, and the inverse of the
+/// matrix to `whole`: its lower triangle, and both triangles of every tile on the diagonal. What is above them means nothing.
 fn invert(lower: &[&[f64]], half: &mut Mat<f64>, whole: &mut Mat<f64>, threads: usize) {
     let size = tile(lower.len());
     for_each(threads, parts(half, TILES.0), |(j, columns)| {
-        inverse_columns(lower, j, &mut split_rows(columns, j).1);
+        let (mut above, mut own) = split_rows(columns, j);
+        for column in &mut above {
+            column[j / size * size..].fill(0.0);
+        }
+        inverse_columns(lower, j, &mut own);
     });
     let half = columns(half);
     let n = half.len();

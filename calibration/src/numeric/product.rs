@@ -20,16 +20,17 @@ const CROSSWISE: usize = 32;
 #[derive(Clone, Debug)]
 pub struct Operand<'a> {
     columns: Columns<'a>,
+    height: usize,
     is_transposed: bool,
 }
 
 impl<'a> Operand<'a> {
     /// These columns.
     pub fn new(columns: Columns<'a>) -> Self {
-        let is_transposed = false;
         Self {
+            height: columns.first().map_or(0, |column| column.len()),
             columns,
-            is_transposed,
+            is_transposed: false,
         }
     }
 
@@ -43,17 +44,19 @@ impl<'a> Operand<'a> {
     }
 
     fn size(&self) -> (usize, usize) {
-        let height = self.columns.first().map_or(0, |column| column.len());
         match self.is_transposed {
-            true => (self.columns.len(), height),
-            false => (height, self.columns.len()),
+            true => (self.columns.len(), self.height),
+            false => (self.height, self.columns.len()),
         }
     }
 }
 
 impl<'a> From<&'a Mat<f64>> for Operand<'a> {
     fn from(matrix: &'a Mat<f64>) -> Self {
-        Self::new(columns(matrix))
+        Self {
+            height: matrix.nrows(),
+            ..Self::new(columns(matrix))
+        }
     }
 }
 
