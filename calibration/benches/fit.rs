@@ -8,7 +8,6 @@ use std::hint::black_box;
 use std::path::Path;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use faer::Mat;
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::blob::write::{Provenance, calibrate_to_blob};
 use poegp_calibration::identification::frame_fit::{ResidualFrame, residual_components};
@@ -28,6 +27,7 @@ use poegp_calibration::measurement::sample::{
 use poegp_calibration::model::config::Config;
 use poegp_calibration::model::{Calibration, Method, calibrate};
 use poegp_calibration::numeric::lbfgs::Objective;
+use poegp_calibration::numeric::matrix::Mat;
 use poegp_calibration::progress::FitContext;
 use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_runtime::gp::quadratic_posterior::MeanHeader;

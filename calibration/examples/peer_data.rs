@@ -14,7 +14,6 @@
 
 use std::path::Path;
 
-use faer::Mat;
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::blob::write::{Provenance, calibrate_to_blob};
 use poegp_calibration::identification::frame_fit::{ResidualFrame, residual_components};
@@ -30,6 +29,7 @@ use poegp_calibration::measurement::sample::{
 };
 use poegp_calibration::model::config::{Config, Weighting};
 use poegp_calibration::model::{Calibration, Method, calibrate};
+use poegp_calibration::numeric::matrix::Mat;
 use poegp_calibration::numeric::statistics::ErrorSummary;
 use poegp_calibration::progress::FitContext;
 use poegp_calibration::robot::{LoadOptions, Robot};

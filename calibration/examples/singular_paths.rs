@@ -5,13 +5,12 @@
 
 use std::error::Error;
 
-use faer::Mat;
-use faer::linalg::solvers::Solve;
 use poegp_calibration::blob::write::{Provenance, calibrate_to_blob};
 use poegp_calibration::measurement as measurements;
 use poegp_calibration::measurement::sample::samples;
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::Config;
+use poegp_calibration::numeric::matrix::Mat;
 use poegp_calibration::progress::FitContext;
 use poegp_calibration::robot::{BUILT_IN, LoadOptions, Robot};
 use poegp_calibration::simulation::{Scenario, Simulator, to_csv};
@@ -144,7 +143,7 @@ impl Arm {
         let one = |i: usize, j: usize| f64::from(u8::from(i == j));
         let coupling = robot.coupling.as_ref();
         let serial = Mat::from_fn(n, n, |i, j| coupling.map_or(one(i, j), |c| c[i][j]));
-        let inverse = serial.partial_piv_lu().solve(Mat::from_fn(n, n, one));
+        let inverse = serial.try_inverse().ok_or("the coupling has no inverse")?;
         let uncoupled = (0..n).map(|i| (0..n).map(|j| inverse[(i, j)]).collect());
         Ok(Self {
             model,
@@ -182,7 +181,7 @@ impl Arm {
         };
         let columns: Vec<[f64; 6]> = (0..joints.len()).map(column).collect();
         let jacobian = Mat::from_fn(6, joints.len(), |r, c| columns[c][r]);
-        let values = jacobian.singular_values().unwrap_or_default();
+        let values = jacobian.singular_values();
         values.iter().copied().fold(f64::INFINITY, f64::min)
     }
 

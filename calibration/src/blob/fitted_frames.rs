@@ -1,7 +1,5 @@
 //! Base and tool frames that were set up again after the calibration, fitted to new measurements.
 
-use faer::linalg::solvers::{DenseSolveCore, Solve};
-use faer::{Mat, Side};
 use nalgebra::{Matrix3, Vector3};
 use poegp_protocol::JointKind;
 use poegp_runtime::kinematics::poe::Poe;
@@ -13,6 +11,9 @@ use crate::identification::frame_fit::{ResidualFrame, residual_components};
 use crate::identification::parametric::state::ROWS;
 use crate::measurement::noise::NoiseScales;
 use crate::measurement::sample::{InstrumentSample, different_poses};
+use crate::numeric::cholesky::Factor;
+use crate::numeric::matrix::Mat;
+use crate::numeric::product::{Transposed, product};
 use crate::numeric::rotation::nearest_rotation;
 use crate::numeric::statistics::PoseError;
 
@@ -328,7 +329,7 @@ impl<'a> Registered<'a> {
     /// The damped normal matrix of [`Self::effects`].
     fn information(&self) -> Mat<f64> {
         let a = self.effects();
-        let mut normal = a.transpose() * &a;
+        let mut normal = product(Transposed(&a), &a);
         let count = normal.nrows();
         let largest = (0..count).map(|i| normal[(i, i)]).fold(0.0, f64::max);
         for i in 0..count {
@@ -339,11 +340,11 @@ impl<'a> Registered<'a> {
 
     /// One Gauss–Newton step of what is fitted.
     fn refine(&mut self) {
-        let Ok(factor) = self.information().llt(Side::Lower) else {
+        let Ok(factor) = Factor::new(self.information(), 1) else {
             return;
         };
         let a = self.effects();
-        let step = factor.solve(a.transpose() * self.residuals(WEIGHTS));
+        let step = factor.solve(&product(Transposed(&a), &self.residuals(WEIGHTS)));
         let twist = |at: usize| Twist::from_array(&std::array::from_fn(|i| step[(at + i, 0)]));
         let base = &mut self.frames.instrument_from_base;
         *base = *base * Pose::exp(&twist(0));
@@ -355,11 +356,11 @@ impl<'a> Registered<'a> {
     /// Whether frames that were fitted with this `information` predict every component of these samples not much worse than
     /// it is measured.
     fn is_determined(&self, information: Mat<f64>) -> bool {
-        let Ok(factor) = information.llt(Side::Lower) else {
+        let Ok(factor) = Factor::new(information, 1) else {
             return false;
         };
         let a = self.effects();
-        let spread = &a * factor.inverse();
+        let spread = product(&a, &factor.inverse());
         let variance =
             |row: usize| -> f64 { (0..a.ncols()).map(|j| spread[(row, j)] * a[(row, j)]).sum() };
         (0..a.nrows()).all(|row| variance(row) <= UNDETERMINED * UNDETERMINED)

@@ -6,14 +6,13 @@
 //! unweighted in metres and radians with the rotation taken at the tool point. Its result is the gauge of every model:
 //! "base" and "flange" in a blob mean these.
 
-use faer::linalg::solvers::SolveLstsq;
-use faer::{Mat, Side};
 use nalgebra::{Matrix3, Vector3};
 use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::Pose;
 
 use crate::identification::frame_fit::{FrameFit, ResidualFrame, cost, fit_frames};
 use crate::measurement::sample::InstrumentSample;
+use crate::numeric::matrix::Mat;
 use crate::numeric::rotation::nearest_rotation;
 
 /// Where instrument and target are.
@@ -134,10 +133,9 @@ fn closed_form(pairs: &[Pair]) -> (Matrix3<f64>, Matrix3<f64>) {
             }
         }
     }
-    let Ok(eigen) = normal.self_adjoint_eigen(Side::Lower) else {
-        return (Matrix3::identity(), Matrix3::identity());
-    };
-    let smallest = |i: usize| eigen.U()[(i, 0)];
+    let eigen = normal.symmetric_eigen();
+    let least = eigen.eigenvalues.imin();
+    let smallest = |i: usize| eigen.eigenvectors[(i, least)];
     let x = Matrix3::from_fn(|i, j| smallest(3 * i + j));
     let y = Matrix3::from_fn(|i, j| smallest(9 + 3 * i + j));
     let sign = if x.determinant() < 0.0 { -1.0 } else { 1.0 };
@@ -164,18 +162,15 @@ fn translations(pairs: &[Pair], base: &Matrix3<f64>) -> (Vector3<f64>, Vector3<f
     }
     // Column pivoting alone would let a tool that cannot be distinguished from the base run away: a pinch of ridge does not.
     let mut ridge = Mat::<f64>::zeros(a.nrows() + 6, 6);
-    ridge
-        .as_mut()
-        .submatrix_mut(0, 0, a.nrows(), 6)
-        .copy_from(&a);
+    ridge.rows_mut(0, a.nrows()).copy_from(&a);
     for i in 0..6 {
         ridge[(a.nrows() + i, i)] = 1e-6;
     }
     let mut rest = Mat::<f64>::zeros(a.nrows() + 6, 1);
-    rest.as_mut()
-        .submatrix_mut(0, 0, a.nrows(), 1)
-        .copy_from(&b);
-    let x = ridge.qr().solve_lstsq(&rest);
+    rest.rows_mut(0, a.nrows()).copy_from(&b);
+    let (q, r) = ridge.qr().unpack();
+    let x = r.solve_upper_triangular(&q.tr_mul(&rest));
+    let x = x.unwrap_or(Mat::zeros(6, 1));
     (
         Vector3::new(x[(0, 0)], x[(1, 0)], x[(2, 0)]),
         Vector3::new(x[(3, 0)], x[(4, 0)], x[(5, 0)]),

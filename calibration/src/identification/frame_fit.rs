@@ -6,7 +6,6 @@
 //! parameters of a six-axis arm 30 are identifiable; steps are of minimum norm, and damped whenever a step would not
 //! lower the cost, so that the solver cannot diverge.
 
-use faer::Mat;
 use nalgebra::Vector3;
 use poegp_protocol::limits::MAX_FRAMES;
 use poegp_runtime::kinematics::poe::Poe;
@@ -15,6 +14,9 @@ use poegp_runtime::math::se3::{Matrix6, Pose, Twist, residual};
 use crate::measurement::noise::NoiseScales;
 use crate::measurement::observation::Observation;
 use crate::measurement::sample::Sample;
+use crate::numeric::matrix::Mat;
+use crate::numeric::product::{Transposed, product};
+use crate::numeric::svd::Svd;
 
 /// What is compared, and in which frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -173,15 +175,16 @@ pub fn fit_frames<F>(
     let mut damping = 0.0;
     while report.iterations < MAX_ITERATIONS {
         let (y, a) = linearise(poe, samples, free, kind);
-        let Ok(svd) = a.thin_svd() else { break };
-        let values: Vec<f64> = svd.S().column_vector().iter().copied().collect();
+        let Some(Svd { u, values, v }) = Svd::new(&a) else {
+            break;
+        };
         let largest = values.first().copied().unwrap_or(0.0);
         let kept = values
             .iter()
             .filter(|s| **s > RELATIVE_RANK_TOLERANCE * largest)
             .count();
         report.rank = kept;
-        let projected = svd.U().transpose() * &y;
+        let projected = product(Transposed(&u), &y);
         let mut accepted = None;
         for _ in 0..30 {
             let damped = |i: usize| {
@@ -192,7 +195,7 @@ pub fn fit_frames<F>(
                     0.0
                 }
             };
-            let step = svd.V() * Mat::from_fn(values.len(), 1, |i, _| damped(i));
+            let step = &v * Mat::from_fn(values.len(), 1, |i, _| damped(i));
             let candidate = updated(poe, free, &step);
             let value = cost(&candidate, samples, kind);
             if value <= current {

@@ -294,7 +294,7 @@ impl MeasurementSet {
         let mut notes = Vec::new();
         if let Some((w, v)) = self.measurements.first().and_then(|m| m.orientation) {
             // |q · q'| is the cosine of half the angle between them.
-            let closest = (0.5 * STILL_REVOLUTE).cos();
+            let closest = libm::cos(0.5 * STILL_REVOLUTE);
             let same = |m: &Measurement| {
                 m.orientation
                     .is_some_and(|(a, b)| (w * a + dot(&v, &b)).abs() > closest)

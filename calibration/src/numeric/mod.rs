@@ -1,8 +1,13 @@
-//! Optimisation, factors, rotations and statistics; numbers as text; work on all cores.
+//! Matrices, optimisation, rotations and statistics; numbers as text; work on all cores.
 
 pub mod cholesky;
 pub mod decimal;
 pub mod lbfgs;
+pub mod matrix;
 pub mod parallel;
+pub mod product;
 pub mod rotation;
 pub mod statistics;
+pub mod svd;
+pub mod triangular;
+pub mod vectors;

@@ -12,9 +12,6 @@
 //!
 //! Jacobians are the runtime's, by way of [`ParametricModel::linearise`].
 
-use faer::linalg::matmul::matmul;
-use faer::linalg::solvers::{DenseSolveCore, Llt};
-use faer::{Accum, Mat, MatRef, Par, Side};
 use nalgebra::{SMatrix, Vector3};
 use poegp_runtime::elastic::ripple::ripple_regressors;
 use poegp_runtime::kinematics::poe::Poe;
@@ -22,6 +19,9 @@ use poegp_runtime::kinematics::poe::Poe;
 use crate::identification::parametric::state::{Layout, ParametricModel, PriorGroup, ROWS};
 use crate::measurement::noise::NoiseScales;
 use crate::measurement::sample::BaseSample;
+use crate::numeric::cholesky::Factor;
+use crate::numeric::matrix::{Mat, columns_mut};
+use crate::numeric::product::{Become, Operand, Transposed, multiply, product};
 
 /// Rounds of exchange at most; it ends with the first that changes nothing.
 const ROUNDS: usize = 20;
@@ -163,8 +163,8 @@ impl Design {
         Self { rows, of_a_payload }
     }
 
-    fn block(&self, i: usize) -> MatRef<'_, f64> {
-        self.rows.as_ref().subrows(ROWS * i, ROWS)
+    fn block(&self, i: usize) -> Mat<f64> {
+        self.rows.rows(ROWS * i, ROWS).into_owned()
     }
 
     /// M⁻¹ of some poses; `None` only when a number is not finite.
@@ -173,30 +173,31 @@ impl Design {
         let mut information = Mat::<f64>::identity(p, p);
         for i in chosen {
             let b = self.block(*i);
-            let m = information.as_mut();
-            matmul(m, Accum::Add, b.transpose(), b, 1.0, Par::Seq);
+            let b = Operand::from(&b);
+            let m = &mut columns_mut(&mut information);
+            multiply(m, Become::Sum, &b.clone().transposed(), &b);
         }
-        let factor = Llt::new(information.as_ref(), Side::Lower).ok()?;
-        Some(factor.inverse())
+        Some(Factor::new(information, 1).ok()?.inverse())
     }
 
     /// Adds the information of a pose to M⁻¹ (`sign` 1), or takes it away (−1), by Woodbury's identity.
     fn update(&self, covariance: &mut Mat<f64>, i: usize, sign: f64) {
         let b = self.block(i);
-        let cb = &*covariance * b.transpose();
-        let bcb = b * &cb;
+        let cb = product(&*covariance, Transposed(&b));
+        let bcb = product(&b, &cb);
         let s = Block::from_fn(|a, k| sign * bcb[(a, k)] + if a == k { 1.0 } else { 0.0 });
         let Some(inverse) = s.try_inverse() else {
             return;
         };
-        let left = &cb * Mat::from_fn(ROWS, ROWS, |a, k| inverse[(a, k)]);
-        matmul(
-            covariance.as_mut(),
-            Accum::Add,
-            left.as_ref(),
-            cb.as_ref().transpose(),
-            -sign,
-            Par::Seq,
+        let left = product(
+            &cb,
+            &Mat::from_fn(ROWS, ROWS, |a, k| -sign * inverse[(a, k)]),
+        );
+        multiply(
+            &mut columns_mut(covariance),
+            Become::Sum,
+            &Operand::from(&left),
+            &Operand::from(Transposed(&cb)),
         );
     }
 
@@ -206,13 +207,12 @@ impl Design {
         let positions = Mat::from_fn(3 * count, self.rows.ncols(), |i, j| {
             self.rows[(ROWS * (i / 3) + i % 3, j)]
         });
-        positions.transpose() * &positions * (1.0 / count as f64)
+        product(Transposed(&positions), &positions) * (1.0 / count as f64)
     }
 
     /// Mean variance of predicted positions over all candidates after measuring some poses, in units of the noise.
     pub fn mean_variance(&self, chosen: &[usize]) -> Option<f64> {
-        let product = self.covariance(chosen)? * self.mean_position();
-        Some((0..product.nrows()).map(|i| product[(i, i)]).sum())
+        Some(product(&self.covariance(chosen)?, &self.mean_position()).trace())
     }
 
     /// Exchanges the poses of `start`, indices of candidates, each for one of the same payload; no joints twice.
@@ -230,9 +230,9 @@ impl Design {
                 let old = chosen[slot];
                 self.update(&mut covariance, old, -1.0);
                 let first = n * (old / n);
-                let b = self.rows.as_ref().subrows(ROWS * first, ROWS * n);
-                let u = b * &covariance;
-                let v = &u * &wanted * &covariance;
+                let b = self.rows.rows(ROWS * first, ROWS * n).into_owned();
+                let u = product(&b, &covariance);
+                let v = product(&product(&u, &wanted), &covariance);
                 let between = |left: &Mat<f64>, row: usize| {
                     Block::from_fn(|a, k| {
                         let dot = (0..b.ncols()).map(|j| left[(row + a, j)] * b[(row + k, j)]);

@@ -22,7 +22,7 @@ impl LineOfSight {
         let normal = base_from_target.rotation * self.normal;
         let to_instrument = self.instrument - base_from_target.translation;
         // The instrument at the target itself has no direction; it sees nothing.
-        normal.dot(&to_instrument) > self.max_angle.cos() * to_instrument.norm()
+        normal.dot(&to_instrument) > libm::cos(self.max_angle) * to_instrument.norm()
     }
 }
 

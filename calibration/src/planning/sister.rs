@@ -176,8 +176,10 @@ fn aligned(robot: &Robot, frames: &[Pose<f64>]) -> Vec<(Pose<f64>, Twist<f64>)> 
         // The angle of the handed turn is not small: a second step corrects the first.
         for _ in 0..if i < last { 3 } else { 0 } {
             let deviation = drawn.inverse() * frame;
-            let angle = (deviation.rotation[(1, 0)] - deviation.rotation[(0, 1)])
-                .atan2(deviation.rotation[(0, 0)] + deviation.rotation[(1, 1)]);
+            let angle = libm::atan2(
+                deviation.rotation[(1, 0)] - deviation.rotation[(0, 1)],
+                deviation.rotation[(0, 0)] + deviation.rotation[(1, 1)],
+            );
             let along = Pose::exp(&Twist {
                 linear: Vector3::new(0.0, 0.0, deviation.translation[2]),
                 angular: Vector3::new(0.0, 0.0, angle),
@@ -227,7 +229,7 @@ fn deflections(prior: &mut Prior, elastic: &Elastic<'_>, n: usize) {
     let wave = |joint: usize, cycles: f64, sin: f32, cos: f32| Wave {
         joint,
         cycles,
-        sd: f64::from(sin).hypot(f64::from(cos)) / std::f64::consts::SQRT_2,
+        sd: libm::hypot(f64::from(sin), f64::from(cos)) / std::f64::consts::SQRT_2,
     };
     let ripple = elastic
         .ripple

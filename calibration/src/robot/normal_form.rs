@@ -120,12 +120,12 @@ pub fn rotation_to_axis(axis: &Vector3<f64>) -> Pose<f64> {
 
 /// Length of a vector, without overflow for what a file may hold.
 pub(super) fn norm(v: &Vector3<f64>) -> f64 {
-    v[0].hypot(v[1]).hypot(v[2])
+    libm::hypot(libm::hypot(v[0], v[1]), v[2])
 }
 
 /// Rotation by `angle` (rad) about the coordinate axis 0, 1 or 2.
 pub fn rotation_about(axis: usize, angle: f64) -> Pose<f64> {
-    let (s, c) = angle.sin_cos();
+    let (s, c) = libm::sincos(angle);
     let rotation = match axis {
         0 => Matrix3::new(1.0, 0.0, 0.0, 0.0, c, -s, 0.0, s, c),
         1 => Matrix3::new(c, 0.0, s, 0.0, 1.0, 0.0, -s, 0.0, c),
@@ -160,12 +160,12 @@ pub fn origin(xyz: [f64; 3], rpy: [f64; 3]) -> Pose<f64> {
 /// once it is taken out, so that whatever it was found to be the three give the rotation back to the last digits.
 pub fn roll_pitch_yaw(rotation: &Matrix3<f64>) -> [f64; 3] {
     let r = rotation;
-    let yaw = r[(1, 0)].atan2(r[(0, 0)]);
-    let (s, c) = yaw.sin_cos();
+    let yaw = libm::atan2(r[(1, 0)], r[(0, 0)]);
+    let (s, c) = libm::sincos(yaw);
     let across = |column: usize| c * r[(1, column)] - s * r[(0, column)];
     let along = c * r[(0, 0)] + s * r[(1, 0)];
-    let pitch = (-r[(2, 0)]).atan2(along);
-    let roll = (-across(2)).atan2(across(1));
+    let pitch = libm::atan2(-r[(2, 0)], along);
+    let roll = libm::atan2(-across(2), across(1));
     [roll, pitch, yaw]
 }
 

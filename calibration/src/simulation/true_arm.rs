@@ -268,13 +268,13 @@ impl TrueArm {
             let [a, b, c] = joint.phases;
             let repeat: f64 = StandardNormal.sample(random);
             let q = joints[i];
-            serial[i] += 60e-6 * (q + a).sin()
-                + 30e-6 * (2.0 * q + b).sin()
-                + 8e-6 * (60.0 * q + c).sin()
+            serial[i] += 60e-6 * libm::sin(q + a)
+                + 30e-6 * libm::sin(2.0 * q + b)
+                + 8e-6 * libm::sin(60.0 * q + c)
                 + 5e-6 * repeat;
         }
         if self.scenario == Scenario::Nonlinear && serial.len() > 2 {
-            serial[2] += 100e-6 * (joints[2] - joints[1] + self.joints[2].phases[0]).sin();
+            serial[2] += 100e-6 * libm::sin(joints[2] - joints[1] + self.joints[2].phases[0]);
         }
     }
 }

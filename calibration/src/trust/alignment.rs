@@ -4,8 +4,6 @@
 //! Σ M_ij F_ab (9×9) and from 24 turned tools, and alternate between X and Y; the translations are one linear
 //! fit; Gauss–Newton steps with weights against outliers refine both.
 
-use faer::linalg::solvers::Solve;
-use faer::{Mat, Side};
 use nalgebra::{Matrix3, Vector3};
 use poegp_runtime::math::se3::{Pose, Twist};
 use rand::{RngExt, SeedableRng};
@@ -14,7 +12,10 @@ use rand_chacha::ChaCha8Rng;
 use crate::identification::base_tool::cube_rotations;
 use crate::identification::base_tools::aligned;
 use crate::measurement::observation::Observation;
+use crate::numeric::cholesky::Factor;
+use crate::numeric::matrix::Mat;
 use crate::numeric::rotation::nearest_rotation;
+use crate::numeric::svd::Svd;
 
 /// Metres that count as much as a radian.
 pub const LEVER: f64 = 1.0 / 3.0;
@@ -99,7 +100,7 @@ impl Alignment {
 /// The angle between two rotations, rad.
 fn angle(a: &Matrix3<f64>, b: &Matrix3<f64>) -> f64 {
     // |A − B|² = 4 (1 − cos θ); the half angle keeps small angles exact.
-    2.0 * ((a - b).norm() / 8.0_f64.sqrt()).min(1.0).asin()
+    2.0 * libm::asin(((a - b).norm() / 8.0_f64.sqrt()).min(1.0))
 }
 
 /// The middle value; 0 of none.
@@ -235,9 +236,9 @@ fn rotations(whole: &[(Matrix3<f64>, Matrix3<f64>)]) -> Vec<Matrix3<f64>> {
         t[3 * (ia / 3) + bj % 3][3 * (ia % 3) + bj / 3]
     });
     let mut tools = cube_rotations();
-    if let Ok(svd) = k.svd() {
+    if let Some(svd) = Svd::new(&k) {
         for column in 0..2 {
-            let y = Matrix3::from_fn(|b, j| svd.V()[(3 * b + j, column)]);
+            let y = Matrix3::from_fn(|b, j| svd.v[(3 * b + j, column)]);
             tools.push(nearest_rotation(&y));
             tools.push(nearest_rotation(&-y));
         }
@@ -288,7 +289,7 @@ fn linear(rows: &[Row], tools: usize, base: &Matrix3<f64>) -> Alignment {
     for i in 0..size {
         normal[(i, i)] += 1e-9 * rows.len() as f64;
     }
-    let x: Vec<f64> = match normal.llt(Side::Lower) {
+    let x: Vec<f64> = match Factor::new(normal, 1) {
         Ok(factor) => {
             let x = factor.solve(&right);
             (0..size).map(|i| x[(i, 0)]).collect()
@@ -391,7 +392,7 @@ fn refined(start: Alignment, rows: &[Row], steps: usize) -> Alignment {
         for i in 0..size {
             normal[(i, i)] += 1e-9 * rows.len() as f64;
         }
-        let Ok(factor) = normal.llt(Side::Lower) else {
+        let Ok(factor) = Factor::new(normal, 1) else {
             break;
         };
         let x = factor.solve(&right);

@@ -3,11 +3,12 @@
 //! What a change would take off χ² is a Schur complement: the columns of the change are those of the geometry, masked by
 //! the rows that it is about, and everything else may follow.
 
-use faer::linalg::solvers::Solve;
-use faer::{Mat, Side};
 use poegp_protocol::cause::Cause;
 
 use crate::identification::parametric::state::ROWS;
+use crate::numeric::cholesky::Factor;
+use crate::numeric::matrix::Mat;
+use crate::numeric::product::{Transposed, product};
 use crate::trust::finding::{Finding, Tier};
 use crate::trust::geometry::Geometry;
 use crate::trust::readings::Data;
@@ -114,9 +115,9 @@ impl Sums {
             geometry.weights[row].sqrt() * geometry.residuals[row][r % ROWS]
         });
         Self {
-            own: b.transpose() * &b,
-            with_all: b.transpose() * &a,
-            right: b.transpose() * &residual,
+            own: product(Transposed(&b), &b),
+            with_all: product(Transposed(&b), &a),
+            right: product(Transposed(&b), &residual),
         }
     }
 
@@ -150,7 +151,7 @@ impl Sums {
         let right = Mat::from_fn(size, 1, |i, _| {
             self.right[(columns[i], 0)] - followed[(i, 0)]
         });
-        let x = schur.llt(Side::Lower).ok()?.solve(&right);
+        let x = Factor::new(schur, 1).ok()?.solve(&right);
         // Residuals of few rows are smaller than the noise.
         let shrunk = geometry.degrees_of_freedom().powi(2);
         let drop = (0..size).map(|i| x[(i, 0)] * right[(i, 0)]).sum::<f64>() / shrunk;

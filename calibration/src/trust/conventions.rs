@@ -157,16 +157,16 @@ impl Convention {
             Self::Intrinsic([i, j, k]) if i == k => {
                 let l = 3 - i - j;
                 let sign = if (i + 1) % 3 == j { 1.0 } else { -1.0 };
-                let middle = r[(i, i)].clamp(-1.0, 1.0).acos();
-                let first = f64::atan2(r[(j, i)], -sign * r[(l, i)]);
-                let last = f64::atan2(r[(i, j)], sign * r[(i, l)]);
+                let middle = libm::acos(r[(i, i)].clamp(-1.0, 1.0));
+                let first = libm::atan2(r[(j, i)], -sign * r[(l, i)]);
+                let last = libm::atan2(r[(i, j)], sign * r[(i, l)]);
                 [first, middle, last]
             }
             Self::Intrinsic([i, j, k]) => {
                 let sign = if (i + 1) % 3 == j { 1.0 } else { -1.0 };
-                let middle = (sign * r[(i, k)]).clamp(-1.0, 1.0).asin();
-                let first = f64::atan2(-sign * r[(j, k)], r[(k, k)]);
-                let last = f64::atan2(-sign * r[(i, j)], r[(i, i)]);
+                let middle = libm::asin((sign * r[(i, k)]).clamp(-1.0, 1.0));
+                let first = libm::atan2(-sign * r[(j, k)], r[(k, k)]);
+                let last = libm::atan2(-sign * r[(i, j)], r[(i, i)]);
                 [first, middle, last]
             }
         }

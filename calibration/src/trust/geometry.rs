@@ -1,8 +1,6 @@
 //! The geometry with priors around the drawing, gravity and two harmonics of each joint: what is left of good data is
 //! noise, so that what is left of wrong data shows where it comes from.
 
-use faer::linalg::solvers::Solve;
-use faer::{Mat, Side};
 use nalgebra::Vector3;
 use poegp_runtime::math::se3::Pose;
 
@@ -13,6 +11,9 @@ use crate::identification::parametric::state::{
 };
 use crate::measurement::noise::NoiseScales;
 use crate::measurement::sample::{BaseSample, in_base_frame};
+use crate::numeric::cholesky::Factor;
+use crate::numeric::matrix::Mat;
+use crate::numeric::product::{Transposed, product};
 use crate::trust::alignment::{Alignment, median};
 use crate::trust::readings::Data;
 
@@ -117,7 +118,7 @@ impl Geometry {
         let groups = state.layout.groups();
         let wide = match priors {
             Priors::Made => 0.0,
-            Priors::Wide => 15.0_f64.powi(2).ln(),
+            Priors::Wide => libm::log(15.0_f64.powi(2)),
         };
         let hyper = [0.0, 0.0, wide, 0.0, 0.0];
         let sd: Vec<f64> = groups
@@ -129,7 +130,7 @@ impl Geometry {
             let scales = robust_scales(&state, &samples);
             let linear = state.linearise(&samples, scales);
             weights = row_weights(&state.residuals(&samples, scales), &samples);
-            let factor = normal(&linear, &weights, &sd).llt(Side::Lower).ok()?;
+            let factor = Factor::new(normal(&linear, &weights, &sd), 1).ok()?;
             let right = right_side(&linear, &weights, &sd);
             let z = factor.solve(&right);
             let x: Vec<f64> = (0..sd.len()).map(|i| sd[i] * z[(i, 0)]).collect();
@@ -162,7 +163,7 @@ impl Geometry {
         let linear = state.linearise(&samples, scales);
         let residuals = state.residuals(&samples, scales);
         weights = row_weights(&residuals, &samples);
-        let factor = normal(&linear, &weights, &sd).llt(Side::Lower).ok()?;
+        let factor = Factor::new(normal(&linear, &weights, &sd), 1).ok()?;
         let identity = Mat::from_fn(sd.len(), sd.len(), |i, j| {
             f64::from(u8::from(i == j)) * sd[i]
         });
@@ -312,7 +313,7 @@ fn objective(
         if square < bend {
             square
         } else {
-            bend * (1.0 + (square / bend).ln())
+            bend * (1.0 + libm::log(square / bend))
         }
     });
     let prior = state
@@ -328,7 +329,7 @@ fn normal(linear: &Linearised, weights: &[f64], sd: &[f64]) -> Mat<f64> {
     let weighted = Mat::from_fn(linear.a.nrows(), sd.len(), |r, j| {
         weights[r / ROWS].sqrt() * linear.a[(r, j)] * sd[j]
     });
-    let mut normal = weighted.transpose() * &weighted;
+    let mut normal = product(Transposed(&weighted), &weighted);
     for i in 0..sd.len() {
         normal[(i, i)] += 1.0;
     }
@@ -339,6 +340,6 @@ fn right_side(linear: &Linearised, weights: &[f64], sd: &[f64]) -> Mat<f64> {
     let y = Mat::from_fn(linear.y.nrows(), 1, |r, _| {
         weights[r / ROWS] * linear.y[(r, 0)]
     });
-    let right = linear.a.transpose() * y;
+    let right = product(Transposed(&linear.a), &y);
     Mat::from_fn(sd.len(), 1, |i, _| sd[i] * right[(i, 0)])
 }

@@ -411,7 +411,7 @@ fn stands_for_missing(metres: f64) -> bool {
     [1.0, 1e3].iter().any(|unit| {
         let digits = (metres * unit).abs();
         let nines = [99.0, 999.0, 9999.0, 99999.0, 999999.0].contains(&digits.round());
-        let power = digits >= 1e3 && digits.log10().fract() == 0.0;
+        let power = digits >= 1e3 && libm::log10(digits).fract() == 0.0;
         (digits.round() - digits).abs() < 1e-9 * digits && (nines || power)
             || (9.9e5..1.1e6).contains(&digits)
     })

@@ -1,8 +1,6 @@
 //! What the geometry leaves of the data: rows that do not belong, payloads that do not explain how the arm sags, a
 //! scatter that the digits or the stated uncertainty do not explain, links that are not as drawn.
 
-use faer::linalg::solvers::Solve;
-use faer::{Mat, Side};
 use poegp_protocol::cause::Cause;
 use poegp_protocol::limits::MAX_JOINTS;
 use poegp_runtime::elastic::gravity::GravityRegressors;
@@ -10,6 +8,8 @@ use poegp_runtime::elastic::gravity::GravityRegressors;
 use crate::identification::parametric::state::ROWS;
 use crate::measurement::MeasurementSet;
 use crate::measurement::noise::InstrumentNoise;
+use crate::numeric::cholesky::Factor;
+use crate::numeric::matrix::Mat;
 use crate::trust::change_points::{Part, changes};
 use crate::trust::finding::{Finding, Tier};
 use crate::trust::geometry::Geometry;
@@ -264,7 +264,7 @@ impl Scene<'_> {
         let schur = Mat::from_fn(size, size, |i, j| {
             own[(i, j)] - explained[(i, j)] + if i == j { 1e-6 * largest + 1e-12 } else { 0.0 }
         });
-        let x = schur.llt(Side::Lower).ok()?.solve(&right);
+        let x = Factor::new(schur, 1).ok()?.solve(&right);
         let of_group = |p: usize| -> f64 {
             (joints * p..joints * (p + 1))
                 .map(|i| x[(i, 0)] * right[(i, 0)])

@@ -13,8 +13,6 @@
 //! which stands for as many training poses as there are for one (`repeats`). A model without such processes does not
 //! know its own shape of error: it gets a smooth deflection of every joint whose size the check itself estimates.
 
-use faer::linalg::solvers::Solve;
-use faer::{Mat, Side};
 use nalgebra::Vector3;
 use poegp_protocol::JointKind;
 use poegp_protocol::blob::{Blob, Correction};
@@ -32,6 +30,9 @@ use crate::learning::elastic::inputs::kernel;
 use crate::measurement::noise::NoiseScales;
 use crate::measurement::observation::Observation;
 use crate::measurement::sample::{Base, BaseSample, InstrumentSample, Sample};
+use crate::numeric::cholesky::Factor;
+use crate::numeric::matrix::Mat;
+use crate::numeric::product::{Transposed, product};
 use crate::robot::coupled;
 
 /// Most poses that stand for those of the training.
@@ -146,8 +147,8 @@ impl BlobArm {
         }
         let c = self.prior((at, &here), (&seen, &there));
         let p = self.prior((at, &here), (at, &here));
-        let factor = s.llt(Side::Lower).ok()?;
-        let known = &c * factor.solve(c.transpose());
+        let factor = Factor::new(s, 1).ok()?;
+        let known = product(&c, &factor.solve(&c.transpose()));
         Some(Mat::from_fn(p.nrows(), p.ncols(), |i, j| {
             p[(i, j)] - 0.5 * (known[(i, j)] + known[(j, i)])
         }))
@@ -166,7 +167,7 @@ impl BlobArm {
         let scaled = Mat::from_fn(a.0.a.nrows(), groups.len(), |row, i| {
             a.0.a[(row, i)] * sd(i).powi(2)
         });
-        let parameters = scaled * b.0.a.transpose();
+        let parameters = product(&scaled, Transposed(&b.0.a));
         if self.knows_its_error {
             parameters + self.processes(a, b)
         } else {
@@ -267,7 +268,7 @@ fn inducing_points(blob: &Blob<'_>) -> Vec<PartialPose> {
                     if *rate > 0.0 {
                         let [first, second] = [0, 1].map(|_| numbers.next().unwrap_or(0.0));
                         known.push(match blob.robot.joints[joint].kind {
-                            JointKind::Revolute => (joint, first.atan2(second)),
+                            JointKind::Revolute => (joint, libm::atan2(first, second)),
                             JointKind::Prismatic => (joint, first),
                         });
                     }

@@ -12,10 +12,11 @@
 //! all of them. The reported hypothesis is the one with the largest T_h − r_h ln m (Schwarz): six components explain what one
 //! does, and a little noise besides. Then the same is asked of what it leaves.
 
-use faer::Mat;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{ChiSquared, Distribution, StandardNormal};
+
+use crate::numeric::matrix::Mat;
 
 /// Draws of an arm that has not changed: at a rate of 1 % the critical value is known to 1 % of itself.
 const DRAWS: usize = 20_000;
@@ -153,7 +154,8 @@ impl DriftTest {
             return None;
         }
         let score = |q: &Columns| {
-            projected(q, &self.seen) / self.variance() - q.len() as f64 * (self.rows as f64).ln()
+            projected(q, &self.seen) / self.variance()
+                - q.len() as f64 * libm::log(self.rows as f64)
         };
         // Of those that explain as much the first, which has the fewest components.
         let best = candidates
@@ -218,11 +220,7 @@ impl DriftTest {
         let gram = Mat::from_fn(columns.len(), columns.len(), |i, j| {
             inner(&columns[i], &columns[j])
         });
-        let weakest = gram
-            .self_adjoint_eigenvalues(faer::Side::Lower)
-            .map_or(0.0, |values| {
-                values.into_iter().fold(f64::INFINITY, f64::min)
-            });
+        let weakest = gram.symmetric_eigenvalues().min();
         Some(high / weakest.max(0.0).sqrt())
     }
 

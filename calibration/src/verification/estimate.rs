@@ -1,7 +1,8 @@
 //! How much has moved, with what certainty, and what else it might be.
 
-use faer::linalg::solvers::{DenseSolveCore, Solve};
-use faer::{Mat, Side};
+use crate::numeric::cholesky::Factor;
+use crate::numeric::matrix::Mat;
+use crate::numeric::product::{Transposed, product};
 
 use crate::identification::parametric::state::ROWS;
 use crate::measurement::noise::NoiseScales;
@@ -50,13 +51,13 @@ impl Fit {
             });
         }
         let (white, y) = (weighed.whiten(&x), weighed.whiten(&weighed.y));
-        let mut normal = white.transpose() * &white;
+        let mut normal = product(Transposed(&white), &white);
         for i in 0..normal.nrows() {
             // A direction of the tool that positions alone do not identify.
             normal[(i, i)] = normal[(i, i)] * (1.0 + 1e-12) + 1e-6;
         }
-        let factor = normal.llt(Side::Lower).ok()?;
-        let values = factor.solve(white.transpose() * y);
+        let factor = Factor::new(normal, 1).ok()?;
+        let values = factor.solve(&product(Transposed(&white), &y));
         Some(Self {
             covariance: factor.inverse(),
             values: (0..free.len()).map(|i| values[(i, 0)]).collect(),
@@ -68,8 +69,8 @@ impl Fit {
     /// Of the hypothesis with this place among the chosen ones.
     pub fn of(&self, index: usize) -> ChangeEstimate<'_> {
         let (from, to) = (self.starts[index], self.starts[index + 1]);
-        let covariance = self.covariance.submatrix(from, from, to - from, to - from);
-        (&self.values[from..to], covariance.to_owned())
+        let covariance = self.covariance.view((from, from), (to - from, to - from));
+        (&self.values[from..to], covariance.into_owned())
     }
 
     /// What has moved, in rows of the check.

@@ -1,12 +1,12 @@
 //! What may have moved since the calibration, and what each of them does to the poses.
 
-use faer::Mat;
 use poegp_protocol::JointKind;
 use poegp_runtime::math::se3::Twist;
 use serde::Serialize;
 
 use crate::identification::parametric::state::{Linearised, ROWS};
 use crate::measurement::sample::InstrumentSample;
+use crate::numeric::matrix::Mat;
 use crate::verification::arm::BlobArm;
 
 /// A part of the cell that may be another one than it was.
@@ -59,7 +59,7 @@ pub fn hypotheses(
             out.push(Hypothesis {
                 part,
                 turns,
-                effect: whole.subcols(0, columns).to_owned(),
+                effect: whole.columns(0, columns).into_owned(),
             });
         }
     }
@@ -67,7 +67,7 @@ pub fn hypotheses(
         out.push(Hypothesis {
             part: Part::Joint(joint + 1),
             turns: arm.state.kinds()[joint] == JointKind::Revolute,
-            effect: at.jacobian.subcols(joint, 1).to_owned(),
+            effect: at.jacobian.columns(joint, 1).into_owned(),
         });
     }
     out.extend(payload_effect.map(|effect| Hypothesis {
@@ -80,7 +80,7 @@ pub fn hypotheses(
 
 /// Of a twist of the base frame in its own axes, at its own origin.
 pub fn base_effect(at: &Linearised) -> Mat<f64> {
-    at.a.subcols(0, 6).to_owned()
+    at.a.columns(0, 6).into_owned()
 }
 
 /// Of a motion of the tool against the flange: displacement of the target, and rotation about it, in the axes of the target.

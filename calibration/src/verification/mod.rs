@@ -21,7 +21,6 @@ mod payload;
 pub mod result;
 mod whitened;
 
-use faer::Mat;
 use poegp_runtime::math::se3::Pose;
 
 use crate::blob::fitted_frames::{FittedFrames, Registered};
@@ -31,6 +30,7 @@ use crate::learning::elastic::outliers::LEFT_OUT;
 use crate::measurement::noise::NoiseScales;
 use crate::measurement::sample::{InstrumentSample, different_poses};
 use crate::measurement::samples::Samples;
+use crate::numeric::matrix::Mat;
 use crate::numeric::statistics::ErrorSummary;
 use crate::verification::arm::BlobArm;
 use crate::verification::drift_test::{Columns, DriftTest, columns};

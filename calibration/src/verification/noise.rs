@@ -10,8 +10,9 @@
 //! M is what the calibration leaves unknown, D_i the rows of position, those of rotation and, of a blob that does not know
 //! its own error, a smooth deflection. The step lowers no likelihood (a minorisation) and needs no step length.
 
-use faer::linalg::solvers::{DenseSolveCore, Solve};
-use faer::{Mat, Side};
+use crate::numeric::cholesky::Factor;
+use crate::numeric::matrix::Mat;
+use crate::numeric::product::{Transposed, product};
 
 /// Rounds; each halves what is missing of a variance, in logarithms.
 const ROUNDS: usize = 16;
@@ -38,7 +39,7 @@ impl Parts<'_> {
     pub fn covariance(&self, factors: &Factors) -> Mat<f64> {
         let mut v = self.fixed.clone();
         if let Some(smooth) = self.smooth {
-            v += faer::Scale(factors[2]) * smooth;
+            v += factors[2] * smooth;
         }
         for (i, kind) in self.kind.iter().enumerate() {
             // A row that is not there is a zero in y and X: any variance will do.
@@ -54,12 +55,12 @@ impl Parts<'_> {
     pub fn fitted(&self, y: &Mat<f64>, x: &Mat<f64>, least: &Factors) -> Option<Factors> {
         let mut factors = [1.0; 3];
         for _ in 0..ROUNDS {
-            let factor = self.covariance(&factors).llt(Side::Lower).ok()?;
+            let factor = Factor::new(self.covariance(&factors), 1).ok()?;
             let inverse = factor.inverse();
-            let vx = &inverse * x;
-            let normal = (x.transpose() * &vx).llt(Side::Lower).ok()?;
-            let p = &inverse - &vx * normal.solve(vx.transpose());
-            let py = &p * y;
+            let vx = product(&inverse, x);
+            let normal = Factor::new(product(Transposed(x), &vx), 1).ok()?;
+            let p = &inverse - product(&vx, &normal.solve(&vx.transpose()));
+            let py = product(&p, y);
             for kind in 0..2 {
                 let rows = (0..self.kind.len()).filter(|i| self.kind[*i] == Some(kind));
                 let (mut found, mut expected) = (0.0, 0.0);
@@ -73,9 +74,9 @@ impl Parts<'_> {
                 }
             }
             if let Some(smooth) = self.smooth {
-                let sp = smooth * &p;
+                let sp = product(smooth, &p);
                 let expected: f64 = (0..sp.nrows()).map(|i| sp[(i, i)]).sum();
-                let found = (py.transpose() * (smooth * &py))[(0, 0)];
+                let found = py.dot(&product(smooth, &py));
                 factors[2] = (factors[2] * (found / expected).sqrt()).max(NOTHING);
             }
         }

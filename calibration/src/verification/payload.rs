@@ -1,6 +1,6 @@
 //! What the payload does to the poses of a check.
 
-use faer::Mat;
+use crate::numeric::matrix::Mat;
 
 use crate::blob::fitted_frames::{Registered, base_from_first_target};
 use crate::identification::frame_fit::{ResidualFrame, residual_components};

@@ -1,6 +1,7 @@
 //! The residuals of a verification with their covariance.
 
-use faer::{Mat, Side};
+use crate::numeric::cholesky::Factor;
+use crate::numeric::matrix::Mat;
 
 use crate::blob::fitted_frames::{FittedFrames, Registered};
 use crate::identification::parametric::state::ROWS;
@@ -35,7 +36,7 @@ pub(super) struct Whitened<'a> {
     pub(super) model_mm: f64,
     /// Rows that are not there: orientations of positions alone.
     pub(super) absent: usize,
-    pub(super) lower: Mat<f64>,
+    pub(super) factor: Factor,
 }
 
 impl<'a> Whitened<'a> {
@@ -88,7 +89,6 @@ impl<'a> Whitened<'a> {
             let positions: Vec<usize> = (0..kind.len()).filter(|i| kind[*i] == Some(0)).collect();
             let variance =
                 positions.iter().map(|i| known(*i)).sum::<f64>() / positions.len() as f64;
-            let lower = covariance.llt(Side::Lower);
             return Ok(Self {
                 samples,
                 scales,
@@ -99,20 +99,14 @@ impl<'a> Whitened<'a> {
                 factors,
                 model_mm: 1e3 * scales.position * variance.max(0.0).sqrt(),
                 absent: kind.iter().filter(|k| k.is_none()).count(),
-                lower: lower.map_err(|_| CheckError::Unsolvable)?.L().to_owned(),
+                factor: Factor::new(covariance, 1).map_err(|_| CheckError::Unsolvable)?,
             });
         }
     }
 
     /// L⁻¹ x.
     pub(super) fn whiten(&self, x: &Mat<f64>) -> Mat<f64> {
-        let mut out = x.clone();
-        faer::linalg::triangular_solve::solve_lower_triangular_in_place(
-            self.lower.as_ref(),
-            out.as_mut(),
-            faer::Par::Seq,
-        );
-        out
+        self.factor.half_solve(x)
     }
 
     /// What is free in any case: base and tools that were set up again.

@@ -44,10 +44,10 @@ fn ratios(set: &Set, count: usize) -> [f64; 2] {
             errors.mean,
             errors.p95
         ));
-        logs[0] += (expected.mean_mm / errors.mean).ln() / DRAWS as f64;
-        logs[1] += (expected.p95_mm / errors.p95).ln() / DRAWS as f64;
+        logs[0] += libm::log(expected.mean_mm / errors.mean) / DRAWS as f64;
+        logs[1] += libm::log(expected.p95_mm / errors.p95) / DRAWS as f64;
     }
-    logs.map(f64::exp)
+    logs.map(libm::exp)
 }
 
 fn table(sets: &[Set], counts: &[usize]) {

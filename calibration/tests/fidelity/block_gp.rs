@@ -1,7 +1,6 @@
 //! The joint-space processes solved together with the frames: weights, deflections and poses against numpy, and the
 //! gradient of the marginal likelihood against differences.
 
-use faer::Mat;
 use nalgebra::Vector3;
 use poegp_calibration::identification::base_tools::fit_base_and_tools;
 use poegp_calibration::identification::parametric::state::{
@@ -14,6 +13,7 @@ use poegp_calibration::measurement::noise::{InstrumentNoise, NoiseScales};
 use poegp_calibration::measurement::observation::Observation;
 use poegp_calibration::measurement::sample::{Base, BaseSample, Sample, in_base_frame};
 use poegp_calibration::numeric::lbfgs::Objective;
+use poegp_calibration::numeric::matrix::Mat;
 use poegp_protocol::JointKind;
 use poegp_runtime::gp::joint_kernel::similarity;
 use poegp_runtime::kinematics::poe::Poe;
@@ -73,7 +73,7 @@ fn hyperparameters(file: &Value, layout: HyperLayout) -> Vec<f64> {
         found.iter().map(|i| *i as usize).collect()
     };
     let (w0, a0, wm, a1) = (at("w0"), at("a0"), at("wm"), at("a1"));
-    let unit = 2.0 * file["m0"].as_f64().unwrap().ln();
+    let unit = 2.0 * libm::log(file["m0"].as_f64().unwrap());
     let mut out = vec![0.0; layout.len()];
     let noise = file["layout"]["n"].as_u64().unwrap() as usize;
     (out[0], out[1]) = (theta[noise], theta[noise]);
@@ -243,7 +243,7 @@ fn the_gradient_is_that_of_differences() {
         // Away from the start, where outputs are alike; priors stay large enough to matter.
         let mut h = layout.start_and_bounds(4.0).0;
         for (i, value) in h.iter_mut().enumerate() {
-            *value += 0.4 * (1.7 * i as f64).sin();
+            *value += 0.4 * libm::sin(1.7 * i as f64);
         }
         let (_, gradient) = evidence.value_and_gradient(&h);
         let largest = gradient.iter().fold(0.0_f64, |m, g| m.max(g.abs()));

@@ -4,6 +4,7 @@ use poegp_calibration::blob::write::{Provenance, calibrate_to_blob};
 use poegp_calibration::measurement as measurements;
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::Config;
+use poegp_calibration::numeric::matrix::Mat;
 use poegp_calibration::progress::FitContext;
 use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_calibration::simulation::{Scenario, Simulator, to_csv};
@@ -126,8 +127,8 @@ impl Fitted {
                 [v[0], v[1], v[2], turn[0], turn[1], turn[2]].map(|x| x / step)
             })
             .collect();
-        let jacobian = faer::Mat::from_fn(6, joints.len(), |r, c| columns[c][r]);
-        let values = jacobian.singular_values().unwrap();
+        let jacobian = Mat::from_fn(6, joints.len(), |r, c| columns[c][r]);
+        let values = jacobian.singular_values();
         values.iter().copied().fold(f64::INFINITY, f64::min)
     }
 
@@ -304,9 +305,9 @@ fn a_naive_search_finds_the_same_joints() {
                         std::array::from_fn(|r| (there[r] - here[r]) / 1e-6)
                     })
                     .collect();
-                let jacobian = faer::Mat::from_fn(6, 6, |r, c| columns[c][r]);
-                let right = faer::Mat::from_fn(6, 1, |r, _| here[r]);
-                let step = faer::linalg::solvers::Solve::solve(&jacobian.partial_piv_lu(), &right);
+                let jacobian = Mat::from_fn(6, 6, |r, c| columns[c][r]);
+                let right = Mat::from_fn(6, 1, |r, _| here[r]);
+                let step = jacobian.lu().solve(&right).unwrap();
                 for (i, q) in command.iter_mut().enumerate() {
                     *q -= step[(i, 0)];
                 }

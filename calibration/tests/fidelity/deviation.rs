@@ -39,7 +39,10 @@ fn the_deviation_of_a_trained_pose_is_that_of_the_factor() {
     };
     let mut found = fit(&arm, &samples, &options, &FitContext::default()).unwrap();
     let blocks = found.solved.as_ref().unwrap().factor.inverse_blocks(6);
-    let noise: Vec<f64> = found.hyperparameters[..2].iter().map(|h| h.exp()).collect();
+    let noise: Vec<f64> = found.hyperparameters[..2]
+        .iter()
+        .map(|h| libm::exp(*h))
+        .collect();
     let scales = [found.scales.position, found.scales.orientation];
     // The reduced model moves the parameters; what is known of them stays what the data said.
     ElasticModel::new(&mut found, &samples, &samples, None, &options).unwrap();

@@ -1,6 +1,5 @@
 //! Base-tool, step 1 and the largest likelihood on a whole training set, against numpy, scipy and scikit-learn.
 
-use faer::Mat;
 use poegp_calibration::identification::frame_fit::{ResidualFrame, residual_components};
 use poegp_calibration::learning::task_space::fit::{
     HyperparameterSharing, MAX_SIGNAL_VARIANCE, SignalVarianceLimit, fit, maximise_likelihood,
@@ -10,6 +9,7 @@ use poegp_calibration::learning::task_space::{Pairs, input, scale_outputs};
 use poegp_calibration::measurement::sample::in_base_frame;
 use poegp_calibration::model::config::Config;
 use poegp_calibration::model::{Method, calibrate};
+use poegp_calibration::numeric::matrix::Mat;
 use poegp_calibration::progress::FitContext;
 use poegp_protocol::limits::OUTPUTS;
 use rand::{RngExt, SeedableRng};

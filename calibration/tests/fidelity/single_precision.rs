@@ -101,7 +101,7 @@ fn absurd(nominal: &Poe<f64>, samples: &[InstrumentSample]) -> Vec<InstrumentSam
     let mut out = samples.to_vec();
     for sample in &mut out {
         let mut serial = sample.serial_joints.clone();
-        serial[1] += 0.5 * (sample.joints[0] + 0.5 * sample.joints[2]).sin();
+        serial[1] += 0.5 * libm::sin(sample.joints[0] + 0.5 * sample.joints[2]);
         sample.observation = Observation::Pose(nominal.forward(&serial));
     }
     out
@@ -169,9 +169,9 @@ fn weights_that_single_precision_cannot_hold_are_made_smaller() {
                     .iter()
                     .map(|s| kernels[*c].rates()[0] as f32 * *s as f32)
                     .sum();
-                single[*c] += exponent.exp2() * (1e-4 * weight) as f32;
+                single[*c] += libm::exp2f(exponent) * (1e-4 * weight) as f32;
             }
-            let falling = (-(0..6).map(|d| kernels[0].rates()[d]).sum::<f64>()).exp2();
+            let falling = libm::exp2(-(0..6).map(|d| kernels[0].rates()[d]).sum::<f64>());
             for (double, single) in double.iter().zip(single) {
                 worst = worst.max((double - f64::from(single) * falling).abs());
             }

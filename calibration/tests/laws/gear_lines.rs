@@ -25,7 +25,7 @@ fn found(stated: &[f64]) -> (f64, Vec<f64>) {
     let mut orders = vec![vec![[0.0; 2]; CYCLES]; 6];
     for (c, joint) in orders.iter_mut().enumerate() {
         let phase = c as f64;
-        joint[CYCLES - 1] = [AMPLITUDE * phase.cos(), AMPLITUDE * phase.sin()];
+        joint[CYCLES - 1] = [AMPLITUDE * libm::cos(phase), AMPLITUDE * libm::sin(phase)];
     }
     let (curves, mut mean, mut ripple) = (Curves { orders }, 0.0, Vec::new());
     for seed in 0..DRAWS {

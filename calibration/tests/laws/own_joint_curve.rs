@@ -1,8 +1,6 @@
 //! Own-joint curves: the prior against its integral, the likelihood against the same sum written as parameters, and arms whose
 //! joints err as a function of their own angle.
 
-use faer::linalg::solvers::Solve;
-use faer::{Mat, Side};
 use nalgebra::Vector3;
 use poegp_calibration::identification::parametric::state::{
     Layout, ParametricModel, ROWS, prior_variance,
@@ -19,6 +17,7 @@ use poegp_calibration::measurement::sample::{
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::Config;
 use poegp_calibration::numeric::lbfgs::Objective;
+use poegp_calibration::numeric::matrix::Mat;
 use poegp_calibration::numeric::statistics::ErrorSummary;
 use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_protocol::limits::MAX_CURVE_ORDER;
@@ -40,15 +39,15 @@ fn the_spectrum_is_the_fourier_integral_of_the_kernel() {
     let integral = |l: f64, k: usize| {
         let at = |i: usize| {
             let d = std::f64::consts::TAU * i as f64 / POINTS as f64;
-            ((d.cos() - 1.0) / (l * l)).exp() * (k as f64 * d).cos()
+            libm::exp((libm::cos(d) - 1.0) / (l * l)) * libm::cos(k as f64 * d)
         };
         2.0 * (0..POINTS).map(at).sum::<f64>() / POINTS as f64
     };
     for l in [0.05, 0.0541, 0.1, 0.3, 1.0, 2.0] {
         let found = Spectrum::new(l);
         let (above, below) = (
-            Spectrum::new(l * 1e-5_f64.exp()),
-            Spectrum::new(l * (-1e-5_f64).exp()),
+            Spectrum::new(l * libm::exp(1e-5_f64)),
+            Spectrum::new(l * libm::exp(-1e-5_f64)),
         );
         for k in 1..=MAX_CURVE_ORDER {
             let expected = integral(l, k);
@@ -62,9 +61,9 @@ fn the_spectrum_is_the_fourier_integral_of_the_kernel() {
             amplitude: 4.0,
             spectrum: found,
         };
-        let between = prior.between([0.0, 1.0], 0.3_f64.sin_cos().into());
+        let between = prior.between([0.0, 1.0], libm::sincos(0.3_f64).into());
         let expected: f64 = (1..=MAX_CURVE_ORDER)
-            .map(|k| 4.0 * integral(l, k) * (0.3 * k as f64).cos())
+            .map(|k| 4.0 * integral(l, k) * libm::cos(0.3 * k as f64))
             .sum();
         assert!((between - expected).abs() < 1e-12);
     }
@@ -100,7 +99,7 @@ impl Curves {
     fn at(&self, joint: usize, q: f64) -> f64 {
         let term = |(i, [sin, cos]): (usize, &[f64; 2])| {
             let angle = (i + 1) as f64 * q;
-            sin * angle.sin() + cos * angle.cos()
+            sin * libm::sin(angle) + cos * libm::cos(angle)
         };
         self.orders[joint].iter().enumerate().map(term).sum()
     }
@@ -217,7 +216,7 @@ fn curves_are_parameters_with_the_spectrum_as_prior() {
     );
     let layout = LAYOUT;
     let (mut h, _) = layout.start_and_bounds(1.0);
-    h[layout.curve_scale()] = 0.2_f64.ln();
+    h[layout.curve_scale()] = libm::log(0.2_f64);
     let solved = with_likelihood(&state, &samples, (layout, false), |likelihood| {
         likelihood.solve(&h).unwrap()
     });
@@ -239,15 +238,15 @@ fn curves_are_parameters_with_the_spectrum_as_prior() {
                 let jacobians = linear.jacobian[(i, c)] * linear.jacobian[(j, c)];
                 for k in 1..=MAX_CURVE_ORDER {
                     let (x, y) = (k as f64 * q, k as f64 * other);
-                    let waves = x.sin() * y.sin() + x.cos() * y.cos();
+                    let waves = libm::sin(x) * libm::sin(y) + libm::cos(x) * libm::cos(y);
                     let variance = prior.amplitude * prior.spectrum.variance[k - 1];
                     s[(i, j)] += DEFLECTION_UNIT.powi(2) * variance * jacobians * waves;
                 }
             }
         }
-        s[(i, i)] += h[usize::from(i % ROWS >= 3)].exp();
+        s[(i, i)] += libm::exp(h[usize::from(i % ROWS >= 3)]);
     }
-    let alpha = s.llt(Side::Lower).unwrap().solve(&linear.y);
+    let alpha = s.cholesky().unwrap().solve(&linear.y);
     let largest = (0..rows).map(|i| alpha[(i, 0)].abs()).fold(0.0, f64::max);
     for i in 0..rows {
         let error = (solved.alpha[(i, 0)] - alpha[(i, 0)]).abs();

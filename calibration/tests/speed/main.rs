@@ -82,7 +82,7 @@ fn naive_mean(found: &Calibration, sample: &InstrumentSample) -> [f64; 6] {
             let square: f64 = x.iter().zip(other).map(|(a, b)| (a - b).powi(2)).sum();
             let product: f64 = x.iter().zip(other).map(|(a, b)| a * b).sum();
             let k = &h.kernel;
-            k.signal_variance * (-0.5 * k.inverse_squared_lengthscale * square).exp()
+            k.signal_variance * libm::exp(-0.5 * k.inverse_squared_lengthscale * square)
                 + k.constant_variance
                 + k.linear_variance * product
         })

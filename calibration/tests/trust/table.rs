@@ -117,7 +117,7 @@ impl Table {
 
     /// Multiplies a column by a factor and keeps its significant digits: another unit under the old name.
     pub fn scale(&mut self, column: usize, factor: f64) {
-        let more = -factor.abs().log10().round();
+        let more = -libm::log10(factor.abs()).round();
         let decimals = (self.decimals(column) as f64 + more).max(0.0) as usize;
         for row in 0..self.len() {
             let value = factor * self.number(row, column);

@@ -1,6 +1,6 @@
 //! The simulated null against distributions that one test alone has: numbers are scipy's (`f`, `t`, `ncf`).
 
-use faer::Mat;
+use poegp_calibration::numeric::matrix::Mat;
 use poegp_calibration::verification::drift_test::{Columns, DriftTest};
 
 /// Three hypotheses of three orthonormal columns would be three tests; this is one, with ν = 100.

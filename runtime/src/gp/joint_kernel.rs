@@ -85,6 +85,19 @@ impl<T: Scalar> JointKernel<T> {
         exponent.exp2()
     }
 
+    /// The same for many points at once, with the similarities of each joint, into `out`; in `f64` other last bits
+    /// ([`Scalar::exp2_each`]).
+    #[inline(always)]
+    pub fn joint_factors<'a>(&self, similarities: impl Iterator<Item = &'a [T]>, out: &mut [T]) {
+        out.fill(self.bias);
+        for (rate, similarities) in self.rates.iter().zip(similarities) {
+            for (slot, s) in out.iter_mut().zip(similarities) {
+                *slot += *rate * *s;
+            }
+        }
+        T::exp2_each(out);
+    }
+
     /// The factor of the payloads: (a₀ + a₁ m m′)·2^(−W_m (m − m′)²).
     #[inline(always)]
     pub fn payload_factor(&self, payload_kg: T, other_kg: T) -> T {

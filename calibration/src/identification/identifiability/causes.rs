@@ -1,12 +1,12 @@
 //! What is known to hide directions: joints that stand still, one orientation throughout, positions only; and payloads.
 
-use faer::Mat;
 use nalgebra::Vector3;
 use poegp_protocol::JointKind;
 use poegp_runtime::math::se3::{Pose, Twist};
 
 use crate::identification::identifiability::frames::{Frame, Part, Task};
 use crate::identification::identifiability::wording::{list, numbers};
+use crate::numeric::matrix::Mat;
 use crate::numeric::statistics::extremes;
 
 /// A revolute joint that spans less stands still: half a degree in rad (as in the notes of the reader).

@@ -3,12 +3,11 @@
 //! There are more names than identifiable directions: joint 3's offset is also a rotation of the link before it. Names
 //! are taken in the order base, tool, offsets, lengths, tilts, each only if those before do not make it up.
 
-use faer::Mat;
-use faer::linalg::solvers::Solve;
 use poegp_protocol::JointKind;
 
 use crate::identification::identifiability::frames::{Frame, Part, ROUNDING};
 use crate::identification::identifiability::subspaces::Space;
+use crate::numeric::matrix::Mat;
 
 /// Share of a new name that must not be made up by earlier ones. The axes of a fitted arm are a little off parallel, and
 /// names that differ by no more than that would all be correlated; only where there are no better ones are they taken.
@@ -75,7 +74,7 @@ impl Coordinates {
             return None;
         }
         let square = Mat::from_fn(atoms.len(), atoms.len(), |i, j| basis[(atoms[j].column, i)]);
-        let from_parameters = square.partial_piv_lu().solve(basis.transpose().to_owned());
+        let from_parameters = square.lu().solve(&basis.transpose())?;
         Some(Self {
             atoms,
             from_parameters,

@@ -25,7 +25,6 @@ mod uncertainty;
 pub(crate) mod wording;
 
 pub use crate::identification::identifiability::wording::list;
-use faer::Mat;
 use nalgebra::Vector3;
 use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::Pose;
@@ -40,6 +39,7 @@ use crate::identification::parametric::state::{Layout, ParametricModel, ROWS};
 use crate::measurement::noise::NoiseScales;
 use crate::measurement::observation::Observation;
 use crate::measurement::sample::{Base, BaseSample, Sample};
+use crate::numeric::matrix::Mat;
 
 pub use crate::identification::identifiability::causes::{STILL_PRISMATIC, STILL_REVOLUTE};
 pub use crate::identification::identifiability::frames::Task;

@@ -1,6 +1,7 @@
 //! Subspaces of the parameters: what a set of poses identifies, and what it misses.
 
-use faer::Mat;
+use crate::numeric::matrix::Mat;
+use crate::numeric::svd::Svd;
 
 /// Cosine from which a direction counts as lying within a space. Identifiability is a matter of degree, so this is not sharp.
 const WITHIN: f64 = 0.9;
@@ -26,14 +27,13 @@ impl Space {
         let padded = Mat::from_fn(rows.max(columns), columns, |i, j| {
             if i < rows { jacobian[(i, j)] } else { 0.0 }
         });
-        let svd = padded.thin_svd().ok()?;
-        let values: Vec<f64> = svd.S().column_vector().iter().copied().collect();
+        let Svd { values, v, .. } = Svd::new(&padded)?;
         let largest = values.first().copied()?;
         let rank = values.iter().filter(|s| identifies(**s, largest)).count();
         Some(Self {
             values,
             rank,
-            vectors: svd.V().to_owned(),
+            vectors: v,
         })
     }
 
@@ -67,11 +67,11 @@ fn leading(a: &Mat<f64>, count: usize) -> Mat<f64> {
     if a.ncols() == 0 || count == 0 {
         return Mat::zeros(a.nrows(), 0);
     }
-    let Ok(svd) = a.thin_svd() else {
+    let Some(svd) = Svd::new(a) else {
         return Mat::zeros(a.nrows(), 0);
     };
-    let count = count.min(svd.U().ncols());
-    Mat::from_fn(a.nrows(), count, |i, j| svd.U()[(i, j)])
+    let count = count.min(svd.u.ncols());
+    Mat::from_fn(a.nrows(), count, |i, j| svd.u[(i, j)])
 }
 
 /// What a cause explains of the unidentified directions.
@@ -102,19 +102,17 @@ pub fn explain(
     let explained =
         all * (all.transpose() * &inside) - unidentified * (unidentified.transpose() * &inside);
     let inside = inside - explained;
-    let Ok(svd) = inside.thin_svd() else {
+    let Some(Svd { values, .. }) = Svd::new(&inside) else {
         return nothing();
     };
-    let values: Vec<f64> = svd.S().column_vector().iter().copied().collect();
     let span = values.iter().filter(|s| **s > SPANNED * values[0]).count();
     let cause = leading(&inside, span);
     // Principal angles between the unidentified and what the cause would hide.
-    let Ok(svd) = (unidentified.transpose() * &cause).thin_svd() else {
+    let Some(svd) = Svd::new(&(unidentified.transpose() * &cause)) else {
         return nothing();
     };
-    let cosines: Vec<f64> = svd.S().column_vector().iter().copied().collect();
-    let directions = cosines.iter().filter(|c| **c > WITHIN).count();
-    let common = Mat::from_fn(unidentified.ncols(), directions, |i, j| svd.U()[(i, j)]);
+    let directions = svd.values.iter().filter(|c| **c > WITHIN).count();
+    let common = Mat::from_fn(unidentified.ncols(), directions, |i, j| svd.u[(i, j)]);
     let outside = unidentified - unidentified * (&common * common.transpose());
     Explained {
         directions,

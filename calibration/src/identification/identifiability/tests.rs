@@ -96,7 +96,7 @@ fn a_joint_that_never_moves() {
     let robot = robot("abb-irb4400-serial");
     for joint in 1..=6 {
         let samples = poses(&robot, 80, |k, q| {
-            q[joint - 1] = 0.2 + 1e-5 * (k as f64).sin();
+            q[joint - 1] = 0.2 + 1e-5 * libm::sin(k as f64);
         });
         let r = report(&robot, &samples);
         assert_eq!(r.unidentified, 4, "joint {joint}");
@@ -147,7 +147,7 @@ fn offsets_that_poses_mix_are_told_in_words() {
     let robot = robot("abb-irb4400-serial");
     let r = report(
         &robot,
-        &poses(&robot, 80, |k, q| q[4] = 5e-3 * (k as f64).sin()),
+        &poses(&robot, 80, |k, q| q[4] = 5e-3 * libm::sin(k as f64)),
     );
     let all = serde_json::to_string(&r.findings).unwrap();
     assert!(all.contains("joint 4's offset"), "{all}");

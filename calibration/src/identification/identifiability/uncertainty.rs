@@ -1,7 +1,8 @@
 //! Uncertainty of the identified directions: standard deviations, correlations, and the accuracy to be expected.
 
-use faer::linalg::solvers::DenseSolveCore;
-use faer::{Mat, Side};
+use crate::numeric::cholesky::Factor;
+use crate::numeric::matrix::Mat;
+use crate::numeric::product::{Transposed, product};
 
 use crate::identification::identifiability::elementary_motions::Coordinates;
 use crate::identification::identifiability::frames::Frame;
@@ -27,11 +28,11 @@ impl Covariance {
         let scaled = Mat::from_fn(jacobian.nrows(), jacobian.ncols(), |i, j| {
             jacobian[(i, j)] * sd(j)
         });
-        let mut normal = scaled.transpose() * &scaled;
+        let mut normal = product(Transposed(&scaled), &scaled);
         for i in 0..normal.nrows() {
             normal[(i, i)] += 1.0;
         }
-        let inverse = normal.llt(Side::Lower).ok()?.inverse();
+        let inverse = Factor::new(normal, 1).ok()?.inverse();
         Some(Self(Mat::from_fn(
             inverse.nrows(),
             inverse.ncols(),

@@ -1,7 +1,8 @@
 //! The parameters alone: most probable values under their prior, and base and tools on the arm as it is.
 
-use faer::linalg::solvers::Solve;
-use faer::{Mat, Side};
+use crate::numeric::cholesky::Factor;
+use crate::numeric::matrix::Mat;
+use crate::numeric::product::{Transposed, product};
 
 use crate::measurement::sample::{BaseSample, InstrumentSample};
 
@@ -96,11 +97,13 @@ fn map_estimate(
         .map(|g| prior_variance(*g, hyper).sqrt())
         .collect();
     let scaled = Mat::from_fn(a.nrows(), a.ncols(), |i, j| a[(i, j)] * sd[j]);
-    let mut normal = scaled.transpose() * &scaled;
+    let mut normal = product(Transposed(&scaled), &scaled);
     for i in 0..normal.nrows() {
         normal[(i, i)] += 1.0;
     }
-    let z = normal.llt(Side::Lower).ok()?.solve(scaled.transpose() * y);
+    let z = Factor::new(normal, 1)
+        .ok()?
+        .solve(&product(Transposed(&scaled), y));
     Some((0..sd.len()).map(|i| sd[i] * z[(i, 0)]).collect())
 }
 
@@ -130,16 +133,16 @@ pub fn refine_base_and_tools(
         let residuals = state.residuals(samples, scales);
         let y = Mat::from_fn(linear.y.nrows(), 1, |r, _| residuals[r / ROWS][r % ROWS]);
         let a = Mat::from_fn(linear.a.nrows(), free.len(), |r, j| linear.a[(r, free[j])]);
-        let normal = a.transpose() * &a;
+        let normal = product(Transposed(&a), &a);
         let largest = (0..free.len()).map(|i| normal[(i, i)]).fold(0.0, f64::max);
-        let projected = a.transpose() * &y;
+        let projected = product(Transposed(&a), &y);
         let mut accepted = false;
         for _ in 0..20 {
             let mut damped = normal.clone();
             for i in 0..free.len() {
                 damped[(i, i)] += damping * largest;
             }
-            if let Ok(factor) = damped.llt(Side::Lower) {
+            if let Ok(factor) = Factor::new(damped, 1) {
                 let step = factor.solve(&projected);
                 let mut candidate = state.clone();
                 let mut x = state.deviation.clone();

@@ -4,11 +4,11 @@
 //! process can learn. For every frequency the residual is regressed on J_c sin kq and J_c cos kq; a term is accepted
 //! when χ² drops by more than [`SIGNIFICANT`], which chance does less than once in several hundred searches.
 
-use faer::Mat;
 use poegp_runtime::elastic::ripple::RippleTerm;
 
 use crate::identification::parametric::state::ROWS;
 use crate::measurement::sample::BaseSample;
+use crate::numeric::matrix::Mat;
 use crate::numeric::statistics::extremes;
 
 /// Drop of χ² that a term must make: two degrees of freedom, some 10⁴ independent frequencies a search, p ≈ 10⁻³.
@@ -53,15 +53,15 @@ impl Contracted {
 
     /// Drop of χ² by a term of `cycles` for this J_cᵀ e, with the term's sine and cosine.
     fn regressed(&self, cycles: f64, projection: &[f64]) -> (f64, [f64; 2]) {
-        let waves = self.q.iter().map(|q| (cycles * q).sin_cos());
+        let waves = self.q.iter().map(|q| libm::sincos(cycles * q));
         self.regressed_on(waves, projection)
     }
 
     /// The frequencies from `first` to `last` in steps, each with its drop of χ². Sines and cosines of one follow from those
     /// of the one before by turning.
     fn scan(&self, first: f64, last: f64, step: f64) -> impl Iterator<Item = (f64, f64)> {
-        let turned: Vec<(f64, f64)> = self.q.iter().map(|q| (step * q).sin_cos()).collect();
-        let mut waves: Vec<(f64, f64)> = self.q.iter().map(|q| (first * q).sin_cos()).collect();
+        let turned: Vec<(f64, f64)> = self.q.iter().map(|q| libm::sincos(step * q)).collect();
+        let mut waves: Vec<(f64, f64)> = self.q.iter().map(|q| libm::sincos(first * q)).collect();
         let count = ((last - first) / step).max(-1.0) + 1.0;
         (0..count as usize).map(move |i| {
             let drop = self.regressed_on(waves.iter().copied(), &self.projection).0;
@@ -105,7 +105,7 @@ impl Contracted {
             .iter()
             .zip(&self.weight)
             .map(|(q, w)| {
-                let (s, c) = (peak.cycles * q).sin_cos();
+                let (s, c) = libm::sincos(peak.cycles * q);
                 w * (sin * s + cos * c)
             })
             .collect();

@@ -8,7 +8,6 @@
 //! the prior stays where it was when the model is linearised again (re-centring it would be an iterated Tikhonov
 //! regularisation, not a maximum a posteriori estimate).
 
-use faer::Mat;
 use nalgebra::Vector3;
 use poegp_protocol::JointKind;
 use poegp_protocol::limits::MAX_JOINTS;
@@ -21,6 +20,7 @@ use poegp_runtime::kinematics::poe::{JointTrig, Poe};
 use poegp_runtime::math::se3::{Pose, Twist};
 
 use crate::measurement::sample::Sample;
+use crate::numeric::matrix::Mat;
 
 use crate::identification::frame_fit::{ResidualFrame, residual_components};
 use crate::identification::parametric::gear_line::GearLine;
@@ -101,9 +101,9 @@ impl PriorGroup {
 pub fn prior_variance(group: PriorGroup, h: &[f64]) -> f64 {
     let base = group.prior_sd().powi(2);
     match group {
-        PriorGroup::Frames => base * h[2].exp(),
-        PriorGroup::Links => base * h[3].exp(),
-        PriorGroup::Payload => base * h[4].exp(),
+        PriorGroup::Frames => base * libm::exp(h[2]),
+        PriorGroup::Links => base * libm::exp(h[3]),
+        PriorGroup::Payload => base * libm::exp(h[4]),
         PriorGroup::BaseAndTools | PriorGroup::Ripple | PriorGroup::StatedRipple => base,
     }
 }
@@ -176,7 +176,7 @@ impl Linearised {
     /// divided by e^(h/2); 1 where all rows are alike.
     pub fn relative_noise(&self, row: usize, h: f64) -> f64 {
         let common = self.common_share[row];
-        (common + (1.0 - common) * (-h).exp()).sqrt()
+        (common + (1.0 - common) * libm::exp(-h)).sqrt()
     }
 }
 

@@ -1,6 +1,5 @@
 //! The elastic model, fitted: parameters first, then gear ripple, then everything together with the processes.
 
-use faer::Mat;
 use poegp_runtime::elastic::ripple::RippleTerm;
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
@@ -24,6 +23,7 @@ use crate::learning::elastic::own_joint_curve::{CurvePrior, Waves, orders};
 use crate::learning::elastic::solution::{ElasticFit, FitError};
 use crate::measurement::noise::NoiseScales;
 use crate::measurement::sample::BaseSample;
+use crate::numeric::matrix::Mat;
 use crate::progress::FitContext;
 use poegp_protocol::limits::MAX_RIPPLE;
 
@@ -211,7 +211,7 @@ pub fn fit(
     if let Some(prior) = h.curve_prior(&hyper) {
         state.curves = curve_coefficients(
             &prior,
-            orders(hyper[h.curve_scale()].exp()),
+            orders(libm::exp(hyper[h.curve_scale()])),
             &waves,
             &solved,
         );
@@ -255,8 +255,8 @@ fn kept_ripple(state: &ParametricModel, solved: &Posterior, linear: &Linearised)
     let significant = |term: usize| {
         let at = first + 2 * term;
         let variance = groups[at].prior_sd().powi(2);
-        let columns = linear.a.subcols(at, 2);
-        let explained = columns.transpose() * solved.factor.solve(columns);
+        let columns = linear.a.columns(at, 2).into_owned();
+        let explained = columns.transpose() * solved.factor.solve(&columns);
         let posterior = |i: usize, j: usize| {
             let prior = if i == j { variance } else { 0.0 };
             prior - variance * variance * explained[(i, j)]
@@ -275,7 +275,7 @@ fn lowest_ripple(layout: HyperLayout, hyper: &[f64]) -> f64 {
     if layout.curve {
         RANGE
             .0
-            .max(orders(hyper[layout.curve_scale()].exp()) as f64)
+            .max(orders(libm::exp(hyper[layout.curve_scale()])) as f64)
     } else {
         RANGE.0
     }
@@ -289,7 +289,7 @@ fn left_over(
 ) -> (Vec<[f64; ROWS]>, Mat<f64>) {
     let h = |row: usize| hyper[usize::from(row % ROWS >= 3)];
     let relative = |row: usize| linear.relative_noise(row, h(row));
-    let residual = |row: usize| (0.5 * h(row)).exp() * relative(row) * solved.alpha[(row, 0)];
+    let residual = |row: usize| libm::exp(0.5 * h(row)) * relative(row) * solved.alpha[(row, 0)];
     let residuals = (0..solved.alpha.nrows() / ROWS)
         .map(|k| std::array::from_fn(|i| residual(ROWS * k + i)))
         .collect();

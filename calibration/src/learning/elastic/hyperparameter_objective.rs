@@ -3,16 +3,18 @@
 use std::cell::RefCell;
 use std::ops::Range;
 
-use faer::{Mat, MatMut};
 use poegp_protocol::limits::MAX_JOINTS;
 use poegp_runtime::gp::joint_kernel::JointKernel;
 
 use crate::identification::parametric::state::{PriorGroup, ROWS, prior_variance};
 use crate::learning::elastic::likelihood::{Covariances, MarginalLikelihood, POSES_TOGETHER};
 use crate::learning::elastic::own_joint_curve::gradient_by_order;
-use crate::numeric::cholesky::{CholeskyWorkspace, columns_of};
+use crate::numeric::cholesky::CholeskyWorkspace;
 use crate::numeric::lbfgs::Objective;
+use crate::numeric::matrix::{ColumnsMut, Mat, column, columns_mut, parts};
 use crate::numeric::parallel::for_each;
+use crate::numeric::product::{Transposed, product};
+use crate::numeric::vectors::vectorised;
 
 impl Objective for MarginalLikelihood<'_> {
     fn value_and_gradient(&self, h: &[f64]) -> (f64, Vec<f64>) {
@@ -50,7 +52,7 @@ impl Objective for HyperparameterObjective<'_> {
         let y = &evidence.linear.y;
         let rows = y.nrows();
         let mut alpha = y.clone();
-        factor.solve_in_place(alpha.as_mut());
+        factor.solve_in_place(&mut columns_mut(&mut alpha));
         let fit: f64 = (0..rows).map(|r| y[(r, 0)] * alpha[(r, 0)]).sum();
         let value = 0.5 * fit + factor.half_log_determinant();
         if !value.is_finite() {
@@ -62,7 +64,7 @@ impl Objective for HyperparameterObjective<'_> {
         for r in 0..rows {
             let w = inverse[(r, r)] - alpha[(r, 0)] * alpha[(r, 0)];
             let i = usize::from(r % ROWS >= 3);
-            gradient[i] += 0.5 * w * h[i].exp() * evidence.linear.common_share[r];
+            gradient[i] += 0.5 * w * libm::exp(h[i]) * evidence.linear.common_share[r];
         }
         evidence.kernel_gradients(h, &kernels.kernels, inverse, &alpha, &mut gradient);
         (value, gradient)
@@ -80,14 +82,10 @@ impl MarginalLikelihood<'_> {
     ) {
         // The squares of L⁻¹A_g add up to the trace of A_gᵀ S⁻¹ A_g.
         let mut half = self.linear.a.clone();
-        for_each(
-            self.threads,
-            columns_of(half.as_mut(), 8),
-            |(_, columns)| {
-                factor.half_solve_in_place(columns);
-            },
-        );
-        let projected = self.linear.a.transpose() * alpha;
+        for_each(self.threads, parts(&mut half, 32), |(_, mut columns)| {
+            factor.half_solve_in_place(&mut columns);
+        });
+        let projected = product(Transposed(&self.linear.a), alpha);
         for (i, of) in [
             (2, PriorGroup::Frames),
             (3, PriorGroup::Links),
@@ -95,7 +93,7 @@ impl MarginalLikelihood<'_> {
         ] {
             let mut trace = 0.0;
             for (j, _) in self.groups.iter().enumerate().filter(|(_, g)| **g == of) {
-                trace += half.col_as_slice(j).iter().map(|x| x * x).sum::<f64>();
+                trace += column(&half, j).iter().map(|x| x * x).sum::<f64>();
                 trace -= projected[(j, 0)] * projected[(j, 0)];
             }
             gradient[i] += 0.5 * prior_variance(of, h) * trace;
@@ -136,7 +134,7 @@ impl MarginalLikelihood<'_> {
                 .collect(),
             None => Vec::new(),
         };
-        let mut parts: Vec<Part<'_>> = (0..self.poses())
+        let mut tasks: Vec<Part<'_>> = (0..self.poses())
             .step_by(POSES_TOGETHER)
             .map(|first| Part {
                 poses: first..self.poses().min(first + POSES_TOGETHER),
@@ -145,27 +143,28 @@ impl MarginalLikelihood<'_> {
             })
             .collect();
         for pairs in &mut pairs {
-            for (part, (_, columns)) in parts
-                .iter_mut()
-                .zip(columns_of(pairs.as_mut(), POSES_TOGETHER))
-            {
+            let columns = parts(pairs, POSES_TOGETHER);
+            for (part, (_, columns)) in tasks.iter_mut().zip(columns) {
                 part.pairs.push(columns);
             }
         }
-        for_each(self.threads, parts.iter_mut().collect(), |part| {
-            self.add_pairs(&outputs, inverse, part);
+        for_each(self.threads, tasks.iter_mut().collect(), |part| {
+            vectorised(
+                #[inline(always)]
+                || self.add_pairs(&outputs, inverse, part),
+            );
         });
         let mut totals = vec![KernelSums::default(); outputs.len()];
-        for part in &parts {
+        for part in &tasks {
             for (total, sums) in totals.iter_mut().zip(&part.sums) {
                 total.add_all(sums);
             }
         }
-        drop(parts);
+        drop(tasks);
         for (c, sums) in totals.iter().enumerate() {
             for (d, sum) in sums.scales.iter().take(self.layout.joints).enumerate() {
                 let i = self.layout.scale(c, d);
-                gradient[i] += sum * h[i].exp();
+                gradient[i] += sum * libm::exp(h[i]);
             }
             if let (Some(prior), Some(pairs), Some(waves)) = (
                 &curve,
@@ -181,7 +180,7 @@ impl MarginalLikelihood<'_> {
             gradient[self.layout.amplitude(c, 0)] += sums.constant;
             if self.layout.payload {
                 let i = self.layout.scale(c, self.layout.joints);
-                gradient[i] += 0.5 * sums.payload_scale * h[i].exp();
+                gradient[i] += 0.5 * sums.payload_scale * libm::exp(h[i]);
                 gradient[self.layout.amplitude(c, 1)] += sums.slope;
             }
         }
@@ -202,7 +201,7 @@ struct Output<'a> {
 struct Part<'a> {
     poses: Range<usize>,
     /// G_c(i, j), half of it on the diagonal, for the own-joint curve; of each output, if there is a curve.
-    pairs: Vec<MatMut<'a, f64>>,
+    pairs: Vec<ColumnsMut<'a>>,
     /// Of each output.
     sums: Vec<KernelSums>,
 }
@@ -229,15 +228,13 @@ impl KernelSums {
 
 impl MarginalLikelihood<'_> {
     /// Adds the pairs of a part, all outputs in one pass over S⁻¹.
+    #[inline(always)]
     fn add_pairs(&self, outputs: &[Output<'_>], inverse: &Mat<f64>, part: &mut Part<'_>) {
         for j in part.poses.clone() {
             let blocks: [&[[f64; ROWS]]; ROWS] =
-                std::array::from_fn(|b| inverse.col_as_slice(ROWS * j + b).as_chunks::<ROWS>().0);
-            let similarities: Vec<&[f64]> = self
-                .similarities
-                .iter()
-                .map(|m| m.col_as_slice(j))
-                .collect();
+                std::array::from_fn(|b| column(inverse, ROWS * j + b).as_chunks::<ROWS>().0);
+            let similarities: Vec<&[f64]> =
+                self.similarities.iter().map(|m| column(m, j)).collect();
             let other = self.inputs.payloads[j];
             for (i, payload) in self.inputs.payloads.iter().enumerate().skip(j) {
                 let block: [[f64; ROWS]; ROWS] = blocks.map(|column| column[i]);
@@ -245,7 +242,7 @@ impl MarginalLikelihood<'_> {
                 for (c, output) in outputs.iter().enumerate() {
                     let half = output.contracted((i, j), &block);
                     if let Some(pairs) = part.pairs.get_mut(c) {
-                        pairs[(i, j - part.poses.start)] = half;
+                        pairs[j - part.poses.start][i] = half;
                     }
                     output.add((i, j), half, &similarities, payloads, &mut part.sums[c]);
                 }
@@ -256,6 +253,7 @@ impl MarginalLikelihood<'_> {
 
 impl Output<'_> {
     /// G_c(i, j), half of it on the diagonal; `block` is its part of S⁻¹ by columns.
+    #[inline(always)]
     fn contracted(&self, (i, j): (usize, usize), block: &[[f64; ROWS]; ROWS]) -> f64 {
         let mut g = -self.projected[i] * self.projected[j];
         for (part, jb) in block.iter().zip(&self.column[j]) {
@@ -269,6 +267,7 @@ impl Output<'_> {
     }
 
     /// Adds the pair (i, j), whose G_c is `half`.
+    #[inline(always)]
     fn add(
         &self,
         (i, j): (usize, usize),

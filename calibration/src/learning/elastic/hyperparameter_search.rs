@@ -7,6 +7,8 @@ use rand::SeedableRng;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 
+use poegp_protocol::limits::MAX_CURVE_ORDER;
+
 use crate::identification::parametric::state::ParametricModel;
 use crate::learning::elastic::hyperparameter_objective::HyperparameterObjective;
 use crate::learning::elastic::hyperparameters::{DEFLECTION_UNIT, HyperLayout};
@@ -17,7 +19,6 @@ use crate::measurement::noise::NoiseScales;
 use crate::measurement::sample::BaseSample;
 use crate::numeric::lbfgs::{Minimum, Objective, SearchEnd, StopCriteria, minimize};
 use crate::progress::{Cancelled, FitContext};
-use poegp_protocol::limits::MAX_CURVE_ORDER;
 
 /// When a search ends that began or goes on elsewhere: a third of a nat is far below what samples of a set differ by.
 const STOP: StopCriteria = StopCriteria::after(60, 1e-10).falling_by(0.3);
@@ -226,7 +227,7 @@ impl<'a> HyperparameterSearch<'a> {
         let units = [scales.position, scales.orientation];
         for (i, bound) in bounds.iter_mut().take(2).enumerate() {
             let sheet = stated[i].map(|sigma| (sigma / units[i]).powi(2));
-            bound.0 = sheet.unwrap_or(LEAST_NOISE * left[i]).clamp(1e-4, 1.0).ln();
+            bound.0 = libm::log(sheet.unwrap_or(LEAST_NOISE * left[i]).clamp(1e-4, 1.0));
         }
     }
 
@@ -300,7 +301,7 @@ impl<'a> HyperparameterSearch<'a> {
         for i in [0, 1, curved.curve_amplitude(), curved.curve_scale()] {
             start[i] = alone[i];
         }
-        self.bound_noise(&mut bounds, [alone[0].exp(), alone[1].exp()]);
+        self.bound_noise(&mut bounds, [libm::exp(alone[0]), libm::exp(alone[1])]);
         let few = self.minimum(
             &state,
             FEW_POSES,
@@ -331,8 +332,8 @@ impl<'a> HyperparameterSearch<'a> {
         self.with_likelihood(state, FEW_POSES, (curved, false), |objective| {
             let mut best: Option<(f64, Vec<f64>)> = None;
             for (amplitude, scale) in CURVE_STARTS {
-                start[curved.curve_amplitude()] = 2.0 * f64::ln(amplitude / DEFLECTION_UNIT);
-                start[curved.curve_scale()] = f64::ln(scale);
+                start[curved.curve_amplitude()] = 2.0 * libm::log(amplitude / DEFLECTION_UNIT);
+                start[curved.curve_scale()] = libm::log(scale);
                 let (value, _) = objective.value_and_gradient(&start);
                 if value < best.as_ref().map_or(without.value, |b| b.0) {
                     best = Some((value, start.clone()));

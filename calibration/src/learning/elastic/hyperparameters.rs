@@ -48,8 +48,8 @@ impl HyperLayout {
     /// The prior of the own-joint curve in units of the processes.
     pub fn curve_prior(&self, h: &[f64]) -> Option<CurvePrior> {
         self.curve.then(|| CurvePrior {
-            amplitude: h[self.curve_amplitude()].exp(),
-            spectrum: Spectrum::new(h[self.curve_scale()].exp()),
+            amplitude: libm::exp(h[self.curve_amplitude()]),
+            spectrum: Spectrum::new(libm::exp(h[self.curve_scale()])),
         })
     }
 
@@ -81,8 +81,8 @@ impl HyperLayout {
         let mut start = vec![0.0; self.len()];
         let mut bounds = vec![(0.0, 0.0); self.len()];
         let mut set = |i: usize, value: f64, lower: f64, upper: f64| {
-            start[i] = value.ln();
-            bounds[i] = (lower.ln(), upper.ln());
+            start[i] = libm::log(value);
+            bounds[i] = (libm::log(lower), libm::log(upper));
         };
         for i in 0..2 {
             set(i, 0.5, 1e-4, 1e2);
@@ -133,12 +133,12 @@ impl HyperLayout {
         (0..self.joints)
             .map(|c| {
                 let weights: Vec<f64> = (0..self.joints)
-                    .map(|d| h[self.scale(c, d)].exp())
+                    .map(|d| libm::exp(h[self.scale(c, d)]))
                     .collect();
                 let (wm, a1) = if self.payload {
                     (
-                        h[self.scale(c, self.joints)].exp(),
-                        h[self.amplitude(c, 1)].exp(),
+                        libm::exp(h[self.scale(c, self.joints)]),
+                        libm::exp(h[self.amplitude(c, 1)]),
                     )
                 } else {
                     (0.0, 0.0)
@@ -146,7 +146,7 @@ impl HyperLayout {
                 JointKernel::from_natural(
                     &weights,
                     wm,
-                    unit * h[self.amplitude(c, 0)].exp(),
+                    unit * libm::exp(h[self.amplitude(c, 0)]),
                     unit * a1,
                 )
             })
@@ -192,7 +192,7 @@ mod tests {
         assert!((value(&alike) - value(&shifted)).abs() < 1e-12);
         let mut apart = alike.clone();
         for (i, h) in apart.iter_mut().enumerate() {
-            *h += (1.7 * i as f64).sin();
+            *h += libm::sin(1.7 * i as f64);
         }
         assert!(value(&apart) > value(&alike) + 1.0);
         let mut gradient = vec![0.0; apart.len()];

@@ -179,7 +179,7 @@ fn without_negligible(kernel: &JointKernel<f64>, share: f64, fit: &ElasticFit) -
     let n = payloads.len() as f64;
     let square = payloads.iter().map(|m| m * m).sum::<f64>() / n;
     let variance = kernel.amplitude + kernel.payload_amplitude * square;
-    let noise = fit.hyperparameters[0].exp();
+    let noise = libm::exp(fit.hyperparameters[0]);
     let matters = |(d, rate): (usize, &f64)| {
         // Half the mean squared distance of two poses: 1 − cos of a revolute joint.
         let mean = |i: usize| features.iter().map(|f| f[d][i]).sum::<f64>() / n;

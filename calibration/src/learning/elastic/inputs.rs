@@ -1,6 +1,5 @@
 //! The inputs of the processes, and what is computed of them once.
 
-use faer::Mat;
 use poegp_protocol::JointKind;
 use poegp_runtime::gp::joint_kernel::{JointKernel, similarity};
 use poegp_runtime::kinematics::poe::JointTrig;
@@ -9,6 +8,7 @@ use crate::identification::parametric::state::ParametricModel;
 use crate::learning::elastic::hyperparameters::HyperLayout;
 use crate::learning::elastic::own_joint_curve::{Waves, waves};
 use crate::measurement::sample::Sample;
+use crate::numeric::matrix::Mat;
 
 /// The inputs of the processes.
 #[derive(Clone, Debug)]

@@ -4,17 +4,17 @@
 //! −log p = ½ yᵀS⁻¹y + ½ log|S| by anything is ½ Σ W ∘ ∂S. For a kernel that contracts to an N×N matrix,
 //! G_c(i,j) = J_icᵀ W_ij J_jc, against ∂K_c (`hyperparameter_objective.rs`). Kernels are the runtime's.
 
-use faer::linalg::matmul::matmul;
-use faer::{Accum, Mat, MatMut, Par};
 use poegp_runtime::gp::joint_kernel::JointKernel;
 
 use crate::identification::parametric::state::{Linearised, PriorGroup, ROWS, prior_variance};
 use crate::learning::elastic::hyperparameters::{DEFLECTION_UNIT, HyperLayout};
 use crate::learning::elastic::inputs::{DistinctPayloads, Inputs};
 use crate::learning::elastic::own_joint_curve::Waves;
-use crate::numeric::cholesky::{Factor, columns_of};
+use crate::numeric::cholesky::Factor;
+use crate::numeric::matrix::{Mat, column, columns, parts, rows, split_rows};
 use crate::numeric::parallel::for_each;
-use poegp_protocol::limits::MAX_JOINTS;
+use crate::numeric::product::{Become, Operand, multiply};
+use crate::numeric::vectors::vectorised;
 
 /// The data of the likelihood.
 #[derive(Debug)]
@@ -72,25 +72,20 @@ impl MarginalLikelihood<'_> {
         kernel: &JointKernel<f64>,
         payloads: &DistinctPayloads,
         first: usize,
-        mut out: MatMut<'_, f64>,
+        out: &mut [&mut [f64]],
     ) {
         let unit = 1.0 / (DEFLECTION_UNIT * DEFLECTION_UNIT);
         let factors = payloads.factors(kernel);
-        let mut s = [0.0; MAX_JOINTS];
-        let s = &mut s[..self.inputs.kinds.len()];
-        for (j, out) in (first..).zip(columns(&mut out)) {
-            let columns: Vec<&[f64]> = self
+        for (j, out) in (first..).zip(out) {
+            let similarities = self
                 .similarities
                 .iter()
-                .map(|matrix| matrix.col_as_slice(j))
-                .collect();
+                .map(|matrix| &column(matrix, j)[j..]);
+            let out = &mut out[j..];
+            kernel.joint_factors(similarities, out);
             let factors = &factors[payloads.index[j]];
-            for i in j..self.poses() {
-                for (slot, column) in s.iter_mut().zip(&columns) {
-                    *slot = column[i];
-                }
-                let factor = factors[payloads.index[i]];
-                out[i] = unit * factor * kernel.joint_factor(s);
+            for (slot, payload) in out.iter_mut().zip(&payloads.index[j..]) {
+                *slot *= unit * factors[*payload];
             }
         }
     }
@@ -102,17 +97,22 @@ impl MarginalLikelihood<'_> {
             .iter()
             .map(|group| prior_variance(*group, h).sqrt())
             .collect();
-        let rows = self.linear.y.nrows();
-        let scaled = Mat::from_fn(rows, sd.len(), |i, j| self.linear.a[(i, j)] * sd[j]);
+        let count = self.linear.y.nrows();
+        let scaled = Mat::from_fn(count, sd.len(), |i, j| self.linear.a[(i, j)] * sd[j]);
         let payloads = DistinctPayloads::new(&self.inputs.payloads);
         let natural = self.layout.kernels(h);
         let mut tasks = Vec::new();
         for (c, matrix) in out.kernels.iter_mut().enumerate() {
-            let columns = columns_of(matrix.as_mut(), POSES_TOGETHER).into_iter();
+            let columns = parts(matrix, POSES_TOGETHER).into_iter();
             tasks.extend(columns.map(|(first, part)| (c, first, part)));
         }
-        for_each(self.threads, tasks, |(c, first, part)| {
-            self.kernel_columns(&natural[c], &payloads, first, part);
+        for_each(self.threads, tasks, |(c, first, mut part)| {
+            vectorised(
+                #[inline(always)]
+                || {
+                    self.kernel_columns(&natural[c], &payloads, first, &mut part);
+                },
+            );
         });
         if let Some(prior) = self.layout.curve_prior(h) {
             let kernels = &out.kernels;
@@ -132,45 +132,47 @@ impl MarginalLikelihood<'_> {
             false => &out.kernels,
         };
         let moved = self.columns();
-        let tasks = columns_of(s.as_mut(), ROWS * POSES_TOGETHER);
-        for_each(self.threads, tasks, |(first, mut part)| {
-            let (left, right) = (
-                scaled.subrows(first, rows - first),
-                scaled.subrows(first, part.ncols()),
-            );
-            let below = part.as_mut().subrows_mut(first, rows - first);
-            matmul(
-                below,
-                Accum::Replace,
-                left,
-                right.transpose(),
-                1.0,
-                Par::Seq,
-            );
-            self.add_processes(kernels, &moved, first, part.as_mut());
-            for column in 0..part.ncols() {
-                let r = first + column;
-                let h = h[usize::from(r % ROWS >= 3)];
-                part[(r, column)] += h.exp() * self.linear.relative_noise(r, h).powi(2);
-            }
-        });
+        let scaled = columns(&scaled);
+        let noise = [libm::exp(h[0]), libm::exp(h[1])];
+        for_each(
+            self.threads,
+            parts(s, ROWS * POSES_TOGETHER),
+            |(first, part)| {
+                let mut part = split_rows(part, first).1;
+                let left = Operand::new(rows(&scaled, first..count));
+                let right = Operand::new(rows(&scaled, first..first + part.len()));
+                multiply(&mut part, Become::Product, &left, &right.transposed());
+                vectorised(
+                    #[inline(always)]
+                    || self.add_processes(kernels, &moved, first, &mut part),
+                );
+                for (column, entries) in part.iter_mut().enumerate() {
+                    let r = first + column;
+                    let kind = usize::from(r % ROWS >= 3);
+                    entries[column] += noise[kind] * self.linear.relative_noise(r, h[kind]).powi(2);
+                }
+            },
+        );
     }
 
-    /// Adds Σ_c (J_c J_cᵀ) ∘ K_c to some columns of S from `first` on, all outputs in one pass.
+    /// Adds Σ_c (J_c J_cᵀ) ∘ K_c to some columns of S from `first` on, from that row on, all outputs in one pass.
+    #[inline(always)]
     fn add_processes(
         &self,
         kernels: &[Mat<f64>],
         moved: &[Vec<[f64; ROWS]>],
         first: usize,
-        mut s: MatMut<'_, f64>,
+        s: &mut [&mut [f64]],
     ) {
-        for (r, column) in (first..).zip(columns(&mut s)) {
+        for (r, entries) in (first..).zip(s) {
             let j = r / ROWS;
-            let blocks = column.as_chunks_mut::<ROWS>().0;
-            for (i, block) in blocks.iter_mut().enumerate().skip(j) {
-                for (kernel, moved) in kernels.iter().zip(moved) {
-                    let factor = kernel.col_as_slice(j)[i] * moved[j][r % ROWS];
-                    for (slot, moved) in block.iter_mut().zip(&moved[i]) {
+            let blocks = &mut entries.as_chunks_mut::<ROWS>().0[j - first / ROWS..];
+            for (kernel, moved) in kernels.iter().zip(moved) {
+                let own = moved[j][r % ROWS];
+                let kernel = &column(kernel, j)[j..];
+                for ((block, kernel), moved) in blocks.iter_mut().zip(kernel).zip(&moved[j..]) {
+                    let factor = kernel * own;
+                    for (slot, moved) in block.iter_mut().zip(moved) {
                         *slot += moved * factor;
                     }
                 }
@@ -217,7 +219,7 @@ impl MarginalLikelihood<'_> {
         let mut s = Mat::zeros(rows, rows);
         self.covariance(h, &mut s, &mut self.no_kernels());
         let factor = Factor::new(s, self.threads).ok()?;
-        let alpha = factor.solve(self.linear.y.as_ref());
+        let alpha = factor.solve(&self.linear.y);
         let parameters = self.groups.iter().enumerate().map(|(i, group)| {
             let projected: f64 = (0..rows)
                 .map(|r| self.linear.a[(r, i)] * alpha[(r, 0)])
@@ -238,12 +240,4 @@ impl MarginalLikelihood<'_> {
             weights,
         })
     }
-}
-
-/// The columns of a part of a matrix, each as a slice.
-fn columns<'a>(part: &'a mut MatMut<'_, f64>) -> impl Iterator<Item = &'a mut [f64]> {
-    part.as_mut().col_iter_mut().map(|column| {
-        let column = column.try_as_col_major_mut();
-        column.map_or(&mut [][..], |column| column.as_slice_mut())
-    })
 }

@@ -5,8 +5,6 @@
 //! model predicts every remaining pose from all others, χ²_k = α_kᵀ ([S⁻¹]_kk)⁻¹ α_k with S⁻¹ and α = S⁻¹y from the one
 //! factorisation that is there anyway.
 
-use faer::linalg::solvers::{DenseSolveCore, Solve};
-use faer::{Mat, Side};
 use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::Pose;
 use std::ops::Range;
@@ -17,6 +15,8 @@ use crate::learning::elastic::options::{ElasticOptions, mean_payload};
 use crate::learning::elastic::solution::ElasticFit;
 use crate::measurement::noise::{NoiseScales, QUIETEST};
 use crate::measurement::sample::BaseSample;
+use crate::numeric::cholesky::Factor;
+use crate::numeric::matrix::Mat;
 use crate::numeric::statistics::{Standardised, calibration_factor};
 
 /// χ² of a pose left out, above which it is an outlier: six degrees of freedom, p < 10⁻⁶.
@@ -146,10 +146,10 @@ pub fn leave_one_out(fit: &ElasticFit, samples: &[BaseSample]) -> LeaveOneOut {
     let mut standardised: Standardised = [Vec::new(), Vec::new()];
     for (k, sample) in samples.iter().enumerate() {
         let rows = sample.observation.equations();
-        let block = blocks[k].submatrix(0, 0, rows, rows);
+        let block = blocks[k].view((0, 0), (rows, rows)).into_owned();
         let alpha = Mat::from_fn(rows, 1, |i, _| solved.alpha[(ROWS * k + i, 0)]);
         // The error of the pose left out is the block's inverse times α, and that inverse its covariance.
-        let Ok(factor) = block.llt(Side::Lower) else {
+        let Ok(factor) = Factor::new(block, 1) else {
             continue;
         };
         let error = factor.solve(&alpha);
@@ -180,7 +180,7 @@ fn marginal(error: &Mat<f64>, covariance: &Mat<f64>, rows: Range<usize>) -> f64 
     let (start, count) = (rows.start, rows.len().min(3));
     let block = Mat::from_fn(count, count, |i, j| covariance[(start + i, start + j)]);
     let own = Mat::from_fn(count, 1, |i, _| error[(start + i, 0)]);
-    let Ok(factor) = block.llt(Side::Lower) else {
+    let Ok(factor) = Factor::new(block, 1) else {
         return 0.0;
     };
     let solved = factor.solve(&own);

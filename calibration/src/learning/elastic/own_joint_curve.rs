@@ -5,10 +5,12 @@
 //! v_k = 2 e^(−z) I_k(z), z = 1/l² (I_k: modified Bessel function of the first kind). Order 0 is the joint's zero, which the
 //! geometry has. The series ends at [`MAX_CURVE_ORDER`], in the fit as on the device: nothing is cut off afterwards.
 
-use faer::Mat;
 use poegp_protocol::JointKind;
 use poegp_protocol::limits::MAX_CURVE_ORDER;
 use poegp_runtime::kinematics::poe::JointTrig;
+
+use crate::numeric::matrix::{Mat, columns_mut};
+use crate::numeric::product::{Become, Operand, multiply_lower, product};
 
 /// Length scales in rad that the evidence may choose from.
 pub const LENGTH_SCALES: (f64, f64) = (0.05, 2.0);
@@ -119,17 +121,12 @@ impl CurvePrior {
         let scaled = Mat::from_fn(waves.nrows(), waves.ncols(), |i, k| {
             weight(k) * waves[(i, k)]
         });
-        use faer::linalg::matmul::triangular::{BlockStructure, matmul};
-        matmul(
-            out.as_mut(),
-            BlockStructure::TriangularLower,
-            faer::Accum::Replace,
-            scaled.as_ref(),
-            BlockStructure::Rectangular,
-            scaled.transpose(),
-            BlockStructure::Rectangular,
-            1.0,
-            faer::Par::Seq,
+        let scaled = Operand::from(&scaled);
+        multiply_lower(
+            &mut columns_mut(out),
+            Become::Product,
+            &scaled,
+            &scaled.clone().transposed(),
         );
     }
 
@@ -153,7 +150,7 @@ impl CurvePrior {
 /// Σ_ij G(i, j) sin kq_i sin kq_j (and of cosines) for every column of `waves`; of G the lower triangle, which counts once,
 /// as its diagonal. The derivative of −log p by the variance of each column.
 pub fn gradient_by_order(lower: &Mat<f64>, waves: &Waves) -> Vec<f64> {
-    let product = lower * waves;
+    let product = product(lower, waves);
     (0..waves.ncols())
         .map(|k| {
             (0..waves.nrows())

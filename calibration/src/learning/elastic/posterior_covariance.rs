@@ -9,8 +9,6 @@
 
 use std::sync::OnceLock;
 
-use faer::linalg::solvers::{DenseSolveCore, Solve};
-use faer::{Mat, Side};
 use poegp_protocol::JointKind;
 use poegp_protocol::limits::MAX_GROUPS;
 use poegp_runtime::gp::joint_kernel::{JointKernel, similarity};
@@ -24,6 +22,9 @@ use crate::learning::elastic::solution::ElasticFit;
 use crate::measurement::noise::InstrumentNoise;
 use crate::measurement::observation::Observation;
 use crate::measurement::sample::{BaseSample, Sample};
+use crate::numeric::cholesky::Factor;
+use crate::numeric::matrix::Mat;
+use crate::numeric::product::{Transposed, product};
 use crate::numeric::statistics::{Standardised, calibration_factor};
 
 /// Payloads that differ by less than this share of the largest are the same.
@@ -112,8 +113,8 @@ impl PosteriorCovariance {
             .map(|g| prior_variance(*g, &fit.hyperparameters))
             .collect();
         let scaled = Mat::from_fn(ROWS, lambda.len(), |i, j| new.a[(i, j)] * lambda[j]);
-        let mut prior = &scaled * new.a.transpose();
-        let mut cross = &scaled * self.linear.a.transpose();
+        let mut prior = product(&scaled, Transposed(&new.a));
+        let mut cross = product(&scaled, Transposed(&self.linear.a));
         let features = fit.origin.features(sample);
         let payload = sample.payload_kg.unwrap_or(0.0);
         for (c, kernel) in self.kernels.iter().enumerate() {
@@ -148,10 +149,10 @@ impl PosteriorCovariance {
                 }
             }
         }
-        let explained = &cross * solved.factor.solve(cross.transpose());
+        let explained = product(&cross, &solved.factor.solve(&cross.transpose()));
         std::array::from_fn(|a| {
             let h = fit.hyperparameters[usize::from(a >= 3)];
-            let noise = h.exp() * new.relative_noise(a, h).powi(2);
+            let noise = libm::exp(h) * new.relative_noise(a, h).powi(2);
             let scale = if a < 3 {
                 scales.position
             } else {
@@ -188,7 +189,7 @@ fn payloads_left_out(solved: &Posterior, samples: &[BaseSample]) -> Option<[f64;
             inverse[(rows[i.max(j)], rows[i.min(j)])]
         });
         let alpha = Mat::from_fn(rows.len(), 1, |i, _| solved.alpha[(rows[i], 0)]);
-        let factor = block.llt(Side::Lower).ok()?;
+        let factor = Factor::new(block, 1).ok()?;
         let (error, covariance) = (factor.solve(&alpha), factor.inverse());
         for (i, row) in rows.iter().enumerate() {
             let z = error[(i, 0)] / covariance[(i, i)].sqrt();

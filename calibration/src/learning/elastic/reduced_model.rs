@@ -102,8 +102,8 @@ impl ElasticModel {
         for term in &fit.state.ripple {
             ripple.push(*term).ok()?;
         }
-        let amplitude = |t: &RippleTerm<f64>| (t.joint + 1, t.cycles, t.sin.hypot(t.cos));
-        let noise = |i: usize| (0.5 * fit.hyperparameters[i]).exp();
+        let amplitude = |t: &RippleTerm<f64>| (t.joint + 1, t.cycles, libm::hypot(t.sin, t.cos));
+        let noise = |i: usize| libm::exp(0.5 * fit.hyperparameters[i]);
         let report = ElasticReport {
             position_noise: fit.scales.position * if options.processes { noise(0) } else { 1.0 },
             orientation_noise: fit.scales.orientation
@@ -114,7 +114,7 @@ impl ElasticModel {
             single_precision_cost,
             search: fit.search,
             curve: fit.layout.curve_prior(&fit.hyperparameters).map(|prior| {
-                let length_scale = fit.hyperparameters[fit.layout.curve_scale()].exp();
+                let length_scale = libm::exp(fit.hyperparameters[fit.layout.curve_scale()]);
                 CurveReport {
                     amplitude: DEFLECTION_UNIT * (prior.amplitude * prior.spectrum.total()).sqrt(),
                     length_scale,

@@ -4,9 +4,6 @@
 //! there are more measurements than the dense solution saw, κ_c ~ N(0, a² v_k), the own-joint curves. The normal equations
 //! are gathered block by block: memory does not grow with the measurements.
 
-use faer::linalg::matmul::triangular::{BlockStructure, matmul};
-use faer::linalg::solvers::Solve;
-use faer::{Accum, Mat, Par, Side};
 use poegp_protocol::JointKind;
 use poegp_runtime::gp::joint_kernel::JointKernel;
 use poegp_runtime::kinematics::poe::JointTrig;
@@ -19,6 +16,9 @@ use crate::learning::elastic::inputs::{ClusteredInput, Inputs, kernel};
 use crate::learning::elastic::own_joint_curve::wave;
 use crate::learning::elastic::solution::ElasticFit;
 use crate::measurement::sample::BaseSample;
+use crate::numeric::cholesky::Factor;
+use crate::numeric::matrix::{Mat, columns_mut};
+use crate::numeric::product::{Become, Operand, multiply, multiply_lower};
 
 /// Poses of one block.
 const BLOCK: usize = 100;
@@ -159,7 +159,7 @@ impl Equations<'_> {
                 let own = self.between(*c, (features, *payload), (features, *payload));
                 matrix[(before + i, before + i)] += jitter * own;
             }
-            let solution = matrix.llt(Side::Lower).ok()?.solve(&right);
+            let solution = Factor::new(matrix, 1).ok()?.solve(&right);
             let finite = (0..solution.nrows()).all(|i| solution[(i, 0)].is_finite());
             finite.then_some(solution)
         };
@@ -290,7 +290,7 @@ impl Equations<'_> {
             let weight: Vec<f64> = (first..first + rows)
                 .map(|row| {
                     let h = self.fit.hyperparameters[usize::from(row % ROWS >= 3)];
-                    (-0.5 * h).exp() / linear.relative_noise(row, h)
+                    libm::exp(-0.5 * h) / linear.relative_noise(row, h)
                 })
                 .collect();
             let mut design = Mat::zeros(rows, columns);
@@ -321,18 +321,12 @@ impl Equations<'_> {
                 }
             }
             let y = Mat::from_fn(rows, 1, |row, _| weight[row] * linear.y[(first + row, 0)]);
-            matmul(
-                normal.as_mut(),
-                BlockStructure::TriangularLower,
-                Accum::Add,
-                design.transpose(),
-                BlockStructure::Rectangular,
-                design.as_ref(),
-                BlockStructure::Rectangular,
-                1.0,
-                Par::Seq,
-            );
-            right += design.transpose() * &y;
+            let design = Operand::from(&design);
+            let across = design.clone().transposed();
+            let mut normal = columns_mut(&mut normal);
+            multiply_lower(&mut normal, Become::Sum, &across, &design);
+            let mut right = columns_mut(&mut right);
+            multiply(&mut right, Become::Sum, &across, &Operand::from(&y));
         }
         (normal, right)
     }

@@ -6,7 +6,6 @@
 
 use std::cell::RefCell;
 
-use faer::Mat;
 use poegp_protocol::limits::OUTPUTS;
 use serde::{Deserialize, Serialize};
 
@@ -15,6 +14,7 @@ use crate::learning::task_space::{
     Hyperparameters, NotPositiveDefinite, Pairs, TaskSpaceGp, scale_outputs,
 };
 use crate::numeric::lbfgs::{Minimum, Objective, StopCriteria, minimize};
+use crate::numeric::matrix::Mat;
 use crate::progress::{Cancelled, FitContext};
 
 /// How the outputs share their hyperparameters.
@@ -92,7 +92,7 @@ struct NegativeLogLikelihood<'a> {
 
 impl Objective for NegativeLogLikelihood<'_> {
     fn value_and_gradient(&self, x: &[f64]) -> (f64, Vec<f64>) {
-        let theta: Vec<f64> = x.iter().map(|l| l.exp()).collect();
+        let theta: Vec<f64> = x.iter().map(|l| libm::exp(*l)).collect();
         match log_marginal_likelihood_in(
             &mut self.workspace.borrow_mut(),
             self.pairs,
@@ -131,8 +131,8 @@ fn maximise_from(
         outputs,
         workspace: RefCell::new(LikelihoodWorkspace::new(outputs.nrows(), context.threads())),
     };
-    let mut bounds = BOUNDS.map(|(lower, upper)| (lower.ln(), upper.ln()));
-    bounds[0].1 = max_signal_variance.ln();
+    let mut bounds = BOUNDS.map(|(lower, upper)| (libm::log(lower), libm::log(upper)));
+    bounds[0].1 = libm::log(max_signal_variance);
     context.expect(SEARCH_UNITS);
     let mut best: Option<Minimum> = None;
     for start in starts {
@@ -142,14 +142,14 @@ fn maximise_from(
             ..STOP
         };
         let found = context.phase(SEARCH_UNITS / starts.len() as u64, || {
-            minimize(&objective, &start.map(f64::ln), &bounds, &ending, context)
+            minimize(&objective, &start.map(libm::log), &bounds, &ending, context)
         })??;
         if best.as_ref().is_none_or(|b| found.value < b.value) {
             best = Some(found);
         }
     }
     let best = best.expect("there are starting points");
-    let theta: Vec<f64> = best.x.iter().map(|l| l.exp()).collect();
+    let theta: Vec<f64> = best.x.iter().map(|l| libm::exp(*l)).collect();
     Ok((Hyperparameters::from_array(&theta), -best.value))
 }
 

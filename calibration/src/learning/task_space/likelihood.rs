@@ -3,11 +3,10 @@
 //! For C outputs that share K: log p = −½ Σ_c y_cᵀK⁻¹y_c − (C/2) log|K| − (Cn/2) log 2π, and for a hyperparameter θ
 //! ∂/∂θ = ½ tr((Σ_c w_c w_cᵀ − C K⁻¹) ∂K/∂θ), w_c = K⁻¹y_c (Rasmussen and Williams, eq. 5.9).
 
-use faer::Mat;
-use pulp::Arch;
-
 use crate::learning::task_space::{Hyperparameters, NotPositiveDefinite, Pairs};
 use crate::numeric::cholesky::CholeskyWorkspace;
+use crate::numeric::matrix::{Mat, column as column_of, columns_mut};
+use crate::numeric::vectors::vectorised;
 
 /// Value and gradient at one set of hyperparameters.
 #[derive(Clone, Copy, Debug)]
@@ -69,25 +68,28 @@ pub fn log_marginal_likelihood_in(
         factor,
         column,
     } = workspace;
-    Arch::new().dispatch(|| {
-        for j in 0..n {
-            let slots = lower_mut(correlations, j);
-            h.kernel
-                .correlations(lower(&pairs.squared_distances, j), slots);
-            let products = lower(&pairs.inner_products, j);
-            let gram = lower_mut(&mut factor.matrix, j).iter_mut();
-            for ((entry, correlation), product) in gram.zip(slots).zip(products) {
-                *entry = theta[0] * *correlation + theta[2] + theta[3] * product;
+    vectorised(
+        #[inline(always)]
+        || {
+            for j in 0..n {
+                let slots = lower_mut(correlations, j);
+                h.kernel
+                    .correlations(lower(&pairs.squared_distances, j), slots);
+                let products = lower(&pairs.inner_products, j);
+                let gram = lower_mut(&mut factor.matrix, j).iter_mut();
+                for ((entry, correlation), product) in gram.zip(slots).zip(products) {
+                    *entry = theta[0] * *correlation + theta[2] + theta[3] * product;
+                }
+                factor.matrix[(j, j)] += theta[4];
             }
-            factor.matrix[(j, j)] += theta[4];
-        }
-    });
+        },
+    );
     factor.factor().map_err(|_| NotPositiveDefinite {
         points: n,
         noise_variance: theta[4],
     })?;
     let mut weights = outputs.clone();
-    factor.solve_in_place(weights.as_mut());
+    factor.solve_in_place(&mut columns_mut(&mut weights));
     let mut fit = 0.0;
     for c in 0..columns {
         for i in 0..n {
@@ -96,34 +98,38 @@ pub fn log_marginal_likelihood_in(
     }
     let log_likelihood = -0.5 * fit
         - columns as f64
-            * (factor.half_log_determinant() + 0.5 * n as f64 * (2.0 * std::f64::consts::PI).ln());
+            * (factor.half_log_determinant()
+                + 0.5 * n as f64 * libm::log(2.0 * std::f64::consts::PI));
 
     let inverse = factor.lower_inverse();
     let mut sums = [0.0; 5];
-    Arch::new().dispatch(|| {
-        for j in 0..n {
-            let column = &mut column[j..];
-            for (slot, inverse) in column.iter_mut().zip(lower(inverse, j)) {
-                *slot = -(columns as f64 * inverse);
-            }
-            for c in 0..columns {
-                let weights = &weights.col_as_slice(c)[j..];
-                for (slot, weight) in column.iter_mut().zip(weights) {
-                    *slot += weights[0] * weight;
+    vectorised(
+        #[inline(always)]
+        || {
+            for j in 0..n {
+                let column = &mut column[j..];
+                for (slot, inverse) in column.iter_mut().zip(lower(inverse, j)) {
+                    *slot = -(columns as f64 * inverse);
                 }
+                for c in 0..columns {
+                    let weights = &column_of(&weights, c)[j..];
+                    for (slot, weight) in column.iter_mut().zip(weights) {
+                        *slot += weights[0] * weight;
+                    }
+                }
+                sums[4] += column[0];
+                // Every element off the diagonal stands for two.
+                column[0] *= 0.5;
+                add_products(
+                    &mut sums,
+                    column,
+                    lower(correlations, j),
+                    lower(&pairs.squared_distances, j),
+                    lower(&pairs.inner_products, j),
+                );
             }
-            sums[4] += column[0];
-            // Every element off the diagonal stands for two.
-            column[0] *= 0.5;
-            add_products(
-                &mut sums,
-                column,
-                lower(correlations, j),
-                lower(&pairs.squared_distances, j),
-                lower(&pairs.inner_products, j),
-            );
-        }
-    });
+        },
+    );
     for sum in &mut sums[..4] {
         *sum *= 2.0;
     }
@@ -171,10 +177,11 @@ fn add_products(sums: &mut [f64; 5], w: &[f64], e: &[f64], d: &[f64], p: &[f64])
 /// Column j from the diagonal down.
 #[inline(always)]
 fn lower(matrix: &Mat<f64>, j: usize) -> &[f64] {
-    &matrix.col_as_slice(j)[j..]
+    &column_of(matrix, j)[j..]
 }
 
 #[inline(always)]
 fn lower_mut(matrix: &mut Mat<f64>, j: usize) -> &mut [f64] {
-    &mut matrix.col_as_slice_mut(j)[j..]
+    let rows = matrix.nrows();
+    &mut matrix.as_mut_slice()[j * rows + j..(j + 1) * rows]
 }

@@ -8,13 +8,14 @@
 pub mod fit;
 pub mod likelihood;
 
-use faer::linalg::solvers::{Llt, Solve};
-use faer::{Mat, Side};
 use poegp_protocol::limits::{MAX_INPUTS, OUTPUTS};
 use poegp_runtime::gp::quadratic_kernel::QuadraticKernel;
 use poegp_runtime::gp::quadratic_posterior as posterior;
 use poegp_runtime::gp::quadratic_posterior::MeanHeader;
 use poegp_runtime::math::vector::{inner_product, squared_distance};
+
+use crate::numeric::cholesky::Factor;
+use crate::numeric::matrix::Mat;
 
 /// Most poses of a process, each of which is a point of it: room in the workstation's runtime.
 pub const MAX_POINTS: usize = 4096;
@@ -101,10 +102,10 @@ impl Pairs {
     ///
     /// # Errors
     /// [`NotPositiveDefinite`]; nothing is added to the diagonal behind the caller's back.
-    pub fn cholesky(&self, h: &Hyperparameters) -> Result<Llt<f64>, NotPositiveDefinite> {
+    pub fn cholesky(&self, h: &Hyperparameters) -> Result<Factor, NotPositiveDefinite> {
         let gram = self.gram(h);
-        gram.llt(Side::Lower).map_err(|_| NotPositiveDefinite {
-            points: gram.nrows(),
+        Factor::new(gram, 1).map_err(|_| NotPositiveDefinite {
+            points: self.squared_distances.nrows(),
             noise_variance: h.noise_variance,
         })
     }
@@ -121,7 +122,7 @@ pub struct TaskSpaceGp {
     pub inputs: Vec<Vec<f64>>,
     /// K⁻¹ε of the scaled outputs, n×6.
     pub weights: Mat<f64>,
-    factors: Vec<Llt<f64>>,
+    factors: Vec<Factor>,
 }
 
 impl TaskSpaceGp {
@@ -145,7 +146,8 @@ impl TaskSpaceGp {
             own => {
                 let mut weights = Mat::zeros(inputs.len(), OUTPUTS);
                 for (c, factor) in own.iter().enumerate() {
-                    weights.col_mut(c).copy_from(factor.solve(scaled.col(c)));
+                    let own = scaled.columns(c, 1).into_owned();
+                    weights.columns_mut(c, 1).copy_from(&factor.solve(&own));
                 }
                 weights
             }

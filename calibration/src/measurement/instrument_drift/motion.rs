@@ -230,7 +230,7 @@ impl<'a> Track<'a> {
                     let weight = if j == k {
                         1.0
                     } else {
-                        (-0.5 * (away / window).powi(2)).exp()
+                        libm::exp(-0.5 * (away / window).powi(2))
                     };
                     self.shifts[i][j].map(|shift| (weight, i, shift))
                 })

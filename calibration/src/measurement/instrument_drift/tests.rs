@@ -37,10 +37,10 @@ fn simulate(points: usize, rotate: f64, flaws: bool) -> Simulated {
         // A creep, and a step of 0.8 mm that is no outlier.
         let shift = Vector3::new(
             0.12 * time,
-            0.05 * (9.0 * time).sin(),
+            0.05 * libm::sin(9.0 * time),
             if k > 170 { 0.8 } else { 0.0 },
         );
-        let turn = Vector3::new(0.0, 0.0, rotate * (5.0 * time).sin());
+        let turn = Vector3::new(0.0, 0.0, rotate * libm::sin(5.0 * time));
         let seen = |p: Vector3<f64>| p + shift + turn.cross(&(p - Vector3::from(places[0])));
         motion.push(1e-3 * (seen(target) - target));
         let mut noise =

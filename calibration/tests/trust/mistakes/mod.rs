@@ -179,7 +179,7 @@ pub fn some(n: usize, count: usize, random: &mut ChaCha8Rng) -> Vec<usize> {
 /// A normal number of standard deviation 1.
 fn standard(random: &mut ChaCha8Rng) -> f64 {
     let (u, v): (f64, f64) = (random.random(), random.random());
-    (-2.0 * (1.0 - u).ln()).sqrt() * (std::f64::consts::TAU * v).cos()
+    (-2.0 * libm::log(1.0 - u)).sqrt() * libm::cos(std::f64::consts::TAU * v)
 }
 
 /// Three normal numbers of standard deviation `sigma`.

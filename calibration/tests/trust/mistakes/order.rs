@@ -204,7 +204,7 @@ fn warm_up(list: &mut List) {
     list.add("drift: warm-up of 2 mm", &[Drift, Step], |t, r| {
         let way: Vector3<f64> = direction(2.0, r);
         let n = t.len() as f64;
-        t.map_all_poses(|row, p| shift(way * (1.0 - (-5.0 * row as f64 / n).exp())) * p);
+        t.map_all_poses(|row, p| shift(way * (1.0 - libm::exp(-5.0 * row as f64 / n))) * p);
     })
     .unseen(is_small, SMALL);
 }

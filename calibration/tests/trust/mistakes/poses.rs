@@ -135,9 +135,9 @@ fn quaternions(list: &mut List) {
                 t.map_all_poses(|_, p| {
                     let r = p.rotation;
                     // R = Rz(c) Ry(b) Rx(a).
-                    let a = r[(2, 1)].atan2(r[(2, 2)]);
-                    let b = (-r[(2, 0)]).clamp(-1.0, 1.0).asin();
-                    let c = r[(1, 0)].atan2(r[(0, 0)]);
+                    let a = libm::atan2(r[(2, 1)], r[(2, 2)]);
+                    let b = libm::asin((-r[(2, 0)]).clamp(-1.0, 1.0));
+                    let c = libm::atan2(r[(1, 0)], r[(0, 0)]);
                     let turns = [rx(factor * a), ry(factor * b), rz(factor * c)];
                     Pose {
                         rotation: compose(turns).into_inner(),
