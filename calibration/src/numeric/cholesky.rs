@@ -57,7 +57,7 @@ fn factor(mut matrix: ColumnsMut<'_>, threads: usize) -> Result<(), NotPositive>
     Ok(())
 }
 
-/// The same of one tile, halved until it is small.
+/// One tile, halved until it is small.
 fn factor_tile(matrix: &mut [&mut [f64]]) -> Result<(), NotPositive> {
     let n = matrix.len();
     if n <= SMALL {

@@ -6,7 +6,7 @@ pub type Mat<T> = nalgebra::DMatrix<T>;
 /// The columns of a matrix or of a part of it.
 pub type Columns<'a> = Vec<&'a [f64]>;
 
-/// The same, to be written.
+/// Columns to be written.
 pub type ColumnsMut<'a> = Vec<&'a mut [f64]>;
 
 /// One column.
@@ -21,7 +21,7 @@ pub fn columns(matrix: &Mat<f64>) -> Columns<'_> {
     (0..matrix.ncols()).map(|j| column(matrix, j)).collect()
 }
 
-/// All columns.
+/// All columns, to be written.
 pub fn columns_mut(matrix: &mut Mat<f64>) -> ColumnsMut<'_> {
     let rows = matrix.nrows().max(1);
     matrix.as_mut_slice().chunks_exact_mut(rows).collect()
@@ -32,7 +32,7 @@ pub fn parts(matrix: &mut Mat<f64>, size: usize) -> Vec<(usize, ColumnsMut<'_>)>
     parts_of(columns_mut(matrix), size)
 }
 
-/// The same of a part.
+/// Parts of a part.
 pub fn parts_of(mut columns: ColumnsMut<'_>, size: usize) -> Vec<(usize, ColumnsMut<'_>)> {
     let (mut parts, mut first) = (Vec::new(), 0);
     while !columns.is_empty() {
@@ -54,12 +54,12 @@ pub fn rows<'a>(columns: &[&'a [f64]], range: std::ops::Range<usize>) -> Columns
     columns.iter().map(|c| &c[range.clone()]).collect()
 }
 
-/// The same columns, lent.
+/// Lends the columns.
 pub fn lent<'a>(columns: &'a mut [&mut [f64]]) -> ColumnsMut<'a> {
     columns.iter_mut().map(|c| &mut **c).collect()
 }
 
-/// The same columns, to be read.
+/// Lends the columns to be read.
 pub fn shared<'a>(columns: &'a [&mut [f64]]) -> Columns<'a> {
     columns.iter().map(|c| &**c).collect()
 }

@@ -93,7 +93,7 @@ pub fn multiply(to: &mut [&mut [f64]], how: Become, left: &Operand<'_>, right: &
     dispatch(to, how, (left, right), false);
 }
 
-/// The same of the lower triangle; what is above it stays as it is.
+/// Changes the lower triangle of `to` by left · right; what is above it stays as it is.
 pub fn multiply_lower(to: &mut [&mut [f64]], how: Become, left: &Operand<'_>, right: &Operand<'_>) {
     dispatch(to, how, (left, right), true);
 }
@@ -312,7 +312,7 @@ mod tests {
         out
     }
 
-    /// The same term by term.
+    /// `to` changed by left · right term by term.
     fn term_by_term(to: &Mat<f64>, how: Become, left: &Mat<f64>, right: &Mat<f64>) -> Mat<f64> {
         Mat::from_fn(to.nrows(), to.ncols(), |i, j| {
             let mut out = to[(i, j)];

@@ -1,7 +1,7 @@
 //! Hyperparameters by maximising the log marginal likelihood.
 //!
 //! L-BFGS-B over natural logarithms with the analytic gradient, from a few fixed starts that differ in length scale and
-//! noise: the same data give the same hyperparameters, to the last bit, on one machine. Most often all starts lead to one
+//! noise: the same data give the same hyperparameters, to the last bit. Most often all starts lead to one
 //! optimum; a search that comes to where another one has been ends there.
 
 use std::cell::RefCell;
