@@ -104,7 +104,7 @@ pub struct StopCriteria {
     pub known: f64,
     /// In units of the value.
     pub distance: f64,
-    /// Iterations of which [`WINDOW`] together lower the value by less than this, in its units, are the last.
+    /// Five iterations that together lower the value by less than this, in its units, are the last.
     pub least_fall: f64,
 }
 
