@@ -1,12 +1,11 @@
 //! How much has moved, with what certainty, and what else it might be.
 
-use crate::numeric::cholesky::Factor;
-use crate::numeric::matrix::Mat;
-use crate::numeric::product::{Transposed, product};
-
 use crate::identification::parametric::state::ROWS;
 use crate::measurement::noise::NoiseScales;
 use crate::measurement::sample::InstrumentSample;
+use crate::numeric::cholesky::Factor;
+use crate::numeric::matrix::Mat;
+use crate::numeric::product::{Transposed, product};
 use crate::numeric::statistics::Summary;
 use crate::verification::drift_test::{DriftTest, columns};
 use crate::verification::hypotheses::{Hypothesis, Part};

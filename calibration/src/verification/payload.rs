@@ -1,12 +1,11 @@
 //! What the payload does to the poses of a check.
 
-use crate::numeric::matrix::Mat;
-
 use crate::blob::fitted_frames::{Registered, base_from_first_target};
 use crate::identification::frame_fit::{ResidualFrame, residual_components};
 use crate::identification::parametric::state::ROWS;
 use crate::measurement::noise::NoiseScales;
 use crate::measurement::observation::Observation;
+use crate::numeric::matrix::Mat;
 
 /// Part of the trained range of payloads by which the payload is changed to see what it does.
 const PAYLOAD_STEP: f64 = 0.25;

@@ -1,12 +1,11 @@
 //! The residuals of a verification with their covariance.
 
-use crate::numeric::cholesky::Factor;
-use crate::numeric::matrix::Mat;
-
 use crate::blob::fitted_frames::{FittedFrames, Registered};
 use crate::identification::parametric::state::ROWS;
 use crate::measurement::noise::{InstrumentNoise, NoiseScales, QUIETEST};
 use crate::measurement::sample::InstrumentSample;
+use crate::numeric::cholesky::Factor;
+use crate::numeric::matrix::Mat;
 use crate::verification::arm::BlobArm;
 use crate::verification::drift_test::{self, Columns, columns};
 use crate::verification::hypotheses::{Hypothesis, base_effect, hypotheses, tool_effect};

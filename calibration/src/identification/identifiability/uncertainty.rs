@@ -1,15 +1,14 @@
 //! Uncertainty of the identified directions: standard deviations, correlations, and the accuracy to be expected.
 
-use crate::numeric::cholesky::Factor;
-use crate::numeric::matrix::Mat;
-use crate::numeric::product::{Transposed, product};
-
 use crate::identification::identifiability::elementary_motions::Coordinates;
 use crate::identification::identifiability::frames::Frame;
 use crate::identification::identifiability::report::{Correlation, Expected, FrameDeviation};
 use crate::identification::identifiability::subspaces::Space;
 use crate::identification::identifiability::wording;
 use crate::identification::parametric::state::ROWS;
+use crate::numeric::cholesky::Factor;
+use crate::numeric::matrix::Mat;
+use crate::numeric::product::{Transposed, product};
 
 /// Correlations above this are reported …
 const STRONG: f64 = 0.95;

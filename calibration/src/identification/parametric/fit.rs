@@ -1,15 +1,13 @@
 //! The parameters alone: most probable values under their prior, and base and tools on the arm as it is.
 
-use crate::numeric::cholesky::Factor;
-use crate::numeric::matrix::Mat;
-use crate::numeric::product::{Transposed, product};
-
-use crate::measurement::sample::{BaseSample, InstrumentSample};
-
 use crate::identification::frame_fit::FrameFit;
 use crate::identification::parametric::state::prior_variance;
 use crate::identification::parametric::state::{ParametricModel, PriorGroup, ROWS};
 use crate::measurement::noise::NoiseScales;
+use crate::measurement::sample::{BaseSample, InstrumentSample};
+use crate::numeric::cholesky::Factor;
+use crate::numeric::matrix::Mat;
+use crate::numeric::product::{Transposed, product};
 
 /// Rounds of the parametric fit. Positions alone make a curved valley that is crossed slowly: stopping after 12 rounds left
 /// 0.105 mm of a Motoman's 0.071, held out.

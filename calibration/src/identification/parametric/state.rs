@@ -19,12 +19,11 @@ use poegp_runtime::kinematics::coupling::PerJoint;
 use poegp_runtime::kinematics::poe::{JointTrig, Poe};
 use poegp_runtime::math::se3::{Pose, Twist};
 
-use crate::measurement::sample::Sample;
-use crate::numeric::matrix::Mat;
-
 use crate::identification::frame_fit::{ResidualFrame, residual_components};
 use crate::identification::parametric::gear_line::GearLine;
 use crate::measurement::noise::NoiseScales;
+use crate::measurement::sample::Sample;
+use crate::numeric::matrix::Mat;
 use crate::robot::coupled;
 
 /// Rows of one pose: displacement and rotation at the tool.

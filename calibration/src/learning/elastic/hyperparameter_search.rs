@@ -7,8 +7,6 @@ use rand::SeedableRng;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 
-use poegp_protocol::limits::MAX_CURVE_ORDER;
-
 use crate::identification::parametric::state::ParametricModel;
 use crate::learning::elastic::hyperparameter_objective::HyperparameterObjective;
 use crate::learning::elastic::hyperparameters::{DEFLECTION_UNIT, HyperLayout};
@@ -19,6 +17,7 @@ use crate::measurement::noise::NoiseScales;
 use crate::measurement::sample::BaseSample;
 use crate::numeric::lbfgs::{Minimum, Objective, SearchEnd, StopCriteria, minimize};
 use crate::progress::{Cancelled, FitContext};
+use poegp_protocol::limits::MAX_CURVE_ORDER;
 
 /// When a search ends that began or goes on elsewhere: a third of a nat is far below what samples of a set differ by.
 const STOP: StopCriteria = StopCriteria::after(60, 1e-10).falling_by(0.3);

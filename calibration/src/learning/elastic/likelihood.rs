@@ -67,6 +67,7 @@ impl MarginalLikelihood<'_> {
     }
 
     /// Some columns of K_c from `first` on, lower triangle, in units of the processes.
+    #[inline(always)]
     fn kernel_columns(
         &self,
         kernel: &JointKernel<f64>,
@@ -109,9 +110,7 @@ impl MarginalLikelihood<'_> {
         for_each(self.threads, tasks, |(c, first, mut part)| {
             vectorised(
                 #[inline(always)]
-                || {
-                    self.kernel_columns(&natural[c], &payloads, first, &mut part);
-                },
+                || self.kernel_columns(&natural[c], &payloads, first, &mut part),
             );
         });
         if let Some(prior) = self.layout.curve_prior(h) {
