@@ -24,6 +24,7 @@
 
 pub mod chunks;
 mod columns;
+pub mod elapsed;
 pub mod folds;
 pub mod instrument_drift;
 pub mod joint_targets;

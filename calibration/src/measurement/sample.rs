@@ -7,6 +7,7 @@ use poegp_protocol::limits::MAX_TOOLS;
 use poegp_runtime::math::se3::Pose;
 
 use crate::input_error::InputError;
+use crate::measurement::elapsed::Elapsed;
 use crate::measurement::observation::{InstrumentNoise, Observation};
 use crate::measurement::set::{Measurement, MeasurementSet};
 use crate::robot::Robot;
@@ -36,6 +37,8 @@ pub struct Sample<F> {
     pub tool: usize,
     /// The noise that the file declares for this row.
     pub declared_noise: InstrumentNoise,
+    /// When it was measured, where that is known.
+    pub elapsed: Option<Elapsed>,
 }
 
 /// A sample as the file has it.
@@ -71,6 +74,7 @@ impl<F> Sample<F> {
             frame,
             tool: 0,
             declared_noise: InstrumentNoise::UNKNOWN,
+            elapsed: None,
         }
     }
 
@@ -122,9 +126,12 @@ pub fn samples(
     tools: &mut Vec<ToolName>,
 ) -> Result<Vec<InstrumentSample>, InputError> {
     let mut out = Vec::with_capacity(set.measurements.len());
-    for m in &set.measurements {
+    for (m, elapsed) in set.measurements.iter().zip(set.elapsed()) {
         let tool = tool_of(&set.path, m, tools)?;
-        out.push(sample(m, robot, tool));
+        out.push(Sample {
+            elapsed,
+            ..sample(m, robot, tool)
+        });
     }
     Ok(out)
 }
@@ -155,7 +162,7 @@ pub(super) fn tool_of(
     Ok(tool)
 }
 
-/// One row as a sample of `robot`.
+/// One row as a sample of `robot`, of an unknown moment.
 pub(super) fn sample(m: &Measurement, robot: &Robot, tool: usize) -> InstrumentSample {
     let pose = m.instrument_from_target().map(Observation::Pose);
     Sample {
@@ -169,6 +176,7 @@ pub(super) fn sample(m: &Measurement, robot: &Robot, tool: usize) -> InstrumentS
             position: m.sigma_position,
             orientation: m.sigma_orientation,
         },
+        elapsed: None,
     }
 }
 
@@ -186,6 +194,7 @@ pub fn in_base_frame(
         frame: Base,
         tool: s.tool,
         declared_noise: s.declared_noise,
+        elapsed: s.elapsed,
     };
     samples.iter().map(moved).collect()
 }

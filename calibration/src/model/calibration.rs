@@ -8,7 +8,8 @@ use crate::identification::base_tools::BaseAndTools;
 use crate::identification::frame_fit::{FrameFit, ResidualFrame, residual_components};
 use crate::learning::elastic::options::OutlierPolicy;
 use crate::learning::elastic::outliers::Outlier;
-use crate::measurement::sample::{BaseSample, Sample};
+use crate::learning::elastic::warm_up::WarmUp;
+use crate::measurement::sample::{BaseSample, InstrumentSample, Sample, in_base_frame};
 use crate::model::config::Config;
 use crate::model::correction::Correction;
 use crate::model::methods::problem::FrameEstimate;
@@ -32,6 +33,8 @@ pub struct Calibration {
     pub estimate: FrameEstimate,
     /// Measurements that do not belong, by their index; `config.outliers` says whether they were trained on.
     pub outliers: Vec<Outlier>,
+    /// The warm-up that the evidence shows, removed from the training samples where its report says so.
+    pub warm_up: Option<WarmUp>,
     /// RMS of one position and one rotation component of the training residual, m and rad.
     pub residual_rms: (f64, f64),
     /// The limit of the correction: metres and radians.
@@ -47,6 +50,21 @@ impl Calibration {
         kept.map(|(_, sample)| sample.clone()).collect()
     }
 
+    /// Samples of the training file without the warm-up, where that was removed for the training, too.
+    pub fn without_warm_up(&self, samples: Vec<InstrumentSample>) -> Vec<InstrumentSample> {
+        let Some(warm_up) = self.warm_up.as_ref().filter(|w| w.report.removed) else {
+            return samples;
+        };
+        let instrument_from_base = &self.base_and_tools.instrument_from_base;
+        let own = in_base_frame(&samples, instrument_from_base);
+        let corrected = warm_up.removed_from(&own).into_iter();
+        let seen = |(sample, own): (InstrumentSample, BaseSample)| InstrumentSample {
+            observation: own.observation.transformed(instrument_from_base),
+            ..sample
+        };
+        samples.into_iter().zip(corrected).map(seen).collect()
+    }
+
     /// What the least-squares fit of the frames did, if there was one.
     pub fn frame_fit(&self) -> Option<&FrameFit> {
         match &self.estimate {
@@ -58,8 +76,13 @@ impl Calibration {
     /// `base_from_target` of the sample's tool as the f64 model has it, with the correction not limited.
     pub fn predict<F>(&self, sample: &Sample<F>) -> Pose<f64> {
         let first = self.correction.corrected(&self.calibrated, sample).0;
-        match self.tools.get(sample.tool) {
-            Some(tool) if sample.tool > 0 => first * *tool,
+        self.with_tool(first, sample.tool)
+    }
+
+    /// From the pose of the first tool to that of another.
+    fn with_tool(&self, first: Pose<f64>, tool: usize) -> Pose<f64> {
+        match self.tools.get(tool) {
+            Some(other) if tool > 0 => first * *other,
             _ => first,
         }
     }
@@ -76,7 +99,8 @@ impl Calibration {
             return Some(uncertainty.standard_deviation(&sample));
         }
         if let Correction::TaskSpace(task_space) = &self.correction {
-            let tool = self.calibrated.forward(&sample.serial_joints);
+            let first = self.calibrated.forward(&sample.serial_joints);
+            let tool = self.with_tool(first, sample.tool);
             return Some(task_space.standard_deviation(sample, &tool));
         }
         let (p, r) = self.residual_rms;

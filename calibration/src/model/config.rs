@@ -16,6 +16,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::learning::elastic::options::{
     ElasticOptions, HYPERPARAMETER_POSES, INDUCING_POINTS, InducingLimits, OutlierPolicy,
+    WarmUpPolicy,
 };
 use crate::learning::task_space::fit::HyperparameterSharing;
 use crate::measurement::noise::InstrumentNoise;
@@ -56,6 +57,8 @@ pub struct Config {
     pub hyperparameter_poses: usize,
     /// What is done with outliers.
     pub outliers: OutlierPolicy,
+    /// What the elastic model does with the warm-up that the evidence shows.
+    pub warm_up: WarmUpPolicy,
     /// Gravity in the base frame, m/s².
     pub gravity_m_s2: [f64; 3],
     /// Standard deviation of one position component as the instrument's maker states it, mm. `None`: what the rows of the
@@ -101,6 +104,7 @@ impl Default for Config {
             processes: true,
             hyperparameter_poses: HYPERPARAMETER_POSES,
             outliers: OutlierPolicy::default(),
+            warm_up: WarmUpPolicy::default(),
             gravity_m_s2: [0.0, 0.0, -9.81],
             position_sigma_mm: None,
             orientation_sigma_mrad: None,
@@ -190,6 +194,7 @@ impl Config {
             hyperparameter_poses: self.hyperparameter_poses,
             outliers: self.outliers,
             device_variance: self.device_variance,
+            warm_up: self.warm_up,
         }
     }
 }
@@ -212,6 +217,7 @@ mod tests {
             weighting: Weighting::Noise,
             hyperparameters: HyperparameterSharing::PerOutput,
             outliers: OutlierPolicy::Keep,
+            warm_up: WarmUpPolicy::Keep,
             ..Config::new(Method::PoeGpLoad)
         };
         for config in [Config::default(), other] {

@@ -47,7 +47,7 @@ impl TaskSpaceCorrection {
         Twist::from_array(&header.mean(rows, &x))
     }
 
-    /// Predictive standard deviation of a new measurement with the first tool at `tool`: position along the axes of the base
+    /// Predictive standard deviation of a new measurement with its tool at `tool`: position along the axes of the base
     /// frame in metres, rotation about them in radians (eq. 7, carried to the tool, and the noise).
     pub(crate) fn standard_deviation<F>(
         &self,

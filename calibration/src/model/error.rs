@@ -35,11 +35,9 @@ pub enum CalibrationError {
         /// The method asked for.
         method: &'static str,
     },
-    /// The task-space process for data with several tools or positions alone.
-    #[error(
-        "`{method}` compares whole poses of one tool; use base-tool, poe or elastic for several sessions or targets, or positions alone"
-    )]
-    OneToolOnly {
+    /// The task-space process for positions alone.
+    #[error("`{method}` compares whole poses; use base-tool, poe or elastic for positions alone")]
+    PositionsAlone {
         /// The method asked for.
         method: &'static str,
     },

@@ -28,7 +28,7 @@ use crate::learning::elastic::outliers::Outlier;
 use crate::learning::task_space::fit::SignalVarianceLimit;
 use crate::measurement::sample::{InstrumentSample, different_poses, in_base_frame};
 use crate::model::config::Config;
-use crate::model::methods::problem::{Problem, has_single_tool_full_poses};
+use crate::model::methods::problem::{Problem, has_whole_poses};
 use crate::progress::FitContext;
 use crate::robot::Robot;
 
@@ -90,11 +90,16 @@ pub(crate) fn calibrate_within(
         correction: fit.correction,
         estimate: fit.estimate,
         outliers,
+        warm_up: fit.warm_up,
         residual_rms: (0.0, 0.0),
         correction_limit: (0.0, 0.0),
     };
-    out.correction_limit = out.limit(&problem.samples);
-    out.residual_rms = out.rms(&problem.samples);
+    let samples = match out.warm_up.as_ref().filter(|w| w.report.removed) {
+        Some(warm_up) => warm_up.removed_from(&problem.samples),
+        None => problem.samples,
+    };
+    out.correction_limit = out.limit(&samples);
+    out.residual_rms = out.rms(&samples);
     Ok(out)
 }
 
@@ -180,8 +185,8 @@ fn check(
         });
     }
     let requires = method.requires();
-    if requires.single_tool_full_poses && !has_single_tool_full_poses(samples) {
-        return Err(CalibrationError::OneToolOnly {
+    if requires.whole_poses && !has_whole_poses(samples) {
+        return Err(CalibrationError::PositionsAlone {
             method: method.name(),
         });
     }

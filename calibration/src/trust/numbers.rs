@@ -7,6 +7,7 @@ use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::Pose;
 
 use crate::measurement::MeasurementSet;
+use crate::measurement::elapsed::LEAST_SORTED;
 use crate::measurement::sample::InstrumentSample;
 use crate::numeric::statistics::extremes;
 use crate::robot::Robot;
@@ -30,8 +31,6 @@ const CUT: (usize, f64) = (3, 0.02);
 const DIFFERENT: f64 = 0.75;
 /// Distance from the median, in units of the median distance, of a value that stands for a missing one.
 const FAR: f64 = 12.0;
-/// Rows that are not sorted by chance.
-const LEAST_SORTED: usize = 8;
 /// Payload that an arm of 1 m carries at most, kg; it grows with the cube of the reach.
 const HEAVIEST: f64 = 40.0;
 
@@ -122,26 +121,7 @@ impl Scene<'_> {
 
     /// A column by which the rows are sorted: their order is not that of time.
     fn sorted(&self) -> Option<Finding> {
-        let all = &self.set.measurements;
-        if all.len() < LEAST_SORTED || all[0].time_s.is_some() {
-            return None;
-        }
-        let joints = (0..self.robot.joints.len()).map(|j| {
-            let values: Vec<f64> = all.iter().map(|m| m.joints[j]).collect();
-            (self.set.joint_columns[j].name.clone(), values)
-        });
-        let positions = ["x", "y", "z"].into_iter().enumerate().map(|(axis, name)| {
-            (
-                name.to_owned(),
-                all.iter().map(|m| m.position[axis]).collect(),
-            )
-        });
-        let is_sorted = |values: &[f64]| {
-            values.windows(2).all(|w| w[0] < w[1]) || values.windows(2).all(|w| w[0] > w[1])
-        };
-        let (name, _) = joints
-            .chain(positions)
-            .find(|(_, values)| is_sorted(values))?;
+        let name = self.set.sorted_by()?;
         Some(Finding {
             cause: Cause::Time,
             tier: Tier::Note,
@@ -150,7 +130,7 @@ impl Scene<'_> {
                  each row in a column time_s"
             ),
             rows: Vec::new(),
-            value: all.len() as f64,
+            value: self.samples.len() as f64,
             threshold: LEAST_SORTED as f64,
         })
     }

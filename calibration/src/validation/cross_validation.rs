@@ -223,6 +223,7 @@ impl Task<'_> {
             |k| -> Result<_, CompareError> {
                 let (train, tests) = folds.split(self.train, k);
                 let found = self.calibrated_on(each, config, &train)?;
+                let tests = found.calibration.without_warm_up(tests);
                 let base = &found.calibration.base_and_tools.instrument_from_base;
                 let with_sigma = with_sigma.then_some(&found.calibration);
                 Ok((k, held_out(&found.blob, base, &tests, with_sigma)))

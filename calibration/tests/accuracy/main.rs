@@ -12,6 +12,7 @@ mod outliers;
 mod own_joint_curve;
 mod paper;
 mod ten_seeds;
+mod warm_up;
 mod work_volume;
 
 use std::fmt::Display;

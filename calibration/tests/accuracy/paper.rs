@@ -47,7 +47,7 @@ fn the_means_are_those_of_an_independent_implementation() {
             failed.push(name);
         }
         // Without a process there is nothing that could be better: the same least squares.
-        if !options.method.requires().single_tool_full_poses {
+        if !options.method.requires().whole_poses {
             assert!(percent.abs() < 100.0 * TOLERANCE, "{name}");
         }
     }

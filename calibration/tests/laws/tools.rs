@@ -4,9 +4,11 @@ use std::path::Path;
 
 use poegp_calibration::blob::write::calibrate_to_blob;
 use poegp_calibration::measurement;
+use poegp_calibration::measurement::observation::Observation;
 use poegp_calibration::measurement::sample::{ToolName, samples};
 use poegp_calibration::model::Method;
-use poegp_calibration::model::config::Config;
+use poegp_calibration::model::config::{Config, Weighting};
+use poegp_calibration::numeric::statistics::ErrorSummary;
 use poegp_calibration::progress::FitContext;
 use poegp_runtime::math::se3::{Pose, Twist};
 
@@ -69,7 +71,7 @@ fn every_tool_is_predicted_by_its_own_frame() {
         rows.truncate(poses);
         for (i, row) in rows.iter_mut().enumerate() {
             let pose = row.observation.pose().unwrap() * frame(i % 3);
-            row.observation = poegp_calibration::measurement::observation::Observation::Pose(pose);
+            row.observation = Observation::Pose(pose);
             row.tool = order[i % 3];
         }
         rows
@@ -105,4 +107,44 @@ fn every_tool_is_predicted_by_its_own_frame() {
             "{a} and {b} mm with the tools in another order"
         );
     }
+}
+
+/// The paper's method with two tools: with the second half of the poses seen through a tool that is mounted elsewhere, every
+/// pose is predicted as well as with one tool by the same step 1.
+#[test]
+fn the_papers_process_takes_two_tools() {
+    let (robot, _) = sets::arm();
+    let mount = Pose::exp(&Twist::from_array(&[0.08, -0.05, 0.12, 0.4, -0.3, 0.9]));
+    let halves = |set: &str, poses: usize, tools: usize| {
+        let mut rows = sets::simulated(&robot, set);
+        rows.truncate(poses);
+        for row in rows.iter_mut().skip(1).step_by(2).filter(|_| tools == 2) {
+            row.observation = Observation::Pose(row.observation.pose().unwrap() * mount);
+            row.tool = 1;
+        }
+        rows
+    };
+    let names = |tools: usize| {
+        let name = |i: usize| ToolName {
+            session: format!("session {i}"),
+            target: String::new(),
+        };
+        origin((0..tools).map(name).collect())
+    };
+    let config = Config {
+        weighting: Weighting::Noise,
+        ..Config::new(Method::PoeGpLoad)
+    };
+    let mean = |tools: usize| {
+        let (context, train) = (FitContext::default(), halves("train", 120, tools));
+        let found = calibrate_to_blob(&robot, &train, &config, &names(tools), &context).unwrap();
+        let errors = found.blob.errors(&halves("test1", 100, tools));
+        let mean = ErrorSummary::new(&errors).position_mm.mean;
+        (mean, found.calibration)
+    };
+    let (one, _) = mean(1);
+    let (two, calibration) = mean(2);
+    assert!(two < 1.1 * one, "{two} mm, {one} with one tool");
+    let off = (calibration.tools[1].inverse() * mount).log().to_array();
+    assert!(off.iter().all(|x| x.abs() < 5e-4), "{off:?}");
 }

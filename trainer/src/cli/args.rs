@@ -5,7 +5,7 @@ use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use serde::de::{DeserializeOwned, IntoDeserializer, value};
 
 use poegp_calibration::blob::fitted_frames::FramesToFit;
-use poegp_calibration::learning::elastic::options::OutlierPolicy;
+use poegp_calibration::learning::elastic::options::{OutlierPolicy, WarmUpPolicy};
 use poegp_calibration::learning::task_space::fit::HyperparameterSharing;
 use poegp_calibration::measurement::noise::InstrumentNoise;
 use poegp_calibration::model::Method;
@@ -54,6 +54,10 @@ pub struct FitArgs {
     /// Treatment of outliers; they are listed either way (default: reject).
     #[arg(long, value_name = "POLICY", value_parser = outliers())]
     pub outliers: Option<OutlierPolicy>,
+    /// Treatment of the change of an arm that warms up while it is measured, which the elastic model estimates from the time
+    /// or the order of the rows; it is reported either way (default: remove).
+    #[arg(long, value_name = "POLICY", value_parser = warm_up())]
+    pub warm_up: Option<WarmUpPolicy>,
     /// Weights of the measurements in step 1 of the paper (default: none).
     #[arg(long, value_name = "WEIGHTS", value_parser = weighting())]
     pub weighting: Option<Weighting>,
@@ -129,6 +133,7 @@ impl FitArgs {
             .noise
             .orientation_sigma_mrad
             .or(config.orientation_sigma_mrad);
+        config.warm_up = self.warm_up.unwrap_or(config.warm_up);
         config.outliers = self.outliers.unwrap_or(config.outliers);
         config.weighting = self.weighting.unwrap_or(config.weighting);
         differences(&old, config)
@@ -160,6 +165,7 @@ pub fn differences(old: &Config, new: &Config) -> Vec<&'static str> {
             old.device_variance != new.device_variance,
         ),
         ("outliers", old.outliers != new.outliers),
+        ("warm_up", old.warm_up != new.warm_up),
         ("gravity_m_s2", old.gravity_m_s2 != new.gravity_m_s2),
         (
             "position_sigma_mm",
@@ -242,6 +248,15 @@ fn weighting() -> impl TypedValueParser<Value = Weighting> {
         PossibleValue::new("none").help("Metres and radians count alike, as in the paper"),
         PossibleValue::new("noise")
             .help("Residuals are divided by the noise; rotations are taken at the tool point"),
+    ])
+    .try_map(named)
+}
+
+fn warm_up() -> impl TypedValueParser<Value = WarmUpPolicy> {
+    PossibleValuesParser::new([
+        PossibleValue::new("keep").help("Train on the rows as they were measured"),
+        PossibleValue::new("remove")
+            .help("Remove it from every row: the model is that of the arm at the last row"),
     ])
     .try_map(named)
 }

@@ -88,10 +88,10 @@ impl From<ExportError> for Failure {
 /// A calibration error as one of the file.
 pub fn calibration_failure(path: &Path, error: &CalibrationError) -> Failure {
     match error {
-        CalibrationError::OneToolOnly { method } => InputError::new(
+        CalibrationError::PositionsAlone { method } => InputError::new(
             path,
-            "several sessions or targets, or positions alone",
-            format!("whole poses of one tool for `{method}`"),
+            "positions alone",
+            format!("whole poses for `{method}`"),
         )
         .with_help("use --method elastic, poe or base-tool for such data")
         .into(),

@@ -22,3 +22,4 @@ pub mod reduced_model;
 pub mod reduced_solution;
 pub mod solution;
 pub mod variance_inflation;
+pub mod warm_up;

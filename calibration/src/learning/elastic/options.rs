@@ -55,6 +55,8 @@ pub struct ElasticOptions {
     pub outliers: OutlierPolicy,
     /// Whether the device gets a standard deviation.
     pub device_variance: bool,
+    /// What is done with the warm-up that the evidence shows.
+    pub warm_up: WarmUpPolicy,
 }
 
 impl Default for ElasticOptions {
@@ -69,6 +71,7 @@ impl Default for ElasticOptions {
             hyperparameter_poses: HYPERPARAMETER_POSES,
             outliers: OutlierPolicy::default(),
             device_variance: true,
+            warm_up: WarmUpPolicy::default(),
         }
     }
 }
@@ -145,4 +148,15 @@ pub enum OutlierPolicy {
     /// They are reported and not trained on.
     #[default]
     Reject,
+}
+
+/// What is done with the warm-up that the evidence shows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum WarmUpPolicy {
+    /// It is reported, and the model is that of a mean over the measurements.
+    Keep,
+    /// It is reported and removed from the samples: the model is that of the arm when the last was measured.
+    #[default]
+    Remove,
 }

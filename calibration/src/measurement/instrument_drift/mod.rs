@@ -115,7 +115,7 @@ impl Drift {
                 .collect()
         };
         let missed = lines(&|i, k| seen[i][k].is_none());
-        let sessions = sessions(set);
+        let sessions = set.session_of_rows();
         let wrong = outliers::outliers(&seen, &sessions);
         let outliers = lines(&|i, k| wrong[i][k]);
         for (point, wrong) in seen.iter_mut().zip(&wrong) {
@@ -234,21 +234,6 @@ impl DriftReport {
         }
         out
     }
-}
-
-/// Number of the session of each row, in order of appearance.
-fn sessions(set: &MeasurementSet) -> Vec<usize> {
-    let mut names: Vec<Option<&str>> = Vec::new();
-    set.measurements
-        .iter()
-        .map(|m| {
-            let name = m.session.as_deref();
-            names.iter().position(|n| *n == name).unwrap_or_else(|| {
-                names.push(name);
-                names.len() - 1
-            })
-        })
-        .collect()
 }
 
 fn same_position(

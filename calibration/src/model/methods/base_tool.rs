@@ -22,6 +22,7 @@ impl CalibrationMethod for BaseTool {
             correction: Correction::None,
             estimate: FrameEstimate::Nominal,
             outliers: Vec::new(),
+            warm_up: None,
         })
     }
 }

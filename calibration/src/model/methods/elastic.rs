@@ -2,11 +2,12 @@
 
 use crate::learning::elastic::device_variance::device_variance;
 use crate::learning::elastic::fit::{fit_robust, solve_units};
-use crate::learning::elastic::options::{ElasticOptions, NominalArm};
+use crate::learning::elastic::options::{ElasticOptions, NominalArm, WarmUpPolicy};
 use crate::learning::elastic::predictive_variance::Uncertainty;
 use crate::learning::elastic::reduced_model::ElasticModel;
 use crate::learning::elastic::solution::FitError;
 use crate::learning::elastic::variance_inflation::RefitSpec;
+use crate::learning::elastic::warm_up::WarmUp;
 use crate::measurement::sample::BaseSample;
 use crate::model::correction::Correction;
 use crate::model::error::CalibrationError;
@@ -38,9 +39,18 @@ pub(super) fn fit_elastic(
         gear_lines: problem.gear_lines.clone(),
     };
     let mut robust = fit_robust(&arm, samples, options, context)?;
-    let of =
-        |part: &[usize]| -> Vec<BaseSample> { part.iter().map(|i| samples[*i].clone()).collect() };
-    let (dense, kept) = (of(&robust.dense), of(&robust.kept));
+    let mut warm_up = WarmUp::estimate(&robust.fit, &some(samples, &robust.dense));
+    let mut without = None;
+    if let Some(found) = &mut warm_up
+        && options.warm_up == WarmUpPolicy::Remove
+    {
+        found.report.removed = true;
+        let corrected = found.removed_from(samples);
+        robust = fit_robust(&arm, &corrected, options, context)?;
+        without = Some(corrected);
+    }
+    let samples = without.as_ref().unwrap_or(samples);
+    let (dense, kept) = (some(samples, &robust.dense), some(samples, &robust.kept));
     let model = context.phase(solve_units(dense.len()), || {
         ElasticModel::new(&mut robust.fit, &dense, &kept, coupling, options)
     })?;
@@ -64,5 +74,10 @@ pub(super) fn fit_elastic(
         correction: Correction::Elastic(Box::new(model)),
         estimate: FrameEstimate::Parametric { uncertainty },
         outliers: robust.outliers,
+        warm_up,
     })
+}
+
+fn some(samples: &[BaseSample], part: &[usize]) -> Vec<BaseSample> {
+    part.iter().map(|i| samples[*i].clone()).collect()
 }

@@ -10,7 +10,7 @@ use crate::model::correction::Correction;
 use crate::model::error::CalibrationError;
 use crate::model::methods::elastic::fit_elastic;
 use crate::model::methods::problem::{
-    CalibrationMethod, Fit, FrameEstimate, Problem, Weighting, has_single_tool_full_poses,
+    CalibrationMethod, Fit, FrameEstimate, Problem, Weighting, has_whole_poses_of_one_tool,
     seen_from_first,
 };
 use crate::progress::FitContext;
@@ -20,7 +20,7 @@ pub struct PoeMethod;
 
 impl CalibrationMethod for PoeMethod {
     fn fit(&self, problem: &Problem, context: &FitContext) -> Result<Fit, CalibrationError> {
-        if has_single_tool_full_poses(&problem.samples) {
+        if has_whole_poses_of_one_tool(&problem.samples) {
             let (chain, frame_fit) = fit_chain(problem);
             return Ok(Fit {
                 chain,
@@ -28,6 +28,7 @@ impl CalibrationMethod for PoeMethod {
                 correction: Correction::None,
                 estimate: FrameEstimate::LeastSquares(frame_fit),
                 outliers: Vec::new(),
+                warm_up: None,
             });
         }
         // The paper compares whole poses of one tool; other data get the same parameters by weighted least squares.
@@ -46,7 +47,7 @@ impl CalibrationMethod for PoeMethod {
 }
 
 /// All frames of the chain by least squares, weighted as `problem` says.
-pub(super) fn fit_chain(problem: &Problem) -> (Poe<f64>, FrameFit) {
+fn fit_chain(problem: &Problem) -> (Poe<f64>, FrameFit) {
     let (mut chain, samples) = (problem.nominal, &problem.samples);
     let free: Vec<usize> = (0..chain.frames().len()).collect();
     if problem.weighting == Weighting::None {

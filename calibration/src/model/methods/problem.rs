@@ -10,6 +10,7 @@ use crate::identification::parametric::gear_line::GearLine;
 use crate::learning::elastic::options::ElasticOptions;
 use crate::learning::elastic::outliers::{Outlier, gross_outliers};
 use crate::learning::elastic::predictive_variance::Uncertainty;
+use crate::learning::elastic::warm_up::WarmUp;
 use crate::learning::task_space::fit::{HyperparameterSharing, SignalVarianceLimit};
 use crate::measurement::sample::{BaseSample, Sample};
 use crate::model::correction::Correction;
@@ -53,8 +54,8 @@ pub(super) fn seen_from_first(tools: &[Pose<f64>]) -> Vec<Pose<f64>> {
 /// What a method needs of the data.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct DataRequirements {
-    /// Whole poses of one tool: no positions alone, one session and one target.
-    pub single_tool_full_poses: bool,
+    /// Whole poses: no positions alone.
+    pub whole_poses: bool,
     /// The payload of every pose.
     pub payload: bool,
 }
@@ -62,14 +63,19 @@ pub struct DataRequirements {
 impl DataRequirements {
     /// Whether `samples` meet them.
     pub fn are_met_by<F>(&self, samples: &[Sample<F>]) -> bool {
-        (!self.single_tool_full_poses || has_single_tool_full_poses(samples))
+        (!self.whole_poses || has_whole_poses(samples))
             && (!self.payload || samples.iter().all(|s| s.payload_kg.is_some()))
     }
 }
 
+/// Whether every sample is a whole pose.
+pub(crate) fn has_whole_poses<F>(samples: &[Sample<F>]) -> bool {
+    samples.iter().all(|s| s.observation.has_orientation())
+}
+
 /// Whether the samples are whole poses of one tool.
-pub(crate) fn has_single_tool_full_poses<F>(samples: &[Sample<F>]) -> bool {
-    tool_count(samples) == 1 && samples.iter().all(|s| s.observation.has_orientation())
+pub(super) fn has_whole_poses_of_one_tool<F>(samples: &[Sample<F>]) -> bool {
+    tool_count(samples) == 1 && has_whole_poses(samples)
 }
 
 /// How poses count in the frame fit.
@@ -125,6 +131,19 @@ pub struct Fit {
     pub estimate: FrameEstimate,
     /// What the method itself found among its samples that does not belong, by the index of the sample.
     pub outliers: Vec<Outlier>,
+    /// The warm-up that the evidence shows.
+    pub warm_up: Option<WarmUp>,
+}
+
+impl Fit {
+    /// `base_from_target` of the sample's tool by the chain alone.
+    pub(super) fn predict(&self, sample: &BaseSample) -> Pose<f64> {
+        let first = self.chain.forward(&sample.serial_joints);
+        match sample.tool {
+            0 => first,
+            tool => first * self.tools[tool],
+        }
+    }
 }
 
 /// How the frames of a calibration were estimated.

@@ -4,12 +4,11 @@ use poegp_protocol::limits::OUTPUTS;
 
 use crate::identification::frame_fit::{ResidualFrame, residual_components};
 use crate::learning::task_space;
+use crate::measurement::sample::BaseSample;
 use crate::model::correction::{Correction, TaskSpaceCorrection};
 use crate::model::error::CalibrationError;
-use crate::model::methods::poe::fit_chain;
-use crate::model::methods::problem::{
-    CalibrationMethod, DataRequirements, Fit, FrameEstimate, Problem, seen_from_first,
-};
+use crate::model::methods::poe::PoeMethod;
+use crate::model::methods::problem::{CalibrationMethod, DataRequirements, Fit, Problem};
 use crate::progress::FitContext;
 
 /// All frames of the chain and a Gaussian process of the joints.
@@ -21,7 +20,7 @@ pub struct TaskSpace {
 impl CalibrationMethod for TaskSpace {
     fn requires(&self) -> DataRequirements {
         DataRequirements {
-            single_tool_full_poses: true,
+            whole_poses: true,
             payload: self.with_payload,
         }
     }
@@ -37,19 +36,13 @@ impl CalibrationMethod for TaskSpace {
     }
 
     fn fit(&self, problem: &Problem, context: &FitContext) -> Result<Fit, CalibrationError> {
-        let (chain, frame_fit) = fit_chain(problem);
-        // The residual twist in the base frame (eq. 8–12).
-        let residuals: Vec<[f64; OUTPUTS]> = problem
-            .samples
-            .iter()
-            .map(|s| {
-                residual_components(
-                    ResidualFrame::Space,
-                    &s.observation,
-                    &chain.forward(&s.serial_joints),
-                )
-            })
-            .collect();
+        let step1 = PoeMethod.fit(problem, context)?;
+        // The residual twist in the base frame (eq. 8–12), which does not depend on the tool that it was seen with.
+        let residual = |s: &BaseSample| -> [f64; OUTPUTS] {
+            let predicted = step1.predict(s);
+            residual_components(ResidualFrame::Space, &s.observation, &predicted)
+        };
+        let residuals: Vec<_> = problem.samples.iter().map(residual).collect();
         let inputs = problem
             .samples
             .iter()
@@ -62,16 +55,13 @@ impl CalibrationMethod for TaskSpace {
             context,
         )?;
         Ok(Fit {
-            chain,
-            tools: seen_from_first(&problem.tools),
             correction: Correction::TaskSpace(Box::new(TaskSpaceCorrection {
                 posterior_mean: gp.mean(),
                 gp,
                 with_payload: self.with_payload,
                 max_signal_variance: problem.signal_variance.value,
             })),
-            estimate: FrameEstimate::LeastSquares(frame_fit),
-            outliers: Vec::new(),
+            ..step1
         })
     }
 }

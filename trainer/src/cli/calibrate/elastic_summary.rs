@@ -4,6 +4,7 @@ use serde::Serialize;
 
 use crate::cli::terminal::print::Printer;
 use crate::report::sections::Ripple;
+use poegp_calibration::learning::elastic::warm_up::WarmUpReport;
 use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::model::Calibration;
 use poegp_calibration::numeric::lbfgs::SearchEnd;
@@ -22,6 +23,8 @@ pub struct ElasticSummary {
     ambiguous_ripple: Vec<AmbiguousSummary>,
     /// `None` where the evidence asks for none.
     own_joint_curve: Option<CurveSummary>,
+    /// `None` where the evidence has none, or the moments of the rows are not known.
+    warm_up: Option<WarmUpReport>,
     /// By how much the weights that single precision holds move the target, RMS; left out where it holds all.
     #[serde(skip_serializing_if = "Option::is_none")]
     single_precision_cost_um: Option<f64>,
@@ -117,6 +120,7 @@ impl ElasticSummary {
                 length_scale_deg: curve.length_scale.to_degrees(),
                 orders: curve.orders,
             }),
+            warm_up: calibration.warm_up.as_ref().map(|w| w.report.clone()),
             single_precision_cost_um: report.single_precision_cost.map(|m| 1e6 * m),
             predictive_std: sigma,
             predictive_std_wanted: config.device_variance && config.processes,
@@ -137,6 +141,11 @@ impl ElasticSummary {
     pub fn listed_curve(&self) -> Option<(f64, f64, usize)> {
         let curve = self.own_joint_curve.as_ref()?;
         Some((curve.amplitude_urad, curve.length_scale_deg, curve.orders))
+    }
+
+    /// The warm-up, if there is one.
+    pub fn warm_up(&self) -> Option<&WarmUpReport> {
+        self.warm_up.as_ref()
     }
 
     /// The same for a reader.
@@ -180,6 +189,9 @@ impl ElasticSummary {
                 "  own-joint curve: {:.0} µrad standard deviation, length scale {:.1}°, up to {} cycles per turn",
                 curve.amplitude_urad, curve.length_scale_deg, curve.orders
             ));
+        }
+        if let Some(found) = &self.warm_up {
+            report.line(format_args!("  {}", found.line()));
         }
         for r in &self.ripple {
             report.line(format_args!(

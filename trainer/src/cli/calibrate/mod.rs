@@ -142,7 +142,8 @@ pub fn run(arguments: &Calibrate) -> Result<(), Failure> {
         blob,
         precision_loss,
     } = found;
-    let training = ErrorSummary::new(&blob.errors(&calibration.trained_on(&samples)));
+    let trained_on = calibration.without_warm_up(calibration.trained_on(&samples));
+    let training = ErrorSummary::new(&blob.errors(&trained_on));
     let seed = evidence.is_some().then_some(report_page::SEED);
     let mut provenance = report_page::provenance(&a.robot, &arm, &origin, seed, &set, &tests.files);
     let file = a.out.display().to_string();

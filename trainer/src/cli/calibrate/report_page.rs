@@ -1,6 +1,7 @@
 //! `--report`: held-out errors for the page, and the pages of `calibrate` and `compare`.
 
 use crate::cli::calibrate::document::CalibrateJson;
+use crate::cli::calibrate::elastic_summary::ElasticSummary;
 use crate::cli::calibrate::job::Job;
 use crate::cli::failure::{Failure, calibration_failure, device_failure};
 use crate::cli::inputs::{Arm, Tests, enough_poses, equations};
@@ -94,8 +95,7 @@ pub fn held_out(
         *method < options.method
             && (a.report.is_some() || *method == Method::BaseTool)
             && (*method != Method::PoeGpLoad || tests.sets.iter().all(|t| loaded(&t.samples)))
-            && (!method.requires().single_tool_full_poses
-                || tests.sets.iter().all(|t| whole(&t.samples)))
+            && (!method.requires().whole_poses || tests.sets.iter().all(|t| whole(&t.samples)))
     };
     let mut methods = applicable(samples);
     methods.retain(simpler);
@@ -204,7 +204,7 @@ pub fn of_calibration(
     summary: &HeldOutSummary,
 ) -> String {
     let elastic = document.elastic.as_ref();
-    let ripple = elastic.map(crate::cli::calibrate::elastic_summary::ElasticSummary::listed_ripple);
+    let ripple = elastic.map(ElasticSummary::listed_ripple);
     let device = DeviceSummary {
         file: document.blob.file.clone(),
         bytes: document.blob.bytes,
@@ -223,7 +223,8 @@ pub fn of_calibration(
             document.identifiability.as_ref(),
             &document.frames,
             &ripple.unwrap_or_default(),
-            elastic.and_then(crate::cli::calibrate::elastic_summary::ElasticSummary::listed_curve),
+            elastic.and_then(ElasticSummary::listed_curve),
+            elastic.and_then(ElasticSummary::warm_up),
         ))
         .with(sections::outliers(
             evidence,

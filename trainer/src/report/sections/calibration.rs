@@ -6,6 +6,7 @@ use serde::Serialize;
 
 use crate::report::{HeldOutSummary, Number, Provenance, ReportData, Section};
 use poegp_calibration::identification::identifiability::IdentifyReport;
+use poegp_calibration::learning::elastic::warm_up::WarmUpReport;
 use poegp_calibration::model::frame_changes::FrameChange;
 use poegp_calibration::trust::Finding;
 use poegp_calibration::validation::device_budget::BudgetTrial;
@@ -55,12 +56,13 @@ pub struct Ripple {
     pub amplitude_urad: f64,
 }
 
-/// Deviations of the frames from the drawing with their uncertainty, unidentified directions, and gear ripple.
+/// Deviations of the frames from the drawing with their uncertainty, unidentified directions, own-joint curve, warm-up and gear ripple.
 pub fn parameters(
     identifiability: Option<&IdentifyReport>,
     changes: &[FrameChange],
     ripple: &[Ripple],
     curve: Option<(f64, f64, usize)>,
+    warm_up: Option<&WarmUpReport>,
 ) -> Section {
     let mut section = Section::new("parameters", "What was wrong with the arm");
     let Some(identifiability) = identifiability else {
@@ -143,6 +145,23 @@ pub fn parameters(
             (Number::new(amplitude, 0, at("amplitude_urad"))) " µrad, a length scale of "
             (Number::new(length_scale, 1, at("length_scale_deg"))) "° and up to "
             (Number::count(orders, at("orders"))) " cycles per turn."
+        });
+    }
+    if let Some(found) = warm_up {
+        let at = |name: &str| format!("/elastic/warm_up/{name}");
+        section = section.text(html! {
+            "Warm-up: while the arm was measured, targets moved by up to "
+            (Number::new(found.largest_mm, 3, at("largest_mm"))) " mm, "
+            @if let Some(time) = found.time_constant {
+                "with a time constant of " (Number::new(time, 0, at("time_constant"))) " " (found.unit.name()) ". "
+            } @else {
+                "steadily. "
+            }
+            @if found.removed {
+                "It was removed from the measurements: the model is that of the arm at the last row."
+            } @else {
+                "The model is that of a mean over the rows."
+            }
         });
     }
     if !ripple.is_empty() {

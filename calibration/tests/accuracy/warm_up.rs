@@ -1,0 +1,167 @@
+//! Warm-up: planted in a simulated arm it is found and removed, and an arm without it shows none.
+
+use poegp_calibration::blob::write::{CalibratedBlob, calibrate_to_blob};
+use poegp_calibration::learning::elastic::options::WarmUpPolicy;
+use poegp_calibration::measurement::elapsed::{Elapsed, TimeUnit};
+use poegp_calibration::measurement::sample::InstrumentSample;
+use poegp_calibration::model::Method;
+use poegp_calibration::model::config::Config;
+use poegp_calibration::numeric::statistics::ErrorSummary;
+use poegp_calibration::progress::FitContext;
+use poegp_calibration::robot::Robot;
+use poegp_calibration::validation::cross_validation::Task;
+use poegp_runtime::math::se3::Pose;
+use rand::SeedableRng;
+use rand::seq::SliceRandom;
+use rand_chacha::ChaCha8Rng;
+
+use crate::never_worse::task;
+use crate::{arm, origin, samples, say, simulated_path};
+
+/// Rows, and the time constant in rows.
+const ROWS: usize = 100;
+const TIME_CONSTANT: f64 = 25.0;
+/// Change of the zeros of joints 2 and 3 at the first row, rad.
+const ZEROS: [f64; 2] = [200e-6, -400e-6];
+
+/// `samples` in the order of time.
+fn in_order(samples: &[InstrumentSample]) -> Vec<InstrumentSample> {
+    let timed = |(row, sample): (usize, &InstrumentSample)| InstrumentSample {
+        elapsed: Some(Elapsed {
+            value: row as f64,
+            unit: TimeUnit::Rows,
+        }),
+        ..sample.clone()
+    };
+    samples.iter().enumerate().map(timed).collect()
+}
+
+/// An arm whose joints 2 and 3 are displaced when the session begins; `instrument_from_base` is about where the base stands.
+fn warming_up(
+    robot: &Robot,
+    samples: &[InstrumentSample],
+    instrument_from_base: &Pose<f64>,
+) -> Vec<InstrumentSample> {
+    let chain = robot.chain().unwrap();
+    let displaced = |sample: &InstrumentSample| {
+        let share = libm::exp(-sample.elapsed.unwrap().value / TIME_CONSTANT);
+        let mut joints = sample.joints.clone();
+        for (joint, zero) in joints[1..].iter_mut().zip(ZEROS) {
+            *joint += share * zero;
+        }
+        let cold = chain.forward(&robot.serial_joints(&joints));
+        let warm = chain.forward(&sample.serial_joints);
+        let moved = *instrument_from_base * cold * warm.inverse() * instrument_from_base.inverse();
+        InstrumentSample {
+            observation: sample.observation.transformed(&moved),
+            ..sample.clone()
+        }
+    };
+    samples.iter().map(displaced).collect()
+}
+
+fn elastic(warm_up: WarmUpPolicy) -> Config {
+    Config {
+        warm_up,
+        ..Config::new(Method::Elastic)
+    }
+}
+
+fn calibrate(robot: &Robot, samples: &[InstrumentSample], config: &Config) -> CalibratedBlob {
+    calibrate_to_blob(robot, samples, config, &origin(1), &FitContext::default())
+        .unwrap_or_else(|e| panic!("{e}"))
+}
+
+/// Removed, the model is as good for the warm arm as one of an arm that never was cold; kept, it is worse. The order of the
+/// rows in memory does not matter, only their time; and rows that were held out are seen without the warm-up, too.
+#[test]
+fn a_warm_up_is_found_and_removed() {
+    let (robot, _) = arm("abb-irb4400-serial");
+    let steady = in_order(&samples(&simulated_path("paper_s0_train"), &robot)[..ROWS]);
+    let test = samples(&simulated_path("paper_s0_test1"), &robot);
+    let remove = elastic(WarmUpPolicy::Remove);
+    let mean = |samples: &[InstrumentSample], config: &Config| {
+        let found = calibrate(&robot, samples, config);
+        let errors = ErrorSummary::new(&found.blob.errors(&test));
+        (errors.position_mm.mean, found.calibration)
+    };
+    let (expected, calibration) = mean(&steady, &remove);
+    assert!(calibration.warm_up.is_none(), "found where there is none");
+    let base = calibration.base_and_tools.instrument_from_base;
+    let mut samples = warming_up(&robot, &steady, &base);
+    let (kept, calibration) = mean(&samples, &elastic(WarmUpPolicy::Keep));
+    assert!(!calibration.warm_up.unwrap().report.removed);
+    samples.shuffle(&mut ChaCha8Rng::seed_from_u64(3));
+    let (removed, calibration) = mean(&samples, &remove);
+    let report = calibration.warm_up.as_ref().unwrap().report.clone();
+    say(format_args!(
+        "never cold {expected:.4} mm, warm-up kept {kept:.4}, removed {removed:.4}; {}",
+        report.line()
+    ));
+    assert!(report.removed);
+    assert!(
+        removed < 1.15 * expected,
+        "{removed} mm, {expected} without"
+    );
+    assert!(kept > 1.3 * expected, "{kept} mm, {expected} without");
+    let time_constant = report.time_constant.unwrap() / TIME_CONSTANT;
+    assert!((0.4..2.5).contains(&time_constant), "{time_constant}");
+    for (found, planted) in report.joint_zeros_urad[1..].iter().zip(ZEROS) {
+        let part = found / (-1e6 * planted);
+        assert!((0.6..1.4).contains(&part), "{found} µrad, {part}");
+    }
+    // Without it every row is where the steady arm was.
+    let corrected = calibration.without_warm_up(samples.clone());
+    let off = |rows: &[InstrumentSample]| {
+        let far = rows.iter().map(|row| {
+            let steady = &steady[row.elapsed.unwrap().value as usize];
+            1e3 * (row.observation.position() - steady.observation.position()).norm()
+        });
+        far.sum::<f64>() / rows.len() as f64
+    };
+    let (before, after) = (off(&samples), off(&corrected));
+    assert!(after < 0.35 * before, "{before} mm, {after} after");
+}
+
+/// Rows that were held out are compared without the warm-up that the others show.
+#[test]
+fn rows_held_out_are_seen_without_the_warm_up() {
+    let (robot, _) = arm("abb-irb4400-serial");
+    let steady = in_order(&samples(&simulated_path("paper_s0_train"), &robot)[..ROWS]);
+    let base = calibrate(&robot, &steady, &Config::new(Method::BaseTool));
+    let base = base.calibration.base_and_tools.instrument_from_base;
+    let samples = warming_up(&robot, &steady, &base);
+    let origin = origin(1);
+    let mean = |samples: &[InstrumentSample], policy| {
+        let task = Task {
+            folds: 3,
+            ..task(&robot, samples, &origin)
+        };
+        let errors = task.held_out(&elastic(policy), &mut || ()).unwrap();
+        ErrorSummary::new(&errors).position_mm.mean
+    };
+    let expected = mean(&steady, WarmUpPolicy::Remove);
+    let kept = mean(&samples, WarmUpPolicy::Keep);
+    let removed = mean(&samples, WarmUpPolicy::Remove);
+    say(format_args!(
+        "held out: never cold {expected:.4} mm, kept {kept:.4}, removed {removed:.4}"
+    ));
+    assert!(removed < 1.2 * expected, "{removed} mm, {expected} without");
+    assert!(kept > 1.15 * expected, "{kept} mm, {expected} without");
+}
+
+/// An arm that does not warm up shows none, also where rows that follow each other are alike: the processes explain what
+/// depends on the joints.
+#[test]
+fn rows_in_the_order_of_a_joint_show_no_warm_up() {
+    let (robot, _) = arm("abb-irb4400-serial");
+    for (scenario, joint) in [("wild", 0), ("wild", 1), ("rich", 2)] {
+        let path = simulated_path(&format!("{scenario}_s0_train"));
+        let mut rows = samples(&path, &robot);
+        rows.truncate(100);
+        rows.sort_by(|one, other| one.joints[joint].total_cmp(&other.joints[joint]));
+        let found = calibrate(&robot, &in_order(&rows), &elastic(WarmUpPolicy::Keep));
+        let report = found.calibration.warm_up.map(|w| w.report);
+        assert!(report.is_none(), "{scenario}, joint {joint}: {report:?}");
+    }
+}
