@@ -133,7 +133,7 @@ mod tests {
 
     #[test]
     fn rows_that_are_sorted_have_no_moment() {
-        let rows: Vec<String> = (0..9).map(|i| format!("{i},{},0,0", i * 37 % 11)).collect();
+        let rows: Vec<String> = (0..9).map(|i| format!("{i},{},1,2", i * 37 % 11)).collect();
         let sorted = format!("q1_deg,x_mm,y_mm,z_mm\n{}\n", rows.join("\n"));
         assert_eq!(elapsed(&sorted), [None; 9]);
     }
