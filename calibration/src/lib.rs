@@ -34,6 +34,7 @@ pub mod identification;
 pub mod input_error;
 pub mod learning;
 pub mod measurement;
+pub mod memory;
 pub mod model;
 pub mod numeric;
 pub mod planning;

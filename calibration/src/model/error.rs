@@ -35,6 +35,20 @@ pub enum CalibrationError {
         /// The method asked for.
         method: &'static str,
     },
+    /// More poses than there is memory for.
+    #[error(
+        "{found} poses: `{method}` needs about {needed_mb} MB of memory for them, and {available_mb} MB are free"
+    )]
+    TooLittleMemory {
+        /// Poses there.
+        found: usize,
+        /// Memory that a fit to them takes.
+        needed_mb: u64,
+        /// Memory that is free.
+        available_mb: u64,
+        /// The method asked for.
+        method: &'static str,
+    },
     /// The task-space process for positions alone.
     #[error("`{method}` compares whole poses; use base-tool, poe or elastic for positions alone")]
     PositionsAlone {

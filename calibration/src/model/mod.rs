@@ -27,6 +27,7 @@ use crate::learning::elastic::options::OutlierPolicy;
 use crate::learning::elastic::outliers::Outlier;
 use crate::learning::task_space::fit::SignalVarianceLimit;
 use crate::measurement::sample::{InstrumentSample, different_poses, in_base_frame};
+use crate::memory;
 use crate::model::config::Config;
 use crate::model::methods::problem::{Problem, has_whole_poses};
 use crate::progress::FitContext;
@@ -60,6 +61,7 @@ pub(crate) fn calibrate_within(
     context: &FitContext,
 ) -> Result<Calibration, CalibrationError> {
     check(robot, samples, config.method)?;
+    check_memory(samples.len(), config, memory::available())?;
     let nominal = robot.chain()?;
     let (mut base_and_tools, mut problem) =
         posed(robot, &nominal, samples, config, signal_variance);
@@ -161,6 +163,25 @@ fn gear_lines(robot: &Robot) -> Vec<GearLine> {
     out
 }
 
+/// Refuses a fit that does not fit into the memory that is free, before it starts; nothing where that is not known.
+fn check_memory(
+    found: usize,
+    config: &Config,
+    available: Option<u64>,
+) -> Result<(), CalibrationError> {
+    const MB: u64 = 1_000_000;
+    let needed = config.method.memory(found, config.hyperparameters);
+    match available {
+        Some(available) if needed > available => Err(CalibrationError::TooLittleMemory {
+            found,
+            needed_mb: needed.div_ceil(MB),
+            available_mb: available / MB,
+            method: config.method.name(),
+        }),
+        _ => Ok(()),
+    }
+}
+
 /// Rejects data that the method cannot use.
 fn check(
     robot: &Robot,
@@ -194,4 +215,27 @@ fn check(
         return Err(CalibrationError::NoPayload);
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_fit_that_does_not_fit_into_memory_is_refused_with_the_numbers() {
+        let config = Config::new(Method::PoeGp);
+        let text = |available| match check_memory(4000, &config, available) {
+            Ok(()) => "ok".to_owned(),
+            Err(error) => error.to_string(),
+        };
+        assert_eq!(text(None), "ok");
+        assert_eq!(text(Some(2_000_000_000)), "ok");
+        assert_eq!(
+            text(Some(500_000_000)),
+            "4000 poses: `poe-gp` needs about 1064 MB of memory for them, and 500 MB are free"
+        );
+        // The dense solution of the elastic model does not grow with the poses.
+        let elastic = |poses| Method::Elastic.memory(poses, config.hyperparameters);
+        assert!(elastic(12_000) < elastic(800) + 200_000_000);
+    }
 }

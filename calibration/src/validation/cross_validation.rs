@@ -6,8 +6,6 @@ use poegp_protocol::JointKind;
 use serde::Serialize;
 
 use crate::blob::write::{CalibratedBlob, DeviceError, Provenance, calibrate_to_blob};
-use crate::identification::parametric::state::ROWS;
-use crate::learning::elastic::fit::DENSE_POSES;
 use crate::measurement::folds::Folds;
 use crate::measurement::sample::InstrumentSample;
 use crate::measurement::samples::Samples;
@@ -119,15 +117,11 @@ pub struct Task<'a> {
 }
 
 /// Memory that the folds at a time may take, bytes.
-const MEMORY: usize = 2 << 30;
-/// Matrices of the dense solution that one calibration holds at a time.
-const MATRICES: usize = 5;
-
+const MEMORY: u64 = 2 << 30;
 /// Folds of so many poses that fit into [`MEMORY`] together, and one in any case.
-fn folds_in_memory(poses: usize) -> usize {
-    let rows = ROWS * poses.min(DENSE_POSES);
-    let one = MATRICES * rows * rows * size_of::<f64>();
-    (MEMORY / one.max(1)).max(1)
+fn folds_in_memory(poses: usize, config: &Config) -> usize {
+    let one = config.method.memory(poses, config.hyperparameters);
+    usize::try_from(MEMORY / one.max(1)).map_or(1, |folds| folds.max(1))
 }
 
 impl Task<'_> {
@@ -213,12 +207,14 @@ impl Task<'_> {
         let mut out: Vec<Option<HeldOutPose>> = vec![None; self.train.len()];
         let mut next = 0..self.folds;
         let at_a_time = self.threads.min(self.folds);
-        let at_a_time = at_a_time.min(folds_in_memory(self.train.len())).max(1);
+        let at_a_time = at_a_time
+            .min(folds_in_memory(self.train.len(), config))
+            .max(1);
         let each = self.threads.div_ceil(at_a_time);
         in_order(
             self.threads
                 .min(self.folds)
-                .min(folds_in_memory(self.train.len())),
+                .min(folds_in_memory(self.train.len(), config)),
             || Ok(next.next()),
             |k| -> Result<_, CompareError> {
                 let (train, tests) = folds.split(self.train, k);

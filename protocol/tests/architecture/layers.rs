@@ -55,6 +55,7 @@ const CRATES: [Layer; 6] = [
         rooms: &[
             "input_error",
             "progress",
+            "memory",
             "numeric",
             "device_cost",
             "robot",

@@ -106,6 +106,18 @@ pub fn calibration_failure(path: &Path, error: &CalibrationError) -> Failure {
         )
         .with_help("use --method elastic, which takes any number of poses")
         .into(),
+        CalibrationError::TooLittleMemory {
+            found,
+            needed_mb,
+            available_mb,
+            method,
+        } => InputError::new(
+            path,
+            format!("{found} poses, for which `{method}` needs about {needed_mb} MB of memory"),
+            format!("poses for the {available_mb} MB that are free"),
+        )
+        .with_help("use fewer rows, or end other programs")
+        .into(),
         CalibrationError::NoPayload => InputError::new(
             path,
             "no payload_kg column",

@@ -128,7 +128,7 @@ impl WarmUp {
                 (time_constant, evidence.largest())
             })
             .max_by(|(_, one), (_, other)| one.rise.total_cmp(&other.rise))?;
-        let (time_constant, Found { rise, change }) = best;
+        let (time_constant, LikelyChange { rise, change }) = best;
         if rise <= RISE {
             return None;
         }
@@ -244,14 +244,14 @@ struct Evidence {
 }
 
 /// The most likely change, and by how much it raises the log evidence.
-struct Found {
+struct LikelyChange {
     rise: f64,
     change: Vec<f64>,
 }
 
 impl Evidence {
     /// With the standard deviations of base, tool and joints that raise it most.
-    fn largest(&self) -> Found {
+    fn largest(&self) -> LikelyChange {
         let mut deviations = [DEVIATIONS[4]; GROUPS];
         let mut best = self.with(&deviations);
         for _ in 0..ROUNDS {
@@ -274,13 +274,13 @@ impl Evidence {
     }
 
     /// With these standard deviations: R = Λ½, B = I + R M R, change = R B⁻¹ R u.
-    fn with(&self, deviations: &[f64; GROUPS]) -> Found {
+    fn with(&self, deviations: &[f64; GROUPS]) -> LikelyChange {
         let count = self.m.nrows();
         let r = |i: usize| deviations[(i / ROWS).min(GROUPS - 1)];
         let b = Mat::from_fn(count, count, |i, j| {
             f64::from(u8::from(i == j)) + r(i) * self.m[(i, j)] * r(j)
         });
-        let none = Found {
+        let none = LikelyChange {
             rise: f64::NEG_INFINITY,
             change: vec![0.0; count],
         };
@@ -294,7 +294,7 @@ impl Evidence {
             .map(|i| 0.5 * scaled[(i, 0)] * solved[(i, 0)] - libm::log(lower[(i, i)]))
             .sum();
         let change = (0..count).map(|i| r(i) * solved[(i, 0)]).collect();
-        Found { rise, change }
+        LikelyChange { rise, change }
     }
 }
 

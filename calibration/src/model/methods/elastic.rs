@@ -1,25 +1,35 @@
 //! The elastic model: the chain, gravity terms, own-joint curves, gear ripple and joint processes, solved together.
 
+use crate::identification::parametric::state::ROWS;
 use crate::learning::elastic::device_variance::device_variance;
-use crate::learning::elastic::fit::{fit_robust, solve_units};
+use crate::learning::elastic::fit::{DENSE_POSES, fit_robust, solve_units};
 use crate::learning::elastic::options::{ElasticOptions, NominalArm, WarmUpPolicy};
 use crate::learning::elastic::predictive_variance::Uncertainty;
 use crate::learning::elastic::reduced_model::ElasticModel;
 use crate::learning::elastic::solution::FitError;
 use crate::learning::elastic::variance_inflation::RefitSpec;
 use crate::learning::elastic::warm_up::WarmUp;
+use crate::learning::task_space::fit::HyperparameterSharing;
 use crate::measurement::sample::BaseSample;
 use crate::model::correction::Correction;
 use crate::model::error::CalibrationError;
 use crate::model::methods::problem::{
-    CalibrationMethod, Fit, FrameEstimate, Problem, seen_from_first,
+    CalibrationMethod, FOR_A_POSE, Fit, FrameEstimate, Problem, seen_from_first,
 };
 use crate::progress::FitContext;
 
 /// The elastic model.
 pub struct Elastic;
 
+/// Matrices of the dense solution that a fit holds at a time: 663 MB were measured at 800 poses.
+const MATRICES: u64 = 4;
+
 impl CalibrationMethod for Elastic {
+    fn memory(&self, poses: usize, _: HyperparameterSharing) -> u64 {
+        let rows = (ROWS * poses.min(DENSE_POSES)) as u64;
+        8 * MATRICES * rows * rows + FOR_A_POSE * poses as u64
+    }
+
     fn fit(&self, problem: &Problem, context: &FitContext) -> Result<Fit, CalibrationError> {
         fit_elastic(problem, &problem.elastic, context)
     }

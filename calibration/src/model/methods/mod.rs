@@ -8,6 +8,7 @@ mod task_space;
 
 use serde::{Deserialize, Serialize};
 
+use crate::learning::task_space::fit::HyperparameterSharing;
 use crate::model::methods::problem::{CalibrationMethod, DataRequirements};
 
 /// A calibration method by its name, simplest first.
@@ -78,6 +79,11 @@ impl Method {
     /// Least number of whole poses of a robot of `joints` joints.
     pub fn min_poses(self, joints: usize) -> usize {
         self.implementation().min_poses(joints)
+    }
+
+    /// Memory that a fit to so many poses takes, bytes.
+    pub fn memory(self, poses: usize, hyperparameters: HyperparameterSharing) -> u64 {
+        self.implementation().memory(poses, hyperparameters)
     }
 
     /// Most poses that it takes, if there is a limit.

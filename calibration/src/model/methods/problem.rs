@@ -17,6 +17,9 @@ use crate::model::correction::Correction;
 use crate::model::error::CalibrationError;
 use crate::progress::FitContext;
 
+/// Bytes for a pose and its linear equations.
+pub(super) const FOR_A_POSE: u64 = 10_000;
+
 /// A calibration method.
 pub trait CalibrationMethod: Sync {
     /// What it needs of the data.
@@ -37,6 +40,12 @@ pub trait CalibrationMethod: Sync {
     /// Most poses that it takes, if there is a limit.
     fn max_poses(&self) -> Option<usize> {
         None
+    }
+
+    /// Memory that a fit to so many poses takes, bytes.
+    fn memory(&self, poses: usize, hyperparameters: HyperparameterSharing) -> u64 {
+        let _ = hyperparameters;
+        FOR_A_POSE * poses as u64
     }
 
     /// Fits the model.

@@ -4,11 +4,14 @@ use poegp_protocol::limits::OUTPUTS;
 
 use crate::identification::frame_fit::{ResidualFrame, residual_components};
 use crate::learning::task_space;
+use crate::learning::task_space::fit::HyperparameterSharing;
 use crate::measurement::sample::BaseSample;
 use crate::model::correction::{Correction, TaskSpaceCorrection};
 use crate::model::error::CalibrationError;
 use crate::model::methods::poe::PoeMethod;
-use crate::model::methods::problem::{CalibrationMethod, DataRequirements, Fit, Problem};
+use crate::model::methods::problem::{
+    CalibrationMethod, DataRequirements, FOR_A_POSE, Fit, Problem,
+};
 use crate::progress::FitContext;
 
 /// All frames of the chain and a Gaussian process of the joints.
@@ -33,6 +36,16 @@ impl CalibrationMethod for TaskSpace {
 
     fn max_poses(&self) -> Option<usize> {
         Some(task_space::MAX_POINTS)
+    }
+
+    /// 60 and 55 bytes for each pair of poses were measured with 1 000 and 2 000; with hyperparameters of their own, the
+    /// outputs have factors of their own.
+    fn memory(&self, poses: usize, hyperparameters: HyperparameterSharing) -> u64 {
+        let matrices = match hyperparameters {
+            HyperparameterSharing::Shared => 8,
+            HyperparameterSharing::PerOutput => 8 + OUTPUTS as u64 - 1,
+        };
+        8 * matrices * (poses as u64).pow(2) + FOR_A_POSE * poses as u64
     }
 
     fn fit(&self, problem: &Problem, context: &FitContext) -> Result<Fit, CalibrationError> {
