@@ -59,7 +59,8 @@ fn start(reason: StartReason) -> Option<(Services, Shell)> {
         flash_blocks: Chosen::FLASH_BLOCKS,
         start: reason,
     };
-    let bypass = retained(Retained::Bypass) == Some(1);
+    // A restart in the middle of noting it leaves no number: then commands are better not corrected.
+    let bypass = retained(Retained::Bypass) != Some(0);
     cycle::START.put(Front {
         cycle: Cycle::new(active, &board, bypass),
         receiver,

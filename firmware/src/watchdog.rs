@@ -119,8 +119,8 @@ pub fn start_reason() -> StartReason {
             _ => StartReason::Unexplained,
         }
     } else {
-        retain(Retained::Restarts, 0);
         retain(Retained::Bypass, 0);
+        retain(Retained::Restarts, 0);
         StartReason::PowerOn
     };
     note(StartReason::Unexplained);

@@ -32,8 +32,8 @@ const AT_ONCE: Duration = Duration::from_secs(5);
 const WATCHDOG: Duration = Duration::from_secs(8);
 /// Ten seconds without a beat, then the watchdog.
 const BACKGROUND: Duration = Duration::from_secs(18);
-/// For a busy machine.
-const MORE: Duration = Duration::from_secs(10);
+/// For an answer that the restart swallows, for which the client waits 10 s, and for a busy machine.
+const MORE: Duration = Duration::from_secs(25);
 
 fn with_plants() -> &'static Firmware {
     firmware_with(Board::default(), Variant::Plants).unwrap_or_else(|error| panic!("{error}"))
