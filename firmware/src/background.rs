@@ -5,7 +5,7 @@ use cortex_m_rt::entry;
 use embedded_io::{Write, WriteReady};
 use heapless::Vec;
 use poegp_protocol::link::frame::{self, MAX_FRAME, Receiver};
-use poegp_protocol::link::{ModelIdentity, Refusal, Request, Response, Statistics};
+use poegp_protocol::link::{ModelIdentity, Refusal, Request, Response, StartReason, Statistics};
 use poegp_runtime::service::{
     Background, BoardInfo, Cycle, CycleAck, CycleCommand, Device, ModelSlot,
 };
@@ -15,7 +15,9 @@ use static_cell::ConstStaticCell;
 use crate::board::{Board, Chosen};
 use crate::capacity::{BYTES, WORDS};
 use crate::cycle::{self, Answer, Front};
+use crate::hal_unsafe::{Retained, retain, retained};
 use crate::uart::{self, LINE, Line};
+use crate::watchdog::{self, WatchedFlash};
 use crate::{defmt_ring, hal_unsafe, log};
 
 // Everything large is static, so that the linker proves that it fits. All of it is zero at the start and takes no flash.
@@ -26,35 +28,39 @@ static RECEIVERS: ConstStaticCell<[Receiver; 2]> =
     ConstStaticCell::new([Receiver::new(), Receiver::new()]);
 static BUFFERS: ConstStaticCell<[[u8; MAX_FRAME]; 4]> = ConstStaticCell::new([[0; MAX_FRAME]; 4]);
 
-type Services = Background<'static, <Chosen as Board>::Flash, WORDS, BYTES>;
+type Services = Background<'static, WatchedFlash<<Chosen as Board>::Flash>, WORDS, BYTES>;
 
 #[entry]
 fn main() -> ! {
-    // `None` cannot happen: the reset handler calls this once, and the layout of the board is right.
-    if let Some((mut services, mut shell)) = start() {
-        shell.boot(&mut services);
+    let reason = watchdog::start_reason();
+    if let Some((mut services, mut shell)) = start(reason) {
+        shell.boot(&mut services, &reason);
         loop {
+            watchdog::beat();
             shell.turn(&mut services);
         }
     }
-    halt()
+    // Cannot happen: the reset handler calls this once, and the layout of the board is right.
+    watchdog::restart(StartReason::Panic { line: line!() })
 }
 
-fn start() -> Option<(Services, Shell)> {
+fn start(reason: StartReason) -> Option<(Services, Shell)> {
     let [active, spare] = MODELS.try_take()?;
     let [receiver, other_receiver] = RECEIVERS.try_take()?;
     let [scratch, out, own_scratch, answer] = BUFFERS.try_take()?;
     let staged = STAGED.try_take()?;
     let parts = Chosen::start()?;
-    hal_unsafe::count_start();
+    watchdog::beat();
     let board = BoardInfo {
         board: Chosen::NAME,
         image_crc: hal_unsafe::image_crc(),
         tick_hz: Chosen::TICK_HZ,
         deadline_ticks: Chosen::DEADLINE_TICKS,
         flash_blocks: Chosen::FLASH_BLOCKS,
+        start: reason,
     };
-    let bypass = hal_unsafe::retained_bypass();
+    // A restart in the middle of noting it leaves no number: then commands are better not corrected.
+    let bypass = retained(Retained::Bypass) != Some(0);
     cycle::START.put(Front {
         cycle: Cycle::new(active, &board, bypass),
         receiver,
@@ -67,7 +73,7 @@ fn start() -> Option<(Services, Shell)> {
     LINE.put(Line::new(parts.link));
     hal_unsafe::start_system_handlers(parts.core_hz / 100);
     Chosen::listen();
-    let store = Store::new(parts.flash, parts.layout).ok()?;
+    let store = Store::new(WatchedFlash(parts.flash), parts.layout).ok()?;
     let shell = Shell {
         log: parts.log,
         scratch: own_scratch,
@@ -87,8 +93,8 @@ struct Shell {
 }
 
 impl Shell {
-    fn boot(&mut self, services: &mut Services) {
-        log::start(Chosen::NAME);
+    fn boot(&mut self, services: &mut Services, reason: &StartReason) {
+        log::start(Chosen::NAME, reason);
         for refusal in services.boot(&mut self.calls).iter().flatten() {
             log::not_started(refusal);
         }
@@ -107,7 +113,11 @@ impl Shell {
     fn turn(&mut self, services: &mut Services) {
         if let Some(receiver) = cycle::WORK.take() {
             let (sequence, response) = match receiver.message::<Request<'_>>() {
-                Ok((sequence, request)) => (sequence, services.handle(&request, &mut self.calls)),
+                Ok((sequence, request)) => {
+                    #[cfg(feature = "plants")]
+                    crate::plants::in_background(&request);
+                    (sequence, services.handle(&request, &mut self.calls))
+                }
                 // Cannot happen: the cycle has read it.
                 Err(_) => (0, Response::Refused(Refusal::UnknownMessage)),
             };
@@ -117,12 +127,13 @@ impl Shell {
             log::answered(&response);
             self.answer(sequence, &response);
             if let Response::Identity(identity) = &response {
-                hal_unsafe::retain_bypass(identity.bypass);
+                retain(Retained::Bypass, u32::from(identity.bypass));
                 self.log_model(&identity.model);
             }
             if response == Response::Restarting {
+                // Without a beat: the watchdog restarts the board if the line does not become empty.
                 while !uart::is_sent() {}
-                hal_unsafe::restart();
+                watchdog::restart(StartReason::Requested);
             }
         }
         self.drain_log();
@@ -138,7 +149,8 @@ impl Shell {
                 SCB::set_pendsv();
                 return;
             }
-            // The one before it waits for room on the line.
+            // The one before it waits for an empty line. A full one is the controller's affair, and no hang.
+            watchdog::beat();
             SCB::set_pendsv();
         }
     }
@@ -166,7 +178,7 @@ impl Device<'static, WORDS> for Calls {
     fn order(&mut self, order: CycleCommand<'static, WORDS>) -> CycleAck<'static, WORDS> {
         cycle::ORDER.put(order);
         loop {
-            // Pre-empts this at once; its report is there when it is over.
+            // Pre-empts this at once; its report is there when it is over. A report that never comes ends the beats.
             SCB::set_pendsv();
             cortex_m::asm::isb();
             if let Some(report) = cycle::REPORT.take() {
@@ -178,21 +190,7 @@ impl Device<'static, WORDS> for Calls {
     fn complete(&mut self, statistics: &mut Statistics) {
         statistics.lost_bytes = uart::lost();
         statistics.lost_logs = defmt_ring::lost();
-        statistics.restarts = hal_unsafe::restarts();
+        statistics.restarts = retained(Retained::Restarts).unwrap_or(0);
         statistics.stack_bytes = hal_unsafe::stack_bytes();
     }
-}
-
-/// Stops for good: the watchdog restarts the board.
-fn halt() -> ! {
-    loop {
-        cortex_m::asm::nop();
-    }
-}
-
-// No message: formatting would cost more flash than the whole model code, and nothing here is meant to panic. A hard
-// fault ends the same way, in the default handler of cortex-m-rt.
-#[panic_handler]
-fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
-    halt()
 }

@@ -49,7 +49,7 @@ pub trait Board {
     fn listen();
     /// A free-running counter that wraps around at 2³².
     fn ticks() -> u32;
-    /// Keeps the watchdog from restarting the board.
+    /// Keeps the watchdog from restarting the board. Only `watchdog` calls this.
     fn feed_watchdog();
 }
 

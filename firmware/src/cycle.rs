@@ -15,6 +15,7 @@ use crate::board::{Board, Chosen};
 use crate::capacity::WORDS;
 use crate::mailbox::{Mailbox, Slot};
 use crate::uart::{self, CHUNK};
+use crate::watchdog;
 
 /// An encoded answer of the background.
 pub struct Answer {
@@ -38,7 +39,7 @@ pub static WORKED: Mailbox<&'static mut Receiver> = Mailbox::new();
 pub static ANSWER: Mailbox<Answer> = Mailbox::new();
 /// Its buffer after it was sent.
 pub static ANSWERED: Mailbox<&'static mut [u8; MAX_FRAME]> = Mailbox::new();
-/// Whether cyclic requests are expected: then only they feed the watchdog.
+/// Whether cyclic requests are expected: then only their answers feed the watchdog.
 static RUNNING: AtomicBool = AtomicBool::new(false);
 
 /// Everything that belongs to the cycle.
@@ -126,7 +127,7 @@ impl Front {
             uart::send(self.out.get(..length).unwrap_or(&[]));
         }
         if matches!(taken, FrameOutcome::Completed(_)) {
-            Chosen::feed_watchdog();
+            watchdog::cycle_completed();
         }
     }
 }
@@ -134,6 +135,8 @@ impl Front {
 #[exception]
 fn PendSV() {
     static mut FRONT: Slot<Front> = Slot::Empty;
+    #[cfg(feature = "plants")]
+    crate::plants::in_cycle();
     if let Slot::Empty = FRONT
         && let Some(front) = START.take()
     {
@@ -155,7 +158,5 @@ fn SysTick() {
     if *COUNT == 0 {
         SCB::set_pendsv();
     }
-    if !RUNNING.load(Ordering::Relaxed) {
-        Chosen::feed_watchdog();
-    }
+    watchdog::look(RUNNING.load(Ordering::Relaxed));
 }

@@ -140,60 +140,52 @@ pub fn image_crc() -> u32 {
     digest.finalize()
 }
 
-/// Survives a restart, but no power failure: neither loaded nor cleared at the start.
+/// Survives a restart, but no power failure: neither loaded nor cleared at the start. Each number has its complement, mixed
+/// with a constant, behind it: memory that has lost its power reads as no number, and so does one that a restart cut short.
 ///
 /// ```text
-///  word 0  marks the rest as valid     word 1  restarts so far     word 2  1: bypass
+///  number  0  restarts so far     1  bypass     2  why the next start will have come     3  where a panic or a fault was
 /// ```
 #[unsafe(link_section = ".uninit.retained")]
-static mut RETAINED: [u32; 3] = [0; 3];
+static mut RETAINED: [u32; 2 * NUMBERS] = [0; 2 * NUMBERS];
 
-const VALID: u32 = 0x706f_6567;
+const NUMBERS: usize = 4;
+const CHECK: u32 = !0x706f_6567;
 
-fn retained(word: usize) -> u32 {
-    // SAFETY: three words, only touched here and below, from the background; any bits are a number.
-    unsafe {
-        (&raw const RETAINED)
-            .cast::<u32>()
-            .add(word % 3)
-            .read_volatile()
-    }
+/// What outlives a restart. Each is written at one priority only, or by what ends in a restart.
+#[derive(Clone, Copy)]
+pub enum Retained {
+    /// Starts since the power came, but the first. Written at the start.
+    Restarts,
+    /// 1 when corrections are bypassed. Written by the background.
+    Bypass,
+    /// Why the next start will have come. Written by SysTick.
+    Reason,
+    /// Where: belongs to the reason.
+    Where,
 }
 
-fn retain(word: usize, value: u32) {
+/// The number that was retained, if it is one.
+pub fn retained(which: Retained) -> Option<u32> {
+    let number = (&raw const RETAINED)
+        .cast::<u32>()
+        .wrapping_add(2 * which as usize);
+    // SAFETY: inside the array, which nothing but this and `retain` touches; any bits are a number. An interrupt between
+    // the two reads writes neither: see `Retained`.
+    let (value, check) = unsafe { (number.read_volatile(), number.add(1).read_volatile()) };
+    (value ^ check == CHECK).then_some(value)
+}
+
+/// Keeps a number.
+pub fn retain(which: Retained, value: u32) {
+    let number = (&raw mut RETAINED)
+        .cast::<u32>()
+        .wrapping_add(2 * which as usize);
     // SAFETY: as above.
     unsafe {
-        (&raw mut RETAINED)
-            .cast::<u32>()
-            .add(word % 3)
-            .write_volatile(value)
+        number.write_volatile(value);
+        number.add(1).write_volatile(value ^ CHECK);
     }
-}
-
-/// Counts this start; the first after a power failure is number 0. Called once.
-pub fn count_start() {
-    if retained(0) == VALID {
-        retain(1, retained(1).saturating_add(1));
-    } else {
-        retain(1, 0);
-        retain(2, 0);
-        retain(0, VALID);
-    }
-}
-
-/// Starts since the power failed, but the first.
-pub fn restarts() -> u32 {
-    retained(1)
-}
-
-/// Whether the bypass was on before the restart.
-pub fn retained_bypass() -> bool {
-    retained(2) == 1
-}
-
-/// Keeps whether the bypass is on.
-pub fn retain_bypass(on: bool) {
-    retain(2, u32::from(on));
 }
 
 /// Puts PendSV and SysTick at the lowest priority and starts SysTick with so many core cycles.
@@ -222,8 +214,8 @@ pub fn sleep_unless(there_is_work: impl FnOnce() -> bool) {
     });
 }
 
-/// Restarts the processor.
-pub fn restart() -> ! {
+/// Restarts the processor and everything around it.
+pub fn reset() -> ! {
     cortex_m::peripheral::SCB::sys_reset()
 }
 

@@ -1,15 +1,26 @@
 //! What the device says about itself with defmt: what it runs, and what it refused. Never from the cycle.
 
 use poegp_protocol::blob::envelope::DecodeError;
-use poegp_protocol::link::{ModelIdentity, Refusal, Response};
+use poegp_protocol::link::{ModelIdentity, Refusal, Response, StartReason};
 
 /// The device has started.
-pub fn start(board: &str) {
+pub fn start(board: &str, reason: &StartReason) {
     defmt::info!(
         "firmware {=str} on {=str}",
         env!("CARGO_PKG_VERSION"),
         board
     );
+    match reason {
+        StartReason::PowerOn => {}
+        StartReason::Requested => defmt::info!("restarted by a request"),
+        StartReason::Cycles => defmt::warn!("restarted by the watchdog: cycles stopped"),
+        StartReason::Background => defmt::error!("restarted by the watchdog: the background hung"),
+        StartReason::Panic { line } => defmt::error!("restarted by a panic in line {=u32}", *line),
+        StartReason::Fault { address } => {
+            defmt::error!("restarted by a fault at {=u32:08x}", *address)
+        }
+        StartReason::Unexplained => defmt::warn!("restarted by watchdog or reset line"),
+    }
 }
 
 /// A model runs, or none.

@@ -10,8 +10,9 @@
 //!  thread  background  services: verify, flash, roll back; the log            as long as it takes
 //! ```
 //!
-//! It promises: no heap; a correction waits for nothing but the bytes of one other frame. It refuses to run on the
-//! workstation, where this program is a stub that lets the workspace build.
+//! It promises: no heap; a correction waits for nothing but the bytes of one other frame; what hangs ends in a restart
+//! (`watchdog`). It refuses to run on the workstation, where this program is a stub that lets the
+//! workspace build.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 #![deny(unsafe_code)]
 
@@ -35,8 +36,12 @@ mod log;
 mod mailbox;
 #[cfg(target_os = "none")]
 mod mem_intrinsics;
+#[cfg(all(target_os = "none", feature = "plants"))]
+mod plants;
 #[cfg(target_os = "none")]
 mod uart;
+#[cfg(target_os = "none")]
+mod watchdog;
 
 #[cfg(not(target_os = "none"))]
 fn main() {

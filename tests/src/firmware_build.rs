@@ -28,19 +28,30 @@ pub const TOOLCHAIN_VARIABLE: &str = "POEGP_TOOLCHAIN";
 const PACKAGE: &str = "poegp-firmware";
 const PROFILE: &str = "firmware";
 
-/// The innermost loops of an image; both give the same bits.
+/// What distinguishes images of one board.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Kernels {
-    /// In assembly for a Cortex-M4F.
+pub enum Variant {
+    /// The product.
     #[default]
-    Assembly,
-    /// From portable source: the firmware's feature `portable-kernels`.
-    Portable,
+    Product,
+    /// The innermost loops from portable source instead of assembly for a Cortex-M4F; the same bits.
+    PortableKernels,
+    /// With faults that a test asks for.
+    Plants,
 }
 
-impl Kernels {
-    /// Both of them.
-    pub const ALL: [Self; 2] = [Self::Assembly, Self::Portable];
+impl Variant {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Product, Self::PortableKernels, Self::Plants];
+
+    /// The firmware's feature.
+    fn feature(self) -> Option<&'static str> {
+        match self {
+            Self::Product => None,
+            Self::PortableKernels => Some("portable-kernels"),
+            Self::Plants => Some("plants"),
+        }
+    }
 }
 
 /// The root of the workspace.
@@ -83,7 +94,7 @@ pub struct Firmware {
 }
 
 /// Each image has its own build folder.
-fn folder(board: Board, kernels: Kernels, toolchain: &Toolchain) -> String {
+fn folder(board: Board, variant: Variant, toolchain: &Toolchain) -> String {
     let way = match toolchain {
         Toolchain::Prebuilt { .. } => "device",
         Toolchain::BuildStd { .. } => "device-build-std",
@@ -92,9 +103,10 @@ fn folder(board: Board, kernels: Kernels, toolchain: &Toolchain) -> String {
         Board::Mps2An386 => way.to_owned(),
         other => format!("{way}-{}", other.name()),
     };
-    match kernels {
-        Kernels::Assembly => of_board,
-        Kernels::Portable => format!("{of_board}-portable"),
+    match variant {
+        Variant::Product => of_board,
+        Variant::PortableKernels => format!("{of_board}-portable"),
+        Variant::Plants => format!("{of_board}-plants"),
     }
 }
 
@@ -129,22 +141,22 @@ pub enum FirmwareError {
 /// # Errors
 /// [`FirmwareError`].
 pub fn firmware_of(board: Board) -> Result<&'static Firmware, FirmwareError> {
-    firmware_with(board, Kernels::default())
+    firmware_with(board, Variant::default())
 }
 
-/// The image of a board with a choice of the innermost loops.
+/// The image of a board in one of its variants.
 ///
 /// # Errors
 /// [`FirmwareError`].
-pub fn firmware_with(board: Board, kernels: Kernels) -> Result<&'static Firmware, FirmwareError> {
+pub fn firmware_with(board: Board, variant: Variant) -> Result<&'static Firmware, FirmwareError> {
     static BUILT: [[OnceLock<Result<Firmware, FirmwareError>>; Board::ALL.len()];
-        Kernels::ALL.len()] =
-        [const { [const { OnceLock::new() }; Board::ALL.len()] }; Kernels::ALL.len()];
-    BUILT[kernels as usize][board as usize]
+        Variant::ALL.len()] =
+        [const { [const { OnceLock::new() }; Board::ALL.len()] }; Variant::ALL.len()];
+    BUILT[variant as usize][board as usize]
         .get_or_init(|| {
             let target = env::var_os("CARGO_TARGET_DIR")
                 .map_or_else(|| workspace().join("target"), |dir| workspace().join(dir));
-            build(workspace(), &target, board, kernels, find_toolchain()?)
+            build(workspace(), &target, board, variant, find_toolchain()?)
         })
         .as_ref()
         .map_err(Clone::clone)
@@ -167,7 +179,7 @@ pub fn firmware_from(source: &Path, target: &Path) -> Result<Firmware, FirmwareE
         source,
         target,
         Board::default(),
-        Kernels::default(),
+        Variant::default(),
         find_toolchain()?,
     )
 }
@@ -275,10 +287,10 @@ fn build(
     source: &Path,
     target: &Path,
     board: Board,
-    kernels: Kernels,
+    variant: Variant,
     toolchain: Toolchain,
 ) -> Result<Firmware, FirmwareError> {
-    let directory = target.join(folder(board, kernels, &toolchain));
+    let directory = target.join(folder(board, variant, &toolchain));
     let (Toolchain::Prebuilt { rustc } | Toolchain::BuildStd { rustc }) = &toolchain;
     // The cargo that belongs to the compiler.
     let mut command = Command::new(rustc.with_file_name("cargo"));
@@ -304,8 +316,8 @@ fn build(
         .env("RUSTC", rustc)
         // Without this, defmt compiles in nothing but errors.
         .env("DEFMT_LOG", "info");
-    if kernels == Kernels::Portable {
-        command.args(["--features", "portable-kernels"]);
+    if let Some(feature) = variant.feature() {
+        command.args(["--features", feature]);
     }
     if let Toolchain::BuildStd { .. } = toolchain {
         command

@@ -26,7 +26,7 @@ use crate::hal_unsafe::{Interrupt, Region, Register, enable_interrupt};
 
 const CLOCK_HZ: u32 = 25_000_000;
 const BAUD: u32 = 115_200;
-/// Without a cycle for this long, and as long again, the board restarts.
+/// Not fed for this long, and as long again, it restarts the board.
 const WATCHDOG_TICKS: u32 = 4 * CLOCK_HZ;
 
 const TIMER_CTRL: Register = Register::at(0x4000_0000);

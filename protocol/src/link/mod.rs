@@ -22,8 +22,8 @@ mod table;
 pub use refusal::Refusal;
 pub use request::{CycleSettings, Query, Request};
 pub use response::{
-    Commanded, Corrected, Evaluation, Identity, Key, KeyId, ModelIdentity, Response, Statistics,
-    StoredModel, Trace,
+    Commanded, Corrected, Evaluation, Identity, Key, KeyId, ModelIdentity, Response, StartReason,
+    Statistics, StoredModel, Trace,
 };
 pub use table::{Message, REQUESTS, RESPONSES};
 

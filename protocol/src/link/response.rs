@@ -76,6 +76,34 @@ pub struct Identity {
     pub pending: bool,
     /// What the two slots hold, by their headers.
     pub slots: [Option<StoredModel>; 2],
+    /// Why the device started the last time.
+    pub start: StartReason,
+}
+
+/// Why the device started. All but the first keep the memory, in which the firmware notes the reason before it restarts or
+/// while its watchdog waits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum StartReason {
+    /// The power came, or was away for so long that the memory lost the note.
+    PowerOn,
+    /// By `Restart`.
+    Requested,
+    /// By the watchdog: cyclic requests were expected and none was answered.
+    Cycles,
+    /// By the watchdog: the background made no progress.
+    Background,
+    /// The firmware found itself wrong and gave up.
+    Panic {
+        /// The line of the source that did.
+        line: u32,
+    },
+    /// The processor could not execute an instruction.
+    Fault {
+        /// The address of the instruction.
+        address: u32,
+    },
+    /// Nothing was noted: the watchdog, because a cycle did not end or interrupts stayed off; or the reset line.
+    Unexplained,
 }
 
 /// Whose models a device takes.
@@ -220,7 +248,7 @@ pub struct Statistics {
     pub max_latency_ticks: u32,
     /// Models that became active.
     pub activations: u32,
-    /// Starts without a power failure in between: watchdog and `Restart`.
+    /// Starts without a power failure in between, whatever their reason.
     pub restarts: u32,
     /// Log messages that were dropped.
     pub lost_logs: u32,

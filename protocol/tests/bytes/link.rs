@@ -6,7 +6,8 @@ use serde::Serialize;
 
 use crate::listing;
 use crate::messages::{
-    decode_errors, longest_requests, longest_responses, query, refusals, requests, responses,
+    STARTS, decode_errors, longest_requests, longest_responses, query, refusals, requests,
+    responses,
 };
 
 const LINK: &str = include_str!("../../../docs/reference/link.md");
@@ -125,7 +126,7 @@ fn the_tables_are_those_of_the_documentation() {
 }
 
 #[test]
-fn the_refusals_are_those_of_the_documentation() {
+fn the_refusals_and_starts_are_those_of_the_documentation() {
     let named = |heading: &str| -> Vec<_> {
         let rows = documented(heading).into_iter();
         rows.map(|(number, cells)| (number, cells[1].clone()))
@@ -143,6 +144,10 @@ fn the_refusals_are_those_of_the_documentation() {
     }
     for ((_, row), error) in documented("Decode errors").iter().zip(decode_errors()) {
         assert_eq!(fields(row), field_names(&error), "{error:?}");
+    }
+    assert_eq!(named("Why the device started"), numbered(&STARTS));
+    for ((_, row), start) in documented("Why the device started").iter().zip(STARTS) {
+        assert_eq!(fields(row), field_names(&start), "{start:?}");
     }
 }
 
@@ -286,6 +291,18 @@ fn refusals_as_bytes() {
     for (error, bytes) in decode_errors().into_iter().zip(table) {
         assert_eq!(bytes_of(&error), bytes, "{error:?}");
     }
+    let table: [&[u8]; 7] = [
+        &[0],
+        &[1],
+        &[2],
+        &[3],
+        &[4, 0xc6, 0x01],
+        &[5, 0x80, 0x01],
+        &[6],
+    ];
+    for (start, bytes) in STARTS.into_iter().zip(table) {
+        assert_eq!(bytes_of(&start), bytes, "{start:?}");
+    }
 }
 
 #[test]
@@ -301,6 +318,7 @@ fn responses_as_bytes() {
     identity.extend(&model);
     identity.extend([1, 0, 1]);
     identity.extend(stored);
+    identity.extend([4, 0xc6, 0x01]);
     let mut evaluation = vec![0x84, 0x86, 0x88, 0x08];
     evaluation.extend((0..12).flat_map(|index| (index as f32).to_le_bytes()));
     evaluation.extend([0, 0, 0, 0x3f].repeat(6));

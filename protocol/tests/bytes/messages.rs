@@ -5,7 +5,7 @@ use poegp_protocol::cause::Cause;
 use poegp_protocol::limits::MAX_JOINTS;
 use poegp_protocol::link::{
     Commanded, Corrected, CycleSettings, Evaluation, Identity, Key, MAX_CHUNK, MAX_NAME,
-    ModelIdentity, Query, Refusal, Request, Response, Statistics, StoredModel, Trace,
+    ModelIdentity, Query, Refusal, Request, Response, StartReason, Statistics, StoredModel, Trace,
 };
 
 /// Two joints and a payload.
@@ -121,6 +121,17 @@ pub fn decode_errors() -> Vec<DecodeError> {
     ]
 }
 
+/// One start of each kind.
+pub const STARTS: [StartReason; 7] = [
+    StartReason::PowerOn,
+    StartReason::Requested,
+    StartReason::Cycles,
+    StartReason::Background,
+    StartReason::Panic { line: 198 },
+    StartReason::Fault { address: 128 },
+    StartReason::Unexplained,
+];
+
 /// One refusal of each kind.
 pub fn refusals() -> Vec<Refusal> {
     vec![
@@ -212,6 +223,7 @@ pub fn responses() -> Vec<Response> {
             model: Some(model()),
             pending: true,
             slots: [None, Some(STORED)],
+            start: StartReason::Panic { line: 198 },
         }),
         Response::Evaluation(evaluation()),
         Response::Corrected(Corrected {
@@ -314,6 +326,7 @@ pub fn longest_responses() -> Vec<Response> {
             model: Some(model.clone()),
             pending: true,
             slots: [Some(stored); 2],
+            start: StartReason::Fault { address: m },
         }),
         Response::Evaluation(evaluation.clone()),
         Response::Corrected(Corrected {

@@ -170,6 +170,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
             model: report.model,
             pending: report.pending,
             slots,
+            start: self.board.start,
         })
     }
 

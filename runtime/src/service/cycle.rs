@@ -43,7 +43,8 @@ pub struct Cycle<'m, const WORDS: usize> {
 pub enum FrameOutcome {
     /// It was answered: so many bytes are to be sent.
     Answered(usize),
-    /// A cyclic request was answered: so many bytes are to be sent. Only this may feed a watchdog.
+    /// A cyclic request was answered: so many bytes are to be sent. While cyclic requests are expected, only this may
+    /// feed a watchdog.
     Completed(usize),
     /// It is a service: the receiver, with its open frame, goes to the background.
     Service,

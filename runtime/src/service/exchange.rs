@@ -1,6 +1,6 @@
 //! What the cycle and the background hand to each other.
 
-use poegp_protocol::link::{CycleSettings, ModelIdentity, Statistics};
+use poegp_protocol::link::{CycleSettings, ModelIdentity, StartReason, Statistics};
 
 use crate::filter::FilterError;
 use crate::service::loaded_model::ModelSlot;
@@ -19,6 +19,8 @@ pub struct BoardInfo {
     pub deadline_ticks: u32,
     /// Whether the processor waits while the flash erases or writes. Then it is left alone while cycles run.
     pub flash_blocks: bool,
+    /// Why the device started.
+    pub start: StartReason,
 }
 
 /// What the background wants of the cycle.

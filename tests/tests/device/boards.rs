@@ -2,7 +2,7 @@
 //!
 //! QEMU models no flash controller of the STM32: what is written there does not arrive, and the store says so.
 
-use poegp_protocol::link::{Key, PROTOCOL_VERSION, Refusal, Request, Response};
+use poegp_protocol::link::{Key, PROTOCOL_VERSION, Refusal, Request, Response, StartReason};
 use poegp_runtime::store::StoreError;
 use poegp_tests::device::{Device, DeviceError};
 use poegp_tests::emulator::{Clock, EmulatorError, Machine};
@@ -33,6 +33,10 @@ fn identifies_itself(device: &mut Device, board: Board) {
     assert_eq!(identity.protocol_version, PROTOCOL_VERSION);
     assert_eq!(identity.key, Key::None);
     assert_eq!((identity.model, identity.slots), (None, [None; 2]));
+    assert_eq!(identity.start, StartReason::PowerOn);
+    let restarted = device.client().restart().unwrap();
+    assert_eq!(restarted.start, StartReason::Requested);
+    assert_eq!(device.statistics().unwrap().restarts, 1);
     let image = Image::read(&firmware_of(board).unwrap().elf).unwrap();
     assert_eq!(identity.image_crc, image.crc);
     println!(

@@ -5,13 +5,16 @@
 use poegp_protocol::link::Query;
 use poegp_tests::device::Device;
 use poegp_tests::emulator::{Clock, Machine, instructions};
-use poegp_tests::firmware_build::{Board, Kernels, firmware_with};
+use poegp_tests::firmware_build::{Board, Variant, firmware_with};
 use poegp_tests::sample::{Elastic, Sample, SampleCorrection, odd_queries};
 use poegp_tests::stages::{Host, Stages};
 
 use crate::golden::compare_with_committed;
 
-fn start(kernels: Kernels, clock: Clock) -> Device {
+/// In assembly, and from portable source.
+const KERNELS: [Variant; 2] = [Variant::Product, Variant::PortableKernels];
+
+fn start(kernels: Variant, clock: Clock) -> Device {
     let board = Board::default();
     let machine = Machine {
         board,
@@ -25,13 +28,13 @@ fn start(kernels: Kernels, clock: Clock) -> Device {
 }
 
 fn both(clock: Clock) -> [Device; 2] {
-    Kernels::ALL.map(|kernels| start(kernels, clock))
+    KERNELS.map(|kernels| start(kernels, clock))
 }
 
 fn compare(devices: &mut [Device; 2], sample: Sample, queries: &[Query]) {
     let bytes = sample.blob();
     let host = Host::load(&bytes).unwrap();
-    for (device, kernels) in devices.iter_mut().zip(Kernels::ALL) {
+    for (device, kernels) in devices.iter_mut().zip(KERNELS) {
         device.load(&bytes).unwrap();
         for query in queries {
             let found = Stages::from(&device.trace(query).unwrap());
@@ -46,7 +49,7 @@ fn compare(devices: &mut [Device; 2], sample: Sample, queries: &[Query]) {
 
 #[test]
 fn portable_kernels_give_the_committed_bits() {
-    let mut device = start(Kernels::Portable, Clock::Real);
+    let mut device = start(Variant::PortableKernels, Clock::Real);
     compare_with_committed(&mut device, &mut |device, blob| {
         device.load(blob).unwrap();
     });

@@ -20,6 +20,7 @@ mod kills;
 mod link;
 mod packages;
 mod parts;
+mod planted;
 mod reproducible;
 mod same_bits;
 mod soak;

@@ -3,6 +3,7 @@
 use std::time::{Duration, Instant};
 
 use poegp_protocol::blob;
+use poegp_protocol::link::StartReason;
 use poegp_runtime::guard::status::Status;
 use poegp_tests::device::Device;
 use poegp_tests::emulator::{Clock, Machine};
@@ -12,22 +13,22 @@ use poegp_tests::stages::{CommandBits, Host};
 
 use crate::device;
 
-const SAMPLE: Sample = Sample::plain(120, SampleCorrection::Elastic(Elastic::PLAIN));
+pub const SAMPLE: Sample = Sample::plain(120, SampleCorrection::Elastic(Elastic::PLAIN));
 /// The watchdog of the board waits for two times four seconds.
 const LIMIT: Duration = Duration::from_secs(40);
 
 /// Starts since the power came, but the first. Asking for them is no cycle.
-fn restarts(device: &mut Device) -> u32 {
+pub fn restarts(device: &mut Device) -> u32 {
     device.statistics().unwrap().restarts
 }
 
-fn load_and_correct(device: &mut Device) {
+pub fn load_and_correct(device: &mut Device) {
     device.load(&SAMPLE.blob()).unwrap();
     corrects(device);
 }
 
 /// The stored model answers, and right.
-fn corrects(device: &mut Device) {
+pub fn corrects(device: &mut Device) {
     let bytes = SAMPLE.blob();
     let host = Host::load(&bytes).unwrap();
     for query in SAMPLE.queries(3) {
@@ -58,6 +59,8 @@ fn a_controller_that_goes_silent_has_the_device_restarted() {
     assert_eq!(restarts(&mut idle), 0, "nothing was expected of it");
     // From the stored model; and once it has said so, silence is no fault again.
     let identity = silent.identify().unwrap();
+    assert_eq!(identity.start, StartReason::Cycles);
+    assert_eq!(idle.identify().unwrap().start, StartReason::PowerOn);
     let points = Elastic::PLAIN.points;
     assert!(
         identity
@@ -100,6 +103,7 @@ fn the_bypass_outlives_a_restart_and_no_power_failure() {
     for count in 1..=2 {
         let identity = device.client().restart().unwrap();
         assert!(identity.bypass, "restart {count}");
+        assert_eq!(identity.start, StartReason::Requested);
         assert_eq!(restarts(&mut device), count);
         let answer = device.correct(query).unwrap();
         assert_eq!(answer.joints, query.joints);
@@ -109,6 +113,7 @@ fn the_bypass_outlives_a_restart_and_no_power_failure() {
     let mut device = Device::on(&machine).unwrap();
     let identity = device.identify().unwrap();
     assert!(!identity.bypass && identity.model.is_some());
+    assert_eq!(identity.start, StartReason::PowerOn);
     assert_eq!(restarts(&mut device), 0);
     corrects(&mut device);
 }

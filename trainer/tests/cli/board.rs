@@ -142,6 +142,8 @@ fn a_model_comes_onto_the_device_is_used_and_left_again() {
     );
     let restarted = run("restart").ok().stdout;
     assert!(restarted.contains(&crc("paper.blob")), "{restarted}");
+    let info = run("info --json -").ok().json();
+    assert_eq!(info["start"]["reason"], "requested");
 
     let statistics = run("statistics --json -").ok().json();
     assert_eq!(statistics["statistics"]["restarts"], 1);

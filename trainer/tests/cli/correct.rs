@@ -1,7 +1,7 @@
 //! `trainer correct`: the bits of the device, the file as it was, and what is said of it.
 
 use poegp_protocol::link::frame::{self, MAX_FRAME, Receiver};
-use poegp_protocol::link::{Corrected, Query, Request, Response};
+use poegp_protocol::link::{Corrected, Query, Request, Response, StartReason};
 use poegp_runtime::model::words_for;
 use poegp_runtime::service::{BoardInfo, Clock, Cycle, ModelSlot};
 
@@ -41,6 +41,7 @@ fn device(resident: &mut ModelSlot<{ words_for(512) }>, query: Query) -> Correct
         tick_hz: 1_000,
         deadline_ticks: 1_000,
         flash_blocks: false,
+        start: StartReason::PowerOn,
     };
     let mut cycle = Cycle::new(resident, &facts, false);
     let (mut scratch, mut out) = ([0; MAX_FRAME], [0; MAX_FRAME]);

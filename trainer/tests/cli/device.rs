@@ -2,8 +2,9 @@
 
 use poegp_protocol::blob::stored_crc;
 use poegp_protocol::link::{
-    Corrected, Evaluation, Identity, PROTOCOL_VERSION, Refusal, Request, Response,
+    Corrected, Evaluation, Identity, PROTOCOL_VERSION, Refusal, Request, Response, StartReason,
 };
+use serde_json::json;
 
 use crate::fake_device::{
     Answer, FakeDevice, PORT, encoded, identity, model, on_a_serial_line, stored,
@@ -136,6 +137,47 @@ fn frames_that_always_arrive_damaged() {
     let (folder, _) = folder();
     FakeDevice::start(&folder, |_| Answer::BadFrame);
     folder.refuses(format!("device info {PORT}"));
+}
+
+/// Each reason of the last start, in text and JSON.
+#[test]
+fn why_a_device_started() {
+    let _texts = texts();
+    for start in [
+        StartReason::PowerOn,
+        StartReason::Requested,
+        StartReason::Cycles,
+        StartReason::Background,
+        StartReason::Panic { line: 198 },
+        StartReason::Fault {
+            address: 0x801_0080,
+        },
+        StartReason::Unexplained,
+    ] {
+        let folder = Folder::new();
+        FakeDevice::start(&folder, move |_| {
+            Response::Identity(Identity {
+                start,
+                ..identity()
+            })
+            .into()
+        });
+        let info = format!("device info {PORT}");
+        folder.run(&info).ok().said();
+        let document = folder.run(&format!("{info} --json -")).ok().json();
+        let (reason, detail) = match start {
+            StartReason::PowerOn => ("power-on", json!({})),
+            StartReason::Requested => ("requested", json!({})),
+            StartReason::Cycles => ("cycles", json!({})),
+            StartReason::Background => ("background", json!({})),
+            StartReason::Panic { .. } => ("panic", json!({ "line": 198 })),
+            StartReason::Fault { .. } => ("fault", json!({ "address": "08010080" })),
+            StartReason::Unexplained => ("unexplained", json!({})),
+        };
+        let mut expected = detail;
+        expected["reason"] = reason.into();
+        assert_eq!(document["start"], expected);
+    }
 }
 
 /// A clock that stands still and numbers that are not finite are errors of the device, and no result.

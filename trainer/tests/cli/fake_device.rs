@@ -10,7 +10,7 @@ use poegp_protocol::cause::Cause;
 use poegp_protocol::link::frame::{self, MAX_FRAME, Received, Receiver};
 use poegp_protocol::link::{
     CycleSettings, Identity, Key, ModelIdentity, PROTOCOL_VERSION, Refusal, Request, Response,
-    StoredModel,
+    StartReason, StoredModel,
 };
 use serialport::SerialPort;
 
@@ -157,6 +157,7 @@ pub fn identity() -> Identity {
         model: None,
         pending: false,
         slots: [None, None],
+        start: StartReason::PowerOn,
     }
 }
 

@@ -10,7 +10,7 @@ use std::rc::Rc;
 
 use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
 use poegp_protocol::link::frame::{self, MAX_FRAME, Received, Receiver};
-use poegp_protocol::link::{Identity, Refusal, Request, Response, Statistics};
+use poegp_protocol::link::{Identity, Refusal, Request, Response, StartReason, Statistics};
 use poegp_runtime::service::{Background, BoardInfo, Clock, Cycle, CycleAck, CycleCommand, Device};
 use poegp_runtime::service::{FrameOutcome, ModelSlot};
 use poegp_runtime::store::{Layout, Store};
@@ -33,6 +33,7 @@ const BOARD: BoardInfo = BoardInfo {
     tick_hz: TICK_HZ,
     deadline_ticks: DEADLINE_TICKS,
     flash_blocks: false,
+    start: StartReason::PowerOn,
 };
 
 const SLOT: u32 = BYTES as u32 + 256;

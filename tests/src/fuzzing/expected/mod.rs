@@ -187,6 +187,7 @@ impl Expected {
             model: self.ordered().map(|model| model.identity.clone()),
             pending: self.pending.is_some(),
             slots: [self.stored(0), self.stored(1)],
+            start: BOARD.start,
         })
     }
 }

@@ -4,7 +4,7 @@ use std::cell::RefCell;
 
 use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
 use poegp_protocol::link::frame::{self, MAX_FRAME, Received, Receiver};
-use poegp_protocol::link::{Request, Response, Statistics};
+use poegp_protocol::link::{Request, Response, StartReason, Statistics};
 use poegp_runtime::service::FrameOutcome;
 use poegp_runtime::service::{Background, BoardInfo, Clock, Cycle, CycleAck, CycleCommand, Device};
 
@@ -30,6 +30,7 @@ pub(in crate::fuzzing) const BOARD: BoardInfo = BoardInfo {
     tick_hz: 1_000,
     deadline_ticks: 1_000,
     flash_blocks: false,
+    start: StartReason::PowerOn,
 };
 pub(super) type Flash = Nor<4, 256>;
 

@@ -131,11 +131,13 @@ fn watch(
         let statistics = client.statistics()?;
         let now = Instant::now();
         // Somebody may have changed the model or restarted the device.
-        let changed = before.is_some_and(|(_, s)| {
-            s.activations != statistics.activations || s.restarts != statistics.restarts
-        });
-        if changed {
+        let restarted = before.is_some_and(|(_, s)| s.restarts != statistics.restarts);
+        let changed = before.is_some_and(|(_, s)| s.activations != statistics.activations);
+        if restarted || changed {
             identity = client.identify()?;
+            if restarted && !as_json {
+                say(&format!("started {}", show::start(identity.start)))?;
+            }
             if !as_json {
                 say(&format!("runs {}", show::active(&identity)))?;
             }

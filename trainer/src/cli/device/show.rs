@@ -1,6 +1,8 @@
 //! What a device says, for a person and for another program.
 
-use poegp_protocol::link::{CycleSettings, Identity, Key, ModelIdentity, Statistics, StoredModel};
+use poegp_protocol::link::{
+    CycleSettings, Identity, Key, ModelIdentity, StartReason, Statistics, StoredModel,
+};
 use serde_json::{Value, json};
 
 use crate::cli::terminal::print::Printer;
@@ -79,6 +81,44 @@ pub fn stored_json(stored: &StoredModel) -> Value {
     })
 }
 
+/// Why a device started, in one line that goes on after "started".
+pub fn start(reason: StartReason) -> String {
+    match reason {
+        StartReason::PowerOn => "when the power came on".to_owned(),
+        StartReason::Requested => "because a restart was requested".to_owned(),
+        StartReason::Cycles => {
+            "by the watchdog: expected cyclic requests did not come or were not answered".to_owned()
+        }
+        StartReason::Background => {
+            "by the watchdog: the background of the firmware hung; please report this".to_owned()
+        }
+        StartReason::Panic { line } => format!(
+            "after a panic of the firmware in line {line} of a source file; please report this"
+        ),
+        StartReason::Fault { address } => {
+            format!("after a fault of the processor at address {address:08x}; please report this")
+        }
+        StartReason::Unexplained => {
+            "by the watchdog because everything stood still, or by the reset line".to_owned()
+        }
+    }
+}
+
+/// The same as JSON.
+fn start_json(reason: StartReason) -> Value {
+    match reason {
+        StartReason::PowerOn => json!({ "reason": "power-on" }),
+        StartReason::Requested => json!({ "reason": "requested" }),
+        StartReason::Cycles => json!({ "reason": "cycles" }),
+        StartReason::Background => json!({ "reason": "background" }),
+        StartReason::Panic { line } => json!({ "reason": "panic", "line": line }),
+        StartReason::Fault { address } => {
+            json!({ "reason": "fault", "address": format!("{address:08x}") })
+        }
+        StartReason::Unexplained => json!({ "reason": "unexplained" }),
+    }
+}
+
 /// An identity as JSON.
 pub fn identity_json(identity: &Identity) -> Value {
     json!({
@@ -100,6 +140,7 @@ pub fn identity_json(identity: &Identity) -> Value {
         "model": identity.model.as_ref().map(model_json),
         "pending": identity.pending,
         "slots": identity.slots.iter().map(|slot| slot.as_ref().map(stored_json)).collect::<Vec<_>>(),
+        "start": start_json(identity.start),
     })
 }
 
@@ -114,6 +155,7 @@ pub fn identity(report: Printer, identity: &Identity) {
         "{}: firmware {} (image {:08x}), link protocol {}",
         identity.board, identity.firmware_version, identity.image_crc, identity.protocol_version
     ));
+    report.line(format_args!("  started   {}", start(identity.start)));
     report.line(format_args!("  runs      {}", active(identity)));
     if identity.pending {
         report.line("            as soon as the correction by the model before it is taken back");

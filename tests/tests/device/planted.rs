@@ -1,0 +1,260 @@
+//! Hangs, panics and faults that a variant of the image plants: each ends in a restart, and the reason is read afterwards.
+//! Work that only takes long does not.
+
+use std::time::{Duration, Instant};
+
+use poegp_protocol::link::{Refusal, Request, Response, StartReason};
+use poegp_runtime::guard::status::Status;
+use poegp_tests::device::Device;
+use poegp_tests::emulator::{Clock, Machine};
+use poegp_tests::firmware_build::{Board, Firmware, Variant, firmware, firmware_with};
+use poegp_tests::image::Image;
+use poegp_tests::sample::{Elastic, Sample, SampleCorrection};
+use poegp_tests::stages::{CommandBits, Host};
+use poegp_trainer::signing::SecretKey;
+
+use crate::device;
+use crate::watchdog::{SAMPLE, corrects, load_and_correct, restarts};
+
+/// What `Activate` asks for: see `firmware/src/plants.rs`.
+const PANIC: u32 = 0xfa17_0001;
+const HANG: u32 = 0xfa17_0002;
+const FLASH_STAYS_BUSY: u32 = 0xfa17_0003;
+const HANG_WITHOUT_INTERRUPTS: u32 = 0xfa17_0004;
+const FAULT: u32 = 0xfa17_0005;
+const CYCLE_HANGS: u32 = 0xfa17_0006;
+const FLASH_IS_SLOW: u32 = 0xfa17_0007;
+const FLASH_STOPS_THE_PROCESSOR: u32 = 0xfa17_0008;
+
+/// A panic and a fault restart the board at once. The rest is for a busy machine.
+const AT_ONCE: Duration = Duration::from_secs(5);
+/// The watchdog of the board waits for two times four seconds.
+const WATCHDOG: Duration = Duration::from_secs(8);
+/// Ten seconds without a beat, then the watchdog.
+const BACKGROUND: Duration = Duration::from_secs(18);
+/// For an answer that the restart swallows, for which the client waits 10 s, and for a busy machine.
+const MORE: Duration = Duration::from_secs(25);
+
+fn with_plants() -> &'static Firmware {
+    firmware_with(Board::default(), Variant::Plants).unwrap_or_else(|error| panic!("{error}"))
+}
+
+/// A device that has a model, runs no cycles and has just started for the first time.
+fn prepared() -> Device {
+    let machine = Machine {
+        board: Board::default(),
+        elf: &with_plants().elf,
+        clock: Clock::Real,
+        flash_image: None,
+    };
+    let mut device = Device::on(&machine).unwrap();
+    assert_eq!(device.identify().unwrap().start, StartReason::PowerOn);
+    load_and_correct(&mut device);
+    device.client().stand_down().unwrap();
+    device
+}
+
+/// Asks for a fault and waits for no answer.
+fn plant(device: &mut Device, fault: u32) -> Instant {
+    let (_, frame) = device.frame(&Request::Activate { blob_crc: fault });
+    device.send_bytes(&frame).unwrap();
+    Instant::now()
+}
+
+/// Arms a fault that comes later.
+fn arm(device: &mut Device, fault: u32) {
+    let answer = device.request(&Request::Activate { blob_crc: fault });
+    let unknown = Refusal::UnknownModel { blob_crc: fault };
+    assert_eq!(answer.unwrap(), Response::Refused(unknown));
+}
+
+/// Waits for the one restart; then the stored model answers, and a requested restart has its own reason.
+fn restarted(device: &mut Device, since: Instant, within: Duration) -> StartReason {
+    while restarts(device) == 0 {
+        assert!(since.elapsed() < within + MORE, "not restarted");
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    let reason = device.identify().unwrap().start;
+    println!("{:.1} s: {reason:?}", since.elapsed().as_secs_f64());
+    assert!(since.elapsed() < within + MORE);
+    corrects(device);
+    device.client().stand_down().unwrap();
+    assert_eq!(restarts(device), 1);
+    // Reading it does not change it.
+    assert_eq!(device.identify().unwrap().start, reason);
+    let identity = device.client().restart().unwrap();
+    assert_eq!(identity.start, StartReason::Requested);
+    assert_eq!(restarts(device), 2);
+    corrects(device);
+    reason
+}
+
+/// The line of the planted panic.
+fn line_of_the_panic() -> u32 {
+    let source = include_str!("../../../firmware/src/plants.rs");
+    let line = source.lines().position(|line| line.contains("panic!()"));
+    line.unwrap() as u32 + 1
+}
+
+#[test]
+fn a_panic_restarts_the_board_and_is_named() {
+    let mut device = prepared();
+    let since = plant(&mut device, PANIC);
+    let line = line_of_the_panic();
+    let reason = restarted(&mut device, since, AT_ONCE);
+    assert_eq!(reason, StartReason::Panic { line });
+}
+
+#[test]
+fn a_fault_restarts_the_board_and_is_named() {
+    let mut device = prepared();
+    let since = plant(&mut device, FAULT);
+    let reason = restarted(&mut device, since, AT_ONCE);
+    let StartReason::Fault { address } = reason else {
+        panic!("{reason:?}");
+    };
+    let functions = Image::read(&with_plants().elf).unwrap().functions;
+    let function = functions.iter().find(|function| {
+        let start = function.address & !1;
+        (start..start + function.size).contains(&u64::from(address))
+    });
+    println!("{:?}", function.map(|function| &function.name));
+    assert!(function.is_some(), "{address:08x} is no code");
+}
+
+#[test]
+fn a_background_that_hangs_restarts_the_board() {
+    let mut device = prepared();
+    let since = plant(&mut device, HANG);
+    let reason = restarted(&mut device, since, BACKGROUND);
+    assert!(since.elapsed() > WATCHDOG);
+    assert_eq!(reason, StartReason::Background);
+}
+
+/// Cycles that go on do not keep it alive; they are answered until it restarts.
+#[test]
+fn a_background_that_hangs_under_cycles_restarts_the_board() {
+    let mut device = prepared();
+    let since = plant(&mut device, HANG);
+    let (query, mut answers) = (&SAMPLE.queries(1)[0], 0);
+    let expected = Host::load(&SAMPLE.blob()).unwrap().command(query);
+    let busy = Response::Refused(Refusal::Busy);
+    loop {
+        assert!(since.elapsed() < BACKGROUND + MORE, "not restarted");
+        // One that the restart swallows is asked again, and may come before the model.
+        let answer = device.correct(query).unwrap();
+        if answer.status == Status::NO_MODEL.bits() {
+            break;
+        }
+        assert_eq!(CommandBits::from(&answer), expected);
+        answers += 1;
+        if answers % 50 == 0 {
+            let (number, frame) = device.frame(&Request::ReadStatistics);
+            device.send_bytes(&frame).unwrap();
+            // No answer: the restart has swallowed it.
+            if !matches!(device.receive(), Ok(Some((n, answer))) if n == number && answer == busy) {
+                break;
+            }
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    println!("{answers} answers");
+    assert!(answers > 200, "{answers}");
+    let reason = restarted(&mut device, since, BACKGROUND);
+    assert_eq!(reason, StartReason::Background);
+}
+
+/// The commit does not return; the model that was stored before is there afterwards.
+#[test]
+fn a_flash_that_stays_busy_restarts_the_board() {
+    let mut device = prepared();
+    arm(&mut device, FLASH_STAYS_BUSY);
+    let other = Sample::plain(121, SampleCorrection::Elastic(Elastic::PLAIN)).blob();
+    device.client().upload(&other, &mut |_| ()).unwrap();
+    let (_, frame) = device.frame(&Request::CommitUpload);
+    device.send_bytes(&frame).unwrap();
+    let reason = restarted(&mut device, Instant::now(), BACKGROUND);
+    assert_eq!(reason, StartReason::Background);
+}
+
+/// What stops even SysTick cannot be noted: the watchdog restarts the board, and the reason is open.
+#[test]
+fn a_hang_that_stops_everything_restarts_the_board() {
+    for fault in [HANG_WITHOUT_INTERRUPTS, CYCLE_HANGS] {
+        let mut device = prepared();
+        let since = plant(&mut device, fault);
+        let reason = restarted(&mut device, since, WATCHDOG);
+        assert_eq!(reason, StartReason::Unexplained);
+    }
+}
+
+/// A large signed model.
+fn large() -> (SecretKey, Vec<u8>) {
+    let key = SecretKey::generate().unwrap();
+    let sample = Sample {
+        joints: 7,
+        ..Sample::plain(122, SampleCorrection::PerOutput(300))
+    };
+    let signed = key.sign(&sample.blob()).unwrap();
+    assert!(signed.len() > 16_000, "{} bytes", signed.len());
+    (key, signed)
+}
+
+/// Sends `CommitUpload` and waits for what it has written, with cycles meanwhile or without.
+fn commit(device: &mut Device, cycles: bool) -> Duration {
+    let query = &SAMPLE.queries(1)[0];
+    let start = Instant::now();
+    let (commit, frame) = device.frame(&Request::CommitUpload);
+    device.send_bytes(&frame).unwrap();
+    while start.elapsed() < Duration::from_secs(120) {
+        if cycles {
+            let (_, frame) = device.frame(&Request::Correct(query.clone()));
+            device.send_bytes(&frame).unwrap();
+        }
+        if let Some((number, answer)) = device.receive().unwrap()
+            && number == commit
+        {
+            assert!(matches!(answer, Response::Committed(_)), "{answer:?}");
+            return start.elapsed();
+        }
+    }
+    panic!("not committed");
+}
+
+/// A commit that takes longer than the watchdog and the limit of a beat together, because every erase takes as long as any
+/// may: a large signed model, while cycles run and while none do.
+#[test]
+fn a_commit_that_takes_long_is_no_hang() {
+    let (key, signed) = large();
+    for (fault, cycles) in [(FLASH_IS_SLOW, true), (FLASH_STOPS_THE_PROCESSOR, false)] {
+        let mut device = prepared();
+        device.client().provision(key.public().bytes()).unwrap();
+        let model = device.client().upload(&signed, &mut |_| ()).unwrap();
+        arm(&mut device, fault);
+        let took = commit(&mut device, cycles);
+        println!("{} bytes in {:.1} s", signed.len(), took.as_secs_f64());
+        assert!(took > BACKGROUND, "{took:?} is not long");
+        assert_eq!(restarts(&mut device), 0);
+        assert_eq!(device.identify().unwrap().start, StartReason::PowerOn);
+        device.client().activate(model.blob_crc).unwrap();
+        assert_eq!(restarts(&mut device), 0);
+    }
+}
+
+/// The product has none of this.
+#[test]
+fn a_product_plants_nothing() {
+    let mut device = device();
+    for fault in PANIC..=FLASH_STOPS_THE_PROCESSOR {
+        arm(&mut device, fault);
+    }
+    load_and_correct(&mut device);
+    assert_eq!(restarts(&mut device), 0);
+    let product = Image::read(&firmware().unwrap().elf).unwrap();
+    assert!(product.named(&["6plants"]).is_empty());
+    let planted = Image::read(&with_plants().elf).unwrap();
+    assert!(
+        !planted.named(&["6plants"]).is_empty(),
+        "the search finds nothing"
+    );
+}
