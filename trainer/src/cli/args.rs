@@ -54,8 +54,8 @@ pub struct FitArgs {
     /// Treatment of outliers; they are listed either way (default: reject).
     #[arg(long, value_name = "POLICY", value_parser = outliers())]
     pub outliers: Option<OutlierPolicy>,
-    /// Treatment of the change of an arm that warms up while it is measured, which the elastic model estimates from the time
-    /// or the order of the rows; it is reported either way (default: remove).
+    /// Treatment of a warm-up, during which base, tool and joint zeros change. The elastic model finds it by the time of the
+    /// rows, or by their order; it is reported either way (default: remove).
     #[arg(long, value_name = "POLICY", value_parser = warm_up())]
     pub warm_up: Option<WarmUpPolicy>,
     /// Weights of the measurements in step 1 of the paper (default: none).
