@@ -23,8 +23,9 @@ use poegp_calibration::trust::examine;
 use poegp_calibration::validation::cross_validation::Task;
 use poegp_calibration::validation::model_selection::{FOLDS, candidates, select_model};
 
-/// Most CPU time of an elastic fit of 300 poses, in that of ten million exponentials.
-const MOST_EXPONENTIALS: f64 = 1e9;
+/// Most CPU time of an elastic fit of 300 poses, in that of ten million exponentials: 96 on an idle machine, 132 beside other
+/// programs.
+const MOST_EXPONENTIALS: f64 = 200.0;
 
 /// Shows a measured number, whether or not the test passes.
 fn say(text: impl Display) {
@@ -244,7 +245,7 @@ fn the_examination_of_measurements() {
         row.observation = good[(7 * k * k + 11 * k) % count].observation;
     }
     let gravity = Vector3::new(0.0, 0.0, -9.81);
-    for (what, rows, goal, most) in [("good", &good, 0.3, 1e9), ("wrong", &wrong, 2.0, 1e9)] {
+    for (what, rows, goal, most) in [("good", &good, 0.3, 4.0), ("wrong", &wrong, 2.0, 50.0)] {
         let start = cpu_seconds();
         let (findings, ratio) =
             in_ten_million_exponentials(|| examine(&robot, &set, rows, gravity, true));
