@@ -114,8 +114,8 @@ impl Shell {
         if let Some(receiver) = cycle::WORK.take() {
             let (sequence, response) = match receiver.message::<Request<'_>>() {
                 Ok((sequence, request)) => {
-                    #[cfg(feature = "plants")]
-                    crate::plants::in_background(&request);
+                    #[cfg(feature = "planted-faults")]
+                    crate::planted_faults::in_background(&request);
                     (sequence, services.handle(&request, &mut self.calls))
                 }
                 // Cannot happen: the cycle has read it.

@@ -135,8 +135,8 @@ impl Front {
 #[exception]
 fn PendSV() {
     static mut FRONT: Slot<Front> = Slot::Empty;
-    #[cfg(feature = "plants")]
-    crate::plants::in_cycle();
+    #[cfg(feature = "planted-faults")]
+    crate::planted_faults::in_cycle();
     if let Slot::Empty = FRONT
         && let Some(front) = START.take()
     {

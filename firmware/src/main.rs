@@ -36,8 +36,8 @@ mod log;
 mod mailbox;
 #[cfg(target_os = "none")]
 mod mem_intrinsics;
-#[cfg(all(target_os = "none", feature = "plants"))]
-mod plants;
+#[cfg(all(target_os = "none", feature = "planted-faults"))]
+mod planted_faults;
 #[cfg(target_os = "none")]
 mod uart;
 #[cfg(target_os = "none")]

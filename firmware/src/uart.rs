@@ -36,11 +36,14 @@ pub static LINE: Mailbox<Line> = Mailbox::new();
 impl Line {
     /// Over a started serial line.
     pub fn new(link: <Chosen as Board>::Link) -> Self {
+        let mut outgoing = Deque::new();
+        // Ends the answer that a restart may have cut, or the first one after it would look damaged.
+        let _ = outgoing.push_back(0);
         Self {
             link,
             received: Deque::new(),
             ends: Deque::new(),
-            outgoing: Deque::new(),
+            outgoing,
             lost: 0,
         }
     }

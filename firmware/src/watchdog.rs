@@ -174,8 +174,8 @@ impl<F: NorFlash> NorFlash for WatchedFlash<F> {
     // The store calls this for one unit at a time.
     fn erase(&mut self, from: u32, to: u32) -> Result<(), Self::Error> {
         beat();
-        #[cfg(feature = "plants")]
-        crate::plants::in_flash();
+        #[cfg(feature = "planted-faults")]
+        crate::planted_faults::in_flash();
         self.0.erase(from, to)
     }
 

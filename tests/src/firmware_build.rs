@@ -37,19 +37,19 @@ pub enum Variant {
     /// The innermost loops from portable source instead of assembly for a Cortex-M4F; the same bits.
     PortableKernels,
     /// With faults that a test asks for.
-    Plants,
+    PlantedFaults,
 }
 
 impl Variant {
     /// All of them.
-    pub const ALL: [Self; 3] = [Self::Product, Self::PortableKernels, Self::Plants];
+    pub const ALL: [Self; 3] = [Self::Product, Self::PortableKernels, Self::PlantedFaults];
 
     /// The firmware's feature.
     fn feature(self) -> Option<&'static str> {
         match self {
             Self::Product => None,
             Self::PortableKernels => Some("portable-kernels"),
-            Self::Plants => Some("plants"),
+            Self::PlantedFaults => Some("planted-faults"),
         }
     }
 }
@@ -106,7 +106,7 @@ fn folder(board: Board, variant: Variant, toolchain: &Toolchain) -> String {
     match variant {
         Variant::Product => of_board,
         Variant::PortableKernels => format!("{of_board}-portable"),
-        Variant::Plants => format!("{of_board}-plants"),
+        Variant::PlantedFaults => format!("{of_board}-planted-faults"),
     }
 }
 

@@ -50,9 +50,14 @@ impl Calibration {
         kept.map(|(_, sample)| sample.clone()).collect()
     }
 
+    /// The warm-up that was removed from the training samples.
+    pub(super) fn removed_warm_up(&self) -> Option<&WarmUp> {
+        self.warm_up.as_ref().filter(|w| w.report.removed)
+    }
+
     /// Samples of the training file without the warm-up, where that was removed for the training, too.
     pub fn without_warm_up(&self, samples: Vec<InstrumentSample>) -> Vec<InstrumentSample> {
-        let Some(warm_up) = self.warm_up.as_ref().filter(|w| w.report.removed) else {
+        let Some(warm_up) = self.removed_warm_up() else {
             return samples;
         };
         let instrument_from_base = &self.base_and_tools.instrument_from_base;

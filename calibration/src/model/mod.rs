@@ -96,7 +96,7 @@ pub(crate) fn calibrate_within(
         residual_rms: (0.0, 0.0),
         correction_limit: (0.0, 0.0),
     };
-    let samples = match out.warm_up.as_ref().filter(|w| w.report.removed) {
+    let samples = match out.removed_warm_up() {
         Some(warm_up) => warm_up.removed_from(&problem.samples),
         None => problem.samples,
     };

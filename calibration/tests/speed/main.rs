@@ -152,7 +152,7 @@ fn an_elastic_fit_of_three_hundred_poses() {
     let ((_, blob, samples), ratio) = in_ten_million_exponentials(|| calibrated(Method::Elastic));
     let seconds = cpu_seconds() - start;
     let most = if cfg!(debug_assertions) {
-        1e9
+        600.0
     } else {
         MOST_EXPONENTIALS
     };
@@ -250,7 +250,7 @@ fn the_examination_of_measurements() {
         let (findings, ratio) =
             in_ten_million_exponentials(|| examine(&robot, &set, rows, gravity, true));
         let seconds = cpu_seconds() - start;
-        let slower = if cfg!(debug_assertions) { 20.0 } else { 1.0 };
+        let slower = if cfg!(debug_assertions) { 3.0 } else { 1.0 };
         say(format_args!(
             "examination of 300 {what} rows: {seconds:.2} s of CPU (goal: {goal}), {ratio:.2} times ten million exponentials (at \
              most {})",

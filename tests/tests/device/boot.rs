@@ -1,11 +1,11 @@
 //! The device starts, says who it is, and runs a model.
 
-use std::io::Read;
+use std::io::{Read, Write};
 use std::time::Duration;
 
 use poegp_protocol::blob::envelope::TRAILER_LENGTH;
 use poegp_protocol::blob::{self, HEADER_LENGTH, MAX_LENGTH_WITHOUT_ROWS};
-use poegp_protocol::link::{Key, ModelIdentity, PROTOCOL_VERSION};
+use poegp_protocol::link::{Key, ModelIdentity, PROTOCOL_VERSION, Request};
 use poegp_runtime::guard::status::Status;
 use poegp_runtime::model::words_for;
 use poegp_tests::emulator::{Clock, Emulator, Machine};
@@ -127,6 +127,25 @@ fn holds_the_largest_model_and_no_larger() {
     let refused = device.load(&Sample::plain(3, SampleCorrection::Shared(points + 1)).blob());
     let message = refused.unwrap_err().to_string();
     assert!(message.contains("Model { code: 10 }"), "{message}");
+}
+
+/// A restart may cut an answer. What the client has of it must not spoil the first answer after the restart.
+#[test]
+fn a_zero_ends_what_a_restart_has_cut() {
+    let mut device = device();
+    let (_, request) = device.frame(&Request::Identify);
+    let machine = Machine {
+        board: Board::default(),
+        elf: &firmware().unwrap().elf,
+        clock: Clock::Real,
+        flash_image: None,
+    };
+    let (_emulator, mut link) = Emulator::start(&machine, Duration::from_secs(60)).unwrap();
+    link.write_all(&request).unwrap();
+    let mut first = [1; 2];
+    link.read_exact(&mut first).unwrap();
+    assert_eq!(first[0], 0);
+    assert_ne!(first[1], 0, "one zero is enough");
 }
 
 #[test]

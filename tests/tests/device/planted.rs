@@ -16,7 +16,7 @@ use poegp_trainer::signing::SecretKey;
 use crate::device;
 use crate::watchdog::{SAMPLE, corrects, load_and_correct, restarts};
 
-/// What `Activate` asks for: see `firmware/src/plants.rs`.
+/// What `Activate` asks for: see `firmware/src/planted_faults.rs`.
 const PANIC: u32 = 0xfa17_0001;
 const HANG: u32 = 0xfa17_0002;
 const FLASH_STAYS_BUSY: u32 = 0xfa17_0003;
@@ -35,15 +35,16 @@ const BACKGROUND: Duration = Duration::from_secs(18);
 /// For an answer that the restart swallows, for which the client waits 10 s, and for a busy machine.
 const MORE: Duration = Duration::from_secs(25);
 
-fn with_plants() -> &'static Firmware {
-    firmware_with(Board::default(), Variant::Plants).unwrap_or_else(|error| panic!("{error}"))
+fn with_planted_faults() -> &'static Firmware {
+    firmware_with(Board::default(), Variant::PlantedFaults)
+        .unwrap_or_else(|error| panic!("{error}"))
 }
 
 /// A device that has a model, runs no cycles and has just started for the first time.
 fn prepared() -> Device {
     let machine = Machine {
         board: Board::default(),
-        elf: &with_plants().elf,
+        elf: &with_planted_faults().elf,
         clock: Clock::Real,
         flash_image: None,
     };
@@ -91,7 +92,7 @@ fn restarted(device: &mut Device, since: Instant, within: Duration) -> StartReas
 
 /// The line of the planted panic.
 fn line_of_the_panic() -> u32 {
-    let source = include_str!("../../../firmware/src/plants.rs");
+    let source = include_str!("../../../firmware/src/planted_faults.rs");
     let line = source.lines().position(|line| line.contains("panic!()"));
     line.unwrap() as u32 + 1
 }
@@ -113,7 +114,7 @@ fn a_fault_restarts_the_board_and_is_named() {
     let StartReason::Fault { address } = reason else {
         panic!("{reason:?}");
     };
-    let functions = Image::read(&with_plants().elf).unwrap().functions;
+    let functions = Image::read(&with_planted_faults().elf).unwrap().functions;
     let function = functions.iter().find(|function| {
         let start = function.address & !1;
         (start..start + function.size).contains(&u64::from(address))
@@ -139,10 +140,16 @@ fn a_background_that_hangs_under_cycles_restarts_the_board() {
     let (query, mut answers) = (&SAMPLE.queries(1)[0], 0);
     let expected = Host::load(&SAMPLE.blob()).unwrap().command(query);
     let busy = Response::Refused(Refusal::Busy);
+    // Nothing is asked again: a cyclic request after the restart would be one more silence to restart for.
     loop {
         assert!(since.elapsed() < BACKGROUND + MORE, "not restarted");
-        // One that the restart swallows is asked again, and may come before the model.
-        let answer = device.correct(query).unwrap();
+        let (number, frame) = device.frame(&Request::Correct(query.clone()));
+        device.send_bytes(&frame).unwrap();
+        let answer = match device.receive() {
+            Ok(Some((answered, Response::Corrected(answer)))) if answered == number => answer,
+            // The restart has swallowed it.
+            _ => break,
+        };
         if answer.status == Status::NO_MODEL.bits() {
             break;
         }
@@ -151,13 +158,13 @@ fn a_background_that_hangs_under_cycles_restarts_the_board() {
         if answers % 50 == 0 {
             let (number, frame) = device.frame(&Request::ReadStatistics);
             device.send_bytes(&frame).unwrap();
-            // No answer: the restart has swallowed it.
             if !matches!(device.receive(), Ok(Some((n, answer))) if n == number && answer == busy) {
                 break;
             }
         }
         std::thread::sleep(Duration::from_millis(5));
     }
+    device.client().stand_down().unwrap();
     println!("{answers} answers");
     assert!(answers > 200, "{answers}");
     let reason = restarted(&mut device, since, BACKGROUND);
@@ -251,10 +258,10 @@ fn a_product_plants_nothing() {
     load_and_correct(&mut device);
     assert_eq!(restarts(&mut device), 0);
     let product = Image::read(&firmware().unwrap().elf).unwrap();
-    assert!(product.named(&["6plants"]).is_empty());
-    let planted = Image::read(&with_plants().elf).unwrap();
+    assert!(product.named(&["14planted_faults"]).is_empty());
+    let planted = Image::read(&with_planted_faults().elf).unwrap();
     assert!(
-        !planted.named(&["6plants"]).is_empty(),
+        !planted.named(&["14planted_faults"]).is_empty(),
         "the search finds nothing"
     );
 }

@@ -243,28 +243,40 @@ pub fn method_or_auto() -> impl TypedValueParser<Value = MethodChoice> {
     })
 }
 
+/// Reads a value of an enumeration of the library by its name; each with its help.
+fn described<T, const N: usize>(
+    values: [(&'static str, &'static str); N],
+) -> impl TypedValueParser<Value = T>
+where
+    T: DeserializeOwned + Clone + Send + Sync + 'static,
+{
+    let values = values.map(|(name, help)| PossibleValue::new(name).help(help));
+    PossibleValuesParser::new(values).try_map(named)
+}
+
 fn weighting() -> impl TypedValueParser<Value = Weighting> {
-    PossibleValuesParser::new([
-        PossibleValue::new("none").help("Metres and radians count alike, as in the paper"),
-        PossibleValue::new("noise")
-            .help("Residuals are divided by the noise; rotations are taken at the tool point"),
+    described([
+        ("none", "Metres and radians count alike, as in the paper"),
+        (
+            "noise",
+            "Residuals are divided by the noise; rotations are taken at the tool point",
+        ),
     ])
-    .try_map(named)
 }
 
 fn warm_up() -> impl TypedValueParser<Value = WarmUpPolicy> {
-    PossibleValuesParser::new([
-        PossibleValue::new("keep").help("Train on the rows as they were measured"),
-        PossibleValue::new("remove")
-            .help("Remove it from every row: the model is that of the arm at the last row"),
+    described([
+        ("keep", "Train on the rows as they were measured"),
+        (
+            "remove",
+            "Remove it from every row: the model is that of the arm at the last row",
+        ),
     ])
-    .try_map(named)
 }
 
 fn outliers() -> impl TypedValueParser<Value = OutlierPolicy> {
-    PossibleValuesParser::new([
-        PossibleValue::new("keep").help("Train on outliers like on all other measurements"),
-        PossibleValue::new("reject").help("Leave outliers out of the training"),
+    described([
+        ("keep", "Train on outliers like on all other measurements"),
+        ("reject", "Leave outliers out of the training"),
     ])
-    .try_map(named)
 }

@@ -113,8 +113,8 @@ pub fn calibration_failure(path: &Path, error: &CalibrationError) -> Failure {
             method,
         } => InputError::new(
             path,
-            format!("{found} poses, for which `{method}` needs about {needed_mb} MB of memory"),
-            format!("poses for the {available_mb} MB that are free"),
+            format!("{found} poses, which take `{method}` about {needed_mb} MB of memory"),
+            format!("at most the {available_mb} MB that are free"),
         )
         .with_help("use fewer rows, or end other programs")
         .into(),

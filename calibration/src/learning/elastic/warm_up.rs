@@ -25,11 +25,11 @@ use crate::numeric::product::{Transposed, product};
 /// Least rise of the log evidence: as for an own-joint curve, far above what three variances and a time constant can gain
 /// from noise.
 const RISE: f64 = 20.0;
-/// Time constants that are tried, as parts of the longest session; the last is a straight line for every purpose.
+/// Time constants that are tried, as parts of the longest session; the last is as good as a straight line.
 const TIME_CONSTANTS: [f64; 7] = [0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 20.0];
 /// Above this part of the longest session, what was found is as good as a straight line.
 const STRAIGHT: f64 = 2.0;
-/// Standard deviations that are tried for each group, m and rad; none is the first.
+/// Standard deviations that are tried for each group, m and rad; with the first the group does not change.
 const DEVIATIONS: [f64; 12] = [
     0.0, 2e-6, 4e-6, 8e-6, 16e-6, 32e-6, 64e-6, 128e-6, 256e-6, 512e-6, 1e-3, 2e-3,
 ];
@@ -81,7 +81,8 @@ impl WarmUpReport {
         let zeros: Vec<String> = self
             .joint_zeros_urad
             .iter()
-            .map(|zero| format!("{zero:.0}"))
+            // Not "-0".
+            .map(|zero| format!("{:.0}", zero.round() + 0.0))
             .collect();
         let fate = match self.removed {
             true => "removed: the model is that of the arm at the last row",
@@ -154,8 +155,8 @@ impl WarmUp {
         Some(out)
     }
 
-    /// By how much each target was displaced beside where it would be at the end, at the target; nothing where the moment is
-    /// not known.
+    /// By how much each target was away from where it would be at the end: displacement and rotation at the target, along and
+    /// about the axes of the base. Nothing where the moment is not known.
     fn displacements(&self, samples: &[BaseSample]) -> Vec<Twist<f64>> {
         let linear = self.state.linearise(samples, NoiseScales::ONE);
         let columns = Columns::of(&self.state, samples, &linear);
@@ -168,7 +169,7 @@ impl WarmUp {
         samples.iter().enumerate().map(of).collect()
     }
 
-    /// The samples as the arm at the end would have been seen.
+    /// The samples as they would have been measured at the end.
     pub fn removed_from(&self, samples: &[BaseSample]) -> Vec<BaseSample> {
         let displacements = self.displacements(samples).into_iter();
         let without = |(sample, moved): (&BaseSample, Twist<f64>)| BaseSample {

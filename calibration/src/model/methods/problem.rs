@@ -43,8 +43,7 @@ pub trait CalibrationMethod: Sync {
     }
 
     /// Memory that a fit to so many poses takes, bytes.
-    fn memory(&self, poses: usize, hyperparameters: HyperparameterSharing) -> u64 {
-        let _ = hyperparameters;
+    fn memory(&self, poses: usize, _hyperparameters: HyperparameterSharing) -> u64 {
         FOR_A_POSE * poses as u64
     }
 

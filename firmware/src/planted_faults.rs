@@ -1,4 +1,4 @@
-//! Faults that the tests plant. The feature `plants` compiles them, which no product image has.
+//! Faults that the tests plant. The feature `planted-faults` compiles them, which no product image has.
 //!
 //! `Activate` of a model that cannot be there asks for one; a product image answers that there is no such model. The
 //! numbers are those of `tests/tests/device/planted.rs`, which looks for the functions below in the image: not inlined.
