@@ -107,12 +107,14 @@ impl<T: Scalar> Candidate<T> {
 pub(super) fn raised<T: Scalar>(least: T, values: &PerJoint<T>) -> T {
     let mut largest = least;
     for value in values {
-        let magnitude = value.abs();
-        largest = if magnitude > largest {
-            magnitude
-        } else {
-            largest
-        };
+        largest = raised_to(largest, *value);
     }
     largest
+}
+
+/// The larger of `least` and the absolute value.
+#[inline(always)]
+pub(super) fn raised_to<T: Scalar>(least: T, value: T) -> T {
+    let magnitude = value.abs();
+    if magnitude > least { magnitude } else { least }
 }

@@ -30,7 +30,7 @@ pub mod step_limit;
 use poegp_protocol::limits::MAX_JOINTS;
 
 pub use acceptance::{CORRECTED_WITHIN, Corrected, MAX_JOINT_CHANGE};
-use acceptance::{Candidate, raised};
+use acceptance::{Candidate, raised, raised_to};
 
 use crate::correct::step_limit::{Scale, StepLimit};
 use crate::elastic::curve::add_curve_lines;
@@ -274,9 +274,12 @@ impl<T: KernelLoops> Search<'_, T> {
     fn hold(&self, change: &mut PerJoint<T>) {
         let limit = T::from_f64(MAX_JOINT_CHANGE);
         let mut largest = raised(limit, change);
-        let coupling = self.arm.coupling.as_ref();
-        if coupling.is_some() {
-            largest = raised(largest, &coupled(coupling, change));
+        if let Some(coupling) = &self.arm.coupling {
+            // Serial joints without a term change as the controller's do.
+            let serial = coupled(Some(coupling), change);
+            for (joint, _, _) in coupling.terms() {
+                largest = raised_to(largest, serial.get(joint).copied().unwrap_or(T::ZERO));
+            }
         }
         // At most one; zero, if that should be, for an infinite step.
         let factor = limit / largest;
@@ -344,6 +347,15 @@ impl<T: KernelLoops> Search<'_, T> {
         let gravity = |frames: &[Pose<T>], pose: &Pose<T>| {
             terms.gravity.deflection(kinds, frames, pose, payload)
         };
+        // Of the controller's joints, where these are not the serial ones.
+        let mut uncoupled;
+        let features = if let Some(coupling) = &arm.coupling {
+            uncoupled = *self.motions;
+            coupling.uncouple(kinds, self.joints, &mut uncoupled);
+            &uncoupled
+        } else {
+            self.motions
+        };
         // The command, and where it will be, nearly.
         let pose = arm.calibrated.moved_frames_at(self.motions, self.frames);
         let plain = pose_error(self.target, &pose);
@@ -356,12 +368,7 @@ impl<T: KernelLoops> Search<'_, T> {
         self.hold(&mut start);
         // The deflection there: processes where gravity alone would have the command, the others where both would.
         let mean = {
-            if arm.coupling.is_some() {
-                let joints = sum(self.joints, &start);
-                arm.calibrated.joint_trig_into(&joints, self.turned);
-            } else {
-                deflected_into(self.motions, kinds, &start, self.turned);
-            }
+            deflected_into(features, kinds, &start, self.turned);
             terms.processes.mean(kinds, self.rows, self.turned, payload)
         };
         let near = difference(&start, &mean);
@@ -370,7 +377,7 @@ impl<T: KernelLoops> Search<'_, T> {
         let there = sum(self.joints, &near);
         let mut line = ripple_line(&terms.ripple, &there);
         if terms.curve_orders > 0 {
-            arm.calibrated.joint_trig_into(&there, self.turned);
+            deflected_into(features, kinds, &near, self.turned);
             let coefficients = terms.curves(kinds.len(), self.rows);
             add_curve_lines(kinds, coefficients, self.turned, &mut line);
         }

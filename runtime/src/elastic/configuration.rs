@@ -1,6 +1,6 @@
 //! The configuration at which the elastic correction is evaluated.
 
-use crate::kinematics::coupling::{CouplingMatrix, PerJoint};
+use crate::kinematics::coupling::{Coupling, PerJoint};
 use crate::kinematics::minimal_chain::MinimalChain;
 use crate::kinematics::poe::JointTrig;
 
@@ -10,7 +10,7 @@ pub struct Configuration<'a, T> {
     /// The calibrated chain, base to target.
     pub chain: &'a MinimalChain<T>,
     /// C.
-    pub coupling: Option<&'a CouplingMatrix<T>>,
+    pub coupling: Option<&'a Coupling<T>>,
     /// The controller's joints, rad or m.
     pub joints: &'a PerJoint<T>,
     /// Sine and cosine of the serial joints C q.

@@ -174,9 +174,9 @@ impl<T: KernelLoops> Deflection<T> {
         observer.chain(&target);
         let kinds = at.chain.kinds();
         let mut uncoupled;
-        let features = if at.coupling.is_some() {
-            uncoupled = zero_joint_trig();
-            at.chain.joint_trig_into(at.joints, &mut uncoupled);
+        let features = if let Some(coupling) = at.coupling {
+            uncoupled = *at.motions;
+            coupling.uncouple(kinds, at.joints, &mut uncoupled);
             &uncoupled
         } else {
             at.motions

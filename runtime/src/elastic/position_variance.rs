@@ -28,7 +28,7 @@ use poegp_protocol::limits::{MAX_JOINTS, MAX_LANDMARKS};
 
 use crate::elastic::configuration::Configuration;
 use crate::gp::joint_kernel::JointKernel;
-use crate::kinematics::coupling::PerJoint;
+use crate::kinematics::coupling::{Coupling, PerJoint};
 use crate::math::scalar::Scalar;
 use crate::math::se3::{Pose, cross, dot, subtract, third_column};
 use crate::math::vector::inner_product;
@@ -163,41 +163,33 @@ pub fn prior<T: Scalar>(
 ) -> T {
     let kinds = at.chain.kinds();
     let square = at.payload_kg * at.payload_kg;
+    let mut columns = [Vector3::new(T::ZERO, T::ZERO, T::ZERO); MAX_JOINTS];
+    let joints = black_box(kinds).iter().zip(black_box(frames));
+    for (column, (kind, frame)) in columns.iter_mut().zip(joints) {
+        *column = moved(*kind, frame, target);
+    }
+    if let Some(coupling) = at.coupling {
+        couple(coupling, &mut columns);
+    }
     let mut sum = T::ZERO;
-    let joints = black_box(kernels).iter().zip(black_box(kinds));
-    for (c, ((kernel, kind), frame)) in joints.zip(black_box(frames)).enumerate() {
-        let column = match at.coupling {
-            None => moved(*kind, frame, target),
-            Some(coupling) => {
-                let rows = coupling.get(..kinds.len()).unwrap_or(&[]);
-                coupled_column(rows, c, kinds, frames, target)
-            }
-        };
+    for (kernel, column) in black_box(kernels).iter().zip(&columns).take(kinds.len()) {
         let variance = kernel.amplitude + kernel.payload_amplitude * square;
-        sum += variance * dot(&column, &column);
+        sum += variance * dot(column, column);
     }
     sum
 }
 
-/// How the target moves with joint `c` of the controller.
+/// How the target moves with the controller's joints, from how it moves with the serial ones.
 #[inline(never)]
-fn coupled_column<T: Scalar>(
-    coupling: &[[T; MAX_JOINTS]],
-    c: usize,
-    kinds: &[JointKind],
-    frames: &[Pose<T>],
-    target: &Pose<T>,
-) -> Vector3<T> {
-    let mut column = Vector3::new(T::ZERO, T::ZERO, T::ZERO);
-    let joints = black_box(coupling).iter().zip(black_box(kinds));
-    for ((row, kind), frame) in joints.zip(black_box(frames)) {
-        let share = row.get(c).copied().unwrap_or(T::ZERO);
-        let serial = moved(*kind, frame, target);
-        for i in 0..3 {
-            column[i] += share * serial[i];
+fn couple<T: Scalar>(coupling: &Coupling<T>, columns: &mut PerJoint<Vector3<T>>) {
+    let serial_columns = *columns;
+    for (serial, joint, weight) in coupling.terms() {
+        if let (Some(column), Some(part)) = (columns.get_mut(joint), serial_columns.get(serial)) {
+            for i in 0..3 {
+                column[i] += weight * part[i];
+            }
         }
     }
-    column
 }
 
 /// How the target moves with a serial joint, m/rad or m/m.

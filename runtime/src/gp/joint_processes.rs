@@ -22,7 +22,42 @@ pub struct JointProcesses<T> {
     /// The inducing set of each joint; empty when there is no process.
     pub sets: Vec<InducingSet, MAX_JOINTS>,
     /// Whether the unrolled loops may be taken, see [`JointProcesses::choose_loops`]; `false` is always right.
-    pub unrolled: bool,
+    unrolled: bool,
+    /// The sliding joints, when the unrolled loops are taken; their words in the rows are then those of
+    /// [`JointProcesses::place_sliding_joints`].
+    sliding: Vec<SlidingJoint<T>, MAX_JOINTS>,
+}
+
+/// How the unrolled loops compare a sliding joint: by its distance x from the middle of its trained range, as
+/// s = 1 − (x − x′)²/2 = x·x′ + 1·(1 − x′²/2) − x²/2, of which the last part is the same for all rows.
+#[derive(Clone, Copy, Debug)]
+struct SlidingJoint<T> {
+    joint: u8,
+    /// Middle of the trained range, m.
+    middle: T,
+    /// Half its length, m: both x and x′ are held within it.
+    reach: T,
+}
+
+impl<T: Scalar> SlidingJoint<T> {
+    /// x at a joint value in m.
+    #[inline(always)]
+    fn place(&self, value: T) -> T {
+        let x = value - self.middle;
+        if x > self.reach {
+            self.reach
+        } else if x < -self.reach {
+            -self.reach
+        } else {
+            x
+        }
+    }
+}
+
+/// Half of x².
+#[inline(always)]
+fn half_square<T: Scalar>(x: T) -> T {
+    T::from_f64(0.5) * (x * x)
 }
 
 /// Largest Σ_d W_cd of the fast kernels: no exponent of theirs leaves the range of [`Scalar::exp2_scaled`].
@@ -38,6 +73,7 @@ impl<T: Scalar> JointProcesses<T> {
             group_payloads_kg: Vec::new(),
             sets: Vec::new(),
             unrolled: false,
+            sliding: Vec::new(),
         }
     }
 
@@ -61,14 +97,63 @@ impl<T: Scalar> JointProcesses<T> {
         words
     }
 
-    /// Looks whether the unrolled loops are for these joints, revolute and of usual length scales. Once, when everything
-    /// else is known.
-    pub fn choose_loops(&mut self, kinds: &[JointKind]) {
+    /// Looks whether the unrolled loops are for these joints of usual length scales. Once, when everything else is known.
+    /// `ranges`: the trained ranges, rad or m; without them the loops are those of any joints when one slides.
+    /// [`JointProcesses::place_sliding_joints`] has to follow.
+    pub fn choose_loops(&mut self, kinds: &[JointKind], ranges: &[(T, T)]) {
+        self.sliding.clear();
         let mut fast = true;
-        for (kernel, kind) in self.kernels.iter().zip(kinds) {
-            fast &= kernel.bias >= T::from_f64(-MAX_FAST_RATE_SUM) && *kind == JointKind::Revolute;
+        for (joint, kind) in kinds.iter().enumerate() {
+            if *kind == JointKind::Revolute {
+                continue;
+            }
+            let half = T::from_f64(0.5);
+            let Some((lower, upper)) = ranges.get(joint) else {
+                fast = false;
+                break;
+            };
+            let sliding = SlidingJoint {
+                joint: joint as u8,
+                middle: half * (*lower + *upper),
+                reach: half * (*upper - *lower),
+            };
+            fast &= self.sliding.push(sliding).is_ok();
+        }
+        let limit = T::from_f64(MAX_FAST_RATE_SUM);
+        for (kernel, set) in self.kernels.iter().zip(&self.sets) {
+            let mut largest = -kernel.bias;
+            for joint in &self.sliding {
+                // Each word's part of the exponent is between W (1 − 3/2 x²) and W (1 + x²/2).
+                let rate = kernel.rates[usize::from(joint.joint) % MAX_JOINTS];
+                largest += T::from_f64(3.0) * half_square(joint.reach) * rate;
+            }
+            fast &= largest <= limit && (self.sliding.is_empty() || set.count <= 7);
         }
         self.unrolled = fast;
+        if !fast {
+            self.sliding.clear();
+        }
+    }
+
+    /// Replaces the words (q′, 0) of each sliding joint in the rows by (x′, 1 − x′²/2), if the loops take them so.
+    #[inline(never)]
+    pub fn place_sliding_joints(&self, rows: &mut [T]) {
+        if self.sliding.is_empty() {
+            return;
+        }
+        let mut rest = rows;
+        for set in &self.sets {
+            let (here, after) = rest.split_at_mut_checked(set.words()).unwrap_or_default();
+            rest = after;
+            for row in here.chunks_mut(set.row_words()) {
+                for (joint, words) in set.joints().iter().zip(row.as_chunks_mut::<2>().0) {
+                    for sliding in self.sliding.iter().filter(|s| s.joint == *joint) {
+                        let x = sliding.place(words[0]);
+                        *words = [x, T::ONE - half_square(x)];
+                    }
+                }
+            }
+        }
     }
 }
 
@@ -86,11 +171,31 @@ impl<T: KernelLoops> JointProcesses<T> {
         let mut query = [[T::ZERO; 2]; MAX_JOINTS];
         let mut blocks = Blocks::new();
         let mut rest = rows;
+        let mut placed;
+        let mut own = [T::ZERO; MAX_JOINTS];
+        let motions = if self.sliding.is_empty() {
+            motions
+        } else {
+            placed = *motions;
+            for sliding in &self.sliding {
+                let d = usize::from(sliding.joint) % MAX_JOINTS;
+                let x = sliding.place(placed[d][0]);
+                placed[d] = [x, T::ONE];
+                own[d] = half_square(x);
+            }
+            &placed
+        };
         let sets = self.sets.iter().zip(&self.kernels);
         for (slot, (set, kernel)) in out.iter_mut().zip(sets) {
+            let mut bias = kernel.bias;
+            for sliding in &self.sliding {
+                let d = usize::from(sliding.joint) % MAX_JOINTS;
+                bias -= kernel.rates[d] * own[d];
+            }
             let at = SetProcess {
                 group_payloads_kg: &self.group_payloads_kg,
                 kernel,
+                bias,
                 set,
                 motions,
                 payload_kg,

@@ -12,7 +12,7 @@ use nalgebra::Vector3;
 use poegp_protocol::JointKind;
 use poegp_protocol::limits::MAX_JOINTS;
 
-use crate::kinematics::coupling::{CouplingMatrix, PerJoint};
+use crate::kinematics::coupling::{Coupling, PerJoint};
 use crate::math::scalar::Scalar;
 use crate::math::se3::{Pose, cross, dot, subtract, third_column};
 
@@ -78,7 +78,7 @@ pub struct LinearizationPoint<'a, T> {
     /// The target, in m, base frame.
     pub point: &'a Vector3<T>,
     /// C.
-    pub coupling: Option<&'a CouplingMatrix<T>>,
+    pub coupling: Option<&'a Coupling<T>>,
 }
 
 /// λ_p and λ_r.
@@ -127,15 +127,15 @@ impl<T: Scalar> NormalEquations<T> {
 
     /// Jacobian of the controller's joints from those of the serial ones: J C.
     #[inline(never)]
-    fn couple(&mut self, coupling: &CouplingMatrix<T>) {
-        let mut out = [[T::ZERO; 6]; MAX_JOINTS];
-        // Loops of which the compiler does not know the length: unrolled they are 1.3 kB.
-        for (serial, weights) in self.columns.iter().zip(black_box(coupling)) {
-            for (column, weight) in black_box(out.as_mut_slice()).iter_mut().zip(weights) {
-                add_scaled(column, serial, *weight);
+    fn couple(&mut self, coupling: &Coupling<T>) {
+        let serial_columns = self.columns;
+        for (serial, joint, weight) in coupling.terms() {
+            if let (Some(column), Some(part)) =
+                (self.columns.get_mut(joint), serial_columns.get(serial))
+            {
+                add_scaled(column, part, weight);
             }
         }
-        self.columns = out;
     }
 
     /// J Jᵀ from the first N columns.
@@ -266,7 +266,7 @@ fn column_of<T: Scalar>(kind: JointKind, frame: &Pose<T>, point: &Vector3<T>) ->
 }
 
 /// a + s b.
-#[inline(never)]
+#[inline(always)]
 fn add_scaled<T: Scalar>(a: &mut PoseError6<T>, b: &PoseError6<T>, s: T) {
     for (value, part) in a.iter_mut().zip(b) {
         *value += *part * s;

@@ -203,13 +203,19 @@ impl<T: Scalar> Poe<T> {
 #[inline(never)]
 pub(crate) fn joint_trig_into<T: Scalar>(kinds: &[JointKind], q: &[T], out: &mut JointTrig<T>) {
     for ((motion, kind), value) in out.iter_mut().zip(kinds).zip(q) {
-        match kind {
-            JointKind::Revolute => {
-                let (sin, cos) = value.sin_cos();
-                *motion = [sin, cos];
-            }
-            JointKind::Prismatic => *motion = [*value, T::ZERO],
+        *motion = joint_trig(*kind, *value);
+    }
+}
+
+/// What one joint does at a value in rad or m.
+#[inline(always)]
+pub(crate) fn joint_trig<T: Scalar>(kind: JointKind, value: T) -> [T; 2] {
+    match kind {
+        JointKind::Revolute => {
+            let (sin, cos) = value.sin_cos();
+            [sin, cos]
         }
+        JointKind::Prismatic => [value, T::ZERO],
     }
 }
 

@@ -10,7 +10,7 @@ use super::task_space::TaskSpaceCorrection;
 use super::validate::{MAX_PAYLOAD_KG, checked_chain, checked_coupling, checked_range, is_within};
 use crate::guard::status::Status;
 use crate::guard::trust::Trust;
-use crate::kinematics::coupling::{CouplingMatrix, coupled};
+use crate::kinematics::coupling::{Coupling, coupled};
 use crate::kinematics::minimal_chain::{JointFrames, MinimalChain, MinimalForm};
 use crate::kinematics::newton::{LinearizationPoint, NormalEquations, pose_error, squared_norms};
 use crate::kinematics::poe::{JointTrig, zero_joint_trig};
@@ -31,7 +31,7 @@ const SPREAD: [u16; MAX_JOINTS] = [
 pub(crate) struct Arm<T> {
     pub(crate) calibrated: MinimalChain<T>,
     pub(crate) nominal: MinimalChain<T>,
-    pub(crate) coupling: Option<CouplingMatrix<T>>,
+    pub(crate) coupling: Option<Coupling<T>>,
     pub(crate) joint_ranges: [(T, T); MAX_JOINTS],
     pub(crate) payload_range: Option<(T, T)>,
     /// Root mean square of the angle (rad) between nominal and calibrated target within the trained ranges.
@@ -121,7 +121,8 @@ impl<T: Scalar> Arm<T> {
                 self.correction = ArmCorrection::Elastic(ElasticCorrection::empty());
                 if let ArmCorrection::Elastic(found) = &mut self.correction {
                     let variance = blob.variance.as_ref();
-                    found.fill(elastic, variance, &calibrated, blob.ranges.payload_kg)?;
+                    let (ranges, payload) = (&self.joint_ranges, blob.ranges.payload_kg);
+                    found.fill(elastic, variance, &calibrated, ranges, payload)?;
                 }
             }
         }

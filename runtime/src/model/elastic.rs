@@ -64,6 +64,7 @@ impl<T: Scalar> ElasticCorrection<T> {
         wire: &Elastic<'_>,
         variance: Option<&Variance<'_>>,
         calibrated: &MinimalForm<T>,
+        joint_ranges: &[(T, T)],
         payload: Option<(f32, f32)>,
     ) -> Result<(), LoadError> {
         let joints = calibrated.poe.kinds().len();
@@ -71,7 +72,8 @@ impl<T: Scalar> ElasticCorrection<T> {
             PAYLOAD_REACH * payload.map_or(0.0, |(_, heavy)| if heavy > 1.0 { heavy } else { 1.0 });
         let out = &mut self.deflection;
         processes(wire, joints, heaviest, &mut out.processes)?;
-        out.processes.choose_loops(calibrated.poe.kinds());
+        let kinds = calibrated.poe.kinds();
+        out.processes.choose_loops(kinds, joint_ranges);
         gravity(wire, calibrated, &mut out.gravity)?;
         out.ripple = ripple(wire, joints)?;
         out.curve_orders = wire.curves.len() / (8 * joints.max(1));

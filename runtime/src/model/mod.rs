@@ -134,6 +134,12 @@ impl<T: Scalar, const WORDS: usize> Model<T, WORDS> {
             // Cannot fail: the length was compared with the capacity.
             let _ = self.rows.push(T::from_f32(f32::from_le_bytes(*word)));
         }
+        if let Slot::Full(arm) = &slot
+            && let ArmCorrection::Elastic(elastic) = &arm.correction
+        {
+            let processes = &elastic.deflection.processes;
+            processes.place_sliding_joints(&mut self.rows);
+        }
         self.arm = slot;
         Ok(())
     }

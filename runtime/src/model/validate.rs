@@ -2,10 +2,10 @@
 
 use poegp_protocol::JointKind;
 use poegp_protocol::blob::{CorrectionLimit, Transform};
-use poegp_protocol::limits::{MAX_FRAMES, MAX_JOINTS};
+use poegp_protocol::limits::MAX_FRAMES;
 
 use crate::guard::limit::Limit;
-use crate::kinematics::coupling::CouplingMatrix;
+use crate::kinematics::coupling::Coupling;
 use crate::kinematics::poe::Poe;
 use crate::math::scalar::{MAX_ANGLE, Scalar};
 use crate::math::se3::{Pose, cross, dot};
@@ -132,7 +132,7 @@ pub(super) fn checked_chain<T: Scalar>(
 pub(super) fn checked_coupling<T: Scalar>(
     coupling: &[f32],
     joints: usize,
-) -> Result<Option<CouplingMatrix<T>>, LoadError> {
+) -> Result<Option<Coupling<T>>, LoadError> {
     if coupling.is_empty() {
         return Ok(None);
     }
@@ -143,14 +143,8 @@ pub(super) fn checked_coupling<T: Scalar>(
     {
         return Err(LoadError::Coupling);
     }
-    let mut out = [[T::ZERO; MAX_JOINTS]; MAX_JOINTS];
-    // Here joints ≥ 1; `max` says so to the compiler, which would link a panic for empty chunks.
-    for (slots, row) in out.iter_mut().zip(coupling.chunks(joints.max(1))) {
-        for (slot, value) in slots.iter_mut().zip(row) {
-            *slot = T::from_f32(*value);
-        }
-    }
-    Ok(Some(out))
+    let elements = coupling.iter().map(|value| T::from_f32(*value));
+    Ok(Some(Coupling::new(joints, elements)))
 }
 
 /// Largest element of a coupling matrix; keeps serial joints within reach of the range reduction.

@@ -94,12 +94,14 @@ fn points(count: usize) -> impl Strategy<Value = Vec<Point>> {
     prop::collection::vec(point, 0..=count)
 }
 
-/// What the processes give at (q, m), and the same by the formula. Point j is in the set of joint c unless j + c is a
+/// What the processes give at (q, m), and the same by the formula. `ranges` are the trained ranges of all joints or none,
+/// see [`JointProcesses::choose_loops`]. Point j is in the set of joint c unless j + c is a
 /// multiple of three.
 fn mean<T: KernelLoops>(
     kinds: &[JointKind],
     naturals: &[Natural],
     points: &[Point],
+    ranges: &[(f64, f64)],
     (q, m): (&[f64], f64),
 ) -> (PerJoint<T>, PerJoint<f64>) {
     let n = kinds.len();
@@ -132,7 +134,10 @@ fn mean<T: KernelLoops>(
         processes.sets.push(set).unwrap();
     }
     assert_eq!(processes.words(), rows.len());
-    processes.choose_loops(kinds);
+    let in_numbers = |(lower, upper): &(f64, f64)| (T::from_f64(*lower), T::from_f64(*upper));
+    let ranges: Vec<(T, T)> = ranges.iter().map(in_numbers).collect();
+    processes.choose_loops(kinds, &ranges);
+    processes.place_sliding_joints(&mut rows);
     let found = processes.mean(kinds, &rows, &places(kinds, q), T::from_f64(m));
     (found, expected)
 }
@@ -141,12 +146,13 @@ fn mean_is_the_formula(
     kinds: &[JointKind],
     naturals: &[Natural],
     points: &[Point],
+    ranges: &[(f64, f64)],
     at: (&[f64], f64),
 ) -> Result<(), TestCaseError> {
-    let (double, expected) = mean::<f64>(kinds, naturals, points, at);
+    let (double, expected) = mean::<f64>(kinds, naturals, points, ranges, at);
     let error = distance(&double, &expected);
     prop_assert!(error < 1e-11, "f64 {:e}", error);
-    let (single, expected) = mean::<f32>(kinds, naturals, points, at);
+    let (single, expected) = mean::<f32>(kinds, naturals, points, ranges, at);
     // A kernel of rate W has an exponent of W steps of 2^-24 in f32; weights of 1, amplitudes of up to 17.
     let steepest = naturals
         .iter()
@@ -234,7 +240,44 @@ proptest! {
                 }
             }
         }
-        mean_is_the_formula(&kinds, &naturals, &points, (&q, m))?;
+        mean_is_the_formula(&kinds, &naturals, &points, &[], (&q, m))?;
+        // Sliding joints by the unrolled loops, where the scales allow it; all of the points are in these ranges.
+        mean_is_the_formula(&kinds, &naturals, &points, &[(-3.0, 3.5); 8], (&q, m))?;
+        let gentle: Vec<Natural> = naturals.iter().cloned().map(|mut natural| {
+            natural.0.iter_mut().for_each(|weight| *weight *= 0.05);
+            natural
+        }).collect();
+        mean_is_the_formula(&kinds, &gentle, &points, &[(-3.0, 3.5); 8], (&q, m))?;
+    }
+
+    /// Beyond its trained range a sliding joint's processes are what they are at its end, however far, and whatever the
+    /// rows say.
+    #[test]
+    fn sliding_joints_are_held_in_their_range(
+        kinds in kinds(),
+        naturals in naturals(0.2),
+        points in points(12),
+        q in prop::collection::vec(-3.0..3.0_f64, 8),
+        far in 0.0..4096.0_f64,
+        m in 0.0..12.0_f64,
+    ) {
+        let ranges = [(-1.0, 1.5); 8];
+        let slides = |d: usize| kinds.get(d) == Some(&JointKind::Prismatic);
+        let beyond: Vec<f64> = (0..8).map(|d| if slides(d) { 1.5 + far } else { q[d] }).collect();
+        let at_the_end: Vec<f64> = (0..8).map(|d| if slides(d) { 1.5 } else { q[d] }).collect();
+        // Without a choice of loops there is nothing to hold: eight joints in one kernel are left to the others.
+        prop_assume!(kinds.len() < 8);
+        let (found, _) = mean::<f32>(&kinds, &naturals, &points, &ranges, (&beyond, m));
+        let (expected, _) = mean::<f32>(&kinds, &naturals, &points, &ranges, (&at_the_end, m));
+        prop_assert!(distance(&found.map(f64::from), &expected.map(f64::from)) < 1e-5);
+        let mut wild = points;
+        for (place, _, _) in &mut wild {
+            for d in (0..8).filter(|d| slides(*d)) {
+                place[d] = far;
+            }
+        }
+        let (found, _) = mean::<f32>(&kinds, &naturals, &wild, &ranges, (&q, m));
+        prop_assert!(found.iter().all(|value| value.is_finite()), "{:?}", found);
     }
 
     /// Too steep for the exponential without a clamp.
@@ -249,7 +292,7 @@ proptest! {
         let kinds = vec![JointKind::Revolute; joints];
         // At an inducing point, where there is something left.
         let q = points.get(at).map_or(vec![0.5; 8], |point| point.0.clone());
-        mean_is_the_formula(&kinds, &naturals, &points, (&q, m))?;
+        mean_is_the_formula(&kinds, &naturals, &points, &[], (&q, m))?;
     }
 
     /// The sum over regressors one by one; a prismatic joint feels the weight alone.

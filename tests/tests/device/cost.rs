@@ -222,3 +222,55 @@ fn the_trainer_knows_what_elastic_models_cost() {
     }
     assert!(missed.is_empty(), "{missed:#?}");
 }
+
+/// Instructions of one evaluation and of one corrected command.
+fn pose_and_command(device: &mut Device, sample: Sample) -> [f64; 2] {
+    let pose = cost(device, sample);
+    let tick_hz = device.identify().unwrap().tick_hz;
+    let commands = sample.queries(28).into_iter();
+    let ticks = commands.map(|query| device.correct(&query).unwrap().ticks);
+    [pose, instructions(ticks.max().unwrap(), tick_hz)]
+}
+
+/// A parallelogram costs its one element, and a sliding joint what a revolute one does.
+#[test]
+fn coupled_and_sliding_joints_cost_little() {
+    let mut device = Device::start(Clock::Counting).unwrap_or_else(|error| panic!("{error}"));
+    println!("| model | joints | pose | command |");
+    println!("|---|---|---|---|");
+    let mut beyond = Vec::new();
+    for (name, correction) in [
+        ("chain alone", SampleCorrection::None),
+        ("paper, 100 points", SampleCorrection::Folded(100)),
+        (
+            "elastic, standard deviation",
+            SampleCorrection::Elastic(Elastic::WITH_STD),
+        ),
+        (
+            "elastic, own-joint curves",
+            SampleCorrection::Elastic(Elastic::WITH_CURVES),
+        ),
+    ] {
+        let mut of = |kind: &str, coupled, prismatic| {
+            let counts = pose_and_command(
+                &mut device,
+                Sample {
+                    coupled,
+                    prismatic,
+                    ..Sample::plain(31, correction)
+                },
+            );
+            println!("| {name} | {kind} | {:.0} | {:.0} |", counts[0], counts[1]);
+            counts
+        };
+        let plain = of("revolute", false, false);
+        let coupled = of("a parallelogram", true, false);
+        let sliding = of("one sliding", false, true);
+        for i in 0..2 {
+            if coupled[i] - plain[i] > 800.0 || sliding[i] > 1.2 * plain[i] {
+                beyond.push((name, plain[i], coupled[i], sliding[i]));
+            }
+        }
+    }
+    assert!(beyond.is_empty(), "{beyond:?}");
+}

@@ -18,7 +18,7 @@ use poegp_protocol::limits::MAX_LANDMARKS;
 use poegp_runtime::elastic::configuration::Configuration;
 use poegp_runtime::elastic::position_variance::{PositionVariance, landmark_feature, prior};
 use poegp_runtime::gp::joint_kernel::JointKernel;
-use poegp_runtime::kinematics::coupling::CouplingMatrix;
+use poegp_runtime::kinematics::coupling::Coupling;
 use poegp_runtime::kinematics::minimal_chain::{MinimalChain, MinimalForm};
 
 use crate::identification::parametric::state::ROWS;
@@ -52,7 +52,7 @@ pub struct DeviceVariance {
 pub fn device_variance(
     robust: &RobustFit,
     samples: &[BaseSample],
-    coupling: Option<&CouplingMatrix<f64>>,
+    coupling: Option<&Coupling<f64>>,
 ) -> Option<DeviceVariance> {
     let fit = &robust.fit;
     let inflation = robust.inflation[0].powi(2);
@@ -278,7 +278,7 @@ fn landmarks(gram: &Mat<f64>) -> Vec<usize> {
 fn priors(
     fit: &ElasticFit,
     samples: &[BaseSample],
-    coupling: Option<&CouplingMatrix<f64>>,
+    coupling: Option<&Coupling<f64>>,
     kernels: &[JointKernel<f64>],
 ) -> Vec<f64> {
     let mut padded = [JointKernel::zero(); 8];

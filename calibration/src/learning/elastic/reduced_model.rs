@@ -11,7 +11,7 @@ use poegp_runtime::elastic::gravity::{Gravity, GravityTerms};
 use poegp_runtime::elastic::ripple::RippleTerm;
 use poegp_runtime::gp::inducing_sets::InducingSet;
 use poegp_runtime::gp::joint_processes::JointProcesses;
-use poegp_runtime::kinematics::coupling::{CouplingMatrix, coupled};
+use poegp_runtime::kinematics::coupling::{Coupling, coupled};
 use poegp_runtime::kinematics::minimal_chain::{MinimalChain, MinimalForm};
 use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::{Pose, Twist};
@@ -40,7 +40,7 @@ pub struct ElasticModel {
     /// Joints of the arm.
     pub joints: usize,
     /// C.
-    pub coupling: Option<CouplingMatrix<f64>>,
+    pub coupling: Option<Coupling<f64>>,
     /// Facts of the fit.
     pub report: ElasticReport,
     /// What the device gets to say how well it knows the position.
@@ -122,7 +122,7 @@ impl ElasticModel {
                 }
             }),
         };
-        processes.choose_loops(fit.state.kinds());
+        processes.choose_loops(fit.state.kinds(), &[]);
         rows.extend(&fit.state.curves);
         let gravity = without_upright_axis(&fit.state, samples);
         let form = MinimalForm::new(&fit.state.chain(0));
@@ -202,12 +202,8 @@ fn without_upright_axis(state: &ParametricModel, samples: &[BaseSample]) -> Grav
     terms
 }
 
-fn matrix(rows: &Vec<Vec<f64>>) -> CouplingMatrix<f64> {
-    let mut out = [[0.0; MAX_JOINTS]; MAX_JOINTS];
-    for (slots, row) in out.iter_mut().zip(rows) {
-        slots[..row.len()].copy_from_slice(row);
-    }
-    out
+fn matrix(rows: &Vec<Vec<f64>>) -> Coupling<f64> {
+    Coupling::new(rows.len(), rows.iter().flatten().copied())
 }
 
 /// The processes with these inducing points, and their rows.
