@@ -1,6 +1,10 @@
 //! Newton's steps: their equations.
 
 use nalgebra::{SMatrix, SVector};
+use poegp_runtime::elastic::configuration::Configuration;
+use poegp_runtime::elastic::position_variance::prior;
+use poegp_runtime::gp::joint_kernel::JointKernel;
+use poegp_runtime::kinematics::coupling::{Coupling, coupled};
 use poegp_runtime::kinematics::minimal_chain::{JointFrames, MinimalChain, MinimalForm};
 use poegp_runtime::kinematics::newton::{
     Damping, LinearizationPoint, NormalEquations, pose_error, subtract_scaled,
@@ -52,7 +56,64 @@ proptest! {
         }
     }
 
-    /// A step is J^T (J J^T + L)^-1 error, also after coupling, and zero beyond the last joint.
+    /// What couples the joints does so everywhere: as the matrix C in place of its elements beside the identity.
+    #[test]
+    fn coupled_joints_are_the_matrix_times_the_joints(
+        (kinds, frames, q) in chains(),
+        elements in prop::collection::vec(prop_oneof![Just(0.0), -2.0..2.0_f64], 64),
+        d in prop::array::uniform8(-1.0..1.0_f64),
+        amplitude in 0.1..1.0_f64,
+    ) {
+        let n = kinds.len();
+        let matrix = SMatrix::<f64, 8, 8>::from_fn(|i, j| {
+            if i < n && j < n { elements[n * i + j] } else if i == j { 1.0 } else { 0.0 }
+        });
+        let coupling = Coupling::new(n, elements[..n * n].iter().copied());
+        let mut joints = [0.0; 8];
+        joints[..n].copy_from_slice(&q);
+        let product = |v: &[f64; 8]| <[f64; 8]>::from(matrix * SVector::from(*v));
+        let serial = coupled(Some(&coupling), &joints);
+        for (found, expected) in serial.iter().zip(product(&joints)) {
+            prop_assert!((found - expected).abs() < 1e-12 * (1.0 + expected.abs()));
+        }
+        prop_assert_eq!(coupled(None, &joints), joints);
+
+        let chain = MinimalChain::new(&MinimalForm::new(&poe::<f64>(&kinds, &frames)));
+        let (mut found, mut motions, mut own) = (JointFrames::new(), zero_joint_trig(), zero_joint_trig());
+        chain.joint_trig_into(&serial, &mut motions);
+        let here = chain.moved_frames_at(&motions, &mut found);
+        let mut uncoupled = motions;
+        coupling.uncouple(&kinds, &joints, &mut uncoupled);
+        chain.joint_trig_into(&joints, &mut own);
+        for (found, expected) in uncoupled.as_flattened().iter().zip(own.as_flattened()) {
+            prop_assert!((found - expected).abs() < 1e-12 * (1.0 + expected.abs()));
+        }
+
+        let mut serial_equations = NormalEquations::new();
+        let place = LinearizationPoint { kinds: &kinds, frames: &found, point: &here.translation, coupling: None };
+        serial_equations.form(&place);
+        let mut equations = NormalEquations::new();
+        equations.form(&LinearizationPoint { coupling: Some(&coupling), ..place });
+        let expected = serial_equations.moved(&product(&d));
+        for (found, expected) in equations.moved(&d).iter().zip(expected) {
+            prop_assert!((found - expected).abs() < 1e-9 * (1.0 + expected.abs()));
+        }
+
+        let mut kernel = JointKernel::zero();
+        kernel.amplitude = amplitude;
+        let at = Configuration {
+            chain: &chain,
+            coupling: Some(&coupling),
+            joints: &joints,
+            motions: &motions,
+            payload_kg: 0.0,
+        };
+        let squares = columns(&equations).iter().take(n).map(|c| c.fixed_rows::<3>(0).norm_squared()).sum::<f64>();
+        let variance = prior(&at, &[kernel; 8], &found, &here);
+        prop_assert!((variance - amplitude * squares).abs() < 1e-9 * (1.0 + variance));
+    }
+
+    /// A step is J^T (J J^T + L)^-1 error, and zero beyond the last joint.
     #[test]
     fn a_step_solves_the_damped_equations(
         (kinds, frames, q) in chains(),
