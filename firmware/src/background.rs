@@ -56,6 +56,7 @@ fn start(reason: StartReason) -> Option<(Services, Shell)> {
         image_crc: hal_unsafe::image_crc(),
         tick_hz: Chosen::TICK_HZ,
         deadline_ticks: Chosen::DEADLINE_TICKS,
+        max_instructions: Chosen::MAX_INSTRUCTIONS,
         flash_blocks: Chosen::FLASH_BLOCKS,
         start: reason,
     };

@@ -30,6 +30,8 @@ pub trait Board {
     const TICK_HZ: u32;
     /// Ticks in which a cyclic request is to be answered.
     const DEADLINE_TICKS: u32;
+    /// Instructions that the processor is sure to carry out until then.
+    const MAX_INSTRUCTIONS: u32;
     /// Whether the processor waits while the flash erases or writes. Then it is left alone while cycles run.
     const FLASH_BLOCKS: bool;
     /// The serial line to controller and workstation.

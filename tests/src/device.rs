@@ -5,9 +5,10 @@ use std::time::Duration;
 
 use crate::firmware_build::{Board, FirmwareError, firmware_of};
 use poegp_protocol::link::{
-    Commanded, Corrected, Evaluation, Identity, Query, Refusal, Request, Response, Statistics,
-    StoredModel, Trace,
+    Commanded, Corrected, CycleSettings, Evaluation, Identity, Query, Refusal, Request, Response,
+    Statistics, StoredModel, Trace,
 };
+use poegp_runtime::model::Model400;
 use poegp_trainer::device::client::{Client, Options};
 use poegp_trainer::device::emulator::{Clock, Emulator, EmulatorError, Machine};
 use poegp_trainer::device::error::ClientError;
@@ -167,10 +168,34 @@ impl Device {
     /// # Errors
     /// [`DeviceError`]; after [`DeviceError::Refused`] the active model is what it was.
     pub fn load(&mut self, blob: &[u8]) -> Result<Identity, DeviceError> {
-        let loaded = load(&mut self.client, blob);
+        let loaded = self.allow(blob).and_then(|()| load(&mut self.client, blob));
         loaded
             .map(|(_, identity)| identity)
             .map_err(|error| self.failed(error))
+    }
+
+    /// Allows any model, whatever time it takes.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn allow_any_time(&mut self) -> Result<(), ClientError> {
+        let settings = CycleSettings {
+            max_instructions: u32::MAX,
+            ..self.client.identify()?.cycle
+        };
+        self.client.stand_down()?;
+        self.client.provision_cycle(&settings).map(|_| ())
+    }
+
+    /// The same for a model that takes longer than is allowed: most tests ask for bits.
+    fn allow(&mut self, blob: &[u8]) -> Result<(), ClientError> {
+        let mut model = Box::new(Model400::new());
+        let size = model.load(blob).ok().and_then(|()| model.size());
+        let instructions = size.map_or(0, |size| size.command_bound());
+        if instructions <= self.client.identify()?.cycle.max_instructions {
+            return Ok(());
+        }
+        self.allow_any_time()
     }
 
     /// T_gp(q, m)·f(q).

@@ -12,11 +12,14 @@ use poegp_protocol::blob::{
     Robot, TaskSpace, Transform, Units,
 };
 use poegp_protocol::cause::{Cause, Causes};
-use poegp_protocol::limits::{MAX_FRAMES, MAX_INPUTS, OUTPUTS};
+use poegp_protocol::limits::{MAX_FRAMES, MAX_INPUTS, MAX_JOINTS, OUTPUTS};
 use poegp_protocol::link::Query;
+use poegp_runtime::elastic::position_variance::landmark_words;
 use poegp_runtime::gp::quadratic_posterior as posterior;
 use poegp_runtime::gp::quadratic_posterior::MeanHeader;
 use poegp_runtime::math::se3::{Pose, Twist};
+use poegp_runtime::model::cost::ModelSize;
+use poegp_runtime::model::{Model, words_for};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -29,7 +32,7 @@ pub const JOINTS: usize = 6;
 /// Inputs of its correction: the joints and the payload.
 pub const INPUTS: usize = JOINTS + 1;
 /// Joints of the longest arm here.
-const MAX_SAMPLE_JOINTS: usize = 7;
+const MAX_SAMPLE_JOINTS: usize = MAX_JOINTS;
 
 /// Lengths of its texts: robot name, serial number, model, trainer version, date.
 pub const TEXTS: [usize; 5] = [15, 9, 6, 5, 10];
@@ -46,12 +49,12 @@ pub struct Sample {
     pub seed: u64,
     /// The correction.
     pub correction: SampleCorrection,
-    /// Joints, three to seven.
+    /// Joints, one to eight; at least three when one slides or is coupled.
     pub joints: usize,
     /// Whether q3 of the serial chain is q3 − q2 of the controller, as in a parallelogram arm.
     pub coupled: bool,
-    /// Whether joint 3 slides instead of turning.
-    pub prismatic: bool,
+    /// How many of the joints 3, 1 and 2, in this order, slide instead of turning.
+    pub sliding: usize,
 }
 
 /// Inducing points of the correction.
@@ -77,7 +80,7 @@ impl Sample {
             correction,
             joints: JOINTS,
             coupled: false,
-            prismatic: false,
+            sliding: 0,
         }
     }
 
@@ -89,7 +92,7 @@ impl Sample {
 
     /// Trained range of a joint in rad or m.
     fn range(&self, joint: usize) -> (f32, f32) {
-        if self.prismatic && joint == 2 {
+        if self.kind(joint) == JointKind::Prismatic {
             return (0.0, 0.8);
         }
         [
@@ -100,11 +103,16 @@ impl Sample {
             (-1.9, 1.9),
             (-3.1, 3.1),
             (-3.1, 3.1),
+            (-2.0, 2.0),
         ][joint]
     }
 
     fn kind(&self, joint: usize) -> JointKind {
-        if self.prismatic && joint == 2 {
+        if [2, 0, 1]
+            .iter()
+            .take(self.sliding)
+            .any(|slides| *slides == joint)
+        {
             JointKind::Prismatic
         } else {
             JointKind::Revolute
@@ -127,6 +135,16 @@ impl Sample {
         4 * match self.correction {
             SampleCorrection::Elastic(elastic) => elastic.row_words(self.joints),
             _ => posterior::row_words(self.joints + 1) * self.points(),
+        }
+    }
+
+    /// Bytes of its landmarks.
+    fn landmark_bytes(&self) -> usize {
+        match self.correction {
+            SampleCorrection::Elastic(elastic) => (0..elastic.landmarks)
+                .map(|index| 4 * landmark_words(self.joints, index))
+                .sum(),
+            _ => 0,
         }
     }
 
@@ -219,12 +237,20 @@ impl Sample {
                 _ => None,
             },
         };
-        let room =
-            blob::HEADER_LENGTH + blob::MAX_LENGTH_WITHOUT_ROWS + self.row_bytes() + curves.len();
+        let rows = self.row_bytes() + self.landmark_bytes() + curves.len();
+        let room = blob::HEADER_LENGTH + blob::MAX_LENGTH_WITHOUT_ROWS + rows;
         let mut buffer = vec![0; room];
         blob::encode(&blob, &mut buffer)
             .expect("MAX_LENGTH_WITHOUT_ROWS covers everything but the rows")
             .to_vec()
+    }
+
+    /// The sizes of its model.
+    ///
+    /// # Panics
+    /// When it is none.
+    pub fn size(&self) -> ModelSize {
+        size_of(&self.blob())
     }
 
     /// A task-space correction with `count` inducing points, whose bytes go to `rows`.
@@ -308,6 +334,16 @@ impl Sample {
     }
 }
 
+/// The sizes of the model in a blob.
+///
+/// # Panics
+/// When it is none.
+pub fn size_of(blob: &[u8]) -> ModelSize {
+    let mut model = Box::new(Model::<f32, { words_for(600) }>::new());
+    model.load(blob).unwrap_or_else(|error| panic!("{error}"));
+    model.size().expect("it was loaded")
+}
+
 /// Folds the mean in `rows`; its centre.
 fn fold(input_scale: &[f32], rows: &mut [u8]) -> heapless::Vec<f32, MAX_INPUTS> {
     let words = rows.as_chunks::<4>().0.iter();
@@ -385,6 +421,7 @@ fn nominal_frames(joints: usize) -> Vec<Pose<f64>> {
         (FRAC_PI_2, 0.0, 0.0),
         (-FRAC_PI_2, 0.0, 0.14),
         (FRAC_PI_2, 0.05, 0.1),
+        (-FRAC_PI_2, 0.1, 0.05),
     ];
     let tool = (PI / 6.0, 0.1, 0.2);
     let frames = chain.into_iter().take(joints).chain([tool]);

@@ -5,9 +5,10 @@
 
 use poegp_protocol::JointKind;
 use poegp_runtime::elastic::curve::coefficient_count;
+use poegp_runtime::model::cost::{ElasticSize, ModelSize};
 use serde::Serialize;
 
-use crate::device_cost::{ElasticSize, blob_bytes, evaluation_instructions};
+use crate::device_cost::{blob_bytes, elastic, largest, with_elastic};
 use crate::learning::elastic::device_variance::LANDMARKS;
 use crate::learning::elastic::inducing_sets::MAX_PAYLOADS;
 use crate::measurement::sample::InstrumentSample;
@@ -19,7 +20,7 @@ use crate::validation::cross_validation::{CompareError, Task};
 /// What a controller can spare.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Budget {
-    /// Instructions of one evaluation on a Cortex-M4F.
+    /// Instructions of one command on a Cortex-M4F, by [`ModelSize::command_bound`].
     pub instructions: Option<u64>,
     /// Bytes of the blob.
     pub bytes: Option<usize>,
@@ -32,7 +33,7 @@ pub struct BudgetTrial {
     pub inducing_points: usize,
     /// Whether the device gets a standard deviation.
     pub predictive_std: bool,
-    /// Instructions of one evaluation, by the cost model.
+    /// Instructions of one command, at most.
     pub instructions: u64,
     /// Bytes of the blob, by the cost model.
     pub bytes: usize,
@@ -76,9 +77,9 @@ impl Budget {
     }
 
     /// Whether a model of this size fits.
-    pub fn allows(&self, size: &ElasticSize) -> bool {
+    pub fn allows(&self, size: &ModelSize) -> bool {
         self.instructions
-            .is_none_or(|limit| evaluation_instructions(size) <= limit)
+            .is_none_or(|limit| u64::from(size.command_bound()) <= limit)
             && self
                 .bytes
                 .is_none_or(|limit| blob_bytes(size, TEXTS) <= limit)
@@ -92,7 +93,7 @@ impl Budget {
         samples: &[InstrumentSample],
         curve_orders: usize,
         landmarks: usize,
-    ) -> Option<ElasticSize> {
+    ) -> Option<ModelSize> {
         let mut payloads: Vec<f64> = samples
             .iter()
             .map(|s| s.payload_kg.unwrap_or(0.0))
@@ -102,33 +103,39 @@ impl Budget {
         let groups = payloads.len().clamp(1, MAX_PAYLOADS);
         let (joints, kinds) = (robot.joints.len(), robot.joints.iter().map(|j| j.kind));
         let prismatic = kinds.filter(|kind| *kind == JointKind::Prismatic).count();
-        let size = |points| ElasticSize {
-            ripple: RIPPLE_PER_JOINT * joints,
-            curve_orders,
-            landmarks,
-            ..ElasticSize::largest(joints, prismatic, points, groups)
+        let size = |points| {
+            with_elastic(&largest(joints, prismatic, points, groups), |size| {
+                size.ripple = RIPPLE_PER_JOINT * joints;
+                size.curve_orders = curve_orders;
+                size.landmarks = landmarks;
+            })
         };
         let most = points_beside(joints, curve_orders);
         (1..=most).rev().map(size).find(|s| self.allows(s))
     }
 
     /// `config` with a model of at most this size.
-    fn limited(&self, size: &ElasticSize, config: &Config) -> Config {
-        let of = |points: usize| ElasticSize {
-            ripple: size.ripple,
-            curve_orders: size.curve_orders,
-            landmarks: size.landmarks,
-            ..ElasticSize::largest(size.joints, size.prismatic, points, size.groups)
+    fn limited(&self, size: &ModelSize, config: &Config) -> Config {
+        let chosen = elastic(size);
+        let of = |points: usize| {
+            with_elastic(
+                &largest(size.joints, size.sliding, points, chosen.groups),
+                |size| {
+                    size.ripple = chosen.ripple;
+                    size.curve_orders = chosen.curve_orders;
+                    size.landmarks = chosen.landmarks;
+                },
+            )
         };
         let bytes_alone = Self {
             instructions: None,
             ..*self
         };
-        let most = points_beside(size.joints, size.curve_orders);
+        let most = points_beside(size.joints, chosen.curve_orders);
         let points = (1..=most).rev().find(|n| bytes_alone.allows(&of(*n)));
-        let without_points = evaluation_instructions(&of(0));
+        let without_points = u64::from(of(0).command_bound());
         Config {
-            device_variance: size.landmarks > 0,
+            device_variance: chosen.landmarks > 0,
             inducing_points: points.unwrap_or(1),
             max_point_instructions: self
                 .instructions
@@ -152,11 +159,11 @@ pub fn fit_to_budget(
 ) -> Result<Option<(Config, Vec<BudgetTrial>)>, CompareError> {
     // How long an own-joint curve is, and whether there is one, shows when it is fitted.
     let found = task.calibrated(config, task.train)?;
-    let elastic = found.calibration.correction.elastic();
-    let curve_orders = elastic.map_or(0, |e| e.deflection.curve_orders);
+    let model = found.calibration.correction.elastic();
+    let curve_orders = model.map_or(0, |e| e.deflection.curve_orders);
     let sized = |landmarks: usize| budget.largest(task.robot, task.train, curve_orders, landmarks);
-    let with_variance =
-        sized(LANDMARKS).filter(|size| config.device_variance && size.points >= ENOUGH_POINTS);
+    let with_variance = sized(LANDMARKS)
+        .filter(|size| config.device_variance && elastic(size).points >= ENOUGH_POINTS);
     let Some(size) = with_variance.or_else(|| sized(0)) else {
         return Ok(None);
     };
@@ -167,11 +174,12 @@ pub fn fit_to_budget(
         let errors: Vec<f64> = errors.iter().map(|e| e.position_mm).collect();
         // How many points fit shows when they are chosen.
         let landmarks = if trial.device_variance { LANDMARKS } else { 0 };
-        let size = size_of(task, trial, &ElasticSize { landmarks, ..size })?;
+        let size = with_elastic(&size, |size| size.landmarks = landmarks);
+        let size = size_of(task, trial, &size)?;
         table.push(BudgetTrial {
-            inducing_points: size.points,
-            predictive_std: size.landmarks > 0,
-            instructions: evaluation_instructions(&size),
+            inducing_points: elastic(&size).points,
+            predictive_std: landmarks > 0,
+            instructions: size.command_bound().into(),
             bytes: blob_bytes(&size, TEXTS),
             position_mm: Summary::new(&errors),
             chosen: std::ptr::eq(trial, &chosen),
@@ -184,14 +192,17 @@ pub fn fit_to_budget(
 pub const TRIALS: usize = 2;
 
 /// What a calibration of all training poses comes to.
-fn size_of(
-    task: &Task<'_>,
-    config: &Config,
-    size: &ElasticSize,
-) -> Result<ElasticSize, CompareError> {
+fn size_of(task: &Task<'_>, config: &Config, arm: &ModelSize) -> Result<ModelSize, CompareError> {
     let found = task.calibrated(config, task.train)?;
-    let elastic = found.calibration.correction.elastic();
-    Ok(elastic.map_or(*size, |elastic| {
-        size.with_processes(&elastic.deflection.processes)
-    }))
+    Ok(match found.calibration.correction.elastic() {
+        Some(found) => with_elastic(arm, |size| {
+            let processes = &found.deflection.processes;
+            *size = ElasticSize {
+                // Of sliding joints the ranges decide, when the model is loaded: usually for it.
+                unrolled: processes.is_unrolled() || arm.sliding > 0,
+                ..size.with_processes(processes)
+            };
+        }),
+        None => *arm,
+    })
 }

@@ -5,7 +5,6 @@
 //! inducing_points` takes ten arms of each kind; that takes minutes.
 
 use poegp_calibration::blob::write::calibrate_to_blob;
-use poegp_calibration::device_cost::{ElasticSize, evaluation_instructions};
 use poegp_calibration::measurement as measurements;
 use poegp_calibration::measurement::folds::Folds;
 use poegp_calibration::measurement::sample::InstrumentSample;
@@ -46,10 +45,10 @@ impl Sums {
             let context = FitContext::default();
             let found = calibrate_to_blob(robot, train, &config, &origin(tools), &context)
                 .unwrap_or_else(|e| panic!("{e}"));
-            let size = ElasticSize::of_blob(found.blob.blob()).unwrap();
+            let size = found.blob.model().size().unwrap();
             let errors = found.blob.errors(test);
             self.errors[i].extend(errors.iter().map(|e| e.position_mm));
-            self.sizes[i][0] += evaluation_instructions(&size) as f64;
+            self.sizes[i][0] += f64::from(size.command_bound());
             self.sizes[i][1] += found.blob.bytes().len() as f64;
         }
         self.count += 1.0;

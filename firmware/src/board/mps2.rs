@@ -213,6 +213,8 @@ impl Board for Mps2 {
     const TICK_HZ: u32 = CLOCK_HZ;
     // 4 ms: at 25 MHz a correction with 100 inducing points takes over one.
     const DEADLINE_TICKS: u32 = CLOCK_HZ / 250;
+    // QEMU counts 64 ns for each.
+    const MAX_INSTRUCTIONS: u32 = 4_000_000 / 64;
     const FLASH_BLOCKS: bool = false;
     type Link = Uart;
     type Log = Uart;

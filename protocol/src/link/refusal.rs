@@ -89,6 +89,13 @@ pub enum Refusal {
     NotAKey,
     /// Writing the flash of this board would delay cycles: stop them and say so with `StopCyclic` first.
     CyclesRunning,
+    /// The model may take more instructions than there are in a cycle.
+    TooSlow {
+        /// Of one command with the model, at most.
+        instructions: u32,
+        /// `CycleSettings::max_instructions`.
+        allowed: u32,
+    },
     /// A setting of the cycle is out of range, or a correction is applied; the code is `FilterError::code` of the runtime.
     CycleSetting {
         /// Explicit number, append-only.

@@ -105,4 +105,6 @@ pub struct CycleSettings {
     pub acceleration: f32,
     /// Shortest time in s in which a correction is switched on or off.
     pub blend_s: f32,
+    /// Most instructions from a command to its answer. A model that may take more, by its bound, is refused.
+    pub max_instructions: u32,
 }

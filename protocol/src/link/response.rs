@@ -130,6 +130,8 @@ pub struct ModelIdentity {
     pub joints: u8,
     /// Inducing points of its correction.
     pub inducing_points: u32,
+    /// Of one command, at most, from its frame to the answer's.
+    pub instructions: u32,
     /// Whether the device has verified its signature.
     pub signed: bool,
     /// Causes of the warnings about the measurements that it was calibrated with.

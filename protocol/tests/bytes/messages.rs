@@ -52,6 +52,7 @@ const CYCLE: CycleSettings = CycleSettings {
     rate: 0.5,
     acceleration: 2.0,
     blend_s: 0.25,
+    max_instructions: 62_500,
 };
 
 /// The longest request of each kind.
@@ -94,6 +95,7 @@ const LONGEST_CYCLE: CycleSettings = CycleSettings {
     rate: -1.1,
     acceleration: -1.1,
     blend_s: -1.1,
+    max_instructions: u32::MAX,
 };
 
 /// One decode error of each kind.
@@ -170,6 +172,10 @@ pub fn refusals() -> Vec<Refusal> {
         Refusal::KeyIsFixed,
         Refusal::NotAKey,
         Refusal::CyclesRunning,
+        Refusal::TooSlow {
+            instructions: 70_000,
+            allowed: 62_500,
+        },
         Refusal::CycleSetting { code: 4 },
     ]
 }
@@ -193,6 +199,7 @@ fn model() -> ModelIdentity {
         blob_crc: 5,
         joints: 2,
         inducing_points: 300,
+        instructions: 61_234,
         signed: true,
         warnings: [Cause::Still, Cause::Step].into_iter().collect(),
     }
@@ -300,6 +307,7 @@ pub fn longest_responses() -> Vec<Response> {
         blob_crc: u32::MAX,
         joints: u8::MAX,
         inducing_points: u32::MAX,
+        instructions: u32::MAX,
         signed: true,
         warnings: Cause::ALL.into_iter().collect(),
     };

@@ -241,6 +241,23 @@ impl<T: Scalar> Gravity<T> {
         }
     }
 
+    /// Revolute joints of these kinds on which it acts, and the links from each of them to the last one, summed.
+    pub fn loads(&self, kinds: &[JointKind]) -> (usize, usize) {
+        let (mut joints, mut links) = (0, 0);
+        for (c, kind) in kinds.iter().enumerate().skip(self.idle) {
+            if *kind == JointKind::Revolute {
+                joints += 1;
+                links += kinds.len() - 1 - c;
+            }
+        }
+        (joints, links)
+    }
+
+    /// Whether gravity is along the vertical of the base.
+    pub fn is_upright(&self) -> bool {
+        self.gravity[0] == T::ZERO && self.gravity[1] == T::ZERO
+    }
+
     /// g in m/s².
     pub fn acceleration(&self) -> &Vector3<T> {
         &self.gravity
@@ -257,7 +274,7 @@ impl<T: Scalar> Gravity<T> {
         payload_kg: T,
     ) -> PerJoint<T> {
         let mut out = [T::ZERO; MAX_JOINTS];
-        if self.gravity[0] == T::ZERO && self.gravity[1] == T::ZERO {
+        if self.is_upright() {
             // Of an upright arm the pull has no moment about the vertical: two rows are enough.
             self.add::<2>(kinds, frames, target, payload_kg, &mut out);
         } else {

@@ -94,8 +94,6 @@ pub(super) fn add_mean<T: KernelLoops, const D: usize, const ROW: usize>(
 pub(super) struct SetProcess<'a, T> {
     pub(super) group_payloads_kg: &'a [T],
     pub(super) kernel: &'a JointKernel<T>,
-    /// What the loops leave out of every exponent, but for the payload.
-    pub(super) bias: T,
     pub(super) set: &'a InducingSet,
     pub(super) motions: &'a JointTrig<T>,
     pub(super) payload_kg: T,
@@ -108,10 +106,7 @@ impl<T: Scalar> SetProcess<'_, T> {
     #[inline(never)]
     pub(super) fn prepare(&self, query: &mut JointTrig<T>, blocks: &mut Blocks<T>) {
         // A copy: what is stored below cannot change it, so it is loaded once.
-        let kernel = JointKernel {
-            bias: self.bias,
-            ..*self.kernel
-        };
+        let kernel = *self.kernel;
         let payload_kg = self.payload_kg;
         for (slot, joint) in query.iter_mut().zip(self.set.joints()) {
             // The mask is for the compiler: there are no other joints.

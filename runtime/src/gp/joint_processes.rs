@@ -24,7 +24,7 @@ pub struct JointProcesses<T> {
     /// Whether the unrolled loops may be taken, see [`JointProcesses::choose_loops`]; `false` is always right.
     unrolled: bool,
     /// The sliding joints, when the unrolled loops are taken; their words in the rows are then those of
-    /// [`JointProcesses::place_sliding_joints`].
+    /// [`JointProcesses::centre_sliding_joints`].
     sliding: Vec<SlidingJoint<T>, MAX_JOINTS>,
 }
 
@@ -42,7 +42,7 @@ struct SlidingJoint<T> {
 impl<T: Scalar> SlidingJoint<T> {
     /// x at a joint value in m.
     #[inline(always)]
-    fn place(&self, value: T) -> T {
+    fn centred(&self, value: T) -> T {
         let x = value - self.middle;
         if x > self.reach {
             self.reach
@@ -97,9 +97,14 @@ impl<T: Scalar> JointProcesses<T> {
         words
     }
 
+    /// Whether the unrolled loops are taken.
+    pub fn is_unrolled(&self) -> bool {
+        self.unrolled
+    }
+
     /// Looks whether the unrolled loops are for these joints of usual length scales. Once, when everything else is known.
     /// `ranges`: the trained ranges, rad or m; without them the loops are those of any joints when one slides.
-    /// [`JointProcesses::place_sliding_joints`] has to follow.
+    /// [`JointProcesses::centre_sliding_joints`] has to follow.
     pub fn choose_loops(&mut self, kinds: &[JointKind], ranges: &[(T, T)]) {
         self.sliding.clear();
         let mut fast = true;
@@ -137,7 +142,7 @@ impl<T: Scalar> JointProcesses<T> {
 
     /// Replaces the words (q′, 0) of each sliding joint in the rows by (x′, 1 − x′²/2), if the loops take them so.
     #[inline(never)]
-    pub fn place_sliding_joints(&self, rows: &mut [T]) {
+    pub fn centre_sliding_joints(&self, rows: &mut [T]) {
         if self.sliding.is_empty() {
             return;
         }
@@ -148,7 +153,7 @@ impl<T: Scalar> JointProcesses<T> {
             for row in here.chunks_mut(set.row_words()) {
                 for (joint, words) in set.joints().iter().zip(row.as_chunks_mut::<2>().0) {
                     for sliding in self.sliding.iter().filter(|s| s.joint == *joint) {
-                        let x = sliding.place(words[0]);
+                        let x = sliding.centred(words[0]);
                         *words = [x, T::ONE - half_square(x)];
                     }
                 }
@@ -158,6 +163,21 @@ impl<T: Scalar> JointProcesses<T> {
 }
 
 impl<T: KernelLoops> JointProcesses<T> {
+    /// The words of the query, those of sliding joints centred, and the kernels, whose bias has W_d x²/2 of these.
+    #[inline(never)]
+    fn centred(&self, motions: &JointTrig<T>) -> (JointTrig<T>, [JointKernel<T>; MAX_JOINTS]) {
+        let (mut out, mut kernels) = (*motions, self.kernels);
+        for sliding in &self.sliding {
+            let d = usize::from(sliding.joint) % MAX_JOINTS;
+            let x = sliding.centred(out[d][0]);
+            out[d] = [x, T::ONE];
+            for kernel in &mut kernels {
+                kernel.bias -= kernel.rates[d] * half_square(x);
+            }
+        }
+        (out, kernels)
+    }
+
     /// The posterior mean of every joint in rad or m, from the `rows` of the inducing points, set by set.
     #[inline(never)]
     pub fn mean(
@@ -171,31 +191,18 @@ impl<T: KernelLoops> JointProcesses<T> {
         let mut query = [[T::ZERO; 2]; MAX_JOINTS];
         let mut blocks = Blocks::new();
         let mut rest = rows;
-        let mut placed;
-        let mut own = [T::ZERO; MAX_JOINTS];
-        let motions = if self.sliding.is_empty() {
-            motions
+        let centred;
+        let (motions, kernels) = if self.sliding.is_empty() {
+            (motions, &self.kernels)
         } else {
-            placed = *motions;
-            for sliding in &self.sliding {
-                let d = usize::from(sliding.joint) % MAX_JOINTS;
-                let x = sliding.place(placed[d][0]);
-                placed[d] = [x, T::ONE];
-                own[d] = half_square(x);
-            }
-            &placed
+            centred = self.centred(motions);
+            (&centred.0, &centred.1)
         };
-        let sets = self.sets.iter().zip(&self.kernels);
+        let sets = self.sets.iter().zip(kernels);
         for (slot, (set, kernel)) in out.iter_mut().zip(sets) {
-            let mut bias = kernel.bias;
-            for sliding in &self.sliding {
-                let d = usize::from(sliding.joint) % MAX_JOINTS;
-                bias -= kernel.rates[d] * own[d];
-            }
             let at = SetProcess {
                 group_payloads_kg: &self.group_payloads_kg,
                 kernel,
-                bias,
                 set,
                 motions,
                 payload_kg,

@@ -13,49 +13,59 @@ use crate::math::scalar::Scalar;
 /// One value for each joint.
 pub type PerJoint<T> = [T; MAX_JOINTS];
 
-/// An element of C − I that is not zero: so much of a controller's joint is added to a serial joint.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Term<T> {
-    serial: u8,
-    joint: u8,
-    weight: T,
-}
+/// Most elements of C − I.
+const MAX_TERMS: usize = MAX_JOINTS * MAX_JOINTS;
 
 /// C as C − I, without its zeros.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Coupling<T> {
-    terms: Vec<Term<T>, { MAX_JOINTS * MAX_JOINTS }>,
+    /// So much of a controller's joint is added to a serial joint.
+    weights: Vec<T, MAX_TERMS>,
+    /// Of which, to which: [`MAX_JOINTS`] times the serial joint and the controller's.
+    pairs: Vec<u8, MAX_TERMS>,
 }
 
 impl<T: Scalar> Coupling<T> {
     /// From the elements of C, row by row, each of `joints` elements; those beyond [`MAX_JOINTS`] are left out.
     pub fn new(joints: usize, elements: impl Iterator<Item = T>) -> Self {
-        let mut terms = Vec::new();
-        let places = (0..joints).flat_map(|serial| (0..joints).map(move |joint| (serial, joint)));
-        for ((serial, joint), element) in places.zip(elements) {
+        let (mut weights, mut indices) = (Vec::new(), Vec::new());
+        let pairs = (0..joints).flat_map(|serial| (0..joints).map(move |joint| (serial, joint)));
+        for ((serial, joint), element) in pairs.zip(elements) {
             let weight = if serial == joint {
                 element - T::ONE
             } else {
                 element
             };
             if weight != T::ZERO && serial < MAX_JOINTS && joint < MAX_JOINTS {
-                let (serial, joint) = (serial as u8, joint as u8);
                 // There are never more than fit.
-                let _ = terms.push(Term {
-                    serial,
-                    joint,
-                    weight,
-                });
+                let _ = weights.push(weight);
+                let _ = indices.push((MAX_JOINTS * serial + joint) as u8);
             }
         }
-        Self { terms }
+        Self {
+            weights,
+            pairs: indices,
+        }
     }
 
     /// The elements of C − I that are not zero, row by row: serial joint, controller's joint, element.
     #[inline(always)]
     pub fn terms(&self) -> impl Iterator<Item = (usize, usize, T)> {
-        let place = |term: &Term<T>| (term.serial.into(), term.joint.into(), term.weight);
-        self.terms.iter().map(place)
+        let joints = self.pairs.iter().map(|pair| usize::from(*pair));
+        let weights = self.weights.iter();
+        joints
+            .zip(weights)
+            .map(|(pair, weight)| (pair / MAX_JOINTS, pair % MAX_JOINTS, *weight))
+    }
+
+    /// Serial joints that are not the controller's joint alone.
+    pub fn coupled_joints(&self) -> usize {
+        let (mut count, mut last) = (0, MAX_JOINTS);
+        for (serial, _, _) in self.terms() {
+            count += usize::from(serial != last);
+            last = serial;
+        }
+        count
     }
 
     /// Sines and cosines of the controller's joints, written to `motions`, which holds those of the serial joints.

@@ -4,6 +4,7 @@ use poegp_protocol::JointKind;
 use poegp_protocol::blob::{Blob, Correction, Transform};
 use poegp_protocol::limits::{MAX_INPUTS, MAX_JOINTS};
 
+use super::cost::{CorrectionSize, ModelSize};
 use super::elastic::ElasticCorrection;
 use super::load_error::LoadError;
 use super::task_space::TaskSpaceCorrection;
@@ -127,6 +128,26 @@ impl<T: Scalar> Arm<T> {
             }
         }
         Ok(())
+    }
+
+    /// Its sizes, with so many words of rows.
+    pub(super) fn size(&self, rows: usize) -> ModelSize {
+        let (kinds, coupling) = (self.calibrated.kinds(), self.coupling.as_ref());
+        let correction = match &self.correction {
+            ArmCorrection::None => CorrectionSize::None,
+            ArmCorrection::TaskSpace(task) => task.size(rows),
+            ArmCorrection::Elastic(elastic) => CorrectionSize::Elastic(elastic.size(kinds)),
+        };
+        ModelSize {
+            joints: kinds.len(),
+            sliding: kinds
+                .iter()
+                .filter(|kind| **kind == JointKind::Prismatic)
+                .count(),
+            coupling_terms: coupling.map_or(0, |c| c.terms().count()),
+            coupled_joints: coupling.map_or(0, Coupling::coupled_joints),
+            correction,
+        }
     }
 
     /// [`Arm::usual_rotation`] and [`Arm::lever`], from [`SCALE_SAMPLES`] configurations that fill the ranges evenly.

@@ -14,6 +14,7 @@ use crate::gp::joint_processes::JointProcesses;
 use crate::guard::limit::Limit;
 use crate::kinematics::minimal_chain::MinimalForm;
 use crate::math::scalar::Scalar;
+use crate::model::cost::ElasticSize;
 use crate::model::load_error::LoadError;
 use crate::model::validate::{
     MAX_COEFFICIENT, MAX_RATE_SUM, checked_limit, checked_rows, feature_limit, is_within,
@@ -85,6 +86,22 @@ impl<T: Scalar> ElasticCorrection<T> {
 }
 
 impl<T: Scalar> ElasticCorrection<T> {
+    /// Its sizes.
+    pub(super) fn size(&self, kinds: &[JointKind]) -> ElasticSize {
+        let terms = &self.deflection;
+        let (loaded_joints, loaded_links) = terms.gravity.loads(kinds);
+        let size = ElasticSize {
+            loaded_joints,
+            loaded_links,
+            upright: terms.gravity.is_upright(),
+            ripple: terms.ripple.len(),
+            curve_orders: terms.curve_orders,
+            landmarks: terms.variance.as_ref().map_or(0, |v| v.landmarks),
+            ..ElasticSize::default()
+        };
+        size.with_processes(&terms.processes)
+    }
+
     /// The payload in kg, or the heaviest that is one.
     #[inline(always)]
     pub(crate) fn held(&self, payload_kg: T) -> T {

@@ -7,6 +7,7 @@
 //! `WORDS` is the room for rows of inducing points; no result depends on it.
 
 pub(crate) mod arm;
+pub mod cost;
 pub(crate) mod elastic;
 pub mod evaluate;
 pub mod load_error;
@@ -26,6 +27,7 @@ use crate::math::scalar::Scalar;
 use crate::math::se3::Pose;
 use crate::trace::{Observer, Stages};
 use arm::{Arm, ArmCorrection};
+use cost::ModelSize;
 pub use evaluate::Evaluation;
 use evaluate::{CompiledEvaluation, View};
 use load_error::LoadError;
@@ -138,7 +140,7 @@ impl<T: Scalar, const WORDS: usize> Model<T, WORDS> {
             && let ArmCorrection::Elastic(elastic) = &arm.correction
         {
             let processes = &elastic.deflection.processes;
-            processes.place_sliding_joints(&mut self.rows);
+            processes.centre_sliding_joints(&mut self.rows);
         }
         self.arm = slot;
         Ok(())
@@ -160,6 +162,11 @@ impl<T: Scalar, const WORDS: usize> Model<T, WORDS> {
             Some(ArmCorrection::Elastic(elastic)) => elastic.deflection.processes.points(),
             _ => 0,
         }
+    }
+
+    /// Its sizes; `None` when there is no model.
+    pub fn size(&self) -> Option<ModelSize> {
+        self.arm.as_ref().map(|arm| arm.size(self.rows.len()))
     }
 
     /// Forgets the model.

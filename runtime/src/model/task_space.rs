@@ -9,6 +9,7 @@ use crate::gp::quadratic_posterior::{
 use crate::guard::limit::Limit;
 use crate::math::scalar::Scalar;
 use crate::model::MAX_PAYLOAD_KG;
+use crate::model::cost::{CorrectionSize, TaskSpaceForm};
 use crate::model::load_error::LoadError;
 use crate::model::validate::{MAX_COEFFICIENT, checked_limit, checked_rows, is_within};
 
@@ -74,6 +75,25 @@ impl<T: Scalar> TaskSpaceCorrection<T> {
             header,
             limit: checked_limit(&task.limit)?,
         })
+    }
+}
+
+impl<T: Scalar> TaskSpaceCorrection<T> {
+    /// Its sizes with so many words of rows.
+    pub(super) fn size(&self, words: usize) -> CorrectionSize {
+        let inputs = self.header.inputs;
+        let form = if self.header.centre.is_some() {
+            TaskSpaceForm::Folded
+        } else if self.header.rates.is_none() && MeanHeader::<T>::folds(inputs) {
+            TaskSpaceForm::Differences
+        } else {
+            TaskSpaceForm::PerOutput
+        };
+        CorrectionSize::TaskSpace {
+            inputs,
+            points: words / row_words(inputs),
+            form,
+        }
     }
 }
 

@@ -74,7 +74,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         let mut refusals = [None; 2];
         for (stored, refusal) in self.store.candidates().into_iter().zip(&mut refusals) {
             let Some(stored) = stored else { continue };
-            match self.load_stored(&stored) {
+            match self.load_stored(&stored, device) {
                 Ok(()) => {
                     self.run_spare(device);
                     break;
@@ -197,6 +197,9 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         let spare = self.spare.as_deref_mut().ok_or(Refusal::Busy)?;
         let bytes = self.upload.bytes();
         spare.load(bytes, key.as_ref())?;
+        self.check_time(device)?;
+        let spare = self.spare.as_deref_mut().ok_or(Refusal::Busy)?;
+        let bytes = self.upload.bytes();
         // A model that is stored already keeps its slot, or a roll back could lead to where one is.
         let same = |stored: &Stored| stored.crc == crc && stored.length as usize == bytes.len();
         let stored = self.store.candidates().into_iter().flatten().find(same);
@@ -243,6 +246,8 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         if !self.spare_identity().is_some_and(is_asked_for) {
             return Err(Refusal::UnknownModel { blob_crc });
         }
+        // It was verified, but less may be allowed since.
+        self.check_time(device)?;
         self.run_spare(device);
         Ok(())
     }
@@ -272,7 +277,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
                 continue;
             }
             let promoted = self
-                .load_stored(&stored)
+                .load_stored(&stored, device)
                 .and_then(|()| self.store.promote(&stored).map_err(refused));
             self.upload.abandon(0);
             match promoted {
@@ -299,14 +304,35 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
     }
 
     /// Into the spare model, through the staging buffer: an upload in progress is given up.
-    fn load_stored(&mut self, stored: &Stored) -> Result<(), Refusal> {
+    fn load_stored(
+        &mut self,
+        stored: &Stored,
+        device: &mut impl Device<'m, WORDS>,
+    ) -> Result<(), Refusal> {
         let key = self.key()?;
         let buffer = self.upload.abandon(stored.length as usize);
         let bytes = self.store.read(stored, buffer).map_err(refused)?;
         let spare = self.spare.as_deref_mut().ok_or(Refusal::Busy)?;
         spare.load(bytes, key.as_ref())?;
         spare.set_slot(Some(stored.slot));
-        Ok(())
+        self.check_time(device)
+    }
+
+    /// Whether the spare model fits into the time of a cycle; one that does not is given up.
+    fn check_time(&mut self, device: &mut impl Device<'m, WORDS>) -> Result<(), Refusal> {
+        let allowed = self
+            .order(device, CycleCommand::Report)
+            .cycle
+            .max_instructions;
+        let fits = self
+            .spare_identity()
+            .map_or(Ok(()), |model| in_time(&model, allowed));
+        if fits.is_err()
+            && let Some(spare) = &mut self.spare
+        {
+            spare.unload();
+        }
+        fits
     }
 
     fn provision(
@@ -344,7 +370,11 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         device: &mut impl Device<'m, WORDS>,
     ) -> Result<(), Refusal> {
         for_filter(settings).check().map_err(not_taken)?;
-        let before = self.check_flash(device)?.cycle;
+        let report = self.check_flash(device)?;
+        if let Some(model) = &report.model {
+            in_time(model, settings.max_instructions)?;
+        }
+        let before = report.cycle;
         if before != *settings
             && let Some(error) = self
                 .order(device, CycleCommand::Settings(*settings))
@@ -359,6 +389,18 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         }
         written.map_err(refused)
     }
+}
+
+/// Whether a model takes no more instructions than that.
+fn in_time(model: &ModelIdentity, allowed: u32) -> Result<(), Refusal> {
+    let instructions = model.instructions;
+    if instructions > allowed {
+        return Err(Refusal::TooSlow {
+            instructions,
+            allowed,
+        });
+    }
+    Ok(())
 }
 
 fn not_taken(error: FilterError) -> Refusal {

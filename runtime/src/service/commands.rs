@@ -7,17 +7,21 @@ use poegp_protocol::link::{CycleSettings, Query};
 
 use crate::filter::{CommandFilter, FilterError, FilterSettings, Filtered};
 use crate::guard::status::Status;
+use crate::service::exchange::BoardInfo;
 
 /// Parts of a second without a command after which commands have stopped. The filter never waits longer for one.
 const QUIET: u32 = 2;
 
-/// What is in force without any other: that of [`FilterSettings::default`].
-pub(super) const DEFAULT: CycleSettings = CycleSettings {
-    period_us: 1_000,
-    rate: 0.02,
-    acceleration: 0.5,
-    blend_s: 0.5,
-};
+/// What is in force without any other: that of [`FilterSettings::default`], and what the board allows.
+const fn default_settings(max_instructions: u32) -> CycleSettings {
+    CycleSettings {
+        period_us: 1_000,
+        rate: 0.02,
+        acceleration: 0.5,
+        blend_s: 0.5,
+        max_instructions,
+    }
+}
 
 /// The filter and what it has to know of time.
 ///
@@ -46,12 +50,13 @@ pub(super) struct Commands {
 }
 
 impl Commands {
-    /// Before the first command, with [`DEFAULT`] settings.
-    pub(super) fn new(tick_hz: u32) -> Self {
+    /// Before the first command, with default settings.
+    pub(super) fn new(board: &BoardInfo) -> Self {
+        let settings = default_settings(board.max_instructions);
         let mut new = Self {
             filter: CommandFilter::new(),
-            settings: DEFAULT,
-            tick_hz,
+            settings,
+            tick_hz: board.tick_hz,
             period_ticks: NonZeroU32::MIN,
             quiet: true,
             last: 0,
@@ -62,7 +67,7 @@ impl Commands {
             },
         };
         // Cannot be refused: nothing is applied.
-        let _ = new.configure(&DEFAULT);
+        let _ = new.configure(&settings);
         new
     }
 

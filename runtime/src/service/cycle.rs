@@ -57,7 +57,7 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
             active,
             pending: None,
             replaced: None,
-            commands: Commands::new(board.tick_hz),
+            commands: Commands::new(board),
             statistics: Statistics::default(),
             deadline_ticks: board.deadline_ticks,
             bypass,

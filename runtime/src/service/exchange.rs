@@ -17,6 +17,8 @@ pub struct BoardInfo {
     pub tick_hz: u32,
     /// Ticks in which a cyclic request is to be answered.
     pub deadline_ticks: u32,
+    /// Instructions for which there is time in a cycle, until another number is provisioned.
+    pub max_instructions: u32,
     /// Whether the processor waits while the flash erases or writes. Then it is left alone while cycles run.
     pub flash_blocks: bool,
     /// Why the device started.

@@ -16,6 +16,8 @@ pub struct ModelSlot<const WORDS: usize> {
     robot: String<MAX_NAME>,
     serial_number: String<MAX_NAME>,
     pub(super) blob_crc: u32,
+    /// Bound of a command.
+    instructions: u32,
     warnings: Causes,
     /// 1 when its signature was verified: a `bool` would give an `Option` around this a state that is not zero.
     signed: u8,
@@ -37,6 +39,7 @@ impl<const WORDS: usize> ModelSlot<WORDS> {
             robot: String::new(),
             serial_number: String::new(),
             blob_crc: 0,
+            instructions: 0,
             warnings: Causes::NONE,
             signed: 0,
             slot: 0,
@@ -79,6 +82,7 @@ impl<const WORDS: usize> ModelSlot<WORDS> {
                 self.robot = name(blob.robot.name);
                 self.serial_number = name(blob.robot.serial_number);
                 self.warnings = blob.warnings;
+                self.instructions = self.model.size().map_or(0, |size| size.command_bound());
                 Ok(())
             }
         }
@@ -106,6 +110,7 @@ impl<const WORDS: usize> ModelSlot<WORDS> {
             blob_crc: self.blob_crc,
             joints: joints as u8,
             inducing_points: self.model.inducing_points() as u32,
+            instructions: self.instructions,
             signed: self.signed != 0,
             warnings: self.warnings,
         })

@@ -13,7 +13,7 @@ pub(super) const JOURNAL_RECORD: u32 = 28;
 /// Bytes of a record of the key page before it is filled up to whole units.
 pub(super) const KEY_RECORD: u32 = 40;
 /// Bytes of a record of the settings page before it is filled up to whole units.
-pub(super) const SETTINGS_RECORD: u32 = 24;
+pub(super) const SETTINGS_RECORD: u32 = 28;
 
 /// Where in the flash everything is, in bytes from its beginning. All ranges begin and end with an erase unit.
 #[derive(Clone, Debug, PartialEq, Eq)]

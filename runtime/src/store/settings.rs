@@ -10,14 +10,15 @@
 //!        8     4  largest rate, rad/s, f32
 //!       12     4  largest acceleration, rad/s², f32
 //!       16     4  blend time in s, f32
-//!       20     4  CRC-32C of bytes 0..20
+//!       20     4  most instructions of a command
+//!       24     4  CRC-32C of bytes 0..24
 //! ```
 //!
 //! The last valid record is in force. The next one goes behind everything that is not blank, so that no unit is written
 //! twice: a record that a power cut has torn, or that is damaged, is skipped and keeps its place. So at every moment the
 //! settings are the old ones or the new ones. When there is no room behind the last record the page is full for good
 //! ([`StoreError::SettingsFull`]): an erase could be interrupted and lose the settings. A page of 4096 bytes has room for
-//! 170 changes. Settings that are in force already are not written again.
+//! 146 changes. Settings that are in force already are not written again.
 
 use embedded_storage::nor_flash::NorFlash;
 use poegp_protocol::link::CycleSettings;
@@ -36,6 +37,7 @@ fn record(settings: &CycleSettings) -> [u8; LENGTH] {
         settings.rate.to_bits(),
         settings.acceleration.to_bits(),
         settings.blend_s.to_bits(),
+        settings.max_instructions,
     ];
     let mut bytes = [0; LENGTH];
     if let Some((fields, crc)) = bytes.split_last_chunk_mut::<4>() {
@@ -58,6 +60,7 @@ fn settings_of(bytes: &[u8; LENGTH]) -> Option<CycleSettings> {
         rate: f32::from_bits(words.next()?),
         acceleration: f32::from_bits(words.next()?),
         blend_s: f32::from_bits(words.next()?),
+        max_instructions: words.next()?,
     })
 }
 

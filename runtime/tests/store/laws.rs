@@ -164,7 +164,7 @@ fn layouts_that_cannot_be_used_are_refused() {
     };
     let empty = StoreError::RangeTooSmall {
         length: 0,
-        needed: 24,
+        needed: 28,
     };
     let overlaps = |at| StoreError::Overlap { at };
     let more = [

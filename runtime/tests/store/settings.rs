@@ -14,6 +14,7 @@ fn settings(number: u32) -> CycleSettings {
         rate: 0.01 * number as f32,
         acceleration: 0.5,
         blend_s: 0.25,
+        max_instructions: 30_000,
     }
 }
 
@@ -21,8 +22,8 @@ fn settings(number: u32) -> CycleSettings {
 fn the_last_ones_are_in_force() {
     let mut store = store::<4, 64>(UNITS);
     assert_eq!(store.cycle_settings(), None);
-    // Two units of 64 bytes: five records of 24.
-    for number in 1..=5 {
+    // Two units of 64 bytes: four records of 28.
+    for number in 1..=4 {
         store.set_cycle_settings(&settings(number)).unwrap();
         let operations = store.flash().operations;
         store.set_cycle_settings(&settings(number)).unwrap();
@@ -31,10 +32,10 @@ fn the_last_ones_are_in_force() {
         store = again(&mut store, UNITS);
         assert_eq!(store.cycle_settings(), Some(settings(number)));
     }
-    let full = store.set_cycle_settings(&settings(6));
+    let full = store.set_cycle_settings(&settings(5));
     assert_eq!(full, Err(StoreError::SettingsFull));
-    store.set_cycle_settings(&settings(5)).unwrap();
-    assert_eq!(store.cycle_settings(), Some(settings(5)));
+    store.set_cycle_settings(&settings(4)).unwrap();
+    assert_eq!(store.cycle_settings(), Some(settings(4)));
     assert_eq!(store.flash().erased, 0, "the page is never erased");
 }
 
@@ -162,5 +163,5 @@ fn every_bit_of_the_page() {
         }
     }
     println!("{same} bits change nothing, {older} lead to the settings before");
-    assert_eq!(older, 8 * 24);
+    assert_eq!(older, 8 * 28);
 }

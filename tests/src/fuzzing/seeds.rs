@@ -59,7 +59,7 @@ pub fn blobs() -> Vec<Vec<u8>> {
         .collect();
     let coupled = Sample {
         coupled: true,
-        prismatic: true,
+        sliding: 1,
         joints: 4,
         ..Sample::plain(8, SampleCorrection::Elastic(SMALL))
     };

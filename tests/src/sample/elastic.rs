@@ -1,6 +1,5 @@
 //! Elastic corrections with random numbers of the size that real arms have.
 
-use poegp_calibration::device_cost::ElasticSize;
 use poegp_protocol::JointKind;
 use poegp_protocol::blob::{self, Correction, CorrectionLimit, JointKernel, Ripple, Variance};
 use poegp_protocol::limits::MAX_CURVE_ORDER;
@@ -27,6 +26,8 @@ pub struct Elastic {
     pub landmarks: usize,
     /// Orders of the own-joint curve of each joint; 0 for none.
     pub curve_orders: usize,
+    /// Whether its kernels are too steep for the unrolled loops.
+    pub steep: bool,
 }
 
 /// Inducing points unless a sample says otherwise.
@@ -43,6 +44,7 @@ impl Elastic {
         upright: true,
         landmarks: 0,
         curve_orders: 0,
+        steep: false,
     };
 
     /// The same with the longest own-joint curves.
@@ -70,21 +72,6 @@ impl Elastic {
         let upto = |index: usize| self.points * index / (joints * self.groups);
         let index = joint * self.groups + group;
         upto(index + 1) - upto(index)
-    }
-
-    /// What the trainer's cost model knows of the model, on an arm with so many joints, of which so many slide.
-    pub fn size(&self, joints: usize, prismatic: usize) -> ElasticSize {
-        let blocks = (0..joints).flat_map(|c| (0..self.groups).map(move |group| (c, group)));
-        ElasticSize {
-            words: self.row_words(joints),
-            blocks: blocks
-                .filter(|(c, group)| self.group_points(*c, joints, *group) > 0)
-                .count(),
-            ripple: self.ripple,
-            curve_orders: self.curve_orders,
-            landmarks: self.landmarks,
-            ..ElasticSize::largest(joints, prismatic, self.points, self.groups)
-        }
     }
 
     /// Words of the inducing points.
@@ -198,6 +185,8 @@ impl Elastic {
             for (joint, rate) in kernel.rates.iter_mut().enumerate() {
                 if !own.contains(&joint) {
                     *rate = 0.0;
+                } else if self.steep {
+                    *rate += 61.0;
                 }
             }
             let of = |group| self.group_points(c, joints, group);

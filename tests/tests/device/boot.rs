@@ -61,6 +61,7 @@ fn names_the_model_it_runs_and_counts() {
         blob_crc: blob::stored_crc(&bytes).unwrap(),
         joints: JOINTS as u8,
         inducing_points: 50,
+        instructions: sample.size().command_bound(),
         signed: false,
         warnings: warnings(),
     };

@@ -13,6 +13,7 @@ use crate::device;
 /// Quick, so that a test of a few seconds sees whole switches.
 const CYCLE: CycleSettings = CycleSettings {
     period_us: 2_000,
+    max_instructions: 62_500,
     rate: 0.02,
     acceleration: 2.0,
     blend_s: 0.05,

@@ -91,7 +91,7 @@ fn coupled_and_sliding_joints() {
         for (joints, coupled, prismatic) in [(6, true, false), (5, false, true), (7, true, true)] {
             let sample = Sample {
                 coupled,
-                prismatic,
+                sliding: usize::from(prismatic),
                 ..elastic(joints, kind)
             };
             compare(sample, 200);
@@ -107,7 +107,7 @@ fn task_space() {
         ..Sample::plain(72, SampleCorrection::PerOutput(60))
     };
     let sliding = Sample {
-        prismatic: true,
+        sliding: 1,
         ..Sample::plain(73, SampleCorrection::Shared(40))
     };
     let outcomes = [shared, coupled, sliding].map(|sample| compare(sample, 200));

@@ -36,7 +36,7 @@ const CASES: [(&str, Sample); 8] = [
         "elastic_std",
         Sample {
             coupled: true,
-            prismatic: true,
+            sliding: 1,
             ..Sample::plain(24, SampleCorrection::Elastic(small(Elastic::WITH_STD)))
         },
     ),

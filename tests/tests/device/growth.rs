@@ -1,6 +1,5 @@
 //! What an inducing point more costs on the device: instructions of one evaluation for M = 25 … 400.
 
-use poegp_calibration::device_cost::evaluation_instructions;
 use poegp_protocol::link::Refusal;
 use poegp_tests::device::{Device, DeviceError};
 use poegp_tests::emulator::{Clock, instructions};
@@ -59,13 +58,14 @@ fn instructions_grow_with_the_inducing_points_and_no_faster() {
                 groups: 1,
                 ..Elastic::PLAIN
             };
-            let size = elastic.size(6, 0);
-            match count(&mut device, SampleCorrection::Elastic(elastic)) {
+            let correction = SampleCorrection::Elastic(elastic);
+            let bound = Sample::plain(35, correction).size().pose_bound();
+            match count(&mut device, correction) {
                 Some(found) => {
-                    cells.push(format!("{found:.0} ({})", evaluation_instructions(&size)));
+                    cells.push(format!("{found:.0} ({bound})"));
                     counts.push(found);
                 }
-                None => cells.push(format!("does not fit ({})", evaluation_instructions(&size))),
+                None => cells.push(format!("does not fit ({bound})")),
             }
         }
         let sizes = &POINTS[..counts.len()];
@@ -100,9 +100,7 @@ fn instructions_grow_with_the_inducing_points_and_no_faster() {
             "{name}: {odd} instructions for odd numbers"
         );
     }
-    println!(
-        "instructions of one evaluation (predicted by calibration/src/device_cost.rs), Cortex-M4F:"
-    );
+    println!("instructions of one evaluation (its bound in parentheses), Cortex-M4F:");
     println!("| | M = 25 | 50 | 100 | 200 | 400 | exponent |");
     println!("|---|---|---|---|---|---|---|");
     for line in lines {

@@ -184,6 +184,7 @@ fn two_hundred_kills_lose_nothing() {
     let models = models(&queries);
     let mut generator = ChaCha8Rng::seed_from_u64(94);
     let mut device = start(&memory);
+    device.allow_any_time().unwrap();
     for model in &models[..2] {
         device.load(&model.bytes).unwrap();
     }

@@ -10,6 +10,7 @@ mod constant;
 mod corpus;
 mod corrected;
 mod cost;
+mod cost_bound;
 mod damage;
 mod demo;
 mod golden;

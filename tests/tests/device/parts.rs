@@ -112,6 +112,7 @@ fn the_parts_of_an_evaluation() {
 /// uploaded blob, and the length of the blob.
 fn load(device: &mut Device, recorder: &mut Recorder, correction: SampleCorrection) -> [usize; 3] {
     let blob = Sample::plain(37, correction).blob();
+    device.allow_any_time().unwrap();
     device.client().begin_upload(&blob).unwrap();
     for (index, bytes) in blob.chunks(MAX_CHUNK).enumerate() {
         let offset = (MAX_CHUNK * index) as u32;

@@ -235,6 +235,7 @@ fn a_commit_that_takes_long_is_no_hang() {
     let (key, signed) = large();
     for (fault, cycles) in [(FLASH_IS_SLOW, true), (FLASH_STOPS_THE_PROCESSOR, false)] {
         let mut device = prepared();
+        device.allow_any_time().unwrap();
         device.client().provision(key.public().bytes()).unwrap();
         let model = device.client().upload(&signed, &mut |_| ()).unwrap();
         arm(&mut device, fault);

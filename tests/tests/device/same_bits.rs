@@ -60,7 +60,7 @@ fn coupled_joints() {
 #[test]
 fn sliding_joint() {
     let sample = Sample {
-        prismatic: true,
+        sliding: 1,
         ..Sample::plain(14, SampleCorrection::PerOutput(40))
     };
     compare(sample, 300);
@@ -104,7 +104,7 @@ fn elastic_arms_of_five_and_seven_joints() {
 fn elastic_arm_with_a_sliding_joint() {
     let sample = Sample {
         joints: 5,
-        prismatic: true,
+        sliding: 1,
         ..elastic(19, Elastic::PLAIN)
     };
     compare(sample, 150);
@@ -127,7 +127,7 @@ fn elastic_arms_whose_kernels_look_at_any_number_of_joints() {
         };
         let sample = Sample {
             joints,
-            prismatic,
+            sliding: usize::from(prismatic),
             ..elastic(25, kind)
         };
         compare(sample, 100);
@@ -150,6 +150,7 @@ fn elastic_without_process_or_ripple() {
         groups: 0,
         ripple: 0,
         curve_orders: 0,
+        steep: false,
         landmarks: 0,
         upright: true,
         looks_at: 1,

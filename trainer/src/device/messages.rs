@@ -53,6 +53,14 @@ pub fn refusal(refusal: &Refusal) -> String {
                                    says so with `StopCyclic`, and try again"
                 .to_owned()
         }
+        Refusal::TooSlow {
+            instructions,
+            allowed,
+        } => format!(
+            "a command with the model may take {instructions} instructions, and {allowed} are allowed in a cycle; calibrate \
+             with --max-instructions {allowed}, or allow more if the controller's cycle leaves time for them (`trainer device \
+             cycle --max-instructions`)"
+        ),
         Refusal::CycleSetting { code } => cycle_setting(*code),
     }
 }

@@ -40,6 +40,7 @@ fn device(resident: &mut ModelSlot<{ words_for(512) }>, query: Query) -> Correct
         image_crc: 0,
         tick_hz: 1_000,
         deadline_ticks: 1_000,
+        max_instructions: 100_000,
         flash_blocks: false,
         start: StartReason::PowerOn,
     };

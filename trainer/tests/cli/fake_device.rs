@@ -153,6 +153,7 @@ pub fn identity() -> Identity {
             rate: 0.02,
             acceleration: 0.5,
             blend_s: 0.5,
+            max_instructions: 62_500,
         },
         model: None,
         pending: false,
@@ -169,6 +170,7 @@ pub fn model(blob_crc: u32) -> ModelIdentity {
         blob_crc,
         joints: 6,
         inducing_points: 20,
+        instructions: 18_500,
         signed: false,
         warnings: [Cause::Step, Cause::Still].into_iter().collect(),
     }

@@ -11,7 +11,6 @@
 //! A joint's kernel does not look at joints that hardly matter to it: those whose rate leaves less than `NEGLIGIBLE` of
 //! the noise's variance unexplained. Their words are not stored.
 
-use poegp_protocol::JointKind;
 use poegp_protocol::limits::MAX_GROUPS;
 use poegp_runtime::gp::joint_kernel::JointKernel;
 use poegp_runtime::kinematics::poe::JointTrig;
@@ -19,7 +18,7 @@ use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use crate::device_cost::{set_block_instructions, set_row_instructions};
+use crate::device_cost::{block_instructions, row_instructions};
 use crate::identification::parametric::state::Linearised;
 use crate::learning::elastic::hyperparameters::DEFLECTION_UNIT;
 use crate::learning::elastic::inputs::{ClusteredInput, kernel};
@@ -102,7 +101,6 @@ pub fn select_greedy(
         .iter()
         .map(|i| (fit.inputs.features[*i], centre_payloads[*i]))
         .collect();
-    let sliding = kinds.contains(&JointKind::Prismatic);
     let mut joints = Vec::new();
     for (c, share) in shares.iter().enumerate() {
         let posterior = |(features, payload): &QueryPoint| {
@@ -121,8 +119,8 @@ pub fn select_greedy(
         };
         let columns = centres.iter().map(column).collect();
         let looked_at = kernels[c].rates().iter().filter(|rate| **rate > 0.0);
-        let row = set_row_instructions(2 * looked_at.count() + 1, sliding);
-        let block = set_block_instructions(sliding);
+        let row = row_instructions(2 * looked_at.count() + 1);
+        let block = block_instructions();
         joints.push(Approach::new(columns, target, *share, (row, block)));
     }
     spend(&mut joints, &centres, limits);

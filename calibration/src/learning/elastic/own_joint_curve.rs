@@ -7,6 +7,7 @@
 
 use poegp_protocol::JointKind;
 use poegp_protocol::limits::MAX_CURVE_ORDER;
+use poegp_runtime::elastic::curve::cosine_series;
 use poegp_runtime::kinematics::poe::JointTrig;
 
 use crate::numeric::matrix::{Mat, columns_mut};
@@ -132,9 +133,8 @@ impl CurvePrior {
 
     /// k(q − q′) of two angles of one joint, each as sine and cosine.
     pub fn between(&self, [s, c]: [f64; 2], [other_s, other_c]: [f64; 2]) -> f64 {
-        let difference = [s * other_c - c * other_s, c * other_c + s * other_s];
-        let terms = self.spectrum.variance.iter().map(|v| (0.0, *v));
-        self.amplitude * poegp_runtime::elastic::curve::series(terms, difference)
+        let cos = c * other_c + s * other_s;
+        self.amplitude * cosine_series(&self.spectrum.variance, cos)
     }
 
     /// Amplitudes of sin q, cos q, sin 2q, … of one joint, most probable for these weights of its process at every pose.

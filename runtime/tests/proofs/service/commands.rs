@@ -6,7 +6,7 @@
 use poegp_protocol::link::{Commanded, CycleSettings, Query, Refusal, Request, Response};
 use poegp_runtime::guard::status::Status;
 
-use super::desk::{Desk, TICK_HZ};
+use super::desk::{Desk, MAX_INSTRUCTIONS, TICK_HZ};
 use super::known::{Known, bits, public, query, refused};
 use crate::arm::Arm;
 use crate::filter_paths::JOINTS;
@@ -172,6 +172,7 @@ fn time_is_counted_in_cycles() {
         rate: 0.02,
         acceleration: 0.5,
         blend_s: 0.5,
+        max_instructions: MAX_INSTRUCTIONS,
     };
     let Response::Identity(identity) = desk.ask_twice(&Request::ProvisionCycle(settings)) else {
         panic!()
@@ -222,8 +223,9 @@ fn settings_are_kept_and_refused_by_name() {
         usual.rate,
         usual.acceleration,
         usual.blend_s,
+        usual.max_instructions,
     );
-    assert_eq!(defaults, (1_000, 0.02, 0.5, 0.5));
+    assert_eq!(defaults, (1_000, 0.02, 0.5, 0.5, MAX_INSTRUCTIONS));
     let with = |code, settings| (Refusal::CycleSetting { code }, settings);
     let period_us = |period_us| CycleSettings { period_us, ..usual };
     let rate = |rate| CycleSettings { rate, ..usual };
@@ -267,17 +269,17 @@ fn settings_are_kept_and_refused_by_name() {
     assert_eq!(passed.weight.to_bits(), 0);
     assert!(matches!(desk.ask_twice(&slow), Response::Identity(_)));
     assert_eq!(desk.identity().cycle, period_us(4_000));
-    // It outlives the power, and the next ones as well; in one page there is room for ten.
+    // It outlives the power, and the next ones as well; in one page there is room for nine.
     let mut desk = Desk::start(desk.flash, false);
     assert_eq!(desk.identity().cycle, period_us(4_000));
-    for number in 2..=10 {
+    for number in 2..=9 {
         let request = Request::ProvisionCycle(period_us(1_000 * number));
         assert!(matches!(desk.ask_twice(&request), Response::Identity(_)));
     }
     let full = refused(Refusal::Store { code: 17 });
     assert_eq!(desk.ask_twice(&slow), full);
-    assert_eq!(desk.identity().cycle, period_us(10_000));
-    assert_eq!(desk.restarted().identity().cycle, period_us(10_000));
+    assert_eq!(desk.identity().cycle, period_us(9_000));
+    assert_eq!(desk.restarted().identity().cycle, period_us(9_000));
 }
 
 #[test]

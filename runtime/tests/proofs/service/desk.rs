@@ -24,6 +24,8 @@ pub const BYTES: usize = 4_096;
 pub type Flash = Nor<4, 256>;
 /// Ticks in which a cyclic request is to be answered.
 pub const DEADLINE_TICKS: u32 = 1_000;
+/// Instructions of a command for which there is time.
+pub const MAX_INSTRUCTIONS: u32 = 500_000;
 /// Frequency of the clock.
 pub const TICK_HZ: u32 = 1_000;
 
@@ -32,6 +34,7 @@ const BOARD: BoardInfo = BoardInfo {
     image_crc: 0x1234_5678,
     tick_hz: TICK_HZ,
     deadline_ticks: DEADLINE_TICKS,
+    max_instructions: MAX_INSTRUCTIONS,
     flash_blocks: false,
     start: StartReason::PowerOn,
 };

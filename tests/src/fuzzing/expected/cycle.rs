@@ -70,6 +70,7 @@ pub(super) const DEFAULT: CycleSettings = CycleSettings {
     rate: 0.02,
     acceleration: 0.5,
     blend_s: 0.5,
+    max_instructions: BOARD.max_instructions,
 };
 
 pub(super) fn for_filter(settings: &CycleSettings) -> FilterSettings<f32> {

@@ -41,6 +41,7 @@ impl Known {
             blob_crc: stored_crc(bytes).expect("a header"),
             joints: model.joints() as u8,
             inducing_points: model.inducing_points() as u32,
+            instructions: model.size().map_or(0, |size| size.command_bound()),
             signed: key.is_some(),
             warnings: decoded.warnings,
         };
@@ -54,6 +55,18 @@ impl Known {
     pub fn blob_crc(&self) -> u32 {
         self.identity.blob_crc
     }
+}
+
+/// Whether the settings leave the model the time that it needs.
+fn in_time(model: &Known, settings: &CycleSettings) -> Result<(), Refusal> {
+    let (instructions, allowed) = (model.identity.instructions, settings.max_instructions);
+    if instructions <= allowed {
+        return Ok(());
+    }
+    Err(Refusal::TooSlow {
+        instructions,
+        allowed,
+    })
 }
 
 /// As many letters as fit into the bytes of a name.
@@ -128,6 +141,10 @@ impl Expected {
         self.check_spare()?;
         let known = Known::of(&self.staged, self.key.as_ref())?;
         let identity = known.identity.clone();
+        if let Err(refusal) = in_time(&known, &self.commands.settings) {
+            self.spare = None;
+            return Err(refusal);
+        }
         self.verified = Some(known.blob_crc());
         self.spare = Some(Rc::new(known));
         Ok(identity)
@@ -195,6 +212,9 @@ impl Expected {
             return Err(Refusal::UnknownModel { blob_crc });
         }
         let spare = self.spare.take();
+        if let Some(spare) = &spare {
+            in_time(spare, &self.commands.settings)?;
+        }
         self.run(spare);
         Ok(())
     }
@@ -215,7 +235,13 @@ impl Expected {
                 continue;
             };
             self.end_upload();
-            match Known::of(&bytes, self.key.as_ref()) {
+            // What was loaded and is too slow is given up.
+            let known = Known::of(&bytes, self.key.as_ref()).and_then(|known| {
+                let fits = in_time(&known, &self.commands.settings);
+                self.spare = self.spare.take().filter(|_| fits.is_ok());
+                fits.map(|()| known)
+            });
+            match known {
                 Ok(known) => {
                     self.first = slot;
                     self.run(Some(Rc::new(known)));
@@ -251,6 +277,9 @@ impl Expected {
         };
         for_filter(settings).check().map_err(refused)?;
         self.check_flash()?;
+        if let Some(model) = self.ordered() {
+            in_time(model, settings)?;
+        }
         let before = self.commands.settings;
         if before != *settings {
             let filter = &mut self.commands.filter;

@@ -29,6 +29,7 @@ pub(in crate::fuzzing) const BOARD: BoardInfo = BoardInfo {
     image_crc: 0x1234_5678,
     tick_hz: 1_000,
     deadline_ticks: 1_000,
+    max_instructions: 30_000,
     flash_blocks: false,
     start: StartReason::PowerOn,
 };
@@ -38,7 +39,7 @@ pub(super) const SLOT: u32 = BYTES as u32 + 256;
 /// Bytes for settings of the cycle: a script can fill them.
 pub(super) const SETTINGS: u32 = 256;
 /// Changes that fit.
-pub(in crate::fuzzing) const CHANGES: usize = SETTINGS as usize / 24;
+pub(in crate::fuzzing) const CHANGES: usize = SETTINGS as usize / 28;
 pub(super) const UNITS: usize = (2 * SLOT + 256 + SETTINGS) as usize / 256;
 
 /// A clock that stands still, so that answers can be compared to the byte. Time passes between two frames.

@@ -417,7 +417,12 @@ impl Talk<'_, '_> {
                     odd @ 200.. => u32::from(odd) << (odd % 16),
                     usual => 500 * u32::from(usual % 8),
                 };
+                let max_instructions = match script.byte() {
+                    few @ 200.. => 300 * u32::from(few - 200),
+                    _ => BOARD.max_instructions,
+                };
                 self.ask(&Request::ProvisionCycle(CycleSettings {
+                    max_instructions,
                     period_us,
                     rate,
                     acceleration,

@@ -8,7 +8,6 @@ use crate::report::sections::ListedOutlier;
 use crate::report::{HeldOutSummary, Provenance};
 use poegp_calibration::blob::precision_loss::SinglePrecisionLoss;
 use poegp_calibration::blob::predict::BlobModel;
-use poegp_calibration::device_cost::{ElasticSize, evaluation_instructions};
 use poegp_calibration::identification::frame_fit::FrameFit;
 use poegp_calibration::identification::identifiability::IdentifyReport;
 use poegp_calibration::learning::elastic::options::OutlierPolicy;
@@ -95,8 +94,8 @@ pub struct BlobSummary {
     pub file: String,
     pub bytes: usize,
     pub inducing_points: usize,
-    /// Of one evaluation on a Cortex-M4F, by the cost model of the elastic model.
-    pub instructions: Option<u64>,
+    /// Of one command on a Cortex-M4F, at most.
+    pub instructions: u32,
 }
 
 pub fn document(
@@ -154,8 +153,7 @@ pub fn document(
             file: a.out.display().to_string(),
             bytes: blob.bytes().len(),
             inducing_points: blob.model().inducing_points(),
-            instructions: ElasticSize::of_blob(blob.blob())
-                .map(|size| evaluation_instructions(&size)),
+            instructions: blob.model().size().map_or(0, |size| size.command_bound()),
         },
         repeats: None,
         provenance,

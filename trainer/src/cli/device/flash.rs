@@ -34,6 +34,7 @@ pub fn run(a: &Flash) -> Result<(), Failure> {
     } else {
         if !a.force {
             check_room(&loaded, &before)?;
+            check_time(&loaded, &before)?;
             check_signature(&loaded, &before)?;
         }
         client.set_options(Options {
@@ -115,6 +116,21 @@ fn check_room(loaded: &BlobModel, identity: &Identity) -> Result<(), Failure> {
     Err(Failure::Usage(format!(
         "the model does not fit: {found} bytes {what}, the device takes {capacity}\n\
          help: calibrate with fewer inducing points (--inducing-points), or with fewer poses for the paper's methods; nothing was uploaded"
+    )))
+}
+
+/// Whether a command with the model fits into the cycle.
+fn check_time(loaded: &BlobModel, identity: &Identity) -> Result<(), Failure> {
+    let size = loaded.model().size();
+    let instructions = size.map_or(0, |size| size.command_bound());
+    let allowed = identity.cycle.max_instructions;
+    if instructions <= allowed {
+        return Ok(());
+    }
+    Err(Failure::Usage(format!(
+        "the model is too slow: a command with it may take {instructions} instructions, the device allows {allowed}\n\
+         help: calibrate with --max-instructions {allowed}, or allow more if the controller's cycle leaves time for them \
+         (`trainer device cycle --max-instructions`); nothing was uploaded"
     )))
 }
 

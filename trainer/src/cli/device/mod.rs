@@ -132,9 +132,13 @@ fn cycle(a: &Cycle) -> Result<(), Failure> {
         rate: a.rate.unwrap_or(there.rate),
         acceleration: a.acceleration.unwrap_or(there.acceleration),
         blend_s: a.blend.unwrap_or(there.blend_s),
+        max_instructions: a.max_instructions.unwrap_or(there.max_instructions),
     };
-    let changes =
-        a.period_us.is_some() || a.rate.is_some() || a.acceleration.is_some() || a.blend.is_some();
+    let changes = a.period_us.is_some()
+        || a.rate.is_some()
+        || a.acceleration.is_some()
+        || a.blend.is_some()
+        || a.max_instructions.is_some();
     if changes {
         identity = client.provision_cycle(&asked)?;
     }

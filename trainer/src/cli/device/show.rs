@@ -21,11 +21,12 @@ pub fn model(model: &ModelIdentity) -> String {
         format!("; warnings: {}", warnings.join(", "))
     };
     format!(
-        "{:08x}, {}{serial}: {} joints, {} inducing points{}{warnings}",
+        "{:08x}, {}{serial}: {} joints, {} inducing points, at most {} instructions{}{warnings}",
         model.blob_crc,
         model.robot,
         model.joints,
         model.inducing_points,
+        model.instructions,
         if model.signed { ", signed" } else { "" }
     )
 }
@@ -41,8 +42,13 @@ pub fn active(identity: &Identity) -> String {
 /// Settings of the cycle in one line.
 pub fn cycle(settings: &CycleSettings) -> String {
     format!(
-        "a command every {} us; corrections change with at most {} rad/s and {} rad/s2 and come and go in {} s",
-        settings.period_us, settings.rate, settings.acceleration, settings.blend_s
+        "a command every {} us, of at most {} instructions; corrections change with at most {} rad/s and {} rad/s2 and come \
+         and go in {} s",
+        settings.period_us,
+        settings.max_instructions,
+        settings.rate,
+        settings.acceleration,
+        settings.blend_s
     )
 }
 
@@ -55,6 +61,7 @@ pub fn cycle_json(settings: &CycleSettings) -> Value {
         "rate_rad_per_s": number(settings.rate),
         "acceleration_rad_per_s2": number(settings.acceleration),
         "blend_s": number(settings.blend_s),
+        "max_instructions": settings.max_instructions,
     })
 }
 
@@ -66,6 +73,7 @@ pub fn model_json(model: &ModelIdentity) -> Value {
         "crc": format!("{:08x}", model.blob_crc),
         "joints": model.joints,
         "inducing_points": model.inducing_points,
+        "instructions": model.instructions,
         "signed": model.signed,
         "warnings": model.warnings.iter().map(|c| c.name()).collect::<Vec<_>>(),
     })

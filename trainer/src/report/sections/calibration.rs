@@ -335,7 +335,7 @@ pub struct DeviceSummary {
     /// Inducing points.
     pub inducing_points: usize,
     /// Instructions of one evaluation on a Cortex-M4F by the cost model; unknown for the paper's process.
-    pub instructions: Option<u64>,
+    pub instructions: u32,
     /// Bound of the correction in mm and mrad.
     pub limit: (f64, f64),
     /// What single precision costs, mean and largest, µm.
@@ -351,11 +351,8 @@ pub fn device(summary: &DeviceSummary) -> Section {
             dt { "file" } dd { (summary.file) }
             dt { "size, also in flash" } dd { (Number::count(summary.bytes, "/blob/bytes")) " bytes" }
             dt { "inducing points" } dd { (Number::count(summary.inducing_points, "/blob/inducing_points")) }
-            dt { "one evaluation" } dd {
-                @match summary.instructions {
-                    Some(n) => { "about " (Number::new(n as f64, 0, "/blob/instructions")) " instructions of a Cortex-M4F" }
-                    None => { "not estimated: the cost model is that of the elastic model" }
-                }
+            dt { "one command" } dd {
+                "at most " (Number::new(f64::from(summary.instructions), 0, "/blob/instructions")) " instructions of a Cortex-M4F"
             }
             dt { "largest correction" } dd {
                 @if mm > 0.0 || mrad > 0.0 {

@@ -1,0 +1,243 @@
+//! What a model costs on the device: a bound on the instructions of a cycle. It follows from the sizes of the model.
+//!
+//! No loop of an evaluation ends early, so its instructions depend on the model and hardly on the query. They are a sum: so
+//! many for each joint, each inducing point, each word of one. [`POSE`] and [`COMMAND`] are what each takes.
+
+use crate::gp::joint_processes::JointProcesses;
+use crate::math::scalar::Scalar;
+
+/// The sizes of a model.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ModelSize {
+    /// Joints of the arm.
+    pub joints: usize,
+    /// How many of them slide.
+    pub sliding: usize,
+    /// Elements of the coupling beside the identity.
+    pub coupling_terms: usize,
+    /// Serial joints that have such elements.
+    pub coupled_joints: usize,
+    /// The correction.
+    pub correction: CorrectionSize,
+}
+
+/// The sizes of a correction.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CorrectionSize {
+    /// There is none.
+    None,
+    /// The paper's.
+    TaskSpace {
+        /// Joints, and the payload if it is one.
+        inputs: usize,
+        /// Inducing points.
+        points: usize,
+        /// Their form.
+        form: TaskSpaceForm,
+    },
+    /// In joint space.
+    Elastic(ElasticSize),
+}
+
+/// How the rows of a correction in task space are stored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TaskSpaceForm {
+    /// Folded about their middle.
+    Folded,
+    /// As they are, with one exponential for all outputs.
+    Differences,
+    /// As they are, with an exponential for each output, or another number of inputs than there are loops for.
+    PerOutput,
+}
+
+/// The sizes of an elastic correction.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ElasticSize {
+    /// Revolute joints on which gravity acts.
+    pub loaded_joints: usize,
+    /// Links between each of them and the last one, summed.
+    pub loaded_links: usize,
+    /// Whether gravity is along the vertical of the base.
+    pub upright: bool,
+    /// Joints with a process.
+    pub sets: usize,
+    /// Joints that their kernels look at, summed over the processes.
+    pub looked_at: usize,
+    /// Inducing points of all processes.
+    pub points: usize,
+    /// Words of their rows.
+    pub words: usize,
+    /// Payload groups.
+    pub groups: usize,
+    /// Payload groups that have points, counted for every process.
+    pub blocks: usize,
+    /// Whether the unrolled loops take them.
+    pub unrolled: bool,
+    /// Terms of gear ripple.
+    pub ripple: usize,
+    /// Orders of each joint's own-joint curve; 0 for none.
+    pub curve_orders: usize,
+    /// Landmarks of the standard deviation; 0 for none.
+    pub landmarks: usize,
+}
+
+impl ElasticSize {
+    /// The same with these processes.
+    pub fn with_processes<T: Scalar>(self, processes: &JointProcesses<T>) -> Self {
+        let (mut looked_at, mut blocks) = (0, 0);
+        for set in &processes.sets {
+            looked_at += set.joints().len();
+            blocks += set.points().iter().filter(|points| **points > 0).count();
+        }
+        Self {
+            sets: processes.sets.len(),
+            looked_at,
+            points: processes.points(),
+            words: processes.words(),
+            groups: processes.group_payloads_kg.len(),
+            blocks,
+            unrolled: processes.is_unrolled(),
+            ..self
+        }
+    }
+}
+
+/// Terms of the sum: of every arm, of the three forms of a correction in task space, and of an elastic one.
+pub const TERMS: usize = OF_ARM + 3 * OF_TASK_SPACE + OF_ELASTIC;
+const OF_ARM: usize = 6;
+const OF_TASK_SPACE: usize = 4;
+const OF_ELASTIC: usize = 28;
+
+impl ModelSize {
+    /// How often each term counts.
+    pub fn counts(&self) -> [usize; TERMS] {
+        let mut out = [0; TERMS];
+        let (arm, corrections) = out.split_at_mut(OF_ARM);
+        let is_coupled = usize::from(self.coupling_terms > 0);
+        let is_long = usize::from(self.joints > 6);
+        copy(
+            arm,
+            &[
+                1,
+                self.joints,
+                is_long,
+                self.sliding,
+                is_coupled,
+                self.coupling_terms,
+            ],
+        );
+        let (task_space, elastic_terms) = corrections.split_at_mut(3 * OF_TASK_SPACE);
+        match self.correction {
+            CorrectionSize::None => {}
+            CorrectionSize::TaskSpace {
+                inputs,
+                points,
+                form,
+            } => {
+                let mut forms = task_space.chunks_mut(OF_TASK_SPACE);
+                if let Some(terms) = forms.nth(form as usize) {
+                    copy(terms, &[1, inputs, points, points * inputs]);
+                }
+            }
+            CorrectionSize::Elastic(elastic) => {
+                copy(elastic_terms, &elastic.counts(self));
+            }
+        }
+        out
+    }
+}
+
+fn copy(to: &mut [usize], from: &[usize]) {
+    for (slot, value) in to.iter_mut().zip(from) {
+        *slot = *value;
+    }
+}
+
+impl ElasticSize {
+    fn counts(&self, arm: &ModelSize) -> [usize; OF_ELASTIC] {
+        let (n, sliding) = (arm.joints, arm.sliding);
+        let (joints, links) = (self.loaded_joints, self.loaded_links);
+        let (upright, tilted) = (usize::from(self.upright), usize::from(!self.upright));
+        let (fast, slow) = (usize::from(self.unrolled), usize::from(!self.unrolled));
+        let curves = if self.curve_orders > 0 {
+            n - sliding.min(n)
+        } else {
+            0
+        };
+        let l = self.landmarks;
+        let varies = usize::from(l > 0);
+        [
+            1,
+            n,
+            sliding,
+            arm.coupled_joints,
+            upright * joints,
+            upright * links,
+            tilted * joints,
+            tilted * links,
+            usize::from(self.sets > 0),
+            fast * self.sets,
+            fast * self.looked_at,
+            fast * self.groups * self.sets,
+            fast * self.blocks,
+            fast * self.points,
+            fast * self.words,
+            fast * self.sets * sliding,
+            slow * self.sets,
+            slow * self.groups * self.sets,
+            slow * self.points,
+            slow * self.words,
+            self.ripple,
+            curves,
+            curves * self.curve_orders,
+            varies,
+            varies * n,
+            l,
+            l * n,
+            l * l,
+        ]
+    }
+}
+
+// Found by linear programming from 800 models of all shapes on the emulated device, so that the bound is nowhere too low and
+// as little too high as it can be (`tests/tests/device/cost_bound.rs`, which compares it with sixty others in every run).
+
+/// Sixteenths of an instruction for each term of one evaluation.
+#[rustfmt::skip] // arm; folded, differences, per output; elastic
+const POSE: [i32; TERMS] = [
+    7183, 2752, -514, -671, 871, 279,
+    9904, 548, 402, 42,
+    17367, -192, 584, 82,
+    10020, 871, 2490, 145,
+    11423, 2755, 354, 1431, 1013, 229, 1560, 253, 516, 2487, 218, 116, 766, 243, 35, 161, 1765, 827, 653, 182, 1183, 1007, 157, 5479, 2143, 1515, 248, 59,
+];
+/// Sixteenths of an instruction for each term of one command, from its frame to the answer's.
+#[rustfmt::skip] // the same
+const COMMAND: [i32; TERMS] = [
+    155478, 19707, 9099, -2269, 2118, 4036,
+    44166, 5271, 1264, 109,
+    89331, -1031, 1627, 266,
+    41503, 7055, 7478, 436,
+    29887, 2641, 2511, 4048, 2750, 839, 5512, -29, 1398, 2396, 169, 235, 560, 228, 37, 121, 557, 893, 584, 198, 1447, 2200, 278, -1973, 541, 841, -32, -52,
+];
+
+impl ModelSize {
+    /// Bound on the instructions of one evaluation on a Cortex-M4F.
+    pub fn pose_bound(&self) -> u32 {
+        bound(&self.counts(), &POSE)
+    }
+
+    /// Bound on the instructions of one command on a Cortex-M4F, from the last byte of its frame to the first of the answer's:
+    /// frame, correction and filter. Those of an evaluation with its frame, and of a correction, are less.
+    pub fn command_bound(&self) -> u32 {
+        bound(&self.counts(), &COMMAND)
+    }
+}
+
+fn bound(counts: &[usize; TERMS], each: &[i32; TERMS]) -> u32 {
+    let mut sum = 0_i32;
+    for (count, each) in counts.iter().zip(each) {
+        sum = sum.saturating_add((*count as i32).saturating_mul(*each));
+    }
+    (sum / 16).max(0) as u32
+}
