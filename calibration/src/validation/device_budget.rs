@@ -8,7 +8,9 @@ use poegp_runtime::elastic::curve::coefficient_count;
 use poegp_runtime::model::cost::{ElasticSize, ModelSize};
 use serde::Serialize;
 
-use crate::device_cost::{blob_bytes, elastic, largest, with_elastic};
+use crate::device_cost::{
+    blob_bytes, block_instructions, elastic, largest, row_instructions, with_elastic,
+};
 use crate::learning::elastic::device_variance::LANDMARKS;
 use crate::learning::elastic::inducing_sets::MAX_PAYLOADS;
 use crate::measurement::sample::InstrumentSample;
@@ -114,6 +116,16 @@ impl Budget {
         (1..=most).rev().map(size).find(|s| self.allows(s))
     }
 
+    /// Instructions of a command, at most, and bytes of the smallest model of an arm.
+    pub fn smallest(robot: &Robot) -> (u32, usize) {
+        let kinds = robot.joints.iter().map(|joint| joint.kind);
+        let sliding = kinds.filter(|kind| *kind == JointKind::Prismatic).count();
+        let size = with_elastic(&largest(robot.joints.len(), sliding, 1, 1), |size| {
+            size.ripple = RIPPLE_PER_JOINT * robot.joints.len();
+        });
+        (size.command_bound(), blob_bytes(&size, TEXTS))
+    }
+
     /// `config` with a model of at most this size.
     fn limited(&self, size: &ModelSize, config: &Config) -> Config {
         let chosen = elastic(size);
@@ -133,7 +145,9 @@ impl Budget {
         };
         let most = points_beside(size.joints, chosen.curve_orders);
         let points = (1..=most).rev().find(|n| bytes_alone.allows(&of(*n)));
-        let without_points = u64::from(of(0).command_bound());
+        // What the processes cost beside their points is paid with the first one.
+        let first = row_instructions(2 * size.joints + 1) + block_instructions();
+        let without_points = u64::from(of(1).command_bound()).saturating_sub(first as u64);
         Config {
             device_variance: chosen.landmarks > 0,
             inducing_points: points.unwrap_or(1),

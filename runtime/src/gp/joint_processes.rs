@@ -135,7 +135,7 @@ impl<T: Scalar> JointProcesses<T> {
             fast &= largest <= limit && (self.sliding.is_empty() || set.count <= 7);
         }
         self.unrolled = fast;
-        if !fast {
+        if !fast || self.sets.is_empty() {
             self.sliding.clear();
         }
     }

@@ -106,7 +106,7 @@ impl ElasticSize {
 pub const TERMS: usize = OF_ARM + 3 * OF_TASK_SPACE + OF_ELASTIC;
 const OF_ARM: usize = 6;
 const OF_TASK_SPACE: usize = 4;
-const OF_ELASTIC: usize = 28;
+const OF_ELASTIC: usize = 29;
 
 impl ModelSize {
     /// How often each term counts.
@@ -183,6 +183,7 @@ impl ElasticSize {
             fast * self.points,
             fast * self.words,
             fast * self.sets * sliding,
+            fast * usize::from(self.sets > 0 && sliding > 0),
             slow * self.sets,
             slow * self.groups * self.sets,
             slow * self.points,
@@ -205,21 +206,26 @@ impl ElasticSize {
 /// Sixteenths of an instruction for each term of one evaluation.
 #[rustfmt::skip] // arm; folded, differences, per output; elastic
 const POSE: [i32; TERMS] = [
-    7183, 2752, -514, -671, 871, 279,
-    9904, 548, 402, 42,
-    17367, -192, 584, 82,
-    10020, 871, 2490, 145,
-    11423, 2755, 354, 1431, 1013, 229, 1560, 253, 516, 2487, 218, 116, 766, 243, 35, 161, 1765, 827, 653, 182, 1183, 1007, 157, 5479, 2143, 1515, 248, 59,
+    7173, 2761, -532, -691, 850, 316,
+    9633, 572, 402, 42,
+    15740, 0, 583, 82,
+    9789, 885, 2621, 131,
+    11578, 2560, 9, 1528, 1213, 226, 1591, 308, 932, 2078, 208, 147, 754, 238, 35, 114, 5962, 1726, 779, 575, 195, 1156, 1025, 157, 5995, 2050, 1382, 283, 60,
 ];
-/// Sixteenths of an instruction for each term of one command, from its frame to the answer's.
+/// Sixteenths of an instruction for each term of one command, filter included, without its frame.
 #[rustfmt::skip] // the same
 const COMMAND: [i32; TERMS] = [
-    155478, 19707, 9099, -2269, 2118, 4036,
-    44166, 5271, 1264, 109,
-    89331, -1031, 1627, 266,
-    41503, 7055, 7478, 436,
-    29887, 2641, 2511, 4048, 2750, 839, 5512, -29, 1398, 2396, 169, 235, 560, 228, 37, 121, 557, 893, 584, 198, 1447, 2200, 278, -1973, 541, 841, -32, -52,
+    95038, 11692, 4642, -2136, 6719, 2815,
+    45547, 4768, 1278, 112,
+    70261, 2135, 1790, 237,
+    46203, 5791, 7746, 404,
+    30890, 3836, 1255, 2792, 1649, 462, 3179, 390, 1921, 1639, 277, 218, 754, 228, 35, -95, 6591, 1024, 959, 577, 193, 1185, 2334, 286, 2375, 26, -358, 17, 8,
 ];
+
+/// Instructions of reading a command's frame and writing the answer's, when all bytes come at once and an interrupt of the
+/// timer comes in between: without a joint, and for each joint. What came before the last byte is read already.
+const FRAME: u32 = 3_850;
+const FRAME_JOINT: u32 = 562;
 
 impl ModelSize {
     /// Bound on the instructions of one evaluation on a Cortex-M4F.
@@ -230,6 +236,11 @@ impl ModelSize {
     /// Bound on the instructions of one command on a Cortex-M4F, from the last byte of its frame to the first of the answer's:
     /// frame, correction and filter. Those of an evaluation with its frame, and of a correction, are less.
     pub fn command_bound(&self) -> u32 {
+        self.computation_bound() + FRAME + FRAME_JOINT * self.joints as u32
+    }
+
+    /// The same without the frames: correction and filter.
+    pub fn computation_bound(&self) -> u32 {
         bound(&self.counts(), &COMMAND)
     }
 }

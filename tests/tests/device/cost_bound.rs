@@ -80,8 +80,8 @@ fn blob_of(sample: &Sample, generator: &mut ChaCha8Rng) -> Vec<u8> {
     blob::encode(&decoded, &mut buffer).unwrap().to_vec()
 }
 
-/// Most instructions of an evaluation, of a command, and of a command with its frame.
-fn measured(sample: &Sample, blob: &[u8]) -> [f64; 3] {
+/// Most instructions of an evaluation, of a command, of a command with its frame, and of that or an evaluation or a correction with its frame.
+fn measured(sample: &Sample, blob: &[u8]) -> [f64; 4] {
     let mut device = Device::start(Clock::Counting).unwrap_or_else(|error| panic!("{error}"));
     let tick_hz = device.load(blob).unwrap().tick_hz;
     // Zeros, round numbers, singular and far ones: other frames, other branches.
@@ -94,19 +94,27 @@ fn measured(sample: &Sample, blob: &[u8]) -> [f64; 3] {
     let commands = queries.iter().map(|q| device.command(q).unwrap().ticks);
     let command = most(commands.collect());
     let with_frame = most(vec![device.statistics().unwrap().max_latency_ticks]);
-    let corrections = queries.iter().map(|q| device.correct(q).unwrap().ticks);
-    let _ = most(corrections.collect());
     let poses = queries.iter().map(|q| device.evaluate(q).unwrap().ticks);
-    [most(poses.collect()), command, with_frame]
+    let pose = most(poses.collect());
+    for query in &queries {
+        device.correct(query).unwrap();
+    }
+    let any = most(vec![device.statistics().unwrap().max_latency_ticks]);
+    [pose, command, with_frame, any]
 }
 
 /// Shapes that none of the constants were found from.
 #[test]
 fn no_model_takes_more_than_its_bound_and_none_much_less() {
     let mut generator = ChaCha8Rng::seed_from_u64(1_911);
-    let mut shares: Vec<[f64; 2]> = Vec::new();
-    println!("| pose | bound | command | bound | model |");
-    println!("|---|---|---|---|---|");
+    let mut shares: Vec<[f64; 3]> = Vec::new();
+    // Of another compiler's code the bound is only about right.
+    let (least, tolerance) = match firmware().unwrap().toolchain {
+        Toolchain::Prebuilt { .. } => (0.95, 1.0),
+        Toolchain::BuildStd { .. } => (0.85, 1.1),
+    };
+    println!("| pose | bound | command | bound | with its frames | bound | model |");
+    println!("|---|---|---|---|---|---|---|");
     while shares.len() < 60 {
         let sample = shape(&mut generator);
         let blob = blob_of(&sample, &mut generator);
@@ -120,24 +128,38 @@ fn no_model_takes_more_than_its_bound_and_none_much_less() {
             let longer = usize::from(sample.points() > 127);
             assert_eq!(blob_bytes(&size, TEXTS) + longer, blob.len(), "{sample:?}");
         }
-        let [pose, _, command] = measured(&sample, &blob);
-        let bounds = [size.pose_bound(), size.command_bound()].map(f64::from);
+        let [pose, command, with_frame, any] = measured(&sample, &blob);
+        let bounds = [
+            size.pose_bound(),
+            size.computation_bound(),
+            size.command_bound(),
+        ];
+        let bounds = bounds.map(f64::from);
         println!(
-            "| {pose:.0} | {:.0} | {command:.0} | {:.0} | {sample:?} |",
-            bounds[0], bounds[1]
+            "| {pose:.0} | {:.0} | {command:.0} | {:.0} | {with_frame:.0} | {:.0} | {sample:?} |",
+            bounds[0], bounds[1], bounds[2]
         );
-        shares.push([pose / bounds[0], command / bounds[1]]);
+        assert!(
+            any <= bounds[2] * tolerance,
+            "{any} instructions of another request: {sample:?}"
+        );
+        shares.push([
+            pose / bounds[0],
+            command / bounds[1],
+            with_frame / bounds[2],
+        ]);
     }
-    // Of another compiler's code the bound is only about right.
-    let (least, most) = match firmware().unwrap().toolchain {
-        Toolchain::Prebuilt { .. } => (0.95, 1.0),
-        Toolchain::BuildStd { .. } => (0.85, 1.1),
-    };
-    for (what, index) in [("pose", 0), ("command", 1)] {
+    // A frame costs less when its bytes come one by one, as they do from time to time in QEMU, too.
+    let frames = least - 0.03;
+    for (what, index, least) in [
+        ("pose", 0, least),
+        ("command", 1, least),
+        ("command with its frames", 2, frames),
+    ] {
         let of = shares.iter().map(|share| share[index]);
         let (lowest, highest) = of.fold((f64::INFINITY, 0.0_f64), |(a, b), s| (a.min(s), b.max(s)));
         println!("{what}: {lowest:.3} to {highest:.3} of the bound");
-        assert!(lowest >= least && highest <= most, "{what}");
+        assert!(lowest >= least && highest <= tolerance, "{what}");
     }
 }
 

@@ -39,7 +39,7 @@ use poegp_calibration::progress::NEVER;
 use poegp_calibration::progress::threads;
 use poegp_calibration::trust::{Cause, Finding, Findings, Tier};
 use poegp_calibration::validation::cross_validation::{Task, applicable};
-use poegp_calibration::validation::device_budget::{BudgetTrial, TRIALS, fit_to_budget};
+use poegp_calibration::validation::device_budget::{Budget, BudgetTrial, TRIALS, fit_to_budget};
 use poegp_calibration::validation::model_selection::{
     Choice, FOLDS, GAIN, candidates, folds, keep_named, named_and_simpler, select_model,
 };
@@ -313,9 +313,11 @@ fn fit_budget(
     found
         .map_err(|e| device_failure(&a.train, e.error))?
         .ok_or_else(|| {
-            Failure::Quality(
-                "not even one inducing point fits the budget; nothing was written".into(),
-            )
+            let (instructions, bytes) = Budget::smallest(&arm.robot);
+            Failure::Quality(format!(
+                "no elastic model fits the budget: with one inducing point, a command takes up to {instructions} instructions \
+                 and the blob {bytes} bytes; nothing was written"
+            ))
         })
 }
 
