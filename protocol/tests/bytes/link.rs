@@ -217,7 +217,9 @@ fn the_worked_example_is_what_the_encoder_writes() {
 }
 
 /// 0.5, 2 and 0.25.
-const CYCLE: [u8; 12] = [0, 0, 0, 0x3f, 0, 0, 0, 0x40, 0, 0, 0x80, 0x3e];
+const CYCLE: [u8; 15] = [
+    0, 0, 0, 0x3f, 0, 0, 0, 0x40, 0, 0, 0x80, 0x3e, 0xa4, 0xe8, 0x03,
+];
 
 #[test]
 fn requests_as_bytes() {
@@ -250,7 +252,7 @@ fn requests_as_bytes() {
 
 #[test]
 fn refusals_as_bytes() {
-    let table: [&[u8]; 21] = [
+    let table: [&[u8]; 22] = [
         &[10, 0],
         &[10, 1, 1, 2],
         &[10, 2],
@@ -271,7 +273,8 @@ fn refusals_as_bytes() {
         &[10, 17],
         &[10, 18],
         &[10, 19],
-        &[10, 20, 4],
+        &[10, 20, 0xf0, 0xa2, 0x04, 0xa4, 0xe8, 0x03],
+        &[10, 21, 4],
     ];
     assert_eq!(table.len(), refusals().len());
     for (refusal, bytes) in refusals().into_iter().zip(table) {
@@ -307,7 +310,12 @@ fn refusals_as_bytes() {
 
 #[test]
 fn responses_as_bytes() {
-    let model = [&[3][..], b"ARM\x017", &[5, 2, 0xac, 0x02, 1, 2, 0, 0x40, 0]].concat();
+    let model = [
+        &[3][..],
+        b"ARM\x017",
+        &[5, 2, 0xac, 0x02, 0xb2, 0xde, 0x03, 1, 2, 0, 0x40, 0],
+    ]
+    .concat();
     let stored = [1, 1, 0xac, 0x02, 6];
     let mut identity = vec![0, 3, 5];
     identity.extend(b"0.1.0\x80\x01\x04mps2");

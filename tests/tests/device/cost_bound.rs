@@ -26,7 +26,7 @@ fn shape(generator: &mut ChaCha8Rng) -> Sample {
             // Rows of `joints + 7` words, of which 5 600 fit.
             let points = generator.random_range(1..=5_600 / (joints + 7));
             match kind {
-                1 if joints >= 4 && joints < 8 => SampleCorrection::Folded(points),
+                1 if (4..8).contains(&joints) => SampleCorrection::Folded(points),
                 2 => SampleCorrection::PerOutput(points),
                 _ => SampleCorrection::Shared(points),
             }

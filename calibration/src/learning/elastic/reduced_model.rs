@@ -140,7 +140,7 @@ impl ElasticModel {
             gravity,
             rows,
             joints: n,
-            coupling: coupling.map(matrix),
+            coupling: coupling.map(|rows| matrix(rows)),
             report,
             sigma: None,
         })
@@ -202,7 +202,7 @@ fn without_upright_axis(state: &ParametricModel, samples: &[BaseSample]) -> Grav
     terms
 }
 
-fn matrix(rows: &Vec<Vec<f64>>) -> Coupling<f64> {
+fn matrix(rows: &[Vec<f64>]) -> Coupling<f64> {
     Coupling::new(rows.len(), rows.iter().flatten().copied())
 }
 
