@@ -1,7 +1,7 @@
 //! What a model costs on the device: a bound on the instructions of a cycle. It follows from the sizes of the model.
 //!
 //! No loop of an evaluation ends early, so its instructions depend on the model and hardly on the query. They are a sum: so
-//! many for each joint, each inducing point, each word of one. [`POSE`] and [`COMMAND`] are what each takes.
+//! many for each joint, each inducing point, each word of one. `POSE` and `COMMAND` are what each takes.
 
 use crate::gp::joint_processes::JointProcesses;
 use crate::math::scalar::Scalar;
