@@ -108,11 +108,8 @@ impl Sample {
     }
 
     fn kind(&self, joint: usize) -> JointKind {
-        if [2, 0, 1]
-            .iter()
-            .take(self.sliding)
-            .any(|slides| *slides == joint)
-        {
+        let order = [2, 0, 1, 3, 4, 5, 6, 7];
+        if order[..self.sliding].contains(&joint) {
             JointKind::Prismatic
         } else {
             JointKind::Revolute

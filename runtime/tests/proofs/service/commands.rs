@@ -282,6 +282,55 @@ fn settings_are_kept_and_refused_by_name() {
     assert_eq!(desk.restarted().identity().cycle, period_us(9_000));
 }
 
+/// Whichever way a model would come to run, it needs the time that is provisioned; what runs, runs on.
+#[test]
+fn a_model_without_time_is_refused_whichever_way_it_comes() {
+    let [quick, slow] = models();
+    let instructions = |known: &Known| known.model.size().unwrap().command_bound();
+    let (enough, needed) = (instructions(&quick), instructions(&slow));
+    assert!(enough < needed);
+    let too_slow = |allowed| {
+        refused(Refusal::TooSlow {
+            instructions: needed,
+            allowed,
+        })
+    };
+    let allow = |desk: &mut Desk, max_instructions| {
+        let cycle = desk.identity().cycle;
+        desk.ask_twice(&Request::ProvisionCycle(CycleSettings {
+            max_instructions,
+            ..cycle
+        }))
+    };
+    let mut desk = Desk::default();
+    slow.install(&mut desk);
+    assert_eq!(desk.identity().model.unwrap().instructions, needed);
+    // Not less than what runs takes.
+    assert_eq!(allow(&mut desk, needed - 1), too_slow(needed - 1));
+    assert!(matches!(allow(&mut desk, needed), Response::Identity(_)));
+    quick.install(&mut desk);
+    // Verified before there was less time, activated after.
+    assert!(matches!(slow.upload(&mut desk), Response::Verified(_)));
+    assert!(matches!(allow(&mut desk, enough), Response::Identity(_)));
+    assert_eq!(desk.ask(&slow.activate()), too_slow(enough));
+    assert_eq!(desk.active(), Some(quick.blob_crc));
+    assert_eq!(slow.upload(&mut desk), too_slow(enough));
+    assert_eq!(desk.ask_twice(&quick.roll_back()), too_slow(enough));
+    assert_eq!(desk.active(), Some(quick.blob_crc));
+    assert_eq!(desk.restarted().active(), Some(quick.blob_crc));
+    // At the start: the newest is the slow one, and then there is less time than it needs.
+    let mut desk = Desk::default();
+    quick.install(&mut desk);
+    let upload = slow.upload(&mut desk);
+    assert!(matches!(upload, Response::Verified(_)), "{upload:?}");
+    let stored = desk.ask(&Request::CommitUpload);
+    assert!(matches!(stored, Response::Committed(_)), "{stored:?}");
+    assert!(matches!(allow(&mut desk, enough), Response::Identity(_)));
+    let mut desk = desk.restarted();
+    assert_eq!(desk.active(), Some(quick.blob_crc));
+    assert_eq!(desk.identity().cycle.max_instructions, enough);
+}
+
 #[test]
 fn what_is_no_command_is_answered_with_the_last_answer() {
     let models = models();
