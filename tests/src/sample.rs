@@ -53,7 +53,7 @@ pub struct Sample {
     pub joints: usize,
     /// Whether q3 of the serial chain is q3 − q2 of the controller, as in a parallelogram arm.
     pub coupled: bool,
-    /// How many of the joints 3, 1 and 2, in this order, slide instead of turning.
+    /// How many joints slide instead of turning: joints 3, 1 and 2 first, then 4, 5, ….
     pub sliding: usize,
 }
 

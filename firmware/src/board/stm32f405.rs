@@ -216,8 +216,8 @@ impl Board for Stm32F405 {
     const NAME: &'static str = "stm32f405";
     const TICK_HZ: u32 = TICK_HZ;
     const DEADLINE_TICKS: u32 = TICK_HZ / 1_000;
-    // In 1 ms with seven cycles for four: loads, divisions and roots take several, and so does flash that has to be waited
-    // for. Not measured on a board, and not true without its crystal.
+    // In 1 ms at 1.75 cycles per instruction: loads, divisions and roots take several cycles, and so does flash that has to
+    // be waited for. Not measured on a board, and not true without its crystal.
     const MAX_INSTRUCTIONS: u32 = CORE_MHZ * 1_000 * 4 / 7;
     const FLASH_BLOCKS: bool = true;
     type Link = Line<USART1>;

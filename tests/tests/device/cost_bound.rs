@@ -55,7 +55,7 @@ fn shape(generator: &mut ChaCha8Rng) -> Sample {
         joints,
         coupled: joints >= 3 && generator.random_bool(0.3),
         sliding: if joints >= 3 && generator.random_bool(0.4) {
-            generator.random_range(1..=3)
+            generator.random_range(1..=joints)
         } else {
             0
         },

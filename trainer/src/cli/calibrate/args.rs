@@ -40,8 +40,8 @@ pub struct Calibrate {
     pub method: Option<MethodChoice>,
     #[command(flatten)]
     pub fit: FitArgs,
-    /// Upper limit on the instructions of one command on a Cortex-M4F, from its frame to the answer's; inducing points and
-    /// lengthscales of the elastic model are chosen to fit.
+    /// Upper limit on the instructions of one command on a Cortex-M4F, frames included; inducing points and lengthscales
+    /// of the elastic model are chosen to fit.
     #[arg(long, value_name = "N")]
     pub max_instructions: Option<u64>,
     /// Upper limit on the size of the blob in bytes; the number of inducing points is reduced to fit.

@@ -272,8 +272,8 @@ pub struct Cycle {
     /// Shortest time in which a correction is switched on or off, in seconds (0.01 to 10).
     #[arg(long, value_name = "S")]
     pub blend: Option<f32>,
-    /// Most instructions that one command may take, from its frame to the answer's. The device refuses models that may take
-    /// more; `trainer inspect` shows what a model may take.
+    /// Most instructions that one command may take, frames included. The device refuses models that may take more;
+    /// `trainer inspect` shows what a model may take.
     #[arg(long, value_name = "N")]
     pub max_instructions: Option<u32>,
 }
