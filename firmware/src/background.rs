@@ -5,7 +5,9 @@ use cortex_m_rt::entry;
 use embedded_io::{Write, WriteReady};
 use heapless::Vec;
 use poegp_protocol::link::frame::{self, MAX_FRAME, Receiver};
-use poegp_protocol::link::{ModelIdentity, Refusal, Request, Response, StartReason, Statistics};
+use poegp_protocol::link::{
+    ModelIdentity, NONCE_LENGTH, Refusal, Request, Response, StartReason, Statistics,
+};
 use poegp_runtime::service::{
     Background, BoardInfo, Cycle, CycleAck, CycleCommand, Device, ModelSlot,
 };
@@ -186,6 +188,19 @@ impl Device<'static, WORDS> for Calls {
                 return report;
             }
         }
+    }
+
+    fn nonce(&mut self) -> [u8; NONCE_LENGTH] {
+        // The count tells apart those since the power came, the random numbers those of before.
+        let count = retained(Retained::Nonces).unwrap_or(0).wrapping_add(1);
+        retain(Retained::Nonces, count);
+        let random = || Chosen::random().unwrap_or(0);
+        let words = [count, Chosen::ticks(), random(), random()];
+        let mut nonce = [0; NONCE_LENGTH];
+        for (bytes, word) in nonce.as_chunks_mut().0.iter_mut().zip(words) {
+            *bytes = word.to_le_bytes();
+        }
+        nonce
     }
 
     fn complete(&mut self, statistics: &mut Statistics) {

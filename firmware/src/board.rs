@@ -51,6 +51,10 @@ pub trait Board {
     fn listen();
     /// A free-running counter that wraps around at 2³².
     fn ticks() -> u32;
+    /// A random number of the hardware. Without one, what makes nonces differ is the time at which they are asked for.
+    fn random() -> Option<u32> {
+        None
+    }
     /// Keeps the watchdog from restarting the board. Only `watchdog` calls this.
     fn feed_watchdog();
 }

@@ -149,7 +149,7 @@ pub fn image_crc() -> u32 {
 #[unsafe(link_section = ".uninit.retained")]
 static mut RETAINED: [u32; 2 * NUMBERS] = [0; 2 * NUMBERS];
 
-const NUMBERS: usize = 4;
+const NUMBERS: usize = 5;
 const CHECK: u32 = !0x706f_6567;
 
 /// What outlives a restart. Each is written at one priority only, or by what ends in a restart.
@@ -163,6 +163,8 @@ pub enum Retained {
     Reason,
     /// Where: belongs to the reason.
     Where,
+    /// Nonces since the power came. Written by the background.
+    Nonces,
 }
 
 /// The number that was retained, if it is one.

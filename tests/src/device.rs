@@ -22,6 +22,7 @@ const OPTIONS: Options = Options {
     busy_limit: Duration::from_secs(60),
     chunk_size: poegp_protocol::link::MAX_CHUNK,
     uploads: 1,
+    replaces_robot: true,
 };
 
 /// Why there is no answer.

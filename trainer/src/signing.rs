@@ -14,7 +14,8 @@
 use std::path::Path;
 
 use ed25519_dalek::{Signer, SigningKey};
-use poegp_protocol::blob::envelope::{self, DecodeError, KEY_ID_LENGTH, Trailer};
+use poegp_protocol::blob::envelope::{self, DecodeError, KEY_ID_LENGTH, SIGNATURE_LENGTH, Trailer};
+use poegp_protocol::link::{NONCE_LENGTH, order};
 use poegp_runtime::model::signature;
 use zeroize::Zeroizing;
 
@@ -62,19 +63,34 @@ impl SecretKey {
         PublicKey(self.0.verifying_key().to_bytes())
     }
 
-    /// `blob`, signed by this key; a signature that it has is replaced.
+    /// `blob`, signed by this key as this revision; a signature that it has is replaced.
     ///
     /// # Errors
     /// [`DecodeError`] when `blob` is none.
-    pub fn sign(&self, blob: &[u8]) -> Result<Vec<u8>, DecodeError> {
+    pub fn sign(&self, blob: &[u8], revision: u32) -> Result<Vec<u8>, DecodeError> {
         let mut bytes = envelope::open(blob)?.before_trailer.to_vec();
         envelope::set_signed(&mut bytes, true);
-        let trailer = Trailer {
+        let mut trailer = Trailer {
             key_id: self.public().id(),
-            signature: self.0.sign(&bytes).to_bytes(),
+            revision,
+            signature: [0; SIGNATURE_LENGTH],
         };
+        let message = [&bytes[..], &trailer.signed_part()].concat();
+        trailer.signature = self.0.sign(&message).to_bytes();
         bytes.extend(trailer.to_bytes());
         Ok(bytes)
+    }
+
+    /// The signature of a request with the device's nonce: R and S.
+    pub fn sign_request(
+        &self,
+        nonce: &[u8; NONCE_LENGTH],
+        request: &[u8],
+    ) -> Option<[[u8; 32]; 2]> {
+        let signature = self.0.sign(&order(nonce, request)?).to_bytes();
+        Some(std::array::from_fn(|half| {
+            std::array::from_fn(|index| signature[32 * half + index])
+        }))
     }
 }
 

@@ -51,6 +51,17 @@ const IWDG_FEED: u32 = 0xaaaa;
 /// 32 kHz / 256: 8 s. Erasing one sector takes up to 4.
 const IWDG_TICKS: u32 = 1_000;
 
+const RCC_AHB2_ENABLE: Register = Register::at(0x4002_3834);
+const RNG_ENABLE: u32 = 1 << 6;
+const RNG_CONTROL: Register = Register::at(0x5006_0800);
+const RNG_STATUS: Register = Register::at(0x5006_0804);
+const RNG_DATA: Register = Register::at(0x5006_0808);
+const RNG_RUN: u32 = 1 << 2;
+const RNG_READY: u32 = 1;
+/// Ready, and the two errors: of the clock, of the noise.
+const RNG_STATES: u32 = RNG_READY | 0b110;
+const RNG_LOOKS: u32 = 10_000;
+
 /// A serial line of the HAL with the traits of embedded-io.
 pub struct Line<U: serial::Instance>(Serial<U>);
 
@@ -185,7 +196,9 @@ fn start_clock(rcc: pac::RCC) -> Rcc {
     rcc.cr().modify(|_, w| w.hseon().set_bit());
     let starts = (0..CRYSTAL_LOOKS).any(|_| rcc.cr().read().hserdy().bit_is_set());
     rcc.freeze(if starts {
-        Config::hse(CRYSTAL_MHZ.MHz()).sysclk(CORE_MHZ.MHz())
+        Config::hse(CRYSTAL_MHZ.MHz())
+            .sysclk(CORE_MHZ.MHz())
+            .require_pll48clk()
     } else {
         Config::hsi()
     })
@@ -263,6 +276,14 @@ impl Board for Stm32F405 {
     #[inline(always)]
     fn ticks() -> u32 {
         TIM2_COUNT.read()
+    }
+
+    fn random() -> Option<u32> {
+        RCC_AHB2_ENABLE.write(RCC_AHB2_ENABLE.read() | RNG_ENABLE);
+        RNG_CONTROL.write(RNG_RUN);
+        // 40 clocks of 48 MHz each; none without the crystal, whose PLL makes that clock.
+        let ready = (0..RNG_LOOKS).any(|_| RNG_STATUS.read() & RNG_STATES == RNG_READY);
+        ready.then(|| RNG_DATA.read())
     }
 
     fn feed_watchdog() {

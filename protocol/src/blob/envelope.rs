@@ -11,14 +11,17 @@
 //!      20      n  payload: the postcard encoding of [`Blob`](crate::blob::Blob)
 //!  ------   ----  of a signed blob only: the trailer ---------------------------------
 //!    20+n      8  key id: the first eight bytes of the public key
-//!    28+n     64  Ed25519 signature over bytes 0..20+n
-//!    92+n      4  CRC-32C of bytes 20+n..92+n
+//!    28+n      4  revision
+//!    32+n     64  Ed25519 signature over bytes 0..32+n
+//!    96+n      4  CRC-32C of bytes 20+n..96+n
 //! ```
 //!
 //! [`open`] refuses a foreign file, another version, a length that does not fit, any changed bit and any byte too few or
 //! too many, each by name. It does not verify signatures: that is arithmetic, and the runtime's. The key id is part of
 //! the key itself, not a hash: a public key is as random as a hash of it, and nobody has to compute one. It only shows
 //! which key to take; that the key is the right one is what the signature says.
+//!
+//! The *revision* orders what a key has signed: a device that has a model of some revision takes no lower one.
 
 use crc::{CRC_32_ISCSI, Crc};
 use serde::{Deserialize, Serialize};
@@ -30,7 +33,9 @@ pub const MAGIC: [u8; 8] = *b"POEGPARM";
 /// Bytes before the payload.
 pub const HEADER_LENGTH: usize = 20;
 /// Bytes after the payload of a signed blob.
-pub const TRAILER_LENGTH: usize = KEY_ID_LENGTH + SIGNATURE_LENGTH + 4;
+pub const TRAILER_LENGTH: usize = SIGNED_TRAILER_LENGTH + SIGNATURE_LENGTH + 4;
+/// Bytes of the trailer that are signed: key id and revision.
+pub const SIGNED_TRAILER_LENGTH: usize = KEY_ID_LENGTH + 4;
 /// Bytes of a key id.
 pub const KEY_ID_LENGTH: usize = 8;
 /// Bytes of an Ed25519 signature.
@@ -47,9 +52,11 @@ pub const CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISCSI);
 pub struct Envelope<'a> {
     /// The payload, not looked into.
     pub payload: &'a [u8],
-    /// What a signature is over: all bytes before the trailer.
+    /// All bytes before the trailer.
     pub before_trailer: &'a [u8],
-    /// Key id and signature of a signed blob. Intact, not verified.
+    /// What the signature is over: these and the first [`SIGNED_TRAILER_LENGTH`] bytes of the trailer. Without one, the same.
+    pub signed: &'a [u8],
+    /// The trailer of a signed blob. Intact, not verified.
     pub trailer: Option<Trailer>,
 }
 
@@ -58,6 +65,8 @@ pub struct Envelope<'a> {
 pub struct Trailer {
     /// The first bytes of the public key.
     pub key_id: [u8; KEY_ID_LENGTH],
+    /// Revision of the model.
+    pub revision: u32,
     /// Ed25519 signature.
     pub signature: [u8; SIGNATURE_LENGTH],
 }
@@ -66,16 +75,24 @@ impl Trailer {
     /// The bytes at the end of a signed blob.
     pub fn to_bytes(&self) -> [u8; TRAILER_LENGTH] {
         let mut bytes = [0; TRAILER_LENGTH];
-        for (byte, field) in bytes
-            .iter_mut()
-            .zip(self.key_id.iter().chain(&self.signature))
-        {
+        let revision = self.revision.to_le_bytes();
+        let fields = self.key_id.iter().chain(&revision).chain(&self.signature);
+        for (byte, field) in bytes.iter_mut().zip(fields) {
             *byte = *field;
         }
         if let Some((fields, crc)) = bytes.split_last_chunk_mut::<4>() {
             *crc = CRC.checksum(fields).to_le_bytes();
         }
         bytes
+    }
+
+    /// Its bytes that are signed behind those of the blob.
+    pub fn signed_part(&self) -> [u8; SIGNED_TRAILER_LENGTH] {
+        let mut part = [0; SIGNED_TRAILER_LENGTH];
+        for (byte, field) in part.iter_mut().zip(self.to_bytes()) {
+            *byte = field;
+        }
+        part
     }
 
     fn from_bytes(bytes: &[u8; TRAILER_LENGTH]) -> Result<Self, DecodeError> {
@@ -86,9 +103,11 @@ impl Trailer {
         if stored != computed {
             return Err(DecodeError::CrcMismatch { stored, computed });
         }
-        let (key_id, signature) = fields.split_first_chunk().ok_or(malformed)?;
+        let (key_id, fields) = fields.split_first_chunk().ok_or(malformed)?;
+        let (revision, signature) = fields.split_first_chunk().ok_or(malformed)?;
         Ok(Self {
             key_id: *key_id,
+            revision: u32::from_le_bytes(*revision),
             signature: signature.try_into().map_err(|_| malformed)?,
         })
     }
@@ -226,7 +245,7 @@ pub(crate) fn seal(length: usize, buffer: &mut [u8]) -> Result<&[u8], BufferTooS
 }
 
 /// Sets or clears the flag of a signed blob in `bytes`, a header and its payload without trailer, and renews the CRC.
-/// These are the bytes to be signed; a signed blob has a [`Trailer`] behind them.
+/// These bytes, and behind them the first ones of its [`Trailer`], are to be signed.
 pub fn set_signed(bytes: &mut [u8], signed: bool) {
     if let Some(flags) = bytes.get_mut(10..12) {
         flags.copy_from_slice(&(if signed { SIGNED } else { 0 }).to_le_bytes());
@@ -316,11 +335,12 @@ pub fn open(bytes: &[u8]) -> Result<Envelope<'_>, DecodeError> {
         });
     }
     let trailer = trailer.first_chunk().map(Trailer::from_bytes).transpose()?;
+    let end = HEADER_LENGTH + payload.len();
+    let signed_end = end + trailer.map_or(0, |_| SIGNED_TRAILER_LENGTH);
     Ok(Envelope {
         payload,
-        before_trailer: bytes
-            .get(..HEADER_LENGTH + payload.len())
-            .unwrap_or_default(),
+        before_trailer: bytes.get(..end).unwrap_or_default(),
+        signed: bytes.get(..signed_end).unwrap_or_default(),
         trailer,
     })
 }

@@ -20,7 +20,7 @@ mod response;
 mod table;
 
 pub use refusal::Refusal;
-pub use request::{CycleSettings, Query, Request};
+pub use request::{CycleSettings, MAX_SIGNED, NONCE_LENGTH, Query, Request, order};
 pub use response::{
     Commanded, Corrected, Evaluation, Identity, Key, KeyId, ModelIdentity, Response, StartReason,
     Statistics, StoredModel, Trace,

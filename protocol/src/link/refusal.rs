@@ -96,6 +96,19 @@ pub enum Refusal {
         /// `CycleSettings::max_instructions`.
         allowed: u32,
     },
+    /// The device runs or has stored a model of a higher revision.
+    OldRevision {
+        /// Of the uploaded model.
+        revision: u32,
+        /// The lowest that is taken.
+        lowest: u32,
+    },
+    /// The uploaded model is of another robot than the active one, by name or serial number.
+    AnotherRobot,
+    /// The device has a key, and takes this request only when it is signed.
+    NotSigned,
+    /// The signature of the request is not one of this request and the nonce by the provisioned key, or no nonce holds.
+    WrongSignature,
     /// A setting of the cycle is out of range, or a correction is applied; the code is `FilterError::code` of the runtime.
     CycleSetting {
         /// Explicit number, append-only.

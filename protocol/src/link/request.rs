@@ -17,7 +17,8 @@ pub enum Request<'a> {
     Correct(Query),
     /// `Evaluate` with its intermediate results, to compare bits. Cyclic.
     Trace(Query),
-    /// No more cyclic requests will come: from now on their absence is no fault. Cyclic. The next one takes it back.
+    /// No more cyclic requests will come: from now on their absence is no fault. The next one takes it back. With a key,
+    /// and once a [`Request::Command`] has come, it has to be signed.
     StopCyclic,
     /// A blob follows.
     BeginUpload {
@@ -25,6 +26,8 @@ pub enum Request<'a> {
         length: u32,
         /// CRC-32C of all of its bytes.
         crc: u32,
+        /// Whether it may be the model of another robot than the active one. With a key, this has to be signed.
+        replaces_robot: bool,
     },
     /// The bytes of the blob from `offset` on.
     UploadChunk {
@@ -44,13 +47,13 @@ pub enum Request<'a> {
         /// CRC in the header of its blob.
         blob_crc: u32,
     },
-    /// Run the stored model that is not active, now and after a restart.
+    /// Run the stored model that is not active, now and after a restart. With a key, it has to be signed.
     RollBack {
         /// CRC in the header of the active model's blob; when another one is active, nothing is done.
         from_crc: u32,
     },
     /// While on, `Correct` answers the command as it came, and `Command` does so when the correction has been taken back.
-    /// Lasts until it is switched off or the power fails.
+    /// Lasts until it is switched off or the power fails. With a key, switching it off has to be signed.
     SetBypass {
         /// On or off.
         on: bool,
@@ -62,25 +65,80 @@ pub enum Request<'a> {
     },
     /// What was counted since the start.
     ReadStatistics,
-    /// Restart from the stored models.
+    /// Restart from the stored models. With a key, it has to be signed.
     Restart,
     /// The command of a controller's cycle, corrected: what is added to it never steps. Each has a new sequence number.
     /// Cyclic.
     Command(Query),
-    /// Take these settings of the cycle, now and after a restart.
+    /// Take these settings of the cycle, now and after a restart. With a key, it has to be signed.
     ProvisionCycle(CycleSettings),
+    /// A nonce to sign a request with. It holds until the next service but this one has come.
+    Challenge,
+    /// A request signed by the holder of the secret key.
+    Signed {
+        /// Ed25519 over [`order`]: R and S.
+        signature: [[u8; 32]; 2],
+        /// The request without a frame, at most [`MAX_SIGNED`] bytes.
+        #[serde(borrow)]
+        request: &'a [u8],
+    },
 }
 
-impl Request<'_> {
+/// Bytes of the nonce of a [`Request::Challenge`].
+pub const NONCE_LENGTH: usize = 16;
+/// Most bytes of a request that is signed.
+pub const MAX_SIGNED: usize = 32;
+/// What is signed begins with this, so that it is never taken for a blob.
+const ORDER: [u8; 8] = *b"POEGPREQ";
+
+/// What [`Request::Signed`] signs: eight letters, the nonce, the request. `None` when the request is too long.
+pub fn order(
+    nonce: &[u8; NONCE_LENGTH],
+    request: &[u8],
+) -> Option<Vec<u8, { ORDER.len() + NONCE_LENGTH + MAX_SIGNED }>> {
+    let mut bytes = Vec::new();
+    for part in [&ORDER[..], nonce, request] {
+        bytes.extend_from_slice(part).ok()?;
+    }
+    Some(bytes)
+}
+
+impl<'a> Request<'a> {
+    /// The request in the bytes of [`Request::Signed`]; `None` when it is none, or is signed itself.
+    pub fn decode(bytes: &'a [u8]) -> Option<Self> {
+        match postcard::take_from_bytes(bytes) {
+            Ok((Self::Signed { .. }, _)) => None,
+            Ok((request, [])) => Some(request),
+            _ => None,
+        }
+    }
+
+    /// The bytes to be signed, in the front of `buffer`; `None` when they do not fit.
+    pub fn encode<'b>(&self, buffer: &'b mut [u8]) -> Option<&'b [u8]> {
+        postcard::to_slice(self, buffer).ok().map(|used| &*used)
+    }
     /// Whether the cycle answers it.
     pub const fn is_cyclic(&self) -> bool {
         matches!(
             self,
-            Self::Evaluate(_)
-                | Self::Correct(_)
-                | Self::Trace(_)
-                | Self::StopCyclic
-                | Self::Command(_)
+            Self::Evaluate(_) | Self::Correct(_) | Self::Trace(_) | Self::Command(_)
+        )
+    }
+
+    /// Whether a device with a key carries it out only when it is [`Request::Signed`]. What the others change, a signed
+    /// model does, or it makes the device do less.
+    pub const fn needs_signature(&self) -> bool {
+        matches!(
+            self,
+            Self::StopCyclic
+                | Self::BeginUpload {
+                    replaces_robot: true,
+                    ..
+                }
+                | Self::RollBack { .. }
+                | Self::SetBypass { on: false }
+                | Self::Restart
+                | Self::ProvisionCycle(_)
         )
     }
 }

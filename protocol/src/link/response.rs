@@ -3,7 +3,7 @@
 use heapless::{String, Vec};
 use serde::{Deserialize, Serialize};
 
-use super::{CycleSettings, MAX_NAME, Refusal};
+use super::{CycleSettings, MAX_NAME, NONCE_LENGTH, Refusal};
 use crate::Transform;
 use crate::blob::envelope::KEY_ID_LENGTH;
 use crate::cause::Causes;
@@ -43,6 +43,11 @@ pub enum Response {
     Refused(Refusal),
     /// The command to send on.
     Commanded(Commanded),
+    /// The nonce to sign the next request with.
+    Challenge {
+        /// Never the same twice.
+        nonce: [u8; NONCE_LENGTH],
+    },
 }
 
 /// Who the device is and which model it runs.
@@ -130,10 +135,10 @@ pub struct ModelIdentity {
     pub joints: u8,
     /// Inducing points of its correction.
     pub inducing_points: u32,
-    /// Of one command, at most, from its frame to the answer's.
+    /// Upper bound for one command, frames included.
     pub instructions: u32,
-    /// Whether the device has verified its signature.
-    pub signed: bool,
+    /// The revision under its signature, if the device has verified that. It takes no lower one.
+    pub revision: Option<u32>,
     /// Causes of the warnings about the measurements that it was calibrated with.
     pub warnings: Causes,
 }

@@ -37,13 +37,13 @@ const fn response(name: &'static str, fields: &'static str, max_bytes: usize) ->
 
 /// The requests.
 #[rustfmt::skip] // a table
-pub const REQUESTS: [Message; 17] = [
+pub const REQUESTS: [Message; 19] = [
     request("Identify", "", 1, "Identity", false),
     request("Evaluate", "joints: list of at most 8 f32, payload_kg: f32", 38, "Evaluation", true),
     request("Correct", "joints: list of at most 8 f32, payload_kg: f32", 38, "Corrected", true),
     request("Trace", "joints: list of at most 8 f32, payload_kg: f32", 38, "Trace", true),
-    request("StopCyclic", "", 1, "CyclicStopped", true),
-    request("BeginUpload", "length: u32, crc: u32", 11, "Uploading", false),
+    request("StopCyclic", "", 1, "CyclicStopped", false),
+    request("BeginUpload", "length: u32, crc: u32, replaces_robot: bool", 12, "Uploading", false),
     request("UploadChunk", "offset: u32, bytes: list of at most 256 u8", 264, "Uploading", false),
     request("VerifyUpload", "", 1, "Verified", false),
     request("CommitUpload", "", 1, "Committed", false),
@@ -55,21 +55,24 @@ pub const REQUESTS: [Message; 17] = [
     request("Restart", "", 1, "Restarting", false),
     request("Command", "joints: list of at most 8 f32, payload_kg: f32", 38, "Commanded", true),
     request("ProvisionCycle", "period_us: u32, rate: f32, acceleration: f32, blend_s: f32, max_instructions: u32", 23, "Identity", false),
+    request("Challenge", "", 1, "Challenge", false),
+    request("Signed", "signature: 64 u8, request: list of at most 32 u8", 98, "that of the request", false),
 ];
 
 /// The responses.
 #[rustfmt::skip] // a table
-pub const RESPONSES: [Message; 12] = [
-    response("Identity", "protocol_version: u8, firmware_version: text, image_crc: u32, board: text, capacity_words: u32, capacity_bytes: u32, tick_hz: u32, deadline_ticks: u32, key: a key, bypass: bool, cycle: cycle settings, model: option of a model, pending: bool, slots: 2 options of a stored model, start: a start", 246),
+pub const RESPONSES: [Message; 13] = [
+    response("Identity", "protocol_version: u8, firmware_version: text, image_crc: u32, board: text, capacity_words: u32, capacity_bytes: u32, tick_hz: u32, deadline_ticks: u32, key: a key, bypass: bool, cycle: cycle settings, model: option of a model, pending: bool, slots: 2 options of a stored model, start: a start", 251),
     response("Evaluation", "blob_crc: u32, pose: 12 f32, correction: 6 f32, trust: f32, position_sigma: option of f32, status: u8, ticks: u32", 93),
     response("Corrected", "blob_crc: u32, joints: list of at most 8 f32, applied: f32, position_error: f32, rotation_error: f32, status: u8, ticks: u32", 57),
     response("Trace", "sin_cos: list of at most 16 f32, mean: 6 f32, chain: 12 f32, evaluation: an evaluation", 230),
     response("CyclicStopped", "", 1),
     response("Uploading", "received: u32", 6),
-    response("Verified", "robot: text, serial_number: text, blob_crc: u32, joints: u8, inducing_points: u32, instructions: u32, signed: bool, warnings: 4 u8", 88),
+    response("Verified", "robot: text, serial_number: text, blob_crc: u32, joints: u8, inducing_points: u32, instructions: u32, revision: option of u32, warnings: 4 u8", 93),
     response("Committed", "slot: u8, first: bool, length: u32, crc: u32", 13),
     response("Statistics", "frames: u32, bad_frames: u32, lost_bytes: u32, refused: u32, cycles: u32, flagged: u32, limited: u32, uncorrected: u32, missed_deadlines: u32, max_ticks: u32, max_latency_ticks: u32, activations: u32, restarts: u32, lost_logs: u32, stack_bytes: u32, jumps: u32, gaps: u32, repeats: u32, bad_commands: u32, model_steps: u32", 101),
     response("Restarting", "", 1),
     response("Refused", "a refusal", 13),
     response("Commanded", "blob_crc: u32, joints: list of at most 8 f32, applied: f32, position_error: f32, rotation_error: f32, weight: f32, status: u8, ticks: u32", 61),
+    response("Challenge", "nonce: 16 u8", 17),
 ];

@@ -13,6 +13,7 @@ use crate::sample;
 /// Not a signature by anybody: here nobody verifies it.
 const TRAILER: Trailer = Trailer {
     key_id: *b"key id 8",
+    revision: 0x0403_0201,
     signature: [0x5a; SIGNATURE_LENGTH],
 };
 
@@ -32,11 +33,14 @@ fn a_signed_blob_has_the_flag_and_the_trailer() {
     assert_eq!(bytes[20..unsigned.len()], unsigned[20..]);
     let (before, trailer) = bytes.split_at(unsigned.len());
     assert_eq!(trailer[..KEY_ID_LENGTH], TRAILER.key_id);
-    assert_eq!(trailer[8..72], TRAILER.signature);
-    assert_eq!(trailer[72..], CRC.checksum(&trailer[..72]).to_le_bytes());
+    assert_eq!(trailer[8..12], [1, 2, 3, 4]);
+    assert_eq!(trailer[12..76], TRAILER.signature);
+    assert_eq!(trailer[76..], CRC.checksum(&trailer[..76]).to_le_bytes());
+    assert_eq!(trailer[..12], TRAILER.signed_part());
     let envelope = open(&bytes).unwrap();
     assert_eq!(envelope.trailer, Some(TRAILER));
     assert_eq!(envelope.before_trailer, before);
+    assert_eq!(envelope.signed, [before, &trailer[..12]].concat());
     assert_eq!(envelope.payload, &before[HEADER_LENGTH..]);
     let crc = blob_crc(&bytes[..16], envelope.payload);
     assert_eq!(stored_crc(&bytes), Some(crc));
@@ -54,6 +58,7 @@ fn an_unsigned_blob_has_no_trailer() {
     let envelope = open(&bytes).unwrap();
     assert_eq!(envelope.trailer, None);
     assert_eq!(envelope.before_trailer, bytes);
+    assert_eq!(envelope.signed, bytes);
 }
 
 #[test]

@@ -5,7 +5,8 @@ use poegp_protocol::cause::Cause;
 use poegp_protocol::limits::MAX_JOINTS;
 use poegp_protocol::link::{
     Commanded, Corrected, CycleSettings, Evaluation, Identity, Key, MAX_CHUNK, MAX_NAME,
-    ModelIdentity, Query, Refusal, Request, Response, StartReason, Statistics, StoredModel, Trace,
+    MAX_SIGNED, ModelIdentity, Query, Refusal, Request, Response, StartReason, Statistics,
+    StoredModel, Trace,
 };
 
 /// Two joints and a payload.
@@ -27,6 +28,7 @@ pub fn requests() -> Vec<Request<'static>> {
         Request::BeginUpload {
             length: 300,
             crc: 0xffff_ffff,
+            replaces_robot: true,
         },
         Request::UploadChunk {
             offset: 128,
@@ -44,6 +46,11 @@ pub fn requests() -> Vec<Request<'static>> {
         Request::Restart,
         Request::Command(query()),
         Request::ProvisionCycle(CYCLE),
+        Request::Challenge,
+        Request::Signed {
+            signature: [[1; 32], [2; 32]],
+            request: &[14],
+        },
     ]
 }
 
@@ -70,6 +77,7 @@ pub fn longest_requests() -> Vec<Request<'static>> {
         Request::BeginUpload {
             length: u32::MAX,
             crc: u32::MAX,
+            replaces_robot: true,
         },
         Request::UploadChunk {
             offset: u32::MAX,
@@ -87,6 +95,11 @@ pub fn longest_requests() -> Vec<Request<'static>> {
         Request::Restart,
         Request::Command(query()),
         Request::ProvisionCycle(LONGEST_CYCLE),
+        Request::Challenge,
+        Request::Signed {
+            signature: [[0xff; 32]; 2],
+            request: &[0xff; MAX_SIGNED],
+        },
     ]
 }
 
@@ -176,6 +189,13 @@ pub fn refusals() -> Vec<Refusal> {
             instructions: 70_000,
             allowed: 62_500,
         },
+        Refusal::OldRevision {
+            revision: 300,
+            lowest: 70_000,
+        },
+        Refusal::AnotherRobot,
+        Refusal::NotSigned,
+        Refusal::WrongSignature,
         Refusal::CycleSetting { code: 4 },
     ]
 }
@@ -200,7 +220,7 @@ fn model() -> ModelIdentity {
         joints: 2,
         inducing_points: 300,
         instructions: 61_234,
-        signed: true,
+        revision: Some(300),
         warnings: [Cause::Still, Cause::Step].into_iter().collect(),
     }
 }
@@ -286,6 +306,9 @@ pub fn responses() -> Vec<Response> {
             status: 32,
             ticks: 200,
         }),
+        Response::Challenge {
+            nonce: core::array::from_fn(|index| index as u8),
+        },
     ]
 }
 
@@ -308,7 +331,7 @@ pub fn longest_responses() -> Vec<Response> {
         joints: u8::MAX,
         inducing_points: u32::MAX,
         instructions: u32::MAX,
-        signed: true,
+        revision: Some(u32::MAX),
         warnings: Cause::ALL.into_iter().collect(),
     };
     let stored = StoredModel {
@@ -393,5 +416,6 @@ pub fn longest_responses() -> Vec<Response> {
             status: u8::MAX,
             ticks: m,
         }),
+        Response::Challenge { nonce: [0xff; 16] },
     ]
 }

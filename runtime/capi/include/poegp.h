@@ -375,6 +375,10 @@ typedef struct poegp_identity_t {
    */
   uint32_t is_signed;
   /*
+   The revision under its signature, 0 without one: a lower one than before may be an old model that somebody plays back.
+   */
+  uint32_t revision;
+  /*
    Warnings about the measurements that the model was calibrated with: bit i is set for cause i, which
    `poegp_warning_text` describes. 0 without warnings.
    */

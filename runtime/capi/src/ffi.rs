@@ -149,7 +149,7 @@ pub unsafe extern "C" fn poegp_verify(
     if let Err(error) = blob::decode(bytes) {
         return of_decoding(error);
     }
-    signature::verify(bytes, key).map_or_else(|error| of_signature(error.code()), |()| POEGP_OK)
+    signature::verify(bytes, key).map_or_else(|error| of_signature(error.code()), |_| POEGP_OK)
 }
 
 /// # Safety
@@ -336,6 +336,7 @@ pub unsafe extern "C" fn poegp_identify(model: *const Model, out: *mut Identity)
         joints: 0,
         inducing_points: 0,
         is_signed: 0,
+        revision: 0,
         warnings: 0,
     };
     // SAFETY: the same contract.
@@ -348,7 +349,8 @@ pub unsafe extern "C" fn poegp_identify(model: *const Model, out: *mut Identity)
                 answer.blob_crc = identity.blob_crc;
                 answer.joints = u32::from(identity.joints);
                 answer.inducing_points = identity.inducing_points;
-                answer.is_signed = u32::from(identity.signed);
+                answer.is_signed = u32::from(identity.revision.is_some());
+                answer.revision = identity.revision.unwrap_or(0);
                 answer.warnings = u32::from_le_bytes(identity.warnings.into());
             }
             POEGP_OK

@@ -201,6 +201,8 @@ pub struct Identity {
     pub inducing_points: u32,
     /// 1 when the signature of the blob was verified, else 0.
     pub is_signed: u32,
+    /// The revision under its signature, 0 without one: a lower one than before may be an old model that somebody plays back.
+    pub revision: u32,
     /// Warnings about the measurements that the model was calibrated with: bit i is set for cause i, which
     /// `poegp_warning_text` describes. 0 without warnings.
     pub warnings: u32,

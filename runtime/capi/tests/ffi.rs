@@ -322,11 +322,13 @@ fn edited(change: impl Fn(&mut blob::Blob<'_>)) -> Vec<u8> {
 fn signed(keys: &KeyPair) -> Vec<u8> {
     let mut bytes = BLOB.to_vec();
     envelope::set_signed(&mut bytes, true);
-    let signature = keys.sk.sign(&bytes, None);
-    let trailer = envelope::Trailer {
+    let mut trailer = envelope::Trailer {
         key_id: envelope::key_id(&keys.pk),
-        signature: *signature,
+        revision: 1,
+        signature: [0; 64],
     };
+    let message = [&bytes[..], &trailer.signed_part()].concat();
+    trailer.signature = *keys.sk.sign(&message, None);
     bytes.extend(trailer.to_bytes());
     bytes
 }

@@ -58,19 +58,20 @@ impl fmt::Display for SignatureError {
 
 impl core::error::Error for SignatureError {}
 
-/// Whether `bytes` are a blob signed by the holder of `public_key`. What the blob says is not looked at.
+/// The revision of `bytes`, a blob signed by the holder of `public_key`. What the blob says is not looked at.
 ///
 /// # Errors
 /// [`SignatureError`], in the order of its variants.
 // Not inlined: nothing else must share its large stack frame.
 #[inline(never)]
-pub fn verify(bytes: &[u8], public_key: &[u8; 32]) -> Result<(), SignatureError> {
+pub fn verify(bytes: &[u8], public_key: &[u8; 32]) -> Result<u32, SignatureError> {
     let envelope = envelope::open(bytes).map_err(|_| SignatureError::Malformed)?;
     let trailer = envelope.trailer.ok_or(SignatureError::Unsigned)?;
     if trailer.key_id != envelope::key_id(public_key) {
         return Err(SignatureError::WrongKey { id: trailer.key_id });
     }
-    verify_message(envelope.before_trailer, &trailer.signature, public_key)
+    verify_message(envelope.signed, &trailer.signature, public_key)?;
+    Ok(trailer.revision)
 }
 
 /// How a verification begins.

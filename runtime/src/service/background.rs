@@ -4,12 +4,13 @@ use embedded_storage::nor_flash::NorFlash;
 use heapless::Vec;
 use poegp_protocol::blob::envelope::key_id;
 use poegp_protocol::link::{
-    CycleSettings, Identity, Key, ModelIdentity, PROTOCOL_VERSION, Refusal, Request, Response,
-    Statistics, StoredModel,
+    CycleSettings, Identity, Key, ModelIdentity, NONCE_LENGTH, PROTOCOL_VERSION, Refusal, Request,
+    Response, Statistics, StoredModel,
 };
 
 use crate::filter::FilterError;
 use crate::model::signature;
+use crate::service::authority::Authority;
 use crate::service::commands::for_filter;
 use crate::service::exchange::{BoardInfo, CycleAck, CycleCommand};
 use crate::service::loaded_model::{ModelSlot, name};
@@ -20,6 +21,8 @@ use crate::store::{Store, StoreError, Stored};
 pub trait Device<'m, const WORDS: usize> {
     /// Has the cycle carry out an order between two frames, and waits for its report: microseconds.
     fn order(&mut self, order: CycleCommand<'m, WORDS>) -> CycleAck<'m, WORDS>;
+    /// A nonce that was never there before, also before a restart.
+    fn nonce(&mut self) -> [u8; NONCE_LENGTH];
     /// Adds what is counted outside the cycle.
     fn complete(&mut self, statistics: &mut Statistics);
 }
@@ -32,6 +35,9 @@ pub struct Background<'m, F, const WORDS: usize, const BYTES: usize> {
     spare: Option<&'m mut ModelSlot<WORDS>>,
     upload: Upload<'m, BYTES>,
     store: Store<F>,
+    authority: Authority,
+    /// No model of a lower revision is taken: that of the stored model that runs after a restart.
+    lowest_revision: u32,
 }
 
 impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, WORDS, BYTES> {
@@ -47,6 +53,8 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
             spare: Some(spare),
             upload: Upload::new(staged),
             store,
+            authority: Authority::default(),
+            lowest_revision: 0,
         }
     }
 
@@ -76,6 +84,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
             let Some(stored) = stored else { continue };
             match self.load_stored(&stored, device) {
                 Ok(()) => {
+                    self.lowest_revision = self.spare_revision();
                     self.run_spare(device);
                     break;
                 }
@@ -93,11 +102,54 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         device: &mut impl Device<'m, WORDS>,
     ) -> Response {
         // A model that waited may run by now.
-        self.order(device, CycleCommand::Report);
-        let result = match request {
+        let report = self.order(device, CycleCommand::Report);
+        let result = match self.authorized(request, &report) {
+            Ok(request) => self.carry_out(&request, device),
+            Err(refusal) => Err(refusal),
+        };
+        result.unwrap_or_else(|refusal| {
+            self.order(device, CycleCommand::Refused);
+            Response::Refused(refusal)
+        })
+    }
+
+    /// The request that is to be carried out: the one inside of a signed one, if the signature is right.
+    #[inline(never)]
+    fn authorized<'r>(
+        &mut self,
+        request: &Request<'r>,
+        report: &CycleAck<'m, WORDS>,
+    ) -> Result<Request<'r>, Refusal> {
+        if let Request::Signed { signature, request } = request {
+            let key = self.key()?.ok_or(Refusal::WrongSignature)?;
+            return self.authority.open(signature, request, &key);
+        }
+        if !matches!(request, Request::Challenge) {
+            self.authority.forget();
+        }
+        let needs = match request {
+            Request::StopCyclic => report.commanded,
+            other => other.needs_signature(),
+        };
+        if needs && self.key()?.is_some() {
+            return Err(Refusal::NotSigned);
+        }
+        Ok(request.clone())
+    }
+
+    fn carry_out(
+        &mut self,
+        request: &Request<'_>,
+        device: &mut impl Device<'m, WORDS>,
+    ) -> Result<Response, Refusal> {
+        match request {
             Request::Identify => Ok(self.identify(device)),
-            Request::BeginUpload { length, crc } => {
-                let begun = self.upload.begin(*length, *crc);
+            Request::BeginUpload {
+                length,
+                crc,
+                replaces_robot,
+            } => {
+                let begun = self.upload.begin(*length, *crc, *replaces_robot);
                 begun.map(|received| Response::Uploading { received })
             }
             Request::UploadChunk { offset, bytes } => {
@@ -128,16 +180,19 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
                 Ok(Response::Statistics(statistics))
             }
             Request::Restart => Ok(Response::Restarting),
+            Request::StopCyclic => {
+                self.order(device, CycleCommand::Stop);
+                Ok(Response::CyclicStopped)
+            }
+            Request::Challenge => Ok(Response::Challenge {
+                nonce: self.authority.challenge(|| device.nonce()),
+            }),
             Request::Evaluate(_)
             | Request::Correct(_)
             | Request::Trace(_)
             | Request::Command(_)
-            | Request::StopCyclic => Err(Refusal::UnknownMessage),
-        };
-        result.unwrap_or_else(|refusal| {
-            self.order(device, CycleCommand::Refused);
-            Response::Refused(refusal)
-        })
+            | Request::Signed { .. } => Err(Refusal::UnknownMessage),
+        }
     }
 
     #[inline(never)]
@@ -178,6 +233,12 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         self.store.public_key().map_err(refused)
     }
 
+    /// Of the spare model; 0 when its signature was not verified.
+    fn spare_revision(&self) -> u32 {
+        let revision = self.spare_identity().and_then(|model| model.revision);
+        revision.unwrap_or(0)
+    }
+
     fn spare_identity(&self) -> Option<ModelIdentity> {
         self.spare.as_ref().and_then(|spare| spare.identity())
     }
@@ -197,7 +258,8 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         let spare = self.spare.as_deref_mut().ok_or(Refusal::Busy)?;
         let bytes = self.upload.bytes();
         spare.load(bytes, key.as_ref())?;
-        self.check_time(device)?;
+        self.check_succession(device)
+            .and_then(|()| self.check_time(device))?;
         let spare = self.spare.as_deref_mut().ok_or(Refusal::Busy)?;
         let bytes = self.upload.bytes();
         // A model that is stored already keeps its slot, or a roll back could lead to where one is.
@@ -206,6 +268,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         spare.set_slot(stored.map(|stored| stored.slot));
         let model = spare.identity().ok_or(Refusal::NotVerified)?;
         self.upload.verified = Some(model.blob_crc);
+        self.upload.revision = model.revision.unwrap_or(0);
         Ok(model)
     }
 
@@ -224,6 +287,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         }
         let stored = on_wire(&stored, true);
         self.upload.committed = Some(stored);
+        self.lowest_revision = self.upload.revision;
         Ok(stored)
     }
 
@@ -282,6 +346,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
             self.upload.abandon(0);
             match promoted {
                 Ok(_) => {
+                    self.lowest_revision = self.spare_revision();
                     self.run_spare(device);
                     return Ok(());
                 }
@@ -320,19 +385,46 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
 
     /// Whether the spare model fits into the time of a cycle; one that does not is given up.
     fn check_time(&mut self, device: &mut impl Device<'m, WORDS>) -> Result<(), Refusal> {
-        let allowed = self
-            .order(device, CycleCommand::Report)
-            .cycle
-            .max_instructions;
-        let fits = self
-            .spare_identity()
-            .map_or(Ok(()), |model| in_time(&model, allowed));
-        if fits.is_err()
+        let report = self.order(device, CycleCommand::Report);
+        let allowed = report.cycle.max_instructions;
+        self.check_spare(|model| in_time(model, allowed))
+    }
+
+    /// Whether the uploaded model may come after the active one and the stored one: of no lower revision, and of the same
+    /// robot unless that was said. One that may not is given up.
+    #[inline(never)]
+    fn check_succession(&mut self, device: &mut impl Device<'m, WORDS>) -> Result<(), Refusal> {
+        let active = self.order(device, CycleCommand::Report).model;
+        let (stored, any_robot) = (self.lowest_revision, self.upload.replaces_robot());
+        self.check_spare(|model| {
+            let running = active.as_ref().and_then(|active| active.revision);
+            let lowest = stored.max(running.unwrap_or(0));
+            if let Some(revision) = model.revision
+                && revision < lowest
+            {
+                return Err(Refusal::OldRevision { revision, lowest });
+            }
+            match &active {
+                Some(active) if !(any_robot || same_robot(active, model)) => {
+                    Err(Refusal::AnotherRobot)
+                }
+                _ => Ok(()),
+            }
+        })
+    }
+
+    /// Gives the spare model up unless it passes.
+    fn check_spare(
+        &mut self,
+        check: impl FnOnce(&ModelIdentity) -> Result<(), Refusal>,
+    ) -> Result<(), Refusal> {
+        let passes = self.spare_identity().map_or(Ok(()), |model| check(&model));
+        if passes.is_err()
             && let Some(spare) = &mut self.spare
         {
             spare.unload();
         }
-        fits
+        passes
     }
 
     fn provision(
@@ -357,6 +449,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
             // What was verified without this key must not become active; also when flash failed, for the key may be there.
             self.upload.verified = None;
             self.upload.committed = None;
+            self.lowest_revision = 0;
             if let Some(spare) = &mut self.spare {
                 spare.unload();
             }
@@ -389,6 +482,10 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         }
         written.map_err(refused)
     }
+}
+
+fn same_robot(one: &ModelIdentity, other: &ModelIdentity) -> bool {
+    one.robot == other.robot && one.serial_number == other.serial_number
 }
 
 /// Whether a model takes no more instructions than that.

@@ -34,6 +34,7 @@ pub struct Cycle<'m, const WORDS: usize> {
     deadline_ticks: u32,
     bypass: bool,
     running: bool,
+    commanded: bool,
     /// Of the last evaluation: here, because clearing them each time would cost more than filling them.
     stages: Stages<f32>,
 }
@@ -62,6 +63,7 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
             deadline_ticks: board.deadline_ticks,
             bypass,
             running: false,
+            commanded: false,
             stages: Stages::new(),
         }
     }
@@ -183,16 +185,13 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
             Request::Correct(query) => Response::Corrected(self.correct(query, clock)),
             Request::Trace(query) => Response::Trace(self.trace(query, clock)),
             Request::Command(query) => {
+                self.commanded = true;
                 let cycles = self.commands.cycles(sequence, query, arrived);
                 Response::Commanded(self.command(query, cycles, clock))
             }
-            Request::StopCyclic => {
-                self.commands.stop();
-                Response::CyclicStopped
-            }
             _ => return None,
         };
-        self.running = !matches!(response, Response::CyclicStopped);
+        self.running = true;
         Some(response)
     }
 
@@ -351,6 +350,11 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
             }
             CycleCommand::Settings(settings) => refused = self.commands.configure(&settings).err(),
             CycleCommand::Bypass(on) => self.bypass = on,
+            CycleCommand::Stop => {
+                (self.running, self.commanded) = (false, false);
+                self.commands.stop();
+                self.exchange();
+            }
             CycleCommand::Refused => count(&mut self.statistics.refused),
         }
         let counts = self.commands.filter.counts();
@@ -364,6 +368,7 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
             refused,
             bypass: self.bypass,
             running: self.running,
+            commanded: self.commanded,
             statistics: Statistics {
                 jumps: counts.held,
                 gaps: counts.lost,

@@ -43,6 +43,8 @@ pub enum CycleCommand<'m, const WORDS: usize> {
     Settings(CycleSettings),
     /// Answer commands as they come, or correct them again.
     Bypass(bool),
+    /// No more cyclic requests will come.
+    Stop,
     /// A request was refused: count it.
     Refused,
 }
@@ -66,6 +68,8 @@ pub struct CycleAck<'m, const WORDS: usize> {
     pub bypass: bool,
     /// Whether cyclic requests are expected.
     pub running: bool,
+    /// Whether a command was among those that came since the start or the last [`CycleCommand::Stop`].
+    pub commanded: bool,
     /// What the cycle has counted.
     pub statistics: Statistics,
 }

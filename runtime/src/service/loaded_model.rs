@@ -21,6 +21,8 @@ pub struct ModelSlot<const WORDS: usize> {
     warnings: Causes,
     /// 1 when its signature was verified: a `bool` would give an `Option` around this a state that is not zero.
     signed: u8,
+    /// Under its signature.
+    revision: u32,
     /// The slot that holds it, plus one; 0 for none.
     slot: u8,
 }
@@ -42,6 +44,7 @@ impl<const WORDS: usize> ModelSlot<WORDS> {
             instructions: 0,
             warnings: Causes::NONE,
             signed: 0,
+            revision: 0,
             slot: 0,
         }
     }
@@ -52,9 +55,13 @@ impl<const WORDS: usize> ModelSlot<WORDS> {
     /// [`Refusal::Blob`], [`Refusal::Signature`], [`Refusal::Model`].
     // Not inlined: the large stack frames of the two steps must not lie on top of each other.
     pub fn load(&mut self, bytes: &[u8], key: Option<&[u8; 32]>) -> Result<(), Refusal> {
-        check_signature(bytes, key)?;
+        let revision = match key {
+            None => None,
+            Some(key) => Some(signed_revision(bytes, key)?),
+        };
         self.load_unverified(bytes)?;
-        self.signed = u8::from(key.is_some());
+        self.signed = u8::from(revision.is_some());
+        self.revision = revision.unwrap_or(0);
         Ok(())
     }
 
@@ -111,7 +118,7 @@ impl<const WORDS: usize> ModelSlot<WORDS> {
             joints: joints as u8,
             inducing_points: self.model.inducing_points() as u32,
             instructions: self.instructions,
-            signed: self.signed != 0,
+            revision: (self.signed != 0).then_some(self.revision),
             warnings: self.warnings,
         })
     }
@@ -145,8 +152,7 @@ impl<const WORDS: usize> ModelSlot<WORDS> {
 
 /// Damage is named as such before a signature is looked at; this also keeps the long computation for whole blobs.
 #[inline(never)]
-fn check_signature(bytes: &[u8], key: Option<&[u8; 32]>) -> Result<(), Refusal> {
-    let Some(key) = key else { return Ok(()) };
+fn signed_revision(bytes: &[u8], key: &[u8; 32]) -> Result<u32, Refusal> {
     if let Err(error) = envelope::open(bytes) {
         return Err(Refusal::Blob(error));
     }

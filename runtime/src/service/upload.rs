@@ -11,6 +11,8 @@ pub(super) struct Upload<'m, const BYTES: usize> {
     announced: Option<Announced>,
     /// CRC in the header of the verified blob.
     pub(super) verified: Option<u32>,
+    /// Of the verified blob; 0 when no signature was.
+    pub(super) revision: u32,
     pub(super) committed: Option<StoredModel>,
 }
 
@@ -18,6 +20,7 @@ pub(super) struct Upload<'m, const BYTES: usize> {
 struct Announced {
     length: u32,
     crc: u32,
+    replaces_robot: bool,
 }
 
 impl<'m, const BYTES: usize> Upload<'m, BYTES> {
@@ -26,6 +29,7 @@ impl<'m, const BYTES: usize> Upload<'m, BYTES> {
             staged,
             announced: None,
             verified: None,
+            revision: 0,
             committed: None,
         }
     }
@@ -34,6 +38,7 @@ impl<'m, const BYTES: usize> Upload<'m, BYTES> {
     pub(super) fn abandon(&mut self, length: usize) -> &mut [u8] {
         self.announced = None;
         self.verified = None;
+        self.revision = 0;
         self.committed = None;
         self.staged.clear();
         // A length beyond the capacity leaves the buffer empty, and a caller that reads into it sees that it is too short.
@@ -45,7 +50,18 @@ impl<'m, const BYTES: usize> Upload<'m, BYTES> {
         self.staged
     }
 
-    pub(super) fn begin(&mut self, length: u32, crc: u32) -> Result<u32, Refusal> {
+    /// Whether the announced blob may be of another robot than the active model.
+    pub(super) fn replaces_robot(&self) -> bool {
+        self.announced
+            .is_some_and(|announced| announced.replaces_robot)
+    }
+
+    pub(super) fn begin(
+        &mut self,
+        length: u32,
+        crc: u32,
+        replaces_robot: bool,
+    ) -> Result<u32, Refusal> {
         if length as usize > BYTES {
             return Err(Refusal::BlobTooLong {
                 length,
@@ -53,7 +69,11 @@ impl<'m, const BYTES: usize> Upload<'m, BYTES> {
             });
         }
         self.abandon(0);
-        self.announced = Some(Announced { length, crc });
+        self.announced = Some(Announced {
+            length,
+            crc,
+            replaces_robot,
+        });
         Ok(0)
     }
 

@@ -9,6 +9,8 @@ use poegp_runtime::model::signature::{SignatureError, verify};
 
 use crate::arm::Arm;
 
+const REVISION: u32 = 0x0102_0304;
+
 fn key(seed: u8) -> SigningKey {
     SigningKey::from_bytes(&[seed; 32])
 }
@@ -27,10 +29,13 @@ fn unsigned() -> Vec<u8> {
 fn signed(unsigned: &[u8], key: &SigningKey, id: [u8; 8]) -> Vec<u8> {
     let mut bytes = unsigned.to_vec();
     set_signed(&mut bytes, true);
-    let trailer = Trailer {
+    let mut trailer = Trailer {
         key_id: id,
-        signature: key.sign(&bytes).to_bytes(),
+        revision: REVISION,
+        signature: [0; 64],
     };
+    let message = [&bytes[..], &trailer.signed_part()].concat();
+    trailer.signature = key.sign(&message).to_bytes();
     bytes.extend(trailer.to_bytes());
     bytes
 }
@@ -44,7 +49,7 @@ fn good() -> (Vec<u8>, [u8; 32]) {
 #[test]
 fn signed_by_the_key_and_by_nobody_else() {
     let (bytes, public_key) = good();
-    assert_eq!(verify(&bytes, &public_key), Ok(()));
+    assert_eq!(verify(&bytes, &public_key), Ok(REVISION));
     let plain = unsigned();
     assert_eq!(blob::decode(&bytes), blob::decode(&plain));
     assert_eq!(verify(&plain, &public_key), Err(SignatureError::Unsigned));

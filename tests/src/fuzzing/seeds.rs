@@ -64,7 +64,7 @@ pub fn blobs() -> Vec<Vec<u8>> {
         ..Sample::plain(8, SampleCorrection::Elastic(SMALL))
     };
     blobs.push(coupled.blob());
-    blobs.push(signed(&blobs[0], &SigningKey::from_bytes(&[1; 32])));
+    blobs.push(signed(&blobs[0], 7, &SigningKey::from_bytes(&[1; 32])));
     blobs
 }
 
@@ -81,6 +81,11 @@ pub fn frames() -> Vec<Vec<u8>> {
         Request::BeginUpload {
             length: 9_000,
             crc: 7,
+            replaces_robot: false,
+        },
+        Request::Signed {
+            signature: [[3; 32]; 2],
+            request: &[14],
         },
         Request::UploadChunk {
             offset: 256,

@@ -62,7 +62,7 @@ fn names_the_model_it_runs_and_counts() {
         joints: JOINTS as u8,
         inducing_points: 50,
         instructions: sample.size().command_bound(),
-        signed: false,
+        revision: None,
         warnings: warnings(),
     };
     assert_eq!(identity.model, Some(expected));

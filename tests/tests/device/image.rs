@@ -88,7 +88,7 @@ fn stack_stays_small_with_signatures() {
         seven(44, Elastic::PLAIN),
         seven(45, Elastic::WITH_STD),
     ] {
-        let signed = key.sign(&sample.blob()).unwrap();
+        let signed = key.sign(&sample.blob(), 1).unwrap();
         device.load(&signed).unwrap();
         let mut damaged = signed.clone();
         damaged[signed.len() / 2] ^= 1;

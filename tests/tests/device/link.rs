@@ -146,7 +146,11 @@ fn the_longest_frame_fits() {
     let crc = CRC.checksum(&bytes);
     let length = MAX_CHUNK as u32;
     device
-        .request(&Request::BeginUpload { length, crc })
+        .request(&Request::BeginUpload {
+            length,
+            crc,
+            replaces_robot: true,
+        })
         .unwrap();
     let answer = device.request(&Request::UploadChunk {
         offset: 0,
@@ -160,12 +164,20 @@ fn oversized_blobs_are_refused_before_a_byte_is_sent() {
     let mut device = device();
     let capacity = device.identify().unwrap().capacity_bytes;
     for length in [capacity + 1, u32::MAX] {
-        let refused = refusal(&mut device, &Request::BeginUpload { length, crc: 0 });
+        let refused = refusal(
+            &mut device,
+            &Request::BeginUpload {
+                length,
+                crc: 0,
+                replaces_robot: true,
+            },
+        );
         assert_eq!(refused, Refusal::BlobTooLong { length, capacity });
     }
     let accepted = device.request(&Request::BeginUpload {
         length: capacity,
         crc: 0,
+        replaces_robot: true,
     });
     assert_eq!(accepted.unwrap(), Response::Uploading { received: 0 });
 }
@@ -185,7 +197,11 @@ fn pieces_come_in_order_and_may_be_repeated() {
         Refusal::NoUpload
     );
     device
-        .request(&Request::BeginUpload { length, crc })
+        .request(&Request::BeginUpload {
+            length,
+            crc,
+            replaces_robot: true,
+        })
         .unwrap();
     device.request(&piece(0, 100)).unwrap();
     // A gap, an overlap with other bytes, and more than was announced.
@@ -265,6 +281,7 @@ fn bytes_other_than_announced_are_refused() {
         .request(&Request::BeginUpload {
             length,
             crc: stored,
+            replaces_robot: true,
         })
         .unwrap();
     for (index, bytes) in blob.chunks(MAX_CHUNK).enumerate() {

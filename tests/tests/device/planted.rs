@@ -202,7 +202,7 @@ fn large() -> (SecretKey, Vec<u8>) {
         joints: 7,
         ..Sample::plain(122, SampleCorrection::PerOutput(300))
     };
-    let signed = key.sign(&sample.blob()).unwrap();
+    let signed = key.sign(&sample.blob(), 1).unwrap();
     assert!(signed.len() > 16_000, "{} bytes", signed.len());
     (key, signed)
 }

@@ -176,6 +176,7 @@ impl Soak {
             Step::Begin => Request::BeginUpload {
                 length: model.bytes.len() as u32,
                 crc: CRC.checksum(&model.bytes),
+                replaces_robot: true,
             },
             Step::Piece(offset) => Request::UploadChunk {
                 offset: offset as u32,

@@ -57,6 +57,7 @@ impl Controller {
         let begin = Request::BeginUpload {
             length: bytes.len() as u32,
             crc: CRC.checksum(bytes),
+            replaces_robot: true,
         };
         self.during(device, &begin);
         let mut pieces = 0;
@@ -68,7 +69,7 @@ impl Controller {
         }
         let (answer, verify) = self.during(device, &Request::VerifyUpload);
         assert!(
-            matches!(&answer, Response::Verified(model) if model.signed),
+            matches!(&answer, Response::Verified(model) if model.revision.is_some()),
             "{answer:?}"
         );
         let (answer, commit) = self.during(device, &Request::CommitUpload);
@@ -91,8 +92,8 @@ fn a_correction_does_not_wait_for_services() {
     let key = SecretKey::generate().unwrap();
     device.client().provision(key.public().bytes()).unwrap();
     let elastic = |seed| Sample::plain(seed, SampleCorrection::Elastic(Elastic::PLAIN));
-    let blobs =
-        [elastic(110), elastic(111), elastic(112)].map(|sample| key.sign(&sample.blob()).unwrap());
+    let blobs = [elastic(110), elastic(111), elastic(112)]
+        .map(|sample| key.sign(&sample.blob(), 1).unwrap());
     let mut controller = Controller {
         queries: elastic(110).queries(32),
         asked: 0,

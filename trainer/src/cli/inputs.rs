@@ -121,19 +121,23 @@ pub fn equations(samples: &[InstrumentSample]) -> usize {
 
 /// The origin of a calibration: today, or the day that SOURCE_DATE_EPOCH names, for reproducible builds.
 pub fn origin(data_sha256: [u8; 32], serial_number: &str, tools: Vec<ToolName>) -> Provenance {
-    let seconds = std::env::var("SOURCE_DATE_EPOCH")
-        .ok()
-        .and_then(|s| s.parse().ok());
-    let now = seconds
-        .and_then(|s| time::OffsetDateTime::from_unix_timestamp(s).ok())
-        .unwrap_or_else(time::OffsetDateTime::now_utc);
     Provenance {
         serial_number: serial_number.to_owned(),
-        date: now.date().to_string(),
+        date: now().date().to_string(),
         data_sha256,
         tools,
         ..Provenance::default()
     }
+}
+
+/// The time, or the one of SOURCE_DATE_EPOCH.
+pub fn now() -> time::OffsetDateTime {
+    let seconds = std::env::var("SOURCE_DATE_EPOCH")
+        .ok()
+        .and_then(|s| s.parse().ok());
+    seconds
+        .and_then(|s| time::OffsetDateTime::from_unix_timestamp(s).ok())
+        .unwrap_or_else(time::OffsetDateTime::now_utc)
 }
 
 /// The last part of a path, for tables.

@@ -2,7 +2,7 @@
 
 use clap::Args;
 use poegp_protocol::JointKind;
-use poegp_protocol::blob::envelope;
+use poegp_protocol::blob::envelope::{self, Trailer};
 use poegp_protocol::blob::{
     Blob, Correction, Elastic, FORMAT_VERSION, SetPoints, Variance, stored_crc,
 };
@@ -95,7 +95,8 @@ fn document(loaded: &BlobModel) -> Value {
         "format_version": FORMAT_VERSION,
         "bytes": loaded.bytes().len(),
         "crc": format!("{:08x}", stored_crc(loaded.bytes()).unwrap_or(0)),
-        "signed_by": signed_by(loaded),
+        "signed_by": trailer(loaded).map(|trailer| id_text(&trailer.key_id)),
+        "revision": trailer(loaded).map(|trailer| trailer.revision),
         "robot": {"name": blob.robot.name, "serial_number": blob.robot.serial_number, "joints": joints,
                   "coupling": blob.robot.coupling.as_slice()},
         "units": {"angle": "rad", "length": "m", "mass": "kg"},
@@ -117,10 +118,9 @@ fn document(loaded: &BlobModel) -> Value {
     })
 }
 
-/// The id of the key that the blob says it is signed by.
-fn signed_by(loaded: &BlobModel) -> Option<String> {
-    let trailer = envelope::open(loaded.bytes()).ok()?.trailer?;
-    Some(id_text(&trailer.key_id))
+/// What the blob says of its signature.
+fn trailer(loaded: &BlobModel) -> Option<Trailer> {
+    envelope::open(loaded.bytes()).ok()?.trailer
 }
 
 fn sigma(v: &Variance<'_>) -> Value {
@@ -166,8 +166,12 @@ fn print(report: Printer, loaded: &BlobModel, document: &Value) {
     for warning in blob.warnings.iter() {
         report.line(format_args!("  warning: {warning}"));
     }
-    report.line(match signed_by(loaded) {
-        Some(id) => format!("  signed by key {id} (not verified: `trainer verify`)"),
+    report.line(match trailer(loaded) {
+        Some(trailer) => format!(
+            "  signed by key {} as revision {} (not verified: `trainer verify`)",
+            id_text(&trailer.key_id),
+            trailer.revision
+        ),
         None => "  not signed".to_owned(),
     });
     if let Some((light, heavy)) = blob.ranges.payload_kg {

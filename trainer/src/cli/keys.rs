@@ -10,6 +10,7 @@ use poegp_runtime::model::signature::SignatureError;
 use serde_json::json;
 
 use crate::cli::failure::Failure;
+use crate::cli::inputs::now;
 use crate::cli::output;
 use crate::cli::output::transaction::Readers;
 use crate::cli::output::{check_outputs, summary_text, write_outputs, write_summary};
@@ -57,6 +58,9 @@ pub struct Sign {
     /// Secret key.
     #[arg(long, value_name = "FILE")]
     pub key: PathBuf,
+    /// Revision of the model; a device takes none that is lower than that of its own (default: the time, in seconds).
+    #[arg(long, value_name = "N")]
+    pub revision: Option<u32>,
     /// Write the signed blob to this file (default: replace the blob).
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
@@ -131,10 +135,13 @@ pub fn sign(a: &Sign) -> Result<(), Failure> {
         let expected = "another file for the signed blob";
         return Err(InputError::new(out, "the key", expected).into());
     }
-    let key = SecretKey::read(&a.key)?;
-    note_when_others_read(&a.key);
+    let key = read_secret_key(&a.key)?;
     let loaded = BlobModel::read(&a.blob)?;
-    let signed = key.sign(loaded.bytes()).map_err(|e| {
+    let revision = match a.revision {
+        Some(revision) => revision,
+        None => revision_of_now()?,
+    };
+    let signed = key.sign(loaded.bytes(), revision).map_err(|e| {
         let expected = "a model blob written by `trainer calibrate`";
         InputError::new(&a.blob, e.to_string(), expected)
     })?;
@@ -146,6 +153,7 @@ pub fn sign(a: &Sign) -> Result<(), Failure> {
         "file": out,
         "bytes": signed.len(),
         "key": id_text(&key.public().id()),
+        "revision": revision,
         "replaced_key": replaced,
     }))?;
     let mut files: Vec<(&Path, &[u8])> = vec![(out, &signed)];
@@ -153,11 +161,28 @@ pub fn sign(a: &Sign) -> Result<(), Failure> {
     write_outputs(&files)?;
     let before = replaced.map_or_else(String::new, |key| format!(" instead of key {key}"));
     Printer::for_outputs(&[a.json.as_deref()]).line(format_args!(
-        "{}: signed by key {}{before}",
+        "{}: signed by key {}{before} as revision {revision}",
         out.display(),
         id_text(&key.public().id())
     ));
     Ok(())
+}
+
+/// A higher one in every second; in 2106 they come to an end.
+fn revision_of_now() -> Result<u32, Failure> {
+    let seconds = now().unix_timestamp();
+    u32::try_from(seconds).map_err(|_| {
+        Failure::Usage(format!(
+            "no revision can be made of the time, {seconds} s\nhelp: state one with --revision"
+        ))
+    })
+}
+
+/// A secret key from its file; a note goes to standard error when others can read it.
+pub fn read_secret_key(path: &Path) -> Result<SecretKey, Failure> {
+    let key = SecretKey::read(path)?;
+    note_when_others_read(path);
+    Ok(key)
 }
 
 pub fn verify(a: &Verify) -> Result<(), Failure> {
@@ -167,10 +192,10 @@ pub fn verify(a: &Verify) -> Result<(), Failure> {
     let bytes =
         std::fs::read(&a.blob).map_err(|e| InputError::unreadable(&a.blob, &e, expected))?;
     let id = id_text(&key.id());
-    let verdict = |why: Option<String>| json!({ "file": a.blob, "key": id, "verified": why.is_none(), "why": why });
+    let verdict = |outcome: Result<u32, String>| json!({ "file": a.blob, "key": id, "verified": outcome.is_ok(), "revision": outcome.as_ref().ok(), "why": outcome.as_ref().err() });
     let refused = |why: &dyn std::fmt::Display| match write_summary(
         a.json.as_deref(),
-        verdict(Some(why.to_string())),
+        verdict(Err(why.to_string())),
     ) {
         Ok(()) => Failure::Refused(format!(
             "{}: not verified by key {id}: {why}",
@@ -178,17 +203,19 @@ pub fn verify(a: &Verify) -> Result<(), Failure> {
         )),
         Err(failure) => failure,
     };
-    match (
+    let revision = match (
         signature::verify(&bytes, key.bytes()),
         envelope::open(&bytes),
     ) {
-        (Ok(()), _) => {}
+        (Ok(revision), _) => revision,
         (Err(SignatureError::Malformed), Err(error)) => return Err(refused(&error)),
         (Err(error), _) => return Err(refused(&error)),
-    }
-    write_summary(a.json.as_deref(), verdict(None))?;
-    Printer::for_outputs(&[a.json.as_deref()])
-        .line(format_args!("{}: signed by key {id}", a.blob.display()));
+    };
+    write_summary(a.json.as_deref(), verdict(Ok(revision)))?;
+    Printer::for_outputs(&[a.json.as_deref()]).line(format_args!(
+        "{}: signed by key {id} as revision {revision}",
+        a.blob.display()
+    ));
     Ok(())
 }
 

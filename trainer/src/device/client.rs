@@ -9,11 +9,12 @@ use std::io;
 use std::time::{Duration, Instant};
 
 use poegp_protocol::link::frame::{self, FrameError, MAX_FRAME, Received, Receiver};
-use poegp_protocol::link::{MAX_CHUNK, Refusal, Request, Response};
+use poegp_protocol::link::{MAX_CHUNK, MAX_SIGNED, Refusal, Request, Response};
 
 use crate::device::error::ClientError;
 use crate::device::port;
 use crate::device::port::{Address, Stream};
+use crate::signing::SecretKey;
 
 /// How patient a client is.
 #[derive(Clone, Copy, Debug)]
@@ -28,6 +29,8 @@ pub struct Options {
     pub chunk_size: usize,
     /// How often an upload that the device has given up is started again.
     pub uploads: u32,
+    /// Whether an uploaded model may be of another robot than the active one.
+    pub replaces_robot: bool,
 }
 
 impl Default for Options {
@@ -39,6 +42,7 @@ impl Default for Options {
             busy_limit: Duration::from_secs(10),
             chunk_size: MAX_CHUNK,
             uploads: 3,
+            replaces_robot: false,
         }
     }
 }
@@ -58,6 +62,8 @@ pub struct Client {
     port: String,
     stream: Box<dyn Stream>,
     pub(super) options: Options,
+    /// Signs what the device wants signed.
+    key: Option<SecretKey>,
     receiver: Receiver,
     pending: Vec<u8>,
     sequence: u16,
@@ -97,6 +103,7 @@ impl Client {
             port,
             stream,
             options,
+            key: None,
             receiver: Receiver::new(),
             pending: Vec::new(),
             sequence: first_sequence(),
@@ -107,6 +114,11 @@ impl Client {
     /// Uses other limits and chunks from now on.
     pub fn set_options(&mut self, options: Options) {
         self.options = options;
+    }
+
+    /// Signs with this key what the device wants signed, from now on.
+    pub fn set_key(&mut self, key: SecretKey) {
+        self.key = Some(key);
     }
 
     /// The name of the port.
@@ -243,6 +255,37 @@ impl Client {
             }
         }
         Err(self.unanswered(request, damaged))
+    }
+
+    /// [`Client::request`], signed if the device wants that and there is a key.
+    ///
+    /// # Errors
+    /// [`ClientError`]; a refusal is an answer.
+    pub fn signed_request(&mut self, request: &Request<'_>) -> Result<Response, ClientError> {
+        let mut answer = self.request(request)?;
+        let mut attempts = self.options.attempts;
+        while let Response::Refused(Refusal::NotSigned | Refusal::WrongSignature) = answer
+            && self.key.is_some()
+            && attempts > 0
+        {
+            // A wrong signature: something else came between nonce and request.
+            attempts -= 1;
+            let nonce = match self.request(&Request::Challenge)? {
+                Response::Challenge { nonce } => nonce,
+                other => return Ok(other),
+            };
+            let mut buffer = [0; MAX_SIGNED];
+            let bytes = request.encode(&mut buffer).unwrap_or_default();
+            let key = self.key.as_ref();
+            let Some(signature) = key.and_then(|key| key.sign_request(&nonce, bytes)) else {
+                break;
+            };
+            answer = self.request(&Request::Signed {
+                signature,
+                request: bytes,
+            })?;
+        }
+        Ok(answer)
     }
 
     fn unanswered(&self, request: &Request<'_>, damaged: u32) -> ClientError {

@@ -49,8 +49,8 @@ pub fn refusal(refusal: &Refusal) -> String {
         }
         Refusal::NotAKey => "these bytes are no Ed25519 public key".to_owned(),
         Refusal::CyclesRunning => {
-            "on this board cycles would wait for the flash; stop the controller, which \
-                                   says so with `StopCyclic`, and try again"
+            "on this board cycles would wait for the flash; stop the controller, say so \
+                                   with `trainer device stop`, and try again"
                 .to_owned()
         }
         Refusal::TooSlow {
@@ -61,6 +61,19 @@ pub fn refusal(refusal: &Refusal) -> String {
              with --max-instructions {allowed}, or allow more if the controller's cycle leaves time for them (`trainer device \
              cycle --max-instructions`)"
         ),
+        Refusal::OldRevision { revision, lowest } => format!(
+            "the model is signed as revision {revision}, and the device takes none below {lowest}; sign it again if it is to \
+             replace the newer one"
+        ),
+        Refusal::AnotherRobot => "the model is of another robot than the active one, by name or serial number; upload it with \
+                                  --replace-robot if the device has moved to that robot"
+            .to_owned(),
+        Refusal::NotSigned => {
+            "it has a public key, and takes this request only when it is signed by the secret one (--key)".to_owned()
+        }
+        Refusal::WrongSignature => {
+            "the request is not signed by the other half of its public key".to_owned()
+        }
         Refusal::CycleSetting { code } => cycle_setting(*code),
     }
 }

@@ -24,7 +24,7 @@ impl Client {
     }
 
     fn identity(&mut self, request: &Request<'_>) -> Result<Identity, ClientError> {
-        match self.request(request)? {
+        match self.signed_request(request)? {
             Response::Identity(identity) if identity.tick_hz == 0 => {
                 let response = "a clock of 0 ticks a second".to_owned();
                 Err(ClientError::Unexpected {
@@ -89,11 +89,12 @@ impl Client {
         self.uploading(&Request::BeginUpload {
             length: wire_length(blob.len()),
             crc: CRC.checksum(blob),
+            replaces_robot: self.options.replaces_robot,
         })
     }
 
     fn uploading(&mut self, request: &Request<'_>) -> Result<(), ClientError> {
-        match self.request(request)? {
+        match self.signed_request(request)? {
             Response::Uploading { .. } => Ok(()),
             other => Err(unexpected(request, other)),
         }
@@ -225,7 +226,7 @@ impl Client {
     /// # Errors
     /// [`ClientError`].
     pub fn stand_down(&mut self) -> Result<(), ClientError> {
-        match self.request(&Request::StopCyclic)? {
+        match self.signed_request(&Request::StopCyclic)? {
             Response::CyclicStopped => Ok(()),
             other => Err(unexpected(&Request::StopCyclic, other)),
         }
@@ -247,7 +248,7 @@ impl Client {
     /// # Errors
     /// [`ClientError`].
     pub fn restart(&mut self) -> Result<Identity, ClientError> {
-        match self.request(&Request::Restart)? {
+        match self.signed_request(&Request::Restart)? {
             Response::Restarting => {}
             other => return Err(unexpected(&Request::Restart, other)),
         }

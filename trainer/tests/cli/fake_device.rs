@@ -171,7 +171,7 @@ pub fn model(blob_crc: u32) -> ModelIdentity {
         joints: 6,
         inducing_points: 20,
         instructions: 18_500,
-        signed: false,
+        revision: None,
         warnings: [Cause::Step, Cause::Still].into_iter().collect(),
     }
 }

@@ -4,13 +4,16 @@
 //! The front takes bytes in bursts. While a service is carried out it is let in at every order and every operation of
 //! the flash, so cyclic requests that wait on the line are answered in the middle of services, as on the device.
 
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 use std::collections::VecDeque;
 use std::rc::Rc;
 
+use ed25519_dalek::{Signer, SigningKey};
 use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
 use poegp_protocol::link::frame::{self, MAX_FRAME, Received, Receiver};
-use poegp_protocol::link::{Identity, Refusal, Request, Response, StartReason, Statistics};
+use poegp_protocol::link::{
+    Identity, MAX_SIGNED, NONCE_LENGTH, Refusal, Request, Response, StartReason, Statistics, order,
+};
 use poegp_runtime::service::{Background, BoardInfo, Clock, Cycle, CycleAck, CycleCommand, Device};
 use poegp_runtime::service::{FrameOutcome, ModelSlot};
 use poegp_runtime::store::{Layout, Store};
@@ -67,6 +70,11 @@ impl Clock for Ticker {
         self.ticks = self.ticks.wrapping_add(self.step);
         self.ticks
     }
+}
+
+thread_local! {
+    /// Nonces so far, of all devices: none comes again after a restart.
+    static NONCES: Cell<u64> = const { Cell::new(0) };
 }
 
 /// What the interrupts of the firmware do.
@@ -140,6 +148,12 @@ impl Device<'static, WORDS> for Calls {
         // What came meanwhile is answered before the background sees the report.
         front.turn();
         report
+    }
+
+    fn nonce(&mut self) -> [u8; NONCE_LENGTH] {
+        NONCES.with(|count| count.set(count.get() + 1));
+        let count = NONCES.with(Cell::get).to_le_bytes();
+        std::array::from_fn(|index| count[index % 8])
     }
 
     fn complete(&mut self, statistics: &mut Statistics) {
@@ -324,6 +338,23 @@ impl Desk {
         first
     }
 
+    /// A nonce.
+    pub fn challenge(&mut self) -> [u8; NONCE_LENGTH] {
+        match self.ask(&Request::Challenge) {
+            Response::Challenge { nonce } => nonce,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    /// The answer to a request that `key` signs.
+    pub fn ask_signed(&mut self, request: &Request<'_>, key: &SigningKey) -> Response {
+        let nonce = self.challenge();
+        let mut buffer = [0; MAX_SIGNED];
+        let request = request.encode(&mut buffer).expect("short");
+        let signature = signature(&nonce, request, key);
+        self.ask(&Request::Signed { signature, request })
+    }
+
     /// Who it is.
     pub fn identity(&mut self) -> Identity {
         match self.ask(&Request::Identify) {
@@ -386,6 +417,13 @@ impl Desk {
         assert_eq!((answers.len(), answer.0), (0, sequence), "{request:?}");
         answer.1
     }
+}
+
+/// The signature of a request.
+pub fn signature(nonce: &[u8; NONCE_LENGTH], request: &[u8], key: &SigningKey) -> [[u8; 32]; 2] {
+    let message = order(nonce, request).expect("short");
+    let signature = key.sign(&message);
+    [*signature.r_bytes(), *signature.s_bytes()]
 }
 
 /// The frame of a request.

@@ -29,14 +29,14 @@ fn signed_models_come_in() {
     let mut desk = Desk::default();
     // Also one that came before there was a key, then without a name for it.
     old.install(&mut desk);
-    assert!(!desk.identity().model.expect("a model").signed);
+    assert_eq!(desk.identity().model.expect("a model").revision, None);
     provision(&mut desk);
     let mut desk = desk.restarted();
     assert_eq!(desk.active(), Some(old.blob_crc));
-    assert!(desk.identity().model.expect("a model").signed);
+    assert_eq!(desk.identity().model.expect("a model").revision, Some(1));
     new.install(&mut desk);
-    assert!(desk.identity().model.expect("a model").signed);
-    desk.ask_twice(&new.roll_back());
+    assert_eq!(desk.identity().model.expect("a model").revision, Some(1));
+    desk.ask_signed(&new.roll_back(), &key(1));
     assert_eq!(desk.active(), Some(old.blob_crc));
     let question = query(&[0.1, 0.2], 1.0);
     let Response::Corrected(answer) = desk.ask(&Request::Correct(question.clone())) else {
@@ -122,14 +122,17 @@ fn nothing_unsigned_comes_in_any_more() {
     let not_verified = refused(Refusal::NotVerified);
     assert_eq!(desk.ask_twice(&Request::CommitUpload), not_verified);
     // nor from flash,
-    assert!(is_unsigned(&desk.ask_twice(&new.roll_back())));
+    assert!(is_unsigned(&desk.ask_signed(&new.roll_back(), &key(1))));
     // nor after a start. Until then the active one goes on.
     let question = query(&[0.1, 0.2], 1.0);
     let Response::Corrected(answer) = desk.ask(&Request::Correct(question.clone())) else {
         panic!()
     };
     new.assert_corrected(&question, &answer);
-    assert!(!desk.identity().model.expect("the active one").signed);
+    assert_eq!(
+        desk.identity().model.expect("the active one").revision,
+        None
+    );
     let mut desk = desk.restarted();
     assert_eq!(desk.not_started, [Some(UNSIGNED); 2]);
     assert_eq!(desk.identity().model, None);

@@ -130,6 +130,7 @@ pub fn begin(bytes: &[u8]) -> Request<'static> {
     Request::BeginUpload {
         length: bytes.len() as u32,
         crc: CRC.checksum(bytes),
+        replaces_robot: false,
     }
 }
 
@@ -165,14 +166,22 @@ pub fn public(key: &SigningKey) -> [u8; 32] {
     key.verifying_key().to_bytes()
 }
 
-/// `known` signed by `key`.
+/// `known` signed by `key`, as the first revision.
 pub fn signed(known: &Known, key: &SigningKey) -> Known {
+    signed_as(1, known, key)
+}
+
+/// The same as this revision.
+pub fn signed_as(revision: u32, known: &Known, key: &SigningKey) -> Known {
     let mut bytes = known.bytes.clone();
     set_signed(&mut bytes, true);
-    let trailer = Trailer {
+    let mut trailer = Trailer {
         key_id: key_id(&public(key)),
-        signature: key.sign(&bytes).to_bytes(),
+        revision,
+        signature: [0; 64],
     };
+    let message = [&bytes[..], &trailer.signed_part()].concat();
+    trailer.signature = key.sign(&message).to_bytes();
     bytes.extend(trailer.to_bytes());
     let mut model = Model::new();
     let decoded = blob::decode(&bytes).expect("a blob");

@@ -1,5 +1,6 @@
 //! The device as a whole, as far as it is pure: frames in, frames out, over a flash that knows the rules of NOR.
 
+mod authority;
 mod bits;
 mod commands;
 mod cuts;

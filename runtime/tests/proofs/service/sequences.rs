@@ -173,6 +173,14 @@ impl Proof {
         }
     }
 
+    /// Asked by the owner, who signs what has to be signed.
+    fn asked_by_the_owner(&mut self, request: &Request<'_>) -> Response {
+        match self.expected.key && request.needs_signature() {
+            true => self.desk.ask_signed(request, &key(1)),
+            false => self.desk.ask(request),
+        }
+    }
+
     fn refuse(&mut self, refusal: Refusal) -> Response {
         self.expected.refused += 1;
         refused(refusal)
@@ -285,7 +293,7 @@ impl Proof {
 
     fn roll_back(&mut self, from: Option<usize>) {
         let from_crc = from.map_or(0, |blob| self.known[blob].blob_crc);
-        let answer = self.desk.ask(&Request::RollBack { from_crc });
+        let answer = self.asked_by_the_owner(&Request::RollBack { from_crc });
         match self.expected.roll_back(from) {
             Ok(()) => self.check_identity(&answer),
             Err(refusal) => assert_eq!(answer, self.refuse(refusal)),
@@ -354,7 +362,7 @@ impl Proof {
             Step::RollBack(from) => self.roll_back(Some(*from)),
             Step::RollBackHere => self.roll_back(self.expected.active),
             Step::Bypass(on) => {
-                let answer = self.desk.ask(&Request::SetBypass { on: *on });
+                let answer = self.asked_by_the_owner(&Request::SetBypass { on: *on });
                 self.expected.bypass = *on;
                 self.check_identity(&answer);
             }
@@ -384,7 +392,8 @@ impl Proof {
                 self.check_identity(&answer);
             }
             Step::Restart => {
-                assert_eq!(self.desk.ask(&Request::Restart), Response::Restarting);
+                let answer = self.asked_by_the_owner(&Request::Restart);
+                assert_eq!(answer, Response::Restarting);
                 self.desk = self.desk.restarted();
                 self.expected.restart();
             }

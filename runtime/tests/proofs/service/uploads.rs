@@ -27,8 +27,8 @@ fn identify_without_and_with_a_model() {
     };
     assert_eq!(model.blob_crc, known.blob_crc);
     assert_eq!(
-        (model.joints, model.inducing_points, model.signed),
-        (3, 7, false)
+        (model.joints, model.inducing_points, model.revision),
+        (3, 7, None)
     );
     let names = (model.robot.as_str(), model.serial_number.as_str());
     assert_eq!(names, ("arm", ""));
@@ -63,7 +63,11 @@ fn every_refusal_of_a_transfer_by_name() {
             length,
             capacity: BYTES as u32,
         };
-        let request = Request::BeginUpload { length, crc: 0 };
+        let request = Request::BeginUpload {
+            length,
+            crc: 0,
+            replaces_robot: false,
+        };
         assert_eq!(desk.ask_twice(&request), refused(too_long));
     }
     assert_eq!(desk.ask(&Request::VerifyUpload), no_upload, "still none");
@@ -114,6 +118,7 @@ fn every_refusal_of_a_transfer_by_name() {
     let refused_begin = Request::BeginUpload {
         length: u32::MAX,
         crc: 0,
+        replaces_robot: false,
     };
     desk.ask(&refused_begin);
     assert_eq!(desk.ask_twice(&piece(&bytes, 150, 160)), received(160));
@@ -166,7 +171,11 @@ fn a_refused_blob_leaves_the_old_model() {
         assert_eq!(desk.identity(), before);
     }
     // Bytes that are not the announced ones.
-    desk.ask(&Request::BeginUpload { length: 4, crc: 5 });
+    desk.ask(&Request::BeginUpload {
+        length: 4,
+        crc: 5,
+        replaces_robot: false,
+    });
     desk.ask(&piece(&[1, 2, 3, 4], 0, 4));
     let refusal = Refusal::TransferCrc {
         stored: 5,

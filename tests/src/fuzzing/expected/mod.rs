@@ -8,13 +8,14 @@ use std::rc::Rc;
 
 use poegp_protocol::blob::envelope::key_id;
 use poegp_protocol::link::{
-    CycleSettings, Identity, Key, PROTOCOL_VERSION, Refusal, Request, Response, Statistics,
-    StoredModel,
+    CycleSettings, Identity, Key, NONCE_LENGTH, PROTOCOL_VERSION, Refusal, Request, Response,
+    Statistics, StoredModel, order,
 };
+use poegp_runtime::model::signature::verify_message;
 
 use self::cycle::{Commands, DEFAULT};
 use self::models::{Known, cut};
-use super::service::device::{BOARD, BYTES, WORDS};
+use super::service::device::{BOARD, BYTES, WORDS, next_nonce};
 
 /// The state of the device.
 #[derive(Default)]
@@ -38,6 +39,14 @@ pub(super) struct Expected {
     key: Option<[u8; 32]>,
     pub bypass: bool,
     running: bool,
+    commanded: bool,
+    /// Of the announced blob.
+    replaces_robot: bool,
+    verified_revision: u32,
+    lowest_revision: u32,
+    nonce: Option<[u8; NONCE_LENGTH]>,
+    /// The signature that was accepted with it.
+    used: Option<[[u8; 32]; 2]>,
     pub flash_blocks: bool,
     pub statistics: Statistics,
 }
@@ -49,6 +58,11 @@ impl Expected {
             flash_blocks,
             ..Self::default()
         }
+    }
+
+    /// The nonce that holds.
+    pub fn nonce(&self) -> Option<[u8; NONCE_LENGTH]> {
+        self.nonce
     }
 
     /// Bytes of the announced blob that are there.
@@ -88,6 +102,7 @@ impl Expected {
             .map(Rc::new)
             .next();
         new.statistics.activations = u32::from(new.active.is_some());
+        new.lowest_revision = new.active.as_ref().map_or(0, |model| model.revision());
         new
     }
 
@@ -95,20 +110,71 @@ impl Expected {
     pub fn answer(&mut self, sequence: u16, request: &Request<'_>) -> Response {
         self.statistics.frames += 1;
         self.look();
+        let answer = match self.authorized(request) {
+            Ok(request) => self.carry_out(sequence, &request),
+            Err(refusal) => Err(refusal),
+        };
+        answer.unwrap_or_else(|refusal| {
+            self.statistics.refused += 1;
+            Response::Refused(refusal)
+        })
+    }
+
+    /// The request that is to be carried out.
+    fn authorized<'r>(&mut self, request: &Request<'r>) -> Result<Request<'r>, Refusal> {
         if request.is_cyclic() {
-            self.running = !matches!(request, Request::StopCyclic);
+            self.running = true;
+            self.commanded |= matches!(request, Request::Command(_));
+            return Ok(request.clone());
         }
-        let answer = match request {
+        match request {
+            Request::Challenge => {}
+            Request::Signed { signature, request } => {
+                let key = self.key.ok_or(Refusal::WrongSignature)?;
+                // Another signature with a nonce that has served.
+                if self.used.is_some_and(|used| used != *signature) {
+                    self.nonce = None;
+                }
+                let message = self.nonce.and_then(|nonce| order(&nonce, request));
+                let bytes = signature.as_flattened().try_into().expect("two halves");
+                let is_good = message.is_some_and(|m| verify_message(&m, bytes, &key).is_ok());
+                if !is_good {
+                    (self.nonce, self.used) = (None, None);
+                    return Err(Refusal::WrongSignature);
+                }
+                self.used = Some(*signature);
+                return Request::decode(request).ok_or(Refusal::UnknownMessage);
+            }
+            _ => (self.nonce, self.used) = (None, None),
+        }
+        let needs = match request {
+            Request::StopCyclic => self.commanded,
+            other => other.needs_signature(),
+        };
+        if needs && self.key.is_some() {
+            return Err(Refusal::NotSigned);
+        }
+        Ok(request.clone())
+    }
+
+    fn carry_out(&mut self, sequence: u16, request: &Request<'_>) -> Result<Response, Refusal> {
+        match request {
             Request::Evaluate(query) => Ok(Response::Evaluation(self.evaluate(query).0)),
             Request::Trace(query) => Ok(Response::Trace(self.trace(query))),
             Request::Correct(query) => Ok(Response::Corrected(self.correct(query))),
             Request::Command(query) => Ok(Response::Commanded(self.command(sequence, query))),
             Request::StopCyclic => {
                 self.commands.last = None;
+                (self.running, self.commanded) = (false, false);
+                self.exchange();
                 Ok(Response::CyclicStopped)
             }
             Request::Identify => Ok(self.identity()),
-            Request::BeginUpload { length, crc } => self.begin(*length, *crc),
+            Request::BeginUpload {
+                length,
+                crc,
+                replaces_robot,
+            } => self.begin(*length, *crc, *replaces_robot),
             Request::UploadChunk { offset, bytes } => self.piece(*offset, bytes),
             Request::VerifyUpload => self.verify().map(Response::Verified),
             Request::CommitUpload => self.commit().map(Response::Committed),
@@ -126,11 +192,15 @@ impl Expected {
             }
             Request::ReadStatistics => Ok(Response::Statistics(self.counted())),
             Request::Restart => Ok(Response::Restarting),
-        };
-        answer.unwrap_or_else(|refusal| {
-            self.statistics.refused += 1;
-            Response::Refused(refusal)
-        })
+            Request::Challenge => {
+                if self.used.take().is_some() {
+                    self.nonce = None;
+                }
+                let nonce = *self.nonce.get_or_insert_with(next_nonce);
+                Ok(Response::Challenge { nonce })
+            }
+            Request::Signed { .. } => Err(Refusal::UnknownMessage),
+        }
     }
 
     /// Time passes. Whoever looks at the clock sees whether commands have stopped.

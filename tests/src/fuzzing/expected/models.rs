@@ -27,10 +27,8 @@ impl Known {
             Err(blob::DecodeError::MalformedPayload) | Ok(_) => {}
             Err(error) => return Err(Refusal::Blob(*error)),
         }
-        if let Some(key) = key {
-            signature::verify(bytes, key)
-                .map_err(|error| Refusal::Signature { code: error.code() })?;
-        }
+        let revision = key.map(|key| signature::verify(bytes, key)).transpose();
+        let revision = revision.map_err(|error| Refusal::Signature { code: error.code() })?;
         let decoded = decoded.map_err(Refusal::Blob)?;
         let mut model = Model::new();
         let loaded = model.load_decoded(&decoded);
@@ -42,7 +40,7 @@ impl Known {
             joints: model.joints() as u8,
             inducing_points: model.inducing_points() as u32,
             instructions: model.size().map_or(0, |size| size.command_bound()),
-            signed: key.is_some(),
+            revision,
             warnings: decoded.warnings,
         };
         Ok(Self {
@@ -50,6 +48,11 @@ impl Known {
             model,
             identity,
         })
+    }
+
+    /// 0 when there is no signature, or none that was verified.
+    pub fn revision(&self) -> u32 {
+        self.identity.revision.unwrap_or(0)
     }
 
     pub fn blob_crc(&self) -> u32 {
@@ -91,13 +94,19 @@ impl Expected {
         self.staged.clear();
     }
 
-    pub(super) fn begin(&mut self, length: u32, crc: u32) -> Result<Response, Refusal> {
+    pub(super) fn begin(
+        &mut self,
+        length: u32,
+        crc: u32,
+        replaces_robot: bool,
+    ) -> Result<Response, Refusal> {
         let capacity = BYTES as u32;
         if length > capacity {
             return Err(Refusal::BlobTooLong { length, capacity });
         }
         self.end_upload();
         self.announced = Some((length, crc));
+        self.replaces_robot = replaces_robot;
         Ok(Response::Uploading { received: 0 })
     }
 
@@ -141,13 +150,37 @@ impl Expected {
         self.check_spare()?;
         let known = Known::of(&self.staged, self.key.as_ref())?;
         let identity = known.identity.clone();
-        if let Err(refusal) = in_time(&known, &self.commands.settings) {
+        let may_come = self.succession(&known);
+        if let Err(refusal) = may_come.and_then(|()| in_time(&known, &self.commands.settings)) {
             self.spare = None;
             return Err(refusal);
         }
         self.verified = Some(known.blob_crc());
+        self.verified_revision = known.revision();
         self.spare = Some(Rc::new(known));
         Ok(identity)
+    }
+
+    /// Whether an uploaded model may come after what is there.
+    fn succession(&self, known: &Known) -> Result<(), Refusal> {
+        let running = self.ordered().map_or(0, |model| model.revision());
+        let lowest = self.lowest_revision.max(running);
+        if self.key.is_some() && known.revision() < lowest {
+            return Err(Refusal::OldRevision {
+                revision: known.revision(),
+                lowest,
+            });
+        }
+        let name = |known: &Known| {
+            let identity = &known.identity;
+            (identity.robot.clone(), identity.serial_number.clone())
+        };
+        match self.ordered() {
+            Some(active) if !self.replaces_robot && name(active) != name(known) => {
+                Err(Refusal::AnotherRobot)
+            }
+            _ => Ok(()),
+        }
     }
 
     /// The slot that has the bytes of a model.
@@ -185,6 +218,7 @@ impl Expected {
         self.first = there.unwrap_or(kept.map_or(0, |slot| 1 - slot));
         self.slots[self.first] = Some(self.staged.clone());
         self.committed = self.stored(self.first);
+        self.lowest_revision = self.verified_revision;
         Ok(self.committed.expect("it was stored"))
     }
 
@@ -244,6 +278,7 @@ impl Expected {
             match known {
                 Ok(known) => {
                     self.first = slot;
+                    self.lowest_revision = known.revision();
                     self.run(Some(Rc::new(known)));
                     return Ok(());
                 }
@@ -266,6 +301,7 @@ impl Expected {
                 self.key = Some(*public_key);
                 // What was verified without it does not count.
                 (self.verified, self.committed, self.spare) = (None, None, None);
+                self.lowest_revision = 0;
             }
         }
         Ok(())

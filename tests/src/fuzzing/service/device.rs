@@ -1,10 +1,10 @@
 //! The device on the desk: the service beside a flash that knows the rules of NOR, and a clock that stands still.
 
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 
 use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
 use poegp_protocol::link::frame::{self, MAX_FRAME, Received, Receiver};
-use poegp_protocol::link::{Request, Response, StartReason, Statistics};
+use poegp_protocol::link::{NONCE_LENGTH, Request, Response, StartReason, Statistics};
 use poegp_runtime::service::FrameOutcome;
 use poegp_runtime::service::{Background, BoardInfo, Clock, Cycle, CycleAck, CycleCommand, Device};
 
@@ -51,12 +51,31 @@ impl Clock for Still {
     }
 }
 
+thread_local! {
+    /// Nonces so far.
+    static NONCES: Cell<u128> = const { Cell::new(0) };
+}
+
+fn nonce(number: u128) -> [u8; NONCE_LENGTH] {
+    number.to_le_bytes()
+}
+
+/// The nonce that the device draws next.
+pub(in crate::fuzzing) fn next_nonce() -> [u8; NONCE_LENGTH] {
+    nonce(NONCES.with(Cell::get) + 1)
+}
+
 /// How the background reaches the cycle.
 pub(super) struct Calls<'a, 'm>(pub &'a mut Cycle<'m, WORDS>, pub u32);
 
 impl<'m> Device<'m, WORDS> for Calls<'_, 'm> {
     fn order(&mut self, order: CycleCommand<'m, WORDS>) -> CycleAck<'m, WORDS> {
         self.0.apply(order, self.1)
+    }
+
+    fn nonce(&mut self) -> [u8; NONCE_LENGTH] {
+        NONCES.with(|count| count.set(count.get() + 1));
+        nonce(NONCES.with(Cell::get))
     }
 
     fn complete(&mut self, _: &mut Statistics) {}

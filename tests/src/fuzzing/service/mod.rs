@@ -12,7 +12,8 @@ use poegp_protocol::blob::envelope::{TRAILER_LENGTH, Trailer, key_id, set_signed
 use poegp_protocol::blob::{CRC, blob_crc, stored_crc};
 use poegp_protocol::link::frame::{self, FrameError, MAX_FRAME, Receiver};
 use poegp_protocol::link::{
-    CycleSettings, MAX_CHUNK, PROTOCOL_VERSION, Query, Refusal, Request, Response,
+    CycleSettings, MAX_CHUNK, MAX_SIGNED, PROTOCOL_VERSION, Query, Refusal, Request, Response,
+    order,
 };
 use poegp_runtime::service::{Background, BoardInfo, Cycle, ModelSlot};
 use poegp_runtime::store::{Layout, Store};
@@ -27,8 +28,9 @@ const MOST_STEPS: usize = 100;
 
 /// Blobs that a script may name, and keys.
 struct Sources {
-    blobs: [Vec<u8>; 5],
+    blobs: [Vec<u8>; 6],
     keys: [[u8; 32]; 2],
+    secret_keys: [SigningKey; 2],
 }
 
 impl Sources {
@@ -46,13 +48,16 @@ impl Sources {
             Sample::plain(3, SampleCorrection::Shared(3)),
         ]
         .map(|sample| sample.blob());
-        let signed = signed(&b, &keys[0]);
+        let (first, second) = (signed(&b, 1, &keys[0]), signed(&a, 2, &keys[0]));
         let mut broken = c.clone();
         broken[100] ^= 8;
-        let blobs = [a, b, c, signed, broken];
+        let blobs = [a, b, c, first, second, broken];
         assert!(blobs.iter().all(|blob| blob.len() <= BYTES));
-        let keys = keys.map(|key| key.verifying_key().to_bytes());
-        Self { blobs, keys }
+        Self {
+            blobs,
+            keys: keys.each_ref().map(|key| key.verifying_key().to_bytes()),
+            secret_keys: keys,
+        }
     }
 }
 
@@ -64,14 +69,17 @@ pub(super) const SMALL: Elastic = Elastic {
     ..Elastic::PLAIN
 };
 
-/// `blob` signed by `key`.
-pub(super) fn signed(blob: &[u8], key: &SigningKey) -> Vec<u8> {
+/// `blob` signed by `key`, as this revision.
+pub(super) fn signed(blob: &[u8], revision: u32, key: &SigningKey) -> Vec<u8> {
     let mut bytes = blob.to_vec();
     set_signed(&mut bytes, true);
-    let trailer = Trailer {
+    let mut trailer = Trailer {
         key_id: key_id(&key.verifying_key().to_bytes()),
-        signature: key.sign(&bytes).to_bytes(),
+        revision,
+        signature: [0; 64],
     };
+    let message = [&bytes[..], &trailer.signed_part()].concat();
+    trailer.signature = key.sign(&message).to_bytes();
     bytes.extend(trailer.to_bytes());
     bytes
 }
@@ -222,16 +230,18 @@ impl Talk<'_, '_> {
         assert!(same, "{found:?} to {sequence}, expected {expected:?}");
     }
 
-    fn ask(&mut self, request: &Request<'_>) {
+    /// The answer, which is the expected one.
+    fn ask(&mut self, request: &Request<'_>) -> Response {
         self.sequence = self.sequence.wrapping_add(1);
-        self.ask_as(self.sequence, request);
+        self.ask_as(self.sequence, request)
     }
 
-    fn ask_as(&mut self, sequence: u16, request: &Request<'_>) {
+    fn ask_as(&mut self, sequence: u16, request: &Request<'_>) -> Response {
         let expected = self.expected.answer(sequence, request);
         let mut bytes = wire(sequence, request);
         bytes.push(0);
         self.assert_answer(&bytes, sequence, &expected);
+        expected
     }
 
     /// Lets time pass.
@@ -282,15 +292,61 @@ impl Talk<'_, '_> {
         };
         bytes.push(0);
         self.assert_answer(&bytes, sequence, &expected);
-        matches!(read, Ok((_, Request::Restart))).then_some(End::Restart)
+        (expected == Response::Restarting).then_some(End::Restart)
     }
 
     fn begin(&mut self, blob: Vec<u8>) {
         self.ask(&Request::BeginUpload {
             length: blob.len() as u32,
             crc: CRC.checksum(&blob),
+            replaces_robot: false,
         });
         self.uploading = blob;
+    }
+
+    /// A request signed by somebody, perhaps with the nonce, perhaps sent twice.
+    fn signed(&mut self, sources: &Sources, script: &mut Script<'_>) -> Option<End> {
+        let blob = &sources.blobs[script.below(6)];
+        let request = match script.below(8) {
+            0 => Request::StopCyclic,
+            1 | 2 => Request::BeginUpload {
+                length: blob.len() as u32,
+                crc: CRC.checksum(blob),
+                replaces_robot: true,
+            },
+            3 | 4 => Request::RollBack {
+                from_crc: self.expected.ordered_crc(),
+            },
+            5 => Request::SetBypass { on: false },
+            6 => Request::Restart,
+            _ => Request::VerifyUpload,
+        };
+        let how = script.byte();
+        if how % 8 != 0 {
+            self.ask(&Request::Challenge);
+        }
+        let key = &sources.secret_keys[usize::from(how == 1)];
+        let nonce = self.expected.nonce().unwrap_or_default();
+        let mut buffer = [0; MAX_SIGNED];
+        let bytes = request.encode(&mut buffer).expect("short");
+        let signature = key.sign(&order(&nonce, bytes).expect("short"));
+        let mut signature = [*signature.r_bytes(), *signature.s_bytes()];
+        signature[1][0] ^= u8::from(how == 2);
+        let signed = Request::Signed {
+            signature,
+            request: bytes,
+        };
+        for _ in 0..=usize::from(how % 16 == 3) {
+            if self.ask(&signed) == Response::Restarting {
+                return Some(End::Restart);
+            }
+        }
+        if matches!(request, Request::BeginUpload { .. }) {
+            self.uploading = blob.clone();
+            self.send_rest(usize::MAX / 2);
+            self.ask(&Request::VerifyUpload);
+        }
+        None
     }
 
     /// Sends what is missing of the blob, `most` bytes at most.
@@ -313,21 +369,25 @@ impl Talk<'_, '_> {
     }
 
     fn step(&mut self, sources: &Sources, script: &mut Script<'_>) -> Option<End> {
-        let blob = |script: &mut Script<'_>| sources.blobs[script.below(5)].clone();
+        let blob = |script: &mut Script<'_>| sources.blobs[script.below(6)].clone();
         let what = match script.byte() {
-            commands @ 192.. => 32 + commands % 5,
+            commands @ 192.. => 32 + commands % 6,
             other => other % 32,
         };
         match what {
-            0 => self.ask(&Request::Identify),
-            1 | 2 => self.ask(&Request::Evaluate(script.query())),
-            3 | 4 => self.ask(&Request::Correct(script.query())),
-            5 => self.ask(&Request::Trace(script.query())),
-            6 => self.ask(&Request::StopCyclic),
+            0 => drop(self.ask(&Request::Identify)),
+            1 | 2 => drop(self.ask(&Request::Evaluate(script.query()))),
+            3 | 4 => drop(self.ask(&Request::Correct(script.query()))),
+            5 => drop(self.ask(&Request::Trace(script.query()))),
+            6 => drop(self.ask(&Request::StopCyclic)),
             7 => self.begin(blob(script)),
             8 => {
                 let (length, crc) = (script.word(), script.word());
-                self.ask(&Request::BeginUpload { length, crc });
+                self.ask(&Request::BeginUpload {
+                    length,
+                    crc,
+                    replaces_robot: crc % 2 == 1,
+                });
             }
             9 | 10 => self.send_rest(4 * usize::from(script.byte())),
             11 => self.send_rest(usize::MAX / 2),
@@ -345,8 +405,8 @@ impl Talk<'_, '_> {
                 let bytes = &bytes;
                 self.ask(&Request::UploadChunk { offset, bytes });
             }
-            14 => self.ask(&Request::VerifyUpload),
-            15 | 16 => self.ask(&Request::CommitUpload),
+            14 => drop(self.ask(&Request::VerifyUpload)),
+            15 | 16 => drop(self.ask(&Request::CommitUpload)),
             17 | 18 => {
                 let blob_crc = stored_crc(&blob(script)).expect("a header");
                 self.ask(&Request::Activate { blob_crc });
@@ -374,10 +434,11 @@ impl Talk<'_, '_> {
                 };
                 self.ask(&Request::Provision { public_key });
             }
-            24 => self.ask(&Request::ReadStatistics),
+            24 => drop(self.ask(&Request::ReadStatistics)),
             25 => {
-                self.ask(&Request::Restart);
-                return Some(End::Restart);
+                if self.ask(&Request::Restart) == Response::Restarting {
+                    return Some(End::Restart);
+                }
             }
             26 => return Some(End::PowerFailure),
             27 | 28 => self.upload(blob(script)),
@@ -429,6 +490,7 @@ impl Talk<'_, '_> {
                     blend_s,
                 }));
             }
+            37 => return self.signed(sources, script),
             30 => {
                 let count = script.below(64);
                 let mut message = sent(script.bytes(count));

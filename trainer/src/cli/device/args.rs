@@ -6,6 +6,8 @@ use std::time::Duration;
 use clap::{Args, Subcommand, ValueEnum};
 use poegp_protocol::link::{Identity, MAX_CHUNK};
 
+use crate::cli::failure::Failure;
+use crate::cli::keys::read_secret_key;
 use crate::device::board::Board;
 use crate::device::client::{Client, Options};
 use crate::device::error::ClientError;
@@ -45,6 +47,8 @@ pub enum DeviceCommand {
     Monitor(Monitor),
     /// Restart the device with its stored models.
     Restart(Restart),
+    /// Say that the controller has stopped and that no more commands will come.
+    Stop(Stop),
     /// Give the device the public key that models have to be signed by, once and for all.
     Provision(Provision),
     /// Period and limits of the controller's cycle, kept by the device.
@@ -89,6 +93,27 @@ impl Link {
     }
 }
 
+/// What signs requests.
+#[derive(Debug, Args)]
+pub struct Authority {
+    /// Secret key that signs the request; only a device with a public key needs it.
+    #[arg(long, value_name = "FILE")]
+    pub key: Option<PathBuf>,
+}
+
+impl Authority {
+    /// [`Link::connect`] with the key.
+    pub fn connect(&self, link: &Link) -> Result<(Client, Identity), Failure> {
+        // Read first: a wrong path needs no device.
+        let key = self.key.as_deref().map(read_secret_key).transpose()?;
+        let (mut client, identity) = link.connect()?;
+        if let Some(key) = key {
+            client.set_key(key);
+        }
+        Ok((client, identity))
+    }
+}
+
 /// How to reach a device, and where the result goes.
 #[derive(Debug, Args)]
 pub struct LinkAndJson {
@@ -118,9 +143,14 @@ pub struct Flash {
     pub blob: PathBuf,
     #[command(flatten)]
     pub common: LinkAndJson,
+    #[command(flatten)]
+    pub authority: Authority,
     /// Upload the model even if the device runs it already, has no room for it or does not trust its signature.
     #[arg(long)]
     pub force: bool,
+    /// The device has moved to another robot: accept that robot's model.
+    #[arg(long)]
+    pub replace_robot: bool,
     /// Bytes of the model in one message; smaller chunks delay corrections less.
     #[arg(long, value_name = "BYTES", default_value_t = MAX_CHUNK as u16,
           value_parser = clap::value_parser!(u16).range(1..=MAX_CHUNK as i64))]
@@ -187,6 +217,8 @@ pub struct Bypass {
     pub switch: Switch,
     #[command(flatten)]
     pub common: LinkAndJson,
+    #[command(flatten)]
+    pub authority: Authority,
 }
 
 /// `trainer device rollback`.
@@ -195,6 +227,8 @@ pub struct Bypass {
 pub struct Rollback {
     #[command(flatten)]
     pub common: LinkAndJson,
+    #[command(flatten)]
+    pub authority: Authority,
 }
 
 /// `trainer device statistics`.
@@ -234,6 +268,21 @@ pub struct Monitor {
 pub struct Restart {
     #[command(flatten)]
     pub common: LinkAndJson,
+    #[command(flatten)]
+    pub authority: Authority,
+}
+
+/// `trainer device stop`.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Without it the device restarts a few seconds after the last command.\n\n\
+    Example: trainer device stop --port /dev/ttyUSB0"
+)]
+pub struct Stop {
+    #[command(flatten)]
+    pub common: LinkAndJson,
+    #[command(flatten)]
+    pub authority: Authority,
 }
 
 /// `trainer device provision`.
@@ -260,6 +309,8 @@ pub struct Provision {
 pub struct Cycle {
     #[command(flatten)]
     pub common: LinkAndJson,
+    #[command(flatten)]
+    pub authority: Authority,
     /// Time between two commands of the controller, in microseconds (50 to 100000).
     #[arg(long, value_name = "US")]
     pub period_us: Option<u32>,

@@ -3,7 +3,7 @@
 use indicatif::ProgressBar;
 use poegp_protocol::blob::envelope;
 use poegp_protocol::blob::{CRC, Correction, stored_crc};
-use poegp_protocol::link::{Identity, Key, StoredModel};
+use poegp_protocol::link::{Identity, Key, MAX_NAME, StoredModel};
 use serde_json::json;
 
 use crate::cli::device::args::Flash;
@@ -22,7 +22,7 @@ pub fn run(a: &Flash) -> Result<(), Failure> {
     check_outputs(&outputs, &[&a.blob])?;
     // Refuses what is no model, before a port is opened.
     let loaded = BlobModel::read(&a.blob)?;
-    let (mut client, before) = a.common.link.connect()?;
+    let (mut client, before) = a.authority.connect(&a.common.link)?;
     let report = Printer::for_outputs(&outputs);
     let already = runs(&before, loaded.bytes());
     let (after, stored) = if let (Some(stored), false) = (already, a.force) {
@@ -37,8 +37,12 @@ pub fn run(a: &Flash) -> Result<(), Failure> {
             check_time(&loaded, &before)?;
             check_signature(&loaded, &before)?;
         }
+        if !a.replace_robot {
+            check_robot(&loaded, &before)?;
+        }
         client.set_options(Options {
             chunk_size: usize::from(a.chunk_size),
+            replaces_robot: a.replace_robot,
             ..a.common.link.options()
         });
         let (stored, after) = bring(&mut client, loaded.bytes())?;
@@ -131,6 +135,31 @@ fn check_time(loaded: &BlobModel, identity: &Identity) -> Result<(), Failure> {
         "the model is too slow: a command with it may take {instructions} instructions, the device allows {allowed}\n\
          help: calibrate with --max-instructions {allowed}, or allow more if the controller's cycle leaves time for them \
          (`trainer device cycle --max-instructions`); nothing was uploaded"
+    )))
+}
+
+/// Whether the model is of the robot whose model the device runs. The device asks the same.
+fn check_robot(loaded: &BlobModel, identity: &Identity) -> Result<(), Failure> {
+    let Some(active) = &identity.model else {
+        return Ok(());
+    };
+    let robot = &loaded.blob().robot;
+    // The device knows as much of a name as fits.
+    let same = |name: &str, known: &str| {
+        name.starts_with(known) && (name.len() == known.len() || known.len() + 3 >= MAX_NAME)
+    };
+    let is = |name: &str, serial_number: &str| match serial_number {
+        "" => format!("{name} without a serial number"),
+        number => format!("{name} ({number})"),
+    };
+    if same(robot.name, &active.robot) && same(robot.serial_number, &active.serial_number) {
+        return Ok(());
+    }
+    Err(Failure::Usage(format!(
+        "the model is of {}, the device corrects {}\n\
+         help: if the device has moved to that robot, say so with --replace-robot; nothing was uploaded",
+        is(robot.name, robot.serial_number),
+        is(&active.robot, &active.serial_number)
     )))
 }
 

@@ -11,7 +11,7 @@ use poegp_protocol::link::CycleSettings;
 use serde_json::json;
 
 use crate::cli::device::args::{
-    Bypass, Cycle, Device, DeviceCommand, Info, Provision, Restart, Rollback, Switch,
+    Bypass, Cycle, Device, DeviceCommand, Info, Provision, Restart, Rollback, Stop, Switch,
 };
 use crate::cli::failure::Failure;
 use crate::cli::output::{check_outputs, json_text, write_outputs, write_summary};
@@ -29,6 +29,7 @@ pub fn run(a: &Device) -> Result<(), Failure> {
         DeviceCommand::Statistics(a) => statistics(a),
         DeviceCommand::Monitor(a) => monitor::run(a),
         DeviceCommand::Restart(a) => restart(a),
+        DeviceCommand::Stop(a) => stop(a),
         DeviceCommand::Provision(a) => provision(a),
         DeviceCommand::Cycle(a) => cycle(a),
         DeviceCommand::Emulate(a) => emulate::run(a),
@@ -50,7 +51,7 @@ fn info(a: &Info) -> Result<(), Failure> {
 
 fn bypass(a: &Bypass) -> Result<(), Failure> {
     check_outputs(&[a.common.json.as_deref()], &[])?;
-    let (mut client, _) = a.common.link.connect()?;
+    let (mut client, _) = a.authority.connect(&a.common.link)?;
     let identity = client.set_bypass(a.switch == Switch::On)?;
     write_summary(a.common.json.as_deref(), show::identity_json(&identity))?;
     Printer::for_outputs(&[a.common.json.as_deref()]).line(if identity.bypass {
@@ -63,7 +64,7 @@ fn bypass(a: &Bypass) -> Result<(), Failure> {
 
 fn roll_back(a: &Rollback) -> Result<(), Failure> {
     check_outputs(&[a.common.json.as_deref()], &[])?;
-    let (mut client, before) = a.common.link.connect()?;
+    let (mut client, before) = a.authority.connect(&a.common.link)?;
     let Some(left) = before.model else {
         return Err(Failure::Usage(
             "the device runs no model, so there is none to roll back\nhelp: upload one with `trainer device flash`"
@@ -99,13 +100,23 @@ fn statistics(a: &args::Statistics) -> Result<(), Failure> {
 
 fn restart(a: &Restart) -> Result<(), Failure> {
     check_outputs(&[a.common.json.as_deref()], &[])?;
-    let (mut client, _) = a.common.link.connect()?;
+    let (mut client, _) = a.authority.connect(&a.common.link)?;
     let identity = client.restart()?;
     write_summary(a.common.json.as_deref(), show::identity_json(&identity))?;
     Printer::for_outputs(&[a.common.json.as_deref()]).line(format_args!(
         "Restarted. Running: {}.",
         show::active(&identity)
     ));
+    Ok(())
+}
+
+fn stop(a: &Stop) -> Result<(), Failure> {
+    check_outputs(&[a.common.json.as_deref()], &[])?;
+    let (mut client, identity) = a.authority.connect(&a.common.link)?;
+    client.stand_down()?;
+    write_summary(a.common.json.as_deref(), show::identity_json(&identity))?;
+    Printer::for_outputs(&[a.common.json.as_deref()])
+        .line("The device expects no more commands until the next one comes.");
     Ok(())
 }
 
@@ -125,7 +136,7 @@ fn provision(a: &Provision) -> Result<(), Failure> {
 
 fn cycle(a: &Cycle) -> Result<(), Failure> {
     check_outputs(&[a.common.json.as_deref()], &[])?;
-    let (mut client, mut identity) = a.common.link.connect()?;
+    let (mut client, mut identity) = a.authority.connect(&a.common.link)?;
     let there = identity.cycle;
     let asked = CycleSettings {
         period_us: a.period_us.unwrap_or(there.period_us),

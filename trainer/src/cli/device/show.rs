@@ -20,14 +20,13 @@ pub fn model(model: &ModelIdentity) -> String {
     } else {
         format!("; warnings: {}", warnings.join(", "))
     };
+    let revision = match model.revision {
+        Some(revision) => format!(", signed as revision {revision}"),
+        None => String::new(),
+    };
     format!(
-        "{:08x}, {}{serial}: {} joints, {} inducing points, at most {} instructions{}{warnings}",
-        model.blob_crc,
-        model.robot,
-        model.joints,
-        model.inducing_points,
-        model.instructions,
-        if model.signed { ", signed" } else { "" }
+        "{:08x}, {}{serial}: {} joints, {} inducing points, at most {} instructions{revision}{warnings}",
+        model.blob_crc, model.robot, model.joints, model.inducing_points, model.instructions
     )
 }
 
@@ -74,7 +73,7 @@ pub fn model_json(model: &ModelIdentity) -> Value {
         "joints": model.joints,
         "inducing_points": model.inducing_points,
         "instructions": model.instructions,
-        "signed": model.signed,
+        "revision": model.revision,
         "warnings": model.warnings.iter().map(|c| c.name()).collect::<Vec<_>>(),
     })
 }

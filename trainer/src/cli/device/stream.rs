@@ -7,7 +7,7 @@ use std::path::Path;
 
 use nalgebra::Vector3;
 use poegp_protocol::blob::stored_crc;
-use poegp_protocol::link::{Evaluation, Identity, Query};
+use poegp_protocol::link::{Evaluation, Identity, Query, Refusal};
 use poegp_runtime::guard::status::Status;
 use poegp_runtime::math::se3::Pose;
 use serde::Serialize;
@@ -143,7 +143,11 @@ impl Commands {
         bar.finish_and_clear();
         let stood_down = self.client.stand_down();
         let answers = answers?;
-        stood_down?;
+        match stood_down {
+            // A controller sends commands, and it is for its owner to stop them.
+            Err(ClientError::Refused(Refusal::NotSigned)) => {}
+            other => other?,
+        }
         Ok(answers)
     }
 

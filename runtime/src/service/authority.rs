@@ -1,0 +1,71 @@
+//! Who may order what once a key is provisioned: a nonce of the device, signed with a request, is good for that request
+//! once.
+//!
+//! ```text
+//!  workstation                                 device
+//!  Challenge                        ──>
+//!                                   <──        Challenge { nonce }
+//!  Signed { signature, request }    ──>        is it signed, and with this nonce? carries the request out
+//! ```
+//!
+//! The nonce holds until the next service: whatever comes between the two frames ends it. The very same frame again is the
+//! same request whose answer was lost, as long as nothing else has come; every request may be repeated.
+
+use poegp_protocol::link::{NONCE_LENGTH, Refusal, Request, order};
+
+use crate::model::signature::verify_message;
+
+type Nonce = [u8; NONCE_LENGTH];
+
+/// The nonce that holds.
+#[derive(Debug, Default)]
+pub(super) struct Authority {
+    nonce: Option<Nonce>,
+    /// The signature that was accepted with it.
+    used: Option<[[u8; 32]; 2]>,
+}
+
+impl Authority {
+    /// The nonce that holds, or `fresh`: a challenge may be repeated.
+    pub(super) fn challenge(&mut self, fresh: impl FnOnce() -> Nonce) -> Nonce {
+        if self.used.take().is_some() {
+            self.nonce = None;
+        }
+        *self.nonce.get_or_insert_with(fresh)
+    }
+
+    /// No nonce holds any more.
+    pub(super) fn forget(&mut self) {
+        *self = Self::default();
+    }
+
+    /// The request in a signed one.
+    ///
+    /// # Errors
+    /// [`Refusal::WrongSignature`], [`Refusal::UnknownMessage`]. No nonce holds after the first.
+    pub(super) fn open<'r>(
+        &mut self,
+        signature: &[[u8; 32]; 2],
+        request: &'r [u8],
+        key: &[u8; 32],
+    ) -> Result<Request<'r>, Refusal> {
+        let again = self.used.as_ref() == Some(signature);
+        if self.used.is_some() && !again {
+            self.forget();
+        }
+        let signed = self.nonce.and_then(|nonce| order(&nonce, request));
+        let verified = signed.is_some_and(|message| {
+            let mut bytes = [0; 64];
+            for (byte, there) in bytes.iter_mut().zip(signature.as_flattened()) {
+                *byte = *there;
+            }
+            verify_message(&message, &bytes, key).is_ok()
+        });
+        if !verified {
+            self.forget();
+            return Err(Refusal::WrongSignature);
+        }
+        self.used = Some(*signature);
+        Request::decode(request).ok_or(Refusal::UnknownMessage)
+    }
+}
