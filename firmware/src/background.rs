@@ -5,9 +5,7 @@ use cortex_m_rt::entry;
 use embedded_io::{Write, WriteReady};
 use heapless::Vec;
 use poegp_protocol::link::frame::{self, MAX_FRAME, Receiver};
-use poegp_protocol::link::{
-    ModelIdentity, NONCE_LENGTH, Refusal, Request, Response, StartReason, Statistics,
-};
+use poegp_protocol::link::{ModelIdentity, NONCE_LENGTH, Response, StartReason, Statistics};
 use poegp_runtime::service::{
     Background, BoardInfo, Cycle, CycleAck, CycleCommand, Device, ModelSlot,
 };
@@ -115,15 +113,12 @@ impl Shell {
 
     fn turn(&mut self, services: &mut Services) {
         if let Some(receiver) = cycle::WORK.take() {
-            let (sequence, response) = match receiver.message::<Request<'_>>() {
-                Ok((sequence, request)) => {
-                    #[cfg(feature = "planted-faults")]
-                    crate::planted_faults::in_background(&request);
-                    (sequence, services.handle(&request, &mut self.calls))
-                }
-                // Cannot happen: the cycle has read it.
-                Err(_) => (0, Response::Refused(Refusal::UnknownMessage)),
-            };
+            #[cfg(feature = "planted-faults")]
+            if let Ok((_, request)) = receiver.message() {
+                crate::planted_faults::in_background(&request);
+            }
+            let sequence = receiver.sequence();
+            let response = services.handle_frame(receiver, &mut self.calls);
             // Free for the next service before the answer is on the line, so that its sender never finds it busy.
             receiver.clear();
             cycle::WORKED.put(receiver);

@@ -97,6 +97,7 @@ impl Front {
                 }
             }
         }
+        RUNNING.store(self.cycle.is_running(), Ordering::Relaxed);
         // On an empty line only: a correction never waits for more than one such answer.
         if uart::is_sent()
             && let Some(answer) = ANSWER.take()
@@ -117,7 +118,6 @@ impl Front {
             }
         }
         self.receiver.clear();
-        RUNNING.store(self.cycle.is_running(), Ordering::Relaxed);
         self.send(taken);
         let _ = OutputPin::set_low(&mut self.strobe);
     }

@@ -21,10 +21,13 @@ use zeroize::Zeroizing;
 
 use poegp_calibration::input_error::InputError;
 
+use crate::device::client;
+
 const SECRET_TITLE: &str = "poegp secret key, Ed25519: it signs models, keep it secret";
 const PUBLIC_TITLE: &str = "poegp public key, Ed25519";
 
 /// The key that signs.
+#[derive(Clone)]
 pub struct SecretKey(SigningKey);
 
 /// The key that verifies.
@@ -81,16 +84,19 @@ impl SecretKey {
         Ok(bytes)
     }
 
-    /// The signature of a request with the device's nonce: R and S.
+    /// What signs requests for a client of a device.
+    pub fn signer(&self) -> client::Signer {
+        let key = self.clone();
+        Box::new(move |nonce, request| key.sign_request(nonce, request))
+    }
+
+    /// The signature of a request with the device's nonce; `None` when the request is too long to be signed.
     pub fn sign_request(
         &self,
         nonce: &[u8; NONCE_LENGTH],
         request: &[u8],
-    ) -> Option<[[u8; 32]; 2]> {
-        let signature = self.0.sign(&order(nonce, request)?).to_bytes();
-        Some(std::array::from_fn(|half| {
-            std::array::from_fn(|index| signature[32 * half + index])
-        }))
+    ) -> Option<[u8; SIGNATURE_LENGTH]> {
+        Some(self.0.sign(&order(nonce, request)?).to_bytes())
     }
 }
 

@@ -19,6 +19,7 @@ pub const fn max_encoded(length: usize) -> usize {
 ///
 /// # Errors
 /// [`BufferTooSmall`].
+#[inline]
 pub fn encode(data: &[u8], out: &mut [u8]) -> Result<usize, BufferTooSmall> {
     let mut used = 0;
     let mut put = |out: &mut [u8], bytes: &[u8]| {
@@ -53,6 +54,7 @@ pub fn encode(data: &[u8], out: &mut [u8]) -> Result<usize, BufferTooSmall> {
 }
 
 /// Decodes in place and returns the bytes that are left, or `None` when `frame` is no encoding.
+#[inline]
 pub fn decode_in_place(frame: &mut [u8]) -> Option<usize> {
     // Even of nothing the encoding is one byte.
     if frame.is_empty() {

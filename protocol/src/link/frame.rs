@@ -14,7 +14,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::cobs;
-use super::{MAX_CHUNK, PROTOCOL_VERSION};
+use super::{MAX_CHUNK, PROTOCOL_VERSION, Refusal};
 use crate::blob::{BufferTooSmall, CRC};
 
 /// Bytes of a frame beside its message, before COBS: version, sequence number, CRC.
@@ -64,6 +64,20 @@ impl core::fmt::Display for FrameError {
 
 impl core::error::Error for FrameError {}
 
+impl FrameError {
+    /// What a device answers, and to which sequence number.
+    pub const fn refusal(self) -> (u16, Refusal) {
+        match self {
+            Self::Damaged => (0, Refusal::BadFrame),
+            Self::Version { found, sequence } => {
+                let expected = PROTOCOL_VERSION;
+                (sequence, Refusal::ProtocolVersion { found, expected })
+            }
+            Self::UnknownMessage { sequence } => (sequence, Refusal::UnknownMessage),
+        }
+    }
+}
+
 /// Writes one frame, its final zero included, to the front of `out` and returns the bytes used. `scratch` holds the
 /// frame before COBS; both need [`MAX_FRAME`] bytes for the longest message.
 ///
@@ -75,12 +89,39 @@ pub fn encode<'b, M: Serialize>(
     scratch: &mut [u8],
     out: &'b mut [u8],
 ) -> Result<&'b [u8], BufferTooSmall> {
-    let (header, rest) = scratch.split_at_mut_checked(3).ok_or(BufferTooSmall)?;
+    let length = write_message(message, scratch)?;
+    seal(sequence, length, scratch, out)
+}
+
+/// Writes a message where [`seal`] expects it, and returns its bytes: the first half of [`encode`].
+///
+/// # Errors
+/// [`BufferTooSmall`].
+#[inline]
+pub fn write_message<M: Serialize>(
+    message: &M,
+    scratch: &mut [u8],
+) -> Result<usize, BufferTooSmall> {
+    let rest = scratch.get_mut(MESSAGE..).ok_or(BufferTooSmall)?;
+    let written = postcard::to_slice(message, rest).map_err(|_| BufferTooSmall)?;
+    Ok(written.len())
+}
+
+/// Frames the message of `length` bytes that [`write_message`] has written: the second half of [`encode`].
+///
+/// # Errors
+/// [`BufferTooSmall`].
+#[inline]
+pub fn seal<'b>(
+    sequence: u16,
+    length: usize,
+    scratch: &mut [u8],
+    out: &'b mut [u8],
+) -> Result<&'b [u8], BufferTooSmall> {
+    let header = scratch.get_mut(..MESSAGE).ok_or(BufferTooSmall)?;
     let [low, high] = sequence.to_le_bytes();
     header.copy_from_slice(&[PROTOCOL_VERSION, low, high]);
-    let length = 3 + postcard::to_slice(message, rest)
-        .map_err(|_| BufferTooSmall)?
-        .len();
+    let length = MESSAGE + length;
     let (body, tail) = scratch.split_at_mut_checked(length).ok_or(BufferTooSmall)?;
     tail.get_mut(..4)
         .ok_or(BufferTooSmall)?
@@ -123,6 +164,7 @@ impl Opened {
     }
 }
 
+#[inline]
 fn open(frame: &mut [u8]) -> Result<Opened, FrameError> {
     let length = cobs::decode_in_place(frame).ok_or(FrameError::Damaged)?;
     let raw = frame.get(..length).ok_or(FrameError::Damaged)?;
@@ -206,6 +248,7 @@ impl Receiver {
     ///
     /// # Errors
     /// [`FrameError`].
+    #[inline]
     pub fn open(&mut self) -> Result<u16, FrameError> {
         self.opened = None;
         let opened = open(&mut self.buffer)?;
@@ -222,6 +265,18 @@ impl Receiver {
         let bytes = self.buffer.get(MESSAGE..opened.end);
         let message = opened.message(bytes.ok_or(FrameError::Damaged)?)?;
         Ok((opened.sequence, message))
+    }
+
+    /// The number of the message in the opened frame: its first byte.
+    #[inline]
+    pub fn number(&self) -> Option<u8> {
+        let opened = self.opened?;
+        self.buffer.get(MESSAGE..opened.end)?.first().copied()
+    }
+
+    /// The sequence number of the opened frame; 0 without one.
+    pub fn sequence(&self) -> u16 {
+        self.opened.map_or(0, |opened| opened.sequence)
     }
 
     /// Forgets the frame.

@@ -20,10 +20,10 @@ mod response;
 mod table;
 
 pub use refusal::Refusal;
-pub use request::{CycleSettings, MAX_SIGNED, NONCE_LENGTH, Query, Request, order};
+pub use request::{CycleSettings, Cyclic, MAX_SIGNED, NONCE_LENGTH, Query, Request, order};
 pub use response::{
-    Commanded, Corrected, Evaluation, Identity, Key, KeyId, ModelIdentity, Response, StartReason,
-    Statistics, StoredModel, Trace,
+    Commanded, Corrected, CyclicResponse, Evaluation, Identity, Key, KeyId, ModelIdentity,
+    Response, StartReason, Statistics, StoredModel, Trace,
 };
 pub use table::{Message, REQUESTS, RESPONSES};
 

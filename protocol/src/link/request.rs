@@ -76,8 +76,9 @@ pub enum Request<'a> {
     Challenge,
     /// A request signed by the holder of the secret key.
     Signed {
-        /// Ed25519 over [`order`]: R and S.
-        signature: [[u8; 32]; 2],
+        /// Ed25519 over [`order`], 64 bytes.
+        #[serde(borrow)]
+        signature: &'a [u8],
         /// The request without a frame, at most [`MAX_SIGNED`] bytes.
         #[serde(borrow)]
         request: &'a [u8],
@@ -140,6 +141,32 @@ impl<'a> Request<'a> {
                 | Self::Restart
                 | Self::ProvisionCycle(_)
         )
+    }
+}
+
+/// The cyclic requests by their numbers on the wire, each with a [`Query`]: all that the cycle reads of a [`Request`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Cyclic {
+    /// [`Request::Evaluate`].
+    Evaluate,
+    /// [`Request::Correct`].
+    Correct,
+    /// [`Request::Trace`].
+    Trace,
+    /// [`Request::Command`].
+    Command,
+}
+
+impl Cyclic {
+    /// The one of this number.
+    pub const fn of(number: u8) -> Option<Self> {
+        match number {
+            1 => Some(Self::Evaluate),
+            2 => Some(Self::Correct),
+            3 => Some(Self::Trace),
+            15 => Some(Self::Command),
+            _ => None,
+        }
     }
 }
 

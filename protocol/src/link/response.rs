@@ -50,6 +50,32 @@ pub enum Response {
     },
 }
 
+/// What the cycle answers: encoded by itself, so that the other responses cost the cycle nothing.
+pub trait CyclicResponse: Serialize {
+    /// The number of its [`Response`] on the wire.
+    const NUMBER: u8;
+}
+
+impl CyclicResponse for Evaluation {
+    const NUMBER: u8 = 1;
+}
+
+impl CyclicResponse for Corrected {
+    const NUMBER: u8 = 2;
+}
+
+impl CyclicResponse for Trace {
+    const NUMBER: u8 = 3;
+}
+
+impl CyclicResponse for Refusal {
+    const NUMBER: u8 = 10;
+}
+
+impl CyclicResponse for Commanded {
+    const NUMBER: u8 = 11;
+}
+
 /// Who the device is and which model it runs.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Identity {

@@ -56,7 +56,7 @@ pub const REQUESTS: [Message; 19] = [
     request("Command", "joints: list of at most 8 f32, payload_kg: f32", 38, "Commanded", true),
     request("ProvisionCycle", "period_us: u32, rate: f32, acceleration: f32, blend_s: f32, max_instructions: u32", 23, "Identity", false),
     request("Challenge", "", 1, "Challenge", false),
-    request("Signed", "signature: 64 u8, request: list of at most 32 u8", 98, "that of the request", false),
+    request("Signed", "signature: list of 64 u8, request: list of at most 32 u8", 99, "that of the request", false),
 ];
 
 /// The responses.

@@ -13,7 +13,7 @@ fn sizes_are_those_of_the_pages() {
     assert_eq!((MAX_JOINTS, MAX_FRAMES, MAX_INPUTS), (8, 9, 9));
     // One for each joint and each link at or beyond it: 1 + 2 + … + 8.
     assert_eq!(MAX_LINK_TERMS, 36);
-    assert_eq!((HEADER_LENGTH, TRAILER_LENGTH), (20, 8 + 64 + 4));
+    assert_eq!((HEADER_LENGTH, TRAILER_LENGTH), (20, 8 + 4 + 64 + 4));
     assert_eq!(FORMAT_VERSION, 1);
     assert_eq!(MAX_LENGTH_WITHOUT_ROWS, 4_096);
     // Version, sequence and checksum; COBS adds a byte, and one for each 254; then the zero.

@@ -221,7 +221,7 @@ fn an_intact_frame_without_room_for_a_sequence_number_is_damage() {
 fn encoding_without_room_says_so() {
     for message in requests() {
         let whole = framed(1, &message).len() + 1;
-        let (mut long, mut exact) = (vec![0; 64], vec![0; whole]);
+        let (mut long, mut exact) = (vec![0; 128], vec![0; whole]);
         assert!(encode(1, &message, &mut long, &mut exact).is_ok());
         for room in 0..whole {
             let mut short = vec![0; room];

@@ -1,7 +1,9 @@
 //! Every message as bytes, and the tables of the crate and of `docs/reference/link.md`: their numbers never change.
 
 use poegp_protocol::link::frame::{self, MAX_FRAME};
-use poegp_protocol::link::{Message, REQUESTS, RESPONSES, Request, Response};
+use poegp_protocol::link::{
+    Cyclic, CyclicResponse, MAX_SIGNED, Message, REQUESTS, RESPONSES, Request, Response,
+};
 use serde::Serialize;
 
 use crate::listing;
@@ -80,7 +82,8 @@ fn the_tables_are_those_of_the_types() {
     for (row, request) in REQUESTS.iter().zip(requests()) {
         assert_eq!(row.cyclic, request.is_cyclic(), "{}", row.name);
         let answers = RESPONSES.iter().filter(|answer| answer.name == row.answer);
-        assert_eq!(answers.count(), 1, "{} is answered", row.name);
+        let expected = usize::from(row.name != "Signed");
+        assert_eq!(answers.count(), expected, "{} is answered", row.name);
     }
     for answer in RESPONSES {
         assert!(answer.answer.is_empty() && !answer.cyclic);
@@ -90,6 +93,50 @@ fn the_tables_are_those_of_the_types() {
             .count();
         assert!(asked > 0 || answer.name == "Refused", "{}", answer.name);
     }
+}
+
+/// What the cycle reads and writes by itself are the messages of the tables.
+#[test]
+fn the_cyclic_messages_are_among_them() {
+    for (number, row) in (0..).zip(REQUESTS) {
+        let cyclic = Cyclic::of(number).map(|cyclic| format!("{cyclic:?}"));
+        assert_eq!(cyclic, row.cyclic.then(|| row.name.to_owned()));
+    }
+    assert_eq!(Cyclic::of(REQUESTS.len() as u8), None);
+    fn by_itself<R: CyclicResponse>(response: &R) -> Vec<u8> {
+        bytes_of(&(R::NUMBER, response))
+    }
+    for response in responses() {
+        let by_itself = match &response {
+            Response::Evaluation(evaluation) => by_itself(evaluation),
+            Response::Corrected(corrected) => by_itself(corrected),
+            Response::Trace(trace) => by_itself(trace),
+            Response::Refused(refusal) => by_itself(refusal),
+            Response::Commanded(commanded) => by_itself(commanded),
+            _ => continue,
+        };
+        assert_eq!(by_itself, bytes_of(&response), "{response:?}");
+    }
+}
+
+/// What may be signed is read as it was written.
+#[test]
+fn requests_in_signed_ones() {
+    for request in longest_requests() {
+        let mut buffer = [0; MAX_SIGNED];
+        match request.encode(&mut buffer) {
+            Some(bytes) => assert_eq!(Request::decode(bytes), Some(request.clone())),
+            None => assert!(!request.needs_signature(), "{request:?}"),
+        }
+    }
+    let signed = Request::Signed {
+        signature: &[],
+        request: &[],
+    };
+    let mut buffer = [0; MAX_SIGNED];
+    let bytes = signed.encode(&mut buffer).unwrap();
+    assert_eq!(Request::decode(bytes), None);
+    assert_eq!(Request::decode(&[14, 0]), None);
 }
 
 /// The rows of the section of `docs/reference/link.md` with this heading, quotes taken off.
@@ -230,7 +277,7 @@ fn requests_as_bytes() {
         query(2),
         query(3),
         vec![4],
-        vec![5, 0xac, 0x02, 0xff, 0xff, 0xff, 0xff, 0x0f],
+        vec![5, 0xac, 0x02, 0xff, 0xff, 0xff, 0xff, 0x0f, 1],
         vec![6, 0x80, 0x01, 3, 0, 1, 0xff],
         vec![7],
         vec![8],
@@ -242,6 +289,8 @@ fn requests_as_bytes() {
         vec![14],
         query(15),
         [&[16, 0xe8, 0x07][..], &CYCLE].concat(),
+        vec![17],
+        [&[18, 64][..], &[1; 64], &[1, 14]].concat(),
     ];
     assert_eq!(table.len(), requests().len());
     for (request, bytes) in requests().iter().zip(&table) {
@@ -252,7 +301,7 @@ fn requests_as_bytes() {
 
 #[test]
 fn refusals_as_bytes() {
-    let table: [&[u8]; 22] = [
+    let table: [&[u8]; 26] = [
         &[10, 0],
         &[10, 1, 1, 2],
         &[10, 2],
@@ -274,7 +323,11 @@ fn refusals_as_bytes() {
         &[10, 18],
         &[10, 19],
         &[10, 20, 0xf0, 0xa2, 0x04, 0xa4, 0xe8, 0x03],
-        &[10, 21, 4],
+        &[10, 21, 0xac, 0x02, 0xf0, 0xa2, 0x04],
+        &[10, 22],
+        &[10, 23],
+        &[10, 24],
+        &[10, 25, 4],
     ];
     assert_eq!(table.len(), refusals().len());
     for (refusal, bytes) in refusals().into_iter().zip(table) {
@@ -313,7 +366,9 @@ fn responses_as_bytes() {
     let model = [
         &[3][..],
         b"ARM\x017",
-        &[5, 2, 0xac, 0x02, 0xb2, 0xde, 0x03, 1, 2, 0, 0x40, 0],
+        &[
+            5, 2, 0xac, 0x02, 0xb2, 0xde, 0x03, 1, 0xac, 0x02, 2, 0, 0x40, 0,
+        ],
     ]
     .concat();
     let stored = [1, 1, 0xac, 0x02, 6];
@@ -358,6 +413,7 @@ fn responses_as_bytes() {
         vec![9],
         vec![10, 5],
         commanded,
+        [12].into_iter().chain(0..16).collect(),
     ];
     assert_eq!(table.len(), responses().len());
     for (response, bytes) in responses().into_iter().zip(table) {

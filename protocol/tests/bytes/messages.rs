@@ -48,7 +48,7 @@ pub fn requests() -> Vec<Request<'static>> {
         Request::ProvisionCycle(CYCLE),
         Request::Challenge,
         Request::Signed {
-            signature: [[1; 32], [2; 32]],
+            signature: &[1; 64],
             request: &[14],
         },
     ]
@@ -97,7 +97,7 @@ pub fn longest_requests() -> Vec<Request<'static>> {
         Request::ProvisionCycle(LONGEST_CYCLE),
         Request::Challenge,
         Request::Signed {
-            signature: [[0xff; 32]; 2],
+            signature: &[0xff; 64],
             request: &[0xff; MAX_SIGNED],
         },
     ]

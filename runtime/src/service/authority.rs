@@ -11,6 +11,7 @@
 //! The nonce holds until the next service: whatever comes between the two frames ends it. The very same frame again is the
 //! same request whose answer was lost, as long as nothing else has come; every request may be repeated.
 
+use poegp_protocol::blob::envelope::SIGNATURE_LENGTH;
 use poegp_protocol::link::{NONCE_LENGTH, Refusal, Request, order};
 
 use crate::model::signature::verify_message;
@@ -22,7 +23,7 @@ type Nonce = [u8; NONCE_LENGTH];
 pub(super) struct Authority {
     nonce: Option<Nonce>,
     /// The signature that was accepted with it.
-    used: Option<[[u8; 32]; 2]>,
+    used: Option<[u8; SIGNATURE_LENGTH]>,
 }
 
 impl Authority {
@@ -45,26 +46,22 @@ impl Authority {
     /// [`Refusal::WrongSignature`], [`Refusal::UnknownMessage`]. No nonce holds after the first.
     pub(super) fn open<'r>(
         &mut self,
-        signature: &[[u8; 32]; 2],
+        signature: &[u8],
         request: &'r [u8],
         key: &[u8; 32],
     ) -> Result<Request<'r>, Refusal> {
-        let again = self.used.as_ref() == Some(signature);
-        if self.used.is_some() && !again {
+        if self.used.is_some_and(|used| used != signature) {
             self.forget();
         }
-        let signed = self.nonce.and_then(|nonce| order(&nonce, request));
-        let verified = signed.is_some_and(|message| {
-            let mut bytes = [0; 64];
-            for (byte, there) in bytes.iter_mut().zip(signature.as_flattened()) {
-                *byte = *there;
-            }
-            verify_message(&message, &bytes, key).is_ok()
+        let message = self.nonce.and_then(|nonce| order(&nonce, request));
+        let signature = <&[u8; SIGNATURE_LENGTH]>::try_from(signature).ok();
+        let signature = signature.filter(|signature| {
+            message.is_some_and(|message| verify_message(&message, signature, key).is_ok())
         });
-        if !verified {
+        let Some(signature) = signature else {
             self.forget();
             return Err(Refusal::WrongSignature);
-        }
+        };
         self.used = Some(*signature);
         Request::decode(request).ok_or(Refusal::UnknownMessage)
     }

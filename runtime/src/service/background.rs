@@ -3,6 +3,7 @@
 use embedded_storage::nor_flash::NorFlash;
 use heapless::Vec;
 use poegp_protocol::blob::envelope::key_id;
+use poegp_protocol::link::frame::Receiver;
 use poegp_protocol::link::{
     CycleSettings, Identity, Key, ModelIdentity, NONCE_LENGTH, PROTOCOL_VERSION, Refusal, Request,
     Response, Statistics, StoredModel,
@@ -72,12 +73,23 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         report
     }
 
+    /// The same for a caller that wants none of the report but whether a command has come: the report is large, and stays
+    /// in a stack frame of its own.
+    #[inline(never)]
+    fn notify(
+        &mut self,
+        device: &mut impl Device<'m, WORDS>,
+        order: CycleCommand<'m, WORDS>,
+    ) -> bool {
+        self.order(device, order).commanded
+    }
+
     /// Puts the stored settings in force and runs the newest stored model that verifies; returns why those before it did
     /// not.
     pub fn boot(&mut self, device: &mut impl Device<'m, WORDS>) -> [Option<Refusal>; 2] {
         if let Some(settings) = self.store.cycle_settings() {
             // Those that this firmware does not take leave the default ones.
-            self.order(device, CycleCommand::Settings(settings));
+            self.notify(device, CycleCommand::Settings(settings));
         }
         let mut refusals = [None; 2];
         for (stored, refusal) in self.store.candidates().into_iter().zip(&mut refusals) {
@@ -95,6 +107,21 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         refusals
     }
 
+    /// Carries out the request in an opened frame.
+    pub fn handle_frame(
+        &mut self,
+        receiver: &Receiver,
+        device: &mut impl Device<'m, WORDS>,
+    ) -> Response {
+        match receiver.message::<Request<'_>>() {
+            Ok((_, request)) => self.handle(&request, device),
+            Err(error) => {
+                self.notify(device, CycleCommand::Unreadable);
+                Response::Refused(error.refusal().1)
+            }
+        }
+    }
+
     /// Carries out one request. Cyclic ones do not come here; they are answered as unknown.
     pub fn handle(
         &mut self,
@@ -102,41 +129,43 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         device: &mut impl Device<'m, WORDS>,
     ) -> Response {
         // A model that waited may run by now.
-        let report = self.order(device, CycleCommand::Report);
-        let result = match self.authorized(request, &report) {
-            Ok(request) => self.carry_out(&request, device),
+        let commanded = self.notify(device, CycleCommand::Report);
+        let result = match self.authorized(request, commanded) {
+            Ok(None) => self.carry_out(request, device),
+            Ok(Some(signed)) => self.carry_out(&signed, device),
             Err(refusal) => Err(refusal),
         };
         result.unwrap_or_else(|refusal| {
-            self.order(device, CycleCommand::Refused);
+            self.notify(device, CycleCommand::Refused);
             Response::Refused(refusal)
         })
     }
 
-    /// The request that is to be carried out: the one inside of a signed one, if the signature is right.
+    /// Whether the request may be carried out; of a signed one, the request inside.
     #[inline(never)]
     fn authorized<'r>(
         &mut self,
         request: &Request<'r>,
-        report: &CycleAck<'m, WORDS>,
-    ) -> Result<Request<'r>, Refusal> {
+        commanded: bool,
+    ) -> Result<Option<Request<'r>>, Refusal> {
         if let Request::Signed { signature, request } = request {
             let key = self.key()?.ok_or(Refusal::WrongSignature)?;
-            return self.authority.open(signature, request, &key);
+            return self.authority.open(signature, request, &key).map(Some);
         }
         if !matches!(request, Request::Challenge) {
             self.authority.forget();
         }
         let needs = match request {
-            Request::StopCyclic => report.commanded,
+            Request::StopCyclic => commanded,
             other => other.needs_signature(),
         };
         if needs && self.key()?.is_some() {
             return Err(Refusal::NotSigned);
         }
-        Ok(request.clone())
+        Ok(None)
     }
 
+    #[inline(never)]
     fn carry_out(
         &mut self,
         request: &Request<'_>,
@@ -165,7 +194,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
                 .roll_back(*from_crc, device)
                 .map(|()| self.identify(device)),
             Request::SetBypass { on } => {
-                self.order(device, CycleCommand::Bypass(*on));
+                self.notify(device, CycleCommand::Bypass(*on));
                 Ok(self.identify(device))
             }
             Request::Provision { public_key } => self
@@ -181,7 +210,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
             }
             Request::Restart => Ok(Response::Restarting),
             Request::StopCyclic => {
-                self.order(device, CycleCommand::Stop);
+                self.notify(device, CycleCommand::Stop);
                 Ok(Response::CyclicStopped)
             }
             Request::Challenge => Ok(Response::Challenge {
@@ -281,7 +310,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         let written = self.store.write(self.upload.bytes(), active.slot);
         let stored = written.map_err(refused)?;
         let (blob_crc, slot) = (verified, stored.slot);
-        self.order(device, CycleCommand::Stored { blob_crc, slot });
+        self.notify(device, CycleCommand::Stored { blob_crc, slot });
         if let Some(spare) = &mut self.spare {
             spare.note_stored(blob_crc, slot);
         }
@@ -318,7 +347,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
 
     fn run_spare(&mut self, device: &mut impl Device<'m, WORDS>) {
         if let Some(spare) = self.spare.take() {
-            self.order(device, CycleCommand::Run(spare));
+            self.notify(device, CycleCommand::Run(spare));
         }
     }
 
@@ -478,7 +507,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         let written = self.store.set_cycle_settings(settings);
         if written.is_err() {
             // What is in force is what a restart finds.
-            self.order(device, CycleCommand::Settings(before));
+            self.notify(device, CycleCommand::Settings(before));
         }
         written.map_err(refused)
     }

@@ -2,16 +2,16 @@
 
 use heapless::Vec;
 use poegp_protocol::limits::{MAX_JOINTS, OUTPUTS};
-use poegp_protocol::link::frame::{self, FrameError, Receiver};
+use poegp_protocol::link::frame::{FrameError, Receiver};
 use poegp_protocol::link::{
-    Commanded, Corrected, Evaluation, PROTOCOL_VERSION, Query, Refusal, Request, Response,
-    Statistics, Trace,
+    Commanded, Corrected, Cyclic, Evaluation, Query, Refusal, Statistics, Trace,
 };
 
 use crate::guard::status::Status;
 use crate::model;
 use crate::service::commands::Commands;
 use crate::service::exchange::{BoardInfo, CycleAck, CycleCommand};
+use crate::service::frames::{self, Answer};
 use crate::service::loaded_model::ModelSlot;
 use crate::trace::Stages;
 
@@ -93,7 +93,7 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
     }
 
     /// Takes a complete frame, whose last byte came at `arrived`. An answer is written to `out`; `scratch` and `out` need
-    /// [`frame::MAX_FRAME`] bytes.
+    /// [`MAX_FRAME`](poegp_protocol::link::frame::MAX_FRAME) bytes.
     pub fn handle_frame(
         &mut self,
         receiver: &mut Receiver,
@@ -103,28 +103,30 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
         out: &mut [u8],
     ) -> FrameOutcome {
         self.look(arrived);
-        let opened = receiver.open();
-        let (sequence, response) = match opened.and_then(|_| receiver.message::<Request<'_>>()) {
-            Err(error) => self.unreadable(error),
-            Ok((sequence, request)) => {
-                count(&mut self.statistics.frames);
-                match self.answer(sequence, &request, arrived, clock) {
-                    None => return FrameOutcome::Service,
-                    Some(response) => (sequence, response),
-                }
+        let (sequence, request) = match frames::open(receiver) {
+            Ok(opened) => opened,
+            Err(error) => return self.unreadable(error, scratch, out),
+        };
+        count(&mut self.statistics.frames);
+        let Some(request) = request else {
+            return FrameOutcome::Service;
+        };
+        let query = match frames::query(receiver) {
+            Ok(query) => query,
+            Err(error) => return self.unreadable(error, scratch, out),
+        };
+        self.running = true;
+        let length = match request {
+            Cyclic::Evaluate => self.evaluate(&query, clock).write(sequence, scratch, out),
+            Cyclic::Correct => self.correct(&query, clock).write(sequence, scratch, out),
+            Cyclic::Trace => self.trace(&query, clock).write(sequence, scratch, out),
+            Cyclic::Command => {
+                self.commanded = true;
+                let cycles = self.commands.cycles(sequence, &query, arrived);
+                let commanded = self.command(&query, cycles, clock);
+                commanded.write(sequence, scratch, out)
             }
         };
-        // An answer always fits: the longest is shorter than the longest request.
-        let length = frame::encode(sequence, &response, scratch, out).map_or(0, <[u8]>::len);
-        if !matches!(
-            response,
-            Response::Evaluation(_)
-                | Response::Corrected(_)
-                | Response::Trace(_)
-                | Response::Commanded(_)
-        ) {
-            return FrameOutcome::Answered(length);
-        }
         let latency = clock.ticks().wrapping_sub(arrived);
         if latency > self.deadline_ticks {
             count(&mut self.statistics.missed_deadlines);
@@ -135,10 +137,7 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
 
     /// Counts a frame that was longer than any that is sent, and answers it as [`Cycle::handle_frame`] does.
     pub fn frame_too_long(&mut self, scratch: &mut [u8], out: &mut [u8]) -> FrameOutcome {
-        let (sequence, response) = self.unreadable(FrameError::Damaged);
-        FrameOutcome::Answered(
-            frame::encode(sequence, &response, scratch, out).map_or(0, <[u8]>::len),
-        )
+        self.unreadable(FrameError::Damaged, scratch, out)
     }
 
     /// Refuses a service because another one is being carried out, as [`Cycle::handle_frame`] answers.
@@ -148,51 +147,20 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
         scratch: &mut [u8],
         out: &mut [u8],
     ) -> FrameOutcome {
-        let sequence = receiver.message::<Request<'_>>().map_or(0, |(s, _)| s);
         count(&mut self.statistics.refused);
-        let response = Response::Refused(Refusal::Busy);
-        FrameOutcome::Answered(
-            frame::encode(sequence, &response, scratch, out).map_or(0, <[u8]>::len),
-        )
+        FrameOutcome::Answered(Refusal::Busy.write(receiver.sequence(), scratch, out))
     }
 
-    fn unreadable(&mut self, error: FrameError) -> (u16, Response) {
-        count(&mut self.statistics.bad_frames);
-        let (sequence, refusal) = match error {
-            FrameError::Damaged => (0, Refusal::BadFrame),
-            FrameError::Version { found, sequence } => (
-                sequence,
-                Refusal::ProtocolVersion {
-                    found,
-                    expected: PROTOCOL_VERSION,
-                },
-            ),
-            FrameError::UnknownMessage { sequence } => (sequence, Refusal::UnknownMessage),
-        };
-        (sequence, Response::Refused(refusal))
-    }
-
-    /// The answer to a cyclic request; `None` for a service.
-    fn answer(
+    #[inline(never)]
+    fn unreadable(
         &mut self,
-        sequence: u16,
-        request: &Request<'_>,
-        arrived: u32,
-        clock: &mut impl Clock,
-    ) -> Option<Response> {
-        let response = match request {
-            Request::Evaluate(query) => Response::Evaluation(self.evaluate(query, clock)),
-            Request::Correct(query) => Response::Corrected(self.correct(query, clock)),
-            Request::Trace(query) => Response::Trace(self.trace(query, clock)),
-            Request::Command(query) => {
-                self.commanded = true;
-                let cycles = self.commands.cycles(sequence, query, arrived);
-                Response::Commanded(self.command(query, cycles, clock))
-            }
-            _ => return None,
-        };
-        self.running = true;
-        Some(response)
+        error: FrameError,
+        scratch: &mut [u8],
+        out: &mut [u8],
+    ) -> FrameOutcome {
+        count(&mut self.statistics.bad_frames);
+        let (sequence, refusal) = error.refusal();
+        FrameOutcome::Answered(refusal.write(sequence, scratch, out))
     }
 
     fn completed(&mut self, status: Status, ticks: u32) {
@@ -356,6 +324,7 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
                 self.exchange();
             }
             CycleCommand::Refused => count(&mut self.statistics.refused),
+            CycleCommand::Unreadable => count(&mut self.statistics.bad_frames),
         }
         let counts = self.commands.filter.counts();
         let ordered = self.pending.as_deref().unwrap_or(self.active);

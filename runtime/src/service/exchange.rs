@@ -47,6 +47,8 @@ pub enum CycleCommand<'m, const WORDS: usize> {
     Stop,
     /// A request was refused: count it.
     Refused,
+    /// The message of an intact frame was none: count it.
+    Unreadable,
 }
 
 /// What the cycle says to an order.

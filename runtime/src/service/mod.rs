@@ -28,6 +28,7 @@ mod background;
 mod commands;
 mod cycle;
 mod exchange;
+mod frames;
 mod loaded_model;
 mod upload;
 

@@ -84,7 +84,7 @@ pub fn frames() -> Vec<Vec<u8>> {
             replaces_robot: false,
         },
         Request::Signed {
-            signature: [[3; 32]; 2],
+            signature: &[3; 64],
             request: &[14],
         },
         Request::UploadChunk {

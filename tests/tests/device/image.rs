@@ -79,6 +79,7 @@ fn stack_stays_small_with_signatures() {
     let mut device = device();
     let key = SecretKey::generate().unwrap();
     device.client().provision(key.public().bytes()).unwrap();
+    device.client().set_signer(key.signer());
     let seven = |seed, kind| Sample {
         joints: 7,
         ..Sample::plain(seed, SampleCorrection::Elastic(kind))

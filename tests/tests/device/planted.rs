@@ -237,6 +237,7 @@ fn a_commit_that_takes_long_is_no_hang() {
         let mut device = prepared();
         device.allow_any_time().unwrap();
         device.client().provision(key.public().bytes()).unwrap();
+        device.client().set_signer(key.signer());
         let model = device.client().upload(&signed, &mut |_| ()).unwrap();
         arm(&mut device, fault);
         let took = commit(&mut device, cycles);

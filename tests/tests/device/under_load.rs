@@ -3,7 +3,7 @@
 
 use poegp_protocol::blob;
 use poegp_protocol::blob::CRC;
-use poegp_protocol::link::{MAX_CHUNK, Query, Request, Response};
+use poegp_protocol::link::{MAX_CHUNK, MAX_SIGNED, Query, Request, Response};
 use poegp_tests::device::Device;
 use poegp_tests::emulator::{Clock, instructions};
 use poegp_tests::sample::{Elastic, Sample, SampleCorrection};
@@ -57,7 +57,7 @@ impl Controller {
         let begin = Request::BeginUpload {
             length: bytes.len() as u32,
             crc: CRC.checksum(bytes),
-            replaces_robot: true,
+            replaces_robot: false,
         };
         self.during(device, &begin);
         let mut pieces = 0;
@@ -91,6 +91,7 @@ fn a_correction_does_not_wait_for_services() {
     let mut device = Device::start(Clock::Counting).unwrap_or_else(|error| panic!("{error}"));
     let key = SecretKey::generate().unwrap();
     device.client().provision(key.public().bytes()).unwrap();
+    device.client().set_signer(key.signer());
     let elastic = |seed| Sample::plain(seed, SampleCorrection::Elastic(Elastic::PLAIN));
     let blobs = [elastic(110), elastic(111), elastic(112)]
         .map(|sample| key.sign(&sample.blob(), 1).unwrap());
@@ -120,7 +121,16 @@ fn a_correction_does_not_wait_for_services() {
             counts.extend(controller.load(&mut device, bytes));
         }
         let from_crc = blob::stored_crc(&blobs[1]).unwrap();
-        let (answer, count) = controller.during(&mut device, &Request::RollBack { from_crc });
+        let Response::Challenge { nonce } = device.request(&Request::Challenge).unwrap() else {
+            panic!("no challenge")
+        };
+        let mut buffer = [0; MAX_SIGNED];
+        let request = Request::RollBack { from_crc }.encode(&mut buffer).unwrap();
+        let signed = Request::Signed {
+            signature: &key.sign_request(&nonce, request).unwrap(),
+            request,
+        };
+        let (answer, count) = controller.during(&mut device, &signed);
         assert!(matches!(answer, Response::Identity(_)), "{answer:?}");
         counts.push(("roll back", count));
         if during(&counts, &["verify"]) >= 20 && during(&counts, &["commit", "roll back"]) >= 2 {

@@ -8,13 +8,13 @@
 use std::io;
 use std::time::{Duration, Instant};
 
+use poegp_protocol::blob::envelope::SIGNATURE_LENGTH;
 use poegp_protocol::link::frame::{self, FrameError, MAX_FRAME, Received, Receiver};
-use poegp_protocol::link::{MAX_CHUNK, MAX_SIGNED, Refusal, Request, Response};
+use poegp_protocol::link::{MAX_CHUNK, MAX_SIGNED, NONCE_LENGTH, Refusal, Request, Response};
 
 use crate::device::error::ClientError;
 use crate::device::port;
 use crate::device::port::{Address, Stream};
-use crate::signing::SecretKey;
 
 /// How patient a client is.
 #[derive(Clone, Copy, Debug)]
@@ -57,13 +57,15 @@ struct Heard {
     intact: u64,
 }
 
+/// Signs a request with the nonce of the device; `None` when the request is too long to be signed.
+pub type Signer = Box<dyn Fn(&[u8; NONCE_LENGTH], &[u8]) -> Option<[u8; SIGNATURE_LENGTH]> + Send>;
+
 /// A link to a device.
 pub struct Client {
     port: String,
     stream: Box<dyn Stream>,
     pub(super) options: Options,
-    /// Signs what the device wants signed.
-    key: Option<SecretKey>,
+    signer: Option<Signer>,
     receiver: Receiver,
     pending: Vec<u8>,
     sequence: u16,
@@ -103,7 +105,7 @@ impl Client {
             port,
             stream,
             options,
-            key: None,
+            signer: None,
             receiver: Receiver::new(),
             pending: Vec::new(),
             sequence: first_sequence(),
@@ -116,9 +118,9 @@ impl Client {
         self.options = options;
     }
 
-    /// Signs with this key what the device wants signed, from now on.
-    pub fn set_key(&mut self, key: SecretKey) {
-        self.key = Some(key);
+    /// Has everything signed that the device takes only so, from now on.
+    pub fn set_signer(&mut self, signer: Signer) {
+        self.signer = Some(signer);
     }
 
     /// The name of the port.
@@ -257,7 +259,7 @@ impl Client {
         Err(self.unanswered(request, damaged))
     }
 
-    /// [`Client::request`], signed if the device wants that and there is a key.
+    /// [`Client::request`], signed if the device wants that and there is a signer.
     ///
     /// # Errors
     /// [`ClientError`]; a refusal is an answer.
@@ -265,7 +267,7 @@ impl Client {
         let mut answer = self.request(request)?;
         let mut attempts = self.options.attempts;
         while let Response::Refused(Refusal::NotSigned | Refusal::WrongSignature) = answer
-            && self.key.is_some()
+            && self.signer.is_some()
             && attempts > 0
         {
             // A wrong signature: something else came between nonce and request.
@@ -276,12 +278,12 @@ impl Client {
             };
             let mut buffer = [0; MAX_SIGNED];
             let bytes = request.encode(&mut buffer).unwrap_or_default();
-            let key = self.key.as_ref();
-            let Some(signature) = key.and_then(|key| key.sign_request(&nonce, bytes)) else {
+            let signer = self.signer.as_ref();
+            let Some(signature) = signer.and_then(|sign| sign(&nonce, bytes)) else {
                 break;
             };
             answer = self.request(&Request::Signed {
-                signature,
+                signature: &signature,
                 request: bytes,
             })?;
         }

@@ -69,10 +69,10 @@ pub fn refusal(refusal: &Refusal) -> String {
                                   --replace-robot if the device has moved to that robot"
             .to_owned(),
         Refusal::NotSigned => {
-            "it has a public key, and takes this request only when it is signed by the secret one (--key)".to_owned()
+            "it has a public key, and this request needs a signature by the secret key (--key)".to_owned()
         }
         Refusal::WrongSignature => {
-            "the request is not signed by the other half of its public key".to_owned()
+            "the signature of the request is wrong: the key of --key does not belong to the device's public key".to_owned()
         }
         Refusal::CycleSetting { code } => cycle_setting(*code),
     }

@@ -190,10 +190,49 @@ fn a_provisioned_device_takes_only_what_its_key_has_signed() {
     run("flash arm.blob --force").refused();
     run("flash other.blob --force").refused();
     run("flash own.blob").ok().said();
-    run("restart").ok();
+    // Orders have to be signed, too, by the same key.
+    run("restart").refused();
+    run("restart --key other.key").refused();
+    run("restart --key own.key").ok();
+    run("bypass on").ok();
+    run("bypass off").refused();
+    run("bypass off --key own.key").ok().said();
+    run("cycle --period-us 2000").refused();
+    run("cycle --period-us 2000 --key own.key").ok().said();
+    run("stop").ok().said();
     let info = run("info --json -").ok().json();
-    assert_eq!(info["model"]["signed"], true);
+    assert_eq!(info["model"]["revision"], 1_700_000_000);
     assert_eq!(info["key"].as_str().unwrap().len(), 16);
+    // An old model of the same key does not come back by itself.
+    folder
+        .run("sign paper.blob --key own.key --revision 5 --out old.blob")
+        .ok()
+        .said();
+    run("flash old.blob").refused();
+    folder
+        .run("sign paper.blob --key own.key --out new.blob")
+        .ok();
+    run("flash new.blob").ok();
+    run("rollback").refused();
+    run("rollback --key own.key").ok();
+}
+
+#[test]
+fn another_robots_model_has_to_be_asked_for() {
+    let _texts = texts();
+    let folder = folder();
+    let line = format!(
+        "calibrate --robot {SERIAL} train.csv --method poe --serial-number 4711 --out other.blob"
+    );
+    folder.run(&line).ok();
+    let run = |line: &str| folder.run(&format!("device {line} {PORT}"));
+    let _board = Board::start(&folder, "");
+    run("flash arm.blob").ok();
+    run("flash other.blob").refused();
+    run("flash other.blob --force").refused();
+    run("flash other.blob --replace-robot").ok().said();
+    let info = run("info --json -").ok().json();
+    assert_eq!(info["model"]["serial_number"], "4711");
 }
 
 /// A line has one user at a time, so the numbers are those of another device than the log.

@@ -24,7 +24,7 @@ fn folder() -> (Folder, Vec<u8>) {
 }
 
 /// Every command that talks to a device, with the files of [`folder`].
-const COMMANDS: [&str; 10] = [
+const COMMANDS: [&str; 11] = [
     "info",
     "flash arm.blob",
     "evaluate test1.csv",
@@ -34,6 +34,7 @@ const COMMANDS: [&str; 10] = [
     "statistics",
     "monitor --once",
     "restart",
+    "stop",
     "cycle --period-us 2000",
 ];
 

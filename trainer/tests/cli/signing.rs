@@ -69,7 +69,7 @@ fn a_signed_blob_is_verified_and_read_as_before() {
         .run("sign arm.blob --key ours.key --out signed.blob")
         .ok();
     let (plain, signed) = (folder.read("arm.blob"), folder.read("signed.blob"));
-    assert_eq!(signed.len(), plain.len() + 76);
+    assert_eq!(signed.len(), plain.len() + 80);
     let verified = folder.run("verify signed.blob --public-key ours.pub").ok();
     assert!(verified.stdout.contains(&key_id(&folder, "ours")));
     // The model is the same for every other command.

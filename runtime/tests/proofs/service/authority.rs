@@ -35,18 +35,15 @@ fn command(desk: &mut Desk) {
 }
 
 /// Signed with a nonce, as bytes that anybody can record and send again.
-fn recorded(desk: &mut Desk, request: &Request<'_>, key: &SigningKey) -> ([[u8; 32]; 2], Vec<u8>) {
+fn recorded(desk: &mut Desk, request: &Request<'_>, key: &SigningKey) -> ([u8; 64], Vec<u8>) {
     let nonce = desk.challenge();
     let mut buffer = [0; MAX_SIGNED];
     let bytes = request.encode(&mut buffer).expect("short").to_vec();
     (signature(&nonce, &bytes, key), bytes)
 }
 
-fn send(desk: &mut Desk, (signature, request): &([[u8; 32]; 2], Vec<u8>)) -> Response {
-    desk.ask(&Request::Signed {
-        signature: *signature,
-        request,
-    })
+fn send(desk: &mut Desk, (signature, request): &([u8; 64], Vec<u8>)) -> Response {
+    desk.ask(&Request::Signed { signature, request })
 }
 
 const BYPASS_OFF: Request<'_> = Request::SetBypass { on: false };
@@ -177,8 +174,15 @@ fn what_is_signed_otherwise_is_not_carried_out() {
     assert_eq!(send(&mut desk, &(restart, off.clone())), WRONG);
     for bit in (0..512).step_by(37) {
         let (mut changed, _) = recorded(&mut desk, &BYPASS_OFF, &key(1));
-        changed[bit / 256][bit % 256 / 8] ^= 1 << (bit % 8);
+        changed[bit / 8] ^= 1 << (bit % 8);
         assert_eq!(send(&mut desk, &(changed, off.clone())), WRONG, "bit {bit}");
+    }
+    // Of another length.
+    let (signature_of, _) = recorded(&mut desk, &BYPASS_OFF, &key(1));
+    for length in [0, 32, 63] {
+        let signature = &signature_of[..length];
+        let request = &off;
+        assert_eq!(desk.ask(&Request::Signed { signature, request }), WRONG);
     }
     // With a nonce that does not hold: none was asked for, or something else came in between.
     let mut without = Desk::start(desk.flash.clone(), true);
@@ -353,7 +357,7 @@ fn what_each_message_may_without_the_key() {
             "ProvisionCycle" => Request::ProvisionCycle(settings),
             "Challenge" => Request::Challenge,
             "Signed" => Request::Signed {
-                signature: [[7; 32]; 2],
+                signature: &[7; 64],
                 request: &[14],
             },
             other => panic!("{other} is new: what may it?"),

@@ -304,10 +304,10 @@ impl Desk {
     }
 
     fn serve(&mut self, mut receiver: Receiver) {
-        let (sequence, request) = receiver.message::<Request<'_>>().expect("it was read");
         self.front.borrow_mut().serving = true;
         let mut calls = Calls(self.front.clone());
-        let response = self.background.handle(&request, &mut calls);
+        let sequence = receiver.sequence();
+        let response = self.background.handle_frame(&receiver, &mut calls);
         receiver.clear();
         let mut front = self.front.borrow_mut();
         front.serving = false;
@@ -352,7 +352,10 @@ impl Desk {
         let mut buffer = [0; MAX_SIGNED];
         let request = request.encode(&mut buffer).expect("short");
         let signature = signature(&nonce, request, key);
-        self.ask(&Request::Signed { signature, request })
+        self.ask(&Request::Signed {
+            signature: &signature,
+            request,
+        })
     }
 
     /// Who it is.
@@ -420,10 +423,9 @@ impl Desk {
 }
 
 /// The signature of a request.
-pub fn signature(nonce: &[u8; NONCE_LENGTH], request: &[u8], key: &SigningKey) -> [[u8; 32]; 2] {
+pub fn signature(nonce: &[u8; NONCE_LENGTH], request: &[u8], key: &SigningKey) -> [u8; 64] {
     let message = order(nonce, request).expect("short");
-    let signature = key.sign(&message);
-    [*signature.r_bytes(), *signature.s_bytes()]
+    key.sign(&message).to_bytes()
 }
 
 /// The frame of a request.

@@ -14,7 +14,7 @@ use poegp_protocol::link::{
 use poegp_runtime::model::signature::verify_message;
 
 use self::cycle::{Commands, DEFAULT};
-use self::models::{Known, cut};
+use self::models::{Known, cut, in_time};
 use super::service::device::{BOARD, BYTES, WORDS, next_nonce};
 
 /// The state of the device.
@@ -46,7 +46,7 @@ pub(super) struct Expected {
     lowest_revision: u32,
     nonce: Option<[u8; NONCE_LENGTH]>,
     /// The signature that was accepted with it.
-    used: Option<[[u8; 32]; 2]>,
+    used: Option<Vec<u8>>,
     pub flash_blocks: bool,
     pub statistics: Statistics,
 }
@@ -96,9 +96,10 @@ impl Expected {
         };
         let order = [new.first, 1 - new.first];
         let stored = order.into_iter().filter_map(|slot| new.slots[slot].clone());
-        let key = new.key;
+        let (key, settings) = (new.key, new.commands.settings);
         new.active = stored
             .filter_map(|bytes| Known::of(&bytes, key.as_ref()).ok())
+            .filter(|known| in_time(known, &settings).is_ok())
             .map(Rc::new)
             .next();
         new.statistics.activations = u32::from(new.active.is_some());
@@ -132,17 +133,18 @@ impl Expected {
             Request::Signed { signature, request } => {
                 let key = self.key.ok_or(Refusal::WrongSignature)?;
                 // Another signature with a nonce that has served.
-                if self.used.is_some_and(|used| used != *signature) {
+                if self.used.as_ref().is_some_and(|used| used != signature) {
                     self.nonce = None;
                 }
                 let message = self.nonce.and_then(|nonce| order(&nonce, request));
-                let bytes = signature.as_flattened().try_into().expect("two halves");
-                let is_good = message.is_some_and(|m| verify_message(&m, bytes, &key).is_ok());
+                let bytes = <&[u8; 64]>::try_from(*signature).ok();
+                let signed = message.zip(bytes);
+                let is_good = signed.is_some_and(|(m, s)| verify_message(&m, s, &key).is_ok());
                 if !is_good {
                     (self.nonce, self.used) = (None, None);
                     return Err(Refusal::WrongSignature);
                 }
-                self.used = Some(*signature);
+                self.used = Some(signature.to_vec());
                 return Request::decode(request).ok_or(Refusal::UnknownMessage);
             }
             _ => (self.nonce, self.used) = (None, None),

@@ -61,7 +61,7 @@ impl Known {
 }
 
 /// Whether the settings leave the model the time that it needs.
-fn in_time(model: &Known, settings: &CycleSettings) -> Result<(), Refusal> {
+pub(super) fn in_time(model: &Known, settings: &CycleSettings) -> Result<(), Refusal> {
     let (instructions, allowed) = (model.identity.instructions, settings.max_instructions);
     if instructions <= allowed {
         return Ok(());

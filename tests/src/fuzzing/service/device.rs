@@ -4,7 +4,7 @@ use std::cell::{Cell, RefCell};
 
 use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
 use poegp_protocol::link::frame::{self, MAX_FRAME, Received, Receiver};
-use poegp_protocol::link::{NONCE_LENGTH, Request, Response, StartReason, Statistics};
+use poegp_protocol::link::{NONCE_LENGTH, Response, StartReason, Statistics};
 use poegp_runtime::service::FrameOutcome;
 use poegp_runtime::service::{Background, BoardInfo, Clock, Cycle, CycleAck, CycleCommand, Device};
 
@@ -148,11 +148,9 @@ impl Running<'_> {
                     answers.push(frame::decode(answer).expect("an intact frame"));
                 }
                 FrameOutcome::Service => {
-                    let request = self.receiver.message::<Request<'_>>();
-                    let (sequence, request) = request.expect("it was read");
                     let mut calls = Calls(&mut self.cycle, self.now);
-                    let response = self.background.handle(&request, &mut calls);
-                    answers.push((sequence, response));
+                    let response = self.background.handle_frame(&self.receiver, &mut calls);
+                    answers.push((self.receiver.sequence(), response));
                 }
             }
             self.receiver.clear();

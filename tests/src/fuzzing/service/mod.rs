@@ -322,7 +322,7 @@ impl Talk<'_, '_> {
             _ => Request::VerifyUpload,
         };
         let how = script.byte();
-        if how % 8 != 0 {
+        if !how.is_multiple_of(8) {
             self.ask(&Request::Challenge);
         }
         let key = &sources.secret_keys[usize::from(how == 1)];
@@ -330,10 +330,10 @@ impl Talk<'_, '_> {
         let mut buffer = [0; MAX_SIGNED];
         let bytes = request.encode(&mut buffer).expect("short");
         let signature = key.sign(&order(&nonce, bytes).expect("short"));
-        let mut signature = [*signature.r_bytes(), *signature.s_bytes()];
-        signature[1][0] ^= u8::from(how == 2);
+        let mut signature = signature.to_bytes();
+        signature[40] ^= u8::from(how == 2);
         let signed = Request::Signed {
-            signature,
+            signature: &signature[usize::from(how == 4)..],
             request: bytes,
         };
         for _ in 0..=usize::from(how % 16 == 3) {

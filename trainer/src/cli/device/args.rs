@@ -108,7 +108,7 @@ impl Authority {
         let key = self.key.as_deref().map(read_secret_key).transpose()?;
         let (mut client, identity) = link.connect()?;
         if let Some(key) = key {
-            client.set_key(key);
+            client.set_signer(key.signer());
         }
         Ok((client, identity))
     }
