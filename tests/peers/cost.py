@@ -14,7 +14,7 @@ UNIT = 256
 # Terms of the arm, of the three forms of a correction in task space, of an elastic one: a line of the table each.
 ENDS_OF_LINES = (6, 10, 14, 18)
 # FRAME and FRAME_JOINT of cost.rs.
-FRAME, FRAME_JOINT = 3_400, 512
+FRAME, FRAME_JOINT = 3_300, 545
 JOINTS = 1  # the column of their number
 
 

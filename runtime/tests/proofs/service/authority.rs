@@ -106,6 +106,7 @@ fn the_owner_steps_down() {
     let (mut desk, [old, new]) = owned();
     let answer = desk.ask_signed(&new.roll_back(), &key(1));
     assert!(matches!(answer, Response::Identity(_)), "{answer:?}");
+    assert!(matches!(old.upload(&mut desk), Response::Verified(_)));
     for _ in 0..2 {
         assert_eq!(revision(&mut desk), Some(10));
         desk = desk.restarted();
@@ -145,6 +146,11 @@ fn a_signed_request_is_carried_out_once() {
     // The answer was lost: it is asked for again.
     assert!(matches!(send(&mut desk, &off), Response::Identity(_)));
     assert!(!desk.identity().bypass);
+    // With the next challenge right behind it, it is another nonce.
+    let again = recorded(&mut desk, &BYPASS_OFF, &key(1));
+    assert!(matches!(send(&mut desk, &again), Response::Identity(_)));
+    desk.challenge();
+    assert_eq!(send(&mut desk, &again), WRONG);
     // Played back: at once, after another challenge, after a restart.
     desk.ask(&Request::SetBypass { on: true });
     assert_eq!(send(&mut desk, &off), WRONG);

@@ -235,6 +235,7 @@ impl Expected {
     pub fn unreadable(&mut self, refusal: Refusal) -> Response {
         self.look();
         self.statistics.bad_frames += 1;
+        self.statistics.frames += u32::from(refusal == Refusal::UnknownMessage);
         Response::Refused(refusal)
     }
 
