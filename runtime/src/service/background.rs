@@ -10,7 +10,7 @@ use poegp_protocol::link::{
 };
 
 use crate::filter::FilterError;
-use crate::model::signature;
+use crate::model::signature::{self, SignatureError};
 use crate::service::authority::Authority;
 use crate::service::commands::for_filter;
 use crate::service::exchange::{BoardInfo, CycleAck, CycleCommand};
@@ -339,7 +339,8 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         if !self.spare_identity().is_some_and(is_asked_for) {
             return Err(Refusal::UnknownModel { blob_crc });
         }
-        // It was verified, but less may be allowed since.
+        // It was verified, but less may be allowed since; and it may be the model that was active before.
+        self.check_succession(device)?;
         self.check_time(device)?;
         self.run_spare(device);
         Ok(())
@@ -419,19 +420,26 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         self.check_spare(|model| in_time(model, allowed))
     }
 
-    /// Whether the uploaded model may come after the active one and the stored one: of no lower revision, and of the same
-    /// robot unless that was said. One that may not is given up.
+    /// Whether the spare model may come after the active one and the stored one: signed if there is a key, of no lower
+    /// revision, and of the same robot unless its upload said so. One that may not is given up.
     #[inline(never)]
     fn check_succession(&mut self, device: &mut impl Device<'m, WORDS>) -> Result<(), Refusal> {
         let active = self.order(device, CycleCommand::Report).model;
         let (stored, any_robot) = (self.lowest_revision, self.upload.replaces_robot());
+        // One from before the key, and active then, may be in memory.
+        let signed_only = self.key()?.is_some();
         self.check_spare(|model| {
             let running = active.as_ref().and_then(|active| active.revision);
             let lowest = stored.max(running.unwrap_or(0));
-            if let Some(revision) = model.revision
-                && revision < lowest
-            {
-                return Err(Refusal::OldRevision { revision, lowest });
+            match model.revision {
+                None if signed_only => {
+                    let code = SignatureError::Unsigned.code();
+                    return Err(Refusal::Signature { code });
+                }
+                Some(revision) if revision < lowest => {
+                    return Err(Refusal::OldRevision { revision, lowest });
+                }
+                _ => {}
             }
             match &active {
                 Some(active) if !(any_robot || same_robot(active, model)) => {

@@ -59,6 +59,9 @@ fn an_old_model_does_not_come_back() {
             lowest,
         })
     };
+    // The one before is still in memory.
+    assert_eq!(desk.ask(&old.activate()), too_old(20));
+    assert_eq!(revision(&mut desk), Some(20));
     for restarted in [false, true] {
         if restarted {
             desk = desk.restarted();

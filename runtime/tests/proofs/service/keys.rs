@@ -4,7 +4,7 @@ use poegp_protocol::blob::envelope::{key_id, set_signed};
 use poegp_protocol::link::{Key, Refusal, Request, Response};
 
 use super::desk::{Desk, layout};
-use super::known::{Known, key, public, query, refused, signed, upload};
+use super::known::{Known, key, public, query, refused, signed, signed_as, upload};
 
 fn provision(desk: &mut Desk) {
     let public_key = public(&key(1));
@@ -165,6 +165,19 @@ fn nothing_that_was_verified_without_the_key_becomes_active() {
         }
         assert_eq!(desk.active(), Some(old.blob_crc));
     }
+}
+
+/// What was active before there was a key stays in memory behind a signed one, and does not come back.
+#[test]
+fn what_ran_before_the_key_does_not_come_back() {
+    let [old, new, _] = Known::three();
+    let mut desk = Desk::default();
+    old.install(&mut desk);
+    provision(&mut desk);
+    let new = signed_as(0, &new, &key(1));
+    new.install(&mut desk);
+    assert!(is_unsigned(&desk.ask(&old.activate())));
+    assert_eq!(desk.active(), Some(new.blob_crc));
 }
 
 /// A device that had a key and cannot read it takes nothing.

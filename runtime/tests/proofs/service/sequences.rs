@@ -282,6 +282,10 @@ impl Proof {
         let answer = self.desk.ask(&self.known[blob].activate());
         if self.expected.active == Some(blob) {
             self.check_identity(&answer);
+        } else if self.expected.spare == Some(blob) && !self.expected.takes(blob) {
+            // It was active before there was a key.
+            self.expected.spare = None;
+            assert_eq!(answer, self.refuse(UNSIGNED));
         } else if self.expected.spare == Some(blob) {
             self.expected.run(blob);
             self.check_identity(&answer);

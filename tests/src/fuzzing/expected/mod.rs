@@ -121,6 +121,15 @@ impl Expected {
         })
     }
 
+    /// The answer to a request that only the cycle could carry out and that it does not recognise.
+    pub fn unknown_service(&mut self) -> Response {
+        self.statistics.frames += 1;
+        self.look();
+        (self.nonce, self.used) = (None, None);
+        self.statistics.refused += 1;
+        Response::Refused(Refusal::UnknownMessage)
+    }
+
     /// The request that is to be carried out.
     fn authorized<'r>(&mut self, request: &Request<'r>) -> Result<Request<'r>, Refusal> {
         if request.is_cyclic() {

@@ -165,7 +165,10 @@ impl Expected {
     fn succession(&self, known: &Known) -> Result<(), Refusal> {
         let running = self.ordered().map_or(0, |model| model.revision());
         let lowest = self.lowest_revision.max(running);
-        if self.key.is_some() && known.revision() < lowest {
+        if self.key.is_some() && known.identity.revision.is_none() {
+            return Err(Refusal::Signature { code: 2 });
+        }
+        if known.revision() < lowest {
             return Err(Refusal::OldRevision {
                 revision: known.revision(),
                 lowest,
@@ -247,6 +250,7 @@ impl Expected {
         }
         let spare = self.spare.take();
         if let Some(spare) = &spare {
+            self.succession(spare)?;
             in_time(spare, &self.commands.settings)?;
         }
         self.run(spare);

@@ -10,6 +10,7 @@ use std::cell::RefCell;
 use ed25519_dalek::{Signer, SigningKey};
 use poegp_protocol::blob::envelope::{TRAILER_LENGTH, Trailer, key_id, set_signed};
 use poegp_protocol::blob::{CRC, blob_crc, stored_crc};
+use poegp_protocol::link::cobs;
 use poegp_protocol::link::frame::{self, FrameError, MAX_FRAME, Receiver};
 use poegp_protocol::link::{
     CycleSettings, MAX_CHUNK, MAX_SIGNED, PROTOCOL_VERSION, Query, Refusal, Request, Response,
@@ -279,11 +280,18 @@ impl Talk<'_, '_> {
             return None;
         }
         let mut copy = bytes.clone();
+        let mut raw = bytes.clone();
+        let number = cobs::decode_in_place(&mut raw).and_then(|_| raw.get(3).copied());
+        let number = number.unwrap_or(0);
         let read = match copy.len() {
             ..=MAX_FRAME => frame::decode::<Request<'_>>(&mut copy),
             _ => Err(FrameError::Damaged),
         };
         let (sequence, expected) = match &read {
+            // A cycle knows its requests by their first byte, and their number might have more.
+            Ok((sequence, request)) if request.is_cyclic() && number >= 0x80 => {
+                (*sequence, self.expected.unknown_service())
+            }
             Ok((sequence, request)) => (*sequence, self.expected.answer(*sequence, request)),
             Err(error) => {
                 let (sequence, refusal) = refusal_of(*error);
