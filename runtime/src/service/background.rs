@@ -10,7 +10,8 @@ use poegp_protocol::link::{
 };
 
 use crate::filter::FilterError;
-use crate::model::signature::{self, SignatureError};
+use crate::model::signature;
+use crate::service::admission::{Brief, Predecessors, in_time};
 use crate::service::authority::Authority;
 use crate::service::commands::for_filter;
 use crate::service::exchange::{BoardInfo, CycleAck, CycleCommand};
@@ -73,15 +74,16 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         report
     }
 
-    /// The same for a caller that wants none of the report but whether a command has come: the report is large, and stays
-    /// in a stack frame of its own.
+    /// The same without a look at the report, which is large and stays in a stack frame of its own.
     #[inline(never)]
-    fn notify(
-        &mut self,
-        device: &mut impl Device<'m, WORDS>,
-        order: CycleCommand<'m, WORDS>,
-    ) -> bool {
-        self.order(device, order).commanded
+    fn notify(&mut self, device: &mut impl Device<'m, WORDS>, order: CycleCommand<'m, WORDS>) {
+        self.order(device, order);
+    }
+
+    /// What most services want of a report.
+    #[inline(never)]
+    fn brief(&mut self, device: &mut impl Device<'m, WORDS>) -> Brief {
+        Brief::of(&self.order(device, CycleCommand::Report))
     }
 
     /// Puts the stored settings in force and runs the newest stored model that verifies; returns why those before it did
@@ -129,7 +131,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         device: &mut impl Device<'m, WORDS>,
     ) -> Response {
         // A model that waited may run by now.
-        let commanded = self.notify(device, CycleCommand::Report);
+        let commanded = self.brief(device).commanded;
         let result = match self.authorized(request, commanded) {
             Ok(None) => self.carry_out(request, device),
             Ok(Some(signed)) => self.carry_out(&signed, device),
@@ -272,6 +274,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         self.spare.as_ref().and_then(|spare| spare.identity())
     }
 
+    #[inline(never)]
     fn verify(&mut self, device: &mut impl Device<'m, WORDS>) -> Result<ModelIdentity, Refusal> {
         if let Some(blob_crc) = self.upload.verified {
             // Repeated. The model may have become the active one meanwhile.
@@ -301,6 +304,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         Ok(model)
     }
 
+    #[inline(never)]
     fn commit(&mut self, device: &mut impl Device<'m, WORDS>) -> Result<StoredModel, Refusal> {
         let verified = self.upload.verified.ok_or(Refusal::NotVerified)?;
         if let Some(stored) = self.upload.committed {
@@ -320,23 +324,19 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         Ok(stored)
     }
 
+    #[inline(never)]
     fn activate(
         &mut self,
         blob_crc: u32,
         device: &mut impl Device<'m, WORDS>,
     ) -> Result<(), Refusal> {
-        let is_asked_for = |model: ModelIdentity| model.blob_crc == blob_crc;
-        if self
-            .order(device, CycleCommand::Report)
-            .model
-            .is_some_and(is_asked_for)
-        {
+        if self.brief(device).blob_crc == Some(blob_crc) {
             return Ok(());
         }
         if self.spare.is_none() {
             return Err(Refusal::Busy);
         }
-        if !self.spare_identity().is_some_and(is_asked_for) {
+        if self.spare_identity().map(|model| model.blob_crc) != Some(blob_crc) {
             return Err(Refusal::UnknownModel { blob_crc });
         }
         // It was verified, but less may be allowed since; and it may be the model that was active before.
@@ -352,13 +352,13 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         }
     }
 
+    #[inline(never)]
     fn roll_back(
         &mut self,
         from_crc: u32,
         device: &mut impl Device<'m, WORDS>,
     ) -> Result<(), Refusal> {
-        let report = self.order(device, CycleCommand::Report);
-        if report.model.is_none_or(|model| model.blob_crc != from_crc) {
+        if self.brief(device).blob_crc != Some(from_crc) {
             return Ok(());
         }
         if self.spare.is_none() {
@@ -387,11 +387,8 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
     }
 
     /// Whether the flash may be written now: the deadline comes first.
-    fn check_flash(
-        &mut self,
-        device: &mut impl Device<'m, WORDS>,
-    ) -> Result<CycleAck<'m, WORDS>, Refusal> {
-        let report = self.order(device, CycleCommand::Report);
+    fn check_flash(&mut self, device: &mut impl Device<'m, WORDS>) -> Result<Brief, Refusal> {
+        let report = self.brief(device);
         if self.board.flash_blocks && report.running {
             return Err(Refusal::CyclesRunning);
         }
@@ -415,39 +412,20 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
 
     /// Whether the spare model fits into the time of a cycle; one that does not is given up.
     fn check_time(&mut self, device: &mut impl Device<'m, WORDS>) -> Result<(), Refusal> {
-        let report = self.order(device, CycleCommand::Report);
-        let allowed = report.cycle.max_instructions;
-        self.check_spare(|model| in_time(model, allowed))
+        let allowed = self.brief(device).cycle.max_instructions;
+        self.check_spare(|model| in_time(model.instructions, allowed))
     }
 
-    /// Whether the spare model may come after the active one and the stored one: signed if there is a key, of no lower
-    /// revision, and of the same robot unless its upload said so. One that may not is given up.
+    /// Whether the spare model may come after the active one and the stored one. One that may not is given up.
     #[inline(never)]
     fn check_succession(&mut self, device: &mut impl Device<'m, WORDS>) -> Result<(), Refusal> {
-        let active = self.order(device, CycleCommand::Report).model;
-        let (stored, any_robot) = (self.lowest_revision, self.upload.replaces_robot());
-        // One from before the key, and active then, may be in memory.
-        let signed_only = self.key()?.is_some();
-        self.check_spare(|model| {
-            let running = active.as_ref().and_then(|active| active.revision);
-            let lowest = stored.max(running.unwrap_or(0));
-            match model.revision {
-                None if signed_only => {
-                    let code = SignatureError::Unsigned.code();
-                    return Err(Refusal::Signature { code });
-                }
-                Some(revision) if revision < lowest => {
-                    return Err(Refusal::OldRevision { revision, lowest });
-                }
-                _ => {}
-            }
-            match &active {
-                Some(active) if !(any_robot || same_robot(active, model)) => {
-                    Err(Refusal::AnotherRobot)
-                }
-                _ => Ok(()),
-            }
-        })
+        let there = Predecessors {
+            active: self.order(device, CycleCommand::Report).model,
+            stored_revision: self.lowest_revision,
+            any_robot: self.upload.replaces_robot(),
+            signed_only: self.key()?.is_some(),
+        };
+        self.check_spare(|model| there.may_be_followed_by(model))
     }
 
     /// Gives the spare model up unless it passes.
@@ -464,6 +442,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         passes
     }
 
+    #[inline(never)]
     fn provision(
         &mut self,
         public_key: &[u8; 32],
@@ -494,6 +473,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         result.map_err(refused)
     }
 
+    #[inline(never)]
     fn provision_cycle(
         &mut self,
         settings: &CycleSettings,
@@ -501,9 +481,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
     ) -> Result<(), Refusal> {
         for_filter(settings).check().map_err(not_taken)?;
         let report = self.check_flash(device)?;
-        if let Some(model) = &report.model {
-            in_time(model, settings.max_instructions)?;
-        }
+        in_time(report.instructions, settings.max_instructions)?;
         let before = report.cycle;
         if before != *settings
             && let Some(error) = self
@@ -519,22 +497,6 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         }
         written.map_err(refused)
     }
-}
-
-fn same_robot(one: &ModelIdentity, other: &ModelIdentity) -> bool {
-    one.robot == other.robot && one.serial_number == other.serial_number
-}
-
-/// Whether a model takes no more instructions than that.
-fn in_time(model: &ModelIdentity, allowed: u32) -> Result<(), Refusal> {
-    let instructions = model.instructions;
-    if instructions > allowed {
-        return Err(Refusal::TooSlow {
-            instructions,
-            allowed,
-        });
-    }
-    Ok(())
 }
 
 fn not_taken(error: FilterError) -> Refusal {

@@ -23,6 +23,7 @@
 //! any refusal, the active model answers; without one, and whatever else goes wrong, a correction is answered with the
 //! command as it came and a status that says why.
 
+mod admission;
 mod authority;
 mod background;
 mod commands;

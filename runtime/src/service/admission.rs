@@ -1,0 +1,84 @@
+//! What a model has to be before it runs.
+
+use poegp_protocol::link::{CycleSettings, ModelIdentity, Refusal};
+
+use crate::model::signature::SignatureError;
+use crate::service::exchange::CycleAck;
+use crate::store::Slot;
+
+/// What most services want of a report of the cycle, which is large.
+#[derive(Clone, Copy)]
+pub(super) struct Brief {
+    /// Of the active model, or of the one that waits.
+    pub(super) blob_crc: Option<u32>,
+    /// Bound of its command; 0 without one.
+    pub(super) instructions: u32,
+    pub(super) slot: Option<Slot>,
+    pub(super) cycle: CycleSettings,
+    pub(super) running: bool,
+    pub(super) commanded: bool,
+}
+
+impl Brief {
+    pub(super) fn of<const WORDS: usize>(report: &CycleAck<'_, WORDS>) -> Self {
+        Self {
+            blob_crc: report.model.as_ref().map(|model| model.blob_crc),
+            instructions: report.model.as_ref().map_or(0, |model| model.instructions),
+            slot: report.slot,
+            cycle: report.cycle,
+            running: report.running,
+            commanded: report.commanded,
+        }
+    }
+}
+
+/// Whether so many instructions are allowed.
+pub(super) fn in_time(instructions: u32, allowed: u32) -> Result<(), Refusal> {
+    if instructions > allowed {
+        return Err(Refusal::TooSlow {
+            instructions,
+            allowed,
+        });
+    }
+    Ok(())
+}
+
+/// What a model comes after.
+pub(super) struct Predecessors {
+    /// The active model, or the one that waits.
+    pub(super) active: Option<ModelIdentity>,
+    /// Of the model that runs after a restart; 0 without a signature.
+    pub(super) stored_revision: u32,
+    /// Whether the upload said that the robot may be another one.
+    pub(super) any_robot: bool,
+    /// Whether a key is provisioned.
+    pub(super) signed_only: bool,
+}
+
+impl Predecessors {
+    /// Whether `model` is signed if it has to be, of no lower revision, and of the same robot if it has to be.
+    pub(super) fn may_be_followed_by(&self, model: &ModelIdentity) -> Result<(), Refusal> {
+        let active = self.active.as_ref();
+        let running = active.and_then(|active| active.revision);
+        let lowest = self.stored_revision.max(running.unwrap_or(0));
+        match model.revision {
+            // From before the key, and in memory because it was active then.
+            None if self.signed_only => {
+                let code = SignatureError::Unsigned.code();
+                return Err(Refusal::Signature { code });
+            }
+            Some(revision) if revision < lowest => {
+                return Err(Refusal::OldRevision { revision, lowest });
+            }
+            _ => {}
+        }
+        let same_robot = |active: &ModelIdentity| {
+            active.robot == model.robot && active.serial_number == model.serial_number
+        };
+        if self.any_robot || active.is_none_or(same_robot) {
+            Ok(())
+        } else {
+            Err(Refusal::AnotherRobot)
+        }
+    }
+}
