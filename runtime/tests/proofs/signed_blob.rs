@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use ed25519_dalek::{Signer, SigningKey};
-use poegp_protocol::blob::envelope::{Trailer, key_id, set_signed};
+use poegp_protocol::blob::envelope::{TRAILER_LENGTH, Trailer, key_id, set_signed};
 use poegp_protocol::blob::{self, CRC, blob_crc};
 use poegp_runtime::model::signature::{SignatureError, verify};
 
@@ -64,11 +64,12 @@ fn signed_by_the_key_and_by_nobody_else() {
 
 /// `bytes` with the checksums that they should have: what somebody would do who is not the cause of an accident.
 fn with_new_checksums(mut bytes: Vec<u8>) -> Vec<u8> {
-    let trailer = bytes.len() - 76;
+    let trailer = bytes.len() - TRAILER_LENGTH;
     let crc = blob_crc(&bytes[..16], &bytes[20..trailer]);
     bytes[16..20].copy_from_slice(&crc.to_le_bytes());
-    let crc = CRC.checksum(&bytes[trailer..trailer + 72]);
-    bytes[trailer + 72..].copy_from_slice(&crc.to_le_bytes());
+    let checksum = bytes.len() - 4;
+    let crc = CRC.checksum(&bytes[trailer..checksum]);
+    bytes[checksum..].copy_from_slice(&crc.to_le_bytes());
     bytes
 }
 
