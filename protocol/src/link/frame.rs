@@ -10,6 +10,8 @@
 //!
 //! COBS leaves no zero byte inside a frame, so the zero ends it and a receiver that lost its place finds it again at
 //! the next one. The CRC is over everything before it. An answer repeats the sequence number of its request.
+//!
+//! The frames of [`cyclic`](super::cyclic) travel on the same line; another byte in place of the version tells them apart.
 
 use serde::{Deserialize, Serialize};
 
@@ -17,6 +19,8 @@ use super::cobs;
 use super::{MAX_CHUNK, PROTOCOL_VERSION, Refusal};
 use crate::blob::{BufferTooSmall, CRC};
 
+/// What a cyclic frame has in place of a protocol version.
+pub const CYCLIC: u8 = 0x81;
 /// Bytes of a frame beside its message, before COBS: version, sequence number, CRC.
 pub const OVERHEAD: usize = 7;
 /// Most bytes of a frame, COBS and the final zero included.
@@ -121,12 +125,21 @@ pub fn seal<'b>(
     let header = scratch.get_mut(..MESSAGE).ok_or(BufferTooSmall)?;
     let [low, high] = sequence.to_le_bytes();
     header.copy_from_slice(&[PROTOCOL_VERSION, low, high]);
-    let length = MESSAGE + length;
-    let (body, tail) = scratch.split_at_mut_checked(length).ok_or(BufferTooSmall)?;
+    close(MESSAGE + length, scratch, out)
+}
+
+/// Adds the CRC to the `length` bytes of a frame in `raw` and writes it, its final zero included, to the front of `out`.
+#[inline]
+pub(super) fn close<'b>(
+    length: usize,
+    raw: &mut [u8],
+    out: &'b mut [u8],
+) -> Result<&'b [u8], BufferTooSmall> {
+    let (body, tail) = raw.split_at_mut_checked(length).ok_or(BufferTooSmall)?;
     tail.get_mut(..4)
         .ok_or(BufferTooSmall)?
         .copy_from_slice(&CRC.checksum(body).to_le_bytes());
-    let raw = scratch.get(..length + 4).ok_or(BufferTooSmall)?;
+    let raw = raw.get(..length + 4).ok_or(BufferTooSmall)?;
     let used = cobs::encode(raw, out)?;
     *out.get_mut(used).ok_or(BufferTooSmall)? = 0;
     out.get(..=used).ok_or(BufferTooSmall)
@@ -142,6 +155,19 @@ pub fn decode<'b, M: Deserialize<'b>>(frame: &'b mut [u8]) -> Result<(u16, M), F
     Ok((opened.sequence, opened.message(bytes)?))
 }
 
+/// Sequence number and fields of a cyclic frame, which is decoded in place.
+pub(super) fn open_cyclic(frame: &mut [u8]) -> Result<(u16, &[u8]), FrameError> {
+    let Opened {
+        sequence,
+        end,
+        cyclic,
+    } = open(frame)?;
+    match frame.get(MESSAGE..end) {
+        Some(fields) if cyclic => Ok((sequence, fields)),
+        _ => Err(FrameError::UnknownMessage { sequence }),
+    }
+}
+
 /// Where the message begins in an opened frame.
 const MESSAGE: usize = 3;
 
@@ -151,12 +177,14 @@ struct Opened {
     sequence: u16,
     /// Where the message ends.
     end: usize,
+    /// Whether there are the fields of a cyclic frame instead of a message.
+    cyclic: bool,
 }
 
 impl Opened {
     fn message<'b, M: Deserialize<'b>>(&self, bytes: &'b [u8]) -> Result<M, FrameError> {
         match postcard::take_from_bytes(bytes) {
-            Ok((message, [])) => Ok(message),
+            Ok((message, [])) if !self.cyclic => Ok(message),
             _ => Err(FrameError::UnknownMessage {
                 sequence: self.sequence,
             }),
@@ -177,13 +205,18 @@ fn open(frame: &mut [u8]) -> Result<Opened, FrameError> {
         return Err(FrameError::Damaged);
     };
     let sequence = u16::from_le_bytes([*low, *high]);
-    if *version != PROTOCOL_VERSION {
+    let cyclic = *version == CYCLIC;
+    if !cyclic && *version != PROTOCOL_VERSION {
         return Err(FrameError::Version {
             found: *version,
             sequence,
         });
     }
-    Ok(Opened { sequence, end })
+    Ok(Opened {
+        sequence,
+        end,
+        cyclic,
+    })
 }
 
 /// Collects the bytes of one frame as they arrive.
@@ -270,8 +303,15 @@ impl Receiver {
     /// The number of the message in the opened frame: its first byte.
     #[inline]
     pub fn number(&self) -> Option<u8> {
-        let opened = self.opened?;
+        let opened = self.opened.filter(|opened| !opened.cyclic)?;
         self.buffer.get(MESSAGE..opened.end)?.first().copied()
+    }
+
+    /// The fields of the opened frame, if it is cyclic.
+    #[inline]
+    pub fn cyclic(&self) -> Option<&[u8]> {
+        let opened = self.opened.filter(|opened| opened.cyclic)?;
+        self.buffer.get(MESSAGE..opened.end)
     }
 
     /// The sequence number of the opened frame; 0 without one.

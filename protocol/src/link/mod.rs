@@ -9,10 +9,13 @@
 //! out one at a time in the background. A service that comes while another one is being carried out is answered
 //! [`Refusal::Busy`] and is to be sent again.
 //!
+//! A controller that sends a command every period may use the shorter frame of [`cyclic`] for it.
+//!
 //! [`REQUESTS`] and [`RESPONSES`] list every message; `docs/reference/link.md` has the same tables with the bytes. Variants are
 //! append-only within a protocol version: their order is their number on the wire.
 
 pub mod cobs;
+pub mod cyclic;
 pub mod frame;
 mod refusal;
 mod request;

@@ -3,6 +3,7 @@
 mod blob;
 mod capacity;
 mod cobs;
+mod cyclic;
 mod envelope;
 mod frame;
 mod link;

@@ -6,7 +6,9 @@
      evaluate JOINT … PAYLOAD | CODE STATUS BASE_FROM_TARGET[12] CORRECTION[6]
      correct JOINT … PAYLOAD | CODE STATUS JOINTS[8] APPLIED POSITION_ERROR ROTATION_ERROR
      command JOINT … PAYLOAD ENGAGE CYCLES | CODE STATUS JOINTS[8] WEIGHT APPLIED POSITION_ERROR ROTATION_ERROR DISENGAGED
-     counts HELD LOST DOUBLED BAD GUARDED                                                                            */
+     counts HELD LOST DOUBLED BAD GUARDED
+     frame JOINT … PAYLOAD SEQUENCE | CODE LENGTH BYTE …
+     answer BYTE … | CODE STATUS JOINTS[8] APPLIED POSITION_ERROR ROTATION_ERROR JOINT_COUNT SEQUENCE                 */
 #ifndef ANSWERS_H
 #define ANSWERS_H
 
@@ -157,6 +159,57 @@ static inline void show_commands(const poegp_model_t *model, poegp_filter_t *fil
     print_number(print, counts.bad);
     print_number(print, counts.guarded);
     print("\n");
+}
+
+/* The answer of a device in a cyclic frame. */
+static const uint8_t answer_frame[] = {
+    0x05, 0x81, 0x34, 0x12, 0x21, 0x01, 0x1b, 0x40, 0x3f, 0xac, 0xc5, 0x27, 0x37, 0xac, 0xc5, 0xa7,
+    0x37, 0xcd, 0xcc, 0xcc, 0x3d, 0xcd, 0xcc, 0x4c, 0xbe, 0x9a, 0x99, 0x99, 0x3e, 0xcd, 0xcc, 0xcc,
+    0xbe, 0x01, 0x01, 0x0a, 0x3f, 0x9a, 0x99, 0x19, 0xbf, 0xe1, 0x4c, 0x2b, 0x7d, 0x00,
+};
+
+static inline void print_bytes(print_t print, const uint8_t *bytes, size_t count)
+{
+    for (size_t index = 0; index < count; index++) {
+        print_number(print, bytes[index]);
+    }
+}
+
+/* What a controller sends to a device and gets from it. */
+static inline void show_frames(print_t print)
+{
+    for (size_t index = 0; index < sizeof commands / sizeof commands[0]; index++) {
+        const struct command *command = &commands[index];
+        uint16_t sequence = (uint16_t)(index * 3847);
+        uint8_t frame[POEGP_CYCLIC_BYTES];
+        size_t length;
+        int32_t code = poegp_cyclic_command(sequence, command->joints, command->count, command->payload_kg, frame,
+                                            &length);
+        print_question(print, "frame", command);
+        print_number(print, sequence);
+        print_answer(print, code, (uint32_t)length);
+        print_bytes(print, frame, length);
+        print("\n");
+    }
+    for (size_t damage = 0; damage < 3; damage++) {
+        uint8_t frame[sizeof answer_frame];
+        memcpy(frame, answer_frame, sizeof frame);
+        size_t length = sizeof frame - (damage == 1); /* without its zero */
+        frame[10] ^= damage == 2;
+        poegp_cyclic_answer_t answer;
+        memset(&answer, 0, sizeof answer);
+        int32_t code = poegp_cyclic_answer(frame, length, &answer);
+        print("answer");
+        print_bytes(print, frame, length);
+        print_answer(print, code, answer.status);
+        print_bits(print, answer.joints, POEGP_MAX_JOINTS);
+        print_bits(print, &answer.applied, 1);
+        print_bits(print, &answer.position_error, 1);
+        print_bits(print, &answer.rotation_error, 1);
+        print_number(print, answer.joint_count);
+        print_number(print, answer.sequence);
+        print("\n");
+    }
 }
 
 /* Says what is wrong, if anything is. */

@@ -25,6 +25,7 @@ int main(void)
     paint_stack();
     show_answers(model, print);
     show_commands(model, filter, print);
+    show_frames(print);
     print("stack");
     print_number(print, loading);
     print_number(print, stack_used());

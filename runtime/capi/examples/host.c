@@ -28,5 +28,6 @@ int main(int count, char **arguments)
     }
     show_answers(model, print);
     show_commands(model, filter, print);
+    show_frames(print);
     return 0;
 }

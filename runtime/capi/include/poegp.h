@@ -13,7 +13,7 @@
 /*
  Changes when a function, a structure or the meaning of a code does; see `poegp_api_version`.
  */
-#define POEGP_API_VERSION 2
+#define POEGP_API_VERSION 3
 
 /*
  Most joints of an arm.
@@ -44,6 +44,11 @@
  Alignment of that memory in bytes.
  */
 #define POEGP_FILTER_ALIGN 8
+
+/*
+ Most bytes of a cyclic frame.
+ */
+#define POEGP_CYCLIC_BYTES 54
 
 /*
  Status bit: some joint is outside the range that was trained; the correction is an extrapolation.
@@ -120,6 +125,16 @@
  A length is larger than the memory of the machine.
  */
 #define POEGP_ERROR_LENGTH 6
+
+/*
+ The bytes are no answer in a cyclic frame: damaged, another message, or a number that is not finite.
+ */
+#define POEGP_ERROR_FRAME 7
+
+/*
+ No joint, or more than POEGP_MAX_JOINTS.
+ */
+#define POEGP_ERROR_JOINTS 8
 
 /*
  Something else; later versions of the runtime may have reasons that this one has no number for.
@@ -466,6 +481,40 @@ typedef struct poegp_filter_counts_t {
   uint32_t guarded;
 } poegp_filter_counts_t;
 
+/*
+ The answer of a device to the cyclic frame of a command.
+ */
+typedef struct poegp_cyclic_answer_t {
+  /*
+   Joints to send, rad or m; zero beyond `joint_count`. Always finite.
+   */
+  float joints[POEGP_MAX_JOINTS];
+  /*
+   As many as the command had.
+   */
+  uint32_t joint_count;
+  /*
+   That of the command.
+   */
+  uint32_t sequence;
+  /*
+   How much of the arm's error the model takes away while the correction is on, 0 to 1.
+   */
+  float applied;
+  /*
+   The same: distance that stays, in metres.
+   */
+  float position_error;
+  /*
+   The same: rotation that stays, in radians.
+   */
+  float rotation_error;
+  /*
+   What it is worth: a sum of POEGP_STATUS_ bits, 0 when there is nothing to remark.
+   */
+  uint32_t status;
+} poegp_cyclic_answer_t;
+
 #ifdef __cplusplus
 extern "C" {
 #endif // __cplusplus
@@ -696,6 +745,37 @@ int32_t poegp_filter_counts(const struct poegp_filter_t *filter, struct poegp_fi
  `filter` comes from `poegp_filter_init` and nobody else uses it during the call.
  */
 int32_t poegp_filter_reset(struct poegp_filter_t *filter);
+
+/*
+ Writes the cyclic frame of a command for a device: `count` joints (rad or m) and a payload in kg, under a `sequence`
+ number that is another one in every cycle. What goes on the line is the first `*length` bytes at `frame`, the last of them
+ a zero; 37 for six joints. Nothing is computed and nothing is checked: what is not finite is answered by the device.
+
+ Errors, with `*length` zero where it can be written: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_JOINTS,
+ POEGP_ERROR_OVERLAP.
+
+ # Safety
+ `joints` leads to `count` numbers, `frame` to POEGP_CYCLIC_BYTES bytes of the caller, `length` to a number of the caller.
+ */
+int32_t poegp_cyclic_command(uint16_t sequence,
+                             const float *joints,
+                             size_t count,
+                             float payload_kg,
+                             uint8_t *frame,
+                             size_t *length);
+
+/*
+ Reads the device's answer: the `length` bytes that came from the line up to a zero, with or without it. Beside an error
+ nothing is written to `*out`: go on with the joints that were sent last.
+
+ Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_LENGTH, POEGP_ERROR_FRAME.
+
+ # Safety
+ `frame` leads to `length` bytes, `out` is the caller's.
+ */
+int32_t poegp_cyclic_answer(const uint8_t *frame,
+                            size_t length,
+                            struct poegp_cyclic_answer_t *out);
 
 #ifdef __cplusplus
 }  // extern "C"

@@ -27,6 +27,10 @@ pub const POEGP_ERROR_NOT_INITIALISED: i32 = 4;
 pub const POEGP_ERROR_OVERLAP: i32 = 5;
 /// A length is larger than the memory of the machine.
 pub const POEGP_ERROR_LENGTH: i32 = 6;
+/// The bytes are no answer in a cyclic frame: damaged, another message, or a number that is not finite.
+pub const POEGP_ERROR_FRAME: i32 = 7;
+/// No joint, or more than POEGP_MAX_JOINTS.
+pub const POEGP_ERROR_JOINTS: i32 = 8;
 /// Something else; later versions of the runtime may have reasons that this one has no number for.
 pub const POEGP_ERROR_OTHER: i32 = 99;
 

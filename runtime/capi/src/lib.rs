@@ -24,6 +24,7 @@
 )]
 
 pub mod codes;
+mod cyclic;
 mod ffi;
 mod filter;
 mod memory;
@@ -32,5 +33,6 @@ mod panic;
 pub mod text;
 pub mod types;
 
+pub use cyclic::*;
 pub use ffi::*;
 pub use filter::*;

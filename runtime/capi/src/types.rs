@@ -4,13 +4,14 @@ use core::ffi::c_char;
 
 use poegp_protocol::limits::{MAX_JOINTS, OUTPUTS};
 use poegp_protocol::link::MAX_NAME;
+use poegp_protocol::link::cyclic::MAX_CYCLIC;
 use poegp_runtime::filter::CommandFilter;
 use poegp_runtime::guard::status::Status;
 use poegp_runtime::model::words_for;
 use poegp_runtime::service::ModelSlot;
 
 /// Changes when a function, a structure or the meaning of a code does; see `poegp_api_version`.
-pub const POEGP_API_VERSION: u32 = 2;
+pub const POEGP_API_VERSION: u32 = 3;
 
 /// Most joints of an arm.
 pub const POEGP_MAX_JOINTS: usize = 8;
@@ -29,6 +30,9 @@ pub const POEGP_FILTER_BYTES: usize = 320;
 
 /// Alignment of that memory in bytes.
 pub const POEGP_FILTER_ALIGN: usize = 8;
+
+/// Most bytes of a cyclic frame.
+pub const POEGP_CYCLIC_BYTES: usize = 54;
 
 /// Status bit: some joint is outside the range that was trained; the correction is an extrapolation.
 pub const POEGP_STATUS_OUTSIDE_JOINT_RANGE: u32 = 1;
@@ -166,6 +170,26 @@ pub struct Commanded {
     pub status: u32,
 }
 
+/// The answer of a device to the cyclic frame of a command.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CyclicAnswer {
+    /// Joints to send, rad or m; zero beyond `joint_count`. Always finite.
+    pub joints: [f32; POEGP_MAX_JOINTS],
+    /// As many as the command had.
+    pub joint_count: u32,
+    /// That of the command.
+    pub sequence: u32,
+    /// How much of the arm's error the model takes away while the correction is on, 0 to 1.
+    pub applied: f32,
+    /// The same: distance that stays, in metres.
+    pub position_error: f32,
+    /// The same: rotation that stays, in radians.
+    pub rotation_error: f32,
+    /// What it is worth: a sum of POEGP_STATUS_ bits, 0 when there is nothing to remark.
+    pub status: u32,
+}
+
 /// What a filter has counted since `poegp_filter_init`, each up to 2^32 - 1.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -228,6 +252,7 @@ const _: () = {
     );
     assert!(POEGP_FILTER_ALIGN.is_multiple_of(align_of::<Filter>()));
     assert!(POEGP_MAX_JOINTS == MAX_JOINTS && OUTPUTS == 6);
+    assert!(POEGP_CYCLIC_BYTES == MAX_CYCLIC);
     assert!(MAX_NAME < POEGP_NAME_BYTES && env!("CARGO_PKG_VERSION").len() < POEGP_NAME_BYTES);
     assert!(POEGP_STATUS_OUTSIDE_JOINT_RANGE == Status::OUTSIDE_JOINT_RANGE.bits() as u32);
     assert!(POEGP_STATUS_OUTSIDE_PAYLOAD_RANGE == Status::OUTSIDE_PAYLOAD_RANGE.bits() as u32);

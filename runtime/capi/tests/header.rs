@@ -40,10 +40,11 @@ fn the_committed_header_is_the_generated_one() {
         ("FilterSettings", "poegp_filter_settings_t"),
         ("FilterCounts", "poegp_filter_counts_t"),
         ("Commanded", "poegp_commanded_t"),
+        ("CyclicAnswer", "poegp_cyclic_answer_t"),
     ] {
         config.export.rename.insert(rust.to_owned(), c.to_owned());
     }
-    let sources = ["types.rs", "codes.rs", "ffi.rs", "filter.rs"];
+    let sources = ["types.rs", "codes.rs", "ffi.rs", "filter.rs", "cyclic.rs"];
     let builder = sources
         .iter()
         .fold(Builder::new().with_config(config), |builder, source| {

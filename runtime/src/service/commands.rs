@@ -43,6 +43,8 @@ pub(super) struct Commands {
     period_ticks: NonZeroU32,
     /// Whether commands have stopped.
     quiet: bool,
+    /// Whether the last command came in a cyclic frame.
+    in_cyclic_frames: bool,
     /// When the last command came that was not within the cycle before.
     last: u32,
     sequence: u16,
@@ -59,6 +61,7 @@ impl Commands {
             tick_hz: board.tick_hz,
             period_ticks: NonZeroU32::MIN,
             quiet: true,
+            in_cyclic_frames: false,
             last: 0,
             sequence: 0,
             query: Query {
@@ -112,10 +115,31 @@ impl Commands {
         if cycles != 0 {
             self.last = arrived;
         }
-        self.quiet = false;
+        (self.quiet, self.in_cyclic_frames) = (false, false);
         self.sequence = sequence;
         self.query.clone_from(query);
         cycles
+    }
+
+    /// [`Commands::cycles`] of the command in a cyclic frame; `None` when its sequence number is that of the one before, which
+    /// counts for nothing.
+    pub(super) fn cyclic_frame(
+        &mut self,
+        sequence: u16,
+        query: &Query,
+        arrived: u32,
+    ) -> Option<u32> {
+        if self.in_cyclic_frames() && sequence == self.sequence {
+            return None;
+        }
+        let cycles = self.cycles(sequence, query, arrived);
+        self.in_cyclic_frames = true;
+        Some(cycles)
+    }
+
+    /// Whether commands come, in cyclic frames.
+    pub(super) fn in_cyclic_frames(&self) -> bool {
+        self.in_cyclic_frames && !self.quiet
     }
 
     /// [`CommandFilter::step`].

@@ -2,6 +2,7 @@
 
 use heapless::Vec;
 use poegp_protocol::limits::{MAX_JOINTS, OUTPUTS};
+use poegp_protocol::link::cyclic::CyclicAnswer;
 use poegp_protocol::link::frame::{FrameError, Receiver};
 use poegp_protocol::link::{
     Commanded, Corrected, Cyclic, Evaluation, Query, Refusal, Statistics, Trace,
@@ -11,7 +12,7 @@ use crate::guard::status::Status;
 use crate::model;
 use crate::service::commands::Commands;
 use crate::service::exchange::{BoardInfo, CycleAck, CycleCommand};
-use crate::service::frames::{self, Answer};
+use crate::service::frames::{self, Answer, Opened};
 use crate::service::loaded_model::ModelSlot;
 use crate::trace::Stages;
 
@@ -42,7 +43,7 @@ pub struct Cycle<'m, const WORDS: usize> {
 /// What became of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FrameOutcome {
-    /// It was answered: so many bytes are to be sent.
+    /// It was answered: so many bytes are to be sent; none when it was dropped.
     Answered(usize),
     /// A cyclic request was answered: so many bytes are to be sent. While cyclic requests are expected, only this may
     /// feed a watchdog.
@@ -103,30 +104,33 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
         out: &mut [u8],
     ) -> FrameOutcome {
         self.look(arrived);
-        let (sequence, request) = match frames::open(receiver) {
+        let (sequence, opened) = match frames::open(receiver) {
             Ok(opened) => opened,
             Err(error) => return self.unreadable(error, scratch, out),
         };
         count(&mut self.statistics.frames);
-        let Some(request) = request else {
-            return FrameOutcome::Service;
-        };
-        let query = match frames::query(receiver) {
-            Ok(query) => query,
-            Err(error) => return self.unreadable(error, scratch, out),
+        let length = match opened {
+            Opened::Service => return FrameOutcome::Service,
+            Opened::Frame(command) => match self.cyclic_frame(sequence, command, arrived, clock) {
+                Some(answer) => frames::write_cyclic(sequence, &answer, out),
+                None => return FrameOutcome::Answered(0),
+            },
+            Opened::Request(request) => match frames::query(receiver) {
+                Ok(query) => match request {
+                    Cyclic::Evaluate => self.evaluate(&query, clock).write(sequence, scratch, out),
+                    Cyclic::Correct => self.correct(&query, clock).write(sequence, scratch, out),
+                    Cyclic::Trace => self.trace(&query, clock).write(sequence, scratch, out),
+                    Cyclic::Command => {
+                        self.commanded = true;
+                        let cycles = self.commands.cycles(sequence, &query, arrived);
+                        let commanded = self.command(&query, cycles, clock);
+                        commanded.write(sequence, scratch, out)
+                    }
+                },
+                Err(error) => return self.unreadable(error, scratch, out),
+            },
         };
         self.running = true;
-        let length = match request {
-            Cyclic::Evaluate => self.evaluate(&query, clock).write(sequence, scratch, out),
-            Cyclic::Correct => self.correct(&query, clock).write(sequence, scratch, out),
-            Cyclic::Trace => self.trace(&query, clock).write(sequence, scratch, out),
-            Cyclic::Command => {
-                self.commanded = true;
-                let cycles = self.commands.cycles(sequence, &query, arrived);
-                let commanded = self.command(&query, cycles, clock);
-                commanded.write(sequence, scratch, out)
-            }
-        };
         let latency = clock.ticks().wrapping_sub(arrived);
         if latency > self.deadline_ticks {
             count(&mut self.statistics.missed_deadlines);
@@ -159,8 +163,38 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
         out: &mut [u8],
     ) -> FrameOutcome {
         count(&mut self.statistics.bad_frames);
+        if error == FrameError::Damaged && self.commands.in_cyclic_frames() {
+            return FrameOutcome::Answered(0);
+        }
         let (sequence, refusal) = error.refusal();
         FrameOutcome::Answered(refusal.write(sequence, scratch, out))
+    }
+
+    /// The answer to the command of a cyclic frame; `None` when the frame is dropped.
+    fn cyclic_frame(
+        &mut self,
+        sequence: u16,
+        command: Option<Query>,
+        arrived: u32,
+        clock: &mut impl Clock,
+    ) -> Option<CyclicAnswer> {
+        let Some(query) = command else {
+            count(&mut self.statistics.bad_frames);
+            return None;
+        };
+        let Some(cycles) = self.commands.cyclic_frame(sequence, &query, arrived) else {
+            count(&mut self.statistics.repeats);
+            return None;
+        };
+        self.commanded = true;
+        let commanded = self.command(&query, cycles, clock);
+        Some(CyclicAnswer {
+            joints: commanded.joints,
+            applied: commanded.applied,
+            position_error: commanded.position_error,
+            rotation_error: commanded.rotation_error,
+            status: commanded.status,
+        })
     }
 
     fn completed(&mut self, status: Status, ticks: u32) {
@@ -341,7 +375,7 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
             statistics: Statistics {
                 jumps: counts.held,
                 gaps: counts.lost,
-                repeats: counts.doubled,
+                repeats: self.statistics.repeats.saturating_add(counts.doubled),
                 bad_commands: counts.bad,
                 model_steps: counts.guarded,
                 ..self.statistics

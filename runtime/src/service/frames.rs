@@ -4,16 +4,39 @@
 //! compiled for size, too. What is called here with concrete types is not.
 
 use poegp_protocol::blob::BufferTooSmall;
+use poegp_protocol::link::cyclic::{self, CyclicAnswer};
 use poegp_protocol::link::frame::{self, FrameError, Receiver};
 use poegp_protocol::link::{
     Commanded, Corrected, Cyclic, CyclicResponse, Evaluation, Query, Refusal, Trace,
 };
 
-/// Opens the complete frame: its sequence number, and which cyclic request it is, if it is one.
+/// What a frame is for.
+pub(super) enum Opened {
+    /// A cyclic request with a message.
+    Request(Cyclic),
+    /// A cyclic frame, with its command unless it has another length than one.
+    Frame(Option<Query>),
+    /// Anything else: for the background.
+    Service,
+}
+
+/// Opens the complete frame: its sequence number and what it is for.
 #[inline(never)]
-pub(super) fn open(receiver: &mut Receiver) -> Result<(u16, Option<Cyclic>), FrameError> {
+pub(super) fn open(receiver: &mut Receiver) -> Result<(u16, Opened), FrameError> {
     let sequence = receiver.open()?;
-    Ok((sequence, receiver.number().and_then(Cyclic::of)))
+    let opened = if let Some(fields) = receiver.cyclic() {
+        Opened::Frame(cyclic::command(fields))
+    } else {
+        let request = receiver.number().and_then(Cyclic::of);
+        request.map_or(Opened::Service, Opened::Request)
+    };
+    Ok((sequence, opened))
+}
+
+/// Writes the cyclic frame of an answer to `out`: so many bytes.
+#[inline(never)]
+pub(super) fn write_cyclic(sequence: u16, answer: &CyclicAnswer, out: &mut [u8]) -> usize {
+    cyclic::encode_answer(sequence, answer, out).map_or(0, <[u8]>::len)
 }
 
 /// The query of the cyclic request in an opened frame.

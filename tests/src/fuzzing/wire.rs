@@ -3,7 +3,8 @@
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_protocol::blob::envelope::{self, HEADER_LENGTH, MAGIC};
 use poegp_protocol::blob::{self, Correction};
-use poegp_protocol::link::frame::{self, FrameError, MAX_FRAME, Received, Receiver};
+use poegp_protocol::link::cyclic::{self, MAX_CYCLIC};
+use poegp_protocol::link::frame::{self, CYCLIC, FrameError, MAX_FRAME, Received, Receiver};
 use poegp_protocol::link::{PROTOCOL_VERSION, Request, Response};
 use poegp_runtime::correct::MAX_JOINT_CHANGE;
 use poegp_runtime::service::ModelSlot;
@@ -167,6 +168,15 @@ pub fn frame(bytes: &[u8]) {
         }
         receiver.clear();
     }
+    // As the fields of a cyclic frame.
+    let fields = &bytes[..bytes.len().min(frame_room())];
+    for byte in sealed_frame(&[&[CYCLIC][..], &SEQUENCE.to_le_bytes(), fields].concat()) {
+        if receiver.push(byte) == Received::Frame {
+            assert_eq!(receiver.open(), Ok(SEQUENCE));
+            read(&receiver);
+            receiver.clear();
+        }
+    }
     // Whatever was on the line before, behind a zero a whole frame comes through.
     let message = &bytes[..bytes.len().min(frame_room())];
     for byte in sent(message) {
@@ -188,11 +198,13 @@ const fn frame_room() -> usize {
 
 /// An intact frame with these bytes for a message, by hand.
 pub(super) fn sent(message: &[u8]) -> Vec<u8> {
-    let mut raw = vec![PROTOCOL_VERSION];
-    raw.extend(SEQUENCE.to_le_bytes());
-    raw.extend(message);
-    let crc = poegp_protocol::blob::CRC.checksum(&raw);
-    raw.extend(crc.to_le_bytes());
+    sealed_frame(&[&[PROTOCOL_VERSION][..], &SEQUENCE.to_le_bytes(), message].concat())
+}
+
+/// The frame of these bytes and their CRC.
+fn sealed_frame(body: &[u8]) -> Vec<u8> {
+    let crc = poegp_protocol::blob::CRC.checksum(body).to_le_bytes();
+    let raw = [body, &crc].concat();
     let mut out = vec![0; MAX_FRAME];
     let used = poegp_protocol::link::cobs::encode(&raw, &mut out).expect("no longer than a frame");
     out.truncate(used);
@@ -205,6 +217,11 @@ pub(super) fn sent(message: &[u8]) -> Vec<u8> {
 }
 
 fn read(receiver: &Receiver) {
+    if let Some(fields) = receiver.cyclic() {
+        assert!(receiver.number().is_none() && receiver.message::<Request<'_>>().is_err());
+        cyclic_frame(receiver.sequence(), fields);
+        return;
+    }
     match receiver.message::<Request<'_>>() {
         Ok((sequence, request)) => assert_written(sequence, &request),
         Err(error) => assert!(matches!(error, FrameError::UnknownMessage { .. })),
@@ -218,6 +235,21 @@ fn read(receiver: &Receiver) {
             assert_eq!(wire(sequence, &again), written);
         }
         Err(error) => assert!(matches!(error, FrameError::UnknownMessage { .. })),
+    }
+}
+
+/// What is read of a cyclic frame is written with the same bytes, in either direction.
+fn cyclic_frame(sequence: u16, fields: &[u8]) {
+    let frame = sealed_frame(&[&[CYCLIC][..], &sequence.to_le_bytes(), fields].concat());
+    let mut out = [0; MAX_CYCLIC];
+    if let Some(command) = cyclic::command(fields) {
+        let written = cyclic::encode_command(sequence, &command, &mut out);
+        assert_eq!(written, Ok(&frame[..]));
+    }
+    if let Ok((again, answer)) = cyclic::decode_answer(&mut frame[..frame.len() - 1].to_vec()) {
+        assert_eq!(again, sequence);
+        let written = cyclic::encode_answer(sequence, &answer, &mut out);
+        assert_eq!(written, Ok(&frame[..]));
     }
 }
 

@@ -5,6 +5,9 @@ use std::fs;
 use std::path::PathBuf;
 
 use poegp_protocol::blob;
+use poegp_protocol::limits::MAX_JOINTS;
+use poegp_protocol::link::Query;
+use poegp_protocol::link::cyclic::{MAX_CYCLIC, decode_answer, encode_command};
 use poegp_runtime::filter::{CommandFilter, FilterSettings};
 use poegp_runtime::guard::status::Status;
 use poegp_runtime::model::{Model, words_for};
@@ -59,6 +62,7 @@ fn assert_answers(said: &str) {
         .configure(&FilterSettings::with_period(0.05))
         .unwrap();
     let (mut evaluated, mut corrected, mut commanded, mut trusted) = (0, 0, 0, 0);
+    let mut framed = 0;
     let mut ways = [0; 4];
     for line in lines.filter(|line| !line.starts_with("stack")) {
         if line.starts_with("counts") {
@@ -73,6 +77,11 @@ fn assert_answers(said: &str) {
             let expected = numbers.map(|number| number.to_string()).join(" ");
             assert_eq!(line, format!("counts {expected}"));
             assert!(counts.lost > 0 && counts.doubled > 0 && counts.bad > 0);
+            continue;
+        }
+        if line.starts_with("frame") || line.starts_with("answer") {
+            assert_frame(line);
+            framed += 1;
             continue;
         }
         let question = line.split(" |").next().unwrap();
@@ -133,12 +142,62 @@ fn assert_answers(said: &str) {
     }
     assert_eq!((evaluated, corrected), (QUESTIONS, QUESTIONS));
     assert_eq!(commanded, CYCLES);
+    assert_eq!(framed, QUESTIONS + 3);
     // On its way and arrived, there and back.
     assert!(ways.iter().all(|cycles| *cycles >= 5), "{ways:?}");
     assert!(
         trusted >= 4,
         "{trusted} answers are within what was trained"
     );
+}
+
+/// Compares a line about cyclic frames with what `protocol` writes and reads.
+fn assert_frame(line: &str) {
+    let (question, answer) = line.split_once(" | ").unwrap();
+    let words: Vec<&str> = question.split(' ').skip(1).collect();
+    let decimal = |word: &&str| word.parse::<u32>().unwrap();
+    let mut expected = String::new();
+    if line.starts_with("frame") {
+        let (sequence, numbers) = words.split_last().unwrap();
+        let mut values: Vec<f32> = numbers
+            .iter()
+            .map(|word| f32::from_bits(u32::from_str_radix(word, 16).unwrap()))
+            .collect();
+        let payload_kg = values.pop().unwrap();
+        let joints = heapless::Vec::from_slice(&values).unwrap_or_default();
+        if joints.is_empty() {
+            assert_eq!(answer, "8 0", "{line}");
+            return;
+        }
+        let (query, mut out) = (Query { joints, payload_kg }, [0; MAX_CYCLIC]);
+        let bytes = encode_command(decimal(sequence) as u16, &query, &mut out).unwrap();
+        write!(expected, "0 {}", bytes.len()).unwrap();
+        bytes
+            .iter()
+            .for_each(|byte| write!(expected, " {byte}").unwrap());
+    } else {
+        let mut bytes: Vec<u8> = words.iter().map(|word| decimal(word) as u8).collect();
+        if bytes.last() == Some(&0) {
+            bytes.pop();
+        }
+        let (code, numbers) = match decode_answer(&mut bytes) {
+            Ok((sequence, answer)) => {
+                let mut joints = [0.0; MAX_JOINTS];
+                joints[..answer.joints.len()].copy_from_slice(&answer.joints);
+                let numbers = [answer.applied, answer.position_error, answer.rotation_error];
+                assert_eq!((sequence, answer.joints.len()), (0x1234, 6));
+                ((0, answer.status), (joints, numbers, 6, sequence))
+            }
+            Err(_) => ((7, 0), ([0.0; MAX_JOINTS], [0.0; 3], 0, 0)),
+        };
+        let (joints, numbers, count, sequence) = numbers;
+        write!(expected, "{} {}", code.0, code.1).unwrap();
+        for value in joints.iter().chain(&numbers) {
+            write!(expected, " {:08x}", value.to_bits()).unwrap();
+        }
+        write!(expected, " {count} {sequence}").unwrap();
+    }
+    assert_eq!(answer, expected, "{line}");
 }
 
 #[test]

@@ -2,12 +2,15 @@
 
 use std::fs;
 
+use poegp_protocol::link::cyclic::{CyclicAnswer, MAX_CYCLIC, encode_answer};
+
 use crate::c::{Machine, capi, compile, run_on_host};
 
 /// What the reader has.
 const BEFORE: &str = r#"
 #include <math.h>
 #include <stdio.h>
+#include <string.h>
 #include "poegp.h"
 
 static float sent[POEGP_MAX_JOINTS];
@@ -31,6 +34,22 @@ static int wants_another_model(void)
     return wanted;
 }
 static poegp_model_t *other_model(void);
+
+static uint8_t line[POEGP_CYCLIC_BYTES];
+static size_t line_bytes;
+static void write_line(const uint8_t *bytes, size_t count)
+{
+    memcpy(line, bytes, count);
+    line_bytes = count;
+}
+/* Whatever the command was, as a device answers number 7. */
+static const uint8_t answer_frame[] = {ANSWER};
+static size_t read_line_to_zero(uint8_t *bytes, size_t room)
+{
+    size_t count = room < sizeof answer_frame ? room : sizeof answer_frame;
+    memcpy(bytes, answer_frame, count);
+    return count;
+}
 "#;
 
 const AFTER: &str = r#"
@@ -71,9 +90,27 @@ int main(int count, char **arguments)
         same &= sent[i] == joints[i];
     }
     printf("off %d: %d %d %d\n", (int)last_code, same, early, exchanges);
+    cycle_with_device(8, joints, 1.0f);
+    int kept = sent[0] == joints[0];
+    cycle_with_device(7, joints, 1.0f);
+    printf("device %d: %d %.3f %.3f\n", (int)line_bytes, kept, sent[0], sent[5]);
     return 0;
 }
 "#;
+
+/// The bytes of a cyclic frame, as C writes them.
+fn answer() -> String {
+    let answer = CyclicAnswer {
+        joints: [0.5, 0.0, 0.0, 0.0, 0.0, -0.25].into_iter().collect(),
+        applied: 1.0,
+        position_error: 0.0,
+        rotation_error: 0.0,
+        status: 0,
+    };
+    let mut out = [0; MAX_CYCLIC];
+    let bytes = encode_answer(7, &answer, &mut out).unwrap();
+    bytes.iter().map(|byte| format!("{byte}, ")).collect()
+}
 
 #[test]
 fn the_program_of_the_readme() {
@@ -83,14 +120,18 @@ fn the_program_of_the_readme() {
         .skip(1)
         .map(|rest| rest.split("```").next().unwrap())
         .collect();
-    assert_eq!(blocks.len(), 2);
+    assert_eq!(blocks.len(), 3);
     let cycle = blocks[1].lines().count();
     assert!(cycle <= 15, "a cycle of {cycle} lines");
     let folder = tempfile::Builder::new().prefix("poegp-").tempdir().unwrap();
     let source = folder.path().join("readme.c");
-    fs::write(&source, [BEFORE, &blocks.concat(), AFTER].concat()).unwrap();
+    let before = BEFORE.replace("ANSWER", &answer());
+    fs::write(&source, [&before, &blocks.concat(), AFTER].concat()).unwrap();
     let program = folder.path().join("readme");
     compile(Machine::Host, &source, &[], &program);
     let said = run_on_host(&program, &capi().join("examples/arm.blob"));
-    assert_eq!(said, "on 0: 1 1 1\noff 0: 1 0 1\n");
+    assert_eq!(
+        said,
+        "on 0: 1 1 1\noff 0: 1 0 1\ndevice 37: 1 0.500 -0.250\n"
+    );
 }

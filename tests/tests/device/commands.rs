@@ -1,10 +1,12 @@
 //! The commands of a controller's cycle: a path with an activation and the bypass in the middle, and what a command costs.
 
+use poegp_protocol::link::cyclic::{answer_length, command_length};
 use poegp_protocol::link::{Commanded, CycleSettings, Query};
 use poegp_runtime::filter::GRACE;
 use poegp_runtime::guard::status::Status;
 use poegp_tests::device::Device;
 use poegp_tests::emulator::{Clock, instructions};
+use poegp_tests::record::assert_recorded;
 use poegp_tests::sample::{Elastic, Sample, SampleCorrection};
 use poegp_tests::stages::{CommandBits, Host};
 
@@ -136,6 +138,11 @@ fn a_path_with_an_activation_in_the_middle() {
     let corrected = controller.device.correct(&query).unwrap();
     assert_eq!(CommandBits::from(&corrected), hosts[1].command(&query));
 
+    // The same in a cyclic frame.
+    let cyclic = controller.device.client().cycle(&query).unwrap().unwrap();
+    assert_eq!(cyclic.joints, hosts[1].command(&query).joints()[..]);
+    assert_eq!(cyclic.status, corrected.status);
+
     // A late command may take as many cycles at once.
     let allowed = GRACE as f32 * CYCLE.rate * CYCLE.period_us as f32 * 1e-6;
     println!(
@@ -183,4 +190,43 @@ fn instructions_of_a_command() {
         assert!(most - least <= 0.01 * most, "{name}: {least} to {most}");
         device.client().stand_down().unwrap();
     }
+}
+
+/// From the last byte of a command to the answer, without correction and filter: what its frames cost.
+#[test]
+fn instructions_of_the_frames_of_a_cycle() {
+    let mut device = Device::start(Clock::Counting).unwrap_or_else(|error| panic!("{error}"));
+    let sample = Sample::plain(64, SampleCorrection::Elastic(Elastic::PLAIN));
+    let query = &sample.queries(1)[0];
+    let mut costs = Vec::new();
+    for cyclic in [false, true] {
+        // Counts what it has counted anew.
+        device.client().restart().unwrap();
+        device.load(&sample.blob()).unwrap();
+        for number in 0..20 {
+            let mut moved = query.clone();
+            moved.joints[0] += 1e-4 * number as f32;
+            if cyclic {
+                assert!(device.client().cycle(&moved).unwrap().is_some());
+            } else {
+                device.command(&moved).unwrap();
+            }
+        }
+        let counted = device.statistics().unwrap();
+        assert_eq!((counted.cycles, counted.bad_frames), (20, 0));
+        let frames = counted.max_latency_ticks - counted.max_ticks;
+        costs.push(instructions(frames, device.identify().unwrap().tick_hz));
+        device.client().stand_down().unwrap();
+    }
+    let bytes = command_length(6) + answer_length(6);
+    println!(
+        "frames of a command of six joints, Cortex-M4F: {:.0} instructions in messages, {:.0} in {bytes} bytes of cyclic \
+         frames: {:.1} per byte",
+        costs[0],
+        costs[1],
+        costs[1] / bytes as f64
+    );
+    assert!(costs[1] < costs[0], "{costs:?}");
+    assert_recorded("frames of a `Command`, receiving and answering", costs[0]);
+    assert_recorded("cyclic frames, receiving and answering", costs[1]);
 }

@@ -9,8 +9,11 @@ use std::io;
 use std::time::{Duration, Instant};
 
 use poegp_protocol::blob::envelope::SIGNATURE_LENGTH;
+use poegp_protocol::link::cyclic::{self, CyclicAnswer, MAX_CYCLIC};
 use poegp_protocol::link::frame::{self, FrameError, MAX_FRAME, Received, Receiver};
-use poegp_protocol::link::{MAX_CHUNK, MAX_SIGNED, NONCE_LENGTH, Refusal, Request, Response};
+use poegp_protocol::link::{
+    MAX_CHUNK, MAX_SIGNED, NONCE_LENGTH, Query, Refusal, Request, Response,
+};
 
 use crate::device::error::ClientError;
 use crate::device::port;
@@ -156,9 +159,30 @@ impl Client {
     }
 
     fn receive_until(&mut self, deadline: Instant) -> Result<Option<(u16, Response)>, ClientError> {
+        while let Some(mut frame) = self.frame_until(deadline)? {
+            match frame::decode::<Response>(&mut frame) {
+                Ok(answer) => {
+                    self.heard.intact += 1;
+                    return Ok(Some(answer));
+                }
+                Err(FrameError::Version { found, .. }) => {
+                    return Err(ClientError::Version {
+                        port: self.port.clone(),
+                        found,
+                    });
+                }
+                // Damaged on the way: it is asked for again.
+                Err(_) => {}
+            }
+        }
+        Ok(None)
+    }
+
+    /// The bytes of the next frame without its zero, or `None` when none comes in time.
+    fn frame_until(&mut self, deadline: Instant) -> Result<Option<Vec<u8>>, ClientError> {
         loop {
-            if let Some(answer) = self.pending_answer()? {
-                return Ok(Some(answer));
+            if let Some(frame) = self.pending_frame() {
+                return Ok(Some(frame));
             }
             let left = deadline.saturating_duration_since(Instant::now());
             if left.is_zero() {
@@ -180,31 +204,36 @@ impl Client {
         }
     }
 
-    /// The first intact frame of the bytes that are there.
-    fn pending_answer(&mut self) -> Result<Option<(u16, Response)>, ClientError> {
+    /// The first frame of the bytes that are there.
+    fn pending_frame(&mut self) -> Option<Vec<u8>> {
         let bytes = std::mem::take(&mut self.pending);
         for (index, byte) in bytes.iter().enumerate() {
             if self.receiver.push(*byte) != Received::Frame {
                 continue;
             }
             self.pending = bytes[index + 1..].to_vec();
-            let decoded = frame::decode::<Response>(self.receiver.frame());
+            let frame = self.receiver.frame().to_vec();
             self.receiver.clear();
-            match decoded {
-                Ok(answer) => {
-                    self.heard.intact += 1;
-                    return Ok(Some(answer));
-                }
-                Err(FrameError::Version { found, .. }) => {
-                    return Err(ClientError::Version {
-                        port: self.port.clone(),
-                        found,
-                    });
-                }
-                // Damaged on the way: it is asked for again.
-                Err(_) => {
-                    return self.pending_answer();
-                }
+            return Some(frame);
+        }
+        None
+    }
+
+    /// Sends the command of a cycle in a cyclic frame, once, and returns the answer to it; `None` when none comes in time.
+    ///
+    /// # Errors
+    /// [`ClientError::Lost`].
+    pub fn cycle(&mut self, command: &Query) -> Result<Option<CyclicAnswer>, ClientError> {
+        let sequence = self.next_sequence();
+        let mut out = [0; MAX_CYCLIC];
+        let bytes = cyclic::encode_command(sequence, command, &mut out)
+            .expect("no query has more joints than fit");
+        self.send_bytes(bytes)?;
+        let deadline = Instant::now() + self.options.timeout;
+        while let Some(mut frame) = self.frame_until(deadline)? {
+            match cyclic::decode_answer(&mut frame) {
+                Ok((answered, answer)) if answered == sequence => return Ok(Some(answer)),
+                _ => {}
             }
         }
         Ok(None)
@@ -215,12 +244,17 @@ impl Client {
     /// # Panics
     /// When the request is longer than any that may be sent.
     pub fn frame(&mut self, request: &Request<'_>) -> (u16, Vec<u8>) {
+        let sequence = self.next_sequence();
+        let (mut scratch, mut out) = ([0; MAX_FRAME], [0; MAX_FRAME]);
+        let bytes = frame::encode(sequence, request, &mut scratch, &mut out)
+            .expect("no request is longer than MAX_FRAME");
+        (sequence, bytes.to_vec())
+    }
+
+    fn next_sequence(&mut self) -> u16 {
         // Never 0: that is answered to damaged frames.
         self.sequence = self.sequence.checked_add(1).unwrap_or(1);
-        let (mut scratch, mut out) = ([0; MAX_FRAME], [0; MAX_FRAME]);
-        let bytes = frame::encode(self.sequence, request, &mut scratch, &mut out)
-            .expect("no request is longer than MAX_FRAME");
-        (self.sequence, bytes.to_vec())
+        self.sequence
     }
 
     /// Asks, and asks again when the answer does not come, when the frame was damaged, or when the device is busy.

@@ -5,6 +5,7 @@ mod bits;
 mod commands;
 mod cuts;
 mod cycles;
+mod cyclic_frames;
 mod desk;
 mod documentation;
 mod every_switch;

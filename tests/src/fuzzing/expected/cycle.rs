@@ -1,7 +1,8 @@
 //! What the device should answer in a cycle: poses, corrections, commands through the filter, and what it counts.
 
+use poegp_protocol::link::cyclic::CyclicAnswer;
 use poegp_protocol::link::{
-    Commanded, Corrected, CycleSettings, Evaluation, Query, Statistics, Trace,
+    Commanded, Corrected, CycleSettings, Evaluation, Query, Refusal, Response, Statistics, Trace,
 };
 use poegp_runtime::filter::{CommandFilter, FilterSettings};
 use poegp_runtime::guard::status::Status;
@@ -17,6 +18,8 @@ pub(super) struct Commands {
     pub settings: CycleSettings,
     /// When the last command came that counts, in ticks that do not wrap around. `None` after a stop.
     pub last: Option<u64>,
+    /// Whether the last command came in a cyclic frame.
+    in_cyclic_frames: bool,
     sequence: u16,
     query: Vec<u32>,
 }
@@ -31,6 +34,7 @@ impl Commands {
             filter,
             settings,
             last: None,
+            in_cyclic_frames: false,
             sequence: 0,
             query: Vec::new(),
         }
@@ -54,6 +58,7 @@ impl Commands {
             self.last = Some(now);
         }
         (self.sequence, self.query) = (sequence, bits);
+        self.in_cyclic_frames = false;
         cycles
     }
 }
@@ -83,6 +88,40 @@ pub(super) fn for_filter(settings: &CycleSettings) -> FilterSettings<f32> {
 }
 
 impl Expected {
+    fn in_cyclic_frames(&self) -> bool {
+        self.commands.in_cyclic_frames && self.commands.last.is_some()
+    }
+
+    /// The answer to a damaged frame; `None` where it is dropped.
+    pub fn damaged(&mut self) -> Option<Response> {
+        let answer = self.unreadable(Refusal::BadFrame);
+        (!self.in_cyclic_frames()).then_some(answer)
+    }
+
+    /// The answer to a cyclic frame, whose length may be that of no command; `None` where it is dropped.
+    pub fn cyclic_frame(&mut self, sequence: u16, command: Option<&Query>) -> Option<CyclicAnswer> {
+        self.statistics.frames += 1;
+        self.look();
+        let Some(query) = command else {
+            self.statistics.bad_frames += 1;
+            return None;
+        };
+        if self.in_cyclic_frames() && sequence == self.commands.sequence {
+            self.statistics.repeats += 1;
+            return None;
+        }
+        (self.running, self.commanded) = (true, true);
+        let commanded = self.command(sequence, query);
+        self.commands.in_cyclic_frames = true;
+        Some(CyclicAnswer {
+            joints: commanded.joints,
+            applied: commanded.applied,
+            position_error: commanded.position_error,
+            rotation_error: commanded.rotation_error,
+            status: commanded.status,
+        })
+    }
+
     pub(super) fn command(&mut self, sequence: u16, query: &Query) -> Commanded {
         let cycles = self.commands.cycles(sequence, query, self.now);
         let filter = &mut self.commands.filter;
@@ -125,7 +164,7 @@ impl Expected {
         Statistics {
             jumps: counts.held,
             gaps: counts.lost,
-            repeats: counts.doubled,
+            repeats: self.statistics.repeats + counts.doubled,
             bad_commands: counts.bad,
             model_steps: counts.guarded,
             ..self.statistics

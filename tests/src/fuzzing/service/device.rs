@@ -19,6 +19,8 @@ mod nor;
 
 use nor::Nor;
 
+use crate::fuzzing::wire::wire;
+
 /// Words of inducing points that fit.
 pub(in crate::fuzzing) const WORDS: usize = 256;
 /// Bytes of a blob that fit.
@@ -125,6 +127,14 @@ pub(super) struct Running<'m> {
 impl Running<'_> {
     /// Everything that is answered to these bytes.
     pub fn answers(&mut self, bytes: &[u8]) -> Vec<(u16, Response)> {
+        let frames = self.sent(bytes).into_iter();
+        frames
+            .map(|mut frame| frame::decode(&mut frame).expect("an intact frame"))
+            .collect()
+    }
+
+    /// The frames that are answered to these bytes, without their final zeros.
+    pub fn sent(&mut self, bytes: &[u8]) -> Vec<Vec<u8>> {
         let (mut scratch, mut out) = ([0; MAX_FRAME], [0; MAX_FRAME]);
         let mut answers = Vec::new();
         for byte in bytes {
@@ -143,14 +153,14 @@ impl Running<'_> {
                 Received::TooLong => self.cycle.frame_too_long(&mut scratch, &mut out),
             };
             match taken {
+                FrameOutcome::Answered(0) => {}
                 FrameOutcome::Answered(length) | FrameOutcome::Completed(length) => {
-                    let answer = &mut out[..length - 1];
-                    answers.push(frame::decode(answer).expect("an intact frame"));
+                    answers.push(out[..length - 1].to_vec());
                 }
                 FrameOutcome::Service => {
                     let mut calls = Calls(&mut self.cycle, self.now);
                     let response = self.background.handle_frame(&self.receiver, &mut calls);
-                    answers.push((self.receiver.sequence(), response));
+                    answers.push(wire(self.receiver.sequence(), &response));
                 }
             }
             self.receiver.clear();

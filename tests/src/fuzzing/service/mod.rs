@@ -3,6 +3,7 @@
 //! `Cycle` and `Background` stand beside a flash that knows the rules of NOR; every byte of a script decides the next step
 //! or is a number of it. Each answer is compared, to the byte, with that of `Expected`.
 
+mod cyclic;
 pub(super) mod device;
 
 use std::cell::RefCell;
@@ -279,6 +280,10 @@ impl Talk<'_, '_> {
             assert_eq!(self.device.answers(&[0]), []);
             return None;
         }
+        if let Some((sequence, command)) = cyclic::command_in(&bytes) {
+            self.cyclic_frame(sequence, command.as_ref(), &bytes);
+            return None;
+        }
         let mut copy = bytes.clone();
         let mut raw = bytes.clone();
         let number = cobs::decode_in_place(&mut raw).and_then(|_| raw.get(3).copied());
@@ -293,6 +298,14 @@ impl Talk<'_, '_> {
                 (*sequence, self.expected.unknown_service())
             }
             Ok((sequence, request)) => (*sequence, self.expected.answer(*sequence, request)),
+            Err(FrameError::Damaged) => {
+                bytes.push(0);
+                match self.expected.damaged() {
+                    Some(answer) => self.assert_answer(&bytes, 0, &answer),
+                    None => assert_eq!(self.device.answers(&bytes), []),
+                }
+                return None;
+            }
             Err(error) => {
                 let (sequence, refusal) = refusal_of(*error);
                 (sequence, self.expected.unreadable(refusal))
@@ -379,7 +392,7 @@ impl Talk<'_, '_> {
     fn step(&mut self, sources: &Sources, script: &mut Script<'_>) -> Option<End> {
         let blob = |script: &mut Script<'_>| sources.blobs[script.below(6)].clone();
         let what = match script.byte() {
-            commands @ 192.. => 32 + commands % 6,
+            commands @ 192.. => 32 + commands % 8,
             other => other % 32,
         };
         match what {
@@ -499,6 +512,7 @@ impl Talk<'_, '_> {
                 }));
             }
             37 => return self.signed(sources, script),
+            38 | 39 => self.commands_in_frames(script),
             30 => {
                 let count = script.below(64);
                 let mut message = sent(script.bytes(count));
