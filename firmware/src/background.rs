@@ -58,6 +58,7 @@ fn start(reason: StartReason) -> Option<(Services, Shell)> {
         deadline_ticks: Chosen::DEADLINE_TICKS,
         max_instructions: Chosen::MAX_INSTRUCTIONS,
         flash_blocks: Chosen::FLASH_BLOCKS,
+        slot_writes: Chosen::SLOT_WRITES,
         start: reason,
     };
     // A restart in the middle of noting it leaves no number: then commands are better not corrected.

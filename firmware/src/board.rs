@@ -34,6 +34,8 @@ pub trait Board {
     const MAX_INSTRUCTIONS: u32;
     /// Whether the processor waits while the flash erases or writes. Then it is left alone while cycles run.
     const FLASH_BLOCKS: bool;
+    /// How often the slots of models may be changed between two starts.
+    const SLOT_WRITES: u32;
     /// The serial line to controller and workstation.
     type Link: Link;
     /// The line that defmt logs on.

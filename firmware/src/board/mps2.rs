@@ -216,6 +216,8 @@ impl Board for Mps2 {
     // QEMU counts 64 ns for each.
     const MAX_INSTRUCTIONS: u32 = 4_000_000 / 64;
     const FLASH_BLOCKS: bool = false;
+    // Memory that does not wear.
+    const SLOT_WRITES: u32 = u32::MAX;
     type Link = Uart;
     type Log = Uart;
     type Flash = PsramFlash;

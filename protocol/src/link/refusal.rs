@@ -114,4 +114,10 @@ pub enum Refusal {
         /// Explicit number, append-only.
         code: u8,
     },
+    /// The slots were changed as often as this board allows between two starts, so that no loop wears out the flash: restart
+    /// the device first.
+    TooManyWrites {
+        /// That many.
+        allowed: u32,
+    },
 }

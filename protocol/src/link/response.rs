@@ -107,6 +107,8 @@ pub struct Identity {
     pub pending: bool,
     /// What the two slots hold, by their headers.
     pub slots: [Option<StoredModel>; 2],
+    /// How often something was written to the slots since their flash was first used, to its end.
+    pub slot_writes: u32,
     /// Why the device started the last time.
     pub start: StartReason,
 }

@@ -62,7 +62,7 @@ pub const REQUESTS: [Message; 19] = [
 /// The responses.
 #[rustfmt::skip] // a table
 pub const RESPONSES: [Message; 13] = [
-    response("Identity", "protocol_version: u8, firmware_version: text, image_crc: u32, board: text, capacity_words: u32, capacity_bytes: u32, tick_hz: u32, deadline_ticks: u32, key: a key, bypass: bool, cycle: cycle settings, model: option of a model, pending: bool, slots: 2 options of a stored model, start: a start", 251),
+    response("Identity", "protocol_version: u8, firmware_version: text, image_crc: u32, board: text, capacity_words: u32, capacity_bytes: u32, tick_hz: u32, deadline_ticks: u32, key: a key, bypass: bool, cycle: cycle settings, model: option of a model, pending: bool, slots: 2 options of a stored model, slot_writes: u32, start: a start", 256),
     response("Evaluation", "blob_crc: u32, pose: 12 f32, correction: 6 f32, trust: f32, position_sigma: option of f32, status: u8, ticks: u32", 93),
     response("Corrected", "blob_crc: u32, joints: list of at most 8 f32, applied: f32, position_error: f32, rotation_error: f32, status: u8, ticks: u32", 57),
     response("Trace", "sin_cos: list of at most 16 f32, mean: 6 f32, chain: 12 f32, evaluation: an evaluation", 230),

@@ -301,7 +301,7 @@ fn requests_as_bytes() {
 
 #[test]
 fn refusals_as_bytes() {
-    let table: [&[u8]; 26] = [
+    let table: [&[u8]; 27] = [
         &[10, 0],
         &[10, 1, 1, 2],
         &[10, 2],
@@ -328,6 +328,7 @@ fn refusals_as_bytes() {
         &[10, 23],
         &[10, 24],
         &[10, 25, 4],
+        &[10, 26, 100],
     ];
     assert_eq!(table.len(), refusals().len());
     for (refusal, bytes) in refusals().into_iter().zip(table) {
@@ -381,7 +382,7 @@ fn responses_as_bytes() {
     identity.extend(&model);
     identity.extend([1, 0, 1]);
     identity.extend(stored);
-    identity.extend([4, 0xc6, 0x01]);
+    identity.extend([0xc8, 1, 4, 0xc6, 0x01]);
     let mut evaluation = vec![0x84, 0x86, 0x88, 0x08];
     evaluation.extend((0..12).flat_map(|index| (index as f32).to_le_bytes()));
     evaluation.extend([0, 0, 0, 0x3f].repeat(6));

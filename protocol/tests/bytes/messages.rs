@@ -197,6 +197,7 @@ pub fn refusals() -> Vec<Refusal> {
         Refusal::NotSigned,
         Refusal::WrongSignature,
         Refusal::CycleSetting { code: 4 },
+        Refusal::TooManyWrites { allowed: 100 },
     ]
 }
 
@@ -250,6 +251,7 @@ pub fn responses() -> Vec<Response> {
             model: Some(model()),
             pending: true,
             slots: [None, Some(STORED)],
+            slot_writes: 200,
             start: StartReason::Panic { line: 198 },
         }),
         Response::Evaluation(evaluation()),
@@ -357,6 +359,7 @@ pub fn longest_responses() -> Vec<Response> {
             model: Some(model.clone()),
             pending: true,
             slots: [Some(stored); 2],
+            slot_writes: m,
             start: StartReason::Fault { address: m },
         }),
         Response::Evaluation(evaluation.clone()),

@@ -225,7 +225,7 @@ const COMMAND: [i32; TERMS] = [
 
 /// Instructions of reading a command's frame and writing the answer's, when all bytes come at once and an interrupt of the
 /// timer comes in between: without a joint, and for each joint. What came before the last byte is read already.
-const FRAME: u32 = 3_300;
+const FRAME: u32 = 3_380;
 const FRAME_JOINT: u32 = 545;
 
 impl ModelSize {

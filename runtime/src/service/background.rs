@@ -1,5 +1,7 @@
 //! The services: everything that may take long. Pre-empted by every cycle.
 
+mod slots;
+
 use embedded_storage::nor_flash::NorFlash;
 use heapless::Vec;
 use poegp_protocol::blob::envelope::key_id;
@@ -40,6 +42,8 @@ pub struct Background<'m, F, const WORDS: usize, const BYTES: usize> {
     authority: Authority,
     /// No model of a lower revision is taken: that of the stored model that runs after a restart.
     lowest_revision: u32,
+    /// Changes of the slots since the start, those that failed among them.
+    slot_changes: u32,
 }
 
 impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, WORDS, BYTES> {
@@ -57,6 +61,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
             store,
             authority: Authority::default(),
             lowest_revision: 0,
+            slot_changes: 0,
         }
     }
 
@@ -256,6 +261,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
             model: report.model,
             pending: report.pending,
             slots,
+            slot_writes: self.store.writes(),
             start: self.board.start,
         })
     }
@@ -305,26 +311,6 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
     }
 
     #[inline(never)]
-    fn commit(&mut self, device: &mut impl Device<'m, WORDS>) -> Result<StoredModel, Refusal> {
-        let verified = self.upload.verified.ok_or(Refusal::NotVerified)?;
-        if let Some(stored) = self.upload.committed {
-            return Ok(stored);
-        }
-        let active = self.check_flash(device)?;
-        let written = self.store.write(self.upload.bytes(), active.slot);
-        let stored = written.map_err(refused)?;
-        let (blob_crc, slot) = (verified, stored.slot);
-        self.notify(device, CycleCommand::Stored { blob_crc, slot });
-        if let Some(spare) = &mut self.spare {
-            spare.note_stored(blob_crc, slot);
-        }
-        let stored = on_wire(&stored, true);
-        self.upload.committed = Some(stored);
-        self.lowest_revision = self.upload.revision;
-        Ok(stored)
-    }
-
-    #[inline(never)]
     fn activate(
         &mut self,
         blob_crc: u32,
@@ -350,64 +336,6 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         if let Some(spare) = self.spare.take() {
             self.notify(device, CycleCommand::Run(spare));
         }
-    }
-
-    #[inline(never)]
-    fn roll_back(
-        &mut self,
-        from_crc: u32,
-        device: &mut impl Device<'m, WORDS>,
-    ) -> Result<(), Refusal> {
-        if self.brief(device).blob_crc != Some(from_crc) {
-            return Ok(());
-        }
-        if self.spare.is_none() {
-            return Err(Refusal::Busy);
-        }
-        let active = self.check_flash(device)?;
-        let mut refusal = Refusal::NoOtherModel;
-        for stored in self.store.candidates().into_iter().flatten() {
-            if active.slot == Some(stored.slot) {
-                continue;
-            }
-            let promoted = self
-                .load_stored(&stored, device)
-                .and_then(|()| self.store.promote(&stored).map_err(refused));
-            self.upload.abandon(0);
-            match promoted {
-                Ok(_) => {
-                    self.lowest_revision = self.spare_revision();
-                    self.run_spare(device);
-                    return Ok(());
-                }
-                Err(why) => refusal = why,
-            }
-        }
-        Err(refusal)
-    }
-
-    /// Whether the flash may be written now: the deadline comes first.
-    fn check_flash(&mut self, device: &mut impl Device<'m, WORDS>) -> Result<Brief, Refusal> {
-        let report = self.brief(device);
-        if self.board.flash_blocks && report.running {
-            return Err(Refusal::CyclesRunning);
-        }
-        Ok(report)
-    }
-
-    /// Into the spare model, through the staging buffer: an upload in progress is given up.
-    fn load_stored(
-        &mut self,
-        stored: &Stored,
-        device: &mut impl Device<'m, WORDS>,
-    ) -> Result<(), Refusal> {
-        let key = self.key()?;
-        let buffer = self.upload.abandon(stored.length as usize);
-        let bytes = self.store.read(stored, buffer).map_err(refused)?;
-        let spare = self.spare.as_deref_mut().ok_or(Refusal::Busy)?;
-        spare.load(bytes, key.as_ref())?;
-        spare.set_slot(Some(stored.slot));
-        self.check_time(device)
     }
 
     /// Whether the spare model fits into the time of a cycle; one that does not is given up.

@@ -21,6 +21,8 @@ pub struct BoardInfo {
     pub max_instructions: u32,
     /// Whether the processor waits while the flash erases or writes. Then it is left alone while cycles run.
     pub flash_blocks: bool,
+    /// How often the slots may be changed between two starts. A loop of uploads would wear out the flash.
+    pub slot_writes: u32,
     /// Why the device started.
     pub start: StartReason,
 }

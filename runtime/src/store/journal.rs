@@ -20,7 +20,7 @@ const MAGIC: u32 = u32::from_le_bytes(*b"PGS1");
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct State {
     /// Counts the records.
-    sequence: u32,
+    pub sequence: u32,
     /// The slot that comes first: the one whose head has this.
     pub first: Slot,
     /// Length and CRC-32C of the blob in each slot; length 0 when there is none.

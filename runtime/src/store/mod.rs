@@ -91,6 +91,11 @@ impl<F: NorFlash> Store<F> {
         })
     }
 
+    /// How often something was written to the slots since their flash was first used, to its end.
+    pub fn writes(&mut self) -> u32 {
+        self.survey().state.map_or(0, |state| state.sequence)
+    }
+
     /// The bytes of a blob, read into the front of `buffer`.
     ///
     /// # Errors

@@ -75,6 +75,10 @@ pub fn refusal(refusal: &Refusal) -> String {
             "the signature of the request is wrong: the key of --key does not belong to the device's public key".to_owned()
         }
         Refusal::CycleSetting { code } => cycle_setting(*code),
+        Refusal::TooManyWrites { allowed } => format!(
+            "models were stored or rolled back {allowed} times since it started, and each time wears its flash; `trainer device \
+             restart` if that was on purpose"
+        ),
     }
 }
 

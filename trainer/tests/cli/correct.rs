@@ -42,6 +42,7 @@ fn device(resident: &mut ModelSlot<{ words_for(512) }>, query: Query) -> Correct
         deadline_ticks: 1_000,
         max_instructions: 100_000,
         flash_blocks: false,
+        slot_writes: u32::MAX,
         start: StartReason::PowerOn,
     };
     let mut cycle = Cycle::new(resident, &facts, false);

@@ -158,6 +158,7 @@ pub fn identity() -> Identity {
         model: None,
         pending: false,
         slots: [None, None],
+        slot_writes: 7,
         start: StartReason::PowerOn,
     }
 }

@@ -32,13 +32,14 @@ pub const MAX_INSTRUCTIONS: u32 = 500_000;
 /// Frequency of the clock.
 pub const TICK_HZ: u32 = 1_000;
 
-const BOARD: BoardInfo = BoardInfo {
+pub const BOARD: BoardInfo = BoardInfo {
     board: "a desk with a name that is longer than thirty-two letters",
     image_crc: 0x1234_5678,
     tick_hz: TICK_HZ,
     deadline_ticks: DEADLINE_TICKS,
     max_instructions: MAX_INSTRUCTIONS,
     flash_blocks: false,
+    slot_writes: u32::MAX,
     start: StartReason::PowerOn,
 };
 
@@ -224,18 +225,14 @@ impl Default for Desk {
 impl Desk {
     /// With power on, and memory that is all zeros.
     pub fn start(flash: Rc<RefCell<Flash>>, bypass: bool) -> Self {
-        Self::start_on(flash, bypass, false)
+        Self::start_on(flash, bypass, BOARD)
     }
 
-    /// The same on a board whose processor may wait for its flash.
-    pub fn start_on(flash: Rc<RefCell<Flash>>, bypass: bool, flash_blocks: bool) -> Self {
+    /// The same on another board.
+    pub fn start_on(flash: Rc<RefCell<Flash>>, bypass: bool, board: BoardInfo) -> Self {
         // The firmware has statics for these; a few kilobytes for each start are the price of the same types here.
         let [active, spare] = [Box::leak(Box::default()), Box::leak(Box::default())];
         let active: &'static mut ModelSlot<WORDS> = active;
-        let board = BoardInfo {
-            flash_blocks,
-            ..BOARD
-        };
         let front = Rc::new(RefCell::new(Front {
             cycle: Cycle::new(active, &board, bypass),
             receiver: Receiver::new(),

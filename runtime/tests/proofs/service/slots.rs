@@ -2,8 +2,9 @@
 
 use embedded_storage::nor_flash::NorFlash;
 use poegp_protocol::link::{Refusal, Request, Response};
+use poegp_runtime::service::BoardInfo;
 
-use super::desk::{Desk, flash, layout};
+use super::desk::{BOARD, Desk, flash, layout};
 use super::known::{Known, begin, piece, query, refused};
 use super::nor::Cut;
 
@@ -297,11 +298,67 @@ fn flash_that_fails_is_named() {
     assert_eq!(desk.restarted().active(), Some(new.blob_crc));
 }
 
+/// A loop of uploads and roll backs comes to its end before the flash does.
+#[test]
+fn a_loop_does_not_wear_out_the_flash() {
+    let known = Known::three();
+    let allowed = 60;
+    let board = BoardInfo {
+        slot_writes: allowed,
+        ..BOARD
+    };
+    let mut desk = Desk::start_on(flash(), false, board);
+    let limit = refused(Refusal::TooManyWrites { allowed });
+    let mut turn = 0;
+    for _ in 0..2 {
+        let mut changes = 0;
+        loop {
+            let model = &known[turn % 3];
+            turn += 1;
+            model.upload(&mut desk);
+            let before = desk.identity().slot_writes;
+            if desk.ask_twice(&Request::CommitUpload) == limit {
+                turn -= 1;
+                break;
+            }
+            changes += 1;
+            desk.ask(&model.activate());
+            // One for the new blob; one more where the model that is kept was not first.
+            let writes = desk.identity().slot_writes - before;
+            assert!((1..=2).contains(&writes), "{writes}");
+            // The same again is nothing.
+            model.upload(&mut desk);
+            let committed = desk.ask_twice(&Request::CommitUpload);
+            assert!(matches!(committed, Response::Committed(_)) || committed == limit);
+            if turn % 5 == 0 && changes < allowed {
+                let before = desk.identity().slot_writes;
+                desk.ask(&model.roll_back());
+                changes += 1;
+                assert_eq!(desk.identity().slot_writes, before + 1);
+            }
+        }
+        assert_eq!(changes, allowed);
+        // Nothing is written any more, and the old model answers.
+        let identity = desk.identity();
+        let operations = desk.flash.borrow().operations;
+        let from_crc = desk.active().expect("a model");
+        assert_eq!(desk.ask(&Request::RollBack { from_crc }), limit);
+        assert_eq!(desk.active(), Some(from_crc));
+        assert_eq!(desk.flash.borrow().operations, operations);
+        desk = Desk::start_on(desk.flash, false, board);
+        assert_eq!(desk.identity().slot_writes, identity.slot_writes);
+    }
+}
+
 /// Where the processor stands still while flash is written, nothing is written while cycles are expected.
 #[test]
 fn flash_that_blocks_waits_until_cycles_stop() {
     let [old, new, third] = Known::three();
-    let mut desk = Desk::start_on(flash(), false, true);
+    let board = BoardInfo {
+        flash_blocks: true,
+        ..BOARD
+    };
+    let mut desk = Desk::start_on(flash(), false, board);
     old.install(&mut desk);
     new.install(&mut desk);
     desk.ask(&Request::Correct(query(&[0.1, 0.2], 1.0)));

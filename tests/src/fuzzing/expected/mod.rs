@@ -48,6 +48,10 @@ pub(super) struct Expected {
     /// The signature that was accepted with it.
     used: Option<Vec<u8>>,
     pub flash_blocks: bool,
+    /// Records of the slots, ever.
+    slot_writes: u32,
+    /// Changes of the slots since the start.
+    slot_changes: u32,
     pub statistics: Statistics,
 }
 
@@ -91,6 +95,7 @@ impl Expected {
             first: self.first,
             key: self.key,
             flash_blocks: self.flash_blocks,
+            slot_writes: self.slot_writes,
             bypass,
             ..Self::default()
         };
@@ -269,6 +274,7 @@ impl Expected {
             model: self.ordered().map(|model| model.identity.clone()),
             pending: self.pending.is_some(),
             slots: [self.stored(0), self.stored(1)],
+            slot_writes: self.slot_writes,
             start: BOARD.start,
         })
     }

@@ -9,7 +9,7 @@ use poegp_runtime::model::signature;
 
 use super::Expected;
 use super::cycle::for_filter;
-use crate::fuzzing::service::device::{BYTES, CHANGES, WORDS};
+use crate::fuzzing::service::device::{BOARD, BYTES, CHANGES, WORDS};
 
 /// A blob that is a model.
 pub(super) struct Known {
@@ -210,7 +210,7 @@ impl Expected {
         if let Some(stored) = self.committed {
             return Ok(stored);
         }
-        self.check_flash()?;
+        self.check_slots()?;
         // Not over the active model, nor over the newest.
         let taken = [self.ordered_slot(), Some(self.first), Some(1 - self.first)];
         let kept = taken
@@ -218,11 +218,25 @@ impl Expected {
             .flatten()
             .find(|slot| self.slots[*slot].is_some());
         let there = self.slot_of(&self.staged);
+        // One for each change of the slot that comes first, and one for the blob.
+        let moved = there.or(kept).is_some_and(|slot| slot != self.first);
+        self.slot_writes += u32::from(moved) + u32::from(there.is_none());
+        self.slot_changes += u32::from(moved || there.is_none());
         self.first = there.unwrap_or(kept.map_or(0, |slot| 1 - slot));
         self.slots[self.first] = Some(self.staged.clone());
         self.committed = self.stored(self.first);
         self.lowest_revision = self.verified_revision;
         Ok(self.committed.expect("it was stored"))
+    }
+
+    /// Whether the slots may be changed once more.
+    fn check_slots(&self) -> Result<(), Refusal> {
+        self.check_flash()?;
+        let allowed = BOARD.slot_writes;
+        match self.slot_changes >= allowed {
+            true => Err(Refusal::TooManyWrites { allowed }),
+            false => Ok(()),
+        }
     }
 
     fn run(&mut self, model: Option<Rc<Known>>) {
@@ -265,7 +279,7 @@ impl Expected {
             return Ok(());
         }
         self.check_spare()?;
-        self.check_flash()?;
+        self.check_slots()?;
         let active = self.ordered_slot();
         let mut refusal = Refusal::NoOtherModel;
         for slot in [self.first, 1 - self.first] {
@@ -281,6 +295,8 @@ impl Expected {
             });
             match known {
                 Ok(known) => {
+                    self.slot_writes += u32::from(slot != self.first);
+                    self.slot_changes += u32::from(slot != self.first);
                     self.first = slot;
                     self.lowest_revision = known.revision();
                     self.run(Some(Rc::new(known)));

@@ -33,6 +33,7 @@ pub(in crate::fuzzing) const BOARD: BoardInfo = BoardInfo {
     deadline_ticks: 1_000,
     max_instructions: 30_000,
     flash_blocks: false,
+    slot_writes: 12,
     start: StartReason::PowerOn,
 };
 pub(super) type Flash = Nor<4, 256>;

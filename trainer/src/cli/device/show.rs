@@ -147,6 +147,7 @@ pub fn identity_json(identity: &Identity) -> Value {
         "model": identity.model.as_ref().map(model_json),
         "pending": identity.pending,
         "slots": identity.slots.iter().map(|slot| slot.as_ref().map(stored_json)).collect::<Vec<_>>(),
+        "slot_writes": identity.slot_writes,
         "start": start_json(identity.start),
     })
 }
@@ -188,6 +189,10 @@ pub fn identity(report: Printer, identity: &Identity) {
         });
         report.line(format_args!("  slot {number}    {text}"));
     }
+    report.line(format_args!(
+        "  wear      slots written {} times",
+        identity.slot_writes
+    ));
     let key = match &identity.key {
         Key::None => "none: every intact model is taken".to_owned(),
         Key::Provisioned(key) => format!("{}: only models signed by it are taken", id_text(key)),
