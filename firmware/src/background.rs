@@ -7,7 +7,7 @@ use heapless::Vec;
 use poegp_protocol::link::frame::{self, MAX_FRAME, Receiver};
 use poegp_protocol::link::{ModelIdentity, NONCE_LENGTH, Response, StartReason, Statistics};
 use poegp_runtime::service::{
-    Background, BoardInfo, Cycle, CycleAck, CycleCommand, Device, ModelSlot,
+    Background, BoardInfo, Cycle, CycleAck, CycleCommand, Device, ModelSlot, self_test,
 };
 use poegp_runtime::store::Store;
 use static_cell::ConstStaticCell;
@@ -59,6 +59,7 @@ fn start(reason: StartReason) -> Option<(Services, Shell)> {
         max_instructions: Chosen::MAX_INSTRUCTIONS,
         flash_blocks: Chosen::FLASH_BLOCKS,
         slot_writes: Chosen::SLOT_WRITES,
+        self_test: self_test(spare),
         start: reason,
     };
     // A restart in the middle of noting it leaves no number: then commands are better not corrected.

@@ -120,4 +120,6 @@ pub enum Refusal {
         /// That many.
         allowed: u32,
     },
+    /// The device does not compute what it should: it takes no model, and corrects nothing.
+    SelfTest,
 }

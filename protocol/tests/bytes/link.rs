@@ -301,7 +301,7 @@ fn requests_as_bytes() {
 
 #[test]
 fn refusals_as_bytes() {
-    let table: [&[u8]; 27] = [
+    let table: [&[u8]; 28] = [
         &[10, 0],
         &[10, 1, 1, 2],
         &[10, 2],
@@ -329,6 +329,7 @@ fn refusals_as_bytes() {
         &[10, 24],
         &[10, 25, 4],
         &[10, 26, 100],
+        &[10, 27],
     ];
     assert_eq!(table.len(), refusals().len());
     for (refusal, bytes) in refusals().into_iter().zip(table) {

@@ -198,6 +198,7 @@ pub fn refusals() -> Vec<Refusal> {
         Refusal::WrongSignature,
         Refusal::CycleSetting { code: 4 },
         Refusal::TooManyWrites { allowed: 100 },
+        Refusal::SelfTest,
     ]
 }
 

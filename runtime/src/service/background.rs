@@ -270,6 +270,13 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         self.store.public_key().map_err(refused)
     }
 
+    fn check_self_test(&self) -> Result<(), Refusal> {
+        match self.board.self_test {
+            true => Ok(()),
+            false => Err(Refusal::SelfTest),
+        }
+    }
+
     /// Of the spare model; 0 when its signature was not verified.
     fn spare_revision(&self) -> u32 {
         let revision = self.spare_identity().and_then(|model| model.revision);
@@ -292,6 +299,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
             }
         }
         let crc = self.upload.check_complete()?;
+        self.check_self_test()?;
         let key = self.key()?;
         let spare = self.spare.as_deref_mut().ok_or(Refusal::Busy)?;
         let bytes = self.upload.bytes();

@@ -23,6 +23,8 @@ pub struct BoardInfo {
     pub flash_blocks: bool,
     /// How often the slots may be changed between two starts. A loop of uploads would wear out the flash.
     pub slot_writes: u32,
+    /// What [`self_test`](crate::service::self_test) has said. Without it no model is taken.
+    pub self_test: bool,
     /// Why the device started.
     pub start: StartReason,
 }

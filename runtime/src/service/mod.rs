@@ -31,9 +31,11 @@ mod cycle;
 mod exchange;
 mod frames;
 mod loaded_model;
+mod self_test;
 mod upload;
 
 pub use crate::service::background::{Background, Device};
 pub use crate::service::cycle::{Clock, Cycle, FrameOutcome};
 pub use crate::service::exchange::{BoardInfo, CycleAck, CycleCommand};
 pub use crate::service::loaded_model::ModelSlot;
+pub use crate::service::self_test::self_test;

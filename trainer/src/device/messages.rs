@@ -75,6 +75,11 @@ pub fn refusal(refusal: &Refusal) -> String {
             "the signature of the request is wrong: the key of --key does not belong to the device's public key".to_owned()
         }
         Refusal::CycleSetting { code } => cycle_setting(*code),
+        Refusal::SelfTest => {
+            "it failed its self-test: its processor or image does not compute what it should, and it corrects nothing; flash the \
+             firmware again, or replace the board"
+                .to_owned()
+        }
         Refusal::TooManyWrites { allowed } => format!(
             "models were stored or rolled back {allowed} times since it started, and each time wears its flash; `trainer device \
              restart` if that was on purpose"

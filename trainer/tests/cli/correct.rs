@@ -43,6 +43,7 @@ fn device(resident: &mut ModelSlot<{ words_for(512) }>, query: Query) -> Correct
         max_instructions: 100_000,
         flash_blocks: false,
         slot_writes: u32::MAX,
+        self_test: true,
         start: StartReason::PowerOn,
     };
     let mut cycle = Cycle::new(resident, &facts, false);

@@ -40,6 +40,7 @@ pub const BOARD: BoardInfo = BoardInfo {
     max_instructions: MAX_INSTRUCTIONS,
     flash_blocks: false,
     slot_writes: u32::MAX,
+    self_test: true,
     start: StartReason::PowerOn,
 };
 

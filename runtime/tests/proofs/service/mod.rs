@@ -15,6 +15,7 @@ mod known;
 #[path = "../../store/nor.rs"]
 #[allow(dead_code)] // the proofs of the store use the rest
 mod nor;
+mod self_test;
 mod sequences;
 mod slots;
 mod soak;

@@ -34,6 +34,7 @@ pub(in crate::fuzzing) const BOARD: BoardInfo = BoardInfo {
     max_instructions: 30_000,
     flash_blocks: false,
     slot_writes: 12,
+    self_test: true,
     start: StartReason::PowerOn,
 };
 pub(super) type Flash = Nor<4, 256>;

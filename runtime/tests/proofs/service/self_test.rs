@@ -1,0 +1,76 @@
+//! The self-test: passed by whoever computes as the workstation does, and nothing is corrected without it.
+
+use std::path::Path;
+use std::{env, fs};
+
+use poegp_protocol::blob;
+use poegp_protocol::link::{Refusal, Request, Response};
+use poegp_runtime::guard::status::Status;
+use poegp_runtime::service::{BoardInfo, ModelSlot, self_test};
+
+use super::desk::{BOARD, BYTES, Desk, flash};
+use super::known::{Known, query, refused};
+use crate::arm::{Arm, WORDS};
+
+/// `POEGP_BLESS=1` writes the blob again when the format has changed.
+#[test]
+fn the_workstation_passes() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/service/self_test.blob");
+    let mut buffer = vec![0; BYTES];
+    let bytes = blob::encode(&Arm::elastic(3, 4, false).blob(), &mut buffer)
+        .expect("fits")
+        .to_vec();
+    if env::var_os("POEGP_BLESS").is_some() {
+        fs::write(&path, &bytes).unwrap();
+    }
+    assert_eq!(fs::read(&path).unwrap(), bytes, "POEGP_BLESS=1 writes it");
+    let mut slot = Box::<ModelSlot<WORDS>>::default();
+    let other = Known::new(Arm::sound(2, 2));
+    slot.load_unverified(&other.bytes).unwrap();
+    assert!(self_test(&mut slot));
+    assert_eq!(slot.identity(), None);
+}
+
+#[test]
+fn a_device_that_fails_corrects_nothing() {
+    let [old, new, third] = Known::three();
+    let failing = BoardInfo {
+        self_test: false,
+        ..BOARD
+    };
+    let mut desk = Desk::default();
+    old.install(&mut desk);
+    new.install(&mut desk);
+    let flash_before = desk.flash.borrow().operations;
+    let mut desk = Desk::start_on(desk.flash, false, failing);
+    assert_eq!(desk.not_started, [Some(Refusal::SelfTest); 2]);
+    assert_eq!(desk.active(), None);
+    assert_eq!(third.upload(&mut desk), refused(Refusal::SelfTest));
+    assert_eq!(
+        desk.ask(&Request::CommitUpload),
+        refused(Refusal::NotVerified)
+    );
+    let crc = third.blob_crc;
+    assert_eq!(
+        desk.ask(&third.activate()),
+        refused(Refusal::UnknownModel { blob_crc: crc })
+    );
+    let asked = query(&[0.1, 0.2], 1.0);
+    let Response::Commanded(commanded) = desk.ask(&Request::Command(asked.clone())) else {
+        panic!()
+    };
+    assert_eq!(commanded.joints, asked.joints);
+    assert!(Status::from_bits(commanded.status).contains(Status::NO_MODEL));
+    // Nothing is lost: a start that passes runs what is stored.
+    assert_eq!(desk.flash.borrow().operations, flash_before);
+    let mut desk = Desk::start(flash_of(desk), false);
+    assert_eq!(desk.active(), Some(new.blob_crc));
+    assert_eq!(
+        Desk::start_on(flash(), false, failing).not_started,
+        [None; 2]
+    );
+}
+
+fn flash_of(desk: Desk) -> std::rc::Rc<std::cell::RefCell<super::desk::Flash>> {
+    desk.flash
+}
