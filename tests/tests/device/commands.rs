@@ -6,7 +6,6 @@ use poegp_runtime::filter::GRACE;
 use poegp_runtime::guard::status::Status;
 use poegp_tests::device::Device;
 use poegp_tests::emulator::{Clock, instructions};
-use poegp_tests::record::assert_recorded;
 use poegp_tests::sample::{Elastic, Sample, SampleCorrection};
 use poegp_tests::stages::{CommandBits, Host};
 
@@ -228,7 +227,6 @@ fn instructions_of_the_frames_of_a_cycle() {
         costs[1],
         costs[1] / bytes as f64
     );
-    assert!(costs[1] < costs[0], "{costs:?}");
-    assert_recorded("frames of a `Command`, receiving and answering", costs[0]);
-    assert_recorded("cyclic frames, receiving and answering", costs[1]);
+    // A few per cent more or less, by how many bytes are there before the last one.
+    assert!(costs[0] <= 6_000.0 && costs[1] <= 5_400.0, "{costs:?}");
 }
