@@ -1,4 +1,5 @@
-//! The frame of a controller's cycle: fixed fields instead of a message, half as long on the line as [`Request::Command`].
+//! The frame of a controller's cycle: fixed fields instead of a message. For six joints, command and answer take 83 bytes on
+//! the line, where those of [`Request::Command`] take 101.
 //!
 //! ```text
 //!            +------+----------+------------+------------+-------------+   COBS of it and the final zero:

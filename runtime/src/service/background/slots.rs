@@ -52,14 +52,11 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
             if active.slot == Some(stored.slot) {
                 continue;
             }
-            let before = self.store.writes();
-            let promoted = self
-                .load_stored(&stored, device)
-                .and_then(|()| self.store.promote(&stored).map_err(refused));
-            self.count_change(before, false);
+            let loaded = self.load_stored(&stored, device);
+            let promoted = loaded.and_then(|()| self.promote(&stored));
             self.upload.abandon(0);
             match promoted {
-                Ok(_) => {
+                Ok(()) => {
                     self.lowest_revision = self.spare_revision();
                     self.run_spare(device);
                     return Ok(());
@@ -68,6 +65,14 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
             }
         }
         Err(refusal)
+    }
+
+    /// Puts a stored model first.
+    fn promote(&mut self, stored: &Stored) -> Result<(), Refusal> {
+        let before = self.store.writes();
+        let promoted = self.store.promote(stored);
+        self.count_change(before, promoted.is_err());
+        promoted.map_err(refused).map(drop)
     }
 
     /// Whether the flash may be written now: the deadline comes first.

@@ -5,6 +5,7 @@
 
 mod cyclic;
 pub(super) mod device;
+mod script;
 
 use std::cell::RefCell;
 
@@ -21,6 +22,7 @@ use poegp_runtime::service::{Background, BoardInfo, Cycle, ModelSlot};
 use poegp_runtime::store::{Layout, Store};
 
 use self::device::{BOARD, BYTES, Calls, Flash, Running, SETTINGS, SLOT, UNITS, Wired};
+use self::script::Script;
 use super::expected::Expected;
 use super::wire::{sent, wire};
 use crate::sample::{Elastic, Sample, SampleCorrection};
@@ -84,46 +86,6 @@ pub(super) fn signed(blob: &[u8], revision: u32, key: &SigningKey) -> Vec<u8> {
     trailer.signature = key.sign(&message).to_bytes();
     bytes.extend(trailer.to_bytes());
     bytes
-}
-
-/// Numbers out of a script; zeros behind its end.
-struct Script<'a>(&'a [u8]);
-
-impl<'a> Script<'a> {
-    fn bytes(&mut self, count: usize) -> &'a [u8] {
-        let (taken, rest) = self.0.split_at(count.min(self.0.len()));
-        self.0 = rest;
-        taken
-    }
-
-    fn byte(&mut self) -> u8 {
-        self.bytes(1).first().copied().unwrap_or(0)
-    }
-
-    fn below(&mut self, end: usize) -> usize {
-        usize::from(self.byte()) % end
-    }
-
-    fn word(&mut self) -> u32 {
-        u32::from_le_bytes(std::array::from_fn(|_| self.byte()))
-    }
-
-    fn query(&mut self) -> Query {
-        let joints = match self.below(12) {
-            9 => 3,
-            10 | 11 => 6,
-            count => count,
-        };
-        let raw = self.byte().is_multiple_of(4);
-        let mut number = || match raw {
-            true => f32::from_bits(self.word()),
-            false => f32::from(self.byte() as i8) / 32.0,
-        };
-        Query {
-            joints: (0..joints).map(|_| number()).collect(),
-            payload_kg: number(),
-        }
-    }
 }
 
 /// What ended a stretch of a script.
