@@ -110,7 +110,8 @@ pub fn blob_bytes(arm: &ModelSize, texts: [usize; 5]) -> usize {
     let correction = elastic + varint(rows) + rows + sets + varint(curves) + curves;
     let (robot, provenance) = texts.split_at(2);
     // SHA-256, number of poses (of up to 127), gauge, no tools, accepted causes.
-    let host = text(provenance) + 32 + 1 + 2 * 12 * 8 + 1 + 4;
+    let gauge = 2 * 12 * 8 + 2 + 1 + n * 2 * floats + 1 + floats;
+    let host = text(provenance) + 32 + 1 + gauge + 1 + 4;
     let model = text(robot) + joints + frames + rest + correction + variance;
     HEADER_LENGTH + model + varint(host) + host
 }

@@ -8,8 +8,8 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 use poegp_protocol::JointKind;
 use poegp_protocol::blob::{
-    self, Blob, Correction, CorrectionLimit, Gauge, Geometry, Host, Joint, Provenance, Ranges,
-    Robot, TaskSpace, Transform, Units,
+    self, Blob, Correction, CorrectionLimit, FrameSource, Gauge, Geometry, Host, Joint, Provenance,
+    Ranges, Robot, TaskSpace, Transform, Units,
 };
 use poegp_protocol::cause::{Cause, Causes};
 use poegp_protocol::limits::{MAX_FRAMES, MAX_INPUTS, MAX_JOINTS, OUTPUTS};
@@ -189,6 +189,10 @@ impl Sample {
                 ]))
                 .to_rows(),
                 flange_from_target: Pose::<f64>::identity().to_rows(),
+                base: FrameSource::Grid,
+                tool: FrameSource::Grid,
+                ranges: heapless::Vec::new(),
+                payload_kg: None,
             },
             tools: heapless::Vec::new(),
             accepted: Causes::NONE,

@@ -6,7 +6,7 @@ use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::{Pose, Twist};
 
 use crate::blob::predict::BlobModel;
-use crate::identification::base_tools::{aligned, fit_base_and_tools, tool_count};
+use crate::identification::base_tools::{fit_base_and_tools, tool_count};
 use crate::identification::frame_fit::{ResidualFrame, residual_components};
 use crate::identification::parametric::state::ROWS;
 use crate::measurement::noise::NoiseScales;
@@ -14,7 +14,7 @@ use crate::measurement::sample::{InstrumentSample, different_poses};
 use crate::numeric::cholesky::Factor;
 use crate::numeric::matrix::Mat;
 use crate::numeric::product::{Transposed, product};
-use crate::numeric::rotation::nearest_rotation;
+use crate::numeric::rotation::{aligned, nearest_rotation};
 use crate::numeric::statistics::PoseError;
 
 /// Steps in which base and tools are refined; from a start within a milliradian two are enough.

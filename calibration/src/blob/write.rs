@@ -26,6 +26,7 @@ use crate::measurement::sample::ToolName;
 use crate::measurement::samples::Samples;
 use crate::model::config::Config;
 use crate::model::correction::{self as model, TaskSpaceCorrection};
+use crate::model::gauge::GaugeChoice;
 use crate::model::{Calibration, CalibrationError, calibrate, calibrate_within};
 use crate::numeric::statistics::extremes;
 use crate::progress::FitContext;
@@ -88,7 +89,28 @@ pub fn calibrate_to_blob(
     provenance: &Provenance,
     context: &FitContext,
 ) -> Result<CalibratedBlob, DeviceError> {
-    let calibration = calibrate(robot, samples, config, context)?;
+    let gauge = GaugeChoice::default();
+    calibrate_in_gauge(robot, samples, config, &gauge, provenance, context)
+}
+
+/// [`calibrate_to_blob`] in a gauge that is known in part.
+///
+/// # Errors
+/// [`DeviceError`].
+pub fn calibrate_in_gauge(
+    robot: &Robot,
+    samples: &[InstrumentSample],
+    config: &Config,
+    gauge: &GaugeChoice,
+    provenance: &Provenance,
+    context: &FitContext,
+) -> Result<CalibratedBlob, DeviceError> {
+    let mut calibration = calibrate(robot, samples, config, context)?;
+    if *gauge != GaugeChoice::default() {
+        calibration = calibration
+            .in_gauge(robot, gauge)
+            .map_err(CalibrationError::Gauge)?;
+    }
     calibration.into_blob(robot, samples, provenance, context)
 }
 
@@ -118,6 +140,7 @@ impl Calibration {
             };
             let config = &best.calibration.config;
             let next = calibrate_within(robot, samples, config, &limit, context)?;
+            let next = next.stated_in(&best.calibration.gauge);
             let next = next.stored(robot, samples, provenance)?;
             last = next.hyperparameters();
             if next.precision_loss.worst_share() < best.precision_loss.worst_share() {
@@ -261,10 +284,7 @@ fn to_bytes(
             data_sha256: provenance.data_sha256,
             training_poses: samples.len() as u32,
         },
-        gauge: Gauge {
-            instrument_from_base: calibration.base_and_tools.instrument_from_base.to_rows(),
-            flange_from_target: calibration.base_and_tools.flange_from_targets[0].to_rows(),
-        },
+        gauge: wire_gauge(calibration)?,
         tools: fixed(wire_tools(calibration, provenance), "tools")?,
         accepted: provenance.accepted,
     };
@@ -375,6 +395,22 @@ fn task_space(
         },
     };
     Ok((task_space, little_endian(&rows)))
+}
+
+fn wire_gauge(calibration: &Calibration) -> Result<Gauge, ExportError> {
+    let (own, gauge) = (&calibration.base_and_tools, &calibration.gauge);
+    let ranges = gauge.grid.ranges.iter();
+    Ok(Gauge {
+        instrument_from_base: own.instrument_from_base.to_rows(),
+        flange_from_target: own.flange_from_targets[0].to_rows(),
+        base: gauge.base.source,
+        tool: gauge.tool.source,
+        ranges: fixed(
+            ranges.map(|(lower, upper)| (*lower as f32, *upper as f32)),
+            "joint ranges",
+        )?,
+        payload_kg: gauge.grid.payload_kg.map(|kg| kg as f32),
+    })
 }
 
 /// The tools by name, unless there is only one without a name.

@@ -14,7 +14,7 @@ use crate::identification::frame_fit::FrameFit;
 use crate::identification::parametric::fit::refine_base_and_tools;
 use crate::identification::parametric::state::{Layout, ParametricModel};
 use crate::measurement::sample::{InstrumentSample, Sample};
-use crate::numeric::rotation::nearest_rotation;
+use crate::numeric::rotation::{aligned, nearest_rotation};
 
 /// Where instrument and targets are.
 #[derive(Clone, Debug)]
@@ -94,20 +94,6 @@ fn start_of_base(nominal: &Poe<f64>, samples: &[InstrumentSample]) -> Pose<f64> 
         .collect();
     let measured: Vec<Vector3<f64>> = samples.iter().map(|s| s.observation.position()).collect();
     aligned(&flanges, &measured)
-}
-
-/// The rigid transform that takes `from` to `to` best (Umeyama).
-pub fn aligned(from: &[Vector3<f64>], to: &[Vector3<f64>]) -> Pose<f64> {
-    let mean = |v: &[Vector3<f64>]| v.iter().sum::<Vector3<f64>>() / v.len().max(1) as f64;
-    let (a, b) = (mean(from), mean(to));
-    let sum = from.iter().zip(to).fold(Matrix3::zeros(), |sum, (x, y)| {
-        sum + (y - b) * (x - a).transpose()
-    });
-    let rotation = nearest_rotation(&sum);
-    Pose {
-        rotation,
-        translation: b - rotation * a,
-    }
 }
 
 /// `flange_from_target` of one tool as the mean over its samples, seen through the base.

@@ -31,6 +31,7 @@ pub mod joint_targets;
 pub mod long;
 pub mod noise;
 pub mod observation;
+pub mod point_pairs;
 pub mod reader;
 mod rows;
 pub mod sample;

@@ -210,7 +210,7 @@ impl Row<'_> {
     }
 
     /// A finite number in SI units.
-    fn number(&self, column: &Column) -> Result<f64, InputError> {
+    pub(super) fn number(&self, column: &Column) -> Result<f64, InputError> {
         let text = self.field(column);
         let error = || self.error(column, quoted(text), column.unit.expected());
         let Ok(number) = text.parse::<f64>() else {
@@ -264,7 +264,7 @@ impl Row<'_> {
         }
     }
 
-    fn sigma(&self, column: &Column) -> Result<f64, InputError> {
+    pub(super) fn sigma(&self, column: &Column) -> Result<f64, InputError> {
         match self.number(column)? {
             sigma if sigma > 0.0 => Ok(sigma),
             _ => {

@@ -12,6 +12,7 @@ use crate::learning::elastic::warm_up::WarmUp;
 use crate::measurement::sample::{BaseSample, InstrumentSample, Sample, in_base_frame};
 use crate::model::config::Config;
 use crate::model::correction::Correction;
+use crate::model::gauge::Gauge;
 use crate::model::methods::problem::FrameEstimate;
 
 /// A calibrated robot in `f64`.
@@ -19,7 +20,9 @@ use crate::model::methods::problem::FrameEstimate;
 pub struct Calibration {
     /// How it was made.
     pub config: Config,
-    /// Base and tools on the nominal robot: the gauge.
+    /// The frames that base and tools are stated in.
+    pub gauge: Gauge,
+    /// Base and tools on the nominal robot, in that gauge.
     pub base_and_tools: BaseAndTools,
     /// `first_target_from_target` of each tool as calibrated.
     pub tools: Vec<Pose<f64>>,

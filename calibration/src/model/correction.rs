@@ -89,6 +89,14 @@ impl Correction {
         }
     }
 
+    /// Turns what is stated in the axes of the base, for a base seen from which the old one is `new_from_old`; `chain` is the
+    /// calibrated one in it.
+    pub(crate) fn turn_base(&mut self, new_from_old: &Pose<f64>, chain: &Poe<f64>) {
+        if let Self::Elastic(elastic) = self {
+            elastic.turn_base(new_from_old, chain);
+        }
+    }
+
     /// `base_from_target` of the first tool with the correction, not limited, and the correction as a twist of the base frame.
     pub(crate) fn corrected<F>(
         &self,

@@ -4,6 +4,7 @@ use poegp_runtime::kinematics::poe::WrongChain;
 
 use crate::learning::elastic::solution::FitError;
 use crate::learning::task_space::fit::TaskSpaceError;
+use crate::model::gauge::GaugeTooFar;
 use crate::progress::Cancelled;
 
 /// Why a calibration failed.
@@ -67,6 +68,9 @@ pub enum CalibrationError {
     /// The task-space process could not be fitted.
     #[error(transparent)]
     TaskSpace(TaskSpaceError),
+    /// A frame of the gauge that is stated cannot be that of these measurements.
+    #[error(transparent)]
+    Gauge(#[from] GaugeTooFar),
     /// The calibration was cancelled.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),

@@ -2,16 +2,19 @@
 //!
 //! All measurements are moved into the base frame of the base-tool fit first, and every later step works there: the
 //! device then has small numbers (f32 resolves 0.24 µm at 3 m), and "base" and "flange" keep a meaning for the
-//! controller. A [`Calibration`] is the model in `f64`; [`crate::blob::write`] turns it into a blob.
+//! controller. The finished model may be stated in another [`gauge`]. A [`Calibration`] is the model in `f64`;
+//! [`crate::blob::write`] turns it into a blob.
 
 mod calibration;
 pub mod config;
 pub mod correction;
 mod error;
 pub mod frame_changes;
+pub mod gauge;
 pub mod identified;
 pub mod methods;
 
+use poegp_protocol::blob::FrameSource;
 use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::Pose;
 
@@ -29,6 +32,7 @@ use crate::learning::task_space::fit::SignalVarianceLimit;
 use crate::measurement::sample::{InstrumentSample, different_poses, in_base_frame};
 use crate::memory;
 use crate::model::config::Config;
+use crate::model::gauge::{Gauge, GaugeFrame, GaugeGrid};
 use crate::model::methods::problem::{Problem, has_whole_poses};
 use crate::progress::FitContext;
 use crate::robot::Robot;
@@ -83,8 +87,17 @@ pub(crate) fn calibrate_within(
         }
     }
     outliers.sort_by_key(|o| o.sample);
+    let frame = |pose| GaugeFrame {
+        pose,
+        source: FrameSource::Poses,
+    };
     let mut out = Calibration {
         config: *config,
+        gauge: Gauge {
+            grid: GaugeGrid::new(robot, samples),
+            base: frame(base_and_tools.instrument_from_base),
+            tool: frame(base_and_tools.flange_from_targets[0]),
+        },
         base_and_tools,
         tools: fit.tools,
         nominal: problem.nominal,

@@ -1,6 +1,7 @@
-//! Rotations from matrices that are nearly rotations.
+//! Rotations and rigid transforms that are nearest to what is given.
 
 use nalgebra::{Matrix3, Vector3};
+use poegp_runtime::math::se3::Pose;
 
 /// The rotation nearest to a matrix (Frobenius norm).
 pub fn nearest_rotation(m: &Matrix3<f64>) -> Matrix3<f64> {
@@ -14,4 +15,18 @@ pub fn nearest_rotation(m: &Matrix3<f64>) -> Matrix3<f64> {
         1.0
     };
     u * Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, sign)) * v
+}
+
+/// The rigid transform that takes `from` to `to` best (Umeyama).
+pub fn aligned(from: &[Vector3<f64>], to: &[Vector3<f64>]) -> Pose<f64> {
+    let mean = |v: &[Vector3<f64>]| v.iter().sum::<Vector3<f64>>() / v.len().max(1) as f64;
+    let (a, b) = (mean(from), mean(to));
+    let sum = from.iter().zip(to).fold(Matrix3::zeros(), |sum, (x, y)| {
+        sum + (y - b) * (x - a).transpose()
+    });
+    let rotation = nearest_rotation(&sum);
+    Pose {
+        rotation,
+        translation: b - rotation * a,
+    }
 }

@@ -10,11 +10,10 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use crate::identification::base_tool::cube_rotations;
-use crate::identification::base_tools::aligned;
 use crate::measurement::observation::Observation;
 use crate::numeric::cholesky::Factor;
 use crate::numeric::matrix::Mat;
-use crate::numeric::rotation::nearest_rotation;
+use crate::numeric::rotation::{aligned, nearest_rotation};
 use crate::numeric::svd::Svd;
 
 /// Metres that count as much as a radian.

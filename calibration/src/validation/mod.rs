@@ -1,5 +1,6 @@
 //! Everything that is made of held-out errors.
 
+pub mod command_change;
 pub mod cross_validation;
 pub mod device_budget;
 pub mod held_out;

@@ -5,6 +5,7 @@
 mod choice;
 mod device_std;
 mod elastic;
+mod gauge;
 mod inducing_points;
 mod measured;
 mod never_worse;

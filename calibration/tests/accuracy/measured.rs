@@ -59,7 +59,7 @@ impl Bound {
 }
 
 /// The folder of the measured sets; where there is none, says that `what` is not run.
-fn folder(what: &str) -> Option<PathBuf> {
+pub fn folder(what: &str) -> Option<PathBuf> {
     let folder = std::env::var_os(FOLDER).map(PathBuf::from);
     if folder.is_none() {
         say(format_args!(
@@ -177,7 +177,7 @@ fn a_motoman_and_one_reflector() {
     check_arm(&folder.join(file), &arm, &bounds);
 }
 
-const FARO: &str = "abb_irb120_faro_700.csv";
+pub const FARO: &str = "abb_irb120_faro_700.csv";
 
 /// `count` samples drawn with `seed`, and the others.
 fn drawn(

@@ -4,6 +4,7 @@
 //! `tests/faults` plants a fault for each of them.
 
 mod folds;
+mod gauge;
 mod gear_lines;
 mod held_out;
 mod nearest_chain;

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::envelope::{BufferTooSmall, DecodeError};
 use crate::Transform;
 use crate::cause::Causes;
-use crate::limits::MAX_TOOLS;
+use crate::limits::{MAX_JOINTS, MAX_TOOLS};
 
 /// Everything about a model that the host shows or uses and the device does not.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -16,7 +16,7 @@ pub struct Host<'a> {
     /// Where the model comes from.
     #[serde(borrow)]
     pub provenance: Provenance<'a>,
-    /// Base and tool of the base-tool calibration.
+    /// The base and tool frames that the model is stated in.
     pub gauge: Gauge,
     /// The tools that were measured with (sessions, targets). The chain ends at the first. Empty for one tool without a
     /// name.
@@ -41,13 +41,35 @@ pub struct Provenance<'a> {
     pub training_poses: u32,
 }
 
-/// Where the calibrated chain begins and ends.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+/// Where the calibrated chain begins and ends. A model says the same in every gauge; the commands that it corrects move with
+/// it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Gauge {
-    /// `instrument_from_base` of the base-tool calibration.
+    /// `instrument_from_base`.
     pub instrument_from_base: Transform<f64>,
-    /// `flange_from_target` of the base-tool calibration.
+    /// `flange_from_target` of the first tool.
     pub flange_from_target: Transform<f64>,
+    /// Where the base comes from.
+    pub base: FrameSource,
+    /// Where the tool comes from.
+    pub tool: FrameSource,
+    /// Joint ranges of the grid of poses, rad or m.
+    pub ranges: Vec<(f32, f32), MAX_JOINTS>,
+    /// Payload at the grid in kg, where the model knows payloads.
+    pub payload_kg: Option<f32>,
+}
+
+/// Where a frame of the gauge comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum FrameSource {
+    /// The drawing fitted to the measured poses.
+    Poses,
+    /// The drawing fitted to the model over the grid.
+    Grid,
+    /// The model before this one.
+    Previous,
+    /// The user stated it.
+    Stated,
 }
 
 /// A tool: where its target sits seen from the target of the first.

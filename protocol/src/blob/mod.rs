@@ -31,7 +31,7 @@ pub const MAX_LENGTH_WITHOUT_ROWS: usize = 4_096;
 pub use envelope::{
     BufferTooSmall, CRC, DecodeError, FORMAT_VERSION, HEADER_LENGTH, MAGIC, blob_crc, stored_crc,
 };
-pub use host::{Gauge, Host, Provenance, Tool};
+pub use host::{FrameSource, Gauge, Host, Provenance, Tool};
 
 /// A calibrated arm. Borrowed from the bytes it was decoded from.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -2,8 +2,8 @@
 
 use poegp_protocol::JointKind;
 use poegp_protocol::blob::{
-    Blob, Correction, CorrectionLimit, Elastic, Gauge, Geometry, Host, Joint, JointKernel,
-    Provenance, Ranges, Ripple, Robot, TaskSpace, Transform, Units, Variance,
+    Blob, Correction, CorrectionLimit, Elastic, FrameSource, Gauge, Geometry, Host, Joint,
+    JointKernel, Provenance, Ranges, Ripple, Robot, TaskSpace, Transform, Units, Variance,
 };
 use poegp_protocol::cause::Causes;
 
@@ -91,6 +91,10 @@ pub fn host() -> Host<'static> {
         gauge: Gauge {
             instrument_from_base: along([1.0, 2.0, 3.0]),
             flange_from_target: along([0.0, 0.0, 0.0625]),
+            base: FrameSource::Grid,
+            tool: FrameSource::Stated,
+            ranges: [(-1.5, 1.5); 2].into_iter().collect(),
+            payload_kg: Some(2.5),
         },
         tools: heapless::Vec::new(),
         accepted: Causes::NONE,

@@ -10,6 +10,7 @@ use poegp_calibration::blob::predict::BlobError;
 use poegp_calibration::blob::write::{DeviceError, ExportError};
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::model::CalibrationError;
+use poegp_calibration::model::gauge::GaugeTooFar;
 use poegp_calibration::progress::Cancelled;
 
 /// What a shell reports of a program that SIGINT has ended.
@@ -132,6 +133,11 @@ pub fn calibration_failure(path: &Path, error: &CalibrationError) -> Failure {
 /// A failed calibration or export as an error of the file it came from.
 pub fn device_failure(path: &Path, error: DeviceError) -> Failure {
     match error {
+        DeviceError::Calibration(CalibrationError::Gauge(error)) => {
+            InputError::new(path, error.to_string(), GaugeTooFar::EXPECTED)
+                .with_help(error.remedy())
+                .into()
+        }
         DeviceError::Calibration(error) => calibration_failure(path, &error),
         DeviceError::Export(error) => error.into(),
     }

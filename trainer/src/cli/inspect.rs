@@ -11,6 +11,7 @@ use poegp_runtime::math::se3::Pose;
 use serde_json::{Value, json};
 use std::path::PathBuf;
 
+use crate::cli::calibrate::gauge::{source_name, sources};
 use crate::cli::failure::Failure;
 use crate::cli::output::{check_outputs, json_text, write_outputs};
 use crate::cli::terminal::print::Printer;
@@ -108,6 +109,8 @@ fn document(loaded: &BlobModel) -> Value {
         "data_sha256": p.data_sha256.iter().map(|b| format!("{b:02x}")).collect::<String>(),
         "instrument_from_base": host.gauge.instrument_from_base,
         "flange_from_target": host.gauge.flange_from_target,
+        "gauge": {"base": source_name(host.gauge.base), "tool": source_name(host.gauge.tool),
+                  "grid_ranges": host.gauge.ranges.as_slice(), "grid_payload_kg": host.gauge.payload_kg},
         "warnings": blob.warnings.iter().map(|c| c.name()).collect::<Vec<_>>(),
         "accepted": host.accepted.iter().map(|c| c.name()).collect::<Vec<_>>(),
         "correction": correction,
@@ -251,6 +254,12 @@ fn print(report: Printer, loaded: &BlobModel, document: &Value) {
             t[0], t[1], t[2], v[0], v[1], v[2]
         ));
     }
+    let gauge = &host.gauge;
+    let (base, tool) = (source_name(gauge.base), source_name(gauge.tool));
+    report.line(format_args!(
+        "  base and tool: {}",
+        sources(base, tool, gauge.payload_kg.map(f64::from))
+    ));
 }
 
 fn print_joints(report: Printer, blob: &Blob<'_>) {

@@ -125,11 +125,8 @@ impl ElasticModel {
         processes.choose_loops(fit.state.kinds(), &[]);
         rows.extend(&fit.state.curves);
         let gravity = without_upright_axis(&fit.state, samples);
-        let form = MinimalForm::new(&fit.state.chain(0));
-        let mut turned = gravity;
-        turned.turn_into(&form);
         let deflection = Deflection {
-            gravity: Gravity::new(&turned, &form),
+            gravity: arranged(&gravity, &fit.state.chain(0)),
             ripple,
             curve_orders: fit.state.curves.len() / (2 * n),
             processes,
@@ -144,6 +141,12 @@ impl ElasticModel {
             report,
             sigma: None,
         })
+    }
+
+    /// Turns gravity into the axes of a base seen from which the old one is `new_from_old`; `chain` is the calibrated one in it.
+    pub(crate) fn turn_base(&mut self, new_from_old: &Pose<f64>, chain: &Poe<f64>) {
+        self.gravity.gravity = new_from_old.rotation * self.gravity.gravity;
+        self.deflection.gravity = arranged(&self.gravity, chain);
     }
 
     /// The rows of inducing points, and the own-joint curves behind them.
@@ -174,6 +177,14 @@ impl ElasticModel {
             .compensate(&at, &self.rows, None, &mut Unobserved);
         (result.pose, result.twist)
     }
+}
+
+/// Gravity in the form that the runtime evaluates.
+fn arranged(terms: &GravityTerms<f64>, chain: &Poe<f64>) -> Gravity<f64> {
+    let form = MinimalForm::new(chain);
+    let mut turned = *terms;
+    turned.turn_into(&form);
+    Gravity::new(&turned, &form)
 }
 
 /// Largest deflection of the first joint by gravity that is left out, in rad: 0.3 µm at 3 m.

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::Parser;
 
 use crate::cli::args::{ChainArgs, FitArgs, MethodChoice, method_or_auto};
+use crate::cli::calibrate::gauge::GaugeArgs;
 use crate::cli::examination::AcceptArgs;
 
 /// `trainer calibrate`.
@@ -18,6 +19,7 @@ use crate::cli::examination::AcceptArgs;
     Examples:\n  \
     trainer calibrate --robot abb-irb120 train.csv --out arm.blob --report report.html\n  \
     trainer calibrate --robot abb-irb120 train.csv --out arm.blob --write-project project.toml\n  \
+    trainer calibrate --robot abb-irb120 again.csv --out next.blob --keep-gauge arm.blob\n  \
     trainer calibrate project.toml\n  \
     trainer calibrate project.toml --out again.blob"
 )]
@@ -59,6 +61,8 @@ pub struct Calibrate {
     /// Remove the instrument's drift from every pose, estimated from reference points (columns ref1_x_mm …).
     #[arg(long)]
     pub correct_drift: bool,
+    #[command(flatten)]
+    pub gauge: GaugeArgs,
     #[command(flatten)]
     pub accepted: AcceptArgs,
     /// Blob to write.

@@ -3,6 +3,7 @@
 use serde::Serialize;
 
 use crate::cli::calibrate::elastic_summary::ElasticSummary;
+use crate::cli::calibrate::gauge::GaugeSummary;
 use crate::cli::calibrate::job::Job;
 use crate::report::sections::ListedOutlier;
 use crate::report::{HeldOutSummary, Provenance};
@@ -41,6 +42,9 @@ pub struct CalibrateJson {
     pub hyperparameters: Vec<Hyperparameters>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub elastic: Option<ElasticSummary>,
+    /// Where base and tool come from, and by how much commands move.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gauge: Option<GaugeSummary>,
     /// Training measurements that do not belong, by their lines.
     pub outliers: Vec<ListedOutlier>,
     /// What somebody must look at.
@@ -135,6 +139,7 @@ pub fn document(
         step1: calibration.frame_fit().map(step1),
         hyperparameters: hyperparameters.collect(),
         elastic: None,
+        gauge: None,
         outliers: Vec::new(),
         warnings: Vec::new(),
         chosen: None,

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use crate::cli::args::{ChainArgs, MethodChoice, differences};
 use crate::cli::calibrate::args::Calibrate;
+use crate::cli::calibrate::gauge::GaugeArgs;
 use crate::cli::calibrate::project::{Project, is_project};
 use crate::cli::failure::Failure;
 use crate::cli::terminal::print::note;
@@ -21,6 +22,7 @@ pub struct Job {
     pub train: PathBuf,
     pub tests: Vec<PathBuf>,
     pub correct_drift: bool,
+    pub gauge: GaugeArgs,
     /// Causes that the user has looked into.
     pub accept: Vec<Cause>,
     pub config: Config,
@@ -78,6 +80,7 @@ impl Job {
             train: a.train.clone(),
             tests: a.tests.clone(),
             correct_drift: a.correct_drift,
+            gauge: a.gauge.clone(),
             accept: a.accepted.accept.clone(),
             config,
             auto,
@@ -143,14 +146,17 @@ impl Job {
             ),
             (a.json.is_some() && output.json.is_some(), "output.json"),
         ];
+        let (gauge, of_gauge) = a.gauge.completed(&project);
         let named = |(is_given, key): &(bool, &str)| is_given.then(|| (*key).to_owned());
         overrides.extend(content.iter().filter_map(named));
+        overrides.extend(of_gauge.into_iter().map(str::to_owned));
         let is_whole = overrides.is_empty()
             && self.budget.is_unlimited()
             && a.chain.base.is_none()
             && a.chain.tip.is_none()
             && a.serial_number.is_none()
-            && a.date.is_none();
+            && a.date.is_none()
+            && a.gauge.is_empty();
         overrides.extend(outputs.iter().filter_map(named));
         if !overrides.is_empty() {
             note(format_args!(
@@ -190,6 +196,7 @@ impl Job {
                 .collect();
         }
         self.correct_drift |= data.correct_drift;
+        self.gauge = gauge;
         self.accept.extend(&data.accept);
         self.accept.sort_unstable();
         self.accept.dedup();

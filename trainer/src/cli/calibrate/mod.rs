@@ -3,6 +3,7 @@
 pub mod args;
 mod document;
 pub mod elastic_summary;
+pub mod gauge;
 mod job;
 mod project;
 pub mod report_page;
@@ -13,6 +14,7 @@ use std::sync::atomic::AtomicBool;
 use crate::cli::calibrate::args::Calibrate;
 use crate::cli::calibrate::document::{CalibrateJson, document, outliers};
 use crate::cli::calibrate::elastic_summary::ElasticSummary;
+use crate::cli::calibrate::gauge::Known;
 use crate::cli::calibrate::job::Job;
 use crate::cli::calibrate::project::{RobotTable, Source};
 use crate::cli::examination::Examined;
@@ -26,7 +28,7 @@ use crate::cli::terminal::progress;
 use crate::report::{FileSummary, ReportData};
 use poegp_calibration::blob::precision_loss::SinglePrecisionLoss;
 use poegp_calibration::blob::predict::BlobModel;
-use poegp_calibration::blob::write::{CalibratedBlob, DeviceError, Provenance, calibrate_to_blob};
+use poegp_calibration::blob::write::{CalibratedBlob, DeviceError, Provenance, calibrate_in_gauge};
 use poegp_calibration::learning::task_space::fit::MAX_SIGNAL_VARIANCE;
 use poegp_calibration::measurement::reader::SampleFile;
 use poegp_calibration::measurement::sample::{InstrumentSample, different_poses};
@@ -55,12 +57,14 @@ pub fn run(arguments: &Calibrate) -> Result<(), Failure> {
     ];
     let mut inputs = vec![a.train.as_path(), Path::new(&a.robot)];
     inputs.extend(a.tests.iter().chain(&a.project).map(PathBuf::as_path));
+    inputs.extend(a.gauge.inputs());
     check_outputs(&outputs, &inputs)?;
     let mut config = a.config;
     if a.auto {
         config.method = Method::BaseTool;
     }
     let arm = Arm::load(&a.robot, &a.chain)?;
+    let known = Known::read(&a.gauge, &arm.robot.name)?;
     let mut tools = Vec::new();
     let SampleFile {
         set,
@@ -132,7 +136,14 @@ pub fn run(arguments: &Calibrate) -> Result<(), Failure> {
         fitted = Some(rows);
     }
     let found = progress::calibrating(|context| {
-        calibrate_to_blob(&arm.robot, &samples, &config, &origin, context)
+        calibrate_in_gauge(
+            &arm.robot,
+            &samples,
+            &config,
+            &known.choice,
+            &origin,
+            context,
+        )
     })?;
     let found = found.map_err(|e| device_failure(&a.train, e))?;
     let train = (&set, samples.as_slice());
@@ -157,6 +168,7 @@ pub fn run(arguments: &Calibrate) -> Result<(), Failure> {
         training,
         provenance,
     );
+    document.gauge = Some(known.summary(&calibration, &blob, &samples)?);
     document.held_out = evidence.as_ref().map(ReportData::summary);
     document.expected_error =
         ExpectedError::new(&calibration, &arm.robot, &samples, choice.as_ref());
@@ -190,6 +202,7 @@ pub fn run(arguments: &Calibrate) -> Result<(), Failure> {
                 .zip(&tests.files)
                 .collect(),
             correct_drift: a.correct_drift,
+            gauge: &a.gauge,
             accept: &a.accept,
             calibration: config,
             date: &origin.date,
@@ -221,7 +234,12 @@ pub fn run(arguments: &Calibrate) -> Result<(), Failure> {
         report.line(drift.lines().join("\n"));
         report.line(instrument_drift::NO_LEAK);
     }
-    print(report, a, &calibration, &blob, &precision_loss, &document);
+    print(report, a, &calibration, &precision_loss, &document);
+    let previous = known.previous.as_ref().map(|(path, _)| path.as_path());
+    if let Some(gauge) = &document.gauge {
+        gauge.print(report, previous);
+    }
+    print_files(report, a, &blob, &document);
     Ok(())
 }
 
@@ -356,7 +374,6 @@ fn print(
     report: Printer,
     a: &Job,
     calibration: &Calibration,
-    blob: &BlobModel,
     precision_loss: &SinglePrecisionLoss,
     document: &CalibrateJson,
 ) {
@@ -441,6 +458,10 @@ fn print(
         Some(identifiability) => report.line(identifiability.lines().join("\n")),
         None => report.line("  identifiability: could not be computed for these poses"),
     }
+}
+
+/// What was written.
+fn print_files(report: Printer, a: &Job, blob: &BlobModel, document: &CalibrateJson) {
     let inducing_points = blob.model().inducing_points();
     report.line(format_args!(
         "Wrote {} ({} bytes, {inducing_points} inducing points).",

@@ -12,6 +12,7 @@ use serde::{Deserialize, Serialize};
 use toml::{Spanned, Value};
 
 use crate::cli::calibrate::args::date;
+use crate::cli::calibrate::gauge::{GaugeArgs, GaugeTable};
 use crate::report::FileSummary;
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::measurement::MeasurementSet;
@@ -37,6 +38,8 @@ pub struct File {
     pub data: DataTable,
     #[serde(default)]
     pub calibration: Config,
+    #[serde(default, skip_serializing_if = "GaugeTable::is_empty")]
+    pub gauge: GaugeTable,
     #[serde(default)]
     pub output: OutputTable,
 }
@@ -280,6 +283,7 @@ pub struct Source<'a> {
     pub train: (&'a Path, &'a MeasurementSet),
     pub tests: Vec<(&'a Path, &'a MeasurementSet)>,
     pub correct_drift: bool,
+    pub gauge: &'a GaugeArgs,
     pub accept: &'a [Cause],
     pub calibration: Config,
     pub date: &'a str,
@@ -333,6 +337,7 @@ impl Source<'_> {
                     .collect(),
             },
             calibration: self.calibration,
+            gauge: self.gauge.table(name),
             output: OutputTable {
                 blob: Some(name(self.out)),
                 blob_sha256: Some(FileSummary::of_bytes("", "", self.blob).sha256),

@@ -6,6 +6,7 @@ use serde::Serialize;
 use crate::report::Provenance;
 use poegp_calibration::numeric::statistics::Summary;
 use poegp_calibration::trust::Finding;
+use poegp_calibration::validation::command_change::CommandChange;
 use poegp_calibration::verification::result::Report as Findings;
 
 /// What `--max-mm` is the bound of.
@@ -54,6 +55,9 @@ pub struct CheckJson<'a> {
     pub max_drift_mm: f64,
     /// Whether a drift was found that moves the target by more than that.
     pub drift_matters: bool,
+    /// Against the commands of an earlier blob.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub commands_move: Option<CommandChange>,
     /// What was fitted before anything was asked.
     #[serde(skip)]
     pub fitted: Option<String>,

@@ -7,6 +7,7 @@ mod wording;
 use std::path::{Path, PathBuf};
 
 use crate::cli::args::{FrameArgs, NoiseArgs};
+use crate::cli::calibrate::gauge;
 use crate::cli::check::document::{CheckJson, Statistic};
 use crate::cli::examination::AcceptArgs;
 use crate::cli::failure::Failure;
@@ -20,6 +21,7 @@ use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::measurement::sample::ToolName;
 use poegp_calibration::numeric::statistics::Summary;
+use poegp_calibration::validation::command_change::CommandChange;
 use poegp_calibration::verification as check;
 use poegp_calibration::verification::CheckError;
 
@@ -54,6 +56,9 @@ pub struct Check {
     /// Rate of false alarms: share of unchanged robots for which a drift is reported.
     #[arg(long, value_name = "RATE", default_value_t = 0.01)]
     pub false_alarms: f64,
+    /// Print by how much the commands differ from those of an earlier blob of this robot.
+    #[arg(long, value_name = "BLOB")]
+    pub previous: Option<PathBuf>,
     #[command(flatten)]
     pub frames: FrameArgs,
     #[command(flatten)]
@@ -70,7 +75,9 @@ pub struct Check {
 
 pub fn run(a: &Check) -> Result<(), Failure> {
     let outputs = [a.json.as_deref(), a.report.as_deref()];
-    check_outputs(&outputs, &[&a.blob, &a.measurements])?;
+    let mut files: Vec<&Path> = vec![&a.blob, &a.measurements];
+    files.extend(a.previous.as_deref());
+    check_outputs(&outputs, &files)?;
     let options = options(a)?;
     let loaded = BlobModel::read(&a.blob)?;
     let correction = instrument_drift::correction(a.frames.correct_drift);
@@ -85,6 +92,17 @@ pub fn run(a: &Check) -> Result<(), Failure> {
     let lines: Vec<usize> = data.set.measurements.iter().map(|m| m.line).collect();
     let findings = check::check(&loaded, &data.samples, tools, &lines, &options)
         .map_err(|error| refused(a, &data.names, error))?;
+    let commands_move = a
+        .previous
+        .as_deref()
+        .map(|path| -> Result<CommandChange, Failure> {
+            let before = gauge::of_robot(path, loaded.blob().robot.name)?;
+            let wanted = data.samples.iter();
+            let wanted = wanted.map(|s| (s.joints.clone(), s.payload_kg));
+            CommandChange::new(&before, &loaded, wanted)
+                .map_err(|error| Failure::Usage(format!("{}: {error}", path.display())))
+        })
+        .transpose()?;
     let error = a.statistic.of(&findings.errors.position_mm);
     let max_drift_mm = a.max_drift_mm.unwrap_or(DRIFT_SHARE * a.max_mm);
     let tolerance_met = error <= a.max_mm;
@@ -101,6 +119,7 @@ pub fn run(a: &Check) -> Result<(), Failure> {
         tolerance_met,
         max_drift_mm,
         drift_matters,
+        commands_move,
         fitted: fitted_frames(
             findings.base_fitted,
             findings.tool_fitted,
@@ -248,6 +267,9 @@ fn print(report: Printer, a: &Check, d: &CheckJson<'_>, date: &str) {
     report.line("");
     if let Some(line) = &d.fitted {
         report.line(line);
+    }
+    if let Some((change, previous)) = d.commands_move.as_ref().zip(a.previous.as_deref()) {
+        report.line(gauge::commands_move(change, previous).trim_start());
     }
     for line in wording::findings(f) {
         report.line(line);

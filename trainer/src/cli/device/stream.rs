@@ -23,12 +23,12 @@ use crate::cli::terminal::progress;
 use crate::device::client::Client;
 use crate::device::error::ClientError;
 use poegp_calibration::blob::predict::BlobModel;
-use poegp_calibration::identification::base_tools::aligned;
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::measurement as measurements;
 use poegp_calibration::measurement::MeasurementSet;
 use poegp_calibration::measurement::reader::DriftCorrection;
 use poegp_calibration::measurement::sample::{InstrumentSample, different_poses};
+use poegp_calibration::numeric::rotation::aligned;
 use poegp_calibration::numeric::statistics::{ErrorSummary, PoseError};
 use poegp_calibration::robot::Robot;
 

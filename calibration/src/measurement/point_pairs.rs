@@ -1,0 +1,177 @@
+//! The same points in two frames: what carries a base from one station of the instrument to the next, or states where it is.
+
+use std::path::Path;
+
+use nalgebra::Vector3;
+use poegp_runtime::math::se3::Pose;
+
+use crate::input_error::InputError;
+use crate::measurement::columns::{Column, Unit};
+use crate::measurement::rows::Row;
+use crate::measurement::table::Table;
+use crate::numeric::rotation::aligned;
+
+/// What one coordinate of a point is measured to where the file does not say, m: a laser tracker's.
+const USUAL_SIGMA: f64 = 30e-6;
+/// Standard deviations beyond which a point was moved.
+const MOST_SIGMAS: f64 = 3.0;
+/// Fewest points: three fix a frame, a fourth shows one that moved.
+const FEWEST: usize = 3;
+/// Shares of the longest extent below which points lie on a line.
+const SPREAD: f64 = 1e-2;
+
+/// The same points in two frames.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PointPairs {
+    /// Line and coordinates of each, m.
+    points: Vec<(usize, Vector3<f64>, Vector3<f64>)>,
+    /// Standard uncertainty of a coordinate, m.
+    sigma: f64,
+}
+
+/// The transform between the frames.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Registration {
+    /// `second_from_first`.
+    pub pose: Pose<f64>,
+    /// Number of points.
+    pub points: usize,
+    /// RMS distance that stays between a point and itself, m.
+    pub rms: f64,
+}
+
+impl PointPairs {
+    /// Reads a file with columns `{first}_x_mm` … and `{second}_x_mm` … (also `_m`), and `sigma_mm` where it is known.
+    ///
+    /// # Errors
+    /// [`InputError`] with file, line and column.
+    pub fn read(path: &Path, first: &str, second: &str) -> Result<Self, InputError> {
+        let bytes = std::fs::read(path)
+            .map_err(|error| InputError::unreadable(path, &error, "a file of points (CSV)"))?;
+        Self::parse(path, &bytes, first, second)
+    }
+
+    /// [`PointPairs::read`] of bytes; `path` is for messages.
+    ///
+    /// # Errors
+    /// As [`PointPairs::read`].
+    pub fn parse(path: &Path, bytes: &[u8], first: &str, second: &str) -> Result<Self, InputError> {
+        let table = Table::parse(path, bytes)?;
+        let of = |prefix: &str| -> Result<Vec<Column>, InputError> {
+            ["x", "y", "z"]
+                .iter()
+                .map(|axis| column(path, &table, &format!("{prefix}_{axis}")))
+                .collect()
+        };
+        let (from, to) = (of(first)?, of(second)?);
+        let sigma = column(path, &table, "sigma").ok();
+        let (mut points, mut sigmas) = (Vec::new(), Vec::new());
+        for (line, fields) in &table.rows {
+            let row = Row {
+                file: path,
+                line: *line,
+                fields,
+            };
+            let point = |columns: &[Column]| -> Result<Vector3<f64>, InputError> {
+                let at = |i: usize| row.number(&columns[i]);
+                Ok(Vector3::new(at(0)?, at(1)?, at(2)?))
+            };
+            points.push((*line, point(&from)?, point(&to)?));
+            if let Some(sigma) = &sigma {
+                sigmas.push(row.sigma(sigma)?);
+            }
+        }
+        if points.len() < FEWEST {
+            return Err(InputError::new(
+                path,
+                format!("{} points", points.len()),
+                format!("at least {FEWEST}, better four or more"),
+            ));
+        }
+        let first: Vec<Vector3<f64>> = points.iter().map(|(_, first, _)| *first).collect();
+        if are_on_a_line(&first) {
+            return Err(InputError::new(
+                path,
+                "points on a line",
+                "points that span a triangle: those of a line leave a rotation free",
+            ));
+        }
+        let sigma = sigmas
+            .iter()
+            .copied()
+            .reduce(f64::max)
+            .unwrap_or(USUAL_SIGMA);
+        Ok(Self { points, sigma })
+    }
+
+    /// The transform that takes the points of the first frame to those of the second, by least squares.
+    ///
+    /// # Errors
+    /// [`InputError`] that names the point that was moved.
+    pub fn registration(&self, path: &Path) -> Result<Registration, InputError> {
+        let first: Vec<Vector3<f64>> = self.points.iter().map(|(_, first, _)| *first).collect();
+        let second: Vec<Vector3<f64>> = self.points.iter().map(|(.., second)| *second).collect();
+        let pose = aligned(&first, &second);
+        let off: Vec<f64> = first
+            .iter()
+            .zip(&second)
+            .map(|(a, b)| (pose.transform_point(a) - b).norm())
+            .collect();
+        // Of two measured points the difference has twice the variance, and three coordinates.
+        let limit = MOST_SIGMAS * self.sigma * 6.0_f64.sqrt();
+        let worst = (0..off.len()).max_by(|a, b| off[*a].total_cmp(&off[*b]));
+        if let Some(worst) = worst.filter(|worst| off[*worst] > limit) {
+            return Err(InputError::new(
+                path,
+                format!(
+                    "a point that is {:.3} mm from itself after the best fit of all {}",
+                    1e3 * off[worst],
+                    off.len()
+                ),
+                format!(
+                    "at most {:.3} mm, {MOST_SIGMAS} standard deviations of {:.3} mm for each coordinate",
+                    1e3 * limit,
+                    1e3 * self.sigma
+                ),
+            )
+            .at_line(self.points[worst].0)
+            .with_help("a point was moved or confused with another one: measure it again or remove it"));
+        }
+        let squares: f64 = off.iter().map(|d| d * d).sum();
+        Ok(Registration {
+            pose,
+            points: off.len(),
+            rms: (squares / off.len() as f64).sqrt(),
+        })
+    }
+}
+
+/// The column of a length by its name without the unit.
+fn column(path: &Path, table: &Table, name: &str) -> Result<Column, InputError> {
+    for (unit, ending) in [(Unit::Millimetre, "mm"), (Unit::Metre, "m")] {
+        let name = format!("{name}_{ending}");
+        if let Some(index) = table.header.iter().position(|found| found == name) {
+            return Ok(Column { index, name, unit });
+        }
+    }
+    let found: Vec<&str> = table.header.iter().collect();
+    Err(InputError::new(
+        path,
+        format!("the columns {}", found.join(", ")),
+        format!("a column {name}_mm or {name}_m"),
+    )
+    .at_line(table.header_line))
+}
+
+/// Whether points lie on a line, or all on one spot.
+fn are_on_a_line(points: &[Vector3<f64>]) -> bool {
+    let mean = points.iter().sum::<Vector3<f64>>() / points.len().max(1) as f64;
+    let spread = points
+        .iter()
+        .fold(nalgebra::Matrix3::zeros(), |sum, point| {
+            sum + (point - mean) * (point - mean).transpose()
+        });
+    let mut extents: Vec<f64> = spread.symmetric_eigenvalues().iter().copied().collect();
+    extents.sort_by(f64::total_cmp);
+    extents[1].max(0.0).sqrt() <= SPREAD * extents[2].max(0.0).sqrt()
+}

@@ -1,0 +1,194 @@
+//! Base and tool on the command line: kept, stated, carried to another station, refused.
+
+use poegp_calibration::blob::predict::BlobModel;
+use poegp_protocol::blob::FrameSource;
+use poegp_runtime::math::se3::{Pose, Twist};
+use serde_json::Value;
+
+use crate::program::{Folder, SERIAL, changed, simulated};
+use crate::texts::texts;
+
+/// A folder with a first and a second measurement of one arm, and a model of the first.
+fn folder() -> Folder {
+    let folder = Folder::new();
+    folder.write("first.csv", simulated("train", 60));
+    folder.write("second.csv", simulated("test1", 60));
+    let line = format!(
+        "calibrate --robot {SERIAL} first.csv --method poe --gauge grid --out first.blob --json first.json"
+    );
+    folder.run(&line).ok().said();
+    folder
+}
+
+fn again(folder: &Folder, options: &str) -> String {
+    let _ = folder;
+    format!(
+        "calibrate --robot {SERIAL} second.csv --method poe --out second.blob --json second.json {options}"
+    )
+}
+
+/// X,Y,Z,QW,QX,QY,QZ in mm.
+fn text(rows: &[f64; 12]) -> String {
+    let pose = Pose::from_rows(rows);
+    let (w, v) = pose.quaternion();
+    let t = 1e3 * pose.translation;
+    format!("{},{},{},{w},{},{},{}", t[0], t[1], t[2], v[0], v[1], v[2])
+}
+
+#[test]
+fn a_gauge_is_kept_or_stated() {
+    let _texts = texts();
+    let folder = folder();
+    let gauge = |name: &str| -> Value { folder.json(name)["gauge"].clone() };
+    assert_eq!(gauge("first.json")["base"], "grid");
+    let read = |name: &str| BlobModel::read(&folder.path(name)).unwrap();
+    let first = read("first.blob").host().gauge.clone();
+
+    folder
+        .run(&again(&folder, "--keep-gauge first.blob"))
+        .ok()
+        .said();
+    let kept = read("second.blob").host().gauge.clone();
+    assert_eq!(kept.base, FrameSource::Previous);
+    assert_eq!(kept.instrument_from_base, first.instrument_from_base);
+    assert_eq!(kept.flange_from_target, first.flange_from_target);
+    assert_eq!(kept.ranges, first.ranges);
+    let moved = &gauge("second.json")["commands_move"];
+    assert_eq!(moved["poses"], 60);
+    assert!(moved["position_mm"]["mean"].as_f64().unwrap() > 0.0);
+    folder.run("inspect second.blob").ok().said();
+    folder
+        .run("check second.blob second.csv --max-mm 9 --previous first.blob")
+        .ok()
+        .said();
+
+    // The same frames as numbers.
+    let (base, tool) = (
+        text(&first.instrument_from_base),
+        text(&first.flange_from_target),
+    );
+    let line = format!("--base-from {base} --tool-from {tool} --previous first.blob");
+    folder.run(&again(&folder, &line)).ok();
+    let stated = read("second.blob").host().gauge.clone();
+    assert_eq!(
+        (stated.base, stated.tool),
+        (FrameSource::Stated, FrameSource::Stated)
+    );
+    let near = |a: &[f64; 12], b: &[f64; 12]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-12);
+    assert!(near(
+        &stated.instrument_from_base,
+        &first.instrument_from_base
+    ));
+    assert!(near(&stated.flange_from_target, &first.flange_from_target));
+
+    // A project file repeats it, to the byte.
+    folder
+        .run(&again(
+            &folder,
+            "--keep-gauge first.blob --write-project again.toml",
+        ))
+        .ok();
+    let bytes = folder.read("second.blob");
+    folder.run("calibrate again.toml").ok();
+    assert_eq!(folder.read("second.blob"), bytes);
+    assert_eq!(folder.json("second.json")["repeats"], true);
+}
+
+/// The instrument stands elsewhere: fixed points carry the base there, and commands are as before.
+#[test]
+fn fixed_points_carry_the_base_to_another_station() {
+    let _texts = texts();
+    let folder = folder();
+    let by = Pose::exp(&Twist::from_array(&[0.4, -0.3, 0.2, 0.1, -0.2, 0.3]));
+    let elsewhere = changed(&simulated("test1", 60), |names, fields| {
+        let at = |name: &str| names.iter().position(|n| *n == name).unwrap();
+        let get = |name: &str| fields[at(name)].parse::<f64>().unwrap();
+        let v = nalgebra::Vector3::new(get("qx"), get("qy"), get("qz"));
+        let t = 1e-3 * nalgebra::Vector3::new(get("x_mm"), get("y_mm"), get("z_mm"));
+        let pose = by * Pose::from_quaternion(get("qw"), &v, t);
+        let (w, v) = pose.quaternion();
+        for (name, value) in [("qw", w), ("qx", v[0]), ("qy", v[1]), ("qz", v[2])] {
+            fields[at(name)] = format!("{value:.12}");
+        }
+        for (axis, name) in ["x_mm", "y_mm", "z_mm"].iter().enumerate() {
+            fields[at(name)] = format!("{:.6}", 1e3 * pose.translation[axis]);
+        }
+    });
+    folder.write("second.csv", elsewhere);
+    let points = |lift: f64| {
+        let mut out =
+            "before_x_mm,before_y_mm,before_z_mm,after_x_mm,after_y_mm,after_z_mm\n".to_owned();
+        for (i, p) in [
+            [0.0, 0.0, 0.0],
+            [2.0, 0.0, 0.1],
+            [0.0, 1.5, 0.0],
+            [1.0, 1.0, 0.8],
+        ]
+        .iter()
+        .enumerate()
+        {
+            let before = nalgebra::Vector3::from(*p);
+            let mut after = by.transform_point(&before);
+            after[2] += if i == 3 { lift } else { 0.0 };
+            let (a, b) = (1e3 * before, 1e3 * after);
+            out += &format!(
+                "{},{},{},{:.5},{:.5},{:.5}\n",
+                a[0], a[1], a[2], b[0], b[1], b[2]
+            );
+        }
+        out
+    };
+    // Without them the base is where no base is.
+    let refused = folder
+        .run(&again(&folder, "--keep-gauge first.blob"))
+        .refused();
+    refused.said();
+    folder.write("points.csv", points(0.0));
+    folder
+        .run(&again(
+            &folder,
+            "--keep-gauge first.blob --references points.csv",
+        ))
+        .ok()
+        .said();
+    let document = folder.json("second.json");
+    assert_eq!(document["gauge"]["points"]["points"], 4);
+    // One of them was moved by a millimetre.
+    folder.write("points.csv", points(1e-3));
+    let line = again(&folder, "--keep-gauge first.blob --references points.csv");
+    folder.run(&line).refused().said();
+}
+
+#[test]
+fn what_is_no_gauge_is_refused() {
+    let _texts = texts();
+    let folder = folder();
+    folder.write("line.csv", "base_x_mm,base_y_mm,base_z_mm,measured_x_mm,measured_y_mm,measured_z_mm\n0,0,0,0,0,0\n1,0,0,1,0,0\n2,0,0,2,0,0\n");
+    folder.write("two.csv", "base_x_mm,base_y_mm,base_z_mm,measured_x_mm,measured_y_mm,measured_z_mm\n0,0,0,0,0,0\n1,0,0,1,0,0\n");
+    folder.write(
+        "columns.csv",
+        "base_x_mm,base_y_mm,base_z_mm,x_mm,y_mm,z_mm\n0,0,0,0,0,0\n1,0,0,1,0,0\n",
+    );
+    for options in [
+        "--base-from line.csv",
+        "--base-from two.csv",
+        "--base-from columns.csv",
+        "--base-from none.csv",
+        "--base-from 1,2,3,1,1,0,0",
+        "--tool-from 1,2,3",
+        "--tool-from 0,0,100,1,0,0,0",
+        "--references line.csv",
+        "--keep-gauge none.blob",
+    ] {
+        folder.refuses(&again(&folder, options));
+    }
+    folder
+        .run("simulate --robot ur5 --poses 30 --test-sets 0 --out other")
+        .ok();
+    folder
+        .run("calibrate --robot ur5 other/train.csv --method poe --accept few --out ur5.blob")
+        .ok();
+    folder.refuses(&again(&folder, "--keep-gauge ur5.blob"));
+    folder.refuses(&again(&folder, "--previous ur5.blob"));
+    folder.refuses("check first.blob second.csv --max-mm 1 --previous ur5.blob");
+}
