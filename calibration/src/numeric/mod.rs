@@ -2,6 +2,7 @@
 
 pub mod cholesky;
 pub mod decimal;
+pub mod halton;
 pub mod lbfgs;
 pub mod matrix;
 pub mod parallel;
