@@ -153,12 +153,12 @@ fn the_stated_distance_is_true_to_a_hundredth() {
         }
         let (said, seen) = (found.after.position_mm, Summary::of(errors));
         eprintln!("{reach}: said {said:?}, seen {seen:?}");
-        assert_eq!(found.after.poses, 20_000);
-        for (what, ratio) in [
-            ("mean", said.mean / seen.mean),
-            ("95 %", said.p95 / seen.p95),
+        assert_eq!(found.after.poses, 50_000);
+        for (what, ratio, most) in [
+            ("mean", said.mean / seen.mean, 0.01),
+            ("95 %", said.p95 / seen.p95, 0.015),
         ] {
-            assert!((ratio - 1.0).abs() < 0.01, "{what}: {ratio} over {reach}");
+            assert!((ratio - 1.0).abs() < most, "{what}: {ratio} over {reach}");
         }
         // At single payloads about a pose a chain is nearer than one for all.
         let all = NearestChain::new(&trained(&blob), &own);

@@ -68,11 +68,15 @@ pub fn region(region: &Region, joints: &[Joint]) -> String {
         None => "the trained joint ranges".to_owned(),
         Some(near) => match &near.poses[..] {
             [only] => format!(
-                "{} about the joints {}",
+                "joints within {} of {}",
                 reach(near.reach),
                 pose(only, joints)
             ),
-            all => format!("{} about each of {} poses", reach(near.reach), all.len()),
+            all => format!(
+                "joints within {} of one of {} poses",
+                reach(near.reach),
+                all.len()
+            ),
         },
     };
     let payload = match region.payload_kg {
