@@ -70,7 +70,10 @@ pub fn region(
         (Some((light, heavy)), Some((least, most))) => {
             let asked = match payload_kg {
                 Some(kg) => format!("--payload-kg {kg}"),
-                None => format!("--region: payloads of {light} to {heavy} kg"),
+                None => format!(
+                    "--region {}: payloads of {light} to {heavy} kg",
+                    asked.unwrap_or_default()
+                ),
             };
             Err(Failure::Usage(format!(
                 "{asked}: {least} to {most} kg were trained"
@@ -94,6 +97,9 @@ fn split(asked: &str) -> Result<(f64, &str), Failure> {
         .split_once('@')
         .map(|(reach, poses)| (reach.parse::<f64>(), poses));
     match parts {
+        Some((Ok(_), "")) => Err(Failure::Usage(format!(
+            "--region {asked}: found no poses, expected joint values or a CSV file behind the @"
+        ))),
         Some((Ok(reach), poses)) if reach > 0.0 && reach.is_finite() => Ok((reach, poses)),
         Some((Ok(reach), _)) => Err(Failure::Usage(format!(
             "--region {asked}: found a reach of {reach}, expected degrees above 0"
