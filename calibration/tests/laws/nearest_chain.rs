@@ -126,6 +126,7 @@ fn the_stated_distance_is_true_to_a_hundredth() {
         |poses: Vec<Vec<f64>>, reach| Region::near(blob.blob(), Near { poses, reach }).unwrap();
     let one = near(vec![centre.clone()], 15.0).with_payloads((5.0, 5.0));
     let two = near(vec![centre.clone(), elsewhere.clone()], 4.0).with_payloads((2.5, 5.0));
+    let all = NearestChain::new(&trained(&blob), &own);
     let mut random = ChaCha8Rng::seed_from_u64(7);
     for (region, about, reach, payload) in [
         (whole, vec![], 0.0, payloads(&blob)),
@@ -161,7 +162,6 @@ fn the_stated_distance_is_true_to_a_hundredth() {
             assert!((ratio - 1.0).abs() < most, "{what}: {ratio} over {reach}");
         }
         // At single payloads about a pose a chain is nearer than one for all.
-        let all = NearestChain::new(&trained(&blob), &own);
         let of_all = predicted.distances(&all.chain).position_mm.mean;
         assert!(
             reach == 0.0 || said.mean < 0.5 * of_all,
