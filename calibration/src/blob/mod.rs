@@ -2,7 +2,10 @@
 
 pub mod batch;
 pub mod fitted_frames;
+pub mod joint_offsets;
 pub mod nearest_chain;
 pub mod precision_loss;
 pub mod predict;
+pub mod predicted_poses;
+pub mod region;
 pub mod write;

@@ -11,6 +11,8 @@ use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 
+use csv::StringRecord;
+
 use crate::input_error::InputError;
 use crate::measurement::chunks::{Chunk, Chunks};
 use crate::measurement::columns::{Column, Columns, joint_columns};
@@ -51,6 +53,9 @@ pub struct Target<'a> {
     /// Mass at the flange in kg, ≥ 0.
     pub payload_kg: Option<f64>,
 }
+
+/// A row by itself: its line in the file, from 1, its joints (rad or m) and its payload in kg.
+pub type OwnTarget = (usize, Vec<f64>, Option<f64>);
 
 /// What is to stand in a rewritten row. Both append a text that needs no quotation marks.
 pub trait NewFields {
@@ -227,11 +232,7 @@ impl TargetColumns {
                 }
                 Part::Record(line, fields) => (line, fields),
             };
-            let file = &self.path;
-            check_width(file, line, fields, self.table.header.len())?;
-            let row = Row { file, line, fields };
-            let payload_kg = row.target(&self.joints, &self.payload, &mut joints)?;
-            limits.check(line, &joints, checks)?;
+            let payload_kg = self.row(line, fields, (limits, checks), &mut joints)?;
             let new = answer(&Target {
                 line,
                 joints: &joints,
@@ -255,6 +256,51 @@ impl TargetColumns {
             out.push('\n');
             Ok(())
         })
+    }
+}
+
+impl TargetColumns {
+    /// The joints and the payload of one row.
+    fn row(
+        &self,
+        line: usize,
+        fields: &StringRecord,
+        (limits, checks): (&JointLimits<'_>, &mut JointChecks),
+        joints: &mut Vec<f64>,
+    ) -> Result<Option<f64>, InputError> {
+        let file = &self.path;
+        check_width(file, line, fields, self.table.header.len())?;
+        let row = Row { file, line, fields };
+        let payload_kg = row.target(&self.joints, &self.payload, joints)?;
+        limits.check(line, joints, checks)?;
+        Ok(payload_kg)
+    }
+}
+
+/// All rows of a file, in order, and what a user should see of them. Every row is checked against the limits of `robot`.
+///
+/// # Errors
+/// An [`InputError`] that names file, line and column of the first thing that is not as it should be.
+pub fn read_targets(
+    path: &Path,
+    robot: &Robot,
+) -> Result<(Vec<OwnTarget>, Vec<String>), InputError> {
+    let (columns, _, mut chunks) = TargetReader::open(path)?.into_parts();
+    let limits = columns.limits(robot)?;
+    let (mut out, mut checks) = (Vec::new(), JointChecks::default());
+    while let Some(chunk) = chunks.next()? {
+        chunk.each_line(&columns.path, |part| {
+            if let Part::Record(line, fields) = part {
+                let mut joints = Vec::with_capacity(columns.joints.len());
+                let payload_kg = columns.row(line, fields, (&limits, &mut checks), &mut joints)?;
+                out.push((line, joints, payload_kg));
+            }
+            Ok(())
+        })?;
+    }
+    match out.is_empty() {
+        true => Err(columns.no_rows()),
+        false => Ok((out, limits.notes(&checks))),
     }
 }
 

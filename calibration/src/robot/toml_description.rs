@@ -19,7 +19,7 @@
 //! origin = { xyz_mm = [0, 0, 290], rpy_deg = [0, 0, 0] }  # poe: frame in the one before, as in a URDF
 //! axis = [0, 0, 1]                  # poe: in the joint's own frame
 //! # dh, modified-dh instead: a_m | a_mm, d_m | d_mm, alpha_deg | alpha_rad, and where it is not 0
-//! # theta_offset_deg | theta_offset_rad; dh only, where it is not 0: beta_deg | beta_rad
+//! # theta_offset_deg | theta_offset_rad and beta_deg | beta_rad
 //!
 //! [flange]                          # optional frame after the last joint
 //! origin = { xyz_m = [0, 0, 0.1] }
@@ -28,8 +28,8 @@
 //! ```
 //!
 //! `dh` is the distal convention, R_z(q + θ) T_z(d) T_x(a) R_x(α) R_y(β), with β for axes that are parallel but for an
-//! error (Hayati); `modified-dh` is Craig's, R_x(α) T_x(a) R_z(q + θ) T_z(d), where a row's a and α are those *before*
-//! its joint. Along a prismatic joint q adds to d. Every number with a unit carries the unit in its key, and unknown keys are refused.
+//! error (Hayati); `modified-dh` is Craig's, T_x(a) R_x(α) R_y(β) R_z(q + θ) T_z(d), where a row's a, α and β are those
+//! *before* its joint. Along a prismatic joint q adds to d. Every number with a unit carries the unit in its key, and unknown keys are refused.
 
 use std::path::Path;
 
@@ -290,15 +290,16 @@ impl TomlSource<'_> {
             chain.push_joint(element, &axis);
             return Ok(());
         }
-        let [a, d, alpha, theta, beta] = self.dh_row(convention, table)?;
+        let [a, d, alpha, theta, beta] = self.dh_row(table)?;
         let z = Vector3::new(0.0, 0.0, 1.0);
-        let along_x = chain::translation(a, 0.0, 0.0) * chain::rotation_about(0, alpha);
+        let along_x = chain::translation(a, 0.0, 0.0)
+            * chain::rotation_about(0, alpha)
+            * chain::rotation_about(1, beta);
         let along_z = chain::rotation_about(2, theta) * chain::translation(0.0, 0.0, d);
         if convention == Convention::Dh {
             chain.push_joint(element, &z);
             chain.push_fixed(along_z);
             chain.push_fixed(along_x);
-            chain.push_fixed(chain::rotation_about(1, beta));
         } else {
             chain.push_fixed(along_x);
             chain.push_fixed(along_z);
@@ -355,20 +356,9 @@ impl TomlSource<'_> {
         Ok(vector)
     }
 
-    /// (a, d, α, θ offset, β) of a joint in metres and radians; the keys of the "poe" convention are refused, and β in
-    /// any but "dh".
-    fn dh_row(
-        &self,
-        convention: Convention,
-        table: &Spanned<JointTable>,
-    ) -> Result<[f64; 5], InputError> {
+    /// (a, d, α, θ offset, β) of a joint in metres and radians; the keys of the "poe" convention are refused.
+    fn dh_row(&self, table: &Spanned<JointTable>) -> Result<[f64; 5], InputError> {
         let joint = table.get_ref();
-        for (key, value) in [("beta_deg", &joint.beta_deg), ("beta_rad", &joint.beta_rad)] {
-            if let (Some(value), Convention::ModifiedDh) = (value, convention) {
-                let expected = "a, d, alpha and theta_offset, or the convention \"dh\"";
-                return Err(self.error(value.span(), key, key, expected));
-            }
-        }
         let poe_key = match (&joint.origin, &joint.axis) {
             (Some(origin), _) => Some(("origin", origin.span())),
             (None, Some(axis)) => Some(("axis", axis.span())),

@@ -7,6 +7,7 @@ import sys
 import tomllib
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pinocchio
 import yaml
@@ -16,6 +17,11 @@ from scipy.spatial.transform import Rotation
 
 LIMIT_M = 1e-9
 LIMIT_RAD = 1e-9
+# How true a stated distance from the model is, and how large it may be: in mm over the trained ranges, and about a pose.
+TRUE_TO = 0.01
+LIMITS_MM = [0.35, 0.06]
+POSES_JUDGED = 20_000
+TABLES = ["dh", "mdh", "poe"]
 BUILT_IN = ["abb-irb120", "abb-irb4400", "abb-irb4400-serial", "kuka-iiwa7", "ur5", "ur10"]
 
 
@@ -89,6 +95,20 @@ def by_pinocchio(path, joints, base, tip):
     return forward
 
 
+def by_mujoco(path, joints, site):
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(model)
+    address = [model.joint(name).qposadr[0] for name in joints]
+    site = model.site(site).id
+
+    def forward(q):
+        data.qpos[address] = q
+        mujoco.mj_kinematics(model, data)
+        return pose(data.site_xmat[site].reshape(3, 3), data.site_xpos[site].copy())
+
+    return forward
+
+
 def by_yourdfpy(path, joints, base, tip):
     robot = yourdfpy.URDF.load(str(path), load_meshes=False, build_scene_graph=True)
 
@@ -116,11 +136,14 @@ def by_table(table):
             move = pose(np.eye(3), value * z) if along else pose(Rotation.from_rotvec(value * z).as_matrix(), 0 * z)
             if table["convention"] == "poe":
                 out = out @ frame(joint["origin"]) @ move
-            else:
-                out = out @ move
-                out = out @ pose(Rotation.from_euler("z", joint["theta_offset_rad"]).as_matrix(), [0, 0, joint["d_m"]])
-                turned = Rotation.from_euler("XY", [joint["alpha_rad"], joint.get("beta_rad", 0.0)])
-                out = out @ pose(turned.as_matrix(), [joint["a_m"], 0, 0])
+                continue
+            about_z = pose(Rotation.from_euler("z", joint["theta_offset_rad"]).as_matrix(), [0, 0, joint["d_m"]])
+            turned = Rotation.from_euler("XY", [joint["alpha_rad"], joint.get("beta_rad", 0.0)])
+            about_x = pose(turned.as_matrix(), [joint["a_m"], 0, 0])
+            # Distal rows have the joint first, Craig's have it after a, alpha and beta.
+            factors = {"dh": [move, about_z, about_x], "modified-dh": [about_x, move, about_z]}
+            for factor in factors[table["convention"]]:
+                out = out @ factor
         return out @ frame(table["flange"]["origin"]) @ frame(target)
 
     return forward
@@ -149,8 +172,90 @@ def apart(a, b):
     return np.linalg.norm(a[:3, 3] - b[:3, 3]), angle
 
 
+def drawing(path):
+    """base_from_flange of a robot description with axes, all of them turning."""
+    robot = tomllib.loads(path.read_text())
+    flange = robot["flange"]["origin"]
+
+    def forward(q):
+        out = np.eye(4)
+        for joint, value in zip(robot["joint"], q):
+            origin = joint["origin"]
+            assert joint["kind"] == "revolute" and set(origin) == {"xyz_m"}
+            turned = Rotation.from_rotvec(value * np.array(joint["axis"])).as_matrix()
+            out = out @ pose(turned, origin["xyz_m"])
+        return out @ from_rpy(np.array(flange.get("xyz_m", [0, 0, 0])), np.radians(flange.get("rpy_deg", [0, 0, 0])))
+
+    return forward
+
+
+def joint_offsets(zeros, nominal):
+    """A drawing, `base_from_flange`, with other joint zeros, base and tool: instrument_from_target."""
+    offsets = np.array([joint["offset_rad"] for joint in zeros["joints"]])
+    base, tool = (from_rpy(zeros[key]["xyz_m"], zeros[key]["rpy_rad"]) for key in ["instrument_from_base", "flange_from_target"])
+    return lambda q: base @ nominal(q + offsets) @ tool
+
+
+def distance(run, folder, blob, forward, joints):
+    """Mean distance in mm from the model at 5 kg: the file's poses, evaluated as if they had been measured."""
+    names = [f"q{i + 1}_deg" for i in range(joints.shape[1])]
+    rows = [",".join([*names, "payload_kg,x_mm,y_mm,z_mm,qw,qx,qy,qz"])]
+    for q in joints:
+        stands = forward(q)
+        turned = Rotation.from_matrix(stands[:3, :3]).as_quat(scalar_first=True)
+        row = [*np.degrees(q), 5.0, *(1e3 * stands[:3, 3]), *turned]
+        rows.append(",".join(f"{x:.12f}" for x in row))
+    (folder / "judged.csv").write_text("\n".join(rows) + "\n")
+    run("evaluate", blob, "judged.csv", "--json", "judged.json", "--quiet")
+    [judged] = json.loads((folder / "judged.json").read_text())["sets"]
+    assert judged["poses"] == len(joints)
+    return judged["position_mm"]["mean"]
+
+
+def stated_distances(run, folder, data, robots):
+    """What the exports of the wildest simulated arm state of their distance from its model, judged by what reads them."""
+    rng = np.random.default_rng(2)
+    arm = "abb-irb4400-serial"
+    run("calibrate", "--robot", arm, data / "irb4400_wild_s0_train.csv", "--method", "elastic", "--out", "wild.blob")
+    ranges = [j["trained"] for j in json.loads(run("inspect", "wild.blob", "--json", "-"))["robot"]["joints"]]
+    pose_deg = [10, -10, 20, 30, 40, 0]
+    about = [(np.radians(q - 15), np.radians(q + 15)) for q in pose_deg]
+    regions = [([], ranges), (["--region", "15@" + ",".join(map(str, pose_deg))], about)]
+    rows = []
+    for (options, within), limit in zip(regions, LIMITS_MM):
+        within = np.array([(max(a, lower), min(b, upper)) for (a, b), (lower, upper) in zip(within, ranges)])
+        poses = rng.uniform(*within.T, (POSES_JUDGED, len(within)))
+        chain = ["--out", "wild.urdf", "--target-link", "probe", "--mjcf", "wild.xml", "--poe", "wild.json"]
+        run("export", "wild.blob", "--payload-kg", 5, *chain, "--joint-offsets", "zeros.json", *options, "--json", "said.json")
+        said = json.loads((folder / "said.json").read_text())["distance"]
+        table = json.loads((folder / "wild.json").read_text())
+        joints = [joint["name"] for joint in table["joints"]]
+        base = table["instrument_from_base"]
+        instrument = from_rpy(base["xyz_m"], base["rpy_rad"])
+        pin = by_pinocchio(folder / "wild.urdf", joints, "base_link", "probe")
+        mjc = by_mujoco(folder / "wild.xml", joints, "target")
+        zeros = json.loads((folder / "zeros.json").read_text())
+        judges = {
+            ("URDF", "Pinocchio", "chain"): lambda q: instrument @ pin(q),
+            ("MJCF", "MuJoCo", "chain"): lambda q: instrument @ mjc(q),
+            ("joint offsets", "scipy", "joint_offsets"): joint_offsets(zeros, drawing(robots / f"{arm}.toml")),
+        }
+        for (file, judge, key), forward in judges.items():
+            stated = said[key]["position_mm"]["mean"]
+            seen = distance(run, folder, "wild.blob", forward, poses)
+            rows.append((" ".join(options) or "trained ranges", file, judge, stated, seen))
+            if abs(stated / seen - 1) > TRUE_TO:
+                sys.exit(f"{file} {options}: {stated} mm stated, {seen} mm by {judge}")
+        if said["chain"]["position_mm"]["mean"] > limit:
+            sys.exit(f"{options}: {said['chain']['position_mm']['mean']} mm, at most {limit} allowed")
+    print("\n| region, 5 kg | file | judged by | stated mean, mm | seen, mm |\n|---|---|---|---|---|")
+    for region, file, judge, stated, seen in rows:
+        print(f"| {region} | {file} | {judge} | {stated:.4f} | {seen:.4f} |")
+
+
 def main():
-    trainer, urdfs, folder = sys.argv[1], Path(sys.argv[2]), Path(sys.argv[3])
+    trainer, root, folder = sys.argv[1], Path(sys.argv[2]), Path(sys.argv[3])
+    urdfs = root / "tests/data/urdf"
 
     def run(*words):
         done = subprocess.run([trainer, *map(str, words)], cwd=folder, capture_output=True, text=True)
@@ -168,8 +273,9 @@ def main():
         nominal = ["--urdf", robot] if robot.endswith(".urdf") else []
         urdf = folder / f"{name}.urdf"
         for kind in ["json", "toml"]:
-            tables = ["--dh", f"{name}-dh.{kind}", "--poe", f"{name}-poe.{kind}"]
-            run("export", f"{name}.blob", *nominal, "--out", urdf, "--target-link", "probe", *tables)
+            tables = [word for table in TABLES for word in [f"--{table}", f"{name}-{table}.{kind}"]]
+            others = ["--target-link", "probe", "--mjcf", f"{name}.xml"]
+            run("export", f"{name}.blob", *nominal, "--out", urdf, *others, *tables)
         run("export", f"{name}.blob", "--c-header", f"{name}.h")
         chain = Chain((folder / f"{name}.h").read_text())
         joints = [j["name"] for j in json.loads((folder / f"{name}-poe.json").read_text())["joints"]]
@@ -177,8 +283,9 @@ def main():
         readers = {
             "Pinocchio": by_pinocchio(urdf, joints, base, "probe"),
             "yourdfpy": by_yourdfpy(urdf, joints, base, "probe"),
+            "MuJoCo": by_mujoco(folder / f"{name}.xml", joints, "target"),
         }
-        for kind in ["dh", "poe"]:
+        for kind in TABLES:
             readers[f"{kind}, JSON"] = by_table(json.loads((folder / f"{name}-{kind}.json").read_text()))
             readers[f"{kind}, TOML"] = by_table(tomllib.loads((folder / f"{name}-{kind}.toml").read_text()))
         if name.startswith("ur"):
@@ -203,6 +310,7 @@ def main():
         print(f"| {name} | {reader} | {1e9 * position:.6f} | {1e9 * angle:.6f} |")
     if worst[0] > LIMIT_M or worst[1] > LIMIT_RAD:
         sys.exit(f"beyond a nanometre: {1e9 * worst[0]:.3f} nm, {1e9 * worst[1]:.3f} nrad")
+    stated_distances(run, folder, root / "tests/data/simulated", root / "calibration/robots")
     print(f"\nall within {1e9 * worst[0]:.6f} nm and {1e9 * worst[1]:.6f} nrad over 300 poses each")
 
 

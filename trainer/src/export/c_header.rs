@@ -5,6 +5,7 @@ use std::fmt::Write;
 use poegp_protocol::JointKind;
 
 use crate::export::CalibratedChain;
+use crate::export::describe::accuracy;
 use poegp_calibration::blob::predict::BlobModel;
 
 /// Bytes on a line.
@@ -21,7 +22,7 @@ pub fn text(loaded: &BlobModel, chain: &CalibratedChain, stem: &str) -> String {
     let blob = loaded.blob();
     let n = chain.joints.len();
     let mut out = String::from("/*\n");
-    for line in &chain.provenance {
+    for line in chain.provenance.iter().chain(&accuracy(chain)) {
         // Nothing that a user named may end the comment.
         let _ = writeln!(out, " * {}", line.replace("*/", "* /").replace("/*", "/ *"));
     }

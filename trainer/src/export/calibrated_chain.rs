@@ -1,6 +1,5 @@
 //! The calibrated chain of a blob in `f64`, with what is known about it.
 
-use nalgebra::Vector3;
 use poegp_protocol::JointKind;
 use poegp_protocol::blob::{Correction, Elastic};
 use poegp_runtime::kinematics::poe::Poe;
@@ -8,7 +7,10 @@ use poegp_runtime::math::se3::Pose;
 
 use poegp_calibration::blob::nearest_chain::NearestChain;
 use poegp_calibration::blob::predict::BlobModel;
+use poegp_calibration::blob::predicted_poses::PredictedPoses;
+use poegp_calibration::blob::region::Region;
 use poegp_calibration::numeric::rotation::nearest_rotation;
+use poegp_calibration::numeric::statistics::ErrorSummary;
 use poegp_calibration::robot::{BUILT_IN, Joint, LoadOptions, Robot};
 
 /// Largest distance between two descriptions of one nominal arm, metres. What is exported does not depend on it: the
@@ -16,6 +18,20 @@ use poegp_calibration::robot::{BUILT_IN, Joint, LoadOptions, Robot};
 const SAME_ARM_M: f64 = 1e-3;
 /// Largest rotation between two descriptions of one nominal arm, radians.
 const SAME_ARM_RAD: f64 = 1e-3;
+
+/// Why a chain of a blob can be made.
+const HAS_JOINTS: &str = "a blob that loads has 1 to 8 joints and a frame more";
+
+/// How far the chain and the drawing are from the predictions of the whole model, at poses that nothing was fitted to.
+#[derive(Clone, Debug)]
+pub struct Distance {
+    /// Where the poses are.
+    pub region: Region,
+    /// Of the chain.
+    pub chain: ErrorSummary,
+    /// Of the drawing with the model's base and tool.
+    pub drawing: ErrorSummary,
+}
 
 /// The calibrated chain of a blob, without its correction.
 ///
@@ -44,6 +60,8 @@ pub struct CalibratedChain {
     pub coupling: Option<Vec<Vec<f64>>>,
     /// What fitted the frames of a blob with a correction.
     pub fit: Option<NearestChain>,
+    /// How far chain and drawing are from the model.
+    pub distance: Distance,
     /// What a chain cannot hold, each as part of a sentence.
     pub not_carried: Vec<String>,
     /// Names of tools beyond the first.
@@ -51,13 +69,14 @@ pub struct CalibratedChain {
 }
 
 impl CalibratedChain {
-    /// The chain of a blob, for all payloads that were trained.
+    /// The chain of a blob, for all that was trained.
     pub fn of(loaded: &BlobModel) -> Self {
-        Self::for_payloads(loaded, loaded.blob().ranges.payload_kg.unwrap_or_default())
+        let region = Region::trained(loaded.blob());
+        Self::nearest(loaded, &PredictedPoses::new(loaded, region))
     }
 
-    /// The same for payloads within a range, kg.
-    pub fn for_payloads(loaded: &BlobModel, payload_kg: (f32, f32)) -> Self {
+    /// The chain of a blob that is nearest to its predictions over a region.
+    pub fn nearest(loaded: &BlobModel, predicted: &PredictedPoses) -> Self {
         let blob = loaded.blob();
         let frame = |rows: &[f32; 12]| {
             let stored = Pose::<f32>::from_rows(rows).cast::<f64>();
@@ -80,6 +99,21 @@ impl CalibratedChain {
                 gear_lines: Vec::new(),
                 link_radius: None,
             });
+        let frames: Vec<Pose<f64>> = blob.geometry.calibrated.iter().map(frame).collect();
+        let nominal: Vec<Pose<f64>> = blob.geometry.nominal.iter().map(frame).collect();
+        let kinds: Vec<JointKind> = blob.robot.joints.iter().map(|j| j.kind).collect();
+        let poe = |frames: &[Pose<f64>]| Poe::new(&kinds, frames).expect(HAS_JOINTS);
+        let not_carried = not_carried(&blob.correction);
+        let fit = (!not_carried.is_empty()).then(|| NearestChain::new(predicted, &poe(&frames)));
+        let own = match &fit {
+            Some(fit) => fit.after.clone(),
+            None => predicted.distances(&poe(&frames)),
+        };
+        let distance = Distance {
+            region: predicted.region.clone(),
+            chain: own,
+            drawing: predicted.distances(&poe(&nominal)),
+        };
         let serial = match blob.robot.serial_number {
             "" => String::new(),
             number => format!(", serial number {number}"),
@@ -106,23 +140,21 @@ impl CalibratedChain {
                 ),
             ],
             joints: unnamed.collect(),
-            frames: blob.geometry.calibrated.iter().map(frame).collect(),
-            nominal: blob.geometry.nominal.iter().map(frame).collect(),
+            frames: match &fit {
+                Some(fit) => fit.chain.frames().to_vec(),
+                None => frames,
+            },
+            nominal,
             flange_from_target: Pose::from_rows(&host.gauge.flange_from_target),
             instrument_from_base: loaded.instrument_from_base(),
             coupling: loaded.coupling(),
-            fit: None,
-            not_carried: not_carried(&blob.correction),
+            fit,
+            distance,
+            not_carried,
             other_tools: tools.map(|(name, _)| name.to_string()).collect(),
         };
         if let Some(robot) = chain.built_in() {
             chain.joints = robot.joints;
-        }
-        if !chain.not_carried.is_empty() {
-            let fit = NearestChain::new(loaded, &chain.poe(), payload_kg);
-            chain.frames = fit.chain.frames().to_vec();
-            chain.provenance.push(describe_fit(&fit));
-            chain.fit = Some(fit);
         }
         if chain.coupling.is_some() {
             chain.not_carried.push(
@@ -136,6 +168,21 @@ impl CalibratedChain {
     /// The runtime's chain from base to target.
     pub fn poe(&self) -> Poe<f64> {
         chain_of(&self.joints, &self.frames)
+    }
+
+    /// The drawing from base to target.
+    pub fn drawing(&self) -> Poe<f64> {
+        chain_of(&self.joints, &self.nominal)
+    }
+
+    /// The limits of joint `i`, rad or m. Those of a coupled joint are the controller's, and none of the chain's.
+    pub fn limits(&self, i: usize) -> Option<(f64, f64)> {
+        let alone = self.coupling.as_ref().is_none_or(|rows| {
+            let row = rows[i].iter().enumerate();
+            let mut of_others = row.map(|(j, c)| (i == j) == (*c != 0.0));
+            of_others.all(|is_own| is_own)
+        });
+        self.joints[i].limits.filter(|_| alone)
     }
 
     /// The fixed frames from base to flange, calibrated.
@@ -197,21 +244,6 @@ fn not_carried(correction: &Correction<'_>) -> Vec<String> {
     out.into_iter().map(str::to_owned).collect()
 }
 
-/// What a fit did, as words.
-pub fn describe_fit(fit: &NearestChain) -> String {
-    let payload = match fit.payload_kg {
-        (light, heavy) if light < heavy => format!(", payload {light} to {heavy} kg"),
-        (only, _) if only > 0.0 => format!(", payload {only} kg"),
-        _ => String::new(),
-    };
-    let [before, after] = [&fit.before, &fit.after].map(|errors| errors.position_mm);
-    format!(
-        "frames fitted to the poses of the whole model over the trained joint ranges{payload}: distance {:.3} mm in the mean, \
-         95 % within {:.3} mm; of the frames inside the model {:.3} and {:.3} mm",
-        after.mean, after.p95, before.mean, before.p95
-    )
-}
-
 fn elastic_terms(e: &Elastic<'_>) -> Vec<&'static str> {
     [
         (!e.links.is_empty(), "the deflection under gravity"),
@@ -241,7 +273,7 @@ fn shortened(frames: &[Pose<f64>], flange_from_target: &Pose<f64>) -> Vec<Pose<f
 /// The runtime's chain of joints and frames that a blob or a robot holds.
 pub(super) fn chain_of(joints: &[Joint], frames: &[Pose<f64>]) -> Poe<f64> {
     let kinds: Vec<JointKind> = joints.iter().map(|j| j.kind).collect();
-    Poe::new(&kinds, frames).expect("a blob that loads has 1 to 8 joints and a frame more")
+    Poe::new(&kinds, frames).expect(HAS_JOINTS)
 }
 
 /// `base_from_joint` at joint values zero, and `base_from_end`: n + 1 poses.
@@ -254,15 +286,4 @@ pub(super) fn at_zero(frames: &[Pose<f64>]) -> Vec<Pose<f64>> {
             pose
         })
         .collect()
-}
-
-/// A pose as words: millimetres, and degrees of roll, pitch and yaw.
-pub fn describe(pose: &Pose<f64>) -> String {
-    let t: Vector3<f64> = 1e3 * pose.translation;
-    let rpy =
-        poegp_calibration::robot::normal_form::roll_pitch_yaw(&pose.rotation).map(f64::to_degrees);
-    format!(
-        "{:.4} {:.4} {:.4} mm, roll pitch yaw {:.5} {:.5} {:.5}°",
-        t[0], t[1], t[2], rpy[0], rpy[1], rpy[2]
-    )
 }

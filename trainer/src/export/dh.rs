@@ -36,6 +36,29 @@ pub fn table(chain: &CalibratedChain) -> Table {
     }
 }
 
+/// The same arm in Craig's convention: a, α and β of a row are those before its joint.
+pub fn modified_table(chain: &CalibratedChain) -> Table {
+    let distal = table(chain);
+    let mut before = DhRow::default();
+    let rows = distal.rows.into_iter().map(|row| {
+        let Row::Dh(own) = row else { return row };
+        let shifted = DhRow {
+            theta: own.theta,
+            d: own.d,
+            ..before
+        };
+        before = own;
+        Row::Dh(shifted)
+    });
+    let rows = rows.collect();
+    Table {
+        convention: "modified-dh",
+        rows,
+        // The last distal row has neither a nor α: its frame stands at the end of both.
+        ..distal
+    }
+}
+
 /// First frame, rows and last frame of a chain whose joints stand at `at_zero` (the last is its end). `first` is where
 /// the frame of joint 1 is wanted, `like` the rows whose θ are to be come near to.
 fn rows(

@@ -1,4 +1,5 @@
-//! A calibrated arm for other programs: URDF, the Universal Robots driver's YAML, tables of frames or DH rows, a C header.
+//! A calibrated arm for other programs: URDF, MJCF, the Universal Robots driver's YAML, tables of frames or DH rows, joint
+//! zeros, a C header.
 //!
 //! Other programs know chains of frames and nothing else, so what all of them get is the calibrated chain of a blob
 //! ([`CalibratedChain`]), the same poses to a nanometre in every form. What such a form cannot hold (gravity, gear ripple,
@@ -11,14 +12,18 @@
 
 pub mod c_header;
 pub(crate) mod calibrated_chain;
+pub mod describe;
 pub mod dh;
 pub(crate) mod format;
 pub mod gauge;
+pub mod joint_zeros;
+pub mod mjcf;
 pub mod poe;
 pub(crate) mod tables;
 pub mod universal_robots;
 pub mod urdf;
 pub mod urdf_patch;
+mod xml;
 
-pub use crate::export::calibrated_chain::{CalibratedChain, describe, describe_fit};
+pub use crate::export::calibrated_chain::CalibratedChain;
 pub use crate::export::tables::Table;

@@ -7,10 +7,12 @@ use poegp_runtime::math::se3::Pose;
 use serde_json::{Value, json};
 
 use crate::export::CalibratedChain;
+use crate::export::describe::{comments, distance_json};
 use crate::export::format::{decimals, rounded, rpy, three, xyz};
 use poegp_calibration::robot::normal_form::{rotation_about, translation};
 
-/// One row: R_z(q + θ) T_z(d) T_x(a) R_x(α) R_y(β), metres and radians; one of d and β is 0.
+/// One row, metres and radians; one of d and β is 0. In the distal convention R_z(q + θ) T_z(d) T_x(a) R_x(α) R_y(β), in the
+/// proximal one T_x(a) R_x(α) R_y(β) R_z(q + θ) T_z(d), with a, α and β before the joint.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DhRow {
     /// Angle about z where the controller says 0.
@@ -41,7 +43,7 @@ impl DhRow {
 pub enum Row {
     /// The joint's frame in the one before it; the joint acts on its z.
     Frame(Pose<f64>),
-    /// Its Denavit-Hartenberg row; the joint acts on the z before it.
+    /// Its Denavit-Hartenberg row; the joint acts on the z before it, or on that of the row where a and α come first.
     Dh(DhRow),
 }
 
@@ -70,6 +72,8 @@ impl Table {
             "# Metres and radians. {}\n",
             match self.convention {
                 "dh" => "Rows: R_z(q + theta_offset) T_z(d) T_x(a) R_x(alpha) R_y(beta).",
+                "modified-dh" =>
+                    "Rows: T_x(a) R_x(alpha) R_y(beta) R_z(q + theta_offset) T_z(d), after Craig.",
                 _ => "A joint's origin is in the frame before; it acts about (or along) its axis.",
             }
         );
@@ -157,6 +161,7 @@ impl Table {
             "name": chain.name,
             "convention": self.convention,
             "provenance": chain.provenance,
+            "distance": distance_json(chain),
             "coupling": chain.coupling,
             "joints": joints.collect::<Vec<_>>(),
             "flange": {"origin": pose(&self.flange)},
@@ -171,18 +176,6 @@ impl Table {
     }
 }
 
-/// What every exported text says at its beginning.
-pub(super) fn comments(chain: &CalibratedChain) -> Vec<String> {
-    let mut out = chain.provenance.clone();
-    if !chain.not_carried.is_empty() {
-        out.push(format!(
-            "not in this file: {}",
-            chain.not_carried.join("; ")
-        ));
-    }
-    out
-}
-
 fn keys(row: &DhRow) -> Vec<(&'static str, f64)> {
     let mut out = vec![
         ("a_m", row.a),
@@ -194,7 +187,7 @@ fn keys(row: &DhRow) -> Vec<(&'static str, f64)> {
     out
 }
 
-fn origin(pose: &Pose<f64>) -> String {
+pub(super) fn origin(pose: &Pose<f64>) -> String {
     format!(
         "{{ xyz_m = [{}], rpy_rad = [{}] }}",
         three(xyz(pose), ", "),
@@ -202,10 +195,10 @@ fn origin(pose: &Pose<f64>) -> String {
     )
 }
 
-fn pose(pose: &Pose<f64>) -> Value {
+pub(super) fn pose(pose: &Pose<f64>) -> Value {
     json!({"xyz_m": xyz(pose).map(rounded), "rpy_rad": rpy(pose).map(rounded)})
 }
 
-fn quoted(text: &str) -> String {
+pub(super) fn quoted(text: &str) -> String {
     toml::Value::String(text.to_owned()).to_string()
 }

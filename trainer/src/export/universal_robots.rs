@@ -19,9 +19,9 @@ use poegp_protocol::JointKind;
 use poegp_runtime::math::se3::Pose;
 use sha2::{Digest, Sha256};
 
-use crate::export::calibrated_chain::{at_zero, describe};
+use crate::export::calibrated_chain::at_zero;
+use crate::export::describe::{comments, describe};
 use crate::export::format::{decimals, rpy, xyz};
-use crate::export::tables::comments;
 use crate::export::{CalibratedChain, gauge};
 use poegp_calibration::robot::normal_form::{origin, rotation_about};
 

@@ -12,8 +12,9 @@ use poegp_protocol::JointKind;
 use poegp_runtime::math::se3::Pose;
 
 use crate::export::calibrated_chain::at_zero;
+use crate::export::describe::comments;
 use crate::export::format::{decimals, rpy, three, xyz};
-use crate::export::tables::comments;
+use crate::export::xml::{comment_lines, escaped};
 use crate::export::{CalibratedChain, gauge};
 use poegp_calibration::robot::normal_form::{origin, rotation_to_axis};
 
@@ -136,14 +137,7 @@ pub fn minimal(chain: &CalibratedChain, target_link: Option<&str>) -> String {
     let mut before = Pose::identity();
     for (i, joint) in chain.joints.iter().enumerate() {
         let frame = gauge::nearest_on_axis(&calibrated[i], &nominal[i]);
-        // Limits of a coupled joint are the controller's, and none of the chain's.
-        let alone = chain.coupling.as_ref().is_none_or(|rows| {
-            rows[i]
-                .iter()
-                .enumerate()
-                .all(|(j, c)| (i == j) == (*c != 0.0))
-        });
-        let limits = joint.limits.filter(|_| alone);
+        let limits = chain.limits(i);
         let kind = match (joint.kind, limits) {
             (JointKind::Prismatic, _) => "prismatic",
             (JointKind::Revolute, Some(_)) => "revolute",
@@ -197,18 +191,13 @@ pub fn minimal(chain: &CalibratedChain, target_link: Option<&str>) -> String {
 
 /// A comment of XML with what is known of the calibration.
 pub(super) fn comment(chain: &CalibratedChain) -> String {
-    let mut out = String::from("<!--\n");
-    for line in comments(chain) {
-        // Two hyphens would end it.
-        let _ = writeln!(out, "  {}", line.replace("--", "- -"));
-    }
-    let _ = writeln!(
-        out,
-        "  the target in the flange (the tip): xyz {} m, rpy {} rad\n-->",
+    let mut lines = comments(chain);
+    lines.push(format!(
+        "the target in the flange (the tip): xyz {} m, rpy {} rad",
         three(xyz(&chain.flange_from_target), " "),
         three(rpy(&chain.flange_from_target), " ")
-    );
-    out
+    ));
+    comment_lines(&lines)
 }
 
 /// `<origin …/>`, closed by `end`.
@@ -228,12 +217,4 @@ pub(super) fn added_joint(indent: &str, added: &Added) -> String {
          {indent}{indent}<child link=\"{link}\"/>\n{indent}{indent}{}\n{indent}</joint>\n",
         origin_tag(&added.pose, "/")
     )
-}
-
-/// Text as the value of an attribute.
-pub(super) fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;")
-        .replace('<', "&lt;")
-        .replace('>', "&gt;")
-        .replace('"', "&quot;")
 }

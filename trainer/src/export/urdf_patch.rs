@@ -11,7 +11,8 @@ use quick_xml::Reader;
 use quick_xml::events::{BytesStart, Event};
 
 use crate::export::CalibratedChain;
-use crate::export::urdf::{Changes, added_joint, comment, escaped, origin_tag};
+use crate::export::urdf::{Changes, added_joint, comment, origin_tag};
+use crate::export::xml::escaped;
 use poegp_calibration::input_error::InputError;
 
 /// Where something stands in the text of a joint.

@@ -12,7 +12,7 @@ use crate::program::{Folder, data};
 use crate::texts::texts;
 
 /// A folder with `arm.blob`, calibrated from few poses; `robot` is a name or a file of `tests/data/urdf`.
-fn calibrated(robot: &str, model: &str) -> Folder {
+pub fn calibrated(robot: &str, model: &str) -> Folder {
     let folder = Folder::new();
     if robot.ends_with(".urdf") {
         folder.write(
@@ -33,7 +33,7 @@ fn calibrated(robot: &str, model: &str) -> Folder {
     folder
 }
 
-fn chain(folder: &Folder) -> CalibratedChain {
+pub fn chain(folder: &Folder) -> CalibratedChain {
     CalibratedChain::of(&BlobModel::read(&folder.path("arm.blob")).unwrap())
 }
 
@@ -87,12 +87,12 @@ fn every_description_has_the_poses_of_the_chain() {
             String::new()
         };
         let line = format!(
-            "export arm.blob {nominal} --out new.urdf --target-link probe --dh dh.toml --poe poe.toml"
+            "export arm.blob {nominal} --out new.urdf --target-link probe --dh dh.toml --mdh mdh.toml --poe poe.toml"
         );
         folder.run(&line).ok().said();
         same(&folder, "new.urdf", Some("probe"), &Pose::identity());
         let flange_from_target = chain(&folder).flange_from_target;
-        for table in ["dh.toml", "poe.toml"] {
+        for table in ["dh.toml", "mdh.toml", "poe.toml"] {
             same(&folder, table, None, &flange_from_target);
         }
         if robot == "abb-irb4400" {
@@ -232,7 +232,7 @@ fn everything_else_of_a_urdf_is_kept() {
         7
     );
     let comment = lines.iter().filter(|line| !line.contains("<origin"));
-    assert_eq!(comment.count(), 5, "{lines:#?}");
+    assert_eq!(comment.count(), 8, "{lines:#?}");
     // Links are where they were, but for the errors of the arm: meshes fit.
     let (old, new) = (
         described(&folder, "workbench.urdf", None),
@@ -300,6 +300,9 @@ fn what_does_not_fit_is_refused() {
         "arm.blob --urdf workbench.urdf --out workbench.urdf",
         "arm.blob --urdf workbench.urdf --out a.urdf --target-link camera",
         "arm.blob --dh a.txt",
+        "arm.blob --mdh a.txt",
+        "arm.blob --joint-offsets a.csv",
+        "arm.blob --mjcf arm.blob",
         "arm.blob --dh a.toml --payload-kg 1",
         "arm.blob --ur-kinematics a.yaml",
         "workbench.urdf --dh a.toml",

@@ -17,6 +17,8 @@ mod device;
 mod drift;
 mod elastic;
 mod export;
+mod export_by_others;
+mod export_region;
 #[cfg(unix)]
 mod fake_device;
 #[cfg(unix)]

@@ -1,5 +1,7 @@
 //! `trainer export`.
 
+mod region;
+
 use std::path::{Path, PathBuf};
 
 use clap::Args;
@@ -8,13 +10,17 @@ use serde_json::json;
 use crate::cli::failure::Failure;
 use crate::cli::output::{check_outputs, json_text, summary_text, write_outputs};
 use crate::cli::terminal::print::{Printer, is_stdout};
+use crate::export::describe::{accuracy, describe, distance_json, region as describe_region};
 use crate::export::urdf::{Changes, changes, minimal};
 use crate::export::{
-    CalibratedChain, Table, c_header, describe_fit, dh, gauge, poe, universal_robots as ur,
+    CalibratedChain, Table, c_header, dh, gauge, joint_zeros, mjcf, poe, universal_robots as ur,
     urdf_patch as urdf_text,
 };
+use poegp_calibration::blob::joint_offsets::JointOffsets;
 use poegp_calibration::blob::predict::BlobModel;
+use poegp_calibration::blob::predicted_poses::PredictedPoses;
 use poegp_calibration::input_error::InputError;
+use poegp_calibration::numeric::statistics::ErrorSummary;
 use poegp_calibration::robot::{LoadOptions, Robot, urdf};
 
 /// `trainer export`.
@@ -22,8 +28,11 @@ use poegp_calibration::robot::{LoadOptions, Robot, urdf};
 #[command(
     after_help = "Give at least one output. Each is the calibrated chain of the blob, to a nanometre; what a file cannot \
     hold (gravity, ripple, Gaussian processes) is said. Of a model that has some of these, the chain is the one whose poses \
-    are nearest to the model's over the trained ranges; what it leaves is printed. Only the C header has the whole model.\n\n\
-    Example: trainer export arm.blob --urdf nominal.urdf --out calibrated.urdf\n\
+    are nearest to the model's over a region and its payloads. Its distance from the model, beside the drawing's, is printed \
+    and written into each file. A chain that is no nearer than the drawing is not written: exit code 1. Only the C header \
+    has the whole model.\n\n\
+    Example: trainer export arm.blob --urdf nominal.urdf --out calibrated.urdf --payload-kg 5\n\
+    Example: trainer export arm.blob --mjcf arm.xml --region 15@0,-20,30,0,45,0\n\
     Example: trainer export arm.blob --dh arm-dh.toml --poe arm-poe.json --c-header arm.h"
 )]
 pub struct Export {
@@ -47,16 +56,29 @@ pub struct Export {
     /// Write the kinematics file of the Universal Robots ROS driver (YAML).
     #[arg(long, value_name = "FILE")]
     pub ur_kinematics: Option<PathBuf>,
+    /// Write a model for MuJoCo (MJCF): bodies and joints, the flange and the target as sites.
+    #[arg(long, value_name = "FILE")]
+    pub mjcf: Option<PathBuf>,
     /// Write a Denavit-Hartenberg table, distal, Hayati's for parallel axes (.toml, which --robot reads, or .json).
     #[arg(long, value_name = "FILE")]
     pub dh: Option<PathBuf>,
+    /// Write a Denavit-Hartenberg table, proximal (modified, Craig's), in the same two formats.
+    #[arg(long, value_name = "FILE")]
+    pub mdh: Option<PathBuf>,
+    /// Write offsets of the joints between the first and the last, with base and tool (.toml or .json).
+    #[arg(long, value_name = "FILE")]
+    pub joint_offsets: Option<PathBuf>,
     /// Write a table of frames (.toml, which --robot reads, or .json).
     #[arg(long, value_name = "FILE")]
     pub poe: Option<PathBuf>,
     /// Write a C header with the bytes of the blob and the frames of the chain.
     #[arg(long, value_name = "FILE")]
     pub c_header: Option<PathBuf>,
-    /// Fit the chain for one trained payload in kg (default: all of them, from the lightest to the heaviest).
+    /// Fit the chain near some joints: a CSV file of poses, or DEGREES@q1,…,qn about one pose in degrees (millimetres along
+    /// prismatic joints). DEGREES@CSV reaches further about the poses of a file than 2 degrees. Default: the trained ranges.
+    #[arg(long, value_name = "POSES", allow_hyphen_values = true)]
+    pub region: Option<String>,
+    /// Fit the chain for one trained payload in kg (default: those of the region's file, else all that were trained).
     #[arg(long, value_name = "KG", allow_negative_numbers = true)]
     pub payload_kg: Option<f32>,
     /// Write the names of the files, what the chain leaves and the omitted effects as JSON (`-`: standard output).
@@ -65,24 +87,34 @@ pub struct Export {
 }
 
 pub fn run(a: &Export) -> Result<(), Failure> {
-    let outputs = [&a.out, &a.ur_kinematics, &a.dh, &a.poe, &a.c_header].map(|o| o.as_deref());
+    let of_the_chain = [&a.out, &a.mjcf, &a.ur_kinematics, &a.dh, &a.mdh, &a.poe];
+    let others = [&a.joint_offsets, &a.c_header];
+    let outputs: Vec<Option<&Path>> = of_the_chain
+        .iter()
+        .chain(&others)
+        .map(|o| o.as_deref())
+        .collect();
+    let has_chain = of_the_chain.iter().any(|output| output.is_some());
     if outputs.iter().all(Option::is_none) {
         return Err(Failure::Usage(
-            "nothing to write: give --out, --ur-kinematics, --dh, --poe or --c-header a file\n\
+            "nothing to write: give --out, --mjcf, --ur-kinematics, --dh, --mdh, --poe, --joint-offsets or --c-header a file\n\
              help: `trainer export --help` says what they are"
                 .to_owned(),
         ));
     }
     let mut inputs = vec![a.blob.as_path()];
     inputs.extend(a.urdf.as_deref());
+    inputs.extend(a.region.as_deref().map(region::file));
     let all = [&outputs[..], &[a.json.as_deref()]].concat();
     check_outputs(&all, &inputs)?;
     let report = Printer::for_outputs(&all);
     let loaded = BlobModel::read(&a.blob)?;
-    let mut chain = match a.payload_kg {
-        None => CalibratedChain::of(&loaded),
-        Some(kg) => CalibratedChain::for_payloads(&loaded, trained_payload(&loaded, kg)?),
-    };
+    let region = region::region(&loaded, a.region.as_deref(), a.payload_kg)?;
+    let predicted = PredictedPoses::new(&loaded, region);
+    let mut chain = CalibratedChain::nearest(&loaded, &predicted);
+    if has_chain {
+        nearer_than_the_drawing("the chain", &chain.distance.chain, &chain)?;
+    }
 
     let mut said = Vec::new();
     let mut files: Vec<(&Path, String)> = Vec::new();
@@ -96,9 +128,19 @@ pub fn run(a: &Export) -> Result<(), Failure> {
     if let Some(path) = &a.ur_kinematics {
         files.push((path, ur_kinematics(a, &chain, &mut said)?));
     }
-    for (path, table) in [(&a.dh, dh::table as fn(&_) -> _), (&a.poe, poe::table)] {
+    files.extend(a.mjcf.as_deref().map(|path| (path, mjcf::text(&chain))));
+    for (path, table) in [
+        (&a.dh, dh::table as fn(&_) -> _),
+        (&a.mdh, dh::modified_table),
+        (&a.poe, poe::table),
+    ] {
         if let Some(path) = path {
-            files.push((path, table_text(path, &table(&chain), &chain)?));
+            let table: Table = table(&chain);
+            let text = match format_of(path)? {
+                Format::Toml => table.to_toml(&chain),
+                Format::Json => json_text(&table.to_json(&chain))?,
+            };
+            files.push((path, text));
         }
     }
     if let Some(path) = &a.c_header {
@@ -107,6 +149,17 @@ pub fn run(a: &Export) -> Result<(), Failure> {
             .map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
         files.push((path, c_header::text(&loaded, &chain, &stem)));
     }
+    let zeros = match &a.joint_offsets {
+        Some(path) => Some((path.as_path(), joint_zeros_of(&predicted, &chain)?)),
+        None => None,
+    };
+    if let Some((path, zeros)) = &zeros {
+        let text = match format_of(path)? {
+            Format::Toml => joint_zeros::to_toml(&chain, zeros),
+            Format::Json => json_text(&joint_zeros::to_json(&chain, zeros))?,
+        };
+        files.push((path, text));
+    }
     let names: Vec<&Path> = files.iter().map(|(path, _)| *path).collect();
     let mut summary = json!({
         "robot": chain.name,
@@ -114,11 +167,14 @@ pub fn run(a: &Export) -> Result<(), Failure> {
         "remarks": said,
         "not_carried": chain.not_carried,
         "other_tools": chain.other_tools,
+        "distance": match &zeros {
+            Some((_, zeros)) => joint_zeros::distances(&chain, zeros),
+            None => distance_json(&chain),
+        },
     });
     if let Some(fit) = &chain.fit {
-        let (light, heavy) = fit.payload_kg;
         summary["fit"] = json!({
-            "payload_kg": loaded.blob().ranges.payload_kg.map(|_| [light, heavy]),
+            "payload_kg": summary["distance"]["payload_kg"],
             "before": fit.before,
             "after": fit.after,
         });
@@ -134,13 +190,17 @@ pub fn run(a: &Export) -> Result<(), Failure> {
     for (path, _) in files.iter().filter(|(path, _)| !is_stdout(path)) {
         report.line(format_args!("Wrote {}", path.display()));
     }
-    if let Some(fit) = &chain.fit {
-        report.line(format_args!("Chain: {}", describe_fit(fit)));
+    if has_chain || zeros.is_none() {
+        print_accuracy(report, "Chain", accuracy(&chain));
+    }
+    if let Some((_, zeros)) = &zeros {
+        print_accuracy(report, "Offsets", joint_zeros::accuracy(&chain, zeros));
+        said.extend(joint_zeros::moves(&chain, zeros));
     }
     for line in said {
         report.line(format_args!("  {line}"));
     }
-    if !chain.not_carried.is_empty() && files.iter().any(|(path, _)| Some(*path) != outputs[4]) {
+    if !chain.not_carried.is_empty() && has_chain {
         report.line(format_args!(
             "Not in these files, which hold a chain of frames only{}: {}",
             if a.c_header.is_some() {
@@ -160,17 +220,48 @@ pub fn run(a: &Export) -> Result<(), Failure> {
     Ok(())
 }
 
-/// A payload for which the chain can be fitted: one that was trained.
-fn trained_payload(loaded: &BlobModel, kg: f32) -> Result<(f32, f32), Failure> {
-    match loaded.blob().ranges.payload_kg {
-        Some((light, heavy)) if (light..=heavy).contains(&kg) => Ok((kg, kg)),
-        Some((light, heavy)) => Err(Failure::Usage(format!(
-            "--payload-kg {kg}: {light} to {heavy} kg were trained"
-        ))),
-        None => Err(Failure::Usage(format!(
-            "--payload-kg {kg}: the model does not depend on the payload"
-        ))),
+fn print_accuracy(report: Printer, what: &str, lines: Vec<String>) {
+    for (i, line) in lines.iter().enumerate() {
+        match i {
+            0 => report.line(format_args!("{what}: {line}")),
+            _ => report.line(format_args!("  {line}")),
+        }
     }
+}
+
+/// Refuses what is no nearer to the model than the drawing.
+fn nearer_than_the_drawing(
+    what: &str,
+    error: &ErrorSummary,
+    chain: &CalibratedChain,
+) -> Result<(), Failure> {
+    let (own, drawing) = (
+        error.position_mm.mean,
+        chain.distance.drawing.position_mm.mean,
+    );
+    if own < drawing {
+        return Ok(());
+    }
+    Err(Failure::Quality(format!(
+        "nothing written: {what} would be {own:.3} mm from the model in the mean, no nearer than the {drawing:.3} mm of the drawing \
+         with the model's base and tool, over {}\n\
+         help: use the drawing; `trainer inspect` shows base and tool",
+        describe_region(&chain.distance.region, &chain.joints)
+    )))
+}
+
+fn joint_zeros_of(
+    predicted: &PredictedPoses,
+    chain: &CalibratedChain,
+) -> Result<JointOffsets, Failure> {
+    let zeros = JointOffsets::new(
+        predicted,
+        &chain.drawing(),
+        &chain.flange_from_target,
+        chain.coupling.as_deref(),
+    );
+    nearer_than_the_drawing("the drawing with joint offsets", &zeros.error, chain)?;
+    Ok(zeros)
 }
 
 /// The nominal file with the calibrated transforms; its names of the joints go to all other files, too.
@@ -265,7 +356,6 @@ fn ur_kinematics(
         )
         .with_help("only their driver reads this file; --out, --dh and --poe are for all arms")
     })?;
-    let describe = crate::export::describe;
     said.push(format!(
         "TCP to be set, tool0 to target: {}",
         describe(&kinematics.tool0_from_target)
@@ -287,12 +377,18 @@ fn ur_kinematics(
     Ok(kinematics.to_yaml(chain))
 }
 
-/// A table in the format that the name of its file asks for.
-fn table_text(path: &Path, table: &Table, chain: &CalibratedChain) -> Result<String, Failure> {
+/// What a table is written as.
+enum Format {
+    Toml,
+    Json,
+}
+
+/// The format that the name of a file asks for.
+fn format_of(path: &Path) -> Result<Format, Failure> {
     match path.extension().and_then(|e| e.to_str()) {
-        Some("toml") => Ok(table.to_toml(chain)),
-        Some("json") => json_text(&table.to_json(chain)),
-        _ if is_stdout(path) => json_text(&table.to_json(chain)),
+        Some("toml") => Ok(Format::Toml),
+        Some("json") => Ok(Format::Json),
+        _ if is_stdout(path) => Ok(Format::Json),
         _ => Err(InputError::new(
             path,
             "a name that says no format",

@@ -1,0 +1,204 @@
+//! The drawing with other joint zeros, base and tool, as near to a blob's predictions as these can bring it.
+//!
+//! Every controller takes zeros of its joints, a base and a tool, and many take nothing else. The first and the last joint
+//! keep their zeros: base and tool do the same. What remains is mostly larger than what a whole chain leaves, so it is
+//! returned beside that of base and tool alone.
+
+use poegp_protocol::JointKind;
+use poegp_runtime::kinematics::poe::Poe;
+use poegp_runtime::math::se3::{Pose, Twist};
+
+use crate::blob::predicted_poses::PredictedPoses;
+use crate::identification::frame_fit::{ResidualFrame, cost, linearise};
+use crate::measurement::sample::BaseSample;
+use crate::numeric::cholesky::Factor;
+use crate::numeric::matrix::Mat;
+use crate::numeric::product::{Transposed, product};
+use crate::numeric::statistics::ErrorSummary;
+
+/// Most steps.
+const STEPS: usize = 30;
+/// A step that lowers the cost by less than this share is the last.
+const SETTLED: f64 = 1e-9;
+/// Share of the largest diagonal element that every one gets: an offset that base and tool can do, too, stays 0.
+const RIDGE: f64 = 1e-12;
+/// Numbers of a frame.
+const SIX: usize = 6;
+
+/// Joint zeros, base and tool.
+#[derive(Clone, Debug)]
+pub struct JointOffsets {
+    /// Of each controller's joint, rad or m: where the controller says q, the drawing stands at q + offset. Of the first and
+    /// the last 0.
+    pub offsets: Vec<f64>,
+    /// The drawing's base, seen from the model's.
+    pub base_from_drawing: Pose<f64>,
+    /// `flange_from_target` of the first tool.
+    pub flange_from_target: Pose<f64>,
+    /// Distances from the predictions, at poses that nothing was fitted to.
+    pub error: ErrorSummary,
+    /// Those with base and tool alone, fitted to the same poses.
+    pub base_and_tool: ErrorSummary,
+}
+
+impl JointOffsets {
+    /// For a drawing that leads from the model's base to the target, which is at `flange_from_target`. `coupling` is C of
+    /// q_serial = C q by rows.
+    pub fn new(
+        predicted: &PredictedPoses,
+        drawing: &Poe<f64>,
+        flange_from_target: &Pose<f64>,
+        coupling: Option<&[Vec<f64>]>,
+    ) -> Self {
+        let n = drawing.kinds().len();
+        let with = |joints: std::ops::Range<usize>| {
+            let mut zeros = Zeros::new(drawing, coupling, joints.collect());
+            zeros.fit(&predicted.fitted);
+            zeros
+        };
+        let alone = with(0..0);
+        let zeros = with(1..n.saturating_sub(1).max(1));
+        let flange = drawing.frames()[n] * flange_from_target.inverse();
+        // The zero of the last joint of the chain is in the tool; a coupling may move it with another joint's.
+        let last = motion(drawing.kinds()[n - 1], -zeros.of_chain(n - 1));
+        Self {
+            base_from_drawing: zeros.base,
+            flange_from_target: flange.inverse() * last * zeros.tool * drawing.frames()[n],
+            error: predicted.distances(&zeros.chain()),
+            base_and_tool: predicted.distances(&alone.chain()),
+            offsets: zeros.offsets,
+        }
+    }
+}
+
+/// What is fitted: [base | tool | an offset of each free joint].
+#[derive(Clone)]
+struct Zeros<'a> {
+    drawing: &'a Poe<f64>,
+    coupling: Option<&'a [Vec<f64>]>,
+    free: Vec<usize>,
+    /// Before the first frame of the drawing.
+    base: Pose<f64>,
+    /// Before its last frame.
+    tool: Pose<f64>,
+    /// Of the controller's joints.
+    offsets: Vec<f64>,
+}
+
+impl<'a> Zeros<'a> {
+    fn new(drawing: &'a Poe<f64>, coupling: Option<&'a [Vec<f64>]>, free: Vec<usize>) -> Self {
+        Self {
+            drawing,
+            coupling,
+            free,
+            base: Pose::identity(),
+            tool: Pose::identity(),
+            offsets: vec![0.0; drawing.kinds().len()],
+        }
+    }
+
+    /// What joint `j` of the controller moves joint `i` of the chain by.
+    fn share(&self, i: usize, j: usize) -> f64 {
+        self.coupling
+            .map_or(f64::from(u8::from(i == j)), |rows| rows[i][j])
+    }
+
+    /// Offset of joint `i` of the chain.
+    fn of_chain(&self, i: usize) -> f64 {
+        let all = self.offsets.iter().enumerate();
+        all.map(|(j, offset)| self.share(i, j) * offset).sum()
+    }
+
+    fn chain(&self) -> Poe<f64> {
+        let mut chain = *self.drawing;
+        let n = self.offsets.len();
+        let frames = chain.frames_mut();
+        frames[0] = self.base * frames[0];
+        for i in 0..n - 1 {
+            frames[i + 1] = motion(self.drawing.kinds()[i], self.of_chain(i)) * frames[i + 1];
+        }
+        frames[n] = self.tool * frames[n];
+        chain
+    }
+
+    /// The columns of [base | tool | offsets] from those of all frames, each six numbers that multiply it from the left.
+    fn columns(&self, a: &Mat<f64>) -> Mat<f64> {
+        let n = self.offsets.len();
+        let mut out = Mat::zeros(a.nrows(), 2 * SIX + self.free.len());
+        for row in 0..a.nrows() {
+            for k in 0..SIX {
+                out[(row, k)] = a[(row, k)];
+                out[(row, SIX + k)] = a[(row, SIX * n + k)];
+            }
+            for (at, j) in self.free.iter().enumerate() {
+                let of = |i: usize| {
+                    self.share(i, *j) * a[(row, SIX * (i + 1) + axis(self.drawing.kinds()[i]))]
+                };
+                out[(row, 2 * SIX + at)] = (0..n - 1).map(of).sum();
+            }
+        }
+        out
+    }
+
+    fn moved(&self, step: &Mat<f64>, share: f64) -> Self {
+        let twist = |first: usize| {
+            Twist::from_array(&std::array::from_fn(|k| share * step[(first + k, 0)]))
+        };
+        let mut out = self.clone();
+        out.base = Pose::exp(&twist(0)) * out.base;
+        out.tool = Pose::exp(&twist(SIX)) * out.tool;
+        for (at, j) in self.free.iter().enumerate() {
+            out.offsets[*j] += share * step[(2 * SIX + at, 0)];
+        }
+        out
+    }
+
+    /// Gauss–Newton; metres and radians count alike, as in the base-tool calibration.
+    fn fit(&mut self, samples: &[BaseSample]) {
+        let frames: Vec<usize> = (0..=self.offsets.len()).collect();
+        for _ in 0..STEPS {
+            let chain = self.chain();
+            let kind = ResidualFrame::TOOL_POINT_UNIT_WEIGHTS;
+            let before = cost(&chain, samples, kind);
+            let (y, all) = linearise(&chain, samples, &frames, kind);
+            let a = self.columns(&all);
+            let mut normal = product(Transposed(&a), &a);
+            let largest = (0..normal.nrows())
+                .map(|i| normal[(i, i)])
+                .fold(0.0, f64::max);
+            for i in 0..normal.nrows() {
+                normal[(i, i)] += RIDGE * largest;
+            }
+            let Ok(factor) = Factor::new(normal, 1) else {
+                return;
+            };
+            let step = factor.solve(&product(Transposed(&a), &y));
+            let candidates = (0..8).map(|halvings| self.moved(&step, 0.5_f64.powi(halvings)));
+            let better = candidates
+                .map(|candidate| (cost(&candidate.chain(), samples, kind), candidate))
+                .find(|(after, _)| *after < before);
+            let Some((after, candidate)) = better else {
+                return;
+            };
+            *self = candidate;
+            if before - after < SETTLED * before {
+                return;
+            }
+        }
+    }
+}
+
+/// Which number of a frame's six is a motion of the joint before it.
+fn axis(kind: JointKind) -> usize {
+    match kind {
+        JointKind::Revolute => 5,
+        JointKind::Prismatic => 2,
+    }
+}
+
+/// Turns about or moves along z, rad or m.
+fn motion(kind: JointKind, value: f64) -> Pose<f64> {
+    let mut twist = [0.0; SIX];
+    twist[axis(kind)] = value;
+    Pose::exp(&Twist::from_array(&twist))
+}

@@ -1,0 +1,124 @@
+//! What is said of an export: in the command's output, in the comments of each file and in JSON.
+
+use nalgebra::Vector3;
+use poegp_protocol::JointKind;
+use poegp_runtime::math::se3::Pose;
+use serde_json::{Value, json};
+
+use crate::export::CalibratedChain;
+use crate::export::calibrated_chain::Distance;
+use poegp_calibration::blob::region::Region;
+use poegp_calibration::numeric::statistics::ErrorSummary;
+use poegp_calibration::robot::Joint;
+use poegp_calibration::robot::normal_form::roll_pitch_yaw;
+
+/// How near a chain is to the model, a line each.
+pub fn accuracy(chain: &CalibratedChain) -> Vec<String> {
+    let region = region(&chain.distance.region, &chain.joints);
+    let first = match &chain.fit {
+        Some(_) => format!("frames fitted to the poses of the whole model over {region}"),
+        None => format!("the frames of the whole model, compared over {region}"),
+    };
+    let mut out = vec![first];
+    out.extend(against_drawing(&chain.distance.chain, &chain.distance));
+    out.extend(chain.fit.as_ref().map(|fit| {
+        let of = distance(&fit.before);
+        format!("of the frames inside the model: {of}")
+    }));
+    out
+}
+
+/// How far something is from the model, beside the drawing.
+pub(super) fn against_drawing(error: &ErrorSummary, distance: &Distance) -> [String; 2] {
+    let (own, drawing) = (self::distance(error), self::distance(&distance.drawing));
+    [
+        format!("{own}, at {} other poses", error.poses),
+        format!("of the drawing with the model's base and tool: {drawing}"),
+    ]
+}
+
+/// What every exported text says at its beginning.
+pub(super) fn comments(chain: &CalibratedChain) -> Vec<String> {
+    let mut out = chain.provenance.clone();
+    out.extend(accuracy(chain));
+    if !chain.not_carried.is_empty() {
+        let left_out = chain.not_carried.join("; ");
+        out.push(format!("not in this file: {left_out}"));
+    }
+    out
+}
+
+/// Distances from the model.
+pub fn distance(errors: &ErrorSummary) -> String {
+    let mm = &errors.position_mm;
+    format!(
+        "distance {:.3} mm in the mean, 95 % within {:.3} mm, largest {:.3} mm",
+        mm.mean, mm.p95, mm.max
+    )
+}
+
+/// A region of the arm with these joints.
+pub fn region(region: &Region, joints: &[Joint]) -> String {
+    let is_revolute = |joint: &Joint| joint.kind == JointKind::Revolute;
+    let reach = |near: f64| match joints.iter().all(is_revolute) {
+        true => format!("{near}°"),
+        false => format!("{near}° or {near} mm"),
+    };
+    let joints = match &region.near {
+        None => "the trained joint ranges".to_owned(),
+        Some(near) => match &near.poses[..] {
+            [only] => format!(
+                "joints within {} of {}",
+                reach(near.reach),
+                pose(only, joints)
+            ),
+            all => format!(
+                "joints within {} of one of {} poses",
+                reach(near.reach),
+                all.len()
+            ),
+        },
+    };
+    let payload = match region.payload_kg {
+        Some((light, heavy)) if light < heavy => format!(", payload {light} to {heavy} kg"),
+        Some((only, _)) => format!(", payload {only} kg"),
+        None => String::new(),
+    };
+    joints + &payload
+}
+
+/// Joint values in degrees and millimetres.
+fn pose(values: &[f64], joints: &[Joint]) -> String {
+    let text = |(value, joint): (&f64, &Joint)| match joint.kind {
+        JointKind::Revolute => format!("{}°", short(value.to_degrees())),
+        JointKind::Prismatic => format!("{} mm", short(1e3 * value)),
+    };
+    let texts: Vec<String> = values.iter().zip(joints).map(text).collect();
+    texts.join(" ")
+}
+
+/// Four decimals without trailing zeros.
+fn short(value: f64) -> f64 {
+    (value * 1e4).round() / 1e4 + 0.0
+}
+
+/// Distances from the model as JSON.
+pub fn distance_json(chain: &CalibratedChain) -> Value {
+    let distance = &chain.distance;
+    json!({
+        "region": region(&distance.region, &chain.joints),
+        "payload_kg": distance.region.payload_kg.map(|(light, heavy)| [light, heavy]),
+        "chain": distance.chain,
+        "drawing": distance.drawing,
+    })
+}
+
+/// A pose: millimetres, and degrees of roll, pitch and yaw.
+pub fn describe(pose: &Pose<f64>) -> String {
+    let t: Vector3<f64> = 1e3 * pose.translation;
+    let rpy = roll_pitch_yaw(&pose.rotation).map(f64::to_degrees);
+    format!(
+        "{:.4} {:.4} {:.4} mm, roll pitch yaw {:.5} {:.5} {:.5}°",
+        t[0], t[1], t[2], rpy[0], rpy[1], rpy[2]
+    )
+}

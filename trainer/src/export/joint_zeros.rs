@@ -1,0 +1,127 @@
+//! Joint zeros, base and tool: what a controller takes that takes no other frames.
+
+use std::fmt::Write;
+
+use poegp_protocol::JointKind;
+use poegp_runtime::math::se3::Pose;
+use serde_json::{Value, json};
+
+use crate::export::CalibratedChain;
+use crate::export::describe::{against_drawing, distance, distance_json, region};
+use crate::export::format::{decimals, rounded};
+use crate::export::gauge;
+use crate::export::tables::{origin, pose, quoted};
+use poegp_calibration::blob::joint_offsets::JointOffsets;
+
+/// What the numbers mean.
+const MEANING: &str =
+    "Where the controller says q, the arm stands as the drawing does at q + offset.";
+
+/// What was fitted and how near it is to the model, a line each.
+pub fn accuracy(chain: &CalibratedChain, zeros: &JointOffsets) -> Vec<String> {
+    let region = region(&chain.distance.region, &chain.joints);
+    let mut out = vec![format!(
+        "joint zeros, base and tool fitted to the poses of the whole model over {region}"
+    )];
+    out.extend(against_drawing(&zeros.error, &chain.distance));
+    for (what, errors) in [
+        ("base and tool alone, fitted", &zeros.base_and_tool),
+        ("the whole chain, fitted", &chain.distance.chain),
+    ] {
+        out.push(format!("of {what}: {}", distance(errors)));
+    }
+    out
+}
+
+/// How far each of them moves, a line each.
+pub fn moves(chain: &CalibratedChain, zeros: &JointOffsets) -> Vec<String> {
+    let own = chain.joints.iter().zip(&zeros.offsets);
+    let mut out: Vec<String> = own
+        .map(|(joint, offset)| match joint.kind {
+            JointKind::Revolute => format!("joint {}: {:.5}°", joint.name, offset.to_degrees()),
+            JointKind::Prismatic => format!("joint {}: {:.4} mm", joint.name, 1e3 * offset),
+        })
+        .collect();
+    let moved = |what: &str, from: &Pose<f64>, to: &Pose<f64>| {
+        let (apart, turned) = gauge::distance(from, to);
+        format!(
+            "{what}: moved by {:.3} mm and {:.3} mrad",
+            1e3 * apart,
+            1e3 * turned
+        )
+    };
+    out.push(moved("base", &Pose::identity(), &zeros.base_from_drawing));
+    out.push(moved(
+        "tool",
+        &chain.flange_from_target,
+        &zeros.flange_from_target,
+    ));
+    out
+}
+
+/// The file as TOML.
+pub fn to_toml(chain: &CalibratedChain, zeros: &JointOffsets) -> String {
+    let mut out = String::new();
+    for line in chain.provenance.iter().chain(&accuracy(chain, zeros)) {
+        let _ = writeln!(out, "# {line}");
+    }
+    let _ = writeln!(
+        out,
+        "# {MEANING} Metres and radians.\n\nname = {}",
+        quoted(&chain.name)
+    );
+    for (joint, offset) in chain.joints.iter().zip(&zeros.offsets) {
+        let _ = writeln!(
+            out,
+            "\n[[joint]]\nname = {}\n{} = {}",
+            quoted(&joint.name),
+            key(joint.kind),
+            decimals(*offset)
+        );
+    }
+    let _ = writeln!(
+        out,
+        "\n# The base and the target on the flange that belong to these zeros.\n[calibration]\n\
+         flange_from_target = {}\ninstrument_from_base = {}\nbase_from_drawing = {}",
+        origin(&zeros.flange_from_target),
+        origin(&(chain.instrument_from_base * zeros.base_from_drawing)),
+        origin(&zeros.base_from_drawing)
+    );
+    out
+}
+
+/// The same as JSON.
+pub fn to_json(chain: &CalibratedChain, zeros: &JointOffsets) -> Value {
+    let joints = chain.joints.iter().zip(&zeros.offsets);
+    let joints = joints.map(|(joint, offset)| {
+        let mut out = json!({"name": joint.name});
+        out[key(joint.kind)] = json!(rounded(*offset));
+        out
+    });
+    json!({
+        "version": env!("CARGO_PKG_VERSION"),
+        "name": chain.name,
+        "provenance": chain.provenance,
+        "meaning": MEANING,
+        "distance": distances(chain, zeros),
+        "joints": joints.collect::<Vec<_>>(),
+        "flange_from_target": pose(&zeros.flange_from_target),
+        "instrument_from_base": pose(&(chain.instrument_from_base * zeros.base_from_drawing)),
+        "base_from_drawing": pose(&zeros.base_from_drawing),
+    })
+}
+
+/// Distances from the model, beside those of the whole chain and of the drawing.
+pub fn distances(chain: &CalibratedChain, zeros: &JointOffsets) -> Value {
+    let mut out = distance_json(chain);
+    out["joint_offsets"] = json!(zeros.error);
+    out["base_and_tool"] = json!(zeros.base_and_tool);
+    out
+}
+
+fn key(kind: JointKind) -> &'static str {
+    match kind {
+        JointKind::Revolute => "offset_rad",
+        JointKind::Prismatic => "offset_m",
+    }
+}

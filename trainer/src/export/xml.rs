@@ -1,0 +1,21 @@
+//! Text within XML.
+
+use std::fmt::Write;
+
+/// Text as the value of an attribute.
+pub(super) fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;")
+        .replace('<', "&lt;")
+        .replace('>', "&gt;")
+        .replace('"', "&quot;")
+}
+
+/// A comment of these lines.
+pub(super) fn comment_lines(lines: &[String]) -> String {
+    let mut out = String::from("<!--\n");
+    for line in lines {
+        // Two hyphens would end it.
+        let _ = writeln!(out, "  {}", line.replace("--", "- -"));
+    }
+    out + "-->\n"
+}
