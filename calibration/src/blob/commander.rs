@@ -313,7 +313,11 @@ mod tests {
             let nearest = nearest.fold(f64::INFINITY, f64::min);
             // Beside a singularity of the wrist two joints turn against each other.
             let singular = joints[4].sin().abs() < 0.05;
-            assert!(singular || nearest < 1e-5, "{index}: {nearest:e} of {}", branches.len());
+            assert!(
+                singular || nearest < 1e-5,
+                "{index}: {nearest:e} of {}",
+                branches.len()
+            );
         }
     }
 

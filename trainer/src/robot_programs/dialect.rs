@@ -49,7 +49,8 @@ impl Orientation {
                 Pose::exp(&twist).rotation
             }
             (_, [a, b, c]) => {
-                let about = |axis, degrees: f64| rotation_about(axis, degrees.to_radians()).rotation;
+                let about =
+                    |axis, degrees: f64| rotation_about(axis, degrees.to_radians()).rotation;
                 match self {
                     Self::FixedXyz => about(2, *c) * about(1, *b) * about(0, *a),
                     Self::TurnedZyx => about(2, *a) * about(1, *b) * about(0, *c),
@@ -108,7 +109,11 @@ impl Orientation {
                     .map(|[a, b, c]| [near(*a0, a), near(*b0, b), near(*c0, c)]);
                 let far = |t: &[f64; 3]| (t[0] - a0).abs() + (t[1] - b0).abs() + (t[2] - c0).abs();
                 let [first, second] = triples;
-                let nearest = if far(&second) < far(&first) { second } else { first };
+                let nearest = if far(&second) < far(&first) {
+                    second
+                } else {
+                    first
+                };
                 nearest.to_vec()
             }
             _ => return None,
@@ -197,7 +202,10 @@ mod tests {
         match orientation {
             Orientation::Quaternion => {
                 let rotation = Orientation::FixedXyz.rotation(&[a, b, c]).unwrap();
-                let pose = Pose { rotation, translation: Vector3::zeros() };
+                let pose = Pose {
+                    rotation,
+                    translation: Vector3::zeros(),
+                };
                 let (w, v) = pose.quaternion();
                 vec![-w, -v[0], -v[1], -v[2]]
             }

@@ -1,12 +1,15 @@
-//! `trainer correct`: a file of joint targets in, the joints to command instead out, by the device's own function.
+//! `trainer correct`: targets in, what to command instead out.
 //!
-//! The file is read in chunks, which all cores correct at the same time and which are written in their order. Memory holds
+//! A robot program is corrected in [`program`], in `f64`. A file of joint targets is corrected here by the device's own
+//! function. That file is read in chunks, which all cores correct at the same time and which are written in their order. Memory holds
 //! a few chunks, and 17 bytes of each row for the summary.
 
+mod program;
+mod record;
 mod row;
 mod summary;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 use poegp_runtime::model::MAX_PAYLOAD_KG;
@@ -18,6 +21,7 @@ use crate::cli::inputs::{self, file_name};
 use crate::cli::output::long::LongOutput;
 use crate::cli::output::{check_outputs, json_text, write_with_long};
 use crate::cli::terminal::print::{Printer, note};
+use crate::robot_programs::correction::Format;
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::measurement::JointChecks;
@@ -37,21 +41,39 @@ const ADDED: [&str; 5] = [
 /// `trainer correct`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Only the joint columns change. Five columns are added: position_error_um \
+    after_help = "Of a robot program only the numbers of targets change. Its controller then brings the real tool where it believed \
+    the nominal one to be. What cannot be corrected is left and named, with exit code 1. Tools and frames are those of the \
+    program, of files of --with, or of --frames. A record OUT.poegp.json is written beside it.\n\n\
+    Of a CSV file only the joint columns change. Five columns are added: position_error_um \
     and rotation_error_urad (what stays by the model), applied (how much of the arm's error is corrected, 0 to 1), status (ok, \
     or why not), trust (1 within the trained ranges, towards 0 far from them). Each row is corrected on its own, as the device \
     does before its filter: beside a singularity only in part, so that neighbouring rows stay neighbours.\n\n\
-    Example: trainer correct arm.blob program.csv --payload-kg 2.5 --out corrected.csv"
+    Examples:\n  trainer correct arm.blob program.csv --payload-kg 2.5 --out corrected.csv\n  \
+    trainer correct arm.blob weld.mod --payload-from-program --out corrected.mod"
 )]
 pub struct Correct {
     /// Model (`.blob`).
     pub blob: PathBuf,
-    /// Joint targets (CSV): q1_deg … (or _rad, _mm, _m), optionally payload_kg; other columns are kept.
-    pub targets: PathBuf,
-    /// Payload of all rows in kg, for a file without payload_kg.
+    /// Robot programs that belong together (ABB RAPID .mod), or joint targets (CSV): q1_deg … (or _rad, _mm, _m), optionally
+    /// payload_kg; other columns are kept.
+    #[arg(value_name = "PROGRAM", required = true)]
+    pub programs: Vec<PathBuf>,
+    /// Payload of all targets in kg, for a file without payload_kg.
     #[arg(long, value_name = "KG", allow_negative_numbers = true)]
     pub payload_kg: Option<f64>,
-    /// Write the corrected targets (`-`: standard output).
+    /// Of a program: the payload is what it says of each tool.
+    #[arg(long, conflicts_with = "payload_kg")]
+    pub payload_from_program: bool,
+    /// Of a program: tools and frames that it does not define (TOML).
+    #[arg(long, value_name = "FILE")]
+    pub frames: Option<PathBuf>,
+    /// Of a program: further files of it, for tools and frames; they are not corrected.
+    #[arg(long, value_name = "FILE")]
+    pub with: Vec<PathBuf>,
+    /// Bring a corrected program back to the nominal arm.
+    #[arg(long)]
+    pub inverse: bool,
+    /// Write the corrected targets (`-`: standard output); of several programs, a folder.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
     /// Write the summary as JSON (`-`: standard output).
@@ -67,11 +89,31 @@ struct Rewritten {
 }
 
 pub fn run(a: &Correct) -> Result<(), Failure> {
+    let formats: Vec<Option<Format>> = a.programs.iter().map(|path| Format::of(path)).collect();
+    match formats.as_slice() {
+        [Some(first), rest @ ..] if rest.iter().all(|format| *format == Some(*first)) => {
+            program::run(a, *first)
+        }
+        [None] => joint_targets(a, &a.programs[0]),
+        _ => Err(Failure::Usage(
+            "files of several formats: give those of one program, or one CSV file".to_owned(),
+        )),
+    }
+}
+
+/// Corrects a file of joint targets.
+fn joint_targets(a: &Correct, targets: &Path) -> Result<(), Failure> {
+    if a.inverse || a.payload_from_program || a.frames.is_some() || !a.with.is_empty() {
+        return Err(Failure::Usage(format!(
+            "{}: --inverse, --payload-from-program, --frames and --with are for robot programs",
+            targets.display()
+        )));
+    }
     let outputs = [Some(a.out.as_path()), a.json.as_deref()];
-    check_outputs(&outputs, &[&a.blob, &a.targets])?;
+    check_outputs(&outputs, &[&a.blob, targets])?;
     let loaded = BlobModel::read(&a.blob)?;
     let robot = inputs::robot_of(loaded.blob());
-    let (columns, start, mut chunks) = TargetReader::open(&a.targets)?.into_parts();
+    let (columns, start, mut chunks) = TargetReader::open(targets)?.into_parts();
     let columns = &columns;
     let limits = columns.limits(&robot)?;
     columns.refuse_columns(
@@ -115,9 +157,9 @@ pub fn run(a: &Correct) -> Result<(), Failure> {
         return Err(columns.no_rows().into());
     }
     for text in limits.notes(&checks) {
-        note(format_args!("{}: {text}", a.targets.display()));
+        note(format_args!("{}: {text}", targets.display()));
     }
-    let document = summing.document(file_name(&a.targets), loaded.host().provenance.method, all);
+    let document = summing.document(file_name(targets), loaded.host().provenance.method, all);
     let json = match &a.json {
         Some(path) => Some((path.as_path(), json_text(&document)?)),
         None => None,

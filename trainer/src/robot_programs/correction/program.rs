@@ -152,7 +152,12 @@ impl Program {
     /// Leaves what is at a location.
     pub fn leave(&mut self, location: Location, reason: impl Into<String>) {
         let reason = reason.into();
-        let is_said = self.left.iter().rev().take(4).any(|left| left.location == location);
+        let is_said = self
+            .left
+            .iter()
+            .rev()
+            .take(4)
+            .any(|left| left.location == location);
         if !is_said {
             self.left.push(Left { location, reason });
         }
@@ -169,7 +174,14 @@ impl Program {
     pub fn move_to(&mut self, target: usize, way: Way, tool: usize, base: usize) {
         let found = &mut self.targets[target];
         let location = found.location;
-        let is_other = found.tool.is_some_and(|t| t != tool) || found.base.is_some_and(|b| b != base);
+        let kg = |index: usize| self.frames[index].payload_kg;
+        let is_other = match found.goal {
+            // The frames do not matter, but what the tool weighs may.
+            Goal::Joints(_) => found.tool.is_some_and(|t| kg(t) != kg(tool)),
+            Goal::Pose { .. } => {
+                found.tool.is_some_and(|t| t != tool) || found.base.is_some_and(|b| b != base)
+            }
+        };
         if is_other {
             let (old_tool, old_base) = (found.tool.unwrap_or(tool), found.base.unwrap_or(base));
             let name = |index: usize| self.frames[index].name.clone();

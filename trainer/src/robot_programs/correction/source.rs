@@ -201,7 +201,10 @@ mod tests {
         assert_eq!(of("+1.5", -1.6, least(1)).unwrap(), "-1.6");
         assert_eq!(of("1.5E+02", 151.0, least(1)).unwrap(), "151.0");
         assert_eq!(of("-0.01", -0.000_1, least(2)).unwrap(), "0.00");
-        let three = Decimals { least: 5, most: Some(3) };
+        let three = Decimals {
+            least: 5,
+            most: Some(3),
+        };
         assert_eq!(of("1.234", 1.234_4, three), None);
         assert_eq!(of("1.234", 1.234_6, three).unwrap(), "1.235");
     }
@@ -210,6 +213,9 @@ mod tests {
     fn lines_end_with_either_end() {
         let source = Source::new(Path::new("a"), b"a\r\nb\rc\nd".to_vec(), true);
         let at = |at| source.line_and_column(at);
-        assert_eq!([at(0), at(1), at(3), at(5), at(7)], [(1, 1), (1, 2), (2, 1), (3, 1), (4, 1)]);
+        assert_eq!(
+            [at(0), at(1), at(3), at(5), at(7)],
+            [(1, 1), (1, 2), (2, 1), (3, 1), (4, 1)]
+        );
     }
 }

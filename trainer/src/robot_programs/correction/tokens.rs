@@ -56,7 +56,12 @@ impl Token {
 /// The tokens of a file, comments and blanks left out.
 pub fn tokens(bytes: &[u8], lexicon: &Lexicon) -> Vec<Token> {
     let mut out: Vec<Token> = Vec::new();
-    let mut at = 0;
+    // A byte order mark is no part of the program.
+    let mut at = if bytes.starts_with(b"\xef\xbb\xbf") {
+        3
+    } else {
+        0
+    };
     while let Some(byte) = bytes.get(at).copied() {
         let rest = &bytes[at..];
         let length_of = |is: &dyn Fn(u8) -> bool| rest.iter().take_while(|b| is(**b)).count();
@@ -64,7 +69,10 @@ pub fn tokens(bytes: &[u8], lexicon: &Lexicon) -> Vec<Token> {
             |b: u8| b.is_ascii_alphanumeric() || b == b'_' || lexicon.in_names.contains(&b);
         // Behind an operand a sign is an operation.
         let is_operand = out.last().is_some_and(|last: &Token| {
-            matches!(last.kind, Kind::Number | Kind::Name | Kind::Mark(b')' | b']' | b'}'))
+            matches!(
+                last.kind,
+                Kind::Number | Kind::Name | Kind::Mark(b')' | b']' | b'}')
+            )
         });
         let (kind, length) = match byte {
             b'\n' | b'\r' => (Kind::LineEnd, 1),
@@ -109,7 +117,12 @@ fn text_length(rest: &[u8], quote: u8) -> usize {
 
 /// Bytes of the number at the beginning; 0 for none. A name may begin with no digit, so that `2x` is a number and a name.
 pub fn number_length(rest: &[u8], with_sign: bool) -> usize {
-    let digits = |from: usize| rest[from..].iter().take_while(|b| b.is_ascii_digit()).count();
+    let digits = |from: usize| {
+        rest[from..]
+            .iter()
+            .take_while(|b| b.is_ascii_digit())
+            .count()
+    };
     let mut at = usize::from(with_sign && matches!(rest.first(), Some(b'-' | b'+')));
     let whole = digits(at.min(rest.len()));
     at += whole;
@@ -172,7 +185,12 @@ impl Value {
             Self::Number(number) => Some(*number),
             _ => None,
         });
-        let mut out = [Number { file: 0, start: 0, end: 0, value: 0.0 }; N];
+        let mut out = [Number {
+            file: 0,
+            start: 0,
+            end: 0,
+            value: 0.0,
+        }; N];
         for slot in &mut out {
             *slot = all.next()??;
         }
@@ -209,6 +227,12 @@ impl<'a> Text<'a> {
         }
     }
 
+    /// The name at a token as it is written.
+    pub fn spelling(&self, at: usize) -> String {
+        let span = self.at(at).map_or(0..0, Token::span);
+        String::from_utf8_lossy(self.source.slice(&span)).into_owned()
+    }
+
     /// The first byte of a token, or the end of the file.
     pub fn byte(&self, at: usize) -> usize {
         self.at(at)
@@ -225,7 +249,11 @@ impl<'a> Text<'a> {
     pub fn find(&self, from: usize, end: usize, marks: &[u8]) -> usize {
         let mut depth = 0_usize;
         for at in from..end {
-            let Some(Token { kind: Kind::Mark(mark), .. }) = self.at(at) else {
+            let Some(Token {
+                kind: Kind::Mark(mark),
+                ..
+            }) = self.at(at)
+            else {
                 continue;
             };
             if depth == 0 && marks.contains(mark) {
@@ -284,7 +312,11 @@ mod tests {
     use super::*;
     use std::path::Path;
 
-    const RAPID: Lexicon = Lexicon { comment: b'!', quotes: b"\"", in_names: b"" };
+    const RAPID: Lexicon = Lexicon {
+        comment: b'!',
+        quotes: b"\"",
+        in_names: b"",
+    };
 
     #[test]
     fn numbers_names_strings_and_comments() {
@@ -298,14 +330,44 @@ mod tests {
         assert_eq!(
             texts,
             [
-                "p1", ":", "=", "[", "[", "-1.5", ",", "2E+03", ",", "+4", "]", ",", "[", "9E9", "]",
-                "]", ";", "\r", "\n", "TPWrite", "\"[3,4]\"", ";", "a", "-", "1"
+                "p1",
+                ":",
+                "=",
+                "[",
+                "[",
+                "-1.5",
+                ",",
+                "2E+03",
+                ",",
+                "+4",
+                "]",
+                ",",
+                "[",
+                "9E9",
+                "]",
+                "]",
+                ";",
+                "\r",
+                "\n",
+                "TPWrite",
+                "\"[3,4]\"",
+                ";",
+                "a",
+                "-",
+                "1"
             ]
         );
-        let text = Text { file: 0, source: &source, tokens: &all };
+        let text = Text {
+            file: 0,
+            source: &source,
+            tokens: &all,
+        };
         let value = text.value(3, 16);
         let lists = value.list(2).unwrap();
-        assert_eq!(lists[0].numbers::<3>().unwrap().map(|n| n.value), [-1.5, 2000.0, 4.0]);
+        assert_eq!(
+            lists[0].numbers::<3>().unwrap().map(|n| n.value),
+            [-1.5, 2000.0, 4.0]
+        );
         assert_eq!(text.value(22, 25), Value::Computed);
     }
 }

@@ -136,7 +136,9 @@ pub fn target(value: &Value, location: Location) -> Read {
         })
         .collect();
     let goal = match lengths[..] {
-        [6, 6] => parts[0].numbers::<6>().map(|n| (Goal::Joints(n.to_vec()), None)),
+        [6, 6] => parts[0]
+            .numbers::<6>()
+            .map(|n| (Goal::Joints(n.to_vec()), None)),
         [3, 4, 4, 6] => pose_goal(parts),
         _ => return Read::Nothing,
     };
@@ -169,7 +171,11 @@ fn pose_goal(parts: &[Value]) -> Option<(Goal, Option<Configuration>)> {
     let quarter = std::f64::consts::FRAC_PI_2;
     let bound = |(joint, number): (usize, Number)| {
         let lower = quarter * number.value;
-        (joint, lower - QUARTER_SLACK, lower + quarter + QUARTER_SLACK)
+        (
+            joint,
+            lower - QUARTER_SLACK,
+            lower + quarter + QUARTER_SLACK,
+        )
     };
     let configuration = Configuration {
         bounds: [(0, first), (3, fourth), (5, sixth)].map(bound).to_vec(),
@@ -191,7 +197,10 @@ impl<T> Default for Names<T> {
 impl<T> Names<T> {
     /// Adds data of a file and routine; routine 0 is the module.
     pub fn add(&mut self, name: &str, file: usize, routine: usize, value: T) {
-        self.0.entry(name.to_owned()).or_default().push((file, routine, value));
+        self.0
+            .entry(name.to_owned())
+            .or_default()
+            .push((file, routine, value));
     }
 
     /// What a name means in a routine of a file.

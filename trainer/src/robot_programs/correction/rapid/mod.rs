@@ -16,7 +16,9 @@ use crate::robot_programs::Language;
 use crate::robot_programs::correction::frames::FrameFile;
 use crate::robot_programs::correction::program::{Frame, Location, Program, Way};
 use crate::robot_programs::correction::rapid::data::{FrameData, Names, Read, target};
-use crate::robot_programs::correction::rapid::statements::{Routine, Statement, is_instruction, statements};
+use crate::robot_programs::correction::rapid::statements::{
+    Routine, Statement, is_instruction, statements,
+};
 use crate::robot_programs::correction::source::Source;
 use crate::robot_programs::correction::tokens::{Kind, Lexicon, Text, Token, Value, tokens};
 
@@ -44,7 +46,11 @@ pub fn read(sources: Vec<Source>, frames: &FrameFile) -> Result<Program, InputEr
         .iter()
         .zip(&tokens)
         .enumerate()
-        .map(|(file, (source, tokens))| Text { file, source, tokens })
+        .map(|(file, (source, tokens))| Text {
+            file,
+            source,
+            tokens,
+        })
         .collect();
     let mut reader = Reader {
         program: Program::new("ABB RAPID", Language::Rapid.dialect(), sources),
@@ -60,7 +66,10 @@ pub fn read(sources: Vec<Source>, frames: &FrameFile) -> Result<Program, InputEr
         let (found, routines) = statements(text);
         all.extend(found);
         for routine in routines {
-            reader.routines.entry(routine.name.clone()).or_insert(routine);
+            reader
+                .routines
+                .entry(routine.name.clone())
+                .or_insert(routine);
         }
     }
     for statement in &all {
@@ -82,6 +91,7 @@ struct Assignment {
     file: usize,
     routine: usize,
     at: usize,
+    is_conditional: bool,
 }
 
 struct Reader<'a> {
@@ -132,7 +142,8 @@ impl<'a> Reader<'a> {
         match kind.as_str() {
             "robtarget" | "jointtarget" => {
                 let mut indices = Vec::new();
-                let starts = list_starts(&text, equals + 2, s.end, usize::from(text.is(at + 3, b'{')));
+                let starts =
+                    list_starts(&text, equals + 2, s.end, usize::from(text.is(at + 3, b'{')));
                 for (from, end) in starts {
                     let location = self.location(s, from);
                     match target(&text.value(from, end), location) {
@@ -167,7 +178,10 @@ impl<'a> Reader<'a> {
         if !text.is(equals + 1, b'=') || text.at(s.from)?.kind != Kind::Name {
             return None;
         }
-        if matches!(text.name(s.from).as_str(), "const" | "pers" | "var" | "local" | "task") {
+        if matches!(
+            text.name(s.from).as_str(),
+            "const" | "pers" | "var" | "local" | "task"
+        ) {
             return None;
         }
         let mut component = Vec::new();
@@ -192,12 +206,14 @@ impl<'a> Reader<'a> {
                 file: s.file,
                 routine: s.routine,
                 at: text.byte(s.from),
+                is_conditional: !s.blocks.is_empty(),
             });
         } else if let Some(indices) = self.named.find(&name, s.file, s.routine) {
             let line = self.program.line_of(self.location(s, s.from));
             for index in indices.clone() {
                 let location = self.program.targets[index].location;
-                self.program.leave(location, format!("the program changes it at {line}"));
+                self.program
+                    .leave(location, format!("the program changes it at {line}"));
             }
         }
     }
@@ -214,11 +230,20 @@ impl<'a> Reader<'a> {
                 continue;
             };
             let others = self.assigned.iter().filter(same);
-            let is_one = others.clone().all(|a| is_equal(&a.value, &first.value));
-            let line = self.program.line_of(Location { file: first.file, at: first.at });
+            let is_one = others
+                .clone()
+                .all(|a| is_equal(&a.value, &first.value) && !a.is_conditional);
+            let line = self.program.line_of(Location {
+                file: first.file,
+                at: first.at,
+            });
             match is_one {
                 true => data.assign(&first.component, &first.value, &line),
-                false => data.assign(&first.component, &Value::Computed, &format!("{line} and elsewhere")),
+                false => data.assign(
+                    &first.component,
+                    &Value::Computed,
+                    &format!("{line} and elsewhere"),
+                ),
             }
         }
         frames
@@ -255,15 +280,25 @@ impl<'a> Reader<'a> {
         state.conditional = inside;
         for (_, a) in behind {
             if let Some(data) = state.frames.find_mut(&a.name, s.file, s.routine) {
-                let line = self.program.line_of(Location { file: a.file, at: a.at });
-                data.assign(&a.component, &Value::Computed, &format!("{line}, under a condition"));
+                let line = self.program.line_of(Location {
+                    file: a.file,
+                    at: a.at,
+                });
+                data.assign(
+                    &a.component,
+                    &Value::Computed,
+                    &format!("{line}, under a condition"),
+                );
             }
         }
     }
 
     fn assign(&self, state: &mut State, a: &Assignment, s: &Statement) {
         if let Some(data) = state.frames.find_mut(&a.name, s.file, s.routine) {
-            let line = self.program.line_of(Location { file: a.file, at: a.at });
+            let line = self.program.line_of(Location {
+                file: a.file,
+                at: a.at,
+            });
             data.assign(&a.component, &a.value, &line);
             if !s.blocks.is_empty() {
                 state.conditional.push((s.blocks.clone(), a.clone()));
@@ -275,7 +310,12 @@ impl<'a> Reader<'a> {
         let text = self.texts[s.file];
         let name = text.name(s.from);
         let at = text.byte(s.from);
-        if let Some(a) = self.assigned.iter().find(|a| a.file == s.file && a.at == at).cloned() {
+        if let Some(a) = self
+            .assigned
+            .iter()
+            .find(|a| a.file == s.file && a.at == at)
+            .cloned()
+        {
             self.assign(state, &a, s);
             return Ok(());
         }
@@ -290,7 +330,8 @@ impl<'a> Reader<'a> {
             _ if is_instruction(&name) => self.motion(s, &name, state)?,
             _ => {
                 if let Some(routine) = self.routines.get(&name).cloned() {
-                    let by = |a: &&Assignment| a.file == routine.file && a.routine == routine.number;
+                    let by =
+                        |a: &&Assignment| a.file == routine.file && a.routine == routine.number;
                     for a in self.assigned.iter().filter(by).cloned().collect::<Vec<_>>() {
                         self.assign(state, &a, s);
                     }
@@ -320,29 +361,45 @@ impl<'a> Reader<'a> {
         let text = self.texts[s.file];
         let Some((way, points, tool_at)) = shape(name) else {
             let location = self.location(s, s.from);
-            self.program.leave(location, format!("{name} is not corrected"));
+            self.program.leave(
+                location,
+                format!("{} is not corrected", text.spelling(s.from)),
+            );
             return Ok(());
         };
         let (positional, switches) = arguments(&text, s.from + 1, s.end);
         let location = self.location(s, s.from);
         let Some((tool_from, tool_end)) = positional.get(tool_at).copied() else {
-            self.program.leave(location, "its arguments are not those of its instruction");
+            self.program
+                .leave(location, "its arguments are not those of its instruction");
             return Ok(());
         };
-        let switch = |wanted: &str| switches.iter().find(|(name, _)| name == wanted).map(|(_, v)| *v);
+        let switch = |wanted: &str| {
+            switches
+                .iter()
+                .find(|(name, _)| name == wanted)
+                .map(|(_, v)| *v)
+        };
         let is_joints = name.contains("absj");
         if switch("corr").is_some() {
             self.program.leave(location, "a sensor corrects its path");
             return Ok(());
         }
         if state.is_displaced && !is_joints {
-            self.program.leave(location, "a program displacement is active (PDispOn, PDispSet)");
+            self.program.leave(
+                location,
+                "a program displacement is active (PDispOn, PDispSet)",
+            );
             return Ok(());
         }
         let tool = self.tool(s, (tool_from, tool_end), state)?;
         let object = match (switch("wobj"), is_joints) {
             (Some(value), false) => self.object(s, value, state)?,
-            _ => Ok(("wobj0".to_owned(), Pose::identity(), "the controller".to_owned())),
+            _ => Ok((
+                "wobj0".to_owned(),
+                Pose::identity(),
+                "the controller".to_owned(),
+            )),
         };
         let (tool, object) = match (tool, object) {
             (Ok(tool), Ok(object)) => (tool, object),
@@ -351,7 +408,13 @@ impl<'a> Reader<'a> {
                 return Ok(());
             }
         };
-        let base = Frame { name: object.0, is_tool: false, pose: object.1, payload_kg: None, origin: object.2 };
+        let base = Frame {
+            name: object.0,
+            is_tool: false,
+            pose: object.1,
+            payload_kg: None,
+            origin: object.2,
+        };
         let (tool, base) = (self.program.frame(tool), self.program.frame(base));
         let is_monitored = state.is_monitored[usize::from(way != Way::Joints)];
         for (i, point) in positional.iter().take(points).enumerate() {
@@ -382,71 +445,151 @@ impl<'a> Reader<'a> {
             return Vec::new();
         }
         let name = text.name(from);
-        let quoted = text.source.quoted(&(text.byte(from)..text.byte(end.max(1) - 1) + 1));
+        let quoted = text
+            .source
+            .quoted(&(text.byte(from)..text.byte(end.max(1) - 1) + 1));
         let is_name = end == from + 1;
         let is_element = text.is(from + 1, b'{') && text.find(from + 2, end, b"}") + 1 == end;
         if name.is_empty() || !(is_name || is_element) {
-            let shown = if name.is_empty() { quoted } else { format!("{name}(…)") };
-            self.program.leave(location, format!("its target is computed: {shown}"));
+            let shown = if name.is_empty() {
+                quoted
+            } else {
+                format!("{}(…)", text.spelling(from))
+            };
+            self.program
+                .leave(location, format!("its target is computed: {shown}"));
             return Vec::new();
         }
         match self.named.find(&name, s.file, s.routine) {
             Some(all) if all.is_empty() => {
-                self.program.leave(location, format!("{name} is not a target that is corrected"));
+                self.program.leave(
+                    location,
+                    format!("{name} is not a target that is corrected"),
+                );
                 Vec::new()
             }
-            Some(all) => match text.number(from + 2).filter(|_| is_element && end == from + 4) {
-                Some(number) => all.get(number.value as usize - usize::from(number.value >= 1.0)).copied().into_iter().collect(),
+            Some(all) => match text
+                .number(from + 2)
+                .filter(|_| is_element && end == from + 4)
+            {
+                Some(number) => all
+                    .get(number.value as usize - usize::from(number.value >= 1.0))
+                    .copied()
+                    .into_iter()
+                    .collect(),
                 None => all.clone(),
             },
             None => {
-                self.program.leave(location, format!("its target {name} is in none of the files"));
+                self.program.leave(
+                    location,
+                    format!("its target {name} is in none of the files"),
+                );
                 Vec::new()
             }
         }
     }
 
     /// The tool that an argument is, or why it is none that is known.
-    fn tool(&self, s: &Statement, (from, end): (usize, usize), state: &State) -> Result<Result<Frame, String>, InputError> {
+    fn tool(
+        &self,
+        s: &Statement,
+        (from, end): (usize, usize),
+        state: &State,
+    ) -> Result<Result<Frame, String>, InputError> {
         let text = self.texts[s.file];
         let name = text.name(from);
-        let frame = |pose, payload_kg, origin: String| Frame { name: name.clone(), is_tool: true, pose, payload_kg, origin };
+        let frame = |pose, payload_kg, origin: String| Frame {
+            name: text.spelling(from),
+            is_tool: true,
+            pose,
+            payload_kg,
+            origin,
+        };
         if end != from + 1 {
             return Ok(Err("its tool is computed".to_owned()));
         }
         match state.frames.find(&name, s.file, s.routine) {
-            Some(FrameData::Tool { is_held: false, .. }) => Ok(Err(format!("{name} stands still, and the robot holds the part"))),
-            Some(FrameData::Tool { pose: Err(reason), .. }) => Ok(Err(format!("tool {name}: {reason}"))),
-            Some(FrameData::Tool { pose: Ok(pose), mass, .. }) => Ok(Ok(frame(*pose, *mass, "the program".to_owned()))),
+            Some(FrameData::Tool { is_held: false, .. }) => Ok(Err(format!(
+                "{name} stands still, and the robot holds the part"
+            ))),
+            Some(FrameData::Tool {
+                pose: Err(reason), ..
+            }) => Ok(Err(format!("tool {name}: {reason}"))),
+            Some(FrameData::Tool {
+                pose: Ok(pose),
+                mass,
+                ..
+            }) => Ok(Ok(frame(*pose, *mass, "the program".to_owned()))),
             Some(FrameData::Object { .. }) => Ok(Err(format!("{name} is no tool"))),
-            None if name == "tool0" => Ok(Ok(frame(Pose::identity(), Some(0.0), "the controller".to_owned()))),
+            None if name == "tool0" => Ok(Ok(frame(
+                Pose::identity(),
+                Some(0.0),
+                "the controller".to_owned(),
+            ))),
             None => match self.given.tool(&name) {
                 Some(given) => Ok(Ok(frame(given.pose, given.payload_kg, self.given.origin()))),
-                None => Err(self.given.unknown(text.source, text.byte(from), "tool", &name, "tooldata")),
+                None => Err(self.given.unknown(
+                    text.source,
+                    text.byte(from),
+                    "tool",
+                    &text.spelling(from),
+                    "tooldata",
+                )),
             },
         }
     }
 
     /// The work object that an argument is: name, `base_from_object`, where from.
     #[allow(clippy::type_complexity)]
-    fn object(&self, s: &Statement, (from, end): (usize, usize), state: &State) -> Result<Result<(String, Pose<f64>, String), String>, InputError> {
+    fn object(
+        &self,
+        s: &Statement,
+        (from, end): (usize, usize),
+        state: &State,
+    ) -> Result<Result<(String, Pose<f64>, String), String>, InputError> {
         let text = self.texts[s.file];
         let name = text.name(from);
         if end != from + 1 {
             return Ok(Err("its work object is computed".to_owned()));
         }
         Ok(match state.frames.find(&name, s.file, s.routine) {
-            Some(FrameData::Object { is_held: true, .. }) => Err(format!("the robot holds work object {name}")),
-            Some(FrameData::Object { is_moved: true, .. }) => Err(format!("a mechanical unit moves work object {name}")),
-            Some(FrameData::Object { user: Err(reason), .. } | FrameData::Object { object: Err(reason), .. }) => {
-                Err(format!("work object {name}: {reason}"))
+            Some(FrameData::Object { is_held: true, .. }) => {
+                Err(format!("the robot holds work object {name}"))
             }
-            Some(FrameData::Object { user: Ok(user), object: Ok(object), .. }) => Ok((name, *user * *object, "the program".to_owned())),
+            Some(FrameData::Object { is_moved: true, .. }) => {
+                Err(format!("a mechanical unit moves work object {name}"))
+            }
+            Some(
+                FrameData::Object {
+                    user: Err(reason), ..
+                }
+                | FrameData::Object {
+                    object: Err(reason),
+                    ..
+                },
+            ) => Err(format!("work object {name}: {reason}")),
+            Some(FrameData::Object {
+                user: Ok(user),
+                object: Ok(object),
+                ..
+            }) => Ok((
+                text.spelling(from),
+                *user * *object,
+                "the program".to_owned(),
+            )),
             Some(FrameData::Tool { .. }) => Err(format!("{name} is no work object")),
             None if name == "wobj0" => Ok((name, Pose::identity(), "the controller".to_owned())),
             None => match self.given.base(&name) {
-                Some(given) => Ok((name, given.pose, self.given.origin())),
-                None => return Err(self.given.unknown(text.source, text.byte(from), "base", &name, "wobjdata")),
+                Some(given) => Ok((text.spelling(from), given.pose, self.given.origin())),
+                None => {
+                    return Err(self.given.unknown(
+                        text.source,
+                        text.byte(from),
+                        "base",
+                        &text.spelling(from),
+                        "wobjdata",
+                    ));
+                }
             },
         })
     }
@@ -456,7 +599,12 @@ impl<'a> Reader<'a> {
 fn shape(name: &str) -> Option<(Way, usize, usize)> {
     let known = |start: &str, tool: usize| {
         let rest = name.strip_prefix(start)?;
-        let kinds = [("absj", Way::Joints, 1), ("l", Way::Line, 1), ("j", Way::Joints, 1), ("c", Way::Arc, 2)];
+        let kinds = [
+            ("absj", Way::Joints, 1),
+            ("l", Way::Line, 1),
+            ("j", Way::Joints, 1),
+            ("c", Way::Arc, 2),
+        ];
         kinds.into_iter().find_map(|(kind, way, points)| {
             let suffix = rest.strip_prefix(kind)?;
             let is_known = matches!(suffix, "" | "sync" | "do" | "ao" | "go");
@@ -468,7 +616,11 @@ fn shape(name: &str) -> Option<(Way, usize, usize)> {
 
 /// Positional arguments, and optional ones with the tokens of their values.
 #[allow(clippy::type_complexity)]
-fn arguments(text: &Text<'_>, from: usize, end: usize) -> (Vec<(usize, usize)>, Vec<(String, (usize, usize))>) {
+fn arguments(
+    text: &Text<'_>,
+    from: usize,
+    end: usize,
+) -> (Vec<(usize, usize)>, Vec<(String, (usize, usize))>) {
     let (mut positional, mut switches) = (Vec::new(), Vec::new());
     for (start, stop) in text.arguments(from, end) {
         let mut slash = text.find(start, stop, b"\\");

@@ -39,8 +39,16 @@ pub fn statements(text: &Text<'_>) -> (Vec<Statement>, Vec<Routine>) {
     // The first token behind a keyword from `from` on, before a semicolon.
     let behind = |from: usize, keyword: &str| {
         let stop = text.find(from, end, b";");
-        (from..stop).find(|i| text.name(*i) == keyword).map(|i| i + 1)
+        (from..stop)
+            .find(|i| text.name(*i) == keyword)
+            .map(|i| i + 1)
     };
+    // %%% VERSION:1 LANGUAGE:ENGLISH %%%
+    if text.is(at, b'%') {
+        let is_mark = |i: &usize| text.is(*i, b'%');
+        let next = (at..end).filter(is_mark).nth(5);
+        at = next.map_or(at + 1, |last| last + 1);
+    }
     while at < end {
         let mut open = |blocks: &mut Vec<usize>| {
             next_block += 1;
@@ -75,7 +83,10 @@ pub fn statements(text: &Text<'_>) -> (Vec<Statement>, Vec<Routine>) {
                 at += 1;
             }
             "record" => {
-                at = (at..end).find(|i| text.name(*i) == "endrecord").unwrap_or(end) + 1;
+                at = (at..end)
+                    .find(|i| text.name(*i) == "endrecord")
+                    .unwrap_or(end)
+                    + 1;
             }
             "if" => match behind(at, "then") {
                 Some(next) => {
@@ -89,7 +100,13 @@ pub fn statements(text: &Text<'_>) -> (Vec<Statement>, Vec<Routine>) {
                         .find(|i| is_instruction(&text.name(*i)))
                         .unwrap_or(at + 1);
                     open(&mut blocks);
-                    out.push(Statement { file: text.file, routine, blocks: blocks.clone(), from, end: stop });
+                    out.push(Statement {
+                        file: text.file,
+                        routine,
+                        blocks: blocks.clone(),
+                        from,
+                        end: stop,
+                    });
                     blocks.pop();
                     at = stop + 1;
                 }
@@ -113,7 +130,8 @@ pub fn statements(text: &Text<'_>) -> (Vec<Statement>, Vec<Routine>) {
             }
             "test" => {
                 open(&mut blocks);
-                let is_case = |i: &usize| matches!(text.name(*i).as_str(), "case" | "default" | "endtest");
+                let is_case =
+                    |i: &usize| matches!(text.name(*i).as_str(), "case" | "default" | "endtest");
                 at = (at + 1..end).find(is_case).unwrap_or(end);
             }
             "case" => {
@@ -135,7 +153,13 @@ pub fn statements(text: &Text<'_>) -> (Vec<Statement>, Vec<Routine>) {
                 }
                 let stop = text.find(at, end, b";");
                 if stop > at {
-                    out.push(Statement { file: text.file, routine, blocks: blocks.clone(), from: at, end: stop });
+                    out.push(Statement {
+                        file: text.file,
+                        routine,
+                        blocks: blocks.clone(),
+                        from: at,
+                        end: stop,
+                    });
                 }
                 at = stop + 1;
             }
@@ -146,5 +170,8 @@ pub fn statements(text: &Text<'_>) -> (Vec<Statement>, Vec<Routine>) {
 
 /// Whether a name is that of a motion.
 pub fn is_instruction(name: &str) -> bool {
-    ["move", "trigg"].iter().any(|start| name.starts_with(start)) && name != "triggio"
+    ["move", "trigg"]
+        .iter()
+        .any(|start| name.starts_with(start))
+        && name != "triggio"
 }

@@ -1,0 +1,57 @@
+//! Programs of controllers whose targets are corrected where they stand.
+//!
+//! A reader finds the numbers of the targets and where they are; the [`engine`] corrects them; nothing but these numbers is
+//! written. So every other byte stays: comments, line ends, letters of any encoding. A reader never guesses: what it does not
+//! understand it leaves and names.
+
+pub mod engine;
+pub mod frames;
+pub mod program;
+mod rapid;
+pub mod source;
+pub mod tokens;
+
+use std::path::Path;
+
+use poegp_calibration::input_error::InputError;
+
+use crate::robot_programs::correction::frames::FrameFile;
+use crate::robot_programs::correction::program::Program;
+use crate::robot_programs::correction::source::Source;
+
+/// A format of programs that are corrected.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Format {
+    /// ABB: modules.
+    Rapid,
+}
+
+impl Format {
+    /// All of them.
+    pub const ALL: [Self; 1] = [Self::Rapid];
+
+    /// Endings of its files, in lower case.
+    pub fn endings(self) -> &'static [&'static str] {
+        match self {
+            Self::Rapid => &["mod", "prg", "sys", "modx", "sysx"],
+        }
+    }
+
+    /// By the ending of a file's name.
+    pub fn of(path: &Path) -> Option<Self> {
+        let ending = path.extension()?.to_str()?.to_ascii_lowercase();
+        Self::ALL
+            .into_iter()
+            .find(|format| format.endings().contains(&ending.as_str()))
+    }
+
+    /// Reads files that belong together.
+    ///
+    /// # Errors
+    /// [`InputError`] for a frame that is nowhere, and for what is no program of this format.
+    pub fn read(self, sources: Vec<Source>, frames: &FrameFile) -> Result<Program, InputError> {
+        match self {
+            Self::Rapid => rapid::read(sources, frames),
+        }
+    }
+}
