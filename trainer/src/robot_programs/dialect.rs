@@ -39,7 +39,8 @@ impl Orientation {
             (Self::Quaternion, [w, x, y, z]) => {
                 let norm = (w * w + x * x + y * y + z * z).sqrt();
                 // Four decimals and a little more.
-                if !((norm - 1.0).abs() < 1e-2) {
+                let is_unit = (norm - 1.0).abs() < 1e-2;
+                if !is_unit {
                     return None;
                 }
                 Pose::from_quaternion(*w, &Vector3::new(*x, *y, *z), Vector3::zeros()).rotation

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
-use crate::cli::correct::Correct;
+use crate::cli::correct::args::Correct;
 use crate::cli::correct::record::{Record, refuse_corrected, sha256};
 use crate::cli::failure::Failure;
 use crate::cli::output::{check_outputs, json_text, write_outputs};

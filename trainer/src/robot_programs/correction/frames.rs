@@ -68,7 +68,7 @@ impl FrameFile {
         Self::parse(path, &text)
     }
 
-    /// The same of its text.
+    /// Of the text of a file.
     ///
     /// # Errors
     /// As [`FrameFile::read`].

@@ -5,11 +5,13 @@
 //! understand it leaves and names.
 
 pub mod engine;
+mod fanuc;
 pub mod frames;
 pub mod program;
 mod rapid;
 pub mod source;
 pub mod tokens;
+mod urscript;
 
 use std::path::Path;
 
@@ -24,16 +26,22 @@ use crate::robot_programs::correction::source::Source;
 pub enum Format {
     /// ABB: modules.
     Rapid,
+    /// Universal Robots: a script.
+    UrScript,
+    /// Fanuc: a listing.
+    Fanuc,
 }
 
 impl Format {
     /// All of them.
-    pub const ALL: [Self; 1] = [Self::Rapid];
+    pub const ALL: [Self; 3] = [Self::Rapid, Self::UrScript, Self::Fanuc];
 
     /// Endings of its files, in lower case.
     pub fn endings(self) -> &'static [&'static str] {
         match self {
             Self::Rapid => &["mod", "prg", "sys", "modx", "sysx"],
+            Self::UrScript => &["script", "urscript"],
+            Self::Fanuc => &["ls"],
         }
     }
 
@@ -52,6 +60,23 @@ impl Format {
     pub fn read(self, sources: Vec<Source>, frames: &FrameFile) -> Result<Program, InputError> {
         match self {
             Self::Rapid => rapid::read(sources, frames),
+            Self::UrScript => urscript::read(one(sources)?, frames),
+            Self::Fanuc => fanuc::read(one(sources)?, frames),
+        }
+    }
+}
+
+/// The only file of a program.
+fn one(mut sources: Vec<Source>) -> Result<Source, InputError> {
+    match (sources.pop(), sources.last()) {
+        (Some(source), None) => Ok(source),
+        (last, _) => {
+            let path = last.map_or_else(Default::default, |source| source.path);
+            Err(InputError::new(
+                path,
+                "a second file",
+                "one file, which is a whole program",
+            ))
         }
     }
 }
