@@ -72,6 +72,7 @@ struct FrameJson {
 
 pub fn run(a: &Correct, format: Format) -> Result<(), Failure> {
     let is_folder = a.programs.len() > 1 || a.out.is_dir();
+    // Of each file, what is read and what is written.
     let mut files: Vec<(PathBuf, PathBuf)> = Vec::new();
     for path in &a.programs {
         let out = if is_folder {
@@ -79,6 +80,13 @@ pub fn run(a: &Correct, format: Format) -> Result<(), Failure> {
         } else {
             a.out.clone()
         };
+        let companion = format
+            .companion(path)
+            .filter(|path| !a.programs.contains(path));
+        if let Some(companion) = companion {
+            let ending = companion.extension().unwrap_or_default().to_owned();
+            files.push((companion, out.with_extension(ending)));
+        }
         files.push((path.clone(), out));
     }
     if a.programs.len() > 1 && !a.out.is_dir() {

@@ -18,6 +18,7 @@ const LEXICON: Lexicon = Lexicon {
     comment: 0,
     quotes: b"\"'",
     in_names: b"",
+    has_pairs: false,
 };
 
 /// Options of a motion with which its end is no target.

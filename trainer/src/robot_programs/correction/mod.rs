@@ -7,13 +7,14 @@
 pub mod engine;
 mod fanuc;
 pub mod frames;
+mod krl;
 pub mod program;
 mod rapid;
 pub mod source;
 pub mod tokens;
 mod urscript;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use poegp_calibration::input_error::InputError;
 
@@ -30,11 +31,13 @@ pub enum Format {
     UrScript,
     /// Fanuc: a listing.
     Fanuc,
+    /// KUKA: a source and its data list.
+    Krl,
 }
 
 impl Format {
     /// All of them.
-    pub const ALL: [Self; 3] = [Self::Rapid, Self::UrScript, Self::Fanuc];
+    pub const ALL: [Self; 4] = [Self::Rapid, Self::UrScript, Self::Fanuc, Self::Krl];
 
     /// Endings of its files, in lower case.
     pub fn endings(self) -> &'static [&'static str] {
@@ -42,6 +45,7 @@ impl Format {
             Self::Rapid => &["mod", "prg", "sys", "modx", "sysx"],
             Self::UrScript => &["script", "urscript"],
             Self::Fanuc => &["ls"],
+            Self::Krl => &["src", "dat"],
         }
     }
 
@@ -53,6 +57,17 @@ impl Format {
             .find(|format| format.endings().contains(&ending.as_str()))
     }
 
+    /// The data list beside a source, which is a part of it.
+    pub fn companion(self, path: &Path) -> Option<PathBuf> {
+        let ending = path.extension()?.to_str()?;
+        let other = match (self, ending) {
+            (Self::Krl, "src") => "dat",
+            (Self::Krl, "SRC") => "DAT",
+            _ => return None,
+        };
+        Some(path.with_extension(other)).filter(|path| path.exists())
+    }
+
     /// Reads files that belong together.
     ///
     /// # Errors
@@ -62,6 +77,7 @@ impl Format {
             Self::Rapid => rapid::read(sources, frames),
             Self::UrScript => urscript::read(one(sources)?, frames),
             Self::Fanuc => fanuc::read(one(sources)?, frames),
+            Self::Krl => krl::read(sources, frames),
         }
     }
 }

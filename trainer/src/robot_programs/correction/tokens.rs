@@ -13,6 +13,8 @@ pub struct Lexicon {
     pub quotes: &'static [u8],
     /// Bytes of names beside letters, digits and underscores.
     pub in_names: &'static [u8],
+    /// Whether a number with a sign may follow a name: `A -5`.
+    pub has_pairs: bool,
 }
 
 /// What a token is.
@@ -68,11 +70,10 @@ pub fn tokens(bytes: &[u8], lexicon: &Lexicon) -> Vec<Token> {
         let is_name =
             |b: u8| b.is_ascii_alphanumeric() || b == b'_' || lexicon.in_names.contains(&b);
         // Behind an operand a sign is an operation.
-        let is_operand = out.last().is_some_and(|last: &Token| {
-            matches!(
-                last.kind,
-                Kind::Number | Kind::Name | Kind::Mark(b')' | b']' | b'}')
-            )
+        let is_operand = out.last().is_some_and(|last: &Token| match last.kind {
+            Kind::Number | Kind::Mark(b')' | b']' | b'}') => true,
+            Kind::Name => !lexicon.has_pairs || last.end as usize == at,
+            _ => false,
         });
         let (kind, length) = match byte {
             b'\n' | b'\r' => (Kind::LineEnd, 1),
@@ -316,6 +317,7 @@ mod tests {
         comment: b'!',
         quotes: b"\"",
         in_names: b"",
+        has_pairs: false,
     };
 
     #[test]

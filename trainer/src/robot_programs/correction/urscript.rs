@@ -21,6 +21,7 @@ const LEXICON: Lexicon = Lexicon {
     comment: b'#',
     quotes: b"\"'",
     in_names: b"",
+    has_pairs: false,
 };
 
 /// Motions that no target of is corrected.

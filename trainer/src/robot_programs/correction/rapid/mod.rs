@@ -26,6 +26,7 @@ const LEXICON: Lexicon = Lexicon {
     comment: b'!',
     quotes: b"\"",
     in_names: b"",
+    has_pairs: false,
 };
 
 /// Reads modules that belong together.
