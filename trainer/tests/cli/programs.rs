@@ -8,29 +8,25 @@ use poegp_calibration::blob::commander::{Commander, pose_distance};
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_runtime::math::se3::Pose;
 
-use crate::program::{Folder, SERIAL, simulated};
+use crate::program::{Folder, SERIAL, data, simulated};
 use crate::texts::texts;
 
-/// A module with all that a reader has to find its way through: line ends of both kinds, letters of Latin-1, tabs, comments
-/// and strings that look like targets, and no line end at the end.
-const RAPID: &[u8] = b"%%%\r\n  VERSION:1\r\n%%%\r\nMODULE Part\r\n\
-    \tPERS tooldata gun:=[TRUE,[[0,80,310],[0.98480775,-0.17364818,0,0]],[2.5,[0,0,15],[1,0,0,0],0,0,0.005]];\n\
-    PERS wobjdata table:=[FALSE,TRUE,\"\",[[1100,250,500],[0.95371695,0,0,-0.3007058]],[[0,0,0],[1,0,0,0]]];\r\n\
-    CONST jointtarget home:=[[3.637488,34.012976,0.536026,19.725474,53.568589,14.068543],[9E+09,9E9,9E9,9E9,9E9,9E9]];\r\n\
-    CONST robtarget p10:=[[175.68,325.663,100.807],[0.02767686,0.12039308,-0.9437514,-0.30671288],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];\r\n\
-    ! gr\xfcn: [[1,2,3],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]\r\n\
-    PROC main()\r\n\
-    \x20 TPWrite \"[[1,2,3],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]\";\r\n\
-    \x20 MoveAbsJ home\\NoEOffs,v200,fine,gun;\r\n\
-    \x20 MoveL p10,v200,z1,gun\\WObj:=table;\r\n\
-    \x20 MoveC [[348.463,365.114,296.156],[0.06593129,0.13288673,-0.94183047,-0.30157842],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],\r\n\
-    \t\t[[571.073, 230.432,+314.052],[0.08545427,0.11357551,-0.94365241,-0.29886166],[-1,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v100,z1,gun\\WObj:=table;\r\n\
-    \x20 MoveAbsJ [[0,32.5,4,20,51.5,14],[9E+09,9E+09,9E+09,9E+09,9E+09,9E+09]],v200,fine,gun;\r\n\
-    ENDPROC\r\nENDMODULE";
+/// Small programs with all that a reader has to find its way through: line ends of both kinds, letters of Latin-1, tabs,
+/// comments and strings that look like targets, and no line end at the end.
+const PROGRAMS: [&str; 4] = ["part.mod", "part.script", "part.ls", "part.src"];
+/// Files that they need.
+const OTHERS: [&str; 2] = ["part.dat", "frames.toml"];
+
+fn file(name: &str) -> Vec<u8> {
+    std::fs::read(data(&format!("programs/{name}"))).unwrap()
+}
 
 /// A folder with an elastic model and one that corrects nothing.
 fn folder() -> Folder {
     let folder = Folder::new();
+    for name in PROGRAMS.iter().chain(&OTHERS) {
+        folder.write(name, file(name));
+    }
     folder.write("train.csv", simulated("train", 80));
     for method in ["elastic --inducing-points 60", "base-tool"] {
         let name = &method[..4];
@@ -91,54 +87,120 @@ fn commander(folder: &Folder, name: &str) -> Commander {
 #[test]
 fn a_model_that_corrects_nothing_gives_every_byte_back() {
     let folder = folder();
-    let with_mark = [b"\xef\xbb\xbf", RAPID].concat();
-    let cut = RAPID.strip_suffix(b"ENDMODULE").unwrap();
-    for (name, bytes) in [
-        ("part.mod", RAPID),
-        ("mark.prg", &with_mark),
-        ("cut.SYS", cut),
-    ] {
-        folder.write(name, bytes);
+    std::fs::create_dir(folder.path("same")).unwrap();
+    for name in PROGRAMS {
+        let bytes = file(name);
+        let stem = name.split_once('.').unwrap().1;
+        // With a byte order mark, with other line ends, and cut off.
+        let marked = [b"\xef\xbb\xbf", bytes.as_slice()].concat();
+        let mut mixed = Vec::new();
+        for (line, text) in bytes.split_inclusive(|b| *b == b'\n').enumerate() {
+            let plain = text
+                .strip_suffix(b"\r\n")
+                .or(text.strip_suffix(b"\n"))
+                .unwrap_or(text);
+            mixed.extend_from_slice(plain);
+            mixed.extend_from_slice([b"\n".as_slice(), b"\r\n"][line % 2]);
+        }
+        for (change, bytes) in [("plain", &bytes), ("marked", &marked), ("mixed", &mixed)] {
+            let name = format!("{change}.{stem}");
+            folder.write(&name, bytes);
+            folder.write(&format!("{change}.dat"), file("part.dat"));
+            let line = format!(
+                "correct base.blob {name} --payload-kg 2.5 --frames frames.toml --out same/{name}"
+            );
+            folder.run(&line).ok();
+            assert!(folder.read(&format!("same/{name}")) == *bytes, "{name}");
+            if stem == "src" {
+                assert!(folder.read(&format!("same/{change}.dat")) == file("part.dat"));
+            }
+        }
+    }
+}
+
+/// In every language the same arm stands at the same targets, so all of them are as far off, and all come as near.
+#[test]
+fn every_language_changes_numbers_alone_and_comes_back() {
+    let folder = folder();
+    for name in ["out", "back"] {
+        std::fs::create_dir(folder.path(name)).unwrap();
+    }
+    for name in PROGRAMS {
+        let rest = "--payload-kg 2.5 --frames frames.toml --json -";
+        let document = folder
+            .run(&format!("correct elas.blob {name} {rest} --out out/{name}"))
+            .ok()
+            .json();
+        let of = |what: &str, key: &str| document[what][key].as_f64().unwrap();
+        assert!(
+            of("before_mm", "mean") > 0.2 && of("after_um", "max") < 5.0,
+            "{document}"
+        );
+        assert!(of("moved_mm", "mean") > 0.2, "{document}");
         folder
             .run(&format!(
-                "correct base.blob {name} --payload-kg 2.5 --out same_{name}"
+                "correct elas.blob out/{name} {rest} --inverse --out back/{name}"
             ))
             .ok();
-        assert!(folder.read(&format!("same_{name}")) == bytes, "{name}");
+        let names = if name == "part.src" {
+            vec![name, "part.dat"]
+        } else {
+            vec![name]
+        };
+        for name in names {
+            let original = skeleton(&file(name));
+            let (out, back) = (format!("out/{name}"), format!("back/{name}"));
+            let (out, back) = (skeleton(&folder.read(&out)), skeleton(&folder.read(&back)));
+            assert!(original.1 == out.1 && original.1 == back.1, "{name}");
+            assert_ne!(original.0, out.0, "{name}");
+            let changed = original
+                .0
+                .iter()
+                .zip(&out.0)
+                .filter(|(a, b)| a != b)
+                .count();
+            assert!(changed > 6 && changed < 60, "{name}: {changed}");
+            for (a, b) in original.0.iter().zip(&back.0) {
+                assert!(
+                    (a - b).abs() <= 2.1e-3 && (a.abs() > 2.0 || (a - b).abs() < 2e-3),
+                    "{name}: {a} {b}"
+                );
+            }
+        }
     }
 }
 
 #[test]
 fn the_real_arm_comes_to_where_the_program_wants_it() {
     let folder = folder();
-    folder.write("part.mod", RAPID);
+    let rapid = file("part.mod");
     let line = "correct elas.blob part.mod --payload-from-program --out out.mod --json -";
     let document = folder.run(line).ok().json();
     assert_eq!(document["joint_targets"], 2);
-    assert_eq!(document["pose_targets"], 3);
+    assert_eq!(document["pose_targets"], 5);
     assert!(
         document["before_mm"]["mean"].as_f64().unwrap() > 0.2,
         "{document}"
     );
     let out = folder.read("out.mod");
-    let (before, after) = (skeleton(RAPID), skeleton(&out));
+    let (before, after) = (skeleton(&rapid), skeleton(&out));
     assert!(before.1 == after.1, "{}", String::from_utf8_lossy(&out));
     assert_eq!(before.0.len(), after.0.len());
     assert_ne!(before.0, after.0);
 
     // By another way than the program's: the controller's joints by the drawing, then the real arm.
     let commander = commander(&folder, "elas.blob");
-    let tool = pose(&numbers_after(RAPID, "gun:=[TRUE,", 7));
-    let base = pose(&numbers_after(RAPID, "TRUE,\"\",", 7));
+    let tool = pose(&numbers_after(&rapid, "gun:=[TRUE,", 7));
+    let base = pose(&numbers_after(&rapid, "TRUE,\"\",", 7));
     let near = {
         let mut joints = [0.0; 8];
-        for (q, degrees) in joints.iter_mut().zip(numbers_after(RAPID, "home:=", 6)) {
+        for (q, degrees) in joints.iter_mut().zip(numbers_after(&rapid, "home:=", 6)) {
             *q = degrees.to_radians();
         }
         joints
     };
-    for start in ["p10:=", "MoveC ", "\t\t"] {
-        let wanted = base * pose(&numbers_after(RAPID, start, 7));
+    for start in ["p10:=", "MoveC ", "row{2}:=", "\t\t"] {
+        let wanted = base * pose(&numbers_after(&rapid, start, 7));
         let written = base * pose(&numbers_after(&out, start, 7));
         let command = commander.nominal_joints(&(written * tool.inverse()), &near);
         let real = commander.real_flange(&command.joints, 2.5) * tool;
@@ -156,54 +218,43 @@ fn the_real_arm_comes_to_where_the_program_wants_it() {
         .iter()
         .zip(numbers_after(&out, "home:=", 6))
     {
-        assert!((q - degrees.to_radians()).abs() < 1e-8, "{q} {degrees}");
+        assert!((q - degrees.to_radians()).abs() < 1e-7, "{q} {degrees}");
     }
 }
 
 #[test]
-fn a_corrected_program_is_refused_and_comes_back() {
+fn a_corrected_program_is_refused() {
     let _texts = texts();
     let folder = folder();
-    folder.write("part.mod", RAPID);
     folder
         .run("correct elas.blob part.mod --payload-kg 2.5 --out out.mod")
         .ok()
         .said();
     folder.refuses("correct elas.blob out.mod --payload-kg 2.5 --out twice.mod");
     folder.refuses("correct base.blob out.mod --payload-kg 2.5 --inverse --out back.mod");
-    folder
-        .run("correct elas.blob out.mod --payload-kg 2.5 --inverse --out back.mod")
-        .ok();
-    let (wanted, found) = (skeleton(RAPID), skeleton(&folder.read("back.mod")));
-    assert!(wanted.1 == found.1);
-    for (a, b) in wanted.0.iter().zip(&found.0) {
-        assert!(
-            (a - b).abs() <= 1.1e-3 && (a.abs() > 2.0 || (a - b).abs() < 2e-5),
-            "{a} {b}"
-        );
-    }
 }
 
 #[test]
 fn what_cannot_be_meant_is_refused() {
     let _texts = texts();
     let folder = folder();
-    let text = |from: &str, to: &str| String::from_utf8_lossy(RAPID).replace(from, to);
-    folder.write("part.mod", RAPID);
+    let text = |from: &str, to: &str| String::from_utf8_lossy(&file("part.mod")).replace(from, to);
     folder.write("tool.mod", text("z1,gun", "z1,brush"));
     folder.write(
         "configuration.mod",
-        text("[0,0,0,0],[9E9", "[1,1,1,0],[9E9"),
+        text("[0,-1,0,0],[9E9", "[1,1,1,0],[9E9"),
     );
     folder.write(
         "far.mod",
-        text("[1100,250,500]", "[9100,250,500]").replace("MoveAbsJ", "!"),
+        text("[900,-300,420]", "[9000,-300,420]").replace("MoveAbsJ", "!"),
     );
     folder.write("empty.mod", "MODULE Empty\nENDMODULE\n");
     folder.write("frames.toml", "[tool.gun]\nxyz_mm = [1, 2]\n");
     for line in [
         "part.mod --out out.mod",
         "part.mod --payload-kg 2.5 --out part.mod",
+        "part.ls --payload-kg 2.5 --out out.ls",
+        "part.script part.mod --payload-kg 2.5 --out out.mod",
         "tool.mod --payload-kg 2.5 --out out.mod",
         "configuration.mod --payload-kg 2.5 --out out.mod",
         "far.mod --payload-kg 2.5 --out out.mod",
@@ -240,11 +291,8 @@ fn what_is_left_is_named() {
         \x20 MoveL p10,v200,z1,gun\\WObj:=wobj0;\n\
         \x20 PDispOn p10,gun;\n\
         \x20 MoveL p10,v200,z1,gun;\n";
-    let text = String::from_utf8_lossy(RAPID).replace("    ENDPROC", &format!("{more}ENDPROC"));
-    let text = text.replace(
-        "ENDPROC\r\nENDMODULE",
-        &format!("{more}ENDPROC\r\nENDMODULE"),
-    );
+    let text = String::from_utf8_lossy(&file("part.mod")).into_owned();
+    let text = text.replace("    ENDPROC", &format!("{more}    ENDPROC"));
     let table = text
         .lines()
         .find(|line| line.contains("wobjdata table"))

@@ -328,10 +328,10 @@ fn named(d: &ProgramJson) -> Result<(), Failure> {
     if d.left.is_empty() {
         return Ok(());
     }
-    let mut text = format!(
-        "{} parts of the program are left as they are:",
-        d.left.len()
-    );
+    let mut text = match d.left.len() {
+        1 => "one part of the program is left as it is:".to_owned(),
+        count => format!("{count} parts of the program are left as they are:"),
+    };
     for left in d.left.iter().take(NAMED) {
         text += &format!(
             "\n  {}:{}:{}: {}",
