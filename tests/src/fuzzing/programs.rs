@@ -3,9 +3,9 @@
 use std::path::Path;
 
 use poegp_trainer::robot_programs::correction::Format;
-use poegp_trainer::robot_programs::correction::engine::{Replacement, rewrite};
 use poegp_trainer::robot_programs::correction::frames::FrameFile;
 use poegp_trainer::robot_programs::correction::program::{Goal, Program};
+use poegp_trainer::robot_programs::correction::replacement::{Replacement, rewrite};
 use poegp_trainer::robot_programs::correction::source::{Number, Source};
 
 use super::readers::{assert_refusal, parts};

@@ -10,9 +10,12 @@ use crate::cli::failure::Failure;
 use crate::cli::output::{check_outputs, json_text, write_outputs};
 use crate::cli::terminal::print::{Printer, is_stdout};
 use crate::robot_programs::correction::Format;
-use crate::robot_programs::correction::engine::{self, Direction, Outcome, Payload};
+use crate::robot_programs::correction::between::{Between, between};
+use crate::robot_programs::correction::engine::{self, Direction, Outcome};
 use crate::robot_programs::correction::frames::FrameFile;
+use crate::robot_programs::correction::planning::Payload;
 use crate::robot_programs::correction::program::{Goal, Program};
+use crate::robot_programs::correction::replacement::{Solved, rewrite};
 use crate::robot_programs::correction::source::Source;
 use poegp_calibration::blob::commander::Commander;
 use poegp_calibration::blob::predict::BlobModel;
@@ -51,6 +54,19 @@ struct ProgramJson {
     after_um: Option<Summary>,
     /// What the decimals of the format leave.
     rounding_um: f64,
+    /// The largest error between the ends of lines and arcs.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    between: Option<BetweenJson>,
+}
+
+#[derive(Serialize)]
+struct BetweenJson {
+    moves: usize,
+    /// Of each move.
+    points: usize,
+    largest_mm: f64,
+    file: String,
+    line: usize,
 }
 
 #[derive(Serialize)]
@@ -154,8 +170,12 @@ pub fn run(a: &Correct, format: Format) -> Result<(), Failure> {
         .into());
     }
     let outcome = engine::solve(&program, &commander, payload, direction)?;
-    let results = engine::rewrite(&program, &outcome.replacements);
-    let document = document(&program, &outcome, loaded.host().provenance.method);
+    let results = rewrite(&program, &outcome.replacements);
+    let ends = match direction {
+        Direction::Correct => between(&program, &commander, &outcome.solved),
+        Direction::Inverse => None,
+    };
+    let document = document(&program, &outcome, ends, loaded.host().provenance.method);
     let json = a
         .json
         .as_deref()
@@ -212,14 +232,30 @@ fn payload(a: &Correct, loaded: &BlobModel) -> Result<Payload, Failure> {
     }
 }
 
-fn document(program: &Program, outcome: &Outcome, method: &str) -> ProgramJson {
+fn between_json(program: &Program, b: &Between) -> BetweenJson {
+    let source = &program.sources[b.location.file];
+    BetweenJson {
+        moves: b.moves,
+        points: b.points,
+        largest_mm: 1e3 * b.largest,
+        file: source.path.display().to_string(),
+        line: source.line_and_column(b.location.at).0,
+    }
+}
+
+fn document(
+    program: &Program,
+    outcome: &Outcome,
+    ends: Option<Between>,
+    method: &str,
+) -> ProgramJson {
     let is_joints = |index: usize| matches!(program.targets[index].goal, Goal::Joints(_));
     let joint_targets = outcome
         .solved
         .iter()
         .filter(|s| is_joints(s.target))
         .count();
-    let of = |value: fn(&engine::Solved) -> f64| {
+    let of = |value: fn(&Solved) -> f64| {
         let values: Vec<f64> = outcome.solved.iter().map(value).collect();
         (!values.is_empty()).then(|| Summary::new(&values))
     };
@@ -274,6 +310,7 @@ fn document(program: &Program, outcome: &Outcome, method: &str) -> ProgramJson {
         before_mm: of(|s| 1e3 * s.before),
         after_um: of(|s| 1e6 * s.after),
         rounding_um: 1e6 * outcome.rounding,
+        between: ends.map(|b| between_json(program, &b)),
     }
 }
 
@@ -316,6 +353,12 @@ fn print(report: Printer, files: &[(PathBuf, PathBuf)], d: &ProgramJson) {
             "Uncorrected, the tool would be off by {:.3} mm in the mean and {:.3} mm at most; corrected, by the model, by {:.2} µm \
              at most, and by {:.2} µm more for the decimals of the file.",
             before.mean, before.max, after.max, d.rounding_um
+        ));
+    }
+    if let Some(b) = &d.between {
+        report.line(format_args!(
+            "Between the ends of {} lines and arcs the tool is off by {:.3} mm at most, by the model at {} points of each ({}:{}).",
+            b.moves, b.largest_mm, b.points, b.file, b.line
         ));
     }
     for remark in &d.remarks {

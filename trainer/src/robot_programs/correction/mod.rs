@@ -4,12 +4,15 @@
 //! written. So every other byte stays: comments, line ends, letters of any encoding. A reader never guesses: what it does not
 //! understand it leaves and names.
 
+pub mod between;
 pub mod engine;
 mod fanuc;
 pub mod frames;
 mod krl;
+pub mod planning;
 pub mod program;
 mod rapid;
+pub mod replacement;
 pub mod source;
 pub mod tokens;
 mod urscript;
