@@ -136,3 +136,24 @@ pub fn krl(bytes: &[u8]) {
     };
     read(Format::Krl, names, bytes);
 }
+
+/// Reads a Yaskawa job.
+///
+/// # Panics
+/// When a law is broken.
+pub fn inform(bytes: &[u8]) {
+    read(Format::Inform, &["part.jbi"], bytes);
+}
+
+/// Reads data of a Stäubli controller, a zero, and the program that uses them.
+///
+/// # Panics
+/// When a law is broken.
+pub fn val3(bytes: &[u8]) {
+    let names: &[&str] = if bytes.contains(&0) {
+        &["part.dtx", "part.pgx"]
+    } else {
+        &["part.dtx"]
+    };
+    read(Format::Val3, names, bytes);
+}

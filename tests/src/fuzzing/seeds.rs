@@ -333,3 +333,14 @@ pub fn krl() -> Vec<Vec<u8>> {
     let (source, data) = (program("part.src"), program("part.dat"));
     vec![[source.as_slice(), b"\0", &data].concat(), source]
 }
+
+/// Yaskawa jobs.
+pub fn inform() -> Vec<Vec<u8>> {
+    vec![program("part.jbi")]
+}
+
+/// Data of a Stäubli controller, with a program that uses them.
+pub fn val3() -> Vec<Vec<u8>> {
+    let (data, code) = (program("part.dtx"), program("part.pgx"));
+    vec![[data.as_slice(), b"\0", &code].concat()]
+}

@@ -158,6 +158,18 @@ const MILLIMETRES: Dialect = Dialect {
     most_decimals: None,
 };
 
+/// Of Yaskawa INFORM, whose angles have two decimals.
+pub const INFORM: Dialect = Dialect {
+    most_decimals: Some((3, 2)),
+    ..MILLIMETRES
+};
+
+/// Of Stäubli VAL3.
+pub const VAL3: Dialect = Dialect {
+    orientation: Orientation::TurnedXyz,
+    ..MILLIMETRES
+};
+
 impl Language {
     /// Its units.
     pub fn dialect(self) -> Dialect {

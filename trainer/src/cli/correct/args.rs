@@ -21,7 +21,7 @@ pub struct Correct {
     /// Model (`.blob`).
     pub blob: PathBuf,
     /// Robot programs that belong together (ABB RAPID .mod, URScript .script, Fanuc .ls, KUKA .src
-    /// and .dat), or joint targets (CSV): q1_deg … (or _rad, _mm, _m), optionally
+    /// and .dat, INFORM .jbi, VAL3 .dtx), or joint targets (CSV): q1_deg … (or _rad, _mm, _m), optionally
     /// payload_kg; other columns are kept.
     #[arg(value_name = "PROGRAM", required = true)]
     pub programs: Vec<PathBuf>,

@@ -157,7 +157,11 @@ pub fn run(a: &Correct, format: Format) -> Result<(), Failure> {
         refuse_corrected(path, &source.bytes, &model, direction)?;
         sources.push(source);
     }
-    for path in &a.with {
+    let beside = a.programs.iter().flat_map(|path| format.beside(path));
+    let mut beside: Vec<PathBuf> = beside.collect();
+    beside.sort();
+    beside.dedup();
+    for path in a.with.iter().chain(&beside) {
         sources.push(Source::read(path, false)?);
     }
     let program = format.read(sources, &frames)?;

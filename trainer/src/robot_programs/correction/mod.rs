@@ -8,6 +8,7 @@ pub mod between;
 pub mod engine;
 mod fanuc;
 pub mod frames;
+mod inform;
 mod krl;
 pub mod planning;
 pub mod program;
@@ -16,6 +17,7 @@ pub mod replacement;
 pub mod source;
 pub mod tokens;
 mod urscript;
+mod val3;
 
 use std::path::{Path, PathBuf};
 
@@ -36,11 +38,22 @@ pub enum Format {
     Fanuc,
     /// KUKA: a source and its data list.
     Krl,
+    /// Yaskawa: a job.
+    Inform,
+    /// Stäubli: data, and the programs that use them.
+    Val3,
 }
 
 impl Format {
     /// All of them.
-    pub const ALL: [Self; 4] = [Self::Rapid, Self::UrScript, Self::Fanuc, Self::Krl];
+    pub const ALL: [Self; 6] = [
+        Self::Rapid,
+        Self::UrScript,
+        Self::Fanuc,
+        Self::Krl,
+        Self::Inform,
+        Self::Val3,
+    ];
 
     /// Endings of its files, in lower case.
     pub fn endings(self) -> &'static [&'static str] {
@@ -49,6 +62,8 @@ impl Format {
             Self::UrScript => &["script", "urscript"],
             Self::Fanuc => &["ls"],
             Self::Krl => &["src", "dat"],
+            Self::Inform => &["jbi"],
+            Self::Val3 => &["dtx"],
         }
     }
 
@@ -71,6 +86,27 @@ impl Format {
         Some(path.with_extension(other)).filter(|path| path.exists())
     }
 
+    /// Files beside a file that say how its targets are used; they are read alone.
+    pub fn beside(self, path: &Path) -> Vec<PathBuf> {
+        let folder = match path.parent() {
+            Some(folder) if !folder.as_os_str().is_empty() => folder,
+            _ => Path::new("."),
+        };
+        let Ok(entries) = std::fs::read_dir(folder) else {
+            return Vec::new();
+        };
+        let is_code = |path: &PathBuf| {
+            let ending = path.extension().unwrap_or_default();
+            self == Self::Val3 && ending.eq_ignore_ascii_case("pgx")
+        };
+        let paths = entries
+            .flatten()
+            .map(|entry| folder.join(entry.file_name()));
+        let mut found: Vec<PathBuf> = paths.filter(is_code).collect();
+        found.sort();
+        found
+    }
+
     /// Reads files that belong together.
     ///
     /// # Errors
@@ -81,6 +117,8 @@ impl Format {
             Self::UrScript => urscript::read(one(sources)?, frames),
             Self::Fanuc => fanuc::read(one(sources)?, frames),
             Self::Krl => krl::read(sources, frames),
+            Self::Inform => inform::read(one(sources)?, frames),
+            Self::Val3 => val3::read(sources, frames),
         }
     }
 }

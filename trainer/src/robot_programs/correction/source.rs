@@ -132,15 +132,15 @@ impl Number {
 pub struct Decimals {
     /// At least these.
     pub least: usize,
-    /// No more than these, whatever is there.
+    /// No more than these, unless there are more.
     pub most: Option<usize>,
 }
 
 impl Decimals {
     /// The decimals of a number that was written like `text`.
     pub fn of(&self, text: &[u8]) -> usize {
-        let wanted = decimals_of(text).max(self.least).min(15);
-        self.most.map_or(wanted, |most| wanted.min(most))
+        let least = self.most.map_or(self.least, |most| self.least.min(most));
+        decimals_of(text).max(least).min(15)
     }
 }
 
