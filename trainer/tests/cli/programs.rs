@@ -177,6 +177,29 @@ fn every_language_changes_numbers_alone_and_comes_back() {
             }
         }
     }
+    // One point in all languages, each with its own angles: the same position comes of it.
+    let position = |name: &str, start: &str, skip: usize| -> Vector3<f64> {
+        let n = numbers_after(&folder.read(&format!("out/{name}")), start, skip + 3);
+        Vector3::new(n[skip], n[skip + 1], n[skip + 2])
+    };
+    let expected = position("part.mod", "p10:=", 0);
+    let original = numbers_after(&file("part.mod"), "p10:=", 3);
+    assert!((expected - Vector3::new(original[0], original[1], original[2])).norm() > 0.1);
+    let base = pose(&numbers_after(&file("part.mod"), "TRUE,\"\",", 7));
+    let script = position("part.script", "movel(p", 0);
+    for (name, found) in [
+        (
+            "part.script",
+            1000.0 * base.inverse().transform_point(&script),
+        ),
+        ("part.ls", position("part.ls", "P[2]{", 5)),
+        ("part.dat", position("part.dat", "XP1=", 0)),
+        ("part.dtx", position("part.dtx", "pointRx\" size=\"3\">", 1)),
+        ("part.jbi", position("part.jbi", "C00001=", 0)),
+    ] {
+        let off = (found - expected).norm();
+        assert!(off < 3e-3, "{name}: {off} mm, {found} {expected}");
+    }
 }
 
 #[test]
@@ -319,4 +342,19 @@ fn what_is_left_is_named() {
     assert!(before.1 == after.1);
     assert_ne!(before.0, after.0);
     assert!(Path::new(&folder.path("out.mod.poegp.json")).exists());
+}
+
+/// A load that is not the tool's own is not guessed.
+#[test]
+fn loads_beside_the_tool_are_named() {
+    let folder = folder();
+    let text = String::from_utf8_lossy(&file("part.mod"))
+        .replace("v100,z1,gun", "v100,z1,gun\\TLoad:=heavy")
+        .replace("TPWrite", "GripLoad piece;\r\n TPWrite");
+    folder.write("part.mod", &text);
+    let outcome = folder.run("correct elas.blob part.mod --payload-from-program --out out.mod");
+    assert_eq!(outcome.code, Some(1), "{outcome:#?}");
+    assert!(outcome.stdout.contains("GripLoad"), "{outcome:#?}");
+    let left = "its tool has no payload in the program";
+    assert_eq!(outcome.stderr.matches(left).count(), 2, "{outcome:#?}");
 }

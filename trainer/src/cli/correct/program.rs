@@ -113,6 +113,14 @@ pub fn run(a: &Correct, format: Format) -> Result<(), Failure> {
         )
         .into());
     }
+    if is_stdout(&a.out) && files.len() > 1 {
+        return Err(InputError::new(
+            &a.out,
+            "standard output",
+            "a file, beside which the data list is written",
+        )
+        .into());
+    }
     let records: Vec<PathBuf> = files.iter().map(|(_, out)| record_path(out)).collect();
     let mut outputs: Vec<Option<&Path>> =
         files.iter().map(|(_, out)| Some(out.as_path())).collect();

@@ -139,7 +139,8 @@ impl Program {
     /// The index of a frame, which is added if it is new.
     pub fn frame(&mut self, frame: Frame) -> usize {
         let same = |other: &Frame| {
-            other.name == frame.name && other.is_tool == frame.is_tool && other.pose == frame.pose
+            (&other.name, other.is_tool) == (&frame.name, frame.is_tool)
+                && (other.pose, other.payload_kg) == (frame.pose, frame.payload_kg)
         };
         match self.frames.iter().position(same) {
             Some(index) => index,

@@ -329,6 +329,12 @@ impl<'a> Reader<'a> {
             }
             "pdispon" | "pdispset" => state.is_displaced = true,
             "pdispoff" => state.is_displaced = false,
+            "gripload" if text.name(s.from + 1) != "load0" => {
+                let line = self.program.line_of(self.location(s, s.from));
+                self.program.remarks.push(format!(
+                    "{line}: GripLoad adds a load, which is not counted: give the sum as --payload-kg"
+                ));
+            }
             "const" | "pers" | "var" | "local" | "task" => {}
             _ if is_instruction(&name) => self.motion(s, &name, state)?,
             _ => {

@@ -74,6 +74,11 @@ impl Reader<'_> {
             payload_kg: None,
             origin: object.2,
         };
+        let mut tool = tool;
+        if switch("tload").is_some() {
+            // Another load than the tool's own.
+            tool.payload_kg = None;
+        }
         let (tool, base) = (self.program.frame(tool), self.program.frame(base));
         let is_monitored = state.is_monitored[usize::from(way != Way::Joints)];
         for (i, point) in positional.iter().take(points).enumerate() {
