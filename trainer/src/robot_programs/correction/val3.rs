@@ -40,13 +40,13 @@ pub fn read(sources: Vec<Source>, frames: &FrameFile) -> Result<Program, InputEr
         frames: HashMap::new(),
         changed: Vec::new(),
     };
-    for file in 0..copies.len() {
-        if is_data(&copies[file]) {
+    for (file, source) in copies.iter().enumerate() {
+        if is_data(source) {
             reader.data(file);
         }
     }
-    for file in 0..copies.len() {
-        if !is_data(&copies[file]) {
+    for (file, source) in copies.iter().enumerate() {
+        if !is_data(source) {
             reader.code(file)?;
         }
     }
