@@ -262,6 +262,18 @@ fn the_commands_of_the_tutorial_work() {
 
 /// The project file's commands, and the fleet's example of one on simulated poses of the robot that it names.
 #[test]
+fn the_commands_of_the_page_on_programs_work() {
+    let folder = run("docs/guide/into-the-cell.md");
+    let [weld, corrected, original] = ["weld.mod", "corrected.mod", "original.mod"]
+        .map(|name| fs::read_to_string(folder.join(name)).unwrap());
+    assert_ne!(weld, corrected);
+    assert!(!folder.join("twice.mod").exists());
+    let moves = |text: &str| text.matches("MoveAbsJ").count();
+    assert_eq!(moves(&weld), moves(&corrected));
+    assert_eq!(original.lines().count(), weld.lines().count());
+}
+
+#[test]
 fn the_commands_of_the_page_on_projects_work() {
     let folder = run("docs/guide/projects.md");
     assert!(folder.join("other.blob").is_file());

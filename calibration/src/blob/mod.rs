@@ -1,6 +1,7 @@
 //! From a calibration to the bytes of a blob, and from the bytes to what a device predicts.
 
 pub mod batch;
+pub mod commander;
 pub mod fitted_frames;
 pub mod joint_offsets;
 pub mod nearest_chain;

@@ -25,6 +25,7 @@
 //! allows.
 
 mod acceptance;
+pub mod inverse;
 pub mod step_limit;
 
 use poegp_protocol::limits::MAX_JOINTS;

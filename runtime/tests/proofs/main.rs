@@ -14,6 +14,7 @@ mod filter_laws;
 mod filter_paths;
 mod folded;
 mod gravity_reference;
+mod inverse_laws;
 mod json;
 mod kernel_laws;
 mod limit_laws;

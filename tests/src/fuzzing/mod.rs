@@ -8,6 +8,7 @@
 //! | [`service`](service::service) | every answer of the device is that of a simple model of it |
 //! | [`measurements`](readers::measurements), [`targets`](readers::targets), [`import`](readers::import), [`preset`](readers::preset) | refused with the name and a place within the file; what is taken is finite, with unit quaternions |
 //! | [`urdf`](readers::urdf), [`toml`](readers::toml), [`cell`](readers::cell) | the same; what is taken has 1 to 8 joints and rigid frames |
+//! | [`rapid`](programs::rapid), [`urscript`](programs::urscript), [`fanuc`](programs::fanuc), [`krl`](programs::krl), [`inform`](programs::inform), [`val3`](programs::val3) | the same; the numbers of targets do not overlap, and replacing them changes no other byte |
 //! | [`report`](page::report) | whatever is in a name, the page has the tags of one with an ordinary name |
 //!
 //! [`TARGETS`] lists them for the test of the suite, which makes its inputs from seeds, always the same, and for
@@ -17,6 +18,7 @@ mod expected;
 pub mod kept;
 pub mod mutate;
 pub mod page;
+pub mod programs;
 pub mod readers;
 pub mod seeds;
 pub mod service;
@@ -37,7 +39,7 @@ pub struct Target {
 
 /// All of them.
 #[rustfmt::skip] // a table
-pub const TARGETS: [Target; 12] = [
+pub const TARGETS: [Target; 18] = [
     Target { name: "blob", run: wire::blob, seeds: seeds::blobs, executions: 2_000 },
     Target { name: "envelope", run: wire::envelope, seeds: seeds::blobs, executions: 5_000 },
     Target { name: "frame", run: wire::frame, seeds: seeds::frames, executions: 20_000 },
@@ -49,5 +51,11 @@ pub const TARGETS: [Target; 12] = [
     Target { name: "urdf", run: readers::urdf, seeds: seeds::urdfs, executions: 2_000 },
     Target { name: "toml", run: readers::toml, seeds: seeds::tomls, executions: 2_000 },
     Target { name: "cell", run: readers::cell, seeds: seeds::cells, executions: 2_000 },
+    Target { name: "rapid", run: programs::rapid, seeds: seeds::rapid, executions: 2_000 },
+    Target { name: "urscript", run: programs::urscript, seeds: seeds::urscript, executions: 2_000 },
+    Target { name: "fanuc", run: programs::fanuc, seeds: seeds::fanuc, executions: 2_000 },
+    Target { name: "krl", run: programs::krl, seeds: seeds::krl, executions: 2_000 },
+    Target { name: "inform", run: programs::inform, seeds: seeds::inform, executions: 2_000 },
+    Target { name: "val3", run: programs::val3, seeds: seeds::val3, executions: 2_000 },
     Target { name: "report", run: page::report, seeds: seeds::names, executions: 2_000 },
 ];

@@ -16,7 +16,7 @@ use poegp_trainer::import::import_bytes;
 use poegp_trainer::import::preset::{PRESETS, Preset};
 
 /// A refusal names one of the files, with a place in it, and does not run on for ever.
-fn assert_refusal(error: &InputError, files: &[(&str, &[u8])]) {
+pub(super) fn assert_refusal(error: &InputError, files: &[(&str, &[u8])]) {
     let message = error.to_string();
     assert!(message.len() < 20_000, "{} bytes", message.len());
     assert!(
@@ -125,7 +125,7 @@ impl NewFields for Unchanged {
 }
 
 /// Parts that are separated by zeros.
-fn parts(bytes: &[u8], most: usize) -> Vec<Vec<u8>> {
+pub(super) fn parts(bytes: &[u8], most: usize) -> Vec<Vec<u8>> {
     bytes
         .splitn(most, |byte| *byte == 0)
         .map(<[u8]>::to_vec)

@@ -307,3 +307,40 @@ pub fn names() -> Vec<Vec<u8>> {
     ];
     names.map(|name| name.as_bytes().to_vec()).into()
 }
+
+/// A small program of `tests/data/programs`.
+fn program(name: &str) -> Vec<u8> {
+    fs::read(workspace().join("tests/data/programs").join(name)).expect("a program")
+}
+
+/// ABB modules.
+pub fn rapid() -> Vec<Vec<u8>> {
+    vec![program("part.mod")]
+}
+
+/// Scripts of Universal Robots.
+pub fn urscript() -> Vec<Vec<u8>> {
+    vec![program("part.script")]
+}
+
+/// Fanuc listings.
+pub fn fanuc() -> Vec<Vec<u8>> {
+    vec![program("part.ls")]
+}
+
+/// KUKA sources, one with its data list.
+pub fn krl() -> Vec<Vec<u8>> {
+    let (source, data) = (program("part.src"), program("part.dat"));
+    vec![[source.as_slice(), b"\0", &data].concat(), source]
+}
+
+/// Yaskawa jobs.
+pub fn inform() -> Vec<Vec<u8>> {
+    vec![program("part.jbi")]
+}
+
+/// Data of a Stäubli controller, with a program that uses them.
+pub fn val3() -> Vec<Vec<u8>> {
+    let (data, code) = (program("part.dtx"), program("part.pgx"));
+    vec![[data.as_slice(), b"\0", &code].concat()]
+}

@@ -87,7 +87,8 @@ macro_rules! targets {
 }
 
 targets! {
-    blob envelope frame service measurements targets import preset urdf toml cell report
+    blob envelope frame service measurements targets import preset urdf toml cell
+    rapid urscript fanuc krl inform val3 report
 }
 
 /// Every valid input is taken: otherwise what is made of them is all noise. Raw files and names are anything.

@@ -28,7 +28,7 @@ pub enum Failure {
     /// A device, or the link to it.
     #[error(transparent)]
     Device(#[from] ClientError),
-    /// A quality bound was not met; nothing was written.
+    /// A quality bound was not met, and nothing was written; or parts of a program were left.
     #[error("{0}")]
     Quality(String),
     /// A signature does not fit.

@@ -9,6 +9,8 @@
 //! wrote. Every one begins by saying that it is to be tried slowly.
 
 pub(crate) mod abb_rapid;
+pub mod correction;
+pub mod dialect;
 pub(crate) mod fanuc_tp;
 pub(crate) mod kuka_krl;
 mod script;

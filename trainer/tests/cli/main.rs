@@ -37,6 +37,7 @@ mod outputs;
 mod plan;
 mod predictions;
 mod program;
+mod programs;
 mod project;
 mod report;
 mod reproducible;

@@ -1,16 +1,20 @@
-//! `trainer correct`: a file of joint targets in, the joints to command instead out, by the device's own function.
+//! `trainer correct`: targets in, what to command instead out.
 //!
-//! The file is read in chunks, which all cores correct at the same time and which are written in their order. Memory holds
+//! A robot program is corrected in [`program`], in `f64`. A file of joint targets is corrected here by the device's own
+//! function. That file is read in chunks, which all cores correct at the same time and which are written in their order. Memory holds
 //! a few chunks, and 17 bytes of each row for the summary.
 
+mod args;
+mod program;
+mod record;
 mod row;
 mod summary;
 
-use std::path::PathBuf;
+use std::path::Path;
 
-use clap::Args;
 use poegp_runtime::model::MAX_PAYLOAD_KG;
 
+pub use crate::cli::correct::args::Correct;
 use crate::cli::correct::row::{Fields, correct};
 use crate::cli::correct::summary::{Summed, Summing};
 use crate::cli::failure::Failure;
@@ -18,6 +22,7 @@ use crate::cli::inputs::{self, file_name};
 use crate::cli::output::long::LongOutput;
 use crate::cli::output::{check_outputs, json_text, write_with_long};
 use crate::cli::terminal::print::{Printer, note};
+use crate::robot_programs::correction::Format;
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::measurement::JointChecks;
@@ -34,31 +39,6 @@ const ADDED: [&str; 5] = [
     "trust",
 ];
 
-/// `trainer correct`.
-#[derive(Debug, Args)]
-#[command(
-    after_help = "Only the joint columns change. Five columns are added: position_error_um \
-    and rotation_error_urad (what stays by the model), applied (how much of the arm's error is corrected, 0 to 1), status (ok, \
-    or why not), trust (1 within the trained ranges, towards 0 far from them). Each row is corrected on its own, as the device \
-    does before its filter: beside a singularity only in part, so that neighbouring rows stay neighbours.\n\n\
-    Example: trainer correct arm.blob program.csv --payload-kg 2.5 --out corrected.csv"
-)]
-pub struct Correct {
-    /// Model (`.blob`).
-    pub blob: PathBuf,
-    /// Joint targets (CSV): q1_deg … (or _rad, _mm, _m), optionally payload_kg; other columns are kept.
-    pub targets: PathBuf,
-    /// Payload of all rows in kg, for a file without payload_kg.
-    #[arg(long, value_name = "KG", allow_negative_numbers = true)]
-    pub payload_kg: Option<f64>,
-    /// Write the corrected targets (`-`: standard output).
-    #[arg(long, value_name = "FILE")]
-    pub out: PathBuf,
-    /// Write the summary as JSON (`-`: standard output).
-    #[arg(long, value_name = "FILE")]
-    pub json: Option<PathBuf>,
-}
-
 /// A chunk that was rewritten.
 struct Rewritten {
     text: String,
@@ -67,11 +47,31 @@ struct Rewritten {
 }
 
 pub fn run(a: &Correct) -> Result<(), Failure> {
+    let formats: Vec<Option<Format>> = a.programs.iter().map(|path| Format::of(path)).collect();
+    match formats.as_slice() {
+        [Some(first), rest @ ..] if rest.iter().all(|format| *format == Some(*first)) => {
+            program::run(a, *first)
+        }
+        [None] => joint_targets(a, &a.programs[0]),
+        _ => Err(Failure::Usage(
+            "files of several formats: give those of one program, or one CSV file".to_owned(),
+        )),
+    }
+}
+
+/// Corrects a file of joint targets.
+fn joint_targets(a: &Correct, targets: &Path) -> Result<(), Failure> {
+    if a.inverse || a.payload_from_program || a.frames.is_some() || !a.with.is_empty() {
+        return Err(Failure::Usage(format!(
+            "{}: --inverse, --payload-from-program, --frames and --with are for robot programs",
+            targets.display()
+        )));
+    }
     let outputs = [Some(a.out.as_path()), a.json.as_deref()];
-    check_outputs(&outputs, &[&a.blob, &a.targets])?;
+    check_outputs(&outputs, &[&a.blob, targets])?;
     let loaded = BlobModel::read(&a.blob)?;
     let robot = inputs::robot_of(loaded.blob());
-    let (columns, start, mut chunks) = TargetReader::open(&a.targets)?.into_parts();
+    let (columns, start, mut chunks) = TargetReader::open(targets)?.into_parts();
     let columns = &columns;
     let limits = columns.limits(&robot)?;
     columns.refuse_columns(
@@ -115,9 +115,9 @@ pub fn run(a: &Correct) -> Result<(), Failure> {
         return Err(columns.no_rows().into());
     }
     for text in limits.notes(&checks) {
-        note(format_args!("{}: {text}", a.targets.display()));
+        note(format_args!("{}: {text}", targets.display()));
     }
-    let document = summing.document(file_name(&a.targets), loaded.host().provenance.method, all);
+    let document = summing.document(file_name(targets), loaded.host().provenance.method, all);
     let json = match &a.json {
         Some(path) => Some((path.as_path(), json_text(&document)?)),
         None => None,

@@ -1,0 +1,359 @@
+//! What a program's targets need of a blob, in `f64`: nominal joints of a pose, and the joints to command instead.
+//!
+//! A controller brings its flange to a pose by the drawing. [`Commander::branches`] has all joints that it may choose for
+//! that, [`Commander::nominal_joints`] those near others, and [`Commander::correct`] the joints at which the real arm stands
+//! where the controller believes it does. "Flange" and "base" are those of the base-tool calibration.
+
+use nalgebra::Vector3;
+use poegp_protocol::JointKind;
+use poegp_protocol::limits::MAX_JOINTS;
+use poegp_runtime::correct::Corrected;
+use poegp_runtime::correct::inverse::Inverse;
+use poegp_runtime::guard::status::Status;
+use poegp_runtime::math::se3::Pose;
+use poegp_runtime::model::load_error::LoadError;
+use poegp_runtime::model::{Evaluation, Model, words_for};
+
+use crate::blob::predict::{BlobModel, orthonormal};
+use crate::learning::task_space::MAX_POINTS;
+
+/// One value for each joint; zero beyond the last.
+pub type Joints = [f64; MAX_JOINTS];
+
+/// Seeds of one search for all branches, beside those that mirror what was found.
+const SEEDS: u32 = 48;
+/// Joints nearer than this, in rad or m, are one solution.
+const SAME: f64 = 1e-5;
+/// Steps from a corrected command back to the nominal one; each takes away all but some thousandths.
+const STEPS_BACK: usize = 12;
+/// What may stay of them, in rad or m.
+const CAME_BACK: f64 = 1e-11;
+/// Reciprocals of the powers of the root of x⁹ = x + 1: seeds that spread evenly in up to eight dimensions.
+const SPREAD: [f64; MAX_JOINTS] = [
+    0.921599319633983,
+    0.84934530594982,
+    0.782756056097671,
+    0.721387448738994,
+    0.664830181950351,
+    0.612707043357581,
+    0.564670394293296,
+    0.520399851198154,
+];
+
+/// A blob as [`Commander`] evaluates it.
+type WideModel = Model<f64, { words_for(MAX_POINTS) }>;
+
+/// Inverse kinematics and corrections of one blob.
+#[derive(Debug)]
+pub struct Commander {
+    model: Box<WideModel>,
+    flange_from_target: Pose<f64>,
+    kinds: Vec<JointKind>,
+    /// Where each joint may go: the description's limits, or a turn either way.
+    limits: Vec<(f64, f64)>,
+    /// The middle of the trained ranges.
+    middle: Joints,
+}
+
+impl Commander {
+    /// Of the model in a blob.
+    ///
+    /// # Errors
+    /// [`LoadError`], which a blob that was read cannot cause.
+    pub fn new(blob: &BlobModel) -> Result<Self, LoadError> {
+        let mut model = Box::new(WideModel::new());
+        model.load_decoded(blob.blob())?;
+        let robot = &blob.blob().robot;
+        let limit = |joint: &poegp_protocol::blob::Joint| {
+            let turn = std::f64::consts::TAU;
+            let wide = |(lower, upper)| (f64::from(lower), f64::from(upper));
+            joint.limits.map_or((-turn, turn), wide)
+        };
+        let mut middle = [0.0; MAX_JOINTS];
+        for (slot, (lower, upper)) in middle.iter_mut().zip(&blob.blob().ranges.joints) {
+            *slot = 0.5 * (f64::from(*lower) + f64::from(*upper));
+        }
+        Ok(Self {
+            model,
+            flange_from_target: Pose::from_rows(&blob.host().gauge.flange_from_target),
+            kinds: robot.joints.iter().map(|joint| joint.kind).collect(),
+            limits: robot.joints.iter().map(limit).collect(),
+            middle,
+        })
+    }
+
+    /// Kinds of the joints, base first.
+    pub fn kinds(&self) -> &[JointKind] {
+        &self.kinds
+    }
+
+    /// Lower and upper limit of each joint in rad or m.
+    pub fn limits(&self) -> &[(f64, f64)] {
+        &self.limits
+    }
+
+    /// The middle of the trained ranges.
+    pub fn middle(&self) -> Joints {
+        self.middle
+    }
+
+    fn of<'a>(&self, joints: &'a Joints) -> &'a [f64] {
+        &joints[..self.kinds.len()]
+    }
+
+    /// The first joint that is beyond a limit.
+    pub fn beyond_limit(&self, joints: &Joints) -> Option<usize> {
+        let is_beyond = |(q, (lower, upper)): (&f64, &(f64, f64))| !(*q >= *lower && *q <= *upper);
+        joints.iter().zip(&self.limits).position(is_beyond)
+    }
+
+    /// The joints to command for wanted ones: [`Model::correct`].
+    pub fn correct(&self, joints: &Joints, payload_kg: f64) -> Corrected<f64> {
+        self.model.correct(self.of(joints), payload_kg)
+    }
+
+    /// Where the real arm stands, and what is known of that: [`Model::evaluate`].
+    pub fn evaluate(&self, joints: &Joints, payload_kg: f64) -> Evaluation<f64> {
+        self.model.evaluate(self.of(joints), payload_kg)
+    }
+
+    /// The joints whose correction is `command`, or `None` where no search finds them.
+    pub fn uncorrected(&self, command: &Joints, payload_kg: f64) -> Option<Joints> {
+        let mut joints = *command;
+        for _ in 0..STEPS_BACK {
+            let there = self.correct(&joints, payload_kg);
+            if there.status.contains(Status::BAD_INPUT) {
+                return None;
+            }
+            let mut off = 0.0_f64;
+            for ((q, wanted), found) in joints.iter_mut().zip(command).zip(&there.joints) {
+                *q += wanted - found;
+                off = off.max((wanted - found).abs());
+            }
+            if off < CAME_BACK {
+                return Some(joints);
+            }
+        }
+        None
+    }
+
+    /// `base_from_flange` of the nominal arm, its rotation one to `f64`.
+    pub fn nominal_flange(&self, joints: &Joints) -> Pose<f64> {
+        let target = self.model.nominal(self.of(joints));
+        let target = target.unwrap_or_else(Pose::identity);
+        orthonormal(&(target * self.flange_from_target.inverse()))
+    }
+
+    /// `base_from_flange` of the real arm by the model.
+    pub fn real_flange(&self, joints: &Joints, payload_kg: f64) -> Pose<f64> {
+        let target = self.evaluate(joints, payload_kg).pose;
+        orthonormal(&(target * self.flange_from_target.inverse()))
+    }
+
+    /// The nominal joints at `base_from_flange` that a search from `near` comes to.
+    pub fn nominal_joints(&self, base_from_flange: &Pose<f64>, near: &Joints) -> Inverse<f64> {
+        let wanted = *base_from_flange * self.flange_from_target;
+        self.model.nominal_inverse(&wanted, self.of(near))
+    }
+
+    /// The joints to command so that the real flange is at `base_from_flange`, near others.
+    pub fn command_for(
+        &self,
+        base_from_flange: &Pose<f64>,
+        near: &Joints,
+        payload_kg: f64,
+    ) -> Inverse<f64> {
+        let wanted = *base_from_flange * self.flange_from_target;
+        self.model.inverse(&wanted, self.of(near), payload_kg)
+    }
+
+    /// All nominal joints at `base_from_flange` within the limits, whole turns counted; empty where the arm cannot reach.
+    ///
+    /// Of an arm with more than six joints, which has infinitely many, some.
+    pub fn branches(&self, base_from_flange: &Pose<f64>) -> Vec<Joints> {
+        let mut found: Vec<Joints> = Vec::new();
+        let mut seeds: Vec<Joints> = vec![self.middle];
+        for index in 1..=SEEDS {
+            let mut seed = [0.0; MAX_JOINTS];
+            for ((slot, (lower, upper)), spread) in seed.iter_mut().zip(&self.limits).zip(SPREAD) {
+                let along = (f64::from(index) * spread).fract();
+                *slot = lower + along * (upper - lower);
+            }
+            seeds.push(seed);
+        }
+        while let Some(seed) = seeds.pop() {
+            let answer = self.nominal_joints(base_from_flange, &seed);
+            if answer.status.contains(Status::PARTLY_CORRECTED)
+                || answer.status.contains(Status::BAD_INPUT)
+            {
+                continue;
+            }
+            let joints = self.principal(&answer.joints);
+            if found.iter().all(|other| !self.is_same(other, &joints)) {
+                found.push(joints);
+                seeds.extend(self.mirrored(&joints));
+            }
+            // Infinitely many.
+            if found.len() >= 64 {
+                break;
+            }
+        }
+        found.iter().flat_map(|joints| self.turns(joints)).collect()
+    }
+
+    /// Revolute joints within half a turn.
+    fn principal(&self, joints: &Joints) -> Joints {
+        let mut out = *joints;
+        for (q, kind) in out.iter_mut().zip(&self.kinds) {
+            if *kind == JointKind::Revolute {
+                *q -= std::f64::consts::TAU * (*q / std::f64::consts::TAU).round();
+            }
+        }
+        out
+    }
+
+    fn is_same(&self, a: &Joints, b: &Joints) -> bool {
+        let mut apart = [0.0; MAX_JOINTS];
+        for ((slot, a), b) in apart.iter_mut().zip(a).zip(b) {
+            *slot = a - b;
+        }
+        self.principal(&apart).iter().all(|d| d.abs() < SAME)
+    }
+
+    /// Where the other branches of arms with a wrist and a shoulder are: seeds alone.
+    fn mirrored(&self, joints: &Joints) -> Vec<Joints> {
+        let half = std::f64::consts::PI;
+        let mut flipped = *joints;
+        let mut over = *joints;
+        let mut elbow = *joints;
+        if self.kinds.len() == 6 {
+            flipped[3] += half;
+            flipped[4] = -flipped[4];
+            flipped[5] += half;
+            over[0] += half;
+            over[1] = -over[1];
+            over[2] = half - over[2];
+            elbow[2] = -elbow[2];
+        }
+        [flipped, over, elbow]
+            .map(|seed| self.principal(&seed))
+            .to_vec()
+    }
+
+    /// The same pose with every whole turn that the limits allow.
+    fn turns(&self, joints: &Joints) -> Vec<Joints> {
+        let mut all = vec![*joints];
+        for (joint, (kind, (lower, upper))) in self.kinds.iter().zip(&self.limits).enumerate() {
+            let mut more = Vec::new();
+            for joints in &all {
+                for turn in -2..=2 {
+                    let mut turned = *joints;
+                    if *kind == JointKind::Revolute {
+                        turned[joint] += f64::from(turn) * std::f64::consts::TAU;
+                    } else if turn != 0 {
+                        continue;
+                    }
+                    if turned[joint] >= *lower && turned[joint] <= *upper {
+                        more.push(turned);
+                    }
+                }
+            }
+            all = more;
+        }
+        all
+    }
+}
+
+/// The largest difference of two sets of joints, rad or m.
+pub fn joint_distance(a: &Joints, b: &Joints) -> f64 {
+    let largest = |most: f64, (a, b): (&f64, &f64)| most.max((a - b).abs());
+    a.iter().zip(b).fold(0.0, largest)
+}
+
+/// Displacement in metres and angle in radians from one pose to another.
+pub fn pose_distance(a: &Pose<f64>, b: &Pose<f64>) -> (f64, f64) {
+    let moved: Vector3<f64> = a.translation - b.translation;
+    let turned = (a.inverse() * *b).log().angular;
+    (moved.norm(), turned.norm())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::Path;
+
+    use poegp_runtime::math::scalar::Scalar;
+
+    fn example() -> Commander {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../runtime/capi/examples/arm.blob");
+        Commander::new(&BlobModel::read(&path).unwrap()).unwrap()
+    }
+
+    /// Joints all over the limits, without order.
+    fn scattered(commander: &Commander, index: u32) -> Joints {
+        let mut out = [0.0; MAX_JOINTS];
+        for ((slot, (lower, upper)), spread) in out.iter_mut().zip(commander.limits()).zip(SPREAD) {
+            *slot = lower + (upper - lower) * (0.37 + f64::from(index) * 1.7 * spread).fract();
+        }
+        out
+    }
+
+    /// Each is one, and the joints that were asked for are among them.
+    #[test]
+    fn branches_reach_the_pose_and_none_is_missing() {
+        let commander = example();
+        for index in 0..60 {
+            let joints = scattered(&commander, index);
+            let flange = commander.nominal_flange(&joints);
+            let branches = commander.branches(&flange);
+            for branch in &branches {
+                let (moved, turned) = pose_distance(&commander.nominal_flange(branch), &flange);
+                assert!(moved < 1e-6 && turned < 1e-6, "{moved:e} {turned:e}");
+                assert_eq!(commander.beyond_limit(branch), None);
+            }
+            let nearest = branches.iter().map(|b| joint_distance(b, &joints));
+            let nearest = nearest.fold(f64::INFINITY, f64::min);
+            // Beside a singularity of the wrist two joints turn against each other.
+            let singular = Scalar::sin_cos(joints[4]).0.abs() < 0.05;
+            assert!(
+                singular || nearest < 1e-5,
+                "{index}: {nearest:e} of {}",
+                branches.len()
+            );
+        }
+    }
+
+    #[test]
+    fn a_pose_out_of_reach_has_no_branch() {
+        let commander = example();
+        let mut flange = commander.nominal_flange(&commander.middle());
+        flange.translation[0] += 9.0;
+        assert!(commander.branches(&flange).is_empty());
+    }
+
+    /// Back from a corrected command, and where the real flange goes.
+    #[test]
+    fn corrections_are_undone_and_reach_the_flange() {
+        let commander = example();
+        let mut undone = 0;
+        for index in 0..40 {
+            let joints = scattered(&commander, index);
+            let corrected = commander.correct(&joints, 2.0);
+            let Some(back) = commander.uncorrected(&corrected.joints, 2.0) else {
+                continue;
+            };
+            assert!(joint_distance(&back, &joints) < 1e-9, "{index}");
+            undone += 1;
+            if corrected.status.contains(Status::PARTLY_CORRECTED) {
+                continue;
+            }
+            let wanted = commander.nominal_flange(&joints);
+            let (moved, _) = pose_distance(&commander.real_flange(&corrected.joints, 2.0), &wanted);
+            assert!(moved < 2e-5, "{moved:e}");
+            let near = commander.command_for(&wanted, &joints, 2.0);
+            let (moved, _) = pose_distance(&commander.real_flange(&near.joints, 2.0), &wanted);
+            assert!(moved < 1e-6, "{moved:e}");
+        }
+        assert!(undone > 30, "{undone}");
+    }
+}

@@ -1,0 +1,159 @@
+//! Programs of controllers, under arbitrary bytes.
+
+use std::path::Path;
+
+use poegp_trainer::robot_programs::correction::Format;
+use poegp_trainer::robot_programs::correction::frames::FrameFile;
+use poegp_trainer::robot_programs::correction::program::{Goal, Program};
+use poegp_trainer::robot_programs::correction::replacement::{Replacement, rewrite};
+use poegp_trainer::robot_programs::correction::source::{Number, Source};
+
+use super::readers::{assert_refusal, parts};
+
+const FRAMES: &str = "[tool.3]\nxyz_mm=[1,2,3]\nquaternion=[1,0,0,0]\n[tool.tcp]\nxyz_mm=[1,2,3]\nquaternion=[1,0,0,0]\n\
+    [base.2]\nxyz_mm=[1,2,3]\nquaternion=[0,1,0,0]\n";
+
+/// All numbers of all targets, in the order of the files.
+fn numbers(program: &Program) -> Vec<Number> {
+    let mut out: Vec<Number> = Vec::new();
+    for target in &program.targets {
+        match &target.goal {
+            Goal::Joints(numbers) => out.extend(numbers.iter()),
+            Goal::Pose {
+                position,
+                orientation,
+            } => {
+                out.extend(position);
+                out.extend(orientation);
+            }
+        }
+    }
+    out.sort_by_key(|number| (number.file, number.start));
+    out
+}
+
+/// Reads the files of one program, separated by zeros. Every number of a target is one, none lies in another, and all bytes
+/// outside of them stay when they are replaced. What is left lies within its file.
+fn read(format: Format, names: &[&str], bytes: &[u8]) {
+    let parts = parts(bytes, names.len());
+    let files: Vec<(&str, &[u8])> = names
+        .iter()
+        .copied()
+        .zip(parts.iter().map(Vec::as_slice))
+        .collect();
+    let source = |(name, bytes): &(&str, &[u8])| Source::new(Path::new(name), bytes.to_vec(), true);
+    let frames = FrameFile::parse(Path::new("frames.toml"), FRAMES).expect("frames");
+    let program = match format.read(files.iter().map(source).collect(), &frames) {
+        Ok(program) => program,
+        Err(error) => return assert_refusal(&error, &files),
+    };
+    for left in &program.left {
+        assert!(left.location.at <= program.sources[left.location.file].bytes.len());
+        assert!(!left.reason.is_empty());
+        let _ = program.line_of(left.location);
+    }
+    for step in &program.moves {
+        let target = &program.targets[step.target];
+        assert!(target.tool.is_some_and(|tool| program.frames[tool].is_tool));
+        assert!(
+            target
+                .base
+                .is_some_and(|base| !program.frames[base].is_tool)
+        );
+    }
+    let mut numbers = numbers(&program);
+    // A target of two moves stands once in its file.
+    numbers.dedup();
+    let mut replacements = Vec::new();
+    let mut before = (0, 0);
+    for number in &numbers {
+        let source = &program.sources[number.file as usize];
+        let text = std::str::from_utf8(source.slice(&number.span())).expect("digits");
+        assert_eq!(text.parse::<f64>().ok(), Some(number.value), "{text:?}");
+        assert!(before <= (number.file, number.start), "numbers overlap");
+        before = (number.file, number.end);
+        let span = (number.start as usize, number.end as usize);
+        replacements.push(Replacement {
+            file: number.file as usize,
+            span,
+            text: "<>".to_owned(),
+        });
+    }
+    for ((_, bytes), written) in files.iter().zip(rewrite(&program, &replacements)) {
+        // Each mark back to its number: every other byte is where it was.
+        let mut rest = written.as_slice();
+        let mut back = Vec::new();
+        let file = files
+            .iter()
+            .position(|f| f.1.as_ptr() == bytes.as_ptr())
+            .expect("a file");
+        let mut from = 0;
+        for r in replacements.iter().filter(|r| r.file == file) {
+            let gap = r.span.0 - from;
+            back.extend_from_slice(&rest[..gap]);
+            back.extend_from_slice(&bytes[r.span.0..r.span.1]);
+            rest = &rest[gap + 2..];
+            from = r.span.1;
+        }
+        back.extend_from_slice(rest);
+        assert!(back == *bytes, "bytes outside of the numbers changed");
+    }
+}
+
+/// Reads an ABB module.
+///
+/// # Panics
+/// When a law is broken.
+pub fn rapid(bytes: &[u8]) {
+    read(Format::Rapid, &["part.mod"], bytes);
+}
+
+/// Reads a script of Universal Robots.
+///
+/// # Panics
+/// When a law is broken.
+pub fn urscript(bytes: &[u8]) {
+    read(Format::UrScript, &["part.script"], bytes);
+}
+
+/// Reads a Fanuc listing.
+///
+/// # Panics
+/// When a law is broken.
+pub fn fanuc(bytes: &[u8]) {
+    read(Format::Fanuc, &["part.ls"], bytes);
+}
+
+/// Reads a KUKA source and its data list, a zero between them.
+///
+/// # Panics
+/// When a law is broken.
+pub fn krl(bytes: &[u8]) {
+    let names: &[&str] = if bytes.contains(&0) {
+        &["part.src", "part.dat"]
+    } else {
+        &["part.src"]
+    };
+    read(Format::Krl, names, bytes);
+}
+
+/// Reads a Yaskawa job.
+///
+/// # Panics
+/// When a law is broken.
+pub fn inform(bytes: &[u8]) {
+    read(Format::Inform, &["part.jbi"], bytes);
+}
+
+/// Reads data of a Stäubli controller, a zero, and the program that uses them.
+///
+/// # Panics
+/// When a law is broken.
+pub fn val3(bytes: &[u8]) {
+    let names: &[&str] = if bytes.contains(&0) {
+        &["part.dtx", "part.pgx"]
+    } else {
+        &["part.dtx"]
+    };
+    read(Format::Val3, names, bytes);
+}

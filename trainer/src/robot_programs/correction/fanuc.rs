@@ -1,0 +1,301 @@
+//! A reader of Fanuc TP listings (`.ls`): the positions of `/POS` that motions of `/MN` go to.
+//!
+//! A listing names user frame and tool of each position by number alone; their values come from a frame file. Joint positions
+//! need neither. Only group 1 is the arm; other groups stay. (Lines and sections as in listings that controllers write.)
+
+use std::collections::BTreeMap;
+
+use poegp_calibration::input_error::InputError;
+use poegp_runtime::math::se3::Pose;
+
+use crate::robot_programs::Language;
+use crate::robot_programs::correction::frames::FrameFile;
+use crate::robot_programs::correction::program::{Frame, Goal, Location, Program, Target, Way};
+use crate::robot_programs::correction::source::{Number, Source};
+use crate::robot_programs::correction::tokens::{Kind, Lexicon, Text, Token, tokens};
+
+const LEXICON: Lexicon = Lexicon {
+    comment: 0,
+    quotes: b"\"'",
+    in_names: b"",
+    has_pairs: false,
+};
+
+/// Options of a motion with which its end is no target.
+const MODIFIED: [&str; 9] = [
+    "inc",
+    "offset",
+    "tool_offset",
+    "voffset",
+    "vroffset",
+    "rtcp",
+    "coord",
+    "pspi",
+    "path",
+];
+
+/// Reads a listing.
+///
+/// # Errors
+/// [`InputError`] for a frame that is not in the frame file.
+pub fn read(source: Source, frames: &FrameFile) -> Result<Program, InputError> {
+    let mut all = tokens(&source.bytes, &LEXICON);
+    let section = |name: &[u8]| {
+        let is_start = |at: &usize| {
+            let begins = *at == 0 || matches!(source.bytes.get(at - 1), Some(b'\n' | b'\r'));
+            begins && source.bytes[*at..].starts_with(name)
+        };
+        (0..source.bytes.len())
+            .find(is_start)
+            .unwrap_or(source.bytes.len())
+    };
+    let (motions, positions) = (section(b"/MN"), section(b"/POS"));
+    all.retain(|token| token.kind != Kind::LineEnd);
+    let copy = source.clone();
+    let mut program = Program::new("Fanuc TP", Language::Fanuc.dialect(), vec![source]);
+    let within = |from: usize, to: usize| -> Vec<Token> {
+        let is_inside = |token: &&Token| (from..to).contains(&(token.start as usize));
+        all.iter().filter(is_inside).copied().collect()
+    };
+    let (code, data) = (
+        within(motions, positions),
+        within(positions, copy.bytes.len()),
+    );
+    let taught = find_positions(
+        &Text {
+            file: 0,
+            source: &copy,
+            tokens: &data,
+        },
+        &mut program,
+    );
+    find_motions(
+        &Text {
+            file: 0,
+            source: &copy,
+            tokens: &code,
+        },
+        &taught,
+        &mut program,
+        frames,
+    )?;
+    Ok(program)
+}
+
+/// A position of `/POS`.
+struct Taught {
+    target: Option<usize>,
+    /// User frame and tool, where they are numbers.
+    frames: Option<(String, String)>,
+}
+
+fn find_positions(text: &Text<'_>, program: &mut Program) -> BTreeMap<u32, Taught> {
+    let mut out = BTreeMap::new();
+    let mut at = 0;
+    while at < text.tokens.len() {
+        if text.name(at) != "p" || !text.is(at + 1, b'[') {
+            at += 1;
+            continue;
+        }
+        let open = text.find(at + 2, text.tokens.len(), b"{");
+        let close = text.find(open + 1, text.tokens.len(), b"}");
+        let location = Location {
+            file: 0,
+            at: text.byte(at),
+        };
+        if let Some(number) = text.number(at + 2) {
+            let taught = position(text, open + 1, close, location, program);
+            out.insert(number.value as u32, taught);
+        }
+        at = close + 1;
+    }
+    out
+}
+
+/// What stands between the braces.
+fn position(
+    text: &Text<'_>,
+    from: usize,
+    close: usize,
+    location: Location,
+    program: &mut Program,
+) -> Taught {
+    // The first group alone is the arm.
+    let is_next = |at: &usize| text.name(*at).starts_with("gp") && text.name(*at) != "gp1";
+    let end = (from..close).find(is_next).unwrap_or(close);
+    let mut named: BTreeMap<String, Number> = BTreeMap::new();
+    let mut frames: BTreeMap<String, String> = BTreeMap::new();
+    for at in from..end {
+        let name = text.name(at);
+        if text.is(at + 1, b'=')
+            && let Some(number) = text.number(at + 2)
+        {
+            named.insert(name, number);
+        } else if text.is(at + 1, b':') && matches!(name.as_str(), "uf" | "ut") {
+            frames.insert(name, text.spelling(at + 2));
+        }
+    }
+    let all = |names: &[&str]| -> Option<Vec<Number>> {
+        names.iter().map(|name| named.get(*name).copied()).collect()
+    };
+    let pose = all(&["x", "y", "z", "w", "p", "r"]);
+    let joints: Vec<Number> = (1..=9)
+        .map_while(|i| named.get(&format!("j{i}")).copied())
+        .collect();
+    let has_more = named
+        .keys()
+        .any(|name| name.starts_with('e') && name[1..].parse::<u8>().is_ok());
+    let goal = match pose {
+        Some(n) => Some(Goal::Pose {
+            position: [n[0], n[1], n[2]],
+            orientation: n[3..].to_vec(),
+        }),
+        None if !joints.is_empty() => Some(Goal::Joints(joints)),
+        None => None,
+    };
+    let target = match goal {
+        Some(goal) if !has_more => {
+            program.targets.push(Target {
+                location,
+                goal,
+                tool: None,
+                base: None,
+                configuration: None,
+            });
+            Some(program.targets.len() - 1)
+        }
+        Some(_) => {
+            program.leave(location, "it has external axes");
+            None
+        }
+        None => {
+            program.leave(location, "it was never taught");
+            None
+        }
+    };
+    let number = |name: &str| {
+        let value = frames.get(name)?;
+        value
+            .bytes()
+            .all(|b| b.is_ascii_digit())
+            .then(|| value.clone())
+    };
+    let frames = number("uf").zip(number("ut"));
+    Taught { target, frames }
+}
+
+fn find_motions(
+    text: &Text<'_>,
+    taught: &BTreeMap<u32, Taught>,
+    program: &mut Program,
+    given: &FrameFile,
+) -> Result<(), InputError> {
+    let end = text.tokens.len();
+    let mut from = 0;
+    while from < end {
+        let stop = text.find(from, end, b";");
+        // A line has its number and a colon in front.
+        let start =
+            from + usize::from(text.number(from).is_some()) + usize::from(text.is(from + 1, b':'));
+        motion(text, start, stop, taught, program, given)?;
+        from = stop + 1;
+    }
+    Ok(())
+}
+
+fn motion(
+    text: &Text<'_>,
+    start: usize,
+    stop: usize,
+    taught: &BTreeMap<u32, Taught>,
+    program: &mut Program,
+    given: &FrameFile,
+) -> Result<(), InputError> {
+    let way = match text.name(start).as_str() {
+        "j" => Way::Joints,
+        "l" => Way::Line,
+        "c" | "a" => Way::Arc,
+        _ => return Ok(()),
+    };
+    let is_position =
+        |at: &usize| matches!(text.name(*at).as_str(), "p" | "pr") && text.is(at + 1, b'[');
+    if !is_position(&(start + 1)) {
+        return Ok(());
+    }
+    let location = Location {
+        file: 0,
+        at: text.byte(start),
+    };
+    let is_modified = |at: usize| {
+        let name = text.name(at);
+        MODIFIED.iter().any(|word| name == *word)
+    };
+    if let Some(at) = (start..stop).find(|at| is_modified(*at)) {
+        program.leave(location, format!("{} changes its end", text.spelling(at)));
+        return Ok(());
+    }
+    for at in (start + 1..stop).filter(is_position) {
+        if text.name(at) == "pr" {
+            program.leave(location, "it goes to a position register");
+            continue;
+        }
+        let Some(number) = text.number(at + 2) else {
+            program.leave(location, "its position is computed");
+            continue;
+        };
+        let number = number.value as u32;
+        let Some(found) = taught.get(&number) else {
+            program.leave(location, format!("P[{number}] is not in /POS"));
+            continue;
+        };
+        let Some(target) = found.target else {
+            continue;
+        };
+        let is_joints = matches!(program.targets[target].goal, Goal::Joints(_));
+        let taught_at = program.targets[target].location;
+        let Some((user, tool)) = &found.frames else {
+            program.leave(taught_at, "its frame or tool is the one in use (F)");
+            continue;
+        };
+        let tool = frame(text, taught_at, given, (tool, true), is_joints)?;
+        let user = frame(text, taught_at, given, (user, false), is_joints)?;
+        let (tool, user) = (program.frame(tool), program.frame(user));
+        program.move_to(target, way, tool, user);
+    }
+    Ok(())
+}
+
+/// A frame by its number; number 0 is none, and joints need none.
+fn frame(
+    text: &Text<'_>,
+    location: Location,
+    given: &FrameFile,
+    (number, is_tool): (&str, bool),
+    is_joints: bool,
+) -> Result<Frame, InputError> {
+    let found = if is_tool {
+        given.tool(number)
+    } else {
+        given.base(number)
+    };
+    let (pose, payload_kg, origin) = match found {
+        Some(found) => (found.pose, found.payload_kg, given.origin()),
+        None if number == "0" || is_joints => (Pose::identity(), None, "the controller".to_owned()),
+        None => {
+            let (kind, data) = if is_tool {
+                ("tool", "UT of")
+            } else {
+                ("base", "UF of")
+            };
+            return Err(given.unknown(text.source, location.at, kind, number, data));
+        }
+    };
+    let name = format!("{} {number}", if is_tool { "UT" } else { "UF" });
+    Ok(Frame {
+        name,
+        is_tool,
+        pose,
+        payload_kg,
+        origin,
+    })
+}

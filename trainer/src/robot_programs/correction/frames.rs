@@ -1,0 +1,163 @@
+//! Tools and bases that a program does not say: a TOML file.
+//!
+//! ```toml
+//! [tool."3"]
+//! xyz_mm = [0, 80, 310]
+//! quaternion = [0.98480775, -0.17364818, 0, 0]   # w, x, y, z
+//! payload_kg = 2.5
+//!
+//! [base."2"]
+//! xyz_mm = [1100, 250, 500]
+//! quaternion = [1, 0, 0, 0]
+//! ```
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use nalgebra::Vector3;
+use poegp_calibration::input_error::InputError;
+use poegp_runtime::math::se3::Pose;
+use serde::Deserialize;
+
+use crate::robot_programs::correction::source::Source;
+use crate::robot_programs::dialect::Orientation;
+
+/// One entry.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Entry {
+    xyz_mm: [f64; 3],
+    quaternion: [f64; 4],
+    payload_kg: Option<f64>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Entries {
+    #[serde(default)]
+    tool: BTreeMap<String, Entry>,
+    #[serde(default)]
+    base: BTreeMap<String, Entry>,
+}
+
+/// A frame of the file.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Given {
+    /// `flange_from_tool` or `base_from_frame`.
+    pub pose: Pose<f64>,
+    /// kg.
+    pub payload_kg: Option<f64>,
+}
+
+/// Tools and bases by name, in lower case.
+#[derive(Clone, Debug, Default)]
+pub struct FrameFile {
+    path: Option<PathBuf>,
+    tools: BTreeMap<String, Given>,
+    bases: BTreeMap<String, Given>,
+}
+
+impl FrameFile {
+    /// Reads a file.
+    ///
+    /// # Errors
+    /// [`InputError`] names the file and the entry.
+    pub fn read(path: &Path) -> Result<Self, InputError> {
+        let text = std::fs::read_to_string(path)
+            .map_err(|error| InputError::unreadable(path, &error, "a file of frames (.toml)"))?;
+        Self::parse(path, &text)
+    }
+
+    /// Of the text of a file.
+    ///
+    /// # Errors
+    /// As [`FrameFile::read`].
+    pub fn parse(path: &Path, text: &str) -> Result<Self, InputError> {
+        let entries: Entries = toml::from_str(text).map_err(|error| {
+            let at = error.span().map_or(0, |span| span.start);
+            let source = Source::new(path, text.as_bytes().to_vec(), false);
+            source.error(
+                at,
+                error.message().replace('\n', ", "),
+                "[tool.\"NAME\"] and [base.\"NAME\"] with xyz_mm = [x, y, z] and quaternion = [w, x, y, z]",
+            )
+        })?;
+        let given = |kind: &str, entries: BTreeMap<String, Entry>| -> Result<_, InputError> {
+            let mut out = BTreeMap::new();
+            for (name, entry) in entries {
+                let pose = entry.pose().ok_or_else(|| {
+                    InputError::new(
+                        path,
+                        format!("a frame [{kind}.\"{name}\"] that is none"),
+                        "xyz_mm in millimetres, a quaternion of norm 1 and a payload_kg of 0 or more",
+                    )
+                })?;
+                out.insert(
+                    name.to_ascii_lowercase(),
+                    Given {
+                        pose,
+                        payload_kg: entry.payload_kg,
+                    },
+                );
+            }
+            Ok(out)
+        };
+        Ok(Self {
+            path: Some(path.to_path_buf()),
+            tools: given("tool", entries.tool)?,
+            bases: given("base", entries.base)?,
+        })
+    }
+
+    /// A tool.
+    pub fn tool(&self, name: &str) -> Option<Given> {
+        self.tools.get(name).copied()
+    }
+
+    /// A frame that targets are in.
+    pub fn base(&self, name: &str) -> Option<Given> {
+        self.bases.get(name).copied()
+    }
+
+    /// Where its frames come from, for people.
+    pub fn origin(&self) -> String {
+        self.path
+            .as_ref()
+            .map_or_else(String::new, |path| path.display().to_string())
+    }
+
+    /// The error for a frame that is nowhere; `data` is what the language calls it.
+    pub fn unknown(
+        &self,
+        source: &Source,
+        at: usize,
+        kind: &str,
+        name: &str,
+        data: &str,
+    ) -> InputError {
+        source
+            .error(
+                at,
+                format!("the {kind} \"{name}\", which no file defines"),
+                format!(
+                    "{data} {name} in the program, or [{kind}.\"{name}\"] in a file of --frames"
+                ),
+            )
+            .with_help(
+                "give the files that define it with --with, or its numbers with --frames FILE.toml",
+            )
+    }
+}
+
+impl Entry {
+    fn pose(&self) -> Option<Pose<f64>> {
+        let is_sound = self.xyz_mm.iter().all(|x| x.abs() < 1e6)
+            && self.payload_kg.is_none_or(|kg| (0.0..1e6).contains(&kg));
+        let rotation = Orientation::Quaternion.rotation(&self.quaternion)?;
+        let [x, y, z] = self.xyz_mm.map(|x| 1e-3 * x);
+        is_sound.then_some(Pose {
+            rotation,
+            translation: Vector3::new(x, y, z),
+        })
+    }
+}

@@ -1,0 +1,250 @@
+//! A reader of Yaskawa INFORM jobs (`.jbi`): the positions of `//POS` that motions of `//INST` go to.
+//!
+//! Lines of `//POS` say what the positions below them are: `///PULSE`, or `///RECTAN` in the robot's frame, its base or
+//! `///USER n`, with `///TOOL n`. Pulses are left: how many make a degree is in the controller. Values of tools and user frames are
+//! in the controller, too: a frame file has them.
+
+use std::collections::BTreeMap;
+
+use poegp_calibration::input_error::InputError;
+use poegp_runtime::math::se3::Pose;
+
+use crate::robot_programs::correction::frames::FrameFile;
+use crate::robot_programs::correction::program::{Frame, Goal, Location, Program, Target, Way};
+use crate::robot_programs::correction::source::{Number, Source};
+use crate::robot_programs::dialect::INFORM;
+
+/// Reads a job.
+///
+/// # Errors
+/// [`InputError`] for a frame that is not in the frame file.
+pub fn read(source: Source, frames: &FrameFile) -> Result<Program, InputError> {
+    let copy = source.clone();
+    let mut reader = Reader {
+        program: Program::new("Yaskawa INFORM", INFORM, vec![source]),
+        source: &copy,
+        given: frames,
+        positions: BTreeMap::new(),
+    };
+    let mut state = Header::default();
+    let mut is_code = false;
+    let mut is_shifted = false;
+    let mut at = 0;
+    for line in copy
+        .bytes
+        .split_inclusive(|byte| matches!(byte, b'\n' | b'\r'))
+    {
+        let text = String::from_utf8_lossy(line);
+        // Letters that are not UTF-8 stand in comments alone.
+        let text = text.trim_end();
+        if let Some(rest) = text.strip_prefix("//") {
+            is_code |= rest.starts_with("INST");
+            state.read(rest.trim_start_matches('/'));
+        } else if !is_code {
+            reader.position(text, at, &state);
+        } else {
+            reader.instruction(text, at, &mut is_shifted)?;
+        }
+        at += line.len();
+    }
+    Ok(reader.program)
+}
+
+/// What the lines above a position say.
+#[derive(Clone, Debug, Default)]
+struct Header {
+    tool: String,
+    kind: String,
+    user: String,
+}
+
+impl Header {
+    fn read(&mut self, text: &str) {
+        let (key, value) = text.split_once(' ').unwrap_or((text, ""));
+        let value = value.trim();
+        match key {
+            "TOOL" => self.tool = value.to_owned(),
+            "POSTYPE" => self.kind = value.to_owned(),
+            "USER" => self.user = value.to_owned(),
+            _ => {}
+        }
+    }
+}
+
+struct Reader<'a> {
+    program: Program,
+    source: &'a Source,
+    given: &'a FrameFile,
+    positions: BTreeMap<String, (Option<usize>, Header)>,
+}
+
+impl Reader<'_> {
+    /// `C00002=1430.701,416.002,600.807,144.15,1.24,159.14`.
+    fn position(&mut self, text: &str, at: usize, header: &Header) {
+        let Some((name, values)) = text.split_once('=') else {
+            return;
+        };
+        let is_name = name.starts_with('C') && name[1..].bytes().all(|b| b.is_ascii_digit());
+        if !is_name || name.len() < 2 {
+            if name.starts_with("EC") || name.starts_with("BC") {
+                self.leave(at, "it has external axes");
+            }
+            return;
+        }
+        let target = match self.read_position(values, at, name.len() + 1, header) {
+            Ok(target) => {
+                self.program.targets.push(target);
+                Some(self.program.targets.len() - 1)
+            }
+            Err(reason) => {
+                self.leave(at, reason);
+                None
+            }
+        };
+        self.positions
+            .insert(name.to_owned(), (target, header.clone()));
+    }
+
+    fn read_position(
+        &self,
+        values: &str,
+        at: usize,
+        from: usize,
+        header: &Header,
+    ) -> Result<Target, &'static str> {
+        match header.kind.as_str() {
+            "PULSE" => return Err("it is in pulses"),
+            "BASE" | "ROBOT" | "USER" => {}
+            _ => return Err("its frame is not one of BASE, ROBOT and USER"),
+        }
+        let mut start = at + from;
+        let mut numbers: Vec<Number> = Vec::new();
+        for value in values.split(',') {
+            let number = Number::parse(0, self.source, &(start..start + value.len()));
+            numbers.push(number.ok_or("a part of it is no number")?);
+            start += value.len() + 1;
+        }
+        let [x, y, z, rx, ry, rz] = numbers[..] else {
+            return Err("it has external axes");
+        };
+        let goal = Goal::Pose {
+            position: [x, y, z],
+            orientation: vec![rx, ry, rz],
+        };
+        Ok(Target {
+            location: Location { file: 0, at },
+            goal,
+            tool: None,
+            base: None,
+            configuration: None,
+        })
+    }
+
+    fn leave(&mut self, at: usize, reason: impl Into<String>) {
+        self.program.leave(Location { file: 0, at }, reason);
+    }
+
+    fn instruction(
+        &mut self,
+        text: &str,
+        at: usize,
+        is_shifted: &mut bool,
+    ) -> Result<(), InputError> {
+        let mut parts = text.split_whitespace();
+        let name = parts.next().unwrap_or("");
+        let way = match name {
+            "MOVJ" => Way::Joints,
+            "MOVL" => Way::Line,
+            "MOVC" => return self.arc(text, at, *is_shifted),
+            "SFTON" => {
+                *is_shifted = true;
+                return Ok(());
+            }
+            "SFTOF" => {
+                *is_shifted = false;
+                return Ok(());
+            }
+            "IMOV" | "MOVS" | "SMOVL" | "SMOVC" => {
+                self.leave(at, format!("{name} is not corrected"));
+                return Ok(());
+            }
+            _ => return Ok(()),
+        };
+        self.move_to(parts.next().unwrap_or(""), way, at, *is_shifted)
+    }
+
+    /// The points of circles come one by one, three or more: each is a target, and the way between them is not looked at.
+    fn arc(&mut self, text: &str, at: usize, is_shifted: bool) -> Result<(), InputError> {
+        let name = text.split_whitespace().nth(1).unwrap_or("");
+        self.move_to(name, Way::Joints, at, is_shifted)
+    }
+
+    fn move_to(
+        &mut self,
+        name: &str,
+        way: Way,
+        at: usize,
+        is_shifted: bool,
+    ) -> Result<(), InputError> {
+        if is_shifted {
+            self.leave(at, "a shift is active (SFTON)");
+            return Ok(());
+        }
+        let Some((target, header)) = self.positions.get(name).cloned() else {
+            self.leave(at, format!("its position {name} is computed"));
+            return Ok(());
+        };
+        let Some(target) = target else {
+            return Ok(());
+        };
+        let location = self.program.targets[target].location.at;
+        let tool = self.frame(location, &header.tool, true)?;
+        let user = if header.kind == "USER" {
+            header.user.as_str()
+        } else {
+            ""
+        };
+        let base = self.frame(location, user, false)?;
+        let (tool, base) = (self.program.frame(tool), self.program.frame(base));
+        self.program.move_to(target, way, tool, base);
+        Ok(())
+    }
+
+    /// A tool or user frame by its number; positions in the base have none.
+    fn frame(&self, at: usize, number: &str, is_tool: bool) -> Result<Frame, InputError> {
+        let found = if is_tool {
+            self.given.tool(number)
+        } else {
+            self.given.base(number)
+        };
+        let (kind, name) = if is_tool {
+            ("tool", "TOOL")
+        } else {
+            ("base", "USER")
+        };
+        let frame = |name: String, pose, payload_kg, origin| Frame {
+            name,
+            is_tool,
+            pose,
+            payload_kg,
+            origin,
+        };
+        match found {
+            Some(found) => Ok(frame(
+                format!("{name} {number}"),
+                found.pose,
+                found.payload_kg,
+                self.given.origin(),
+            )),
+            None if number.is_empty() && !is_tool => Ok(frame(
+                "base".to_owned(),
+                Pose::identity(),
+                None,
+                "the controller".to_owned(),
+            )),
+            None => Err(self
+                .given
+                .unknown(self.source, at, kind, number, &format!("{name} of"))),
+        }
+    }
+}

@@ -1,0 +1,151 @@
+//! KRL's motions: their points, tools and bases.
+
+use poegp_calibration::input_error::InputError;
+use poegp_runtime::math::se3::Pose;
+
+use crate::robot_programs::correction::krl::{Named, Reader, State};
+use crate::robot_programs::correction::program::{Frame, Goal, Location, Way};
+use crate::robot_programs::correction::tokens::Kind;
+
+impl Reader<'_> {
+    /// A motion, and the points that it goes to.
+    pub(super) fn motion(
+        &mut self,
+        file: usize,
+        from: usize,
+        end: usize,
+        way: Way,
+        state: &mut State,
+    ) -> Result<(), InputError> {
+        let text = self.texts[file];
+        // SPTP XP1 WITH $TOOL = STOOL2(FP1), …
+        let with = (from..end)
+            .find(|at| text.name(*at) == "with")
+            .unwrap_or(end);
+        let data = (with..end).find(|at| matches!(text.name(*at).as_str(), "stool2" | "sbase"));
+        if let Some(at) = data {
+            self.take(state, self.frame_data.get(&text.name(at + 2)).cloned());
+        }
+        let points = if way == Way::Arc { 2 } else { 1 };
+        for (a, b) in text.arguments(from + 1, with).into_iter().take(points) {
+            let location = self.location(file, a);
+            // Approximation follows the point: C_PTP, C_DIS.
+            let stop = match text.is(a, b'{') {
+                true => (text.find(a + 1, b, b"}") + 1).min(b),
+                false => (a + 1).min(b),
+            };
+            let is_alone = text
+                .at(stop)
+                .is_none_or(|t| stop >= b || t.kind == Kind::Name);
+            let name = text.name(a);
+            let found = match text.is(a, b'{') {
+                true => self.point(file, a, stop).map(|point| {
+                    self.program.targets.push(point);
+                    Some(self.program.targets.len() - 1)
+                }),
+                false if name.starts_with('$') => Ok(None),
+                false => match self.points.get(&name) {
+                    Some(found) if is_alone => Ok(*found),
+                    Some(_) => Err(format!("its point is computed: {}", text.spelling(a))),
+                    None => Err(format!(
+                        "its point {} is in none of the files",
+                        text.spelling(a)
+                    )),
+                },
+            };
+            match found {
+                Ok(Some(target)) => self.move_to(target, way, state)?,
+                Ok(None) => {}
+                Err(reason) => self.program.leave(location, reason),
+            }
+        }
+        Ok(())
+    }
+
+    fn move_to(&mut self, target: usize, way: Way, state: &State) -> Result<(), InputError> {
+        let location = self.program.targets[target].location;
+        let is_joints = matches!(self.program.targets[target].goal, Goal::Joints(_));
+        if state.is_fixed_tool && !is_joints {
+            self.program
+                .leave(location, "the robot holds the part (IPO_FRAME #TCP)");
+            return Ok(());
+        }
+        if way != Way::Joints
+            && let Some(configuration) = &mut self.program.targets[target].configuration
+        {
+            configuration.is_monitored = false;
+        }
+        let tool = self.frame(location, state.tool.as_ref(), true, is_joints)?;
+        let base = self.frame(location, state.base.as_ref(), false, is_joints)?;
+        match (tool, base) {
+            (Ok(tool), Ok(base)) => {
+                let (tool, base) = (self.program.frame(tool), self.program.frame(base));
+                self.program.move_to(target, way, tool, base);
+            }
+            (Err(reason), _) | (_, Err(reason)) => self.program.leave(location, reason),
+        }
+        Ok(())
+    }
+
+    /// A tool or base; joints need none.
+    fn frame(
+        &self,
+        location: Location,
+        named: Option<&Named>,
+        is_tool: bool,
+        is_joints: bool,
+    ) -> Result<Result<Frame, String>, InputError> {
+        let (kind, data) = if is_tool {
+            ("tool", "TOOL_DATA")
+        } else {
+            ("base", "BASE_DATA")
+        };
+        let frame = |name: String, pose, payload_kg, origin: &str| {
+            Ok(Ok(Frame {
+                name,
+                is_tool,
+                pose,
+                payload_kg,
+                origin: origin.to_owned(),
+            }))
+        };
+        let (number, name) = match named {
+            Some(Named::Number(number)) => (*number, format!("{data}[{number}]")),
+            Some(Named::Written(pose)) => {
+                return frame(
+                    format!("${}", kind.to_ascii_uppercase()),
+                    *pose,
+                    None,
+                    "the program",
+                );
+            }
+            _ if is_joints => {
+                return frame("none".to_owned(), Pose::identity(), None, "the controller");
+            }
+            Some(Named::Unknown(reason)) => return Ok(Err(reason.clone())),
+            None => return Ok(Err(format!("no {kind} is set before it"))),
+        };
+        let key = number.to_string();
+        let given = if is_tool {
+            self.given.tool(&key)
+        } else {
+            self.given.base(&key)
+        };
+        let kg = given.and_then(|given| given.payload_kg);
+        match (self.numbered.get(&(is_tool, number)), given) {
+            (Some(Ok(pose)), _) => frame(name, *pose, kg, "the program"),
+            (Some(Err(_)), _) if is_joints => frame(name, Pose::identity(), kg, "the program"),
+            (Some(Err(reason)), _) => Ok(Err(format!("{name}: {reason}"))),
+            (None, Some(given)) => frame(name, given.pose, kg, &self.given.origin()),
+            (None, None) if number == 0 || is_joints => {
+                frame(name, Pose::identity(), kg, "the controller")
+            }
+            (None, None) => {
+                let source = &self.program.sources[location.file];
+                Err(self
+                    .given
+                    .unknown(source, location.at, kind, &key, &format!("{data} of")))
+            }
+        }
+    }
+}

@@ -1,0 +1,139 @@
+//! Programs of controllers whose targets are corrected where they stand.
+//!
+//! A reader finds the numbers of the targets and where they are; the [`engine`] corrects them; nothing but these numbers is
+//! written. So every other byte stays: comments, line ends, letters of any encoding. A reader never guesses: what it does not
+//! understand it leaves and names.
+
+pub mod between;
+pub mod engine;
+mod fanuc;
+pub mod frames;
+mod inform;
+mod krl;
+pub mod planning;
+pub mod program;
+mod rapid;
+pub mod replacement;
+pub mod source;
+pub mod tokens;
+mod urscript;
+mod val3;
+
+use std::path::{Path, PathBuf};
+
+use poegp_calibration::input_error::InputError;
+
+use crate::robot_programs::correction::frames::FrameFile;
+use crate::robot_programs::correction::program::Program;
+use crate::robot_programs::correction::source::Source;
+
+/// A format of programs that are corrected.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Format {
+    /// ABB: modules.
+    Rapid,
+    /// Universal Robots: a script.
+    UrScript,
+    /// Fanuc: a listing.
+    Fanuc,
+    /// KUKA: a source and its data list.
+    Krl,
+    /// Yaskawa: a job.
+    Inform,
+    /// Stäubli: data, and the programs that use them.
+    Val3,
+}
+
+impl Format {
+    /// All of them.
+    pub const ALL: [Self; 6] = [
+        Self::Rapid,
+        Self::UrScript,
+        Self::Fanuc,
+        Self::Krl,
+        Self::Inform,
+        Self::Val3,
+    ];
+
+    /// Endings of its files, in lower case.
+    pub fn endings(self) -> &'static [&'static str] {
+        match self {
+            Self::Rapid => &["mod", "prg", "sys", "modx", "sysx"],
+            Self::UrScript => &["script", "urscript"],
+            Self::Fanuc => &["ls"],
+            Self::Krl => &["src", "dat"],
+            Self::Inform => &["jbi"],
+            Self::Val3 => &["dtx"],
+        }
+    }
+
+    /// By the ending of a file's name.
+    pub fn of(path: &Path) -> Option<Self> {
+        let ending = path.extension()?.to_str()?.to_ascii_lowercase();
+        Self::ALL
+            .into_iter()
+            .find(|format| format.endings().contains(&ending.as_str()))
+    }
+
+    /// The data list beside a source, which is a part of it.
+    pub fn companion(self, path: &Path) -> Option<PathBuf> {
+        let ending = path.extension()?.to_str()?;
+        let other = match (self, ending) {
+            (Self::Krl, "src") => "dat",
+            (Self::Krl, "SRC") => "DAT",
+            _ => return None,
+        };
+        Some(path.with_extension(other)).filter(|path| path.exists())
+    }
+
+    /// Files beside a file that say how its targets are used; they are read alone.
+    pub fn beside(self, path: &Path) -> Vec<PathBuf> {
+        let folder = match path.parent() {
+            Some(folder) if !folder.as_os_str().is_empty() => folder,
+            _ => Path::new("."),
+        };
+        let Ok(entries) = std::fs::read_dir(folder) else {
+            return Vec::new();
+        };
+        let is_code = |path: &PathBuf| {
+            let ending = path.extension().unwrap_or_default();
+            self == Self::Val3 && ending.eq_ignore_ascii_case("pgx")
+        };
+        let paths = entries
+            .flatten()
+            .map(|entry| folder.join(entry.file_name()));
+        let mut found: Vec<PathBuf> = paths.filter(is_code).collect();
+        found.sort();
+        found
+    }
+
+    /// Reads files that belong together.
+    ///
+    /// # Errors
+    /// [`InputError`] for a frame that is nowhere, and for what is no program of this format.
+    pub fn read(self, sources: Vec<Source>, frames: &FrameFile) -> Result<Program, InputError> {
+        match self {
+            Self::Rapid => rapid::read(sources, frames),
+            Self::UrScript => urscript::read(one(sources)?, frames),
+            Self::Fanuc => fanuc::read(one(sources)?, frames),
+            Self::Krl => krl::read(sources, frames),
+            Self::Inform => inform::read(one(sources)?, frames),
+            Self::Val3 => val3::read(sources, frames),
+        }
+    }
+}
+
+/// The only file of a program.
+fn one(mut sources: Vec<Source>) -> Result<Source, InputError> {
+    match (sources.pop(), sources.last()) {
+        (Some(source), None) => Ok(source),
+        (last, _) => {
+            let path = last.map_or_else(Default::default, |source| source.path);
+            Err(InputError::new(
+                path,
+                "a second file",
+                "one file, which is a whole program",
+            ))
+        }
+    }
+}

@@ -1,0 +1,218 @@
+//! The joints of targets as the drawing has them, on the branch that the controller takes.
+
+use std::collections::BTreeSet;
+
+use poegp_calibration::blob::commander::{Commander, Joints, joint_distance};
+use poegp_calibration::input_error::InputError;
+use poegp_protocol::limits::MAX_JOINTS;
+use poegp_runtime::guard::status::Status;
+
+use crate::robot_programs::correction::program::{
+    Goal, Left, Program, Target, frames_of, written_pose,
+};
+use crate::robot_programs::correction::source::Number;
+
+/// A search that ends farther from where it began, in rad or m, may be on another branch.
+const NEAR: f64 = 0.6;
+
+/// Where the payload comes from.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Payload {
+    /// The same everywhere, kg.
+    Fixed(f64),
+    /// What the program says of each tool.
+    FromProgram,
+}
+
+/// Joints of a target, before they are corrected.
+pub struct Planned {
+    /// Index of the target.
+    pub target: usize,
+    /// Rad or m.
+    pub joints: Joints,
+    /// kg.
+    pub payload_kg: f64,
+}
+
+/// Why a target has no joints.
+enum Refused {
+    /// It is left.
+    Left(String),
+    /// Nothing is written.
+    Program(InputError),
+}
+
+/// The joints of every target that a move uses, on the controller's branch.
+pub fn plan(
+    program: &Program,
+    commander: &Commander,
+    payload: Payload,
+    left: &mut Vec<Left>,
+) -> Result<Vec<Planned>, InputError> {
+    let refused: BTreeSet<_> = left.iter().map(|left| left.location).collect();
+    let mut is_done = vec![false; program.targets.len()];
+    let mut out: Vec<Planned> = Vec::new();
+    let mut last = first_joints(program, commander);
+    for step in &program.moves {
+        let target = &program.targets[step.target];
+        if std::mem::replace(&mut is_done[step.target], true) || refused.contains(&target.location)
+        {
+            continue;
+        }
+        let found = payload_of(program, target, payload)
+            .and_then(|kg| joints_of(program, commander, target, &last).map(|joints| (joints, kg)));
+        match found {
+            Ok((joints, payload_kg)) => {
+                last = Some(joints);
+                out.push(Planned {
+                    target: step.target,
+                    joints,
+                    payload_kg,
+                });
+            }
+            Err(Refused::Left(reason)) => left.push(Left {
+                location: target.location,
+                reason,
+            }),
+            Err(Refused::Program(error)) => return Err(error),
+        }
+    }
+    for (target, _) in program
+        .targets
+        .iter()
+        .zip(&is_done)
+        .filter(|(_, done)| !**done)
+    {
+        if !refused.contains(&target.location) {
+            let reason = "no move of these files uses it".to_owned();
+            left.push(Left {
+                location: target.location,
+                reason,
+            });
+        }
+    }
+    Ok(out)
+}
+
+/// The first joints that the program says: the branch of poses without a configuration.
+fn first_joints(program: &Program, commander: &Commander) -> Option<Joints> {
+    program
+        .moves
+        .iter()
+        .find_map(|step| match &program.targets[step.target].goal {
+            Goal::Joints(numbers) => in_radians(program, commander, numbers),
+            Goal::Pose { .. } => None,
+        })
+}
+
+fn payload_of(program: &Program, target: &Target, payload: Payload) -> Result<f64, Refused> {
+    match payload {
+        Payload::Fixed(kg) => Ok(kg),
+        Payload::FromProgram => {
+            let tool = target.tool.and_then(|index| program.frames.get(index));
+            tool.and_then(|tool| tool.payload_kg)
+                .filter(|kg| *kg >= 0.0)
+                .ok_or_else(|| Refused::Left("its tool has no payload in the program".to_owned()))
+        }
+    }
+}
+
+/// Joints of a joint target; `None` for another number of joints.
+fn in_radians(program: &Program, commander: &Commander, numbers: &[Number]) -> Option<Joints> {
+    if numbers.len() != commander.kinds().len() {
+        return None;
+    }
+    let mut joints = [0.0; MAX_JOINTS];
+    for (slot, number) in joints.iter_mut().zip(numbers) {
+        *slot = number.value * program.dialect.radian;
+    }
+    Some(joints)
+}
+
+fn joints_of(
+    program: &Program,
+    commander: &Commander,
+    target: &Target,
+    last: &Option<Joints>,
+) -> Result<Joints, Refused> {
+    match &target.goal {
+        Goal::Joints(numbers) => {
+            let joints = in_radians(program, commander, numbers).ok_or_else(|| {
+                let expected =
+                    format!("{}, as the robot of the model has", commander.kinds().len());
+                let found = format!("a target of {} joints", numbers.len());
+                let source = &program.sources[target.location.file];
+                Refused::Program(source.error(target.location.at, found, expected))
+            })?;
+            match commander.beyond_limit(&joints) {
+                Some(joint) => Err(Refused::Left(format!(
+                    "joint {} is beyond its limit",
+                    joint + 1
+                ))),
+                None => Ok(joints),
+            }
+        }
+        Goal::Pose { .. } => pose_joints(program, commander, target, last),
+    }
+}
+
+fn pose_joints(
+    program: &Program,
+    commander: &Commander,
+    target: &Target,
+    last: &Option<Joints>,
+) -> Result<Joints, Refused> {
+    let Some(pose) = written_pose(program, target) else {
+        return Err(Refused::Left("its orientation is none".to_owned()));
+    };
+    let (tool, base) = frames_of(program, target);
+    let flange = base * pose * tool.inverse();
+    let configuration = target.configuration.clone().unwrap_or_default();
+    let fits = |joints: &Joints| {
+        let within = |(joint, lower, upper): &(usize, f64, f64)| {
+            joints.get(*joint).is_some_and(|q| q >= lower && q <= upper)
+        };
+        configuration.bounds.iter().all(within)
+    };
+    let near = last.unwrap_or_else(|| commander.middle());
+    if last.is_some() {
+        let found = commander.nominal_joints(&flange, &near);
+        if !found.status.contains(Status::PARTLY_CORRECTED)
+            && !found.status.contains(Status::BAD_INPUT)
+            && commander.beyond_limit(&found.joints).is_none()
+            && joint_distance(&found.joints, &near) < NEAR
+            && fits(&found.joints)
+        {
+            return Ok(found.joints);
+        }
+    }
+    let branches = commander.branches(&flange);
+    let nearest = |all: &mut dyn Iterator<Item = &Joints>| {
+        let far = |joints: &&Joints| joint_distance(joints, &near);
+        all.min_by(|a, b| far(a).total_cmp(&far(b))).copied()
+    };
+    if let Some(found) = nearest(&mut branches.iter().filter(|joints| fits(joints))) {
+        return Ok(found);
+    }
+    if branches.is_empty() {
+        return Err(Refused::Left(
+            "the arm does not reach it within its joint limits".to_owned(),
+        ));
+    }
+    match nearest(&mut branches.iter()) {
+        Some(found) if !configuration.is_monitored => Ok(found),
+        _ => {
+            let source = &program.sources[target.location.file];
+            let error = source.error(
+                target.location.at,
+                "a target whose configuration none of its solutions has",
+                format!(
+                    "one of the {} solutions of the robot that the model is of",
+                    branches.len()
+                ),
+            );
+            let help = "is this the model of the robot that runs the program, and are tool and base the right ones?";
+            Err(Refused::Program(error.with_help(help)))
+        }
+    }
+}

@@ -1,0 +1,226 @@
+//! RAPID's data: targets, tools and work objects, by name, and what the code assigns to them.
+
+use std::collections::HashMap;
+
+use nalgebra::Vector3;
+use poegp_runtime::math::se3::Pose;
+
+use crate::robot_programs::correction::program::{Configuration, Goal, Location, Target};
+use crate::robot_programs::correction::source::Number;
+use crate::robot_programs::correction::tokens::Value;
+use crate::robot_programs::dialect::Orientation;
+
+/// An external axis that a robot does not have is 9E9.
+const NO_AXIS: f64 = 8.9e9;
+/// How far a joint may be beyond the quarter turn of its configuration: a corrected target stays in its own.
+const QUARTER_SLACK: f64 = 0.02;
+
+/// A pose of tool or work object, or why it has none.
+pub type Known<T> = Result<T, String>;
+
+/// A tool or work object.
+#[derive(Clone, Debug)]
+pub enum FrameData {
+    /// `tooldata`.
+    Tool {
+        /// Whether the robot holds it.
+        is_held: bool,
+        /// `tframe`.
+        pose: Known<Pose<f64>>,
+        /// kg.
+        mass: Option<f64>,
+    },
+    /// `wobjdata`.
+    Object {
+        /// Whether the robot holds it.
+        is_held: bool,
+        /// Whether a mechanical unit moves it.
+        is_moved: bool,
+        /// `uframe`.
+        user: Known<Pose<f64>>,
+        /// `oframe`.
+        object: Known<Pose<f64>>,
+    },
+}
+
+impl FrameData {
+    /// `tooldata` as it is written.
+    pub fn tool(value: &Value) -> Option<Self> {
+        let [is_held, pose, load] = value.list(3)? else {
+            return None;
+        };
+        let mass = match load {
+            Value::List(load) => match load.first() {
+                Some(Value::Number(mass)) => Some(mass.value),
+                _ => None,
+            },
+            _ => None,
+        };
+        Some(Self::Tool {
+            is_held: is_held.name()? == "true",
+            pose: pose_of(pose).ok_or_else(|| "its tframe is computed".to_owned()),
+            mass,
+        })
+    }
+
+    /// `wobjdata` as it is written.
+    pub fn object(value: &Value) -> Option<Self> {
+        let [is_held, is_fixed, _, user, object] = value.list(5)? else {
+            return None;
+        };
+        let known = |value: &Value, name: &str| {
+            pose_of(value).ok_or_else(|| format!("its {name} is computed"))
+        };
+        Some(Self::Object {
+            is_held: is_held.name()? == "true",
+            is_moved: is_fixed.name()? != "true",
+            user: known(user, "uframe"),
+            object: known(object, "oframe"),
+        })
+    }
+
+    /// After `name.component := value`, with the line for people.
+    pub fn assign(&mut self, component: &str, value: &Value, line: &str) {
+        let pose = pose_of(value).ok_or_else(|| format!("it is computed at {line}"));
+        match (self, component) {
+            (Self::Tool { pose: slot, .. }, "tframe") => *slot = pose,
+            (Self::Object { user: slot, .. }, "uframe") => *slot = pose,
+            (Self::Object { object: slot, .. }, "oframe") => *slot = pose,
+            (Self::Tool { mass, .. }, part) if part.starts_with("tload") => *mass = None,
+            (data, _) => data.forget(&format!("it is changed at {line}")),
+        }
+    }
+
+    /// Nothing is known any more.
+    pub fn forget(&mut self, reason: &str) {
+        match self {
+            Self::Tool { pose, .. } => *pose = Err(reason.to_owned()),
+            Self::Object { user, .. } => *user = Err(reason.to_owned()),
+        }
+    }
+}
+
+/// `[[x, y, z], [q1, q2, q3, q4]]`.
+pub fn pose_of(value: &Value) -> Option<Pose<f64>> {
+    let [position, orientation] = value.list(2)? else {
+        return None;
+    };
+    let p = position.numbers::<3>()?.map(|n| 1e-3 * n.value);
+    let q = orientation.numbers::<4>()?.map(|n| n.value);
+    Some(Pose {
+        rotation: Orientation::Quaternion.rotation(&q)?,
+        translation: Vector3::new(p[0], p[1], p[2]),
+    })
+}
+
+/// What a list is, as a target.
+pub enum Read {
+    /// A target.
+    Target(Box<Target>),
+    /// One that cannot be corrected, and why.
+    Left(&'static str),
+    /// Nothing like a target.
+    Nothing,
+}
+
+/// A `robtarget` `[[3], [4], [4], [6]]` or a `jointtarget` `[[6], [6]]` as it is written.
+pub fn target(value: &Value, location: Location) -> Read {
+    let Value::List(parts) = value else {
+        return Read::Nothing;
+    };
+    let lengths: Vec<usize> = parts
+        .iter()
+        .map(|part| match part {
+            Value::List(values) => values.len(),
+            _ => 0,
+        })
+        .collect();
+    let goal = match lengths[..] {
+        [6, 6] => parts[0]
+            .numbers::<6>()
+            .map(|n| (Goal::Joints(n.to_vec()), None)),
+        [3, 4, 4, 6] => pose_goal(parts),
+        _ => return Read::Nothing,
+    };
+    let Some((goal, configuration)) = goal else {
+        return Read::Left("a part of it is computed");
+    };
+    let Some(axes) = parts.last().and_then(|axes| axes.numbers::<6>()) else {
+        return Read::Left("an external axis of it is computed");
+    };
+    if axes.iter().any(|axis| axis.value.abs() < NO_AXIS) {
+        return Read::Left("it has external axes");
+    }
+    Read::Target(Box::new(Target {
+        location,
+        goal,
+        tool: None,
+        base: None,
+        configuration,
+    }))
+}
+
+fn pose_goal(parts: &[Value]) -> Option<(Goal, Option<Configuration>)> {
+    let orientation: [Number; 4] = parts[1].numbers()?;
+    let goal = Goal::Pose {
+        position: parts[0].numbers()?,
+        orientation: orientation.to_vec(),
+    };
+    let [first, fourth, sixth, _] = parts[2].numbers::<4>()?;
+    // The quarter turns of axes 1, 4 and 6.
+    let quarter = std::f64::consts::FRAC_PI_2;
+    let bound = |(joint, number): (usize, Number)| {
+        let lower = quarter * number.value;
+        (
+            joint,
+            lower - QUARTER_SLACK,
+            lower + quarter + QUARTER_SLACK,
+        )
+    };
+    let configuration = Configuration {
+        bounds: [(0, first), (3, fourth), (5, sixth)].map(bound).to_vec(),
+        is_monitored: true,
+    };
+    Some((goal, Some(configuration)))
+}
+
+/// Data by module file, routine and name; a routine's own hide those of its module, and these those of other modules.
+#[derive(Clone, Debug)]
+pub struct Names<T>(HashMap<String, Vec<(usize, usize, T)>>);
+
+impl<T> Default for Names<T> {
+    fn default() -> Self {
+        Self(HashMap::new())
+    }
+}
+
+impl<T> Names<T> {
+    /// Adds data of a file and routine; routine 0 is the module.
+    pub fn add(&mut self, name: &str, file: usize, routine: usize, value: T) {
+        self.0
+            .entry(name.to_owned())
+            .or_default()
+            .push((file, routine, value));
+    }
+
+    /// What a name means in a routine of a file.
+    pub fn find(&self, name: &str, file: usize, routine: usize) -> Option<&T> {
+        let all = self.0.get(name)?;
+        let own = all.iter().find(|(f, r, _)| *f == file && *r == routine);
+        let module = || all.iter().find(|(f, r, _)| *f == file && *r == 0);
+        let others = || all.iter().find(|(_, r, _)| *r == 0);
+        own.or_else(module).or_else(others).map(|(.., value)| value)
+    }
+
+    /// The same, to be changed.
+    pub fn find_mut(&mut self, name: &str, file: usize, routine: usize) -> Option<&mut T> {
+        let all = self.0.get_mut(name)?;
+        let own = |f: usize, r: usize| f == file && r == routine;
+        let at = all
+            .iter()
+            .position(|(f, r, _)| own(*f, *r))
+            .or_else(|| all.iter().position(|(f, r, _)| *f == file && *r == 0))
+            .or_else(|| all.iter().position(|(_, r, _)| *r == 0))?;
+        all.get_mut(at).map(|(.., value)| value)
+    }
+}

@@ -1,0 +1,260 @@
+//! RAPID's motions: their targets, tools and work objects.
+
+use poegp_calibration::input_error::InputError;
+use poegp_runtime::math::se3::Pose;
+
+use crate::robot_programs::correction::program::{Frame, Way};
+use crate::robot_programs::correction::rapid::data::{FrameData, Read, target};
+use crate::robot_programs::correction::rapid::statements::Statement;
+use crate::robot_programs::correction::rapid::syntax::{arguments, shape};
+use crate::robot_programs::correction::rapid::{Reader, State};
+
+impl Reader<'_> {
+    /// A motion, and the targets that it goes to.
+    pub(super) fn motion(
+        &mut self,
+        s: &Statement,
+        name: &str,
+        state: &State,
+    ) -> Result<(), InputError> {
+        let text = self.texts[s.file];
+        let Some((way, points, tool_at)) = shape(name) else {
+            let location = self.location(s, s.from);
+            self.program.leave(
+                location,
+                format!("{} is not corrected", text.spelling(s.from)),
+            );
+            return Ok(());
+        };
+        let (positional, switches) = arguments(&text, s.from + 1, s.end);
+        let location = self.location(s, s.from);
+        let Some((tool_from, tool_end)) = positional.get(tool_at).copied() else {
+            self.program
+                .leave(location, "its arguments are not those of its instruction");
+            return Ok(());
+        };
+        let switch = |wanted: &str| {
+            switches
+                .iter()
+                .find(|(name, _)| name == wanted)
+                .map(|(_, v)| *v)
+        };
+        let is_joints = name.contains("absj");
+        if switch("corr").is_some() {
+            self.program.leave(location, "a sensor corrects its path");
+            return Ok(());
+        }
+        if state.is_displaced && !is_joints {
+            self.program.leave(
+                location,
+                "a program displacement is active (PDispOn, PDispSet)",
+            );
+            return Ok(());
+        }
+        let tool = self.tool(s, (tool_from, tool_end), state)?;
+        let object = match (switch("wobj"), is_joints) {
+            (Some(value), false) => self.object(s, value, state)?,
+            _ => Ok((
+                "wobj0".to_owned(),
+                Pose::identity(),
+                "the controller".to_owned(),
+            )),
+        };
+        let (tool, object) = match (tool, object) {
+            (Ok(tool), Ok(object)) => (tool, object),
+            (Err(reason), _) | (_, Err(reason)) => {
+                self.program.leave(location, reason);
+                return Ok(());
+            }
+        };
+        let base = Frame {
+            name: object.0,
+            is_tool: false,
+            pose: object.1,
+            payload_kg: None,
+            origin: object.2,
+        };
+        let mut tool = tool;
+        if switch("tload").is_some() {
+            // Another load than the tool's own.
+            tool.payload_kg = None;
+        }
+        let (tool, base) = (self.program.frame(tool), self.program.frame(base));
+        let is_monitored = state.is_monitored[usize::from(way != Way::Joints)];
+        for (i, point) in positional.iter().take(points).enumerate() {
+            let way = if i + 1 < points { Way::Arc } else { way };
+            for target in self.targets_of(s, *point) {
+                if let Some(configuration) = &mut self.program.targets[target].configuration {
+                    configuration.is_monitored = is_monitored;
+                }
+                self.program.move_to(target, way, tool, base);
+            }
+        }
+        Ok(())
+    }
+
+    /// The targets that an argument may be.
+    fn targets_of(&mut self, s: &Statement, (from, end): (usize, usize)) -> Vec<usize> {
+        let text = self.texts[s.file];
+        let location = self.location(s, from);
+        if text.is(from, b'[') {
+            match target(&text.value(from, end), location) {
+                Read::Target(found) => {
+                    self.program.targets.push(*found);
+                    return vec![self.program.targets.len() - 1];
+                }
+                Read::Left(reason) => self.program.leave(location, reason),
+                Read::Nothing => self.program.leave(location, "a part of it is computed"),
+            }
+            return Vec::new();
+        }
+        let name = text.name(from);
+        let quoted = text
+            .source
+            .quoted(&(text.byte(from)..text.byte(end.max(1) - 1) + 1));
+        let is_name = end == from + 1;
+        let is_element = text.is(from + 1, b'{') && text.find(from + 2, end, b"}") + 1 == end;
+        if name.is_empty() || !(is_name || is_element) {
+            let shown = if name.is_empty() {
+                quoted
+            } else {
+                format!("{}(…)", text.spelling(from))
+            };
+            self.program
+                .leave(location, format!("its target is computed: {shown}"));
+            return Vec::new();
+        }
+        match self.named.find(&name, s.file, s.routine) {
+            Some(all) if all.is_empty() => {
+                self.program.leave(
+                    location,
+                    format!("{name} is not a target that is corrected"),
+                );
+                Vec::new()
+            }
+            Some(all) => match text
+                .number(from + 2)
+                .filter(|_| is_element && end == from + 4)
+            {
+                Some(number) => all
+                    .get(number.value as usize - usize::from(number.value >= 1.0))
+                    .copied()
+                    .into_iter()
+                    .collect(),
+                None => all.clone(),
+            },
+            None => {
+                self.program.leave(
+                    location,
+                    format!("its target {name} is in none of the files"),
+                );
+                Vec::new()
+            }
+        }
+    }
+
+    /// The tool that an argument is, or why it is none that is known.
+    fn tool(
+        &self,
+        s: &Statement,
+        (from, end): (usize, usize),
+        state: &State,
+    ) -> Result<Result<Frame, String>, InputError> {
+        let text = self.texts[s.file];
+        let name = text.name(from);
+        let frame = |pose, payload_kg, origin: String| Frame {
+            name: text.spelling(from),
+            is_tool: true,
+            pose,
+            payload_kg,
+            origin,
+        };
+        if end != from + 1 {
+            return Ok(Err("its tool is computed".to_owned()));
+        }
+        match state.frames.find(&name, s.file, s.routine) {
+            Some(FrameData::Tool { is_held: false, .. }) => Ok(Err(format!(
+                "{name} stands still, and the robot holds the part"
+            ))),
+            Some(FrameData::Tool {
+                pose: Err(reason), ..
+            }) => Ok(Err(format!("tool {name}: {reason}"))),
+            Some(FrameData::Tool {
+                pose: Ok(pose),
+                mass,
+                ..
+            }) => Ok(Ok(frame(*pose, *mass, "the program".to_owned()))),
+            Some(FrameData::Object { .. }) => Ok(Err(format!("{name} is no tool"))),
+            None if name == "tool0" => Ok(Ok(frame(
+                Pose::identity(),
+                Some(0.0),
+                "the controller".to_owned(),
+            ))),
+            None => match self.given.tool(&name) {
+                Some(given) => Ok(Ok(frame(given.pose, given.payload_kg, self.given.origin()))),
+                None => Err(self.given.unknown(
+                    text.source,
+                    text.byte(from),
+                    "tool",
+                    &text.spelling(from),
+                    "tooldata",
+                )),
+            },
+        }
+    }
+
+    /// The work object that an argument is: name, `base_from_object`, where from.
+    #[allow(clippy::type_complexity)]
+    fn object(
+        &self,
+        s: &Statement,
+        (from, end): (usize, usize),
+        state: &State,
+    ) -> Result<Result<(String, Pose<f64>, String), String>, InputError> {
+        let text = self.texts[s.file];
+        let name = text.name(from);
+        if end != from + 1 {
+            return Ok(Err("its work object is computed".to_owned()));
+        }
+        Ok(match state.frames.find(&name, s.file, s.routine) {
+            Some(FrameData::Object { is_held: true, .. }) => {
+                Err(format!("the robot holds work object {name}"))
+            }
+            Some(FrameData::Object { is_moved: true, .. }) => {
+                Err(format!("a mechanical unit moves work object {name}"))
+            }
+            Some(
+                FrameData::Object {
+                    user: Err(reason), ..
+                }
+                | FrameData::Object {
+                    object: Err(reason),
+                    ..
+                },
+            ) => Err(format!("work object {name}: {reason}")),
+            Some(FrameData::Object {
+                user: Ok(user),
+                object: Ok(object),
+                ..
+            }) => Ok((
+                text.spelling(from),
+                *user * *object,
+                "the program".to_owned(),
+            )),
+            Some(FrameData::Tool { .. }) => Err(format!("{name} is no work object")),
+            None if name == "wobj0" => Ok((name, Pose::identity(), "the controller".to_owned())),
+            None => match self.given.base(&name) {
+                Some(given) => Ok((text.spelling(from), given.pose, self.given.origin())),
+                None => {
+                    return Err(self.given.unknown(
+                        text.source,
+                        text.byte(from),
+                        "base",
+                        &text.spelling(from),
+                        "wobjdata",
+                    ));
+                }
+            },
+        })
+    }
+}

@@ -1,0 +1,81 @@
+//! The forms of RAPID's motions and lists.
+
+use crate::robot_programs::correction::program::{Location, Way};
+use crate::robot_programs::correction::rapid::data::{Read, target};
+use crate::robot_programs::correction::tokens::{Text, Value};
+
+/// How a motion goes, its points, and which argument is its tool.
+pub fn shape(name: &str) -> Option<(Way, usize, usize)> {
+    let known = |start: &str, tool: usize| {
+        let rest = name.strip_prefix(start)?;
+        let kinds = [
+            ("absj", Way::Joints, 1),
+            ("l", Way::Line, 1),
+            ("j", Way::Joints, 1),
+            ("c", Way::Arc, 2),
+        ];
+        kinds.into_iter().find_map(|(kind, way, points)| {
+            let suffix = rest.strip_prefix(kind)?;
+            let is_known = matches!(suffix, "" | "sync" | "do" | "ao" | "go");
+            is_known.then_some((way, points, tool + points - 1))
+        })
+    };
+    known("move", 3).or_else(|| known("trigg", 4))
+}
+
+/// Positional arguments, and optional ones with the tokens of their values.
+#[allow(clippy::type_complexity)]
+pub fn arguments(
+    text: &Text<'_>,
+    from: usize,
+    end: usize,
+) -> (Vec<(usize, usize)>, Vec<(String, (usize, usize))>) {
+    let (mut positional, mut switches) = (Vec::new(), Vec::new());
+    for (start, stop) in text.arguments(from, end) {
+        let mut slash = text.find(start, stop, b"\\");
+        if slash > start {
+            positional.push((start, slash));
+        }
+        while slash < stop {
+            let next = text.find(slash + 1, stop, b"\\");
+            let equals = text.find(slash + 1, next, b":");
+            switches.push((text.name(slash + 1), ((equals + 2).min(next), next)));
+            slash = next;
+        }
+    }
+    (positional, switches)
+}
+
+/// The elements of a list in `depth` dimensions, as tokens; the list itself for none.
+pub fn list_starts(text: &Text<'_>, from: usize, end: usize, depth: usize) -> Vec<(usize, usize)> {
+    let is_list = text.is(from, b'[') && text.is(end.max(1) - 1, b']');
+    if depth == 0 || !is_list {
+        return vec![(from, end)];
+    }
+    let elements = text.arguments(from + 1, end - 1);
+    // Of several dimensions: what is no target has elements that are.
+    let is_deeper = elements.first().is_some_and(|(a, b)| {
+        let value = text.value(*a, *b);
+        matches!(target(&value, Location { file: 0, at: 0 }), Read::Nothing)
+            && matches!(&value, Value::List(inner) if inner.first().is_some_and(|v| {
+                !matches!(target(v, Location { file: 0, at: 0 }), Read::Nothing)
+            }))
+    });
+    elements
+        .into_iter()
+        .flat_map(|(a, b)| list_starts(text, a, b, usize::from(is_deeper)))
+        .collect()
+}
+
+/// The same numbers and names, wherever they stand.
+pub fn is_equal(a: &Value, b: &Value) -> bool {
+    match (a, b) {
+        (Value::Number(a), Value::Number(b)) => a.value == b.value,
+        (Value::List(a), Value::List(b)) => {
+            a.len() == b.len() && a.iter().zip(b).all(|(a, b)| is_equal(a, b))
+        }
+        (Value::Name(a), Value::Name(b)) => a == b,
+        (Value::Text, Value::Text) => true,
+        _ => false,
+    }
+}

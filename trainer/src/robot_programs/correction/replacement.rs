@@ -1,0 +1,140 @@
+//! The numbers of corrected targets, and the files with them.
+
+use poegp_calibration::blob::commander::{Commander, Joints};
+use poegp_runtime::math::se3::Pose;
+
+use crate::robot_programs::correction::program::{Goal, Program, frames_of};
+use crate::robot_programs::correction::source::{Decimals, Number, rewritten};
+
+/// A target and its joints.
+#[derive(Clone, Copy, Debug)]
+pub struct Solved {
+    /// Index of the target.
+    pub target: usize,
+    /// As the drawing has it.
+    pub joints: Joints,
+    /// To command instead.
+    pub command: Joints,
+    /// kg.
+    pub payload_kg: f64,
+    /// How far the tool's written pose moves, m and rad.
+    pub moved: (f64, f64),
+    /// Distance of the real tool from its target without correction, by the model, in m.
+    pub before: f64,
+    /// What stays of it by the model, in m.
+    pub after: f64,
+}
+
+/// A number to be replaced.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Replacement {
+    /// Index of the file.
+    pub file: usize,
+    /// First byte and the one behind the last.
+    pub span: (usize, usize),
+    /// The new number.
+    pub text: String,
+}
+
+/// tool⁻¹ · nominal(q)⁻¹ · nominal(q*) · tool, and nothing at all where q* is q.
+fn motion(program: &Program, commander: &Commander, solved: &Solved) -> Pose<f64> {
+    if solved.command == solved.joints {
+        return Pose::identity();
+    }
+    let (tool, _) = frames_of(program, &program.targets[solved.target]);
+    let [from, to] = [&solved.joints, &solved.command].map(|q| commander.nominal_flange(q));
+    tool.inverse() * from.inverse() * to * tool
+}
+
+/// Writes a solved target. Returns how far its decimals leave it from where it should be, in m, roughly.
+pub fn replace(
+    program: &Program,
+    commander: &Commander,
+    solved: &Solved,
+    out: &mut Vec<Replacement>,
+) -> f64 {
+    let dialect = &program.dialect;
+    let target = &program.targets[solved.target];
+    let mut rounding = 0.0_f64;
+    let mut put = |number: &Number, value: f64, decimals: Decimals, metres: f64| {
+        let old = program.sources[number.file as usize].slice(&number.span());
+        let new = rewritten(old, number.value, value, decimals);
+        let written = new
+            .as_ref()
+            .map_or(number.value, |text| text.parse().unwrap_or(value));
+        rounding = rounding.max(metres * (written - value).abs());
+        if let Some(text) = new {
+            let span = (number.start as usize, number.end as usize);
+            out.push(Replacement {
+                file: number.file as usize,
+                span,
+                text,
+            });
+        }
+    };
+    let most = dialect.most_decimals;
+    let lengths = Decimals {
+        least: dialect.length_decimals,
+        most: most.map(|m| m.0),
+    };
+    let joints = Decimals {
+        least: dialect.joint_decimals,
+        most: most.map(|m| m.1),
+    };
+    let angles = Decimals {
+        least: dialect.orientation.decimals(),
+        most: most.map(|m| m.1),
+    };
+    match &target.goal {
+        Goal::Joints(numbers) => {
+            for (i, number) in numbers.iter().enumerate() {
+                // From the number as it is written, which a joint that stays keeps.
+                let change = (solved.command[i] - solved.joints[i]) / dialect.radian;
+                // An arm's length for a radian.
+                put(number, number.value + change, joints, 2.0 * dialect.radian);
+            }
+        }
+        Goal::Pose {
+            position,
+            orientation,
+        } => {
+            let motion = motion(program, commander, solved);
+            let old: Vec<f64> = orientation.iter().map(|n| n.value).collect();
+            let (Some(rotation), Some(turned)) = (
+                dialect.orientation.rotation(&old),
+                dialect.orientation.turned(&old, &motion.rotation),
+            ) else {
+                return 0.0;
+            };
+            let shift = rotation * motion.translation / dialect.metre;
+            for (i, number) in position.iter().enumerate() {
+                put(number, number.value + shift[i], lengths, dialect.metre);
+            }
+            for (number, value) in orientation.iter().zip(&turned) {
+                put(number, *value, angles, 0.0);
+            }
+        }
+    }
+    rounding
+}
+
+/// The files with their new numbers.
+pub fn rewrite(program: &Program, replacements: &[Replacement]) -> Vec<Vec<u8>> {
+    let mut out: Vec<Vec<u8>> = Vec::new();
+    for (file, source) in program.sources.iter().enumerate() {
+        let mut bytes = Vec::with_capacity(source.bytes.len() + 64);
+        let mut from = 0;
+        for r in replacements.iter().filter(|r| r.file == file) {
+            let (start, end) = r.span;
+            if start < from {
+                continue;
+            }
+            bytes.extend_from_slice(&source.bytes[from..start]);
+            bytes.extend_from_slice(r.text.as_bytes());
+            from = end;
+        }
+        bytes.extend_from_slice(&source.bytes[from..]);
+        out.push(bytes);
+    }
+    out
+}

@@ -1,0 +1,435 @@
+//! A reader of URScript: joints and poses that stand in a move, and variables that are set once and that a move goes to.
+//!
+//! The tool is that of `set_tcp` before the move. A pose is in the base, or by `pose_trans` in a feature that is written out.
+//! Poses of `set_tcp`, features and offsets are no targets: only what reaches a move is. ("The URScript Programming
+//! Language", module motion.)
+
+use std::collections::HashMap;
+
+use nalgebra::Vector3;
+use poegp_calibration::input_error::InputError;
+use poegp_runtime::math::se3::Pose;
+
+use crate::robot_programs::Language;
+use crate::robot_programs::correction::frames::FrameFile;
+use crate::robot_programs::correction::program::{Frame, Goal, Location, Program, Target, Way};
+use crate::robot_programs::correction::source::{Number, Source};
+use crate::robot_programs::correction::tokens::{Kind, Lexicon, Text, tokens};
+use crate::robot_programs::dialect::Orientation;
+
+const LEXICON: Lexicon = Lexicon {
+    comment: b'#',
+    quotes: b"\"'",
+    in_names: b"",
+    has_pairs: false,
+};
+
+/// Motions that no target of is corrected.
+const OTHER_MOTIONS: [&str; 8] = [
+    "servoj",
+    "servol",
+    "servoc",
+    "speedj",
+    "speedl",
+    "movep_relative",
+    "path_offset_set",
+    "force_mode",
+];
+
+/// Reads a script.
+///
+/// # Errors
+/// [`InputError`] for a tool that is nowhere.
+pub fn read(source: Source, frames: &FrameFile) -> Result<Program, InputError> {
+    let mut depth = 0_usize;
+    let mut all = tokens(&source.bytes, &LEXICON);
+    // Brackets go on over the ends of lines.
+    all.retain(|token| {
+        match token.kind {
+            Kind::Mark(b'(' | b'[') => depth += 1,
+            Kind::Mark(b')' | b']') => depth = depth.saturating_sub(1),
+            _ => {}
+        }
+        token.kind != Kind::LineEnd || depth == 0
+    });
+    let copy = source.clone();
+    let mut reader = Reader {
+        program: Program::new("URScript", Language::UrScript.dialect(), vec![source]),
+        text: Text {
+            file: 0,
+            source: &copy,
+            tokens: &all,
+        },
+        given: frames,
+        set: HashMap::new(),
+        tools: Vec::new(),
+        lines: Vec::new(),
+    };
+    reader.find_lines();
+    reader.find_variables();
+    reader.run()?;
+    reader.program.remarks.push(
+        "the controller of a Universal Robots arm has parameters of its own calibration: with them the correction would count \
+         twice, unless the model was calibrated against them"
+            .to_owned(),
+    );
+    Ok(reader.program)
+}
+
+/// One line, with the function and the conditions that it stands in.
+#[derive(Clone)]
+struct Line {
+    from: usize,
+    end: usize,
+    function: usize,
+    blocks: Vec<usize>,
+}
+
+/// What a name is set to.
+enum Variable {
+    /// Written out once: the tokens of its value, and its target once a move goes there.
+    Written {
+        from: usize,
+        end: usize,
+        target: Option<usize>,
+    },
+    /// Computed, or set more than once.
+    Unknown,
+}
+
+/// A tool, or why it is not known.
+type Tool = Result<Pose<f64>, String>;
+
+struct Reader<'a> {
+    program: Program,
+    text: Text<'a>,
+    given: &'a FrameFile,
+    set: HashMap<String, Variable>,
+    /// What every `set_tcp` sets.
+    tools: Vec<Tool>,
+    lines: Vec<Line>,
+}
+
+impl Reader<'_> {
+    fn find_lines(&mut self) {
+        let text = self.text;
+        let (mut functions, mut count) = (vec![0], 0);
+        let mut blocks: Vec<(usize, bool)> = Vec::new();
+        let mut from = 0;
+        for at in 0..=text.tokens.len() {
+            if text.at(at).is_some_and(|token| token.kind != Kind::LineEnd) {
+                continue;
+            }
+            if at > from {
+                let word = text.name(from);
+                if matches!(word.as_str(), "end" | "else" | "elif" | "elsif")
+                    && let Some((_, true)) = blocks.pop()
+                {
+                    functions.pop();
+                }
+                self.lines.push(Line {
+                    from,
+                    end: at,
+                    function: functions.last().copied().unwrap_or(0),
+                    blocks: blocks.iter().filter(|b| !b.1).map(|b| b.0).collect(),
+                });
+                count += 1;
+                match word.as_str() {
+                    "def" | "thread" | "sec" => {
+                        functions.push(count);
+                        blocks.push((count, true));
+                    }
+                    "if" | "while" | "for" | "switch" | "else" | "elif" | "elsif" => {
+                        blocks.push((count, false));
+                    }
+                    _ => {}
+                }
+            }
+            from = at + 1;
+        }
+    }
+
+    fn find_variables(&mut self) {
+        let text = self.text;
+        for line in self.lines.clone() {
+            let at = line.from
+                + usize::from(matches!(text.name(line.from).as_str(), "global" | "local"));
+            let name = text.spelling(at);
+            if text.name(line.from) == "set_tcp" {
+                let (tool, _) = self.tool(&line);
+                self.tools.push(tool);
+            }
+            if text.is(at + 1, b'=') && !text.is(at + 2, b'=') {
+                let is_first = !self.set.contains_key(&name);
+                let written = Variable::Written {
+                    from: at + 2,
+                    end: line.end,
+                    target: None,
+                };
+                self.set
+                    .insert(name, if is_first { written } else { Variable::Unknown });
+            } else if text.name(line.from) == "def" {
+                // Parameters are set by calls.
+                for at in line.from + 2..line.end {
+                    if text.at(at).is_some_and(|token| token.kind == Kind::Name) {
+                        self.set.insert(text.spelling(at), Variable::Unknown);
+                    }
+                }
+            }
+        }
+    }
+
+    /// The first argument of a call that is the whole line.
+    fn first(&self, line: &Line) -> Vec<(usize, usize)> {
+        let text = self.text;
+        match text.is(line.from + 1, b'(') {
+            true => text.arguments(line.from + 2, text.find(line.from + 2, line.end, b")")),
+            false => Vec::new(),
+        }
+    }
+
+    /// What a `set_tcp` sets.
+    fn tool(&self, line: &Line) -> (Tool, usize) {
+        let at = self.text.byte(line.from);
+        let unknown = || {
+            let line = self.program.line_of(Location { file: 0, at });
+            Err(format!("its tool is computed at {line}"))
+        };
+        let first = self.first(line).first().copied();
+        let pose = first.and_then(|(from, end)| self.pose_of(from, end));
+        (pose.map_or_else(unknown, Ok), at)
+    }
+
+    /// `p[x, y, z, rx, ry, rz]`, written out or by a name.
+    fn numbers(&self, from: usize, end: usize) -> Option<[Number; 6]> {
+        let text = self.text;
+        if text.name(from) == "p" && text.is(from + 1, b'[') {
+            return text.value(from + 1, end).numbers();
+        }
+        None
+    }
+
+    fn pose_of(&self, from: usize, end: usize) -> Option<Pose<f64>> {
+        let numbers = match self.numbers(from, end) {
+            Some(numbers) => numbers,
+            None => match self.set.get(&self.text.spelling(from)) {
+                Some(Variable::Written {
+                    from: a, end: b, ..
+                }) if end == from + 1 => self.numbers(*a, *b)?,
+                _ => return None,
+            },
+        };
+        let n = numbers.map(|n| n.value);
+        Some(Pose {
+            rotation: Orientation::RotationVector.rotation(&n[3..])?,
+            translation: Vector3::new(n[0], n[1], n[2]),
+        })
+    }
+
+    fn run(&mut self) -> Result<(), InputError> {
+        let text = self.text;
+        let mut tool: Option<(Tool, Vec<usize>)> = None;
+        let mut payload = None;
+        let mut function = usize::MAX;
+        for line in self.lines.clone() {
+            if line.function != function {
+                function = line.function;
+                tool = self.tool_of_all().map(|tool| (tool, Vec::new()));
+            }
+            // Set under a condition, a tool is known there alone.
+            if let Some((known, blocks)) = &mut tool
+                && !line.blocks.starts_with(blocks)
+            {
+                *known = Err("its tool is set under a condition".to_owned());
+                blocks.clear();
+            }
+            match text.name(line.from).as_str() {
+                "set_tcp" => tool = Some((self.tool(&line).0, line.blocks.clone())),
+                "set_payload" | "set_target_payload" => {
+                    let first = self.first(&line).first().copied();
+                    payload = first
+                        .and_then(|(from, _)| text.number(from))
+                        .map(|n| n.value);
+                }
+                "movej" => self.motion(&line, Way::Joints, &tool, payload)?,
+                "movel" | "movep" => self.motion(&line, Way::Line, &tool, payload)?,
+                "movec" => self.motion(&line, Way::Arc, &tool, payload)?,
+                name if OTHER_MOTIONS.contains(&name) => {
+                    let location = self.location(line.from);
+                    self.program
+                        .leave(location, format!("{name} is not corrected"));
+                }
+                _ => {
+                    let hidden = (line.from + 1..line.end).find(|at| {
+                        matches!(
+                            text.name(*at).as_str(),
+                            "movej" | "movel" | "movep" | "movec"
+                        ) && text.is(at + 1, b'(')
+                    });
+                    if let Some(at) = hidden.filter(|_| text.name(line.from) != "def") {
+                        let location = self.location(at);
+                        self.program
+                            .leave(location, "a move within a line of something else");
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The tool where a function begins: the one that all of the script set.
+    fn tool_of_all(&self) -> Option<Tool> {
+        let first = self.tools.first()?;
+        let is_one = self.tools.iter().all(|tool| tool == first);
+        Some(match is_one {
+            true => first.clone(),
+            false => Err("its tool depends on what was called before".to_owned()),
+        })
+    }
+
+    fn location(&self, token: usize) -> Location {
+        Location {
+            file: 0,
+            at: self.text.byte(token),
+        }
+    }
+
+    fn motion(
+        &mut self,
+        line: &Line,
+        way: Way,
+        tool: &Option<(Tool, Vec<usize>)>,
+        payload_kg: Option<f64>,
+    ) -> Result<(), InputError> {
+        let points = if way == Way::Arc { 2 } else { 1 };
+        let (pose, origin) = match tool {
+            Some((Ok(pose), _)) => (*pose, "set_tcp".to_owned()),
+            Some((Err(reason), _)) => {
+                let location = self.location(line.from);
+                self.program.leave(location, reason.clone());
+                return Ok(());
+            }
+            None => match self.given.tool("tcp") {
+                Some(given) => (given.pose, self.given.origin()),
+                None => {
+                    let at = self.text.byte(line.from);
+                    return Err(self.given.unknown(
+                        self.text.source,
+                        at,
+                        "tool",
+                        "tcp",
+                        "set_tcp of",
+                    ));
+                }
+            },
+        };
+        let name = "tcp".to_owned();
+        let tool = self.program.frame(Frame {
+            name,
+            is_tool: true,
+            pose,
+            payload_kg,
+            origin,
+        });
+        for (from, end) in self.first(line).into_iter().take(points) {
+            match self.target(from, end) {
+                Ok((target, base)) => {
+                    let base = self.program.frame(base);
+                    self.program.move_to(target, way, tool, base);
+                }
+                Err(reason) => {
+                    let location = self.location(from);
+                    self.program.leave(location, reason);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The target that an argument is, and what it is in.
+    fn target(&mut self, from: usize, end: usize) -> Result<(usize, Frame), String> {
+        let text = self.text;
+        let base = Frame {
+            name: "base".to_owned(),
+            is_tool: false,
+            pose: Pose::identity(),
+            payload_kg: None,
+            origin: "the controller".to_owned(),
+        };
+        let name = text.name(from);
+        let is_call = text.is(from + 1, b'(') && text.find(from + 2, end, b")") + 1 == end;
+        let arguments = || text.arguments(from + 2, end - 1);
+        match name.as_str() {
+            "pose_trans" if is_call => {
+                let [feature, (a, b)] = arguments()[..] else {
+                    return Err("its pose is computed".to_owned());
+                };
+                let name = text.spelling(feature.0);
+                let pose = self.pose_of(feature.0, feature.1);
+                let pose = pose.ok_or_else(|| format!("its feature {name} is computed"))?;
+                let (target, _) = self.target(a, b)?;
+                Ok((
+                    target,
+                    Frame {
+                        name,
+                        pose,
+                        origin: "the script".to_owned(),
+                        ..base
+                    },
+                ))
+            }
+            "get_inverse_kin" if is_call => {
+                let (a, b) = arguments().first().copied().ok_or("its pose is computed")?;
+                self.target(a, b)
+            }
+            "" | "p" => {
+                let target = self.written(from, end).ok_or("a part of it is computed")?;
+                self.program.targets.push(target);
+                Ok((self.program.targets.len() - 1, base))
+            }
+            _ => {
+                let name = text.spelling(from);
+                let written = match self.set.get(&name) {
+                    Some(Variable::Written {
+                        from: a,
+                        end: b,
+                        target,
+                    }) if end == from + 1 => (*a, *b, *target),
+                    _ => return Err(format!("its target is computed: {name}")),
+                };
+                let index = match written {
+                    (_, _, Some(index)) => index,
+                    (a, b, None) => {
+                        let target = self
+                            .written(a, b)
+                            .ok_or_else(|| format!("{name} is computed"))?;
+                        self.program.targets.push(target);
+                        self.program.targets.len() - 1
+                    }
+                };
+                if let Some(Variable::Written { target, .. }) = self.set.get_mut(&name) {
+                    *target = Some(index);
+                }
+                Ok((index, base))
+            }
+        }
+    }
+
+    /// A target that is written out.
+    fn written(&self, from: usize, end: usize) -> Option<Target> {
+        let goal = match self.numbers(from, end) {
+            Some([x, y, z, rx, ry, rz]) => Goal::Pose {
+                position: [x, y, z],
+                orientation: vec![rx, ry, rz],
+            },
+            None => Goal::Joints(self.text.value(from, end).numbers::<6>()?.to_vec()),
+        };
+        Some(Target {
+            location: self.location(from),
+            goal,
+            tool: None,
+            base: None,
+            configuration: None,
+        })
+    }
+}

@@ -1,0 +1,362 @@
+//! A reader of Stäubli VAL3 data (`.dtx`): joint targets (`jointRx`) and points (`pointRx`) that motions of the programs beside
+//! it use.
+//!
+//! Angles of points, frames and tools are about x, the new y and the new z. A point is in the frame that its `fatherId` names.
+//! Which tool a point is used with is in the programs (`.pgx`), which are read and not changed: `movej(jJoint[0],tTool[0],…)`.
+
+use std::collections::HashMap;
+
+use nalgebra::Vector3;
+use poegp_calibration::input_error::InputError;
+use poegp_runtime::math::se3::Pose;
+
+use crate::robot_programs::correction::frames::FrameFile;
+use crate::robot_programs::correction::program::{Frame, Goal, Location, Program, Target, Way};
+use crate::robot_programs::correction::source::{Number, Source};
+use crate::robot_programs::correction::tokens::{Kind, Lexicon, Text, Token, tokens};
+use crate::robot_programs::dialect::{Orientation, VAL3};
+
+/// Most frames that stand in each other.
+const DEEPEST: usize = 16;
+
+const LEXICON: Lexicon = Lexicon {
+    comment: 0,
+    quotes: b"\"",
+    in_names: b"",
+    has_pairs: false,
+};
+
+/// Reads a data file and the programs that use it.
+///
+/// # Errors
+/// [`InputError`] for a frame that is nowhere.
+pub fn read(sources: Vec<Source>, frames: &FrameFile) -> Result<Program, InputError> {
+    let copies = sources.clone();
+    let mut reader = Reader {
+        program: Program::new("Stäubli VAL3", VAL3, sources),
+        sources: &copies,
+        given: frames,
+        named: HashMap::new(),
+        frames: HashMap::new(),
+        changed: Vec::new(),
+    };
+    for (file, source) in copies.iter().enumerate() {
+        if is_data(source) {
+            reader.data(file);
+        }
+    }
+    for (file, source) in copies.iter().enumerate() {
+        if !is_data(source) {
+            reader.code(file)?;
+        }
+    }
+    Ok(reader.program)
+}
+
+fn is_data(source: &Source) -> bool {
+    let ending = source.path.extension().unwrap_or_default();
+    ending.eq_ignore_ascii_case("dtx")
+}
+
+/// A frame or tool as the data have it.
+struct FrameData {
+    pose: Option<Pose<f64>>,
+    father: String,
+}
+
+struct Reader<'a> {
+    program: Program,
+    sources: &'a [Source],
+    given: &'a FrameFile,
+    /// Targets by `name[key]`, with the frame that a point is in.
+    named: HashMap<String, (Option<usize>, String)>,
+    frames: HashMap<String, FrameData>,
+    /// Frames that the programs change.
+    changed: Vec<String>,
+}
+
+/// A start tag: its name, and where the values of its attributes are.
+struct Tag {
+    name: String,
+    at: usize,
+    attributes: Vec<(String, std::ops::Range<usize>)>,
+}
+
+/// The start tags of an XML file, comments left out.
+fn tags(source: &Source) -> Vec<Tag> {
+    let bytes = &source.bytes;
+    let mut out = Vec::new();
+    let mut at = 0;
+    while let Some(open) = bytes[at..].iter().position(|b| *b == b'<').map(|i| at + i) {
+        let rest = &bytes[open..];
+        if rest.starts_with(b"<!--") {
+            let end = rest.windows(3).position(|w| w == b"-->");
+            at = open + end.map_or(rest.len(), |end| end + 3);
+            continue;
+        }
+        let is_name = |b: &u8| b.is_ascii_alphanumeric() || matches!(b, b'_' | b':' | b'-');
+        let name_end = open + 1 + bytes[open + 1..].iter().take_while(|b| is_name(b)).count();
+        let mut tag = Tag {
+            name: String::from_utf8_lossy(&bytes[open + 1..name_end]).into_owned(),
+            at: open,
+            attributes: Vec::new(),
+        };
+        at = name_end.max(open + 1);
+        while let Some(byte) = bytes.get(at) {
+            if *byte == b'>' {
+                at += 1;
+                break;
+            }
+            let length = bytes[at..].iter().take_while(|b| is_name(b)).count();
+            let quote_at = at + length + 1;
+            if length > 0
+                && bytes.get(at + length) == Some(&b'=')
+                && matches!(bytes.get(quote_at), Some(b'"' | b'\''))
+            {
+                let quote = bytes[quote_at];
+                let inside = bytes[quote_at + 1..]
+                    .iter()
+                    .take_while(|b| **b != quote)
+                    .count();
+                let span = quote_at + 1..quote_at + 1 + inside;
+                let key = String::from_utf8_lossy(&bytes[at..at + length]).into_owned();
+                at = (span.end + 1).min(bytes.len());
+                tag.attributes.push((key, span));
+            } else {
+                at += length.max(1);
+            }
+        }
+        if !tag.name.is_empty() {
+            out.push(tag);
+        }
+    }
+    out
+}
+
+impl Reader<'_> {
+    fn data(&mut self, file: usize) {
+        let source = &self.sources[file];
+        let (mut name, mut kind) = (String::new(), String::new());
+        for tag in tags(source) {
+            let value = |key: &str| {
+                let found = tag.attributes.iter().find(|(k, _)| k == key);
+                found.map(|(_, span)| String::from_utf8_lossy(source.slice(span)).into_owned())
+            };
+            let number = |key: &str| -> Option<Number> {
+                let (_, span) = tag.attributes.iter().find(|(k, _)| k == key)?;
+                Number::parse(file, source, span)
+            };
+            if tag.name == "Data" {
+                (name, kind) = (
+                    value("name").unwrap_or_default(),
+                    value("type").unwrap_or_default(),
+                );
+                continue;
+            }
+            if tag.name != "Value" {
+                continue;
+            }
+            let key = format!("{name}[{}]", value("key").unwrap_or_default());
+            let father = value("fatherId").unwrap_or_default();
+            let all = |names: &[&str]| -> Option<Vec<Number>> {
+                names.iter().map(|n| number(n)).collect()
+            };
+            let pose = all(&["x", "y", "z", "rx", "ry", "rz"]);
+            let goal = match kind.as_str() {
+                "jointRx" => all(&["j1", "j2", "j3", "j4", "j5", "j6"]).map(Goal::Joints),
+                "pointRx" => pose.map(|n| Goal::Pose {
+                    position: [n[0], n[1], n[2]],
+                    orientation: n[3..].to_vec(),
+                }),
+                "frame" | "tool" => {
+                    let pose = pose.and_then(|n| {
+                        let v: Vec<f64> = n.iter().map(|n| n.value).collect();
+                        let rotation = Orientation::TurnedXyz.rotation(&v[3..])?;
+                        Some(Pose {
+                            rotation,
+                            translation: Vector3::new(v[0], v[1], v[2]) / 1000.0,
+                        })
+                    });
+                    self.frames.insert(key, FrameData { pose, father });
+                    continue;
+                }
+                _ => continue,
+            };
+            let location = Location { file, at: tag.at };
+            let target = goal.filter(|_| source.is_corrected).map(|goal| {
+                self.program.targets.push(Target {
+                    location,
+                    goal,
+                    tool: None,
+                    base: None,
+                    configuration: None,
+                });
+                self.program.targets.len() - 1
+            });
+            if target.is_none() && source.is_corrected {
+                self.program.leave(location, "a part of it is no number");
+            }
+            self.named.insert(key, (target, father));
+        }
+    }
+
+    fn code(&mut self, file: usize) -> Result<(), InputError> {
+        let source = &self.sources[file];
+        let mut all = tokens(&source.bytes, &LEXICON);
+        all.retain(|token| token.kind != Kind::LineEnd && !is_comment(source, token));
+        let text = Text {
+            file,
+            source,
+            tokens: &all,
+        };
+        for at in 0..all.len() {
+            // fPart.trsf = …: the frame is another one from here on.
+            if text.is(at, b'.') && text.name(at + 1) == "trsf" && at > 0 {
+                let of = (0..at)
+                    .rev()
+                    .find(|i| text.at(*i).is_some_and(|t| t.kind == Kind::Name));
+                self.changed.extend(of.map(|i| text.spelling(i)));
+            }
+        }
+        for at in 0..all.len() {
+            let way = match text.name(at).as_str() {
+                "movej" => Way::Joints,
+                "movel" => Way::Line,
+                "movec" => Way::Arc,
+                _ => continue,
+            };
+            if !text.is(at + 1, b'(') {
+                continue;
+            }
+            let end = text.find(at + 2, all.len(), b")");
+            let arguments = text.arguments(at + 2, end);
+            let points = if way == Way::Arc { 2 } else { 1 };
+            let Some(tool) = arguments.get(points).copied() else {
+                continue;
+            };
+            for point in arguments.iter().take(points) {
+                self.motion(&text, *point, tool, way)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// `name[key]` of an argument; a name alone is its first element.
+    fn element(text: &Text<'_>, (from, end): (usize, usize)) -> Option<String> {
+        let name = text.spelling(from);
+        if end == from + 1 {
+            return Some(format!("{name}[0]"));
+        }
+        let key = text.number(from + 2)?;
+        let is_element = text.is(from + 1, b'[') && text.is(from + 3, b']') && end == from + 4;
+        is_element.then(|| format!("{name}[{}]", key.value))
+    }
+
+    fn motion(
+        &mut self,
+        text: &Text<'_>,
+        point: (usize, usize),
+        tool: (usize, usize),
+        way: Way,
+    ) -> Result<(), InputError> {
+        let location = Location {
+            file: text.file,
+            at: text.byte(point.0),
+        };
+        let found = Self::element(text, point)
+            .and_then(|key| self.named.get(&key))
+            .cloned();
+        let Some((target, father)) = found else {
+            let quoted = text
+                .source
+                .quoted(&(text.byte(point.0)..text.byte(point.1)));
+            self.program
+                .leave(location, format!("its target is computed: {quoted}"));
+            return Ok(());
+        };
+        let Some(target) = target else {
+            return Ok(());
+        };
+        let is_joints = matches!(self.program.targets[target].goal, Goal::Joints(_));
+        let tool = match Self::element(text, tool) {
+            Some(key) => self.frame(text, location.at, &key, true)?,
+            None => Err("its tool is computed".to_owned()),
+        };
+        let base = match is_joints {
+            true => self.frame(text, location.at, "world[0]", false)?,
+            false => self.frame(text, location.at, &father, false)?,
+        };
+        match (tool, base) {
+            (Ok(tool), Ok(base)) => {
+                let (tool, base) = (self.program.frame(tool), self.program.frame(base));
+                self.program.move_to(target, way, tool, base);
+            }
+            (Err(reason), _) | (_, Err(reason)) => self.program.leave(location, reason),
+        }
+        Ok(())
+    }
+
+    /// A tool or frame with all that it stands in.
+    fn frame(
+        &self,
+        text: &Text<'_>,
+        at: usize,
+        key: &str,
+        is_tool: bool,
+    ) -> Result<Result<Frame, String>, InputError> {
+        let (kind, root) = if is_tool {
+            ("tool", "flange[0]")
+        } else {
+            ("base", "world[0]")
+        };
+        let mut pose = Pose::identity();
+        let mut next = key.to_owned();
+        let mut origin = "the program".to_owned();
+        for _ in 0..DEEPEST {
+            if next == root || next.is_empty() {
+                return Ok(Ok(Frame {
+                    name: key.to_owned(),
+                    is_tool,
+                    pose,
+                    payload_kg: None,
+                    origin,
+                }));
+            }
+            let name = next.split('[').next().unwrap_or("");
+            if self.changed.iter().any(|changed| changed == name) {
+                return Ok(Err(format!("the program changes {name}")));
+            }
+            let Some(data) = self.frames.get(&next) else {
+                let lower = next.to_ascii_lowercase();
+                let given = if is_tool {
+                    self.given.tool(&lower)
+                } else {
+                    self.given.base(&lower)
+                };
+                let Some(given) = given else {
+                    return Err(self.given.unknown(text.source, at, kind, &next, kind));
+                };
+                origin = self.given.origin();
+                pose = given.pose * pose;
+                next = root.to_owned();
+                continue;
+            };
+            let Some(own) = data.pose else {
+                return Ok(Err(format!("{next} is not written out")));
+            };
+            pose = own * pose;
+            next = data.father.clone();
+        }
+        Ok(Err(format!("{key} stands in too many frames")))
+    }
+}
+
+/// `//` to the end of the line.
+fn is_comment(source: &Source, token: &Token) -> bool {
+    let before = &source.bytes[..token.start as usize];
+    let start = before
+        .iter()
+        .rposition(|b| matches!(b, b'\n' | b'\r'))
+        .map_or(0, |i| i + 1);
+    before[start..].windows(2).any(|w| w == b"//")
+}

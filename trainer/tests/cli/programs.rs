@@ -1,0 +1,360 @@
+//! `trainer correct` of robot programs: nothing but numbers of targets changes, the real arm comes to where the program
+//! wants it, and what cannot be corrected is named.
+
+use std::path::Path;
+
+use nalgebra::Vector3;
+use poegp_calibration::blob::commander::{Commander, pose_distance};
+use poegp_calibration::blob::predict::BlobModel;
+use poegp_runtime::math::se3::Pose;
+
+use crate::program::{Folder, SERIAL, data, simulated};
+use crate::texts::texts;
+
+/// Small programs with all that a reader has to find its way through: line ends of both kinds, letters of Latin-1, tabs,
+/// comments and strings that look like targets, and no line end at the end.
+const PROGRAMS: [&str; 6] = [
+    "part.mod",
+    "part.script",
+    "part.ls",
+    "part.src",
+    "part.dtx",
+    "part.jbi",
+];
+/// Files that they need.
+const OTHERS: [&str; 3] = ["part.dat", "part.pgx", "frames.toml"];
+
+/// Pulses are left.
+fn code(name: &str) -> Option<i32> {
+    Some(i32::from(name.ends_with("jbi")))
+}
+
+fn file(name: &str) -> Vec<u8> {
+    std::fs::read(data(&format!("programs/{name}"))).unwrap()
+}
+
+/// A folder with an elastic model and one that corrects nothing.
+fn folder() -> Folder {
+    let folder = Folder::new();
+    for name in PROGRAMS.iter().chain(&OTHERS) {
+        folder.write(name, file(name));
+    }
+    folder.write("train.csv", simulated("train", 80));
+    for method in ["elastic --inducing-points 60", "base-tool"] {
+        let name = &method[..4];
+        folder
+            .run(&format!(
+                "calibrate --robot {SERIAL} train.csv --method {method} --out {name}.blob"
+            ))
+            .ok();
+    }
+    folder
+}
+
+/// The numbers of a text that are not part of a name, and the text with a mark in their stead.
+fn skeleton(bytes: &[u8]) -> (Vec<f64>, Vec<u8>) {
+    let (mut numbers, mut rest) = (Vec::new(), Vec::new());
+    let mut at = 0;
+    while at < bytes.len() {
+        let is_in_name = at > 0 && (bytes[at - 1].is_ascii_alphanumeric() || bytes[at - 1] == b'_');
+        let length = bytes[at..]
+            .iter()
+            .take_while(|b| b.is_ascii_digit() || b"+-.eE".contains(b))
+            .count();
+        let text = std::str::from_utf8(&bytes[at..at + length]).unwrap();
+        match text.parse::<f64>() {
+            Ok(number) if !is_in_name => {
+                numbers.push(number);
+                rest.push(0);
+                at += length;
+            }
+            _ => {
+                rest.push(bytes[at]);
+                at += 1;
+            }
+        }
+    }
+    (numbers, rest)
+}
+
+/// A pose of millimetres and a quaternion.
+fn pose(n: &[f64]) -> Pose<f64> {
+    let position = Vector3::new(n[0], n[1], n[2]) / 1000.0;
+    Pose::from_quaternion(n[3], &Vector3::new(n[4], n[5], n[6]), position)
+}
+
+/// Numbers of the first target after `start`.
+fn numbers_after(bytes: &[u8], start: &str, count: usize) -> Vec<f64> {
+    let at = bytes
+        .windows(start.len())
+        .position(|w| w == start.as_bytes())
+        .unwrap();
+    skeleton(&bytes[at + start.len()..]).0[..count].to_vec()
+}
+
+fn commander(folder: &Folder, name: &str) -> Commander {
+    Commander::new(&BlobModel::read(&folder.path(name)).unwrap()).unwrap()
+}
+
+#[test]
+fn a_model_that_corrects_nothing_gives_every_byte_back() {
+    let folder = folder();
+    std::fs::create_dir(folder.path("same")).unwrap();
+    for name in PROGRAMS {
+        let bytes = file(name);
+        let stem = name.split_once('.').unwrap().1;
+        // With a byte order mark, with other line ends, and cut off.
+        let marked = [b"\xef\xbb\xbf", bytes.as_slice()].concat();
+        let mut mixed = Vec::new();
+        for (line, text) in bytes.split_inclusive(|b| *b == b'\n').enumerate() {
+            let plain = text
+                .strip_suffix(b"\r\n")
+                .or(text.strip_suffix(b"\n"))
+                .unwrap_or(text);
+            mixed.extend_from_slice(plain);
+            mixed.extend_from_slice([b"\n".as_slice(), b"\r\n"][line % 2]);
+        }
+        for (change, bytes) in [("plain", &bytes), ("marked", &marked), ("mixed", &mixed)] {
+            let name = format!("{change}.{stem}");
+            folder.write(&name, bytes);
+            folder.write(&format!("{change}.dat"), file("part.dat"));
+            let line = format!(
+                "correct base.blob {name} --payload-kg 2.5 --frames frames.toml --out same/{name}"
+            );
+            assert_eq!(folder.run(&line).code, code(&name));
+            assert!(folder.read(&format!("same/{name}")) == *bytes, "{name}");
+            if stem == "src" {
+                assert!(folder.read(&format!("same/{change}.dat")) == file("part.dat"));
+            }
+        }
+    }
+}
+
+/// In every language the same arm stands at the same targets, so all of them are as far off, and all come as near.
+#[test]
+fn every_language_changes_numbers_alone_and_comes_back() {
+    let folder = folder();
+    for name in ["out", "back"] {
+        std::fs::create_dir(folder.path(name)).unwrap();
+    }
+    folder.write("out/part.pgx", file("part.pgx"));
+    for name in PROGRAMS {
+        let rest = "--payload-kg 2.5 --frames frames.toml --json -";
+        let outcome = folder.run(&format!("correct elas.blob {name} {rest} --out out/{name}"));
+        assert_eq!(outcome.code, code(name));
+        let document = outcome.json();
+        let of = |what: &str, key: &str| document[what][key].as_f64().unwrap();
+        assert!(
+            of("before_mm", "mean") > 0.2 && of("after_um", "max") < 5.0,
+            "{document}"
+        );
+        assert!(of("moved_mm", "mean") > 0.2, "{document}");
+        let line = format!("correct elas.blob out/{name} {rest} --inverse --out back/{name}");
+        assert_eq!(folder.run(&line).code, code(name));
+        let names = if name == "part.src" {
+            vec![name, "part.dat"]
+        } else {
+            vec![name]
+        };
+        for name in names {
+            let original = skeleton(&file(name));
+            let (out, back) = (format!("out/{name}"), format!("back/{name}"));
+            let (out, back) = (skeleton(&folder.read(&out)), skeleton(&folder.read(&back)));
+            assert!(original.1 == out.1 && original.1 == back.1, "{name}");
+            assert_ne!(original.0, out.0, "{name}");
+            let changed = original
+                .0
+                .iter()
+                .zip(&out.0)
+                .filter(|(a, b)| a != b)
+                .count();
+            assert!(changed > 6 && changed < 60, "{name}: {changed}");
+            for (a, b) in original.0.iter().zip(&back.0) {
+                assert!(
+                    (a - b).abs() <= 2.1e-3 && (a.abs() > 2.0 || (a - b).abs() < 2e-3),
+                    "{name}: {a} {b}"
+                );
+            }
+        }
+    }
+    // One point in all languages, each with its own angles: the same position comes of it.
+    let position = |name: &str, start: &str, skip: usize| -> Vector3<f64> {
+        let n = numbers_after(&folder.read(&format!("out/{name}")), start, skip + 3);
+        Vector3::new(n[skip], n[skip + 1], n[skip + 2])
+    };
+    let expected = position("part.mod", "p10:=", 0);
+    let original = numbers_after(&file("part.mod"), "p10:=", 3);
+    assert!((expected - Vector3::new(original[0], original[1], original[2])).norm() > 0.1);
+    let base = pose(&numbers_after(&file("part.mod"), "TRUE,\"\",", 7));
+    let script = position("part.script", "movel(p", 0);
+    for (name, found) in [
+        (
+            "part.script",
+            1000.0 * base.inverse().transform_point(&script),
+        ),
+        ("part.ls", position("part.ls", "P[2]{", 5)),
+        ("part.dat", position("part.dat", "XP1=", 0)),
+        ("part.dtx", position("part.dtx", "pointRx\" size=\"3\">", 1)),
+        ("part.jbi", position("part.jbi", "C00001=", 0)),
+    ] {
+        let off = (found - expected).norm();
+        assert!(off < 3e-3, "{name}: {off} mm, {found} {expected}");
+    }
+}
+
+#[test]
+fn the_real_arm_comes_to_where_the_program_wants_it() {
+    let folder = folder();
+    let rapid = file("part.mod");
+    let line = "correct elas.blob part.mod --payload-from-program --out out.mod --json -";
+    let document = folder.run(line).ok().json();
+    assert_eq!(document["joint_targets"], 2);
+    assert_eq!(document["pose_targets"], 5);
+    assert!(
+        document["before_mm"]["mean"].as_f64().unwrap() > 0.2,
+        "{document}"
+    );
+    let out = folder.read("out.mod");
+    let (before, after) = (skeleton(&rapid), skeleton(&out));
+    assert!(before.1 == after.1, "{}", String::from_utf8_lossy(&out));
+    assert_eq!(before.0.len(), after.0.len());
+    assert_ne!(before.0, after.0);
+
+    // By another way than the program's: the controller's joints by the drawing, then the real arm.
+    let commander = commander(&folder, "elas.blob");
+    let tool = pose(&numbers_after(&rapid, "gun:=[TRUE,", 7));
+    let base = pose(&numbers_after(&rapid, "TRUE,\"\",", 7));
+    let near = {
+        let mut joints = [0.0; 8];
+        for (q, degrees) in joints.iter_mut().zip(numbers_after(&rapid, "home:=", 6)) {
+            *q = degrees.to_radians();
+        }
+        joints
+    };
+    for start in ["p10:=", "MoveC ", "row{2}:=", "\t\t"] {
+        let wanted = base * pose(&numbers_after(&rapid, start, 7));
+        let written = base * pose(&numbers_after(&out, start, 7));
+        let command = commander.nominal_joints(&(written * tool.inverse()), &near);
+        let real = commander.real_flange(&command.joints, 2.5) * tool;
+        let (moved, turned) = pose_distance(&real, &wanted);
+        assert!(
+            moved < 3e-6 && turned < 3e-6,
+            "{start}: {moved:e} {turned:e}"
+        );
+        let (moved, _) = pose_distance(&written, &wanted);
+        assert!(moved > 1e-4, "{start}: {moved:e}");
+    }
+    for (q, degrees) in commander
+        .correct(&near, 2.5)
+        .joints
+        .iter()
+        .zip(numbers_after(&out, "home:=", 6))
+    {
+        assert!((q - degrees.to_radians()).abs() < 1e-7, "{q} {degrees}");
+    }
+}
+
+#[test]
+fn a_corrected_program_is_refused() {
+    let _texts = texts();
+    let folder = folder();
+    folder
+        .run("correct elas.blob part.mod --payload-kg 2.5 --out out.mod")
+        .ok()
+        .said();
+    folder.refuses("correct elas.blob out.mod --payload-kg 2.5 --out twice.mod");
+    folder.refuses("correct base.blob out.mod --payload-kg 2.5 --inverse --out back.mod");
+}
+
+#[test]
+fn what_cannot_be_meant_is_refused() {
+    let _texts = texts();
+    let folder = folder();
+    let text = |from: &str, to: &str| String::from_utf8_lossy(&file("part.mod")).replace(from, to);
+    folder.write("tool.mod", text("z1,gun", "z1,brush"));
+    folder.write(
+        "configuration.mod",
+        text("[0,-1,0,0],[9E9", "[1,1,1,0],[9E9"),
+    );
+    folder.write(
+        "far.mod",
+        text("[900,-300,420]", "[9000,-300,420]").replace("MoveAbsJ", "!"),
+    );
+    folder.write("empty.mod", "MODULE Empty\nENDMODULE\n");
+    folder.write("frames.toml", "[tool.gun]\nxyz_mm = [1, 2]\n");
+    for line in [
+        "part.mod --out out.mod",
+        "part.mod --payload-kg 2.5 --out part.mod",
+        "part.ls --payload-kg 2.5 --out out.ls",
+        "part.script part.mod --payload-kg 2.5 --out out.mod",
+        "tool.mod --payload-kg 2.5 --out out.mod",
+        "configuration.mod --payload-kg 2.5 --out out.mod",
+        "far.mod --payload-kg 2.5 --out out.mod",
+        "empty.mod --payload-kg 2.5 --out out.mod",
+        "none.mod --payload-kg 2.5 --out out.mod",
+        "part.mod train.csv --payload-kg 2.5 --out out.mod",
+        "part.mod tool.mod --payload-kg 2.5 --out out.mod",
+        "part.mod --payload-kg 2.5 --frames frames.toml --out out.mod",
+        "train.csv --payload-kg 2.5 --inverse --out out.csv",
+    ] {
+        folder.refuses(format!("correct elas.blob {line}"));
+    }
+}
+
+/// Every part that is left is named, and the rest is corrected.
+#[test]
+fn what_is_left_is_named() {
+    let _texts = texts();
+    let folder = folder();
+    let more = "  MoveL Offs(p10,0,0,50),v200,z1,gun\\WObj:=table;\n\
+        \x20 MoveL RelTool(p10,0,0,-10),v200,z1,gun\\WObj:=table;\n\
+        \x20 MoveL p10,v200,z1,gun\\WObj:=table\\Corr;\n\
+        \x20 MoveAbsJ [[0,10,10,0,30,0],[100,9E9,9E9,9E9,9E9,9E9]],v200,z1,gun;\n\
+        \x20 MoveAbsJ [[0,10,reg1,0,30,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v200,z1,gun;\n\
+        \x20 MoveAbsJ [[0,10,200,0,30,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v200,z1,gun;\n\
+        \x20 MoveAbsJ [[0,10,10,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v200,z1,gun;\n\
+        \x20 MoveL elsewhere,v200,z1,gun\\WObj:=table;\n\
+        \x20 MoveExtJ [[0,10,10,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v200,z1;\n\
+        \x20 Weld [[0,10,10,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];\n\
+        \x20 IF di1=1 THEN\n    bench.uframe:=[[1,2,3],[1,0,0,0]];\n  ENDIF\n\
+        \x20 MoveL p10,v200,z1,gun\\WObj:=bench;\n\
+        \x20 rack.uframe.trans.x:=5;\n\
+        \x20 MoveL p10,v200,z1,gun\\WObj:=rack;\n\
+        \x20 MoveL p10,v200,z1,gun\\WObj:=wobj0;\n\
+        \x20 PDispOn p10,gun;\n\
+        \x20 MoveL p10,v200,z1,gun;\n";
+    let text = String::from_utf8_lossy(&file("part.mod")).into_owned();
+    let text = text.replace("    ENDPROC", &format!("{more}    ENDPROC"));
+    let table = text
+        .lines()
+        .find(|line| line.contains("wobjdata table"))
+        .unwrap();
+    let others = ["bench", "rack"]
+        .map(|name| table.replace("table", name))
+        .join("\n");
+    let text = text.replace(table, &format!("{table}\n{others}"));
+    folder.write("part.mod", &text);
+    let outcome = folder
+        .run("correct elas.blob part.mod --payload-kg 2.5 --out out.mod")
+        .said();
+    assert_eq!(outcome.code, Some(1), "{outcome:#?}");
+    let (before, after) = (skeleton(text.as_bytes()), skeleton(&folder.read("out.mod")));
+    assert!(before.1 == after.1);
+    assert_ne!(before.0, after.0);
+    assert!(Path::new(&folder.path("out.mod.poegp.json")).exists());
+}
+
+/// A load that is not the tool's own is not guessed.
+#[test]
+fn loads_beside_the_tool_are_named() {
+    let folder = folder();
+    let text = String::from_utf8_lossy(&file("part.mod"))
+        .replace("v100,z1,gun", "v100,z1,gun\\TLoad:=heavy")
+        .replace("TPWrite", "GripLoad piece;\r\n TPWrite");
+    folder.write("part.mod", &text);
+    let outcome = folder.run("correct elas.blob part.mod --payload-from-program --out out.mod");
+    assert_eq!(outcome.code, Some(1), "{outcome:#?}");
+    assert!(outcome.stdout.contains("GripLoad"), "{outcome:#?}");
+    let left = "its tool has no payload in the program";
+    assert_eq!(outcome.stderr.matches(left).count(), 2, "{outcome:#?}");
+}
