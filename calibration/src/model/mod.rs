@@ -11,6 +11,7 @@ pub mod correction;
 mod error;
 pub mod frame_changes;
 pub mod gauge;
+mod gauge_fit;
 pub mod identified;
 pub mod methods;
 

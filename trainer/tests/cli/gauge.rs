@@ -180,7 +180,7 @@ fn what_is_no_gauge_is_refused() {
         "--references line.csv",
         "--keep-gauge none.blob",
     ] {
-        folder.refuses(&again(&folder, options));
+        folder.refuses(again(&folder, options));
     }
     folder
         .run("simulate --robot ur5 --poses 30 --test-sets 0 --out other")
@@ -188,7 +188,7 @@ fn what_is_no_gauge_is_refused() {
     folder
         .run("calibrate --robot ur5 other/train.csv --method poe --accept few --out ur5.blob")
         .ok();
-    folder.refuses(&again(&folder, "--keep-gauge ur5.blob"));
-    folder.refuses(&again(&folder, "--previous ur5.blob"));
+    folder.refuses(again(&folder, "--keep-gauge ur5.blob"));
+    folder.refuses(again(&folder, "--previous ur5.blob"));
     folder.refuses("check first.blob second.csv --max-mm 1 --previous ur5.blob");
 }

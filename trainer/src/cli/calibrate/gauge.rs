@@ -8,7 +8,6 @@ use poegp_protocol::blob::FrameSource;
 use poegp_runtime::math::se3::Pose;
 use serde::{Deserialize, Serialize};
 
-use crate::cli::calibrate::project::Project;
 use crate::cli::failure::Failure;
 use crate::cli::terminal::print::Printer;
 use poegp_calibration::blob::predict::BlobModel;
@@ -81,14 +80,17 @@ impl GaugeTable {
 }
 
 impl GaugeArgs {
-    /// What the command line says, and of the project file what that leaves open; the keys that it overrides.
-    pub fn completed(&self, project: &Project) -> (Self, Vec<&'static str>) {
-        let table = &project.file.gauge;
+    /// What the command line says, and of a project's table what that leaves open; the keys that it overrides.
+    pub fn completed(
+        &self,
+        table: &GaugeTable,
+        resolve: impl Fn(&str) -> PathBuf,
+    ) -> (Self, Vec<&'static str>) {
         let mut out = self.clone();
         let mut overridden = Vec::new();
         let mut path = |given: &mut Option<PathBuf>, stated: &Option<String>, key| match stated {
             Some(_) if given.is_some() => overridden.push(key),
-            Some(name) => *given = Some(project.resolve(name)),
+            Some(name) => *given = Some(resolve(name)),
             None => {}
         };
         // Another way to state the base replaces the project's.
@@ -105,7 +107,7 @@ impl GaugeArgs {
             Some(_) if out.base_from.is_some() => overridden.push("gauge.base_from"),
             Some(_) if self.keep_gauge.is_some() => overridden.push("gauge.base_from"),
             Some(text) if is_pose(text) => out.base_from = Some(text.clone()),
-            Some(name) => out.base_from = Some(project.resolve(name).display().to_string()),
+            Some(name) => out.base_from = Some(resolve(name).display().to_string()),
             None => {}
         }
         match &table.tool_from {
@@ -303,18 +305,18 @@ pub fn commands_move(change: &CommandChange, previous: &Path) -> String {
     )
 }
 
-/// Where base and tool come from, in words.
+/// Where base and tool come from, for people.
 pub fn sources(base: &str, tool: &str, payload_kg: Option<f64>) -> String {
     let at = payload_kg.map_or(String::new(), |kg| format!(" at {kg} kg"));
-    let words = |source: &str| match source {
+    let text = |source: &str| match source {
         "poses" => "the drawing fitted to the measured poses".to_owned(),
         "grid" => format!("the drawing fitted to the model over a fixed grid of poses{at}"),
         "previous" => "those of the earlier model".to_owned(),
         _ => "as stated".to_owned(),
     };
     match base == tool {
-        true => words(base),
-        false => format!("base: {}; tool: {}", words(base), words(tool)),
+        true => text(base),
+        false => format!("base: {}; tool: {}", text(base), text(tool)),
     }
 }
 

@@ -146,7 +146,7 @@ impl Job {
             ),
             (a.json.is_some() && output.json.is_some(), "output.json"),
         ];
-        let (gauge, of_gauge) = a.gauge.completed(&project);
+        let (gauge, of_gauge) = a.gauge.completed(&file.gauge, |name| project.resolve(name));
         let named = |(is_given, key): &(bool, &str)| is_given.then(|| (*key).to_owned());
         overrides.extend(content.iter().filter_map(named));
         overrides.extend(of_gauge.into_iter().map(str::to_owned));

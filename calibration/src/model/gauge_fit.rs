@@ -1,0 +1,168 @@
+//! Stating a calibration in a gauge, and the gauge over the grid: the base-tool fit of the drawing to the model.
+
+use poegp_protocol::blob::FrameSource;
+use poegp_runtime::kinematics::poe::Poe;
+use poegp_runtime::math::se3::Pose;
+
+use crate::identification::base_tool::with_base_and_tool;
+use crate::identification::frame_fit::{ResidualFrame, fit_frames};
+use crate::measurement::noise::NoiseScales;
+use crate::measurement::observation::Observation;
+use crate::measurement::sample::{Base, BaseSample, Sample};
+use crate::model::calibration::Calibration;
+use crate::model::correction::Correction;
+use crate::model::gauge::{Gauge, GaugeChoice, GaugeFrame, GaugeGrid, GaugeTooFar};
+use crate::robot::Robot;
+
+/// Metres that count as much as a radian.
+const METRES_PER_RADIAN: f64 = 0.3;
+/// Farther than this from the fit to the grid, in m and rad, a frame is not that of these measurements.
+const FARTHEST: (f64, f64) = (10e-3, 10e-3);
+
+impl Calibration {
+    /// The same model in the gauge that `choice` leads to.
+    ///
+    /// # Errors
+    /// [`GaugeTooFar`].
+    pub fn in_gauge(self, robot: &Robot, choice: &GaugeChoice) -> Result<Self, GaugeTooFar> {
+        let grid = choice.grid.clone().unwrap_or(self.gauge.grid.clone());
+        let fitted = self.fitted_gauge(robot, &grid, None, None);
+        for (is_base, found, stated) in [
+            (true, fitted.base, choice.base),
+            (false, fitted.tool, choice.tool),
+        ] {
+            if let Some(stated) = stated {
+                near(is_base, &found.pose, &stated.pose)?;
+            }
+        }
+        let gauge = match choice.over_grid {
+            true => self.fitted_gauge(robot, &grid, choice.base, choice.tool),
+            false => Gauge {
+                grid,
+                base: choice.base.unwrap_or(self.gauge.base),
+                tool: choice.tool.unwrap_or(self.gauge.tool),
+            },
+        };
+        Ok(self.stated_in(&gauge))
+    }
+
+    /// The base-tool fit of the drawing to this model over `grid`, with what is given kept.
+    fn fitted_gauge(
+        &self,
+        robot: &Robot,
+        grid: &GaugeGrid,
+        base: Option<GaugeFrame>,
+        tool: Option<GaugeFrame>,
+    ) -> Gauge {
+        let own = &self.base_and_tools;
+        if self.is_the_drawing() && base.is_none() && tool.is_none() {
+            let own = |frame: GaugeFrame| GaugeFrame {
+                source: FrameSource::Grid,
+                ..frame
+            };
+            return Gauge {
+                grid: grid.clone(),
+                base: own(self.gauge.base),
+                tool: own(self.gauge.tool),
+            };
+        }
+        let stated = |frame: Option<GaugeFrame>, own: &Pose<f64>| frame.map_or(*own, |f| f.pose);
+        let start_of_base = stated(base, &own.instrument_from_base);
+        let drawing = drawing_of(self);
+        let mut chain = with_base_and_tool(
+            &drawing,
+            &(own.instrument_from_base.inverse() * start_of_base),
+            &stated(tool, &own.flange_from_targets[0]),
+        );
+        let last = drawing.kinds().len();
+        let mut free = Vec::new();
+        free.extend(base.is_none().then_some(0));
+        free.extend(tool.is_none().then_some(last));
+        if !free.is_empty() {
+            let scales = NoiseScales::uniform(METRES_PER_RADIAN, 1.0);
+            let samples: Vec<BaseSample> = self.at(robot, grid).collect();
+            fit_frames(
+                &mut chain,
+                &samples,
+                &free,
+                ResidualFrame::ToolPoint(scales),
+            );
+        }
+        let fitted = |pose| GaugeFrame {
+            pose,
+            source: FrameSource::Grid,
+        };
+        let found = chain.frames();
+        let old_from_base = found[0] * drawing.frames()[0].inverse();
+        let target = drawing.frames()[last].inverse() * found[last];
+        Gauge {
+            grid: grid.clone(),
+            base: base.unwrap_or_else(|| fitted(own.instrument_from_base * old_from_base)),
+            tool: tool.unwrap_or_else(|| fitted(target)),
+        }
+    }
+
+    /// Whether nothing but base and tool was fitted: such a model is in its own gauge, and corrects nothing, to the bit.
+    fn is_the_drawing(&self) -> bool {
+        matches!(self.correction, Correction::None)
+            && self.calibrated.frames() == self.nominal.frames()
+    }
+
+    /// The poses of this model over a grid.
+    fn at(&self, robot: &Robot, grid: &GaugeGrid) -> impl Iterator<Item = BaseSample> {
+        grid.poses().map(move |joints| {
+            let serial = robot.serial_joints(&joints);
+            let unseen = Observation::Pose(Pose::identity());
+            let mut sample = Sample::new(joints, serial, unseen, Base);
+            sample.payload_kg = grid.payload_kg;
+            sample.observation = Observation::Pose(self.predict(&sample));
+            sample
+        })
+    }
+
+    /// The same model with this base and tool.
+    ///
+    /// What it predicts in the instrument's frame stays as it is; only the twist of a task-space process keeps its components
+    /// while the base turns below it (1 µm for a millimetre and a milliradian).
+    pub(crate) fn stated_in(mut self, gauge: &Gauge) -> Self {
+        if (gauge.base.pose, gauge.tool.pose) == (self.gauge.base.pose, self.gauge.tool.pose) {
+            self.gauge = gauge.clone();
+            return self;
+        }
+        let drawing = drawing_of(&self);
+        let own = &mut self.base_and_tools;
+        let new_from_old = gauge.base.pose.inverse() * own.instrument_from_base;
+        let old_target_from_new = own.flange_from_targets[0].inverse();
+        own.instrument_from_base = gauge.base.pose;
+        for target in own.flange_from_targets.iter_mut().skip(1) {
+            *target = gauge.tool.pose * (old_target_from_new * *target);
+        }
+        own.flange_from_targets[0] = gauge.tool.pose;
+        self.nominal = with_base_and_tool(&drawing, &Pose::identity(), &gauge.tool.pose);
+        let first = &mut self.calibrated.frames_mut()[0];
+        *first = new_from_old * *first;
+        self.correction.turn_base(&new_from_old, &self.calibrated);
+        self.gauge = gauge.clone();
+        self
+    }
+}
+
+/// The drawing from base to flange: the nominal chain without its tool.
+fn drawing_of(calibration: &Calibration) -> Poe<f64> {
+    let target = calibration.base_and_tools.flange_from_targets[0];
+    with_base_and_tool(&calibration.nominal, &Pose::identity(), &target.inverse())
+}
+
+/// Refuses a frame that is not near the one that was found.
+fn near(is_base: bool, found: &Pose<f64>, stated: &Pose<f64>) -> Result<(), GaugeTooFar> {
+    let between = found.inverse() * *stated;
+    let (m, rad) = (between.translation.norm(), between.log().angular.norm());
+    if m <= FARTHEST.0 && rad <= FARTHEST.1 {
+        return Ok(());
+    }
+    Err(GaugeTooFar {
+        is_base,
+        mm: 1e3 * m,
+        mrad: 1e3 * rad,
+    })
+}
