@@ -261,6 +261,7 @@ pub struct GaugeSummary {
     pub tool: &'static str,
     /// Joint ranges of the grid, rad or m.
     pub grid_ranges: Vec<(f64, f64)>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub grid_payload_kg: Option<f64>,
     /// The points that state or carry the base.
     #[serde(skip_serializing_if = "Option::is_none")]
