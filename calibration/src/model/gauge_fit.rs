@@ -16,7 +16,7 @@ use crate::robot::Robot;
 
 /// Metres that count as much as a radian.
 const METRES_PER_RADIAN: f64 = 0.3;
-/// Farther than this from the fit to the grid, in m and rad, a frame is not that of these measurements.
+/// Farther than this from the fit to the measured poses, in m and rad, a frame is not that of these measurements.
 const FARTHEST: (f64, f64) = (10e-3, 10e-3);
 
 impl Calibration {
@@ -26,13 +26,13 @@ impl Calibration {
     /// [`GaugeTooFar`].
     pub fn in_gauge(self, robot: &Robot, choice: &GaugeChoice) -> Result<Self, GaugeTooFar> {
         let grid = choice.grid.clone().unwrap_or(self.gauge.grid.clone());
-        let fitted = self.fitted_gauge(robot, &grid, None, None);
+        let own = &self.base_and_tools;
         for (is_base, found, stated) in [
-            (true, fitted.base, choice.base),
-            (false, fitted.tool, choice.tool),
+            (true, &own.instrument_from_base, choice.base),
+            (false, &own.flange_from_targets[0], choice.tool),
         ] {
             if let Some(stated) = stated {
-                near(is_base, &found.pose, &stated.pose)?;
+                near(is_base, found, &stated.pose)?;
             }
         }
         let gauge = match choice.over_grid {

@@ -8,7 +8,7 @@
 //! | [`service`](service::service) | every answer of the device is that of a simple model of it |
 //! | [`measurements`](readers::measurements), [`targets`](readers::targets), [`import`](readers::import), [`preset`](readers::preset) | refused with the name and a place within the file; what is taken is finite, with unit quaternions |
 //! | [`urdf`](readers::urdf), [`toml`](readers::toml), [`cell`](readers::cell) | the same; what is taken has 1 to 8 joints and rigid frames |
-//! | [`rapid`](programs::rapid), [`urscript`](programs::urscript), [`fanuc`](programs::fanuc), [`krl`](programs::krl), [`inform`](programs::inform), [`val3`](programs::val3) | the same; the numbers of targets do not overlap, and replacing them changes no other byte |
+//! | [`rapid`](programs::rapid), [`urscript`](programs::urscript), [`fanuc`](programs::fanuc), [`krl`](programs::krl), [`inform`](programs::inform), [`val3`](programs::val3), [`table`](programs::table) | the same; the numbers of targets do not overlap, and replacing them changes no other byte |
 //! | [`report`](page::report) | whatever is in a name, the page has the tags of one with an ordinary name |
 //!
 //! [`TARGETS`] lists them for the test of the suite, which makes its inputs from seeds, always the same, and for
@@ -39,7 +39,7 @@ pub struct Target {
 
 /// All of them.
 #[rustfmt::skip] // a table
-pub const TARGETS: [Target; 18] = [
+pub const TARGETS: [Target; 19] = [
     Target { name: "blob", run: wire::blob, seeds: seeds::blobs, executions: 2_000 },
     Target { name: "envelope", run: wire::envelope, seeds: seeds::blobs, executions: 5_000 },
     Target { name: "frame", run: wire::frame, seeds: seeds::frames, executions: 20_000 },
@@ -57,5 +57,6 @@ pub const TARGETS: [Target; 18] = [
     Target { name: "krl", run: programs::krl, seeds: seeds::krl, executions: 2_000 },
     Target { name: "inform", run: programs::inform, seeds: seeds::inform, executions: 2_000 },
     Target { name: "val3", run: programs::val3, seeds: seeds::val3, executions: 2_000 },
+    Target { name: "table", run: programs::table, seeds: seeds::table, executions: 2_000 },
     Target { name: "report", run: page::report, seeds: seeds::names, executions: 2_000 },
 ];

@@ -145,6 +145,14 @@ pub fn inform(bytes: &[u8]) {
     read(Format::Inform, &["part.jbi"], bytes);
 }
 
+/// Reads a table of poses.
+///
+/// # Panics
+/// When a law is broken.
+pub fn table(bytes: &[u8]) {
+    read(Format::Table, &["part.csv"], bytes);
+}
+
 /// Reads data of a Stäubli controller, a zero, and the program that uses them.
 ///
 /// # Panics

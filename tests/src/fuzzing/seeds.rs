@@ -339,6 +339,11 @@ pub fn inform() -> Vec<Vec<u8>> {
     vec![program("part.jbi")]
 }
 
+/// Tables of poses.
+pub fn table() -> Vec<Vec<u8>> {
+    vec![program("part.csv")]
+}
+
 /// Data of a Stäubli controller, with a program that uses them.
 pub fn val3() -> Vec<Vec<u8>> {
     let (data, code) = (program("part.dtx"), program("part.pgx"));

@@ -149,7 +149,7 @@ pub struct Dialect {
 }
 
 /// Millimetres and degrees.
-const MILLIMETRES: Dialect = Dialect {
+pub const MILLIMETRES: Dialect = Dialect {
     metre: 1e-3,
     length_decimals: 3,
     radian: std::f64::consts::PI / 180.0,

@@ -13,13 +13,14 @@ use crate::texts::texts;
 
 /// Small programs with all that a reader has to find its way through: line ends of both kinds, letters of Latin-1, tabs,
 /// comments and strings that look like targets, and no line end at the end.
-const PROGRAMS: [&str; 6] = [
+const PROGRAMS: [&str; 7] = [
     "part.mod",
     "part.script",
     "part.ls",
     "part.src",
     "part.dtx",
     "part.jbi",
+    "part.csv",
 ];
 /// Files that they need.
 const OTHERS: [&str; 3] = ["part.dat", "part.pgx", "frames.toml"];
@@ -196,9 +197,73 @@ fn every_language_changes_numbers_alone_and_comes_back() {
         ("part.dat", position("part.dat", "XP1=", 0)),
         ("part.dtx", position("part.dtx", "pointRx\" size=\"3\">", 1)),
         ("part.jbi", position("part.jbi", "C00001=", 0)),
+        ("part.csv", position("part.csv", "\"p,10\"", 0)),
     ] {
         let off = (found - expected).norm();
         assert!(off < 3e-3, "{name}: {off} mm, {found} {expected}");
+    }
+}
+
+/// The branch is that of the seed, and payloads are those of the rows.
+#[test]
+fn rows_of_a_table_have_seeds_and_payloads() {
+    let folder = folder();
+    let text = String::from_utf8_lossy(&file("part.csv")).into_owned();
+    let run = |name: &str, text: &str, rest: &str| {
+        folder.write(name, text);
+        folder.run(&format!(
+            "correct elas.blob {name} --frames frames.toml {rest} --json - --out out_{name}"
+        ))
+    };
+    let moved = |document: &serde_json::Value| document["moved_mm"]["mean"].as_f64().unwrap();
+    let one = run("one.csv", &text, "--payload-from-program").ok().json();
+    assert_eq!(one["pose_targets"], 3);
+    // The wrist turned the other way stands at the same poses, by other joints.
+    let other = text.replace("-18.5,48,31.75", "161.5,-48,-148.25");
+    let two = run("two.csv", &other, "--payload-from-program").ok().json();
+    assert!((moved(&one) - moved(&two)).abs() > 1e-6, "{one} {two}");
+    let heavy = text.replace(",2.5,", ",7.5,");
+    let heavy = run("heavy.csv", &heavy, "--payload-from-program")
+        .ok()
+        .json();
+    let stated = run("stated.csv", &text, "--payload-kg 7.5").ok().json();
+    assert!(moved(&heavy) == moved(&stated) && moved(&heavy) != moved(&one));
+    // Metres and rotation vectors say the same.
+    let vector = Pose::from_quaternion(
+        0.11853448,
+        &Vector3::new(0.27874994, 0.90953634, -0.28459039),
+        Vector3::zeros(),
+    );
+    let v = vector.log().angular;
+    let metres = format!(
+        "x_m,y_m,z_m,rx_rad,ry_rad,rz_rad,tool,base\n0.712804,0.226655,0.475801,{},{},{},3,2\n",
+        v[0], v[1], v[2]
+    );
+    run("metres.csv", &metres, "--payload-kg 2.5").ok();
+    let expected = numbers_after(&folder.read("out_one.csv"), "\"p,10\"", 3);
+    let found = numbers_after(&folder.read("out_metres.csv"), "base\n", 3);
+    for (a, b) in expected.iter().zip(&found) {
+        assert!((a - 1e3 * b).abs() < 3e-3, "{expected:?} {found:?}");
+    }
+}
+
+#[test]
+fn a_table_that_says_too_little_is_refused() {
+    let _texts = texts();
+    let folder = folder();
+    let text = String::from_utf8_lossy(&file("part.csv")).into_owned();
+    for (name, text) in [
+        ("number.csv", text.replace("226.655", "226,655")),
+        ("word.csv", text.replace("226.655", "here")),
+        ("tool.csv", text.replace(",3,2,", ",4,2,")),
+        ("column.csv", text.replace("z_mm", "z_inch")),
+        ("seed.csv", text.replace("seed_q6_deg", "other")),
+        ("quaternion.csv", text.replace("qz", "other")),
+    ] {
+        folder.write(name, text);
+        folder.refuses(format!(
+            "correct elas.blob {name} --frames frames.toml --payload-kg 2.5 --out out.csv"
+        ));
     }
 }
 

@@ -10,7 +10,7 @@ use clap::Args;
     after_help = "Of a robot program only the numbers of targets change. Its controller then brings the real tool where it believed \
     the nominal one to be. What cannot be corrected is left and named, with exit code 1. Tools and frames are those of the \
     program, of files of --with, or of --frames. A record OUT.poegp.json is written beside it.\n\n\
-    Of a CSV file only the joint columns change. Five columns are added: position_error_um \
+    Of a CSV file with joints only the joint columns change. Five columns are added: position_error_um \
     and rotation_error_urad (what stays by the model), applied (how much of the arm's error is corrected, 0 to 1), status (ok, \
     or why not), trust (1 within the trained ranges, towards 0 far from them). Each row is corrected on its own, as the device \
     does before its filter: beside a singularity only in part, so that neighbouring rows stay neighbours.\n\n\
@@ -21,8 +21,8 @@ pub struct Correct {
     /// Model (`.blob`).
     pub blob: PathBuf,
     /// Robot programs that belong together (ABB RAPID .mod, URScript .script, Fanuc .ls, KUKA .src
-    /// and .dat, INFORM .jbi, VAL3 .dtx), or joint targets (CSV): q1_deg … (or _rad, _mm, _m), optionally
-    /// payload_kg; other columns are kept.
+    /// and .dat, INFORM .jbi, VAL3 .dtx), a table of poses (CSV: x_mm … and qw … or rx_rad …, optionally tool, base,
+    /// payload_kg, seed_q1_deg …), or joint targets (CSV: q1_deg …, optionally payload_kg). Other columns are kept.
     #[arg(value_name = "PROGRAM", required = true)]
     pub programs: Vec<PathBuf>,
     /// Payload of all targets in kg, for a file without payload_kg.

@@ -15,6 +15,7 @@ pub mod program;
 mod rapid;
 pub mod replacement;
 pub mod source;
+mod table;
 pub mod tokens;
 mod urscript;
 mod val3;
@@ -42,17 +43,20 @@ pub enum Format {
     Inform,
     /// Stäubli: data, and the programs that use them.
     Val3,
+    /// A table of poses.
+    Table,
 }
 
 impl Format {
     /// All of them.
-    pub const ALL: [Self; 6] = [
+    pub const ALL: [Self; 7] = [
         Self::Rapid,
         Self::UrScript,
         Self::Fanuc,
         Self::Krl,
         Self::Inform,
         Self::Val3,
+        Self::Table,
     ];
 
     /// Endings of its files, in lower case.
@@ -64,15 +68,17 @@ impl Format {
             Self::Krl => &["src", "dat"],
             Self::Inform => &["jbi"],
             Self::Val3 => &["dtx"],
+            Self::Table => &["csv"],
         }
     }
 
-    /// By the ending of a file's name.
+    /// By the ending of a file's name, and of a table by its header: one of joints is no program.
     pub fn of(path: &Path) -> Option<Self> {
         let ending = path.extension()?.to_str()?.to_ascii_lowercase();
         Self::ALL
             .into_iter()
             .find(|format| format.endings().contains(&ending.as_str()))
+            .filter(|format| *format != Self::Table || table::has_poses(path))
     }
 
     /// The data list beside a source, which is a part of it.
@@ -119,6 +125,7 @@ impl Format {
             Self::Krl => krl::read(sources, frames),
             Self::Inform => inform::read(one(sources)?, frames),
             Self::Val3 => val3::read(sources, frames),
+            Self::Table => table::read(one(sources)?, frames),
         }
     }
 }

@@ -174,8 +174,24 @@ fn pose_joints(
         };
         configuration.bounds.iter().all(within)
     };
-    let near = last.unwrap_or_else(|| commander.middle());
-    if last.is_some() {
+    let known = match &configuration.near {
+        Some(near) => {
+            if near.len() != commander.kinds().len() {
+                let source = &program.sources[target.location.file];
+                let found = format!("a seed of {} joints", near.len());
+                let expected =
+                    format!("{}, as the robot of the model has", commander.kinds().len());
+                let error = source.error(target.location.at, found, expected);
+                return Err(Refused::Program(error));
+            }
+            let mut joints = [0.0; MAX_JOINTS];
+            joints[..near.len()].copy_from_slice(near);
+            Some(joints)
+        }
+        None => *last,
+    };
+    let near = known.unwrap_or_else(|| commander.middle());
+    if known.is_some() {
         let found = commander.nominal_joints(&flange, &near);
         if !found.status.contains(Status::PARTLY_CORRECTED)
             && !found.status.contains(Status::BAD_INPUT)

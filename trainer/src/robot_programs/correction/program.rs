@@ -37,6 +37,8 @@ pub type Bound = (usize, f64, f64);
 pub struct Configuration {
     /// Ranges of joints.
     pub bounds: Vec<Bound>,
+    /// Joints in rad or m that the branch is near; those of the target before where it is not known.
+    pub near: Option<Vec<f64>>,
     /// Whether the controller stops where no branch is within them; otherwise it takes the nearest.
     pub is_monitored: bool,
 }

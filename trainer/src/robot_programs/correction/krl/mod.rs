@@ -400,5 +400,6 @@ fn turns(bits: u32) -> Configuration {
     Configuration {
         bounds: (0..6).map(bound).collect(),
         is_monitored: true,
+        ..Configuration::default()
     }
 }

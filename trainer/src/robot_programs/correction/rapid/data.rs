@@ -180,6 +180,7 @@ fn pose_goal(parts: &[Value]) -> Option<(Goal, Option<Configuration>)> {
     let configuration = Configuration {
         bounds: [(0, first), (3, fourth), (5, sixth)].map(bound).to_vec(),
         is_monitored: true,
+        ..Configuration::default()
     };
     Some((goal, Some(configuration)))
 }

@@ -1,0 +1,284 @@
+//! A reader of CSV files with poses: what a post processor of any other controller can be fed from.
+//!
+//! ```text
+//! x_mm y_mm z_mm         the wanted position of the tool in its base; also _m
+//! qw qx qy qz            the wanted orientation, or rx_rad ry_rad rz_rad, axis times angle
+//! tool, base             optional: names in the file of --frames; without a name the flange, and the base of the robot
+//! payload_kg             optional, for --payload-from-program
+//! seed_q1_deg … _qn_deg  optional: joints near the wanted ones, also _rad; without them the row before
+//! ```
+//!
+//! A file with joint columns (`q1_deg` …) is one of joint targets, whatever else it has. Columns of other names stay as they
+//! are.
+
+use std::ops::Range;
+use std::path::Path;
+
+use poegp_calibration::input_error::InputError;
+use poegp_runtime::math::se3::Pose;
+
+use crate::robot_programs::correction::frames::FrameFile;
+use crate::robot_programs::correction::program::{
+    Configuration, Frame, Goal, Location, Program, Target, Way,
+};
+use crate::robot_programs::correction::source::{Number, Source};
+use crate::robot_programs::dialect::{Dialect, MILLIMETRES, Orientation};
+
+/// Whether the header of a file has poses and no joints.
+pub fn has_poses(path: &Path) -> bool {
+    let Ok(bytes) = std::fs::read(path) else {
+        return false;
+    };
+    let source = Source::new(path, bytes, false);
+    let mut records = records(&source.bytes);
+    records.next().is_some_and(|header| {
+        let names = names(&source, &header);
+        let has = |name: &str| names.iter().any(|found| found == name);
+        let has_joints = names.iter().any(|name| is_joint(name));
+        !has_joints && (has("x_mm") || has("x_m")) && (has("qw") || has("rx_rad"))
+    })
+}
+
+/// `q1_deg` and the like.
+fn is_joint(name: &str) -> bool {
+    let number = name.strip_prefix('q').and_then(|rest| rest.split_once('_'));
+    number.is_some_and(|(number, _)| number.parse::<u8>().is_ok())
+}
+
+/// Reads a table of poses.
+///
+/// # Errors
+/// [`InputError`] for a column that is missing, a field that is no number, and a frame that is not in the frame file.
+pub fn read(source: Source, frames: &FrameFile) -> Result<Program, InputError> {
+    let copy = source.clone();
+    let mut rows = records(&copy.bytes);
+    let header = rows.next().unwrap_or_default();
+    let columns = Columns::of(&copy, &header)?;
+    let mut program = Program::new("CSV with poses", columns.dialect, vec![source]);
+    let titles = names(&copy, &header);
+    for fields in rows {
+        // A row is where its line begins.
+        let first = fields.first().map_or(0, |field| field.start);
+        let (line, column) = copy.line_and_column(first);
+        let at = first + 1 - column;
+        let refused = |column: usize, found: String, expected: &str| {
+            InputError::new(&copy.path, found, expected)
+                .at_line(line)
+                .at_column(column + 1, &titles[column])
+        };
+        if fields.len() != header.len() {
+            let expected = format!("{}, as many as the header has", header.len());
+            let found = format!("{} fields", fields.len());
+            return Err(InputError::new(&copy.path, found, expected).at_line(line));
+        }
+        let number = |column: usize| -> Result<Number, InputError> {
+            let span = &fields[column];
+            Number::parse(0, &copy, span)
+                .ok_or_else(|| refused(column, copy.quoted(span), "a number"))
+        };
+        let all = |columns: &[usize]| -> Result<Vec<Number>, InputError> {
+            columns.iter().map(|column| number(*column)).collect()
+        };
+        let [x, y, z] = columns.position;
+        let seed = match &columns.seed {
+            Some((seed, unit)) => {
+                let seed = all(seed)?;
+                Some(seed.iter().map(|n| unit * n.value).collect())
+            }
+            None => None,
+        };
+        program.targets.push(Target {
+            location: Location { file: 0, at },
+            goal: Goal::Pose {
+                position: [number(x)?, number(y)?, number(z)?],
+                orientation: all(&columns.orientation)?,
+            },
+            tool: None,
+            base: None,
+            configuration: seed.map(|near| Configuration {
+                near: Some(near),
+                ..Configuration::default()
+            }),
+        });
+        let named = |column: Option<usize>, is_tool, payload_kg| -> Result<Frame, InputError> {
+            let name = column.map_or(String::new(), |column| text(&copy, &fields[column]));
+            frame(frames, is_tool, &name, payload_kg).ok_or_else(|| {
+                let kind = if is_tool { "tool" } else { "base" };
+                let found = format!("the {kind} \"{name}\", which no file defines");
+                let expected = format!("[{kind}.\"{name}\"] in a file of --frames");
+                refused(column.unwrap_or(0), found, &expected)
+                    .with_help("give its numbers with --frames FILE.toml")
+            })
+        };
+        let payload_kg = match columns.payload {
+            Some(column) => Some(number(column)?.value),
+            None => None,
+        };
+        let tool = program.frame(named(columns.tool, true, payload_kg)?);
+        let base = program.frame(named(columns.base, false, None)?);
+        let target = program.targets.len() - 1;
+        program.move_to(target, Way::Joints, tool, base);
+    }
+    Ok(program)
+}
+
+/// A tool or a base by its name; no name is the flange and the robot's base.
+fn frame(given: &FrameFile, is_tool: bool, name: &str, payload_kg: Option<f64>) -> Option<Frame> {
+    if name.is_empty() {
+        let (own, kind) = if is_tool {
+            ("flange", "tool")
+        } else {
+            ("robot", "base")
+        };
+        return Some(Frame {
+            name: own.to_owned(),
+            is_tool,
+            pose: Pose::identity(),
+            payload_kg,
+            origin: format!("rows that name no {kind}"),
+        });
+    }
+    let key = name.to_ascii_lowercase();
+    let found = match is_tool {
+        true => given.tool(&key),
+        false => given.base(&key),
+    }?;
+    Some(Frame {
+        name: name.to_owned(),
+        is_tool,
+        pose: found.pose,
+        payload_kg: payload_kg.or(found.payload_kg),
+        origin: given.origin(),
+    })
+}
+
+/// The columns that mean something, by their index.
+struct Columns {
+    position: [usize; 3],
+    orientation: Vec<usize>,
+    tool: Option<usize>,
+    base: Option<usize>,
+    payload: Option<usize>,
+    /// With the radians or metres of a unit.
+    seed: Option<(Vec<usize>, f64)>,
+    dialect: Dialect,
+}
+
+impl Columns {
+    fn of(source: &Source, header: &[Range<usize>]) -> Result<Self, InputError> {
+        let names = names(source, header);
+        let find = |name: &str| names.iter().position(|found| found == name);
+        let needed = |name: &str| {
+            find(name).ok_or_else(|| {
+                let found = format!("the columns {}", names.join(", "));
+                let first = header.first().map_or(0, |field| field.start);
+                let (line, _) = source.line_and_column(first);
+                InputError::new(&source.path, found, format!("a column {name}")).at_line(line)
+            })
+        };
+        let (unit, metre, decimals) = match find("x_mm") {
+            Some(_) => ("mm", 1e-3, 3),
+            None => ("m", 1.0, 6),
+        };
+        let (orientation, columns) = match find("qw") {
+            Some(_) => (Orientation::Quaternion, ["qw", "qx", "qy", "qz"].as_slice()),
+            None => (
+                Orientation::RotationVector,
+                ["rx_rad", "ry_rad", "rz_rad"].as_slice(),
+            ),
+        };
+        let of_seed = |unit: &str| -> Vec<usize> {
+            let joint = |joint: usize| find(&format!("seed_q{joint}_{unit}"));
+            (1..).map_while(joint).collect()
+        };
+        let seeds = [(of_seed("deg"), 1_f64.to_radians()), (of_seed("rad"), 1.0)];
+        let position = |axis: &str| needed(&format!("{axis}_{unit}"));
+        Ok(Self {
+            position: [position("x")?, position("y")?, position("z")?],
+            orientation: columns
+                .iter()
+                .map(|name| needed(name))
+                .collect::<Result<_, _>>()?,
+            tool: find("tool"),
+            base: find("base"),
+            payload: find("payload_kg"),
+            seed: seeds.into_iter().find(|(columns, _)| !columns.is_empty()),
+            dialect: Dialect {
+                metre,
+                length_decimals: decimals,
+                orientation,
+                ..MILLIMETRES
+            },
+        })
+    }
+}
+
+/// The texts of a header.
+fn names(source: &Source, header: &[Range<usize>]) -> Vec<String> {
+    header.iter().map(|span| text(source, span)).collect()
+}
+
+fn text(source: &Source, span: &Range<usize>) -> String {
+    String::from_utf8_lossy(source.slice(span)).into_owned()
+}
+
+/// The fields of every record, without spaces and quotation marks around them; lines that are empty or begin with # are none.
+fn records(bytes: &[u8]) -> impl Iterator<Item = Vec<Range<usize>>> {
+    // A byte order mark.
+    let mut at = if bytes.starts_with(&[0xef, 0xbb, 0xbf]) {
+        3
+    } else {
+        0
+    };
+    std::iter::from_fn(move || {
+        while at < bytes.len() {
+            let line = bytes[at..].iter().position(|b| matches!(b, b'\n' | b'\r'));
+            let line = at..line.map_or(bytes.len(), |end| at + end);
+            // What is quoted in a remark ends with its line.
+            let span = trimmed(bytes, line.clone());
+            if span.is_empty() || bytes[span.start] == b'#' {
+                at = line.end + 1;
+                continue;
+            }
+            let (fields, end) = record(bytes, at);
+            at = end;
+            return Some(fields);
+        }
+        None
+    })
+}
+
+/// One record from `at`, and where the next begins.
+fn record(bytes: &[u8], mut at: usize) -> (Vec<Range<usize>>, usize) {
+    let mut fields = Vec::new();
+    let (mut start, mut is_quoted) = (at, false);
+    while let Some(byte) = bytes.get(at) {
+        match byte {
+            b'"' => is_quoted = !is_quoted,
+            b',' if !is_quoted => {
+                fields.push(trimmed(bytes, start..at));
+                start = at + 1;
+            }
+            b'\n' | b'\r' if !is_quoted => break,
+            _ => {}
+        }
+        at += 1;
+    }
+    fields.push(trimmed(bytes, start..at));
+    (fields, at + 1)
+}
+
+/// A span without spaces and then one pair of quotation marks around it.
+fn trimmed(bytes: &[u8], span: Range<usize>) -> Range<usize> {
+    let (mut start, mut end) = (span.start, span.end);
+    while start < end && matches!(bytes[start], b' ' | b'\t') {
+        start += 1;
+    }
+    while start < end && matches!(bytes[end - 1], b' ' | b'\t') {
+        end -= 1;
+    }
+    match end - start >= 2 && bytes[start] == b'"' && bytes[end - 1] == b'"' {
+        true => start + 1..end - 1,
+        false => start..end,
+    }
+}
