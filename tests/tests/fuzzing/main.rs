@@ -88,7 +88,7 @@ macro_rules! targets {
 
 targets! {
     blob envelope frame service measurements targets import preset urdf toml cell
-    rapid urscript fanuc krl inform val3 report
+    rapid urscript fanuc krl inform val3 table report
 }
 
 /// Every valid input is taken: otherwise what is made of them is all noise. Raw files and names are anything.
