@@ -128,7 +128,7 @@ fn the_bytes_say_the_same_in_every_gauge() {
 
 /// No base and no tool bring the drawing nearer to the model over the grid: the definition.
 #[test]
-fn the_grid_has_the_nearest_drawing_over_the_grid() {
+fn the_grid_has_the_nearest_drawing() {
     let (robot, nominal) = sets::arm();
     let samples = some(&robot);
     let model = fitted(&robot, &samples, Method::Elastic);
