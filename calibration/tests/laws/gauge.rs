@@ -204,16 +204,19 @@ fn the_grid_hardly_follows_the_poses() {
         .filter_map(|s| s.payload_kg)
         .fold(f64::INFINITY, f64::min);
     assert_eq!(grid.payload_kg, Some(lightest));
-    let mut far = all.clone();
-    for (i, joint) in far[0].joints.iter_mut().enumerate() {
-        *joint = 3.0 * grid.ranges[i].1;
-    }
-    for ((a, b), (c, d)) in GaugeGrid::new(&robot, &far).ranges.iter().zip(&grid.ranges) {
-        let room = 0.2 * (d - c) + step;
-        assert!(
-            (a - c).abs() < room && (b - d).abs() < room,
-            "{a} to {b} for {c} to {d}"
-        );
+    for side in [-1.0, 1.0] {
+        let mut far = all.clone();
+        for (joint, (lower, upper)) in far[0].joints.iter_mut().zip(&grid.ranges) {
+            *joint = 0.5 * (lower + upper) + side * (upper - lower);
+        }
+        let stretched = GaugeGrid::new(&robot, &far).ranges;
+        for ((a, b), (c, d)) in stretched.iter().zip(&grid.ranges) {
+            let room = 0.2 * (d - c) + step;
+            assert!(
+                (a - c).abs() < room && (b - d).abs() < room,
+                "{a} to {b} for {c} to {d}"
+            );
+        }
     }
     let first: Vec<Vec<f64>> = grid.poses().collect();
     assert_eq!(first.len(), 2_000);
