@@ -23,16 +23,21 @@
     clippy::panic
 )]
 
+mod calls;
 pub mod codes;
 mod cyclic;
+mod double;
 mod ffi;
 mod filter;
+mod filter_calls;
 mod memory;
 #[cfg(target_os = "none")]
 mod panic;
 pub mod text;
+mod tool_calls;
 pub mod types;
 
 pub use cyclic::*;
+pub use double::*;
 pub use ffi::*;
 pub use filter::*;
