@@ -1,6 +1,7 @@
 //! The functions that C calls, in double precision, for hosts: from the same blob, with answers of the same meaning.
 //!
-//! A device that calls none of them does not link them. Cyclic frames are in single precision, as the link is.
+//! The library for a device has none of them unless it is built with the feature `double`. Cyclic frames are in single
+//! precision, as the link is.
 
 use core::ffi::c_void;
 

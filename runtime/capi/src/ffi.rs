@@ -1,4 +1,4 @@
-//! The functions that C calls, in single precision: on a device there is no other. [`crate::double`] has their twins.
+//! The functions that C calls, in single precision: on a device there is no other. `double.rs` has their twins.
 
 use core::ffi::{c_char, c_void};
 

@@ -26,6 +26,7 @@
 mod calls;
 pub mod codes;
 mod cyclic;
+#[cfg(any(not(target_os = "none"), feature = "double"))]
 mod double;
 mod ffi;
 mod filter;
@@ -38,6 +39,7 @@ mod tool_calls;
 pub mod types;
 
 pub use cyclic::*;
+#[cfg(any(not(target_os = "none"), feature = "double"))]
 pub use double::*;
 pub use ffi::*;
 pub use filter::*;
