@@ -896,8 +896,8 @@ int32_t poegp_forward(const struct poegp_model_t *model,
  beside a singularity, the status has POEGP_STATUS_PARTLY_CORRECTED and the errors say by how much. Joint limits are not
  looked at. It takes some evaluations from a near seed, at most 61 from any.
 
- Commands in `float` have steps of an ulp: at 1 kHz these are accelerations of 0.2 to 0.5 rad/s^2. Use
- `poegp_inverse_f64` where joints are sent as `double`.
+ Roundings of `float` joints, at 1 kHz, are noise of 0.4 rad/s^2 in their accelerations. Use `poegp_inverse_f64` where joints
+ are sent as `double`.
 
  Returns POEGP_OK for every number that C can hold. With an error code, without a model, and for input that is none
  (POEGP_STATUS_BAD_INPUT) the answer is the seed, as far as it could be read, with zero for what is not finite.
