@@ -166,8 +166,8 @@ pub unsafe extern "C" fn poegp_correct(
 ///
 /// `poegp_evaluate` answers for the target alone, and also with the correction.
 ///
-/// Returns POEGP_OK for every number that C can hold: what the answer is worth is in `out->status`. With an error code, and
-/// without a model, or for joints or a tool that are none (POEGP_STATUS_BAD_INPUT), the answer is the identity.
+/// Returns POEGP_OK for every number that C can hold: what the answer is worth is in `out->status`. The answer is the identity
+/// beside an error code, without a model, and for joints or a tool that cannot be used (POEGP_STATUS_BAD_INPUT).
 ///
 /// Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED, POEGP_ERROR_OVERLAP.
 ///
@@ -199,8 +199,8 @@ pub unsafe extern "C" fn poegp_forward(
 /// Roundings of `float` joints, at 1 kHz, are noise of 0.4 rad/s^2 in their accelerations. Use `poegp_inverse_f64` where joints
 /// are sent as `double`.
 ///
-/// Returns POEGP_OK for every number that C can hold. With an error code, without a model, and for input that is none
-/// (POEGP_STATUS_BAD_INPUT) the answer is the seed, as far as it could be read, with zero for what is not finite.
+/// Returns POEGP_OK for every number that C can hold. Beside an error code, without a model, and for bad input
+/// (POEGP_STATUS_BAD_INPUT) the answer is the seed as far as it could be read, with zero for what is not finite.
 ///
 /// Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED, POEGP_ERROR_OVERLAP.
 ///
@@ -237,11 +237,11 @@ pub unsafe extern "C" fn poegp_inverse(
 /// The reference point is the tool's origin and the axes are those of the base: rows of linear, then of angular velocity, as
 /// Pinocchio's LOCAL_WORLD_ALIGNED. Columns are the controller's joints, a coupling of the joints included.
 ///
-/// The Jacobian is that of the calibrated chain, with the reference point where the whole model has it. The derivative of the
-/// deflection is left out. By it the columns differ from differences of `poegp_forward`: 0.001 m or rad per rad
-/// in the mean of an elastic model of an arm of 2 m, 0.0024 at most.
+/// The Jacobian is that of the calibrated chain at the controller's joints, with the reference point where the whole model has
+/// the tool. The derivative of the correction is left out. Numerical differences of `poegp_forward_f64` therefore differ: on an
+/// elastic model of an arm of 2 m by 0.001 m or rad per rad (root mean square), 0.0024 at most.
 ///
-/// Returns POEGP_OK for every number that C can hold. With an error code, without a model, and for input that is none
+/// Returns POEGP_OK for every number that C can hold. Beside an error code, without a model, and for bad input
 /// (POEGP_STATUS_BAD_INPUT) all columns are zero.
 ///
 /// Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED, POEGP_ERROR_OVERLAP.
