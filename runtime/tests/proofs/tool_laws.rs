@@ -57,6 +57,9 @@ proptest! {
         let (position, rotation) = apart(&found.pose, &(target.pose * tool()));
         prop_assert!(position < 1e-14 && rotation < 1e-14);
         prop_assert_eq!((found.trust, found.status), (target.trust, target.status));
+        let r = found.pose.rotation;
+        let off = (r * r.transpose() - nalgebra::Matrix3::identity()).abs().max();
+        prop_assert!(off < 1e-6, "{off:e}");
         let bare = model.tool_pose(&Pose::identity(), &q, kg);
         prop_assert_eq!(bare.pose, target.pose);
     }
