@@ -181,11 +181,7 @@ fn the_program_of_the_readme_in_cpp() {
     let folder = tempfile::Builder::new().prefix("poegp-").tempdir().unwrap();
     let source = folder.path().join("readme.cpp");
     let program = folder.path().join("readme");
-    fs::write(
-        &source,
-        ["#include <algorithm>\n", block, MAIN_CPP].concat(),
-    )
-    .unwrap();
+    fs::write(&source, [block, MAIN_CPP].concat()).unwrap();
     compile_cpp(&source, &["-fno-exceptions", "-fno-rtti"], &program);
     assert_eq!(
         run_on_host(&program, &capi().join("examples/arm.blob")),
