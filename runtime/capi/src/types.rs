@@ -6,6 +6,7 @@ use poegp_protocol::limits::{MAX_JOINTS, OUTPUTS};
 use poegp_protocol::link::MAX_NAME;
 use poegp_protocol::link::cyclic::MAX_CYCLIC;
 use poegp_runtime::correct::CompiledCorrection;
+use poegp_runtime::correct::inverse::CompiledInverse;
 use poegp_runtime::filter::{CommandFilter, CompiledFilter};
 use poegp_runtime::guard::status::Status;
 use poegp_runtime::model::words_for;
@@ -65,7 +66,7 @@ const POINTS: usize = 400;
 pub(crate) const WORDS: usize = words_for(POINTS);
 
 /// A number type that C may compute with: `float` or `double`.
-pub(crate) trait Number: CompiledCorrection + CompiledFilter {
+pub(crate) trait Number: CompiledCorrection + CompiledFilter + CompiledInverse {
     /// What an initialised model begins with: `poegp_load` on a variable that was only zeroed is refused.
     const MODEL_MARK: u32;
     /// What an initialised filter begins with. No mark is another one: nothing is taken for something else.

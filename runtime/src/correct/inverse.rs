@@ -31,7 +31,7 @@ use crate::model::Model;
 use crate::model::arm::Arm;
 use crate::model::evaluate::{CompiledEvaluation, View};
 use crate::model::validate::{MAX_PAYLOAD_KG, is_pose, is_within};
-use crate::trace::Stages;
+use crate::trace::PoseAlone;
 
 /// Most steps of one search, those that did not help counted.
 const MOST_STEPS: usize = 60;
@@ -57,7 +57,59 @@ pub struct Inverse<T> {
     pub status: Status,
 }
 
-impl<T: CompiledEvaluation, const WORDS: usize> Model<T, WORDS> {
+/// A number type for which the search is compiled in this crate: `f32` and `f64`. Sealed by [`Scalar`].
+pub trait CompiledInverse: CompiledEvaluation {
+    /// [`Model::tool_inverse`].
+    fn tool_inverse(
+        view: View<'_, Self>,
+        base_from_tool: &Pose<Self>,
+        target_from_tool: &Pose<Self>,
+        seed: &[Self],
+        payload_kg: Self,
+    ) -> Inverse<Self>;
+}
+
+macro_rules! compiled {
+    ($number:ty) => {
+        impl CompiledInverse for $number {
+            // As fast whoever calls it.
+            #[inline(never)]
+            fn tool_inverse(
+                view: View<'_, Self>,
+                base_from_tool: &Pose<Self>,
+                target_from_tool: &Pose<Self>,
+                seed: &[Self],
+                payload_kg: Self,
+            ) -> Inverse<Self> {
+                let payload_is_one = is_within(payload_kg, 0.0, Self::from_f32(MAX_PAYLOAD_KG));
+                let asked = Asked {
+                    wanted: base_from_tool,
+                    seed,
+                    payload_kg,
+                    believable: payload_is_one && is_pose(target_from_tool),
+                };
+                let calibrated = |joints: &PerJoint<Self>, _: &Pose<Self>| {
+                    let joints = joints.get(..seed.len()).unwrap_or(&[]);
+                    pose_alone(view, joints, payload_kg) * *target_from_tool
+                };
+                search(&view, &asked, |arm| &arm.calibrated, calibrated)
+            }
+        }
+    };
+}
+
+compiled!(f32);
+compiled!(f64);
+
+/// The pose of [`Model::evaluate`], to the bit.
+// A function of its own: the search evaluates in two lines.
+#[inline(never)]
+fn pose_alone<T: CompiledEvaluation>(view: View<'_, T>, joints: &[T], payload_kg: T) -> Pose<T> {
+    view.evaluate_observed(joints, payload_kg, &mut PoseAlone)
+        .pose
+}
+
+impl<T: CompiledInverse, const WORDS: usize> Model<T, WORDS> {
     /// The joints near `seed` (rad or m) at which the calibrated arm stands at `base_from_target`, with a payload in kg.
     ///
     /// Without a model or for bad input the answer is the seed, zeros in place of what is not finite. A frame that is no
@@ -67,7 +119,6 @@ impl<T: CompiledEvaluation, const WORDS: usize> Model<T, WORDS> {
     }
 
     /// The same for a tool on the target: the joints at which `target_from_tool` stands at `base_from_tool`.
-    #[inline(never)]
     pub fn tool_inverse(
         &self,
         base_from_tool: &Pose<T>,
@@ -75,24 +126,12 @@ impl<T: CompiledEvaluation, const WORDS: usize> Model<T, WORDS> {
         seed: &[T],
         payload_kg: T,
     ) -> Inverse<T> {
-        let believable = is_within(payload_kg, T::ZERO, T::from_f32(MAX_PAYLOAD_KG))
-            && is_pose(target_from_tool);
-        let view = self.view();
-        let asked = Asked {
-            wanted: base_from_tool,
+        T::tool_inverse(
+            self.view(),
+            base_from_tool,
+            target_from_tool,
             seed,
             payload_kg,
-            believable,
-        };
-        search(
-            &view,
-            &asked,
-            |arm| &arm.calibrated,
-            |joints, _| {
-                let joints = joints.get(..seed.len()).unwrap_or(&[]);
-                let target = T::evaluate(view, joints, payload_kg, &mut Stages::new()).pose;
-                target * *target_from_tool
-            },
         )
     }
 }

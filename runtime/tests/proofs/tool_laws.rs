@@ -1,10 +1,12 @@
 //! A tool on the target: its pose, its Jacobian against differences of the pose, its inverse, and smooth commands.
 
 use poegp_runtime::correct::CompiledCorrection;
+use poegp_runtime::correct::inverse::CompiledInverse;
 use poegp_runtime::guard::status::Status;
 use poegp_runtime::math::scalar::Scalar;
 use poegp_runtime::math::se3::{Pose, Twist, residual};
 use poegp_runtime::model::Model;
+use poegp_runtime::trace::PoseAlone;
 use proptest::prelude::*;
 
 use crate::arm::{Arm, WORDS};
@@ -62,6 +64,9 @@ proptest! {
         prop_assert!(off < 1e-6, "{off:e}");
         let bare = model.tool_pose(&Pose::identity(), &q, kg);
         prop_assert_eq!(bare.pose, target.pose);
+        // What is left out for the pose alone is nothing of the pose.
+        let alone = model.evaluate_observed(&q, kg, &mut PoseAlone);
+        prop_assert_eq!(alone.pose, target.pose);
     }
 
     /// Where the tool stands at q, the arm stands at q.
@@ -155,7 +160,7 @@ fn roughness(path: &[[f64; 8]]) -> f64 {
 }
 
 /// Commands of a smooth path of the tool in 2 s, each seeded by the one before.
-fn commanded<T: CompiledCorrection>() -> [f64; 2] {
+fn commanded<T: CompiledCorrection + CompiledInverse>() -> [f64; 2] {
     let (model, wide) = (example::<T>(), example::<f64>());
     let tool = tool();
     let mut seed = [T::ZERO; 6];

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use poegp_runtime::correct::CompiledCorrection;
+use poegp_runtime::correct::inverse::CompiledInverse;
 use poegp_runtime::filter::{CommandFilter, CompiledFilter, FilterSettings};
 use poegp_runtime::math::se3::Pose;
 use poegp_runtime::model::{Model, words_for};
@@ -16,7 +17,7 @@ const CYCLES: usize = 100;
 const MOST_NS: f64 = 8_000.0;
 
 /// A number whose bits are printed.
-trait Bits: CompiledCorrection + CompiledFilter {
+trait Bits: CompiledCorrection + CompiledFilter + CompiledInverse {
     fn of(digits: &str) -> Self;
     fn digits(self) -> String;
 }
