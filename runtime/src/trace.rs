@@ -16,12 +16,26 @@ pub trait Observer<T> {
     fn mean(&mut self, _mean: &[T; OUTPUTS]) {}
     /// The joint deflection before bounding, of an elastic model.
     fn deflection(&mut self, _deflection: &[T; MAX_JOINTS]) {}
+    /// Whether the pose is all that is asked for: trust and standard deviation are left out then.
+    fn wants_pose_alone(&self) -> bool {
+        false
+    }
 }
 
 /// Looks at nothing.
 #[derive(Clone, Copy, Debug)]
 pub struct Unobserved;
 impl<T> Observer<T> for Unobserved {}
+
+/// Asks for the pose alone.
+#[derive(Clone, Copy, Debug)]
+pub struct PoseAlone;
+impl<T> Observer<T> for PoseAlone {
+    #[inline(always)]
+    fn wants_pose_alone(&self) -> bool {
+        true
+    }
+}
 
 /// Keeps all of them. Cheap enough to be kept always: an evaluation and a trace on the device are the same code, once.
 #[derive(Clone, Copy, Debug)]

@@ -13,7 +13,7 @@
 /*
  Changes when a function, a structure or the meaning of a code does; see `poegp_api_version`.
  */
-#define POEGP_API_VERSION 3
+#define POEGP_API_VERSION 4
 
 /*
  Most joints of an arm.
@@ -31,7 +31,7 @@
 #define POEGP_MODEL_BYTES 27648
 
 /*
- Alignment of that memory in bytes.
+ Alignment of the memory for a model, of either precision, in bytes.
  */
 #define POEGP_MODEL_ALIGN 8
 
@@ -41,9 +41,19 @@
 #define POEGP_FILTER_BYTES 320
 
 /*
- Alignment of that memory in bytes.
+ Alignment of the memory for a filter, of either precision, in bytes.
  */
 #define POEGP_FILTER_ALIGN 8
+
+/*
+ Bytes of memory for one model in double precision.
+ */
+#define POEGP_MODEL_F64_BYTES 55296
+
+/*
+ Bytes of memory for one filter in double precision.
+ */
+#define POEGP_FILTER_F64_BYTES 640
 
 /*
  Most bytes of a cyclic frame.
@@ -297,23 +307,39 @@
 #define POEGP_FILTER_BLEND 404
 
 /*
- A filter in the caller's memory, which keeps the correction from stepping. Made by `poegp_filter_init`; what is in it is
- of no concern to C.
+ A filter in the caller's memory, which keeps the correction from stepping. Made by `poegp_filter_init`, or
+ `poegp_filter_init_f64`; what is in it is of no concern to C.
 
  One for each arm; it belongs to the thread or interrupt that commands.
  */
 typedef struct poegp_filter_t poegp_filter_t;
 
 /*
- A model in the caller's memory. Made by `poegp_init`; what is in it is of no concern to C.
+ A filter in the caller's memory, which keeps the correction from stepping. Made by `poegp_filter_init`, or
+ `poegp_filter_init_f64`; what is in it is of no concern to C.
 
- `poegp_load` and `poegp_init` need it for themselves; any number of threads or interrupts may evaluate meanwhile
+ One for each arm; it belongs to the thread or interrupt that commands.
+ */
+typedef struct poegp_filter_f64_t poegp_filter_f64_t;
+
+/*
+ A model in the caller's memory. Made by `poegp_init`, or `poegp_init_f64`; what is in it is of no concern to C.
+
+ Loading and initialising need it for themselves; any number of threads or interrupts may evaluate meanwhile
  another one, or evaluate this one at the same time.
  */
 typedef struct poegp_model_t poegp_model_t;
 
 /*
- The answer of `poegp_evaluate`.
+ A model in the caller's memory. Made by `poegp_init`, or `poegp_init_f64`; what is in it is of no concern to C.
+
+ Loading and initialising need it for themselves; any number of threads or interrupts may evaluate meanwhile
+ another one, or evaluate this one at the same time.
+ */
+typedef struct poegp_model_f64_t poegp_model_f64_t;
+
+/*
+ The answer of `poegp_evaluate` and `poegp_evaluate_f64`.
  */
 typedef struct poegp_evaluation_t {
   /*
@@ -331,7 +357,7 @@ typedef struct poegp_evaluation_t {
 } poegp_evaluation_t;
 
 /*
- The answer of `poegp_correct`.
+ The answer of `poegp_correct` and `poegp_correct_f64`.
  */
 typedef struct poegp_corrected_t {
   /*
@@ -356,6 +382,62 @@ typedef struct poegp_corrected_t {
    */
   uint32_t status;
 } poegp_corrected_t;
+
+/*
+ The answer of `poegp_forward` and `poegp_forward_f64`.
+ */
+typedef struct poegp_forward_t {
+  /*
+   Transform from the tool to the base, a 3x4 matrix [R | t] row by row; metres. R is orthonormal to 1e-6.
+   */
+  float base_from_tool[12];
+  /*
+   Extrapolation score: 1 within the trained ranges, falling to 0 outside.
+   */
+  float trust;
+  /*
+   What it is worth: a sum of POEGP_STATUS_ bits, 0 when there is nothing to remark.
+   */
+  uint32_t status;
+} poegp_forward_t;
+
+/*
+ The answer of `poegp_inverse` and `poegp_inverse_f64`.
+ */
+typedef struct poegp_inverse_t {
+  /*
+   Joints to command, rad or m, as many as the seed had; zero beyond. Always finite.
+   */
+  float joints[POEGP_MAX_JOINTS];
+  /*
+   Distance in metres between the wanted pose and that of the tool at these joints.
+   */
+  float position_error;
+  /*
+   The rotation between them, in radians.
+   */
+  float rotation_error;
+  /*
+   What it is worth: a sum of POEGP_STATUS_ bits, 0 when there is nothing to remark. POEGP_STATUS_PARTLY_CORRECTED: the
+   pose was not reached within 5 um and 5 urad.
+   */
+  uint32_t status;
+} poegp_inverse_t;
+
+/*
+ The answer of `poegp_jacobian` and `poegp_jacobian_f64`.
+ */
+typedef struct poegp_jacobian_t {
+  /*
+   The Jacobian row by row; one column for each joint, zeros beyond. Rows 0 to 2 are the velocity of the tool's origin in
+   m, rows 3 to 5 the angular velocity in rad, per rad or m of the joint. Both are along the x, y and z axes of the base.
+   */
+  float rows[6][POEGP_MAX_JOINTS];
+  /*
+   What it is worth: a sum of POEGP_STATUS_ bits, 0 when there is nothing to remark.
+   */
+  uint32_t status;
+} poegp_jacobian_t;
 
 /*
  The answer of `poegp_identify`.
@@ -424,7 +506,7 @@ typedef struct poegp_filter_settings_t {
 } poegp_filter_settings_t;
 
 /*
- The answer of `poegp_command`.
+ The answer of `poegp_command` and `poegp_command_f64`.
  */
 typedef struct poegp_commanded_t {
   /*
@@ -514,6 +596,161 @@ typedef struct poegp_cyclic_answer_t {
    */
   uint32_t status;
 } poegp_cyclic_answer_t;
+
+/*
+ The answer of `poegp_evaluate` and `poegp_evaluate_f64`.
+ */
+typedef struct poegp_evaluation_f64_t {
+  /*
+   Compensated transform from the target to the base, a 3x4 matrix [R | t] row by row; metres.
+   */
+  double base_from_target[12];
+  /*
+   The correction as a twist of the base frame after bounding: v in metres, then omega in radians.
+   */
+  double correction[6];
+  /*
+   What it is worth: a sum of POEGP_STATUS_ bits, 0 when there is nothing to remark.
+   */
+  uint32_t status;
+} poegp_evaluation_f64_t;
+
+/*
+ The answer of `poegp_correct` and `poegp_correct_f64`.
+ */
+typedef struct poegp_corrected_f64_t {
+  /*
+   Joints to command, rad or m, as many as the command had; zero beyond. The command itself when nothing was
+   corrected, with zero for what is not finite.
+   */
+  double joints[POEGP_MAX_JOINTS];
+  /*
+   How much of the arm's error is corrected, 0 to 1: 1 but beside singularities and where a bound acts.
+   */
+  double applied;
+  /*
+   Distance in metres that stays, by the model, between the arm at these joints and the nominal one at the command.
+   */
+  double position_error;
+  /*
+   The rotation error that stays, in radians.
+   */
+  double rotation_error;
+  /*
+   What it is worth: a sum of POEGP_STATUS_ bits, 0 when there is nothing to remark.
+   */
+  uint32_t status;
+} poegp_corrected_f64_t;
+
+/*
+ The answer of `poegp_forward` and `poegp_forward_f64`.
+ */
+typedef struct poegp_forward_f64_t {
+  /*
+   Transform from the tool to the base, a 3x4 matrix [R | t] row by row; metres. R is orthonormal to 1e-6.
+   */
+  double base_from_tool[12];
+  /*
+   Extrapolation score: 1 within the trained ranges, falling to 0 outside.
+   */
+  double trust;
+  /*
+   What it is worth: a sum of POEGP_STATUS_ bits, 0 when there is nothing to remark.
+   */
+  uint32_t status;
+} poegp_forward_f64_t;
+
+/*
+ The answer of `poegp_inverse` and `poegp_inverse_f64`.
+ */
+typedef struct poegp_inverse_f64_t {
+  /*
+   Joints to command, rad or m, as many as the seed had; zero beyond. Always finite.
+   */
+  double joints[POEGP_MAX_JOINTS];
+  /*
+   Distance in metres between the wanted pose and that of the tool at these joints.
+   */
+  double position_error;
+  /*
+   The rotation between them, in radians.
+   */
+  double rotation_error;
+  /*
+   What it is worth: a sum of POEGP_STATUS_ bits, 0 when there is nothing to remark. POEGP_STATUS_PARTLY_CORRECTED: the
+   pose was not reached within 5 um and 5 urad.
+   */
+  uint32_t status;
+} poegp_inverse_f64_t;
+
+/*
+ The answer of `poegp_jacobian` and `poegp_jacobian_f64`.
+ */
+typedef struct poegp_jacobian_f64_t {
+  /*
+   The Jacobian row by row; one column for each joint, zeros beyond. Rows 0 to 2 are the velocity of the tool's origin in
+   m, rows 3 to 5 the angular velocity in rad, per rad or m of the joint. Both are along the x, y and z axes of the base.
+   */
+  double rows[6][POEGP_MAX_JOINTS];
+  /*
+   What it is worth: a sum of POEGP_STATUS_ bits, 0 when there is nothing to remark.
+   */
+  uint32_t status;
+} poegp_jacobian_f64_t;
+
+/*
+ Limits and times of a filter. For sliding joints m stands for rad. `poegp_filter_defaults` fills it.
+ */
+typedef struct poegp_filter_settings_f64_t {
+  /*
+   Time between two commands in s, 50 us to 0.1 s.
+   */
+  double period_s;
+  /*
+   Largest rate of the correction beyond what the path explains, rad/s, 1e-4 to 1.
+   */
+  double rate;
+  /*
+   Largest acceleration of the correction beyond what the path explains, rad/s^2, 1e-3 to 100.
+   */
+  double acceleration;
+  /*
+   Shortest time in s in which the correction is switched on or off, or the payload changes; 0.01 to 10, and at least
+   ten periods.
+   */
+  double blend_s;
+} poegp_filter_settings_f64_t;
+
+/*
+ The answer of `poegp_command` and `poegp_command_f64`.
+ */
+typedef struct poegp_commanded_f64_t {
+  /*
+   Joints to send, rad or m, as many as the command had; zero beyond. Always finite.
+   */
+  double joints[POEGP_MAX_JOINTS];
+  /*
+   How far the correction is switched on, 0 to 1.
+   */
+  double weight;
+  /*
+   What `poegp_correct` says of the corrected command, to which the joints go while the correction is on: how much of
+   the arm's error it takes away, 0 to 1.
+   */
+  double applied;
+  /*
+   The same: distance that stays, in metres.
+   */
+  double position_error;
+  /*
+   The same: rotation that stays, in radians.
+   */
+  double rotation_error;
+  /*
+   What it is worth: a sum of POEGP_STATUS_ bits, 0 when there is nothing to remark.
+   */
+  uint32_t status;
+} poegp_commanded_f64_t;
 
 #ifdef __cplusplus
 extern "C" {
@@ -625,6 +862,84 @@ int32_t poegp_correct(const struct poegp_model_t *model,
                       size_t count,
                       float payload_kg,
                       struct poegp_corrected_t *out);
+
+/*
+ Where the calibrated arm has a tool, for `count` joints in rad or m and a payload in kg (0 when the model knows none).
+ `target_from_tool` is the tool's pose on the target that was measured: twelve numbers, a 3x4 matrix [R | t] row by row,
+ metres. Null stands for the target itself. `joints` and `target_from_tool` may lie in `*out`.
+
+ `poegp_evaluate` answers for the target alone, and also with the correction.
+
+ Returns POEGP_OK for every number that C can hold: what the answer is worth is in `out->status`. The answer is the identity
+ beside an error code, without a model, and for joints or a tool that cannot be used (POEGP_STATUS_BAD_INPUT).
+
+ Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED, POEGP_ERROR_OVERLAP.
+
+ # Safety
+ `model` comes from `poegp_init` and is not loaded during the call; `joints` leads to `count` numbers, `target_from_tool`
+ to twelve if it is not null; `out` is the caller's.
+ */
+int32_t poegp_forward(const struct poegp_model_t *model,
+                      const float *target_from_tool,
+                      const float *joints,
+                      size_t count,
+                      float payload_kg,
+                      struct poegp_forward_t *out);
+
+/*
+ The joints to command so that the calibrated arm has its tool at `base_from_tool`, with a payload in kg. It is the inverse
+ of `poegp_forward`, on the branch of the `count` joints at `seed`: in a cycle, those sent last. Both poses are twelve
+ numbers, a 3x4 matrix [R | t] row by row, metres; each R has to be orthonormal within 1e-3. `target_from_tool` as for
+ `poegp_forward`. `seed` and both poses may lie in `*out`.
+
+ The answer is never farther from the wanted pose than the seed. Where the pose is not reached, beyond the arm's reach or
+ beside a singularity, the status has POEGP_STATUS_PARTLY_CORRECTED and the errors say by how much. Joint limits are not
+ looked at. It takes some evaluations from a near seed, at most 61 from any.
+
+ Roundings of `float` joints, at 1 kHz, are noise of 0.4 rad/s^2 in their accelerations. Use `poegp_inverse_f64` where joints
+ are sent as `double`.
+
+ Returns POEGP_OK for every number that C can hold. Beside an error code, without a model, and for bad input
+ (POEGP_STATUS_BAD_INPUT) the answer is the seed as far as it could be read, with zero for what is not finite.
+
+ Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED, POEGP_ERROR_OVERLAP.
+
+ # Safety
+ As `poegp_forward`; `base_from_tool` leads to twelve numbers, `seed` to `count`.
+ */
+int32_t poegp_inverse(const struct poegp_model_t *model,
+                      const float *target_from_tool,
+                      const float *base_from_tool,
+                      const float *seed,
+                      size_t count,
+                      float payload_kg,
+                      struct poegp_inverse_t *out);
+
+/*
+ The Jacobian of the calibrated arm: how the tool moves with each of the `count` joints (rad or m), with a payload in kg.
+ Arguments as for `poegp_forward`.
+
+ The reference point is the tool's origin and the axes are those of the base: rows of linear, then of angular velocity, as
+ Pinocchio's LOCAL_WORLD_ALIGNED. Columns are the controller's joints, a coupling of the joints included.
+
+ The Jacobian is that of the calibrated chain at the controller's joints, with the reference point where the whole model has
+ the tool. The derivative of the correction is left out. Numerical differences of `poegp_forward_f64` therefore differ: on an
+ elastic model of an arm of 2 m by 0.001 m or rad per rad (root mean square), 0.0024 at most.
+
+ Returns POEGP_OK for every number that C can hold. Beside an error code, without a model, and for bad input
+ (POEGP_STATUS_BAD_INPUT) all columns are zero.
+
+ Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED, POEGP_ERROR_OVERLAP.
+
+ # Safety
+ As `poegp_forward`.
+ */
+int32_t poegp_jacobian(const struct poegp_model_t *model,
+                       const float *target_from_tool,
+                       const float *joints,
+                       size_t count,
+                       float payload_kg,
+                       struct poegp_jacobian_t *out);
 
 /*
  Which arm the model is of. Without a model the names are empty and the numbers zero.
@@ -776,6 +1091,174 @@ int32_t poegp_cyclic_command(uint16_t sequence,
 int32_t poegp_cyclic_answer(const uint8_t *frame,
                             size_t length,
                             struct poegp_cyclic_answer_t *out);
+
+/*
+ As `poegp_model_size`, in double precision; at most POEGP_MODEL_F64_BYTES.
+ */
+size_t poegp_model_size_f64(void);
+
+/*
+ As `poegp_filter_size`, in double precision; at most POEGP_FILTER_F64_BYTES.
+ */
+size_t poegp_filter_size_f64(void);
+
+/*
+ As `poegp_init`, for a model in double precision, with POEGP_MODEL_F64_BYTES of memory.
+
+ # Safety
+ As `poegp_init`.
+ */
+int32_t poegp_init_f64(void *memory, size_t bytes, struct poegp_model_f64_t **model);
+
+/*
+ As `poegp_load`, in double precision. The blob is the same one.
+
+ # Safety
+ As `poegp_load`.
+ */
+int32_t poegp_load_f64(struct poegp_model_f64_t *model, const uint8_t *blob, size_t length);
+
+/*
+ As `poegp_load_signed`, in double precision. The blob is the same one.
+
+ # Safety
+ As `poegp_load_signed`.
+ */
+int32_t poegp_load_signed_f64(struct poegp_model_f64_t *model,
+                              const uint8_t *blob,
+                              size_t length,
+                              const uint8_t *public_key);
+
+/*
+ As `poegp_identify`, of a model in double precision.
+
+ # Safety
+ As `poegp_identify`.
+ */
+int32_t poegp_identify_f64(const struct poegp_model_f64_t *model, struct poegp_identity_t *out);
+
+/*
+ As `poegp_evaluate`, in double precision.
+
+ # Safety
+ As `poegp_evaluate`.
+ */
+int32_t poegp_evaluate_f64(const struct poegp_model_f64_t *model,
+                           const double *joints,
+                           size_t count,
+                           double payload_kg,
+                           struct poegp_evaluation_f64_t *out);
+
+/*
+ As `poegp_correct`, in double precision.
+
+ # Safety
+ As `poegp_correct`.
+ */
+int32_t poegp_correct_f64(const struct poegp_model_f64_t *model,
+                          const double *joints,
+                          size_t count,
+                          double payload_kg,
+                          struct poegp_corrected_f64_t *out);
+
+/*
+ As `poegp_forward`, in double precision.
+
+ # Safety
+ As `poegp_forward`.
+ */
+int32_t poegp_forward_f64(const struct poegp_model_f64_t *model,
+                          const double *target_from_tool,
+                          const double *joints,
+                          size_t count,
+                          double payload_kg,
+                          struct poegp_forward_f64_t *out);
+
+/*
+ As `poegp_inverse`, in double precision: the pose is reached to 1e-12 m and rad, and at 1 kHz rounding adds less than
+ 0.0001 rad/s^2 to the accelerations of a smooth path.
+
+ # Safety
+ As `poegp_inverse`.
+ */
+int32_t poegp_inverse_f64(const struct poegp_model_f64_t *model,
+                          const double *target_from_tool,
+                          const double *base_from_tool,
+                          const double *seed,
+                          size_t count,
+                          double payload_kg,
+                          struct poegp_inverse_f64_t *out);
+
+/*
+ As `poegp_jacobian`, in double precision.
+
+ # Safety
+ As `poegp_jacobian`.
+ */
+int32_t poegp_jacobian_f64(const struct poegp_model_f64_t *model,
+                           const double *target_from_tool,
+                           const double *joints,
+                           size_t count,
+                           double payload_kg,
+                           struct poegp_jacobian_f64_t *out);
+
+/*
+ As `poegp_filter_defaults`, in double precision.
+
+ # Safety
+ As `poegp_filter_defaults`.
+ */
+int32_t poegp_filter_defaults_f64(double period_s, struct poegp_filter_settings_f64_t *settings);
+
+/*
+ As `poegp_filter_init`, for a filter in double precision, with POEGP_FILTER_F64_BYTES of memory.
+
+ # Safety
+ As `poegp_filter_init`.
+ */
+int32_t poegp_filter_init_f64(void *memory,
+                              size_t bytes,
+                              const struct poegp_filter_settings_f64_t *settings,
+                              struct poegp_filter_f64_t **filter);
+
+/*
+ As `poegp_command`, in double precision.
+
+ # Safety
+ As `poegp_command`.
+ */
+int32_t poegp_command_f64(const struct poegp_model_f64_t *model,
+                          struct poegp_filter_f64_t *filter,
+                          const double *joints,
+                          size_t count,
+                          double payload_kg,
+                          int32_t engage,
+                          uint32_t cycles,
+                          struct poegp_commanded_f64_t *out);
+
+/*
+ As `poegp_filter_disengaged`, of a filter in double precision.
+
+ # Safety
+ As `poegp_filter_disengaged`.
+ */
+int32_t poegp_filter_disengaged_f64(const struct poegp_filter_f64_t *filter);
+
+/*
+ As `poegp_filter_counts`, of a filter in double precision.
+
+ # Safety
+ As `poegp_filter_counts`.
+ */
+int32_t poegp_filter_counts_f64(const struct poegp_filter_f64_t *filter, struct poegp_filter_counts_t *out);
+
+/*
+ As `poegp_filter_reset`, of a filter in double precision.
+
+ # Safety
+ As `poegp_filter_reset`.
+ */
+int32_t poegp_filter_reset_f64(struct poegp_filter_f64_t *filter);
 
 #ifdef __cplusplus
 }  // extern "C"

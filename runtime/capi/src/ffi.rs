@@ -1,32 +1,25 @@
-//! The functions that C calls.
-//!
-//! Each looks at its pointers, asks the runtime, writes the answer. Where an answer can be written it is written, even
-//! beside an error code: a caller who does not look at the code commands uncorrected joints and no garbage.
+//! The functions that C calls, in single precision: on a device there is no other. `double.rs` has their twins.
 
 use core::ffi::{c_char, c_void};
 
 use poegp_protocol::blob;
-use poegp_protocol::limits::MAX_JOINTS;
-use poegp_protocol::link::Refusal;
-use poegp_runtime::math::se3::Pose;
 use poegp_runtime::model::signature;
 use poegp_runtime::service::ModelSlot;
 
-use crate::codes::{
-    POEGP_ERROR_MISALIGNED, POEGP_ERROR_NULL, POEGP_ERROR_TOO_SMALL, POEGP_OK, of_decoding,
-    of_refusal, of_signature,
-};
-use crate::memory::{self, Joints, apart, usable};
+use crate::calls;
+use crate::codes::{POEGP_OK, of_decoding, of_signature};
+use crate::memory;
 use crate::text;
+use crate::tool_calls;
 use crate::types::{
-    Corrected, Evaluation, Identity, MARK, Model, POEGP_API_VERSION, POEGP_MODEL_ALIGN,
-    POEGP_NAME_BYTES, POEGP_STATUS_BAD_INPUT, POEGP_STATUS_NO_MODEL, WORDS,
+    Corrected, Evaluation, Forward, Identity, Inverse, Jacobian, Model, POEGP_API_VERSION,
+    POEGP_MODEL_ALIGN,
 };
 
 /// Bytes of a model in this build of the library; at most POEGP_MODEL_BYTES.
 #[unsafe(no_mangle)]
 pub extern "C" fn poegp_model_size() -> usize {
-    size_of::<Model>()
+    size_of::<Model<f32>>()
 }
 
 /// Alignment of a model in bytes; POEGP_MODEL_ALIGN.
@@ -52,36 +45,10 @@ pub extern "C" fn poegp_api_version() -> u32 {
 pub unsafe extern "C" fn poegp_init(
     memory: *mut c_void,
     bytes: usize,
-    model: *mut *mut Model,
+    model: *mut *mut Model<f32>,
 ) -> i32 {
-    if let Err(code) = usable(model).and(apart((model, size_of_val(&model)), (memory, bytes))) {
-        return code;
-    }
-    let target = memory.cast::<Model>();
-    let code = if memory.is_null() {
-        POEGP_ERROR_NULL
-    } else if !memory.addr().is_multiple_of(POEGP_MODEL_ALIGN) {
-        POEGP_ERROR_MISALIGNED
-    } else if bytes < size_of::<Model>() {
-        POEGP_ERROR_TOO_SMALL
-    } else {
-        // Cleared where it is: `write(Model::new())` may lay 27 kB on the stack first, and does when built for size.
-        // SAFETY: not null, aligned, large enough, the caller's by the contract of this function. All zeros are a resident
-        // without a model: an empty slot (its discriminant is 0 by `repr(u8)`), vectors and texts of length 0, numbers; a
-        // test compares it with `Model::new()`.
-        unsafe { target.write_bytes(0, 1) };
-        // SAFETY: it is a model now, but for its mark; nobody else has it.
-        unsafe { &mut *target }.mark = MARK;
-        POEGP_OK
-    };
-    let made = if code == POEGP_OK {
-        target
-    } else {
-        core::ptr::null_mut()
-    };
-    // SAFETY: not null, aligned; a pointer lies there by the contract of this function.
-    unsafe { model.write(made) };
-    code
+    // SAFETY: the same contract.
+    unsafe { calls::init(memory, bytes, model) }
 }
 
 /// Verifies a blob in every respect and takes over its model. All or nothing: after an error the last good model stays.
@@ -93,9 +60,9 @@ pub unsafe extern "C" fn poegp_init(
 /// # Safety
 /// `model` comes from `poegp_init` and nobody else uses it during the call; `blob` leads to `length` bytes.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn poegp_load(model: *mut Model, blob: *const u8, length: usize) -> i32 {
+pub unsafe extern "C" fn poegp_load(model: *mut Model<f32>, blob: *const u8, length: usize) -> i32 {
     // SAFETY: the same contract.
-    unsafe { load(model, blob, length, ModelSlot::load_unverified) }
+    unsafe { calls::load(model, blob, length, ModelSlot::load_unverified) }
 }
 
 /// As `poegp_load`, and refuses what is not signed by the Ed25519 key `public_key` of 32 bytes.
@@ -107,21 +74,13 @@ pub unsafe extern "C" fn poegp_load(model: *mut Model, blob: *const u8, length: 
 /// As `poegp_load`; `public_key` leads to 32 bytes.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn poegp_load_signed(
-    model: *mut Model,
+    model: *mut Model<f32>,
     blob: *const u8,
     length: usize,
     public_key: *const u8,
 ) -> i32 {
     // SAFETY: the same contract.
-    match unsafe { key(public_key) } {
-        // SAFETY: the same contract.
-        Ok(key) => unsafe {
-            load(model, blob, length, |resident, bytes| {
-                resident.load(bytes, Some(key))
-            })
-        },
-        Err(code) => code,
-    }
+    unsafe { calls::load_signed(model, blob, length, public_key) }
 }
 
 /// Whether a blob is intact and signed by `public_key` of 32 bytes, without a model.
@@ -137,7 +96,7 @@ pub unsafe extern "C" fn poegp_verify(
     public_key: *const u8,
 ) -> i32 {
     // SAFETY: the same contract.
-    let key = match unsafe { key(public_key) } {
+    let key = match unsafe { calls::key(public_key) } {
         Ok(key) => key,
         Err(code) => return code,
     };
@@ -150,40 +109,6 @@ pub unsafe extern "C" fn poegp_verify(
         return of_decoding(error);
     }
     signature::verify(bytes, key).map_or_else(|error| of_signature(error.code()), |_| POEGP_OK)
-}
-
-/// # Safety
-/// If not null, `start` leads to 32 bytes that nobody changes during `'a`.
-unsafe fn key<'a>(start: *const u8) -> Result<&'a [u8; 32], i32> {
-    usable(start)?;
-    // SAFETY: not null; 32 bytes by the contract of this function.
-    Ok(unsafe { &*start.cast::<[u8; 32]>() })
-}
-
-/// # Safety
-/// As `poegp_load`.
-unsafe fn load(
-    model: *mut Model,
-    start: *const u8,
-    length: usize,
-    take: impl FnOnce(&mut ModelSlot<WORDS>, &[u8]) -> Result<(), Refusal>,
-) -> i32 {
-    // SAFETY: the same contract.
-    let bytes = match unsafe { memory::bytes(start, length) } {
-        Ok(bytes) => bytes,
-        Err(code) => return code,
-    };
-    if let Err(code) = apart((model, size_of::<Model>()), (start, length)) {
-        return code;
-    }
-    // SAFETY: the same contract.
-    match unsafe { memory::model_mut(model) } {
-        Ok(model) => match take(&mut model.resident, bytes) {
-            Ok(()) => POEGP_OK,
-            Err(refusal) => of_refusal(&refusal),
-        },
-        Err(code) => code,
-    }
 }
 
 /// Where the target really is, for `count` joints in rad or m and a payload in kg (0 when the model knows none). The
@@ -200,43 +125,14 @@ unsafe fn load(
 /// caller's.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn poegp_evaluate(
-    model: *const Model,
+    model: *const Model<f32>,
     joints: *const f32,
     count: usize,
     payload_kg: f32,
-    out: *mut Evaluation,
+    out: *mut Evaluation<f32>,
 ) -> i32 {
-    if let Err(code) = usable(out).and(answer_apart(model, out)) {
-        return code;
-    }
-    let nothing = |status| Evaluation {
-        base_from_target: Pose::identity().to_rows(),
-        correction: [0.0; 6],
-        status,
-    };
     // SAFETY: the same contract.
-    let (code, answer) = match unsafe { Joints::read(joints, count) } {
-        Err(code) => (code, nothing(POEGP_STATUS_BAD_INPUT)),
-        // SAFETY: the same contract.
-        Ok(joints) => match unsafe { memory::model(model) } {
-            Err(code) => (code, nothing(POEGP_STATUS_NO_MODEL)),
-            Ok(model) => {
-                let result = model
-                    .resident
-                    .model()
-                    .evaluate(joints.as_slice(), payload_kg);
-                let answer = Evaluation {
-                    base_from_target: result.pose.to_rows(),
-                    correction: result.correction.to_array(),
-                    status: u32::from(result.status.bits()),
-                };
-                (POEGP_OK, answer)
-            }
-        },
-    };
-    // SAFETY: not null, aligned, not in the model; the caller's by the contract of this function.
-    unsafe { out.write(answer) };
-    code
+    unsafe { calls::evaluate(model, joints, count, payload_kg, out) }
 }
 
 /// The joints to command so that the real arm stands where the nominal one would at `joints` (rad or m), with a payload
@@ -254,67 +150,115 @@ pub unsafe extern "C" fn poegp_evaluate(
 /// As `poegp_evaluate`.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn poegp_correct(
-    model: *const Model,
+    model: *const Model<f32>,
     joints: *const f32,
     count: usize,
     payload_kg: f32,
-    out: *mut Corrected,
+    out: *mut Corrected<f32>,
 ) -> i32 {
-    if let Err(code) = usable(out).and(answer_apart(model, out)) {
-        return code;
-    }
     // SAFETY: the same contract.
-    let (code, answer) = match unsafe { Joints::read(joints, count) } {
-        Err(code) => (code, as_it_came(&[], POEGP_STATUS_BAD_INPUT)),
-        // SAFETY: the same contract.
-        Ok(joints) => match unsafe { memory::model(model) } {
-            Err(code) => (code, as_it_came(joints.as_slice(), POEGP_STATUS_NO_MODEL)),
-            Ok(model) => {
-                let result = model
-                    .resident
-                    .model()
-                    .correct(joints.as_slice(), payload_kg);
-                let answer = Corrected {
-                    joints: result.joints,
-                    applied: result.applied,
-                    position_error: result.position_error,
-                    rotation_error: result.rotation_error,
-                    status: u32::from(result.status.bits()),
-                };
-                (POEGP_OK, answer)
-            }
-        },
-    };
-    // SAFETY: not null, aligned, not in the model; the caller's by the contract of this function.
-    unsafe { out.write(answer) };
-    code
+    unsafe { calls::correct(model, joints, count, payload_kg, out) }
 }
 
-/// The answer must not overwrite the model. What `model` leads to is looked at later.
-#[inline(always)]
-fn answer_apart<T>(model: *const Model, out: *mut T) -> Result<(), i32> {
-    apart((model, size_of::<Model>()), (out, size_of::<T>()))
+/// Where the calibrated arm has a tool, for `count` joints in rad or m and a payload in kg (0 when the model knows none).
+/// `target_from_tool` is the tool's pose on the target that was measured: twelve numbers, a 3x4 matrix [R | t] row by row,
+/// metres. Null stands for the target itself. `joints` and `target_from_tool` may lie in `*out`.
+///
+/// `poegp_evaluate` answers for the target alone, and also with the correction.
+///
+/// Returns POEGP_OK for every number that C can hold: what the answer is worth is in `out->status`. The answer is the identity
+/// beside an error code, without a model, and for joints or a tool that cannot be used (POEGP_STATUS_BAD_INPUT).
+///
+/// Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED, POEGP_ERROR_OVERLAP.
+///
+/// # Safety
+/// `model` comes from `poegp_init` and is not loaded during the call; `joints` leads to `count` numbers, `target_from_tool`
+/// to twelve if it is not null; `out` is the caller's.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn poegp_forward(
+    model: *const Model<f32>,
+    target_from_tool: *const f32,
+    joints: *const f32,
+    count: usize,
+    payload_kg: f32,
+    out: *mut Forward<f32>,
+) -> i32 {
+    // SAFETY: the same contract.
+    unsafe { tool_calls::forward(model, target_from_tool, joints, count, payload_kg, out) }
 }
 
-fn as_it_came(command: &[f32], status: u32) -> Corrected {
-    Corrected {
-        joints: finite(command),
-        applied: 0.0,
-        position_error: 0.0,
-        rotation_error: 0.0,
-        status,
+/// The joints to command so that the calibrated arm has its tool at `base_from_tool`, with a payload in kg. It is the inverse
+/// of `poegp_forward`, on the branch of the `count` joints at `seed`: in a cycle, those sent last. Both poses are twelve
+/// numbers, a 3x4 matrix [R | t] row by row, metres; each R has to be orthonormal within 1e-3. `target_from_tool` as for
+/// `poegp_forward`. `seed` and both poses may lie in `*out`.
+///
+/// The answer is never farther from the wanted pose than the seed. Where the pose is not reached, beyond the arm's reach or
+/// beside a singularity, the status has POEGP_STATUS_PARTLY_CORRECTED and the errors say by how much. Joint limits are not
+/// looked at. It takes some evaluations from a near seed, at most 61 from any.
+///
+/// Roundings of `float` joints, at 1 kHz, are noise of 0.4 rad/s^2 in their accelerations. Use `poegp_inverse_f64` where joints
+/// are sent as `double`.
+///
+/// Returns POEGP_OK for every number that C can hold. Beside an error code, without a model, and for bad input
+/// (POEGP_STATUS_BAD_INPUT) the answer is the seed as far as it could be read, with zero for what is not finite.
+///
+/// Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED, POEGP_ERROR_OVERLAP.
+///
+/// # Safety
+/// As `poegp_forward`; `base_from_tool` leads to twelve numbers, `seed` to `count`.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn poegp_inverse(
+    model: *const Model<f32>,
+    target_from_tool: *const f32,
+    base_from_tool: *const f32,
+    seed: *const f32,
+    count: usize,
+    payload_kg: f32,
+    out: *mut Inverse<f32>,
+) -> i32 {
+    let wanted = base_from_tool;
+    // SAFETY: the same contract.
+    unsafe {
+        tool_calls::inverse(
+            model,
+            target_from_tool,
+            wanted,
+            seed,
+            count,
+            payload_kg,
+            out,
+        )
     }
 }
 
-/// The command, zeros in place of what is not finite.
-pub(crate) fn finite(command: &[f32]) -> [f32; MAX_JOINTS] {
-    let mut joints = [0.0; MAX_JOINTS];
-    for (slot, value) in joints.iter_mut().zip(command) {
-        if value.is_finite() {
-            *slot = *value;
-        }
-    }
-    joints
+/// The Jacobian of the calibrated arm: how the tool moves with each of the `count` joints (rad or m), with a payload in kg.
+/// Arguments as for `poegp_forward`.
+///
+/// The reference point is the tool's origin and the axes are those of the base: rows of linear, then of angular velocity, as
+/// Pinocchio's LOCAL_WORLD_ALIGNED. Columns are the controller's joints, a coupling of the joints included.
+///
+/// The Jacobian is that of the calibrated chain at the controller's joints, with the reference point where the whole model has
+/// the tool. The derivative of the correction is left out. Numerical differences of `poegp_forward_f64` therefore differ: on an
+/// elastic model of an arm of 2 m by 0.001 m or rad per rad (root mean square), 0.0024 at most.
+///
+/// Returns POEGP_OK for every number that C can hold. Beside an error code, without a model, and for bad input
+/// (POEGP_STATUS_BAD_INPUT) all columns are zero.
+///
+/// Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED, POEGP_ERROR_OVERLAP.
+///
+/// # Safety
+/// As `poegp_forward`.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn poegp_jacobian(
+    model: *const Model<f32>,
+    target_from_tool: *const f32,
+    joints: *const f32,
+    count: usize,
+    payload_kg: f32,
+    out: *mut Jacobian<f32>,
+) -> i32 {
+    // SAFETY: the same contract.
+    unsafe { tool_calls::jacobian(model, target_from_tool, joints, count, payload_kg, out) }
 }
 
 /// Which arm the model is of. Without a model the names are empty and the numbers zero.
@@ -324,50 +268,9 @@ pub(crate) fn finite(command: &[f32]) -> [f32; MAX_JOINTS] {
 /// # Safety
 /// `model` comes from `poegp_init` and is not loaded during the call; `out` is the caller's.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn poegp_identify(model: *const Model, out: *mut Identity) -> i32 {
-    if let Err(code) = usable(out).and(answer_apart(model, out)) {
-        return code;
-    }
-    let mut answer = Identity {
-        version: name(env!("CARGO_PKG_VERSION")),
-        robot: [0; POEGP_NAME_BYTES],
-        serial_number: [0; POEGP_NAME_BYTES],
-        blob_crc: 0,
-        joints: 0,
-        inducing_points: 0,
-        is_signed: 0,
-        revision: 0,
-        warnings: 0,
-    };
+pub unsafe extern "C" fn poegp_identify(model: *const Model<f32>, out: *mut Identity) -> i32 {
     // SAFETY: the same contract.
-    let code = match unsafe { memory::model(model) } {
-        Err(code) => code,
-        Ok(model) => {
-            if let Some(identity) = model.resident.identity() {
-                answer.robot = name(&identity.robot);
-                answer.serial_number = name(&identity.serial_number);
-                answer.blob_crc = identity.blob_crc;
-                answer.joints = u32::from(identity.joints);
-                answer.inducing_points = identity.inducing_points;
-                answer.is_signed = u32::from(identity.revision.is_some());
-                answer.revision = identity.revision.unwrap_or(0);
-                answer.warnings = u32::from_le_bytes(identity.warnings.into());
-            }
-            POEGP_OK
-        }
-    };
-    // SAFETY: not null, aligned, not in the model; the caller's by the contract of this function.
-    unsafe { out.write(answer) };
-    code
-}
-
-/// A text with a zero behind it: no text here is as long as its room.
-fn name(text: &str) -> [c_char; POEGP_NAME_BYTES] {
-    let mut out = [0; POEGP_NAME_BYTES];
-    for (slot, byte) in out.iter_mut().zip(text.as_bytes()) {
-        *slot = *byte as c_char;
-    }
-    out
+    unsafe { calls::identify(model, out) }
 }
 
 /// A code in words, as text that ends with a zero and need not be freed. Never null.

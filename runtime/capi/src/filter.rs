@@ -1,26 +1,14 @@
-//! The functions of the filter: a corrected command that never steps.
+//! The functions of the filter, in single precision: a corrected command that never steps.
 
 use core::ffi::c_void;
 
-use poegp_runtime::correct::Corrected;
-use poegp_runtime::filter;
-use poegp_runtime::filter::CommandFilter;
-use poegp_runtime::guard::status::Status;
-
-use crate::codes::{
-    POEGP_ERROR_MISALIGNED, POEGP_ERROR_NULL, POEGP_ERROR_TOO_SMALL, POEGP_OK, of_settings,
-};
-use crate::ffi::finite;
-use crate::memory::{self, Joints, apart, usable};
-use crate::types::{
-    Commanded, FILTER_MARK, Filter, FilterCounts, FilterSettings, Model, POEGP_FILTER_ALIGN,
-    POEGP_STATUS_BAD_INPUT,
-};
+use crate::filter_calls;
+use crate::types::{Commanded, Filter, FilterCounts, FilterSettings, Model, POEGP_FILTER_ALIGN};
 
 /// Bytes of a filter in this build of the library; at most POEGP_FILTER_BYTES.
 #[unsafe(no_mangle)]
 pub extern "C" fn poegp_filter_size() -> usize {
-    size_of::<Filter>()
+    size_of::<Filter<f32>>()
 }
 
 /// Alignment of a filter in bytes; POEGP_FILTER_ALIGN.
@@ -38,21 +26,10 @@ pub extern "C" fn poegp_filter_align() -> usize {
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn poegp_filter_defaults(
     period_s: f32,
-    settings: *mut FilterSettings,
+    settings: *mut FilterSettings<f32>,
 ) -> i32 {
-    if let Err(code) = usable(settings) {
-        return code;
-    }
-    let usual = filter::FilterSettings::with_period(period_s);
-    let usual = FilterSettings {
-        period_s: usual.period_s,
-        rate: usual.rate,
-        acceleration: usual.acceleration,
-        blend_s: usual.blend_s,
-    };
-    // SAFETY: not null, aligned; the caller's by the contract of this function.
-    unsafe { settings.write(usual) };
-    POEGP_OK
+    // SAFETY: the same contract.
+    unsafe { filter_calls::defaults(period_s, settings) }
 }
 
 /// Makes a filter in `bytes` bytes at `memory`, aligned to POEGP_FILTER_ALIGN, and stores its address in `*filter`: null
@@ -67,59 +44,11 @@ pub unsafe extern "C" fn poegp_filter_defaults(
 pub unsafe extern "C" fn poegp_filter_init(
     memory: *mut c_void,
     bytes: usize,
-    settings: *const FilterSettings,
-    filter: *mut *mut Filter,
+    settings: *const FilterSettings<f32>,
+    filter: *mut *mut Filter<f32>,
 ) -> i32 {
-    let pointer = (filter.cast_const(), size_of_val(&filter));
-    if let Err(code) = usable(filter).and(apart(pointer, (memory.cast_const(), bytes))) {
-        return code;
-    }
     // SAFETY: the same contract.
-    let (code, made) = match unsafe { made(memory, bytes, settings) } {
-        Ok(made) => (POEGP_OK, made),
-        Err(code) => (code, core::ptr::null_mut()),
-    };
-    // SAFETY: not null, aligned; a pointer lies there by the contract of this function.
-    unsafe { filter.write(made) };
-    code
-}
-
-/// # Safety
-/// As `poegp_filter_init`.
-unsafe fn made(
-    memory: *mut c_void,
-    bytes: usize,
-    settings: *const FilterSettings,
-) -> Result<*mut Filter, i32> {
-    usable(settings)?;
-    if memory.is_null() {
-        return Err(POEGP_ERROR_NULL);
-    }
-    if !memory.addr().is_multiple_of(POEGP_FILTER_ALIGN) {
-        return Err(POEGP_ERROR_MISALIGNED);
-    }
-    if bytes < size_of::<Filter>() {
-        return Err(POEGP_ERROR_TOO_SMALL);
-    }
-    // SAFETY: not null, aligned; settings lie there by the contract of this function.
-    let settings = unsafe { settings.read() };
-    let mut filter = CommandFilter::new();
-    filter
-        .configure(&filter::FilterSettings {
-            period_s: settings.period_s,
-            rate: settings.rate,
-            acceleration: settings.acceleration,
-            blend_s: settings.blend_s,
-        })
-        .map_err(of_settings)?;
-    let target = memory.cast::<Filter>();
-    let filter = Filter {
-        mark: FILTER_MARK,
-        filter,
-    };
-    // SAFETY: not null, aligned, large enough; the caller's by the contract of this function.
-    unsafe { target.write(filter) };
-    Ok(target)
+    unsafe { filter_calls::init(memory, bytes, settings, filter) }
 }
 
 /// The joints to send for a command of `count` joints (rad or m) and a payload in kg, once in every cycle. As
@@ -147,102 +76,20 @@ unsafe fn made(
 /// else uses it during the call; `joints` leads to `count` numbers; `out` is the caller's.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn poegp_command(
-    model: *const Model,
-    filter: *mut Filter,
+    model: *const Model<f32>,
+    filter: *mut Filter<f32>,
     joints: *const f32,
     count: usize,
     payload_kg: f32,
     engage: i32,
     cycles: u32,
-    out: *mut Commanded,
+    out: *mut Commanded<f32>,
 ) -> i32 {
-    let answer = (out.cast_const(), size_of::<Commanded>());
-    let of_model = (model, size_of::<Model>());
-    let of_filter = (filter.cast_const(), size_of::<Filter>());
-    if let Err(code) = usable(out)
-        .and(apart(of_model, answer))
-        .and(apart(of_filter, answer))
-    {
-        return code;
-    }
     // SAFETY: the same contract.
-    let (joints, read) = match unsafe { Joints::read(joints, count) } {
-        Ok(joints) => (joints, POEGP_OK),
-        Err(code) => (Joints::unreadable(count), code),
-    };
-    let command = joints.as_slice();
-    let filter = apart(of_model, of_filter).and_then(|()| {
-        // SAFETY: the same contract, and apart from the model.
-        unsafe { memory::filter_mut(filter) }
-    });
-    let (code, answer) = match filter {
-        Err(code) => (code, unfiltered(command)),
-        Ok(filter) => {
-            let filter = &mut filter.filter;
-            let payload = filter.payload(payload_kg, cycles);
-            // SAFETY: the same contract.
-            let (found, corrected) = match unsafe { memory::model(model) } {
-                Err(code) => (code, uncorrected(command)),
-                Ok(model) => (POEGP_OK, model.resident.model().correct(command, payload)),
-            };
-            let answer = filtered(filter, command, &corrected, engage != 0, cycles);
-            (if read == POEGP_OK { found } else { read }, answer)
-        }
-    };
-    // SAFETY: not null, aligned, neither in the model nor in the filter; the caller's by the contract of this function.
-    unsafe { out.write(answer) };
-    code
-}
-
-/// The correction, filtered.
-fn filtered(
-    filter: &mut CommandFilter<f32>,
-    command: &[f32],
-    corrected: &Corrected<f32>,
-    engage: bool,
-    cycles: u32,
-) -> Commanded {
-    // What a model refuses holds the arm only where a model has a say: not when it is switched off.
-    let status = if !engage & filter.disengaged() {
-        Status::OK
-    } else {
-        corrected.status
-    };
-    let sent = filter.step(command, &corrected.joints, status, engage, cycles);
-    let status = sent
-        .status
-        .with(corrected.status)
-        .with_if(!engage, Status::BYPASSED);
-    Commanded {
-        joints: sent.joints,
-        weight: sent.weight,
-        applied: corrected.applied,
-        position_error: corrected.position_error,
-        rotation_error: corrected.rotation_error,
-        status: u32::from(status.bits()),
-    }
-}
-
-/// What a model without a blob answers.
-fn uncorrected(command: &[f32]) -> Corrected<f32> {
-    Corrected {
-        joints: finite(command),
-        applied: 0.0,
-        position_error: 0.0,
-        rotation_error: 0.0,
-        status: Status::NO_MODEL,
-    }
-}
-
-/// The answer without a filter.
-fn unfiltered(command: &[f32]) -> Commanded {
-    Commanded {
-        joints: finite(command),
-        weight: 0.0,
-        applied: 0.0,
-        position_error: 0.0,
-        rotation_error: 0.0,
-        status: POEGP_STATUS_BAD_INPUT,
+    unsafe {
+        filter_calls::command(
+            model, filter, joints, count, payload_kg, engage, cycles, out,
+        )
     }
 }
 
@@ -252,10 +99,9 @@ fn unfiltered(command: &[f32]) -> Commanded {
 /// # Safety
 /// `filter` comes from `poegp_filter_init` and nobody changes it during the call.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn poegp_filter_disengaged(filter: *const Filter) -> i32 {
+pub unsafe extern "C" fn poegp_filter_disengaged(filter: *const Filter<f32>) -> i32 {
     // SAFETY: the same contract.
-    let filter = unsafe { memory::filter(filter) };
-    i32::from(filter.is_ok_and(|filter| filter.filter.disengaged()))
+    unsafe { filter_calls::disengaged(filter) }
 }
 
 /// What the filter has counted; zeros beside an error.
@@ -265,29 +111,12 @@ pub unsafe extern "C" fn poegp_filter_disengaged(filter: *const Filter) -> i32 {
 /// # Safety
 /// `filter` comes from `poegp_filter_init` and nobody changes it during the call; `out` is the caller's.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn poegp_filter_counts(filter: *const Filter, out: *mut FilterCounts) -> i32 {
-    let answer = (out.cast_const(), size_of::<FilterCounts>());
-    if let Err(code) = usable(out).and(apart((filter, size_of::<Filter>()), answer)) {
-        return code;
-    }
+pub unsafe extern "C" fn poegp_filter_counts(
+    filter: *const Filter<f32>,
+    out: *mut FilterCounts,
+) -> i32 {
     // SAFETY: the same contract.
-    let (code, counts) = match unsafe { memory::filter(filter) } {
-        Err(code) => (code, FilterCounts::default()),
-        Ok(filter) => {
-            let counts = filter.filter.counts();
-            let counts = FilterCounts {
-                held: counts.held,
-                lost: counts.lost,
-                doubled: counts.doubled,
-                bad: counts.bad,
-                guarded: counts.guarded,
-            };
-            (POEGP_OK, counts)
-        }
-    };
-    // SAFETY: not null, aligned, not in the filter; the caller's by the contract of this function.
-    unsafe { out.write(counts) };
-    code
+    unsafe { filter_calls::counts(filter, out) }
 }
 
 /// Forgets commands, correction and payload; settings and counts stay. The correction steps to zero unless the filter is
@@ -298,13 +127,7 @@ pub unsafe extern "C" fn poegp_filter_counts(filter: *const Filter, out: *mut Fi
 /// # Safety
 /// `filter` comes from `poegp_filter_init` and nobody else uses it during the call.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn poegp_filter_reset(filter: *mut Filter) -> i32 {
+pub unsafe extern "C" fn poegp_filter_reset(filter: *mut Filter<f32>) -> i32 {
     // SAFETY: the same contract.
-    match unsafe { memory::filter_mut(filter) } {
-        Ok(filter) => {
-            filter.filter.reset();
-            POEGP_OK
-        }
-        Err(code) => code,
-    }
+    unsafe { filter_calls::reset(filter) }
 }

@@ -23,16 +23,23 @@
     clippy::panic
 )]
 
+mod calls;
 pub mod codes;
 mod cyclic;
+#[cfg(any(not(target_os = "none"), feature = "double"))]
+mod double;
 mod ffi;
 mod filter;
+mod filter_calls;
 mod memory;
 #[cfg(target_os = "none")]
 mod panic;
 pub mod text;
+mod tool_calls;
 pub mod types;
 
 pub use cyclic::*;
+#[cfg(any(not(target_os = "none"), feature = "double"))]
+pub use double::*;
 pub use ffi::*;
 pub use filter::*;

@@ -4,12 +4,13 @@
 //! memory is there as the caller says. That is the one condition of every unsafe function below.
 
 use poegp_protocol::limits::MAX_JOINTS;
+use poegp_runtime::math::se3::Pose;
 
 use crate::codes::{
     POEGP_ERROR_LENGTH, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED, POEGP_ERROR_NULL,
     POEGP_ERROR_OVERLAP,
 };
-use crate::types::{FILTER_MARK, Filter, MARK, Model};
+use crate::types::{Filter, Model, Number};
 
 /// Refuses null and misaligned pointers.
 #[inline(always)]
@@ -45,15 +46,15 @@ pub(crate) fn apart<A, B>(
 /// The model behind a pointer.
 ///
 /// # Safety
-/// If `model` is neither null nor misaligned, it leads to `POEGP_MODEL_BYTES` that were written once and that nobody
+/// If `model` is neither null nor misaligned, it leads to the bytes of a model that were written once and that nobody
 /// changes during `'a`.
 #[inline(always)]
-pub(crate) unsafe fn model<'a>(model: *const Model) -> Result<&'a Model, i32> {
+pub(crate) unsafe fn model<'a, T: Number>(model: *const Model<T>) -> Result<&'a Model<T>, i32> {
     usable(model)?;
     // SAFETY: not null, aligned; inside the memory of the caller's promise. A pointer, since it may be no model yet.
     let mark = unsafe { &raw const (*model).mark };
     // SAFETY: as above, and a word that was written by the caller's promise.
-    unsafe { marked(mark, MARK) }?;
+    unsafe { marked(mark, T::MODEL_MARK) }?;
     // SAFETY: as above, and marked: `poegp_init` has written a whole model here.
     Ok(unsafe { &*model })
 }
@@ -62,7 +63,9 @@ pub(crate) unsafe fn model<'a>(model: *const Model) -> Result<&'a Model, i32> {
 ///
 /// # Safety
 /// As [`model`], and nobody reads it during `'a` either.
-pub(crate) unsafe fn model_mut<'a>(pointer: *mut Model) -> Result<&'a mut Model, i32> {
+pub(crate) unsafe fn model_mut<'a, T: Number>(
+    pointer: *mut Model<T>,
+) -> Result<&'a mut Model<T>, i32> {
     // SAFETY: the caller's promise is the same; the shared reference ends here.
     unsafe { model(pointer) }?;
     // SAFETY: looked at above; alone by the caller's promise.
@@ -72,14 +75,14 @@ pub(crate) unsafe fn model_mut<'a>(pointer: *mut Model) -> Result<&'a mut Model,
 /// The filter behind a pointer.
 ///
 /// # Safety
-/// If `filter` is neither null nor misaligned, it leads to `POEGP_FILTER_BYTES` that were written once and that nobody
+/// If `filter` is neither null nor misaligned, it leads to the bytes of a filter that were written once and that nobody
 /// changes during `'a`.
-pub(crate) unsafe fn filter<'a>(filter: *const Filter) -> Result<&'a Filter, i32> {
+pub(crate) unsafe fn filter<'a, T: Number>(filter: *const Filter<T>) -> Result<&'a Filter<T>, i32> {
     usable(filter)?;
     // SAFETY: not null, aligned; inside the memory of the caller's promise. A pointer, since it may be no filter yet.
     let mark = unsafe { &raw const (*filter).mark };
     // SAFETY: as above, and a word that was written by the caller's promise.
-    unsafe { marked(mark, FILTER_MARK) }?;
+    unsafe { marked(mark, T::FILTER_MARK) }?;
     // SAFETY: as above, and marked: `poegp_filter_init` has written a whole filter here.
     Ok(unsafe { &*filter })
 }
@@ -88,7 +91,9 @@ pub(crate) unsafe fn filter<'a>(filter: *const Filter) -> Result<&'a Filter, i32
 ///
 /// # Safety
 /// As [`filter`], and nobody reads it during `'a` either.
-pub(crate) unsafe fn filter_mut<'a>(pointer: *mut Filter) -> Result<&'a mut Filter, i32> {
+pub(crate) unsafe fn filter_mut<'a, T: Number>(
+    pointer: *mut Filter<T>,
+) -> Result<&'a mut Filter<T>, i32> {
     // SAFETY: the caller's promise is the same; the shared reference ends here.
     unsafe { filter(pointer) }?;
     // SAFETY: looked at above; alone by the caller's promise.
@@ -122,21 +127,44 @@ pub(crate) unsafe fn bytes<'a>(start: *const u8, length: usize) -> Result<&'a [u
     Ok(unsafe { core::slice::from_raw_parts(start, length) })
 }
 
+/// A transform of twelve numbers, copied so that it may lie in the memory of the answer.
+///
+/// # Safety
+/// If `start` is neither null nor misaligned, it leads to twelve readable numbers.
+pub(crate) unsafe fn pose<T: Number>(start: *const T) -> Result<Pose<T>, i32> {
+    usable(start)?;
+    // SAFETY: not null, aligned; twelve numbers by the contract of this function.
+    let rows = unsafe { start.cast::<[T; 12]>().read() };
+    Ok(Pose::from_rows(&rows))
+}
+
+/// The same; null stands for the identity.
+///
+/// # Safety
+/// As [`pose`].
+pub(crate) unsafe fn pose_or_none<T: Number>(start: *const T) -> Result<Pose<T>, i32> {
+    if start.is_null() {
+        return Ok(Pose::identity());
+    }
+    // SAFETY: the same contract.
+    unsafe { pose(start) }
+}
+
 /// Joints, copied so that they may lie in the memory of the answer.
-pub(crate) struct Joints {
-    values: [f32; MAX_JOINTS + 1],
+pub(crate) struct Joints<T> {
+    values: [T; MAX_JOINTS + 1],
     count: usize,
 }
 
-impl Joints {
+impl<T: Number> Joints<T> {
     /// `count` numbers, or one more than any arm has joints: which is as wrong, and the runtime says so.
     ///
     /// # Safety
     /// If `start` is neither null nor misaligned, it leads to `count` readable numbers.
     #[inline(always)]
-    pub(crate) unsafe fn read(start: *const f32, count: usize) -> Result<Self, i32> {
+    pub(crate) unsafe fn read(start: *const T, count: usize) -> Result<Self, i32> {
         let mut joints = Self {
-            values: [0.0; MAX_JOINTS + 1],
+            values: [T::ZERO; MAX_JOINTS + 1],
             count: 0,
         };
         if count == 0 {
@@ -155,14 +183,14 @@ impl Joints {
     /// `count` numbers that are none, in place of joints that cannot be read.
     pub(crate) fn unreadable(count: usize) -> Self {
         Self {
-            values: [f32::NAN; MAX_JOINTS + 1],
+            values: [T::from_f32(f32::NAN); MAX_JOINTS + 1],
             count: count.min(MAX_JOINTS + 1),
         }
     }
 
     /// The numbers.
     #[inline(always)]
-    pub(crate) fn as_slice(&self) -> &[f32] {
+    pub(crate) fn as_slice(&self) -> &[T] {
         self.values.get(..self.count).unwrap_or(&[])
     }
 }

@@ -5,13 +5,15 @@ use core::ffi::c_char;
 use poegp_protocol::limits::{MAX_JOINTS, OUTPUTS};
 use poegp_protocol::link::MAX_NAME;
 use poegp_protocol::link::cyclic::MAX_CYCLIC;
-use poegp_runtime::filter::CommandFilter;
+use poegp_runtime::correct::CompiledCorrection;
+use poegp_runtime::correct::inverse::CompiledInverse;
+use poegp_runtime::filter::{CommandFilter, CompiledFilter};
 use poegp_runtime::guard::status::Status;
 use poegp_runtime::model::words_for;
 use poegp_runtime::service::ModelSlot;
 
 /// Changes when a function, a structure or the meaning of a code does; see `poegp_api_version`.
-pub const POEGP_API_VERSION: u32 = 3;
+pub const POEGP_API_VERSION: u32 = 4;
 
 /// Most joints of an arm.
 pub const POEGP_MAX_JOINTS: usize = 8;
@@ -22,14 +24,20 @@ pub const POEGP_NAME_BYTES: usize = 36;
 /// Bytes of memory for one model, enough on 32-bit and 64-bit machines.
 pub const POEGP_MODEL_BYTES: usize = 27648;
 
-/// Alignment of that memory in bytes.
+/// Alignment of the memory for a model, of either precision, in bytes.
 pub const POEGP_MODEL_ALIGN: usize = 8;
 
 /// Bytes of memory for one filter, enough on 32-bit and 64-bit machines.
 pub const POEGP_FILTER_BYTES: usize = 320;
 
-/// Alignment of that memory in bytes.
+/// Alignment of the memory for a filter, of either precision, in bytes.
 pub const POEGP_FILTER_ALIGN: usize = 8;
+
+/// Bytes of memory for one model in double precision.
+pub const POEGP_MODEL_F64_BYTES: usize = 55296;
+
+/// Bytes of memory for one filter in double precision.
+pub const POEGP_FILTER_F64_BYTES: usize = 640;
 
 /// Most bytes of a cyclic frame.
 pub const POEGP_CYCLIC_BYTES: usize = 54;
@@ -57,33 +65,45 @@ const POINTS: usize = 400;
 /// Room for their rows.
 pub(crate) const WORDS: usize = words_for(POINTS);
 
-/// A model in the caller's memory. Made by `poegp_init`; what is in it is of no concern to C.
-///
-/// `poegp_load` and `poegp_init` need it for themselves; any number of threads or interrupts may evaluate meanwhile
-/// another one, or evaluate this one at the same time.
-#[derive(Debug)]
-pub struct Model {
-    /// [`MARK`] once it is a model.
-    pub(crate) mark: u32,
-    pub(crate) resident: ModelSlot<WORDS>,
+/// A number type that C may compute with: `float` or `double`.
+pub(crate) trait Number: CompiledCorrection + CompiledFilter + CompiledInverse {
+    /// What an initialised model begins with: `poegp_load` on a variable that was only zeroed is refused.
+    const MODEL_MARK: u32;
+    /// What an initialised filter begins with. No mark is another one: nothing is taken for something else.
+    const FILTER_MARK: u32;
 }
 
-/// What initialised memory begins with: `poegp_load` on a variable that was only zeroed is refused.
-pub(crate) const MARK: u32 = 0x4d47_4550;
+impl Number for f32 {
+    const MODEL_MARK: u32 = 0x4d47_4550;
+    const FILTER_MARK: u32 = 0x4647_4550;
+}
 
-/// A filter in the caller's memory, which keeps the correction from stepping. Made by `poegp_filter_init`; what is in it is
-/// of no concern to C.
+impl Number for f64 {
+    const MODEL_MARK: u32 = 0x4d44_4550;
+    const FILTER_MARK: u32 = 0x4644_4550;
+}
+
+/// A model in the caller's memory. Made by `poegp_init`, or `poegp_init_f64`; what is in it is of no concern to C.
+///
+/// Loading and initialising need it for themselves; any number of threads or interrupts may evaluate meanwhile
+/// another one, or evaluate this one at the same time.
+#[derive(Debug)]
+pub struct Model<T = f32> {
+    /// [`Number::MODEL_MARK`] once it is a model.
+    pub(crate) mark: u32,
+    pub(crate) resident: ModelSlot<WORDS, T>,
+}
+
+/// A filter in the caller's memory, which keeps the correction from stepping. Made by `poegp_filter_init`, or
+/// `poegp_filter_init_f64`; what is in it is of no concern to C.
 ///
 /// One for each arm; it belongs to the thread or interrupt that commands.
 #[derive(Debug)]
-pub struct Filter {
-    /// [`FILTER_MARK`] once it is a filter.
+pub struct Filter<T = f32> {
+    /// [`Number::FILTER_MARK`] once it is a filter.
     pub(crate) mark: u32,
-    pub(crate) filter: CommandFilter<f32>,
+    pub(crate) filter: CommandFilter<T>,
 }
-
-/// What an initialised filter begins with. Not [`MARK`]: neither is taken for the other.
-pub(crate) const FILTER_MARK: u32 = 0x4647_4550;
 
 #[cfg(test)]
 mod tests {
@@ -91,47 +111,90 @@ mod tests {
 
     use core::mem::MaybeUninit;
 
-    use super::{MARK, Model, ModelSlot};
+    use super::{Model, ModelSlot, Number};
 
     /// What `poegp_init` makes.
-    #[test]
-    fn zeros_with_the_mark_are_a_model_without_a_blob() {
+    fn zeros_are<T: Number>() {
         // SAFETY: what this test is about.
-        let mut cleared: Model = unsafe { MaybeUninit::zeroed().assume_init() };
-        cleared.mark = MARK;
-        let made = Model {
-            mark: MARK,
+        let mut cleared: Model<T> = unsafe { MaybeUninit::zeroed().assume_init() };
+        cleared.mark = T::MODEL_MARK;
+        let made = Model::<T> {
+            mark: T::MODEL_MARK,
             resident: ModelSlot::new(),
         };
         assert_eq!(std::format!("{cleared:?}"), std::format!("{made:?}"));
     }
+
+    #[test]
+    fn zeros_with_the_mark_are_a_model_without_a_blob() {
+        zeros_are::<f32>();
+        zeros_are::<f64>();
+    }
 }
 
-/// The answer of `poegp_evaluate`.
+/// The answer of `poegp_evaluate` and `poegp_evaluate_f64`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Evaluation {
+pub struct Evaluation<T = f32> {
     /// Compensated transform from the target to the base, a 3x4 matrix [R | t] row by row; metres.
-    pub base_from_target: [f32; 12],
+    pub base_from_target: [T; 12],
     /// The correction as a twist of the base frame after bounding: v in metres, then omega in radians.
-    pub correction: [f32; 6],
+    pub correction: [T; 6],
     /// What it is worth: a sum of POEGP_STATUS_ bits, 0 when there is nothing to remark.
     pub status: u32,
 }
 
-/// The answer of `poegp_correct`.
+/// The answer of `poegp_correct` and `poegp_correct_f64`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Corrected {
+pub struct Corrected<T = f32> {
     /// Joints to command, rad or m, as many as the command had; zero beyond. The command itself when nothing was
     /// corrected, with zero for what is not finite.
-    pub joints: [f32; POEGP_MAX_JOINTS],
+    pub joints: [T; POEGP_MAX_JOINTS],
     /// How much of the arm's error is corrected, 0 to 1: 1 but beside singularities and where a bound acts.
-    pub applied: f32,
+    pub applied: T,
     /// Distance in metres that stays, by the model, between the arm at these joints and the nominal one at the command.
-    pub position_error: f32,
+    pub position_error: T,
     /// The rotation error that stays, in radians.
-    pub rotation_error: f32,
+    pub rotation_error: T,
+    /// What it is worth: a sum of POEGP_STATUS_ bits, 0 when there is nothing to remark.
+    pub status: u32,
+}
+
+/// The answer of `poegp_forward` and `poegp_forward_f64`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Forward<T = f32> {
+    /// Transform from the tool to the base, a 3x4 matrix [R | t] row by row; metres. R is orthonormal to 1e-6.
+    pub base_from_tool: [T; 12],
+    /// Extrapolation score: 1 within the trained ranges, falling to 0 outside.
+    pub trust: T,
+    /// What it is worth: a sum of POEGP_STATUS_ bits, 0 when there is nothing to remark.
+    pub status: u32,
+}
+
+/// The answer of `poegp_inverse` and `poegp_inverse_f64`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Inverse<T = f32> {
+    /// Joints to command, rad or m, as many as the seed had; zero beyond. Always finite.
+    pub joints: [T; POEGP_MAX_JOINTS],
+    /// Distance in metres between the wanted pose and that of the tool at these joints.
+    pub position_error: T,
+    /// The rotation between them, in radians.
+    pub rotation_error: T,
+    /// What it is worth: a sum of POEGP_STATUS_ bits, 0 when there is nothing to remark. POEGP_STATUS_PARTLY_CORRECTED: the
+    /// pose was not reached within 5 um and 5 urad.
+    pub status: u32,
+}
+
+/// The answer of `poegp_jacobian` and `poegp_jacobian_f64`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Jacobian<T = f32> {
+    /// The Jacobian row by row; one column for each joint, zeros beyond. Rows 0 to 2 are the velocity of the tool's origin in
+    /// m, rows 3 to 5 the angular velocity in rad, per rad or m of the joint. Both are along the x, y and z axes of the base.
+    pub rows: [[T; POEGP_MAX_JOINTS]; 6],
     /// What it is worth: a sum of POEGP_STATUS_ bits, 0 when there is nothing to remark.
     pub status: u32,
 }
@@ -139,33 +202,33 @@ pub struct Corrected {
 /// Limits and times of a filter. For sliding joints m stands for rad. `poegp_filter_defaults` fills it.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct FilterSettings {
+pub struct FilterSettings<T = f32> {
     /// Time between two commands in s, 50 us to 0.1 s.
-    pub period_s: f32,
+    pub period_s: T,
     /// Largest rate of the correction beyond what the path explains, rad/s, 1e-4 to 1.
-    pub rate: f32,
+    pub rate: T,
     /// Largest acceleration of the correction beyond what the path explains, rad/s^2, 1e-3 to 100.
-    pub acceleration: f32,
+    pub acceleration: T,
     /// Shortest time in s in which the correction is switched on or off, or the payload changes; 0.01 to 10, and at least
     /// ten periods.
-    pub blend_s: f32,
+    pub blend_s: T,
 }
 
-/// The answer of `poegp_command`.
+/// The answer of `poegp_command` and `poegp_command_f64`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Commanded {
+pub struct Commanded<T = f32> {
     /// Joints to send, rad or m, as many as the command had; zero beyond. Always finite.
-    pub joints: [f32; POEGP_MAX_JOINTS],
+    pub joints: [T; POEGP_MAX_JOINTS],
     /// How far the correction is switched on, 0 to 1.
-    pub weight: f32,
+    pub weight: T,
     /// What `poegp_correct` says of the corrected command, to which the joints go while the correction is on: how much of
     /// the arm's error it takes away, 0 to 1.
-    pub applied: f32,
+    pub applied: T,
     /// The same: distance that stays, in metres.
-    pub position_error: f32,
+    pub position_error: T,
     /// The same: rotation that stays, in radians.
-    pub rotation_error: f32,
+    pub rotation_error: T,
     /// What it is worth: a sum of POEGP_STATUS_ bits, 0 when there is nothing to remark.
     pub status: u32,
 }
@@ -232,25 +295,29 @@ pub struct Identity {
     pub warnings: u32,
 }
 
+/// Whether `bytes` are enough, and no more than `spare` too many.
+const fn is_close(size: usize, bytes: usize, spare: usize) -> bool {
+    size <= bytes && size + spare > bytes
+}
+
 const _: () = {
-    assert!(
-        size_of::<Model>() <= POEGP_MODEL_BYTES,
-        "raise POEGP_MODEL_BYTES"
-    );
-    assert!(
-        size_of::<Model>() + 1_024 > POEGP_MODEL_BYTES,
-        "lower POEGP_MODEL_BYTES"
-    );
-    assert!(POEGP_MODEL_ALIGN.is_multiple_of(align_of::<Model>()));
-    assert!(
-        size_of::<Filter>() <= POEGP_FILTER_BYTES,
-        "raise POEGP_FILTER_BYTES"
-    );
-    assert!(
-        size_of::<Filter>() + 128 > POEGP_FILTER_BYTES,
-        "lower POEGP_FILTER_BYTES"
-    );
-    assert!(POEGP_FILTER_ALIGN.is_multiple_of(align_of::<Filter>()));
+    // Raise or lower what fails.
+    assert!(is_close(size_of::<Model<f32>>(), POEGP_MODEL_BYTES, 1_024));
+    assert!(is_close(
+        size_of::<Model<f64>>(),
+        POEGP_MODEL_F64_BYTES,
+        2_048
+    ));
+    assert!(is_close(size_of::<Filter<f32>>(), POEGP_FILTER_BYTES, 128));
+    assert!(is_close(
+        size_of::<Filter<f64>>(),
+        POEGP_FILTER_F64_BYTES,
+        256
+    ));
+    assert!(POEGP_MODEL_ALIGN.is_multiple_of(align_of::<Model<f32>>()));
+    assert!(POEGP_MODEL_ALIGN.is_multiple_of(align_of::<Model<f64>>()));
+    assert!(POEGP_FILTER_ALIGN.is_multiple_of(align_of::<Filter<f32>>()));
+    assert!(POEGP_FILTER_ALIGN.is_multiple_of(align_of::<Filter<f64>>()));
     assert!(POEGP_MAX_JOINTS == MAX_JOINTS && OUTPUTS == 6);
     assert!(POEGP_CYCLIC_BYTES == MAX_CYCLIC);
     assert!(MAX_NAME < POEGP_NAME_BYTES && env!("CARGO_PKG_VERSION").len() < POEGP_NAME_BYTES);

@@ -31,20 +31,37 @@ fn the_committed_header_is_the_generated_one() {
         line_length: 110,
         ..Config::default()
     };
+    // Generic structures are written once for each number type.
     for (rust, c) in [
-        ("Model", "poegp_model_t"),
-        ("Evaluation", "poegp_evaluation_t"),
-        ("Corrected", "poegp_corrected_t"),
+        ("Model", "model"),
+        ("Filter", "filter"),
+        ("Evaluation", "evaluation"),
+        ("Corrected", "corrected"),
+        ("Forward", "forward"),
+        ("Inverse", "inverse"),
+        ("Jacobian", "jacobian"),
+        ("FilterSettings", "filter_settings"),
+        ("Commanded", "commanded"),
+    ] {
+        let rename = &mut config.export.rename;
+        rename.insert(format!("{rust}_f32"), format!("poegp_{c}_t"));
+        rename.insert(format!("{rust}_f64"), format!("poegp_{c}_f64_t"));
+    }
+    for (rust, c) in [
         ("Identity", "poegp_identity_t"),
-        ("Filter", "poegp_filter_t"),
-        ("FilterSettings", "poegp_filter_settings_t"),
         ("FilterCounts", "poegp_filter_counts_t"),
-        ("Commanded", "poegp_commanded_t"),
         ("CyclicAnswer", "poegp_cyclic_answer_t"),
     ] {
         config.export.rename.insert(rust.to_owned(), c.to_owned());
     }
-    let sources = ["types.rs", "codes.rs", "ffi.rs", "filter.rs", "cyclic.rs"];
+    let sources = [
+        "types.rs",
+        "codes.rs",
+        "ffi.rs",
+        "filter.rs",
+        "cyclic.rs",
+        "double.rs",
+    ];
     let builder = sources
         .iter()
         .fold(Builder::new().with_config(config), |builder, source| {
@@ -67,7 +84,7 @@ fn the_committed_header_is_the_generated_one() {
         );
     }
     assert!(committed == generated, "poegp.h has another length");
-    for function in ["poegp_evaluate", "poegp_command"] {
+    for function in ["poegp_evaluate", "poegp_command", "poegp_inverse_f64"] {
         assert!(
             generated.contains(&format!("int32_t {function}(")),
             "{generated}"

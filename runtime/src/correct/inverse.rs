@@ -30,8 +30,8 @@ use crate::math::se3::{Pose, residual};
 use crate::model::Model;
 use crate::model::arm::Arm;
 use crate::model::evaluate::{CompiledEvaluation, View};
-use crate::model::validate::{MAX_PAYLOAD_KG, is_within};
-use crate::trace::Stages;
+use crate::model::validate::{MAX_PAYLOAD_KG, is_pose, is_within};
+use crate::trace::PoseAlone;
 
 /// Most steps of one search, those that did not help counted.
 const MOST_STEPS: usize = 60;
@@ -42,15 +42,13 @@ const ARRIVED: f64 = 1e-12;
 /// μ at the seed, and where a search gives up.
 const FIRST_DAMPING: f64 = 0.1;
 const MOST_DAMPING: f64 = 1e9;
-/// Largest coordinate of a wanted pose in metres that is believed.
-const FARTHEST: f64 = 1e4;
 
 /// The answer of [`Model::inverse`] and [`Model::nominal_inverse`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Inverse<T> {
     /// The controller's joints, rad or m; beyond the joints of the arm zero.
     pub joints: [T; MAX_JOINTS],
-    /// Distance in metres of the arm at these joints from the wanted pose.
+    /// Distance in metres of the tool at these joints from the wanted pose.
     pub position_error: T,
     /// The rotation between them, in radians.
     pub rotation_error: T,
@@ -59,28 +57,81 @@ pub struct Inverse<T> {
     pub status: Status,
 }
 
-impl<T: CompiledEvaluation, const WORDS: usize> Model<T, WORDS> {
+/// A number type for which the search is compiled in this crate: `f32` and `f64`. Sealed by [`Scalar`].
+pub trait CompiledInverse: CompiledEvaluation {
+    /// [`Model::tool_inverse`].
+    fn tool_inverse(
+        view: View<'_, Self>,
+        base_from_tool: &Pose<Self>,
+        target_from_tool: &Pose<Self>,
+        seed: &[Self],
+        payload_kg: Self,
+    ) -> Inverse<Self>;
+}
+
+macro_rules! compiled {
+    ($number:ty) => {
+        impl CompiledInverse for $number {
+            // As fast whoever calls it.
+            #[inline(never)]
+            fn tool_inverse(
+                view: View<'_, Self>,
+                base_from_tool: &Pose<Self>,
+                target_from_tool: &Pose<Self>,
+                seed: &[Self],
+                payload_kg: Self,
+            ) -> Inverse<Self> {
+                let payload_is_one = is_within(payload_kg, 0.0, Self::from_f32(MAX_PAYLOAD_KG));
+                let asked = Asked {
+                    wanted: base_from_tool,
+                    seed,
+                    payload_kg,
+                    believable: payload_is_one && is_pose(target_from_tool),
+                };
+                let calibrated = |joints: &PerJoint<Self>, _: &Pose<Self>| {
+                    let joints = joints.get(..seed.len()).unwrap_or(&[]);
+                    pose_alone(view, joints, payload_kg) * *target_from_tool
+                };
+                search(&view, &asked, |arm| &arm.calibrated, calibrated)
+            }
+        }
+    };
+}
+
+compiled!(f32);
+compiled!(f64);
+
+/// The pose of [`Model::evaluate`], to the bit.
+// A function of its own: the search evaluates in two lines.
+#[inline(never)]
+fn pose_alone<T: CompiledEvaluation>(view: View<'_, T>, joints: &[T], payload_kg: T) -> Pose<T> {
+    view.evaluate_observed(joints, payload_kg, &mut PoseAlone)
+        .pose
+}
+
+impl<T: CompiledInverse, const WORDS: usize> Model<T, WORDS> {
     /// The joints near `seed` (rad or m) at which the calibrated arm stands at `base_from_target`, with a payload in kg.
     ///
-    /// Without a model or for bad input the answer is the seed, zeros in place of what is not finite.
-    #[inline(never)]
+    /// Without a model or for bad input the answer is the seed, zeros in place of what is not finite. A frame that is no
+    /// rigid transform is bad input.
     pub fn inverse(&self, base_from_target: &Pose<T>, seed: &[T], payload_kg: T) -> Inverse<T> {
-        let believable = is_within(payload_kg, T::ZERO, T::from_f32(MAX_PAYLOAD_KG));
-        let view = self.view();
-        let asked = Asked {
-            wanted: base_from_target,
+        self.tool_inverse(base_from_target, &Pose::identity(), seed, payload_kg)
+    }
+
+    /// The same for a tool on the target: the joints at which `target_from_tool` stands at `base_from_tool`.
+    pub fn tool_inverse(
+        &self,
+        base_from_tool: &Pose<T>,
+        target_from_tool: &Pose<T>,
+        seed: &[T],
+        payload_kg: T,
+    ) -> Inverse<T> {
+        T::tool_inverse(
+            self.view(),
+            base_from_tool,
+            target_from_tool,
             seed,
             payload_kg,
-            believable,
-        };
-        search(
-            &view,
-            &asked,
-            |arm| &arm.calibrated,
-            |joints, _| {
-                let joints = joints.get(..seed.len()).unwrap_or(&[]);
-                T::evaluate(view, joints, payload_kg, &mut Stages::new()).pose
-            },
         )
     }
 }
@@ -105,7 +156,7 @@ struct Asked<'a, T> {
     wanted: &'a Pose<T>,
     seed: &'a [T],
     payload_kg: T,
-    /// Whether the payload is one.
+    /// Whether payload and tool are such.
     believable: bool,
 }
 
@@ -244,11 +295,4 @@ fn stepped<T: Scalar>(joints: &PerJoint<T>, step: &PerJoint<T>) -> PerJoint<T> {
         *value += *change * factor;
     }
     out
-}
-
-/// Finite, and within reason.
-fn is_pose<T: Scalar>(pose: &Pose<T>) -> bool {
-    let most = T::from_f64(FARTHEST);
-    let rows = pose.to_rows();
-    rows.iter().all(|value| is_within(*value, -most, most))
 }

@@ -184,7 +184,9 @@ impl<T: KernelLoops> Deflection<T> {
         let deflection = self.total(at, &frames, &target, features, rows);
         observer.deflection(&deflection);
         let mut out = deflect(at, &frames, &target, &deflection, limit);
-        if let Some(variance) = &self.variance {
+        if let Some(variance) = &self.variance
+            && !observer.wants_pose_alone()
+        {
             let before = self.processes.words() + coefficient_count(kinds.len(), self.curve_orders);
             let landmarks = rows.get(before..).unwrap_or(&[]);
             let unexplained = variance.unexplained(kinds, landmarks, features, at.payload_kg);

@@ -97,7 +97,11 @@ impl<T: KernelLoops> View<'_, T> {
         let mut motions = zero_joint_trig();
         arm.motions(&x, &mut motions);
         observer.motions(motions.get(..joints.len()).unwrap_or(&[]));
-        let (trust, status) = arm.range(&x, payload_kg);
+        let (trust, status) = if observer.wants_pose_alone() {
+            (T::ZERO, Status::OK)
+        } else {
+            arm.range(&x, payload_kg)
+        };
         let mut position_sigma = None;
         let (pose, correction, limited) = match &arm.correction {
             ArmCorrection::TaskSpace(task) if believable => {

@@ -152,6 +152,28 @@ pub fn compile(machine: Machine, source: &Path, folders: &[&Path], program: &Pat
     finish(command.arg("-o").arg(program), remedy);
 }
 
+/// Compiles one file of C++17 with the static library of the host into `program`, with these options more.
+pub fn compile_cpp(source: &Path, options: &[&str], program: &Path) {
+    let mut command = Command::new("g++");
+    command
+        .args([
+            "-std=c++17",
+            "-Wall",
+            "-Wextra",
+            "-Werror",
+            "-pedantic",
+            "-O2",
+        ])
+        .args(options)
+        .arg("-I")
+        .arg(capi().join("include"))
+        .arg(source)
+        .arg(library(Machine::Host))
+        .args(["-lpthread", "-ldl", "-lm", "-o"])
+        .arg(program);
+    finish(&mut command, "apt-get install g++ (Debian)");
+}
+
 /// What a program for the device prints by semihosting. Under `counting` an instruction takes 64 ns.
 pub fn run_on_device(program: &Path, counting: bool) -> String {
     let said = program.with_extension("txt");

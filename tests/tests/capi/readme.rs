@@ -4,7 +4,7 @@ use std::fs;
 
 use poegp_protocol::link::cyclic::{CyclicAnswer, MAX_CYCLIC, encode_answer};
 
-use crate::c::{Machine, capi, compile, run_on_host};
+use crate::c::{Machine, capi, compile, compile_cpp, run_on_host};
 
 /// What the reader has.
 const BEFORE: &str = r#"
@@ -90,6 +90,21 @@ int main(int count, char **arguments)
         same &= sent[i] == joints[i];
     }
     printf("off %d: %d %d %d\n", (int)last_code, same, early, exchanges);
+    double wide_joints[6] = {0.3, -0.2, 0.4, 0.1, 0.7, -0.5};
+    const double tool[12] = {1, 0, 0, 0.1, 0, 1, 0, 0, 0, 0, 1, 0.2};
+    const double nowhere[12] = {1, 0, 0, 90.0, 0, 1, 0, 0, 0, 0, 1, 0};
+    code = set_up_wide(blob, length);
+    poegp_forward_f64_t wanted, reached;
+    poegp_forward_f64(wide_model, tool, wide_joints, 6, 1.0, &wanted);
+    wanted.base_from_tool[3] += 0.001;
+    int followed = follow(wanted.base_from_tool, tool, 1.0, wide_joints);
+    poegp_forward_f64(wide_model, tool, wide_joints, 6, 1.0, &reached);
+    double off = 0.0;
+    for (int i = 0; i < 12; i++) {
+        off = fmax(off, fabs(reached.base_from_tool[i] - wanted.base_from_tool[i]));
+    }
+    int lost = follow(nowhere, tool, 1.0, wide_joints);
+    printf("wide %d: %d %d %d\n", (int)code, followed, off < 2e-7, lost);
     cycle_with_device(8, joints, 1.0f);
     int kept = sent[0] == joints[0];
     cycle_with_device(7, joints, 1.0f);
@@ -120,7 +135,7 @@ fn the_program_of_the_readme() {
         .skip(1)
         .map(|rest| rest.split("```").next().unwrap())
         .collect();
-    assert_eq!(blocks.len(), 3);
+    assert_eq!(blocks.len(), 4);
     let cycle = blocks[1].lines().count();
     assert!(cycle <= 15, "a cycle of {cycle} lines");
     let folder = tempfile::Builder::new().prefix("poegp-").tempdir().unwrap();
@@ -132,6 +147,44 @@ fn the_program_of_the_readme() {
     let said = run_on_host(&program, &capi().join("examples/arm.blob"));
     assert_eq!(
         said,
-        "on 0: 1 1 1\noff 0: 1 0 1\ndevice 37: 1 0.500 -0.250\n"
+        "on 0: 1 1 1\noff 0: 1 0 1\nwide 0: 1 1 0\ndevice 37: 1 0.500 -0.250\n"
+    );
+}
+
+/// What the reader of the part for C++ has.
+const MAIN_CPP: &str = r#"
+#include <cstdio>
+
+static std::uint8_t blob[65536];
+
+int main(int count, char **arguments)
+{
+    std::FILE *file = count == 2 ? std::fopen(arguments[1], "rb") : nullptr;
+    const std::size_t bytes = file == nullptr ? 0 : std::fread(blob, 1, sizeof blob, file);
+    const bool ready = set_up(blob, bytes);
+    const std::array<double, 6> joints = {0.3, -0.2, 0.4, 0.1, 0.7, -0.5};
+    std::array<double, 6> sent = joints;
+    for (int i = 0; i < 2000; i++) {
+        sent = cycle(joints, 1.0, true);
+    }
+    const auto corrected = arm.correct(joints, 1.0);
+    std::printf("%d %d %d\n", ready, sent[1] == corrected->joints[1], sent[1] != joints[1]);
+    return 0;
+}
+"#;
+
+#[test]
+fn the_program_of_the_readme_in_cpp() {
+    let readme = fs::read_to_string(capi().join("README.md")).unwrap();
+    let (_, block) = readme.split_once("```cpp\n").unwrap();
+    let block = block.split("```").next().unwrap();
+    let folder = tempfile::Builder::new().prefix("poegp-").tempdir().unwrap();
+    let source = folder.path().join("readme.cpp");
+    let program = folder.path().join("readme");
+    fs::write(&source, [block, MAIN_CPP].concat()).unwrap();
+    compile_cpp(&source, &["-fno-exceptions", "-fno-rtti"], &program);
+    assert_eq!(
+        run_on_host(&program, &capi().join("examples/arm.blob")),
+        "1 1 1\n"
     );
 }

@@ -4,6 +4,7 @@
 //! `cargo +nightly miri test --target riscv64gc-unknown-linux-gnu -p poegp-capi --test ffi`.
 
 mod cyclic_frames;
+mod tools;
 
 use std::ffi::{CStr, c_char};
 use std::mem::{MaybeUninit, offset_of};
