@@ -130,3 +130,6 @@ impl Rsi {
         Some(&self.answer)
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -8,6 +8,7 @@ mod bad_measurements;
 mod bad_robots;
 #[cfg(unix)]
 mod board;
+mod bridge;
 mod check;
 mod choice;
 mod correct;
