@@ -414,7 +414,8 @@ fn ten_thousand_cycles_with_faults() {
         judged.answers_lost
     );
     println!(
-        "rsi: at {SPEED} m/s {before:.3} mm without, {after:.4} mm with it ({worst:.4} mm at most)"
+        "rsi: at {SPEED} m/s {before:.3} mm without, {after:.4} mm with it ({worst:.4} mm at most; {} cycles beside a singularity)",
+        document["partly_corrected"]
     );
     println!(
         "rsi: largest step {:.6}°, CPU of a cycle in us: {cpu}",

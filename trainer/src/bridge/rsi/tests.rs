@@ -128,7 +128,29 @@ fn no_answer_steps_more_than_the_ramp() {
     }
     // The path asks for more than the ramp and the limit: they act, and are reached.
     assert!(largest >= RAMP - 2, "{largest}");
-    assert!(size <= LIMIT && size >= LIMIT - 2, "{size}");
+    assert!((LIMIT - 2..=LIMIT).contains(&size), "{size}");
+}
+
+/// An arm that stands still explains no change: the filter of the device keeps the rate of 20 mrad/s, whatever the ramp is.
+#[test]
+fn the_filter_bounds_what_no_motion_explains() {
+    let mut rsi = rsi(0.5, 5.0);
+    let q = [0.0, 10.0, 10.0, 0.0, 40.0, 0.0];
+    let rate = (1e6 * (0.02 * 1e-3 * CYCLE_MS as f64).to_degrees()) as u64;
+    let (mut largest, mut last) = (0, [0; 6]);
+    for cycle in 0..1_000 {
+        if cycle == 500 {
+            assert!(step(&last, &[0; 6]) > 10_000, "{last:?}");
+            rsi.stop();
+        }
+        let answer = rsi.answer(packet(CYCLE_MS * cycle, &q).as_bytes());
+        let (_, correction) = parsed(answer.unwrap());
+        largest = largest.max(step(&correction, &last));
+        last = correction;
+    }
+    // Rounding of two answers to a millionth.
+    assert!(largest <= rate + 1 && largest > rate / 10, "{largest}");
+    assert_eq!(last, [0; 6]);
 }
 
 /// The controller has forgotten the correction: another session begins at zero, also right after one that had some.

@@ -26,11 +26,11 @@ use crate::cli::terminal::print::{Printer, note};
 /// `trainer bridge rsi`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Runs until Ctrl-C and then withdraws the correction smoothly, as long as packets come; a second Ctrl-C ends it at \
-    once, and the controller keeps the last correction. The correction also begins at zero. It is held for packets that \
-    cannot be used, and withdrawn while more than half of the packets are lost.\n\n\
-    The limits of the RSI configuration on the controller stay in force. Begin in T1. The guide \"Into the cell\" has the files that the \
-    controller needs.\n\n\
+    after_help = "The correction begins at zero. Ctrl-C withdraws it smoothly while packets come, and the command ends with exit code 0. A \
+    second Ctrl-C ends it at once (130), and the controller keeps the last correction. The correction is held for packets \
+    that cannot be used, and withdrawn while more than half of the packets are lost.\n\n\
+    The limits of the RSI configuration on the controller stay in force. Start in T1. The guide \"Correct a robot while it moves\" \
+    (docs/guide/live-correction.md) has the files that the controller needs.\n\n\
     Example: trainer bridge rsi arm.blob --listen 192.168.1.10:59152 --payload-kg 5"
 )]
 pub struct RsiArgs {
@@ -42,7 +42,7 @@ pub struct RsiArgs {
     /// Payload in kg; needed where the model depends on it.
     #[arg(long, value_name = "KG", allow_negative_numbers = true)]
     pub payload_kg: Option<f64>,
-    /// Element with the axis values that are corrected.
+    /// Element of the controller's packets with the axis values to be corrected.
     #[arg(long, value_name = "ELEMENT", default_value = "ASPos")]
     pub setpoint: Element,
     /// Largest correction of an axis in degrees.
