@@ -60,6 +60,6 @@ pub const TARGETS: [Target; 20] = [
     Target { name: "inform", run: programs::inform, seeds: seeds::inform, executions: 2_000 },
     Target { name: "val3", run: programs::val3, seeds: seeds::val3, executions: 2_000 },
     Target { name: "table", run: programs::table, seeds: seeds::table, executions: 2_000 },
-    Target { name: "rsi", run: bridge::rsi, seeds: seeds::rsi, executions: 2_000 },
+    Target { name: "rsi", run: bridge::rsi, seeds: seeds::rsi, executions: 200 },
     Target { name: "report", run: page::report, seeds: seeds::names, executions: 2_000 },
 ];

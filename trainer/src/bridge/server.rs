@@ -12,8 +12,10 @@ use crate::bridge::statistics::{Counts, Spread, Times};
 
 /// Longest wait for a packet before the stop is looked at.
 const WAIT: Duration = Duration::from_millis(100);
-/// Silence after which no more packets are expected, and another controller may come.
+/// Silence after which another controller may come.
 const SILENCE: Duration = Duration::from_secs(1);
+/// Silence after which a correction that is being withdrawn is left to the controller.
+const PATIENCE: Duration = Duration::from_secs(3);
 /// Time between two reports.
 const INTERVAL: Duration = Duration::from_secs(10);
 
@@ -47,6 +49,7 @@ pub fn serve(
     let mut buffer = [0; MAX_PACKET + 1];
     let mut times = Times::default();
     let mut peer: Option<IpAddr> = None;
+    // When a packet was answered last.
     let mut heard = Instant::now();
     let mut reported = heard;
     let mut cpu = cpu_time();
@@ -56,7 +59,7 @@ pub fn serve(
             stop.load(Ordering::Relaxed) || cycles.is_some_and(|most| cycles_before >= most);
         if stops {
             rsi.stop();
-            if rsi.is_at_zero() {
+            if rsi.is_at_zero() || heard.elapsed() >= PATIENCE {
                 break;
             }
         }
@@ -75,11 +78,7 @@ pub fn serve(
                 }
             }
             // An answer before has found nobody (of Windows), or nothing has come.
-            Err(error) if is_pause(error.kind()) => {
-                if stops && heard.elapsed() >= SILENCE {
-                    break;
-                }
-            }
+            Err(error) if is_pause(error.kind()) => {}
             Err(error) => return Err(error),
         }
         let now = cpu_time();

@@ -498,6 +498,42 @@ fn ctrl_c_withdraws_the_correction() {
     assert_eq!(document["applied_deg"], 0.0);
 }
 
+/// Another computer has no answer while the controller has some, and changes none of them.
+#[cfg(target_os = "linux")]
+#[test]
+fn another_computer_is_not_answered() {
+    let folder = Folder::new();
+    let bridge = Bridge::start(&folder, "--cycles 300");
+    let other = UdpSocket::bind("127.0.0.2:0").unwrap();
+    other
+        .connect(bridge.controller.peer_addr().unwrap())
+        .unwrap();
+    other.set_nonblocking(true).unwrap();
+    let joints = Arm::new().path(0.0);
+    let (mut last, mut foreign) = ([0; 6], 0);
+    for cycle in 0..10_000_u64 {
+        let ipoc = 4 * cycle;
+        bridge.send(packet(ipoc, &joints, &last, false).as_bytes());
+        let (stamp, correction) = bridge.answer();
+        assert_eq!(stamp, ipoc);
+        last = correction;
+        if cycle < 300 {
+            let text = packet(ipoc + 4, &[0.3; 8], &last, false);
+            other.send(text.as_bytes()).unwrap();
+            foreign += 1;
+        } else if last == [0; 6] {
+            break;
+        }
+    }
+    assert!(other.recv(&mut [0; 1500]).is_err(), "an answer to another");
+    let (_, document) = bridge.end(&folder);
+    assert_eq!(document["foreign"], foreign);
+    assert_eq!(
+        (&document["lost"], &document["duplicates"]),
+        (&0.into(), &0.into())
+    );
+}
+
 #[test]
 fn models_and_arguments_that_do_not_fit() {
     let _texts = texts();
