@@ -20,6 +20,7 @@ mod elastic;
 mod export;
 mod export_by_others;
 mod export_region;
+mod fake_controller;
 #[cfg(unix)]
 mod fake_device;
 #[cfg(unix)]
