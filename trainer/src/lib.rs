@@ -1,7 +1,8 @@
-//! The program around [`poegp_calibration`]: files of other programs in, models, reports and robot programs out, and the device
-//! on its serial port.
+//! The program around [`poegp_calibration`]: files of other programs in, models, reports and robot programs out, the device on
+//! its serial port, and controllers that are corrected live.
 #![warn(missing_docs)]
 
+pub mod bridge;
 pub mod cli;
 pub mod device;
 pub mod export;

@@ -82,6 +82,7 @@ const CRATES: [Layer; 6] = [
             "robot_programs",
             "report",
             "device",
+            "bridge",
             "signing",
             "cli",
         ],

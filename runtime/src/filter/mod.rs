@@ -35,11 +35,13 @@
 //! the correction is held and goes on from rest. No time depends on that number.
 
 mod approach;
+mod bound;
 mod cycle;
 mod irregular;
 mod settings;
 mod state;
 
+pub use bound::{Bounded, CorrectionBound};
 pub use cycle::CompiledFilter;
 pub use settings::{FilterError, FilterSettings};
 pub use state::{CommandFilter, FilterCounts, Filtered, GRACE, JUMP, MAX_CORRECTION, PATIENCE};

@@ -1,6 +1,7 @@
 //! What the runtime promises, checked on the workstation: against numbers from elsewhere, and as laws.
 
 mod arm;
+mod bound_laws;
 mod chain_laws;
 mod corrected;
 mod corrected_claims;

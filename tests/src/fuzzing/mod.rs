@@ -9,11 +9,13 @@
 //! | [`measurements`](readers::measurements), [`targets`](readers::targets), [`import`](readers::import), [`preset`](readers::preset) | refused with the name and a place within the file; what is taken is finite, with unit quaternions |
 //! | [`urdf`](readers::urdf), [`toml`](readers::toml), [`cell`](readers::cell) | the same; what is taken has 1 to 8 joints and rigid frames |
 //! | [`rapid`](programs::rapid), [`urscript`](programs::urscript), [`fanuc`](programs::fanuc), [`krl`](programs::krl), [`inform`](programs::inform), [`val3`](programs::val3), [`table`](programs::table) | the same; the numbers of targets do not overlap, and replacing them changes no other byte |
+//! | [`rsi`](bridge::rsi) | only what can be read is answered, with its own time stamp; no correction is above its limit or steps above its ramp |
 //! | [`report`](page::report) | whatever is in a name, the page has the tags of one with an ordinary name |
 //!
 //! [`TARGETS`] lists them for the test of the suite, which makes its inputs from seeds, always the same, and for
 //! libFuzzer (`fuzz/`, `tests/fuzz/run`). What once broke a law is kept in `fuzz/regressions`.
 
+pub mod bridge;
 mod expected;
 pub mod kept;
 pub mod mutate;
@@ -39,7 +41,7 @@ pub struct Target {
 
 /// All of them.
 #[rustfmt::skip] // a table
-pub const TARGETS: [Target; 19] = [
+pub const TARGETS: [Target; 20] = [
     Target { name: "blob", run: wire::blob, seeds: seeds::blobs, executions: 2_000 },
     Target { name: "envelope", run: wire::envelope, seeds: seeds::blobs, executions: 5_000 },
     Target { name: "frame", run: wire::frame, seeds: seeds::frames, executions: 20_000 },
@@ -58,5 +60,6 @@ pub const TARGETS: [Target; 19] = [
     Target { name: "inform", run: programs::inform, seeds: seeds::inform, executions: 2_000 },
     Target { name: "val3", run: programs::val3, seeds: seeds::val3, executions: 2_000 },
     Target { name: "table", run: programs::table, seeds: seeds::table, executions: 2_000 },
+    Target { name: "rsi", run: bridge::rsi, seeds: seeds::rsi, executions: 200 },
     Target { name: "report", run: page::report, seeds: seeds::names, executions: 2_000 },
 ];

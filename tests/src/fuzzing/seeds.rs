@@ -349,3 +349,20 @@ pub fn val3() -> Vec<Vec<u8>> {
     let (data, code) = (program("part.dtx"), program("part.pgx"));
     vec![[data.as_slice(), b"\0", &code].concat()]
 }
+
+/// Sessions of a controller, packet by packet: one that moves and ends with bad axes, and one with gaps and repeats.
+pub fn rsi() -> Vec<Vec<u8>> {
+    let packet = |ipoc: u64, a1: &str| {
+        format!(
+            "<Rob Type=\"KUKA\"><ASPos A1=\"{a1}\" A2=\"-9.5\" A3=\"12\" A4=\"0\" A5=\"40.25\" A6=\"1e1\"/>\
+             <Delay D=\"0\"/><IPOC>{ipoc}</IPOC></Rob>\0"
+        )
+    };
+    let moving = (0..40).map(|cycle| packet(4 * cycle, &format!("{}.5", cycle / 4)));
+    let moving: String = moving.chain([packet(160, "NaN")]).collect();
+    let gaps = [
+        8, 8, 12, 16, 20, 24, 28, 32, 36, 40, 44, 48, 56, 52, 9_000, 9_004, 9_008,
+    ];
+    let gaps: String = gaps.iter().map(|ipoc| packet(*ipoc, "3.25")).collect();
+    vec![moving.into_bytes(), gaps.into_bytes()]
+}

@@ -88,7 +88,7 @@ macro_rules! targets {
 
 targets! {
     blob envelope frame service measurements targets import preset urdf toml cell
-    rapid urscript fanuc krl inform val3 table report
+    rapid urscript fanuc krl inform val3 table rsi report
 }
 
 /// Every valid input is taken: otherwise what is made of them is all noise. Raw files and names are anything.
@@ -116,6 +116,15 @@ fn valid_inputs_are_valid() {
             2 * taken > seeds.len(),
             "{name}: {taken} of {}",
             seeds.len()
+        );
+    }
+    for bytes in poegp_tests::fuzzing::seeds::rsi() {
+        use poegp_trainer::bridge::message::{Setpoint, read};
+        let packets = bytes.strip_suffix(b"\0").unwrap().split(|byte| *byte == 0);
+        assert!(
+            packets
+                .into_iter()
+                .all(|packet| read(packet, Setpoint::Commanded).is_some())
         );
     }
     for bytes in poegp_tests::fuzzing::seeds::imports() {

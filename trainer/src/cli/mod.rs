@@ -4,6 +4,7 @@
 //! data refused, 130 stopped by Ctrl-C. Errors are printed once, here.
 
 mod args;
+mod bridge;
 mod calibrate;
 mod check;
 mod compare;
@@ -32,6 +33,7 @@ use std::process::ExitCode;
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
+use crate::cli::bridge::Bridge;
 use crate::cli::calibrate::args::Calibrate;
 use crate::cli::check::Check;
 use crate::cli::compare::Compare;
@@ -86,6 +88,8 @@ pub enum Command {
     Check(Check),
     /// Correct a file of joint targets, like the device does.
     Correct(Correct),
+    /// Correct a robot while it runs its program, over the network.
+    Bridge(Bridge),
     /// Show the contents of a blob.
     Inspect(Inspect),
     /// Write the calibrated robot for other programs: URDF, UR driver, tables, C header.
@@ -135,6 +139,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Evaluate(a) => evaluate::run(&a),
         Command::Compare(a) => compare::run(&a),
         Command::Correct(a) => correct::run(&a),
+        Command::Bridge(a) => bridge::run(&a),
         Command::Check(a) => check::run(&a),
         Command::Inspect(a) => inspect::run(&a),
         Command::Export(a) => export::run(&a),

@@ -8,6 +8,7 @@ mod bad_measurements;
 mod bad_robots;
 #[cfg(unix)]
 mod board;
+mod bridge;
 mod check;
 mod choice;
 mod correct;
@@ -19,6 +20,7 @@ mod elastic;
 mod export;
 mod export_by_others;
 mod export_region;
+mod fake_controller;
 #[cfg(unix)]
 mod fake_device;
 #[cfg(unix)]

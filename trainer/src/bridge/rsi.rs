@@ -1,0 +1,135 @@
+//! KUKA RSI without its transport: a datagram in, the answer out.
+//!
+//! - The answer has the time stamp of the packet. A packet that comes again is answered with the same bytes; one that comes
+//!   after its successor has no answer, for the controller no longer waits for it.
+//! - What cannot be read has no answer, and the controller holds its correction. A packet whose axes cannot be used is answered
+//!   with the last correction.
+//! - The correction begins at zero in each session and goes to zero after [`Rsi::stop`], and while half of the packets are
+//!   lost.
+
+use poegp_runtime::guard::status::Status;
+
+use crate::bridge::corrector::Corrector;
+use crate::bridge::message::{self, MicroDegrees, Setpoint};
+use crate::bridge::sequence::{Order, Sequence};
+use crate::bridge::statistics::Counts;
+
+/// One controller's partner.
+#[derive(Debug)]
+pub struct Rsi {
+    corrector: Corrector,
+    setpoint: Setpoint,
+    sequence: Sequence,
+    counts: Counts,
+    stops: bool,
+    /// The last answer, and its correction.
+    answer: Vec<u8>,
+    correction: MicroDegrees,
+}
+
+impl Rsi {
+    /// Before the first packet.
+    pub fn new(corrector: Corrector, setpoint: Setpoint) -> Self {
+        Self {
+            corrector,
+            setpoint,
+            sequence: Sequence::new(),
+            counts: Counts::default(),
+            stops: false,
+            answer: Vec::with_capacity(256),
+            correction: MicroDegrees::default(),
+        }
+    }
+
+    /// What was counted.
+    pub fn counts(&self) -> Counts {
+        Counts {
+            lost: self.sequence.lost(),
+            ..self.counts
+        }
+    }
+
+    /// The cycle time in ms, once it is known.
+    pub fn cycle_ms(&self) -> Option<u64> {
+        self.sequence.cycle_ms()
+    }
+
+    /// The correction goes to zero.
+    pub fn stop(&mut self) {
+        self.stops = true;
+    }
+
+    /// Whether it has gone to zero after [`Rsi::stop`].
+    pub fn is_at_zero(&self) -> bool {
+        self.stops && self.corrector.is_at_zero()
+    }
+
+    /// The largest correction of an axis in the last answer, degrees.
+    pub fn applied_deg(&self) -> f64 {
+        let largest = self.correction.iter().map(|value| value.unsigned_abs());
+        1e-6 * largest.max().unwrap_or(0) as f64
+    }
+
+    /// A datagram from another address than the controller's.
+    pub fn count_foreign(&mut self) {
+        self.counts.received += 1;
+        self.counts.foreign += 1;
+    }
+
+    /// The answer to a datagram, if it has one.
+    pub fn answer(&mut self, datagram: &[u8]) -> Option<&[u8]> {
+        self.counts.received += 1;
+        let Some(packet) = message::read(datagram, self.setpoint) else {
+            self.counts.garbage += 1;
+            return None;
+        };
+        let counts = &mut self.counts;
+        let cycles = match self.sequence.take(packet.ipoc) {
+            Order::First => {
+                counts.sessions += 1;
+                self.corrector.reset();
+                1
+            }
+            Order::Next(cycles) => cycles,
+            Order::Repeated => {
+                counts.duplicates += 1;
+                return Some(&self.answer);
+            }
+            Order::RepeatedLate => {
+                counts.duplicates += 1;
+                return None;
+            }
+            Order::Late => {
+                counts.late += 1;
+                return None;
+            }
+            Order::Stray => {
+                counts.garbage += 1;
+                return None;
+            }
+        };
+        let cycle = self.sequence.cycle_ms();
+        let is_ready = cycle.is_some_and(|ms| self.corrector.configure(ms).is_ok());
+        let is_thin = self.sequence.loses_many();
+        let engage = is_ready && !self.stops && !is_thin;
+        let correction = self.corrector.correct(packet.axes.as_ref(), cycles, engage);
+        self.correction = correction.axes;
+        let status = correction.status;
+        let is_outside = status.contains(Status::OUTSIDE_JOINT_RANGE)
+            || status.contains(Status::OUTSIDE_PAYLOAD_RANGE);
+        counts.cycles += 1;
+        counts.refused += u64::from(correction.held);
+        counts.limited += u64::from(correction.limited);
+        counts.slowed += u64::from(correction.slowed);
+        counts.outside += u64::from(is_outside);
+        counts.partly += u64::from(status.contains(Status::PARTLY_CORRECTED));
+        counts.withdrawn += u64::from(is_thin);
+        let largest = self.applied_deg();
+        self.counts.largest_deg = self.counts.largest_deg.max(largest);
+        message::write(packet.ipoc, &self.correction, &mut self.answer);
+        Some(&self.answer)
+    }
+}
+
+#[cfg(test)]
+mod tests;

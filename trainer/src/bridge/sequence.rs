@@ -1,0 +1,171 @@
+//! Which packet comes next: time stamps in order, repeated, late, missing, or of another session.
+//!
+//! IPOC is the controller's clock in milliseconds and grows by the cycle time, 4 or 12. [`Sequence`] learns the cycle time from the
+//! first packets. A session ends without notice; a controller whose packets are not answered for 100 cycles (`Timeout` of
+//! RSI's ETHERNET object) has ended it. What does not continue a session therefore begins one, once [`CONFIRMED`] packets in
+//! a row continue each other.
+
+use std::collections::VecDeque;
+
+/// Cycles beyond which a packet no longer continues a session.
+pub const WINDOW: u64 = 100;
+/// Packets in a row that begin another session.
+pub const CONFIRMED: u32 = 3;
+/// Steps from which the cycle time is learned.
+const LEARNED: u32 = 10;
+/// The longest usual cycle in ms, until one is learned.
+const LONGEST: u64 = 12;
+/// Time stamps that are remembered: those of a window and some more.
+const REMEMBERED: usize = 128;
+/// Packets in a row whose time is looked at, the cycles in which they have come when half of all are lost, and those from which
+/// on few are.
+const RECENT: usize = 32;
+const MANY_LOST: u64 = 64;
+const FEW_LOST: u64 = 40;
+
+/// What a packet is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Order {
+    /// The first of a session: the controller applies no correction.
+    First,
+    /// In order, so many cycles after the one before; 1 until the cycle time is known.
+    Next(u32),
+    /// The last one again.
+    Repeated,
+    /// An earlier one again.
+    RepeatedLate,
+    /// Later than its successor.
+    Late,
+    /// Of no known session.
+    Stray,
+}
+
+/// The order of the packets of one controller.
+#[derive(Debug, Default)]
+pub struct Sequence {
+    first: u64,
+    last: Option<u64>,
+    /// Least step, ms.
+    least: Option<u64>,
+    steps: u32,
+    /// Packets of this session, each once.
+    came: u64,
+    seen: VecDeque<u64>,
+    recent: VecDeque<u64>,
+    thins: bool,
+    /// The last stray packet, and how many in a row continue each other.
+    stray: Option<(u64, u32)>,
+    /// Cycles without a packet in sessions before.
+    lost_before: u64,
+}
+
+impl Sequence {
+    /// Before the first packet.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// The cycle time in ms, once it is known.
+    pub fn cycle_ms(&self) -> Option<u64> {
+        self.least.filter(|_| self.steps >= LEARNED)
+    }
+
+    /// Cycles of all sessions whose packet has not come.
+    pub fn lost(&self) -> u64 {
+        let Some((last, least)) = self.last.zip(self.least) else {
+            return self.lost_before;
+        };
+        let cycles = (last - self.first) / least + 1;
+        self.lost_before + cycles.saturating_sub(self.came)
+    }
+
+    /// Whether half of the last cycles or more had no packet; until few have none.
+    pub fn loses_many(&self) -> bool {
+        self.thins
+    }
+
+    /// Takes the next packet.
+    pub fn take(&mut self, ipoc: u64) -> Order {
+        let Some(last) = self.last else {
+            return self.begin(ipoc);
+        };
+        if ipoc == last {
+            self.stray = None;
+            return Order::Repeated;
+        }
+        if self.seen.contains(&ipoc) {
+            self.stray = None;
+            return Order::RepeatedLate;
+        }
+        let window = WINDOW * self.least.unwrap_or(LONGEST);
+        let is_in_step = self
+            .cycle_ms()
+            .is_none_or(|cycle| ipoc.abs_diff(last) % cycle == 0);
+        if ipoc.abs_diff(last) > window || !is_in_step {
+            return self.stray(ipoc);
+        }
+        self.stray = None;
+        if ipoc < self.first {
+            // A packet from before the session, which counts for nothing in it.
+            return Order::Late;
+        }
+        self.came += 1;
+        remember(&mut self.seen, REMEMBERED, ipoc);
+        if ipoc < last {
+            return Order::Late;
+        }
+        Order::Next(self.advance(ipoc, ipoc - last))
+    }
+
+    fn advance(&mut self, ipoc: u64, step: u64) -> u32 {
+        let cycle = self.cycle_ms();
+        if cycle.is_none() {
+            self.least = Some(self.least.map_or(step, |least| least.min(step)));
+            self.steps += 1;
+        }
+        self.last = Some(ipoc);
+        remember(&mut self.recent, RECENT, ipoc);
+        if let (Some(cycle), RECENT) = (cycle, self.recent.len()) {
+            let cycles = (ipoc - self.recent[0]) / cycle;
+            self.thins = cycles > if self.thins { FEW_LOST } else { MANY_LOST };
+        }
+        // Within the window.
+        cycle.map_or(1, |cycle| (step / cycle) as u32)
+    }
+
+    fn stray(&mut self, ipoc: u64) -> Order {
+        let continues = |(before, count): (u64, u32)| {
+            let is_next = ipoc > before && ipoc - before <= WINDOW * LONGEST;
+            is_next.then_some(count)
+        };
+        let count = 1 + self.stray.and_then(continues).unwrap_or(0);
+        if count < CONFIRMED {
+            self.stray = Some((ipoc, count));
+            return Order::Stray;
+        }
+        self.begin(ipoc)
+    }
+
+    fn begin(&mut self, ipoc: u64) -> Order {
+        *self = Self {
+            first: ipoc,
+            last: Some(ipoc),
+            came: 1,
+            lost_before: self.lost(),
+            ..Self::default()
+        };
+        remember(&mut self.seen, REMEMBERED, ipoc);
+        remember(&mut self.recent, RECENT, ipoc);
+        Order::First
+    }
+}
+
+fn remember(queue: &mut VecDeque<u64>, most: usize, ipoc: u64) {
+    if queue.len() == most {
+        queue.pop_front();
+    }
+    queue.push_back(ipoc);
+}
+
+#[cfg(test)]
+mod tests;
