@@ -43,6 +43,9 @@ pub struct Correct {
     /// Write the corrected targets (`-`: standard output); of several programs, a folder.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
+    /// Of a program: write an HTML report with every target before and after, and what is left.
+    #[arg(long, value_name = "FILE")]
+    pub report: Option<PathBuf>,
     /// Write the summary as JSON (`-`: standard output).
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,

@@ -7,7 +7,7 @@ use crate::robot_programs::correction::program::{Goal, Program, frames_of};
 use crate::robot_programs::correction::source::{Decimals, Number, rewritten};
 
 /// A target and its joints.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Solved {
     /// Index of the target.
     pub target: usize,
