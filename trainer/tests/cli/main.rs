@@ -38,6 +38,7 @@ mod plan;
 mod predictions;
 mod program;
 mod programs;
+mod programs_split;
 mod project;
 mod report;
 mod reproducible;

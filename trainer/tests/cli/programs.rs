@@ -30,12 +30,12 @@ fn code(name: &str) -> Option<i32> {
     Some(i32::from(name.ends_with("jbi")))
 }
 
-fn file(name: &str) -> Vec<u8> {
+pub fn file(name: &str) -> Vec<u8> {
     std::fs::read(data(&format!("programs/{name}"))).unwrap()
 }
 
 /// A folder with an elastic model and one that corrects nothing.
-fn folder() -> Folder {
+pub fn folder() -> Folder {
     let folder = Folder::new();
     for name in PROGRAMS.iter().chain(&OTHERS) {
         folder.write(name, file(name));
@@ -53,7 +53,7 @@ fn folder() -> Folder {
 }
 
 /// The numbers of a text that are not part of a name, and the text with a mark in their stead.
-fn skeleton(bytes: &[u8]) -> (Vec<f64>, Vec<u8>) {
+pub fn skeleton(bytes: &[u8]) -> (Vec<f64>, Vec<u8>) {
     let (mut numbers, mut rest) = (Vec::new(), Vec::new());
     let mut at = 0;
     while at < bytes.len() {
@@ -79,13 +79,13 @@ fn skeleton(bytes: &[u8]) -> (Vec<f64>, Vec<u8>) {
 }
 
 /// A pose of millimetres and a quaternion.
-fn pose(n: &[f64]) -> Pose<f64> {
+pub fn pose(n: &[f64]) -> Pose<f64> {
     let position = Vector3::new(n[0], n[1], n[2]) / 1000.0;
     Pose::from_quaternion(n[3], &Vector3::new(n[4], n[5], n[6]), position)
 }
 
 /// Numbers of the first target after `start`.
-fn numbers_after(bytes: &[u8], start: &str, count: usize) -> Vec<f64> {
+pub fn numbers_after(bytes: &[u8], start: &str, count: usize) -> Vec<f64> {
     let at = bytes
         .windows(start.len())
         .position(|w| w == start.as_bytes())
@@ -93,7 +93,7 @@ fn numbers_after(bytes: &[u8], start: &str, count: usize) -> Vec<f64> {
     skeleton(&bytes[at + start.len()..]).0[..count].to_vec()
 }
 
-fn commander(folder: &Folder, name: &str) -> Commander {
+pub fn commander(folder: &Folder, name: &str) -> Commander {
     Commander::new(&BlobModel::read(&folder.path(name)).unwrap()).unwrap()
 }
 
@@ -361,6 +361,8 @@ fn what_cannot_be_meant_is_refused() {
         "part.mod tool.mod --payload-kg 2.5 --out out.mod",
         "part.mod --payload-kg 2.5 --frames frames.toml --out out.mod",
         "train.csv --payload-kg 2.5 --inverse --out out.csv",
+        "part.mod --payload-kg 2.5 --split 0 --out out.mod",
+        "part.mod --payload-kg 2.5 --split 0.1 --inverse --out out.mod",
     ] {
         folder.refuses(format!("correct elas.blob {line}"));
     }

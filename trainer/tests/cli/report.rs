@@ -344,7 +344,7 @@ fn the_numbers_of_a_corrected_program_are_those_of_the_document() {
     let more = "      MoveL Offs(p10,0,0,50),v200,z1,gun\\WObj:=table;\n    ENDPROC";
     let name = "a<b>&c.mod";
     folder.write(name, text.replace("    ENDPROC", more));
-    let rest = "--payload-kg 2.5 --report out.html --json out.json --out out.mod";
+    let rest = "--payload-kg 2.5 --split 0.02 --report out.html --json out.json --out out.mod";
     let mut command = folder.command(&format!("correct arm.blob {rest}"));
     let outcome = folder.finish(command.arg(name));
     assert_eq!(outcome.code, Some(1), "{outcome:#?}");

@@ -37,6 +37,10 @@ pub struct Correct {
     /// Of a program: further files of it, for tools and frames; they are not corrected.
     #[arg(long, value_name = "FILE")]
     pub with: Vec<PathBuf>,
+    /// Of a program: insert targets on straight lines where the tool would leave the line between its
+    /// corrected ends by more than this, in mm (RAPID MoveL, KRL LIN, URScript movel).
+    #[arg(long, value_name = "TOL_MM", conflicts_with = "inverse")]
+    pub split: Option<f64>,
     /// Bring a corrected program back to the nominal arm.
     #[arg(long)]
     pub inverse: bool,

@@ -36,9 +36,21 @@ pub struct ProgramJson {
     pub after_um: Option<Summary>,
     /// What the decimals of the format leave.
     pub rounding_um: f64,
+    /// What `--split` inserted.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub split: Option<SplitJson>,
     /// The largest error between the ends of lines and arcs.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub between: Option<BetweenJson>,
+}
+
+#[derive(Serialize)]
+pub struct SplitJson {
+    pub tolerance_mm: f64,
+    /// Lines that have targets inserted.
+    pub lines: usize,
+    /// Targets that are inserted.
+    pub targets: usize,
 }
 
 #[derive(Serialize)]
@@ -87,6 +99,7 @@ pub fn document(
     program: &Program,
     outcome: &Outcome,
     between: &[Between],
+    split: Option<SplitJson>,
     method: &str,
 ) -> ProgramJson {
     let is_joints = |index: usize| matches!(program.targets[index].goal, Goal::Joints(_));
@@ -141,7 +154,11 @@ pub fn document(
         targets: outcome.solved.len(),
         joint_targets,
         pose_targets: outcome.solved.len() - joint_targets,
-        numbers: outcome.replacements.len(),
+        numbers: outcome
+            .replacements
+            .iter()
+            .filter(|r| r.span.0 < r.span.1)
+            .count(),
         left: left.collect(),
         frames: frames.collect(),
         remarks: program.remarks.clone(),
@@ -150,6 +167,7 @@ pub fn document(
         before_mm: of(|s| 1e3 * s.before),
         after_um: of(|s| 1e6 * s.after),
         rounding_um: 1e6 * outcome.rounding,
+        split,
         between: between_json(program, between),
     }
 }

@@ -60,8 +60,12 @@ pub fn page(
 
 fn rows(program: &Program, outcome: &Outcome, between: &[Between]) -> Vec<Row> {
     let replacements = outcome.replacements.iter();
-    let new: HashMap<(usize, usize), &str> = replacements
-        .map(|r| ((r.file, r.span.0), r.text.as_str()))
+    let new: HashMap<(usize, usize), String> = replacements
+        .filter(|r| r.span.0 < r.span.1)
+        .map(|r| {
+            let text = String::from_utf8_lossy(&r.text).into_owned();
+            ((r.file, r.span.0), text)
+        })
         .collect();
     let mut largest: HashMap<usize, f64> = HashMap::new();
     for b in between {
@@ -77,7 +81,7 @@ fn rows(program: &Program, outcome: &Outcome, between: &[Between]) -> Vec<Row> {
         };
         let replaced = |n: &Written| {
             let found = new.get(&(n.file as usize, n.start as usize));
-            found.map_or_else(|| old(n), |text| (*text).to_owned())
+            found.map_or_else(|| old(n), Clone::clone)
         };
         Row {
             file: source.path.display().to_string(),
@@ -149,6 +153,13 @@ fn headline(d: &ProgramJson) -> Section {
     section = section.text(html! {
         "All errors are distances of the tool by the model, not measured ones. Check some of the corrected targets on the robot."
     });
+    if let Some(split) = &d.split {
+        section = section.text(html! {
+            (Number::count(split.targets, "/split/targets")) " targets are inserted on "
+            (Number::count(split.lines, "/split/lines")) " lines, so that the tool stays within "
+            (Number::mm(split.tolerance_mm, "/split/tolerance_mm")) " mm of each."
+        });
+    }
     for remark in &d.remarks {
         section = section.text(html! { "Note: " (remark) "." });
     }

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use crate::cli::correct::args::Correct;
-use crate::cli::correct::document::{ProgramJson, document};
+use crate::cli::correct::document::{ProgramJson, SplitJson, document};
 use crate::cli::correct::page::page;
 use crate::cli::correct::record::{Record, refuse_corrected, sha256};
 use crate::cli::failure::Failure;
@@ -13,13 +13,14 @@ use crate::cli::terminal::print::{Printer, is_stdout};
 use crate::report::provenance::command_line;
 use crate::report::{FileSummary, Provenance};
 use crate::robot_programs::correction::Format;
-use crate::robot_programs::correction::between::{between, stretches};
-use crate::robot_programs::correction::engine::{self, Direction};
+use crate::robot_programs::correction::between::{Between, between, stretches};
+use crate::robot_programs::correction::engine::{self, Direction, Outcome};
 use crate::robot_programs::correction::frames::FrameFile;
 use crate::robot_programs::correction::planning::Payload;
 use crate::robot_programs::correction::program::Program;
 use crate::robot_programs::correction::replacement::rewrite;
 use crate::robot_programs::correction::source::Source;
+use crate::robot_programs::correction::split::split;
 use poegp_calibration::blob::commander::Commander;
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::input_error::InputError;
@@ -27,6 +28,9 @@ use poegp_runtime::model::MAX_PAYLOAD_KG;
 
 /// Most lines of what is left in one message; the JSON document has all.
 const NAMED: usize = 200;
+
+/// The decimals of programs hold no finer tolerance.
+const LEAST_SPLIT_MM: f64 = 0.005;
 
 pub fn run(a: &Correct, format: Format) -> Result<(), Failure> {
     let is_folder = a.programs.len() > 1 || a.out.is_dir();
@@ -89,6 +93,11 @@ pub fn run(a: &Correct, format: Format) -> Result<(), Failure> {
         )
     })?;
     let payload = payload(a, &loaded)?;
+    if let Some(mm) = a.split.filter(|mm| !(LEAST_SPLIT_MM..=1e3).contains(mm)) {
+        return Err(Failure::Usage(format!(
+            "--split {mm}: expected millimetres, {LEAST_SPLIT_MM} to 1000"
+        )));
+    }
     let frames = a
         .frames
         .as_deref()
@@ -101,10 +110,17 @@ pub fn run(a: &Correct, format: Format) -> Result<(), Failure> {
         Direction::Correct
     };
     let model = sha256(loaded.bytes());
-    let mut sources = Vec::new();
+    let (mut sources, mut hashes) = (Vec::new(), Vec::new());
     for (path, _) in &files {
-        let source = Source::read(path, true)?;
-        refuse_corrected(path, &source.bytes, &model, direction)?;
+        let mut source = Source::read(path, true)?;
+        hashes.push(sha256(&source.bytes));
+        if let Some(record) = refuse_corrected(path, &source.bytes, &model, direction)? {
+            // What was inserted is taken out again.
+            source = source.without(&record.inserted).ok_or_else(|| {
+                let found = "a record whose insertions are beyond the program";
+                InputError::new(record_path(path), found, "the record that `correct` wrote")
+            })?;
+        }
         sources.push(source);
     }
     let beside = a.programs.iter().flat_map(|path| format.beside(path));
@@ -123,13 +139,11 @@ pub fn run(a: &Correct, format: Format) -> Result<(), Failure> {
         )
         .into());
     }
-    let outcome = engine::solve(&program, &commander, payload, direction)?;
+    let mut outcome = engine::solve(&program, &commander, payload, direction)?;
+    let (ends, split) = ends(a, &program, &commander, &mut outcome);
     let results = rewrite(&program, &outcome.replacements);
-    let ends = match direction {
-        Direction::Correct => between(&program, &commander, &stretches(&program, &outcome.solved)),
-        Direction::Inverse => Vec::new(),
-    };
-    let document = document(&program, &outcome, &ends, loaded.host().provenance.method);
+    let method = loaded.host().provenance.method;
+    let document = document(&program, &outcome, &ends, split, method);
     let page = a.report.as_deref().map(|path| {
         let origin = provenance(a, &loaded, &program);
         (path, page(&document, &program, &outcome, &ends, &origin))
@@ -140,12 +154,12 @@ pub fn run(a: &Correct, format: Format) -> Result<(), Failure> {
         .map(|_| json_text(&document))
         .transpose()?;
     let mut record_texts = Vec::new();
-    for ((path, _), (source, result)) in files.iter().zip(program.sources.iter().zip(&results)) {
-        let record = Record::new(path, &model, &source.bytes, result, direction);
+    for ((path, _), (hash, result)) in files.iter().zip(hashes.iter().zip(&results)) {
+        let record = Record::new(path, &model, hash, result, direction);
         record_texts.push(json_text(&record)?);
     }
     let mut written: Vec<(&Path, &[u8])> = Vec::new();
-    for ((_, out), result) in files.iter().zip(&results) {
+    for ((_, out), (result, _)) in files.iter().zip(&results) {
         written.push((out, result));
     }
     if !is_stream {
@@ -170,6 +184,41 @@ fn record_path(out: &Path) -> PathBuf {
     let mut name = out.as_os_str().to_owned();
     name.push(".poegp.json");
     PathBuf::from(name)
+}
+
+/// What stays between the ends of lines and arcs, once lines are split where that is asked for.
+fn ends(
+    a: &Correct,
+    program: &Program,
+    commander: &Commander,
+    outcome: &mut Outcome,
+) -> (Vec<Between>, Option<SplitJson>) {
+    if a.inverse {
+        return (Vec::new(), None);
+    }
+    let stretches = stretches(program, &outcome.solved);
+    let mut ends = between(program, commander, &stretches);
+    let Some(tolerance_mm) = a.split else {
+        return (ends, None);
+    };
+    let division = split(
+        program,
+        commander,
+        &stretches,
+        &mut ends,
+        1e-3 * tolerance_mm,
+    );
+    outcome.replacements.extend(division.insertions);
+    outcome.replacements.sort_by_key(|r| (r.file, r.span));
+    outcome.left.extend(division.left);
+    outcome.left.sort_by_key(|left| left.location);
+    let (lines, targets) = (division.lines, division.targets);
+    let split = SplitJson {
+        tolerance_mm,
+        lines,
+        targets,
+    };
+    (ends, Some(split))
 }
 
 /// What the report was made of.
@@ -257,6 +306,12 @@ fn print(report: Printer, files: &[(PathBuf, PathBuf)], d: &ProgramJson) {
             "Uncorrected, the tool would be off by {:.3} mm in the mean and {:.3} mm at most; corrected, by the model, by {:.2} µm \
              at most, and by {:.2} µm more for the decimals of the file.",
             before.mean, before.max, after.max, d.rounding_um
+        ));
+    }
+    if let Some(s) = &d.split {
+        report.line(format_args!(
+            "Split {} lines: {} targets are inserted, for {} mm.",
+            s.lines, s.targets, s.tolerance_mm
         ));
     }
     if let Some(b) = &d.between {

@@ -14,7 +14,7 @@ use crate::robot_programs::correction::program::{Program, Way, frames_of};
 use crate::robot_programs::correction::replacement::Solved;
 
 /// Points of a move, and of all moves together, at most.
-const POINTS: usize = 20;
+pub const POINTS: usize = 20;
 const ALL_POINTS: usize = 20_000;
 /// Less than this share of the chord squared, twice the area of three points is none: they are on a line.
 const FLAT: f64 = 1e-9;
@@ -22,6 +22,8 @@ const FLAT: f64 = 1e-9;
 /// A line or an arc between corrected targets.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stretch<'a> {
+    /// Index of the move.
+    pub step: usize,
     /// The target that it begins at.
     pub start: &'a Solved,
     /// Of an arc, the target between its ends.
@@ -58,7 +60,7 @@ pub fn stretches<'a>(program: &Program, solved: &'a [Solved]) -> Vec<Stretch<'a>
     }
     let mut out = Vec::new();
     let (mut last, mut via): (Option<&Solved>, Option<Option<&Solved>>) = (None, None);
-    for step in &program.moves {
+    for (index, step) in program.moves.iter().enumerate() {
         let here = by_target[step.target];
         let middle = via.take();
         if (step.way, middle) == (Way::Arc, None) {
@@ -70,7 +72,12 @@ pub fn stretches<'a>(program: &Program, solved: &'a [Solved]) -> Vec<Stretch<'a>
             (step.way, is_known, last, here)
         {
             let via = middle.flatten().filter(|_| step.way == Way::Arc);
-            out.push(Stretch { start, via, end });
+            out.push(Stretch {
+                step: index,
+                start,
+                via,
+                end,
+            });
         }
         last = here;
     }
@@ -92,7 +99,12 @@ pub fn between(
 }
 
 /// The largest error at points of a move, m.
-fn error(program: &Program, commander: &Commander, stretch: &Stretch<'_>, points: usize) -> f64 {
+pub fn error(
+    program: &Program,
+    commander: &Commander,
+    stretch: &Stretch<'_>,
+    points: usize,
+) -> f64 {
     let (first, end) = (stretch.start, stretch.end);
     let (tool, _) = frames_of(program, &program.targets[end.target]);
     let poses = |joints: fn(&Solved) -> &Joints| -> Vec<Pose<f64>> {
@@ -120,7 +132,7 @@ fn error(program: &Program, commander: &Commander, stretch: &Stretch<'_>, points
 }
 
 /// The pose at a share of the way from the first to the last of two poses, or three on a circle.
-fn at(poses: &[Pose<f64>], share: f64) -> Pose<f64> {
+pub fn at(poses: &[Pose<f64>], share: f64) -> Pose<f64> {
     let (Some(a), Some(b)) = (poses.first(), poses.last()) else {
         return Pose::identity();
     };

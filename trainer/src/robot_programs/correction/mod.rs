@@ -15,6 +15,7 @@ pub mod program;
 mod rapid;
 pub mod replacement;
 pub mod source;
+pub mod split;
 mod table;
 pub mod tokens;
 mod urscript;

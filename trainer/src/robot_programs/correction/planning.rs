@@ -13,7 +13,7 @@ use crate::robot_programs::correction::program::{
 use crate::robot_programs::correction::source::Number;
 
 /// A search that ends farther from where it began, in rad or m, may be on another branch.
-const NEAR: f64 = 0.6;
+pub const NEAR: f64 = 0.6;
 
 /// Where the payload comes from.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -39,6 +39,8 @@ pub struct Configuration {
     pub bounds: Vec<Bound>,
     /// Joints in rad or m that the branch is near; those of the target before where it is not known.
     pub near: Option<Vec<f64>>,
+    /// A number of it that says no joint's range; targets that are inserted on the way there get it, too.
+    pub rest: Option<Number>,
     /// Whether the controller stops where no branch is within them; otherwise it takes the nearest.
     pub is_monitored: bool,
 }
@@ -102,6 +104,32 @@ pub struct Move {
     pub way: Way,
 }
 
+/// How an instruction has a target written into it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Literal {
+    /// `[[x,y,z],[q1,q2,q3,q4],[cf1,cf4,cf6,cfx],[9E9,…]]`
+    Robtarget,
+    /// `{X …,Y …,Z …,A …,B …,C …}`
+    Frame,
+    /// `p[x, y, z, rx, ry, rz]`
+    Pose,
+}
+
+/// A straight move that others can be inserted before: copies of its instruction with other targets.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Line {
+    /// Index of the move. Nothing moves the arm between the move before and this one.
+    pub step: usize,
+    /// Index of the file.
+    pub file: usize,
+    /// First byte of the instruction, and the one behind its last.
+    pub instruction: (usize, usize),
+    /// The bytes of its target.
+    pub target: (usize, usize),
+    /// How a target is written.
+    pub literal: Literal,
+}
+
 /// A program, as far as it concerns a correction.
 #[derive(Clone, Debug)]
 pub struct Program {
@@ -117,6 +145,8 @@ pub struct Program {
     pub frames: Vec<Frame>,
     /// In the order of the text.
     pub moves: Vec<Move>,
+    /// Moves that others can be inserted before, in their order.
+    pub lines: Vec<Line>,
     /// What is left, found by the reader.
     pub left: Vec<Left>,
     /// What else should be known.
@@ -133,6 +163,7 @@ impl Program {
             targets: Vec::new(),
             frames: Vec::new(),
             moves: Vec::new(),
+            lines: Vec::new(),
             left: Vec::new(),
             remarks: Vec::new(),
         }

@@ -25,15 +25,15 @@ pub struct Solved {
     pub after: f64,
 }
 
-/// A number to be replaced.
+/// A number to be replaced, or, of an empty span, a text to be inserted.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Replacement {
     /// Index of the file.
     pub file: usize,
     /// First byte and the one behind the last.
     pub span: (usize, usize),
-    /// The new number.
-    pub text: String,
+    /// The new number, or what is inserted.
+    pub text: Vec<u8>,
 }
 
 /// tool⁻¹ · nominal(q)⁻¹ · nominal(q*) · tool, and nothing at all where q* is q.
@@ -68,7 +68,7 @@ pub fn replace(
             out.push(Replacement {
                 file: number.file as usize,
                 span,
-                text,
+                text: text.into_bytes(),
             });
         }
     };
@@ -118,23 +118,30 @@ pub fn replace(
     rounding
 }
 
-/// The files with their new numbers.
-pub fn rewrite(program: &Program, replacements: &[Replacement]) -> Vec<Vec<u8>> {
-    let mut out: Vec<Vec<u8>> = Vec::new();
+/// A file with its new numbers, and where in it inserted texts are.
+pub type Rewritten = (Vec<u8>, Vec<(usize, usize)>);
+
+/// The files with their new numbers; `replacements` are in their order.
+pub fn rewrite(program: &Program, replacements: &[Replacement]) -> Vec<Rewritten> {
+    let mut out: Vec<Rewritten> = Vec::new();
     for (file, source) in program.sources.iter().enumerate() {
         let mut bytes = Vec::with_capacity(source.bytes.len() + 64);
-        let mut from = 0;
+        let (mut from, mut inserted) = (0, Vec::new());
         for r in replacements.iter().filter(|r| r.file == file) {
             let (start, end) = r.span;
             if start < from {
                 continue;
             }
             bytes.extend_from_slice(&source.bytes[from..start]);
-            bytes.extend_from_slice(r.text.as_bytes());
+            let at = bytes.len();
+            bytes.extend_from_slice(&r.text);
+            if start == end {
+                inserted.push((at, bytes.len()));
+            }
             from = end;
         }
         bytes.extend_from_slice(&source.bytes[from..]);
-        out.push(bytes);
+        out.push((bytes, inserted));
     }
     out
 }

@@ -111,6 +111,8 @@ struct State {
     tool: Option<Named>,
     base: Option<Named>,
     is_fixed_tool: bool,
+    /// Index of the move before, while nothing else may have moved the arm.
+    before: Option<usize>,
 }
 
 struct Reader<'a> {
@@ -319,6 +321,10 @@ impl Reader<'_> {
         let text = self.texts[file];
         let name = text.name(from);
         let equals = text.is(from + 1, b'=');
+        let before = state.before.take();
+        if stays(&name) {
+            state.before = before;
+        }
         match name.as_str() {
             "def" | "deffct" | "global" => *state = State::default(),
             "fdat_act" if equals => {
@@ -365,7 +371,11 @@ impl Reader<'_> {
                 }
             }
             "ptp" | "sptp" => self.motion(file, from, end, Way::Joints, state)?,
-            "lin" | "slin" => self.motion(file, from, end, Way::Line, state)?,
+            "lin" | "slin" => {
+                let first = self.program.moves.len();
+                self.motion(file, from, end, Way::Line, state)?;
+                self.note_line(file, (from, end), before.filter(|step| step + 1 == first));
+            }
             "circ" | "scirc" => self.motion(file, from, end, Way::Arc, state)?,
             "ptp_rel" | "lin_rel" | "circ_rel" | "sptp_rel" | "slin_rel" | "scirc_rel" | "spl"
             | "asyptp" => {
@@ -388,6 +398,33 @@ impl Reader<'_> {
         };
         (state.tool, state.base, state.is_fixed_tool) = (Some(tool), Some(base), is_fixed);
     }
+}
+
+/// Whether the arm stays at a line of this name, so that the next begins where the move before has ended.
+fn stays(name: &str) -> bool {
+    matches!(
+        name,
+        "pdat_act"
+            | "fdat_act"
+            | "ldat_act"
+            | "bas"
+            | "set_cd_params"
+            | "wait"
+            | "$bwdstart"
+            | "$h_pos"
+    ) || [
+        "$vel",
+        "$acc",
+        "$apo",
+        "$ori_type",
+        "$out",
+        "$anout",
+        "$advance",
+        "$tool",
+        "$base",
+    ]
+    .iter()
+    .any(|start| name.starts_with(start))
 }
 
 /// The signs of the joints in the turn bits of a point.

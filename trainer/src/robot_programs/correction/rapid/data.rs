@@ -166,7 +166,7 @@ fn pose_goal(parts: &[Value]) -> Option<(Goal, Option<Configuration>)> {
         position: parts[0].numbers()?,
         orientation: orientation.to_vec(),
     };
-    let [first, fourth, sixth, _] = parts[2].numbers::<4>()?;
+    let [first, fourth, sixth, rest] = parts[2].numbers::<4>()?;
     // The quarter turns of axes 1, 4 and 6.
     let quarter = std::f64::consts::FRAC_PI_2;
     let bound = |(joint, number): (usize, Number)| {
@@ -179,6 +179,7 @@ fn pose_goal(parts: &[Value]) -> Option<(Goal, Option<Configuration>)> {
     };
     let configuration = Configuration {
         bounds: [(0, first), (3, fourth), (5, sixth)].map(bound).to_vec(),
+        rest: Some(rest),
         is_monitored: true,
         ..Configuration::default()
     };
