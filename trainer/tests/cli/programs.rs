@@ -425,3 +425,55 @@ fn loads_beside_the_tool_are_named() {
     let left = "its tool has no payload in the program";
     assert_eq!(outcome.stderr.matches(left).count(), 2, "{outcome:#?}");
 }
+
+/// A configuration that no solution has is refused, with no file; one of another branch changes what is written.
+#[test]
+fn a_configuration_chooses_the_branch() {
+    let _texts = texts();
+    let folder = folder();
+    let rest = "--payload-kg 2.5 --frames frames.toml";
+    for (name, from, to) in [
+        ("part.mod", "[0,-1,0,0],[9E9", "[0,-1,0,1],[9E9"),
+        ("part.ls", "'N U T, 0, 0, 0'", "'N U T, 1, 0, 0'"),
+    ] {
+        let text = String::from_utf8_lossy(&file(name)).replacen(from, to, 1);
+        let name = format!("none_{name}");
+        folder.write(&name, text);
+        folder.refuses(format!("correct elas.blob {name} {rest} --out out_{name}"));
+        assert!(!folder.path(&format!("out_{name}")).exists());
+    }
+    // The third position is on the other side of the wrist: an arc, whose way there is not looked at.
+    for (name, from, to) in [
+        ("part.ls", "'N U T, 0, 0, 0'", "'F U T, 0, 0, 0'"),
+        (
+            "part.jbi",
+            "///POSTYPE BASE\n///RECTAN\n",
+            "///POSTYPE BASE\n///RECTAN\n///RCONF 1,0,0,0,0,0,0,0\n",
+        ),
+        ("part.dtx", "wpositive", "wnegative"),
+    ] {
+        let text = String::from_utf8_lossy(&file(name)).replace("\r\n", "\n");
+        let at = text.rfind(from).unwrap();
+        let other = format!("{}{to}{}", &text[..at], &text[at + from.len()..]);
+        let mut documents = Vec::new();
+        for (prefix, text) in [("plain", &text), ("other", &other)] {
+            let ending = name.split_once('.').unwrap().1;
+            let name = format!("{prefix}.{ending}");
+            folder.write(&name, text);
+            let line = format!("correct elas.blob {name} {rest} --json - --out out_{name}");
+            let outcome = folder.run(&line);
+            assert_eq!(outcome.code, code(&name), "{outcome:#?}");
+            documents.push((outcome.json(), folder.read(&format!("out_{name}"))));
+        }
+        let [(plain, before), (other, after)] = &documents[..] else {
+            unreachable!()
+        };
+        assert_eq!(plain["targets"], other["targets"]);
+        let max = |d: &serde_json::Value| d["moved_mm"]["mean"].as_f64().unwrap();
+        assert!(
+            (max(plain) - max(other)).abs() > 1e-5,
+            "{name}: {plain} {other}"
+        );
+        assert!(skeleton(before).0 != skeleton(after).0, "{name}");
+    }
+}

@@ -10,7 +10,9 @@ use poegp_calibration::input_error::InputError;
 use poegp_runtime::math::se3::Pose;
 
 use crate::robot_programs::correction::frames::FrameFile;
-use crate::robot_programs::correction::program::{Frame, Goal, Location, Program, Target, Way};
+use crate::robot_programs::correction::program::{
+    Configuration, Frame, Goal, Location, Program, Target, Way, of_turn,
+};
 use crate::robot_programs::correction::source::{Number, Source};
 use crate::robot_programs::dialect::INFORM;
 
@@ -56,6 +58,7 @@ struct Header {
     tool: String,
     kind: String,
     user: String,
+    configuration: Option<Configuration>,
 }
 
 impl Header {
@@ -66,9 +69,27 @@ impl Header {
             "TOOL" => self.tool = value.to_owned(),
             "POSTYPE" => self.kind = value.to_owned(),
             "USER" => self.user = value.to_owned(),
+            "RCONF" => self.configuration = configuration(value),
             _ => {}
         }
     }
+}
+
+/// `0,0,0,0,0,0,…`: is the wrist flipped, elbow, front or back, and do joints 4, 6 and 1 stay within half a turn.
+fn configuration(text: &str) -> Option<Configuration> {
+    let numbers: Vec<u8> = text
+        .split(',')
+        .map_while(|n| n.trim().parse().ok())
+        .collect();
+    let [wrist, _, _, four, six, one, ..] = numbers[..] else {
+        return None;
+    };
+    let within = [(3, four), (5, six), (0, one)].into_iter();
+    let within = within.filter(|(_, is_beyond)| *is_beyond == 0);
+    Some(Configuration {
+        is_wrist_flipped: Some(wrist == 0),
+        ..Configuration::monitored(within.map(|(joint, _)| of_turn(joint, 0.0)).collect())
+    })
 }
 
 struct Reader<'a> {
@@ -136,7 +157,7 @@ impl Reader<'_> {
             goal,
             tool: None,
             base: None,
-            configuration: None,
+            configuration: header.configuration.clone(),
         })
     }
 

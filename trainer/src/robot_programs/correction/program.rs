@@ -39,10 +39,42 @@ pub struct Configuration {
     pub bounds: Vec<Bound>,
     /// Joints in rad or m that the branch is near; those of the target before where it is not known.
     pub near: Option<Vec<f64>>,
+    /// Which of two ways the wrist is turned. What a language calls either way depends on how its robot counts joint 5, so that
+    /// the first pose of a program says which sign of joint 5 is meant.
+    pub is_wrist_flipped: Option<bool>,
     /// A number of it that says no joint's range; targets that are inserted on the way there get it, too.
     pub rest: Option<Number>,
     /// Whether the controller stops where no branch is within them; otherwise it takes the nearest.
     pub is_monitored: bool,
+}
+
+impl Configuration {
+    /// Of a controller that stops where no solution has it.
+    pub fn monitored(bounds: Vec<Bound>) -> Self {
+        Self {
+            bounds,
+            is_monitored: true,
+            ..Self::default()
+        }
+    }
+}
+
+/// How far a joint may be beyond the end of a range, rad: a corrected target stays in its own.
+pub const SLACK: f64 = 0.02;
+
+/// The range of a joint on a side of zero.
+pub fn of_sign(joint: usize, is_negative: bool) -> Bound {
+    let far = 4.0 * std::f64::consts::TAU;
+    match is_negative {
+        true => (joint, -far, SLACK),
+        false => (joint, -SLACK, far),
+    }
+}
+
+/// The range of a joint within half a turn of so many whole turns.
+pub fn of_turn(joint: usize, turn: f64) -> Bound {
+    let (middle, half) = (std::f64::consts::TAU * turn, std::f64::consts::PI + SLACK);
+    (joint, middle - half, middle + half)
 }
 
 /// One target.

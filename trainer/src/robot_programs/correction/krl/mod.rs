@@ -16,7 +16,7 @@ use poegp_runtime::math::se3::Pose;
 use crate::robot_programs::Language;
 use crate::robot_programs::correction::frames::FrameFile;
 use crate::robot_programs::correction::program::{
-    Configuration, Goal, Location, Program, Target, Way,
+    Configuration, Goal, Location, Program, Target, Way, of_sign,
 };
 use crate::robot_programs::correction::source::{Number, Source};
 use crate::robot_programs::correction::tokens::{Kind, Lexicon, Text, Token, tokens};
@@ -28,9 +28,6 @@ const LEXICON: Lexicon = Lexicon {
     in_names: b"$#",
     has_pairs: true,
 };
-
-/// How far a joint may be beyond zero, rad, against the sign that its turn bit says.
-const SIGN_SLACK: f64 = 0.02;
 
 /// Reads a source with its data list, and files whose frames it uses.
 ///
@@ -429,14 +426,6 @@ fn stays(name: &str) -> bool {
 
 /// The signs of the joints in the turn bits of a point.
 fn turns(bits: u32) -> Configuration {
-    let far = 4.0 * std::f64::consts::TAU;
-    let bound = |joint: usize| match bits >> joint & 1 {
-        1 => (joint, -far, SIGN_SLACK),
-        _ => (joint, -SIGN_SLACK, far),
-    };
-    Configuration {
-        bounds: (0..6).map(bound).collect(),
-        is_monitored: true,
-        ..Configuration::default()
-    }
+    let bound = |joint: usize| of_sign(joint, bits >> joint & 1 == 1);
+    Configuration::monitored((0..6).map(bound).collect())
 }

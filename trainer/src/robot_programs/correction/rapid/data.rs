@@ -5,15 +5,17 @@ use std::collections::HashMap;
 use nalgebra::Vector3;
 use poegp_runtime::math::se3::Pose;
 
-use crate::robot_programs::correction::program::{Configuration, Goal, Location, Target};
+use crate::robot_programs::correction::program::{
+    Configuration, Goal, Location, SLACK, Target, of_sign,
+};
 use crate::robot_programs::correction::source::Number;
 use crate::robot_programs::correction::tokens::Value;
 use crate::robot_programs::dialect::Orientation;
 
 /// An external axis that a robot does not have is 9E9.
 const NO_AXIS: f64 = 8.9e9;
-/// How far a joint may be beyond the quarter turn of its configuration: a corrected target stays in its own.
-const QUARTER_SLACK: f64 = 0.02;
+/// Index of the joint that turns the wrist over.
+const WRIST: usize = 4;
 
 /// A pose of tool or work object, or why it has none.
 pub type Known<T> = Result<T, String>;
@@ -171,17 +173,16 @@ fn pose_goal(parts: &[Value]) -> Option<(Goal, Option<Configuration>)> {
     let quarter = std::f64::consts::FRAC_PI_2;
     let bound = |(joint, number): (usize, Number)| {
         let lower = quarter * number.value;
-        (
-            joint,
-            lower - QUARTER_SLACK,
-            lower + quarter + QUARTER_SLACK,
-        )
+        (joint, lower - SLACK, lower + quarter + SLACK)
     };
+    let mut bounds = [(0, first), (3, fourth), (5, sixth)].map(bound).to_vec();
+    // cfx counts 4 behind axis 1, 2 behind the lower arm, 1 for a negative axis 5. Robots that do not use it have 0.
+    if (1..=7).any(|cfx| rest.value == f64::from(cfx)) {
+        bounds.push(of_sign(WRIST, rest.value % 2.0 == 1.0));
+    }
     let configuration = Configuration {
-        bounds: [(0, first), (3, fourth), (5, sixth)].map(bound).to_vec(),
         rest: Some(rest),
-        is_monitored: true,
-        ..Configuration::default()
+        ..Configuration::monitored(bounds)
     };
     Some((goal, Some(configuration)))
 }
