@@ -477,3 +477,50 @@ fn a_configuration_chooses_the_branch() {
         assert!(skeleton(before).0 != skeleton(after).0, "{name}");
     }
 }
+
+/// Condition files of the controller beside a job have the numbers that a frame file would have, the weight of the tool too.
+#[test]
+fn tools_and_frames_of_a_job_are_in_the_files_beside_it() {
+    let folder = folder();
+    let run = |rest: &str, out: &str| {
+        let line = format!("correct elas.blob part.jbi {rest} --json - --out {out}");
+        let outcome = folder.run(&line);
+        assert_eq!(outcome.code, Some(1), "{outcome:#?}");
+        outcome.json()
+    };
+    run("--payload-from-program --frames frames.toml", "one.jbi");
+    folder.write(
+        "tool.cnd",
+        "//TOOL 3\r\n///NAME GUN\r\n30.000,-45.000,210.000,25.0000,0.0000,0.0000\r\n0,0,15\r\n2.500\r\n0,0,0\r\n",
+    );
+    folder.write(
+        "UFRAME.CND",
+        "//UFRAME 2\r\n///NAME TABLE\r\n////BUSER 900.000,-300.000,420.000,0.0000,0.0000,20.0000\r\n",
+    );
+    let document = run("--payload-from-program", "two.jbi");
+    let (one, two) = (
+        skeleton(&folder.read("one.jbi")),
+        skeleton(&folder.read("two.jbi")),
+    );
+    assert!(one.1 == two.1);
+    for (a, b) in one.0.iter().zip(&two.0) {
+        assert!((a - b).abs() < 2e-3, "{a} {b}");
+    }
+    let from: Vec<&str> = document["frames"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|f| f["from"].as_str().unwrap())
+        .collect();
+    assert_eq!(from, ["./tool.cnd", "./UFRAME.CND", "the controller"]);
+    // Named files need not be beside it.
+    std::fs::create_dir(folder.path("cnd")).unwrap();
+    for name in ["tool.cnd", "UFRAME.CND"] {
+        std::fs::rename(folder.path(name), folder.path(&format!("cnd/{name}"))).unwrap();
+    }
+    run(
+        "--payload-from-program --with cnd/tool.cnd --with cnd/UFRAME.CND",
+        "three.jbi",
+    );
+    assert!(folder.read("three.jbi") == folder.read("two.jbi"));
+}

@@ -2,7 +2,7 @@
 //!
 //! Lines of `//POS` say what the positions below them are: `///PULSE`, or `///RECTAN` in the robot's frame, its base or
 //! `///USER n`, with `///TOOL n`. Pulses are left: how many make a degree is in the controller. Values of tools and user frames are
-//! in the controller, too: a frame file has them.
+//! in the controller, too: its condition files have them, or a frame file.
 
 use std::collections::BTreeMap;
 
@@ -10,22 +10,24 @@ use poegp_calibration::input_error::InputError;
 use poegp_runtime::math::se3::Pose;
 
 use crate::robot_programs::correction::frames::FrameFile;
+use crate::robot_programs::correction::inform_conditions::{Conditions, conditions};
 use crate::robot_programs::correction::program::{
     Configuration, Frame, Goal, Location, Program, Target, Way, of_turn,
 };
 use crate::robot_programs::correction::source::{Number, Source};
 use crate::robot_programs::dialect::INFORM;
 
-/// Reads a job.
+/// Reads a job; `others` are condition files.
 ///
 /// # Errors
 /// [`InputError`] for a frame that is not in the frame file.
-pub fn read(source: Source, frames: &FrameFile) -> Result<Program, InputError> {
+pub fn read(source: Source, others: &[Source], frames: &FrameFile) -> Result<Program, InputError> {
     let copy = source.clone();
     let mut reader = Reader {
         program: Program::new("Yaskawa INFORM", INFORM, vec![source]),
         source: &copy,
         given: frames,
+        conditions: conditions(others),
         positions: BTreeMap::new(),
     };
     let mut state = Header::default();
@@ -96,6 +98,7 @@ struct Reader<'a> {
     program: Program,
     source: &'a Source,
     given: &'a FrameFile,
+    conditions: Conditions,
     positions: BTreeMap<String, (Option<usize>, Header)>,
 }
 
@@ -233,10 +236,18 @@ impl Reader<'_> {
 
     /// A tool or user frame by its number; positions in the base have none.
     fn frame(&self, at: usize, number: &str, is_tool: bool) -> Result<Frame, InputError> {
-        let found = if is_tool {
+        let given = if is_tool {
             self.given.tool(number)
         } else {
             self.given.base(number)
+        };
+        let own = number
+            .parse()
+            .ok()
+            .and_then(|n| self.conditions.get(&(is_tool, n)));
+        let found = match own {
+            Some((own, origin)) => Some((*own, origin.clone())),
+            None => given.map(|given| (given, self.given.origin())),
         };
         let (kind, name) = if is_tool {
             ("tool", "TOOL")
@@ -251,11 +262,11 @@ impl Reader<'_> {
             origin,
         };
         match found {
-            Some(found) => Ok(frame(
+            Some((found, origin)) => Ok(frame(
                 format!("{name} {number}"),
                 found.pose,
                 found.payload_kg,
-                self.given.origin(),
+                origin,
             )),
             None if number.is_empty() && !is_tool => Ok(frame(
                 "base".to_owned(),

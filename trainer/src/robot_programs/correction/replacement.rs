@@ -145,3 +145,47 @@ pub fn rewrite(program: &Program, replacements: &[Replacement]) -> Vec<Rewritten
     }
     out
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::Path;
+
+    use crate::robot_programs::Language;
+    use crate::robot_programs::correction::source::Source;
+
+    /// Behind numbers that become longer and shorter, too.
+    #[test]
+    fn what_was_inserted_can_be_taken_out() {
+        let source = Source::new(Path::new("a.mod"), b"p 1.5 20.25 MoveL p; 3".to_vec(), true);
+        let program = Program::new("ABB RAPID", Language::Rapid.dialect(), vec![source]);
+        let put = |span: (usize, usize), text: &str| Replacement {
+            file: 0,
+            span,
+            text: text.as_bytes().to_vec(),
+        };
+        let numbers = [
+            put((2, 5), "1.50001"),
+            put((6, 11), "2"),
+            put((21, 22), "-3.1"),
+        ];
+        let copies = [
+            put((12, 12), "MoveL q; MoveL r; "),
+            put((21, 21), "MoveL s; "),
+        ];
+        let mut all = [numbers.as_slice(), &copies].concat();
+        all.sort_by_key(|r| r.span);
+        let [(split, inserted)] = &rewrite(&program, &all)[..] else {
+            unreachable!()
+        };
+        let [(plain, none)] = &rewrite(&program, &numbers)[..] else {
+            unreachable!()
+        };
+        assert!(none.is_empty() && inserted.len() == 2);
+        let split = Source::new(Path::new("a.mod"), split.clone(), true);
+        let rest = split.without(inserted).unwrap();
+        assert_eq!(rest.bytes, *plain);
+        assert_eq!(plain, b"p 1.50001 2 MoveL p; -3.1");
+        assert!(split.without(&[(3, 2)]).is_none() && split.without(&[(0, 99)]).is_none());
+    }
+}

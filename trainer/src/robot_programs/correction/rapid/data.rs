@@ -227,3 +227,33 @@ impl<T> Names<T> {
         all.get_mut(at).map(|(.., value)| value)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use nalgebra::Vector3;
+
+    use crate::robot_programs::correction::frames::FrameFile;
+    use crate::robot_programs::correction::rapid::read;
+    use crate::robot_programs::correction::source::Source;
+
+    /// x of the object frame is y of the user frame, whose x is z of the base.
+    #[test]
+    fn the_object_stands_in_its_user_frame() {
+        let half = "0.70710678";
+        let text = format!(
+            "MODULE M\nPERS wobjdata w:=[FALSE,TRUE,\"\",[[100,0,0],[{half},0,-{half},0]],[[0,10,0],[{half},0,0,{half}]]];\n\
+             PROC main()\nMoveL [[1,2,3],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v1,fine,tool0\\WObj:=w;\nENDPROC\nENDMODULE\n"
+        );
+        let source = Source::new(Path::new("m.mod"), text.into_bytes(), true);
+        let program = read(vec![source], &FrameFile::default()).unwrap();
+        let frame = program.frames.iter().find(|frame| !frame.is_tool).unwrap();
+        let point = frame
+            .pose
+            .transform_point(&Vector3::new(0.001, 0.002, 0.003));
+        // In the user frame (-2, 11, 3): turned about y by -90°, and 100 mm along x.
+        let expected = Vector3::new(0.097, 0.011, -0.002);
+        assert!((point - expected).norm() < 1e-7, "{point}");
+    }
+}
