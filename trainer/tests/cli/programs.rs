@@ -524,3 +524,24 @@ fn tools_and_frames_of_a_job_are_in_the_files_beside_it() {
     );
     assert!(folder.read("three.jbi") == folder.read("two.jbi"));
 }
+
+/// All is printed and nothing written but what is asked for by name.
+#[test]
+fn a_dry_run_writes_no_program() {
+    let folder = folder();
+    let line = "correct elas.blob part.jbi --payload-kg 2.5 --frames frames.toml --split 0.01 --json a.json --out";
+    let dry = folder.run(&format!("{line} out.jbi --dry-run"));
+    let files = |suffix: &str| {
+        let entries = std::fs::read_dir(folder.path(".")).unwrap();
+        let names = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap());
+        names.filter(|name| name.ends_with(suffix)).count()
+    };
+    assert_eq!((files("out.jbi"), files(".poegp.json")), (0, 0));
+    let document = folder.json("a.json");
+    let wet = folder.run(&format!("{line} out.jbi"));
+    assert_eq!((files("out.jbi"), files(".poegp.json")), (1, 1));
+    assert_eq!(document, folder.json("a.json"));
+    assert_eq!((dry.code, wet.code), (Some(1), Some(1)));
+    assert_eq!(dry.stdout.replace("Would write", "Wrote"), wet.stdout);
+    assert!(dry.stderr.contains("would be corrected"), "{dry:#?}");
+}

@@ -47,6 +47,9 @@ pub struct Correct {
     /// Write the corrected targets (`-`: standard output); of several programs, a folder.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
+    /// Of a program: print what would be done, and write neither program nor record.
+    #[arg(long)]
+    pub dry_run: bool,
     /// Of a program: write an HTML report with every target before and after, and what is left.
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,

@@ -70,10 +70,11 @@ fn joint_targets(a: &Correct, targets: &Path) -> Result<(), Failure> {
         !a.with.is_empty(),
         a.report.is_some(),
         a.split.is_some(),
+        a.dry_run,
     ];
     if of_programs.contains(&true) {
         return Err(Failure::Usage(format!(
-            "{}: --inverse, --payload-from-program, --frames, --with, --split and --report are for robot programs",
+            "{}: --inverse, --payload-from-program, --frames, --with, --split, --dry-run and --report are for robot programs",
             targets.display()
         )));
     }

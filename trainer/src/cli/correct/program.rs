@@ -159,10 +159,11 @@ pub fn run(a: &Correct, format: Format) -> Result<(), Failure> {
         record_texts.push(json_text(&record)?);
     }
     let mut written: Vec<(&Path, &[u8])> = Vec::new();
-    for ((_, out), (result, _)) in files.iter().zip(&results) {
-        written.push((out, result));
+    if !a.dry_run {
+        let results = files.iter().zip(&results);
+        written.extend(results.map(|((_, out), (result, _))| (out.as_path(), result.as_slice())));
     }
-    if !is_stream {
+    if !is_stream && !a.dry_run {
         written.extend(
             records
                 .iter()
@@ -175,8 +176,8 @@ pub fn run(a: &Correct, format: Format) -> Result<(), Failure> {
     }
     written.extend(page.iter().map(|(path, html)| (*path, html.as_bytes())));
     write_outputs(&written)?;
-    print(Printer::for_outputs(&outputs), &files, &document);
-    named(&document)
+    print(Printer::for_outputs(&outputs), a, &files, &document);
+    named(&document, a.dry_run)
 }
 
 /// `OUT.poegp.json`.
@@ -267,10 +268,11 @@ fn payload(a: &Correct, loaded: &BlobModel) -> Result<Payload, Failure> {
     }
 }
 
-fn print(report: Printer, files: &[(PathBuf, PathBuf)], d: &ProgramJson) {
+fn print(report: Printer, a: &Correct, files: &[(PathBuf, PathBuf)], d: &ProgramJson) {
+    let wrote = if a.dry_run { "Would write" } else { "Wrote" };
     for (_, out) in files.iter().filter(|(_, out)| !is_stdout(out)) {
         report.line(format_args!(
-            "Wrote {} ({}) and the record {}.",
+            "{wrote} {} ({}) and the record {}.",
             out.display(),
             d.language,
             record_path(out).display()
@@ -326,7 +328,7 @@ fn print(report: Printer, files: &[(PathBuf, PathBuf)], d: &ProgramJson) {
 }
 
 /// All that is left, as a failure.
-fn named(d: &ProgramJson) -> Result<(), Failure> {
+fn named(d: &ProgramJson, is_dry: bool) -> Result<(), Failure> {
     if d.left.is_empty() {
         return Ok(());
     }
@@ -343,6 +345,9 @@ fn named(d: &ProgramJson) -> Result<(), Failure> {
     if d.left.len() > NAMED {
         text += &format!("\n  and {} more, which --json names", d.left.len() - NAMED);
     }
-    text += "\nhelp: everything else was corrected and written";
+    text += match is_dry {
+        true => "\nhelp: everything else would be corrected",
+        false => "\nhelp: everything else was corrected and written",
+    };
     Err(Failure::Quality(text))
 }
