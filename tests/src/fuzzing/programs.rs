@@ -41,7 +41,10 @@ fn read(format: Format, names: &[&str], bytes: &[u8]) {
         .copied()
         .zip(parts.iter().map(Vec::as_slice))
         .collect();
-    let source = |(name, bytes): &(&str, &[u8])| Source::new(Path::new(name), bytes.to_vec(), true);
+    let source = |(name, bytes): &(&str, &[u8])| {
+        let is_corrected = !name.ends_with("CND");
+        Source::new(Path::new(name), bytes.to_vec(), is_corrected)
+    };
     let frames = FrameFile::parse(Path::new("frames.toml"), FRAMES).expect("frames");
     let program = match format.read(files.iter().map(source).collect(), &frames) {
         Ok(program) => program,
@@ -145,12 +148,17 @@ pub fn krl(bytes: &[u8]) {
     read(Format::Krl, names, bytes);
 }
 
-/// Reads a Yaskawa job.
+/// Reads a Yaskawa job, and a zero before a condition file.
 ///
 /// # Panics
 /// When a law is broken.
 pub fn inform(bytes: &[u8]) {
-    read(Format::Inform, &["part.jbi"], bytes);
+    let names: &[&str] = if bytes.contains(&0) {
+        &["part.jbi", "TOOL.CND"]
+    } else {
+        &["part.jbi"]
+    };
+    read(Format::Inform, names, bytes);
 }
 
 /// Reads a table of poses.
