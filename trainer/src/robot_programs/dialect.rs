@@ -179,8 +179,9 @@ pub const MILLIMETRES: Dialect = Dialect {
     most_decimals: None,
 };
 
-/// Of Yaskawa INFORM, whose angles have two decimals.
+/// Of Yaskawa INFORM, whose angles have two decimals, and whose joints are whole pulses.
 pub const INFORM: Dialect = Dialect {
+    joint_decimals: 0,
     most_decimals: Some((3, 2)),
     ..MILLIMETRES
 };

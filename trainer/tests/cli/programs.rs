@@ -545,3 +545,54 @@ fn a_dry_run_writes_no_program() {
     assert_eq!(dry.stdout.replace("Would write", "Wrote"), wet.stdout);
     assert!(dry.stderr.contains("would be corrected"), "{dry:#?}");
 }
+
+/// With the pulses of a degree, joints of a job are those of other languages to half a pulse; a wrong number of them is left.
+#[test]
+fn pulses_are_joints_once_a_degree_is_known() {
+    let folder = folder();
+    let scales = [9_000.0, -8_000.0, 7_500.5, 6_000.0, -5_000.0, 4_000.0];
+    let home = numbers_after(&file("part.mod"), "home:=", 6);
+    let pulses = |degrees: &[f64]| -> Vec<f64> {
+        degrees
+            .iter()
+            .zip(scales)
+            .map(|(q, n)| (q * n).round())
+            .collect()
+    };
+    let listed: Vec<String> = pulses(&home).iter().map(ToString::to_string).collect();
+    let job = format!(
+        "/JOB\r\n//NAME A\r\n//POS\r\n///TOOL 7\r\n///POSTYPE PULSE\r\n///PULSE\r\nC00000={}\r\nC00001=1,2,3\r\n//INST\r\nNOP\r\n\
+         MOVJ C00000 VJ=50.00\r\nEND\r\n",
+        listed.join(",")
+    );
+    folder.write("a.jbi", &job);
+    folder.write("pulses.toml", format!("pulses_per_degree = {scales:?}\n"));
+    let run = |line: &str| folder.run(&format!("correct elas.blob {line} --payload-kg 2.5"));
+    run("part.mod --out out.mod").ok();
+    let outcome = run("a.jbi --frames pulses.toml --out out.jbi");
+    assert_eq!(outcome.code, Some(1), "{outcome:#?}");
+    assert!(
+        outcome.stderr.contains("a.jbi:8:1: it has external axes"),
+        "{outcome:#?}"
+    );
+    let expected = pulses(&numbers_after(&folder.read("out.mod"), "home:=", 6));
+    let text = String::from_utf8_lossy(&folder.read("out.jbi")).into_owned();
+    let found = numbers_after(text.as_bytes(), "C00000=", 6);
+    assert_ne!(found, pulses(&home));
+    for (a, b) in expected.iter().zip(&found) {
+        assert!(
+            (a - b).abs() <= 1.0 && b.fract() == 0.0,
+            "{expected:?} {found:?}"
+        );
+    }
+    assert!(skeleton(text.as_bytes()).1 == skeleton(job.as_bytes()).1);
+    assert_eq!(text.matches('.').count(), job.matches('.').count());
+    // Not known, they are left; the model that corrects nothing gives every byte back.
+    let outcome = run("a.jbi --out b.jbi");
+    assert!(outcome.stderr.contains("pulses_per_degree"), "{outcome:#?}");
+    let line = "correct base.blob a.jbi --payload-kg 1 --frames pulses.toml --out c.jbi";
+    assert_eq!(folder.run(line).code, Some(1));
+    assert!(folder.text("c.jbi") == job);
+    folder.write("pulses.toml", "pulses_per_degree = [1, 0, 1, 1, 1, 1]\n");
+    assert_eq!(run("a.jbi --frames pulses.toml --out d.jbi").code, Some(2));
+}

@@ -1,7 +1,8 @@
 //! A reader of Yaskawa INFORM jobs (`.jbi`): the positions of `//POS` that motions of `//INST` go to.
 //!
 //! Lines of `//POS` say what the positions below them are: `///PULSE`, or `///RECTAN` in the robot's frame, its base or
-//! `///USER n`, with `///TOOL n`. Pulses are left: how many make a degree is in the controller. Values of tools and user frames are
+//! `///USER n`, with `///TOOL n`. How many pulses make a degree is in the controller: a
+//! frame file has it, or pulses are left. Values of tools and user frames are
 //! in the controller, too: its condition files have them, or a frame file.
 
 use std::collections::BTreeMap;
@@ -30,6 +31,9 @@ pub fn read(source: Source, others: &[Source], frames: &FrameFile) -> Result<Pro
         conditions: conditions(others),
         positions: BTreeMap::new(),
     };
+    let units = frames.pulses_per_degree();
+    reader.program.joint_units =
+        units.map(|all| all.iter().map(|n| (1.0 / n).to_radians()).collect());
     let mut state = Header::default();
     let mut is_code = false;
     let mut is_shifted = false;
@@ -136,9 +140,13 @@ impl Reader<'_> {
         from: usize,
         header: &Header,
     ) -> Result<Target, &'static str> {
-        match header.kind.as_str() {
-            "PULSE" => return Err("it is in pulses"),
-            "BASE" | "ROBOT" | "USER" => {}
+        let pulses = self.given.pulses_per_degree();
+        let is_pulses = header.kind == "PULSE";
+        match (header.kind.as_str(), pulses) {
+            ("PULSE", None) => {
+                return Err("it is in pulses: give pulses_per_degree in a file of --frames");
+            }
+            ("PULSE" | "BASE" | "ROBOT" | "USER", _) => {}
             _ => return Err("its frame is not one of BASE, ROBOT and USER"),
         }
         let mut start = at + from;
@@ -148,19 +156,20 @@ impl Reader<'_> {
             numbers.push(number.ok_or("a part of it is no number")?);
             start += value.len() + 1;
         }
-        let [x, y, z, rx, ry, rz] = numbers[..] else {
-            return Err("it has external axes");
-        };
-        let goal = Goal::Pose {
-            position: [x, y, z],
-            orientation: vec![rx, ry, rz],
+        let goal = match (numbers.as_slice(), pulses) {
+            (all, Some(pulses)) if is_pulses && all.len() == pulses.len() => Goal::Joints(numbers),
+            ([x, y, z, rx, ry, rz], _) if !is_pulses => Goal::Pose {
+                position: [*x, *y, *z],
+                orientation: vec![*rx, *ry, *rz],
+            },
+            _ => return Err("it has external axes"),
         };
         Ok(Target {
             location: Location { file: 0, at },
             goal,
             tool: None,
             base: None,
-            configuration: header.configuration.clone(),
+            configuration: header.configuration.clone().filter(|_| !is_pulses),
         })
     }
 
@@ -222,8 +231,20 @@ impl Reader<'_> {
             return Ok(());
         };
         let location = self.program.targets[target].location.at;
-        let tool = self.frame(location, &header.tool, true)?;
-        let user = if header.kind == "USER" {
+        let is_joints = matches!(self.program.targets[target].goal, Goal::Joints(_));
+        let tool = match self.frame(location, &header.tool, true) {
+            Ok(tool) => tool,
+            // Joints need none.
+            Err(_) if is_joints => Frame {
+                name: format!("TOOL {}", header.tool),
+                is_tool: true,
+                pose: Pose::identity(),
+                payload_kg: None,
+                origin: "the controller".to_owned(),
+            },
+            Err(error) => return Err(error),
+        };
+        let user = if header.kind == "USER" && !is_joints {
             header.user.as_str()
         } else {
             ""

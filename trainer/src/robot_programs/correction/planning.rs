@@ -136,8 +136,8 @@ fn in_radians(program: &Program, commander: &Commander, numbers: &[Number]) -> O
         return None;
     }
     let mut joints = [0.0; MAX_JOINTS];
-    for (slot, number) in joints.iter_mut().zip(numbers) {
-        *slot = number.value * program.dialect.radian;
+    for (joint, (slot, number)) in joints.iter_mut().zip(numbers).enumerate() {
+        *slot = number.value * program.radian(joint);
     }
     Some(joints)
 }

@@ -169,6 +169,8 @@ pub struct Program {
     pub language: &'static str,
     /// Its units.
     pub dialect: Dialect,
+    /// Radians of a unit of each joint, where these are not [`Dialect::radian`].
+    pub joint_units: Option<Vec<f64>>,
     /// Its files.
     pub sources: Vec<Source>,
     /// All targets.
@@ -191,6 +193,7 @@ impl Program {
         Self {
             language,
             dialect,
+            joint_units: None,
             sources,
             targets: Vec::new(),
             frames: Vec::new(),
@@ -199,6 +202,12 @@ impl Program {
             left: Vec::new(),
             remarks: Vec::new(),
         }
+    }
+
+    /// Radians of a unit of a joint.
+    pub fn radian(&self, joint: usize) -> f64 {
+        let own = self.joint_units.as_ref().and_then(|units| units.get(joint));
+        own.copied().unwrap_or(self.dialect.radian)
     }
 
     /// The index of a frame, which is added if it is new.

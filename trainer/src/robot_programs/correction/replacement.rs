@@ -89,9 +89,10 @@ pub fn replace(
         Goal::Joints(numbers) => {
             for (i, number) in numbers.iter().enumerate() {
                 // From the number as it is written, which a joint that stays keeps.
-                let change = (solved.command[i] - solved.joints[i]) / dialect.radian;
+                let radian = program.radian(i);
+                let change = (solved.command[i] - solved.joints[i]) / radian;
                 // An arm's length for a radian.
-                put(number, number.value + change, joints, 2.0 * dialect.radian);
+                put(number, number.value + change, joints, 2.0 * radian.abs());
             }
         }
         Goal::Pose {
