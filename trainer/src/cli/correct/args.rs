@@ -31,7 +31,7 @@ pub struct Correct {
     /// Of a program: the payload is what it says of each tool.
     #[arg(long, conflicts_with = "payload_kg")]
     pub payload_from_program: bool,
-    /// Of a program: tools and frames that it does not define (TOML).
+    /// Of a program: tools and frames that it does not define, and the pulses of a degree of INFORM joints (TOML).
     #[arg(long, value_name = "FILE")]
     pub frames: Option<PathBuf>,
     /// Of a program: further files of it, for tools and frames; they are not corrected.
