@@ -137,6 +137,29 @@ fn inserted_targets_keep_the_real_tool_on_its_line() {
     assert!(inserted(&folder, "wide.mod").is_empty());
 }
 
+/// A time of 0 is none, and a time is one of the whole line.
+#[test]
+fn a_line_with_a_time_of_its_own_is_not_split() {
+    let folder = folder();
+    let text = String::from_utf8_lossy(&file("part.script")).into_owned();
+    let own = ", a=1.2, v=0.25, r=0.001)";
+    assert_eq!(text.matches(own).count(), 1);
+    for (arguments, targets) in [
+        (",1.2,0.25,0,0.001)", 1),
+        (",1.2,0.25,5)", 0),
+        (", t=5)", 0),
+    ] {
+        folder.write("a.script", text.replace(own, arguments));
+        let line =
+            "correct elas.blob a.script --payload-kg 2.5 --split 0.01 --json - --out b.script";
+        let document = folder.run(line).json();
+        assert_eq!(
+            document["split"]["targets"], targets,
+            "{arguments}: {document}"
+        );
+    }
+}
+
 /// In the three languages; a model that corrects nothing inserts nothing.
 #[test]
 fn a_split_program_comes_back() {

@@ -40,12 +40,13 @@ const OTHER_MOTIONS: [&str; 8] = [
 ];
 
 /// Lines at which the arm stays, so that the next begins where the move before has ended.
-const STAYS: [&str; 8] = [
+const STAYS: [&str; 9] = [
     "set_tcp",
     "set_payload",
     "set_target_payload",
     "sleep",
     "textmsg",
+    "popup",
     "set_digital_out",
     "set_standard_digital_out",
     "set_standard_analog_out",
@@ -315,12 +316,17 @@ impl Reader<'_> {
     fn note_line(&mut self, line: &Line, step: usize) {
         let text = self.text;
         let arguments = self.first(line);
-        let is_timed =
+        let is_named_time =
             |(from, _): &(usize, usize)| text.name(*from) == "t" && text.is(from + 1, b'=');
-        let positional = arguments
+        let mut positional = arguments
             .iter()
             .filter(|(from, _)| !text.is(from + 1, b'='));
-        if arguments.iter().any(is_timed) || positional.count() > 3 {
+        // The fourth is a time, and 0 is none.
+        let is_timed = positional.nth(3).is_some_and(|(from, end)| {
+            let is_zero = text.number(*from).is_some_and(|n| n.value == 0.0);
+            !(is_zero && *end == from + 1)
+        });
+        if is_timed || arguments.iter().any(is_named_time) {
             return;
         }
         let Some((mut from, mut end)) = arguments.first().copied() else {
