@@ -4,7 +4,7 @@ use std::path::Path;
 
 use poegp_trainer::robot_programs::correction::Format;
 use poegp_trainer::robot_programs::correction::frames::FrameFile;
-use poegp_trainer::robot_programs::correction::program::{Goal, Program};
+use poegp_trainer::robot_programs::correction::program::{Goal, Program, Way};
 use poegp_trainer::robot_programs::correction::replacement::{Replacement, rewrite};
 use poegp_trainer::robot_programs::correction::source::{Number, Source};
 
@@ -41,7 +41,10 @@ fn read(format: Format, names: &[&str], bytes: &[u8]) {
         .copied()
         .zip(parts.iter().map(Vec::as_slice))
         .collect();
-    let source = |(name, bytes): &(&str, &[u8])| Source::new(Path::new(name), bytes.to_vec(), true);
+    let source = |(name, bytes): &(&str, &[u8])| {
+        let is_corrected = !name.ends_with("CND");
+        Source::new(Path::new(name), bytes.to_vec(), is_corrected)
+    };
     let frames = FrameFile::parse(Path::new("frames.toml"), FRAMES).expect("frames");
     let program = match format.read(files.iter().map(source).collect(), &frames) {
         Ok(program) => program,
@@ -61,6 +64,13 @@ fn read(format: Format, names: &[&str], bytes: &[u8]) {
                 .is_some_and(|base| !program.frames[base].is_tool)
         );
     }
+    // A line that others can be inserted before has its target within its instruction, and a move before it.
+    for line in &program.lines {
+        let ((start, end), target) = (line.instruction, line.target);
+        assert!(start < target.0 && target.0 < target.1 && target.1 <= end);
+        assert!(end <= program.sources[line.file].bytes.len());
+        assert!(line.step > 0 && program.moves[line.step].way == Way::Line);
+    }
     let mut numbers = numbers(&program);
     // A target of two moves stands once in its file.
     numbers.dedup();
@@ -76,10 +86,11 @@ fn read(format: Format, names: &[&str], bytes: &[u8]) {
         replacements.push(Replacement {
             file: number.file as usize,
             span,
-            text: "<>".to_owned(),
+            text: b"<>".to_vec(),
         });
     }
-    for ((_, bytes), written) in files.iter().zip(rewrite(&program, &replacements)) {
+    for ((_, bytes), (written, inserted)) in files.iter().zip(rewrite(&program, &replacements)) {
+        assert!(inserted.is_empty());
         // Each mark back to its number: every other byte is where it was.
         let mut rest = written.as_slice();
         let mut back = Vec::new();
@@ -137,12 +148,17 @@ pub fn krl(bytes: &[u8]) {
     read(Format::Krl, names, bytes);
 }
 
-/// Reads a Yaskawa job.
+/// Reads a Yaskawa job, and a zero before a condition file.
 ///
 /// # Panics
 /// When a law is broken.
 pub fn inform(bytes: &[u8]) {
-    read(Format::Inform, &["part.jbi"], bytes);
+    let names: &[&str] = if bytes.contains(&0) {
+        &["part.jbi", "TOOL.CND"]
+    } else {
+        &["part.jbi"]
+    };
+    read(Format::Inform, names, bytes);
 }
 
 /// Reads a table of poses.

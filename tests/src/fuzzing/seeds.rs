@@ -334,9 +334,12 @@ pub fn krl() -> Vec<Vec<u8>> {
     vec![[source.as_slice(), b"\0", &data].concat(), source]
 }
 
-/// Yaskawa jobs.
+/// Yaskawa jobs, one with its tools and frames.
 pub fn inform() -> Vec<Vec<u8>> {
-    vec![program("part.jbi")]
+    let conditions = "//TOOL 3\r\n///NAME GUN\r\n30,-45,210,25,0,0\r\n0,0,15\r\n2.5\r\n//UFRAME 2\r\n\
+        ////BUSER 900,-300,420,0,0,20\r\n";
+    let job = program("part.jbi");
+    vec![[job.as_slice(), b"\0", conditions.as_bytes()].concat(), job]
 }
 
 /// Tables of poses.

@@ -95,15 +95,7 @@ impl Orientation {
                 vec![nearest[0], nearest[1], nearest[2]]
             }
             (_, [a0, b0, c0]) => {
-                let [a, b, c] = match self {
-                    Self::FixedXyz => roll_pitch_yaw(&new),
-                    Self::TurnedZyx => {
-                        let [roll, pitch, yaw] = roll_pitch_yaw(&new);
-                        [yaw, pitch, roll]
-                    }
-                    _ => roll_pitch_yaw(&new.transpose()).map(|angle| -angle),
-                }
-                .map(f64::to_degrees);
+                let [a, b, c] = self.angles(&new);
                 // Every rotation has two such triples.
                 let near = |old: f64, new: f64| new + 360.0 * ((old - new) / 360.0).round();
                 let triples = [[a, b, c], [a + 180.0, 180.0 - b, c + 180.0]]
@@ -119,6 +111,35 @@ impl Orientation {
             }
             _ => return None,
         })
+    }
+
+    /// The numbers of a rotation.
+    pub fn numbers(self, rotation: &Matrix3<f64>) -> Vec<f64> {
+        let pose = Pose {
+            rotation: *rotation,
+            translation: Vector3::zeros(),
+        };
+        match self {
+            Self::Quaternion => {
+                let (w, v) = pose.quaternion();
+                vec![w, v[0], v[1], v[2]]
+            }
+            Self::RotationVector => pose.log().angular.as_slice().to_vec(),
+            _ => self.angles(rotation).to_vec(),
+        }
+    }
+
+    /// One of the two triples of angles of a rotation, in degrees.
+    fn angles(self, rotation: &Matrix3<f64>) -> [f64; 3] {
+        match self {
+            Self::FixedXyz => roll_pitch_yaw(rotation),
+            Self::TurnedZyx => {
+                let [roll, pitch, yaw] = roll_pitch_yaw(rotation);
+                [yaw, pitch, roll]
+            }
+            _ => roll_pitch_yaw(&rotation.transpose()).map(|angle| -angle),
+        }
+        .map(f64::to_degrees)
     }
 
     /// Decimals that show 1 µrad.
@@ -158,8 +179,9 @@ pub const MILLIMETRES: Dialect = Dialect {
     most_decimals: None,
 };
 
-/// Of Yaskawa INFORM, whose angles have two decimals.
+/// Of Yaskawa INFORM, whose angles have two decimals, and whose joints are whole pulses.
 pub const INFORM: Dialect = Dialect {
+    joint_decimals: 0,
     most_decimals: Some((3, 2)),
     ..MILLIMETRES
 };
@@ -245,6 +267,8 @@ mod tests {
                         let far = old.iter().zip(&new).map(|(a, b)| (a - b).abs());
                         let far = far.fold(0.0, f64::max);
                         assert!(far < 5.0, "{orientation:?} {old:?} {new:?}");
+                        let again = orientation.rotation(&orientation.numbers(&wanted));
+                        assert!((wanted - again.unwrap()).amax() < 1e-12, "{orientation:?}");
                         let same = orientation.turned(&old, &Matrix3::identity()).unwrap();
                         assert_eq!(same, old);
                     }

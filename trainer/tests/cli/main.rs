@@ -40,6 +40,7 @@ mod plan;
 mod predictions;
 mod program;
 mod programs;
+mod programs_split;
 mod project;
 mod report;
 mod reproducible;

@@ -330,3 +330,48 @@ fn the_numbers_of_check_are_those_of_the_document() {
     }
     assert!(folder.text("check.html").contains("the base"));
 }
+
+/// A corrected program: its numbers are those of its document, every target stands there before and after, and all that is
+/// left with its reason. Names of the program stay text.
+#[test]
+fn the_numbers_of_a_corrected_program_are_those_of_the_document() {
+    let folder = Folder::new();
+    folder.write("train.csv", simulated("train", 60));
+    let line = format!("calibrate --robot {SERIAL} train.csv --method poe --out arm.blob");
+    folder.run(&line).ok();
+    let program = std::fs::read(crate::program::data("programs/part.mod")).unwrap();
+    let text = String::from_utf8_lossy(&program);
+    let more = "      MoveL Offs(p10,0,0,50),v200,z1,gun\\WObj:=table;\n    ENDPROC";
+    let name = "a<b>&c.mod";
+    folder.write(name, text.replace("    ENDPROC", more));
+    let rest = "--payload-kg 2.5 --split 0.02 --report out.html --json out.json --out out.mod";
+    let mut command = folder.command(&format!("correct arm.blob {rest}"));
+    let outcome = folder.finish(command.arg(name));
+    assert_eq!(outcome.code, Some(1), "{outcome:#?}");
+    let (page, document) = (folder.text("out.html"), folder.json("out.json"));
+    check_page(&page);
+    assert!(check_numbers(&page, &document) > 14);
+    let corrected = folder.text("out.mod");
+    for (start, file) in [
+        (":=[[712.804,", &text),
+        ("p10:=[[", &corrected.clone().into()),
+    ] {
+        let at = file.find(start).unwrap() + start.find("[[").unwrap() + 2;
+        let numbers = file[at..].split(']').next().unwrap().replace(',', ", ");
+        assert!(page.contains(&format!(">{numbers}; ")), "{numbers}");
+    }
+    for word in [
+        "a&lt;b&gt;&amp;c.mod:",
+        "its target is computed: Offs(…)",
+        "<td>gun</td>",
+        "<td>table</td>",
+    ] {
+        assert!(page.contains(word), "{word}");
+    }
+    assert!(!page.contains("a<b>"));
+    // The same bytes again.
+    let first = page;
+    let mut command = folder.command(&format!("correct arm.blob {rest}"));
+    folder.finish(command.arg(name));
+    assert_eq!(first, folder.text("out.html"));
+}

@@ -31,18 +31,28 @@ pub struct Correct {
     /// Of a program: the payload is what it says of each tool.
     #[arg(long, conflicts_with = "payload_kg")]
     pub payload_from_program: bool,
-    /// Of a program: tools and frames that it does not define (TOML).
+    /// Of a program: tools and frames that it does not define, and the pulses of a degree of INFORM joints (TOML).
     #[arg(long, value_name = "FILE")]
     pub frames: Option<PathBuf>,
     /// Of a program: further files of it, for tools and frames; they are not corrected.
     #[arg(long, value_name = "FILE")]
     pub with: Vec<PathBuf>,
+    /// Of a program: insert targets on straight lines where the tool would leave the line between its
+    /// corrected ends by more than this, in mm (RAPID MoveL, KRL LIN, URScript movel).
+    #[arg(long, value_name = "TOL_MM", conflicts_with = "inverse")]
+    pub split: Option<f64>,
     /// Bring a corrected program back to the nominal arm.
     #[arg(long)]
     pub inverse: bool,
     /// Write the corrected targets (`-`: standard output); of several programs, a folder.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
+    /// Of a program: print what would be done, and write neither program nor record.
+    #[arg(long)]
+    pub dry_run: bool,
+    /// Of a program: write an HTML report with every target before and after, and what is left.
+    #[arg(long, value_name = "FILE")]
+    pub report: Option<PathBuf>,
     /// Write the summary as JSON (`-`: standard output).
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,

@@ -5,6 +5,8 @@
 //! a few chunks, and 17 bytes of each row for the summary.
 
 mod args;
+mod document;
+mod page;
 mod program;
 mod record;
 mod row;
@@ -61,9 +63,18 @@ pub fn run(a: &Correct) -> Result<(), Failure> {
 
 /// Corrects a file of joint targets.
 fn joint_targets(a: &Correct, targets: &Path) -> Result<(), Failure> {
-    if a.inverse || a.payload_from_program || a.frames.is_some() || !a.with.is_empty() {
+    let of_programs = [
+        a.inverse,
+        a.payload_from_program,
+        a.frames.is_some(),
+        !a.with.is_empty(),
+        a.report.is_some(),
+        a.split.is_some(),
+        a.dry_run,
+    ];
+    if of_programs.contains(&true) {
         return Err(Failure::Usage(format!(
-            "{}: --inverse, --payload-from-program, --frames and --with are for robot programs",
+            "{}: --inverse, --payload-from-program, --frames, --with, --split, --dry-run and --report are for robot programs",
             targets.display()
         )));
     }

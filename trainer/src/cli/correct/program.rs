@@ -2,89 +2,35 @@
 
 use std::path::{Path, PathBuf};
 
-use serde::Serialize;
-
 use crate::cli::correct::args::Correct;
+use crate::cli::correct::document::{ProgramJson, SplitJson, document};
+use crate::cli::correct::page::page;
 use crate::cli::correct::record::{Record, refuse_corrected, sha256};
 use crate::cli::failure::Failure;
+use crate::cli::inputs::now;
 use crate::cli::output::{check_outputs, json_text, write_outputs};
 use crate::cli::terminal::print::{Printer, is_stdout};
+use crate::report::provenance::command_line;
+use crate::report::{FileSummary, Provenance};
 use crate::robot_programs::correction::Format;
-use crate::robot_programs::correction::between::{Between, between};
+use crate::robot_programs::correction::between::{Between, between, stretches};
 use crate::robot_programs::correction::engine::{self, Direction, Outcome};
 use crate::robot_programs::correction::frames::FrameFile;
 use crate::robot_programs::correction::planning::Payload;
-use crate::robot_programs::correction::program::{Goal, Program};
-use crate::robot_programs::correction::replacement::{Solved, rewrite};
+use crate::robot_programs::correction::program::Program;
+use crate::robot_programs::correction::replacement::rewrite;
 use crate::robot_programs::correction::source::Source;
+use crate::robot_programs::correction::split::split;
 use poegp_calibration::blob::commander::Commander;
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::input_error::InputError;
-use poegp_calibration::numeric::statistics::Summary;
 use poegp_runtime::model::MAX_PAYLOAD_KG;
 
 /// Most lines of what is left in one message; the JSON document has all.
 const NAMED: usize = 200;
 
-/// What `--json` writes.
-#[derive(Serialize)]
-struct ProgramJson {
-    version: &'static str,
-    method: String,
-    language: &'static str,
-    files: Vec<String>,
-    targets: usize,
-    joint_targets: usize,
-    pose_targets: usize,
-    /// Numbers that were replaced.
-    numbers: usize,
-    left: Vec<LeftJson>,
-    frames: Vec<FrameJson>,
-    remarks: Vec<String>,
-    /// How far the written targets move.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    moved_mm: Option<Summary>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    moved_deg: Option<Summary>,
-    /// How far the tool is from its targets without correction, by the model.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    before_mm: Option<Summary>,
-    /// The same with it.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    after_um: Option<Summary>,
-    /// What the decimals of the format leave.
-    rounding_um: f64,
-    /// The largest error between the ends of lines and arcs.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    between: Option<BetweenJson>,
-}
-
-#[derive(Serialize)]
-struct BetweenJson {
-    moves: usize,
-    /// Of each move.
-    points: usize,
-    largest_mm: f64,
-    file: String,
-    line: usize,
-}
-
-#[derive(Serialize)]
-struct LeftJson {
-    file: String,
-    line: usize,
-    column: usize,
-    reason: String,
-}
-
-#[derive(Serialize)]
-struct FrameJson {
-    name: String,
-    kind: &'static str,
-    from: String,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    payload_kg: Option<f64>,
-}
+/// The decimals of programs hold no finer tolerance.
+const LEAST_SPLIT_MM: f64 = 0.005;
 
 pub fn run(a: &Correct, format: Format) -> Result<(), Failure> {
     let is_folder = a.programs.len() > 1 || a.out.is_dir();
@@ -128,7 +74,7 @@ pub fn run(a: &Correct, format: Format) -> Result<(), Failure> {
     if !is_stream {
         outputs.extend(records.iter().map(|path| Some(path.as_path())));
     }
-    outputs.push(a.json.as_deref());
+    outputs.extend([a.json.as_deref(), a.report.as_deref()]);
     let mut inputs: Vec<&Path> = vec![&a.blob];
     inputs.extend(
         a.programs
@@ -147,6 +93,11 @@ pub fn run(a: &Correct, format: Format) -> Result<(), Failure> {
         )
     })?;
     let payload = payload(a, &loaded)?;
+    if let Some(mm) = a.split.filter(|mm| !(LEAST_SPLIT_MM..=1e3).contains(mm)) {
+        return Err(Failure::Usage(format!(
+            "--split {mm}: expected millimetres, {LEAST_SPLIT_MM} to 1000"
+        )));
+    }
     let frames = a
         .frames
         .as_deref()
@@ -159,10 +110,17 @@ pub fn run(a: &Correct, format: Format) -> Result<(), Failure> {
         Direction::Correct
     };
     let model = sha256(loaded.bytes());
-    let mut sources = Vec::new();
+    let (mut sources, mut hashes) = (Vec::new(), Vec::new());
     for (path, _) in &files {
-        let source = Source::read(path, true)?;
-        refuse_corrected(path, &source.bytes, &model, direction)?;
+        let mut source = Source::read(path, true)?;
+        hashes.push(sha256(&source.bytes));
+        if let Some(record) = refuse_corrected(path, &source.bytes, &model, direction)? {
+            // What was inserted is taken out again.
+            source = source.without(&record.inserted).ok_or_else(|| {
+                let found = "a record whose insertions are beyond the program";
+                InputError::new(record_path(path), found, "the record that `correct` wrote")
+            })?;
+        }
         sources.push(source);
     }
     let beside = a.programs.iter().flat_map(|path| format.beside(path));
@@ -181,28 +139,31 @@ pub fn run(a: &Correct, format: Format) -> Result<(), Failure> {
         )
         .into());
     }
-    let outcome = engine::solve(&program, &commander, payload, direction)?;
+    let mut outcome = engine::solve(&program, &commander, payload, direction)?;
+    let (ends, split) = ends(a, &program, &commander, &mut outcome);
     let results = rewrite(&program, &outcome.replacements);
-    let ends = match direction {
-        Direction::Correct => between(&program, &commander, &outcome.solved),
-        Direction::Inverse => None,
-    };
-    let document = document(&program, &outcome, ends, loaded.host().provenance.method);
+    let method = loaded.host().provenance.method;
+    let document = document(&program, &outcome, &ends, split, method);
+    let page = a.report.as_deref().map(|path| {
+        let origin = provenance(a, &loaded, &program);
+        (path, page(&document, &program, &outcome, &ends, &origin))
+    });
     let json = a
         .json
         .as_deref()
         .map(|_| json_text(&document))
         .transpose()?;
     let mut record_texts = Vec::new();
-    for ((path, _), (source, result)) in files.iter().zip(program.sources.iter().zip(&results)) {
-        let record = Record::new(path, &model, &source.bytes, result, direction);
+    for ((path, _), (hash, result)) in files.iter().zip(hashes.iter().zip(&results)) {
+        let record = Record::new(path, &model, hash, result, direction);
         record_texts.push(json_text(&record)?);
     }
     let mut written: Vec<(&Path, &[u8])> = Vec::new();
-    for ((_, out), result) in files.iter().zip(&results) {
-        written.push((out, result));
+    if !a.dry_run {
+        let results = files.iter().zip(&results);
+        written.extend(results.map(|((_, out), (result, _))| (out.as_path(), result.as_slice())));
     }
-    if !is_stream {
+    if !is_stream && !a.dry_run {
         written.extend(
             records
                 .iter()
@@ -213,9 +174,10 @@ pub fn run(a: &Correct, format: Format) -> Result<(), Failure> {
     if let (Some(path), Some(text)) = (&a.json, &json) {
         written.push((path, text.as_bytes()));
     }
+    written.extend(page.iter().map(|(path, html)| (*path, html.as_bytes())));
     write_outputs(&written)?;
-    print(Printer::for_outputs(&outputs), &files, &document);
-    named(&document)
+    print(Printer::for_outputs(&outputs), a, &files, &document);
+    named(&document, a.dry_run)
 }
 
 /// `OUT.poegp.json`.
@@ -223,6 +185,68 @@ fn record_path(out: &Path) -> PathBuf {
     let mut name = out.as_os_str().to_owned();
     name.push(".poegp.json");
     PathBuf::from(name)
+}
+
+/// What stays between the ends of lines and arcs, once lines are split where that is asked for.
+fn ends(
+    a: &Correct,
+    program: &Program,
+    commander: &Commander,
+    outcome: &mut Outcome,
+) -> (Vec<Between>, Option<SplitJson>) {
+    if a.inverse {
+        return (Vec::new(), None);
+    }
+    let stretches = stretches(program, &outcome.solved);
+    let mut ends = between(program, commander, &stretches);
+    let Some(tolerance_mm) = a.split else {
+        return (ends, None);
+    };
+    let division = split(
+        program,
+        commander,
+        &stretches,
+        &mut ends,
+        1e-3 * tolerance_mm,
+    );
+    outcome.replacements.extend(division.insertions);
+    outcome.replacements.sort_by_key(|r| (r.file, r.span));
+    outcome.left.extend(division.left);
+    outcome.left.sort_by_key(|left| left.location);
+    let (lines, targets) = (division.lines, division.targets);
+    let split = SplitJson {
+        tolerance_mm,
+        lines,
+        targets,
+    };
+    (ends, Some(split))
+}
+
+/// What the report was made of.
+fn provenance(a: &Correct, loaded: &BlobModel, program: &Program) -> Provenance {
+    let robot = &loaded.blob().robot;
+    let mut files = vec![FileSummary::of_bytes(
+        "model",
+        a.blob.display().to_string(),
+        loaded.bytes(),
+    )];
+    files.extend(program.sources.iter().map(|source| {
+        let role = if source.is_corrected {
+            "program"
+        } else {
+            "read with it"
+        };
+        FileSummary::of_bytes(role, source.path.display().to_string(), &source.bytes)
+    }));
+    Provenance {
+        command: command_line(),
+        version: env!("CARGO_PKG_VERSION"),
+        date: now().date().to_string(),
+        seed: None,
+        robot: robot.name.to_owned(),
+        serial_number: robot.serial_number.to_owned(),
+        files,
+    }
 }
 
 fn payload(a: &Correct, loaded: &BlobModel) -> Result<Payload, Failure> {
@@ -244,92 +268,11 @@ fn payload(a: &Correct, loaded: &BlobModel) -> Result<Payload, Failure> {
     }
 }
 
-fn between_json(program: &Program, b: &Between) -> BetweenJson {
-    let source = &program.sources[b.location.file];
-    BetweenJson {
-        moves: b.moves,
-        points: b.points,
-        largest_mm: 1e3 * b.largest,
-        file: source.path.display().to_string(),
-        line: source.line_and_column(b.location.at).0,
-    }
-}
-
-fn document(
-    program: &Program,
-    outcome: &Outcome,
-    ends: Option<Between>,
-    method: &str,
-) -> ProgramJson {
-    let is_joints = |index: usize| matches!(program.targets[index].goal, Goal::Joints(_));
-    let joint_targets = outcome
-        .solved
-        .iter()
-        .filter(|s| is_joints(s.target))
-        .count();
-    let of = |value: fn(&Solved) -> f64| {
-        let values: Vec<f64> = outcome.solved.iter().map(value).collect();
-        (!values.is_empty()).then(|| Summary::new(&values))
-    };
-    let left = outcome.left.iter().map(|left| {
-        let source = &program.sources[left.location.file];
-        let (line, column) = source.line_and_column(left.location.at);
-        LeftJson {
-            file: source.path.display().to_string(),
-            line,
-            column,
-            reason: left.reason.clone(),
-        }
-    });
-    // The base of joint targets is none.
-    let is_used = |index: usize| {
-        let mut targets = program
-            .targets
-            .iter()
-            .filter(|t| matches!(t.goal, Goal::Pose { .. }) || t.tool == Some(index));
-        targets.any(|t| t.base == Some(index) || t.tool == Some(index))
-    };
-    let used = program
-        .frames
-        .iter()
-        .enumerate()
-        .filter(|(index, _)| is_used(*index));
-    let frames = used.map(|(_, frame)| FrameJson {
-        name: frame.name.clone(),
-        kind: if frame.is_tool { "tool" } else { "base" },
-        from: frame.origin.clone(),
-        payload_kg: frame.payload_kg.filter(|_| frame.is_tool),
-    });
-    ProgramJson {
-        version: env!("CARGO_PKG_VERSION"),
-        method: method.to_owned(),
-        language: program.language,
-        files: program
-            .sources
-            .iter()
-            .filter(|s| s.is_corrected)
-            .map(|s| s.path.display().to_string())
-            .collect(),
-        targets: outcome.solved.len(),
-        joint_targets,
-        pose_targets: outcome.solved.len() - joint_targets,
-        numbers: outcome.replacements.len(),
-        left: left.collect(),
-        frames: frames.collect(),
-        remarks: program.remarks.clone(),
-        moved_mm: of(|s| 1e3 * s.moved.0),
-        moved_deg: of(|s| s.moved.1.to_degrees()),
-        before_mm: of(|s| 1e3 * s.before),
-        after_um: of(|s| 1e6 * s.after),
-        rounding_um: 1e6 * outcome.rounding,
-        between: ends.map(|b| between_json(program, &b)),
-    }
-}
-
-fn print(report: Printer, files: &[(PathBuf, PathBuf)], d: &ProgramJson) {
+fn print(report: Printer, a: &Correct, files: &[(PathBuf, PathBuf)], d: &ProgramJson) {
+    let wrote = if a.dry_run { "Would write" } else { "Wrote" };
     for (_, out) in files.iter().filter(|(_, out)| !is_stdout(out)) {
         report.line(format_args!(
-            "Wrote {} ({}) and the record {}.",
+            "{wrote} {} ({}) and the record {}.",
             out.display(),
             d.language,
             record_path(out).display()
@@ -367,6 +310,12 @@ fn print(report: Printer, files: &[(PathBuf, PathBuf)], d: &ProgramJson) {
             before.mean, before.max, after.max, d.rounding_um
         ));
     }
+    if let Some(s) = &d.split {
+        report.line(format_args!(
+            "Split {} lines: {} targets are inserted, for {} mm.",
+            s.lines, s.targets, s.tolerance_mm
+        ));
+    }
     if let Some(b) = &d.between {
         report.line(format_args!(
             "Between the ends of {} lines and arcs the tool is off by {:.3} mm at most, by the model at {} points of each ({}:{}).",
@@ -379,7 +328,7 @@ fn print(report: Printer, files: &[(PathBuf, PathBuf)], d: &ProgramJson) {
 }
 
 /// All that is left, as a failure.
-fn named(d: &ProgramJson) -> Result<(), Failure> {
+fn named(d: &ProgramJson, is_dry: bool) -> Result<(), Failure> {
     if d.left.is_empty() {
         return Ok(());
     }
@@ -396,6 +345,9 @@ fn named(d: &ProgramJson) -> Result<(), Failure> {
     if d.left.len() > NAMED {
         text += &format!("\n  and {} more, which --json names", d.left.len() - NAMED);
     }
-    text += "\nhelp: everything else was corrected and written";
+    text += match is_dry {
+        true => "\nhelp: everything else would be corrected",
+        false => "\nhelp: everything else was corrected and written",
+    };
     Err(Failure::Quality(text))
 }

@@ -9,12 +9,13 @@ use sha2::{Digest, Sha256};
 use crate::cli::failure::Failure;
 use crate::cli::inputs::file_name;
 use crate::robot_programs::correction::engine::Direction;
+use crate::robot_programs::correction::replacement::Rewritten;
 use poegp_calibration::input_error::InputError;
 
 /// Ending of a record's name.
 const ENDING: &str = ".poegp.json";
 /// A record is not longer.
-const LONGEST: u64 = 1 << 16;
+const LONGEST: u64 = 1 << 24;
 
 /// What a record says.
 #[derive(Debug, Deserialize, Serialize)]
@@ -25,6 +26,9 @@ pub struct Record {
     source_sha256: String,
     result_sha256: String,
     is_inverse: bool,
+    /// Where in the result instructions are that the source does not have: first byte, and the one behind the last.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub inserted: Vec<(usize, usize)>,
 }
 
 impl Record {
@@ -32,17 +36,18 @@ impl Record {
     pub fn new(
         path: &Path,
         model: &str,
-        source: &[u8],
-        result: &[u8],
+        source_sha256: &str,
+        (result, inserted): &Rewritten,
         direction: Direction,
     ) -> Self {
         Self {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             source: file_name(path),
             model_sha256: model.to_owned(),
-            source_sha256: sha256(source),
+            source_sha256: source_sha256.to_owned(),
             result_sha256: sha256(result),
             is_inverse: direction == Direction::Inverse,
+            inserted: inserted.clone(),
         }
     }
 }
@@ -56,7 +61,7 @@ pub fn sha256(bytes: &[u8]) -> String {
 }
 
 /// Refuses a program that a record of its folder names as corrected already, and one to be brought back that another model
-/// has corrected.
+/// has corrected. Returns the record of the one that is brought back, if there is one.
 ///
 /// # Errors
 /// [`InputError`] names the program and the record.
@@ -65,14 +70,14 @@ pub fn refuse_corrected(
     bytes: &[u8],
     model: &str,
     direction: Direction,
-) -> Result<(), Failure> {
+) -> Result<Option<Record>, Failure> {
     let folder = match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,
         _ => Path::new("."),
     };
     let hash = sha256(bytes);
     let Ok(entries) = std::fs::read_dir(folder) else {
-        return Ok(());
+        return Ok(None);
     };
     for entry in entries.flatten() {
         let name = entry.file_name().to_string_lossy().into_owned();
@@ -103,8 +108,8 @@ pub fn refuse_corrected(
                 let found = format!("a program that another model has corrected: {name} says so");
                 return Err(InputError::new(path, found, "the model that corrected it").into());
             }
-            Direction::Inverse => {}
+            Direction::Inverse => return Ok(Some(record)),
         }
     }
-    Ok(())
+    Ok(None)
 }

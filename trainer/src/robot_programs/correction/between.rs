@@ -10,90 +10,106 @@ use poegp_calibration::progress::threads;
 use poegp_runtime::guard::status::Status;
 use poegp_runtime::math::se3::{Pose, Twist};
 
-use crate::robot_programs::correction::program::{Location, Program, Way, frames_of};
+use crate::robot_programs::correction::program::{Program, Way, frames_of};
 use crate::robot_programs::correction::replacement::Solved;
 
 /// Points of a move, and of all moves together, at most.
-const POINTS: usize = 20;
+pub const POINTS: usize = 20;
 const ALL_POINTS: usize = 20_000;
 /// Less than this share of the chord squared, twice the area of three points is none: they are on a line.
 const FLAT: f64 = 1e-9;
 
-/// The error between the ends of all moves.
+/// A line or an arc between corrected targets.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stretch<'a> {
+    /// Index of the move.
+    pub step: usize,
+    /// The target that it begins at.
+    pub start: &'a Solved,
+    /// Of an arc, the target between its ends.
+    pub via: Option<&'a Solved>,
+    /// The target that it ends at.
+    pub end: &'a Solved,
+}
+
+impl Stretch<'_> {
+    fn points(&self) -> Vec<&Solved> {
+        [Some(self.start), self.via, Some(self.end)]
+            .into_iter()
+            .flatten()
+            .collect()
+    }
+}
+
+/// The error between the ends of one move.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Between {
-    /// Lines and arcs.
-    pub moves: usize,
-    /// Points of each that were looked at.
+    /// Index of the target that the move ends at.
+    pub target: usize,
+    /// Points of it that were looked at.
     pub points: usize,
     /// Largest distance of the real tool from the way between the wanted ends, m.
     pub largest: f64,
-    /// The target that the worst move ends at.
-    pub location: Location,
 }
 
-/// A move between solved targets: its ends, and on an arc a point between them.
-struct Piece<'a> {
-    points: Vec<&'a Solved>,
-}
-
-/// Looks between the ends of lines and arcs whose targets were corrected; `None` without any.
-pub fn between(program: &Program, commander: &Commander, solved: &[Solved]) -> Option<Between> {
+/// The lines and arcs whose targets were all corrected, in the order of the moves.
+pub fn stretches<'a>(program: &Program, solved: &'a [Solved]) -> Vec<Stretch<'a>> {
     let mut by_target: Vec<Option<&Solved>> = vec![None; program.targets.len()];
     for one in solved {
         by_target[one.target] = Some(one);
     }
-    let mut pieces = Vec::new();
+    let mut out = Vec::new();
     let (mut last, mut via): (Option<&Solved>, Option<Option<&Solved>>) = (None, None);
-    for step in &program.moves {
+    for (index, step) in program.moves.iter().enumerate() {
         let here = by_target[step.target];
-        match (step.way, via.take()) {
-            (Way::Arc, None) => {
-                via = Some(here);
-                continue;
-            }
-            (Way::Arc, Some(middle)) => {
-                if let (Some(a), Some(b), Some(c)) = (last, middle, here) {
-                    pieces.push(Piece {
-                        points: vec![a, b, c],
-                    });
-                }
-            }
-            (Way::Line, _) => {
-                if let (Some(a), Some(b)) = (last, here) {
-                    pieces.push(Piece { points: vec![a, b] });
-                }
-            }
-            (Way::Joints, _) => {}
+        let middle = via.take();
+        if (step.way, middle) == (Way::Arc, None) {
+            via = Some(here);
+            continue;
+        }
+        let is_known = step.way != Way::Arc || middle.flatten().is_some();
+        if let (Way::Line | Way::Arc, true, Some(start), Some(end)) =
+            (step.way, is_known, last, here)
+        {
+            let via = middle.flatten().filter(|_| step.way == Way::Arc);
+            out.push(Stretch {
+                step: index,
+                start,
+                via,
+                end,
+            });
         }
         last = here;
     }
-    let points = (ALL_POINTS / pieces.len().max(1)).clamp(1, POINTS);
-    let errors = map_all(threads(), &pieces, |piece| {
-        error(program, commander, piece, points)
-    });
-    let worst = errors
-        .iter()
-        .zip(&pieces)
-        .max_by(|a, b| a.0.total_cmp(b.0))?;
-    let end = worst.1.points.last()?;
-    Some(Between {
-        moves: pieces.len(),
+    out
+}
+
+/// Looks between the ends of lines and arcs.
+pub fn between(
+    program: &Program,
+    commander: &Commander,
+    stretches: &[Stretch<'_>],
+) -> Vec<Between> {
+    let points = (ALL_POINTS / stretches.len().max(1)).clamp(1, POINTS);
+    map_all(threads(), stretches, |stretch| Between {
+        target: stretch.end.target,
         points,
-        largest: *worst.0,
-        location: program.targets[end.target].location,
+        largest: error(program, commander, stretch, points),
     })
 }
 
 /// The largest error at points of a move, m.
-fn error(program: &Program, commander: &Commander, piece: &Piece<'_>, points: usize) -> f64 {
-    let (Some(first), Some(end)) = (piece.points.first(), piece.points.last()) else {
-        return 0.0;
-    };
+pub fn error(
+    program: &Program,
+    commander: &Commander,
+    stretch: &Stretch<'_>,
+    points: usize,
+) -> f64 {
+    let (first, end) = (stretch.start, stretch.end);
     let (tool, _) = frames_of(program, &program.targets[end.target]);
     let poses = |joints: fn(&Solved) -> &Joints| -> Vec<Pose<f64>> {
         let pose = |s: &&Solved| commander.nominal_flange(joints(s)) * tool;
-        piece.points.iter().map(pose).collect()
+        stretch.points().iter().map(pose).collect()
     };
     let (wanted, written) = (poses(|s| &s.joints), poses(|s| &s.command));
     let mut largest = 0.0_f64;
@@ -116,7 +132,7 @@ fn error(program: &Program, commander: &Commander, piece: &Piece<'_>, points: us
 }
 
 /// The pose at a share of the way from the first to the last of two poses, or three on a circle.
-fn at(poses: &[Pose<f64>], share: f64) -> Pose<f64> {
+pub fn at(poses: &[Pose<f64>], share: f64) -> Pose<f64> {
     let (Some(a), Some(b)) = (poses.first(), poses.last()) else {
         return Pose::identity();
     };

@@ -103,47 +103,55 @@ fn answer(
     planned: &Planned,
     direction: Direction,
 ) -> Result<Solved, Left> {
-    let target = &program.targets[planned.target];
-    let leave = |reason: String| Left {
-        location: target.location,
+    let found = corrected(program, commander, planned, direction);
+    found.map_err(|reason| Left {
+        location: program.targets[planned.target].location,
         reason,
-    };
+    })
+}
+
+/// The same, or the reason alone.
+pub fn corrected(
+    program: &Program,
+    commander: &Commander,
+    planned: &Planned,
+    direction: Direction,
+) -> Result<Solved, String> {
+    let target = &program.targets[planned.target];
     let (joints, kg) = (planned.joints, planned.payload_kg);
     let wanted = match direction {
         Direction::Correct => joints,
         Direction::Inverse => commander
             .uncorrected(&joints, kg)
-            .ok_or_else(|| leave("no target is corrected to it".to_owned()))?,
+            .ok_or("no target is corrected to it")?,
     };
     let corrected = commander.correct(&wanted, kg);
     let status = corrected.status;
     if status.contains(Status::PARTLY_CORRECTED) {
-        return Err(leave(format!(
+        return Err(format!(
             "beside a singularity or a bound: {:.0} µm of its error would stay",
             1e6 * corrected.position_error
-        )));
+        ));
     }
     if status.contains(Status::CORRECTION_LIMITED) || status.contains(Status::BAD_INPUT) {
-        return Err(leave(format!(
-            "the model does not answer for it ({status})"
-        )));
+        return Err(format!("the model does not answer for it ({status})"));
     }
     let now = commander.evaluate(&wanted, kg);
     if now.trust < TRUSTED {
-        return Err(leave(format!(
+        return Err(format!(
             "far from the training data: trust {:.2}, below {TRUSTED}",
             now.trust
-        )));
+        ));
     }
     let command = match direction {
         Direction::Correct => corrected.joints,
         Direction::Inverse => wanted,
     };
     if let Some(joint) = commander.beyond_limit(&command) {
-        return Err(leave(format!(
+        return Err(format!(
             "corrected, joint {} would be beyond its limit",
             joint + 1
-        )));
+        ));
     }
     let (tool, _) = frames_of(program, target);
     let nominal = commander.nominal_flange(&wanted) * tool;

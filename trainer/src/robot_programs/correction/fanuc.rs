@@ -10,7 +10,9 @@ use poegp_runtime::math::se3::Pose;
 
 use crate::robot_programs::Language;
 use crate::robot_programs::correction::frames::FrameFile;
-use crate::robot_programs::correction::program::{Frame, Goal, Location, Program, Target, Way};
+use crate::robot_programs::correction::program::{
+    Configuration, Frame, Goal, Location, Program, Target, Way, of_turn,
+};
 use crate::robot_programs::correction::source::{Number, Source};
 use crate::robot_programs::correction::tokens::{Kind, Lexicon, Text, Token, tokens};
 
@@ -125,8 +127,12 @@ fn position(
     let end = (from..close).find(is_next).unwrap_or(close);
     let mut named: BTreeMap<String, Number> = BTreeMap::new();
     let mut frames: BTreeMap<String, String> = BTreeMap::new();
+    let mut stated = None;
     for at in from..end {
         let name = text.name(at);
+        if name == "config" && text.is(at + 1, b':') {
+            stated = configuration(&text.spelling(at + 2));
+        }
         if text.is(at + 1, b'=')
             && let Some(number) = text.number(at + 2)
         {
@@ -145,6 +151,7 @@ fn position(
     let has_more = named
         .keys()
         .any(|name| name.starts_with('e') && name[1..].parse::<u8>().is_ok());
+    let is_pose = pose.is_some();
     let goal = match pose {
         Some(n) => Some(Goal::Pose {
             position: [n[0], n[1], n[2]],
@@ -160,7 +167,7 @@ fn position(
                 goal,
                 tool: None,
                 base: None,
-                configuration: None,
+                configuration: stated.filter(|_| is_pose),
             });
             Some(program.targets.len() - 1)
         }
@@ -182,6 +189,22 @@ fn position(
     };
     let frames = number("uf").zip(number("ut"));
     Taught { target, frames }
+}
+
+/// `'N U T, 0, 0, 0'`: is the wrist flipped (F or N), elbow, front or back, and whole turns of joints 1, 4 and 6.
+fn configuration(text: &str) -> Option<Configuration> {
+    let mut parts = text.trim_matches(['\'', '"']).split(',');
+    let is_wrist_flipped = match parts.next()?.split_whitespace().next()? {
+        "F" => Some(true),
+        "N" => Some(false),
+        _ => None,
+    };
+    let turns: Vec<f64> = parts.filter_map(|turn| turn.trim().parse().ok()).collect();
+    let bounds = [0, 3, 5].into_iter().zip(turns);
+    Some(Configuration {
+        is_wrist_flipped,
+        ..Configuration::monitored(bounds.map(|(joint, turn)| of_turn(joint, turn)).collect())
+    })
 }
 
 fn find_motions(

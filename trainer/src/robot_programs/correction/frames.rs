@@ -1,6 +1,8 @@
 //! Tools and bases that a program does not say: a TOML file.
 //!
 //! ```toml
+//! pulses_per_degree = [1435.6, 1422.2, 1244.4, 1031.1, 980.0, 568.9]   # of INFORM joints
+//!
 //! [tool."3"]
 //! xyz_mm = [0, 80, 310]
 //! quaternion = [0.98480775, -0.17364818, 0, 0]   # w, x, y, z
@@ -34,6 +36,7 @@ struct Entry {
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Entries {
+    pulses_per_degree: Option<Vec<f64>>,
     #[serde(default)]
     tool: BTreeMap<String, Entry>,
     #[serde(default)]
@@ -53,6 +56,7 @@ pub struct Given {
 #[derive(Clone, Debug, Default)]
 pub struct FrameFile {
     path: Option<PathBuf>,
+    pulses_per_degree: Option<Vec<f64>>,
     tools: BTreeMap<String, Given>,
     bases: BTreeMap<String, Given>,
 }
@@ -102,11 +106,27 @@ impl FrameFile {
             }
             Ok(out)
         };
+        let pulses_per_degree = entries.pulses_per_degree;
+        let is_scale = |n: &f64| n.is_finite() && *n != 0.0;
+        if pulses_per_degree.iter().flatten().any(|n| !is_scale(n)) {
+            let expected = "pulses_per_degree = [one number for each joint, not zero]";
+            return Err(InputError::new(
+                path,
+                "pulses_per_degree with a zero",
+                expected,
+            ));
+        }
         Ok(Self {
             path: Some(path.to_path_buf()),
+            pulses_per_degree,
             tools: given("tool", entries.tool)?,
             bases: given("base", entries.base)?,
         })
+    }
+
+    /// Pulses of each joint's encoder in a degree.
+    pub fn pulses_per_degree(&self) -> Option<&[f64]> {
+        self.pulses_per_degree.as_deref()
     }
 
     /// A tool.

@@ -1,8 +1,9 @@
 //! A reader of Yaskawa INFORM jobs (`.jbi`): the positions of `//POS` that motions of `//INST` go to.
 //!
 //! Lines of `//POS` say what the positions below them are: `///PULSE`, or `///RECTAN` in the robot's frame, its base or
-//! `///USER n`, with `///TOOL n`. Pulses are left: how many make a degree is in the controller. Values of tools and user frames are
-//! in the controller, too: a frame file has them.
+//! `///USER n`, with `///TOOL n`. How many pulses make a degree is in the controller: a
+//! frame file has it, or pulses are left. Values of tools and user frames are
+//! in the controller, too: its condition files have them, or a frame file.
 
 use std::collections::BTreeMap;
 
@@ -10,22 +11,29 @@ use poegp_calibration::input_error::InputError;
 use poegp_runtime::math::se3::Pose;
 
 use crate::robot_programs::correction::frames::FrameFile;
-use crate::robot_programs::correction::program::{Frame, Goal, Location, Program, Target, Way};
+use crate::robot_programs::correction::inform_conditions::{Conditions, conditions};
+use crate::robot_programs::correction::program::{
+    Configuration, Frame, Goal, Location, Program, Target, Way, of_turn,
+};
 use crate::robot_programs::correction::source::{Number, Source};
 use crate::robot_programs::dialect::INFORM;
 
-/// Reads a job.
+/// Reads a job; `others` are condition files.
 ///
 /// # Errors
 /// [`InputError`] for a frame that is not in the frame file.
-pub fn read(source: Source, frames: &FrameFile) -> Result<Program, InputError> {
+pub fn read(source: Source, others: &[Source], frames: &FrameFile) -> Result<Program, InputError> {
     let copy = source.clone();
     let mut reader = Reader {
         program: Program::new("Yaskawa INFORM", INFORM, vec![source]),
         source: &copy,
         given: frames,
+        conditions: conditions(others),
         positions: BTreeMap::new(),
     };
+    let units = frames.pulses_per_degree();
+    reader.program.joint_units =
+        units.map(|all| all.iter().map(|n| (1.0 / n).to_radians()).collect());
     let mut state = Header::default();
     let mut is_code = false;
     let mut is_shifted = false;
@@ -56,6 +64,7 @@ struct Header {
     tool: String,
     kind: String,
     user: String,
+    configuration: Option<Configuration>,
 }
 
 impl Header {
@@ -66,15 +75,34 @@ impl Header {
             "TOOL" => self.tool = value.to_owned(),
             "POSTYPE" => self.kind = value.to_owned(),
             "USER" => self.user = value.to_owned(),
+            "RCONF" => self.configuration = configuration(value),
             _ => {}
         }
     }
+}
+
+/// `0,0,0,0,0,0,…`: is the wrist flipped, elbow, front or back, and do joints 4, 6 and 1 stay within half a turn.
+fn configuration(text: &str) -> Option<Configuration> {
+    let numbers: Vec<u8> = text
+        .split(',')
+        .map_while(|n| n.trim().parse().ok())
+        .collect();
+    let [wrist, _, _, four, six, one, ..] = numbers[..] else {
+        return None;
+    };
+    let within = [(3, four), (5, six), (0, one)].into_iter();
+    let within = within.filter(|(_, is_beyond)| *is_beyond == 0);
+    Some(Configuration {
+        is_wrist_flipped: Some(wrist == 0),
+        ..Configuration::monitored(within.map(|(joint, _)| of_turn(joint, 0.0)).collect())
+    })
 }
 
 struct Reader<'a> {
     program: Program,
     source: &'a Source,
     given: &'a FrameFile,
+    conditions: Conditions,
     positions: BTreeMap<String, (Option<usize>, Header)>,
 }
 
@@ -112,9 +140,13 @@ impl Reader<'_> {
         from: usize,
         header: &Header,
     ) -> Result<Target, &'static str> {
-        match header.kind.as_str() {
-            "PULSE" => return Err("it is in pulses"),
-            "BASE" | "ROBOT" | "USER" => {}
+        let pulses = self.given.pulses_per_degree();
+        let is_pulses = header.kind == "PULSE";
+        match (header.kind.as_str(), pulses) {
+            ("PULSE", None) => {
+                return Err("it is in pulses: give pulses_per_degree in a file of --frames");
+            }
+            ("PULSE" | "BASE" | "ROBOT" | "USER", _) => {}
             _ => return Err("its frame is not one of BASE, ROBOT and USER"),
         }
         let mut start = at + from;
@@ -124,19 +156,20 @@ impl Reader<'_> {
             numbers.push(number.ok_or("a part of it is no number")?);
             start += value.len() + 1;
         }
-        let [x, y, z, rx, ry, rz] = numbers[..] else {
-            return Err("it has external axes");
-        };
-        let goal = Goal::Pose {
-            position: [x, y, z],
-            orientation: vec![rx, ry, rz],
+        let goal = match (numbers.as_slice(), pulses) {
+            (all, Some(pulses)) if is_pulses && all.len() == pulses.len() => Goal::Joints(numbers),
+            ([x, y, z, rx, ry, rz], _) if !is_pulses => Goal::Pose {
+                position: [*x, *y, *z],
+                orientation: vec![*rx, *ry, *rz],
+            },
+            _ => return Err("it has external axes"),
         };
         Ok(Target {
             location: Location { file: 0, at },
             goal,
             tool: None,
             base: None,
-            configuration: None,
+            configuration: header.configuration.clone().filter(|_| !is_pulses),
         })
     }
 
@@ -198,8 +231,20 @@ impl Reader<'_> {
             return Ok(());
         };
         let location = self.program.targets[target].location.at;
-        let tool = self.frame(location, &header.tool, true)?;
-        let user = if header.kind == "USER" {
+        let is_joints = matches!(self.program.targets[target].goal, Goal::Joints(_));
+        let tool = match self.frame(location, &header.tool, true) {
+            Ok(tool) => tool,
+            // Joints need none.
+            Err(_) if is_joints => Frame {
+                name: format!("TOOL {}", header.tool),
+                is_tool: true,
+                pose: Pose::identity(),
+                payload_kg: None,
+                origin: "the controller".to_owned(),
+            },
+            Err(error) => return Err(error),
+        };
+        let user = if header.kind == "USER" && !is_joints {
             header.user.as_str()
         } else {
             ""
@@ -212,10 +257,18 @@ impl Reader<'_> {
 
     /// A tool or user frame by its number; positions in the base have none.
     fn frame(&self, at: usize, number: &str, is_tool: bool) -> Result<Frame, InputError> {
-        let found = if is_tool {
+        let given = if is_tool {
             self.given.tool(number)
         } else {
             self.given.base(number)
+        };
+        let own = number
+            .parse()
+            .ok()
+            .and_then(|n| self.conditions.get(&(is_tool, n)));
+        let found = match own {
+            Some((own, origin)) => Some((*own, origin.clone())),
+            None => given.map(|given| (given, self.given.origin())),
         };
         let (kind, name) = if is_tool {
             ("tool", "TOOL")
@@ -230,11 +283,11 @@ impl Reader<'_> {
             origin,
         };
         match found {
-            Some(found) => Ok(frame(
+            Some((found, origin)) => Ok(frame(
                 format!("{name} {number}"),
                 found.pose,
                 found.payload_kg,
-                self.given.origin(),
+                origin,
             )),
             None if number.is_empty() && !is_tool => Ok(frame(
                 "base".to_owned(),

@@ -9,12 +9,14 @@ pub mod engine;
 mod fanuc;
 pub mod frames;
 mod inform;
+mod inform_conditions;
 mod krl;
 pub mod planning;
 pub mod program;
 mod rapid;
 pub mod replacement;
 pub mod source;
+pub mod split;
 mod table;
 pub mod tokens;
 mod urscript;
@@ -92,7 +94,7 @@ impl Format {
         Some(path.with_extension(other)).filter(|path| path.exists())
     }
 
-    /// Files beside a file that say how its targets are used; they are read alone.
+    /// Files beside a file that say how its targets are used, or what its frames are; they are not corrected.
     pub fn beside(self, path: &Path) -> Vec<PathBuf> {
         let folder = match path.parent() {
             Some(folder) if !folder.as_os_str().is_empty() => folder,
@@ -101,14 +103,20 @@ impl Format {
         let Ok(entries) = std::fs::read_dir(folder) else {
             return Vec::new();
         };
-        let is_code = |path: &PathBuf| {
-            let ending = path.extension().unwrap_or_default();
-            self == Self::Val3 && ending.eq_ignore_ascii_case("pgx")
+        let is_used = |path: &PathBuf| match self {
+            Self::Val3 => path
+                .extension()
+                .is_some_and(|ending| ending.eq_ignore_ascii_case("pgx")),
+            Self::Inform => path.file_name().is_some_and(|name| {
+                let names = inform_conditions::NAMES;
+                names.iter().any(|known| name.eq_ignore_ascii_case(known))
+            }),
+            _ => false,
         };
         let paths = entries
             .flatten()
             .map(|entry| folder.join(entry.file_name()));
-        let mut found: Vec<PathBuf> = paths.filter(is_code).collect();
+        let mut found: Vec<PathBuf> = paths.filter(is_used).collect();
         found.sort();
         found
     }
@@ -123,7 +131,11 @@ impl Format {
             Self::UrScript => urscript::read(one(sources)?, frames),
             Self::Fanuc => fanuc::read(one(sources)?, frames),
             Self::Krl => krl::read(sources, frames),
-            Self::Inform => inform::read(one(sources)?, frames),
+            Self::Inform => {
+                let is_job = |source: &Source| source.is_corrected;
+                let (jobs, others): (Vec<_>, Vec<_>) = sources.into_iter().partition(is_job);
+                inform::read(one(jobs)?, &others, frames)
+            }
             Self::Val3 => val3::read(sources, frames),
             Self::Table => table::read(one(sources)?, frames),
         }

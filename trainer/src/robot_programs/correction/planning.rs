@@ -8,12 +8,15 @@ use poegp_protocol::limits::MAX_JOINTS;
 use poegp_runtime::guard::status::Status;
 
 use crate::robot_programs::correction::program::{
-    Goal, Left, Program, Target, frames_of, written_pose,
+    Goal, Left, Program, Target, frames_of, of_sign, written_pose,
 };
 use crate::robot_programs::correction::source::Number;
 
 /// A search that ends farther from where it began, in rad or m, may be on another branch.
-const NEAR: f64 = 0.6;
+pub const NEAR: f64 = 0.6;
+
+/// Index of the joint that turns the wrist over.
+const WRIST: usize = 4;
 
 /// Where the payload comes from.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -42,6 +45,9 @@ enum Refused {
     Program(InputError),
 }
 
+/// A way that the wrist is turned, and whether joint 5 is negative then.
+type Wrist = (bool, bool);
+
 /// The joints of every target that a move uses, on the controller's branch.
 pub fn plan(
     program: &Program,
@@ -53,17 +59,24 @@ pub fn plan(
     let mut is_done = vec![false; program.targets.len()];
     let mut out: Vec<Planned> = Vec::new();
     let mut last = first_joints(program, commander);
+    let mut wrist: Option<Wrist> = None;
     for step in &program.moves {
         let target = &program.targets[step.target];
         if std::mem::replace(&mut is_done[step.target], true) || refused.contains(&target.location)
         {
             continue;
         }
-        let found = payload_of(program, target, payload)
-            .and_then(|kg| joints_of(program, commander, target, &last).map(|joints| (joints, kg)));
+        let found = payload_of(program, target, payload).and_then(|kg| {
+            let joints = joints_of(program, commander, target, &last, wrist)?;
+            Ok((joints, kg))
+        });
         match found {
             Ok((joints, payload_kg)) => {
                 last = Some(joints);
+                let stated = target.configuration.as_ref();
+                if let (None, Some(is_flipped)) = (wrist, stated.and_then(|c| c.is_wrist_flipped)) {
+                    wrist = Some((is_flipped, joints[WRIST] < 0.0));
+                }
                 out.push(Planned {
                     target: step.target,
                     joints,
@@ -123,8 +136,8 @@ fn in_radians(program: &Program, commander: &Commander, numbers: &[Number]) -> O
         return None;
     }
     let mut joints = [0.0; MAX_JOINTS];
-    for (slot, number) in joints.iter_mut().zip(numbers) {
-        *slot = number.value * program.dialect.radian;
+    for (joint, (slot, number)) in joints.iter_mut().zip(numbers).enumerate() {
+        *slot = number.value * program.radian(joint);
     }
     Some(joints)
 }
@@ -134,6 +147,7 @@ fn joints_of(
     commander: &Commander,
     target: &Target,
     last: &Option<Joints>,
+    wrist: Option<Wrist>,
 ) -> Result<Joints, Refused> {
     match &target.goal {
         Goal::Joints(numbers) => {
@@ -152,7 +166,7 @@ fn joints_of(
                 None => Ok(joints),
             }
         }
-        Goal::Pose { .. } => pose_joints(program, commander, target, last),
+        Goal::Pose { .. } => pose_joints(program, commander, target, last, wrist),
     }
 }
 
@@ -161,13 +175,18 @@ fn pose_joints(
     commander: &Commander,
     target: &Target,
     last: &Option<Joints>,
+    wrist: Option<Wrist>,
 ) -> Result<Joints, Refused> {
     let Some(pose) = written_pose(program, target) else {
         return Err(Refused::Left("its orientation is none".to_owned()));
     };
     let (tool, base) = frames_of(program, target);
     let flange = base * pose * tool.inverse();
-    let configuration = target.configuration.clone().unwrap_or_default();
+    let mut configuration = target.configuration.clone().unwrap_or_default();
+    if let (Some(is_flipped), Some((name, is_negative))) = (configuration.is_wrist_flipped, wrist) {
+        let sign = of_sign(WRIST, is_negative == (is_flipped == name));
+        configuration.bounds.push(sign);
+    }
     let fits = |joints: &Joints| {
         let within = |(joint, lower, upper): &(usize, f64, f64)| {
             joints.get(*joint).is_some_and(|q| q >= lower && q <= upper)

@@ -39,8 +39,42 @@ pub struct Configuration {
     pub bounds: Vec<Bound>,
     /// Joints in rad or m that the branch is near; those of the target before where it is not known.
     pub near: Option<Vec<f64>>,
+    /// Which of two ways the wrist is turned. What a language calls either way depends on how its robot counts joint 5, so that
+    /// the first pose of a program says which sign of joint 5 is meant.
+    pub is_wrist_flipped: Option<bool>,
+    /// A number of it that says no joint's range; targets that are inserted on the way there get it, too.
+    pub rest: Option<Number>,
     /// Whether the controller stops where no branch is within them; otherwise it takes the nearest.
     pub is_monitored: bool,
+}
+
+impl Configuration {
+    /// Of a controller that stops where no solution has it.
+    pub fn monitored(bounds: Vec<Bound>) -> Self {
+        Self {
+            bounds,
+            is_monitored: true,
+            ..Self::default()
+        }
+    }
+}
+
+/// How far a joint may be beyond the end of a range, rad: a corrected target stays in its own.
+pub const SLACK: f64 = 0.02;
+
+/// The range of a joint on a side of zero.
+pub fn of_sign(joint: usize, is_negative: bool) -> Bound {
+    let far = 4.0 * std::f64::consts::TAU;
+    match is_negative {
+        true => (joint, -far, SLACK),
+        false => (joint, -SLACK, far),
+    }
+}
+
+/// The range of a joint within half a turn of so many whole turns.
+pub fn of_turn(joint: usize, turn: f64) -> Bound {
+    let (middle, half) = (std::f64::consts::TAU * turn, std::f64::consts::PI + SLACK);
+    (joint, middle - half, middle + half)
 }
 
 /// One target.
@@ -102,6 +136,32 @@ pub struct Move {
     pub way: Way,
 }
 
+/// How an instruction has a target written into it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Literal {
+    /// `[[x,y,z],[q1,q2,q3,q4],[cf1,cf4,cf6,cfx],[9E9,…]]`
+    Robtarget,
+    /// `{X …,Y …,Z …,A …,B …,C …}`
+    Frame,
+    /// `p[x, y, z, rx, ry, rz]`
+    Pose,
+}
+
+/// A straight move that others can be inserted before: copies of its instruction with other targets.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Line {
+    /// Index of the move. Nothing moves the arm between the move before and this one.
+    pub step: usize,
+    /// Index of the file.
+    pub file: usize,
+    /// First byte of the instruction, and the one behind its last.
+    pub instruction: (usize, usize),
+    /// The bytes of its target.
+    pub target: (usize, usize),
+    /// How a target is written.
+    pub literal: Literal,
+}
+
 /// A program, as far as it concerns a correction.
 #[derive(Clone, Debug)]
 pub struct Program {
@@ -109,6 +169,8 @@ pub struct Program {
     pub language: &'static str,
     /// Its units.
     pub dialect: Dialect,
+    /// Radians of a unit of each joint, where these are not [`Dialect::radian`].
+    pub joint_units: Option<Vec<f64>>,
     /// Its files.
     pub sources: Vec<Source>,
     /// All targets.
@@ -117,6 +179,8 @@ pub struct Program {
     pub frames: Vec<Frame>,
     /// In the order of the text.
     pub moves: Vec<Move>,
+    /// Moves that others can be inserted before, in their order.
+    pub lines: Vec<Line>,
     /// What is left, found by the reader.
     pub left: Vec<Left>,
     /// What else should be known.
@@ -129,13 +193,21 @@ impl Program {
         Self {
             language,
             dialect,
+            joint_units: None,
             sources,
             targets: Vec::new(),
             frames: Vec::new(),
             moves: Vec::new(),
+            lines: Vec::new(),
             left: Vec::new(),
             remarks: Vec::new(),
         }
+    }
+
+    /// Radians of a unit of a joint.
+    pub fn radian(&self, joint: usize) -> f64 {
+        let own = self.joint_units.as_ref().and_then(|units| units.get(joint));
+        own.copied().unwrap_or(self.dialect.radian)
     }
 
     /// The index of a frame, which is added if it is new.

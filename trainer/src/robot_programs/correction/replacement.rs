@@ -7,7 +7,7 @@ use crate::robot_programs::correction::program::{Goal, Program, frames_of};
 use crate::robot_programs::correction::source::{Decimals, Number, rewritten};
 
 /// A target and its joints.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Solved {
     /// Index of the target.
     pub target: usize,
@@ -25,15 +25,15 @@ pub struct Solved {
     pub after: f64,
 }
 
-/// A number to be replaced.
+/// A number to be replaced, or, of an empty span, a text to be inserted.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Replacement {
     /// Index of the file.
     pub file: usize,
     /// First byte and the one behind the last.
     pub span: (usize, usize),
-    /// The new number.
-    pub text: String,
+    /// The new number, or what is inserted.
+    pub text: Vec<u8>,
 }
 
 /// tool⁻¹ · nominal(q)⁻¹ · nominal(q*) · tool, and nothing at all where q* is q.
@@ -68,7 +68,7 @@ pub fn replace(
             out.push(Replacement {
                 file: number.file as usize,
                 span,
-                text,
+                text: text.into_bytes(),
             });
         }
     };
@@ -89,9 +89,10 @@ pub fn replace(
         Goal::Joints(numbers) => {
             for (i, number) in numbers.iter().enumerate() {
                 // From the number as it is written, which a joint that stays keeps.
-                let change = (solved.command[i] - solved.joints[i]) / dialect.radian;
+                let radian = program.radian(i);
+                let change = (solved.command[i] - solved.joints[i]) / radian;
                 // An arm's length for a radian.
-                put(number, number.value + change, joints, 2.0 * dialect.radian);
+                put(number, number.value + change, joints, 2.0 * radian.abs());
             }
         }
         Goal::Pose {
@@ -118,23 +119,74 @@ pub fn replace(
     rounding
 }
 
-/// The files with their new numbers.
-pub fn rewrite(program: &Program, replacements: &[Replacement]) -> Vec<Vec<u8>> {
-    let mut out: Vec<Vec<u8>> = Vec::new();
+/// A file with its new numbers, and where in it inserted texts are.
+pub type Rewritten = (Vec<u8>, Vec<(usize, usize)>);
+
+/// The files with their new numbers; `replacements` are in their order.
+pub fn rewrite(program: &Program, replacements: &[Replacement]) -> Vec<Rewritten> {
+    let mut out: Vec<Rewritten> = Vec::new();
     for (file, source) in program.sources.iter().enumerate() {
         let mut bytes = Vec::with_capacity(source.bytes.len() + 64);
-        let mut from = 0;
+        let (mut from, mut inserted) = (0, Vec::new());
         for r in replacements.iter().filter(|r| r.file == file) {
             let (start, end) = r.span;
             if start < from {
                 continue;
             }
             bytes.extend_from_slice(&source.bytes[from..start]);
-            bytes.extend_from_slice(r.text.as_bytes());
+            let at = bytes.len();
+            bytes.extend_from_slice(&r.text);
+            if start == end {
+                inserted.push((at, bytes.len()));
+            }
             from = end;
         }
         bytes.extend_from_slice(&source.bytes[from..]);
-        out.push(bytes);
+        out.push((bytes, inserted));
     }
     out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::Path;
+
+    use crate::robot_programs::Language;
+    use crate::robot_programs::correction::source::Source;
+
+    /// Behind numbers that become longer and shorter, too.
+    #[test]
+    fn what_was_inserted_can_be_taken_out() {
+        let source = Source::new(Path::new("a.mod"), b"p 1.5 20.25 MoveL p; 3".to_vec(), true);
+        let program = Program::new("ABB RAPID", Language::Rapid.dialect(), vec![source]);
+        let put = |span: (usize, usize), text: &str| Replacement {
+            file: 0,
+            span,
+            text: text.as_bytes().to_vec(),
+        };
+        let numbers = [
+            put((2, 5), "1.50001"),
+            put((6, 11), "2"),
+            put((21, 22), "-3.1"),
+        ];
+        let copies = [
+            put((12, 12), "MoveL q; MoveL r; "),
+            put((21, 21), "MoveL s; "),
+        ];
+        let mut all = [numbers.as_slice(), &copies].concat();
+        all.sort_by_key(|r| r.span);
+        let [(split, inserted)] = &rewrite(&program, &all)[..] else {
+            unreachable!()
+        };
+        let [(plain, none)] = &rewrite(&program, &numbers)[..] else {
+            unreachable!()
+        };
+        assert!(none.is_empty() && inserted.len() == 2);
+        let split = Source::new(Path::new("a.mod"), split.clone(), true);
+        let rest = split.without(inserted).unwrap();
+        assert_eq!(rest.bytes, *plain);
+        assert_eq!(plain, b"p 1.50001 2 MoveL p; -3.1");
+        assert!(split.without(&[(3, 2)]).is_none() && split.without(&[(0, 99)]).is_none());
+    }
 }

@@ -62,6 +62,23 @@ impl Source {
         (line, 1 + at - self.lines[line - 1])
     }
 
+    /// The first byte of the line that a byte is in.
+    pub fn line_start(&self, at: usize) -> usize {
+        let line = self.lines.partition_point(|start| *start <= at).max(1);
+        self.lines[line - 1]
+    }
+
+    /// Without some spans, which must be in their order; `None` where they are not, or beyond the end.
+    pub fn without(&self, spans: &[(usize, usize)]) -> Option<Self> {
+        let (mut bytes, mut from) = (Vec::with_capacity(self.bytes.len()), 0);
+        for (start, end) in spans {
+            bytes.extend_from_slice(self.bytes.get(from..*start).filter(|_| start <= end)?);
+            from = *end;
+        }
+        bytes.extend_from_slice(self.bytes.get(from..)?);
+        Some(Self::new(&self.path, bytes, self.is_corrected))
+    }
+
     /// The bytes of a span.
     pub fn slice(&self, span: &Range<usize>) -> &[u8] {
         self.bytes.get(span.clone()).unwrap_or(&[])

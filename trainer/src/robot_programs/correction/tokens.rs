@@ -240,6 +240,12 @@ impl<'a> Text<'a> {
             .map_or(self.source.bytes.len(), |token| token.start as usize)
     }
 
+    /// The byte behind a token, or the end of the file.
+    pub fn end_of(&self, at: usize) -> usize {
+        self.at(at)
+            .map_or(self.source.bytes.len(), |token| token.end as usize)
+    }
+
     /// The number that a token is.
     pub fn number(&self, at: usize) -> Option<Number> {
         let token = self.at(at).filter(|token| token.kind == Kind::Number)?;

@@ -12,7 +12,10 @@ use poegp_runtime::math::se3::Pose;
 
 use crate::robot_programs::Language;
 use crate::robot_programs::correction::frames::FrameFile;
-use crate::robot_programs::correction::program::{Frame, Goal, Location, Program, Target, Way};
+use crate::robot_programs::correction::program;
+use crate::robot_programs::correction::program::{
+    Frame, Goal, Literal, Location, Program, Target, Way,
+};
 use crate::robot_programs::correction::source::{Number, Source};
 use crate::robot_programs::correction::tokens::{Kind, Lexicon, Text, tokens};
 use crate::robot_programs::dialect::Orientation;
@@ -34,6 +37,19 @@ const OTHER_MOTIONS: [&str; 8] = [
     "movep_relative",
     "path_offset_set",
     "force_mode",
+];
+
+/// Lines at which the arm stays, so that the next begins where the move before has ended.
+const STAYS: [&str; 9] = [
+    "set_tcp",
+    "set_payload",
+    "set_target_payload",
+    "sleep",
+    "textmsg",
+    "popup",
+    "set_digital_out",
+    "set_standard_digital_out",
+    "set_standard_analog_out",
 ];
 
 /// Reads a script.
@@ -231,7 +247,15 @@ impl Reader<'_> {
         let mut tool: Option<(Tool, Vec<usize>)> = None;
         let mut payload = None;
         let mut function = usize::MAX;
+        let mut before: Option<(usize, Vec<usize>)> = None;
         for line in self.lines.clone() {
+            let first = self.program.moves.len();
+            let is_same = before.as_ref().is_some_and(|(step, blocks)| {
+                line.function == function && *blocks == line.blocks && step + 1 == first
+            });
+            if !is_same {
+                before = None;
+            }
             if line.function != function {
                 function = line.function;
                 tool = self.tool_of_all().map(|tool| (tool, Vec::new()));
@@ -273,8 +297,57 @@ impl Reader<'_> {
                     }
                 }
             }
+            let name = text.name(line.from);
+            let (points, last) = (1 + usize::from(name == "movec"), self.program.moves.len());
+            if name == "movel" && last == first + 1 && before.is_some() {
+                self.note_line(&line, first);
+            }
+            if matches!(name.as_str(), "movej" | "movel" | "movep" | "movec") {
+                let is_known = last == first + points;
+                before = is_known.then(|| (last - 1, line.blocks.clone()));
+            } else if !STAYS.contains(&name.as_str()) {
+                before = None;
+            }
         }
         Ok(())
+    }
+
+    /// Notes that others can be inserted before a line, which must have no time of its own.
+    fn note_line(&mut self, line: &Line, step: usize) {
+        let text = self.text;
+        let arguments = self.first(line);
+        let is_named_time =
+            |(from, _): &(usize, usize)| text.name(*from) == "t" && text.is(from + 1, b'=');
+        let mut positional = arguments
+            .iter()
+            .filter(|(from, _)| !text.is(from + 1, b'='));
+        // The fourth is a time, and 0 is none.
+        let is_timed = positional.nth(3).is_some_and(|(from, end)| {
+            let is_zero = text.number(*from).is_some_and(|n| n.value == 0.0);
+            !(is_zero && *end == from + 1)
+        });
+        if is_timed || arguments.iter().any(is_named_time) {
+            return;
+        }
+        let Some((mut from, mut end)) = arguments.first().copied() else {
+            return;
+        };
+        // The pose in its feature.
+        while text.is(from + 1, b'(') {
+            let inner = text.arguments(from + 2, end - 1);
+            let at = usize::from(text.name(from) == "pose_trans");
+            match inner.get(at) {
+                Some(pose) => (from, end) = *pose,
+                None => return,
+            }
+        }
+        self.program.lines.push(program::Line {
+            step,
+            file: 0,
+            instruction: (text.byte(line.from), text.end_of(line.end - 1)),
+            target: (text.byte(from), text.end_of(end - 1)),
+            literal: Literal::Pose,
+        });
     }
 
     /// The tool where a function begins: the one that all of the script set.

@@ -11,7 +11,9 @@ use poegp_calibration::input_error::InputError;
 use poegp_runtime::math::se3::Pose;
 
 use crate::robot_programs::correction::frames::FrameFile;
-use crate::robot_programs::correction::program::{Frame, Goal, Location, Program, Target, Way};
+use crate::robot_programs::correction::program::{
+    Configuration, Frame, Goal, Location, Program, Target, Way,
+};
 use crate::robot_programs::correction::source::{Number, Source};
 use crate::robot_programs::correction::tokens::{Kind, Lexicon, Text, Token, tokens};
 use crate::robot_programs::dialect::{Orientation, VAL3};
@@ -182,6 +184,15 @@ impl Reader<'_> {
                 }
                 _ => continue,
             };
+            let is_wrist_flipped = match value("wrist").as_deref() {
+                Some("wpositive") => Some(false),
+                Some("wnegative") => Some(true),
+                _ => None,
+            };
+            let configuration = is_wrist_flipped.map(|is_flipped| Configuration {
+                is_wrist_flipped: Some(is_flipped),
+                ..Configuration::monitored(Vec::new())
+            });
             let location = Location { file, at: tag.at };
             let target = goal.filter(|_| source.is_corrected).map(|goal| {
                 self.program.targets.push(Target {
@@ -189,7 +200,7 @@ impl Reader<'_> {
                     goal,
                     tool: None,
                     base: None,
-                    configuration: None,
+                    configuration,
                 });
                 self.program.targets.len() - 1
             });

@@ -16,7 +16,7 @@ use poegp_runtime::math::se3::Pose;
 use crate::robot_programs::Language;
 use crate::robot_programs::correction::frames::FrameFile;
 use crate::robot_programs::correction::program::{
-    Configuration, Goal, Location, Program, Target, Way,
+    Configuration, Goal, Location, Program, Target, Way, of_sign,
 };
 use crate::robot_programs::correction::source::{Number, Source};
 use crate::robot_programs::correction::tokens::{Kind, Lexicon, Text, Token, tokens};
@@ -28,9 +28,6 @@ const LEXICON: Lexicon = Lexicon {
     in_names: b"$#",
     has_pairs: true,
 };
-
-/// How far a joint may be beyond zero, rad, against the sign that its turn bit says.
-const SIGN_SLACK: f64 = 0.02;
 
 /// Reads a source with its data list, and files whose frames it uses.
 ///
@@ -111,6 +108,8 @@ struct State {
     tool: Option<Named>,
     base: Option<Named>,
     is_fixed_tool: bool,
+    /// Index of the move before, while nothing else may have moved the arm.
+    before: Option<usize>,
 }
 
 struct Reader<'a> {
@@ -319,6 +318,10 @@ impl Reader<'_> {
         let text = self.texts[file];
         let name = text.name(from);
         let equals = text.is(from + 1, b'=');
+        let before = state.before.take();
+        if stays(&name) {
+            state.before = before;
+        }
         match name.as_str() {
             "def" | "deffct" | "global" => *state = State::default(),
             "fdat_act" if equals => {
@@ -365,7 +368,11 @@ impl Reader<'_> {
                 }
             }
             "ptp" | "sptp" => self.motion(file, from, end, Way::Joints, state)?,
-            "lin" | "slin" => self.motion(file, from, end, Way::Line, state)?,
+            "lin" | "slin" => {
+                let first = self.program.moves.len();
+                self.motion(file, from, end, Way::Line, state)?;
+                self.note_line(file, (from, end), before.filter(|step| step + 1 == first));
+            }
             "circ" | "scirc" => self.motion(file, from, end, Way::Arc, state)?,
             "ptp_rel" | "lin_rel" | "circ_rel" | "sptp_rel" | "slin_rel" | "scirc_rel" | "spl"
             | "asyptp" => {
@@ -390,16 +397,35 @@ impl Reader<'_> {
     }
 }
 
+/// Whether the arm stays at a line of this name, so that the next begins where the move before has ended.
+fn stays(name: &str) -> bool {
+    matches!(
+        name,
+        "pdat_act"
+            | "fdat_act"
+            | "ldat_act"
+            | "bas"
+            | "set_cd_params"
+            | "wait"
+            | "$bwdstart"
+            | "$h_pos"
+    ) || [
+        "$vel",
+        "$acc",
+        "$apo",
+        "$ori_type",
+        "$out",
+        "$anout",
+        "$advance",
+        "$tool",
+        "$base",
+    ]
+    .iter()
+    .any(|start| name.starts_with(start))
+}
+
 /// The signs of the joints in the turn bits of a point.
 fn turns(bits: u32) -> Configuration {
-    let far = 4.0 * std::f64::consts::TAU;
-    let bound = |joint: usize| match bits >> joint & 1 {
-        1 => (joint, -far, SIGN_SLACK),
-        _ => (joint, -SIGN_SLACK, far),
-    };
-    Configuration {
-        bounds: (0..6).map(bound).collect(),
-        is_monitored: true,
-        ..Configuration::default()
-    }
+    let bound = |joint: usize| of_sign(joint, bits >> joint & 1 == 1);
+    Configuration::monitored((0..6).map(bound).collect())
 }

@@ -4,7 +4,7 @@ use poegp_calibration::input_error::InputError;
 use poegp_runtime::math::se3::Pose;
 
 use crate::robot_programs::correction::krl::{Named, Reader, State};
-use crate::robot_programs::correction::program::{Frame, Goal, Location, Way};
+use crate::robot_programs::correction::program::{Frame, Goal, Line, Literal, Location, Way};
 use crate::robot_programs::correction::tokens::Kind;
 
 impl Reader<'_> {
@@ -27,6 +27,7 @@ impl Reader<'_> {
             self.take(state, self.frame_data.get(&text.name(at + 2)).cloned());
         }
         let points = if way == Way::Arc { 2 } else { 1 };
+        let first = self.program.moves.len();
         for (a, b) in text.arguments(from + 1, with).into_iter().take(points) {
             let location = self.location(file, a);
             // Approximation follows the point: C_PTP, C_DIS.
@@ -59,7 +60,34 @@ impl Reader<'_> {
                 Err(reason) => self.program.leave(location, reason),
             }
         }
+        let last = self.program.moves.len();
+        state.before = (last == first + points).then(|| last - 1);
         Ok(())
+    }
+
+    /// Notes that others can be inserted before a line, if the move before it is known.
+    pub(super) fn note_line(
+        &mut self,
+        file: usize,
+        (from, end): (usize, usize),
+        before: Option<usize>,
+    ) {
+        let text = self.texts[file];
+        let behind = match text.is(from + 1, b'{') {
+            true => text.find(from + 2, end, b"}") + 1,
+            false => from + 2,
+        };
+        if let Some(step) = before.map(|before| before + 1)
+            && step + 1 == self.program.moves.len()
+        {
+            self.program.lines.push(Line {
+                step,
+                file,
+                instruction: (text.byte(from), text.end_of(end - 1)),
+                target: (text.byte(from + 1), text.end_of(behind - 1)),
+                literal: Literal::Frame,
+            });
+        }
     }
 
     fn move_to(&mut self, target: usize, way: Way, state: &State) -> Result<(), InputError> {

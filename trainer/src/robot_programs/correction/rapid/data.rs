@@ -5,15 +5,17 @@ use std::collections::HashMap;
 use nalgebra::Vector3;
 use poegp_runtime::math::se3::Pose;
 
-use crate::robot_programs::correction::program::{Configuration, Goal, Location, Target};
+use crate::robot_programs::correction::program::{
+    Configuration, Goal, Location, SLACK, Target, of_sign,
+};
 use crate::robot_programs::correction::source::Number;
 use crate::robot_programs::correction::tokens::Value;
 use crate::robot_programs::dialect::Orientation;
 
 /// An external axis that a robot does not have is 9E9.
 const NO_AXIS: f64 = 8.9e9;
-/// How far a joint may be beyond the quarter turn of its configuration: a corrected target stays in its own.
-const QUARTER_SLACK: f64 = 0.02;
+/// Index of the joint that turns the wrist over.
+const WRIST: usize = 4;
 
 /// A pose of tool or work object, or why it has none.
 pub type Known<T> = Result<T, String>;
@@ -166,21 +168,21 @@ fn pose_goal(parts: &[Value]) -> Option<(Goal, Option<Configuration>)> {
         position: parts[0].numbers()?,
         orientation: orientation.to_vec(),
     };
-    let [first, fourth, sixth, _] = parts[2].numbers::<4>()?;
+    let [first, fourth, sixth, rest] = parts[2].numbers::<4>()?;
     // The quarter turns of axes 1, 4 and 6.
     let quarter = std::f64::consts::FRAC_PI_2;
     let bound = |(joint, number): (usize, Number)| {
         let lower = quarter * number.value;
-        (
-            joint,
-            lower - QUARTER_SLACK,
-            lower + quarter + QUARTER_SLACK,
-        )
+        (joint, lower - SLACK, lower + quarter + SLACK)
     };
+    let mut bounds = [(0, first), (3, fourth), (5, sixth)].map(bound).to_vec();
+    // cfx counts 4 behind axis 1, 2 behind the lower arm, 1 for a negative axis 5. Robots that do not use it have 0.
+    if (1..=7).any(|cfx| rest.value == f64::from(cfx)) {
+        bounds.push(of_sign(WRIST, rest.value % 2.0 == 1.0));
+    }
     let configuration = Configuration {
-        bounds: [(0, first), (3, fourth), (5, sixth)].map(bound).to_vec(),
-        is_monitored: true,
-        ..Configuration::default()
+        rest: Some(rest),
+        ..Configuration::monitored(bounds)
     };
     Some((goal, Some(configuration)))
 }
@@ -223,5 +225,35 @@ impl<T> Names<T> {
             .or_else(|| all.iter().position(|(f, r, _)| *f == file && *r == 0))
             .or_else(|| all.iter().position(|(_, r, _)| *r == 0))?;
         all.get_mut(at).map(|(.., value)| value)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use nalgebra::Vector3;
+
+    use crate::robot_programs::correction::frames::FrameFile;
+    use crate::robot_programs::correction::rapid::read;
+    use crate::robot_programs::correction::source::Source;
+
+    /// x of the object frame is y of the user frame, whose x is z of the base.
+    #[test]
+    fn the_object_stands_in_its_user_frame() {
+        let half = "0.70710678";
+        let text = format!(
+            "MODULE M\nPERS wobjdata w:=[FALSE,TRUE,\"\",[[100,0,0],[{half},0,-{half},0]],[[0,10,0],[{half},0,0,{half}]]];\n\
+             PROC main()\nMoveL [[1,2,3],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v1,fine,tool0\\WObj:=w;\nENDPROC\nENDMODULE\n"
+        );
+        let source = Source::new(Path::new("m.mod"), text.into_bytes(), true);
+        let program = read(vec![source], &FrameFile::default()).unwrap();
+        let frame = program.frames.iter().find(|frame| !frame.is_tool).unwrap();
+        let point = frame
+            .pose
+            .transform_point(&Vector3::new(0.001, 0.002, 0.003));
+        // In the user frame (-2, 11, 3): turned about y by -90°, and 100 mm along x.
+        let expected = Vector3::new(0.097, 0.011, -0.002);
+        assert!((point - expected).norm() < 1e-7, "{point}");
     }
 }

@@ -20,7 +20,7 @@ use crate::robot_programs::correction::rapid::data::{FrameData, Names, Read, tar
 use crate::robot_programs::correction::rapid::statements::{
     Routine, Statement, is_instruction, statements,
 };
-use crate::robot_programs::correction::rapid::syntax::{is_equal, list_starts};
+use crate::robot_programs::correction::rapid::syntax::{is_equal, list_starts, stays};
 use crate::robot_programs::correction::source::Source;
 use crate::robot_programs::correction::tokens::{Kind, Lexicon, Text, Token, Value, tokens};
 
@@ -116,6 +116,8 @@ struct State {
     is_displaced: bool,
     /// Of joint and of straight moves.
     is_monitored: [bool; 2],
+    /// Index of the move before, and the conditions that it stands under, while nothing else may have moved the arm.
+    before: Option<(usize, Vec<usize>)>,
 }
 
 impl<'a> Reader<'a> {
@@ -259,12 +261,14 @@ impl<'a> Reader<'a> {
             conditional: Vec::new(),
             is_displaced: false,
             is_monitored: [true; 2],
+            before: None,
         };
         for s in all {
             if of != Some((s.file, s.routine)) {
                 state.frames = self.at_routine(s.file, s.routine);
                 state.conditional.clear();
                 state.is_displaced = false;
+                state.before = None;
                 of = Some((s.file, s.routine));
             }
             if self.texts[s.file].source.is_corrected {
@@ -313,6 +317,13 @@ impl<'a> Reader<'a> {
         let text = self.texts[s.file];
         let name = text.name(s.from);
         let at = text.byte(s.from);
+        let is_same = state
+            .before
+            .as_ref()
+            .is_some_and(|(_, blocks)| *blocks == s.blocks);
+        if !is_same || !(stays(&name) || is_instruction(&name)) {
+            state.before = None;
+        }
         if let Some(a) = self
             .assigned
             .iter()

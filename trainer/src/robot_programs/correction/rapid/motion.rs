@@ -3,7 +3,7 @@
 use poegp_calibration::input_error::InputError;
 use poegp_runtime::math::se3::Pose;
 
-use crate::robot_programs::correction::program::{Frame, Way};
+use crate::robot_programs::correction::program::{Frame, Line, Literal, Way};
 use crate::robot_programs::correction::rapid::data::{FrameData, Read, target};
 use crate::robot_programs::correction::rapid::statements::Statement;
 use crate::robot_programs::correction::rapid::syntax::{arguments, shape};
@@ -15,8 +15,9 @@ impl Reader<'_> {
         &mut self,
         s: &Statement,
         name: &str,
-        state: &State,
+        state: &mut State,
     ) -> Result<(), InputError> {
+        let before = state.before.take();
         let text = self.texts[s.file];
         let Some((way, points, tool_at)) = shape(name) else {
             let location = self.location(s, s.from);
@@ -80,6 +81,7 @@ impl Reader<'_> {
             tool.payload_kg = None;
         }
         let (tool, base) = (self.program.frame(tool), self.program.frame(base));
+        let first = self.program.moves.len();
         let is_monitored = state.is_monitored[usize::from(way != Way::Joints)];
         for (i, point) in positional.iter().take(points).enumerate() {
             let way = if i + 1 < points { Way::Arc } else { way };
@@ -89,6 +91,25 @@ impl Reader<'_> {
                 }
                 self.program.move_to(target, way, tool, base);
             }
+        }
+        let last = self.program.moves.len();
+        // An element of an array that is computed is several targets, and one that is left is none.
+        if last == first + points {
+            let is_plain = switches.iter().all(|(s, _)| s == "wobj" || s == "tload");
+            let is_line = name == "movel" && positional.len() == 4 && is_plain;
+            if let (true, Some((step, _)), Some((from, end))) =
+                (is_line, before, positional.first())
+                && step + 1 == first
+            {
+                self.program.lines.push(Line {
+                    step: first,
+                    file: s.file,
+                    instruction: (text.byte(s.from), text.byte(s.end) + 1),
+                    target: (text.byte(*from), text.end_of(*end - 1)),
+                    literal: Literal::Robtarget,
+                });
+            }
+            state.before = Some((last - 1, s.blocks.clone()));
         }
         Ok(())
     }

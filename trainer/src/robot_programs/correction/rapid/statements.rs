@@ -148,6 +148,14 @@ pub fn statements(text: &Text<'_>) -> (Vec<Statement>, Vec<Routine>) {
                     && text.is(at + 1, b':')
                     && !text.is(at + 2, b'=');
                 if is_label {
+                    // A jump may lead here from anywhere.
+                    out.push(Statement {
+                        file: text.file,
+                        routine,
+                        blocks: blocks.clone(),
+                        from: at,
+                        end: at + 1,
+                    });
                     at += 2;
                     continue;
                 }

@@ -23,6 +23,36 @@ pub fn shape(name: &str) -> Option<(Way, usize, usize)> {
     known("move", 3).or_else(|| known("trigg", 4))
 }
 
+/// Whether the arm stays at an instruction, so that a line begins where the move before it has ended.
+pub fn stays(name: &str) -> bool {
+    matches!(
+        name,
+        "set"
+            | "reset"
+            | "setdo"
+            | "setao"
+            | "setgo"
+            | "pulsedo"
+            | "waittime"
+            | "waitdi"
+            | "waitdo"
+            | "waituntil"
+            | "tpwrite"
+            | "tperase"
+            | "accset"
+            | "velset"
+            | "singarea"
+            | "confl"
+            | "confj"
+            | "clkstart"
+            | "clkstop"
+            | "clkreset"
+            | "incr"
+            | "decr"
+            | "add"
+    )
+}
+
 /// Positional arguments, and optional ones with the tokens of their values.
 #[allow(clippy::type_complexity)]
 pub fn arguments(

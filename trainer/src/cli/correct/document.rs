@@ -1,0 +1,173 @@
+//! What `correct --json` writes of a robot program.
+
+use serde::Serialize;
+
+use crate::robot_programs::correction::between::Between;
+use crate::robot_programs::correction::engine::Outcome;
+use crate::robot_programs::correction::program::{Goal, Program};
+use crate::robot_programs::correction::replacement::Solved;
+use poegp_calibration::numeric::statistics::Summary;
+
+/// What `--json` writes.
+#[derive(Serialize)]
+pub struct ProgramJson {
+    pub version: &'static str,
+    pub method: String,
+    pub language: &'static str,
+    pub files: Vec<String>,
+    pub targets: usize,
+    pub joint_targets: usize,
+    pub pose_targets: usize,
+    /// Numbers that were replaced.
+    pub numbers: usize,
+    pub left: Vec<LeftJson>,
+    pub frames: Vec<FrameJson>,
+    pub remarks: Vec<String>,
+    /// How far the written targets move.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub moved_mm: Option<Summary>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub moved_deg: Option<Summary>,
+    /// How far the tool is from its targets without correction, by the model.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub before_mm: Option<Summary>,
+    /// The same with it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub after_um: Option<Summary>,
+    /// What the decimals of the format leave.
+    pub rounding_um: f64,
+    /// What `--split` inserted.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub split: Option<SplitJson>,
+    /// The largest error between the ends of lines and arcs.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub between: Option<BetweenJson>,
+}
+
+#[derive(Serialize)]
+pub struct SplitJson {
+    pub tolerance_mm: f64,
+    /// Lines that have targets inserted.
+    pub lines: usize,
+    /// Targets that are inserted.
+    pub targets: usize,
+}
+
+#[derive(Serialize)]
+pub struct BetweenJson {
+    pub moves: usize,
+    /// Of each move.
+    pub points: usize,
+    pub largest_mm: f64,
+    pub file: String,
+    pub line: usize,
+}
+
+#[derive(Serialize)]
+pub struct LeftJson {
+    pub file: String,
+    pub line: usize,
+    pub column: usize,
+    pub reason: String,
+}
+
+#[derive(Serialize)]
+pub struct FrameJson {
+    pub name: String,
+    pub kind: &'static str,
+    pub from: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub payload_kg: Option<f64>,
+}
+
+/// The largest error between the ends of all moves.
+fn between_json(program: &Program, all: &[Between]) -> Option<BetweenJson> {
+    let worst = all.iter().max_by(|a, b| a.largest.total_cmp(&b.largest))?;
+    let location = program.targets[worst.target].location;
+    let source = &program.sources[location.file];
+    Some(BetweenJson {
+        moves: all.len(),
+        points: worst.points,
+        largest_mm: 1e3 * worst.largest,
+        file: source.path.display().to_string(),
+        line: source.line_and_column(location.at).0,
+    })
+}
+
+/// What came of a program.
+pub fn document(
+    program: &Program,
+    outcome: &Outcome,
+    between: &[Between],
+    split: Option<SplitJson>,
+    method: &str,
+) -> ProgramJson {
+    let is_joints = |index: usize| matches!(program.targets[index].goal, Goal::Joints(_));
+    let joint_targets = outcome
+        .solved
+        .iter()
+        .filter(|s| is_joints(s.target))
+        .count();
+    let of = |value: fn(&Solved) -> f64| {
+        let values: Vec<f64> = outcome.solved.iter().map(value).collect();
+        (!values.is_empty()).then(|| Summary::new(&values))
+    };
+    let left = outcome.left.iter().map(|left| {
+        let source = &program.sources[left.location.file];
+        let (line, column) = source.line_and_column(left.location.at);
+        LeftJson {
+            file: source.path.display().to_string(),
+            line,
+            column,
+            reason: left.reason.clone(),
+        }
+    });
+    // The base of joint targets is none.
+    let is_used = |index: usize| {
+        let mut targets = program
+            .targets
+            .iter()
+            .filter(|t| matches!(t.goal, Goal::Pose { .. }) || t.tool == Some(index));
+        targets.any(|t| t.base == Some(index) || t.tool == Some(index))
+    };
+    let used = program
+        .frames
+        .iter()
+        .enumerate()
+        .filter(|(index, _)| is_used(*index));
+    let frames = used.map(|(_, frame)| FrameJson {
+        name: frame.name.clone(),
+        kind: if frame.is_tool { "tool" } else { "base" },
+        from: frame.origin.clone(),
+        payload_kg: frame.payload_kg.filter(|_| frame.is_tool),
+    });
+    ProgramJson {
+        version: env!("CARGO_PKG_VERSION"),
+        method: method.to_owned(),
+        language: program.language,
+        files: program
+            .sources
+            .iter()
+            .filter(|s| s.is_corrected)
+            .map(|s| s.path.display().to_string())
+            .collect(),
+        targets: outcome.solved.len(),
+        joint_targets,
+        pose_targets: outcome.solved.len() - joint_targets,
+        numbers: outcome
+            .replacements
+            .iter()
+            .filter(|r| r.span.0 < r.span.1)
+            .count(),
+        left: left.collect(),
+        frames: frames.collect(),
+        remarks: program.remarks.clone(),
+        moved_mm: of(|s| 1e3 * s.moved.0),
+        moved_deg: of(|s| s.moved.1.to_degrees()),
+        before_mm: of(|s| 1e3 * s.before),
+        after_um: of(|s| 1e6 * s.after),
+        rounding_um: 1e6 * outcome.rounding,
+        split,
+        between: between_json(program, between),
+    }
+}

@@ -1,0 +1,288 @@
+//! `trainer correct --report`: what of a robot program moves, by how much, and what stays.
+//!
+//! The numbers of the whole program are those of the JSON document.
+
+use std::collections::HashMap;
+
+use maud::{Markup, html};
+
+use crate::cli::correct::document::{FrameJson, ProgramJson};
+use crate::report::chart::{Axis, Plot, Series};
+use crate::report::{Number, Page, Provenance, Section, rounded, sections};
+use crate::robot_programs::correction::between::Between;
+use crate::robot_programs::correction::engine::Outcome;
+use crate::robot_programs::correction::program::{Goal, Program, Target};
+use crate::robot_programs::correction::replacement::Solved;
+use crate::robot_programs::correction::source::Number as Written;
+
+/// Most targets in the table, and most parts that are left; the page stays small.
+const SHOWN: usize = 1000;
+/// Dots with a text of their own.
+const WITH_TOOLTIPS: usize = 300;
+
+/// A corrected target, for people.
+struct Row {
+    file: String,
+    line: usize,
+    before: String,
+    after: String,
+    moved_mm: f64,
+    moved_deg: f64,
+    before_mm: f64,
+    after_um: f64,
+    /// On the way to it, for lines and arcs.
+    between_mm: Option<f64>,
+}
+
+/// The page of a program.
+pub fn page(
+    d: &ProgramJson,
+    program: &Program,
+    outcome: &Outcome,
+    between: &[Between],
+    origin: &Provenance,
+) -> String {
+    let rows = rows(program, outcome, between);
+    Page::new(
+        format!("Corrected program {}", d.files.join(", ")),
+        format!(
+            "{}, for {}, {} by the model `{}`, poegp trainer {}",
+            d.language, origin.robot, origin.date, d.method, d.version
+        ),
+    )
+    .with(headline(d))
+    .with(targets(&rows))
+    .with(left(d))
+    .with(frames(d))
+    .with(sections::provenance(origin))
+    .render()
+}
+
+fn rows(program: &Program, outcome: &Outcome, between: &[Between]) -> Vec<Row> {
+    let replacements = outcome.replacements.iter();
+    let new: HashMap<(usize, usize), String> = replacements
+        .filter(|r| r.span.0 < r.span.1)
+        .map(|r| {
+            let text = String::from_utf8_lossy(&r.text).into_owned();
+            ((r.file, r.span.0), text)
+        })
+        .collect();
+    let mut largest: HashMap<usize, f64> = HashMap::new();
+    for b in between {
+        let slot = largest.entry(b.target).or_default();
+        *slot = slot.max(b.largest);
+    }
+    let row = |solved: &Solved| {
+        let target = &program.targets[solved.target];
+        let source = &program.sources[target.location.file];
+        let old = |n: &Written| {
+            let source = &program.sources[n.file as usize];
+            String::from_utf8_lossy(source.slice(&n.span())).into_owned()
+        };
+        let replaced = |n: &Written| {
+            let found = new.get(&(n.file as usize, n.start as usize));
+            found.map_or_else(|| old(n), Clone::clone)
+        };
+        Row {
+            file: source.path.display().to_string(),
+            line: source.line_and_column(target.location.at).0,
+            before: listed(target, old),
+            after: listed(target, replaced),
+            moved_mm: 1e3 * solved.moved.0,
+            moved_deg: solved.moved.1.to_degrees(),
+            before_mm: 1e3 * solved.before,
+            after_um: 1e6 * solved.after,
+            between_mm: largest.get(&solved.target).map(|m| 1e3 * m),
+        }
+    };
+    outcome.solved.iter().map(row).collect()
+}
+
+/// The numbers of a target as the file has them.
+fn listed(target: &Target, text: impl Fn(&Written) -> String) -> String {
+    let all = |numbers: &[Written]| numbers.iter().map(&text).collect::<Vec<_>>().join(", ");
+    match &target.goal {
+        Goal::Joints(numbers) => all(numbers),
+        Goal::Pose {
+            position,
+            orientation,
+        } => format!("{}; {}", all(position), all(orientation)),
+    }
+}
+
+fn headline(d: &ProgramJson) -> Section {
+    let lead = html! {
+        p class="lead" {
+            (Number::count(d.targets, "/targets")) " targets are corrected, "
+            (Number::count(d.joint_targets, "/joint_targets")) " of joints and "
+            (Number::count(d.pose_targets, "/pose_targets")) " of poses; "
+            @if d.left.is_empty() { "nothing is left." }
+            @else { b class="nominal" { (d.left.len()) } " parts of the program are left as they are." }
+        }
+    };
+    let tile = |name: &str, number: Number, unit: &str, below: Markup| {
+        html! {
+            div class="tile" { h3 { (name) } div class="value" { (number) " " span { (unit) } } p { (below) } }
+        }
+    };
+    let mut section = Section::new("result", "").block(lead);
+    if let (Some(moved), Some(deg), Some(before), Some(after)) =
+        (&d.moved_mm, &d.moved_deg, &d.before_mm, &d.after_um)
+    {
+        section = section.block(html! {
+            div class="tiles" {
+                (tile("Uncorrected, the tool is off by", Number::mm(before.mean, "/before_mm/mean"), "mm", html! {
+                    "in the mean, " (Number::mm(before.max, "/before_mm/max")) " mm at most"
+                }))
+                (tile("Corrected, at most", Number::new(after.max, 2, "/after_um/max"), "µm", html! {
+                    "and " (Number::new(d.rounding_um, 2, "/rounding_um")) " µm for the decimals of the file"
+                }))
+                (tile("The written targets move by", Number::mm(moved.mean, "/moved_mm/mean"), "mm", html! {
+                    "and " (Number::new(deg.mean, 4, "/moved_deg/mean")) "° in the mean, "
+                    (Number::mm(moved.max, "/moved_mm/max")) " mm and " (Number::new(deg.max, 4, "/moved_deg/max")) "° at most"
+                }))
+                @if let Some(b) = &d.between {
+                    (tile("Between the ends of lines and arcs", Number::mm(b.largest_mm, "/between/largest_mm"), "mm", html! {
+                        "at most, of " (Number::count(b.moves, "/between/moves")) " moves, on the way to " (b.file) ":"
+                        (Number::count(b.line, "/between/line"))
+                    }))
+                }
+            }
+        });
+    }
+    section = section.text(html! {
+        "All errors are distances of the tool by the model, not measured ones. Check some of the corrected targets on the robot."
+    });
+    if let Some(split) = &d.split {
+        section = section.text(html! {
+            (Number::count(split.targets, "/split/targets")) " targets are inserted on "
+            (Number::count(split.lines, "/split/lines")) " lines, so that the tool stays within "
+            (Number::mm(split.tolerance_mm, "/split/tolerance_mm")) " mm of each."
+        });
+    }
+    for remark in &d.remarks {
+        section = section.text(html! { "Note: " (remark) "." });
+    }
+    section
+}
+
+fn targets(rows: &[Row]) -> Section {
+    let section = Section::new("targets", "The targets");
+    if rows.is_empty() {
+        return section.missing("No target was corrected.");
+    }
+    let errors: Vec<f64> = rows
+        .iter()
+        .flat_map(|row| [row.before_mm, row.between_mm.unwrap_or(row.before_mm)])
+        .collect();
+    let mut plot = Plot::new(
+        Axis::linear("target, in the order of the moves", 0.0, rows.len() as f64),
+        Axis::errors("distance (mm)", &errors),
+    );
+    let at = |i: usize| i as f64 + 0.5;
+    let between = |(i, row): (usize, &Row)| row.between_mm.map(|mm| (at(i), mm));
+    if rows.len() <= WITH_TOOLTIPS {
+        for (i, row) in rows.iter().enumerate() {
+            let name = format!("{}:{}", row.file, row.line);
+            let tooltip = format!("{name}: uncorrected {:.3} mm", row.before_mm);
+            plot.dot_with_tooltip(Series::Nominal, (at(i), row.before_mm), &tooltip);
+            if let Some(mm) = row.between_mm {
+                let tooltip = format!("on the way to {name}: {mm:.3} mm");
+                plot.dot_with_tooltip(Series::Calibrated, (at(i), mm), &tooltip);
+            }
+        }
+    } else {
+        let before = rows.iter().enumerate();
+        plot.dots(
+            Series::Nominal,
+            before.map(|(i, row)| (at(i), row.before_mm)),
+        );
+        plot.dots(
+            Series::Calibrated,
+            rows.iter().enumerate().filter_map(between),
+        );
+    }
+    // The largest first where not all are shown; in the order of the moves where they are.
+    let mut shown: Vec<&Row> = rows.iter().collect();
+    if shown.len() > SHOWN {
+        shown.sort_by(|a, b| b.before_mm.total_cmp(&a.before_mm));
+        shown.truncate(SHOWN);
+    }
+    let table = shown.iter().map(|row| {
+        vec![
+            html! {
+                div { (row.file) ":" (row.line) }
+                p class="note" { (row.before) }
+                @if row.after != row.before { p class="note" { b { (row.after) } } }
+            },
+            html! { (rounded(row.moved_mm, 3)) },
+            html! { (rounded(row.moved_deg, 4)) },
+            html! { (rounded(row.before_mm, 3)) },
+            html! { (rounded(row.after_um, 2)) },
+            html! { @if let Some(mm) = row.between_mm { (rounded(mm, 3)) } },
+        ]
+    });
+    let table: Vec<Vec<Markup>> = table.collect();
+    let section = section
+        .figure(
+            html! { "What the correction takes away, and what stays between the targets" },
+            plot.render("distance of the tool from each target without correction, and on the way there with it"),
+            "Each target has a dot: the distance of the tool from it without correction. Where a line or an arc leads to it, the \
+             dot of the other colour is the largest distance on the way there, between corrected ends.",
+        )
+        .text(html! {
+            "Numbers as the file has them, before and after."
+            @if rows.len() > SHOWN { " Of the " (rows.len()) " targets the table has the " (SHOWN) " with the largest distance." }
+        });
+    section.table(
+        &[
+            "target, before and after",
+            "moves, mm",
+            "turns, °",
+            "off without, mm",
+            "off with, µm",
+            "on the way, mm",
+        ],
+        table,
+    )
+}
+
+fn left(d: &ProgramJson) -> Section {
+    let section = Section::new("left", "What is left");
+    if d.left.is_empty() {
+        return section.missing("Nothing: every target of the program is corrected.");
+    }
+    section
+        .text(html! {
+            "These parts stay as they are. There the tool is off as it was before."
+            @if d.left.len() > SHOWN { " The first " (SHOWN) " of " (d.left.len()) " are shown." }
+        })
+        .block(html! {
+            dl {
+                @for l in d.left.iter().take(SHOWN) {
+                    dt { (l.file) ":" (l.line) ":" (l.column) } dd { (l.reason) }
+                }
+            }
+        })
+}
+
+fn frames(d: &ProgramJson) -> Section {
+    let section = Section::new("frames", "Tools and frames");
+    if d.frames.is_empty() {
+        return section.missing("No target needs one.");
+    }
+    let row = |(i, f): (usize, &FrameJson)| {
+        vec![
+            html! { (f.name) },
+            html! { (f.kind) },
+            html! { (f.from) },
+            html! {
+                @if let Some(kg) = f.payload_kg { (Number::new(kg, 3, format!("/frames/{i}/payload_kg"))) }
+            },
+        ]
+    };
+    section.table(
+        &["name", "kind", "from", "payload, kg"],
+        d.frames.iter().enumerate().map(row).collect(),
+    )
+}
