@@ -30,7 +30,7 @@ use crate::math::se3::{Pose, residual};
 use crate::model::Model;
 use crate::model::arm::Arm;
 use crate::model::evaluate::{CompiledEvaluation, View};
-use crate::model::validate::{MAX_PAYLOAD_KG, is_within};
+use crate::model::validate::{MAX_PAYLOAD_KG, is_pose, is_within};
 use crate::trace::Stages;
 
 /// Most steps of one search, those that did not help counted.
@@ -42,15 +42,13 @@ const ARRIVED: f64 = 1e-12;
 /// μ at the seed, and where a search gives up.
 const FIRST_DAMPING: f64 = 0.1;
 const MOST_DAMPING: f64 = 1e9;
-/// Largest coordinate of a wanted pose in metres that is believed.
-const FARTHEST: f64 = 1e4;
 
 /// The answer of [`Model::inverse`] and [`Model::nominal_inverse`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Inverse<T> {
     /// The controller's joints, rad or m; beyond the joints of the arm zero.
     pub joints: [T; MAX_JOINTS],
-    /// Distance in metres of the arm at these joints from the wanted pose.
+    /// Distance in metres of the tool at these joints from the wanted pose.
     pub position_error: T,
     /// The rotation between them, in radians.
     pub rotation_error: T,
@@ -62,13 +60,26 @@ pub struct Inverse<T> {
 impl<T: CompiledEvaluation, const WORDS: usize> Model<T, WORDS> {
     /// The joints near `seed` (rad or m) at which the calibrated arm stands at `base_from_target`, with a payload in kg.
     ///
-    /// Without a model or for bad input the answer is the seed, zeros in place of what is not finite.
-    #[inline(never)]
+    /// Without a model or for bad input the answer is the seed, zeros in place of what is not finite. A frame that is no
+    /// rigid transform is bad input.
     pub fn inverse(&self, base_from_target: &Pose<T>, seed: &[T], payload_kg: T) -> Inverse<T> {
-        let believable = is_within(payload_kg, T::ZERO, T::from_f32(MAX_PAYLOAD_KG));
+        self.tool_inverse(base_from_target, &Pose::identity(), seed, payload_kg)
+    }
+
+    /// The same for a tool on the target: the joints at which `target_from_tool` stands at `base_from_tool`.
+    #[inline(never)]
+    pub fn tool_inverse(
+        &self,
+        base_from_tool: &Pose<T>,
+        target_from_tool: &Pose<T>,
+        seed: &[T],
+        payload_kg: T,
+    ) -> Inverse<T> {
+        let believable = is_within(payload_kg, T::ZERO, T::from_f32(MAX_PAYLOAD_KG))
+            && is_pose(target_from_tool);
         let view = self.view();
         let asked = Asked {
-            wanted: base_from_target,
+            wanted: base_from_tool,
             seed,
             payload_kg,
             believable,
@@ -79,7 +90,8 @@ impl<T: CompiledEvaluation, const WORDS: usize> Model<T, WORDS> {
             |arm| &arm.calibrated,
             |joints, _| {
                 let joints = joints.get(..seed.len()).unwrap_or(&[]);
-                T::evaluate(view, joints, payload_kg, &mut Stages::new()).pose
+                let target = T::evaluate(view, joints, payload_kg, &mut Stages::new()).pose;
+                target * *target_from_tool
             },
         )
     }
@@ -105,7 +117,7 @@ struct Asked<'a, T> {
     wanted: &'a Pose<T>,
     seed: &'a [T],
     payload_kg: T,
-    /// Whether the payload is one.
+    /// Whether payload and tool are such.
     believable: bool,
 }
 
@@ -244,11 +256,4 @@ fn stepped<T: Scalar>(joints: &PerJoint<T>, step: &PerJoint<T>) -> PerJoint<T> {
         *value += *change * factor;
     }
     out
-}
-
-/// Finite, and within reason.
-fn is_pose<T: Scalar>(pose: &Pose<T>) -> bool {
-    let most = T::from_f64(FARTHEST);
-    let rows = pose.to_rows();
-    rows.iter().all(|value| is_within(*value, -most, most))
 }

@@ -27,6 +27,7 @@
 mod acceptance;
 pub mod inverse;
 pub mod step_limit;
+pub mod tool;
 
 use poegp_protocol::limits::MAX_JOINTS;
 

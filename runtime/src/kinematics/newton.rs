@@ -165,6 +165,11 @@ impl<T: Scalar> NormalEquations<T> {
         );
     }
 
+    /// J by columns; zeros beyond the last joint.
+    pub fn columns(&self) -> &Jacobian<T> {
+        &self.columns
+    }
+
     /// J Jᵀ, before it is factored.
     #[inline(always)]
     pub fn gram(&self) -> &Gram<T> {

@@ -18,6 +18,9 @@ pub const MAX_PAYLOAD_KG: f32 = 100_000.0;
 const MAX_FRAME_LENGTH: f32 = 100.0;
 /// How far a stored rotation may be from orthonormal.
 const MAX_ROTATION_ERROR: f32 = 1e-4;
+/// The same of a pose that is asked for, for which four decimals are enough, and its farthest coordinate in metres.
+const MAX_ASKED_ROTATION_ERROR: f32 = 1e-3;
+const FARTHEST: f32 = 1e4;
 /// Largest weight, constant or slope of a correction: with it no sum of the posterior mean can overflow
 /// ((8·4096 + 10⁵)·10³⁰ of the slopes and 10³⁰ for each of a million points stay below f32::MAX).
 pub(super) const MAX_COEFFICIENT: f32 = 1e30;
@@ -100,6 +103,32 @@ pub(super) fn checked_range<T: Scalar>(
     }
 }
 
+/// Whether a frame is a rotation, no element of R Rᵀ off by more than `rotation`, and a displacement of no more than
+/// `length` in metres along each axis; false for NaN.
+#[inline(always)]
+pub(crate) fn is_rigid<T: Scalar>(pose: &Pose<T>, rotation: T, length: T) -> bool {
+    let square = crate::math::se3::product(&pose.rotation, &pose.rotation.transpose());
+    let identity = Pose::<T>::identity().rotation;
+    let column = |j: usize| pose.rotation.column(j).into_owned();
+    // A reflection is orthonormal too.
+    let volume = dot(&cross(&column(0), &column(1)), &column(2));
+    square
+        .iter()
+        .zip(identity.iter())
+        .all(|(a, b)| is_within(*a - *b, -rotation, rotation))
+        && is_within(volume, T::ZERO, T::from_f64(2.0))
+        && pose
+            .translation
+            .iter()
+            .all(|t| is_within(*t, -length, length))
+}
+
+/// Whether twelve numbers of a caller are a rigid transform within reason.
+pub(crate) fn is_pose<T: Scalar>(pose: &Pose<T>) -> bool {
+    let rotation = T::from_f32(MAX_ASKED_ROTATION_ERROR);
+    is_rigid(pose, rotation, T::from_f32(FARTHEST))
+}
+
 pub(super) fn checked_chain<T: Scalar>(
     kinds: &[JointKind],
     frames: &[Transform<f32>],
@@ -107,21 +136,7 @@ pub(super) fn checked_chain<T: Scalar>(
     let mut poses = [Pose::identity(); MAX_FRAMES];
     for (index, (slot, frame)) in poses.iter_mut().zip(frames).enumerate() {
         let pose = Pose::<f32>::from_rows(frame);
-        let square = crate::math::se3::product(&pose.rotation, &pose.rotation.transpose());
-        let identity = Pose::<f32>::identity().rotation;
-        let column = |j: usize| pose.rotation.column(j).into_owned();
-        // A reflection is orthonormal too.
-        let volume = dot(&cross(&column(0), &column(1)), &column(2));
-        if !square
-            .iter()
-            .zip(identity.iter())
-            .all(|(a, b)| is_within(a - b, -MAX_ROTATION_ERROR, MAX_ROTATION_ERROR))
-            || !is_within(volume, 0.0, 2.0)
-            || !pose
-                .translation
-                .iter()
-                .all(|t| is_within(*t, -MAX_FRAME_LENGTH, MAX_FRAME_LENGTH))
-        {
+        if !is_rigid(&pose, MAX_ROTATION_ERROR, MAX_FRAME_LENGTH) {
             return Err(LoadError::Frame { index: index as u8 });
         }
         *slot = pose.cast();

@@ -5,14 +5,15 @@ use poegp_protocol::blob::{self, envelope};
 use poegp_protocol::cause::Causes;
 use poegp_protocol::link::{MAX_NAME, ModelIdentity, Refusal};
 
+use crate::math::scalar::Scalar;
 use crate::model::Model;
 use crate::model::signature;
 use crate::store::Slot;
 
-/// A model and where it comes from. All zeros when empty, so that a static one takes no flash.
+/// A model and where it comes from. All zeros when empty, so that a static one takes no flash. The device computes in `f32`.
 #[derive(Debug)]
-pub struct ModelSlot<const WORDS: usize> {
-    pub(super) model: Model<f32, WORDS>,
+pub struct ModelSlot<const WORDS: usize, T = f32> {
+    pub(super) model: Model<T, WORDS>,
     robot: String<MAX_NAME>,
     serial_number: String<MAX_NAME>,
     pub(super) blob_crc: u32,
@@ -27,13 +28,13 @@ pub struct ModelSlot<const WORDS: usize> {
     slot: u8,
 }
 
-impl<const WORDS: usize> Default for ModelSlot<WORDS> {
+impl<const WORDS: usize, T: Scalar> Default for ModelSlot<WORDS, T> {
     fn default() -> Self {
         Self::new()
     }
 }
 
-impl<const WORDS: usize> ModelSlot<WORDS> {
+impl<const WORDS: usize, T: Scalar> ModelSlot<WORDS, T> {
     /// Without a model.
     pub const fn new() -> Self {
         Self {
@@ -96,7 +97,7 @@ impl<const WORDS: usize> ModelSlot<WORDS> {
     }
 
     /// Its arithmetic.
-    pub fn model(&self) -> &Model<f32, WORDS> {
+    pub fn model(&self) -> &Model<T, WORDS> {
         &self.model
     }
 

@@ -12,14 +12,14 @@ use crate::seeded::config;
 static BLOB: &[u8] = include_bytes!("../../capi/examples/arm.blob");
 
 /// The calibrated arm of the examples.
-fn example<T: Scalar>() -> Model<T, WORDS> {
+pub fn example<T: Scalar>() -> Model<T, WORDS> {
     let mut model = Model::new();
     model.load(BLOB).unwrap();
     model
 }
 
 /// Displacement and angle between two poses.
-fn apart(a: &Pose<f64>, b: &Pose<f64>) -> (f64, f64) {
+pub fn apart(a: &Pose<f64>, b: &Pose<f64>) -> (f64, f64) {
     let norm = |v: nalgebra::Vector3<f64>| libm::sqrt(v.dot(&v));
     (
         norm(a.translation - b.translation),
@@ -28,7 +28,7 @@ fn apart(a: &Pose<f64>, b: &Pose<f64>) -> (f64, f64) {
 }
 
 /// Joints away from the singularities of the example's arm.
-fn ordinary() -> impl Strategy<Value = [f64; 6]> {
+pub fn ordinary() -> impl Strategy<Value = [f64; 6]> {
     (
         -1.5..1.5,
         -0.5..0.8,

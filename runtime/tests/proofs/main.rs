@@ -35,4 +35,5 @@ mod signature;
 mod signed_blob;
 mod step_limit_laws;
 mod texts;
+mod tool_laws;
 mod trust;
