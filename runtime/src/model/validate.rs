@@ -18,7 +18,8 @@ pub const MAX_PAYLOAD_KG: f32 = 100_000.0;
 const MAX_FRAME_LENGTH: f32 = 100.0;
 /// How far a stored rotation may be from orthonormal.
 const MAX_ROTATION_ERROR: f32 = 1e-4;
-/// The same of a pose that is asked for, for which four decimals are enough, and its farthest coordinate in metres.
+/// How far the rotation of a pose that is asked for may be from orthonormal, where four decimals are enough, and its farthest
+/// coordinate in metres.
 const MAX_ASKED_ROTATION_ERROR: f32 = 1e-3;
 const FARTHEST: f32 = 1e4;
 /// Largest weight, constant or slope of a correction: with it no sum of the posterior mean can overflow

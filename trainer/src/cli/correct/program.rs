@@ -28,7 +28,7 @@ const NAMED: usize = 200;
 
 /// What `--json` writes.
 #[derive(Serialize)]
-struct ProgramJson {
+pub struct ProgramJson {
     version: &'static str,
     method: String,
     language: &'static str,
@@ -87,9 +87,23 @@ struct FrameJson {
 }
 
 pub fn run(a: &Correct, format: Format) -> Result<(), Failure> {
+    let (outputs, files, document) = corrected(a, format)?;
+    let outputs: Vec<Option<&Path>> = outputs.iter().map(Option::as_deref).collect();
+    print(Printer::for_outputs(&outputs), &files, &document);
+    named(&document)
+}
+
+/// What is read and written for each file.
+type Files = Vec<(PathBuf, PathBuf)>;
+
+/// Corrects and writes; returns all outputs, the files, and what there is to say.
+pub fn corrected(
+    a: &Correct,
+    format: Format,
+) -> Result<(Vec<Option<PathBuf>>, Files, ProgramJson), Failure> {
     let is_folder = a.programs.len() > 1 || a.out.is_dir();
     // Of each file, what is read and what is written.
-    let mut files: Vec<(PathBuf, PathBuf)> = Vec::new();
+    let mut files: Files = Vec::new();
     for path in &a.programs {
         let out = if is_folder {
             a.out.join(path.file_name().unwrap_or_default())
@@ -214,8 +228,8 @@ pub fn run(a: &Correct, format: Format) -> Result<(), Failure> {
         written.push((path, text.as_bytes()));
     }
     write_outputs(&written)?;
-    print(Printer::for_outputs(&outputs), &files, &document);
-    named(&document)
+    let outputs = outputs.iter().map(|path| path.map(Path::to_path_buf));
+    Ok((outputs.collect(), files, document))
 }
 
 /// `OUT.poegp.json`.
