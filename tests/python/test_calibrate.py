@@ -152,7 +152,7 @@ def test_data_that_show_no_robot_are_refused(arm):
 def test_nothing_is_printed(arm, capfd):
     table = pd.read_csv(arm.train, comment="#").assign(remark=1)
     poegp.calibrate("abb-irb120", table, method="poe")
-    with pytest.raises(poegp.InputError):
+    with pytest.raises(poegp.DataRefused):
         poegp.calibrate("abb-irb120", table.iloc[:3])
     out, err = capfd.readouterr()
     assert (out, err) == ("", "")

@@ -62,7 +62,7 @@ def test_every_option_of_the_stubs_is_one_of_the_command_line(trainer):
     for command, table in [("calibrate", "_CalibrateOptions"), ("correct", "_CorrectOptions")]:
         lines = [line.split() for line in trainer(command, "--help").splitlines()]
         known = {w for line in lines for w in line[:2] if w.startswith("--")}
-        known = {w.rstrip(",").strip("[]").removeprefix("--").replace("-", "_") for w in known}
+        known = {w.strip(",()[]").removeprefix("--").replace("-", "_") for w in known}
         outputs = {"out", "json", "report", "write_project", "robot", "method", "help", "quiet", "threads", "with"}
         assert tables[table] == known - outputs
 

@@ -7,6 +7,7 @@ import pytest
 import poegp
 
 PROGRAM = """def weld():
+  set_tcp(p[0, 0, 0.1, 0, 0, 0])
   movej([0.1, -0.4, 0.3, 0.2, 0.9, 0.1], a=1.0, v=0.5)  # first
   movej([0.2, -0.3, 0.2, 0.1, 0.8, 0.2], a=1.0, v=0.5)
   movej(there, a=1.0, v=0.5)
@@ -36,7 +37,7 @@ def test_what_is_left_is_named(arm, tmp_path, capfd):
     program.write_text(PROGRAM)
     document = poegp.correct_program(program, tmp_path / "out.script", arm.elastic, payload_kg=2.5)
     assert document["joint_targets"] == 2
-    assert [(left["file"], left["line"]) for left in document["left"]] == [(str(program), 4)]
+    assert [(left["file"], left["line"]) for left in document["left"]] == [(str(program), 5)]
     assert capfd.readouterr() == ("", "")
 
 
