@@ -159,7 +159,7 @@ impl NativeModel {
         let dof = self.joints();
         let commands = found
             .iter()
-            .flat_map(|f| f.joints[..dof].to_vec())
+            .flat_map(|f| f.joints.into_iter().take(dof))
             .collect();
         Ok((
             shaped(py, commands, &[n, dof])?,
@@ -199,7 +199,7 @@ impl NativeModel {
         });
         let answers = found
             .iter()
-            .flat_map(|f| f.joints[..dof].to_vec())
+            .flat_map(|f| f.joints.into_iter().take(dof))
             .collect();
         Ok((
             shaped(py, answers, &[n, dof])?,
