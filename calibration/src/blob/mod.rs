@@ -2,6 +2,7 @@
 
 pub mod batch;
 pub mod commander;
+pub mod evaluator;
 pub mod fitted_frames;
 pub mod joint_offsets;
 pub mod nearest_chain;

@@ -44,7 +44,29 @@ impl SampleFile {
         tools: &mut Vec<ToolName>,
         correction: DriftCorrection,
     ) -> Result<Self, InputError> {
-        let set = super::read(path)?;
+        Self::of(super::read(path)?, robot, tools, correction)
+    }
+
+    /// As [`SampleFile::read`], for the bytes of a file; `name` is for messages.
+    ///
+    /// # Errors
+    /// As [`SampleFile::read`].
+    pub fn parse(
+        name: &Path,
+        bytes: &[u8],
+        robot: &Robot,
+        tools: &mut Vec<ToolName>,
+        correction: DriftCorrection,
+    ) -> Result<Self, InputError> {
+        Self::of(super::parse(name, bytes)?, robot, tools, correction)
+    }
+
+    fn of(
+        set: MeasurementSet,
+        robot: &Robot,
+        tools: &mut Vec<ToolName>,
+        correction: DriftCorrection,
+    ) -> Result<Self, InputError> {
         let notes = set.check(robot)?;
         let drift = match correction {
             DriftCorrection::None => None,

@@ -16,7 +16,7 @@ struct Layer {
     rooms: &'static [&'static str],
 }
 
-const CRATES: [Layer; 6] = [
+const CRATES: [Layer; 7] = [
     Layer {
         name: "poegp_protocol",
         folder: "protocol/src",
@@ -86,6 +86,17 @@ const CRATES: [Layer; 6] = [
             "signing",
             "cli",
         ],
+    },
+    Layer {
+        name: "poegp",
+        folder: "python/src",
+        below: &[
+            "poegp_protocol",
+            "poegp_runtime",
+            "poegp_calibration",
+            "poegp_trainer",
+        ],
+        rooms: &["errors", "arrays", "table", "options", "commands", "model"],
     },
     Layer {
         name: "poegp_firmware",

@@ -2,13 +2,14 @@
 
 use super::tokens::{Kind, Token, sources, tokens, without_tests, workspace};
 
-const FOLDERS: [&str; 6] = [
+const FOLDERS: [&str; 7] = [
     "protocol/src",
     "runtime/src",
     "runtime/capi/src",
     "calibration/src",
     "trainer/src",
     "firmware/src",
+    "python/src",
 ];
 
 /// In texts: string literals and the documentation of the command line, which `--help` shows.

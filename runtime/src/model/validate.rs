@@ -140,9 +140,24 @@ pub(super) fn checked_chain<T: Scalar>(
         if !is_rigid(&pose, MAX_ROTATION_ERROR, MAX_FRAME_LENGTH) {
             return Err(LoadError::Frame { index: index as u8 });
         }
-        *slot = pose.cast();
+        *slot = orthonormal(pose.cast());
     }
     Poe::new(kinds, poses.get(..frames.len()).unwrap_or(&[])).map_err(|_| LoadError::Chain)
+}
+
+/// A pose that was stored in single precision: in a finer type, with the rotation nearest to it, R (3 I − Rᵀ R)/2. As stored, its
+/// columns have their length and angles to seven digits, and other programs would be that far from this one.
+fn orthonormal<T: Scalar>(mut pose: Pose<T>) -> Pose<T> {
+    if T::ROUNDING < T::from_f32(f32::ROUNDING) {
+        let r = pose.rotation;
+        let off = crate::math::se3::product(&r.transpose(), &r);
+        let twice = crate::math::se3::product(&r, &off);
+        let half = T::from_f64(0.5);
+        for (value, part) in pose.rotation.iter_mut().zip(twice.iter()) {
+            *value = half * ((*value + *value + *value) - *part);
+        }
+    }
+    pose
 }
 
 pub(super) fn checked_coupling<T: Scalar>(

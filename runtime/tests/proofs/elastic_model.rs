@@ -20,10 +20,18 @@ fn chain(arm: &Arm) -> Poe<f64> {
     let frames: Vec<Pose<f64>> = arm
         .calibrated
         .iter()
-        .map(|rows| Pose::<f32>::from_rows(rows).cast())
+        .map(|rows| nearest_rotation(Pose::<f32>::from_rows(rows).cast()))
         .collect();
-    // Exactly orthonormal, as the model takes them.
     MinimalForm::new(&Poe::new(&kinds(arm), &frames).unwrap()).poe
+}
+
+/// Orthonormal to f64: the polar factor, by Newton's iteration to its end.
+fn nearest_rotation(mut pose: Pose<f64>) -> Pose<f64> {
+    for _ in 0..4 {
+        let r = pose.rotation;
+        pose.rotation = r * 1.5 - r * r.transpose() * r * 0.5;
+    }
+    pose
 }
 
 /// q3 of the chain is q3 − q2.

@@ -7,6 +7,7 @@ use nalgebra::Vector3;
 use serde::Serialize;
 
 use crate::cli::failure::Failure;
+use crate::cli::input::Input;
 use crate::cli::output::{json_text, write_outputs};
 use crate::cli::terminal::print::{note, warning};
 use poegp_calibration::input_error::InputError;
@@ -112,9 +113,13 @@ struct RefusedJson {
 }
 
 /// An error of the reader with the mistake that explains it, where one does: a joint beyond its limits may be reversed.
-pub fn explained(path: &Path, robot: &Robot, error: InputError) -> InputError {
+pub fn explained(input: &Input<'_>, robot: &Robot, error: InputError) -> InputError {
     let explanation = || {
-        let set = measurement::read(path).ok()?;
+        let set = match input.bytes {
+            Some(bytes) => measurement::parse(input.path, bytes),
+            None => measurement::read(input.path),
+        };
+        let set = set.ok()?;
         if set.joint_count() != robot.joints.len() {
             return None;
         }

@@ -59,6 +59,7 @@ impl Failure {
         Self::LostOutput { output, error }
     }
 
+    /// The exit code of a command that ends so.
     pub fn exit_code(&self) -> ExitCode {
         match self {
             Self::Quality(_) | Self::Refused(_) | Self::LostOutput { .. } => ExitCode::from(1),

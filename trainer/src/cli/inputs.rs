@@ -9,6 +9,7 @@ use poegp_runtime::math::se3::Pose;
 use crate::cli::args::ChainArgs;
 use crate::cli::examination::{Examined, explained};
 use crate::cli::failure::{Failure, calibration_failure};
+use crate::cli::input::Input;
 use crate::cli::terminal::print::note;
 use poegp_calibration::blob::fitted_frames::{FrameError, FramesToFit};
 use poegp_calibration::blob::predict::BlobModel;
@@ -54,19 +55,33 @@ impl Arm {
         tools: &mut Vec<ToolName>,
         correction: DriftCorrection,
     ) -> Result<SampleFile, Failure> {
-        read_samples(path, &self.robot, tools, correction)
+        read_samples(&Input::file(path), &self.robot, tools, correction)
+    }
+
+    /// As [`Arm::read`], for measurements that need not be in a file.
+    pub fn read_input(
+        &self,
+        input: &Input<'_>,
+        tools: &mut Vec<ToolName>,
+        correction: DriftCorrection,
+    ) -> Result<SampleFile, Failure> {
+        read_samples(input, &self.robot, tools, correction)
     }
 }
 
 /// A measurement file of `robot`; notes go to standard error.
 fn read_samples(
-    path: &Path,
+    input: &Input<'_>,
     robot: &Robot,
     tools: &mut Vec<ToolName>,
     correction: DriftCorrection,
 ) -> Result<SampleFile, Failure> {
-    let file = SampleFile::read(path, robot, tools, correction)
-        .map_err(|error| explained(path, robot, error))?;
+    let path = input.path;
+    let file = match input.bytes {
+        Some(bytes) => SampleFile::parse(path, bytes, robot, tools, correction),
+        None => SampleFile::read(path, robot, tools, correction),
+    };
+    let file = file.map_err(|error| explained(input, robot, error))?;
     for text in &file.notes {
         note(format_args!("{}: {text}", path.display()));
     }
@@ -166,7 +181,7 @@ pub fn read(
 ) -> Result<TestData, Failure> {
     let robot = robot_of(loaded.blob());
     let mut names = tools_of(loaded);
-    let file = read_samples(path, &robot, &mut names, correction)?;
+    let file = read_samples(&Input::file(path), &robot, &mut names, correction)?;
     complete(loaded, path, names, (None, file))
 }
 

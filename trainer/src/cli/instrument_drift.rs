@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use crate::cli::failure::Failure;
+use crate::cli::input::Input;
 use crate::cli::inputs::Arm;
 use crate::cli::terminal::print::note;
 use poegp_calibration::measurement::MeasurementSet;
@@ -28,13 +29,13 @@ pub fn correction(asked: bool) -> DriftCorrection<'static> {
 /// A training file, without its drift when that is asked for.
 pub fn read(
     arm: &Arm,
-    path: &Path,
+    input: &Input<'_>,
     tools: &mut Vec<ToolName>,
     correct: bool,
 ) -> Result<SampleFile, Failure> {
-    let file = arm.read(path, tools, correction(correct))?;
+    let file = arm.read_input(input, tools, correction(correct))?;
     if !correct {
-        hint(path, &file.set);
+        hint(input.path, &file.set);
     }
     Ok(file)
 }

@@ -20,6 +20,8 @@ pub struct Job {
     pub robot: String,
     pub chain: ChainArgs,
     pub train: PathBuf,
+    /// The measurements, where `train` is their name and no file.
+    pub table: Option<Vec<u8>>,
     pub tests: Vec<PathBuf>,
     pub correct_drift: bool,
     pub gauge: GaugeArgs,
@@ -78,6 +80,7 @@ impl Job {
             robot: a.robot.clone().unwrap_or_default(),
             chain: a.chain.clone(),
             train: a.train.clone(),
+            table: None,
             tests: a.tests.clone(),
             correct_drift: a.correct_drift,
             gauge: a.gauge.clone(),

@@ -4,7 +4,9 @@ pub mod args;
 mod document;
 pub mod elastic_summary;
 pub mod gauge;
-mod job;
+pub mod job;
+mod made;
+mod print;
 mod project;
 pub mod report_page;
 
@@ -12,13 +14,15 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
 use crate::cli::calibrate::args::Calibrate;
-use crate::cli::calibrate::document::{CalibrateJson, document, outliers};
+use crate::cli::calibrate::document::{document, outliers};
 use crate::cli::calibrate::elastic_summary::ElasticSummary;
 use crate::cli::calibrate::gauge::Known;
 use crate::cli::calibrate::job::Job;
+use crate::cli::calibrate::made::Made;
 use crate::cli::calibrate::project::{RobotTable, Source};
 use crate::cli::examination::Examined;
 use crate::cli::failure::{Failure, device_failure};
+use crate::cli::input::Input;
 use crate::cli::inputs::{Arm, Tests, enough_poses, equations, origin};
 use crate::cli::instrument_drift;
 use crate::cli::output::{check_outputs, json_text, write_outputs};
@@ -26,16 +30,12 @@ use crate::cli::terminal::interrupt::cancellable;
 use crate::cli::terminal::print::{Printer, is_stdout, note};
 use crate::cli::terminal::progress;
 use crate::report::{FileSummary, ReportData};
-use poegp_calibration::blob::precision_loss::SinglePrecisionLoss;
-use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::blob::write::{CalibratedBlob, DeviceError, Provenance, calibrate_in_gauge};
-use poegp_calibration::learning::task_space::fit::MAX_SIGNAL_VARIANCE;
 use poegp_calibration::measurement::reader::SampleFile;
 use poegp_calibration::measurement::sample::{InstrumentSample, different_poses};
+use poegp_calibration::model::Method;
 use poegp_calibration::model::config::Config;
-use poegp_calibration::model::correction::Correction;
 use poegp_calibration::model::identified::of_calibration;
-use poegp_calibration::model::{Calibration, Method};
 use poegp_calibration::numeric::statistics::ErrorSummary;
 use poegp_calibration::progress::NEVER;
 use poegp_calibration::progress::threads;
@@ -59,6 +59,24 @@ pub fn run(arguments: &Calibrate) -> Result<(), Failure> {
     inputs.extend(a.tests.iter().chain(&a.project).map(PathBuf::as_path));
     inputs.extend(a.gauge.inputs());
     check_outputs(&outputs, &inputs)?;
+    let made = make(a)?;
+    let json = json_text(&made.document)?;
+    let mut files = vec![(a.out.as_path(), made.found.blob.bytes())];
+    let html = a.report.as_deref().zip(made.report.as_deref());
+    files.extend(html.map(|(path, html)| (path, html.as_bytes())));
+    files.extend(a.json.as_deref().map(|path| (path, json.as_bytes())));
+    let project = a.write_project.as_deref().zip(made.project.as_deref());
+    files.extend(project.map(|(path, text)| (path, text.as_bytes())));
+    write_outputs(&files)?;
+    print::all(Printer::for_outputs(&outputs), a, &made);
+    Ok(())
+}
+
+/// Calibrates.
+///
+/// # Errors
+/// [`Failure`], of what is read as of what is found.
+pub fn make(a: &Job) -> Result<Made, Failure> {
     let mut config = a.config;
     if a.auto {
         config.method = Method::BaseTool;
@@ -66,12 +84,16 @@ pub fn run(arguments: &Calibrate) -> Result<(), Failure> {
     let arm = Arm::load(&a.robot, &a.chain)?;
     let known = Known::read(&a.gauge, &arm.robot.name)?;
     let mut tools = Vec::new();
+    let input = Input {
+        path: &a.train,
+        bytes: a.table.as_deref(),
+    };
     let SampleFile {
         set,
         samples,
         drift,
         ..
-    } = instrument_drift::read(&arm, &a.train, &mut tools, a.correct_drift)?;
+    } = instrument_drift::read(&arm, &input, &mut tools, a.correct_drift)?;
     enough_poses(
         &a.train,
         (different_poses(&samples), samples.len()),
@@ -152,7 +174,7 @@ pub fn run(arguments: &Calibrate) -> Result<(), Failure> {
         calibration,
         blob,
         precision_loss,
-    } = found;
+    } = &found;
     let trained_on = calibration.without_warm_up(calibration.trained_on(&samples));
     let training = ErrorSummary::new(&blob.errors(&trained_on));
     let seed = evidence.is_some().then_some(report_page::SEED);
@@ -160,26 +182,19 @@ pub fn run(arguments: &Calibrate) -> Result<(), Failure> {
     let file = a.out.display().to_string();
     let written = FileSummary::of_bytes("result", file, blob.bytes());
     provenance.files.push(written);
-    let mut document = document(
-        a,
-        &calibration,
-        &blob,
-        &precision_loss,
-        training,
-        provenance,
-    );
-    document.gauge = Some(known.summary(&calibration, &blob, &samples)?);
+    let mut document = document(a, calibration, blob, precision_loss, training, provenance);
+    document.gauge = Some(known.summary(calibration, blob, &samples)?);
     document.held_out = evidence.as_ref().map(ReportData::summary);
     document.expected_error =
-        ExpectedError::new(&calibration, &arm.robot, &samples, choice.as_ref());
-    document.elastic = ElasticSummary::new(&calibration, &samples);
-    document.outliers = outliers(&calibration, &set, &samples);
+        ExpectedError::new(calibration, &arm.robot, &samples, choice.as_ref());
+    document.elastic = ElasticSummary::new(calibration, &samples);
+    document.outliers = outliers(calibration, &set, &samples);
     document.choice = choice.as_ref().map(|choice| choice.table.clone());
     document.chosen = choice.as_ref().map(Choice::reason);
     document.warnings = warnings;
     document.budget = fitted;
     document.drift = drift.map(|d| d.report);
-    document.identifiability = of_calibration(&calibration, &arm.robot, &samples);
+    document.identifiability = of_calibration(calibration, &arm.robot, &samples);
     let sum = FileSummary::of_bytes("", "", blob.bytes()).sha256;
     document.repeats = a
         .blob_sha256
@@ -211,36 +226,18 @@ pub fn run(arguments: &Calibrate) -> Result<(), Failure> {
             report: a.report.as_deref(),
             json: a.json.as_deref().filter(|path| !is_stdout(path)),
         };
-        (path, source.text())
+        source.text()
     });
-    let json = json_text(&document)?;
     let shown = evidence.as_ref().zip(document.held_out.as_ref());
     let shown =
         shown.map(|(evidence, summary)| report_page::of_calibration(&document, evidence, summary));
-    let mut files = vec![(a.out.as_path(), blob.bytes())];
-    let html = a.report.as_deref().zip(shown.as_deref());
-    files.extend(html.map(|(path, html)| (path, html.as_bytes())));
-    files.extend(a.json.as_deref().map(|path| (path, json.as_bytes())));
-    files.extend(project.iter().map(|(path, text)| (*path, text.as_bytes())));
-    write_outputs(&files)?;
-    let report = Printer::for_outputs(&outputs);
-    if let Some(reason) = &document.chosen {
-        report.line(format_args!("Model: {reason}."));
-    }
-    if let Some(rows) = &document.budget {
-        print_budget(report, rows);
-    }
-    if let Some(drift) = &document.drift {
-        report.line(drift.lines().join("\n"));
-        report.line(instrument_drift::NO_LEAK);
-    }
-    print(report, a, &calibration, &precision_loss, &document);
-    let previous = known.previous.as_ref().map(|(path, _)| path.as_path());
-    if let Some(gauge) = &document.gauge {
-        gauge.print(report, previous);
-    }
-    print_files(report, a, &blob, &document);
-    Ok(())
+    Ok(Made {
+        report: shown,
+        project,
+        previous: known.previous.map(|(path, _)| path),
+        document,
+        found,
+    })
 }
 
 /// Cross-validation within the training data, for a choice.
@@ -337,159 +334,4 @@ fn fit_budget(
                  and the blob {bytes} bytes; nothing was written"
             ))
         })
-}
-
-fn print_budget(report: Printer, rows: &[BudgetTrial]) {
-    report.line("Sized to the budget; held-out errors of the training data, in mm.\n");
-    let row = |r: &BudgetTrial| {
-        vec![
-            r.name().to_owned(),
-            r.inducing_points.to_string(),
-            (if r.predictive_std { "yes" } else { "no" }).to_owned(),
-            r.instructions.to_string(),
-            r.bytes.to_string(),
-            format!("{:.4}", r.position_mm.mean),
-            format!(
-                "{:+.1} %",
-                100.0 * (r.position_mm.mean / rows[0].position_mm.mean - 1.0)
-            ),
-        ]
-    };
-    report.table(
-        &[
-            "model",
-            "points",
-            "std",
-            "instructions",
-            "bytes",
-            "mean",
-            "loss",
-        ],
-        &rows.iter().map(row).collect::<Vec<_>>(),
-    );
-    report.line("");
-}
-
-fn print(
-    report: Printer,
-    a: &Job,
-    calibration: &Calibration,
-    precision_loss: &SinglePrecisionLoss,
-    document: &CalibrateJson,
-) {
-    let training = &document.training;
-    let p = &training.position_mm;
-    report.line(format_args!(
-        "Calibrated {} with `{}` on {} poses.",
-        a.robot,
-        calibration.config.method.name(),
-        training.poses
-    ));
-    if let Some(fit) = calibration.frame_fit() {
-        report.line(format_args!(
-            "  step 1: {} of {} parameters are identifiable",
-            fit.rank, fit.parameters
-        ));
-    }
-    report.line(format_args!(
-        "  training error: {:.4} mm mean, {:.4} mm maximum",
-        p.mean, p.max
-    ));
-    match &document.held_out {
-        None => {
-            report.line("  (for the held-out error use --report, --test or `trainer evaluate`)")
-        }
-        Some(held_out) => {
-            let (before, after) = (&held_out.nominal.errors, &held_out.calibrated.errors);
-            report.line(format_args!(
-                "  held-out error on {} poses ({}): {:.4} mm mean, 95 % within {:.4} mm; nominal robot {:.4} and {:.4} mm",
-                after.poses,
-                held_out.how,
-                after.position_mm.mean,
-                after.position_mm.p95,
-                before.position_mm.mean,
-                before.position_mm.p95
-            ));
-        }
-    }
-    if let Some(expected) = &document.expected_error {
-        report.line(format_args!(
-            "  expected error over the measured joint ranges: {:.3} mm mean, 95 % within {:.3} mm",
-            expected.mean_mm, expected.p95_mm
-        ));
-    }
-    if let Some(summary) = &document.elastic {
-        summary.print(report);
-    }
-    for o in &document.outliers {
-        report.line(format_args!(
-            "  outlier in line {}: {}, {}; {}",
-            o.line,
-            o.distance(),
-            o.reason,
-            match o.rejected {
-                true => "left out",
-                false => "kept; without --outliers keep it is left out",
-            }
-        ));
-    }
-    if !matches!(calibration.correction, Correction::None) {
-        let (m, rad) = calibration.correction_limit;
-        report.line(format_args!(
-            "  correction limit: {:.3} mm and {:.3} mrad",
-            1e3 * m,
-            1e3 * rad
-        ));
-    }
-    report.line(format_args!(
-        "  single-precision loss: {:.3} µm mean, {:.3} µm maximum",
-        1e6 * precision_loss.mean_m,
-        1e6 * precision_loss.max_m
-    ));
-    if let Some(task_space) = calibration.correction.task_space()
-        && task_space.max_signal_variance < MAX_SIGNAL_VARIANCE
-    {
-        report.line(format_args!(
-            "  note: the signal variance was limited to {} because of single precision",
-            task_space.max_signal_variance
-        ));
-    }
-    match &document.identifiability {
-        Some(identifiability) => report.line(identifiability.lines().join("\n")),
-        None => report.line("  identifiability: could not be computed for these poses"),
-    }
-}
-
-/// What was written.
-fn print_files(report: Printer, a: &Job, blob: &BlobModel, document: &CalibrateJson) {
-    let inducing_points = blob.model().inducing_points();
-    report.line(format_args!(
-        "Wrote {} ({} bytes, {inducing_points} inducing points).",
-        a.out.display(),
-        blob.bytes().len()
-    ));
-    match document.repeats {
-        Some(true) => {
-            report.line("The blob is byte for byte the one that the project file states.");
-        }
-        Some(false) => note(format_args!(
-            "{} differs from the blob that the project file states (output.blob_sha256): another version of the trainer or \
-             another kind of processor; `trainer evaluate` on held-out poses shows whether it matters",
-            a.out.display()
-        )),
-        None => {}
-    }
-    if let Some(path) = &a.write_project {
-        report.line(format_args!(
-            "Wrote {}: `trainer calibrate {}` does the same again.",
-            path.display(),
-            path.display()
-        ));
-    }
-    if let Some(path) = &a.report {
-        report.line(format_args!(
-            "Wrote {}: open it in a browser.",
-            path.display()
-        ));
-    }
 }

@@ -5,6 +5,7 @@ use crate::cli::calibrate::elastic_summary::ElasticSummary;
 use crate::cli::calibrate::job::Job;
 use crate::cli::failure::{Failure, calibration_failure, device_failure};
 use crate::cli::inputs::{Arm, Tests, enough_poses, equations};
+use crate::cli::terminal::interrupt::own_flag;
 use crate::cli::terminal::progress;
 use crate::report::sections;
 use crate::report::sections::DeviceSummary;
@@ -69,6 +70,7 @@ pub fn held_out(
     if a.report.is_none() && tests.sets.is_empty() {
         return Ok(None);
     }
+    let own = own_flag();
     let task = Task {
         robot: &arm.robot,
         train: samples,
@@ -76,7 +78,7 @@ pub fn held_out(
         folds: if tests.sets.is_empty() { FOLDS } else { 0 },
         seed: SEED,
         origin,
-        cancel: &NEVER,
+        cancel: own.as_deref().unwrap_or(&NEVER),
         threads: threads(),
     };
     let loaded = |samples: &[InstrumentSample]| samples.iter().all(|s| s.payload_kg.is_some());

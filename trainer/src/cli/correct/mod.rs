@@ -49,12 +49,34 @@ struct Rewritten {
 }
 
 pub fn run(a: &Correct) -> Result<(), Failure> {
+    match format(a)? {
+        Some(format) => program::run(a, format),
+        None => joint_targets(a, &a.programs[0]),
+    }
+}
+
+/// Corrects a robot program, and returns what `--json` writes.
+///
+/// # Errors
+/// [`Failure`]; parts of the program that are left are none.
+pub fn program_document(a: &Correct) -> Result<String, Failure> {
+    let Some(format) = format(a)? else {
+        let found = "no program of a known language";
+        let expected = "a robot program or a table of poses";
+        return Err(InputError::new(&a.programs[0], found, expected).into());
+    };
+    let (_, _, document) = program::corrected(a, format)?;
+    json_text(&document)
+}
+
+/// The format of the programs; `None` is one file of joint targets.
+fn format(a: &Correct) -> Result<Option<Format>, Failure> {
     let formats: Vec<Option<Format>> = a.programs.iter().map(|path| Format::of(path)).collect();
     match formats.as_slice() {
         [Some(first), rest @ ..] if rest.iter().all(|format| *format == Some(*first)) => {
-            program::run(a, *first)
+            Ok(Some(*first))
         }
-        [None] => joint_targets(a, &a.programs[0]),
+        [None] => Ok(None),
         _ => Err(Failure::Usage(
             "files of several formats: give those of one program, or one CSV file".to_owned(),
         )),

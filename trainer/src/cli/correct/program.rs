@@ -33,9 +33,23 @@ const NAMED: usize = 200;
 const LEAST_SPLIT_MM: f64 = 0.005;
 
 pub fn run(a: &Correct, format: Format) -> Result<(), Failure> {
+    let (outputs, files, document) = corrected(a, format)?;
+    let outputs: Vec<Option<&Path>> = outputs.iter().map(Option::as_deref).collect();
+    print(Printer::for_outputs(&outputs), a, &files, &document);
+    named(&document, a.dry_run)
+}
+
+/// What is read and written for each file.
+type Files = Vec<(PathBuf, PathBuf)>;
+
+/// Corrects and writes; returns all outputs, the files, and what there is to say.
+pub fn corrected(
+    a: &Correct,
+    format: Format,
+) -> Result<(Vec<Option<PathBuf>>, Files, ProgramJson), Failure> {
     let is_folder = a.programs.len() > 1 || a.out.is_dir();
     // Of each file, what is read and what is written.
-    let mut files: Vec<(PathBuf, PathBuf)> = Vec::new();
+    let mut files: Files = Vec::new();
     for path in &a.programs {
         let out = if is_folder {
             a.out.join(path.file_name().unwrap_or_default())
@@ -176,8 +190,8 @@ pub fn run(a: &Correct, format: Format) -> Result<(), Failure> {
     }
     written.extend(page.iter().map(|(path, html)| (*path, html.as_bytes())));
     write_outputs(&written)?;
-    print(Printer::for_outputs(&outputs), a, &files, &document);
-    named(&document, a.dry_run)
+    let outputs = outputs.iter().map(|path| path.map(Path::to_path_buf));
+    Ok((outputs.collect(), files, document))
 }
 
 /// `OUT.poegp.json`.

@@ -5,9 +5,10 @@
 //! waits until it is over, so that there are all outputs of a command or none, and no temporary file. A write that does not
 //! end, into a pipe that nobody reads, is waited for a little and no longer; the temporary files beside it are removed.
 
+use std::cell::RefCell;
 use std::io::Write;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use poegp_calibration::progress::Cancelled;
@@ -25,6 +26,24 @@ static CANCELLED: AtomicBool = AtomicBool::new(false);
 
 fn set_cancellable(is_cancellable: bool) {
     *CANCELLABLE.lock().unwrap_or_else(PoisonError::into_inner) = is_cancellable;
+}
+
+thread_local! {
+    /// The flag of a caller that has no Ctrl-C of this program.
+    static OWN: RefCell<Option<Arc<AtomicBool>>> = const { RefCell::new(None) };
+}
+
+/// Does `work` on this thread; fits in it are cancelled by `flag` and by nothing else.
+pub fn cancelled_by<R>(flag: Arc<AtomicBool>, work: impl FnOnce() -> R) -> R {
+    OWN.set(Some(flag));
+    let out = work();
+    OWN.set(None);
+    out
+}
+
+/// The flag that [`cancelled_by`] has set.
+pub fn own_flag() -> Option<Arc<AtomicBool>> {
+    OWN.with_borrow(Clone::clone)
 }
 
 /// Begins to listen for Ctrl-C. Where that cannot be done the system ends the program as ever.
@@ -62,6 +81,13 @@ pub fn stoppable<R>(work: impl FnOnce(&AtomicBool) -> R) -> R {
 /// # Errors
 /// [`Cancelled`] if it was, however far the fit has come.
 pub fn cancellable<R>(fit: impl FnOnce(&AtomicBool) -> R) -> Result<R, Cancelled> {
+    if let Some(flag) = own_flag() {
+        let out = fit(&flag);
+        return match flag.load(Ordering::Relaxed) {
+            true => Err(Cancelled),
+            false => Ok(out),
+        };
+    }
     let out = stoppable(fit);
     match CANCELLED.load(Ordering::Relaxed) {
         true => Err(Cancelled),

@@ -19,6 +19,15 @@ static STDOUT_TAKEN: AtomicBool = AtomicBool::new(false);
 /// `--quiet`: nothing is said but errors.
 static QUIET: AtomicBool = AtomicBool::new(false);
 
+/// No terminal: the caller of the program's functions says what there is to say.
+static SILENT: AtomicBool = AtomicBool::new(false);
+
+/// Says nothing at all from now on.
+pub fn be_silent() {
+    be_quiet();
+    SILENT.store(true, Ordering::Relaxed);
+}
+
 /// Says nothing but errors from now on.
 pub fn be_quiet() {
     QUIET.store(true, Ordering::Relaxed);
@@ -31,7 +40,9 @@ pub fn is_quiet() -> bool {
 
 /// Says on standard error what somebody must look at, also with `--quiet`.
 pub fn warning(text: impl Display) {
-    let _ = writeln!(io::stderr(), "warning: {text}");
+    if !SILENT.load(Ordering::Relaxed) {
+        let _ = writeln!(io::stderr(), "warning: {text}");
+    }
 }
 
 /// Says on standard error what was noticed and is no error.

@@ -1,0 +1,282 @@
+//! A blob in `f32`, as the device evaluates it, or in `f64`, with all numbers of its questions and answers in `f64`.
+//!
+//! The formulas are the runtime's. What is added here is the instrument's frame, in which poses are measured.
+
+use poegp_protocol::limits::MAX_JOINTS;
+use poegp_runtime::correct::inverse::Inverse;
+use poegp_runtime::correct::{CompiledCorrection, Corrected};
+use poegp_runtime::guard::status::Status;
+use poegp_runtime::kinematics::newton::Jacobian;
+use poegp_runtime::math::scalar::Scalar;
+use poegp_runtime::math::se3::Pose;
+use poegp_runtime::model::load_error::LoadError;
+use poegp_runtime::model::{Model, words_for};
+
+use crate::blob::predict::{BlobModel, orthonormal};
+use crate::learning::task_space::MAX_POINTS;
+
+const CAPACITY: usize = words_for(MAX_POINTS);
+
+/// The number type of an evaluation.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Precision {
+    /// `f32`, with the bits of the device.
+    Single,
+    /// `f64`.
+    Double,
+}
+
+/// The frame in which poses are stated.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Frame {
+    /// The instrument's of the calibration. Rotations are orthonormal to `f64`.
+    Instrument,
+    /// The base of the model, as the runtime computes it.
+    Base,
+}
+
+/// One prediction.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Predicted {
+    /// The pose of the target in the frame that was asked for.
+    pub pose: Pose<f64>,
+    /// What it is worth.
+    pub status: Status,
+    /// 1 within what was trained, towards 0 far away.
+    pub trust: f64,
+    /// Standard deviation of one position component of a new measurement in metres, of a blob that knows it.
+    pub position_sigma: Option<f64>,
+}
+
+/// A blob that answers questions in one precision.
+#[derive(Debug)]
+pub struct Evaluator {
+    blob: BlobModel,
+    /// In double precision; the blob has the model in single precision.
+    wide: Option<Box<Model<f64, CAPACITY>>>,
+}
+
+impl Evaluator {
+    /// Of a blob.
+    ///
+    /// # Errors
+    /// [`LoadError`], which a blob that was read cannot cause.
+    pub fn new(blob: BlobModel, precision: Precision) -> Result<Self, LoadError> {
+        let wide = match precision {
+            Precision::Single => None,
+            Precision::Double => {
+                let mut model = Box::new(Model::new());
+                model.load_decoded(blob.blob())?;
+                Some(model)
+            }
+        };
+        Ok(Self { blob, wide })
+    }
+
+    /// The blob.
+    pub fn blob(&self) -> &BlobModel {
+        &self.blob
+    }
+
+    /// The number type.
+    pub fn precision(&self) -> Precision {
+        match self.wide {
+            Some(_) => Precision::Double,
+            None => Precision::Single,
+        }
+    }
+
+    /// The pose of the calibrated arm at the controller's joints (rad or m) with a payload in kg. In single precision and the
+    /// instrument's frame it is [`BlobModel::predict`].
+    pub fn predict(&self, joints: &[f64], payload_kg: f64, frame: Frame) -> Predicted {
+        match &self.wide {
+            Some(model) => self.predicted(model, joints, payload_kg, frame),
+            None => self.predicted(self.blob.model(), joints, payload_kg, frame),
+        }
+    }
+
+    /// The pose of the nominal arm with base and tool of the gauge; `None` for joints that are none.
+    pub fn nominal(&self, joints: &[f64], frame: Frame) -> Option<Pose<f64>> {
+        let pose = match &self.wide {
+            Some(model) => model.nominal(joints)?,
+            None => self.blob.model().nominal(&cast(joints))?.cast(),
+        };
+        Some(self.seen(pose, frame))
+    }
+
+    /// The joints to command so that the calibrated arm stands where the nominal one would.
+    pub fn correct(&self, joints: &[f64], payload_kg: f64) -> Corrected<f64> {
+        match &self.wide {
+            Some(model) => model.correct(joints, payload_kg),
+            None => {
+                let found = self.blob.model().correct(&cast(joints), payload_kg as f32);
+                Corrected {
+                    joints: found.joints.map(f64::from),
+                    applied: found.applied.into(),
+                    position_error: found.position_error.into(),
+                    rotation_error: found.rotation_error.into(),
+                    status: found.status,
+                }
+            }
+        }
+    }
+
+    /// The joints near `seed` at which the calibrated arm stands at a pose.
+    pub fn inverse(
+        &self,
+        pose: &Pose<f64>,
+        frame: Frame,
+        seed: &[f64],
+        payload_kg: f64,
+    ) -> Inverse<f64> {
+        let wanted = match frame {
+            Frame::Base => *pose,
+            Frame::Instrument => self.blob.instrument_from_base().inverse() * *pose,
+        };
+        match &self.wide {
+            Some(model) => model.inverse(&wanted, seed, payload_kg),
+            None => {
+                let model = self.blob.model();
+                let found = model.inverse(&wanted.cast(), &cast(seed), payload_kg as f32);
+                Inverse {
+                    joints: found.joints.map(f64::from),
+                    position_error: found.position_error.into(),
+                    rotation_error: found.rotation_error.into(),
+                    status: found.status,
+                }
+            }
+        }
+    }
+
+    /// The Jacobian of the target by columns, zeros beyond the last joint:
+    /// [`tool_jacobian`](poegp_runtime::model::Model::tool_jacobian) without a tool.
+    pub fn jacobian(&self, joints: &[f64], payload_kg: f64) -> Jacobian<f64> {
+        match &self.wide {
+            Some(model) => {
+                let found = model.tool_jacobian(&Pose::identity(), joints, payload_kg);
+                found.columns
+            }
+            None => {
+                let model = self.blob.model();
+                let kg = payload_kg as f32;
+                let found = model.tool_jacobian(&Pose::identity(), &cast(joints), kg);
+                found.columns.map(|column| column.map(f64::from))
+            }
+        }
+    }
+
+    fn predicted<T: CompiledCorrection>(
+        &self,
+        model: &Model<T, CAPACITY>,
+        joints: &[f64],
+        payload_kg: f64,
+        frame: Frame,
+    ) -> Predicted {
+        let mut own = [T::ZERO; MAX_JOINTS];
+        for (slot, joint) in own.iter_mut().zip(joints) {
+            *slot = T::from_f64(*joint);
+        }
+        let own = own.get(..joints.len()).unwrap_or(&[]);
+        let found = model.evaluate(own, T::from_f64(payload_kg));
+        Predicted {
+            pose: self.seen(found.pose.cast(), frame),
+            status: found.status,
+            trust: found.trust.to_f64(),
+            position_sigma: found.position_sigma.map(Scalar::to_f64),
+        }
+    }
+
+    /// A pose in the base frame, in the frame that was asked for.
+    fn seen(&self, base_from_target: Pose<f64>, frame: Frame) -> Pose<f64> {
+        match frame {
+            Frame::Base => base_from_target,
+            Frame::Instrument => {
+                orthonormal(&(self.blob.instrument_from_base() * base_from_target))
+            }
+        }
+    }
+}
+
+fn cast(joints: &[f64]) -> Vec<f32> {
+    joints.iter().map(|q| *q as f32).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::Path;
+
+    use nalgebra::Matrix3;
+
+    fn example(precision: Precision) -> Evaluator {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../runtime/capi/examples/arm.blob");
+        Evaluator::new(BlobModel::read(&path).unwrap(), precision).unwrap()
+    }
+
+    fn questions() -> impl Iterator<Item = ([f64; 6], f64)> {
+        (0..50).map(|i| {
+            let at = |j: i32| 0.01 * f64::from((i * 37 + j * 53) % 161 - 80);
+            (
+                [at(1), at(2), at(3), at(4), at(5), at(6)],
+                0.1 * f64::from(i),
+            )
+        })
+    }
+
+    #[test]
+    fn single_precision_has_the_bits_of_the_device_and_double_is_near() {
+        let (single, double) = (example(Precision::Single), example(Precision::Double));
+        for (q, kg) in questions() {
+            let device = single.blob().predict(&q, Some(kg));
+            let found = single.predict(&q, kg, Frame::Instrument);
+            assert_eq!(found.pose, device.pose);
+            assert_eq!(found.status, device.status);
+            assert_eq!(found.trust, f64::from(device.trust));
+            assert_eq!(found.position_sigma, device.position_sigma.map(f64::from));
+            let wide = double.predict(&q, kg, Frame::Instrument);
+            let apart = (wide.pose.translation - found.pose.translation).norm();
+            assert!(apart > 0.0 && apart < 3e-6, "{apart:e}");
+            let [a, b] = [&single, &double].map(|e| e.correct(&q, kg));
+            assert_eq!(a.status, b.status);
+            for (a, b) in a.joints.iter().zip(&b.joints) {
+                assert!((a - b).abs() < 1e-5);
+            }
+            let [a, b] = [&single, &double].map(|e| e.jacobian(&q, kg));
+            for (a, b) in a.iter().flatten().zip(b.iter().flatten()) {
+                assert!((a - b).abs() < 1e-5);
+            }
+        }
+    }
+
+    /// Poses of both frames lead back to the joints, and differ by where the instrument stands.
+    #[test]
+    fn frames_belong_together() {
+        for precision in [Precision::Single, Precision::Double] {
+            let arm = example(precision);
+            assert_eq!(arm.precision(), precision);
+            let near = match precision {
+                Precision::Single => 3e-6,
+                Precision::Double => 1e-6,
+            };
+            for (q, kg) in questions() {
+                let [seen, base] =
+                    [Frame::Instrument, Frame::Base].map(|frame| arm.predict(&q, kg, frame).pose);
+                let carried = arm.blob().instrument_from_base() * base;
+                assert!((carried.translation - seen.translation).norm() < 1e-12);
+                let square = seen.rotation * seen.rotation.transpose();
+                assert!((square - Matrix3::identity()).amax() < 1e-14);
+                let [a, b] = [Frame::Instrument, Frame::Base]
+                    .map(|frame| arm.nominal(&q, frame).unwrap().translation);
+                assert!((arm.blob().instrument_from_base().transform_point(&b) - a).norm() < 1e-12);
+                for (pose, frame) in [(seen, Frame::Instrument), (base, Frame::Base)] {
+                    let found = arm.inverse(&pose, frame, &q, kg);
+                    let there = arm.predict(&found.joints[..6], kg, frame).pose;
+                    assert!((there.translation - pose.translation).norm() < near);
+                }
+            }
+            assert_eq!(arm.nominal(&[f64::NAN; 6], Frame::Base), None);
+            let answer = arm.predict(&[0.0; 9], 0.0, Frame::Base);
+            assert!(answer.status.contains(Status::BAD_INPUT));
+        }
+    }
+}

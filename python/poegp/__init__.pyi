@@ -1,0 +1,162 @@
+"""Types of poegp. Angles are rad, lengths m, masses kg; ``q`` has the controller's joints, base first, rad or m."""
+
+import enum
+import os
+from collections.abc import Iterable, Mapping
+from typing import Any, Literal, NamedTuple, TypedDict, Unpack
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__version__: str
+__all__: list[str]
+
+_Path = str | os.PathLike[str]
+_Frame = Literal["instrument", "base"]
+_Precision = Literal["f32", "f64"]
+_Method = Literal["auto", "base-tool", "poe", "poe-gp", "poe-gp-load", "elastic"]
+
+class Error(Exception):
+    """A calibration or a correction that is not possible."""
+
+class InputError(Error, ValueError):
+    """Something in a file or a table that its author can repair."""
+
+    file: str
+    line: int | None
+    column: int | None
+    column_name: str | None
+    found: str
+    expected: str
+    help: str | None
+
+class DataRefused(Error):
+    """Measurements that no model should be made of."""
+
+class Status(enum.IntFlag):
+    """What an answer is worth: 0 is as trained, each bit is a remark."""
+
+    OUTSIDE_JOINT_RANGE = 1
+    OUTSIDE_PAYLOAD_RANGE = 2
+    CORRECTION_LIMITED = 4
+    NO_MODEL = 8
+    BAD_INPUT = 16
+    PARTLY_CORRECTED = 32
+    BYPASSED = 64
+    BLENDING = 128
+
+class Answer(NamedTuple):
+    """What predictions are worth; arrays (n,)."""
+
+    status: NDArray[np.uint8]
+    trust: NDArray[np.float64]
+    sigma_m: NDArray[np.float64]
+
+class Correction(NamedTuple):
+    """What corrected commands are worth; arrays (n,)."""
+
+    status: NDArray[np.uint8]
+    applied: NDArray[np.float64]
+    position_error_m: NDArray[np.float64]
+    rotation_error_rad: NDArray[np.float64]
+
+class Solution(NamedTuple):
+    """What answers of the inverse kinematics are worth; arrays (n,)."""
+
+    status: NDArray[np.uint8]
+    position_error_m: NDArray[np.float64]
+    rotation_error_rad: NDArray[np.float64]
+
+class Model:
+    """A calibrated arm. It never changes, and any number of threads may use it."""
+
+    @classmethod
+    def load(cls, source: _Path | bytes, precision: _Precision = "f32") -> Model: ...
+    @property
+    def blob(self) -> bytes: ...
+    @property
+    def dof(self) -> int: ...
+    @property
+    def robot(self) -> str: ...
+    @property
+    def method(self) -> str: ...
+    @property
+    def precision(self) -> _Precision: ...
+    @property
+    def payload_range_kg(self) -> tuple[float, float] | None: ...
+    def predict(
+        self, q: ArrayLike, payload_kg: ArrayLike | None = None, frame: _Frame = "instrument"
+    ) -> tuple[NDArray[np.float64], Answer]: ...
+    def nominal(self, q: ArrayLike, frame: _Frame = "instrument") -> NDArray[np.float64]: ...
+    def correct(
+        self, q: ArrayLike, payload_kg: ArrayLike | None = None
+    ) -> tuple[NDArray[np.float64], Correction]: ...
+    def inverse(
+        self,
+        T_wanted: ArrayLike,
+        seed: ArrayLike,
+        payload_kg: ArrayLike | None = None,
+        frame: _Frame = "instrument",
+    ) -> tuple[NDArray[np.float64], Solution]: ...
+    def jacobian(
+        self, q: ArrayLike, payload_kg: ArrayLike | None = None
+    ) -> NDArray[np.float64]: ...
+
+class Calibration:
+    """A calibration that `calibrate` has made."""
+
+    @property
+    def blob(self) -> bytes: ...
+    @property
+    def summary(self) -> dict[str, Any]: ...
+    def model(self, precision: _Precision = "f32") -> Model: ...
+    def save(self, path: _Path) -> None: ...
+    def report(self, path: _Path) -> None: ...
+
+class _CalibrateOptions(TypedDict, total=False):
+    base: str
+    tip: str
+    date: str
+    per_output: bool
+    no_variance: bool
+    inducing_points: int
+    gravity: Iterable[float]
+    position_sigma_mm: float
+    orientation_sigma_mrad: float
+    outliers: Literal["keep", "reject"]
+    warm_up: Literal["keep", "remove"]
+    weighting: Literal["none", "noise"]
+    max_instructions: int
+    max_blob_bytes: int
+    serial_number: str | int
+    max_correction_mm: float
+    max_correction_mrad: float
+    correct_drift: bool
+    gauge: Literal["poses", "grid"]
+    keep_gauge: _Path
+    references: _Path
+    base_from: _Path | Iterable[float]
+    tool_from: Iterable[float]
+    previous: _Path
+    accept: list[str]
+    test: list[_Path]
+
+class _CorrectOptions(TypedDict, total=False):
+    payload_kg: float
+    payload_from_program: bool
+    frames: _Path
+    inverse: bool
+
+def calibrate(
+    robot: _Path,
+    data: _Path | Mapping[str, ArrayLike],
+    *,
+    method: _Method = "auto",
+    **options: Unpack[_CalibrateOptions],
+) -> Calibration: ...
+def correct_program(
+    program: _Path | Iterable[_Path],
+    out: _Path,
+    model: Model | _Path,
+    **options: Unpack[_CorrectOptions],
+) -> dict[str, Any]: ...

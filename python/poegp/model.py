@@ -1,0 +1,137 @@
+"""Predictions, corrections and inverse kinematics of a calibrated arm."""
+
+from __future__ import annotations
+
+import enum
+from typing import NamedTuple
+
+from poegp._native import NativeModel, status_flags
+
+Status = enum.IntFlag(
+    "Status", {name.upper().replace("-", "_"): bit for name, bit in status_flags()}, module=__name__
+)
+Status.__doc__ = "What an answer is worth: 0 is as trained, each bit is a remark."
+
+
+class Answer(NamedTuple):
+    """What predictions are worth; each array has one value for each row."""
+
+    #: Bits of :class:`Status`, uint8; 0 is as trained.
+    status: object
+    #: Extrapolation score: 1 within the trained ranges, towards 0 far away.
+    trust: object
+    #: Standard deviation of one position component of a new measurement, m; NaN where the model does not know it.
+    sigma_m: object
+
+
+class Correction(NamedTuple):
+    """What corrected commands are worth; each array has one value for each row."""
+
+    #: Bits of :class:`Status`, uint8.
+    status: object
+    #: How much of the arm's error is corrected, 0 to 1.
+    applied: object
+    #: What stays by the model, m.
+    position_error_m: object
+    #: What stays by the model, rad.
+    rotation_error_rad: object
+
+
+class Solution(NamedTuple):
+    """What answers of the inverse kinematics are worth; each array has one value for each row."""
+
+    #: Bits of :class:`Status`, uint8; ``PARTLY_CORRECTED`` where the pose was not reached.
+    status: object
+    #: Distance from the wanted pose, m.
+    position_error_m: object
+    #: Rotation from the wanted pose, rad.
+    rotation_error_rad: object
+
+
+class Model:
+    """A calibrated arm. Make one with :meth:`load`; it never changes, and any number of threads may use it.
+
+    ``q`` are the controller's joints (n, dof) in rad (m for sliding joints), base first. ``payload_kg`` is a number or an
+    array (n,), and may be left out of models that do not depend on it. Poses are ``frame_from_target``, and ``frame`` is
+    ``"instrument"``, in which poses were measured, or ``"base"``, the base of the robot.
+    """
+
+    def __init__(self, native: NativeModel) -> None:
+        self._native = native
+
+    @classmethod
+    def load(cls, source, precision="f32"):
+        """Load a model from a path or from the bytes of a blob.
+
+        ``precision="f32"`` answers with the bits of the device, ``"f64"`` evaluates the same model in double precision.
+        """
+        if isinstance(source, (bytes, bytearray, memoryview)):
+            return cls(NativeModel.from_bytes(bytes(source), precision))
+        return cls(NativeModel.read(source, precision))
+
+    @property
+    def blob(self) -> bytes:
+        """The bytes that the model was loaded from."""
+        return self._native.blob
+
+    @property
+    def dof(self) -> int:
+        """Number of joints."""
+        return self._native.joints
+
+    @property
+    def robot(self) -> str:
+        """Name of the robot."""
+        return self._native.robot
+
+    @property
+    def method(self) -> str:
+        """Calibration method."""
+        return self._native.method
+
+    @property
+    def precision(self) -> str:
+        """``"f32"`` or ``"f64"``."""
+        return self._native.precision
+
+    @property
+    def payload_range_kg(self):
+        """The trained payloads (lightest, heaviest); None of a model that does not depend on the payload."""
+        return self._native.payload_range_kg
+
+    def predict(self, q, payload_kg=None, frame="instrument"):
+        """Where the real target is: poses (n, 4, 4) in m, and their :class:`Answer`.
+
+        The numbers are those of ``trainer evaluate --predictions``.
+        """
+        poses, *answer = self._native.predict(q, payload_kg, frame)
+        return poses, Answer(*answer)
+
+    def nominal(self, q, frame="instrument"):
+        """Where the target would be by the drawing: poses (n, 4, 4) in m, NaN for joints that are not finite."""
+        return self._native.nominal(q, frame)
+
+    def correct(self, q, payload_kg=None):
+        """The joints (n, dof) to command so that the real arm stands at ``nominal(q)``, and their :class:`Correction`."""
+        joints, *answer = self._native.correct(q, payload_kg)
+        return joints, Correction(*answer)
+
+    def inverse(self, T_wanted, seed, payload_kg=None, frame="instrument"):
+        """The joints (n, dof) near ``seed`` at which the real target is at ``T_wanted`` (n, 4, 4), and their :class:`Solution`.
+
+        Commands, too: the controller that is given these joints brings the target there.
+        """
+        joints, *answer = self._native.inverse(T_wanted, seed, payload_kg, frame)
+        return joints, Solution(*answer)
+
+    def jacobian(self, q, payload_kg=None):
+        """How the real target moves: (n, 6, dof), zeros for joints that are not finite.
+
+        Rows are the velocity of the target's origin x, y, z in m/s, then its angular velocity in rad/s, both along the axes of
+        the base frame, for 1 rad/s (1 m/s) of each joint. Pinocchio calls this ``LOCAL_WORLD_ALIGNED``. How the correction
+        itself changes with the joints is left out, some thousandths of an elastic model.
+        """
+        return self._native.jacobian(q, payload_kg)
+
+    def __repr__(self) -> str:
+        return f"<poegp.Model {self.method} of {self.robot}, {self.precision}>"

@@ -1,0 +1,72 @@
+//! Arrays of Python as rows of numbers, with their shapes checked, and back.
+
+use numpy::{PyArray1, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
+use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::prelude::*;
+
+/// Anything that NumPy makes an array of numbers of, as one in C order.
+fn array<'py>(value: &Bound<'py, PyAny>, name: &str) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    let py = value.py();
+    let made = py
+        .import("numpy")?
+        .call_method1("ascontiguousarray", (value, "float64"));
+    let made = made.map_err(|error| {
+        PyTypeError::new_err(format!("{name}: expected an array of numbers ({error})"))
+    })?;
+    Ok(made.cast_into::<PyArrayDyn<f64>>()?)
+}
+
+/// `(n, …)` with the numbers after the first dimension as `shape`: n, and all numbers row by row. They are copied, so that
+/// other threads of Python may change their array meanwhile.
+pub fn rows(value: &Bound<'_, PyAny>, name: &str, shape: &[usize]) -> PyResult<(usize, Vec<f64>)> {
+    let array = array(value, name)?;
+    let found = array.shape();
+    if found.len() != shape.len() + 1 || &found[1..] != shape {
+        let list =
+            |shape: &[usize]| -> Vec<String> { shape.iter().map(ToString::to_string).collect() };
+        let ending = if found.len() == 1 && shape.len() == 1 {
+            ","
+        } else {
+            ""
+        };
+        let help = match found == shape {
+            true => format!("; for one row give {name}[None]"),
+            false => String::new(),
+        };
+        return Err(PyValueError::new_err(format!(
+            "{name}: found an array of shape ({}{ending}), expected (n, {}){help}",
+            list(found).join(", "),
+            list(shape).join(", ")
+        )));
+    }
+    Ok((found[0], array.to_vec()?))
+}
+
+/// One number for each of `n` rows, from one number or an array `(n,)`.
+pub fn each(value: &Bound<'_, PyAny>, name: &str, n: usize) -> PyResult<Vec<f64>> {
+    let array = array(value, name)?;
+    let numbers = array.to_vec()?;
+    // `ascontiguousarray` makes one dimension of none.
+    match numbers.as_slice() {
+        [one] if n != 1 => Ok(vec![*one; n]),
+        _ if array.ndim() == 1 && numbers.len() == n => Ok(numbers),
+        _ => Err(PyValueError::new_err(format!(
+            "{name}: found {} numbers, expected one number, or one for each of {n} rows",
+            numbers.len()
+        ))),
+    }
+}
+
+/// `numbers` as an array of this shape.
+pub fn shaped<'py>(
+    py: Python<'py>,
+    numbers: Vec<f64>,
+    shape: &[usize],
+) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    PyArray1::from_vec(py, numbers).reshape(shape.to_vec())
+}
+
+/// `numbers` as an array of one dimension.
+pub fn column<'py, T: numpy::Element>(py: Python<'py>, numbers: Vec<T>) -> Bound<'py, PyArray1<T>> {
+    PyArray1::from_vec(py, numbers)
+}

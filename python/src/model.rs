@@ -1,0 +1,306 @@
+//! A model: many configurations at once, on all cores, while other threads of Python run.
+
+use std::path::PathBuf;
+
+use numpy::{PyArray1, PyArrayDyn};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::PyBytes;
+
+use poegp_calibration::blob::evaluator::{Evaluator, Frame, Precision, Predicted};
+use poegp_calibration::blob::predict::BlobModel;
+use poegp_calibration::input_error::InputError;
+use poegp_calibration::numeric::parallel::map_all;
+use poegp_calibration::progress::threads;
+use poegp_runtime::guard::status::Status;
+use poegp_runtime::math::se3::Pose;
+
+use crate::arrays::{column, each, rows, shaped};
+use crate::errors::input_error;
+
+/// Numbers of a homogeneous matrix.
+const MATRIX: usize = 16;
+
+type Numbers<'py> = Bound<'py, PyArrayDyn<f64>>;
+type Bits<'py> = Bound<'py, PyArray1<u8>>;
+type Column<'py> = Bound<'py, PyArray1<f64>>;
+
+/// Name and bit of each remark.
+#[pyfunction]
+pub fn status_flags() -> Vec<(String, u8)> {
+    let bits = (0..8).map(|bit| 1_u8 << bit);
+    bits.map(|bits| (Status::from_bits(bits).to_string(), bits))
+        .collect()
+}
+
+/// The native part of `poegp.Model`.
+#[pyclass(frozen, module = "poegp._native")]
+pub struct NativeModel {
+    arm: Evaluator,
+}
+
+#[pymethods]
+impl NativeModel {
+    /// From the bytes of a blob.
+    #[staticmethod]
+    fn from_bytes(py: Python<'_>, bytes: &[u8], precision: &str) -> PyResult<Self> {
+        let precision = precision_of(precision)?;
+        let blob = BlobModel::from_bytes(bytes.to_vec()).map_err(|error| {
+            let expected = "a model blob written by `trainer calibrate`";
+            input_error(py, &InputError::new("<bytes>", error.to_string(), expected))
+        })?;
+        Self::of(py, blob, precision)
+    }
+
+    /// From a file.
+    #[staticmethod]
+    fn read(py: Python<'_>, path: PathBuf, precision: &str) -> PyResult<Self> {
+        let precision = precision_of(precision)?;
+        let blob = BlobModel::read(&path).map_err(|error| input_error(py, &error))?;
+        Self::of(py, blob, precision)
+    }
+
+    #[getter]
+    fn blob<'py>(&self, py: Python<'py>) -> Bound<'py, PyBytes> {
+        PyBytes::new(py, self.arm.blob().bytes())
+    }
+
+    #[getter]
+    fn joints(&self) -> usize {
+        self.arm.blob().model().joints()
+    }
+
+    #[getter]
+    fn precision(&self) -> &'static str {
+        match self.arm.precision() {
+            Precision::Single => "f32",
+            Precision::Double => "f64",
+        }
+    }
+
+    #[getter]
+    fn method(&self) -> &str {
+        self.arm.blob().host().provenance.method
+    }
+
+    #[getter]
+    fn robot(&self) -> &str {
+        self.arm.blob().blob().robot.name
+    }
+
+    /// The trained payloads in kg; None of a model that does not depend on the payload.
+    #[getter]
+    fn payload_range_kg(&self) -> Option<(f32, f32)> {
+        self.arm.blob().blob().ranges.payload_kg
+    }
+
+    #[pyo3(signature = (q, payload_kg, frame))]
+    #[allow(clippy::type_complexity)] // what Python unpacks
+    fn predict<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Bound<'py, PyAny>,
+        payload_kg: Option<&Bound<'py, PyAny>>,
+        frame: &str,
+    ) -> PyResult<(Numbers<'py>, Bits<'py>, Column<'py>, Column<'py>)> {
+        let (n, joints, payloads) = self.configurations(q, payload_kg)?;
+        let frame = frame_of(frame)?;
+        let found =
+            py.detach(|| self.each_row(&joints, &payloads, |q, kg| self.arm.predict(q, kg, frame)));
+        let mut matrices = Vec::with_capacity(MATRIX * n);
+        found.iter().for_each(|f| push(&mut matrices, &f.pose));
+        let of = |value: fn(&Predicted) -> f64| column(py, found.iter().map(value).collect());
+        Ok((
+            shaped(py, matrices, &[n, 4, 4])?,
+            column(py, found.iter().map(|f| f.status.bits()).collect()),
+            of(|f| f.trust),
+            of(|f| f.position_sigma.unwrap_or(f64::NAN)),
+        ))
+    }
+
+    fn nominal<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Bound<'py, PyAny>,
+        frame: &str,
+    ) -> PyResult<Numbers<'py>> {
+        let (n, joints) = rows(q, "q", &[self.joints()])?;
+        let frame = frame_of(frame)?;
+        let payloads = vec![0.0; n];
+        let found =
+            py.detach(|| self.each_row(&joints, &payloads, |q, _| self.arm.nominal(q, frame)));
+        let mut matrices = Vec::with_capacity(MATRIX * n);
+        for pose in found {
+            match pose {
+                Some(pose) => push(&mut matrices, &pose),
+                None => matrices.extend([f64::NAN; MATRIX]),
+            }
+        }
+        shaped(py, matrices, &[n, 4, 4])
+    }
+
+    #[pyo3(signature = (q, payload_kg))]
+    #[allow(clippy::type_complexity)] // what Python unpacks
+    fn correct<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Bound<'py, PyAny>,
+        payload_kg: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<(
+        Numbers<'py>,
+        Bits<'py>,
+        Column<'py>,
+        Column<'py>,
+        Column<'py>,
+    )> {
+        let (n, joints, payloads) = self.configurations(q, payload_kg)?;
+        let found =
+            py.detach(|| self.each_row(&joints, &payloads, |q, kg| self.arm.correct(q, kg)));
+        let dof = self.joints();
+        let commands = found
+            .iter()
+            .flat_map(|f| f.joints.into_iter().take(dof))
+            .collect();
+        Ok((
+            shaped(py, commands, &[n, dof])?,
+            column(py, found.iter().map(|f| f.status.bits()).collect()),
+            column(py, found.iter().map(|f| f.applied).collect()),
+            column(py, found.iter().map(|f| f.position_error).collect()),
+            column(py, found.iter().map(|f| f.rotation_error).collect()),
+        ))
+    }
+
+    #[pyo3(signature = (poses, seed, payload_kg, frame))]
+    #[allow(clippy::type_complexity)] // what Python unpacks
+    fn inverse<'py>(
+        &self,
+        py: Python<'py>,
+        poses: &Bound<'py, PyAny>,
+        seed: &Bound<'py, PyAny>,
+        payload_kg: Option<&Bound<'py, PyAny>>,
+        frame: &str,
+    ) -> PyResult<(Numbers<'py>, Bits<'py>, Column<'py>, Column<'py>)> {
+        let (n, joints, payloads) = self.configurations(seed, payload_kg)?;
+        let (given, matrices) = rows(poses, "T_wanted", &[4, 4])?;
+        if given != n {
+            return Err(PyValueError::new_err(format!(
+                "T_wanted: found {given} poses, expected {n}, one for each row of seed"
+            )));
+        }
+        let frame = frame_of(frame)?;
+        let wanted: Vec<Pose<f64>> = matrices.chunks(MATRIX).map(pose_of).collect();
+        let dof = self.joints();
+        let found = py.detach(|| {
+            let indices: Vec<usize> = (0..n).collect();
+            map_all(threads(), &indices, |i| {
+                let seed = &joints[i * dof..(i + 1) * dof];
+                self.arm.inverse(&wanted[*i], frame, seed, payloads[*i])
+            })
+        });
+        let answers = found
+            .iter()
+            .flat_map(|f| f.joints.into_iter().take(dof))
+            .collect();
+        Ok((
+            shaped(py, answers, &[n, dof])?,
+            column(py, found.iter().map(|f| f.status.bits()).collect()),
+            column(py, found.iter().map(|f| f.position_error).collect()),
+            column(py, found.iter().map(|f| f.rotation_error).collect()),
+        ))
+    }
+
+    #[pyo3(signature = (q, payload_kg))]
+    fn jacobian<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Bound<'py, PyAny>,
+        payload_kg: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<Numbers<'py>> {
+        let (n, joints, payloads) = self.configurations(q, payload_kg)?;
+        let found =
+            py.detach(|| self.each_row(&joints, &payloads, |q, kg| self.arm.jacobian(q, kg)));
+        let dof = self.joints();
+        let mut numbers = Vec::with_capacity(6 * dof * n);
+        for columns in found {
+            for row in 0..6 {
+                numbers.extend(columns.iter().take(dof).map(|column| column[row]));
+            }
+        }
+        shaped(py, numbers, &[n, 6, dof])
+    }
+}
+
+impl NativeModel {
+    fn of(py: Python<'_>, blob: BlobModel, precision: Precision) -> PyResult<Self> {
+        let arm = py.detach(|| Evaluator::new(blob, precision));
+        let arm = arm.map_err(|error| PyValueError::new_err(error.to_string()))?;
+        Ok(Self { arm })
+    }
+
+    /// The number of rows, their joints row by row, and the payload of each.
+    fn configurations(
+        &self,
+        q: &Bound<'_, PyAny>,
+        payload_kg: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<(usize, Vec<f64>, Vec<f64>)> {
+        let (n, joints) = rows(q, "q", &[self.joints()])?;
+        let payloads = match (payload_kg, self.payload_range_kg()) {
+            (Some(kg), _) => each(kg, "payload_kg", n)?,
+            (None, None) => vec![0.0; n],
+            (None, Some((light, heavy))) => {
+                return Err(PyValueError::new_err(format!(
+                    "payload_kg: found none, expected kilograms: the model depends on the payload ({light} to {heavy} kg were \
+                     trained)"
+                )));
+            }
+        };
+        Ok((n, joints, payloads))
+    }
+
+    /// The answers to all rows, in order, computed on all cores.
+    fn each_row<O: Send>(
+        &self,
+        joints: &[f64],
+        payloads: &[f64],
+        answer: impl Fn(&[f64], f64) -> O + Sync,
+    ) -> Vec<O> {
+        let rows: Vec<(&[f64], f64)> = joints
+            .chunks(self.joints().max(1))
+            .zip(payloads.iter().copied())
+            .collect();
+        map_all(threads(), &rows, |(q, kg)| answer(q, *kg))
+    }
+}
+
+fn precision_of(name: &str) -> PyResult<Precision> {
+    match name {
+        "f32" => Ok(Precision::Single),
+        "f64" => Ok(Precision::Double),
+        _ => Err(PyValueError::new_err(format!(
+            "precision: found {name:?}, expected \"f32\", the device's numbers, or \"f64\""
+        ))),
+    }
+}
+
+fn frame_of(name: &str) -> PyResult<Frame> {
+    match name {
+        "instrument" => Ok(Frame::Instrument),
+        "base" => Ok(Frame::Base),
+        _ => Err(PyValueError::new_err(format!(
+            "frame: found {name:?}, expected \"instrument\", in which poses were measured, or \"base\""
+        ))),
+    }
+}
+
+/// A pose as a homogeneous matrix, row by row.
+fn push(out: &mut Vec<f64>, pose: &Pose<f64>) {
+    out.extend(pose.to_rows());
+    out.extend([0.0, 0.0, 0.0, 1.0]);
+}
+
+/// The pose of a homogeneous matrix, whose last row is not looked at.
+fn pose_of(matrix: &[f64]) -> Pose<f64> {
+    let mut rows = [0.0; 12];
+    rows.copy_from_slice(&matrix[..12]);
+    Pose::from_rows(&rows)
+}

@@ -1,0 +1,78 @@
+//! A table of Python, a DataFrame or a dictionary of columns, as the text of a measurement file.
+
+use pyo3::exceptions::PyTypeError;
+use pyo3::prelude::*;
+use pyo3::types::PyList;
+
+use poegp_calibration::input_error::InputError;
+
+use crate::errors::input_error;
+
+/// What messages call it.
+pub const NAME: &str = "<table>";
+
+/// The text of a CSV file with these columns. Numbers are written as `repr` writes them, so that nothing of them is lost; what
+/// is missing (None, NaN) is an empty field. The first row is line 2, as after the header of a file.
+pub fn csv(data: &Bound<'_, PyAny>) -> PyResult<Vec<u8>> {
+    let py = data.py();
+    let keys = data.call_method0("keys").map_err(|_| {
+        let found = data.get_type();
+        PyTypeError::new_err(format!(
+            "data: found {found}, expected a path, a DataFrame or a dictionary of columns"
+        ))
+    })?;
+    let mut names = Vec::new();
+    let mut columns = Vec::new();
+    for key in keys.try_iter()? {
+        let key = key?;
+        let name = key.str()?.to_string();
+        let column = values(&data.get_item(&key)?)?;
+        if let Some(count) = columns.first().map(Vec::len)
+            && column.len() != count
+        {
+            let error = InputError::new(
+                NAME,
+                format!("{} values", column.len()),
+                format!("{count}, as the first column has"),
+            );
+            return Err(input_error(py, &error.at_column(columns.len() + 1, name)));
+        }
+        names.push(quoted(&name));
+        columns.push(column);
+    }
+    let mut text = names.join(",");
+    text.push('\n');
+    for row in 0..columns.first().map_or(0, Vec::len) {
+        let fields: Vec<&str> = columns.iter().map(|column| column[row].as_str()).collect();
+        text += &fields.join(",");
+        text.push('\n');
+    }
+    Ok(text.into_bytes())
+}
+
+/// The fields of a column.
+fn values(column: &Bound<'_, PyAny>) -> PyResult<Vec<String>> {
+    let numpy = column.py().import("numpy")?;
+    let list = numpy
+        .call_method1("asarray", (column,))?
+        .call_method0("tolist")?;
+    let list = list.cast_into::<PyList>().map_err(|_| {
+        PyTypeError::new_err("data: found a single value, expected a column of values")
+    })?;
+    list.iter().map(|value| field(&value)).collect()
+}
+
+fn field(value: &Bound<'_, PyAny>) -> PyResult<String> {
+    if value.is_none() || value.extract::<f64>().is_ok_and(f64::is_nan) {
+        return Ok(String::new());
+    }
+    Ok(quoted(&value.str()?.to_string()))
+}
+
+/// With quotation marks where a text needs them.
+fn quoted(text: &str) -> String {
+    match text.contains([',', '"', '\n', '\r']) {
+        true => format!("\"{}\"", text.replace('"', "\"\"")),
+        false => text.to_owned(),
+    }
+}

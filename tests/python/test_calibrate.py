@@ -1,0 +1,210 @@
+"""A calibration from Python is the command line's: bytes, numbers, page and errors."""
+
+import json
+import re
+import subprocess
+import sys
+import threading
+import time
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import poegp
+
+
+@pytest.fixture(scope="module")
+def elastic_calibration(arm):
+    return poegp.calibrate("abb-irb120", arm.train, method="elastic")
+
+
+def test_the_blob_has_the_bytes_of_the_command_line(arm, elastic_calibration, tmp_path):
+    assert elastic_calibration.blob == arm.elastic.read_bytes()
+    assert poegp.calibrate("abb-irb120", arm.train, method="poe").blob == arm.poe.read_bytes()
+    elastic_calibration.save(tmp_path / "saved.blob")
+    assert (tmp_path / "saved.blob").read_bytes() == arm.elastic.read_bytes()
+    assert elastic_calibration.model().blob == arm.elastic.read_bytes()
+
+
+def test_options_are_those_of_the_command_line(arm, trainer, tmp_path):
+    out = tmp_path / "arm.blob"
+    options = ["--inducing-points", 20, "--gravity", "0,0,-9.8", "--accept", "drift", "--no-variance"]
+    given = {"inducing_points": 20, "gravity": [0, 0, -9.8], "accept": ["drift"], "no_variance": True}
+    trainer(
+        "calibrate", "--robot", "abb-irb120", arm.train, "--out", out, "--method", "elastic",
+        "--serial-number", "7", "--date", "2026-01-31", *options,
+    )  # fmt: skip
+    found = poegp.calibrate(
+        "abb-irb120", arm.train, method="elastic", serial_number=7, date="2026-01-31", **given
+    )
+    assert found.blob == out.read_bytes()
+    assert found.blob != arm.elastic.read_bytes()
+
+
+def test_the_summary_is_the_json_of_the_command_line(arm, elastic_calibration):
+    expected = json.loads((arm.folder / "elastic.json").read_text())
+    found = elastic_calibration.summary
+    # Who asked, and where the blob went.
+    for document in [expected, found]:
+        document["provenance"].pop("command")
+        document["provenance"]["files"] = [f["sha256"] for f in document["provenance"]["files"]]
+        document["blob"].pop("file")
+    assert found == expected
+    assert found["warnings"] == expected["warnings"]
+
+
+def test_tables_give_the_bytes_of_their_file(arm, tmp_path):
+    table = pd.read_csv(arm.train, comment="#")
+    path = tmp_path / "table.csv"
+    table.to_csv(path, index=False)
+    expected = poegp.calibrate("abb-irb120", path, method="poe").blob
+    columns = {name: table[name].to_numpy() for name in table}
+    lists = {name: table[name].tolist() for name in table}
+    for data in [table, columns, lists]:
+        assert poegp.calibrate("abb-irb120", data, method="poe").blob == expected
+    turned = table.iloc[::-1]
+    assert poegp.calibrate("abb-irb120", turned, method="poe").blob != expected
+
+
+def test_texts_of_a_table_are_kept(arm):
+    table = pd.read_csv(arm.train, comment="#")
+    table["session"] = np.where(np.arange(len(table)) % 2, 'a "first", day', "another")
+    found = poegp.calibrate("abb-irb120", table, method="poe")
+    assert found.summary["training_poses"] == len(table)
+    with pytest.raises(poegp.InputError, match="session"):
+        poegp.calibrate("abb-irb120", table.assign(session=None), method="poe")
+
+
+def test_the_report_is_the_page_of_the_command_line(arm, trainer, tmp_path):
+    trainer(
+        "calibrate", "--robot", "abb-irb120", arm.train, "--method", "poe", "--out", tmp_path / "a.blob",
+        "--report", tmp_path / "expected.html",
+    )  # fmt: skip
+    poegp.calibrate("abb-irb120", arm.train, method="poe").report(tmp_path / "found.html")
+
+    def numbers(name):
+        page = (tmp_path / name).read_text()
+        return re.findall(r'data-json="([^"]*)"[^>]*>([^<]*)<', page)
+
+    expected = numbers("expected.html")
+    assert len(expected) > 20
+    assert numbers("found.html") == expected
+
+
+def test_errors_name_file_line_and_column(arm, tmp_path):
+    lines = arm.train.read_text().splitlines()
+    fields = lines[5].split(",")
+    fields[3] = "zero"
+    lines[5] = ",".join(fields)
+    path = tmp_path / "wrong.csv"
+    path.write_text("\n".join(lines))
+    with pytest.raises(poegp.InputError) as raised:
+        poegp.calibrate("abb-irb120", path)
+    error = raised.value
+    assert isinstance(error, poegp.Error) and isinstance(error, ValueError)
+    assert (error.file, error.line, error.column) == (str(path), 6, 4)
+    assert (error.column_name, error.found) == ("q3_deg", '"zero"')
+    assert str(error).startswith(f'{path}:6: column 4 (q3_deg): found "zero", expected')
+
+    with pytest.raises(poegp.InputError) as raised:
+        poegp.calibrate("abb-irb120", tmp_path / "none.csv")
+    assert (raised.value.line, raised.value.column) == (None, None)
+    assert raised.value.found == "no such file"
+    with pytest.raises(poegp.InputError, match="robot"):
+        poegp.calibrate("no-such-robot", arm.train)
+
+
+def test_errors_name_row_and_column_of_a_table(arm):
+    table = pd.read_csv(arm.train, comment="#")
+    table.loc[3, "x_mm"] = np.nan
+    with pytest.raises(poegp.InputError) as raised:
+        poegp.calibrate("abb-irb120", table)
+    # The header is line 1.
+    assert (raised.value.file, raised.value.line) == ("<table>", 5)
+    assert raised.value.column == list(table).index("x_mm") + 1
+    columns = {name: table[name].to_numpy() for name in table}
+    columns["y_mm"] = columns["y_mm"][:-1]
+    with pytest.raises(poegp.InputError, match="149 values, expected 150") as raised:
+        poegp.calibrate("abb-irb120", columns)
+    assert raised.value.column_name == "y_mm"
+    with pytest.raises(TypeError, match="a path, a DataFrame or a dictionary"):
+        poegp.calibrate("abb-irb120", np.zeros((3, 13)))
+
+
+def test_options_that_make_no_sense_are_refused(arm):
+    with pytest.raises(ValueError, match="--seed"):
+        poegp.calibrate("abb-irb120", arm.train, seed=1)
+    with pytest.raises(ValueError, match="possible values: .*elastic"):
+        poegp.calibrate("abb-irb120", arm.train, method="best")
+    with pytest.raises(TypeError, match="report"):
+        poegp.calibrate("abb-irb120", arm.train, report="page.html")
+
+
+def test_data_that_show_no_robot_are_refused(arm):
+    table = pd.read_csv(arm.train, comment="#")
+    xyz = ["x_mm", "y_mm", "z_mm"]
+    table[xyz] = table[xyz].sample(frac=1, random_state=1).to_numpy()
+    with pytest.raises(poegp.DataRefused, match=r"<table>: .*\[[a-z-]+\]"):
+        poegp.calibrate("abb-irb120", table)
+
+
+def test_nothing_is_printed(arm, capfd):
+    table = pd.read_csv(arm.train, comment="#").assign(remark=1)
+    poegp.calibrate("abb-irb120", table, method="poe")
+    with pytest.raises(poegp.DataRefused):
+        poegp.calibrate("abb-irb120", table.iloc[:3])
+    out, err = capfd.readouterr()
+    assert (out, err) == ("", "")
+
+
+def test_other_threads_run_meanwhile(arm):
+    """A thread of Python that counts hardly stands still; with the lock held it would not count at all."""
+    turns, longest, stop = 0, 0.0, threading.Event()
+
+    def count():
+        nonlocal turns, longest
+        last = time.perf_counter()
+        while not stop.is_set():
+            time.sleep(1e-3)
+            now = time.perf_counter()
+            turns, longest, last = turns + 1, max(longest, now - last), now
+
+    thread = threading.Thread(target=count)
+    thread.start()
+    begin = time.perf_counter()
+    poegp.calibrate("abb-irb120", arm.train, method="elastic")
+    taken = time.perf_counter() - begin
+    stop.set()
+    thread.join()
+    print(f"\nelastic calibration: {taken:.2f} s, {turns} turns of another thread, longest wait {longest:.3f} s")
+    assert taken > 0.2 and turns > 20 and longest < 0.5 * taken
+
+
+def test_two_calibrations_at_once_are_two(arm):
+    found = {}
+
+    def make(method):
+        found[method] = poegp.calibrate("abb-irb120", arm.train, method=method).blob
+
+    threads = [threading.Thread(target=make, args=(m,)) for m in ["elastic", "poe"]]
+    [thread.start() for thread in threads]
+    [thread.join() for thread in threads]
+    assert found == {"elastic": arm.elastic.read_bytes(), "poe": arm.poe.read_bytes()}
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals")
+def test_ctrl_c_ends_a_calibration(arm):
+    """After it the process can calibrate again."""
+    text = f"""
+import os, signal, threading, poegp
+threading.Timer(0.15, lambda: os.kill(os.getpid(), signal.SIGINT)).start()
+try:
+    poegp.calibrate("abb-irb120", {str(arm.train)!r}, method="elastic")
+    print("finished")
+except KeyboardInterrupt:
+    print("stopped")
+print(len(poegp.calibrate("abb-irb120", {str(arm.train)!r}, method="poe").blob))
+"""
+    done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, timeout=120)
+    assert done.stdout.split() == ["stopped", str(len(arm.poe.read_bytes()))], done.stderr

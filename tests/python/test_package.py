@@ -1,0 +1,71 @@
+"""What is installed: its size, its types, its documentation."""
+
+import ast
+import doctest
+import inspect
+import os
+from pathlib import Path
+
+import poegp
+
+PACKAGE = Path(poegp.__file__).parent
+
+
+def test_the_wheel_is_small():
+    wheel = Path(os.environ["POEGP_WHEEL"])
+    size = wheel.stat().st_size
+    print(f"\n{wheel.name}: {size / 1e6:.2f} MB")
+    assert "abi3" in wheel.name
+    assert size <= 8e6
+
+
+def test_the_stubs_name_what_there_is():
+    """Names, parameters and their defaults, in both directions."""
+    assert (PACKAGE / "py.typed").exists()
+    tree = ast.parse((PACKAGE / "__init__.pyi").read_text())
+    stubs = {n.name: n for n in tree.body if isinstance(n, (ast.ClassDef, ast.FunctionDef))}
+    public = [name for name in poegp.__all__ if not name.startswith("_")]
+    assert sorted(n for n in stubs if not n.startswith("_")) == sorted(public)
+
+    def same(stub, function):
+        names = [a.arg for a in stub.args.args + stub.args.kwonlyargs]
+        parameters = inspect.signature(function).parameters.values()
+        found = [p.name for p in parameters if p.kind is not p.VAR_KEYWORD]
+        assert [n for n in names if n != "cls"] == found, stub.name
+        kinds = {a.arg for a in stub.args.kwonlyargs}
+        assert kinds == {p.name for p in parameters if p.kind is p.KEYWORD_ONLY}
+
+    for name, stub in stubs.items():
+        thing = getattr(poegp, name, None)
+        if isinstance(stub, ast.FunctionDef) and thing is not None:
+            same(stub, thing)
+            assert thing.__doc__
+        elif name in ("Model", "Calibration"):
+            functions = {n.name: n for n in stub.body if isinstance(n, ast.FunctionDef)}
+            methods = {n for n in vars(thing) if not n.startswith("_")}
+            assert {n for n in functions if not n.startswith("_")} == methods
+            for method in methods:
+                member = getattr(thing, method)
+                assert member.__doc__, method
+                if callable(member):
+                    same(functions[method], member)
+
+
+def test_every_option_of_the_stubs_is_one_of_the_command_line(trainer):
+    """And every option of the command line but outputs is in the stubs."""
+    tree = ast.parse((PACKAGE / "__init__.pyi").read_text())
+    tables = {
+        n.name: {a.target.id for a in n.body if isinstance(a, ast.AnnAssign)}
+        for n in tree.body
+        if isinstance(n, ast.ClassDef) and n.name.startswith("_")
+    }
+    for command, table in [("calibrate", "_CalibrateOptions"), ("correct", "_CorrectOptions")]:
+        lines = [line.split() for line in trainer(command, "--help").splitlines()]
+        known = {w for line in lines for w in line[:2] if w.startswith("--")}
+        known = {w.strip(",()[]").removeprefix("--").replace("-", "_") for w in known}
+        outputs = {"out", "json", "report", "write_project", "robot", "method", "help", "quiet", "threads", "with"}
+        assert tables[table] == known - outputs
+
+
+def test_doctests():
+    assert doctest.testmod(poegp).failed == 0
