@@ -21,6 +21,7 @@ mod orientation;
 mod points;
 mod poses;
 mod text;
+mod units;
 mod write;
 
 use std::path::{Path, PathBuf};
@@ -104,7 +105,7 @@ pub fn import_bytes(
             format!("{name} (SHA-256 {digest})")
         })
         .collect();
-    let csv = write::csv(&rows, map, &sources);
+    let csv = write::csv(&rows, &sources);
     // What is written is read again: a file that no other command takes is no import.
     let set = measurements::parse(Path::new("<imported>"), csv.as_bytes())?;
     notes.extend(set.notes);

@@ -14,6 +14,7 @@ use crate::import::poses::{
     Beside, columns, joint_columns, joint_values, left_out_note, one, twice_or_unused,
 };
 use crate::import::text::{Line, Table};
+use crate::import::units::shared_unit;
 use crate::import::value::RowValues;
 use crate::import::write::Row;
 use poegp_calibration::input_error::InputError;
@@ -56,7 +57,7 @@ pub fn rows(
         .as_ref()
         .map(|name| one(map, joints, name, "joints.name"))
         .transpose()?;
-    let mut used = joint_indices.clone();
+    let mut used: Vec<usize> = joint_indices.iter().map(|joint| joint.0).collect();
     used.extend(beside.columns());
     used.extend(name);
     notes.extend(twice_or_unused(map, joints, &used)?);
@@ -71,7 +72,7 @@ pub fn rows(
             line,
         };
         let mut row = Row {
-            joints: joint_values(map, &fields, &joint_indices)?,
+            joints: joint_values(&fields, &joint_indices)?,
             ..Row::default()
         };
         beside.read(&fields, &mut row)?;
@@ -148,6 +149,7 @@ fn groups<'a>(
         .map(|t| one(map, table, t, "points.target"))
         .transpose()?;
     let xyz: [usize; 3] = columns(map, table, &how.columns, "points.columns")?;
+    let unit = shared_unit(map, table, &xyz, how.unit, "points.unit")?;
     let mut used = vec![name];
     used.extend(target);
     used.extend(xyz);
@@ -175,7 +177,7 @@ fn groups<'a>(
         let mut location = Vector3::zeros();
         if !(empty && map.incomplete == Incomplete::LeaveOut) {
             for (x, column) in location.iter_mut().zip(xyz) {
-                *x = fields.millimetres(column, how.unit)?;
+                *x = fields.millimetres(column, unit)?;
             }
         }
         if location == Vector3::zeros() {
@@ -375,6 +377,7 @@ fn in_millimetres(
     let factor = match unit {
         Some(LengthUnit::M) => 1e3,
         Some(LengthUnit::Um) => 1e-3,
+        Some(LengthUnit::In) => 25.4,
         Some(LengthUnit::Mm) | None => 1.0,
     };
     targets

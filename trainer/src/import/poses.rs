@@ -4,12 +4,13 @@ use nalgebra::{Matrix3, Vector3};
 use toml::Spanned;
 
 use crate::import::column_map::{
-    AngleUnit, ColumnName, Incomplete, Label, LengthUnit, Map, MassUnit, MatrixLayout, Orientation,
-    Position,
+    AngleUnit, ColumnName, Incomplete, JointUnit, JointUnits, Label, LengthUnit, Map, MassUnit,
+    MatrixLayout, Orientation, Position,
 };
 use crate::import::orientation;
 use crate::import::orientation::Reader;
 use crate::import::text::Table;
+use crate::import::units::{shared_unit, unit_of};
 use crate::import::value::RowValues;
 use crate::import::write::Row;
 use poegp_calibration::input_error::InputError;
@@ -22,10 +23,9 @@ struct Triple([usize; 3], LengthUnit);
 
 impl Triple {
     fn find(map: &Map, table: &Table, position: &Position, key: &str) -> Result<Self, InputError> {
-        Ok(Self(
-            columns(map, table, &position.columns, key)?,
-            position.unit,
-        ))
+        let xyz = columns(map, table, &position.columns, &format!("{key}.columns"))?;
+        let unit = shared_unit(map, table, &xyz, position.unit, &format!("{key}.unit"))?;
+        Ok(Self(xyz, unit))
     }
 
     fn read(&self, fields: &RowValues<'_>) -> Result<Vector3<f64>, InputError> {
@@ -40,7 +40,7 @@ impl Triple {
 /// What every row has beside the pose.
 pub struct Beside<'a> {
     map: &'a Map,
-    payload: Option<usize>,
+    payload: Option<(usize, MassUnit)>,
     session: Option<usize>,
     target: Option<usize>,
     sigma_position: Option<(usize, LengthUnit)>,
@@ -57,43 +57,44 @@ impl<'a> Beside<'a> {
                 .map(|column| one(map, table, column, key))
                 .transpose()
         };
-        let payload = map
-            .payload
-            .as_ref()
-            .and_then(|payload| payload.column.as_ref());
+        let payload = map.payload.as_ref().and_then(|payload| {
+            let column = payload.column.as_ref()?;
+            Some(
+                one(map, table, column, "payload.column").and_then(|column| {
+                    let unit = unit_of(map, table, column, payload.unit, "payload.unit")?;
+                    Ok((column, unit))
+                }),
+            )
+        });
+        let sigma_position = map.sigma_position.as_ref().map(|sigma| {
+            let column = one(map, table, &sigma.column, "sigma_position.column")?;
+            let unit = unit_of(map, table, column, sigma.unit, "sigma_position.unit")?;
+            Ok((column, unit))
+        });
+        let sigma_orientation = map.sigma_orientation.as_ref().map(|sigma| {
+            let column = one(map, table, &sigma.column, "sigma_orientation.column")?;
+            let unit = unit_of(map, table, column, sigma.unit, "sigma_orientation.unit")?;
+            Ok((column, unit))
+        });
         let references = map
             .references
             .iter()
-            .map(|r| Triple::find(map, table, r, "reference.columns"));
+            .map(|r| Triple::find(map, table, r, "reference"));
         Ok(Self {
             map,
-            payload: payload
-                .map(|c| one(map, table, c, "payload.column"))
-                .transpose()?,
+            payload: payload.transpose()?,
             session: of(&map.session, "session.column")?,
             target: of(&map.target, "target.column")?,
-            sigma_position: map
-                .sigma_position
-                .as_ref()
-                .map(|s| one(map, table, &s.column, "sigma_position.column").map(|c| (c, s.unit)))
-                .transpose()?,
-            sigma_orientation: map
-                .sigma_orientation
-                .as_ref()
-                .map(|s| {
-                    one(map, table, &s.column, "sigma_orientation.column").map(|c| (c, s.unit))
-                })
-                .transpose()?,
+            sigma_position: sigma_position.transpose()?,
+            sigma_orientation: sigma_orientation.transpose()?,
             references: references.collect::<Result<_, _>>()?,
         })
     }
 
     /// The columns that it reads.
     pub fn columns(&self) -> Vec<usize> {
-        let mut out: Vec<usize> = [self.payload, self.session, self.target]
-            .into_iter()
-            .flatten()
-            .collect();
+        let mut out: Vec<usize> = [self.session, self.target].into_iter().flatten().collect();
+        out.extend(self.payload.map(|p| p.0));
         out.extend(self.sigma_position.map(|s| s.0));
         out.extend(self.sigma_orientation.map(|s| s.0));
         out.extend(self.references.iter().flat_map(|r| r.0));
@@ -103,21 +104,20 @@ impl<'a> Beside<'a> {
     /// Fills in a row.
     pub fn read(&self, fields: &RowValues<'_>, row: &mut Row) -> Result<(), InputError> {
         if let Some(payload) = &self.map.payload {
-            let factor = if payload.unit == MassUnit::G {
-                1e-3
-            } else {
-                1.0
-            };
+            let factor = |unit| if unit == MassUnit::G { 1e-3 } else { 1.0 };
             let value = match (self.payload, &payload.value) {
-                (Some(column), _) => {
-                    let kg = factor * fields.number(column, "a mass of 0 or more")?;
+                (Some((column, unit)), _) => {
+                    let kg = factor(unit) * fields.number(column, "a mass of 0 or more")?;
                     if kg < 0.0 {
                         let found = format!("{:?}", fields.text(column));
                         return Err(fields.error(column, found, "a mass of 0 or more"));
                     }
                     kg
                 }
-                (None, value) => factor * value.as_ref().map_or(0.0, |v| *v.get_ref()),
+                (None, value) => {
+                    let value = value.as_ref().map_or(0.0, |v| *v.get_ref());
+                    factor(payload.unit.unwrap_or(MassUnit::Kg)) * value
+                }
             };
             row.payload_kg = Some(value);
         }
@@ -173,7 +173,7 @@ pub fn rows(table: &Table, map: &Map) -> Result<(Vec<Row>, Vec<String>), InputEr
     let joints = joint_columns(map, table)?;
     let beside = Beside::find(map, table)?;
     let pose = pose_reader(map, table)?;
-    let mut used = joints.clone();
+    let mut used: Vec<usize> = joints.iter().map(|joint| joint.0).collect();
     used.extend(beside.columns());
     match &pose {
         PoseReader::Apart(position, orientation) => {
@@ -193,7 +193,7 @@ pub fn rows(table: &Table, map: &Map) -> Result<(Vec<Row>, Vec<String>), InputEr
             continue;
         }
         let mut row = Row {
-            joints: joint_values(map, &fields, &joints)?,
+            joints: joint_values(&fields, &joints)?,
             ..Row::default()
         };
         let (position, found, first) = match &pose {
@@ -273,7 +273,9 @@ pub fn left_out_note(what: &[String]) -> Option<String> {
 fn pose_reader(map: &Map, table: &Table) -> Result<PoseReader, InputError> {
     if let Some(pose) = &map.pose {
         let columns = all(map, table, &pose.columns, "pose.columns")?;
-        return Ok(PoseReader::Matrix(columns, pose.unit, pose.layout));
+        let xyz = translation(&columns, pose.layout);
+        let unit = shared_unit(map, table, &xyz, pose.unit, "pose.unit")?;
+        return Ok(PoseReader::Matrix(columns, unit, pose.layout));
     }
     let Some(position) = &map.position else {
         return Err(InputError::new(
@@ -282,7 +284,7 @@ fn pose_reader(map: &Map, table: &Table) -> Result<PoseReader, InputError> {
             "it, in a map without [points] or [pose]",
         ));
     };
-    let position = Triple::find(map, table, position, "position.columns")?;
+    let position = Triple::find(map, table, position, "position")?;
     let key = "orientation.columns";
     let orientation = match &map.orientation {
         None => None,
@@ -297,15 +299,14 @@ fn pose_reader(map: &Map, table: &Table) -> Result<PoseReader, InputError> {
         }) => {
             // The map was checked.
             let order = orientation::axes(order.get_ref()).unwrap_or([2, 1, 0]);
-            Some(Reader::Euler(
-                columns(map, table, c, key)?,
-                order,
-                *axes,
-                *unit,
-            ))
+            let columns = columns(map, table, c, key)?;
+            let unit = shared_unit(map, table, &columns, *unit, "orientation.unit")?;
+            Some(Reader::Euler(columns, order, *axes, unit))
         }
         Some(Orientation::RotationVector { columns: c, unit }) => {
-            Some(Reader::RotationVector(columns(map, table, c, key)?, *unit))
+            let columns = columns(map, table, c, key)?;
+            let unit = shared_unit(map, table, &columns, *unit, "orientation.unit")?;
+            Some(Reader::RotationVector(columns, unit))
         }
         Some(Orientation::Matrix { columns: c, layout }) => {
             Some(Reader::Matrix(columns(map, table, c, key)?, *layout))
@@ -361,20 +362,30 @@ fn whole(
     ))
 }
 
-/// Where the joints are.
-pub fn joint_columns(map: &Map, table: &Table) -> Result<Vec<usize>, InputError> {
-    all(map, table, &map.joints.columns, "joints.columns")
+/// Where the joints are, and their units.
+pub fn joint_columns(map: &Map, table: &Table) -> Result<Vec<(usize, JointUnit)>, InputError> {
+    let columns = all(map, table, &map.joints.columns, "joints.columns")?;
+    let stated = |joint: usize| match map.joints.unit.as_ref()?.get_ref() {
+        JointUnits::All(unit) => Some(*unit),
+        JointUnits::Each(units) => units.get(joint).copied(),
+    };
+    let joints = columns.into_iter().enumerate();
+    joints
+        .map(|(joint, column)| {
+            let unit = unit_of(map, table, column, stated(joint), "joints.unit")?;
+            Ok((column, unit))
+        })
+        .collect()
 }
 
 /// The joints of a row, in degrees or millimetres.
 pub fn joint_values(
-    map: &Map,
     fields: &RowValues<'_>,
-    columns: &[usize],
-) -> Result<Vec<f64>, InputError> {
-    let joints = columns.iter().zip(&map.joint_units);
+    columns: &[(usize, JointUnit)],
+) -> Result<Vec<(f64, JointUnit)>, InputError> {
+    let joints = columns.iter();
     joints
-        .map(|(column, unit)| fields.joint(*column, *unit))
+        .map(|(column, unit)| Ok((fields.joint(*column, *unit)?, *unit)))
         .collect()
 }
 

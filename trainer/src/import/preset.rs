@@ -9,7 +9,7 @@ use std::path::Path;
 use toml::{Table as Toml, Value};
 
 use crate::import::column_map::{Decimal, Encoding, Layout, Separator};
-use crate::import::text::{Table, decoded, fields};
+use crate::import::text::{Table, decoded, fields, heading};
 use poegp_calibration::input_error::InputError;
 
 /// Lines that the layout is detected from.
@@ -63,7 +63,7 @@ impl Preset {
                 .resolved(&[(path, bytes)])
                 .is_ok_and(|(map, header)| {
                     let mut names = map.values().flat_map(names);
-                    header.len() > 1 && names.all(|name| header.iter().any(|h| h == name))
+                    header.len() > 2 && names.all(|name| header.iter().any(|h| h == name))
                 })
         };
         let mut fitting = PRESETS.into_iter().filter(fits);
@@ -105,6 +105,11 @@ impl Preset {
             detect(&mut layout, path, bytes)?;
             let table = Table::parse(path, bytes, &layout)?;
             header = table.header.map_or_else(Vec::new, |line| line.fields);
+            let bare: Vec<String> = header
+                .iter()
+                .map(|name| heading(name).0.to_owned())
+                .collect();
+            header.extend(bare);
             map.extend(
                 Toml::try_from(&layout)
                     .ok()

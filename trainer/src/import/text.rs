@@ -25,6 +25,8 @@ pub struct Table {
     pub thousands: Option<char>,
     /// The header: its line and its names.
     pub header: Option<Line>,
+    /// The second line of the header, with units.
+    units: Option<Line>,
     /// The rows, all as wide as the header or the first of them.
     pub rows: Vec<Line>,
 }
@@ -47,7 +49,7 @@ impl Table {
                         .iter()
                         .any(|c| !c.is_empty() && line.starts_with(c.as_str()))
             });
-        let mut header = None;
+        let (mut header, mut units) = (None, None);
         for i in 0..layout.header_lines {
             let Some((index, line)) = kept.next() else {
                 return Err(InputError::new(
@@ -58,11 +60,14 @@ impl Table {
                 .with_help("is skip_lines too large? A file without header has header_lines = 0"));
             };
             let row = fields(path, index + 1, line, layout)?;
-            if i == 0 {
-                header = Some(Line {
-                    number: index + 1,
-                    fields: row,
-                });
+            let line = Line {
+                number: index + 1,
+                fields: row,
+            };
+            match i {
+                0 => header = Some(line),
+                1 => units = Some(line),
+                _ => {}
             }
         }
         let mut rows = Vec::new();
@@ -119,6 +124,7 @@ impl Table {
             decimal: layout.decimal,
             thousands: layout.thousands,
             header,
+            units,
             rows,
         })
     }
@@ -141,6 +147,17 @@ impl Table {
         fields.get(index).map_or("", String::as_str)
     }
 
+    /// The unit that the header has for column `index`, and its line: in brackets behind the name, or on the second line.
+    pub fn unit(&self, index: usize) -> Option<(usize, &str)> {
+        let header = self.header.as_ref()?;
+        let behind = heading(self.name(index)).1;
+        behind.map(|unit| (header.number, unit)).or_else(|| {
+            let units = self.units.as_ref()?;
+            let text = units.fields.get(index).filter(|text| !text.is_empty())?;
+            Some((units.number, heading(text).1.unwrap_or(text)))
+        })
+    }
+
     /// Where a column is, from 0; else what was found and expected.
     pub fn find(&self, column: &ColumnName) -> Result<usize, (String, String)> {
         let width = self.width();
@@ -161,14 +178,20 @@ impl Table {
                 "numbers of columns, as header_lines is 0".to_owned(),
             ));
         };
-        let mut there = header
-            .fields
-            .iter()
-            .enumerate()
-            .filter(|(_, field)| field.as_str() == name);
-        match (there.next(), there.next()) {
-            (Some((index, _)), None) => Ok(index),
-            (Some((one, _)), Some((other, _))) => Err((
+        let with = |is: &dyn Fn(&str) -> bool| -> Vec<usize> {
+            let fields = header.fields.iter().enumerate();
+            fields
+                .filter(|(_, text)| is(text))
+                .map(|(i, _)| i)
+                .collect()
+        };
+        let mut there = with(&|text| text == name);
+        if there.is_empty() {
+            there = with(&|text| heading(text).0 == name);
+        }
+        match there.as_slice() {
+            [index] => Ok(*index),
+            [one, other, ..] => Err((
                 format!(
                     "the column {name:?}, which is twice in the header, as {} and {}",
                     one + 1,
@@ -176,7 +199,7 @@ impl Table {
                 ),
                 "the number of the column".to_owned(),
             )),
-            _ => {
+            [] => {
                 let names: Vec<String> = header
                     .fields
                     .iter()
@@ -193,6 +216,19 @@ impl Table {
             }
         }
     }
+}
+
+/// A name of a header, and the unit in brackets behind it: `X [mm]`, `X (mm)`.
+pub fn heading(text: &str) -> (&str, Option<&str>) {
+    for (open, close) in [('[', ']'), ('(', ')')] {
+        if let Some((name, unit)) = text.strip_suffix(close).and_then(|t| t.rsplit_once(open)) {
+            return (
+                name.trim_end(),
+                Some(unit.trim()).filter(|unit| !unit.is_empty()),
+            );
+        }
+    }
+    (text, None)
 }
 
 /// The letters of a file.

@@ -99,6 +99,7 @@ impl<'a> RowValues<'a> {
             LengthUnit::Mm => ("a number in millimetres", 0),
             LengthUnit::M => ("a number in metres", 3),
             LengthUnit::Um => ("a number in micrometres", -3),
+            LengthUnit::In => return Ok(25.4 * self.number(index, "a number in inches")?),
         };
         Ok(shifted(&self.digits(index, name)?, locations))
     }

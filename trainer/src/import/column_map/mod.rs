@@ -32,8 +32,6 @@ pub struct Map {
     pub incomplete: Incomplete,
     /// The joints.
     pub joints: Joints,
-    /// The unit of each joint.
-    pub joint_units: Vec<JointUnit>,
     /// The position; there is one of this, `pose` and `points`.
     pub position: Option<Position>,
     /// The orientation beside `position`.
@@ -81,10 +79,6 @@ impl Map {
         let mut map = Self {
             path: path.to_path_buf(),
             text: text.to_owned(),
-            joint_units: match tables.joints.unit.get_ref() {
-                JointUnits::All(unit) => vec![*unit; tables.joints.columns.get_ref().len()],
-                JointUnits::Each(units) => units.clone(),
-            },
             file: tables.file,
             joints_file: tables.joints_file,
             incomplete: tables.incomplete,
@@ -158,14 +152,13 @@ impl Map {
                     );
                     return Err(self.error(location, &format!("orientation.{key}"), key, expected));
                 }
-                None if keys.contains(&key) && key != "layout" => {
+                None if ["order", "axes"].contains(&key) && keys.contains(&key) => {
                     let what = match key {
                         "order" if t.kind == Quaternion => "order = \"wxyz\" or \"xyzw\"",
                         "order" => "order, the three axes in the order of the columns, as \"ZYX\"",
-                        "axes" => {
+                        _ => {
                             "axes = \"intrinsic\" (they turn with the body) or \"extrinsic\" (they stay)"
                         }
-                        _ => "unit = \"deg\", \"rad\" or \"mrad\"",
                     };
                     return Err(self.error(span, "orientation", format!("no {key}"), what));
                 }
@@ -173,7 +166,8 @@ impl Map {
             }
         }
         let columns = t.columns;
-        match (t.kind, t.order, t.axes, t.unit) {
+        let unit = t.unit.map(Spanned::into_inner);
+        match (t.kind, t.order, t.axes) {
             (Quaternion, Some(order), ..) => {
                 let order = match order.get_ref().as_str() {
                     "wxyz" => QuaternionOrder::Wxyz,
@@ -186,16 +180,13 @@ impl Map {
                 };
                 Ok(Orientation::Quaternion { columns, order })
             }
-            (Euler, Some(order), Some(axes), Some(unit)) => Ok(Orientation::Euler {
+            (Euler, Some(order), Some(axes)) => Ok(Orientation::Euler {
                 columns,
                 order,
                 axes: *axes.get_ref(),
-                unit: *unit.get_ref(),
+                unit,
             }),
-            (RotationVector, _, _, Some(unit)) => Ok(Orientation::RotationVector {
-                columns,
-                unit: *unit.get_ref(),
-            }),
+            (RotationVector, ..) => Ok(Orientation::RotationVector { columns, unit }),
             _ => Ok(Orientation::Matrix {
                 columns,
                 layout: t.layout.map_or(MatrixLayout::Rows, Spanned::into_inner),
@@ -238,10 +229,13 @@ impl Map {
                 expected,
             ));
         }
-        if self.joint_units.len() != count {
-            let found = format!("{} units", self.joint_units.len());
+        if let Some(unit) = &joints.unit
+            && let JointUnits::Each(units) = unit.get_ref()
+            && units.len() != count
+        {
+            let found = format!("{} units", units.len());
             return Err(self.error(
-                joints.unit.span(),
+                unit.span(),
                 "joints.unit",
                 found,
                 format!("one, or {count}"),
@@ -290,6 +284,17 @@ impl Map {
         {
             let found = "[payload] with both or neither of column and value";
             return Err(InputError::new(&self.path, found, "one of them"));
+        }
+        if let Some(payload) = &self.payload
+            && let (Some(value), None) = (&payload.value, payload.unit)
+        {
+            let found = "no payload.unit";
+            return Err(self.error(
+                value.span(),
+                "payload.value",
+                found,
+                "unit = \"kg\" or \"g\"",
+            ));
         }
         match &self.points {
             Some(points) => self.check_points(points),

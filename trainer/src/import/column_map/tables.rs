@@ -34,7 +34,7 @@ pub struct Layout {
     pub skip_lines: usize,
     /// Lines at the end that are not looked at.
     pub skip_last_lines: usize,
-    /// Lines of the header: the first has names, the others (units) are not looked at. 0: columns are numbers.
+    /// Lines of the header: the first has names, the second units. 0: columns are numbers.
     pub header_lines: usize,
     /// Lines that begin so are not looked at.
     pub comments: Vec<String>,
@@ -108,6 +108,8 @@ pub enum LengthUnit {
     M,
     /// Micrometre.
     Um,
+    /// Inch, 25.4 mm.
+    In,
 }
 
 /// A unit of angle.
@@ -155,8 +157,8 @@ pub enum JointUnits {
 pub struct Joints {
     /// Base first.
     pub columns: Spanned<Vec<ColumnName>>,
-    /// Their units.
-    pub unit: Spanned<JointUnits>,
+    /// Their units; without them the header has them.
+    pub unit: Option<Spanned<JointUnits>>,
     /// Of a file of joints beside a list of points: the column with the pose's name.
     pub name: Option<Spanned<ColumnName>>,
 }
@@ -167,8 +169,8 @@ pub struct Joints {
 pub struct Position {
     /// x, y, z.
     pub columns: Spanned<Vec<ColumnName>>,
-    /// Their unit.
-    pub unit: LengthUnit,
+    /// Their unit; without it the header has it.
+    pub unit: Option<LengthUnit>,
 }
 
 /// How an orientation is written.
@@ -211,15 +213,15 @@ pub enum Orientation {
         order: Spanned<String>,
         /// Whether the axes turn with the body.
         axes: EulerAxes,
-        /// Unit of the angles.
-        unit: AngleUnit,
+        /// Unit of the angles; without it the header has it.
+        unit: Option<AngleUnit>,
     },
     /// Axis times angle.
     RotationVector {
         /// x, y, z.
         columns: Spanned<Vec<ColumnName>>,
-        /// Unit of its length.
-        unit: AngleUnit,
+        /// Unit of its length; without it the header has it.
+        unit: Option<AngleUnit>,
     },
     /// Nine numbers.
     Matrix {
@@ -266,8 +268,8 @@ pub enum MatrixLayout {
 pub struct PoseMatrix {
     /// Twelve or sixteen numbers: 3×4, or 4×4 with 0 0 0 1.
     pub columns: Spanned<Vec<ColumnName>>,
-    /// Unit of the translation.
-    pub unit: LengthUnit,
+    /// Unit of the translation; without it the header has it.
+    pub unit: Option<LengthUnit>,
     /// Which way they are counted.
     #[serde(default)]
     pub layout: MatrixLayout,
@@ -291,8 +293,8 @@ pub struct Payload {
     pub column: Option<Spanned<ColumnName>>,
     /// The same in every row.
     pub value: Option<Spanned<f64>>,
-    /// Its unit.
-    pub unit: MassUnit,
+    /// Its unit; without it the header has it.
+    pub unit: Option<MassUnit>,
 }
 
 /// A unit of mass.
@@ -311,8 +313,8 @@ pub enum MassUnit {
 pub struct SigmaPosition {
     /// The column.
     pub column: Spanned<ColumnName>,
-    /// Its unit.
-    pub unit: LengthUnit,
+    /// Its unit; without it the header has it.
+    pub unit: Option<LengthUnit>,
 }
 
 /// The instrument's standard uncertainty of a rotation component.
@@ -321,8 +323,8 @@ pub struct SigmaPosition {
 pub struct SigmaOrientation {
     /// The column.
     pub column: Spanned<ColumnName>,
-    /// Its unit.
-    pub unit: AngleUnit,
+    /// Its unit; without it the header has it.
+    pub unit: Option<AngleUnit>,
 }
 
 /// A list of points, several to a pose.
@@ -337,8 +339,8 @@ pub struct Points {
     pub split: Option<Spanned<String>>,
     /// x, y, z.
     pub columns: Spanned<Vec<ColumnName>>,
-    /// Unit of the points.
-    pub unit: LengthUnit,
+    /// Unit of the points; without it the header has it.
+    pub unit: Option<LengthUnit>,
     /// How poses find their joints.
     pub join: Join,
     /// Largest distance of a point from where the fit puts it.

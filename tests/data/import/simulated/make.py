@@ -1,0 +1,73 @@
+"""Writes the first rows of a simulated set as other programs write such files. See README.md; only Python's own library."""
+
+import csv
+import math
+from pathlib import Path
+
+HERE = Path(__file__).parent
+SIMULATED = HERE.parent.parent / "simulated" / "irb4400_paper_s0_train.csv"
+N = 8
+
+with SIMULATED.open() as file:
+    rows = [{k: float(v) for k, v in row.items()} for row in list(csv.DictReader(file))[:N]]
+joints = [[row[f"q{i}_deg"] for i in range(1, 7)] for row in rows]
+positions = [[row[f"{a}_mm"] for a in "xyz"] for row in rows]
+payloads = [row["payload_kg"] for row in rows]
+
+
+def rotation(row):
+    w, x, y, z = (row[k] for k in ("qw", "qx", "qy", "qz"))
+    n = math.sqrt(w * w + x * x + y * y + z * z)
+    w, x, y, z = w / n, x / n, y / n, z / n
+    return [[1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)]]
+
+
+rotations = [rotation(row) for row in rows]
+
+
+def rotation_vector(k):
+    w, *v = (rows[k][name] for name in ("qw", "qx", "qy", "qz"))
+    length = math.sqrt(sum(x * x for x in v))
+    angle = 2 * math.atan2(length, w)
+    return [x / length * angle for x in v]
+
+
+def fixed_angles(k):
+    """Roll, pitch, yaw: turns about the fixed X, then Y, then Z."""
+    r = rotations[k]
+    return [math.atan2(r[2][1], r[2][2]), math.asin(-r[2][0]), math.atan2(r[1][0], r[0][0])]
+
+
+def radians(values):
+    return [math.radians(x) for x in values]
+
+
+def write(name, separator, *lines):
+    texts = (separator.join(x if isinstance(x, str) else repr(x) for x in line) for line in lines)
+    (HERE / name).write_text("".join(f"{line}\n" for line in texts), encoding="utf-8")
+
+
+# Units in brackets: radians, kilograms, inches, degrees; the angles are yaw, pitch, roll of moving axes.
+write("brackets.csv", ",",
+      [f"Axis {i} [rad]" for i in range(1, 7)] + ["Load (kg)", "X [in]", "Y [in]", "Z [in]"]
+      + ["Yaw [deg]", "Pitch [deg]", "Roll [deg]"],
+      *([*radians(joints[k]), payloads[k], *(x / 25.4 for x in positions[k]),
+         *(math.degrees(x) for x in reversed(fixed_angles(k)))] for k in range(N)))
+
+# Units on a second line; a 4×4 matrix row by row, its translation in metres.
+write("units_line.txt", "\t",
+      [f"J{i}" for i in range(1, 7)] + ["Load"] + [f"T{r}{c}" for r in range(1, 5) for c in range(1, 5)],
+      ["deg"] * 6 + ["g"] + (["", "", "", "m"] * 3) + [""] * 4,
+      *([*joints[k], 1000 * payloads[k]]
+        + [x for r, p in zip(rotations[k], positions[k]) for x in [*r, p / 1000]] + [0, 0, 0, 1] for k in range(N)))
+
+# Roll, pitch, yaw of fixed axes in milliradians; and a rotation vector in radians.
+write("fixed_axes.csv", ";",
+      [f"J{i} [°]" for i in range(1, 7)] + ["m [kg]", "x [µm]", "y [µm]", "z [µm]", "rx [mrad]", "ry [mrad]", "rz [mrad]"],
+      *([*joints[k], payloads[k], *(1000 * x for x in positions[k]), *(1000 * x for x in fixed_angles(k))]
+        for k in range(N)))
+write("rotation_vector.csv", ",",
+      [f"q{i} (rad)" for i in range(6)] + ["payload (kg)", "x (m)", "y (m)", "z (m)", "rx (rad)", "ry (rad)", "rz (rad)"],
+      *([*radians(joints[k]), payloads[k], *(x / 1000 for x in positions[k]), *rotation_vector(k)] for k in range(N)))
