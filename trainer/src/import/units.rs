@@ -2,7 +2,7 @@
 //!
 //! One statement is enough. Two that differ are refused: which of them is right is not to be guessed.
 
-use crate::import::column_map::{AngleUnit, JointUnit, LengthUnit, Map, MassUnit};
+use crate::import::column_map::{AngleUnit, JointUnit, LengthUnit, Map, MassUnit, TimeUnit};
 use crate::import::text::Table;
 use poegp_calibration::input_error::InputError;
 
@@ -52,6 +52,11 @@ impl Unit for JointUnit {
     ];
 }
 
+impl Unit for TimeUnit {
+    const UNITS: &'static [(Self, &'static [&'static str])] =
+        &[(Self::S, &["s"]), (Self::Ms, &["ms"])];
+}
+
 impl Unit for MassUnit {
     const UNITS: &'static [(Self, &'static [&'static str])] =
         &[(Self::Kg, &["kg"]), (Self::G, &["g"])];
@@ -62,6 +67,7 @@ fn is_unit(text: &str) -> bool {
     LengthUnit::named(text).is_some()
         || AngleUnit::named(text).is_some()
         || MassUnit::named(text).is_some()
+        || TimeUnit::named(text).is_some()
 }
 
 /// The unit of a column: that of the map, which is `stated` under `key`, or that of the header.

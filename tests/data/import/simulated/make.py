@@ -71,3 +71,41 @@ write("fixed_axes.csv", ";",
 write("rotation_vector.csv", ",",
       [f"q{i} (rad)" for i in range(6)] + ["payload (kg)", "x (m)", "y (m)", "z (m)", "rx (rad)", "ry (rad)", "rz (rad)"],
       *([*radians(joints[k]), payloads[k], *(x / 1000 for x in positions[k]), *rotation_vector(k)] for k in range(N)))
+
+# Poses of a tracker with a running number and its clock, the position in metres, the rotation vector in degrees; its rows
+# are 2.5 s apart.
+write("tracker.csv", ";",
+      ["No", "Time [ms]", "X [m]", "Y [m]", "Z [m]", "RX [deg]", "RY [deg]", "RZ [deg]"],
+      *([f"{k + 1:03d}", str(1000000 + 2500 * k), *(x / 1000 for x in positions[k]),
+         *(math.degrees(x) for x in rotation_vector(k))] for k in range(N)))
+
+
+# Joints as drivers write them: RTDE at 125 Hz, with separators of spaces and the clock in seconds, moving between the
+# poses; ROS; ABB with the number, in another order; Fanuc and KUKA.
+UR = ["shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint"]
+log = []
+for k in range(N):
+    for step in range(-3, 4):
+        moved = [q + 0.4 * step for q in radians(joints[k])]
+        stamp = f"{1000 + 2.5 * k + 0.008 * step + 0.0015:.4f}"
+        log.append([stamp, *(q + 0.001 for q in moved), *moved, f"{payloads[k]:.2f}"])
+write("rtde.txt", " ", ["timestamp"] + [f"target_q_{i}" for i in range(6)] + [f"actual_q_{i}" for i in range(6)]
+      + ["payload"], *log)
+write("ros.csv", ",", UR + ["payload"], *([*radians(joints[k]), payloads[k]] for k in range(N)))
+write("abb.txt", "\t", ["No"] + [f"rax_{i}" for i in range(1, 7)] + ["loaddata.mass"],
+      *([f"{k + 1:03d}", *joints[k], payloads[k]] for k in reversed(range(N))))
+write("fanuc.csv", ",", [f"J{i}" for i in range(1, 7)] + ["PAYLOAD"], *([*joints[k], payloads[k]] for k in range(N)))
+write("kuka.csv", ";", [f"A{i} [°]" for i in range(1, 7)] + ["LOAD"], *([*joints[k], payloads[k]] for k in range(N)))
+
+# Four reflectors in a row, in inches; the instrument missed one of them twice.
+PLACES = [[0, 0, 0], [120, 0, 0], [0, 80, 0], [15.5, 20, -60]]
+seen = []
+for k in range(N):
+    row = [*joints[k], payloads[k]]
+    for i, place in enumerate(PLACES):
+        point = [sum(r * x for r, x in zip(turn, place)) + p for turn, p in zip(rotations[k], positions[k])]
+        missed = (k, i) in [(2, 1), (5, 3)]
+        row += ([""] * 3 if k == 2 else [0, 0, 0]) if missed else [x / 25.4 for x in point]
+    seen.append(row)
+write("reflectors.csv", ",",
+      [f"J{i}" for i in range(1, 7)] + ["payload [kg]"] + [f"SMR{i}.{a} [in]" for i in range(1, 5) for a in "xyz"], *seen)

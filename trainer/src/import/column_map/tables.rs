@@ -112,6 +112,18 @@ pub enum LengthUnit {
     In,
 }
 
+impl LengthUnit {
+    /// Millimetres of one.
+    pub fn in_mm(self) -> f64 {
+        match self {
+            Self::Mm => 1.0,
+            Self::M => 1e3,
+            Self::Um => 1e-3,
+            Self::In => 25.4,
+        }
+    }
+}
+
 /// A unit of angle.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq)]
 #[serde(rename_all = "lowercase")]
@@ -151,16 +163,34 @@ pub enum JointUnits {
     Each(Vec<JointUnit>),
 }
 
-/// The joints as commanded.
-#[derive(Clone, Debug, Deserialize)]
+/// The joints as they stand in the map; which keys go together is checked afterwards.
+#[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
+pub(super) struct JointTable {
+    pub(super) columns: Option<Spanned<Vec<ColumnName>>>,
+    pub(super) driver: Option<Spanned<String>>,
+    pub(super) unit: Option<Spanned<JointUnits>>,
+    pub(super) name: Option<Spanned<ColumnName>>,
+}
+
+/// The joints as commanded.
+#[derive(Clone, Debug)]
 pub struct Joints {
-    /// Base first.
-    pub columns: Spanned<Vec<ColumnName>>,
-    /// Their units; without them the header has them.
+    /// Where they are.
+    pub source: JointSource,
+    /// Their units; without them the header or the driver has them.
     pub unit: Option<Spanned<JointUnits>>,
     /// Of a file of joints beside a list of points: the column with the pose's name.
     pub name: Option<Spanned<ColumnName>>,
+}
+
+/// Where the joints are.
+#[derive(Clone, Debug)]
+pub enum JointSource {
+    /// Base first.
+    Columns(Spanned<Vec<ColumnName>>),
+    /// Where the driver with this name writes them.
+    Driver(Spanned<String>),
 }
 
 /// x, y, z.
@@ -361,6 +391,62 @@ pub enum Join {
     Order,
 }
 
+/// Three reflectors or more in every row.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Reflectors {
+    /// x, y, z of each.
+    pub columns: Spanned<Vec<Vec<ColumnName>>>,
+    /// Unit of the columns; without it the header has it.
+    pub unit: Option<LengthUnit>,
+    /// Where each is on the tool.
+    pub at: Spanned<Vec<[f64; 3]>>,
+    /// Unit of `at`.
+    pub at_unit: LengthUnit,
+    /// Largest distance of a reflector from where the fit puts it.
+    pub max_residual_mm: Option<Spanned<f64>>,
+}
+
+/// How a file of joints is joined to a file of poses.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FileJoin {
+    /// What decides.
+    pub by: JoinBy,
+    /// The column of the poses.
+    pub poses: Option<Spanned<ColumnName>>,
+    /// The column of the joints.
+    pub joints: Option<Spanned<ColumnName>>,
+    /// Unit of the poses' time; without it the header has it.
+    pub poses_unit: Option<TimeUnit>,
+    /// Unit of the joints' time; without it the header has it.
+    pub joints_unit: Option<TimeUnit>,
+    /// Largest time between a pose and its joints.
+    pub tolerance_s: Option<Spanned<f64>>,
+}
+
+/// What decides which row of joints belongs to a pose.
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq)]
+#[serde(rename_all = "lowercase")]
+pub enum JoinBy {
+    /// The first row has the first, and so on.
+    Order,
+    /// A number or a name in both.
+    Index,
+    /// The clock, which both share.
+    Time,
+}
+
+/// A unit of time.
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq)]
+#[serde(rename_all = "lowercase")]
+pub enum TimeUnit {
+    /// Second.
+    S,
+    /// Millisecond.
+    Ms,
+}
+
 /// What is done with rows that are not whole.
 #[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq, Eq)]
 #[serde(rename_all = "kebab-case")]
@@ -381,11 +467,13 @@ pub(super) struct Tables {
     pub(super) joints_file: Option<Layout>,
     #[serde(default)]
     pub(super) incomplete: Incomplete,
-    pub(super) joints: Joints,
+    pub(super) joints: Spanned<JointTable>,
     pub(super) position: Option<Position>,
     pub(super) orientation: Option<Spanned<OrientationTable>>,
     pub(super) pose: Option<PoseMatrix>,
     pub(super) points: Option<Points>,
+    pub(super) reflectors: Option<Reflectors>,
+    pub(super) join: Option<FileJoin>,
     pub(super) payload: Option<Payload>,
     pub(super) session: Option<Label>,
     pub(super) target: Option<Label>,
