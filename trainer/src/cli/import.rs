@@ -27,7 +27,7 @@ const SHOWN: usize = 3;
     Example: trainer import tracker.txt --map map.toml --out measured.csv"
 )]
 pub struct Import {
-    /// Measurements; for a list of points, that file and then the file of joints.
+    /// Measurements; where the joints have a file of their own, that of the poses or points and then that of the joints.
     #[arg(required = true, num_args = 1..=2, value_name = "FILE")]
     pub files: Vec<PathBuf>,
     /// Column map (TOML).
