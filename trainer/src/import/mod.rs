@@ -23,6 +23,7 @@ mod pose;
 mod poses;
 pub mod preset;
 mod rigid;
+mod spreadsheet;
 mod text;
 mod units;
 mod value;

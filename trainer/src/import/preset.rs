@@ -10,6 +10,7 @@ use toml::{Table as Toml, Value};
 
 use crate::import::column_map::drivers::Driver;
 use crate::import::column_map::{Decimal, Encoding, Layout, Separator};
+use crate::import::spreadsheet::is_zip;
 use crate::import::text::{Table, decoded, fields, heading};
 use crate::import::units::Unit;
 use poegp_calibration::input_error::InputError;
@@ -165,6 +166,9 @@ fn names(table: &Value) -> Vec<&str> {
 
 /// Detects encoding, separator and decimal mark: those that make the most rows of one width, and in them the most numbers.
 fn detect(layout: &mut Layout, path: &Path, bytes: &[u8]) -> Result<(), InputError> {
+    if is_zip(bytes) {
+        return Ok(());
+    }
     layout.encoding = if bytes.starts_with(&[0xff, 0xfe]) || bytes.starts_with(&[0xfe, 0xff]) {
         Encoding::Utf16
     } else if std::str::from_utf8(bytes).is_ok() {

@@ -398,3 +398,37 @@ fn reflectors_in_a_row_are_a_pose() {
     let line = REFLECTORS.replace("[15.5, 20, -60]", "[60, 0, 0]");
     import(&files, "reflectors.csv", &line).refused();
 }
+
+const WORKBOOK: &str = r#"
+file = { sheet = "Measured", skip_lines = 2 }
+joints = { driver = "fanuc" }
+payload = { column = "Load" }
+position = { columns = ["X", "Y", "Z"] }
+orientation = { kind = "rotation-vector", columns = ["RX", "RY", "RZ"] }
+"#;
+
+#[test]
+fn a_sheet_of_a_workbook_is_a_table() {
+    let _texts = texts();
+    let files = folder(&["workbook.xlsx"]);
+    import(&files, "workbook.xlsx", WORKBOOK).ok();
+    assert_simulated(&files);
+    // The decimal mark of the map is that of texts; a number of a sheet has none.
+    let comma = WORKBOOK.replace("skip_lines", "decimal = \",\", skip_lines");
+    import(&files, "workbook.xlsx", &comma).ok();
+    assert_simulated(&files);
+    for (from, to) in [
+        ("sheet = \"Measured\", ", ""),
+        ("\"Measured\"", "\"Sheet1\""),
+        ("\"Measured\"", "\"Notes\""),
+        ("\"X\", \"Y\", \"Z\"]", "1, \"Y\", \"Z\"], unit = \"mm\""),
+        ("skip_lines = 2", "skip_lines = 3"),
+    ] {
+        import(&files, "workbook.xlsx", &WORKBOOK.replace(from, to)).refused();
+    }
+    let bytes = std::fs::read(files.path("workbook.xlsx")).unwrap();
+    files.write("workbook.xlsx", &bytes[..bytes.len() / 2]);
+    import(&files, "workbook.xlsx", WORKBOOK).refused();
+    files.write("workbook.xlsx", bytes);
+    files.refuses("import workbook.xlsx --preset kuka --out data.csv");
+}

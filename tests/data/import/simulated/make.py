@@ -109,3 +109,51 @@ for k in range(N):
     seen.append(row)
 write("reflectors.csv", ",",
       [f"J{i}" for i in range(1, 7)] + ["payload [kg]"] + [f"SMR{i}.{a} [in]" for i in range(1, 5) for a in "xyz"], *seen)
+
+# A workbook as spreadsheets write it: two sheets, a title, shared strings, empty cells left out, a column of dates.
+import zipfile
+from xml.sax.saxutils import escape
+
+header = ["Datum"] + [f"J{i}" for i in range(1, 7)] + ["Load (kg)", "X [mm]", "Y [mm]", "Z [mm]", "RX [rad]", "RY [rad]", "RZ [rad]"]
+strings = ["Cell 4", "Notes", *header]
+
+
+def cell(row, column, value):
+    name = f"{chr(65 + column)}{row}"
+    if isinstance(value, str):
+        return f'<c r="{name}" t="s"><v>{strings.index(value)}</v></c>'
+    return f'<c r="{name}"{" s=" + chr(34) + "1" + chr(34) if column == 0 else ""}><v>{value!r}</v></c>'
+
+
+def sheet(lines):
+    body = "".join(f'<row r="{n}">{"".join(cell(n, c, v) for c, v in enumerate(line) if v is not None)}</row>' for n, line in lines)
+    return f'{XML}<worksheet xmlns="{MAIN}"><sheetData>{body}</sheetData></worksheet>'
+
+
+XML = '<?xml version="1.0" encoding="UTF-8" standalone="yes"?>\n'
+MAIN = "http://schemas.openxmlformats.org/spreadsheetml/2006/main"
+REL = "http://schemas.openxmlformats.org/officeDocument/2006/relationships"
+PACKAGE = "http://schemas.openxmlformats.org/package/2006"
+OFFICE = "application/vnd.openxmlformats-officedocument.spreadsheetml"
+measured = [[46000.5 + k, *joints[k], payloads[k], *positions[k], *rotation_vector(k)] for k in range(N)]
+parts = {
+    "[Content_Types].xml": f'{XML}<Types xmlns="{PACKAGE}/content-types"><Default Extension="rels" '
+    f'ContentType="application/vnd.openxmlformats-package.relationships+xml"/><Default Extension="xml" ContentType="application/xml"/>'
+    f'<Override PartName="/xl/workbook.xml" ContentType="{OFFICE}.sheet.main+xml"/></Types>',
+    "_rels/.rels": f'{XML}<Relationships xmlns="{PACKAGE}/relationships"><Relationship Id="rId1" Type="{REL}/officeDocument" '
+    'Target="xl/workbook.xml"/></Relationships>',
+    "xl/workbook.xml": f'{XML}<workbook xmlns="{MAIN}" xmlns:r="{REL}"><sheets><sheet name="Notes" sheetId="1" r:id="rId1"/>'
+    '<sheet name="Measured" sheetId="2" r:id="rId2"/></sheets></workbook>',
+    "xl/_rels/workbook.xml.rels": f'{XML}<Relationships xmlns="{PACKAGE}/relationships">'
+    + "".join(f'<Relationship Id="rId{i}" Type="{REL}/{kind}" Target="{target}"/>' for i, (kind, target) in enumerate(
+        [("worksheet", "worksheets/sheet1.xml"), ("worksheet", "worksheets/sheet2.xml"), ("styles", "styles.xml"),
+         ("sharedStrings", "sharedStrings.xml")], 1)) + "</Relationships>",
+    "xl/styles.xml": f'{XML}<styleSheet xmlns="{MAIN}"><cellXfs count="2"><xf numFmtId="0"/><xf numFmtId="14" applyNumberFormat="1"/>'
+    "</cellXfs></styleSheet>",
+    "xl/sharedStrings.xml": f'{XML}<sst xmlns="{MAIN}">' + "".join(f"<si><t>{escape(s)}</t></si>" for s in strings) + "</sst>",
+    "xl/worksheets/sheet1.xml": sheet([(1, ["Notes"])]),
+    "xl/worksheets/sheet2.xml": sheet([(1, ["Cell 4"]), (3, header), *enumerate(measured, 4)]),
+}
+with zipfile.ZipFile(HERE / "workbook.xlsx", "w", zipfile.ZIP_DEFLATED) as file:
+    for name, text in parts.items():
+        file.writestr(zipfile.ZipInfo(name), text, zipfile.ZIP_DEFLATED)

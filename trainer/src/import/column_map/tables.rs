@@ -30,6 +30,8 @@ pub struct Layout {
     pub thousands: Option<char>,
     /// How bytes are letters.
     pub encoding: Encoding,
+    /// The sheet of a spreadsheet that has several.
+    pub sheet: Option<String>,
     /// Lines at the beginning that are not looked at.
     pub skip_lines: usize,
     /// Lines at the end that are not looked at.
@@ -47,6 +49,7 @@ impl Default for Layout {
             decimal: Decimal::Point,
             thousands: None,
             encoding: Encoding::Utf8,
+            sheet: None,
             skip_lines: 0,
             skip_last_lines: 0,
             header_lines: 1,
