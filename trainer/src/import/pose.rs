@@ -19,6 +19,9 @@ pub enum PoseReader {
     Reflectors(Reflected),
 }
 
+/// Points as seen and on the tool, and which reflectors they are.
+type Seen = (Vec<(Vector3<f64>, Vector3<f64>)>, Vec<usize>);
+
 /// Three reflectors or more in a row.
 pub struct Reflected {
     /// Columns, and the location on the tool in mm.
@@ -28,10 +31,7 @@ pub struct Reflected {
 
 impl Reflected {
     /// The reflectors that the instrument saw in this row, and which they are; one that it missed is empty or `0 0 0`.
-    fn seen(
-        &self,
-        fields: &RowValues<'_>,
-    ) -> Result<(Vec<(Vector3<f64>, Vector3<f64>)>, Vec<usize>), InputError> {
+    fn seen(&self, fields: &RowValues<'_>) -> Result<Seen, InputError> {
         let mut pairs = (Vec::new(), Vec::new());
         for (i, (columns, location)) in self.reflectors.iter().enumerate() {
             if columns

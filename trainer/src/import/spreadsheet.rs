@@ -49,10 +49,10 @@ pub fn rows(
             ));
         }
     };
-    let mut cells = book.worksheet_cells_reader(name).map_err(unreadable)?;
+    let mut stream = book.worksheet_cells_reader(name).map_err(unreadable)?;
     let mut out: Vec<(usize, Vec<String>)> = Vec::new();
-    while let Some(cell) = cells.next_cell().map_err(unreadable)? {
-        let text = match cell.get_value() {
+    while let Some(read) = stream.next_cell().map_err(unreadable)? {
+        let text = match read.get_value() {
             DataRef::Empty => continue,
             DataRef::Int(number) => number.to_string(),
             DataRef::Float(number) if layout.decimal == Decimal::Comma => {
@@ -67,7 +67,7 @@ pub fn rows(
             DataRef::DateTime(date) => format!("date {}", date.as_f64()),
             DataRef::Error(error) => error.to_string(),
         };
-        let (row, column) = cell.get_position();
+        let (row, column) = read.get_position();
         let (number, column) = (row as usize + 1, column as usize);
         if column >= MOST_COLUMNS {
             let found = format!("a cell in column {}", column + 1);
