@@ -43,7 +43,7 @@ const PARTS: [&str; 10] = [
 ];
 
 /// Names of libraries.
-const FOREIGN: [&str; 7] = [
+const FOREIGN: [&str; 9] = [
     "Cell",
     "RefCell",
     "UnsafeCell",
@@ -51,6 +51,8 @@ const FOREIGN: [&str; 7] = [
     "ConstStaticCell",
     "static_cell",
     "self_cell",
+    "worksheet_cells_reader",
+    "next_cell",
 ];
 
 /// Numbers of words of four bytes.

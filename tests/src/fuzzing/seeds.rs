@@ -245,7 +245,21 @@ pub fn imports() -> Vec<Vec<u8>> {
         let [points, joints] = ["{}.txt", "{}_joints.csv"].map(|name| name.replace("{}", stem));
         [map(stem), import_file(&points), import_file(&joints)].join(&0)
     });
-    one.into_iter().chain(two).collect()
+    one.into_iter().chain(two).chain(foreign_files()).collect()
+}
+
+/// Maps that join files and make poses of reflectors, with files.
+fn foreign_files() -> [Vec<u8>; 2] {
+    let joined = b"joints_file = { separator = \"space\" }\njoints = { driver = \"ur-rtde\" }\n\
+        position = { columns = [\"X\", \"Y\", \"Z\"] }\n\
+        join = { by = \"time\", poses = \"t\", joints = \"timestamp\", joints_unit = \"s\", tolerance_s = 0.1 }\n\0\
+        t [ms],X [in],Y [in],Z [in]\n1000,1,2,3\n2000,4,5,6\n\0\
+        timestamp actual_q_0 actual_q_1\n0.5 1 2\n1.01 0.5 0.25\n1.99 0.75 1\n";
+    let reflectors = b"joints = { driver = \"fanuc\" }\n[reflectors]\n\
+        columns = [[\"a\", \"b\", \"c\"], [\"d\", \"e\", \"f\"], [7, 8, 9]]\n\
+        at = [[0, 0, 0], [100, 0, 0], [0, 80, 0]]\nat_unit = \"mm\"\n\0\
+        a [mm],b [mm],c [mm],d [mm],e [mm],f [mm],g [mm],h [mm],i [mm],J1,J2\n1,2,3,101,2,3,1,82,3,10,20\n";
+    [joined.to_vec(), reflectors.to_vec()]
 }
 
 /// Raw files alone; two of them with two zeros between.

@@ -27,7 +27,7 @@ const SHOWN: usize = 3;
     Example: trainer import tracker.txt --map map.toml --out measured.csv"
 )]
 pub struct Import {
-    /// Measurements; for a list of points, that file and then the file of joints.
+    /// Measurements; where the joints have a file of their own, that of the poses or points and then that of the joints.
     #[arg(required = true, num_args = 1..=2, value_name = "FILE")]
     pub files: Vec<PathBuf>,
     /// Column map (TOML).
@@ -93,7 +93,7 @@ pub fn run(a: &Import) -> Result<(), Failure> {
         }
     };
     let imported = import_bytes(&a.files, &bytes, &map)?;
-    let summary = summary_text(summary(&imported, &map))?;
+    let summary = summary_text(summary(&imported))?;
     let mut files: Vec<(&Path, &[u8])> = vec![(&a.out, imported.csv.as_bytes())];
     files.extend(a.json.as_deref().map(|path| (path, summary.as_bytes())));
     files.extend(a.write_map.as_deref().map(|path| (path, text.as_bytes())));
@@ -107,7 +107,7 @@ pub fn run(a: &Import) -> Result<(), Failure> {
         "Imported {} measurements{to}",
         imported.rows.len()
     ));
-    show(report, &imported.rows, &map);
+    show(report, &imported.rows);
     Ok(())
 }
 
@@ -138,13 +138,13 @@ fn matching(files: &[PathBuf], bytes: &[Vec<u8>]) -> Result<Preset, InputError> 
 }
 
 /// The first rows, for other programs.
-fn summary(imported: &Imported, map: &Map) -> Value {
+fn summary(imported: &Imported) -> Value {
     let shown: Vec<Value> = imported
         .rows
         .iter()
         .take(SHOWN)
         .map(|row| {
-            let fields = row.fields(map);
+            let fields = row.fields();
             Value::Object(
                 fields
                     .into_iter()
@@ -157,9 +157,9 @@ fn summary(imported: &Imported, map: &Map) -> Value {
 }
 
 /// The first rows as they were understood, a column for each.
-fn show(report: Printer, rows: &[Row], map: &Map) {
+fn show(report: Printer, rows: &[Row]) {
     let shown: Vec<Vec<(String, String)>> =
-        rows.iter().take(SHOWN).map(|row| row.fields(map)).collect();
+        rows.iter().take(SHOWN).map(|row| row.fields()).collect();
     let Some(first) = shown.first() else { return };
     let mut header = vec!["first rows".to_owned()];
     header.extend((1..=shown.len()).map(|k| format!("row {k}")));

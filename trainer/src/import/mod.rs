@@ -13,14 +13,20 @@
 //! degrees (1e-6 mm), quaternions to 1e-10, all below a nanometre at the tool. Two shapes of one measurement give the same
 //! rows to the last character as long as the raw file has the digits for it.
 
-pub mod preset;
-mod value;
-
+mod beside;
 pub mod column_map;
+mod columns;
+mod join;
 mod orientation;
 mod points;
+mod pose;
 mod poses;
+pub mod preset;
+mod rigid;
+mod spreadsheet;
 mod text;
+mod units;
+mod value;
 mod write;
 
 use std::path::{Path, PathBuf};
@@ -70,21 +76,23 @@ pub fn import_bytes(
     bytes: &[Vec<u8>],
     map: &Map,
 ) -> Result<Imported, InputError> {
-    let (rows, mut notes) = match (map.points.is_some(), raws, bytes) {
-        (false, [path], [bytes]) => poses::rows(&Table::parse(path, bytes, &map.file)?, map)?,
-        (true, [points, joints], [point_bytes, joint_bytes]) => {
+    let two = map.points.is_some() || map.join.is_some();
+    let (rows, mut notes) = match (two, raws, bytes) {
+        (false, [path], [bytes]) => poses::rows(&Table::parse(path, bytes, &map.file)?, None, map)?,
+        (true, [poses, joints], [pose_bytes, joint_bytes]) => {
             let layout = map.joints_file.as_ref().unwrap_or(&map.file);
-            points::rows(
-                &Table::parse(points, point_bytes, &map.file)?,
-                &Table::parse(joints, joint_bytes, layout)?,
-                map,
-            )?
+            let poses = Table::parse(poses, pose_bytes, &map.file)?;
+            let joints = Table::parse(joints, joint_bytes, layout)?;
+            match &map.join {
+                Some(join) => poses::rows(&poses, Some((&joints, join)), map)?,
+                None => points::rows(&poses, &joints, map)?,
+            }
         }
-        (points, ..) => {
-            let expected = if points {
-                "two, the points and then the joints, as the map has [points]"
+        (two, ..) => {
+            let expected = if two {
+                "two, the points or poses and then the joints, as the map has [points] or [join]"
             } else {
-                "one, as the map has no [points]"
+                "one, as the map has neither [points] nor [join]"
             };
             let found = format!("{} files to import", raws.len());
             return Err(InputError::new(&map.path, found, expected));
@@ -104,7 +112,7 @@ pub fn import_bytes(
             format!("{name} (SHA-256 {digest})")
         })
         .collect();
-    let csv = write::csv(&rows, map, &sources);
+    let csv = write::csv(&rows, &sources);
     // What is written is read again: a file that no other command takes is no import.
     let set = measurements::parse(Path::new("<imported>"), csv.as_bytes())?;
     notes.extend(set.notes);

@@ -7,20 +7,18 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 
-use crate::import::column_map::{Incomplete, Join, LengthUnit, Map, Points, spans_a_plane};
-use crate::import::poses::{
-    Beside, columns, joint_columns, joint_values, left_out_note, one, twice_or_unused,
-};
+use crate::import::beside::Beside;
+use crate::import::column_map::{Incomplete, Join, LengthUnit, Map, Points};
+use crate::import::columns::{columns, joint_columns, joint_values, one, twice_or_unused};
+use crate::import::poses::left_out_note;
+use crate::import::rigid::{Fit, MAX_RESIDUAL_MM, fitted};
 use crate::import::text::{Line, Table};
+use crate::import::units::shared_unit;
 use crate::import::value::RowValues;
 use crate::import::write::Row;
 use poegp_calibration::input_error::InputError;
-use poegp_calibration::numeric::rotation::nearest_rotation;
-
-/// A point farther from where the fit puts it is no noise, unless the map says more.
-const MAX_RESIDUAL_MM: f64 = 1.0;
 
 /// One point.
 struct Point<'a> {
@@ -49,15 +47,16 @@ pub fn rows(
     let groups = groups(points, map, how, &mut notes, &mut left_out)?;
 
     let joint_indices = joint_columns(map, joints)?;
-    let beside = Beside::find(map, joints)?;
+    let beside = Beside::find(map, joints, joints)?;
     let name = map
         .joints
         .name
         .as_ref()
         .map(|name| one(map, joints, name, "joints.name"))
         .transpose()?;
-    let mut used = joint_indices.clone();
+    let mut used: Vec<usize> = joint_indices.iter().map(|joint| joint.0).collect();
     used.extend(beside.columns());
+    used.extend(beside.payload_column());
     used.extend(name);
     notes.extend(twice_or_unused(map, joints, &used)?);
 
@@ -71,10 +70,10 @@ pub fn rows(
             line,
         };
         let mut row = Row {
-            joints: joint_values(map, &fields, &joint_indices)?,
+            joints: joint_values(&fields, &joint_indices)?,
             ..Row::default()
         };
-        beside.read(&fields, &mut row)?;
+        beside.read(&fields, &fields, &mut row)?;
         let Some(targets) = &how.targets else {
             for point in &group.points {
                 let mut row = row.clone();
@@ -86,10 +85,10 @@ pub fn rows(
             continue;
         };
         let locations = in_millimetres(targets.get_ref(), how.targets_unit);
-        match fitted(points, group, &locations, how)? {
-            Some(fit) => {
+        match fit_of(points, group, &locations, how)? {
+            Some((fit, line)) => {
                 if fit.residual > worst.0 {
-                    worst = (fit.residual, fit.line, group.pose.clone());
+                    worst = (fit.residual, line, group.pose.clone());
                 }
                 row.position_mm = fit.translation;
                 row.orientation = Some(fit.rotation);
@@ -148,6 +147,7 @@ fn groups<'a>(
         .map(|t| one(map, table, t, "points.target"))
         .transpose()?;
     let xyz: [usize; 3] = columns(map, table, &how.columns, "points.columns")?;
+    let unit = shared_unit(map, table, &xyz, how.unit, "points.unit")?;
     let mut used = vec![name];
     used.extend(target);
     used.extend(xyz);
@@ -175,7 +175,7 @@ fn groups<'a>(
         let mut location = Vector3::zeros();
         if !(empty && map.incomplete == Incomplete::LeaveOut) {
             for (x, column) in location.iter_mut().zip(xyz) {
-                *x = fields.millimetres(column, how.unit)?;
+                *x = fields.millimetres(column, unit)?;
             }
         }
         if location == Vector3::zeros() {
@@ -296,87 +296,43 @@ fn joined<'a>(
     Ok(out)
 }
 
-/// Where a rigid motion puts the targets.
-struct Fit {
-    translation: Vector3<f64>,
-    rotation: Matrix3<f64>,
-    /// Largest distance in mm, and the line of its point.
-    residual: f64,
-    line: usize,
-}
-
-/// `instrument_from_tool` from the points of a pose: the rotation nearest to the correlation of points and places (K. S.
-/// Arun, T. S. Huang and S. D. Blostein, "Least-squares fitting of two 3-D point sets", 1987; the sign by S. Umeyama).
-/// `None` when they do not span a plane.
-fn fitted(
+/// `instrument_from_tool` from the points of a pose, and the line of the worst; `None` when they do not span a plane.
+fn fit_of(
     table: &Table,
     group: &Group<'_>,
     locations: &BTreeMap<&str, Vector3<f64>>,
     how: &Points,
-) -> Result<Option<Fit>, InputError> {
-    let pairs: Vec<(Vector3<f64>, Vector3<f64>, usize)> = group
-        .points
-        .iter()
-        .filter_map(|p| {
-            Some((
-                p.location,
-                *locations.get(p.target.as_str())?,
-                p.line.number,
-            ))
-        })
-        .collect();
-    let there: Vec<[f64; 3]> = pairs.iter().map(|(_, t, _)| [t[0], t[1], t[2]]).collect();
-    if !spans_a_plane(&there) {
+) -> Result<Option<(Fit, usize)>, InputError> {
+    let known = |point: &Point<'_>| {
+        let location = *locations.get(point.target.as_str())?;
+        Some(((point.location, location), point.line.number))
+    };
+    let (pairs, lines): (Vec<_>, Vec<usize>) = group.points.iter().filter_map(known).unzip();
+    let Some(fit) = fitted(&pairs) else {
         return Ok(None);
-    }
-    let count = pairs.len() as f64;
-    let mut seen = Vector3::zeros();
-    let mut drawn = Vector3::zeros();
-    for (p, t, _) in &pairs {
-        seen += p / count;
-        drawn += t / count;
-    }
-    let correlation = pairs.iter().fold(Matrix3::zeros(), |sum, (p, t, _)| {
-        sum + (p - seen) * (t - drawn).transpose()
-    });
-    let rotation = nearest_rotation(&correlation);
-    let translation = seen - rotation * drawn;
-    let (residual, line) = pairs
-        .iter()
-        .map(|(p, t, line)| ((p - (rotation * t + translation)).norm(), *line))
-        .fold((0.0, pairs[0].2), |worst, next| {
-            if next.0 > worst.0 { next } else { worst }
-        });
+    };
+    let line = lines[fit.worst];
     let limit = how
         .max_residual_mm
         .as_ref()
         .map_or(MAX_RESIDUAL_MM, |limit| *limit.get_ref());
-    if residual > limit {
+    if fit.residual > limit {
         let found = format!(
-            "points of pose {:?} that fit the targets to {residual:.3} mm only, this one worst",
-            group.pose
+            "points of pose {:?} that fit the targets to {:.3} mm only, this one worst",
+            group.pose, fit.residual
         );
         return Err(InputError::new(&table.path, found, format!("points within {limit} mm of the targets' places"))
             .at_line(line)
             .with_help("are names of points exchanged, or the targets' places another tool's? points.max_residual_mm is the limit"));
     }
-    Ok(Some(Fit {
-        translation,
-        rotation,
-        residual,
-        line,
-    }))
+    Ok(Some((fit, line)))
 }
 
 fn in_millimetres(
     targets: &BTreeMap<String, [f64; 3]>,
     unit: Option<LengthUnit>,
 ) -> BTreeMap<&str, Vector3<f64>> {
-    let factor = match unit {
-        Some(LengthUnit::M) => 1e3,
-        Some(LengthUnit::Um) => 1e-3,
-        Some(LengthUnit::Mm) | None => 1.0,
-    };
+    let factor = unit.map_or(1.0, LengthUnit::in_mm);
     targets
         .iter()
         .map(|(name, t)| (name.as_str(), factor * Vector3::from(*t)))

@@ -1,14 +1,12 @@
 //! A file with one pose a row.
 
-use nalgebra::{Matrix3, Vector3};
-use toml::Spanned;
+use nalgebra::Vector3;
 
-use crate::import::column_map::{
-    AngleUnit, ColumnName, Incomplete, Label, LengthUnit, Map, MassUnit, MatrixLayout, Orientation,
-    Position,
-};
-use crate::import::orientation;
-use crate::import::orientation::Reader;
+use crate::import::beside::Beside;
+use crate::import::column_map::{FileJoin, Incomplete, Map};
+use crate::import::columns::{joint_columns, joint_values, twice_or_unused};
+use crate::import::join::joined;
+use crate::import::pose::{is_miss, pose_reader};
 use crate::import::text::Table;
 use crate::import::value::RowValues;
 use crate::import::write::Row;
@@ -17,195 +15,80 @@ use poegp_calibration::input_error::InputError;
 /// What is off a rotation by more is noted when it is made one.
 const NOTED: f64 = 1e-6;
 
-/// Where x, y and z are.
-struct Triple([usize; 3], LengthUnit);
-
-impl Triple {
-    fn find(map: &Map, table: &Table, position: &Position, key: &str) -> Result<Self, InputError> {
-        Ok(Self(
-            columns(map, table, &position.columns, key)?,
-            position.unit,
-        ))
-    }
-
-    fn read(&self, fields: &RowValues<'_>) -> Result<Vector3<f64>, InputError> {
-        let mut out = Vector3::zeros();
-        for (x, column) in out.iter_mut().zip(self.0) {
-            *x = fields.millimetres(column, self.1)?;
-        }
-        Ok(out)
-    }
-}
-
-/// What every row has beside the pose.
-pub struct Beside<'a> {
-    map: &'a Map,
-    payload: Option<usize>,
-    session: Option<usize>,
-    target: Option<usize>,
-    sigma_position: Option<(usize, LengthUnit)>,
-    sigma_orientation: Option<(usize, AngleUnit)>,
-    references: Vec<Triple>,
-}
-
-impl<'a> Beside<'a> {
-    /// Finds the columns.
-    pub fn find(map: &'a Map, table: &Table) -> Result<Self, InputError> {
-        let of = |label: &Option<Label>, key: &str| {
-            let column = label.as_ref().and_then(|label| label.column.as_ref());
-            column
-                .map(|column| one(map, table, column, key))
-                .transpose()
-        };
-        let payload = map
-            .payload
-            .as_ref()
-            .and_then(|payload| payload.column.as_ref());
-        let references = map
-            .references
-            .iter()
-            .map(|r| Triple::find(map, table, r, "reference.columns"));
-        Ok(Self {
-            map,
-            payload: payload
-                .map(|c| one(map, table, c, "payload.column"))
-                .transpose()?,
-            session: of(&map.session, "session.column")?,
-            target: of(&map.target, "target.column")?,
-            sigma_position: map
-                .sigma_position
-                .as_ref()
-                .map(|s| one(map, table, &s.column, "sigma_position.column").map(|c| (c, s.unit)))
-                .transpose()?,
-            sigma_orientation: map
-                .sigma_orientation
-                .as_ref()
-                .map(|s| {
-                    one(map, table, &s.column, "sigma_orientation.column").map(|c| (c, s.unit))
-                })
-                .transpose()?,
-            references: references.collect::<Result<_, _>>()?,
-        })
-    }
-
-    /// The columns that it reads.
-    pub fn columns(&self) -> Vec<usize> {
-        let mut out: Vec<usize> = [self.payload, self.session, self.target]
-            .into_iter()
-            .flatten()
-            .collect();
-        out.extend(self.sigma_position.map(|s| s.0));
-        out.extend(self.sigma_orientation.map(|s| s.0));
-        out.extend(self.references.iter().flat_map(|r| r.0));
-        out
-    }
-
-    /// Fills in a row.
-    pub fn read(&self, fields: &RowValues<'_>, row: &mut Row) -> Result<(), InputError> {
-        if let Some(payload) = &self.map.payload {
-            let factor = if payload.unit == MassUnit::G {
-                1e-3
-            } else {
-                1.0
-            };
-            let value = match (self.payload, &payload.value) {
-                (Some(column), _) => {
-                    let kg = factor * fields.number(column, "a mass of 0 or more")?;
-                    if kg < 0.0 {
-                        let found = format!("{:?}", fields.text(column));
-                        return Err(fields.error(column, found, "a mass of 0 or more"));
-                    }
-                    kg
-                }
-                (None, value) => factor * value.as_ref().map_or(0.0, |v| *v.get_ref()),
-            };
-            row.payload_kg = Some(value);
-        }
-        let label = |column: Option<usize>, label: &Option<Label>| match column {
-            Some(column) => fields.label(column).map(Some),
-            None => Ok(label
-                .as_ref()
-                .and_then(|l| l.value.as_ref())
-                .map(|v| v.get_ref().clone())),
-        };
-        row.session = label(self.session, &self.map.session)?;
-        if self.map.target.is_some() {
-            row.target = label(self.target, &self.map.target)?;
-        }
-        let above_zero = |column: usize, value: f64| {
-            if value > 0.0 {
-                return Ok(Some(value));
-            }
-            let found = format!("{:?}", fields.text(column));
-            Err(fields.error(column, found, "a standard uncertainty above 0"))
-        };
-        if let Some((column, unit)) = self.sigma_position {
-            row.sigma_mm = above_zero(column, fields.millimetres(column, unit)?)?;
-        }
-        if let Some((column, unit)) = self.sigma_orientation {
-            row.sigma_mrad = above_zero(column, 1e3 * fields.radians(column, unit)?)?;
-        }
-        for reference in &self.references {
-            let missed = reference
-                .0
-                .iter()
-                .all(|column| fields.text(*column).is_empty());
-            let point = if missed {
-                Vector3::zeros()
-            } else {
-                reference.read(fields)?
-            };
-            row.references_mm
-                .push((point != Vector3::zeros()).then_some(point));
-        }
-        Ok(())
-    }
-}
-
-/// How the pose is read.
-enum PoseReader {
-    Apart(Triple, Option<Reader>),
-    Matrix(Vec<usize>, LengthUnit, MatrixLayout),
-}
-
-/// The rows of a file, and what its user should see.
-pub fn rows(table: &Table, map: &Map) -> Result<(Vec<Row>, Vec<String>), InputError> {
-    let joints = joint_columns(map, table)?;
-    let beside = Beside::find(map, table)?;
+/// The rows of a file, and what its user should see; `join` has the file of joints, where they are in one of their own.
+pub fn rows(
+    table: &Table,
+    join: Option<(&Table, &FileJoin)>,
+    map: &Map,
+) -> Result<(Vec<Row>, Vec<String>), InputError> {
+    let joint_table = join.map_or(table, |(joints, _)| joints);
+    let joints = joint_columns(map, joint_table)?;
+    let beside = Beside::find(map, table, joint_table)?;
     let pose = pose_reader(map, table)?;
-    let mut used = joints.clone();
-    used.extend(beside.columns());
-    match &pose {
-        PoseReader::Apart(position, orientation) => {
-            used.extend(position.0);
-            used.extend(orientation.iter().flat_map(|o| o.columns()));
+    let mut beside_pose = beside.columns();
+    let mut beside_joints: Vec<usize> = joints.iter().map(|joint| joint.0).collect();
+    beside_joints.extend(beside.payload_column());
+    let (mut out, mut left_out, mut notes) = (Vec::new(), Vec::new(), Vec::new());
+    let joined = join
+        .map(|(joints, how)| joined(map, how, table, joints, &mut left_out))
+        .transpose()?;
+    let mut used = pose.columns();
+    used.extend(&beside_pose);
+    match &joined {
+        Some(joined) => {
+            used.extend(joined.pose_column);
+            let mut used = beside_joints.clone();
+            used.extend(joined.joint_column);
+            notes.extend(twice_or_unused(map, joint_table, &used)?);
+            if joined.unused > 0 {
+                let path = joint_table.path.display();
+                notes.push(format!(
+                    "{path}: {} rows of joints belong to no pose",
+                    joined.unused
+                ));
+            }
         }
-        PoseReader::Matrix(columns, ..) => used.extend(columns),
+        None => {
+            used.extend(&beside_joints);
+            beside_pose.extend(&beside_joints);
+        }
     }
-    let mut notes = twice_or_unused(map, table, &used)?;
+    notes.extend(twice_or_unused(map, table, &used)?);
 
-    let (mut out, mut left_out) = (Vec::new(), Vec::new());
     let mut worst = (0.0_f64, 0);
-    for line in &table.rows {
+    let mut missed = Vec::new();
+    for (i, line) in table.rows.iter().enumerate() {
         let fields = RowValues { table, line };
-        if map.incomplete == Incomplete::LeaveOut && is_miss(&fields, &used, &pose) {
+        let joint_line = match &joined {
+            Some(joined) => match joined.lines[i] {
+                Some(line) => line,
+                None => continue,
+            },
+            None => line,
+        };
+        let joint_fields = RowValues {
+            table: joint_table,
+            line: joint_line,
+        };
+        let is_empty = |fields: &RowValues<'_>, columns: &[usize]| {
+            columns.iter().any(|column| fields.text(*column).is_empty())
+        };
+        if map.incomplete == Incomplete::LeaveOut
+            && (is_miss(&fields, &pose)
+                || is_empty(&fields, &beside_pose)
+                || is_empty(&joint_fields, &beside_joints))
+        {
             left_out.push(line.number.to_string());
             continue;
         }
         let mut row = Row {
-            joints: joint_values(map, &fields, &joints)?,
+            joints: joint_values(&joint_fields, &joints)?,
             ..Row::default()
         };
-        let (position, found, first) = match &pose {
-            PoseReader::Apart(position, orientation) => {
-                let found = orientation.as_ref().map(|o| o.read(&fields)).transpose()?;
-                (position.read(&fields)?, found, position.0[0])
-            }
-            PoseReader::Matrix(columns, unit, layout) => {
-                let (position, found) = whole(&fields, columns, *unit, *layout)?;
-                (position, Some(found), columns[0])
-            }
-        };
+        let (position, found, first) = pose.read(&fields)?;
+        if pose.missed(&fields)? > 0 {
+            missed.push(line.number.to_string());
+        }
         if position == Vector3::zeros() {
             return Err(fields
                 .error(first, "the position 0 0 0", "a measured position")
@@ -221,13 +104,19 @@ pub fn rows(table: &Table, map: &Map) -> Result<(Vec<Row>, Vec<String>), InputEr
             }
             row.orientation = Some(found.rotation);
         }
-        beside.read(&fields, &mut row)?;
+        beside.read(&fields, &joint_fields, &mut row)?;
         out.push(row);
     }
     if worst.0 > NOTED {
         notes.push(format!(
             "the orientations were made rotations: they are off by up to {:.1e} (line {})",
             worst.0, worst.1
+        ));
+    }
+    if !missed.is_empty() {
+        let lines = missed.join(", ");
+        notes.push(format!(
+            "the pose is that of the reflectors that were seen, as one was missed: lines {lines}"
         ));
     }
     notes.extend(left_out_note(&left_out));
@@ -241,20 +130,6 @@ pub fn rows(table: &Table, map: &Map) -> Result<(Vec<Row>, Vec<String>), InputEr
     Ok((out, notes))
 }
 
-/// Whether a cell that is read is empty, or the position is 0 0 0.
-fn is_miss(fields: &RowValues<'_>, used: &[usize], pose: &PoseReader) -> bool {
-    let zero = |columns: &[usize], unit| {
-        columns
-            .iter()
-            .all(|c| fields.millimetres(*c, unit).is_ok_and(|x| x == 0.0))
-    };
-    let missed = match pose {
-        PoseReader::Apart(position, _) => zero(&position.0, position.1),
-        PoseReader::Matrix(columns, unit, layout) => zero(&translation(columns, *layout), *unit),
-    };
-    missed || used.iter().any(|column| fields.text(*column).is_empty())
-}
-
 /// The note on what was left out, which the map asked for.
 pub fn left_out_note(what: &[String]) -> Option<String> {
     (!what.is_empty()).then(|| {
@@ -266,194 +141,6 @@ pub fn left_out_note(what: &[String]) -> Option<String> {
         format!(
             "left out, as the map asks: {rows} without a whole measurement (lines {})",
             what.join(", ")
-        )
-    })
-}
-
-fn pose_reader(map: &Map, table: &Table) -> Result<PoseReader, InputError> {
-    if let Some(pose) = &map.pose {
-        let columns = all(map, table, &pose.columns, "pose.columns")?;
-        return Ok(PoseReader::Matrix(columns, pose.unit, pose.layout));
-    }
-    let Some(position) = &map.position else {
-        return Err(InputError::new(
-            &map.path,
-            "no [position]",
-            "it, in a map without [points] or [pose]",
-        ));
-    };
-    let position = Triple::find(map, table, position, "position.columns")?;
-    let key = "orientation.columns";
-    let orientation = match &map.orientation {
-        None => None,
-        Some(Orientation::Quaternion { columns: c, order }) => {
-            Some(Reader::Quaternion(columns(map, table, c, key)?, *order))
-        }
-        Some(Orientation::Euler {
-            columns: c,
-            order,
-            axes,
-            unit,
-        }) => {
-            // The map was checked.
-            let order = orientation::axes(order.get_ref()).unwrap_or([2, 1, 0]);
-            Some(Reader::Euler(
-                columns(map, table, c, key)?,
-                order,
-                *axes,
-                *unit,
-            ))
-        }
-        Some(Orientation::RotationVector { columns: c, unit }) => {
-            Some(Reader::RotationVector(columns(map, table, c, key)?, *unit))
-        }
-        Some(Orientation::Matrix { columns: c, layout }) => {
-            Some(Reader::Matrix(columns(map, table, c, key)?, *layout))
-        }
-    };
-    Ok(PoseReader::Apart(position, orientation))
-}
-
-/// Where element (row, column) of a 3×4 or 4×4 matrix is.
-fn element(columns: &[usize], layout: MatrixLayout, row: usize, column: usize) -> usize {
-    let rows = columns.len() / 4;
-    match layout {
-        MatrixLayout::Rows => columns[4 * row + column],
-        MatrixLayout::Columns => columns[rows * column + row],
-    }
-}
-
-fn translation(columns: &[usize], layout: MatrixLayout) -> Vec<usize> {
-    (0..3).map(|row| element(columns, layout, row, 3)).collect()
-}
-
-/// Position in mm and rotation of a whole matrix.
-fn whole(
-    fields: &RowValues<'_>,
-    columns: &[usize],
-    unit: LengthUnit,
-    layout: MatrixLayout,
-) -> Result<(Vector3<f64>, orientation::ReadOrientation), InputError> {
-    let mut rotation = Matrix3::zeros();
-    let mut position = Vector3::zeros();
-    for row in 0..3 {
-        for column in 0..3 {
-            let at = element(columns, layout, row, column);
-            rotation[(row, column)] = fields.number(at, "an element of a rotation matrix")?;
-        }
-        position[row] = fields.millimetres(element(columns, layout, row, 3), unit)?;
-    }
-    if columns.len() == 16 {
-        for column in 0..4 {
-            let at = element(columns, layout, 3, column);
-            let wanted = if column == 3 { 1.0 } else { 0.0 };
-            if fields.number(at, "0 0 0 1, the last row of the matrix")? != wanted {
-                let found = format!("{:?}", fields.text(at));
-                return Err(fields
-                    .error(at, found, format!("{wanted}, as the last row of the matrix is 0 0 0 1"))
-                    .with_help("are the columns in the order of the map (layout = \"rows\" or \"columns\")?"));
-            }
-        }
-    }
-    Ok((
-        position,
-        orientation::matrix(fields, element(columns, layout, 0, 0), &rotation)?,
-    ))
-}
-
-/// Where the joints are.
-pub fn joint_columns(map: &Map, table: &Table) -> Result<Vec<usize>, InputError> {
-    all(map, table, &map.joints.columns, "joints.columns")
-}
-
-/// The joints of a row, in degrees or millimetres.
-pub fn joint_values(
-    map: &Map,
-    fields: &RowValues<'_>,
-    columns: &[usize],
-) -> Result<Vec<f64>, InputError> {
-    let joints = columns.iter().zip(&map.joint_units);
-    joints
-        .map(|(column, unit)| fields.joint(*column, *unit))
-        .collect()
-}
-
-/// Refuses a column that is two things, and notes those that are nothing.
-pub fn twice_or_unused(
-    map: &Map,
-    table: &Table,
-    used: &[usize],
-) -> Result<Vec<String>, InputError> {
-    let name = |index: usize| match table.name(index) {
-        "" => format!("column {}", index + 1),
-        name => format!("{name:?}"),
-    };
-    if let Some((_, twice)) = used
-        .iter()
-        .enumerate()
-        .find(|(i, column)| used[..*i].contains(column))
-    {
-        let found = format!(
-            "{} of {} for two things",
-            name(*twice),
-            table.path.display()
-        );
-        return Err(InputError::new(&map.path, found, "every column once"));
-    }
-    let unused: Vec<String> = (0..table.width())
-        .filter(|i| !used.contains(i))
-        .map(name)
-        .collect();
-    Ok(match unused.len() {
-        0 => Vec::new(),
-        _ => vec![format!(
-            "{}: not in the map and not imported: {}",
-            table.path.display(),
-            unused.join(", ")
-        )],
-    })
-}
-
-/// The place of one column.
-pub fn one(
-    map: &Map,
-    table: &Table,
-    column: &Spanned<ColumnName>,
-    key: &str,
-) -> Result<usize, InputError> {
-    table
-        .find(column.get_ref())
-        .map_err(|(found, expected)| map.error(column.span(), key, found, expected))
-}
-
-fn all(
-    map: &Map,
-    table: &Table,
-    columns: &Spanned<Vec<ColumnName>>,
-    key: &str,
-) -> Result<Vec<usize>, InputError> {
-    let find = |column: &ColumnName| {
-        table
-            .find(column)
-            .map_err(|(found, expected)| map.error(columns.span(), key, found, expected))
-    };
-    columns.get_ref().iter().map(find).collect()
-}
-
-/// The places of N columns, whose number the map's reader has checked.
-pub fn columns<const N: usize>(
-    map: &Map,
-    table: &Table,
-    names: &Spanned<Vec<ColumnName>>,
-    key: &str,
-) -> Result<[usize; N], InputError> {
-    let locations = all(map, table, names, key)?;
-    <[usize; N]>::try_from(locations).map_err(|locations| {
-        map.error(
-            names.span(),
-            key,
-            format!("{} columns", locations.len()),
-            format!("{N} columns"),
         )
     })
 }

@@ -1,15 +1,18 @@
 //! Presets: maps of columns for known files, in `import_presets/`.
 //!
 //! A preset states the meaning and the unit of every column. Only the separator, the decimal mark and the encoding are
-//! detected in the file itself. In a preset `"J#"` stands for as many numbered columns as the header has, and the tables
+//! detected in the file itself. A preset lists the drivers whose columns of joints it takes, and the tables
 //! listed under `optional` are left out where the header lacks their columns.
 
 use std::path::Path;
 
 use toml::{Table as Toml, Value};
 
+use crate::import::column_map::drivers::Driver;
 use crate::import::column_map::{Decimal, Encoding, Layout, Separator};
-use crate::import::text::{Table, decoded, fields};
+use crate::import::spreadsheet::is_zip;
+use crate::import::text::{Table, decoded, fields, heading};
+use crate::import::units::Unit;
 use poegp_calibration::input_error::InputError;
 
 /// Lines that the layout is detected from.
@@ -63,7 +66,7 @@ impl Preset {
                 .resolved(&[(path, bytes)])
                 .is_ok_and(|(map, header)| {
                     let mut names = map.values().flat_map(names);
-                    header.len() > 1 && names.all(|name| header.iter().any(|h| h == name))
+                    header.len() > 2 && names.all(|name| header.iter().any(|h| h == name))
                 })
         };
         let mut fitting = PRESETS.into_iter().filter(fits);
@@ -105,6 +108,11 @@ impl Preset {
             detect(&mut layout, path, bytes)?;
             let table = Table::parse(path, bytes, &layout)?;
             header = table.header.map_or_else(Vec::new, |line| line.fields);
+            let bare: Vec<String> = header
+                .iter()
+                .map(|name| heading(name).0.to_owned())
+                .collect();
+            header.extend(bare);
             map.extend(
                 Toml::try_from(&layout)
                     .ok()
@@ -112,14 +120,25 @@ impl Preset {
             );
         }
         let has = |name: &str| header.iter().any(|there| there == name);
-        if let Some(Value::Array(columns)) = map
-            .get_mut("joints")
-            .and_then(|joints| joints.get_mut("columns"))
-            && let [Value::String(pattern)] = columns.as_slice()
+        if let Some(Value::Table(joints)) = map.get_mut("joints")
+            && let Some(Value::Array(drivers)) = joints.remove("drivers")
         {
-            let numbered = |n: usize| pattern.replace('#', &n.to_string());
-            let count = (1..).take_while(|n| has(&numbered(*n))).count().max(1);
-            *columns = (1..=count).map(|n| numbered(n).into()).collect();
+            let drivers = drivers.iter().filter_map(Value::as_str);
+            let drivers: Vec<Driver> = drivers.filter_map(Driver::named).collect();
+            let fits = |driver: &&Driver| driver.columns(has).iter().all(|name| has(name));
+            let fitting: Vec<&Driver> = drivers.iter().filter(fits).collect();
+            if let [one, other, ..] = fitting.as_slice()
+                && let Some((path, _)) = files.last()
+            {
+                let found = format!("joints of two drivers, {:?} and {:?}", one.name, other.name);
+                let expected = "one driver, or joints.driver = \"…\" in a map";
+                return Err(InputError::new(path, found, expected));
+            }
+            if let Some(driver) = fitting.first().copied().or(drivers.first()) {
+                let columns = driver.columns(has).into_iter().map(Value::String);
+                joints.insert("columns".to_owned(), Value::Array(columns.collect()));
+                joints.insert("unit".to_owned(), driver.unit.name().into());
+            }
         }
         let optional: Option<Vec<String>> = optional.and_then(|keys| keys.try_into().ok());
         for key in optional.unwrap_or_default() {
@@ -147,6 +166,9 @@ fn names(table: &Value) -> Vec<&str> {
 
 /// Detects encoding, separator and decimal mark: those that make the most rows of one width, and in them the most numbers.
 fn detect(layout: &mut Layout, path: &Path, bytes: &[u8]) -> Result<(), InputError> {
+    if is_zip(bytes) {
+        return Ok(());
+    }
     layout.encoding = if bytes.starts_with(&[0xff, 0xfe]) || bytes.starts_with(&[0xfe, 0xff]) {
         Encoding::Utf16
     } else if std::str::from_utf8(bytes).is_ok() {

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use crate::import::column_map::{ColumnName, Decimal, Encoding, Layout, Separator};
+use crate::import::spreadsheet::{self, is_zip};
 use poegp_calibration::input_error::InputError;
 
 /// A row of cells, trimmed.
@@ -25,6 +26,8 @@ pub struct Table {
     pub thousands: Option<char>,
     /// The header: its line and its names.
     pub header: Option<Line>,
+    /// The second line of the header, with units.
+    units: Option<Line>,
     /// The rows, all as wide as the header or the first of them.
     pub rows: Vec<Line>,
 }
@@ -32,24 +35,10 @@ pub struct Table {
 impl Table {
     /// Takes a file apart; `path` is for messages.
     pub fn parse(path: &Path, bytes: &[u8], layout: &Layout) -> Result<Self, InputError> {
-        let text = decoded(path, bytes, layout.encoding)?;
-        let lines: Vec<&str> = text.lines().collect();
-        let end = lines.len().saturating_sub(layout.skip_last_lines);
-        let mut kept = lines[..end]
-            .iter()
-            .enumerate()
-            .skip(layout.skip_lines)
-            .filter(|(_, line)| {
-                let line = line.trim();
-                !line.is_empty()
-                    && !layout
-                        .comments
-                        .iter()
-                        .any(|c| !c.is_empty() && line.starts_with(c.as_str()))
-            });
-        let mut header = None;
+        let mut kept = lines(path, bytes, layout)?.into_iter();
+        let (mut header, mut units) = (None, None);
         for i in 0..layout.header_lines {
-            let Some((index, line)) = kept.next() else {
+            let Some(line) = kept.next() else {
                 return Err(InputError::new(
                     path,
                     "no header",
@@ -57,21 +46,13 @@ impl Table {
                 )
                 .with_help("is skip_lines too large? A file without header has header_lines = 0"));
             };
-            let row = fields(path, index + 1, line, layout)?;
-            if i == 0 {
-                header = Some(Line {
-                    number: index + 1,
-                    fields: row,
-                });
+            match i {
+                0 => header = Some(line),
+                1 => units = Some(line),
+                _ => {}
             }
         }
-        let mut rows = Vec::new();
-        for (index, line) in kept {
-            rows.push(Line {
-                number: index + 1,
-                fields: fields(path, index + 1, line, layout)?,
-            });
-        }
+        let mut rows: Vec<Line> = kept.collect();
         let Some(first) = rows.first() else {
             return Err(InputError::new(
                 path,
@@ -119,6 +100,7 @@ impl Table {
             decimal: layout.decimal,
             thousands: layout.thousands,
             header,
+            units,
             rows,
         })
     }
@@ -141,6 +123,17 @@ impl Table {
         fields.get(index).map_or("", String::as_str)
     }
 
+    /// The unit that the header has for column `index`, and its line: in brackets behind the name, or on the second line.
+    pub fn unit(&self, index: usize) -> Option<(usize, &str)> {
+        let header = self.header.as_ref()?;
+        let behind = heading(self.name(index)).1;
+        behind.map(|unit| (header.number, unit)).or_else(|| {
+            let units = self.units.as_ref()?;
+            let text = units.fields.get(index).filter(|text| !text.is_empty())?;
+            Some((units.number, heading(text).1.unwrap_or(text)))
+        })
+    }
+
     /// Where a column is, from 0; else what was found and expected.
     pub fn find(&self, column: &ColumnName) -> Result<usize, (String, String)> {
         let width = self.width();
@@ -161,14 +154,20 @@ impl Table {
                 "numbers of columns, as header_lines is 0".to_owned(),
             ));
         };
-        let mut there = header
-            .fields
-            .iter()
-            .enumerate()
-            .filter(|(_, field)| field.as_str() == name);
-        match (there.next(), there.next()) {
-            (Some((index, _)), None) => Ok(index),
-            (Some((one, _)), Some((other, _))) => Err((
+        let with = |is: &dyn Fn(&str) -> bool| -> Vec<usize> {
+            let fields = header.fields.iter().enumerate();
+            fields
+                .filter(|(_, text)| is(text))
+                .map(|(i, _)| i)
+                .collect()
+        };
+        let mut there = with(&|text| text == name);
+        if there.is_empty() {
+            there = with(&|text| heading(text).0 == name);
+        }
+        match there.as_slice() {
+            [index] => Ok(*index),
+            [one, other, ..] => Err((
                 format!(
                     "the column {name:?}, which is twice in the header, as {} and {}",
                     one + 1,
@@ -176,7 +175,7 @@ impl Table {
                 ),
                 "the number of the column".to_owned(),
             )),
-            _ => {
+            [] => {
                 let names: Vec<String> = header
                     .fields
                     .iter()
@@ -195,12 +194,54 @@ impl Table {
     }
 }
 
+/// The rows of a file, with those of its header, without what the layout skips.
+fn lines(path: &Path, bytes: &[u8], layout: &Layout) -> Result<Vec<Line>, InputError> {
+    let is_comment = |text: &str| {
+        let mut comments = layout.comments.iter();
+        comments.any(|c| !c.is_empty() && text.starts_with(c.as_str()))
+    };
+    if is_zip(bytes) {
+        let rows = spreadsheet::rows(path, bytes, layout)?.into_iter();
+        let rows = rows.map(|(number, fields)| Line { number, fields });
+        let mut lines: Vec<Line> = rows
+            .filter(|line| line.number > layout.skip_lines)
+            .collect();
+        lines.truncate(lines.len().saturating_sub(layout.skip_last_lines));
+        lines.retain(|line| {
+            let first = line.fields.iter().find(|field| !field.is_empty());
+            first.is_some_and(|text| !is_comment(text))
+        });
+        return Ok(lines);
+    }
+    let text = decoded(path, bytes, layout.encoding)?;
+    let all: Vec<&str> = text.lines().collect();
+    let end = all.len().saturating_sub(layout.skip_last_lines);
+    let kept = all[..end].iter().enumerate().skip(layout.skip_lines);
+    kept.filter(|(_, line)| !line.trim().is_empty() && !is_comment(line.trim()))
+        .map(|(index, line)| {
+            Ok(Line {
+                number: index + 1,
+                fields: fields(path, index + 1, line, layout)?,
+            })
+        })
+        .collect()
+}
+
+/// A name of a header, and the unit in brackets behind it: `X [mm]`, `X (mm)`.
+pub fn heading(text: &str) -> (&str, Option<&str>) {
+    for (open, close) in [('[', ']'), ('(', ')')] {
+        if let Some((name, unit)) = text.strip_suffix(close).and_then(|t| t.rsplit_once(open)) {
+            return (
+                name.trim_end(),
+                Some(unit.trim()).filter(|unit| !unit.is_empty()),
+            );
+        }
+    }
+    (text, None)
+}
+
 /// The letters of a file.
 pub fn decoded(path: &Path, bytes: &[u8], encoding: Encoding) -> Result<String, InputError> {
-    if bytes.starts_with(b"PK\x03\x04") {
-        return Err(InputError::new(path, "a spreadsheet or zip file", "text")
-            .with_help("export the table as CSV"));
-    }
     let is_utf16 = bytes.starts_with(&[0xff, 0xfe]) || bytes.starts_with(&[0xfe, 0xff]);
     if is_utf16 != (encoding == Encoding::Utf16) {
         let (found, help) = match is_utf16 {

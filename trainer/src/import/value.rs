@@ -1,6 +1,6 @@
 //! One cell: a number in the unit that the map says, or an error that names the place.
 
-use crate::import::column_map::{AngleUnit, Decimal, JointUnit, LengthUnit};
+use crate::import::column_map::{AngleUnit, Decimal, JointUnit, LengthUnit, TimeUnit};
 use crate::import::text::{Line, Table};
 use poegp_calibration::input_error::InputError;
 
@@ -99,6 +99,16 @@ impl<'a> RowValues<'a> {
             LengthUnit::Mm => ("a number in millimetres", 0),
             LengthUnit::M => ("a number in metres", 3),
             LengthUnit::Um => ("a number in micrometres", -3),
+            LengthUnit::In => return Ok(25.4 * self.number(index, "a number in inches")?),
+        };
+        Ok(shifted(&self.digits(index, name)?, locations))
+    }
+
+    /// A time in seconds.
+    pub fn seconds(&self, index: usize, unit: TimeUnit) -> Result<f64, InputError> {
+        let (name, locations) = match unit {
+            TimeUnit::S => ("a time in seconds", 0),
+            TimeUnit::Ms => ("a time in milliseconds", -3),
         };
         Ok(shifted(&self.digits(index, name)?, locations))
     }

@@ -5,13 +5,13 @@ use std::fmt::Write;
 use nalgebra::{Matrix3, Vector3};
 use poegp_runtime::math::se3::Pose;
 
-use crate::import::column_map::{JointUnit, Map};
+use crate::import::column_map::JointUnit;
 
 /// One measurement in the units of the measurement file.
 #[derive(Clone, Debug, Default)]
 pub struct Row {
-    /// Degrees, or millimetres of a prismatic joint.
-    pub joints: Vec<f64>,
+    /// Degrees, or millimetres of a prismatic joint, with the unit of the raw file.
+    pub joints: Vec<(f64, JointUnit)>,
     /// Mass at the flange.
     pub payload_kg: Option<f64>,
     /// Mounting of the tool.
@@ -37,7 +37,7 @@ const ANGLE: usize = 10;
 
 impl Row {
     /// Names and texts of the columns, in order.
-    pub fn fields(&self, map: &Map) -> Vec<(String, String)> {
+    pub fn fields(&self) -> Vec<(String, String)> {
         let mut out = Vec::new();
         let mut push = |name: String, text: String| out.push((name, text));
         if let Some(session) = &self.session {
@@ -49,7 +49,7 @@ impl Row {
         if let Some(payload) = self.payload_kg {
             push("payload_kg".to_owned(), decimal(payload, LENGTH));
         }
-        for (i, (value, unit)) in self.joints.iter().zip(&map.joint_units).enumerate() {
+        for (i, (value, unit)) in self.joints.iter().enumerate() {
             let (unit, decimals) = match unit {
                 JointUnit::Deg | JointUnit::Rad => ("deg", ANGLE),
                 JointUnit::Mm | JointUnit::M => ("mm", LENGTH),
@@ -85,14 +85,14 @@ impl Row {
 }
 
 /// The measurement file; `sources` are said in a comment.
-pub fn csv(rows: &[Row], map: &Map, sources: &[String]) -> String {
+pub fn csv(rows: &[Row], sources: &[String]) -> String {
     let mut out = format!(
         "# imported by trainer {} from {}\n",
         env!("CARGO_PKG_VERSION"),
         sources.join(" and ")
     );
     for (i, row) in rows.iter().enumerate() {
-        let fields = row.fields(map);
+        let fields = row.fields();
         if i == 0 {
             let names: Vec<&str> = fields.iter().map(|(name, _)| name.as_str()).collect();
             let _ = writeln!(out, "{}", names.join(","));

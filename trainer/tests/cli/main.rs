@@ -27,6 +27,7 @@ mod fake_device;
 #[allow(dead_code, reason = "the tests of the device use more of it")]
 #[path = "../../../tests/src/firmware_build.rs"]
 mod firmware_build;
+mod foreign_files;
 mod gauge;
 mod help;
 mod identifiability;

@@ -43,6 +43,10 @@ fn picture(error: &InputError) -> Option<String> {
         return None;
     }
     let bytes = std::fs::read(&error.file).ok()?;
+    // The rows of a spreadsheet are no lines of text.
+    if bytes.starts_with(b"PK\x03\x04") {
+        return None;
+    }
     let text = String::from_utf8_lossy(&bytes);
     let text = text.strip_prefix('\u{feff}').unwrap_or(&text);
     let line = text.lines().nth(number.checked_sub(1)?)?;

@@ -1,21 +1,24 @@
 //! The map of columns: which column of a raw file is what, and in what unit.
 
+pub mod drivers;
+mod joined;
 mod tables;
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-use nalgebra::Vector3;
 use toml::Spanned;
 
-use crate::import::column_map::tables::{OrientationKind, OrientationTable, Tables};
+use crate::import::column_map::drivers::Driver;
+use crate::import::column_map::tables::{JointTable, OrientationKind, OrientationTable, Tables};
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::robot::toml_source::TomlSource;
 
 pub use crate::import::column_map::tables::{
-    AngleUnit, ColumnName, Decimal, Encoding, EulerAxes, Incomplete, Join, JointUnit, JointUnits,
-    Joints, Label, Layout, LengthUnit, MassUnit, MatrixLayout, Orientation, Payload, Points,
-    PoseMatrix, Position, QuaternionOrder, Separator, SigmaOrientation, SigmaPosition,
+    AngleUnit, ColumnName, Decimal, Encoding, EulerAxes, FileJoin, Incomplete, Join, JoinBy,
+    JointSource, JointUnit, JointUnits, Joints, Label, Layout, LengthUnit, MassUnit, MatrixLayout,
+    Orientation, Payload, Points, PoseMatrix, Position, QuaternionOrder, Reflectors, Separator,
+    SigmaOrientation, SigmaPosition, TimeUnit,
 };
 
 /// A map that was read; which tables go together has been checked.
@@ -26,14 +29,12 @@ pub struct Map {
     text: String,
     /// Of the first file.
     pub file: Layout,
-    /// Of the file of joints beside a list of points; as `file` when it is absent.
+    /// Of the file of joints; as `file` when it is absent.
     pub joints_file: Option<Layout>,
     /// What is done with rows that are not whole.
     pub incomplete: Incomplete,
     /// The joints.
     pub joints: Joints,
-    /// The unit of each joint.
-    pub joint_units: Vec<JointUnit>,
     /// The position; there is one of this, `pose` and `points`.
     pub position: Option<Position>,
     /// The orientation beside `position`.
@@ -42,6 +43,10 @@ pub struct Map {
     pub pose: Option<PoseMatrix>,
     /// A list of points.
     pub points: Option<Points>,
+    /// Reflectors in a row.
+    pub reflectors: Option<Reflectors>,
+    /// How a file of joints is joined, where there is one beside poses.
+    pub join: Option<FileJoin>,
     /// The payload.
     pub payload: Option<Payload>,
     /// The session.
@@ -78,21 +83,22 @@ impl Map {
                 .with_help("docs/guide/import.md has every key and an example of every shape")
         })?;
         let orientation = tables.orientation;
+        let joints = joints(tables.joints).map_err(|(span, key, found, expected)| {
+            TomlSource { file: path, text }.error(span, key, found, expected)
+        })?;
         let mut map = Self {
             path: path.to_path_buf(),
             text: text.to_owned(),
-            joint_units: match tables.joints.unit.get_ref() {
-                JointUnits::All(unit) => vec![*unit; tables.joints.columns.get_ref().len()],
-                JointUnits::Each(units) => units.clone(),
-            },
             file: tables.file,
             joints_file: tables.joints_file,
             incomplete: tables.incomplete,
-            joints: tables.joints,
+            joints,
             position: tables.position,
             orientation: None,
             pose: tables.pose,
             points: tables.points,
+            reflectors: tables.reflectors,
+            join: tables.join,
             payload: tables.payload,
             session: tables.session,
             target: tables.target,
@@ -126,6 +132,7 @@ impl Map {
     pub fn has_orientation(&self) -> bool {
         self.orientation.is_some()
             || self.pose.is_some()
+            || self.reflectors.is_some()
             || self
                 .points
                 .as_ref()
@@ -158,14 +165,13 @@ impl Map {
                     );
                     return Err(self.error(location, &format!("orientation.{key}"), key, expected));
                 }
-                None if keys.contains(&key) && key != "layout" => {
+                None if ["order", "axes"].contains(&key) && keys.contains(&key) => {
                     let what = match key {
                         "order" if t.kind == Quaternion => "order = \"wxyz\" or \"xyzw\"",
                         "order" => "order, the three axes in the order of the columns, as \"ZYX\"",
-                        "axes" => {
+                        _ => {
                             "axes = \"intrinsic\" (they turn with the body) or \"extrinsic\" (they stay)"
                         }
-                        _ => "unit = \"deg\", \"rad\" or \"mrad\"",
                     };
                     return Err(self.error(span, "orientation", format!("no {key}"), what));
                 }
@@ -173,7 +179,8 @@ impl Map {
             }
         }
         let columns = t.columns;
-        match (t.kind, t.order, t.axes, t.unit) {
+        let unit = t.unit.map(Spanned::into_inner);
+        match (t.kind, t.order, t.axes) {
             (Quaternion, Some(order), ..) => {
                 let order = match order.get_ref().as_str() {
                     "wxyz" => QuaternionOrder::Wxyz,
@@ -186,16 +193,13 @@ impl Map {
                 };
                 Ok(Orientation::Quaternion { columns, order })
             }
-            (Euler, Some(order), Some(axes), Some(unit)) => Ok(Orientation::Euler {
+            (Euler, Some(order), Some(axes)) => Ok(Orientation::Euler {
                 columns,
                 order,
                 axes: *axes.get_ref(),
-                unit: *unit.get_ref(),
+                unit,
             }),
-            (RotationVector, _, _, Some(unit)) => Ok(Orientation::RotationVector {
-                columns,
-                unit: *unit.get_ref(),
-            }),
+            (RotationVector, ..) => Ok(Orientation::RotationVector { columns, unit }),
             _ => Ok(Orientation::Matrix {
                 columns,
                 layout: t.layout.map_or(MatrixLayout::Rows, Spanned::into_inner),
@@ -208,11 +212,12 @@ impl Map {
             self.position.is_some(),
             self.pose.is_some(),
             self.points.is_some(),
+            self.reflectors.is_some(),
         ];
         if ways.iter().filter(|way| **way).count() != 1 {
             let found = match ways.iter().any(|way| *way) {
-                true => "more than one of [position], [pose] and [points]",
-                false => "none of [position], [pose] and [points]",
+                true => "more than one of [position], [pose], [reflectors] and [points]",
+                false => "none of [position], [pose], [reflectors] and [points]",
             };
             return Err(InputError::new(
                 &self.path,
@@ -224,24 +229,32 @@ impl Map {
             return Err(InputError::new(
                 &self.path,
                 "[orientation] without [position]",
-                "[orientation] beside [position]; [pose] and [points] have theirs",
+                "[orientation] beside [position]; [pose], [reflectors] and [points] have theirs",
             ));
         }
         let joints = &self.joints;
-        let count = joints.columns.get_ref().len();
-        if !(1..=poegp_protocol::limits::MAX_JOINTS).contains(&count) {
+        let count = match &joints.source {
+            JointSource::Columns(columns) => columns.get_ref().len(),
+            JointSource::Driver(_) => 1,
+        };
+        if let JointSource::Columns(columns) = &joints.source
+            && !(1..=poegp_protocol::limits::MAX_JOINTS).contains(&count)
+        {
             let expected = format!("1 to {} columns", poegp_protocol::limits::MAX_JOINTS);
             return Err(self.error(
-                joints.columns.span(),
+                columns.span(),
                 "joints.columns",
                 format!("{count} columns"),
                 expected,
             ));
         }
-        if self.joint_units.len() != count {
-            let found = format!("{} units", self.joint_units.len());
+        if let Some(unit) = &joints.unit
+            && let JointUnits::Each(units) = unit.get_ref()
+            && units.len() != count
+        {
+            let found = format!("{} units", units.len());
             return Err(self.error(
-                joints.unit.span(),
+                unit.span(),
                 "joints.unit",
                 found,
                 format!("one, or {count}"),
@@ -291,135 +304,75 @@ impl Map {
             let found = "[payload] with both or neither of column and value";
             return Err(InputError::new(&self.path, found, "one of them"));
         }
-        match &self.points {
-            Some(points) => self.check_points(points),
-            None if self.joints_file.is_some() || joints.name.is_some() => Err(InputError::new(
-                &self.path,
-                "[joints_file] or joints.name without [points]",
-                "them only where joints are in a file of their own, beside a list of points",
-            )),
-            None => Ok(()),
-        }
-    }
-
-    fn check_points(&self, points: &Points) -> Result<(), InputError> {
-        self.count(&points.columns, "points.columns", &[3])?;
-        if let (Some(target), Some(_)) = (&points.target, &points.split) {
-            let found = "points.target beside points.split";
-            return Err(self.error(target.span(), "points.target", found, "one of them"));
-        }
-        if points.join == Join::Name && self.joints.name.is_none() {
-            return Err(InputError::new(
-                &self.path,
-                "points.join = \"name\" without joints.name",
-                "joints.name, the column of the joints' file that has the pose's name",
-            ));
-        }
-        if let (Join::Order, Some(name)) = (points.join, &self.joints.name) {
-            let found = "joints.name, and points.join = \"order\"";
-            return Err(self.error(
-                name.span(),
-                "joints.name",
-                found,
-                "join = \"name\", or no name",
-            ));
-        }
-        if self.target.is_some() {
-            return Err(InputError::new(
-                &self.path,
-                "[target] beside [points]",
-                "points.target or points.split for the names of targets",
-            ));
-        }
-        if let Some(limit) = &points.max_residual_mm
-            && (limit.get_ref().is_nan() || *limit.get_ref() <= 0.0)
+        if let Some(payload) = &self.payload
+            && let (Some(value), None) = (&payload.value, payload.unit)
         {
-            let found = limit.get_ref().to_string();
+            let found = "no payload.unit";
             return Err(self.error(
-                limit.span(),
-                "points.max_residual_mm",
+                value.span(),
+                "payload.value",
                 found,
-                "a number above 0",
+                "unit = \"kg\" or \"g\"",
             ));
         }
-        let Some(targets) = &points.targets else {
-            return Ok(());
-        };
-        let span = targets.span();
-        if points.targets_unit.is_none() {
-            return Err(self.error(
-                span,
-                "points.targets",
-                "no points.targets_unit",
-                "\"mm\" or \"m\"",
-            ));
+        if let Some(reflectors) = &self.reflectors {
+            self.check_reflectors(reflectors)?;
         }
-        if points.target.is_none() && points.split.is_none() {
-            let found = "targets, and no points.target or points.split";
-            return Err(self.error(
-                span,
-                "points.targets",
-                found,
-                "where the name of the target is",
-            ));
+        match (&self.points, &self.join) {
+            (Some(_), Some(_)) => Err(InputError::new(
+                &self.path,
+                "[join] beside [points]",
+                "points.join, which joins a list of points",
+            )),
+            (Some(points), None) => self.check_points(points),
+            (None, Some(join)) if joints.name.is_none() => self.check_join(join),
+            (None, _) if self.joints_file.is_some() || joints.name.is_some() => {
+                Err(InputError::new(
+                    &self.path,
+                    "[joints_file] or joints.name without a file of joints",
+                    "[joints_file] beside [join] or [points], joints.name beside [points]",
+                ))
+            }
+            (None, _) => Ok(()),
         }
-        let locations: Vec<[f64; 3]> = targets.get_ref().values().copied().collect();
-        if locations.iter().flatten().any(|x| !x.is_finite()) {
-            return Err(self.error(
-                span,
-                "points.targets",
-                "a number that is not finite",
-                "finite numbers",
-            ));
-        }
-        if !spans_a_plane(&locations) {
-            let found = format!("{} targets on one line", locations.len());
-            let expected = "three targets or more that are not on one line";
-            return Err(self
-                .error(span, "points.targets", found, expected)
-                .with_help(
-                    "leave targets out: every point is then a position without orientation",
-                ));
-        }
-        Ok(())
-    }
-
-    fn count(
-        &self,
-        columns: &Spanned<Vec<ColumnName>>,
-        key: &str,
-        counts: &[usize],
-    ) -> Result<(), InputError> {
-        let found = columns.get_ref().len();
-        if counts.contains(&found) {
-            return Ok(());
-        }
-        let counts: Vec<String> = counts.iter().map(usize::to_string).collect();
-        let expected = format!("{} columns", counts.join(" or "));
-        Err(self.error(columns.span(), key, format!("{found} columns"), expected))
     }
 }
 
-/// Targets that lie within this share of their extent of a line do not span a plane.
-const FLAT: f64 = 1e-3;
-
-/// Whether points are three or more and not on one line.
-pub fn spans_a_plane(points: &[[f64; 3]]) -> bool {
-    let Some(first) = points.first() else {
-        return false;
+/// What a table of joints says, or where it is wrong: the key, what was found and what was expected.
+fn joints(
+    table: Spanned<JointTable>,
+) -> Result<Joints, (Range<usize>, &'static str, String, String)> {
+    let span = table.span();
+    let table = table.into_inner();
+    let source = match (table.columns, table.driver) {
+        (Some(columns), None) => JointSource::Columns(columns),
+        (None, Some(driver)) => {
+            if Driver::named(driver.get_ref()).is_none() {
+                let found = format!("{:?}", driver.get_ref());
+                let expected = format!("one of {}", Driver::all());
+                return Err((driver.span(), "joints.driver", found, expected));
+            }
+            if let Some(unit) = &table.unit {
+                let found = "a unit beside joints.driver".to_owned();
+                let expected = "no unit: that of the driver is known".to_owned();
+                return Err((unit.span(), "joints.unit", found, expected));
+            }
+            JointSource::Driver(driver)
+        }
+        (columns, _) => {
+            let found = if columns.is_some() {
+                "both columns and driver"
+            } else {
+                "neither columns nor driver"
+            };
+            let expected =
+                "columns, the names of the columns, or driver, whose names are known".to_owned();
+            return Err((span, "joints", found.to_owned(), expected));
+        }
     };
-    let from_first: Vec<Vector3<f64>> = points
-        .iter()
-        .map(|p| Vector3::from(*p) - Vector3::from(*first))
-        .collect();
-    let far = from_first
-        .iter()
-        .copied()
-        .fold(Vector3::zeros(), |far: Vector3<f64>, v| {
-            if v.norm() > far.norm() { v } else { far }
-        });
-    let length = far.norm();
-    from_first
-        .iter()
-        .any(|v| v.cross(&far).norm() > FLAT * length * length)
+    Ok(Joints {
+        source,
+        unit: table.unit,
+        name: table.name,
+    })
 }

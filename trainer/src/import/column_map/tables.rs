@@ -30,11 +30,13 @@ pub struct Layout {
     pub thousands: Option<char>,
     /// How bytes are letters.
     pub encoding: Encoding,
+    /// The sheet of a spreadsheet that has several.
+    pub sheet: Option<String>,
     /// Lines at the beginning that are not looked at.
     pub skip_lines: usize,
     /// Lines at the end that are not looked at.
     pub skip_last_lines: usize,
-    /// Lines of the header: the first has names, the others (units) are not looked at. 0: columns are numbers.
+    /// Lines of the header: the first has names, the second units. 0: columns are numbers.
     pub header_lines: usize,
     /// Lines that begin so are not looked at.
     pub comments: Vec<String>,
@@ -47,6 +49,7 @@ impl Default for Layout {
             decimal: Decimal::Point,
             thousands: None,
             encoding: Encoding::Utf8,
+            sheet: None,
             skip_lines: 0,
             skip_last_lines: 0,
             header_lines: 1,
@@ -108,6 +111,20 @@ pub enum LengthUnit {
     M,
     /// Micrometre.
     Um,
+    /// Inch, 25.4 mm.
+    In,
+}
+
+impl LengthUnit {
+    /// Millimetres of one.
+    pub fn in_mm(self) -> f64 {
+        match self {
+            Self::Mm => 1.0,
+            Self::M => 1e3,
+            Self::Um => 1e-3,
+            Self::In => 25.4,
+        }
+    }
 }
 
 /// A unit of angle.
@@ -149,16 +166,34 @@ pub enum JointUnits {
     Each(Vec<JointUnit>),
 }
 
-/// The joints as commanded.
-#[derive(Clone, Debug, Deserialize)]
+/// The joints as they stand in the map; which keys go together is checked afterwards.
+#[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
+pub(super) struct JointTable {
+    pub(super) columns: Option<Spanned<Vec<ColumnName>>>,
+    pub(super) driver: Option<Spanned<String>>,
+    pub(super) unit: Option<Spanned<JointUnits>>,
+    pub(super) name: Option<Spanned<ColumnName>>,
+}
+
+/// The joints as commanded.
+#[derive(Clone, Debug)]
 pub struct Joints {
-    /// Base first.
-    pub columns: Spanned<Vec<ColumnName>>,
-    /// Their units.
-    pub unit: Spanned<JointUnits>,
+    /// Where they are.
+    pub source: JointSource,
+    /// Their units; without them the header or the driver has them.
+    pub unit: Option<Spanned<JointUnits>>,
     /// Of a file of joints beside a list of points: the column with the pose's name.
     pub name: Option<Spanned<ColumnName>>,
+}
+
+/// Where the joints are.
+#[derive(Clone, Debug)]
+pub enum JointSource {
+    /// Base first.
+    Columns(Spanned<Vec<ColumnName>>),
+    /// Where the driver with this name writes them.
+    Driver(Spanned<String>),
 }
 
 /// x, y, z.
@@ -167,8 +202,8 @@ pub struct Joints {
 pub struct Position {
     /// x, y, z.
     pub columns: Spanned<Vec<ColumnName>>,
-    /// Their unit.
-    pub unit: LengthUnit,
+    /// Their unit; without it the header has it.
+    pub unit: Option<LengthUnit>,
 }
 
 /// How an orientation is written.
@@ -211,15 +246,15 @@ pub enum Orientation {
         order: Spanned<String>,
         /// Whether the axes turn with the body.
         axes: EulerAxes,
-        /// Unit of the angles.
-        unit: AngleUnit,
+        /// Unit of the angles; without it the header has it.
+        unit: Option<AngleUnit>,
     },
     /// Axis times angle.
     RotationVector {
         /// x, y, z.
         columns: Spanned<Vec<ColumnName>>,
-        /// Unit of its length.
-        unit: AngleUnit,
+        /// Unit of its length; without it the header has it.
+        unit: Option<AngleUnit>,
     },
     /// Nine numbers.
     Matrix {
@@ -266,8 +301,8 @@ pub enum MatrixLayout {
 pub struct PoseMatrix {
     /// Twelve or sixteen numbers: 3×4, or 4×4 with 0 0 0 1.
     pub columns: Spanned<Vec<ColumnName>>,
-    /// Unit of the translation.
-    pub unit: LengthUnit,
+    /// Unit of the translation; without it the header has it.
+    pub unit: Option<LengthUnit>,
     /// Which way they are counted.
     #[serde(default)]
     pub layout: MatrixLayout,
@@ -291,8 +326,8 @@ pub struct Payload {
     pub column: Option<Spanned<ColumnName>>,
     /// The same in every row.
     pub value: Option<Spanned<f64>>,
-    /// Its unit.
-    pub unit: MassUnit,
+    /// Its unit; without it the header has it.
+    pub unit: Option<MassUnit>,
 }
 
 /// A unit of mass.
@@ -311,8 +346,8 @@ pub enum MassUnit {
 pub struct SigmaPosition {
     /// The column.
     pub column: Spanned<ColumnName>,
-    /// Its unit.
-    pub unit: LengthUnit,
+    /// Its unit; without it the header has it.
+    pub unit: Option<LengthUnit>,
 }
 
 /// The instrument's standard uncertainty of a rotation component.
@@ -321,8 +356,8 @@ pub struct SigmaPosition {
 pub struct SigmaOrientation {
     /// The column.
     pub column: Spanned<ColumnName>,
-    /// Its unit.
-    pub unit: AngleUnit,
+    /// Its unit; without it the header has it.
+    pub unit: Option<AngleUnit>,
 }
 
 /// A list of points, several to a pose.
@@ -337,8 +372,8 @@ pub struct Points {
     pub split: Option<Spanned<String>>,
     /// x, y, z.
     pub columns: Spanned<Vec<ColumnName>>,
-    /// Unit of the points.
-    pub unit: LengthUnit,
+    /// Unit of the points; without it the header has it.
+    pub unit: Option<LengthUnit>,
     /// How poses find their joints.
     pub join: Join,
     /// Largest distance of a point from where the fit puts it.
@@ -357,6 +392,62 @@ pub enum Join {
     Name,
     /// The first pose of the points has the first row of the joints, and so on.
     Order,
+}
+
+/// Three reflectors or more in every row.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Reflectors {
+    /// x, y, z of each.
+    pub columns: Spanned<Vec<Vec<ColumnName>>>,
+    /// Unit of the columns; without it the header has it.
+    pub unit: Option<LengthUnit>,
+    /// Where each is on the tool.
+    pub at: Spanned<Vec<[f64; 3]>>,
+    /// Unit of `at`.
+    pub at_unit: LengthUnit,
+    /// Largest distance of a reflector from where the fit puts it.
+    pub max_residual_mm: Option<Spanned<f64>>,
+}
+
+/// How a file of joints is joined to a file of poses.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FileJoin {
+    /// What decides.
+    pub by: JoinBy,
+    /// The column of the poses.
+    pub poses: Option<Spanned<ColumnName>>,
+    /// The column of the joints.
+    pub joints: Option<Spanned<ColumnName>>,
+    /// Unit of the poses' time; without it the header has it.
+    pub poses_unit: Option<TimeUnit>,
+    /// Unit of the joints' time; without it the header has it.
+    pub joints_unit: Option<TimeUnit>,
+    /// Largest time between a pose and its joints.
+    pub tolerance_s: Option<Spanned<f64>>,
+}
+
+/// What decides which row of joints belongs to a pose.
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq)]
+#[serde(rename_all = "lowercase")]
+pub enum JoinBy {
+    /// The first row has the first, and so on.
+    Order,
+    /// A number or a name in both.
+    Index,
+    /// The clock, which both share.
+    Time,
+}
+
+/// A unit of time.
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq)]
+#[serde(rename_all = "lowercase")]
+pub enum TimeUnit {
+    /// Second.
+    S,
+    /// Millisecond.
+    Ms,
 }
 
 /// What is done with rows that are not whole.
@@ -379,11 +470,13 @@ pub(super) struct Tables {
     pub(super) joints_file: Option<Layout>,
     #[serde(default)]
     pub(super) incomplete: Incomplete,
-    pub(super) joints: Joints,
+    pub(super) joints: Spanned<JointTable>,
     pub(super) position: Option<Position>,
     pub(super) orientation: Option<Spanned<OrientationTable>>,
     pub(super) pose: Option<PoseMatrix>,
     pub(super) points: Option<Points>,
+    pub(super) reflectors: Option<Reflectors>,
+    pub(super) join: Option<FileJoin>,
     pub(super) payload: Option<Payload>,
     pub(super) session: Option<Label>,
     pub(super) target: Option<Label>,

@@ -1,0 +1,145 @@
+//! What a row has beside its joints and its pose.
+
+use nalgebra::Vector3;
+
+use crate::import::column_map::{AngleUnit, Label, LengthUnit, Map, MassUnit};
+use crate::import::columns::{Triple, one};
+use crate::import::text::Table;
+use crate::import::units::unit_of;
+use crate::import::value::RowValues;
+use crate::import::write::Row;
+use poegp_calibration::input_error::InputError;
+
+/// What every row has beside the pose.
+pub struct Beside<'a> {
+    map: &'a Map,
+    payload: Option<(usize, MassUnit)>,
+    session: Option<usize>,
+    target: Option<usize>,
+    sigma_position: Option<(usize, LengthUnit)>,
+    sigma_orientation: Option<(usize, AngleUnit)>,
+    references: Vec<Triple>,
+}
+
+impl<'a> Beside<'a> {
+    /// Finds the columns; that of the payload is beside the joints.
+    pub fn find(map: &'a Map, table: &Table, joints: &Table) -> Result<Self, InputError> {
+        let of = |label: &Option<Label>, key: &str| {
+            let column = label.as_ref().and_then(|label| label.column.as_ref());
+            column
+                .map(|column| one(map, table, column, key))
+                .transpose()
+        };
+        let payload = map.payload.as_ref().and_then(|payload| {
+            let column = payload.column.as_ref()?;
+            Some(
+                one(map, joints, column, "payload.column").and_then(|column| {
+                    let unit = unit_of(map, joints, column, payload.unit, "payload.unit")?;
+                    Ok((column, unit))
+                }),
+            )
+        });
+        let sigma_position = map.sigma_position.as_ref().map(|sigma| {
+            let column = one(map, table, &sigma.column, "sigma_position.column")?;
+            let unit = unit_of(map, table, column, sigma.unit, "sigma_position.unit")?;
+            Ok((column, unit))
+        });
+        let sigma_orientation = map.sigma_orientation.as_ref().map(|sigma| {
+            let column = one(map, table, &sigma.column, "sigma_orientation.column")?;
+            let unit = unit_of(map, table, column, sigma.unit, "sigma_orientation.unit")?;
+            Ok((column, unit))
+        });
+        let references = map
+            .references
+            .iter()
+            .map(|r| Triple::find(map, table, r, "reference"));
+        Ok(Self {
+            map,
+            payload: payload.transpose()?,
+            session: of(&map.session, "session.column")?,
+            target: of(&map.target, "target.column")?,
+            sigma_position: sigma_position.transpose()?,
+            sigma_orientation: sigma_orientation.transpose()?,
+            references: references.collect::<Result<_, _>>()?,
+        })
+    }
+
+    /// The column of the payload, beside the joints.
+    pub fn payload_column(&self) -> Option<usize> {
+        self.payload.map(|p| p.0)
+    }
+
+    /// The other columns that it reads.
+    pub fn columns(&self) -> Vec<usize> {
+        let mut out: Vec<usize> = [self.session, self.target].into_iter().flatten().collect();
+        out.extend(self.sigma_position.map(|s| s.0));
+        out.extend(self.sigma_orientation.map(|s| s.0));
+        out.extend(self.references.iter().flat_map(|r| r.0));
+        out
+    }
+
+    /// Fills in a row.
+    pub fn read(
+        &self,
+        fields: &RowValues<'_>,
+        joints: &RowValues<'_>,
+        row: &mut Row,
+    ) -> Result<(), InputError> {
+        if let Some(payload) = &self.map.payload {
+            let factor = |unit| if unit == MassUnit::G { 1e-3 } else { 1.0 };
+            let value = match (self.payload, &payload.value) {
+                (Some((column, unit)), _) => {
+                    let kg = factor(unit) * joints.number(column, "a mass of 0 or more")?;
+                    if kg < 0.0 {
+                        let found = format!("{:?}", joints.text(column));
+                        return Err(joints.error(column, found, "a mass of 0 or more"));
+                    }
+                    kg
+                }
+                (None, value) => {
+                    let value = value.as_ref().map_or(0.0, |v| *v.get_ref());
+                    factor(payload.unit.unwrap_or(MassUnit::Kg)) * value
+                }
+            };
+            row.payload_kg = Some(value);
+        }
+        let label = |column: Option<usize>, label: &Option<Label>| match column {
+            Some(column) => fields.label(column).map(Some),
+            None => Ok(label
+                .as_ref()
+                .and_then(|l| l.value.as_ref())
+                .map(|v| v.get_ref().clone())),
+        };
+        row.session = label(self.session, &self.map.session)?;
+        if self.map.target.is_some() {
+            row.target = label(self.target, &self.map.target)?;
+        }
+        let above_zero = |column: usize, value: f64| {
+            if value > 0.0 {
+                return Ok(Some(value));
+            }
+            let found = format!("{:?}", fields.text(column));
+            Err(fields.error(column, found, "a standard uncertainty above 0"))
+        };
+        if let Some((column, unit)) = self.sigma_position {
+            row.sigma_mm = above_zero(column, fields.millimetres(column, unit)?)?;
+        }
+        if let Some((column, unit)) = self.sigma_orientation {
+            row.sigma_mrad = above_zero(column, 1e3 * fields.radians(column, unit)?)?;
+        }
+        for reference in &self.references {
+            let missed = reference
+                .0
+                .iter()
+                .all(|column| fields.text(*column).is_empty());
+            let point = if missed {
+                Vector3::zeros()
+            } else {
+                reference.read(fields)?
+            };
+            row.references_mm
+                .push((point != Vector3::zeros()).then_some(point));
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,168 @@
+//! Where the columns of a map are in a file.
+
+use nalgebra::Vector3;
+use toml::Spanned;
+
+use crate::import::column_map::drivers::Driver;
+use crate::import::column_map::{
+    ColumnName, JointSource, JointUnit, JointUnits, LengthUnit, Map, Position,
+};
+use crate::import::text::Table;
+use crate::import::units::{shared_unit, unit_of};
+use crate::import::value::RowValues;
+use poegp_calibration::input_error::InputError;
+
+/// Where x, y and z are.
+pub struct Triple(pub [usize; 3], pub LengthUnit);
+
+impl Triple {
+    pub fn find(
+        map: &Map,
+        table: &Table,
+        position: &Position,
+        key: &str,
+    ) -> Result<Self, InputError> {
+        let xyz = columns(map, table, &position.columns, &format!("{key}.columns"))?;
+        let unit = shared_unit(map, table, &xyz, position.unit, &format!("{key}.unit"))?;
+        Ok(Self(xyz, unit))
+    }
+
+    pub fn read(&self, fields: &RowValues<'_>) -> Result<Vector3<f64>, InputError> {
+        let mut out = Vector3::zeros();
+        for (x, column) in out.iter_mut().zip(self.0) {
+            *x = fields.millimetres(column, self.1)?;
+        }
+        Ok(out)
+    }
+}
+
+/// Where the joints are, and their units.
+pub fn joint_columns(map: &Map, table: &Table) -> Result<Vec<(usize, JointUnit)>, InputError> {
+    let (columns, driver) = match &map.joints.source {
+        JointSource::Columns(columns) => (all(map, table, columns, "joints.columns")?, None),
+        JointSource::Driver(name) => {
+            // The map was checked.
+            let driver = Driver::named(name.get_ref());
+            let has = |name: &str| table.find(&ColumnName::Name(name.to_owned())).is_ok();
+            let names = driver.map_or_else(Vec::new, |driver| driver.columns(has));
+            let find = |column: String| {
+                table
+                    .find(&ColumnName::Name(column))
+                    .map_err(|(found, expected)| {
+                        map.error(name.span(), "joints.driver", found, expected)
+                    })
+            };
+            let columns = names.into_iter().map(find).collect::<Result<_, _>>()?;
+            (columns, driver)
+        }
+    };
+    let stated = |joint: usize| match (driver, map.joints.unit.as_ref().map(Spanned::get_ref)) {
+        (Some(driver), _) => Some(driver.unit),
+        (None, Some(JointUnits::All(unit))) => Some(*unit),
+        (None, Some(JointUnits::Each(units))) => units.get(joint).copied(),
+        (None, None) => None,
+    };
+    let joints = columns.into_iter().enumerate();
+    joints
+        .map(|(joint, column)| {
+            let key = if driver.is_some() {
+                "joints.driver"
+            } else {
+                "joints.unit"
+            };
+            let unit = unit_of(map, table, column, stated(joint), key)?;
+            Ok((column, unit))
+        })
+        .collect()
+}
+
+/// The joints of a row, in degrees or millimetres.
+pub fn joint_values(
+    fields: &RowValues<'_>,
+    columns: &[(usize, JointUnit)],
+) -> Result<Vec<(f64, JointUnit)>, InputError> {
+    let joints = columns.iter();
+    joints
+        .map(|(column, unit)| Ok((fields.joint(*column, *unit)?, *unit)))
+        .collect()
+}
+
+/// Refuses a column that is two things, and notes those that are nothing.
+pub fn twice_or_unused(
+    map: &Map,
+    table: &Table,
+    used: &[usize],
+) -> Result<Vec<String>, InputError> {
+    let name = |index: usize| match table.name(index) {
+        "" => format!("column {}", index + 1),
+        name => format!("{name:?}"),
+    };
+    if let Some((_, twice)) = used
+        .iter()
+        .enumerate()
+        .find(|(i, column)| used[..*i].contains(column))
+    {
+        let found = format!(
+            "{} of {} for two things",
+            name(*twice),
+            table.path.display()
+        );
+        return Err(InputError::new(&map.path, found, "every column once"));
+    }
+    let unused: Vec<String> = (0..table.width())
+        .filter(|i| !used.contains(i))
+        .map(name)
+        .collect();
+    Ok(match unused.len() {
+        0 => Vec::new(),
+        _ => vec![format!(
+            "{}: not in the map and not imported: {}",
+            table.path.display(),
+            unused.join(", ")
+        )],
+    })
+}
+
+/// The place of one column.
+pub fn one(
+    map: &Map,
+    table: &Table,
+    column: &Spanned<ColumnName>,
+    key: &str,
+) -> Result<usize, InputError> {
+    table
+        .find(column.get_ref())
+        .map_err(|(found, expected)| map.error(column.span(), key, found, expected))
+}
+
+pub fn all(
+    map: &Map,
+    table: &Table,
+    columns: &Spanned<Vec<ColumnName>>,
+    key: &str,
+) -> Result<Vec<usize>, InputError> {
+    let find = |column: &ColumnName| {
+        table
+            .find(column)
+            .map_err(|(found, expected)| map.error(columns.span(), key, found, expected))
+    };
+    columns.get_ref().iter().map(find).collect()
+}
+
+/// The places of N columns, whose number the map's reader has checked.
+pub fn columns<const N: usize>(
+    map: &Map,
+    table: &Table,
+    names: &Spanned<Vec<ColumnName>>,
+    key: &str,
+) -> Result<[usize; N], InputError> {
+    let locations = all(map, table, names, key)?;
+    <[usize; N]>::try_from(locations).map_err(|locations| {
+        map.error(
+            names.span(),
+            key,
+            format!("{} columns", locations.len()),
+            format!("{N} columns"),
+        )
+    })
+}

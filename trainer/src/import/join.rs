@@ -1,0 +1,213 @@
+//! Which row of the joints' file belongs to which row of the poses' file: by order, by an index, or by time.
+//!
+//! Every pose gets exactly one row of joints, and no row of joints two poses. What is not so is refused with the lines.
+
+use std::collections::BTreeMap;
+
+use crate::import::column_map::{FileJoin, Incomplete, JoinBy, Map, TimeUnit};
+use crate::import::columns::one;
+use crate::import::text::{Line, Table};
+use crate::import::units::unit_of;
+use crate::import::value::RowValues;
+use poegp_calibration::input_error::InputError;
+
+/// The rows of joints of all poses.
+pub struct Joined<'a> {
+    /// Of each row of poses; `None` where it is left out.
+    pub lines: Vec<Option<&'a Line>>,
+    /// The column of the poses that they were joined by.
+    pub pose_column: Option<usize>,
+    /// The column of the joints that they were joined by.
+    pub joint_column: Option<usize>,
+    /// How many rows of joints belong to no pose.
+    pub unused: usize,
+}
+
+const LEAVE_OUT: &str = "incomplete = \"leave-out\" in the map leaves such rows out and lists them";
+
+/// Joins two files; what is left out is added to `left_out`.
+pub fn joined<'a>(
+    map: &Map,
+    how: &FileJoin,
+    poses: &Table,
+    joints: &'a Table,
+    left_out: &mut Vec<String>,
+) -> Result<Joined<'a>, InputError> {
+    let find = |table: &Table, column: &Option<_>, key: &str| {
+        let column = column.as_ref();
+        column.map(|c| one(map, table, c, key)).transpose()
+    };
+    let pose_column = find(poses, &how.poses, "join.poses")?;
+    let joint_column = find(joints, &how.joints, "join.joints")?;
+    let lines = match (how.by, pose_column, joint_column) {
+        (JoinBy::Index, Some(p), Some(j)) => by_index(map, (poses, p), (joints, j), left_out)?,
+        (JoinBy::Time, Some(p), Some(j)) => by_time(map, how, (poses, p), (joints, j), left_out)?,
+        // The map was checked: this is by order.
+        _ => by_order(poses, joints)?,
+    };
+    let used = lines.iter().flatten().count();
+    Ok(Joined {
+        lines,
+        pose_column,
+        joint_column,
+        unused: joints.rows.len().saturating_sub(used),
+    })
+}
+
+fn by_order<'a>(poses: &Table, joints: &'a Table) -> Result<Vec<Option<&'a Line>>, InputError> {
+    let (there, wanted) = (joints.rows.len(), poses.rows.len());
+    if there == wanted {
+        return Ok(joints.rows.iter().map(Some).collect());
+    }
+    let path = poses.path.display();
+    let found = format!("{there} rows of joints for {wanted} rows of poses in {path}");
+    // The first row without a partner, or the last one before the gap.
+    let line = joints.rows.get(wanted).or(joints.rows.last());
+    Err(
+        InputError::new(&joints.path, found, "as many, to be joined by order")
+            .at_line(line.map_or(1, |line| line.number))
+            .with_help(
+                "by = \"index\" or \"time\" in [join] of the map needs no equal numbers of rows",
+            ),
+    )
+}
+
+fn by_index<'a>(
+    map: &Map,
+    (poses, pose_column): (&Table, usize),
+    (joints, joint_column): (&'a Table, usize),
+    left_out: &mut Vec<String>,
+) -> Result<Vec<Option<&'a Line>>, InputError> {
+    let mut unused = indexed(joints, joint_column)?;
+    indexed(poses, pose_column)?;
+    let mut out = Vec::new();
+    for line in &poses.rows {
+        let fields = RowValues { table: poses, line };
+        let found = unused.remove(fields.text(pose_column));
+        if found.is_none() {
+            if map.incomplete == Incomplete::Refuse {
+                let joints = joints.path.display();
+                let found = format!(
+                    "{:?}, which has no joints in {joints}",
+                    fields.text(pose_column)
+                );
+                return Err(fields
+                    .error(pose_column, found, "an index of both files")
+                    .with_help(LEAVE_OUT));
+            }
+            left_out.push(line.number.to_string());
+        }
+        out.push(found);
+    }
+    if let Some(line) = unused.values().min_by_key(|line| line.number)
+        && map.incomplete == Incomplete::Refuse
+    {
+        let fields = RowValues {
+            table: joints,
+            line,
+        };
+        let poses = poses.path.display();
+        let found = format!(
+            "{:?}, which has no pose in {poses}",
+            fields.text(joint_column)
+        );
+        return Err(fields
+            .error(joint_column, found, "an index of both files")
+            .with_help(LEAVE_OUT));
+    }
+    Ok(out)
+}
+
+/// The rows of a file by their index, which no two of them share.
+fn indexed(table: &Table, column: usize) -> Result<BTreeMap<&str, &Line>, InputError> {
+    let mut out: BTreeMap<&str, &Line> = BTreeMap::new();
+    for line in &table.rows {
+        let fields = RowValues { table, line };
+        fields.label(column)?;
+        if let Some(other) = out.insert(fields.text(column), line) {
+            let found = format!(
+                "{:?} again, first on line {}",
+                fields.text(column),
+                other.number
+            );
+            return Err(fields.error(column, found, "every index once"));
+        }
+    }
+    Ok(out)
+}
+
+fn by_time<'a>(
+    map: &Map,
+    how: &FileJoin,
+    (poses, pose_column): (&Table, usize),
+    (joints, joint_column): (&'a Table, usize),
+    left_out: &mut Vec<String>,
+) -> Result<Vec<Option<&'a Line>>, InputError> {
+    let tolerance = how.tolerance_s.as_ref().map_or(0.0, |t| *t.get_ref());
+    let seconds = |table: &Table, column: usize, unit: Option<TimeUnit>, key: &str| {
+        let unit = unit_of(map, table, column, unit, key)?;
+        let time = |line| RowValues { table, line }.seconds(column, unit);
+        table.rows.iter().map(time).collect::<Result<Vec<f64>, _>>()
+    };
+    let at = seconds(poses, pose_column, how.poses_unit, "join.poses_unit")?;
+    let times = seconds(joints, joint_column, how.joints_unit, "join.joints_unit")?;
+    let mut ordered: Vec<(f64, &Line)> = times.into_iter().zip(&joints.rows).collect();
+    ordered.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let mut taken: BTreeMap<usize, usize> = BTreeMap::new();
+    let mut out = Vec::new();
+    for (line, time) in poses.rows.iter().zip(at) {
+        let fields = RowValues { table: poses, line };
+        let path = joints.path.display();
+        let first = ordered.partition_point(|(t, _)| *t < time - tolerance);
+        let end = ordered.partition_point(|(t, _)| *t <= time + tolerance);
+        match &ordered[first..end.max(first)] {
+            [(_, only)] => {
+                if let Some(other) = taken.insert(only.number, line.number) {
+                    let found = format!(
+                        "a pose within {tolerance} s of the joints on line {} of {path}, as the pose on line {other} is",
+                        only.number
+                    );
+                    return Err(fields.error(
+                        pose_column,
+                        found,
+                        "one pose for each row of joints",
+                    ));
+                }
+                out.push(Some(*only));
+            }
+            [] if map.incomplete == Incomplete::LeaveOut => {
+                left_out.push(line.number.to_string());
+                out.push(None);
+            }
+            [] => {
+                let beside = [first.checked_sub(1), Some(first)].into_iter().flatten();
+                let nearest = beside
+                    .filter_map(|i| ordered.get(i))
+                    .min_by(|a, b| (a.0 - time).abs().total_cmp(&(b.0 - time).abs()));
+                let found = nearest.map_or_else(String::new, |(t, line)| {
+                    let apart = (t - time).abs();
+                    format!(
+                        "a pose {apart:.6} s from the nearest joints, on line {} of {path}",
+                        line.number
+                    )
+                });
+                let expected = format!("joints within {tolerance} s (join.tolerance_s)");
+                return Err(fields
+                    .error(pose_column, found, expected)
+                    .with_help(LEAVE_OUT));
+            }
+            [(_, one), .., (_, last)] => {
+                let found = format!(
+                    "{} rows of joints within {tolerance} s of this pose, lines {} to {} of {path}",
+                    end - first,
+                    one.number.min(last.number),
+                    one.number.max(last.number)
+                );
+                return Err(fields
+                    .error(pose_column, found, "exactly one")
+                    .with_help("a join.tolerance_s below half of the time between two rows of joints finds one"));
+            }
+        }
+    }
+    Ok(out)
+}

@@ -1,0 +1,434 @@
+//! Files that other programs write, of a simulated set: an import gives the rows of the simulator back.
+
+use crate::import::rows;
+use crate::program::{Folder, Outcome, data, simulated};
+use crate::texts::texts;
+
+/// Rows of the simulator in the files.
+const POSES: usize = 8;
+
+/// Copies the files of `tests/data/import/simulated`.
+fn folder(files: &[&str]) -> Folder {
+    let folder = Folder::new();
+    for file in files {
+        let bytes = std::fs::read(data(&format!("import/simulated/{file}"))).unwrap();
+        folder.write(file, bytes);
+    }
+    folder
+}
+
+/// Imports `files` with a map.
+fn import(folder: &Folder, files: &str, map: &str) -> Outcome {
+    folder.write("map.toml", map);
+    folder.run(&format!("import {files} --map map.toml --out data.csv"))
+}
+
+/// The columns of a measurement file, by name.
+fn table(csv: &str) -> (Vec<String>, Vec<Vec<f64>>) {
+    let text = rows(csv);
+    let mut lines = text.lines();
+    let names = lines
+        .next()
+        .unwrap()
+        .split(',')
+        .map(str::to_owned)
+        .collect();
+    let number = |field: &str| field.parse::<f64>().unwrap();
+    let rows = lines.map(|line| line.split(',').map(number).collect());
+    (names, rows.collect())
+}
+
+/// The imported rows are those of the simulator: in its columns, within the last digit that both files have.
+#[track_caller]
+fn assert_simulated(folder: &Folder) {
+    let (names, imported) = table(&folder.text("data.csv"));
+    let (expected_names, expected) = table(&simulated("train", POSES));
+    let payload = usize::from(!names.contains(&"payload_kg".to_owned()));
+    assert_eq!(names, expected_names[payload..]);
+    assert_eq!(imported.len(), POSES);
+    for (row, expected) in imported.iter().zip(expected) {
+        let expected = &expected[payload..];
+        let quaternion = names.len() - 4;
+        let pairs = row[quaternion..].iter().zip(&expected[quaternion..]);
+        let sign = pairs.map(|(a, b)| a * b).sum::<f64>().signum();
+        for (column, name) in names.iter().enumerate() {
+            let wanted = if column < quaternion {
+                expected[column]
+            } else {
+                sign * expected[column]
+            };
+            let apart = (row[column] - wanted).abs();
+            let tolerance = if name.ends_with("_mm") { 1.1e-6 } else { 2e-9 };
+            assert!(apart < tolerance, "{name}: {} for {wanted}", row[column]);
+        }
+    }
+}
+
+const BRACKETS: &str = r#"
+joints = { columns = ["Axis 1", "Axis 2", "Axis 3", "Axis 4", "Axis 5", "Axis 6"] }
+payload = { column = "Load" }
+position = { columns = ["X", "Y", "Z"] }
+orientation = { kind = "euler", columns = ["Yaw", "Pitch", "Roll"], order = "ZYX", axes = "intrinsic" }
+"#;
+
+#[test]
+fn units_of_the_header_are_those_of_the_columns() {
+    let folder = folder(&["brackets.csv"]);
+    import(&folder, "brackets.csv", BRACKETS).ok();
+    assert_simulated(&folder);
+    // The same, stated twice.
+    let twice = BRACKETS.replace("\"Z\"]", "\"Z [in]\"], unit = \"in\"");
+    import(&folder, "brackets.csv", &twice).ok();
+    assert_simulated(&folder);
+}
+
+#[test]
+fn a_line_of_units_and_a_matrix_in_a_row() {
+    let names: Vec<String> = (1..=4)
+        .flat_map(|r| (1..=4).map(move |c| format!("T{r}{c}")))
+        .collect();
+    let map = format!(
+        "file = {{ separator = \"tab\", header_lines = 2 }}\npayload = {{ column = \"Load\" }}\npose = {{ columns = {names:?} }}\n\
+         joints = {{ columns = [\"J1\", \"J2\", \"J3\", \"J4\", \"J5\", \"J6\"] }}\n"
+    );
+    let folder = folder(&["units_line.txt"]);
+    import(&folder, "units_line.txt", &map).ok();
+    assert_simulated(&folder);
+}
+
+#[test]
+fn angles_of_fixed_axes_and_rotation_vectors() {
+    let folder = folder(&["fixed_axes.csv", "rotation_vector.csv"]);
+    let map = r#"
+file = { separator = ";" }
+joints = { columns = ["J1", "J2", "J3", "J4", "J5", "J6"] }
+payload = { column = "m" }
+position = { columns = ["x", "y", "z"] }
+orientation = { kind = "euler", columns = ["rx", "ry", "rz"], order = "XYZ", axes = "extrinsic" }
+"#;
+    import(&folder, "fixed_axes.csv", map).ok();
+    assert_simulated(&folder);
+    let map = r#"
+joints = { columns = ["q0", "q1", "q2", "q3", "q4", "q5"] }
+payload = { column = "payload" }
+position = { columns = ["x", "y", "z"] }
+orientation = { kind = "rotation-vector", columns = ["rx", "ry", "rz"] }
+"#;
+    import(&folder, "rotation_vector.csv", map).ok();
+    assert_simulated(&folder);
+}
+
+#[test]
+fn units_that_are_missing_unknown_or_contradict_are_named() {
+    let _texts = texts();
+    let text = folder(&["brackets.csv"]).text("brackets.csv");
+    for (from, to) in [
+        ("X [in]", "X [ft]"),
+        ("X [in]", "X"),
+        ("X [in]", "X []"),
+        ("Y [in]", "Y [mm]"),
+        ("Y [in]", "X [mm]"),
+        ("Axis 2 [rad]", "Axis 2 [mrad]"),
+        ("Load (kg)", "Load (total)"),
+    ] {
+        let folder = Folder::new();
+        folder.write("brackets.csv", text.replace(from, to));
+        import(&folder, "brackets.csv", BRACKETS).refused();
+    }
+    let folder = folder(&["brackets.csv"]);
+    let stated = |unit: &str| BRACKETS.replace("\"Z\"]", &format!("\"Z\"], unit = \"{unit}\""));
+    import(&folder, "brackets.csv", &stated("mm")).refused();
+    import(&folder, "brackets.csv", &stated("yd")).refused();
+    let value = BRACKETS.replace("column = \"Load\"", "value = 2");
+    import(&folder, "brackets.csv", &value).refused();
+    let numbers = "file = { header_lines = 0 }\njoints = { columns = [1] }\nposition = { columns = [2, 3, 4], unit = \"mm\" }\n";
+    folder.write("numbers.csv", "1,2,3,4\n");
+    import(&folder, "numbers.csv", numbers).refused();
+    // A preset states units, too.
+    folder.write(
+        "kuka.csv",
+        "A1,A2,X [in],Y [in],Z [in],A,B,C\n1,2,3,4,5,6,7,8\n",
+    );
+    folder.refuses("import kuka.csv --preset kuka --out data.csv");
+}
+
+/// A map of the tracker's poses and of joints with these keys.
+fn joined(joints: &str) -> String {
+    format!(
+        "file = {{ separator = \"semicolon\" }}\nposition = {{ columns = [\"X\", \"Y\", \"Z\"] }}\n\
+         orientation = {{ kind = \"rotation-vector\", columns = [\"RX\", \"RY\", \"RZ\"] }}\n{joints}"
+    )
+}
+
+const BY_TIME: &str = r#"
+joints_file = { separator = "space" }
+joints = { driver = "ur-rtde" }
+payload = { column = "payload", unit = "kg" }
+join = { by = "time", poses = "Time", joints = "timestamp", joints_unit = "s", tolerance_s = 0.004 }
+"#;
+const BY_INDEX: &str = r#"
+joints_file = { separator = "tab" }
+joints = { driver = "abb" }
+payload = { column = "loaddata.mass", unit = "kg" }
+join = { by = "index", poses = "No", joints = "No" }
+"#;
+
+fn by_order(driver: &str, separator: &str, payload: &str) -> String {
+    joined(&format!(
+        "joints_file = {{ separator = \"{separator}\" }}\njoints = {{ driver = \"{driver}\" }}\n\
+         payload = {{ column = \"{payload}\", unit = \"kg\" }}\njoin = {{ by = \"order\" }}\n"
+    ))
+}
+
+#[test]
+fn joints_of_drivers_are_joined_to_poses_by_order_index_and_time() {
+    for (file, map) in [
+        ("ros.csv", by_order("ur", "comma", "payload")),
+        ("fanuc.csv", by_order("fanuc", "comma", "PAYLOAD")),
+        ("kuka.csv", by_order("kuka", "semicolon", "LOAD")),
+        ("abb.txt", joined(BY_INDEX)),
+        ("rtde.txt", joined(BY_TIME)),
+    ] {
+        let folder = folder(&["tracker.csv", file]);
+        import(&folder, &format!("tracker.csv {file}"), &map).ok();
+        assert_simulated(&folder);
+    }
+}
+
+/// Whatever rows are gone, an imported row has the joints of its own pose, or the import is refused.
+#[test]
+fn no_pose_gets_the_joints_of_another() {
+    let files = folder(&["tracker.csv", "abb.txt", "rtde.txt"]);
+    let without = |file: &str, gone: &[usize]| -> String {
+        let text = files.text(file);
+        let kept = text.lines().enumerate().filter(|(i, _)| !gone.contains(i));
+        kept.map(|(_, line)| format!("{line}\n")).collect()
+    };
+    for gone in 1..=POSES {
+        for (file, keys) in [("abb.txt", BY_INDEX), ("rtde.txt", BY_TIME)] {
+            let folder = folder(&["tracker.csv", file]);
+            // The log has seven rows for each pose, the fourth of them at it.
+            let row = if keys == BY_TIME { 7 * gone - 3 } else { gone };
+            folder.write(file, without(file, &[row]));
+            let map = joined(keys);
+            let line = format!("tracker.csv {file}");
+            let outcome = import(&folder, &line, &map);
+            assert_eq!(outcome.code, Some(2), "{outcome:#?}");
+            import(
+                &folder,
+                &line,
+                &format!("incomplete = \"leave-out\"\n{map}"),
+            )
+            .ok();
+            let (_, imported) = table(&folder.text("data.csv"));
+            let (_, expected) = table(&simulated("train", POSES));
+            assert_eq!(imported.len(), POSES - 1);
+            for row in imported {
+                let same = |wanted: &&Vec<f64>| (wanted[7] - row[7]).abs() < 1e-5;
+                let wanted = expected.iter().find(same).unwrap();
+                let apart = row[1..7]
+                    .iter()
+                    .zip(&wanted[1..7])
+                    .map(|(a, b)| (a - b).abs());
+                assert!(apart.fold(0.0, f64::max) < 1e-8, "{row:?} {wanted:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn joins_that_are_not_unique_are_refused_with_their_lines() {
+    let _texts = texts();
+    let refused = |file: &str, map: &str, change: &dyn Fn(&Folder)| {
+        let folder = folder(&["tracker.csv", file]);
+        change(&folder);
+        import(&folder, &format!("tracker.csv {file}"), map).refused();
+    };
+    let same = |_: &Folder| {};
+    let last_line = |file: &'static str, line: &'static str| {
+        move |folder: &Folder| {
+            let text = folder.text(file);
+            let kept = text.trim_end().rsplit_once('\n').unwrap().0;
+            folder.write(file, format!("{kept}\n{line}"));
+        }
+    };
+    let time = |keys: &str| joined(&BY_TIME.replace("tolerance_s = 0.004", keys));
+    refused("rtde.txt", &time("tolerance_s = 0.02"), &same);
+    refused("rtde.txt", &time("tolerance_s = 0.001"), &same);
+    refused("rtde.txt", &time("tolerance_s = 0"), &same);
+    refused(
+        "rtde.txt",
+        &time("poses_unit = \"s\", tolerance_s = 0.004"),
+        &same,
+    );
+    refused(
+        "rtde.txt",
+        &joined(&BY_TIME.replace(", tolerance_s = 0.004", "")),
+        &same,
+    );
+    refused(
+        "rtde.txt",
+        &joined(&BY_TIME.replace("joints_unit = \"s\", ", "")),
+        &same,
+    );
+    refused(
+        "rtde.txt",
+        &joined(BY_TIME),
+        &last_line("tracker.csv", "008;1015000;1;2;3;4;5;6\n"),
+    );
+    refused(
+        "abb.txt",
+        &joined(BY_INDEX),
+        &last_line("abb.txt", "002\t1\t2\t3\t4\t5\t6\t0\n"),
+    );
+    refused(
+        "abb.txt",
+        &joined(BY_INDEX),
+        &last_line("abb.txt", "009\t1\t2\t3\t4\t5\t6\t0\n"),
+    );
+    refused("abb.txt", &joined(BY_INDEX), &last_line("tracker.csv", ""));
+    refused(
+        "abb.txt",
+        &joined(BY_INDEX),
+        &last_line("tracker.csv", "007;0;1;2;3;4;5;6\n"),
+    );
+    refused(
+        "abb.txt",
+        &joined(&BY_INDEX.replace(", joints = \"No\"", "")),
+        &same,
+    );
+    refused(
+        "ros.csv",
+        &by_order("ur", "comma", "payload"),
+        &last_line("ros.csv", ""),
+    );
+    refused(
+        "ros.csv",
+        &by_order("ur", "comma", "payload"),
+        &last_line("tracker.csv", ""),
+    );
+    refused("ros.csv", &by_order("kuka", "comma", "payload"), &same);
+    refused("ros.csv", &by_order("robot", "comma", "payload"), &same);
+    let with = |keys: &str| by_order("ur", "comma", "payload").replace("\"ur\"", keys);
+    refused("ros.csv", &with("\"ur\", unit = \"deg\""), &same);
+    refused("ros.csv", &with("\"ur\", columns = [1]"), &same);
+    let folder = folder(&["tracker.csv"]);
+    import(&folder, "tracker.csv", &by_order("ur", "comma", "payload")).refused();
+}
+
+/// The presets of points take the joints of every driver, but not of two at once.
+#[test]
+fn presets_of_points_take_the_names_of_drivers() {
+    let _texts = texts();
+    let folder = folder(&["ros.csv", "rtde.txt"]);
+    let (_, expected) = table(&simulated("train", POSES));
+    let points: String = (0..POSES)
+        .map(|k| {
+            format!(
+                "P{k}_T {} {} {}\n",
+                expected[k][7] / 1e3,
+                expected[k][8] / 1e3,
+                expected[k][9] / 1e3
+            )
+        })
+        .collect();
+    folder.write("points.txt", points);
+    folder
+        .run("import points.txt ros.csv --preset leica --out data.csv")
+        .ok();
+    let text = folder
+        .text("data.csv")
+        .replace(",T,", ",0,")
+        .replace("\nT,", "\n0,");
+    let (names, imported) = table(&text);
+    let joint = names.iter().position(|name| name == "q1_deg").unwrap();
+    for (row, expected) in imported.iter().zip(&expected) {
+        for i in 0..9 {
+            assert!((row[joint + i] - expected[1 + i]).abs() < 1.1e-6, "{row:?}");
+        }
+    }
+    folder.refuses("import points.txt rtde.txt --preset leica --out data.csv");
+}
+
+const REFLECTORS: &str = r#"
+joints = { driver = "fanuc" }
+payload = { column = "payload" }
+
+[reflectors]
+columns = [
+    ["SMR1.x", "SMR1.y", "SMR1.z"], ["SMR2.x", "SMR2.y", "SMR2.z"], ["SMR3.x", "SMR3.y", "SMR3.z"], ["SMR4.x", "SMR4.y", "SMR4.z"],
+]
+at = [[0, 0, 0], [120, 0, 0], [0, 80, 0], [15.5, 20, -60]]
+at_unit = "mm"
+"#;
+
+#[test]
+fn reflectors_in_a_row_are_a_pose() {
+    let _texts = texts();
+    let files = folder(&["reflectors.csv"]);
+    import(&files, "reflectors.csv", REFLECTORS).ok().said();
+    assert_simulated(&files);
+    // Three of them are enough where none was missed.
+    let three = REFLECTORS
+        .replace(", [\"SMR4.x\", \"SMR4.y\", \"SMR4.z\"]", "")
+        .replace(", [15.5, 20, -60]", "");
+    import(&files, "reflectors.csv", &three).refused();
+    import(
+        &files,
+        "reflectors.csv",
+        &format!("incomplete = \"leave-out\"\n{three}"),
+    )
+    .ok()
+    .said();
+    for (from, to) in [
+        ("[0, 80, 0], ", ""),
+        ("[0, 80, 0]", "[60, 0, 0]"),
+        ("[0, 80, 0]", "[0, 90, 0]"),
+        ("at_unit = \"mm\"", "at_unit = \"mm\"\nunit = \"mm\""),
+        ("at_unit = \"mm\"", "at_unit = \"mm\"\nmax_residual_mm = 0"),
+        (", \"SMR3.z\"", ""),
+        ("SMR3.z", "SMR9.z"),
+        ("SMR3.z", "SMR2.z"),
+    ] {
+        let map = REFLECTORS.replace(from, to);
+        assert_ne!(map, REFLECTORS);
+        import(&files, "reflectors.csv", &map).refused();
+    }
+    // Its places in a line by two of them: four are a plane, three are not.
+    let line = REFLECTORS.replace("[15.5, 20, -60]", "[60, 0, 0]");
+    import(&files, "reflectors.csv", &line).refused();
+}
+
+const WORKBOOK: &str = r#"
+file = { sheet = "Measured", skip_lines = 2 }
+joints = { driver = "fanuc" }
+payload = { column = "Load" }
+position = { columns = ["X", "Y", "Z"] }
+orientation = { kind = "rotation-vector", columns = ["RX", "RY", "RZ"] }
+"#;
+
+#[test]
+fn a_sheet_of_a_workbook_is_a_table() {
+    let _texts = texts();
+    let files = folder(&["workbook.xlsx"]);
+    import(&files, "workbook.xlsx", WORKBOOK).ok();
+    assert_simulated(&files);
+    // The decimal mark of the map is that of texts; a number of a sheet has none.
+    let comma = WORKBOOK.replace("skip_lines", "decimal = \",\", skip_lines");
+    import(&files, "workbook.xlsx", &comma).ok();
+    assert_simulated(&files);
+    for (from, to) in [
+        ("sheet = \"Measured\", ", ""),
+        ("\"Measured\"", "\"Sheet1\""),
+        ("\"Measured\"", "\"Notes\""),
+        ("\"X\", \"Y\", \"Z\"]", "1, \"Y\", \"Z\"], unit = \"mm\""),
+        ("skip_lines = 2", "skip_lines = 3"),
+    ] {
+        import(&files, "workbook.xlsx", &WORKBOOK.replace(from, to)).refused();
+    }
+    let bytes = std::fs::read(files.path("workbook.xlsx")).unwrap();
+    files.write("workbook.xlsx", &bytes[..bytes.len() / 2]);
+    import(&files, "workbook.xlsx", WORKBOOK).refused();
+    files.write("workbook.xlsx", bytes);
+    files.refuses("import workbook.xlsx --preset kuka --out data.csv");
+}
