@@ -44,8 +44,8 @@ def read(file):
 
 
 def aligned(record):
-    """Poses and joints that belong together, in coordinated mode (homing is over) and on the path."""
-    valid = record["coordinated"] & record["on_path"]
+    """Poses and joints that belong together, in coordinated mode (homing is over), on the path and before a stop."""
+    valid = record["coordinated"] & record["on_path"] & (record["singular"] == 0)
     valid = valid[:-LAG] & valid[LAG:]
     return record["wanted"][:-LAG][valid], record["joints"][LAG:][valid]
 
