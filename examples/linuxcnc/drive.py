@@ -1,7 +1,7 @@
 #!/usr/bin/python3
 """The operator of the cell, which LinuxCNC starts as its display: switches on, homes, runs [POEGP]PROGRAM, waits.
 
-Writes outcome.json: whether the program ended, and every message of LinuxCNC.
+Beside a singularity it turns the joint away and goes on. Writes outcome.json: whether the program ended, every message of LinuxCNC.
 """
 
 import json
@@ -53,6 +53,26 @@ class Operator:
         self.wait("program ended", lambda s: s.interp_state == linuxcnc.INTERP_IDLE and s.inpos, PATIENCE_S)
         return self.status.task_state == linuxcnc.STATE_ON and not self.messages
 
+    def turn_away(self):
+        """Switches on again, turns joint 5 by ten degrees in joint mode, then moves up by 5 mm; whether the arm did."""
+        command = self.command
+        self.wait("machine off", lambda s: s.task_state != linuxcnc.STATE_ON)
+        command.state(linuxcnc.STATE_ON)
+        self.wait("machine on again", lambda s: s.task_state == linuxcnc.STATE_ON)
+        command.mode(linuxcnc.MODE_MANUAL)
+        command.wait_complete()
+        command.teleop_enable(0)
+        self.wait("joint mode", lambda s: s.motion_mode == linuxcnc.TRAJ_MODE_FREE)
+        at = self.look().joint_actual_position[4]
+        command.jog(linuxcnc.JOG_INCREMENT, True, 4, 20, 10)
+        self.wait("joint turned away", lambda s: abs(s.joint_actual_position[4] - at - 10) < 0.01)
+        command.mode(linuxcnc.MODE_MDI)
+        command.wait_complete()
+        height = self.look().actual_position[2]
+        command.mdi("G91 G1 Z5 F600")
+        self.wait("tool moved up", lambda s: abs(s.actual_position[2] - height - 5) < 0.01)
+        return True
+
 
 def main():
     operator = Operator(linuxcnc.ini(sys.argv[sys.argv.index("-ini") + 1]))
@@ -60,6 +80,8 @@ def main():
     try:
         time.sleep(0.5)
         outcome["ended"] = operator.work()
+        if any("singularity" in message for message in operator.messages):
+            outcome["turned_away"] = operator.turn_away()
     except (TimeoutError, linuxcnc.error) as error:
         operator.messages.append(str(error))
     time.sleep(0.3)

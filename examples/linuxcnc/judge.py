@@ -67,16 +67,38 @@ def acceleration_noise(wanted, joints):
 JERK_SMOOTH_MM_S3 = 2e4
 
 
-def judge(record, inspected, seed, payload_kg):
-    wanted, joints = aligned(record)
-    arm = TrueArm(seed)
-    w = pose(rpy(np.radians(wanted[:, 3:])), 1e-3 * wanted[:, :3])
+def errors(arm, wanted, joints, inspected, payload_kg):
+    """Distance in mm and rotation in mrad between the wanted pose and the tool of the true arm."""
     base = np.array(inspected["instrument_from_base"]).reshape(3, 4)
-    w = pose(base[:, :3], base[:, 3]) @ w
-    is_ = arm.instrument_from_target(joints, payload_kg) @ arm.target_from_tool
-    error = 1e3 * np.linalg.norm(is_[:, :3, 3] - w[:, :3, 3], axis=1)
-    trace = np.einsum("nij,nij->n", is_[:, :3, :3], w[:, :3, :3])
-    turned = 1e3 * np.arccos(np.clip((trace - 1) / 2, -1, 1))
+    ideal = pose(base[:, :3], base[:, 3]) @ pose(rpy(np.radians(wanted[:, 3:])), 1e-3 * wanted[:, :3])
+    real = arm.instrument_from_target(joints, payload_kg) @ arm.target_from_tool
+    between = np.swapaxes(ideal[:, :3, :3], 1, 2) @ real[:, :3, :3]
+    skew = between - np.swapaxes(between, 1, 2)
+    sine = np.linalg.norm(skew[:, (2, 0, 1), (1, 2, 0)], axis=1) / 2
+    return 1e3 * np.linalg.norm(real[:, :3, 3] - ideal[:, :3, 3], axis=1), 1e3 * np.arcsin(np.minimum(sine, 1))
+
+
+def largest_step(record):
+    """Of a joint in one cycle, from the first one in coordinated mode to the end, degrees."""
+    first = int(np.argmax(record["coordinated"]))
+    return float(np.degrees(np.abs(np.diff(record["joints"][first:], axis=0)).max()))
+
+
+def start(record):
+    """Pose and joints in the last cycle of joint mode, and the largest step of a joint while the mode changes, rad.
+
+    Until then the pose is that of the forward kinematics; from then on the joints are those of the inverse."""
+    first = int(np.argmax(record["coordinated"]))
+    at = slice(first - 1, first)
+    step = np.abs(np.diff(record["joints"][first - 1 : first + 5], axis=0)).max()
+    return record["wanted"][at], record["joints"][at], float(step)
+
+
+def judge(record, inspected, seed, payload_kg):
+    arm = TrueArm(seed)
+    wanted, joints = aligned(record)
+    error, turned = errors(arm, wanted, joints, inspected, payload_kg)
+    *standing, step = start(record)
     speed = np.linalg.norm(np.diff(wanted[:, :3], axis=0), axis=1) / PERIOD_S
     noise, cycles = acceleration_noise(wanted, joints)
     inverse = record["inverse_us"][record["coordinated"] & record["on_path"]]
@@ -85,6 +107,9 @@ def judge(record, inspected, seed, payload_kg):
         "mean_mm": error.mean(),
         "p95_mm": np.percentile(error, 95),
         "largest_mm": error.max(),
+        "forward_mm": errors(arm, *standing, inspected, payload_kg)[0][0],
+        "start_step_rad": step,
+        "largest_step_deg": largest_step(record),
         "mean_mrad": turned.mean(),
         "largest_speed_mm_s": speed.max(),
         "inverse_median_us": np.median(inverse),

@@ -42,6 +42,8 @@ RTAPI_MP_STRING(singular_deg, "distance from a singularity, by the turn of one j
 #define DEG (M_PI / 180)
 /* No joint turns as far in one cycle; LinuxCNC asks for the ends of a line in one step. */
 #define CYCLE_RAD 0.05
+/* What the inverse leaves of a joint that stands still, with room. */
+#define STILL_RAD 1e-9
 /* Cycles without a pose after which the arm may stand anywhere else. */
 #define PAUSE_CYCLES 5
 /* A new payload bends the arm differently: it comes in slowly, kg for each cycle. */
@@ -163,6 +165,20 @@ static unsigned singular(void)
     return 0;
 }
 
+/* Whether a joint turns towards a singularity that it stands beside. Standing still and turning away are allowed: LinuxCNC
+   asks for the pose at which the arm stands when it is switched on again, and sends zeros where that is refused. */
+static int approaches(const double from[JOINTS], const double to[JOINTS])
+{
+    int i;
+    for (i = 0; i < 2 * JOINTS; i++) {
+        double turn = to[i / 2] - from[i / 2];
+        if (crossed[i] && (i % 2 ? turn : -turn) > STILL_RAD) {
+            return 1;
+        }
+    }
+    return 0;
+}
+
 /* Looks again after every 1/120 of the margin that a joint has turned: in all directions after 1/10 of it. Costs the time of a
    Jacobian, in few cycles of a slow path and in every cycle of a fast one. */
 static void keep_looking(const double joints[JOINTS])
@@ -238,7 +254,7 @@ int kinematicsInverse(const EmcPose *world, double *joint, const KINEMATICS_INVE
     long long int began = rtapi_get_time();
     double base_from_tool[12], joints[JOINTS];
     poegp_inverse_f64_t found;
-    int i, is_cycle = 1;
+    int i, is_cycle = 1, is_singular;
     (void)iflags;
     (void)fflags;
 
@@ -267,10 +283,11 @@ int kinematicsInverse(const EmcPose *world, double *joint, const KINEMATICS_INVE
     *pins->position_error = found.position_error;
     *pins->inverse_ns = rtapi_get_time() - began;
 
-    if ((is_cycle && *pins->singular_joint != 0) || (found.status & stop) != 0) {
-        if (!complained && is_cycle && *pins->singular_joint != 0) {
+    is_singular = is_cycle && approaches(joints, found.joints);
+    if (is_singular || (found.status & stop) != 0) {
+        if (!complained && is_singular) {
             rtapi_print_msg(RTAPI_MSG_ERR, "poegpkins: joint %u is within %s degrees of a singularity: the arm stops on its path. "
-                            "Turn the joint away in joint mode\n", *pins->singular_joint, singular_deg);
+                            "Switch the machine on and turn the joint away\n", *pins->singular_joint, singular_deg);
         } else if (!complained) {
             rtapi_print_msg(RTAPI_MSG_ERR, "poegpkins: the arm does not reach X %.3f Y %.3f Z %.3f A %.3f B %.3f C %.3f: %.3f mm "
                             "are left\n", world->tran.x, world->tran.y, world->tran.z, world->a, world->b, world->c,
