@@ -78,20 +78,24 @@ def errors(arm, wanted, joints, inspected, payload_kg):
     return 1e3 * np.linalg.norm(real[:, :3, 3] - ideal[:, :3, 3], axis=1), 1e3 * np.arcsin(np.minimum(sine, 1))
 
 
+def homed(record):
+    """The cycle in which homing sets all joints to where they stand: the only step there may be."""
+    before = record["joints"][: int(np.argmax(record["coordinated"]))]
+    return int(np.argmax(np.abs(np.diff(before, axis=0)).max(1))) + 1
+
+
 def largest_step(record):
-    """Of a joint in one cycle, from the first one in coordinated mode to the end, degrees."""
-    first = int(np.argmax(record["coordinated"]))
-    return float(np.degrees(np.abs(np.diff(record["joints"][first:], axis=0)).max()))
+    """Of a joint in one cycle, after homing, degrees."""
+    return float(np.degrees(np.abs(np.diff(record["joints"][homed(record) :], axis=0)).max()))
 
 
 def start(record):
-    """Pose and joints in the last cycle of joint mode, and the largest step of a joint while the mode changes, rad.
+    """Pose and joints as homing leaves them, and the largest step of a joint in the cycles after, rad.
 
-    Until then the pose is that of the forward kinematics; from then on the joints are those of the inverse."""
-    first = int(np.argmax(record["coordinated"]))
-    at = slice(first - 1, first)
-    step = np.abs(np.diff(record["joints"][first - 1 : first + 5], axis=0)).max()
-    return record["wanted"][at], record["joints"][at], float(step)
+    The pose is that of the forward kinematics. LinuxCNC then asks the inverse for its joints: others than before are a step."""
+    at = homed(record)
+    step = np.abs(np.diff(record["joints"][at : at + 10], axis=0)).max()
+    return record["wanted"][at + 1 : at + 2], record["joints"][at : at + 1], float(step)
 
 
 def judge(record, inspected, seed, payload_kg):

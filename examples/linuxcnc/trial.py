@@ -132,7 +132,7 @@ def cube(folder, place, model, tool, broken):
     limit(found["status"] == 0, f"status {found['status']}, expected 0: no remark")
     limit(found["smooth_cycles"] >= CYCLES // 2, f"noise from {found['smooth_cycles']} cycles, expected {CYCLES // 2} or more")
     limit(found["acceleration_noise_rad_s2"] <= NOISE_RAD_S2, f"noise {found['acceleration_noise_rad_s2']:.2g} rad/s², limit {NOISE_RAD_S2}")
-    limit(found["start_step_rad"] <= STEP_RAD, f"joints step by {found['start_step_rad']:.2g} rad when the path begins, limit {STEP_RAD}")
+    limit(found["start_step_rad"] <= STEP_RAD, f"joints step by {found['start_step_rad']:.2g} rad after homing, limit {STEP_RAD}")
     limit(found["largest_step_deg"] <= CYCLE_DEG, f"a joint turns by {found['largest_step_deg']:.3f} degrees in one cycle, limit {CYCLE_DEG}")
     if model == "elastic":
         limit(found["forward_mm"] <= LARGEST_MM, f"forward kinematics {found['forward_mm']:.4f} mm off at the start, limit {LARGEST_MM}")
