@@ -65,9 +65,11 @@ class Operator:
         self.wait("joint mode", lambda s: s.motion_mode == linuxcnc.TRAJ_MODE_FREE)
         at = self.look().joint_actual_position[4]
         command.jog(linuxcnc.JOG_INCREMENT, True, 4, 20, 10)
-        self.wait("joint turned away", lambda s: abs(s.joint_actual_position[4] - at - 10) < 0.01)
+        self.wait("joint turned away", lambda s: abs(s.joint_actual_position[4] - at - 10) < 0.01 and s.joint[4]["inpos"])
+        # LinuxCNC ignores a change of mode for some cycles after a joint was turned.
+        time.sleep(0.5)
         command.mode(linuxcnc.MODE_MDI)
-        command.wait_complete()
+        self.wait("mode of single commands", lambda s: s.task_mode == linuxcnc.MODE_MDI)
         height = self.look().actual_position[2]
         command.mdi("G91 G1 Z5 F600")
         self.wait("tool moved up", lambda s: abs(s.actual_position[2] - height - 5) < 0.01)
