@@ -40,8 +40,10 @@ RTAPI_MP_STRING(singular_deg, "distance from a singularity, by the turn of one j
 #define JOINTS 6
 #define BLOB_BYTES 65536
 #define DEG (M_PI / 180)
-/* No joint turns as far in one cycle; LinuxCNC asks for the ends of a line in one step. */
+/* No joint turns as far in one cycle, and no tool moves as far. LinuxCNC also asks for the ends of lines. */
 #define CYCLE_RAD 0.05
+#define CYCLE_MM 5
+#define CYCLE_DEG 3
 /* What the inverse leaves of a joint that stands still, with room. */
 #define STILL_RAD 1e-9
 /* Cycles without a pose after which the arm may stand anywhere else. */
@@ -66,6 +68,8 @@ static double target_from_tool[12];
 static double margin;
 
 static double payload_kg;
+/* The pose of the cycle before. */
+static EmcPose followed;
 static int cycles_without_pose = PAUSE_CYCLES + 1;
 /* The sign of the Jacobian's determinant here, and which probes have the other one. */
 static int hand;
@@ -203,6 +207,14 @@ static void look_around(const double joints[JOINTS])
     }
 }
 
+/* Whether a pose continues the path, rather than being the end of a line. */
+static int continues(const EmcPose *world)
+{
+    return fabs(world->tran.x - followed.tran.x) < CYCLE_MM && fabs(world->tran.y - followed.tran.y) < CYCLE_MM
+        && fabs(world->tran.z - followed.tran.z) < CYCLE_MM && fabs(world->a - followed.a) < CYCLE_DEG
+        && fabs(world->b - followed.b) < CYCLE_DEG && fabs(world->c - followed.c) < CYCLE_DEG;
+}
+
 /* ---- what LinuxCNC calls ---- */
 
 KINEMATICS_TYPE kinematicsType(void)
@@ -254,7 +266,7 @@ int kinematicsInverse(const EmcPose *world, double *joint, const KINEMATICS_INVE
     long long int began = rtapi_get_time();
     double base_from_tool[12], joints[JOINTS];
     poegp_inverse_f64_t found;
-    int i, is_cycle = 1, is_singular;
+    int i, is_cycle, is_singular, jumps, farthest = 0;
     (void)iflags;
     (void)fflags;
 
@@ -271,11 +283,16 @@ int kinematicsInverse(const EmcPose *world, double *joint, const KINEMATICS_INVE
     if (poegp_inverse_f64(model, target_from_tool, base_from_tool, joints, JOINTS, payload_kg, &found) != POEGP_OK) {
         return -1;
     }
-    for (i = 0; i < JOINTS; i++) {
-        is_cycle = is_cycle && fabs(found.joints[i] - joints[i]) < CYCLE_RAD;
+    for (i = 1; i < JOINTS; i++) {
+        if (fabs(found.joints[i] - joints[i]) > fabs(found.joints[farthest] - joints[farthest])) {
+            farthest = i;
+        }
     }
+    jumps = fabs(found.joints[farthest] - joints[farthest]) > CYCLE_RAD;
+    is_cycle = cycles_without_pose > PAUSE_CYCLES ? !jumps : continues(world);
     if (is_cycle) {
         cycles_without_pose = 0;
+        followed = *world;
         keep_looking(found.joints);
         *pins->singular_joint = singular();
     }
@@ -284,10 +301,13 @@ int kinematicsInverse(const EmcPose *world, double *joint, const KINEMATICS_INVE
     *pins->inverse_ns = rtapi_get_time() - began;
 
     is_singular = is_cycle && approaches(joints, found.joints);
-    if (is_singular || (found.status & stop) != 0) {
+    if (is_singular || (is_cycle && jumps) || (found.status & stop) != 0) {
         if (!complained && is_singular) {
             rtapi_print_msg(RTAPI_MSG_ERR, "poegpkins: joint %u is within %s degrees of a singularity: the arm stops on its path. "
                             "Switch the machine on and turn the joint away\n", *pins->singular_joint, singular_deg);
+        } else if (!complained && is_cycle && jumps) {
+            rtapi_print_msg(RTAPI_MSG_ERR, "poegpkins: joint %d would turn by %.2f degrees in one cycle: the arm stops on its path\n",
+                            farthest + 1, (found.joints[farthest] - joints[farthest]) / DEG);
         } else if (!complained) {
             rtapi_print_msg(RTAPI_MSG_ERR, "poegpkins: the arm does not reach X %.3f Y %.3f Z %.3f A %.3f B %.3f C %.3f: %.3f mm "
                             "are left\n", world->tran.x, world->tran.y, world->tran.z, world->a, world->b, world->c,
