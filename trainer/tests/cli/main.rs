@@ -41,6 +41,7 @@ mod plan;
 mod predictions;
 mod program;
 mod programs;
+mod programs_beside;
 mod programs_split;
 mod project;
 mod report;
