@@ -337,9 +337,14 @@ pub fn urscript() -> Vec<Vec<u8>> {
     vec![program("part.script")]
 }
 
-/// Fanuc listings.
+/// Fanuc listings, one with its tools and frames.
 pub fn fanuc() -> Vec<Vec<u8>> {
-    vec![program("part.ls")]
+    let variables = "[*SYSTEM*]$MNUTOOL  Storage: CMOS  Access: RW  : ARRAY[1,10] OF POSITION\r\n     [1,3] =\r\n\
+        Group: 1   Config: N D B, 0, 0, 0\r\n  X:    30.000   Y:   -45.000   Z:   210.000\r\n\
+        W:    25.000   P:     0.000   R:     0.000\r\n";
+    let listing = program("part.ls");
+    let both = [listing.as_slice(), b"\0", variables.as_bytes()].concat();
+    vec![both, listing]
 }
 
 /// KUKA sources, one with its data list.

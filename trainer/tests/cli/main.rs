@@ -42,6 +42,7 @@ mod predictions;
 mod program;
 mod programs;
 mod programs_beside;
+mod programs_checked;
 mod programs_split;
 mod project;
 mod report;

@@ -87,6 +87,14 @@ pub struct Export {
 }
 
 pub fn run(a: &Export) -> Result<(), Failure> {
+    exported(a).map(|_| ())
+}
+
+/// Exports, and returns what `--json` writes.
+///
+/// # Errors
+/// [`Failure`] as the command's.
+pub fn exported(a: &Export) -> Result<String, Failure> {
     let of_the_chain = [&a.out, &a.mjcf, &a.ur_kinematics, &a.dh, &a.mdh, &a.poe];
     let others = [&a.joint_offsets, &a.c_header];
     let outputs: Vec<Option<&Path>> = of_the_chain
@@ -218,7 +226,7 @@ pub fn run(a: &Export) -> Result<(), Failure> {
             chain.other_tools.join(", ")
         ));
     }
-    Ok(())
+    Ok(summary)
 }
 
 fn print_accuracy(report: Printer, what: &str, lines: Vec<String>) {
