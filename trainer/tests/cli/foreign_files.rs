@@ -1,5 +1,7 @@
 //! Files that other programs write, of a simulated set: an import gives the rows of the simulator back.
 
+use std::io::Write;
+
 use crate::import::rows;
 use crate::program::{Folder, Outcome, data, simulated};
 use crate::texts::texts;
@@ -193,6 +195,100 @@ fn joints_of_drivers_are_joined_to_poses_by_order_index_and_time() {
         import(&folder, &format!("tracker.csv {file}"), &map).ok();
         assert_simulated(&folder);
     }
+}
+
+/// The names of other drivers, in radians; each with the same joints.
+#[test]
+fn names_of_other_drivers_are_their_joints() {
+    let motoman = "joint_1_s,joint_2_l,joint_3_u,joint_4_r,joint_5_b,joint_6_t".to_owned();
+    let numbered = |name: &str| {
+        let names: Vec<String> = (1..=6).map(|i| format!("{name}{i}")).collect();
+        names.join(",")
+    };
+    for (driver, names) in [
+        ("motoman", motoman),
+        ("panda", numbered("panda_joint")),
+        ("fr3", numbered("fr3_joint")),
+    ] {
+        let folder = folder(&["tracker.csv", "ros.csv"]);
+        let text = folder.text("ros.csv");
+        let (_, rows) = text.split_once('\n').unwrap();
+        folder.write("ros.csv", format!("{names},payload\n{rows}"));
+        let map = by_order(driver, "comma", "payload");
+        import(&folder, "tracker.csv ros.csv", &map).ok();
+        assert_simulated(&folder);
+    }
+}
+
+/// Moments of the tracker, 1 000 s after its clock began and 2.5 s apart, as dates and times.
+fn dated(
+    folder: &Folder,
+    file: &str,
+    column: usize,
+    separator: char,
+    date: impl Fn(f64) -> String,
+) {
+    let text = folder.text(file);
+    let mut lines = text.lines();
+    let mut out = lines.next().unwrap().replace(" [ms]", "") + "\n";
+    for line in lines {
+        let mut fields: Vec<String> = line.split(separator).map(str::to_owned).collect();
+        fields[column] = date(fields[column].parse::<f64>().unwrap());
+        out += &(fields.join(&separator.to_string()) + "\n");
+    }
+    folder.write(file, out);
+}
+
+/// 5 minutes before midnight, so that hours, days and months change.
+fn clock(seconds: f64, zone: &str, hours: i64) -> String {
+    let whole = seconds.floor() as i64 - 1000 + 23 * 3600 + 59 * 60 + 55 + 3600 * hours;
+    let (day, time) = (28 + whole.div_euclid(86_400), whole.rem_euclid(86_400));
+    let (month, day) = if day > 28 { (3, day - 28) } else { (2, day) };
+    let (h, m, s) = (time / 3600, time / 60 % 60, time % 60);
+    let micros = ((seconds - seconds.floor()) * 1e6).round();
+    format!("2026-{month:02}-{day:02}T{h:02}:{m:02}:{s:02}.{micros:06}{zone}")
+}
+
+#[test]
+fn dates_and_times_of_two_zones_are_joined() {
+    let by_time = |poses: &str, joints: &str| {
+        let keys = BY_TIME.replace(
+            "joints_unit = \"s\"",
+            &format!("joints_unit = \"{joints}\""),
+        );
+        joined(&keys.replace("poses = ", &format!("poses_unit = \"{poses}\", poses = ")))
+    };
+    let iso = by_time("iso8601", "iso8601");
+    let mut local = Vec::new();
+    for zones in [["Z", "+02:00"], ["", ""]] {
+        let folder = folder(&["tracker.csv", "rtde.txt"]);
+        let hours = if zones[0].is_empty() { 0 } else { 2 };
+        dated(&folder, "tracker.csv", 1, ';', |ms| {
+            let text = clock(ms / 1000.0, zones[0], 0);
+            text.replace('T', " ")
+        });
+        dated(&folder, "rtde.txt", 0, ' ', |s| clock(s, zones[1], hours));
+        import(&folder, "tracker.csv rtde.txt", &iso).ok();
+        assert_simulated(&folder);
+        local.push(folder);
+    }
+    let _texts = texts();
+    // A time zone in one file alone, a number, and no date.
+    let [zoned, local] = &local[..] else {
+        unreachable!()
+    };
+    let refused =
+        |folder: &Folder, map: &str| import(folder, "tracker.csv rtde.txt", map).refused();
+    zoned.write("rtde.txt", local.text("rtde.txt"));
+    refused(zoned, &iso);
+    refused(local, &by_time("iso8601", "s"));
+    refused(local, &by_time("ms", "iso8601"));
+    let text = local.text("tracker.csv");
+    local.write(
+        "tracker.csv",
+        text.replace("2026-02-28 23:59:55", "2026-02-31 23:59:55"),
+    );
+    refused(local, &iso);
 }
 
 /// Whatever rows are gone, an imported row has the joints of its own pose, or the import is refused.
@@ -431,4 +527,72 @@ fn a_sheet_of_a_workbook_is_a_table() {
     import(&files, "workbook.xlsx", WORKBOOK).refused();
     files.write("workbook.xlsx", bytes);
     files.refuses("import workbook.xlsx --preset kuka --out data.csv");
+}
+
+/// A zip file of one part, whose bytes are compressed.
+fn zip(parts: &[(&str, &[u8])]) -> Vec<u8> {
+    let mut archive = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));
+    for (name, bytes) in parts {
+        let options = zip::write::SimpleFileOptions::default()
+            .compression_method(zip::CompressionMethod::Deflated);
+        archive.start_file(*name, options).unwrap();
+        archive.write_all(bytes).unwrap();
+    }
+    archive.finish().unwrap().into_inner()
+}
+
+/// A workbook with one sheet.
+fn workbook(sheet: &str, shared: &str) -> Vec<u8> {
+    let head = "<?xml version=\"1.0\" encoding=\"UTF-8\"?>";
+    let main = "http://schemas.openxmlformats.org/spreadsheetml/2006/main";
+    let relations = "http://schemas.openxmlformats.org/officeDocument/2006/relationships";
+    let package = "http://schemas.openxmlformats.org/package/2006/relationships";
+    let book = format!(
+        "{head}<workbook xmlns=\"{main}\" xmlns:r=\"{relations}\"><sheets><sheet name=\"S\" sheetId=\"1\" r:id=\"r1\"/></sheets></workbook>"
+    );
+    let links = format!(
+        "{head}<Relationships xmlns=\"{package}\"><Relationship Id=\"r1\" Type=\"{relations}/worksheet\" Target=\"worksheets/sheet1.xml\"/>\
+         <Relationship Id=\"r2\" Type=\"{relations}/sharedStrings\" Target=\"sharedStrings.xml\"/></Relationships>"
+    );
+    let strings = format!("{head}<sst xmlns=\"{main}\"><si><t>{shared}</t></si></sst>");
+    let sheet =
+        format!("{head}<worksheet xmlns=\"{main}\"><sheetData>{sheet}</sheetData></worksheet>");
+    zip(&[
+        ("xl/workbook.xml", book.as_bytes()),
+        ("xl/_rels/workbook.xml.rels", links.as_bytes()),
+        ("xl/sharedStrings.xml", strings.as_bytes()),
+        ("xl/worksheets/sheet1.xml", sheet.as_bytes()),
+    ])
+}
+
+/// Small files that hold too much: compressed zeros, one text for many cells, one cell far out in each of many rows.
+#[test]
+fn a_small_workbook_that_holds_too_much_is_refused() {
+    let _texts = texts();
+    let folder = Folder::new();
+    let map = WORKBOOK.replace("sheet = \"Measured\", ", "");
+    let row = |i: usize, cell: &str| {
+        format!("<row r=\"{i}\">{}</row>", cell.replace('#', &i.to_string()))
+    };
+    let rows = |count: usize, cell: &str| -> String { (1..=count).map(|i| row(i, cell)).collect() };
+    let text = "x".repeat(100_000);
+    let files = [
+        (
+            "zeros.xlsx",
+            zip(&[("xl/media/image1.png", &vec![0; 300 << 20])]),
+        ),
+        (
+            "shared.xlsx",
+            workbook(&rows(3_000, "<c r=\"A#\" t=\"s\"><v>0</v></c>"), &text),
+        ),
+        (
+            "far.xlsx",
+            workbook(&rows(10_100, "<c r=\"ALL#\"><v>1</v></c>"), ""),
+        ),
+    ];
+    for (name, bytes) in files {
+        assert!(bytes.len() < 1 << 20, "{name}: {} bytes", bytes.len());
+        folder.write(name, bytes);
+        import(&folder, name, &map).refused();
+    }
 }
