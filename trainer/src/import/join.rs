@@ -155,7 +155,7 @@ fn times(
                 false => ("a time of a known clock", "one without a time zone"),
             };
             let found = format!("{found}, {:?}", fields.text(column));
-            let wanted = format!("{wanted}, as the rows before or of the other file have");
+            let wanted = format!("{wanted}, as the rows before, or those of the other file, have");
             return Err(fields.error(column, found, wanted));
         }
         out.push(moment.seconds);

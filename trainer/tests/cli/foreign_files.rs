@@ -557,7 +557,11 @@ fn workbook(sheet: &str, shared: &str) -> Vec<u8> {
     let strings = format!("{head}<sst xmlns=\"{main}\"><si><t>{shared}</t></si></sst>");
     let sheet =
         format!("{head}<worksheet xmlns=\"{main}\"><sheetData>{sheet}</sheetData></worksheet>");
+    let start = format!(
+        "{head}<Relationships xmlns=\"{package}\"><Relationship Id=\"r1\" Type=\"{relations}/officeDocument\" Target=\"xl/workbook.xml\"/></Relationships>"
+    );
     zip(&[
+        ("_rels/.rels", start.as_bytes()),
         ("xl/workbook.xml", book.as_bytes()),
         ("xl/_rels/workbook.xml.rels", links.as_bytes()),
         ("xl/sharedStrings.xml", strings.as_bytes()),

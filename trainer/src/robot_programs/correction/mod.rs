@@ -21,6 +21,7 @@ pub mod split;
 mod table;
 pub mod tokens;
 mod urscript;
+mod urscript_lines;
 mod val3;
 
 use std::path::{Path, PathBuf};
