@@ -18,7 +18,7 @@ use poegp_calibration::input_error::InputError;
 /// Columns beyond are no table of measurements.
 const MOST_COLUMNS: usize = 1000;
 /// Rows times columns of a table of measurements, at most.
-const MOST_CELLS: usize = 10_000_000;
+const LARGEST_TABLE: usize = 10_000_000;
 /// Bytes of a file once it is decompressed, and of the texts of all cells, at most.
 const MOST_BYTES: u64 = 1 << 28;
 
@@ -120,9 +120,9 @@ pub fn rows(
             out.push((number, Vec::new()));
         }
         widest = widest.max(column + 1);
-        if out.len() * widest > MOST_CELLS {
+        if out.len() * widest > LARGEST_TABLE {
             let found = format!("a table of {} rows and {widest} columns", out.len());
-            let error = InputError::new(path, found, format!("at most {MOST_CELLS} cells"));
+            let error = InputError::new(path, found, format!("at most {LARGEST_TABLE} cells"));
             return Err(error.at_line(number));
         }
         letters += text.len() as u64;
