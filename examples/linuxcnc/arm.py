@@ -227,7 +227,7 @@ def main():
     parser.add_argument("what", choices=["measure", "tool"])
     parser.add_argument("file", nargs="?")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--poses", type=int, default=300)
+    parser.add_argument("--poses", type=int, default=600)
     arguments = parser.parse_args()
     if arguments.what == "measure":
         measure(arguments.file or parser.error("measure needs a file to write"), arguments.seed, arguments.poses)

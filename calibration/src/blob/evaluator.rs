@@ -270,7 +270,7 @@ mod tests {
                     .map(|frame| arm.nominal(&q, frame).unwrap().translation);
                 assert!((arm.blob().instrument_from_base().transform_point(&b) - a).norm() < 1e-12);
                 for (pose, frame) in [(seen, Frame::Instrument), (base, Frame::Base)] {
-                    let found = arm.inverse(&pose, frame, &q, kg);
+                    let found = arm.inverse((&pose, frame), &Pose::identity(), &q, kg);
                     let there = arm.predict(&found.joints[..6], kg, frame).pose;
                     assert!((there.translation - pose.translation).norm() < near);
                 }

@@ -15,7 +15,6 @@ use poegp_trainer::import::column_map::Map;
 use poegp_trainer::import::import_bytes;
 use poegp_trainer::import::preset::{PRESETS, Preset};
 
-/// A refusal names one of the files, with a place in it, and does not run on for ever.
 /// Rows and columns of a sheet, at most.
 const SHEET: (usize, usize) = (1 << 20, 1 << 14);
 
@@ -24,6 +23,7 @@ fn is_workbook(bytes: &[u8]) -> bool {
     bytes.starts_with(b"PK\x03\x04")
 }
 
+/// A refusal names one of the files, with a place in it, and does not run on for ever.
 pub(super) fn assert_refusal(error: &InputError, files: &[(&str, &[u8])]) {
     let message = error.to_string();
     assert!(message.len() < 20_000, "{} bytes", message.len());

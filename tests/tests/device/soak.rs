@@ -23,7 +23,6 @@ use std::env;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use poegp_protocol::blob::CRC;
 use poegp_protocol::link::frame::{self, MAX_FRAME, Received, Receiver};
 use poegp_protocol::link::{Corrected, Query, Refusal, Request, Response, Statistics};
 use poegp_tests::bad_line::BadLine;

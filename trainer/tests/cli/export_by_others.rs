@@ -301,6 +301,9 @@ fn origin(row: &Map<String, Value>) -> Matrix4<f64> {
     }))
 }
 
+/// What a row makes of a joint value.
+type Motion = dyn Fn(&Value, f64) -> Matrix4<f64>;
+
 /// Distal rows: what is before θ and d in Craig's is behind them here.
 fn distal(joint: &Value, q: f64) -> Matrix4<f64> {
     let mut own = joint.clone();
@@ -328,7 +331,7 @@ fn tables_as_csv_have_the_poses_of_the_chain_and_say_how_far_it_is() {
             let moved = craig(&json!({"kind": row["kind"]}), q);
             origin(row.as_object().unwrap()) * moved
         };
-        let tables: [(&str, &dyn Fn(&Value, f64) -> Matrix4<f64>); 3] = [
+        let tables: [(&str, &Motion); 3] = [
             ("dh.csv", &distal),
             ("mdh.csv", &craig),
             ("poe.csv", &framed),

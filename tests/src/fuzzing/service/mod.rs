@@ -11,7 +11,7 @@ mod sources;
 use std::cell::RefCell;
 
 use ed25519_dalek::Signer;
-use poegp_protocol::blob::envelope::{TRAILER_LENGTH, Trailer, key_id, set_signed};
+use poegp_protocol::blob::envelope::TRAILER_LENGTH;
 use poegp_protocol::blob::{CRC, blob_crc, stored_crc};
 use poegp_protocol::link::cobs;
 use poegp_protocol::link::frame::{self, FrameError, MAX_FRAME, Receiver};
@@ -22,7 +22,7 @@ use poegp_protocol::link::{
 use poegp_runtime::service::{Background, BoardInfo, Cycle, ModelSlot};
 use poegp_runtime::store::{Layout, Store};
 
-use self::device::{BOARD, BYTES, Calls, Flash, Running, SETTINGS, SLOT, UNITS, Wired};
+use self::device::{BOARD, Calls, Flash, Running, SETTINGS, SLOT, UNITS, Wired};
 use self::script::Script;
 use self::sources::Sources;
 pub(super) use self::sources::{SMALL, signed};
