@@ -52,3 +52,4 @@ mod signing;
 mod texts;
 mod tools;
 mod units;
+mod workbooks;
