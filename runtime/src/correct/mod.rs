@@ -366,7 +366,7 @@ impl<T: KernelLoops> Search<'_, T> {
         let rough = gravity(self.frames, &pose);
         let rough = subtract_scaled(&plain, T::ONE, &equations.moved(&rough));
         let limit = StepLimit::new(equations.gram(), self.scale());
-        let mut start = equations.joints_of(&limit.rough(&rough));
+        let mut start = equations.joints_of(&limit.step(&rough).x);
         self.hold(&mut start);
         // The deflection there: processes where gravity alone would have the command, the others where both would.
         let mean = {

@@ -22,6 +22,12 @@
 //! - the **shift**, for e = (e_p, 0), may leave a rotation up to the larger of what is there without correction and what is
 //!   usual for the arm.
 //!
+//! What one of them may take from the other can be very little: 50 µm of position, or a tenth of a milliradian. A large step
+//! would then have to end as soon as the arm can hardly hold the other demand, within a few milliradians of the path. So
+//! the **size** |d| of each step is limited there, too: to what it takes up to a singularity of the other demand (σ for the
+//! turn, σ² for the shift), and beyond it to √(s b), with b for what it may take. The slope that b brings is then of the
+//! order of s, however small b is.
+//!
 //! With A, B, C the blocks of J Jᵀ, position first, all of it is in 3×3 matrices: S = C − Bᵀ A⁻¹ B for λ_r, then
 //! T = A − B (C + λ_r)⁻¹ Bᵀ for λ_p. How the limits were chosen: docs/evidence/singularities.md.
 
@@ -33,21 +39,26 @@ pub const TURN_LIMIT: f64 = 0.11;
 /// Usual rotation in radians from which on s_r is smaller as much as it is larger: the error changes as much faster, too.
 const MUCH_ROTATION: f64 = 4e-3;
 /// s_p times the [`Scale::lever`]: the same for each metre, of an arm whose joints move its target by a metre per radian.
-pub const SHIFT_LIMIT: f64 = 0.25;
-/// The least λ. Two steps leave (λ/σ²)² of an error: less than 1e-6 where σ is 0.15.
-const FLOOR: Damping<f64> = Damping {
-    position: 1e-5,
+pub const SHIFT_LIMIT: f64 = 0.2;
+/// The least λ. Two steps leave (λ/σ²)² of an error: 5e-5 where σ is 0.15.
+pub const FLOOR: Damping<f64> = Damping {
+    position: 1.6e-4,
     rotation: 2e-5,
 };
 /// The most λ of later steps: what is left for them is the second derivative's, some tens of micrometres.
 const MOST_LATER: f64 = 1e-3;
-/// λ of A while λ_r is sought: a position that the arm can hardly move need not be held.
-const HOLD: f64 = 3e-3;
+/// λ of A in S, and the least one of the shift that the turn has to follow while λ_r is sought, in lever²: a position that
+/// the arm can hardly move need not be held, and a shift that it can hardly make need not be followed.
+const HOLD: f64 = 1e-4;
+const FOLLOW: f64 = 2e-3;
 /// Newton steps on 1/|x| for λ_p; for λ_r there are two. More change nothing that could be seen.
 const SHIFT_ROUNDS: usize = 4;
-/// The most of a rough step, in [`SHIFT_LIMIT`]: less falls short where both demands are whole, more is where no command will
-/// be.
-const MOST_ROUGH: f64 = 1.4;
+/// The size of the turn: of s_p σ, and of √(s_p b), with σ of T, b for the position that the shift may bring and s_p in 1/m.
+const TURN_SIZE: (f64, f64) = (0.5, 0.7);
+/// The size of the shift: of s_r σ², and of √(s_r b), with σ of S and b for the rotation that may be left.
+const SHIFT_SIZE: (f64, f64) = (2.0, 0.7);
+/// How much of what the shift brings the turn may take: the rest is the second derivative's.
+const TAKEN: f64 = 0.9;
 /// The rotation in radians that the shift may leave in any case.
 const LEAST_ROOM: f64 = 1e-4;
 /// The position in metres by which the turn may push the target in any case.
@@ -90,10 +101,6 @@ pub struct Scale<T> {
 pub struct StepLimit<'a, T> {
     gram: &'a Gram<T>,
     scale: Scale<T>,
-    /// Of A + [`HOLD`].
-    factors: Factors<T>,
-    /// A⁻¹ B.
-    follow: Matrix<T>,
     /// S.
     turning: Matrix<T>,
     /// Of S with the least λ_r.
@@ -104,60 +111,27 @@ impl<'a, T: Scalar> StepLimit<'a, T> {
     /// From J Jᵀ.
     #[inline(never)]
     pub fn new(gram: &'a Gram<T>, scale: Scale<T>) -> Self {
-        let factors = Factors::of(&block(gram, 0, 0), T::from_f64(HOLD));
+        let hold = T::from_f64(HOLD) * scale.lever * scale.lever;
+        let factors = Factors::of(&block(gram, 0, 0), hold);
         let follow = factors.solve_columns(&block(gram, 0, 3));
         let turning = schur(&block(gram, 3, 3), &block(gram, 3, 0), &follow);
         Self {
             gram,
             scale,
-            factors,
-            follow,
             turning,
             turning_factors: Factors::of(&turning, T::from_f64(FLOOR.rotation)),
         }
     }
 
-    /// x of a step that takes `error` away within a percent, but nowhere goes far: for where a command will be.
+    /// The rotation that the turn has to follow when the shift, within its limit, is held against.
     #[inline(never)]
-    pub fn rough(&self, error: &PoseError6<T>) -> PoseError6<T> {
-        let mut x = self.nearly(error);
-        // Once more against what [`HOLD`] has left.
-        let mut left = *error;
-        for (value, row) in left.iter_mut().zip(self.gram) {
-            let [a, b, c, d, e, f] = row;
-            *value -= *a * x[0] + *b * x[1] + *c * x[2] + *d * x[3] + *e * x[4] + *f * x[5];
-        }
-        let more = self.nearly(&left);
-        let mut length = T::ZERO;
-        for (value, more) in x.iter_mut().zip(&more) {
-            *value += *more;
-            length += *value * *value;
-        }
-        // Farther than this no command will be from where it is.
-        let share = share(
-            T::from_f64(MOST_ROUGH * SHIFT_LIMIT),
-            self.scale.lever * length.sqrt(),
-        );
-        for value in &mut x {
-            *value = *value * share;
-        }
-        x
-    }
-
-    /// (J Jᵀ + Λ)⁻¹ e with [`HOLD`] of the position.
-    #[inline(never)]
-    fn nearly(&self, error: &PoseError6<T>) -> PoseError6<T> {
-        let (p, r) = halves(error);
-        let mut turn = transposed_product(&self.follow, &p);
-        for (value, part) in turn.iter_mut().zip(&r) {
-            *value = *part - *value;
-        }
-        let turn = self.turning_factors.solve(&turn);
-        let mut shift = self.factors.solve(&p);
-        for (value, part) in shift.iter_mut().zip(&product(&self.follow, &turn)) {
-            *value -= *part;
-        }
-        joined(&shift, &turn)
+    fn follows(&self, p: &Vector<T>, unit: T) -> Vector<T> {
+        let shifting = block(self.gram, 0, 0);
+        let lever = self.scale.lever;
+        let follow = T::from_f64(FOLLOW) * lever * lever;
+        let lacks = Factors::of(&shifting, follow).missing(p, unit, None);
+        let shift = Factors::of(&shifting, follow + lacks).solve(p);
+        transposed_product(&block(self.gram, 0, 3), &shift)
     }
 
     /// The limited step.
@@ -169,12 +143,14 @@ impl<'a, T: Scalar> StepLimit<'a, T> {
         } = self.scale;
         let floor = floor();
         let (p, r) = halves(error);
-        let against = transposed_product(&self.follow, &p);
+        // 1/s_p in m and 1/s_r.
+        let shift_unit = T::from_f64(1.0 / SHIFT_LIMIT) * lever;
         let much = usual_rotation.unwrap_or(T::ZERO) * T::from_f64(1.0 / MUCH_ROTATION);
-        let unit = T::from_f64(1.0 / TURN_LIMIT) * larger(much, T::ONE);
+        let turn_unit = T::from_f64(1.0 / TURN_LIMIT) * larger(much, T::ONE);
+        let against = self.follows(&p, shift_unit);
         let lacks = |factors: &Factors<T>| {
-            let a = factors.missing(&against, unit, None);
-            larger(a, factors.missing(&r, unit, None))
+            let a = factors.missing(&against, turn_unit, None);
+            larger(a, factors.missing(&r, turn_unit, None))
         };
         let rotation = floor.rotation + lacks(&self.turning_factors);
         let rotation = rotation + lacks(&Factors::of(&self.turning, rotation));
@@ -190,9 +166,8 @@ impl<'a, T: Scalar> StepLimit<'a, T> {
         let mut position = floor.position;
         for _ in 0..SHIFT_ROUNDS {
             let factors = Factors::of(&shifting, position);
-            let unit = T::from_f64(1.0 / SHIFT_LIMIT) * lever;
-            let a = factors.missing(&p, unit, Some((&along, side_unit)));
-            let b = factors.missing(&back, unit, None);
+            let a = factors.missing(&p, shift_unit, Some((&along, side_unit)));
+            let b = factors.missing(&back, shift_unit, None);
             position += larger(a, b);
         }
         let shifting = Factors::of(&shifting, position);
@@ -202,16 +177,32 @@ impl<'a, T: Scalar> StepLimit<'a, T> {
         for (value, part) in turn.iter_mut().zip(&product(&along, &held)) {
             *value += *part;
         }
+        let brought = squared(&p).sqrt() + T::from_f64(LEAST_PUSH);
+        let (near, far) = TURN_SIZE;
+        let most = T::from_f64(near) * shifting.least().sqrt() / shift_unit
+            + T::from_f64(far) * (brought / shift_unit).sqrt();
+        let turn_size = share(most, size(&r, &turn));
+        let turn_leaves = left_after(turn_size, &r, &scaled(rotation, &turn));
+        let shift_size = if usual_rotation.is_some() {
+            let room = room(largest, &turn_leaves);
+            let (near, far) = SHIFT_SIZE;
+            let most = T::from_f64(near) * self.turning_factors.least() / turn_unit
+                + T::from_f64(far) * (room / turn_unit).sqrt();
+            share(most, size(&p, &shift))
+        } else {
+            T::ONE
+        };
         let (shift_share, turn_share) = Shares {
             position: p,
             rotation: r,
             largest: usual_rotation.map(|_| largest),
-            shift_leaves: scaled(position, &shift),
-            shift_turns: rotation * squared(&turned).sqrt(),
-            turn_leaves: scaled(rotation, &turn),
-            turn_pushes: (position - floor.position) * squared(&held).sqrt(),
+            shift_leaves: left_after(shift_size, &p, &scaled(position, &shift)),
+            shift_turns: shift_size * rotation * squared(&turned).sqrt(),
+            turn_leaves,
+            turn_pushes: turn_size * (position - floor.position) * squared(&held).sqrt(),
         }
         .fair();
+        let (shift_share, turn_share) = (shift_share * shift_size, turn_share * turn_size);
         let mut x = joined(&scaled(-turn_share, &held), &scaled(turn_share, &turn));
         let shift = joined(&shift, &scaled(-T::ONE, &turned));
         for (value, part) in x.iter_mut().zip(&shift) {
@@ -261,10 +252,7 @@ impl<T: Scalar> Shares<T> {
             Some(largest) => {
                 let turn = self.turn_beside(T::ONE);
                 let left = left_after(turn, &self.rotation, &self.turn_leaves);
-                share(
-                    larger(largest - left, T::from_f64(LEAST_ROOM)),
-                    self.shift_turns,
-                )
+                share(room(largest, &left), self.shift_turns)
             }
             None => T::ONE,
         };
@@ -275,21 +263,33 @@ impl<T: Scalar> Shares<T> {
     #[inline(never)]
     fn turn_beside(&self, shift: T) -> T {
         let left = left_after(shift, &self.position, &self.shift_leaves);
-        let brought = larger(squared(&self.position).sqrt() - left, T::ZERO);
-        let brought = brought + T::from_f64(LEAST_PUSH);
+        let brought = squared(&self.position).sqrt() - squared(&left).sqrt();
+        let brought = T::from_f64(TAKEN) * larger(brought, T::ZERO) + T::from_f64(LEAST_PUSH);
         // Of brought/pushed up to 1 it would be a sudden change where the two are equal.
         brought / (brought + self.turn_pushes)
     }
 }
 
-/// The length of what is left of an error when this share of a step is taken of which the whole leaves `leaves`.
+/// What is left of an error when this share of a step is taken of which the whole leaves `leaves`.
 #[inline(never)]
-fn left_after<T: Scalar>(share: T, error: &Vector<T>, leaves: &Vector<T>) -> T {
+fn left_after<T: Scalar>(share: T, error: &Vector<T>, leaves: &Vector<T>) -> Vector<T> {
     let mut left = *error;
     for (value, leaves) in left.iter_mut().zip(leaves) {
         *value -= share * (*value - *leaves);
     }
-    squared(&left).sqrt()
+    left
+}
+
+/// By how much a shift may turn the target where so much of the rotation is left.
+#[inline(always)]
+fn room<T: Scalar>(largest: T, left: &Vector<T>) -> T {
+    larger(largest - squared(left).sqrt(), T::from_f64(LEAST_ROOM))
+}
+
+/// |d| of the step d = Jᵀ x that takes this error away, and a little more of one that leaves something.
+#[inline(always)]
+fn size<T: Scalar>(error: &Vector<T>, x: &Vector<T>) -> T {
+    larger(error[0] * x[0] + error[1] * x[1] + error[2] * x[2], T::ZERO).sqrt()
 }
 
 /// L D Lᵀ of a symmetric matrix and its damping.
@@ -346,6 +346,16 @@ impl<T: Scalar> Factors<T> {
     fn inverse_form(&self, b: &Vector<T>) -> T {
         let y = self.forward(b);
         y[0] * y[0] * self.d[0] + y[1] * y[1] * self.d[1] + y[2] * y[2] * self.d[2]
+    }
+
+    /// 1/tr K⁻¹: at most the smallest eigenvalue, at least a third of it.
+    #[inline(never)]
+    fn least(&self) -> T {
+        // Columns of L⁻¹.
+        let a = self.l21 * self.l10 - self.l20;
+        let [d0, d1, d2] = self.d;
+        let first = d0 + self.l10 * self.l10 * d1 + a * a * d2;
+        T::ONE / (first + d1 + self.l21 * self.l21 * d2 + d2)
     }
 
     /// What λ lacks for |x| unit ≤ 1, x = K⁻¹ b, and for |side x| side_unit ≤ 1: Newton's step on 1/|x|.

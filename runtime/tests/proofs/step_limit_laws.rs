@@ -2,7 +2,9 @@
 //! continuous.
 
 use nalgebra::{SMatrix, SVector};
-use poegp_runtime::correct::step_limit::{LimitedStep, SHIFT_LIMIT, Scale, StepLimit, TURN_LIMIT};
+use poegp_runtime::correct::step_limit::{
+    FLOOR, LimitedStep, SHIFT_LIMIT, Scale, StepLimit, TURN_LIMIT,
+};
 use poegp_runtime::kinematics::newton::{Gram, PoseError6};
 use proptest::prelude::*;
 
@@ -77,7 +79,8 @@ proptest! {
         let (found, _, left) = step(&jacobian, &error);
         let floor = Vector::from(found.left_by_floor());
         prop_assert!((left - floor).norm() <= 1e-9, "{:e}", (left - floor).norm());
-        prop_assert!(floor.norm() <= 2e-3 * error.norm());
+        let most = FLOOR.position.max(FLOOR.rotation) / (0.15 * 0.15);
+        prop_assert!(floor.norm() <= most * error.norm());
     }
 
     /// Each of the two parts is within the limits, nearly; so the whole is within twice as much.

@@ -255,7 +255,7 @@ fn settings_are_kept_and_refused_by_name() {
     assert_eq!(desk.identity(), identity);
 
     // Not while a correction is applied: bypass first.
-    let query = query(&[0.3, -0.4, 0.2, 0.1, 0.5, -0.2], 2.0);
+    let query = query(&[0.3, -0.4, 0.9, 0.1, 1.2, -0.2], 2.0);
     let mut sequence = 0;
     settle(&mut desk, &query, &mut sequence);
     let slow = Request::ProvisionCycle(period_us(4_000));
