@@ -106,7 +106,7 @@ pub fn calibrate_in_gauge(
     context: &FitContext,
 ) -> Result<CalibratedBlob, DeviceError> {
     let mut calibration = calibrate(robot, samples, config, context)?;
-    if *gauge != GaugeChoice::default() {
+    if *gauge != GaugeChoice::MEASURED_POSES {
         calibration = calibration
             .in_gauge(robot, gauge)
             .map_err(CalibrationError::Gauge)?;

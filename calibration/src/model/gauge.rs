@@ -46,7 +46,7 @@ pub struct GaugeFrame {
 }
 
 /// What is known of a gauge before the fit.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct GaugeChoice {
     /// Whether a frame that is `None` follows from the fitted model over the grid; otherwise it is that of the base-tool fit to
     /// the measured poses.
@@ -57,6 +57,26 @@ pub struct GaugeChoice {
     pub base: Option<GaugeFrame>,
     /// `flange_from_target` of the first tool.
     pub tool: Option<GaugeFrame>,
+}
+
+impl GaugeChoice {
+    /// The base-tool fit to the measured poses, in which a fit ends.
+    pub const MEASURED_POSES: Self = Self {
+        over_grid: false,
+        grid: None,
+        base: None,
+        tool: None,
+    };
+}
+
+/// The model over the grid of its samples.
+impl Default for GaugeChoice {
+    fn default() -> Self {
+        Self {
+            over_grid: true,
+            ..Self::MEASURED_POSES
+        }
+    }
 }
 
 /// The gauge of a calibration.

@@ -48,7 +48,7 @@ impl Gauges {
             let fitted = calibrate_to_blob(robot, draw, &config, &origin(1), &context).unwrap();
             let over_grid = GaugeChoice {
                 over_grid: true,
-                ..GaugeChoice::default()
+                ..GaugeChoice::MEASURED_POSES
             };
             out.of_poses.push(fitted.blob);
             let mut calibration = fitted.calibration.in_gauge(robot, &over_grid).unwrap();

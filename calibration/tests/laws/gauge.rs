@@ -73,7 +73,7 @@ fn a_model_says_the_same_in_every_gauge() {
         let choice = GaugeChoice {
             base: Some(beside(&own.instrument_from_base, 1.0)),
             tool: Some(beside(&own.flange_from_targets[0], -1.0)),
-            ..GaugeChoice::default()
+            ..GaugeChoice::MEASURED_POSES
         };
         let moved = model.in_gauge(&robot, &choice).unwrap();
         let (m, rad) = apart(&before, &seen(&moved, &samples));
@@ -113,7 +113,7 @@ fn the_bytes_say_the_same_in_every_gauge() {
     let other = stored(&GaugeChoice {
         base: Some(beside(&own.instrument_from_base(), 1.0)),
         tool: Some(beside(&tool, 1.0)),
-        ..GaugeChoice::default()
+        ..GaugeChoice::MEASURED_POSES
     });
     for s in &samples {
         let (a, b) = (
@@ -244,11 +244,11 @@ fn frames_of_another_station_are_refused() {
         let choice = match is_base {
             true => GaugeChoice {
                 base: Some(frame(own.instrument_from_base)),
-                ..GaugeChoice::default()
+                ..GaugeChoice::MEASURED_POSES
             },
             false => GaugeChoice {
                 tool: Some(frame(own.flange_from_targets[0])),
-                ..GaugeChoice::default()
+                ..GaugeChoice::MEASURED_POSES
             },
         };
         let error = model.in_gauge(&robot, &choice).unwrap_err();

@@ -49,9 +49,9 @@ pub struct GaugeArgs {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Deserialize, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum GaugeFit {
-    /// The measured poses (default).
+    /// The measured poses.
     Poses,
-    /// The finished model over a fixed grid of poses.
+    /// The finished model over a fixed grid of poses (default).
     Grid,
 }
 
@@ -165,7 +165,7 @@ impl Known {
     pub fn read(a: &GaugeArgs, robot: &str) -> Result<Self, Failure> {
         let mut out = Self {
             choice: GaugeChoice {
-                over_grid: a.gauge == Some(GaugeFit::Grid),
+                over_grid: a.gauge != Some(GaugeFit::Poses),
                 ..GaugeChoice::default()
             },
             previous: None,
