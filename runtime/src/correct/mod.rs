@@ -8,7 +8,7 @@
 //!
 //! ```text
 //! e  = nominal(C q) − POE(C q)        J = POE′(C q) C
-//! d₀ = rough step for e − J φ(q)      φ: gravity
+//! d₀ = first step for e − J φ(q)      φ: gravity
 //! g  = processes at q + d₀
 //! D  = φ(n) + g + r(n)                n = q + d₀ − g, where the command will be, nearly; r: gears, which change quickest
 //! d  = limited step for e − J D
