@@ -1,7 +1,7 @@
 //! Two calibrations of one arm give the same commands: draws of simulated arms, and thirds of measured poses.
 
 use poegp_calibration::blob::predict::BlobModel;
-use poegp_calibration::blob::write::calibrate_to_blob;
+use poegp_calibration::blob::write::calibrate_in_gauge;
 use poegp_calibration::measurement;
 use poegp_calibration::measurement::sample::{InstrumentSample, samples};
 use poegp_calibration::model::Method;
@@ -45,11 +45,10 @@ impl Gauges {
         let mut kept = None;
         let mut out = Self::default();
         for draw in draws {
-            let fitted = calibrate_to_blob(robot, draw, &config, &origin(1), &context).unwrap();
-            let over_grid = GaugeChoice {
-                over_grid: true,
-                ..GaugeChoice::MEASURED_POSES
-            };
+            let over_grid = GaugeChoice::default();
+            let of_poses = GaugeChoice::MEASURED_POSES;
+            let fitted = calibrate_in_gauge(robot, draw, &config, &of_poses, &origin(1), &context);
+            let fitted = fitted.unwrap();
             out.of_poses.push(fitted.blob);
             let mut calibration = fitted.calibration.in_gauge(robot, &over_grid).unwrap();
             let gauge = calibration.gauge.clone();

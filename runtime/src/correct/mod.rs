@@ -8,7 +8,7 @@
 //!
 //! ```text
 //! e  = nominal(C q) − POE(C q)        J = POE′(C q) C
-//! d₀ = first step for e − J φ(q)      φ: gravity
+//! d₀ = rough step for e − J φ(q)      φ: gravity
 //! g  = processes at q + d₀
 //! D  = φ(n) + g + r(n)                n = q + d₀ − g, where the command will be, nearly; r: gears, which change quickest
 //! d  = limited step for e − J D
@@ -366,7 +366,7 @@ impl<T: KernelLoops> Search<'_, T> {
         let rough = gravity(self.frames, &pose);
         let rough = subtract_scaled(&plain, T::ONE, &equations.moved(&rough));
         let limit = StepLimit::new(equations.gram(), self.scale());
-        let mut start = equations.joints_of(&limit.step(&rough).x);
+        let mut start = equations.joints_of(&limit.rough(&rough));
         self.hold(&mut start);
         // The deflection there: processes where gravity alone would have the command, the others where both would.
         let mean = {

@@ -51,8 +51,10 @@ const MOST_LATER: f64 = 1e-3;
 /// the arm can hardly move need not be held, and a shift that it can hardly make need not be followed.
 const HOLD: f64 = 1e-4;
 const FOLLOW: f64 = 2e-3;
-/// Newton steps on 1/|x| for λ_p; for λ_r there are two. More change nothing that could be seen.
-const SHIFT_ROUNDS: usize = 4;
+/// Newton steps on 1/|x| for λ_p; for λ_r there are two. More change nothing that could be seen, and for where a command will
+/// be one does.
+const SHIFT_ROUNDS: usize = 3;
+const ROUGH_ROUNDS: usize = 1;
 /// The size of the turn: of s_p σ, and of √(s_p b), with σ of T, b for the position that the shift may bring and s_p in 1/m.
 const TURN_SIZE: (f64, f64) = (0.5, 0.7);
 /// The size of the shift: of s_r σ², and of √(s_r b), with σ of S and b for the rotation that may be left.
@@ -137,6 +139,17 @@ impl<'a, T: Scalar> StepLimit<'a, T> {
     /// The limited step.
     #[inline(never)]
     pub fn step(&self, error: &PoseError6<T>) -> LimitedStep<T> {
+        self.limited(error, SHIFT_ROUNDS)
+    }
+
+    /// x of nearly the limited step: for where a command will be.
+    #[inline(never)]
+    pub fn rough(&self, error: &PoseError6<T>) -> PoseError6<T> {
+        self.limited(error, ROUGH_ROUNDS).x
+    }
+
+    #[inline(never)]
+    fn limited(&self, error: &PoseError6<T>, shift_rounds: usize) -> LimitedStep<T> {
         let Scale {
             lever,
             usual_rotation,
@@ -164,7 +177,7 @@ impl<'a, T: Scalar> StepLimit<'a, T> {
             None => T::ZERO,
         };
         let mut position = floor.position;
-        for _ in 0..SHIFT_ROUNDS {
+        for _ in 0..shift_rounds {
             let factors = Factors::of(&shifting, position);
             let a = factors.missing(&p, shift_unit, Some((&along, side_unit)));
             let b = factors.missing(&back, shift_unit, None);
