@@ -62,6 +62,16 @@ impl Robot {
     pub fn serial_joints(&self, q: &[f64]) -> Vec<f64> {
         coupled(self.coupling.as_deref(), q)
     }
+
+    /// Sum of the lengths of the links in m, with the travel of prismatic joints.
+    pub fn reach(&self) -> f64 {
+        let links = self.parent_from_joint.iter().skip(1);
+        let travel = self.joints.iter().map(|j| match j.kind {
+            JointKind::Prismatic => j.limits.map_or(1.0, |(a, b)| b - a),
+            JointKind::Revolute => 0.0,
+        });
+        links.map(|f| f.translation.norm()).sum::<f64>() + travel.sum::<f64>()
+    }
 }
 
 /// C q for the rows of C; q where there is no coupling.

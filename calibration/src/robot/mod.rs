@@ -17,6 +17,7 @@
 mod builtin;
 mod description;
 pub mod normal_form;
+pub mod settle;
 #[cfg(test)]
 mod tests;
 mod toml_description;

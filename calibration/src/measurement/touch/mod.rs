@@ -21,6 +21,8 @@ mod features;
 mod rows;
 mod set;
 mod tables;
+#[cfg(test)]
+mod tests;
 
 use std::path::{Path, PathBuf};
 
