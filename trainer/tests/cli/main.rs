@@ -50,4 +50,5 @@ mod robots;
 mod signing;
 mod texts;
 mod tools;
+mod touch_files;
 mod units;

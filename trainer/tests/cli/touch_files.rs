@@ -1,0 +1,124 @@
+//! Touches without a tracker: simulated, planned and imported, and what is refused of them.
+
+use std::path::Path;
+
+use poegp_calibration::measurement::touch::TouchSet;
+use poegp_calibration::robot::{LoadOptions, Robot};
+
+use crate::program::Folder;
+use crate::texts::texts;
+
+/// A touch file as every command reads it, with NAME.toml beside NAME.csv.
+fn touches(folder: &Folder, name: &str, robot: &str) -> TouchSet {
+    let robot = Robot::load(robot, &LoadOptions::default()).unwrap();
+    let read = TouchSet::read(Path::new(&folder.path(name)), None, &robot);
+    read.unwrap_or_else(|error| panic!("{error}"))
+}
+
+/// Every kind in one file, and the truth to score with.
+#[test]
+fn simulated_touches_are_a_touch_file() {
+    let _texts = texts();
+    let folder = Folder::new();
+    let kinds = "socket2,plane1,sphere1,ballbar1,wire2,level1,camera1";
+    let line = format!("simulate --robot ur10 --touch {kinds} --touches 16 --seed 5 --out t");
+    folder.run(&line).ok().said();
+    let set = touches(&folder, "t/touches.csv", "ur10");
+    assert_eq!(set.features.len(), 9);
+    assert!(set.notes.is_empty(), "{:?}", set.notes);
+    let truth = folder.text("t/truth.csv");
+    assert_eq!(truth.lines().count(), 302);
+    // The same seed gives the same files.
+    folder.run(&line.replace("--out t", "--out u")).ok();
+    assert_eq!(folder.text("t/touches.csv"), folder.text("u/touches.csv"));
+    folder
+        .run("simulate --robot ur10 --touch hole2 --out v")
+        .refused();
+    folder
+        .run("simulate --robot ur10 --touch socket2 --poses 30 --out v")
+        .refused();
+}
+
+/// The rows of a plan are touches of its features, and what is expected of them is less than of random ones.
+#[test]
+fn planned_touches_are_a_touch_file() {
+    let _texts = texts();
+    let folder = Folder::new();
+    let goals = "--touch socket=600,100,500 --touch socket=400,-300,500 --touch plane=600,0,400";
+    let line = format!(
+        "plan --robot ur10 {goals} --count 15 --out touches.csv --features-out touches.toml --json plan.json"
+    );
+    folder.run(&line).ok().said();
+    let set = touches(&folder, "touches.csv", "ur10");
+    assert_eq!((set.rows.len(), set.features.len()), (15, 3));
+    let plan = folder.json("plan.json");
+    let mm = |key: &str| plan[key].as_f64().unwrap();
+    assert!(
+        mm("expected_mm") < mm("random_mm") && mm("random_mm") < mm("drawing_mm"),
+        "{plan}"
+    );
+    let plan = |rest: &str| folder.run(&format!("plan --robot ur10 --out p.csv {rest}"));
+    plan("--touch socket=600,100").refused();
+    plan("--touch socket=6000,100,500").refused();
+    plan("--touch socket=600,100,500 --count 2").refused();
+    plan("--touch socket=600,100,500 --payloads 1").refused();
+}
+
+/// Folders as MUKCa writes them: a place with two holes, and a folder of places.
+#[test]
+fn folders_of_sockets_are_imported() {
+    let _texts = texts();
+    let folder = Folder::new();
+    // The same ball, driven to two sockets of two places by hand: joints in radians, as numpy saves them.
+    let simulated = "simulate --robot ur10 --touch socket2 --touches 12 --seed 5 --out t";
+    folder.run(simulated).ok();
+    let robot = Robot::load("ur10", &LoadOptions::default()).unwrap();
+    let set = TouchSet::read(&folder.path("t/touches.csv"), None, &robot).unwrap();
+    for place in ["front", "left"] {
+        std::fs::create_dir_all(folder.path(&format!("arm/{place}"))).unwrap();
+        for hole in 0..2 {
+            let rows = set
+                .rows
+                .iter()
+                .filter(|row| row.reading.feature() == Some(hole));
+            let text: String = rows
+                .map(|row| {
+                    let fields: Vec<String> =
+                        row.joints.iter().map(|q| format!("{q:.18e}")).collect();
+                    format!("{}\n", fields.join(","))
+                })
+                .collect();
+            folder.write(&format!("arm/{place}/hole_{hole}.csv"), text);
+        }
+    }
+    folder
+        .run("import arm --preset mukca --distance 50.1 --out all.csv")
+        .ok()
+        .said();
+    let toml = folder.text("all.toml");
+    assert_eq!(toml.matches("mm = 50.1\n").count(), 2, "{toml}");
+    assert!(
+        toml.contains("between = [\"front/0\", \"front/1\"]"),
+        "{toml}"
+    );
+    folder.run("import arm/front --out one.csv").ok().said();
+    let one = touches(&folder, "one.csv", "ur10");
+    let names: Vec<&str> = one.features.iter().map(|f| f.name.as_str()).collect();
+    assert_eq!(names, ["front/0", "front/1"]);
+    for (row, before) in one.rows.iter().zip(&set.rows) {
+        for (q, known) in row.joints.iter().zip(&before.joints) {
+            assert!((q - known).abs() < 1e-15, "the digits of the file");
+        }
+    }
+    let import = |what: &str| folder.run(&format!("import {what} --out x.csv"));
+    import("t --preset mukca").refused();
+    import("arm --preset mukca --distance 0.05").refused();
+    import("t/touches.csv --preset kuka --distance 50").refused();
+    folder.write("arm/left/hole_1.csv", "1,2,3,4,5,6\n1,2,x,4,5,6\n");
+    import("arm --preset mukca").refused();
+    folder.write("arm/left/hole_1.csv", "1,2,3,4,5,60\n");
+    import("arm --preset mukca").refused();
+    folder.write("arm/left/hole_1.csv", "1,2,3,4,5\n");
+    import("arm --preset mukca").refused();
+    assert!(!folder.names().contains(&"x.csv".to_owned()));
+}
