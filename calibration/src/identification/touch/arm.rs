@@ -150,6 +150,37 @@ impl TouchArm {
             }
         }
         let mut next = 6 * (n + tips.len());
+        if layout.gravity {
+            let first = next;
+            let at = |joint: usize, link: usize| {
+                let before: usize = (0..joint).map(|c| n - c).sum();
+                first + 3 * (before + link - joint)
+            };
+            for joint in 0..n {
+                // The mass at the far end of each link that the joint carries.
+                for end in joint..n {
+                    let mut to = Vec::new();
+                    for link in joint..=end {
+                        let frame = match link + 1 {
+                            next if next < n => nominal.frames()[next],
+                            _ => flange,
+                        };
+                        let lever = frame.rotation.transpose() * frame.translation;
+                        let weight = match nominal.kinds()[joint] {
+                            JointKind::Revolute => lever,
+                            JointKind::Prismatic => Vector3::x(),
+                        };
+                        to.extend((0..3).map(|i| (at(joint, link) + i, weight[i])));
+                    }
+                    columns.push(Column {
+                        group: Group::Links,
+                        index: joint,
+                        to,
+                    });
+                }
+            }
+            next += 3 * n * (n + 1) / 2;
+        }
         let mut single = |group: Group, index: usize| {
             columns.push(Column {
                 group,
@@ -158,13 +189,6 @@ impl TouchArm {
             });
             next += 1;
         };
-        if layout.gravity {
-            for joint in 0..n {
-                for _ in 0..3 * (n - joint) {
-                    single(Group::Links, joint);
-                }
-            }
-        }
         if layout.payload {
             for joint in 0..n {
                 for _ in 0..4 {

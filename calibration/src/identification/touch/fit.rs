@@ -67,7 +67,7 @@ impl Noise {
     }
 
     /// What gears and joints leave that no parameter describes, of an arm of which nothing is known yet.
-    fn usual(self) -> f64 {
+    pub fn usual(self) -> f64 {
         match self {
             Self::Board => 0.2,
             Self::Level | Self::Rotation => 1e-4,
@@ -117,13 +117,14 @@ impl Scales {
             length: class.length,
             tilt: class.tilt,
             zero: class.joint_zero,
-            links: 1.5e-5,
+            links: 5e-5,
             payload: 1.5e-5,
             curve: 1e-4,
         }
     }
 
-    fn of(&self, group: Group) -> Option<f64> {
+    /// Of a group of parameters.
+    pub fn of(&self, group: Group) -> Option<f64> {
         match group {
             Group::Length => Some(self.length),
             Group::Tilt => Some(self.tilt),
@@ -297,6 +298,8 @@ pub struct TouchFit {
     pub tau: [f64; Noise::ALL.len()],
     /// Weight of every row; zero of those that do not belong.
     pub weights: Vec<f64>,
+    /// Equations less parameters that they determine, by kind of noise.
+    pub freedom: [f64; Noise::ALL.len()],
     cells: Vec<Cell>,
 }
 
@@ -360,6 +363,7 @@ impl TouchFit {
             moves: false,
             tau: Noise::ALL.map(|kind| 10.0 * kind.usual()),
             weights: vec![1.0; set.rows.len()],
+            freedom: [0.0; Noise::ALL.len()],
             cells,
         };
         out.settle(problem, false);
@@ -402,7 +406,8 @@ impl TouchFit {
             .collect()
     }
 
-    fn variance(&self, problem: &TouchProblem, row: usize, component: usize) -> f64 {
+    /// σ² + τ² of a component of a row.
+    pub fn variance(&self, problem: &TouchProblem, row: usize, component: usize) -> f64 {
         let kind = Noise::of(&problem.set.rows[row].reading, component);
         problem.stated_variance(row, component) + self.tau[kind as usize].powi(2)
     }
@@ -618,6 +623,7 @@ impl TouchFit {
             }
             stated /= count;
             let freedom: f64 = left_out.iter().map(|l| l.freedom[kind as usize]).sum();
+            self.freedom[kind as usize] = freedom;
             let usual = kind.usual().powi(2) + stated;
             let total = (sum + USUAL_ROWS * usual) / (freedom.max(0.0) + USUAL_ROWS);
             let before = stated + self.tau[kind as usize].powi(2);

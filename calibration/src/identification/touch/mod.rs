@@ -5,5 +5,8 @@ pub mod equations;
 pub mod fit;
 pub mod form;
 pub mod jet;
+pub mod judge;
 pub mod scene;
 pub mod start;
+pub mod unseen;
+pub mod volume;
