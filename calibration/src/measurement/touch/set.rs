@@ -16,6 +16,8 @@ pub struct TouchSet {
     pub path: PathBuf,
     /// The TOML file.
     pub features_path: PathBuf,
+    /// Number of the column `feature` in the CSV file, from 1.
+    pub feature_column: usize,
     /// The joints' columns, base first.
     pub joint_columns: Vec<JointColumn>,
     /// The rows in the order of the file.
