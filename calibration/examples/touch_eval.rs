@@ -8,70 +8,10 @@ use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_runtime::math::se3::{Pose, Twist};
 use std::path::Path;
 
-fn f(v: &toml::Value) -> f64 { v.as_float().or(v.as_integer().map(|i| i as f64)).unwrap() }
-fn g(t: &toml::Value, k: &str) -> Option<f64> { t.get(k).map(f) }
-fn v3(v: &toml::Value) -> Vector3<f64> { let a: Vec<f64> = v.as_array().unwrap().iter().map(f).collect(); Vector3::new(a[0],a[1],a[2]) }
-
 pub fn read(path: &Path, robot: &Robot) -> TouchSet {
-    let toml_path = path.with_extension("toml");
-    let t: toml::Value = std::fs::read_to_string(&toml_path).unwrap().parse::<toml::Table>().unwrap().into();
-    let noise = t.get("noise").and_then(|n| g(n, "touch_mm")).unwrap_or(0.05) * 1e-3;
-    let empty = Vec::new();
-    let feats = t.get("feature").and_then(|x| x.as_array()).unwrap_or(&empty);
-    let features: Vec<Feature> = feats.iter().map(|x| {
-        let name = x["name"].as_str().unwrap().to_string();
-        let mut sigma = noise;
-        let kind = match x["kind"].as_str().unwrap() {
-            "point" => FeatureKind::Point { seat: g(x,"seat_mm").unwrap_or(0.0)*1e-3 },
-            "plane" => FeatureKind::Plane { flatness: g(x,"flatness_mm").unwrap_or(0.0)*1e-3 },
-            "sphere" => FeatureKind::Sphere { radius: g(x,"radius_mm").map(|r| r*1e-3), radius_sigma: g(x,"radius_sigma_mm").unwrap_or(0.01)*1e-3, roundness: 0.0 },
-            "anchor" => FeatureKind::Anchor { position: x.get("position_mm").map(|p| v3(p)*1e-3), position_sigma: g(x,"position_sigma_mm").unwrap_or(20.0)*1e-3, zero_sigma: g(x,"zero_sigma_mm").unwrap_or(1.0)*1e-3, scale_sigma: 0.0 },
-            "level" => { sigma = g(x,"sigma_mrad").unwrap()*1e-3; FeatureKind::Level { rotation: Vector3::zeros(), rotation_sigma: g(x,"rotation_sigma_mrad").unwrap()*1e-3 } },
-            "board" => {
-                sigma = g(x,"sigma_px").unwrap();
-                let xs: Vec<f64> = x["corners_x_mm"].as_array().unwrap().iter().map(f).collect();
-                let ys: Vec<f64> = x["corners_y_mm"].as_array().unwrap().iter().map(f).collect();
-                let corners = xs.iter().flat_map(|a| ys.iter().map(move |b| Vector3::new(a*1e-3,b*1e-3,0.0))).collect();
-                FeatureKind::Board(Board { corners, scale_sigma: 0.0 })
-            }
-            _ => panic!(),
-        };
-        Feature { name, line: 0, kind, sigma }
-    }).collect();
-    let camera = t.get("camera").map(|c| {
-        let two = |k: &str| { let a: Vec<f64> = c[k].as_array().unwrap().iter().map(f).collect(); [a[0],a[1]] };
-        let mut pose = Pose::exp(&Twist { linear: Vector3::zeros(), angular: v3(&c["rotation_vector_rad"]) });
-        pose.translation = v3(&c["position_mm"])*1e-3;
-        Camera { focal: two("focal_px"), centre: two("centre_px"), intrinsics_sigma: 0.0, mount: Mount::Flange, camera_from_mount: pose, position_sigma: 0.02, rotation_sigma: 0.05 }
-    });
-    let tip = &t["target"].as_array().unwrap()[0];
-    let tips = vec![Tip { name: ToolName::default(), position: v3(&tip["tip_mm"])*1e-3, sigma: g(tip,"sigma_mm").unwrap()*1e-3 }];
-    let distances = t.get("distance").and_then(|x| x.as_array()).unwrap_or(&empty).iter().map(|d| {
-        let b: Vec<usize> = d["between"].as_array().unwrap().iter().map(|n| features.iter().position(|f| f.name == n.as_str().unwrap()).unwrap()).collect();
-        KnownDistance { between: [b[0], b[1]], distance: g(d,"mm").unwrap()*1e-3, sigma: g(d,"sigma_mm").unwrap()*1e-3, line: 0 }
-    }).collect();
-    let prior = t.get("prior").map(|p| ClassPrior { length: g(p,"length_mm").unwrap()*1e-3, tilt: g(p,"tilt_mrad").unwrap()*1e-3, joint_zero: g(p,"joint_zero_mrad").unwrap()*1e-3 });
-    let text = std::fs::read_to_string(path).unwrap();
-    let mut lines = text.lines().enumerate().filter(|(_, l)| !l.starts_with('#') && !l.is_empty());
-    let header: Vec<&str> = lines.next().unwrap().1.split(',').collect();
-    let col = |n: &str| header.iter().position(|h| *h == n);
-    let n = robot.joints.len();
-    let rows = lines.map(|(i, l)| {
-        let c: Vec<&str> = l.split(',').collect();
-        let num = |n: &str| col(n).map(|k| c[k].parse::<f64>().unwrap());
-        let joints: Vec<f64> = (1..=n).map(|k| num(&format!("q{k}_deg")).unwrap().to_radians()).collect();
-        let feature = features.iter().position(|x| x.name == c[col("feature").unwrap()]).unwrap();
-        let reading = match &features[feature].kind {
-            FeatureKind::Point {..} => Reading::Point { feature },
-            FeatureKind::Plane {..} => Reading::Plane { feature, value: num("value_mm").unwrap_or(0.0)*1e-3 },
-            FeatureKind::Sphere {..} => Reading::Sphere { feature, value: 0.0 },
-            FeatureKind::Anchor {..} => Reading::Anchor { feature, value: num("value_mm").unwrap()*1e-3 },
-            FeatureKind::Level {..} => Reading::Level { feature, gravity: Vector3::new(num("gx").unwrap(), num("gy").unwrap(), num("gz").unwrap()) },
-            FeatureKind::Board(_) => Reading::Board { feature, corner: num("corner").unwrap() as usize, u: num("u_px").unwrap(), v: num("v_px").unwrap() },
-        };
-        TouchRow { line: i+1, serial_joints: robot.serial_joints(&joints), joints, payload_kg: num("payload_kg"), tip: 0, reading, declared_noise: InstrumentNoise::UNKNOWN }
-    }).collect();
-    TouchSet { path: path.to_path_buf(), features_path: toml_path, joint_columns: vec![], rows, features, tips, distances, prior, camera, notes: vec![], sha256: [[0;32];2] }
+    let mut set = TouchSet::read(path, None, robot).unwrap_or_else(|e| panic!("{e}"));
+    if let Ok(px) = std::env::var("PX") { for f in &mut set.features { if matches!(f.kind, FeatureKind::Board(_)) { f.sigma *= px.parse::<f64>().unwrap(); } } }
+    set
 }
 
 fn truth(path: &Path, n: usize) -> Vec<(Vec<f64>, Vector3<f64>)> {
@@ -161,6 +101,7 @@ fn main() {
             let cover = cover(&predict(&fit.arm), &truth, &there.deviations());
             println!("    expected {:.3}/{:.3} -> {:.3}/{:.3}, at truth {:.3}; cover {:.2}; tau {:.3} LOO {:.2} ({:.3} -> {:.3} mm) {:?}", known.before.mean_mm, known.before.p95_mm, known.after.mean_mm, known.after.p95_mm, there.after.mean_mm, cover, known.tau*1e3, verdict.left_out, verdict.errors.0*1e3, verdict.errors.1*1e3, verdict.play);
             for u in unseen(&problem, &fit, &known) { println!("      {:.2} {}", u.share, u.text); }
+            println!("    c {:.2}", beyond_class(&problem, &fit, &known).unwrap_or(0.0));
             println!("{name:28} {before:.3} -> {after:.3}  tau {:?} out {out} scales {:.2} {:.2} {:.2} links {:.1e} curve {:.1e}  {time:.2} s", fit.tau.iter().filter(|t| **t < 0.5e-3*10.0).map(|t| (t*1e6).round()/1e3).collect::<Vec<_>>(), s.length*1e3, s.tilt*1e3, s.zero*1e3, s.links, s.curve);
         }
     }
@@ -184,7 +125,7 @@ fn main() {
             let volume = WorkVolume::new(&robot, &problem);
             let known = Knowledge::new(&problem, &fit, &volume).unwrap();
             let verdict = Verdict::new(&problem, &drawing, &fit, &known).unwrap();
-            print!("LOO {:.2} exp {:.2} {:.2}", verdict.left_out, known.before.mean_mm, known.after.mean_mm);
+            print!("LOO {:.2} ({:.3} {:.3}) c {:.2} exp {:.2} {:.2}", verdict.left_out, verdict.errors.0*1e3, verdict.errors.1*1e3, beyond_class(&problem,&fit,&known).unwrap_or(0.0), known.before.mean_mm, known.after.mean_mm);
             print!(" {:2}: {:.3} -> {:.3} (tau {:.3}, out {out}, o {:.1} k {:.0e})", 2*each, spread(&drawing.arm, &all, &rest), spread(&fit.arm, &all, &rest), fit.tau[0]*1e3, fit.scales.zero*1e3, fit.scales.links);
         }
         println!();
@@ -201,7 +142,7 @@ fn split(all: &TouchSet, place: &str, each: usize) -> (TouchSet, Vec<usize>) {
     for (i, f) in feats.iter().enumerate() {
         let rows: Vec<&TouchRow> = all.rows.iter().filter(|r| r.reading.feature() == Some(*f)).collect();
         for k in 0..each {
-            let m = rows.len(); let at = match std::env::var("SEL").unwrap_or_default().as_str() { "a" => k*(m-1)/(each-1), "c" => k*m/each, "d" => (2*k+1)*m/(2*each), _ => (k as f64 * (m-1) as f64 / (each-1) as f64).round() as usize };
+            let m = rows.len(); let at = match std::env::var("SEL").unwrap_or_default().as_str() { "b" => (k as f64 * (m-1) as f64 / (each-1) as f64).round() as usize, "a" => k*(m-1)/(each-1), "c" => k*m/each, "d" => (2*k+1)*m/(2*each), _ => (2*k+1)*m/(2*each) };
             let mut row = rows[at].clone();
             row.reading = Reading::Point { feature: i };
             set.rows.push(row);

@@ -41,6 +41,23 @@ pub enum Group {
     Curve,
 }
 
+impl Group {
+    /// Those whose prior the evidence moves.
+    pub const LEARNT: [Self; 6] = [
+        Self::Length,
+        Self::Tilt,
+        Self::Zero,
+        Self::Links,
+        Self::Payload,
+        Self::Curve,
+    ];
+
+    /// Whether its prior is that of the arm's class.
+    pub fn is_of_class(self) -> bool {
+        matches!(self, Self::Length | Self::Tilt | Self::Zero)
+    }
+}
+
 /// One parameter.
 #[derive(Clone, Debug)]
 pub struct Column {

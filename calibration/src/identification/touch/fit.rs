@@ -106,6 +106,8 @@ pub struct Scales {
 /// How far the evidence may move a scale of the class, and how many parameters' worth of belief it has to outweigh.
 const CLASS_FACTOR: f64 = 2.0;
 const CLASS_COUNTS: f64 = 15.0;
+/// The same of what all scales of the class have in common.
+const COMMON_COUNTS: f64 = 5.0;
 /// The same for compliances and gear errors, which differ more from arm to arm.
 const OTHER_FACTOR: f64 = 10.0;
 const OTHER_COUNTS: f64 = 4.0;
@@ -638,31 +640,32 @@ impl TouchFit {
             return change;
         };
         let covariance = solved.covariance();
-        let start = Scales::new(&problem.class);
-        for group in [
-            Group::Length,
-            Group::Tilt,
-            Group::Zero,
-            Group::Links,
-            Group::Payload,
-            Group::Curve,
-        ] {
-            let (Some(first), Some(before)) = (start.of(group), self.scales.of(group)) else {
+        let class = Scales::new(&problem.class);
+        // What all scales of the class have in common, then each by itself.
+        let (mut sum, mut known) = (COMMON_COUNTS, COMMON_COUNTS);
+        for (j, column) in self.arm.columns.iter().enumerate() {
+            if let (true, Some(sd)) = (column.group.is_of_class(), class.of(column.group)) {
+                sum += (self.arm.theta[j] / sd).powi(2);
+                known += (1.0 - covariance[(j, j)]).max(0.0);
+            }
+        }
+        let common = (sum / known).sqrt().clamp(1.0 / CLASS_FACTOR, CLASS_FACTOR);
+        for group in Group::LEARNT {
+            let (Some(first), Some(before)) = (class.of(group), self.scales.of(group)) else {
                 continue;
             };
-            let (mut sum, mut known) = (0.0, 0.0);
+            let (counts, factor, start) = match group.is_of_class() {
+                true => (CLASS_COUNTS, CLASS_FACTOR, common * first),
+                false => (OTHER_COUNTS, OTHER_FACTOR, first),
+            };
+            let (mut sum, mut known) = (counts * start * start, counts);
             for (j, column) in self.arm.columns.iter().enumerate() {
                 if column.group == group {
                     sum += self.arm.theta[j].powi(2);
                     known += (1.0 - covariance[(j, j)]).max(0.0);
                 }
             }
-            let (counts, factor) = match group {
-                Group::Length | Group::Tilt | Group::Zero => (CLASS_COUNTS, CLASS_FACTOR),
-                _ => (OTHER_COUNTS, OTHER_FACTOR),
-            };
-            let wanted = ((counts * first * first + sum) / (counts + known)).sqrt();
-            let after = wanted.clamp(first / factor, first * factor);
+            let after = (sum / known).sqrt().clamp(first / factor, first * factor);
             change = change.max((after / before - 1.0).abs());
             self.scales.set(group, after);
         }

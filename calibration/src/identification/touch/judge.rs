@@ -1,6 +1,7 @@
 //! Whether a calibration by touches may be believed: leave-one-touch-out against the drawing, and what is gained.
 
-use crate::identification::touch::fit::{LeftOut, Noise, TouchFit, TouchProblem};
+use crate::identification::touch::arm::Group;
+use crate::identification::touch::fit::{LeftOut, Noise, Scales, TouchFit, TouchProblem};
 use crate::identification::touch::volume::Knowledge;
 
 /// Error of touches left out over that of the drawing, from which on a calibration does not show that it helps.
@@ -74,4 +75,19 @@ fn rows<'a>(
     all.iter()
         .flat_map(|left| left.rows.iter().copied().zip(&left.errors))
         .filter(|(row, _)| fit.weights[*row] > 0.0)
+}
+
+/// By what factor the touches say that the arm is farther from its drawing than its class is: √(θᵀ Λ⁻¹ θ / γ) with the class's Λ
+/// and γ = Σ (1 − Σ_jj), the number of parameters that they determine (MacKay 1992). `None` where they determine hardly one.
+pub fn beyond_class(problem: &TouchProblem, fit: &TouchFit, known: &Knowledge) -> Option<f64> {
+    let class = Scales::new(&problem.class);
+    let (mut sum, mut determined) = (0.0, 0.0);
+    for (j, column) in fit.arm.columns.iter().enumerate() {
+        if matches!(column.group, Group::Length | Group::Tilt | Group::Zero) {
+            let sd = class.of(column.group)?;
+            sum += (fit.arm.theta[j] / sd).powi(2);
+            determined += (1.0 - known.covariance[(j, j)]).max(0.0);
+        }
+    }
+    (determined > 1.0).then(|| (sum / determined).sqrt())
 }
