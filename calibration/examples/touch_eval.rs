@@ -94,6 +94,7 @@ fn main() {
             let s = fit.scales;
             use poegp_calibration::identification::touch::{volume::*,unseen::*,judge::*};
             let volume = WorkVolume::new(&robot, &problem);
+            if let Ok(f) = std::env::var("SHRINK") { let f: f64 = f.parse().unwrap(); let mut g = fit.clone(); g.tau = [0.0; 8]; let mut set2 = set.clone(); for x in &mut set2.features { x.sigma *= f; } let mut p2 = problem.clone(); p2.set = &set2; let k = Knowledge::new(&p2, &g, &volume).unwrap(); println!("   shrunk: after {:.3}", k.after.mean_mm); for u in unseen(&p2, &g, &k) { println!("      {:.2} {}", u.share, u.text); } }
             let known = Knowledge::new(&problem, &fit, &volume).unwrap();
             let verdict = Verdict::new(&problem, &drawing, &fit, &known).unwrap();
             let at = WorkVolume::of(&robot, truth.iter().map(|t| t.0.clone()), payload);

@@ -82,7 +82,7 @@ impl Noise {
 }
 
 /// As many rows as this are believed to have shown the usual τ before the first is read.
-const USUAL_ROWS: f64 = 2.0;
+const USUAL_ROWS: f64 = 6.0;
 /// A tracker that states nothing: m and rad.
 const TRACKER_NOISE: (f64, f64) = (20e-6, 50e-6);
 

@@ -27,6 +27,8 @@ const MEAN_MODULUS: f64 = 0.797_884_560_802_865_4;
 pub enum Direction {
     /// All lengths in proportion.
     Size,
+    /// The same, where a board tells it weakly.
+    SizeByBoard,
     /// One plane tells heights alone.
     HeightsOnly,
     /// A level tells directions alone.
@@ -104,19 +106,31 @@ pub fn unseen(problem: &TouchProblem, fit: &TouchFit, known: &Knowledge) -> Vec<
         && share > UNSEEN
     {
         sees_size = false;
-        let what = if readings().all(|r| matches!(r, Reading::Plane { .. })) {
-            "Planes cannot tell"
-        } else {
-            "Touches at unknown points cannot tell"
-        };
         let percent = 100.0 * share * spread(&size);
+        let stays = format!("±{percent:.2} % stays, {mm:.2} mm on average");
+        let has_board = readings().any(|r| matches!(r, Reading::Board { .. }));
+        let text = if has_board {
+            format!(
+                "The arm's size comes from the board alone, and these images hardly tell it: {stays}. Take images from farther apart."
+            )
+        } else if readings().all(|r| matches!(r, Reading::Plane { .. })) {
+            format!(
+                "Planes cannot tell the arm's size: {stays}. Give one known distance of 200 mm or more between points that are touched."
+            )
+        } else {
+            format!(
+                "Touches at unknown points cannot tell the arm's size: {stays}. Give one known distance of 200 mm or more."
+            )
+        };
+        let direction = match has_board {
+            true => Direction::SizeByBoard,
+            false => Direction::Size,
+        };
         out.push(Unseen {
-            direction: Direction::Size,
+            direction,
             share,
             mm,
-            text: format!(
-                "{what} the arm's size: ±{percent:.2} % stays, {mm:.2} mm on average. Give one known distance of 200 mm or more."
-            ),
+            text,
         });
     }
     for frame in (1..n).filter(|f| sees_size && lever(*f).norm() > SHORTEST) {
