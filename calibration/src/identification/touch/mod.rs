@@ -1,0 +1,12 @@
+//! Touches: the arm and everything that was touched, most probable together.
+
+pub mod arm;
+pub mod equations;
+pub mod fit;
+pub mod form;
+pub mod jet;
+pub mod judge;
+pub mod scene;
+pub mod start;
+pub mod unseen;
+pub mod volume;
