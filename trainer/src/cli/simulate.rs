@@ -12,6 +12,8 @@ use crate::cli::failure::Failure;
 use crate::cli::inputs::Arm;
 use crate::cli::output::{check_outputs, make_folder, summary_text, write_outputs};
 use crate::cli::terminal::print::Printer;
+use poegp_calibration::input_error::InputError;
+use poegp_calibration::measurement::touch::TouchSet;
 use poegp_calibration::robot::Robot;
 use poegp_calibration::simulation::touches::{TOUCH_KINDS, TouchTask};
 use poegp_calibration::simulation::{Scenario, Simulator, to_csv};
@@ -46,6 +48,9 @@ pub struct Simulate {
     /// number of such features, as socket2; the rows of all are in one file.
     #[arg(long, value_name = "KIND,KIND", value_delimiter = ',', value_parser = touch_task, conflicts_with_all = ["poses", "test_sets", "test_poses"])]
     pub touch: Vec<TouchTask>,
+    /// Touch the sockets of a plan of `plan --touch`, with NAME.toml beside NAME.csv.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["touch", "poses", "test_sets", "test_poses"])]
+    pub touch_plan: Option<PathBuf>,
     /// Number of touches of each kind, spread over its features; of a camera four times the number of images.
     #[arg(long, value_name = "N", default_value_t = 80, requires = "touch", value_parser = clap::value_parser!(u32).range(4..=2000))]
     pub touches: u32,
@@ -126,12 +131,24 @@ fn touched_sets(
     simulator: &mut Simulator,
     comment: &str,
 ) -> Result<Vec<SimulatedSet>, Failure> {
-    let simulated = simulator.touch(robot, &a.touch, a.touches as usize, TRUTH_POSES, comment);
-    let (touches, truth) = simulated.map_err(|error| {
-        Failure::Usage(format!(
-            "--touch: {error}\nhelp: another --seed puts it elsewhere; --scenario full uses all of the joint limits"
-        ))
-    })?;
+    let (touches, truth) = match &a.touch_plan {
+        Some(path) => {
+            let plan = TouchSet::read(path, None, robot)?;
+            let touched = simulator.touch_planned(robot, &plan, TRUTH_POSES, comment);
+            touched.map_err(|error| {
+                InputError::new(path, error.to_string(), "a plan of sockets within reach")
+            })?
+        }
+        None => {
+            let touched =
+                simulator.touch(robot, &a.touch, a.touches as usize, TRUTH_POSES, comment);
+            touched.map_err(|error| {
+                Failure::Usage(format!(
+                    "--touch: {error}\nhelp: another --seed puts it elsewhere; --scenario full uses all of the joint limits"
+                ))
+            })?
+        }
+    };
     let set = |name: &str, poses, csv| SimulatedSet {
         path: a.out.join(name),
         poses,
@@ -158,12 +175,14 @@ pub fn run(a: &Simulate) -> Result<(), Failure> {
             "--payloads {bad}: expected kilograms, 0 or more"
         )));
     }
-    check_outputs(&[a.json.as_deref()], &[Path::new(&a.robot.robot)])?;
+    let mut inputs = vec![Path::new(&a.robot.robot)];
+    inputs.extend(a.touch_plan.as_deref());
+    check_outputs(&[a.json.as_deref()], &inputs)?;
     let arm = Arm::load(&a.robot.robot, &a.robot.chain)?;
     let _folder = make_folder(&a.out)?;
     let mut simulator = Simulator::new(&arm.robot, a.scenario, &a.payloads, a.seed);
     let comment = format!("simulated {} (seed {})", arm.robot.name, a.seed);
-    let sets = match a.touch.is_empty() {
+    let sets = match a.touch.is_empty() && a.touch_plan.is_none() {
         true => simulated_sets(
             &arm.robot,
             &mut simulator,

@@ -57,6 +57,26 @@ fn planned_touches_are_a_touch_file() {
         mm("expected_mm") < mm("random_mm") && mm("random_mm") < mm("drawing_mm"),
         "{plan}"
     );
+    // A plate is no socket.
+    folder
+        .run("simulate --robot ur10 --touch-plan touches.csv --out t")
+        .refused();
+    let sockets =
+        "plan --robot ur10 --touch socket=600,100,500 --touch socket=400,-300,500 --count 12";
+    folder
+        .run(&format!("{sockets} --out s.csv --features-out s.toml"))
+        .ok();
+    folder
+        .run("simulate --robot ur10 --touch-plan s.csv --out t")
+        .ok();
+    let touched = touches(&folder, "t/touches.csv", "ur10");
+    let planned = touches(&folder, "s.csv", "ur10");
+    assert_eq!(touched.rows.len(), 12);
+    for (touched, planned) in touched.rows.iter().zip(&planned.rows) {
+        let pairs = touched.joints.iter().zip(&planned.joints);
+        let largest = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!(largest < 0.1, "{largest} rad from the plan");
+    }
     let plan = |rest: &str| folder.run(&format!("plan --robot ur10 --out p.csv {rest}"));
     plan("--touch socket=600,100").refused();
     plan("--touch socket=6000,100,500").refused();

@@ -442,7 +442,11 @@ impl TouchFit {
         }
         let squared = |(x, sd): (&f64, f64)| if sd > 0.0 { (x / sd).powi(2) } else { 0.0 };
         let arm = self.arm.theta.iter().zip(self.priors(problem));
-        let scene = self.scene.deviation.iter().zip(self.scene.prior.iter().copied());
+        let scene = self
+            .scene
+            .deviation
+            .iter()
+            .zip(self.scene.prior.iter().copied());
         sum += arm.map(squared).sum::<f64>() + scene.map(squared).sum::<f64>();
         for distance in &problem.set.distances {
             if let Some((missed, _)) = self.distance(distance.between, distance.distance) {
@@ -493,7 +497,10 @@ impl TouchFit {
                     .collect();
                 sums.add(&row_jet, &weights, range.start, &scene.prior);
             }
-            if scaled.as_ref().is_none_or(|(state, _)| *state != cell.state) {
+            if scaled
+                .as_ref()
+                .is_none_or(|(state, _)| *state != cell.state)
+            {
                 let columns = |i: usize, j: usize| jet.jacobian[(i, j)] * priors[j];
                 scaled = Some((cell.state, Mat::from_fn(6, priors.len(), columns)));
             }

@@ -50,14 +50,17 @@ impl Verdict {
             }
         }
         let most = of_kind.iter().max_by(|a, b| a[2].total_cmp(&b[2]))?;
-        let play = Noise::ALL.into_iter().filter(|k| k.is_length()).filter_map(|kind| {
-            let tau = fit.tau[kind as usize];
-            let stated = problem.set.rows.iter().filter_map(|row| {
-                (Noise::of(&row.reading, 0) == kind).then(|| problem.set.sigma(row))?
+        let play = Noise::ALL
+            .into_iter()
+            .filter(|k| k.is_length())
+            .filter_map(|kind| {
+                let tau = fit.tau[kind as usize];
+                let stated = problem.set.rows.iter().filter_map(|row| {
+                    (Noise::of(&row.reading, 0) == kind).then(|| problem.set.sigma(row))?
+                });
+                let stated = stated.fold(f64::INFINITY, f64::min);
+                (tau > PLAY.0 * stated && tau > PLAY.1).then_some(tau)
             });
-            let stated = stated.fold(f64::INFINITY, f64::min);
-            (tau > PLAY.0 * stated && tau > PLAY.1).then_some(tau)
-        });
         Some(Self {
             left_out: sums[1] / sums[0].max(1e-12),
             errors: (most[0] / most[2].max(1.0), most[1] / most[2].max(1.0)),
@@ -68,10 +71,7 @@ impl Verdict {
 }
 
 /// The rows that belong, with their errors.
-fn rows<'a>(
-    all: &'a [LeftOut],
-    fit: &'a TouchFit,
-) -> impl Iterator<Item = (usize, &'a Vec<f64>)> {
+fn rows<'a>(all: &'a [LeftOut], fit: &'a TouchFit) -> impl Iterator<Item = (usize, &'a Vec<f64>)> {
     all.iter()
         .flat_map(|left| left.rows.iter().copied().zip(&left.errors))
         .filter(|(row, _)| fit.weights[*row] > 0.0)

@@ -134,11 +134,7 @@ fn plane(points: &[Vector3<f64>], values: &[f64]) -> (Vector3<f64>, f64) {
 }
 
 /// Centre and radius of |x − c| = r + value by linear least squares; a radius that is known is not fitted.
-fn sphere(
-    points: &[Vector3<f64>],
-    values: &[f64],
-    known: Option<f64>,
-) -> (Vector3<f64>, f64) {
+fn sphere(points: &[Vector3<f64>], values: &[f64], known: Option<f64>) -> (Vector3<f64>, f64) {
     let middle = mean(points);
     // |x|² − value² = 2 c·x + 2 r value + k with k = r² − |c|².
     let travels = values.iter().any(|v| *v != 0.0) && known.is_none_or(|r| r == 0.0);
@@ -150,7 +146,11 @@ fn sphere(
             a[(i, k)] = 2.0 * from[k];
         }
         a[(i, 3)] = 1.0;
-        a[(i, 4)] = if travels && known.is_none() { 2.0 * value } else { 0.0 };
+        a[(i, 4)] = if travels && known.is_none() {
+            2.0 * value
+        } else {
+            0.0
+        };
         b[(i, 0)] = from.norm_squared() - value * value;
     }
     let scale = a.norm_squared() / points.len().max(1) as f64;
@@ -215,7 +215,10 @@ fn board_pose(
             }
         }
         errors.sort_by(f64::total_cmp);
-        errors.get(errors.len() / 2).copied().unwrap_or(f64::INFINITY)
+        errors
+            .get(errors.len() / 2)
+            .copied()
+            .unwrap_or(f64::INFINITY)
     };
     let poses = images.iter().take(TRIED).filter_map(|(flange, corners)| {
         let camera_from_board = homography_pose(camera, corners)?;
@@ -254,7 +257,10 @@ fn homography_pose(camera: &Camera, corners: &[(Vector3<f64>, [f64; 2])]) -> Opt
         }
     }
     let eigen = a.symmetric_eigen();
-    let h = eigen.eigenvectors.column(eigen.eigenvalues.imin()).into_owned();
+    let h = eigen
+        .eigenvectors
+        .column(eigen.eigenvalues.imin())
+        .into_owned();
     let column = |i: usize| Vector3::new(h[i], h[3 + i], h[6 + i]);
     let (mut first, mut second, mut third) = (column(0) / size, column(1) / size, column(2));
     let scale = 0.5 * (first.norm() + second.norm());
@@ -266,7 +272,11 @@ fn homography_pose(camera: &Camera, corners: &[(Vector3<f64>, [f64; 2])]) -> Opt
     first /= scale;
     second /= scale;
     third /= scale;
-    let rotation = nearest_rotation(&Matrix3::from_columns(&[first, second, first.cross(&second)]));
+    let rotation = nearest_rotation(&Matrix3::from_columns(&[
+        first,
+        second,
+        first.cross(&second),
+    ]));
     Some(Pose {
         rotation,
         translation: third,

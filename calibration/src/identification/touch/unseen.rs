@@ -182,7 +182,11 @@ pub fn unseen(problem: &TouchProblem, fit: &TouchFit, known: &Knowledge) -> Vec<
 /// The relative size that one standard deviation of the prior along `u` is: the weighted mean of independent links.
 fn spread(u: &[f64]) -> f64 {
     let squared: f64 = u.iter().map(|x| x * x).sum();
-    if squared > 0.0 { 1.0 / squared.sqrt() } else { 0.0 }
+    if squared > 0.0 {
+        1.0 / squared.sqrt()
+    } else {
+        0.0
+    }
 }
 
 /// Posterior over prior along `u` and what that is worth in mm; `None` for no direction at all.
@@ -197,7 +201,12 @@ fn measure(u: &[f64], known: &Knowledge) -> Option<(f64, f64)> {
     let share = variance.max(0.0).sqrt();
     let moved = product(&known.field, &u);
     let poses = moved.nrows() / 3;
-    let length = |k: usize| (0..3).map(|i| moved[(3 * k + i, 0)].powi(2)).sum::<f64>().sqrt();
+    let length = |k: usize| {
+        (0..3)
+            .map(|i| moved[(3 * k + i, 0)].powi(2))
+            .sum::<f64>()
+            .sqrt()
+    };
     let mean = (0..poses).map(length).sum::<f64>() / poses.max(1) as f64;
     Some((share, 1e3 * MEAN_MODULUS * share * mean))
 }

@@ -74,7 +74,8 @@ impl WorkVolume {
     ) -> Self {
         let state = |joints: Vec<f64>| {
             let unseen = Observation::Pose(Pose::identity());
-            let mut sample = Sample::new(joints.clone(), robot.serial_joints(&joints), unseen, Base);
+            let mut sample =
+                Sample::new(joints.clone(), robot.serial_joints(&joints), unseen, Base);
             sample.payload_kg = payload_kg;
             sample
         };
@@ -163,7 +164,11 @@ fn field(fit: &TouchFit, states: &[BaseSample], priors: &[f64]) -> Mat<f64> {
     let rows = 3 * jets.len();
     let mut field = Mat::zeros(rows, priors.len());
     let mut gauge = Mat::zeros(rows, GAUGE);
-    let middle = jets.iter().map(|j| j.pose.translation).sum::<Vector3<f64>>() / jets.len() as f64;
+    let middle = jets
+        .iter()
+        .map(|j| j.pose.translation)
+        .sum::<Vector3<f64>>()
+        / jets.len() as f64;
     for (k, jet) in jets.iter().enumerate() {
         let turn = -skew(&(jet.pose.translation - middle));
         for i in 0..3 {

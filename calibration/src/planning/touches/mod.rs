@@ -12,9 +12,9 @@ mod tests;
 
 pub use crate::planning::touches::files::{feature_names, to_csv, to_toml};
 
-use nalgebra::Vector3;
+use nalgebra::{SMatrix, SVector, Vector3};
 use poegp_runtime::kinematics::poe::Poe;
-use poegp_runtime::math::se3::Pose;
+use poegp_runtime::math::se3::{Pose, skew};
 use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -123,7 +123,8 @@ pub struct PlannedTouch {
 pub struct TouchPlan {
     /// The touches, goal by goal.
     pub touches: Vec<PlannedTouch>,
-    /// Mean error of the tip's position over the joint ranges as drawn, m, if the arm is of its class.
+    /// Root mean square error of the tip's position over the joint ranges as drawn, m, after the best registration of base
+    /// and tip, if the arm is of its class.
     pub before: f64,
     /// After these touches.
     pub expected: f64,
@@ -184,17 +185,7 @@ impl<'a> TouchPlanner<'a> {
         let chain = task.constraints.chain(task.nominal);
         let seed = task.seed.wrapping_add(1);
         let tests = draw(task.robot, &chain, task.constraints, TEST_POSES, seed).joints;
-        let unknowns = out.unknowns();
-        out.wanted = vec![vec![0.0; unknowns]; unknowns];
-        for joints in &tests {
-            for row in out.positions(joints) {
-                for (i, a) in row.iter().enumerate() {
-                    for (j, b) in row.iter().enumerate() {
-                        out.wanted[i][j] += a * b / tests.len() as f64;
-                    }
-                }
-            }
-        }
+        out.wanted = out.wanted_at(&tests);
         Ok(out)
     }
 
@@ -310,6 +301,49 @@ impl<'a> TouchPlanner<'a> {
             }
         }
         out
+    }
+
+    /// Mean of JᵀJ over the poses, of what is left of J after the best registration of base (6) and tip (3): no touch sees
+    /// where the base is, and the tip is measured wherever it is used.
+    fn wanted_at(&self, tests: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        let unknowns = self.unknowns();
+        let mut rows: Vec<Vec<f64>> = Vec::with_capacity(3 * tests.len());
+        let mut gauge: Vec<SVector<f64, 9>> = Vec::with_capacity(3 * tests.len());
+        let tip = self.task.constraints.flange_from_target.translation;
+        for joints in tests {
+            let serial = self.task.robot.serial_joints(joints);
+            let flange: Pose<f64> = self.task.nominal.forward(&serial);
+            let turn = -skew(&flange.transform_point(&tip));
+            for (axis, row) in self.positions(joints).into_iter().enumerate() {
+                gauge.push(SVector::from_fn(|k, _| match k {
+                    0..3 => f64::from(u8::from(k == axis)),
+                    3..6 => turn[(axis, k - 3)],
+                    _ => flange.rotation[(axis, k - 6)],
+                }));
+                rows.push(row);
+            }
+        }
+        let ridge = SMatrix::<f64, 9, 9>::identity() * 1e-9;
+        let normal = gauge.iter().fold(ridge, |sum, g| sum + g * g.transpose());
+        let inverse = normal.try_inverse().unwrap_or_else(SMatrix::zeros);
+        let registered: Vec<SVector<f64, 9>> = (0..unknowns)
+            .map(|i| {
+                let seen = rows.iter().zip(&gauge).map(|(row, g)| g * row[i]);
+                inverse * seen.sum::<SVector<f64, 9>>()
+            })
+            .collect();
+        let mut wanted = vec![vec![0.0; unknowns]; unknowns];
+        for (row, g) in rows.iter().zip(&gauge) {
+            let left: Vec<f64> = (0..unknowns)
+                .map(|i| row[i] - g.dot(&registered[i]))
+                .collect();
+            for (wanted, a) in wanted.iter_mut().zip(&left) {
+                for (sum, b) in wanted.iter_mut().zip(&left) {
+                    *sum += a * b / tests.len() as f64;
+                }
+            }
+        }
+        wanted
     }
 
     /// What a touch says, divided by what it misses by.

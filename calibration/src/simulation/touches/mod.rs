@@ -3,15 +3,18 @@
 //! The operator leads the arm until its true tip is at the feature, but for the noise of a touch, and writes down the joints
 //! that the controller shows. What the description states of tip, anchors and camera is off by its stated σ.
 
+mod sensors;
+
 use std::fmt::Write as _;
 
 use nalgebra::Vector3;
 use poegp_protocol::JointKind;
-use poegp_runtime::math::se3::{Pose, Twist};
+use poegp_runtime::math::se3::Pose;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
+use crate::measurement::touch::{Reading, TouchSet};
 use crate::robot::Robot;
 use crate::robot::settle::{Settler, Surface};
 use crate::simulation::Simulator;
@@ -24,23 +27,8 @@ const TIP: [f64; 3] = [0.02, 0.01, 0.15];
 const TIP_ERROR: f64 = 1e-3;
 /// How well a known distance or radius is known, m.
 const LENGTH_NOISE: f64 = 0.015e-3;
-/// How well an anchor is known by a tape, and the zero of its wire, m.
-const TAPE_ERROR: f64 = 20e-3;
-const ZERO_ERROR: f64 = 1e-3;
 /// From the centre of a ball to that of the tip, m.
 const BALL: f64 = 50e-3;
-/// Rotation of a sensor at the flange, rad, and noise of a level.
-const MOUNTING_ERROR: f64 = 20e-3;
-const LEVEL_NOISE: f64 = 0.05e-3;
-/// Focal length, half the image and noise, pixels.
-const FOCAL: f64 = 1500.0;
-const HALF_IMAGE: [f64; 2] = [960.0, 600.0];
-const PIXEL_NOISE: f64 = 0.1;
-/// From the camera to the board, m.
-const VIEW: f64 = 0.45;
-/// Distance between two corners of a board, m, and their numbers along x and y.
-const CORNER_STEP: f64 = 0.05;
-const CORNERS: [usize; 2] = [5, 4];
 /// Starts of one touch before there is no hope.
 const STARTS: usize = 500;
 
@@ -141,26 +129,79 @@ impl Simulator {
             simulator: self,
             tip,
             rows: Vec::new(),
-            toml: description_of_tip(comment),
+            toml: description_of_tip(comment, Vector3::from(TIP)),
         };
         for task in tasks {
             touching.task(*task, count)?;
         }
-        let names = touching.joint_names();
-        let header = "feature,corner,value_mm,gx,gy,gz,u_px,v_px,payload_kg";
-        let csv = format!("# {comment}\n{header},{names}\n{}", touching.rows.concat());
-        let touches = SimulatedTouches {
-            csv,
-            rows: touching.rows.len(),
-            toml: std::mem::take(&mut touching.toml),
-        };
-        let truth = touching.truth(truth, comment);
-        Ok((touches, truth))
+        Ok(touching.finished(truth, comment))
     }
 }
 
-fn description_of_tip(comment: &str) -> String {
-    let [x, y, z] = TIP.map(|x| 1e3 * x);
+impl Simulator {
+    /// Touches the sockets of a plan, as an operator does who leads the tip there: from the joints of each row to the nearest
+    /// at which the true tip is seated. A socket stands where its first row leads. The distances from the first socket are
+    /// measured. `truth` is as in [`Simulator::touch`].
+    ///
+    /// # Errors
+    /// [`OutOfReach`] where a row has no way to its socket, or its feature is none.
+    pub fn touch_planned(
+        &mut self,
+        robot: &Robot,
+        plan: &TouchSet,
+        truth: usize,
+        comment: &str,
+    ) -> Result<(SimulatedTouches, String), OutOfReach> {
+        let drawn = plan
+            .tips
+            .first()
+            .map_or(Vector3::from(TIP), |tip| tip.position);
+        let error = normal_vector(TIP_ERROR, &mut self.random);
+        let mut touching = Touching {
+            robot,
+            payload_kg: self.payloads.first().copied().unwrap_or(0.0),
+            ranges: whole_ranges(robot),
+            simulator: self,
+            tip: drawn + error,
+            rows: Vec::new(),
+            toml: description_of_tip(comment, drawn),
+        };
+        let mut points: Vec<Option<Vector3<f64>>> = vec![None; plan.features.len()];
+        for row in &plan.rows {
+            let Reading::Point { feature } = row.reading else {
+                let feature = row.reading.feature().map(|f| plan.features[f].name.clone());
+                return Err(OutOfReach(feature.unwrap_or_default()));
+            };
+            let name = &plan.features[feature].name;
+            let there = touching.tip_at(&row.joints);
+            let point = *points[feature].get_or_insert(there);
+            let noise = normal_vector(TOUCH_NOISE, touching.random());
+            let joints = touching
+                .seated(&row.joints, touching.tip, Surface::Point(point + noise))
+                .ok_or_else(|| OutOfReach(name.clone()))?;
+            touching.row(name, ",,,,,,", &joints);
+        }
+        let placed: Vec<(String, Vector3<f64>)> = plan
+            .features
+            .iter()
+            .zip(&points)
+            .filter_map(|(feature, point)| Some((feature.name.clone(), (*point)?)))
+            .collect();
+        touching.describe_sockets(&placed);
+        touching.ranges = touching.simulator.ranges.clone();
+        Ok(touching.finished(truth, comment))
+    }
+}
+
+/// All that the joints can do.
+fn whole_ranges(robot: &Robot) -> Vec<(f64, f64)> {
+    let whole = (-std::f64::consts::TAU, std::f64::consts::TAU);
+    let limits = robot.joints.iter().map(|joint| joint.limits);
+    limits.map(|limits| limits.unwrap_or(whole)).collect()
+}
+
+fn description_of_tip(comment: &str, tip: Vector3<f64>) -> String {
+    let [x, y, z] = [tip.x, tip.y, tip.z].map(|x| 1e3 * x);
     format!(
         "# {comment}\nversion = 1\n\n[noise]\ntouch_mm = {}\n\n[prior]\nlength_mm = 0.8\ntilt_mrad = 0.8\njoint_zero_mrad = 0.8\n\n\
          [[target]]\nname = \"tip\"\ntip_mm = [{x}, {y}, {z}]\nsigma_mm = {}\n",
@@ -170,6 +211,28 @@ fn description_of_tip(comment: &str) -> String {
 }
 
 impl Touching<'_> {
+    /// Both files, and the truth.
+    fn finished(mut self, truth: usize, comment: &str) -> (SimulatedTouches, String) {
+        let names = self.joint_names();
+        let header = "feature,corner,value_mm,gx,gy,gz,u_px,v_px,payload_kg";
+        let csv = format!("# {comment}\n{header},{names}\n{}", self.rows.concat());
+        let touches = SimulatedTouches {
+            csv,
+            rows: self.rows.len(),
+            toml: std::mem::take(&mut self.toml),
+        };
+        let truth = self.truth(truth, comment);
+        (touches, truth)
+    }
+
+    /// Joints near `start` at which a point of the flange is truly on a surface.
+    fn seated(&self, start: &[f64], point: Vector3<f64>, surface: Surface) -> Option<Vec<f64>> {
+        let nominal = self.robot.chain().ok()?;
+        let settler = Settler::new(self.robot, &nominal, point, &self.ranges);
+        let position = |q: &[f64]| self.flange(q).transform_point(&point);
+        settler.settle(start, surface, position)
+    }
+
     fn random(&mut self) -> &mut ChaCha8Rng {
         &mut self.simulator.random
     }
@@ -210,16 +273,9 @@ impl Touching<'_> {
         share: f64,
         accept: impl Fn(&Self, &[f64]) -> bool,
     ) -> Result<Vec<f64>, OutOfReach> {
-        let nominal = self
-            .robot
-            .chain()
-            .map_err(|_| OutOfReach(name.to_owned()))?;
-        let ranges = self.ranges.clone();
-        let settler = Settler::new(self.robot, &nominal, point, &ranges);
         for _ in 0..STARTS {
             let start = self.joints(share);
-            let position = |q: &[f64]| self.flange(q).transform_point(&point);
-            if let Some(joints) = settler.settle(&start, surface, position)
+            if let Some(joints) = self.seated(&start, point, surface)
                 && accept(self, &joints)
             {
                 return Ok(joints);
@@ -286,11 +342,8 @@ impl Touching<'_> {
             }
             points.push(point);
         }
-        for (name, point) in names.iter().zip(&points) {
-            let _ = write!(
-                self.toml,
-                "\n[[feature]]\nname = \"{name}\"\nkind = \"point\"\n"
-            );
+        let placed: Vec<(String, Vector3<f64>)> = names.iter().cloned().zip(points).collect();
+        for (name, point) in &placed {
             for _ in 0..count / names.len() {
                 let noise = normal_vector(TOUCH_NOISE, self.random());
                 let goal = (self.tip, Surface::Point(point + noise));
@@ -298,17 +351,30 @@ impl Touching<'_> {
                 self.row(name, ",,,,,,", &joints);
             }
         }
-        for (name, point) in names.iter().zip(&points).skip(1) {
-            let measured = (point - points[0]).norm() + LENGTH_NOISE * self.normal();
+        self.describe_sockets(&placed);
+        Ok(())
+    }
+
+    /// Sockets and their distances from the first.
+    fn describe_sockets(&mut self, placed: &[(String, Vector3<f64>)]) {
+        for (name, _) in placed {
             let _ = write!(
                 self.toml,
-                "\n[[distance]]\nbetween = [\"{}\", \"{name}\"]\nmm = {:.3}\nsigma_mm = {}\n",
-                names[0],
+                "\n[[feature]]\nname = \"{name}\"\nkind = \"point\"\n"
+            );
+        }
+        let Some(((first, from), others)) = placed.split_first() else {
+            return;
+        };
+        for (name, point) in others {
+            let measured = (point - from).norm() + LENGTH_NOISE * self.normal();
+            let _ = write!(
+                self.toml,
+                "\n[[distance]]\nbetween = [\"{first}\", \"{name}\"]\nmm = {:.3}\nsigma_mm = {}\n",
                 1e3 * measured,
                 1e3 * LENGTH_NOISE
             );
         }
-        Ok(())
     }
 
     fn planes(&mut self, names: &[String], count: usize) -> Result<(), OutOfReach> {
@@ -352,145 +418,6 @@ impl Touching<'_> {
                 let joints = self.reach(name, goal, 1.0, joints_to_centre)?;
                 self.row(name, ",,,,,,", &joints);
             }
-        }
-        Ok(())
-    }
-
-    fn wires(&mut self, names: &[String], count: usize) {
-        let distance = 1.2 * self.robot.reach();
-        let mut anchors = Vec::new();
-        for (k, name) in names.iter().enumerate() {
-            // The first in front and to the right, each further one a third of a turn on.
-            let turn = -0.6 + std::f64::consts::TAU / 3.0 * k as f64;
-            let at = Vector3::new(distance * libm::cos(turn), distance * libm::sin(turn), 0.03);
-            let zero = ZERO_ERROR * self.normal();
-            let stated = 1e3 * (at + normal_vector(TAPE_ERROR, self.random()));
-            let _ = write!(
-                self.toml,
-                "\n[[feature]]\nname = \"{name}\"\nkind = \"anchor\"\nposition_mm = [{:.1}, {:.1}, {:.1}]\n\
-                 position_sigma_mm = {}\nzero_sigma_mm = {}\n",
-                stated.x,
-                stated.y,
-                stated.z,
-                1e3 * TAPE_ERROR,
-                1e3 * ZERO_ERROR
-            );
-            anchors.push((name, at, zero));
-        }
-        for _ in 0..count / names.len() {
-            let joints = self.joints(1.0);
-            for (name, at, zero) in &anchors {
-                let value = (self.tip_at(&joints) - at).norm() - zero;
-                let value = value + TOUCH_NOISE * self.normal();
-                self.row(name, &format!(",{:.4},,,,,", 1e3 * value), &joints);
-            }
-        }
-    }
-
-    /// A small rotation that nobody knows.
-    fn turn(&mut self) -> Pose<f64> {
-        Pose::exp(&Twist {
-            linear: Vector3::zeros(),
-            angular: normal_vector(MOUNTING_ERROR, self.random()),
-        })
-    }
-
-    fn level(&mut self, name: &str, count: usize) {
-        let _ = write!(
-            self.toml,
-            "\n[[feature]]\nname = \"{name}\"\nkind = \"level\"\nrotation_sigma_mrad = {}\nsigma_mrad = {}\n",
-            1e3 * MOUNTING_ERROR,
-            1e3 * LEVEL_NOISE
-        );
-        let sensor_from_flange = self.turn();
-        for _ in 0..count {
-            let joints = self.joints(1.0);
-            let rotation = self.flange(&joints).rotation.transpose();
-            let gravity = sensor_from_flange.rotation * (rotation * -Vector3::z());
-            let seen = (gravity + normal_vector(LEVEL_NOISE, self.random())).normalize();
-            let reading = format!(",,{:.9},{:.9},{:.9},,", seen.x, seen.y, seen.z);
-            self.row(name, &reading, &joints);
-        }
-    }
-
-    fn camera(&mut self, name: &str, images: usize) -> Result<(), OutOfReach> {
-        // The camera looks as the flange does, beside it.
-        let drawn = Vector3::new(0.03, -0.05, -0.03);
-        let camera_from_flange = Pose {
-            translation: drawn + normal_vector(0.5 * TIP_ERROR, self.random()),
-            ..self.turn()
-        };
-        let flange_from_camera = camera_from_flange.inverse();
-        let first = self.joints(0.3);
-        let board = self.flange(&first) * flange_from_camera;
-        let base_from_board = Pose {
-            translation: board.transform_point(&Vector3::new(0.0, 0.0, VIEW)),
-            ..board
-        };
-        let [along_x, along_y] = CORNERS.map(|n| {
-            let corner = |i| CORNER_STEP * (i as f64 - 0.5 * (n as f64 - 1.0));
-            (0..n).map(corner).collect::<Vec<f64>>()
-        });
-        let corners: Vec<Vector3<f64>> = along_x
-            .iter()
-            .flat_map(|x| along_y.iter().map(|y| Vector3::new(*x, *y, 0.0)))
-            .collect();
-        let mm = |all: &[f64]| {
-            let all: Vec<String> = all.iter().map(|x| format!("{:.1}", 1e3 * x)).collect();
-            all.join(", ")
-        };
-        let _ = write!(
-            self.toml,
-            "\n[[feature]]\nname = \"{name}\"\nkind = \"board\"\ncorners_x_mm = [{}]\ncorners_y_mm = [{}]\n\
-             sigma_px = {PIXEL_NOISE}\n",
-            mm(&along_x),
-            mm(&along_y)
-        );
-        if !self.toml.contains("[camera]") {
-            let [u, v] = HALF_IMAGE;
-            let [x, y, z] = [drawn.x, drawn.y, drawn.z].map(|x| 1e3 * x);
-            let _ = write!(
-                self.toml,
-                "\n[camera]\nfocal_px = [{FOCAL}, {FOCAL}]\ncentre_px = [{u}, {v}]\n\
-                 position_mm = [{x}, {y}, {z}]\nposition_sigma_mm = {}\nrotation_vector_rad = [0, 0, 0]\n\
-                 rotation_sigma_mrad = {}\n",
-                1e3 * TIP_ERROR,
-                1e3 * MOUNTING_ERROR
-            );
-        }
-        let image = |me: &Self, q: &[f64]| -> Option<Vec<[f64; 2]>> {
-            let camera_from_board = camera_from_flange * me.flange(q).inverse() * base_from_board;
-            let seen = |corner: &Vector3<f64>| {
-                let at = camera_from_board.transform_point(corner);
-                let pixel = [at.x, at.y].map(|x| FOCAL * x / at.z);
-                let inside = pixel.iter().zip(HALF_IMAGE).all(|(p, half)| p.abs() < half);
-                (at.z > 0.1 && inside)
-                    .then_some([pixel[0] + HALF_IMAGE[0], pixel[1] + HALF_IMAGE[1]])
-            };
-            // Flat on, the corners tell least: at most 60 degrees.
-            let towards = camera_from_board.rotation * Vector3::z();
-            corners
-                .iter()
-                .map(seen)
-                .collect::<Option<_>>()
-                .filter(|_| towards.z > 0.5)
-        };
-        for _ in 0..images {
-            let depth = VIEW + 0.1 * (self.random().random::<f64>() - 0.5);
-            let looked_at = flange_from_camera.transform_point(&Vector3::new(0.0, 0.0, depth));
-            let goal = (looked_at, Surface::Point(base_from_board.translation));
-            let joints = self.reach(name, goal, 1.0, |me, q| image(me, q).is_some())?;
-            let seen = image(self, &joints).unwrap_or_default();
-            for (corner, [u, v]) in seen.into_iter().enumerate() {
-                let [u, v] = [u, v].map(|x| x + PIXEL_NOISE * self.normal());
-                let mut row = format!("{name},{corner},,,,,{u:.4},{v:.4},{}", self.payload_kg);
-                for (joint, q) in self.robot.joints.iter().zip(&joints) {
-                    let _ = write!(row, ",{:.8}", in_file_units(joint.kind, *q));
-                }
-                row.push('\n');
-                self.rows.push(row);
-            }
-            let _: f64 = self.random().random();
         }
         Ok(())
     }
