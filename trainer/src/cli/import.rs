@@ -137,7 +137,7 @@ fn run_sockets(a: &Import) -> Result<(), Failure> {
     ));
     if a.distance.is_none() {
         note(
-            "no distance between two sockets is stated, and touches cannot tell the size of an arm: --distance MM",
+            "no distance between two sockets is stated, and touches alone do not show the size of an arm: --distance MM",
         );
     }
     note(format_args!(

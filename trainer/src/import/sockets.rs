@@ -39,13 +39,13 @@ struct Hole {
 /// [`InputError`] names file, line and column of the first thing that is not as it should be.
 pub fn read(folder: &Path, distance_mm: Option<f64>) -> Result<Sockets, InputError> {
     let mut holes = Vec::new();
-    for place in places(folder)? {
-        let name = place.file_name().map_or_else(
+    for site in sites(folder)? {
+        let name = site.file_name().map_or_else(
             || "place".to_owned(),
             |name| name.to_string_lossy().into_owned(),
         );
         for number in 0..MOST_HOLES {
-            let file = place.join(format!("hole_{number}.csv"));
+            let file = site.join(format!("hole_{number}.csv"));
             if file.is_file() {
                 holes.push(Hole {
                     feature: format!("{name}/{number}"),
@@ -80,7 +80,7 @@ pub fn read(folder: &Path, distance_mm: Option<f64>) -> Result<Sockets, InputErr
 }
 
 /// The folder itself where it has a file of touches, else those in it, by name.
-fn places(folder: &Path) -> Result<Vec<PathBuf>, InputError> {
+fn sites(folder: &Path) -> Result<Vec<PathBuf>, InputError> {
     let has_touches = |folder: &Path| folder.join("hole_0.csv").is_file();
     if has_touches(folder) {
         return Ok(vec![
@@ -93,8 +93,8 @@ fn places(folder: &Path) -> Result<Vec<PathBuf>, InputError> {
     let mut out = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(|error| unreadable(&error))? {
         let path = entry.map_err(|error| unreadable(&error))?.path();
-        let is_place = (0..MOST_HOLES).any(|n| path.join(format!("hole_{n}.csv")).is_file());
-        if is_place {
+        let is_site = (0..MOST_HOLES).any(|n| path.join(format!("hole_{n}.csv")).is_file());
+        if is_site {
             out.push(path);
         }
     }
@@ -166,10 +166,10 @@ fn description(holes: &[Hole], distance_mm: Option<f64>) -> String {
     }
     if let Some(mm) = distance_mm {
         for hole in holes {
-            let Some(place) = hole.feature.strip_suffix("/0") else {
+            let Some(site) = hole.feature.strip_suffix("/0") else {
                 continue;
             };
-            let other = format!("{place}/1");
+            let other = format!("{site}/1");
             if holes.iter().any(|hole| hole.feature == other) {
                 out += &format!(
                     "\n[[distance]]\nbetween = [{}, {}]\nmm = {mm}\nsigma_mm = 0.05\n",

@@ -17,7 +17,7 @@ use crate::measurement::touch::set::{FeatureKind, Reading, TouchRow, TouchSet};
 
 /// Touches of a point without which its three coordinates say nothing about the arm.
 const LEAST_OF_POINT: usize = 3;
-/// The same of a plane, and of a sphere or an anchor that nobody measured.
+/// Readings of a plane, and of a sphere or an anchor that nobody measured, without which there is nothing to compare.
 const LEAST_OF_SURFACE: usize = 4;
 /// Corners that must have been seen of a board.
 const LEAST_CORNERS: usize = 4;
@@ -130,7 +130,7 @@ impl TouchSet {
         })
     }
 
-    /// From orientations that are all alike, nobody can tell the tip from the arm.
+    /// From orientations that are all alike, tip and arm cannot be distinguished.
     fn check_turns(
         &self,
         feature: usize,
@@ -153,7 +153,7 @@ impl TouchSet {
         let expected = "orientations of a point that differ by 10 deg or more";
         let error = self.about(feature, rows, found, expected);
         Err(error.with_help(
-            "from one orientation the tip and the arm cannot be told apart: touch it from other sides, too",
+            "from one orientation tip and arm cannot be distinguished: touch it from other sides, too",
         ))
     }
 

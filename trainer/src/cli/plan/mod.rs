@@ -120,7 +120,16 @@ pub struct Plan {
 pub fn run(a: &Plan) -> Result<(), Failure> {
     match a.touch.is_empty() {
         true => of_poses(a),
-        false => touch::run(a),
+        false => touch::run(&touch::Asked {
+            robot: &a.robot,
+            goals: &a.touch,
+            count: a.count,
+            constraints: a.constraints.as_deref(),
+            seed: a.seed,
+            out: &a.out,
+            features_out: a.features_out.as_deref(),
+            json: a.json.as_deref(),
+        }),
     }
 }
 

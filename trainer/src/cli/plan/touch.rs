@@ -1,14 +1,14 @@
 //! `trainer plan --touch`: at which joints to touch sockets, plates and wires.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use nalgebra::Vector3;
 use serde_json::json;
 
+use crate::cli::args::RobotArgs;
 use crate::cli::failure::Failure;
 use crate::cli::inputs::Arm;
 use crate::cli::output::{check_outputs, summary_text, write_outputs};
-use crate::cli::plan::Plan;
 use crate::cli::terminal::print::{Printer, note};
 use crate::cli::terminal::progress;
 use poegp_calibration::input_error::InputError;
@@ -20,6 +20,18 @@ use poegp_calibration::planning::touches::{
 
 /// Rows for each feature unless the user says how many.
 const USUAL_ROWS: usize = 20;
+
+/// What was asked for.
+pub(super) struct Asked<'a> {
+    pub robot: &'a RobotArgs,
+    pub goals: &'a [Goal],
+    pub count: Option<u32>,
+    pub constraints: Option<&'a Path>,
+    pub seed: u64,
+    pub out: &'a Path,
+    pub features_out: Option<&'a Path>,
+    pub json: Option<&'a Path>,
+}
 
 /// Reads a feature, as `socket=400,0,100` or `plane=400,0,50,0,0,1`.
 pub(super) fn goal(text: &str) -> Result<Goal, String> {
@@ -52,16 +64,12 @@ pub(super) fn goal(text: &str) -> Result<Goal, String> {
 }
 
 /// Plans, writes and prints.
-pub(super) fn run(a: &Plan) -> Result<(), Failure> {
-    let outputs = [
-        Some(a.out.as_path()),
-        a.features_out.as_deref(),
-        a.json.as_deref(),
-    ];
+pub(super) fn run(a: &Asked<'_>) -> Result<(), Failure> {
+    let outputs = [Some(a.out), a.features_out, a.json];
     let mut inputs = vec![Path::new(&a.robot.robot)];
-    inputs.extend(a.constraints.as_deref());
+    inputs.extend(a.constraints);
     check_outputs(&outputs, &inputs)?;
-    let goals = a.touch.as_slice();
+    let goals = a.goals;
     let count = a
         .count
         .map_or(USUAL_ROWS * goals.len(), |count| count as usize);
@@ -73,7 +81,7 @@ pub(super) fn run(a: &Plan) -> Result<(), Failure> {
         )));
     }
     let arm = Arm::load(&a.robot.robot, &a.robot.chain)?;
-    let constraints = match &a.constraints {
+    let constraints = match a.constraints {
         Some(path) => Constraints::read(path, &arm.robot)?,
         None => Constraints::none(&arm.robot)?,
     };
@@ -97,13 +105,9 @@ pub(super) fn run(a: &Plan) -> Result<(), Failure> {
         "robot": arm.robot.name, "seed": a.seed, "touches": plan.touches.len(), "features": names,
         "drawing_mm": mm(plan.before), "expected_mm": mm(plan.expected), "random_mm": mm(plan.random)
     }))?;
-    let mut files = vec![(a.out.as_path(), csv.as_bytes())];
-    files.extend(
-        a.features_out
-            .as_deref()
-            .map(|path| (path, toml.as_bytes())),
-    );
-    files.extend(a.json.as_deref().map(|path| (path, json.as_bytes())));
+    let mut files = vec![(a.out, csv.as_bytes())];
+    files.extend(a.features_out.map(|path| (path, toml.as_bytes())));
+    files.extend(a.json.map(|path| (path, json.as_bytes())));
     write_outputs(&files)?;
     let report = Printer::for_outputs(&outputs);
     print(report, a.seed, &plan, &names, &tip);
@@ -116,8 +120,8 @@ pub(super) fn run(a: &Plan) -> Result<(), Failure> {
 }
 
 /// The feature that the arm hardly reaches, as an error of what forbids it.
-fn hardly_reached(a: &Plan, constraints: &Constraints, error: &HardlyReached) -> Failure {
-    let name = &feature_names(&a.touch)[error.goal];
+fn hardly_reached(a: &Asked<'_>, constraints: &Constraints, error: &HardlyReached) -> Failure {
+    let name = &feature_names(a.goals)[error.goal];
     let found = format!(
         "{} ways to touch {name} from {} random starts",
         error.allowed, error.starts
@@ -125,7 +129,7 @@ fn hardly_reached(a: &Plan, constraints: &Constraints, error: &HardlyReached) ->
     let expected = format!("at least {} that the robot cell allows", error.needed);
     let file = match &constraints.file {
         Some(file) => file.clone(),
-        None => "<no constraints>".into(),
+        None => PathBuf::from("<no constraints>"),
     };
     let rules: Vec<String> = constraints.rules.iter().map(|rule| rule.name()).collect();
     InputError::new(file, found, expected)

@@ -228,7 +228,7 @@ fn orientations_that_are_all_alike() {
         &[
             "touches.csv:3: column 1 (feature): found touches within 3.4 deg of one orientation of \"socket/0\"",
             "10 deg or more",
-            "the tip and the arm cannot be told apart",
+            "tip and arm cannot be distinguished",
         ],
     );
 }
