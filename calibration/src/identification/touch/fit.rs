@@ -7,13 +7,14 @@ use nalgebra::Vector3;
 use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::Pose;
 
+use crate::identification::base_tools::fit_base_and_tools;
 use crate::identification::touch::arm::{Group, StateJet, Terms, TipStart, TouchArm};
 use crate::identification::touch::equations::{CellSums, Equations, Solved};
 use crate::identification::touch::jet::RowJet;
 use crate::identification::touch::scene::Scene;
 use crate::identification::touch::start;
 use crate::measurement::observation::Observation;
-use crate::measurement::sample::{Base, BaseSample, Sample};
+use crate::measurement::sample::{Base, BaseSample, Instrument, InstrumentSample, Sample};
 use crate::measurement::touch::{ClassPrior, Reading, TouchSet};
 use crate::numeric::cholesky::Factor;
 use crate::numeric::matrix::Mat;
@@ -229,6 +230,17 @@ impl<'a> TouchProblem<'a> {
                 turns: false,
             })
             .collect();
+        let seen = set.rows.iter().filter_map(|row| match row.reading {
+            Reading::Tracker(observation) => {
+                let (joints, serial) = (row.joints.clone(), row.serial_joints.clone());
+                let mut sample = Sample::new(joints, serial, observation, Instrument);
+                sample.tool = row.tip;
+                Some(sample)
+            }
+            _ => None,
+        });
+        let seen: Vec<InstrumentSample> = seen.collect();
+        let instrument = (!seen.is_empty()).then(|| from_tracker(nominal, &seen, &mut tips));
         tips.push(TipStart {
             pose: Pose::identity(),
             is_free: false,
@@ -243,7 +255,7 @@ impl<'a> TouchProblem<'a> {
             states,
             state_of,
             tips,
-            instrument: None,
+            instrument,
         }
     }
 
@@ -283,6 +295,33 @@ impl<'a> TouchProblem<'a> {
             terms,
         )
     }
+}
+
+/// instrument_from_base by the rows of a tracker, and the tips that it saw: fitted to the drawing.
+fn from_tracker(
+    nominal: &Poe<f64>,
+    seen: &[InstrumentSample],
+    tips: &mut [TipStart],
+) -> Pose<f64> {
+    let mut tools: Vec<usize> = seen.iter().map(|s| s.tool).collect();
+    tools.sort_unstable();
+    tools.dedup();
+    let mut samples = seen.to_vec();
+    for sample in &mut samples {
+        sample.tool = tools.iter().position(|t| *t == sample.tool).unwrap_or(0);
+    }
+    let found = fit_base_and_tools(nominal, &samples);
+    for (tool, target) in tools.iter().zip(&found.flange_from_targets) {
+        let whole = seen
+            .iter()
+            .any(|s| s.tool == *tool && s.observation.has_orientation());
+        let tip = &mut tips[*tool];
+        tip.pose.translation = target.translation;
+        if whole {
+            (tip.pose, tip.turns) = (*target, true);
+        }
+    }
+    found.instrument_from_base
 }
 
 /// The fit.

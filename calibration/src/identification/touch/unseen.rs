@@ -14,6 +14,8 @@ use crate::numeric::product::product;
 
 /// Posterior over prior from which a direction is unseen.
 pub const UNSEEN: f64 = 0.9;
+/// The same of the size: what is between is noise, which more touches overcome.
+pub const SIZE_UNSEEN: f64 = 0.95;
 /// Share of the expected error below which nobody need know.
 const WORTH_SAYING: f64 = 0.1;
 /// Shorter links have no length of their own, m.
@@ -103,7 +105,7 @@ pub fn unseen(problem: &TouchProblem, fit: &TouchFit, known: &Knowledge) -> Vec<
     }
     let mut sees_size = true;
     if let Some((share, mm)) = measured(&size)
-        && share > UNSEEN
+        && share > SIZE_UNSEEN
     {
         sees_size = false;
         let percent = 100.0 * share * spread(&size);

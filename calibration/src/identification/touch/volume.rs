@@ -12,8 +12,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use serde::Serialize;
 
-use crate::identification::touch::arm::Group;
-use crate::identification::touch::fit::{Noise, Scales, TouchFit, TouchProblem};
+use crate::identification::touch::fit::{Noise, TouchFit, TouchProblem};
 use crate::measurement::observation::Observation;
 use crate::measurement::sample::{Base, BaseSample, Sample};
 use crate::numeric::cholesky::Factor;
@@ -103,7 +102,7 @@ pub struct Knowledge {
     pub covariance: Mat<f64>,
     /// τ as it is stated, m.
     pub tau: f64,
-    /// As drawn.
+    /// As drawn, by what the touches say of the drawing.
     pub before: Expected,
     /// As calibrated.
     pub after: Expected,
@@ -116,26 +115,19 @@ impl Knowledge {
         let priors = fit.priors(problem);
         let field = field(fit, &volume.states, &priors);
         let tau = stated_tau(problem, fit);
-        // As drawn: the class, where the evidence has not widened it.
-        let class = Scales::new(&problem.class);
-        let wider = |group: Group| {
-            let (class, found) = (class.of(group), fit.scales.of(group));
-            class.zip(found).map_or(0.0, |(c, f)| c.max(f) / f)
-        };
-        let before = Mat::from_fn(field.nrows(), field.ncols(), |i, j| {
-            field[(i, j)] * wider(fit.arm.columns[j].group)
-        });
-        let identity = Mat::identity(covariance.nrows(), covariance.ncols());
-        let lower = |c: &Mat<f64>| {
-            let mut c = c.clone();
-            for i in 0..c.nrows() {
-                c[(i, i)] += 1e-12;
-            }
-            Factor::new(c, 1).ok().map(|f| f.lower())
-        };
+        let found = fit.arm.theta.iter().zip(&priors);
+        let found: Vec<f64> = found
+            .map(|(x, sd)| if *sd > 0.0 { x / sd } else { 0.0 })
+            .collect();
+        let nothing = vec![0.0; found.len()];
+        let mut regular = covariance.clone();
+        for i in 0..regular.nrows() {
+            regular[(i, i)] += 1e-12;
+        }
+        let lower = Factor::new(regular, 1).ok()?.lower();
         Some(Self {
-            before: expected(&before, &identity, tau),
-            after: expected(&field, &lower(&covariance)?, tau),
+            before: expected(&field, &found, &lower, tau),
+            after: expected(&field, &nothing, &lower, tau),
             tau,
             covariance,
             field,
@@ -209,12 +201,18 @@ fn stated_tau(problem: &TouchProblem, fit: &TouchFit) -> f64 {
     }
 }
 
-/// Errors of parameters of the covariance L Lᵀ over the volume.
-fn expected(field: &Mat<f64>, lower: &Mat<f64>, tau: f64) -> Expected {
+/// Errors of parameters about `mean` with the covariance L Lᵀ over the volume.
+fn expected(field: &Mat<f64>, mean: &[f64], lower: &Mat<f64>, tau: f64) -> Expected {
     let mut random = ChaCha8Rng::seed_from_u64(1);
     let mut normal = || -> f64 { StandardNormal.sample(&mut random) };
     let drawn = Mat::from_fn(field.ncols(), DRAWS, |_, _| normal());
-    let errors = product(field, &product(lower, &drawn));
+    let mut parameters = product(lower, &drawn);
+    for mut draw in parameters.column_iter_mut() {
+        for (x, mean) in draw.iter_mut().zip(mean) {
+            *x += mean;
+        }
+    }
+    let errors = product(field, &parameters);
     let mut norms = Vec::with_capacity(errors.len() / 3);
     for draw in 0..DRAWS {
         for k in 0..errors.nrows() / 3 {
