@@ -287,7 +287,7 @@ impl Header<'_> {
             "measured poses, not touches",
         )
         .at_column(column.index + 1, FEATURE)
-        .with_help("only calibrate, evaluate, compare and check read touch files")
+        .with_help("touches have a reader of their own: docs/reference/touch-file.md")
     }
 
     pub(super) fn joints(&mut self) -> Result<Vec<Column>, InputError> {

@@ -13,7 +13,7 @@ use crate::cli::inputs::Arm;
 use crate::cli::output::{check_outputs, make_folder, summary_text, write_outputs};
 use crate::cli::terminal::print::Printer;
 use poegp_calibration::input_error::InputError;
-use poegp_calibration::measurement::touch::TouchSet;
+use poegp_calibration::measurement::touch::{Feature, FeatureKind, TouchSet};
 use poegp_calibration::robot::Robot;
 use poegp_calibration::simulation::touches::{TOUCH_KINDS, TouchTask};
 use poegp_calibration::simulation::{Scenario, Simulator, to_csv};
@@ -134,6 +134,13 @@ fn touched_sets(
     let (touches, truth) = match &a.touch_plan {
         Some(path) => {
             let plan = TouchSet::read(path, None, robot)?;
+            let other = |feature: &&Feature| !matches!(feature.kind, FeatureKind::Point { .. });
+            if let Some(feature) = plan.features.iter().find(other) {
+                let found = format!("{:?} of kind \"{}\"", feature.name, feature.kind.name());
+                let expected = "kind \"point\": of a plan, sockets alone are simulated";
+                let error = InputError::new(&plan.features_path, found, expected);
+                return Err(error.at_line(feature.line).into());
+            }
             let touched = simulator.touch_planned(robot, &plan, TRUTH_POSES, comment);
             touched.map_err(|error| {
                 InputError::new(path, error.to_string(), "a plan of sockets within reach")

@@ -142,3 +142,30 @@ fn folders_of_sockets_are_imported() {
     import("arm --preset mukca").refused();
     assert!(!folder.names().contains(&"x.csv".to_owned()));
 }
+
+/// Whatever reads a touch file refuses it with file, line and column of either file, and writes nothing.
+#[test]
+fn touch_files_are_refused_with_their_place() {
+    let _texts = texts();
+    let folder = Folder::new();
+    folder
+        .run("simulate --robot ur10 --touch socket2 --touches 12 --seed 5 --out t")
+        .ok();
+    let (csv, toml) = (folder.text("t/touches.csv"), folder.text("t/touches.toml"));
+    let refused = |csv: &str, toml: &str| {
+        folder.write("bad.csv", csv);
+        folder.write("bad.toml", toml);
+        folder.refuses("simulate --robot ur10 --touch-plan bad.csv --out out");
+    };
+    let second = csv.lines().nth(3).unwrap();
+    refused(
+        &csv.replace(second, &second.replace("socket/0", "hole")),
+        &toml,
+    );
+    refused(&csv, &toml.replacen("\"point\"", "\"cone\"", 1));
+    refused(&csv, &toml.replacen("\nmm = ", "\nmm = 1", 1));
+    refused(&csv, &toml.replacen("touch_mm", "touch", 1));
+    refused(&csv.replace("socket/0", "socket/1"), &toml);
+    folder.write("alone.csv", &csv);
+    folder.refuses("simulate --robot ur10 --touch-plan alone.csv --out out");
+}
