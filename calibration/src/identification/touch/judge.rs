@@ -19,6 +19,8 @@ pub struct Verdict {
     /// Mean error of a component of the kind with most equations when it is left out: as drawn and calibrated, in the unit of its
     /// reading.
     pub errors: (f64, f64),
+    /// That kind.
+    pub kind: Noise,
     /// Expected error after over before.
     pub expected: f64,
     /// The largest τ of a length, m, where it asks for a warning.
@@ -49,7 +51,10 @@ impl Verdict {
                 }
             }
         }
-        let most = of_kind.iter().max_by(|a, b| a[2].total_cmp(&b[2]))?;
+        let kind = Noise::ALL
+            .into_iter()
+            .max_by(|a, b| of_kind[*a as usize][2].total_cmp(&of_kind[*b as usize][2]))?;
+        let most = &of_kind[kind as usize];
         let play = Noise::ALL.into_iter().filter(|k| k.is_length()).filter_map(|kind| {
             let tau = fit.tau[kind as usize];
             let stated = problem.set.rows.iter().filter_map(|row| {
@@ -61,6 +66,7 @@ impl Verdict {
         Some(Self {
             left_out: sums[1] / sums[0].max(1e-12),
             errors: (most[0] / most[2].max(1.0), most[1] / most[2].max(1.0)),
+            kind,
             expected: known.after.mean_mm / known.before.mean_mm,
             play: play.max_by(f64::total_cmp),
         })
