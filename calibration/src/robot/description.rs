@@ -5,6 +5,8 @@ use poegp_runtime::kinematics::poe::{Poe, WrongChain};
 use poegp_runtime::math::se3::Pose;
 use poegp_runtime::math::vector::inner_product;
 
+use crate::measurement::touch::ClassPrior;
+
 /// A nominal serial arm of 1 to 8 joints in normal form.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Robot {
@@ -20,6 +22,8 @@ pub struct Robot {
     pub coupling: Option<Vec<Vec<f64>>>,
     /// Radius of the capsules that stand for its links, metres, where the description states one.
     pub link_radius: Option<f64>,
+    /// How far an arm of its class is from its drawing, where the description states it.
+    pub prior: Option<ClassPrior>,
 }
 
 /// One moving joint.

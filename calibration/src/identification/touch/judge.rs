@@ -19,6 +19,8 @@ pub struct Verdict {
     /// Mean error of a component of the kind with most equations when it is left out: as drawn and calibrated, in the unit of its
     /// reading.
     pub errors: (f64, f64),
+    /// That kind.
+    pub kind: Noise,
     /// Expected error after over before.
     pub expected: f64,
     /// The largest τ of a length, m, where it asks for a warning.
@@ -49,21 +51,22 @@ impl Verdict {
                 }
             }
         }
-        let most = of_kind.iter().max_by(|a, b| a[2].total_cmp(&b[2]))?;
-        let play = Noise::ALL
+        let kind = Noise::ALL
             .into_iter()
-            .filter(|k| k.is_length())
-            .filter_map(|kind| {
-                let tau = fit.tau[kind as usize];
-                let stated = problem.set.rows.iter().filter_map(|row| {
-                    (Noise::of(&row.reading, 0) == kind).then(|| problem.set.sigma(row))?
-                });
-                let stated = stated.fold(f64::INFINITY, f64::min);
-                (tau > PLAY.0 * stated && tau > PLAY.1).then_some(tau)
+            .max_by(|a, b| of_kind[*a as usize][2].total_cmp(&of_kind[*b as usize][2]))?;
+        let most = &of_kind[kind as usize];
+        let play = Noise::ALL.into_iter().filter(|k| k.is_length()).filter_map(|kind| {
+            let tau = fit.tau[kind as usize];
+            let stated = problem.set.rows.iter().filter_map(|row| {
+                (Noise::of(&row.reading, 0) == kind).then(|| problem.set.sigma(row))?
             });
+            let stated = stated.fold(f64::INFINITY, f64::min);
+            (tau > PLAY.0 * stated && tau > PLAY.1).then_some(tau)
+        });
         Some(Self {
             left_out: sums[1] / sums[0].max(1e-12),
             errors: (most[0] / most[2].max(1.0), most[1] / most[2].max(1.0)),
+            kind,
             expected: known.after.mean_mm / known.before.mean_mm,
             play: play.max_by(f64::total_cmp),
         })
@@ -71,7 +74,10 @@ impl Verdict {
 }
 
 /// The rows that belong, with their errors.
-fn rows<'a>(all: &'a [LeftOut], fit: &'a TouchFit) -> impl Iterator<Item = (usize, &'a Vec<f64>)> {
+fn rows<'a>(
+    all: &'a [LeftOut],
+    fit: &'a TouchFit,
+) -> impl Iterator<Item = (usize, &'a Vec<f64>)> {
     all.iter()
         .flat_map(|left| left.rows.iter().copied().zip(&left.errors))
         .filter(|(row, _)| fit.weights[*row] > 0.0)
