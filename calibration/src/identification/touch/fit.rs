@@ -4,153 +4,22 @@
 //! that no parameter describes. Rows that all others do not predict are left out, and listed.
 
 use nalgebra::Vector3;
-use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::Pose;
 
-use crate::identification::base_tools::fit_base_and_tools;
-use crate::identification::touch::arm::{Group, StateJet, Terms, TipStart, TouchArm};
+use crate::identification::touch::arm::{Group, StateJet, TouchArm};
 use crate::identification::touch::equations::{CellSums, Equations, Solved};
 use crate::identification::touch::jet::RowJet;
+use crate::identification::touch::left_out::LeftOut;
+use crate::identification::touch::noise::{
+    CLASS_COUNTS, CLASS_FACTOR, COMMON_COUNTS, OTHER_COUNTS, OTHER_FACTOR, USUAL_ROWS,
+};
 use crate::identification::touch::scene::Scene;
 use crate::identification::touch::start;
-use crate::measurement::observation::Observation;
-use crate::measurement::sample::{Base, BaseSample, Instrument, InstrumentSample, Sample};
-use crate::measurement::touch::{ClassPrior, Reading, TouchSet};
-use crate::numeric::cholesky::Factor;
+use crate::measurement::touch::Reading;
 use crate::numeric::matrix::Mat;
 
-/// Kinds of noise.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Noise {
-    /// Of a touched point, m.
-    Point,
-    /// Of a touched plane, m.
-    Plane,
-    /// Of a sphere, m.
-    Sphere,
-    /// Of a wire, m.
-    Anchor,
-    /// Of a level, rad.
-    Level,
-    /// Of a corner in an image, pixels.
-    Board,
-    /// Of a tracker's position, m.
-    Position,
-    /// Of a tracker's rotation, rad.
-    Rotation,
-}
-
-impl Noise {
-    /// All of them.
-    pub const ALL: [Self; 8] = [
-        Self::Point,
-        Self::Plane,
-        Self::Sphere,
-        Self::Anchor,
-        Self::Level,
-        Self::Board,
-        Self::Position,
-        Self::Rotation,
-    ];
-
-    /// Of a component of a reading.
-    pub fn of(reading: &Reading, component: usize) -> Self {
-        match reading {
-            Reading::Tracker(_) if component >= 3 => Self::Rotation,
-            Reading::Tracker(_) => Self::Position,
-            Reading::Point { .. } => Self::Point,
-            Reading::Plane { .. } => Self::Plane,
-            Reading::Sphere { .. } => Self::Sphere,
-            Reading::Anchor { .. } => Self::Anchor,
-            Reading::Level { .. } => Self::Level,
-            Reading::Board { .. } => Self::Board,
-        }
-    }
-
-    /// What gears and joints leave that no parameter describes, of an arm of which nothing is known yet.
-    pub fn usual(self) -> f64 {
-        match self {
-            Self::Board => 0.2,
-            Self::Level | Self::Rotation => 1e-4,
-            _ => 1e-4,
-        }
-    }
-
-    /// Whether it is a length.
-    pub fn is_length(self) -> bool {
-        !matches!(self, Self::Level | Self::Board | Self::Rotation)
-    }
-}
-
-/// As many rows as this are believed to have shown the usual τ before the first is read.
-const USUAL_ROWS: f64 = 6.0;
-/// A tracker that states nothing: m and rad.
-const TRACKER_NOISE: (f64, f64) = (20e-6, 50e-6);
-
-/// Standard deviations of the arm's priors.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Scales {
-    /// Of a link's offset, m.
-    pub length: f64,
-    /// Of the direction of an axis, rad.
-    pub tilt: f64,
-    /// Of the zero of a joint, rad.
-    pub zero: f64,
-    /// Of a gravity coefficient of a link, rad/(m/s²).
-    pub links: f64,
-    /// Of a gravity coefficient of the payload.
-    pub payload: f64,
-    /// Of an amplitude of an own-joint error, rad.
-    pub curve: f64,
-}
-
-/// How far the evidence may move a scale of the class, and how many parameters' worth of belief it has to outweigh.
-const CLASS_FACTOR: f64 = 2.0;
-const CLASS_COUNTS: f64 = 15.0;
-/// The same of what all scales of the class have in common.
-const COMMON_COUNTS: f64 = 5.0;
-/// The same for compliances and gear errors, which differ more from arm to arm.
-const OTHER_FACTOR: f64 = 10.0;
-const OTHER_COUNTS: f64 = 4.0;
-
-impl Scales {
-    /// Before the evidence.
-    pub fn new(class: &ClassPrior) -> Self {
-        Self {
-            length: class.length,
-            tilt: class.tilt,
-            zero: class.joint_zero,
-            links: 5e-5,
-            payload: 1.5e-5,
-            curve: 1e-4,
-        }
-    }
-
-    /// Of a group of parameters.
-    pub fn of(&self, group: Group) -> Option<f64> {
-        match group {
-            Group::Length => Some(self.length),
-            Group::Tilt => Some(self.tilt),
-            Group::Zero => Some(self.zero),
-            Group::Links => Some(self.links),
-            Group::Payload => Some(self.payload),
-            Group::Curve => Some(self.curve),
-            Group::Tip | Group::Turn => None,
-        }
-    }
-
-    fn set(&mut self, group: Group, value: f64) {
-        match group {
-            Group::Length => self.length = value,
-            Group::Tilt => self.tilt = value,
-            Group::Zero => self.zero = value,
-            Group::Links => self.links = value,
-            Group::Payload => self.payload = value,
-            Group::Curve => self.curve = value,
-            Group::Tip | Group::Turn => {}
-        }
-    }
-}
+pub use crate::identification::touch::noise::{Noise, Scales};
+pub use crate::identification::touch::problem::TouchProblem;
 
 /// Rows of one group in one state of the arm.
 #[derive(Clone, Debug)]
@@ -158,170 +27,6 @@ struct Cell {
     state: usize,
     group: usize,
     rows: Vec<usize>,
-}
-
-/// What is fitted.
-#[derive(Clone, Debug)]
-pub struct TouchProblem<'a> {
-    /// The rows.
-    pub set: &'a TouchSet,
-    /// The drawing from base to flange.
-    pub nominal: Poe<f64>,
-    /// C of q_serial = C q.
-    pub coupling: Option<Vec<Vec<f64>>>,
-    /// Gravity in the base frame, m/s².
-    pub gravity: Vector3<f64>,
-    /// How far an arm of the class is from its drawing.
-    pub class: ClassPrior,
-    /// Standing still with one tip: joints and payload.
-    pub states: Vec<BaseSample>,
-    /// The state of every row.
-    pub state_of: Vec<usize>,
-    /// Tips before the fit, and behind them the flange.
-    pub tips: Vec<TipStart>,
-    /// instrument_from_base before the fit, where there are rows of a tracker.
-    pub instrument: Option<Pose<f64>>,
-}
-
-impl<'a> TouchProblem<'a> {
-    /// From the rows of `set` that `keep` names.
-    pub fn new(
-        set: &'a TouchSet,
-        nominal: &Poe<f64>,
-        coupling: Option<Vec<Vec<f64>>>,
-        gravity: Vector3<f64>,
-        class: ClassPrior,
-    ) -> Self {
-        let flange = set.tips.len();
-        let mut states: Vec<BaseSample> = Vec::new();
-        let mut seen: std::collections::HashMap<(Vec<u64>, Option<u64>, usize), usize> =
-            std::collections::HashMap::new();
-        let mut state_of = Vec::with_capacity(set.rows.len());
-        for row in &set.rows {
-            let tool = match row.reading {
-                Reading::Level { .. } | Reading::Board { .. } => flange,
-                _ => row.tip,
-            };
-            let bits = |x: f64| (x + 0.0).to_bits();
-            let key = (
-                row.joints.iter().map(|q| bits(*q)).collect(),
-                row.payload_kg.map(bits),
-                tool,
-            );
-            let state = *seen.entry(key).or_insert_with(|| {
-                let unseen = Observation::Pose(Pose::identity());
-                let mut sample =
-                    Sample::new(row.joints.clone(), row.serial_joints.clone(), unseen, Base);
-                (sample.payload_kg, sample.tool) = (row.payload_kg, tool);
-                states.push(sample);
-                states.len() - 1
-            });
-            state_of.push(state);
-        }
-        let mut tips: Vec<TipStart> = set
-            .tips
-            .iter()
-            .map(|tip| TipStart {
-                pose: Pose {
-                    translation: tip.position,
-                    ..Pose::identity()
-                },
-                is_free: true,
-                turns: false,
-            })
-            .collect();
-        let seen = set.rows.iter().filter_map(|row| match row.reading {
-            Reading::Tracker(observation) => {
-                let (joints, serial) = (row.joints.clone(), row.serial_joints.clone());
-                let mut sample = Sample::new(joints, serial, observation, Instrument);
-                sample.tool = row.tip;
-                Some(sample)
-            }
-            _ => None,
-        });
-        let seen: Vec<InstrumentSample> = seen.collect();
-        let instrument = (!seen.is_empty()).then(|| from_tracker(nominal, &seen, &mut tips));
-        tips.push(TipStart {
-            pose: Pose::identity(),
-            is_free: false,
-            turns: false,
-        });
-        Self {
-            set,
-            nominal: *nominal,
-            coupling,
-            gravity,
-            class,
-            states,
-            state_of,
-            tips,
-            instrument,
-        }
-    }
-
-    /// Scalar equations.
-    pub fn equations(&self) -> usize {
-        self.set.rows.iter().map(|r| r.reading.equations()).sum()
-    }
-
-    fn payload_varies(&self) -> bool {
-        let mut payloads = self.states.iter().map(|s| s.payload_kg);
-        let first = payloads.next().flatten();
-        first.is_some() && payloads.any(|p| p != first)
-    }
-
-    /// σ² of a component of a row.
-    fn stated_variance(&self, row: usize, component: usize) -> f64 {
-        let row = &self.set.rows[row];
-        let sigma = match self.set.sigma(row) {
-            Some(sigma) => sigma,
-            None if component < 3 => row.declared_noise.position.unwrap_or(TRACKER_NOISE.0),
-            None => row.declared_noise.orientation.unwrap_or(TRACKER_NOISE.1),
-        };
-        sigma * sigma
-    }
-
-    fn arm(&self, orders: usize) -> TouchArm {
-        let terms = Terms {
-            gravity: true,
-            payload: self.payload_varies(),
-            orders,
-        };
-        TouchArm::new(
-            &self.nominal,
-            &self.tips,
-            self.coupling.clone(),
-            self.gravity,
-            terms,
-        )
-    }
-}
-
-/// instrument_from_base by the rows of a tracker, and the tips that it saw: fitted to the drawing.
-fn from_tracker(
-    nominal: &Poe<f64>,
-    seen: &[InstrumentSample],
-    tips: &mut [TipStart],
-) -> Pose<f64> {
-    let mut tools: Vec<usize> = seen.iter().map(|s| s.tool).collect();
-    tools.sort_unstable();
-    tools.dedup();
-    let mut samples = seen.to_vec();
-    for sample in &mut samples {
-        sample.tool = tools.iter().position(|t| *t == sample.tool).unwrap_or(0);
-    }
-    let found = fit_base_and_tools(nominal, &samples);
-    for (tool, target) in tools.iter().zip(&found.flange_from_targets) {
-        let whole = seen
-            .iter()
-            .any(|s| s.tool == *tool && s.observation.has_orientation());
-        let tip = &mut tips[*tool];
-        tip.pose.translation = target.translation;
-        if whole {
-            (tip.pose, tip.turns) = (*target, true);
-        }
-    }
-    found.instrument_from_base
 }
 
 /// The fit.
@@ -344,27 +49,12 @@ pub struct TouchFit {
     cells: Vec<Cell>,
 }
 
-/// What leaving out one state of the arm says.
-#[derive(Clone, Debug)]
-pub struct LeftOut {
-    /// The rows of that state.
-    pub rows: Vec<usize>,
-    /// For each of them: the error of its components as the others predict it, in units of the reading.
-    pub errors: Vec<Vec<f64>>,
-    /// For each of them: √(χ²/components) of that error by its predicted covariance.
-    pub sigmas: Vec<f64>,
-    /// 1 − h of every component, summed by kind of noise.
-    freedom: [f64; Noise::ALL.len()],
-}
-
 /// Rounds of noise, priors and parameters.
 const ROUNDS: usize = 25;
 /// Steps of a round.
 const STEPS: usize = 12;
 /// Huber's limit, in standard deviations.
 const HUBER: f64 = 3.0;
-/// Robust standard deviations from which a row does not belong.
-const GROSS: f64 = 5.0;
 /// Passes of leaving out.
 const PASSES: usize = 4;
 
@@ -453,7 +143,7 @@ impl TouchFit {
         problem.stated_variance(row, component) + self.tau[kind as usize].powi(2)
     }
 
-    fn jet(&self, problem: &TouchProblem, row: usize, tip: &Pose<f64>) -> RowJet {
+    pub(super) fn jet(&self, problem: &TouchProblem, row: usize, tip: &Pose<f64>) -> RowJet {
         self.scene
             .row(problem.set, &problem.set.rows[row].reading, tip)
     }
@@ -503,7 +193,7 @@ impl TouchFit {
     }
 
     /// The normal equations at this point.
-    fn equations(&self, problem: &TouchProblem, jets: &[StateJet]) -> Equations {
+    pub(super) fn equations(&self, problem: &TouchProblem, jets: &[StateJet]) -> Equations {
         let priors = self.priors(problem);
         let scene = &self.scene;
         let by_prior = |x: f64, sd: f64| if sd > 0.0 { x / sd } else { 0.0 };
@@ -716,129 +406,5 @@ impl TouchFit {
             self.scales.set(group, after);
         }
         change
-    }
-
-    /// Leaves out every state of the arm in turn, by the equations of all.
-    pub fn left_out(&self, problem: &TouchProblem) -> Option<Vec<LeftOut>> {
-        let jets = self.arm.linearise(&problem.states);
-        let solved = self.equations(problem, &jets).factor(0.0)?;
-        let priors = self.priors(problem);
-        let mut rows_of = vec![Vec::new(); problem.states.len()];
-        for (row, state) in problem.state_of.iter().enumerate() {
-            rows_of[*state].push(row);
-        }
-        let of = |(state, rows): (usize, &Vec<usize>)| {
-            self.left_out_state(problem, &jets[state], rows, &solved, &priors)
-        };
-        rows_of.iter().enumerate().map(of).collect()
-    }
-
-    fn left_out_state(
-        &self,
-        problem: &TouchProblem,
-        jet: &StateJet,
-        rows: &[usize],
-        solved: &Solved,
-        priors: &[f64],
-    ) -> Option<LeftOut> {
-        let jets: Vec<RowJet> = rows
-            .iter()
-            .map(|row| self.jet(problem, *row, &jet.pose))
-            .collect();
-        let count: usize = jets.iter().map(|j| j.count).sum();
-        let scaled = Mat::from_fn(6, priors.len(), |i, j| jet.jacobian[(i, j)] * priors[j]);
-        let mut tip = Mat::zeros(count, 6);
-        let mut own: Vec<(usize, Mat<f64>)> = Vec::new();
-        let mut noise = Vec::with_capacity(count);
-        let mut residual = Vec::with_capacity(count);
-        let mut weight = Vec::with_capacity(count);
-        let mut kinds = Vec::with_capacity(count);
-        for (row, row_jet) in rows.iter().zip(&jets) {
-            let group = self.scene.group_of(&problem.set.rows[*row].reading);
-            let range = self.scene.groups[group].clone();
-            let at = match own.iter().position(|(g, _)| *g == group) {
-                Some(at) => at,
-                None => {
-                    own.push((group, Mat::zeros(count, range.len())));
-                    own.len() - 1
-                }
-            };
-            for i in 0..row_jet.count {
-                let r = noise.len();
-                for a in 0..6 {
-                    tip[(r, a)] = row_jet.tip[i][a];
-                }
-                for (index, column) in &row_jet.own {
-                    own[at].1[(r, index - range.start)] += column[i] * self.scene.prior[*index];
-                }
-                noise.push(self.variance(problem, *row, i));
-                residual.push(row_jet.residual[i]);
-                weight.push(self.weights[*row]);
-                kinds.push(Noise::of(&problem.set.rows[*row].reading, i));
-            }
-        }
-        let arm = &tip * scaled;
-        let covariance = solved.predictive(&arm, &own);
-        // With e = (I − H W)⁻¹ r the error of what is left out, H its predicted covariance, W the weights that it had.
-        let mut matrix = Mat::<f64>::identity(count, count);
-        for i in 0..count {
-            for j in 0..count {
-                matrix[(i, j)] -= covariance[(i, j)] * weight[j] / noise[j];
-            }
-        }
-        let mut freedom = [0.0; Noise::ALL.len()];
-        for i in 0..count {
-            if weight[i] > 0.0 {
-                freedom[kinds[i] as usize] += matrix[(i, i)].clamp(0.0, 1.0);
-            }
-        }
-        let right = Mat::from_column_slice(count, 1, &residual);
-        let lu = matrix.lu();
-        let error = lu.solve(&right)?;
-        // Its covariance: (I − H W)⁻¹ H, and its own noise.
-        let spread = lu.solve(&covariance)?;
-        let mut errors = Vec::with_capacity(rows.len());
-        let mut sigmas = Vec::with_capacity(rows.len());
-        let mut first = 0;
-        for row_jet in &jets {
-            let c = row_jet.count;
-            let block = Mat::from_fn(c, c, |i, j| {
-                let (i, j) = (first + i, first + j);
-                let own = if i == j { noise[i] } else { 0.0 };
-                0.5 * (spread[(i, j)] + spread[(j, i)]) + own
-            });
-            let part = Mat::from_fn(c, 1, |i, _| error[(first + i, 0)]);
-            let chi = Factor::new(block, 1).ok()?.solve(&part);
-            let chi_squared: f64 = (0..c).map(|i| chi[(i, 0)] * part[(i, 0)]).sum();
-            sigmas.push((chi_squared.max(0.0) / c as f64).sqrt());
-            errors.push(part.as_slice().to_vec());
-            first += c;
-        }
-        Some(LeftOut {
-            rows: rows.to_vec(),
-            errors,
-            sigmas,
-            freedom,
-        })
-    }
-
-    /// Gives every row that all others do not predict the weight zero, and the others one. Returns whether that changes which.
-    fn reject(&mut self, left_out: &[LeftOut], pass: usize) -> bool {
-        let mut all: Vec<f64> = left_out
-            .iter()
-            .flat_map(|l| l.sigmas.iter().copied())
-            .collect();
-        all.sort_by(f64::total_cmp);
-        // The median of √(χ²/c) is 0.67 for one component and 0.89 for three.
-        let robust = (all.get(all.len() / 2).copied().unwrap_or(0.0) / 0.8).max(0.5);
-        let mut changed = pass == 0;
-        for left in left_out {
-            for (row, sigma) in left.rows.iter().zip(&left.sigmas) {
-                let belongs = *sigma <= GROSS * robust;
-                changed |= belongs != (self.weights[*row] > 0.0);
-                self.weights[*row] = if belongs { 1.0 } else { 0.0 };
-            }
-        }
-        changed
     }
 }

@@ -1,7 +1,8 @@
 //! Whether a calibration by touches may be believed: leave-one-touch-out against the drawing, and what is gained.
 
 use crate::identification::touch::arm::Group;
-use crate::identification::touch::fit::{LeftOut, Noise, Scales, TouchFit, TouchProblem};
+use crate::identification::touch::fit::{Noise, Scales, TouchFit, TouchProblem};
+use crate::identification::touch::left_out::LeftOut;
 use crate::identification::touch::volume::Knowledge;
 
 /// Error of touches left out over that of the drawing, from which on a calibration does not show that it helps.
@@ -55,14 +56,17 @@ impl Verdict {
             .into_iter()
             .max_by(|a, b| of_kind[*a as usize][2].total_cmp(&of_kind[*b as usize][2]))?;
         let most = &of_kind[kind as usize];
-        let play = Noise::ALL.into_iter().filter(|k| k.is_length()).filter_map(|kind| {
-            let tau = fit.tau[kind as usize];
-            let stated = problem.set.rows.iter().filter_map(|row| {
-                (Noise::of(&row.reading, 0) == kind).then(|| problem.set.sigma(row))?
+        let play = Noise::ALL
+            .into_iter()
+            .filter(|k| k.is_length())
+            .filter_map(|kind| {
+                let tau = fit.tau[kind as usize];
+                let stated = problem.set.rows.iter().filter_map(|row| {
+                    (Noise::of(&row.reading, 0) == kind).then(|| problem.set.sigma(row))?
+                });
+                let stated = stated.fold(f64::INFINITY, f64::min);
+                (tau > PLAY.0 * stated && tau > PLAY.1).then_some(tau)
             });
-            let stated = stated.fold(f64::INFINITY, f64::min);
-            (tau > PLAY.0 * stated && tau > PLAY.1).then_some(tau)
-        });
         Some(Self {
             left_out: sums[1] / sums[0].max(1e-12),
             errors: (most[0] / most[2].max(1.0), most[1] / most[2].max(1.0)),
@@ -74,10 +78,7 @@ impl Verdict {
 }
 
 /// The rows that belong, with their errors.
-fn rows<'a>(
-    all: &'a [LeftOut],
-    fit: &'a TouchFit,
-) -> impl Iterator<Item = (usize, &'a Vec<f64>)> {
+fn rows<'a>(all: &'a [LeftOut], fit: &'a TouchFit) -> impl Iterator<Item = (usize, &'a Vec<f64>)> {
     all.iter()
         .flat_map(|left| left.rows.iter().copied().zip(&left.errors))
         .filter(|(row, _)| fit.weights[*row] > 0.0)

@@ -212,9 +212,10 @@ fn features(
             .copied()
             .filter(|k| fit.weights[*k] > 0.0)
             .collect();
-        let (unit, factor) = unit(own.first().map_or(Noise::Point, |k| {
-            Noise::of(&set.rows[*k].reading, 0)
-        }));
+        let (unit, factor) = unit(
+            own.first()
+                .map_or(Noise::Point, |k| Noise::of(&set.rows[*k].reading, 0)),
+        );
         let rms = |jets: &[RowJet]| {
             let components = kept
                 .iter()
