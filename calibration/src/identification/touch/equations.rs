@@ -86,8 +86,8 @@ impl CellSums {
                     continue;
                 }
                 self.own_right[(at, 0)] += scaled * e;
-                for b in 0..6 {
-                    self.cross[(at, b)] += scaled * tip[b];
+                for (b, by_tip) in tip.iter().enumerate() {
+                    self.cross[(at, b)] += scaled * by_tip;
                 }
                 for (other, column) in &jet.own {
                     self.own[(at, other - first)] += scaled * column[i] * prior[*other];

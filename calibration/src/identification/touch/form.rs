@@ -64,7 +64,7 @@ impl Form {
     }
 
     /// Number of bumps.
-    pub fn len(&self) -> usize {
+    pub fn count(&self) -> usize {
         match self {
             Self::Grid { middles, .. } => middles.len(),
             Self::Directions(all) => all.len(),

@@ -23,7 +23,7 @@ pub fn figure(
             centre: mean(&points),
             seat: (*seat > 0.0).then(|| {
                 let form = Form::directions();
-                let count = 3 * form.len();
+                let count = 3 * form.count();
                 (form, vec![0.0; count])
             }),
         },
@@ -35,7 +35,7 @@ pub fn figure(
                 let at: Vec<Vector2<f64>> =
                     points.iter().map(|p| in_plane(&axes, &origin, p)).collect();
                 let form = Form::grid(&at);
-                let count = form.len();
+                let count = form.count();
                 (form, vec![0.0; count])
             };
             Figure::Plane {
@@ -54,7 +54,7 @@ pub fn figure(
                 radius: radius.unwrap_or(found),
                 roundness: (*roundness > 0.0).then(|| {
                     let form = Form::directions();
-                    let count = form.len();
+                    let count = form.count();
                     (form, vec![0.0; count])
                 }),
             }
@@ -172,6 +172,9 @@ fn sphere(points: &[Vector3<f64>], values: &[f64], known: Option<f64>) -> (Vecto
     (centre, radius)
 }
 
+/// A corner of a board, m, and its image, pixels.
+type SeenCorner = (Vector3<f64>, [f64; 2]);
+
 /// States that the pose of a board is tried from.
 const TRIED: usize = 12;
 
@@ -181,7 +184,7 @@ fn board_pose(
     camera: &Camera,
     rows: &[(&TouchRow, Pose<f64>)],
 ) -> Option<Pose<f64>> {
-    let mut images: Vec<(Pose<f64>, Vec<(Vector3<f64>, [f64; 2])>)> = Vec::new();
+    let mut images: Vec<(Pose<f64>, Vec<SeenCorner>)> = Vec::new();
     for (row, flange) in rows {
         let Reading::Board { corner, u, v, .. } = row.reading else {
             continue;
@@ -231,7 +234,7 @@ fn board_pose(
 
 /// camera_from_board of one image of a plane board (Zhang 2000): the homography by the direct linear transform, and the
 /// rotation nearest to its columns. `None` for fewer than four corners or a board that is not plane.
-fn homography_pose(camera: &Camera, corners: &[(Vector3<f64>, [f64; 2])]) -> Option<Pose<f64>> {
+fn homography_pose(camera: &Camera, corners: &[SeenCorner]) -> Option<Pose<f64>> {
     if corners.len() < 4 || corners.iter().any(|(p, _)| p[2].abs() > 1e-6) {
         return None;
     }
