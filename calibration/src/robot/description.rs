@@ -5,8 +5,6 @@ use poegp_runtime::kinematics::poe::{Poe, WrongChain};
 use poegp_runtime::math::se3::Pose;
 use poegp_runtime::math::vector::inner_product;
 
-use crate::measurement::touch::ClassPrior;
-
 /// A nominal serial arm of 1 to 8 joints in normal form.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Robot {
@@ -24,6 +22,17 @@ pub struct Robot {
     pub link_radius: Option<f64>,
     /// How far an arm of its class is from its drawing, where the description states it.
     pub prior: Option<ClassPrior>,
+}
+
+/// How far an arm of its class is from its drawing: standard deviations of one component.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ClassPrior {
+    /// Of a link's offset, m.
+    pub length: f64,
+    /// Of the direction of an axis, rad.
+    pub tilt: f64,
+    /// Of the zero of a joint, rad (of a slide, m).
+    pub joint_zero: f64,
 }
 
 /// One moving joint.

@@ -45,8 +45,7 @@ use serde::Deserialize;
 use toml::Spanned;
 
 use crate::input_error::InputError;
-use crate::measurement::touch::ClassPrior;
-use crate::robot::description::{Joint, Robot};
+use crate::robot::description::{ClassPrior, Joint, Robot};
 use crate::robot::normal_form as chain;
 use crate::robot::normal_form::Chain;
 use crate::robot::toml_source::{DEGREE, METRE, MILLIMETRE, Origin, RADIAN, TomlSource};

@@ -38,7 +38,7 @@ pub struct GroupSums {
 }
 
 /// Rows of one state of the arm and one group, summed by what the tip does.
-pub struct CellSums {
+pub struct VisitSums {
     /// Pᵀ W P.
     pub tip: Mat<f64>,
     /// Pᵀ W e.
@@ -51,7 +51,7 @@ pub struct CellSums {
     pub own_right: Mat<f64>,
 }
 
-impl CellSums {
+impl VisitSums {
     /// Of a group of so many unknowns.
     pub fn new(unknowns: usize) -> Self {
         Self {
@@ -114,15 +114,15 @@ impl Equations {
         }
     }
 
-    /// Adds the rows of a cell; `jacobian` is that of the tip by the arm's unknowns, in units of their priors.
-    pub fn add(&mut self, group: usize, cell: &CellSums, jacobian: &Mat<f64>) {
-        let moved = product(&cell.tip, jacobian);
+    /// Adds the rows of a visit; `jacobian` is that of the tip by the arm's unknowns, in units of their priors.
+    pub fn add(&mut self, group: usize, visit: &VisitSums, jacobian: &Mat<f64>) {
+        let moved = product(&visit.tip, jacobian);
         self.arm += product(Transposed(jacobian), &moved);
-        self.arm_right -= product(Transposed(jacobian), &cell.tip_right);
+        self.arm_right -= product(Transposed(jacobian), &visit.tip_right);
         let sums = &mut self.groups[group];
-        sums.cross += product(&cell.cross, jacobian);
-        sums.own += &cell.own;
-        sums.right -= &cell.own_right;
+        sums.cross += product(&visit.cross, jacobian);
+        sums.own += &visit.own;
+        sums.right -= &visit.own_right;
     }
 
     /// Factors them, with `damping` added to the identity. `None` where that cannot be done.

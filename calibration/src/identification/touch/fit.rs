@@ -7,12 +7,12 @@ use nalgebra::Vector3;
 use poegp_runtime::math::se3::Pose;
 
 use crate::identification::touch::arm::{Group, StateJet, TouchArm};
-use crate::identification::touch::equations::{CellSums, Equations, Solved};
+use crate::identification::touch::equations::{Equations, Solved, VisitSums};
 use crate::identification::touch::jet::RowJet;
-use crate::identification::touch::left_out::LeftOut;
 use crate::identification::touch::noise::{
     CLASS_COUNTS, CLASS_FACTOR, COMMON_COUNTS, OTHER_COUNTS, OTHER_FACTOR, USUAL_ROWS,
 };
+use crate::identification::touch::problem::LeftOut;
 use crate::identification::touch::scene::Scene;
 use crate::identification::touch::start;
 use crate::measurement::touch::Reading;
@@ -23,7 +23,7 @@ pub use crate::identification::touch::problem::TouchProblem;
 
 /// Rows of one group in one state of the arm.
 #[derive(Clone, Debug)]
-struct Cell {
+struct Visit {
     state: usize,
     group: usize,
     rows: Vec<usize>,
@@ -46,7 +46,7 @@ pub struct TouchFit {
     pub weights: Vec<f64>,
     /// Equations less parameters that they determine, by kind of noise.
     pub freedom: [f64; Noise::ALL.len()],
-    cells: Vec<Cell>,
+    visits: Vec<Visit>,
 }
 
 /// Rounds of noise, priors and parameters.
@@ -73,19 +73,19 @@ impl TouchFit {
             })
             .collect();
         let scene = Scene::new(set, figures, set.camera, problem.instrument);
-        let mut cells: Vec<Cell> = Vec::new();
+        let mut visits: Vec<Visit> = Vec::new();
         let mut index = std::collections::HashMap::new();
         for (row, state) in problem.state_of.iter().enumerate() {
             let group = scene.group_of(&set.rows[row].reading);
-            let cell = *index.entry((*state, group)).or_insert_with(|| {
-                cells.push(Cell {
+            let visit = *index.entry((*state, group)).or_insert_with(|| {
+                visits.push(Visit {
                     state: *state,
                     group,
                     rows: Vec::new(),
                 });
-                cells.len() - 1
+                visits.len() - 1
             });
-            cells[cell].rows.push(row);
+            visits[visit].rows.push(row);
         }
         let mut out = Self {
             arm,
@@ -95,7 +95,7 @@ impl TouchFit {
             tau: Noise::ALL.map(|kind| 10.0 * kind.usual()),
             weights: vec![1.0; set.rows.len()],
             freedom: [0.0; Noise::ALL.len()],
-            cells,
+            visits,
         };
         out.settle(problem, false);
         out
@@ -211,11 +211,11 @@ impl TouchFit {
             .collect();
         let mut out = Equations::new(&arm, &groups);
         let mut scaled: Option<(usize, Mat<f64>)> = None;
-        for cell in &self.cells {
-            let range = &scene.groups[cell.group];
-            let mut sums = CellSums::new(range.len());
-            let jet = &jets[cell.state];
-            for row in &cell.rows {
+        for visit in &self.visits {
+            let range = &scene.groups[visit.group];
+            let mut sums = VisitSums::new(range.len());
+            let jet = &jets[visit.state];
+            for row in &visit.rows {
                 let weight = self.weights[*row];
                 if weight == 0.0 {
                     continue;
@@ -228,13 +228,13 @@ impl TouchFit {
             }
             if scaled
                 .as_ref()
-                .is_none_or(|(state, _)| *state != cell.state)
+                .is_none_or(|(state, _)| *state != visit.state)
             {
                 let columns = |i: usize, j: usize| jet.jacobian[(i, j)] * priors[j];
-                scaled = Some((cell.state, Mat::from_fn(6, priors.len(), columns)));
+                scaled = Some((visit.state, Mat::from_fn(6, priors.len(), columns)));
             }
             if let Some((_, jacobian)) = &scaled {
-                out.add(cell.group, &sums, jacobian);
+                out.add(visit.group, &sums, jacobian);
             }
         }
         for distance in &problem.set.distances {

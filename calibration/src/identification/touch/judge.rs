@@ -2,12 +2,12 @@
 
 use crate::identification::touch::arm::Group;
 use crate::identification::touch::fit::{Noise, Scales, TouchFit, TouchProblem};
-use crate::identification::touch::left_out::LeftOut;
+use crate::identification::touch::problem::LeftOut;
 use crate::identification::touch::volume::Knowledge;
 
 /// Error of touches left out over that of the drawing, from which on a calibration does not show that it helps.
 pub const LEFT_OUT_RATIO: f64 = 0.7;
-/// Expected error after over before, from which on the touches tell too little.
+/// Expected error after over before, from which on the touches show too little.
 pub const EXPECTED_RATIO: f64 = 0.9;
 /// τ over the stated noise, and τ in metres, from which on play or slipping is suspected.
 pub const PLAY: (f64, f64) = (10.0, 0.5e-3);

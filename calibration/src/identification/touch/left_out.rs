@@ -5,25 +5,12 @@ use crate::identification::touch::equations::Solved;
 use crate::identification::touch::fit::TouchFit;
 use crate::identification::touch::jet::RowJet;
 use crate::identification::touch::noise::Noise;
-use crate::identification::touch::problem::TouchProblem;
+use crate::identification::touch::problem::{LeftOut, TouchProblem};
 use crate::numeric::cholesky::Factor;
 use crate::numeric::matrix::Mat;
 
 /// Robust standard deviations from which a row does not belong.
 const GROSS: f64 = 5.0;
-
-/// What leaving out one state of the arm says.
-#[derive(Clone, Debug)]
-pub struct LeftOut {
-    /// The rows of that state.
-    pub rows: Vec<usize>,
-    /// For each of them: the error of its components as the others predict it, in units of the reading.
-    pub errors: Vec<Vec<f64>>,
-    /// For each of them: √(χ²/components) of that error by its predicted covariance.
-    pub sigmas: Vec<f64>,
-    /// 1 − h of every component, summed by kind of noise.
-    pub(super) freedom: [f64; Noise::ALL.len()],
-}
 
 impl TouchFit {
     /// Leaves out every state of the arm in turn, by the equations of all.

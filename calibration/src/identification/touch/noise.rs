@@ -91,7 +91,7 @@ pub struct Scales {
 /// How far the evidence may move a scale of the class, and how many parameters' worth of belief it has to outweigh.
 pub(super) const CLASS_FACTOR: f64 = 2.0;
 pub(super) const CLASS_COUNTS: f64 = 15.0;
-/// The same of what all scales of the class have in common.
+/// Those counts of what all scales of the class have in common.
 pub(super) const COMMON_COUNTS: f64 = 5.0;
 /// The same for compliances and gear errors, which differ more from arm to arm.
 pub(super) const OTHER_FACTOR: f64 = 10.0;

@@ -6,7 +6,7 @@ use poegp_runtime::math::se3::Pose;
 
 use crate::identification::base_tools::fit_base_and_tools;
 use crate::identification::touch::arm::{Terms, TipStart, TouchArm};
-use crate::identification::touch::noise::TRACKER_NOISE;
+use crate::identification::touch::noise::{Noise, TRACKER_NOISE};
 use crate::measurement::observation::Observation;
 use crate::measurement::sample::{Base, BaseSample, Instrument, InstrumentSample, Sample};
 use crate::measurement::touch::{ClassPrior, Reading, TouchSet};
@@ -169,4 +169,17 @@ fn from_tracker(nominal: &Poe<f64>, seen: &[InstrumentSample], tips: &mut [TipSt
         }
     }
     found.instrument_from_base
+}
+
+/// What leaving out one state of the arm says.
+#[derive(Clone, Debug)]
+pub struct LeftOut {
+    /// The rows of that state.
+    pub rows: Vec<usize>,
+    /// For each of them: the error of its components as the others predict it, in units of the reading.
+    pub errors: Vec<Vec<f64>>,
+    /// For each of them: √(χ²/components) of that error by its predicted covariance.
+    pub sigmas: Vec<f64>,
+    /// 1 − h of every component, summed by kind of noise.
+    pub(super) freedom: [f64; Noise::ALL.len()],
 }

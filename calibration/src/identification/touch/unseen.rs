@@ -14,7 +14,7 @@ use crate::numeric::product::product;
 
 /// Posterior over prior from which a direction is unseen.
 pub const UNSEEN: f64 = 0.9;
-/// The same of the size: what is between is noise, which more touches overcome.
+/// That limit for the size: what is between is noise, which more touches overcome.
 pub const SIZE_UNSEEN: f64 = 0.95;
 /// Share of the expected error below which nobody need know.
 const WORTH_SAYING: f64 = 0.1;
@@ -68,7 +68,7 @@ pub fn unseen(problem: &TouchProblem, fit: &TouchFit, known: &Knowledge) -> Vec<
             share: 1.0,
             mm: stays,
             text: format!(
-                "A level tells directions only, no length: {stays:.2} mm stays on average. Touch a point in many orientations, too."
+                "A level shows directions only, no length: {stays:.2} mm stays on average. Touch a point in many orientations, too."
             ),
         });
         return out;
@@ -99,7 +99,7 @@ pub fn unseen(problem: &TouchProblem, fit: &TouchFit, known: &Knowledge) -> Vec<
             share: 1.0,
             mm: stays,
             text: format!(
-                "One plane tells heights only: {stays:.2} mm stays on average. Touch two more planes that are square to it."
+                "One plane shows heights only: {stays:.2} mm stays on average. Touch two more planes that are square to it."
             ),
         });
     }
@@ -113,15 +113,15 @@ pub fn unseen(problem: &TouchProblem, fit: &TouchFit, known: &Knowledge) -> Vec<
         let has_board = readings().any(|r| matches!(r, Reading::Board { .. }));
         let text = if has_board {
             format!(
-                "The arm's size comes from the board alone, and these images hardly tell it: {stays}. Take images from farther apart."
+                "The arm's size comes from the board alone, and these images hardly show it: {stays}. Take images from farther apart."
             )
         } else if readings().all(|r| matches!(r, Reading::Plane { .. })) {
             format!(
-                "Planes cannot tell the arm's size: {stays}. Give one known distance of 200 mm or more between points that are touched."
+                "Planes cannot show the arm's size: {stays}. Give one known distance of 200 mm or more between points that are touched."
             )
         } else {
             format!(
-                "Touches at unknown points cannot tell the arm's size: {stays}. Give one known distance of 200 mm or more."
+                "Touches at unknown points cannot show the arm's size: {stays}. Give one known distance of 200 mm or more."
             )
         };
         let direction = match has_board {

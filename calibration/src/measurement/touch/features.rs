@@ -11,10 +11,9 @@ use toml::Spanned;
 
 use crate::input_error::InputError;
 use crate::measurement::table::quoted;
-use crate::measurement::touch::set::{
-    Board, Camera, ClassPrior, Feature, FeatureKind, KnownDistance, Mount,
-};
+use crate::measurement::touch::set::{Board, Camera, Feature, FeatureKind, KnownDistance, Mount};
 use crate::measurement::touch::tables::{CameraTable, DistanceTable, FeatureTable, File};
+use crate::robot::ClassPrior;
 use crate::robot::toml_source::TomlSource;
 
 /// What the file is.

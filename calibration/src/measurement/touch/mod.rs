@@ -26,9 +26,10 @@ mod tests;
 
 use std::path::{Path, PathBuf};
 
+pub use crate::robot::ClassPrior;
+
 pub use crate::measurement::touch::set::{
-    Board, Camera, ClassPrior, Feature, FeatureKind, KnownDistance, Mount, Reading, Tip, TouchRow,
-    TouchSet,
+    Board, Camera, Feature, FeatureKind, KnownDistance, Mount, Reading, Tip, TouchRow, TouchSet,
 };
 
 use sha2::{Digest, Sha256};

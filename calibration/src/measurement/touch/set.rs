@@ -8,6 +8,7 @@ use poegp_runtime::math::se3::Pose;
 use crate::measurement::observation::{InstrumentNoise, Observation};
 use crate::measurement::sample::ToolName;
 use crate::measurement::set::JointColumn;
+use crate::robot::ClassPrior;
 
 /// A touch file and its features. Every feature has a row, and every index is that of an entry.
 #[derive(Clone, Debug)]
@@ -263,17 +264,6 @@ pub struct KnownDistance {
     pub sigma: f64,
     /// Line of its `[[distance]]` table in the TOML file, from 1.
     pub line: usize,
-}
-
-/// How far an arm of its class is from its drawing: standard deviations of one component.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ClassPrior {
-    /// Of a link's offset, m.
-    pub length: f64,
-    /// Of the direction of an axis, rad.
-    pub tilt: f64,
-    /// Of the zero of a joint, rad (of a slide, m).
-    pub joint_zero: f64,
 }
 
 impl TouchSet {

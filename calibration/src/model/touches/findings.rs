@@ -2,7 +2,8 @@
 
 use crate::identification::touch::judge::{EXPECTED_RATIO, LEFT_OUT_RATIO, PLAY};
 use crate::model::touches::summary::TouchSummary;
-use crate::trust::{Cause, Finding, Findings, Tier};
+use crate::trust::{Finding, Findings, Tier};
+use poegp_protocol::cause::Cause;
 
 /// Farther beyond its class than this an arm is named.
 const BEYOND: f64 = 1.3;
@@ -49,7 +50,7 @@ pub fn findings(summary: &TouchSummary) -> Findings {
             Cause::Gain,
             Tier::Refused,
             format!(
-                "these touches tell too little: {:.2} mm are expected over the work volume after them and {:.2} mm before; {remedy}",
+                "these touches show too little: {:.2} mm are expected over the work volume after them and {:.2} mm before; {remedy}",
                 summary.after.mean_mm, summary.before.mean_mm
             ),
             Vec::new(),
