@@ -98,7 +98,10 @@ fn refuse_options(a: &Job) -> Result<(), Failure> {
         (a.report.is_some(), "--report"),
         (a.write_project.is_some(), "--write-project"),
         (a.correct_drift, "--correct-drift"),
-        (!a.budget.is_unlimited(), "--max-instructions and --max-blob-bytes"),
+        (
+            !a.budget.is_unlimited(),
+            "--max-instructions and --max-blob-bytes",
+        ),
         (
             !a.auto && a.config.method != Method::Elastic,
             "--method other than elastic",
@@ -162,7 +165,15 @@ fn print(report: Printer, document: &TouchJson) {
         ]
     };
     report.table(
-        &["feature", "kind", "rows", "left out", "drawn", "calibrated", ""],
+        &[
+            "feature",
+            "kind",
+            "rows",
+            "left out",
+            "drawn",
+            "calibrated",
+            "",
+        ],
         &found.features.iter().map(row).collect::<Vec<_>>(),
     );
     for distance in &found.distances {
