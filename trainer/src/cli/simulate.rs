@@ -165,7 +165,7 @@ fn touched_sets(
         set("touches.csv", touches.rows, touches.csv),
         set(
             "touches.toml",
-            a.touch.iter().map(|task| task.features).sum(),
+            touches.toml.matches("[[feature]]").count(),
             touches.toml,
         ),
         set("truth.csv", TRUTH_POSES, truth),

@@ -29,6 +29,8 @@ const TWO_SOCKETS: f64 = 20e-3;
 const TWO_SOCKETS_SPREADS: f64 = 4.0;
 /// Standard deviations by which touches contradict a length.
 const CONTRADICTION: f64 = 5.0;
+/// Standard deviation of a distance between two points by an arm as drawn, m: few touches of each do not show it.
+const DRAWN: f64 = 2e-3;
 /// No wire or ballbar that calibrates an arm reads less, m: such readings are metres in a column of millimetres.
 const SHORTEST_READING: f64 = 10e-3;
 /// A reading of an anchor is of another unit if it is so many times what the drawn arm says, or less than its inverse.
@@ -292,7 +294,7 @@ impl TouchSet {
             let (Some((a, of_a)), Some((b, of_b))) = (a, b) else {
                 continue;
             };
-            let sigma = (of_a * of_a + of_b * of_b).sqrt();
+            let sigma = (of_a * of_a + of_b * of_b + DRAWN * DRAWN).sqrt();
             if let Some(error) = self.contradiction(index, (a - b).norm(), sigma) {
                 return Err(error);
             }
