@@ -16,6 +16,8 @@ import numpy as np
 
 ROBOT = pathlib.Path(__file__).resolve().parents[2] / "calibration/robots/abb-irb4400-serial.toml"
 PAYLOADS_KG = (1.0, 2.5, 3.5, 5.0, 7.5)
+# The payload that the cell works with: half of the poses are measured with it.
+WORKING_KG = 5.0
 CELL_DEG = np.array([(-60, 60), (-40, 60), (-40, 45), (-60, 60), (-75, 75), (-90, 90)], float)
 GRAVITY = np.array([0, 0, -9.81])
 
@@ -204,12 +206,14 @@ class TrueArm:
 
 
 def measure(file, seed, poses):
-    """Random poses of the cell with random payloads, as the tracker sees them."""
+    """Random poses of the cell, half of them with the payload of its work and half with others, as the tracker sees them."""
     arm, random = TrueArm(seed), np.random.default_rng((seed, 1))
+    others = [kg for kg in PAYLOADS_KG if kg != WORKING_KG]
     low, high = np.radians(CELL_DEG).T
     lines = ["# " + f"arm.py measure, seed {seed}", "payload_kg,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,x_mm,y_mm,z_mm,qw,qx,qy,qz"]
     for _ in range(poses):
-        joints, kg = random.uniform(low, high)[None], random.choice(PAYLOADS_KG)
+        joints = random.uniform(low, high)[None]
+        kg = WORKING_KG if random.random() < 0.5 else random.choice(others)
         seen = arm.instrument_from_target(joints, kg, REPEATABILITY * random.standard_normal((1, 6)))[0]
         where = 1e3 * (seen[:3, 3] + NOISE_M * random.standard_normal(3))
         turned = to_quaternion(turns(NOISE_RAD * random.standard_normal(3)) @ seen[:3, :3])
@@ -223,7 +227,7 @@ def main():
     parser.add_argument("what", choices=["measure", "tool"])
     parser.add_argument("file", nargs="?")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--poses", type=int, default=300)
+    parser.add_argument("--poses", type=int, default=600)
     arguments = parser.parse_args()
     if arguments.what == "measure":
         measure(arguments.file or parser.error("measure needs a file to write"), arguments.seed, arguments.poses)

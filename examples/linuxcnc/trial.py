@@ -25,7 +25,7 @@ HERE = pathlib.Path(__file__).resolve().parent
 # LinuxCNC refuses root.
 USER = "nobody"
 SEED = int(os.environ.get("POEGP_SEED", "1"))
-PAYLOAD_KG = 5.0
+PAYLOAD_KG = arm.WORKING_KG
 ATTEMPTS = 3
 SECONDS = 240
 # What a machine does that has no time for LinuxCNC.

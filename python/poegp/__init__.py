@@ -14,7 +14,7 @@ from poegp._native import Calibration as _Calibration
 from poegp._native import __version__
 from poegp._native import calibrate as _calibrate
 from poegp.errors import DataRefused, Error, InputError
-from poegp.model import Answer, Correction, Model, Solution, Status
+from poegp.model import Answer, Correction, Model, Residuals, Solution, Status
 from poegp.programs import correct_program
 
 __all__ = [
@@ -25,6 +25,7 @@ __all__ = [
     "Error",
     "InputError",
     "Model",
+    "Residuals",
     "Solution",
     "Status",
     "__version__",

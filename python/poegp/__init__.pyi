@@ -67,6 +67,13 @@ class Solution(NamedTuple):
     position_error_m: NDArray[np.float64]
     rotation_error_rad: NDArray[np.float64]
 
+class Residuals(NamedTuple):
+    """What a model leaves of measurements, along the axes of the instrument: arrays (n, 3), (n, 3) and (n,)."""
+
+    position_m: NDArray[np.float64]
+    rotation_rad: NDArray[np.float64]
+    line: NDArray[np.uint64]
+
 class Model:
     """A calibrated arm. It never changes, and any number of threads may use it."""
 
@@ -84,6 +91,8 @@ class Model:
     def precision(self) -> _Precision: ...
     @property
     def payload_range_kg(self) -> tuple[float, float] | None: ...
+    @property
+    def flange_from_target(self) -> NDArray[np.float64]: ...
     def predict(
         self, q: ArrayLike, payload_kg: ArrayLike | None = None, frame: _Frame = "instrument"
     ) -> tuple[NDArray[np.float64], Answer]: ...
@@ -97,10 +106,25 @@ class Model:
         seed: ArrayLike,
         payload_kg: ArrayLike | None = None,
         frame: _Frame = "instrument",
+        tool: ArrayLike | None = None,
     ) -> tuple[NDArray[np.float64], Solution]: ...
     def jacobian(
         self, q: ArrayLike, payload_kg: ArrayLike | None = None
     ) -> NDArray[np.float64]: ...
+
+    def residuals(
+        self, data: _Path | Mapping[str, ArrayLike], **options: Unpack[_EvaluateOptions]
+    ) -> Residuals: ...
+    def export_urdf(
+        self,
+        out: _Path,
+        nominal: _Path | None = None,
+        *,
+        payload_kg: float | None = None,
+        region: _Path | ArrayLike | None = None,
+        target_link: str | None = None,
+        **options: Unpack[_ExportOptions],
+    ) -> dict[str, Any]: ...
 
 class Calibration:
     """A calibration that `calibrate` has made."""
@@ -145,7 +169,19 @@ class _CorrectOptions(TypedDict, total=False):
     payload_kg: float
     payload_from_program: bool
     frames: _Path
+    split: float
+    dry_run: bool
     inverse: bool
+
+class _EvaluateOptions(TypedDict, total=False):
+    fit_base: bool
+    fit_tool: bool | int
+    correct_drift: bool
+    accept: list[str]
+
+class _ExportOptions(TypedDict, total=False):
+    base: str
+    tip: str
 
 def calibrate(
     robot: _Path,

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import enum
+import os
+import tempfile
+from pathlib import Path
 from typing import NamedTuple
 
 from poegp._native import NativeModel, status_flags
+from poegp._native import export as _export
 
 Status = enum.IntFlag(
     "Status", {name.upper().replace("-", "_"): bit for name, bit in status_flags()}, module=__name__
@@ -46,6 +50,17 @@ class Solution(NamedTuple):
     position_error_m: object
     #: Rotation from the wanted pose, rad.
     rotation_error_rad: object
+
+
+class Residuals(NamedTuple):
+    """What a model leaves of measurements: measured less predicted, along the axes of the instrument; a row each."""
+
+    #: Position (n, 3), m.
+    position_m: object
+    #: Rotation vector from the predicted to the measured orientation (n, 3), rad; NaN where none was measured.
+    rotation_rad: object
+    #: Line of the file (n,), from 1; the first row of a table is line 2.
+    line: object
 
 
 class Model:
@@ -116,12 +131,18 @@ class Model:
         joints, *answer = self._native.correct(q, payload_kg)
         return joints, Correction(*answer)
 
-    def inverse(self, T_wanted, seed, payload_kg=None, frame="instrument"):
+    @property
+    def flange_from_target(self):
+        """The target on the flange (4, 4), m: part of the model's gauge."""
+        return self._native.flange_from_target
+
+    def inverse(self, T_wanted, seed, payload_kg=None, frame="instrument", tool=None):
         """The joints (n, dof) near ``seed`` at which the real target is at ``T_wanted`` (n, 4, 4), and their :class:`Solution`.
 
-        Commands, too: the controller that is given these joints brings the target there.
+        Commands, too: the controller that is given these joints brings the target there. With ``tool``, flange_from_tool
+        (4, 4) in m, that tool in place of the target.
         """
-        joints, *answer = self._native.inverse(T_wanted, seed, payload_kg, frame)
+        joints, *answer = self._native.inverse(T_wanted, seed, payload_kg, frame, tool)
         return joints, Solution(*answer)
 
     def jacobian(self, q, payload_kg=None):
@@ -132,6 +153,56 @@ class Model:
         itself changes with the joints is left out, some thousandths of an elastic model.
         """
         return self._native.jacobian(q, payload_kg)
+
+    def residuals(self, data, **options):
+        """What the model leaves of measurements: :class:`Residuals`, a row for each measured pose.
+
+        ``data`` is a file or a table as for :func:`poegp.calibrate`; ``options`` are those of ``trainer evaluate`` with
+        underscores: ``fit_base=True``, ``fit_tool=10``, ``correct_drift=True``, ``accept=["drift"]``. Rows that frames were
+        fitted to alone are left out. The predictions are those of the device, whatever the precision of this model.
+        """
+        return Residuals(*self._native.residuals(data, **options))
+
+    def export_urdf(self, out, nominal=None, *, payload_kg=None, region=None, target_link=None, **options):
+        """Write a URDF of the chain without correction that is nearest to the model, and return what it leaves.
+
+        Parameters
+        ----------
+        out : path
+            The URDF.
+        nominal : path, optional
+            The nominal URDF that the robot was calibrated with, whose links and shapes are kept.
+        payload_kg : float, optional
+            The payload that the chain is for; all that were trained if it is left out.
+        region : str, path or array (n, dof), optional
+            Where the chain has to be near to the model: ``"15@0,-20,30,0,45,0"`` (degrees about a pose in degrees), a file of poses,
+            or joints in rad (turning joints only). The trained ranges if it is left out.
+        target_link : str, optional
+            Adds a link of this name at the measured target.
+        **options
+            Other options of ``trainer export`` with underscores: ``base="base_link"``, ``tip="tool0"``.
+
+        Returns
+        -------
+        dict
+            What ``trainer export --json`` writes: ``distance`` is that of the chain and of the drawing from the model.
+
+        Raises
+        ------
+        Error
+            No chain is nearer to the model than the drawing; nothing is written.
+        """
+        with tempfile.TemporaryDirectory() as folder:
+            blob = Path(folder) / "model.blob"
+            blob.write_bytes(self.blob)
+            if region is not None and not isinstance(region, (str, os.PathLike)):
+                file = Path(folder) / "region.csv"
+                rows = [",".join(f"q{i + 1}_rad" for i in range(self.dof))]
+                rows += [",".join(repr(float(x)) for x in row) for row in region]
+                file.write_text("\n".join(rows) + "\n")
+                region = file
+            given = {"payload_kg": payload_kg, "region": region, "target_link": target_link, "urdf": nominal}
+            return _export(blob, out=out, **given, **options)
 
     def __repr__(self) -> str:
         return f"<poegp.Model {self.method} of {self.robot}, {self.precision}>"

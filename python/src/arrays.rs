@@ -22,24 +22,39 @@ pub fn rows(value: &Bound<'_, PyAny>, name: &str, shape: &[usize]) -> PyResult<(
     let array = array(value, name)?;
     let found = array.shape();
     if found.len() != shape.len() + 1 || &found[1..] != shape {
-        let list =
-            |shape: &[usize]| -> Vec<String> { shape.iter().map(ToString::to_string).collect() };
-        let ending = if found.len() == 1 && shape.len() == 1 {
-            ","
-        } else {
-            ""
-        };
         let help = match found == shape {
             true => format!("; for one row give {name}[None]"),
             false => String::new(),
         };
         return Err(PyValueError::new_err(format!(
-            "{name}: found an array of shape ({}{ending}), expected (n, {}){help}",
-            list(found).join(", "),
-            list(shape).join(", ")
+            "{name}: found an array of shape {}, expected (n, {}){help}",
+            tuple(found),
+            tuple(shape)
+                .trim_start_matches('(')
+                .trim_end_matches([',', ')'])
         )));
     }
     Ok((found[0], array.to_vec()?))
+}
+
+/// The numbers of an array with this shape, row by row.
+pub fn one(value: &Bound<'_, PyAny>, name: &str, shape: &[usize]) -> PyResult<Vec<f64>> {
+    let array = array(value, name)?;
+    match array.shape() == shape {
+        true => Ok(array.to_vec()?),
+        false => Err(PyValueError::new_err(format!(
+            "{name}: found an array of shape {}, expected {}",
+            tuple(array.shape()),
+            tuple(shape)
+        ))),
+    }
+}
+
+/// A shape as Python writes it.
+fn tuple(shape: &[usize]) -> String {
+    let numbers: Vec<String> = shape.iter().map(ToString::to_string).collect();
+    let ending = if shape.len() == 1 { "," } else { "" };
+    format!("({}{ending})", numbers.join(", "))
 }
 
 /// One number for each of `n` rows, from one number or an array `(n,)`.

@@ -1,4 +1,4 @@
-//! Calibrations and corrected programs: commands of the trainer without its terminal.
+//! Calibrations, exports and corrected programs: commands of the trainer without its terminal.
 
 use std::ffi::OsString;
 use std::path::PathBuf;
@@ -108,6 +108,20 @@ pub fn correct_program<'py>(
     line.extend([OsString::from("--out"), out.into(), blob.into()]);
     line.extend(programs.into_iter().map(OsString::from));
     let done = py.detach(|| embedded::correct_program(&line).map_err(Box::new));
+    loads(py, &done.map_err(|error| failure(py, *error))?)
+}
+
+/// Writes a model as a file of another program; see `poegp.Model.export_urdf` in the stubs.
+#[pyfunction]
+#[pyo3(signature = (blob, **options))]
+pub fn export<'py>(
+    py: Python<'py>,
+    blob: PathBuf,
+    options: Option<&Bound<'py, PyDict>>,
+) -> PyResult<Bound<'py, PyAny>> {
+    let mut line = given(options, &["json"])?;
+    line.push(blob.into());
+    let done = py.detach(|| embedded::export(&line).map_err(Box::new));
     loads(py, &done.map_err(|error| failure(py, *error))?)
 }
 

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use numpy::{PyArray1, PyArrayDyn};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use pyo3::types::PyBytes;
+use pyo3::types::{PyBytes, PyDict};
 
 use poegp_calibration::blob::evaluator::{Evaluator, Frame, Precision, Predicted};
 use poegp_calibration::blob::predict::BlobModel;
@@ -15,8 +15,12 @@ use poegp_calibration::progress::threads;
 use poegp_runtime::guard::status::Status;
 use poegp_runtime::math::se3::Pose;
 
-use crate::arrays::{column, each, rows, shaped};
-use crate::errors::input_error;
+use poegp_trainer::cli::embedded;
+
+use crate::arrays::{column, each, one, rows, shaped};
+use crate::errors::{failure, input_error};
+use crate::options::given;
+use crate::table;
 
 /// Numbers of a homogeneous matrix.
 const MATRIX: usize = 16;
@@ -170,7 +174,15 @@ impl NativeModel {
         ))
     }
 
-    #[pyo3(signature = (poses, seed, payload_kg, frame))]
+    /// `flange_from_target` of the model's gauge, a matrix.
+    #[getter]
+    fn flange_from_target<'py>(&self, py: Python<'py>) -> PyResult<Numbers<'py>> {
+        let mut matrix = Vec::with_capacity(MATRIX);
+        push(&mut matrix, &self.flange());
+        shaped(py, matrix, &[4, 4])
+    }
+
+    #[pyo3(signature = (poses, seed, payload_kg, frame, tool))]
     #[allow(clippy::type_complexity)] // what Python unpacks
     fn inverse<'py>(
         &self,
@@ -179,8 +191,13 @@ impl NativeModel {
         seed: &Bound<'py, PyAny>,
         payload_kg: Option<&Bound<'py, PyAny>>,
         frame: &str,
+        tool: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<(Numbers<'py>, Bits<'py>, Column<'py>, Column<'py>)> {
         let (n, joints, payloads) = self.configurations(seed, payload_kg)?;
+        let target_from_tool = match tool {
+            Some(tool) => self.flange().inverse() * pose_of(&one(tool, "tool", &[4, 4])?),
+            None => Pose::identity(),
+        };
         let (given, matrices) = rows(poses, "T_wanted", &[4, 4])?;
         if given != n {
             return Err(PyValueError::new_err(format!(
@@ -194,7 +211,9 @@ impl NativeModel {
             let indices: Vec<usize> = (0..n).collect();
             map_all(threads(), &indices, |i| {
                 let seed = &joints[i * dof..(i + 1) * dof];
-                self.arm.inverse(&wanted[*i], frame, seed, payloads[*i])
+                let wanted = (&wanted[*i], frame);
+                self.arm
+                    .inverse(wanted, &target_from_tool, seed, payloads[*i])
             })
         });
         let answers = found
@@ -228,9 +247,45 @@ impl NativeModel {
         }
         shaped(py, numbers, &[n, 6, dof])
     }
+
+    /// Residuals of measurements: metres (n, 3), radians (n, 3) and lines (n,).
+    #[pyo3(signature = (data, **options))]
+    #[allow(clippy::type_complexity)] // what Python unpacks
+    fn residuals<'py>(
+        &self,
+        py: Python<'py>,
+        data: &Bound<'py, PyAny>,
+        options: Option<&Bound<'py, PyDict>>,
+    ) -> PyResult<(Numbers<'py>, Numbers<'py>, Bound<'py, PyArray1<u64>>)> {
+        let (name, table) = match data.extract::<PathBuf>() {
+            Ok(path) => (path, None),
+            Err(_) => (PathBuf::from(table::NAME), Some(table::csv(data)?)),
+        };
+        let mut line = given(options, &["predictions", "trust", "json"])?;
+        line.extend(["(in memory)".into(), name.into_os_string()]);
+        let model = self.arm.blob();
+        let found =
+            py.detach(|| embedded::residuals(model, &line, table.as_deref()).map_err(Box::new));
+        let found = found.map_err(|error| failure(py, *error))?;
+        let none = [f64::NAN; 3];
+        let positions = found.iter().flat_map(|r| r.position).collect();
+        let rotations = found.iter().flat_map(|r| r.rotation.unwrap_or(none));
+        let rotations = rotations.collect();
+        let lines: Vec<u64> = found.iter().map(|r| r.line as u64).collect();
+        Ok((
+            shaped(py, positions, &[found.len(), 3])?,
+            shaped(py, rotations, &[found.len(), 3])?,
+            column(py, lines),
+        ))
+    }
 }
 
 impl NativeModel {
+    /// `flange_from_target`.
+    fn flange(&self) -> Pose<f64> {
+        Pose::from_rows(&self.arm.blob().host().gauge.flange_from_target)
+    }
+
     fn of(py: Python<'_>, blob: BlobModel, precision: Precision) -> PyResult<Self> {
         let arm = py.detach(|| Evaluator::new(blob, precision));
         let arm = arm.map_err(|error| PyValueError::new_err(error.to_string()))?;

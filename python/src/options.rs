@@ -14,7 +14,7 @@ pub fn given(options: Option<&Bound<'_, PyDict>>, refused: &[&str]) -> PyResult<
         let key: String = key.extract()?;
         if refused.contains(&key.as_str()) {
             return Err(PyTypeError::new_err(format!(
-                "{key}: found an output of the command line, expected an option of the calibration"
+                "{key}: found an output of the command line, expected an option that names none"
             )));
         }
         let flag = format!("--{}", key.replace('_', "-"));

@@ -17,5 +17,6 @@ def test_the_example_of_the_guide_runs(trainer, tmp_path):
     )
     assert done.returncode == 0, done.stderr
     print("\n" + done.stdout)
-    chosen, errors = done.stdout.strip().splitlines()
+    chosen, errors, chain = done.stdout.strip().splitlines()
     assert float(errors.split()[0]) < 0.2 and done.stderr == ""
+    assert 0 < float(chain.split()[0]) < 0.2

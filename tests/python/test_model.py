@@ -144,6 +144,30 @@ def test_the_inverse_leads_back(elastic, wide, rows):
             assert np.all(answer.position_error_m[whole] < 5.1e-6)
 
 
+def test_a_tool_is_brought_to_a_pose(elastic, wide, rows):
+    """By the frames alone: the pose of the target once the tool stands where it is wanted."""
+    tool = np.eye(4)
+    tool[:3, :3] = rotation(np.array([[0.9, 0.1, -0.2, 0.374165738677394]]))[0]
+    tool[:3, 3] = [0.03, -0.05, 0.21]
+    for model, usual in [(elastic, 1e-6), (wide, 1e-10)]:
+        flange = np.linalg.inv(model.flange_from_target)
+        for frame in ["instrument", "base"]:
+            wanted = model.predict(rows.q, payload_kg=rows.kg, frame=frame)[0] @ flange @ tool
+            seed = rows.q + 0.05 * np.sin(np.arange(6))
+            joints, answer = model.inverse(wanted, seed=seed, payload_kg=rows.kg, frame=frame, tool=tool)
+            there = model.predict(joints, payload_kg=rows.kg, frame=frame)[0] @ flange @ tool
+            whole = answer.status & poegp.Status.PARTLY_CORRECTED == 0
+            assert whole.mean() > 0.95
+            assert apart(there[whole], wanted[whole])[0] < 6e-6
+            assert np.median(np.linalg.norm(there - wanted, axis=(1, 2))) < 2 * usual
+    given = model.inverse(wanted, seed=rows.q, payload_kg=rows.kg, frame="base", tool=model.flange_from_target)[0]
+    same = model.inverse(wanted, seed=rows.q, payload_kg=rows.kg, frame="base")[0]
+    # The search ends some nanoradians from where it would have ended.
+    assert np.abs(given - same).max() < 1e-7
+    with pytest.raises(ValueError, match=r"tool: found an array of shape \(1, 4, 4\), expected \(4, 4\)"):
+        model.inverse(wanted, seed=rows.q, payload_kg=rows.kg, tool=tool[None])
+
+
 def test_the_jacobian_is_the_derivative(arm, wide, rows):
     """Of a chain to rounding, of an elastic arm to some thousandths, by central differences of predictions."""
     step = 1e-6

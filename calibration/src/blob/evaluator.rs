@@ -121,11 +121,11 @@ impl Evaluator {
         }
     }
 
-    /// The joints near `seed` at which the calibrated arm stands at a pose.
+    /// The joints near `seed` at which the calibrated arm's tool, `target_from_tool`, stands at a pose.
     pub fn inverse(
         &self,
-        pose: &Pose<f64>,
-        frame: Frame,
+        (pose, frame): (&Pose<f64>, Frame),
+        target_from_tool: &Pose<f64>,
         seed: &[f64],
         payload_kg: f64,
     ) -> Inverse<f64> {
@@ -134,10 +134,11 @@ impl Evaluator {
             Frame::Instrument => self.blob.instrument_from_base().inverse() * *pose,
         };
         match &self.wide {
-            Some(model) => model.inverse(&wanted, seed, payload_kg),
+            Some(model) => model.tool_inverse(&wanted, target_from_tool, seed, payload_kg),
             None => {
                 let model = self.blob.model();
-                let found = model.inverse(&wanted.cast(), &cast(seed), payload_kg as f32);
+                let (wanted, tool) = (wanted.cast(), target_from_tool.cast());
+                let found = model.tool_inverse(&wanted, &tool, &cast(seed), payload_kg as f32);
                 Inverse {
                     joints: found.joints.map(f64::from),
                     position_error: found.position_error.into(),
@@ -269,7 +270,7 @@ mod tests {
                     .map(|frame| arm.nominal(&q, frame).unwrap().translation);
                 assert!((arm.blob().instrument_from_base().transform_point(&b) - a).norm() < 1e-12);
                 for (pose, frame) in [(seen, Frame::Instrument), (base, Frame::Base)] {
-                    let found = arm.inverse(&pose, frame, &q, kg);
+                    let found = arm.inverse((&pose, frame), &Pose::identity(), &q, kg);
                     let there = arm.predict(&found.joints[..6], kg, frame).pose;
                     assert!((there.translation - pose.translation).norm() < near);
                 }

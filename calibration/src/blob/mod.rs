@@ -10,4 +10,5 @@ pub mod precision_loss;
 pub mod predict;
 pub mod predicted_poses;
 pub mod region;
+mod wire_corrections;
 pub mod write;

@@ -5,9 +5,9 @@
 
 use heapless::Vec as FixedVec;
 use poegp_protocol::blob::{
-    self, Blob, Correction, CorrectionLimit, Elastic, Gauge, Geometry, Host, Joint, JointKernel,
-    Provenance as WireProvenance, Ranges, Ripple, Robot as WireRobot, TaskSpace, Tool, Transform,
-    Units, Variance,
+    self, Blob, Correction, CorrectionLimit, Elastic, Gauge, Geometry, Host, Joint,
+    Provenance as WireProvenance, Ranges, Robot as WireRobot, TaskSpace, Tool, Transform, Units,
+    Variance,
 };
 use poegp_protocol::cause::Causes;
 use poegp_protocol::limits::OUTPUTS;
@@ -18,14 +18,14 @@ use crate::blob::precision_loss::{
     MAX_F32_ERROR_M, MEAN_F32_ERROR_M, SinglePrecisionLoss, precision_loss,
 };
 use crate::blob::predict::{BlobError, BlobModel};
-use crate::learning::elastic::reduced_model::ElasticModel;
+use crate::blob::wire_corrections::{DoesNotFit, elastic, fixed, little_endian, task_space};
 use crate::learning::task_space::Hyperparameters;
 use crate::learning::task_space::fit::SignalVarianceLimit;
 use crate::measurement::sample::InstrumentSample;
 use crate::measurement::sample::ToolName;
 use crate::measurement::samples::Samples;
 use crate::model::config::Config;
-use crate::model::correction::{self as model, TaskSpaceCorrection};
+use crate::model::correction as model;
 use crate::model::gauge::GaugeChoice;
 use crate::model::{Calibration, CalibrationError, calibrate, calibrate_within};
 use crate::numeric::statistics::extremes;
@@ -207,19 +207,13 @@ pub enum ExportError {
     SinglePrecisionLossTooLarge(SinglePrecisionLoss),
 }
 
-/// A fixed vector of what fits, or the error that names what does not.
-fn fixed<T, const N: usize>(
-    items: impl IntoIterator<Item = T>,
-    what: &'static str,
-) -> Result<FixedVec<T, N>, ExportError> {
-    let mut out = FixedVec::new();
-    for item in items {
-        out.push(item).map_err(|_| ExportError::DoesNotFit(what))?;
+impl From<DoesNotFit> for ExportError {
+    fn from(DoesNotFit(what): DoesNotFit) -> Self {
+        Self::DoesNotFit(what)
     }
-    Ok(out)
 }
 
-fn chain<const N: usize>(poe: &Poe<f64>) -> Result<FixedVec<Transform<f32>, N>, ExportError> {
+fn chain<const N: usize>(poe: &Poe<f64>) -> Result<FixedVec<Transform<f32>, N>, DoesNotFit> {
     fixed(
         MinimalForm::new(poe)
             .poe
@@ -357,46 +351,6 @@ fn to_bytes(
     Ok(buffer)
 }
 
-/// The task-space correction without its rows, and the bytes of the rows.
-fn task_space(
-    correction: &TaskSpaceCorrection,
-    limit: CorrectionLimit,
-) -> Result<(TaskSpace<'static>, Vec<u8>), ExportError> {
-    let (gp, (header, rows)) = (&correction.gp, &correction.posterior_mean);
-    // The form that takes the device less time, where the inducing points allows it.
-    let (mut header, mut rows) = (*header, rows.clone());
-    header.fold(&mut rows);
-    let inputs = header.inputs;
-    let hyperparameters = gp
-        .hyperparameters
-        .iter()
-        .map(|h| h.to_array().map(|x| x as f32));
-    let mut affine: [FixedVec<f32, 10>; 6] = Default::default();
-    for (slots, values) in affine.iter_mut().zip(&header.affine) {
-        *slots = fixed(
-            values.iter().take(inputs + 1).map(|x| *x as f32),
-            "affine map",
-        )?;
-    }
-    let task_space = TaskSpace {
-        limit,
-        hyperparameters: fixed(hyperparameters, "hyperparameters")?,
-        output_scale: gp.output_scale.map(|x| x as f32),
-        input_scale: fixed(
-            header.input_scale.iter().take(inputs).map(|x| *x as f32),
-            "input scales",
-        )?,
-        rates: header.rates.map(|rates| rates.map(|x| x as f32)),
-        affine,
-        rows: &[],
-        centre: match &header.centre {
-            Some(centre) => fixed(centre.iter().take(inputs).map(|x| *x as f32), "centre")?,
-            None => FixedVec::new(),
-        },
-    };
-    Ok((task_space, little_endian(&rows)))
-}
-
 fn wire_gauge(calibration: &Calibration) -> Result<Gauge, ExportError> {
     let (own, gauge) = (&calibration.base_and_tools, &calibration.gauge);
     let ranges = gauge.grid.ranges.iter();
@@ -433,73 +387,4 @@ fn wire_tools<'a>(
             target: &name.target,
             first_from_target: pose.cast::<f32>().to_rows(),
         })
-}
-
-fn little_endian(rows: &[f64]) -> Vec<u8> {
-    rows.iter()
-        .flat_map(|x| (*x as f32).to_le_bytes())
-        .collect()
-}
-
-/// The elastic correction without its rows.
-fn elastic(
-    elastic: &ElasticModel,
-    calibration: &Calibration,
-    limit: CorrectionLimit,
-) -> Result<Elastic<'static>, ExportError> {
-    let n = calibration.calibrated.kinds().len();
-    let d = &elastic.deflection;
-    let mut gravity = elastic.gravity;
-    gravity.turn_into(&MinimalForm::new(&calibration.calibrated));
-    let (gravity, processes) = (&gravity, &d.processes);
-    let single = |v: &nalgebra::Vector3<f64>| [v[0] as f32, v[1] as f32, v[2] as f32];
-    let links = (0..n).flat_map(|c| (c..n).map(move |j| single(&gravity.links[c][j])));
-    let payload = (0..n).map(|c| {
-        let offset = single(&gravity.payload_offset[c]);
-        [
-            gravity.payload_lever[c] as f32,
-            offset[0],
-            offset[1],
-            offset[2],
-        ]
-    });
-    let ripple = d.ripple.iter().map(|t| Ripple {
-        joint: t.joint as u8,
-        cycles: t.cycles as f32,
-        sin: t.sin as f32,
-        cos: t.cos as f32,
-    });
-    let mut kernels = FixedVec::new();
-    if !elastic.rows_and_curves().0.is_empty() {
-        for k in &processes.kernels[..n] {
-            let kernel = JointKernel {
-                rates: fixed(k.rates()[..n].iter().map(|x| *x as f32), "rates")?,
-                payload_rate: k.payload_rate as f32,
-                amplitude: k.amplitude as f32,
-                payload_amplitude: k.payload_amplitude as f32,
-            };
-            kernels
-                .push(kernel)
-                .map_err(|_| ExportError::DoesNotFit("kernels"))?;
-        }
-    }
-    let payloads = processes.group_payloads_kg.iter().map(|m| *m as f32);
-    let count = processes.group_payloads_kg.len();
-    let sets = processes
-        .sets
-        .iter()
-        .map(|set| fixed(set.points()[..count].iter().copied(), "inducing sets"));
-    let sets: Vec<_> = sets.collect::<Result<_, _>>()?;
-    Ok(Elastic {
-        limit,
-        gravity: single(&gravity.gravity),
-        links: fixed(links, "gravity terms")?,
-        payload: fixed(payload, "payload terms")?,
-        ripple: fixed(ripple, "gear ripple")?,
-        curves: &[],
-        kernels,
-        group_payloads_kg: fixed(payloads, "payload groups")?,
-        sets: fixed(sets, "inducing sets")?,
-        rows: &[],
-    })
 }

@@ -42,7 +42,7 @@ fn read(format: Format, names: &[&str], bytes: &[u8]) {
         .zip(parts.iter().map(Vec::as_slice))
         .collect();
     let source = |(name, bytes): &(&str, &[u8])| {
-        let is_corrected = !name.ends_with("CND");
+        let is_corrected = !name.ends_with("CND") && !name.ends_with("VA");
         Source::new(Path::new(name), bytes.to_vec(), is_corrected)
     };
     let frames = FrameFile::parse(Path::new("frames.toml"), FRAMES).expect("frames");
@@ -127,12 +127,17 @@ pub fn urscript(bytes: &[u8]) {
     read(Format::UrScript, &["part.script"], bytes);
 }
 
-/// Reads a Fanuc listing.
+/// Reads a Fanuc listing, and a zero before variables of the controller.
 ///
 /// # Panics
 /// When a law is broken.
 pub fn fanuc(bytes: &[u8]) {
-    read(Format::Fanuc, &["part.ls"], bytes);
+    let names: &[&str] = if bytes.contains(&0) {
+        &["part.ls", "SYSFRAME.VA"]
+    } else {
+        &["part.ls"]
+    };
+    read(Format::Fanuc, names, bytes);
 }
 
 /// Reads a KUKA source and its data list, a zero between them.

@@ -247,11 +247,20 @@ pub fn imports() -> Vec<Vec<u8>> {
         let [points, joints] = ["{}.txt", "{}_joints.csv"].map(|name| name.replace("{}", stem));
         [map(stem), import_file(&points), import_file(&joints)].join(&0)
     });
-    one.into_iter().chain(two).chain(foreign_files()).collect()
+    let all = one.into_iter().chain(two).chain(foreign_files());
+    all.chain([workbook()]).collect()
+}
+
+/// A map, poses, and their joints on a sheet of a workbook.
+fn workbook() -> Vec<u8> {
+    let map = b"file = { separator = \"semicolon\" }\njoints_file = { sheet = \"Measured\", skip_lines = 2 }\n\
+        joints = { driver = \"fanuc\" }\nposition = { columns = [\"X\", \"Y\", \"Z\"] }\njoin = { by = \"order\" }\n";
+    let file = |name: &str| import_file(&format!("simulated/{name}"));
+    [map.to_vec(), file("tracker.csv"), file("workbook.xlsx")].join(&0)
 }
 
 /// Maps that join files and make poses of reflectors, with files.
-fn foreign_files() -> [Vec<u8>; 2] {
+fn foreign_files() -> [Vec<u8>; 3] {
     let joined = b"joints_file = { separator = \"space\" }\njoints = { driver = \"ur-rtde\" }\n\
         position = { columns = [\"X\", \"Y\", \"Z\"] }\n\
         join = { by = \"time\", poses = \"t\", joints = \"timestamp\", joints_unit = \"s\", tolerance_s = 0.1 }\n\0\
@@ -261,7 +270,12 @@ fn foreign_files() -> [Vec<u8>; 2] {
         columns = [[\"a\", \"b\", \"c\"], [\"d\", \"e\", \"f\"], [7, 8, 9]]\n\
         at = [[0, 0, 0], [100, 0, 0], [0, 80, 0]]\nat_unit = \"mm\"\n\0\
         a [mm],b [mm],c [mm],d [mm],e [mm],f [mm],g [mm],h [mm],i [mm],J1,J2\n1,2,3,101,2,3,1,82,3,10,20\n";
-    [joined.to_vec(), reflectors.to_vec()]
+    let dated = b"joints_file = { separator = \"comma\" }\njoints = { driver = \"panda\" }\n\
+        position = { columns = [\"X\", \"Y\", \"Z\"] }\njoin = { by = \"time\", poses = \"t\", joints = \"t\", poses_unit = \"iso8601\", \
+        joints_unit = \"iso8601\", tolerance_s = 0.1 }\n\0\
+        t,X [in],Y [in],Z [in]\n2026-11-23T14:05:09.125Z,1,2,3\n2026-11-23 15:05:11+01:00,4,5,6\n\0\
+        t,panda_joint1,panda_joint2\n2026-11-23T14:05:09.13Z,1,2\n2026-11-23T14:05:11Z,0.5,0.25\n";
+    [joined.to_vec(), reflectors.to_vec(), dated.to_vec()]
 }
 
 /// Raw files alone; two of them with two zeros between.
@@ -352,9 +366,14 @@ pub fn urscript() -> Vec<Vec<u8>> {
     vec![program("part.script")]
 }
 
-/// Fanuc listings.
+/// Fanuc listings, one with its tools and frames.
 pub fn fanuc() -> Vec<Vec<u8>> {
-    vec![program("part.ls")]
+    let variables = "[*SYSTEM*]$MNUTOOL  Storage: CMOS  Access: RW  : ARRAY[1,10] OF POSITION\r\n     [1,3] =\r\n\
+        Group: 1   Config: N D B, 0, 0, 0\r\n  X:    30.000   Y:   -45.000   Z:   210.000\r\n\
+        W:    25.000   P:     0.000   R:     0.000\r\n";
+    let listing = program("part.ls");
+    let both = [listing.as_slice(), b"\0", variables.as_bytes()].concat();
+    vec![both, listing]
 }
 
 /// KUKA sources, one with its data list.

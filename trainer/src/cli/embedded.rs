@@ -10,11 +10,13 @@ use clap::error::ErrorKind;
 
 use crate::cli::calibrate::job::Job;
 use crate::cli::calibrate::make;
+pub use crate::cli::evaluate::Residual;
 pub use crate::cli::failure::Failure;
 use crate::cli::output::json_text;
 use crate::cli::terminal::interrupt::cancelled_by;
 pub use crate::cli::terminal::print::be_silent;
-use crate::cli::{Command, correct, parse};
+use crate::cli::{Command, correct, evaluate, export, parse};
+use poegp_calibration::blob::predict::BlobModel;
 
 /// A calibration.
 #[derive(Clone, Debug)]
@@ -60,6 +62,33 @@ pub fn correct_program(options: &[OsString]) -> Result<String, Failure> {
         return Err(other_command("correct"));
     };
     correct::program_document(&arguments)
+}
+
+/// `trainer export` with these options; returns what `--json` writes.
+///
+/// # Errors
+/// [`Failure`] as the command's.
+pub fn export(options: &[OsString]) -> Result<String, Failure> {
+    let Command::Export(arguments) = command("export", options)? else {
+        return Err(other_command("export"));
+    };
+    export::exported(&arguments)
+}
+
+/// What `trainer evaluate` with these options compares, row by row; no output is written. `table` has the bytes of the measurement
+/// file where the file that the options name is none. The blob that they name is not read: it is `model`.
+///
+/// # Errors
+/// [`Failure`] as the command's.
+pub fn residuals(
+    model: &BlobModel,
+    options: &[OsString],
+    table: Option<&[u8]>,
+) -> Result<Vec<Residual>, Failure> {
+    let Command::Evaluate(arguments) = command("evaluate", options)? else {
+        return Err(other_command("evaluate"));
+    };
+    evaluate::residuals(&arguments, model, table)
 }
 
 /// The command line of `name` with `options`.

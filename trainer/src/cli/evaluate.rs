@@ -12,6 +12,7 @@ use serde::Serialize;
 use crate::cli::args::FrameArgs;
 use crate::cli::examination::AcceptArgs;
 use crate::cli::failure::Failure;
+use crate::cli::input::Input;
 use crate::cli::inputs::{self, FRAMES_HELP, file_name, fitted_frames, frame_failure};
 use crate::cli::instrument_drift;
 use crate::cli::output::long::LongOutput;
@@ -20,6 +21,7 @@ use crate::cli::terminal::print::{Printer, warning};
 use poegp_calibration::blob::fitted_frames::FittedFrames;
 use poegp_calibration::blob::predict::{BlobModel, Prediction};
 use poegp_calibration::measurement::Measurement;
+use poegp_calibration::measurement::observation::Observation;
 use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::numeric::decimal::push_decimal;
 use poegp_calibration::numeric::statistics::{ErrorSummary, PoseError, PoseErrors};
@@ -110,16 +112,9 @@ pub fn run(a: &Evaluate) -> Result<(), Failure> {
     let frames = FittedFrames::new(&loaded, samples, tools, which)
         .map_err(|error| frame_failure(&a.test, &data.names, error))?;
     let judge = Judge {
-        shift: frames.instrument_from_base * loaded.instrument_from_base().inverse(),
-        left_out: frames
-            .left_out
-            .iter()
-            .map(|i| set.measurements[*i].line)
-            .collect(),
-        loaded: &loaded,
-        frames: &frames,
         writes: a.predictions.is_some(),
         with_trust: a.trust,
+        ..Judge::new(&loaded, &set.measurements, &frames)
     };
     let mut out = a.predictions.as_deref().map(LongOutput::new).transpose()?;
     if let Some(out) = &mut out {
@@ -183,6 +178,60 @@ pub fn run(a: &Evaluate) -> Result<(), Failure> {
     Ok(())
 }
 
+/// What is left of a measured row once the model has predicted it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Residual {
+    /// Line of the row in its file, from 1.
+    pub line: usize,
+    /// The measured position less the predicted one, m, along the instrument's axes.
+    pub position: [f64; 3],
+    /// The rotation vector from the predicted to the measured orientation, rad, along the same axes; `None` without one.
+    pub rotation: Option<[f64; 3]>,
+}
+
+/// The residuals of measurements, of all rows but those that frames of tools were fitted to alone.
+///
+/// # Errors
+/// [`Failure`] as the command's.
+pub fn residuals(
+    a: &Evaluate,
+    loaded: &BlobModel,
+    table: Option<&[u8]>,
+) -> Result<Vec<Residual>, Failure> {
+    let input = Input {
+        path: &a.test,
+        bytes: table,
+    };
+    let correction = instrument_drift::correction(a.frames.correct_drift);
+    let data = inputs::read(loaded, &input, correction)?;
+    let robot = inputs::robot_of(loaded.blob());
+    data.examined(&a.test, None, &a.accepted.accept, &robot)?;
+    let which = a.frames.frames();
+    let tools = data.frames(loaded, &a.test, which)?;
+    let frames = FittedFrames::new(loaded, &data.samples, tools, which)
+        .map_err(|error| frame_failure(&a.test, &data.names, error))?;
+    let judge = Judge::new(loaded, &data.set.measurements, &frames);
+    let rows = data.set.measurements.iter().zip(&data.samples);
+    let compared = rows.filter(|(row, _)| !judge.left_out.contains(&row.line));
+    let residual = |(row, sample): (&Measurement, &InstrumentSample)| {
+        let predicted = judge.predicted(sample).pose;
+        let apart = sample.observation.position() - predicted.translation;
+        let rotation = match &sample.observation {
+            Observation::Pose(measured) => {
+                let turned = (predicted.inverse() * *measured).log().angular;
+                Some((predicted.rotation * turned).into())
+            }
+            _ => None,
+        };
+        Residual {
+            line: row.line,
+            position: apart.into(),
+            rotation,
+        }
+    };
+    Ok(compared.map(residual).collect())
+}
+
 /// How rows are predicted and compared.
 struct Judge<'a> {
     loaded: &'a BlobModel,
@@ -222,7 +271,20 @@ const FLAGS: [Status; 4] = [
     Status::BAD_INPUT,
 ];
 
-impl Judge<'_> {
+impl<'a> Judge<'a> {
+    /// Of rows whose predictions are not written.
+    fn new(loaded: &'a BlobModel, rows: &[Measurement], frames: &'a FittedFrames) -> Self {
+        let left_out = frames.left_out.iter().map(|i| rows[*i].line);
+        Self {
+            shift: frames.instrument_from_base * loaded.instrument_from_base().inverse(),
+            left_out: left_out.collect(),
+            loaded,
+            frames,
+            writes: false,
+            with_trust: false,
+        }
+    }
+
     fn predicted(&self, s: &InstrumentSample) -> Prediction {
         let first = self.loaded.predict(&s.joints, s.payload_kg);
         let pose = match self.frames.is_base_fitted {

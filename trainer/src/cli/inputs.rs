@@ -173,16 +173,16 @@ pub struct TestData {
     long: Option<LongFile>,
 }
 
-/// Reads and checks a measurement file for the robot of a blob; notes go to standard error.
+/// Reads and checks measurements for the robot of a blob; notes go to standard error.
 pub fn read(
     loaded: &BlobModel,
-    path: &Path,
+    input: &Input<'_>,
     correction: DriftCorrection,
 ) -> Result<TestData, Failure> {
     let robot = robot_of(loaded.blob());
     let mut names = tools_of(loaded);
-    let file = read_samples(&Input::file(path), &robot, &mut names, correction)?;
-    complete(loaded, path, names, (None, file))
+    let file = read_samples(input, &robot, &mut names, correction)?;
+    complete(loaded, input.path, names, (None, file))
 }
 
 /// As [`read`], but of a long file some rows only; [`TestData::each_chunk`] shows all. The drift of the instrument is a matter
@@ -193,7 +193,7 @@ pub fn read_long(
     correction: DriftCorrection,
 ) -> Result<TestData, Failure> {
     if !matches!(correction, DriftCorrection::None) || !is_long(path) {
-        return read(loaded, path, correction);
+        return read(loaded, &Input::file(path), correction);
     }
     let robot = robot_of(loaded.blob());
     let mut names = tools_of(loaded);

@@ -12,6 +12,7 @@
 
 pub mod c_header;
 pub(crate) mod calibrated_chain;
+pub mod csv;
 pub mod describe;
 pub mod dh;
 pub(crate) mod format;

@@ -61,22 +61,27 @@ pub struct Table {
 }
 
 impl Table {
+    /// What a file of this table says before its numbers, a line each.
+    pub(super) fn comments(&self, chain: &CalibratedChain) -> Vec<String> {
+        let meaning = match self.convention {
+            "dh" => "Rows: R_z(q + theta_offset) T_z(d) T_x(a) R_x(alpha) R_y(beta).",
+            "modified-dh" => {
+                "Rows: T_x(a) R_x(alpha) R_y(beta) R_z(q + theta_offset) T_z(d), after Craig."
+            }
+            _ => "A joint's origin is in the frame before; it acts about (or along) its axis.",
+        };
+        let mut out = comments(chain);
+        out.push(format!("Metres and radians. {meaning}"));
+        out
+    }
+
     /// The table as a robot description that `--robot` reads.
     pub fn to_toml(&self, chain: &CalibratedChain) -> String {
         let mut out = String::new();
-        for line in comments(chain) {
+        for line in self.comments(chain) {
             let _ = writeln!(out, "# {line}");
         }
-        let _ = writeln!(
-            out,
-            "# Metres and radians. {}\n",
-            match self.convention {
-                "dh" => "Rows: R_z(q + theta_offset) T_z(d) T_x(a) R_x(alpha) R_y(beta).",
-                "modified-dh" =>
-                    "Rows: T_x(a) R_x(alpha) R_y(beta) R_z(q + theta_offset) T_z(d), after Craig.",
-                _ => "A joint's origin is in the frame before; it acts about (or along) its axis.",
-            }
-        );
+        out += "\n";
         let _ = writeln!(
             out,
             "name = {}\nconvention = \"{}\"",

@@ -186,6 +186,20 @@ impl UrKinematics {
         })
     }
 
+    /// What a file says before its numbers, a line each.
+    pub(super) fn comments(&self, chain: &CalibratedChain) -> Vec<String> {
+        let mut out = comments(chain);
+        out.push(
+            "metres and radians; each frame in the one before, the first in base_link_inertia (the controller's base)"
+                .to_owned(),
+        );
+        out.push(format!(
+            "the target in tool0, to be set as TCP: {}",
+            describe(&self.tool0_from_target)
+        ));
+        out
+    }
+
     /// The file.
     pub fn to_yaml(&self, chain: &CalibratedChain) -> String {
         let mut body = String::new();
@@ -205,16 +219,10 @@ impl UrKinematics {
             .take(8)
             .fold(0_u64, |h, b| (h << 8) | u64::from(*b));
         let mut out = String::new();
-        for line in comments(chain) {
+        for line in self.comments(chain) {
             let _ = writeln!(out, "# {line}");
         }
-        let _ = writeln!(
-            out,
-            "# metres and radians; each frame in the one before, the first in base_link_inertia (the controller's base)\n\
-             # the target in tool0, to be set as TCP: {}\n\
-             # the hash is of these numbers, not the controller's: the driver will say that they differ from the factory's",
-            describe(&self.tool0_from_target)
-        );
+        out += "# the hash is of these numbers, not the controller's: the driver will say that they differ from the factory's\n";
         let _ = write!(out, "kinematics:\n{body}  hash: calib_{hash}\n");
         out
     }

@@ -136,6 +136,33 @@ fn indexed(table: &Table, column: usize) -> Result<BTreeMap<&str, &Line>, InputE
     Ok(out)
 }
 
+/// The times of all rows in seconds, and whether they are without a time zone; `expected` is what other rows are.
+fn times(
+    (table, column): (&Table, usize),
+    unit: TimeUnit,
+    mut expected: Option<bool>,
+) -> Result<(Vec<f64>, Option<bool>), InputError> {
+    let mut out = Vec::new();
+    for line in &table.rows {
+        let fields = RowValues { table, line };
+        let moment = fields.moment(column, unit)?;
+        if *expected.get_or_insert(moment.is_local) != moment.is_local {
+            let (found, wanted) = match moment.is_local {
+                true => (
+                    "a date and time without a time zone",
+                    "one with a time zone",
+                ),
+                false => ("a time of a known clock", "one without a time zone"),
+            };
+            let found = format!("{found}, {:?}", fields.text(column));
+            let wanted = format!("{wanted}, as the rows before, or those of the other file, have");
+            return Err(fields.error(column, found, wanted));
+        }
+        out.push(moment.seconds);
+    }
+    Ok((out, expected))
+}
+
 fn by_time<'a>(
     map: &Map,
     how: &FileJoin,
@@ -144,13 +171,16 @@ fn by_time<'a>(
     left_out: &mut Vec<String>,
 ) -> Result<Vec<Option<&'a Line>>, InputError> {
     let tolerance = how.tolerance_s.as_ref().map_or(0.0, |t| *t.get_ref());
-    let seconds = |table: &Table, column: usize, unit: Option<TimeUnit>, key: &str| {
-        let unit = unit_of(map, table, column, unit, key)?;
-        let time = |line| RowValues { table, line }.seconds(column, unit);
-        table.rows.iter().map(time).collect::<Result<Vec<f64>, _>>()
-    };
-    let at = seconds(poses, pose_column, how.poses_unit, "join.poses_unit")?;
-    let times = seconds(joints, joint_column, how.joints_unit, "join.joints_unit")?;
+    let poses_unit = unit_of(map, poses, pose_column, how.poses_unit, "join.poses_unit")?;
+    let (at, is_local) = times((poses, pose_column), poses_unit, None)?;
+    let unit = unit_of(
+        map,
+        joints,
+        joint_column,
+        how.joints_unit,
+        "join.joints_unit",
+    )?;
+    let (times, _) = times((joints, joint_column), unit, is_local)?;
     let mut ordered: Vec<(f64, &Line)> = times.into_iter().zip(&joints.rows).collect();
     ordered.sort_by(|a, b| a.0.total_cmp(&b.0));
     let mut taken: BTreeMap<usize, usize> = BTreeMap::new();

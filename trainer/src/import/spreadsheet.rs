@@ -2,21 +2,59 @@
 //!
 //! Cells are read as a stream, so that a sheet with one cell far out is not a table of that size. A number becomes the text
 //! that has it with the decimal mark of the map; a date stays a date, which is no number of anything.
+//!
+//! A small file can hold gigabytes: zeros that are compressed, one long text that all cells share, one cell in each of a million
+//! rows far out. All three are counted, and refused before they take the memory.
 
-use std::io::Cursor;
+use std::io::{Cursor, Read as _};
 use std::path::Path;
 
 use calamine::{DataRef, Reader as _, Xlsx};
+use zip::ZipArchive;
 
 use crate::import::column_map::{Decimal, Layout};
 use poegp_calibration::input_error::InputError;
 
 /// Columns beyond are no table of measurements.
 const MOST_COLUMNS: usize = 1000;
+/// Rows times columns of a table of measurements, at most.
+const LARGEST_TABLE: usize = 10_000_000;
+/// Bytes of a file once it is decompressed, and of the texts of all cells, at most.
+const MOST_BYTES: u64 = 1 << 28;
 
 /// Whether a file is a spreadsheet, or any other zip file.
 pub fn is_zip(bytes: &[u8]) -> bool {
     bytes.starts_with(b"PK\x03\x04")
+}
+
+/// Refuses a file that would become too large: every part of it is decompressed once, and nothing of it kept.
+fn bounded(path: &Path, bytes: &[u8]) -> Result<(), InputError> {
+    // What is no zip file is named by its reader.
+    let Ok(mut archive) = ZipArchive::new(Cursor::new(bytes)) else {
+        return Ok(());
+    };
+    let mut left = MOST_BYTES;
+    for index in 0..archive.len() {
+        let Ok(part) = archive.by_index(index) else {
+            continue;
+        };
+        let name = part
+            .name()
+            .map_or_else(|_| index.to_string(), |name| name.into_owned());
+        let read = std::io::copy(&mut part.take(left + 1), &mut std::io::sink());
+        match read.ok().and_then(|read| left.checked_sub(read)) {
+            Some(rest) => left = rest,
+            None => {
+                let found = format!("a zip file whose part {name:?} is damaged or too large");
+                let expected =
+                    format!("an xlsx file of at most {MOST_BYTES} bytes once it is decompressed");
+                return Err(
+                    InputError::new(path, found, expected).with_help("export the table as CSV")
+                );
+            }
+        }
+    }
+    Ok(())
 }
 
 /// The rows of the sheet that the map names, or of the only one, with their numbers.
@@ -29,6 +67,7 @@ pub fn rows(
         let found = format!("a zip file that cannot be read as xlsx ({error})");
         InputError::new(path, found, "text or an xlsx file").with_help("export the table as CSV")
     };
+    bounded(path, bytes)?;
     let mut book: Xlsx<_> = Xlsx::new(Cursor::new(bytes)).map_err(unreadable)?;
     let sheets = book.sheet_names();
     let listed: Vec<String> = sheets.iter().map(|name| format!("{name:?}")).collect();
@@ -51,6 +90,7 @@ pub fn rows(
     };
     let mut stream = book.worksheet_cells_reader(name).map_err(unreadable)?;
     let mut out: Vec<(usize, Vec<String>)> = Vec::new();
+    let (mut letters, mut widest) = (0, 0);
     while let Some(read) = stream.next_cell().map_err(unreadable)? {
         let text = match read.get_value() {
             DataRef::Empty => continue,
@@ -78,6 +118,18 @@ pub fn rows(
         }
         if out.last().is_none_or(|(last, _)| *last != number) {
             out.push((number, Vec::new()));
+        }
+        widest = widest.max(column + 1);
+        if out.len() * widest > LARGEST_TABLE {
+            let found = format!("a table of {} rows and {widest} columns", out.len());
+            let error = InputError::new(path, found, format!("at most {LARGEST_TABLE} cells"));
+            return Err(error.at_line(number));
+        }
+        letters += text.len() as u64;
+        if letters > MOST_BYTES {
+            let expected = format!("at most {MOST_BYTES} bytes");
+            let error = InputError::new(path, "cells with longer texts", expected);
+            return Err(error.at_line(number));
         }
         if let Some((_, fields)) = out.last_mut() {
             fields.resize(fields.len().max(column + 1), String::new());

@@ -53,8 +53,11 @@ impl Unit for JointUnit {
 }
 
 impl Unit for TimeUnit {
-    const UNITS: &'static [(Self, &'static [&'static str])] =
-        &[(Self::S, &["s"]), (Self::Ms, &["ms"])];
+    const UNITS: &'static [(Self, &'static [&'static str])] = &[
+        (Self::S, &["s"]),
+        (Self::Ms, &["ms"]),
+        (Self::Iso8601, &["iso8601", "ISO 8601"]),
+    ];
 }
 
 impl Unit for MassUnit {

@@ -1,8 +1,20 @@
 //! One cell: a number in the unit that the map says, or an error that names the place.
 
+use time::format_description::well_known::Iso8601;
+use time::{OffsetDateTime, PrimitiveDateTime};
+
 use crate::import::column_map::{AngleUnit, Decimal, JointUnit, LengthUnit, TimeUnit};
 use crate::import::text::{Line, Table};
 use poegp_calibration::input_error::InputError;
+
+/// When something was measured.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Moment {
+    /// By its clock; of a date and time since 1970.
+    pub seconds: f64,
+    /// Whether it is a date and time without a time zone, which no other clock has.
+    pub is_local: bool,
+}
 
 /// A row with its table.
 #[derive(Clone, Copy)]
@@ -104,13 +116,47 @@ impl<'a> RowValues<'a> {
         Ok(shifted(&self.digits(index, name)?, locations))
     }
 
-    /// A time in seconds.
-    pub fn seconds(&self, index: usize, unit: TimeUnit) -> Result<f64, InputError> {
+    /// A time.
+    pub fn moment(&self, index: usize, unit: TimeUnit) -> Result<Moment, InputError> {
         let (name, locations) = match unit {
             TimeUnit::S => ("a time in seconds", 0),
             TimeUnit::Ms => ("a time in milliseconds", -3),
+            TimeUnit::Iso8601 => return self.date_and_time(index),
         };
-        Ok(shifted(&self.digits(index, name)?, locations))
+        Ok(Moment {
+            seconds: shifted(&self.digits(index, name)?, locations),
+            is_local: false,
+        })
+    }
+
+    /// A date and a time of day, with a time zone or without one.
+    fn date_and_time(&self, index: usize) -> Result<Moment, InputError> {
+        // A blank in place of the T is as common.
+        let text = self.text(index).replacen(' ', "T", 1);
+        let seconds = |at: OffsetDateTime| {
+            let whole = at.unix_timestamp() as f64;
+            whole + 1e-9 * f64::from(at.nanosecond())
+        };
+        if let Ok(at) = OffsetDateTime::parse(&text, &Iso8601::PARSING) {
+            return Ok(Moment {
+                seconds: seconds(at),
+                is_local: false,
+            });
+        }
+        match PrimitiveDateTime::parse(&text, &Iso8601::PARSING) {
+            Ok(at) => Ok(Moment {
+                seconds: seconds(at.assume_utc()),
+                is_local: true,
+            }),
+            Err(_) => {
+                let found = match self.text(index) {
+                    "" => "an empty cell".to_owned(),
+                    text => format!("{text:?}"),
+                };
+                let expected = "a date and a time of ISO 8601, as 2026-11-23T14:05:09.125Z";
+                Err(self.error(index, found, expected))
+            }
+        }
     }
 
     /// An angle in radians.

@@ -302,6 +302,7 @@ fn what_does_not_fit_is_refused() {
         "arm.blob --dh a.txt",
         "arm.blob --mdh a.txt",
         "arm.blob --joint-offsets a.csv",
+        "arm.blob --poe a.xlsx",
         "arm.blob --mjcf arm.blob",
         "arm.blob --dh a.toml --payload-kg 1",
         "arm.blob --ur-kinematics a.yaml",

@@ -4,7 +4,7 @@
 use nalgebra::{Matrix4, Quaternion, Rotation3, UnitQuaternion, Vector3};
 use quick_xml::Reader;
 use quick_xml::events::{BytesStart, Event};
-use serde_json::Value;
+use serde_json::{Map, Value, json};
 
 use crate::export::{calibrated, chain};
 use crate::program::Folder;
@@ -268,4 +268,127 @@ fn craigs_rows_have_the_poses_of_the_chain() {
         });
         assert!(worst < 1e-12, "{robot}: {worst:e}");
     }
+}
+
+/// A CSV file by the names of its rows and columns, and its comments.
+fn rows(folder: &Folder, file: &str) -> (Vec<Map<String, Value>>, String) {
+    let text = folder.text(file);
+    let comments: Vec<&str> = text.lines().filter(|line| line.starts_with('#')).collect();
+    let mut reader = csv::ReaderBuilder::new();
+    let mut reader = reader.comment(Some(b'#')).from_reader(text.as_bytes());
+    let header = reader.headers().unwrap().clone();
+    let row = |record: csv::StringRecord| {
+        let field = |(name, field): (&str, &str)| {
+            let value = match field.parse::<f64>() {
+                Ok(number) => number.into(),
+                Err(_) if field.is_empty() => return None,
+                Err(_) => field.into(),
+            };
+            Some((name.to_owned(), value))
+        };
+        header.iter().zip(&record).filter_map(field).collect()
+    };
+    let rows = reader.records().map(|record| row(record.unwrap()));
+    (rows.collect(), comments.join("\n"))
+}
+
+/// A frame of a row: `x_m` to `yaw_rad`.
+fn origin(row: &Map<String, Value>) -> Matrix4<f64> {
+    let three = |names: [&str; 3]| json!(names.map(|name| row[name].as_f64().unwrap()));
+    rpy(&json!({
+        "xyz_m": three(["x_m", "y_m", "z_m"]),
+        "rpy_rad": three(["roll_rad", "pitch_rad", "yaw_rad"]),
+    }))
+}
+
+/// What a row makes of a joint value.
+type Motion = dyn Fn(&Value, f64) -> Matrix4<f64>;
+
+/// Distal rows: what is before θ and d in Craig's is behind them here.
+fn distal(joint: &Value, q: f64) -> Matrix4<f64> {
+    let mut own = joint.clone();
+    let mut before = joint.clone();
+    for key in ["a_m", "alpha_rad", "beta_rad"] {
+        own[key] = json!(0.0);
+    }
+    for key in ["theta_offset_rad", "d_m"] {
+        before[key] = json!(0.0);
+    }
+    before["kind"] = json!("revolute");
+    craig(&own, q) * craig(&before, 0.0)
+}
+
+#[test]
+fn tables_as_csv_have_the_poses_of_the_chain_and_say_how_far_it_is() {
+    for robot in ["abb-irb4400", "kuka-iiwa7", "ur5", "workbench.urdf"] {
+        let folder = calibrated(robot, "poe");
+        folder
+            .run("export arm.blob --dh dh.csv --mdh mdh.csv --poe poe.csv --json all.json")
+            .ok();
+        let mean = &folder.json("all.json")["distance"]["chain"]["position_mm"]["mean"];
+        let distance = format!("distance {:.3} mm in the mean", mean.as_f64().unwrap());
+        let framed = |row: &Value, q: f64| {
+            let moved = craig(&json!({"kind": row["kind"]}), q);
+            origin(row.as_object().unwrap()) * moved
+        };
+        let tables: [(&str, &Motion); 3] = [
+            ("dh.csv", &distal),
+            ("mdh.csv", &craig),
+            ("poe.csv", &framed),
+        ];
+        for (file, row) in tables {
+            let (rows, comments) = rows(&folder, file);
+            assert!(comments.contains(&distance), "{comments}");
+            let named = |name: &str| rows.iter().find(|row| row["name"] == name).map(origin);
+            let joints = rows.iter().filter(|row| row["kind"] != "fixed").cloned();
+            let joints: Vec<Value> = joints.map(Value::Object).collect();
+            let base = named("base").unwrap_or_else(Matrix4::identity);
+            let ends = named("flange").unwrap() * named("flange_from_target").unwrap();
+            let worst = apart(&folder, |q| {
+                let arm: Matrix4<f64> = joints.iter().zip(q).map(|(own, q)| row(own, *q)).product();
+                base * arm * ends
+            });
+            assert!(worst < 1e-12, "{robot} {file}: {worst:e}");
+            let instrument = named("instrument_from_base").unwrap();
+            let stands = chain(&folder).instrument_from_base;
+            let stands = Vector3::from_iterator(stands.translation.iter().copied());
+            assert!((instrument.fixed_view::<3, 1>(0, 3) - stands).norm() < 1e-12);
+            let coupling = joints[2].get("coupling_q2").map(|c| c.as_f64().unwrap());
+            let expected = chain(&folder).coupling.map(|rows| rows[2][1]);
+            assert_eq!(coupling, expected, "{robot}");
+        }
+    }
+}
+
+#[test]
+fn the_kinematics_of_universal_robots_as_csv_end_at_the_target() {
+    let folder = calibrated("ur5", "poe");
+    folder.run("export arm.blob --ur-kinematics ur.csv").ok();
+    let (rows, comments) = rows(&folder, "ur.csv");
+    assert!(
+        comments.contains("distance ") && comments.contains("TCP"),
+        "{comments}"
+    );
+    let names: Vec<&str> = rows
+        .iter()
+        .map(|row| row["name"].as_str().unwrap())
+        .collect();
+    let links = [
+        "shoulder",
+        "upper_arm",
+        "forearm",
+        "wrist_1",
+        "wrist_2",
+        "wrist_3",
+    ];
+    assert_eq!((&names[..6], names[6]), (&links[..], "tool0_from_target"));
+    let worst = apart(&folder, |q| {
+        let turned = q.iter().map(|q| craig(&json!({"kind": "revolute"}), *q));
+        let links = rows
+            .iter()
+            .zip(turned)
+            .map(|(row, turned)| origin(row) * turned);
+        links.product::<Matrix4<f64>>() * origin(&rows[6])
+    });
+    assert!(worst < 1e-12, "{worst:e}");
 }

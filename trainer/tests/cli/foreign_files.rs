@@ -8,7 +8,7 @@ use crate::texts::texts;
 const POSES: usize = 8;
 
 /// Copies the files of `tests/data/import/simulated`.
-fn folder(files: &[&str]) -> Folder {
+pub fn folder(files: &[&str]) -> Folder {
     let folder = Folder::new();
     for file in files {
         let bytes = std::fs::read(data(&format!("import/simulated/{file}"))).unwrap();
@@ -18,7 +18,7 @@ fn folder(files: &[&str]) -> Folder {
 }
 
 /// Imports `files` with a map.
-fn import(folder: &Folder, files: &str, map: &str) -> Outcome {
+pub fn import(folder: &Folder, files: &str, map: &str) -> Outcome {
     folder.write("map.toml", map);
     folder.run(&format!("import {files} --map map.toml --out data.csv"))
 }
@@ -40,7 +40,7 @@ fn table(csv: &str) -> (Vec<String>, Vec<Vec<f64>>) {
 
 /// The imported rows are those of the simulator: in its columns, within the last digit that both files have.
 #[track_caller]
-fn assert_simulated(folder: &Folder) {
+pub fn assert_simulated(folder: &Folder) {
     let (names, imported) = table(&folder.text("data.csv"));
     let (expected_names, expected) = table(&simulated("train", POSES));
     let payload = usize::from(!names.contains(&"payload_kg".to_owned()));
@@ -193,6 +193,100 @@ fn joints_of_drivers_are_joined_to_poses_by_order_index_and_time() {
         import(&folder, &format!("tracker.csv {file}"), &map).ok();
         assert_simulated(&folder);
     }
+}
+
+/// The names of other drivers, in radians; each with the same joints.
+#[test]
+fn names_of_other_drivers_are_their_joints() {
+    let motoman = "joint_1_s,joint_2_l,joint_3_u,joint_4_r,joint_5_b,joint_6_t".to_owned();
+    let numbered = |name: &str| {
+        let names: Vec<String> = (1..=6).map(|i| format!("{name}{i}")).collect();
+        names.join(",")
+    };
+    for (driver, names) in [
+        ("motoman", motoman),
+        ("panda", numbered("panda_joint")),
+        ("fr3", numbered("fr3_joint")),
+    ] {
+        let folder = folder(&["tracker.csv", "ros.csv"]);
+        let text = folder.text("ros.csv");
+        let (_, rows) = text.split_once('\n').unwrap();
+        folder.write("ros.csv", format!("{names},payload\n{rows}"));
+        let map = by_order(driver, "comma", "payload");
+        import(&folder, "tracker.csv ros.csv", &map).ok();
+        assert_simulated(&folder);
+    }
+}
+
+/// Moments of the tracker, 1 000 s after its clock began and 2.5 s apart, as dates and times.
+fn dated(
+    folder: &Folder,
+    file: &str,
+    column: usize,
+    separator: char,
+    date: impl Fn(f64) -> String,
+) {
+    let text = folder.text(file);
+    let mut lines = text.lines();
+    let mut out = lines.next().unwrap().replace(" [ms]", "") + "\n";
+    for line in lines {
+        let mut fields: Vec<String> = line.split(separator).map(str::to_owned).collect();
+        fields[column] = date(fields[column].parse::<f64>().unwrap());
+        out += &(fields.join(&separator.to_string()) + "\n");
+    }
+    folder.write(file, out);
+}
+
+/// 5 minutes before midnight, so that hours, days and months change.
+fn clock(seconds: f64, zone: &str, hours: i64) -> String {
+    let whole = seconds.floor() as i64 - 1000 + 23 * 3600 + 59 * 60 + 55 + 3600 * hours;
+    let (day, time) = (28 + whole.div_euclid(86_400), whole.rem_euclid(86_400));
+    let (month, day) = if day > 28 { (3, day - 28) } else { (2, day) };
+    let (h, m, s) = (time / 3600, time / 60 % 60, time % 60);
+    let micros = ((seconds - seconds.floor()) * 1e6).round();
+    format!("2026-{month:02}-{day:02}T{h:02}:{m:02}:{s:02}.{micros:06}{zone}")
+}
+
+#[test]
+fn dates_and_times_of_two_zones_are_joined() {
+    let by_time = |poses: &str, joints: &str| {
+        let keys = BY_TIME.replace(
+            "joints_unit = \"s\"",
+            &format!("joints_unit = \"{joints}\""),
+        );
+        joined(&keys.replace("poses = ", &format!("poses_unit = \"{poses}\", poses = ")))
+    };
+    let iso = by_time("iso8601", "iso8601");
+    let mut local = Vec::new();
+    for zones in [["Z", "+02:00"], ["", ""]] {
+        let folder = folder(&["tracker.csv", "rtde.txt"]);
+        let hours = if zones[0].is_empty() { 0 } else { 2 };
+        dated(&folder, "tracker.csv", 1, ';', |ms| {
+            let text = clock(ms / 1000.0, zones[0], 0);
+            text.replace('T', " ")
+        });
+        dated(&folder, "rtde.txt", 0, ' ', |s| clock(s, zones[1], hours));
+        import(&folder, "tracker.csv rtde.txt", &iso).ok();
+        assert_simulated(&folder);
+        local.push(folder);
+    }
+    let _texts = texts();
+    // A time zone in one file alone, a number, and no date.
+    let [zoned, local] = &local[..] else {
+        unreachable!()
+    };
+    let refused =
+        |folder: &Folder, map: &str| import(folder, "tracker.csv rtde.txt", map).refused();
+    zoned.write("rtde.txt", local.text("rtde.txt"));
+    refused(zoned, &iso);
+    refused(local, &by_time("iso8601", "s"));
+    refused(local, &by_time("ms", "iso8601"));
+    let text = local.text("tracker.csv");
+    local.write(
+        "tracker.csv",
+        text.replace("2026-02-28 23:59:55", "2026-02-31 23:59:55"),
+    );
+    refused(local, &iso);
 }
 
 /// Whatever rows are gone, an imported row has the joints of its own pose, or the import is refused.
@@ -397,38 +491,4 @@ fn reflectors_in_a_row_are_a_pose() {
     // Its places in a line by two of them: four are a plane, three are not.
     let line = REFLECTORS.replace("[15.5, 20, -60]", "[60, 0, 0]");
     import(&files, "reflectors.csv", &line).refused();
-}
-
-const WORKBOOK: &str = r#"
-file = { sheet = "Measured", skip_lines = 2 }
-joints = { driver = "fanuc" }
-payload = { column = "Load" }
-position = { columns = ["X", "Y", "Z"] }
-orientation = { kind = "rotation-vector", columns = ["RX", "RY", "RZ"] }
-"#;
-
-#[test]
-fn a_sheet_of_a_workbook_is_a_table() {
-    let _texts = texts();
-    let files = folder(&["workbook.xlsx"]);
-    import(&files, "workbook.xlsx", WORKBOOK).ok();
-    assert_simulated(&files);
-    // The decimal mark of the map is that of texts; a number of a sheet has none.
-    let comma = WORKBOOK.replace("skip_lines", "decimal = \",\", skip_lines");
-    import(&files, "workbook.xlsx", &comma).ok();
-    assert_simulated(&files);
-    for (from, to) in [
-        ("sheet = \"Measured\", ", ""),
-        ("\"Measured\"", "\"Sheet1\""),
-        ("\"Measured\"", "\"Notes\""),
-        ("\"X\", \"Y\", \"Z\"]", "1, \"Y\", \"Z\"], unit = \"mm\""),
-        ("skip_lines = 2", "skip_lines = 3"),
-    ] {
-        import(&files, "workbook.xlsx", &WORKBOOK.replace(from, to)).refused();
-    }
-    let bytes = std::fs::read(files.path("workbook.xlsx")).unwrap();
-    files.write("workbook.xlsx", &bytes[..bytes.len() / 2]);
-    import(&files, "workbook.xlsx", WORKBOOK).refused();
-    files.write("workbook.xlsx", bytes);
-    files.refuses("import workbook.xlsx --preset kuka --out data.csv");
 }

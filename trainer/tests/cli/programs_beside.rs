@@ -101,6 +101,34 @@ fn tools_and_frames_of_a_job_are_in_the_files_beside_it() {
     assert!(folder.read("three.jbi") == folder.read("two.jbi"));
 }
 
+/// Variables of a Fanuc controller beside a listing have the numbers that a frame file would have; weights are in that alone.
+#[test]
+fn tools_and_frames_of_a_listing_are_in_the_variables_beside_it() {
+    let folder = folder();
+    let run = |rest: &str, out: &str| {
+        let line = format!("correct elas.blob part.ls {rest} --json - --out {out}");
+        folder.run(&line).ok().json()
+    };
+    run("--payload-from-program --frames frames.toml", "one.ls");
+    folder.write(
+        "sysframe.va",
+        "[*SYSTEM*]$MNUFRAME  Storage: CMOS  Access: RW  : ARRAY[1,9] OF POSITION\r\n     [1,2] = \r\n  Group: 1   \
+         Config: N D B, 0, 0, 0\r\n  X:   900.000   Y:  -300.000   Z:   420.000\r\n  W:     0.000   P:     0.000   R:    20.000\r\n\
+         [*SYSTEM*]$MNUTOOL  Storage: CMOS  Access: RW  : ARRAY[1,10] OF POSITION\r\n     [1,3] = \r\n  Group: 1   \
+         Config: N D B, 0, 0, 0\r\n  X:    30.000   Y:   -45.000   Z:   210.000\r\n  W:    25.000   P:     0.000   R:     0.000\r\n",
+    );
+    let document = run("--payload-kg 2.5", "two.ls");
+    assert!(folder.read("one.ls") == folder.read("two.ls"));
+    let frames = document["frames"].as_array().unwrap();
+    let from: Vec<&str> = frames.iter().map(|f| f["from"].as_str().unwrap()).collect();
+    assert_eq!(from, ["./sysframe.va"; 2]);
+    run("--payload-from-program --frames frames.toml", "three.ls");
+    assert!(folder.read("three.ls") == folder.read("two.ls"));
+    std::fs::rename(folder.path("sysframe.va"), folder.path("old.va")).unwrap();
+    run("--payload-kg 2.5 --with old.va", "four.ls");
+    assert!(folder.read("four.ls") == folder.read("two.ls"));
+}
+
 /// All is printed and nothing written but what is asked for by name.
 #[test]
 fn a_dry_run_writes_no_program() {

@@ -6,11 +6,12 @@
 mod cyclic;
 pub(super) mod device;
 mod script;
+mod sources;
 
 use std::cell::RefCell;
 
-use ed25519_dalek::{Signer, SigningKey};
-use poegp_protocol::blob::envelope::{TRAILER_LENGTH, Trailer, key_id, set_signed};
+use ed25519_dalek::Signer;
+use poegp_protocol::blob::envelope::TRAILER_LENGTH;
 use poegp_protocol::blob::{CRC, blob_crc, stored_crc};
 use poegp_protocol::link::cobs;
 use poegp_protocol::link::frame::{self, FrameError, MAX_FRAME, Receiver};
@@ -21,72 +22,15 @@ use poegp_protocol::link::{
 use poegp_runtime::service::{Background, BoardInfo, Cycle, ModelSlot};
 use poegp_runtime::store::{Layout, Store};
 
-use self::device::{BOARD, BYTES, Calls, Flash, Running, SETTINGS, SLOT, UNITS, Wired};
+use self::device::{BOARD, Calls, Flash, Running, SETTINGS, SLOT, UNITS, Wired};
 use self::script::Script;
+use self::sources::Sources;
+pub(super) use self::sources::{SMALL, signed};
 use super::expected::Expected;
 use super::wire::{sent, wire};
-use crate::sample::{Elastic, Sample, SampleCorrection};
 
 /// Steps of a script that are carried out.
 const MOST_STEPS: usize = 100;
-
-/// Blobs that a script may name, and keys.
-struct Sources {
-    blobs: [Vec<u8>; 6],
-    keys: [[u8; 32]; 2],
-    secret_keys: [SigningKey; 2],
-}
-
-impl Sources {
-    fn new() -> Self {
-        let keys = [1, 2].map(|seed| SigningKey::from_bytes(&[seed; 32]));
-        let [a, b, c] = [
-            Sample {
-                joints: 3,
-                ..Sample::plain(1, SampleCorrection::None)
-            },
-            Sample {
-                joints: 3,
-                ..Sample::plain(2, SampleCorrection::Elastic(SMALL))
-            },
-            Sample::plain(3, SampleCorrection::Shared(3)),
-        ]
-        .map(|sample| sample.blob());
-        let (first, second) = (signed(&b, 1, &keys[0]), signed(&a, 2, &keys[0]));
-        let mut broken = c.clone();
-        broken[100] ^= 8;
-        let blobs = [a, b, c, first, second, broken];
-        assert!(blobs.iter().all(|blob| blob.len() <= BYTES));
-        Self {
-            blobs,
-            keys: keys.each_ref().map(|key| key.verifying_key().to_bytes()),
-            secret_keys: keys,
-        }
-    }
-}
-
-/// A small elastic correction.
-pub(super) const SMALL: Elastic = Elastic {
-    points: 4,
-    groups: 2,
-    ripple: 2,
-    ..Elastic::PLAIN
-};
-
-/// `blob` signed by `key`, as this revision.
-pub(super) fn signed(blob: &[u8], revision: u32, key: &SigningKey) -> Vec<u8> {
-    let mut bytes = blob.to_vec();
-    set_signed(&mut bytes, true);
-    let mut trailer = Trailer {
-        key_id: key_id(&key.verifying_key().to_bytes()),
-        revision,
-        signature: [0; 64],
-    };
-    let message = [&bytes[..], &trailer.signed_part()].concat();
-    trailer.signature = key.sign(&message).to_bytes();
-    bytes.extend(trailer.to_bytes());
-    bytes
-}
 
 /// What ended a stretch of a script.
 enum End {

@@ -3,6 +3,7 @@
 use clap::ValueEnum;
 use serde::Serialize;
 
+use crate::cli::check::programs::CorrectedProgram;
 use crate::report::Provenance;
 use poegp_calibration::numeric::statistics::Summary;
 use poegp_calibration::trust::Finding;
@@ -58,6 +59,9 @@ pub struct CheckJson<'a> {
     /// Against the commands of an earlier blob.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub commands_move: Option<CommandChange>,
+    /// Programs that were corrected.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub programs: Vec<CorrectedProgram>,
     /// What was fitted before anything was asked.
     #[serde(skip)]
     pub fitted: Option<String>,

@@ -2,6 +2,7 @@
 
 mod document;
 mod page;
+mod programs;
 mod wording;
 
 use std::path::{Path, PathBuf};
@@ -11,6 +12,7 @@ use crate::cli::calibrate::gauge;
 use crate::cli::check::document::{CheckJson, Statistic};
 use crate::cli::examination::AcceptArgs;
 use crate::cli::failure::Failure;
+use crate::cli::input::Input;
 use crate::cli::inputs::{self, FRAMES_HELP, file_name, fitted_frames, frame_failure, origin};
 use crate::cli::instrument_drift;
 use crate::cli::output::{check_outputs, json_text, write_outputs};
@@ -37,6 +39,7 @@ const RATES: (f64, f64) = (0.001, 0.2);
     --max-mm is not met, or if a detected drift moves the target by more than --max-drift-mm on average.\n\n\
     Example: trainer check arm.blob monday.csv --max-mm 0.15\n\
     Example: trainer check arm.blob monday.csv --max-mm 0.15 --report monday.html\n\
+    Example: trainer check arm.blob monday.csv --max-mm 0.15 --programs corrected\n\
     Example: trainer check arm.blob monday.csv --max-mm 0.15 --fit-base   (the tracker was moved)"
 )]
 pub struct Check {
@@ -59,6 +62,10 @@ pub struct Check {
     /// Print by how much the commands differ from those of an earlier blob of this robot.
     #[arg(long, value_name = "BLOB")]
     pub previous: Option<PathBuf>,
+    /// A corrected program, or a folder with some; may be repeated. Print which of them another model corrected, and how far
+    /// their targets would move if this one did.
+    #[arg(long, value_name = "PATH")]
+    pub programs: Vec<PathBuf>,
     #[command(flatten)]
     pub frames: FrameArgs,
     #[command(flatten)]
@@ -81,7 +88,7 @@ pub fn run(a: &Check) -> Result<(), Failure> {
     let options = options(a)?;
     let loaded = BlobModel::read(&a.blob)?;
     let correction = instrument_drift::correction(a.frames.correct_drift);
-    let data = inputs::read(&loaded, &a.measurements, correction)?;
+    let data = inputs::read(&loaded, &Input::file(&a.measurements), correction)?;
     let warnings = data.examined(
         &a.measurements,
         a.json.as_deref(),
@@ -120,6 +127,7 @@ pub fn run(a: &Check) -> Result<(), Failure> {
         max_drift_mm,
         drift_matters,
         commands_move,
+        programs: programs::compared(&a.programs, &loaded, &a.blob)?,
         fitted: fitted_frames(
             findings.base_fitted,
             findings.tool_fitted,
@@ -270,6 +278,9 @@ fn print(report: Printer, a: &Check, d: &CheckJson<'_>, date: &str) {
     }
     if let Some((change, previous)) = d.commands_move.as_ref().zip(a.previous.as_deref()) {
         report.line(gauge::commands_move(change, previous).trim_start());
+    }
+    for line in d.programs.iter().map(programs::CorrectedProgram::text) {
+        report.line(line);
     }
     for line in wording::findings(f) {
         report.line(line);

@@ -5,6 +5,7 @@
 use maud::html;
 
 use crate::cli::check::document::CheckJson;
+use crate::cli::check::programs::CorrectedProgram;
 use crate::cli::check::wording;
 use crate::report::chart::{Axis, Plot, Series};
 use crate::report::{Number, Page, Section, sections};
@@ -18,7 +19,7 @@ pub fn page(d: &CheckJson<'_>, date: &str) -> String {
         "" => String::new(),
         number => format!(", serial number {number}"),
     };
-    Page::new(
+    let page = Page::new(
         format!("Check of {}{serial}", p.robot),
         format!(
             "{}, against the calibration of {date} (`{}`), poegp trainer {}",
@@ -27,10 +28,14 @@ pub fn page(d: &CheckJson<'_>, date: &str) -> String {
     )
     .with(headline(d))
     .with(errors(d))
-    .with(moved(d))
-    .with(sensitivity(d))
-    .with(sections::provenance(p))
-    .render()
+    .with(moved(d));
+    let page = match d.programs.is_empty() {
+        true => page,
+        false => page.with(programs(d)),
+    };
+    page.with(sensitivity(d))
+        .with(sections::provenance(p))
+        .render()
 }
 
 fn headline(d: &CheckJson<'_>) -> Section {
@@ -201,6 +206,27 @@ fn moved(d: &CheckJson<'_>) -> Section {
         });
     }
     section
+}
+
+fn programs(d: &CheckJson<'_>) -> Section {
+    let row = |(i, p): (usize, &CorrectedProgram)| {
+        let moves = |statistic: fn(&Summary) -> f64, key: &str| {
+            let moves = p.moves_mm.as_ref();
+            html! { @if let Some(mm) = moves {
+                (Number::mm(statistic(mm), format!("/programs/{i}/moves_mm/{key}")))
+            } }
+        };
+        vec![
+            html! { (p.program) },
+            html! { (p.state()) },
+            moves(|mm| mm.mean, "mean"),
+            moves(|mm| mm.max, "max"),
+        ]
+    };
+    let rows = d.programs.iter().enumerate().map(row).collect();
+    Section::new("programs", "Corrected programs")
+        .text(html! { "How far the targets of each would move if this model corrected it now." })
+        .table(&["program", "", "mean, mm", "largest"], rows)
 }
 
 /// The sizes of a change: what, estimate, unit, decimals, place in the JSON document.

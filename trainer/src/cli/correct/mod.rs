@@ -8,7 +8,7 @@ mod args;
 mod document;
 mod page;
 mod program;
-mod record;
+pub mod record;
 mod row;
 mod summary;
 

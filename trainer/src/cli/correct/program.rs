@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use crate::cli::correct::args::Correct;
 use crate::cli::correct::document::{ProgramJson, SplitJson, document};
 use crate::cli::correct::page::page;
-use crate::cli::correct::record::{Record, refuse_corrected, sha256};
+use crate::cli::correct::record::{Corrector, Record, record_path, refuse_corrected, sha256};
 use crate::cli::failure::Failure;
 use crate::cli::inputs::now;
 use crate::cli::output::{check_outputs, json_text, write_outputs};
@@ -168,8 +168,17 @@ pub fn corrected(
         .map(|_| json_text(&document))
         .transpose()?;
     let mut record_texts = Vec::new();
-    for ((path, _), (hash, result)) in files.iter().zip(hashes.iter().zip(&results)) {
-        let record = Record::new(path, &model, hash, result, direction);
+    let robot = &loaded.blob().robot;
+    let corrector = Corrector {
+        robot: robot.name,
+        joints: robot.joints.len(),
+        sha256: &model,
+        direction,
+    };
+    let results_of_files = files.iter().zip(hashes.iter().zip(&results));
+    for (index, ((path, _), (hash, result))) in results_of_files.enumerate() {
+        let solved = (&program, outcome.solved.as_slice(), index);
+        let record = Record::new(path, &corrector, hash, result, solved);
         record_texts.push(json_text(&record)?);
     }
     let mut written: Vec<(&Path, &[u8])> = Vec::new();
@@ -192,13 +201,6 @@ pub fn corrected(
     write_outputs(&written)?;
     let outputs = outputs.iter().map(|path| path.map(Path::to_path_buf));
     Ok((outputs.collect(), files, document))
-}
-
-/// `OUT.poegp.json`.
-fn record_path(out: &Path) -> PathBuf {
-    let mut name = out.as_os_str().to_owned();
-    name.push(".poegp.json");
-    PathBuf::from(name)
 }
 
 /// What stays between the ends of lines and arcs, once lines are split where that is asked for.

@@ -1,7 +1,7 @@
-//! The record beside a corrected program: which model made which bytes of which. A program keeps its own bytes, so that it
-//! cannot say itself that it was corrected.
+//! The record beside a corrected program: which model made which bytes of which, and from which joints which. A program keeps its
+//! own bytes, so that it cannot say itself that it was corrected.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
@@ -9,47 +9,132 @@ use sha2::{Digest, Sha256};
 use crate::cli::failure::Failure;
 use crate::cli::inputs::file_name;
 use crate::robot_programs::correction::engine::Direction;
-use crate::robot_programs::correction::replacement::Rewritten;
+use crate::robot_programs::correction::program::{Program, frames_of};
+use crate::robot_programs::correction::replacement::{Rewritten, Solved};
+use poegp_calibration::blob::commander::Joints;
 use poegp_calibration::input_error::InputError;
 
 /// Ending of a record's name.
 const ENDING: &str = ".poegp.json";
 /// A record is not longer.
 const LONGEST: u64 = 1 << 24;
+/// Most targets of a record, evenly along the program.
+const MOST_TARGETS: usize = 1_000;
 
 /// What a record says.
 #[derive(Debug, Deserialize, Serialize)]
 pub struct Record {
     version: String,
-    source: String,
-    model_sha256: String,
+    pub source: String,
+    pub model_sha256: String,
     source_sha256: String,
-    result_sha256: String,
-    is_inverse: bool,
+    pub result_sha256: String,
+    pub is_inverse: bool,
+    /// Name of the robot; empty in records of earlier versions.
+    #[serde(default)]
+    pub robot: String,
+    /// How many targets were corrected.
+    #[serde(default)]
+    pub corrected: usize,
+    /// Some of them, or all.
+    #[serde(default)]
+    pub targets: Vec<Target>,
     /// Where in the result instructions are that the source does not have: first byte, and the one behind the last.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub inserted: Vec<(usize, usize)>,
 }
 
+/// A target that was corrected.
+#[derive(Debug, Deserialize, Serialize)]
+pub struct Target {
+    /// As the drawing has it, rad or m.
+    pub joints: Vec<f64>,
+    /// As it is commanded.
+    pub command: Vec<f64>,
+    pub payload_kg: f64,
+    /// The tool's position on the flange, m.
+    pub tool_m: [f64; 3],
+}
+
+/// The model of a record.
+pub struct Corrector<'a> {
+    pub robot: &'a str,
+    pub joints: usize,
+    pub sha256: &'a str,
+    pub direction: Direction,
+}
+
 impl Record {
-    /// Of one file.
+    /// Of file `index` of a program.
     pub fn new(
         path: &Path,
-        model: &str,
+        corrector: &Corrector<'_>,
         source_sha256: &str,
         (result, inserted): &Rewritten,
-        direction: Direction,
+        (program, solved, index): (&Program, &[Solved], usize),
     ) -> Self {
+        let is_inverse = corrector.direction == Direction::Inverse;
+        let is_here = |solved: &&Solved| program.targets[solved.target].location.file == index;
+        let own: Vec<&Solved> = solved.iter().filter(is_here).collect();
+        let count = own.len().min(MOST_TARGETS);
+        let some = (0..count).map(|i| own[i * own.len() / count]);
+        let joints = |q: &Joints| q[..corrector.joints].iter().map(|q| nanos(*q)).collect();
+        let target = |solved: &Solved| Target {
+            joints: joints(&solved.joints),
+            command: joints(&solved.command),
+            payload_kg: solved.payload_kg,
+            tool_m: {
+                let (tool, _) = frames_of(program, &program.targets[solved.target]);
+                [0, 1, 2].map(|i| nanos(tool.translation[i]))
+            },
+        };
         Self {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             source: file_name(path),
-            model_sha256: model.to_owned(),
+            model_sha256: corrector.sha256.to_owned(),
             source_sha256: source_sha256.to_owned(),
             result_sha256: sha256(result),
-            is_inverse: direction == Direction::Inverse,
+            is_inverse,
+            robot: corrector.robot.to_owned(),
+            corrected: own.len(),
+            // What is brought back is no longer compared with a model.
+            targets: match is_inverse {
+                true => Vec::new(),
+                false => some.map(target).collect(),
+            },
             inserted: inserted.clone(),
         }
     }
+
+    /// Reads a record.
+    ///
+    /// # Errors
+    /// [`InputError`] names the file.
+    pub fn read(path: &Path) -> Result<Self, InputError> {
+        let expected = "a record OUT.poegp.json, which `trainer correct` writes beside a program";
+        let bytes =
+            std::fs::read(path).map_err(|error| InputError::unreadable(path, &error, expected))?;
+        serde_json::from_slice(&bytes)
+            .map_err(|error| InputError::new(path, format!("no record: {error}"), expected))
+    }
+}
+
+/// To nine decimals: nanometres.
+fn nanos(x: f64) -> f64 {
+    (1e9 * x).round() * 1e-9
+}
+
+/// `OUT.poegp.json`.
+pub fn record_path(out: &Path) -> PathBuf {
+    let mut name = out.as_os_str().to_owned();
+    name.push(ENDING);
+    PathBuf::from(name)
+}
+
+/// The program that a record is beside; `None` for a file of another name.
+pub fn program_of(record: &Path) -> Option<PathBuf> {
+    let name = record.file_name()?.to_str()?.strip_suffix(ENDING)?;
+    (!name.is_empty()).then(|| record.with_file_name(name))
 }
 
 /// SHA-256 as hexadecimal digits.

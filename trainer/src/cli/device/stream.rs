@@ -15,6 +15,7 @@ use serde::Serialize;
 use crate::cli::device::args::{Correct, Evaluate, Link};
 use crate::cli::device::show;
 use crate::cli::failure::Failure;
+use crate::cli::input::Input;
 use crate::cli::inputs as host;
 use crate::cli::inputs::file_name;
 use crate::cli::output::{check_outputs, json_text, summary_text, write_outputs};
@@ -65,7 +66,7 @@ impl Commands {
             None => None,
             Some(loaded) => {
                 let known = loaded.tools().len().max(1);
-                let data = host::read(loaded, test, DriftCorrection::None)?;
+                let data = host::read(loaded, &Input::file(test), DriftCorrection::None)?;
                 if data.names.len() > known {
                     return Err(InputError::new(
                         test,

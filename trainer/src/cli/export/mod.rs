@@ -13,8 +13,8 @@ use crate::cli::terminal::print::{Printer, is_stdout};
 use crate::export::describe::{accuracy, describe, distance_json, region as describe_region};
 use crate::export::urdf::{Changes, changes, minimal};
 use crate::export::{
-    CalibratedChain, Table, c_header, dh, gauge, joint_zeros, mjcf, poe, universal_robots as ur,
-    urdf_patch as urdf_text,
+    CalibratedChain, Table, c_header, csv, dh, gauge, joint_zeros, mjcf, poe,
+    universal_robots as ur, urdf_patch as urdf_text,
 };
 use poegp_calibration::blob::joint_offsets::JointOffsets;
 use poegp_calibration::blob::predict::BlobModel;
@@ -53,22 +53,22 @@ pub struct Export {
     /// Add a link of this name to the URDF at the measured target, fixed to the tip.
     #[arg(long, value_name = "LINK", requires = "out")]
     pub target_link: Option<String>,
-    /// Write the kinematics file of the Universal Robots ROS driver (YAML).
+    /// Write the kinematics file of the Universal Robots ROS driver (.yaml), or the same numbers as .csv.
     #[arg(long, value_name = "FILE")]
     pub ur_kinematics: Option<PathBuf>,
     /// Write a model for MuJoCo (MJCF): bodies and joints, the flange and the target as sites.
     #[arg(long, value_name = "FILE")]
     pub mjcf: Option<PathBuf>,
-    /// Write a Denavit-Hartenberg table, distal, Hayati's for parallel axes (.toml, which --robot reads, or .json).
+    /// Write a Denavit-Hartenberg table, distal, Hayati's for parallel axes (.toml, which --robot reads, .json or .csv).
     #[arg(long, value_name = "FILE")]
     pub dh: Option<PathBuf>,
-    /// Write a Denavit-Hartenberg table, proximal (modified, Craig's), in the same two formats.
+    /// Write a Denavit-Hartenberg table, proximal (modified, Craig's), in the same three formats.
     #[arg(long, value_name = "FILE")]
     pub mdh: Option<PathBuf>,
     /// Write offsets of the joints between the first and the last, with base and tool (.toml or .json).
     #[arg(long, value_name = "FILE")]
     pub joint_offsets: Option<PathBuf>,
-    /// Write a table of frames (.toml, which --robot reads, or .json).
+    /// Write a table of frames (.toml, which --robot reads, .json or .csv).
     #[arg(long, value_name = "FILE")]
     pub poe: Option<PathBuf>,
     /// Write a C header with the bytes of the blob and the frames of the chain.
@@ -87,6 +87,14 @@ pub struct Export {
 }
 
 pub fn run(a: &Export) -> Result<(), Failure> {
+    exported(a).map(|_| ())
+}
+
+/// Exports, and returns what `--json` writes.
+///
+/// # Errors
+/// [`Failure`] as the command's.
+pub fn exported(a: &Export) -> Result<String, Failure> {
     let of_the_chain = [&a.out, &a.mjcf, &a.ur_kinematics, &a.dh, &a.mdh, &a.poe];
     let others = [&a.joint_offsets, &a.c_header];
     let outputs: Vec<Option<&Path>> = of_the_chain
@@ -126,7 +134,7 @@ pub fn run(a: &Export) -> Result<(), Failure> {
         files.push((path, text));
     }
     if let Some(path) = &a.ur_kinematics {
-        files.push((path, ur_kinematics(a, &chain, &mut said)?));
+        files.push((path, ur_kinematics(a, path, &chain, &mut said)?));
     }
     files.extend(a.mjcf.as_deref().map(|path| (path, mjcf::text(&chain))));
     for (path, table) in [
@@ -136,9 +144,10 @@ pub fn run(a: &Export) -> Result<(), Failure> {
     ] {
         if let Some(path) = path {
             let table: Table = table(&chain);
-            let text = match format_of(path)? {
+            let text = match format_of(path, true)? {
                 Format::Toml => table.to_toml(&chain),
                 Format::Json => json_text(&table.to_json(&chain))?,
+                Format::Csv => csv::table(&chain, &table),
             };
             files.push((path, text));
         }
@@ -154,9 +163,9 @@ pub fn run(a: &Export) -> Result<(), Failure> {
         None => None,
     };
     if let Some((path, zeros)) = &zeros {
-        let text = match format_of(path)? {
+        let text = match format_of(path, false)? {
             Format::Toml => joint_zeros::to_toml(&chain, zeros),
-            Format::Json => json_text(&joint_zeros::to_json(&chain, zeros))?,
+            Format::Json | Format::Csv => json_text(&joint_zeros::to_json(&chain, zeros))?,
         };
         files.push((path, text));
     }
@@ -217,7 +226,7 @@ pub fn run(a: &Export) -> Result<(), Failure> {
             chain.other_tools.join(", ")
         ));
     }
-    Ok(())
+    Ok(summary)
 }
 
 fn print_accuracy(report: Printer, what: &str, lines: Vec<String>) {
@@ -345,6 +354,7 @@ fn describe_changes(changes: &Changes) -> Vec<String> {
 
 fn ur_kinematics(
     a: &Export,
+    path: &Path,
     chain: &CalibratedChain,
     said: &mut Vec<String>,
 ) -> Result<String, Failure> {
@@ -374,26 +384,37 @@ fn ur_kinematics(
             "the blob's base is base_link; the file begins at base_link_inertia, turned by 180° about z".to_owned(),
         );
     }
-    Ok(kinematics.to_yaml(chain))
+    let is_csv = path
+        .extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("csv"));
+    Ok(match is_csv {
+        true => csv::universal_robots(chain, &kinematics),
+        false => kinematics.to_yaml(chain),
+    })
 }
 
 /// What a table is written as.
 enum Format {
     Toml,
     Json,
+    Csv,
 }
 
-/// The format that the name of a file asks for.
-fn format_of(path: &Path) -> Result<Format, Failure> {
+/// The format that the name of a file asks for; only some tables have rows for `.csv`.
+fn format_of(path: &Path, has_rows: bool) -> Result<Format, Failure> {
     match path.extension().and_then(|e| e.to_str()) {
         Some("toml") => Ok(Format::Toml),
         Some("json") => Ok(Format::Json),
+        Some("csv") if has_rows => Ok(Format::Csv),
         _ if is_stdout(path) => Ok(Format::Json),
-        _ => Err(InputError::new(
-            path,
-            "a name that says no format",
-            "a name that ends with .toml or .json, or - for JSON",
-        )
-        .into()),
+        _ => {
+            let csv = if has_rows {
+                ", .json or .csv"
+            } else {
+                " or .json"
+            };
+            let expected = format!("a name that ends with .toml{csv}, or - for JSON");
+            Err(InputError::new(path, "a name that says no format", expected).into())
+        }
     }
 }

@@ -21,7 +21,7 @@ enum Names {
 }
 
 /// All drivers. Those with the names of a controller have its unit, those of ROS radians.
-const DRIVERS: [Driver; 7] = [
+const DRIVERS: [Driver; 10] = [
     Driver {
         name: "poegp",
         names: Names::Numbered("q#_deg", 1),
@@ -62,6 +62,30 @@ const DRIVERS: [Driver; 7] = [
     Driver {
         name: "ur-rtde-target",
         names: Names::Numbered("target_q_#", 0),
+        unit: JointUnit::Rad,
+    },
+    // Yaskawa: the descriptions of the ROS packages motoman_*_support with six joints.
+    Driver {
+        name: "motoman",
+        names: Names::Fixed(&[
+            "joint_1_s",
+            "joint_2_l",
+            "joint_3_u",
+            "joint_4_r",
+            "joint_5_b",
+            "joint_6_t",
+        ]),
+        unit: JointUnit::Rad,
+    },
+    // Franka: franka_ros and franka_ros2.
+    Driver {
+        name: "panda",
+        names: Names::Numbered("panda_joint#", 1),
+        unit: JointUnit::Rad,
+    },
+    Driver {
+        name: "fr3",
+        names: Names::Numbered("fr3_joint#", 1),
         unit: JointUnit::Rad,
     },
 ];

@@ -448,6 +448,8 @@ pub enum TimeUnit {
     S,
     /// Millisecond.
     Ms,
+    /// No unit: date and time of day, `2026-11-23T14:05:09.125Z`.
+    Iso8601,
 }
 
 /// What is done with rows that are not whole.

@@ -1,7 +1,7 @@
 //! A reader of Fanuc TP listings (`.ls`): the positions of `/POS` that motions of `/MN` go to.
 //!
-//! A listing names user frame and tool of each position by number alone; their values come from a frame file. Joint positions
-//! need neither. Only group 1 is the arm; other groups stay. (Lines and sections as in listings that controllers write.)
+//! A listing names user frame and tool of each position by number alone; their values come from variables of the controller
+//! ([`fanuc_frames`](super::fanuc_frames)) or a frame file. Joint positions need neither. Only group 1 is the arm; other groups stay. (Lines and sections as in listings that controllers write.)
 
 use std::collections::BTreeMap;
 
@@ -9,7 +9,8 @@ use poegp_calibration::input_error::InputError;
 use poegp_runtime::math::se3::Pose;
 
 use crate::robot_programs::Language;
-use crate::robot_programs::correction::frames::FrameFile;
+use crate::robot_programs::correction::fanuc_frames;
+use crate::robot_programs::correction::frames::{FrameFile, Numbered};
 use crate::robot_programs::correction::program::{
     Configuration, Frame, Goal, Location, Program, Target, Way, of_turn,
 };
@@ -39,8 +40,8 @@ const MODIFIED: [&str; 9] = [
 /// Reads a listing.
 ///
 /// # Errors
-/// [`InputError`] for a frame that is not in the frame file.
-pub fn read(source: Source, frames: &FrameFile) -> Result<Program, InputError> {
+/// [`InputError`] for a frame that is in none of the `others`, nor in the frame file.
+pub fn read(source: Source, others: &[Source], frames: &FrameFile) -> Result<Program, InputError> {
     let mut all = tokens(&source.bytes, &LEXICON);
     let section = |name: &[u8]| {
         let is_start = |at: &usize| {
@@ -79,9 +80,18 @@ pub fn read(source: Source, frames: &FrameFile) -> Result<Program, InputError> {
         },
         &taught,
         &mut program,
-        frames,
+        &Known {
+            variables: fanuc_frames::frames(others),
+            file: frames,
+        },
     )?;
     Ok(program)
+}
+
+/// Where frames and tools are looked for.
+struct Known<'a> {
+    variables: Numbered,
+    file: &'a FrameFile,
 }
 
 /// A position of `/POS`.
@@ -211,7 +221,7 @@ fn find_motions(
     text: &Text<'_>,
     taught: &BTreeMap<u32, Taught>,
     program: &mut Program,
-    given: &FrameFile,
+    given: &Known<'_>,
 ) -> Result<(), InputError> {
     let end = text.tokens.len();
     let mut from = 0;
@@ -232,7 +242,7 @@ fn motion(
     stop: usize,
     taught: &BTreeMap<u32, Taught>,
     program: &mut Program,
-    given: &FrameFile,
+    given: &Known<'_>,
 ) -> Result<(), InputError> {
     let way = match text.name(start).as_str() {
         "j" => Way::Joints,
@@ -292,25 +302,35 @@ fn motion(
 fn frame(
     text: &Text<'_>,
     location: Location,
-    given: &FrameFile,
+    given: &Known<'_>,
     (number, is_tool): (&str, bool),
     is_joints: bool,
 ) -> Result<Frame, InputError> {
-    let found = if is_tool {
-        given.tool(number)
+    let in_file = if is_tool {
+        given.file.tool(number)
     } else {
-        given.base(number)
+        given.file.base(number)
     };
-    let (pose, payload_kg, origin) = match found {
-        Some(found) => (found.pose, found.payload_kg, given.origin()),
-        None if number == "0" || is_joints => (Pose::identity(), None, "the controller".to_owned()),
-        None => {
+    let own = number.parse().ok();
+    let own = own.and_then(|n| given.variables.get(&(is_tool, n)));
+    let weight = in_file.and_then(|found| found.payload_kg);
+    let (pose, payload_kg, origin) = match (own, in_file) {
+        // Variables have no weights.
+        (Some((own, origin)), _) => (own.pose, weight, origin.clone()),
+        (None, Some(found)) => (found.pose, weight, given.file.origin()),
+        (None, None) if number == "0" || is_joints => {
+            (Pose::identity(), None, "the controller".to_owned())
+        }
+        (None, None) => {
             let (kind, data) = if is_tool {
                 ("tool", "UT of")
             } else {
                 ("base", "UF of")
             };
-            return Err(given.unknown(text.source, location.at, kind, number, data));
+            let error = given
+                .file
+                .unknown(text.source, location.at, kind, number, data);
+            return Err(error);
         }
     };
     let name = format!("{} {number}", if is_tool { "UT" } else { "UF" });

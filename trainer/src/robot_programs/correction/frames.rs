@@ -52,6 +52,9 @@ pub struct Given {
     pub payload_kg: Option<f64>,
 }
 
+/// Tools (true) and frames by number, with the file that they come from.
+pub type Numbered = BTreeMap<(bool, u32), (Given, String)>;
+
 /// Tools and bases by name, in lower case.
 #[derive(Clone, Debug, Default)]
 pub struct FrameFile {

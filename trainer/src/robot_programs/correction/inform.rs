@@ -10,8 +10,8 @@ use std::collections::BTreeMap;
 use poegp_calibration::input_error::InputError;
 use poegp_runtime::math::se3::Pose;
 
-use crate::robot_programs::correction::frames::FrameFile;
-use crate::robot_programs::correction::inform_conditions::{Conditions, conditions};
+use crate::robot_programs::correction::frames::{FrameFile, Numbered};
+use crate::robot_programs::correction::inform_conditions::conditions;
 use crate::robot_programs::correction::program::{
     Configuration, Frame, Goal, Location, Program, Target, Way, of_turn,
 };
@@ -102,7 +102,7 @@ struct Reader<'a> {
     program: Program,
     source: &'a Source,
     given: &'a FrameFile,
-    conditions: Conditions,
+    conditions: Numbered,
     positions: BTreeMap<String, (Option<usize>, Header)>,
 }
 

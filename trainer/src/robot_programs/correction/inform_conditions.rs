@@ -3,24 +3,19 @@
 //! `//TOOL n` is followed by a line of six numbers (mm and degrees from the flange), the centre of gravity, the weight in kg and
 //! the inertia. `//UFRAME n` has its frame in the line `////BUSER`. Other lines are not used.
 
-use std::collections::BTreeMap;
-
 use nalgebra::Vector3;
 use poegp_runtime::math::se3::Pose;
 
-use crate::robot_programs::correction::frames::Given;
+use crate::robot_programs::correction::frames::{Given, Numbered};
 use crate::robot_programs::correction::source::Source;
 use crate::robot_programs::dialect::INFORM;
 
 /// Names of the files, in capital letters.
 pub const NAMES: [&str; 2] = ["TOOL.CND", "UFRAME.CND"];
 
-/// Tools (true) and user frames by number, with the file that they come from.
-pub type Conditions = BTreeMap<(bool, u32), (Given, String)>;
-
 /// What the files that are no jobs say.
-pub fn conditions(sources: &[Source]) -> Conditions {
-    let mut out = Conditions::new();
+pub fn conditions(sources: &[Source]) -> Numbered {
+    let mut out = Numbered::new();
     for source in sources {
         let text = String::from_utf8_lossy(&source.bytes);
         let mut key = None;
@@ -55,7 +50,7 @@ fn numbers(text: &str) -> Vec<f64> {
 }
 
 /// A line of numbers: six are the pose, which comes first, one is the weight.
-fn note(out: &mut Conditions, key: (bool, u32), numbers: &[f64], origin: &str) {
+fn note(out: &mut Numbered, key: (bool, u32), numbers: &[f64], origin: &str) {
     match (numbers, out.get_mut(&key)) {
         ([x, y, z, angles @ ..], None) => {
             let Some(rotation) = INFORM.orientation.rotation(angles) else {

@@ -7,6 +7,7 @@
 pub mod between;
 pub mod engine;
 mod fanuc;
+mod fanuc_frames;
 pub mod frames;
 mod inform;
 mod inform_conditions;
@@ -20,6 +21,7 @@ pub mod split;
 mod table;
 pub mod tokens;
 mod urscript;
+mod urscript_lines;
 mod val3;
 
 use std::path::{Path, PathBuf};
@@ -107,10 +109,8 @@ impl Format {
             Self::Val3 => path
                 .extension()
                 .is_some_and(|ending| ending.eq_ignore_ascii_case("pgx")),
-            Self::Inform => path.file_name().is_some_and(|name| {
-                let names = inform_conditions::NAMES;
-                names.iter().any(|known| name.eq_ignore_ascii_case(known))
-            }),
+            Self::Inform => is_named(path, &inform_conditions::NAMES),
+            Self::Fanuc => is_named(path, &fanuc_frames::NAMES),
             _ => false,
         };
         let paths = entries
@@ -129,17 +129,32 @@ impl Format {
         match self {
             Self::Rapid => rapid::read(sources, frames),
             Self::UrScript => urscript::read(one(sources)?, frames),
-            Self::Fanuc => fanuc::read(one(sources)?, frames),
+            Self::Fanuc => {
+                let (listing, others) = with_others(sources)?;
+                fanuc::read(listing, &others, frames)
+            }
             Self::Krl => krl::read(sources, frames),
             Self::Inform => {
-                let is_job = |source: &Source| source.is_corrected;
-                let (jobs, others): (Vec<_>, Vec<_>) = sources.into_iter().partition(is_job);
-                inform::read(one(jobs)?, &others, frames)
+                let (job, others) = with_others(sources)?;
+                inform::read(job, &others, frames)
             }
             Self::Val3 => val3::read(sources, frames),
             Self::Table => table::read(one(sources)?, frames),
         }
     }
+}
+
+/// Whether a file has one of these names, in letters of any case.
+fn is_named(path: &Path, names: &[&str]) -> bool {
+    let name = path.file_name();
+    name.is_some_and(|name| names.iter().any(|known| name.eq_ignore_ascii_case(known)))
+}
+
+/// The only file that is corrected, and those that are read with it.
+fn with_others(sources: Vec<Source>) -> Result<(Source, Vec<Source>), InputError> {
+    let (corrected, others): (Vec<_>, Vec<_>) =
+        sources.into_iter().partition(|source| source.is_corrected);
+    Ok((one(corrected)?, others))
 }
 
 /// The only file of a program.

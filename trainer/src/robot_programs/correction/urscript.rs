@@ -18,6 +18,7 @@ use crate::robot_programs::correction::program::{
 };
 use crate::robot_programs::correction::source::{Number, Source};
 use crate::robot_programs::correction::tokens::{Kind, Lexicon, Text, tokens};
+use crate::robot_programs::correction::urscript_lines::{Line, lines_of};
 use crate::robot_programs::dialect::Orientation;
 
 const LEXICON: Lexicon = Lexicon {
@@ -69,19 +70,19 @@ pub fn read(source: Source, frames: &FrameFile) -> Result<Program, InputError> {
         token.kind != Kind::LineEnd || depth == 0
     });
     let copy = source.clone();
+    let text = Text {
+        file: 0,
+        source: &copy,
+        tokens: &all,
+    };
     let mut reader = Reader {
         program: Program::new("URScript", Language::UrScript.dialect(), vec![source]),
-        text: Text {
-            file: 0,
-            source: &copy,
-            tokens: &all,
-        },
+        text,
         given: frames,
         set: HashMap::new(),
         tools: Vec::new(),
-        lines: Vec::new(),
+        lines: lines_of(&text),
     };
-    reader.find_lines();
     reader.find_variables();
     reader.run()?;
     reader.program.remarks.push(
@@ -90,15 +91,6 @@ pub fn read(source: Source, frames: &FrameFile) -> Result<Program, InputError> {
             .to_owned(),
     );
     Ok(reader.program)
-}
-
-/// One line, with the function and the conditions that it stands in.
-#[derive(Clone)]
-struct Line {
-    from: usize,
-    end: usize,
-    function: usize,
-    blocks: Vec<usize>,
 }
 
 /// What a name is set to.
@@ -127,44 +119,6 @@ struct Reader<'a> {
 }
 
 impl Reader<'_> {
-    fn find_lines(&mut self) {
-        let text = self.text;
-        let (mut functions, mut count) = (vec![0], 0);
-        let mut blocks: Vec<(usize, bool)> = Vec::new();
-        let mut from = 0;
-        for at in 0..=text.tokens.len() {
-            if text.at(at).is_some_and(|token| token.kind != Kind::LineEnd) {
-                continue;
-            }
-            if at > from {
-                let word = text.name(from);
-                if matches!(word.as_str(), "end" | "else" | "elif" | "elsif")
-                    && let Some((_, true)) = blocks.pop()
-                {
-                    functions.pop();
-                }
-                self.lines.push(Line {
-                    from,
-                    end: at,
-                    function: functions.last().copied().unwrap_or(0),
-                    blocks: blocks.iter().filter(|b| !b.1).map(|b| b.0).collect(),
-                });
-                count += 1;
-                match word.as_str() {
-                    "def" | "thread" | "sec" => {
-                        functions.push(count);
-                        blocks.push((count, true));
-                    }
-                    "if" | "while" | "for" | "switch" | "else" | "elif" | "elsif" => {
-                        blocks.push((count, false));
-                    }
-                    _ => {}
-                }
-            }
-            from = at + 1;
-        }
-    }
-
     fn find_variables(&mut self) {
         let text = self.text;
         for line in self.lines.clone() {
