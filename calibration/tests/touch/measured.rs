@@ -85,6 +85,16 @@ fn simulated_arms_within_what_is_asked() {
                 if is_refused { ", refused" } else { "" }
             );
             assert!(is_refused || mm <= *limit, "{arm}_{kind}: {mm:.3} mm");
+            for (index, distance) in found.summary.distances.iter().enumerate() {
+                let [length, sigma] = distance.measured_mm.unwrap().map(|mm| 1e-3 * mm);
+                assert!(set.contradiction(index, length, sigma).is_none());
+                let sigmas =
+                    (1e3 * length - distance.said_mm) / (1e3 * sigma).hypot(distance.sigma_mm);
+                println!(
+                    "  {:.2} mm by the touches, {sigmas:+.1} standard deviations off",
+                    1e3 * length
+                );
+            }
             let is_without_size = ["socket1", "plane3"].contains(kind);
             assert_eq!(size, is_without_size, "{arm}_{kind}: the size");
         }

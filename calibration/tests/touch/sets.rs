@@ -45,7 +45,11 @@ pub type Truth = Vec<(Vec<f64>, Option<f64>, Vector3<f64>)>;
 
 /// A file of true positions.
 pub fn truth(path: &Path) -> Truth {
-    let text = std::fs::read_to_string(path).unwrap();
+    parsed_truth(&std::fs::read_to_string(path).unwrap())
+}
+
+/// The text of such a file.
+pub fn parsed_truth(text: &str) -> Truth {
     let mut lines = text.lines().filter(|line| !line.starts_with('#'));
     let header: Vec<&str> = lines.next().unwrap().split(',').collect();
     let row = |line: &str| {

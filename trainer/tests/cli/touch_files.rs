@@ -169,3 +169,36 @@ fn touch_files_are_refused_with_their_place() {
     folder.write("alone.csv", &csv);
     folder.refuses("simulate --robot ur10 --touch-plan alone.csv --out out");
 }
+
+/// Bad touches are bad input of `calibrate`: exit code 2 with file, line and column, and nothing is written. What the touches do
+/// not tell is refused as data: exit code 3, and no model either.
+#[test]
+fn touches_are_refused_before_a_model_is_written() {
+    let _texts = texts();
+    let folder = Folder::new();
+    let calibrate = "calibrate --robot abb-irb120 --out model.blob";
+    folder
+        .run("simulate --robot abb-irb120 --touch socket2 --touches 12 --seed 1 --out t")
+        .ok();
+    let (csv, toml) = (folder.text("t/touches.csv"), folder.text("t/touches.toml"));
+    let second = csv.lines().nth(3).unwrap();
+    folder.write(
+        "bad.csv",
+        csv.replace(second, &second.replace("socket/0", "hole")),
+    );
+    folder.refuses(format!("{calibrate} bad.csv --features t/touches.toml"));
+    // A distance that is 3 mm off: the arm as drawn cannot say that it is wrong, the calibrated one can.
+    let stated = toml.lines().find(|line| line.starts_with("mm = ")).unwrap();
+    let length: f64 = stated.strip_prefix("mm = ").unwrap().parse().unwrap();
+    folder.write(
+        "bad.toml",
+        toml.replace(stated, &format!("mm = {}", length + 3.0)),
+    );
+    folder.refuses(format!("{calibrate} t/touches.csv --features bad.toml"));
+    folder
+        .run("simulate --robot abb-irb120 --touch plane1 --touches 8 --seed 1 --out few")
+        .ok();
+    folder.refuses_data(format!("{calibrate} few/touches.csv"));
+    folder.run(&format!("{calibrate} t/touches.csv")).ok();
+    assert!(folder.names().contains(&"model.blob".to_owned()));
+}

@@ -3,7 +3,6 @@
 //! A row's component has the variance σ² + τ²: σ is stated, τ is what this kind of row misses by beyond it, seats and gears
 //! that no parameter describes. Rows that all others do not predict are left out, and listed.
 
-use nalgebra::Vector3;
 use poegp_runtime::math::se3::Pose;
 
 use crate::identification::touch::arm::{Group, StateJet, TouchArm};
@@ -15,7 +14,6 @@ use crate::identification::touch::noise::{
 use crate::identification::touch::problem::LeftOut;
 use crate::identification::touch::scene::Scene;
 use crate::identification::touch::start;
-use crate::measurement::touch::Reading;
 use crate::numeric::matrix::Mat;
 
 pub use crate::identification::touch::noise::{Noise, Scales};
@@ -185,15 +183,17 @@ impl TouchFit {
         sum
     }
 
-    /// By how much two features are farther apart than said, and the direction from the second to the first.
-    pub fn distance(&self, between: [usize; 2], said: f64) -> Option<(f64, Vector3<f64>)> {
-        let from = self.scene.centre(between[0])? - self.scene.centre(between[1])?;
-        let length = from.norm();
-        Some((length - said, from / length.max(1e-9)))
-    }
-
     /// The normal equations at this point.
     pub(super) fn equations(&self, problem: &TouchProblem, jets: &[StateJet]) -> Equations {
+        let mut out = self.equations_of_rows(problem, jets);
+        for known in &problem.set.distances {
+            self.add_distance(known, &mut out);
+        }
+        out
+    }
+
+    /// Those of the prior and the rows, without known distances.
+    pub(super) fn equations_of_rows(&self, problem: &TouchProblem, jets: &[StateJet]) -> Equations {
         let priors = self.priors(problem);
         let scene = &self.scene;
         let by_prior = |x: f64, sd: f64| if sd > 0.0 { x / sd } else { 0.0 };
@@ -235,32 +235,6 @@ impl TouchFit {
             }
             if let Some((_, jacobian)) = &scaled {
                 out.add(visit.group, &sums, jacobian);
-            }
-        }
-        for distance in &problem.set.distances {
-            let Some((missed, direction)) = self.distance(distance.between, distance.distance)
-            else {
-                continue;
-            };
-            let firsts = distance.between.map(|feature| scene.first[feature]);
-            let group = scene.group_of(&Reading::Point {
-                feature: distance.between[0],
-            });
-            let range = &scene.groups[group];
-            let sums = &mut out.groups[group];
-            let mut row = Vec::with_capacity(6);
-            for i in 0..3 {
-                for (sign, first) in [(1.0, firsts[0]), (-1.0, firsts[1])] {
-                    let at = first + i;
-                    row.push((at - range.start, sign * direction[i] * scene.prior[at]));
-                }
-            }
-            let weight = 1.0 / distance.sigma.powi(2);
-            for (a, x) in &row {
-                sums.right[(*a, 0)] -= weight * x * missed;
-                for (b, y) in &row {
-                    sums.own[(*a, *b)] += weight * x * y;
-                }
             }
         }
         out

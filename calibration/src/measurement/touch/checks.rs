@@ -260,8 +260,8 @@ impl TouchSet {
         &self,
         flanges: &[Pose<f64>],
         tips: &[Vector3<f64>],
-    ) -> Result<Vec<Option<(Vector3<f64>, f64)>>, InputError> {
-        let mut centres: Vec<Option<(Vector3<f64>, f64)>> = vec![None; self.features.len()];
+    ) -> Result<Vec<Option<Centre>>, InputError> {
+        let mut centres: Vec<Option<Centre>> = vec![None; self.features.len()];
         for (feature, tip, rows) in self.touches_of_points() {
             let touched: Vec<Vector3<f64>> = rows
                 .iter()
@@ -288,7 +288,7 @@ impl TouchSet {
     }
 
     /// Refuses a distance that the touches contradict, even by the arm as drawn.
-    fn check_distances(&self, centres: &[Option<(Vector3<f64>, f64)>]) -> Result<(), InputError> {
+    fn check_distances(&self, centres: &[Option<Centre>]) -> Result<(), InputError> {
         for (index, known) in self.distances.iter().enumerate() {
             let [a, b] = known.between.map(|feature| centres[feature]);
             let (Some((a, of_a)), Some((b, of_b))) = (a, b) else {
@@ -327,6 +327,9 @@ impl TouchSet {
         })
     }
 }
+
+/// Where a point is by its touches and the arm as drawn, m, and how far they are spread per component.
+type Centre = (Vector3<f64>, f64);
 
 /// What makes a joint state another one: its joints and its payload. 0.0 and −0.0 are the same.
 fn key(row: &TouchRow) -> Vec<u64> {

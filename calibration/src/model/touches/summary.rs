@@ -3,12 +3,14 @@
 use nalgebra::Vector3;
 use serde::Serialize;
 
+use crate::identification::touch::distances::Measured;
 use crate::identification::touch::fit::{Noise, Scales, TouchFit, TouchProblem};
 use crate::identification::touch::jet::RowJet;
 use crate::identification::touch::judge::{Verdict, beyond_class};
 use crate::identification::touch::scene::Figure;
 use crate::identification::touch::unseen::Unseen;
 use crate::identification::touch::volume::{Expected, Knowledge};
+use crate::measurement::touch::KnownDistance;
 
 /// What was found.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -81,6 +83,8 @@ pub struct DistanceSummary {
     pub sigma_mm: f64,
     /// As drawn and as calibrated less what is said, mm.
     pub error_mm: [f64; 2],
+    /// What everything else says of it, and the standard deviation of that, mm.
+    pub measured_mm: Option<[f64; 2]>,
 }
 
 /// The noise of one kind of reading.
@@ -246,7 +250,7 @@ fn features(
 
 fn distances(problem: &TouchProblem, drawing: &TouchFit, fit: &TouchFit) -> Vec<DistanceSummary> {
     let set = problem.set;
-    let of = |known: &crate::measurement::touch::KnownDistance| {
+    let of = |(known, measured): (&KnownDistance, Option<Measured>)| {
         let error = |fit: &TouchFit| {
             let missed = fit.distance(known.between, known.distance);
             1e3 * missed.map_or(0.0, |(missed, _)| missed)
@@ -256,9 +260,11 @@ fn distances(problem: &TouchProblem, drawing: &TouchFit, fit: &TouchFit) -> Vec<
             said_mm: 1e3 * known.distance,
             sigma_mm: 1e3 * known.sigma,
             error_mm: [error(drawing), error(fit)],
+            measured_mm: measured.map(|m| [1e3 * m.distance, 1e3 * m.sigma]),
         }
     };
-    set.distances.iter().map(of).collect()
+    let measured = fit.measured_distances(problem);
+    set.distances.iter().zip(measured).map(of).collect()
 }
 
 fn noise(problem: &TouchProblem, fit: &TouchFit) -> Vec<NoiseSummary> {

@@ -116,11 +116,12 @@ fn refuse_options(a: &Job) -> Result<(), Failure> {
     }
 }
 
-/// Distances that the calibrated touches contradict.
+/// Refuses distances that the calibrated touches contradict.
 fn contradictions(set: &TouchSet, summary: &TouchSummary) -> Result<(), Failure> {
     for (index, distance) in summary.distances.iter().enumerate() {
-        let found = 1e-3 * (distance.said_mm + distance.error_mm[1]);
-        if let Some(error) = set.contradiction(index, found, 0.0) {
+        let measured = distance.measured_mm.map(|mm| mm.map(|x| 1e-3 * x));
+        let error = measured.and_then(|[found, sigma]| set.contradiction(index, found, sigma));
+        if let Some(error) = error {
             return Err(error.into());
         }
     }
