@@ -14,6 +14,8 @@ use crate::sets::{errors, mean_mm, parsed_truth, state};
 
 /// Poses of the truth.
 const POSES: usize = 300;
+/// Arms of every cell.
+const SEEDS: u64 = 10;
 /// What is touched, as `simulate --touch` names it.
 const ROWS: [&[(&str, usize)]; 10] = [
     &[("socket", 1)],
@@ -34,6 +36,8 @@ struct Worth {
     /// Mean errors over the poses of the truth, mm.
     drawn: f64,
     calibrated: f64,
+    /// Touches left out, calibrated over drawn; expected error, after over before.
+    ratios: [f64; 2],
 }
 
 /// Simulates, calibrates and scores; `None` of touches that the reader refuses.
@@ -52,7 +56,12 @@ fn worth(robot: &Robot, tasks: &[TouchTask], count: usize, seed: u64) -> Option<
     let poses = states.clone().map(|s| found.calibration.predict(&s));
     let chain = robot.chain().unwrap();
     let drawn = states.map(|s| chain.forward(&s.serial_joints));
+    let summary = &found.summary;
     Some(Worth {
+        ratios: [
+            summary.left_out_ratio,
+            summary.after.mean_mm / summary.before.mean_mm,
+        ],
         is_refused: found.findings.is_refused(),
         drawn: mean_mm(&errors(&drawn.collect::<Vec<_>>(), &at)),
         calibrated: mean_mm(&errors(&poses.collect::<Vec<_>>(), &at)),
@@ -82,9 +91,10 @@ fn two_sockets_calibrate_an_arm() {
     assert!(found.calibrated < 0.2 * found.drawn);
 }
 
-/// The table of docs/guide/without-a-tracker.md. A calibration that is accepted is never worse than the drawing by more than 20 %.
+/// The table of docs/guide/without-a-tracker.md. Of the calibrations that are accepted at most one in twenty is worse than the drawing,
+/// none by more than 20 %.
 #[test]
-#[ignore = "a minute in release; its command is in the head of this file"]
+#[ignore = "half a minute in release; its command is in the head of this file"]
 fn kinds_on_simulated_arms() {
     let robot = robot();
     let (mut accepted, mut worse, mut worst) = (0, 0, 0.0_f64);
@@ -95,14 +105,20 @@ fn kinds_on_simulated_arms() {
         let mut drawn = 0.0;
         let mut cells = Vec::new();
         for count in [8, 20, 80] {
-            let all: Vec<Worth> = (1..=3)
+            let all: Vec<Worth> = (1..=SEEDS)
                 .filter_map(|seed| worth(&robot, &tasks, count, seed))
                 .collect();
             let kept: Vec<&Worth> = all.iter().filter(|w| !w.is_refused).collect();
             for w in &kept {
                 let ratio = w.calibrated / w.drawn;
                 (accepted, worst) = (accepted + 1, worst.max(ratio));
-                worse += usize::from(ratio > 1.0);
+                if ratio > 1.0 {
+                    worse += 1;
+                    let [left_out, expected] = w.ratios;
+                    let found = format!("{ratio:.2} times the drawing's error");
+                    let stated = format!("left out {left_out:.2}, expected {expected:.2}");
+                    eprintln!("{}, {count}: {found}; {stated}", names.join(", "));
+                }
             }
             if !all.is_empty() {
                 drawn = all.iter().map(|w| w.drawn).sum::<f64>() / all.len() as f64;
@@ -111,7 +127,7 @@ fn kinds_on_simulated_arms() {
             cells.push(match (all.len(), kept.len()) {
                 (0, _) => "–".to_owned(),
                 (_, 0) => "refused".to_owned(),
-                (n, k) if n == k && n == 3 => format!("{mean:.2}"),
+                (n, k) if n == k => format!("{mean:.2}"),
                 (n, k) => format!("{mean:.2}, {} of {n} refused", n - k),
             });
         }

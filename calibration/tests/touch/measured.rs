@@ -18,8 +18,11 @@ pub fn calibrated(robot: &Robot, set: &TouchSet) -> TouchCalibration {
     calibrate_touches(robot, set, &Config::default(), &gauge).unwrap()
 }
 
-/// Upper limits, mm.
-const SIMULATED: [(&str, &str, &[(&str, f64)]); 2] = [
+/// Kinds of touches with upper limits, mm.
+type Limits = &'static [(&'static str, f64)];
+
+/// Upper limits of the sets of an arm, with its description.
+const SIMULATED: [(&str, &str, Limits); 2] = [
     (
         "sim_irb120_s10",
         "abb_irb120_3_58.urdf",
@@ -88,8 +91,8 @@ fn simulated_arms_within_what_is_asked() {
             for (index, distance) in found.summary.distances.iter().enumerate() {
                 let [length, sigma] = distance.measured_mm.unwrap().map(|mm| 1e-3 * mm);
                 assert!(set.contradiction(index, length, sigma).is_none());
-                let sigmas =
-                    (1e3 * length - distance.said_mm) / (1e3 * sigma).hypot(distance.sigma_mm);
+                let both = (1e6 * sigma * sigma + distance.sigma_mm * distance.sigma_mm).sqrt();
+                let sigmas = (1e3 * length - distance.said_mm) / both;
                 println!(
                     "  {:.2} mm by the touches, {sigmas:+.1} standard deviations off",
                     1e3 * length
