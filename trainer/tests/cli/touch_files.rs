@@ -187,12 +187,12 @@ fn touches_are_refused_before_a_model_is_written() {
         csv.replace(second, &second.replace("socket/0", "hole")),
     );
     folder.refuses(format!("{calibrate} bad.csv --features t/touches.toml"));
-    // A distance that is 3 mm off: the arm as drawn cannot say that it is wrong, the calibrated one can.
+    // A distance that is 8 mm off: the arm as drawn cannot say that it is wrong, the calibrated one can.
     let stated = toml.lines().find(|line| line.starts_with("mm = ")).unwrap();
     let length: f64 = stated.strip_prefix("mm = ").unwrap().parse().unwrap();
     folder.write(
         "bad.toml",
-        toml.replace(stated, &format!("mm = {}", length + 3.0)),
+        toml.replace(stated, &format!("mm = {}", length + 8.0)),
     );
     folder.refuses(format!("{calibrate} t/touches.csv --features bad.toml"));
     folder
