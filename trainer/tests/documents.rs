@@ -341,6 +341,14 @@ fn the_examples_of_planning_work() {
 }
 
 #[test]
+fn the_commands_of_the_page_without_a_tracker_work() {
+    let folder = run("docs/guide/without-a-tracker.md");
+    for file in ["touches.csv", "touches.toml", "practice/truth.csv"] {
+        assert!(folder.join(file).is_file(), "{file}");
+    }
+}
+
+#[test]
 fn the_examples_of_importing_work() {
     let folder = run("docs/guide/import.md");
     for file in ["measured.csv", "angles.csv", "vectors.csv", "points.csv"] {

@@ -5,3 +5,4 @@ pub mod base_tools;
 pub mod frame_fit;
 pub mod identifiability;
 pub mod parametric;
+pub mod touch;

@@ -9,7 +9,7 @@ use crate::measurement::table::{Table, quoted};
 
 /// What a column holds; the order is the one in which they are spoken of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-enum Quantity {
+pub(super) enum Quantity {
     /// Number of the joint, as written: from 1.
     Joint(usize),
     Payload,
@@ -26,6 +26,13 @@ enum Quantity {
     Reference(usize, usize),
     TruePosition(usize),
     TrueOrientation(usize),
+    /// What a row touched: a file with it is a touch file, and only in one the next four mean something.
+    Feature,
+    Value,
+    Gravity(usize),
+    Corner,
+    /// u, v as 0 and 1.
+    Pixel(usize),
 }
 
 /// The unit in a column's name.
@@ -38,6 +45,7 @@ pub(super) enum Unit {
     Millimetre,
     Kilogram,
     Second,
+    Pixel,
     /// A number without a unit, or a text.
     None,
 }
@@ -53,6 +61,7 @@ impl Unit {
             Self::Millimetre => "a number in millimetres",
             Self::Kilogram => "a number in kilograms",
             Self::Second => "a number in seconds",
+            Self::Pixel => "a number in pixels",
             Self::None => "a number",
         }
     }
@@ -84,8 +93,8 @@ pub(super) struct Columns {
     unknown: Vec<String>,
 }
 
-const AXES: [&str; 3] = ["x", "y", "z"];
-const QUATERNION: [&str; 4] = ["qw", "qx", "qy", "qz"];
+pub(super) const AXES: [&str; 3] = ["x", "y", "z"];
+pub(super) const QUATERNION: [&str; 4] = ["qw", "qx", "qy", "qz"];
 
 impl Columns {
     /// The columns of a table; `file` is for messages.
@@ -97,6 +106,9 @@ impl Columns {
             known,
             unknown: &unknown,
         };
+        if let Some(column) = header.known.get(&Quantity::Feature) {
+            return Err(header.is_of_touches(column));
+        }
         let joints = header.joints()?;
         let position = header
             .group("x, y, z", &AXES, Quantity::Position)?
@@ -158,22 +170,27 @@ impl Columns {
 
     /// The note about ignored columns.
     pub(super) fn notes(&self) -> Vec<String> {
-        match self.unknown.len() {
-            0 => Vec::new(),
-            1 => vec![format!(
-                "the column {} is not known and was ignored",
-                list(&self.unknown)
-            )],
-            _ => vec![format!(
-                "the columns {} are not known and were ignored",
-                list(&self.unknown)
-            )],
-        }
+        ignored(&self.unknown)
     }
 
     /// The joints' columns, as the set keeps them.
     pub(super) fn joint_columns(&self) -> Vec<JointColumn> {
         joint_columns(&self.joints)
+    }
+}
+
+/// The note about columns that are ignored, if there are any.
+pub(super) fn ignored(unknown: &[String]) -> Vec<String> {
+    match unknown.len() {
+        0 => Vec::new(),
+        1 => vec![format!(
+            "the column {} is not known and was ignored",
+            list(unknown)
+        )],
+        _ => vec![format!(
+            "the columns {} are not known and were ignored",
+            list(unknown)
+        )],
     }
 }
 
@@ -193,14 +210,16 @@ pub(super) fn joint_columns(joints: &[Column]) -> Vec<JointColumn> {
 }
 
 /// What the names of a table's columns mean, and the names that mean nothing here.
-fn named(
+pub(super) fn named(
     file: &Path,
     table: &Table,
 ) -> Result<(BTreeMap<Quantity, Column>, Vec<String>), InputError> {
     let mut known: BTreeMap<Quantity, Column> = BTreeMap::new();
     let mut unknown = Vec::new();
+    let has_touches = table.header.iter().any(|name| name == FEATURE);
+    let touch = |name: &str| meaning_of_touch(name).filter(|_| has_touches);
     for (index, name) in table.header.iter().enumerate() {
-        let Some((quantity, unit)) = meaning(name) else {
+        let Some((quantity, unit)) = meaning(name).or_else(|| touch(name)) else {
             unknown.push(name.to_owned());
             continue;
         };
@@ -229,15 +248,15 @@ fn named(
 }
 
 /// The columns that are known but not yet taken.
-struct Header<'a> {
-    file: &'a Path,
-    line: usize,
-    known: BTreeMap<Quantity, Column>,
-    unknown: &'a [String],
+pub(super) struct Header<'a> {
+    pub file: &'a Path,
+    pub line: usize,
+    pub known: BTreeMap<Quantity, Column>,
+    pub unknown: &'a [String],
 }
 
 impl Header<'_> {
-    fn error(&self, found: String, expected: &str) -> InputError {
+    pub(super) fn error(&self, found: String, expected: &str) -> InputError {
         let error = InputError::new(self.file, found, expected).at_line(self.line);
         if self.unknown.is_empty() {
             return error;
@@ -262,7 +281,16 @@ impl Header<'_> {
         )
     }
 
-    fn joints(&mut self) -> Result<Vec<Column>, InputError> {
+    fn is_of_touches(&self, column: &Column) -> InputError {
+        self.error(
+            format!("the column {FEATURE}"),
+            "measured poses, not touches",
+        )
+        .at_column(column.index + 1, FEATURE)
+        .with_help("touches have a reader of their own: docs/reference/touch-file.md")
+    }
+
+    pub(super) fn joints(&mut self) -> Result<Vec<Column>, InputError> {
         let mut joints = Vec::new();
         while let Some(column) = self.known.remove(&Quantity::Joint(joints.len() + 1)) {
             joints.push(column);
@@ -316,7 +344,7 @@ impl Header<'_> {
     }
 
     /// N columns that belong together: all, or none of them.
-    fn group<const N: usize, S: AsRef<str>>(
+    pub(super) fn group<const N: usize, S: AsRef<str>>(
         &mut self,
         all: &str,
         names: &[S; N],
@@ -355,6 +383,25 @@ fn list(names: &[String]) -> String {
         .map(|name| quoted(name))
         .collect::<Vec<_>>()
         .join(", ")
+}
+
+/// Name of the column that makes a file one of touches.
+pub(super) const FEATURE: &str = "feature";
+
+/// What the name of a column says in a touch file alone.
+fn meaning_of_touch(name: &str) -> Option<(Quantity, Unit)> {
+    Some(match name {
+        FEATURE => (Quantity::Feature, Unit::None),
+        "value_mm" => (Quantity::Value, Unit::Millimetre),
+        "value_m" => (Quantity::Value, Unit::Metre),
+        "gx" => (Quantity::Gravity(0), Unit::None),
+        "gy" => (Quantity::Gravity(1), Unit::None),
+        "gz" => (Quantity::Gravity(2), Unit::None),
+        "corner" => (Quantity::Corner, Unit::None),
+        "u_px" => (Quantity::Pixel(0), Unit::Pixel),
+        "v_px" => (Quantity::Pixel(1), Unit::Pixel),
+        _ => return None,
+    })
 }
 
 /// What the name of a column says.

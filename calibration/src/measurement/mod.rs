@@ -40,6 +40,7 @@ mod set;
 mod table;
 #[cfg(test)]
 mod tests;
+pub mod touch;
 mod validate;
 
 use std::path::Path;

@@ -68,7 +68,7 @@ pub(super) fn norm_note((off_unit, line): (f64, usize)) -> Option<String> {
     })
 }
 
-fn repeated_rows(table: &Table) -> Vec<String> {
+pub(super) fn repeated_rows(table: &Table) -> Vec<String> {
     let mut seen: HashMap<String, usize> = HashMap::new();
     let mut repeats = Listed::default();
     for (line, fields) in &table.rows {
@@ -191,17 +191,22 @@ impl Row<'_> {
         self.optional(payload, |column| self.payload(column))
     }
 
-    fn field(&self, column: &Column) -> &str {
+    pub(super) fn field(&self, column: &Column) -> &str {
         self.fields.get(column.index).unwrap_or("")
     }
 
-    fn error(&self, column: &Column, found: impl Into<String>, expected: &str) -> InputError {
+    pub(super) fn error(
+        &self,
+        column: &Column,
+        found: impl Into<String>,
+        expected: &str,
+    ) -> InputError {
         InputError::new(self.file, found, expected)
             .at_line(self.line)
             .at_column(column.index + 1, column.name.clone())
     }
 
-    fn optional<T>(
+    pub(super) fn optional<T>(
         &self,
         column: &Option<Column>,
         read: impl Fn(&Column) -> Result<T, InputError>,
@@ -229,11 +234,16 @@ impl Row<'_> {
         Ok(match column.unit {
             Unit::Degree => number.to_radians(),
             Unit::Millimetre | Unit::Milliradian => thousandth(text).unwrap_or(number / 1e3),
-            Unit::Radian | Unit::Metre | Unit::Kilogram | Unit::Second | Unit::None => number,
+            Unit::Radian
+            | Unit::Metre
+            | Unit::Kilogram
+            | Unit::Second
+            | Unit::Pixel
+            | Unit::None => number,
         })
     }
 
-    fn text(&self, column: &Column) -> Result<String, InputError> {
+    pub(super) fn text(&self, column: &Column) -> Result<String, InputError> {
         match self.field(column) {
             "" => Err(self.error(
                 column,
@@ -244,7 +254,7 @@ impl Row<'_> {
         }
     }
 
-    fn payload(&self, column: &Column) -> Result<f64, InputError> {
+    pub(super) fn payload(&self, column: &Column) -> Result<f64, InputError> {
         if self.field(column).is_empty() {
             return Err(self
                 .error(
@@ -275,7 +285,7 @@ impl Row<'_> {
     }
 
     /// A point in metres, at a distance that an instrument can see.
-    fn position(&self, columns: &[Column; 3]) -> Result<Vector3<f64>, InputError> {
+    pub(super) fn position(&self, columns: &[Column; 3]) -> Result<Vector3<f64>, InputError> {
         let mut position = Vector3::zeros();
         for (axis, column) in columns.iter().enumerate() {
             position[axis] = self.number(column)?;
@@ -305,7 +315,10 @@ impl Row<'_> {
     }
 
     /// (w, (x, y, z)), normalised, and how far its norm was off 1.
-    fn quaternion(&self, columns: &[Column; 4]) -> Result<(f64, Vector3<f64>, f64), InputError> {
+    pub(super) fn quaternion(
+        &self,
+        columns: &[Column; 4],
+    ) -> Result<(f64, Vector3<f64>, f64), InputError> {
         if let Some(column) = columns.iter().find(|column| self.field(column).is_empty()) {
             return Err(self
                 .error(

@@ -245,25 +245,8 @@ impl MeasurementSet {
     }
 
     fn note_still_joints(&self, robot: &Robot) -> Vec<String> {
-        let mut notes = Vec::new();
-        for (i, (joint, column)) in robot.joints.iter().zip(&self.joint_columns).enumerate() {
-            let rows = self.measurements.iter();
-            let (low, high) = extremes(rows.filter_map(|m| m.joints.get(i).copied()));
-            let still = match joint.kind {
-                JointKind::Revolute => STILL_REVOLUTE,
-                JointKind::Prismatic => STILL_PRISMATIC,
-            };
-            if high - low < still {
-                let (scale, unit) = written(column.unit);
-                notes.push(format!(
-                    "joint \"{}\" ({}) does not move: its values span {} {unit}",
-                    joint.name,
-                    column.name,
-                    round((high - low) * scale)
-                ));
-            }
-        }
-        notes
+        let rows = || self.measurements.iter().map(|m| m.joints.as_slice());
+        still_joints(robot, &self.joint_columns, rows)
     }
 
     /// Rows at the joints of an earlier row: a random split would leak them from training into test.
@@ -318,6 +301,32 @@ impl MeasurementSet {
         }
         notes
     }
+}
+
+/// The notes about joints that no row moves.
+pub(super) fn still_joints<'a, I: Iterator<Item = &'a [f64]>>(
+    robot: &Robot,
+    columns: &[JointColumn],
+    rows: impl Fn() -> I,
+) -> Vec<String> {
+    let mut notes = Vec::new();
+    for (i, (joint, column)) in robot.joints.iter().zip(columns).enumerate() {
+        let (low, high) = extremes(rows().filter_map(|joints| joints.get(i).copied()));
+        let still = match joint.kind {
+            JointKind::Revolute => STILL_REVOLUTE,
+            JointKind::Prismatic => STILL_PRISMATIC,
+        };
+        if high - low < still {
+            let (scale, unit) = written(column.unit);
+            notes.push(format!(
+                "joint \"{}\" ({}) does not move: its values span {} {unit}",
+                joint.name,
+                column.name,
+                round((high - low) * scale)
+            ));
+        }
+    }
+    notes
 }
 
 /// Factor from SI to the unit of a column, and its symbol.

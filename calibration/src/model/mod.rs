@@ -14,6 +14,7 @@ pub mod gauge;
 mod gauge_fit;
 pub mod identified;
 pub mod methods;
+pub mod touches;
 
 use poegp_protocol::blob::FrameSource;
 use poegp_runtime::kinematics::poe::Poe;

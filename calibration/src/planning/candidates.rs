@@ -46,7 +46,7 @@ pub fn decimals(value: f64) -> String {
 }
 
 /// The nearest joint within a range that three decimals hold, rad or m.
-fn on_grid(kind: JointKind, joint: f64, (lower, upper): (f64, f64)) -> f64 {
+pub(super) fn on_grid(kind: JointKind, joint: f64, (lower, upper): (f64, f64)) -> f64 {
     let [least, steps, most] = [lower, joint, upper].map(|x| STEPS * in_file_units(kind, x));
     // A range narrower than a step has no grid point: its middle is as good.
     let value = steps

@@ -27,6 +27,7 @@ pub mod space_filling;
 pub mod table;
 #[cfg(test)]
 mod tests;
+pub mod touches;
 pub mod wider_range;
 
 use nalgebra::Vector3;

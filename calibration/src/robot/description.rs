@@ -20,6 +20,19 @@ pub struct Robot {
     pub coupling: Option<Vec<Vec<f64>>>,
     /// Radius of the capsules that stand for its links, metres, where the description states one.
     pub link_radius: Option<f64>,
+    /// How far an arm of its class is from its drawing, where the description states it.
+    pub prior: Option<ClassPrior>,
+}
+
+/// How far an arm of its class is from its drawing: standard deviations of one component.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ClassPrior {
+    /// Of a link's offset, m.
+    pub length: f64,
+    /// Of the direction of an axis, rad.
+    pub tilt: f64,
+    /// Of the zero of a joint, rad (of a slide, m).
+    pub joint_zero: f64,
 }
 
 /// One moving joint.
@@ -61,6 +74,16 @@ impl Robot {
     /// C q: the joints of the serial chain at the controller's joint values `q`, rad or m.
     pub fn serial_joints(&self, q: &[f64]) -> Vec<f64> {
         coupled(self.coupling.as_deref(), q)
+    }
+
+    /// Sum of the lengths of the links in m, with the travel of prismatic joints.
+    pub fn reach(&self) -> f64 {
+        let links = self.parent_from_joint.iter().skip(1);
+        let travel = self.joints.iter().map(|j| match j.kind {
+            JointKind::Prismatic => j.limits.map_or(1.0, |(a, b)| b - a),
+            JointKind::Revolute => 0.0,
+        });
+        links.map(|f| f.translation.norm()).sum::<f64>() + travel.sum::<f64>()
     }
 }
 

@@ -17,6 +17,7 @@
 mod builtin;
 mod description;
 pub mod normal_form;
+pub mod settle;
 #[cfg(test)]
 mod tests;
 mod toml_description;
@@ -31,7 +32,7 @@ use poegp_protocol::JointKind;
 use poegp_runtime::math::se3::Pose;
 
 pub use crate::robot::builtin::BUILT_IN;
-pub use crate::robot::description::{Joint, LoadOptions, Robot, coupled};
+pub use crate::robot::description::{ClassPrior, Joint, LoadOptions, Robot, coupled};
 
 use crate::input_error::InputError;
 

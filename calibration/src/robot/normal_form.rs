@@ -81,6 +81,7 @@ impl Chain {
                     parent_from_joint,
                     coupling,
                     link_radius: None,
+                    prior: None,
                 })
             }
         }

@@ -24,6 +24,11 @@
 //! [flange]                          # optional frame after the last joint
 //! origin = { xyz_m = [0, 0, 0.1] }
 //!
+//! [prior]                           # optional: how far an arm of this class is from its drawing, standard deviations of one component,
+//! length_mm = 0.3                   # for calibrations by touches: of link offsets,
+//! tilt_mrad = 0.5                   # of axis directions,
+//! joint_zero_mrad = 1.0             # of joint zeros
+//!
 //! [calibration]                     # optional: what `trainer export` knows beside the arm; not read here
 //! ```
 //!
@@ -40,7 +45,7 @@ use serde::Deserialize;
 use toml::Spanned;
 
 use crate::input_error::InputError;
-use crate::robot::description::{Joint, Robot};
+use crate::robot::description::{ClassPrior, Joint, Robot};
 use crate::robot::normal_form as chain;
 use crate::robot::normal_form::Chain;
 use crate::robot::toml_source::{DEGREE, METRE, MILLIMETRE, Origin, RADIAN, TomlSource};
@@ -58,11 +63,20 @@ struct Description {
     /// What `trainer export` says of a calibration, for other programs; nothing in it describes the arm.
     #[serde(rename = "calibration")]
     _calibration: Option<toml::Table>,
+    prior: Option<PriorTable>,
     coupling: Option<Spanned<Vec<Spanned<Vec<f64>>>>>,
     link_radius_m: Option<Spanned<f64>>,
     link_radius_mm: Option<Spanned<f64>>,
     #[serde(default)]
     joint: Vec<Spanned<JointTable>>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct PriorTable {
+    length_mm: Spanned<f64>,
+    tilt_mrad: Spanned<f64>,
+    joint_zero_mrad: Spanned<f64>,
 }
 
 #[derive(Deserialize, Clone, Copy, PartialEq, Eq)]
@@ -162,13 +176,35 @@ pub(super) fn parse(file: &Path, text: &str) -> Result<Robot, InputError> {
             format!("{expected}, each in a [[joint]] table"),
         )
     })?;
+    let prior = match &table.prior {
+        Some(prior) => Some(reader.prior(prior)?),
+        None => None,
+    };
     Ok(Robot {
         link_radius,
+        prior,
         ..robot
     })
 }
 
 impl TomlSource<'_> {
+    /// How far an arm of the class is from its drawing.
+    fn prior(&self, table: &PriorTable) -> Result<ClassPrior, InputError> {
+        let above_zero = |key: &str, value: &Spanned<f64>| {
+            let number = *value.get_ref();
+            if number > 0.0 && number.is_finite() {
+                return Ok(1e-3 * number);
+            }
+            let expected = "a number above 0";
+            Err(self.error(value.span(), key, number.to_string(), expected))
+        };
+        Ok(ClassPrior {
+            length: above_zero("length_mm", &table.length_mm)?,
+            tilt: above_zero("tilt_mrad", &table.tilt_mrad)?,
+            joint_zero: above_zero("joint_zero_mrad", &table.joint_zero_mrad)?,
+        })
+    }
+
     /// What toml or serde say, with help where a unit is missing.
     fn not_a_description(&self, error: &toml::de::Error) -> InputError {
         let mut refused = self.refused(error, "a robot description in TOML");

@@ -5,6 +5,7 @@
 //! 1.9 mm, POE 0.84 mm) on an IRB 4400; other robots get the same sizes. [`Scenario`]s add what no model of the trainer
 //! has a formula for. The kinematics of the *true* arm is the runtime's; nothing else is shared with what is fitted.
 
+pub mod touches;
 mod true_arm;
 
 use std::fmt::Write as _;

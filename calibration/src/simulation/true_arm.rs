@@ -171,6 +171,17 @@ impl TrueArm {
         payload_kg: f64,
         random: &mut ChaCha8Rng,
     ) -> Pose<f64> {
+        let base_from_flange = self.base_from_flange(joints, payload_kg, random);
+        self.instrument_from_base * base_from_flange * self.flange_from_target
+    }
+
+    /// Where the flange is, in the base frame.
+    pub fn base_from_flange(
+        &self,
+        joints: &[f64],
+        payload_kg: f64,
+        random: &mut ChaCha8Rng,
+    ) -> Pose<f64> {
         let mut joints = joints.to_vec();
         for disturbance in &self.happened {
             if let Disturbance::Joint { joint, offset } = disturbance {
@@ -217,7 +228,7 @@ impl TrueArm {
                     angular,
                 });
         }
-        self.instrument_from_base * chain.forward(&deflected) * self.flange_from_target
+        chain.forward(&deflected)
     }
 
     /// Gravity torque about the origin of each joint's frame, in its own axes before it moves, N m.

@@ -40,7 +40,7 @@ pub fn identify(
     let Some(data) = data(robot, set, samples) else {
         return Findings::default();
     };
-    let reach = nominal_arm::reach(robot);
+    let reach = robot.reach();
     let mut numbers = numbers::examine(robot, &data.chain, set, samples, reach, false);
     numbers.retain(|f| f.is_of_values());
     let (numbers, _) = part_suspects(&data, numbers);
@@ -68,7 +68,7 @@ pub fn examine(
     let Some(data) = data(robot, set, samples) else {
         return Findings::default();
     };
-    let reach = nominal_arm::reach(robot);
+    let reach = robot.reach();
     let numbers = numbers::examine(robot, &data.chain, set, samples, reach, fits_geometry);
     let (numbers, suspects) = part_suspects(&data, numbers);
     let mut out = Findings(numbers);

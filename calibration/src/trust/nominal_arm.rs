@@ -1,13 +1,11 @@
 //! The nominal arm with base and tool fitted: is this the robot, and if not, which mistake explains the file?
 
 use nalgebra::Vector3;
-use poegp_protocol::JointKind;
 use poegp_protocol::cause::Cause;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use crate::measurement::observation::Observation;
-use crate::robot::Robot;
 use crate::trust::alignment::{Alignment, Row, align, align_with_outliers, rough};
 use crate::trust::finding::{Finding, Tier};
 use crate::trust::geometry::{Geometry, Priors};
@@ -54,16 +52,6 @@ const LOOSE: f64 = 0.012;
 const EXPLAINED_REACH: f64 = 0.0035;
 /// Residuals below this are the drawing's own: the controller computed the poses, m and rad.
 const COMPUTED: (f64, f64) = (20e-6, 0.1e-3);
-
-/// Sum of the lengths of the links in m, with the travel of prismatic joints.
-pub fn reach(robot: &Robot) -> f64 {
-    let links = robot.parent_from_joint.iter().skip(1);
-    let travel = robot.joints.iter().map(|j| match j.kind {
-        JointKind::Prismatic => j.limits.map_or(1.0, |(a, b)| b - a),
-        JointKind::Revolute => 0.0,
-    });
-    links.map(|f| f.translation.norm()).sum::<f64>() + travel.sum::<f64>()
-}
 
 /// Root mean square distance of the positions from their mean, m.
 fn spread(rows: &[Row]) -> f64 {
@@ -142,7 +130,7 @@ pub struct NominalArm {
 pub fn examine(data: &Data<'_>, gravity: Vector3<f64>) -> NominalArm {
     let all: Vec<usize> = (0..data.samples.len()).collect();
     let rows = Reading::as_given().rows(data, &all);
-    let reach = reach(data.robot);
+    let reach = data.robot.reach();
     let mut given = Fit::of(&rows, reach);
     if given.alignment.position > SUSPICIOUS_SPREAD * spread(&rows) {
         let better = align_with_outliers(&rows, given.alignment);

@@ -8,6 +8,7 @@
 //! | [`service`](service::service) | every answer of the device is that of a simple model of it |
 //! | [`measurements`](readers::measurements), [`targets`](readers::targets), [`import`](readers::import), [`preset`](readers::preset) | refused with the name and a place within the file; what is taken is finite, with unit quaternions |
 //! | [`urdf`](readers::urdf), [`toml`](readers::toml), [`cell`](readers::cell) | the same; what is taken has 1 to 8 joints and rigid frames |
+//! | [`touches`](readers::touches) | the same, in either of two files; what is taken is finite, and every index is that of an entry |
 //! | [`rapid`](programs::rapid), [`urscript`](programs::urscript), [`fanuc`](programs::fanuc), [`krl`](programs::krl), [`inform`](programs::inform), [`val3`](programs::val3), [`table`](programs::table) | the same; the numbers of targets do not overlap, and replacing them changes no other byte |
 //! | [`rsi`](bridge::rsi) | only what can be read is answered, with its own time stamp; no correction is above its limit or steps above its ramp |
 //! | [`report`](page::report) | whatever is in a name, the page has the tags of one with an ordinary name |
@@ -41,7 +42,7 @@ pub struct Target {
 
 /// All of them.
 #[rustfmt::skip] // a table
-pub const TARGETS: [Target; 20] = [
+pub const TARGETS: [Target; 21] = [
     Target { name: "blob", run: wire::blob, seeds: seeds::blobs, executions: 2_000 },
     Target { name: "envelope", run: wire::envelope, seeds: seeds::blobs, executions: 5_000 },
     Target { name: "frame", run: wire::frame, seeds: seeds::frames, executions: 20_000 },
@@ -53,6 +54,7 @@ pub const TARGETS: [Target; 20] = [
     Target { name: "urdf", run: readers::urdf, seeds: seeds::urdfs, executions: 2_000 },
     Target { name: "toml", run: readers::toml, seeds: seeds::tomls, executions: 2_000 },
     Target { name: "cell", run: readers::cell, seeds: seeds::cells, executions: 2_000 },
+    Target { name: "touches", run: readers::touches, seeds: seeds::touches, executions: 3_000 },
     Target { name: "rapid", run: programs::rapid, seeds: seeds::rapid, executions: 2_000 },
     Target { name: "urscript", run: programs::urscript, seeds: seeds::urscript, executions: 2_000 },
     Target { name: "fanuc", run: programs::fanuc, seeds: seeds::fanuc, executions: 2_000 },

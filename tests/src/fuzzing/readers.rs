@@ -6,6 +6,7 @@ use poegp_calibration::input_error::InputError;
 use poegp_calibration::measurement as measurement_files;
 use poegp_calibration::measurement::JointChecks;
 use poegp_calibration::measurement::joint_targets::{NewFields, Target, TargetReader};
+use poegp_calibration::measurement::touch::{FeatureKind, Reading, TouchSet};
 use poegp_calibration::measurement::{Measurement, MeasurementSet};
 use poegp_calibration::planning::constraints::Constraints;
 use poegp_calibration::robot::{LoadOptions, Robot};
@@ -77,7 +78,8 @@ fn assert_set(set: &MeasurementSet) {
     let _ = set.check(&six_axes());
 }
 
-fn six_axes() -> Robot {
+/// The arm that files of joints are read for.
+pub fn six_axes() -> Robot {
     thread_local! {
         static ROBOT: Robot = Robot::load("abb-irb120", &LoadOptions::default()).expect("built in");
     }
@@ -279,5 +281,48 @@ pub fn cell(bytes: &[u8]) {
     let name = "cell.toml";
     if let Err(error) = Constraints::parse(Path::new(name), text, &six_axes()) {
         assert_refusal(&error, &[(name, bytes)]);
+    }
+}
+
+/// Reads touches: the description of the features, a zero byte, and the rows.
+///
+/// # Panics
+/// When a law is broken.
+pub fn touches(bytes: &[u8]) {
+    let mut parts = bytes.splitn(2, |byte| *byte == 0);
+    let (features, rows) = (parts.next().unwrap_or(&[]), parts.next().unwrap_or(&[]));
+    let names = ["touches.csv", "touches.toml"];
+    let parsed = TouchSet::parse(
+        (Path::new(names[0]), rows),
+        (Path::new(names[1]), features),
+        &six_axes(),
+    );
+    let set = match parsed {
+        Err(error) => {
+            return assert_refusal(&error, &[(names[0], rows), (names[1], features)]);
+        }
+        Ok(set) => set,
+    };
+    for row in &set.rows {
+        assert!(row.joints.iter().all(|q| q.is_finite()), "{row:?}");
+        assert!(row.tip < set.tips.len(), "{row:?}");
+        let feature = row.reading.feature();
+        assert!(feature.is_none_or(|f| f < set.features.len()), "{row:?}");
+        assert!(set.sigma(row).is_none_or(|sigma| sigma > 0.0), "{row:?}");
+        match row.reading {
+            Reading::Level { gravity, .. } => assert!((gravity.norm() - 1.0).abs() < 1e-9),
+            Reading::Board {
+                feature, corner, ..
+            } => match &set.features[feature].kind {
+                FeatureKind::Board(board) => assert!(corner < board.corners.len(), "{row:?}"),
+                kind => panic!("a corner of {kind:?}"),
+            },
+            _ => {}
+        }
+    }
+    for known in &set.distances {
+        let [a, b] = known.between;
+        assert!(a != b && a < set.features.len() && b < set.features.len());
+        assert!(known.distance > 0.0 && known.sigma > 0.0, "{known:?}");
     }
 }

@@ -4,6 +4,8 @@ use std::fs;
 use std::path::Path;
 
 use ed25519_dalek::SigningKey;
+use poegp_calibration::simulation::touches::{TOUCH_KINDS, TouchKind, TouchTask};
+use poegp_calibration::simulation::{Scenario, Simulator};
 use poegp_protocol::link::{Query, Refusal, Request, Response, Statistics};
 
 use super::service::{SMALL, signed};
@@ -321,6 +323,19 @@ pub fn cells() -> Vec<Vec<u8>> {
         listing.expect("a listing of TOML").as_bytes().to_vec(),
         short.as_bytes().to_vec(),
     ]
+}
+
+/// Touches of every kind, each with the description of its features before a zero byte.
+pub fn touches() -> Vec<Vec<u8>> {
+    let robot = super::readers::six_axes();
+    let seed = |(_, kind): (&str, TouchKind)| {
+        let mut simulator = Simulator::new(&robot, Scenario::Paper, &[0.0], 3);
+        let tasks = [TouchTask { kind, features: 2 }];
+        let touched = simulator.touch(&robot, &tasks, 8, 0, "simulated");
+        let (touches, _) = touched.expect("features within reach");
+        format!("{}\0{}", touches.toml, touches.csv).into_bytes()
+    };
+    TOUCH_KINDS.map(seed).into()
 }
 
 /// Names that want to be markup.

@@ -87,7 +87,7 @@ macro_rules! targets {
 }
 
 targets! {
-    blob envelope frame service measurements targets import preset urdf toml cell
+    blob envelope frame service measurements targets import preset urdf toml cell touches
     rapid urscript fanuc krl inform val3 table rsi report
 }
 
@@ -117,6 +117,15 @@ fn valid_inputs_are_valid() {
             "{name}: {taken} of {}",
             seeds.len()
         );
+    }
+    for bytes in poegp_tests::fuzzing::seeds::touches() {
+        use poegp_calibration::measurement::touch::TouchSet;
+        let mut parts = bytes.splitn(2, |byte| *byte == 0);
+        let mut file = |name| (Path::new(name), parts.next().unwrap());
+        let (features, rows) = (file("touches.toml"), file("touches.csv"));
+        let robot = poegp_tests::fuzzing::readers::six_axes();
+        let taken = TouchSet::parse(rows, features, &robot);
+        assert!(taken.is_ok(), "{:?}", taken.err());
     }
     for bytes in poegp_tests::fuzzing::seeds::rsi() {
         use poegp_trainer::bridge::message::{Setpoint, read};

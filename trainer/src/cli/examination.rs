@@ -74,34 +74,47 @@ impl Examined<'_> {
     ///
     /// # Errors
     /// [`Failure::Data`] when something is refused.
-    pub fn settle(&self, mut findings: Findings) -> Result<Vec<Finding>, Failure> {
-        findings.accept(self.accept);
-        let file = self.path.display();
-        for finding in findings.of(Tier::Warning) {
-            warning(format_args!("{file}: {} [{}]", finding.text, finding.cause));
-        }
-        for finding in findings.of(Tier::Note) {
-            note(format_args!("{file}: {} [{}]", finding.text, finding.cause));
-        }
-        let of = |tier| -> Vec<Finding> { findings.of(tier).cloned().collect() };
-        let (refused, warnings) = (of(Tier::Refused), of(Tier::Warning));
-        if refused.is_empty() {
-            return Ok(warnings);
-        }
-        let lines: Vec<String> = refused
-            .iter()
-            .map(|finding| format!("{file}: {} [{}]", finding.text, finding.cause))
-            .collect();
-        if let Some(json) = self.json {
-            let document = RefusedJson {
-                version: env!("CARGO_PKG_VERSION"),
-                refused,
-                warnings,
-            };
-            write_outputs(&[(json, json_text(&document)?.as_bytes())])?;
-        }
-        Err(Failure::Data(lines.join("\nerror: data refused: ")))
+    pub fn settle(&self, findings: Findings) -> Result<Vec<Finding>, Failure> {
+        settled(self.path, findings, self.accept, self.json)
     }
+}
+
+/// Says what was noticed in a file, and returns the warnings. Refused findings go to `json`, where one is asked for.
+///
+/// # Errors
+/// [`Failure::Data`] when something is refused.
+pub fn settled(
+    path: &Path,
+    mut findings: Findings,
+    accept: &[Cause],
+    json: Option<&Path>,
+) -> Result<Vec<Finding>, Failure> {
+    findings.accept(accept);
+    let file = path.display();
+    for finding in findings.of(Tier::Warning) {
+        warning(format_args!("{file}: {} [{}]", finding.text, finding.cause));
+    }
+    for finding in findings.of(Tier::Note) {
+        note(format_args!("{file}: {} [{}]", finding.text, finding.cause));
+    }
+    let of = |tier| -> Vec<Finding> { findings.of(tier).cloned().collect() };
+    let (refused, warnings) = (of(Tier::Refused), of(Tier::Warning));
+    if refused.is_empty() {
+        return Ok(warnings);
+    }
+    let lines: Vec<String> = refused
+        .iter()
+        .map(|finding| format!("{file}: {} [{}]", finding.text, finding.cause))
+        .collect();
+    if let Some(json) = json {
+        let document = RefusedJson {
+            version: env!("CARGO_PKG_VERSION"),
+            refused,
+            warnings,
+        };
+        write_outputs(&[(json, json_text(&document)?.as_bytes())])?;
+    }
+    Err(Failure::Data(lines.join("\nerror: data refused: ")))
 }
 
 /// What `--json` has of measurements that are refused.

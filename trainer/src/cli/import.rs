@@ -11,8 +11,9 @@ use crate::cli::output::{check_outputs, summary_text, write_outputs};
 use crate::cli::terminal::print::{Printer, is_stdout, note};
 use crate::import::column_map::Map;
 use crate::import::preset::{PRESETS, Preset};
-use crate::import::{Imported, Row, import_bytes};
+use crate::import::{Imported, Row, import_bytes, sockets};
 use poegp_calibration::input_error::InputError;
+use poegp_calibration::measurement::touch::features_beside;
 
 /// Rows that are shown as they were understood.
 const SHOWN: usize = 3;
@@ -24,10 +25,12 @@ const SHOWN: usize = 3;
     --preset, the preset whose columns are all in the header is used, if there is exactly one.\n\n\
     Example: trainer import log.csv --preset kuka --out measured.csv\n\
     Example: trainer import points.txt joints.csv --preset spatial-analyzer --out measured.csv\n\
-    Example: trainer import tracker.txt --map map.toml --out measured.csv"
+    Example: trainer import tracker.txt --map map.toml --out measured.csv\n\
+    Example: trainer import data/panda --preset mukca --distance 50 --out touches.csv"
 )]
 pub struct Import {
-    /// Measurements; where the joints have a file of their own, that of the poses or points and then that of the joints.
+    /// Measurements; where the joints have a file of their own, that of the poses or points and then that of the joints. With
+    /// the preset mukca a folder.
     #[arg(required = true, num_args = 1..=2, value_name = "FILE")]
     pub files: Vec<PathBuf>,
     /// Column map (TOML).
@@ -35,11 +38,14 @@ pub struct Import {
     pub map: Option<PathBuf>,
     /// Column map that comes with the program.
     #[arg(long, value_name = "NAME", value_parser = preset())]
-    pub preset: Option<Preset>,
+    pub preset: Option<Chosen>,
+    /// Distance in mm between hole 0 and hole 1 of every place, with the preset mukca.
+    #[arg(long, value_name = "MM", value_parser = distance)]
+    pub distance: Option<f64>,
     /// Write the map that was used, as the start of a map of your own.
     #[arg(long, value_name = "FILE", conflicts_with = "map")]
     pub write_map: Option<PathBuf>,
-    /// Measurement file to write (`-`: standard output).
+    /// Measurement file to write (`-`: standard output); of touches also their features, NAME.toml beside NAME.csv.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
     /// Write the number of rows, the first three of them and the notes as JSON (`-`: standard output).
@@ -47,15 +53,113 @@ pub struct Import {
     pub json: Option<PathBuf>,
 }
 
+/// Name of the preset that reads folders of socket touches.
+const SOCKETS: &str = "mukca";
+
+/// What `--preset` names.
+#[derive(Clone, Copy, Debug)]
+pub enum Chosen {
+    /// A map of columns.
+    Map(Preset),
+    /// Folders of socket touches.
+    Sockets,
+}
+
 /// Reads the name of a preset.
-fn preset() -> impl TypedValueParser<Value = Preset> {
-    PossibleValuesParser::new(
-        PRESETS.map(|preset| PossibleValue::new(preset.name).help(preset.about())),
-    )
-    .try_map(|name| Preset::named(&name).ok_or("not a preset"))
+fn preset() -> impl TypedValueParser<Value = Chosen> {
+    let maps = PRESETS.map(|preset| PossibleValue::new(preset.name).help(preset.about()));
+    let sockets = "Folders of MUKCa: PLACE/hole_0.csv, PLACE/hole_1.csv with joints in radians, no header; becomes a touch file";
+    let sockets = PossibleValue::new(SOCKETS).help(sockets);
+    PossibleValuesParser::new(maps.into_iter().chain([sockets])).try_map(|name| {
+        match name.as_str() {
+            SOCKETS => Ok(Chosen::Sockets),
+            _ => Preset::named(&name).map(Chosen::Map).ok_or("not a preset"),
+        }
+    })
+}
+
+/// Reads a distance of 1 mm or more.
+fn distance(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(mm) if mm >= 1.0 && f64::is_finite(mm) => Ok(mm),
+        Ok(metres) if metres > 0.0 => Err("expected 1 mm or more: is this in metres?".to_owned()),
+        _ => Err("expected a distance in mm".to_owned()),
+    }
+}
+
+/// Of folders: a touch file and its features.
+fn run_sockets(a: &Import) -> Result<(), Failure> {
+    let [folder] = a.files.as_slice() else {
+        return Err(Failure::Usage(format!(
+            "--preset {SOCKETS}: found {} files to import, expected one folder",
+            a.files.len()
+        )));
+    };
+    if a.map.is_some() || a.write_map.is_some() {
+        return Err(Failure::Usage(format!(
+            "found --map or --write-map with a folder, expected --preset {SOCKETS} alone: it has no map of columns"
+        )));
+    }
+    let features = match is_stdout(&a.out) {
+        true => {
+            return Err(Failure::Usage(
+                "--out -: expected a file, beside which that of the features is written".to_owned(),
+            ));
+        }
+        false => features_beside(&a.out),
+    };
+    let outputs = [
+        Some(a.out.as_path()),
+        Some(features.as_path()),
+        a.json.as_deref(),
+    ];
+    check_outputs(&outputs, &[folder])?;
+    let sockets = sockets::read(folder, a.distance)?;
+    let rows: usize = sockets.features.iter().map(|(_, rows)| rows).sum();
+    let of_features: serde_json::Map<String, Value> = sockets
+        .features
+        .iter()
+        .map(|(name, rows)| (name.clone(), (*rows).into()))
+        .collect();
+    let summary = summary_text(json!({ "touches": rows, "features": of_features }))?;
+    let mut files: Vec<(&Path, &[u8])> = vec![
+        (&a.out, sockets.csv.as_bytes()),
+        (&features, sockets.toml.as_bytes()),
+    ];
+    files.extend(a.json.as_deref().map(|path| (path, summary.as_bytes())));
+    write_outputs(&files)?;
+    let report = Printer::for_outputs(&outputs);
+    report.line(format_args!(
+        "Imported {rows} touches of {} sockets into {} and {}",
+        sockets.features.len(),
+        a.out.display(),
+        features.display()
+    ));
+    if a.distance.is_none() {
+        note(
+            "no distance between two sockets is stated, and touches alone do not show the size of an arm: --distance MM",
+        );
+    }
+    note(format_args!(
+        "write into {} where the ball is as drawn, tip_mm in the flange frame",
+        features.display()
+    ));
+    Ok(())
 }
 
 pub fn run(a: &Import) -> Result<(), Failure> {
+    let is_folder = a.preset.is_none() && a.map.is_none() && a.files[0].is_dir();
+    let chosen = match a.preset {
+        Some(Chosen::Sockets) => return run_sockets(a),
+        None if is_folder => return run_sockets(a),
+        Some(Chosen::Map(preset)) => Some(preset),
+        None => None,
+    };
+    if a.distance.is_some() {
+        return Err(Failure::Usage(format!(
+            "--distance: expected only with --preset {SOCKETS}"
+        )));
+    }
     let mut inputs: Vec<&Path> = a.files.iter().map(PathBuf::as_path).collect();
     inputs.extend(a.map.as_deref());
     let outputs = [
@@ -74,7 +178,7 @@ pub fn run(a: &Import) -> Result<(), Failure> {
     let (map, text) = match map {
         Some(map) => (map, String::new()),
         None => {
-            let preset = match a.preset {
+            let preset = match chosen {
                 Some(preset) => preset,
                 None => matching(&a.files, &bytes)?,
             };

@@ -396,6 +396,7 @@ pub fn robot_of(blob: &Blob<'_>) -> Robot {
                 .collect()
         }),
         link_radius: None,
+        prior: None,
     }
 }
 

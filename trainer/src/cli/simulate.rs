@@ -12,14 +12,19 @@ use crate::cli::failure::Failure;
 use crate::cli::inputs::Arm;
 use crate::cli::output::{check_outputs, make_folder, summary_text, write_outputs};
 use crate::cli::terminal::print::Printer;
+use poegp_calibration::input_error::InputError;
+use poegp_calibration::measurement::touch::{Feature, FeatureKind, TouchSet};
 use poegp_calibration::robot::Robot;
+use poegp_calibration::simulation::touches::{TOUCH_KINDS, TouchTask};
 use poegp_calibration::simulation::{Scenario, Simulator, to_csv};
 
 /// `trainer simulate`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Writes train.csv and test1.csv … into DIR; the test sets also have the noiseless poses.\n\n\
-    Example: trainer simulate --robot abb-irb4400-serial --poses 300 --payloads 1,2.5,3.5,5,7.5 --seed 1 --out cell"
+    after_help = "Writes train.csv and test1.csv … into DIR; the test sets also have the noiseless poses. With --touch it writes \
+    touches.csv, their features touches.toml, and truth.csv: where the tip truly is at 300 other poses.\n\n\
+    Example: trainer simulate --robot abb-irb4400-serial --poses 300 --payloads 1,2.5,3.5,5,7.5 --seed 1 --out cell\n\
+    Example: trainer simulate --robot ur10 --touch socket2,wire1 --touches 40 --out touched"
 )]
 pub struct Simulate {
     #[command(flatten)]
@@ -39,6 +44,16 @@ pub struct Simulate {
     /// Errors of the simulated robot.
     #[arg(long, value_name = "SCENARIO", default_value = "paper", value_parser = scenario())]
     pub scenario: Scenario,
+    /// Touch features instead of measuring with a tracker: socket, plane, sphere, ballbar, wire, level, camera, each with the
+    /// number of such features, as socket2; the rows of all are in one file.
+    #[arg(long, value_name = "KIND,KIND", value_delimiter = ',', value_parser = touch_task, conflicts_with_all = ["poses", "test_sets", "test_poses"])]
+    pub touch: Vec<TouchTask>,
+    /// Touch the sockets of a plan of `plan --touch`, with NAME.toml beside NAME.csv.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["touch", "poses", "test_sets", "test_poses"])]
+    pub touch_plan: Option<PathBuf>,
+    /// Number of touches of each kind, spread over its features; of a camera four times the number of images.
+    #[arg(long, value_name = "N", default_value_t = 80, requires = "touch", value_parser = clap::value_parser!(u32).range(4..=2000))]
+    pub touches: u32,
     /// Seed of the random numbers.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
@@ -86,6 +101,77 @@ fn scenario() -> impl TypedValueParser<Value = Scenario> {
     })
 }
 
+/// Reads a kind with the number of its features, as `socket2`.
+fn touch_task(text: &str) -> Result<TouchTask, String> {
+    let word = text.trim_end_matches(|c: char| c.is_ascii_digit());
+    let kind = TOUCH_KINDS.iter().find(|(name, _)| *name == word);
+    let features = match &text[word.len()..] {
+        "" => Ok(1),
+        number => number.parse(),
+    };
+    match (kind, features) {
+        (Some((_, kind)), Ok(features @ 1..=9)) => Ok(TouchTask {
+            kind: *kind,
+            features,
+        }),
+        _ => {
+            let names = TOUCH_KINDS.map(|(name, _)| name).join(", ");
+            Err(format!("expected one of {names} and a number from 1 to 9"))
+        }
+    }
+}
+
+/// Poses of the truth beside touches.
+const TRUTH_POSES: usize = 300;
+
+/// The files of `--touch`.
+fn touched_sets(
+    a: &Simulate,
+    robot: &Robot,
+    simulator: &mut Simulator,
+    comment: &str,
+) -> Result<Vec<SimulatedSet>, Failure> {
+    let (touches, truth) = match &a.touch_plan {
+        Some(path) => {
+            let plan = TouchSet::read(path, None, robot)?;
+            let other = |feature: &&Feature| !matches!(feature.kind, FeatureKind::Point { .. });
+            if let Some(feature) = plan.features.iter().find(other) {
+                let found = format!("{:?} of kind \"{}\"", feature.name, feature.kind.name());
+                let expected = "kind \"point\": of a plan, sockets alone are simulated";
+                let error = InputError::new(&plan.features_path, found, expected);
+                return Err(error.at_line(feature.line).into());
+            }
+            let touched = simulator.touch_planned(robot, &plan, TRUTH_POSES, comment);
+            touched.map_err(|error| {
+                InputError::new(path, error.to_string(), "a plan of sockets within reach")
+            })?
+        }
+        None => {
+            let touched =
+                simulator.touch(robot, &a.touch, a.touches as usize, TRUTH_POSES, comment);
+            touched.map_err(|error| {
+                Failure::Usage(format!(
+                    "--touch: {error}\nhelp: another --seed puts it elsewhere; --scenario full uses all of the joint limits"
+                ))
+            })?
+        }
+    };
+    let set = |name: &str, poses, csv| SimulatedSet {
+        path: a.out.join(name),
+        poses,
+        csv,
+    };
+    Ok(vec![
+        set("touches.csv", touches.rows, touches.csv),
+        set(
+            "touches.toml",
+            touches.toml.matches("[[feature]]").count(),
+            touches.toml,
+        ),
+        set("truth.csv", TRUTH_POSES, truth),
+    ])
+}
+
 pub fn run(a: &Simulate) -> Result<(), Failure> {
     if let Some(bad) = a
         .payloads
@@ -96,21 +182,32 @@ pub fn run(a: &Simulate) -> Result<(), Failure> {
             "--payloads {bad}: expected kilograms, 0 or more"
         )));
     }
-    check_outputs(&[a.json.as_deref()], &[Path::new(&a.robot.robot)])?;
+    let mut inputs = vec![Path::new(&a.robot.robot)];
+    inputs.extend(a.touch_plan.as_deref());
+    check_outputs(&[a.json.as_deref()], &inputs)?;
     let arm = Arm::load(&a.robot.robot, &a.robot.chain)?;
     let _folder = make_folder(&a.out)?;
     let mut simulator = Simulator::new(&arm.robot, a.scenario, &a.payloads, a.seed);
-    let sets = simulated_sets(
-        &arm.robot,
-        &mut simulator,
-        a.poses as usize,
-        (a.test_sets as usize, a.test_poses as usize),
-        &a.out,
-        &format!("simulated {} (seed {})", arm.robot.name, a.seed),
-    );
+    let comment = format!("simulated {} (seed {})", arm.robot.name, a.seed);
+    let sets = match a.touch.is_empty() && a.touch_plan.is_none() {
+        true => simulated_sets(
+            &arm.robot,
+            &mut simulator,
+            a.poses as usize,
+            (a.test_sets as usize, a.test_poses as usize),
+            &a.out,
+            &comment,
+        ),
+        false => touched_sets(a, &arm.robot, &mut simulator, &comment)?,
+    };
+    let what = |set: &SimulatedSet| match set.path.file_name().and_then(|name| name.to_str()) {
+        Some("touches.csv") => "touches",
+        Some("touches.toml") => "features",
+        _ => "poses",
+    };
     let written: Vec<_> = sets
         .iter()
-        .map(|set| json!({ "file": set.path, "poses": set.poses }))
+        .map(|set| json!({ "file": set.path, what(set): set.poses }))
         .collect();
     let summary = summary_text(
         json!({ "robot": arm.robot.name, "seed": a.seed, "payloads_kg": a.payloads, "files": written }),
@@ -122,11 +219,12 @@ pub fn run(a: &Simulate) -> Result<(), Failure> {
     files.extend(a.json.as_deref().map(|path| (path, summary.as_bytes())));
     write_outputs(&files)?;
     let report = Printer::for_outputs(&[a.json.as_deref()]);
-    for set in sets {
+    for set in &sets {
         report.line(format_args!(
-            "Wrote {} ({} poses).",
+            "Wrote {} ({} {}).",
             set.path.display(),
-            set.poses
+            set.poses,
+            what(set)
         ));
     }
     Ok(())

@@ -23,6 +23,7 @@ mod pose;
 mod poses;
 pub mod preset;
 mod rigid;
+pub mod sockets;
 mod spreadsheet;
 mod text;
 mod units;

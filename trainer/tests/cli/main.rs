@@ -51,5 +51,6 @@ mod robots;
 mod signing;
 mod texts;
 mod tools;
+mod touch_files;
 mod units;
 mod workbooks;

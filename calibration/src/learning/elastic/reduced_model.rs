@@ -27,6 +27,7 @@ use crate::learning::elastic::options::ElasticOptions;
 use crate::learning::elastic::own_joint_curve::orders;
 use crate::learning::elastic::solution::ElasticFit;
 use crate::measurement::sample::BaseSample;
+use crate::numeric::lbfgs::SearchEnd;
 
 /// An elastic model in f64.
 #[derive(Clone, Debug)]
@@ -139,6 +140,52 @@ impl ElasticModel {
             joints: n,
             coupling: coupling.map(|rows| matrix(rows)),
             report,
+            sigma: None,
+        })
+    }
+
+    /// A parametric model without ripple, curves or processes. `samples` are what it was fitted to, `noise` is what a position
+    /// component misses by beyond its parameters, m. `None` where a blob does not hold it.
+    pub fn parametric(
+        state: &ParametricModel,
+        samples: &[BaseSample],
+        coupling: Option<&Vec<Vec<f64>>>,
+        noise: f64,
+    ) -> Option<Self> {
+        let mut ripple = FixedVec::new();
+        for term in &state.ripple {
+            ripple.push(*term).ok()?;
+        }
+        let gravity = without_upright_axis(state, samples);
+        let deflection = Deflection {
+            gravity: arranged(&gravity, &state.chain(0)),
+            ripple,
+            curve_orders: 0,
+            processes: JointProcesses::none(),
+            variance: None,
+        };
+        let amplitude = |t: &RippleTerm<f64>| (t.joint + 1, t.cycles, libm::hypot(t.sin, t.cos));
+        Some(Self {
+            deflection,
+            gravity,
+            rows: Vec::new(),
+            joints: state.kinds().len(),
+            coupling: coupling.map(|rows| matrix(rows)),
+            report: ElasticReport {
+                position_noise: noise,
+                orientation_noise: 0.0,
+                ripple: state.ripple.iter().map(amplitude).collect(),
+                ambiguous: Vec::new(),
+                inducing_points: 0,
+                single_precision_cost: None,
+                curve: None,
+                search: SearchReport {
+                    end: SearchEnd::Converged,
+                    iterations: 0,
+                    poses: samples.len(),
+                    rise: 0.0,
+                },
+            },
             sigma: None,
         })
     }

@@ -15,7 +15,7 @@ fn ok(text: &str) -> MeasurementSet {
 }
 
 #[track_caller]
-fn says(error: &InputError, parts: &[&str]) {
+pub(in crate::measurement) fn says(error: &InputError, parts: &[&str]) {
     let text = error.to_string();
     for part in parts {
         assert!(text.contains(part), "{part:?} is not in {text:?}");

@@ -55,7 +55,7 @@ pub trait CalibrationMethod: Sync {
 }
 
 /// Every tool seen from the first.
-pub(super) fn seen_from_first(tools: &[Pose<f64>]) -> Vec<Pose<f64>> {
+pub(crate) fn seen_from_first(tools: &[Pose<f64>]) -> Vec<Pose<f64>> {
     tools.iter().map(|t| tools[0].inverse() * *t).collect()
 }
 

@@ -31,6 +31,10 @@ pub struct Calibrate {
     pub chain: ChainArgs,
     /// Measurements to train on, or a project file (.toml).
     pub train: PathBuf,
+    /// What the rows of a touch file mean: sockets, planes, spheres, wires, levels and boards (TOML; default: NAME.toml beside
+    /// NAME.csv).
+    #[arg(long, value_name = "FILE")]
+    pub features: Option<PathBuf>,
     /// Project file to write: `trainer calibrate FILE` repeats this calibration.
     #[arg(long, value_name = "FILE")]
     pub write_project: Option<PathBuf>,

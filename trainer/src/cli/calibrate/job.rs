@@ -22,6 +22,8 @@ pub struct Job {
     pub train: PathBuf,
     /// The measurements, where `train` is their name and no file.
     pub table: Option<Vec<u8>>,
+    /// What the rows of a touch file mean.
+    pub features: Option<PathBuf>,
     pub tests: Vec<PathBuf>,
     pub correct_drift: bool,
     pub gauge: GaugeArgs,
@@ -81,6 +83,7 @@ impl Job {
             chain: a.chain.clone(),
             train: a.train.clone(),
             table: None,
+            features: a.features.clone(),
             tests: a.tests.clone(),
             correct_drift: a.correct_drift,
             gauge: a.gauge.clone(),

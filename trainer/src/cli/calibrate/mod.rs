@@ -9,6 +9,7 @@ mod made;
 mod print;
 mod project;
 pub mod report_page;
+mod touches;
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
@@ -49,6 +50,9 @@ use poegp_calibration::validation::work_volume::ExpectedError;
 
 pub fn run(arguments: &Calibrate) -> Result<(), Failure> {
     let a = &Job::new(arguments)?;
+    if touches::are_touches(a) {
+        return touches::run(a);
+    }
     let outputs = [
         Some(a.out.as_path()),
         a.json.as_deref(),

@@ -221,6 +221,7 @@ fn read_without_blob(test: &Path) -> Result<(MeasurementSet, Vec<InstrumentSampl
         parent_from_joint: Vec::new(),
         coupling: None,
         link_radius: None,
+        prior: None,
     };
     let samples = poegp_calibration::measurement::sample::samples(&set, &robot, &mut names)?;
     if names.len() > 1 {

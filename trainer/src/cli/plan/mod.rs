@@ -2,6 +2,7 @@
 
 mod constraint_failure;
 mod document;
+mod touch;
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -28,8 +29,12 @@ use poegp_calibration::planning::forecast::{ARMS, COUNTS};
 use poegp_calibration::planning::links::{RADIUS_SHARE, RadiusSource};
 use poegp_calibration::planning::sister::Sister;
 use poegp_calibration::planning::table::to_csv;
+use poegp_calibration::planning::touches::Goal;
 use poegp_calibration::planning::{self, CHOICE, FEW, Planner, Strategy, Task};
 use poegp_calibration::simulation::{ORIENTATION_NOISE_RAD, POSITION_NOISE_M};
+
+/// Poses of a plan unless the user says how many.
+const USUAL_COUNT: u32 = 100;
 
 /// `trainer plan`.
 #[derive(Debug, Args)]
@@ -40,14 +45,25 @@ use poegp_calibration::simulation::{ORIENTATION_NOISE_RAD, POSITION_NOISE_M};
     Examples:\n  \
     trainer plan --robot abb-irb4400-serial --count 50 --payloads 0,5,10 --out plan.csv --rapid plan.mod\n  \
     trainer plan --robot ur10 --constraints cell.toml --count 100 --test-poses 15 --test-out check.csv --out plan.csv \
-    --urscript plan.script"
+    --urscript plan.script\n  \
+    trainer plan --robot ur10 --touch socket=600,100,300 --touch socket=400,-300,300 --count 40 --out touches.csv \
+    --features-out touches.toml"
 )]
 pub struct Plan {
     #[command(flatten)]
     robot: RobotArgs,
-    /// Number of poses for the calibration.
-    #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u32).range(1..=2000))]
-    count: u32,
+    /// Number of poses for the calibration (default 100; with --touch 20 for each feature).
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=2000))]
+    count: Option<u32>,
+    /// Plan touches without a tracker: socket=X,Y,Z, plane=X,Y,Z or wire=X,Y,Z, roughly where the feature stands in mm of the
+    /// base frame; once for each feature. The tip is the [target] of --constraints.
+    #[arg(long, value_name = "KIND=X,Y,Z", value_parser = touch::goal, conflicts_with_all = [
+        "payloads", "test_poses", "v_optimal", "space_filling", "prior", "forecast", "no_forecast", "rapid", "krl", "urscript", "fanuc"
+    ])]
+    touch: Vec<Goal>,
+    /// Write the description of the touched features, to be completed (TOML).
+    #[arg(long, value_name = "FILE", requires = "touch")]
+    features_out: Option<PathBuf>,
     /// Payloads in kg, separated by commas; the plan has one block of poses for each.
     #[arg(long, value_name = "KG,KG", value_delimiter = ',')]
     payloads: Vec<f64>,
@@ -102,6 +118,23 @@ pub struct Plan {
 }
 
 pub fn run(a: &Plan) -> Result<(), Failure> {
+    match a.touch.is_empty() {
+        true => of_poses(a),
+        false => touch::run(&touch::Asked {
+            robot: &a.robot,
+            goals: &a.touch,
+            count: a.count,
+            constraints: a.constraints.as_deref(),
+            seed: a.seed,
+            out: &a.out,
+            features_out: a.features_out.as_deref(),
+            json: a.json.as_deref(),
+        }),
+    }
+}
+
+/// A plan of poses for a tracker.
+fn of_poses(a: &Plan) -> Result<(), Failure> {
     let programs = [&a.rapid, &a.krl, &a.urscript, &a.fanuc];
     let mut outputs = vec![
         Some(a.out.as_path()),
@@ -115,7 +148,10 @@ pub fn run(a: &Plan) -> Result<(), Failure> {
     check_outputs(&outputs, &inputs)?;
     let payloads = payloads(&a.payloads)?;
     let arm = Arm::load(&a.robot.robot, &a.robot.chain)?;
-    let (count, checks) = (a.count as usize, a.test_poses as usize);
+    let (count, checks) = (
+        a.count.unwrap_or(USUAL_COUNT) as usize,
+        a.test_poses as usize,
+    );
     enough(count, arm.robot.joints.len())?;
     let constraints = match &a.constraints {
         Some(path) => Constraints::read(path, &arm.robot)?,

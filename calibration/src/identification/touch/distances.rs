@@ -1,0 +1,98 @@
+//! Known distances between features: their equations, and what the touches alone say of them.
+
+use nalgebra::Vector3;
+
+use crate::identification::touch::equations::Equations;
+use crate::identification::touch::fit::{TouchFit, TouchProblem};
+use crate::measurement::touch::{KnownDistance, Reading};
+use crate::numeric::matrix::Mat;
+
+/// A distance by everything but the statement of it, m.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Measured {
+    /// Its mean.
+    pub distance: f64,
+    /// Its standard deviation, by the touches, τ and the arm's class.
+    pub sigma: f64,
+}
+
+/// The derivative of a distance by the unknowns of the group that both its features are in, in units of their priors.
+struct Gradient {
+    group: usize,
+    /// Index in the group, and derivative.
+    columns: [(usize, f64); 6],
+}
+
+impl TouchFit {
+    /// By how much two features are farther apart than said, and the direction from the second to the first.
+    pub fn distance(&self, between: [usize; 2], said: f64) -> Option<(f64, Vector3<f64>)> {
+        let from = self.scene.centre(between[0])? - self.scene.centre(between[1])?;
+        let length = from.norm();
+        Some((length - said, from / length.max(1e-9)))
+    }
+
+    fn gradient(&self, between: [usize; 2], direction: &Vector3<f64>) -> Gradient {
+        let scene = &self.scene;
+        let group = scene.group_of(&Reading::Point {
+            feature: between[0],
+        });
+        let start = scene.groups[group].start;
+        let columns = std::array::from_fn(|k| {
+            let (end, i) = (k / 3, k % 3);
+            let at = scene.first[between[end]] + i;
+            let sign = if end == 0 { 1.0 } else { -1.0 };
+            (at - start, sign * direction[i] * scene.prior[at])
+        });
+        Gradient { group, columns }
+    }
+
+    /// Adds the equation of a known distance.
+    pub(super) fn add_distance(&self, known: &KnownDistance, out: &mut Equations) {
+        let Some((missed, direction)) = self.distance(known.between, known.distance) else {
+            return;
+        };
+        let gradient = self.gradient(known.between, &direction);
+        let sums = &mut out.groups[gradient.group];
+        let weight = 1.0 / known.sigma.powi(2);
+        for (a, x) in &gradient.columns {
+            sums.right[(*a, 0)] -= weight * x * missed;
+            for (b, y) in &gradient.columns {
+                sums.own[(*a, *b)] += weight * x * y;
+            }
+        }
+    }
+
+    /// Every known distance by the touches and the other distances, to first order about the fit; `None` of what has no
+    /// centre, and where the equations cannot be solved.
+    pub fn measured_distances(&self, problem: &TouchProblem) -> Vec<Option<Measured>> {
+        let known = &problem.set.distances;
+        if known.is_empty() {
+            return Vec::new();
+        }
+        let jets = self.arm.linearise(&problem.states);
+        let rows = self.equations_of_rows(problem, &jets);
+        let without = |index: usize| {
+            let (missed, direction) = self.distance(known[index].between, known[index].distance)?;
+            let mut equations = rows.clone();
+            for (other, known) in known.iter().enumerate() {
+                if other != index {
+                    self.add_distance(known, &mut equations);
+                }
+            }
+            let solved = equations.factor(0.0)?;
+            let (arm, groups) = solved.step();
+            let Gradient { group, columns } = self.gradient(known[index].between, &direction);
+            let moved: f64 = columns.iter().map(|(at, x)| x * groups[group][*at]).sum();
+            let mut own = Mat::zeros(1, groups[group].len());
+            for (at, x) in columns {
+                own[(0, at)] += x;
+            }
+            let variance = solved.predictive(&Mat::zeros(1, arm.len()), &[(group, own)]);
+            Some(Measured {
+                distance: known[index].distance + missed + moved,
+                sigma: variance[(0, 0)].max(0.0).sqrt(),
+            })
+        };
+        (0..known.len()).map(without).collect()
+    }
+}

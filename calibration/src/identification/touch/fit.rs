@@ -1,0 +1,384 @@
+//! The arm and its surroundings, most probable for all rows: Levenberg–Marquardt with noise and priors by the evidence.
+//!
+//! A row's component has the variance σ² + τ²: σ is stated, τ is what this kind of row misses by beyond it, seats and gears
+//! that no parameter describes. Rows that all others do not predict are left out, and listed.
+
+use poegp_runtime::math::se3::Pose;
+
+use crate::identification::touch::arm::{Group, StateJet, TouchArm};
+use crate::identification::touch::equations::{Equations, Solved, VisitSums};
+use crate::identification::touch::jet::RowJet;
+use crate::identification::touch::noise::{
+    CLASS_COUNTS, CLASS_FACTOR, COMMON_COUNTS, OTHER_COUNTS, OTHER_FACTOR, USUAL_ROWS,
+};
+use crate::identification::touch::problem::LeftOut;
+use crate::identification::touch::scene::Scene;
+use crate::identification::touch::start;
+use crate::numeric::matrix::Mat;
+
+pub use crate::identification::touch::noise::{Noise, Scales};
+pub use crate::identification::touch::problem::TouchProblem;
+
+/// Rows of one group in one state of the arm.
+#[derive(Clone, Debug)]
+struct Visit {
+    state: usize,
+    group: usize,
+    rows: Vec<usize>,
+}
+
+/// The fit.
+#[derive(Clone, Debug)]
+pub struct TouchFit {
+    /// The arm.
+    pub arm: TouchArm,
+    /// What was touched.
+    pub scene: Scene,
+    /// Priors by the evidence.
+    pub scales: Scales,
+    /// Whether the arm is fitted, not features and tips alone.
+    pub moves: bool,
+    /// τ of every kind, in the order of [`Noise::ALL`].
+    pub tau: [f64; Noise::ALL.len()],
+    /// Weight of every row; zero of those that do not belong.
+    pub weights: Vec<f64>,
+    /// Equations less parameters that they determine, by kind of noise.
+    pub freedom: [f64; Noise::ALL.len()],
+    visits: Vec<Visit>,
+}
+
+/// Rounds of noise, priors and parameters.
+const ROUNDS: usize = 25;
+/// Steps of a round.
+const STEPS: usize = 12;
+/// Huber's limit, in standard deviations.
+const HUBER: f64 = 3.0;
+/// Passes of leaving out.
+const PASSES: usize = 4;
+
+impl TouchFit {
+    /// Features and tips on the arm as drawn.
+    pub fn on_drawing(problem: &TouchProblem, orders: usize) -> Self {
+        let set = problem.set;
+        let arm = problem.arm(orders);
+        let poses = arm.poses(&problem.states);
+        let figures = (0..set.features.len())
+            .map(|feature| {
+                let rows = set.rows.iter().zip(&problem.state_of);
+                let own = rows.filter(|(row, _)| row.reading.feature() == Some(feature));
+                let own: Vec<_> = own.map(|(row, state)| (row, poses[*state])).collect();
+                start::figure(set, feature, &own, &problem.gravity)
+            })
+            .collect();
+        let scene = Scene::new(set, figures, set.camera, problem.instrument);
+        let mut visits: Vec<Visit> = Vec::new();
+        let mut index = std::collections::HashMap::new();
+        for (row, state) in problem.state_of.iter().enumerate() {
+            let group = scene.group_of(&set.rows[row].reading);
+            let visit = *index.entry((*state, group)).or_insert_with(|| {
+                visits.push(Visit {
+                    state: *state,
+                    group,
+                    rows: Vec::new(),
+                });
+                visits.len() - 1
+            });
+            visits[visit].rows.push(row);
+        }
+        let mut out = Self {
+            arm,
+            scene,
+            scales: Scales::new(&problem.class),
+            moves: false,
+            tau: Noise::ALL.map(|kind| 10.0 * kind.usual()),
+            weights: vec![1.0; set.rows.len()],
+            freedom: [0.0; Noise::ALL.len()],
+            visits,
+        };
+        out.settle(problem, false);
+        out
+    }
+
+    /// The arm and everything, from features on the drawing.
+    pub fn new(problem: &TouchProblem, drawing: &Self) -> Self {
+        let mut out = drawing.clone();
+        out.moves = true;
+        out.settle(problem, true);
+        for pass in 0..PASSES {
+            let Some(left_out) = out.left_out(problem) else {
+                break;
+            };
+            if !out.reject(&left_out, pass) {
+                break;
+            }
+            out.settle(problem, false);
+        }
+        out.settle(problem, false);
+        out
+    }
+
+    /// Standard deviation of the prior of an arm's parameter; zero where it is not fitted.
+    fn prior_of(&self, column: usize, problem: &TouchProblem) -> f64 {
+        let column = &self.arm.columns[column];
+        match column.group {
+            Group::Tip => problem.set.tips.get(column.index).map_or(0.0, |t| t.sigma),
+            Group::Turn => 1.0,
+            group if self.moves => self.scales.of(group).unwrap_or(0.0),
+            _ => 0.0,
+        }
+    }
+
+    /// The priors of all parameters of the arm.
+    pub fn priors(&self, problem: &TouchProblem) -> Vec<f64> {
+        (0..self.arm.columns.len())
+            .map(|j| self.prior_of(j, problem))
+            .collect()
+    }
+
+    /// σ² + τ² of a component of a row.
+    pub fn variance(&self, problem: &TouchProblem, row: usize, component: usize) -> f64 {
+        let kind = Noise::of(&problem.set.rows[row].reading, component);
+        problem.stated_variance(row, component) + self.tau[kind as usize].powi(2)
+    }
+
+    pub(super) fn jet(&self, problem: &TouchProblem, row: usize, tip: &Pose<f64>) -> RowJet {
+        self.scene
+            .row(problem.set, &problem.set.rows[row].reading, tip)
+    }
+
+    /// Residuals of all rows.
+    pub fn residuals(&self, problem: &TouchProblem) -> Vec<RowJet> {
+        let poses = self.arm.poses(&problem.states);
+        let rows = problem.state_of.iter().enumerate();
+        rows.map(|(row, state)| self.jet(problem, row, &poses[*state]))
+            .collect()
+    }
+
+    /// −2 log of the posterior density, up to what does not depend on the parameters.
+    fn cost(&self, problem: &TouchProblem) -> f64 {
+        let poses = self.arm.poses(&problem.states);
+        let mut sum = 0.0;
+        for (row, state) in problem.state_of.iter().enumerate() {
+            let weight = self.weights[row];
+            if weight > 0.0 {
+                let jet = self.jet(problem, row, &poses[*state]);
+                for i in 0..jet.count {
+                    sum += weight * jet.residual[i].powi(2) / self.variance(problem, row, i);
+                }
+            }
+        }
+        let squared = |(x, sd): (&f64, f64)| if sd > 0.0 { (x / sd).powi(2) } else { 0.0 };
+        let arm = self.arm.theta.iter().zip(self.priors(problem));
+        let scene = self
+            .scene
+            .deviation
+            .iter()
+            .zip(self.scene.prior.iter().copied());
+        sum += arm.map(squared).sum::<f64>() + scene.map(squared).sum::<f64>();
+        for distance in &problem.set.distances {
+            if let Some((missed, _)) = self.distance(distance.between, distance.distance) {
+                sum += (missed / distance.sigma).powi(2);
+            }
+        }
+        sum
+    }
+
+    /// The normal equations at this point.
+    pub(super) fn equations(&self, problem: &TouchProblem, jets: &[StateJet]) -> Equations {
+        let mut out = self.equations_of_rows(problem, jets);
+        for known in &problem.set.distances {
+            self.add_distance(known, &mut out);
+        }
+        out
+    }
+
+    /// Those of the prior and the rows, without known distances.
+    pub(super) fn equations_of_rows(&self, problem: &TouchProblem, jets: &[StateJet]) -> Equations {
+        let priors = self.priors(problem);
+        let scene = &self.scene;
+        let by_prior = |x: f64, sd: f64| if sd > 0.0 { x / sd } else { 0.0 };
+        let theta = self.arm.theta.iter().zip(&priors);
+        let arm: Vec<f64> = theta.map(|(x, sd)| by_prior(*x, *sd)).collect();
+        let groups: Vec<Vec<f64>> = scene
+            .groups
+            .iter()
+            .map(|group| {
+                group
+                    .clone()
+                    .map(|i| by_prior(scene.deviation[i], scene.prior[i]))
+                    .collect()
+            })
+            .collect();
+        let mut out = Equations::new(&arm, &groups);
+        let mut scaled: Option<(usize, Mat<f64>)> = None;
+        for visit in &self.visits {
+            let range = &scene.groups[visit.group];
+            let mut sums = VisitSums::new(range.len());
+            let jet = &jets[visit.state];
+            for row in &visit.rows {
+                let weight = self.weights[*row];
+                if weight == 0.0 {
+                    continue;
+                }
+                let row_jet = self.jet(problem, *row, &jet.pose);
+                let weights: Vec<f64> = (0..row_jet.count)
+                    .map(|i| weight / self.variance(problem, *row, i))
+                    .collect();
+                sums.add(&row_jet, &weights, range.start, &scene.prior);
+            }
+            if scaled
+                .as_ref()
+                .is_none_or(|(state, _)| *state != visit.state)
+            {
+                let columns = |i: usize, j: usize| jet.jacobian[(i, j)] * priors[j];
+                scaled = Some((visit.state, Mat::from_fn(6, priors.len(), columns)));
+            }
+            if let Some((_, jacobian)) = &scaled {
+                out.add(visit.group, &sums, jacobian);
+            }
+        }
+        out
+    }
+
+    /// Moves to the most probable parameters at fixed noise, priors and weights.
+    fn solve(&mut self, problem: &TouchProblem) {
+        let mut damping = 1e-6;
+        let mut before = self.cost(problem);
+        for _ in 0..STEPS {
+            let jets = self.arm.linearise(&problem.states);
+            let equations = self.equations(problem, &jets);
+            let priors = self.priors(problem);
+            let mut gained = None;
+            for _ in 0..10 {
+                if let Some(solved) = equations.factor(damping) {
+                    let candidate = self.moved(&solved, &priors);
+                    let cost = candidate.cost(problem);
+                    if cost.is_finite() && cost <= before {
+                        gained = Some(before - cost);
+                        (self.arm, self.scene) = (candidate.arm, candidate.scene);
+                        before = cost;
+                        damping = (damping * 0.1).max(1e-9);
+                        break;
+                    }
+                }
+                damping *= 10.0;
+            }
+            if gained.is_none_or(|g| g < 1e-6 * (1.0 + before)) {
+                break;
+            }
+        }
+    }
+
+    fn moved(&self, solved: &Solved, priors: &[f64]) -> Self {
+        let (arm, groups) = solved.step();
+        let mut out = self.clone();
+        let theta = self.arm.theta.iter().zip(priors).zip(&arm);
+        let theta: Vec<f64> = theta.map(|((x, sd), step)| x + sd * step).collect();
+        out.arm.update(&theta);
+        let mut step = vec![0.0; self.scene.prior.len()];
+        for (range, own) in self.scene.groups.iter().zip(&groups) {
+            for (i, value) in range.clone().zip(own) {
+                step[i] = value * self.scene.prior[i];
+            }
+        }
+        out.scene.update(&step);
+        out
+    }
+
+    /// The factored equations at this point.
+    pub fn solved(&self, problem: &TouchProblem) -> Option<Solved> {
+        let jets = self.arm.linearise(&problem.states);
+        self.equations(problem, &jets).factor(0.0)
+    }
+
+    /// Parameters, noise and priors until they settle.
+    fn settle(&mut self, problem: &TouchProblem, huber: bool) {
+        for _ in 0..ROUNDS {
+            self.solve(problem);
+            let Some(left_out) = self.left_out(problem) else {
+                return;
+            };
+            if huber {
+                for left in &left_out {
+                    for (row, sigma) in left.rows.iter().zip(&left.sigmas) {
+                        if self.weights[*row] > 0.0 {
+                            self.weights[*row] = (HUBER / sigma).min(1.0);
+                        }
+                    }
+                }
+            }
+            let change = self.learn(problem, &left_out);
+            if change < 0.01 {
+                break;
+            }
+        }
+    }
+
+    /// Noise and priors that the evidence prefers: MacKay's fixed point with hyperpriors. Returns the largest relative change.
+    fn learn(&mut self, problem: &TouchProblem, left_out: &[LeftOut]) -> f64 {
+        let mut change = 0.0_f64;
+        let residuals = self.residuals(problem);
+        for kind in Noise::ALL {
+            let (mut sum, mut stated, mut count) = (0.0, 0.0, 0.0);
+            for (row, jet) in residuals.iter().enumerate() {
+                let weight = self.weights[row];
+                for i in 0..jet.count {
+                    if weight > 0.0 && Noise::of(&problem.set.rows[row].reading, i) == kind {
+                        sum += weight * jet.residual[i].powi(2);
+                        stated += problem.stated_variance(row, i);
+                        count += 1.0;
+                    }
+                }
+            }
+            if count == 0.0 {
+                continue;
+            }
+            stated /= count;
+            let freedom: f64 = left_out.iter().map(|l| l.freedom[kind as usize]).sum();
+            self.freedom[kind as usize] = freedom;
+            let usual = kind.usual().powi(2) + stated;
+            let total = (sum + USUAL_ROWS * usual) / (freedom.max(0.0) + USUAL_ROWS);
+            let before = stated + self.tau[kind as usize].powi(2);
+            let after = total.max(stated);
+            change = change.max((after / before - 1.0).abs());
+            self.tau[kind as usize] = (after - stated).max(0.0).sqrt();
+        }
+        if !self.moves {
+            return change;
+        }
+        let Some(solved) = self.solved(problem) else {
+            return change;
+        };
+        let covariance = solved.covariance();
+        let class = Scales::new(&problem.class);
+        // What all scales of the class have in common, then each by itself.
+        let (mut sum, mut known) = (COMMON_COUNTS, COMMON_COUNTS);
+        for (j, column) in self.arm.columns.iter().enumerate() {
+            if let (true, Some(sd)) = (column.group.is_of_class(), class.of(column.group)) {
+                sum += (self.arm.theta[j] / sd).powi(2);
+                known += (1.0 - covariance[(j, j)]).max(0.0);
+            }
+        }
+        let common = (sum / known).sqrt().clamp(1.0 / CLASS_FACTOR, CLASS_FACTOR);
+        for group in Group::LEARNT {
+            let (Some(first), Some(before)) = (class.of(group), self.scales.of(group)) else {
+                continue;
+            };
+            let (counts, factor, start) = match group.is_of_class() {
+                true => (CLASS_COUNTS, CLASS_FACTOR, common * first),
+                false => (OTHER_COUNTS, OTHER_FACTOR, first),
+            };
+            let (mut sum, mut known) = (counts * start * start, counts);
+            for (j, column) in self.arm.columns.iter().enumerate() {
+                if column.group == group {
+                    sum += self.arm.theta[j].powi(2);
+                    known += (1.0 - covariance[(j, j)]).max(0.0);
+                }
+            }
+            let after = (sum / known).sqrt().clamp(first / factor, first * factor);
+            change = change.max((after / before - 1.0).abs());
+            self.scales.set(group, after);
+        }
+        change
+    }
+}

@@ -1,0 +1,98 @@
+//! Form errors: how far a plane, a sphere or a seat is from its ideal, as a field of bumps with a stated standard deviation.
+//!
+//! f(x) = Σ_k a_k φ_k(x), a_k ~ N(0, σ²), with the φ_k scaled so that Σ φ_k² = 1 everywhere: f has the standard deviation σ at
+//! every point, and neighbours have nearly the same. Many touches then average the noise, and never the form.
+
+use nalgebra::{Vector2, Vector3};
+
+/// Bumps along one side of a plane.
+const SIDE: usize = 5;
+/// How sharp bumps of directions are: the twelve of an icosahedron just overlap.
+const SHARPNESS: f64 = 4.0;
+
+/// Where the bumps are.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Form {
+    /// A grid over the touched part of a plane.
+    Grid {
+        /// Middles of the bumps in the plane, m.
+        middles: Vec<Vector2<f64>>,
+        /// Their widths along both axes, m.
+        width: Vector2<f64>,
+    },
+    /// Directions: the corners of an icosahedron.
+    Directions(Vec<Vector3<f64>>),
+}
+
+impl Form {
+    /// A grid over these points of a plane, m.
+    pub fn grid(points: &[Vector2<f64>]) -> Self {
+        let (mut lower, mut upper) = (
+            Vector2::repeat(f64::INFINITY),
+            Vector2::repeat(f64::NEG_INFINITY),
+        );
+        for point in points {
+            (lower, upper) = (lower.inf(point), upper.sup(point));
+        }
+        let step = (upper - lower) / (SIDE - 1) as f64;
+        let middle = |k: usize| {
+            let at = Vector2::new((k % SIDE) as f64, (k / SIDE) as f64);
+            lower + step.component_mul(&at)
+        };
+        Self::Grid {
+            middles: (0..SIDE * SIDE).map(middle).collect(),
+            width: step.map(|w| w.max(1e-4)),
+        }
+    }
+
+    /// All directions.
+    pub fn directions() -> Self {
+        let golden = 0.5 * (1.0 + 5.0_f64.sqrt());
+        let mut out = Vec::with_capacity(12);
+        for a in [1.0, -1.0] {
+            for b in [golden, -golden] {
+                for v in [
+                    Vector3::new(0.0, a, b),
+                    Vector3::new(a, b, 0.0),
+                    Vector3::new(b, 0.0, a),
+                ] {
+                    out.push(v.normalize());
+                }
+            }
+        }
+        Self::Directions(out)
+    }
+
+    /// Number of bumps.
+    pub fn count(&self) -> usize {
+        match self {
+            Self::Grid { middles, .. } => middles.len(),
+            Self::Directions(all) => all.len(),
+        }
+    }
+
+    /// φ_k at a point of the plane (m) or in a direction (of length 1).
+    pub fn weights(&self, at: &Vector3<f64>) -> Vec<f64> {
+        let exponents: Vec<f64> = match self {
+            Self::Grid { middles, width } => middles
+                .iter()
+                .map(|middle| {
+                    let off = (at.xy() - middle).component_div(width);
+                    -0.5 * off.norm_squared()
+                })
+                .collect(),
+            Self::Directions(all) => all
+                .iter()
+                .map(|direction| SHARPNESS * (direction.dot(at) - 1.0))
+                .collect(),
+        };
+        // Of the nearest one there is always something left, far outside too.
+        let nearest = exponents.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let mut out: Vec<f64> = exponents.iter().map(|e| libm::exp(e - nearest)).collect();
+        let norm = out.iter().map(|w| w * w).sum::<f64>().sqrt();
+        for weight in &mut out {
+            *weight /= norm;
+        }
+        out
+    }
+}

@@ -1,0 +1,100 @@
+//! Whether a calibration by touches may be believed: leave-one-touch-out against the drawing, and what is gained.
+
+use crate::identification::touch::arm::Group;
+use crate::identification::touch::fit::{Noise, Scales, TouchFit, TouchProblem};
+use crate::identification::touch::problem::LeftOut;
+use crate::identification::touch::volume::Knowledge;
+
+/// Error of touches left out over that of the drawing, from which on a calibration does not show that it helps.
+pub const LEFT_OUT_RATIO: f64 = 0.7;
+/// Expected error after over before, from which on the touches show too little.
+pub const EXPECTED_RATIO: f64 = 0.9;
+/// τ over the stated noise, and τ in metres, from which on play or slipping is suspected.
+pub const PLAY: (f64, f64) = (10.0, 0.5e-3);
+
+/// What speaks for and against a calibration.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Verdict {
+    /// Mean error of what is left out, in units of the noise: calibrated over drawn.
+    pub left_out: f64,
+    /// Mean error of a component of the kind with most equations when it is left out: as drawn and calibrated, in the unit of its
+    /// reading.
+    pub errors: (f64, f64),
+    /// That kind.
+    pub kind: Noise,
+    /// Expected error after over before.
+    pub expected: f64,
+    /// The largest τ of a length, m, where it asks for a warning.
+    pub play: Option<f64>,
+}
+
+impl Verdict {
+    /// Of a fit; `None` where its equations cannot be solved.
+    pub fn new(
+        problem: &TouchProblem,
+        drawing: &TouchFit,
+        fit: &TouchFit,
+        known: &Knowledge,
+    ) -> Option<Self> {
+        let mut drawn = drawing.clone();
+        drawn.weights.clone_from(&fit.weights);
+        let before = drawn.left_out(problem)?;
+        let after = fit.left_out(problem)?;
+        let (mut sums, mut of_kind) = ([0.0; 2], [[0.0; 3]; Noise::ALL.len()]);
+        for (i, all) in [&before, &after].into_iter().enumerate() {
+            for (row, errors) in rows(all, fit) {
+                for (c, error) in errors.iter().enumerate() {
+                    let sd = fit.variance(problem, row, c).sqrt();
+                    sums[i] += error.abs() / sd;
+                    let kind = Noise::of(&problem.set.rows[row].reading, c) as usize;
+                    of_kind[kind][i] += error.abs();
+                    of_kind[kind][2] += 0.5;
+                }
+            }
+        }
+        let kind = Noise::ALL
+            .into_iter()
+            .max_by(|a, b| of_kind[*a as usize][2].total_cmp(&of_kind[*b as usize][2]))?;
+        let most = &of_kind[kind as usize];
+        let play = Noise::ALL
+            .into_iter()
+            .filter(|k| k.is_length())
+            .filter_map(|kind| {
+                let tau = fit.tau[kind as usize];
+                let stated = problem.set.rows.iter().filter_map(|row| {
+                    (Noise::of(&row.reading, 0) == kind).then(|| problem.set.sigma(row))?
+                });
+                let stated = stated.fold(f64::INFINITY, f64::min);
+                (tau > PLAY.0 * stated && tau > PLAY.1).then_some(tau)
+            });
+        Some(Self {
+            left_out: sums[1] / sums[0].max(1e-12),
+            errors: (most[0] / most[2].max(1.0), most[1] / most[2].max(1.0)),
+            kind,
+            expected: known.after.mean_mm / known.before.mean_mm,
+            play: play.max_by(f64::total_cmp),
+        })
+    }
+}
+
+/// The rows that belong, with their errors.
+fn rows<'a>(all: &'a [LeftOut], fit: &'a TouchFit) -> impl Iterator<Item = (usize, &'a Vec<f64>)> {
+    all.iter()
+        .flat_map(|left| left.rows.iter().copied().zip(&left.errors))
+        .filter(|(row, _)| fit.weights[*row] > 0.0)
+}
+
+/// By what factor the touches say that the arm is farther from its drawing than its class is: √(θᵀ Λ⁻¹ θ / γ) with the class's Λ
+/// and γ = Σ (1 − Σ_jj), the number of parameters that they determine (MacKay 1992). `None` where they determine hardly one.
+pub fn beyond_class(problem: &TouchProblem, fit: &TouchFit, known: &Knowledge) -> Option<f64> {
+    let class = Scales::new(&problem.class);
+    let (mut sum, mut determined) = (0.0, 0.0);
+    for (j, column) in fit.arm.columns.iter().enumerate() {
+        if matches!(column.group, Group::Length | Group::Tilt | Group::Zero) {
+            let sd = class.of(column.group)?;
+            sum += (fit.arm.theta[j] / sd).powi(2);
+            determined += (1.0 - known.covariance[(j, j)]).max(0.0);
+        }
+    }
+    (determined > 1.0).then(|| (sum / determined).sqrt())
+}

@@ -1,0 +1,139 @@
+//! Every state of the arm as all others predict it, and the rows that do not belong.
+
+use crate::identification::touch::arm::StateJet;
+use crate::identification::touch::equations::Solved;
+use crate::identification::touch::fit::TouchFit;
+use crate::identification::touch::jet::RowJet;
+use crate::identification::touch::noise::Noise;
+use crate::identification::touch::problem::{LeftOut, TouchProblem};
+use crate::numeric::cholesky::Factor;
+use crate::numeric::matrix::Mat;
+
+/// Robust standard deviations from which a row does not belong.
+const GROSS: f64 = 5.0;
+
+impl TouchFit {
+    /// Leaves out every state of the arm in turn, by the equations of all.
+    pub fn left_out(&self, problem: &TouchProblem) -> Option<Vec<LeftOut>> {
+        let jets = self.arm.linearise(&problem.states);
+        let solved = self.equations(problem, &jets).factor(0.0)?;
+        let priors = self.priors(problem);
+        let mut rows_of = vec![Vec::new(); problem.states.len()];
+        for (row, state) in problem.state_of.iter().enumerate() {
+            rows_of[*state].push(row);
+        }
+        let of = |(state, rows): (usize, &Vec<usize>)| {
+            self.left_out_state(problem, &jets[state], rows, &solved, &priors)
+        };
+        rows_of.iter().enumerate().map(of).collect()
+    }
+
+    fn left_out_state(
+        &self,
+        problem: &TouchProblem,
+        jet: &StateJet,
+        rows: &[usize],
+        solved: &Solved,
+        priors: &[f64],
+    ) -> Option<LeftOut> {
+        let jets: Vec<RowJet> = rows
+            .iter()
+            .map(|row| self.jet(problem, *row, &jet.pose))
+            .collect();
+        let count: usize = jets.iter().map(|j| j.count).sum();
+        let scaled = Mat::from_fn(6, priors.len(), |i, j| jet.jacobian[(i, j)] * priors[j]);
+        let mut tip = Mat::zeros(count, 6);
+        let mut own: Vec<(usize, Mat<f64>)> = Vec::new();
+        let mut noise = Vec::with_capacity(count);
+        let mut residual = Vec::with_capacity(count);
+        let mut weight = Vec::with_capacity(count);
+        let mut kinds = Vec::with_capacity(count);
+        for (row, row_jet) in rows.iter().zip(&jets) {
+            let group = self.scene.group_of(&problem.set.rows[*row].reading);
+            let range = self.scene.groups[group].clone();
+            let at = match own.iter().position(|(g, _)| *g == group) {
+                Some(at) => at,
+                None => {
+                    own.push((group, Mat::zeros(count, range.len())));
+                    own.len() - 1
+                }
+            };
+            for i in 0..row_jet.count {
+                let r = noise.len();
+                for a in 0..6 {
+                    tip[(r, a)] = row_jet.tip[i][a];
+                }
+                for (index, column) in &row_jet.own {
+                    own[at].1[(r, index - range.start)] += column[i] * self.scene.prior[*index];
+                }
+                noise.push(self.variance(problem, *row, i));
+                residual.push(row_jet.residual[i]);
+                weight.push(self.weights[*row]);
+                kinds.push(Noise::of(&problem.set.rows[*row].reading, i));
+            }
+        }
+        let arm = &tip * scaled;
+        let covariance = solved.predictive(&arm, &own);
+        // With e = (I − H W)⁻¹ r the error of what is left out, H its predicted covariance, W the weights that it had.
+        let mut matrix = Mat::<f64>::identity(count, count);
+        for i in 0..count {
+            for j in 0..count {
+                matrix[(i, j)] -= covariance[(i, j)] * weight[j] / noise[j];
+            }
+        }
+        let mut freedom = [0.0; Noise::ALL.len()];
+        for i in 0..count {
+            if weight[i] > 0.0 {
+                freedom[kinds[i] as usize] += matrix[(i, i)].clamp(0.0, 1.0);
+            }
+        }
+        let right = Mat::from_column_slice(count, 1, &residual);
+        let lu = matrix.lu();
+        let error = lu.solve(&right)?;
+        // Its covariance: (I − H W)⁻¹ H, and its own noise.
+        let spread = lu.solve(&covariance)?;
+        let mut errors = Vec::with_capacity(rows.len());
+        let mut sigmas = Vec::with_capacity(rows.len());
+        let mut first = 0;
+        for row_jet in &jets {
+            let c = row_jet.count;
+            let block = Mat::from_fn(c, c, |i, j| {
+                let (i, j) = (first + i, first + j);
+                let own = if i == j { noise[i] } else { 0.0 };
+                0.5 * (spread[(i, j)] + spread[(j, i)]) + own
+            });
+            let part = Mat::from_fn(c, 1, |i, _| error[(first + i, 0)]);
+            let chi = Factor::new(block, 1).ok()?.solve(&part);
+            let chi_squared: f64 = (0..c).map(|i| chi[(i, 0)] * part[(i, 0)]).sum();
+            sigmas.push((chi_squared.max(0.0) / c as f64).sqrt());
+            errors.push(part.as_slice().to_vec());
+            first += c;
+        }
+        Some(LeftOut {
+            rows: rows.to_vec(),
+            errors,
+            sigmas,
+            freedom,
+        })
+    }
+
+    /// Gives every row that all others do not predict the weight zero, and the others one. Returns whether that changes which.
+    pub(super) fn reject(&mut self, left_out: &[LeftOut], pass: usize) -> bool {
+        let mut all: Vec<f64> = left_out
+            .iter()
+            .flat_map(|l| l.sigmas.iter().copied())
+            .collect();
+        all.sort_by(f64::total_cmp);
+        // The median of √(χ²/c) is 0.67 for one component and 0.89 for three.
+        let robust = (all.get(all.len() / 2).copied().unwrap_or(0.0) / 0.8).max(0.5);
+        let mut changed = pass == 0;
+        for left in left_out {
+            for (row, sigma) in left.rows.iter().zip(&left.sigmas) {
+                let belongs = *sigma <= GROSS * robust;
+                changed |= belongs != (self.weights[*row] > 0.0);
+                self.weights[*row] = if belongs { 1.0 } else { 0.0 };
+            }
+        }
+        changed
+    }
+}

@@ -1,0 +1,137 @@
+//! What rows miss by and how far arms are from their drawing: noise by kind, and the scales of priors.
+
+use crate::identification::touch::arm::Group;
+use crate::measurement::touch::{ClassPrior, Reading};
+
+/// Kinds of noise.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Noise {
+    /// Of a touched point, m.
+    Point,
+    /// Of a touched plane, m.
+    Plane,
+    /// Of a sphere, m.
+    Sphere,
+    /// Of a wire, m.
+    Anchor,
+    /// Of a level, rad.
+    Level,
+    /// Of a corner in an image, pixels.
+    Board,
+    /// Of a tracker's position, m.
+    Position,
+    /// Of a tracker's rotation, rad.
+    Rotation,
+}
+
+impl Noise {
+    /// All of them.
+    pub const ALL: [Self; 8] = [
+        Self::Point,
+        Self::Plane,
+        Self::Sphere,
+        Self::Anchor,
+        Self::Level,
+        Self::Board,
+        Self::Position,
+        Self::Rotation,
+    ];
+
+    /// Of a component of a reading.
+    pub fn of(reading: &Reading, component: usize) -> Self {
+        match reading {
+            Reading::Tracker(_) if component >= 3 => Self::Rotation,
+            Reading::Tracker(_) => Self::Position,
+            Reading::Point { .. } => Self::Point,
+            Reading::Plane { .. } => Self::Plane,
+            Reading::Sphere { .. } => Self::Sphere,
+            Reading::Anchor { .. } => Self::Anchor,
+            Reading::Level { .. } => Self::Level,
+            Reading::Board { .. } => Self::Board,
+        }
+    }
+
+    /// What gears and joints leave that no parameter describes, of an arm of which nothing is known yet.
+    pub fn usual(self) -> f64 {
+        match self {
+            Self::Board => 0.2,
+            Self::Level | Self::Rotation => 1e-4,
+            _ => 1e-4,
+        }
+    }
+
+    /// Whether it is a length.
+    pub fn is_length(self) -> bool {
+        !matches!(self, Self::Level | Self::Board | Self::Rotation)
+    }
+}
+
+/// As many rows as this are believed to have shown the usual τ before the first is read.
+pub(super) const USUAL_ROWS: f64 = 6.0;
+/// A tracker that states nothing: m and rad.
+pub(super) const TRACKER_NOISE: (f64, f64) = (20e-6, 50e-6);
+
+/// Standard deviations of the arm's priors.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Scales {
+    /// Of a link's offset, m.
+    pub length: f64,
+    /// Of the direction of an axis, rad.
+    pub tilt: f64,
+    /// Of the zero of a joint, rad.
+    pub zero: f64,
+    /// Of a gravity coefficient of a link, rad/(m/s²).
+    pub links: f64,
+    /// Of a gravity coefficient of the payload.
+    pub payload: f64,
+    /// Of an amplitude of an own-joint error, rad.
+    pub curve: f64,
+}
+
+/// How far the evidence may move a scale of the class, and how many parameters' worth of belief it has to outweigh.
+pub(super) const CLASS_FACTOR: f64 = 2.0;
+pub(super) const CLASS_COUNTS: f64 = 15.0;
+/// Those counts of what all scales of the class have in common.
+pub(super) const COMMON_COUNTS: f64 = 5.0;
+/// The same for compliances and gear errors, which differ more from arm to arm.
+pub(super) const OTHER_FACTOR: f64 = 10.0;
+pub(super) const OTHER_COUNTS: f64 = 4.0;
+
+impl Scales {
+    /// Before the evidence.
+    pub fn new(class: &ClassPrior) -> Self {
+        Self {
+            length: class.length,
+            tilt: class.tilt,
+            zero: class.joint_zero,
+            links: 5e-5,
+            payload: 1.5e-5,
+            curve: 1e-4,
+        }
+    }
+
+    /// Of a group of parameters.
+    pub fn of(&self, group: Group) -> Option<f64> {
+        match group {
+            Group::Length => Some(self.length),
+            Group::Tilt => Some(self.tilt),
+            Group::Zero => Some(self.zero),
+            Group::Links => Some(self.links),
+            Group::Payload => Some(self.payload),
+            Group::Curve => Some(self.curve),
+            Group::Tip | Group::Turn => None,
+        }
+    }
+
+    pub(super) fn set(&mut self, group: Group, value: f64) {
+        match group {
+            Group::Length => self.length = value,
+            Group::Tilt => self.tilt = value,
+            Group::Zero => self.zero = value,
+            Group::Links => self.links = value,
+            Group::Payload => self.payload = value,
+            Group::Curve => self.curve = value,
+            Group::Tip | Group::Turn => {}
+        }
+    }
+}

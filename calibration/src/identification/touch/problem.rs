@@ -1,0 +1,185 @@
+//! What is fitted to touches: states of the arm, tips, and the class that the arm is of.
+
+use nalgebra::Vector3;
+use poegp_runtime::kinematics::poe::Poe;
+use poegp_runtime::math::se3::Pose;
+
+use crate::identification::base_tools::fit_base_and_tools;
+use crate::identification::touch::arm::{Terms, TipStart, TouchArm};
+use crate::identification::touch::noise::{Noise, TRACKER_NOISE};
+use crate::measurement::observation::Observation;
+use crate::measurement::sample::{Base, BaseSample, Instrument, InstrumentSample, Sample};
+use crate::measurement::touch::{ClassPrior, Reading, TouchSet};
+
+/// What is fitted.
+#[derive(Clone, Debug)]
+pub struct TouchProblem<'a> {
+    /// The rows.
+    pub set: &'a TouchSet,
+    /// The drawing from base to flange.
+    pub nominal: Poe<f64>,
+    /// C of q_serial = C q.
+    pub coupling: Option<Vec<Vec<f64>>>,
+    /// Gravity in the base frame, m/s².
+    pub gravity: Vector3<f64>,
+    /// How far an arm of the class is from its drawing.
+    pub class: ClassPrior,
+    /// Standing still with one tip: joints and payload.
+    pub states: Vec<BaseSample>,
+    /// The state of every row.
+    pub state_of: Vec<usize>,
+    /// Tips before the fit, and behind them the flange.
+    pub tips: Vec<TipStart>,
+    /// instrument_from_base before the fit, where there are rows of a tracker.
+    pub instrument: Option<Pose<f64>>,
+}
+
+impl<'a> TouchProblem<'a> {
+    /// From the rows of `set` that `keep` names.
+    pub fn new(
+        set: &'a TouchSet,
+        nominal: &Poe<f64>,
+        coupling: Option<Vec<Vec<f64>>>,
+        gravity: Vector3<f64>,
+        class: ClassPrior,
+    ) -> Self {
+        let flange = set.tips.len();
+        let mut states: Vec<BaseSample> = Vec::new();
+        let mut seen: std::collections::HashMap<(Vec<u64>, Option<u64>, usize), usize> =
+            std::collections::HashMap::new();
+        let mut state_of = Vec::with_capacity(set.rows.len());
+        for row in &set.rows {
+            let tool = match row.reading {
+                Reading::Level { .. } | Reading::Board { .. } => flange,
+                _ => row.tip,
+            };
+            let bits = |x: f64| (x + 0.0).to_bits();
+            let key = (
+                row.joints.iter().map(|q| bits(*q)).collect(),
+                row.payload_kg.map(bits),
+                tool,
+            );
+            let state = *seen.entry(key).or_insert_with(|| {
+                let unseen = Observation::Pose(Pose::identity());
+                let mut sample =
+                    Sample::new(row.joints.clone(), row.serial_joints.clone(), unseen, Base);
+                (sample.payload_kg, sample.tool) = (row.payload_kg, tool);
+                states.push(sample);
+                states.len() - 1
+            });
+            state_of.push(state);
+        }
+        let mut tips: Vec<TipStart> = set
+            .tips
+            .iter()
+            .map(|tip| TipStart {
+                pose: Pose {
+                    translation: tip.position,
+                    ..Pose::identity()
+                },
+                is_free: true,
+                turns: false,
+            })
+            .collect();
+        let seen = set.rows.iter().filter_map(|row| match row.reading {
+            Reading::Tracker(observation) => {
+                let (joints, serial) = (row.joints.clone(), row.serial_joints.clone());
+                let mut sample = Sample::new(joints, serial, observation, Instrument);
+                sample.tool = row.tip;
+                Some(sample)
+            }
+            _ => None,
+        });
+        let seen: Vec<InstrumentSample> = seen.collect();
+        let instrument = (!seen.is_empty()).then(|| from_tracker(nominal, &seen, &mut tips));
+        tips.push(TipStart {
+            pose: Pose::identity(),
+            is_free: false,
+            turns: false,
+        });
+        Self {
+            set,
+            nominal: *nominal,
+            coupling,
+            gravity,
+            class,
+            states,
+            state_of,
+            tips,
+            instrument,
+        }
+    }
+
+    /// Scalar equations.
+    pub fn equations(&self) -> usize {
+        self.set.rows.iter().map(|r| r.reading.equations()).sum()
+    }
+
+    fn payload_varies(&self) -> bool {
+        let mut payloads = self.states.iter().map(|s| s.payload_kg);
+        let first = payloads.next().flatten();
+        first.is_some() && payloads.any(|p| p != first)
+    }
+
+    /// σ² of a component of a row.
+    pub(super) fn stated_variance(&self, row: usize, component: usize) -> f64 {
+        let row = &self.set.rows[row];
+        let sigma = match self.set.sigma(row) {
+            Some(sigma) => sigma,
+            None if component < 3 => row.declared_noise.position.unwrap_or(TRACKER_NOISE.0),
+            None => row.declared_noise.orientation.unwrap_or(TRACKER_NOISE.1),
+        };
+        sigma * sigma
+    }
+
+    pub(super) fn arm(&self, orders: usize) -> TouchArm {
+        let terms = Terms {
+            gravity: true,
+            payload: self.payload_varies(),
+            orders,
+        };
+        TouchArm::new(
+            &self.nominal,
+            &self.tips,
+            self.coupling.clone(),
+            self.gravity,
+            terms,
+        )
+    }
+}
+
+/// instrument_from_base by the rows of a tracker, and the tips that it saw: fitted to the drawing.
+fn from_tracker(nominal: &Poe<f64>, seen: &[InstrumentSample], tips: &mut [TipStart]) -> Pose<f64> {
+    let mut tools: Vec<usize> = seen.iter().map(|s| s.tool).collect();
+    tools.sort_unstable();
+    tools.dedup();
+    let mut samples = seen.to_vec();
+    for sample in &mut samples {
+        sample.tool = tools.iter().position(|t| *t == sample.tool).unwrap_or(0);
+    }
+    let found = fit_base_and_tools(nominal, &samples);
+    for (tool, target) in tools.iter().zip(&found.flange_from_targets) {
+        let whole = seen
+            .iter()
+            .any(|s| s.tool == *tool && s.observation.has_orientation());
+        let tip = &mut tips[*tool];
+        tip.pose.translation = target.translation;
+        if whole {
+            (tip.pose, tip.turns) = (*target, true);
+        }
+    }
+    found.instrument_from_base
+}
+
+/// What leaving out one state of the arm says.
+#[derive(Clone, Debug)]
+pub struct LeftOut {
+    /// The rows of that state.
+    pub rows: Vec<usize>,
+    /// For each of them: the error of its components as the others predict it, in units of the reading.
+    pub errors: Vec<Vec<f64>>,
+    /// For each of them: √(χ²/components) of that error by its predicted covariance.
+    pub sigmas: Vec<f64>,
+    /// 1 − h of every component, summed by kind of noise.
+    pub(super) freedom: [f64; Noise::ALL.len()],
+}

@@ -1,0 +1,228 @@
+//! What a calibration by touches is worth over the work volume: expected position errors, before and after.
+//!
+//! No touch sees where the base frame is, and the tip is known as well as it was touched: errors are those that are left when
+//! base (6) and tip (3) are registered over the volume. What is stated is parameters ⊕ τ: gears that no parameter describes
+//! are no noise of the parameters.
+
+use nalgebra::Vector3;
+use poegp_protocol::JointKind;
+use poegp_runtime::math::se3::{Pose, skew};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+use serde::Serialize;
+
+use crate::identification::touch::fit::{Noise, TouchFit, TouchProblem};
+use crate::measurement::observation::Observation;
+use crate::measurement::sample::{Base, BaseSample, Sample};
+use crate::numeric::cholesky::Factor;
+use crate::numeric::halton::halton;
+use crate::numeric::matrix::Mat;
+use crate::numeric::product::{Transposed, product};
+use crate::numeric::statistics::{Summary, extremes};
+use crate::robot::Robot;
+
+/// Poses of the volume.
+const POSES: u32 = 300;
+/// Errors drawn for each.
+const DRAWS: usize = 100;
+/// What is registered: base 6, tip 3.
+const GAUGE: usize = 9;
+/// A joint without limits works as far to both sides, rad.
+const WITHOUT_LIMITS: f64 = std::f64::consts::FRAC_PI_2;
+
+/// Poses that the arm works at.
+#[derive(Clone, Debug)]
+pub struct WorkVolume {
+    /// With the first tip.
+    pub states: Vec<BaseSample>,
+}
+
+impl WorkVolume {
+    /// The middle half of what the joints can do, and all that was touched.
+    pub fn new(robot: &Robot, problem: &TouchProblem) -> Self {
+        let range = |joint: usize| {
+            let (lower, upper) = extremes(problem.states.iter().map(|s| s.joints[joint]));
+            let of = &robot.joints[joint];
+            match (of.limits, of.kind) {
+                (Some((least, most)), _) => {
+                    let (middle, quarter) = (0.5 * (least + most), 0.25 * (most - least));
+                    (lower.min(middle - quarter), upper.max(middle + quarter))
+                }
+                (None, JointKind::Revolute) => {
+                    (lower.min(-WITHOUT_LIMITS), upper.max(WITHOUT_LIMITS))
+                }
+                (None, JointKind::Prismatic) => (lower, upper),
+            }
+        };
+        let ranges: Vec<(f64, f64)> = (0..robot.joints.len()).map(range).collect();
+        let poses = (1..=POSES).map(|index| {
+            let of = |(i, (lower, upper)): (usize, &(f64, f64))| {
+                lower + (upper - lower) * halton(index, i)
+            };
+            ranges.iter().enumerate().map(of).collect()
+        });
+        Self::of(robot, poses, problem.states[0].payload_kg)
+    }
+
+    /// Poses at these joints, rad or m.
+    pub fn of(
+        robot: &Robot,
+        joints: impl Iterator<Item = Vec<f64>>,
+        payload_kg: Option<f64>,
+    ) -> Self {
+        let state = |joints: Vec<f64>| {
+            let unseen = Observation::Pose(Pose::identity());
+            let mut sample =
+                Sample::new(joints.clone(), robot.serial_joints(&joints), unseen, Base);
+            sample.payload_kg = payload_kg;
+            sample
+        };
+        Self {
+            states: joints.map(state).collect(),
+        }
+    }
+}
+
+/// Position errors to be expected, mm.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Expected {
+    /// Mean over the volume.
+    pub mean_mm: f64,
+    /// 95 % are smaller.
+    pub p95_mm: f64,
+}
+
+/// What is known over a work volume.
+pub struct Knowledge {
+    /// Displacements at the poses of the volume by the arm's parameters in units of their priors, without what base and tip take up:
+    /// three rows a pose, m.
+    pub field: Mat<f64>,
+    /// Covariance of the parameters in those units.
+    pub covariance: Mat<f64>,
+    /// τ as it is stated, m.
+    pub tau: f64,
+    /// As drawn, by what the touches say of the drawing.
+    pub before: Expected,
+    /// As calibrated.
+    pub after: Expected,
+}
+
+impl Knowledge {
+    /// Of a fit; `None` where its equations cannot be solved.
+    pub fn new(problem: &TouchProblem, fit: &TouchFit, volume: &WorkVolume) -> Option<Self> {
+        let covariance = fit.solved(problem)?.covariance();
+        let priors = fit.priors(problem);
+        let field = field(fit, &volume.states, &priors);
+        let tau = stated_tau(problem, fit);
+        let found = fit.arm.theta.iter().zip(&priors);
+        let found: Vec<f64> = found
+            .map(|(x, sd)| if *sd > 0.0 { x / sd } else { 0.0 })
+            .collect();
+        let nothing = vec![0.0; found.len()];
+        let mut regular = covariance.clone();
+        for i in 0..regular.nrows() {
+            regular[(i, i)] += 1e-12;
+        }
+        let lower = Factor::new(regular, 1).ok()?.lower();
+        Some(Self {
+            before: expected(&field, &found, &lower, tau),
+            after: expected(&field, &nothing, &lower, tau),
+            tau,
+            covariance,
+            field,
+        })
+    }
+
+    /// Standard deviation of the position along the axes of the base at every pose of the volume, m.
+    pub fn deviations(&self) -> Vec<Vector3<f64>> {
+        let spread = product(&self.field, &self.covariance);
+        let variance = |row: usize| -> f64 {
+            (0..self.field.ncols())
+                .map(|j| spread[(row, j)] * self.field[(row, j)])
+                .sum()
+        };
+        let poses = self.field.nrows() / 3;
+        let of = |k: usize| {
+            Vector3::from_fn(|i, _| (variance(3 * k + i).max(0.0) + self.tau * self.tau).sqrt())
+        };
+        (0..poses).map(of).collect()
+    }
+}
+
+/// Displacements over the volume by the parameters, with base and tip registered.
+fn field(fit: &TouchFit, states: &[BaseSample], priors: &[f64]) -> Mat<f64> {
+    let jets = fit.arm.linearise(states);
+    let rows = 3 * jets.len();
+    let mut field = Mat::zeros(rows, priors.len());
+    let mut gauge = Mat::zeros(rows, GAUGE);
+    let middle = jets
+        .iter()
+        .map(|j| j.pose.translation)
+        .sum::<Vector3<f64>>()
+        / jets.len() as f64;
+    for (k, jet) in jets.iter().enumerate() {
+        let turn = -skew(&(jet.pose.translation - middle));
+        for i in 0..3 {
+            for (j, sd) in priors.iter().enumerate() {
+                field[(3 * k + i, j)] = jet.jacobian[(i, j)] * sd;
+            }
+            gauge[(3 * k + i, i)] = 1.0;
+            for c in 0..3 {
+                gauge[(3 * k + i, 3 + c)] = turn[(i, c)];
+                gauge[(3 * k + i, 6 + c)] = jet.pose.rotation[(i, c)];
+            }
+        }
+    }
+    let basis = gauge.qr().q();
+    let taken = product(Transposed(&basis), &field);
+    field -= product(&basis, &taken);
+    field
+}
+
+/// τ of a position with what is not known of it: the standard error of a variance of so many rows.
+fn stated_tau(problem: &TouchProblem, fit: &TouchFit) -> f64 {
+    let (mut sum, mut count) = (0.0, 0.0);
+    for (row, weight) in problem.set.rows.iter().zip(&fit.weights) {
+        let kind = Noise::of(&row.reading, 0);
+        if *weight > 0.0 && kind.is_length() {
+            let equations = row.reading.equations().min(3) as f64;
+            let sigma = problem.set.sigma(row).unwrap_or(0.0);
+            let tau = fit.tau[kind as usize].powi(2);
+            let error = (sigma * sigma + tau) * (2.0 / (1.0 + fit.freedom[kind as usize])).sqrt();
+            sum += equations * (tau + error);
+            count += equations;
+        }
+    }
+    if count > 0.0 {
+        (sum / count).sqrt()
+    } else {
+        Noise::Point.usual()
+    }
+}
+
+/// Errors of parameters about `mean` with the covariance L Lᵀ over the volume.
+fn expected(field: &Mat<f64>, mean: &[f64], lower: &Mat<f64>, tau: f64) -> Expected {
+    let mut random = ChaCha8Rng::seed_from_u64(1);
+    let mut normal = || -> f64 { StandardNormal.sample(&mut random) };
+    let drawn = Mat::from_fn(field.ncols(), DRAWS, |_, _| normal());
+    let mut parameters = product(lower, &drawn);
+    for mut draw in parameters.column_iter_mut() {
+        for (x, mean) in draw.iter_mut().zip(mean) {
+            *x += mean;
+        }
+    }
+    let errors = product(field, &parameters);
+    let mut norms = Vec::with_capacity(errors.len() / 3);
+    for draw in 0..DRAWS {
+        for k in 0..errors.nrows() / 3 {
+            let error = Vector3::from_fn(|i, _| errors[(3 * k + i, draw)] + tau * normal());
+            norms.push(1e3 * error.norm());
+        }
+    }
+    let summary = Summary::new(&norms);
+    Expected {
+        mean_mm: summary.mean,
+        p95_mm: summary.p95,
+    }
+}

@@ -1,0 +1,147 @@
+//! The touch file: what an arm touched or looked at when no tracker measured it, and what each row of it means.
+//!
+//! A CSV file of rows, as [`crate::measurement`] has it, with the column `feature`, and a TOML file that says of what kind
+//! each feature is ([`TouchSet::read`]). A row without a feature is a tracker's row, so that both mix in one file. Past
+//! this module there are only metres, radians, kilograms and pixels.
+//!
+//! | kind | the row says | residual |
+//! |---|---|---|
+//! | `point` | the tip is at a fixed point | x(q) − c |
+//! | `plane` | the tip is `value` above a plane | n·x(q) − d − value |
+//! | `sphere` | the tip is `radius + value` from a fixed centre | \|x(q) − c\| − radius − value |
+//! | `anchor` | a wire or ballbar reads `value` | \|x(q) − a\| − (1 + scale) value − zero |
+//! | `level` | how gravity lies in the sensor | E(gravity)ᵀ S R(q)ᵀ g |
+//! | `board` | where a camera sees a corner | π(X T(q)⁻¹ W corner) − (u, v) |
+//!
+//! Here q are the joints, x(q) the tip in the base frame, R(q) and T(q) the flange in it.
+
+mod checks;
+mod columns;
+mod features;
+mod rows;
+mod set;
+mod tables;
+#[cfg(test)]
+mod tests;
+
+use std::path::{Path, PathBuf};
+
+pub use crate::robot::ClassPrior;
+
+pub use crate::measurement::touch::set::{
+    Board, Camera, Feature, FeatureKind, KnownDistance, Mount, Reading, Tip, TouchRow, TouchSet,
+};
+
+use sha2::{Digest, Sha256};
+
+use crate::input_error::InputError;
+use crate::measurement::columns::{FEATURE, ignored, joint_columns};
+use crate::measurement::rows::repeated_rows;
+use crate::measurement::table::Table;
+use crate::measurement::touch::columns::TouchColumns;
+use crate::measurement::touch::rows::Rows;
+use crate::measurement::validate::{JointChecks, JointLimits, still_joints};
+use crate::robot::Robot;
+
+/// Whether the header of a measurement file has the column `feature`: then it is a touch file. A file that is no table is
+/// none, and its reader says why.
+pub fn is_touch_file(path: &Path) -> bool {
+    let bytes = std::fs::read(path).unwrap_or_default();
+    Table::parse(path, &bytes).is_ok_and(|table| table.header.iter().any(|name| name == FEATURE))
+}
+
+/// The file of features that belongs to a touch file unless another one is named: NAME.toml beside NAME.csv.
+pub fn features_beside(touches: &Path) -> PathBuf {
+    touches.with_extension("toml")
+}
+
+impl TouchSet {
+    /// Reads a touch file of `robot` and its features: from `features`, else from NAME.toml beside NAME.csv.
+    ///
+    /// # Errors
+    /// An [`InputError`] that names file, line and column of the first thing that is not as [`crate::measurement::touch`]
+    /// says, or that the arm as drawn contradicts by far.
+    pub fn read(
+        touches: &Path,
+        features: Option<&Path>,
+        robot: &Robot,
+    ) -> Result<Self, InputError> {
+        let bytes = std::fs::read(touches)
+            .map_err(|error| InputError::unreadable(touches, &error, "a touch file (CSV)"))?;
+        let beside = features_beside(touches);
+        let path = features.unwrap_or(&beside);
+        let text = std::fs::read(path).map_err(|error| {
+            let error = InputError::unreadable(path, &error, features::WHOLE);
+            match features {
+                None => error.with_help("name the file of the features with --features FILE"),
+                Some(_) => error,
+            }
+        })?;
+        Self::parse((touches, &bytes), (path, &text), robot)
+    }
+
+    /// Reads the bytes of both files, the touches and their features; the paths are for messages.
+    ///
+    /// # Errors
+    /// As [`TouchSet::read`].
+    pub fn parse(
+        (path, bytes): (&Path, &[u8]),
+        (features_path, features): (&Path, &[u8]),
+        robot: &Robot,
+    ) -> Result<Self, InputError> {
+        let text = std::str::from_utf8(features).map_err(|_| {
+            InputError::new(
+                features_path,
+                "bytes that are not UTF-8 text",
+                features::WHOLE,
+            )
+        })?;
+        let text = text.strip_prefix('\u{feff}').unwrap_or(text);
+        let described = features::parse(features_path, text)?;
+        let table = Table::parse(path, bytes)?;
+        let columns = TouchColumns::parse(path, &table)?;
+        let joint_columns = joint_columns(&columns.joints);
+        let limits = JointLimits::new(path, table.header_line, &joint_columns, robot)?;
+        let mut reader = Rows {
+            file: path,
+            columns: &columns,
+            described: &described,
+            robot,
+            tips: Vec::new(),
+        };
+        let rows = reader.read(&table)?;
+        let tips = reader.tips;
+        let mut checks = JointChecks::default();
+        for row in &rows {
+            limits.check(row.line, &row.joints, &mut checks)?;
+        }
+        let mut notes = ignored(&columns.unknown);
+        notes.extend(repeated_rows(&table));
+        notes.extend(limits.notes(&checks));
+        let mut out = Self {
+            path: path.to_path_buf(),
+            features_path: features_path.to_path_buf(),
+            feature_column: columns.feature.index + 1,
+            joint_columns: joint_columns.clone(),
+            rows,
+            features: described.features,
+            tips,
+            distances: described.distances,
+            prior: described.prior,
+            camera: described.camera,
+            notes: Vec::new(),
+            sha256: [
+                Sha256::digest(bytes).into(),
+                Sha256::digest(features).into(),
+            ],
+        };
+        let chain = robot
+            .chain()
+            .map_err(|e| InputError::new(path, e.to_string(), "a robot with 1 to 8 joints"))?;
+        out.check_touches(&chain)?;
+        let joints = || out.rows.iter().map(|row| row.joints.as_slice());
+        notes.extend(still_joints(robot, &out.joint_columns, joints));
+        out.notes = notes;
+        Ok(out)
+    }
+}

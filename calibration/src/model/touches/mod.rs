@@ -1,0 +1,199 @@
+//! Calibration by touches: the arm that is most probable for all rows of a touch file, as a [`Calibration`] like any other.
+//!
+//! The model is the elastic one without processes: the calibrated chain and the gravity terms of its links. The base frame is that of
+//! the drawing, for no touch sees another; where a tracker's rows are among the touches it is the instrument's, as always. The tool
+//! is the first tip.
+
+pub mod findings;
+pub mod summary;
+
+use nalgebra::Vector3;
+use poegp_protocol::blob::FrameSource;
+use poegp_runtime::math::se3::Pose;
+
+use crate::identification::base_tool::with_base_and_tool;
+use crate::identification::base_tools::BaseAndTools;
+use crate::identification::frame_fit::FrameFit;
+use crate::identification::touch::fit::{TouchFit, TouchProblem};
+use crate::identification::touch::judge::Verdict;
+use crate::identification::touch::unseen::unseen;
+use crate::identification::touch::volume::{Knowledge, WorkVolume};
+use crate::learning::elastic::reduced_model::ElasticModel;
+use crate::learning::elastic::solution::FitError;
+use crate::measurement::observation::Observation;
+use crate::measurement::sample::{Instrument, InstrumentSample, Sample, in_base_frame};
+use crate::measurement::touch::{ClassPrior, TouchSet};
+use crate::model::calibration::Calibration;
+use crate::model::config::Config;
+use crate::model::correction::Correction;
+use crate::model::error::CalibrationError;
+use crate::model::gauge::{Gauge, GaugeChoice, GaugeFrame, GaugeGrid};
+use crate::model::methods::Method;
+use crate::model::methods::problem::{FrameEstimate, seen_from_first};
+use crate::model::touches::findings::findings;
+use crate::model::touches::summary::TouchSummary;
+use crate::robot::Robot;
+use crate::trust::Findings;
+
+/// How far an arm is from its drawing of which nobody says more: m, rad, rad.
+pub const USUAL_CLASS: ClassPrior = ClassPrior {
+    length: 0.3e-3,
+    tilt: 0.5e-3,
+    joint_zero: 1e-3,
+};
+
+/// A calibration by touches.
+#[derive(Debug)]
+pub struct TouchCalibration {
+    /// The model.
+    pub calibration: Calibration,
+    /// The states of the arm that were touched at, with the poses that the model has there: what the blob states as trained.
+    pub samples: Vec<InstrumentSample>,
+    /// What was found.
+    pub summary: TouchSummary,
+    /// What speaks against it.
+    pub findings: Findings,
+}
+
+/// How far an arm is from its drawing, by the file of the features, else by the robot's description, else as usual.
+pub fn class_of(robot: &Robot, set: &TouchSet) -> ClassPrior {
+    set.prior.or(robot.prior).unwrap_or(USUAL_CLASS)
+}
+
+/// Calibrates `robot` by the touches of `set`, with base and tool as `gauge` says.
+///
+/// # Errors
+/// [`CalibrationError`].
+pub fn calibrate_touches(
+    robot: &Robot,
+    set: &TouchSet,
+    config: &Config,
+    gauge: &GaugeChoice,
+) -> Result<TouchCalibration, CalibrationError> {
+    let nominal = robot.chain()?;
+    let gravity = Vector3::from(config.gravity_m_s2);
+    let class = class_of(robot, set);
+    let problem = TouchProblem::new(set, &nominal, robot.coupling.clone(), gravity, class);
+    let drawing = TouchFit::on_drawing(&problem, 0);
+    let fit = TouchFit::new(&problem, &drawing);
+    let unsolvable = || CalibrationError::from(FitError::Unsolvable);
+    let volume = WorkVolume::new(robot, &problem);
+    let known = Knowledge::new(&problem, &fit, &volume).ok_or_else(unsolvable)?;
+    let verdict = Verdict::new(&problem, &drawing, &fit, &known).ok_or_else(unsolvable)?;
+    let unseen = unseen(&problem, &fit, &known);
+    let summary = TouchSummary::new(&problem, (&drawing, &fit), &known, &verdict, unseen);
+    let findings = findings(&summary);
+    let (calibration, samples) = stated(robot, &problem, &fit, &known, config, gauge)?;
+    Ok(TouchCalibration {
+        calibration,
+        samples,
+        summary,
+        findings,
+    })
+}
+
+/// A fit as a calibration.
+fn stated(
+    robot: &Robot,
+    problem: &TouchProblem,
+    fit: &TouchFit,
+    known: &Knowledge,
+    config: &Config,
+    gauge: &GaugeChoice,
+) -> Result<(Calibration, Vec<InstrumentSample>), CalibrationError> {
+    let nominal = &problem.nominal;
+    let flange = nominal.frames()[nominal.kinds().len()];
+    let instrument = fit
+        .scene
+        .instrument
+        .map_or(Pose::identity(), |(pose, _)| pose);
+    // Behind the tips stands the flange itself, which levels and cameras are mounted to.
+    let tips = problem.set.tips.len();
+    let tools = &fit.arm.model.tools[..tips.max(1)];
+    let flange_from_targets: Vec<Pose<f64>> =
+        tools.iter().map(|tool| flange.inverse() * *tool).collect();
+    let calibrated = fit.arm.model.chain(0);
+    let mut samples: Vec<InstrumentSample> = problem
+        .states
+        .iter()
+        .map(|state| InstrumentSample {
+            payload_kg: state.payload_kg,
+            // What the flange saw is stated for the first tip.
+            tool: if state.tool < tips { state.tool } else { 0 },
+            ..Sample::new(
+                state.joints.clone(),
+                state.serial_joints.clone(),
+                Observation::Pose(Pose::identity()),
+                Instrument,
+            )
+        })
+        .collect();
+    let model = ElasticModel::parametric(
+        &fit.arm.model,
+        &in_base_frame(&samples, &Pose::identity()),
+        problem.coupling.as_ref(),
+        known.tau,
+    )
+    .ok_or(FitError::Unsolvable)?;
+    let frame = |pose| GaugeFrame {
+        pose,
+        source: FrameSource::Poses,
+    };
+    let mut out = Calibration {
+        config: Config {
+            method: Method::Elastic,
+            processes: false,
+            ripple: false,
+            curve: false,
+            device_variance: false,
+            ..*config
+        },
+        gauge: Gauge {
+            grid: GaugeGrid::new(robot, &samples),
+            base: frame(instrument),
+            tool: frame(flange_from_targets[0]),
+        },
+        nominal: with_base_and_tool(nominal, &Pose::identity(), &flange_from_targets[0]),
+        tools: seen_from_first(tools),
+        base_and_tools: BaseAndTools {
+            instrument_from_base: instrument,
+            flange_from_targets,
+            fit: FrameFit {
+                iterations: 0,
+                rms: 0.0,
+                rank: 0,
+                parameters: 0,
+            },
+        },
+        calibrated,
+        correction: Correction::Elastic(Box::new(model)),
+        estimate: FrameEstimate::Parametric { uncertainty: None },
+        outliers: Vec::new(),
+        warm_up: None,
+        residual_rms: (1e-3 * known.after.mean_mm / MEAN_LENGTH, 0.0),
+        correction_limit: (0.0, 0.0),
+    };
+    for sample in &mut samples {
+        sample.observation = Observation::Pose(instrument * out.predict(sample));
+    }
+    out.correction_limit = out.limit(&in_base_frame(&samples, &instrument));
+    let over_grid = GaugeChoice {
+        over_grid: true,
+        ..gauge.clone()
+    };
+    out = out.in_gauge(robot, &over_grid)?;
+    if fit.scene.instrument.is_none() {
+        // Nobody saw another base: this one is the drawing's.
+        let base = out.base_and_tools.instrument_from_base;
+        let drawn = base.inverse();
+        for sample in &mut samples {
+            sample.observation = sample.observation.transformed(&drawn);
+        }
+        out.base_and_tools.instrument_from_base = Pose::identity();
+        out.gauge.base.pose = Pose::identity();
+    }
+    Ok((out, samples))
+}
+
+/// Mean length of a vector of three independent standard normal components, √(8/π).
+const MEAN_LENGTH: f64 = 1.595_769_121_605_730_7;

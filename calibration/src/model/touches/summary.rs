@@ -1,0 +1,292 @@
+//! What a calibration by touches found, in the units of its readers.
+
+use nalgebra::Vector3;
+use serde::Serialize;
+
+use crate::identification::touch::distances::Measured;
+use crate::identification::touch::fit::{Noise, Scales, TouchFit, TouchProblem};
+use crate::identification::touch::jet::RowJet;
+use crate::identification::touch::judge::{Verdict, beyond_class};
+use crate::identification::touch::scene::Figure;
+use crate::identification::touch::unseen::Unseen;
+use crate::identification::touch::volume::{Expected, Knowledge};
+use crate::measurement::touch::KnownDistance;
+
+/// What was found.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct TouchSummary {
+    /// Rows of the file.
+    pub rows: usize,
+    /// Scalar equations of them.
+    pub equations: usize,
+    /// States of the arm.
+    pub states: usize,
+    /// Position error to be expected over the work volume as drawn, by what the touches say of the drawing.
+    pub before: Expected,
+    /// The same as calibrated.
+    pub after: Expected,
+    /// Mean error of a touch left out: calibrated over drawn.
+    pub left_out_ratio: f64,
+    /// Mean modulus of one component of a touch left out, of the kind with most equations, as drawn and calibrated.
+    pub left_out: [f64; 2],
+    /// The unit of `left_out`.
+    pub left_out_unit: &'static str,
+    /// By what factor the arm is farther from its drawing than its class, where the touches say.
+    pub beyond_class: Option<f64>,
+    /// The priors of the class and those that the evidence prefers: length mm, tilt mrad, joint zero mrad.
+    pub class: [[f64; 3]; 2],
+    /// What was touched.
+    pub features: Vec<FeatureSummary>,
+    /// Known distances.
+    pub distances: Vec<DistanceSummary>,
+    /// Where the tips are at the flange, mm.
+    pub tips_mm: Vec<[f64; 3]>,
+    /// Noise by kind.
+    pub noise: Vec<NoiseSummary>,
+    /// Rows that do not belong.
+    pub outliers: Vec<TouchOutlier>,
+    /// What the touches cannot tell.
+    pub unseen: Vec<Unseen>,
+    /// The largest τ of a length in mm, where it asks whether joints play or the tool slips.
+    pub play_mm: Option<f64>,
+}
+
+/// One feature.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct FeatureSummary {
+    /// Its name.
+    pub name: String,
+    /// Its kind.
+    pub kind: &'static str,
+    /// Rows of it.
+    pub rows: usize,
+    /// Of them such as do not belong.
+    pub rejected: usize,
+    /// RMS of one component of its residuals as drawn and as calibrated, without those that do not belong.
+    pub rms: [f64; 2],
+    /// The unit of `rms`: mm, mrad or px.
+    pub unit: &'static str,
+    /// Share of the sum of squares, in units of the noise.
+    pub share: f64,
+    /// Where it is in the base frame as fitted, mm.
+    pub position_mm: Option<[f64; 3]>,
+}
+
+/// A known distance.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct DistanceSummary {
+    /// Names of both features.
+    pub between: [String; 2],
+    /// As it is said, mm.
+    pub said_mm: f64,
+    /// Its standard deviation, mm.
+    pub sigma_mm: f64,
+    /// As drawn and as calibrated less what is said, mm.
+    pub error_mm: [f64; 2],
+    /// What everything else says of it, and the standard deviation of that, mm.
+    pub measured_mm: Option<[f64; 2]>,
+}
+
+/// The noise of one kind of reading.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct NoiseSummary {
+    /// The kind.
+    pub kind: &'static str,
+    /// The unit.
+    pub unit: &'static str,
+    /// Stated: the mean of squares, rooted.
+    pub stated: f64,
+    /// What is found beyond it, τ.
+    pub beyond: f64,
+}
+
+/// A row that does not belong.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct TouchOutlier {
+    /// Its line in the file.
+    pub line: usize,
+    /// Its feature; `None` of a tracker's row.
+    pub feature: Option<String>,
+    /// By how much it misses.
+    pub error: f64,
+    /// The unit of `error`.
+    pub unit: &'static str,
+}
+
+/// The unit that a kind of noise is stated in, and how many of it one SI unit is.
+pub fn unit(kind: Noise) -> (&'static str, f64) {
+    match kind {
+        Noise::Board => ("px", 1.0),
+        Noise::Level | Noise::Rotation => ("mrad", 1e3),
+        _ => ("mm", 1e3),
+    }
+}
+
+fn name(kind: Noise) -> &'static str {
+    match kind {
+        Noise::Point => "point",
+        Noise::Plane => "plane",
+        Noise::Sphere => "sphere",
+        Noise::Anchor => "anchor",
+        Noise::Level => "level",
+        Noise::Board => "board",
+        Noise::Position => "tracker position",
+        Noise::Rotation => "tracker rotation",
+    }
+}
+
+fn mm(v: &Vector3<f64>) -> [f64; 3] {
+    [1e3 * v[0], 1e3 * v[1], 1e3 * v[2]]
+}
+
+impl TouchSummary {
+    /// Of the fits on the drawing and of the arm.
+    pub fn new(
+        problem: &TouchProblem,
+        (drawing, fit): (&TouchFit, &TouchFit),
+        known: &Knowledge,
+        verdict: &Verdict,
+        unseen: Vec<Unseen>,
+    ) -> Self {
+        let set = problem.set;
+        let residuals = [drawing.residuals(problem), fit.residuals(problem)];
+        let class = Scales::new(&problem.class);
+        let scales = |s: &Scales| [1e3 * s.length, 1e3 * s.tilt, 1e3 * s.zero];
+        let (left_out_unit, factor) = unit(verdict.kind);
+        let outliers = set.rows.iter().zip(&fit.weights).zip(&residuals[1]);
+        let outliers = outliers.filter(|((_, weight), _)| **weight == 0.0);
+        let outliers = outliers.map(|((row, _), jet)| {
+            let (unit, factor) = unit(Noise::of(&row.reading, 0));
+            TouchOutlier {
+                line: row.line,
+                feature: row.reading.feature().map(|f| set.features[f].name.clone()),
+                error: factor * length(jet),
+                unit,
+            }
+        });
+        let flange = problem.nominal.frames()[problem.nominal.kinds().len()];
+        let tools = fit.arm.model.tools.iter().take(set.tips.len());
+        Self {
+            rows: set.rows.len(),
+            equations: problem.equations(),
+            states: problem.states.len(),
+            before: known.before,
+            after: known.after,
+            left_out_ratio: verdict.left_out,
+            left_out: [factor * verdict.errors.0, factor * verdict.errors.1],
+            left_out_unit,
+            beyond_class: beyond_class(problem, fit, known),
+            class: [scales(&class), scales(&fit.scales)],
+            features: features(problem, fit, &residuals),
+            distances: distances(problem, drawing, fit),
+            tips_mm: tools
+                .map(|tool| mm(&(flange.inverse() * *tool).translation))
+                .collect(),
+            noise: noise(problem, fit),
+            outliers: outliers.collect(),
+            unseen,
+            play_mm: verdict.play.map(|tau| 1e3 * tau),
+        }
+    }
+}
+
+fn length(jet: &RowJet) -> f64 {
+    let squares = jet.residual[..jet.count.min(3)].iter().map(|x| x * x);
+    squares.sum::<f64>().sqrt()
+}
+
+fn features(
+    problem: &TouchProblem,
+    fit: &TouchFit,
+    residuals: &[Vec<RowJet>; 2],
+) -> Vec<FeatureSummary> {
+    let set = problem.set;
+    let chi = |row: usize| -> f64 {
+        let jet = &residuals[1][row];
+        let of = |i: usize| jet.residual[i].powi(2) / fit.variance(problem, row, i);
+        fit.weights[row] * (0..jet.count).map(of).sum::<f64>()
+    };
+    let all: f64 = (0..set.rows.len()).map(chi).sum();
+    let of = |(index, feature): (usize, &crate::measurement::touch::Feature)| {
+        let rows = set.rows.iter().enumerate();
+        let own = rows.filter(|(_, row)| row.reading.feature() == Some(index));
+        let own: Vec<usize> = own.map(|(k, _)| k).collect();
+        let kept: Vec<usize> = own
+            .iter()
+            .copied()
+            .filter(|k| fit.weights[*k] > 0.0)
+            .collect();
+        let (unit, factor) = unit(
+            own.first()
+                .map_or(Noise::Point, |k| Noise::of(&set.rows[*k].reading, 0)),
+        );
+        let rms = |jets: &[RowJet]| {
+            let components = kept
+                .iter()
+                .flat_map(|k| &jets[*k].residual[..jets[*k].count]);
+            let (sum, count) =
+                components.fold((0.0, 0.0), |(sum, count), x| (sum + x * x, count + 1.0));
+            factor * (sum / f64::max(count, 1.0)).sqrt()
+        };
+        FeatureSummary {
+            name: feature.name.clone(),
+            kind: feature.kind.name(),
+            rows: own.len(),
+            rejected: own.len() - kept.len(),
+            rms: [rms(&residuals[0]), rms(&residuals[1])],
+            unit,
+            share: own.iter().map(|k| chi(*k)).sum::<f64>() / all.max(1e-300),
+            position_mm: match &fit.scene.figures[index] {
+                Figure::Point { centre, .. } | Figure::Sphere { centre, .. } => Some(mm(centre)),
+                Figure::Anchor { position, .. } => Some(mm(position)),
+                Figure::Plane { origin, .. } => Some(mm(origin)),
+                Figure::Board { pose, .. } => Some(mm(&pose.translation)),
+                Figure::Level { .. } => None,
+            },
+        }
+    };
+    set.features.iter().enumerate().map(of).collect()
+}
+
+fn distances(problem: &TouchProblem, drawing: &TouchFit, fit: &TouchFit) -> Vec<DistanceSummary> {
+    let set = problem.set;
+    let of = |(known, measured): (&KnownDistance, Option<Measured>)| {
+        let error = |fit: &TouchFit| {
+            let missed = fit.distance(known.between, known.distance);
+            1e3 * missed.map_or(0.0, |(missed, _)| missed)
+        };
+        DistanceSummary {
+            between: known.between.map(|f| set.features[f].name.clone()),
+            said_mm: 1e3 * known.distance,
+            sigma_mm: 1e3 * known.sigma,
+            error_mm: [error(drawing), error(fit)],
+            measured_mm: measured.map(|m| [1e3 * m.distance, 1e3 * m.sigma]),
+        }
+    };
+    let measured = fit.measured_distances(problem);
+    set.distances.iter().zip(measured).map(of).collect()
+}
+
+fn noise(problem: &TouchProblem, fit: &TouchFit) -> Vec<NoiseSummary> {
+    let set = problem.set;
+    let of = |kind: Noise| {
+        let (mut sum, mut count) = (0.0, 0.0);
+        for (k, row) in set.rows.iter().enumerate() {
+            for i in 0..row.reading.equations() {
+                if Noise::of(&row.reading, i) == kind {
+                    let tau = fit.tau[kind as usize];
+                    sum += fit.variance(problem, k, i) - tau * tau;
+                    count += 1.0;
+                }
+            }
+        }
+        let (unit, factor) = unit(kind);
+        (count > 0.0).then(|| NoiseSummary {
+            kind: name(kind),
+            unit,
+            stated: factor * f64::max(sum / count, 0.0).sqrt(),
+            beyond: factor * fit.tau[kind as usize],
+        })
+    };
+    Noise::ALL.into_iter().filter_map(of).collect()
+}

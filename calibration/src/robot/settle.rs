@@ -1,0 +1,200 @@
+//! Joints at which a tip is where a feature wants it: on a point, a plane or a sphere.
+//!
+//! From any start the shortest steps of the joints lead there, so that starts all over the ranges end in orientations all over
+//! the feature. A tip need not be real: the point that a camera looks at is one.
+
+use nalgebra::{Matrix3, Vector3};
+use poegp_runtime::kinematics::poe::Poe;
+use poegp_runtime::math::se3::Pose;
+
+use crate::robot::Robot;
+
+/// Steps after which a start leads nowhere.
+const STEPS: usize = 60;
+/// How near is there, m.
+const NEAR: f64 = 1e-7;
+/// Longest step of the tip, m: farther away the first-order formula does not hold.
+const LONGEST_STEP: f64 = 0.1;
+/// Keeps a step finite where the arm cannot move the tip that way, m².
+const DAMPING: f64 = 1e-8;
+
+/// Where a tip is to be.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Surface {
+    /// At a point, m.
+    Point(Vector3<f64>),
+    /// On the plane of this unit normal, at this distance from the origin, m.
+    Plane(Vector3<f64>, f64),
+    /// At this distance from a centre, m.
+    Sphere(Vector3<f64>, f64),
+}
+
+impl Surface {
+    /// The shortest way there, m.
+    fn way(&self, at: &Vector3<f64>) -> Vector3<f64> {
+        match *self {
+            Self::Point(point) => point - at,
+            Self::Plane(normal, distance) => normal * (distance - normal.dot(at)),
+            Self::Sphere(centre, radius) => {
+                let out = at - centre;
+                let length = out.norm();
+                match length > 0.0 {
+                    true => out * (radius / length - 1.0),
+                    false => Vector3::new(radius, 0.0, 0.0),
+                }
+            }
+        }
+    }
+
+    /// The directions that count, as a projection.
+    fn projection(&self, at: &Vector3<f64>) -> Matrix3<f64> {
+        let normal = match *self {
+            Self::Point(_) => return Matrix3::identity(),
+            Self::Plane(normal, _) => normal,
+            Self::Sphere(centre, _) => match (at - centre).norm() {
+                length if length > 0.0 => (at - centre) / length,
+                _ => Vector3::x(),
+            },
+        };
+        normal * normal.transpose()
+    }
+}
+
+/// Leads the tip of an arm to a surface.
+pub struct Settler<'a> {
+    robot: &'a Robot,
+    /// The chain to the tip.
+    chain: Poe<f64>,
+    /// Of the controller's joints, rad or m.
+    ranges: &'a [(f64, f64)],
+}
+
+impl<'a> Settler<'a> {
+    /// Of an arm as drawn, base to flange, with a tip in the flange frame (m), within ranges of the controller's joints.
+    pub fn new(
+        robot: &'a Robot,
+        nominal: &Poe<f64>,
+        tip: Vector3<f64>,
+        ranges: &'a [(f64, f64)],
+    ) -> Self {
+        let flange_from_tip = Pose {
+            translation: tip,
+            ..Pose::identity()
+        };
+        let mut chain = *nominal;
+        if let Some(last) = chain.frames_mut().last_mut() {
+            *last = *last * flange_from_tip;
+        }
+        Self {
+            robot,
+            chain,
+            ranges,
+        }
+    }
+
+    /// The tip of the arm as drawn, m.
+    pub fn drawn(&self, joints: &[f64]) -> Vector3<f64> {
+        self.chain
+            .forward(&self.robot.serial_joints(joints))
+            .translation
+    }
+
+    /// The controller's joints near `start` at which the tip is on the surface, by what `position` says of the tip: that of
+    /// the arm as drawn, or of another one that is nearly so. `None` where the way ends at a joint's range.
+    pub fn settle(
+        &self,
+        start: &[f64],
+        surface: Surface,
+        position: impl Fn(&[f64]) -> Vector3<f64>,
+    ) -> Option<Vec<f64>> {
+        let mut joints = start.to_vec();
+        for _ in 0..STEPS {
+            let at = position(&joints);
+            let way = surface.way(&at);
+            let length = way.norm();
+            if length < NEAR {
+                return Some(joints);
+            }
+            let step = way * (LONGEST_STEP / length).min(1.0);
+            let columns = self.columns(&joints);
+            let projection = surface.projection(&at);
+            let damping = Matrix3::identity() * DAMPING;
+            let normal = columns.iter().fold(damping, |sum, column| {
+                let column = projection * column;
+                sum + column * column.transpose()
+            });
+            let weights = normal.try_inverse()? * step;
+            for ((joint, column), (lower, upper)) in
+                joints.iter_mut().zip(&columns).zip(self.ranges)
+            {
+                *joint = (*joint + (projection * column).dot(&weights)).clamp(*lower, *upper);
+            }
+        }
+        None
+    }
+
+    /// How the tip moves with each of the controller's joints, m per rad or m.
+    fn columns(&self, joints: &[f64]) -> Vec<Vector3<f64>> {
+        let serial = self.robot.serial_joints(joints);
+        let (twists, tip) = self.chain.space_jacobian(&serial);
+        let count = joints.len();
+        let serial_columns: Vec<Vector3<f64>> = twists[..count]
+            .iter()
+            .map(|twist| twist.at_point(&tip.translation).linear)
+            .collect();
+        match &self.robot.coupling {
+            None => serial_columns,
+            Some(rows) => (0..count)
+                .map(|j| {
+                    let by_row = rows.iter().zip(&serial_columns);
+                    by_row.fold(Vector3::zeros(), |sum, (row, column)| sum + column * row[j])
+                })
+                .collect(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Settler, Surface};
+    use crate::robot::{LoadOptions, Robot};
+    use nalgebra::Vector3;
+
+    /// From wherever it begins, the tip ends on the surface and the joints within their ranges; a coupled arm, too.
+    #[test]
+    fn tips_settle_on_points_planes_and_spheres() {
+        for name in ["ur10", "abb-irb4400"] {
+            let robot = Robot::load(name, &LoadOptions::default()).unwrap();
+            let chain = robot.chain().unwrap();
+            let ranges = vec![(-2.0, 2.0); robot.joints.len()];
+            let settler = Settler::new(&robot, &chain, Vector3::new(0.02, 0.01, 0.15), &ranges);
+            let middle: Vec<f64> = (0..6).map(|i| 0.3 - 0.1 * f64::from(i)).collect();
+            let at = settler.drawn(&middle);
+            let normal = Vector3::new(0.6, 0.0, 0.8);
+            for surface in [
+                Surface::Point(at),
+                Surface::Plane(normal, normal.dot(&at)),
+                Surface::Sphere(at + Vector3::new(0.05, 0.0, 0.0), 0.05),
+            ] {
+                let mut settled = 0;
+                for turn in 0..8 {
+                    let start: Vec<f64> = middle
+                        .iter()
+                        .zip(0..)
+                        .map(|(q, i): (&f64, i32)| q + 0.1 * f64::from((turn * (i + 1)) % 7 - 3))
+                        .collect();
+                    let Some(q) = settler.settle(&start, surface, |q| settler.drawn(q)) else {
+                        continue;
+                    };
+                    settled += 1;
+                    assert!(
+                        surface.way(&settler.drawn(&q)).norm() < 1e-7,
+                        "{name} {surface:?}"
+                    );
+                    assert!(q.iter().all(|q| q.abs() <= 2.0), "{name} {surface:?}");
+                }
+                assert!(settled >= 6, "{name} {surface:?}: {settled} of 8");
+            }
+        }
+    }
+}

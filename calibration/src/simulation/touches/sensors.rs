@@ -1,0 +1,168 @@
+//! What is read without a touch: draw-wires, levels and cameras.
+
+use std::fmt::Write as _;
+
+use nalgebra::Vector3;
+use poegp_runtime::math::se3::{Pose, Twist};
+use rand::RngExt;
+
+use super::{OutOfReach, TIP_ERROR, TOUCH_NOISE, Touching, in_file_units};
+use crate::robot::settle::Surface;
+use crate::simulation::true_arm::normal_vector;
+
+/// How well an anchor is known by a tape, and the zero of its wire, m.
+const TAPE_ERROR: f64 = 20e-3;
+const ZERO_ERROR: f64 = 1e-3;
+/// Rotation of a sensor at the flange, rad, and noise of a level.
+const MOUNTING_ERROR: f64 = 20e-3;
+const LEVEL_NOISE: f64 = 0.05e-3;
+/// Focal length, half the image and noise, pixels.
+const FOCAL: f64 = 1500.0;
+const HALF_IMAGE: [f64; 2] = [960.0, 600.0];
+const PIXEL_NOISE: f64 = 0.1;
+/// From the camera to the board, m.
+const VIEW: f64 = 0.45;
+/// Distance between two corners of a board, m, and their numbers along x and y.
+const CORNER_STEP: f64 = 0.05;
+const CORNERS: [usize; 2] = [5, 4];
+
+impl Touching<'_> {
+    pub(super) fn wires(&mut self, names: &[String], count: usize) {
+        let distance = 1.2 * self.robot.reach();
+        let mut anchors = Vec::new();
+        for (k, name) in names.iter().enumerate() {
+            // The first in front and to the right, each further one a third of a turn on.
+            let turn = -0.6 + std::f64::consts::TAU / 3.0 * k as f64;
+            let at = Vector3::new(distance * libm::cos(turn), distance * libm::sin(turn), 0.03);
+            let zero = ZERO_ERROR * self.normal();
+            let stated = 1e3 * (at + normal_vector(TAPE_ERROR, self.random()));
+            let _ = write!(
+                self.toml,
+                "\n[[feature]]\nname = \"{name}\"\nkind = \"anchor\"\nposition_mm = [{:.1}, {:.1}, {:.1}]\n\
+                 position_sigma_mm = {}\nzero_sigma_mm = {}\n",
+                stated.x,
+                stated.y,
+                stated.z,
+                1e3 * TAPE_ERROR,
+                1e3 * ZERO_ERROR
+            );
+            anchors.push((name, at, zero));
+        }
+        for _ in 0..count / names.len() {
+            let joints = self.joints(1.0);
+            for (name, at, zero) in &anchors {
+                let value = (self.tip_at(&joints) - at).norm() - zero;
+                let value = value + TOUCH_NOISE * self.normal();
+                self.row(name, &format!(",{:.4},,,,,", 1e3 * value), &joints);
+            }
+        }
+    }
+
+    /// A small rotation that nobody knows.
+    fn turn(&mut self) -> Pose<f64> {
+        Pose::exp(&Twist {
+            linear: Vector3::zeros(),
+            angular: normal_vector(MOUNTING_ERROR, self.random()),
+        })
+    }
+
+    pub(super) fn level(&mut self, name: &str, count: usize) {
+        let _ = write!(
+            self.toml,
+            "\n[[feature]]\nname = \"{name}\"\nkind = \"level\"\nrotation_sigma_mrad = {}\nsigma_mrad = {}\n",
+            1e3 * MOUNTING_ERROR,
+            1e3 * LEVEL_NOISE
+        );
+        let sensor_from_flange = self.turn();
+        for _ in 0..count {
+            let joints = self.joints(1.0);
+            let rotation = self.flange(&joints).rotation.transpose();
+            let gravity = sensor_from_flange.rotation * (rotation * -Vector3::z());
+            let seen = (gravity + normal_vector(LEVEL_NOISE, self.random())).normalize();
+            let reading = format!(",,{:.9},{:.9},{:.9},,", seen.x, seen.y, seen.z);
+            self.row(name, &reading, &joints);
+        }
+    }
+
+    pub(super) fn camera(&mut self, name: &str, images: usize) -> Result<(), OutOfReach> {
+        // The camera looks as the flange does, beside it.
+        let drawn = Vector3::new(0.03, -0.05, -0.03);
+        let camera_from_flange = Pose {
+            translation: drawn + normal_vector(0.5 * TIP_ERROR, self.random()),
+            ..self.turn()
+        };
+        let flange_from_camera = camera_from_flange.inverse();
+        let first = self.joints(0.3);
+        let board = self.flange(&first) * flange_from_camera;
+        let base_from_board = Pose {
+            translation: board.transform_point(&Vector3::new(0.0, 0.0, VIEW)),
+            ..board
+        };
+        let [along_x, along_y] = CORNERS.map(|n| {
+            let corner = |i| CORNER_STEP * (i as f64 - 0.5 * (n as f64 - 1.0));
+            (0..n).map(corner).collect::<Vec<f64>>()
+        });
+        let corners: Vec<Vector3<f64>> = along_x
+            .iter()
+            .flat_map(|x| along_y.iter().map(|y| Vector3::new(*x, *y, 0.0)))
+            .collect();
+        let mm = |all: &[f64]| {
+            let all: Vec<String> = all.iter().map(|x| format!("{:.1}", 1e3 * x)).collect();
+            all.join(", ")
+        };
+        let _ = write!(
+            self.toml,
+            "\n[[feature]]\nname = \"{name}\"\nkind = \"board\"\ncorners_x_mm = [{}]\ncorners_y_mm = [{}]\n\
+             sigma_px = {PIXEL_NOISE}\n",
+            mm(&along_x),
+            mm(&along_y)
+        );
+        if !self.toml.contains("[camera]") {
+            let [u, v] = HALF_IMAGE;
+            let [x, y, z] = [drawn.x, drawn.y, drawn.z].map(|x| 1e3 * x);
+            let _ = write!(
+                self.toml,
+                "\n[camera]\nfocal_px = [{FOCAL}, {FOCAL}]\ncentre_px = [{u}, {v}]\n\
+                 position_mm = [{x}, {y}, {z}]\nposition_sigma_mm = {}\nrotation_vector_rad = [0, 0, 0]\n\
+                 rotation_sigma_mrad = {}\n",
+                1e3 * TIP_ERROR,
+                1e3 * MOUNTING_ERROR
+            );
+        }
+        let image = |me: &Self, q: &[f64]| -> Option<Vec<[f64; 2]>> {
+            let camera_from_board = camera_from_flange * me.flange(q).inverse() * base_from_board;
+            let seen = |corner: &Vector3<f64>| {
+                let at = camera_from_board.transform_point(corner);
+                let pixel = [at.x, at.y].map(|x| FOCAL * x / at.z);
+                let inside = pixel.iter().zip(HALF_IMAGE).all(|(p, half)| p.abs() < half);
+                (at.z > 0.1 && inside)
+                    .then_some([pixel[0] + HALF_IMAGE[0], pixel[1] + HALF_IMAGE[1]])
+            };
+            // Flat on, the corners tell least: at most 60 degrees.
+            let towards = camera_from_board.rotation * Vector3::z();
+            corners
+                .iter()
+                .map(seen)
+                .collect::<Option<_>>()
+                .filter(|_| towards.z > 0.5)
+        };
+        for _ in 0..images {
+            let depth = VIEW + 0.1 * (self.random().random::<f64>() - 0.5);
+            let looked_at = flange_from_camera.transform_point(&Vector3::new(0.0, 0.0, depth));
+            let goal = (looked_at, Surface::Point(base_from_board.translation));
+            let joints = self.reach(name, goal, 1.0, |me, q| image(me, q).is_some())?;
+            let seen = image(self, &joints).unwrap_or_default();
+            for (corner, [u, v]) in seen.into_iter().enumerate() {
+                let [u, v] = [u, v].map(|x| x + PIXEL_NOISE * self.normal());
+                let mut row = format!("{name},{corner},,,,,{u:.4},{v:.4},{}", self.payload_kg);
+                for (joint, q) in self.robot.joints.iter().zip(&joints) {
+                    let _ = write!(row, ",{:.8}", in_file_units(joint.kind, *q));
+                }
+                row.push('\n');
+                self.rows.push(row);
+            }
+            let _: f64 = self.random().random();
+        }
+        Ok(())
+    }
+}

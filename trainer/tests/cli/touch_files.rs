@@ -1,0 +1,204 @@
+//! Touches without a tracker: simulated, planned and imported, and what is refused of them.
+
+use std::path::Path;
+
+use poegp_calibration::measurement::touch::TouchSet;
+use poegp_calibration::robot::{LoadOptions, Robot};
+
+use crate::program::Folder;
+use crate::texts::texts;
+
+/// A touch file as every command reads it, with NAME.toml beside NAME.csv.
+fn touches(folder: &Folder, name: &str, robot: &str) -> TouchSet {
+    let robot = Robot::load(robot, &LoadOptions::default()).unwrap();
+    let read = TouchSet::read(Path::new(&folder.path(name)), None, &robot);
+    read.unwrap_or_else(|error| panic!("{error}"))
+}
+
+/// Every kind in one file, and the truth to score with.
+#[test]
+fn simulated_touches_are_a_touch_file() {
+    let _texts = texts();
+    let folder = Folder::new();
+    let kinds = "socket2,plane1,sphere1,ballbar1,wire2,level1,camera1";
+    let line = format!("simulate --robot ur10 --touch {kinds} --touches 16 --seed 5 --out t");
+    folder.run(&line).ok().said();
+    let set = touches(&folder, "t/touches.csv", "ur10");
+    assert_eq!(set.features.len(), 9);
+    assert!(set.notes.is_empty(), "{:?}", set.notes);
+    let truth = folder.text("t/truth.csv");
+    assert_eq!(truth.lines().count(), 302);
+    // The same seed gives the same files.
+    folder.run(&line.replace("--out t", "--out u")).ok();
+    assert_eq!(folder.text("t/touches.csv"), folder.text("u/touches.csv"));
+    folder
+        .run("simulate --robot ur10 --touch hole2 --out v")
+        .refused();
+    folder
+        .run("simulate --robot ur10 --touch socket2 --poses 30 --out v")
+        .refused();
+}
+
+/// The rows of a plan are touches of its features, and what is expected of them is less than of random ones.
+#[test]
+fn planned_touches_are_a_touch_file() {
+    let _texts = texts();
+    let folder = Folder::new();
+    let goals = "--touch socket=600,100,500 --touch socket=400,-300,500 --touch plane=600,0,400";
+    let line = format!(
+        "plan --robot ur10 {goals} --count 15 --out touches.csv --features-out touches.toml --json plan.json"
+    );
+    folder.run(&line).ok().said();
+    let set = touches(&folder, "touches.csv", "ur10");
+    assert_eq!((set.rows.len(), set.features.len()), (15, 3));
+    let plan = folder.json("plan.json");
+    let mm = |key: &str| plan[key].as_f64().unwrap();
+    assert!(
+        mm("expected_mm") < mm("random_mm") && mm("random_mm") < mm("drawing_mm"),
+        "{plan}"
+    );
+    // A plate is no socket.
+    folder
+        .run("simulate --robot ur10 --touch-plan touches.csv --out t")
+        .refused();
+    let sockets =
+        "plan --robot ur10 --touch socket=600,100,500 --touch socket=400,-300,500 --count 12";
+    folder
+        .run(&format!("{sockets} --out s.csv --features-out s.toml"))
+        .ok();
+    folder
+        .run("simulate --robot ur10 --touch-plan s.csv --out t")
+        .ok();
+    let touched = touches(&folder, "t/touches.csv", "ur10");
+    let planned = touches(&folder, "s.csv", "ur10");
+    assert_eq!(touched.rows.len(), 12);
+    for (touched, planned) in touched.rows.iter().zip(&planned.rows) {
+        let pairs = touched.joints.iter().zip(&planned.joints);
+        let largest = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!(largest < 0.1, "{largest} rad from the plan");
+    }
+    let plan = |rest: &str| folder.run(&format!("plan --robot ur10 --out p.csv {rest}"));
+    plan("--touch socket=600,100").refused();
+    plan("--touch socket=6000,100,500").refused();
+    plan("--touch socket=600,100,500 --count 2").refused();
+    plan("--touch socket=600,100,500 --payloads 1").refused();
+}
+
+/// Folders as MUKCa writes them: a place with two holes, and a folder of places.
+#[test]
+fn folders_of_sockets_are_imported() {
+    let _texts = texts();
+    let folder = Folder::new();
+    // The same ball, driven to two sockets of two places by hand: joints in radians, as numpy saves them.
+    let simulated = "simulate --robot ur10 --touch socket2 --touches 12 --seed 5 --out t";
+    folder.run(simulated).ok();
+    let robot = Robot::load("ur10", &LoadOptions::default()).unwrap();
+    let set = TouchSet::read(&folder.path("t/touches.csv"), None, &robot).unwrap();
+    for place in ["front", "left"] {
+        std::fs::create_dir_all(folder.path(&format!("arm/{place}"))).unwrap();
+        for hole in 0..2 {
+            let rows = set
+                .rows
+                .iter()
+                .filter(|row| row.reading.feature() == Some(hole));
+            let text: String = rows
+                .map(|row| {
+                    let fields: Vec<String> =
+                        row.joints.iter().map(|q| format!("{q:.18e}")).collect();
+                    format!("{}\n", fields.join(","))
+                })
+                .collect();
+            folder.write(&format!("arm/{place}/hole_{hole}.csv"), text);
+        }
+    }
+    folder
+        .run("import arm --preset mukca --distance 50.1 --out all.csv")
+        .ok()
+        .said();
+    let toml = folder.text("all.toml");
+    assert_eq!(toml.matches("mm = 50.1\n").count(), 2, "{toml}");
+    assert!(
+        toml.contains("between = [\"front/0\", \"front/1\"]"),
+        "{toml}"
+    );
+    folder.run("import arm/front --out one.csv").ok().said();
+    let one = touches(&folder, "one.csv", "ur10");
+    let names: Vec<&str> = one.features.iter().map(|f| f.name.as_str()).collect();
+    assert_eq!(names, ["front/0", "front/1"]);
+    for (row, before) in one.rows.iter().zip(&set.rows) {
+        for (q, known) in row.joints.iter().zip(&before.joints) {
+            assert!((q - known).abs() < 1e-15, "the digits of the file");
+        }
+    }
+    let import = |what: &str| folder.run(&format!("import {what} --out x.csv"));
+    import("t --preset mukca").refused();
+    import("arm --preset mukca --distance 0.05").refused();
+    import("t/touches.csv --preset kuka --distance 50").refused();
+    folder.write("arm/left/hole_1.csv", "1,2,3,4,5,6\n1,2,x,4,5,6\n");
+    import("arm --preset mukca").refused();
+    folder.write("arm/left/hole_1.csv", "1,2,3,4,5,60\n");
+    import("arm --preset mukca").refused();
+    folder.write("arm/left/hole_1.csv", "1,2,3,4,5\n");
+    import("arm --preset mukca").refused();
+    assert!(!folder.names().contains(&"x.csv".to_owned()));
+}
+
+/// Whatever reads a touch file refuses it with file, line and column of either file, and writes nothing.
+#[test]
+fn touch_files_are_refused_with_their_place() {
+    let _texts = texts();
+    let folder = Folder::new();
+    folder
+        .run("simulate --robot ur10 --touch socket2 --touches 12 --seed 5 --out t")
+        .ok();
+    let (csv, toml) = (folder.text("t/touches.csv"), folder.text("t/touches.toml"));
+    let refused = |csv: &str, toml: &str| {
+        folder.write("bad.csv", csv);
+        folder.write("bad.toml", toml);
+        folder.refuses("simulate --robot ur10 --touch-plan bad.csv --out out");
+    };
+    let second = csv.lines().nth(3).unwrap();
+    refused(
+        &csv.replace(second, &second.replace("socket/0", "hole")),
+        &toml,
+    );
+    refused(&csv, &toml.replacen("\"point\"", "\"cone\"", 1));
+    refused(&csv, &toml.replacen("\nmm = ", "\nmm = 1", 1));
+    refused(&csv, &toml.replacen("touch_mm", "touch", 1));
+    refused(&csv.replace("socket/0", "socket/1"), &toml);
+    folder.write("alone.csv", &csv);
+    folder.refuses("simulate --robot ur10 --touch-plan alone.csv --out out");
+}
+
+/// Bad touches are bad input of `calibrate`: exit code 2 with file, line and column, and nothing is written. What the touches do
+/// not tell is refused as data: exit code 3, and no model either.
+#[test]
+fn touches_are_refused_before_a_model_is_written() {
+    let _texts = texts();
+    let folder = Folder::new();
+    let calibrate = "calibrate --robot abb-irb120 --out model.blob";
+    folder
+        .run("simulate --robot abb-irb120 --touch socket2 --touches 12 --seed 1 --out t")
+        .ok();
+    let (csv, toml) = (folder.text("t/touches.csv"), folder.text("t/touches.toml"));
+    let second = csv.lines().nth(3).unwrap();
+    folder.write(
+        "bad.csv",
+        csv.replace(second, &second.replace("socket/0", "hole")),
+    );
+    folder.refuses(format!("{calibrate} bad.csv --features t/touches.toml"));
+    // A distance that is 8 mm off: the arm as drawn cannot say that it is wrong, the calibrated one can.
+    let stated = toml.lines().find(|line| line.starts_with("mm = ")).unwrap();
+    let length: f64 = stated.strip_prefix("mm = ").unwrap().parse().unwrap();
+    folder.write(
+        "bad.toml",
+        toml.replace(stated, &format!("mm = {}", length + 8.0)),
+    );
+    folder.refuses(format!("{calibrate} t/touches.csv --features bad.toml"));
+    folder
+        .run("simulate --robot abb-irb120 --touch plane1 --touches 8 --seed 1 --out few")
+        .ok();
+    folder.refuses_data(format!("{calibrate} few/touches.csv"));
+    folder.run(&format!("{calibrate} t/touches.csv")).ok();
+    assert!(folder.names().contains(&"model.blob".to_owned()));
+}
