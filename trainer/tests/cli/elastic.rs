@@ -49,7 +49,8 @@ fn options_are_in_the_blob() {
     let folder = Folder::new();
     folder.write("train.csv", simulated("train", 40));
     let calibrate = |flags: &str| {
-        let line = format!("calibrate --robot {SERIAL} train.csv --gauge poses {flags} --out arm.blob");
+        let line =
+            format!("calibrate --robot {SERIAL} train.csv --gauge poses {flags} --out arm.blob");
         folder.run(&line).ok();
         inspected(&folder, "arm.blob")["correction"].clone()
     };
