@@ -7,6 +7,8 @@ use poegp_runtime::correct::step_limit::{
 };
 use poegp_runtime::kinematics::newton::{Gram, PoseError6};
 use proptest::prelude::*;
+use proptest::strategy::ValueTree;
+use proptest::test_runner::TestRunner;
 
 use crate::seeded::config;
 
@@ -99,7 +101,7 @@ proptest! {
         let (_, joints, left) = step(&jacobian(&values, &seed), &error);
         prop_assert!(joints.iter().all(|d| d.is_finite()));
         prop_assert!(position(&left) <= position(&error) + 3e-6, "{:e}", position(&left) - position(&error));
-        // Where the turn is taken back, too, there is more left of the rotation than the shift was told.
+        // Where the turn is taken back, too, there is more left of the rotation than the shift knew of.
         let most = rotation(&error).max(USUAL) + 1e-3;
         prop_assert!(rotation(&left) <= most, "{:e} of {most:e}", rotation(&left));
     }
@@ -137,4 +139,73 @@ fn nothing_is_asked_of_nothing() {
     assert!(step.x.iter().all(|x: &f64| x.is_finite()));
     let nan = [[f64::NAN; 6]; 6];
     let _ = StepLimit::new(&nan, scale(Some(f64::NAN))).step(&[f64::INFINITY; 6]);
+}
+
+/// The steepest step in radians per radian of a path on which the Jacobian changes by 1 for each radian, in its largest
+/// singular value, and loses a rank halfway.
+fn steepest(path: (Matrix, Matrix), error: &Vector, usual_rotation: f64) -> f64 {
+    const WAY: f64 = 0.1;
+    const POINTS: i32 = 500;
+    let (halfway, along) = path;
+    let error: PoseError6<f64> = core::array::from_fn(|i| error[i]);
+    let step = |k: i32| {
+        let here = halfway + WAY * f64::from(k) / f64::from(POINTS) * along;
+        let gram = gram(&here);
+        let x = StepLimit::new(&gram, scale(Some(usual_rotation)))
+            .step(&error)
+            .x;
+        here.transpose() * Vector::from(x)
+    };
+    let mut last = step(-POINTS);
+    let mut largest = 0.0_f64;
+    for k in 1 - POINTS..=POINTS {
+        let next = step(k);
+        largest = largest.max((next - last).norm());
+        last = next;
+    }
+    largest * f64::from(POINTS) / WAY
+}
+
+/// Nineteen of twenty paths through a singularity are slow, also where one demand may take nearly nothing of the other.
+#[test]
+fn most_paths_are_slow() {
+    const PATHS: usize = 200;
+    let mut runner = TestRunner::new(config(95, 1));
+    let mut draw = || {
+        let mut seed = || seeds().new_tree(&mut runner).unwrap().current();
+        let (at, change) = (seed(), seed());
+        let values: [f64; 6] = core::array::from_fn(|i| 1.15 + 0.85 * change[36 + i]);
+        let values = [0.0, values[1], values[2], values[3], values[4], values[5]];
+        let along = Matrix::from_row_slice(&change[..36]);
+        let direction = |from: usize| SVector::<f64, 3>::from_row_slice(&change[from..from + 3]);
+        let directions = [direction(42), direction(45)].map(|v| v.normalize());
+        (
+            (
+                jacobian(&values, &at),
+                along / along.singular_values().max(),
+            ),
+            directions,
+        )
+    };
+    // Metres, radians, and radians that the arm is usually off by.
+    let cases = [
+        ("both errors as usual", 2e-3, 3e-3, 2e-3, 0.2),
+        ("a turn and nearly no position", 5e-6, 3e-3, 3e-3, 0.5),
+        ("a shift and little rotation", 2e-3, 1e-4, 1e-4, 0.15),
+        ("a shift and no rotation", 2e-3, 1e-6, 1e-6, 0.1),
+    ];
+    for (name, position, rotation, usual, limit) in cases {
+        let mut slopes: Vec<f64> = (0..PATHS)
+            .map(|_| {
+                let (path, [p, r]) = draw();
+                let (p, r) = (position * p, rotation * r);
+                let error = Vector::from([p[0], p[1], p[2], r[0], r[1], r[2]]);
+                steepest(path, &error, usual)
+            })
+            .collect();
+        slopes.sort_by(f64::total_cmp);
+        let found = slopes[PATHS * 19 / 20];
+        println!("{name}: {found:.3} rad/rad, limit {limit}");
+        assert!(found <= limit, "{name}: {found:.3} rad/rad");
+    }
 }

@@ -1,6 +1,7 @@
 //! Laws of planned touches.
 
 use nalgebra::Vector3;
+use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::{Pose, Twist};
 
 use super::{Goal, TouchPlanner, TouchTask, USUAL_CLASS, to_csv, to_toml};
@@ -8,10 +9,31 @@ use crate::measurement::touch::TouchSet;
 use crate::planning::constraints::Constraints;
 use crate::robot::{LoadOptions, Robot};
 
-fn arm() -> (Robot, Constraints) {
-    let robot = Robot::load("ur10", &LoadOptions::default()).unwrap();
-    let constraints = Constraints::none(&robot).unwrap();
-    (robot, constraints)
+struct Arm {
+    robot: Robot,
+    nominal: Poe<f64>,
+    constraints: Constraints,
+}
+
+impl Arm {
+    fn new() -> Self {
+        let robot = Robot::load("ur10", &LoadOptions::default()).unwrap();
+        Self {
+            nominal: robot.chain().unwrap(),
+            constraints: Constraints::none(&robot).unwrap(),
+            robot,
+        }
+    }
+
+    fn task(&self, seed: u64) -> TouchTask<'_> {
+        TouchTask {
+            robot: &self.robot,
+            nominal: &self.nominal,
+            constraints: &self.constraints,
+            class: USUAL_CLASS,
+            seed,
+        }
+    }
 }
 
 fn goals() -> Vec<Goal> {
@@ -27,19 +49,11 @@ fn goals() -> Vec<Goal> {
 /// tip is.
 #[test]
 fn planned_touches_are_worth_more_than_random_ones() {
-    let (robot, constraints) = arm();
-    let nominal = robot.chain().unwrap();
-    let chain = constraints.chain(&nominal);
+    let arm = Arm::new();
+    let chain = arm.constraints.chain(&arm.nominal);
     for (seed, goals) in (1..).zip(goals().chunks(1).chain([goals().as_slice()])) {
-        let task = TouchTask {
-            robot: &robot,
-            nominal: &nominal,
-            constraints: &constraints,
-            class: USUAL_CLASS,
-            seed,
-        };
         let count = 6 * goals.len();
-        let planner = TouchPlanner::new(task, goals, count).unwrap();
+        let planner = TouchPlanner::new(arm.task(seed), goals, count).unwrap();
         let plan = planner.plan(count);
         println!(
             "{} goals, first a {}: drawing {:.3} mm, {count} planned {:.3} mm, random {:.3} mm",
@@ -55,8 +69,8 @@ fn planned_touches_are_worth_more_than_random_ones() {
             "{goals:?}"
         );
         for touch in &plan.touches {
-            let serial = robot.serial_joints(&touch.joints);
-            assert!(constraints.forbidden_by(&chain, &serial).is_empty());
+            let serial = arm.robot.serial_joints(&touch.joints);
+            assert!(arm.constraints.forbidden_by(&chain, &serial).is_empty());
             let at = chain.forward(&serial).translation;
             let miss = match goals[touch.goal] {
                 Goal::Socket(point) => (at - point).norm(),
@@ -71,26 +85,18 @@ fn planned_touches_are_worth_more_than_random_ones() {
 /// The derivatives of the tip are those of the chain with a frame moved by a little.
 #[test]
 fn unknowns_move_the_tip_as_the_chain_says() {
-    let (robot, constraints) = arm();
-    let nominal = robot.chain().unwrap();
-    let task = TouchTask {
-        robot: &robot,
-        nominal: &nominal,
-        constraints: &constraints,
-        class: USUAL_CLASS,
-        seed: 1,
-    };
+    let arm = Arm::new();
     let goals = [Goal::Wire(Vector3::new(1.2, -0.8, 0.1))];
-    let planner = TouchPlanner::new(task, &goals, 4).unwrap();
+    let planner = TouchPlanner::new(arm.task(1), &goals, 4).unwrap();
     let q = [0.4, -1.1, 1.3, -0.7, 0.9, 0.2];
     let columns = planner.positions(&q);
     let tip_at = |joint: usize, component: usize, by: f64| {
         let mut twist = [0.0; 6];
         twist[component] = by;
-        let mut chain = nominal;
+        let mut chain = arm.nominal;
         let frame = chain.frames()[joint];
         chain.frames_mut()[joint] = Pose::exp(&Twist::from_array(&twist)) * frame;
-        let tip = constraints.flange_from_target.translation;
+        let tip = arm.constraints.flange_from_target.translation;
         chain.forward(&q).transform_point(&tip)
     };
     let class = USUAL_CLASS;
@@ -123,24 +129,16 @@ fn unknowns_move_the_tip_as_the_chain_says() {
 /// Both files of a plan are read as they are, but for the readings of a wire.
 #[test]
 fn the_files_of_a_plan_are_read_again() {
-    let (robot, constraints) = arm();
-    let nominal = robot.chain().unwrap();
-    let task = TouchTask {
-        robot: &robot,
-        nominal: &nominal,
-        constraints: &constraints,
-        class: USUAL_CLASS,
-        seed: 4,
-    };
+    let arm = Arm::new();
     let goals = &goals()[..3];
-    let planner = TouchPlanner::new(task, goals, 15).unwrap();
+    let planner = TouchPlanner::new(arm.task(4), goals, 15).unwrap();
     let plan = planner.plan(15);
-    let csv = to_csv(&robot, goals, &plan);
-    let tip = constraints.flange_from_target.translation;
+    let csv = to_csv(&arm.robot, goals, &plan);
+    let tip = arm.constraints.flange_from_target.translation;
     let toml = to_toml(goals, &tip);
     let touches = (std::path::Path::new("plan.csv"), csv.as_bytes());
     let features = (std::path::Path::new("plan.toml"), toml.as_bytes());
-    let set = TouchSet::parse(touches, features, &robot).unwrap();
+    let set = TouchSet::parse(touches, features, &arm.robot).unwrap();
     assert_eq!((set.rows.len(), set.features.len()), (15, 3));
     assert_eq!(set.tips[0].position, tip);
 }
@@ -148,16 +146,8 @@ fn the_files_of_a_plan_are_read_again() {
 /// A socket out of reach is no plan.
 #[test]
 fn a_goal_out_of_reach_is_refused() {
-    let (robot, constraints) = arm();
-    let nominal = robot.chain().unwrap();
-    let task = TouchTask {
-        robot: &robot,
-        nominal: &nominal,
-        constraints: &constraints,
-        class: USUAL_CLASS,
-        seed: 1,
-    };
+    let arm = Arm::new();
     let goals = [Goal::Plate(Vector3::new(0.6, 0.0, -0.4), Vector3::z())];
-    let refused = TouchPlanner::new(task, &goals, 8).err().unwrap();
+    let refused = TouchPlanner::new(arm.task(1), &goals, 8).err().unwrap();
     assert_eq!((refused.goal, refused.allowed, refused.needed), (0, 0, 8));
 }
