@@ -1,7 +1,12 @@
 //! Calibration by touches: laws of its rows, and what it reaches on sets of others.
 
+mod holes;
 mod jacobians;
 mod kinds;
 mod measured;
 mod sets;
+mod stated;
+mod time;
+mod trial;
+mod trust;
 mod wires;

@@ -1,6 +1,7 @@
 //! Touches: the arm and everything that was touched, most probable together.
 
 pub mod arm;
+pub mod beyond;
 pub mod distances;
 pub mod equations;
 pub mod fit;

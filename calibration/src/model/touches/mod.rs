@@ -49,6 +49,8 @@ pub struct TouchCalibration {
     pub calibration: Calibration,
     /// The states of the arm that were touched at, with the poses that the model has there: what the blob states as trained.
     pub samples: Vec<InstrumentSample>,
+    /// The fit, for what it says at other poses.
+    pub fit: TouchFit,
     /// What was found.
     pub summary: TouchSummary,
     /// What speaks against it.
@@ -87,6 +89,7 @@ pub fn calibrate_touches(
     Ok(TouchCalibration {
         calibration,
         samples,
+        fit,
         summary,
         findings,
     })
