@@ -3,8 +3,10 @@
 mod holes;
 mod jacobians;
 mod kinds;
+mod laws;
 mod measured;
 mod sets;
+mod sisters;
 mod stated;
 mod time;
 mod trial;

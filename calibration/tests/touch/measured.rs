@@ -132,7 +132,7 @@ pub fn spread_rows(all: &TouchSet, placement: &str, each: usize) -> (TouchSet, V
 }
 
 /// Mean distance of touches of a socket from their middle, mm.
-fn spread(robot: &Robot, found: &TouchCalibration, all: &TouchSet, rows: &[usize]) -> f64 {
+pub fn spread(robot: &Robot, found: &TouchCalibration, all: &TouchSet, rows: &[usize]) -> f64 {
     let mut sum = 0.0;
     for f in 0..all.features.len() {
         let own = rows.iter().map(|r| &all.rows[*r]);

@@ -13,6 +13,7 @@ pub mod noise;
 pub mod problem;
 mod rows;
 pub mod scene;
+pub mod sisters;
 pub mod start;
 pub mod unseen;
 pub mod volume;

@@ -25,6 +25,12 @@ use crate::robot::Robot;
 
 /// Poses of the volume.
 const POSES: u32 = 300;
+/// Scales of the class that are tried: standard deviations from the most probable, and weights (Gauss and Hermite).
+const NODES: [(f64, f64); 3] = [
+    (0.0, 2.0 / 3.0),
+    (-1.732_050_807_568_877_2, 1.0 / 6.0),
+    (1.732_050_807_568_877_2, 1.0 / 6.0),
+];
 /// Errors drawn for each.
 const DRAWS: usize = 400;
 /// What is registered: base 6, tip 3.
@@ -118,35 +124,29 @@ pub struct Knowledge {
 impl Knowledge {
     /// Of a fit; `None` where its equations cannot be solved.
     pub fn new(problem: &TouchProblem, fit: &TouchFit, volume: &WorkVolume) -> Option<Self> {
-        let Stated {
-            priors,
-            covariance,
-            beyond_class,
-        } = fit.as_stated(problem)?;
-        let field = field(fit, &volume.states, &priors);
+        let stated = fit.as_stated(problem, 0.0)?;
         let tau = stated_tau(problem, fit);
-        let found = fit.arm.theta.iter().zip(&priors);
-        let found: Vec<f64> = found
-            .map(|(x, sd)| if *sd > 0.0 { x / sd } else { 0.0 })
-            .collect();
-        let nothing = vec![0.0; found.len()];
-        let mut regular = covariance.clone();
-        for i in 0..regular.nrows() {
-            regular[(i, i)] += 1e-12;
+        let field = field(fit, &volume.states, &stated.priors);
+        let (before, after, worse) = pairs(fit, &stated, &field, tau)?;
+        let mut probability = NODES[0].1 * worse;
+        for (deviations, weight) in &NODES[1..] {
+            let other = fit.as_stated(problem, *deviations)?;
+            let ratio = |j: usize| match stated.priors[j] {
+                sd if sd > 0.0 => other.priors[j] / sd,
+                _ => 0.0,
+            };
+            let (rows, columns) = field.shape();
+            let scaled = Mat::from_fn(rows, columns, |i, j| field[(i, j)] * ratio(j));
+            probability += weight * pairs(fit, &other, &scaled, tau)?.2;
         }
-        let lower = Factor::new(regular, 1).ok()?.lower();
-        let (before, as_drawn) = expected(&field, &found, &lower, tau);
-        let (after, as_calibrated) = expected(&field, &nothing, &lower, tau);
-        let pairs = as_calibrated.iter().zip(&as_drawn);
-        let worse = pairs.filter(|(a, b)| a > b).count() as f64 / DRAWS as f64;
         Some(Self {
             before,
             after,
-            worse,
+            worse: probability,
             tau,
-            beyond_class,
-            covariance,
-            priors,
+            beyond_class: stated.beyond_class,
+            covariance: stated.covariance,
+            priors: stated.priors,
             field,
         })
     }
@@ -165,6 +165,29 @@ impl Knowledge {
         };
         (0..poses).map(of).collect()
     }
+}
+
+/// Expected errors as drawn and as calibrated, and how probable it is that the mean of the latter is larger.
+fn pairs(
+    fit: &TouchFit,
+    stated: &Stated,
+    field: &Mat<f64>,
+    tau: f64,
+) -> Option<(Expected, Expected, f64)> {
+    let off = fit.arm.theta.iter().zip(&stated.priors).zip(&stated.mean);
+    let drawn: Vec<f64> = off
+        .map(|((x, sd), mean)| if *sd > 0.0 { x / sd + mean } else { 0.0 })
+        .collect();
+    let mut regular = stated.covariance.clone();
+    for i in 0..regular.nrows() {
+        regular[(i, i)] += 1e-12;
+    }
+    let lower = Factor::new(regular, 1).ok()?.lower();
+    let (before, as_drawn) = expected(field, &drawn, &lower, tau);
+    let (after, as_calibrated) = expected(field, &stated.mean, &lower, tau);
+    let both = as_calibrated.iter().zip(&as_drawn);
+    let worse = both.filter(|(a, b)| a > b).count() as f64 / DRAWS as f64;
+    Some((before, after, worse))
 }
 
 /// Displacements over the volume by the parameters, with base and tip registered.
