@@ -80,11 +80,13 @@ fn a_sister_that_is_the_same_arm_is_heard() {
 fn sisters_say_nothing_of_the_size() {
     use poegp_calibration::identification::touch::arm::Group;
     use poegp_calibration::identification::touch::sisters::{Sister, SisterPrior};
-    let groups = [Group::Length, Group::Length, Group::Tilt, Group::Zero];
-    let size = DVector::from_vec(vec![0.6, 0.8, 0.0, 0.0]);
+    let mut groups = vec![Group::Tilt; 10];
+    groups[..2].fill(Group::Length);
+    let mut size = DVector::zeros(10);
+    (size[0], size[1]) = (0.6, 0.8);
     let exact = Sister {
-        information: Mat::from_diagonal(&DVector::from_element(4, 1e6)),
-        weighted: DVector::from_element(4, 1e6),
+        information: Mat::from_diagonal(&DVector::from_element(10, 1e6)),
+        weighted: DVector::from_element(10, 1e6),
     };
     let prior = SisterPrior::new(&[exact.clone(), exact.clone(), exact], &groups, &size).unwrap();
     assert!(size.dot(&prior.mean).abs() < 1e-9);

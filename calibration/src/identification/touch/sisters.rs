@@ -77,7 +77,8 @@ impl SisterPrior {
                     let shares = [a, b, c];
                     let one: Belief = std::array::from_fn(|g| (belief[g].0, shares[g]));
                     let mut found = predicted(sisters, &roots, groups, &one)?;
-                    found.2 += shares.map(|s| libm::log(1.0 - s)).iter().sum::<f64>() * f64::from(ALONE);
+                    found.2 +=
+                        shares.map(|s| libm::log(1.0 - s)).iter().sum::<f64>() * f64::from(ALONE);
                     all.push(found);
                 }
             }
