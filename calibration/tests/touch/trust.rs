@@ -49,12 +49,18 @@ const COVERED: f64 = 0.85;
 const CELLS: f64 = 0.85;
 const CELLS_WITHIN_CLASS: f64 = 0.9;
 
+/// The stated mean error over the true one.
+const STATED: std::ops::Range<f64> = 0.8..1.5;
+
 /// Accepted and refused calibrations.
 #[derive(Default)]
 struct Count {
     accepted: usize,
     worse: usize,
     worst: f64,
+    /// Sums of the stated and of the true mean errors, mm.
+    stated: f64,
+    found: f64,
     refused: usize,
     /// Of the refused: those with less than 0.8 and less than 0.5 of the drawing's error, and those with more than it.
     lost: [usize; 3],
@@ -109,6 +115,8 @@ fn score(of: &Trial, count: &mut Count, covered: &mut Covered) {
     count.accepted += 1;
     count.worse += usize::from(ratio > 1.0);
     count.worst = count.worst.max(ratio);
+    count.stated += of.known.after.mean_mm;
+    count.found += mean_mm(&of.calibrated);
     covered.all.push([
         share_within(&of.calibrated, of.known.after.p95_mm),
         of.components_within(),
@@ -176,6 +184,8 @@ fn law(variants: &[Variant], counts: &[usize], arms: u64) {
         all.worse += count.worse;
         all.worst = all.worst.max(count.worst);
         all.refused += count.refused;
+        all.stated += count.stated;
+        all.found += count.found;
         (0..3).for_each(|i| all.lost[i] += count.lost[i]);
     }
     rows.push(all.row("all | "));
@@ -205,6 +215,9 @@ fn law(variants: &[Variant], counts: &[usize], arms: u64) {
             share(true)
         );
     }
+    let stated = all.stated / all.found;
+    println!("the stated mean error is {stated:.2} times the true one");
+    assert!(STATED.contains(&stated), "{stated:.2}");
     let worse = all.worse as f64 / all.accepted as f64;
     assert!(
         worse <= WORSE && all.worst <= WORST,
