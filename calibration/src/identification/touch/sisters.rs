@@ -182,14 +182,14 @@ fn predicted(
     let n = p * count;
     let mut inner = Mat::identity(n, n);
     let mut right = DVector::zeros(n);
-    for a in 0..count {
-        for b in 0..count {
-            let sums = roots[a].transpose() * block(a, b);
+    for (a, root) in roots.iter().enumerate() {
+        for (b, sister) in sisters.iter().enumerate() {
+            let sums = root.transpose() * block(a, b);
             let mut view = inner.view_mut((p * a, p * b), (p, p));
             view += sums;
-            let own = DVector::from_fn(p, |i, _| between(a, b, i) * sisters[b].weighted[i]);
+            let own = DVector::from_fn(p, |i, _| between(a, b, i) * sister.weighted[i]);
             let mut part = right.rows_mut(p * a, p);
-            part += roots[a].transpose() * own;
+            part += root.transpose() * own;
         }
     }
     let factor = inner.cholesky()?;
@@ -197,14 +197,14 @@ fn predicted(
     let mut evidence = -factor.l_dirty().diagonal().map(libm::log).sum() - 0.5 * right.dot(&solved);
     let mut mean = DVector::zeros(p);
     let mut seen = Mat::zeros(p, n);
-    for b in 0..count {
+    for (b, sister) in sisters.iter().enumerate() {
         let k = |i: usize| between(count, b, i);
-        mean += DVector::from_fn(p, |i, _| k(i) * sisters[b].weighted[i]);
+        mean += DVector::from_fn(p, |i, _| k(i) * sister.weighted[i]);
         seen.view_mut((0, p * b), (p, p))
             .copy_from(&block(count, b));
-        for a in 0..count {
-            let own = DVector::from_fn(p, |i, _| between(a, b, i) * sisters[b].weighted[i]);
-            evidence += 0.5 * sisters[a].weighted.dot(&own);
+        for (a, other) in sisters.iter().enumerate() {
+            let own = DVector::from_fn(p, |i, _| between(a, b, i) * sister.weighted[i]);
+            evidence += 0.5 * other.weighted.dot(&own);
         }
     }
     mean -= &seen * &solved;
