@@ -102,7 +102,7 @@ fn only_sisters_are_heard() {
     let robot = irb120();
     let (set, _) = sockets(&robot, 20, 91);
     let own = calibrated(&robot, &set).record;
-    let leaning = beside(&robot, &set, &[own.clone()]).record;
+    let leaning = beside(&robot, &set, std::slice::from_ref(&own)).record;
     let mut other = own.clone();
     other.drawing[2][3] += 1e-3;
     let mut broken = own;

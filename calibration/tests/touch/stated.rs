@@ -121,7 +121,7 @@ fn real_sockets_within_the_stated_error() {
                     let mean: Vec<f64> = (0..columns)
                         .map(|j| (0..jets.len()).map(|k| row(k, j)).sum::<f64>() / n)
                         .collect();
-                    for k in 0..jets.len() {
+                    for (k, touched) in rows.iter().enumerate() {
                         let d: Vec<f64> = (0..columns).map(|j| row(k, j) - mean[j]).collect();
                         let by_arm: f64 = (0..columns)
                             .map(|a| {
@@ -130,7 +130,7 @@ fn real_sockets_within_the_stated_error() {
                                     .sum::<f64>()
                             })
                             .sum();
-                        let sigma = all.sigma(&all.rows[rows[k]]).unwrap();
+                        let sigma = all.sigma(&all.rows[*touched]).unwrap();
                         let noise = (sigma * sigma + tau * tau) * (1.0 - 1.0 / n);
                         within +=
                             usize::from((at(k) - middle).abs() <= 1.96 * (by_arm + noise).sqrt());
