@@ -6,6 +6,7 @@ import sys
 import accuracy
 import growth
 import speed
+import touches
 from programs import Programs
 
 
@@ -16,6 +17,8 @@ def main():
         speed.table(programs)
     if what in ("growth", "all"):
         growth.table(programs)
+    if what in ("touches", "all"):
+        touches.check(programs)
     if what in ("accuracy", "all"):
         accuracy.tables(programs)
 

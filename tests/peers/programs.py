@@ -19,6 +19,10 @@ class Programs:
         done = subprocess.run([self.peer_data, *map(str, words)], check=True, stdout=subprocess.PIPE)
         return json.loads(done.stdout)
 
+    def run(self, *words):
+        """A command of the trainer, which must succeed."""
+        subprocess.run([self.trainer, *map(str, words)], check=True, stdout=subprocess.DEVNULL)
+
     def calibrate(self, train, *options):
         """The whole command: reading, both steps, the gate of single precision, writing. (CPU s, MB at most)."""
         blob = self.folder / "model.blob"

@@ -3,17 +3,12 @@
 //! `cargo test --release -p poegp-calibration --test touch -- kinds --ignored --nocapture` prints the table of
 //! docs/guide/without-a-tracker.md.
 
-use nalgebra::Vector3;
-use poegp_calibration::measurement::touch::TouchSet;
 use poegp_calibration::robot::{LoadOptions, Robot};
-use poegp_calibration::simulation::touches::{TOUCH_KINDS, TouchTask};
-use poegp_calibration::simulation::{Scenario, Simulator};
+use poegp_calibration::simulation::Scenario;
 
-use crate::measured::calibrated;
-use crate::sets::{errors, mean_mm, parsed_truth, state};
+use crate::sets::mean_mm;
+use crate::trial::{simulated, trial};
 
-/// Poses of the truth.
-const POSES: usize = 300;
 /// Arms of every cell.
 const SEEDS: u64 = 10;
 /// What is touched, as `simulate --touch` names it.
@@ -36,35 +31,20 @@ struct Worth {
     /// Mean errors over the poses of the truth, mm.
     drawn: f64,
     calibrated: f64,
-    /// Touches left out, calibrated over drawn; expected error, after over before.
-    ratios: [f64; 2],
+    /// Touches left out, calibrated over drawn; the probability that the arm is worse off.
+    stated: [f64; 2],
 }
 
 /// Simulates, calibrates and scores; `None` of touches that the reader refuses.
-fn worth(robot: &Robot, tasks: &[TouchTask], count: usize, seed: u64) -> Option<Worth> {
-    let mut simulator = Simulator::new(robot, Scenario::Paper, &[1.0], seed);
-    let (touches, truth) = simulator
-        .touch(robot, tasks, count, POSES, "simulated")
-        .unwrap();
-    let csv = ("touches.csv".as_ref(), touches.csv.as_bytes());
-    let toml = ("touches.toml".as_ref(), touches.toml.as_bytes());
-    let set = TouchSet::parse(csv, toml, robot).ok()?;
-    let found = calibrated(robot, &set);
-    let truth = parsed_truth(&truth);
-    let at: Vec<Vector3<f64>> = truth.iter().map(|t| t.2).collect();
-    let states = truth.iter().map(|(q, m, _)| state(robot, q, *m));
-    let poses = states.clone().map(|s| found.calibration.predict(&s));
-    let chain = robot.chain().unwrap();
-    let drawn = states.map(|s| chain.forward(&s.serial_joints));
-    let summary = &found.summary;
+fn worth(robot: &Robot, tasks: &[(&str, usize)], count: usize, seed: u64) -> Option<Worth> {
+    let (set, truth) = simulated(robot, Scenario::Paper, tasks, count, seed)?;
+    let of = trial(robot, &set, &truth);
+    let summary = &of.found.summary;
     Some(Worth {
-        ratios: [
-            summary.left_out_ratio,
-            summary.after.mean_mm / summary.before.mean_mm,
-        ],
-        is_refused: found.findings.is_refused(),
-        drawn: mean_mm(&errors(&drawn.collect::<Vec<_>>(), &at)),
-        calibrated: mean_mm(&errors(&poses.collect::<Vec<_>>(), &at)),
+        stated: [summary.left_out_ratio, summary.worse_probability],
+        is_refused: of.found.findings.is_refused(),
+        drawn: mean_mm(&of.drawn),
+        calibrated: mean_mm(&of.calibrated),
     })
 }
 
@@ -72,27 +52,16 @@ fn robot() -> Robot {
     Robot::load("abb-irb120", &LoadOptions::default()).unwrap()
 }
 
-fn tasks(row: &[(&str, usize)]) -> Vec<TouchTask> {
-    let task = |(name, features): &(&str, usize)| {
-        let kind = TOUCH_KINDS.iter().find(|(known, _)| known == name);
-        TouchTask {
-            kind: kind.unwrap().1,
-            features: *features,
-        }
-    };
-    row.iter().map(task).collect()
-}
-
 /// Two sockets at a known distance, twenty touches: a fifth of the drawing's error.
 #[test]
 fn two_sockets_calibrate_an_arm() {
-    let found = worth(&robot(), &tasks(&[("socket", 2)]), 20, 1).unwrap();
+    let found = worth(&robot(), &[("socket", 2)], 20, 1).unwrap();
     assert!(!found.is_refused);
     assert!(found.calibrated < 0.2 * found.drawn);
 }
 
 /// The table of docs/guide/without-a-tracker.md. Of the calibrations that are accepted at most one in twenty is worse than the drawing,
-/// none by more than 25 %. It should be 20 %, which three planes with 20 touches miss: docs/evidence/touches.md has it.
+/// none by more than 20 %.
 #[test]
 #[ignore = "half a minute in release; its command is in the head of this file"]
 fn kinds_on_simulated_arms() {
@@ -100,13 +69,12 @@ fn kinds_on_simulated_arms() {
     let (mut accepted, mut worse, mut worst) = (0, 0, 0.0_f64);
     println!("| touched | as drawn | 8 touches | 20 | 80 |\n|---|---|---|---|---|");
     for row in ROWS {
-        let tasks = tasks(row);
         let names: Vec<String> = row.iter().map(|(n, k)| format!("{n} × {k}")).collect();
         let mut drawn = 0.0;
         let mut cells = Vec::new();
         for count in [8, 20, 80] {
             let all: Vec<Worth> = (1..=SEEDS)
-                .filter_map(|seed| worth(&robot, &tasks, count, seed))
+                .filter_map(|seed| worth(&robot, row, count, seed))
                 .collect();
             let kept: Vec<&Worth> = all.iter().filter(|w| !w.is_refused).collect();
             for w in &kept {
@@ -114,9 +82,9 @@ fn kinds_on_simulated_arms() {
                 (accepted, worst) = (accepted + 1, worst.max(ratio));
                 if ratio > 1.0 {
                     worse += 1;
-                    let [left_out, expected] = w.ratios;
+                    let [left_out, probability] = w.stated;
                     let found = format!("{ratio:.2} times the drawing's error");
-                    let stated = format!("left out {left_out:.2}, expected {expected:.2}");
+                    let stated = format!("left out {left_out:.2}, probability {probability:.3}");
                     eprintln!("{}, {count}: {found}; {stated}", names.join(", "));
                 }
             }
@@ -140,5 +108,6 @@ fn kinds_on_simulated_arms() {
     println!(
         "{accepted} accepted, of them {worse} worse than the drawing, the worst {worst:.2} times its error"
     );
-    assert!(worst < 1.25, "{worst:.2} times the drawing's error");
+    assert!(worst < 1.2, "{worst:.2} times the drawing's error");
+    assert!(20 * worse <= accepted);
 }

@@ -19,10 +19,10 @@ pub fn calibrated(robot: &Robot, set: &TouchSet) -> TouchCalibration {
 }
 
 /// Kinds of touches with upper limits, mm.
-type Limits = &'static [(&'static str, f64)];
+pub type Limits = &'static [(&'static str, f64)];
 
 /// Upper limits of the sets of an arm, with its description.
-const SIMULATED: [(&str, &str, Limits); 2] = [
+pub const SIMULATED: [(&str, &str, Limits); 2] = [
     (
         "sim_irb120_s10",
         "abb_irb120_3_58.urdf",
@@ -105,7 +105,7 @@ fn simulated_arms_within_what_is_asked() {
 }
 
 /// `each` rows of every socket of one placement, spread over the file, and the indices of all rows of other placements.
-fn spread_rows(all: &TouchSet, placement: &str, each: usize) -> (TouchSet, Vec<usize>) {
+pub fn spread_rows(all: &TouchSet, placement: &str, each: usize) -> (TouchSet, Vec<usize>) {
     let is_of = |f: usize| all.features[f].name.split('/').next() == Some(placement);
     let features: Vec<usize> = (0..all.features.len()).filter(|f| is_of(*f)).collect();
     let mut set = all.clone();
@@ -132,7 +132,7 @@ fn spread_rows(all: &TouchSet, placement: &str, each: usize) -> (TouchSet, Vec<u
 }
 
 /// Mean distance of touches of a socket from their middle, mm.
-fn spread(robot: &Robot, found: &TouchCalibration, all: &TouchSet, rows: &[usize]) -> f64 {
+pub fn spread(robot: &Robot, found: &TouchCalibration, all: &TouchSet, rows: &[usize]) -> f64 {
     let mut sum = 0.0;
     for f in 0..all.features.len() {
         let own = rows.iter().map(|r| &all.rows[*r]);
@@ -151,7 +151,7 @@ fn spread(robot: &Robot, found: &TouchCalibration, all: &TouchSet, rows: &[usize
 
 /// Upper limits at 6, 10, 20 and 40 touches, mm: what is asked, and of the third set the published method's on the same rows, which
 /// are known to two decimals.
-const SOCKETS: [(&str, &str, &str, [f64; 4]); 4] = [
+pub const SOCKETS: [(&str, &str, &str, [f64; 4]); 4] = [
     (
         "panda_2",
         "franka_panda.urdf",

@@ -113,3 +113,9 @@ pub fn errors(poses: &[Pose<f64>], truth: &[Vector3<f64>]) -> Vec<Vector3<f64>> 
 pub fn mean_mm(errors: &[Vector3<f64>]) -> f64 {
     1e3 * errors.iter().map(|e| e.norm()).sum::<f64>() / errors.len() as f64
 }
+
+/// Share of errors of at most so many mm.
+pub fn share_within(errors: &[Vector3<f64>], mm: f64) -> f64 {
+    let within = errors.iter().filter(|e| 1e3 * e.norm() <= mm);
+    within.count() as f64 / errors.len() as f64
+}

@@ -13,6 +13,7 @@ use nalgebra::Vector3;
 use poegp_protocol::JointKind;
 use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::Pose;
+use serde::{Deserialize, Serialize};
 
 use crate::identification::parametric::gear_line::GearLine;
 use crate::identification::parametric::state::{Layout, ParametricModel, ROWS};
@@ -21,7 +22,8 @@ use crate::measurement::sample::BaseSample;
 use crate::numeric::matrix::Mat;
 
 /// Parameters that share a prior.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Group {
     /// Offsets of links, m.
     Length,

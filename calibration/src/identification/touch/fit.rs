@@ -13,6 +13,7 @@ use crate::identification::touch::noise::{
 };
 use crate::identification::touch::problem::LeftOut;
 use crate::identification::touch::scene::Scene;
+use crate::identification::touch::sisters::SisterPrior;
 use crate::identification::touch::start;
 use crate::numeric::matrix::Mat;
 
@@ -44,6 +45,8 @@ pub struct TouchFit {
     pub weights: Vec<f64>,
     /// Equations less parameters that they determine, by kind of noise.
     pub freedom: [f64; Noise::ALL.len()],
+    /// How many times wider than `scales`, or than the sisters' spread, the priors of the class are taken.
+    pub(super) width: f64,
     visits: Vec<Visit>,
 }
 
@@ -93,6 +96,7 @@ impl TouchFit {
             tau: Noise::ALL.map(|kind| 10.0 * kind.usual()),
             weights: vec![1.0; set.rows.len()],
             freedom: [0.0; Noise::ALL.len()],
+            width: 1.0,
             visits,
         };
         out.settle(problem, false);
@@ -123,9 +127,28 @@ impl TouchFit {
         match column.group {
             Group::Tip => problem.set.tips.get(column.index).map_or(0.0, |t| t.sigma),
             Group::Turn => 1.0,
+            group if self.moves && group.is_of_class() && problem.sisters.is_none() => {
+                self.width * self.scales.of(group).unwrap_or(0.0)
+            }
             group if self.moves => self.scales.of(group).unwrap_or(0.0),
             _ => 0.0,
         }
+    }
+
+    /// The parameters of the arm's class.
+    pub(super) fn class_columns(&self) -> Vec<usize> {
+        let columns = self.arm.columns.iter().enumerate();
+        let of_class = columns.filter(|(_, column)| column.group.is_of_class());
+        of_class.map(|(j, _)| j).collect()
+    }
+
+    /// The sisters' prior of an arm that is fitted, and where its parameters are in units of the class.
+    fn by_sisters<'a>(&self, problem: &'a TouchProblem) -> Option<(&'a SisterPrior, Vec<f64>)> {
+        let sisters = problem.sisters.as_ref().filter(|_| self.moves)?;
+        let priors = self.priors(problem);
+        let columns = self.class_columns().into_iter();
+        let theta = columns.map(|j| self.arm.theta[j] / priors[j]).collect();
+        Some((sisters, theta))
     }
 
     /// The priors of all parameters of the arm.
@@ -175,6 +198,10 @@ impl TouchFit {
             .iter()
             .zip(self.scene.prior.iter().copied());
         sum += arm.map(squared).sum::<f64>() + scene.map(squared).sum::<f64>();
+        if let Some((by_sisters, theta)) = self.by_sisters(problem) {
+            let (more, _) = by_sisters.beyond_identity(&theta, self.width);
+            sum += more;
+        }
         for distance in &problem.set.distances {
             if let Some((missed, _)) = self.distance(distance.between, distance.distance) {
                 sum += (missed / distance.sigma).powi(2);
@@ -210,6 +237,9 @@ impl TouchFit {
             })
             .collect();
         let mut out = Equations::new(&arm, &groups);
+        if let Some((by_sisters, theta)) = self.by_sisters(problem) {
+            by_sisters.add(&theta, self.width, &self.class_columns(), &mut out);
+        }
         let mut scaled: Option<(usize, Mat<f64>)> = None;
         for visit in &self.visits {
             let range = &scene.groups[visit.group];
@@ -350,6 +380,14 @@ impl TouchFit {
             return change;
         };
         let covariance = solved.covariance();
+        if problem.sisters.is_some() {
+            let own = self.beyond_class(problem, &covariance);
+            let sum = COMMON_COUNTS + own.factor.powi(2) * own.determined;
+            let after = (sum / (COMMON_COUNTS + own.determined)).sqrt();
+            let after = after.clamp(1.0 / CLASS_FACTOR, CLASS_FACTOR);
+            change = change.max((after / self.width - 1.0).abs());
+            self.width = after;
+        }
         let class = Scales::new(&problem.class);
         // What all scales of the class have in common, then each by itself.
         let (mut sum, mut known) = (COMMON_COUNTS, COMMON_COUNTS);
@@ -361,6 +399,9 @@ impl TouchFit {
         }
         let common = (sum / known).sqrt().clamp(1.0 / CLASS_FACTOR, CLASS_FACTOR);
         for group in Group::LEARNT {
+            if group.is_of_class() && problem.sisters.is_some() {
+                continue;
+            }
             let (Some(first), Some(before)) = (class.of(group), self.scales.of(group)) else {
                 continue;
             };

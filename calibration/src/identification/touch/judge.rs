@@ -1,7 +1,6 @@
 //! Whether a calibration by touches may be believed: leave-one-touch-out against the drawing, and what is gained.
 
-use crate::identification::touch::arm::Group;
-use crate::identification::touch::fit::{Noise, Scales, TouchFit, TouchProblem};
+use crate::identification::touch::fit::{Noise, TouchFit, TouchProblem};
 use crate::identification::touch::problem::LeftOut;
 use crate::identification::touch::volume::Knowledge;
 
@@ -9,6 +8,8 @@ use crate::identification::touch::volume::Knowledge;
 pub const LEFT_OUT_RATIO: f64 = 0.7;
 /// Expected error after over before, from which on the touches show too little.
 pub const EXPECTED_RATIO: f64 = 0.9;
+/// Probability that the arm is worse off as calibrated than as drawn, from which on nobody should take the chance.
+pub const WORSE: f64 = 0.05;
 /// τ over the stated noise, and τ in metres, from which on play or slipping is suspected.
 pub const PLAY: (f64, f64) = (10.0, 0.5e-3);
 
@@ -24,6 +25,8 @@ pub struct Verdict {
     pub kind: Noise,
     /// Expected error after over before.
     pub expected: f64,
+    /// How probable it is that the arm is worse off as calibrated.
+    pub worse: f64,
     /// The largest τ of a length, m, where it asks for a warning.
     pub play: Option<f64>,
 }
@@ -72,6 +75,7 @@ impl Verdict {
             errors: (most[0] / most[2].max(1.0), most[1] / most[2].max(1.0)),
             kind,
             expected: known.after.mean_mm / known.before.mean_mm,
+            worse: known.worse,
             play: play.max_by(f64::total_cmp),
         })
     }
@@ -82,19 +86,4 @@ fn rows<'a>(all: &'a [LeftOut], fit: &'a TouchFit) -> impl Iterator<Item = (usiz
     all.iter()
         .flat_map(|left| left.rows.iter().copied().zip(&left.errors))
         .filter(|(row, _)| fit.weights[*row] > 0.0)
-}
-
-/// By what factor the touches say that the arm is farther from its drawing than its class is: √(θᵀ Λ⁻¹ θ / γ) with the class's Λ
-/// and γ = Σ (1 − Σ_jj), the number of parameters that they determine (MacKay 1992). `None` where they determine hardly one.
-pub fn beyond_class(problem: &TouchProblem, fit: &TouchFit, known: &Knowledge) -> Option<f64> {
-    let class = Scales::new(&problem.class);
-    let (mut sum, mut determined) = (0.0, 0.0);
-    for (j, column) in fit.arm.columns.iter().enumerate() {
-        if matches!(column.group, Group::Length | Group::Tilt | Group::Zero) {
-            let sd = class.of(column.group)?;
-            sum += (fit.arm.theta[j] / sd).powi(2);
-            determined += (1.0 - known.covariance[(j, j)]).max(0.0);
-        }
-    }
-    (determined > 1.0).then(|| (sum / determined).sqrt())
 }

@@ -1,6 +1,7 @@
 //! Touches: the arm and everything that was touched, most probable together.
 
 pub mod arm;
+pub mod beyond;
 pub mod distances;
 pub mod equations;
 pub mod fit;
@@ -12,6 +13,7 @@ pub mod noise;
 pub mod problem;
 mod rows;
 pub mod scene;
+pub mod sisters;
 pub mod start;
 pub mod unseen;
 pub mod volume;

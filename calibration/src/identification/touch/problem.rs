@@ -7,6 +7,7 @@ use poegp_runtime::math::se3::Pose;
 use crate::identification::base_tools::fit_base_and_tools;
 use crate::identification::touch::arm::{Terms, TipStart, TouchArm};
 use crate::identification::touch::noise::{Noise, TRACKER_NOISE};
+use crate::identification::touch::sisters::SisterPrior;
 use crate::measurement::observation::Observation;
 use crate::measurement::sample::{Base, BaseSample, Instrument, InstrumentSample, Sample};
 use crate::measurement::touch::{ClassPrior, Reading, TouchSet};
@@ -24,6 +25,8 @@ pub struct TouchProblem<'a> {
     pub gravity: Vector3<f64>,
     /// How far an arm of the class is from its drawing.
     pub class: ClassPrior,
+    /// What arms of the same drawing say of this one.
+    pub sisters: Option<SisterPrior>,
     /// Standing still with one tip: joints and payload.
     pub states: Vec<BaseSample>,
     /// The state of every row.
@@ -103,6 +106,7 @@ impl<'a> TouchProblem<'a> {
             coupling,
             gravity,
             class,
+            sisters: None,
             states,
             state_of,
             tips,
@@ -132,7 +136,8 @@ impl<'a> TouchProblem<'a> {
         sigma * sigma
     }
 
-    pub(super) fn arm(&self, orders: usize) -> TouchArm {
+    /// The arm as drawn, with its parameters.
+    pub fn arm(&self, orders: usize) -> TouchArm {
         let terms = Terms {
             gravity: true,
             payload: self.payload_varies(),

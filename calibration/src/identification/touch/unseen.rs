@@ -85,11 +85,11 @@ pub fn unseen(problem: &TouchProblem, fit: &TouchFit, known: &Knowledge) -> Vec<
             }
         }
     };
-    let priors = fit.priors(problem);
+    let priors = &known.priors;
     let p = priors.len();
     let mut size = vec![0.0; p];
     for frame in 1..n {
-        along(frame, &mut size, &priors);
+        along(frame, &mut size, priors);
     }
     let measured = |u: &[f64]| measure(u, known);
     let plane = one_plane(problem, fit);
@@ -137,7 +137,7 @@ pub fn unseen(problem: &TouchProblem, fit: &TouchFit, known: &Knowledge) -> Vec<
     }
     for frame in (1..n).filter(|f| sees_size && lever(*f).norm() > SHORTEST) {
         let mut u = vec![0.0; p];
-        along(frame, &mut u, &priors);
+        along(frame, &mut u, priors);
         if let Some((share, mm)) = measured(&u)
             && share > UNSEEN
             && mm > WORTH_SAYING * stays

@@ -12,6 +12,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use serde::Serialize;
 
+use crate::identification::touch::beyond::Stated;
 use crate::identification::touch::fit::{Noise, TouchFit, TouchProblem};
 use crate::measurement::observation::Observation;
 use crate::measurement::sample::{Base, BaseSample, Sample};
@@ -24,8 +25,14 @@ use crate::robot::Robot;
 
 /// Poses of the volume.
 const POSES: u32 = 300;
+/// Scales of the class that are tried: standard deviations from the most probable, and weights (Gauss and Hermite).
+const NODES: [(f64, f64); 3] = [
+    (0.0, 2.0 / 3.0),
+    (-1.732_050_807_568_877_2, 1.0 / 6.0),
+    (1.732_050_807_568_877_2, 1.0 / 6.0),
+];
 /// Errors drawn for each.
-const DRAWS: usize = 100;
+const DRAWS: usize = 400;
 /// What is registered: base 6, tip 3.
 const GAUGE: usize = 9;
 /// A joint without limits works as far to both sides, rad.
@@ -98,38 +105,48 @@ pub struct Knowledge {
     /// Displacements at the poses of the volume by the arm's parameters in units of their priors, without what base and tip take up:
     /// three rows a pose, m.
     pub field: Mat<f64>,
+    /// Those units: standard deviations of the parameters before the touches, wider than the fit's where the arm is beyond its class.
+    pub priors: Vec<f64>,
     /// Covariance of the parameters in those units.
     pub covariance: Mat<f64>,
+    /// How many times farther from its drawing than its class the arm is.
+    pub beyond_class: Option<f64>,
     /// τ as it is stated, m.
     pub tau: f64,
     /// As drawn, by what the touches say of the drawing.
     pub before: Expected,
     /// As calibrated.
     pub after: Expected,
+    /// How probable it is that the mean error over the volume is larger as calibrated than as drawn.
+    pub worse: f64,
 }
 
 impl Knowledge {
     /// Of a fit; `None` where its equations cannot be solved.
     pub fn new(problem: &TouchProblem, fit: &TouchFit, volume: &WorkVolume) -> Option<Self> {
-        let covariance = fit.solved(problem)?.covariance();
-        let priors = fit.priors(problem);
-        let field = field(fit, &volume.states, &priors);
+        let stated = fit.as_stated(problem, 0.0)?;
         let tau = stated_tau(problem, fit);
-        let found = fit.arm.theta.iter().zip(&priors);
-        let found: Vec<f64> = found
-            .map(|(x, sd)| if *sd > 0.0 { x / sd } else { 0.0 })
-            .collect();
-        let nothing = vec![0.0; found.len()];
-        let mut regular = covariance.clone();
-        for i in 0..regular.nrows() {
-            regular[(i, i)] += 1e-12;
+        let field = field(fit, &volume.states, &stated.priors);
+        let (before, after, worse) = pairs(fit, &stated, &field, tau)?;
+        let mut probability = NODES[0].1 * worse;
+        for (deviations, weight) in &NODES[1..] {
+            let other = fit.as_stated(problem, *deviations)?;
+            let ratio = |j: usize| match stated.priors[j] {
+                sd if sd > 0.0 => other.priors[j] / sd,
+                _ => 0.0,
+            };
+            let (rows, columns) = field.shape();
+            let scaled = Mat::from_fn(rows, columns, |i, j| field[(i, j)] * ratio(j));
+            probability += weight * pairs(fit, &other, &scaled, tau)?.2;
         }
-        let lower = Factor::new(regular, 1).ok()?.lower();
         Some(Self {
-            before: expected(&field, &found, &lower, tau),
-            after: expected(&field, &nothing, &lower, tau),
+            before,
+            after,
+            worse: probability,
             tau,
-            covariance,
+            beyond_class: stated.beyond_class,
+            covariance: stated.covariance,
+            priors: stated.priors,
             field,
         })
     }
@@ -148,6 +165,29 @@ impl Knowledge {
         };
         (0..poses).map(of).collect()
     }
+}
+
+/// Expected errors as drawn and as calibrated, and how probable it is that the mean of the latter is larger.
+fn pairs(
+    fit: &TouchFit,
+    stated: &Stated,
+    field: &Mat<f64>,
+    tau: f64,
+) -> Option<(Expected, Expected, f64)> {
+    let off = fit.arm.theta.iter().zip(&stated.priors).zip(&stated.mean);
+    let drawn: Vec<f64> = off
+        .map(|((x, sd), mean)| if *sd > 0.0 { x / sd + mean } else { 0.0 })
+        .collect();
+    let mut regular = stated.covariance.clone();
+    for i in 0..regular.nrows() {
+        regular[(i, i)] += 1e-12;
+    }
+    let lower = Factor::new(regular, 1).ok()?.lower();
+    let (before, as_drawn) = expected(field, &drawn, &lower, tau);
+    let (after, as_calibrated) = expected(field, &stated.mean, &lower, tau);
+    let both = as_calibrated.iter().zip(&as_drawn);
+    let worse = both.filter(|(a, b)| a > b).count() as f64 / DRAWS as f64;
+    Some((before, after, worse))
 }
 
 /// Displacements over the volume by the parameters, with base and tip registered.
@@ -201,8 +241,8 @@ fn stated_tau(problem: &TouchProblem, fit: &TouchFit) -> f64 {
     }
 }
 
-/// Errors of parameters about `mean` with the covariance L Lᵀ over the volume.
-fn expected(field: &Mat<f64>, mean: &[f64], lower: &Mat<f64>, tau: f64) -> Expected {
+/// Errors of parameters about `mean` with the covariance L Lᵀ over the volume, and the mean of each draw, mm.
+fn expected(field: &Mat<f64>, mean: &[f64], lower: &Mat<f64>, tau: f64) -> (Expected, Vec<f64>) {
     let mut random = ChaCha8Rng::seed_from_u64(1);
     let mut normal = || -> f64 { StandardNormal.sample(&mut random) };
     let drawn = Mat::from_fn(field.ncols(), DRAWS, |_, _| normal());
@@ -214,15 +254,20 @@ fn expected(field: &Mat<f64>, mean: &[f64], lower: &Mat<f64>, tau: f64) -> Expec
     }
     let errors = product(field, &parameters);
     let mut norms = Vec::with_capacity(errors.len() / 3);
+    let mut means = Vec::with_capacity(DRAWS);
     for draw in 0..DRAWS {
+        let first = norms.len();
         for k in 0..errors.nrows() / 3 {
             let error = Vector3::from_fn(|i, _| errors[(3 * k + i, draw)] + tau * normal());
             norms.push(1e3 * error.norm());
         }
+        let own = &norms[first..];
+        means.push(own.iter().sum::<f64>() / own.len() as f64);
     }
     let summary = Summary::new(&norms);
-    Expected {
+    let expected = Expected {
         mean_mm: summary.mean,
         p95_mm: summary.p95,
-    }
+    };
+    (expected, means)
 }

@@ -1,6 +1,6 @@
 //! What speaks against a calibration by touches, for its user.
 
-use crate::identification::touch::judge::{EXPECTED_RATIO, LEFT_OUT_RATIO, PLAY};
+use crate::identification::touch::judge::{EXPECTED_RATIO, LEFT_OUT_RATIO, PLAY, WORSE};
 use crate::model::touches::summary::TouchSummary;
 use crate::trust::{Finding, Findings, Tier};
 use poegp_protocol::cause::Cause;
@@ -56,6 +56,21 @@ pub fn findings(summary: &TouchSummary) -> Findings {
             Vec::new(),
             expected,
             EXPECTED_RATIO,
+        );
+    }
+    if summary.worse_probability >= WORSE {
+        add(
+            Cause::Gain,
+            Tier::Refused,
+            format!(
+                "with a probability of {:.0} % this arm is worse off calibrated than as drawn, which must be below {:.0} %: the touches \
+                 determine too few of its errors; touch more often and in more orientations, or add a socket or a draw-wire",
+                100.0 * summary.worse_probability,
+                100.0 * WORSE
+            ),
+            Vec::new(),
+            summary.worse_probability,
+            WORSE,
         );
     }
     if let Some(tau) = summary.play_mm {

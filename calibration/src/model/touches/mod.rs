@@ -5,6 +5,7 @@
 //! is the first tip.
 
 pub mod findings;
+pub mod record;
 pub mod summary;
 
 use nalgebra::Vector3;
@@ -31,6 +32,7 @@ use crate::model::gauge::{Gauge, GaugeChoice, GaugeFrame, GaugeGrid};
 use crate::model::methods::Method;
 use crate::model::methods::problem::{FrameEstimate, seen_from_first};
 use crate::model::touches::findings::findings;
+use crate::model::touches::record::{ArmRecord, NotASisterArm, by_sisters};
 use crate::model::touches::summary::TouchSummary;
 use crate::robot::Robot;
 use crate::trust::Findings;
@@ -49,6 +51,10 @@ pub struct TouchCalibration {
     pub calibration: Calibration,
     /// The states of the arm that were touched at, with the poses that the model has there: what the blob states as trained.
     pub samples: Vec<InstrumentSample>,
+    /// The fit, for what it says at other poses.
+    pub fit: TouchFit,
+    /// What it leaves for sister arms.
+    pub record: ArmRecord,
     /// What was found.
     pub summary: TouchSummary,
     /// What speaks against it.
@@ -70,26 +76,48 @@ pub fn calibrate_touches(
     config: &Config,
     gauge: &GaugeChoice,
 ) -> Result<TouchCalibration, CalibrationError> {
+    let found = calibrate_beside_sisters(robot, set, config, gauge, &[])?;
+    Ok(found.expect("no sister is refused"))
+}
+
+/// The same with what sister arms say.
+///
+/// # Errors
+/// [`CalibrationError`]; inside of it the index of a record that does not speak of this arm, and why.
+pub fn calibrate_beside_sisters(
+    robot: &Robot,
+    set: &TouchSet,
+    config: &Config,
+    gauge: &GaugeChoice,
+    sisters: &[ArmRecord],
+) -> Result<Result<TouchCalibration, (usize, NotASisterArm)>, CalibrationError> {
     let nominal = robot.chain()?;
     let gravity = Vector3::from(config.gravity_m_s2);
     let class = class_of(robot, set);
-    let problem = TouchProblem::new(set, &nominal, robot.coupling.clone(), gravity, class);
+    let mut problem = TouchProblem::new(set, &nominal, robot.coupling.clone(), gravity, class);
+    match by_sisters(&problem, sisters) {
+        Ok(prior) => problem.sisters = prior,
+        Err(refused) => return Ok(Err(refused)),
+    }
     let drawing = TouchFit::on_drawing(&problem, 0);
     let fit = TouchFit::new(&problem, &drawing);
     let unsolvable = || CalibrationError::from(FitError::Unsolvable);
     let volume = WorkVolume::new(robot, &problem);
     let known = Knowledge::new(&problem, &fit, &volume).ok_or_else(unsolvable)?;
     let verdict = Verdict::new(&problem, &drawing, &fit, &known).ok_or_else(unsolvable)?;
+    let record = ArmRecord::new(&problem, &fit).ok_or_else(unsolvable)?;
     let unseen = unseen(&problem, &fit, &known);
     let summary = TouchSummary::new(&problem, (&drawing, &fit), &known, &verdict, unseen);
     let findings = findings(&summary);
     let (calibration, samples) = stated(robot, &problem, &fit, &known, config, gauge)?;
-    Ok(TouchCalibration {
+    Ok(Ok(TouchCalibration {
         calibration,
         samples,
+        fit,
+        record,
         summary,
         findings,
-    })
+    }))
 }
 
 /// A fit as a calibration.

@@ -6,7 +6,7 @@ use serde::Serialize;
 use crate::identification::touch::distances::Measured;
 use crate::identification::touch::fit::{Noise, Scales, TouchFit, TouchProblem};
 use crate::identification::touch::jet::RowJet;
-use crate::identification::touch::judge::{Verdict, beyond_class};
+use crate::identification::touch::judge::Verdict;
 use crate::identification::touch::scene::Figure;
 use crate::identification::touch::unseen::Unseen;
 use crate::identification::touch::volume::{Expected, Knowledge};
@@ -25,6 +25,8 @@ pub struct TouchSummary {
     pub before: Expected,
     /// The same as calibrated.
     pub after: Expected,
+    /// How probable it is that the mean error over the work volume is larger as calibrated than as drawn.
+    pub worse_probability: f64,
     /// Mean error of a touch left out: calibrated over drawn.
     pub left_out_ratio: f64,
     /// Mean modulus of one component of a touch left out, of the kind with most equations, as drawn and calibrated.
@@ -172,10 +174,11 @@ impl TouchSummary {
             states: problem.states.len(),
             before: known.before,
             after: known.after,
+            worse_probability: verdict.worse,
             left_out_ratio: verdict.left_out,
             left_out: [factor * verdict.errors.0, factor * verdict.errors.1],
             left_out_unit,
-            beyond_class: beyond_class(problem, fit, known),
+            beyond_class: known.beyond_class,
             class: [scales(&class), scales(&fit.scales)],
             features: features(problem, fit, &residuals),
             distances: distances(problem, drawing, fit),

@@ -35,6 +35,10 @@ pub struct Calibrate {
     /// NAME.csv).
     #[arg(long, value_name = "FILE")]
     pub features: Option<PathBuf>,
+    /// Of a touch file: what --json wrote of sister arms of the same drawing that touches calibrated. Their spread and their own
+    /// uncertainty become this arm's prior, without its size. The gain is small.
+    #[arg(long, value_name = "JSON", value_delimiter = ',')]
+    pub prior: Vec<PathBuf>,
     /// Project file to write: `trainer calibrate FILE` repeats this calibration.
     #[arg(long, value_name = "FILE")]
     pub write_project: Option<PathBuf>,

@@ -24,6 +24,8 @@ pub struct Job {
     pub table: Option<Vec<u8>>,
     /// What the rows of a touch file mean.
     pub features: Option<PathBuf>,
+    /// What touches found of sister arms.
+    pub prior: Vec<PathBuf>,
     pub tests: Vec<PathBuf>,
     pub correct_drift: bool,
     pub gauge: GaugeArgs,
@@ -84,6 +86,7 @@ impl Job {
             train: a.train.clone(),
             table: None,
             features: a.features.clone(),
+            prior: a.prior.clone(),
             tests: a.tests.clone(),
             correct_drift: a.correct_drift,
             gauge: a.gauge.clone(),

@@ -53,6 +53,12 @@ pub fn run(arguments: &Calibrate) -> Result<(), Failure> {
     if touches::are_touches(a) {
         return touches::run(a);
     }
+    if !a.prior.is_empty() {
+        return Err(Failure::Usage(format!(
+            "found --prior with measurements of a tracker ({}), expected a touch file for it",
+            a.train.display()
+        )));
+    }
     let outputs = [
         Some(a.out.as_path()),
         a.json.as_deref(),

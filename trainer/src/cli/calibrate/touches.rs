@@ -1,8 +1,8 @@
 //! `trainer calibrate` of touches: sockets, planes, spheres, wires, levels and boards in place of a tracker.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::cli::calibrate::gauge::Known;
 use crate::cli::calibrate::job::Job;
@@ -13,10 +13,12 @@ use crate::cli::output::{check_outputs, json_text, write_outputs};
 use crate::cli::terminal::print::{Printer, note};
 use crate::cli::terminal::progress;
 use poegp_calibration::blob::write::{CalibratedBlob, Provenance};
+use poegp_calibration::input_error::InputError;
 use poegp_calibration::measurement::touch::{TouchSet, features_beside, is_touch_file};
 use poegp_calibration::model::Method;
+use poegp_calibration::model::touches::record::ArmRecord;
 use poegp_calibration::model::touches::summary::TouchSummary;
-use poegp_calibration::model::touches::{TouchCalibration, calibrate_touches};
+use poegp_calibration::model::touches::{TouchCalibration, calibrate_beside_sisters};
 use poegp_calibration::trust::Finding;
 
 /// What `--json` writes.
@@ -25,6 +27,8 @@ pub struct TouchJson {
     pub version: &'static str,
     pub robot: String,
     pub touches: TouchSummary,
+    /// What --prior reads for a sister arm.
+    pub arm: ArmRecord,
     /// What somebody must look at.
     pub warnings: Vec<Finding>,
     pub blob: TouchBlob,
@@ -52,6 +56,7 @@ pub fn run(a: &Job) -> Result<(), Failure> {
     let features = a.features.as_deref().unwrap_or(&beside);
     let mut inputs = vec![a.train.as_path(), features, Path::new(&a.robot)];
     inputs.extend(a.gauge.inputs());
+    inputs.extend(a.prior.iter().map(PathBuf::as_path));
     check_outputs(&outputs, &inputs)?;
     let arm = Arm::load(&a.robot, &a.chain)?;
     let set = TouchSet::read(&a.train, a.features.as_deref(), &arm.robot)?;
@@ -62,10 +67,15 @@ pub fn run(a: &Job) -> Result<(), Failure> {
     let TouchCalibration {
         calibration,
         samples,
+        record,
         summary,
         findings,
-    } = calibrate_touches(&arm.robot, &set, &a.config, &known.choice)
-        .map_err(|error| calibration_failure(&a.train, &error))?;
+        ..
+    } = calibrate_beside_sisters(&arm.robot, &set, &a.config, &known.choice, &sisters(a)?)
+        .map_err(|error| calibration_failure(&a.train, &error))?
+        .map_err(|(index, error)| {
+            not_a_sister(&a.prior[index], &arm.robot.name, error.to_string())
+        })?;
     contradictions(&set, &summary)?;
     let warnings = settled(&a.train, findings, &a.accept, a.json.as_deref())?;
     let origin = provenance(a, &set, &warnings);
@@ -77,6 +87,7 @@ pub fn run(a: &Job) -> Result<(), Failure> {
         version: env!("CARGO_PKG_VERSION"),
         robot: a.robot.clone(),
         touches: summary,
+        arm: record,
         warnings,
         blob: TouchBlob {
             file: a.out.display().to_string(),
@@ -89,6 +100,34 @@ pub fn run(a: &Job) -> Result<(), Failure> {
     write_outputs(&files)?;
     print(Printer::for_outputs(&outputs), &document);
     Ok(())
+}
+
+/// What `--json` wrote of sister arms.
+fn sisters(a: &Job) -> Result<Vec<ArmRecord>, Failure> {
+    #[derive(Deserialize)]
+    struct File {
+        arm: ArmRecord,
+    }
+    let read = |path: &PathBuf| {
+        let bytes = std::fs::read(path).map_err(|e| InputError::unreadable(path, &e, SISTER))?;
+        let file: Result<File, _> = serde_json::from_slice(&bytes);
+        file.map(|file| file.arm).map_err(|error| {
+            InputError::new(path, error.to_string(), SISTER)
+                .at_line(error.line())
+                .with_help("calibrate the sister arm by touches with --json, and name that file")
+                .into()
+        })
+    };
+    a.prior.iter().map(read).collect()
+}
+
+/// What `--prior` expects.
+const SISTER: &str = "what `trainer calibrate --json` writes of touches";
+
+fn not_a_sister(path: &Path, robot: &str, found: String) -> Failure {
+    let expected =
+        format!("a calibration by touches of the same drawing as \"{robot}\", without --prior");
+    InputError::new(path, found, expected).into()
 }
 
 /// Options that touches leave no sense.

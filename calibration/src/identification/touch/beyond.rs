@@ -1,0 +1,102 @@
+//! Arms that are farther from their drawing than their class is stated to be, and how much wider their errors are stated then.
+
+use crate::identification::touch::fit::{Scales, TouchFit, TouchProblem};
+use crate::identification::touch::noise::COMMON_COUNTS;
+use crate::numeric::matrix::Mat;
+
+/// How many times farther from its drawing than its class an arm is, by its touches.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Beyond {
+    /// √(θᵀ Λ⁻¹ θ / γ) with the class's Λ (MacKay 1992).
+    pub factor: f64,
+    /// γ = Σ (1 − Σ_jj), the number of parameters that the touches determine.
+    pub determined: f64,
+}
+
+impl Beyond {
+    /// The factor by which errors that the touches do not determine are stated wider than the class. A scale that few
+    /// parameters determine is uncertain itself: a t distribution of so many degrees of freedom has this standard deviation.
+    pub fn stated(self) -> f64 {
+        let freedom = COMMON_COUNTS + self.determined;
+        self.factor * (freedom / (freedom - 2.0)).sqrt()
+    }
+}
+
+/// What is stated of the arm's parameters.
+#[derive(Clone, Debug)]
+pub struct Stated {
+    /// Standard deviations before the touches, wider than the fit's where the arm is beyond its class.
+    pub priors: Vec<f64>,
+    /// What the parameters are beyond those of the fit, in units of `priors`.
+    pub mean: Vec<f64>,
+    /// Covariance of the parameters after the touches, in units of `priors`.
+    pub covariance: Mat<f64>,
+    /// [`Beyond::factor`].
+    pub beyond_class: Option<f64>,
+    /// Standard deviation of the logarithm of the scale that all priors of the class have in common.
+    pub scale_deviation: f64,
+}
+
+impl TouchFit {
+    /// How far the arm is beyond its class, by the covariance of its parameters in units of their priors.
+    pub(super) fn beyond_class(&self, problem: &TouchProblem, covariance: &Mat<f64>) -> Beyond {
+        let class = Scales::new(&problem.class);
+        let columns: Vec<usize> = (0..self.arm.columns.len())
+            .filter(|j| self.arm.columns[*j].group.is_of_class())
+            .collect();
+        let unit = |j: usize| class.of(self.arm.columns[j].group).unwrap_or(1.0);
+        let (sum, determined) = match &problem.sisters {
+            None => {
+                let sum = columns
+                    .iter()
+                    .map(|j| (self.arm.theta[*j] / unit(*j)).powi(2));
+                let known = columns
+                    .iter()
+                    .map(|j| (1.0 - covariance[(*j, *j)]).max(0.0));
+                (sum.sum::<f64>(), known.sum::<f64>())
+            }
+            Some(sisters) => {
+                let theta: Vec<f64> = columns
+                    .iter()
+                    .map(|j| self.arm.theta[*j] / unit(*j))
+                    .collect();
+                let own = |a: usize, b: usize| covariance[(columns[a], columns[b])];
+                sisters.determined(&theta, &own, self.width)
+            }
+        };
+        Beyond {
+            factor: (sum / determined.max(1e-9)).sqrt(),
+            determined,
+        }
+    }
+
+    /// What is stated of its parameters, where all priors of the class are exp(`deviations` · [`Stated::scale_deviation`]) times as
+    /// wide as is most probable; `None` where its equations cannot be solved.
+    pub fn as_stated(&self, problem: &TouchProblem, deviations: f64) -> Option<Stated> {
+        let covariance = self.solved(problem)?.covariance();
+        let beyond = self.beyond_class(problem, &covariance);
+        let scale_deviation = (0.5 / (COMMON_COUNTS + beyond.determined)).sqrt();
+        let says = beyond.determined > 1.0;
+        let mut wide = self.clone();
+        let least = if says { beyond.stated() } else { 0.0 };
+        let by = libm::exp(deviations * scale_deviation);
+        let class = Scales::new(&problem.class);
+        wide.width = by * self.width;
+        if problem.sisters.is_some() {
+            wide.width = by * self.width.max(least);
+        } else {
+            let scales = &mut wide.scales;
+            scales.length = scales.length.max(least * class.length);
+            scales.tilt = scales.tilt.max(least * class.tilt);
+            scales.zero = scales.zero.max(least * class.zero);
+        }
+        let solved = wide.solved(problem)?;
+        Some(Stated {
+            priors: wide.priors(problem),
+            mean: solved.step().0,
+            covariance: solved.covariance(),
+            beyond_class: says.then_some(beyond.factor),
+            scale_deviation,
+        })
+    }
+}

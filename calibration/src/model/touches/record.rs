@@ -1,0 +1,170 @@
+//! What a calibration by touches leaves for sister arms: the parameters of the arm with their covariance, in its JSON.
+
+use nalgebra::DVector;
+use poegp_runtime::math::se3::Pose;
+use serde::{Deserialize, Serialize};
+
+use crate::identification::touch::arm::Group;
+use crate::identification::touch::fit::{Scales, TouchFit, TouchProblem};
+use crate::identification::touch::sisters::{Sister, SisterPrior};
+use crate::numeric::cholesky::Factor;
+use crate::numeric::matrix::Mat;
+
+/// Frames of the same drawing differ by rounding only, m and rad.
+const SAME_DRAWING: f64 = 1e-6;
+
+/// A calibrated arm.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ArmRecord {
+    /// The frames of the drawing row by row, m.
+    pub drawing: Vec<[f64; 12]>,
+    /// The parameters.
+    pub parameters: Vec<Parameter>,
+    /// Their covariance, each in units of its standard deviation before the touches: the lower triangle row by row.
+    pub covariance: Vec<f64>,
+    /// Whether sister arms had a say: such a record is no evidence of its own.
+    pub has_sisters: bool,
+}
+
+/// One parameter of an arm.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Parameter {
+    /// What it is.
+    pub group: Group,
+    /// The frame, or the joint of a gravity term, from 0.
+    pub index: usize,
+    /// Its value, m or rad; of gravity terms rad/(m/s²) and the like.
+    pub value: f64,
+    /// Its standard deviation before the touches.
+    pub prior: f64,
+}
+
+/// Why a record does not speak of this arm.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum NotASisterArm {
+    /// Another drawing.
+    #[error("an arm of another drawing")]
+    Drawing,
+    /// A calibration that leans on sisters.
+    #[error("an arm that was calibrated with --prior itself")]
+    Leans,
+    /// Not what the trainer writes.
+    #[error("parameters that do not match their covariance")]
+    Broken,
+}
+
+fn drawing(problem: &TouchProblem) -> Vec<[f64; 12]> {
+    problem.nominal.frames().iter().map(Pose::to_rows).collect()
+}
+
+impl ArmRecord {
+    /// Of a fit; `None` where its equations cannot be solved.
+    pub fn new(problem: &TouchProblem, fit: &TouchFit) -> Option<Self> {
+        let covariance = fit.solved(problem)?.covariance();
+        let priors = fit.priors(problem);
+        let all = fit.arm.columns.iter().zip(&fit.arm.theta).zip(&priors);
+        let parameter = |((column, value), prior): (
+            (&crate::identification::touch::arm::Column, &f64),
+            &f64,
+        )| Parameter {
+            group: column.group,
+            index: column.index,
+            value: *value,
+            prior: *prior,
+        };
+        let lower = (0..priors.len()).flat_map(|i| (0..=i).map(move |j| (i, j)));
+        Some(Self {
+            drawing: drawing(problem),
+            parameters: all.map(parameter).collect(),
+            covariance: lower.map(|at| covariance[at]).collect(),
+            has_sisters: problem.sisters.is_some(),
+        })
+    }
+
+    /// What its touches alone say of the parameters of the class, in units of the class of `problem`.
+    fn sister(&self, problem: &TouchProblem) -> Result<Sister, NotASisterArm> {
+        if self.has_sisters {
+            return Err(NotASisterArm::Leans);
+        }
+        let same = |a: &[f64; 12], b: &[f64; 12]| {
+            a.iter().zip(b).all(|(a, b)| (a - b).abs() < SAME_DRAWING)
+        };
+        let drawn = drawing(problem);
+        if drawn.len() != self.drawing.len()
+            || !drawn.iter().zip(&self.drawing).all(|(a, b)| same(a, b))
+        {
+            return Err(NotASisterArm::Drawing);
+        }
+        let n = self.parameters.len();
+        let own: Vec<usize> = (0..n)
+            .filter(|j| self.parameters[*j].group.is_of_class())
+            .collect();
+        let usable = self.covariance.len() == n * (n + 1) / 2
+            && own.iter().all(|j| self.parameters[*j].prior > 0.0)
+            && own.len() == 6 * (drawn.len() - 2);
+        if !usable {
+            return Err(NotASisterArm::Broken);
+        }
+        let at = |i: usize, j: usize| self.covariance[i.max(j) * (i.max(j) + 1) / 2 + i.min(j)];
+        let p = own.len();
+        let covariance = Mat::from_fn(p, p, |a, b| at(own[a], own[b]));
+        let inverse = Factor::new(covariance, 1)
+            .map_err(|_| NotASisterArm::Broken)?
+            .inverse();
+        let class = Scales::new(&problem.class);
+        // Of units of its own prior in units of the class.
+        let ratio = |a: usize| {
+            let parameter = &self.parameters[own[a]];
+            class.of(parameter.group).unwrap_or(1.0) / parameter.prior
+        };
+        let identity = |a: usize, b: usize| f64::from(u8::from(a == b));
+        let information = Mat::from_fn(p, p, |a, b| {
+            ratio(a) * (0.5 * (inverse[(a, b)] + inverse[(b, a)]) - identity(a, b)) * ratio(b)
+        });
+        let values = DVector::from_fn(p, |a, _| {
+            self.parameters[own[a]].value / self.parameters[own[a]].prior
+        });
+        let weighted = DVector::from_fn(p, |a, _| {
+            ratio(a) * (0..p).map(|b| inverse[(a, b)] * values[b]).sum::<f64>()
+        });
+        Ok(Sister {
+            information,
+            weighted,
+        })
+    }
+}
+
+/// The prior of an arm by its sisters.
+///
+/// # Errors
+/// The index of a record that does not speak of this arm, and why.
+pub fn by_sisters(
+    problem: &TouchProblem,
+    records: &[ArmRecord],
+) -> Result<Option<SisterPrior>, (usize, NotASisterArm)> {
+    if records.is_empty() {
+        return Ok(None);
+    }
+    let sister = |(k, record): (usize, &ArmRecord)| record.sister(problem).map_err(|e| (k, e));
+    let sisters = records
+        .iter()
+        .enumerate()
+        .map(sister)
+        .collect::<Result<Vec<_>, _>>()?;
+    let arm = problem.arm(0);
+    let of_class = || arm.columns.iter().filter(|c| c.group.is_of_class());
+    let groups: Vec<Group> = of_class().map(|c| c.group).collect();
+    let frames = problem.nominal.frames();
+    let mut seen = vec![0; frames.len()];
+    let size = of_class().map(|column| {
+        if column.group != Group::Length {
+            return 0.0;
+        }
+        let frame = &frames[column.index];
+        let lever = frame.rotation.transpose() * frame.translation;
+        seen[column.index] += 1;
+        lever[seen[column.index] - 1]
+    });
+    let size = DVector::from_vec(size.collect());
+    Ok(SisterPrior::new(&sisters, &groups, &size))
+}

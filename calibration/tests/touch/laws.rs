@@ -1,0 +1,239 @@
+//! Laws of the fit on simulated touches: what changes a reading has to change the model, and nothing else.
+
+use nalgebra::Vector3;
+use poegp_calibration::identification::touch::unseen::Direction;
+use poegp_calibration::measurement::touch::{FeatureKind, Reading, TouchRow, TouchSet};
+use poegp_calibration::robot::{LoadOptions, Robot};
+use poegp_calibration::simulation::Scenario;
+
+use crate::sets::{Truth, mean_mm};
+use crate::trial::{Trial, simulated, trial};
+
+fn robot() -> Robot {
+    Robot::load("abb-irb120", &LoadOptions::default()).unwrap()
+}
+
+fn touched(tasks: &[(&str, usize)], count: usize, seed: u64) -> (TouchSet, Truth) {
+    simulated(&robot(), Scenario::Paper, tasks, count, seed).unwrap()
+}
+
+fn score((set, truth): &(TouchSet, Truth)) -> (f64, Trial) {
+    let of = trial(&robot(), set, truth);
+    (mean_mm(&of.calibrated), of)
+}
+
+/// Three readings of a wire that are 5 mm off are listed and hardly change the result.
+#[test]
+fn outliers_are_listed() {
+    let mut data = touched(&[("wire", 1)], 80, 21);
+    let (clean, none) = score(&data);
+    assert!(none.found.summary.outliers.is_empty());
+    let mut lines = Vec::new();
+    for k in [7, 33, 61] {
+        let row = &mut data.0.rows[k];
+        lines.push(row.line);
+        if let Reading::Anchor { value, .. } = &mut row.reading {
+            *value += 5e-3;
+        }
+    }
+    let (with, found) = score(&data);
+    let listed: Vec<usize> = found
+        .found
+        .summary
+        .outliers
+        .iter()
+        .map(|o| o.line)
+        .collect();
+    assert_eq!(listed, lines);
+    assert!(
+        (with / clean - 1.0).abs() < 0.2,
+        "{clean:.4} → {with:.4} mm"
+    );
+}
+
+/// Without the known distance of two sockets the size is unseen, and what is expected is larger.
+#[test]
+fn a_known_distance_shows_the_size() {
+    let mut data = touched(&[("socket", 2)], 40, 22);
+    let says = |of: &Trial| {
+        of.found
+            .summary
+            .unseen
+            .iter()
+            .any(|u| u.direction == Direction::Size)
+    };
+    let (_, with) = score(&data);
+    data.0.distances.clear();
+    let (_, without) = score(&data);
+    assert!(!says(&with) && says(&without));
+    let [a, b] = [&with, &without].map(|of| of.found.summary.after.mean_mm);
+    assert!(b > 1.1 * a, "{a:.3} with the distance, {b:.3} without");
+}
+
+/// Touches that scatter ten times as much as they say are found out: τ is what they scatter by, and what is stated still holds.
+#[test]
+fn noise_beyond_what_is_stated_is_found() {
+    let mut data = touched(&[("socket", 2)], 80, 23);
+    for feature in &mut data.0.features {
+        feature.sigma = 5e-6;
+    }
+    let (_, of) = score(&data);
+    let noise = &of.found.summary.noise[0];
+    assert!((noise.stated - 0.005).abs() < 1e-6);
+    assert!(
+        (0.035..0.07).contains(&noise.beyond),
+        "{:.3} mm",
+        noise.beyond
+    );
+    assert!(of.components_within() >= 0.85);
+    // What is stated of a pose is parameters ⊕ τ.
+    assert!(1e3 * of.known.tau >= noise.beyond);
+    let least = of
+        .known
+        .deviations()
+        .iter()
+        .map(|sd| sd.min())
+        .fold(1.0, f64::min);
+    assert!(1e3 * least >= noise.beyond);
+}
+
+/// A row that says that it knows nothing changes nothing, and rows that say that they are ten times as good count a hundred times.
+#[test]
+fn a_row_counts_by_its_variance() {
+    let mut data = touched(&[("wire", 1)], 80, 24);
+    let (clean, _) = score(&data);
+    for row in data.0.rows.iter_mut().step_by(4) {
+        row.declared_noise.position = Some(20e-3);
+        if let Reading::Anchor { value, .. } = &mut row.reading {
+            *value += if row.line % 8 == 0 { 8e-3 } else { -8e-3 };
+        }
+    }
+    let (with, found) = score(&data);
+    assert!(found.found.summary.outliers.is_empty());
+    assert!(with < 1.6 * clean, "{clean:.4} → {with:.4} mm");
+}
+
+/// Planes that bulge by 1 mm at 200 mm from their middle: with the form as a term of its own the arm is nearer to the truth than without.
+#[test]
+fn a_bulge_is_form_where_it_is_stated() {
+    let (mut flat, mut form) = (0.0, 0.0);
+    for seed in 31..35 {
+        let mut data = touched(&[("plane", 3)], 240, seed);
+        let robot = robot();
+        let chain = robot.chain().unwrap();
+        let tip = data.0.tips[0].position;
+        let on_plane = |row: &TouchRow| {
+            let at = chain.forward(&row.serial_joints).transform_point(&tip);
+            let across = [[at.x, at.y], [at.y, at.z], [at.x, at.z]];
+            across[row.reading.feature().unwrap()]
+        };
+        let mut middles = [[0.0; 2]; 3];
+        for row in &data.0.rows {
+            let own = &mut middles[row.reading.feature().unwrap()];
+            (0..2).for_each(|i| own[i] += on_plane(row)[i] / 80.0);
+        }
+        for row in &mut data.0.rows {
+            let at = on_plane(row);
+            if let Reading::Plane { feature, value } = &mut row.reading {
+                let from = (0..2).map(|i| (at[i] - middles[*feature][i]).powi(2));
+                *value += 1e-3 * from.sum::<f64>() / 0.2_f64.powi(2);
+            }
+        }
+        let mut stated = |sigma: f64| {
+            for feature in &mut data.0.features {
+                feature.kind = FeatureKind::Plane { flatness: sigma };
+            }
+            score(&data).0
+        };
+        flat += stated(0.0);
+        form += stated(0.3e-3);
+    }
+    println!(
+        "planes that bulge: {:.3} mm without the term, {:.3} with it",
+        flat / 4.0,
+        form / 4.0
+    );
+    assert!(form < 0.95 * flat);
+}
+
+/// However far an arm is from its drawing, the evidence moves the scales of its class by a factor of two at most.
+#[test]
+fn scales_move_by_a_factor_of_two() {
+    let mut data = touched(&[("socket", 4)], 80, 25);
+    let prior = data.0.prior.as_mut().unwrap();
+    prior.length *= 0.1;
+    prior.tilt *= 0.1;
+    prior.joint_zero *= 0.1;
+    let (_, of) = score(&data);
+    let [stated, found] = of.found.summary.class;
+    for (stated, found) in stated.into_iter().zip(found) {
+        assert!(found > 1.5 * stated && found <= 2.0 * stated + 1e-12);
+    }
+    assert!(of.found.summary.beyond_class.unwrap() > 3.0);
+}
+
+/// Gravity is that of the base, wherever the base hangs: the model carries the one that was stated.
+#[test]
+fn gravity_is_that_of_the_base() {
+    use poegp_calibration::model::config::Config;
+    use poegp_calibration::model::gauge::GaugeChoice;
+    use poegp_calibration::model::touches::calibrate_touches;
+    let (set, truth) = touched(&[("socket", 2)], 40, 26);
+    let robot = robot();
+    let predicted = |gravity| {
+        let config = Config {
+            gravity_m_s2: gravity,
+            ..Config::default()
+        };
+        let found = calibrate_touches(&robot, &set, &config, &GaugeChoice::default()).unwrap();
+        let state = |(q, m, _): &(Vec<f64>, Option<f64>, _)| crate::sets::state(&robot, q, *m);
+        let tips = truth
+            .iter()
+            .map(|t| found.calibration.predict(&state(t)).translation);
+        tips.collect::<Vec<_>>()
+    };
+    let (down, none) = (predicted([0.0, 0.0, -9.81]), predicted([0.0, 0.0, -1e-6]));
+    let apart = down
+        .iter()
+        .zip(&none)
+        .map(|(a, b)| (a - b).norm())
+        .sum::<f64>();
+    assert!(1e3 * apart / down.len() as f64 > 0.005);
+}
+
+/// A touch that is left out misses as one that was never made: 20 readings of a wire, and 60 others.
+#[test]
+fn what_is_left_out_misses_as_what_is_new() {
+    use poegp_calibration::identification::touch::fit::TouchProblem;
+    use poegp_calibration::model::config::Config;
+    use poegp_calibration::model::touches::class_of;
+    let (mut left_out, mut new, mut kept) = (0.0, 0.0, 0.0);
+    let robot = robot();
+    let mean = |all: &[f64]| 1e3 * all.iter().map(|x| x.abs()).sum::<f64>() / all.len() as f64;
+    for seed in 41..47 {
+        let (whole, truth) = touched(&[("wire", 1)], 80, seed);
+        let few = TouchSet {
+            rows: whole.rows.iter().step_by(4).cloned().collect(),
+            ..whole.clone()
+        };
+        let of = trial(&robot, &few, &truth);
+        let chain = robot.chain().unwrap();
+        let gravity = Vector3::from(Config::default().gravity_m_s2);
+        let coupling = robot.coupling.clone();
+        let problem =
+            TouchProblem::new(&whole, &chain, coupling, gravity, class_of(&robot, &whole));
+        let all = of.found.fit.residuals(&problem);
+        let some = |own: bool| -> Vec<f64> {
+            let rows = all.iter().enumerate().filter(|(k, _)| (k % 4 == 0) == own);
+            rows.map(|(_, jet)| jet.residual[0]).collect()
+        };
+        left_out += of.found.summary.left_out[1];
+        new += mean(&some(false));
+        kept += mean(&some(true));
+    }
+    println!(
+        "20 readings of six arms miss by {kept:.3}, left out by {left_out:.3}, 60 others by {new:.3} mm in sum"
+    );
+    assert!(kept < 0.5 * new);
+    assert!((0.6..1.7).contains(&(left_out / new)));
+}
