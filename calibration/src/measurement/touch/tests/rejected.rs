@@ -242,7 +242,17 @@ fn distances() {
     refused(
         &csv,
         &toml.replace(stated, &format!("mm = {}", length / 25.4)),
-        &["features.toml:", "touches say", "the file", "m or inch?"],
+        &["features.toml:", "touches say", "inches agree with that"],
+    );
+    // No unit makes 300 mm more of it.
+    refused(
+        &csv,
+        &toml.replace(stated, &format!("mm = {}", length + 300.0)),
+        &[
+            "features.toml:",
+            "no other unit makes them agree",
+            "is the robot the one that was touched?",
+        ],
     );
     let to_plane = toml.replacen("kind = \"point\"", "kind = \"plane\"", 1);
     refused(&csv, &to_plane, &["found \"socket/0\", of kind \"plane\""]);
