@@ -8,7 +8,7 @@ use csv::StringRecord;
 
 use crate::input_error::InputError;
 use crate::measurement::table::{
-    Part, MEASURED_POSE, Quoting, Table, check_header, each_line, is_remark, no_header, text,
+    MEASURED_POSE, Part, Quoting, Table, check_header, each_line, is_remark, no_header, text,
 };
 
 /// Lines of a chunk; more where a record goes on behind them.

@@ -78,7 +78,8 @@ pub fn drawing(loaded: &BlobModel) -> Vec<Pose<f64>> {
     frames
 }
 
-fn flange_from_target(loaded: &BlobModel) -> Pose<f64> {
+/// flange_from_target of the first tool, as the blob states it.
+pub fn flange_from_target(loaded: &BlobModel) -> Pose<f64> {
     Pose::from_rows(&loaded.host().gauge.flange_from_target)
 }
 
@@ -127,7 +128,8 @@ pub fn evaluate_touches(
         .iter()
         .map(|blob| flanges(blob, &problem.states))
         .collect();
-    let poses = |of: &Vec<(Pose<f64>, Status)>| -> Vec<Pose<f64>> { of.iter().map(|f| f.0).collect() };
+    let poses =
+        |of: &Vec<(Pose<f64>, Status)>| -> Vec<Pose<f64>> { of.iter().map(|f| f.0).collect() };
     let mut fits: Vec<TouchFit> = flanges
         .iter()
         .map(|of| TouchFit::on_known(&problem, &poses(of)))
@@ -184,11 +186,12 @@ fn each(set: &TouchSet, weights: &[f64], residuals: &[Vec<RowJet>; 2]) -> Vec<To
 /// What `residuals[1]` are of `residuals[0]`.
 fn ratio(problem: &TouchProblem, weights: &[f64], residuals: &[Vec<RowJet>; 2]) -> f64 {
     let squares = |jets: &[RowJet]| -> f64 {
-        let rows = jets.iter().enumerate().filter(|(row, _)| weights[*row] > 0.0);
+        let rows = jets
+            .iter()
+            .enumerate()
+            .filter(|(row, _)| weights[*row] > 0.0);
         rows.flat_map(|(row, jet)| {
-            (0..jet.count).map(move |i| {
-                jet.residual[i].powi(2) / problem.stated_variance(row, i)
-            })
+            (0..jet.count).map(move |i| jet.residual[i].powi(2) / problem.stated_variance(row, i))
         })
         .sum()
     };

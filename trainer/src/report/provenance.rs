@@ -33,7 +33,8 @@ impl FileSummary {
 
     /// Of the rows of a touch file, and of its features.
     pub fn of_touches(set: &TouchSet) -> [Self; 2] {
-        let [rows, features] = [&set.path, &set.features_path].map(|path| path.display().to_string());
+        let [rows, features] =
+            [&set.path, &set.features_path].map(|path| path.display().to_string());
         [
             Self {
                 role: "touches",

@@ -92,7 +92,11 @@ impl FeatureTable {
             ("radius_sigma_mm", &["sphere"], span(&self.radius_sigma_mm)),
             ("roundness_mm", &["sphere"], span(&self.roundness_mm)),
             ("position_mm", &["anchor"], vector(&self.position_mm)),
-            ("position_sigma_mm", &["anchor"], span(&self.position_sigma_mm)),
+            (
+                "position_sigma_mm",
+                &["anchor"],
+                span(&self.position_sigma_mm),
+            ),
             ("zero_sigma_mm", &["anchor"], span(&self.zero_sigma_mm)),
             (
                 "scale_sigma_ppm",

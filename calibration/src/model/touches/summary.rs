@@ -264,7 +264,9 @@ impl<'a> Spread<'a> {
             }
             factor * (sum / f64::max(count, 1.0)).sqrt()
         };
-        let share = own.iter().map(|row| self.chi(*row, |i| is_of_kind(*row, i)));
+        let share = own
+            .iter()
+            .map(|row| self.chi(*row, |i| is_of_kind(*row, i)));
         FeatureSummary {
             name: name.to_owned(),
             kind,

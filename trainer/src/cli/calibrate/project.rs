@@ -343,7 +343,9 @@ impl Source<'_> {
         let (payloads, tools) = self.payloads_and_tools;
         // One tool without a name says nothing.
         let named = tools.len() > 1
-            || tools.iter().any(|tool| *tool != ToolName::default().to_string());
+            || tools
+                .iter()
+                .any(|tool| *tool != ToolName::default().to_string());
         let file = File {
             version: spanned(VERSION),
             trainer: Some(env!("CARGO_PKG_VERSION").to_owned()),

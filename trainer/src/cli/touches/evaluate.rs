@@ -89,7 +89,8 @@ fn print(report: Printer, a: &Asked<'_>, document: &EvaluateTouchesJson<'_>) {
     }
     if found.ratio >= 1.0 {
         warning(format_args!(
-            "{file}: the drawing misses these touches by less than the model: is it the model of this arm?"
+            "{file}: the drawing misses these touches by less than the model: it is of another arm, or was made of measurements that \
+             do not show what these do"
         ));
     }
 }

@@ -72,7 +72,12 @@ fn error_tile(
     let before = of(before).filter(|_| calibrated);
     let before = before.map(|b| Number::new(b, decimals, pointer("nominal")));
     match of(after) {
-        Some(after) => tile(name, unit, Number::new(after, decimals, pointer("calibrated")), before),
+        Some(after) => tile(
+            name,
+            unit,
+            Number::new(after, decimals, pointer("calibrated")),
+            before,
+        ),
         None => html! { div class="tile" { h3 { (name) } } },
     }
 }

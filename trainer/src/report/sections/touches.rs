@@ -42,7 +42,8 @@ pub fn touch_headline(summary: &TouchSummary, warnings: &[Finding]) -> Section {
     };
     let how = html! {
         p {
-            "No tracker saw this arm. The expected errors are computed for poses over the work volume, after the best registration of base
+            @if summary.tracker.is_empty() { "No tracker saw this arm. " }
+            "The expected errors are computed for poses over the work volume, after the best registration of base
             and tool: from the stated noise, from what the touches miss by beyond it, and from how far an arm of this class is from its
             drawing. A touch left out is predicted by all others; that error was seen, not computed."
         }
@@ -80,12 +81,16 @@ pub fn touched(summary: &TouchSummary, residuals: &[TouchResidual]) -> Section {
             rows.collect(),
         );
     let mut units: Vec<&str> = residuals.iter().map(|r| r.unit).collect();
-    units.sort_unstable();
+    // Lengths first.
+    units.sort_unstable_by_key(|unit| (*unit != "mm", *unit));
     units.dedup();
     for unit in units {
         section = plotted(section, residuals, unit);
     }
-    let row = |(i, n): (usize, &poegp_calibration::model::touches::summary::NoiseSummary)| {
+    let row = |(i, n): (
+        usize,
+        &poegp_calibration::model::touches::summary::NoiseSummary,
+    )| {
         let at = |name: &str| format!("/touches/noise/{i}/{name}");
         vec![
             html! { (n.kind) },
@@ -147,7 +152,10 @@ pub fn distances(summary: &TouchSummary) -> Section {
             "None was stated. A distance between two features, 200 mm or more, measured with a caliper, shows the size of the arm.",
         );
     }
-    let row = |(i, d): (usize, &poegp_calibration::model::touches::summary::DistanceSummary)| {
+    let row = |(i, d): (
+        usize,
+        &poegp_calibration::model::touches::summary::DistanceSummary,
+    )| {
         let at = |name: &str| format!("/touches/distances/{i}/{name}");
         vec![
             html! { (d.between[0]) " to " (d.between[1]) },
@@ -169,8 +177,8 @@ pub fn distances(summary: &TouchSummary) -> Section {
             &[
                 "between",
                 "stated (mm)",
-                "drawn, more (mm)",
-                "calibrated, more (mm)",
+                "drawn − stated (mm)",
+                "calibrated − stated (mm)",
                 "touches alone (mm)",
             ],
             summary.distances.iter().enumerate().map(row).collect(),
@@ -192,7 +200,10 @@ pub fn unseen(summary: &TouchSummary) -> Section {
             .text(html! { "Of what moves the tool within the base frame, these touches leave nothing unseen." })
             .text(always);
     }
-    let item = |(i, u): (usize, &poegp_calibration::identification::touch::unseen::Unseen)| {
+    let item = |(i, u): (
+        usize,
+        &poegp_calibration::identification::touch::unseen::Unseen,
+    )| {
         let mm = Number::mm(u.mm, format!("/touches/unseen/{i}/mm"));
         html! { li { b { (mm) " mm" } ": " (u.text) } }
     };
@@ -207,7 +218,10 @@ pub fn touch_outliers(summary: &TouchSummary) -> Section {
     if summary.outliers.is_empty() {
         return section.text(html! { "No touch contradicts the others." });
     }
-    let row = |(i, o): (usize, &poegp_calibration::model::touches::summary::TouchOutlier)| {
+    let row = |(i, o): (
+        usize,
+        &poegp_calibration::model::touches::summary::TouchOutlier,
+    )| {
         let at = |name: &str| format!("/touches/outliers/{i}/{name}");
         vec![
             html! { "line " (Number::count(o.line, at("line"))) },
@@ -230,15 +244,14 @@ pub fn class(summary: &TouchSummary) -> Section {
         html! { (Number::mm(summary.class[which][i], pointer)) }
     };
     let row = |name: &str, i: usize| vec![html! { (name) }, field(0, i), field(1, i)];
-    let section = Section::new("class", "How far this arm is from its drawing")
-        .table(
-            &["standard deviation", "of its class", "by the touches"],
-            vec![
-                row("offset of a link (mm)", 0),
-                row("direction of an axis (mrad)", 1),
-                row("zero of a joint (mrad)", 2),
-            ],
-        );
+    let section = Section::new("class", "How far this arm is from its drawing").table(
+        &["standard deviation", "of its class", "by the touches"],
+        vec![
+            row("offset of a link (mm)", 0),
+            row("direction of an axis (mrad)", 1),
+            row("zero of a joint (mrad)", 2),
+        ],
+    );
     match summary.beyond_class {
         Some(factor) => section.text(html! {
             "The touches find it " (Number::new(factor, 1, "/touches/beyond_class")) " times as far from its drawing as its class."
