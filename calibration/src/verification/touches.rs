@@ -56,7 +56,7 @@ pub struct TouchReport {
     pub freedom: usize,
     /// What each touch of a length misses by, as all others predict it, mm.
     pub miss_mm: Summary,
-    /// The same of every row, in the order of the file.
+    /// Every row's, in the order of the file.
     pub misses: Vec<TouchMiss>,
     /// Rate of false alarms of the whole test.
     pub false_alarm_rate: f64,

@@ -177,7 +177,7 @@ pub fn provenance(
     provenance_of_files(robot, arm, origin, seed, files)
 }
 
-/// The same of files that were read.
+/// Of files that were read.
 fn provenance_of_files(
     robot: &str,
     arm: &Arm,

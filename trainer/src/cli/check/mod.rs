@@ -18,7 +18,7 @@ use crate::cli::inputs::{self, FRAMES_HELP, file_name, fitted_frames, frame_fail
 use crate::cli::instrument_drift;
 use crate::cli::output::{check_outputs, json_text, write_outputs};
 use crate::cli::terminal::print::Printer;
-use crate::cli::touches::are_touches;
+use crate::cli::touches::{are_touches, refuse_options};
 use crate::report::{FileSummary, Provenance};
 use clap::Args;
 use poegp_calibration::blob::predict::BlobModel;
@@ -88,7 +88,7 @@ pub struct Check {
 
 pub fn run(a: &Check) -> Result<(), Failure> {
     if are_touches(&a.measurements, a.features.as_deref()) {
-        return touches::run(a);
+        return of_touches(a);
     }
     let outputs = [a.json.as_deref(), a.report.as_deref()];
     let mut files: Vec<&Path> = vec![&a.blob, &a.measurements];
@@ -144,7 +144,7 @@ pub fn run(a: &Check) -> Result<(), Failure> {
         ),
         findings: &findings,
         advice: wording::advice(
-            &wording::Found {
+            &wording::Outcome {
                 changes: &findings.changes,
                 without_mm: findings.without_mm.mean,
                 odd_lines: &findings.odd_lines,
@@ -204,6 +204,32 @@ pub fn run(a: &Check) -> Result<(), Failure> {
         reasons.join(", and "),
         document.advice.join("; ")
     )))
+}
+
+fn of_touches(a: &Check) -> Result<(), Failure> {
+    let noise = a.noise.instrument_noise();
+    let given = [
+        (a.frames.fit_base, "--fit-base"),
+        (a.frames.fit_tool.is_some(), "--fit-tool"),
+        (a.frames.correct_drift, "--correct-drift"),
+        (noise.position.is_some(), "--position-sigma-mm"),
+        (noise.orientation.is_some(), "--orientation-sigma-mrad"),
+        (!a.accepted.accept.is_empty(), "--accept"),
+        (a.report.is_some(), "--report"),
+    ];
+    refuse_options(&a.measurements, &given)?;
+    touches::run(&touches::Asked {
+        blob: &a.blob,
+        measurements: &a.measurements,
+        features: a.features.as_deref(),
+        statistic: a.statistic,
+        max_mm: a.max_mm,
+        max_drift_mm: a.max_drift_mm.unwrap_or(DRIFT_SHARE * a.max_mm),
+        false_alarms: options(a)?.false_alarms,
+        previous: a.previous.as_deref(),
+        programs: &a.programs,
+        json: a.json.as_deref(),
+    })
 }
 
 fn options(a: &Check) -> Result<check::Options, Failure> {

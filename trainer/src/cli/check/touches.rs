@@ -6,12 +6,12 @@ use serde::Serialize;
 
 use crate::cli::calibrate::gauge;
 use crate::cli::check::document::Statistic;
-use crate::cli::check::{Check, DRIFT_SHARE, options, programs, wording};
+use crate::cli::check::{programs, wording};
 use crate::cli::failure::Failure;
 use crate::cli::inputs::file_name;
 use crate::cli::output::{check_outputs, json_text, write_outputs};
 use crate::cli::terminal::print::Printer;
-use crate::cli::touches::{drawn_robot, read, refuse_options, with_payload};
+use crate::cli::touches::{drawn_robot, read, with_payload};
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::measurement::touch::{TouchSet, features_beside};
@@ -41,41 +41,42 @@ struct CheckTouchesJson<'a> {
     advice: Vec<String>,
 }
 
+/// What was asked for.
+pub(super) struct Asked<'a> {
+    pub blob: &'a Path,
+    pub measurements: &'a Path,
+    pub features: Option<&'a Path>,
+    pub statistic: Statistic,
+    pub max_mm: f64,
+    pub max_drift_mm: f64,
+    pub false_alarms: f64,
+    pub previous: Option<&'a Path>,
+    pub programs: &'a [PathBuf],
+    pub json: Option<&'a Path>,
+}
+
 /// Checks, writes and prints.
 ///
 /// # Errors
 /// [`Failure`]; one of quality where the calibration does not hold.
-pub(super) fn run(a: &Check) -> Result<(), Failure> {
-    let noise = a.noise.instrument_noise();
-    let given = [
-        (a.frames.fit_base, "--fit-base"),
-        (a.frames.fit_tool.is_some(), "--fit-tool"),
-        (a.frames.correct_drift, "--correct-drift"),
-        (noise.position.is_some(), "--position-sigma-mm"),
-        (noise.orientation.is_some(), "--orientation-sigma-mrad"),
-        (!a.accepted.accept.is_empty(), "--accept"),
-        (a.report.is_some(), "--report"),
-    ];
-    refuse_options(&a.measurements, &given)?;
-    let beside = features_beside(&a.measurements);
-    let features = a.features.as_deref().unwrap_or(&beside);
-    let mut files: Vec<&Path> = vec![&a.blob, &a.measurements, features];
-    files.extend(a.previous.as_deref());
-    check_outputs(&[a.json.as_deref()], &files)?;
-    let options = options(a)?;
-    let loaded = BlobModel::read(&a.blob)?;
+pub(super) fn run(a: &Asked<'_>) -> Result<(), Failure> {
+    let beside = features_beside(a.measurements);
+    let features = a.features.unwrap_or(&beside);
+    let mut files: Vec<&Path> = vec![a.blob, a.measurements, features];
+    files.extend(a.previous);
+    check_outputs(&[a.json], &files)?;
+    let loaded = BlobModel::read(a.blob)?;
     let robot = drawn_robot(&loaded);
-    let set = read(&a.measurements, a.features.as_deref(), &robot)?;
+    let set = read(a.measurements, a.features, &robot)?;
     with_payload(&loaded, &set)?;
     let nominal = robot.chain().map_err(|e| Failure::Usage(e.to_string()))?;
     let coupling = robot.coupling.as_ref();
-    let found = check_touches(&loaded, &set, &nominal, coupling, options.false_alarms)
-        .map_err(|error| refused(&a.measurements, error))?;
+    let found = check_touches(&loaded, &set, &nominal, coupling, a.false_alarms)
+        .map_err(|error| refused(a.measurements, error))?;
     let error = a.statistic.of(&found.miss_mm);
-    let max_drift_mm = a.max_drift_mm.unwrap_or(DRIFT_SHARE * a.max_mm);
     let tolerance_met = error <= a.max_mm;
-    let drift_matters = !found.changes.is_empty() && found.effect_mm.mean > max_drift_mm;
-    let advised = wording::Found {
+    let drift_matters = !found.changes.is_empty() && found.effect_mm.mean > a.max_drift_mm;
+    let advised = wording::Outcome {
         changes: &found.changes,
         without_mm: found.without_mm.mean,
         odd_lines: &found.odd_lines,
@@ -84,22 +85,22 @@ pub(super) fn run(a: &Check) -> Result<(), Failure> {
     let document = CheckTouchesJson {
         version: env!("CARGO_PKG_VERSION"),
         method: loaded.host().provenance.method,
-        name: file_name(&a.measurements),
+        name: file_name(a.measurements),
         holds: tolerance_met && !drift_matters,
         statistic: a.statistic,
         max_mm: a.max_mm,
         tolerance_met,
-        max_drift_mm,
+        max_drift_mm: a.max_drift_mm,
         drift_matters,
-        commands_move: commands_move(a.previous.as_ref(), &loaded, &set)?,
-        programs: programs::compared(&a.programs, &loaded, &a.blob)?,
+        commands_move: commands_move(a.previous, &loaded, &set)?,
+        programs: programs::compared(a.programs, &loaded, a.blob)?,
         touches: &found,
         advice: wording::advice(&advised, tolerance_met, drift_matters, a.max_mm),
     };
     let json = json_text(&document)?;
-    let json = a.json.as_deref().map(|path| (path, json.as_bytes()));
+    let json = a.json.map(|path| (path, json.as_bytes()));
     write_outputs(json.as_slice())?;
-    let report = Printer::for_outputs(&[a.json.as_deref()]);
+    let report = Printer::for_outputs(&[a.json]);
     print(report, a, &document, loaded.host().provenance.date);
     if document.holds {
         return Ok(());
@@ -114,8 +115,8 @@ pub(super) fn run(a: &Check) -> Result<(), Failure> {
     }
     if drift_matters {
         reasons.push(format!(
-            "a drift moves the tip by {:.4} mm on average, above {max_drift_mm} mm",
-            found.effect_mm.mean
+            "a drift moves the tip by {:.4} mm on average, above {} mm",
+            found.effect_mm.mean, a.max_drift_mm
         ));
     }
     Err(Failure::Quality(format!(
@@ -126,7 +127,7 @@ pub(super) fn run(a: &Check) -> Result<(), Failure> {
 }
 
 fn commands_move(
-    previous: Option<&PathBuf>,
+    previous: Option<&Path>,
     loaded: &BlobModel,
     set: &TouchSet,
 ) -> Result<Option<CommandChange>, Failure> {
@@ -166,7 +167,7 @@ fn refused(path: &Path, error: CheckError) -> Failure {
     .into()
 }
 
-fn print(report: Printer, a: &Check, d: &CheckTouchesJson<'_>, date: &str) {
+fn print(report: Printer, a: &Asked<'_>, d: &CheckTouchesJson<'_>, date: &str) {
     let f = d.touches;
     report.line(format_args!(
         "Model `{}` of {date} on {} new touches: what each misses by, as all others predict it, in mm.\n",
@@ -184,7 +185,7 @@ fn print(report: Printer, a: &Check, d: &CheckTouchesJson<'_>, date: &str) {
     }
     report.table(&["", "mean", "p95", "max"], &rows);
     report.line("");
-    if let Some((change, previous)) = d.commands_move.as_ref().zip(a.previous.as_deref()) {
+    if let Some((change, previous)) = d.commands_move.as_ref().zip(a.previous) {
         report.line(gauge::commands_move(change, previous).trim_start());
     }
     for line in d.programs.iter().map(programs::CorrectedProgram::text) {

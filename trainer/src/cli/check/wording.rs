@@ -171,7 +171,7 @@ pub fn sensitivity(found: &[Sensitivity]) -> Vec<String> {
 
 /// What advice is given for.
 #[derive(Clone, Copy)]
-pub struct Found<'a> {
+pub struct Outcome<'a> {
     /// What has moved.
     pub changes: &'a [Change],
     /// The mean error once that is taken out, mm.
@@ -184,12 +184,12 @@ pub struct Found<'a> {
 
 /// What to do next.
 pub fn advice(
-    found: &Found<'_>,
+    found: &Outcome<'_>,
     tolerance_met: bool,
     drift_matters: bool,
     max_mm: f64,
 ) -> Vec<String> {
-    let Found {
+    let Outcome {
         changes,
         without_mm,
         odd_lines,
