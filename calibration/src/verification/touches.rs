@@ -89,6 +89,7 @@ pub struct TouchMiss {
     /// Its feature; `None` of a tracker's row.
     pub feature: Option<String>,
     /// mm; `None` of angles and images.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub mm: Option<f64>,
 }
 
@@ -260,14 +261,19 @@ struct Rows {
     sigma: Vec<Option<f64>>,
 }
 
+/// Columns that are not zero, with their values.
+type Sparse = Vec<(usize, f64)>;
+/// e, what it sees of the pose of its state, and of its unknowns.
+type Equation = (f64, Sparse, Sparse);
+
 impl Rows {
     fn new(problem: &TouchProblem, fit: &TouchFit) -> Self {
         let set = problem.set;
         let jets = fit.arm.linearise(&problem.states);
         let priors = fit.priors(problem);
         let (unknowns, tips) = (fit.scene.prior.len(), priors.len());
-        // Of every equation: e, what it sees of the pose of its state, and its unknowns, those of the tips first.
-        let mut all: Vec<(f64, Vec<(usize, f64)>, Vec<(usize, f64)>)> = Vec::new();
+        // Of the unknowns those of the tips come first.
+        let mut all: Vec<Equation> = Vec::new();
         let (mut kind, mut fixed, mut sigma) = (Vec::new(), Vec::new(), Vec::new());
         for (row, touch) in set.rows.iter().enumerate() {
             if fit.weights[row] == 0.0 {

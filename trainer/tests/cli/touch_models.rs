@@ -60,7 +60,7 @@ fn evaluate_has_a_table_of_features() {
         if row == 5 {
             let joint = names.iter().position(|name| *name == "q2_deg").unwrap();
             let q: f64 = fields[joint].parse().unwrap();
-            fields[joint] = (q + 2.0).to_string();
+            fields[joint] = (q + 0.5).to_string();
         }
     });
     folder.write("bad.csv", csv);

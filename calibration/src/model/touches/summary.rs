@@ -71,7 +71,8 @@ pub struct FeatureSummary {
     pub unit: &'static str,
     /// Share of the sum of squares, in units of the noise.
     pub share: f64,
-    /// Where it is in the base frame as fitted, mm.
+    /// Where it is in the base frame as fitted, mm; nothing of a level or a tracker.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub position_mm: Option<[f64; 3]>,
 }
 
